@@ -1,11 +1,13 @@
-"""The ``covey`` command: the list of commands, and errors as sentences. A command is imported when it is called.
+"""The ``covey`` command: the list of commands, and errors as sentences. A command is imported when
+it is called.
 
 Start with: covey demo
 Shell completion: covey --install-completion
 ASCII instead of line drawings: covey --ascii COMMAND, or COVEY_ASCII=1
 
-Exit status: 0 all came true; 1 an expectation failed; 2 wrong input, nothing started; 10 nobody answered; 50 mixed
-results per vehicle; 130 interrupted. Ctrl-C lands; a second one ends the processes that were started.
+Exit status: 0 all came true; 1 an expectation failed; 2 wrong input, nothing started; 10 nobody
+answered; 50 mixed results per vehicle; 130 interrupted. Ctrl-C lands; a second one ends the
+processes that were started.
 """
 
 from __future__ import annotations
@@ -30,7 +32,10 @@ if TYPE_CHECKING:
 
 
 class Command(NamedTuple):
-    """One line of ``covey --help``. The command is the function or App of the same name in its module."""
+    """One line of ``covey --help``.
+
+    The command is the function or App of the same name in its module.
+    """
 
     name: str
     group: str
@@ -48,7 +53,14 @@ class Command(NamedTuple):
         return self.name.replace("-", "_") + ("_" if iskeyword(self.name) else "")
 
 
-_GROUPS = ("Fly and operate", "Before a flight", "After a flight", "Simulation", "On a drone, in a lab", "Help")
+_GROUPS = (
+    "Fly and operate",
+    "Before a flight",
+    "After a flight",
+    "Simulation",
+    "On a drone, in a lab",
+    "Help",
+)
 _FLY, _BEFORE, _AFTER, _SIMULATION, _DRONE, _HELP = _GROUPS
 COMMANDS = (
     Command("demo", _FLY, "the paper's experiment in simulation, on free ports"),
@@ -62,20 +74,41 @@ COMMANDS = (
     Command("import", _BEFORE, "a show of Skybrush, or CSVs, made into a mission"),
     Command("check", _BEFORE, "whether fleet or mission files are right and can be flown"),
     Command("preflight", _BEFORE, "go or no-go of every vehicle, check by check"),
-    Command("secure", _BEFORE, "lock a fleet's bus: keys for every node, endpoints that use them", "keys"),
+    Command(
+        "secure",
+        _BEFORE,
+        "lock a fleet's bus: keys for every node, endpoints that use them",
+        "keys",
+    ),
     Command("keys", _BEFORE, "the keys of a fleet's bus: issued, listed, renewed, replaced"),
-    Command("doctor", _BEFORE, "whether this computer and the fleet's network are fit", "network.doctor"),
-    Command("attack", _BEFORE, "what gets into an emulated copy of a fleet, by whom it is tried", "network.attack"),
+    Command(
+        "doctor", _BEFORE, "whether this computer and the fleet's network are fit", "network.doctor"
+    ),
+    Command(
+        "attack",
+        _BEFORE,
+        "what gets into an emulated copy of a fleet, by whom it is tried",
+        "network.attack",
+    ),
     Command("px4", _BEFORE, "PX4's parameters and state, and what another version of it changes"),
     Command("replay", _AFTER, "a recorded flight in the console"),
     Command("plot", _AFTER, "figures of a recorded flight"),
-    Command("identify", _AFTER, "a vehicle's lag, drag, hover throttle and tilt error, flown or from a record"),
+    Command(
+        "identify",
+        _AFTER,
+        "a vehicle's lag, drag, hover throttle and tilt error, flown or from a record",
+    ),
     Command("simulate", _SIMULATION, "the law over many perturbed flights, seeded"),
     Command("sitl", _SIMULATION, "emulated PX4s for a fleet file"),
     Command("sitl-check", _SIMULATION, "whether a MAVLink endpoint behaves as a real PX4"),
     Command("sitl-truth", _SIMULATION, "ground truth of real PX4s with SIH, for verdicts"),
     Command("agent", _DRONE, "one vehicle's agent, also as a service of systemd"),
-    Command("router", _DRONE, "a router of the fleet's bus, for fleets on several networks", "network.router"),
+    Command(
+        "router",
+        _DRONE,
+        "a router of the fleet's bus, for fleets on several networks",
+        "network.router",
+    ),
     Command("mocap", _DRONE, "the relay from a motion capture to the fleet's bus"),
 )
 
@@ -97,7 +130,8 @@ def _run_in_sentences(words: list[str]) -> int:
     except NoRouterError as error:
         _refuse(str(error))
         return EXIT_NO_ANSWER
-    except (ConfigError, BusError) as error:  # what was written or configured is wrong, or an endpoint is taken
+    # what was written or configured is wrong, or an endpoint is taken
+    except (ConfigError, BusError) as error:
         return _refuse(str(error))
     except ImportError as error:
         # The front page's library wraps the error of a command's module.
@@ -106,7 +140,9 @@ def _run_in_sentences(words: list[str]) -> int:
         if not name or name.partition(".")[0] in ("onboard", "groundstation", "sitl"):
             raise
         wheel = f"covey-{_version().split()[1]}-py3-none-any.whl"
-        return _refuse(f"this command needs '{name}'. Install the wheel with all of it: pip install '{wheel}[all]'")
+        return _refuse(
+            f"this command needs '{name}'. Install the wheel with all of it: pip install '{wheel}[all]'"
+        )
     except KeyboardInterrupt:
         return EXIT_INTERRUPTED
     except BrokenPipeError:  # the reader has read enough, as in `covey check FILE | head`
@@ -142,7 +178,9 @@ def _path(words: list[str]) -> list[str]:
 
 
 def front_page(called: str) -> App:
-    """All commands, of which only the one ``called`` is imported now; the others when their help is asked for."""
+    """All commands, of which only the one ``called`` is imported now; the others when their help is
+    asked for.
+    """
     from cyclopts import App, Parameter
     from rich.console import Console
 
@@ -177,7 +215,8 @@ def front_page(called: str) -> App:
 
 
 def _epilogue(module: ModuleType) -> str:
-    """Return what stands below the options: the end of a module's docstring, and what it computes."""
+    """Return what stands below the options: the end of a module's docstring, and what it computes.
+    """
     text = (module.__doc__ or "").partition("\n\n")[2].strip()
     return "\n\n".join(filter(None, (text, getattr(module, "MORE_HELP", ""))))
 
@@ -191,7 +230,13 @@ def _group(name: str) -> Group:
 
 def _default(value: object) -> str | None:
     """Return a default as the help shows it; flags, lists and what is left open have none."""
-    return None if isinstance(value, bool | tuple | None) else f"{value:g}" if isinstance(value, float) else str(value)
+    return (
+        None
+        if isinstance(value, bool | tuple | None)
+        else f"{value:g}"
+        if isinstance(value, float)
+        else str(value)
+    )
 
 
 def _version() -> str:

@@ -31,7 +31,8 @@ class LinkError(RuntimeError):
 
 
 Version = tuple[int, int]  # of PX4, as it reports it: major and minor number
-MEASURED_VERSIONS: tuple[Version, Version] = ((1, 16), (1, 18))  # oldest and newest that Covey was measured with
+# oldest and newest that Covey was measured with
+MEASURED_VERSIONS: tuple[Version, Version] = ((1, 16), (1, 18))
 SIGNING_SINCE: Version = (1, 18)  # PX4 takes a key for MAVLink from this version on
 AUTOPILOT_COMPONENT = 1  # MAVLink's id of the autopilot in a vehicle
 _LARGEST_MAJOR = 9
@@ -49,7 +50,8 @@ class Refused(Struct, frozen=True):
     """Packets at the autopilot's endpoint that were not let in, by reason."""
 
     malformed: int = 0  # no MAVLink, or a wrong checksum
-    others: int = 0  # of other systems and components, for instance a ground station's that PX4 forwards
+    # of other systems and components, for instance a ground station's that PX4 forwards
+    others: int = 0
     strangers: int = 0  # under the autopilot's ids, but from another address than the autopilot's
     unsigned: int = 0  # not signed, where this vehicle signs
     forged: int = 0  # signed with another key
@@ -72,16 +74,19 @@ class Snapshot(Struct, frozen=True):
 
     last_packet_ns: int = 0
     system_id: int = 0
-    quaternion_enu_flu_wxyz: Vec4 = (1.0, 0.0, 0.0, 0.0)  # PX4's own attitude: its heading may differ from the fleet's
+    # PX4's own attitude: its heading may differ from the fleet's
+    quaternion_enu_flu_wxyz: Vec4 = (1.0, 0.0, 0.0, 0.0)
     attitude_ns: int = 0
     position_local_ned_m: Vec3 = (0.0, 0.0, 0.0)  # in PX4's own local frame
     velocity_local_ned_m_s: Vec3 = (0.0, 0.0, 0.0)
     local_position_ns: int = 0
-    position_accuracy_m: float = 0.0  # std of PX4's horizontal position; 0 before it tells, inf for nonsense
+    # std of PX4's horizontal position; 0 before it tells, inf for nonsense
+    position_accuracy_m: float = 0.0
     position_accuracy_ns: int = 0
     has_fix: bool = False  # of satellites, three-dimensional
     fix_ns: int = 0
-    global_origin: Vec3 | None = None  # of PX4's local frame: latitude [deg], longitude [deg], altitude [m]
+    # of PX4's local frame: latitude [deg], longitude [deg], altitude [m]
+    global_origin: Vec3 | None = None
     px4_version: Version | None = None
     is_simulated: bool = False  # by PX4's own identity
     px4_boot_ms: int = 0  # PX4's clock, which shows whether it stands still
@@ -104,13 +109,17 @@ class Snapshot(Struct, frozen=True):
     has_wrong_clock: bool = False  # this computer's is a minute behind another one that signs
 
     def battery(self, now_ns: int) -> tuple[float, float]:
-        """Return charge [0 to 1] and voltage [V] as far as they are known now: NaN once PX4's report is 5 s old."""
+        """Return charge [0 to 1] and voltage [V] as far as they are known now: NaN once PX4's
+        report is 5 s old.
+        """
         if self.battery_ns and now_ns - self.battery_ns > BATTERY_KNOWN_NS:
             return float("nan"), float("nan")
         return self.battery_frac, self.battery_voltage_v
 
     def accuracy_m(self, now_ns: int) -> float:
-        """Return PX4's accuracy as far as it is known now: 0 before it tells, and once its report is 5 s old."""
+        """Return PX4's accuracy as far as it is known now: 0 before it tells, and once its report
+        is 5 s old.
+        """
         is_known = now_ns - self.position_accuracy_ns <= ACCURACY_KNOWN_NS
         return self.position_accuracy_m if is_known else 0.0
 
@@ -125,7 +134,10 @@ class Snapshot(Struct, frozen=True):
 
 
 class Autopilot(Protocol):
-    """One connected autopilot. No method blocks for longer than it takes to hand bytes to a socket."""
+    """One connected autopilot.
+
+    No method blocks for longer than it takes to hand bytes to a socket.
+    """
 
     def snapshot(self) -> Snapshot:
         """Return the newest values; safe from any thread."""
@@ -155,6 +167,12 @@ class Autopilot(Protocol):
         """Play a tune; PX4 does not acknowledge it."""
 
     def send_odometry(
-        self, position_enu_m: Vec3, quaternion_enu_flu_wxyz: Vec4, std_m: float, reset_count: int = 0
+        self,
+        position_enu_m: Vec3,
+        quaternion_enu_flu_wxyz: Vec4,
+        std_m: float,
+        reset_count: int = 0,
     ) -> None:
-        """Send a mocap pose to PX4's estimator, for its own hold and land; a new count lets it restart there."""
+        """Send a mocap pose to PX4's estimator, for its own hold and land; a new count lets it
+        restart there.
+        """

@@ -66,7 +66,8 @@ class ParamsRead(Struct, frozen=True):
     """What PX4's parameters say."""
 
     problems: tuple[str, ...]  # sentences about wrong ones; empty when all are right
-    battery_floor_frac: float = 0.0  # charge at which PX4's simulated battery stops emptying; 0 for a real one
+    # charge at which PX4's simulated battery stops emptying; 0 for a real one
+    battery_floor_frac: float = 0.0
 
 
 class ClocksCompared(Struct, frozen=True):
@@ -76,7 +77,9 @@ class ClocksCompared(Struct, frozen=True):
 
 
 class LoopTimed(Struct, frozen=True):
-    """Statistics of the loop's period over the last window, and how far behind its schedule it began."""
+    """Statistics of the loop's period over the last window, and how far behind its schedule it
+    began.
+    """
 
     p50_ms: float
     p99_ms: float
@@ -87,7 +90,8 @@ class LoopTimed(Struct, frozen=True):
 
 
 class MessagesCounted(Struct, frozen=True):
-    """Messages that the shell has not passed on, since the last such event: see message_counts.py."""
+    """Messages that the shell has not passed on, since the last such event: see message_counts.py.
+    """
 
     malformed: int = 0
     refused: int = 0
@@ -107,7 +111,9 @@ class DiskChecked(Struct, frozen=True):
 
 
 class MocapProblemChanged(Struct, frozen=True):
-    """Reason why the mocap delivers nothing, from the source that reads it; empty when it delivers again."""
+    """Reason why the mocap delivers nothing, from the source that reads it; empty when it delivers
+    again.
+    """
 
     sentence: str
 
@@ -179,7 +185,9 @@ class SendOdometry(Struct, frozen=True):
 
 
 class WatchBodies(Struct, frozen=True):
-    """Receive the mocap poses of exactly these other bodies: their vehicles are, or lately were, silent."""
+    """Receive the mocap poses of exactly these other bodies: their vehicles are, or lately were,
+    silent.
+    """
 
     bodies: tuple[str, ...]
 
@@ -192,7 +200,9 @@ class Publish(Struct, frozen=True):
 
 
 class Follow(Struct, frozen=True):
-    """Hear the states of exactly these vehicles at full rate from now on, and those of the others slowly."""
+    """Hear the states of exactly these vehicles at full rate from now on, and those of the others
+    slowly.
+    """
 
     names: frozenset[str]
 

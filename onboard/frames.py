@@ -1,7 +1,9 @@
-"""Frames and rotations: the fleet's ENU with FLU bodies, PX4's NED with FRD bodies, and quaternions between them.
+"""Frames and rotations: the fleet's ENU with FLU bodies, PX4's NED with FRD bodies, and quaternions
+between them.
 
-Fleet, configuration, bus and control speak ENU/FLU only; NED/FRD appears in the link to PX4 and nowhere else.
-Quaternions are Hamilton, ordered (w, x, y, z) as on MAVLink; ``q_enu_flu`` rotates FLU components into ENU components.
+Fleet, configuration, bus and control speak ENU/FLU only; NED/FRD appears in the link to PX4 and
+nowhere else. Quaternions are Hamilton, ordered (w, x, y, z) as on MAVLink; ``q_enu_flu`` rotates
+FLU components into ENU components.
 """
 
 from __future__ import annotations
@@ -31,16 +33,18 @@ def ned_from_enu(vector_enu: Triple) -> Vec3:
 def enu_flu_from_ned_frd(q_ned_frd: Quaternion) -> Quaternion:
     """Return PX4's attitude (FRD to NED) as the fleet's (FLU to ENU).
 
-    R_enu_flu = R_enu_ned R_ned_frd R_frd_flu with R_enu_ned the half turn about (1, 1, 0)/sqrt(2) and R_frd_flu the
-    half turn about x; multiplied out it is a permutation of the components, so only sqrt(1/2) is rounded. Level with
-    the nose to the north gives a quarter turn about up.
+    R_enu_flu = R_enu_ned R_ned_frd R_frd_flu with R_enu_ned the half turn about (1, 1, 0)/sqrt(2)
+    and R_frd_flu the half turn about x; multiplied out it is a permutation of the components, so
+    only sqrt(1/2) is rounded. Level with the nose to the north gives a quarter turn about up.
     """
     w, x, y, z = q_ned_frd
     return _SQRT_HALF * (w + z), _SQRT_HALF * (x + y), _SQRT_HALF * (x - y), _SQRT_HALF * (w - z)
 
 
 def ned_frd_from_enu_flu(q_enu_flu: Quaternion) -> Quaternion:
-    """Return the fleet's attitude (FLU to ENU) as PX4's (FRD to NED): the same permutation, its own inverse."""
+    """Return the fleet's attitude (FLU to ENU) as PX4's (FRD to NED): the same permutation, its own
+    inverse.
+    """
     return enu_flu_from_ned_frd(q_enu_flu)
 
 
@@ -73,6 +77,8 @@ def quaternion_from_yaw(yaw_rad: float) -> Quaternion:
 
 
 def yaw_from_quaternion(quaternion: Quaternion) -> float:
-    """Return the heading of the body's x axis, counterclockwise from the outer x axis (ZYX yaw), in (-pi, pi]."""
+    """Return the heading of the body's x axis, counterclockwise from the outer x axis (ZYX yaw), in
+    (-pi, pi].
+    """
     w, x, y, z = quaternion
     return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))

@@ -1,4 +1,7 @@
-"""Counts of the messages that were not used. A count each, and no line in a log: a flood must fill nothing."""
+"""Counts of the messages that were not used.
+
+A count each, and no line in a log: a flood must fill nothing.
+"""
 
 from __future__ import annotations
 
@@ -11,8 +14,10 @@ class MessageCounts:
     """Messages that were not used, by the reason."""
 
     malformed: int = 0  # no message of its kind, or numbers that are not finite
-    refused: int = 0  # in another's name, of nobody of the fleet file, or not believable; orders are counted apart
-    dropped: int = 0  # lost on the way, by the numbers that are missing, or pushed out of a full queue
+    # in another's name, of nobody of the fleet file, or not believable; orders are counted apart
+    refused: int = 0
+    # lost on the way, by the numbers that are missing, or pushed out of a full queue
+    dropped: int = 0
     late: int = 0  # repeated, overtaken, or older than what is known
 
 

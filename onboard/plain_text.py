@@ -1,4 +1,6 @@
-"""Text from outside, for terminals and text files: an escape sequence in it would command the terminal."""
+"""Text from outside, for terminals and text files: an escape sequence in it would command the
+terminal.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +20,8 @@ def plain_line(text: str) -> str:
 
 
 def plain_lines(text: str) -> str:
-    """Return text from outside without control characters, but with its lines and their indentation.
+    """Return text from outside without control characters, but with its lines and their
+    indentation.
 
     Args:
         text: of several lines, as a trace.
@@ -29,11 +32,14 @@ def plain_lines(text: str) -> str:
     lines = text.split("\n")
     if all(map(str.isprintable, lines)):
         return text
-    return "\n".join("".join(char if char.isprintable() else " " for char in line) for line in lines)
+    return "\n".join(
+        "".join(char if char.isprintable() else " " for char in line) for line in lines
+    )
 
 
 class PlainStream:
-    """Output of a process whose lines may contain text from outside: no line can forget to clean it.
+    """Output of a process whose lines may contain text from outside: no line can forget to clean
+    it.
 
     Args:
         stream: where the lines go, as ``sys.stdout``.
@@ -57,7 +63,8 @@ class PlainStream:
 
 
 def drawing(stream: TextIO) -> TextIO:
-    """Return the stream below a :class:`PlainStream`, for what draws with escape sequences, as coloured tables.
+    """Return the stream below a :class:`PlainStream`, for what draws with escape sequences, as
+    coloured tables.
 
     Args:
         stream: ``sys.stdout`` or ``sys.stderr``.

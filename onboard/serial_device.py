@@ -23,7 +23,9 @@ def open_serial(endpoint: str) -> int:
     device, _, baud = endpoint.removeprefix(_PREFIX).rpartition(":")
     speed = getattr(termios, f"B{baud}", None)
     if not endpoint.startswith(_PREFIX) or not device or speed is None:
-        raise ValueError(f"'{endpoint}' is no serial endpoint; write it as serial:///dev/ttyAMA0:921600")
+        raise ValueError(
+            f"'{endpoint}' is no serial endpoint; write it as serial:///dev/ttyAMA0:921600"
+        )
     descriptor = os.open(device, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK | os.O_CLOEXEC)
     try:
         tty.setraw(descriptor)

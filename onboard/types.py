@@ -1,7 +1,7 @@
 """Values that pass between two stages of the pipeline: frozen, of plain floats, in fleet ENU.
 
-One value belongs to one vehicle. A batch of flights holds the same values in arrays, and knows how to read and write
-them (:mod:`onboard.rollout.batch`).
+One value belongs to one vehicle. A batch of flights holds the same values in arrays, and knows how
+to read and write them (:mod:`onboard.rollout.batch`).
 """
 
 from __future__ import annotations
@@ -38,7 +38,9 @@ class State(NamedTuple):
 
 
 class Goal(NamedTuple):
-    """Position to fly to, or the present point of a path that is followed; the input of the trajectory."""
+    """Position to fly to, or the present point of a path that is followed; the input of the
+    trajectory.
+    """
 
     position_enu_m: Vec3
     duration_s: float  # time for the leg; 0: as fast as the limits allow
@@ -72,7 +74,9 @@ class AttitudeSetpoint(NamedTuple):
 
 
 class Neighbour(NamedTuple):
-    """One neighbour as received; to extrapolate it over its age is the law's business. NaN: not known."""
+    """One neighbour as received; to extrapolate it over its age is the law's business. NaN: not
+    known.
+    """
 
     position_enu_m: Vec3  # plain estimate, an input of the paper's law
     velocity_enu_m_s: Vec3
@@ -92,7 +96,9 @@ class Neighbour(NamedTuple):
 
 
 class LawOutput(NamedTuple):
-    """Result of the avoidance law: a thrust as it came in, and the facts that are published and recorded."""
+    """Result of the avoidance law: a thrust as it came in, and the facts that are published and
+    recorded.
+    """
 
     thrust: Thrust
     predicted_position_enu_m: Vec3  # own state predicted over the own lag; published
@@ -102,7 +108,8 @@ class LawOutput(NamedTuple):
     intervention_m_s2: float  # |u - u0|
     slack_m_s2: float  # 0 unless relaxed
     crowd_count: float  # published
-    active_neighbour: int  # index of the neighbour whose row binds most; -1: none; -2: an obstacle or the fence
+    # index of the neighbour whose row binds most; -1: none; -2: an obstacle or the fence
+    active_neighbour: int
     lead_time_s: float  # from now to the predicted state; published
     intent_enu_m_s: Vec3  # published: velocity that this vehicle would fly if it were alone
 

@@ -1,7 +1,7 @@
 """Vectors of plain floats, and the few operations on them that the control code needs.
 
-Python interprets these functions on a drone, and numba compiles the same functions for batches of flights. So they take
-their arguments by position and keep to floats and tuples.
+Python interprets these functions on a drone, and numba compiles the same functions for batches of
+flights. So they take their arguments by position and keep to floats and tuples.
 """
 
 from __future__ import annotations
@@ -56,7 +56,9 @@ def horizontal(a: Vec3) -> Vec2:
 
 def bounded(a: Vec3, bound: float) -> Vec3:
     """Return the vector with each component within plus and minus a bound."""
-    return Vec3(min(max(a.x, -bound), bound), min(max(a.y, -bound), bound), min(max(a.z, -bound), bound))
+    return Vec3(
+        min(max(a.x, -bound), bound), min(max(a.y, -bound), bound), min(max(a.z, -bound), bound)
+    )
 
 
 def length(a: Vec3) -> float:

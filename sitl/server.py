@@ -1,6 +1,8 @@
-"""Emulated PX4s in real time: one process, one UDP socket per link as PX4 lays them out, poses and truth on the bus.
+"""Emulated PX4s in real time: one process, one UDP socket per link as PX4 lays them out, poses and
+truth on the bus.
 
-The one door of the emulator to the rest of the project: fleet files and the bus. Nothing is read from the bus.
+The one door of the emulator to the rest of the project: fleet files and the bus. Nothing is read
+from the bus.
 """
 
 from __future__ import annotations
@@ -47,8 +49,9 @@ from sitl.physics.vehicle import STEP_S, VehicleProfile
 from sitl.px4.parameters import DEFAULTS
 from sitl.px4.versions import VERSIONS
 
-# A busy machine holds the process up now and then: up to this much it catches up (below PX4's shortest COM_OF_LOSS_T in
-# use), reading its sockets in between; a longer stall is a pause of simulated time.
+# A busy machine holds the process up now and then: up to this much it catches up (below PX4's
+# shortest COM_OF_LOSS_T in use), reading its sockets in between; a longer stall is a pause of
+# simulated time.
 _LARGEST_BACKLOG_STEPS = 70
 TRUTH_EVERY_STEPS = 5
 _REALTIME_PRIORITY = 5  # below that of the loops of agents, which they may ask for
@@ -58,7 +61,8 @@ def profile_of(vehicle: Vehicle) -> VehicleProfile:
     """The emulator's profile of a vehicle of the fleet file."""
     own, default = vehicle.px4_params, DEFAULTS[vehicle.px4_version]
     roll_p, pitch_p, filter_rad_s = (
-        float(own.get(name, default.get(name, 0.0))) for name in ("MC_ROLL_P", "MC_PITCH_P", "MC_REF_W_N")
+        float(own.get(name, default.get(name, 0.0)))
+        for name in ("MC_ROLL_P", "MC_PITCH_P", "MC_REF_W_N")
     )
     return VehicleProfile(
         attitude_p_1_s=(roll_p, pitch_p),
@@ -81,25 +85,44 @@ def emulator_of(
     environment: Environment | None = None,
     px4: str | None = None,
 ) -> Emulator:
-    """Return the emulator of some vehicles of a fleet file, each as the version that it names, or all as `px4`."""
+    """Return the emulator of some vehicles of a fleet file, each as the version that it names, or
+    all as `px4`.
+    """
     specs = [
-        VehicleSpec(v.name, v.system_id, profile_of(v), v.start_enu_m, VERSIONS[px4 or v.px4_version]) for v in vehicles
+        VehicleSpec(
+            v.name, v.system_id, profile_of(v), v.start_enu_m, VERSIONS[px4 or v.px4_version]
+        )
+        for v in vehicles
     ]
-    return Emulator(specs, body_diameter_m=fleet.fleet.body_diameter_m, environment=environment, seed=seed)
+    return Emulator(
+        specs, body_diameter_m=fleet.fleet.body_diameter_m, environment=environment, seed=seed
+    )
 
 
 def answer_fault(emulator: Emulator, order: FaultOrder | Malformed) -> OrderReply:
     """Plan the fault that a ground asks for, or say why not."""
     if isinstance(order, Malformed):
-        return OrderReply(order_id="", vehicle="", is_accepted=False, reason=f"This is no fault: {order.reason}.")
-    fault = Fault(order.fault, order.vehicle, emulator.time_s + order.after_s, order.duration_s, order.parameters)
+        return OrderReply(
+            order_id="", vehicle="", is_accepted=False, reason=f"This is no fault: {order.reason}."
+        )
+    fault = Fault(
+        order.fault,
+        order.vehicle,
+        emulator.time_s + order.after_s,
+        order.duration_s,
+        order.parameters,
+    )
     try:
         if not 0.0 <= order.after_s <= 1e6:
             raise FaultError(f"{order.fault}: after_s is {order.after_s:g}; it must be 0 or more.")
         taken = emulator.check(fault) if order.is_rehearsal else emulator.inject(fault)
     except FaultError as error:
-        return OrderReply(order_id=order.order_id, vehicle=order.vehicle, is_accepted=False, reason=str(error))
-    return OrderReply(order_id=order.order_id, vehicle=order.vehicle, is_accepted=True, reason=taken.sentence)
+        return OrderReply(
+            order_id=order.order_id, vehicle=order.vehicle, is_accepted=False, reason=str(error)
+        )
+    return OrderReply(
+        order_id=order.order_id, vehicle=order.vehicle, is_accepted=True, reason=taken.sentence
+    )
 
 
 class Broadcast:
@@ -151,7 +174,13 @@ class Broadcast:
             )
             poses.append(message)
         stamp_ns, shown = self._stamp_ns(emulator.time_s), position + self._truth_offset_m
-        rows = (self._names, *(v.tolist() for v in (shown, velocity, attitude, states.on_ground, states.motors_dead)))
+        rows = (
+            self._names,
+            *(
+                v.tolist()
+                for v in (shown, velocity, attitude, states.on_ground, states.motors_dead)
+            ),
+        )
         truths = [
             Truth(
                 vehicle=name,
@@ -199,7 +228,9 @@ class Server:
     ) -> None:
         self._station = station
         self._vehicles = [fleet.vehicles[name] for name in vehicles]
-        self.emulator = emulator_of(fleet, self._vehicles, seed=seed, environment=environment, px4=px4)
+        self.emulator = emulator_of(
+            fleet, self._vehicles, seed=seed, environment=environment, px4=px4
+        )
         self.emulator.unix_start_s = time.time()
         for vehicle, px4_of, store in zip(
             self._vehicles, self.emulator.autopilots, self.emulator.key_stores, strict=True
@@ -216,7 +247,8 @@ class Server:
             mocap,
             seed=seed,
             boot_id=time.time_ns() & 0x7FFFFFFF,
-            # The event loop's clock is the monotonic one, so simulated time maps onto everybody's stamps.
+            # The event loop's clock is the monotonic one, so simulated time maps onto everybody's
+            # stamps.
             stamp_ns=lambda time_s: round((self._epoch_s + time_s) * 1e9),
             source="" if bus is None else bus.node,
             truth_offset_m=truth_offset_m,
@@ -235,10 +267,20 @@ class Server:
         for index, vehicle in enumerate(self._vehicles):
             key = f"vehicles.{vehicle.name}"
             onboard = onboard_ports(vehicle.autopilot, f"{key}.autopilot")
-            wanted.append((index, onboard, ONBOARD_RATES_HZ, "companion", f"The companion link of {vehicle.name}"))
+            wanted.append(
+                (
+                    index,
+                    onboard,
+                    ONBOARD_RATES_HZ,
+                    "companion",
+                    f"The companion link of {vehicle.name}",
+                )
+            )
             ground = ground_ports(vehicle.autopilot, vehicle.direct, key, self._station)
             if ground is not None:
-                wanted.append((index, ground, GCS_RATES_HZ, "ground", f"The ground link of {vehicle.name}"))
+                wanted.append(
+                    (index, ground, GCS_RATES_HZ, "ground", f"The ground link of {vehicle.name}")
+                )
             viewers = simulator_ports(vehicle.autopilot)
             if viewers is not None:
                 what = f"The simulator's link of {vehicle.name}"
@@ -267,7 +309,8 @@ class Server:
         while not stopped.is_set():
             due = int((loop.time() - self._epoch_s) / STEP_S) - self.emulator.world.vehicles.steps
             if due > _LARGEST_BACKLOG_STEPS:
-                # The machine slept: simulated time stands still meanwhile, as PX4's does, rather than racing after.
+                # The machine slept: simulated time stands still meanwhile, as PX4's does, rather
+                # than racing after.
                 self._epoch_s += (due - 1) * STEP_S
                 due = 1
             for _ in range(due):
@@ -284,7 +327,10 @@ class Server:
     def _step(self, say: Callable[[str], None]) -> None:
         read_all(self._ready)
         for collision in self.emulator.step():
-            first, second = self._vehicles[collision.first].name, self._vehicles[collision.second].name
+            first, second = (
+                self._vehicles[collision.first].name,
+                self._vehicles[collision.second].name,
+            )
             say(
                 f"collision: {first} and {second} touched at {collision.time_s:.2f} s "
                 f"({collision.distance_m:.2f} m between centres); both fall"
@@ -302,8 +348,11 @@ class Server:
                 self.bus.publish(Topic.TRUTH, truth.vehicle, truth)
 
 
-def simulator_bus(fleet: FleetConfig, node: str = "sitl", *, is_partial: bool = False) -> BusSession:
-    """Return the node of an emulator or of a relay of truth on a fleet's bus, connected to its agents.
+def simulator_bus(
+    fleet: FleetConfig, node: str = "sitl", *, is_partial: bool = False
+) -> BusSession:
+    """Return the node of an emulator or of a relay of truth on a fleet's bus, connected to its
+    agents.
 
     Args:
         fleet: the fleet file.
@@ -343,12 +392,15 @@ async def _serve(server: Server) -> None:
         if bus is not None:
             bus.start()
 
-            def take_fault(order: FaultOrder | Malformed, reply: Callable[[OrderReply], None]) -> None:
+            def take_fault(
+                order: FaultOrder | Malformed, reply: Callable[[OrderReply], None]
+            ) -> None:
                 loop.call_soon_threadsafe(lambda: reply(answer_fault(server.emulator, order)))
 
             bus.serve_faults(take_fault)
             clock = loop.create_task(ClockNode(bus).keep())  # agents may run on other hosts
-        # A full collection would stop every vehicle at once; nothing that exists now will ever be garbage.
+        # A full collection would stop every vehicle at once; nothing that exists now will ever be
+        # garbage.
         gc.collect()
         gc.freeze()
         print(f"ready: {', '.join(lines)}", flush=True)
@@ -362,8 +414,11 @@ async def _serve(server: Server) -> None:
 
 
 def take_precedence() -> None:
-    """Run before other processes, as real vehicles wait for no computer; without permission do nothing."""
-    with contextlib.suppress(OSError, AttributeError):  # for this thread, and those that it will start
+    """Run before other processes, as real vehicles wait for no computer; without permission do
+    nothing.
+    """
+    # for this thread, and those that it will start
+    with contextlib.suppress(OSError, AttributeError):
         os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(_REALTIME_PRIORITY))
 
 

@@ -1,8 +1,10 @@
-"""The command ``covey sitl-truth``: ground truth of real PX4s with their built-in simulator (SIH), put on the bus.
+"""The command ``covey sitl-truth``: ground truth of real PX4s with their built-in simulator (SIH),
+put on the bus.
 
-PX4's SIH tells its true state on a link of its own (19450+N to 19410+N, N = system id - 1). As truth it lets a flight
-of real PX4s be judged as one of emulated ones is; as motion capture (``--mocap``) it feeds agents that need one. This
-stands where `server.py` stands in an emulated flight: same node, same topics, and no emulator.
+PX4's SIH tells its true state on a link of its own (19450+N to 19410+N, N = system id - 1). As
+truth it lets a flight of real PX4s be judged as one of emulated ones is; as motion capture
+(``--mocap``) it feeds agents that need one. This stands where `server.py` stands in an emulated
+flight: same node, same topics, and no emulator.
 """
 
 from __future__ import annotations
@@ -44,19 +46,24 @@ Vec3 = tuple[float, float, float]
 
 
 def east_north_m(origin: tuple[float, float], position: tuple[float, float]) -> tuple[float, float]:
-    """East and north from one place on Earth to another, latitude and longitude in degrees; for a few kilometres."""
+    """East and north from one place on Earth to another, latitude and longitude in degrees; for a
+    few kilometres.
+    """
     north = math.radians(position[0] - origin[0])
     middle = math.radians(0.5 * (position[0] + origin[0]))
-    return _EARTH_RADIUS_M * math.radians(position[1] - origin[1]) * math.cos(middle), _EARTH_RADIUS_M * north
+    return _EARTH_RADIUS_M * math.radians(position[1] - origin[1]) * math.cos(
+        middle
+    ), _EARTH_RADIUS_M * north
 
 
 @dataclass(slots=True)
 class Body:
     """One vehicle's true state in the fleet frame.
 
-    Zero is where PX4's simulator began, by PX4's parameters (:data:`HOME_PARAMS`): the same whenever this program
-    starts, also in flight, and however far a vehicle has sunk into the ground. Without a global origin of the fleet it
-    counts as the vehicle's start of the fleet file: simulated vehicles may then all begin at the same place on Earth.
+    Zero is where PX4's simulator began, by PX4's parameters (:data:`HOME_PARAMS`): the same
+    whenever this program starts, also in flight, and however far a vehicle has sunk into the
+    ground. Without a global origin of the fleet it counts as the vehicle's start of the fleet file:
+    simulated vehicles may then all begin at the same place on Earth.
     """
 
     vehicle: Vehicle
@@ -72,15 +79,21 @@ class Body:
         """From the fields of HIL_STATE_QUATERNION."""
         at = (state["lat"] * 1e-7, state["lon"] * 1e-7, state["alt"] * 1e-3)
         if self._begin is None:  # a PX4 that does not send its parameters: the first place counts
-            self._begin = at if self.missing() else cast(Vec3, tuple(self.home[name] for name in HOME_PARAMS))
+            self._begin = (
+                at if self.missing() else cast(Vec3, tuple(self.home[name] for name in HOME_PARAMS))
+            )
         start = self.vehicle.start_enu_m
         if self.origin is None:
             east, north = east_north_m(self._begin[:2], at[:2])
             east, north = east + start[0], north + start[1]
         else:
-            east, north = east_north_m((self.origin.latitude_deg, self.origin.longitude_deg), at[:2])
+            east, north = east_north_m(
+                (self.origin.latitude_deg, self.origin.longitude_deg), at[:2]
+            )
         height = at[2] - self._begin[2] + start[2]
-        w, x, y, z = enu_flu_from_ned_frd(np.array(state["attitude_quaternion"], dtype=np.float64)).tolist()
+        w, x, y, z = enu_flu_from_ned_frd(
+            np.array(state["attitude_quaternion"], dtype=np.float64)
+        ).tolist()
         velocity = (0.01 * state["vy"], 0.01 * state["vx"], -0.01 * state["vz"])
         return Truth(
             vehicle=self.vehicle.name,
@@ -99,7 +112,9 @@ class Listener(asyncio.DatagramProtocol):
     heard: how many states have come.
     """
 
-    def __init__(self, system_id: int, take: Callable[[dict[str, Any], int], None], body: Body | None = None) -> None:
+    def __init__(
+        self, system_id: int, take: Callable[[dict[str, Any], int], None], body: Body | None = None
+    ) -> None:
         self.heard = 0
         self._body = body
         self._first_ns, self._home_asked_ns = 0, 0
@@ -190,7 +205,8 @@ class Relay:
         self._pose_s = stamp_ns * 1e-9
         self._sequence += 1
         name = vehicle.mocap_body or vehicle.name
-        # no camera is that still: agents take poses that are the same to the last bit for frozen ones
+        # no camera is that still: agents take poses that are the same to the last bit for frozen
+        # ones
         x, y, z = (truth.position_enu_m + self.noise.normal(0.0, _MOCAP_NOISE_M, 3)).tolist()
         pose = MocapPose(
             body=name,
@@ -204,7 +220,9 @@ class Relay:
         self._poses.publish(pose)
 
 
-async def serve(fleet: FleetConfig, names: Sequence[str], bus: BusSession, *, with_mocap: bool) -> None:
+async def serve(
+    fleet: FleetConfig, names: Sequence[str], bus: BusSession, *, with_mocap: bool
+) -> None:
     """Relay the truth of these vehicles onto a bus until SIGINT or SIGTERM; see :func:`run`."""
     loop, stopped = asyncio.get_running_loop(), asyncio.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -230,7 +248,9 @@ async def serve(fleet: FleetConfig, names: Sequence[str], bus: BusSession, *, wi
                 ) from None
             listeners[name] = listener
             transports.append(transport)
-        ports = ", ".join(f"{name} at {_FIRST_PORT + fleet.vehicles[name].system_id - 1}" for name in names)
+        ports = ", ".join(
+            f"{name} at {_FIRST_PORT + fleet.vehicles[name].system_id - 1}" for name in names
+        )
         print(f"listening: {ports}", flush=True)
         before = dict.fromkeys(names, False)
         while not stopped.is_set():

@@ -1,8 +1,9 @@
 """Which tests need real time, and which run beside each other.
 
-A test of the files below waits for real processes, sockets or a terminal: it gets the marker ``realtime``. No two of
-those that need much of the machine run at once, because they would hold each other up, and beside them one of those
-that wait for one vehicle or socket. Of the others, the tests of one file run in one worker.
+A test of the files below waits for real processes, sockets or a terminal: it gets the marker
+``realtime``. No two of those that need much of the machine run at once, because they would hold
+each other up, and beside them one of those that wait for one vehicle or socket. Of the others, the
+tests of one file run in one worker.
 """
 
 from __future__ import annotations
@@ -40,9 +41,11 @@ _ONE_IN_REAL_TIME = (  # one emulated vehicle or one server each
     "sitl/test_mavsdk_client.py",
     "sitl/test_server.py",
 )
-# Long and in simulated time: they run in the same call, in the worker that those of real time leave idle.
+# Long and in simulated time: they run in the same call, in the worker that those of real time leave
+# idle.
 _BESIDE_REAL_TIME = ("sitl/lockstep/test_gallery.py", "sitl/conformance/test_facts.py")
-# files that take longest, which begin first, so that no worker has one of them left when all others are done
+# files that take longest, which begin first, so that no worker has one of them left when all others
+# are done
 _LONGEST = (
     "sitl/lockstep/test_flight.py",
     "sitl/lockstep/test_fault_suite.py",
@@ -53,21 +56,28 @@ _LONGEST = (
 )
 _GROUPS = {"real time": _REAL_TIME, "one in real time": _ONE_IN_REAL_TIME}
 _MISSING = [
-    name for name in (*_REAL_TIME, *_ONE_IN_REAL_TIME, *_BESIDE_REAL_TIME, *_LONGEST) if not (_HERE / name).exists()
+    name
+    for name in (*_REAL_TIME, *_ONE_IN_REAL_TIME, *_BESIDE_REAL_TIME, *_LONGEST)
+    if not (_HERE / name).exists()
 ]
 assert not _MISSING, f"tests/conftest.py names tests that are not there: {_MISSING}"
 
 
 def pytest_configure() -> None:
-    """Take signals as a terminal's programs do: what nohup or a background job ignores, processes would inherit."""
+    """Take signals as a terminal's programs do: what nohup or a background job ignores, processes
+    would inherit.
+    """
     signal.signal(signal.SIGINT, signal.default_int_handler)
     signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 
 @pytest.hookimpl(tryfirst=True)  # before the workers start
 def pytest_sessionstart(session: pytest.Session) -> None:
-    """Compile the control of batches once for all workers: on a clean clone it takes half a minute."""
-    if getattr(session.config.option, "numprocesses", None) and not hasattr(session.config, "workerinput"):
+    """Compile the control of batches once for all workers: on a clean clone it takes half a minute.
+    """
+    if getattr(session.config.option, "numprocesses", None) and not hasattr(
+        session.config, "workerinput"
+    ):
         batch.warm_up()
 
 

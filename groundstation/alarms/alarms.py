@@ -1,7 +1,8 @@
 """Alarms: the rows of the alarm table that hold now, and since when. Pure.
 
-:func:`conditions` returns the alarms of this moment. :class:`Alarms` keeps their begin, whether they were acknowledged,
-and the past ones. A lasting alarm is one line with a duration, and so is one that flickers or that many vehicles have.
+:func:`conditions` returns the alarms of this moment. :class:`Alarms` keeps their begin, whether
+they were acknowledged, and the past ones. A lasting alarm is one line with a duration, and so is
+one that flickers or that many vehicles have.
 """
 
 from __future__ import annotations
@@ -69,7 +70,9 @@ class Line:
     def text(self, now_ns: int) -> str:
         """Return one line for people: sentence, duration, advice."""
         length = lasting(self.duration_s(now_ns))
-        ended = "" if self.over_ns is None else f", over for {lasting((now_ns - self.over_ns) * 1e-9)}"
+        ended = (
+            "" if self.over_ns is None else f", over for {lasting((now_ns - self.over_ns) * 1e-9)}"
+        )
         return f"{self.alarm.sentence} ({length}{ended}). {self.alarm.advice}"
 
 
@@ -120,7 +123,9 @@ class Alarms:
             self._last_event = None
         self._now_ns = now_ns
         before = {key: line.alarm.severity for key, line in self._lines.items()}
-        present = {(alarm.kind, alarm.subject): alarm for alarm in conditions(state, self.fleet, now_ns)}
+        present = {
+            (alarm.kind, alarm.subject): alarm for alarm in conditions(state, self.fleet, now_ns)
+        }
         present.update({(alarm.kind, alarm.subject): alarm for alarm in self._of_events(state)})
         for key, alarm in present.items():
             old = self._lines.get(key)
@@ -145,11 +150,15 @@ class Alarms:
 
     @property
     def lines(self) -> list[Line]:
-        """Present alarms: open before acknowledged, the worst first, the same alarm of many vehicles as one line."""
+        """Present alarms: open before acknowledged, the worst first, the same alarm of many
+        vehicles as one line.
+        """
         shown: list[Line] = []
         groups: dict[tuple[Kind, Severity, bool], list[Line]] = {}
         for line in self._lines.values():
-            groups.setdefault((line.alarm.kind, line.alarm.severity, line.is_acknowledged), []).append(line)
+            groups.setdefault(
+                (line.alarm.kind, line.alarm.severity, line.is_acknowledged), []
+            ).append(line)
         for lines in groups.values():
             shown.extend(lines if len(lines) < _GROUPED else [_together(lines)])
         return sorted(shown, key=lambda line: (line.is_acknowledged, *_urgency(line.alarm)))
@@ -199,13 +208,19 @@ class Alarms:
             kind = _EVENT_KINDS.get(logged.event.code)
             if kind is not None:
                 is_flying = bool(state.airborne_names)
-                yield _alarm(kind, logged.event.vehicle, is_flying=is_flying, what=plain(logged.event.sentence))
+                yield _alarm(
+                    kind,
+                    logged.event.vehicle,
+                    is_flying=is_flying,
+                    what=plain(logged.event.sentence),
+                )
         if state.events:
             self._last_event = state.events[-1]
 
 
 _AND = " – "
-_LATCHED = frozenset(_EVENT_KINDS.values())  # reported once by an event: they stay until acknowledged
+# reported once by an event: they stay until acknowledged
+_LATCHED = frozenset(_EVENT_KINDS.values())
 
 
 def lasting(seconds: float) -> str:
@@ -231,7 +246,14 @@ def _urgency(alarm: Alarm) -> tuple[int, int, str]:
 def _alarm(kind: Kind, subject: str, *, is_flying: bool, what: str = "", names: str = "") -> Alarm:
     row = TABLE[kind]
     severity = row.in_flight if is_flying else row.on_ground
-    return Alarm(kind, subject, severity, row.sentence.format(who=names or subject, what=what), row.advice, what)
+    return Alarm(
+        kind,
+        subject,
+        severity,
+        row.sentence.format(who=names or subject, what=what),
+        row.advice,
+        what,
+    )
 
 
 def _together(lines: list[Line]) -> Line:
@@ -239,14 +261,22 @@ def _together(lines: list[Line]) -> Line:
     first = min(lines, key=lambda line: (line.since_ns, line.alarm.subject))
     names = sorted(line.alarm.subject for line in lines)
     shown = f"{len(lines)} of them: {', '.join(names[:_SHOWN])} and {len(names) - _SHOWN} more"
-    what = min(line.alarm.what for line in lines) if first.alarm.kind in _NUMBERED else "each for its own reason"
+    what = (
+        min(line.alarm.what for line in lines)
+        if first.alarm.kind in _NUMBERED
+        else "each for its own reason"
+    )
     sentence = TABLE[first.alarm.kind].sentence.format(who=shown, what=what)
     return dataclasses.replace(
-        first, alarm=dataclasses.replace(first.alarm, subject=_AND.join(names), sentence=sentence), count=len(lines)
+        first,
+        alarm=dataclasses.replace(first.alarm, subject=_AND.join(names), sentence=sentence),
+        count=len(lines),
     )
 
 
-def _of_vehicle(view: VehicleView, fleet: FleetConfig, now_ns: int, is_after_stall: bool) -> Iterator[Alarm]:
+def _of_vehicle(
+    view: VehicleView, fleet: FleetConfig, now_ns: int, is_after_stall: bool
+) -> Iterator[Alarm]:
     telemetry, name = view.telemetry, view.name
     if view.truth is not None and view.truth.is_collided and view.has_truth(now_ns):
         yield _alarm(_G.COLLIDED, name, is_flying=True)
@@ -256,10 +286,17 @@ def _of_vehicle(view: VehicleView, fleet: FleetConfig, now_ns: int, is_after_sta
     if not view.is_fresh(now_ns):
         if is_after_stall:
             return
-        yield dataclasses.replace(_alarm(_G.SILENT, name, is_flying=is_flying), since_ns=view.received_ns)
+        yield dataclasses.replace(
+            _alarm(_G.SILENT, name, is_flying=is_flying), since_ns=view.received_ns
+        )
         return
     if telemetry.state == "failed":
-        yield _alarm(_G.FAILED, name, is_flying=is_flying, what=plain(telemetry.reason) or "it does not say why")
+        yield _alarm(
+            _G.FAILED,
+            name,
+            is_flying=is_flying,
+            what=plain(telemetry.reason) or "it does not say why",
+        )
     held, unknown = _reported(telemetry)
     held |= _measured(telemetry, fleet)
     if len(held) > 1:
@@ -316,7 +353,9 @@ def _of_fleet(state: FleetState, fleet: FleetConfig, now_ns: int) -> Iterator[Al
     if silent:
         more = f" and {len(silent) - _GROUPED} more" if len(silent) > _GROUPED else ""
         yield _alarm(_G.WAITING, "", is_flying=False, names=", ".join(silent[:_GROUPED]) + more)
-    hashes = {view.telemetry.config_hash for view in state.vehicles.values() if view.telemetry is not None}
+    hashes = {
+        view.telemetry.config_hash for view in state.vehicles.values() if view.telemetry is not None
+    }
     if len(hashes) > 1:
         yield _alarm(_G.FILES_DIFFER, "", is_flying=bool(state.airborne_names))
 

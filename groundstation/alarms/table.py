@@ -53,9 +53,13 @@ _FILE = tomllib.loads(files(__package__).joinpath("table.toml").read_text(encodi
 _KINDS: dict[str, Kind] = {kind.name: kind for kind in (*Condition, *Ground)}
 
 TABLE: dict[Kind, AlarmRow] = {
-    _KINDS[name]: AlarmRow(Severity[in_flight.upper()], Severity[on_ground.upper()], sentence, advice)
+    _KINDS[name]: AlarmRow(
+        Severity[in_flight.upper()], Severity[on_ground.upper()], sentence, advice
+    )
     for name, (in_flight, on_ground, sentence, advice) in _FILE["alarms"].items()
 }
 RANKS = {kind: rank for rank, kind in enumerate(TABLE)}
 BY_TEXT = {condition.value: condition for condition in Condition}
-COVERED: dict[Kind, Kind] = {_KINDS[name]: _KINDS[worse] for name, worse in _FILE["covered_by"].items()}
+COVERED: dict[Kind, Kind] = {
+    _KINDS[name]: _KINDS[worse] for name, worse in _FILE["covered_by"].items()
+}

@@ -1,7 +1,7 @@
 """PX4 itself over one of its links: its parameters, and what it says of itself. Blocking.
 
-A parameter that is sent may be refused, unknown or lost with the link; PX4 v1.16 answers all three with silence. So
-each is read back, and the heartbeat decides whether PX4 or the link is silent.
+A parameter that is sent may be refused, unknown or lost with the link; PX4 v1.16 answers all three
+with silence. So each is read back, and the heartbeat decides whether PX4 or the link is silent.
 """
 
 from __future__ import annotations
@@ -52,9 +52,13 @@ class AutopilotLink:
         ValueError: it is written wrongly.
     """
 
-    def __init__(self, endpoint: str, system_id: int, *, is_own: bool = False, key: bytes | None = None) -> None:
+    def __init__(
+        self, endpoint: str, system_id: int, *, is_own: bool = False, key: bytes | None = None
+    ) -> None:
         self.endpoint, self.system_id, self.is_own = endpoint, system_id, is_own
-        self._link = open_as_companion(endpoint, system_id, key) if is_own else take_link(endpoint, key)
+        self._link = (
+            open_as_companion(endpoint, system_id, key) if is_own else take_link(endpoint, key)
+        )
         self._kinds: dict[str, int] = {}
         self.other_system_id: int | None = None  # of another autopilot that is heard here instead
 
@@ -99,7 +103,8 @@ class AutopilotLink:
         return (number >> 24 & 0xFF, number >> 16 & 0xFF) if number else None
 
     def sign(self, key: bytes | None) -> Signing:
-        """Sign from now on with a key, but hear also what is not signed with it: to see what PX4 does.
+        """Sign from now on with a key, but hear also what is not signed with it: to see what PX4
+        does.
 
         Args:
             key: None to send unsigned.
@@ -118,7 +123,9 @@ class AutopilotLink:
             key: None to have PX4 forget the one it has.
         """
         stamp = 0 if key is None else signing_time(time.time_ns())
-        self._link.mav.setup_signing_send(self.system_id, AUTOPILOT, list(key or bytes(KEY_BYTES)), stamp)
+        self._link.mav.setup_signing_send(
+            self.system_id, AUTOPILOT, list(key or bytes(KEY_BYTES)), stamp
+        )
 
     def listen(
         self,
@@ -181,7 +188,8 @@ class AutopilotLink:
         end_s = time.monotonic() + _LIST_S
         while time.monotonic() < end_s and not (count and len(values) == count):
             reply = self._next_value(_LIST_SILENT_S)
-            if reply is not None and reply.param_index < reply.param_count:  # not the hash, nor an answer by name
+            # not the hash, nor an answer by name
+            if reply is not None and reply.param_index < reply.param_count:
                 count = reply.param_count
                 values[reply.param_index] = reply.param_id, self._value(reply)
             elif reply is None and self.is_armed() is None:
@@ -216,9 +224,16 @@ class AutopilotLink:
             return None
         kind = self._kinds[name]
         # PX4 puts whole numbers bit by bit into the field of a float
-        sent = struct.unpack("<f", struct.pack("<i", round(value)))[0] if kind == _PARAM_INT32 else float(value)
+        sent = (
+            struct.unpack("<f", struct.pack("<i", round(value)))[0]
+            if kind == _PARAM_INT32
+            else float(value)
+        )
         told = self._value_after(
-            name, lambda: self._link.mav.param_set_send(self.system_id, AUTOPILOT, name.encode(), sent, kind)
+            name,
+            lambda: self._link.mav.param_set_send(
+                self.system_id, AUTOPILOT, name.encode(), sent, kind
+            ),
         )
         return told if told is not None else self.read(name)
 
@@ -235,7 +250,11 @@ class AutopilotLink:
         end_s = time.monotonic() + timeout_s
         while time.monotonic() < end_s:
             ack = self._link.recv_match(type="COMMAND_ACK", blocking=True, timeout=0.05)
-            if ack is not None and ack.get_srcSystem() == self.system_id and ack.command == _PREFLIGHT_STORAGE:
+            if (
+                ack is not None
+                and ack.get_srcSystem() == self.system_id
+                and ack.command == _PREFLIGHT_STORAGE
+            ):
                 return int(ack.result)
         return None
 
@@ -252,7 +271,9 @@ class AutopilotLink:
         self._link.mav.param_request_read_send(self.system_id, AUTOPILOT, name.encode(), -1)
 
     def _value_after(self, name: str, send: Callable[[], object]) -> Value | None:
-        """Return the value in PX4's reply to what ``send`` sends; None when PX4 lives and does not reply."""
+        """Return the value in PX4's reply to what ``send`` sends; None when PX4 lives and does not
+        reply.
+        """
         for _ in range(_ATTEMPTS):
             send()
             end_s = time.monotonic() + _ANSWER_S

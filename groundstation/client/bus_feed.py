@@ -1,8 +1,8 @@
 """The client's side of the bus: subscribes, and brings messages to the event loop in batches.
 
-Topics with many messages wait on the bus until the loop takes all of them, fifty times a second: waking up the loop for
-each message costs more than the message. Callbacks of all other topics come on threads of the bus; they only append to
-a bounded queue and wake up the loop once.
+Topics with many messages wait on the bus until the loop takes all of them, fifty times a second:
+waking up the loop for each message costs more than the message. Callbacks of all other topics come
+on threads of the bus; they only append to a bounded queue and wake up the loop once.
 """
 
 from __future__ import annotations
@@ -20,7 +20,8 @@ from onboard.bus.topics import Topic
 
 MAX_QUEUED = 20_000
 DELIVERY_PERIOD_S = 0.02
-FOLDED = (Topic.TELEMETRY, Topic.EVENT, Topic.TRUTH, Topic.PREFLIGHT)  # topics that the fleet's state is made of
+# topics that the fleet's state is made of
+FOLDED = (Topic.TELEMETRY, Topic.EVENT, Topic.TRUTH, Topic.PREFLIGHT)
 _COLLECTED = (Topic.TELEMETRY, Topic.TRUTH, Topic.STATE, Topic.TICK, Topic.MOCAP)
 
 Sink = Callable[[Topic, str, Message, int], None]
@@ -127,7 +128,8 @@ class BusFeed:
             self.call(self._drain)
 
     def call(self, function: Callable[..., None], *args: object) -> None:
-        """Call a function on the event loop; callable from any thread. Nothing is called after the loop has ended.
+        """Call a function on the event loop; callable from any thread. Nothing is called after the
+        loop has ended.
 
         Args:
             function: to call soon.
@@ -140,7 +142,7 @@ class BusFeed:
             except RuntimeError:
                 return  # the loop closed between the two lines
 
-    # -- threads of the bus ------------------------------------------------------------------------------------------
+    # -- threads of the bus ------------------------------------------------------------------------
 
     def _open(self) -> None:
         self.bus.start()
@@ -161,7 +163,7 @@ class BusFeed:
             if topic in FOLDED:
                 self.put(message)
 
-    # -- event loop --------------------------------------------------------------------------------------------------
+    # -- event loop --------------------------------------------------------------------------------
 
     def _deliver_periodically(self, loop: asyncio.AbstractEventLoop) -> None:
         self._delivery = loop.call_later(DELIVERY_PERIOD_S, self._deliver_periodically, loop)
@@ -169,7 +171,8 @@ class BusFeed:
         self.bus.deliver()
 
     def _drain(self) -> None:
-        self.bus.deliver()  # a listener that hears of an order's end finds the telemetry of that time in the state
+        # a listener that hears of an order's end finds the telemetry of that time in the state
+        self.bus.deliver()
         self._is_scheduled = False
         batch = [self._queue.popleft() for _ in range(len(self._queue))]
         if self._dropped:

@@ -1,6 +1,8 @@
-"""The ground's end of the bus: messages in, :class:`FleetState` out, orders with one result per vehicle.
+"""The ground's end of the bus: messages in, :class:`FleetState` out, orders with one result per
+vehicle.
 
-All public methods are for the event loop's thread, except where "callable from any thread" is written.
+All public methods are for the event loop's thread, except where "callable from any thread" is
+written.
 """
 
 from __future__ import annotations
@@ -25,7 +27,13 @@ from groundstation.fleet.tick_stream import BusTickStream
 from groundstation.orders.grammar import Intent, PathVerb, default_formation, parse
 from groundstation.orders.obstruction import explained
 from groundstation.orders.path_orders import path_orders
-from groundstation.orders.plan import HeldFormation, PlannedOrder, addressed, check_again, plan_order
+from groundstation.orders.plan import (
+    HeldFormation,
+    PlannedOrder,
+    addressed,
+    check_again,
+    plan_order,
+)
 from groundstation.orders.result import OrderResult, VehicleResult
 from onboard.bus.protocol import Bus
 from onboard.bus.schema import Event, FaultOrder, Message, PathOrder
@@ -46,7 +54,8 @@ class FleetClient:
         fleet: the fleet file.
         author: person or program that orders; written into every order and every record.
         operates: take control of the fleet when nobody has it; otherwise only watch.
-        bus: the bus to use; by default a session that connects to all agents and the emulator, and listens nowhere.
+        bus: the bus to use; by default a session that connects to all agents and the emulator, and
+            listens nowhere.
         extra_topics: topics for the sinks only, as the recorder's state, tick and mocap.
         send: sends land and kill straight to PX4.
         clock_ns: the ground's monotonic clock [ns].
@@ -71,7 +80,11 @@ class FleetClient:
         stall_clock_ns = clock_ns if bus.is_simulated else boot_clock_ns
         self._stall = OwnStall(stall_clock_ns)
         self._feed = BusFeed(
-            bus, self._take_batch, recorded=extra_topics, clock_ns=clock_ns, on_delivery=self.notice_own_stall
+            bus,
+            self._take_batch,
+            recorded=extra_topics,
+            clock_ns=clock_ns,
+            on_delivery=self.notice_own_stall,
         )
         self._orders = OpenOrders(
             fleet,
@@ -150,13 +163,16 @@ class FleetClient:
             state = self._state
             words = in_words(state.malformed, state.refused, state.dropped, state.late)
             if words:
-                self.publish_event("info", "messages", f"Messages that this ground did not use: {words}.")
+                self.publish_event(
+                    "info", "messages", f"Messages that this ground did not use: {words}."
+                )
             await self._orders.stop()
             self.tick_stream.stop()
             await self._feed.stop()
 
     def announce_recording(self, is_on: bool) -> None:
-        """Let the vehicles' preflight see whether this ground records; callable from any thread while the bus is open.
+        """Let the vehicles' preflight see whether this ground records; callable from any thread
+        while the bus is open.
 
         Args:
             is_on: whether it records now.
@@ -166,7 +182,8 @@ class FleetClient:
         (bus.claim if is_on else bus.release)(f"recorder-{bus.node}")
 
     def plan(self, order: Intent | str) -> PlannedOrder:
-        """Plan an order and check it against the fleet as known now; nothing is sent. Callable from any thread.
+        """Plan an order and check it against the fleet as known now; nothing is sent. Callable from
+        any thread.
 
         Args:
             order: an intent, or a line of the orders' grammar.
@@ -193,15 +210,22 @@ class FleetClient:
         )
 
     def order_paths(self, kind: PathVerb, paths: Mapping[str, PathOrder]) -> OrderResult:
-        """Send each vehicle a part of its path, or the start of it: see :mod:`groundstation.orders.path_orders`."""
+        """Send each vehicle a part of its path, or the start of it: see
+        :mod:`groundstation.orders.path_orders`.
+        """
         refusal, node = self.control.refusal("move"), self._feed.bus.node
         orders = path_orders(kind, paths, self.new_order_id, self.author, node, self._clock_ns())
         orders = addressed(orders, self._state)
         refusals = {} if refusal is None else dict.fromkeys(paths, refusal)
-        return self.send(PlannedOrder(Intent(kind, tuple(paths)), {} if refusals else orders, refusals, self._held))
+        return self.send(
+            PlannedOrder(
+                Intent(kind, tuple(paths)), {} if refusals else orders, refusals, self._held
+            )
+        )
 
     def check_again(self, planned: PlannedOrder) -> PlannedOrder:
-        """Check a planned order against the fleet as it is now, and stamp it anew: the fleet may have moved meanwhile.
+        """Check a planned order against the fleet as it is now, and stamp it anew: the fleet may
+        have moved meanwhile.
 
         Args:
             planned: of :meth:`plan`.
@@ -211,7 +235,11 @@ class FleetClient:
         """
         refusal = self.control.refusal(planned.intent.verb)
         if refusal is not None:
-            return replace(planned, orders={}, refusals={**dict.fromkeys(planned.orders, refusal), **planned.refusals})
+            return replace(
+                planned,
+                orders={},
+                refusals={**dict.fromkeys(planned.orders, refusal), **planned.refusals},
+            )
         return check_again(planned, self.fleet, self._state, self._clock_ns())
 
     def send(self, planned: PlannedOrder) -> OrderResult:
@@ -227,7 +255,10 @@ class FleetClient:
         return self._orders.send(planned)
 
     def notice_own_stall(self) -> None:
-        """Say so when this ground itself stood still, and note it in the state. Call it several times a second."""
+        """Say so when this ground itself stood still, and note it in the state.
+
+        Call it several times a second.
+        """
         gap_s = self._stall.look()
         if gap_s:
             sentence = (
@@ -238,13 +269,18 @@ class FleetClient:
             self.publish_event("warning", GROUND_STALLED, sentence)
 
     def may_start(self, vehicle: str) -> bool:
-        """Whether a vehicle may be starting: an order of this client to arm or take off goes on, or it reports one.
+        """Whether a vehicle may be starting: an order of this client to arm or take off goes on, or
+        it reports one.
 
         Args:
             vehicle: its name.
         """
         view = self._state.vehicles[vehicle]
-        kind = view.telemetry.order_kind if view.telemetry is not None and view.is_fresh(self._clock_ns()) else ""
+        kind = (
+            view.telemetry.order_kind
+            if view.telemetry is not None and view.is_fresh(self._clock_ns())
+            else ""
+        )
         return kind in _STARTS or self._orders.has_open(vehicle, _STARTS)
 
     async def submit(self, order: Intent | str) -> OrderResult:
@@ -262,7 +298,8 @@ class FleetClient:
         return self.submit_now(order)
 
     def submit_now(self, order: Intent | str) -> OrderResult:
-        """Plan an order and send it at once; callable from any thread, also while the event loop is busy.
+        """Plan an order and send it at once; callable from any thread, also while the event loop is
+        busy.
 
         Args:
             order: an intent, or a line of the orders' grammar.
@@ -275,7 +312,9 @@ class FleetClient:
         """
         return self.send(self.plan(order))
 
-    async def order(self, order: Intent | str, timeout_s: float | None = None) -> dict[str, VehicleResult]:
+    async def order(
+        self, order: Intent | str, timeout_s: float | None = None
+    ) -> dict[str, VehicleResult]:
         """Submit an order and wait for its end.
 
         Args:
@@ -316,7 +355,8 @@ class FleetClient:
             The emulator's sentence about the fault.
 
         Raises:
-            FaultRefused: the fault is impossible, or no emulator answers: a real flight has no faults to order.
+            FaultRefused: the fault is impossible, or no emulator answers: a real flight has no
+                faults to order.
         """
         order = FaultOrder(
             order_id=self.new_order_id(),
@@ -357,8 +397,11 @@ class FleetClient:
             return condition(self._state)
         return True
 
-    def publish_event(self, severity: str, code: str, sentence: str, vehicle: str = "ground") -> None:
-        """Put an event of the ground itself into the state, the log and the record; callable from any thread.
+    def publish_event(
+        self, severity: str, code: str, sentence: str, vehicle: str = "ground"
+    ) -> None:
+        """Put an event of the ground itself into the state, the log and the record; callable from
+        any thread.
 
         Args:
             severity: debug, info, warning or critical.
@@ -376,13 +419,16 @@ class FleetClient:
         self.tell(Topic.EVENT, vehicle, event)
 
     def tell(self, topic: Topic, vehicle: str, message: Message) -> None:
-        """Put a message of the ground itself into the state and the record; callable from any thread."""
+        """Put a message of the ground itself into the state and the record; callable from any
+        thread.
+        """
         self._feed.tell_sinks(topic, vehicle, message)
         self._feed.put(message)
 
     def new_order_id(self) -> str:
         """Return an id that no other order has."""
-        return f"{self._feed.bus.node}-{next(self._order_count)}"  # no other ground has this node's name
+        # no other ground has this node's name
+        return f"{self._feed.bus.node}-{next(self._order_count)}"
 
     def _take_batch(self, batch: Sequence[Received]) -> None:
         now_ns = self._clock_ns()

@@ -1,4 +1,5 @@
-"""The direct path to a vehicle: straight to PX4 over its ground link, past an agent that does not answer.
+"""The direct path to a vehicle: straight to PX4 over its ground link, past an agent that does not
+answer.
 
 Blocking: call it in a thread.
 """
@@ -25,7 +26,14 @@ from groundstation.fleet.own_stall import OwnStall, boot_clock_ns
 DirectKind = Literal["land", "kill"]
 _NAV_LAND, _ARM_DISARM, _FORCE = 21, 400, 21196.0
 _MODE_LAND = 4 << 16 | 6 << 24  # PX4's AUTO.LAND in HEARTBEAT.custom_mode
-_RESULTS = {0: "accepted", 1: "temporarily rejected", 2: "denied", 3: "unsupported", 4: "failed", 5: "in progress"}
+_RESULTS = {
+    0: "accepted",
+    1: "temporarily rejected",
+    2: "denied",
+    3: "unsupported",
+    4: "failed",
+    5: "in progress",
+}
 _ACCEPTED = (0, 5)
 _RETRY_S = 0.2
 
@@ -49,10 +57,12 @@ def send_direct(
     timeout_s: float = 3.0,
     watch_s: float = 0.0,
 ) -> DirectResult:
-    """Send one command over MAVLink until PX4's heartbeat shows its effect, then wait for PX4 to disarm.
+    """Send one command over MAVLink until PX4's heartbeat shows its effect, then wait for PX4 to
+    disarm.
 
-    The command is repeated every 0.2 s, whatever is answered: both commands may arrive twice without harm, and an
-    answer alone does not prove that the vehicle obeys. Messages of other senders are ignored.
+    The command is repeated every 0.2 s, whatever is answered: both commands may arrive twice
+    without harm, and an answer alone does not prove that the vehicle obeys. Messages of other
+    senders are ignored.
 
     Args:
         endpoint: PX4's ground link, as ``udpout://127.0.0.1:18570``.
@@ -68,7 +78,9 @@ def send_direct(
     try:
         link = take_link(endpoint, key)
     except (OSError, ValueError) as error:
-        return DirectResult(False, False, f"the direct endpoint {endpoint} cannot be opened ({error})", False)
+        return DirectResult(
+            False, False, f"the direct endpoint {endpoint} cannot be opened ({error})", False
+        )
     try:
         progress = _command(link, system_id, kind, timeout_s, watch_s)
     except OSError as error:
@@ -77,9 +89,19 @@ def send_direct(
         keep_link(endpoint, link)
     answer = progress.answer
     if answer is None and not progress.is_shown:
-        return DirectResult(False, False, f"PX4 did not answer at {endpoint} within {timeout_s:g} s either", False)
-    verb = "did not acknowledge" if answer is None else _RESULTS.get(answer, f"answered {answer} to")
-    ending = ", and it is disarmed" if progress.is_disarmed else ", and it lands" if progress.is_landing else ""
+        return DirectResult(
+            False, False, f"PX4 did not answer at {endpoint} within {timeout_s:g} s either", False
+        )
+    verb = (
+        "did not acknowledge" if answer is None else _RESULTS.get(answer, f"answered {answer} to")
+    )
+    ending = (
+        ", and it is disarmed"
+        if progress.is_disarmed
+        else ", and it lands"
+        if progress.is_landing
+        else ""
+    )
     return DirectResult(progress.is_accepted, progress.is_disarmed, f"PX4 {verb} it{ending}")
 
 
@@ -112,22 +134,33 @@ class _Progress:
                 self.answer = int(message.result)
         else:
             self.is_disarmed = not message.base_mode & ARMED_FLAG
-            self.is_landing = self._kind == "land" and (self.is_landing or message.custom_mode == _MODE_LAND)
+            self.is_landing = self._kind == "land" and (
+                self.is_landing or message.custom_mode == _MODE_LAND
+            )
 
 
-def _command(link: Any, system_id: int, kind: DirectKind, timeout_s: float, watch_s: float) -> _Progress:
+def _command(
+    link: Any, system_id: int, kind: DirectKind, timeout_s: float, watch_s: float
+) -> _Progress:
     nan = math.nan
-    params = (0.0, 0.0, 0.0, nan, nan, nan, nan) if kind == "land" else (0.0, _FORCE, 0.0, 0.0, 0.0, 0.0, 0.0)
+    params = (
+        (0.0, 0.0, 0.0, nan, nan, nan, nan)
+        if kind == "land"
+        else (0.0, _FORCE, 0.0, 0.0, 0.0, 0.0, 0.0)
+    )
     progress = _Progress(system_id, kind)
     is_watched = False
     next_send_s = next_beat_s = time.monotonic()
     end_s = next_send_s + timeout_s
     stall = OwnStall(boot_clock_ns)  # answers of that time are still to be read
-    while (now_s := time.monotonic()) < (end_s := end_s + stall.look()) and not progress.is_disarmed:
+    while (now_s := time.monotonic()) < (
+        end_s := end_s + stall.look()
+    ) and not progress.is_disarmed:
         if now_s >= next_beat_s:
             send_heartbeat(link)
             next_beat_s = now_s + 1.0
-        if now_s >= next_send_s and not progress.is_landing:  # a pilot may take over a landing that has begun
+        # a pilot may take over a landing that has begun
+        if now_s >= next_send_s and not progress.is_landing:
             link.mav.command_long_send(system_id, AUTOPILOT, progress.command, 0, *params)
             next_send_s = now_s + _RETRY_S
         message = link.recv_match(type=["COMMAND_ACK", "HEARTBEAT"], blocking=True, timeout=0.1)

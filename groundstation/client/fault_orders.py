@@ -35,7 +35,9 @@ async def order_fault(feed: BusFeed, order: FaultOrder) -> str:
         replies.append(reply)
         feed.call(replied.set)
 
-    feed.bus.fault(order, timeout_s=_TIMEOUT_S, on_reply=on_reply, on_end=lambda: feed.call(replied.set))
+    feed.bus.fault(
+        order, timeout_s=_TIMEOUT_S, on_reply=on_reply, on_end=lambda: feed.call(replied.set)
+    )
     await replied.wait()
     reply = next((reply for reply in replies if isinstance(reply, OrderReply)), None)
     if reply is None:

@@ -18,7 +18,8 @@ def session(fleet: FleetConfig, role: str = GROUND) -> BusSession:
 
     Args:
         fleet: its agents are connected to.
-        role: whether the node may order, or only watches: without one that may, vehicles land after a while.
+        role: whether the node may order, or only watches: without one that may, vehicles land after
+            a while.
     Returns:
         the node, not started.
     """

@@ -1,7 +1,8 @@
 """Links of this computer to an autopilot over MAVLink.
 
-The only file of the ground that imports pymavlink, and only when a link is opened. A link to PX4's ground link is kept
-for the next command. The vehicle's own link is opened as its agent would, and closed again: the agent comes back to it.
+The only file of the ground that imports pymavlink, and only when a link is opened. A link to PX4's
+ground link is kept for the next command. The vehicle's own link is opened as its agent would, and
+closed again: the agent comes back to it.
 """
 
 from __future__ import annotations
@@ -23,8 +24,9 @@ ARMED_FLAG = 128
 _GCS, _ONBOARD_CONTROLLER, _NO_AUTOPILOT = 6, 18, 8
 _MAX_DATAGRAM = 65_535
 
-# PX4 answers for ever to the address that sent to it first. So a link is kept for the next command, and every process
-# of this computer sends from the same port, which follows from PX4's; of several processes the newest gets the answers.
+# PX4 answers for ever to the address that sent to it first. So a link is kept for the next command,
+# and every process of this computer sends from the same port, which follows from PX4's; of several
+# processes the newest gets the answers.
 _FIRST_PORT, _PORTS = 10_000, 4_000
 _idle_links: dict[str, Any] = {}
 _opening = threading.Lock()  # pymavlink keeps its dialect in a module
@@ -44,7 +46,9 @@ def mavutil_address(endpoint: str) -> str:
     """
     match = re.fullmatch(r"(udpin|udpout|tcp)://(.+:\d+)", endpoint)
     if match is None:
-        raise ValueError(f"'{endpoint}' is no direct endpoint; write it as udpout://127.0.0.1:18570")
+        raise ValueError(
+            f"'{endpoint}' is no direct endpoint; write it as udpout://127.0.0.1:18570"
+        )
     return f"{match[1]}:{match[2]}"
 
 
@@ -54,16 +58,18 @@ def is_of_autopilot(message: Any, system_id: int) -> bool:
 
 
 def send_heartbeat(link: Any) -> None:
-    """Send a heartbeat: of a ground station, or of a companion computer on the vehicle's own link."""
+    """Send a heartbeat: of a ground station, or of a companion computer on the vehicle's own link.
+    """
     is_ground = link.source_system == GCS_SYSTEM
     link.mav.heartbeat_send(_GCS if is_ground else _ONBOARD_CONTROLLER, _NO_AUTOPILOT, 0, 0, 0)
 
 
 class Signing:
-    """Signing of one link, in the shape that pymavlink expects: timestamps follow the clock and never go back.
+    """Signing of one link, in the shape that pymavlink expects: timestamps follow the clock and
+    never go back.
 
-    Several programs of this computer send under the same link id, and PX4 refuses what is older than the newest of
-    them: a timestamp that only counts on would be refused for ever.
+    Several programs of this computer send under the same link id, and PX4 refuses what is older
+    than the newest of them: a timestamp that only counts on would be refused for ever.
 
     Args:
         key: of the vehicle; None for a link that neither signs nor checks.
@@ -75,7 +81,9 @@ class Signing:
         self.secret_key, self.link_id, self.sign_outgoing = key, link_id, key is not None
         self.allow_unsigned_callback = self._other
         self.stream_timestamps: dict[tuple[int, int, int], int] = {}
-        self.sig_count = self.badsig_count = self.goodsig_count = self.unsigned_count = self.reject_count = 0
+        self.sig_count = self.badsig_count = self.goodsig_count = self.unsigned_count = (
+            self.reject_count
+        ) = 0
         self._hears_all, self._newest = hears_all, 0
 
     @property
@@ -173,7 +181,9 @@ def _serial(endpoint: str, system_id: int) -> Any:
 
         mavutil.set_dialect("common")
     descriptor = open_serial(endpoint)
-    link = mavutil.mavfile(descriptor, endpoint, source_system=system_id, source_component=_COMPANION_COMPONENT)
+    link = mavutil.mavfile(
+        descriptor, endpoint, source_system=system_id, source_component=_COMPANION_COMPONENT
+    )
 
     def receive(count: int | None = None) -> bytes:
         try:
@@ -187,7 +197,9 @@ def _serial(endpoint: str, system_id: int) -> Any:
 
 
 def _receive_from_px4_only(link: Any) -> None:
-    """Drop datagrams of any other address: the port is predictable, and anybody could play the autopilot there."""
+    """Drop datagrams of any other address: the port is predictable, and anybody could play the
+    autopilot there.
+    """
     host, port = link.destination_addr
     px4 = (socket.gethostbyname(host), port)
 

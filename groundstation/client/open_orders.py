@@ -23,7 +23,8 @@ _KILL_EFFECT_S = 1.3  # PX4 reports that it is disarmed once a second
 _LINK_SILENT_S = 1.0  # age of PX4's last packet at the agent, after which its link counts as dead
 _WATCH_PERIOD_S = 0.05
 _WATCH_KILL_S, _WATCH_LAND_S = 2.0, 30.0  # wait so long for PX4 to report that it is disarmed
-LOST_END_S = 3.0  # a vehicle that followed an order, and goes on without it for so long, has ended it
+# a vehicle that followed an order, and goes on without it for so long, has ended it
+LOST_END_S = 3.0
 _DIRECT: dict[str, DirectKind] = {"land": "land", "kill": "kill"}
 
 SendDirect = Callable[..., DirectResult]  # as direct_mavlink.send_direct
@@ -74,8 +75,11 @@ class OpenOrders:
         for vehicle, order in planned.orders.items():
             self._open[order.order_id] = result
             self._feed.tell_sinks(Topic.ORDER, vehicle, order)
-        # all leave before the first wait: the last of a hundred must not stand behind the bookkeeping of the others
-        replied = {vehicle: self._send(result, vehicle, order) for vehicle, order in planned.orders.items()}
+        # all leave before the first wait: the last of a hundred must not stand behind the
+        # bookkeeping of the others
+        replied = {
+            vehicle: self._send(result, vehicle, order) for vehicle, order in planned.orders.items()
+        }
         for vehicle, event in replied.items():
             self._feed.call(self._begin_wait, result, vehicle, event)
         return result
@@ -89,7 +93,8 @@ class OpenOrders:
         """
         mine = [result for result in self._open.values() if vehicle in result.planned.orders]
         return any(
-            result.planned.orders[vehicle].kind in kinds and not result.results[vehicle].is_final for result in mine
+            result.planned.orders[vehicle].kind in kinds and not result.results[vehicle].is_final
+            for result in mine
         )
 
     def end(self, event: Event) -> None:
@@ -123,20 +128,30 @@ class OpenOrders:
                 self._feed.tell_sinks(Topic.ORDER, vehicle, reply)
             self._feed.call(self._take_reply, result, vehicle, reply, replied)
 
-        self._feed.bus.order(vehicle, order, timeout_s=REPLY_TIMEOUT_S, on_reply=on_reply, on_end=lambda: None)
+        self._feed.bus.order(
+            vehicle, order, timeout_s=REPLY_TIMEOUT_S, on_reply=on_reply, on_end=lambda: None
+        )
         return replied
 
     def _take_reply(
-        self, result: OrderResult, vehicle: str, reply: OrderReply | Malformed, replied: asyncio.Event
+        self,
+        result: OrderResult,
+        vehicle: str,
+        reply: OrderReply | Malformed,
+        replied: asyncio.Event,
     ) -> None:
         if isinstance(reply, Malformed):
             self._feed.put(reply)
         elif reply.vehicle == vehicle and reply.order_id == result.planned.orders[vehicle].order_id:
             replied.set()
             # a kill is refused only where it is not believed: whoever gives it here means it
-            is_refused_kill = not reply.is_accepted and result.planned.orders[vehicle].kind == "kill"
+            is_refused_kill = (
+                not reply.is_accepted and result.planned.orders[vehicle].kind == "kill"
+            )
             if result.results[vehicle].phase != "direct":
-                phase: Phase = "accepted" if reply.is_accepted else "direct" if is_refused_kill else "refused"
+                phase: Phase = (
+                    "accepted" if reply.is_accepted else "direct" if is_refused_kill else "refused"
+                )
                 result.update(vehicle, phase, reply.reason)
 
     def _begin_wait(self, result: OrderResult, vehicle: str, replied: asyncio.Event) -> None:
@@ -145,14 +160,17 @@ class OpenOrders:
         task.add_done_callback(self._tasks.discard)
 
     async def _follow(self, result: OrderResult, vehicle: str, replied: asyncio.Event) -> None:
-        """Wait for the reply, and for the effect of a land or kill; without them the order goes straight to PX4."""
+        """Wait for the reply, and for the effect of a land or kill; without them the order goes
+        straight to PX4.
+        """
         direct = _DIRECT.get(result.planned.orders[vehicle].kind)
         limit_s = self._fleet.fleet.direct_command_timeout_s
         if direct is None:
             limit_s = max(limit_s, REPLY_TIMEOUT_S)
         if not await self._has_replied(result, vehicle, replied, limit_s):
             problem = f"{vehicle}'s agent did not answer within {limit_s:g} s"
-            if direct == "kill" and self._views()[vehicle].is_airborne:  # an agent that accepts says this itself
+            # an agent that accepts says this itself
+            if direct == "kill" and self._views()[vehicle].is_airborne:
                 order = result.planned.orders[vehicle]
                 sentence = f"Killed in the air by order of {order.author} (from {order.node})."
                 self._publish_event("critical", "killed", sentence, vehicle)
@@ -169,13 +187,18 @@ class OpenOrders:
                 problem = await self._missing_effect(result, vehicle, direct)
         if direct is not None and problem:
             is_silent = not replied.is_set()
-            await self._send_to_px4(result, self._fleet.vehicles[vehicle], direct, problem, is_silent=is_silent)
+            await self._send_to_px4(
+                result, self._fleet.vehicles[vehicle], direct, problem, is_silent=is_silent
+            )
 
-    async def _has_replied(self, result: OrderResult, vehicle: str, replied: asyncio.Event, limit_s: float) -> bool:
+    async def _has_replied(
+        self, result: OrderResult, vehicle: str, replied: asyncio.Event, limit_s: float
+    ) -> bool:
         """Wait for a reply; a wait in which this ground itself stood still begins again.
 
         Returns:
-            Whether the agent has replied, or shows by its telemetry that it follows the order: a stall loses replies.
+            Whether the agent has replied, or shows by its telemetry that it follows the order: a
+                stall loses replies.
         """
         kind, has_stalled = result.planned.orders[vehicle].kind, False
         stall = OwnStall(self._stall_clock_ns)
@@ -186,7 +209,11 @@ class OpenOrders:
                 async with asyncio.timeout(limit_s):
                     await replied.wait()
             view = self._views()[vehicle]
-            follows = view.telemetry is not None and view.received_ns > begin_ns and view.telemetry.order_kind == kind
+            follows = (
+                view.telemetry is not None
+                and view.received_ns > begin_ns
+                and view.telemetry.order_kind == kind
+            )
             if replied.is_set() or result.results[vehicle].is_final or (has_stalled and follows):
                 return True
             if not stall.look(limit_s):
@@ -194,14 +221,17 @@ class OpenOrders:
             has_stalled = True
 
     async def _watch_for_lost_end(self, result: OrderResult, vehicle: str) -> None:
-        """End an accepted order that its vehicle does not follow any more: a link that broke has lost how it ended."""
+        """End an accepted order that its vehicle does not follow any more: a link that broke has
+        lost how it ended.
+        """
         order_id, has_followed, without_ns = result.planned.orders[vehicle].order_id, False, 0
         while not result.results[vehicle].is_final:
             await asyncio.sleep(0.1 * LOST_END_S)
             view, now_ns = self._views()[vehicle], self._feed.now_ns()
             told = view.telemetry
             if told is None or not view.is_fresh(now_ns):
-                without_ns = 0  # a vehicle that is heard again tells ends that were missed, a second later
+                # a vehicle that is heard again tells ends that were missed, a second later
+                without_ns = 0
                 continue
             if told.order_id == order_id:
                 has_followed, without_ns = True, 0
@@ -215,8 +245,8 @@ class OpenOrders:
     async def _missing_effect(self, result: OrderResult, vehicle: str, kind: DirectKind) -> str:
         """Watch an accepted land or kill.
 
-        A kill has its effect when the agent reports PX4's disarm. A landing takes its time: only a dead link between
-        agent and PX4 counts against it.
+        A kill has its effect when the agent reports PX4's disarm. A landing takes its time: only a
+        dead link between agent and PX4 counts against it.
 
         Returns:
             The reason to go straight to PX4; empty when the order has ended, or was refused.
@@ -231,7 +261,11 @@ class OpenOrders:
                 accepted_s, accepted_ns = loop.time(), self._feed.now_ns()
             view = self._views()[vehicle]
             telemetry = view.telemetry if view.received_ns > accepted_ns else None
-            if telemetry is not None and telemetry.is_armed and telemetry.autopilot_age_s > _LINK_SILENT_S:
+            if (
+                telemetry is not None
+                and telemetry.is_armed
+                and telemetry.autopilot_age_s > _LINK_SILENT_S
+            ):
                 return f"{accepted}, but it has not heard PX4 for {telemetry.autopilot_age_s:.1f} s"
             if kind == "kill" and loop.time() - accepted_s > _KILL_EFFECT_S:
                 return f"{accepted}, but the vehicle did not show it within {_KILL_EFFECT_S:g} s"
@@ -240,7 +274,13 @@ class OpenOrders:
         return ""
 
     async def _send_to_px4(
-        self, result: OrderResult, vehicle: Vehicle, kind: DirectKind, problem: str, *, is_silent: bool
+        self,
+        result: OrderResult,
+        vehicle: Vehicle,
+        kind: DirectKind,
+        problem: str,
+        *,
+        is_silent: bool,
     ) -> None:
         name = vehicle.name
         if vehicle.direct is None:
@@ -250,10 +290,20 @@ class OpenOrders:
         sentence = f"{problem}; {kind} goes straight to PX4 at {vehicle.direct}."
         result.update(name, "direct", sentence)
         self._publish_event("warning", "direct_command", sentence, name)
-        watch_s = _WATCH_KILL_S if kind == "kill" else _WATCH_LAND_S + descent_s(vehicle, self._views()[name])
+        watch_s = (
+            _WATCH_KILL_S
+            if kind == "kill"
+            else _WATCH_LAND_S + descent_s(vehicle, self._views()[name])
+        )
         key = {"key": self._mavlink_keys[name]} if name in self._mavlink_keys else {}
         answer = await asyncio.to_thread(
-            self._send_direct, vehicle.direct, vehicle.system_id, kind, **key, timeout_s=3.0, watch_s=watch_s
+            self._send_direct,
+            vehicle.direct,
+            vehicle.system_id,
+            kind,
+            **key,
+            timeout_s=3.0,
+            watch_s=watch_s,
         )
         sentence = f"{problem}; {kind} was sent straight to PX4: {answer.sentence}."
         phase: Phase = "done" if answer.is_disarmed else "failed"

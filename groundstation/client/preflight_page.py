@@ -1,4 +1,6 @@
-"""The preflight page: go or no-go of every vehicle as its agent judges it, and what only the ground can see."""
+"""The preflight page: go or no-go of every vehicle as its agent judges it, and what only the ground
+can see.
+"""
 
 from __future__ import annotations
 
@@ -58,7 +60,11 @@ def _of_files(name: str, telemetry: Telemetry, fleet: FleetConfig) -> list[PageL
         return [PageLine("ground's file", False, said, remedy)]
     if telemetry.law != fleet.law.name:
         said = f"{name} flies the law '{telemetry.law}' instead of the file's '{fleet.law.name}'."
-        return [PageLine("ground's file", True, said, "Restart its agent without --law to fly the file's.")]
+        return [
+            PageLine(
+                "ground's file", True, said, "Restart its agent without --law to fly the file's."
+            )
+        ]
     return []
 
 
@@ -75,10 +81,16 @@ def page_of(view: VehicleView, fleet: FleetConfig, now_ns: int) -> VehiclePage:
     """
     vehicle, telemetry = fleet.vehicles[view.name], view.telemetry
     if telemetry is None or not view.is_fresh(now_ns):
-        silent = PageLine("agent", False, f"{view.name}'s agent does not answer.", "Start it: covey agent.")
+        silent = PageLine(
+            "agent", False, f"{view.name}'s agent does not answer.", "Start it: covey agent."
+        )
         return VehiclePage(view.name, False, (silent,))
     lines = _of_files(view.name, telemetry, fleet)
-    if view.preflight is not None and view.has_preflight(now_ns) and view.preflight.boot_id == telemetry.boot_id:
+    if (
+        view.preflight is not None
+        and view.has_preflight(now_ns)
+        and view.preflight.boot_id == telemetry.boot_id
+    ):
         lines += [PageLine(*check) for check in view.preflight.checks]
     else:
         lines.append(
@@ -89,7 +101,12 @@ def page_of(view: VehicleView, fleet: FleetConfig, now_ns: int) -> VehiclePage:
                 "Wait until it has landed.",
             )
             if telemetry.is_airborne or telemetry.is_armed
-            else PageLine("report", False, "Its agent sends no report.", "Restart it with this version of Covey.")
+            else PageLine(
+                "report",
+                False,
+                "Its agent sends no report.",
+                "Restart it with this version of Covey.",
+            )
         )
     if vehicle.direct is None:
         lines.append(
@@ -101,11 +118,20 @@ def page_of(view: VehicleView, fleet: FleetConfig, now_ns: int) -> VehiclePage:
             )
         )
     else:
-        lines.append(PageLine("direct path", True, f"Kill and land can go straight to PX4 at {vehicle.direct}.", ""))
+        lines.append(
+            PageLine(
+                "direct path",
+                True,
+                f"Kill and land can go straight to PX4 at {vehicle.direct}.",
+                "",
+            )
+        )
     return VehiclePage(view.name, True, tuple(lines))
 
 
-def pages_of(state: FleetState, fleet: FleetConfig, names: Sequence[str], now_ns: int) -> tuple[VehiclePage, ...]:
+def pages_of(
+    state: FleetState, fleet: FleetConfig, names: Sequence[str], now_ns: int
+) -> tuple[VehiclePage, ...]:
     """Make the pages of several vehicles.
 
     Args:
@@ -119,7 +145,9 @@ def pages_of(state: FleetState, fleet: FleetConfig, names: Sequence[str], now_ns
     """
     pages = (page_of(state.vehicles[name], fleet, now_ns) for name in names)
     versions = _versions(state, fleet, names)
-    return tuple(replace(page, lines=(*page.lines, *versions)) if page.answers else page for page in pages)
+    return tuple(
+        replace(page, lines=(*page.lines, *versions)) if page.answers else page for page in pages
+    )
 
 
 def _versions(state: FleetState, fleet: FleetConfig, names: Sequence[str]) -> list[PageLine]:
@@ -132,11 +160,20 @@ def _versions(state: FleetState, fleet: FleetConfig, names: Sequence[str]) -> li
     if len(vehicles) < 2:
         return []
     words = {version: ".".join(map(str, version)) for version in sorted(vehicles)}
-    listed = "; ".join(f"v{word}: {', '.join(vehicles[version])}" for version, word in words.items())
+    listed = "; ".join(
+        f"v{word}: {', '.join(vehicles[version])}" for version, word in words.items()
+    )
     first, *_, last = words.values()
     said = f"This fleet has {len(vehicles)} versions of PX4: {listed}."
     remedy = "Each is asked for the parameters of its own version. What else differs: "
-    return [PageLine("versions", True, said, f"{remedy}covey px4 compare {first} {last} --fleet {fleet.path}.")]
+    return [
+        PageLine(
+            "versions",
+            True,
+            said,
+            f"{remedy}covey px4 compare {first} {last} --fleet {fleet.path}.",
+        )
+    ]
 
 
 def has_reported(state: FleetState, names: Sequence[str], now_ns: int) -> bool:
@@ -148,11 +185,16 @@ def has_reported(state: FleetState, names: Sequence[str], now_ns: int) -> bool:
         now_ns: the ground's monotonic clock [ns].
     """
     views = [state.vehicles[name] for name in names]
-    return all(view.has_preflight(now_ns) or (view.is_fresh(now_ns) and view.is_airborne) for view in views)
+    return all(
+        view.has_preflight(now_ns) or (view.is_fresh(now_ns) and view.is_airborne) for view in views
+    )
 
 
-def advice_of(state: FleetState, names: Sequence[str], *, is_recording: bool = False) -> dict[str, list[str]]:
-    """Collect the advice of the newest reports. A vehicle whose truth is known is simulated and needs no kill switch.
+def advice_of(
+    state: FleetState, names: Sequence[str], *, is_recording: bool = False
+) -> dict[str, list[str]]:
+    """Collect the advice of the newest reports. A vehicle whose truth is known is simulated and
+    needs no kill switch.
 
     Args:
         state: the fleet as known now.
@@ -189,7 +231,9 @@ def as_text(pages: Sequence[VehiclePage]) -> str:
         for line in page.lines:
             first = f"  {_MARKS[line.status]:<7}{plain_line(line.name):<{width}}  "
             text = plain_line(f"{line.sentence} {line.remedy}")
-            rows += textwrap.wrap(text, _WIDTH, initial_indent=first, subsequent_indent=" " * len(first))
+            rows += textwrap.wrap(
+                text, _WIDTH, initial_indent=first, subsequent_indent=" " * len(first)
+            )
     against = [
         f"{page.name} ({', '.join(plain_line(line.name) for line in page.lines if not line.is_ok)})"
         for page in pages

@@ -8,7 +8,9 @@ from groundstation.fleet.tick_stream import TickStream
 from groundstation.orders.grammar import Intent, OrderError
 from groundstation.orders.result import OrderResult
 
-REFUSAL = "This console only watches (--readonly): no order leaves it. Order from the operator's console."
+REFUSAL = (
+    "This console only watches (--readonly): no order leaves it. Order from the operator's console."
+)
 
 
 class ReadOnlyClient:

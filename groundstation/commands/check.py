@@ -1,11 +1,12 @@
-"""``covey check``: is a fleet or mission file right, and can it be flown as configured? Before anything starts.
+"""``covey check``: is a fleet or mission file right, and can it be flown as configured? Before
+anything starts.
 
 Examples:
   covey check configs/fleets/paper.toml
   covey check mission.toml --fleet fleet.toml --errors gps --json
 
-Exit status: 0 all can be flown (warnings may remain); 1 a finding refuses the flight; 2 a file is wrong.
-docs/check.md explains each finding.
+Exit status: 0 all can be flown (warnings may remain); 1 a finding refuses the flight; 2 a file is
+wrong. docs/check.md explains each finding.
 """
 
 from __future__ import annotations
@@ -32,7 +33,12 @@ from onboard.exit_status import EXIT_FAILED, EXIT_OK, EXIT_WRONG_INPUT
 from onboard.feasibility.airtime import airtime_finding
 from onboard.feasibility.bounds import ACCURACIES
 from onboard.feasibility.finding import Finding, worst_first
-from onboard.feasibility.fleet_checks import ErrorClass, error_class, fleet_findings, spacing_finding
+from onboard.feasibility.fleet_checks import (
+    ErrorClass,
+    error_class,
+    fleet_findings,
+    spacing_finding,
+)
 from onboard.neighbours.subscription import most_near
 from onboard.safety.limits import POSITION_LOST_S
 
@@ -61,7 +67,15 @@ def check(
             status = EXIT_WRONG_INPUT
             if json:
                 nothing = dict.fromkeys(field.name for field in fields(Finding))
-                rows.append({"file": path, **nothing, "name": "file", "status": "wrong", "sentence": str(error)})
+                rows.append(
+                    {
+                        "file": path,
+                        **nothing,
+                        "name": "file",
+                        "status": "wrong",
+                        "sentence": str(error),
+                    }
+                )
             print(f"covey: {error}", file=sys.stderr)
             continue
         if any(finding.status == "refused" for finding in findings):
@@ -90,7 +104,9 @@ def examine(
         if mission.is_python:
             load_function(mission)
         what = "Python" if mission.is_python else f"{len(mission.steps)} steps"
-        headline = f"{path}: a valid mission, {what}, for fleet '{fleet.fleet.name}' ({fleet.path})."
+        headline = (
+            f"{path}: a valid mission, {what}, for fleet '{fleet.fleet.name}' ({fleet.path})."
+        )
         of_fleet = (*fleet_findings(fleet, errors=errors), *_bus_findings(fleet))
         return headline, fleet, worst_first([*mission_findings(mission, errors), *of_fleet])
     fleet = load_fleet(path)
@@ -105,19 +121,32 @@ def examine(
         for name in fleet.shapes:
             slots = formation_slots(fleet, name)
             if len(slots) > 1:
-                findings = (*findings, spacing_finding(fleet, slots, f"formation '{name}'", accuracy))
+                findings = (
+                    *findings,
+                    spacing_finding(fleet, slots, f"formation '{name}'", accuracy),
+                )
     return headline, fleet, worst_first(findings)
 
 
 def _bus_findings(fleet: FleetConfig) -> list[Finding]:
-    """Return what the radio has to carry, and warnings: poses over routers, no keys where other computers reach it."""
+    """Return what the radio has to carry, and warnings: poses over routers, no keys where other
+    computers reach it.
+    """
     reached = [name for name in fleet.enabled_names if not is_loopback(fleet.vehicles[name].host)]
     findings = []
     if len(fleet.enabled_names) > 1 and (fleet.radio is not None or reached):
         starts = {name: fleet.vehicles[name].start_enu_m for name in fleet.enabled_names}
-        near = max(most_near(fleet, spots) for spots in (starts, *fleet.formations.values()) if len(spots) > 1)
+        near = max(
+            most_near(fleet, spots)
+            for spots in (starts, *fleet.formations.values())
+            if len(spots) > 1
+        )
         findings.append(airtime_finding(fleet, fleet.radio or RadioConfig(), near))
-    blind = [name for name in fleet.enabled_names if fleet.vehicles[name].mocap_required and not fleet.mocap.direct]
+    blind = [
+        name
+        for name in fleet.enabled_names
+        if fleet.vehicles[name].mocap_required and not fleet.mocap.direct
+    ]
     if fleet.fleet.routers and blind:
         findings.append(_router_finding(len(blind)))
     if fleet.has_keys or not reached:
@@ -129,7 +158,9 @@ def _bus_findings(fleet: FleetConfig) -> list[Finding]:
     )
     return [
         *findings,
-        Finding("keys of the bus", "warning", len(reached), 0.0, "vehicles", "at most", sentence, remedy),
+        Finding(
+            "keys of the bus", "warning", len(reached), 0.0, "vehicles", "at most", sentence, remedy
+        ),
     ]
 
 
@@ -139,10 +170,21 @@ def _router_finding(count: int) -> Finding:
         f"The poses of {_number(count, 'vehicle')} come over routers. When one dies, nothing comes for up to "
         f"{_ROUTER_GAP_S:g} s, and who has no poses for {POSITION_LOST_S:g} s lands. {remedy}"
     )
-    return Finding("poses over routers", "warning", _ROUTER_GAP_S, POSITION_LOST_S, "s", "at most", sentence, remedy)
+    return Finding(
+        "poses over routers",
+        "warning",
+        _ROUTER_GAP_S,
+        POSITION_LOST_S,
+        "s",
+        "at most",
+        sentence,
+        remedy,
+    )
 
 
-def _page(headline: str, fleet: FleetConfig, findings: Sequence[Finding], errors: ErrorClass | None) -> str:
+def _page(
+    headline: str, fleet: FleetConfig, findings: Sequence[Finding], errors: ErrorClass | None
+) -> str:
     """The findings as a list for people, the worst first, and the verdict."""
     width = max(60, min(shutil.get_terminal_size((120, 24)).columns, 120))
     name_width = max((len(finding.name) for finding in findings), default=0)
@@ -151,11 +193,18 @@ def _page(headline: str, fleet: FleetConfig, findings: Sequence[Finding], errors
     for finding in findings:
         mark = {"refused": "REFUSED", "warning": "warning", "ok": "ok"}[finding.status]
         first = f"{mark:<8} {finding.name:<{name_width}}  "
-        lines += textwrap.wrap(finding.sentence, width, initial_indent=first, subsequent_indent=indent)
-    counts = {status: sum(finding.status == status for finding in findings) for status in ("refused", "warning")}
+        lines += textwrap.wrap(
+            finding.sentence, width, initial_indent=first, subsequent_indent=indent
+        )
+    counts = {
+        status: sum(finding.status == status for finding in findings)
+        for status in ("refused", "warning")
+    }
     accuracy = f"with the accuracy of '{errors or error_class(fleet)}'"
     if counts["refused"]:
-        verdict = f"Do not fly this, {accuracy}: {_number(counts['refused'], 'finding')} against it."
+        verdict = (
+            f"Do not fly this, {accuracy}: {_number(counts['refused'], 'finding')} against it."
+        )
     elif counts["warning"]:
         verdict = f"This can be flown, {accuracy}, with {_number(counts['warning'], 'warning')}."
     else:

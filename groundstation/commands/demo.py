@@ -8,8 +8,8 @@ Examples:
   covey demo --lockstep --bus-loss 0.1
   covey demo --secure
 
-Exit status: 0 all came true; 1 an expectation failed; 2 wrong input, nothing started; 130 interrupted. Ctrl-C lands;
-a second one ends the processes that were started.
+Exit status: 0 all came true; 1 an expectation failed; 2 wrong input, nothing started; 130
+interrupted. Ctrl-C lands; a second one ends the processes that were started.
 """
 
 from __future__ import annotations
@@ -49,8 +49,8 @@ def demo(
     Args:
         mission: fly this mission instead
         vehicles: as many of the same drones form a ring instead
-        secure: with keys of its own: every link of the bus encrypted, both ends of it proven; so flies a fleet that
-            has keys anyway
+        secure: with keys of its own: every link of the bus encrypted, both ends of it proven; so
+            flies a fleet that has keys anyway
     """
     flown = mission or "paper" if vehicles is None else _made(mission, vehicles, options)
     if flown == "paper" and options.fleet is not None:
@@ -61,7 +61,9 @@ def demo(
                 f"for this fleet: covey demo --fleet {options.fleet} --mission FILE"
             )
     if secure and options.lockstep:
-        raise ConfigError("--secure is for the bus of real processes, and --lockstep has none. Leave one of them out.")
+        raise ConfigError(
+            "--secure is for the bus of real processes, and --lockstep has none. Leave one of them out."
+        )
     loaded = load_mission(flown, options.fleet) if isinstance(flown, str) else flown
     if options.lockstep or not (secure or loaded.fleet.has_keys):
         return fly_mission(loaded, options, bus, is_simulated=True, has_free_ports=True)
@@ -87,7 +89,9 @@ def _made(mission: str | None, vehicles: int, options: FlightOptions) -> Mission
     """Make a mission of as many vehicles."""
     for name, value in (("mission", mission), ("fleet", options.fleet)):
         if value is not None:
-            raise ConfigError(f"--vehicles makes a fleet and a mission of its own: leave --{name} out.")
+            raise ConfigError(
+                f"--vehicles makes a fleet and a mission of its own: leave --{name} out."
+            )
     if vehicles > most_agents() and not options.lockstep:
         raise ConfigError(
             f"--vehicles is {vehicles}; this machine flies up to {most_agents()} in real time. More of them fly in "

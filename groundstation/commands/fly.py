@@ -6,8 +6,8 @@ Examples:
   covey fly configs/missions/paper.toml --lockstep --law off
   covey fly my_mission.py --lockstep --arg height_m=1.5
 
-Exit status: 0 all that the mission declares came true; 1 something did not; 2 wrong input, nothing started;
-130 interrupted. Ctrl-C lands; a second one ends the processes that were started.
+Exit status: 0 all that the mission declares came true; 1 something did not; 2 wrong input, nothing
+started; 130 interrupted. Ctrl-C lands; a second one ends the processes that were started.
 """
 
 from __future__ import annotations
@@ -45,7 +45,12 @@ def fly(
 
 
 def fly_mission(
-    mission: Mission | str, options: FlightOptions, bus: BusOptions, *, is_simulated: bool, has_free_ports: bool
+    mission: Mission | str,
+    options: FlightOptions,
+    bus: BusOptions,
+    *,
+    is_simulated: bool,
+    has_free_ports: bool,
 ) -> int:
     """Fly a mission as the options say; the exit status.
 
@@ -76,7 +81,9 @@ def fly_mission(
     from sitl.lockstep.command import fly_mission as fly_in_lockstep
     from sitl.lockstep.connections import BusSettings
 
-    return fly_in_lockstep(settings.mission, settings.folder, seed=settings.seed, bus=BusSettings(**bus.given))
+    return fly_in_lockstep(
+        settings.mission, settings.folder, seed=settings.seed, bus=BusSettings(**bus.given)
+    )
 
 
 def _arguments(written: tuple[str, ...]) -> dict[str, str]:

@@ -48,7 +48,8 @@ def identify(
     json: bool = False,
     write: bool = False,
 ) -> int:
-    """Identify a vehicle's hover throttle, lag, drag and tilt error, and propose values for its type.
+    """Identify a vehicle's hover throttle, lag, drag and tilt error, and propose values for its
+    type.
 
     Args:
         record_dir: folder of a recorded flight: nothing is flown
@@ -63,20 +64,26 @@ def identify(
         write: put the values into the fleet file of --fleet; its comments stay
     """
     if write and (fleet is None or not Path(fleet).is_file()):
-        raise ConfigError("--write needs --fleet FILE, a fleet file of yours, to put the values into.")
+        raise ConfigError(
+            "--write needs --fleet FILE, a fleet file of yours, to put the values into."
+        )
     target = Path(fleet) if write and fleet is not None else None
     if record_dir is not None:
         if sitl:
             raise ConfigError("--sitl flies; a recorded flight needs no flying. Give one of them.")
         return identify_from_record(record_dir, fleet, vehicle, json, target)
     if fleet is None or vehicle is None:
-        raise ConfigError("Give --fleet FILE and --vehicle NAME to fly, or the folder of a recorded flight.")
+        raise ConfigError(
+            "Give --fleet FILE and --vehicle NAME to fly, or the folder of a recorded flight."
+        )
     if seed < 0:
         raise ConfigError(f"--seed is {seed}; it must be 0 or more.")
     if not box > 0.0:
         raise ConfigError(f"--box is {box}; it must be a width in metres above 0.")
     folder = (record or new_folder()).absolute()
-    path = _prepare_files(fleet, vehicle, folder, half_m=box, seed=seed, is_simulated=sitl, is_headless=headless)
+    path = _prepare_files(
+        fleet, vehicle, folder, half_m=box, seed=seed, is_simulated=sitl, is_headless=headless
+    )
     settings = prepare(
         str(folder / "mission.py"),
         folder,
@@ -90,22 +97,37 @@ def identify(
     say = clock_say() if not json else lambda line: print(line, file=sys.stderr, flush=True)
     status = asyncio.run(MissionFlight(settings, say=say).fly())
     if status != EXIT_OK:
-        print(f"The manoeuvre was not flown to its end; what there is lies in {folder}.", file=sys.stderr)
+        print(
+            f"The manoeuvre was not flown to its end; what there is lies in {folder}.",
+            file=sys.stderr,
+        )
         return status
     return identify_from_record(folder, None, vehicle, json, target)
 
 
 def _prepare_files(
-    fleet_path: str, vehicle: str, folder: Path, *, half_m: float, seed: int, is_simulated: bool, is_headless: bool
+    fleet_path: str,
+    vehicle: str,
+    folder: Path,
+    *,
+    half_m: float,
+    seed: int,
+    is_simulated: bool,
+    is_headless: bool,
 ) -> Path:
-    """Write the manoeuvre as a mission into the flight folder; returns the fleet file to fly with."""
+    """Write the manoeuvre as a mission into the flight folder; returns the fleet file to fly with.
+    """
     fleet = load_fleet(fleet_path)
     if vehicle not in fleet.enabled_names:
         raise ConfigError(
             f"'{vehicle}' is no enabled vehicle of '{fleet.fleet.name}': {', '.join(fleet.enabled_names)}."
         )
     path = folder / "fleet.toml" if is_simulated else Path(fleet_path).absolute()
-    files = {"mission.py": mission_text(path, vehicle, manoeuvre(fleet, vehicle, half_m=half_m, seed=seed))}
+    files = {
+        "mission.py": mission_text(
+            path, vehicle, manoeuvre(fleet, vehicle, half_m=half_m, seed=seed)
+        )
+    }
     if is_simulated:
         files["fleet.toml"] = one_alone(fleet, vehicle)
     open_folder(folder, files, is_headless=is_headless)
@@ -121,7 +143,11 @@ def one_alone(fleet: FleetConfig, name: str) -> str:
 
 
 def identify_from_record(
-    folder: Path, fleet_path: str | None, name: str | None, is_json: bool, target: Path | None = None
+    folder: Path,
+    fleet_path: str | None,
+    name: str | None,
+    is_json: bool,
+    target: Path | None = None,
 ) -> int:
     """Identify everybody who flew in a record, or one of them, and say it; the exit status.
 
@@ -132,7 +158,9 @@ def identify_from_record(
     fleet = load_fleet(fleet_path or path.parent / "fleet.toml")
     names = fleet.enabled_names if name is None else (name,)
     if name is not None and name not in fleet.vehicles:
-        raise ConfigError(f"'{name}' is no vehicle of fleet '{fleet.fleet.name}': {', '.join(fleet.vehicles)}.")
+        raise ConfigError(
+            f"'{name}' is no vehicle of fleet '{fleet.fleet.name}': {', '.join(fleet.vehicles)}."
+        )
     logs, refusals = logs_of(path, fleet, names), dict[str, str]()
     flown: list[IdentifiedVehicle] = []
     for one in names:
@@ -147,7 +175,10 @@ def identify_from_record(
     for one, why in refusals.items():
         print(f"{one} was not identified: {why}", file=sys.stderr)
     if is_json:
-        objects = [{"vehicle": each.vehicle.name, **asdict(each.identified), "rows": rows(each)} for each in flown]
+        objects = [
+            {"vehicle": each.vehicle.name, **asdict(each.identified), "rows": rows(each)}
+            for each in flown
+        ]
         print(dumps(objects, indent=2))
     elif flown:
         print(page(flown))
@@ -156,5 +187,7 @@ def identify_from_record(
 
         for text in toml_of_types(flown).values():
             write_changes(target, tomllib.loads(text))
-        print(f"Written into {target}. Look at it with covey check {target}; every computer needs this file.")
+        print(
+            f"Written into {target}. Look at it with covey check {target}; every computer needs this file."
+        )
     return EXIT_OK if flown else EXIT_FAILED

@@ -2,13 +2,13 @@
 
 Examples:
   covey init lab
-  covey init lab --vehicles 4 --position optitrack --mocap-host 192.168.1.2 --companions 192.168.1.11
-  covey init field --vehicles 3 --position gps --origin 47.3977,8.5456,489.4 --companions 10.0.0.11,10.0.0.12,10.0.0.20
-  covey init mine --law my_law
-  covey init sandbox --vehicles 6 --companions here --type ardrone
+  covey init lab --vehicles 4 --position optitrack --mocap-host 192.168.1.2 --companions
+  192.168.1.11 covey init field --vehicles 3 --position gps --origin 47.3977,8.5456,489.4
+  --companions 10.0.0.11,10.0.0.12,10.0.0.20 covey init mine --law my_law covey init sandbox
+  --vehicles 6 --companions here --type ardrone
 
-In a terminal it asks for what no option says; elsewhere it takes the defaults. Exit status: 0 written; 2 wrong input,
-nothing written.
+In a terminal it asks for what no option says; elsewhere it takes the defaults. Exit status: 0
+written; 2 wrong input, nothing written.
 """
 
 from __future__ import annotations
@@ -51,10 +51,12 @@ def init(
         folder: folder of the files
         name: of the fleet, a part of its names on the bus
         vehicles: how many
-        position: the motion capture indoors; "bus" for poses of a program of yours or of the emulator; "gps" outdoors
+        position: the motion capture indoors; "bus" for poses of a program of yours or of the
+            emulator; "gps" outdoors
         mocap_host: computer on which the motion capture's program runs
         origin: latitude, longitude and altitude of the fleet's 0, 0, 0 outdoors
-        companions: address of the first companion computer, which is counted up, or all with commas; "here" to simulate
+        companions: address of the first companion computer, which is counted up, or all with
+            commas; "here" to simulate
         autopilot: PX4 as each companion sees it
         spacing: distance of the take-off spots
         type: a type of the examples, or a new name
@@ -66,7 +68,9 @@ def init(
     law_paths = [] if law is None else [folder / f"{law_module(law)}.py", folder / f"test_{law}.py"]
     taken = [str(path) for path in [*paths, *law_paths] if path.exists()]
     if taken and not force:
-        raise ConfigError(f"{' and '.join(taken)} exist already. Name another folder, or overwrite with --force.")
+        raise ConfigError(
+            f"{' and '.join(taken)} exist already. Name another folder, or overwrite with --force."
+        )
     given: dict[str, Any] = {
         "name": name,
         "vehicles": vehicles,
@@ -92,13 +96,18 @@ def init(
     fleet_path, mission_path = paths
     print(f"Written: {fleet_path} for {len(made.fleet.vehicles)} vehicles, and {mission_path}.")
     if law is not None:
-        print(f"Written: {law_paths[0]}, a law of your own, and {law_paths[1]}. What it may do: docs/own-law.md.")
+        print(
+            f"Written: {law_paths[0]}, a law of your own, and {law_paths[1]}. What it may do: docs/own-law.md."
+        )
     print("Both have comments on what to measure and to look up. Next:")
     for command, what in (
         (f"covey check {mission_path}", "what can be flown, and how closely"),
         (f"covey fly {mission_path} --lockstep", "the flight in simulated time: seconds"),
         (f"covey fly {mission_path} --sitl", "the same with console, agents and emulated PX4s"),
-        (f"covey preflight --fleet {fleet_path}", "the real vehicles; first read docs/deployment.md"),
+        (
+            f"covey preflight --fleet {fleet_path}",
+            "the real vehicles; first read docs/deployment.md",
+        ),
     ):
         print(f"  {command:<50} {what}")
     return EXIT_OK
@@ -126,7 +135,10 @@ def _ask(answers: dict[str, Any]) -> None:
         ask("origin", "Latitude, longitude, altitude of the fleet's 0, 0, 0")
     elif answers["position"] != "bus":
         ask("mocap_host", "Address of the computer on which its program runs")
-    ask("companions", f"Address of the first companion computer, or all with commas ('{HERE}' to simulate)")
+    ask(
+        "companions",
+        f"Address of the first companion computer, or all with commas ('{HERE}' to simulate)",
+    )
     if answers["companions"] != HERE:
         ask("autopilot", "PX4 as each companion sees it")
     ask("type", f"Type of the vehicles ({', '.join(type_names())}, or a new name)")

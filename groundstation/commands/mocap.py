@@ -5,8 +5,9 @@ Examples:
   covey mocap --fleet fleet.toml --source vicon --hostname 192.168.1.5
   covey mocap --fleet fleet.toml --check
 
-Exit status: 0 stopped, or all is right at the end (every vehicle's body tracked; with --check its own one, and its
-stamps right); 1 something is not; 2 wrong input; 10 no body was seen. docs/mocap.md says more.
+Exit status: 0 stopped, or all is right at the end (every vehicle's body tracked; with --check its
+own one, and its stamps right); 1 something is not; 2 wrong input; 10 no body was seen.
+docs/mocap.md says more.
 """
 
 from __future__ import annotations

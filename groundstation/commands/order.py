@@ -1,4 +1,5 @@
-"""``covey order``: one order from a shell or a script, one line per vehicle, an exit status. No questions are asked.
+"""``covey order``: one order from a shell or a script, one line per vehicle, an exit status. No
+questions are asked.
 
 Examples, with the orders of the console:
   covey order --fleet fleet.toml takeoff all 1.0
@@ -7,9 +8,10 @@ Examples, with the orders of the console:
   covey order --fleet fleet.toml locate mav1
   covey order --fleet fleet.toml land all --json
 
-Nothing is shown ahead: covey check and the console do that. Land, hold and kill go at once, whoever operates; other
-orders need control, which is taken when nobody has it and given back at the end. Exit status: 0 every vehicle did it;
-1 none did; 2 wrong input, nothing sent; 10 nobody answered; 50 some did; 130 interrupted.
+Nothing is shown ahead: covey check and the console do that. Land, hold and kill go at once, whoever
+operates; other orders need control, which is taken when nobody has it and given back at the end.
+Exit status: 0 every vehicle did it; 1 none did; 2 wrong input, nothing sent; 10 nobody answered; 50
+some did; 130 interrupted.
 """
 
 from __future__ import annotations
@@ -53,7 +55,10 @@ def order(
         raise ConfigError(f"--timeout is {timeout:g}; give seconds between 0 and 3600.")
     results = asyncio.run(send(config, intent, timeout))
     if json:
-        rows = [{"vehicle": one.vehicle, "phase": one.phase, "sentence": one.sentence} for one in results.values()]
+        rows = [
+            {"vehicle": one.vehicle, "phase": one.phase, "sentence": one.sentence}
+            for one in results.values()
+        ]
         print(dumps(rows, indent=2))
         return exit_status(results)
     for one in results.values():
@@ -70,8 +75,12 @@ async def send(fleet: FleetConfig, intent: Intent, timeout_s: float) -> dict[str
 
         def is_heard(state: FleetState) -> bool:
             views = [state.vehicles[name] for name in intent.vehicles if name in state.vehicles]
-            knows_operator = client.control.is_operator or client.control.refusal(intent.verb) is not None
-            return all(view.telemetry is not None for view in views) and (intent.verb in EMERGENCY or knows_operator)
+            knows_operator = (
+                client.control.is_operator or client.control.refusal(intent.verb) is not None
+            )
+            return all(view.telemetry is not None for view in views) and (
+                intent.verb in EMERGENCY or knows_operator
+            )
 
         await client.wait_for(is_heard, CONNECT_S)
         return await client.order(intent, timeout_s)

@@ -13,7 +13,8 @@ FleetFile = Annotated[str, Parameter(metavar="FILE", help="fleet file")]
 Folder = Annotated[Path, Parameter(metavar="DIR")]
 Names = Annotated[str, Parameter(metavar="NAMES")]
 Seconds = Annotated[float, Parameter(metavar="S")]
-LawName = Annotated[str | None, Parameter(metavar="NAME")]  # covey, paper, off, or a law of one's own
+# covey, paper, off, or a law of one's own
+LawName = Annotated[str | None, Parameter(metavar="NAME")]
 
 _BUS = Parameter(group=Group("The bus of a flight in lockstep", sort_key=9), metavar="X")
 
@@ -42,7 +43,9 @@ class BusOptions:
     @property
     def given(self) -> dict[str, float]:
         """The options that were given, by the names of the lockstep bus's settings."""
-        values = {field.name.removeprefix("bus_"): getattr(self, field.name) for field in fields(self)}
+        values = {
+            field.name.removeprefix("bus_"): getattr(self, field.name) for field in fields(self)
+        }
         return {name: value for name, value in values.items() if value is not None}
 
 
@@ -60,7 +63,9 @@ class FlightOptions:
         arg: argument of a Python mission, NAME=VALUE; may be given several times
     """
 
-    fleet: Annotated[str | None, Parameter(metavar="FILE", help="fleet file instead of the mission's")] = None
+    fleet: Annotated[
+        str | None, Parameter(metavar="FILE", help="fleet file instead of the mission's")
+    ] = None
     headless: bool = False
     record: Folder | None = None
     law: LawName = None

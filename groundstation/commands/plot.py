@@ -3,7 +3,8 @@
 Example:
   covey plot flights/first
 
-Exit status: 0 all was drawn; 2 nothing can be drawn, or the record breaks off (what it has is drawn).
+Exit status: 0 all was drawn; 2 nothing can be drawn, or the record breaks off (what it has is
+drawn).
 """
 
 from __future__ import annotations
@@ -34,7 +35,9 @@ def plot(folder: Annotated[Path, Parameter(name="DIR")], /, *, out: Folder | Non
     try:
         paths, is_whole = draw(folder, out)
     except OSError as error:
-        raise ConfigError(f"the figures cannot be written: {error}. Give another place with --out.") from None
+        raise ConfigError(
+            f"the figures cannot be written: {error}. Give another place with --out."
+        ) from None
     for path in paths:
         print(path)
     if is_whole:
@@ -68,9 +71,18 @@ def draw(folder: Path, out: Path | None = None) -> tuple[list[Path], bool]:
         )
     target = out or home / "figures"
     target.mkdir(parents=True, exist_ok=True)
-    drawn = {"fig2_attitude": attitude, "fig4_plan": plan, "fig5_tracking": tracking, "fig6_avoidance": avoidance}
+    drawn = {
+        "fig2_attitude": attitude,
+        "fig4_plan": plan,
+        "fig5_tracking": tracking,
+        "fig6_avoidance": avoidance,
+    }
     with styled():
-        paths = [written for name, module in drawn.items() for written in save(module.draw(flight), target, name)]
+        paths = [
+            written
+            for name, module in drawn.items()
+            for written in save(module.draw(flight), target, name)
+        ]
     return paths, is_complete(path)
 
 
@@ -91,7 +103,10 @@ def _limits(home: Path) -> dict[str, float]:
                 is_fleet = "vehicles" in tomllib.load(file)
             if is_fleet:
                 fleet = load_fleet(path).fleet
-                return {"safety_distance_m": fleet.safety_distance_m, "height_share": fleet.height_share}
+                return {
+                    "safety_distance_m": fleet.safety_distance_m,
+                    "height_share": fleet.height_share,
+                }
         except (ConfigError, tomllib.TOMLDecodeError, UnicodeDecodeError):
             continue
     return {"safety_distance_m": _DEFAULT_SAFETY_DISTANCE_M}

@@ -5,8 +5,8 @@ Examples:
   covey preflight --fleet fleet.toml --vehicles mav0,mav2 --json
   covey preflight --fleet fleet.toml --wait 20 && covey fly mission.toml --fleet fleet.toml
 
-Exit status: 0 all are go; 1 at least one is not; 2 wrong input; 10 nobody answered. docs/preflight.md explains each
-check.
+Exit status: 0 all are go; 1 at least one is not; 2 wrong input; 10 nobody answered.
+docs/preflight.md explains each check.
 """
 
 from __future__ import annotations
@@ -33,16 +33,21 @@ def preflight(
         vehicles: only these: names or indices, a,b or 0-2 (default all)
         exclude: all but these
         timeout: wait so long for answers
-        wait: after their answers, so long until all are go: agents that have just started know little
+        wait: after their answers, so long until all are go: agents that have just started know
+            little
         json: one object instead of the page
     """
     config = load_fleet(fleet)
     names = config.select(vehicles, exclude)
     unknown = [name for name in names if name not in config.enabled_names]
     if unknown:
-        raise ConfigError(f"{unknown[0]} is not enabled in the fleet file. Set enabled = true to fly it.")
+        raise ConfigError(
+            f"{unknown[0]} is not enabled in the fleet file. Set enabled = true to fly it."
+        )
     if not names:
-        raise ConfigError("No vehicle is selected. Set enabled = true for one, or change --vehicles and --exclude.")
+        raise ConfigError(
+            "No vehicle is selected. Set enabled = true for one, or change --vehicles and --exclude."
+        )
     if not 0.0 < timeout <= 600.0:
         raise ConfigError(f"--timeout is {timeout:g}; give 0 to 600 s.")
     if not 0.0 <= wait <= 600.0:
@@ -52,7 +57,9 @@ def preflight(
     return exit_status(pages)
 
 
-async def _pages(fleet: FleetConfig, names: Sequence[str], timeout_s: float, wait_s: float) -> tuple[VehiclePage, ...]:
+async def _pages(
+    fleet: FleetConfig, names: Sequence[str], timeout_s: float, wait_s: float
+) -> tuple[VehiclePage, ...]:
     client = FleetClient(fleet, operates=False, bus=session(fleet, WATCHER))
     await client.start()
     try:

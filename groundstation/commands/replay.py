@@ -7,8 +7,8 @@ Examples:
   covey replay flights/first --csv flown
   covey replay flights/first --orders
 
-Keys: space play or pause; , and . one step; left and right 5 s; n and N next event and the one before; < and > speed;
-home and end. Exit status: 0; 2 when there is no record to open.
+Keys: space play or pause; , and . one step; left and right 5 s; n and N next event and the one
+before; < and > speed; home and end. Exit status: 0; 2 when there is no record to open.
 """
 
 from __future__ import annotations
@@ -51,13 +51,16 @@ def replay(
         headless: no console: print what happened
         json: with --headless: as JSON
         orders: no console: print who ordered what, when, the vehicle's answer, and how it ended
-        csv: no console: write t,x,y,z,yaw of each vehicle into this folder; docs/shows.md flies them again
+        csv: no console: write t,x,y,z,yaw of each vehicle into this folder; docs/shows.md flies
+            them again
     """
     if csv is not None:
         print(*write_csvs(flight, Path(csv)), sep="\n")
         return EXIT_OK
     if not SPEEDS[0] <= speed <= SPEEDS[-1]:
-        raise ConfigError(f"--speed is {speed:g}; it must lie between {SPEEDS[0]:g} and {SPEEDS[-1]:g}.")
+        raise ConfigError(
+            f"--speed is {speed:g}; it must lie between {SPEEDS[0]:g} and {SPEEDS[-1]:g}."
+        )
     if not 0.0 <= at < 1e9:
         raise ConfigError(f"--at is {at:g}; it must be a number of seconds, 0 or more.")
     config, timeline = open_flight(flight, fleet)

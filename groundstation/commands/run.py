@@ -1,15 +1,18 @@
-"""``covey run``: a Python script that connects with a fleet, in simulated time, with emulated PX4s, or as it is.
+"""``covey run``: a Python script that connects with a fleet, in simulated time, with emulated PX4s,
+or as it is.
 
 Examples:
   covey run script.py --fleet fleet.toml --lockstep
   covey run script.py --fleet fleet.toml --sitl -- --height 1.5
   covey run script.py --fleet fleet.toml --record flights/first
 
-The script uses groundstation.Fleet, groundstation.BlockingFleet or groundstation.crazyswarm: docs/python-api.md.
-Without --lockstep and --sitl it meets the agents that run. What follows -- goes to the script.
+The script uses groundstation.Fleet, groundstation.BlockingFleet or groundstation.crazyswarm:
+docs/python-api.md. Without --lockstep and --sitl it meets the agents that run. What follows -- goes
+to the script.
 
-Exit status: 0 the script has ended and all are down; 1 it failed, or somebody is not down; 2 wrong input, nothing
-started; 130 interrupted. Ctrl-C leaves the fleet in the state that the script declares; a second one ends at once.
+Exit status: 0 the script has ended and all are down; 1 it failed, or somebody is not down; 2 wrong
+input, nothing started; 130 interrupted. Ctrl-C leaves the fleet in the state that the script
+declares; a second one ends at once.
 """
 
 from __future__ import annotations
@@ -26,7 +29,12 @@ from cyclopts import Parameter
 
 from groundstation.commands.fly import new_folder
 from groundstation.commands.parameters import FleetFile, Folder, LawName
-from groundstation.commands.shared.flight import clock_say, open_folder, simulated_fleet, start_fleet
+from groundstation.commands.shared.flight import (
+    clock_say,
+    open_folder,
+    simulated_fleet,
+    start_fleet,
+)
 from groundstation.missions.connection import Host, RealTime, run_script
 from groundstation.missions.final_verdict import final_verdict
 from groundstation.missions.readiness import NotReady
@@ -66,7 +74,9 @@ def run(
     if lockstep and sitl:
         raise ConfigError("--lockstep and --sitl are two ways to simulate: give one.")
     if law is not None and not is_simulated:
-        raise ConfigError("--law is for simulated flights: agents that run already fly the law of their fleet file.")
+        raise ConfigError(
+            "--law is for simulated flights: agents that run already fly the law of their fleet file."
+        )
     if seed < 0:
         raise ConfigError(f"--seed is {seed}; it must be 0 or more.")
     folder = (record or new_folder()).absolute()
@@ -95,14 +105,20 @@ def _check(script: str) -> None:
     try:
         tree = ast.parse(Path(script).read_text(encoding="utf-8"), script)
     except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{script}: this script cannot be read ({error}). Check the path.") from None
+        raise ConfigError(
+            f"{script}: this script cannot be read ({error}). Check the path."
+        ) from None
     except (SyntaxError, ValueError) as error:
         raise ConfigError(f"{script}: not valid Python: {error}. Correct that line.") from None
     if any(isinstance(node, ast.AsyncFunctionDef) and node.name == "mission" for node in tree.body):
-        raise ConfigError(f"{script} is a mission, 'async def mission(fleet)'. Fly it with: covey fly {script}")
+        raise ConfigError(
+            f"{script} is a mission, 'async def mission(fleet)'. Fly it with: covey fly {script}"
+        )
 
 
-def _in_lockstep(script: str, arguments: tuple[str, ...], config: FleetConfig, folder: Path, seed: int) -> int:
+def _in_lockstep(
+    script: str, arguments: tuple[str, ...], config: FleetConfig, folder: Path, seed: int
+) -> int:
     from sitl.lockstep.flight import Lockstep
 
     with Lockstep(config, seed=seed, folder=folder) as flight:
@@ -111,7 +127,11 @@ def _in_lockstep(script: str, arguments: tuple[str, ...], config: FleetConfig, f
 
 
 def _fly(
-    script: str, arguments: Sequence[str], host: Host, folder: Path, run_it: Callable[..., None] | None = None
+    script: str,
+    arguments: Sequence[str],
+    host: Host,
+    folder: Path,
+    run_it: Callable[..., None] | None = None,
 ) -> int:
     """Run the script, print the verdict and the folder; the exit status."""
     status, failure = EXIT_OK, ""
@@ -123,7 +143,9 @@ def _fly(
     except (KeyboardInterrupt, asyncio.CancelledError):
         status = EXIT_INTERRUPTED
     except SystemExit as end:
-        status = end.code if isinstance(end.code, int) else EXIT_OK if end.code is None else EXIT_FAILED
+        status = (
+            end.code if isinstance(end.code, int) else EXIT_OK if end.code is None else EXIT_FAILED
+        )
         failure = f"The script has ended with status {end.code}." if status else ""
     except (ConfigError, NotReady, OrderFailed, TimeoutError) as error:
         status, failure = EXIT_FAILED, str(error)
@@ -131,7 +153,9 @@ def _fly(
         traceback.print_exc()
         status, failure = EXIT_FAILED, f"{type(error).__name__}: {error}"
     if host.flown is None:
-        words = failure or "The script has connected with no fleet: groundstation.Fleet.connect() does."
+        words = (
+            failure or "The script has connected with no fleet: groundstation.Fleet.connect() does."
+        )
         print(plain_lines(f"{script}: {words}"), file=sys.stderr)
         return status or EXIT_FAILED
     host.flown.failure = failure
@@ -139,7 +163,9 @@ def _fly(
     is_up = any(view.is_airborne for view in host.flown.state.vehicles.values())
     begin_ns, record_failure = host.end_record()
     expect = Expect(all_landed=not (is_up and host.at_end == "hold"))
-    verdict = final_verdict(host.flown, expect, folder, begin_ns=begin_ns, record_failure=record_failure)
+    verdict = final_verdict(
+        host.flown, expect, folder, begin_ns=begin_ns, record_failure=record_failure
+    )
     for line in verdict.sentences:
         print(plain_lines(line), flush=True)
     print(f"See it again: covey replay {folder}", flush=True)

@@ -6,10 +6,12 @@ Examples:
   covey simulate mix --seeds 200:242 --set law.rotation=never --json
   covey simulate --map --jobs 2
 
-With --map: cells over delay, loss, top speed and number of vehicles, a screening of each first. It can be interrupted,
-and goes on where it was. --cells AXIS=VALUES flies a part of it (vehicles, speed_m_s, delay_ms, loss_pct, errors).
+With --map: cells over delay, loss, top speed and number of vehicles, a screening of each first. It
+can be interrupted, and goes on where it was. --cells AXIS=VALUES flies a part of it (vehicles,
+speed_m_s, delay_ms, loss_pct, errors).
 
-Exit status: 0 all flights succeed without violation, no cell of a map fails; 1 otherwise; 2 wrong input.
+Exit status: 0 all flights succeed without violation, no cell of a map fails; 1 otherwise; 2 wrong
+input.
 """
 
 from __future__ import annotations
@@ -58,8 +60,8 @@ def simulate(
 ) -> int:
     """Fly a scenario once per seed, and say how often it succeeds and how near vehicles come.
 
-    The very control of the drone on the emulator's vehicles, with errors of the estimate, late and lost messages, gusts
-    and vehicles that differ from their type. Same seed, same digits.
+    The very control of the drone on the emulator's vehicles, with errors of the estimate, late and
+    lost messages, gusts and vehicles that differ from their type. Same seed, same digits.
 
     Args:
         scenario: one or several
@@ -84,20 +86,37 @@ def simulate(
     if jobs < 1:
         raise ConfigError(f"--jobs is {jobs}; it must be 1 or more.")
     if map:
-        if scenario or set or law or type or fleet or trace or plot or json or (seeds, errors, scale) != _FLOWN:
+        if (
+            scenario
+            or set
+            or law
+            or type
+            or fleet
+            or trace
+            or plot
+            or json
+            or (seeds, errors, scale) != _FLOWN
+        ):
             raise ConfigError(
                 "--map flies its own scenarios and values; of the other options it takes --jobs. Its cells are chosen "
                 "with --cells, for instance --cells errors=vision."
             )
         is_whole = fly_map(
-            map_file, selection=cells, least_flights=flights, jobs=jobs, scheduler=scheduler, is_anew=anew
+            map_file,
+            selection=cells,
+            least_flights=flights,
+            jobs=jobs,
+            scheduler=scheduler,
+            is_anew=anew,
         )
         return EXIT_OK if is_whole else EXIT_FAILED
     if not scenario:
         raise ConfigError(f"name a scenario, or --map. Known: {scenarios.KNOWN}.")
     names = scenarios.expand(scenario)
     wanted = _seeds(seeds)
-    setup = settings.setup_for(law=law, types=type, fleet_path=fleet, errors=errors, scale=scale, changes=set)
+    setup = settings.setup_for(
+        law=law, types=type, fleet_path=fleet, errors=errors, scale=scale, changes=set
+    )
     records = run(names, wanted, setup, jobs=jobs, is_json=json, trace_folder=trace, picture=plot)
     return EXIT_OK if all(results.is_flawless(values) for values in records) else EXIT_FAILED
 
@@ -105,9 +124,13 @@ def simulate(
 def _seeds(text: str) -> range:
     match = re.fullmatch(r"(\d{1,9})(?::(\d{1,9}))?", text)
     if not match:
-        raise ConfigError(f"--seeds is '{text}'; write it as A:B with 0 <= A < B, or as one number.")
+        raise ConfigError(
+            f"--seeds is '{text}'; write it as A:B with 0 <= A < B, or as one number."
+        )
     first = int(match[1])
     last = int(match[2]) if match[2] else first + 1
     if last <= first:
-        raise ConfigError(f"--seeds is '{text}', which holds no seed; write it as A:B with A < B (B is not flown).")
+        raise ConfigError(
+            f"--seeds is '{text}', which holds no seed; write it as A:B with A < B (B is not flown)."
+        )
     return range(first, last)

@@ -59,7 +59,8 @@ def sitl(
     """Emulate the PX4s of a fleet, with their vehicles.
 
     Args:
-        vehicles: names or indices, for instance mav0,mav2 or 0-1 (default: those with emulated = true, else all)
+        vehicles: names or indices, for instance mav0,mav2 or 0-1 (default: those with emulated =
+            true, else all)
         exclude: vehicles to leave out
         seed: seed of everything random
         mocap_noise_m: standard deviation of the emulated motion capture
@@ -67,9 +68,11 @@ def sitl(
         mocap_dropouts_per_s: marker losses per body and second
         mocap_dropout_s: length of a marker loss
         no_bus: MAVLink only: no motion capture, no ground truth
-        gcs: ground station that every vehicle streams to (default 127.0.0.1:14550 if the fleet uses PX4's ports)
+        gcs: ground station that every vehicle streams to (default 127.0.0.1:14550 if the fleet uses
+            PX4's ports)
         no_gcs: ground links answer only the program that speaks first
-        fault: inject a fault, for instance 'mav1 motor_dead at=20 motor=2'; may be given several times
+        fault: inject a fault, for instance 'mav1 motor_dead at=20 motor=2'; may be given several
+            times
         faults: list the faults and their parameters, and leave
         wind_m_s: steady wind
         gust_m_s: standard deviation of gusts
@@ -90,7 +93,9 @@ def sitl(
     config = load_fleet(fleet)
     names = _select(config, vehicles, exclude, has_poses=not no_bus)
     if not names or seed < 0:
-        raise ConfigError("there is nothing to emulate: select at least one vehicle, and a seed of 0 or more.")
+        raise ConfigError(
+            "there is nothing to emulate: select at least one vehicle, and a seed of 0 or more."
+        )
     wind = WindSettings(_wind(wind_m_s), gust_m_s, gust_s, common_gusts)
     if not all(0.0 <= value <= _LARGEST for value in (gust_m_s, gust_s, error_scale)):
         raise ConfigError("--gust-m-s, --gust-s and --error-scale must lie between 0 and 30.")
@@ -105,7 +110,9 @@ def sitl(
                 dropout_per_s=mocap_dropouts_per_s,
                 dropout_s=mocap_dropout_s,
             ),
-            bus=None if no_bus else simulator_bus(config, is_partial=set(names) != set(config.enabled_names)),
+            bus=None
+            if no_bus
+            else simulator_bus(config, is_partial=set(names) != set(config.enabled_names)),
             truth_offset_m=truth_offset_m,
             station=_station(config, names, gcs, is_silent=no_gcs),
             environment=Environment(wind, has_common_errors=common_errors, error_scale=error_scale),
@@ -118,7 +125,9 @@ def sitl(
     return EXIT_OK
 
 
-def _select(fleet: FleetConfig, vehicles: Names | None, exclude: str | None, *, has_poses: bool) -> tuple[str, ...]:
+def _select(
+    fleet: FleetConfig, vehicles: Names | None, exclude: str | None, *, has_poses: bool
+) -> tuple[str, ...]:
     """Return the vehicles to emulate: no body may get poses from two sources."""
     marked = fleet.emulated_names
     names = fleet.select(vehicles or marked, exclude)
@@ -141,8 +150,12 @@ def _wind(text: str) -> tuple[float, float, float]:
     return (east, north, 0.0)
 
 
-def _station(fleet: FleetConfig, names: Sequence[str], endpoint: str | None, *, is_silent: bool) -> Address | None:
-    """Return the ground station to stream to: the given one, or PX4's own where the fleet uses PX4's ports."""
+def _station(
+    fleet: FleetConfig, names: Sequence[str], endpoint: str | None, *, is_silent: bool
+) -> Address | None:
+    """Return the ground station to stream to: the given one, or PX4's own where the fleet uses
+    PX4's ports.
+    """
     if endpoint is not None:
         return station_of(endpoint)
     has_layout = any(ground_port_of(fleet.vehicles[name].autopilot) is not None for name in names)

@@ -5,8 +5,8 @@ Examples:
   covey sitl-check udpin://127.0.0.1:14540 --only quirk.heartbeat 'param.*' --json
   covey sitl-check --list
 
-Exit status: 0 all agree; 1 some differ; 2 wrong input; 10 nobody answered; 130 interrupted. Boot facts need a vehicle
-that is started while the check already waits.
+Exit status: 0 all agree; 1 some differ; 2 wrong input; 10 nobody answered; 130 interrupted. Boot
+facts need a vehicle that is started while the check already waits.
 """
 
 from __future__ import annotations
@@ -24,7 +24,15 @@ from onboard.config.fleet import ConfigError
 from onboard.config.mavlink_key import read_key
 from onboard.exit_status import EXIT_FAILED, EXIT_INTERRUPTED, EXIT_NO_ANSWER, EXIT_OK
 from sitl.conformance.endpoint import UdpPort
-from sitl.conformance.facts import VERSIONS, Fact, FactReport, FactResult, Verdict, facts_of, matching
+from sitl.conformance.facts import (
+    VERSIONS,
+    Fact,
+    FactReport,
+    FactResult,
+    Verdict,
+    facts_of,
+    matching,
+)
 from sitl.conformance.suite import FACTS, NobodyAnsweredError, Terms, check
 
 _ENDPOINT = re.compile(r"(udpin|udpout)://([^:/]*):(\d{1,5})")
@@ -46,22 +54,25 @@ def sitl_check(
     i_have_removed_the_propellers: bool = False,
     key: Annotated[Path | None, Parameter(metavar="FILE")] = None,
 ) -> int:
-    """Check fact by fact whether a MAVLink endpoint behaves as a real PX4 of its version was measured to.
+    """Check fact by fact whether a MAVLink endpoint behaves as a real PX4 of its version was
+    measured to.
 
-    Most facts need a flight: the vehicle is armed and flown up to 10 m high, by its own position estimate and in any
-    direction, but only if it is simulated. Parameters and rates are put back at the end.
+    Most facts need a flight: the vehicle is armed and flown up to 10 m high, by its own position
+    estimate and in any direction, but only if it is simulated. Parameters and rates are put back at
+    the end.
 
     Args:
         endpoint: udpin://HOST:PORT or udpout://HOST:PORT
         gcs: also check the ground station's link (udpin://127.0.0.1:14550)
-        sih: also check the link on which the simulator shows viewers the true state (udpin://127.0.0.1:19410)
+        sih: also check the link on which the simulator shows viewers the true state
+            (udpin://127.0.0.1:19410)
         px4: version to judge by; auto: the one that it reports
         only: facts or topics, also with * and ?
         list: say which facts would be checked, and end
         json: findings as JSON on stdout, progress on stderr
         wait: for the first message
-        from_elsewhere: speak first from another port than ENDPOINT's, to see the stream move there; the vehicle is
-            locked to that port until it restarts
+        from_elsewhere: speak first from another port than ENDPOINT's, to see the stream move there;
+            the vehicle is locked to that port until it restarts
         i_have_removed_the_propellers: turn motors even if the vehicle does not look simulated
         key: sign with the key of MAVLink signing that the vehicle has, as keys/NAME.mavlink.key
     """
@@ -72,7 +83,9 @@ def sitl_check(
         print(f"{len(facts)} facts")
         return EXIT_OK
     if endpoint is None:
-        raise ConfigError("which endpoint? For instance udpin://127.0.0.1:14540, PX4's first onboard link.")
+        raise ConfigError(
+            "which endpoint? For instance udpin://127.0.0.1:14540, PX4's first onboard link."
+        )
     port = _open(endpoint)
     ground = simulator = None
     try:
@@ -93,13 +106,17 @@ def _facts(patterns: tuple[str, ...], px4: str) -> dict[str, Fact]:
         return matching(facts_of(VERSIONS[0] if px4 == "auto" else px4, FACTS).values(), patterns)
     except KeyError as error:
         topics = ", ".join(sorted({fact.name.partition(".")[0] for fact in FACTS}))
-        raise ConfigError(f"no fact is called {error.args[0]!r}. Topics: {topics}; all names: --list.") from None
+        raise ConfigError(
+            f"no fact is called {error.args[0]!r}. Topics: {topics}; all names: --list."
+        ) from None
 
 
 def _open(endpoint: str) -> UdpPort:
     match = _ENDPOINT.fullmatch(endpoint)
     if match is None or not 0 < int(match[3]) < 65536:
-        raise ConfigError(f"{endpoint!r} is no endpoint. Use udpin://127.0.0.1:14540 or udpout://127.0.0.1:18570.")
+        raise ConfigError(
+            f"{endpoint!r} is no endpoint. Use udpin://127.0.0.1:14540 or udpout://127.0.0.1:18570."
+        )
     address = (match[2] or "0.0.0.0", int(match[3]))
     try:
         return UdpPort(address, None) if match[1] == "udpin" else UdpPort(None, address)
@@ -128,7 +145,9 @@ def _check(
     def show(result: FactResult) -> None:
         reason = f"   {result.reason}" if result.reason else ""
         expected = result.fact.expected
-        say(f"{_MARKS[result.verdict]} {result.fact.name:38} {result.measured}   expected {expected}{reason}")
+        say(
+            f"{_MARKS[result.verdict]} {result.fact.name:38} {result.measured}   expected {expected}{reason}"
+        )
 
     report.show = show
     say(f"{len(report.facts)} facts at {endpoint}; all of them take some five minutes and a flight")

@@ -1,4 +1,5 @@
-"""``covey sitl-truth``: ground truth of real PX4s with their built-in simulator (SIH) on the fleet's bus.
+"""``covey sitl-truth``: ground truth of real PX4s with their built-in simulator (SIH) on the
+fleet's bus.
 
 Example:
   covey sitl-truth --fleet configs/fleets/px4-sitl.toml
@@ -16,7 +17,8 @@ from sitl.sih_truth import run
 
 
 def sitl_truth(*, fleet: FleetFile, vehicles: Names | None = None, mocap: bool = False) -> int:
-    """Put the ground truth of real PX4s (SITL with SIH) on the fleet's bus, for verdicts and records.
+    """Put the ground truth of real PX4s (SITL with SIH) on the fleet's bus, for verdicts and
+    records.
 
     Args:
         vehicles: names or indices (default: all enabled that are not emulated)

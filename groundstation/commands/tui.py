@@ -4,7 +4,8 @@ Examples:
   covey tui --fleet configs/fleets/paper.toml
   covey tui --fleet fleet.toml --view
 
-The console ends with q; a fleet that flies goes on flying. Exit status: 0; 2 wrong input or no terminal.
+The console ends with q; a fleet that flies goes on flying. Exit status: 0; 2 wrong input or no
+terminal.
 """
 
 from __future__ import annotations
@@ -22,7 +23,12 @@ from onboard.config.fleet import ConfigError, load_fleet
 
 
 def tui(
-    *, fleet: FleetFile, readonly: bool = False, bell: bool = False, view: bool = False, no_preview: bool = False
+    *,
+    fleet: FleetFile,
+    readonly: bool = False,
+    bell: bool = False,
+    view: bool = False,
+    no_preview: bool = False,
 ) -> int:
     """Attach the console to a fleet.
 
@@ -39,7 +45,9 @@ def tui(
 
     async def attach() -> int:
         client = FleetClient(
-            config, operates=not (view or readonly), bus=session(config, WATCHER) if readonly else None
+            config,
+            operates=not (view or readonly),
+            bus=session(config, WATCHER) if readonly else None,
         )
         try:
             console = ConsoleApp(
@@ -63,5 +71,8 @@ def require_terminal(remedy: str = "") -> None:
     Raises:
         ConfigError: the output is no terminal, and no browser's page either.
     """
-    if not (sys.stdout.isatty() or "TEXTUAL_DRIVER" in os.environ):  # in a browser the page is the terminal
-        raise ConfigError(f"The console needs a terminal, and this output is none. {remedy}".rstrip())
+    # in a browser the page is the terminal
+    if not (sys.stdout.isatty() or "TEXTUAL_DRIVER" in os.environ):
+        raise ConfigError(
+            f"The console needs a terminal, and this output is none. {remedy}".rstrip()
+        )

@@ -33,20 +33,23 @@ def web(
 ) -> int:
     """Show the console in a browser of this machine.
 
-    Pages only watch unless --operate is given: nothing that is pressed in them reaches a vehicle. Nothing is loaded
-    from the internet.
+    Pages only watch unless --operate is given: nothing that is pressed in them reaches a vehicle.
+    Nothing is loaded from the internet.
 
     Args:
         fleet: watch the fleet of this file
         replay: play a recorded flight; each page plays for itself
-        operate: pages may give orders, one operator at a time; the printed address has a key, new at every start
+        operate: pages may give orders, one operator at a time; the printed address has a key, new
+            at every start
         port: 0 takes any
         host: a loopback address
     """
     if not 0 <= port <= 65535:
         raise ConfigError(f"--port {port}: ports lie between 0 and 65535.")
     if replay and operate:
-        raise ConfigError("--operate is for a fleet that flies; in a replay nothing can be ordered. Leave it out.")
+        raise ConfigError(
+            "--operate is for a fleet that flies; in a replay nothing can be ordered. Leave it out."
+        )
     require_loopback(host)
     if fleet and not replay:
         words, title = _fleet(fleet, can_order=operate)

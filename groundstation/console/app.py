@@ -1,4 +1,6 @@
-"""The console's app: owns the objects that do the work, gives each its keys, and refreshes eight times a second."""
+"""The console's app: owns the objects that do the work, gives each its keys, and refreshes eight
+times a second.
+"""
 
 from __future__ import annotations
 
@@ -42,7 +44,8 @@ from onboard.bus.schema import LOCATE
 from onboard.config.fleet import FleetConfig
 
 REFRESH_S = 0.125
-SWITCH_S = 0.0005  # a thread that waits for Python's lock gets it soon: the emergency keys while the loop draws
+# a thread that waits for Python's lock gets it soon: the emergency keys while the loop draws
+SWITCH_S = 0.0005
 
 
 class ConsoleApp(App[int]):
@@ -113,10 +116,16 @@ class ConsoleApp(App[int]):
         self.history = History(fleet.fleet.battery_land_pct / 100.0)
         self.panels = Panels(fleet, self.history)
         self.filters = TerminalFilters()
-        self.orders = OrderEntry(self, fleet, client, self.panels, forecaster=forecaster, refresh=self.refresh_fleet)
-        self.mission = MissionRun(self, self.panels, mission=mission, connect=connect, progress=progress)
+        self.orders = OrderEntry(
+            self, fleet, client, self.panels, forecaster=forecaster, refresh=self.refresh_fleet
+        )
+        self.mission = MissionRun(
+            self, self.panels, mission=mission, connect=connect, progress=progress
+        )
         self.orders.missions = MissionOrders(client, self.mission.begin)
-        self.shutdown = Shutdown(self, fleet, client, self.orders, self.mission, self.terminal, self._warn)
+        self.shutdown = Shutdown(
+            self, fleet, client, self.orders, self.mission, self.terminal, self._warn
+        )
         self._newest_event: LoggedEvent | None = None  # of those that stand in the log
 
     def compose(self) -> ComposeResult:
@@ -135,7 +144,9 @@ class ConsoleApp(App[int]):
             self.orders.warm_up()
             sys.setswitchinterval(SWITCH_S)
             gc.collect()
-            gc.freeze()  # a collection of all that was loaded takes as long as a key may take to come to the screen
+            # a collection of all that was loaded takes as long as a key may take to come to the
+            # screen
+            gc.freeze()
         self.mission.start()
 
     async def on_unmount(self) -> None:
@@ -147,11 +158,12 @@ class ConsoleApp(App[int]):
         """Show the console until the operator quits.
 
         Returns:
-            The exit status: the verdict's, 0 without a mission, 130 when the operator cut the mission short.
+            The exit status: the verdict's, 0 without a mission, 130 when the operator cut the
+                mission short.
         """
         return await self.run_async() or 0
 
-    # -- the terminal ------------------------------------------------------------------------------------------------
+    # -- the terminal ------------------------------------------------------------------------------
 
     def get_driver_class(self) -> type[Driver]:
         """Return a driver that does not let an emergency key wait."""
@@ -172,14 +184,17 @@ class ConsoleApp(App[int]):
     def _arrange(self, width: int, height: int, alone: str | None = None) -> None:
         screen = self.screen_stack[0]
         if alone is None:
-            alone = next((name.removeprefix("only-") for name in screen.classes if name.startswith("only-")), "")
+            alone = next(
+                (name.removeprefix("only-") for name in screen.classes if name.startswith("only-")),
+                "",
+            )
         screen.set_class(height < LOW, "low")
         screen.set_class(width < NARROW, "narrow")
         count, fence = len(self.client.state.vehicles), self.fleet.fleet.geofence_m
         table, plan = self.panels.table, self.panels.plan
         table.styles.height, plan.styles.width = rooms(width, height, count, fence, alone)
 
-    # -- the picture -------------------------------------------------------------------------------------------------
+    # -- the picture -------------------------------------------------------------------------------
 
     def refresh_fleet(self) -> None:
         """Draw the fleet as it is now."""
@@ -192,8 +207,12 @@ class ConsoleApp(App[int]):
         panels.plan.show(state, now_ns, panels.table.selected, panels.table.marked)
         panels.separation.show(state, now_ns)
         heard = sum(view.is_fresh(now_ns) for view in state.vehicles.values())
-        right = self.shutdown.text or self.orders.short(self.mission.text(self._flight_clock(now_ns)))
-        panels.title.show(self.fleet_title, heard, len(state.vehicles), len(state.airborne_names), right)
+        right = self.shutdown.text or self.orders.short(
+            self.mission.text(self._flight_clock(now_ns))
+        )
+        panels.title.show(
+            self.fleet_title, heard, len(state.vehicles), len(state.airborne_names), right
+        )
         self.alarms.update(state, now_ns)
         if self.has_bell and self.alarms.has_new:
             self.bell()
@@ -201,7 +220,10 @@ class ConsoleApp(App[int]):
         front = self.screen_stack[-1] if self.screen_stack else None
         if isinstance(front, LiveScreen):
             front.show_fleet(state, now_ns)
-        for bar in (panels.status, *([front.status] if isinstance(front, LiveScreen | Dialog) else [])):
+        for bar in (
+            panels.status,
+            *([front.status] if isinstance(front, LiveScreen | Dialog) else []),
+        ):
             bar.show(self.alarms, now_ns, self.orders.armed_kill, can_order=self.orders.can_order)
         self.shutdown.update()
 
@@ -217,7 +239,9 @@ class ConsoleApp(App[int]):
                 continue
             if event.code in LOCATE:
                 self.panels.table.blink(event.vehicle)
-            sign = PHASE_SIGNS.get(event.order_outcome) or SEVERITY_SIGNS.get(event.severity, SEVERITY_SIGNS["info"])
+            sign = PHASE_SIGNS.get(event.order_outcome) or SEVERITY_SIGNS.get(
+                event.severity, SEVERITY_SIGNS["info"]
+            )
             vehicle = "" if event.vehicle == "ground" else event.vehicle
             sentence, stamp = self.orders.short(event.sentence), self.time_text(logged.received_ns)
             entries.append(LogEntry.of(sentence, sign, vehicle=vehicle, stamp=stamp))
@@ -238,7 +262,7 @@ class ConsoleApp(App[int]):
         ago_s = (self.client.now_ns() - received_ns) * 1e-9
         return time.strftime("%H:%M:%S", time.localtime(time.time() - ago_s))
 
-    # -- orders ------------------------------------------------------------------------------------------------------
+    # -- orders ------------------------------------------------------------------------------------
 
     async def on_input_submitted(self, message: Input.Submitted) -> None:
         """Carry out a written order."""
@@ -276,7 +300,7 @@ class ConsoleApp(App[int]):
         """Give control to the ground that asks for it, or keep it."""
         self.orders.answer_request(answer)
 
-    # -- mission and leaving -----------------------------------------------------------------------------------------
+    # -- mission and leaving -----------------------------------------------------------------------
 
     def on_worker_state_changed(self, event: Worker.StateChanged) -> None:
         """Show why the mission or the connection broke."""
@@ -294,7 +318,7 @@ class ConsoleApp(App[int]):
         """Land and leave; a second time at once."""
         await self.shutdown.interrupt()
 
-    # -- views -------------------------------------------------------------------------------------------------------
+    # -- views -------------------------------------------------------------------------------------
 
     def action_help(self) -> None:
         """Show the keys."""
@@ -322,7 +346,11 @@ class ConsoleApp(App[int]):
         """Show everything about the vehicle under the cursor."""
         table = self.panels.table
         if table.selected is not None and len(self.screen_stack) == 1:
-            self.push_screen(VehicleScreen(self.fleet, self.alarms, self.client.tick_stream, table, self.time_text))
+            self.push_screen(
+                VehicleScreen(
+                    self.fleet, self.alarms, self.client.tick_stream, table, self.time_text
+                )
+            )
             self.refresh_fleet()
 
     async def action_back(self) -> None:

@@ -1,4 +1,6 @@
-"""A drawing surface of braille dots on numpy: 2 x 4 dots and one colour per terminal cell, with text on top."""
+"""A drawing surface of braille dots on numpy: 2 x 4 dots and one colour per terminal cell, with
+text on top.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,10 @@ _TAIL = 0x10FFFF  # second cell of a wide character: taken, and not written
 
 
 class Canvas:
-    """Dots and text on ``width`` x ``height`` cells. Dot coordinates: x right, y down, origin top left."""
+    """Dots and text on ``width`` x ``height`` cells.
+
+    Dot coordinates: x right, y down, origin top left.
+    """
 
     def __init__(self, width: int, height: int) -> None:
         self.width, self.height = max(1, width), max(1, height)
@@ -31,20 +36,27 @@ class Canvas:
         self._chars = np.zeros((self.height, self.width), np.uint32)  # 0: no text here
 
     def dots(self, x: Array, y: Array, colour: str) -> None:
-        """Set dots x, y (n,); dots outside and not finite ones are left out. The last colour of a cell wins."""
+        """Set dots x, y (n,); dots outside and not finite ones are left out. The last colour of a
+        cell wins.
+        """
         with np.errstate(invalid="ignore"):
-            fits = (x >= 0) & (x < 2 * self.width) & (y >= 0) & (y < 4 * self.height)  # false for nan
+            # false for nan
+            fits = (x >= 0) & (x < 2 * self.width) & (y >= 0) & (y < 4 * self.height)
         columns, rows = x[fits].astype(np.int64), y[fits].astype(np.int64)
         np.bitwise_or.at(self.cells, (rows >> 2, columns >> 1), _BITS[rows & 3, columns & 1])
         self.colours[rows >> 2, columns >> 1] = _index(colour, False)
 
-    def line(self, start: tuple[float, float], end: tuple[float, float], colour: str, gap: int = 1) -> None:
+    def line(
+        self, start: tuple[float, float], end: tuple[float, float], colour: str, gap: int = 1
+    ) -> None:
         """A straight line of dots; with ``gap`` n only every n-th dot is set."""
         if not np.isfinite([*start, *end]).all():
             return
         steps = int(min(_MAX_STEPS, max(abs(end[0] - start[0]), abs(end[1] - start[1]))))
         along = np.linspace(0.0, 1.0, steps + 1)[::gap]
-        self.dots(start[0] + along * (end[0] - start[0]), start[1] + along * (end[1] - start[1]), colour)
+        self.dots(
+            start[0] + along * (end[0] - start[0]), start[1] + along * (end[1] - start[1]), colour
+        )
 
     def lines(self, starts: Array, ends: Array, colour: str, gap: int = 1) -> None:
         """Straight lines of dots between points (n, 2) and (n, 2), all in one go."""
@@ -53,19 +65,30 @@ class Canvas:
         fits = reach < _MAX_STEPS
         if fits.any():
             longest = int(reach[fits].max()) + 1
-            points = starts[fits, None] + along[fits, None] * (np.arange(0, longest + 1, gap) / longest)[:, None]
+            points = (
+                starts[fits, None]
+                + along[fits, None] * (np.arange(0, longest + 1, gap) / longest)[:, None]
+            )
             self.dots(points[..., 0].ravel(), points[..., 1].ravel(), colour)
 
     def circles(self, centres: Array, radius: float, colour: str, gap: int = 1) -> None:
-        """Circles of dots about centres (n, 2), radius in dots; with ``gap`` n only every n-th dot is set."""
+        """Circles of dots about centres (n, 2), radius in dots; with ``gap`` n only every n-th dot
+        is set.
+        """
         if 0.0 < radius < 1e4 and len(centres):
             x, y = _round(max(12, min(_MAX_STEPS, int(8 * radius))) // gap)
-            self.dots((centres[:, :1] + radius * x).ravel(), (centres[:, 1:] + radius * y).ravel(), colour)
+            self.dots(
+                (centres[:, :1] + radius * x).ravel(), (centres[:, 1:] + radius * y).ravel(), colour
+            )
 
     def copy(self) -> Canvas:
         """Return a copy to draw on."""
         twin = Canvas(self.width, self.height)
-        twin.cells, twin.colours, twin._chars = self.cells.copy(), self.colours.copy(), self._chars.copy()
+        twin.cells, twin.colours, twin._chars = (
+            self.cells.copy(),
+            self.colours.copy(),
+            self._chars.copy(),
+        )
         return twin
 
     def text(self, column: int, row: int, text: str, colour: str, bold: bool = False) -> None:
@@ -86,22 +109,30 @@ class Canvas:
             column += width
 
     def is_free(self, column: int, row: int, width: int) -> bool:
-        """Whether text of this width has room here without covering other text or leaving the picture."""
+        """Whether text of this width has room here without covering other text or leaving the
+        picture.
+        """
         is_inside = 0 <= row < self.height and column >= 0 and column + width <= self.width
         return is_inside and not self._chars[row, column : column + width].any()
 
     def strips(self) -> list[Strip]:
         """Return the picture, line by line."""
         chars = np.where(
-            self._chars > 0, self._chars, np.where(self.cells > 0, np.uint32(_BRAILLE) + self.cells, np.uint32(_SPACE))
+            self._chars > 0,
+            self._chars,
+            np.where(self.cells > 0, np.uint32(_BRAILLE) + self.cells, np.uint32(_SPACE)),
         )
         # A blank takes the colour of its left neighbour: fewer pieces to write.
         is_blank = chars == _SPACE
         columns = np.where(is_blank, 0, np.arange(self.width))
         colours = np.take_along_axis(self.colours, np.maximum.accumulate(columns, axis=1), axis=1)
-        rows, breaks = np.nonzero(colours[:, 1:] != colours[:, :-1])  # in one go: row by row it costs most of a picture
+        # in one go: row by row it costs most of a picture
+        rows, breaks = np.nonzero(colours[:, 1:] != colours[:, :-1])
         edges, kinds = (breaks + 1).tolist(), colours[rows, breaks + 1].tolist()
-        begins, first_kinds = np.searchsorted(rows, np.arange(self.height + 1)).tolist(), colours[:, 0].tolist()
+        begins, first_kinds = (
+            np.searchsorted(rows, np.arange(self.height + 1)).tolist(),
+            colours[:, 0].tolist(),
+        )
         lines = chars.astype("<u4").tobytes().decode("utf-32-le")
         strips = []
         for row, (begin, end) in enumerate(itertools.pairwise(begins)):
@@ -109,11 +140,15 @@ class Canvas:
             ends = [*edges[begin:end], self.width]
             segments = [
                 Segment(line[left:right], _STYLES[kind])
-                for left, right, kind in zip([0, *ends[:-1]], ends, [first_kinds[row], *kinds[begin:end]], strict=True)
+                for left, right, kind in zip(
+                    [0, *ends[:-1]], ends, [first_kinds[row], *kinds[begin:end]], strict=True
+                )
             ]
             strip = Strip(segments, self.width)
             if chr(_TAIL) in line:
-                whole = [Segment(part.text.replace(chr(_TAIL), ""), part.style) for part in segments]
+                whole = [
+                    Segment(part.text.replace(chr(_TAIL), ""), part.style) for part in segments
+                ]
                 strip = Strip(whole).adjust_cell_length(self.width)
             strips.append(strip)
         return strips

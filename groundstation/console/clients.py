@@ -1,4 +1,6 @@
-"""The clients that a console works with: of a fleet, of a record, and of a fleet that may only be watched."""
+"""The clients that a console works with: of a fleet, of a record, and of a fleet that may only be
+watched.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,9 @@ from groundstation.orders.result import OrderResult
 
 
 class ConsoleClient(Protocol):
-    """The part of :class:`groundstation.client.client.FleetClient` that every console needs; a record has it too."""
+    """The part of :class:`groundstation.client.client.FleetClient` that every console needs; a
+    record has it too.
+    """
 
     @property
     def tick_stream(self) -> TickStream:

@@ -53,17 +53,21 @@ class History:
     """
 
     def __init__(self, land_frac: float = 0.2) -> None:
-        self.trails: dict[str, NDArray[np.float64]] = {}  # name -> (n, 2): last x, y [m] ENU, in no order, first nan
+        # name -> (n, 2): last x, y [m] ENU, in no order, first nan
+        self.trails: dict[str, NDArray[np.float64]] = {}
         self.pairs: list[Pair] = []  # the closest now, those with a vehicle in the air first
-        self.distances: deque[tuple[float, float]] = deque(maxlen=CHART_LENGTH)  # [s], [m] of the closest flying pair
+        # [s], [m] of the closest flying pair
+        self.distances: deque[tuple[float, float]] = deque(maxlen=CHART_LENGTH)
         self.periods_ms: deque[float] = deque(maxlen=600)  # of the slowest control loop
         self.ages_ms: deque[float] = deque(maxlen=600)  # of the oldest message between agents
         self.slowest = self.oldest = ""  # vehicles that these last values are of
         self.drains: dict[str, Drain] = {}
         self.first_flight_s: float | None = None
         self._land_frac = land_frac
-        self._ends: dict[str, tuple[int, float, float]] = {}  # points of a trail so far, and the last one
-        self._charges: dict[str, tuple[int, deque[tuple[float, float]]]] = {}  # boot, and charges with their times
+        # points of a trail so far, and the last one
+        self._ends: dict[str, tuple[int, float, float]] = {}
+        # boot, and charges with their times
+        self._charges: dict[str, tuple[int, deque[tuple[float, float]]]] = {}
         self._sampled_s = -math.inf
         self._added_ns, self._compared_ns = -1, -_PACE_NS
 
@@ -83,7 +87,11 @@ class History:
         self._added_ns = now_ns
         now_s = now_ns * 1e-9
         positions = {name: view.position_enu_m(now_ns) for name, view in state.vehicles.items()}
-        known = {name: xyz for name, xyz in positions.items() if xyz and all(abs(axis) < FAR_M for axis in xyz)}
+        known = {
+            name: xyz
+            for name, xyz in positions.items()
+            if xyz and all(abs(axis) < FAR_M for axis in xyz)
+        }
         for gone in self.trails.keys() - state.vehicles.keys():
             del self.trails[gone], self._ends[gone]
         length = max(_LEAST_TRAIL, min(TRAIL_LENGTH, _ALL_TRAILS // max(1, len(positions))))
@@ -93,7 +101,8 @@ class History:
             return
         self._compared_ns = now_ns
         self.pairs = closest_pairs(
-            [(state.vehicles[name], position) for name, position in known.items()], height_share=state.height_share
+            [(state.vehicles[name], position) for name, position in known.items()],
+            height_share=state.height_share,
         )
         if state.airborne_names:
             self.first_flight_s = now_s if self.first_flight_s is None else self.first_flight_s
@@ -139,12 +148,17 @@ class History:
         times_s, charges = np.array(samples).T
         times_s = times_s - times_s.mean()
         per_min = 60.0 * float(times_s @ (charges - charges.mean()) / (times_s @ times_s))
-        left_min = max(0.0, charge_frac - self._land_frac) / -per_min if per_min < -1e-4 else math.inf
+        left_min = (
+            max(0.0, charge_frac - self._land_frac) / -per_min if per_min < -1e-4 else math.inf
+        )
         self.drains[name] = Drain(per_min, left_min)
 
 
 def closest_pairs(
-    known: list[tuple[VehicleView, tuple[float, float, float]]], most: int = PAIRS, *, height_share: float = 0.0
+    known: list[tuple[VehicleView, tuple[float, float, float]]],
+    most: int = PAIRS,
+    *,
+    height_share: float = 0.0,
 ) -> list[Pair]:
     """Return the closest pairs of vehicles, pairs with one in the air before all others.
 
@@ -156,7 +170,12 @@ def closest_pairs(
     if len(known) < 2:
         return []
     points = np.array([position for _, position in known])
-    speeds = np.array([view.telemetry.velocity_enu_m_s if view.telemetry else (0.0, 0.0, 0.0) for view, _ in known])
+    speeds = np.array(
+        [
+            view.telemetry.velocity_enu_m_s if view.telemetry else (0.0, 0.0, 0.0)
+            for view, _ in known
+        ]
+    )
     flies = np.array([view.is_airborne for view, _ in known])
     one, two = _pairs_of(len(known))
     gap = points[two] - points[one]
@@ -168,7 +187,9 @@ def closest_pairs(
     for index in least[np.argsort(rank[least], kind="stable")].tolist():
         drift = speeds[two[index]] - speeds[one[index]]
         speed_2 = float(drift[:2] @ drift[:2])
-        approach_s = -float(gap[index, :2] @ drift[:2]) / speed_2 if 1e-4 < speed_2 < FAR_M else -1.0
+        approach_s = (
+            -float(gap[index, :2] @ drift[:2]) / speed_2 if 1e-4 < speed_2 < FAR_M else -1.0
+        )
         is_closing = approach_s > 0.0
         ahead = gap[index] + (approach_s * drift if is_closing else 0.0)
         pairs.append(

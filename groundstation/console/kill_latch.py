@@ -1,4 +1,6 @@
-"""Killing needs the same key twice within a second; a killed vehicle takes no orders until it is reset. Pure."""
+"""Killing needs the same key twice within a second; a killed vehicle takes no orders until it is
+reset. Pure.
+"""
 
 from __future__ import annotations
 
@@ -8,14 +10,18 @@ KILL_WINDOW_S = 1.0
 
 
 class KillLatch:
-    """Remembers the first press of a kill key, and the vehicles that were killed from this console."""
+    """Remembers the first press of a kill key, and the vehicles that were killed from this console.
+    """
 
     def __init__(self) -> None:
         self.killed: frozenset[str] = frozenset()
-        self._first_press: tuple[str, tuple[str, ...], float] | None = None  # key, vehicles, time in s
+        # key, vehicles, time in s
+        self._first_press: tuple[str, tuple[str, ...], float] | None = None
 
     def armed(self, now_s: float) -> tuple[str, ...]:
-        """Return the vehicles that the next press of the same key stops; none when that press would only arm."""
+        """Return the vehicles that the next press of the same key stops; none when that press would
+        only arm.
+        """
         if self._first_press is not None and now_s - self._first_press[2] > KILL_WINDOW_S:
             self._first_press = None
         return () if self._first_press is None else self._first_press[1]

@@ -26,10 +26,13 @@ class MissionOrders:
 
     Args:
         client: of the fleet; only one that may order flies missions.
-        begin: flies a mission in a worker, unless one flies already; with the function of its line for the title.
+        begin: flies a mission in a worker, unless one flies already; with the function of its line
+            for the title.
     """
 
-    def __init__(self, client: ConsoleClient, begin: Callable[[Mission, Callable[[], str]], bool]) -> None:
+    def __init__(
+        self, client: ConsoleClient, begin: Callable[[Mission, Callable[[], str]], bool]
+    ) -> None:
         self._client, self._begin = client, begin
         self._run: MissionRun | None = None
         self._line = ""

@@ -19,7 +19,8 @@ class MissionRun:
     """Connects and flies in workers, so that the screen waits for neither.
 
     Args:
-        mission: flies, and returns a verdict with ``sentences``, and ``exit_status`` or ``is_passed`` if any.
+        mission: flies, and returns a verdict with ``sentences``, and ``exit_status`` or
+            ``is_passed`` if any.
         connect: opens the bus.
         progress: returns one line about the mission, called at each refresh.
     """
@@ -43,7 +44,9 @@ class MissionRun:
 
     @property
     def has_mission(self) -> bool:
-        """Whether this console flies a mission, so that its end is the end of what was started for it."""
+        """Whether this console flies a mission, so that its end is the end of what was started for
+        it.
+        """
         return self._mission is not None or self.is_running
 
     @property
@@ -54,10 +57,14 @@ class MissionRun:
     def start(self) -> None:
         """Start both workers."""
         if self._connect is not None:
-            self._connect_worker = self._app.run_worker(_awaited(self._connect), exit_on_error=False)
+            self._connect_worker = self._app.run_worker(
+                _awaited(self._connect), exit_on_error=False
+            )
         if self._mission is not None:
             self._line = "mission flies"
-            self._mission_worker = self._app.run_worker(self._fly(self._mission), exit_on_error=False)
+            self._mission_worker = self._app.run_worker(
+                self._fly(self._mission), exit_on_error=False
+            )
 
     def begin(self, mission: Mission, progress: Callable[[], str]) -> bool:
         """Fly a mission that the operator has started here, unless one flies already.
@@ -87,16 +94,22 @@ class MissionRun:
         return f"{self._line}{clock if self._line == 'mission flies' else ''}"
 
     def worker_changed(self, event: Worker.StateChanged) -> None:
-        """Turn a worker's error into a sentence; the vehicles are still under the operator's orders."""
+        """Turn a worker's error into a sentence; the vehicles are still under the operator's
+        orders.
+        """
         if event.state is not WorkerState.ERROR:
             return
         error = event.worker.error
         if event.worker is self._mission_worker:
             self.status = 1
-            self._show([f"The mission broke off: {type(error).__name__}: {error}", "Land with ctrl+l."])
+            self._show(
+                [f"The mission broke off: {type(error).__name__}: {error}", "Land with ctrl+l."]
+            )
         elif event.worker is self._connect_worker:
             self.status = 2
-            self._panels.events.add(f"No connection: {error} Press q to quit.", SEVERITY_SIGNS["critical"])
+            self._panels.events.add(
+                f"No connection: {error} Press q to quit.", SEVERITY_SIGNS["critical"]
+            )
 
     def toggle_verdict(self) -> None:
         """Hide or show the verdict."""

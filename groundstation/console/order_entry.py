@@ -1,4 +1,6 @@
-"""Orders from the order line and the keys: parsed, previewed or sent at once, and each vehicle's answer shown."""
+"""Orders from the order line and the keys: parsed, previewed or sent at once, and each vehicle's
+answer shown.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +28,8 @@ from groundstation.orders.preview import PREVIEWED
 from groundstation.orders.result import OrderResult, VehicleResult
 from onboard.config.fleet import ConfigError, FleetConfig
 
-_URGENT_KEYS: dict[str, Verb] = {"ctrl+l": "land", "f9": "land", "ctrl+o": "hold", "f8": "hold"}  # for all vehicles
+# for all vehicles
+_URGENT_KEYS: dict[str, Verb] = {"ctrl+l": "land", "f9": "land", "ctrl+o": "hold", "f8": "hold"}
 _ENTER = "enter"
 
 
@@ -49,12 +52,19 @@ class OrderEntry:
         forecaster: Forecaster | None,
         refresh: Callable[[], None],
     ) -> None:
-        self._app, self._fleet, self._client, self._panels, self._refresh = app, fleet, client, panels, refresh
+        self._app, self._fleet, self._client, self._panels, self._refresh = (
+            app,
+            fleet,
+            client,
+            panels,
+            refresh,
+        )
         self._ordering = client if isinstance(client, OrderingClient) else None
         self._forecaster = forecaster if self._ordering is not None else None
         self._everybody = ",".join(fleet.enabled_names)
         self._is_warm = False
-        self._sent_early: deque[OrderResult] = deque()  # by the thread that reads the keys; their turn comes
+        # by the thread that reads the keys; their turn comes
+        self._sent_early: deque[OrderResult] = deque()
         self._latch = KillLatch()
         self.missions: MissionOrders | None = None  # starts missions by written orders
         self._written = ""  # the order that is being taken from the order line
@@ -67,7 +77,9 @@ class OrderEntry:
 
     @property
     def is_operator(self) -> bool:
-        """Whether moves may be ordered from here; without it, leaving changes nothing for the vehicles."""
+        """Whether moves may be ordered from here; without it, leaving changes nothing for the
+        vehicles.
+        """
         return self._ordering is not None and self._ordering.control.refusal("move") is None
 
     @property
@@ -78,7 +90,9 @@ class OrderEntry:
 
     @property
     def selected(self) -> tuple[str, ...]:
-        """The vehicles that keys mean: the marked ones, else the one under the cursor; on its page the one shown."""
+        """The vehicles that keys mean: the marked ones, else the one under the cursor; on its page
+        the one shown.
+        """
         table = self._panels.table
         marked = () if isinstance(self._app.screen, VehicleScreen) else table.marked
         return marked or ((table.selected,) if table.selected is not None else ())
@@ -103,7 +117,7 @@ class OrderEntry:
         if self._forecaster is not None:
             await self._forecaster.stop()
 
-    # -- written orders ----------------------------------------------------------------------------------------------
+    # -- written orders ----------------------------------------------------------------------------
 
     def open_line(self) -> None:
         """Begin to write an order."""
@@ -125,7 +139,10 @@ class OrderEntry:
         self._panels.order_line.action_leave()
         self._written = text
         words = text.split()
-        if words[:2] in (["take", "control"], ["give", "control"], ["keep", "control"]) and len(words) <= 3:
+        if (
+            words[:2] in (["take", "control"], ["give", "control"], ["keep", "control"])
+            and len(words) <= 3
+        ):
             self._change_control(words[0], *words[2:])
         elif words[0] in mission_orders.WORDS and self.missions is not None:
             refusal = self.missions.take(words)
@@ -149,13 +166,16 @@ class OrderEntry:
     def warm_up(self) -> None:
         """Start the forecast's process before it is needed."""
         if self._forecaster is not None and not self._is_warm:
-            self._is_warm = True  # once: a start that is cut short by the next key would leave a process behind
+            # once: a start that is cut short by the next key would leave a process behind
+            self._is_warm = True
             self._app.run_worker(self._forecaster.start(), group="warm")
 
-    # -- orders ------------------------------------------------------------------------------------------------------
+    # -- orders ------------------------------------------------------------------------------------
 
     async def order(self, order: Intent | str, *, is_written: bool = False) -> None:
-        """Preview an order where something could go wrong; send it at once where it makes things safer."""
+        """Preview an order where something could go wrong; send it at once where it makes things
+        safer.
+        """
         try:
             intent = parse(order, self._fleet) if isinstance(order, str) else order
         except OrderError as error:
@@ -165,15 +185,23 @@ class OrderEntry:
         latched = sorted(self._latch.killed.intersection(intent.vehicles))
         if is_previewed and latched:
             names, it = ",".join(latched), "it" if len(latched) == 1 else "them"
-            self._refuse(str(intent), f"{names} was killed. Look at {it}, then write: reset {names}")
-        elif intent.verb == "kill" and is_written and not self._is_kill_confirmed(_ENTER, intent.vehicles):
+            self._refuse(
+                str(intent), f"{names} was killed. Look at {it}, then write: reset {names}"
+            )
+        elif (
+            intent.verb == "kill"
+            and is_written
+            and not self._is_kill_confirmed(_ENTER, intent.vehicles)
+        ):
             self._panels.order_line.take_back(str(intent))
         elif is_previewed and self._forecaster is not None and self._ordering is not None:
             refusal = self._ordering.control.refusal(intent.verb)
             if refusal is not None:
                 self._refuse(str(intent), refusal)
                 return
-            screen = PreviewScreen(self._fleet, self._ordering, intent, self._forecaster, self.short)
+            screen = PreviewScreen(
+                self._fleet, self._ordering, intent, self._forecaster, self.short
+            )
             self._app.push_screen(screen, self._send_checked)
         else:
             await self.send(intent)
@@ -186,7 +214,8 @@ class OrderEntry:
         """Send an order at once and show each vehicle's answer; a misspelt one is a sentence."""
         try:
             self._follow(await self._client.submit(order))
-        except (OrderError, RuntimeError) as error:  # RuntimeError: the bus is not open yet, or not any more
+        # RuntimeError: the bus is not open yet, or not any more
+        except (OrderError, RuntimeError) as error:
             self._refuse(str(order), str(error))
 
     def _follow(self, sent: OrderResult) -> None:
@@ -216,30 +245,41 @@ class OrderEntry:
     def _show_result(self, sent: OrderResult, result: VehicleResult) -> None:
         if sent is self.newest and self._app.is_running:
             self._panels.results.show_order(sent, self.short(str(sent.intent)))
-        if result.phase in ("refused", "no answer", "direct"):  # the other ends come as the vehicle's own events
+        # the other ends come as the vehicle's own events
+        if result.phase in ("refused", "no answer", "direct"):
             self._log_result(result)
 
     def _log_result(self, result: VehicleResult) -> None:
-        self._panels.events.add(result.sentence or result.phase, PHASE_SIGNS[result.phase], vehicle=result.vehicle)
+        self._panels.events.add(
+            result.sentence or result.phase, PHASE_SIGNS[result.phase], vehicle=result.vehicle
+        )
 
-    # -- keys --------------------------------------------------------------------------------------------------------
+    # -- keys --------------------------------------------------------------------------------------
 
     def send_urgent(self, key: str) -> None:
-        """Send the order of an emergency key, on the thread that reads the terminal; the key's turn comes later."""
+        """Send the order of an emergency key, on the thread that reads the terminal; the key's turn
+        comes later.
+        """
         verb = _URGENT_KEYS.get(key)
         if verb is None or self._ordering is None or not self._fleet.enabled_names:
             return
         with contextlib.suppress(OrderError, RuntimeError):  # shown when the key's turn comes
-            self._sent_early.append(self._ordering.submit_now(Intent(verb, self._fleet.enabled_names)))
+            self._sent_early.append(
+                self._ordering.submit_now(Intent(verb, self._fleet.enabled_names))
+            )
 
     async def order_all(self, verb: Verb) -> None:
-        """Land or hold all vehicles, from every screen, without a question: it only makes things safer."""
+        """Land or hold all vehicles, from every screen, without a question: it only makes things
+        safer.
+        """
         if self._sent_early:
             self._follow(self._sent_early.popleft())
         elif self._fleet.enabled_names:
             await self.send(Intent(verb, self._fleet.enabled_names))
         else:
-            self._refuse(f"{verb} all", "This fleet has nobody to order: no vehicle is enabled in its file.")
+            self._refuse(
+                f"{verb} all", "This fleet has nobody to order: no vehicle is enabled in its file."
+            )
         self._close_preview()  # only now: the order was not to wait for the screen
 
     async def order_selected(self, verb: Verb) -> None:
@@ -264,7 +304,9 @@ class OrderEntry:
             self._close_preview()
             return True
         if key == _ENTER:
-            self._panels.results.show_sentence("Enter again within 1 s stops the motors: they fall.", KILL)
+            self._panels.results.show_sentence(
+                "Enter again within 1 s stops the motors: they fall.", KILL
+            )
         self._refresh()
         return False
 
@@ -285,7 +327,7 @@ class OrderEntry:
         self._panels.results.show_sentence(sentence, FAINT)
         self.update()
 
-    # -- control of the fleet ----------------------------------------------------------------------------------------
+    # -- control of the fleet ----------------------------------------------------------------------
 
     def answer_request(self, answer: str) -> None:
         """Hand control over to the ground that asks for it (``give``), or ``keep`` it."""
@@ -300,7 +342,13 @@ class OrderEntry:
             self._refuse(f"{verb} control {word}", f"Write one of: {', '.join(CONTROL_ORDERS)}.")
             return
         control = self._ordering.control
-        sentence = control.take(word) if verb == "take" else control.hand_over() if verb == "give" else control.keep()
+        sentence = (
+            control.take(word)
+            if verb == "take"
+            else control.hand_over()
+            if verb == "give"
+            else control.keep()
+        )
         self._panels.results.show_sentence(sentence, CALM)
         self._panels.events.add(sentence)
         self.update()

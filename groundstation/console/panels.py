@@ -19,7 +19,9 @@ from onboard.config.fleet import FleetConfig
 
 
 class Panels:
-    """Made once and kept: a timer may still fire while the screen is taken apart, when a query would find nothing."""
+    """Made once and kept: a timer may still fire while the screen is taken apart, when a query
+    would find nothing.
+    """
 
     def __init__(self, fleet: FleetConfig, history: History) -> None:
         self.title = TitleBar("title")
@@ -34,7 +36,9 @@ class Panels:
         self.status = StatusBar("status")
 
     def compose(self) -> ComposeResult:
-        """Title, fleet, plan beside separation and events (or the verdict), notices, results, order line, status."""
+        """Title, fleet, plan beside separation and events (or the verdict), notices, results, order
+        line, status.
+        """
         yield self.title
         yield self.table
         with Horizontal(id="middle"):

@@ -1,4 +1,6 @@
-"""Values of one vehicle's pipeline: thrust before and after OIST, attitude, both also as charts. Pure."""
+"""Values of one vehicle's pipeline: thrust before and after OIST, attitude, both also as charts.
+Pure.
+"""
 
 from __future__ import annotations
 
@@ -30,10 +32,16 @@ def thrust_block(subject: VehicleSubject, width: int) -> list[Text | Strip]:
     held = tick.intervention_m_s2
     is_held = math.isfinite(held) and held > 0.01
     neighbour = f" for {clean(tick.active_neighbour, 24)}" if tick.active_neighbour else ""
-    words = f"{number(held, 2)}{neighbour}, {clean(tick.law_status, 16)}" if is_held else "nothing: it passes unchanged"
+    words = (
+        f"{number(held, 2)}{neighbour}, {clean(tick.law_status, 16)}"
+        if is_held
+        else "nothing: it passes unchanged"
+    )
     lines.append([(" held back  ", FAINT), (words, CALM if is_held else FAINT)])
     times = _times(subject.tick_samples)
-    nominal = np.array([each.thrust_baseline_enu_m_s2[:2] for each in subject.tick_samples], dtype=float)
+    nominal = np.array(
+        [each.thrust_baseline_enu_m_s2[:2] for each in subject.tick_samples], dtype=float
+    )
     safe = np.array([each.thrust_safe_enu_m_s2[:2] for each in subject.tick_samples], dtype=float)
     dial = 14 if width >= 52 else 0
     chart_width = width - dial - 1
@@ -47,7 +55,9 @@ def thrust_block(subject: VehicleSubject, width: int) -> list[Text | Strip]:
     )
     if dial:
         picture = _dial(tick, dial, subject.chart_rows + 1, top)
-        lines += [Strip([*one, Segment(" "), *two]) for one, two in zip(picture, chart, strict=True)]
+        lines += [
+            Strip([*one, Segment(" "), *two]) for one, two in zip(picture, chart, strict=True)
+        ]
     else:
         lines += chart
     legend: Text = [(" " * dial, FAINT), ("  ▬ baseline", WARN), ("  ▬ safe", CALM)]
@@ -60,8 +70,13 @@ def attitude_block(subject: VehicleSubject, width: int) -> list[Text | Strip]:
     tick = subject.tick
     if tick is None:
         return [[(" no pipeline values heard yet", FAINT)]]
-    setpoint, measured = tick.setpoint_quaternion_enu_flu_wxyz, tick.attitude_quaternion_enu_flu_wxyz
-    lines: list[Text | Strip] = [[(f"            {'roll':>7}{'pitch':>8}{'yaw':>8}{'thrust':>9}", FAINT)]]
+    setpoint, measured = (
+        tick.setpoint_quaternion_enu_flu_wxyz,
+        tick.attitude_quaternion_enu_flu_wxyz,
+    )
+    lines: list[Text | Strip] = [
+        [(f"            {'roll':>7}{'pitch':>8}{'yaw':>8}{'thrust':>9}", FAINT)]
+    ]
     for label, quaternion, thrust, colour in (
         ("setpoint", setpoint, f"{number(100 * tick.setpoint_thrust_frac, 0)} %", WARN),
         ("measured", measured, f"({number(100 * tick.hover_thrust_frac, 0)} % hovers)", CALM),
@@ -70,8 +85,18 @@ def attitude_block(subject: VehicleSubject, width: int) -> list[Text | Strip]:
         lines.append([(f" {label:<10}", FAINT), (angles, colour), (f"  {thrust}", TEXT)])
     times = _times(subject.tick_samples)
     series = [
-        (np.array([euler_deg(each.setpoint_quaternion_enu_flu_wxyz) for each in subject.tick_samples]), WARN),
-        (np.array([euler_deg(each.attitude_quaternion_enu_flu_wxyz) for each in subject.tick_samples]), CALM),
+        (
+            np.array(
+                [euler_deg(each.setpoint_quaternion_enu_flu_wxyz) for each in subject.tick_samples]
+            ),
+            WARN,
+        ),
+        (
+            np.array(
+                [euler_deg(each.attitude_quaternion_enu_flu_wxyz) for each in subject.tick_samples]
+            ),
+            CALM,
+        ),
     ]
     top = _top([values[:, :2] for values, _ in series], 5.0)
     is_beside = width >= 60
@@ -96,7 +121,8 @@ def attitude_block(subject: VehicleSubject, width: int) -> list[Text | Strip]:
 
 
 def euler_deg(quaternion_wxyz: Vec4) -> tuple[float, float, float]:
-    """Return roll, pitch and yaw in degrees of a rotation from body FLU to ENU; nan where there is none.
+    """Return roll, pitch and yaw in degrees of a rotation from body FLU to ENU; nan where there is
+    none.
 
     The rotation is yaw, then pitch, then roll.
     """
@@ -113,7 +139,10 @@ def euler_deg(quaternion_wxyz: Vec4) -> tuple[float, float, float]:
 
 def _vector(vector: Vec3) -> str:
     norm = math.sqrt(sum(axis * axis for axis in vector))
-    return "  ".join(f"{number(axis, 2, sign=True, limit=999):>6}" for axis in vector) + f"   |{number(norm, 2)}|"
+    return (
+        "  ".join(f"{number(axis, 2, sign=True, limit=999):>6}" for axis in vector)
+        + f"   |{number(norm, 2)}|"
+    )
 
 
 def _times(ticks: Sequence[TickSample]) -> Array:
@@ -125,9 +154,17 @@ def _times(ticks: Sequence[TickSample]) -> Array:
 
 def _top(values: Sequence[Array], least: float) -> float:
     """Return a round top of the scale for all of these."""
-    most = max((float(np.nanmax(np.abs(array))) for array in values if np.isfinite(array).any()), default=least)
+    most = max(
+        (float(np.nanmax(np.abs(array))) for array in values if np.isfinite(array).any()),
+        default=least,
+    )
     return next(
-        (step for step in (1.0, 2.0, 5.0, 10.0, 15.0, 20.0, 30.0, 45.0, 90.0) if step >= max(least, most)), 180.0
+        (
+            step
+            for step in (1.0, 2.0, 5.0, 10.0, 15.0, 20.0, 30.0, 45.0, 90.0)
+            if step >= max(least, most)
+        ),
+        180.0,
     )
 
 
@@ -139,7 +176,9 @@ def _chart(
     *,
     rows: int,
 ) -> list[Strip]:
-    """Return lines over the last CHART_S seconds, the last of ``series`` on top; the scale at the left."""
+    """Return lines over the last CHART_S seconds, the last of ``series`` on top; the scale at the
+    left.
+    """
     canvas = Canvas(width, rows)
     left, (low, high) = 12, limits
     columns, height = 2 * width - left - 1, 4 * rows - 1
@@ -153,10 +192,13 @@ def _chart(
     x = left + columns * (1.0 + times[is_shown] / CHART_S)
     for values, colour in series:
         y = height * (high - np.clip(values[is_shown], low, high)) / (high - low)
-        # Between two samples the line is filled up, so that steep changes do not fall apart into dots.
+        # Between two samples the line is filled up, so that steep changes do not fall apart into
+        # dots.
         fine = np.linspace(0, max(0, len(x) - 1), max(2, 4 * columns))
         if len(x) > 1:
-            canvas.dots(np.interp(fine, np.arange(len(x)), x), np.interp(fine, np.arange(len(x)), y), colour)
+            canvas.dots(
+                np.interp(fine, np.arange(len(x)), x), np.interp(fine, np.arange(len(x)), y), colour
+            )
     return canvas.strips()
 
 
@@ -166,7 +208,10 @@ def _dial(tick: TickSample, width: int, rows: int, top: float) -> list[Strip]:
     middle = (width - 1.0, 2.0 * rows - 0.5)
     radius = min(middle) - 0.5
     canvas.circles(np.array([middle]), radius, RULE, gap=2)
-    for vector, colour in ((tick.thrust_baseline_enu_m_s2, WARN), (tick.thrust_safe_enu_m_s2, CALM)):
+    for vector, colour in (
+        (tick.thrust_baseline_enu_m_s2, WARN),
+        (tick.thrust_safe_enu_m_s2, CALM),
+    ):
         end = (middle[0] + radius * vector[0] / top, middle[1] - radius * vector[1] / top)
         canvas.line(middle, end, colour)
     return canvas.strips()

@@ -1,4 +1,7 @@
-"""Drawing of the plan, layer by layer, in braille. Every kind of thing has its own shape: colour only helps."""
+"""Drawing of the plan, layer by layer, in braille.
+
+Every kind of thing has its own shape: colour only helps.
+"""
 
 from __future__ import annotations
 
@@ -46,7 +49,9 @@ class Window:
 
     def dot(self, x_m: float, y_m: float) -> tuple[float, float]:
         """Return one point in dots."""
-        return self.width + (x_m - self.x_m) * self.scale, 2 * self.height - (y_m - self.y_m) * self.scale
+        return self.width + (x_m - self.x_m) * self.scale, 2 * self.height - (
+            y_m - self.y_m
+        ) * self.scale
 
     def cell(self, x_m: float, y_m: float) -> tuple[int, int]:
         """Return one point in cells (column, row); far outside where it is not finite."""
@@ -58,11 +63,14 @@ class Window:
     @property
     def step_m(self) -> float:
         """Distance between two lines of the grid."""
-        return next((s for s in _STEPS_M if s * self.scale >= max(12.0, 2 * self.width / 9)), _STEPS_M[-1])
+        return next(
+            (s for s in _STEPS_M if s * self.scale >= max(12.0, 2 * self.width / 9)), _STEPS_M[-1]
+        )
 
 
 def spot_of(view: VehicleView, now_ns: int) -> Spot | None:
-    """Return the point to draw a vehicle at: predicted to now while fresh, else its last position."""
+    """Return the point to draw a vehicle at: predicted to now while fresh, else its last position.
+    """
     spot = view.position_enu_m(now_ns)
     if spot is None and view.telemetry is not None and view.telemetry.is_position_valid:
         spot = view.telemetry.position_enu_m
@@ -74,8 +82,12 @@ def draw_background(window: Window, fleet: FleetConfig) -> Canvas:
     canvas = Canvas(window.width, window.height)
     fence, step_m = fleet.fleet.geofence_m, window.step_m
     half_x, half_y = window.width / window.scale, 2 * window.height / window.scale
-    xs = _grid_lines(max(fence.x[0], window.x_m - half_x), min(fence.x[1], window.x_m + half_x), step_m)
-    ys = _grid_lines(max(fence.y[0], window.y_m - half_y), min(fence.y[1], window.y_m + half_y), step_m)
+    xs = _grid_lines(
+        max(fence.x[0], window.x_m - half_x), min(fence.x[1], window.x_m + half_x), step_m
+    )
+    ys = _grid_lines(
+        max(fence.y[0], window.y_m - half_y), min(fence.y[1], window.y_m + half_y), step_m
+    )
     for x_m in xs:
         canvas.line(window.dot(x_m, fence.y[0]), window.dot(x_m, fence.y[1]), RULE, gap=4)
     for y_m in ys:
@@ -83,14 +95,18 @@ def draw_background(window: Window, fleet: FleetConfig) -> Canvas:
     for obstacle in fleet.obstacles:
         _draw_obstacle(canvas, window, obstacle)
     (west, east), (south, north) = fence.x, fence.y
-    corners = [window.dot(x, y) for x, y in ((west, south), (west, north), (east, north), (east, south))]
+    corners = [
+        window.dot(x, y) for x, y in ((west, south), (west, north), (east, north), (east, south))
+    ]
     for start, end in zip(corners, [*corners[1:], corners[0]], strict=True):
         _clipped(canvas, start, end, FAINT)
     for x_m in xs:
         column, row = window.cell(x_m, fence.y[0])
         label = f"{x_m:g}"
         if 2 < column < canvas.width - len(label) - 2:
-            canvas.text(column - (label[0] == "-"), max(0, min(canvas.height - 1, row)), label, FAINT)
+            canvas.text(
+                column - (label[0] == "-"), max(0, min(canvas.height - 1, row)), label, FAINT
+            )
     for y_m in ys:
         column, row = window.cell(fence.x[0], y_m)
         if 0 < row < canvas.height - 1:
@@ -129,7 +145,9 @@ class PlanScene:
     def too_close(self) -> set[str]:
         """Return the vehicles below the safety distance."""
         limit_m = self.fleet.fleet.safety_distance_m
-        pairs = [pair for pair in self.history.pairs if pair.is_flying and pair.distance_m < limit_m]
+        pairs = [
+            pair for pair in self.history.pairs if pair.is_flying and pair.distance_m < limit_m
+        ]
         return {name for pair in pairs for name in (pair.first, pair.second)}
 
 
@@ -139,7 +157,9 @@ def draw_fleet(canvas: Canvas, scene: PlanScene) -> None:
     _draw_trails(canvas, scene)
     for index, view in enumerate(scene.views):
         if scene.is_emphasised(view.name):
-            _draw_goal(canvas, scene.window, view, scene.spots.get(view.name), theme.vehicle_colour(index))
+            _draw_goal(
+                canvas, scene.window, view, scene.spots.get(view.name), theme.vehicle_colour(index)
+            )
     _draw_circles(canvas, scene, too_close)
     _draw_avoidance(canvas, scene)
     _draw_labels(canvas, scene, too_close)
@@ -155,15 +175,25 @@ def _draw_trails(canvas: Canvas, scene: PlanScene) -> None:
             canvas.dots(dots[:, 0], dots[:, 1], theme.faded(theme.vehicle_colour(first)))
 
 
-def _draw_goal(canvas: Canvas, window: Window, view: VehicleView, spot: Spot | None, colour: str) -> None:
+def _draw_goal(
+    canvas: Canvas, window: Window, view: VehicleView, spot: Spot | None, colour: str
+) -> None:
     """Draw ✛ at the goal, × at the trajectory's setpoint, and a dashed line to the goal."""
     last = view.telemetry
-    if last is None or not view.is_airborne or not all(abs(axis) < FAR_M for axis in last.goal_position_enu_m):
+    if (
+        last is None
+        or not view.is_airborne
+        or not all(abs(axis) < FAR_M for axis in last.goal_position_enu_m)
+    ):
         return
     goal, setpoint = last.goal_position_enu_m, last.setpoint_position_enu_m
     if spot is not None and math.dist(goal[:2], spot[:2]) > _NEAR_M:
         canvas.line(window.dot(*spot[:2]), window.dot(*goal[:2]), colour, gap=5)
-    if spot is not None and all(map(math.isfinite, setpoint)) and math.dist(setpoint[:2], spot[:2]) > _NEAR_M:
+    if (
+        spot is not None
+        and all(map(math.isfinite, setpoint))
+        and math.dist(setpoint[:2], spot[:2]) > _NEAR_M
+    ):
         canvas.text(*window.cell(*setpoint[:2]), "×", colour)
     canvas.text(*window.cell(*goal[:2]), "✛", colour)
 
@@ -175,16 +205,24 @@ def _draw_circles(canvas: Canvas, scene: PlanScene, too_close: set[str]) -> None
         spot = scene.spots.get(view.name)
         if spot is not None:
             is_stale = scene.is_stale(view)
-            own = theme.vehicle_colour(index) if view.light is None else theme.light_colour(view.light)
+            own = (
+                theme.vehicle_colour(index)
+                if view.light is None
+                else theme.light_colour(view.light)
+            )
             colour = FAINT if is_stale else BAD if view.name in too_close else own
-            groups.setdefault((colour, 3 if is_stale else 1), []).append(scene.window.dot(*spot[:2]))
+            groups.setdefault((colour, 3 if is_stale else 1), []).append(
+                scene.window.dot(*spot[:2])
+            )
     radius = scene.fleet.fleet.safety_distance_m / 2.0 * scene.window.scale
     for (colour, gap), centres in groups.items():
         canvas.circles(np.array(centres), radius, colour, gap)
 
 
 def _draw_avoidance(canvas: Canvas, scene: PlanScene) -> None:
-    """Draw a line with an arrow from each vehicle that the law holds back to the one that it avoids."""
+    """Draw a line with an arrow from each vehicle that the law holds back to the one that it
+    avoids.
+    """
     bright: list[tuple[Spot, Spot]] = []
     faint: list[tuple[Spot, Spot]] = []
     window = scene.window
@@ -203,13 +241,16 @@ def _draw_avoidance(canvas: Canvas, scene: PlanScene) -> None:
         east_m, north_m = other[0] - spot[0], other[1] - spot[1]
         arrow = _ARROWS[round(math.atan2(north_m, east_m) / (math.pi / 4.0)) % 8]
         # At a third of the line: of two that avoid each other both arrows are visible.
-        canvas.text(*window.cell(spot[0] + 0.36 * east_m, spot[1] + 0.36 * north_m), arrow, TEXT, bold=True)
+        canvas.text(
+            *window.cell(spot[0] + 0.36 * east_m, spot[1] + 0.36 * north_m), arrow, TEXT, bold=True
+        )
 
 
 def _draw_labels(canvas: Canvas, scene: PlanScene, too_close: set[str]) -> None:
     """Write numbers, then heights, so that no height covers a number.
 
-    ``[1]`` is under the cursor, ``1!`` too close, ``1?`` silent. In a crowd numbers have the colour of the height.
+    ``[1]`` is under the cursor, ``1!`` too close, ``1?`` silent. In a crowd numbers have the colour
+    of the height.
     """
     heights_m = scene.fleet.fleet.geofence_m.z
     written: list[tuple[int, int, int, VehicleView]] = []  # column, row, length
@@ -222,7 +263,11 @@ def _draw_labels(canvas: Canvas, scene: PlanScene, too_close: set[str]) -> None:
         text = f"[{index}]{sign}" if is_selected else f"{'✓' if is_marked else ''}{index}{sign}"
         column, row = scene.window.cell(*spot[:2])
         column -= is_selected or is_marked
-        own = theme.height_colour(spot[2], heights_m) if scene.is_dense else theme.vehicle_colour(index)
+        own = (
+            theme.height_colour(spot[2], heights_m)
+            if scene.is_dense
+            else theme.vehicle_colour(index)
+        )
         canvas.text(column, row, text, FAINT if is_stale else BAD if sign else own, bold=True)
         if scene.is_emphasised(view.name):
             written.append((column, row, len(text), view))
@@ -231,11 +276,20 @@ def _draw_labels(canvas: Canvas, scene: PlanScene, too_close: set[str]) -> None:
         spot, is_stale = scene.spots[view.name], scene.is_stale(view)
         name = f"{theme.fit_name(theme.clean(view.name), 12).rstrip()} " if has_names else ""
         height = (
-            f"{theme.number(spot[2], 1)}m" if view.telemetry and view.telemetry.is_airborne and not is_stale else ""
+            f"{theme.number(spot[2], 1)}m"
+            if view.telemetry and view.telemetry.is_airborne and not is_stale
+            else ""
         )
         width = cell_len(f"{name}{height}".rstrip())
-        beside = ((column + length + 1, row), (column - width - 1, row), (column, row - 1), (column, row + 1))
-        free = next((cell for cell in beside if width and canvas.is_free(cell[0], cell[1], width)), None)
+        beside = (
+            (column + length + 1, row),
+            (column - width - 1, row),
+            (column, row - 1),
+            (column, row + 1),
+        )
+        free = next(
+            (cell for cell in beside if width and canvas.is_free(cell[0], cell[1], width)), None
+        )
         if free is not None:
             canvas.text(*free, name, FAINT if is_stale else TEXT)
             tint = FAINT if is_stale else theme.height_colour(spot[2], heights_m)
@@ -262,7 +316,10 @@ def _draw_obstacle(canvas: Canvas, window: Window, obstacle: Obstacle) -> None:
         for y in range(y0, y1)
         for x in range(x0 + (y + x0) % 4, x1, 4)
         if obstacle.distance_m(
-            (window.x_m + (x - window.width) / window.scale, window.y_m - (y - 2 * window.height) / window.scale)
+            (
+                window.x_m + (x - window.width) / window.scale,
+                window.y_m - (y - 2 * window.height) / window.scale,
+            )
         )
         < 0.0
     ]
@@ -275,8 +332,11 @@ def _draw_obstacle(canvas: Canvas, window: Window, obstacle: Obstacle) -> None:
         canvas.text(column, row, name, WARN)
 
 
-def _clipped(canvas: Canvas, start: tuple[float, float], end: tuple[float, float], colour: str) -> None:
-    """Draw the part of a long line that lies in the picture: zoomed in far it has millions of dots."""
+def _clipped(
+    canvas: Canvas, start: tuple[float, float], end: tuple[float, float], colour: str
+) -> None:
+    """Draw the part of a long line that lies in the picture: zoomed in far it has millions of dots.
+    """
     size = np.array([2.0 * canvas.width, 4.0 * canvas.height])
     begin, along = np.array(start), np.array(end) - np.array(start)
     low, high = 0.0, 1.0

@@ -1,4 +1,5 @@
-"""A terminal driver that passes each key on at once, and writes nothing once the terminal is gone."""
+"""A terminal driver that passes each key on at once, and writes nothing once the terminal is gone.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +17,8 @@ class TerminalHooks:
     """Hooks of the console in Textual's driver."""
 
     on_key: Callable[[str], None]  # called with each key, on the thread that reads the terminal
-    is_closed: bool = False  # the terminal is gone: what is written is dropped, so that nobody waits for it
+    # the terminal is gone: what is written is dropped, so that nobody waits for it
+    is_closed: bool = False
 
 
 class _HookedDriver(Driver):
@@ -31,7 +33,8 @@ class _HookedDriver(Driver):
     def write(self, data: str) -> None:
         """Write to the terminal while there is one.
 
-        Textual's writing thread may have died of a closed terminal; its full queue would stop the event loop.
+        Textual's writing thread may have died of a closed terminal; its full queue would stop the
+        event loop.
         """
         if not self.hooks.is_closed:
             super().write(data)  # type: ignore[safe-super]  # of the driver that this class is mixed into

@@ -34,7 +34,9 @@ class ReplayBar(Bar):
     def show(self) -> None:
         """Update the line."""
         replay = self.replay
-        sign, colour = ("▶", GOOD) if replay.is_playing else ("■" if replay.is_at_end else "‖", WARN)
+        sign, colour = (
+            ("▶", GOOD) if replay.is_playing else ("■" if replay.is_at_end else "‖", WARN)
+        )
         if replay.seeking is not None:
             sign, colour = f"… {100.0 * replay.seeking:.0f} %", CALM
         time_text = f"{clock(replay.position_s)} / {clock(replay.length_s)}"
@@ -61,7 +63,9 @@ class ReplayBar(Bar):
             for stamp_ns, event in timeline.events:
                 if event.severity == severity:
                     column = min(width - 1, max(0, round((stamp_ns - timeline.begin_ns) * per_ns)))
-                    cells[column] = _MARKS.get(severity, ("┿" if column < here else "┼", cells[column][1]))
+                    cells[column] = _MARKS.get(
+                        severity, ("┿" if column < here else "┼", cells[column][1])
+                    )
         cells[here] = ("●", TEXT)
         return [Segment(sign, theme.style(colour)) for sign, colour in cells]
 
@@ -162,7 +166,9 @@ class ReplayApp(ConsoleApp):
         self.run_worker(self.replay.seek(position_s), group="seek")
 
     def _forget(self) -> None:
-        """Drop what the console remembers before the record is turned back: it lies in the future then."""
+        """Drop what the console remembers before the record is turned back: it lies in the future
+        then.
+        """
         self.history.clear()
         self.forget_events()
 

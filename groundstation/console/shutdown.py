@@ -41,7 +41,13 @@ class Shutdown:
         terminal: TerminalHooks,
         warn: Callable[[str], None],
     ) -> None:
-        self._app, self._fleet, self._client, self._orders, self._mission = app, fleet, client, orders, mission
+        self._app, self._fleet, self._client, self._orders, self._mission = (
+            app,
+            fleet,
+            client,
+            orders,
+            mission,
+        )
         self._terminal, self._warn = terminal, warn
         self._status: int | None = None  # to leave with when all are down
         self._deadline_ns = 0  # by which they are down, or are left
@@ -55,7 +61,13 @@ class Shutdown:
     def text(self) -> str:
         """The landing that is waited for before leaving; empty when none is."""
         up = len(self._airborne)
-        return "" if self._status is None else f"landing, then leaving: {up} still up" if up else "leaving"
+        return (
+            ""
+            if self._status is None
+            else f"landing, then leaving: {up} still up"
+            if up
+            else "leaving"
+        )
 
     @property
     def _airborne(self) -> tuple[str, ...]:
@@ -72,7 +84,9 @@ class Shutdown:
 
     def update(self) -> None:
         """Leave as soon as all are down, or do not come down in time; called at each refresh."""
-        if self._status is not None and (not self._airborne or self._client.now_ns() >= self._deadline_ns):
+        if self._status is not None and (
+            not self._airborne or self._client.now_ns() >= self._deadline_ns
+        ):
             self._app.exit(self._status)
 
     def quit(self) -> None:
@@ -103,7 +117,7 @@ class Shutdown:
         self._status, self._deadline_ns = status, self._client.now_ns() + int(wait_s * 1e9)
         await self._orders.order_all("land")
 
-    # -- signals -----------------------------------------------------------------------------------------------------
+    # -- signals -----------------------------------------------------------------------------------
 
     def catch_signals(self) -> None:
         """Land and restore the terminal on SIGTERM, as on ctrl+c, and when the terminal closes."""

@@ -1,7 +1,9 @@
-"""The console on terminals of every kind: light or dark, with colour or without, in Unicode or in ASCII.
+"""The console on terminals of every kind: light or dark, with colour or without, in Unicode or in
+ASCII.
 
-Widgets draw one way only: dark, in colour, in Unicode. What a terminal needs otherwise is changed on the way out, line
-by line, so that no widget can forget it. Every sign keeps its width in cells, so nothing moves.
+Widgets draw one way only: dark, in colour, in Unicode. What a terminal needs otherwise is changed
+on the way out, line by line, so that no widget can forget it. Every sign keeps its width in cells,
+so nothing moves.
 """
 
 from __future__ import annotations
@@ -32,22 +34,35 @@ _SIGNS = {
 }  # fmt: skip
 
 
-def is_ascii_wanted(environ: Mapping[str, str], *, is_utf8_forced: bool = bool(sys.flags.utf8_mode)) -> bool:
-    """Whether the terminal is to get ASCII only: set by COVEY_ASCII, or by a locale that is not UTF-8.
+def is_ascii_wanted(
+    environ: Mapping[str, str], *, is_utf8_forced: bool = bool(sys.flags.utf8_mode)
+) -> bool:
+    """Whether the terminal is to get ASCII only: set by COVEY_ASCII, or by a locale that is not
+    UTF-8.
 
-    Without any locale, as in many containers, Unicode is assumed. ``is_utf8_forced``: Python found the plain C locale
-    and wrote its own LC_CTYPE into the environment, which nobody has set.
+    Without any locale, as in many containers, Unicode is assumed. ``is_utf8_forced``: Python found
+    the plain C locale and wrote its own LC_CTYPE into the environment, which nobody has set.
     """
     own_choice = environ.get("COVEY_ASCII", "").strip().lower()
     if own_choice:
         return own_choice not in ("0", "no", "off", "false")
-    is_pythons = is_utf8_forced and environ.get("LC_CTYPE", "").upper().replace("-", "") in ("C.UTF8", "UTF8")
-    named = environ.get("LC_ALL") or ("" if is_pythons else environ.get("LC_CTYPE")) or environ.get("LANG") or ""
+    is_pythons = is_utf8_forced and environ.get("LC_CTYPE", "").upper().replace("-", "") in (
+        "C.UTF8",
+        "UTF8",
+    )
+    named = (
+        environ.get("LC_ALL")
+        or ("" if is_pythons else environ.get("LC_CTYPE"))
+        or environ.get("LANG")
+        or ""
+    )
     return bool(named) and "utf8" not in named.lower().replace("-", "")
 
 
 def is_light_wanted(environ: Mapping[str, str]) -> bool:
-    """Whether the terminal's ground is light: set by COVEY_THEME, else by COLORFGBG (``foreground;background``)."""
+    """Whether the terminal's ground is light: set by COVEY_THEME, else by COLORFGBG
+    (``foreground;background``).
+    """
     own_choice = environ.get("COVEY_THEME", "").strip().lower()
     if own_choice in ("light", "dark"):
         return own_choice == "light"
@@ -66,18 +81,26 @@ class Ascii(LineFilter):
     def apply(self, segments: list[Segment], background: Color) -> list[Segment]:
         """Return the same line in ASCII."""
         return [
-            segment if segment.text.isascii() else Segment(to_ascii(segment.text), segment.style, segment.control)
+            segment
+            if segment.text.isascii()
+            else Segment(to_ascii(segment.text), segment.style, segment.control)
             for segment in segments
         ]
 
 
 class Light(LineFilter):
-    """Colours for a light ground: the console's own by a table, others with their lightness turned around."""
+    """Colours for a light ground: the console's own by a table, others with their lightness turned
+    around.
+    """
 
     def apply(self, segments: list[Segment], background: Color) -> list[Segment]:
         """Return the same line in light colours."""
         return [
-            Segment(segment.text, None if segment.style is None else _light(segment.style), segment.control)
+            Segment(
+                segment.text,
+                None if segment.style is None else _light(segment.style),
+                segment.control,
+            )
             for segment in segments
         ]
 
@@ -93,10 +116,12 @@ class TerminalFilters:
     def active(self, *, has_colour: bool) -> Sequence[LineFilter]:
         """Return the filters that every line passes on its way out.
 
-        Textual's own filters are not among them: they would cost a tenth of all drawing, and the console names no
-        colour by its ANSI number.
+        Textual's own filters are not among them: they would cost a tenth of all drawing, and the
+        console names no colour by its ANSI number.
         """
-        colour: list[LineFilter] = [self._no_colour] if not has_colour else [self._light] if self.is_light else []
+        colour: list[LineFilter] = (
+            [self._no_colour] if not has_colour else [self._light] if self.is_light else []
+        )
         return [*colour, self._ascii] if self.is_ascii else colour
 
 
@@ -113,12 +138,16 @@ def _light_colour(colour: RichColor | None) -> RichColor | None:
     if own is not None:
         return RichColor.parse(own)
     hue, lightness, saturation = colorsys.rgb_to_hls(*colour.triplet.normalized)
-    red, green, blue = (round(255 * part) for part in colorsys.hls_to_rgb(hue, 1.0 - lightness, saturation))
+    red, green, blue = (
+        round(255 * part) for part in colorsys.hls_to_rgb(hue, 1.0 - lightness, saturation)
+    )
     return RichColor.from_rgb(red, green, blue)
 
 
 class _Table(dict[int, str]):
-    """Grows with the characters that come: accents are dropped, a character without likeness becomes question marks."""
+    """Grows with the characters that come: accents are dropped, a character without likeness
+    becomes question marks.
+    """
 
     def __missing__(self, code: int) -> str:
         char = chr(code)

@@ -1,7 +1,8 @@
 """Colours, signs and numbers of the console. Pure.
 
-The palette is Okabe and Ito's, lightened for a dark ground: safe for the common kinds of colour blindness. No meaning
-is carried by colour alone; a sign or a word always says it too. `terminal_filters` adapts both to the terminal.
+The palette is Okabe and Ito's, lightened for a dark ground: safe for the common kinds of colour
+blindness. No meaning is carried by colour alone; a sign or a word always says it too.
+`terminal_filters` adapts both to the terminal.
 """
 
 from __future__ import annotations
@@ -25,7 +26,8 @@ KILL = "#dd8fbc"
 CALM = "#63bdf0"
 
 VEHICLE_COLOURS = (CALM, WARN, GOOD, KILL, "#f0e442", BAD, "#8f9df5", "#c3c9d0")
-# Low to high: from blue to yellow, which every common kind of colour blindness tells apart, and from dark to bright.
+# Low to high: from blue to yellow, which every common kind of colour blindness tells apart, and
+# from dark to bright.
 HEIGHT_COLOURS = ("#6c7fd8", "#7ba6c9", "#a9b7a0", "#d3c46a", "#f7e03c")
 
 # Every colour that is drawn, and its counterpart on a light ground.
@@ -72,7 +74,9 @@ _STYLES: dict[tuple[str, bool, bool], Style] = {}
 
 
 def style(colour: str = TEXT, *, bold: bool = False, dim: bool = False) -> Style:
-    """A cached style; ``dim`` swaps the colour for the faint one, since terminals disagree about dim."""
+    """A cached style; ``dim`` swaps the colour for the faint one, since terminals disagree about
+    dim.
+    """
     key = (colour, bold, dim)
     if key not in _STYLES:
         _STYLES[key] = Style(color=FAINT if dim else colour, bold=bold, italic=dim)
@@ -82,7 +86,10 @@ def style(colour: str = TEXT, *, bold: bool = False, dim: bool = False) -> Style
 @lru_cache(256)
 def faded(colour: str) -> str:
     """Return a colour half way to the ground, for the background."""
-    parts = (round(0.45 * int(colour[i : i + 2], 16) + 0.55 * int(GROUND[i : i + 2], 16)) for i in (1, 3, 5))
+    parts = (
+        round(0.45 * int(colour[i : i + 2], 16) + 0.55 * int(GROUND[i : i + 2], 16))
+        for i in (1, 3, 5)
+    )
     return "#" + "".join(f"{part:02x}" for part in parts)
 
 
@@ -97,7 +104,9 @@ def vehicle_colour(index: int) -> str:
 
 
 def clean(text: object, limit: int = 400) -> str:
-    """Text from outside as one printable line: no control characters, no escape sequences, no endless strings."""
+    """Text from outside as one printable line: no control characters, no escape sequences, no
+    endless strings.
+    """
     return _cleaned(str(text)[:limit])
 
 
@@ -105,11 +114,16 @@ def clean(text: object, limit: int = 400) -> str:
 def _cleaned(line: str) -> str:
     if line.isascii() and line.isprintable():
         return line
-    spaced = (" " if char in "\n\r\t" or unicodedata.category(char) == "Zs" else char for char in line)
+    spaced = (
+        " " if char in "\n\r\t" or unicodedata.category(char) == "Zs" else char for char in line
+    )
     text = "".join(char for char in spaced if _is_printable(char))
     if cell_len(text) != sum(map(get_character_cell_size, text)):
-        # Flags and joined signs: terminals disagree about their width, so each part stands for itself.
-        text = "".join("?" if _joins(char) else char for char in text if get_character_cell_size(char))
+        # Flags and joined signs: terminals disagree about their width, so each part stands for
+        # itself.
+        text = "".join(
+            "?" if _joins(char) else char for char in text if get_character_cell_size(char)
+        )
     return text
 
 
@@ -118,9 +132,16 @@ def _joins(char: str) -> bool:
     return "\U0001f1e6" <= char <= "\U0001f1ff" or "\U0001f3fb" <= char <= "\U0001f3ff"
 
 
-def number(value: object, digits: int = 1, *, sign: bool = False, unit: str = "", limit: float = 99_999.0) -> str:
+def number(
+    value: object, digits: int = 1, *, sign: bool = False, unit: str = "", limit: float = 99_999.0
+) -> str:
     """Return a number as text, or ``-`` where it is not finite or not plausible; never ``-0.0``."""
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value) or abs(value) > limit:
+    if (
+        isinstance(value, bool)
+        or not isinstance(value, (int, float))
+        or not math.isfinite(value)
+        or abs(value) > limit
+    ):
         return "-"
     rounded = round(float(value), digits) + 0.0
     return f"{rounded:{'+' if sign else ''}.{digits}f}{unit}"
@@ -137,7 +158,9 @@ def fit(text: str, width: int, *, right: bool = False) -> str:
 
 
 def fit_name(name: str, width: int) -> str:
-    """A name in exactly ``width`` cells, cut in its middle where too long: names of a fleet differ at their ends."""
+    """A name in exactly ``width`` cells, cut in its middle where too long: names of a fleet differ
+    at their ends.
+    """
     cells = cell_len(name)
     if cells <= width or width < 4:
         return fit(name, width)
@@ -153,7 +176,10 @@ def spark(values: Sequence[float], width: int, top: float) -> str:
     """Return the last ``width`` values as little columns, ``top`` filling a cell; nan is a gap."""
     shown = [float(value) for value in values[-width:]] if width > 0 else []
     steps = "▁▂▃▄▅▆▇█"
-    marks = (steps[int(8 * min(0.999, max(0.0, value / top)))] if math.isfinite(value) else " " for value in shown)
+    marks = (
+        steps[int(8 * min(0.999, max(0.0, value / top)))] if math.isfinite(value) else " "
+        for value in shown
+    )
     return "".join(marks).rjust(width)
 
 
@@ -165,7 +191,9 @@ def height_colour(height_m: float, span_m: tuple[float, float]) -> str:
 
 
 def wrap(text: str, width: int, most: int = 6) -> list[str]:
-    """``text`` broken at spaces into at most ``most`` lines of ``width`` cells; longer words are cut."""
+    """``text`` broken at spaces into at most ``most`` lines of ``width`` cells; longer words are
+    cut.
+    """
     cells = len if text.isascii() else cell_len  # of hundreds of events at once, most are plain
     lines: list[str] = []
     line = ""

@@ -1,6 +1,7 @@
 """Everything about one vehicle as blocks of lines. Pure.
 
-A block is drawn for a width; :func:`blocks` returns them in the order of importance, the screen puts them into columns.
+A block is drawn for a width; :func:`blocks` returns them in the order of importance, the screen
+puts them into columns.
 """
 
 from __future__ import annotations
@@ -35,7 +36,11 @@ def heading(subject: VehicleSubject) -> Text:
     sign, colour = theme.STATE_SIGNS.get(telemetry.state, ("?", WARN))
     if not view.is_fresh(subject.now_ns):
         silence = number(view.age_s(subject.now_ns), 1, limit=1e6)
-        last = "PX4 says disarmed" if view.is_disarmed_by_px4 else f"last heard: {clean(telemetry.state, 20)}"
+        last = (
+            "PX4 says disarmed"
+            if view.is_disarmed_by_px4
+            else f"last heard: {clean(telemetry.state, 20)}"
+        )
         return [name, (f"  NO TELEM {silence} s", BAD), (f"  {last}", FAINT)]
     armed = ("  ARMED", WARN) if view.is_armed else ("  disarmed", FAINT)
     return [
@@ -60,24 +65,35 @@ def blocks(subject: VehicleSubject, width: int) -> list[list[Strip]]:
     lines = []
     for title, draw in parts:
         rule = [(f"── {title} ", FAINT), ("─" * max(0, width - len(title) - 4), RULE)]
-        lines.append([_strip(rule, width), *(_strip(line, width) for line in draw(subject, width)), Strip.blank(width)])
+        lines.append(
+            [
+                _strip(rule, width),
+                *(_strip(line, width) for line in draw(subject, width)),
+                Strip.blank(width),
+            ]
+        )
     return lines
 
 
 def _strip(line: Text | Strip, width: int) -> Strip:
     if isinstance(line, Strip):
         return line.adjust_cell_length(width)
-    return Strip([Segment(text, theme.style(colour)) for text, colour in line]).adjust_cell_length(width)
+    return Strip([Segment(text, theme.style(colour)) for text, colour in line]).adjust_cell_length(
+        width
+    )
 
 
 def _wrapped(head: Text, text: str, width: int, colour: str) -> list[Text | Strip]:
     """Return ``text`` beside ``head``, further lines below it."""
     indent = sum(len(piece) for piece, _ in head)
     lines = theme.wrap(clean(text), max(8, width - indent), most=4)
-    return [[*head, (lines[0], colour)], *([(" " * indent, FAINT), (line, colour)] for line in lines[1:])]
+    return [
+        [*head, (lines[0], colour)],
+        *([(" " * indent, FAINT), (line, colour)] for line in lines[1:]),
+    ]
 
 
-# -- the blocks --------------------------------------------------------------------------------------------------------
+# -- the blocks ------------------------------------------------------------------------------------
 
 
 def _state(subject: VehicleSubject, width: int) -> list[Text | Strip]:
@@ -88,7 +104,9 @@ def _state(subject: VehicleSubject, width: int) -> list[Text | Strip]:
     for line in subject.alarms:
         sign, colour = _SEVERITIES[line.alarm.severity]
         head: Text = [(f" {'✓' if line.is_acknowledged else sign} ", colour)]
-        lines += _wrapped(head, line.text(subject.now_ns), width, FAINT if line.is_acknowledged else colour)
+        lines += _wrapped(
+            head, line.text(subject.now_ns), width, FAINT if line.is_acknowledged else colour
+        )
     action = clean(last.action, 80)
     if action and action != WORDS[Action.GO_ON]:
         lines.append([(" failsafe   ", FAINT), (action, WARN)])
@@ -99,11 +117,15 @@ def _state(subject: VehicleSubject, width: int) -> list[Text | Strip]:
     if last.is_position_valid:
         x, y, z = (number(axis, 2, sign=True) for axis in last.position_enu_m)
         at = " was at     " if is_old else " at         "
-        lines.append([(at, FAINT), (f"{x} {y} {z} m", tint), (f"   yaw {number(last.yaw_deg, 0)}°", tint)])
+        lines.append(
+            [(at, FAINT), (f"{x} {y} {z} m", tint), (f"   yaw {number(last.yaw_deg, 0)}°", tint)]
+        )
     else:
         lines.append([(" at         ", FAINT), ("no valid position", WARN)])
     goal = " ".join(number(axis, 2, sign=True) for axis in last.goal_position_enu_m)
-    lines.append([(" goes to    ", FAINT), (f"{goal} m" if subject.view.is_airborne else "·", tint)])
+    lines.append(
+        [(" goes to    ", FAINT), (f"{goal} m" if subject.view.is_airborne else "·", tint)]
+    )
     speed = math.sqrt(sum(axis * axis for axis in last.velocity_enu_m_s))
     lines.append([(" speed      ", FAINT), (f"{number(speed, 2)} m/s", tint)])
     battery = f"{number(last.battery_frac * 100.0, 0, limit=999)} %  {number(last.battery_voltage_v, 1, limit=999)} V"
@@ -114,7 +136,9 @@ def _state(subject: VehicleSubject, width: int) -> list[Text | Strip]:
         (last.autopilot_age_s, "PX4"),
         (last.neighbour_age_s, "neighbours"),
     )
-    message_ages = "  ".join(f"{label} {number(1e3 * age_s, 0, limit=1e6)}" for age_s, label in ages)
+    message_ages = "  ".join(
+        f"{label} {number(1e3 * age_s, 0, limit=1e6)}" for age_s, label in ages
+    )
     lines.append([(" ages, ms   ", FAINT), (message_ages, tint)])
     periods = (last.loop_period_p50_ms, last.loop_period_p99_ms, last.loop_period_max_ms)
     loop = "/".join(number(value, 0, limit=1e6) for value in periods)
@@ -123,7 +147,9 @@ def _state(subject: VehicleSubject, width: int) -> list[Text | Strip]:
 
 
 def _counts(last: Telemetry, ground: FleetState, tint: str) -> list[Text | Strip]:
-    """Messages that the vehicle and this ground did not use, since their start; no line where there are none."""
+    """Messages that the vehicle and this ground did not use, since their start; no line where there
+    are none.
+    """
     refused = last.refused_messages + sum(last.refused_orders.values())
     theirs = in_words(last.malformed_messages, refused, last.dropped_messages, last.late_messages)
     ours = in_words(ground.malformed, ground.refused, ground.dropped, ground.late)
@@ -138,7 +164,11 @@ def _checks(subject: VehicleSubject, width: int) -> list[Text | Strip]:
         report = view.preflight
         bad = [check for check in report.checks if not check[1]]
         advice = [check for check in report.checks if check[1] and check[3]]
-        go = (" ✔ GO", GOOD) if not bad else (f" ✖ NO-GO: {len(bad)} of {len(report.checks)} refuse", BAD)
+        go = (
+            (" ✔ GO", GOOD)
+            if not bad
+            else (f" ✖ NO-GO: {len(bad)} of {len(report.checks)} refuse", BAD)
+        )
         lines.append([go, (f"   {len(report.checks) - len(bad)} fine", FAINT)])
         for (name, _, sentence, remedy), (sign, colour) in [
             *((check, ("✖", BAD)) for check in bad),
@@ -156,7 +186,16 @@ def _checks(subject: VehicleSubject, width: int) -> list[Text | Strip]:
     for reason in telemetry.not_ready[:8]:
         lines += _wrapped([(" ✖ ", BAD)], reason, width, WARN)
     if not lines:
-        lines.append([(" · checked on the ground, before it arms" if telemetry.is_airborne else " ✔ ready", FAINT)])
+        lines.append(
+            [
+                (
+                    " · checked on the ground, before it arms"
+                    if telemetry.is_airborne
+                    else " ✔ ready",
+                    FAINT,
+                )
+            ]
+        )
     return lines
 
 
@@ -169,19 +208,31 @@ def _neighbours(subject: VehicleSubject, width: int) -> list[Text | Strip]:
         if name == subject.view.name:
             continue
         spot = view.position_enu_m(subject.now_ns)
-        own_view_m = tick.neighbour_distances_m.get(name, math.nan) if tick is not None else math.nan
+        own_view_m = (
+            tick.neighbour_distances_m.get(name, math.nan) if tick is not None else math.nan
+        )
         reported_m = math.nan
         if own is not None and spot is not None:
             reported_m = separation_m(own, spot, subject.state.height_share)
         age_s = tick.neighbour_ages_s.get(name, math.nan) if tick is not None else math.nan
         distance_m = reported_m if math.isfinite(reported_m) else own_view_m
-        rows.append((distance_m if math.isfinite(distance_m) else math.inf, name, own_view_m, age_s))
+        rows.append(
+            (distance_m if math.isfinite(distance_m) else math.inf, name, own_view_m, age_s)
+        )
     if not rows:
         return [[(" none in this fleet", FAINT)]]
-    lines: list[Text | Strip] = [[(f"   {'name':<14}{'m':>6}{'it sees m':>11}{'age ms':>8}", FAINT)]]
+    lines: list[Text | Strip] = [
+        [(f"   {'name':<14}{'m':>6}{'it sees m':>11}{'age ms':>8}", FAINT)]
+    ]
     for distance_m, name, own_view_m, age_s in sorted(rows)[:8]:
         is_close = distance_m < limit_m and subject.view.is_airborne
-        colour = BAD if is_close else WARN if distance_m < 1.25 * limit_m and subject.view.is_airborne else TEXT
+        colour = (
+            BAD
+            if is_close
+            else WARN
+            if distance_m < 1.25 * limit_m and subject.view.is_airborne
+            else TEXT
+        )
         is_pushing = tick is not None and tick.active_neighbour == name
         numbers = f"{number(distance_m, 2):>6}{number(own_view_m, 2):>11}{number(1e3 * age_s, 0, limit=1e6):>8}"
         lines.append(
@@ -202,20 +253,30 @@ def _orders(subject: VehicleSubject, width: int) -> list[Text | Strip]:
     lines: list[Text | Strip] = []
     if telemetry is not None and telemetry.order_kind:
         lines.append(
-            [(" now        ", FAINT), (f"{clean(telemetry.order_kind, 16)} {clean(telemetry.order_phase, 30)}", TEXT)]
+            [
+                (" now        ", FAINT),
+                (f"{clean(telemetry.order_kind, 16)} {clean(telemetry.order_phase, 30)}", TEXT),
+            ]
         )
     mine = [logged for logged in subject.state.events if logged.event.vehicle == subject.view.name]
     for logged in [logged for logged in reversed(mine) if logged.event.order_outcome][:8]:
         event = logged.event
         sign, colour = theme.PHASE_SIGNS.get(event.order_outcome, ("·", TEXT))
         kind = clean(event.code.removeprefix("order-"), 12)
-        head: Text = [(f" {subject.time_text(logged.received_ns)} ", FAINT), (f"{sign} {kind:<10} ", colour)]
+        head: Text = [
+            (f" {subject.time_text(logged.received_ns)} ", FAINT),
+            (f"{sign} {kind:<10} ", colour),
+        ]
         lines += _wrapped(head, f"{event.order_outcome}. {event.sentence}", width, colour)[:2]
     return lines or [[(" none yet", FAINT)]]
 
 
 def _log(subject: VehicleSubject, width: int) -> list[Text | Strip]:
-    mine = (logged for logged in reversed(subject.state.events) if logged.event.vehicle == subject.view.name)
+    mine = (
+        logged
+        for logged in reversed(subject.state.events)
+        if logged.event.vehicle == subject.view.name
+    )
     lines: list[Text | Strip] = []
     for logged in itertools.islice(mine, MAX_LOG):
         sign, colour = theme.SEVERITY_SIGNS.get(logged.event.severity, theme.SEVERITY_SIGNS["info"])

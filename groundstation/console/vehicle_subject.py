@@ -25,7 +25,8 @@ class VehicleSubject:
     now_ns: int
     tick_samples: Sequence[TickSample]  # of its pipeline, oldest first
     alarms: Sequence[Line] = ()
-    time_text: Callable[[int], str] = field(default=str)  # of the time at which something was received
+    # of the time at which something was received
+    time_text: Callable[[int], str] = field(default=str)
     chart_rows: int = 5  # height of a chart
 
     @property

@@ -1,4 +1,6 @@
-"""Orders of a Crazyswarm script: collected between two sleeps, sent together, waited for when they are due."""
+"""Orders of a Crazyswarm script: collected between two sleeps, sent together, waited for when they
+are due.
+"""
 
 from __future__ import annotations
 
@@ -39,8 +41,10 @@ class _Open:
 class _Batch:
     """Orders since the last sleep; of one vehicle's the last counts."""
 
-    takeoffs: dict[str, tuple[float, float]] = field(default_factory=dict)  # height [m], duration [s]
-    goals: dict[str, tuple[Vec3, float, float]] = field(default_factory=dict)  # goal, yaw [deg], duration [s]
+    # height [m], duration [s]
+    takeoffs: dict[str, tuple[float, float]] = field(default_factory=dict)
+    # goal, yaw [deg], duration [s]
+    goals: dict[str, tuple[Vec3, float, float]] = field(default_factory=dict)
     paths: dict[str, Path] = field(default_factory=dict)
     landings: dict[str, float] = field(default_factory=dict)  # duration [s]
     stops: list[str] = field(default_factory=list)
@@ -96,7 +100,9 @@ class ScriptOrders:
     def stop(self, name: str) -> None:
         """Have a vehicle disarm on the ground."""
         if self.fleet[name].is_flying and name not in self._batch.landings:
-            raise OrderError(f"{name} flies, and without motors it would fall: land() it, or allcfs.emergency().")
+            raise OrderError(
+                f"{name} flies, and without motors it would fall: land() it, or allcfs.emergency()."
+            )
         self._batch.stops.append(name)
 
     def kill_all(self) -> None:
@@ -104,7 +110,9 @@ class ScriptOrders:
         self._blocking.run(lambda fleet: fleet.kill(fleet.names))
 
     def spot(self, name: str) -> tuple[Vec3, float]:
-        """Return where a vehicle is going to, with its heading [deg]: what relative goals count from."""
+        """Return where a vehicle is going to, with its heading [deg]: what relative goals count
+        from.
+        """
         if name in self._batch.goals:
             goal, yaw_deg, _ = self._batch.goals[name]
             return goal, yaw_deg
@@ -113,7 +121,9 @@ class ScriptOrders:
             raise OrderError(f"{name} does not report where it is.")
         goal, is_flying = telemetry.goal_position_enu_m, telemetry.state in ("flying", "holding")
         yaw_deg = 0.0 if abs(telemetry.yaw_deg) < 1.0 else telemetry.yaw_deg
-        return (goal if is_flying and all(map(math.isfinite, goal)) else telemetry.position_enu_m), yaw_deg
+        return (
+            goal if is_flying and all(map(math.isfinite, goal)) else telemetry.position_enu_m
+        ), yaw_deg
 
     def position(self, name: str) -> Vec3:
         """Return the reported position; not a number where it is not known."""
@@ -124,7 +134,8 @@ class ScriptOrders:
 
         Args:
             duration_s: on the script's clock.
-            waits_for_moves: whether moves that should have ended by then are waited for; all else always is.
+            waits_for_moves: whether moves that should have ended by then are waited for; all else
+                always is.
 
         Raises:
             OrderFailed: a vehicle did not do what was ordered.
@@ -143,8 +154,12 @@ class ScriptOrders:
                 await self._has_failed.wait()
         except TimeoutError:
             pass
-        kinds = ("takeoff", "land", "path", "goto") if waits_for_moves else ("takeoff", "land", "path")
-        late = [one.task for one in self._open if one.kind in kinds and one.due_s <= self.time_s + 1e-6]
+        kinds = (
+            ("takeoff", "land", "path", "goto") if waits_for_moves else ("takeoff", "land", "path")
+        )
+        late = [
+            one.task for one in self._open if one.kind in kinds and one.due_s <= self.time_s + 1e-6
+        ]
         await self._wait(late)
         self._open = [one for one in self._open if not one.task.done()]
 
@@ -158,7 +173,13 @@ class ScriptOrders:
 
     async def _send(self, batch: _Batch) -> None:
         starting = {*batch.goals, *batch.paths, *batch.landings}
-        await self._wait([one.task for one in self._open if one.kind == "takeoff" and starting.intersection(one.names)])
+        await self._wait(
+            [
+                one.task
+                for one in self._open
+                if one.kind == "takeoff" and starting.intersection(one.names)
+            ]
+        )
         ground, fleet = self.fleet.ground, self.fleet
         for height_m in sorted({height_m for height_m, _ in batch.takeoffs.values()}):
             own = {name: one[1] for name, one in batch.takeoffs.items() if one[0] == height_m}
@@ -166,12 +187,16 @@ class ScriptOrders:
         if batch.goals:
             durations_s = {name: duration_s for name, (_, _, duration_s) in batch.goals.items()}
             intent = Intent(
-                "goto", tuple(batch.goals), goals={name: goal for name, (goal, _, _) in batch.goals.items()}
+                "goto",
+                tuple(batch.goals),
+                goals={name: goal for name, (goal, _, _) in batch.goals.items()},
             )
 
             def with_own(planned: PlannedOrder) -> PlannedOrder:
                 orders = {
-                    name: structs.replace(order, duration_s=durations_s[name], yaw_deg=batch.goals[name][1])
+                    name: structs.replace(
+                        order, duration_s=durations_s[name], yaw_deg=batch.goals[name][1]
+                    )
                     for name, order in planned.orders.items()
                 }
                 return replace(planned, orders=orders)
@@ -183,7 +208,9 @@ class ScriptOrders:
             self._begin("path", durations_s, self._follow(batch.paths))
         if batch.landings:
             self._begin("land", batch.landings, fleet.land(list(batch.landings), timeout_s=_LAND_S))
-        stopped = [name for name in batch.stops if name not in batch.landings and not fleet[name].is_flying]
+        stopped = [
+            name for name in batch.stops if name not in batch.landings and not fleet[name].is_flying
+        ]
         if any(fleet[name].view.is_armed for name in stopped):
             self._begin("land", dict.fromkeys(stopped, 0.0), fleet.disarm(stopped))
         await asyncio.sleep(0.0)  # lets the orders leave
@@ -196,7 +223,9 @@ class ScriptOrders:
             for factor in _TIMESCALES:
                 slower = {name: slowed(path, factor) for name, path in paths.items()}
                 if not refusals(path_findings(config, slower, "follow_path")):
-                    raise ConfigError(f"{error} A timescale that is {factor:g} times as long would do.") from None
+                    raise ConfigError(
+                        f"{error} A timescale that is {factor:g} times as long would do."
+                    ) from None
             raise
 
     def _take_failure(self, task: asyncio.Task[None]) -> None:
@@ -205,12 +234,16 @@ class ScriptOrders:
             self._failure = self._failure or error
             self._has_failed.set()
 
-    def _begin(self, kind: str, durations_s: dict[str, float], order: Coroutine[Any, Any, Any]) -> None:
+    def _begin(
+        self, kind: str, durations_s: dict[str, float], order: Coroutine[Any, Any, Any]
+    ) -> None:
         async def follow() -> None:
             try:
                 await order
             except OrderFailed as error:
-                if any(not one.is_done and one.phase != "superseded" for one in error.results.values()):
+                if any(
+                    not one.is_done and one.phase != "superseded" for one in error.results.values()
+                ):
                     raise
                 # the script itself has ordered something else, which is no failure
                 steps = self.fleet.steps

@@ -1,8 +1,10 @@
-"""Crazyswarm's blocking script interface: commands return at once, and ``timeHelper.sleep`` lets time pass.
+"""Crazyswarm's blocking script interface: commands return at once, and ``timeHelper.sleep`` lets
+time pass.
 
-What is ordered between two sleeps is one order: several ``goTo`` are judged together, so that vehicles may change
-places. The script's clock stands while a vehicle is late: a take-off or a landing takes as long as it takes, and a
-``sleep`` ends when what should have ended by then has ended.
+What is ordered between two sleeps is one order: several ``goTo`` are judged together, so that
+vehicles may change places. The script's clock stands while a vehicle is late: a take-off or a
+landing takes as long as it takes, and a ``sleep`` ends when what should have ended by then has
+ended.
 """
 
 from __future__ import annotations
@@ -35,7 +37,8 @@ class Crazyswarm:
     """The fleet under Crazyswarm's names.
 
     Args:
-        crazyflies_yaml: a fleet file (``.toml``); Crazyswarm's own file is not read: ``covey run --fleet`` names one.
+        crazyflies_yaml: a fleet file (``.toml``); Crazyswarm's own file is not read: ``covey run
+            --fleet`` names one.
         parent_parser: not used.
         args: not used.
         fleet: a fleet file or its path; None: that of ``covey run``.
@@ -53,7 +56,11 @@ class Crazyswarm:
         *,
         fleet: FleetConfig | str | FilePath | None = None,
     ) -> None:
-        given = crazyflies_yaml if crazyflies_yaml is not None and crazyflies_yaml.endswith(".toml") else None
+        given = (
+            crazyflies_yaml
+            if crazyflies_yaml is not None and crazyflies_yaml.endswith(".toml")
+            else None
+        )
         orders = ScriptOrders(BlockingFleet(fleet or given))
         self.timeHelper = TimeHelper(orders)
         self.allcfs = CrazyflieServer(orders)
@@ -95,7 +102,8 @@ class TimeHelper:
 
 
 class Buttons:
-    """``swarm.input``: Enter, in the terminal; without a terminal it is pressed after two seconds."""
+    """``swarm.input``: Enter, in the terminal; without a terminal it is pressed after two seconds.
+    """
 
     def __init__(self, clock: TimeHelper) -> None:
         self._clock, self._since_s = clock, math.nan
@@ -159,7 +167,12 @@ class Crazyflie:
             self._orders.stop(self._name)
 
     def goTo(
-        self, goal: Sequence[float], yaw: float, duration: float, relative: bool = False, groupMask: int = 0
+        self,
+        goal: Sequence[float],
+        yaw: float,
+        duration: float,
+        relative: bool = False,
+        groupMask: int = 0,
     ) -> None:
         """Go to a goal; with the others' goals of the same moment it is judged together."""
         if not self._is_meant(groupMask):
@@ -183,7 +196,8 @@ class Crazyflie:
         relative: bool = True,
         groupMask: int = 0,
     ) -> None:
-        """Follow a trajectory; with those of the others of the same moment it begins at one instant.
+        """Follow a trajectory; with those of the others of the same moment it begins at one
+        instant.
 
         Raises:
             OrderError: there is no such trajectory.
@@ -192,12 +206,16 @@ class Crazyflie:
             return
         if trajectoryId not in self._trajectories:
             known = ", ".join(map(str, self._trajectories)) or "none"
-            raise OrderError(f"{self._name} has no trajectory {trajectoryId}; it has {known}. Upload it first.")
+            raise OrderError(
+                f"{self._name} has no trajectory {trajectoryId}; it has {known}. Upload it first."
+            )
         path = slowed(self._trajectories[trajectoryId], float(timescale))
         path = backwards(path) if reverse else path
         if relative:
             begin, (spot, _) = point_at(path, 0.0).position_enu_m, self._orders.spot(self._name)
-            path = moved(path, np.array([*(to - at for to, at in zip(spot, begin, strict=True)), 0.0]))
+            path = moved(
+                path, np.array([*(to - at for to, at in zip(spot, begin, strict=True)), 0.0])
+            )
         self._orders.follow(self._name, path)
 
     def position(self) -> Array:
@@ -205,7 +223,8 @@ class Crazyflie:
         return np.array(self._orders.position(self._name))
 
     def setLEDColor(self, r: float, g: float, b: float) -> None:
-        """Show and record a colour, each share from 0 to 1; PX4 has no lamp that this would reach."""
+        """Show and record a colour, each share from 0 to 1; PX4 has no lamp that this would reach.
+        """
         red, green, blue = (round(255 * min(max(float(share), 0.0), 1.0)) for share in (r, g, b))
         client = self._orders.fleet.client
         message = Light(vehicle=self._name, stamp_ns=client.now_ns(), colour=(red, green, blue))
@@ -218,13 +237,19 @@ class Crazyflie:
 
     def getParam(self, name: str) -> NoReturn:
         """Refuse."""
-        raise OrderError(f"'{name}' is a parameter of a Crazyflie; PX4's are read with: covey px4 params --fleet FILE")
+        raise OrderError(
+            f"'{name}' is a parameter of a Crazyflie; PX4's are read with: covey px4 params --fleet FILE"
+        )
 
-    def enableCollisionAvoidance(self, others: object = None, ellipsoidRadii: object = None) -> None:
+    def enableCollisionAvoidance(
+        self, others: object = None, ellipsoidRadii: object = None
+    ) -> None:
         """Do nothing: the law is on; its distance is ``safety_distance_m`` of the fleet file."""
 
     def disableCollisionAvoidance(self) -> None:
-        """Do nothing: the law stays on; simulated flights may do without, with ``covey run --law off``."""
+        """Do nothing: the law stays on; simulated flights may do without, with ``covey run --law
+        off``.
+        """
 
     def notifySetpointsStop(self, remainValidMillisecs: float = 100, groupMask: int = 0) -> None:
         """Do nothing: no setpoints are streamed."""
@@ -249,7 +274,9 @@ class CrazyflieServer:
     def __init__(self, orders: ScriptOrders) -> None:
         self._orders = orders
         config = orders.fleet.config
-        self.crazyflies = [Crazyflie(orders, config.vehicles[name]) for name in config.enabled_names]
+        self.crazyflies = [
+            Crazyflie(orders, config.vehicles[name]) for name in config.enabled_names
+        ]
         self.crazyfliesById = {one.id: one for one in self.crazyflies}
         self.crazyfliesByName = {one.name: one for one in self.crazyflies}
 

@@ -60,7 +60,9 @@ class Trajectory:
         path = load_path(filename)
         rows = [np.array(piece) for piece in path.pieces]
         self.polynomials = [
-            Polynomial4D(float(row[0]), *(Polynomial(row[1 + 8 * axis : 9 + 8 * axis]) for axis in range(4)))
+            Polynomial4D(
+                float(row[0]), *(Polynomial(row[1 + 8 * axis : 9 + 8 * axis]) for axis in range(4))
+            )
             for row in rows
         ]
         self.duration = path.duration_s
@@ -68,7 +70,9 @@ class Trajectory:
     def eval(self, t: float) -> TrajectoryOutput:
         """Return the motion at a time [s]."""
         point = point_at(path_of_trajectory(self), t)
-        pos, vel, acc = map(np.array, (point.position_enu_m, point.velocity_enu_m_s, point.acceleration_enu_m_s2))
+        pos, vel, acc = map(
+            np.array, (point.position_enu_m, point.velocity_enu_m_s, point.acceleration_enu_m_s2)
+        )
         return TrajectoryOutput(pos, vel, acc, point.yaw_rad)
 
 
@@ -83,7 +87,10 @@ def path_of_trajectory(trajectory: Any) -> Path:
         raise ValueError("This trajectory is empty: read a file with loadcsv first.")
     axes = ("px", "py", "pz", "pyaw")
     return path_of(
-        [[one.duration, *(float(c) for axis in axes for c in _eight(getattr(one, axis).p))] for one in pieces]
+        [
+            [one.duration, *(float(c) for axis in axes for c in _eight(getattr(one, axis).p))]
+            for one in pieces
+        ]
     )
 
 

@@ -1,1 +1,3 @@
-"""The paper's figures for a recorded flight; one module per figure, all drawn from :class:`FlightData`."""
+"""The paper's figures for a recorded flight; one module per figure, all drawn from
+:class:`FlightData`.
+"""

@@ -19,7 +19,11 @@ def draw(flight: FlightData) -> Any:
         for column, angle in enumerate(("roll", "pitch")):
             ax = axes[index, column]
             ax.plot(
-                track.time_s, track.commanded_deg[:, column], color=SOFT, linewidth=1.0, label="commanded (setpoint)"
+                track.time_s,
+                track.commanded_deg[:, column],
+                color=SOFT,
+                linewidth=1.0,
+                label="commanded (setpoint)",
             )
             ax.plot(track.time_s, track.flown_deg[:, column], color=colour(index), label="flown")
             ax.set_title(f"{track.name} {angle}", loc="left", color=colour(index))
@@ -29,7 +33,9 @@ def draw(flight: FlightData) -> Any:
                 ax.set_ylabel("angle [deg]")
             if index == rows - 1:
                 ax.set_xlabel("time since take-off [s]")
-    angles = np.concatenate([np.concatenate([track.commanded_deg, track.flown_deg]).ravel() for track in flight.tracks])
+    angles = np.concatenate(
+        [np.concatenate([track.commanded_deg, track.flown_deg]).ravel() for track in flight.tracks]
+    )
     angles = np.abs(angles[np.isfinite(angles)])
     # one spike on the ground must not flatten the flight
     limit_deg = max(2.0, 1.2 * float(np.percentile(angles, 99.8))) if angles.size else 2.0

@@ -1,4 +1,7 @@
-"""Fig. 6: thrust before and after OIST, x and y per vehicle, and the distances of all pairs with the limit."""
+"""Fig.
+
+6: thrust before and after OIST, x and y per vehicle, and the distances of all pairs with the limit.
+"""
 
 from __future__ import annotations
 
@@ -16,15 +19,22 @@ MAX_PAIRS = 10
 def draw(flight: FlightData) -> Any:
     """Draw thrust on top, with the law's change shaded, and distances below over the full width."""
     columns = len(flight.tracks)
-    figure = new_figure(max(6.0, 3.7 * columns), 9.2, f"Thrust before and after OIST, and distances: {flight.title}")
+    figure = new_figure(
+        max(6.0, 3.7 * columns), 9.2, f"Thrust before and after OIST, and distances: {flight.title}"
+    )
     grid = figure.add_gridspec(3, columns, height_ratios=(1.0, 1.0, 1.5))
     first: list[Any] = [None, None]
     for index, track in enumerate(flight.tracks):
         for row, axis in enumerate("xy"):
             ax = figure.add_subplot(grid[row, index], sharex=first[0], sharey=first[0])
             first[0] = first[0] or ax
-            before, after = track.thrust_baseline_enu_m_s2[:, row], track.thrust_safe_enu_m_s2[:, row]
-            ax.fill_between(track.time_s, before, after, color=colour(index), alpha=0.22, linewidth=0)
+            before, after = (
+                track.thrust_baseline_enu_m_s2[:, row],
+                track.thrust_safe_enu_m_s2[:, row],
+            )
+            ax.fill_between(
+                track.time_s, before, after, color=colour(index), alpha=0.22, linewidth=0
+            )
             ax.plot(track.time_s, before, color=SOFT, linewidth=1.0, label="before OIST")
             ax.plot(track.time_s, after, color=colour(index), linewidth=1.3, label="after OIST")
             if row == 0:
@@ -43,7 +53,9 @@ def draw(flight: FlightData) -> Any:
 def _limit_thrust(ax: Any, flight: FlightData) -> None:
     values = np.concatenate(
         [
-            np.concatenate([track.thrust_baseline_enu_m_s2[:, :2], track.thrust_safe_enu_m_s2[:, :2]]).ravel()
+            np.concatenate(
+                [track.thrust_baseline_enu_m_s2[:, :2], track.thrust_safe_enu_m_s2[:, :2]]
+            ).ravel()
             for track in flight.tracks
         ]
     )
@@ -56,17 +68,26 @@ def _draw_distances(ax: Any, flight: FlightData) -> None:
     indices = {track.name: index for index, track in enumerate(flight.tracks)}
     if len(flight.pairs) <= MAX_PAIRS:
         for pair in flight.pairs:
-            # one line in both vehicles' colours: solid in the first's, dashed over it in the second's
-            ax.plot(flight.grid_s, pair.distance_m, color=colour(indices[pair.first]), linewidth=2.2)
+            # one line in both vehicles' colours: solid in the first's, dashed over it in the
+            # second's
             ax.plot(
-                flight.grid_s, pair.distance_m, color=colour(indices[pair.second]), linewidth=2.2, linestyle=(0, (3, 3))
+                flight.grid_s, pair.distance_m, color=colour(indices[pair.first]), linewidth=2.2
+            )
+            ax.plot(
+                flight.grid_s,
+                pair.distance_m,
+                color=colour(indices[pair.second]),
+                linewidth=2.2,
+                linestyle=(0, (3, 3)),
             )
         if flight.pairs:
             _name_lines(ax, flight.grid_s, flight.pairs)
     else:
         for name, index in indices.items():
             own = [pair.distance_m for pair in flight.pairs if name in (pair.first, pair.second)]
-            ax.plot(flight.grid_s, np.fmin.reduce(own), color=colour(index), linewidth=1.2, label=name)
+            ax.plot(
+                flight.grid_s, np.fmin.reduce(own), color=colour(index), linewidth=1.2, label=name
+            )
         ax.legend(loc="upper right", ncols=5, fontsize=8, title="distance to the nearest")
     limit_m = flight.safety_distance_m
     ax.axhline(limit_m, color=LIMIT, linewidth=1.6, linestyle=(0, (6, 2)))

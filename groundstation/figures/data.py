@@ -1,4 +1,6 @@
-"""A flight record as arrays per vehicle, on one time axis that starts when the first of them leaves the ground."""
+"""A flight record as arrays per vehicle, on one time axis that starts when the first of them leaves
+the ground.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +10,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from groundstation.recording.reader import MAX_FLIGHT_NS, Sample, is_number, is_vector, of_one_flight
+from groundstation.recording.reader import (
+    MAX_FLIGHT_NS,
+    Sample,
+    is_number,
+    is_vector,
+    of_one_flight,
+)
 from onboard.arrays import Array
 from onboard.config.pair_separation import separations_m
 
@@ -40,7 +48,11 @@ class Track:
     def path_at(self, time_s: Array) -> Array:
         """Return positions (n, 3) at these times, NaN outside the record."""
         return np.stack(
-            [np.interp(time_s, self.path_time_s, self.path_enu_m[:, axis], np.nan, np.nan) for axis in range(3)], -1
+            [
+                np.interp(time_s, self.path_time_s, self.path_enu_m[:, axis], np.nan, np.nan)
+                for axis in range(3)
+            ],
+            -1,
         )
 
 
@@ -62,16 +74,23 @@ class FlightData:
     safety_distance_m: float
     grid_s: Array  # (n,): common time axis
     pairs: tuple[Pair, ...]
-    take_off_s: float  # zero of all times here, in the record's own seconds, as replay and verdict count
+    # zero of all times here, in the record's own seconds, as replay and verdict count
+    take_off_s: float
     height_share: float = 0.0  # what a metre of height counts in a separation
 
     @property
     def source(self) -> str:
         """Source of the paths, in words."""
-        return "ground truth" if all(track.is_truth for track in self.tracks) else "the vehicles' estimates"
+        return (
+            "ground truth"
+            if all(track.is_truth for track in self.tracks)
+            else "the vehicles' estimates"
+        )
 
     def closest(self) -> tuple[Pair, int] | None:
-        """Return the pair with the smallest distance and its index on the grid; None when no vehicle flew."""
+        """Return the pair with the smallest distance and its index on the grid; None when no
+        vehicle flew.
+        """
         known = [pair for pair in self.pairs if np.isfinite(pair.distance_m).any()]
         if not known:
             return None
@@ -103,9 +122,17 @@ def from_samples(
     names = sorted(name for name, ticks in rows["tick"].items() if len(ticks) > 1)
     if not names:
         return None
-    start_ns = _start_ns({name: rows["truth"].get(name, []) for name in names}, {n: rows["tick"][n] for n in names})
+    start_ns = _start_ns(
+        {name: rows["truth"].get(name, []) for name in names}, {n: rows["tick"][n] for n in names}
+    )
     tracks = tuple(
-        _track(name, rows["tick"][name], rows["truth"].get(name, []), rows["telemetry"].get(name, []), start_ns)
+        _track(
+            name,
+            rows["tick"][name],
+            rows["truth"].get(name, []),
+            rows["telemetry"].get(name, []),
+            start_ns,
+        )
         for name in names
     )
     end_s = max(float(track.path_time_s[-1]) for track in tracks)
@@ -120,7 +147,9 @@ def from_samples(
 
 
 def _start_ns(truth: dict[str, list[Sample]], ticks: dict[str, list[Sample]]) -> int:
-    """The stamp at which the first vehicle leaves the ground; "taking off" begins earlier, when the motors start."""
+    """The stamp at which the first vehicle leaves the ground; "taking off" begins earlier, when the
+    motors start.
+    """
     lifted = []
     for name, flown in ticks.items():
         path = truth[name] if len(truth[name]) > 1 else flown
@@ -132,7 +161,9 @@ def _start_ns(truth: dict[str, list[Sample]], ticks: dict[str, list[Sample]]) ->
     return min(lifted, default=min(flown[0].stamp_ns for flown in ticks.values()))
 
 
-def _track(name: str, ticks: list[Sample], truth: list[Sample], telemetry: list[Sample], start_ns: int) -> Track:
+def _track(
+    name: str, ticks: list[Sample], truth: list[Sample], telemetry: list[Sample], start_ns: int
+) -> Track:
     time_s = _times(ticks, start_ns)
     path = truth if len(truth) > 1 else ticks
     return Track(
@@ -177,7 +208,10 @@ def _slots(telemetry: list[Sample]) -> Array:
     slots: list[list[float]] = []
     for sample in telemetry:
         goal = sample.values.get("goal_position_enu_m")
-        if sample.values.get("state") not in ("flying", "holding") or sample.values.get("order_kind") != "move":
+        if (
+            sample.values.get("state") not in ("flying", "holding")
+            or sample.values.get("order_kind") != "move"
+        ):
             continue
         if not isinstance(goal, list) or not is_vector(goal, 3):
             continue

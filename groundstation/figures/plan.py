@@ -1,4 +1,8 @@
-"""Fig. 4: trajectories from above with time marks, starts, slots and the safety circles at the closest approach."""
+"""Fig.
+
+4: trajectories from above with time marks, starts, slots and the safety circles at the closest
+approach.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +16,9 @@ from groundstation.figures.style import LIMIT, SOFT, colour, new_figure
 from onboard.arrays import Array
 
 _SAME_M = 0.05
-_SIDES = np.array([[1, -1], [-1, -1], [-1, 1], [1, 1], [0, -1.3], [0, 1.3], [-1.3, 0], [1.3, 0]], np.float64)
+_SIDES = np.array(
+    [[1, -1], [-1, -1], [-1, 1], [1, 1], [0, -1.3], [0, 1.3], [-1.3, 0], [1.3, 0]], np.float64
+)
 _STEPS_S = (1.0, 2.0, 5.0, 10.0, 20.0, 30.0, 60.0, 120.0, 300.0)
 
 
@@ -37,7 +43,14 @@ def draw(flight: FlightData) -> Any:
         written: list[Array] = []
         for time_s, mark in zip(marks_s, marks, strict=True):
             if all(np.hypot(*(mark[:2] - other)) > _SAME_M * 3 for other in written):
-                ax.annotate(f"{time_s:g}", mark[:2], (4, 4), textcoords="offset points", fontsize=8, color=tint)
+                ax.annotate(
+                    f"{time_s:g}",
+                    mark[:2],
+                    (4, 4),
+                    textcoords="offset points",
+                    fontsize=8,
+                    color=tint,
+                )
                 written.append(mark[:2])
         known = path[np.isfinite(path).all(-1)]
         if len(known):
@@ -48,7 +61,9 @@ def draw(flight: FlightData) -> Any:
     closest = flight.closest()
     if closest is not None:
         pair, at = closest
-        positions = {track.name: track.path_at(flight.grid_s[at : at + 1])[0, :2] for track in flight.tracks}
+        positions = {
+            track.name: track.path_at(flight.grid_s[at : at + 1])[0, :2] for track in flight.tracks
+        }
         for index, track in enumerate(flight.tracks):
             if track.name in (pair.first, pair.second):
                 x_m, y_m = positions[track.name]
@@ -80,13 +95,19 @@ def draw(flight: FlightData) -> Any:
     ax.margins(0.06)
     ax.set_xlabel("x, east [m]")
     ax.set_ylabel("y, north [m]")
-    ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.07), ncols=min(8, len(flight.tracks) + 4), fontsize=9)
+    ax.legend(
+        loc="upper center",
+        bbox_to_anchor=(0.5, -0.07),
+        ncols=min(8, len(flight.tracks) + 4),
+        fontsize=9,
+    )
     _write(figure, ax, labels, np.concatenate([np.zeros((0, 2)), *taken]))
     return figure
 
 
 def _write(figure: Any, ax: Any, labels: list[tuple[Array, str, str]], taken: Array) -> None:
-    """Write the slots' numbers beside them, each where most room is between marks, slots and other numbers.
+    """Write the slots' numbers beside them, each where most room is between marks, slots and other
+    numbers.
 
     Args:
         figure: of the axes.
@@ -103,9 +124,13 @@ def _write(figure: Any, ax: Any, labels: list[tuple[Array, str, str]], taken: Ar
     for position, text, tint in labels:
         here = ax.transData.transform(position) / per_point
         size = np.array([5.0 * len(text) + 2.0, 9.0])
-        others = np.array([other for other in busy if np.hypot(*(other - here)) > 0.5]).reshape(-1, 2)
+        others = np.array([other for other in busy if np.hypot(*(other - here)) > 0.5]).reshape(
+            -1, 2
+        )
 
-        def room(shift: Array, here: Array = here, others: Array = others, size: Array = size) -> float:
+        def room(
+            shift: Array, here: Array = here, others: Array = others, size: Array = size
+        ) -> float:
             gap = np.maximum(np.abs(others - (here + shift)) - size / 2.0, 0.0)
             return float(np.min(np.hypot(gap[:, 0], gap[:, 1]), initial=40.0))
 

@@ -21,7 +21,8 @@ def colour(index: int) -> str:
 
 
 def styled() -> AbstractContextManager[None]:
-    """Return a context with the style's settings; outside of it matplotlib's own stay as they were."""
+    """Return a context with the style's settings; outside of it matplotlib's own stay as they were.
+    """
     return matplotlib.rc_context(fname=_SETTINGS)
 
 
@@ -36,6 +37,7 @@ def save(figure: Any, folder: Path, name: str) -> list[Path]:
     """Write PNG and SVG, and return their paths."""
     paths = [folder / f"{name}.png", folder / f"{name}.svg"]
     figure.savefig(paths[0])
-    figure.set_layout_engine("none")  # everything has its place now; to find it again takes as long as to draw
+    # everything has its place now; to find it again takes as long as to draw
+    figure.set_layout_engine("none")
     figure.savefig(paths[1], metadata={"Date": None})
     return paths

@@ -9,9 +9,14 @@ from groundstation.figures.style import SOFT, colour, new_figure
 
 
 def draw(flight: FlightData) -> Any:
-    """Draw a row per axis. Where a vehicle leaves its setpoint, the law held it off or it could not follow."""
+    """Draw a row per axis.
+
+    Where a vehicle leaves its setpoint, the law held it off or it could not follow.
+    """
     columns = len(flight.tracks)
-    figure = new_figure(max(5.0, 3.7 * columns), 7.4, f"Position and trajectory setpoint: {flight.title}")
+    figure = new_figure(
+        max(5.0, 3.7 * columns), 7.4, f"Position and trajectory setpoint: {flight.title}"
+    )
     axes = figure.subplots(3, columns, sharex=True, sharey="row", squeeze=False)
     for index, track in enumerate(flight.tracks):
         for row, axis in enumerate("xyz"):

@@ -1,7 +1,8 @@
-"""Control authority of this ground: it takes control of a free fleet, requests it, hands it over and gives way.
+"""Control authority of this ground: it takes control of a free fleet, requests it, hands it over
+and gives way.
 
-Grounds do not see each other: each learns the role tokens of the others from the vehicles' telemetry. The rules are
-those of onboard/bus/authority.py.
+Grounds do not see each other: each learns the role tokens of the others from the vehicles'
+telemetry. The rules are those of onboard/bus/authority.py.
 """
 
 from __future__ import annotations
@@ -49,7 +50,8 @@ class Control:
         self._bus, self._author, self._say, self._clock_ns = bus, author, say, clock_ns
         self._takes_control = takes_control
         self._own: dict[Role, Token] = {}
-        self._since_ns = 0  # begin of the present wait: for the first telemetry, an own claim, an answer
+        # begin of the present wait: for the first telemetry, an own claim, an answer
+        self._since_ns = 0
         self._announced: Token | None = None  # the last holder that was told by say
         self.holder: Token | None = None  # the operator, by the vehicles' telemetry
         self.requester: Token | None = None  # another ground that requests control
@@ -57,7 +59,9 @@ class Control:
     @property
     def is_operator(self) -> bool:
         """Whether this ground has control, by the vehicles' telemetry."""
-        return "operator" in self._own and (self.holder is None or self.holder == self._own["operator"])
+        return "operator" in self._own and (
+            self.holder is None or self.holder == self._own["operator"]
+        )
 
     @property
     def is_waiting(self) -> bool:
@@ -99,27 +103,45 @@ class Control:
         """
         now_ns = self._clock_ns()
         reports = [
-            view.telemetry for view in state.vehicles.values() if view.telemetry is not None and view.is_fresh(now_ns)
+            view.telemetry
+            for view in state.vehicles.values()
+            if view.telemetry is not None and view.is_fresh(now_ns)
         ]
         if not reports:
             return
         if self._since_ns == 0:
             self._since_ns = now_ns
         # nearly always all vehicles report the same: each name is parsed once
-        holders = [token for name in {one.operator for one in reports} if (token := parse_token(name)) is not None]
+        holders = [
+            token
+            for name in {one.operator for one in reports}
+            if (token := parse_token(name)) is not None
+        ]
         names = {name for roles in {one.roles for one in reports} for name in roles}
         others = {token for name in names if (token := parse_token(name)) is not None}
         own = self._own.get("operator")
         rivals = [token for token in holders if token != own]
-        self.holder = own if own is not None and own in holders else min(rivals, key=_rank, default=None)
+        self.holder = (
+            own if own is not None and own in holders else min(rivals, key=_rank, default=None)
+        )
         is_settled = (now_ns - self._since_ns) * 1e-9 >= SETTLE_S
-        if own is not None and rivals and (any(r.beats(own) for r in rivals) if own in holders else is_settled):
+        if (
+            own is not None
+            and rivals
+            and (any(r.beats(own) for r in rivals) if own in holders else is_settled)
+        ):
             self._drop("operator")
             self.holder = min(rivals, key=_rank)
         if rivals and "operator" not in self._own:
-            self._takes_control = False  # once another ground operates, only an operator's command takes control
+            # once another ground operates, only an operator's command takes control
+            self._takes_control = False
         self.requester = next(
-            (one for one in sorted(others, key=str) if one.role == "asks" and one.node != self._bus.node), None
+            (
+                one
+                for one in sorted(others, key=str)
+                if one.role == "asks" and one.node != self._bus.node
+            ),
+            None,
         )
         self._announce()
         self._answer(others, has_holder=bool(holders), is_settled=is_settled)
@@ -128,7 +150,8 @@ class Control:
         """Take control if it is free, else request it.
 
         Args:
-            word: FORCE_WORD takes it without consent, once the holder has left a request unanswered for SILENCE_S.
+            word: FORCE_WORD takes it without consent, once the holder has left a request unanswered
+                for SILENCE_S.
 
         Returns:
             A sentence about the outcome.
@@ -154,7 +177,10 @@ class Control:
             )
         self._drop("asks")
         self._claim(next_term(holder.term))
-        self._say("warning", f"Control was taken from {holder.author}, who did not answer for {waited_s:.0f} s.")
+        self._say(
+            "warning",
+            f"Control was taken from {holder.author}, who did not answer for {waited_s:.0f} s.",
+        )
         return f"You take control from {holder.author}."
 
     def hand_over(self) -> str:
@@ -168,7 +194,11 @@ class Control:
         self._drop("operator")
         self._takes_control = False
         self.holder = None
-        return f"Control goes to {self.requester.label}." if self.requester is not None else "You gave up control."
+        return (
+            f"Control goes to {self.requester.label}."
+            if self.requester is not None
+            else "You gave up control."
+        )
 
     def keep(self) -> str:
         """Refuse the request for control.
@@ -182,11 +212,15 @@ class Control:
         return f"You keep control; {self.requester.author} is told."
 
     def _answer(self, others: set[Token], *, has_holder: bool, is_settled: bool) -> None:
-        """React to the others' tokens: claim free control, take note of a refusal, forget an answered request."""
+        """React to the others' tokens: claim free control, take note of a refusal, forget an
+        answered request.
+        """
         kept = any(one.role == "keeps" and one.node == self._bus.node for one in others)
         if self.is_waiting and kept:
             self._drop("asks")
-            self._say("warning", f"{self.holder.author if self.holder else 'The operator'} keeps control.")
+            self._say(
+                "warning", f"{self.holder.author if self.holder else 'The operator'} keeps control."
+            )
         elif not has_holder and "operator" not in self._own:
             first = min((one for one in others if one.role == "asks"), key=str, default=None)
             if self.is_waiting and first == self._own["asks"]:
@@ -208,7 +242,9 @@ class Control:
         elif holder is not None and holder == self._own.get("operator"):
             self._say("info", "You operate this fleet.")
         elif holder is not None:
-            self._say("warning" if before is not None else "info", f"{holder.label} operates this fleet.")
+            self._say(
+                "warning" if before is not None else "info", f"{holder.label} operates this fleet."
+            )
 
     def _claim(self, term: int) -> None:
         self._takes_control = True

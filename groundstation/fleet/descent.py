@@ -15,7 +15,8 @@ def descent_s(vehicle: Vehicle, view: VehicleView) -> float:
         view: the vehicle as it is known.
 
     Returns:
-        Time [s], without braking and disarming; 0 for one that does not fly or whose position is not known.
+        Time [s], without braking and disarming; 0 for one that does not fly or whose position is
+        not known.
     """
     told = view.telemetry
     if told is None or not view.is_airborne or not told.is_position_valid:

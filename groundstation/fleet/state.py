@@ -1,7 +1,7 @@
 """The fleet as the ground sees it: a frozen value, folded from messages of the bus. Pure.
 
-Telemetry that is older than ``stale_after_s`` of the table of topics counts as silence and is never shown as present.
-Ages are counted from the moment of reception, on the ground's own clock.
+Telemetry that is older than ``stale_after_s`` of the table of topics counts as silence and is never
+shown as present. Ages are counted from the moment of reception, on the ground's own clock.
 """
 
 from __future__ import annotations
@@ -27,12 +27,14 @@ from onboard.config.pair_separation import separation_m
 
 MAX_EVENTS = 500
 GROUND_STALLED = "ground_stalled"  # code of the ground's event: it stood still itself
-DIRECT_DISARMED = "direct_disarmed"  # code of the ground's event: PX4 itself reports it on the direct path
+# code of the ground's event: PX4 itself reports it on the direct path
+DIRECT_DISARMED = "direct_disarmed"
 TELEMETRY_STALE_NS = int(TOPICS[Topic.TELEMETRY].stale_after_s * 1e9)
 PREFLIGHT_STALE_NS = int(TOPICS[Topic.PREFLIGHT].stale_after_s * 1e9)
 TRUTH_STALE_NS = int(TOPICS[Topic.TRUTH].stale_after_s * 1e9)
 _NEVER = -(1 << 62)
-# So far back a message may have been overtaken. One message with a false, high number excludes no more than these.
+# So far back a message may have been overtaken. One message with a false, high number excludes no
+# more than these.
 _REORDERED_TICKS, _REORDERED_REPORTS = 50, 2
 
 
@@ -82,11 +84,16 @@ class VehicleView(Struct, frozen=True):
     preflight: PreflightReport | None = None
     preflight_received_ns: int = _NEVER
     light: tuple[int, int, int] | None = None  # colour in a show: red, green, blue up to 255
-    direct_disarmed_ns: int = _NEVER  # PX4 itself reported then, on the direct path, that it is disarmed
+    # PX4 itself reported then, on the direct path, that it is disarmed
+    direct_disarmed_ns: int = _NEVER
 
     def has_preflight(self, now_ns: int) -> bool:
-        """Whether the last go/no-go report may be shown as the present; a flying vehicle sends none."""
-        return self.preflight is not None and now_ns - self.preflight_received_ns <= PREFLIGHT_STALE_NS
+        """Whether the last go/no-go report may be shown as the present; a flying vehicle sends
+        none.
+        """
+        return (
+            self.preflight is not None and now_ns - self.preflight_received_ns <= PREFLIGHT_STALE_NS
+        )
 
     def age_s(self, now_ns: int) -> float:
         """Seconds since telemetry came in; infinite when none ever did."""
@@ -101,7 +108,9 @@ class VehicleView(Struct, frozen=True):
         return self.truth is not None and now_ns - self.truth_received_ns <= TRUTH_STALE_NS
 
     def position_enu_m(self, now_ns: int) -> Vec3 | None:
-        """Return the last reported position, carried to now with its velocity; None without a fresh valid one."""
+        """Return the last reported position, carried to now with its velocity; None without a fresh
+        valid one.
+        """
         message = self.telemetry
         if message is None or not self.is_fresh(now_ns) or not message.is_position_valid:
             return None
@@ -115,24 +124,36 @@ class VehicleView(Struct, frozen=True):
 
     @property
     def is_armed(self) -> bool:
-        """Whether it is armed by the last telemetry, unless PX4 has reported otherwise on the direct path since."""
-        return self.telemetry is not None and self.telemetry.is_armed and not self.is_disarmed_by_px4
+        """Whether it is armed by the last telemetry, unless PX4 has reported otherwise on the
+        direct path since.
+        """
+        return (
+            self.telemetry is not None and self.telemetry.is_armed and not self.is_disarmed_by_px4
+        )
 
     @property
     def is_airborne(self) -> bool:
-        """Whether it flies by the last telemetry, unless PX4 has since reported that it is disarmed."""
-        return self.telemetry is not None and self.telemetry.is_airborne and not self.is_disarmed_by_px4
+        """Whether it flies by the last telemetry, unless PX4 has since reported that it is
+        disarmed.
+        """
+        return (
+            self.telemetry is not None
+            and self.telemetry.is_airborne
+            and not self.is_disarmed_by_px4
+        )
 
 
 class FleetState(Struct, frozen=True):
     """The whole fleet as the ground knows it."""
 
-    vehicles: Mapping[str, VehicleView]  # in the order of the fleet file; those that it disables once they are heard
+    # in the order of the fleet file; those that it disables once they are heard
+    vehicles: Mapping[str, VehicleView]
     events: tuple[LoggedEvent, ...] = ()  # the newest MAX_EVENTS, oldest first
     nodes: frozenset[str] = frozenset()  # liveliness tokens of the bus
     smallest: Separation | None = None  # smallest so far while one of the two flew, by telemetry
     smallest_truth: Separation | None = None  # the same by ground truth; None outside simulation
-    malformed: int = 0  # messages that could not be decoded; these four as in onboard/message_counts.py
+    # messages that could not be decoded; these four as in onboard/message_counts.py
+    malformed: int = 0
     refused: int = 0
     dropped: int = 0
     late: int = 0
@@ -141,11 +162,15 @@ class FleetState(Struct, frozen=True):
     stalled_ns: int = _NEVER  # this ground itself stood still until then
 
     def is_after_stall(self, now_ns: int) -> bool:
-        """Whether this ground itself stood still just now: silence is then no sign of a lost vehicle."""
+        """Whether this ground itself stood still just now: silence is then no sign of a lost
+        vehicle.
+        """
         return now_ns - self.stalled_ns < AFTER_STALL_S * 1e9
 
     def events_after(self, last: LoggedEvent | None) -> list[LoggedEvent]:
-        """Return the events after one of them, oldest first; all events if it is not among them any more."""
+        """Return the events after one of them, oldest first; all events if it is not among them any
+        more.
+        """
         newer = list(itertools.takewhile(lambda logged: logged is not last, reversed(self.events)))
         return newer[::-1]
 
@@ -174,14 +199,18 @@ def initial(fleet: FleetConfig) -> FleetState:
     """Return the state before the first message."""
     enabled = fleet.enabled_names
     vehicles = MappingProxyType({name: VehicleView(name) for name in enabled})
-    return FleetState(vehicles, disabled=frozenset(fleet.vehicles) - {*enabled}, height_share=fleet.fleet.height_share)
+    return FleetState(
+        vehicles,
+        disabled=frozenset(fleet.vehicles) - {*enabled},
+        height_share=fleet.fleet.height_share,
+    )
 
 
 def fold(state: FleetState, message: Message, now_ns: int) -> FleetState:
     """Fold one message into the state.
 
-    Unknown vehicles and repeated or overtaken samples change nothing: their number is the last one's, or a little below
-    it, of the same boot. A new boot id starts over.
+    Unknown vehicles and repeated or overtaken samples change nothing: their number is the last
+    one's, or a little below it, of the same boot. A new boot id starts over.
 
     Args:
         state: before the message.
@@ -214,8 +243,8 @@ def fold(state: FleetState, message: Message, now_ns: int) -> FleetState:
 def fold_batch(state: FleetState, batch: Sequence[Received], now_ns: int) -> FleetState:
     """Fold everything that has arrived since the last batch.
 
-    Telemetry and ground truth are folded together, after the rest: the pairs to compare grow with the square of the
-    vehicles.
+    Telemetry and ground truth are folded together, after the rest: the pairs to compare grow with
+    the square of the vehicles.
 
     Args:
         state: before the batch.
@@ -238,7 +267,9 @@ def fold_batch(state: FleetState, batch: Sequence[Received], now_ns: int) -> Fle
         elif isinstance(item, Malformed):
             state = replace(state, malformed=state.malformed + 1)
         elif isinstance(item, NotUsed):
-            state = replace(state, refused=state.refused + item.refused, dropped=state.dropped + item.dropped)
+            state = replace(
+                state, refused=state.refused + item.refused, dropped=state.dropped + item.dropped
+            )
         else:
             state = fold(state, item, received_ns)
     if nodes:
@@ -270,7 +301,13 @@ def fold_telemetry(state: FleetState, received: Sequence[tuple[Telemetry, int]])
     Returns:
         The state after the messages.
     """
-    vehicles, updated, now_ns, malformed, late = dict(state.vehicles), set[str](), 0, state.malformed, state.late
+    vehicles, updated, now_ns, malformed, late = (
+        dict(state.vehicles),
+        set[str](),
+        0,
+        state.malformed,
+        state.late,
+    )
     for message, now_ns in received:
         view = vehicles.get(message.vehicle)
         if view is None and message.vehicle in state.disabled:
@@ -281,7 +318,9 @@ def fold_telemetry(state: FleetState, received: Sequence[tuple[Telemetry, int]])
             late += 1
             continue
         if view.name in updated:
-            state = _compared(replace(state, vehicles=MappingProxyType(dict(vehicles))), updated, now_ns)
+            state = _compared(
+                replace(state, vehicles=MappingProxyType(dict(vehicles))), updated, now_ns
+            )
             updated.clear()
         if not _finite(message.position_enu_m) or not _finite(message.velocity_enu_m_s):
             malformed += 1
@@ -295,10 +334,16 @@ def fold_telemetry(state: FleetState, received: Sequence[tuple[Telemetry, int]])
 
 
 def _compared(state: FleetState, updated: Set[str], now_ns: int) -> FleetState:
-    """The state with the smallest separation between the vehicles just ``updated`` and all vehicles."""
+    """The state with the smallest separation between the vehicles just ``updated`` and all
+    vehicles.
+    """
     if not any(view.is_airborne for view in state.vehicles.values()):
         return state
-    known = [(view, at) for view in state.vehicles.values() if (at := view.position_enu_m(now_ns)) is not None]
+    known = [
+        (view, at)
+        for view in state.vehicles.values()
+        if (at := view.position_enu_m(now_ns)) is not None
+    ]
     pair = closest_pair(
         np.array([position for _, position in known]),
         np.array([view.is_airborne for view, _ in known]),
@@ -337,21 +382,33 @@ def fold_truths(state: FleetState, messages: Sequence[Truth], now_ns: int) -> Fl
     updated = set()
     for message in messages:
         view = vehicles.get(message.vehicle)
-        if view is None or not (_finite(message.position_enu_m) and _finite(message.velocity_enu_m_s)):
+        if view is None or not (
+            _finite(message.position_enu_m) and _finite(message.velocity_enu_m_s)
+        ):
             continue
-        if view.truth is not None and message.stamp_ns <= view.truth.stamp_ns and view.has_truth(now_ns):
+        if (
+            view.truth is not None
+            and message.stamp_ns <= view.truth.stamp_ns
+            and view.has_truth(now_ns)
+        ):
             continue
         vehicles[view.name] = replace(view, truth=message, truth_received_ns=now_ns)
         updated.add(view.name)
     if not updated:
         return state
     state = replace(state, vehicles=MappingProxyType(vehicles))
-    known = [view.truth for view in vehicles.values() if view.truth is not None and view.has_truth(now_ns)]
+    known = [
+        view.truth
+        for view in vehicles.values()
+        if view.truth is not None and view.has_truth(now_ns)
+    ]
     newest_ns = max([truth.stamp_ns for truth in known])  # older samples are carried to it
     position_enu_m = np.array([t.position_enu_m for t in known])
     if any(truth.stamp_ns != newest_ns for truth in known):
         ahead_s = np.array([(newest_ns - truth.stamp_ns) * 1e-9 for truth in known])
-        position_enu_m = position_enu_m + ahead_s[:, None] * np.array([t.velocity_enu_m_s for t in known])
+        position_enu_m = position_enu_m + ahead_s[:, None] * np.array(
+            [t.velocity_enu_m_s for t in known]
+        )
     pair = closest_pair(
         position_enu_m,
         np.array([not truth.is_on_ground for truth in known]),
@@ -366,14 +423,20 @@ def fold_truths(state: FleetState, messages: Sequence[Truth], now_ns: int) -> Fl
     return replace(state, smallest_truth=_separation(*names, distance_m, newest_ns, is_truth=True))
 
 
-def _separation(one: str, two: str, distance_m: float, stamp_ns: int, *, is_truth: bool) -> Separation:
+def _separation(
+    one: str, two: str, distance_m: float, stamp_ns: int, *, is_truth: bool
+) -> Separation:
     return Separation(min(one, two), max(one, two), distance_m, stamp_ns, is_truth)
 
 
 def _is_repeated(
-    last: Telemetry | PreflightReport | None, message: Telemetry | PreflightReport, most_reordered: int
+    last: Telemetry | PreflightReport | None,
+    message: Telemetry | PreflightReport,
+    most_reordered: int,
 ) -> bool:
-    """Whether a message is the last one again, or was overtaken by it; farther back, the last one was false."""
+    """Whether a message is the last one again, or was overtaken by it; farther back, the last one
+    was false.
+    """
     if last is None or last.boot_id != message.boot_id:
         return False
     return 0 <= last.sequence - message.sequence < most_reordered
@@ -397,4 +460,6 @@ def _finite(vector: Vec3) -> bool:
 
 def _without_position(message: Telemetry) -> Telemetry:
     zero = (0.0, 0.0, 0.0)
-    return msgspec.structs.replace(message, position_enu_m=zero, velocity_enu_m_s=zero, is_position_valid=False)
+    return msgspec.structs.replace(
+        message, position_enu_m=zero, velocity_enu_m_s=zero, is_position_valid=False
+    )

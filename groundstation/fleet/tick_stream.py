@@ -24,7 +24,8 @@ class TickStream(Protocol):
 
 
 class BusTickStream:
-    """Ticks over the bus. A change of the followed vehicle may wait for peers, so a thread of its own declares it.
+    """Ticks over the bus. A change of the followed vehicle may wait for peers, so a thread of its
+    own declares it.
 
     Args:
         bus: open before :meth:`follow` is called.
@@ -44,7 +45,9 @@ class BusTickStream:
         self.values.clear()
         if self._declarer is None:
             self._declarer = ThreadPoolExecutor(1, "tick-stream")
-        self._declarer.submit(self._bus.follow, Topic.TICK, () if vehicle is None else (vehicle,), self._receive)
+        self._declarer.submit(
+            self._bus.follow, Topic.TICK, () if vehicle is None else (vehicle,), self._receive
+        )
 
     def stop(self) -> None:
         """Change the followed vehicle no more."""

@@ -1,1 +1,3 @@
-"""Formations: slots from shapes, texts, images and files; who takes which slot; frames that move, turn and scale."""
+"""Formations: slots from shapes, texts, images and files; who takes which slot; frames that move,
+turn and scale.
+"""

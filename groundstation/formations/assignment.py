@@ -12,11 +12,13 @@ from onboard.config.fleet import Vec3
 _FORBIDDEN = 1e9  # beyond every squared flight
 
 
-def nearest_slots(slots: Mapping[str, Vec3], positions: Mapping[str, Vec3], centre: Vec3) -> dict[str, str]:
+def nearest_slots(
+    slots: Mapping[str, Vec3], positions: Mapping[str, Vec3], centre: Vec3
+) -> dict[str, str]:
     """Deal the slots of a formation out anew.
 
-    The longest flight is as short as any assignment makes it; of those, the squares of all flights sum up to the least,
-    so that straight ways hardly cross.
+    The longest flight is as short as any assignment makes it; of those, the squares of all flights
+    sum up to the least, so that straight ways hardly cross.
 
     Args:
         slots: offset of each vehicle, metres ENU.
@@ -49,7 +51,11 @@ def least_longest(costs: Array) -> float:
     row_of = np.full(count, -1)
     largest = 0.0
     for row in range(count):
-        reach, came_from, is_open = costs[row].copy(), np.full(count, -1), np.ones(count, dtype=bool)
+        reach, came_from, is_open = (
+            costs[row].copy(),
+            np.full(count, -1),
+            np.ones(count, dtype=bool),
+        )
         while True:
             column = int(np.where(is_open, reach, np.inf).argmin())
             if row_of[column] < 0:
@@ -66,7 +72,8 @@ def least_longest(costs: Array) -> float:
 
 
 def least_sum(costs: Array) -> list[int]:
-    """Return the column of each row such that the sum of costs is least: the Hungarian method by shortest chains.
+    """Return the column of each row such that the sum of costs is least: the Hungarian method by
+    shortest chains.
 
     Args:
         costs: (N, N), of row i in column j.
@@ -76,7 +83,11 @@ def least_sum(costs: Array) -> list[int]:
     price_of_row, price_of_column = np.zeros(count), np.zeros(count + 1)
     for row in range(count):
         row_of[count], column = row, count
-        reach, came_from, is_open = np.full(count, np.inf), np.full(count, -1), np.ones(count + 1, dtype=bool)
+        reach, came_from, is_open = (
+            np.full(count, np.inf),
+            np.full(count, -1),
+            np.ones(count + 1, dtype=bool),
+        )
         while row_of[column] >= 0:
             is_open[column] = False
             here = row_of[column]

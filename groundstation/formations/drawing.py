@@ -1,4 +1,6 @@
-"""Slots that draw a text or an image: spread evenly over its dark part, so that thin strokes become lines."""
+"""Slots that draw a text or an image: spread evenly over its dark part, so that thin strokes become
+lines.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +33,9 @@ def text_slots(text: str, font: str | None, count: int) -> Array:
         properties = matplotlib.font_manager.FontProperties(fname=font)
         outline = matplotlib.textpath.TextPath((0.0, 0.0), text, size=_HEIGHT_PX, prop=properties)
     except (OSError, RuntimeError, ValueError) as error:
-        raise ConfigError(f"{font}: this font cannot be read ({error}). Name a .ttf or .otf.") from None
+        raise ConfigError(
+            f"{font}: this font cannot be read ({error}). Name a .ttf or .otf."
+        ) from None
     polygons = [matplotlib.path.Path(points) for points in outline.to_polygons()]
     if not polygons:
         raise ConfigError(f"The text {text!r} has no visible letter. Write another one.")
@@ -39,7 +43,8 @@ def text_slots(text: str, font: str | None, count: int) -> Array:
     low, high = np.floor(corners.min(0)), np.ceil(corners.max(0))
     x, y = np.meshgrid(*(np.arange(low[k], high[k]) + 0.5 for k in (0, 1)))
     pixels = np.column_stack([x.ravel(), y.ravel()])
-    inside = np.logical_xor.reduce([one.contains_points(pixels) for one in polygons])  # the hole of an O is a polygon
+    # the hole of an O is a polygon
+    inside = np.logical_xor.reduce([one.contains_points(pixels) for one in polygons])
     return _spread(pixels[inside], count, f"The text {text!r}")
 
 
@@ -57,7 +62,9 @@ def image_slots(file: str, count: int) -> Array:
     try:
         pixels = np.asarray(matplotlib.image.imread(file), dtype=float)
     except FileNotFoundError:
-        raise ConfigError(f"{file}: there is no such image. Give the path of an existing one.") from None
+        raise ConfigError(
+            f"{file}: there is no such image. Give the path of an existing one."
+        ) from None
     except (OSError, ValueError, SyntaxError) as error:
         raise ConfigError(f"{file}: this image cannot be read ({error}). Give a PNG.") from None
     pixels /= 255.0 if pixels.max() > 1.0 else 1.0
@@ -84,9 +91,12 @@ def _matplotlib() -> Any:
 
 
 def _spread(pixels: Array, count: int, what: str) -> Array:
-    """Return pixels (N, 3) of a drawing (P, 2), each in the middle of those that are nearest to it."""
+    """Return pixels (N, 3) of a drawing (P, 2), each in the middle of those that are nearest to it.
+    """
     if len(pixels) < count:
-        raise ConfigError(f"{what} has {len(pixels)} dark pixels, too few for {count} slots. Draw it thicker.")
+        raise ConfigError(
+            f"{what} has {len(pixels)} dark pixels, too few for {count} slots. Draw it thicker."
+        )
     centres = pixels[[int(np.argmin(pixels @ (1.0, -0.01)))]]
     away = ((pixels - centres) ** 2).sum(-1)
     for _ in range(1, count):  # the farthest from all so far
@@ -95,7 +105,10 @@ def _spread(pixels: Array, count: int, what: str) -> Array:
     for _ in range(_ROUNDS):
         nearest = ((pixels[:, None] - centres[None]) ** 2).sum(-1).argmin(-1)
         sizes = np.bincount(nearest, minlength=count)
-        moved = np.column_stack([np.bincount(nearest, axis, minlength=count) for axis in pixels.T]) / sizes[:, None]
+        moved = (
+            np.column_stack([np.bincount(nearest, axis, minlength=count) for axis in pixels.T])
+            / sizes[:, None]
+        )
         if np.abs(moved - centres).max() < 1e-3:
             break
         centres = moved

@@ -1,4 +1,6 @@
-"""A frame that carries a formation: it moves, turns and stretches, and the shape changes on the way. Pure."""
+"""A frame that carries a formation: it moves, turns and stretches, and the shape changes on the
+way. Pure.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +29,8 @@ class FramePoint(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     turn_deg: float = 0.0  # counterclockwise, on the way to this point
     spacing_m: float | None = None  # from here on; by default as before
     name: str | None = None  # of the formation that it has become here; by default as before
-    duration_s: float = 0.0  # of the way to this point; 0: as fast as six tenths of the top speed allow
+    # of the way to this point; 0: as fast as six tenths of the top speed allow
+    duration_s: float = 0.0
 
 
 class Begin(msgspec.Struct, frozen=True, kw_only=True):
@@ -41,16 +44,20 @@ class Begin(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def frame_paths(
-    fleet: FleetConfig, begin: Begin, points: Sequence[FramePoint], positions: Mapping[str, Vec3] | None = None
+    fleet: FleetConfig,
+    begin: Begin,
+    points: Sequence[FramePoint],
+    positions: Mapping[str, Vec3] | None = None,
 ) -> dict[str, Path]:
-    """Return the path of each vehicle of a formation whose frame flies through points, from rest to rest.
+    """Return the path of each vehicle of a formation whose frame flies through points, from rest to
+    rest.
 
     Args:
         fleet: the fleet file.
         begin: the formation at the begin.
         points: that are flown through.
-        positions: of the vehicles before, by which the slots are dealt out anew, also those of later shapes; None: each
-            vehicle has its own slots.
+        positions: of the vehicles before, by which the slots are dealt out anew, also those of
+            later shapes; None: each vehicle has its own slots.
 
     Returns:
         Paths with a common begin.
@@ -66,17 +73,31 @@ def frame_paths(
         turned = stretched(slots, None, begin.rotation_deg)
         takes = nearest_slots(turned, positions, begin.position_enu_m)
         slots = {name: slots[takes[name]] for name in names}
-    name, spacing_m, angle, place = begin.name, begin.spacing_m, math.radians(begin.rotation_deg), begin.position_enu_m
+    name, spacing_m, angle, place = (
+        begin.name,
+        begin.spacing_m,
+        math.radians(begin.rotation_deg),
+        begin.position_enu_m,
+    )
     own, centres, angles, times = [_array(slots, names)], [place], [angle], [0.0]
     for point in points:
         if point.name is not None or point.spacing_m is not None:
-            name, spacing_m = point.name or name, point.spacing_m or (None if point.name else spacing_m)
+            name, spacing_m = (
+                point.name or name,
+                point.spacing_m or (None if point.name else spacing_m),
+            )
             following = _slots(fleet, name, spacing_m, begin.leader)
             if set(following) != set(names):
-                raise ConfigError(f"Formation '{name}' has slots for other vehicles than '{begin.name}'.")
+                raise ConfigError(
+                    f"Formation '{name}' has slots for other vehicles than '{begin.name}'."
+                )
             before = {one: _vec3(at) for one, at in zip(names, own[-1], strict=True)}
             same = positions is None or begin.leader is not None
-            takes = {one: one for one in names} if same else nearest_slots(following, before, (0.0, 0.0, 0.0))
+            takes = (
+                {one: one for one in names}
+                if same
+                else nearest_slots(following, before, (0.0, 0.0, 0.0))
+            )
             slots = {one: following[takes[one]] for one in names}
         place, angle = point.position_enu_m or place, angle + math.radians(point.turn_deg)
         own.append(_array(slots, names))
@@ -84,7 +105,11 @@ def frame_paths(
         way_m = way_m + abs(angle - angles[-1]) * np.hypot(own[-1][:, 0], own[-1][:, 1])
         slowest_m_s = min(fleet.vehicles[one].max_speed_m_s for one in names)
         duration_s = point.duration_s or max(_LEAST_S, float(way_m.max()) / (_SHARE * slowest_m_s))
-        centres, angles, times = [*centres, place], [*angles, angle], [*times, times[-1] + duration_s]
+        centres, angles, times = (
+            [*centres, place],
+            [*angles, angle],
+            [*times, times[-1] + duration_s],
+        )
     paths = _carried(names, np.array(times), np.array(centres), np.array(angles), np.array(own))
     if any(not point.duration_s for point in points):
         factor, _ = needed_slowing(sample(paths), limits_of(fleet, names))
@@ -92,7 +117,9 @@ def frame_paths(
     return paths
 
 
-def _carried(names: Sequence[str], times_s: Array, centres: Array, angles: Array, own: Array) -> dict[str, Path]:
+def _carried(
+    names: Sequence[str], times_s: Array, centres: Array, angles: Array, own: Array
+) -> dict[str, Path]:
     """Return the paths of slots (K, N, 3) in a frame at (K, 3) with angles (K,)."""
     grid = np.linspace(0.0, times_s[-1], max(2, math.ceil(times_s[-1] / GRID_S) + 1))
     centre = _smooth(times_s, centres, grid)
@@ -113,10 +140,14 @@ def _smooth(times_s: Array, values: Array, grid: Array) -> Array:
     return np.asarray(sampled(path, grid * (path.duration_s / grid[-1]))[0][:, :3])
 
 
-def _slots(fleet: FleetConfig, name: str, spacing_m: float | None, leader: str | None) -> dict[str, Vec3]:
+def _slots(
+    fleet: FleetConfig, name: str, spacing_m: float | None, leader: str | None
+) -> dict[str, Vec3]:
     if name not in formation_names(fleet):
         known = ", ".join(formation_names(fleet)) or "none"
-        raise ConfigError(f"'{name}' is no formation of fleet '{fleet.fleet.name}': it has {known}.")
+        raise ConfigError(
+            f"'{name}' is no formation of fleet '{fleet.fleet.name}': it has {known}."
+        )
     slots = stretched(formation_slots(fleet, name), spacing_m)
     if leader is None:
         return slots

@@ -1,4 +1,5 @@
-"""Slots of the shapes that a few numbers describe, of unit size; spacing and rotation come later. Pure.
+"""Slots of the shapes that a few numbers describe, of unit size; spacing and rotation come later.
+Pure.
 
 North is ahead. Each function takes the number of slots and returns positions (N, 3).
 """
@@ -29,7 +30,10 @@ def v(count: int, opening_deg: float) -> Array:
     """Return two arms behind the first slot, to its left and right in turn."""
     half = math.radians(0.5 * opening_deg)
     return _flat(
-        [((-1.0) ** k * math.sin(half) * ((k + 1) // 2), -math.cos(half) * ((k + 1) // 2)) for k in range(count)]
+        [
+            ((-1.0) ** k * math.sin(half) * ((k + 1) // 2), -math.cos(half) * ((k + 1) // 2))
+            for k in range(count)
+        ]
     )
 
 
@@ -40,7 +44,10 @@ def wedge(count: int, opening_deg: float) -> Array:
     row = 0
     while len(slots) < count:
         in_row = min(row + 1, count - len(slots))
-        slots += [(2.0 * math.sin(half) * (k - 0.5 * (in_row - 1)), -math.cos(half) * row) for k in range(in_row)]
+        slots += [
+            (2.0 * math.sin(half) * (k - 0.5 * (in_row - 1)), -math.cos(half) * row)
+            for k in range(in_row)
+        ]
         row += 1
     return _flat(slots)
 
@@ -63,7 +70,8 @@ def grid(count: int, columns: int | None) -> Array:
 
 
 def polygon(count: int, sides: int) -> Array:
-    """Return slots evenly along the sides of a regular polygon, the first on its northern corner."""
+    """Return slots evenly along the sides of a regular polygon, the first on its northern corner.
+    """
     corners = circle(sides)
     at = sides * np.arange(count) / count
     side = np.floor(at + 1e-9).astype(np.int64) % sides
@@ -72,7 +80,9 @@ def polygon(count: int, sides: int) -> Array:
 
 
 def sphere(count: int) -> Array:
-    """Return slots on a sphere, upper and lower half in turn, of which no two stand above each other."""
+    """Return slots on a sphere, upper and lower half in turn, of which no two stand above each
+    other.
+    """
     places = np.arange(count)
     radius = np.sqrt((places + 0.5) / count)
     angles = _GOLDEN_RAD * places
@@ -99,7 +109,11 @@ def layered(make: Array, layers: int, height_m: float, *, is_stacked: bool, coun
         count: of all slots.
     """
     places = np.arange(count)
-    slots, layer = (make[places % len(make)], places // len(make)) if is_stacked else (make.copy(), places % layers)
+    slots, layer = (
+        (make[places % len(make)], places // len(make))
+        if is_stacked
+        else (make.copy(), places % layers)
+    )
     slots[:, 2] += height_m * layer
     return slots
 

@@ -49,7 +49,9 @@ def formation_slots(fleet: FleetConfig, name: str) -> dict[str, Vec3]:
     return dict(zip(names, slots, strict=True))
 
 
-def stretched(slots: Mapping[str, Vec3], spacing_m: float | None, rotation_deg: float = 0.0) -> dict[str, Vec3]:
+def stretched(
+    slots: Mapping[str, Vec3], spacing_m: float | None, rotation_deg: float = 0.0
+) -> dict[str, Vec3]:
     """Return offsets with another spacing and turned.
 
     Args:
@@ -86,7 +88,9 @@ def _slots(shape: FormationShape, count: int, path: str, least_m: float) -> tupl
         if nearest_m < 1e-6:
             raise ConfigError("two of its slots are at one spot. Correct its shape or its file.")
         points = points * (spacing_m / nearest_m)
-    points = shapes.layered(points, shape.layers, shape.layer_height_m, is_stacked=shape.stacked, count=count)
+    points = shapes.layered(
+        points, shape.layers, shape.layer_height_m, is_stacked=shape.stacked, count=count
+    )
     points = points if shape.shape == "csv" else shapes.centred(points)
     points = np.round(shapes.turned(points, shape.rotation_deg), 4)
     return tuple((x, y, z) for x, y, z in points.tolist())
@@ -95,7 +99,12 @@ def _slots(shape: FormationShape, count: int, path: str, least_m: float) -> tupl
 def _outline(shape: FormationShape, count: int, path: str) -> Array:
     """Return the slots of a shape before they are stretched, turned and layered."""
     if shape.shape in ("line", "column", "circle", "sphere"):
-        makers = {"line": shapes.line, "column": shapes.column, "circle": shapes.circle, "sphere": shapes.sphere}
+        makers = {
+            "line": shapes.line,
+            "column": shapes.column,
+            "circle": shapes.circle,
+            "sphere": shapes.sphere,
+        }
         return makers[shape.shape](count)
     if shape.shape in ("v", "wedge"):
         return (shapes.v if shape.shape == "v" else shapes.wedge)(count, shape.opening_deg)
@@ -104,7 +113,9 @@ def _outline(shape: FormationShape, count: int, path: str) -> Array:
     if shape.shape == "polygon":
         return shapes.polygon(count, shape.sides)
     if shape.shape == "text":
-        return drawing.text_slots(shape.text, shape.font and drawing.beside(path, shape.font), count)
+        return drawing.text_slots(
+            shape.text, shape.font and drawing.beside(path, shape.font), count
+        )
     file = drawing.beside(path, shape.file or "")
     return drawing.image_slots(file, count) if shape.shape == "image" else _from_csv(file, count)
 
@@ -112,7 +123,11 @@ def _outline(shape: FormationShape, count: int, path: str) -> Array:
 def _from_csv(file: str, count: int) -> Array:
     columns, numbers = read_columns(file)
     if columns[:2] != ("x", "y") or columns[2:] not in ((), ("z",)):
-        raise ConfigError(f"{file}: the columns {', '.join(columns[:6])} are no slots. Name them x,y or x,y,z.")
+        raise ConfigError(
+            f"{file}: the columns {', '.join(columns[:6])} are no slots. Name them x,y or x,y,z."
+        )
     if len(numbers) != count:
-        raise ConfigError(f"{file} has {len(numbers)} slots for {count} vehicles. Give each vehicle one line.")
+        raise ConfigError(
+            f"{file} has {len(numbers)} slots for {count} vehicles. Give each vehicle one line."
+        )
     return np.column_stack([numbers, np.zeros(count)]) if len(columns) == 2 else numbers

@@ -1,4 +1,6 @@
-"""Attitude of the identification: commanded tilt through dead time, second order, static gain and constant error."""
+"""Attitude of the identification: commanded tilt through dead time, second order, static gain and
+constant error.
+"""
 
 from __future__ import annotations
 
@@ -46,7 +48,9 @@ def fit_attitude(log: Log, begin_s: float, end_s: float) -> Fit:
     def cost(theta: Array) -> float:
         return float(((measured[::4] - linear(theta)[1]) ** 2).sum())
 
-    best = min((np.array([delay, wn, 0.7]) for delay in _GRID_DELAYS_S for wn in _GRID_WN), key=cost)
+    best = min(
+        (np.array([delay, wn, 0.7]) for delay in _GRID_DELAYS_S for wn in _GRID_WN), key=cost
+    )
     theta = np.concatenate([best, linear(best)[0]])
 
     def shape_at(values: Array) -> Array:
@@ -57,7 +61,9 @@ def fit_attitude(log: Log, begin_s: float, end_s: float) -> Fit:
 
     def slopes(values: Array, shape: Array) -> Array:
         columns = [
-            values[3] * (shape_at(values[:3] + one) - shape_at(values[:3] - one)).ravel() / (2.0 * one.sum())
+            values[3]
+            * (shape_at(values[:3] + one) - shape_at(values[:3] - one)).ravel()
+            / (2.0 * one.sum())
             for one in np.diag(_STEPS)
         ]
         errors = np.tile(np.eye(2), (time_s.size, 1))
@@ -68,7 +74,9 @@ def fit_attitude(log: Log, begin_s: float, end_s: float) -> Fit:
     jacobian = slopes(theta, shape)
     for _ in range(25):
         normal = jacobian.T @ jacobian
-        move = np.linalg.solve(normal + damping * np.diag(np.diag(normal) + 1e-12), jacobian.T @ residual)
+        move = np.linalg.solve(
+            normal + damping * np.diag(np.diag(normal) + 1e-12), jacobian.T @ residual
+        )
         moved = theta + move
         moved[:3] = np.clip(moved[:3], [-0.02, 1.5, 0.15], [0.5, 60.0, 3.0])
         shape = shape_at(moved)
@@ -88,7 +96,8 @@ def fit_attitude(log: Log, begin_s: float, end_s: float) -> Fit:
 
 
 def unexplained_times_s(log: Log, fit: Fit, begin_s: float, end_s: float) -> Array:
-    """Find the times at which the attitude did not follow the log's commands: a failsafe, a push, a fall.
+    """Find the times at which the attitude did not follow the log's commands: a failsafe, a push, a
+    fall.
 
     Args:
         log: one stretch in the air.
@@ -129,14 +138,17 @@ def commanded_tilt(log: Log, time_s: Array) -> CommandedTilt:
 
 
 def response(commands: CommandedTilt, theta: Array) -> Array:
-    """Return the tilt (m, 2) that follows the commands with a gain of one; theta: delay, wn, zeta."""
+    """Return the tilt (m, 2) that follows the commands with a gain of one; theta: delay, wn, zeta.
+    """
     delay_s, wn, zeta = (float(value) for value in theta[:3])
     share = step_response(commands.ago_s - delay_s, wn, zeta)
     return np.asarray(commands.oldest + (share[:, None, :] @ commands.change)[:, 0])
 
 
 def step_response(time_s: Array, wn_rad_s: float, zeta: float) -> Array:
-    """Return the response (...) of a second-order system to a step at time 0, from a table in steps of 0.5 ms."""
+    """Return the response (...) of a second-order system to a step at time 0, from a table in steps
+    of 0.5 ms.
+    """
     root = np.sqrt(complex(zeta * zeta - 1.0)) + 1e-9
     fast, slow = wn_rad_s * (-zeta - root), wn_rad_s * (-zeta + root)
     late = np.arange(0.0, MEMORY_S + 0.3, 0.0005)

@@ -1,4 +1,6 @@
-"""Input of the identification: one logged stretch in the air; and least squares for correlated residuals."""
+"""Input of the identification: one logged stretch in the air; and least squares for correlated
+residuals.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +28,8 @@ class Log:
     attitude_quaternion_wxyz: Array  # (m, 4): flown
     position_time_s: Array  # (k,)
     position_enu_m: Array  # (k, 3)
-    attitude_age_s: float = 0.0  # of an attitude at its time: an attitude over a link was measured earlier
+    # of an attitude at its time: an attitude over a link was measured earlier
+    attitude_age_s: float = 0.0
     attitude_age_std_s: float = 0.002  # standard deviation of the same
 
 
@@ -41,19 +44,26 @@ class Fit:
 
 
 def tilt_vector_rad(quaternion_wxyz: Array) -> Array:
-    """Return the tilt of the thrust (..., 2): angle from the vertical times its horizontal direction in ENU."""
+    """Return the tilt of the thrust (..., 2): angle from the vertical times its horizontal
+    direction in ENU.
+    """
     w, x, y, z = np.moveaxis(quaternion_wxyz, -1, 0)
-    up = np.stack([2.0 * (x * z + w * y), 2.0 * (y * z - w * x)], axis=-1)  # horizontal part of the body's z axis
+    # horizontal part of the body's z axis
+    up = np.stack([2.0 * (x * z + w * y), 2.0 * (y * z - w * x)], axis=-1)
     horizontal = np.hypot(up[..., 0], up[..., 1])
     angle = np.arctan2(horizontal, 1.0 - 2.0 * (x * x + y * y))
-    return np.asarray(up * np.where(horizontal > 1e-9, angle / np.maximum(horizontal, 1e-9), 1.0)[..., None])
+    return np.asarray(
+        up * np.where(horizontal > 1e-9, angle / np.maximum(horizontal, 1e-9), 1.0)[..., None]
+    )
 
 
 def jackknife(jacobian: Array, residual: Array, cluster: IntArray) -> tuple[Array, int]:
-    """Compute standard deviations (p,) by the jackknife over clusters (r,), and the number of clusters.
+    """Compute standard deviations (p,) by the jackknife over clusters (r,), and the number of
+    clusters.
 
-    Residuals may be correlated within a cluster, and between neighbours (numbers that differ by one), which enter with
-    half their product. Leaving out whole clusters stays correct where few of them carry most of the information.
+    Residuals may be correlated within a cluster, and between neighbours (numbers that differ by
+    one), which enter with half their product. Leaving out whole clusters stays correct where few of
+    them carry most of the information.
     """
     names, index = np.unique(cluster, return_inverse=True)
     count, size = names.size, jacobian.shape[1]

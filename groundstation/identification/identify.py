@@ -1,14 +1,18 @@
-"""Parameters of a vehicle from a short flight: hover thrust, tilt error, drag and lag, with uncertainties. Pure.
+"""Parameters of a vehicle from a short flight: hover thrust, tilt error, drag and lag, with
+uncertainties. Pure.
 
-Two fits. The attitude: commanded tilt through a dead time and a second-order response, times a static gain, plus a
-constant error, against the measured attitude (Gauss-Newton from the best of a grid). The motion: the acceleration by
-that response and the throttle, integrated twice, against measured positions, in windows of two seconds whose initial
-position and velocity are free; it is linear in hover thrust, drag, tilt error and in the time by which the motion comes
-before the attitude's own time stamps. That time, together with what is known of the attitude's age, takes out of the
-lag L, from a command to the acceleration it causes, how old the attitude was when it was written down.
+Two fits. The attitude: commanded tilt through a dead time and a second-order response, times a
+static gain, plus a constant error, against the measured attitude (Gauss-Newton from the best of a
+grid). The motion: the acceleration by that response and the throttle, integrated twice, against
+measured positions, in windows of two seconds whose initial position and velocity are free; it is
+linear in hover thrust, drag, tilt error and in the time by which the motion comes before the
+attitude's own time stamps. That time, together with what is known of the attitude's age, takes out
+of the lag L, from a command to the acceleration it causes, how old the attitude was when it was
+written down.
 
-Residuals are correlated (gusts, thrust noise, model error): standard deviations are a jackknife over windows, with
-Student's factor for their number, and never below a floor for what the model leaves out.
+Residuals are correlated (gusts, thrust noise, model error): standard deviations are a jackknife
+over windows, with Student's factor for their number, and never below a floor for what the model
+leaves out.
 """
 
 from __future__ import annotations
@@ -20,13 +24,19 @@ import numpy as np
 
 from groundstation.identification.attitude_fit import fit_attitude, unexplained_times_s
 from groundstation.identification.flight_log import MEMORY_S, Log, TooLittleFlown, tilt_vector_rad
-from groundstation.identification.motion_fit import POSITION_NOISE_M, WINDOW_S, fit_horizontal, fit_vertical
+from groundstation.identification.motion_fit import (
+    POSITION_NOISE_M,
+    WINDOW_S,
+    fit_horizontal,
+    fit_vertical,
+)
 from onboard.arrays import Array, BoolArray
 from onboard.types import GRAVITY_M_S2
 
 MIN_DURATION_S = 8.0
 MIN_TILT_RMS_DEG = 0.5
-# what the model leaves out: battery sag, the thrust curve, steady wind (which looks like tilt), the tick's own length
+# what the model leaves out: battery sag, the thrust curve, steady wind (which looks like tilt), the
+# tick's own length
 _FLOOR = {"hover": 0.001, "lag": 0.003, "drag": 0.02, "tilt_deg": 0.1, "gain": 0.003}
 
 
@@ -92,7 +102,9 @@ def identify(log: Log) -> Identified:
     lag_std = math.hypot(motion.std[1], _FLOOR["lag"])
     part_std = np.hypot(attitude.std[:3], [lag_std, 0.0, 0.0])
     tilt = attitude.theta[4:6] + motion.theta[2:4] / GRAVITY_M_S2
-    tilt_std = np.hypot(np.hypot(attitude.std[4:6], motion.std[2:4] / GRAVITY_M_S2), _FLOOR["tilt_deg"] / degree)
+    tilt_std = np.hypot(
+        np.hypot(attitude.std[4:6], motion.std[2:4] / GRAVITY_M_S2), _FLOOR["tilt_deg"] / degree
+    )
 
     def estimate(value: float, std: float, scaled: float = 1.0) -> Estimate:
         value, std = float(value) * scaled, float(std) * scaled
@@ -117,7 +129,8 @@ def identify(log: Log) -> Identified:
 def _without(log: Log, bad_s: Array) -> Log:
     """The log without the times that its commands do not explain, unless those are most of it.
 
-    A position counts until a whole window later, since the model of its window has integrated over the bad time.
+    A position counts until a whole window later, since the model of its window has integrated over
+    the bad time.
     """
 
     def is_kept(time_s: Array, after_s: float) -> BoolArray:

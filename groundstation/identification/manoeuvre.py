@@ -1,4 +1,6 @@
-"""The manoeuvre from which a vehicle is identified: a zig-zag of quick and slow moves in a box about its start."""
+"""The manoeuvre from which a vehicle is identified: a zig-zag of quick and slow moves in a box
+about its start.
+"""
 
 from __future__ import annotations
 
@@ -15,9 +17,15 @@ _MOVE_TIMEOUT_S, _LEG_S = 8.0, 2.2
 
 
 def manoeuvre(
-    fleet: FleetConfig, name: str, *, half_m: float = BOX_M, height_m: float = HEIGHT_M, seed: int = 0
+    fleet: FleetConfig,
+    name: str,
+    *,
+    half_m: float = BOX_M,
+    height_m: float = HEIGHT_M,
+    seed: int = 0,
 ) -> tuple[tuple[Vec3, float], ...]:
-    """Goals and durations (0: as quick as the limits allow) of a zig-zag in a box about the vehicle's start.
+    """Goals and durations (0: as quick as the limits allow) of a zig-zag in a box about the
+    vehicle's start.
 
     The box keeps clear of the fence and of the places where the others stand.
 
@@ -48,7 +56,9 @@ def manoeuvre(
 
 
 def mission_text(fleet_path: Path, name: str, steps: Sequence[tuple[Vec3, float]]) -> str:
-    """The manoeuvre as a mission file in Python: a goal that is not reached in time is no failure, but the next one."""
+    """The manoeuvre as a mission file in Python: a goal that is not reached in time is no failure,
+    but the next one.
+    """
     height_m, listed = steps[0][0][2], "".join(f"    {step!r},\n" for step in steps)
     return f'''"""Identification of {name}: quick and slow moves about its start."""
 

@@ -1,4 +1,6 @@
-"""Motion of the identification: acceleration by attitude and throttle, integrated twice, against positions."""
+"""Motion of the identification: acceleration by attitude and throttle, integrated twice, against
+positions.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +17,8 @@ from onboard.types import GRAVITY_M_S2
 WINDOW_S = 2.0
 _GRID_S = 0.005
 _MOTOR_LAG_S = 0.05
-_GUST_M_S2, _GUST_TIME_S, POSITION_NOISE_M = 0.03, 1.0, 0.003  # only weights: the jackknife does not believe them
+# only weights: the jackknife does not believe them
+_GUST_M_S2, _GUST_TIME_S, POSITION_NOISE_M = 0.03, 1.0, 0.003
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,23 +37,35 @@ def _drive(log: Log, attitude: Fit, shift_s: float, begin_s: float, end_s: float
     coarse = theta[3] * response(commanded_tilt(log, coarse_s - shift_s), theta) + theta[4:6]
     tilt = np.stack([np.interp(time_s, coarse_s, coarse[:, axis]) for axis in range(2)], axis=-1)
     angle = np.sqrt((tilt * tilt).sum(-1))
-    direction = np.concatenate([tilt * np.sinc(angle / np.pi)[:, None], np.cos(angle)[:, None]], axis=-1)
+    direction = np.concatenate(
+        [tilt * np.sinc(angle / np.pi)[:, None], np.cos(angle)[:, None]], axis=-1
+    )
     early = np.arange(begin_s - 0.5, end_s, _GRID_S)
-    held = log.thrust_frac[np.maximum(np.searchsorted(log.command_time_s, early, side="right") - 1, 0)]
+    held = log.thrust_frac[
+        np.maximum(np.searchsorted(log.command_time_s, early, side="right") - 1, 0)
+    ]
     kernel = np.exp(-np.arange(0.0, 0.4, _GRID_S) / _MOTOR_LAG_S)
     throttle = np.convolve(held, kernel / kernel.sum())[: early.size][-time_s.size :]
     position = np.stack(
-        [np.interp(time_s, log.position_time_s, log.position_enu_m[:, axis]) for axis in range(3)], axis=-1
+        [np.interp(time_s, log.position_time_s, log.position_enu_m[:, axis]) for axis in range(3)],
+        axis=-1,
     )
     return _Drive(time_s, throttle[:, None] * direction, position)
 
 
 def _windows(
-    log: Log, drive: _Drive, axes: tuple[int, ...], inputs: list[Array], target: Array, gust_m_s2: float
+    log: Log,
+    drive: _Drive,
+    axes: tuple[int, ...],
+    inputs: list[Array],
+    target: Array,
+    gust_m_s2: float,
 ) -> tuple[Array, Array, IntArray]:
-    """Regression over windows with free initial position and velocity: columns (r, p), right side (r,), clusters (r,).
+    """Regression over windows with free initial position and velocity: columns (r, p), right side
+    (r,), clusters (r,).
 
-    ``inputs``: contribution of each parameter on the grid (g, axes); ``target``: known motion to subtract (g, axes).
+    ``inputs``: contribution of each parameter on the grid (g, axes); ``target``: known motion to
+    subtract (g, axes).
     """
     rows: list[Array] = []
     right: list[Array] = []
@@ -70,18 +85,24 @@ def _windows(
         for column, axis in enumerate(axes):
             columns = [np.interp(time_s, grid_s, one[first:last, column]) for one in inputs]
             known = np.interp(time_s, grid_s, target[first:last, column])
-            all_columns = whiten @ np.stack([*columns, log.position_enu_m[used, axis] - known], axis=1)
+            all_columns = whiten @ np.stack(
+                [*columns, log.position_enu_m[used, axis] - known], axis=1
+            )
             all_columns -= basis @ (basis.T @ all_columns)
             rows.append(all_columns[:, :-1])
             right.append(all_columns[:, -1])
             clusters.append(np.full(time_s.size, number + 10_000 * axis, dtype=np.int64))
     if len(rows) < 3 * len(axes):
-        raise TooLittleFlown("Positions are missing for most of the flight. Check the mocap, and fly again.")
+        raise TooLittleFlown(
+            "Positions are missing for most of the flight. Check the mocap, and fly again."
+        )
     return np.concatenate(rows), np.concatenate(right), np.concatenate(clusters)
 
 
 def _covariance_m2(time_s: Array, gust_m_s2: float) -> Array:
-    """Covariance (n, n) of positions at these times: white measurement noise, and gusts that are correlated in time."""
+    """Covariance (n, n) of positions at these times: white measurement noise, and gusts that are
+    correlated in time.
+    """
     step_s = np.diff(time_s, prepend=time_s[0])
     once = np.tril(np.broadcast_to(step_s, (time_s.size, time_s.size)))
     twice = np.tril(once @ once)
@@ -93,7 +114,9 @@ def _solve(columns: Array, right: Array, cluster: IntArray) -> Fit:
     theta, *_ = np.linalg.lstsq(columns, right, rcond=None)
     residual = right - columns @ theta
     std, clusters = jackknife(columns, residual, cluster)
-    return Fit(np.asarray(theta, dtype=np.float64), std, float(np.sqrt(np.mean(residual**2))), clusters)
+    return Fit(
+        np.asarray(theta, dtype=np.float64), std, float(np.sqrt(np.mean(residual**2))), clusters
+    )
 
 
 def _integral(values: Array) -> Array:
@@ -118,15 +141,19 @@ def fit_vertical(log: Log, attitude: Fit, begin_s: float, end_s: float) -> tuple
     push, height = drive.push[:, 2:], drive.position_enu_m[:, 2:]
     once = _integral(push)
     fall = -0.5 * GRAVITY_M_S2 * (drive.time_s - drive.time_s[0])[:, None] ** 2
-    fit = _solve(*_windows(log, drive, (2,), [_integral(once), -_integral(height - height[0]), -once], fall, 0.0))
+    fit = _solve(
+        *_windows(
+            log, drive, (2,), [_integral(once), -_integral(height - height[0]), -once], fall, 0.0
+        )
+    )
     return float(fit.theta[0]), float(fit.std[0])
 
 
 def fit_horizontal(log: Log, attitude: Fit, scale: float, begin_s: float, end_s: float) -> Fit:
     """Fit drag, lag and tilt error of the horizontal motion.
 
-    The known age of the attitude enters as one more measurement of the shift. The fit runs twice, since the shift is
-    linearised: the second time about the first result.
+    The known age of the attitude enters as one more measurement of the shift. The fit runs twice,
+    since the shift is linearised: the second time about the first result.
 
     Args:
         log: one stretch in the air.
@@ -136,7 +163,8 @@ def fit_horizontal(log: Log, attitude: Fit, scale: float, begin_s: float, end_s:
         end_s: last time used [s].
 
     Returns:
-        theta: drag [1/s], time shift of the motion against the attitude's stamps [s], error x and y [m/s^2].
+        theta: drag [1/s], time shift of the motion against the attitude's stamps [s], error x and y
+            [m/s^2].
     """
     known_s, weight = -log.attitude_age_s, 1.0 / log.attitude_age_std_s
     shift_s = known_s

@@ -1,4 +1,6 @@
-"""A record as input of the identification: commands, attitudes and positions of each vehicle in the air."""
+"""A record as input of the identification: commands, attitudes and positions of each vehicle in the
+air.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,8 @@ _LINK_AGE_S, _LINK_AGE_STD_S = 0.012, 0.008
 def logs_of(path: Path, fleet: FleetConfig, names: Sequence[str]) -> dict[str, Log]:
     """Read the longest stretch in the air of each vehicle.
 
-    Positions and attitudes come from the mocap's own samples with their own stamps; without a mocap from the agent's.
+    Positions and attitudes come from the mocap's own samples with their own stamps; without a mocap
+    from the agent's.
 
     Args:
         path: flight folder or MCAP file.
@@ -52,21 +55,43 @@ def _log(ticks: list[Sample], poses: list[Sample]) -> Log | None:
     if len(air) < 2:
         return None
     origin_ns, last_ns = air[0].stamp_ns, air[-1].stamp_ns
-    fields = ("setpoint_quaternion_enu_flu_wxyz", "attitude_quaternion_enu_flu_wxyz", "position_enu_m")
+    fields = (
+        "setpoint_quaternion_enu_flu_wxyz",
+        "attitude_quaternion_enu_flu_wxyz",
+        "position_enu_m",
+    )
     time_s, (command, attitude, position) = _series(air, origin_ns, fields)
     thrust = np.array([tick.values["setpoint_thrust_frac"] for tick in air], np.float64)
     tracked = [pose for pose in poses if origin_ns <= pose.stamp_ns <= last_ns]
     if len(tracked) < 0.5 * len(air):
-        return Log(time_s, command, thrust, time_s, attitude, time_s, position, _LINK_AGE_S, _LINK_AGE_STD_S)
-    pose_s, (rotation, path) = _series(tracked, origin_ns, ("quaternion_enu_flu_wxyz", "position_enu_m"))
+        return Log(
+            time_s,
+            command,
+            thrust,
+            time_s,
+            attitude,
+            time_s,
+            position,
+            _LINK_AGE_S,
+            _LINK_AGE_STD_S,
+        )
+    pose_s, (rotation, path) = _series(
+        tracked, origin_ns, ("quaternion_enu_flu_wxyz", "position_enu_m")
+    )
     return Log(time_s, command, thrust, pose_s, rotation, pose_s, path)
 
 
 def _is_flying(tick: Sample) -> bool:
-    values, quaternions = tick.values, ("setpoint_quaternion_enu_flu_wxyz", "attitude_quaternion_enu_flu_wxyz")
+    values, quaternions = (
+        tick.values,
+        ("setpoint_quaternion_enu_flu_wxyz", "attitude_quaternion_enu_flu_wxyz"),
+    )
     if not _are_numbers(values, "position_enu_m", *quaternions, "setpoint_thrust_frac", count=12):
         return False
-    return values.get("state") in ("flying", "holding", "taking off") and values["position_enu_m"][2] > _LOW_M
+    return (
+        values.get("state") in ("flying", "holding", "taking off")
+        and values["position_enu_m"][2] > _LOW_M
+    )
 
 
 def _is_tracked(pose: Sample) -> bool:
@@ -75,7 +100,9 @@ def _is_tracked(pose: Sample) -> bool:
 
 
 def _are_numbers(values: Mapping[str, Any], *fields: str, count: int) -> bool:
-    """Whether the fields hold so many numbers together; a number that is not finite is null in a record."""
+    """Whether the fields hold so many numbers together; a number that is not finite is null in a
+    record.
+    """
     numbers: list[Any] = []
     for field in fields:
         value = values.get(field)
@@ -95,8 +122,12 @@ def _longest_stretch(ticks: list[Sample]) -> list[Sample]:
     return best
 
 
-def _series(samples: list[Sample], origin_ns: int, fields: Sequence[str]) -> tuple[Array, list[Array]]:
+def _series(
+    samples: list[Sample], origin_ns: int, fields: Sequence[str]
+) -> tuple[Array, list[Array]]:
     """Times (n,) since the origin, increasing, and the fields (n, ...)."""
     stamps, first = np.unique([sample.stamp_ns for sample in samples], return_index=True)
-    columns = [np.array([samples[index].values[field] for index in first], np.float64) for field in fields]
+    columns = [
+        np.array([samples[index].values[field] for index in first], np.float64) for field in fields
+    ]
     return np.asarray((stamps - origin_ns) * 1e-9, dtype=np.float64), columns

@@ -1,4 +1,6 @@
-"""Report of ``covey identify``: a table beside the fleet file, differences that matter, and TOML for the fleet file."""
+"""Report of ``covey identify``: a table beside the fleet file, differences that matter, and TOML
+for the fleet file.
+"""
 
 from __future__ import annotations
 
@@ -71,7 +73,13 @@ def rows(flown: IdentifiedVehicle) -> list[dict[str, Any]]:
             _TILT_DEG,
             "trim the vehicle or level its autopilot",
         ),
-        ("static gain", 1.0, identified.static_gain, _GAIN, "the attitude loop is too weak: tune it"),
+        (
+            "static gain",
+            1.0,
+            identified.static_gain,
+            _GAIN,
+            "the attitude loop is too weak: tune it",
+        ),
     )
     return [_row(*one, tilt) for one in parameters]
 
@@ -128,7 +136,9 @@ def toml_of_types(flown: Sequence[IdentifiedVehicle]) -> dict[str, str]:
 
 
 def type_toml(kind: str, members: Sequence[IdentifiedVehicle]) -> str:
-    """Return TOML for ``[types.KIND]``: means over the vehicles of the type, with their intervals as comments."""
+    """Return TOML for ``[types.KIND]``: means over the vehicles of the type, with their intervals
+    as comments.
+    """
     names = ", ".join(one.vehicle.name for one in members)
     table = f"types.{kind}" if kind else "defaults"
     flown = [one.identified for one in members]
@@ -136,11 +146,17 @@ def type_toml(kind: str, members: Sequence[IdentifiedVehicle]) -> str:
     wn, zeta = _mean([one.wn_rad_s for one in flown]), _mean([one.zeta for one in flown])
     delay_s = lag_s.value - 2.0 * zeta.value / wn.value
     wn_rad_s = wn.value
-    if delay_s < 0.0:  # the response is quicker than its own shape says: keep L, which is what the law uses
+    # the response is quicker than its own shape says: keep L, which is what the law uses
+    if delay_s < 0.0:
         delay_s, wn_rad_s = 0.0, 2.0 * zeta.value / max(lag_s.value, 0.01)
-    hover, drag = _mean([one.hover_thrust_frac for one in flown]), _mean([one.drag_1_s for one in flown])
+    hover, drag = (
+        _mean([one.hover_thrust_frac for one in flown]),
+        _mean([one.drag_1_s for one in flown]),
+    )
     gain = _mean([one.static_gain for one in flown])
-    tilt_deg = max(max(abs(one.tilt_error_x_deg.value), abs(one.tilt_error_y_deg.value)) for one in flown)
+    tilt_deg = max(
+        max(abs(one.tilt_error_x_deg.value), abs(one.tilt_error_y_deg.value)) for one in flown
+    )
     lines = [
         f"# identified from {names}; 95 % intervals of the mean",
         f"[{table}]",
@@ -157,7 +173,10 @@ def type_toml(kind: str, members: Sequence[IdentifiedVehicle]) -> str:
     ]
     spread = [one.lag_s.value for one in flown]
     if max(spread) - min(spread) > LAG_ERROR_S:
-        lines.insert(1, "# their lags differ by more than the law tolerates: give each vehicle its own values instead")
+        lines.insert(
+            1,
+            "# their lags differ by more than the law tolerates: give each vehicle its own values instead",
+        )
     return "\n".join(lines)
 
 

@@ -1,7 +1,8 @@
 """Make keys and certificates: a fleet's authority, and one certificate for each node.
 
-The authority has an ECDSA key on the curve P-256, its nodes have Ed25519 keys, which sign orders too; certificates are
-those of X.509. The authority's key, ``ca.key``, makes new nodes: it stays on the computer where the fleet is prepared.
+The authority has an ECDSA key on the curve P-256, its nodes have Ed25519 keys, which sign orders
+too; certificates are those of X.509. The authority's key, ``ca.key``, makes new nodes: it stays on
+the computer where the fleet is prepared.
 """
 
 from __future__ import annotations
@@ -43,7 +44,11 @@ def folder_of(fleet: FleetConfig) -> Path:
 
 def nodes_of(fleet: FleetConfig) -> list[str]:
     """Return the names of all nodes that have a certificate."""
-    return [*fleet.vehicles, *(role.value for role in NODES), *([ROUTER] if fleet.fleet.routers else [])]
+    return [
+        *fleet.vehicles,
+        *(role.value for role in NODES),
+        *([ROUTER] if fleet.fleet.routers else []),
+    ]
 
 
 def make_authority(folder: Path, fleet_name: str, now: datetime.datetime) -> Authority:
@@ -88,12 +93,19 @@ def load_authority(folder: Path) -> Authority:
             f"{path} is no private key, or was cut off. Begin anew: covey keys init FLEET --force"
         ) from None
     certificate = read_certificate(str(folder / "ca.pem"))
-    if not isinstance(key, ec.EllipticCurvePrivateKey) or key.public_key() != certificate.public_key():
-        raise ConfigError(f"{path} does not belong to {folder / 'ca.pem'}. Copy both together, or begin anew.")
+    if (
+        not isinstance(key, ec.EllipticCurvePrivateKey)
+        or key.public_key() != certificate.public_key()
+    ):
+        raise ConfigError(
+            f"{path} does not belong to {folder / 'ca.pem'}. Copy both together, or begin anew."
+        )
     return Authority(certificate, key)
 
 
-def issue(folder: Path, authority: Authority, node: str, hosts: Iterable[str], now: datetime.datetime) -> None:
+def issue(
+    folder: Path, authority: Authority, node: str, hosts: Iterable[str], now: datetime.datetime
+) -> None:
     """Make a node's key and certificate and write them.
 
     Args:
@@ -105,11 +117,15 @@ def issue(folder: Path, authority: Authority, node: str, hosts: Iterable[str], n
     """
     key = ed25519.Ed25519PrivateKey.generate()
     builder = _builder(_name(node), authority.certificate.subject, key, now, NODE_DAYS)
-    usages = x509.ExtendedKeyUsage([ExtendedKeyUsageOID.SERVER_AUTH, ExtendedKeyUsageOID.CLIENT_AUTH])
+    usages = x509.ExtendedKeyUsage(
+        [ExtendedKeyUsageOID.SERVER_AUTH, ExtendedKeyUsageOID.CLIENT_AUTH]
+    )
     certificate = (
         builder.add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
         .add_extension(usages, critical=False)
-        .add_extension(x509.SubjectAlternativeName([*map(_address, hosts), x509.DNSName(node)]), critical=False)
+        .add_extension(
+            x509.SubjectAlternativeName([*map(_address, hosts), x509.DNSName(node)]), critical=False
+        )
         .sign(authority.key, hashes.SHA256())
     )
     _write(folder / f"{node}.pem", certificate)
@@ -152,6 +168,8 @@ def _write_key(path: Path, key: _Key) -> None:
     with os.fdopen(descriptor, "wb") as file:
         file.write(
             key.private_bytes(
-                serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()
+                serialization.Encoding.PEM,
+                serialization.PrivateFormat.PKCS8,
+                serialization.NoEncryption(),
             )
         )

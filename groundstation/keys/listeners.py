@@ -1,11 +1,14 @@
-"""Whether somebody listens at an endpoint at all, whatever keys it has: who does, and takes no link, has other ones."""
+"""Whether somebody listens at an endpoint at all, whatever keys it has: who does, and takes no
+link, has other ones.
+"""
 
 from __future__ import annotations
 
 import socket
 
 _TIMEOUT_S = 1.0
-_NO_VERSION = 0x1A2A3A4A  # RFC 9000, 15: one that no QUIC ever has, to which each names those that it has
+# RFC 9000, 15: one that no QUIC ever has, to which each names those that it has
+_NO_VERSION = 0x1A2A3A4A
 _LEAST_BYTES = 1200  # of a first packet of QUIC; a shorter one is not answered
 _IDS = b"\x08doctor--\x08--covey-"
 

@@ -1,4 +1,6 @@
-"""Keys of MAVLink signing, one for each vehicle: what is missing is made, and the fleet file demands signing."""
+"""Keys of MAVLink signing, one for each vehicle: what is missing is made, and the fleet file
+demands signing.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,8 @@ from onboard.config.mavlink_key import KEY_BYTES, key_file, read_key
 
 
 def sign_mavlink(path: str) -> FleetConfig:
-    """Make the keys that are missing, and have the fleet file demand signing; a second call changes nothing.
+    """Make the keys that are missing, and have the fleet file demand signing; a second call changes
+    nothing.
 
     Args:
         path: of a fleet file, which is changed; its comments stay.
@@ -31,7 +34,9 @@ def sign_mavlink(path: str) -> FleetConfig:
     except OSError as error:
         raise ConfigError(f"{folder} cannot be made ({error.strerror}).") from None
     if unsigned:
-        write_changes(Path(fleet.path), {"vehicles": {name: {"mavlink_signing": True} for name in unsigned}})
+        write_changes(
+            Path(fleet.path), {"vehicles": {name: {"mavlink_signing": True} for name in unsigned}}
+        )
     for name in fleet.vehicles:
         file = folder / key_file(name)
         if file.exists():

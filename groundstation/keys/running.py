@@ -1,7 +1,9 @@
-"""Which nodes run with which authority: asked over links, because what lies on a disk says nothing of what runs.
+"""Which nodes run with which authority: asked over links, because what lies on a disk says nothing
+of what runs.
 
-A node that was forgotten when the authority was replaced opens no link with the present keys. So the certificate of a
-viewer of each former authority is kept, beside the keys, and used for nothing but to look who still takes it.
+A node that was forgotten when the authority was replaced opens no link with the present keys. So
+the certificate of a viewer of each former authority is kept, beside the keys, and used for nothing
+but to look who still takes it.
 """
 
 from __future__ import annotations
@@ -25,7 +27,9 @@ _POLL_S = 0.05
 
 
 def keep_former(fleet: FleetConfig) -> None:
-    """Keep what is needed to find nodes that run on with the authority that is about to be replaced."""
+    """Keep what is needed to find nodes that run on with the authority that is about to be
+    replaced.
+    """
     folder, former = folder_of(fleet), _former_folder(fleet)
     files = [folder / name for name in files_of(Role.VIEWER)]
     if not all(file.exists() for file in files):
@@ -40,12 +44,13 @@ def running_authorities(fleet: FleetConfig, wait_s: float = WAIT_S) -> dict[str,
     """Return the nodes that answer, each with the authority that it runs with.
 
     Args:
-        fleet: a fleet with keys; its present ones, at least a viewer's or a ground's, are on this computer.
+        fleet: a fleet with keys; its present ones, at least a viewer's or a ground's, are on this
+            computer.
         wait_s: time for all nodes to answer.
 
     Returns:
-        "present" or "former" for each node that answers: vehicles, and the relay or the emulator. Who is missing is
-        off, not reached, or has keys that this computer has never had.
+        "present" or "former" for each node that answers: vehicles, and the relay or the emulator.
+        Who is missing is off, not reached, or has keys that this computer has never had.
 
     Raises:
         ConfigError: this computer's own keys do not fit.
@@ -55,7 +60,9 @@ def running_authorities(fleet: FleetConfig, wait_s: float = WAIT_S) -> dict[str,
     seen: dict[str, str] = {}
     with contextlib.ExitStack() as stack:
         for kept in (None, *_formers(fleet)):
-            bus = _watcher(fleet, present if kept is None else _kept_credentials(kept, fleet), wait_s)
+            bus = _watcher(
+                fleet, present if kept is None else _kept_credentials(kept, fleet), wait_s
+            )
             try:
                 bus.start()
             except NoRouterError:
@@ -100,4 +107,6 @@ def _former_folder(fleet: FleetConfig) -> Path:
 
 def _formers(fleet: FleetConfig) -> list[Path]:
     """Return the folders of former authorities, the newest first."""
-    return sorted(_former_folder(fleet).glob("[0-9]*"), key=lambda path: int(path.name), reverse=True)
+    return sorted(
+        _former_folder(fleet).glob("[0-9]*"), key=lambda path: int(path.name), reverse=True
+    )

@@ -1,4 +1,6 @@
-"""Turn a fleet's bus into one with keys: what is missing is made, the fleet file's endpoints say quic/."""
+"""Turn a fleet's bus into one with keys: what is missing is made, the fleet file's endpoints say
+quic/.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +10,14 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from groundstation.keys.authority import Authority, folder_of, issue, load_authority, make_authority, nodes_of
+from groundstation.keys.authority import (
+    Authority,
+    folder_of,
+    issue,
+    load_authority,
+    make_authority,
+    nodes_of,
+)
 from groundstation.starter.fleet_edit import edited, write_changes
 from onboard.bus.credentials import hosts_of
 from onboard.config.example_files import EXAMPLES
@@ -18,7 +27,8 @@ _PLAIN = ("tcp/", "udp/")
 
 
 def secure_fleet(path: str, now: datetime.datetime) -> FleetConfig:
-    """Make the authority, the certificates and the endpoints that are missing; a second call changes nothing.
+    """Make the authority, the certificates and the endpoints that are missing; a second call
+    changes nothing.
 
     Args:
         path: of a fleet file, which is changed; its comments stay.
@@ -41,14 +51,20 @@ def secure_fleet(path: str, now: datetime.datetime) -> FleetConfig:
         if not ((folder / f"{node}.pem").exists() and (folder / f"{node}.key").exists())
     ]
     if missing:
-        authority = load_authority(folder) if has_authority else make_authority(folder, plain.fleet.name, now)
+        authority = (
+            load_authority(folder)
+            if has_authority
+            else make_authority(folder, plain.fleet.name, now)
+        )
         issue_all(secured, authority, missing if has_authority else nodes_of(secured), now)
     if changes:
         write_changes(Path(plain.path), changes)
     return secured
 
 
-def issue_all(fleet: FleetConfig, authority: Authority, nodes: Sequence[str], now: datetime.datetime) -> None:
+def issue_all(
+    fleet: FleetConfig, authority: Authority, nodes: Sequence[str], now: datetime.datetime
+) -> None:
     """Issue the certificates of some nodes.
 
     Args:
@@ -62,7 +78,9 @@ def issue_all(fleet: FleetConfig, authority: Authority, nodes: Sequence[str], no
     known = nodes_of(fleet)
     for node in nodes:
         if node not in known:
-            raise ConfigError(f"'{node}' is no node of {fleet.path}. Its nodes: {', '.join(known)}.")
+            raise ConfigError(
+                f"'{node}' is no node of {fleet.path}. Its nodes: {', '.join(known)}."
+            )
     for node in nodes:
         issue(folder_of(fleet), authority, node, hosts_of(fleet, node), now)
 
@@ -74,7 +92,9 @@ def refuse_example(fleet: FleetConfig) -> None:
         ConfigError: the fleet file is one that is installed with Covey.
     """
     if Path(fleet.path).resolve().is_relative_to(Path(EXAMPLES).resolve()):
-        raise ConfigError(f"{fleet.path} is an example that is installed with Covey. Copy it, and secure the copy.")
+        raise ConfigError(
+            f"{fleet.path} is an example that is installed with Covey. Copy it, and secure the copy."
+        )
 
 
 def _changes(fleet: FleetConfig) -> dict[str, Any]:

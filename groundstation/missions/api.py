@@ -1,4 +1,5 @@
-"""A mission's view of the fleet: ``await fleet.takeoff()``, ``await fleet["mav1"].reached(...)``."""
+"""A mission's view of the fleet: ``await fleet.takeoff()``, ``await fleet["mav1"].reached(...)``.
+"""
 
 from __future__ import annotations
 
@@ -34,7 +35,9 @@ class Fleet(Group):
         say: progress in words, one line a call.
     """
 
-    def __init__(self, client: FleetClient, *, say: Callable[[str], None] = lambda line: None) -> None:
+    def __init__(
+        self, client: FleetClient, *, say: Callable[[str], None] = lambda line: None
+    ) -> None:
         super().__init__(MissionGround(client, say=say), client.fleet.enabled_names)
 
     @classmethod
@@ -46,15 +49,17 @@ class Fleet(Group):
         at_end: AtEnd = "land",
         ready_timeout_s: float | None = None,
     ) -> AsyncIterator[Fleet]:
-        """Connect with a fleet: its real agents, or the flight of ``covey run`` and of the lockstep fixture.
+        """Connect with a fleet: its real agents, or the flight of ``covey run`` and of the lockstep
+        fixture.
 
-        However the block ends, by its last line, an exception, a cancellation or Ctrl-C, vehicles that still fly are
-        left in the declared state.
+        However the block ends, by its last line, an exception, a cancellation or Ctrl-C, vehicles
+        that still fly are left in the declared state.
 
         Args:
             fleet: a fleet file or its path; None: that of ``covey run``.
             at_end: state in which it leaves vehicles that still fly.
-            ready_timeout_s: longest wait for the vehicles [s]; 0: wait for nobody; None: as the flight needs.
+            ready_timeout_s: longest wait for the vehicles [s]; 0: wait for nobody; None: as the
+                flight needs.
 
         Yields:
             The fleet.
@@ -74,12 +79,20 @@ class Fleet(Group):
             flown, begin_ns = cls(client, say=say), client.now_ns()
             try:
                 if ready_timeout_s != 0.0:
-                    await flown.ready(host.ready_timeout_s if ready_timeout_s is None else ready_timeout_s)
+                    await flown.ready(
+                        host.ready_timeout_s if ready_timeout_s is None else ready_timeout_s
+                    )
                 yield flown
             finally:
                 await flown.leave(at_end)
                 host.flown = FlightObservations(
-                    "script", client.fleet, client.state, flown.steps, flown.arrivals, begin_ns, client.now_ns()
+                    "script",
+                    client.fleet,
+                    client.state,
+                    flown.steps,
+                    flown.arrivals,
+                    begin_ns,
+                    client.now_ns(),
                 )
 
     async def leave(self, at_end: AtEnd) -> None:
@@ -159,10 +172,12 @@ class Fleet(Group):
             raise NotReady(refusal, True)
 
     def leave_out(self, *names: str) -> None:
-        """Go on without these vehicles: "all" does not mean them any more, and their results fail nothing.
+        """Go on without these vehicles: "all" does not mean them any more, and their results fail
+        nothing.
 
         Args:
-            names: of vehicles. They do what their last order or their failsafe says, and land with the mission's end.
+            names: of vehicles. They do what their last order or their failsafe says, and land with
+                the mission's end.
         """
         self.ground.leave_out(*names)
 
@@ -191,17 +206,24 @@ class Fleet(Group):
         """
         for vehicle in self.config.select(vehicles):
             sentence = await self.client.fault(
-                name, vehicle, parameters, after_s=after_s, duration_s=duration_s, is_rehearsal=is_rehearsal
+                name,
+                vehicle,
+                parameters,
+                after_s=after_s,
+                duration_s=duration_s,
+                is_rehearsal=is_rehearsal,
             )
             if not is_rehearsal:
                 when = f" in {after_s:g} s" if after_s > 0.0 else ""
                 self.say(f"fault{when}: {sentence}")
 
     async def land_all(self, timeout_s: float = 40.0) -> bool:
-        """Land all vehicles that are not down yet. A landing under way goes on: no new order replaces an operator's.
+        """Land all vehicles that are not down yet. A landing under way goes on: no new order
+        replaces an operator's.
 
         Args:
-            timeout_s: longest wait beyond twice the time that the descent from their heights takes [s].
+            timeout_s: longest wait beyond twice the time that the descent from their heights takes
+                [s].
 
         Returns:
             Whether all are landed and disarmed.

@@ -43,15 +43,17 @@ class _Blocking:
 
 
 class BlockingFleet(_Blocking):
-    """All vehicles of a fleet, for scripts that are no coroutines; every verb of :class:`Fleet` blocks until its end.
+    """All vehicles of a fleet, for scripts that are no coroutines; every verb of :class:`Fleet`
+    blocks until its end.
 
-    Use it as ``with BlockingFleet("fleet.toml") as fleet: fleet.takeoff(1.0)``. Without ``with`` the end of the program
-    is its end.
+    Use it as ``with BlockingFleet("fleet.toml") as fleet: fleet.takeoff(1.0)``. Without ``with``
+    the end of the program is its end.
 
     Args:
         fleet: a fleet file or its path; None: that of ``covey run``.
         at_end: state in which it leaves vehicles that still fly.
-        ready_timeout_s: longest wait for the vehicles [s]; 0: wait for nobody; None: as the flight needs.
+        ready_timeout_s: longest wait for the vehicles [s]; 0: wait for nobody; None: as the flight
+            needs.
 
     Raises:
         ConfigError: no fleet file, or a wrong one.
@@ -83,7 +85,10 @@ class BlockingFleet(_Blocking):
         return self
 
     def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
     ) -> None:
         self.close()
 
@@ -99,7 +104,9 @@ class BlockingFleet(_Blocking):
         return self._host.call(function(self._target))
 
     def close(self) -> None:
-        """Leave the fleet in the declared state and close the connection; a second call does nothing."""
+        """Leave the fleet in the declared state and close the connection; a second call does
+        nothing.
+        """
         if self._is_open and self._task is not None:
             self._is_open = False
             self._host.call(self._finish())
@@ -111,7 +118,9 @@ class BlockingFleet(_Blocking):
 
         async def connected() -> None:
             try:
-                async with Fleet.connect(fleet, at_end=at_end, ready_timeout_s=ready_timeout_s) as opened:
+                async with Fleet.connect(
+                    fleet, at_end=at_end, ready_timeout_s=ready_timeout_s
+                ) as opened:
                     ready.set_result(opened)
                     await end.wait()
             except Exception as error:
@@ -129,7 +138,9 @@ class BlockingFleet(_Blocking):
 
 
 def _end_as_an_exception_does() -> None:
-    """Let SIGTERM end the program as an exception does, so that the fleet is left in the declared state."""
+    """Let SIGTERM end the program as an exception does, so that the fleet is left in the declared
+    state.
+    """
     try:
         if signal.getsignal(signal.SIGTERM) is signal.SIG_DFL:
             signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))

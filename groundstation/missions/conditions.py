@@ -1,4 +1,6 @@
-"""Conditions that a mission waits for or reacts to: predicates of the fleet's state, with words. Pure."""
+"""Conditions that a mission waits for or reacts to: predicates of the fleet's state, with words.
+Pure.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +29,8 @@ class Condition(NamedTuple):
 
     words: str
     holds: Callable[[Moment], bool]
-    value: Callable[[Moment], str]  # what it is now, for the sentence about a wait that was too short
+    # what it is now, for the sentence about a wait that was too short
+    value: Callable[[Moment], str]
 
 
 class ConditionTimeout(TimeoutError):
@@ -44,17 +47,23 @@ def reached(goals: Mapping[str, Vec3], within_m: float = ARRIVED_M) -> Condition
 
     def distances_m(moment: Moment) -> dict[str, float]:
         known = {name: moment.state.vehicles[name].position_enu_m(moment.now_ns) for name in goals}
-        return {name: math.inf if at is None else math.dist(at, goals[name]) for name, at in known.items()}
+        return {
+            name: math.inf if at is None else math.dist(at, goals[name])
+            for name, at in known.items()
+        }
 
     return Condition(
         f"{', '.join(goals)} within {within_m:g} m of their goals",
         lambda moment: all(away_m <= within_m for away_m in distances_m(moment).values()),
-        lambda moment: ", ".join(f"{name} {away_m:.2f} m away" for name, away_m in distances_m(moment).items()),
+        lambda moment: ", ".join(
+            f"{name} {away_m:.2f} m away" for name, away_m in distances_m(moment).items()
+        ),
     )
 
 
 def separation_above(distance_m: float) -> Condition:
-    """No two vehicles of which one flies are nearer to each other than this, by telemetry: their separation.
+    """No two vehicles of which one flies are nearer to each other than this, by telemetry: their
+    separation.
 
     Args:
         distance_m: between centres [m].
@@ -67,7 +76,8 @@ def separation_above(distance_m: float) -> Condition:
 
 
 def separation_below(distance_m: float) -> Condition:
-    """Two vehicles of which one flies are nearer to each other than this, by telemetry: their separation.
+    """Two vehicles of which one flies are nearer to each other than this, by telemetry: their
+    separation.
 
     Args:
         distance_m: between centres [m].
@@ -89,7 +99,9 @@ def battery_below(percent: float, vehicles: Sequence[str] | str | None = None) -
 
     def least(moment: Moment) -> float:
         views = _views(moment, vehicles).values()
-        return 100.0 * min((one.telemetry.battery_frac for one in views if one.telemetry is not None), default=1.0)
+        return 100.0 * min(
+            (one.telemetry.battery_frac for one in views if one.telemetry is not None), default=1.0
+        )
 
     return Condition(
         f"{_who(vehicles)} below {percent:g} % of battery",
@@ -116,7 +128,10 @@ def flying(vehicles: Sequence[str] | str | None = None) -> Condition:
     """
 
     return _of_all(
-        vehicles, "in the air", "on the ground:", lambda moment, name: moment.state.vehicles[name].is_airborne
+        vehicles,
+        "in the air",
+        "on the ground:",
+        lambda moment, name: moment.state.vehicles[name].is_airborne,
     )
 
 
@@ -128,7 +143,11 @@ def fails(vehicles: Sequence[str] | str | None = None) -> Condition:
     """
 
     def failed(moment: Moment) -> list[str]:
-        return [name for name, view in _views(moment, vehicles).items() if _has_failed(view, moment.now_ns)]
+        return [
+            name
+            for name, view in _views(moment, vehicles).items()
+            if _has_failed(view, moment.now_ns)
+        ]
 
     return Condition(
         f"{_who(vehicles)} failing",
@@ -149,7 +168,10 @@ def event(code: str, vehicles: Sequence[str] | str | None = None) -> Condition:
         names = None if vehicles is None else _names(vehicles)
         return any(
             logged.received_ns >= moment.begin_ns
-            and (logged.event.code == code or (code == "*" and logged.event.severity in ("warning", "critical")))
+            and (
+                logged.event.code == code
+                or (code == "*" and logged.event.severity in ("warning", "critical"))
+            )
             and (names is None or logged.event.vehicle in names)
             for logged in moment.state.events
         )
@@ -190,17 +212,28 @@ def _closest_m(moment: Moment) -> float:
 
 
 def _names(vehicles: Sequence[str] | str) -> list[str]:
-    return [word.strip() for word in vehicles.split(",")] if isinstance(vehicles, str) else list(vehicles)
+    return (
+        [word.strip() for word in vehicles.split(",")]
+        if isinstance(vehicles, str)
+        else list(vehicles)
+    )
 
 
 def _views(moment: Moment, vehicles: Sequence[str] | str | None) -> dict[str, VehicleView]:
     if vehicles is None:
-        return {name: view for name, view in moment.state.vehicles.items() if name not in moment.state.disabled}
+        return {
+            name: view
+            for name, view in moment.state.vehicles.items()
+            if name not in moment.state.disabled
+        }
     return {name: moment.state.vehicles[name] for name in _names(vehicles)}
 
 
 def _of_all(
-    vehicles: Sequence[str] | str | None, what: str, otherwise: str, holds: Callable[[Moment, str], bool]
+    vehicles: Sequence[str] | str | None,
+    what: str,
+    otherwise: str,
+    holds: Callable[[Moment, str], bool],
 ) -> Condition:
     def others(moment: Moment) -> list[str]:
         return [name for name in _views(moment, vehicles) if not holds(moment, name)]

@@ -1,7 +1,8 @@
-"""Where a script's fleet flies: real vehicles and agents by default, a simulated flight when a host has been set.
+"""Where a script's fleet flies: real vehicles and agents by default, a simulated flight when a host
+has been set.
 
-``covey run`` and the lockstep fixture set the host, so that one script flies in simulated time, with emulated PX4s or
-with hardware unchanged.
+``covey run`` and the lockstep fixture set the host, so that one script flies in simulated time,
+with emulated PX4s or with hardware unchanged.
 """
 
 from __future__ import annotations
@@ -47,7 +48,9 @@ class Host(Protocol):
         """End what :meth:`call` needs; a second call does nothing."""
 
     def end_record(self) -> tuple[int, str | None]:
-        """Finish the record; return its begin on the ground's clock [ns], and a sentence when it ended early."""
+        """Finish the record; return its begin on the ground's clock [ns], and a sentence when it
+        ended early.
+        """
 
 
 _hosts: list[Host] = []
@@ -110,7 +113,9 @@ def host_of(fleet: FleetConfig | str | Path | None) -> Host:
     if _hosts:
         return _hosts[-1]
     if fleet is None:
-        raise ConfigError("Which fleet? Name its file in the script, or start it: covey run SCRIPT --fleet FILE")
+        raise ConfigError(
+            "Which fleet? Name its file in the script, or start it: covey run SCRIPT --fleet FILE"
+        )
     return RealTime(fleet if isinstance(fleet, FleetConfig) else load_fleet(fleet))
 
 
@@ -132,7 +137,12 @@ class RealTime:
         ready_timeout_s: float = READY_TIMEOUT_S,
         say: Callable[[str], None] = print,
     ) -> None:
-        self.config, self.folder, self.ready_timeout_s, self.say = config, folder, ready_timeout_s, say
+        self.config, self.folder, self.ready_timeout_s, self.say = (
+            config,
+            folder,
+            ready_timeout_s,
+            say,
+        )
         self.flown: FlightObservations | None = None
         self.at_end = "land"
         self._record: RecordWriter | None = None
@@ -141,14 +151,20 @@ class RealTime:
 
     @contextlib.asynccontextmanager
     async def opened(self) -> AsyncIterator[FleetClient]:
-        """Open the bus, and the record where there is a folder; SIGTERM ends the script as Ctrl-C does."""
+        """Open the bus, and the record where there is a folder; SIGTERM ends the script as Ctrl-C
+        does.
+        """
         client = FleetClient(self.config, extra_topics=RECORDED if self.folder is not None else ())
         record = self._record = None
         if self.folder is not None:
             record = self._record = RecordWriter(
                 self.folder,
-                on_failure=lambda sentence: client.publish_event("critical", "record_failed", sentence),
-                on_warning=lambda sentence: client.publish_event("warning", "record_full", sentence),
+                on_failure=lambda sentence: client.publish_event(
+                    "critical", "record_failed", sentence
+                ),
+                on_warning=lambda sentence: client.publish_event(
+                    "warning", "record_full", sentence
+                ),
             )
             record.start()
             client.add_sink(record.put)
@@ -167,10 +183,14 @@ class RealTime:
                 await asyncio.to_thread(record.stop)
 
     def call(self, coroutine: Coroutine[Any, Any, T]) -> T:
-        """Run a coroutine in a thread of its own, where the bus is read while the script computes or waits."""
+        """Run a coroutine in a thread of its own, where the bus is read while the script computes
+        or waits.
+        """
         if self._loop is None:
             self._loop = _ThreadLoop()
-            self._thread = threading.Thread(target=self._loop.run_forever, name="fleet", daemon=True)
+            self._thread = threading.Thread(
+                target=self._loop.run_forever, name="fleet", daemon=True
+            )
             self._thread.start()
         future = asyncio.run_coroutine_threadsafe(coroutine, self._loop)
         try:
@@ -180,7 +200,9 @@ class RealTime:
             raise
 
     def end_record(self) -> tuple[int, str | None]:
-        """Return the begin of the record, which has ended with the connection, and why it ended early."""
+        """Return the begin of the record, which has ended with the connection, and why it ended
+        early.
+        """
         return (0, None) if self._record is None else (self._record.begin_ns, self._record.failure)
 
     def end_calls(self) -> None:
@@ -192,7 +214,9 @@ class RealTime:
 
 
 class _ThreadLoop(asyncio.SelectorEventLoop):
-    """A loop that still closes the bus while the interpreter ends, when no further thread may begin."""
+    """A loop that still closes the bus while the interpreter ends, when no further thread may
+    begin.
+    """
 
     def run_in_executor(  # type: ignore[override]
         self, executor: Any, func: Callable[..., Any], *args: Any

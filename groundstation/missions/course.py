@@ -1,4 +1,6 @@
-"""The course of a mission before it flies: each step with its order, from where to where, and its duration. Pure."""
+"""The course of a mission before it flies: each step with its order, from where to where, and its
+duration. Pure.
+"""
 
 from __future__ import annotations
 
@@ -58,7 +60,8 @@ class Stage:
     planned: PlannedOrder | None = None  # of a step that is an order
     goals: Mapping[str, Vec3] = field(default_factory=dict)  # where vehicles are after it
     paths: Mapping[str, Path] = field(default_factory=dict)
-    alone_s: Mapping[str, float] = field(default_factory=dict)  # what each vehicle needs without the others
+    # what each vehicle needs without the others
+    alone_s: Mapping[str, float] = field(default_factory=dict)
     expected_s: float = 0.0
 
 
@@ -72,8 +75,11 @@ class _Fleet:
     is_known: bool = True
 
 
-def course(fleet: FleetConfig, steps: Sequence[Step], paths_of: PathsOf, path: str) -> Iterator[Stage]:
-    """Yield the stages of a mission in the order in which they are flown; branches side by side come one by one.
+def course(
+    fleet: FleetConfig, steps: Sequence[Step], paths_of: PathsOf, path: str
+) -> Iterator[Stage]:
+    """Yield the stages of a mission in the order in which they are flown; branches side by side
+    come one by one.
 
     Args:
         fleet: the fleet file.
@@ -105,7 +111,9 @@ def intent_of(step: OrderStep, fleet: FleetConfig) -> Intent:
     """
     names = fleet.select(step.vehicles)
     if isinstance(step, TakeoffStep | HomeStep):
-        intent = Intent("home" if isinstance(step, HomeStep) else "takeoff", names, height_m=step.height_m)
+        intent = Intent(
+            "home" if isinstance(step, HomeStep) else "takeoff", names, height_m=step.height_m
+        )
         return replace(intent, duration_s=step.duration_s) if isinstance(step, HomeStep) else intent
     if isinstance(step, RotateStep):
         return Intent("rotate", names, rotation_deg=step.angle_deg, duration_s=step.duration_s)
@@ -121,7 +129,9 @@ def intent_of(step: OrderStep, fleet: FleetConfig) -> Intent:
     if isinstance(step, FormationStep):
         if step.name not in formation_names(fleet):
             known = ", ".join(formation_names(fleet)) or "it has none"
-            raise ConfigError(f"'{step.name}' is no formation of fleet '{fleet.fleet.name}': {known}. Correct 'name'.")
+            raise ConfigError(
+                f"'{step.name}' is no formation of fleet '{fleet.fleet.name}': {known}. Correct 'name'."
+            )
         if step.vehicles in ("all", ["all"]):
             names = tuple(name for name in names if name in formation_slots(fleet, step.name))
         return Intent(
@@ -138,7 +148,9 @@ def intent_of(step: OrderStep, fleet: FleetConfig) -> Intent:
     return Intent(cast(Verb, step.do), names)
 
 
-def with_speed(intent: Intent, speed_m_s: float | None, goals: Mapping[str, Vec3], spots: Mapping[str, Vec3]) -> Intent:
+def with_speed(
+    intent: Intent, speed_m_s: float | None, goals: Mapping[str, Vec3], spots: Mapping[str, Vec3]
+) -> Intent:
     """Return a move that takes as long as its longest way at this speed.
 
     Args:
@@ -153,7 +165,9 @@ def with_speed(intent: Intent, speed_m_s: float | None, goals: Mapping[str, Vec3
     return replace(intent, duration_s=min(600.0, _PEAK * max(ways_m) / speed_m_s))
 
 
-def formation_paths(step: FlyFormationStep, fleet: FleetConfig, positions: Mapping[str, Vec3]) -> dict[str, Path]:
+def formation_paths(
+    step: FlyFormationStep, fleet: FleetConfig, positions: Mapping[str, Vec3]
+) -> dict[str, Path]:
     """Return the paths of a formation's flight.
 
     Args:
@@ -175,7 +189,13 @@ def formation_paths(step: FlyFormationStep, fleet: FleetConfig, positions: Mappi
 
 
 def _stages(
-    fleet: FleetConfig, step: Step, key: str, now: _Fleet, paths_of: PathsOf, path: str, times: int = 1
+    fleet: FleetConfig,
+    step: Step,
+    key: str,
+    now: _Fleet,
+    paths_of: PathsOf,
+    path: str,
+    times: int = 1,
 ) -> Iterator[Stage]:
     if isinstance(step, BlockStep):
         for inner, inner_key, count in _inner(step, key):
@@ -198,7 +218,9 @@ def _stages(
 
 
 def _inner(step: BlockStep, key: str) -> Iterator[tuple[Step, str, int]]:
-    """Yield the steps within a step with their keys; of repetitions the first, and the second for all others."""
+    """Yield the steps within a step with their keys; of repetitions the first, and the second for
+    all others.
+    """
     if isinstance(step, RepeatStep):
         for count in (1, step.times - 1) if step.times > 1 else (1,):
             yield from ((inner, f"{key}.steps[{k}]", count) for k, inner in enumerate(step.steps))
@@ -217,8 +239,12 @@ def _stage(fleet: FleetConfig, step: Step, key: str, now: _Fleet, paths_of: Path
         paths = paths_of(step) if is_own else formation_paths(step, fleet, now.positions)  # type: ignore[arg-type]
         if not paths or not set(paths) <= set(fleet.enabled_names):
             return replace(stage, paths=paths)
-        begins, ends = ({name: _point(one, time_s) for name, one in paths.items()} for time_s in (0.0, math.inf))
-        there_s = max(_move_s(fleet, name, now.positions[name], begins[name], 0.0) for name in paths)
+        begins, ends = (
+            {name: _point(one, time_s) for name, one in paths.items()} for time_s in (0.0, math.inf)
+        )
+        there_s = max(
+            _move_s(fleet, name, now.positions[name], begins[name], 0.0) for name in paths
+        )
         longest_s = max(one.duration_s for one in paths.values())
         return replace(stage, paths=paths, goals=ends, expected_s=there_s + 5.0 + longest_s)
     if isinstance(step, WaitStep):
@@ -227,7 +253,10 @@ def _stage(fleet: FleetConfig, step: Step, key: str, now: _Fleet, paths_of: Path
         return stage
     intent = _filled(intent_of(step, fleet), fleet, now)
     planned = plan_order(intent, fleet, None, held=now.held, author="check", now_ns=0)
-    goals = {name: _goal(step, now.positions[name], order.position_enu_m) for name, order in planned.orders.items()}
+    goals = {
+        name: _goal(step, now.positions[name], order.position_enu_m)
+        for name, order in planned.orders.items()
+    }
     if not isinstance(step, MoveStep | GotoStep | FormationStep | RotateStep | _GROUND):
         return replace(stage, planned=planned, expected_s=1.0)
     intent = with_speed(intent, getattr(step, "speed_m_s", None), goals, now.positions)
@@ -236,10 +265,18 @@ def _stage(fleet: FleetConfig, step: Step, key: str, now: _Fleet, paths_of: Path
         before = now.positions[name]
         above_m = max(before[2], goal[2], 1.0) if isinstance(step, _GROUND) else 0.0
         across = (before[0], before[1], goal[2]) if above_m else before
-        alone_s[name] = _move_s(fleet, name, across, goal, intent.duration_s) if across != goal else 0.0
-        alone_s[name] += _START_S + vertical_s(above_m, fleet.vehicles[name].max_speed_m_s) if above_m else 0.0
+        alone_s[name] = (
+            _move_s(fleet, name, across, goal, intent.duration_s) if across != goal else 0.0
+        )
+        alone_s[name] += (
+            _START_S + vertical_s(above_m, fleet.vehicles[name].max_speed_m_s) if above_m else 0.0
+        )
     return replace(
-        stage, planned=planned, goals=goals, alone_s=alone_s, expected_s=max(alone_s.values(), default=0.0) + _SETTLE_S
+        stage,
+        planned=planned,
+        goals=goals,
+        alone_s=alone_s,
+        expected_s=max(alone_s.values(), default=0.0) + _SETTLE_S,
     )
 
 
@@ -248,7 +285,9 @@ def _filled(intent: Intent, fleet: FleetConfig, now: _Fleet) -> Intent:
     spots = {name: now.positions[name] for name in intent.vehicles if name in now.positions}
     position = intent.position_enu_m
     if intent.is_nearest and position is not None:
-        slots = slots_of(fleet, intent.formation or "", intent.spacing_m, intent.rotation_deg or 0.0)
+        slots = slots_of(
+            fleet, intent.formation or "", intent.spacing_m, intent.rotation_deg or 0.0
+        )
         wanted = {name: slots[name] for name in intent.vehicles if name in slots}
         return replace(intent, takes=nearest_slots(wanted, spots, position))
     if intent.verb == "rotate":

@@ -1,4 +1,6 @@
-"""Mission files: TOML steps with schema 1, checked whole before anything starts. Unknown keys are errors."""
+"""Mission files: TOML steps with schema 1, checked whole before anything starts. Unknown keys are
+errors.
+"""
 
 from __future__ import annotations
 
@@ -39,7 +41,14 @@ from groundstation.missions.steps import (
 from groundstation.paths.files import load_path
 from groundstation.paths.lights import Light, load_lights
 from onboard.config.example_files import existing_file
-from onboard.config.fleet import ConfigError, FleetConfig, check_schema, convert, load_fleet, read_toml
+from onboard.config.fleet import (
+    ConfigError,
+    FleetConfig,
+    check_schema,
+    convert,
+    load_fleet,
+    read_toml,
+)
 from onboard.config.formation_shape import FormationShape, problems, split
 from onboard.config.toml_reading import table
 from onboard.control.path import Path
@@ -48,7 +57,9 @@ _DEEPEST = 8  # lists within lists of steps
 
 
 class Mission(msgspec.Struct, frozen=True):
-    """A mission file, resolved; ``steps`` is empty for a Python mission, whose function runs instead."""
+    """A mission file, resolved; ``steps`` is empty for a Python mission, whose function runs
+    instead.
+    """
 
     path: str
     fleet: FleetConfig
@@ -62,7 +73,8 @@ class Mission(msgspec.Struct, frozen=True):
     shapes: Mapping[str, FormationShape] = {}  # formations of the mission's own
 
     def course(self) -> Iterator[Stage]:
-        """Yield the stages of the mission as it is expected to be flown; none of a Python mission."""
+        """Yield the stages of the mission as it is expected to be flown; none of a Python mission.
+        """
         return course(self.fleet, self.steps, self.paths_of, self.path)
 
     def paths_of(self, step: FollowPathStep) -> dict[str, Path]:
@@ -71,7 +83,10 @@ class Mission(msgspec.Struct, frozen=True):
 
     def lights_of(self, step: FollowPathStep) -> dict[str, tuple[Light, ...]]:
         """Return the colours of each vehicle of a step that has some."""
-        return {vehicle: load_lights(FilePath(self.path).parent / file) for vehicle, file in step.lights.items()}
+        return {
+            vehicle: load_lights(FilePath(self.path).parent / file)
+            for vehicle, file in step.lights.items()
+        }
 
     @property
     def name(self) -> str:
@@ -90,7 +105,8 @@ def load_mission(path: str | os.PathLike[str], fleet: FleetConfig | str | None =
         The mission with its fleet.
 
     Raises:
-        ConfigError: missing file, unknown key, unknown vehicle or formation, goal outside the fence ...
+        ConfigError: missing file, unknown key, unknown vehicle or formation, goal outside the fence
+            ...
     """
     name = existing_file(path, "mission file")
     if name.endswith(".py"):
@@ -130,16 +146,25 @@ def mission_from_mapping(
     known = {"schema", "fleet", "formations", "step", "expect", "on_failure"}
     for key in data:
         if key not in known:
-            raise ConfigError(f"{path}: unknown key '{key}'. Known keys here: {', '.join(sorted(known))}.")
+            raise ConfigError(
+                f"{path}: unknown key '{key}'. Known keys here: {', '.join(sorted(known))}."
+            )
     shapes = _shapes(data.get("formations", {}), path)
     config = with_shapes(_fleet_of(data.get("fleet"), fleet, path), shapes)
     tables = data.get("step", [])
     if not isinstance(tables, list) or not tables:
-        raise ConfigError(f"{path}: 'step' is missing or no list of tables. Add at least one [[step]] with do = ...")
+        raise ConfigError(
+            f"{path}: 'step' is missing or no list of tables. Add at least one [[step]] with do = ..."
+        )
     steps = tuple(_step(one, f"step[{index}]", path) for index, one in enumerate(tables))
     expect = convert(data.get("expect", {}), Expect, path, "expect")
     _check_expect(expect, path, "expect")
-    files = {file for step in _every(steps) if isinstance(step, FollowPathStep) for file in step.paths.values()}
+    files = {
+        file
+        for step in _every(steps)
+        if isinstance(step, FollowPathStep)
+        for file in step.paths.values()
+    }
     mission = Mission(
         path=path,
         fleet=config,
@@ -157,7 +182,10 @@ def mission_from_mapping(
 def _shapes(data: Any, path: str) -> dict[str, FormationShape]:
     """Read formations of a mission; their files are relative to it."""
     slots, shapes = split(table(data, path, "formations"), path)
-    for sentence in (*(f"'formations.{name}' needs a 'shape' here." for name in slots), *problems(shapes)):
+    for sentence in (
+        *(f"'formations.{name}' needs a 'shape' here." for name in slots),
+        *problems(shapes),
+    ):
         raise ConfigError(f"{path}: {sentence}")
     folder = FilePath(path).absolute().parent
     return {
@@ -188,7 +216,9 @@ def _fleet_of(value: Any, override: FleetConfig | str | None, path: str) -> Flee
     if override is not None:
         return load_fleet(override)
     if not isinstance(value, str):
-        raise ConfigError(f"{path}: 'fleet' must be the path of a fleet file, relative to this file; or give --fleet.")
+        raise ConfigError(
+            f"{path}: 'fleet' must be the path of a fleet file, relative to this file; or give --fleet."
+        )
     beside = FilePath(path).parent / value
     return load_fleet(value if FilePath(value).name == value and not beside.exists() else beside)
 
@@ -198,22 +228,32 @@ def _step(data: Any, key: str, path: str) -> Step:
         raise ConfigError(f"{path}: '{key}.do' is missing. It says what to do: {', '.join(STEPS)}.")
     kind = STEPS.get(data["do"])
     if kind is None:
-        raise ConfigError(f"{path}: '{key}.do' is {data['do']!r}. A step can do: {', '.join(STEPS)}.")
-    inner = {name: _inner_steps(data[name], f"{key}.{name}", path) for name in BLOCK_KEYS if name in data}
+        raise ConfigError(
+            f"{path}: '{key}.do' is {data['do']!r}. A step can do: {', '.join(STEPS)}."
+        )
+    inner = {
+        name: _inner_steps(data[name], f"{key}.{name}", path) for name in BLOCK_KEYS if name in data
+    }
     step = cast(Step, convert({**data, **dict.fromkeys(inner, ())}, kind, path, key))
     if inner:
         step = msgspec.structs.replace(step, **inner)
     for name, (low, high) in STEP_BOUNDS.items():
         value = getattr(step, name, None)
         if value is not None and not low <= value <= high:
-            raise ConfigError(f"{path}: '{key}.{name}' is {value}; it must lie between {low:g} and {high:g}.")
+            raise ConfigError(
+                f"{path}: '{key}.{name}' is {value}; it must lie between {low:g} and {high:g}."
+            )
     if isinstance(step, ExpectStep):
         _check_expect(step, path, key)
     if isinstance(step, WaitStep) and step.until is None and not step.duration_s:
-        raise ConfigError(f"{path}: '{key}' waits for nothing. Give it duration_s or a condition: until = {{ ... }}.")
+        raise ConfigError(
+            f"{path}: '{key}' waits for nothing. Give it duration_s or a condition: until = {{ ... }}."
+        )
     until = getattr(step, "until" if isinstance(step, WaitStep) else "when", None)
     if isinstance(until, Until) and until in (Until(), Until(vehicles=until.vehicles)):
-        raise ConfigError(f"{path}: '{key}' has an empty condition. Give it one: {{ battery_below_pct = 30 }}.")
+        raise ConfigError(
+            f"{path}: '{key}' has an empty condition. Give it one: {{ battery_below_pct = 30 }}."
+        )
     return step
 
 
@@ -222,7 +262,9 @@ def _inner_steps(tables: Any, key: str, path: str) -> tuple[Any, ...]:
     if not isinstance(tables, list) or not tables:
         raise ConfigError(f"{path}: '{key}' must be a list of steps, and not empty.")
     if key.count("[") > _DEEPEST:
-        raise ConfigError(f"{path}: '{key}': steps within steps within steps. Write them one after the other.")
+        raise ConfigError(
+            f"{path}: '{key}': steps within steps within steps. Write them one after the other."
+        )
     if key.endswith(".branches"):
         return tuple(_inner_steps(one, f"{key}[{k}]", path) for k, one in enumerate(tables))
     return tuple(_step(one, f"{key}[{k}]", path) for k, one in enumerate(tables))
@@ -232,11 +274,15 @@ def _check_expect(expect: Expect, path: str, key: str) -> None:
     for name, high in EXPECT_MOST_M.items():
         value = getattr(expect, name)
         if value is not None and not 0.0 < value <= high:
-            raise ConfigError(f"{path}: '{key}.{name}' is {value}; it must lie above 0 and at most {high:g} m.")
+            raise ConfigError(
+                f"{path}: '{key}.{name}' is {value}; it must lie above 0 and at most {high:g} m."
+            )
 
 
 def _check_steps(mission: Mission) -> None:
-    """Check every order of the mission as if it were given now, so that no mission starts that must fail later."""
+    """Check every order of the mission as if it were given now, so that no mission starts that must
+    fail later.
+    """
     fleet = mission.fleet
     for stage in mission.course():
         step, where = stage.step, f"{mission.path}: '{stage.key}"
@@ -267,13 +313,19 @@ def _out_of_order(step: Step, vehicles: Sequence[str], flying: Collection[str]) 
     grounded = ", ".join(name for name in vehicles if name not in flying)
     up = ", ".join(name for name in vehicles if name in flying)
     if isinstance(step, GoalStep | RotateStep | YawStep | HoldStep | HomeStep) and grounded:
-        return f'{grounded} would be on the ground at this step. Put a step do = "takeoff" before it.'
+        return (
+            f'{grounded} would be on the ground at this step. Put a step do = "takeoff" before it.'
+        )
     if isinstance(step, ArmStep | TakeoffStep | DisarmStep) and up:
-        return f'{up} would fly already at this step. Put a step do = "land" before it, or remove it.'
+        return (
+            f'{up} would fly already at this step. Put a step do = "land" before it, or remove it.'
+        )
     return ""
 
 
-def _check_paths(names: Collection[str], fleet: FleetConfig, flying: Collection[str], where: str) -> None:
+def _check_paths(
+    names: Collection[str], fleet: FleetConfig, flying: Collection[str], where: str
+) -> None:
     """Check the vehicles of paths; the findings of a mission check the paths themselves."""
     wrong = [name for name in names if name not in fleet.enabled_names or name not in flying]
     if wrong or not names:
@@ -283,7 +335,11 @@ def _check_paths(names: Collection[str], fleet: FleetConfig, flying: Collection[
 
 
 def _check_until(until: Until | None, fleet: FleetConfig, where: str) -> None:
-    for vehicles in () if until is None else (until.vehicles, until.landed, until.flying, list(until.reached) or None):
+    for vehicles in (
+        ()
+        if until is None
+        else (until.vehicles, until.landed, until.flying, list(until.reached) or None)
+    ):
         try:
             fleet.select(vehicles)
         except ConfigError as error:
@@ -291,10 +347,14 @@ def _check_until(until: Until | None, fleet: FleetConfig, where: str) -> None:
 
 
 def _check_fault(step: FaultStep, fleet: FleetConfig, where: str) -> None:
-    """Check a fault without an emulator; the emulator checks the rest before the mission's first step."""
+    """Check a fault without an emulator; the emulator checks the rest before the mission's first
+    step.
+    """
     misplaced = set(step.parameters) & set(FaultStep.__struct_fields__)
     if misplaced:
-        raise ConfigError(f"{where}.parameters' has '{min(misplaced)}', which is a key of the step. Move it up.")
+        raise ConfigError(
+            f"{where}.parameters' has '{min(misplaced)}', which is a key of the step. Move it up."
+        )
     try:
         fleet.select(step.vehicles)
     except ConfigError as error:

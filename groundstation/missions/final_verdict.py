@@ -1,4 +1,6 @@
-"""The verdict at the end of a recorded flight: the record is judged too, and the verdict is written beside it."""
+"""The verdict at the end of a recorded flight: the record is judged too, and the verdict is written
+beside it.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,12 @@ from onboard.config.fleet import ConfigError
 
 
 def final_verdict(
-    flown: FlightObservations, expect: Expect, folder: Path, *, begin_ns: int, record_failure: str | None
+    flown: FlightObservations,
+    expect: Expect,
+    folder: Path,
+    *,
+    begin_ns: int,
+    record_failure: str | None,
 ) -> Verdict:
     """Judge a flight with its record and write ``verdict.json``.
 

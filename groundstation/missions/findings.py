@@ -13,15 +13,18 @@ from onboard.feasibility.bounds import ACCURACIES
 from onboard.feasibility.finding import Finding, at_least, at_most, worst, worst_first
 from onboard.feasibility.fleet_checks import ErrorClass, error_class, fleet_findings, spot_findings
 
-_OF_THE_MISSION = ("time", "expectation", "arrival", "ending")  # findings that are no promise of the law's
+# findings that are no promise of the law's
+_OF_THE_MISSION = ("time", "expectation", "arrival", "ending")
 _SPARE_PCT = 10.0
 _ROOM_FOR_DETOURS = 1.7  # times the straight way's duration
 
 
 def mission_findings(mission: Mission, errors: ErrorClass | None = None) -> tuple[Finding, ...]:
-    """Findings about a mission's steps: spacing and room of each constellation, time for each leg, expectations.
+    """Findings about a mission's steps: spacing and room of each constellation, time for each leg,
+    expectations.
 
-    Of equal findings of several steps only the worst is listed. A Python mission's steps are not known before it flies.
+    Of equal findings of several steps only the worst is listed. A Python mission's steps are not
+    known before it flies.
     """
     groups: dict[str, list[Finding]] = {}
     for finding in _step_findings(mission, errors):
@@ -76,7 +79,8 @@ def refused_findings(mission: Mission, is_simulated: bool) -> list[Finding]:
 
 
 def refuse_unflyable(mission: Mission, is_simulated: bool) -> None:
-    """Refuse a mission that the law cannot fly: vehicles too near to each other, a fleet that is too large.
+    """Refuse a mission that the law cannot fly: vehicles too near to each other, a fleet that is
+    too large.
 
     Findings about time do not refuse it. Other laws than Covey's may be flown in simulation.
 
@@ -105,14 +109,18 @@ def _step_findings(mission: Mission, errors: ErrorClass | None) -> Iterator[Find
             yield from path_findings(fleet, stage.paths, where)
         if not stage.alone_s or not isinstance(step, OrderStep):
             continue
-        yield worst(_time(step.timeout_s, name, alone_s, where) for name, alone_s in stage.alone_s.items())
+        yield worst(
+            _time(step.timeout_s, name, alone_s, where) for name, alone_s in stage.alone_s.items()
+        )
         flying = set(stage.flying)
         if isinstance(step, LandStep | HomeStep):
             flying.difference_update(stage.goals)
         else:
             flying.update(stage.goals)
             positions = {**stage.positions, **stage.goals}
-            yield from spot_findings(fleet, {name: positions[name] for name in flying}, where, errors=errors)
+            yield from spot_findings(
+                fleet, {name: positions[name] for name in flying}, where, errors=errors
+            )
     if flying and mission.expect.all_landed is not False:
         yield at_most(
             "ending",
@@ -126,7 +134,8 @@ def _step_findings(mission: Mission, errors: ErrorClass | None) -> Iterator[Find
 
 
 def _endurance(mission: Mission) -> Iterator[Finding]:
-    """Judge what is left in each battery at the end, where the fleet file says how long one lasts."""
+    """Judge what is left in each battery at the end, where the fleet file says how long one lasts.
+    """
     fleet = mission.fleet
     lasting = {name: fleet.vehicles[name].hover_time_s for name in fleet.enabled_names}
     needed_s = sum(stage.times * stage.expected_s for stage in mission.course())

@@ -1,4 +1,6 @@
-"""Vehicles that follow another one at an offset: a new goal for each, twice a second, judged together every time."""
+"""Vehicles that follow another one at an offset: a new goal for each, twice a second, judged
+together every time.
+"""
 
 from __future__ import annotations
 
@@ -20,8 +22,11 @@ _REFUSED_S = 5.0
 _INSIDE_M = 0.1
 
 
-async def follow(ground: MissionGround, leader: str, offsets: Mapping[str, Vec3], duration_s: float) -> Results:
-    """Have vehicles follow another one for a time; then, and also when this is cancelled, they hold.
+async def follow(
+    ground: MissionGround, leader: str, offsets: Mapping[str, Vec3], duration_s: float
+) -> Results:
+    """Have vehicles follow another one for a time; then, and also when this is cancelled, they
+    hold.
 
     Args:
         ground: of the flight.
@@ -70,10 +75,15 @@ def present_offsets(client: FleetClient, leader: str, names: Sequence[str]) -> d
         ConfigError: somebody does not report where it is.
     """
     client.fleet.select([leader])
-    spots = {name: client.state.vehicles[name].position_enu_m(client.now_ns()) for name in (leader, *names)}
+    spots = {
+        name: client.state.vehicles[name].position_enu_m(client.now_ns())
+        for name in (leader, *names)
+    }
     unknown = [name for name, spot in spots.items() if spot is None]
     if unknown:
-        raise ConfigError(f"{', '.join(unknown)} does not report where it is, so nobody can follow.")
+        raise ConfigError(
+            f"{', '.join(unknown)} does not report where it is, so nobody can follow."
+        )
     known = {name: spot for name, spot in spots.items() if spot is not None}
     x, y, z = known.pop(leader)
     return {name: (spot[0] - x, spot[1] - y, spot[2] - z) for name, spot in known.items()}
@@ -87,7 +97,8 @@ def _goals(client: FleetClient, leader: str, offsets: Mapping[str, Vec3]) -> dic
     v = view.telemetry.velocity_enu_m_s
     ahead = [value + _AHEAD_S * speed for value, speed in zip(at, v, strict=True)]
     return {
-        name: _inside(client.fleet, (ahead[0] + x, ahead[1] + y, ahead[2] + z)) for name, (x, y, z) in offsets.items()
+        name: _inside(client.fleet, (ahead[0] + x, ahead[1] + y, ahead[2] + z))
+        for name, (x, y, z) in offsets.items()
     }
 
 

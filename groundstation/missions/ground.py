@@ -1,4 +1,5 @@
-"""The ground of one flight, as its mission sees it: the client, what was ordered, and how it went."""
+"""The ground of one flight, as its mission sees it: the client, what was ordered, and how it went.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +25,9 @@ class MissionGround:
         say: progress in words, one line a call.
     """
 
-    def __init__(self, client: FleetClient, *, say: Callable[[str], None] = lambda line: None) -> None:
+    def __init__(
+        self, client: FleetClient, *, say: Callable[[str], None] = lambda line: None
+    ) -> None:
         self.client = client
         self.say = say
         self.steps: list[StepResult] = []
@@ -35,7 +38,11 @@ class MissionGround:
         self._next = asyncio.Event()
 
     async def order(
-        self, intent: Intent, timeout_s: float, *, change: Callable[[PlannedOrder], PlannedOrder] | None = None
+        self,
+        intent: Intent,
+        timeout_s: float,
+        *,
+        change: Callable[[PlannedOrder], PlannedOrder] | None = None,
     ) -> Results:
         """Give an order, wait for its end and log the results.
 
@@ -78,7 +85,11 @@ class MissionGround:
         for name, result in results.items():
             if not result.is_done:
                 self.say(f"  {name} {result.phase}: {result.sentence}")
-        missing = [name for name, result in results.items() if not result.is_done and name not in self.left_out]
+        missing = [
+            name
+            for name, result in results.items()
+            if not result.is_done and name not in self.left_out
+        ]
         if missing and self.goes_on_without and len(missing) < len(results):
             self.leave_out(*missing)
         elif missing:
@@ -89,17 +100,19 @@ class MissionGround:
         """Let the order that waits begin.
 
         Args:
-            is_stepping: have the next order to start or to move wait for this call again; those that bring vehicles
-                down or stop them wait for nobody.
+            is_stepping: have the next order to start or to move wait for this call again; those
+                that bring vehicles down or stop them wait for nobody.
         """
         self._is_stepping = is_stepping
         self._next.set()
 
     def leave_out(self, *names: str) -> None:
-        """Go on without these vehicles: "all" does not mean them any more, and their results fail nothing.
+        """Go on without these vehicles: "all" does not mean them any more, and their results fail
+        nothing.
 
         Args:
-            names: of vehicles. They do what their last order or their failsafe says, and land with the mission's end.
+            names: of vehicles. They do what their last order or their failsafe says, and land with
+                the mission's end.
         """
         new = [name for name in names if name not in self.left_out]
         self.left_out.update(new)
@@ -108,10 +121,14 @@ class MissionGround:
 
     def add_arrival(self, step: str, name: str, goal: Vec3) -> None:
         """Note how far a vehicle is from its goal now."""
-        self.arrivals.append(arrival_of(step, self.client.state.vehicles[name], goal, self.client.now_ns()))
+        self.arrivals.append(
+            arrival_of(step, self.client.state.vehicles[name], goal, self.client.now_ns())
+        )
 
     def _closest_words(self) -> str:
         near = smallest(self.client.state)
         return (
-            "" if near is None else f"; smallest distance so far {near.distance_m:.2f} m ({near.first}, {near.second})"
+            ""
+            if near is None
+            else f"; smallest distance so far {near.distance_m:.2f} m ({near.first}, {near.second})"
         )

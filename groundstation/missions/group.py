@@ -1,4 +1,6 @@
-"""Verbs for one, some or all vehicles of a fleet, each with results per vehicle; and waiting for conditions."""
+"""Verbs for one, some or all vehicles of a fleet, each with results per vehicle; and waiting for
+conditions.
+"""
 
 from __future__ import annotations
 
@@ -31,10 +33,12 @@ Goals = Vec3 | Mapping[str, Vec3]
 
 
 class Group:
-    """Vehicles of a fleet. Every verb waits for the end of its order and returns one result per vehicle.
+    """Vehicles of a fleet. Every verb waits for the end of its order and returns one result per
+    vehicle.
 
-    Each raises ``OrderFailed``, with the results, when a vehicle did not do it; and ``ConfigError`` when the order
-    makes no sense. ``vehicles`` narrows the group down; ``timeout_s`` is the longest wait [s], in vehicle time.
+    Each raises ``OrderFailed``, with the results, when a vehicle did not do it; and ``ConfigError``
+    when the order makes no sense. ``vehicles`` narrows the group down; ``timeout_s`` is the longest
+    wait [s], in vehicle time.
 
     Args:
         ground: of the flight.
@@ -79,7 +83,9 @@ class Group:
         chosen = self.config.select(vehicles)
         strange = [name for name in chosen if name not in self._names]
         if strange:
-            raise ConfigError(f"{', '.join(strange)} is not among {', '.join(self._names)}. Order the whole fleet.")
+            raise ConfigError(
+                f"{', '.join(strange)} is not among {', '.join(self._names)}. Order the whole fleet."
+            )
         return chosen
 
     async def arm(self, vehicles: Vehicles = "all", *, timeout_s: float = 15.0) -> Results:
@@ -95,7 +101,11 @@ class Group:
         return await self.order(Intent("locate", self.select(vehicles)), timeout_s)
 
     async def takeoff(
-        self, height_m: float = DEFAULT_HEIGHT_M, vehicles: Vehicles = "all", *, timeout_s: float = 40.0
+        self,
+        height_m: float = DEFAULT_HEIGHT_M,
+        vehicles: Vehicles = "all",
+        *,
+        timeout_s: float = 40.0,
     ) -> Results:
         """Take off.
 
@@ -104,7 +114,9 @@ class Group:
             vehicles: to order.
             timeout_s: longest wait [s].
         """
-        return await self.order(Intent("takeoff", self.select(vehicles), height_m=height_m), timeout_s)
+        return await self.order(
+            Intent("takeoff", self.select(vehicles), height_m=height_m), timeout_s
+        )
 
     async def move(
         self,
@@ -125,13 +137,21 @@ class Group:
             timeout_s: longest wait [s].
         """
         names = self.select(vehicles)
-        intent = Intent("move", names, position_enu_m=position_enu_m, yaw_deg=yaw_deg, duration_s=duration_s)
+        intent = Intent(
+            "move", names, position_enu_m=position_enu_m, yaw_deg=yaw_deg, duration_s=duration_s
+        )
         return await self.order(intent, timeout_s)
 
     async def go_to(
-        self, goals: Goals, *, yaw_deg: float | None = None, duration_s: float = 0.0, timeout_s: float = 40.0
+        self,
+        goals: Goals,
+        *,
+        yaw_deg: float | None = None,
+        duration_s: float = 0.0,
+        timeout_s: float = 40.0,
     ) -> Results:
-        """Go to a goal, or each vehicle to its own: one order, judged together, so that vehicles may change places.
+        """Go to a goal, or each vehicle to its own: one order, judged together, so that vehicles
+        may change places.
 
         Args:
             goals: a position [m], ENU, for a group of one; or a position for each name.
@@ -144,7 +164,9 @@ class Group:
         """
         if not isinstance(goals, Mapping):
             if len(self.names) != 1:
-                raise OrderError("Several vehicles cannot share one goal: give each its own, {name: (x, y, z)}.")
+                raise OrderError(
+                    "Several vehicles cannot share one goal: give each its own, {name: (x, y, z)}."
+                )
             goals = {self.names[0]: goals}
         names = self.select(list(goals))
         intent = Intent("goto", names, goals=dict(goals), yaw_deg=yaw_deg, duration_s=duration_s)
@@ -169,10 +191,12 @@ class Group:
             name: of the formation in the fleet file.
             position_enu_m: of the formation [m], ENU; None: where it is on average.
             vehicles: to order.
-            spacing_m: stretches it until its two nearest slots are so far apart [m]; None: as in the fleet file.
+            spacing_m: stretches it until its two nearest slots are so far apart [m]; None: as in
+                the fleet file.
             rotation_deg: turns it about its position, counterclockwise.
             yaw_deg: heading of each vehicle, counterclockwise from east; None: as it is.
-            assign: "ids": each vehicle has its own slot; "nearest": such that the longest flight is short.
+            assign: "ids": each vehicle has its own slot; "nearest": such that the longest flight is
+                short.
             duration_s: of the move [s]; 0 leaves it to the vehicles' limits.
             timeout_s: longest wait [s].
 
@@ -184,7 +208,9 @@ class Group:
             raise ConfigError(f"'{name}' is no formation of this fleet; it has {known}.")
         names = self.select(vehicles)
         if vehicles == "all":
-            names = tuple(vehicle for vehicle in names if vehicle in formation_slots(self.config, name))
+            names = tuple(
+                vehicle for vehicle in names if vehicle in formation_slots(self.config, name)
+            )
         intent = Intent(
             "formation",
             names,
@@ -199,7 +225,12 @@ class Group:
         return await self.order(intent, timeout_s)
 
     async def rotate(
-        self, angle_deg: float, vehicles: Vehicles = "all", *, duration_s: float = 0.0, timeout_s: float = 40.0
+        self,
+        angle_deg: float,
+        vehicles: Vehicles = "all",
+        *,
+        duration_s: float = 0.0,
+        timeout_s: float = 40.0,
     ) -> Results:
         """Turn the formation that holds about its position, each vehicle straight to its new slot.
 
@@ -209,10 +240,14 @@ class Group:
             duration_s: of the move [s]; 0 leaves it to the vehicles' limits.
             timeout_s: longest wait [s].
         """
-        intent = Intent("rotate", self.select(vehicles), rotation_deg=angle_deg, duration_s=duration_s)
+        intent = Intent(
+            "rotate", self.select(vehicles), rotation_deg=angle_deg, duration_s=duration_s
+        )
         return await self.order(intent, timeout_s)
 
-    async def yaw(self, yaw_deg: float, vehicles: Vehicles = "all", *, timeout_s: float = 15.0) -> Results:
+    async def yaw(
+        self, yaw_deg: float, vehicles: Vehicles = "all", *, timeout_s: float = 15.0
+    ) -> Results:
         """Turn to a heading where it is.
 
         Args:
@@ -230,7 +265,8 @@ class Group:
         duration_s: float = 0.0,
         timeout_s: float = 90.0,
     ) -> Results:
-        """Fly back over the take-off spots of the fleet file, land there and disarm: one order, judged together.
+        """Fly back over the take-off spots of the fleet file, land there and disarm: one order,
+        judged together.
 
         Args:
             vehicles: to order.
@@ -242,9 +278,15 @@ class Group:
         return await self.order(intent, timeout_s)
 
     async def follow_path(
-        self, paths: Paths, *, lights: Lights | None = None, on_lag: OnLag = "land", timeout_s: float | None = None
+        self,
+        paths: Paths,
+        *,
+        lights: Lights | None = None,
+        on_lag: OnLag = "land",
+        timeout_s: float | None = None,
     ) -> Results:
-        """Have each vehicle follow its own path, all from one instant on. They go to the begins of their paths first.
+        """Have each vehicle follow its own path, all from one instant on. They go to the begins of
+        their paths first.
 
         Args:
             paths: of vehicles, see :func:`groundstation.paths.files.load_path`.
@@ -253,16 +295,20 @@ class Group:
             timeout_s: longest flight along the paths [s]; None: their own duration, and a minute.
         """
         self.select(list(paths))
-        if not (self.state.is_simulated and self.config.law.built_in != "covey"):  # what simulation may try
+        # what simulation may try
+        if not (self.state.is_simulated and self.config.law.built_in != "covey"):
             refused = refusals(path_findings(self.config, paths, "follow_path"))
             if refused:
                 raise ConfigError(refused[0])
-        return await follow_paths(self.ground, paths, lights=lights or {}, on_lag=on_lag, timeout_s=timeout_s)
+        return await follow_paths(
+            self.ground, paths, lights=lights or {}, on_lag=on_lag, timeout_s=timeout_s
+        )
 
     async def fly_through(
         self, waypoints: Mapping[str, Sequence[Vec3]], *, speed_m_s: float, on_lag: OnLag = "land"
     ) -> Results:
-        """Fly through waypoints without stopping, from where the vehicles are, and stop at the last ones.
+        """Fly through waypoints without stopping, from where the vehicles are, and stop at the last
+        ones.
 
         Args:
             waypoints: of each vehicle [m], ENU.
@@ -280,18 +326,24 @@ class Group:
             points = np.array([telemetry.goal_position_enu_m, *waypoints[name]], dtype=float)
             yaw_rad = np.full(len(points), math.radians(telemetry.yaw_deg))
             try:
-                paths[name] = through(np.column_stack([points, yaw_rad]), np.full(len(points), speed_m_s))
+                paths[name] = through(
+                    np.column_stack([points, yaw_rad]), np.full(len(points), speed_m_s)
+                )
             except ValueError as error:
                 raise ConfigError(f"{name}: {error}") from None
         return await self.follow_path(paths, on_lag=on_lag)
 
-    async def follow(self, leader: str, duration_s: float, *, offsets: Mapping[str, Vec3] | None = None) -> Results:
-        """Follow another vehicle for a time, each at its offset; then, and also when this is cancelled, hold.
+    async def follow(
+        self, leader: str, duration_s: float, *, offsets: Mapping[str, Vec3] | None = None
+    ) -> Results:
+        """Follow another vehicle for a time, each at its offset; then, and also when this is
+        cancelled, hold.
 
         Args:
             leader: the vehicle that is followed.
             duration_s: for how long [s].
-            offsets: of the followers from the leader [m], ENU; None: all others of the group, each as it is now.
+            offsets: of the followers from the leader [m], ENU; None: all others of the group, each
+                as it is now.
 
         Raises:
             ConfigError: the leader or a follower does not report where it is.
@@ -299,7 +351,9 @@ class Group:
         if offsets is None:
             offsets = present_offsets(self.client, leader, self.names)
         followers = self.select(list(offsets))
-        return await follow(self.ground, leader, {name: offsets[name] for name in followers}, duration_s)
+        return await follow(
+            self.ground, leader, {name: offsets[name] for name in followers}, duration_s
+        )
 
     async def hold(self, vehicles: Vehicles = "all", *, timeout_s: float = 15.0) -> Results:
         """Hold the present position."""
@@ -362,7 +416,8 @@ class Group:
 
         Args:
             condition: to watch for.
-            reaction: what to do then, once: beside the block, which waits for it at its end; an exception ends both.
+            reaction: what to do then, once: beside the block, which waits for it at its end; an
+                exception ends both.
             ends: break the block off first; the mission goes on after it.
         """
         body, has_begun = asyncio.current_task(), False

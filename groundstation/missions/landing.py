@@ -20,11 +20,13 @@ SILENT_S = 2.0  # in the air: the agent hangs, or is cut off
 async def land_all(
     client: FleetClient, superseded: Sequence[str], timeout_s: float, *, say: Callable[[str], None]
 ) -> bool:
-    """Land all vehicles that are not down yet. A landing under way goes on: no new order replaces an operator's.
+    """Land all vehicles that are not down yet. A landing under way goes on: no new order replaces
+    an operator's.
 
     Args:
         client: started.
-        superseded: vehicles whose last order another ground has replaced; that may have been by a landing.
+        superseded: vehicles whose last order another ground has replaced; that may have been by a
+            landing.
         timeout_s: longest wait beyond twice the time that the descent from their heights takes [s].
         say: progress in words.
 
@@ -35,7 +37,9 @@ async def land_all(
     descent_s = longest_descent_s(client.fleet, client.state)
     end_ns = client.now_ns() + int((timeout_s + _PATIENCE * descent_s) * 1e9)
     if superseded:  # the next telemetry shows whether the new order is to land
-        await client.wait_for(lambda _: all(_is_landing(client, name) for name in superseded), TELEMETRY_WITHIN_S)
+        await client.wait_for(
+            lambda _: all(_is_landing(client, name) for name in superseded), TELEMETRY_WITHIN_S
+        )
     left = up
     said: set[str] = set()
 
@@ -54,8 +58,9 @@ async def land_all(
         say_once(f"Landing {', '.join(ordered)}.")
         order = await client.submit(Intent("land", ordered))
         await client.wait_for(_has_ended(client, order), (end_ns - client.now_ns()) * 1e-9)
-        # An order can end before the vehicle is down: when a failsafe has taken over, PX4 lands by itself.
-        # A vehicle that PX4 itself reports as disarmed, on the direct path, has no agent left to send telemetry.
+        # An order can end before the vehicle is down: when a failsafe has taken over, PX4 lands by
+        # itself. A vehicle that PX4 itself reports as disarmed, on the direct path, has no agent
+        # left to send telemetry.
         down = {name for name, result in order.results.items() if result.is_done}
         left = tuple(name for name in left if name not in down)
         if await client.wait_for(_all_down(client, up), LAND_AGAIN_S if left else 1.0):
@@ -63,7 +68,9 @@ async def land_all(
         silent = silent_in_flight(client)
         for name, result in order.results.items():
             if result.phase == "accepted" and name in silent:
-                say_once(f"  {name} accepted it, and fell silent. Landing it again, straight by PX4 if need be.")
+                say_once(
+                    f"  {name} accepted it, and fell silent. Landing it again, straight by PX4 if need be."
+                )
             elif result.sentence and not result.is_done:
                 say_once(f"  {name} {result.phase}: {result.sentence}")
         left = tuple(name for name in left if not _is_down(client, name))
@@ -71,7 +78,9 @@ async def land_all(
 
 
 def silent_in_flight(client: FleetClient) -> list[str]:
-    """Return the vehicles whose last telemetry was armed and is older than SILENT_S, unless this ground has stalled."""
+    """Return the vehicles whose last telemetry was armed and is older than SILENT_S, unless this
+    ground has stalled.
+    """
     now_ns = client.now_ns()
     if client.state.is_after_stall(now_ns):
         return []
@@ -102,13 +111,24 @@ def _is_down(client: FleetClient, name: str) -> bool:
 
 
 def _may_fly(client: FleetClient, name: str) -> bool:
-    """Whether it flies or is about to: an order to take off precedes the telemetry that shows it."""
+    """Whether it flies or is about to: an order to take off precedes the telemetry that shows it.
+    """
     telemetry = client.state.vehicles[name].telemetry
     if telemetry is None:
         return client.may_start(name)
-    return not _is_down(client, name) or telemetry.state in ("armed", "taking off", "flying", "holding", "landing")
+    return not _is_down(client, name) or telemetry.state in (
+        "armed",
+        "taking off",
+        "flying",
+        "holding",
+        "landing",
+    )
 
 
 def _is_landing(client: FleetClient, name: str) -> bool:
     view = client.state.vehicles[name]
-    return view.telemetry is not None and view.is_fresh(client.now_ns()) and view.telemetry.state == "landing"
+    return (
+        view.telemetry is not None
+        and view.is_fresh(client.now_ns())
+        and view.telemetry.state == "landing"
+    )

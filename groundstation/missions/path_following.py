@@ -1,4 +1,6 @@
-"""Paths flown together: loaded and checked on board, everybody at its begin, then one start for all, or for none."""
+"""Paths flown together: loaded and checked on board, everybody at its begin, then one start for
+all, or for none.
+"""
 
 from __future__ import annotations
 
@@ -98,14 +100,18 @@ async def _load(fleet: Fleet, paths: Paths) -> None:
     parts = {name: parts_of(path) for name, path in paths.items()}
     for k in range(max(map(len, parts.values()))):
         orders = {name: one[k] for name, one in parts.items() if k < len(one)}
-        _require(fleet, await fleet.client.order_paths("load_path", orders).wait(_LOAD_S), "load_path")
+        _require(
+            fleet, await fleet.client.order_paths("load_path", orders).wait(_LOAD_S), "load_path"
+        )
 
 
 async def _start(fleet: Fleet, paths: Paths, on_lag: OnLag) -> OrderResult:
     """Order the start; if anybody does not accept it, all are ordered to hold before it comes."""
     client = fleet.client
     start_ns = client.now_ns() + int(AHEAD_S * 1e9)
-    order = client.order_paths("follow_path", starts_of(paths, client.new_order_id(), start_ns, on_lag))
+    order = client.order_paths(
+        "follow_path", starts_of(paths, client.new_order_id(), start_ns, on_lag)
+    )
 
     def has_replied(_: object) -> bool:
         return all(result.phase != "sent" for result in order.results.values())
@@ -113,7 +119,8 @@ async def _start(fleet: Fleet, paths: Paths, on_lag: OnLag) -> OrderResult:
     await client.wait_for(has_replied, AHEAD_S)
     if any(result.phase != "accepted" for result in order.results.values()):
         results = dict(order.results)
-        await client.order(Intent("hold", tuple(paths)), AHEAD_S)  # also those whose reply may have been lost
+        # also those whose reply may have been lost
+        await client.order(Intent("hold", tuple(paths)), AHEAD_S)
         _require(fleet, results, "follow_path")
     return order
 
@@ -150,7 +157,8 @@ async def _say_progress(fleet: Fleet, names: tuple[str, ...], longest_s: float) 
 
 
 async def _play_lights(fleet: Fleet, lights: Lights) -> None:
-    """Show and record the colour of each vehicle at its own time of the show, when it has changed."""
+    """Show and record the colour of each vehicle at its own time of the show, when it has changed.
+    """
     shown: dict[str, Colour] = {}
     while lights:
         await asyncio.sleep(_LIGHT_S)

@@ -22,7 +22,10 @@ def is_ready(state: FleetState, name: str, now_ns: int) -> bool:
     view = state.vehicles[name]
     telemetry = view.telemetry
     return (
-        telemetry is not None and view.is_fresh(now_ns) and telemetry.state in READY_STATES and not telemetry.not_ready
+        telemetry is not None
+        and view.is_fresh(now_ns)
+        and telemetry.state in READY_STATES
+        and not telemetry.not_ready
     )
 
 
@@ -46,6 +49,8 @@ def not_ready(state: FleetState, names: Sequence[str], now_ns: int, timeout_s: f
             continue
         heard = True
         if not is_ready(state, name, now_ns):
-            reason = " ".join(view.telemetry.not_ready) or view.telemetry.reason or "it gives no reason."
+            reason = (
+                " ".join(view.telemetry.not_ready) or view.telemetry.reason or "it gives no reason."
+            )
             reasons.append(f"{name} is {view.telemetry.state}: {reason.rstrip('.')}.")
     return NotReady(f"Not ready within {timeout_s:g} s. {' '.join(reasons)}", heard)

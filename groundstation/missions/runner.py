@@ -1,4 +1,6 @@
-"""Fly a mission from the first step to the verdict; after any failure all vehicles land, and there is a verdict."""
+"""Fly a mission from the first step to the verdict; after any failure all vehicles land, and there
+is a verdict.
+"""
 
 from __future__ import annotations
 
@@ -48,14 +50,21 @@ class MissionRun:
     ) -> None:
         self.mission = mission
         self.client = client
-        client.fleet = with_shapes(client.fleet, mission.shapes)  # formations that only the mission has
+        # formations that only the mission has
+        client.fleet = with_shapes(client.fleet, mission.shapes)
         self.fleet = Fleet(client, say=say)
         self._ready_timeout_s = ready_timeout_s
         self._aborted: str | None = None
         self._can_land = True
         now_ns, steps, arrivals = client.now_ns(), self.fleet.steps, self.fleet.arrivals
         self._flown = FlightObservations(
-            mission.name, mission.fleet, client.state, steps, arrivals, begin_ns=now_ns, end_ns=now_ns
+            mission.name,
+            mission.fleet,
+            client.state,
+            steps,
+            arrivals,
+            begin_ns=now_ns,
+            end_ns=now_ns,
         )
         self._task: asyncio.Task[Any] | None = None
         self._is_over = False
@@ -90,10 +99,13 @@ class MissionRun:
             self.fleet.say(str(error))
         elif error is not None:
             is_known = isinstance(error, (OrderFailed, MissionFailed, FaultRefused, ConfigError))
-            self._flown.failure = str(error) if is_known else "".join(traceback.format_exception(error)).strip()
+            self._flown.failure = (
+                str(error) if is_known else "".join(traceback.format_exception(error)).strip()
+            )
             self.fleet.say(f"The mission ends here: {self._flown.failure}")
             await self._on_failure()
-        # ends of orders are never lost, but telemetry may be: the next one shows the result of the last step
+        # ends of orders are never lost, but telemetry may be: the next one shows the result of the
+        # last step
         await self.client.wait_for(self._is_at_rest, LAST_TELEMETRY_S)
         self._flown.end_ns = self.client.now_ns()
         self._is_over = True
@@ -124,9 +136,11 @@ class MissionRun:
                 self._task.cancel()
 
     def abort_if_silent(self) -> bool:
-        """End the mission when a vehicle whose last telemetry was armed has been silent for SILENT_S.
+        """End the mission when a vehicle whose last telemetry was armed has been silent for
+        SILENT_S.
 
-        Call it several times a second. After a stall of this ground itself the vehicles get AFTER_STALL_S.
+        Call it several times a second. After a stall of this ground itself the vehicles get
+        AFTER_STALL_S.
 
         Returns:
             Whether one has.
@@ -141,7 +155,9 @@ class MissionRun:
         return bool(silent)
 
     def _is_at_rest(self, state: FleetState) -> bool:
-        return all(is_landed(state, name) or state.vehicles[name].is_airborne for name in self.fleet.names)
+        return all(
+            is_landed(state, name) or state.vehicles[name].is_airborne for name in self.fleet.names
+        )
 
     def flown(self) -> FlightObservations:
         """Return the observations so far."""
@@ -152,7 +168,9 @@ class MissionRun:
         self.fleet.say(f"Waiting for {', '.join(self.fleet.names)} to be ready.")
         await self.fleet.ready(self._ready_timeout_s)
         self._flown.begin_ns = self.client.now_ns()
-        advised = advice_of(self.client.state, self.fleet.names, is_recording=self.client.is_recording)
+        advised = advice_of(
+            self.client.state, self.fleet.names, is_recording=self.client.is_recording
+        )
         for advice, names in advised.items():
             self.fleet.say(f"Preflight, {', '.join(names)}: {advice}")
         self.fleet.ground.goes_on_without = self.mission.on_failure.do == "go_on"
@@ -172,7 +190,9 @@ class MissionRun:
             await self.client.order("hold all", 15.0)
             return
         if self.mission.on_failure.do == "home":
-            up = tuple(name for name in self.fleet.names if self.client.state.vehicles[name].is_airborne)
+            up = tuple(
+                name for name in self.fleet.names if self.client.state.vehicles[name].is_airborne
+            )
             if up:
                 await (await self.client.submit(Intent("home", up))).wait(HOME_TIMEOUT_S)
         await self.fleet.land_all(LAND_TIMEOUT_S)
@@ -197,9 +217,13 @@ def load_function(mission: Mission) -> Callable[[Fleet], Awaitable[None]]:
     try:
         spec.loader.exec_module(module)
     except (ImportError, NameError, TypeError, ValueError, AttributeError, OSError) as error:
-        raise ConfigError(f"{mission.path}: running it failed: {type(error).__name__}: {error}.") from error
+        raise ConfigError(
+            f"{mission.path}: running it failed: {type(error).__name__}: {error}."
+        ) from error
     function = module.mission
     if not inspect.iscoroutinefunction(function):
-        raise ConfigError(f"{mission.path}: 'mission' must be written as 'async def mission(fleet):'.")
+        raise ConfigError(
+            f"{mission.path}: 'mission' must be written as 'async def mission(fleet):'."
+        )
     arguments = arguments_of(function, mission.arguments, mission.path)
     return lambda fleet: function(fleet, **arguments)

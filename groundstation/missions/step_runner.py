@@ -1,4 +1,6 @@
-"""The steps of a mission file, done one after the other, side by side, again, or until a condition holds."""
+"""The steps of a mission file, done one after the other, side by side, again, or until a condition
+holds.
+"""
 
 from __future__ import annotations
 
@@ -47,7 +49,8 @@ class StepRunner:
         self._fleet = fleet
 
     async def run(self) -> None:
-        """Do all steps, and say before each of several which one it is and how long the rest takes."""
+        """Do all steps, and say before each of several which one it is and how long the rest takes.
+        """
         steps = self._mission.steps
         stages = list(self._mission.course())
         for index, step in enumerate(steps):
@@ -85,7 +88,9 @@ class StepRunner:
             self._expect_now(key, step)
         elif isinstance(step, FollowPathStep):
             paths, lights = self._mission.paths_of(step), self._mission.lights_of(step)
-            await fleet.follow_path(paths, lights=lights, on_lag=step.on_lag, timeout_s=step.timeout_s)
+            await fleet.follow_path(
+                paths, lights=lights, on_lag=step.on_lag, timeout_s=step.timeout_s
+            )
         elif isinstance(step, FlyFormationStep):
             paths = formation_paths(step, fleet.config, self._spots())
             await fleet.follow_path(paths, on_lag=step.on_lag, timeout_s=step.timeout_s)
@@ -105,7 +110,11 @@ class StepRunner:
             return
         if isinstance(step, GoalStep) and step.speed_m_s is not None:
             orders = fleet.client.plan(intent).orders
-            goals = {name: one.position_enu_m for name, one in orders.items() if one.position_enu_m is not None}
+            goals = {
+                name: one.position_enu_m
+                for name, one in orders.items()
+                if one.position_enu_m is not None
+            }
             intent = with_speed(intent, step.speed_m_s, goals, self._spots())
         await fleet.order(intent, step.timeout_s)
 
@@ -122,7 +131,9 @@ class StepRunner:
             await self._all(step.then, f"{key}.then")
 
         try:
-            async with self._fleet.reacting(condition(step.when, self._fleet.config), then, ends=True):
+            async with self._fleet.reacting(
+                condition(step.when, self._fleet.config), then, ends=True
+            ):
                 await self._all(step.steps, f"{key}.steps")
         except BaseExceptionGroup as failures:
             raise _first(failures) from None
@@ -196,7 +207,9 @@ def _without(intent: Intent, left_out: set[str]) -> Intent:
 def _blocks(step: Step) -> tuple[Sequence[Step], ...]:
     if isinstance(step, ParallelStep):
         return step.branches
-    return (step.steps, getattr(step, "then", ())) if isinstance(step, RepeatStep | ReactStep) else ()
+    return (
+        (step.steps, getattr(step, "then", ())) if isinstance(step, RepeatStep | ReactStep) else ()
+    )
 
 
 def _index(stage: Stage) -> int:

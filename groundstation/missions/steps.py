@@ -1,4 +1,6 @@
-"""The steps of a mission file, its expectations, and its reaction to a failure: keys, defaults and meanings."""
+"""The steps of a mission file, its expectations, and its reaction to a failure: keys, defaults and
+meanings.
+"""
 
 from __future__ import annotations
 
@@ -37,7 +39,8 @@ class TakeoffStep(_OrderStep, frozen=True, kw_only=True):
 class _GoalStep(_OrderStep, frozen=True, kw_only=True):
     duration_s: float = 0.0  # slower than the limits allow; 0: as fast as they allow
     speed_m_s: float | None = None  # instead of a duration: the most of whoever has the longest way
-    yaw_deg: float | None = None  # heading to turn to, counterclockwise from east; by default as it is
+    # heading to turn to, counterclockwise from east; by default as it is
+    yaw_deg: float | None = None
 
 
 class MoveStep(_GoalStep, frozen=True, kw_only=True):
@@ -59,7 +62,8 @@ class FormationStep(_GoalStep, frozen=True, kw_only=True):
     position_enu_m: Vec3  # of the formation: its offsets come on top
     spacing_m: float | None = None  # stretches it until its two nearest slots are so far apart
     rotation_deg: float = 0.0  # turns it, counterclockwise
-    assign: Literal["ids", "nearest"] = "ids"  # each its own slot; nearest: such that the longest flight is short
+    # each its own slot; nearest: such that the longest flight is short
+    assign: Literal["ids", "nearest"] = "ids"
 
 
 class RotateStep(_OrderStep, frozen=True, kw_only=True):
@@ -77,7 +81,9 @@ class YawStep(_OrderStep, frozen=True, kw_only=True):
 
 
 class FlyFormationStep(_Step, frozen=True, kw_only=True):
-    """A formation flies through points without stopping, turns, stretches and becomes another one on the way."""
+    """A formation flies through points without stopping, turns, stretches and becomes another one
+    on the way.
+    """
 
     name: str  # of the formation at the begin, which all go to first
     position_enu_m: Vec3  # of the formation there, or of its leader
@@ -91,7 +97,9 @@ class FlyFormationStep(_Step, frozen=True, kw_only=True):
 
 
 class FollowPathStep(_Step, frozen=True, kw_only=True):
-    """Each vehicle follows its own path, all from one instant on; they go to the begins of their paths first."""
+    """Each vehicle follows its own path, all from one instant on; they go to the begins of their
+    paths first.
+    """
 
     paths: dict[str, str]  # vehicle -> file of its path, relative to the mission's
     lights: dict[str, str] = {}  # vehicle -> file of its colours, shown and recorded
@@ -124,7 +132,8 @@ class DisarmStep(_OrderStep, frozen=True, kw_only=True):
 
 
 class FaultStep(_Step, frozen=True, kw_only=True):
-    """Inject a fault into the emulator; `covey sitl --faults` lists them. Simulated flights only."""
+    """Inject a fault into the emulator; `covey sitl --faults` lists them. Simulated flights only.
+    """
 
     vehicles: Names  # as above
     name: str  # of the fault: covey sitl --faults lists them
@@ -170,7 +179,9 @@ class ParallelStep(_Step, frozen=True, kw_only=True):
 
 
 class ReactStep(_Step, frozen=True, kw_only=True):
-    """Do steps; as soon as a condition holds, leave the rest of them out and do others. Then the mission goes on."""
+    """Do steps; as soon as a condition holds, leave the rest of them out and do others. Then the
+    mission goes on.
+    """
 
     when: Until  # the condition, the keys below
     steps: tuple[Any, ...]  # [[step.steps]]
@@ -178,11 +189,16 @@ class ReactStep(_Step, frozen=True, kw_only=True):
 
 
 class Expect(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Expectations. As a step: about the flight so far. As ``[expect]``: about the whole mission."""
+    """Expectations.
+
+    As a step: about the flight so far. As ``[expect]``: about the whole mission.
+    """
 
     min_separation_m: float | None = None  # no two centres came nearer
-    arrived_within_m: float | None = None  # each vehicle was so near to its goal when its order was done
-    all_landed: bool | None = None  # everybody is down and disarmed; false: it is right that they are not
+    # each vehicle was so near to its goal when its order was done
+    arrived_within_m: float | None = None
+    # everybody is down and disarmed; false: it is right that they are not
+    all_landed: bool | None = None
 
 
 class ExpectStep(Expect, frozen=True, kw_only=True):
@@ -194,14 +210,24 @@ class ExpectStep(Expect, frozen=True, kw_only=True):
 class OnFailure(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Reaction to a step that fails."""
 
-    # what all vehicles do when a step fails: land, hold, or go home. "go_on": only those that failed land, by
-    # themselves or with the mission's end; the others go on as long as there is one
+    # what all vehicles do when a step fails: land, hold, or go home. "go_on": only those that
+    # failed land, by themselves or with the mission's end; the others go on as long as there is one
     do: Literal["land", "hold", "home", "go_on"] = "land"
 
 
 GoalStep = MoveStep | GotoStep | FormationStep
 BLOCK_KEYS = "steps", "then", "branches"  # of steps that hold others
-OrderStep = ArmStep | TakeoffStep | GoalStep | RotateStep | YawStep | HoldStep | HomeStep | LandStep | DisarmStep
+OrderStep = (
+    ArmStep
+    | TakeoffStep
+    | GoalStep
+    | RotateStep
+    | YawStep
+    | HoldStep
+    | HomeStep
+    | LandStep
+    | DisarmStep
+)
 BlockStep = RepeatStep | ParallelStep | ReactStep
 Step = OrderStep | FollowPathStep | FlyFormationStep | WaitStep | ExpectStep | FaultStep | BlockStep
 STEPS: dict[str, type[Step]] = {

@@ -72,7 +72,11 @@ class MissionVehicle(Group):
     def law(self) -> LawValues | None:
         """Values of its avoidance law; None before the first telemetry."""
         own = self.telemetry
-        return None if own is None else LawValues(own.law, own.law_status, own.intervention_m_s2, own.avoids)
+        return (
+            None
+            if own is None
+            else LawValues(own.law, own.law_status, own.intervention_m_s2, own.avoids)
+        )
 
     @property
     def neighbours(self) -> dict[str, float]:
@@ -80,11 +84,17 @@ class MissionVehicle(Group):
         own, now_ns = self.position_enu_m, self.client.now_ns()
         if own is None:
             return {}
-        known = {name: view.position_enu_m(now_ns) for name, view in self.state.vehicles.items() if name != self.name}
+        known = {
+            name: view.position_enu_m(now_ns)
+            for name, view in self.state.vehicles.items()
+            if name != self.name
+        }
         away = {name: math.dist(own[:2], at[:2]) for name, at in known.items() if at is not None}
         return dict(sorted(away.items(), key=lambda one: one[1]))
 
-    async def reached(self, position_enu_m: Vec3, within_m: float = ARRIVED_M, timeout_s: float = 40.0) -> bool:
+    async def reached(
+        self, position_enu_m: Vec3, within_m: float = ARRIVED_M, timeout_s: float = 40.0
+    ) -> bool:
         """Wait until it reports to be at a position.
 
         Args:
@@ -96,4 +106,6 @@ class MissionVehicle(Group):
             Whether it was there in time.
         """
         client, condition = self.client, reached({self.name: position_enu_m}, within_m)
-        return await client.wait_for(lambda state: condition.holds(Moment(state, client.now_ns(), 0)), timeout_s)
+        return await client.wait_for(
+            lambda state: condition.holds(Moment(state, client.now_ns(), 0)), timeout_s
+        )

@@ -95,7 +95,8 @@ class Verdict(msgspec.Struct, frozen=True):
     is_interrupted: bool = False
     record: str = ""
     schema: int = 1
-    vertical_separation_m: float | None = None  # counts as much as the safety distance, where it is set
+    # counts as much as the safety distance, where it is set
+    vertical_separation_m: float | None = None
 
     @property
     def sentences(self) -> list[str]:
@@ -135,7 +136,8 @@ def is_landed(state: FleetState, name: str) -> bool:
 
 
 def flown_law(state: FleetState, fleet: FleetConfig) -> str:
-    """Return the law that the agents report; that of the fleet file as long as none has reported."""
+    """Return the law that the agents report; that of the fleet file as long as none has reported.
+    """
     vehicles_by_law: dict[str, list[str]] = {}
     for name, view in state.vehicles.items():
         if view.telemetry is not None:
@@ -146,11 +148,14 @@ def flown_law(state: FleetState, fleet: FleetConfig) -> str:
 
 
 def _still_up(state: FleetState, expect: Expect) -> str:
-    """A sentence about vehicles that a mission has left armed or in the air without declaring it."""
+    """A sentence about vehicles that a mission has left armed or in the air without declaring it.
+    """
     up = [
         name
         for name, view in state.vehicles.items()
-        if view.telemetry is not None and (view.is_airborne or view.telemetry.is_armed) and not is_landed(state, name)
+        if view.telemetry is not None
+        and (view.is_airborne or view.telemetry.is_armed)
+        and not is_landed(state, name)
     ]
     if not up or expect.all_landed is not None:
         return ""
@@ -193,7 +198,9 @@ def check(
         if closest is not None:
             is_met = closest.distance_m >= limit and not collided
             touched = f". {' and '.join(collided)} collided" if collided else ""
-            outcome = f"{closest.first} and {closest.second} came to {closest.distance_m:.3f} m{touched}"
+            outcome = (
+                f"{closest.first} and {closest.second} came to {closest.distance_m:.3f} m{touched}"
+            )
         elif is_met:
             outcome = "there is only one vehicle"
         sentence = f"At least {limit:.2f} m between all: {outcome}."
@@ -207,7 +214,9 @@ def check(
             outcome = f"{len(near)} of {len(arrivals)}; furthest off was {worst.vehicle}, "
             outcome += f"{_metres(worst.distance_m)} at '{worst.step}'"
         sentence = f"Goals reached within {limit:.2f} m: {outcome}."
-        checks.append(ExpectationResult("arrived_within_m", 0 < len(near) == len(arrivals), sentence))
+        checks.append(
+            ExpectationResult("arrived_within_m", 0 < len(near) == len(arrivals), sentence)
+        )
     if expect.all_landed is not None:
         flying = [name for name in fleet.enabled_names if not landed.get(name, False)]
         outcome = f"not {', '.join(flying)}" if flying else "all"
@@ -232,7 +241,8 @@ def judge(
         expect: expectations at the end of the mission.
         report: evaluation of the record.
         record: its folder.
-        begin_ns: zero of the flight's seconds, the begin of the record [ns]; None: the mission's first step.
+        begin_ns: zero of the flight's seconds, the begin of the record [ns]; None: the mission's
+            first step.
         record_failure: sentence about a record that ended early.
 
     Returns:
@@ -243,18 +253,30 @@ def judge(
     if (
         report is not None
         and report.smallest is not None
-        and (closest is None or not closest.is_truth or report.smallest.distance_m < closest.distance_m)
+        and (
+            closest is None
+            or not closest.is_truth
+            or report.smallest.distance_m < closest.distance_m
+        )
     ):
         closest = report.smallest
-    touched = {name for name, view in state.vehicles.items() if view.truth is not None and view.truth.is_collided}
+    touched = {
+        name
+        for name, view in state.vehicles.items()
+        if view.truth is not None and view.truth.is_collided
+    }
     collided = sorted(touched.union(report.collided if report is not None else ()))
     landed = {name: is_landed(state, name) for name in fleet.enabled_names}
     checks = check(expect, fleet, closest, flown.arrivals, landed, collided)
     is_collision = bool(collided)
-    if closest is not None and fleet.fleet.vertical_separation_m is None:  # with heights only the emulator knows
+    # with heights only the emulator knows
+    if closest is not None and fleet.fleet.vertical_separation_m is None:
         is_collision = is_collision or closest.distance_m < fleet.fleet.body_diameter_m
     broken = " ".join(filter(None, (flown.failure, _still_up(state, expect), record_failure)))
-    lost = [{name: step.vehicles[name] for name in step.vehicles if name not in flown.left_out} for step in flown.steps]
+    lost = [
+        {name: step.vehicles[name] for name in step.vehicles if name not in flown.left_out}
+        for step in flown.steps
+    ]
     failed = [step for step in lost if any(phase != "done" for phase in step.values())]
     is_mixed = any(len(set(step.values())) > 1 for step in failed)
     statuses = (
@@ -285,7 +307,9 @@ def judge(
             closest.first,
             closest.second,
             round(closest.distance_m, 4),
-            round((closest.stamp_ns - (flown.begin_ns if begin_ns is None else begin_ns)) * 1e-9, 2),
+            round(
+                (closest.stamp_ns - (flown.begin_ns if begin_ns is None else begin_ns)) * 1e-9, 2
+            ),
             "truth" if closest.is_truth else "telemetry",
         ),
         is_collision=is_collision,
@@ -307,33 +331,54 @@ def describe(verdict: Verdict) -> list[str]:
         near = verdict.closest
         by = "" if near.source == "truth" else ", by telemetry"
         height_m = verdict.vertical_separation_m
-        measure = f"apart ({height_m:g} m of height count as the safety distance)" if height_m else "between centres"
+        measure = (
+            f"apart ({height_m:g} m of height count as the safety distance)"
+            if height_m
+            else "between centres"
+        )
         touch = ": THEY COLLIDED" if verdict.is_collision else ""
         lines.append(
             f"Closest: {near.first} and {near.second}, {near.distance_m:.2f} m {measure}, "
             f"at {near.time_s:.1f} s{by}{touch}."
         )
     if verdict.arrivals:
-        within = next((one.sentence for one in verdict.checks if one.name == "arrived_within_m"), "")
-        lines.append(within or f"Furthest from a goal on arrival: {_metres(verdict.worst_arrival_m or 0.0)}.")
+        within = next(
+            (one.sentence for one in verdict.checks if one.name == "arrived_within_m"), ""
+        )
+        lines.append(
+            within or f"Furthest from a goal on arrival: {_metres(verdict.worst_arrival_m or 0.0)}."
+        )
     down = [name for name, has_landed in verdict.landed.items() if has_landed]
     up = [name for name, has_landed in verdict.landed.items() if not has_landed]
-    lines.append(f"Landed and disarmed: {', '.join(down) or 'nobody'}" + (f"; NOT: {', '.join(up)}." if up else "."))
+    lines.append(
+        f"Landed and disarmed: {', '.join(down) or 'nobody'}"
+        + (f"; NOT: {', '.join(up)}." if up else ".")
+    )
     if verdict.loop:
         parts = (f"{name} {loop.period_p99_ms:.1f} ms" for name, loop in verdict.loop.items())
-        lines.append(f"Loop period, 99th percentile (nominal {PERIOD_NOMINAL_MS:.0f} ms): {', '.join(parts)}.")
+        lines.append(
+            f"Loop period, 99th percentile (nominal {PERIOD_NOMINAL_MS:.0f} ms): {', '.join(parts)}."
+        )
     return lines
 
 
 def _summary(
-    flown: FlightObservations, law: str, checks: Sequence[ExpectationResult], failure: str, exit_status: int
+    flown: FlightObservations,
+    law: str,
+    checks: Sequence[ExpectationResult],
+    failure: str,
+    exit_status: int,
 ) -> str:
     if exit_status == EXIT_OK:
-        return f"PASSED: mission '{flown.mission}' with law {law}: everything it declares came true."
+        return (
+            f"PASSED: mission '{flown.mission}' with law {law}: everything it declares came true."
+        )
     if exit_status == EXIT_INTERRUPTED:
         return f"INTERRUPTED: mission '{flown.mission}' was ended by the operator."
     broken = [one.sentence for one in checks if not one.has_come_true]
-    return f"FAILED: mission '{flown.mission}' with law {law}. {' '.join([*broken, failure])}".strip()
+    return (
+        f"FAILED: mission '{flown.mission}' with law {law}. {' '.join([*broken, failure])}".strip()
+    )
 
 
 def _loops(state: FleetState, report: FlightReport | None) -> dict[str, LoopTiming]:

@@ -1,7 +1,9 @@
-"""Forecast of an order: all vehicles' paths, smallest distance and time, by the rollout of the control code.
+"""Forecast of an order: all vehicles' paths, smallest distance and time, by the rollout of the
+control code.
 
-Pure. A process of its own computes it (:mod:`groundstation.orders.forecast_process`), so that nothing else has to wait.
-A vehicle that moves is computed from a standstill at its present position.
+Pure. A process of its own computes it (:mod:`groundstation.orders.forecast_process`), so that
+nothing else has to wait. A vehicle that moves is computed from a standstill at its present
+position.
 """
 
 from __future__ import annotations
@@ -44,7 +46,8 @@ class Leg:
 class Forecast:
     """The worst of several perturbed flights."""
 
-    paths_enu_m: Mapping[str, Sequence[Vec3]] = field(default_factory=dict)  # per vehicle, evenly in time
+    # per vehicle, evenly in time
+    paths_enu_m: Mapping[str, Sequence[Vec3]] = field(default_factory=dict)
     closest_m: float = math.inf  # smallest separation; infinite with fewer than two vehicles
     pair: tuple[str, str] = ("", "")  # that comes so close
     closest_s: float = 0.0  # time of it
@@ -54,7 +57,8 @@ class Forecast:
 
 
 def forecast(fleet: FleetConfig, legs: Mapping[str, Leg], *, is_takeoff: bool = False) -> Forecast:
-    """Fly the legs several times with different errors, and keep the flight with the smallest distance.
+    """Fly the legs several times with different errors, and keep the flight with the smallest
+    distance.
 
     Args:
         fleet: the fleet file.
@@ -87,7 +91,11 @@ def forecast(fleet: FleetConfig, legs: Mapping[str, Leg], *, is_takeoff: bool = 
         seeds,
         Perturbation(start_m=0.0),
     )
-    worst = int(flight.min_separation_m.argmin()) if len(names) > 1 else int(flight.arrival_s[:, 0].argmax())
+    worst = (
+        int(flight.min_separation_m.argmin())
+        if len(names) > 1
+        else int(flight.arrival_s[:, 0].argmax())
+    )
     trace = flight.trace_enu_m[:, worst]
     closest_m, pair, closest_s = _closest(trace, names, fleet.fleet.height_share)
     now_m, _, _ = _closest(start[None], names, fleet.fleet.height_share)
@@ -99,13 +107,19 @@ def forecast(fleet: FleetConfig, legs: Mapping[str, Leg], *, is_takeoff: bool = 
     step = max(1, len(trace) // _PATH_POINTS)
     points = np.concatenate([start[None], trace[::step], trace[-1:]])
     return Forecast(
-        paths_enu_m={name: [_vec3(point) for point in points[:, index]] for index, name in enumerate(names)},
+        paths_enu_m={
+            name: [_vec3(point) for point in points[:, index]] for index, name in enumerate(names)
+        },
         closest_m=closest_m,
         pair=pair,
         closest_s=closest_s,
         now_m=now_m,
         duration_s=arrival_s + (TAKEOFF_START_S if is_takeoff else 0.0),
-        outside=tuple(name for name, out in zip(names, is_out, strict=True) if out and not legs[name].is_parked),
+        outside=tuple(
+            name
+            for name, out in zip(names, is_out, strict=True)
+            if out and not legs[name].is_parked
+        ),
     )
 
 
@@ -139,7 +153,9 @@ def objections(predicted: Forecast, intent: Intent, fleet: FleetConfig) -> tuple
     return tuple(reasons)
 
 
-def _closest(trace: Array, names: Sequence[str], height_share: float) -> tuple[float, tuple[str, str], float]:
+def _closest(
+    trace: Array, names: Sequence[str], height_share: float
+) -> tuple[float, tuple[str, str], float]:
     """Smallest separation over a trace (T, N, 3), its pair, and its time [s]."""
     first, second = np.triu_indices(len(names), 1)
     if not len(first) or not len(trace):

@@ -1,10 +1,12 @@
-"""A process that computes forecasts, one after the other; the console's own process only waits for the result.
+"""A process that computes forecasts, one after the other; the console's own process only waits for
+the result.
 
-Requests and results are pickled between a parent and the child that it started itself. The child ends with its input,
-so that none is left behind whatever happens to the parent.
+Requests and results are pickled between a parent and the child that it started itself. The child
+ends with its input, so that none is left behind whatever happens to the parent.
 
-This is no process pool of the standard library, for two measured reasons (Python 3.11): its workers cannot be
-cancelled, so a new forecast waits for the old one to end, and a worker lives on when its parent is killed.
+This is no process pool of the standard library, for two measured reasons (Python 3.11): its workers
+cannot be cancelled, so a new forecast waits for the old one to end, and a worker lives on when its
+parent is killed.
 """
 
 from __future__ import annotations
@@ -48,8 +50,11 @@ class Forecaster:
         async with self._turn:
             await self._started()
 
-    async def forecast(self, fleet: FleetConfig, legs: Mapping[str, Leg], *, is_takeoff: bool = False) -> Forecast:
-        """Compute a forecast in the child; a cancellation kills the child, and the next request starts anew.
+    async def forecast(
+        self, fleet: FleetConfig, legs: Mapping[str, Leg], *, is_takeoff: bool = False
+    ) -> Forecast:
+        """Compute a forecast in the child; a cancellation kills the child, and the next request
+        starts anew.
 
         Args:
             fleet: the fleet file.

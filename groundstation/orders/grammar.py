@@ -11,13 +11,15 @@ Grammar (``WHO`` is ``all``, names or indices: ``mav0,mav2``, ``0-1``; left out 
     yaw [WHO] DEG                          yaw mav1 -90
     home [WHO] [HEIGHT] [in SECONDS]       home all
 
-``move`` for one vehicle names its own goal. For several it names the formation's position: each one's slot is added,
-so that they never get one goal together. The formation is the last one ordered, at first the first of the fleet file.
-SPACING stretches the formation until its two nearest slots are so far apart; ``turned`` turns it about its position,
-counterclockwise; ``rotate`` turns it further. ``nearest`` deals its slots out anew, such that the longest flight is as
-short as it can be; else each vehicle has its own slot. ``move`` keeps all that. ``goto`` names a goal for each vehicle,
-and all of them are judged together: vehicles may change places. ``home`` leads over the take-off spots of the fleet
-file, at the present heights or at HEIGHT, and lands there. ``yaw`` is the heading, counterclockwise from east.
+``move`` for one vehicle names its own goal. For several it names the formation's position: each
+one's slot is added, so that they never get one goal together. The formation is the last one
+ordered, at first the first of the fleet file. SPACING stretches the formation until its two nearest
+slots are so far apart; ``turned`` turns it about its position, counterclockwise; ``rotate`` turns
+it further. ``nearest`` deals its slots out anew, such that the longest flight is as short as it can
+be; else each vehicle has its own slot. ``move`` keeps all that. ``goto`` names a goal for each
+vehicle, and all of them are judged together: vehicles may change places. ``home`` leads over the
+take-off spots of the fleet file, at the present heights or at HEIGHT, and lands there. ``yaw`` is
+the heading, counterclockwise from east.
 """
 
 from __future__ import annotations
@@ -32,7 +34,19 @@ from onboard.bus.schema import Vec3
 from onboard.config.fleet import ConfigError, FleetConfig
 
 Verb = Literal[
-    "arm", "disarm", "takeoff", "move", "goto", "formation", "rotate", "yaw", "home", "land", "hold", "kill", "locate"
+    "arm",
+    "disarm",
+    "takeoff",
+    "move",
+    "goto",
+    "formation",
+    "rotate",
+    "yaw",
+    "home",
+    "land",
+    "hold",
+    "kill",
+    "locate",
 ]
 PathVerb = Literal["load_path", "follow_path"]  # of programs and missions; nobody types a path
 VERBS: tuple[Verb, ...] = get_args(Verb)
@@ -58,7 +72,11 @@ USAGE: dict[Verb, str] = {
 _COUNTS: dict[Verb, tuple[int, ...]] = {  # of numbers
     "takeoff": (0, 1), "move": (3,), "formation": (0, 1, 3, 4), "rotate": (1,), "yaw": (1,), "home": (0, 1)
 }  # fmt: skip
-_KEYWORDS = {"in": "duration between 0 and 600 s", "yaw": "heading in degrees", "turned": "angle in degrees"}
+_KEYWORDS = {
+    "in": "duration between 0 and 600 s",
+    "yaw": "heading in degrees",
+    "turned": "angle in degrees",
+}
 
 
 class OrderError(ConfigError):
@@ -75,24 +93,32 @@ class Intent:
     position_enu_m: Vec3 | None = None  # goal of one vehicle, or the formation's position
     formation: str | None = None  # name in the fleet file
     duration_s: float = 0.0  # of the move; 0 leaves it to the vehicle's limits
-    spacing_m: float | None = None  # distance of the formation's two nearest slots; None: as in the fleet file
+    # distance of the formation's two nearest slots; None: as in the fleet file
+    spacing_m: float | None = None
     goals: Mapping[str, Vec3] | None = None  # of goto: a goal for each vehicle
     yaw_deg: float | None = None  # heading to turn to, counterclockwise from east; None: as it is
-    rotation_deg: float | None = None  # of the formation against the fleet file; of rotate: further than it is
+    # of the formation against the fleet file; of rotate: further than it is
+    rotation_deg: float | None = None
     is_nearest: bool = False  # the formation's slots are dealt out anew, by the vehicles' positions
-    takes: Mapping[str, str] | None = None  # for each vehicle the one whose slot it takes; None: its own
+    # for each vehicle the one whose slot it takes; None: its own
+    takes: Mapping[str, str] | None = None
 
     def __str__(self) -> str:
         values = (self.height_m, self.spacing_m, *(self.position_enu_m or ()))
         numbers = [f"{value:g}" for value in values if value is not None]
         words = [self.verb, *([self.formation] if self.formation else [])]
         if self.goals is not None:
-            words += [f"{name} {' '.join(f'{value:g}' for value in goal)}" for name, goal in self.goals.items()]
+            words += [
+                f"{name} {' '.join(f'{value:g}' for value in goal)}"
+                for name, goal in self.goals.items()
+            ]
         else:
             words += [",".join(self.vehicles), *numbers]
         words += ["nearest"] if self.is_nearest else []
         turn, yaw = self.rotation_deg, self.yaw_deg
-        words += [] if turn is None else [f"{turn:g}"] if self.verb == "rotate" else [f"turned {turn:g}"]
+        words += (
+            [] if turn is None else [f"{turn:g}"] if self.verb == "rotate" else [f"turned {turn:g}"]
+        )
         words += [] if yaw is None else [f"{yaw:g}"] if self.verb == "yaw" else [f"yaw {yaw:g}"]
         return " ".join((*words, *([f"in {self.duration_s:g} s"] if self.duration_s else [])))
 
@@ -116,15 +142,25 @@ def parse(text: str, fleet: FleetConfig) -> Intent:
     if not words:
         raise OrderError(f"Nothing was ordered. Orders are: {', '.join(VERBS)}.")
     if words[0].lower() == "identify":
-        raise OrderError(f"The order 'identify' is now called 'locate': say: {' '.join(['locate', *words[1:]])}")
+        raise OrderError(
+            f"The order 'identify' is now called 'locate': say: {' '.join(['locate', *words[1:]])}"
+        )
     verb = next((known for known in VERBS if known == words[0].lower()), None)
     if verb is None:
         raise OrderError(f"'{words[0][:40]}' is no order. Orders are: {', '.join(VERBS)}.")
     is_nearest = verb == "formation" and "nearest" in words[2:]
-    options, rest = _take_options([word for word in words[1:] if not (is_nearest and word == "nearest")], verb)
+    options, rest = _take_options(
+        [word for word in words[1:] if not (is_nearest and word == "nearest")], verb
+    )
     if verb == "goto":
         goals = _take_goals(rest, fleet)
-        return Intent(verb, tuple(goals), goals=goals, yaw_deg=options.get("yaw"), duration_s=options.get("in", 0.0))
+        return Intent(
+            verb,
+            tuple(goals),
+            goals=goals,
+            yaw_deg=options.get("yaw"),
+            duration_s=options.get("in", 0.0),
+        )
     formation = None
     if verb == "formation":
         if not rest:
@@ -135,20 +171,28 @@ def parse(text: str, fleet: FleetConfig) -> Intent:
             raise OrderError(f"'{formation[:40]}' is no formation of this fleet: it has {known}.")
     names, numbers = _take_vehicles(rest, verb, _COUNTS.get(verb, (0,)), fleet)
     if verb == "kill" and not names:
-        raise OrderError("Kill stops the motors in the air, so it names its vehicles: write kill mav1, or kill all.")
+        raise OrderError(
+            "Kill stops the motors in the air, so it names its vehicles: write kill mav1, or kill all."
+        )
     if verb in ("move", "locate") and not names:
         raise OrderError(f"{verb.capitalize()} whom? Write: {USAGE[verb]}")
     if not names:
         names = fleet.enabled_names
     if not names:
-        raise OrderError(f"Fleet '{fleet.fleet.name}' has nobody to order: no vehicle is enabled in its file.")
+        raise OrderError(
+            f"Fleet '{fleet.fleet.name}' has nobody to order: no vehicle is enabled in its file."
+        )
     if verb == "formation" and len(names) == len(fleet.enabled_names):
         names = _with_slots(names, fleet, formation or "")
-    return _with_numbers(Intent(verb, names, formation=formation, is_nearest=is_nearest), numbers, options)
+    return _with_numbers(
+        Intent(verb, names, formation=formation, is_nearest=is_nearest), numbers, options
+    )
 
 
 def _with_numbers(intent: Intent, numbers: list[float], options: Mapping[str, float]) -> Intent:
-    """Return an order with its numbers, whose meaning depends on the verb, and with what followed keywords."""
+    """Return an order with its numbers, whose meaning depends on the verb, and with what followed
+    keywords.
+    """
     first = numbers[0] if numbers else None
     if intent.verb == "takeoff":
         return replace(intent, height_m=DEFAULT_HEIGHT_M if first is None else first)
@@ -178,14 +222,20 @@ def _take_options(words: list[str], verb: Verb) -> tuple[dict[str, float], list[
     """Return the numbers that follow keywords at the end of a line, and the words before them."""
     options: dict[str, float] = {}
     known = [keyword for keyword in _KEYWORDS if f"[{keyword} " in USAGE[verb]]
-    at = min((words.index(keyword) for keyword in _KEYWORDS if keyword in words), default=len(words))
+    at = min(
+        (words.index(keyword) for keyword in _KEYWORDS if keyword in words), default=len(words)
+    )
     rest, tail = words[:at], words[at:]
     while tail:
         keyword, meaning = tail[0], _KEYWORDS.get(tail[0])
         if keyword not in known or keyword in options or meaning is None or len(tail) < 2:
             raise OrderError(f"'{keyword[:40]}' is not understood there. Write: {USAGE[verb]}")
         value = _number(tail[1])
-        if value is None or not math.isfinite(value) or (keyword == "in" and not 0.0 < value <= 600.0):
+        if (
+            value is None
+            or not math.isfinite(value)
+            or (keyword == "in" and not 0.0 < value <= 600.0)
+        ):
             raise OrderError(f"'{tail[1][:40]}' is no {meaning}.")
         options[keyword] = value
         tail = tail[3:] if keyword == "in" and tail[2:3] == ["s"] else tail[2:]
@@ -199,13 +249,17 @@ def _take_goals(words: list[str], fleet: FleetConfig) -> dict[str, Vec3]:
         numbers = [_number(word) for word in words[k + 1 : k + 4]]
         values = [value for value in numbers if value is not None and math.isfinite(value)]
         if len(values) != 3:
-            raise OrderError(f"A goal has a name and three numbers, in metres. Write: {USAGE['goto']}")
+            raise OrderError(
+                f"A goal has a name and three numbers, in metres. Write: {USAGE['goto']}"
+            )
         try:
             names = fleet.select(words[k])
         except ConfigError as error:
             raise OrderError(str(error)) from None
         if len(names) != 1 or names[0] in goals:
-            raise OrderError(f"'{words[k][:40]}' must be one vehicle, and only once: each has a goal of its own.")
+            raise OrderError(
+                f"'{words[k][:40]}' must be one vehicle, and only once: each has a goal of its own."
+            )
         goals[names[0]] = (values[0], values[1], values[2])
     if not goals:
         raise OrderError(f"Whose goals? Write: {USAGE['goto']}")
@@ -215,19 +269,32 @@ def _take_goals(words: list[str], fleet: FleetConfig) -> dict[str, Vec3]:
 def _take_vehicles(
     words: list[str], verb: Verb, counts: tuple[int, ...], fleet: FleetConfig
 ) -> tuple[tuple[str, ...], list[float]]:
-    """Split ``[WHO] numbers``: at most one word more than there are numbers, and that word selects the vehicles."""
+    """Split ``[WHO] numbers``: at most one word more than there are numbers, and that word selects
+    the vehicles.
+    """
     for count in sorted(counts, reverse=True):
-        selection, numbers = words[: len(words) - count], words[len(words) - count :] if count else []
+        selection, numbers = (
+            words[: len(words) - count],
+            words[len(words) - count :] if count else [],
+        )
         if len(words) < count or len(selection) > 1:
             continue
         values = [_number(word) for word in numbers]
-        may_select = count in (1, 4) and not selection and verb not in ("rotate", "yaw") and "." not in numbers[0]
+        may_select = (
+            count in (1, 4)
+            and not selection
+            and verb not in ("rotate", "yaw")
+            and "." not in numbers[0]
+        )
         if may_select and _is_selection(numbers[0], fleet):
-            continue  # `takeoff 1` selects the vehicle with index 1; a height or a spacing is written 1.0
+            # `takeoff 1` selects the vehicle with index 1; a height or a spacing is written 1.0
+            continue
         if any(value is None for value in values):
             continue
         if any(not math.isfinite(value) for value in values if value is not None):
-            raise OrderError("A coordinate is not a finite number. Give metres in the fleet's frame.")
+            raise OrderError(
+                "A coordinate is not a finite number. Give metres in the fleet's frame."
+            )
         try:
             names = fleet.select(selection[0]) if selection else ()
         except ConfigError as error:

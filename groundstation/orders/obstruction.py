@@ -17,8 +17,11 @@ _MOST = 3
 _ACTIVE_M_S2 = 0.05  # of the law's intervention
 
 
-def explained(results: Results, planned: PlannedOrder, fleet: FleetConfig, state: FleetState, now_ns: int) -> Results:
-    """Return the results of an order; those of moves that are not finished say what stands in the way.
+def explained(
+    results: Results, planned: PlannedOrder, fleet: FleetConfig, state: FleetState, now_ns: int
+) -> Results:
+    """Return the results of an order; those of moves that are not finished say what stands in the
+    way.
 
     Args:
         results: of its vehicles.
@@ -27,9 +30,15 @@ def explained(results: Results, planned: PlannedOrder, fleet: FleetConfig, state
         state: the fleet as known now.
         now_ns: the ground's monotonic clock [ns].
     """
-    blocked = [name for name, one in results.items() if one.phase in _BLOCKED and name in planned.orders]
+    blocked = [
+        name for name, one in results.items() if one.phase in _BLOCKED and name in planned.orders
+    ]
     goals = {name: planned.orders[name].position_enu_m for name in blocked}
-    words = {name: in_the_way(fleet, state, name, goal, now_ns) for name, goal in goals.items() if goal is not None}
+    words = {
+        name: in_the_way(fleet, state, name, goal, now_ns)
+        for name, goal in goals.items()
+        if goal is not None
+    }
     return {name: one.with_more(words.get(name, "")) for name, one in results.items()}
 
 
@@ -51,13 +60,19 @@ def in_the_way(fleet: FleetConfig, state: FleetState, name: str, goal: Vec3, now
     if view is None or view.telemetry is None or position is None:
         return ""
     left = f"It is {math.dist(position, goal):.2f} m from its goal."
-    near = sorted([*_neighbours(fleet, state, name, position, goal, now_ns), *_walls(fleet, position, goal)])
+    near = sorted(
+        [*_neighbours(fleet, state, name, position, goal, now_ns), *_walls(fleet, position, goal)]
+    )
     words = "; ".join(sentence for _, sentence in near[:_MOST])
     if not words:
         return f"{left} Nothing known is in its way."
     telemetry = view.telemetry
     is_pushed = telemetry.avoids and telemetry.intervention_m_s2 > _ACTIVE_M_S2
-    law = f" The law gives way to {telemetry.avoids} by {telemetry.intervention_m_s2:.1f} m/s²." if is_pushed else ""
+    law = (
+        f" The law gives way to {telemetry.avoids} by {telemetry.intervention_m_s2:.1f} m/s²."
+        if is_pushed
+        else ""
+    )
     return f"{left} In its way: {words}.{law}"
 
 
@@ -76,7 +91,10 @@ def _neighbours(
 def _walls(fleet: FleetConfig, position: Vec3, goal: Vec3) -> Iterator[tuple[float, str]]:
     room_m = _NEAR_WALL_M + 0.5 * fleet.fleet.body_diameter_m
     steps = [k / 20.0 for k in range(21)]
-    way = [(position[0] + k * (goal[0] - position[0]), position[1] + k * (goal[1] - position[1])) for k in steps]
+    way = [
+        (position[0] + k * (goal[0] - position[0]), position[1] + k * (goal[1] - position[1]))
+        for k in steps
+    ]
     for obstacle in fleet.obstacles:
         if min(map(obstacle.distance_m, way)) < room_m:
             away_m = obstacle.distance_m(position)

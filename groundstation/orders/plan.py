@@ -1,7 +1,7 @@
 """An intent -> one checked order per vehicle, or a reason in words for each refusal. Pure.
 
-An order is planned once. Before it is sent, :func:`check_again` checks the planned goals against the fleet as it is
-then; the goals themselves stay as they were shown.
+An order is planned once. Before it is sent, :func:`check_again` checks the planned goals against
+the fleet as it is then; the goals themselves stay as they were shown.
 """
 
 from __future__ import annotations
@@ -18,7 +18,13 @@ from groundstation.formations.assignment import nearest_slots
 from groundstation.formations.slots import formation_slots, stretched
 from groundstation.orders.grammar import DEFAULT_HEIGHT_M, USAGE, Intent
 from onboard.bus.schema import Order, OrderKind, Vec3
-from onboard.config.fleet import ConfigError, FleetConfig, above_words, parking_distance_m, parking_height_share
+from onboard.config.fleet import (
+    ConfigError,
+    FleetConfig,
+    above_words,
+    parking_distance_m,
+    parking_height_share,
+)
 from onboard.config.pair_separation import separation_m
 
 ORDER_LIFE_S = 2.0
@@ -36,7 +42,8 @@ class HeldFormation:
     name: str | None  # in the fleet file; None when it has none
     spacing_m: float | None = None  # distance of its two nearest slots; None: as in the fleet file
     rotation_deg: float = 0.0  # against the fleet file, counterclockwise
-    takes: Mapping[str, str] | None = None  # for each vehicle the one whose slot it has; None: its own
+    # for each vehicle the one whose slot it has; None: its own
+    takes: Mapping[str, str] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +74,8 @@ def plan_order(
 ) -> PlannedOrder:
     """Check an intent against the fleet and make its orders.
 
-    If one goal of a joint move is refused, none of that move is sent: nobody wants half a formation.
+    If one goal of a joint move is refused, none of that move is sent: nobody wants half a
+    formation.
 
     Args:
         intent: the order, by the grammar or by a program.
@@ -116,10 +124,14 @@ def plan_order(
         for name in names
         if name not in refusals
     }
-    return PlannedOrder(intent, addressed(orders, state), refusals, _kept(intent, held) if orders else held)
+    return PlannedOrder(
+        intent, addressed(orders, state), refusals, _kept(intent, held) if orders else held
+    )
 
 
-def check_again(planned: PlannedOrder, fleet: FleetConfig, state: FleetState, now_ns: int) -> PlannedOrder:
+def check_again(
+    planned: PlannedOrder, fleet: FleetConfig, state: FleetState, now_ns: int
+) -> PlannedOrder:
     """Check a planned order against the fleet as it is now, and stamp it anew.
 
     Args:
@@ -131,14 +143,20 @@ def check_again(planned: PlannedOrder, fleet: FleetConfig, state: FleetState, no
     Returns:
         The same orders with the same goals, or refusals instead of all of them.
     """
-    goals = {name: goal for name, order in planned.orders.items() if (goal := order.position_enu_m) is not None}
+    goals = {
+        name: goal
+        for name, order in planned.orders.items()
+        if (goal := order.position_enu_m) is not None
+    }
     refusals = _refuse_jointly(_goal_refusals(goals, fleet, state, now_ns), planned.orders)
     orders = {
         name: msgspec.structs.replace(order, stamp_ns=now_ns, deadline_ns=_deadline_ns(now_ns))
         for name, order in planned.orders.items()
         if name not in refusals
     }
-    return replace(planned, orders=addressed(orders, state), refusals={**planned.refusals, **refusals})
+    return replace(
+        planned, orders=addressed(orders, state), refusals={**planned.refusals, **refusals}
+    )
 
 
 def addressed(orders: Mapping[str, Order], state: FleetState | None) -> dict[str, Order]:
@@ -177,7 +195,9 @@ def slots_of(
     return stretched(formation_slots(fleet, formation), spacing_m, rotation_deg)
 
 
-def formation_position(slots: Mapping[str, Vec3], state: FleetState, names: Sequence[str]) -> Vec3 | None:
+def formation_position(
+    slots: Mapping[str, Vec3], state: FleetState, names: Sequence[str]
+) -> Vec3 | None:
     """Return the position of a formation: the mean of its vehicles' positions minus their slots.
 
     Args:
@@ -191,10 +211,17 @@ def formation_position(slots: Mapping[str, Vec3], state: FleetState, names: Sequ
     positions = []
     for name in names:
         view = state.vehicles.get(name)
-        if view is None or view.telemetry is None or name not in slots or not view.telemetry.is_position_valid:
+        if (
+            view is None
+            or view.telemetry is None
+            or name not in slots
+            or not view.telemetry.is_position_valid
+        ):
             continue
         own = view.telemetry.position_enu_m
-        positions.append(tuple(value - offset for value, offset in zip(own, slots[name], strict=True)))
+        positions.append(
+            tuple(value - offset for value, offset in zip(own, slots[name], strict=True))
+        )
     if not positions:
         return None
     x, y, z = (sum(axis) / len(positions) for axis in zip(*positions, strict=True))
@@ -209,7 +236,11 @@ def _refuse_jointly(refusals: Mapping[str, str], names: Iterable[str]) -> dict[s
     if not refusals:
         return {}
     cause = ", ".join(refusals)
-    others = {name: f"{name}: not sent, because {cause} was refused." for name in names if name not in refusals}
+    others = {
+        name: f"{name}: not sent, because {cause} was refused."
+        for name in names
+        if name not in refusals
+    }
     return {**refusals, **others}
 
 
@@ -226,7 +257,11 @@ def _unknown(name: str, fleet: FleetConfig) -> str:
 
 def _bad_number(intent: Intent) -> str | None:
     numbers = (intent.height_m, intent.spacing_m, intent.yaw_deg, intent.rotation_deg)
-    values = [*(intent.position_enu_m or ()), intent.duration_s, *(value or 0.0 for value in numbers)]
+    values = [
+        *(intent.position_enu_m or ()),
+        intent.duration_s,
+        *(value or 0.0 for value in numbers),
+    ]
     if not all(math.isfinite(value) for value in values):
         return "A number of this order is not finite. Give metres in the fleet's frame, seconds and degrees."
     if not 0.0 <= intent.duration_s <= 600.0:
@@ -239,10 +274,15 @@ def _bad_number(intent: Intent) -> str | None:
 def _kept(intent: Intent, held: HeldFormation) -> HeldFormation:
     """Return the formation that holds once this order is sent."""
     if intent.verb == "rotate":
-        return replace(held, rotation_deg=math.remainder(held.rotation_deg + (intent.rotation_deg or 0.0), 360.0))
+        return replace(
+            held,
+            rotation_deg=math.remainder(held.rotation_deg + (intent.rotation_deg or 0.0), 360.0),
+        )
     if intent.formation is None:
         return held
-    return HeldFormation(intent.formation, intent.spacing_m, intent.rotation_deg or 0.0, intent.takes)
+    return HeldFormation(
+        intent.formation, intent.spacing_m, intent.rotation_deg or 0.0, intent.takes
+    )
 
 
 def held_slots(fleet: FleetConfig, held: HeldFormation) -> dict[str, Vec3]:
@@ -258,11 +298,17 @@ def held_slots(fleet: FleetConfig, held: HeldFormation) -> dict[str, Vec3]:
     if held.name is None:
         return {}
     slots = slots_of(fleet, held.name, held.spacing_m, held.rotation_deg)
-    return slots if held.takes is None else {name: slots[taken] for name, taken in held.takes.items()}
+    return (
+        slots if held.takes is None else {name: slots[taken] for name, taken in held.takes.items()}
+    )
 
 
 def _goals(
-    intent: Intent, fleet: FleetConfig, state: FleetState | None, held: HeldFormation, names: list[str]
+    intent: Intent,
+    fleet: FleetConfig,
+    state: FleetState | None,
+    held: HeldFormation,
+    names: list[str],
 ) -> tuple[Intent, dict[str, Vec3], dict[str, str]]:
     """The intent with its position, the goal of each vehicle, and refusals."""
     if intent.verb in ("goto", "home", "yaw"):
@@ -283,21 +329,35 @@ def _goals(
     if intent.verb == "move" and len(names) == 1:
         return intent, {names[0]: position}, {}
     if keeps.name is None:
-        reason = f"this fleet file has no formation, so give each vehicle its own goal: {USAGE['goto']}"
+        reason = (
+            f"this fleet file has no formation, so give each vehicle its own goal: {USAGE['goto']}"
+        )
         return intent, {}, dict.fromkeys(names, reason)
     if intent.is_nearest and intent.takes is None:
-        spots = {name: _spot(state.vehicles.get(name)) if state else fleet.vehicles[name].start_enu_m for name in names}
+        spots = {
+            name: _spot(state.vehicles.get(name)) if state else fleet.vehicles[name].start_enu_m
+            for name in names
+        }
         wanted = {name: slots[name] for name in names if name in slots}
         known = {name: spot for name, spot in spots.items() if spot is not None}
         takes = nearest_slots(wanted, known, position)
-        intent, slots = replace(intent, takes=takes), {name: slots[taken] for name, taken in takes.items()}
+        intent, slots = (
+            replace(intent, takes=takes),
+            {name: slots[taken] for name, taken in takes.items()},
+        )
     goals, refusals = {}, {}
     for name in names:
         if name in slots:
             offset = slots[name]
-            goals[name] = (position[0] + offset[0], position[1] + offset[1], position[2] + offset[2])
+            goals[name] = (
+                position[0] + offset[0],
+                position[1] + offset[1],
+                position[2] + offset[2],
+            )
         else:
-            refusals[name] = f"{name} has no slot in formation '{keeps.name}' (slots: {', '.join(slots) or 'none'})."
+            refusals[name] = (
+                f"{name} has no slot in formation '{keeps.name}' (slots: {', '.join(slots) or 'none'})."
+            )
     return intent, goals, refusals
 
 
@@ -308,7 +368,9 @@ def _own_goals(
     if intent.verb == "goto":
         given = intent.goals or {}
         goals = {name: given[name] for name in names if name in given}
-        return goals, {name: f"{name}: this order has no goal for it." for name in names if name not in given}
+        return goals, {
+            name: f"{name}: this order has no goal for it." for name in names if name not in given
+        }
     if state is None:
         if intent.verb == "yaw":
             return {}, {}  # judged when it is flown
@@ -323,7 +385,10 @@ def _own_goals(
         return spots, {}
     pads = {name: fleet.vehicles[name].start_enu_m for name in names}
     height_m = intent.height_m
-    return {name: (x, y, spots[name][2] if height_m is None else height_m) for name, (x, y, _) in pads.items()}, {}
+    return {
+        name: (x, y, spots[name][2] if height_m is None else height_m)
+        for name, (x, y, _) in pads.items()
+    }, {}
 
 
 def _spot(view: VehicleView | None) -> Vec3 | None:
@@ -331,7 +396,9 @@ def _spot(view: VehicleView | None) -> Vec3 | None:
     telemetry = None if view is None else view.telemetry
     if telemetry is None or not telemetry.is_position_valid:
         return None
-    has_goal = telemetry.state in ("flying", "holding") and all(map(math.isfinite, telemetry.goal_position_enu_m))
+    has_goal = telemetry.state in ("flying", "holding") and all(
+        map(math.isfinite, telemetry.goal_position_enu_m)
+    )
     return telemetry.goal_position_enu_m if has_goal else telemetry.position_enu_m
 
 
@@ -352,7 +419,9 @@ def _goal_refusals(
             if distance_m < parking_m:
                 distance_m = math.dist(goal[:2], position[:2])
                 above_m = abs(goal[2] - position[2])
-                high = f" and {above_m:.1f} m above or below it" if above_m > _OTHER_HEIGHT_M else ""
+                high = (
+                    f" and {above_m:.1f} m above or below it" if above_m > _OTHER_HEIGHT_M else ""
+                )
                 anyhow = above_words(fleet)
                 if high and not anyhow:
                     anyhow = ", horizontally at any height: it has no vertical separation"
@@ -373,9 +442,16 @@ def _others(
             yield other, goal, "goal"
     for other, view in state.vehicles.items() if state is not None else ():
         telemetry = view.telemetry
-        if other in goals or telemetry is None or not telemetry.is_airborne or not view.is_fresh(now_ns):
+        if (
+            other in goals
+            or telemetry is None
+            or not telemetry.is_airborne
+            or not view.is_fresh(now_ns)
+        ):
             continue
-        if telemetry.state in ("flying", "taking off") and all(map(math.isfinite, telemetry.goal_position_enu_m)):
+        if telemetry.state in ("flying", "taking off") and all(
+            map(math.isfinite, telemetry.goal_position_enu_m)
+        ):
             yield other, telemetry.goal_position_enu_m, "goal"
         elif telemetry.is_position_valid:
             yield other, telemetry.position_enu_m, "position"

@@ -1,4 +1,6 @@
-"""Preview of an order: the legs of all vehicles, reasons not to send it, and whether it still holds. Pure."""
+"""Preview of an order: the legs of all vehicles, reasons not to send it, and whether it still
+holds. Pure.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,8 @@ PREVIEWED = ("arm", "takeoff", "move", "goto", "formation", "rotate", "home")
 _STARTS = ("arm", "takeoff")
 _CAN_START = ("waiting", "ready", "landed", "armed")
 _CAN_MOVE = _HAS_GOAL = ("flying", "holding", "taking off")
-_DRIFT_M, _DRIFT_S = 0.3, 1.0  # a start may drift by so much, and by so many seconds of its speed, while it is shown
+# a start may drift by so much, and by so many seconds of its speed, while it is shown
+_DRIFT_M, _DRIFT_S = 0.3, 1.0
 _MOVING_M_S = 0.4
 
 
@@ -68,7 +71,9 @@ def preview_order(planned: PlannedOrder, state: FleetState, now_ns: int) -> Orde
         position = view.position_enu_m(now_ns)
         if position is None and view.is_airborne and telemetry is not None:
             silent.add(name)
-            notes.append(f"{name} flies and its position is not known now: computed from its last one.")
+            notes.append(
+                f"{name} flies and its position is not known now: computed from its last one."
+            )
             position = telemetry.position_enu_m if telemetry.is_position_valid else None
         if position is None or telemetry is None:
             continue
@@ -80,10 +85,14 @@ def preview_order(planned: PlannedOrder, state: FleetState, now_ns: int) -> Orde
     if unfit and rest and not planned.refusals:
         others = replace(intent, vehicles=rest)
         reasons.append(f"Without {'it' if len(unfit) == 1 else 'them'}: {others}")
-    return OrderPreview(planned, legs, tuple(reasons), tuple(notes), frozenset(unfit), frozenset(silent))
+    return OrderPreview(
+        planned, legs, tuple(reasons), tuple(notes), frozenset(unfit), frozenset(silent)
+    )
 
 
-def changed(preview: OrderPreview, checked: PlannedOrder, state: FleetState, now_ns: int) -> str | None:
+def changed(
+    preview: OrderPreview, checked: PlannedOrder, state: FleetState, now_ns: int
+) -> str | None:
     """Compare the fleet with the one that a preview was made of.
 
     Args:
@@ -98,7 +107,12 @@ def changed(preview: OrderPreview, checked: PlannedOrder, state: FleetState, now
     if checked.orders.keys() != preview.planned.orders.keys():
         return "the vehicles that can be ordered have changed"
     return next(
-        (words for view in state.vehicles.values() if (words := _difference(preview, view, now_ns)) is not None), None
+        (
+            words
+            for view in state.vehicles.values()
+            if (words := _difference(preview, view, now_ns)) is not None
+        ),
+        None,
     )
 
 
@@ -108,7 +122,9 @@ def _difference(preview: OrderPreview, view: VehicleView, now_ns: int) -> str | 
     if leg is None:
         return None if position is None else f"{name} has appeared"
     if telemetry is None or position is None:
-        return f"{name} is silent" if not is_silent and (not leg.is_parked or leg.is_ordered) else None
+        return (
+            f"{name} is silent" if not is_silent and (not leg.is_parked or leg.is_ordered) else None
+        )
     if is_silent:
         return f"{name} is heard again"
     if telemetry.is_airborne == leg.is_parked and not leg.is_ordered:
@@ -126,12 +142,16 @@ def _difference(preview: OrderPreview, view: VehicleView, now_ns: int) -> str | 
 
 
 def _unfit(intent: Intent, view: VehicleView, now_ns: int) -> str | None:
-    """Reason for which this vehicle would refuse the order now, as far as telemetry shows it; None without one."""
+    """Reason for which this vehicle would refuse the order now, as far as telemetry shows it; None
+    without one.
+    """
     telemetry = view.telemetry
     if telemetry is None or not view.is_fresh(now_ns):
         return f"{view.name} is not heard{'' if telemetry is None else ' any more'}: is its agent running?"
     if intent.verb in _STARTS:
-        if telemetry.state not in _CAN_START or (intent.verb == "arm" and telemetry.state == "armed"):
+        if telemetry.state not in _CAN_START or (
+            intent.verb == "arm" and telemetry.state == "armed"
+        ):
             return f"{view.name} cannot start: it is {telemetry.state}."
         if telemetry.not_ready:
             return f"{view.name} is not ready: {telemetry.not_ready[0]}"

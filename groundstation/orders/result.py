@@ -11,7 +11,16 @@ from groundstation.orders.grammar import Intent
 from groundstation.orders.plan import PlannedOrder
 
 Phase = Literal[
-    "sent", "accepted", "direct", "done", "refused", "no answer", "superseded", "failed", "timed out", "unfinished"
+    "sent",
+    "accepted",
+    "direct",
+    "done",
+    "refused",
+    "no answer",
+    "superseded",
+    "failed",
+    "timed out",
+    "unfinished",
 ]
 OPEN_PHASES: tuple[Phase, ...] = ("sent", "accepted", "direct")
 
@@ -20,8 +29,8 @@ OPEN_PHASES: tuple[Phase, ...] = ("sent", "accepted", "direct")
 class VehicleResult:
     """Progress of an order with one vehicle.
 
-    Phases: sent -> accepted -> done | superseded | failed | timed out; or refused; or no answer. ``direct``: the order
-    goes straight to PX4. ``unfinished``: waiting ended before the order did.
+    Phases: sent -> accepted -> done | superseded | failed | timed out; or refused; or no answer.
+    ``direct``: the order goes straight to PX4. ``unfinished``: waiting ended before the order did.
     """
 
     vehicle: str
@@ -55,7 +64,8 @@ class OrderFailed(RuntimeError):
     def __init__(self, intent: Intent, results: Results) -> None:
         self.results = results
         missing = [result for result in results.values() if not result.is_done]
-        missing.sort(key=lambda result: result.place)  # the first one may be the cause of the others
+        # the first one may be the cause of the others
+        missing.sort(key=lambda result: result.place)
         reasons = [f"{result.vehicle} {result.phase}: {result.sentence}" for result in missing]
         super().__init__(f"'{intent}' failed. {' '.join(reasons)}")
 
@@ -98,7 +108,8 @@ class OrderResult:
         self._listeners.append(listener)
 
     def update(self, vehicle: str, phase: Phase, sentence: str, *, is_silent: bool = False) -> None:
-        """Set a vehicle's phase. An end stays, except that a late reply of the agent replaces ``no answer``.
+        """Set a vehicle's phase. An end stays, except that a late reply of the agent replaces ``no
+        answer``.
 
         Args:
             vehicle: its name.
@@ -112,7 +123,9 @@ class OrderResult:
         if phase == "accepted" and old.phase == "direct":
             return
         place = sum(one.is_final for one in self.results.values())
-        result = VehicleResult(vehicle, old.order_id, phase, sentence, is_silent or phase == "no answer", place)
+        result = VehicleResult(
+            vehicle, old.order_id, phase, sentence, is_silent or phase == "no answer", place
+        )
         self.results[vehicle] = result
         self._changed.set()
         for listener in self._listeners:
@@ -137,7 +150,9 @@ class OrderResult:
             return {
                 name: result
                 if result.is_final
-                else VehicleResult(name, result.order_id, "unfinished", f"{name}: {limit} ({result.phase}).")
+                else VehicleResult(
+                    name, result.order_id, "unfinished", f"{name}: {limit} ({result.phase})."
+                )
                 for name, result in self.results.items()
             }
         return dict(self.results)

@@ -1,4 +1,5 @@
-"""Checks of paths that vehicles fly together: findings with vehicle, time, value and bound. Pure."""
+"""Checks of paths that vehicles fly together: findings with vehicle, time, value and bound. Pure.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +17,8 @@ from onboard.types import GRAVITY_M_S2
 
 LOWEST_M = 0.3  # of a path, above the fence's floor
 STEP_S = 0.05
-_PARKING_MORE_M = 0.10  # by which the parking distance exceeds the one at which the law begins to act
+# by which the parking distance exceeds the one at which the law begins to act
+_PARKING_MORE_M = 0.10
 _ENDS_M_S = 0.05
 _BLOCK = 400  # times of which all pairs are looked at together
 _LISTED = 12
@@ -69,14 +71,16 @@ def sample(paths: Mapping[str, Path], step_s: float = STEP_S) -> SampledPaths:
 
 
 def bound_m(fleet: FleetConfig) -> float:
-    """Return the distance that paths keep: where the law begins to act, or the promise without it."""
+    """Return the distance that paths keep: where the law begins to act, or the promise without it.
+    """
     if fleet.law.built_in != "covey":
         return fleet.fleet.safety_distance_m
     return parking_distance_m(fleet) - _PARKING_MORE_M
 
 
 def closest_pairs(flown: SampledPaths, below_m: float, height_share: float = 0.0) -> list[Closest]:
-    """Return each pair that comes nearer than a separation, once, the nearest first; the nearest of all in any case.
+    """Return each pair that comes nearer than a separation, once, the nearest first; the nearest of
+    all in any case.
 
     Args:
         flown: the paths.
@@ -94,8 +98,12 @@ def closest_pairs(flown: SampledPaths, below_m: float, height_share: float = 0.0
         near = gap[:-1] + np.clip(along, 0.0, 1.0)[..., None] * step
         distance = np.sqrt((near**2).sum(-1))
         if height_share > 0.0:  # at the smallest height difference of each step: never too much
-            height = z[begin : begin + _BLOCK + 1][:, first] - z[begin : begin + _BLOCK + 1][:, second]
-            least = np.where(height[:-1] * height[1:] > 0.0, np.minimum(abs(height[:-1]), abs(height[1:])), 0.0)
+            height = (
+                z[begin : begin + _BLOCK + 1][:, first] - z[begin : begin + _BLOCK + 1][:, second]
+            )
+            least = np.where(
+                height[:-1] * height[1:] > 0.0, np.minimum(abs(height[:-1]), abs(height[1:])), 0.0
+            )
             distance = np.maximum(distance, height_share * least)
         index = distance.argmin(0)
         smallest = distance[index, np.arange(len(first))]
@@ -115,7 +123,9 @@ def closest_pairs(flown: SampledPaths, below_m: float, height_share: float = 0.0
 
 
 def needed_slowing(flown: SampledPaths, limits: Limits) -> tuple[float, str]:
-    """Return how many times as long paths must take, and the worst reason in words; at most 1: none."""
+    """Return how many times as long paths must take, and the worst reason in words; at most 1:
+    none.
+    """
     speed, push = (np.sqrt((flown.values[k, :, :, :3] ** 2).sum(-1)) for k in (1, 2))
     sideways = np.hypot(flown.values[2, ..., 0], flown.values[2, ..., 1])
     drag = limits.drag_1_s * np.hypot(flown.values[1, ..., 0], flown.values[1, ..., 1])
@@ -159,9 +169,33 @@ def path_findings(fleet: FleetConfig, paths: Mapping[str, Path], where: str) -> 
     flown = sample(paths)
     speed, push = (np.sqrt((flown.values[k, :, :, :3] ** 2).sum(-1)) for k in (1, 2))
     findings = [
-        _most(fleet, flown, speed, "speed", "m/s", lambda name: fleet.vehicles[name].max_speed_m_s, where),
-        _most(fleet, flown, push, "acceleration", "m/s^2", lambda n: fleet.vehicles[n].max_acceleration_m_s2, where),
-        _most(fleet, flown, _tilt_deg(fleet, flown), "tilt", "deg", lambda n: fleet.vehicles[n].max_tilt_deg, where),
+        _most(
+            fleet,
+            flown,
+            speed,
+            "speed",
+            "m/s",
+            lambda name: fleet.vehicles[name].max_speed_m_s,
+            where,
+        ),
+        _most(
+            fleet,
+            flown,
+            push,
+            "acceleration",
+            "m/s^2",
+            lambda n: fleet.vehicles[n].max_acceleration_m_s2,
+            where,
+        ),
+        _most(
+            fleet,
+            flown,
+            _tilt_deg(fleet, flown),
+            "tilt",
+            "deg",
+            lambda n: fleet.vehicles[n].max_tilt_deg,
+            where,
+        ),
         _most(fleet, flown, speed[[0, -1]], "speed at the ends", "m/s", lambda _: _ENDS_M_S, where),
     ]
     findings += _room(fleet, flown, where)
@@ -180,7 +214,9 @@ def _most(
     where: str,
 ) -> Finding:
     """Judge the vehicle whose value (T, N) exceeds its bound most."""
-    step, index = np.unravel_index((value / np.array([bound(name) for name in flown.names])).argmax(), value.shape)
+    step, index = np.unravel_index(
+        (value / np.array([bound(name) for name in flown.names])).argmax(), value.shape
+    )
     name = flown.names[index]
     time_s = flown.times_s[-1 if len(value) == 2 and step else step]
     return at_most(
@@ -200,15 +236,25 @@ def _tilt_deg(fleet: FleetConfig, flown: SampledPaths) -> Array:
     """Return the tilt (T, N) that the path takes, its drag included."""
     drag = np.array([fleet.vehicles[name].drag_1_s for name in flown.names])[:, None]
     push = flown.values[2, :, :, :3] + drag * flown.values[1, :, :, :3]
-    return np.asarray(np.degrees(np.arctan2(np.hypot(push[..., 0], push[..., 1]), GRAVITY_M_S2 + push[..., 2])))
+    return np.asarray(
+        np.degrees(np.arctan2(np.hypot(push[..., 0], push[..., 1]), GRAVITY_M_S2 + push[..., 2]))
+    )
 
 
 def _room(fleet: FleetConfig, flown: SampledPaths, where: str) -> list[Finding]:
     fence, p = fleet.fleet.geofence_m, flown.values[0]
-    sides = (p[..., 0] - fence.x[0], fence.x[1] - p[..., 0], p[..., 1] - fence.y[0], fence.y[1] - p[..., 1])
+    sides = (
+        p[..., 0] - fence.x[0],
+        fence.x[1] - p[..., 0],
+        p[..., 1] - fence.y[0],
+        fence.y[1] - p[..., 1],
+    )
     room = np.minimum.reduce([*sides, fence.z[1] - p[..., 2]])
     out = []
-    for noun, value, bound in (("room to the fence", room, 0.15), ("height", p[..., 2] - fence.z[0], LOWEST_M)):
+    for noun, value, bound in (
+        ("room to the fence", room, 0.15),
+        ("height", p[..., 2] - fence.z[0], LOWEST_M),
+    ):
         step, index = np.unravel_index(value.argmin(), value.shape)
         out.append(
             at_least(
@@ -245,4 +291,8 @@ def _spacing(fleet: FleetConfig, flown: SampledPaths, where: str) -> Finding:
 def refusals(findings: Sequence[Finding]) -> list[str]:
     """Return the sentences of what refuses the flight, the worst first."""
     refused = [finding for finding in findings if finding.status == "refused"]
-    return [worst(refused).sentence, *(f.sentence for f in refused if f is not worst(refused))] if refused else []
+    return (
+        [worst(refused).sentence, *(f.sentence for f in refused if f is not worst(refused))]
+        if refused
+        else []
+    )

@@ -6,7 +6,8 @@ The first line names the columns, and so says which of the three it is:
 * ``duration,x^0,...,yaw^7``: Crazyswarm's 33 columns, a piece of seventh order in each line
 * ``x,y,z,speed[,yaw]``: points that are flown through at these speeds, from rest to rest
 
-Lines that begin with ``#`` are comments. Lengths are metres in the fleet's frame, times seconds, yaw degrees.
+Lines that begin with ``#`` are comments. Lengths are metres in the fleet's frame, times seconds,
+yaw degrees.
 """
 
 from __future__ import annotations
@@ -28,8 +29,21 @@ from onboard.control.path import NUMBERS, Path, path_of
 MOST_LINES = 400_000
 _AXES = "x", "y", "z", "yaw"
 _PIECE_COLUMNS = ("duration", *(f"{axis}^{k}" for axis in _AXES for k in range(8)))
-_NAMES = {"time": "t", "timestamp": "t", "yaw_deg": "yaw", "heading": "yaw", "v": "speed", "velocity": "speed"}
-_UNITS = {**dict.fromkeys(("", "s", "sec", "m", "m/s", "deg"), 1.0), "ms": 1e-3, "msec": 1e-3, "cm": 0.01, "mm": 1e-3}
+_NAMES = {
+    "time": "t",
+    "timestamp": "t",
+    "yaw_deg": "yaw",
+    "heading": "yaw",
+    "v": "speed",
+    "velocity": "speed",
+}
+_UNITS = {
+    **dict.fromkeys(("", "s", "sec", "m", "m/s", "deg"), 1.0),
+    "ms": 1e-3,
+    "msec": 1e-3,
+    "cm": 0.01,
+    "mm": 1e-3,
+}
 _COLOURS = "red", "green", "blue"
 
 
@@ -89,13 +103,21 @@ def read_columns(name: str) -> tuple[tuple[str, ...], Array]:
     """
     try:
         with open(name, encoding="utf-8-sig", newline="") as stream:
-            lines = [(k, line) for k, line in enumerate(stream, 1) if line.strip() and not line.startswith("#")]
+            lines = [
+                (k, line)
+                for k, line in enumerate(stream, 1)
+                if line.strip() and not line.startswith("#")
+            ]
     except FileNotFoundError:
-        raise ConfigError(f"{name}: there is no such file. Give the path of an existing one.") from None
+        raise ConfigError(
+            f"{name}: there is no such file. Give the path of an existing one."
+        ) from None
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigError(f"{name}: this file cannot be read as text ({error}).") from None
     if not 2 <= len(lines) <= MOST_LINES:
-        raise ConfigError(f"{name}: {len(lines)} lines are no path; it has a line of names and 1 to {MOST_LINES} more.")
+        raise ConfigError(
+            f"{name}: {len(lines)} lines are no path; it has a line of names and 1 to {MOST_LINES} more."
+        )
     delimiter = ";" if ";" in lines[0][1] else "\t" if "\t" in lines[0][1] else ","
     rows = list(csv.reader((line for _, line in lines), delimiter=delimiter))
     if not rows[0][-1].strip():  # Crazyswarm's own files end each line of names with a comma
@@ -106,19 +128,27 @@ def read_columns(name: str) -> tuple[tuple[str, ...], Array]:
         try:
             numbers.append([float(text) for text in row])
         except ValueError:
-            raise ConfigError(f"{name}, line {k}: '{','.join(row)[:60]}' is no list of numbers.") from None
+            raise ConfigError(
+                f"{name}, line {k}: '{','.join(row)[:60]}' is no list of numbers."
+            ) from None
         if len(row) != len(columns) or not all(map(math.isfinite, numbers[-1])):
-            raise ConfigError(f"{name}, line {k}: it must have {len(columns)} finite numbers, as the first line says.")
+            raise ConfigError(
+                f"{name}, line {k}: it must have {len(columns)} finite numbers, as the first line says."
+            )
     return columns, np.array(numbers) * np.array(factors)
 
 
 def _column(name: str, text: str) -> tuple[str, float]:
     found = re.fullmatch(r"\s*([A-Za-z][\w^]*)\s*(?:[\[(]\s*([\w/]*)\s*[\])])?\s*", text)
     if found is None:
-        raise ConfigError(f"{name}: the first line must name the columns, as t,x,y,z; '{text[:40]}' is no name.")
+        raise ConfigError(
+            f"{name}: the first line must name the columns, as t,x,y,z; '{text[:40]}' is no name."
+        )
     unit = (found[2] or "").lower()
     if unit not in _UNITS:
-        raise ConfigError(f"{name}: '{text.strip()[:40]}' is in a unit that is not known. Give metres and seconds.")
+        raise ConfigError(
+            f"{name}: '{text.strip()[:40]}' is in a unit that is not known. Give metres and seconds."
+        )
     column = found[1].lower()
     return _NAMES.get(column, column), _UNITS[unit]
 
@@ -129,7 +159,9 @@ def _timed(name: str, columns: Sequence[str], numbers: Array) -> Path:
     if len(times_s) < 2:
         raise ValueError("one position is no path: give at least two times.")
     if len(late):
-        raise ValueError(f"time does not rise after {times_s[late[0]]:g} s: sort the lines, keep one for each time.")
+        raise ValueError(
+            f"time does not rise after {times_s[late[0]]:g} s: sort the lines, keep one for each time."
+        )
     return fitted(times_s - times_s[0], _values(columns, numbers[:, 1:4], numbers))
 
 
@@ -139,5 +171,7 @@ def _waypoints(columns: Sequence[str], numbers: Array) -> Path:
 
 def _values(columns: Sequence[str], points: Array, numbers: Array) -> Array:
     """Return x, y, z and yaw [rad] (T, 4)."""
-    yaw = np.radians(numbers[:, columns.index("yaw")]) if "yaw" in columns else np.zeros(len(numbers))
+    yaw = (
+        np.radians(numbers[:, columns.index("yaw")]) if "yaw" in columns else np.zeros(len(numbers))
+    )
     return np.column_stack([points, yaw])

@@ -9,7 +9,8 @@ from collections.abc import Sequence
 from groundstation.paths.files import read_columns
 from onboard.config.fleet import ConfigError
 
-Light = tuple[float, int, int, int]  # time [s], red, green, blue up to 255; between two the colour changes evenly
+# time [s], red, green, blue up to 255; between two the colour changes evenly
+Light = tuple[float, int, int, int]
 Colour = tuple[int, int, int]
 _COLUMNS = "t", "red", "green", "blue"
 
@@ -29,8 +30,14 @@ def load_lights(file: str | os.PathLike[str]) -> tuple[Light, ...]:
     name = os.fspath(file)
     columns, numbers = read_columns(name)
     if columns != _COLUMNS:
-        raise ConfigError(f"{name}: lights have the columns {','.join(_COLUMNS)} in the first line.")
-    if (numbers[1:, 0] < numbers[:-1, 0]).any() or numbers[:, 1:].min() < 0 or numbers[:, 1:].max() > 255:
+        raise ConfigError(
+            f"{name}: lights have the columns {','.join(_COLUMNS)} in the first line."
+        )
+    if (
+        (numbers[1:, 0] < numbers[:-1, 0]).any()
+        or numbers[:, 1:].min() < 0
+        or numbers[:, 1:].max() > 255
+    ):
         raise ConfigError(f"{name}: times must rise, and colours lie between 0 and 255.")
     return tuple((float(t), int(red), int(green), int(blue)) for t, red, green, blue in numbers)
 
@@ -39,6 +46,8 @@ def colour_at(lights: Sequence[Light], time_s: float) -> Colour:
     """Return the colour at a time: before the first one the first, after the last one the last."""
     after = bisect_right(lights, time_s, key=lambda light: light[0])
     one, other = lights[max(after - 1, 0)], lights[min(after, len(lights) - 1)]
-    share = (time_s - one[0]) / (other[0] - one[0]) if one[0] < time_s and other[0] > one[0] else 0.0
+    share = (
+        (time_s - one[0]) / (other[0] - one[0]) if one[0] < time_s and other[0] > one[0] else 0.0
+    )
     red, green, blue = (round(a + share * (b - a)) for a, b in zip(one[1:], other[1:], strict=True))
     return red, green, blue

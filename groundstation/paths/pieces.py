@@ -20,8 +20,9 @@ _BINOMIALS = np.array([[math.comb(k, i) for k in range(8)] for i in range(8)], d
 def fitted(times_s: Array, values: Array) -> Path:
     """Return the path through time-stamped positions.
 
-    Dense samples are smoothed over half a second, since rounded positions would otherwise shake the vehicle; sparse
-    ones are joined by a cubic spline. The path rests for a quarter of a second at both ends.
+    Dense samples are smoothed over half a second, since rounded positions would otherwise shake the
+    vehicle; sparse ones are joined by a cubic spline. The path rests for a quarter of a second at
+    both ends.
 
     Args:
         times_s: (T,), rising.
@@ -99,7 +100,10 @@ def backwards(path: Path) -> Path:
     """Return a path flown from its end to its begin."""
     signs = (-1.0) ** np.arange(8.0)
     pieces = [
-        [piece[0], *(np.array(piece[1:]).reshape(4, 8) @ _shift(piece[0]) * signs).reshape(-1).tolist()]
+        [
+            piece[0],
+            *(np.array(piece[1:]).reshape(4, 8) @ _shift(piece[0]) * signs).reshape(-1).tolist(),
+        ]
         for piece in reversed(path.pieces)
     ]
     return path_of(pieces)
@@ -125,17 +129,22 @@ def moved(path: Path, by: Array) -> Path:
 
 
 def _shift(by_s: float) -> Array:
-    """Return the matrix (8, 8) that makes coefficients of t + by_s from those of t, applied from the right."""
+    """Return the matrix (8, 8) that makes coefficients of t + by_s from those of t, applied from
+    the right.
+    """
     powers = np.array([[by_s ** max(k - i, 0) for k in range(8)] for i in range(8)])
     return np.asarray((_BINOMIALS * powers * np.triu(np.ones((8, 8)))).T)
 
 
 def _smoothed(padded: Array, step_s: float) -> tuple[Array, Array, Array]:
-    """Return value and derivatives (T, 4) by cubics fitted around each sample; at both ends it rests exactly."""
+    """Return value and derivatives (T, 4) by cubics fitted around each sample; at both ends it
+    rests exactly.
+    """
     offsets = step_s * np.arange(-_WINDOW, _WINDOW + 1)
     kernel = np.linalg.pinv(offsets[:, None] ** np.arange(4))[:3]
     held = np.pad(padded, ((_WINDOW, _WINDOW), (0, 0)), mode="edge")
-    windows = np.lib.stride_tricks.sliding_window_view(held, 2 * _WINDOW + 1, axis=0)  # (T, 4, 2 W + 1)
+    # (T, 4, 2 W + 1)
+    windows = np.lib.stride_tricks.sliding_window_view(held, 2 * _WINDOW + 1, axis=0)
     p, v, a = (windows @ row for row in kernel)
     a = 2.0 * a
     for end in (0, -1):
@@ -144,13 +153,17 @@ def _smoothed(padded: Array, step_s: float) -> tuple[Array, Array, Array]:
 
 
 def _merged(p: Array, v: Array, a: Array, step_s: float) -> list[list[float]]:
-    """Return few quintics through the motion on a grid, each as long as it stays within the tolerance."""
+    """Return few quintics through the motion on a grid, each as long as it stays within the
+    tolerance.
+    """
     pieces, at, length = [], 0, 8
     while at < len(p) - 1:
         length = min(2 * length, _LONGEST_PIECE, len(p) - 1 - at)
         while True:
             end = at + length
-            piece = quintic(length * step_s, np.array([p[at], v[at], a[at]]), np.array([p[end], v[end], a[end]]))
+            piece = quintic(
+                length * step_s, np.array([p[at], v[at], a[at]]), np.array([p[end], v[end], a[end]])
+            )
             powers = (step_s * np.arange(length + 1))[:, None] ** np.arange(8)
             away = powers @ piece[1:].reshape(4, 8).T - p[at : end + 1]
             if length == 1 or np.abs(away).max() < _TOLERANCE_M:
@@ -166,7 +179,8 @@ def _spline(times_s: Array, values: Array, grid: Array) -> Array:
     steps = np.diff(times_s)
     slopes = np.diff(values, axis=0) / steps[:, None]
     count = len(times_s)
-    upper, right = np.zeros(count), np.zeros((count, 4))  # velocities, by elimination from the front
+    # velocities, by elimination from the front
+    upper, right = np.zeros(count), np.zeros((count, 4))
     for k in range(1, count - 1):
         left, ahead = steps[k], steps[k - 1]
         pivot = 2.0 * (left + ahead) - left * upper[k - 1]

@@ -1,8 +1,9 @@
 """Processes of a simulated flight: started in groups of their own, watched, and never left behind.
 
-A group keeps a Ctrl-C at the terminal away from them. A session for each would do so too, but the kernel gives every
-session of a busy machine the same share (autogroups), and a thread of one whose other threads run elsewhere then waits
-for up to half a second: ten agents that fill two cores fell out of the air, and fly when they share one session.
+A group keeps a Ctrl-C at the terminal away from them. A session for each would do so too, but the
+kernel gives every session of a busy machine the same share (autogroups), and a thread of one whose
+other threads run elsewhere then waits for up to half a second: ten agents that fill two cores fell
+out of the air, and fly when they share one session.
 """
 
 from __future__ import annotations
@@ -28,13 +29,17 @@ LOG_TAIL_LINES = 6
 
 
 def agent_command(path: str, name: str, *, is_realtime: bool = True) -> list[str]:
-    """Return the words after ``python -m`` that start the agent of vehicle ``name`` of the fleet file at ``path``."""
+    """Return the words after ``python -m`` that start the agent of vehicle ``name`` of the fleet
+    file at ``path``.
+    """
     words = ["onboard", "--fleet", path, "--vehicle", name, "--apply-params", "--mocap", "bus"]
     return [*words, "--realtime"] if is_realtime else words
 
 
 def leaves_room(count: int) -> bool:
-    """Whether so many loops may go first on this machine: more of them would leave nothing for network and ground."""
+    """Whether so many loops may go first on this machine: more of them would leave nothing for
+    network and ground.
+    """
     return count <= _LOOPS_PER_CORE * (os.cpu_count() or 1)
 
 
@@ -66,9 +71,12 @@ class Started:
 
     @property
     def ending(self) -> str:
-        """A sentence on its end: by a signal from elsewhere, or by itself with the last line of its log."""
+        """A sentence on its end: by a signal from elsewhere, or by itself with the last line of its
+        log.
+        """
         status = self.process.returncode
-        if status is not None and status < 0:  # the last line of its log was written in good health: no reason
+        # the last line of its log was written in good health: no reason
+        if status is not None and status < 0:
             return f"{self.name} was ended by signal {-status} ({_signal_name(-status)}), see {self.log}"
         last_line = self.tail.rpartition("\n")[2]
         complaint = f": {last_line}" if last_line else ""
@@ -103,7 +111,8 @@ class Processes:
         return {one.name: one.process.pid for one in self._started}
 
     def start(self, name: str, arguments: Sequence[str]) -> None:
-        """Start ``python -m ...`` with its output in ``<name>.log``; ProcessError when that fails."""
+        """Start ``python -m ...`` with its output in ``<name>.log``; ProcessError when that fails.
+        """
         log = self._folder / f"{name}.log"
         environment = {**os.environ, "PYTHONUNBUFFERED": "1"}
         try:
@@ -118,7 +127,9 @@ class Processes:
                     preexec_fn=_die_with_parent,  # started before this process has threads
                 )
         except OSError as error:
-            raise ProcessError(f"{name} cannot be started ({error}). Is there disk space and memory left?") from None
+            raise ProcessError(
+                f"{name} cannot be started ({error}). Is there disk space and memory left?"
+            ) from None
         self._started.append(Started(name, process, log))
 
     def dead(self) -> list[Started]:
@@ -133,11 +144,16 @@ class Processes:
             raise ProcessError(f"{one.ending}\nThe end of its log:\n{one.tail}")
 
     async def wait_for_line(self, name: str, text: str, timeout_s: float) -> None:
-        """Wait until a process has written a line that begins with ``text``; ProcessError when it does not."""
+        """Wait until a process has written a line that begins with ``text``; ProcessError when it
+        does not.
+        """
         one = next(one for one in self._started if one.name == name)
         try:
             async with asyncio.timeout(timeout_s):
-                while not any(line.startswith(text) for line in one.log.read_text(errors="replace").splitlines()):
+                while not any(
+                    line.startswith(text)
+                    for line in one.log.read_text(errors="replace").splitlines()
+                ):
                     self.check()
                     await asyncio.sleep(0.05)
         except TimeoutError:
@@ -148,7 +164,8 @@ class Processes:
     async def stop(self, timeout_s: float = STOP_TIMEOUT_S) -> list[str]:
         """End them with SIGTERM and then SIGKILL; returns who had to be killed.
 
-        The one started first, the emulator, ends last: an agent in the air lands before it goes, and needs it for that.
+        The one started first, the emulator, ends last: an agent in the air lands before it goes,
+        and needs it for that.
         """
         self._is_stopping = True
         killed = []

@@ -1,4 +1,6 @@
-"""The orders of a recorded flight: who gave which, when, what the vehicle answered, and how it ended."""
+"""The orders of a recorded flight: who gave which, when, what the vehicle answered, and how it
+ended.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +11,8 @@ from onboard.bus.schema import Event, Order, OrderReply
 from onboard.plain_text import plain_line
 
 _TOPICS = frozenset(("order", "reply", "event"))
-# of events in which a vehicle says itself what it was ordered: also by grounds other than the one that recorded
+# of events in which a vehicle says itself what it was ordered: also by grounds other than the one
+# that recorded
 _ANSWERED, _NOT_BELIEVED = "order", "order-refused"
 
 
@@ -31,7 +34,8 @@ def trail(timeline: Timeline) -> list[OrderTrace]:
         timeline: of the record.
 
     Returns:
-        Orders of the ground that recorded, with answer and end; and those of others as their vehicles tell of them.
+        Orders of the ground that recorded, with answer and end; and those of others as their
+        vehicles tell of them.
     """
     traces: list[OrderTrace] = []
     own: dict[tuple[str, str], OrderTrace] = {}  # (vehicle, order id) of the ground that recorded
@@ -46,13 +50,19 @@ def trail(timeline: Timeline) -> list[OrderTrace]:
                 known.answer = "accepted" if message.is_accepted else f"refused: {message.reason}"
         elif isinstance(message, Event):
             known = own.get((one.name, message.order_id))
-            if known is not None and message.order_outcome and not known.end:  # ends are told again after a cut
+            # ends are told again after a cut
+            if known is not None and message.order_outcome and not known.end:
                 known.end = f"{message.order_outcome} at {at_s:.1f} s: {message.sentence}"
             elif message.code == _NOT_BELIEVED:
                 traces.append(OrderTrace(at_s, one.name, message.sentence, "not believed"))
-            elif message.code == _ANSWERED and (one.name, message.sentence.partition(" ")[0]) not in own:
+            elif (
+                message.code == _ANSWERED
+                and (one.name, message.sentence.partition(" ")[0]) not in own
+            ):
                 order_id, _, sentence = message.sentence.partition(" ")
-                traces.append(OrderTrace(at_s, one.name, sentence, f"as {one.name} tells; id {order_id}"))
+                traces.append(
+                    OrderTrace(at_s, one.name, sentence, f"as {one.name} tells; id {order_id}")
+                )
     return traces
 
 

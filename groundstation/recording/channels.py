@@ -1,4 +1,6 @@
-"""Messages of the bus as JSON channels of the record: same names, same fields, and a schema for each kind. Pure."""
+"""Messages of the bus as JSON channels of the record: same names, same fields, and a schema for
+each kind. Pure.
+"""
 
 from __future__ import annotations
 
@@ -28,9 +30,11 @@ class ChannelRow(NamedTuple):
 
 
 def rows(topic: Topic, name: str, message: Message, received_ns: int) -> list[ChannelRow]:
-    """Convert one message of the bus: a batch of ticks into a row for each, any other message into one row.
+    """Convert one message of the bus: a batch of ticks into a row for each, any other message into
+    one row.
 
-    The log time is the sample's own stamp; messages without one, or with an impossible one, take the reception's.
+    The log time is the sample's own stamp; messages without one, or with an impossible one, take
+    the reception's.
 
     Args:
         topic: of the message.
@@ -53,16 +57,20 @@ def as_mapping(message: Message) -> dict[str, Any]:
 
 
 KINDS: dict[str, type[Message]] = {
-    name: kind for name, kind in vars(schema_).items() if isinstance(kind, type) and issubclass(kind, Message)
+    name: kind
+    for name, kind in vars(schema_).items()
+    if isinstance(kind, type) and issubclass(kind, Message)
 }
 _FIELDS: dict[type[Message], tuple[tuple[str, Any, bool], ...]] = {}
-_NAMED: dict[type[Message], type[msgspec.Struct]] = {}  # the same kinds, but encoded with their names
+# the same kinds, but encoded with their names
+_NAMED: dict[type[Message], type[msgspec.Struct]] = {}
 
 
 def from_json(kind: type[Message], data: bytes) -> Message | None:
     """Decode a row of a record. JSON has no NaN, so null stands for it.
 
-    Fields that this version does not have are dropped; fields that the record's version did not have get their default.
+    Fields that this version does not have are dropped; fields that the record's version did not
+    have get their default.
 
     Args:
         kind: of the message.
@@ -74,7 +82,13 @@ def from_json(kind: type[Message], data: bytes) -> Message | None:
     try:
         values = _decode(data)
         return msgspec.convert([_value(values, *field) for field in _fields(kind)], kind)
-    except (msgspec.DecodeError, msgspec.ValidationError, UnicodeDecodeError, RecursionError, KeyError):
+    except (
+        msgspec.DecodeError,
+        msgspec.ValidationError,
+        UnicodeDecodeError,
+        RecursionError,
+        KeyError,
+    ):
         return None
 
 

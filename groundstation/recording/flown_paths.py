@@ -1,4 +1,6 @@
-"""Positions of a recorded flight at even times: by ground truth where there is one, else as the vehicles knew them."""
+"""Positions of a recorded flight at even times: by ground truth where there is one, else as the
+vehicles knew them.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +26,10 @@ def flown_paths(folder: Path, rate_hz: float) -> dict[str, list[str]]:
     for sample in read(folder, ("truth", "tick")):
         if is_vector(sample.values.get("position_enu_m"), 3):
             samples.setdefault(sample.name, {}).setdefault(sample.topic, []).append(sample)
-    flown = {name: of_one_flight(topics.get("truth") or topics["tick"]) for name, topics in sorted(samples.items())}
+    flown = {
+        name: of_one_flight(topics.get("truth") or topics["tick"])
+        for name, topics in sorted(samples.items())
+    }
     begin_ns = min((one.stamp_ns for rows in flown.values() for one in rows), default=0)
     return {name: _lines(rows, begin_ns, round(1e9 / rate_hz)) for name, rows in flown.items()}
 
@@ -40,7 +45,9 @@ def write_csvs(folder: Path, out: Path, rate_hz: float = 10.0) -> list[Path]:
         raise ConfigError(f"{folder}: the record has no positions.")
     out.mkdir(parents=True, exist_ok=True)
     for name, lines in flown.items():
-        (out / f"{name}.csv").write_text("t,x,y,z,yaw\n" + "\n".join(lines) + "\n", encoding="utf-8")
+        (out / f"{name}.csv").write_text(
+            "t,x,y,z,yaw\n" + "\n".join(lines) + "\n", encoding="utf-8"
+        )
     return [out / f"{name}.csv" for name in flown]
 
 
@@ -50,7 +57,9 @@ def _lines(rows: list[Sample], begin_ns: int, period_ns: int) -> list[str]:
         if row.stamp_ns >= due_ns:
             due_ns = row.stamp_ns - (row.stamp_ns - begin_ns) % period_ns + period_ns
             x, y, z = row.values["position_enu_m"]
-            lines.append(f"{(row.stamp_ns - begin_ns) * 1e-9:.3f},{x:.4f},{y:.4f},{z:.4f},{_yaw_deg(row):.1f}")
+            lines.append(
+                f"{(row.stamp_ns - begin_ns) * 1e-9:.3f},{x:.4f},{y:.4f},{z:.4f},{_yaw_deg(row):.1f}"
+            )
     return lines
 
 

@@ -1,4 +1,5 @@
-"""Read a flight folder: its messages as they stand in the file, also of a record that was cut off."""
+"""Read a flight folder: its messages as they stand in the file, also of a record that was cut off.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +20,8 @@ from onboard.config.fleet import ConfigError
 
 MAX_CHUNK_BYTES = 256 * 1024 * 1024
 MAX_FLIGHT_NS = 86_400_000_000_000  # stamps further from the others are of no flight
-DAMAGED = (McapError, ZstdError, EOFError, ValueError, struct.error)  # exceptions of mcap on damaged bytes
+# exceptions of mcap on damaged bytes
+DAMAGED = (McapError, ZstdError, EOFError, ValueError, struct.error)
 _MAX_NUMBER = 1e300
 _MAX_STAMP_NS = (1 << 63) - 1
 
@@ -51,12 +53,15 @@ def record_path(folder: Path) -> Path:
     """
     path = folder if folder.is_file() else folder / RECORD_NAME
     if not path.is_file():
-        raise ConfigError(f"{folder}: there is no {RECORD_NAME}. Give the folder of a recorded flight.")
+        raise ConfigError(
+            f"{folder}: there is no {RECORD_NAME}. Give the folder of a recorded flight."
+        )
     return path
 
 
 def read(folder: Path, topics: Sequence[str] = ()) -> Iterator[Sample]:
-    """Read a record from its beginning. A record that breaks off ends there, and what is damaged is left out.
+    """Read a record from its beginning. A record that breaks off ends there, and what is damaged is
+    left out.
 
     Args:
         folder: flight folder, or the MCAP file itself.
@@ -82,7 +87,8 @@ def read(folder: Path, topics: Sequence[str] = ()) -> Iterator[Sample]:
 
 
 def of_one_flight(samples: Sequence[Sample]) -> list[Sample]:
-    """Return the samples without those whose stamp is impossible: more than MAX_FLIGHT_NS from the middle one.
+    """Return the samples without those whose stamp is impossible: more than MAX_FLIGHT_NS from the
+    middle one.
 
     Args:
         samples: of one channel.
@@ -98,7 +104,9 @@ def of_one_flight(samples: Sequence[Sample]) -> list[Sample]:
 
 def is_vector(value: object, size: int) -> bool:
     """Whether a value of a record is a list of so many numbers that a float can hold."""
-    return isinstance(value, list) and len(value) == size and all(is_number(entry) for entry in value)
+    return (
+        isinstance(value, list) and len(value) == size and all(is_number(entry) for entry in value)
+    )
 
 
 def is_number(value: object) -> bool:
@@ -116,7 +124,11 @@ def chunk_records(chunk: Chunk) -> list[McapRecord] | None:
         Its records; None when it is damaged or would not fit into memory.
     """
     try:
-        size = frame_content_size(chunk.data) if chunk.compression == "zstd" else chunk.uncompressed_size
+        size = (
+            frame_content_size(chunk.data)
+            if chunk.compression == "zstd"
+            else chunk.uncompressed_size
+        )
         if max(size, chunk.uncompressed_size) <= MAX_CHUNK_BYTES:
             return breakup_chunk(chunk, validate_crc=True)
     except DAMAGED:

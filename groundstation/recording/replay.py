@@ -1,7 +1,9 @@
-"""A recorded flight as if it were flying: the fleet's state at any time of the record; orders are refused.
+"""A recorded flight as if it were flying: the fleet's state at any time of the record; orders are
+refused.
 
-:class:`Replay` has the methods that the console uses of a client. It folds the record by the same code as live, on the
-record's own clock. Every two seconds it keeps the state, so that going back is quick.
+:class:`Replay` has the methods that the console uses of a client. It folds the record by the same
+code as live, on the record's own clock. Every two seconds it keeps the state, so that going back is
+quick.
 """
 
 from __future__ import annotations
@@ -31,14 +33,17 @@ from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
 SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
 STEP_NS = 100_000_000  # the console's own period
 KEYFRAME_NS = 2_000_000_000
-MEMORY_NS = 60_000_000_000  # replayed before the time of a seek back, so that trails and charts are there
+# replayed before the time of a seek back, so that trails and charts are there
+MEMORY_NS = 60_000_000_000
 TICKS_NS = 20_000_000_000  # of the pipeline, shown at once when another vehicle is followed
 MAX_KEYFRAMES = 20_000
 _SLICE_S = 0.02  # of work at a time; the console is drawn in between
 _BACK_NS = 1_000_000_000
 _FOLDED = frozenset(("telemetry", "truth", "event", "preflight"))
 _WITH_TICKS = _FOLDED | {"tick"}
-REFUSAL = "This is a recorded flight: nothing can be ordered. Attach to a flying fleet with covey tui."
+REFUSAL = (
+    "This is a recorded flight: nothing can be ordered. Attach to a flying fleet with covey tui."
+)
 
 OnStep = Callable[[FleetState, int], None]
 
@@ -81,13 +86,17 @@ class Replay:
         self.seeking: float | None = None  # progress of a seek, 0 to 1; None when none is under way
         self._listeners: list[OnStep] = []
         self._resets: list[Callable[[], None]] = []
-        self._keyframes: list[tuple[int, FleetState]] = [(timeline.begin_ns - 1, fleet_state.initial(fleet))]
+        self._keyframes: list[tuple[int, FleetState]] = [
+            (timeline.begin_ns - 1, fleet_state.initial(fleet))
+        ]
         self._state, self._now_ns = self._keyframes[0][1], self._keyframes[0][0]
         self._reading = self._read_on()
-        self._event_stamps = [stamp_ns for stamp_ns, event in timeline.events if event.severity != "debug"]
+        self._event_stamps = [
+            stamp_ns for stamp_ns, event in timeline.events if event.severity != "debug"
+        ]
         self._target_ns: int | None = None  # of the newest seek
 
-    # -- as a client -------------------------------------------------------------------------------------------------
+    # -- as a client -------------------------------------------------------------------------------
 
     @property
     def state(self) -> FleetState:
@@ -109,7 +118,7 @@ class Replay:
         """
         raise OrderError(REFUSAL)
 
-    # -- playing ---------------------------------------------------------------------------------------------------
+    # -- playing -----------------------------------------------------------------------------------
 
     @property
     def position_s(self) -> float:
@@ -127,7 +136,9 @@ class Replay:
         return self._now_ns >= self.timeline.end_ns
 
     def add_listener(self, on_step: OnStep, on_reset: Callable[[], None]) -> None:
-        """Call ``on_step(state, now_ns)`` ten times per second of the record, ``on_reset()`` before going back."""
+        """Call ``on_step(state, now_ns)`` ten times per second of the record, ``on_reset()`` before
+        going back.
+        """
         self._listeners.append(on_step)
         self._resets.append(on_reset)
 
@@ -177,7 +188,9 @@ class Replay:
         if direction > 0:
             index = bisect.bisect_right(stamps, self._now_ns)
         else:  # while playing, the event just passed is skipped
-            index = bisect.bisect_left(stamps, self._now_ns - (_BACK_NS if self.is_playing else 0)) - 1
+            index = (
+                bisect.bisect_left(stamps, self._now_ns - (_BACK_NS if self.is_playing else 0)) - 1
+            )
         if 0 <= index < len(stamps):
             await self.seek((stamps[index] - self.timeline.begin_ns) * 1e-9)
         else:
@@ -196,7 +209,9 @@ class Replay:
                     return
 
     def _turn_back(self, before_ns: int) -> None:
-        index = max(0, bisect.bisect_right(self._keyframes, before_ns, key=lambda pair: pair[0]) - 1)
+        index = max(
+            0, bisect.bisect_right(self._keyframes, before_ns, key=lambda pair: pair[0]) - 1
+        )
         self._now_ns, self._state = self._keyframes[index]
         self.tick_stream.values.clear()
         self._reading = self._read_on()
@@ -207,12 +222,16 @@ class Replay:
         """Begin with the last ticks of the vehicle that is followed now."""
         self._reading = self._read_on()
         if self.tick_stream.vehicle is not None:
-            for one in self.timeline.read(self._now_ns - TICKS_NS, frozenset(("tick",))).until(self._now_ns):
+            for one in self.timeline.read(self._now_ns - TICKS_NS, frozenset(("tick",))).until(
+                self._now_ns
+            ):
                 if isinstance(one.message, TickSample) and one.name == self.tick_stream.vehicle:
                     self.tick_stream.values.append(one.message)
 
     def _read_on(self) -> Reading:
-        return self.timeline.read(self._now_ns, _FOLDED if self.tick_stream.vehicle is None else _WITH_TICKS)
+        return self.timeline.read(
+            self._now_ns, _FOLDED if self.tick_stream.vehicle is None else _WITH_TICKS
+        )
 
     def _steps(self, until_ns: int) -> Iterator[None]:
         """Fold the record on to ``until_ns``, and pause after every step."""
@@ -220,7 +239,10 @@ class Replay:
             now_ns = min(until_ns, (self._now_ns // STEP_NS + 1) * STEP_NS)
             self._state = self._folded(list(self._reading.until(now_ns)))
             self._now_ns = now_ns
-            if now_ns - self._keyframes[-1][0] >= KEYFRAME_NS and len(self._keyframes) < MAX_KEYFRAMES:
+            if (
+                now_ns - self._keyframes[-1][0] >= KEYFRAME_NS
+                and len(self._keyframes) < MAX_KEYFRAMES
+            ):
                 self._keyframes.append((now_ns, self._state))
             for listener in self._listeners:
                 listener(self._state, now_ns)
@@ -237,7 +259,9 @@ class Replay:
                     state = fleet_state.fold_truths(state, truths, together[-1].stamp_ns)
             elif topic == "tick":
                 own = [one.message for one in some if one.name == self.tick_stream.vehicle]
-                self.tick_stream.values.extend(sample for sample in own if isinstance(sample, TickSample))
+                self.tick_stream.values.extend(
+                    sample for sample in own if isinstance(sample, TickSample)
+                )
             else:
                 state = _fold(state, some)
         return state
@@ -273,7 +297,9 @@ def open_flight(folder: Path, fleet_path: str | None = None) -> tuple[FleetConfi
     beside = timeline.path.parent / "fleet.toml"
     if fleet_path is None and not beside.is_file():
         timeline.close()
-        raise ConfigError(f"{timeline.path}: there is no fleet.toml beside it. Give the fleet file with --fleet.")
+        raise ConfigError(
+            f"{timeline.path}: there is no fleet.toml beside it. Give the fleet file with --fleet."
+        )
     # a record may come from anybody: code that its fleet file names is not run
     return load_fleet(fleet_path or str(beside), imports_law=False), timeline
 
@@ -295,22 +321,34 @@ async def story(replay: Replay, *, is_json: bool) -> str:
     if is_json:
         smallest = None
         if pair is not None:
-            smallest = {"pair": [pair.first, pair.second], "distance_m": pair.distance_m, "is_truth": pair.is_truth}
+            smallest = {
+                "pair": [pair.first, pair.second],
+                "distance_m": pair.distance_m,
+                "is_truth": pair.is_truth,
+            }
         summary = {
             "record": str(timeline.path),
             "length_s": round(timeline.length_s, 3),
             "is_whole": not timeline.broken,
             "note": timeline.broken,
-            "vehicles": [name for name, view in state.vehicles.items() if view.telemetry is not None],
+            "vehicles": [
+                name for name, view in state.vehicles.items() if view.telemetry is not None
+            ],
             "smallest": smallest,
             "malformed": timeline.malformed + state.malformed,
             "events": [{"at_s": round(at_s, 3), **as_mapping(event)} for at_s, event in events],
         }
         return msgspec.json.format(msgspec.json.encode(summary), indent=2).decode()
-    lines = [f"{at_s:8.1f} s  {plain(event_line(event), 400)}" for at_s, event in events if event.severity != "debug"]
+    lines = [
+        f"{at_s:8.1f} s  {plain(event_line(event), 400)}"
+        for at_s, event in events
+        if event.severity != "debug"
+    ]
     if pair is not None:
         source = "ground truth" if pair.is_truth else "telemetry"
-        lines.append(f"Closest: {pair.first} and {pair.second}, {pair.distance_m:.2f} m, by {source}.")
+        lines.append(
+            f"Closest: {pair.first} and {pair.second}, {pair.distance_m:.2f} m, by {source}."
+        )
     heard = sum(view.telemetry is not None for view in state.vehicles.values())
     lines.append(f"{timeline.length_s:.1f} s of {heard} vehicles in {timeline.path}.")
     return "\n".join([*lines, timeline.broken] if timeline.broken else lines)

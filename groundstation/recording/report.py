@@ -74,7 +74,10 @@ def report(folder: Path, height_share: float = 0.0) -> FlightReport:
                 periods_ms[sample.name].append(1e3 * period_s)
         elif is_vector(values.get("position_enu_m"), 3):
             truths[sample.name].append(sample)
-    tracks = {name: track([_row(one) for one in of_one_flight(samples)]) for name, samples in truths.items()}
+    tracks = {
+        name: track([_row(one) for one in of_one_flight(samples)])
+        for name, samples in truths.items()
+    }
     pairs = separations(tracks, height_share)
     stamps = [value.stamp_ns for value in tracks.values()]
     begin_ns = min((int(value[0]) for value in stamps), default=0)
@@ -109,8 +112,8 @@ def track(rows: list[tuple[int, list[float], bool, bool]]) -> TrueMotion:
 def separations(tracks: dict[str, TrueMotion], height_share: float = 0.0) -> dict[str, Separation]:
     """Find the smallest separation of each pair while at least one of the two flies.
 
-    The distance is evaluated at both vehicles' stamps. Between samples positions are interpolated; gaps longer than
-    MAX_GAP_S are left out.
+    The distance is evaluated at both vehicles' stamps. Between samples positions are interpolated;
+    gaps longer than MAX_GAP_S are left out.
 
     Args:
         tracks: true motion of each vehicle.
@@ -144,13 +147,20 @@ def loop_timing(periods_ms: list[float]) -> LoopTiming:
     if not values.size:
         return LoopTiming(math.nan, math.nan, math.nan, 0)
     p50, p99 = np.percentile(values, [50, 99])
-    return LoopTiming(round(float(p50), 3), round(float(p99), 3), round(float(values.max()), 3), int(values.size))
+    return LoopTiming(
+        round(float(p50), 3), round(float(p99), 3), round(float(values.max()), 3), int(values.size)
+    )
 
 
 def _at(value: TrueMotion, stamps: NDArray[np.int64]) -> NDArray[np.float64]:
     origin = value.stamp_ns[0]  # int64 nanoseconds do not fit into a double; differences do
-    times, known = (stamps - origin).astype(np.float64), (value.stamp_ns - origin).astype(np.float64)
-    return np.stack([np.interp(times, known, value.position_enu_m[:, axis]) for axis in (0, 1, 2)], axis=-1)
+    times, known = (
+        (stamps - origin).astype(np.float64),
+        (value.stamp_ns - origin).astype(np.float64),
+    )
+    return np.stack(
+        [np.interp(times, known, value.position_enu_m[:, axis]) for axis in (0, 1, 2)], axis=-1
+    )
 
 
 def _on_ground(value: TrueMotion, stamps: NDArray[np.int64]) -> NDArray[np.bool_]:
@@ -160,5 +170,7 @@ def _on_ground(value: TrueMotion, stamps: NDArray[np.int64]) -> NDArray[np.bool_
 
 def _covered(value: TrueMotion, stamps: NDArray[np.int64]) -> NDArray[np.bool_]:
     before = np.clip(np.searchsorted(value.stamp_ns, stamps, side="right") - 1, 0, None)
-    after = np.clip(np.searchsorted(value.stamp_ns, stamps, side="left"), None, value.stamp_ns.size - 1)
+    after = np.clip(
+        np.searchsorted(value.stamp_ns, stamps, side="left"), None, value.stamp_ns.size - 1
+    )
     return np.asarray(value.stamp_ns[after] - value.stamp_ns[before] <= MAX_GAP_S * 1e9)

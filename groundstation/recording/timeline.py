@@ -1,10 +1,12 @@
 """Index of a record: which chunk holds which time, and the messages in the order of their stamps.
 
-The index has a row per chunk, read from the heads of the file's records. So a record that was cut off opens as far as
-it goes, and memory does not grow with the messages. The ``mcap`` library decodes the chunks; its seeking reader needs
-the summary at the end, which a record cut by SIGKILL does not have, and ends at the first damaged chunk.
+The index has a row per chunk, read from the heads of the file's records. So a record that was cut
+off opens as far as it goes, and memory does not grow with the messages. The ``mcap`` library
+decodes the chunks; its seeking reader needs the summary at the end, which a record cut by SIGKILL
+does not have, and ends at the first damaged chunk.
 
-Hosts have clocks of their own: a sender whose stamps are far from the others' is shifted onto the common clock.
+Hosts have clocks of their own: a sender whose stamps are far from the others' is shifted onto the
+common clock.
 """
 
 from __future__ import annotations
@@ -32,7 +34,8 @@ from onboard.bus.schema import Event, Message
 from onboard.config.fleet import ConfigError
 
 MAX_EVENTS = 20_000
-CLOCK_APART_NS = 5_000_000_000  # stamps further apart than that within one second of writing are of two clocks
+# stamps further apart than that within one second of writing are of two clocks
+CLOCK_APART_NS = 5_000_000_000
 MAX_CHUNK_NS = 3_600_000_000_000  # a chunk is written within seconds; a stamp further away is wrong
 _MAGIC = b"\x89MCAP0\r\n"
 _HEAD = struct.Struct("<BQ")
@@ -104,7 +107,9 @@ class Timeline:
         self.end_ns = max(chunk.end_ns for chunk in self._chunks)
         # the latest stamp up to each chunk, and the earliest from each chunk on
         self._latest = list(accumulate((chunk.end_ns for chunk in self._chunks), max))
-        self._earliest = list(accumulate((chunk.begin_ns for chunk in reversed(self._chunks)), min))[::-1]
+        self._earliest = list(
+            accumulate((chunk.begin_ns for chunk in reversed(self._chunks)), min)
+        )[::-1]
         self.events.sort(key=lambda pair: pair[0])
 
     @property
@@ -128,14 +133,16 @@ class Timeline:
         """
         return Reading(self, after_ns, topics)
 
-    # -- the index -------------------------------------------------------------------------------------------------
+    # -- the index ---------------------------------------------------------------------------------
 
     def _scan(self) -> None:
         stream = self._stream
         size = stream.seek(0, 2)
         stream.seek(0)
         if stream.read(len(_MAGIC)) != _MAGIC:
-            raise ConfigError(f"{self.path}: this is no MCAP file. Give the folder of a recorded flight.")
+            raise ConfigError(
+                f"{self.path}: this is no MCAP file. Give the folder of a recorded flight."
+            )
         offset, stamps = len(_MAGIC), _Stamps()
         while True:
             head = stream.read(_HEAD.size)
@@ -147,10 +154,14 @@ class Timeline:
             if opcode == Opcode.DATA_END:
                 stream.seek(max(0, size - len(_MAGIC)))
                 if stream.read() != _MAGIC:
-                    self.broken = "The record was cut off in its closing part; what was flown is whole."
+                    self.broken = (
+                        "The record was cut off in its closing part; what was flown is whole."
+                    )
                 break
             if offset + length > size:
-                self.broken = "The record was cut off in the middle of a piece; what was before it is shown."
+                self.broken = (
+                    "The record was cut off in the middle of a piece; what was before it is shown."
+                )
                 break
             if opcode == Opcode.CHUNK:
                 self._chunks.append(_Chunk(offset, length))
@@ -183,8 +194,16 @@ class Timeline:
         channel = self._channels.get(channel_id)
         if channel is None:
             return
-        first_ns, last_ns = struct.unpack_from("<Q", data, 6)[0], struct.unpack_from("<Q", data, length - 10)[0]
-        stamps.add(channel.clock, min(first_ns, last_ns), max(first_ns, last_ns), is_event=channel.topic == "event")
+        first_ns, last_ns = (
+            struct.unpack_from("<Q", data, 6)[0],
+            struct.unpack_from("<Q", data, length - 10)[0],
+        )
+        stamps.add(
+            channel.clock,
+            min(first_ns, last_ns),
+            max(first_ns, last_ns),
+            is_event=channel.topic == "event",
+        )
 
     def _learn(self, chunk: _Chunk) -> None:
         position = self._stream.tell()
@@ -203,7 +222,7 @@ class Timeline:
             if isinstance(one.message, Event) and len(self.events) < MAX_EVENTS:
                 self.events.append((one.stamp_ns, one.message))
 
-    # -- the messages ----------------------------------------------------------------------------------------------
+    # -- the messages ------------------------------------------------------------------------------
 
     def first_chunk(self, after_ns: int) -> int:
         """Return the first chunk that may hold a stamp above this one."""
@@ -241,11 +260,15 @@ class Timeline:
         """The chunk's records; none of a damaged chunk."""
         self._stream.seek(chunk.offset)
         try:
-            records = chunk_records(Chunk.read(ReadDataStream(BytesIO(self._stream.read(chunk.size)))))
+            records = chunk_records(
+                Chunk.read(ReadDataStream(BytesIO(self._stream.read(chunk.size))))
+            )
         except DAMAGED:
             records = None
         if records is None:
-            self.broken = self.broken or "A piece of the record is damaged; the flight jumps over it."
+            self.broken = (
+                self.broken or "A piece of the record is damaged; the flight jumps over it."
+            )
         return records or []
 
 
@@ -298,7 +321,9 @@ class _Settled(NamedTuple):
 
 
 class _Stamps:
-    """First and last stamps of every clock in every chunk, and the shift of each clock from the common one."""
+    """First and last stamps of every clock in every chunk, and the shift of each clock from the
+    common one.
+    """
 
     def __init__(self) -> None:
         self._chunks: list[dict[str, tuple[int, int]]] = []
@@ -326,9 +351,16 @@ class _Stamps:
         for number, spans in enumerate(self._chunks):
             now_ns = spans[common][0] if common in spans else now_ns
             for clock, (first_ns, _) in spans.items():
-                if clock != common and abs(first_ns - shifts.get(clock, 0) - now_ns) > CLOCK_APART_NS:
+                if (
+                    clock != common
+                    and abs(first_ns - shifts.get(clock, 0) - now_ns) > CLOCK_APART_NS
+                ):
                     apart_ns = first_ns - now_ns
                     shifts = {**shifts, clock: apart_ns if abs(apart_ns) > CLOCK_APART_NS else 0}
-            begin_ns = min((span[0] - shifts.get(clock, 0) for clock, span in spans.items()), default=0)
-            end_ns = max((span[1] - shifts.get(clock, 0) for clock, span in spans.items()), default=-1)
+            begin_ns = min(
+                (span[0] - shifts.get(clock, 0) for clock, span in spans.items()), default=0
+            )
+            end_ns = max(
+                (span[1] - shifts.get(clock, 0) for clock, span in spans.items()), default=-1
+            )
             yield _Settled(begin_ns, end_ns, shifts, not spans or number in self._with_events)

@@ -1,7 +1,8 @@
 """The flight record: every message of the bus, in one folder, without holding up the flight.
 
-A sink only appends to a bounded queue. A thread encodes it ten times a second and writes a chunk once a second, so a
-crash costs at most one second. A full disk ends the record with an event, never the flight.
+A sink only appends to a bounded queue. A thread encodes it ten times a second and writes a chunk
+once a second, so a crash costs at most one second. A full disk ends the record with an event, never
+the flight.
 """
 
 from __future__ import annotations
@@ -40,7 +41,8 @@ class RecordWriter:
     Args:
         folder: created by :meth:`start`.
         on_failure: called once, on the writer's thread, with a sentence when the record had to end.
-        on_warning: called on the writer's thread, with a sentence about something that is not recorded.
+        on_warning: called on the writer's thread, with a sentence about something that is not
+            recorded.
         open_file: for tests.
     """
 
@@ -74,12 +76,16 @@ class RecordWriter:
         begin = datetime.datetime.now().astimezone().isoformat(timespec="seconds")
         stream = self._open_file(self.folder / RECORD_NAME)
         self.begin_ns = time.monotonic_ns()
-        files = RecordFiles(self.folder, stream, begin_ns=self.begin_ns, begin=begin, on_warning=self._on_warning)
+        files = RecordFiles(
+            self.folder, stream, begin_ns=self.begin_ns, begin=begin, on_warning=self._on_warning
+        )
         self._thread = threading.Thread(target=self._run, args=(files,), name="record", daemon=True)
         self._thread.start()
 
     def put(self, topic: Topic, name: str, message: Message, received_ns: int) -> None:
-        """Queue one message, from any thread; it is dropped and counted when the writer is far behind."""
+        """Queue one message, from any thread; it is dropped and counted when the writer is far
+        behind.
+        """
         if self.failure is not None or self._thread is None:
             return
         if len(self._waiting) < MAX_QUEUED:
@@ -93,7 +99,8 @@ class RecordWriter:
         if thread is None:
             return
         self._is_ended.set()
-        thread.join(timeout_s)  # a disk that hangs does not hold up the exit: the thread is a daemon
+        # a disk that hangs does not hold up the exit: the thread is a daemon
+        thread.join(timeout_s)
 
     def _run(self, files: RecordFiles) -> None:
         next_flush_s = time.monotonic() + FLUSH_PERIOD_S
@@ -110,8 +117,11 @@ class RecordWriter:
         except OSError as error:
             self._fail(failure_sentence(self.folder, error))
         finally:
-            if not is_finished and self.failure is None:  # our own mistake: its trace goes to the log
-                self._fail("The record ended by a mistake of Covey's own. The flight goes on without it.")
+            # our own mistake: its trace goes to the log
+            if not is_finished and self.failure is None:
+                self._fail(
+                    "The record ended by a mistake of Covey's own. The flight goes on without it."
+                )
             files.close()
 
     def _fail(self, sentence: str) -> None:
@@ -165,15 +175,23 @@ class RecordFiles:
             self._line("events.txt", received_ns, event_line(message))
             if message.order_id:
                 outcome = message.order_outcome or message.code
-                self._line("orders.txt", received_ns, f"{name} {message.order_id} {outcome}: {message.sentence}")
+                self._line(
+                    "orders.txt",
+                    received_ns,
+                    f"{name} {message.order_id} {outcome}: {message.sentence}",
+                )
         elif isinstance(message, Order):
             self._line("orders.txt", received_ns, order_line(name, message))
         elif isinstance(message, OrderReply):
             answer = "accepted" if message.is_accepted else "refused"
-            self._line("orders.txt", received_ns, f"{name} {message.order_id} {answer}: {message.reason}")
+            self._line(
+                "orders.txt", received_ns, f"{name} {message.order_id} {answer}: {message.reason}"
+            )
 
     def add_raw(self, channel: str, kind: type[Message], stamp_ns: int, data: bytes) -> None:
-        """Write one row of the record; beyond MAX_CHANNELS rows of new channels are left out, which is said once."""
+        """Write one row of the record; beyond MAX_CHANNELS rows of new channels are left out, which
+        is said once.
+        """
         number = self._channels.get(channel)
         if number is None:
             if len(self._channels) >= MAX_CHANNELS:
@@ -189,7 +207,9 @@ class RecordFiles:
         self._sequences[number] += 1
 
     def flush(self) -> None:
-        """Bring everything so far to the disk itself: after a power cut at most a second is missing."""
+        """Bring everything so far to the disk itself: after a power cut at most a second is
+        missing.
+        """
         # also a chunk that is not full: a quiet flight would stay in memory for a minute
         self._mcap.flush()  # type: ignore[no-untyped-call]
         for file in self._files():
@@ -242,7 +262,9 @@ def event_line(event: Event) -> str:
 def order_line(vehicle: str, order: Order) -> str:
     """Return an order as one line of text."""
     numbers = (
-        "" if order.position_enu_m is None else " to " + " ".join(f"{value:.3f}" for value in order.position_enu_m)
+        ""
+        if order.position_enu_m is None
+        else " to " + " ".join(f"{value:.3f}" for value in order.position_enu_m)
     )
     height = "" if order.height_m is None else f" to {order.height_m:.2f} m"
     duration = f" in {order.duration_s:g} s" if order.duration_s else ""

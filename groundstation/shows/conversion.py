@@ -1,6 +1,8 @@
-"""A show made flyable: its take-off and landing cut off, slowed where it is too fast, starts spread where they collide.
+"""A show made flyable: its take-off and landing cut off, slowed where it is too fast, starts spread
+where they collide.
 
-Nothing is changed silently: every change is a note, for one drone or for all, and import writes them into its files.
+Nothing is changed silently: every change is a note, for one drone or for all, and import writes
+them into its files.
 """
 
 from __future__ import annotations
@@ -12,7 +14,15 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from groundstation.formations.assignment import nearest_slots
-from groundstation.paths.checks import Closest, Limits, closest_pairs, listed_words, needed_slowing, pair_words, sample
+from groundstation.paths.checks import (
+    Closest,
+    Limits,
+    closest_pairs,
+    listed_words,
+    needed_slowing,
+    pair_words,
+    sample,
+)
 from groundstation.paths.lights import Light
 from groundstation.paths.pieces import cut, quintic, resting, slowed
 from groundstation.shows.show import Drone, Show
@@ -66,24 +76,36 @@ def converted(
     Raises:
         ConfigError: homes or paths are too near to each other, or the show is far too fast.
     """
-    highest = {one.name: float(sampled(one.path, _grid(one.path))[0][:, 2].max()) for one in show.drones}
+    highest = {
+        one.name: float(sampled(one.path, _grid(one.path))[0][:, 2].max()) for one in show.drones
+    }
     takeoff_m = min(_TAKEOFF_M, round(0.8 * min(highest.values()), 2))
     if takeoff_m < _LOWEST_TAKEOFF_M:
         low = [name for name, height_m in highest.items() if 0.8 * height_m < _LOWEST_TAKEOFF_M]
-        raise ConfigError(f"{', '.join(low)}: the path stays on the ground. Take these drones out of the show.")
-    made = Converted(takeoff_m, {names[one.name]: (*one.home_enu_m[:2], 0.0) for one in show.drones}, {}, {})
-    made.own_notes = {names[one.name]: [f"{one.name!r} of the show {show.title!r}"] for one in show.drones}
+        raise ConfigError(
+            f"{', '.join(low)}: the path stays on the ground. Take these drones out of the show."
+        )
+    made = Converted(
+        takeoff_m, {names[one.name]: (*one.home_enu_m[:2], 0.0) for one in show.drones}, {}, {}
+    )
+    made.own_notes = {
+        names[one.name]: [f"{one.name!r} of the show {show.title!r}"] for one in show.drones
+    }
     _check_homes(made.homes, home_spacing_m)
     flown = {one.name: _flown(one, takeoff_m) for one in show.drones}
     zero_s = min(begin_s for begin_s, _ in flown.values())
-    made.notes.append(f"take-off to {takeoff_m:g} m and landing are Covey's own; the show is flown above that height")
+    made.notes.append(
+        f"take-off to {takeoff_m:g} m and landing are Covey's own; the show is flown above that height"
+    )
     for one in show.drones:
         begin_s, pieces = flown[one.name]
         waiting_s = begin_s - zero_s
         if waiting_s > 1e-3:
             pieces = np.concatenate([[resting(waiting_s, pieces[0][1::8])], pieces])
         made.paths[names[one.name]] = path_of(pieces.tolist())
-        made.lights[names[one.name]] = tuple((max(t - zero_s, 0.0), r, g, b) for t, r, g, b in one.lights)
+        made.lights[names[one.name]] = tuple(
+            (max(t - zero_s, 0.0), r, g, b) for t, r, g, b in one.lights
+        )
     _deal_homes(made)
     _slow_down(made, limits)
     _spread_starts(made, spacing_m, height_share)
@@ -95,12 +117,16 @@ def _grid(path: Path) -> Array:
 
 
 def _flown(drone: Drone, takeoff_m: float) -> tuple[float, Array]:
-    """Return the part of a path above the take-off's height, from rest to rest, and when it begins in the show."""
+    """Return the part of a path above the take-off's height, from rest to rest, and when it begins
+    in the show.
+    """
     times_s = _grid(drone.path)
     is_high = np.flatnonzero(sampled(drone.path, times_s)[0][:, 2] >= takeoff_m - 1e-3)
     begin_s, end_s = float(times_s[is_high[0]]), float(times_s[is_high[-1]])
     if end_s - begin_s < 2.5 * _JOIN_S:
-        raise ConfigError(f"'{drone.name}' is above {takeoff_m:g} m for less than {2.5 * _JOIN_S:g} s: no path.")
+        raise ConfigError(
+            f"'{drone.name}' is above {takeoff_m:g} m for less than {2.5 * _JOIN_S:g} s: no path."
+        )
     at = sampled(drone.path, np.array([begin_s, begin_s + _JOIN_S, end_s - _JOIN_S, end_s]))
     rest = np.zeros((3, 4))
     first, last = [], []
@@ -109,7 +135,9 @@ def _flown(drone: Drone, takeoff_m: float) -> tuple[float, Array]:
         first = [quintic(2.0 * _JOIN_S, rest, at[:, 1])]
     if np.abs(at[1, 3]).max() > _STILL_M_S:
         last = [quintic(2.0 * _JOIN_S, at[:, 2], np.concatenate([at[:1, 3], np.zeros((2, 4))]))]
-    middle = cut(drone.path, begin_s + _JOIN_S if first else begin_s, end_s - _JOIN_S if last else end_s)
+    middle = cut(
+        drone.path, begin_s + _JOIN_S if first else begin_s, end_s - _JOIN_S if last else end_s
+    )
     pieces = np.concatenate([*([first] if first else []), middle, *([last] if last else [])])
     return drone.begin_s + begin_s - (_JOIN_S if first else 0.0), pieces
 
@@ -117,8 +145,15 @@ def _flown(drone: Drone, takeoff_m: float) -> tuple[float, Array]:
 def _check_homes(homes: Mapping[str, Vec3], spacing_m: float) -> None:
     names, spots = list(homes), np.array([home[:2] for home in homes.values()])
     apart = np.sqrt(((spots[:, None] - spots[None]) ** 2).sum(-1))
-    near = [(apart[i, j], names[i], names[j]) for i, j in zip(*np.triu_indices(len(names), 1), strict=True)]
-    words = [f"{first} and {second} {away:.2f} m" for away, first, second in sorted(near) if away < spacing_m - 1e-6]
+    near = [
+        (apart[i, j], names[i], names[j])
+        for i, j in zip(*np.triu_indices(len(names), 1), strict=True)
+    ]
+    words = [
+        f"{first} and {second} {away:.2f} m"
+        for away, first, second in sorted(near)
+        if away < spacing_m - 1e-6
+    ]
     if words:
         raise ConfigError(
             f"The homes of {listed_words(words)} stand nearer than {spacing_m:.2f} m, which the law needs."
@@ -152,7 +187,9 @@ def _slow_down(made: Converted, limits: Limits) -> None:
     if factor <= 1.0:
         return
     if factor > _SLOWEST:
-        raise ConfigError(f"The show would take {factor:.1f} times as long: {words}. Design it slower.")
+        raise ConfigError(
+            f"The show would take {factor:.1f} times as long: {words}. Design it slower."
+        )
     factor *= _ROOM
     made.notes.append(f"slowed to {factor:.3f} times its duration: {words}")
     made.paths = {name: slowed(path, factor) for name, path in made.paths.items()}
@@ -161,7 +198,9 @@ def _slow_down(made: Converted, limits: Limits) -> None:
 
 
 def _spread_starts(made: Converted, spacing_m: float, height_share: float) -> None:
-    """Let vehicles that would come too near begin later, one after the other; refuse what that does not mend."""
+    """Let vehicles that would come too near begin later, one after the other; refuse what that does
+    not mend.
+    """
     delays_s = dict.fromkeys(made.paths, 0.0)
     paths = dict(made.paths)
     pairs = _too_near(paths, spacing_m, height_share)
@@ -177,7 +216,9 @@ def _spread_starts(made: Converted, spacing_m: float, height_share: float) -> No
         if not pairs:
             break
     if pairs:
-        anyhow = "" if height_share else " at any height, since vehicles do not fly above each other"
+        anyhow = (
+            "" if height_share else " at any height, since vehicles do not fly above each other"
+        )
         listed = listed_words([pair_words(one) for one in first_pairs])
         raise ConfigError(
             f"Paths come nearer than {spacing_m:.2f} m, which the law needs{anyhow}: {listed}. Move them apart."
@@ -185,11 +226,17 @@ def _spread_starts(made: Converted, spacing_m: float, height_share: float) -> No
     made.paths = paths
     for name, delay_s in delays_s.items():
         if delay_s:
-            made.own_notes[name].append(f"begins {delay_s:g} s later, to keep {spacing_m:.2f} m from the others")
+            made.own_notes[name].append(
+                f"begins {delay_s:g} s later, to keep {spacing_m:.2f} m from the others"
+            )
             made.lights[name] = tuple((t + delay_s, r, g, b) for t, r, g, b in made.lights[name])
 
 
 def _too_near(paths: Mapping[str, Path], spacing_m: float, height_share: float) -> list[Closest]:
     if len(paths) < 2:
         return []
-    return [one for one in closest_pairs(sample(paths), spacing_m, height_share) if one.distance_m < spacing_m]
+    return [
+        one
+        for one in closest_pairs(sample(paths), spacing_m, height_share)
+        if one.distance_m < spacing_m
+    ]

@@ -1,4 +1,6 @@
-"""Folders of CSVs, one for each drone, as show tools export them: times, positions, and colours where there are any."""
+"""Folders of CSVs, one for each drone, as show tools export them: times, positions, and colours
+where there are any.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +30,9 @@ def read_folder(folder: FilePath) -> Show:
     """
     files = sorted((one for one in folder.glob("*.csv")), key=lambda one: _natural(one.stem))
     if not 1 <= len(files) <= MOST_DRONES:
-        raise ConfigError(f"{folder}: it has {len(files)} CSVs; a show has 1 to {MOST_DRONES}, one for each drone.")
+        raise ConfigError(
+            f"{folder}: it has {len(files)} CSVs; a show has 1 to {MOST_DRONES}, one for each drone."
+        )
     return Show(folder.resolve().name, tuple(_drone(file) for file in files))
 
 
@@ -49,5 +53,10 @@ def _lights(file: FilePath) -> tuple[Light, ...]:
         return ()
     at = [columns.index(one) for one in _COLOURS]
     begin_s = numbers[0, 0]
-    rows = [(float(row[0] - begin_s), int(row[at[0]]), int(row[at[1]]), int(row[at[2]])) for row in numbers]
-    return tuple(row for k, row in enumerate(rows) if k in (0, len(rows) - 1) or row[1:] != rows[k - 1][1:])
+    rows = [
+        (float(row[0] - begin_s), int(row[at[0]]), int(row[at[1]]), int(row[at[2]]))
+        for row in numbers
+    ]
+    return tuple(
+        row for k, row in enumerate(rows) if k in (0, len(rows) - 1) or row[1:] != rows[k - 1][1:]
+    )

@@ -1,4 +1,5 @@
-"""A show as it was read: homes, paths and lights of its drones, in the show's own frame and time."""
+"""A show as it was read: homes, paths and lights of its drones, in the show's own frame and time.
+"""
 
 from __future__ import annotations
 
@@ -60,7 +61,9 @@ def path_from_pieces(name: str, pieces: list[list[float]]) -> Path:
             "second: that is not metres. Export the show in metres and seconds."
         )
     if np.median(values[:, 2]) < -0.5:
-        raise ConfigError(f"{name}: most of its path lies below 0: z points down there. Export the show with z up.")
+        raise ConfigError(
+            f"{name}: most of its path lies below 0: z points down there. Export the show with z up."
+        )
     return path
 
 

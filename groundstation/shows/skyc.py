@@ -1,7 +1,8 @@
-"""Skybrush's compiled shows, ``.skyc``: a zip with ``show.json`` and the members that its ``$ref`` name.
+"""Skybrush's compiled shows, ``.skyc``: a zip with ``show.json`` and the members that its ``$ref``
+name.
 
-Lengths are metres with z up, times seconds, yaw degrees counterclockwise; a point's control points belong to the Bezier
-curve that ends at it.
+Lengths are metres with z up, times seconds, yaw degrees counterclockwise; a point's control points
+belong to the Bezier curve that ends at it.
 """
 
 from __future__ import annotations
@@ -25,7 +26,8 @@ from groundstation.shows.show import MOST_DRONES, Drone, Show, bezier_piece, pat
 from onboard.config.fleet import ConfigError, Origin, Vec3
 from onboard.control.path import Path, path_of
 
-_MOST_BYTES, _MOST_MEMBERS, _DEEPEST = 268_435_456, 20_000, 20  # unpacked, in the zip, of references within references
+# unpacked, in the zip, of references within references
+_MOST_BYTES, _MOST_MEMBERS, _DEEPEST = 268_435_456, 20_000, 20
 
 
 def read_skyc(file: str | os.PathLike[str]) -> Show:
@@ -38,7 +40,8 @@ def read_skyc(file: str | os.PathLike[str]) -> Show:
         Its drones.
 
     Raises:
-        ConfigError: no such file, no zip, truncated, too large, of another version, or without paths.
+        ConfigError: no such file, no zip, truncated, too large, of another version, or without
+            paths.
     """
     name = os.fspath(file)
     try:
@@ -47,13 +50,26 @@ def read_skyc(file: str | os.PathLike[str]) -> Show:
                 raise ConfigError(f"{name}: a zip of {len(archive.infolist())} members is no show.")
             return _show(name, _Members(name, archive).read("show.json"))
     except FileNotFoundError:
-        raise ConfigError(f"{name}: there is no such show. Give the path of an existing one.") from None
-    except (OSError, zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError) as error:
-        raise ConfigError(f"{name}: this is no .skyc, or it is truncated ({error}). Export it again.") from None
+        raise ConfigError(
+            f"{name}: there is no such show. Give the path of an existing one."
+        ) from None
+    except (
+        OSError,
+        zipfile.BadZipFile,
+        zlib.error,
+        EOFError,
+        NotImplementedError,
+        RuntimeError,
+    ) as error:
+        raise ConfigError(
+            f"{name}: this is no .skyc, or it is truncated ({error}). Export it again."
+        ) from None
 
 
 class _Members:
-    """JSON members of a zip, with references resolved, as long as all of them stay within the limit."""
+    """JSON members of a zip, with references resolved, as long as all of them stay within the
+    limit.
+    """
 
     def __init__(self, name: str, archive: zipfile.ZipFile) -> None:
         self._name, self._archive, self._left = name, archive, _MOST_BYTES
@@ -66,19 +82,29 @@ class _Members:
                 with self._archive.open(member) as stream:
                     data = stream.read(self._left + 1)
             except KeyError:
-                raise ConfigError(f"{self._name}: the show has no member '{member}'. Export it again.") from None
+                raise ConfigError(
+                    f"{self._name}: the show has no member '{member}'. Export it again."
+                ) from None
             self._left -= len(data)
             if self._left < 0:
-                raise ConfigError(f"{self._name}: it unpacks to more than {_MOST_BYTES >> 20} MB: that is no show.")
+                raise ConfigError(
+                    f"{self._name}: it unpacks to more than {_MOST_BYTES >> 20} MB: that is no show."
+                )
             try:
-                self._read[member] = self._resolved(json.loads(data), posixpath.dirname(member), depth)
+                self._read[member] = self._resolved(
+                    json.loads(data), posixpath.dirname(member), depth
+                )
             except (ValueError, RecursionError) as error:
-                raise ConfigError(f"{self._name}: '{member}' is no JSON ({error}). Export the show again.") from None
+                raise ConfigError(
+                    f"{self._name}: '{member}' is no JSON ({error}). Export the show again."
+                ) from None
         return self._read[member]
 
     def _resolved(self, value: Any, folder: str, depth: int) -> Any:
         if depth > _DEEPEST:
-            raise ConfigError(f"{self._name}: references within references without end. Export the show again.")
+            raise ConfigError(
+                f"{self._name}: references within references without end. Export the show again."
+            )
         if isinstance(value, dict):
             reference = value.get("$ref")
             if isinstance(reference, str):
@@ -96,7 +122,9 @@ class _Members:
 def _show(name: str, data: Any) -> Show:
     data = data if isinstance(data, dict) else {}
     if data.get("version") != 1:
-        raise ConfigError(f"{name}: show.json has version {data.get('version')!r}; version 1 can be read.")
+        raise ConfigError(
+            f"{name}: show.json has version {data.get('version')!r}; version 1 can be read."
+        )
     drones = _table(data, "swarm").get("drones")
     if not isinstance(drones, list) or not 1 <= len(drones) <= MOST_DRONES:
         raise ConfigError(f"{name}: 'swarm.drones' must list 1 to {MOST_DRONES} drones.")
@@ -128,7 +156,9 @@ def _drone(file: str, index: int, settings: dict[str, Any]) -> Drone:
     where = f"{file}, '{name}'"
     trajectory = _table(settings, "trajectory")
     if trajectory.get("version") != 1:
-        raise ConfigError(f"{where}: its trajectory has version {trajectory.get('version')!r}; version 1 can be read.")
+        raise ConfigError(
+            f"{where}: its trajectory has version {trajectory.get('version')!r}; version 1 can be read."
+        )
     times_s, pieces, first = _pieces(where, trajectory.get("points"))
     path = path_from_pieces(where, pieces)
     begin_s = times_s + _number(where, trajectory.get("takeoffTime", 0.0))
@@ -148,11 +178,17 @@ def _pieces(where: str, points: Any) -> tuple[float, list[list[float]], Vec3]:
         if not isinstance(keypoint, list) or len(keypoint) < 2:
             raise ConfigError(f"{where}: points[{k}] is no [time, [x, y, z], [control points]].")
         time_s, point = _number(where, keypoint[0]), _point(where, keypoint[1])
-        controls = [_point(where, one) for one in (keypoint[2] if len(keypoint) > 2 and keypoint[2] else ())]
+        controls = [
+            _point(where, one) for one in (keypoint[2] if len(keypoint) > 2 and keypoint[2] else ())
+        ]
         if k:
             if not time_s > last_s or len(controls) > 2:
-                raise ConfigError(f"{where}: points[{k}]: time does not rise, or it has more than two control points.")
-            pieces.append(bezier_piece(time_s - last_s, [list(one) for one in (last, *controls, point)]))
+                raise ConfigError(
+                    f"{where}: points[{k}]: time does not rise, or it has more than two control points."
+                )
+            pieces.append(
+                bezier_piece(time_s - last_s, [list(one) for one in (last, *controls, point)])
+            )
         last_s, last = time_s, point
     return _number(where, points[0][0]), pieces, _point(where, points[0][1])
 

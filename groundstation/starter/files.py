@@ -1,4 +1,6 @@
-"""A commented fleet file and a first mission, written from a few answers; both are checked before they are used."""
+"""A commented fleet file and a first mission, written from a few answers; both are checked before
+they are used.
+"""
 
 from __future__ import annotations
 
@@ -73,10 +75,14 @@ def starter(answers: Answers) -> Starter:
     """
     if not 1 <= answers.vehicles <= MOST:
         raise ConfigError(f"--vehicles is {answers.vehicles}; it must lie between 1 and {MOST}.")
-    if answers.spacing_m is not None and not (math.isfinite(answers.spacing_m) and 0.1 <= answers.spacing_m <= 100.0):
+    if answers.spacing_m is not None and not (
+        math.isfinite(answers.spacing_m) and 0.1 <= answers.spacing_m <= 100.0
+    ):
         raise ConfigError(f"--spacing is {answers.spacing_m:g}; it must lie between 0.1 and 100 m.")
     if not re.fullmatch(r"[A-Za-z0-9_-]{1,40}", answers.type):
-        raise ConfigError(f"--type is {answers.type!r}; a type has 1 to 40 of A-Z a-z 0-9 _ - as its name.")
+        raise ConfigError(
+            f"--type is {answers.type!r}; a type has 1 to 40 of A-Z a-z 0-9 _ - as its name."
+        )
     spacing_m = answers.spacing_m or (4.0 if answers.is_outdoors else 1.6)
     names = [f"mav{index}" for index in range(answers.vehicles)]
     spots = grid(answers.vehicles, spacing_m)
@@ -91,16 +97,21 @@ def starter(answers: Answers) -> Starter:
 
 
 def type_names() -> list[str]:
-    """Return the vehicle types of the examples; any other name is a new type with cautious values."""
+    """Return the vehicle types of the examples; any other name is a new type with cautious values.
+    """
     return sorted(_example_types())
 
 
 def _example_types() -> dict[str, dict[str, object]]:
-    data = [read_toml(f"{EXAMPLES}/fleets/{name}.toml", "fleet file")[0] for name in ("sih", "paper")]
+    data = [
+        read_toml(f"{EXAMPLES}/fleets/{name}.toml", "fleet file")[0] for name in ("sih", "paper")
+    ]
     return {name: table for each in data for name, table in each["types"].items()}
 
 
-def _fleet_text(answers: Answers, names: Sequence[str], spots: list[Plan], slots: list[Plan], spacing_m: float) -> str:
+def _fleet_text(
+    answers: Answers, names: Sequence[str], spots: list[Plan], slots: list[Plan], spacing_m: float
+) -> str:
     half_m = half_width_m([*spots, *slots], 2.0 * spacing_m if answers.is_outdoors else 1.5)
     low_m, high_m = (-1.0, 10.0) if answers.is_outdoors else (0.0, 3.0)
     parts = [
@@ -138,7 +149,11 @@ def _fleet_text(answers: Answers, names: Sequence[str], spots: list[Plan], slots
 def _radio(answers: Answers) -> list[str]:
     if answers.companions == HERE or answers.vehicles <= _MOST_AT_50_HZ:
         return []
-    return ["", "[radio]  # the Wi-Fi that all share; covey check computes what they take of it", "states_hz = 25"]
+    return [
+        "",
+        "[radio]  # the Wi-Fi that all share; covey check computes what they take of it",
+        "states_hz = 25",
+    ]
 
 
 def _origin(answers: Answers) -> list[str]:
@@ -209,7 +224,14 @@ def type_lines(answers: Answers) -> list[str]:
         lines = [f"{key} = {value}" for key, value in known.items() if isinstance(value, float)]
         sitl = known.get("sitl")
         more = [f"{key} = {value}" for key, value in sitl.items()] if isinstance(sitl, dict) else []
-        return [*head, *lines, position, "", f"[types.{answers.type}.sitl]  # of the emulator only", *more]
+        return [
+            *head,
+            *lines,
+            position,
+            "",
+            f"[types.{answers.type}.sitl]  # of the emulator only",
+            *more,
+        ]
     return [
         *head,
         f"mass_kg = {answers.mass_kg}  # with battery",
@@ -263,7 +285,8 @@ def companion_addresses(words: str, count: int) -> list[str]:
     """Return the address of each vehicle's companion computer.
 
     Args:
-        words: ``here``, the first IPv4 address, from which is counted up, or all addresses with commas between.
+        words: ``here``, the first IPv4 address, from which is counted up, or all addresses with
+            commas between.
         count: how many vehicles.
     Returns:
         one address each.

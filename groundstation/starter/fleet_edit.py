@@ -45,7 +45,9 @@ def write_changes(path: Path, changes: Mapping[str, Any]) -> None:
         whole.write_text(text, encoding="utf-8")
         whole.replace(path)
     except OSError as error:
-        raise ConfigError(f"{path} cannot be written ({error.strerror}). Put in the values above by hand.") from None
+        raise ConfigError(
+            f"{path} cannot be written ({error.strerror}). Put in the values above by hand."
+        ) from None
 
 
 def _merge(table: MutableMapping[str, Any], changes: Mapping[str, Any]) -> None:

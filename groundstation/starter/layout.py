@@ -1,4 +1,7 @@
-"""Where the vehicles of a new fleet stand, how they form up, and how large the fence must be. Pure."""
+"""Where the vehicles of a new fleet stand, how they form up, and how large the fence must be.
+
+Pure.
+"""
 
 from __future__ import annotations
 
@@ -39,13 +42,16 @@ def ring(count: int, spacing_m: float, starts: list[Plan]) -> list[Plan]:
     """
     if count == 1:
         return [(0.0, 0.0)]
-    radius_m = 0.5 * spacing_m / math.sin(math.pi / count) + 0.01  # the rounding below must not bring them nearer
+    # the rounding below must not bring them nearer
+    radius_m = 0.5 * spacing_m / math.sin(math.pi / count) + 0.01
     angles = [2.0 * math.pi * slot / count for slot in range(count)]
     slots = [(round(radius_m * math.cos(a), 2), round(radius_m * math.sin(a), 2)) for a in angles]
     in_turn = sorted(range(count), key=lambda index: math.atan2(starts[index][1], starts[index][0]))
 
     def way_2(turn: int) -> float:
-        pairs = ((starts[index], slots[(place + turn) % count]) for place, index in enumerate(in_turn))
+        pairs = (
+            (starts[index], slots[(place + turn) % count]) for place, index in enumerate(in_turn)
+        )
         return sum(math.dist(start, slot) ** 2 for start, slot in pairs)
 
     turn = min(range(count), key=way_2)
@@ -56,7 +62,8 @@ def ring(count: int, spacing_m: float, starts: list[Plan]) -> list[Plan]:
 
 
 def half_width_m(points: list[Plan], room_m: float) -> float:
-    """Return half the width of a square fence around the origin that holds all points with room beside them.
+    """Return half the width of a square fence around the origin that holds all points with room
+    beside them.
 
     Args:
         points: east and north [m].

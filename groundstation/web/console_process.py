@@ -1,7 +1,8 @@
-"""One console for one page: a process that draws into a pipe, and that nothing lets outlive its page or its server.
+"""One console for one page: a process that draws into a pipe, and that nothing lets outlive its
+page or its server.
 
-Its protocol is that of Textual's web driver: packets of one letter (D for data, M for a message in JSON), a length of
-four bytes, and so many bytes.
+Its protocol is that of Textual's web driver: packets of one letter (D for data, M for a message in
+JSON), a length of four bytes, and so many bytes.
 """
 
 from __future__ import annotations
@@ -19,8 +20,8 @@ END_TIMEOUT_S = 3.0
 _PRELUDE = b"__GANGLION__\n"  # of Textual's web driver; lines before it are no packets
 _PRELUDE_LINES = 10
 _INPUT_LIMIT_BYTES = 65_536
-# The kernel ends the console when its server is gone, however that ended. A console cannot see to it by itself while
-# it starts, so a small interpreter asks for it and then becomes the console.
+# The kernel ends the console when its server is gone, however that ended. A console cannot see to
+# it by itself while it starts, so a small interpreter asks for it and then becomes the console.
 _END_WITH_SERVER = (
     "import ctypes, os, signal, sys\n"
     "ctypes.CDLL(None).prctl(1, signal.SIGKILL)\n"  # PR_SET_PDEATHSIG
@@ -83,7 +84,9 @@ class ConsoleProcess:
                     return
 
     def send(self, kind: Literal["D", "M"], payload: bytes) -> None:
-        """Send one packet to the console; one that has ended, or has not read for long, gets nothing."""
+        """Send one packet to the console; one that has ended, or has not read for long, gets
+        nothing.
+        """
         assert self._process is not None
         pipe = self._process.stdin
         assert pipe is not None
@@ -116,7 +119,9 @@ class ConsoleProcess:
                 os.killpg(process.pid, signal.SIGKILL)
 
     async def _wait(self) -> None:
-        """Wait for the end of the process, and read its output meanwhile: what cannot write cannot leave."""
+        """Wait for the end of the process, and read its output meanwhile: what cannot write cannot
+        leave.
+        """
         assert self._process is not None
         assert self._process.stdout is not None
         while await self._process.stdout.read(65_536):

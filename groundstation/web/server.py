@@ -1,9 +1,11 @@
-"""Serves the console over a web page: one process of the console for each page that is open, all on loopback.
+"""Serves the console over a web page: one process of the console for each page that is open, all on
+loopback.
 
-The terminal in the page is textual-serve's; the page around it is ours: nothing is loaded from elsewhere. Another
-site's page in the same browser must not reach the fleet: names other than loopback and foreign origins are refused.
-Pages that can order stand behind a key, which is the first part of every path. A cookie would be no place for it:
-browsers send the cookies of one port of this machine to all others.
+The terminal in the page is textual-serve's; the page around it is ours: nothing is loaded from
+elsewhere. Another site's page in the same browser must not reach the fleet: names other than
+loopback and foreign origins are refused. Pages that can order stand behind a key, which is the
+first part of every path. A cookie would be no place for it: browsers send the cookies of one port
+of this machine to all others.
 """
 
 from __future__ import annotations
@@ -67,7 +69,8 @@ class ConsoleServer:
     def __init__(self, command: list[str], *, title: str, ended: str, key: str = "") -> None:
         self._command, self._key = command, key
         self._title, self._ended = title, ended
-        self._open: dict[ConsoleProcess, asyncio.Task[object]] = {}  # with the tasks that serve their pages
+        # with the tasks that serve their pages
+        self._open: dict[ConsoleProcess, asyncio.Task[object]] = {}
         self._runner: web.AppRunner | None = None
         self._is_stopping = False
 
@@ -119,7 +122,9 @@ class ConsoleServer:
             "title": html.escape(self._title),
             "ended": html.escape(self._ended),
             "socket": html.escape(f"ws://{request.host}{request.path}ws"),
-            "font_size": str(min(60, max(6, int(size)))) if size.isdecimal() and len(size) < 4 else "16",
+            "font_size": str(min(60, max(6, int(size))))
+            if size.isdecimal() and len(size) < 4
+            else "16",
         }
         text = Template((_HERE / "page.html").read_text(encoding="utf-8")).substitute(values)
         return web.Response(text=text, content_type="text/html")
@@ -134,7 +139,9 @@ class ConsoleServer:
         assert task is not None
         self._open[console] = task
         try:
-            await console.start(_cells(request.query.get("width"), 80), _cells(request.query.get("height"), 24))
+            await console.start(
+                _cells(request.query.get("width"), 80), _cells(request.query.get("height"), 24)
+            )
             async with asyncio.TaskGroup() as tasks:
                 drawing = tasks.create_task(_draw(console, pipe))
                 async for message in pipe:
@@ -151,15 +158,21 @@ class ConsoleServer:
 
     @web.middleware
     async def _admit(self, request: web.Request, handler: Handler) -> web.StreamResponse:
-        """Refuse another name for this machine, a script of another page, and whatever comes without the key."""
+        """Refuse another name for this machine, a script of another page, and whatever comes
+        without the key.
+        """
         name = urlsplit(f"//{request.host}").hostname or ""
         origin = request.headers.get("Origin")
         if not is_loopback(name):
-            raise web.HTTPForbidden(text="This page is served to this machine only: open it at 127.0.0.1 or localhost.")
+            raise web.HTTPForbidden(
+                text="This page is served to this machine only: open it at 127.0.0.1 or localhost."
+            )
         if origin is not None and urlsplit(origin).netloc != request.host:
             raise web.HTTPForbidden(text="This console takes nothing from other pages.")
         given = request.path.lstrip("/").partition("/")[0]
-        if self._key and not hmac.compare_digest(given.encode("utf-8", "replace"), self._key.encode()):
+        if self._key and not hmac.compare_digest(
+            given.encode("utf-8", "replace"), self._key.encode()
+        ):
             raise web.HTTPForbidden(
                 text="These pages give orders, so they have a key: open the whole address that covey web has printed."
             )
@@ -176,7 +189,9 @@ async def _file(request: web.Request) -> web.Response:
 
 
 async def _draw(console: ConsoleProcess, pipe: web.WebSocketResponse) -> None:
-    """Pass the console's output on to its page, and close the page after it; a page that has gone ends that."""
+    """Pass the console's output on to its page, and close the page after it; a page that has gone
+    ends that.
+    """
     with contextlib.suppress(ConnectionError):
         async for data in console.drawings():
             await pipe.send_bytes(data)

@@ -1,7 +1,8 @@
-"""Execution of the core's commands: setpoints and requests to PX4, messages, replies and subscriptions to the bus.
+"""Execution of the core's commands: setpoints and requests to PX4, messages, replies and
+subscriptions to the bus.
 
-What may block (reliable messages, subscriptions) has threads of its own, so that nothing can stand between a tick and
-the setpoint.
+What may block (reliable messages, subscriptions) has threads of its own, so that nothing can stand
+between a tick and the setpoint.
 """
 
 from __future__ import annotations
@@ -19,7 +20,8 @@ from onboard.bus.schema import OrderReply
 from onboard.bus.topics import TOPICS, Delivery, Topic
 from onboard.process.background_queue import BackgroundQueue
 
-# A setpoint that comes later than this after its tick began was held up on the way: PX4 is not to have it.
+# A setpoint that comes later than this after its tick began was held up on the way: PX4 is not to
+# have it.
 _SETPOINT_NS = 60_000_000
 
 log = logging.getLogger("covey.agent")
@@ -40,7 +42,13 @@ class CommandExecutor:
     """
 
     def __init__(
-        self, name: str, others: Iterable[str], link: Autopilot, bus: Bus, inbox: Inbox, on_exit: Callable[[], None]
+        self,
+        name: str,
+        others: Iterable[str],
+        link: Autopilot,
+        bus: Bus,
+        inbox: Inbox,
+        on_exit: Callable[[], None],
     ) -> None:
         self.tick_ns = 0  # begin of the tick
         self.reliable, self._subscriptions = BackgroundQueue("bus"), BackgroundQueue("interest")
@@ -97,7 +105,10 @@ class CommandExecutor:
 
     def _send_odometry(self, command: ev.SendOdometry) -> None:
         self._link.send_odometry(
-            command.position_enu_m, command.quaternion_enu_flu_wxyz, command.std_m, command.reset_count
+            command.position_enu_m,
+            command.quaternion_enu_flu_wxyz,
+            command.std_m,
+            command.reset_count,
         )
 
     def _reply(self, command: ev.Reply) -> None:

@@ -1,4 +1,6 @@
-"""The pipeline of one vehicle: its parameters, its memory, the inputs of a pass and the newest result."""
+"""The pipeline of one vehicle: its parameters, its memory, the inputs of a pass and the newest
+result.
+"""
 
 from __future__ import annotations
 
@@ -44,9 +46,14 @@ class ControlStep:
         clock: seconds, by which a law of somebody's own is found slow; None in simulated time.
     """
 
-    def __init__(self, fleet: FleetConfig, vehicle_name: str, clock: Callable[[], float] | None = None) -> None:
+    def __init__(
+        self, fleet: FleetConfig, vehicle_name: str, clock: Callable[[], float] | None = None
+    ) -> None:
         vehicle = fleet.vehicles[vehicle_name]
-        self.params, self.obstacles = pipeline.pipeline_params(fleet, vehicle_name), obstacles(fleet)
+        self.params, self.obstacles = (
+            pipeline.pipeline_params(fleet, vehicle_name),
+            obstacles(fleet),
+        )
         self.tick: Tick | None = None  # newest result
         self.is_finite = True  # whether the newest result can be flown
         self.hover_frac = vehicle.hover_thrust_frac  # learned in flight
@@ -58,21 +65,43 @@ class ControlStep:
 
     @property
     def law_refusal(self) -> str:
-        """Why Covey's law flies in the place of the one that the fleet file names; empty while it does not."""
+        """Why Covey's law flies in the place of the one that the fleet file names; empty while it
+        does not.
+        """
         return "" if self._own_law is None else self._own_law.refusal
 
     def inputs(
-        self, state: State | None, goal: Goal, phase: Phase, table: NeighbourTable, now_ns: int, dt_s: float
+        self,
+        state: State | None,
+        goal: Goal,
+        phase: Phase,
+        table: NeighbourTable,
+        now_ns: int,
+        dt_s: float,
     ) -> PipelineInputs:
-        """Return the inputs of the pass that is due; without an estimate it stays on the ground at the start."""
+        """Return the inputs of the pass that is due; without an estimate it stays on the ground at
+        the start.
+        """
         if state is None:
-            state, phase = State(self._start_enu_m, ZERO_3, ZERO_3, 0.0, 0.0, 0.0, 0.0), Phase.GROUND
+            state, phase = (
+                State(self._start_enu_m, ZERO_3, ZERO_3, 0.0, 0.0, 0.0, 0.0),
+                Phase.GROUND,
+            )
         return PipelineInputs(self._memory, state, goal, table, now_ns, dt_s, phase)
 
     def run(self, due: PipelineInputs) -> tuple[PipelineMemory, Tick]:
         """Compute one pass."""
         step = pipeline.step if self._own_law is None else self._own_law.step
-        return step(due.memory, due.state, due.goal, due.neighbours, self.obstacles, due.phase, self.params, due.dt_s)
+        return step(
+            due.memory,
+            due.state,
+            due.goal,
+            due.neighbours,
+            self.obstacles,
+            due.phase,
+            self.params,
+            due.dt_s,
+        )
 
     def accept(self, memory: PipelineMemory, tick: Tick) -> None:
         """Take the result of the pass."""
@@ -82,5 +111,7 @@ class ControlStep:
 
     def level(self) -> AttitudeSetpoint:
         """Return a level attitude at hover thrust."""
-        hover_frac = self.hover_frac if math.isfinite(self.hover_frac) else self._configured_hover_frac
+        hover_frac = (
+            self.hover_frac if math.isfinite(self.hover_frac) else self._configured_hover_frac
+        )
         return AttitudeSetpoint((1.0, 0.0, 0.0, 0.0), hover_frac)

@@ -1,6 +1,8 @@
-"""The agent without I/O: events in, commands out, time passed in. The shell in loop.py moves bytes and time.
+"""The agent without I/O: events in, commands out, time passed in. The shell in loop.py moves bytes
+and time.
 
-One tick: estimate, conditions, failsafe, state machine, pipeline, the last check before the wire, messages.
+One tick: estimate, conditions, failsafe, state machine, pipeline, the last check before the wire,
+messages.
 """
 
 from __future__ import annotations
@@ -80,14 +82,21 @@ class AgentCore:
     """
 
     def __init__(
-        self, fleet: FleetConfig, vehicle_name: str, *, boot_id: int, clock: Callable[[], float] | None = None
+        self,
+        fleet: FleetConfig,
+        vehicle_name: str,
+        *,
+        boot_id: int,
+        clock: Callable[[], float] | None = None,
     ) -> None:
         self.fleet, self.vehicle = fleet, fleet.vehicles[vehicle_name]
         self.own = OwnState(self.vehicle, fleet.fleet.global_origin)
         self.neighbours = NeighbourTable(fleet, vehicle_name)
         self.flight = FlightContext(fleet, self.vehicle)
         self.control = ControlStep(fleet, vehicle_name, clock)
-        self.failsafes = FailsafeExecutor(fleet, self.vehicle, self.own, self.neighbours, self.flight)
+        self.failsafes = FailsafeExecutor(
+            fleet, self.vehicle, self.own, self.neighbours, self.flight
+        )
         self.preflight = PreflightReporter(
             fleet,
             self.vehicle,
@@ -137,7 +146,7 @@ class AgentCore:
         """Whether somebody has asked this agent to end."""
         return self._context.is_stopping
 
-    # -- events ------------------------------------------------------------------------------------------------------
+    # -- events ------------------------------------------------------------------------------------
 
     def handle(self, event: EventIn, now_ns: int) -> list[Command]:
         """Take one event; only orders and poses answer at once."""
@@ -156,7 +165,8 @@ class AgentCore:
     def _neighbour_received(self, event: NeighbourReceived, now_ns: int) -> list[Command]:
         message = event.message
         if not isinstance(message, StateMessage) or message.vehicle == self.vehicle.name:
-            self.preflight.hear(event)  # under our own name it is another agent's; states of the others come too often
+            # under our own name it is another agent's; states of the others come too often
+            self.preflight.hear(event)
         self.neighbours.hear(message, event.received_ns)
         return []
 
@@ -239,7 +249,7 @@ class AgentCore:
         self._context.is_stopping = True
         return []
 
-    # -- a tick ------------------------------------------------------------------------------------------------------
+    # -- a tick ------------------------------------------------------------------------------------
 
     def tick(self, now_ns: int) -> list[Command]:
         """Run one pass, 50 times a second; the commands are to be executed in their order."""
@@ -247,7 +257,9 @@ class AgentCore:
         return self.end_tick(*self.control.run(due))
 
     def begin_tick(self, now_ns: int) -> PipelineInputs:
-        """Run the first half of :meth:`tick`; a simulation of many agents then runs all their pipelines at once."""
+        """Run the first half of :meth:`tick`; a simulation of many agents then runs all their
+        pipelines at once.
+        """
         context, flight, control = self._context, self.flight, self.control
         before_ns = self._view.now_ns
         context.period_s = (now_ns - before_ns) * 1e-9 if before_ns else TICK_S
@@ -272,17 +284,26 @@ class AgentCore:
         control.accept(memory, tick)
         if self.flight.phase is Phase.FLYING and self._mismatch.is_due():
             attitude = self.own.attitude_wxyz(self._snapshot)
-            for code, sentence in self._mismatch.follow(memory.observer, attitude, control.hover_frac):
+            for code, sentence in self._mismatch.follow(
+                memory.observer, attitude, control.hover_frac
+            ):
                 self.flight.say(view, "warning", code, sentence)
         setpoint = self._setpoints.commands(view, control)
         self._orders.check_conflict(view, self.neighbours.telemetries)
         result = TickResult(
-            tick, view, self._context.period_s, self._is_airborne, self._distances_m, self.preflight.not_ready
+            tick,
+            view,
+            self._context.period_s,
+            self._is_airborne,
+            self._distances_m,
+            self.preflight.not_ready,
         )
         messages = self._publisher.every_tick(result)
         told = self.nodes.lost_ends.pass_on(self.flight.take_commands(), view.now_ns)
         out = [*self._publisher.telemetry(result), *told, *setpoint, *messages]
-        out.extend(self._follower.due(view.position_enu_m if view.has_position else None, view.now_ns))
+        out.extend(
+            self._follower.due(view.position_enu_m if view.has_position else None, view.now_ns)
+        )
         bodies = self.neighbours.bodies_to_watch(view.now_ns, self.own.age_s)
         if bodies is not None:
             out.append(WatchBodies(bodies))

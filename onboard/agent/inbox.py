@@ -1,6 +1,7 @@
 """Events that wait for the next tick, and the bus and mocap callbacks that put them there.
 
-The callbacks come on threads of the bus and of the mocap: they only append, and a deque is safe for that.
+The callbacks come on threads of the bus and of the mocap: they only append, and a deque is safe for
+that.
 """
 
 from __future__ import annotations
@@ -24,7 +25,8 @@ from onboard.mocap.source import MocapSource
 
 _MOST_EVENTS = 2000
 _NODES_PER_TICK = 50
-_MOST_MISSING = 50  # states in a row; a longer gap is a silence, or a neighbour that was not followed
+# states in a row; a longer gap is a silence, or a neighbour that was not followed
+_MOST_MISSING = 50
 
 
 class Inbox:
@@ -38,9 +40,12 @@ class Inbox:
         state_ticks: from one state of a neighbour to the next.
     """
 
-    def __init__(self, vehicle: Vehicle, boot_id: int, bus: Bus, mocap: MocapConfig, state_ticks: int = 1) -> None:
+    def __init__(
+        self, vehicle: Vehicle, boot_id: int, bus: Bus, mocap: MocapConfig, state_ticks: int = 1
+    ) -> None:
         self.clock = ClockNode(bus)
-        self.notices: deque[ev.EventIn] = deque(maxlen=_MOST_EVENTS)  # few, and the others must push none of them out
+        # few, and the others must push none of them out
+        self.notices: deque[ev.EventIn] = deque(maxlen=_MOST_EVENTS)
         self.events: deque[ev.EventIn] = deque(maxlen=_MOST_EVENTS)  # the newest matter
         self._nodes: dict[str, bool] = {}  # node whose presence has changed -> whether it is there
         self._vehicle, self._boot_id, self._bus, self._mocap_config = vehicle, boot_id, bus, mocap
@@ -83,14 +88,17 @@ class Inbox:
         """Take a state or a telemetry; under our own name it is another agent's."""
         if not isinstance(message, (StateMessage, Telemetry)):
             self._malformed_received()
-        elif message.vehicle != name:  # who may publish under a name is checked; what stands in the message is not
+        # who may publish under a name is checked; what stands in the message is not
+        elif message.vehicle != name:
             self._counts.refused += 1
         else:
             self._take_neighbour(topic, name, message)
 
     def _take_neighbour(self, topic: Topic, name: str, message: StateMessage | Telemetry) -> None:
         if topic is Topic.STATE:  # every one is sent here: the missing ones are lost
-            ticks = message.sequence - self._sequences.get(name, message.sequence - self._state_ticks)
+            ticks = message.sequence - self._sequences.get(
+                name, message.sequence - self._state_ticks
+            )
             missing = ticks // self._state_ticks - 1
             self._counts.dropped += missing if 0 < missing < _MOST_MISSING else 0
             if not -_MOST_MISSING < missing < 0:  # newer, or counted anew
@@ -103,10 +111,14 @@ class Inbox:
 
     def source(self, body: str) -> MocapSource:
         """Return a source of one body's poses, not yet started."""
-        return source_of(self._mocap_config, self._bus, body, self._pose_received, self._malformed_received)
+        return source_of(
+            self._mocap_config, self._bus, body, self._pose_received, self._malformed_received
+        )
 
     def watch_bodies(self, bodies: tuple[str, ...]) -> None:
-        """Receive the poses of exactly these other bodies; a mocap that is read directly sends those of all anyway."""
+        """Receive the poses of exactly these other bodies; a mocap that is read directly sends
+        those of all anyway.
+        """
         if not self._mocap_config.direct:
             self._bus.follow(Topic.MOCAP, bodies, self._others.receive)
 
@@ -129,7 +141,9 @@ class Inbox:
             return
         now_ns = time.monotonic_ns()
         stamped = (self.clock.pose(pose, now_ns) for pose in message.poses)
-        self._append(ev.AllPosesReceived(tuple(pose for pose in stamped if pose is not None), now_ns))
+        self._append(
+            ev.AllPosesReceived(tuple(pose for pose in stamped if pose is not None), now_ns)
+        )
 
     def _node_changed(self, node: str, is_alive: bool) -> None:
         if node.startswith(CONCERNS_AGENTS):

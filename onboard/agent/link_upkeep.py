@@ -1,4 +1,5 @@
-"""Upkeep of the link to PX4: discovery, rates, origin and parameters, again whenever PX4 restarts."""
+"""Upkeep of the link to PX4: discovery, rates, origin and parameters, again whenever PX4 restarts.
+"""
 
 from __future__ import annotations
 
@@ -92,7 +93,8 @@ class LinkUpkeep:
         requested_ns = time.monotonic_ns()
         while self._link.snapshot().heartbeat_ns < requested_ns:  # noqa: ASYNC110 - MAVSDK's threads set no Event
             await asyncio.sleep(0.1)
-        if self._link.snapshot().is_armed:  # by an earlier run of this agent, or a pilot: nothing is changed under way
+        # by an earlier run of this agent, or a pilot: nothing is changed under way
+        if self._link.snapshot().is_armed:
             log.warning("PX4 is armed already: its origin and its parameters are left as they are")
             return
         if self._applies_params:
@@ -109,7 +111,9 @@ class LinkUpkeep:
             if version is None:  # its only message got lost: what is demanded depends on it
                 self._link.request_version()
             is_on_ground = self._flight.situation is Situation.GROUND
-            is_due = problems or version != read_for or time.monotonic_ns() - read_ns > _READ_AGAIN_NS
+            is_due = (
+                problems or version != read_for or time.monotonic_ns() - read_ns > _READ_AGAIN_NS
+            )
             if is_on_ground:
                 has_origin = self._link.settle_global_origin(sets_ours=self._vehicle.mocap_required)
             if problems is None or (is_due and is_on_ground):

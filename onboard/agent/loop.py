@@ -1,8 +1,8 @@
 """The agent's shell: moves bytes and time between PX4, the bus and the core, and decides nothing.
 
-One thread runs the core: a timer on an absolute schedule calls it 50 times a second. What comes from MAVSDK's and
-Zenoh's threads waits for the next tick, orders excepted. Blocking calls have threads of their own, so that nothing can
-stand between a tick and the setpoint.
+One thread runs the core: a timer on an absolute schedule calls it 50 times a second. What comes
+from MAVSDK's and Zenoh's threads waits for the next tick, orders excepted. Blocking calls have
+threads of their own, so that nothing can stand between a tick and the setpoint.
 """
 
 from __future__ import annotations
@@ -61,13 +61,19 @@ class AgentProcess:
     ) -> None:
         self._fleet, self._name, self._is_realtime = fleet, name, is_realtime
         vehicle = fleet.vehicles[name]
-        self._core = AgentCore(fleet, name, boot_id=time.time_ns() & 0x7FFFFFFF, clock=time.perf_counter)
+        self._core = AgentCore(
+            fleet, name, boot_id=time.time_ns() & 0x7FFFFFFF, clock=time.perf_counter
+        )
         # with a mocap PX4's own estimate is only checked
         position_hz = _CHECKED_POSITION_HZ if vehicle.mocap_required else 1e9 / PERIOD_NS
         satellites_hz = 0.0 if vehicle.mocap_required else _SATELLITES_HZ
         key = mavlink_key(fleet, name)
         self._link = Px4Link(
-            vehicle.autopilot, vehicle.system_id, position_hz=position_hz, satellites_hz=satellites_hz, key=key
+            vehicle.autopilot,
+            vehicle.system_id,
+            position_hz=position_hz,
+            satellites_hz=satellites_hz,
+            key=key,
         )
         others = [other for other in fleet.vehicles if other != name]
         agents = [fleet.vehicles[other].agent for other in fleet.enabled_names if other != name]
@@ -82,9 +88,15 @@ class AgentProcess:
         )
         mocap = MocapConfig() if has_bus_mocap or vehicle.emulated else fleet.mocap
         self._inbox = Inbox(vehicle, self._core.boot_id, self._bus, mocap, fleet.state_ticks)
-        self._executor = CommandExecutor(name, others, self._link, self._bus, self._inbox, self._exit)
+        self._executor = CommandExecutor(
+            name, others, self._link, self._bus, self._inbox, self._exit
+        )
         self._upkeep = LinkUpkeep(
-            vehicle, self._link, self._core.flight, self._inbox.notices.append, applies_params=apply_params
+            vehicle,
+            self._link,
+            self._core.flight,
+            self._inbox.notices.append,
+            applies_params=apply_params,
         )
         offset_ns = vehicle.index * PERIOD_NS // max(1, len(fleet.vehicles))
         self._ticker = Ticker(PERIOD_NS, self._tick, offset_ns=offset_ns)
@@ -97,7 +109,8 @@ class AgentProcess:
         """Fly until the process is to end; the exit status."""
         loop = asyncio.get_running_loop()
         self._ended = loop.create_future()
-        for number in (signal.SIGINT, signal.SIGTERM):  # first of all: a request to stop may come early
+        # first of all: a request to stop may come early
+        for number in (signal.SIGINT, signal.SIGTERM):
             loop.add_signal_handler(number, self._signalled)
         warm_up(self._fleet, self._name)
         self._link.start()
@@ -126,7 +139,9 @@ class AgentProcess:
             self._link.stop()
 
     async def _join_bus(self) -> bool:
-        """Open the bus, and wait for a router where the fleet has routers; False when asked to stop before that."""
+        """Open the bus, and wait for a router where the fleet has routers; False when asked to stop
+        before that.
+        """
         is_told = False
         while not self._signals:
             try:
@@ -134,7 +149,11 @@ class AgentProcess:
                 return True
             except NoRouterError as error:
                 if not is_told:
-                    print(f"agent {self._name}: {error} It goes on looking.", file=sys.stderr, flush=True)
+                    print(
+                        f"agent {self._name}: {error} It goes on looking.",
+                        file=sys.stderr,
+                        flush=True,
+                    )
                 is_told = True
                 await asyncio.sleep(0.0)  # signals
         return False
@@ -145,11 +164,18 @@ class AgentProcess:
         assert self._ended is not None
         self._ended.get_loop().call_soon_threadsafe(self._order_received, message, reply)
 
-    def _order_received(self, message: Order | Malformed | UntrustedOrder, reply: Callable[[OrderReply], None]) -> None:
+    def _order_received(
+        self, message: Order | Malformed | UntrustedOrder, reply: Callable[[OrderReply], None]
+    ) -> None:
         now_ns = time.monotonic_ns()
         if isinstance(message, Malformed):
             self._core.handle(ev.MessagesCounted(malformed=1), now_ns)
-            answer = OrderReply(order_id="", vehicle=self._name, is_accepted=False, reason="The order is not readable.")
+            answer = OrderReply(
+                order_id="",
+                vehicle=self._name,
+                is_accepted=False,
+                reason="The order is not readable.",
+            )
             self._executor.reliable.submit(reply, answer)
             return
         if not isinstance(message, UntrustedOrder) or message.is_answered:
@@ -165,7 +191,10 @@ class AgentProcess:
     def _signalled(self) -> None:
         self._signals += 1
         if self._signals > 1:
-            os.write(2, b"second request to stop: ending at once; in the air PX4's own failsafe lands the vehicle\n")
+            os.write(
+                2,
+                b"second request to stop: ending at once; in the air PX4's own failsafe lands the vehicle\n",
+            )
             os._exit(EXIT_INTERRUPTED)
         else:
             log.info("asked to stop: landing first if in the air")
@@ -175,7 +204,7 @@ class AgentProcess:
         if self._ended is not None and not self._ended.done():
             self._ended.set_result(EXIT_OK)
 
-    # -- tick --------------------------------------------------------------------------------------------------------
+    # -- tick --------------------------------------------------------------------------------------
 
     def _tick(self) -> None:
         now_ns = self._executor.tick_ns = time.monotonic_ns()
@@ -186,7 +215,9 @@ class AgentProcess:
         except Exception as error:  # our own bug in flight: the one place that catches it
             log.exception("tick failed")
             self._failed_ticks += 1
-            self._core.handle(ev.TickFailed(f"Internal error: {type(error).__name__}: {error}."), now_ns)
+            self._core.handle(
+                ev.TickFailed(f"Internal error: {type(error).__name__}: {error}."), now_ns
+            )
             if self._failed_ticks == _FAILED_TICKS_TO_LAND:
                 self._link.land()
         self._ticks += 1
@@ -196,7 +227,9 @@ class AgentProcess:
         if self._ticks % _TIDY_TICKS == 0 and flight.situation is Situation.GROUND:
             realtime.tidy()
         if not self._was_ready and flight.state == "ready":
-            self._was_ready = self._executor.reliable.submit(lambda: print(f"agent {self._name}: ready", flush=True))
+            self._was_ready = self._executor.reliable.submit(
+                lambda: print(f"agent {self._name}: ready", flush=True)
+            )
 
     def _run_core(self, now_ns: int) -> None:
         core, inbox, execute = self._core, self._inbox, self._executor.execute
@@ -221,7 +254,12 @@ class AgentProcess:
 
     def _report_loop(self, now_ns: int) -> None:
         ticker = self._ticker
-        timed = ev.LoopTimed(*ticker.statistics_ms(), ticker.late_ticks, ticker.lateness_p99_ms(), ticker.missed_ticks)
+        timed = ev.LoopTimed(
+            *ticker.statistics_ms(),
+            ticker.late_ticks,
+            ticker.lateness_p99_ms(),
+            ticker.missed_ticks,
+        )
         self._core.handle(timed, now_ns)
 
 
@@ -245,7 +283,9 @@ def run_agent(
         the exit status.
     """
     lines = realtime.log_elsewhere(name, os.environ.get("COVEY_LOG", "INFO"))
-    agent = AgentProcess(fleet, name, apply_params=apply_params, is_realtime=is_realtime, has_bus_mocap=has_bus_mocap)
+    agent = AgentProcess(
+        fleet, name, apply_params=apply_params, is_realtime=is_realtime, has_bus_mocap=has_bus_mocap
+    )
     try:
         return asyncio.run(agent.run())
     except (LinkError, BusError) as error:

@@ -28,7 +28,9 @@ class LostEnds:
             if len(self._lost_ns) >= _MOST_GROUNDS:
                 self._lost_ns.pop(next(iter(self._lost_ns)))
             # lost again before anything was told: what it missed before is still to be told
-            self._lost_ns[ground] = min(now_ns, self._from_ns + _NOTICED_NS) if self._tell_ns else now_ns
+            self._lost_ns[ground] = (
+                min(now_ns, self._from_ns + _NOTICED_NS) if self._tell_ns else now_ns
+            )
         elif ground in self._lost_ns:
             lost_ns = self._lost_ns.pop(ground) - _NOTICED_NS
             self._from_ns = min(self._from_ns, lost_ns) if self._tell_ns else lost_ns

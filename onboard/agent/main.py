@@ -21,16 +21,24 @@ def parser() -> argparse.ArgumentParser:
         "Onto all companions: covey agent deploy --help.",
     )
     parser.add_argument("--fleet", required=True, metavar="FILE", help="fleet file")
-    parser.add_argument("--vehicle", required=True, metavar="NAME", help="vehicle of the fleet file")
+    parser.add_argument(
+        "--vehicle", required=True, metavar="NAME", help="vehicle of the fleet file"
+    )
     parser.add_argument("--law", metavar="NAME", help="avoidance law instead of the fleet file's")
     parser.add_argument(
-        "--apply-params", action="store_true", help="set PX4's required parameters instead of only checking them"
+        "--apply-params",
+        action="store_true",
+        help="set PX4's required parameters instead of only checking them",
     )
     parser.add_argument(
-        "--mocap", choices=["bus"], help="listen to poses on the bus, whatever mocap.direct says: for emulated vehicles"
+        "--mocap",
+        choices=["bus"],
+        help="listen to poses on the bus, whatever mocap.direct says: for emulated vehicles",
     )
     parser.add_argument(
-        "--realtime", action="store_true", help="let the control loop take precedence over other processes, if allowed"
+        "--realtime",
+        action="store_true",
+        help="let the control loop take precedence over other processes, if allowed",
     )
     return parser
 

@@ -67,7 +67,9 @@ class RunCounters(Struct, frozen=True):
     messages: MessageCounts  # not used
 
 
-def state_message(identity: AgentIdentity, result: TickResult, sequence: int, *, is_cooperative: bool) -> StateMessage:
+def state_message(
+    identity: AgentIdentity, result: TickResult, sequence: int, *, is_cooperative: bool
+) -> StateMessage:
     """Return the message that the neighbours take 50 times a second."""
     state, law = result.tick.state, result.tick.law
     return StateMessage(
@@ -92,8 +94,12 @@ def state_message(identity: AgentIdentity, result: TickResult, sequence: int, *,
     )
 
 
-def px4_state_message(state: StateMessage, position_enu_m: Vec3, velocity_enu_m_s: Vec3) -> StateMessage:
-    """Return the state of a vehicle without a pose that its PX4 lands: where PX4 believes to be, and no promise."""
+def px4_state_message(
+    state: StateMessage, position_enu_m: Vec3, velocity_enu_m_s: Vec3
+) -> StateMessage:
+    """Return the state of a vehicle without a pose that its PX4 lands: where PX4 believes to be,
+    and no promise.
+    """
     still = 0.0, 0.0, 0.0
     return replace(
         state,
@@ -125,7 +131,9 @@ def active_neighbour(tick: Tick, neighbours: NeighbourTable) -> str:
 
 
 def tick_sample(result: TickResult, state: StateMessage, sources: TelemetrySources) -> TickSample:
-    """Return every intermediate value of one pass, for the record; ``state`` is what the neighbours received of it."""
+    """Return every intermediate value of one pass, for the record; ``state`` is what the neighbours
+    received of it.
+    """
     tick, view = result.tick, result.view
     law, snapshot = tick.law, view.snapshot
     return TickSample(
@@ -184,7 +192,9 @@ def telemetry(
         yaw_deg=math.degrees(tick.state.yaw_rad),
         is_position_valid=view.has_position,
         setpoint_position_enu_m=tick.setpoint.position_enu_m,
-        goal_position_enu_m=flight.goal_position_enu_m if flight.is_under_law else view.position_enu_m,
+        goal_position_enu_m=flight.goal_position_enu_m
+        if flight.is_under_law
+        else view.position_enu_m,
         battery_frac=battery_frac,
         battery_voltage_v=battery_voltage_v,
         law=identity.law,
@@ -197,7 +207,9 @@ def telemetry(
         order_phase=flight.step.text,
         state_age_s=own.age_s,
         mocap_delay_s=own.validator.delay_s,
-        autopilot_age_s=(now_ns - snapshot.last_packet_ns) * 1e-9 if snapshot.last_packet_ns else math.inf,
+        autopilot_age_s=(now_ns - snapshot.last_packet_ns) * 1e-9
+        if snapshot.last_packet_ns
+        else math.inf,
         neighbour_age_s=sources.neighbours.oldest_age_s(now_ns),
         loop_period_p50_ms=loop.p50_ms,
         loop_period_p99_ms=loop.p99_ms,

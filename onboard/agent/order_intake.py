@@ -1,4 +1,6 @@
-"""Orders as they arrive: each is answered once, refused with a reason or begun, and compared with the others' goals."""
+"""Orders as they arrive: each is answered once, refused with a reason or begun, and compared with
+the others' goals.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,8 @@ from onboard.safety.failsafe_table import Action
 from onboard.supervision.failsafe_executor import FailsafeExecutor
 
 _MOST_REPLIES = 200
-_CONFLICT_CHECK_NS = 600_000_000  # until then all vehicles of the same order have announced their goals
+# until then all vehicles of the same order have announced their goals
+_CONFLICT_CHECK_NS = 600_000_000
 _CONFLICT_STAYS_NS = 1_000_000_000  # on a channel that is full the announcements come later
 _TELL_AGAIN_NS = 1_000_000_000  # after an event about a refused order, one of the same kind
 _ALLOWED_WHILE_STOPPING = ("kill", "land", "disarm")
@@ -32,16 +35,22 @@ class OrderIntake:
     """
 
     def __init__(
-        self, flight: FlightContext, failsafes: FailsafeExecutor, roles: Roles, gate: OrderGate | None = None
+        self,
+        flight: FlightContext,
+        failsafes: FailsafeExecutor,
+        roles: Roles,
+        gate: OrderGate | None = None,
     ) -> None:
-        self.refused: Counter[str] = Counter()  # orders that were not believed, or not the operator's
+        # orders that were not believed, or not the operator's
+        self.refused: Counter[str] = Counter()
         self._flight, self._failsafes, self._roles, self._gate = flight, failsafes, roles, gate
         self._told_ns: dict[str, int] = {}  # kind of refusal -> its last event
         self._replies: dict[str, OrderReply] = {}
         self._conflict_check_ns = 0
 
     def take(self, order: Order, facts: OrderFacts, *, is_stopping: bool) -> OrderReply:
-        """Begin an order or refuse it; one that was sent twice gets the same reply and begins once."""
+        """Begin an order or refuse it; one that was sent twice gets the same reply and begins once.
+        """
         untrusted = None if self._gate is None else self._gate.refusal(order, facts.view.now_ns)
         if untrusted is not None:
             return self.refuse(untrusted, facts.view)
@@ -58,22 +67,29 @@ class OrderIntake:
         self._replies[order.order_id] = reply
         if len(self._replies) > _MOST_REPLIES:
             self._replies.pop(next(iter(self._replies)))
-        if order.kind != "load_path":  # for the record of whoever records: only its sender sees the reply
+        # for the record of whoever records: only its sender sees the reply
+        if order.kind != "load_path":
             answer = "accepted." if reason is None else f"refused: {reason}"
-            self._flight.say(facts.view, "debug", "order", f"{order.order_id[:60]} {order.text} {answer}")
+            self._flight.say(
+                facts.view, "debug", "order", f"{order.order_id[:60]} {order.text} {answer}"
+            )
         if reason is None:
             self._begin(order, facts.view)
         return reply
 
     def refuse(self, order: UntrustedOrder, view: FlightView) -> OrderReply:
-        """Answer an order that is not believed, count it, and tell the ground of it, at most once a second."""
+        """Answer an order that is not believed, count it, and tell the ground of it, at most once a
+        second.
+        """
         self.refused[order.code] += 1
         told_ns = self._told_ns.get(order.code)
         if told_ns is None or view.now_ns - told_ns >= _TELL_AGAIN_NS:
             self._told_ns[order.code] = view.now_ns
             self._flight.say(view, "warning", "order-refused", order.sentence)
         vehicle = self._flight.vehicle.name
-        return OrderReply(order_id=order.order_id, vehicle=vehicle, is_accepted=False, reason=order.sentence)
+        return OrderReply(
+            order_id=order.order_id, vehicle=vehicle, is_accepted=False, reason=order.sentence
+        )
 
     def _refusal(self, order: Order, facts: OrderFacts, *, is_stopping: bool) -> str | None:
         reason = self._roles.refusal(order)
@@ -98,8 +114,11 @@ class OrderIntake:
         if order.kind == "move":
             self._conflict_check_ns = view.now_ns + _CONFLICT_CHECK_NS
 
-    def check_conflict(self, view: FlightView, telemetries: Callable[[], Mapping[str, Telemetry]]) -> None:
-        """Give up a move whose goal is too near to another's: some time after its begin, if that does not change.
+    def check_conflict(
+        self, view: FlightView, telemetries: Callable[[], Mapping[str, Telemetry]]
+    ) -> None:
+        """Give up a move whose goal is too near to another's: some time after its begin, if that
+        does not change.
 
         At its begin two vehicles that swap would look like a conflict.
         """
@@ -108,7 +127,9 @@ class OrderIntake:
             return
         sentence = None
         if flight.step is Step.LEG and flight.order is not None:
-            sentence = order_checks.goal_conflict(flight.goal_position_enu_m, telemetries(), flight.fleet.fleet)
+            sentence = order_checks.goal_conflict(
+                flight.goal_position_enu_m, telemetries(), flight.fleet.fleet
+            )
         if sentence is not None and view.now_ns < self._conflict_check_ns + _CONFLICT_STAYS_NS:
             return
         self._conflict_check_ns = 0

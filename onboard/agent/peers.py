@@ -1,4 +1,6 @@
-"""The other nodes of the bus: grounds and their roles, and the neighbours that are followed at full rate."""
+"""The other nodes of the bus: grounds and their roles, and the neighbours that are followed at full
+rate.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +13,8 @@ from onboard.neighbours.subscription import SELECT_TICKS
 from onboard.neighbours.table import NeighbourTable
 from onboard.supervision.preflight_inputs import EMULATOR, RECORDER
 
-CONCERNS_AGENTS = (GROUND, RECORDER, EMULATOR, *ROLES)  # first words of all names that an agent has an interest in
+# first words of all names that an agent has an interest in
+CONCERNS_AGENTS = (GROUND, RECORDER, EMULATOR, *ROLES)
 
 
 class BusNodes:
@@ -20,7 +23,9 @@ class BusNodes:
     def __init__(self, fleet: FleetConfig, vehicle_name: str) -> None:
         self.roles = Roles()
         self.lost_ends = LostEnds()
-        self._has_peers = len(fleet.enabled_names) > 1 or fleet.vehicles[vehicle_name].mocap_required
+        self._has_peers = (
+            len(fleet.enabled_names) > 1 or fleet.vehicles[vehicle_name].mocap_required
+        )
         self._grounds: set[str] = set()
 
     @property
@@ -30,8 +35,10 @@ class BusNodes:
 
     def update(self, node: str, is_alive: bool, now_ns: int) -> None:
         """Take a node's appearance or end."""
-        if node.startswith(GROUND):  # whoever may order, operator or not; who only watches has another name
-            if is_alive and node in self._grounds:  # its link broke and is back: the end in between was not noticed
+        # whoever may order, operator or not; who only watches has another name
+        if node.startswith(GROUND):
+            # its link broke and is back: the end in between was not noticed
+            if is_alive and node in self._grounds:
                 self.lost_ends.see(node, False, now_ns)
             self.lost_ends.see(node, is_alive, now_ns)
             (self._grounds.add if is_alive else self._grounds.discard)(node)
@@ -39,13 +46,17 @@ class BusNodes:
             self.roles.see(node, is_alive)
 
     def silence_s(self, last_heard_ns: int, now_ns: int) -> float:
-        """Return the time [s] since anything was heard on the bus; 0 while that says nothing about it."""
+        """Return the time [s] since anything was heard on the bus; 0 while that says nothing about
+        it.
+        """
         is_meaningful = last_heard_ns and self._has_peers and not self.has_ground
         return (now_ns - last_heard_ns) * 1e-9 if is_meaningful else 0.0
 
 
 class NeighbourFollower:
-    """Chooses from time to time the neighbours that are heard at full rate; in a large fleet nobody at first."""
+    """Chooses from time to time the neighbours that are heard at full rate; in a large fleet nobody
+    at first.
+    """
 
     def __init__(self, table: NeighbourTable) -> None:
         self._table = table

@@ -1,4 +1,6 @@
-"""Messages of every tick: the state for the neighbours, samples for the record, telemetry for people."""
+"""Messages of every tick: the state for the neighbours, samples for the record, telemetry for
+people.
+"""
 
 from __future__ import annotations
 
@@ -18,9 +20,12 @@ _BATCH_TICKS = 10
 class TelemetryPublisher:
     """Counts and batches the messages of one run of an agent."""
 
-    def __init__(self, identity: AgentIdentity, sources: TelemetrySources, state_ticks: int = 1) -> None:
+    def __init__(
+        self, identity: AgentIdentity, sources: TelemetrySources, state_ticks: int = 1
+    ) -> None:
         self.loop = LoopTimed(0.0, 0.0, 0.0, 0)  # newest statistics of the loop
-        self.counts = MessageCounts()  # of messages that reached neither the neighbours' table nor the own state
+        # of messages that reached neither the neighbours' table nor the own state
+        self.counts = MessageCounts()
         self._identity, self._sources = identity, sources
         self._state_ticks = state_ticks  # from one state for the near neighbours to the next
         self._decimation = TelemetryDecimation()
@@ -51,10 +56,11 @@ class TelemetryPublisher:
         return commands
 
     def telemetry(self, result: TickResult) -> list[Command]:
-        """Return the telemetry when it is due: ten times a second, and at once when the step has changed.
+        """Return the telemetry when it is due: ten times a second, and at once when the step has
+        changed.
 
-        It is to be sent before the events of the same tick, so that a receiver of an order's end finds the state that
-        the order led to.
+        It is to be sent before the events of the same tick, so that a receiver of an order's end
+        finds the state that the order led to.
         """
         step = self._sources.flight.step
         if self._sequence % _TELEMETRY_TICKS and step is self._published_step:
@@ -71,8 +77,14 @@ class TelemetryPublisher:
 
     def _state(self, result: TickResult) -> StateMessage:
         view, sources = result.view, self._sources
-        is_avoiding = view.has_position and sources.flight.is_avoiding(view) and sources.failsafes.is_law_followed
-        state = messages.state_message(self._identity, result, self._sequence, is_cooperative=is_avoiding)
+        is_avoiding = (
+            view.has_position
+            and sources.flight.is_avoiding(view)
+            and sources.failsafes.is_law_followed
+        )
+        state = messages.state_message(
+            self._identity, result, self._sequence, is_cooperative=is_avoiding
+        )
         if view.has_position:
             return state
         last_known = sources.own.px4_check.motion(view.now_ns)

@@ -1,6 +1,8 @@
-"""Selection of the telemetry for the other agents: at once what changes what they do, all of it twice a second. Pure.
+"""Selection of the telemetry for the other agents: at once what changes what they do, all of it
+twice a second. Pure.
 
-People look at all of it ten times a second; agents use a few fields, and each pays for what it hears of every other.
+People look at all of it ten times a second; agents use a few fields, and each pays for what it
+hears of every other.
 """
 
 from __future__ import annotations
@@ -12,7 +14,8 @@ from onboard.bus.schema import Telemetry, Vec3
 
 _EVERY_NS = 450_000_000  # twice a second, also when a message comes a bit early
 _GOAL_M = 0.05
-_REPEATS = 3  # of a change: a message may be lost, and a goal is judged half a second after its order
+# of a change: a message may be lost, and a goal is judged half a second after its order
+_REPEATS = 3
 
 
 @dataclass(slots=True)
@@ -37,7 +40,11 @@ class TelemetryDecimation:
             telemetry.is_behind,
         )
         goal = telemetry.goal_position_enu_m
-        if self._stamp_ns is None or words != self._words or not math.dist(goal, self._goal_enu_m) < _GOAL_M:
+        if (
+            self._stamp_ns is None
+            or words != self._words
+            or not math.dist(goal, self._goal_enu_m) < _GOAL_M
+        ):
             self._repeats = _REPEATS
         elif self._repeats:
             self._repeats -= 1

@@ -1,4 +1,6 @@
-"""A timer on an absolute schedule that asyncio can watch: timerfd, or asyncio's own clock where there is none."""
+"""A timer on an absolute schedule that asyncio can watch: timerfd, or asyncio's own clock where
+there is none.
+"""
 
 from __future__ import annotations
 
@@ -17,14 +19,24 @@ _WINDOW = 500  # ten seconds at 50 Hz
 class Ticker:
     """Calls ``on_tick`` every ``period_ns``, first at a multiple of the period plus ``offset_ns``.
 
-    Ticks that were missed are not made up for but counted: ``missed_ticks``. ``late_ticks`` counts those whose period
-    was longer than it should be by ``late_ns``.
+    Ticks that were missed are not made up for but counted: ``missed_ticks``. ``late_ticks`` counts
+    those whose period was longer than it should be by ``late_ns``.
     """
 
     def __init__(
-        self, period_ns: int, on_tick: Callable[[], None], *, offset_ns: int = 0, late_ns: int = 5_000_000
+        self,
+        period_ns: int,
+        on_tick: Callable[[], None],
+        *,
+        offset_ns: int = 0,
+        late_ns: int = 5_000_000,
     ) -> None:
-        self._period_ns, self._on_tick, self._offset_ns, self._late_ns = period_ns, on_tick, offset_ns, late_ns
+        self._period_ns, self._on_tick, self._offset_ns, self._late_ns = (
+            period_ns,
+            on_tick,
+            offset_ns,
+            late_ns,
+        )
         self._fd: int | None = None
         self._handle: asyncio.TimerHandle | None = None
         self._periods_ms: deque[float] = deque(maxlen=_WINDOW)
@@ -35,14 +47,18 @@ class Ticker:
     def start(self, loop: asyncio.AbstractEventLoop) -> None:
         """Begin to tick."""
         now_ns = time.monotonic_ns()
-        first_ns = self._first_ns = (now_ns // self._period_ns + 1) * self._period_ns + self._offset_ns
+        first_ns = self._first_ns = (
+            now_ns // self._period_ns + 1
+        ) * self._period_ns + self._offset_ns
         self._last_ns = 0
         self._loop = loop
         libc = ctypes.CDLL(None, use_errno=True)
         if hasattr(libc, "timerfd_create"):
             fd = libc.timerfd_create(_CLOCK_MONOTONIC, _TFD_FLAGS)
             if fd >= 0:
-                spec = struct.pack("qqqq", *divmod(self._period_ns, 10**9), *divmod(first_ns, 10**9))
+                spec = struct.pack(
+                    "qqqq", *divmod(self._period_ns, 10**9), *divmod(first_ns, 10**9)
+                )
                 libc.timerfd_settime(fd, _TFD_TIMER_ABSTIME, spec, None)
                 self._fd = fd
                 loop.add_reader(fd, self._readable)
@@ -69,7 +85,8 @@ class Ticker:
         return ordered[last // 2], ordered[round(0.99 * last)], ordered[-1]
 
     def lateness_p99_ms(self) -> float:
-        """99th percentile of how far behind the schedule the ticks of the last ten seconds began."""
+        """99th percentile of how far behind the schedule the ticks of the last ten seconds began.
+        """
         ordered = sorted(self._lateness_ms)
         return ordered[round(0.99 * (len(ordered) - 1))] if ordered else 0.0
 

@@ -25,12 +25,14 @@ _CLIMB_M_S = 0.4
 def warm_up(fleet: FleetConfig, name: str) -> bool:
     """Fly a core that has nobody else in its fleet; whether it got into the air.
 
-    A vehicle that no preflight check would let start (outside its fence, for instance) stays on the ground here too.
+    A vehicle that no preflight check would let start (outside its fence, for instance) stays on the
+    ground here too.
     """
     core = AgentCore(replace(fleet, vehicles={name: fleet.vehicles[name]}), name, boot_id=0)
     core.preflight.is_warm = True
     core.handle(ev.ParamsRead(()), _START_NS)
-    for node in ("ground-1", EMULATOR):  # a law of somebody's own would not start without an emulator
+    # a law of somebody's own would not start without an emulator
+    for node in ("ground-1", EMULATOR):
         core.handle(ev.NodeChanged(node, True), _START_NS)
     vehicle = _MadeUpVehicle(core)
     flying_ticks = count = 0
@@ -42,7 +44,9 @@ def warm_up(fleet: FleetConfig, name: str) -> bool:
 
 
 class _MadeUpVehicle:
-    """A PX4 that confirms at once, in a vehicle that climbs at a constant speed as soon as it is armed."""
+    """A PX4 that confirms at once, in a vehicle that climbs at a constant speed as soon as it is
+    armed.
+    """
 
     def __init__(self, core: AgentCore) -> None:
         self._core, self._vehicle = core, core.vehicle
@@ -51,18 +55,22 @@ class _MadeUpVehicle:
             battery_frac=1.0,
             battery_voltage_v=16.0,
             landed=Landed.ON_GROUND,
-            global_origin=None if origin is None else (origin.latitude_deg, origin.longitude_deg, origin.altitude_m),
+            global_origin=None
+            if origin is None
+            else (origin.latitude_deg, origin.longitude_deg, origin.altitude_m),
         )
         self._height_m, self._count = 0.0, 0
 
     def tick(self, now_ns: int) -> None:
-        """Let the core hear of the vehicle, order the take-off as soon as it is ready, and obey it."""
+        """Let the core hear of the vehicle, order the take-off as soon as it is ready, and obey it.
+        """
         core = self._core
         self._count += 1
         if self._snapshot.is_armed:
             self._height_m += _CLIMB_M_S * _PERIOD_NS * 1e-9
         x, y, ground_m = self._vehicle.start_enu_m
-        z = ground_m + self._height_m + 1e-6 * (self._count % 2)  # a body that is tracked is never quite still
+        # a body that is tracked is never quite still
+        z = ground_m + self._height_m + 1e-6 * (self._count % 2)
         self._snapshot = replace(
             self._snapshot,
             last_packet_ns=now_ns,
@@ -78,7 +86,12 @@ class _MadeUpVehicle:
             core.handle(ev.PoseReceived(self._pose((x, y, z), now_ns), now_ns), now_ns)
         if core.flight.state == "ready" and core.flight.order is None:
             order = Order(
-                order_id="warm-up", author="", kind="takeoff", stamp_ns=now_ns, deadline_ns=0, height_m=z + 1.0
+                order_id="warm-up",
+                author="",
+                kind="takeoff",
+                stamp_ns=now_ns,
+                deadline_ns=0,
+                height_m=z + 1.0,
             )
             core.handle(ev.OrderReceived(order), now_ns)
         for command in core.tick(now_ns):

@@ -1,10 +1,12 @@
-"""Rows of the law: half-planes ``n . u >= b`` of the horizontal thrust, one for each constrained output.
+"""Rows of the law: half-planes ``n . u >= b`` of the horizontal thrust, one for each constrained
+output.
 
-The paper constrains two outputs of a pair: the squared distance d_o,2 of (5), and the orthoradial velocity phi_perp of
-(6). It derives each until the input appears, (10), and bounds the input such that the output decays to its limit no
-faster than the kappas say, (17) and (18). The bounds are :func:`h_1` and :func:`h_2`. With e and w for position and
-velocity relative to the other one, ``u_1 = 2 e . u`` and ``u_2 = e x u``, (15): so (17) and (18) are half-planes, with
-the normals e and e turned by 90 degrees. A row is divided by the distance to keep, so that its bound is in m/s^2.
+The paper constrains two outputs of a pair: the squared distance d_o,2 of (5), and the orthoradial
+velocity phi_perp of (6). It derives each until the input appears, (10), and bounds the input such
+that the output decays to its limit no faster than the kappas say, (17) and (18). The bounds are
+:func:`h_1` and :func:`h_2`. With e and w for position and velocity relative to the other one, ``u_1
+= 2 e . u`` and ``u_2 = e x u``, (15): so (17) and (18) are half-planes, with the normals e and e
+turned by 90 degrees. A row is divided by the distance to keep, so that its bound is in m/s^2.
 """
 
 from __future__ import annotations
@@ -28,7 +30,8 @@ _CONFLICT_M_S = 0.3  # relative intent from which a conflict counts in full
 
 
 def h_1(e: Vec2, w: Vec2, d_m: float, kappa_1_1_s: float, kappa_2_1_s: float) -> float:
-    """Return half of the bound (20) [m^2/s^2], without the acceleration of the other one, which belongs to D_1.
+    """Return half of the bound (20) [m^2/s^2], without the acceleration of the other one, which
+    belongs to D_1.
 
     ``e . (a_i - a_j) >= h_1`` keeps the squared distance, (5), above d^2, (7).
 
@@ -38,13 +41,20 @@ def h_1(e: Vec2, w: Vec2, d_m: float, kappa_1_1_s: float, kappa_2_1_s: float) ->
     """
     closing = dot_2(e, w)  # half of the rate of d_o,2
     outside = dot_2(e, e) - d_m * d_m
-    return -dot_2(w, w) - (kappa_1_1_s + kappa_2_1_s) * closing - 0.5 * kappa_1_1_s * kappa_2_1_s * outside
+    return (
+        -dot_2(w, w)
+        - (kappa_1_1_s + kappa_2_1_s) * closing
+        - 0.5 * kappa_1_1_s * kappa_2_1_s * outside
+    )
 
 
-def h_2(e: Vec2, w: Vec2, v: Vec2, d_m: float, v_perp_m_s: float, sign: float, gains: Gains) -> float:
+def h_2(
+    e: Vec2, w: Vec2, v: Vec2, d_m: float, v_perp_m_s: float, sign: float, gains: Gains
+) -> float:
     """Return the bound (21) [m^2/s^2] for turning about the other one.
 
-    ``sign (e x a) >= h_2`` keeps the orthoradial velocity, (6), above (8), or for the sign -1 below (9).
+    ``sign (e x a) >= h_2`` keeps the orthoradial velocity, (6), above (8), or for the sign -1 below
+    (9).
 
     Args:
         e, w: relative position and velocity [m, m/s].
@@ -64,9 +74,10 @@ def h_2(e: Vec2, w: Vec2, v: Vec2, d_m: float, v_perp_m_s: float, sign: float, g
 def distance_row(pair: NeighbourPair, params: LawParams) -> HalfPlane:
     """Return the half-plane that keeps one neighbour outside the distance to keep (line D).
 
-    Implements: (17), (20). DEVIATION D2: the policy says how much of the bound this vehicle takes on itself. full: all
-    of it, and the other's acceleration (the paper). half: half. shortfall: half, and ``shortfall_gain`` times the part
-    of the other half that the neighbour's command does not deliver. All of it for one that does not cooperate.
+    Implements: (17), (20). DEVIATION D2: the policy says how much of the bound this vehicle takes
+    on itself. full: all of it, and the other's acceleration (the paper). half: half. shortfall:
+    half, and ``shortfall_gain`` times the part of the other half that the neighbour's command does
+    not deliver. All of it for one that does not cooperate.
 
     Args:
         pair: this vehicle and the neighbour at t + L.
@@ -88,7 +99,8 @@ def distance_row(pair: NeighbourPair, params: LawParams) -> HalfPlane:
 
 
 def promised_row(pair: NeighbourPair, params: LawParams) -> HalfPlane:
-    """Return the half-plane of the promised distance alone, without any margin: given up last (line Q).
+    """Return the half-plane of the promised distance alone, without any margin: given up last (line
+    Q).
 
     Args:
         pair: this vehicle and the neighbour at t + L.
@@ -109,12 +121,14 @@ def promised_row(pair: NeighbourPair, params: LawParams) -> HalfPlane:
     return distance_row(bare, params)
 
 
-def rotation_row(pair: NeighbourPair, own_velocity_m_s: Vec2, is_crowded: bool, params: LawParams) -> HalfPlane:
+def rotation_row(
+    pair: NeighbourPair, own_velocity_m_s: Vec2, is_crowded: bool, params: LawParams
+) -> HalfPlane:
     """Return the soft half-plane that turns the pair about each other (line R).
 
-    Implements: (18), (21). DEVIATION D4: in relative form with half a share for each, where both see the same numbers.
-    A vehicle that has to do everything turns alone, relative to the other; under the paper's full responsibility by
-    its absolute velocity, as (6) has it.
+    Implements: (18), (21). DEVIATION D4: in relative form with half a share for each, where both
+    see the same numbers. A vehicle that has to do everything turns alone, relative to the other;
+    under the paper's full responsibility by its absolute velocity, as (6) has it.
 
     Args:
         pair: this vehicle and the neighbour at t + L.
@@ -138,7 +152,8 @@ def rotation_row(pair: NeighbourPair, own_velocity_m_s: Vec2, is_crowded: bool, 
 
 
 def conflict(e: Vec2, intent_m_s: Vec2, d_m: float) -> float:
-    """Return how far the straight ways that both intend come too near to each other, from 0 to 1. DEVIATION D4.
+    """Return how far the straight ways that both intend come too near to each other, from 0 to 1.
+    DEVIATION D4.
 
     Args:
         e: relative position [m].
@@ -155,11 +170,13 @@ def conflict(e: Vec2, intent_m_s: Vec2, d_m: float) -> float:
 
 
 def turn_sign(e: Vec2, intent_m_s: Vec2, d_m: float, is_crowded: bool, direction: int) -> float:
-    """Return the side of a turn: +1 counter-clockwise, (8), or -1 clockwise, (9); by policy. DEVIATION D4, D14.
+    """Return the side of a turn: +1 counter-clockwise, (8), or -1 clockwise, (9); by policy.
+    DEVIATION D4, D14.
 
-    fixed: always +1. pair: as the relative velocity already turns the pair, which both see alike; +1 if undecided.
-    crowd: a crowded pair always +1, so that all of a crowd go round the same way. intent: as crowd, but by the relative
-    velocity that both intend, which does not keep a circling pair circling.
+    fixed: always +1. pair: as the relative velocity already turns the pair, which both see alike;
+    +1 if undecided. crowd: a crowded pair always +1, so that all of a crowd go round the same way.
+    intent: as crowd, but by the relative velocity that both intend, which does not keep a circling
+    pair circling.
 
     Args:
         e: relative position [m].
@@ -172,7 +189,8 @@ def turn_sign(e: Vec2, intent_m_s: Vec2, d_m: float, is_crowded: bool, direction
 
 
 def obstacle_row(surface: Surface, gains: Gains) -> HalfPlane:
-    """Return the half-plane that keeps a static obstacle at its distance: (17) with all of the bound. DEVIATION D13.
+    """Return the half-plane that keeps a static obstacle at its distance: (17) with all of the
+    bound. DEVIATION D13.
 
     Args:
         surface: the obstacle's nearest point.
@@ -183,8 +201,11 @@ def obstacle_row(surface: Surface, gains: Gains) -> HalfPlane:
     return HalfPlane(Vec2(e.x / d, e.y / d), bound / d)
 
 
-def obstacle_rotation_row(surface: Surface, velocity_m_s: Vec2, intent_m_s: Vec2, params: LawParams) -> HalfPlane:
-    """Return the soft half-plane that turns the vehicle about a static obstacle: (18). DEVIATION D13.
+def obstacle_rotation_row(
+    surface: Surface, velocity_m_s: Vec2, intent_m_s: Vec2, params: LawParams
+) -> HalfPlane:
+    """Return the soft half-plane that turns the vehicle about a static obstacle: (18). DEVIATION
+    D13.
 
     Args:
         surface: the obstacle's nearest point.
@@ -197,14 +218,19 @@ def obstacle_rotation_row(surface: Surface, velocity_m_s: Vec2, intent_m_s: Vec2
 
 
 def fence_rows(position_m: Vec2, velocity_m_s: Vec2, fence: Fence, gains: Gains) -> list[HalfPlane]:
-    """Return the half-planes of the four walls, with bound -inf for an open side: (17) for the distance from a line.
+    """Return the half-planes of the four walls, with bound -inf for an open side: (17) for the
+    distance from a line.
 
-    With the distance h and the inward normal n: ``n . u >= -(k_1 + k_2) n . v - k_1 k_2 h``. DEVIATION D13.
+    With the distance h and the inward normal n: ``n . u >= -(k_1 + k_2) n . v - k_1 k_2 h``.
+    DEVIATION D13.
 
     Args:
         position_m, velocity_m_s: own, horizontal, at t + L.
     """
-    rate, stiffness = gains.static_kappa_1_1_s + gains.kappa_2_1_s, gains.static_kappa_1_1_s * gains.kappa_2_1_s
+    rate, stiffness = (
+        gains.static_kappa_1_1_s + gains.kappa_2_1_s,
+        gains.static_kappa_1_1_s * gains.kappa_2_1_s,
+    )
     p, v = position_m, velocity_m_s
     return [
         HalfPlane(Vec2(1.0, 0.0), -rate * v.x - stiffness * (p.x - fence.low_x_m)),
@@ -226,7 +252,8 @@ def speed_row(velocity_m_s: Vec2, top_speed_m_s: float) -> HalfPlane:
 
 
 def compensated(row: HalfPlane, compensation_m_s2: Vec2) -> HalfPlane:
-    """Return the row for the thrust with its compensation; rows constrain the net motion, which is without it.
+    """Return the row for the thrust with its compensation; rows constrain the net motion, which is
+    without it.
 
     Args:
         row: of the net motion.
@@ -256,7 +283,8 @@ def can_bind(row: HalfPlane, radius_m_s2: float) -> bool:
 
 
 def faded(row: HalfPlane, thrust_m_s2: Vec2, strength: float) -> HalfPlane:
-    """Return the row between what the thrust gives already, for strength 0, and its own bound, for 1. DEVIATION D15.
+    """Return the row between what the thrust gives already, for strength 0, and its own bound, for
+    1. DEVIATION D15.
 
     Args:
         row: half-plane.

@@ -54,7 +54,8 @@ def into_disc(u: Vec2, radius: float) -> Vec2:
 
 
 def largest_violation(u: Vec2, rows: list[HalfPlane]) -> float:
-    """Return by how much a point misses the row that it misses most; negative where it satisfies all.
+    """Return by how much a point misses the row that it misses most; negative where it satisfies
+    all.
 
     Args:
         u: point.
@@ -79,7 +80,8 @@ def foot(u: Vec2, row: HalfPlane) -> Vec2:
 
 
 def on_circle(row: HalfPlane, radius: float, side: float) -> Vec2:
-    """Return the point, on the side +1 or -1, where the edge of a half-plane of unit length meets the circle.
+    """Return the point, on the side +1 or -1, where the edge of a half-plane of unit length meets
+    the circle.
 
     Where they do not meet it is the edge's nearest point to the origin, outside the disc.
 

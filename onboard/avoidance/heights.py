@@ -1,9 +1,10 @@
-"""How much of the distance to a neighbour counts, by the heights of the two: all of it, a part, or none. Pure.
+"""How much of the distance to a neighbour counts, by the heights of the two: all of it, a part, or
+none. Pure.
 
-Unset, vehicles are endless vertical cylinders. With ``vertical_separation_m`` a pair that is farther apart in height,
-now and in what both are about to do, does not constrain each other at all. Before the heights come that near the
-distance to keep grows from 0 to its whole, so that a vehicle that climbs or sinks towards another is pushed aside in
-time. DEVIATION D16.
+Unset, vehicles are endless vertical cylinders. With ``vertical_separation_m`` a pair that is
+farther apart in height, now and in what both are about to do, does not constrain each other at all.
+Before the heights come that near the distance to keep grows from 0 to its whole, so that a vehicle
+that climbs or sinks towards another is pushed aside in time. DEVIATION D16.
 """
 
 from __future__ import annotations
@@ -16,11 +17,15 @@ from onboard.avoidance.prediction import lead_time, message_age
 from onboard.types import Neighbour
 
 INTENT_S = (
-    2.0  # an intended vertical velocity times this is the way left to the goal, or as far as it goes in that time
+    # an intended vertical velocity times this is the way left to the goal, or as far as it goes in
+    # that time
+    2.0
 )
-TRANSITION_M = 0.2  # beyond the vertical separation, over which the distance grows where nobody moves
+# beyond the vertical separation, over which the distance grows where nobody moves
+TRANSITION_M = 0.2
 _MOTION_S = 0.4  # a climb goes on for so long, whatever is intended: longer than it takes to brake
-_GROWTH_SHARE = 0.5  # of the way that both go, over which the distance grows: the rest is flown at the whole of it
+# of the way that both go, over which the distance grows: the rest is flown at the whole of it
+_GROWTH_SHARE = 0.5
 HEIGHT_SIGMAS = 4.5  # of both positions
 _LARGEST_STD_M = 1e3
 _STALE_S = 0.25  # a message of this age says nothing about heights any more
@@ -37,12 +42,14 @@ class Climb(NamedTuple):
 
 
 def share_of(own: Climb, neighbour: Neighbour, own_lead_s: float, spacing: Spacing) -> float:
-    """Return the share of the distance to a neighbour that counts, from 0 (none) to 1 (as for cylinders).
+    """Return the share of the distance to a neighbour that counts, from 0 (none) to 1 (as for
+    cylinders).
 
     Args:
         own: this vehicle.
-        neighbour: as received. One that does not cooperate lands, falls or is silent: it claims all below itself, and
-            also all above while it is silent or its intent is not known and it moves.
+        neighbour: as received. One that does not cooperate lands, falls or is silent: it claims all
+            below itself, and also all above while it is silent or its intent is not known and it
+            moves.
         own_lead_s: from now to the own t + L.
         spacing: holds the vertical separation; infinite: always 1.
     Properties: the same for both vehicles of a pair that know the same; translation-invariant.
@@ -66,7 +73,8 @@ def share_of(own: Climb, neighbour: Neighbour, own_lead_s: float, spacing: Spaci
 
 
 def is_ahead(own: Climb, neighbour: Neighbour, own_lead_s: float, spacing: Spacing) -> bool:
-    """Whether this vehicle climbs or sinks towards a neighbour that is still a vertical separation away.
+    """Whether this vehicle climbs or sinks towards a neighbour that is still a vertical separation
+    away.
 
     Args:
         own: this vehicle.
@@ -80,7 +88,8 @@ def is_ahead(own: Climb, neighbour: Neighbour, own_lead_s: float, spacing: Spaci
 
 
 def climb_of(neighbour: Neighbour, own_lead_s: float) -> Climb:
-    """Return a neighbour's vertical motion at the own time; straight on from its plain estimate if it tells no more.
+    """Return a neighbour's vertical motion at the own time; straight on from its plain estimate if
+    it tells no more.
 
     Args:
         neighbour: as received.
@@ -92,8 +101,16 @@ def climb_of(neighbour: Neighbour, own_lead_s: float) -> Climb:
     if not neighbour.is_cooperative:
         return Climb(now_m, now_m + own_lead_s * v_z, v_z, INTENT_S * v_z, std_m)
     ahead_s = age_s + own_lead_s - lead_time(neighbour.lead_time_s, own_lead_s)
-    ahead_m = neighbour.predicted_position_enu_m.z + ahead_s * neighbour.predicted_velocity_enu_m_s.z
-    return Climb(now_m, ahead_m, neighbour.predicted_velocity_enu_m_s.z, INTENT_S * neighbour.intent_enu_m_s.z, std_m)
+    ahead_m = (
+        neighbour.predicted_position_enu_m.z + ahead_s * neighbour.predicted_velocity_enu_m_s.z
+    )
+    return Climb(
+        now_m,
+        ahead_m,
+        neighbour.predicted_velocity_enu_m_s.z,
+        INTENT_S * neighbour.intent_enu_m_s.z,
+        std_m,
+    )
 
 
 def _known(std_m: float) -> float:

@@ -1,4 +1,6 @@
-"""From the pipeline's values to those of the law, and back: every number that enters the law is finite."""
+"""From the pipeline's values to those of the law, and back: every number that enters the law is
+finite.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +26,8 @@ class Baseline(NamedTuple):
     """Input of the law: thrust and velocity that the vehicle would have if it were alone."""
 
     thrust: Thrust
-    compensation_enu_m_s2: Vec3  # added to the safe thrust afterwards, against drag and disturbance (line O)
+    # added to the safe thrust afterwards, against drag and disturbance (line O)
+    compensation_enu_m_s2: Vec3
     intent_enu_m_s: Vec3  # velocity straight to the goal
 
 
@@ -70,7 +73,9 @@ def own_at(baseline: Baseline, predicted: Motion, state: State, params: LawParam
     )
 
 
-def output_of(answer: Answer, own: Own, baseline: Baseline, predicted: Motion, params: LawParams) -> LawOutput:
+def output_of(
+    answer: Answer, own: Own, baseline: Baseline, predicted: Motion, params: LawParams
+) -> LawOutput:
     """Return the output for an answer; one that rests on input that cannot be used is INFEASIBLE.
 
     Args:
@@ -111,7 +116,9 @@ def is_sound(baseline: Baseline, predicted: Motion) -> bool:
     )
 
 
-def unchanged(thrust: Thrust, predicted: Motion, intent_enu_m_s: Vec3, params: LawParams) -> LawOutput:
+def unchanged(
+    thrust: Thrust, predicted: Motion, intent_enu_m_s: Vec3, params: LawParams
+) -> LawOutput:
     """Return the output of a law that does nothing, not even limit the tilt.
 
     Args:
@@ -137,7 +144,8 @@ def unchanged(thrust: Thrust, predicted: Motion, intent_enu_m_s: Vec3, params: L
 
 
 def horizontal_limit(thrust_z_m_s2: float, params: LawParams) -> float:
-    """Return the largest horizontal thrust [m/s^2] that leaves the vertical one as it is, by tilt and by full throttle.
+    """Return the largest horizontal thrust [m/s^2] that leaves the vertical one as it is, by tilt
+    and by full throttle.
 
     DEVIATION D8.
 

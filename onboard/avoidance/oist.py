@@ -1,13 +1,16 @@
-"""Output-to-input saturation (OIST) for N neighbours: the baseline thrust in, a safe thrust out, equal types.
+"""Output-to-input saturation (OIST) for N neighbours: the baseline thrust in, a safe thrust out,
+equal types.
 
-The paper's section 3 in its order. The outputs to constrain are the distance of a pair (5) and its orthoradial velocity
-(6). Their derivatives (10) turn the limits (7), (8) into bounds h_1, h_2 of the input (20), (21): constraints.py. The
-paper saturates the input of one pair at its two bounds (22), which is the projection of the thrust on two half-planes;
-here it is projected on those of all neighbours, obstacles and walls, and on the disc that tilt and thrust can deliver:
-projection.py. The rows are evaluated where the vehicle will be when its command takes effect: prediction.py.
+The paper's section 3 in its order. The outputs to constrain are the distance of a pair (5) and its
+orthoradial velocity (6). Their derivatives (10) turn the limits (7), (8) into bounds h_1, h_2 of
+the input (20), (21): constraints.py. The paper saturates the input of one pair at its two bounds
+(22), which is the projection of the thrust on two half-planes; here it is projected on those of all
+neighbours, obstacles and walls, and on the disc that tilt and thrust can deliver: projection.py.
+The rows are evaluated where the vehicle will be when its command takes effect: prediction.py.
 
-The vertical thrust is never touched, so that height is not traded for separation. README.md beside this file has the
-symbols, the algorithm's lines (P1 to O) and the deviations from the paper (D1 to D16).
+The vertical thrust is never touched, so that height is not traded for separation. README.md beside
+this file has the symbols, the algorithm's lines (P1 to O) and the deviations from the paper (D1 to
+D16).
 """
 
 from __future__ import annotations
@@ -41,7 +44,14 @@ from onboard.avoidance.interface import (
     output_of,
     own_at,
 )
-from onboard.avoidance.pairs import NeighbourPair, Own, Surface, climb_share, nearest_pairs, nearest_surfaces
+from onboard.avoidance.pairs import (
+    NeighbourPair,
+    Own,
+    Surface,
+    climb_share,
+    nearest_pairs,
+    nearest_surfaces,
+)
 from onboard.avoidance.params import (
     COVEY,
     JAM_IGNORE,
@@ -66,7 +76,8 @@ from onboard.types import LawOutput, Neighbour, State
 from onboard.vectors import ZERO_2, dot_2, length_2
 
 HELD_S, ROUNDABOUT_S = 3.0, 5.0  # held so long, a vehicle calls for a roundabout, for so long
-_HELD_INTENT_2_M2_S2, _HELD_FRAC = 0.04, 0.2  # held: intends to go, and gets on with less than this share of it
+# held: intends to go, and gets on with less than this share of it
+_HELD_INTENT_2_M2_S2, _HELD_FRAC = 0.04, 0.2
 _VIOLATED_M_S2 = 1e-10
 _STANDING_M_S = 1e-6
 _NO_ROW = HalfPlane(ZERO_2, -math.inf)
@@ -77,7 +88,8 @@ class LawMemory(NamedTuple):
 
     commands: list[PastCommand]  # own past commands, newest first
     relaxed_share: float  # low-passed share of ticks whose hard rows had to be relaxed
-    held_s: float  # time for which the law has held the vehicle back; negative while it calls for a roundabout
+    # time for which the law has held the vehicle back; negative while it calls for a roundabout
+    held_s: float
     climb_share: float  # how fast a climb or descent may go on, from 0 to 1
 
 
@@ -113,7 +125,8 @@ def predict(memory: LawMemory, state: State, params: LawParams) -> Motion:
 
 
 def speed_share(memory: LawMemory, params: LawParams) -> float:
-    """Return the share of the speed limit that is left in a jam (line G): relaxed rows slow the pursuit, by policy.
+    """Return the share of the speed limit that is left in a jam (line G): relaxed rows slow the
+    pursuit, by policy.
 
     Args:
         memory: holds the share of relaxed ticks.
@@ -136,7 +149,8 @@ def step(
 ) -> tuple[LawMemory, LawOutput]:
     """Return the memory and the safe thrust of this tick.
 
-    Implements: (5)-(22) for N neighbours, or the paper's pair law, or the identity, by ``params.law``.
+    Implements: (5)-(22) for N neighbours, or the paper's pair law, or the identity, by
+    ``params.law``.
 
     Args:
         memory: of the last tick.
@@ -148,9 +162,11 @@ def step(
         params: numbers of this vehicle's law.
         dt_s: time since the last tick.
     Returns:
-        Memory and output. Input that cannot be used gives a bounded thrust with the status INFEASIBLE. Where the own
-        motion is not finite the thrust is level and the published prediction NaN.
-    Properties: rotation- and translation-equivariant about the vertical; independent of the neighbours' order.
+        Memory and output. Input that cannot be used gives a bounded thrust with the status
+        INFEASIBLE. Where the own motion is not finite the thrust is level and the published
+        prediction NaN.
+    Properties: rotation- and translation-equivariant about the vertical; independent of the
+    neighbours' order.
     """
     own = own_at(baseline, predicted, state, params)
     if params.law == COVEY:
@@ -169,9 +185,14 @@ def step(
 
 
 def saturate(
-    own: Own, neighbours: Sequence[Neighbour], obstacles: Sequence[Capsule], is_roundabout: bool, params: LawParams
+    own: Own,
+    neighbours: Sequence[Neighbour],
+    obstacles: Sequence[Capsule],
+    is_roundabout: bool,
+    params: LawParams,
 ) -> Answer:
-    """Return the thrust nearest to the baseline's that satisfies the rows of all neighbours, obstacles and walls.
+    """Return the thrust nearest to the baseline's that satisfies the rows of all neighbours,
+    obstacles and walls.
 
     Implements: (22) for N neighbours; lines P3, D, R and Q. DEVIATION D8, D13.
 
@@ -196,13 +217,20 @@ def saturate(
         status = INACTIVE if are_sound else INFEASIBLE
         return Answer(own.thrust_m_s2, status, 0.0, crowd_count, NOBODY)
     found = nearest_thrust(own, pairs, [c.row for c in constraints], turns, params)
-    return Answer(found.point, found.status if are_sound else INFEASIBLE, found.slack, crowd_count, active)
+    return Answer(
+        found.point, found.status if are_sound else INFEASIBLE, found.slack, crowd_count, active
+    )
 
 
 def nearest_thrust(
-    own: Own, pairs: list[NeighbourPair], rows: list[HalfPlane], soft: list[HalfPlane], params: LawParams
+    own: Own,
+    pairs: list[NeighbourPair],
+    rows: list[HalfPlane],
+    soft: list[HalfPlane],
+    params: LawParams,
 ) -> Projection:
-    """Return the nearest thrust for all rows; where none fits, margins and speed give way before promises and walls.
+    """Return the nearest thrust for all rows; where none fits, margins and speed give way before
+    promises and walls.
 
     Implements: line Q.
 
@@ -214,7 +242,9 @@ def nearest_thrust(
     """
     kept = [row for row in rows[: len(pairs)] if can_bind(row, own.radius_m_s2)]
     if length_2(own.velocity_m_s) > _STANDING_M_S and not is_fleeing(own, pairs, rows):
-        kept.append(compensated(speed_row(own.velocity_m_s, params.top_speed_m_s), own.compensation_m_s2))
+        kept.append(
+            compensated(speed_row(own.velocity_m_s, params.top_speed_m_s), own.compensation_m_s2)
+        )
     static = [row for row in rows[len(pairs) :] if can_bind(row, own.radius_m_s2)]
     found = fit(own.thrust_m_s2, kept + static, soft, own.radius_m_s2)
     if found.status != RELAXED:
@@ -225,19 +255,27 @@ def nearest_thrust(
 
 
 def is_fleeing(own: Own, pairs: list[NeighbourPair], rows: list[HalfPlane]) -> bool:
-    """Whether a neighbour that does not cooperate is near enough to matter: then no speed is too high.
+    """Whether a neighbour that does not cooperate is near enough to matter: then no speed is too
+    high.
 
     Args:
         own: this vehicle at t + L.
         pairs: with the neighbours that count.
         rows: that keep their distance, in the same order.
     """
-    strangers = [k for k in range(len(pairs)) if not pairs[k].is_cooperative and can_bind(rows[k], own.radius_m_s2)]
+    strangers = [
+        k
+        for k in range(len(pairs))
+        if not pairs[k].is_cooperative and can_bind(rows[k], own.radius_m_s2)
+    ]
     return len(strangers) > 0
 
 
-def neighbour_constraint(own: Own, pair: NeighbourPair, crowd_count: float, params: LawParams) -> Constraint:
-    """Return the rows of one neighbour: its distance (line D), and turning as far as it is asked for (line R).
+def neighbour_constraint(
+    own: Own, pair: NeighbourPair, crowd_count: float, params: LawParams
+) -> Constraint:
+    """Return the rows of one neighbour: its distance (line D), and turning as far as it is asked
+    for (line R).
 
     Args:
         own: this vehicle at t + L.
@@ -249,15 +287,18 @@ def neighbour_constraint(own: Own, pair: NeighbourPair, crowd_count: float, para
     if strength <= 0.0:
         return Constraint(row, _NO_ROW, False, missing, pair.table_index)
     is_crowded = max(crowd_count, pair.crowd_count) >= params.gains.crowd_count
-    turn = compensated(rotation_row(pair, own.velocity_m_s, is_crowded, params), own.compensation_m_s2)
+    turn = compensated(
+        rotation_row(pair, own.velocity_m_s, is_crowded, params), own.compensation_m_s2
+    )
     return Constraint(row, faded(turn, own.thrust_m_s2, strength), True, missing, pair.table_index)
 
 
 def turning_strength(violation_m_s2: float, pair: NeighbourPair, params: LawParams) -> float:
-    """Return how much of a neighbour's rotation row counts, from 0 to 1, by policy. DEVIATION D4, D15.
+    """Return how much of a neighbour's rotation row counts, from 0 to 1, by policy. DEVIATION D4,
+    D15.
 
-    ahead: with the violation, and before it as far as the ways that both intend come too near; violated: with the
-    violation alone.
+    ahead: with the violation, and before it as far as the ways that both intend come too near;
+    violated: with the violation alone.
 
     Args:
         violation_m_s2: of the distance row by the baseline.
@@ -266,7 +307,11 @@ def turning_strength(violation_m_s2: float, pair: NeighbourPair, params: LawPara
     rotation = params.policies.rotation
     if rotation == ROTATION_ALWAYS:
         return 1.0
-    strength = violation_m_s2 / params.gains.rotation_fade_m_s2 if is_turning(violation_m_s2, rotation) else 0.0
+    strength = (
+        violation_m_s2 / params.gains.rotation_fade_m_s2
+        if is_turning(violation_m_s2, rotation)
+        else 0.0
+    )
     if rotation == ROTATION_AHEAD:
         strength = max(strength, conflict(pair.e, pair.intent_m_s, pair.d_m))
     return min(strength, 1.0)
@@ -299,20 +344,25 @@ def wall_constraint(own: Own, wall: HalfPlane) -> Constraint:
 
 
 def is_turning(violation_m_s2: float, rotation: int) -> bool:
-    """Whether the policy asks for a rotation row because of the violation of the distance row alone.
+    """Whether the policy asks for a rotation row because of the violation of the distance row
+    alone.
 
     Args:
         violation_m_s2: of the distance row by the baseline.
         rotation: the policy.
     """
-    return rotation == ROTATION_ALWAYS or (rotation != ROTATION_NEVER and violation_m_s2 > _VIOLATED_M_S2)
+    return rotation == ROTATION_ALWAYS or (
+        rotation != ROTATION_NEVER and violation_m_s2 > _VIOLATED_M_S2
+    )
 
 
 def held(held_s: float, own: Own, is_active: bool, dt_s: float) -> float:
-    """Return the next ``LawMemory.held_s``: it counts while the law keeps a vehicle that intends to go from getting on.
+    """Return the next ``LawMemory.held_s``: it counts while the law keeps a vehicle that intends to
+    go from getting on.
 
-    Two parked neighbours with a gap too narrow between them hold a vehicle for ever: each row asks for a turn that the
-    other forbids. Held for HELD_S it calls for a roundabout, which leads around both, for ROUNDABOUT_S. DEVIATION D4.
+    Two parked neighbours with a gap too narrow between them hold a vehicle for ever: each row asks
+    for a turn that the other forbids. Held for HELD_S it calls for a roundabout, which leads around
+    both, for ROUNDABOUT_S. DEVIATION D4.
 
     Args:
         held_s: of the last tick.

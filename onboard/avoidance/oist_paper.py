@@ -1,8 +1,10 @@
-"""The paper's law for one moving obstacle, equations (5) to (22), with the turn direction of (8) or (9).
+"""The paper's law for one moving obstacle, equations (5) to (22), with the turn direction of (8) or
+(9).
 
-Everything is per unit of mass: F / m instead of F, so that M_o of (11) is twice a scaled rotation and m cancels.
-Planar: only x and y are used. Positions, velocities and accelerations are in fleet ENU; the orthoradial velocity of (6)
-is positive when the vehicle turns counter-clockwise about the obstacle as seen from above.
+Everything is per unit of mass: F / m instead of F, so that M_o of (11) is twice a scaled rotation
+and m cancels. Planar: only x and y are used. Positions, velocities and accelerations are in fleet
+ENU; the orthoradial velocity of (6) is positive when the vehicle turns counter-clockwise about the
+obstacle as seen from above.
 """
 
 from __future__ import annotations
@@ -37,7 +39,9 @@ class PaperResult(NamedTuple):
     is_usable: bool  # False: M_o has no inverse, and the thrust is unchanged
 
 
-def saturate_thrust(own: PlanarState, thrust_m_s2: Vec2, obstacle: PlanarState, params: PaperParams) -> PaperResult:
+def saturate_thrust(
+    own: PlanarState, thrust_m_s2: Vec2, obstacle: PlanarState, params: PaperParams
+) -> PaperResult:
     """Return the saturated horizontal thrust (22).
 
     Implements: (5)-(22). (9) is (8) for the mirrored orthoradial velocity ``-phi_perp``.
@@ -60,7 +64,10 @@ def saturate_thrust(own: PlanarState, thrust_m_s2: Vec2, obstacle: PlanarState, 
     d_1 = 2.0 * dot_2(w, w) - 2.0 * dot_2(e, a_o)  # (13)
     d_2 = p.turn_sign * cross_2(w, v)  # (14)
     outside = d_o2 - p.d_inf_m * p.d_inf_m
-    h_1 = -d_1 - (p.kappa_1_1_s + p.kappa_2_1_s) * d_o2_rate - p.kappa_1_1_s * p.kappa_2_1_s * outside  # (20)
+    # (20)
+    h_1 = (
+        -d_1 - (p.kappa_1_1_s + p.kappa_2_1_s) * d_o2_rate - p.kappa_1_1_s * p.kappa_2_1_s * outside
+    )
     h_2 = (  # (21)
         -d_2
         - p.kappa_3_1_s * d_o2_rate
@@ -71,15 +78,22 @@ def saturate_thrust(own: PlanarState, thrust_m_s2: Vec2, obstacle: PlanarState, 
         return PaperResult(thrust_m_s2, False, False)
     u_1 = 2.0 * dot_2(e, thrust_m_s2)  # (15)
     u_2 = p.turn_sign * cross_2(e, thrust_m_s2)
-    more_1, more_2 = max(0.0, h_1 - u_1), max(0.0, h_2 - u_2)  # by how much Sat, (4), raises u_1 and u_2 in (19)
-    # M_o^-1 = M_o^T / (4 d_o2): only what the saturations add is transformed back, so that inactive ones change no bit
+    # by how much Sat, (4), raises u_1 and u_2 in (19)
+    more_1, more_2 = max(0.0, h_1 - u_1), max(0.0, h_2 - u_2)
+    # M_o^-1 = M_o^T / (4 d_o2): only what the saturations add is transformed back, so that inactive
+    # ones change no bit
     along, across = 0.5 * more_1 / d_o2, p.turn_sign * more_2 / d_o2
     x, y = along * e.x - across * e.y, along * e.y + across * e.x
-    return PaperResult(Vec2(thrust_m_s2.x + x, thrust_m_s2.y + y), more_1 > 0.0 or more_2 > 0.0, True)
+    return PaperResult(
+        Vec2(thrust_m_s2.x + x, thrust_m_s2.y + y), more_1 > 0.0 or more_2 > 0.0, True
+    )
 
 
-def saturate_pair(own: Own, state: State, neighbours: Sequence[Neighbour], params: LawParams) -> Answer:
-    """Return the paper's thrust (22) against the ring's successor, on plain estimates and within the radius.
+def saturate_pair(
+    own: Own, state: State, neighbours: Sequence[Neighbour], params: LawParams
+) -> Answer:
+    """Return the paper's thrust (22) against the ring's successor, on plain estimates and within
+    the radius.
 
     Args:
         own: this vehicle; the thrust counts.
@@ -95,7 +109,9 @@ def saturate_pair(own: Own, state: State, neighbours: Sequence[Neighbour], param
 def _saturate_pair(own: Own, state: State, neighbour: Neighbour, params: LawParams) -> Answer:
     s = own.compensation_m_s2
     p, v, a = neighbour.position_enu_m, neighbour.velocity_enu_m_s, neighbour.acceleration_enu_m_s2
-    is_known = math.isfinite(p.x) and math.isfinite(p.y) and math.isfinite(v.x) and math.isfinite(v.y)
+    is_known = (
+        math.isfinite(p.x) and math.isfinite(p.y) and math.isfinite(v.x) and math.isfinite(v.y)
+    )
     is_known = is_known and math.isfinite(a.x) and math.isfinite(a.y)
     result = saturate_thrust(
         PlanarState(clipped(state.position_enu_m), clipped(state.velocity_enu_m_s), ZERO_2),

@@ -1,4 +1,5 @@
-"""A law of somebody's own in the place of Covey's: what it is given, and what of its answer can be flown.
+"""A law of somebody's own in the place of Covey's: what it is given, and what of its answer can be
+flown.
 
 The page for its authors is docs/own-law.md. Such a law is interpreted; nothing here is compiled.
 """
@@ -24,7 +25,9 @@ _CHANGED_M_S2 = 1e-9
 
 
 class LawNeighbour(NamedTuple):
-    """One neighbour as Covey's law takes it: horizontal, at t + L, when a command of now takes effect."""
+    """One neighbour as Covey's law takes it: horizontal, at t + L, when a command of now takes
+    effect.
+    """
 
     e_m: Vec2  # own position minus the neighbour's
     w_m_s: Vec2  # own velocity minus the neighbour's
@@ -38,19 +41,22 @@ class LawInputs(NamedTuple):
 
     state: State  # own estimate, now
     predicted: Motion  # own position and velocity at t + L
-    baseline: Thrust  # thrust per mass that the vehicle would fly if it were alone, within its limits
+    # thrust per mass that the vehicle would fly if it were alone, within its limits
+    baseline: Thrust
     compensation_enu_m_s2: Vec3  # is added to the answer against drag and wind
     intent_enu_m_s: Vec3  # velocity straight to the goal
     neighbours: tuple[LawNeighbour, ...]  # the nearest within range, nearest first
     received: tuple[Neighbour, ...]  # all neighbours as they were heard
     obstacles: tuple[Capsule, ...]  # what stands still
     fence: Fence  # walls
-    largest_m_s2: float  # horizontal thrust, with its compensation, at the baseline's vertical thrust
+    # horizontal thrust, with its compensation, at the baseline's vertical thrust
+    largest_m_s2: float
     vehicle: LawParams  # numbers of the vehicle and of the file's [law]; lead_time_s is L
     dt_s: float  # since the last tick
 
     def limited(self, x_m_s2: float, y_m_s2: float) -> Thrust:
-        """Return the thrust nearest to a horizontal one that can be flown, with the baseline's vertical thrust.
+        """Return the thrust nearest to a horizontal one that can be flown, with the baseline's
+        vertical thrust.
 
         Args:
             x_m_s2, y_m_s2: east and north.
@@ -89,7 +95,10 @@ def law_inputs(
         Thrust(Vec3(u.x - s.x, u.y - s.y, own.thrust_z_m_s2)),
         Vec3(s.x, s.y, baseline.compensation_enu_m_s2.z),
         baseline.intent_enu_m_s,
-        tuple(LawNeighbour(pair.e, pair.w, pair.d_m, pair.is_cooperative, pair.table_index) for pair in pairs),
+        tuple(
+            LawNeighbour(pair.e, pair.w, pair.d_m, pair.is_cooperative, pair.table_index)
+            for pair in pairs
+        ),
         tuple(neighbours),
         tuple(obstacles),
         params.fence,

@@ -1,7 +1,8 @@
-"""Pairs of this vehicle with a neighbour or with an obstacle: geometry, distance to keep, and how crowded it is.
+"""Pairs of this vehicle with a neighbour or with an obstacle: geometry, distance to keep, and how
+crowded it is.
 
-Everything is horizontal and at the time t + L, when a command of now takes effect. Heights count only in how much of
-a distance is to be kept (:mod:`onboard.avoidance.heights`).
+Everything is horizontal and at the time t + L, when a command of now takes effect. Heights count
+only in how much of a distance is to be kept (:mod:`onboard.avoidance.heights`).
 """
 
 from __future__ import annotations
@@ -21,7 +22,8 @@ LARGEST_MARGIN_M = 5.0
 COINCIDENT_M = 1e-6
 SETTLED_M_S = 0.1  # a vehicle that intends to go no faster than this is no part of a crowd
 _LARGEST_STD = 1e3
-_WAITS_FRAC, _GOES_FRAC = 0.5, 0.9  # of the distance to keep: below the one a climb waits, from the other on it goes
+# of the distance to keep: below the one a climb waits, from the other on it goes
+_WAITS_FRAC, _GOES_FRAC = 0.5, 0.9
 _LEAST_DISTANCE_M = 0.01  # rows are divided by the distance to keep
 
 
@@ -59,7 +61,8 @@ class Pairs(NamedTuple):
 
     pairs: list[NeighbourPair]  # nearest first
     crowd_count: float  # number of near neighbours
-    is_sound: bool  # False: a neighbour without finite motion, or one that coincides with this vehicle
+    # False: a neighbour without finite motion, or one that coincides with this vehicle
+    is_sound: bool
 
 
 class Surface(NamedTuple):
@@ -72,7 +75,8 @@ class Surface(NamedTuple):
 
 
 def nearest_pairs(own: Own, neighbours: Sequence[Neighbour], params: LawParams) -> Pairs:
-    """Return the pairs with the nearest neighbours within range, and how crowded it is (lines P3 and D).
+    """Return the pairs with the nearest neighbours within range, and how crowded it is (lines P3
+    and D).
 
     Args:
         own: this vehicle at t + L.
@@ -105,7 +109,9 @@ def nearest_pairs(own: Own, neighbours: Sequence[Neighbour], params: LawParams) 
     return Pairs(nearest, crowd_count, is_sound)
 
 
-def _pair(own: Own, neighbour: Neighbour, other: Received, e: Vec2, share: float, params: LawParams) -> NeighbourPair:
+def _pair(
+    own: Own, neighbour: Neighbour, other: Received, e: Vec2, share: float, params: LawParams
+) -> NeighbourPair:
     w = Vec2(own.velocity_m_s.x - other.velocity_m_s.x, own.velocity_m_s.y - other.velocity_m_s.y)
     distance_2 = dot_2(e, e)
     d = max(share * design_distance(own.margin_2_m2, neighbour, params.spacing), _LEAST_DISTANCE_M)
@@ -132,7 +138,8 @@ def _pair(own: Own, neighbour: Neighbour, other: Received, e: Vec2, share: float
 
 
 def climb_share(own: Own, neighbours: Sequence[Neighbour], params: LawParams) -> float:
-    """Return how fast a climb or descent may go on, from 0 to 1: it waits until those whom it will meet are aside.
+    """Return how fast a climb or descent may go on, from 0 to 1: it waits until those whom it will
+    meet are aside.
 
     DEVIATION D16.
 
@@ -154,7 +161,8 @@ def climb_share(own: Own, neighbours: Sequence[Neighbour], params: LawParams) ->
 
 
 def design_distance(own_margin_2_m2: float, neighbour: Neighbour, spacing: Spacing) -> float:
-    """Return the distance d [m] to keep from a neighbour, more where the estimates are worse than a mocap's.
+    """Return the distance d [m] to keep from a neighbour, more where the estimates are worse than a
+    mocap's.
 
     DEVIATION D5, D12.
 
@@ -173,7 +181,8 @@ def design_distance(own_margin_2_m2: float, neighbour: Neighbour, spacing: Spaci
 
 
 def margin_2(position_std_m: float, velocity_std_m_s: float, spacing: Spacing) -> float:
-    """Return one vehicle's part of the square of the accuracy margin [m^2]: the parts of two vehicles add.
+    """Return one vehicle's part of the square of the accuracy margin [m^2]: the parts of two
+    vehicles add.
 
     Args:
         position_std_m, velocity_std_m_s: standard deviations per axis, as published.
@@ -194,22 +203,28 @@ def known(std: float) -> float:
 
 
 def nearest_surfaces(own: Own, obstacles: Sequence[Capsule], clearance_m: float) -> list[Surface]:
-    """Return the nearest points of the MAX_OBSTACLES nearest obstacles, nearest first. DEVIATION D13.
+    """Return the nearest points of the MAX_OBSTACLES nearest obstacles, nearest first. DEVIATION
+    D13.
 
     Args:
         own: this vehicle at t + L.
         obstacles: capsules in fleet ENU.
         clearance_m: kept from an outline by the vehicle's centre.
     """
-    surfaces = [surface_of(capsule, own.position_m, own.velocity_m_s, clearance_m) for capsule in obstacles]
+    surfaces = [
+        surface_of(capsule, own.position_m, own.velocity_m_s, clearance_m) for capsule in obstacles
+    ]
     order = ascending([surface.gap_m for surface in surfaces])
     return [surfaces[k] for k in order[:MAX_OBSTACLES]]
 
 
-def surface_of(capsule: Capsule, position_m: Vec2, velocity_m_s: Vec2, clearance_m: float) -> Surface:
+def surface_of(
+    capsule: Capsule, position_m: Vec2, velocity_m_s: Vec2, clearance_m: float
+) -> Surface:
     """Return the nearest point of one obstacle.
 
-    Beside the segment the nearest point moves along with the vehicle, so that only the velocity towards it counts.
+    Beside the segment the nearest point moves along with the vehicle, so that only the velocity
+    towards it counts.
 
     Args:
         capsule: the obstacle, in fleet ENU.

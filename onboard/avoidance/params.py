@@ -1,7 +1,7 @@
 """Numbers of the avoidance law for one vehicle, as they follow from the fleet file.
 
-Policies are names in the configuration and whole numbers here, so that Python and compiled code read the same thing.
-The meaning of each value stands in ``README.md`` beside this file.
+Policies are names in the configuration and whole numbers here, so that Python and compiled code
+read the same thing. The meaning of each value stands in ``README.md`` beside this file.
 """
 
 from __future__ import annotations
@@ -18,7 +18,8 @@ from onboard.vectors import Vec2
 
 OPEN_FENCE = (-math.inf, math.inf, -math.inf, math.inf)
 _BRAKE_SHARE = 0.6  # of the horizontal acceleration, for stopping before what stands still
-_MARGIN_FLOOR_M, _MARGIN_SIGMAS = 0.05, 4.5  # fitted over simulated flights: the floor covers lag errors and gusts
+# fitted over simulated flights: the floor covers lag errors and gusts
+_MARGIN_FLOOR_M, _MARGIN_SIGMAS = 0.05, 4.5
 
 # the policies of LawConfig by number
 OFF, PAPER, COVEY = 0, 1, 2  # name
@@ -70,11 +71,14 @@ class Spacing(NamedTuple):
     """Distances to keep, and from whom."""
 
     safety_distance_m: float  # d_inf
-    vertical_separation_m: float  # farther apart in height a pair does not count; infinite: it always does
+    # farther apart in height a pair does not count; infinite: it always does
+    vertical_separation_m: float
     margin_m: float  # design margin while estimates are good
     uncooperative_margin_m: float  # more for a neighbour that does not cooperate
-    margin_floor_m: float  # part of the margin that does not depend on the accuracy; 0 under the fixed policy
-    sigma_position: float  # margin per metre of a vehicle's std of position; 0 under the fixed policy
+    # part of the margin that does not depend on the accuracy; 0 under the fixed policy
+    margin_floor_m: float
+    # margin per metre of a vehicle's std of position; 0 under the fixed policy
+    sigma_position: float
     sigma_velocity_s: float  # margin per m/s of its std of velocity; 0 under the fixed policy
     clearance_m: float  # kept from an obstacle's outline by the vehicle's centre
     max_neighbours: int  # only so many of the nearest count
@@ -153,7 +157,9 @@ def law_params(fleet: FleetConfig, vehicle_name: str, law: str | None = None) ->
     config = fleet.law
     if law is not None:
         if law not in LAW_NAMES:
-            raise ValueError(f"law is '{law}', but there are only {', '.join(LAW_NAMES)}. Name one of these.")
+            raise ValueError(
+                f"law is '{law}', but there are only {', '.join(LAW_NAMES)}. Name one of these."
+            )
         config = msgspec.structs.replace(config, name=LAW_NAMES[LAW_NAMES.index(law)])
     vehicle = fleet.vehicles[vehicle_name]
     limits = VehicleLimits(
@@ -187,7 +193,8 @@ def obstacles(fleet: FleetConfig) -> tuple[Capsule, ...]:
 def params_of(config: LawConfig, limits: VehicleLimits = QUICK_VEHICLE) -> LawParams:
     """Return the law's numbers for values of ``[law]`` and a vehicle.
 
-    A fleet file may say 1 for 1.0, but compiled code is made for kinds of numbers: all are converted here.
+    A fleet file may say 1 for 1.0, but compiled code is made for kinds of numbers: all are
+    converted here.
 
     Args:
         config: values and policies of ``[law]``.
@@ -256,7 +263,8 @@ def _gains(config: LawConfig, limits: VehicleLimits) -> Gains:
         kappa_2_1_s=float(config.kappa_2_1_s),
         kappa_3_1_s=float(config.kappa_3_1_s),
         kappa_4_1_s=float(config.kappa_4_1_s),
-        # the row lets a vehicle close at kappa_1 times its distance, which must not ask for more braking than there is
+        # the row lets a vehicle close at kappa_1 times its distance, which must not ask for more
+        # braking than there is
         static_kappa_1_1_s=float(min(config.kappa_1_1_s, brake_m_s2 / top_speed_m_s)),
         shortfall_gain=float(config.shortfall_gain),
         v_perp_m_s=float(config.v_perp_m_s),
@@ -267,12 +275,18 @@ def _gains(config: LawConfig, limits: VehicleLimits) -> Gains:
 
 
 def _sigmas(c: LawConfig) -> tuple[float, float]:
-    """Margin per metre and per m/s of one vehicle's standard deviation under the accuracy policy, else 0.
+    """Margin per metre and per m/s of one vehicle's standard deviation under the accuracy policy,
+    else 0.
 
-    An error with correlation time tau passes the distance row's filter with the power Phi(tau); the two vehicles' add.
+    An error with correlation time tau passes the distance row's filter with the power Phi(tau); the
+    two vehicles' add.
     """
     if c.margin == "fixed":
         return 0.0, 0.0
-    a_1, a_0, rate = c.kappa_1_1_s + c.kappa_2_1_s, c.kappa_1_1_s * c.kappa_2_1_s, 1.0 / c.accuracy_time_s
+    a_1, a_0, rate = (
+        c.kappa_1_1_s + c.kappa_2_1_s,
+        c.kappa_1_1_s * c.kappa_2_1_s,
+        1.0 / c.accuracy_time_s,
+    )
     phi = (a_1 + rate) / (a_0 * a_1 * (rate * rate + a_1 * rate + a_0))
     return _MARGIN_SIGMAS * a_0 * math.sqrt(phi), _MARGIN_SIGMAS * a_1 * math.sqrt(phi)

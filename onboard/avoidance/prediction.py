@@ -1,8 +1,10 @@
-"""Prediction over the own attitude lag, and of a neighbour over the age of its message: lines P1 and P3 of README.md.
+"""Prediction over the own attitude lag, and of a neighbour over the age of its message: lines P1
+and P3 of README.md.
 
-Between a command and the acceleration it causes lies the lag L (dead time plus 2 zeta / wn). The motion of the vehicle
-until t + L is therefore known: it follows from the commands of the last L seconds. The law evaluates its rows there,
-and the neighbours publish the same about themselves. DEVIATION D3.
+Between a command and the acceleration it causes lies the lag L (dead time plus 2 zeta / wn). The
+motion of the vehicle until t + L is therefore known: it follows from the commands of the last L
+seconds. The law evaluates its rows there, and the neighbours publish the same about themselves.
+DEVIATION D3.
 """
 
 from __future__ import annotations
@@ -16,11 +18,13 @@ from onboard.vectors import ZERO_3, Vec2, Vec3, is_finite
 
 SLOTS = 40  # past commands that are kept
 MAX_MESSAGE_AGE_S = 0.30  # extrapolating a silent neighbour further than this gains nothing
-# one that cooperates says where it will be; the table counts it as silent when that is older than the radio explains
+# one that cooperates says where it will be; the table counts it as silent when that is older than
+# the radio explains
 MAX_PREDICTION_AGE_S = 0.80
 MAX_COMMAND_AGE_S = 0.25  # a neighbour's last command says little about what it does later
 LONGEST_LEAD_S = 1.0
-LARGEST = 1e5  # positions, velocities and accelerations beyond this are clipped: squares must stay finite
+# positions, velocities and accelerations beyond this are clipped: squares must stay finite
+LARGEST = 1e5
 _LEAST_LEAD_S = 1e-3
 
 
@@ -55,8 +59,11 @@ def no_commands() -> list[PastCommand]:
     return [PastCommand(ZERO_3, 0.0)] * SLOTS
 
 
-def remembered(commands: list[PastCommand], acceleration_enu_m_s2: Vec3, duration_s: float) -> list[PastCommand]:
-    """Return the history, newest first, after one more command; a command that is not finite counts as zero.
+def remembered(
+    commands: list[PastCommand], acceleration_enu_m_s2: Vec3, duration_s: float
+) -> list[PastCommand]:
+    """Return the history, newest first, after one more command; a command that is not finite counts
+    as zero.
 
     Args:
         commands: the last SLOTS commands, newest first.
@@ -73,19 +80,24 @@ def remembered(commands: list[PastCommand], acceleration_enu_m_s2: Vec3, duratio
     return [PastCommand(a, duration_s), *commands[:-1]]
 
 
-def predict_own(commands: list[PastCommand], now: Motion, window_s: float, window_z_s: float) -> Motion:
-    """Return the own motion after ``window_s``, under the commands of the last ``window_s`` seconds (line P1).
+def predict_own(
+    commands: list[PastCommand], now: Motion, window_s: float, window_z_s: float
+) -> Motion:
+    """Return the own motion after ``window_s``, under the commands of the last ``window_s`` seconds
+    (line P1).
 
-    ``P = p + W v + sum u_k l_k (r_k + l_k / 2)`` and ``V = v + sum u_k l_k``: l_k is the part of command k inside the
-    window W and r_k the time left after it. The vertical axis obeys the motors and not the attitude: it has its own,
-    shorter window, and the rest of W is flown at constant velocity.
+    ``P = p + W v + sum u_k l_k (r_k + l_k / 2)`` and ``V = v + sum u_k l_k``: l_k is the part of
+    command k inside the window W and r_k the time left after it. The vertical axis obeys the motors
+    and not the attitude: it has its own, shorter window, and the rest of W is flown at constant
+    velocity.
 
     Args:
         commands: past commands, newest first.
         now: position and velocity [m, m/s], ENU, valid at the age of the estimate.
         window_s: lag plus age of the estimate.
         window_z_s: the same of the vertical axis, at most ``window_s``.
-    Properties: translation- and rotation-equivariant; linear in the commands; a window cut in two gives the same.
+    Properties: translation- and rotation-equivariant; linear in the commands; a window cut in two
+    gives the same.
     """
     (p_x, p_y, p_z), (v_x, v_y, v_z) = now
     p_x, p_y, p_z = p_x + window_s * v_x, p_y + window_s * v_y, p_z + window_z_s * v_z
@@ -108,9 +120,9 @@ def predict_own(commands: list[PastCommand], now: Motion, window_s: float, windo
 def receive(neighbour: Neighbour, own_lead_s: float) -> Received:
     """Return a neighbour's horizontal motion at the own time t + L (line P3).
 
-    A neighbour that cooperates says where it will be at the end of its own lag. For any other the plain estimate is
-    carried on with its acceleration, of which at most 1 g is believed, as long as that says something, then straight
-    on. DEVIATION D3.
+    A neighbour that cooperates says where it will be at the end of its own lag. For any other the
+    plain estimate is carried on with its acceleration, of which at most 1 g is believed, as long as
+    that says something, then straight on. DEVIATION D3.
 
     Args:
         neighbour: as received.
@@ -129,20 +141,30 @@ def receive(neighbour: Neighbour, own_lead_s: float) -> Received:
     held_s = min(ahead_s, MAX_COMMAND_AGE_S)
     weight = held_s * (ahead_s - 0.5 * held_s)
     position = Vec2(p.x + ahead_s * v.x + weight * a.x, p.y + ahead_s * v.y + weight * a.y)
-    return Received(is_usable, position, Vec2(v.x + held_s * a.x, v.y + held_s * a.y), Vec2(0.0, 0.0))
+    return Received(
+        is_usable, position, Vec2(v.x + held_s * a.x, v.y + held_s * a.y), Vec2(0.0, 0.0)
+    )
 
 
 def _carried(neighbour: Neighbour, lead_s: float, ahead_s: float) -> Received:
-    """Return the predicted state of a neighbour, carried on by ``ahead_s``, or back where this is negative.
+    """Return the predicted state of a neighbour, carried on by ``ahead_s``, or back where this is
+    negative.
 
-    Onwards it flies its command, as long as that says something, then straight on. A neighbour that leads by more than
-    we do is taken back along the way that it predicts from its plain velocity. DEVIATION D11.
+    Onwards it flies its command, as long as that says something, then straight on. A neighbour that
+    leads by more than we do is taken back along the way that it predicts from its plain velocity.
+    DEVIATION D11.
     """
-    p, v = clipped(neighbour.predicted_position_enu_m), clipped(neighbour.predicted_velocity_enu_m_s)
+    p, v = (
+        clipped(neighbour.predicted_position_enu_m),
+        clipped(neighbour.predicted_velocity_enu_m_s),
+    )
     u = clipped(neighbour.commanded_acceleration_enu_m_s2)
     a, held_s = u, min(ahead_s, MAX_COMMAND_AGE_S)
     if ahead_s < 0.0:
-        plain, share = clipped(neighbour.velocity_enu_m_s), 1.0 / lead_s if lead_s > _LEAST_LEAD_S else 0.0
+        plain, share = (
+            clipped(neighbour.velocity_enu_m_s),
+            1.0 / lead_s if lead_s > _LEAST_LEAD_S else 0.0,
+        )
         a = Vec2(share * (v.x - plain.x), share * (v.y - plain.y))
     weight = held_s * (ahead_s - 0.5 * held_s)
     position = Vec2(p.x + ahead_s * v.x + weight * a.x, p.y + ahead_s * v.y + weight * a.y)
@@ -175,7 +197,8 @@ def lead_time(lead_s: float, own_lead_s: float) -> float:
 
 
 def clipped(a: Vec3) -> Vec2:
-    """Return the horizontal part with both components bounded, so that squares stay finite; 0 for NaN.
+    """Return the horizontal part with both components bounded, so that squares stay finite; 0 for
+    NaN.
 
     Args:
         a: of any components.

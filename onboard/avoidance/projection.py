@@ -1,10 +1,11 @@
 """Exact projection of a point of the plane on half-planes and a disc: line Q of README.md.
 
-The paper's (22) is such a projection for two orthogonal half-planes; any number of neighbours gives any number of
-half-planes. In the plane the nearest feasible point is one of few: the point itself, its foot on one edge, the corner
-of two edges, or a point of the circle. All of them are tried, for the rows that matter: rows are taken in one by one,
-the most violated first, until none is violated. The optimum of some of the rows that satisfies all is the optimum of
-all. So there are no iterations to converge and no solver status to interpret.
+The paper's (22) is such a projection for two orthogonal half-planes; any number of neighbours gives
+any number of half-planes. In the plane the nearest feasible point is one of few: the point itself,
+its foot on one edge, the corner of two edges, or a point of the circle. All of them are tried, for
+the rows that matter: rows are taken in one by one, the most violated first, until none is violated.
+The optimum of some of the rows that satisfies all is the optimum of all. So there are no iterations
+to converge and no solver status to interpret.
 """
 
 from __future__ import annotations
@@ -26,11 +27,18 @@ from onboard.avoidance.relaxation import least_slack
 from onboard.types import LawStatus
 from onboard.vectors import Vec2, dot_2, length_2
 
-INACTIVE, SATURATED, RELAXED = int(LawStatus.INACTIVE), int(LawStatus.SATURATED), int(LawStatus.RELAXED)
+INACTIVE, SATURATED, RELAXED = (
+    int(LawStatus.INACTIVE),
+    int(LawStatus.SATURATED),
+    int(LawStatus.RELAXED),
+)
 _TOLERANCE = 1e-10
-_ONE_POINT = 1e-4  # two solutions nearer than this (times the bounds) are one, seen through rounding
-_FIRMNESS = 1000.0  # of rows that others yield to: they miss their bounds by this share of the others' slack
-_WIDENINGS = (1e-12, 1e-10, 1e-8, 1e-6)  # of the slack, relative: rounding must not hide the one point that is left
+# two solutions nearer than this (times the bounds) are one, seen through rounding
+_ONE_POINT = 1e-4
+# of rows that others yield to: they miss their bounds by this share of the others' slack
+_FIRMNESS = 1000.0
+# of the slack, relative: rounding must not hide the one point that is left
+_WIDENINGS = (1e-12, 1e-10, 1e-8, 1e-6)
 
 
 class Projection(NamedTuple):
@@ -50,23 +58,26 @@ class Candidate(NamedTuple):
 
 
 def project(u: Vec2, hard: list[HalfPlane], soft: list[HalfPlane], radius: float) -> Projection:
-    """Return the nearest point that satisfies all hard rows, the disc and as many leading soft rows as fit.
+    """Return the nearest point that satisfies all hard rows, the disc and as many leading soft rows
+    as fit.
 
     Args:
         u: point to project, finite.
         hard: rows, relaxed by one common slack only where no point satisfies them all.
         soft, radius: as for :func:`fit`.
     Returns:
-        The projection. Without a feasible point it satisfies ``n . u >= b - slack`` with the smallest slack.
-    Properties: rotation-equivariant; homogeneous; independent of the order of the hard rows; a point that satisfies
-        everything comes back bit for bit.
+        The projection. Without a feasible point it satisfies ``n . u >= b - slack`` with the
+        smallest slack.
+    Properties: rotation-equivariant; homogeneous; independent of the order of the hard rows; a
+        point that satisfies everything comes back bit for bit.
     """
     found = fit(u, hard, soft, radius)
     return relaxed(u, hard, radius, largest_bound(hard)) if found.status == RELAXED else found
 
 
 def fit(u: Vec2, hard: list[HalfPlane], soft: list[HalfPlane], radius: float) -> Projection:
-    """Return the projection of :func:`project`, or the point itself as RELAXED where the hard rows leave none.
+    """Return the projection of :func:`project`, or the point itself as RELAXED where the hard rows
+    leave none.
 
     Args:
         u: point to project, finite.
@@ -74,7 +85,10 @@ def fit(u: Vec2, hard: list[HalfPlane], soft: list[HalfPlane], radius: float) ->
         soft: rows in order of importance; the last is dropped first.
         radius: of the disc about the origin, at least 0.
     """
-    if dot_2(u, u) <= radius * radius * (1.0 + 1e-12) and largest_violation(u, hard + soft) <= _TOLERANCE:
+    if (
+        dot_2(u, u) <= radius * radius * (1.0 + 1e-12)
+        and largest_violation(u, hard + soft) <= _TOLERANCE
+    ):
         return Projection(u, INACTIVE, 0.0)
     rows = [unit_row(row) for row in hard] + [unit_row(row) for row in soft]
     found = nearest(u, rows, radius)
@@ -90,11 +104,15 @@ def fit(u: Vec2, hard: list[HalfPlane], soft: list[HalfPlane], radius: float) ->
     return Projection(least.point, SATURATED, 0.0)
 
 
-def relaxed_in_order(u: Vec2, yielding: list[HalfPlane], firm: list[HalfPlane], radius: float) -> Projection:
-    """Return the nearest point of the disc for rows that no point satisfies together: the yielding rows give way first.
+def relaxed_in_order(
+    u: Vec2, yielding: list[HalfPlane], firm: list[HalfPlane], radius: float
+) -> Projection:
+    """Return the nearest point of the disc for rows that no point satisfies together: the yielding
+    rows give way first.
 
-    They get their smallest common slack while a point satisfies the firm ones; where none does, the yielding rows are
-    left out and the firm ones get theirs. The point moves continuously from one case to the other.
+    They get their smallest common slack while a point satisfies the firm ones; where none does, the
+    yielding rows are left out and the firm ones get theirs. The point moves continuously from one
+    case to the other.
 
     Args:
         u: point to project.
@@ -105,7 +123,10 @@ def relaxed_in_order(u: Vec2, yielding: list[HalfPlane], firm: list[HalfPlane], 
     if not nearest(u, [unit_row(row) for row in firm], radius).is_feasible:
         return relaxed(u, firm, radius, largest_bound(firm))
     stiff = [
-        HalfPlane(Vec2(_FIRMNESS * row.normal.x, _FIRMNESS * row.normal.y), _FIRMNESS * row.bound_m_s2) for row in firm
+        HalfPlane(
+            Vec2(_FIRMNESS * row.normal.x, _FIRMNESS * row.normal.y), _FIRMNESS * row.bound_m_s2
+        )
+        for row in firm
     ]
     return relaxed(u, yielding + stiff, radius, max(largest_bound(yielding), largest_bound(firm)))
 
@@ -123,7 +144,8 @@ def largest_bound(rows: list[HalfPlane]) -> float:
 
 
 def relaxed(u: Vec2, hard: list[HalfPlane], radius: float, scale: float) -> Projection:
-    """Return the nearest point of the disc that satisfies the hard rows up to their smallest common slack.
+    """Return the nearest point of the disc that satisfies the hard rows up to their smallest common
+    slack.
 
     Args:
         u: point to project.
@@ -134,7 +156,9 @@ def relaxed(u: Vec2, hard: list[HalfPlane], radius: float, scale: float) -> Proj
     slack, point = least_slack(hard, radius)
     for widening in _WIDENINGS:
         widened = slack + widening * scale
-        best = nearest(u, [unit_row(HalfPlane(row.normal, row.bound_m_s2 - widened)) for row in hard], radius)
+        best = nearest(
+            u, [unit_row(HalfPlane(row.normal, row.bound_m_s2 - widened)) for row in hard], radius
+        )
         if best.is_feasible:
             if abs(best.point.x - point.x) + abs(best.point.y - point.y) > _ONE_POINT * scale:
                 point = best.point  # several points have the least slack: the nearest of them
@@ -143,7 +167,8 @@ def relaxed(u: Vec2, hard: list[HalfPlane], radius: float, scale: float) -> Proj
 
 
 def nearest(u: Vec2, rows: list[HalfPlane], radius: float) -> Candidate:
-    """Return the nearest point of the disc and of all rows; ``is_feasible`` is False where there is none.
+    """Return the nearest point of the disc and of all rows; ``is_feasible`` is False where there is
+    none.
 
     Args:
         rows: of unit length.
@@ -176,7 +201,8 @@ def most_violated(u: Vec2, rows: list[HalfPlane]) -> int:
 
 
 def nearest_of(u: Vec2, rows: list[HalfPlane], radius: float) -> Candidate:
-    """Return the nearest point of the disc and of a few rows of unit length, by trying all candidates.
+    """Return the nearest point of the disc and of a few rows of unit length, by trying all
+    candidates.
 
     Args:
         u: point to project.
@@ -195,8 +221,11 @@ def nearest_of(u: Vec2, rows: list[HalfPlane], radius: float) -> Candidate:
     return best
 
 
-def nearer(best: Candidate, point: Vec2, u: Vec2, rows: list[HalfPlane], radius: float) -> Candidate:
-    """Return the point as a candidate if it is feasible and nearer than the best one so far, else that one.
+def nearer(
+    best: Candidate, point: Vec2, u: Vec2, rows: list[HalfPlane], radius: float
+) -> Candidate:
+    """Return the point as a candidate if it is feasible and nearer than the best one so far, else
+    that one.
 
     Args:
         best: candidate so far.

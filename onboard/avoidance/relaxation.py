@@ -1,22 +1,32 @@
 """Smallest common slack of half-planes that no point of a disc satisfies together.
 
-``max(b - n . u)`` over the rows is convex and piecewise linear in u. Its minimum over the disc lies in the middle, on
-the circle in the direction of one row, on the circle where two rows are equal, or where three rows are equal. All of
-these points are tried, for the rows that matter: rows are taken in one by one, the most violated first.
+``max(b - n . u)`` over the rows is convex and piecewise linear in u. Its minimum over the disc lies
+in the middle, on the circle in the direction of one row, on the circle where two rows are equal, or
+where three rows are equal. All of these points are tried, for the rows that matter: rows are taken
+in one by one, the most violated first.
 """
 
 from __future__ import annotations
 
 import math
 
-from onboard.avoidance.half_planes import EXACT, HalfPlane, corner, difference, in_disc, largest_violation, on_circle
+from onboard.avoidance.half_planes import (
+    EXACT,
+    HalfPlane,
+    corner,
+    difference,
+    in_disc,
+    largest_violation,
+    on_circle,
+)
 from onboard.vectors import Vec2, length_2
 
 _PARALLEL = 1e-12
 
 
 def least_slack(rows: list[HalfPlane], radius: float) -> tuple[float, Vec2]:
-    """Return ``min t >= 0`` such that a point of the disc satisfies ``n . u >= b - t`` for all rows; and that point.
+    """Return ``min t >= 0`` such that a point of the disc satisfies ``n . u >= b - t`` for all
+    rows; and that point.
 
     Args:
         rows: at least one, of any length: the slack is in the units of their bounds.
@@ -41,7 +51,8 @@ def least_slack(rows: list[HalfPlane], radius: float) -> tuple[float, Vec2]:
 
 
 def least_slack_of(rows: list[HalfPlane], radius: float) -> tuple[float, Vec2]:
-    """Return the smallest common slack of a few rows over the disc, and its point, by trying all candidates.
+    """Return the smallest common slack of a few rows over the disc, and its point, by trying all
+    candidates.
 
     Args:
         rows: of any length.
@@ -73,7 +84,9 @@ def candidates(rows: list[HalfPlane], radius: float) -> list[Vec2]:
             size = length_2(line.normal)
             if size <= _PARALLEL:
                 continue
-            unit = HalfPlane(Vec2(line.normal.x / size, line.normal.y / size), line.bound_m_s2 / size)
+            unit = HalfPlane(
+                Vec2(line.normal.x / size, line.normal.y / size), line.bound_m_s2 / size
+            )
             points.append(on_circle(unit, radius, 1.0))
             points.append(on_circle(unit, radius, -1.0))
             for k in range(j):

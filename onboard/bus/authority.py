@@ -1,9 +1,11 @@
-"""The operator of a fleet: roles as liveliness tokens, and the rules that agents and grounds share. Pure.
+"""The operator of a fleet: roles as liveliness tokens, and the rules that agents and grounds share.
+Pure.
 
-A ground that operates declares the token ``operator.TERM.NODE.AUTHOR``, one that requests control ``asks...``, and an
-operator who refuses it ``keeps...`` with the node of the request. A token vanishes with its process, so a ground that
-has ended cannot stay the operator. Grounds are connected to agents only, not to each other; therefore every agent
-publishes in its telemetry the tokens that it sees.
+A ground that operates declares the token ``operator.TERM.NODE.AUTHOR``, one that requests control
+``asks...``, and an operator who refuses it ``keeps...`` with the node of the request. A token
+vanishes with its process, so a ground that has ended cannot stay the operator. Grounds are
+connected to agents only, not to each other; therefore every agent publishes in its telemetry the
+tokens that it sees.
 """
 
 from __future__ import annotations
@@ -17,7 +19,8 @@ from onboard.bus.schema import Order, OrderKind
 Role = Literal["operator", "asks", "keeps"]
 ROLES: tuple[Role, ...] = get_args(Role)
 EMERGENCY: tuple[OrderKind, ...] = ("land", "hold", "kill")  # orders that anybody may send
-GROUND, WATCHER = "ground", "watcher"  # first words of the nodes that may order, and of those that only watch
+# first words of the nodes that may order, and of those that only watch
+GROUND, WATCHER = "ground", "watcher"
 LAST_TERM = 999  # then it begins anew with 1
 _MAX_TOKENS = 64
 
@@ -50,7 +53,8 @@ class Token:
         return self.term == next_term(other.term)
 
     def beats(self, other: Token) -> bool:
-        """Whether this token wins where two grounds operate at once: the later term, then the lower node.
+        """Whether this token wins where two grounds operate at once: the later term, then the lower
+        node.
 
         Args:
             other: token of the other ground.
@@ -84,7 +88,8 @@ def parse_token(name: str) -> Token | None:
 class Roles:
     """The role tokens that one agent sees, and the operator that follows from them.
 
-    The operator stays the operator while its token lives, whoever claims later, unless that claim has the next term.
+    The operator stays the operator while its token lives, whoever claims later, unless that claim
+    has the next term.
     """
 
     def __init__(self) -> None:
@@ -106,8 +111,13 @@ class Roles:
         else:
             self._tokens[name] = token
             if len(self._tokens) > _MAX_TOKENS:  # false names must not exclude who comes after them
-                self._tokens.pop(next(one for one, token in self._tokens.items() if token != self.holder))
-        claims = sorted((one for one in self._tokens.values() if one.role == "operator"), key=lambda one: one.node)
+                self._tokens.pop(
+                    next(one for one, token in self._tokens.items() if token != self.holder)
+                )
+        claims = sorted(
+            (one for one in self._tokens.values() if one.role == "operator"),
+            key=lambda one: one.node,
+        )
         if self.holder not in claims:
             self.holder = min(claims, key=lambda one: one.term, default=None)
         for one in claims:
@@ -125,7 +135,8 @@ class Roles:
         return tuple(sorted(name for name, token in self._tokens.items() if token != self.holder))
 
     def refusal(self, order: Order) -> str | None:
-        """Judge whether the sender of an order may give it. Orders that make a flight safer are open to everybody.
+        """Judge whether the sender of an order may give it. Orders that make a flight safer are
+        open to everybody.
 
         Args:
             order: as received.
@@ -142,5 +153,7 @@ class Roles:
 
 
 def _token_part(text: str) -> str:
-    """Return a text as one part of a token's name: characters that a key may not hold become underscores."""
+    """Return a text as one part of a token's name: characters that a key may not hold become
+    underscores.
+    """
     return re.sub(r"[^\w-]", "_", text)[:60] or "_"

@@ -1,4 +1,5 @@
-"""Certificates as they stand in files: read, and checked against each other and against the clock."""
+"""Certificates as they stand in files: read, and checked against each other and against the clock.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +29,9 @@ def check(authority: str, certificate: str, key: str, node: str, now: datetime.d
     """
     issuer, own = read_certificate(authority), read_certificate(certificate)
     if common_name(own) != node:
-        raise ConfigError(f"{certificate} is the certificate of {common_name(own) or 'nobody'}, not of {node}.")
+        raise ConfigError(
+            f"{certificate} is the certificate of {common_name(own) or 'nobody'}, not of {node}."
+        )
     if not issued_by(own, issuer):
         raise ConfigError(
             f"{certificate} was not issued by {authority}: it is of another fleet, or of an authority that was "
@@ -45,7 +48,9 @@ def check(authority: str, certificate: str, key: str, node: str, now: datetime.d
             )
     private = read_key(key)
     if private.public_key() != own.public_key():
-        raise ConfigError(f"{key} does not belong to {certificate}. Copy both files of the node together.")
+        raise ConfigError(
+            f"{key} does not belong to {certificate}. Copy both files of the node together."
+        )
     if node == Role.GROUND and not isinstance(private, Ed25519PrivateKey):
         raise ConfigError(
             f"{key} is of a former kind that signs no orders. Issue it anew: covey keys issue FLEET {node}"
@@ -62,8 +67,15 @@ def check_hosts(certificate: str, node: str, hosts: Iterable[str]) -> None:
     Raises:
         ConfigError: it is for others.
     """
-    extension = read_certificate(certificate).extensions.get_extension_for_class(x509.SubjectAlternativeName).value
-    issued = [*map(str, extension.get_values_for_type(x509.IPAddress)), *extension.get_values_for_type(x509.DNSName)]
+    extension = (
+        read_certificate(certificate)
+        .extensions.get_extension_for_class(x509.SubjectAlternativeName)
+        .value
+    )
+    issued = [
+        *map(str, extension.get_values_for_type(x509.IPAddress)),
+        *extension.get_values_for_type(x509.DNSName),
+    ]
     for host in hosts:
         if host.strip("[]") not in issued:
             addresses = ", ".join(one for one in issued if one != node) or "no address"
@@ -85,7 +97,9 @@ def read_certificate(path: str) -> x509.Certificate:
         with open(path, "rb") as file:
             return x509.load_pem_x509_certificate(file.read())
     except (OSError, ValueError):
-        raise ConfigError(f"{path} is no certificate, or was cut off. Copy it again, or issue it anew.") from None
+        raise ConfigError(
+            f"{path} is no certificate, or was cut off. Copy it again, or issue it anew."
+        ) from None
 
 
 def read_key(path: str) -> PrivateKeyTypes:
@@ -100,7 +114,9 @@ def read_key(path: str) -> PrivateKeyTypes:
         with open(path, "rb") as file:
             return load_pem_private_key(file.read(), None)
     except (OSError, ValueError, TypeError):
-        raise ConfigError(f"{path} is no private key, or was cut off. Issue it anew: covey keys renew FLEET") from None
+        raise ConfigError(
+            f"{path} is no private key, or was cut off. Issue it anew: covey keys renew FLEET"
+        ) from None
 
 
 def common_name(certificate: x509.Certificate) -> str:

@@ -1,16 +1,20 @@
-"""Offsets of other hosts' monotonic clocks from ours, measured over the bus. Pure: times are passed in.
+"""Offsets of other hosts' monotonic clocks from ours, measured over the bus. Pure: times are passed
+in.
 
-Twice a second every node publishes its clock, and the arrival times of the others' clock messages. A message sent at t1
-by their clock that arrives at t2 by ours shows that their clock is ahead by at least t1 - t2, since nothing arrives
-before it is sent. The arrival times that they publish of our messages bound it from above in the same way. Both bounds
-are true whatever the delays are, however different in the two directions; the quickest messages of each direction make
-them narrow. A bound widens as it ages, because clocks drift apart. Nothing is averaged and no wall clock is read, so a
+Twice a second every node publishes its clock, and the arrival times of the others' clock messages.
+A message sent at t1 by their clock that arrives at t2 by ours shows that their clock is ahead by at
+least t1 - t2, since nothing arrives before it is sent. The arrival times that they publish of our
+messages bound it from above in the same way. Both bounds are true whatever the delays are, however
+different in the two directions; the quickest messages of each direction make them narrow. A bound
+widens as it ages, because clocks drift apart. Nothing is averaged and no wall clock is read, so a
 wall clock that jumps changes nothing.
 
-Nodes that share a clock (one kernel, one boot, one time namespace) know that from each other's host id.
+Nodes that share a clock (one kernel, one boot, one time namespace) know that from each other's host
+id.
 
-A message that contradicts what is known of its sender may be false. What is known stays, and is used, while messages
-agree with it; when none has for a while, and several in a row agree on something else, that is believed instead.
+A message that contradicts what is known of its sender may be false. What is known stays, and is
+used, while messages agree with it; when none has for a while, and several in a row agree on
+something else, that is believed instead.
 """
 
 from __future__ import annotations
@@ -19,7 +23,8 @@ from dataclasses import dataclass, field, replace
 
 from onboard.bus.schema import ClockMessage, HeardClock
 
-# Crystals are within 100 ppm; a host whose wall clock is being disciplined slews its monotonic clock too, by up to 500.
+# Crystals are within 100 ppm; a host whose wall clock is being disciplined slews its monotonic
+# clock too, by up to 500.
 DRIFT = 1e-3
 _UNKNOWN_DELAY_NS = 20_000_000  # assumed while nothing is measured
 _SAME_CLOCK_NS = 500_000_000
@@ -31,7 +36,9 @@ _CONFIRMATIONS = 3  # messages in a row that agree on something new
 
 @dataclass(frozen=True, slots=True)
 class Peer:
-    """One other node: their clock minus ours lies between ``low_ns`` and ``high_ns``, each true at its own time."""
+    """One other node: their clock minus ours lies between ``low_ns`` and ``high_ns``, each true at
+    its own time.
+    """
 
     host: int
     sent_ns: int  # of its newest message, by its clock
@@ -47,10 +54,13 @@ class Peer:
         Args:
             now_ns: our clock.
         Returns:
-            lower and upper bound [ns] of their clock minus ours; the upper one is None while it is not measured.
+            lower and upper bound [ns] of their clock minus ours; the upper one is None while it is
+            not measured.
         """
         low = self.low_ns - _drift_ns(now_ns - self.low_at_ns)
-        return low, None if self.high_ns is None else self.high_ns + _drift_ns(now_ns - self.high_at_ns)
+        return low, None if self.high_ns is None else self.high_ns + _drift_ns(
+            now_ns - self.high_at_ns
+        )
 
     def raised_low(self, low_ns: int, now_ns: int) -> Peer:
         """Return the peer with a new lower bound, where that is the narrower one.
@@ -61,7 +71,11 @@ class Peer:
         Returns:
             the same peer or a changed copy.
         """
-        return replace(self, low_ns=low_ns, low_at_ns=now_ns) if low_ns >= self.bounds_ns(now_ns)[0] else self
+        return (
+            replace(self, low_ns=low_ns, low_at_ns=now_ns)
+            if low_ns >= self.bounds_ns(now_ns)[0]
+            else self
+        )
 
     def lowered_high(self, high_ns: int, at_ns: int) -> Peer:
         """Return the peer with a new upper bound, where that is the narrower one.
@@ -73,10 +87,15 @@ class Peer:
             the same peer or a changed copy.
         """
         known = self.bounds_ns(at_ns)[1]
-        return self if known is not None and high_ns > known else replace(self, high_ns=high_ns, high_at_ns=at_ns)
+        return (
+            self
+            if known is not None and high_ns > known
+            else replace(self, high_ns=high_ns, high_at_ns=at_ns)
+        )
 
     def is_contradictory(self, now_ns: int) -> bool:
-        """Whether both bounds exclude each other: a clock stood still (a suspended host), or a message is false.
+        """Whether both bounds exclude each other: a clock stood still (a suspended host), or a
+        message is false.
 
         Args:
             now_ns: our clock.
@@ -95,7 +114,8 @@ class Clocks:
     host: int  # our own host id
     restarts: int = 0  # nodes of which something else was believed, after a contradiction
     _peers: dict[str, Peer] = field(default_factory=dict)
-    _doubtful: dict[str, tuple[Peer, int]] = field(default_factory=dict)  # what contradicts, and how many agree on it
+    # what contradicts, and how many agree on it
+    _doubtful: dict[str, tuple[Peer, int]] = field(default_factory=dict)
     _sequence: int = 0
 
     def message(self, now_ns: int) -> ClockMessage:
@@ -112,7 +132,9 @@ class Clocks:
             for name, peer in tuple(self._peers.items())
             if peer.host != self.host and now_ns - peer.received_ns < _FORGET_NS
         )
-        return ClockMessage(node=self.node, host=self.host, sequence=self._sequence, sent_ns=now_ns, heard=heard)
+        return ClockMessage(
+            node=self.node, host=self.host, sequence=self._sequence, sent_ns=now_ns, heard=heard
+        )
 
     def hear(self, message: ClockMessage, received_ns: int) -> None:
         """Take a clock message of another node.
@@ -139,13 +161,17 @@ class Clocks:
         if further is None:
             return  # contradicts itself
         self._doubtful[node] = further, count + 1
-        if count + 1 >= _CONFIRMATIONS and (peer is None or received_ns - peer.received_ns > _SILENT_NS):
+        if count + 1 >= _CONFIRMATIONS and (
+            peer is None or received_ns - peer.received_ns > _SILENT_NS
+        ):
             self.restarts += 1
             self._peers[node] = further
             del self._doubtful[node]
 
     def _merged(self, peer: Peer | None, message: ClockMessage, received_ns: int) -> Peer | None:
-        """Return what is known with one more message of the node; None if that contradicts what was known."""
+        """Return what is known with one more message of the node; None if that contradicts what was
+        known.
+        """
         low_ns = message.sent_ns - received_ns
         if peer is not None and peer.host != message.host:
             return None  # another boot is another clock
@@ -172,15 +198,16 @@ class Clocks:
     def own_ns(self, node: str, stamp_ns: int, received_ns: int) -> int:
         """Convert a stamp of another node to our clock.
 
-        While nothing is known of the node, a stamp shortly before its arrival counts as one of our own clock; any other
-        is replaced by its arrival, less a usual delay.
+        While nothing is known of the node, a stamp shortly before its arrival counts as one of our
+        own clock; any other is replaced by its arrival, less a usual delay.
 
         Args:
             node: whose clock made the stamp.
             stamp_ns: by that clock.
             received_ns: arrival of the message, by our clock.
         Returns:
-            the earliest time [ns] by our clock that the stamp can mean, and never after its arrival.
+            the earliest time [ns] by our clock that the stamp can mean, and never after its
+            arrival.
         """
         peer = self._peers.get(node)
         if peer is None:
@@ -210,7 +237,8 @@ class Clocks:
             node: its name on the bus.
             now_ns: our clock.
         Returns:
-            by how much [s] their clock is ahead of ours, and the largest error [s] of that; None while not measured.
+            by how much [s] their clock is ahead of ours, and the largest error [s] of that; None
+            while not measured.
         """
         peer = self._peers.get(node)
         if peer is None:

@@ -1,4 +1,6 @@
-"""The clocks of the fleet for one process: it publishes its own, receives the others', and identifies its host."""
+"""The clocks of the fleet for one process: it publishes its own, receives the others', and
+identifies its host.
+"""
 
 from __future__ import annotations
 
@@ -47,7 +49,8 @@ class ClockNode:
     def __init__(self, bus: Bus) -> None:
         self._bus = bus
         self.clocks = Clocks(bus.node, host_id())
-        self._waiting_ns: dict[str, int] = {}  # source of poses that cannot be used yet -> since when
+        # source of poses that cannot be used yet -> since when
+        self._waiting_ns: dict[str, int] = {}
         self._warned: set[str] = set()
 
     def start(self) -> None:

@@ -20,7 +20,8 @@ _decoders: dict[type[Message], msgspec.msgpack.Decoder[Message]] = {}
 
 @dataclass(frozen=True, slots=True)
 class Malformed:
-    """Bytes that are no message of the expected type: counted by the receiver, otherwise ignored."""
+    """Bytes that are no message of the expected type: counted by the receiver, otherwise ignored.
+    """
 
     reason: str
     size: int  # bytes
@@ -44,7 +45,8 @@ def decode(data: bytes, kind: type[MessageT]) -> MessageT | Malformed:
         data: as received.
         kind: type of the message.
     Returns:
-        the message; Malformed, with the reason, for garbage, truncation, another type or another schema version.
+        the message; Malformed, with the reason, for garbage, truncation, another type or another
+        schema version.
     """
     if len(data) > MAX_BYTES:
         return Malformed("too large", len(data))
@@ -56,7 +58,9 @@ def decode(data: bytes, kind: type[MessageT]) -> MessageT | Malformed:
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         return Malformed(str(error), len(data))
     if message.schema != SCHEMA_VERSION:
-        return Malformed(f"schema version {message.schema}, this side reads {SCHEMA_VERSION}", len(data))
+        return Malformed(
+            f"schema version {message.schema}, this side reads {SCHEMA_VERSION}", len(data)
+        )
     assert isinstance(message, kind)
     return message
 

@@ -1,7 +1,8 @@
-"""A node's certificate and key: files in ``keys/`` beside the fleet file, checked before the bus is opened.
+"""A node's certificate and key: files in ``keys/`` beside the fleet file, checked before the bus is
+opened.
 
-``ca.pem`` is the fleet's own authority, ``NODE.pem`` a node's certificate, ``NODE.key`` its private key, which never
-leaves the computer of that node. ``covey secure`` makes them.
+``ca.pem`` is the fleet's own authority, ``NODE.pem`` a node's certificate, ``NODE.key`` its private
+key, which never leaves the computer of that node. ``covey secure`` makes them.
 """
 
 from __future__ import annotations
@@ -33,7 +34,9 @@ def files_of(node: str) -> tuple[str, str, str]:
     return "ca.pem", f"{node}.pem", f"{node}.key"
 
 
-def credentials_of(fleet: FleetConfig, node: str, now: datetime.datetime | None = None) -> Credentials | None:
+def credentials_of(
+    fleet: FleetConfig, node: str, now: datetime.datetime | None = None
+) -> Credentials | None:
     """Return a node's credentials; None for a fleet whose bus has no keys.
 
     Args:
@@ -43,7 +46,8 @@ def credentials_of(fleet: FleetConfig, node: str, now: datetime.datetime | None 
     Returns:
         paths of files that exist and fit together.
     Raises:
-        ConfigError: a file is missing, damaged, of another authority, not valid now, or open to others.
+        ConfigError: a file is missing, damaged, of another authority, not valid now, or open to
+            others.
     """
     if not fleet.has_keys:
         return None
@@ -51,11 +55,16 @@ def credentials_of(fleet: FleetConfig, node: str, now: datetime.datetime | None 
     remedy = _REMEDY.format(fleet=fleet.path)
     for path in (authority, certificate, key):
         if not os.path.isfile(path):
-            raise ConfigError(f"{path} is missing: {_who(node)} cannot join this fleet's bus. {remedy}")
+            raise ConfigError(
+                f"{path} is missing: {_who(node)} cannot join this fleet's bus. {remedy}"
+            )
     mode = stat.S_IMODE(os.stat(key).st_mode)
     if mode & 0o077:
-        raise ConfigError(f"{key} can be read by other users of this computer (mode {mode:o}). Run: chmod 600 {key}")
-    from onboard.bus.certificates import check, check_hosts  # ten megabytes, which a fleet without keys need not have
+        raise ConfigError(
+            f"{key} can be read by other users of this computer (mode {mode:o}). Run: chmod 600 {key}"
+        )
+    # ten megabytes, which a fleet without keys need not have
+    from onboard.bus.certificates import check, check_hosts
 
     check(authority, certificate, key, node, now or datetime.datetime.now(datetime.UTC))
     if not fleet.fleet.routers or node == ROUTER:  # behind a router the others need not reach it

@@ -1,8 +1,9 @@
 """Orders signed end to end: whatever carries an order, its vehicle knows whose key has given it.
 
-Behind a router a vehicle sees the router's certificate, not the ground's. So the ground signs each order with the key
-of its certificate (Ed25519), and the certificate travels beside it. The signature covers the key on the bus, hence the
-fleet and the vehicle: an order for one vehicle is none for another.
+Behind a router a vehicle sees the router's certificate, not the ground's. So the ground signs each
+order with the key of its certificate (Ed25519), and the certificate travels beside it. The
+signature covers the key on the bus, hence the fleet and the vehicle: an order for one vehicle is
+none for another.
 """
 
 from __future__ import annotations
@@ -22,8 +23,10 @@ from onboard.bus.roles import Role
 from onboard.bus.schema import Message, Order
 
 _CONTEXT = b"covey order 1\0"  # no signature for another purpose is one of an order
-_MAX_KNOWN = 16  # certificates that have been checked, and grounds that have signed; each ground has one
-MOST_FALSE_PER_S = 200  # of each ground that has signed before, and of all others together; then none is looked at
+# certificates that have been checked, and grounds that have signed; each ground has one
+_MAX_KNOWN = 16
+# of each ground that has signed before, and of all others together; then none is looked at
+MOST_FALSE_PER_S = 200
 
 
 class OrderSeal(Message, frozen=True, array_like=True, kw_only=True):
@@ -45,7 +48,8 @@ class OrderSigner:
         self._key = read_key(key)
 
     def seal(self, key_expression: str, order: bytes) -> bytes:
-        """Return the bytes that travel beside an order; empty for a node whose key is of a kind that signs none.
+        """Return the bytes that travel beside an order; empty for a node whose key is of a kind
+        that signs none.
 
         Args:
             key_expression: on the bus, to which the order is sent.
@@ -68,10 +72,13 @@ class SealCheck:
         self._authority = read_certificate(authority)
         self._known: dict[bytes, x509.Certificate] = {}  # issued by the authority
         self._true_nodes: dict[str, None] = {}  # nodes whose signature was right before
-        self._false_counts = Counter[str]()  # of this second, by node; "" for all that never signed rightly
+        # of this second, by node; "" for all that never signed rightly
+        self._false_counts = Counter[str]()
         self._second = 0
 
-    def refusal(self, key_expression: str, order: bytes, seal: bytes, now: datetime.datetime) -> UntrustedOrder | None:
+    def refusal(
+        self, key_expression: str, order: bytes, seal: bytes, now: datetime.datetime
+    ) -> UntrustedOrder | None:
         """Judge an order.
 
         Args:
@@ -80,7 +87,8 @@ class SealCheck:
             seal: the bytes beside it; empty without.
             now: time at which the signer's certificate must be valid.
         Returns:
-            None when a ground of this fleet has signed exactly this, for this vehicle; otherwise what is wrong.
+            None when a ground of this fleet has signed exactly this, for this vehicle; otherwise
+            what is wrong.
         """
         read = decode(order, Order)
         node = "" if isinstance(read, Malformed) or read.node not in self._true_nodes else read.node
@@ -103,13 +111,18 @@ class SealCheck:
     def _fault_unless_flood(
         self, node: str, key_expression: str, order: bytes, seal: bytes, now: datetime.datetime
     ) -> tuple[RefusalCode, str] | None:
-        """Judge an order unless too many false ones came within this second: each costs a verification."""
+        """Judge an order unless too many false ones came within this second: each costs a
+        verification.
+        """
         second = int(now.timestamp())
         if second != self._second:
             self._second = second
             self._false_counts.clear()
         if self._false_counts[node] >= MOST_FALSE_PER_S:
-            return "flood", f"was not looked at: more than {MOST_FALSE_PER_S} false ones came within a second."
+            return (
+                "flood",
+                f"was not looked at: more than {MOST_FALSE_PER_S} false ones came within a second.",
+            )
         found = self._fault(key_expression, order, seal, now)
         self._false_counts[node] += found is not None and found[0] != "unsigned"
         return found
@@ -139,7 +152,10 @@ class SealCheck:
                 raise InvalidSignature
             public_key.verify(parts.signature, _signed(key_expression, order))
         except InvalidSignature:
-            return "forged", "has a signature that does not fit: it was changed on its way, or is for another vehicle."
+            return (
+                "forged",
+                "has a signature that does not fit: it was changed on its way, or is for another vehicle.",
+            )
         return None
 
     def _issued(self, data: bytes) -> x509.Certificate | None:

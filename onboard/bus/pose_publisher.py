@@ -1,6 +1,8 @@
-"""Publishes the poses of a motion capture: each under its body's name, and all of them together, less often.
+"""Publishes the poses of a motion capture: each under its body's name, and all of them together,
+less often.
 
-A vehicle subscribes to its own body. From the poses that come together it learns where the others really are.
+A vehicle subscribes to its own body. From the poses that come together it learns where the others
+really are.
 """
 
 from __future__ import annotations

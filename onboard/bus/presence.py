@@ -8,7 +8,8 @@ _MAX_TOKENS = 20_000
 
 
 class Presence:
-    """Counts the nodes behind each name: a second node of a name does not take it along when it leaves.
+    """Counts the nodes behind each name: a second node of a name does not take it along when it
+    leaves.
 
     Args:
         on_alive: called with the name and whether it is there, only when that changes.
@@ -16,7 +17,8 @@ class Presence:
 
     def __init__(self, on_alive: OnAlive) -> None:
         self._on_alive = on_alive
-        self._tokens: dict[str, set[str]] = {}  # name -> what distinguishes the nodes that declare it
+        # name -> what distinguishes the nodes that declare it
+        self._tokens: dict[str, set[str]] = {}
         self._count = 0
 
     def see(self, token: str, is_alive: bool) -> None:

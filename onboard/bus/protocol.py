@@ -1,4 +1,5 @@
-"""The bus as everybody uses it: the protocol that the Zenoh session and the simulated bus fulfil."""
+"""The bus as everybody uses it: the protocol that the Zenoh session and the simulated bus fulfil.
+"""
 
 from __future__ import annotations
 
@@ -13,15 +14,18 @@ from onboard.bus.topics import Topic
 LEASE_MS = 1000  # a node whose connection is silent for so long is gone
 MAX_COLLECTED = 1000  # messages of one collected topic that wait for delivery, by default
 
-RefusalCode = Literal["unsigned", "forged", "foreign", "role", "replayed", "late", "other start", "flood"]
+RefusalCode = Literal[
+    "unsigned", "forged", "foreign", "role", "replayed", "late", "other start", "flood"
+]
 
 
 @dataclass(frozen=True, slots=True)
 class UntrustedOrder:
-    """An order that a fleet with keys does not believe: it is counted and answered, and nothing else.
+    """An order that a fleet with keys does not believe: it is counted and answered, and nothing
+    else.
 
-    In a flood nobody is answered. A true order may be among these: its ground hears nothing, and land and kill then go
-    straight to PX4.
+    In a flood nobody is answered. A true order may be among these: its ground hears nothing, and
+    land and kill then go straight to PX4.
     """
 
     code: RefusalCode
@@ -53,8 +57,8 @@ class NoRouterError(BusError):
 class Bus(Protocol):
     """One node on the fleet's bus.
 
-    Callbacks may run on a thread of the bus: they must only hand over, and must not call the bus. The exception is
-    :meth:`deliver`, which runs callbacks on the caller's thread.
+    Callbacks may run on a thread of the bus: they must only hand over, and must not call the bus.
+    The exception is :meth:`deliver`, which runs callbacks on the caller's thread.
     """
 
     @property
@@ -63,7 +67,9 @@ class Bus(Protocol):
 
     @property
     def is_simulated(self) -> bool:
-        """Whether time on this bus is simulated, so that there are no clocks of other computers to measure."""
+        """Whether time on this bus is simulated, so that there are no clocks of other computers to
+        measure.
+        """
 
     def start(self) -> None:
         """Open the bus and declare the liveliness token; a second call does nothing.
@@ -76,7 +82,8 @@ class Bus(Protocol):
         """Leave the bus; a second call does nothing."""
 
     def publish(self, topic: Topic, name: str, message: Message) -> None:
-        """Send a message on ``topic/name`` to the other nodes; never blocks for topics with LATEST delivery.
+        """Send a message on ``topic/name`` to the other nodes; never blocks for topics with LATEST
+        delivery.
 
         Args:
             topic: row of the table of topics; it decides the delivery.
@@ -93,7 +100,9 @@ class Bus(Protocol):
             on_message: called with topic, name and the message, or :class:`Malformed`.
         """
 
-    def collect(self, topic: Topic, name: str, on_message: OnMessage, *, most: int = MAX_COLLECTED) -> None:
+    def collect(
+        self, topic: Topic, name: str, on_message: OnMessage, *, most: int = MAX_COLLECTED
+    ) -> None:
         """Keep messages until :meth:`deliver` is called.
 
         This costs half of :meth:`subscribe`: no thread wakes up for each message.
@@ -106,15 +115,17 @@ class Bus(Protocol):
         """
 
     def follow(self, topic: Topic, names: Iterable[str], on_message: OnMessage) -> None:
-        """Collect a topic of exactly these names: new names are subscribed to, all others are dropped.
+        """Collect a topic of exactly these names: new names are subscribed to, all others are
+        dropped.
 
-        A message that nobody follows is not sent at all. Not for the control loop, since each change of the names is
-        sent to every peer. Only one thread may call this.
+        A message that nobody follows is not sent at all. Not for the control loop, since each
+        change of the names is sent to every peer. Only one thread may call this.
 
         Args:
             topic: row of the table of topics.
             names: all names to follow from now on.
-            on_message: called by :meth:`deliver` with topic, name and the message, or :class:`Malformed`.
+            on_message: called by :meth:`deliver` with topic, name and the message, or
+                :class:`Malformed`.
         """
 
     def deliver(self) -> None:
@@ -125,8 +136,9 @@ class Bus(Protocol):
 
         Args:
             vehicle: name of the vehicle.
-            on_order: called on a thread of the bus with the order, or what is wrong with it, and a function that sends
-                the reply. That function must be called once, from any other thread.
+            on_order: called on a thread of the bus with the order, or what is wrong with it, and a
+                function that sends the reply. That function must be called once, from any other
+                thread.
         """
 
     def serve_faults(self, on_fault: OnFault) -> None:
@@ -136,7 +148,9 @@ class Bus(Protocol):
             on_fault: as ``on_order`` of :meth:`serve_orders`.
         """
 
-    def order(self, vehicle: str, order: Order, *, timeout_s: float, on_reply: OnReply, on_end: OnEnd) -> None:
+    def order(
+        self, vehicle: str, order: Order, *, timeout_s: float, on_reply: OnReply, on_end: OnEnd
+    ) -> None:
         """Send an order to one vehicle.
 
         Args:
@@ -147,7 +161,9 @@ class Bus(Protocol):
             on_end: called last, in any case.
         """
 
-    def fault(self, order: FaultOrder, *, timeout_s: float, on_reply: OnReply, on_end: OnEnd) -> None:
+    def fault(
+        self, order: FaultOrder, *, timeout_s: float, on_reply: OnReply, on_end: OnEnd
+    ) -> None:
         """Send a fault order to the emulator; where there is none, nobody answers.
 
         Args:
@@ -158,7 +174,8 @@ class Bus(Protocol):
         """
 
     def claim(self, token: str) -> None:
-        """Declare another liveliness token, for a role of this node: see :mod:`onboard.bus.authority`.
+        """Declare another liveliness token, for a role of this node: see
+        :mod:`onboard.bus.authority`.
 
         Args:
             token: name of the token; a second claim of the same one does nothing.
@@ -175,5 +192,6 @@ class Bus(Protocol):
         """Call back for every name of a node or role that appears or vanishes.
 
         Args:
-            on_alive: called with the name and whether a node has it; first for all that are there already.
+            on_alive: called with the name and whether a node has it; first for all that are there
+                already.
         """

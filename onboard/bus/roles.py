@@ -1,8 +1,9 @@
-"""Who may say what on a bus with keys: one table of role and topic, and the access control made from it. Pure.
+"""Who may say what on a bus with keys: one table of role and topic, and the access control made
+from it. Pure.
 
-A node's role is the common name of its certificate: a vehicle's name, or one of the names below. Each node checks what
-comes in over each of its links; what is not granted there is dropped before it is read. A link whose certificate is
-of another authority is not opened at all.
+A node's role is the common name of its certificate: a vehicle's name, or one of the names below.
+Each node checks what comes in over each of its links; what is not granted there is dropped before
+it is read. A link whose certificate is of another authority is not opened at all.
 """
 
 from __future__ import annotations
@@ -15,7 +16,8 @@ from onboard.bus.topics import TOPICS, Delivery, Topic, key
 
 
 class Role(StrEnum):
-    """Kind of node; of those that are no vehicle the value is the common name of the certificate."""
+    """Kind of node; of those that are no vehicle the value is the common name of the certificate.
+    """
 
     VEHICLE = "vehicle"
     GROUND = "ground"  # orders, and reads all
@@ -24,12 +26,16 @@ class Role(StrEnum):
     EMULATOR = "sitl"  # publishes poses and ground truth of what it emulates
 
 
-ROUTER = "router"  # common name of a router, which has no role: it passes on what the others say, each within its own
+# common name of a router, which has no role: it passes on what the others say, each within its own
+ROUTER = "router"
 
 
 @dataclass(frozen=True, slots=True)
 class Grant:
-    """What one role may do. Names: ``{own}`` is the vehicle's own, ``*`` any, ``x$*`` any that begins with x."""
+    """What one role may do.
+
+    Names: ``{own}`` is the vehicle's own, ``*`` any, ``x$*`` any that begins with x.
+    """
 
     publishes: Mapping[Topic, tuple[str, ...]]
     answers: Mapping[Topic, tuple[str, ...]]
@@ -53,7 +59,15 @@ GRANTS: dict[Role, Grant] = {
         asks={},
         tokens=(_OWN,),
         reads=frozenset(
-            (Topic.STATE, Topic.FAR, Topic.SLOW_TELEMETRY, Topic.MOCAP, Topic.ALL_POSES, Topic.CLOCK, Topic.ALIVE)
+            (
+                Topic.STATE,
+                Topic.FAR,
+                Topic.SLOW_TELEMETRY,
+                Topic.MOCAP,
+                Topic.ALL_POSES,
+                Topic.CLOCK,
+                Topic.ALIVE,
+            )
         ),
     ),
     Role.GROUND: Grant(
@@ -64,17 +78,27 @@ GRANTS: dict[Role, Grant] = {
         reads=_SAMPLES,
     ),
     Role.VIEWER: Grant(
-        publishes={Topic.CLOCK: ("watcher$*",)}, answers={}, asks={}, tokens=("watcher$*",), reads=_SAMPLES
+        publishes={Topic.CLOCK: ("watcher$*",)},
+        answers={},
+        asks={},
+        tokens=("watcher$*",),
+        reads=_SAMPLES,
     ),
     Role.MOCAP: Grant(
         publishes={Topic.MOCAP: _ANY, Topic.ALL_POSES: _ANY, Topic.CLOCK: ("mocap$*",)},
         answers={},
         asks={},
         tokens=("mocap$*",),
-        reads=frozenset((Topic.MOCAP, Topic.TICK, Topic.CLOCK, Topic.ALIVE)),  # ticks: covey mocap --check
+        # ticks: covey mocap --check
+        reads=frozenset((Topic.MOCAP, Topic.TICK, Topic.CLOCK, Topic.ALIVE)),
     ),
     Role.EMULATOR: Grant(
-        publishes={Topic.MOCAP: _ANY, Topic.ALL_POSES: _ANY, Topic.TRUTH: _ANY, Topic.CLOCK: ("sitl$*",)},
+        publishes={
+            Topic.MOCAP: _ANY,
+            Topic.ALL_POSES: _ANY,
+            Topic.TRUTH: _ANY,
+            Topic.CLOCK: ("sitl$*",),
+        },
         answers={Topic.SIM: _ANY},
         asks={},
         tokens=("sitl$*",),
@@ -92,18 +116,24 @@ def access_control(fleets: Mapping[str, Iterable[str]], *, has_router: bool) -> 
     """Return zenoh's ``access_control``: what may come in from the holder of which certificate.
 
     Args:
-        fleets: key prefix, ``covey/<fleet name>``, -> names of the vehicles; several for a router of several fleets.
+        fleets: key prefix, ``covey/<fleet name>``, -> names of the vehicles; several for a router
+            of several fleets.
         has_router: whether routers pass on messages of others.
     """
     rules: list[dict[str, object]] = [_rule("out", _ALL_MESSAGES, ["**"], "egress")]
     granted: dict[str, list[object]] = {}  # holder -> ids of rules
     for namespace, vehicles in fleets.items():
-        for name, role in (*((name, Role.VEHICLE) for name in vehicles), *((role.value, role) for role in NODES)):
+        for name, role in (
+            *((name, Role.VEHICLE) for name in vehicles),
+            *((role.value, role) for role in NODES),
+        ):
             own = list(_rules_of(namespace, name, GRANTS[role]))
             rules += own
             granted.setdefault(name, ["out"]).extend(rule["id"] for rule in own)
         if has_router:
-            rules.append(_rule(f"{namespace} {ROUTER}", _ALL_MESSAGES, [f"{namespace}/**"], "ingress"))
+            rules.append(
+                _rule(f"{namespace} {ROUTER}", _ALL_MESSAGES, [f"{namespace}/**"], "ingress")
+            )
             granted.setdefault(ROUTER, ["out"]).append(rules[-1]["id"])
     subjects = [{"id": name, "cert_common_names": [name]} for name in granted]
     policies = [{"rules": ids, "subjects": [name]} for name, ids in granted.items()]
@@ -118,7 +148,11 @@ def access_control(fleets: Mapping[str, Iterable[str]], *, has_router: bool) -> 
 
 def _rules_of(namespace: str, name: str, grant: Grant) -> Iterator[dict[str, object]]:
     def keys(names: Mapping[Topic, tuple[str, ...]]) -> list[str]:
-        return [key(namespace, topic, one.format(own=name)) for topic, patterns in names.items() for one in patterns]
+        return [
+            key(namespace, topic, one.format(own=name))
+            for topic, patterns in names.items()
+            for one in patterns
+        ]
 
     tokens = [key(namespace, Topic.ALIVE, f"{first.format(own=name)}/*") for first in grant.tokens]
     reads = [key(namespace, topic, "**") for topic in sorted(grant.reads)]
@@ -135,7 +169,9 @@ def _rules_of(namespace: str, name: str, grant: Grant) -> Iterator[dict[str, obj
             yield _rule(f"{namespace} {name} {number}", messages, expressions, "ingress")
 
 
-def _rule(name: str, messages: Iterable[str], expressions: list[str], flow: str) -> dict[str, object]:
+def _rule(
+    name: str, messages: Iterable[str], expressions: list[str], flow: str
+) -> dict[str, object]:
     return {
         "id": name,
         "messages": list(messages),

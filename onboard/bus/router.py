@@ -1,4 +1,6 @@
-"""A router of the bus: Zenoh's own, with the endpoints, the keys and the table of roles of one or more fleets."""
+"""A router of the bus: Zenoh's own, with the endpoints, the keys and the table of roles of one or
+more fleets.
+"""
 
 from __future__ import annotations
 
@@ -78,7 +80,9 @@ def _own_endpoint(fleet: FleetConfig) -> str:
             f"{fleet.path}: none of fleet.routers ({', '.join(routers)}) is an address of this computer. Start the "
             "router on its own computer, or correct the address."
         )
-    raise ConfigError(f"{fleet.path}: {' and '.join(own)} are of this computer. Choose one: --endpoint {own[0]}")
+    raise ConfigError(
+        f"{fleet.path}: {' and '.join(own)} are of this computer. Choose one: --endpoint {own[0]}"
+    )
 
 
 def _is_of_this_computer(host: str) -> bool:
@@ -102,7 +106,9 @@ def _credentials(fleets: Sequence[FleetConfig]) -> Credentials | None:
     own = [credentials_of(fleet, ROUTER) for fleet in fleets]
     first = own[0]
     for fleet, other in zip(fleets[1:], own[1:], strict=True):
-        one, two = (None if each is None else Path(each.authority).read_bytes() for each in (first, other))
+        one, two = (
+            None if each is None else Path(each.authority).read_bytes() for each in (first, other)
+        )
         if one != two:
             raise ConfigError(
                 f"{fleets[0].path} and {fleet.path} have different authorities, and a router shows one certificate. "

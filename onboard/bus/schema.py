@@ -1,8 +1,8 @@
 """Messages on the bus: frozen, with a schema version, units and frames in every field name.
 
-``stamp_ns`` is the sender's monotonic clock; ``boot_id`` changes when the sender restarts, so that stamps before and
-after a restart are never compared. All positions are fleet ENU. Only data, without numpy, so that any process can read
-the bus cheaply.
+``stamp_ns`` is the sender's monotonic clock; ``boot_id`` changes when the sender restarts, so that
+stamps before and after a restart are never compared. All positions are fleet ENU. Only data,
+without numpy, so that any process can read the bus cheaply.
 """
 
 from __future__ import annotations
@@ -16,11 +16,23 @@ SCHEMA_VERSION = 1
 Vec3 = tuple[float, float, float]
 Vec4 = tuple[float, float, float, float]
 
-AgentState = Literal["waiting", "ready", "armed", "taking off", "flying", "holding", "landing", "landed", "failed"]
+AgentState = Literal[
+    "waiting", "ready", "armed", "taking off", "flying", "holding", "landing", "landed", "failed"
+]
 # "identify" is the former name of "locate": records and older grounds have it
 LOCATE = ("locate", "identify")
 OrderKind = Literal[
-    "arm", "disarm", "takeoff", "move", "land", "hold", "kill", "locate", "identify", "load_path", "follow_path"
+    "arm",
+    "disarm",
+    "takeoff",
+    "move",
+    "land",
+    "hold",
+    "kill",
+    "locate",
+    "identify",
+    "load_path",
+    "follow_path",
 ]
 OrderOutcome = Literal["accepted", "done", "refused", "superseded", "failed", "timed out"]
 Severity = Literal["debug", "info", "warning", "critical"]
@@ -29,11 +41,14 @@ Severity = Literal["debug", "info", "warning", "critical"]
 class Message(msgspec.Struct, frozen=True, array_like=True, kw_only=True):
     """Base of all messages."""
 
-    schema: int = SCHEMA_VERSION  # first, so that a receiver can refuse a version before it reads the rest
+    # first, so that a receiver can refuse a version before it reads the rest
+    schema: int = SCHEMA_VERSION
 
 
 class StateMessage(Message, frozen=True, array_like=True, kw_only=True):
-    """State for the neighbours at 50 Hz: the plain estimate, and the state predicted over the sender's own lag."""
+    """State for the neighbours at 50 Hz: the plain estimate, and the state predicted over the
+    sender's own lag.
+    """
 
     vehicle: str
     boot_id: int
@@ -101,7 +116,8 @@ class Telemetry(Message, frozen=True, array_like=True, kw_only=True):
     roles: tuple[str, ...] = ()  # the other role tokens
     loop_lateness_p99_ms: float = 0.0
     missed_ticks: int = 0
-    avoids: str = ""  # the neighbour that the law's intervention is mostly for; "" without intervention
+    # the neighbour that the law's intervention is mostly for; "" without intervention
+    avoids: str = ""
     doubles: tuple[str, ...] = ()  # vehicles for which this one hears two agents
     mocap_delay_s: float = 0.0  # mean time from a pose's measurement to its arrival
     show_id: str = ""  # of the path being followed; "" without one
@@ -109,7 +125,8 @@ class Telemetry(Message, frozen=True, array_like=True, kw_only=True):
     path_rate_frac: float = 1.0  # of that clock
     path_lag_m: float = 0.0  # distance from where the path is at that time
     is_behind: bool = False  # asks all to slow the clock
-    refused_orders: dict[str, int] = {}  # orders that were not believed -> how many, since this agent's start
+    # orders that were not believed -> how many, since this agent's start
+    refused_orders: dict[str, int] = {}
     refused_messages: int = 0  # these four since the agent's start: see onboard/message_counts.py
     dropped_messages: int = 0
     late_messages: int = 0
@@ -122,8 +139,8 @@ class PreflightReport(Message, frozen=True, array_like=True, kw_only=True):
     boot_id: int
     sequence: int
     stamp_ns: int
-    # (name, is_ok, sentence, remedy) in the order in which a person looks for the fault. Not ok refuses take-off; ok
-    # with a remedy is advice; ok without one needs no action.
+    # (name, is_ok, sentence, remedy) in the order in which a person looks for the fault. Not ok
+    # refuses take-off; ok with a remedy is advice; ok without one needs no action.
     checks: tuple[tuple[str, bool, str, str], ...]
     px4_version: tuple[int, int] | None = None  # as this vehicle's PX4 reports it
 
@@ -192,7 +209,8 @@ class PathOrder(msgspec.Struct, frozen=True, array_like=True, kw_only=True):
     part: int = 0
     parts: int = 1
     data: bytes = b""  # load_path only
-    show_id: str = ""  # equal for all that follow their paths by one clock; follow_path only, as the rest
+    # equal for all that follow their paths by one clock; follow_path only, as the rest
+    show_id: str = ""
     start_ns: int = 0  # time 0 of the path, on the sender's monotonic clock
     on_lag: Literal["land", "hold"] = "land"  # what a vehicle does that falls behind for too long
 
@@ -205,15 +223,18 @@ class Order(Message, frozen=True, array_like=True, kw_only=True):
     kind: OrderKind
     stamp_ns: int
     deadline_ns: int  # after which the order must not begin, on the sender's monotonic clock
-    position_enu_m: Vec3 | None = None  # move only: the vehicle's own goal, its slot's offset added by the ground
+    # move only: the vehicle's own goal, its slot's offset added by the ground
+    position_enu_m: Vec3 | None = None
     height_m: float | None = None  # takeoff only: above the fleet's origin
     duration_s: float = 0.0  # 0: as fast as the limits allow
     node: str = ""  # the sender on the bus, by which the operator is known
     path: PathOrder | None = None  # load_path and follow_path only
-    yaw_deg: float | None = None  # move only: heading to turn to, counterclockwise from east; None: as it is
+    # move only: heading to turn to, counterclockwise from east; None: as it is
+    yaw_deg: float | None = None
     then_land: bool = False  # move only: lands at the goal, and has ended when it is down
-    # of the newest telemetry that the sender had of this vehicle, hence by the vehicle's own clock: a fleet with keys
-    # obeys no order that was signed more than some seconds ago, whatever other clocks say
+    # of the newest telemetry that the sender had of this vehicle, hence by the vehicle's own clock:
+    # a fleet with keys obeys no order that was signed more than some seconds ago, whatever other
+    # clocks say
     heard_boot_id: int = 0
     heard_ns: int = 0
 
@@ -224,7 +245,9 @@ class Order(Message, frozen=True, array_like=True, kw_only=True):
 
 
 class FaultOrder(Message, frozen=True, array_like=True, kw_only=True):
-    """Ground to the emulator, in simulated flights only: inject a fault. Answered by an :class:`OrderReply`."""
+    """Ground to the emulator, in simulated flights only: inject a fault. Answered by an
+    :class:`OrderReply`.
+    """
 
     order_id: str
     author: str
@@ -275,7 +298,9 @@ class HeardClock(msgspec.Struct, frozen=True, array_like=True):
 
 
 class ClockMessage(Message, frozen=True, array_like=True, kw_only=True):
-    """A node's monotonic clock, and arrivals of the others': twice a second, see ``onboard/bus/clock_offsets.py``."""
+    """A node's monotonic clock, and arrivals of the others': twice a second, see
+    ``onboard/bus/clock_offsets.py``.
+    """
 
     node: str
     host: int  # equal for all that share one clock; another boot is another host
@@ -285,7 +310,9 @@ class ClockMessage(Message, frozen=True, array_like=True, kw_only=True):
 
 
 class Light(Message, frozen=True, array_like=True, kw_only=True):
-    """Colour of a vehicle in a show, as the ground shows and records it; red, green and blue up to 255."""
+    """Colour of a vehicle in a show, as the ground shows and records it; red, green and blue up to
+    255.
+    """
 
     vehicle: str
     stamp_ns: int

@@ -1,7 +1,8 @@
 """The bus over Zenoh; the only file of the project that imports zenoh.
 
-Callbacks run on zenoh's threads and must only hand over (:meth:`asyncio.AbstractEventLoop.call_soon_threadsafe`);
-calling a session's method from inside a callback can deadlock.
+Callbacks run on zenoh's threads and must only hand over
+(:meth:`asyncio.AbstractEventLoop.call_soon_threadsafe`); calling a session's method from inside a
+callback can deadlock.
 """
 
 from __future__ import annotations
@@ -36,20 +37,25 @@ from onboard.bus.sockets import PromptSockets
 from onboard.bus.topics import TOPICS, Delivery, Topic, key, topic_and_name
 from onboard.native_threads import keep_thread_state
 
-# One thread for all of the network. By default zenoh has five, and one of them wakes up another for every message; the
-# wake-up costs more than the reading. Zenoh reads this when the first session opens.
-_RUNTIMES = [f"{name}: (handover: net)" for name in ("rx", "tx", "acc", "app")] + ["net: (worker_threads: 1)"]
+# One thread for all of the network. By default zenoh has five, and one of them wakes up another for
+# every message; the wake-up costs more than the reading. Zenoh reads this when the first session
+# opens.
+_RUNTIMES = [f"{name}: (handover: net)" for name in ("rx", "tx", "acc", "app")] + [
+    "net: (worker_threads: 1)"
+]
 os.environ.setdefault("ZENOH_RUNTIME", f"({', '.join(_RUNTIMES)})")
 
-_Collector = tuple[Any, Callable[[Any], None]]  # a subscriber that keeps the newest samples, and the function for each
+# a subscriber that keeps the newest samples, and the function for each
+_Collector = tuple[Any, Callable[[Any], None]]
 _MAX_NAMES = 1000
 _MAX_FOLLOWED = 16  # samples of one followed name that wait for delivery
-# Messages whose sender may block have a queue of their own: in a shared one, a peer that hangs would hold up the
-# control loop's messages too.
+# Messages whose sender may block have a queue of their own: in a shared one, a peer that hangs
+# would hold up the control loop's messages too.
 _BLOCKING_PRIORITY = zenoh.Priority.INTERACTIVE_HIGH
 _FAULT_NAME = "fault"
-# Topics whose messages fit into one datagram. Over QUIC nothing of a larger one arrives, so all others, ticks and
-# preflight reports among them, travel in streams. A publisher of the newest still drops rather than waits.
+# Topics whose messages fit into one datagram. Over QUIC nothing of a larger one arrives, so all
+# others, ticks and preflight reports among them, travel in streams. A publisher of the newest still
+# drops rather than waits.
 _IN_DATAGRAMS = (Topic.STATE, Topic.FAR, Topic.MOCAP, Topic.ALL_POSES, Topic.TRUTH)
 
 
@@ -58,12 +64,15 @@ class BusSession:
 
     Args:
         namespace: key prefix, ``covey/<fleet name>``.
-        node: this node's name; its liveliness token is ``alive/<node>/<number>``, with a random number.
-        listen: endpoints to listen at, for instance ``["tcp/127.0.0.1:7460"]``; empty for the ground.
-        connect: endpoints of the others; retried for ever, so that the order of starting does not matter.
+        node: this node's name; its liveliness token is ``alive/<node>/<number>``, with a random
+            number.
+        listen: endpoints to listen at, for instance ``["tcp/127.0.0.1:7460"]``; empty for the
+            ground.
+        connect: endpoints of the others; retried for ever, so that the order of starting does not
+            matter.
         credentials: of this node, for ``quic/`` and ``tls/``; None for a bus without keys.
-        routers: endpoints of the fleet's routers; where there are any, the node connects to one of them only, and
-            listens nowhere.
+        routers: endpoints of the fleet's routers; where there are any, the node connects to one of
+            them only, and listens nowhere.
         router_timeout_s: for which :meth:`start` looks for a router.
     """
 
@@ -95,7 +104,8 @@ class BusSession:
         self._collected: list[_Collector] = []
         self._collectors: tuple[_Collector, ...] = ()  # all of both
         self._claims: dict[str, Any] = {}
-        self._declared: list[Any] = []  # subscribers, queryables and tokens live as long as they are referred to
+        # subscribers, queryables and tokens live as long as they are referred to
+        self._declared: list[Any] = []
 
     def start(self) -> None:
         """Open the bus and declare the liveliness token; a second call does nothing.
@@ -140,19 +150,34 @@ class BusSession:
             urgent = topic in (Topic.STATE, Topic.MOCAP)
             publisher = self._publishers[topic, name] = self._open.declare_publisher(
                 key(self.namespace, topic, name),
-                congestion_control=zenoh.CongestionControl.DROP if latest else zenoh.CongestionControl.BLOCK,
-                reliability=zenoh.Reliability.BEST_EFFORT if topic in _IN_DATAGRAMS else zenoh.Reliability.RELIABLE,
-                priority=zenoh.Priority.REAL_TIME if urgent else zenoh.Priority.DATA if latest else _BLOCKING_PRIORITY,
-                allowed_destination=zenoh.Locality.REMOTE,  # a subscriber to all need not take its own messages
+                congestion_control=zenoh.CongestionControl.DROP
+                if latest
+                else zenoh.CongestionControl.BLOCK,
+                reliability=zenoh.Reliability.BEST_EFFORT
+                if topic in _IN_DATAGRAMS
+                else zenoh.Reliability.RELIABLE,
+                priority=zenoh.Priority.REAL_TIME
+                if urgent
+                else zenoh.Priority.DATA
+                if latest
+                else _BLOCKING_PRIORITY,
+                # a subscriber to all need not take its own messages
+                allowed_destination=zenoh.Locality.REMOTE,
             )
         publisher.put(encode(message))
 
     def subscribe(self, topic: Topic, name: str, on_message: OnMessage) -> None:
-        """Call ``on_message(topic, name, message)`` on a bus thread for each sample; ``name`` may be ``*``."""
+        """Call ``on_message(topic, name, message)`` on a bus thread for each sample; ``name`` may
+        be ``*``.
+        """
         receive = self._receiver(topic, on_message, "" if name == "*" else name)
-        self._declared.append(self._open.declare_subscriber(key(self.namespace, topic, name), _callback(receive)))
+        self._declared.append(
+            self._open.declare_subscriber(key(self.namespace, topic, name), _callback(receive))
+        )
 
-    def collect(self, topic: Topic, name: str, on_message: OnMessage, *, most: int = MAX_COLLECTED) -> None:
+    def collect(
+        self, topic: Topic, name: str, on_message: OnMessage, *, most: int = MAX_COLLECTED
+    ) -> None:
         """Keep messages until :meth:`deliver`; of more than ``most`` the newest."""
         self._collected.append(self._collector(topic, name, on_message, most))
         self._collectors = (*self._collected, *self._followed.values())
@@ -160,7 +185,11 @@ class BusSession:
     def follow(self, topic: Topic, names: Iterable[str], on_message: OnMessage) -> None:
         """Collect ``topic`` of exactly these names; the publisher's own node knows who listens."""
         pairs = {(topic, name) for name in names}
-        gone = [self._followed.pop(pair) for pair in list(self._followed) if pair[0] is topic and pair not in pairs]
+        gone = [
+            self._followed.pop(pair)
+            for pair in list(self._followed)
+            if pair[0] is topic and pair not in pairs
+        ]
         for new in sorted(pairs - self._followed.keys()):
             self._followed[new] = self._collector(topic, new[1], on_message, _MAX_FOLLOWED)
         self._collectors = (*self._collected, *self._followed.values())
@@ -181,12 +210,15 @@ class BusSession:
         subscriber = self._open.declare_subscriber(key_expression, zenoh.handlers.RingChannel(most))
         return subscriber, self._receiver(topic, on_message, "" if name == "*" else name)
 
-    def _receiver(self, topic: Topic, on_message: OnMessage, name: str = "") -> Callable[[zenoh.Sample], None]:
+    def _receiver(
+        self, topic: Topic, on_message: OnMessage, name: str = ""
+    ) -> Callable[[zenoh.Sample], None]:
         kind = TOPICS[topic].message
         assert kind is not None, f"{topic} carries no message"
         if name:
             return lambda sample: on_message(topic, name, decode(sample.payload.to_bytes(), kind))
-        names: dict[str, str] = {}  # key expression -> name: parsing a key costs more than decoding its message
+        # key expression -> name: parsing a key costs more than decoding its message
+        names: dict[str, str] = {}
 
         def receive(sample: zenoh.Sample) -> None:
             text = str(sample.key_expr)
@@ -203,7 +235,9 @@ class BusSession:
         return receive
 
     def serve_orders(self, vehicle: str, on_order: OnOrder) -> None:
-        """Answer orders for ``vehicle``: ``on_order(order, reply)`` runs on a bus thread; reply from another one."""
+        """Answer orders for ``vehicle``: ``on_order(order, reply)`` runs on a bus thread; reply
+        from another one.
+        """
         self._serve(key(self.namespace, Topic.ORDER, vehicle), Order, on_order, self._signatures)
 
     def serve_faults(self, on_fault: OnFault) -> None:
@@ -211,7 +245,11 @@ class BusSession:
         self._serve(key(self.namespace, Topic.SIM, _FAULT_NAME), FaultOrder, on_fault)
 
     def _serve(
-        self, own_key: str, kind: type[Any], on_query: Callable[..., None], signatures: _Signatures | None = None
+        self,
+        own_key: str,
+        kind: type[Any],
+        on_query: Callable[..., None],
+        signatures: _Signatures | None = None,
     ) -> None:
         def receive(query: zenoh.Query) -> None:
             payload = query.payload.to_bytes() if query.payload is not None else b""
@@ -224,15 +262,24 @@ class BusSession:
 
             on_query(untrusted or decode(payload, kind), reply)
 
-        self._declared.append(self._open.declare_queryable(own_key, _callback(receive), complete=True))
+        self._declared.append(
+            self._open.declare_queryable(own_key, _callback(receive), complete=True)
+        )
 
-    def order(self, vehicle: str, order: Order, *, timeout_s: float, on_reply: OnReply, on_end: OnEnd) -> None:
-        """Send an order to one vehicle: ``on_reply`` with its reply, then ``on_end``; only ``on_end`` without one."""
+    def order(
+        self, vehicle: str, order: Order, *, timeout_s: float, on_reply: OnReply, on_end: OnEnd
+    ) -> None:
+        """Send an order to one vehicle: ``on_reply`` with its reply, then ``on_end``; only
+        ``on_end`` without one.
+        """
         their_key = key(self.namespace, Topic.ORDER, vehicle)
         self._query(their_key, order, timeout_s, on_reply, on_end, self._signatures)
 
-    def fault(self, order: FaultOrder, *, timeout_s: float, on_reply: OnReply, on_end: OnEnd) -> None:
-        """Send a fault order to the emulator, in the same way; where there is none, nobody answers."""
+    def fault(
+        self, order: FaultOrder, *, timeout_s: float, on_reply: OnReply, on_end: OnEnd
+    ) -> None:
+        """Send a fault order to the emulator, in the same way; where there is none, nobody answers.
+        """
         self._query(key(self.namespace, Topic.SIM, _FAULT_NAME), order, timeout_s, on_reply, on_end)
 
     def _query(
@@ -263,7 +310,9 @@ class BusSession:
         )
 
     def claim(self, token: str) -> None:
-        """Declare another liveliness token, for a role of this node; a second claim of it does nothing."""
+        """Declare another liveliness token, for a role of this node; a second claim of it does
+        nothing.
+        """
         if token not in self._claims:
             self._claims[token] = self._declare_token(token)
 
@@ -274,32 +323,45 @@ class BusSession:
             claim.undeclare()
 
     def watch_alive(self, on_alive: OnAlive) -> None:
-        """Call ``on_alive(name, is_alive)`` for every name on the bus, those already there included."""
+        """Call ``on_alive(name, is_alive)`` for every name on the bus, those already there
+        included.
+        """
         presence, prefix = Presence(on_alive), key(self.namespace, Topic.ALIVE, "")
 
         def receive(sample: zenoh.Sample) -> None:
-            presence.see(str(sample.key_expr).removeprefix(prefix), sample.kind == zenoh.SampleKind.PUT)
+            presence.see(
+                str(sample.key_expr).removeprefix(prefix), sample.kind == zenoh.SampleKind.PUT
+            )
 
         self._declared.append(
-            self._open.liveliness().declare_subscriber(f"{prefix}**", _callback(receive), history=True)
+            self._open.liveliness().declare_subscriber(
+                f"{prefix}**", _callback(receive), history=True
+            )
         )
 
     def _declare_token(self, name: str) -> Any:
-        """Two nodes of one name declare different tokens; otherwise who leaves would take the other's along."""
-        return self._open.liveliness().declare_token(key(self.namespace, Topic.ALIVE, f"{name}/{self._instance}"))
+        """Two nodes of one name declare different tokens; otherwise who leaves would take the
+        other's along.
+        """
+        return self._open.liveliness().declare_token(
+            key(self.namespace, Topic.ALIVE, f"{name}/{self._instance}")
+        )
 
 
 class _Signatures:
     """Signs the orders that this node gives, and checks those that it receives."""
 
     def __init__(self, credentials: Credentials) -> None:
-        from onboard.bus.order_signature import OrderSigner, SealCheck  # large; a fleet without keys has no need of it
+        # large; a fleet without keys has no need of it
+        from onboard.bus.order_signature import OrderSigner, SealCheck
 
         self.seal = OrderSigner(credentials.certificate, credentials.key).seal
         self._check = SealCheck(credentials.authority)
 
     def refusal(self, key_expression: str, payload: bytes, seal: bytes) -> UntrustedOrder | None:
-        return self._check.refusal(key_expression, payload, seal, datetime.datetime.now(datetime.UTC))
+        return self._check.refusal(
+            key_expression, payload, seal, datetime.datetime.now(datetime.UTC)
+        )
 
 
 def open_zenoh(settings: Iterable[Setting]) -> zenoh.Session:
@@ -338,7 +400,9 @@ def _reason(error: zenoh.ZError) -> str:
 
 
 def _callback(function: Callable[[Any], None], on_end: Callable[[], None] | None = None) -> Any:
-    """Return a handler on zenoh's own network thread, without a Python thread for each subscriber and each query."""
+    """Return a handler on zenoh's own network thread, without a Python thread for each subscriber
+    and each query.
+    """
 
     def call(value: Any) -> None:
         keep_thread_state()

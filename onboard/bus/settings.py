@@ -1,6 +1,7 @@
 """Settings of Zenoh for the nodes of the bus, and for its routers. Pure.
 
-Endpoints are explicit, without multicast or gossip scouting: a node connects only to endpoints of the fleet file.
+Endpoints are explicit, without multicast or gossip scouting: a node connects only to endpoints of
+the fleet file.
 """
 
 from __future__ import annotations
@@ -19,15 +20,19 @@ RETRY = {"period_init_ms": 200, "period_max_ms": 500, "period_increase_factor": 
 ROUTER_LEASE_MS = 500  # half of the others': without a router nobody hears anything
 _ROUTER_OPEN_MS = 500  # then the next router is tried; enough for round trips up to 150 ms
 _CLOSE_AFTER_US = 1_000_000  # then the connection to a peer that takes nothing is closed
-_OPEN_MS = 1000  # for a link: over QUIC a node that is not there refuses nothing, and silence takes this long
+# for a link: over QUIC a node that is not there refuses nothing, and silence takes this long
+_OPEN_MS = 1000
 
 
-def of_node(listen: Sequence[str], connect: Sequence[str], credentials: Credentials | None) -> list[Setting]:
+def of_node(
+    listen: Sequence[str], connect: Sequence[str], credentials: Credentials | None
+) -> list[Setting]:
     """Return the settings of a node that is linked with the others directly.
 
     Args:
         listen: endpoints to listen at.
-        connect: endpoints of the others; retried for ever, so that the order of starting does not matter.
+        connect: endpoints of the others; retried for ever, so that the order of starting does not
+            matter.
         credentials: of the node; None for a bus without keys.
     """
     return [
@@ -39,8 +44,11 @@ def of_node(listen: Sequence[str], connect: Sequence[str], credentials: Credenti
     ]
 
 
-def of_client(routers: Sequence[str], timeout_s: float, credentials: Credentials | None) -> list[Setting]:
-    """Return the settings of a node behind routers: it is linked with the first that answers, then with the next one.
+def of_client(
+    routers: Sequence[str], timeout_s: float, credentials: Credentials | None
+) -> list[Setting]:
+    """Return the settings of a node behind routers: it is linked with the first that answers, then
+    with the next one.
 
     Args:
         routers: endpoints, in the order in which they are tried.
@@ -57,7 +65,10 @@ def of_client(routers: Sequence[str], timeout_s: float, credentials: Credentials
 
 
 def of_router(
-    endpoint: str, others: Sequence[str], fleets: Iterable[FleetConfig], credentials: Credentials | None
+    endpoint: str,
+    others: Sequence[str],
+    fleets: Iterable[FleetConfig],
+    credentials: Credentials | None,
 ) -> list[Setting]:
     """Return the settings of a router.
 
@@ -103,8 +114,10 @@ def _common(credentials: Credentials | None, lease_ms: int) -> list[Setting]:
         ("scouting/delay", 0),
         ("transport/link/tx/lease", lease_ms),
         ("transport/unicast/open_timeout", _OPEN_MS),
-        ("transport/shared_memory/enabled", False),  # messages are small, and its threads and memory are not free
-        # a peer that hangs fills its queue: the publisher drops at once instead of waiting in the control loop
+        # messages are small, and its threads and memory are not free
+        ("transport/shared_memory/enabled", False),
+        # a peer that hangs fills its queue: the publisher drops at once instead of waiting in the
+        # control loop
         ("transport/link/tx/queue/congestion_control/drop/wait_before_drop", 0),
         ("transport/link/tx/queue/congestion_control/drop/max_wait_before_drop_fragments", 0),
         ("transport/link/tx/queue/congestion_control/block/wait_before_close", _CLOSE_AFTER_US),
@@ -112,7 +125,9 @@ def _common(credentials: Credentials | None, lease_ms: int) -> list[Setting]:
 
 
 def _link_of(endpoint: str) -> str:
-    """Return an endpoint with what zenoh is told of it: QUIC carries what may be lost in datagrams, beside streams."""
+    """Return an endpoint with what zenoh is told of it: QUIC carries what may be lost in datagrams,
+    beside streams.
+    """
     return f"{endpoint}?mixed_rel=1" if endpoint.startswith("quic/") else endpoint
 
 

@@ -1,8 +1,10 @@
-"""Sockets that close at once. Zenoh gives each of its TCP sockets ten seconds to deliver what is left at its end.
+"""Sockets that close at once. Zenoh gives each of its TCP sockets ten seconds to deliver what is
+left at its end.
 
-For so long ``close()`` blocks the thread that calls it, and that is the thread of all network work: one peer that
-hangs, or whose cable is cut, would take the bus away from all others. Zenoh has no option for it, so it is changed from
-outside, on every socket of the process. The kernel then delivers what is left, and nobody waits.
+For so long ``close()`` blocks the thread that calls it, and that is the thread of all network work:
+one peer that hangs, or whose cable is cut, would take the bus away from all others. Zenoh has no
+option for it, so it is changed from outside, on every socket of the process. The kernel then
+delivers what is left, and nobody waits.
 """
 
 from __future__ import annotations
@@ -13,11 +15,13 @@ import struct
 import threading
 
 _LINGER = struct.Struct("ii")  # on or off, seconds
-_PERIOD_S = 0.4  # a peer is given up a second after it was heard last, hence later than its socket is seen here
+# a peer is given up a second after it was heard last, hence later than its socket is seen here
+_PERIOD_S = 0.4
 
 
 class PromptSockets:
-    """Lets all sockets of the process close at once, the future ones included, until it is stopped."""
+    """Lets all sockets of the process close at once, the future ones included, until it is stopped.
+    """
 
     def __init__(self) -> None:
         self._ended = threading.Event()
@@ -49,7 +53,9 @@ def let_all_close_at_once() -> int:
         except OSError:
             continue
         try:
-            is_on, _ = _LINGER.unpack(borrowed.getsockopt(socket.SOL_SOCKET, socket.SO_LINGER, _LINGER.size))
+            is_on, _ = _LINGER.unpack(
+                borrowed.getsockopt(socket.SOL_SOCKET, socket.SO_LINGER, _LINGER.size)
+            )
             if is_on:
                 borrowed.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, _LINGER.pack(0, 0))
                 changed += 1

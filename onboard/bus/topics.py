@@ -1,7 +1,7 @@
 """The whole bus in one table: topic -> message, rate, stale-after, delivery and direction.
 
-A key is ``covey/<fleet>/<topic>/<name>``; ``name`` is a vehicle, a mocap body or a node. A sample older than
-``stale_after_s`` is stale, for every receiver.
+A key is ``covey/<fleet>/<topic>/<name>``; ``name`` is a vehicle, a mocap body or a node. A sample
+older than ``stale_after_s`` is stale, for every receiver.
 """
 
 from __future__ import annotations
@@ -53,20 +53,40 @@ class TopicSpec:
 
 
 TOPICS: dict[Topic, TopicSpec] = {
-    Topic.STATE: TopicSpec(schema.StateMessage, 50.0, 0.3, Delivery.LATEST, "agent -> agents in range"),
-    Topic.FAR: TopicSpec(schema.StateMessage, 5.0, 0.75, Delivery.LATEST, "agent -> agents out of reach"),
+    Topic.STATE: TopicSpec(
+        schema.StateMessage, 50.0, 0.3, Delivery.LATEST, "agent -> agents in range"
+    ),
+    Topic.FAR: TopicSpec(
+        schema.StateMessage, 5.0, 0.75, Delivery.LATEST, "agent -> agents out of reach"
+    ),
     Topic.TELEMETRY: TopicSpec(schema.Telemetry, 10.0, 1.0, Delivery.LATEST, "agent -> ground"),
-    Topic.SLOW_TELEMETRY: TopicSpec(schema.Telemetry, 2.0, 1.5, Delivery.LATEST, "agent -> agents, changes at once"),
+    Topic.SLOW_TELEMETRY: TopicSpec(
+        schema.Telemetry, 2.0, 1.5, Delivery.LATEST, "agent -> agents, changes at once"
+    ),
     Topic.TICK: TopicSpec(schema.TickBatch, 5.0, 1.0, Delivery.LATEST, "agent -> recorder"),
-    Topic.EVENT: TopicSpec(schema.Event, 0.0, float("inf"), Delivery.RELIABLE, "agent -> ground, recorder"),
-    Topic.PREFLIGHT: TopicSpec(schema.PreflightReport, 1.0, 3.0, Delivery.LATEST, "agent on the ground -> ground"),
+    Topic.EVENT: TopicSpec(
+        schema.Event, 0.0, float("inf"), Delivery.RELIABLE, "agent -> ground, recorder"
+    ),
+    Topic.PREFLIGHT: TopicSpec(
+        schema.PreflightReport, 1.0, 3.0, Delivery.LATEST, "agent on the ground -> ground"
+    ),
     Topic.ORDER: TopicSpec(schema.Order, 0.0, 5.0, Delivery.QUERY, "ground -> agent, answered"),
     Topic.MOCAP: TopicSpec(schema.MocapPose, 50.0, 0.2, Delivery.LATEST, "mocap relay -> agents"),
-    Topic.ALL_POSES: TopicSpec(schema.MocapPoses, 4.0, 1.0, Delivery.LATEST, "mocap relay -> agents, all bodies"),
-    Topic.CLOCK: TopicSpec(schema.ClockMessage, 2.0, 60.0, Delivery.LATEST, "agents, ground, relay <-> each other"),
-    Topic.TRUTH: TopicSpec(schema.Truth, 50.0, 1.0, Delivery.LATEST, "emulator -> recorder, never an agent"),
-    Topic.LIGHT: TopicSpec(schema.Light, 5.0, 1.0, Delivery.LATEST, "ground -> its own console and record"),
-    Topic.SIM: TopicSpec(schema.FaultOrder, 0.0, 5.0, Delivery.QUERY, "ground -> emulator, answered; never an agent"),
+    Topic.ALL_POSES: TopicSpec(
+        schema.MocapPoses, 4.0, 1.0, Delivery.LATEST, "mocap relay -> agents, all bodies"
+    ),
+    Topic.CLOCK: TopicSpec(
+        schema.ClockMessage, 2.0, 60.0, Delivery.LATEST, "agents, ground, relay <-> each other"
+    ),
+    Topic.TRUTH: TopicSpec(
+        schema.Truth, 50.0, 1.0, Delivery.LATEST, "emulator -> recorder, never an agent"
+    ),
+    Topic.LIGHT: TopicSpec(
+        schema.Light, 5.0, 1.0, Delivery.LATEST, "ground -> its own console and record"
+    ),
+    Topic.SIM: TopicSpec(
+        schema.FaultOrder, 0.0, 5.0, Delivery.QUERY, "ground -> emulator, answered; never an agent"
+    ),
     Topic.ALIVE: TopicSpec(None, 0.0, 1.0, Delivery.TOKEN, "all -> all"),
 }
 

@@ -1,4 +1,6 @@
-"""The example fleets and missions of ``configs/``, which are installed with the product and known by name."""
+"""The example fleets and missions of ``configs/``, which are installed with the product and known
+by name.
+"""
 
 from __future__ import annotations
 
@@ -6,8 +8,13 @@ import os
 
 from onboard.config.config_error import ConfigError
 
-EXAMPLES = os.path.join(os.path.dirname(os.path.realpath(__file__)), "examples")  # in the repository a link to configs/
-_FOLDERS = {"fleet file": ("fleets",), "mission file": ("missions",), "fleet or mission file": ("missions", "fleets")}
+# in the repository a link to configs/
+EXAMPLES = os.path.join(os.path.dirname(os.path.realpath(__file__)), "examples")
+_FOLDERS = {
+    "fleet file": ("fleets",),
+    "mission file": ("missions",),
+    "fleet or mission file": ("missions", "fleets"),
+}
 
 
 def example_names(kind: str) -> list[str]:
@@ -18,8 +25,12 @@ def example_names(kind: str) -> list[str]:
     Returns:
         names without ending, sorted.
     """
-    files = [file for folder in _FOLDERS[kind] for file in os.listdir(os.path.join(EXAMPLES, folder))]
-    return sorted({stem for stem, ending in map(os.path.splitext, files) if ending in (".toml", ".py")})
+    files = [
+        file for folder in _FOLDERS[kind] for file in os.listdir(os.path.join(EXAMPLES, folder))
+    ]
+    return sorted(
+        {stem for stem, ending in map(os.path.splitext, files) if ending in (".toml", ".py")}
+    )
 
 
 def existing_file(path: str | os.PathLike[str], kind: str) -> str:
@@ -38,7 +49,13 @@ def existing_file(path: str | os.PathLike[str], kind: str) -> str:
         return name
     parent, file = os.path.split(name)
     for folder in _FOLDERS[kind]:
-        endings = ("", ".toml", ".py") if not parent else ("",) if parent == os.path.join("configs", folder) else ()
+        endings = (
+            ("", ".toml", ".py")
+            if not parent
+            else ("",)
+            if parent == os.path.join("configs", folder)
+            else ()
+        )
         for ending in endings:
             example = os.path.join(EXAMPLES, folder, file + ending)
             if os.path.isfile(example):

@@ -1,7 +1,8 @@
 """Fleet files: frozen values, validated when loaded; the door of this room.
 
-Unknown keys are errors that name file, key and remedy. Precedence: a vehicle's own key, then its type's, then
-``[defaults]``. Nothing here does I/O but :func:`load_fleet`, and the import of a law of one's own that a file names.
+Unknown keys are errors that name file, key and remedy. Precedence: a vehicle's own key, then its
+type's, then ``[defaults]``. Nothing here does I/O but :func:`load_fleet`, and the import of a law
+of one's own that a file names.
 """
 
 from __future__ import annotations
@@ -39,11 +40,13 @@ def load_fleet(path: str | os.PathLike[str], *, imports_law: bool = True) -> Fle
 
     Args:
         path: of the file, or the name of an example: ``paper``.
-        imports_law: whether to import a law of somebody's own that the file names; False where nothing will fly.
+        imports_law: whether to import a law of somebody's own that the file names; False where
+            nothing will fly.
     Returns:
         its values.
     Raises:
-        ConfigError: file missing, not TOML, unknown key, wrong type, value out of bounds, duplicated id.
+        ConfigError: file missing, not TOML, unknown key, wrong type, value out of bounds,
+            duplicated id.
     """
     data, text, name = read_toml(path, "fleet file")
     return fleet_from_mapping(data, path=name, text=text, imports_law=imports_law)
@@ -66,17 +69,34 @@ def fleet_from_mapping(
     """
     check_schema(data, path)
     if "step" in data:
-        raise ConfigError(f"{path} is a mission file, not a fleet file. Name its fleet, or fly it: covey fly {path}")
-    known = {"schema", "fleet", "law", "formations", "mocap", "obstacles", "radio", "types", "defaults", "vehicles"}
+        raise ConfigError(
+            f"{path} is a mission file, not a fleet file. Name its fleet, or fly it: covey fly {path}"
+        )
+    known = {
+        "schema",
+        "fleet",
+        "law",
+        "formations",
+        "mocap",
+        "obstacles",
+        "radio",
+        "types",
+        "defaults",
+        "vehicles",
+    }
     for key in data:
         if key not in known:
-            raise ConfigError(f"{path}: unknown key '{key}'. Known keys here: {', '.join(sorted(known))}.")
+            raise ConfigError(
+                f"{path}: unknown key '{key}'. Known keys here: {', '.join(sorted(known))}."
+            )
     for key in ("fleet", "vehicles"):
         if key not in data:
             raise ConfigError(f"{path}: the table '{key}' is missing. Add [{key}].")
     fleet = convert(data["fleet"], FleetSection, path, "fleet")
     law = convert(data.get("law", {}), LawConfig, path, "law")
-    slots, shapes = formation_shape.split(table(data.get("formations", {}), path, "formations"), path)
+    slots, shapes = formation_shape.split(
+        table(data.get("formations", {}), path, "formations"), path
+    )
     formations = convert(slots, dict[str, dict[str, Vec3]], path, "formations")
     fixed = convert(data.get("obstacles", []), tuple[obstacles.Obstacle, ...], path, "obstacles")
     mocap = convert(data.get("mocap", {}), MocapConfig, path, "mocap")

@@ -61,7 +61,9 @@ class Geofence(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         """
         x, y, z = (
             min(max(value_m, low_m + inside_m), high_m - inside_m)
-            for value_m, (low_m, high_m) in zip(position_enu_m, (self.x, self.y, self.z), strict=True)
+            for value_m, (low_m, high_m) in zip(
+                position_enu_m, (self.x, self.y, self.z), strict=True
+            )
         )
         return x, y, z
 
@@ -74,22 +76,31 @@ class FleetSection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     # "mocap", or the point of the Earth where the frame begins: the three keys below
     origin: Literal["mocap"] | Origin = "mocap"
     safety_distance_m: float = 0.80  # horizontal distance of two centres that the law promises
-    vertical_separation_m: float | None = None  # or so far apart in height; none: nobody flies above another
+    # or so far apart in height; none: nobody flies above another
+    vertical_separation_m: float | None = None
     body_diameter_m: float = 0.50  # from propeller tip to propeller tip
     battery_warning_pct: float = 30.0  # the console warns below it
     battery_land_pct: float = 20.0  # a vehicle lands by itself below it
-    direct_command_timeout_s: float = 0.3  # kill and land go past an agent that has not answered for so long
+    # kill and land go past an agent that has not answered for so long
+    direct_command_timeout_s: float = 0.3
     bus_lost_land_s: float = 5.0  # a vehicle that hears nobody holds, and lands after so long
-    ground_lost_land_s: float = 60.0  # vehicles in flight land when nobody has been there to order for so long
+    # vehicles in flight land when nobody has been there to order for so long
+    ground_lost_land_s: float = 60.0
     keys: str = "keys"  # folder of the bus's keys, as seen from this file; docs/keys.md
-    # endpoints of routers, quic/HOST:PORT: nodes then connect to the first that answers; docs/network.md
+    # endpoints of routers, quic/HOST:PORT: nodes then connect to the first that answers;
+    # docs/network.md
     routers: tuple[str, ...] = ()
-    simulator: str | None = None  # where covey sitl listens on the bus; the port below the lowest agent's by default
+    # where covey sitl listens on the bus; the port below the lowest agent's by default
+    simulator: str | None = None
 
     @property
     def height_share(self) -> float:
         """Metres of separation that a metre of height counts: 0 without a vertical separation."""
-        return 0.0 if self.vertical_separation_m is None else self.safety_distance_m / self.vertical_separation_m
+        return (
+            0.0
+            if self.vertical_separation_m is None
+            else self.safety_distance_m / self.vertical_separation_m
+        )
 
     @property
     def global_origin(self) -> Origin | None:
@@ -105,31 +116,40 @@ class Vehicle(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     system_id: int  # MAV_SYS_ID of its PX4
     start_enu_m: Vec3  # where it stands before take-off: east, north, up in the fleet frame
     agent: str  # its agent on the bus: quic/HOST:PORT of the companion computer; tcp/ without keys
-    autopilot: str  # PX4 as the companion sees it: udpin://HOST:PORT, udpout://HOST:PORT or serial://DEVICE:BAUD
-    # PX4 as the ground sees it, past the companion: udpout://HOST:PORT, udpin://HOST:PORT or tcp://HOST:PORT
+    # PX4 as the companion sees it: udpin://HOST:PORT, udpout://HOST:PORT or serial://DEVICE:BAUD
+    autopilot: str
+    # PX4 as the ground sees it, past the companion: udpout://HOST:PORT, udpin://HOST:PORT or
+    # tcp://HOST:PORT
     direct: str | None = None
     mocap_body: str | None = None  # name of its body in the mocap; the vehicle's own by default
     type: str = ""  # a table [types.NAME], which holds for what the vehicle does not say
-    enabled: bool | Literal["scan"] = True  # false: takes no part; "scan": flies where it answers, is not waited for
-    emulated: bool = False  # true: covey sitl plays its PX4 and its poses, beside real vehicles: docs/mixed-reality.md
+    # false: takes no part; "scan": flies where it answers, is not waited for
+    enabled: bool | Literal["scan"] = True
+    # true: covey sitl plays its PX4 and its poses, beside real vehicles: docs/mixed-reality.md
+    emulated: bool = False
     mass_kg: float = 1.0  # with battery
-    hover_thrust_frac: float = 0.5  # throttle that hovers, 0 to 1; starting value: MPC_THR_HOVER of a tuned PX4, or 0.5
+    # throttle that hovers, 0 to 1; starting value: MPC_THR_HOVER of a tuned PX4, or 0.5
+    hover_thrust_frac: float = 0.5
     attitude_delay_s: float = 0.04  # dead time of its attitude; starting value 0.04
     attitude_wn_rad_s: float = 11.0  # natural frequency of its attitude; starting value 9, cautious
     attitude_zeta: float = 0.6  # damping of its attitude; starting value 0.7
     drag_1_s: float = 0.0  # deceleration for each m/s through the air; starting value 0.3
-    hover_time_s: float | None = None  # from a full battery to an empty one; with it check judges a mission's length
+    # from a full battery to an empty one; with it check judges a mission's length
+    hover_time_s: float | None = None
     max_tilt_deg: float = 25.0  # of all manoeuvres
     max_speed_m_s: float = 1.0  # of all moves
     max_acceleration_m_s2: float = 1.5  # of all moves
     # true: it flies by the mocap and refuses to take off without; false: by PX4's own position
     mocap_required: bool = True
-    px4_position: Literal["gps", "vision"] = "gps"  # what PX4's own position comes from, without a mocap
+    # what PX4's own position comes from, without a mocap
+    px4_position: Literal["gps", "vision"] = "gps"
     # of its PX4: the values of its attitude were identified with it, and the emulator flies as it
     px4_version: Literal["1.16", "1.17", "1.18"] = "1.17"
-    # its MAVLink is signed with the key keys/NAME.mavlink.key (PX4 v1.18 and later): docs/mavlink-signing.md
+    # its MAVLink is signed with the key keys/NAME.mavlink.key (PX4 v1.18 and later):
+    # docs/mavlink-signing.md
     mavlink_signing: bool = False
-    px4_params: dict[str, float | int] = {}  # parameters that its PX4 must have beyond the built-in ones: NAME = value
+    # parameters that its PX4 must have beyond the built-in ones: NAME = value
+    px4_params: dict[str, float | int] = {}
     sitl: SitlProfile = SitlProfile()  # values of the emulator only: the table below
 
     @property
@@ -159,8 +179,10 @@ class FleetConfig(msgspec.Struct, frozen=True):
     text: str
     obstacles: tuple[obstacles.Obstacle, ...] = ()
     mocap: MocapConfig = MocapConfig()
-    shapes: dict[str, FormationShape] = {}  # further formations; slots are the ground's matter, so not in the hash
-    radio: RadioConfig | None = None  # the channel that all share; only its expected lateness is in the hash
+    # further formations; slots are the ground's matter, so not in the hash
+    shapes: dict[str, FormationShape] = {}
+    # the channel that all share; only its expected lateness is in the hash
+    radio: RadioConfig | None = None
     own_law: OwnLaw | None = None  # that law.name names, if it is none of Covey's
 
     @property
@@ -176,10 +198,13 @@ class FleetConfig(msgspec.Struct, frozen=True):
         """
         if name is None:
             return self
-        return msgspec.structs.replace(self, law=msgspec.structs.replace(self.law, name=name)).with_own_law()
+        return msgspec.structs.replace(
+            self, law=msgspec.structs.replace(self.law, name=name)
+        ).with_own_law()
 
     def with_own_law(self) -> FleetConfig:
-        """Return the same fleet with the law that its file names, imported if it is none of Covey's.
+        """Return the same fleet with the law that its file names, imported if it is none of
+        Covey's.
 
         Raises:
             ConfigError: there is no such law, or it cannot be imported.
@@ -192,13 +217,24 @@ class FleetConfig(msgspec.Struct, frozen=True):
 
     @property
     def config_hash(self) -> str:
-        """Hash of all values: equal on all vehicles that read the same ones; differing hashes refuse take-off."""
+        """Hash of all values: equal on all vehicles that read the same ones; differing hashes
+        refuse take-off.
+        """
         # where keys and laws lie, and which router is nearest, may differ from computer to computer
         fleet = msgspec.structs.replace(self.fleet, keys="keys", routers=())
         late_s = self.expected_radio.lateness_s  # by which a vehicle counts as silent later
         law = msgspec.structs.replace(self.law, folder=".")
         source = "" if self.own_law is None else self.own_law.source_hash
-        parts = [fleet, law, source, self.formations, self.vehicles, self.obstacles, self.mocap, late_s]
+        parts = [
+            fleet,
+            law,
+            source,
+            self.formations,
+            self.vehicles,
+            self.obstacles,
+            self.mocap,
+            late_s,
+        ]
         values = msgspec.json.encode(parts, order="deterministic")
         return hashlib.sha256(values).hexdigest()[:12]
 
@@ -215,7 +251,9 @@ class FleetConfig(msgspec.Struct, frozen=True):
     @property
     def has_keys(self) -> bool:
         """Whether nodes of the bus prove who they are: the endpoints then say so."""
-        return any(vehicle.agent.startswith(("quic/", "tls/")) for vehicle in self.vehicles.values())
+        return any(
+            vehicle.agent.startswith(("quic/", "tls/")) for vehicle in self.vehicles.values()
+        )
 
     @property
     def keys_folder(self) -> str:
@@ -225,11 +263,15 @@ class FleetConfig(msgspec.Struct, frozen=True):
     @property
     def enabled_names(self) -> tuple[str, ...]:
         """Vehicles that take part, in the order of the file."""
-        return tuple(name for name, vehicle in self.vehicles.items() if vehicle.enabled is not False)
+        return tuple(
+            name for name, vehicle in self.vehicles.items() if vehicle.enabled is not False
+        )
 
     @property
     def simulator_endpoint(self) -> str:
-        """Endpoint at which an emulator listens on the bus; by default the port below the lowest agent's."""
+        """Endpoint at which an emulator listens on the bus; by default the port below the lowest
+        agent's.
+        """
         if self.fleet.simulator:
             return self.fleet.simulator
         ports = [int(vehicle.agent.rsplit(":", 1)[1]) for vehicle in self.vehicles.values()]
@@ -243,16 +285,20 @@ class FleetConfig(msgspec.Struct, frozen=True):
 
     @property
     def pose_endpoints(self) -> tuple[str, str]:
-        """Endpoints at which poses and truth are offered: by a relay or the emulator of a whole fleet, and, at the port
-        below it, by an emulator of a part of the fleet, whose other part has a relay."""
+        """Endpoints at which poses and truth are offered: by a relay or the emulator of a whole
+        fleet, and, at the port below it, by an emulator of a part of the fleet, whose other part
+        has a relay."""
         host, _, port = self.simulator_endpoint.rpartition(":")
         return self.simulator_endpoint, f"{host}:{int(port) - 1}"
 
-    def select(self, vehicles: str | Sequence[str] | None, exclude: str | None = None) -> tuple[str, ...]:
+    def select(
+        self, vehicles: str | Sequence[str] | None, exclude: str | None = None
+    ) -> tuple[str, ...]:
         """Select vehicles by name or by index in the file.
 
         Args:
-            vehicles: ``a,b``, ``0-2`` or ``all``, or a list of such; None or empty for all that are enabled.
+            vehicles: ``a,b``, ``0-2`` or ``all``, or a list of such; None or empty for all that are
+                enabled.
             exclude: in the same form.
         Returns:
             names without doubles, in the order given.
@@ -281,38 +327,49 @@ class FleetConfig(msgspec.Struct, frozen=True):
                     )
                 names.extend(order[first : last + 1])
             else:
-                raise ConfigError(f"'{part}' is not a vehicle of fleet '{self.fleet.name}': it has {', '.join(order)}.")
+                raise ConfigError(
+                    f"'{part}' is not a vehicle of fleet '{self.fleet.name}': it has {', '.join(order)}."
+                )
         return tuple(dict.fromkeys(names))
 
 
 def above_words(config: FleetConfig) -> str:
-    """Return in words which height difference does instead of a horizontal distance; empty where none does.
+    """Return in words which height difference does instead of a horizontal distance; empty where
+    none does.
 
     Args:
         config: the fleet.
     """
     share = parking_height_share(config)
-    return f", or {parking_distance_m(config) / share:.2f} m above each other" if share > 0.0 else ""
+    return (
+        f", or {parking_distance_m(config) / share:.2f} m above each other" if share > 0.0 else ""
+    )
 
 
 def parking_height_share(config: FleetConfig, accuracy_m: float = 0.0) -> float:
-    """Metres of :func:`parking_distance_m` that a metre of height counts where vehicles hover above each other.
+    """Metres of :func:`parking_distance_m` that a metre of height counts where vehicles hover above
+    each other.
 
-    The law begins to act 0.20 m before the vertical separation, and vehicles hold their heights to some 5 cm.
+    The law begins to act 0.20 m before the vertical separation, and vehicles hold their heights to
+    some 5 cm.
 
     Args:
         config: the fleet.
-        accuracy_m: by which the law widens the vertical separation because of the vehicles' positions.
+        accuracy_m: by which the law widens the vertical separation because of the vehicles'
+            positions.
     """
     vertical_m = config.fleet.vertical_separation_m
-    return 0.0 if vertical_m is None else parking_distance_m(config) / (vertical_m + 0.25 + accuracy_m)
+    return (
+        0.0 if vertical_m is None else parking_distance_m(config) / (vertical_m + 0.25 + accuracy_m)
+    )
 
 
 def parking_distance_m(config: FleetConfig) -> float:
     """Smallest spacing at which two vehicles can hover next to each other under the configured law.
 
-    Paper-exact law: sqrt(d_inf^2 + d_inf v_perp / kappa_3), since (8) forbids to hover closer. Covey's law: the design
-    distance plus 0.10 m (measured: slots nearer than that are reached late or never).
+    Paper-exact law: sqrt(d_inf^2 + d_inf v_perp / kappa_3), since (8) forbids to hover closer.
+    Covey's law: the design distance plus 0.10 m (measured: slots nearer than that are reached late
+    or never).
 
     Args:
         config: the fleet.

@@ -1,4 +1,6 @@
-"""Formations that are given by a shape instead of a slot for each vehicle: the values; the ground makes the slots."""
+"""Formations that are given by a shape instead of a slot for each vehicle: the values; the ground
+makes the slots.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +11,9 @@ import msgspec
 
 from onboard.config.toml_reading import bound_problems, convert
 
-ShapeName = Literal["line", "column", "v", "wedge", "circle", "grid", "polygon", "sphere", "text", "image", "csv"]
+ShapeName = Literal[
+    "line", "column", "v", "wedge", "circle", "grid", "polygon", "sphere", "text", "image", "csv"
+]
 BOUNDS: dict[str, tuple[float, float]] = {
     "spacing_m": (0.05, 1000.0),
     "rotation_deg": (-3600.0, 3600.0),
@@ -22,13 +26,17 @@ BOUNDS: dict[str, tuple[float, float]] = {
 
 
 class FormationShape(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """``[formations.NAME]`` with a ``shape``: north is ahead, the position is its middle and its lowest slot."""
+    """``[formations.NAME]`` with a ``shape``: north is ahead, the position is its middle and its
+    lowest slot.
+    """
 
-    # line: abreast, column: one behind the other, v and wedge: the tip ahead (wedge is filled), sphere: seen from above
-    # no two stand above each other, text: from a font, image: its dark part, csv: columns x,y[,z]
+    # line: abreast, column: one behind the other, v and wedge: the tip ahead (wedge is filled),
+    # sphere: seen from above no two stand above each other, text: from a font, image: its dark
+    # part, csv: columns x,y[,z]
     shape: ShapeName
     vehicles: str | tuple[str, ...] = "all"  # that have a slot
-    # horizontal distance of the two nearest slots; by default 1.15 times what the law needs, and a csv as it is
+    # horizontal distance of the two nearest slots; by default 1.15 times what the law needs, and a
+    # csv as it is
     spacing_m: float | None = None
     rotation_deg: float = 0.0  # counterclockwise, seen from above
     columns: int | None = None  # of a grid; by default as many as rows
@@ -39,7 +47,8 @@ class FormationShape(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     file: str | None = None  # of an image or csv, relative to this file
     layers: int = 1  # slots take turns in so many heights, and keep their horizontal distance
     layer_height_m: float = 0.5  # from one height to the next
-    # true: the layers stand above each other, at least fleet.vertical_separation_m + 0.25 m from one to the next
+    # true: the layers stand above each other, at least fleet.vertical_separation_m + 0.25 m from
+    # one to the next
     stacked: bool = False
 
 
@@ -56,7 +65,9 @@ def split(data: dict[str, Any], path: str) -> tuple[dict[str, Any], dict[str, Fo
     """
     is_shape = {name: isinstance(one, dict) and "shape" in one for name, one in data.items()}
     shapes = {
-        name: convert(one, FormationShape, path, f"formations.{name}") for name, one in data.items() if is_shape[name]
+        name: convert(one, FormationShape, path, f"formations.{name}")
+        for name, one in data.items()
+        if is_shape[name]
     }
     return {name: one for name, one in data.items() if not is_shape[name]}, shapes
 

@@ -1,4 +1,6 @@
-"""The avoidance law's values and policies, as a fleet file's ``[law]`` gives them: the one place of their defaults."""
+"""The avoidance law's values and policies, as a fleet file's ``[law]`` gives them: the one place of
+their defaults.
+"""
 
 from __future__ import annotations
 
@@ -12,19 +14,27 @@ QUICK_LAG_S = 0.15
 
 
 class LawConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """``[law]``: the avoidance law's values and policies; onboard/avoidance/README.md explains each one."""
+    """``[law]``: the avoidance law's values and policies; onboard/avoidance/README.md explains each
+    one.
+    """
 
-    # "paper" and "off" are for simulation and for comparison; "module:function", or the name of an entry point of the
-    # group covey.laws, is a law of your own: docs/own-law.md
+    # "paper" and "off" are for simulation and for comparison; "module:function", or the name of an
+    # entry point of the group covey.laws, is a law of your own: docs/own-law.md
     name: str = "covey"
-    folder: str = "."  # where the module of your own law is looked for first, as seen from this file
-    allow_own_law_on_real_vehicles: bool = False  # true: your own law may fly vehicles that are not emulated
+    # where the module of your own law is looked for first, as seen from this file
+    folder: str = "."
+    # true: your own law may fly vehicles that are not emulated
+    allow_own_law_on_real_vehicles: bool = False
     # policies: each a small function chosen by name
-    responsibility: Literal["shortfall", "half", "full"] = "shortfall"  # what share of a correction a vehicle takes
-    prediction: Literal["lag", "none"] = "lag"  # "lag": rows hold at the time at which a command takes effect
+
+    # what share of a correction a vehicle takes
+    responsibility: Literal["shortfall", "half", "full"] = "shortfall"
+    # "lag": rows hold at the time at which a command takes effect
+    prediction: Literal["lag", "none"] = "lag"
     # "accuracy": grows with the errors of the positions that fly; "fixed": design_margin_m
     margin: Literal["accuracy", "fixed"] = "accuracy"
-    rotation: Literal["ahead", "violated", "never", "always"] = "ahead"  # when vehicles that meet turn about each other
+    # when vehicles that meet turn about each other
+    rotation: Literal["ahead", "violated", "never", "always"] = "ahead"
     direction: Literal["intent", "crowd", "pair", "fixed"] = "intent"  # to which side they turn
     jam: Literal["slow", "ignore"] = "slow"  # "slow": who stands in a jam gives way after a while
     # neighbours
@@ -36,18 +46,21 @@ class LawConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     kappa_2_1_s: float = 8.0  # distance rows, second gain
     kappa_3_1_s: float = 2.0  # rotation rows, first gain
     kappa_4_1_s: float = 1.0  # rotation rows, second gain
-    shortfall_gain: float = 0.85  # share of what the other is seen not to do that this one takes over
+    # share of what the other is seen not to do that this one takes over
+    shortfall_gain: float = 0.85
     v_perp_m_s: float = 0.55  # speed of the turn about each other
     v_perp_crowd_m_s: float = 0.65  # the same in a crowd
     crowd_count: int = 4  # neighbours that make a crowd
-    # a rotation row is as strong as the violation, up to this one, so that nothing jumps when it begins
+    # a rotation row is as strong as the violation, up to this one, so that nothing jumps when it
+    # begins
     rotation_fade_m_s2: float = 2.0
     max_neighbours: int = 12  # the nearest of them are avoided
     range_m: float = 8.0  # neighbours farther away are not looked at
     # obstacles, geofence and speed
     obstacle_margin_m: float = 0.20  # kept from obstacles beside half a body
     fence_margin_m: float = 0.05  # kept from the fence
-    avoid_speed_frac: float = 1.25  # of its top speed may a vehicle fly while it avoids, unless the promise is at stake
+    # of its top speed may a vehicle fly while it avoids, unless the promise is at stake
+    avoid_speed_frac: float = 1.25
     # the paper's law, (5)-(22)
     paper_kappa_1_1_s: float = 2.0  # of (5) to (9)
     paper_kappa_2_1_s: float = 2.0  # of (5) to (9)
@@ -55,7 +68,8 @@ class LawConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     paper_kappa_4_1_s: float = 1.5  # of (5) to (9)
     paper_v_perp_m_s: float = 0.1  # of (8)
     paper_turn: Literal["eq8", "eq9"] = "eq8"  # which equation turns the vehicles
-    paper_force_ring: bool = False  # fly it with more than three vehicles all the same, in simulation
+    # fly it with more than three vehicles all the same, in simulation
+    paper_force_ring: bool = False
 
     @property
     def is_own(self) -> bool:
@@ -64,7 +78,9 @@ class LawConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def built_in(self) -> BuiltInLaw:
-        """Covey's law of that name; beside a law of somebody's own Covey's is computed, and takes over from it."""
+        """Covey's law of that name; beside a law of somebody's own Covey's is computed, and takes
+        over from it.
+        """
         return next((name for name in BUILT_IN if name == self.name), "covey")
 
     def margin_m(self, lag_s: float) -> float:

@@ -1,4 +1,5 @@
-"""A law of somebody's own: found by the name that a fleet file gives it, imported, and told apart by its source.
+"""A law of somebody's own: found by the name that a fleet file gives it, imported, and told apart
+by its source.
 
 The protocol is in docs/own-law.md. This code runs with the rights of whoever loads the fleet file.
 """
@@ -22,7 +23,8 @@ from onboard.config.law import BUILT_IN
 from onboard.config.toml_reading import ConfigError
 
 GROUP = "covey.laws"  # of entry points
-_modules: dict[tuple[str, str], ModuleType] = {}  # (file, hash) -> what was made of it, once in a process
+# (file, hash) -> what was made of it, once in a process
+_modules: dict[tuple[str, str], ModuleType] = {}
 
 
 class OwnLaw(msgspec.Struct, frozen=True):
@@ -44,13 +46,15 @@ def load_own_law(name: str, folders: Sequence[str], path: str) -> OwnLaw:
     Returns:
         the law.
     Raises:
-        ConfigError: there is none of that name, its module cannot be imported, or it cannot be called as a law.
+        ConfigError: there is none of that name, its module cannot be imported, or it cannot be
+            called as a law.
     """
     where = f"{path}: 'law.name' is {name!r}"
     module_name, _, function_name = _target(name, where).partition(":")
     files = [os.path.join(os.path.abspath(folder), f"{module_name}.py") for folder in folders]
     file = next((file for file in files if os.path.isfile(file)), None)
-    for folder in folders:  # what a law imports may lie beside it; after all installed, so that it hides nothing
+    # what a law imports may lie beside it; after all installed, so that it hides nothing
+    for folder in folders:
         if folder not in sys.path:
             sys.path.append(folder)
     try:
@@ -71,8 +75,14 @@ def load_own_law(name: str, folders: Sequence[str], path: str) -> OwnLaw:
         ) from None
     function = getattr(module, function_name, None)
     if not callable(function):
-        what = "has no such name" if function is None else f"has it as {type(function).__name__}, which is no function"
-        raise ConfigError(f"{where}: {module_name} {what}. Name a function law(memory, inputs) of that module.")
+        what = (
+            "has no such name"
+            if function is None
+            else f"has it as {type(function).__name__}, which is no function"
+        )
+        raise ConfigError(
+            f"{where}: {module_name} {what}. Name a function law(memory, inputs) of that module."
+        )
     _check_signature(function, where)
     source = str(getattr(module, "__file__", None) or "")
     return OwnLaw(name, source, _source_hash(source, is_in_package="." in module_name), function)
@@ -80,7 +90,10 @@ def load_own_law(name: str, folders: Sequence[str], path: str) -> OwnLaw:
 
 def _target(name: str, where: str) -> str:
     """Return module and function of a name."""
-    if all(part and part.replace(".", "_").isidentifier() for part in name.split(":")) and name.count(":") == 1:
+    if (
+        all(part and part.replace(".", "_").isidentifier() for part in name.split(":"))
+        and name.count(":") == 1
+    ):
         return name
     known = {entry.name: entry.value for entry in entry_points(group=GROUP)}
     if name in known:

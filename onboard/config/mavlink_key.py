@@ -1,7 +1,9 @@
-"""Keys of MAVLink signing: a file ``keys/VEHICLE.mavlink.key`` beside the fleet file, for vehicles that sign.
+"""Keys of MAVLink signing: a file ``keys/VEHICLE.mavlink.key`` beside the fleet file, for vehicles
+that sign.
 
-Who signs what is told apart by link ids: PX4 remembers the newest timestamp of each sender (system, component, link id)
-and refuses older ones. So every program of a vehicle's links has an id of its own, and its clock decides alone.
+Who signs what is told apart by link ids: PX4 remembers the newest timestamp of each sender (system,
+component, link id) and refuses older ones. So every program of a vehicle's links has an id of its
+own, and its clock decides alone.
 """
 
 from __future__ import annotations
@@ -74,7 +76,9 @@ def read_key(path: str, fleet_path: str) -> bytes:
             f"from the computer that has it, or make a new key there: covey secure {fleet_path} --mavlink"
         ) from None
     if mode & 0o077:
-        raise ConfigError(f"{path} can be read by other users of this computer (mode {mode:o}). Run: chmod 600 {path}")
+        raise ConfigError(
+            f"{path} can be read by other users of this computer (mode {mode:o}). Run: chmod 600 {path}"
+        )
     if len(key) != KEY_BYTES or not any(key):
         raise ConfigError(
             f"{path} holds no key: a key of MAVLink has {KEY_BYTES} bytes, not all of them zero. Copy it once more."
@@ -83,7 +87,8 @@ def read_key(path: str, fleet_path: str) -> bytes:
 
 
 def ground_link_id(host: str) -> int:
-    """Return the link id of a ground computer: clocks of two computers differ, so each has an id of its own.
+    """Return the link id of a ground computer: clocks of two computers differ, so each has an id of
+    its own.
 
     Args:
         host: name of the computer.

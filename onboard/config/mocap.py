@@ -1,4 +1,6 @@
-"""``[mocap]`` of a fleet file: which motion capture, who reads it, how its frame lies in the fleet's."""
+"""``[mocap]`` of a fleet file: which motion capture, who reads it, how its frame lies in the
+fleet's.
+"""
 
 from __future__ import annotations
 
@@ -29,11 +31,15 @@ class MocapConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     source: Literal["bus", "motioncapture"] = "bus"
     type: SystemType | None = None  # system that the package reads
     hostname: str | None = None  # of that system
-    options: dict[str, str | int | float | bool] = {}  # further options of the package for that system
-    direct: bool = False  # every agent reads the system itself; otherwise one relay (covey mocap) does and publishes
+    # further options of the package for that system
+    options: dict[str, str | int | float | bool] = {}
+    # every agent reads the system itself; otherwise one relay (covey mocap) does and publishes
+    direct: bool = False
     up: Literal["z", "y"] = "z"  # axis of the mocap's frame that points up
-    yaw_deg: float = 0.0  # the mocap's frame is then turned about up by this angle, counterclockwise
-    offset_m: tuple[float, float, float] = (0.0, 0.0, 0.0)  # the mocap's origin in the fleet's frame, ENU
+    # the mocap's frame is then turned about up by this angle, counterclockwise
+    yaw_deg: float = 0.0
+    # the mocap's origin in the fleet's frame, ENU
+    offset_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
     latency_s: float = 0.010  # from exposure to arrival; a sample's stamp is its arrival minus this
     max_rate_hz: float = 100.0  # frames beyond this rate are skipped; the control needs 50 Hz
 

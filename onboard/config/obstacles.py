@@ -1,4 +1,6 @@
-"""Static obstacles of a fleet file: circles and polygons that stand still, of any height. A leaf, like config."""
+"""Static obstacles of a fleet file: circles and polygons that stand still, of any height. A leaf,
+like config.
+"""
 
 from __future__ import annotations
 
@@ -23,11 +25,13 @@ class Obstacle(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     name: str  # for messages
     circle: Circle | None = None  # a round one: { center_enu_m = [x, y], radius_m = r }
-    polygon_enu_m: tuple[tuple[float, float], ...] | None = None  # or its corners in order: [[x, y], [x, y], [x, y]]
+    # or its corners in order: [[x, y], [x, y], [x, y]]
+    polygon_enu_m: tuple[tuple[float, float], ...] | None = None
 
     @property
     def capsules_enu_m(self) -> tuple[Capsule, ...]:
-        """The outline as segments (x1, y1, x2, y2) with a radius; of a circle one without length."""
+        """The outline as segments (x1, y1, x2, y2) with a radius; of a circle one without length.
+        """
         if self.circle is not None:
             x, y = self.circle.center_enu_m
             return ((x, y, x, y, self.circle.radius_m),)
@@ -47,9 +51,13 @@ class Obstacle(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         nearest, is_inside = math.inf, False
         for x1, y1, x2, y2, radius in self.capsules_enu_m:
             length_2 = (x2 - x1) ** 2 + (y2 - y1) ** 2
-            share = ((x - x1) * (x2 - x1) + (y - y1) * (y2 - y1)) / length_2 if length_2 > 0.0 else 0.0
+            share = (
+                ((x - x1) * (x2 - x1) + (y - y1) * (y2 - y1)) / length_2 if length_2 > 0.0 else 0.0
+            )
             share = min(1.0, max(0.0, share))
-            nearest = min(nearest, math.hypot(x - x1 - share * (x2 - x1), y - y1 - share * (y2 - y1)) - radius)
+            nearest = min(
+                nearest, math.hypot(x - x1 - share * (x2 - x1), y - y1 - share * (y2 - y1)) - radius
+            )
             if (y1 > y) != (y2 > y) and x < x1 + (y - y1) / (y2 - y1) * (x2 - x1):
                 is_inside = not is_inside  # the ray to the east crosses this edge
         return -nearest if is_inside else nearest
@@ -82,7 +90,9 @@ def problems(
             yield f"'{key}.polygon_enu_m' has {len(corners)} corners; a polygon has at least 3. Add the others."
         elif obstacle.circle is not None and not 0.0 <= obstacle.circle.radius_m <= _LARGEST_M:
             yield f"'{key}.circle.radius_m' is {obstacle.circle.radius_m}; it must lie between 0 and {_LARGEST_M:g}."
-        elif not all(abs(value) <= _LARGEST_M for capsule in obstacle.capsules_enu_m for value in capsule):
+        elif not all(
+            abs(value) <= _LARGEST_M for capsule in obstacle.capsules_enu_m for value in capsule
+        ):
             yield f"'{key}' ({obstacle.name}) has a coordinate beyond {_LARGEST_M:g} m, or not finite. Correct it."
         else:
             for vehicle, start in starts_enu_m.items():

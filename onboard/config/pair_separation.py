@@ -1,9 +1,11 @@
-"""The separation of a pair, as everything in Covey judges it: law, checks, alarms, verdict, console. Pure.
+"""The separation of a pair, as everything in Covey judges it: law, checks, alarms, verdict,
+console. Pure.
 
-Vehicles are apart when their horizontal distance is at least ``safety_distance_m``, or their heights differ by
-``vertical_separation_m``. One number says both: the larger of the horizontal distance and of the height difference,
-which counts so much a metre that the vertical separation is as good as the safety distance. Without a vertical
-separation a metre of height counts nothing, and the number is the horizontal distance.
+Vehicles are apart when their horizontal distance is at least ``safety_distance_m``, or their
+heights differ by ``vertical_separation_m``. One number says both: the larger of the horizontal
+distance and of the height difference, which counts so much a metre that the vertical separation is
+as good as the safety distance. Without a vertical separation a metre of height counts nothing, and
+the number is the horizontal distance.
 """
 
 from __future__ import annotations
@@ -17,7 +19,9 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 
-def separation_m(one_enu_m: Sequence[float], other_enu_m: Sequence[float], height_share: float) -> float:
+def separation_m(
+    one_enu_m: Sequence[float], other_enu_m: Sequence[float], height_share: float
+) -> float:
     """Return the separation of two vehicles [m].
 
     Args:

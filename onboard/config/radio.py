@@ -1,4 +1,6 @@
-"""``[radio]`` of a fleet file: the one channel that all share, for ``covey check`` and for flights in lockstep."""
+"""``[radio]`` of a fleet file: the one channel that all share, for ``covey check`` and for flights
+in lockstep.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +14,8 @@ from onboard.config.toml_reading import bound_problems
 
 _STATES_S = 0.02  # period of the states; fewer of them do not make a fleet wait longer
 _RARE_LOSS = 0.01  # a run of lost messages that is rarer than this is not planned for
-_USUAL_AGE_S, _MOST_LATENESS_S = 0.08, 0.45  # the age by the defaults; neighbours are silent after 0.25 s more or less
+# the age by the defaults; neighbours are silent after 0.25 s more or less
+_USUAL_AGE_S, _MOST_LATENESS_S = 0.08, 0.45
 
 BOUNDS: dict[str, tuple[float, float]] = {
     "rate_mbit_s": (6.0, 1000.0),
@@ -30,22 +33,31 @@ BOUNDS: dict[str, tuple[float, float]] = {
 class RadioConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """``[radio]``: docs/radio.md explains each key."""
 
-    # "access point": what goes from one vehicle to another is sent twice; "direct": once, as in an ad-hoc network
+    # "access point": what goes from one vehicle to another is sent twice; "direct": once, as in an
+    # ad-hoc network
     link: Literal["access point", "direct"] = "access point"
-    rate_mbit_s: float = 65.0  # of a frame's data, as the slowest vehicle gets it: 65 is 802.11n, 20 MHz, one antenna
-    states_hz: Literal[50, 25] = 50  # states of each vehicle to its near neighbours; 25 where the channel is full
-    usable_frac: float = 0.6  # of the channel's time that the fleet may take; covey check warns beyond it
-    loss_frac: float = 0.001  # of the packets, after the radio's own repetitions; lockstep only, as all that follow
-    burst_packets: float = 3.0  # mean number of packets of 50 Hz lost in a row; 1: each loss by itself
+    # of a frame's data, as the slowest vehicle gets it: 65 is 802.11n, 20 MHz, one antenna
+    rate_mbit_s: float = 65.0
+    # states of each vehicle to its near neighbours; 25 where the channel is full
+    states_hz: Literal[50, 25] = 50
+    # of the channel's time that the fleet may take; covey check warns beyond it
+    usable_frac: float = 0.6
+    # of the packets, after the radio's own repetitions; lockstep only, as all that follow
+    loss_frac: float = 0.001
+    # mean number of packets of 50 Hz lost in a row; 1: each loss by itself
+    burst_packets: float = 3.0
     jitter_s: float = 0.0  # mean of a further delay, exponentially distributed
     duplicate_frac: float = 0.0  # of the packets that arrive twice
     reorder_frac: float = 0.0  # of the packets that others overtake
-    # from one agent to another: covey check looks it up in the map of the law, preflight measures it on the ground
+    # from one agent to another: covey check looks it up in the map of the law, preflight measures
+    # it on the ground
     expected_delay_s: float = 0.04
-    expected_loss_frac: float = 0.10  # of the states between two agents that are lost, as expected_delay_s
+    # of the states between two agents that are lost, as expected_delay_s
+    expected_loss_frac: float = 0.10
 
     def state_age_s(self, period_s: float) -> float:
-        """Return the age that a neighbour's newest state reaches: the delay, a period, the messages lost in a row.
+        """Return the age that a neighbour's newest state reaches: the delay, a period, the messages
+        lost in a row.
 
         Args:
             period_s: between two states.
@@ -58,7 +70,9 @@ class RadioConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def lateness_s(self) -> float:
-        """Time by which a neighbour is silent for longer before it counts as silent: 0 with the defaults."""
+        """Time by which a neighbour is silent for longer before it counts as silent: 0 with the
+        defaults.
+        """
         return min(max(self.state_age_s(_STATES_S) - _USUAL_AGE_S, 0.0), _MOST_LATENESS_S)
 
 

@@ -1,4 +1,6 @@
-"""TOML files as typed values; everything wrong with one is a ConfigError that names file, key and remedy."""
+"""TOML files as typed values; everything wrong with one is a ConfigError that names file, key and
+remedy.
+"""
 
 from __future__ import annotations
 
@@ -91,10 +93,18 @@ def convert(value: Any, kind: Any, path: str, key: str) -> Any:
         tail = position.rstrip("`").lstrip("$")
         if unknown:
             full = f"{key}{tail}.{unknown[1]}"
-            inner = kind if not tail else next(iter(get_args(kind)), None) if re.fullmatch(r"\[\d+\]", tail) else None
+            inner = (
+                kind
+                if not tail
+                else next(iter(get_args(kind)), None)
+                if re.fullmatch(r"\[\d+\]", tail)
+                else None
+            )
             names = ", ".join(getattr(inner, "__struct_fields__", ()))
             known = f" Known keys here: {names}." if names else ""
-            raise ConfigError(f"{path}: unknown key '{full}'.{known} Remove or correct it.") from None
+            raise ConfigError(
+                f"{path}: unknown key '{full}'.{known} Remove or correct it."
+            ) from None
         raise ConfigError(f"{path}: '{key}{tail}': {message}. Correct the value.") from None
 
 
@@ -115,7 +125,9 @@ def tables(value: Any, path: str, key: str) -> dict[str, dict[str, Any]]:
     Raises:
         ConfigError: it, or one of its values, is something else.
     """
-    return {name: table(inner, path, f"{key}.{name}") for name, inner in table(value, path, key).items()}
+    return {
+        name: table(inner, path, f"{key}.{name}") for name, inner in table(value, path, key).items()
+    }
 
 
 def bound_problems(key: str, value: float, low: float, high: float) -> Iterator[str]:

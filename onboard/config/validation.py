@@ -1,4 +1,6 @@
-"""Checks of a whole fleet file: bounds, names, endpoints, doubles and spacing. A mistake raises ConfigError."""
+"""Checks of a whole fleet file: bounds, names, endpoints, doubles and spacing. A mistake raises
+ConfigError.
+"""
 
 from __future__ import annotations
 
@@ -47,11 +49,13 @@ VEHICLE_BOUNDS: dict[str, tuple[float, float]] = {
     "max_acceleration_m_s2": (0.1, 10.0),
     "system_id": (1, 255),
 }
-# bodies between two heights: a vehicle one body above pushes with 8 % of the weight, one two bodies above with 3 %
+# bodies between two heights: a vehicle one body above pushes with 8 % of the weight, one two bodies
+# above with 3 %
 _LEAST_HEIGHT_BODIES = 2.0
 _AGENT_ENDPOINT = re.compile(r"(tcp|quic|tls|udp)/[A-Za-z0-9_.:\[\]-]+:\d{1,5}")
 _KEYED = ("quic/", "tls/")
-_NODE_NAMES = ("ground", "viewer", "mocap", "sitl", "router", "ca")  # of keys beside the vehicles' own
+# of keys beside the vehicles' own
+_NODE_NAMES = ("ground", "viewer", "mocap", "sitl", "router", "ca")
 _WITHOUT_SIGNING = ("1.16", "1.17")
 _AUTOPILOT_ENDPOINT = re.compile(r"(udpin|udpout|serial)://.+")
 
@@ -69,13 +73,17 @@ def check_fleet(config: FleetConfig) -> None:
 
 
 def _problems(config: FleetConfig) -> Iterator[str]:
-    """Sentences about the mistakes; a check may rely on those before it, so only the first sentence counts."""
+    """Sentences about the mistakes; a check may rely on those before it, so only the first sentence
+    counts.
+    """
     yield from _fleet_section_problems(config)
     yield from _law_problems(config)
     for vehicle in config.vehicles.values():
         yield from _vehicle_problems(config, vehicle)
     yield from _double_problems(config)
-    yield from mocap_config.problems(config.mocap, {name: v.body for name, v in config.vehicles.items()})
+    yield from mocap_config.problems(
+        config.mocap, {name: v.body for name, v in config.vehicles.items()}
+    )
     yield from radio_config.problems(config.radio)
     clearance_m = 0.5 * config.fleet.body_diameter_m + config.law.obstacle_margin_m
     starts = {name: vehicle.start_enu_m for name, vehicle in config.vehicles.items()}
@@ -120,9 +128,13 @@ def _vertical_problems(fleet: FleetSection, law: LawConfig) -> Iterator[str]:
 
 
 def _bus_problems(config: FleetConfig) -> Iterator[str]:
-    endpoints = {f"vehicles.{name}.agent": vehicle.agent for name, vehicle in config.vehicles.items()}
+    endpoints = {
+        f"vehicles.{name}.agent": vehicle.agent for name, vehicle in config.vehicles.items()
+    }
     endpoints["fleet.simulator"] = config.simulator_endpoint
-    endpoints |= {f"fleet.routers[{number}]": endpoint for number, endpoint in enumerate(config.fleet.routers)}
+    endpoints |= {
+        f"fleet.routers[{number}]": endpoint for number, endpoint in enumerate(config.fleet.routers)
+    }
     owners: dict[str, str] = {}
     for key, endpoint in endpoints.items():
         if not _AGENT_ENDPOINT.fullmatch(endpoint):
@@ -172,7 +184,9 @@ def _vehicle_problems(config: FleetConfig, vehicle: Vehicle) -> Iterator[str]:
     name = vehicle.name
     for key, (low, high) in VEHICLE_BOUNDS.items():
         value = getattr(vehicle, key)
-        yield from () if value is None else bound_problems(f"vehicles.{name}.{key}", value, low, high)
+        yield from (
+            () if value is None else bound_problems(f"vehicles.{name}.{key}", value, low, high)
+        )
     for key, (low, high) in sitl_profile.BOUNDS.items():
         value = getattr(vehicle.sitl, key)
         for number in value if isinstance(value, tuple) else (value,):
@@ -215,7 +229,9 @@ def _double_problems(config: FleetConfig) -> Iterator[str]:
 def _start_problems(config: FleetConfig) -> Iterator[str]:
     fleet = config.fleet
     for first, second in itertools.combinations(config.enabled_names, 2):
-        spacing = math.dist(config.vehicles[first].start_enu_m[:2], config.vehicles[second].start_enu_m[:2])
+        spacing = math.dist(
+            config.vehicles[first].start_enu_m[:2], config.vehicles[second].start_enu_m[:2]
+        )
         if spacing < fleet.safety_distance_m:
             yield (
                 f"'vehicles.{first}.start_enu_m' and 'vehicles.{second}.start_enu_m' are {spacing:.2f} m "

@@ -9,7 +9,15 @@ from onboard.config.fleet_config import PX4_VERSIONS, Vehicle
 from onboard.config.sitl import SitlProfile
 from onboard.config.toml_reading import ConfigError, convert
 
-_VEHICLE_ONLY = {"system_id", "start_enu_m", "agent", "autopilot", "direct", "mocap_body", "emulated"}
+_VEHICLE_ONLY = {
+    "system_id",
+    "start_enu_m",
+    "agent",
+    "autopilot",
+    "direct",
+    "mocap_body",
+    "emulated",
+}
 _DERIVED = {"name", "index"}
 
 
@@ -37,7 +45,9 @@ def vehicle_from_tables(
     """
     key = f"vehicles.{name}"
     if not re.fullmatch(r"[A-Za-z0-9_-]{1,40}", name):
-        raise ConfigError(f"{path}: '{key}': a name has 1 to 40 of the characters A-Z a-z 0-9 _ -. Rename the vehicle.")
+        raise ConfigError(
+            f"{path}: '{key}': a name has 1 to 40 of the characters A-Z a-z 0-9 _ -. Rename the vehicle."
+        )
     type_name = own.get("type", defaults.get("type", ""))
     if type_name and type_name not in types:
         raise ConfigError(
@@ -58,18 +68,23 @@ def vehicle_from_tables(
                 )
     for entry in ("system_id", "start_enu_m", "agent", "autopilot"):
         if entry not in own:
-            raise ConfigError(f"{path}: '{key}.{entry}' is missing. Every vehicle needs one of its own.")
+            raise ConfigError(
+                f"{path}: '{key}.{entry}' is missing. Every vehicle needs one of its own."
+            )
     merged: dict[str, Any] = {"type": type_name}
     for table in (defaults, type_table, own):
         for entry, value in table.items():
             nested = entry in ("px4_params", "sitl") and isinstance(value, dict)
             merged[entry] = {**merged.get(entry, {}), **value} if nested else value
     _check_px4_version(merged.get("px4_version", PX4_VERSIONS[0]), f"{path}: '{key}.px4_version'")
-    convert(merged.get("sitl", {}), SitlProfile, path, f"{key}.sitl")  # names the keys that are known there
+    # names the keys that are known there
+    convert(merged.get("sitl", {}), SitlProfile, path, f"{key}.sitl")
     return convert({**merged, "name": name, "index": index}, Vehicle, path, key)  # type: ignore[no-any-return]
 
 
 def _check_px4_version(version: object, where: str) -> None:
     if version not in PX4_VERSIONS:
         known = ", ".join(f'"{each}"' for each in PX4_VERSIONS)
-        raise ConfigError(f"{where} is {version!r}. Write one of {known}, in quotes; for another PX4 the nearest one.")
+        raise ConfigError(
+            f"{where} is {version!r}. Write one of {known}, in quotes; for another PX4 the nearest one."
+        )

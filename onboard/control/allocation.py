@@ -1,8 +1,8 @@
 """From the thrust vector to the setpoint that PX4 takes: an attitude quaternion and a throttle.
 
 The quaternion is built exactly from thrust direction and yaw.
-DEVIATION D1: the paper's (2) gives the angles of R = Rx(roll) Ry(pitch), whereas PX4 composes Euler angles as ZYX; read
-that way (2) errs by 0.4 m/s^2 at 30 deg of combined tilt (a test shows it).
+DEVIATION D1: the paper's (2) gives the angles of R = Rx(roll) Ry(pitch), whereas PX4 composes Euler
+angles as ZYX; read that way (2) errs by 0.4 m/s^2 at 30 deg of combined tilt (a test shows it).
 """
 
 from __future__ import annotations
@@ -20,22 +20,30 @@ class AllocationParams(NamedTuple):
     """Limits of the setpoints that are sent."""
 
     max_tilt_rad: float  # between thrust and the vertical
-    fallback_hover_thrust_frac: float  # throttle of the level answer to unusable input: the configured hover throttle
+    # throttle of the level answer to unusable input: the configured hover throttle
+    fallback_hover_thrust_frac: float
     min_thrust_frac: float = 0.08  # keeps the propellers turning, so that attitude stays controlled
     max_thrust_frac: float = MAX_THRUST_FRAC
 
 
 def is_usable(thrust: Thrust, yaw_rad: float, hover_thrust_frac: float) -> bool:
-    """Whether all inputs of ``allocate`` are finite and the hover throttle is positive; else it levels out."""
-    is_number = is_finite(thrust.thrust_enu_m_s2) and math.isfinite(yaw_rad) and math.isfinite(hover_thrust_frac)
+    """Whether all inputs of ``allocate`` are finite and the hover throttle is positive; else it
+    levels out.
+    """
+    is_number = (
+        is_finite(thrust.thrust_enu_m_s2)
+        and math.isfinite(yaw_rad)
+        and math.isfinite(hover_thrust_frac)
+    )
     return is_number and hover_thrust_frac > 0.0
 
 
 def limit(thrust: Thrust, hover_thrust_frac: float, params: AllocationParams) -> Thrust:
     """Return the nearest thrust within the limits, height first.
 
-    The vertical component is kept as far as the throttle reaches, then the horizontal one is shortened (its direction
-    kept) to what tilt limit and remaining throttle allow: F_h <= min(F_z tan(max_tilt), sqrt(F_max^2 - F_z^2)).
+    The vertical component is kept as far as the throttle reaches, then the horizontal one is
+    shortened (its direction kept) to what tilt limit and remaining throttle allow: F_h <= min(F_z
+    tan(max_tilt), sqrt(F_max^2 - F_z^2)).
 
     Args:
         thrust: F/m [m/s^2], ENU, finite.
@@ -52,12 +60,16 @@ def limit(thrust: Thrust, hover_thrust_frac: float, params: AllocationParams) ->
     return Thrust(Vec3(scale * x, scale * y, up))
 
 
-def allocate(thrust: Thrust, yaw_rad: float, hover_thrust_frac: float, params: AllocationParams) -> AttitudeSetpoint:
-    """Return the attitude and throttle whose thrust is the given vector, exactly, within the limits.
+def allocate(
+    thrust: Thrust, yaw_rad: float, hover_thrust_frac: float, params: AllocationParams
+) -> AttitudeSetpoint:
+    """Return the attitude and throttle whose thrust is the given vector, exactly, within the
+    limits.
 
-    With b = F/|F| turned into the yaw frame, the attitude is Rz(yaw) Ry(pitch) Rx(roll) with pitch = atan2(b_x, b_z)
-    and roll = asin(-b_y): its third column is b and its heading is yaw. Half angles come from square roots.
-    thrust_frac = |F|/g * hover_thrust_frac. Unusable input gives level at the hover throttle (see ``is_usable``).
+    With b = F/|F| turned into the yaw frame, the attitude is Rz(yaw) Ry(pitch) Rx(roll) with pitch
+    = atan2(b_x, b_z) and roll = asin(-b_y): its third column is b and its heading is yaw. Half
+    angles come from square roots. thrust_frac = |F|/g * hover_thrust_frac. Unusable input gives
+    level at the hover throttle (see ``is_usable``).
 
     Implements: the inverse of eq. (2), see DEVIATION D1.
 
@@ -98,6 +110,8 @@ def allocate(thrust: Thrust, yaw_rad: float, hover_thrust_frac: float, params: A
 
 
 def _half(cosine: float, sine: float) -> tuple[float, float]:
-    """Return cosine and sine of half an angle in (-pi/2, pi/2) from those of the angle; exact at small angles too."""
+    """Return cosine and sine of half an angle in (-pi/2, pi/2) from those of the angle; exact at
+    small angles too.
+    """
     half_cosine = math.sqrt(0.5 * (1.0 + cosine))
     return half_cosine, sine / (2.0 * half_cosine)

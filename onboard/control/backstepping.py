@@ -1,8 +1,9 @@
 """Baseline: backstepping along the trajectory, as if the vehicle were alone.
 
-The paper leaves the baseline's gains to a source that is not public ([18]); this is our own derivation. For one
-vehicle p'' = a with the setpoint (p_s, v_s, a_s), the tracking error e = p_s - p and its radial clamp s(e) (s(e) = e
-inside the radius r, r e/|e| outside; s is the gradient of the convex Huber function H(e)):
+The paper leaves the baseline's gains to a source that is not public ([18]); this is our own
+derivation. For one vehicle p'' = a with the setpoint (p_s, v_s, a_s), the tracking error e = p_s -
+p and its radial clamp s(e) (s(e) = e inside the radius r, r e/|e| outside; s is the gradient of the
+convex Huber function H(e)):
 
     v_ref = v_s + k1 s(e)                       first step: the velocity that brings e to rest
     z     = v - v_ref                           so e' = v_s - v = -k1 s(e) - z
@@ -11,14 +12,16 @@ inside the radius r, r e/|e| outside; s is the gradient of the convex Huber func
     a     = a_s + k1 s'(e) (v_s - v) + c s(e) - k2 z        second step
     W'    = -c k1 |s(e)|^2 - k2 |z|^2           negative definite for k1, k2, c > 0
 
-The term k1 s'(v_s - v) is the derivative of the first step's reference and c s(e) is the cross term that cancels
--c s.z; dropping either leaves W' indefinite. Inside the clamp this is a linear loop s^2 + (k1 + k2) s + (k1 k2 + c).
-The clamp makes the answer to a far setpoint a bounded velocity k1 r instead of full tilt towards and away.
+The term k1 s'(v_s - v) is the derivative of the first step's reference and c s(e) is the cross term
+that cancels -c s.z; dropping either leaves W' indefinite. Inside the clamp this is a linear loop
+s^2 + (k1 + k2) s + (k1 k2 + c). The clamp makes the answer to a far setpoint a bounded velocity k1
+r instead of full tilt towards and away.
 
-Integral action: none here. A free integrator winds up whenever the avoidance law holds the vehicle back. Static errors
-(tilt bias, weak attitude gain, wind) are the disturbance observer's (estimation/disturbance_observer.py), which knows
-the command really sent, so that holding back does not charge it. The state given here is the one predicted over the
-attitude lag, which is why gains of 1.5 and 4 1/s are stable with 0.15 s of lag as well as with 0.27 s.
+Integral action: none here. A free integrator winds up whenever the avoidance law holds the vehicle
+back. Static errors (tilt bias, weak attitude gain, wind) are the disturbance observer's
+(estimation/disturbance_observer.py), which knows the command really sent, so that holding back does
+not charge it. The state given here is the one predicted over the attitude lag, which is why gains
+of 1.5 and 4 1/s are stable with 0.15 s of lag as well as with 0.27 s.
 """
 
 from __future__ import annotations
@@ -34,7 +37,8 @@ class BacksteppingParams(NamedTuple):
     """Gains and bounds of the baseline."""
 
     position_gain_1_s: float = 1.5  # k1: a position error decays with it
-    velocity_gain_1_s: float = 4.0  # k2: bounded by the attitude loop's bandwidth (k1 + k2 below half of wn)
+    # k2: bounded by the attitude loop's bandwidth (k1 + k2 below half of wn)
+    velocity_gain_1_s: float = 4.0
     coupling_1_s2: float = 0.5  # c
     max_position_error_m: float = 0.8  # r: the vehicle returns to its setpoint with at most k1 r
     max_acceleration_m_s2: float = 4.0  # horizontal, at most g tan(max_tilt)
@@ -42,7 +46,10 @@ class BacksteppingParams(NamedTuple):
 
 
 def step(
-    position_enu_m: Vec3, velocity_enu_m_s: Vec3, setpoint: TrajectorySetpoint, params: BacksteppingParams
+    position_enu_m: Vec3,
+    velocity_enu_m_s: Vec3,
+    setpoint: TrajectorySetpoint,
+    params: BacksteppingParams,
 ) -> Thrust:
     """Return the thrust that tracks the setpoint; see the module's derivation.
 
@@ -53,19 +60,25 @@ def step(
         params: gains and bounds.
     Returns:
         F/m [m/s^2], ENU, with gravity included: hover is (0, 0, g). Bounded as the params say.
-    Properties: yaw-rotation- and translation-equivariant; homogeneous in length; zero error gives a_s + g.
+    Properties: yaw-rotation- and translation-equivariant; homogeneous in length; zero error gives
+    a_s + g.
     """
     k1, k2 = params.position_gain_1_s, params.velocity_gain_1_s
     e = subtract(setpoint.position_enu_m, position_enu_m)
     d = subtract(setpoint.velocity_enu_m_s, velocity_enu_m_s)
     feed = setpoint.acceleration_enu_m_s2
-    # the clamp is horizontal and vertical apart: a far setpoint in the plane must not weaken the hold of height
+    # the clamp is horizontal and vertical apart: a far setpoint in the plane must not weaken the
+    # hold of height
     radius = params.max_position_error_m
     far_2 = e.x * e.x + e.y * e.y
     ratio, radial = 1.0, 0.0
     if far_2 > radius * radius:
-        # s'(e) = I inside; outside r/|e| (I - e e^T/|e|^2): only the turning of e moves a clamped reference
-        ratio, radial = radius / max(math.sqrt(far_2), 1e-12), (e.x * d.x + e.y * d.y) / max(far_2, 1e-12)
+        # s'(e) = I inside; outside r/|e| (I - e e^T/|e|^2): only the turning of e moves a clamped
+        # reference
+        ratio, radial = (
+            radius / max(math.sqrt(far_2), 1e-12),
+            (e.x * d.x + e.y * d.y) / max(far_2, 1e-12),
+        )
     s_z = min(max(e.z, -radius), radius)
     turn_z = d.z if s_z == e.z else 0.0
     spring = k1 * k2 + params.coupling_1_s2

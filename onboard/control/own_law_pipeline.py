@@ -1,7 +1,7 @@
 """The pipeline of one vehicle with a law of somebody's own in the place of Covey's.
 
-Covey's law is computed beside it at every tick. It takes over for the rest of the flight when the other one raises,
-returns what cannot be flown, or is slow.
+Covey's law is computed beside it at every tick. It takes over for the rest of the flight when the
+other one raises, returns what cannot be flown, or is slow.
 """
 
 from __future__ import annotations
@@ -18,7 +18,8 @@ from onboard.control.pipeline import Phase, PipelineMemory, PipelineParams
 from onboard.types import Goal, Neighbour, State, Tick
 from onboard.vectors import Vec3
 
-SLOW_S, SLOW_TICKS, STOPPED_S = 0.005, 3, 0.1  # so long in so many ticks in a row is slow, or once so long
+# so long in so many ticks in a row is slow, or once so long
+SLOW_S, SLOW_TICKS, STOPPED_S = 0.005, 3, 0.1
 _LONGEST_WORDS = 120  # of an exception, in a sentence
 
 
@@ -27,7 +28,8 @@ class OwnLawPipeline:
 
     Args:
         law: that the fleet file names.
-        clock: seconds, by which the law's time is measured; None where time is simulated, and no law is slow.
+        clock: seconds, by which the law's time is measured; None where time is simulated, and no
+            law is slow.
     """
 
     def __init__(self, law: OwnLaw, clock: Callable[[], float] | None = None) -> None:
@@ -68,10 +70,20 @@ class OwnLawPipeline:
         alone = memory._replace(law=memory.law._replace(relaxed_share=0.0))
         before = pipeline.before_law(alone, state, goal, phase, params, dt_s)
         law_memory, output = oist.step(
-            memory.law, before.baseline, before.motion, state, neighbours, obstacles, params.law, dt_s
+            memory.law,
+            before.baseline,
+            before.motion,
+            state,
+            neighbours,
+            obstacles,
+            params.law,
+            dt_s,
         )
-        if output.status != interface.INFEASIBLE:  # then nobody knows enough, and Covey's law is cautious
-            given = law_inputs(before.baseline, before.motion, state, neighbours, obstacles, params.law, dt_s)
+        # then nobody knows enough, and Covey's law is cautious
+        if output.status != interface.INFEASIBLE:
+            given = law_inputs(
+                before.baseline, before.motion, state, neighbours, obstacles, params.law, dt_s
+            )
             self._memory, thrust, self.refusal = self._asked(given)
             if not self.refusal:
                 law_memory, output = flown_instead(thrust, output, law_memory, memory.law, given)
@@ -85,7 +97,11 @@ class OwnLawPipeline:
         except KeyboardInterrupt:
             raise
         except BaseException as error:  # noqa: BLE001 - whatever somebody's law does
-            memory, thrust, refusal = None, given.baseline.thrust_enu_m_s2, f"raised {_words(error)}"
+            memory, thrust, refusal = (
+                None,
+                given.baseline.thrust_enu_m_s2,
+                f"raised {_words(error)}",
+            )
         if self._clock is not None and not refusal:
             refusal = self._slow(self._clock() - began_s)
         return memory, thrust, refusal
@@ -100,7 +116,9 @@ class OwnLawPipeline:
 
 
 def _words(error: BaseException) -> str:
-    """Return type and words of an exception, which may have none, or raise when it is asked for them."""
+    """Return type and words of an exception, which may have none, or raise when it is asked for
+    them.
+    """
     try:
         said = " ".join(str(error).split())[:_LONGEST_WORDS]
     except Exception:  # noqa: BLE001 - its author's code

@@ -1,7 +1,8 @@
-"""Paths: polynomial pieces of seventh order for x, y, z and yaw, one after the other; their bytes and their bounds.
+"""Paths: polynomial pieces of seventh order for x, y, z and yaw, one after the other; their bytes
+and their bounds.
 
-Every way to write a path ends in this one form. The setpoint is taken from it by :func:`point_at`, and the same
-polynomials over many times at once by :func:`sampled`, for checks before a flight.
+Every way to write a path ends in this one form. The setpoint is taken from it by :func:`point_at`,
+and the same polynomials over many times at once by :func:`sampled`, for checks before a flight.
 """
 
 from __future__ import annotations
@@ -18,7 +19,8 @@ import numpy as np
 from onboard.arrays import Array
 from onboard.vectors import ZERO_3, Vec3
 
-NUMBERS = 33  # of a piece: its duration, then eight coefficients, the constant one first, of x, y, z and yaw
+# of a piece: its duration, then eight coefficients, the constant one first, of x, y, z and yaw
+NUMBERS = 33
 MOST_BYTES = 262_144  # of a whole path: two thousand pieces
 PART_BYTES = 24_576  # of a path's parts, for messages of at most 65536
 LONGEST_S = 3600.0
@@ -50,7 +52,8 @@ def path_of(pieces: Sequence[Sequence[float]]) -> Path:
     """Return the path of these pieces, NUMBERS each, rounded to the precision of their bytes.
 
     Raises:
-        ValueError: no piece, one of another length, with a duration that is not positive, or not finite.
+        ValueError: no piece, one of another length, with a duration that is not positive, or not
+            finite.
     """
     return from_bytes(b"".join(_ROW.pack(*piece) for piece in pieces))
 
@@ -67,11 +70,19 @@ def from_bytes(data: bytes) -> Path:
         ValueError: they are no path; a sentence says why.
     """
     if not data or len(data) % _ROW.size or len(data) > MOST_BYTES:
-        raise ValueError(f"{len(data)} bytes are no path: it has 1 to {MOST_BYTES // _ROW.size} pieces.")
+        raise ValueError(
+            f"{len(data)} bytes are no path: it has 1 to {MOST_BYTES // _ROW.size} pieces."
+        )
     pieces = tuple(_ROW.iter_unpack(data))
     ends_s = tuple(itertools.accumulate(piece[0] for piece in pieces))
-    if not np.isfinite(np.array(pieces)).all() or min(piece[0] for piece in pieces) <= 0.0 or ends_s[-1] > LONGEST_S:
-        raise ValueError(f"A piece is not finite, or lasts no time, or the path is longer than {LONGEST_S:.0f} s.")
+    if (
+        not np.isfinite(np.array(pieces)).all()
+        or min(piece[0] for piece in pieces) <= 0.0
+        or ends_s[-1] > LONGEST_S
+    ):
+        raise ValueError(
+            f"A piece is not finite, or lasts no time, or the path is longer than {LONGEST_S:.0f} s."
+        )
     return Path(ends_s, pieces)
 
 
@@ -89,7 +100,9 @@ def point_at(path: Path, time_s: float) -> PathPoint:
     index = min(bisect_right(path.ends_s, time_s), len(path.pieces) - 1)
     piece = path.pieces[index]
     since_s = time_s - (path.ends_s[index] - piece[0])
-    (x, vx, ax), (y, vy, ay), (z, vz, az), (yaw, _, _) = (horner(piece, axis, since_s) for axis in range(4))
+    (x, vx, ax), (y, vy, ay), (z, vz, az), (yaw, _, _) = (
+        horner(piece, axis, since_s) for axis in range(4)
+    )
     return PathPoint(Vec3(x, y, z), Vec3(vx, vy, vz), Vec3(ax, ay, az), yaw)
 
 
@@ -103,13 +116,17 @@ def horner(piece: Sequence[float], axis: int, t: float) -> tuple[float, float, f
     """
     c0, c1, c2, c3, c4, c5, c6, c7 = piece[1 + 8 * axis : 9 + 8 * axis]
     value = c0 + t * (c1 + t * (c2 + t * (c3 + t * (c4 + t * (c5 + t * (c6 + t * c7))))))
-    first = c1 + t * (2 * c2 + t * (3 * c3 + t * (4 * c4 + t * (5 * c5 + t * (6 * c6 + t * 7 * c7)))))
+    first = c1 + t * (
+        2 * c2 + t * (3 * c3 + t * (4 * c4 + t * (5 * c5 + t * (6 * c6 + t * 7 * c7))))
+    )
     second = 2 * c2 + t * (6 * c3 + t * (12 * c4 + t * (20 * c5 + t * (30 * c6 + t * 42 * c7))))
     return value, first, second
 
 
 def sampled(path: Path, times_s: Array) -> Array:
-    """Return value, first and second derivative (3, T, 4) of x, y, z and yaw at many times (T,) of a path."""
+    """Return value, first and second derivative (3, T, 4) of x, y, z and yaw at many times (T,) of
+    a path.
+    """
     ends, rows = np.array(path.ends_s), np.array(path.pieces)
     clipped = np.clip(times_s, 0.0, path.duration_s)
     index = np.minimum(np.searchsorted(ends, clipped, side="right"), len(rows) - 1)

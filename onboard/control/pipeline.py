@@ -1,11 +1,13 @@
-"""The order of the stages, and nothing else: one call per tick, every intermediate value in the returned Tick.
+"""The order of the stages, and nothing else: one call per tick, every intermediate value in the
+returned Tick.
 
-    predict own state to t + L -> trajectory for t + L -> backstepping there (baseline) -> law -> + drag, - disturbance
-    -> allocation
+    predict own state to t + L -> trajectory for t + L -> backstepping there (baseline) -> law -> +
+    drag, - disturbance -> allocation
 
-While the law holds a vehicle back, its trajectory would run away and the baseline would wind up: the trajectory's clock
-slows with the lag behind the setpoint, but only as far as the law is really active; a position error beyond the clamp
-pulls no harder, and in a jam the whole pursuit slows down.
+While the law holds a vehicle back, its trajectory would run away and the baseline would wind up:
+the trajectory's clock slows with the lag behind the setpoint, but only as far as the law is really
+active; a position error beyond the clamp pulls no harder, and in a jam the whole pursuit slows
+down.
 """
 
 from __future__ import annotations
@@ -125,7 +127,8 @@ def step(
         params: of the vehicle.
         dt_s: length of the tick.
     Returns:
-        Memory and Tick; ``is_finite`` is False where the input could not be used and the vehicle was levelled.
+        Memory and Tick; ``is_finite`` is False where the input could not be used and the vehicle
+        was levelled.
     Properties: equivariant under translation and turning about the vertical.
     """
     if phase == Phase.GROUND:
@@ -138,7 +141,12 @@ def step(
 
 
 def before_law(
-    memory: PipelineMemory, state: State, goal: Goal, phase: int, params: PipelineParams, dt_s: float
+    memory: PipelineMemory,
+    state: State,
+    goal: Goal,
+    phase: int,
+    params: PipelineParams,
+    dt_s: float,
 ) -> BeforeLaw:
     """Return the results of the stages before the law, for a vehicle in flight.
 
@@ -150,18 +158,23 @@ def before_law(
         params: of the vehicle.
         dt_s: length of the tick.
     """
-    is_usable = interface.is_plausible(state.position_enu_m) and interface.is_plausible(state.velocity_enu_m_s)
+    is_usable = interface.is_plausible(state.position_enu_m) and interface.is_plausible(
+        state.velocity_enu_m_s
+    )
     usable = state if is_usable else _at_rest(state, memory)
     observer, lift = _observed(memory, usable, phase, params, dt_s)
     predicted = oist.predict(memory.law, usable, params.law)
     rate, leg, setpoint = _led(memory, predicted, goal, phase, params, dt_s)
     share = oist.speed_share(memory.law, params.law)
     thrust = _tracking(predicted, setpoint, share, phase == Phase.LIFTOFF, params)
-    # line O: what drag and the observed disturbance take is added after the law, so that the law commands net motion
+    # line O: what drag and the observed disturbance take is added after the law, so that the law
+    # commands net motion
     known = observer.mean_enu_m_s2 if phase == Phase.BLIND else observer.disturbance_enu_m_s2
     compensation = _compensation(predicted.velocity_enu_m_s, known, params)
     top_m_s = params.trajectory.max_speed_m_s
-    baseline = interface.Baseline(thrust, compensation, intent(predicted.position_enu_m, goal, top_m_s))
+    baseline = interface.Baseline(
+        thrust, compensation, intent(predicted.position_enu_m, goal, top_m_s)
+    )
     # the law must know, level out, and publish no state that is not known
     motion = predicted if is_usable else Motion(_NOWHERE, _NOWHERE)
     return BeforeLaw(observer, lift, rate, leg, setpoint, baseline, motion, is_usable)
@@ -190,7 +203,9 @@ def after_law(
     """
     thrust, compensation = before.baseline.thrust, before.baseline.compensation_enu_m_s2
     hover_frac = before.lift.hover_thrust_frac
-    sent = allocation.limit(Thrust(add(law.thrust.thrust_enu_m_s2, compensation)), hover_frac, params.allocation)
+    sent = allocation.limit(
+        Thrust(add(law.thrust.thrust_enu_m_s2, compensation)), hover_frac, params.allocation
+    )
     yaw_rad = _turned(memory.yaw_rad, goal, params, dt_s)
     attitude = allocation.allocate(sent, yaw_rad, hover_frac, params.allocation)
     after = PipelineMemory(
@@ -210,7 +225,12 @@ def after_law(
 
 
 def _led(
-    memory: PipelineMemory, predicted: Motion, goal: Goal, phase: int, params: PipelineParams, dt_s: float
+    memory: PipelineMemory,
+    predicted: Motion,
+    goal: Goal,
+    phase: int,
+    params: PipelineParams,
+    dt_s: float,
 ) -> tuple[float, trajectory.TrajectoryMemory, TrajectorySetpoint]:
     """Return the rate of the trajectory's clock, the leg and the setpoint."""
     leg, bounds = memory.trajectory, params.trajectory
@@ -252,9 +272,15 @@ def _observed(
 
 
 def _tracking(
-    predicted: Motion, setpoint: TrajectorySetpoint, share: float, is_gentle: bool, params: PipelineParams
+    predicted: Motion,
+    setpoint: TrajectorySetpoint,
+    share: float,
+    is_gentle: bool,
+    params: PipelineParams,
 ) -> Thrust:
-    """Return the baseline thrust; in a jam the setpoint's motion and the pursuit are scaled by ``share`` (line G)."""
+    """Return the baseline thrust; in a jam the setpoint's motion and the pursuit are scaled by
+    ``share`` (line G).
+    """
     slowed = TrajectorySetpoint(
         setpoint.position_enu_m,
         scaled(share, setpoint.velocity_enu_m_s),
@@ -265,7 +291,9 @@ def _tracking(
 
 
 def _at_rest(state: State, memory: PipelineMemory) -> State:
-    """Return a state that cannot be used as one at rest on the setpoint, so that no stage computes with garbage."""
+    """Return a state that cannot be used as one at rest on the setpoint, so that no stage computes
+    with garbage.
+    """
     return State(
         trajectory.setpoint_position(memory.trajectory),
         ZERO_3,
@@ -277,13 +305,16 @@ def _at_rest(state: State, memory: PipelineMemory) -> State:
     )
 
 
-def clock_rate(memory: PipelineMemory, position_enu_m: Vec3, goal: Goal, params: PipelineParams, dt_s: float) -> float:
-    """Return the rate of the trajectory's clock: 1, or less while the law is active and the vehicle lags behind.
+def clock_rate(
+    memory: PipelineMemory, position_enu_m: Vec3, goal: Goal, params: PipelineParams, dt_s: float
+) -> float:
+    """Return the rate of the trajectory's clock: 1, or less while the law is active and the vehicle
+    lags behind.
 
     It stands still while the vehicle climbs or sinks towards others that are not aside yet.
 
-    The lag is counted along the way to the goal only: a vehicle pushed aside or ahead waits for nothing.
-    DEVIATION D7. The clock of a path is common to all that fly it, and not slowed here.
+    The lag is counted along the way to the goal only: a vehicle pushed aside or ahead waits for
+    nothing. DEVIATION D7. The clock of a path is common to all that fly it, and not slowed here.
 
     Args:
         memory: of the last tick.
@@ -301,35 +332,50 @@ def clock_rate(memory: PipelineMemory, position_enu_m: Vec3, goal: Goal, params:
     share = (lag - params.clock_slack_m) / (params.clock_stop_m - params.clock_slack_m)
     share = min(max(share, 0.0), 1.0) if math.isfinite(share) else 0.0
     target = min(1.0 - min(max(2.0 * memory.activity, 0.0), 1.0) * share, memory.law.climb_share)
-    return memory.clock_rate + (1.0 - math.exp(-dt_s / params.clock_time_s)) * (target - memory.clock_rate)
+    return memory.clock_rate + (1.0 - math.exp(-dt_s / params.clock_time_s)) * (
+        target - memory.clock_rate
+    )
 
 
 def intent(position_enu_m: Vec3, goal: Goal, max_speed_m_s: float) -> Vec3:
-    """Return the velocity that would lead straight to the goal or along the path, at most the top speed.
+    """Return the velocity that would lead straight to the goal or along the path, at most the top
+    speed.
 
-    Its vertical part is slower, and as far as it goes in ``INTENT_S`` is the way that is left: by it the others know
-    where a climb ends.
+    Its vertical part is slower, and as far as it goes in ``INTENT_S`` is the way that is left: by
+    it the others know where a climb ends.
 
     Args:
         position_enu_m: predicted [m], ENU.
         goal: of the order being flown.
         max_speed_m_s: of the vehicle.
     """
-    x = _INTENT_1_S * (goal.position_enu_m.x - position_enu_m.x) + goal.clock_rate_frac * goal.velocity_enu_m_s.x
-    y = _INTENT_1_S * (goal.position_enu_m.y - position_enu_m.y) + goal.clock_rate_frac * goal.velocity_enu_m_s.y
+    x = (
+        _INTENT_1_S * (goal.position_enu_m.x - position_enu_m.x)
+        + goal.clock_rate_frac * goal.velocity_enu_m_s.x
+    )
+    y = (
+        _INTENT_1_S * (goal.position_enu_m.y - position_enu_m.y)
+        + goal.clock_rate_frac * goal.velocity_enu_m_s.y
+    )
     share = max_speed_m_s / max(math.sqrt(x * x + y * y), max_speed_m_s)
-    z = (goal.position_enu_m.z - position_enu_m.z) / INTENT_S + goal.clock_rate_frac * goal.velocity_enu_m_s.z
+    z = (
+        goal.position_enu_m.z - position_enu_m.z
+    ) / INTENT_S + goal.clock_rate_frac * goal.velocity_enu_m_s.z
     return Vec3(share * x, share * y, min(max(z, -max_speed_m_s), max_speed_m_s))
 
 
-def _activity(activity: float, intervention_m_s2: float, params: PipelineParams, dt_s: float) -> float:
+def _activity(
+    activity: float, intervention_m_s2: float, params: PipelineParams, dt_s: float
+) -> float:
     """Return the share of the recent past in which the law was active, after this tick."""
     is_active = 1.0 if intervention_m_s2 > _ACTIVE_M_S2 else 0.0
     return activity + (1.0 - math.exp(-dt_s / params.activity_time_s)) * (is_active - activity)
 
 
 def _turned(yaw_rad: float, goal: Goal, params: PipelineParams, dt_s: float) -> float:
-    """Return the heading to hold after this tick: it turns towards that of the goal, the shorter way, not too fast."""
+    """Return the heading to hold after this tick: it turns towards that of the goal, the shorter
+    way, not too fast.
+    """
     if not math.isfinite(goal.yaw_rad):
         return yaw_rad
     left_rad = goal.yaw_rad - yaw_rad
@@ -341,11 +387,16 @@ def _turned(yaw_rad: float, goal: Goal, params: PipelineParams, dt_s: float) -> 
 def _pursuit(
     setpoint: TrajectorySetpoint, share: float, is_gentle: bool, params: PipelineParams
 ) -> backstepping.BacksteppingParams:
-    """Return the backstepping whose error clamp keeps setpoint speed plus pursuit below the limit."""
+    """Return the backstepping whose error clamp keeps setpoint speed plus pursuit below the limit.
+    """
     base = params.backstepping
     room = (params.pursuit_speed_m_s - length(setpoint.velocity_enu_m_s)) / base.position_gain_1_s
-    clamp, largest = min(max(room, 0.15), base.max_position_error_m) * share, base.max_acceleration_m_s2
-    if is_gentle:  # while a leg still touches the ground, tilt turns the vehicle over instead of moving it
+    clamp, largest = (
+        min(max(room, 0.15), base.max_position_error_m) * share,
+        base.max_acceleration_m_s2,
+    )
+    # while a leg still touches the ground, tilt turns the vehicle over instead of moving it
+    if is_gentle:
         clamp, largest = min(clamp, 0.1), 1.0
     return backstepping.BacksteppingParams(
         base.position_gain_1_s,
@@ -357,7 +408,9 @@ def _pursuit(
     )
 
 
-def _compensation(velocity_enu_m_s: Vec3, disturbance_enu_m_s2: Vec3, params: PipelineParams) -> Vec3:
+def _compensation(
+    velocity_enu_m_s: Vec3, disturbance_enu_m_s2: Vec3, params: PipelineParams
+) -> Vec3:
     """Return c V - s_b within its limits; a component that is not finite counts as zero."""
     x = _or_zero(params.drag_1_s * velocity_enu_m_s.x - disturbance_enu_m_s2.x)
     y = _or_zero(params.drag_1_s * velocity_enu_m_s.y - disturbance_enu_m_s2.y)
@@ -372,7 +425,9 @@ def _or_zero(value: float) -> float:
 
 
 def _on_ground(state: State, params: PipelineParams) -> tuple[PipelineMemory, Tick]:
-    """No thrust, level, and memories as at the start, so that nothing learned on the ground is flown with."""
+    """No thrust, level, and memories as at the start, so that nothing learned on the ground is
+    flown with.
+    """
     given = state.position_enu_m
     position = Vec3(_or_zero(given.x), _or_zero(given.y), _or_zero(given.z))
     memory = initial(params, position)

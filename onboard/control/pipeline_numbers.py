@@ -25,15 +25,19 @@ class PipelineParams(NamedTuple):
     pursuit_speed_m_s: float  # setpoint speed plus what the position error adds stays below
     max_compensation_m_s2: float  # horizontal, for drag and disturbance
     max_lift_compensation_m_s2: float  # vertical
-    clock_slack_m: float = 0.3  # lag behind the setpoint at which the clock begins to slow while the law is active
+    # lag behind the setpoint at which the clock begins to slow while the law is active
+    clock_slack_m: float = 0.3
     clock_stop_m: float = 1.5  # lag at which it stands still
     activity_time_s: float = 0.5
     clock_time_s: float = 0.2
-    yaw_rad: float = 0.0  # heading to hold, counterclockwise from east, until a goal turns it: the paper's psi_d
+    # heading to hold, counterclockwise from east, until a goal turns it: the paper's psi_d
+    yaw_rad: float = 0.0
     max_yaw_rate_rad_s: float = 1.0
 
 
-def pipeline_params(fleet: FleetConfig, vehicle_name: str, law: str | None = None) -> PipelineParams:
+def pipeline_params(
+    fleet: FleetConfig, vehicle_name: str, law: str | None = None
+) -> PipelineParams:
     """Return the parameters of one vehicle of a fleet.
 
     Args:
@@ -51,10 +55,13 @@ def pipeline_params(fleet: FleetConfig, vehicle_name: str, law: str | None = Non
     lead_s = 0.0 if numbers.law == PAPER else numbers.lead_time_s
     lift_reserve = (1.0 / hover_frac - 1.0) * GRAVITY_M_S2
     return PipelineParams(
-        trajectory=trajectory.TrajectoryParams(numbers.max_speed_m_s, float(vehicle.max_acceleration_m_s2), lead_s),
+        trajectory=trajectory.TrajectoryParams(
+            numbers.max_speed_m_s, float(vehicle.max_acceleration_m_s2), lead_s
+        ),
         backstepping=backstepping.BacksteppingParams(
             max_acceleration_m_s2=GRAVITY_M_S2 * math.tan(tilt_rad),
-            max_vertical_acceleration_m_s2=min(2.5, 0.4 * lift_reserve),  # the rest stays for separation
+            # the rest stays for separation
+            max_vertical_acceleration_m_s2=min(2.5, 0.4 * lift_reserve),
         ),
         law=numbers,
         observer=disturbance_observer.ObserverParams(

@@ -1,19 +1,23 @@
-"""Trajectories to a goal, without regard to obstacles: quintics with bounded speed and acceleration.
+"""Trajectories to a goal, without regard to obstacles: quintics with bounded speed and
+acceleration.
 
-A leg is one quintic per axis from the present setpoint (position, velocity, acceleration, so that the new leg continues
-the old one) to rest at the goal. A quintic that starts with acceleration overshoots the bounds when it is made longer,
-so there is a second form: brake to rest on the shortest polynomial that keeps the bounds, then a quintic from rest. The
-shorter of the two that keeps the bounds is flown. From rest the bounds have the closed form used below:
-peak speed 15/8 D/T, peak acceleration 10/sqrt(3) D/T^2.
+A leg is one quintic per axis from the present setpoint (position, velocity, acceleration, so that
+the new leg continues the old one) to rest at the goal. A quintic that starts with acceleration
+overshoots the bounds when it is made longer, so there is a second form: brake to rest on the
+shortest polynomial that keeps the bounds, then a quintic from rest. The shorter of the two that
+keeps the bounds is flown. From rest the bounds have the closed form used below: peak speed 15/8
+D/T, peak acceleration 10/sqrt(3) D/T^2.
 
-A climb or a descent that the new goal turns back, or ends sooner than a smooth brake would, ends at once: the baseline
-brakes harder than the bounds of a leg, and nobody who orders a landing in the climb expects it to climb on.
+A climb or a descent that the new goal turns back, or ends sooner than a smooth brake would, ends at
+once: the baseline brakes harder than the bounds of a leg, and nobody who orders a landing in the
+climb expects it to climb on.
 
-Time: the setpoint published at time t refers to t + lead_s, the time at which a command given now acts. A leg that is
-ordered now begins at the setpoint published now, and lead_s is taken off its duration, so that it ends on time.
+Time: the setpoint published at time t refers to t + lead_s, the time at which a command given now
+acts. A leg that is ordered now begins at the setpoint published now, and lead_s is taken off its
+duration, so that it ends on time.
 
-A goal on a path is the path's own motion at the time that the setpoint refers to: it is passed on as it is, and the leg
-that comes after it continues that motion.
+A goal on a path is the path's own motion at the time that the setpoint refers to: it is passed on
+as it is, and the leg that comes after it continues that motion.
 """
 
 from __future__ import annotations
@@ -32,7 +36,8 @@ _BRAKE_FACTORS: tuple[float, ...] = tuple(0.35 * (8.0 / 0.35) ** (k / 31.0) for 
 _DIRECT_FACTORS: tuple[float, ...] = tuple(0.5 * 8.0 ** (k / 31.0) for k in range(32))
 _SAMPLES = 40  # intervals of a quintic at whose ends the bounds are tested
 _FITS = 1.0 + 1e-9
-_LEAST_SHARE = 0.8  # of the time to full speed: no leg is shorter, so that a few millimetres are no reason to tilt
+# of the time to full speed: no leg is shorter, so that a few millimetres are no reason to tilt
+_LEAST_SHARE = 0.8
 
 
 class TrajectoryParams(NamedTuple):
@@ -54,7 +59,8 @@ class TrajectoryMemory(NamedTuple):
     first_duration_s: float  # from the start's motion to rest at via
     second_duration_s: float  # from via to the goal; 0 when via is the goal
     elapsed_s: float
-    clock_rate: float  # of the last tick, because the published velocity is what a new leg has to continue
+    # of the last tick, because the published velocity is what a new leg has to continue
+    clock_rate: float
     sequence: int  # of the goal
 
 
@@ -75,7 +81,9 @@ def initial(position_enu_m: Vec3) -> TrajectoryMemory:
 
 
 def moving(position_enu_m: Vec3, velocity_enu_m_s: Vec3) -> TrajectoryMemory:
-    """Return the memory in motion, ENU [m, m/s], without a leg: any goal is planned next, and begins with that."""
+    """Return the memory in motion, ENU [m, m/s], without a leg: any goal is planned next, and
+    begins with that.
+    """
     p = position_enu_m
     return TrajectoryMemory(p, velocity_enu_m_s, ZERO_3, p, p, 1.0, 0.0, 0.0, 1.0, _NO_SEQUENCE)
 
@@ -90,17 +98,23 @@ def step(
         goal: a goal that is not finite is ignored, and the old leg goes on.
         params: bounds.
         dt_s: length of the tick.
-        clock_rate: in [0, 1], slows the trajectory's clock while the law holds the vehicle back (anti-windup);
-            velocity scales with it and acceleration with its square. It must change smoothly.
+        clock_rate: in [0, 1], slows the trajectory's clock while the law holds the vehicle back
+            (anti-windup); velocity scales with it and acceleration with its square. It must change
+            smoothly.
     Returns:
         Memory, and the setpoint.
-    Properties: continuous in position, velocity and acceleration at a clock rate of 1, but for the height of a leg
-        that ends a climb or a descent; from rest the bounds hold exactly; equivariant under turning about the vertical
-        and translation; homogeneous in length and time; ends at rest on the goal.
+    Properties: continuous in position, velocity and acceleration at a clock rate of 1, but for the
+        height of a leg that ends a climb or a descent; from rest the bounds hold exactly;
+        equivariant under turning about the vertical and translation; homogeneous in length and
+        time; ends at rest on the goal.
     """
     if goal.is_on_path:
         return _on_path(goal)
-    if goal.sequence != memory.sequence and is_finite(goal.position_enu_m) and math.isfinite(goal.duration_s):
+    if (
+        goal.sequence != memory.sequence
+        and is_finite(goal.position_enu_m)
+        and math.isfinite(goal.duration_s)
+    ):
         memory = _planned(memory, goal, params)
     rate = min(max(clock_rate, 0.0), 1.0) if math.isfinite(clock_rate) else 1.0
     memory = TrajectoryMemory(
@@ -131,7 +145,9 @@ def setpoint(memory: TrajectoryMemory) -> TrajectorySetpoint:
     leg, tau = _present(memory)
     rate = memory.clock_rate
     return TrajectorySetpoint(
-        _position(leg, tau), scaled(rate, _velocity(leg, tau)), scaled(rate * rate, _acceleration(leg, tau))
+        _position(leg, tau),
+        scaled(rate, _velocity(leg, tau)),
+        scaled(rate * rate, _acceleration(leg, tau)),
     )
 
 
@@ -156,7 +172,9 @@ def _present(memory: TrajectoryMemory) -> tuple[_Quintic, float]:
         elapsed -= memory.first_duration_s
         # a leg without duration goes nowhere: any value will do
         duration = memory.second_duration_s if memory.second_duration_s > 0.0 else 1.0
-        leg = _Quintic(memory.via_position_enu_m, ZERO_3, ZERO_3, memory.goal_position_enu_m, duration)
+        leg = _Quintic(
+            memory.via_position_enu_m, ZERO_3, ZERO_3, memory.goal_position_enu_m, duration
+        )
     return leg, min(elapsed / leg.duration_s, 1.0)
 
 
@@ -166,14 +184,20 @@ def duration_s(memory: TrajectoryMemory) -> float:
 
 
 def shortest_duration_s(distance_m: float, params: TrajectoryParams) -> float:
-    """Return the duration of a leg from rest to rest over a distance at the bounds [s]; of a tiny one it is longer."""
+    """Return the duration of a leg from rest to rest over a distance at the bounds [s]; of a tiny
+    one it is longer.
+    """
     by_speed = _SPEED_FACTOR * distance_m / params.max_speed_m_s
     by_acceleration = math.sqrt(_ACCELERATION_FACTOR * distance_m / params.max_acceleration_m_s2)
-    return max(by_speed, by_acceleration, _LEAST_SHARE * params.max_speed_m_s / params.max_acceleration_m_s2)
+    return max(
+        by_speed,
+        by_acceleration,
+        _LEAST_SHARE * params.max_speed_m_s / params.max_acceleration_m_s2,
+    )
 
 
-# the quintic at tau = t/duration in [0, 1]; seen from the end, with r = 1 - tau, the three polynomials of displacement,
-# initial velocity and initial acceleration have short forms
+# the quintic at tau = t/duration in [0, 1]; seen from the end, with r = 1 - tau, the three
+# polynomials of displacement, initial velocity and initial acceleration have short forms
 
 
 def _position(leg: _Quintic, tau: float) -> Vec3:
@@ -182,7 +206,9 @@ def _position(leg: _Quintic, tau: float) -> Vec3:
     along = tau_2 * tau * (10.0 - 15.0 * tau + 6.0 * tau_2)
     by_velocity, by_acceleration = t * (tau * r_3 * (1.0 + 3.0 * tau)), t * t * (0.5 * tau_2 * r_3)
     position = add_scaled(leg.begin_m, along, subtract(leg.end_m, leg.begin_m))
-    return add_scaled(add_scaled(position, by_velocity, leg.velocity_m_s), by_acceleration, leg.acceleration_m_s2)
+    return add_scaled(
+        add_scaled(position, by_velocity, leg.velocity_m_s), by_acceleration, leg.acceleration_m_s2
+    )
 
 
 def _velocity(leg: _Quintic, tau: float) -> Vec3:
@@ -192,7 +218,9 @@ def _velocity(leg: _Quintic, tau: float) -> Vec3:
     by_velocity = r_2 * (1.0 + 2.0 * tau - 15.0 * tau_2)
     by_acceleration = t * (0.5 * tau * r_2 * (2.0 - 5.0 * tau))
     velocity = scaled(along, subtract(leg.end_m, leg.begin_m))
-    return add_scaled(add_scaled(velocity, by_velocity, leg.velocity_m_s), by_acceleration, leg.acceleration_m_s2)
+    return add_scaled(
+        add_scaled(velocity, by_velocity, leg.velocity_m_s), by_acceleration, leg.acceleration_m_s2
+    )
 
 
 def _acceleration(leg: _Quintic, tau: float) -> Vec3:
@@ -201,11 +229,17 @@ def _acceleration(leg: _Quintic, tau: float) -> Vec3:
     by_velocity = tau * r * (60.0 * tau - 36.0) / t
     by_acceleration = r * (1.0 - 8.0 * tau + 10.0 * tau * tau)
     acceleration = scaled(along, subtract(leg.end_m, leg.begin_m))
-    return add_scaled(add_scaled(acceleration, by_velocity, leg.velocity_m_s), by_acceleration, leg.acceleration_m_s2)
+    return add_scaled(
+        add_scaled(acceleration, by_velocity, leg.velocity_m_s),
+        by_acceleration,
+        leg.acceleration_m_s2,
+    )
 
 
 def _excess(leg: _Quintic, params: TrajectoryParams, enough: float) -> float:
-    """Return the largest of speed/bound and acceleration/bound over the quintic, or a value beyond ``enough``."""
+    """Return the largest of speed/bound and acceleration/bound over the quintic, or a value beyond
+    ``enough``.
+    """
     excess = 0.0
     for k in range(_SAMPLES + 1):
         tau = k / _SAMPLES
@@ -235,14 +269,20 @@ def _planned(memory: TrajectoryMemory, goal: Goal, params: TrajectoryParams) -> 
         via = _stop(p, v, a, first_s)
     second_s = 0.0
     if via != target:
-        second_s = max(shortest_duration_s(length(subtract(target, via)), params), ordered_s - first_s, 0.0)
+        second_s = max(
+            shortest_duration_s(length(subtract(target, via)), params), ordered_s - first_s, 0.0
+        )
     if not is_at_rest:
         guess_s = max(shortest_duration_s(length(subtract(target, p)), params), scale_s)
         longest_s = max(first_s + second_s, ordered_s)
-        direct_s = _direct_duration_s(_Quintic(p, v, a, target, guess_s), ordered_s, longest_s, params)
+        direct_s = _direct_duration_s(
+            _Quintic(p, v, a, target, guess_s), ordered_s, longest_s, params
+        )
         if direct_s > 0.0:
             via, first_s, second_s = target, direct_s, 0.0
-    return TrajectoryMemory(p, v, a, via, target, first_s, second_s, 0.0, memory.clock_rate, goal.sequence)
+    return TrajectoryMemory(
+        p, v, a, via, target, first_s, second_s, 0.0, memory.clock_rate, goal.sequence
+    )
 
 
 def _leads_past(height_m: float, climb_m_s: float, goal_m: float, params: TrajectoryParams) -> bool:
@@ -271,8 +311,12 @@ def _brake_duration_s(p: Vec3, v: Vec3, a: Vec3, scale_s: float, params: Traject
     return best
 
 
-def _direct_duration_s(guess: _Quintic, ordered_s: float, longest_s: float, params: TrajectoryParams) -> float:
-    """Return the shortest duration of one quintic straight to the goal within the bounds; 0 when it is too long."""
+def _direct_duration_s(
+    guess: _Quintic, ordered_s: float, longest_s: float, params: TrajectoryParams
+) -> float:
+    """Return the shortest duration of one quintic straight to the goal within the bounds; 0 when it
+    is too long.
+    """
     for factor in _DIRECT_FACTORS:
         t = max(factor * guess.duration_s, ordered_s)
         if t > longest_s:

@@ -1,10 +1,14 @@
-"""How long a climb after take-off and a landing take: gently near the ground, faster where they are long. Pure."""
+"""How long a climb after take-off and a landing take: gently near the ground, faster where they are
+long. Pure.
+"""
 
 from __future__ import annotations
 
 _SLOW_M_S, _SLOW_M = 0.4, 4.0  # on average, and over how much of the way
-_FAST_M_S = 0.8  # on average over the rest: peaks at 1.5 m/s, at which PX4 descends by itself (MPC_Z_V_AUTO_DN)
-_SPEED_SHARE = 0.5  # of the vehicle's top speed, on average at most: the peak of a quintic is 1.9 times its mean
+# on average over the rest: peaks at 1.5 m/s, at which PX4 descends by itself (MPC_Z_V_AUTO_DN)
+_FAST_M_S = 0.8
+# of the vehicle's top speed, on average at most: the peak of a quintic is 1.9 times its mean
+_SPEED_SHARE = 0.5
 
 
 def vertical_s(way_m: float, max_speed_m_s: float) -> float:

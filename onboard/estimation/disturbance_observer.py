@@ -1,10 +1,11 @@
 """Disturbance observer: the acceleration that the own commands and the drag do not explain.
 
-A model of the own commands through the attitude lag predicts the velocity; the rest is the disturbance s_b. The model
-starts from the commands and not from the measured attitude, so that a static error of the attitude loop and a tilt bias
-are part of s_b. The vehicle is commanded ``u - s_b + c V`` (line O in avoidance/README.md). The command really sent
-enters here, after all limits, so that neither saturation nor the avoidance law charges the observer: it is the
-baseline's integral action.
+A model of the own commands through the attitude lag predicts the velocity; the rest is the
+disturbance s_b. The model starts from the commands and not from the measured attitude, so that a
+static error of the attitude loop and a tilt bias are part of s_b. The vehicle is commanded ``u -
+s_b + c V`` (line O in avoidance/README.md). The command really sent enters here, after all limits,
+so that neither saturation nor the avoidance law charges the observer: it is the baseline's integral
+action.
 """
 
 from __future__ import annotations
@@ -37,7 +38,9 @@ class ObserverMemory(NamedTuple):
     velocity_enu_m_s: Vec3
     disturbance_enu_m_s2: Vec3  # s_b
     mean_enu_m_s2: (
-        Vec3  # of s_b over the last seconds, bounded: worth more than its last value once nothing is measured
+        # of s_b over the last seconds, bounded: worth more than its last value once nothing is
+        # measured
+        Vec3
     )
     response_enu_m_s2: Vec3  # acceleration that the model of the commands has now
     response_rate_enu_m_s3: Vec3
@@ -57,7 +60,9 @@ _NO_COMMANDS = (ZERO_3,) * HISTORY_TICKS
 
 
 def initial(velocity_enu_m_s: Vec3) -> ObserverMemory:
-    """Return the memory of a vehicle at a velocity [m/s], ENU: no disturbance known, commands so far zero."""
+    """Return the memory of a vehicle at a velocity [m/s], ENU: no disturbance known, commands so
+    far zero.
+    """
     return ObserverMemory(velocity_enu_m_s, ZERO_3, ZERO_3, ZERO_3, ZERO_3, _NO_COMMANDS)
 
 
@@ -73,12 +78,15 @@ def step(
 
     Args:
         memory: of the last tick.
-        velocity_enu_m_s: estimated now [m/s], ENU; a component that is not finite keeps the observer's own.
-        command_enu_m_s2: acceleration commanded since the last tick, after every limit, without gravity [m/s^2], ENU
-            (horizontal: the attitude's; vertical: throttle less gravity); not finite: as before.
+        velocity_enu_m_s: estimated now [m/s], ENU; a component that is not finite keeps the
+            observer's own.
+        command_enu_m_s2: acceleration commanded since the last tick, after every limit, without
+            gravity [m/s^2], ENU (horizontal: the attitude's; vertical: throttle less gravity); not
+            finite: as before.
         params: model and bandwidth.
         dt_s: length of the tick.
-        is_frozen: keeps s_b (on the ground, at lift-off, without a position) while the model follows.
+        is_frozen: keeps s_b (on the ground, at lift-off, without a position) while the model
+            follows.
     Returns:
         Memory, and s_b [m/s^2], ENU: the acceleration beside commands and drag.
     Properties: yaw-rotation-equivariant; an obedient vehicle shows no disturbance.
@@ -92,8 +100,12 @@ def step(
     v, s, a, r = (
         memory.velocity_enu_m_s, memory.disturbance_enu_m_s2, memory.response_enu_m_s2, memory.response_rate_enu_m_s3,
     )  # fmt: skip
-    x = _horizontal(_Axis(v.x, s.x, a.x, r.x), measured.x, newer.x + share * (older.x - newer.x), params, dt_s)
-    y = _horizontal(_Axis(v.y, s.y, a.y, r.y), measured.y, newer.y + share * (older.y - newer.y), params, dt_s)
+    x = _horizontal(
+        _Axis(v.x, s.x, a.x, r.x), measured.x, newer.x + share * (older.x - newer.x), params, dt_s
+    )
+    y = _horizontal(
+        _Axis(v.y, s.y, a.y, r.y), measured.y, newer.y + share * (older.y - newer.y), params, dt_s
+    )
     z = _vertical(_Axis(v.z, s.z, a.z, r.z), measured.z, command.z, params, dt_s)
     velocity = Vec3(x.velocity_m_s, y.velocity_m_s, z.velocity_m_s)
     disturbance = Vec3(x.disturbance_m_s2, y.disturbance_m_s2, z.disturbance_m_s2)
@@ -117,16 +129,24 @@ def _finite_or(vector: Vec3, before: Vec3) -> Vec3:
     )
 
 
-def _horizontal(axis: _Axis, measured_m_s: float, command_m_s2: float, params: ObserverParams, dt_s: float) -> _Axis:
-    """One tick of a horizontal axis: second order by the implicit midpoint rule, stable for every tick length."""
+def _horizontal(
+    axis: _Axis, measured_m_s: float, command_m_s2: float, params: ObserverParams, dt_s: float
+) -> _Axis:
+    """One tick of a horizontal axis: second order by the implicit midpoint rule, stable for every
+    tick length.
+    """
     wn, half = params.wn_rad_s, 0.5 * dt_s
     push = wn * wn * (command_m_s2 - axis.response_m_s2)
-    middle = (axis.rate_m_s3 + half * push) / (1.0 + 2.0 * half * params.zeta * wn + half * half * wn * wn)
+    middle = (axis.rate_m_s3 + half * push) / (
+        1.0 + 2.0 * half * params.zeta * wn + half * half * wn * wn
+    )
     response = axis.response_m_s2 + dt_s * middle
     return _observed(axis, measured_m_s, response, 2.0 * middle - axis.rate_m_s3, params, dt_s)
 
 
-def _vertical(axis: _Axis, measured_m_s: float, command_m_s2: float, params: ObserverParams, dt_s: float) -> _Axis:
+def _vertical(
+    axis: _Axis, measured_m_s: float, command_m_s2: float, params: ObserverParams, dt_s: float
+) -> _Axis:
     """One tick of the vertical axis: the motors' first-order lag."""
     response = axis.response_m_s2 + (1.0 - math.exp(-dt_s / params.vertical_lag_s)) * (
         command_m_s2 - axis.response_m_s2
@@ -135,15 +155,25 @@ def _vertical(axis: _Axis, measured_m_s: float, command_m_s2: float, params: Obs
 
 
 def _observed(
-    axis: _Axis, measured_m_s: float, response_m_s2: float, rate_m_s3: float, params: ObserverParams, dt_s: float
+    axis: _Axis,
+    measured_m_s: float,
+    response_m_s2: float,
+    rate_m_s3: float,
+    params: ObserverParams,
+    dt_s: float,
 ) -> _Axis:
     """Return the axis corrected by its velocity; the gains put both discrete poles on exp(-w T)."""
     acting = 0.5 * (response_m_s2 + axis.response_m_s2)
-    forecast = axis.velocity_m_s + dt_s * (acting - params.drag_1_s * measured_m_s + axis.disturbance_m_s2)
+    forecast = axis.velocity_m_s + dt_s * (
+        acting - params.drag_1_s * measured_m_s + axis.disturbance_m_s2
+    )
     miss = measured_m_s - forecast
     decay = math.exp(-params.bandwidth_rad_s * dt_s)
     disturbance = axis.disturbance_m_s2 + (1.0 - decay) * (1.0 - decay) / dt_s * miss
     bound = params.max_disturbance_m_s2
     return _Axis(
-        forecast + (1.0 - decay * decay) * miss, min(max(disturbance, -bound), bound), response_m_s2, rate_m_s3
+        forecast + (1.0 - decay * decay) * miss,
+        min(max(disturbance, -bound), bound),
+        response_m_s2,
+        rate_m_s3,
     )

@@ -1,8 +1,9 @@
 """Estimate of the throttle that carries the weight, slow and bounded.
 
-Thrust is linear in throttle: a_z + g = (throttle/hover) g cos(tilt). The battery's sag and a wrong mass change the
-hover throttle within tens of seconds, so the estimate follows with seconds; the disturbance observer does what is
-faster. Near the ground (ground effect, contact) and while the throttle saturates the equation does not hold: frozen.
+Thrust is linear in throttle: a_z + g = (throttle/hover) g cos(tilt). The battery's sag and a wrong
+mass change the hover throttle within tens of seconds, so the estimate follows with seconds; the
+disturbance observer does what is faster. Near the ground (ground effect, contact) and while the
+throttle saturates the equation does not hold: frozen.
 """
 
 from __future__ import annotations
@@ -58,9 +59,11 @@ def step(
         height_m: above the ground; not finite: frozen.
         params: speed and bounds.
         dt_s: length of the tick.
-        is_flying: False (on the ground, lifting off) freezes the estimate; the motors are followed all the same.
+        is_flying: False (on the ground, lifting off) freezes the estimate; the motors are followed
+            all the same.
     Returns:
-        Memory, and the hover throttle [-]: within max_deviation of the configured value, always finite.
+        Memory, and the hover throttle [-]: within max_deviation of the configured value, always
+        finite.
     Properties: homogeneous in throttle.
     """
     hover, effective = memory.hover_thrust_frac, memory.effective_thrust_frac

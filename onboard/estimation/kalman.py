@@ -1,14 +1,16 @@
 """Estimate of the own motion from mocap samples, the attitude flown and the throttle sent.
 
-Per axis the state is [p, v, b] with p' = v and v' = a + b - c v: a is the acceleration that attitude and throttle
-give (thrust behind the motor lag, less gravity), c the linear drag, b a slowly wandering bias (thrust scale, tilt bias,
-wind). All axes share one covariance, since their noise is alike.
+Per axis the state is [p, v, b] with p' = v and v' = a + b - c v: a is the acceleration that
+attitude and throttle give (thrust behind the motor lag, less gravity), c the linear drag, b a
+slowly wandering bias (thrust scale, tilt bias, wind). All axes share one covariance, since their
+noise is alike.
 
-A mocap sample belongs to a time ``age`` ago. It is applied at that time and propagated to now. The system is linear, so
-that is one step: the innovation is taken against the position that the present estimate implies for that time, and the
-row is H = [1 0 0] Phi(-age). Samples may therefore come late, out of order or not at all. The position at a time in the
-past follows by integrating backwards from the present estimate along the accelerations of the last ticks; so a
-correction of the present state corrects the past as well.
+A mocap sample belongs to a time ``age`` ago. It is applied at that time and propagated to now. The
+system is linear, so that is one step: the innovation is taken against the position that the present
+estimate implies for that time, and the row is H = [1 0 0] Phi(-age). Samples may therefore come
+late, out of order or not at all. The position at a time in the past follows by integrating
+backwards from the present estimate along the accelerations of the last ticks; so a correction of
+the present state corrects the past as well.
 """
 
 from __future__ import annotations
@@ -33,8 +35,8 @@ class KalmanParams(NamedTuple):
     max_bias_m_s2: float = 3.0  # per axis
     drag_1_s: float = 0.0  # c
     motor_lag_s: float = 0.05  # from throttle to thrust
-    # a sample farther off than the larger of both gates is a jump; wide enough for a stall of 0.2 s at speed, and below
-    # half the distance of two bodies
+    # a sample farther off than the larger of both gates is a jump; wide enough for a stall of 0.2 s
+    # at speed, and below half the distance of two bodies
     jump_gate_m: float = 0.30
     jump_gate_sigma: float = 6.0
 
@@ -81,7 +83,9 @@ def initial(position_enu_m: Vec3, params: KalmanParams) -> KalmanMemory:
         position_enu_m: measured [m], ENU.
         params: noise and limits.
     """
-    covariance = Covariance(params.position_noise_m * params.position_noise_m, 0.0, 0.0, 0.05 * 0.05, 0.0, 0.3 * 0.3)
+    covariance = Covariance(
+        params.position_noise_m * params.position_noise_m, 0.0, 0.0, 0.05 * 0.05, 0.0, 0.3 * 0.3
+    )
     return KalmanMemory(position_enu_m, ZERO_3, ZERO_3, ZERO_3, covariance, _NO_PAST, 0.0, 0, 0.0)
 
 
@@ -96,8 +100,9 @@ def drive(
 ) -> KalmanMemory:
     """Return the memory after ``dt_s`` under the attitude flown and the throttle sent.
 
-    The throttle passes the motor lag, the attitude does not, because it is measured. On the ground the contact force
-    carries what the thrust does not: the horizontal acceleration is zero and the vertical one not negative.
+    The throttle passes the motor lag, the attitude does not, because it is measured. On the ground
+    the contact force carries what the thrust does not: the horizontal acceleration is zero and the
+    vertical one not negative.
 
     Args:
         memory: of the last tick.
@@ -119,19 +124,24 @@ def drive(
     return _moved(memory, driven, thrust, params, dt_s)
 
 
-def predict(memory: KalmanMemory, acceleration_enu_m_s2: Vec3, params: KalmanParams, dt_s: float) -> KalmanMemory:
+def predict(
+    memory: KalmanMemory, acceleration_enu_m_s2: Vec3, params: KalmanParams, dt_s: float
+) -> KalmanMemory:
     """Return the memory after ``dt_s`` under a given acceleration.
 
     Args:
         memory: of the last tick.
-        acceleration_enu_m_s2: without drag and bias [m/s^2], ENU; a component that is not finite counts as zero.
+        acceleration_enu_m_s2: without drag and bias [m/s^2], ENU; a component that is not finite
+            counts as zero.
         params: noise and limits.
         dt_s: length of the tick.
     """
     return _moved(memory, acceleration_enu_m_s2, memory.thrust_m_s2, params, dt_s)
 
 
-def _moved(memory: KalmanMemory, driven: Vec3, thrust_m_s2: float, params: KalmanParams, dt_s: float) -> KalmanMemory:
+def _moved(
+    memory: KalmanMemory, driven: Vec3, thrust_m_s2: float, params: KalmanParams, dt_s: float
+) -> KalmanMemory:
     """Return the memory after one tick of the midpoint rule."""
     before = memory.velocity_enu_m_s
     driven = Vec3(_or_zero(driven.x), _or_zero(driven.y), _or_zero(driven.z))
@@ -161,7 +171,10 @@ def _grown(covariance: Covariance, params: KalmanParams, dt_s: float) -> Covaria
     pp, pv, pb, vv, vb, bb = covariance
     t, half = dt_s, 0.5 * dt_s * dt_s
     keep = 1.0 - params.drag_1_s * dt_s
-    q_a, q_b = params.acceleration_noise * params.acceleration_noise, params.bias_noise * params.bias_noise
+    q_a, q_b = (
+        params.acceleration_noise * params.acceleration_noise,
+        params.bias_noise * params.bias_noise,
+    )
     # rows of Phi P first, then times Phi'
     a_p, a_v, a_b = pp + t * pv + half * pb, pv + t * vv + half * vb, pb + t * vb + half * bb
     b_v, b_b = keep * vv + t * vb, keep * vb + t * bb
@@ -175,19 +188,22 @@ def _grown(covariance: Covariance, params: KalmanParams, dt_s: float) -> Covaria
     )
 
 
-def correct(memory: KalmanMemory, position_enu_m: Vec3, age_s: float, params: KalmanParams) -> KalmanMemory:
+def correct(
+    memory: KalmanMemory, position_enu_m: Vec3, age_s: float, params: KalmanParams
+) -> KalmanMemory:
     """Return the memory with a mocap sample applied at its own time.
 
-    A sample that is not finite or older than the memory is ignored. A jump is ignored and counted in
-    ``rejected_count``, which the next good sample sets back to 0. To believe a body that stays elsewhere (start again
-    with ``initial``) is the caller's decision.
+    A sample that is not finite or older than the memory is ignored. A jump is ignored and counted
+    in ``rejected_count``, which the next good sample sets back to 0. To believe a body that stays
+    elsewhere (start again with ``initial``) is the caller's decision.
 
     Args:
         memory: valid now.
         position_enu_m: measured [m], ENU.
         age_s: time since the sample was taken; negative counts as 0.
         params: noise and limits.
-    Properties: a late sample has the effect of the same sample on time; the order of two samples does not matter.
+    Properties: a late sample has the effect of the same sample on time; the order of two samples
+    does not matter.
     """
     age = max(age_s, 0.0)
     if not (remembers(memory, age) and is_finite(position_enu_m)):
@@ -198,9 +214,17 @@ def correct(memory: KalmanMemory, position_enu_m: Vec3, age_s: float, params: Ka
     half = 0.5 * age * age
     h_v, h_b = -age - half * params.drag_1_s, half
     g_p, g_v, g_b = pp + h_v * pv + h_b * pb, pv + h_v * vv + h_b * vb, pb + h_v * vb + h_b * bb
-    spread = max(g_p + h_v * g_v + h_b * g_b, 0.0) + params.position_noise_m * params.position_noise_m
-    gate = max(params.jump_gate_m * params.jump_gate_m, params.jump_gate_sigma * params.jump_gate_sigma * spread)
-    if innovation.x * innovation.x + innovation.y * innovation.y + innovation.z * innovation.z > gate:
+    spread = (
+        max(g_p + h_v * g_v + h_b * g_b, 0.0) + params.position_noise_m * params.position_noise_m
+    )
+    gate = max(
+        params.jump_gate_m * params.jump_gate_m,
+        params.jump_gate_sigma * params.jump_gate_sigma * spread,
+    )
+    if (
+        innovation.x * innovation.x + innovation.y * innovation.y + innovation.z * innovation.z
+        > gate
+    ):
         return _rejected(memory)
     k_p, k_v, k_b = g_p / spread, g_v / spread, g_b / spread
     return KalmanMemory(
@@ -251,7 +275,9 @@ def remembers(memory: KalmanMemory, age_s: float) -> bool:
 
 
 def position_at(memory: KalmanMemory, age_s: float) -> Vec3:
-    """Return the position ``age_s`` ago that the present estimate implies, linear between ticks [m], ENU."""
+    """Return the position ``age_s`` ago that the present estimate implies, linear between ticks
+    [m], ENU.
+    """
     position, velocity, left = memory.position_enu_m, memory.velocity_enu_m_s, age_s
     for tick in memory.past:
         t = tick.duration_s
@@ -266,14 +292,17 @@ def position_at(memory: KalmanMemory, age_s: float) -> Vec3:
     return position
 
 
-def state(memory: KalmanMemory, yaw_rad: float, least_position_std_m: float, least_velocity_std_m_s: float) -> State:
-    """Return the estimate as the pipeline takes it: propagated to now (age 0), with its accuracy per axis.
+def state(
+    memory: KalmanMemory, yaw_rad: float, least_position_std_m: float, least_velocity_std_m_s: float
+) -> State:
+    """Return the estimate as the pipeline takes it: propagated to now (age 0), with its accuracy
+    per axis.
 
     Args:
         memory: valid now.
         yaw_rad: heading from the mocap, counterclockwise from east.
-        least_position_std_m: error of the samples that lasts longer than the filter remembers, so that it cannot know
-            it [m]; 0 for a mocap.
+        least_position_std_m: error of the samples that lasts longer than the filter remembers, so
+            that it cannot know it [m]; 0 for a mocap.
         least_velocity_std_m_s: the same of the velocity [m/s].
     """
     return State(

@@ -1,12 +1,15 @@
-"""How much of a radio channel's time a fleet takes: packets, the time of each in the air, and the finding. Pure.
+"""How much of a radio channel's time a fleet takes: packets, the time of each in the air, and the
+finding. Pure.
 
-Small packets take a channel's time, not its bits: most of what a frame of 802.11 takes is waiting, preamble and
-acknowledgement. So stations of 802.11n and later send what waits for one receiver in one aggregate.
+Small packets take a channel's time, not its bits: most of what a frame of 802.11 takes is waiting,
+preamble and acknowledgement. So stations of 802.11n and later send what waits for one receiver in
+one aggregate.
 
-The time of a frame is that of the distributed coordination function without collisions: DIFS, half of the first
-contention window, the frame, SIFS and the acknowledgement. For 802.11b it gives the throughputs that Cisco publishes
-for its wireless phones ("Maximum Throughput Calculations for 802.11b WLAN", table I-2). The values of OFDM are those of
-IEEE 802.11: slot 9 us, SIFS 16 us, symbols of 4 us, preamble and header 36 us in 802.11n, 20 us of an acknowledgement.
+The time of a frame is that of the distributed coordination function without collisions: DIFS, half
+of the first contention window, the frame, SIFS and the acknowledgement. For 802.11b it gives the
+throughputs that Cisco publishes for its wireless phones ("Maximum Throughput Calculations for
+802.11b WLAN", table I-2). The values of OFDM are those of IEEE 802.11: slot 9 us, SIFS 16 us,
+symbols of 4 us, preamble and header 36 us in 802.11n, 20 us of an acknowledgement.
 """
 
 from __future__ import annotations
@@ -52,7 +55,9 @@ def frame_s(packet_bytes: float, rate_mbit_s: float, phy: Phy = OFDM) -> float:
         rate_mbit_s: of the data.
         phy: times of the physical layer.
     """
-    ack_mbit_s = max((rate for rate in phy.ack_rates_mbit_s if rate <= rate_mbit_s), default=rate_mbit_s)
+    ack_mbit_s = max(
+        (rate for rate in phy.ack_rates_mbit_s if rate <= rate_mbit_s), default=rate_mbit_s
+    )
     waiting_us = phy.sifs_us + 2.0 * phy.slot_us + phy.backoff_slots * phy.slot_us
     frame_us = phy.header_us + _data_us(packet_bytes + _MAC_BYTES, rate_mbit_s, phy)
     ack_us = phy.ack_header_us + _data_us(_ACK_BYTES, ack_mbit_s, phy)
@@ -67,7 +72,8 @@ def _data_us(frame_bytes: float, rate_mbit_s: float, phy: Phy) -> float:
 
 
 def turn_s(packets: int, size_bytes: float, rate_mbit_s: float, phy: Phy = OFDM) -> float:
-    """Return the time [s] of one turn of a station: packets for one receiver in one aggregate, answered by one frame.
+    """Return the time [s] of one turn of a station: packets for one receiver in one aggregate,
+    answered by one frame.
 
     Args:
         packets: of the aggregate.
@@ -97,7 +103,8 @@ class Flow(NamedTuple):
 
 
 def flows(count: int, near: int, states_hz: float, has_mocap: bool) -> list[Flow]:
-    """Return the packets that the radio of one vehicle sends in a second, and the poses that it receives.
+    """Return the packets that the radio of one vehicle sends in a second, and the poses that it
+    receives.
 
     Args:
         count: vehicles of the fleet.
@@ -116,23 +123,26 @@ def flows(count: int, near: int, states_hz: float, has_mocap: bool) -> list[Flow
         Flow("ticks to the record", TICK_PACKETS * rate[Topic.TICK], TICK_BYTES, False),
         Flow("telemetry to the ground", rate[Topic.TELEMETRY], TELEMETRY_BYTES, False),
         Flow("own poses", rate[Topic.MOCAP] if has_mocap else 0.0, POSE_BYTES, False),
-        Flow("poses of all", rate[Topic.ALL_POSES] if has_mocap else 0.0, count * POSE_BYTES, False),
+        Flow(
+            "poses of all", rate[Topic.ALL_POSES] if has_mocap else 0.0, count * POSE_BYTES, False
+        ),
     ]
 
 
 def airtime_finding(fleet: FleetConfig, radio: RadioConfig, near: int) -> Finding:
     """Judge whether one channel carries the whole fleet.
 
-    Each vehicle takes a turn for each state that it publishes: one to the access point, which takes one for each of
-    the vehicles in return, or one for each receiver without an access point; poses take one each. All else travels
-    with the states.
+    Each vehicle takes a turn for each state that it publishes: one to the access point, which takes
+    one for each of the vehicles in return, or one for each receiver without an access point; poses
+    take one each. All else travels with the states.
 
     Args:
         fleet: the fleet file; at least two vehicles.
         radio: the channel.
         near: neighbours that each vehicle follows at full rate.
     Returns:
-        the finding: a warning beyond ``usable_frac`` of the channel's time, a refusal where there is not enough of it.
+        the finding: a warning beyond ``usable_frac`` of the channel's time, a refusal where there
+            is not enough of it.
     """
     names, has_access_point = fleet.enabled_names, radio.link == "access point"
     hops, turns = (2, 2) if has_access_point else (1, near)

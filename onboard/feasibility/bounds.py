@@ -1,7 +1,8 @@
 """Bounds of the law's performance, in closed form or by small linear algebra. Pure functions.
 
-The checks of this room fill in a fleet's values and add the sentences. The constants of the margin are a fit over
-simulated flights (23 settings, 84 flights each), not a theorem: a design distance of ``d_inf + 0.05 m + 4.5 sigma_d``.
+The checks of this room fill in a fleet's values and add the sentences. The constants of the margin
+are a fit over simulated flights (23 settings, 84 flights each), not a theorem: a design distance of
+``d_inf + 0.05 m + 4.5 sigma_d``.
 """
 
 from __future__ import annotations
@@ -13,8 +14,10 @@ import numpy as np
 
 from onboard.types import GRAVITY_M_S2, TICK_S
 
-LAG_ERROR_S = 0.04  # error with which the lag must be known; twice that costs violations in every third flight
-USUAL_AGE_S, AGE_MARGIN_M_S = 0.16, 0.5  # older states than this need more margin, so much for each second
+# error with which the lag must be known; twice that costs violations in every third flight
+LAG_ERROR_S = 0.04
+# older states than this need more margin, so much for each second
+USUAL_AGE_S, AGE_MARGIN_M_S = 0.16, 0.5
 MAX_THRUST_FRAC = 0.97  # largest throttle that is ever sent
 _SUBSTEPS = 4
 _MARGIN_FLOOR_M, _MARGIN_SIGMAS = 0.05, 4.5
@@ -22,7 +25,9 @@ _MARGIN_FLOOR_M, _MARGIN_SIGMAS = 0.05, 4.5
 
 @dataclass(frozen=True, slots=True)
 class Accuracy:
-    """Error of a vehicle's own estimate per axis: standard deviation and correlation time of position and velocity."""
+    """Error of a vehicle's own estimate per axis: standard deviation and correlation time of
+    position and velocity.
+    """
 
     name: str
     position_std_m: float
@@ -44,8 +49,8 @@ ACCURACIES = {
 def distance_spread_m(accuracy: Accuracy, kappa_1_1_s: float, kappa_2_1_s: float) -> float:
     """Return the standard deviation of a pair's distance that the errors of both estimates cause.
 
-    Each error passes the second-order filter of the law's row; Phi(tau) is its gain for an error of correlation time
-    tau. See docs/check.md.
+    Each error passes the second-order filter of the law's row; Phi(tau) is its gain for an error of
+    correlation time tau. See docs/check.md.
 
     Args:
         accuracy: of both vehicles' estimates.
@@ -80,7 +85,9 @@ def required_margin_m(accuracy: Accuracy, kappa_1_1_s: float, kappa_2_1_s: float
     return _MARGIN_FLOOR_M + _MARGIN_SIGMAS * distance_spread_m(accuracy, kappa_1_1_s, kappa_2_1_s)
 
 
-def row_range_m(closing_speed_m_s: float, distance_m: float, kappa_1_1_s: float, kappa_2_1_s: float) -> float:
+def row_range_m(
+    closing_speed_m_s: float, distance_m: float, kappa_1_1_s: float, kappa_2_1_s: float
+) -> float:
     """Return the distance at which a row begins to brake two vehicles that close head-on.
 
     Args:
@@ -96,8 +103,11 @@ def row_range_m(closing_speed_m_s: float, distance_m: float, kappa_1_1_s: float,
     return (s * v + math.sqrt(root)) / q
 
 
-def braking_m_s2(closing_speed_m_s: float, distance_m: float, kappa_1_1_s: float, kappa_2_1_s: float) -> float:
-    """Return the largest acceleration of each of two vehicles that meet head-on and share the braking.
+def braking_m_s2(
+    closing_speed_m_s: float, distance_m: float, kappa_1_1_s: float, kappa_2_1_s: float
+) -> float:
+    """Return the largest acceleration of each of two vehicles that meet head-on and share the
+    braking.
 
     Args:
         closing_speed_m_s: of both together.
@@ -108,10 +118,15 @@ def braking_m_s2(closing_speed_m_s: float, distance_m: float, kappa_1_1_s: float
         acceleration [m/s^2] of one vehicle.
     """
     s, q = kappa_1_1_s + kappa_2_1_s, kappa_1_1_s * kappa_2_1_s
-    gap, rate = row_range_m(closing_speed_m_s, distance_m, kappa_1_1_s, kappa_2_1_s), -closing_speed_m_s
+    gap, rate = (
+        row_range_m(closing_speed_m_s, distance_m, kappa_1_1_s, kappa_2_1_s),
+        -closing_speed_m_s,
+    )
     largest, dt_s = 0.0, 0.002
     for _ in range(2000):
-        required = max(0.0, (-rate * rate - s * gap * rate - 0.5 * q * (gap * gap - distance_m**2)) / gap)
+        required = max(
+            0.0, (-rate * rate - s * gap * rate - 0.5 * q * (gap * gap - distance_m**2)) / gap
+        )
         largest = max(largest, required)
         rate += dt_s * required
         gap += dt_s * rate
@@ -121,7 +136,8 @@ def braking_m_s2(closing_speed_m_s: float, distance_m: float, kappa_1_1_s: float
 
 
 def largest_equal_kappa_1_s(lag_s: float) -> float:
-    """Return the largest kappa_1 = kappa_2 whose loop does not overshoot behind a lag without prediction.
+    """Return the largest kappa_1 = kappa_2 whose loop does not overshoot behind a lag without
+    prediction.
 
     Args:
         lag_s: from command to acceleration.
@@ -155,8 +171,8 @@ def loop_growth_1_s(
 ) -> float:
     """Return the growth rate of the slowest-dying motion of a distance row that is always active.
 
-    Model: one axis, sampled at 50 Hz; the row is evaluated at the state predicted over L with the own past commands,
-    and the acceleration follows through dead time and second order.
+    Model: one axis, sampled at 50 Hz; the row is evaluated at the state predicted over L with the
+    own past commands, and the acceleration follows through dead time and second order.
 
     Args:
         response: of the vehicle, as configured.
@@ -171,7 +187,8 @@ def loop_growth_1_s(
     delay_s, wn = response.delay_s * stretch, response.wn_rad_s / stretch
     window_s = response.lag_s if is_predicted else 0.0
     slots = math.ceil(max(window_s, delay_s) / TICK_S) + 2
-    state = np.eye(4 + slots)  # one row per unit state: distance, rate, acceleration, its rate, commands newest first
+    # one row per unit state: distance, rate, acceleration, its rate, commands newest first
+    state = np.eye(4 + slots)
     y, v, a, jerk, past = state[:, 0], state[:, 1], state[:, 2], state[:, 3], state[:, 4:]
     left = TICK_S * np.arange(slots)
     inside = np.clip(window_s - left, 0.0, TICK_S)
@@ -207,7 +224,8 @@ def available_acceleration_m_s2(max_tilt_deg: float, hover_thrust_frac: float) -
 def delay_margin_m(age_s: float) -> float:
     """Return the margin that old states require beside the one for the errors of the estimates.
 
-    A fit over simulated flights (swap16x and swap8 with 100 to 300 ms of delay and 30 % lost), not a theorem.
+    A fit over simulated flights (swap16x and swap8 with 100 to 300 ms of delay and 30 % lost), not
+    a theorem.
 
     Args:
         age_s: that a neighbour's newest state reaches.

@@ -1,4 +1,5 @@
-"""Findings of feasibility checks: one quantity, its bound, a status, a sentence and a remedy. Pure."""
+"""Findings of feasibility checks: one quantity, its bound, a status, a sentence and a remedy. Pure.
+"""
 
 from __future__ import annotations
 
@@ -66,16 +67,21 @@ def at_least(
         value: of the quantity.
         bound: to compare with.
         unit: of both.
-        sentence: template without a full stop; ``{value}``, ``{bound}`` and ``{difference}`` stand for the numbers with
-            their unit, ``{relation}`` for "at least".
+        sentence: template without a full stop; ``{value}``, ``{bound}`` and ``{difference}`` stand
+            for the numbers with their unit, ``{relation}`` for "at least".
         remedy: template of the same kind, with a full stop.
         refuse_below: the flight is refused below it; the bound by default.
         warn_below: there is a warning below it; the bound by default.
     Returns:
         the finding.
     """
-    refuse, warn = bound if refuse_below is None else refuse_below, bound if warn_below is None else warn_below
-    status: Status = "refused" if value < refuse - 1e-9 else "warning" if value < warn - 1e-9 else "ok"
+    refuse, warn = (
+        bound if refuse_below is None else refuse_below,
+        bound if warn_below is None else warn_below,
+    )
+    status: Status = (
+        "refused" if value < refuse - 1e-9 else "warning" if value < warn - 1e-9 else "ok"
+    )
     return _finding(name, status, (value, bound), unit, "at least", (sentence, remedy))
 
 
@@ -104,13 +110,23 @@ def at_most(
     Returns:
         the finding.
     """
-    refuse, warn = bound if refuse_above is None else refuse_above, bound if warn_above is None else warn_above
-    status: Status = "refused" if value > refuse + 1e-9 else "warning" if value > warn + 1e-9 else "ok"
+    refuse, warn = (
+        bound if refuse_above is None else refuse_above,
+        bound if warn_above is None else warn_above,
+    )
+    status: Status = (
+        "refused" if value > refuse + 1e-9 else "warning" if value > warn + 1e-9 else "ok"
+    )
     return _finding(name, status, (value, bound), unit, "at most", (sentence, remedy))
 
 
 def _finding(
-    name: str, status: Status, numbers: tuple[float, float], unit: str, relation: Relation, texts: tuple[str, str]
+    name: str,
+    status: Status,
+    numbers: tuple[float, float],
+    unit: str,
+    relation: Relation,
+    texts: tuple[str, str],
 ) -> Finding:
     value, bound = numbers
     words = {

@@ -1,7 +1,8 @@
 """Whether a fleet can fly as configured: findings with value, bound, sentence and remedy. Pure.
 
-:func:`fleet_findings` judges the file alone; :func:`spot_findings` judges one constellation: take-off spots, the goals
-of a mission's step, or the positions of vehicles. ``covey check`` prints the findings, preflight refuses by them.
+:func:`fleet_findings` judges the file alone; :func:`spot_findings` judges one constellation:
+take-off spots, the goals of a mission's step, or the positions of vehicles. ``covey check`` prints
+the findings, preflight refuses by them.
 """
 
 from __future__ import annotations
@@ -76,7 +77,11 @@ def fleet_findings(fleet: FleetConfig, *, errors: ErrorClass | None = None) -> t
         findings.append(crowding(fleet, vehicles))
         if fleet.law.name == "covey":
             findings.append(law_map.map_finding(fleet, accuracy, law_map.shipped()))
-    findings.append(fence_finding(fleet, {vehicle.name: vehicle.start_enu_m for vehicle in vehicles}, "take-off spots"))
+    findings.append(
+        fence_finding(
+            fleet, {vehicle.name: vehicle.start_enu_m for vehicle in vehicles}, "take-off spots"
+        )
+    )
     for judge in (height_at_tilt, thrust_reserve, gust_reserve, battery, silence):
         findings.append(worst(judge(fleet, vehicle) for vehicle in kinds))
     return worst_first(findings)
@@ -95,7 +100,8 @@ def _own_law(fleet: FleetConfig, law: OwnLaw) -> Finding:
 
 
 def distinct(vehicles: Iterable[Vehicle]) -> list[Vehicle]:
-    """Return one vehicle of each kind, so that vehicles without a relevant difference are judged once.
+    """Return one vehicle of each kind, so that vehicles without a relevant difference are judged
+    once.
 
     Args:
         vehicles: any.
@@ -104,7 +110,14 @@ def distinct(vehicles: Iterable[Vehicle]) -> list[Vehicle]:
     """
     kinds: dict[object, Vehicle] = {}
     for vehicle in vehicles:
-        own = {"name": "", "index": 0, "system_id": 0, "start_enu_m": (0.0, 0.0, 0.0), "agent": "", "autopilot": ""}
+        own = {
+            "name": "",
+            "index": 0,
+            "system_id": 0,
+            "start_enu_m": (0.0, 0.0, 0.0),
+            "agent": "",
+            "autopilot": "",
+        }
         alike = msgspec.structs.replace(vehicle, **own, direct=None, mocap_body=None)
         kinds.setdefault(msgspec.json.encode(alike), vehicle)
     return list(kinds.values())
@@ -127,7 +140,9 @@ def spot_findings(
     if spots and fleet.obstacles:
         findings.append(obstacle_finding(fleet, spots, label))
     if len(spots) > 1:
-        findings.append(spacing_finding(fleet, spots, label, ACCURACIES[errors or error_class(fleet)]))
+        findings.append(
+            spacing_finding(fleet, spots, label, ACCURACIES[errors or error_class(fleet)])
+        )
     return worst_first(findings)
 
 
@@ -137,7 +152,8 @@ def error_class(fleet: FleetConfig) -> ErrorClass:
     Args:
         fleet: the fleet file.
     Returns:
-        the least accurate of the vehicles that take part: ``mocap`` with ``mocap_required``, else ``px4_position``.
+        the least accurate of the vehicles that take part: ``mocap`` with ``mocap_required``, else
+            ``px4_position``.
     """
     vehicles = [fleet.vehicles[name] for name in fleet.enabled_names]
     sources = {"mocap" if vehicle.mocap_required else vehicle.px4_position for vehicle in vehicles}
@@ -148,9 +164,9 @@ def start_finding(fleet: FleetConfig, spots: Mapping[str, Vec3], accuracy: Accur
     """Check the initial conditions of the law, for vehicles at rest.
 
     Proposition 1 requires at t = 0 d^2 >= d_inf^2, its rate >= -kappa_1 (d^2 - d_inf^2) and
-    phi_perp >= d_inf v_perp - kappa_3 (d^2 - d_inf^2). At rest rate and phi_perp are 0: the first two require
-    d >= d_inf, which makes h_1 <= 0 of (20); the third requires
-    d >= sqrt(d_inf^2 + d_inf v_perp / kappa_3), which makes h_2 <= 0 of (21). Covey's rows demand nothing of vehicles
+    phi_perp >= d_inf v_perp - kappa_3 (d^2 - d_inf^2). At rest rate and phi_perp are 0: the first
+    two require d >= d_inf, which makes h_1 <= 0 of (20); the third requires d >= sqrt(d_inf^2 +
+    d_inf v_perp / kappa_3), which makes h_2 <= 0 of (21). Covey's rows demand nothing of vehicles
     at rest from the design distance on, and rotation rows act only where a distance row does.
 
     Args:
@@ -182,8 +198,11 @@ def start_finding(fleet: FleetConfig, spots: Mapping[str, Vec3], accuracy: Accur
     )
 
 
-def spacing_finding(fleet: FleetConfig, spots: Mapping[str, Vec3], label: str, accuracy: Accuracy) -> Finding:
-    """Check the closest pair of a constellation against the distance at which two vehicles can hover side by side.
+def spacing_finding(
+    fleet: FleetConfig, spots: Mapping[str, Vec3], label: str, accuracy: Accuracy
+) -> Finding:
+    """Check the closest pair of a constellation against the distance at which two vehicles can
+    hover side by side.
 
     Args:
         fleet: the fleet file.
@@ -220,7 +239,9 @@ def fence_finding(fleet: FleetConfig, spots: Mapping[str, Vec3], label: str) -> 
         vehicle, fence = fleet.vehicles[name], fleet.fleet.geofence_m
         x, y, z = spots[name]
         room_m = min(x - fence.x[0], fence.x[1] - x, y - fence.y[0], fence.y[1] - y, fence.z[1] - z)
-        stop_m = bounds.stopping_distance_m(vehicle.max_speed_m_s, available_m_s2(vehicle), vehicle.lag_s + TICK_S)
+        stop_m = bounds.stopping_distance_m(
+            vehicle.max_speed_m_s, available_m_s2(vehicle), vehicle.lag_s + TICK_S
+        )
         return at_least(
             f"fence, {label}",
             room_m,
@@ -236,7 +257,8 @@ def fence_finding(fleet: FleetConfig, spots: Mapping[str, Vec3], label: str) -> 
 
 
 def obstacle_finding(fleet: FleetConfig, spots: Mapping[str, Vec3], label: str) -> Finding:
-    """Check the distance between the spots and the nearest obstacle: the law does not let a vehicle go nearer.
+    """Check the distance between the spots and the nearest obstacle: the law does not let a vehicle
+    go nearer.
 
     Args:
         fleet: the fleet file.
@@ -246,7 +268,9 @@ def obstacle_finding(fleet: FleetConfig, spots: Mapping[str, Vec3], label: str) 
         the finding.
     """
     gap_m, name, obstacle = min(
-        (obstacle.distance_m(spot), name, obstacle.name) for name, spot in spots.items() for obstacle in fleet.obstacles
+        (obstacle.distance_m(spot), name, obstacle.name)
+        for name, spot in spots.items()
+        for obstacle in fleet.obstacles
     )
     return at_least(
         f"obstacles, {label}",

@@ -1,7 +1,8 @@
-"""The map of the law: where a fleet stands in it, by the flights that have been flown of harder and easier cells. Pure.
+"""The map of the law: where a fleet stands in it, by the flights that have been flown of harder and
+easier cells. Pure.
 
-The map is flown by ``covey simulate --map`` and shown in docs/law-map.md; ``law_map.toml`` beside this file is its
-summary.
+The map is flown by ``covey simulate --map`` and shown in docs/law-map.md; ``law_map.toml`` beside
+this file is its summary.
 """
 
 from __future__ import annotations
@@ -19,8 +20,16 @@ SCHEMA = 1
 PROMISED_FLIGHTS = 500  # a cell with so many flights and none too near is promised
 _CLASSES = ("mocap", "vision", "gps")  # the harder ones last
 _DOCS = "docs/law-map.md shows the map."
-# values of the law that may differ from the map's: what they change is compared as margin, or has findings of its own
-_FREE = ("name", "design_margin_m", "range_m", "obstacle_margin_m", "fence_margin_m", "uncooperative_margin_m")
+# values of the law that may differ from the map's: what they change is compared as margin, or has
+# findings of its own
+_FREE = (
+    "name",
+    "design_margin_m",
+    "range_m",
+    "obstacle_margin_m",
+    "fence_margin_m",
+    "uncooperative_margin_m",
+)
 
 
 class MapCell(NamedTuple):
@@ -115,7 +124,8 @@ def map_finding(fleet: FleetConfig, accuracy: Accuracy, law_map: LawMap) -> Find
         accuracy: of the vehicles' estimates.
         law_map: the map.
     Returns:
-        the finding: refused where a cell that is no harder has failed, a warning where no cell that is at least as hard
+        the finding: refused where a cell that is no harder has failed, a warning where no cell that
+            is at least as hard
         is promised.
     """
     vehicles = [fleet.vehicles[name] for name in fleet.enabled_names]
@@ -140,7 +150,9 @@ def map_finding(fleet: FleetConfig, accuracy: Accuracy, law_map: LawMap) -> Find
             f"The fleet is {here}. In simulation {worst.below} of {worst.flights} flights of an easier or equal cell "
             f"came below {law_map.safety_distance_m:.2f} m ({worst}, worst {worst.worst_m:.2f} m). {remedy}"
         )
-        return Finding("map of the law", "refused", worst.below, 0.0, "flights", "at most", sentence, remedy)
+        return Finding(
+            "map of the law", "refused", worst.below, 0.0, "flights", "at most", sentence, remedy
+        )
     harder = [cell for cell in promised if here.is_within(cell)]
     covering = [cell for cell in harder if cell.margin_m <= here.margin_m + 1e-3]
     differences = _differences(fleet, accuracy, law_map)
@@ -150,7 +162,9 @@ def map_finding(fleet: FleetConfig, accuracy: Accuracy, law_map: LawMap) -> Find
             f"The fleet is {here}. In simulation 0 of {cell.flights} flights came below "
             f"{law_map.safety_distance_m:.2f} m with {cell} (worst {cell.worst_m:.2f} m)."
         )
-        return Finding("map of the law", "ok", 0.0, 0.0, "flights", "at most", sentence, "Nothing to do.")
+        return Finding(
+            "map of the law", "ok", 0.0, 0.0, "flights", "at most", sentence, "Nothing to do."
+        )
     remedy = _remedy(here, harder or promised)
     if covering:
         reason = f"the map was flown with {differences}"
@@ -159,17 +173,27 @@ def map_finding(fleet: FleetConfig, accuracy: Accuracy, law_map: LawMap) -> Find
         reason = f"the map was flown with a margin of {cell.margin_m:.2f} m there, here it is {here.margin_m:.2f} m"
     else:
         reason = "nothing that hard was flown often enough"
-    sentence = f"The fleet is {here}: no cell of the map of the law promises that; {reason}. {remedy}"
-    return Finding("map of the law", "warning", 0.0, PROMISED_FLIGHTS, "flights", "at least", sentence, remedy)
+    sentence = (
+        f"The fleet is {here}: no cell of the map of the law promises that; {reason}. {remedy}"
+    )
+    return Finding(
+        "map of the law", "warning", 0.0, PROMISED_FLIGHTS, "flights", "at least", sentence, remedy
+    )
 
 
 def _remedy(here: MapCell, cells: Sequence[MapCell]) -> str:
     nearest = min(cells, key=lambda cell: _distance(here, cell), default=None)
-    return f"Nearest cell that holds: {nearest}. {_DOCS}" if nearest else f"No cell of the map holds. {_DOCS}"
+    return (
+        f"Nearest cell that holds: {nearest}. {_DOCS}"
+        if nearest
+        else f"No cell of the map holds. {_DOCS}"
+    )
 
 
 def _distance(here: MapCell, cell: MapCell) -> float:
-    """Return how far two cells are from each other, where a step of the map is about 1 in each axis."""
+    """Return how far two cells are from each other, where a step of the map is about 1 in each
+    axis.
+    """
     classes = _CLASSES.index(here.errors) - _CLASSES.index(cell.errors)
     return (
         10.0 * abs(classes)
@@ -190,7 +214,9 @@ def _differences(fleet: FleetConfig, accuracy: Accuracy, law_map: LawMap) -> str
     ]
     lag_s = max(fleet.vehicles[name].lag_s for name in fleet.enabled_names)
     if lag_s > law_map.lag_s + LAG_ERROR_S:
-        different.append(f"vehicles that follow a command {law_map.lag_s:.2f} s later (here {lag_s:.2f} s)")
+        different.append(
+            f"vehicles that follow a command {law_map.lag_s:.2f} s later (here {lag_s:.2f} s)"
+        )
     return ", ".join(different)
 
 

@@ -1,4 +1,6 @@
-"""Findings about pairs of vehicles under the law: margin, range, delay, kappas against lag, braking, crowding. Pure."""
+"""Findings about pairs of vehicles under the law: margin, range, delay, kappas against lag,
+braking, crowding. Pure.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,8 @@ from onboard.feasibility.vehicle_checks import GUST_M_S2, available_m_s2
 from onboard.types import TICK_S
 
 _BODY_GAP_M = 0.10
-_LONG_LAG_S, _LONGEST_LAG_S = 0.35, 0.40  # form3 and swap8: 0 of 24 flights violate at 0.36 s, 2 of 24 at 0.41 s
+# form3 and swap8: 0 of 24 flights violate at 0.36 s, 2 of 24 at 0.41 s
+_LONG_LAG_S, _LONGEST_LAG_S = 0.35, 0.40
 _SLOW_GROWTH_1_S, _FAST_GROWTH_1_S = 0.0, 1.5
 _USEFUL_NEIGHBOURS = 6  # fewer rows than this cost separation in a crowd, more gain nothing
 _MARGIN_SHARE = 0.8  # of the fitted margin, below which vehicles have come too close in simulation
@@ -43,9 +46,13 @@ def pair_findings(fleet: FleetConfig, vehicles: list[Vehicle], accuracy: Accurac
     """
     findings = [_body_gap(fleet)]
     if fleet.law.built_in == "off":
-        sentence = f"law.name is 'off', so nothing keeps the {len(fleet.enabled_names)} vehicles apart."
+        sentence = (
+            f"law.name is 'off', so nothing keeps the {len(fleet.enabled_names)} vehicles apart."
+        )
         remedy = "Set law.name = 'covey', unless you want to fly without avoidance, in simulation."
-        findings.append(Finding("law", "warning", 0.0, 1.0, "", "at least", f"{sentence} {remedy}", remedy))
+        findings.append(
+            Finding("law", "warning", 0.0, 1.0, "", "at least", f"{sentence} {remedy}", remedy)
+        )
         return findings
     findings.append(_margin(fleet, accuracy))
     if fleet.law.built_in == "covey":
@@ -64,9 +71,10 @@ def _margin(fleet: FleetConfig, accuracy: Accuracy) -> Finding:
     kappa_1, kappa_2 = _kappa_values(fleet)
     needed_m = bounds.required_margin_m(accuracy, kappa_1, kappa_2)
     is_covey = fleet.law.built_in == "covey"
-    subject = {"fixed": "law.design_margin_m is {value}", "accuracy": "In flight the margin will be {value}"}[
-        fleet.law.margin
-    ]
+    subject = {
+        "fixed": "law.design_margin_m is {value}",
+        "accuracy": "In flight the margin will be {value}",
+    }[fleet.law.margin]
     subject = subject if is_covey else "The paper's law has no margin ({value})"
     apart_m = fleet.fleet.safety_distance_m + needed_m + 0.10
     return at_least(
@@ -78,7 +86,8 @@ def _margin(fleet: FleetConfig, accuracy: Accuracy) -> Finding:
         f"{accuracy.velocity_std_m_s:g} m/s per axis) need {{relation}} {{bound}}",
         f"Set law.design_margin_m = {math.ceil(100.0 * needed_m) / 100.0:.2f}{'' if is_covey else ' of law covey'} and "
         f"park vehicles {apart_m:.2f} m apart or more, or fly on a better position.",
-        # the paper's law is flown for comparison only; with a mocap its sensors are good enough for that
+        # the paper's law is flown for comparison only; with a mocap its sensors are good enough for
+        # that
         warn_below=0.95 * needed_m,
         refuse_below=_MARGIN_SHARE * needed_m if is_covey or accuracy.name != "mocap" else 0.0,
     )
@@ -112,8 +121,12 @@ def _body_gap(fleet: FleetConfig) -> Finding:
 def _range(fleet: FleetConfig, vehicle: Vehicle, margin_m: float) -> Finding:
     kappa_1, kappa_2 = _kappa_values(fleet)
     closing = 2.0 * fleet.law.avoid_speed_frac * vehicle.max_speed_m_s
-    range_m = bounds.row_range_m(closing, fleet.fleet.safety_distance_m + margin_m, kappa_1, kappa_2)
-    range_m += closing * (message_age_s(fleet) + (vehicle.lag_s if fleet.law.built_in == "covey" else 0.0))
+    range_m = bounds.row_range_m(
+        closing, fleet.fleet.safety_distance_m + margin_m, kappa_1, kappa_2
+    )
+    range_m += closing * (
+        message_age_s(fleet) + (vehicle.lag_s if fleet.law.built_in == "covey" else 0.0)
+    )
     return at_least(
         "sensing range",
         fleet.law.range_m,
@@ -126,7 +139,11 @@ def _range(fleet: FleetConfig, vehicle: Vehicle, margin_m: float) -> Finding:
 
 
 def _message_age(fleet: FleetConfig, accuracy: Accuracy) -> Finding:
-    radio, age_s, margin_m = fleet.expected_radio, message_age_s(fleet), effective_margin_m(fleet, accuracy)
+    radio, age_s, margin_m = (
+        fleet.expected_radio,
+        message_age_s(fleet),
+        effective_margin_m(fleet, accuracy),
+    )
     spare_m = max(0.0, margin_m - bounds.required_margin_m(accuracy, *_kappa_values(fleet)))
     tolerated_s = bounds.USUAL_AGE_S + spare_m / bounds.AGE_MARGIN_M_S
     return at_most(
@@ -153,12 +170,15 @@ def margin_for_age_m(fleet: FleetConfig, accuracy: Accuracy) -> float:
     Returns:
         margin [m], rounded up to a centimetre.
     """
-    margin_m = bounds.required_margin_m(accuracy, *_kappa_values(fleet)) + bounds.delay_margin_m(message_age_s(fleet))
+    margin_m = bounds.required_margin_m(accuracy, *_kappa_values(fleet)) + bounds.delay_margin_m(
+        message_age_s(fleet)
+    )
     return math.ceil(100.0 * margin_m - 1e-9) / 100.0
 
 
 def message_age_s(fleet: FleetConfig) -> float:
-    """Return the age that a neighbour's state reaches, by the delay and the loss that the fleet file expects.
+    """Return the age that a neighbour's state reaches, by the delay and the loss that the fleet
+    file expects.
 
     Args:
         fleet: the fleet file.
@@ -199,7 +219,9 @@ def _kappas(fleet: FleetConfig, vehicle: Vehicle) -> Finding:
             for error_s in (-LAG_ERROR_S, 0.0, LAG_ERROR_S)
         )
 
-    stable = next((step / 20.0 for step in range(20, 0, -1) if _growth(step / 20.0) <= _SLOW_GROWTH_1_S), 0.05)
+    stable = next(
+        (step / 20.0 for step in range(20, 0, -1) if _growth(step / 20.0) <= _SLOW_GROWTH_1_S), 0.05
+    )
     return at_most(
         "kappas",
         _growth(1.0),
@@ -240,7 +262,9 @@ def braking(fleet: FleetConfig, vehicle: Vehicle, margin_m: float) -> Finding:
     """
     kappa_1, kappa_2 = _kappa_values(fleet)
     closing = 2.0 * vehicle.max_speed_m_s
-    required = bounds.braking_m_s2(closing, fleet.fleet.safety_distance_m + margin_m, kappa_1, kappa_2)
+    required = bounds.braking_m_s2(
+        closing, fleet.fleet.safety_distance_m + margin_m, kappa_1, kappa_2
+    )
     left = max(0.0, available_m_s2(vehicle) - vehicle.drag_1_s * vehicle.max_speed_m_s - GUST_M_S2)
     return at_most(
         "braking",
@@ -303,7 +327,9 @@ def effective_margin_m(fleet: FleetConfig, accuracy: Accuracy) -> float:
     if law.margin == "fixed":
         return _configured_margin_m(fleet)
     time_s = law.accuracy_time_s  # the law does not know an error's own correlation time
-    known = replace(accuracy, position_time_s=time_s, velocity_time_s=time_s, acceleration_std_m_s2=0.0)
+    known = replace(
+        accuracy, position_time_s=time_s, velocity_time_s=time_s, acceleration_std_m_s2=0.0
+    )
     return max(_configured_margin_m(fleet), bounds.required_margin_m(known, *_kappa_values(fleet)))
 
 
@@ -331,7 +357,8 @@ def height_accuracy_m(accuracy: Accuracy) -> float:
 
 
 def parking_m(fleet: FleetConfig, accuracy: Accuracy) -> float:
-    """Return the distance at which vehicles can park, with the larger margin that the accuracy may require.
+    """Return the distance at which vehicles can park, with the larger margin that the accuracy may
+    require.
 
     Args:
         fleet: the fleet file.
@@ -348,7 +375,9 @@ def parking_m(fleet: FleetConfig, accuracy: Accuracy) -> float:
 
 def _configured_margin_m(fleet: FleetConfig) -> float:
     """Return the margin of the slowest vehicle, which is the largest one."""
-    return fleet.law.margin_m(max((vehicle.lag_s for vehicle in fleet.vehicles.values()), default=0.0))
+    return fleet.law.margin_m(
+        max((vehicle.lag_s for vehicle in fleet.vehicles.values()), default=0.0)
+    )
 
 
 def _kappa_values(fleet: FleetConfig) -> tuple[float, float]:

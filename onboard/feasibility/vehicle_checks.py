@@ -1,4 +1,6 @@
-"""Findings about each vehicle alone: thrust, tilt, battery, and PX4's reaction to a silent agent. Pure."""
+"""Findings about each vehicle alone: thrust, tilt, battery, and PX4's reaction to a silent agent.
+Pure.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +25,9 @@ def available_m_s2(vehicle: Vehicle) -> float:
     Returns:
         acceleration [m/s^2], at least 0.05.
     """
-    return max(0.05, bounds.available_acceleration_m_s2(vehicle.max_tilt_deg, vehicle.hover_thrust_frac))
+    return max(
+        0.05, bounds.available_acceleration_m_s2(vehicle.max_tilt_deg, vehicle.hover_thrust_frac)
+    )
 
 
 def height_at_tilt(fleet: FleetConfig, vehicle: Vehicle) -> Finding:
@@ -35,8 +39,14 @@ def height_at_tilt(fleet: FleetConfig, vehicle: Vehicle) -> Finding:
     Returns:
         the finding.
     """
-    lift = bounds.MAX_THRUST_FRAC / vehicle.hover_thrust_frac * math.cos(math.radians(vehicle.max_tilt_deg))
-    allowed_deg = math.degrees(math.acos(min(1.0, vehicle.hover_thrust_frac / bounds.MAX_THRUST_FRAC)))
+    lift = (
+        bounds.MAX_THRUST_FRAC
+        / vehicle.hover_thrust_frac
+        * math.cos(math.radians(vehicle.max_tilt_deg))
+    )
+    allowed_deg = math.degrees(
+        math.acos(min(1.0, vehicle.hover_thrust_frac / bounds.MAX_THRUST_FRAC))
+    )
     return at_least(
         "height at full tilt",
         lift,

@@ -1,8 +1,10 @@
-"""Contact with the ground: never by one signal alone, and only by what has lasted for a moment. Pure.
+"""Contact with the ground: never by one signal alone, and only by what has lasted for a moment.
+Pure.
 
-A vehicle is down when it is low, or carried by much less thrust than flight takes, and at the same time does not move
-vertically, or is on the ground by a report of PX4 that is not old. In free fall a third of a second at that thrust
-moves it by more than stillness allows, so thrust and stillness together need neither a height nor PX4.
+A vehicle is down when it is low, or carried by much less thrust than flight takes, and at the same
+time does not move vertically, or is on the ground by a report of PX4 that is not old. In free fall
+a third of a second at that thrust moves it by more than stillness allows, so thrust and stillness
+together need neither a height nor PX4.
 """
 
 from __future__ import annotations
@@ -17,7 +19,8 @@ _STILL_M = 0.02  # of height, while AGREED_S passes
 _STILL_PX4_M_S = 0.15  # for vehicles without a mocap, whose height has more noise than that
 _LOW_M = 0.06
 _STALLED_M, _STALLED_S = 0.30, 1.5
-# without poses the height is PX4's, which reads too high by up to half a metre; but it shows when the sinking ends
+# without poses the height is PX4's, which reads too high by up to half a metre; but it shows when
+# the sinking ends
 _BLIND_LOW_M, _BLIND_STILL_M_S, _BLIND_STILL_S = 0.5, 0.25, 0.3
 
 
@@ -54,7 +57,8 @@ def observe(signs: ContactSigns, view: FlightView, has_mocap: bool) -> ContactSi
 
 
 def is_agreed_blind(signs: ContactSigns, view: FlightView, ground_z_m: float) -> bool:
-    """Whether PX4's motion and height say that a vehicle without poses, which is told to sink, stands.
+    """Whether PX4's motion and height say that a vehicle without poses, which is told to sink,
+    stands.
 
     Args:
         signs: as of this tick.

@@ -1,4 +1,6 @@
-"""One vehicle's flight: its step, its order and its goal. Everybody may read it; only the state machine writes it."""
+"""One vehicle's flight: its step, its order and its goal. Everybody may read it; only the state
+machine writes it.
+"""
 
 from __future__ import annotations
 
@@ -20,18 +22,31 @@ from onboard.safety.report_confirmation import Expected
 from onboard.types import Goal
 from onboard.vectors import ZERO_3
 
-_AVOIDS_ABOVE_M = 0.5  # some second before touching down: friction ends what was promised of going aside
+# some second before touching down: friction ends what was promised of going aside
+_AVOIDS_ABOVE_M = 0.5
 _CONTACT_LIMIT_S = 8.0
 _RISEN_M = 0.5  # of a landing: more than giving way takes it up
-_PX4_HEIGHT_RISEN_M = 1.5  # the same by PX4's own height, which wanders and comes back up after the touch-down
+# the same by PX4's own height, which wanders and comes back up after the touch-down
+_PX4_HEIGHT_RISEN_M = 1.5
 _NOT_YET_OFFBOARD = {Step.ARM_OFFBOARD, Step.TAKEOFF_OFFBOARD, Step.TAKEOVER}
 _NO_GOAL = Goal(ZERO_3, 0.0, 0)
-_IN_FREE_FLIGHT = {Step.LIFTOFF, Step.CLIMB, Step.LEG, Step.PATH, Step.ARRIVED, Step.HOLDING, Step.COASTING}
+_IN_FREE_FLIGHT = {
+    Step.LIFTOFF,
+    Step.CLIMB,
+    Step.LEG,
+    Step.PATH,
+    Step.ARRIVED,
+    Step.HOLDING,
+    Step.COASTING,
+}
 
 
 @dataclass(slots=True)
 class FlightContext:
-    """Memory of one flight. Written by :mod:`onboard.flight.state_machine` and the effects that it calls."""
+    """Memory of one flight.
+
+    Written by :mod:`onboard.flight.state_machine` and the effects that it calls.
+    """
 
     fleet: FleetConfig
     vehicle: Vehicle
@@ -84,13 +99,17 @@ class FlightContext:
 
     @property
     def must_be_armed(self) -> bool:
-        """Whether a heartbeat without the armed flag means that somebody stopped the motors in the air."""
+        """Whether a heartbeat without the armed flag means that somebody stopped the motors in the
+        air.
+        """
         return self.step in _IN_FREE_FLIGHT
 
     @property
     def expected(self) -> Expected:
         """Reports that PX4 sends while nobody takes the vehicle away."""
-        mode = "OFFBOARD" if self.must_be_offboard else "LAND" if self.step is Step.PX4_LANDING else ""
+        mode = (
+            "OFFBOARD" if self.must_be_offboard else "LAND" if self.step is Step.PX4_LANDING else ""
+        )
         return Expected(self.must_be_armed, mode)
 
     @property
@@ -101,9 +120,13 @@ class FlightContext:
         return self.goal.position_enu_m
 
     def is_avoiding(self, view: FlightView) -> bool:
-        """Whether the others may count on it to go aside: not when it is about to touch down or has not lifted off."""
+        """Whether the others may count on it to go aside: not when it is about to touch down or has
+        not lifted off.
+        """
         is_low = view.position_enu_m[2] - self.ground_z_m < _AVOIDS_ABOVE_M
-        return self.is_under_law and not (is_low and self.step in (Step.LIFTOFF, Step.DESCENT, Step.SINKING))
+        return self.is_under_law and not (
+            is_low and self.step in (Step.LIFTOFF, Step.DESCENT, Step.SINKING)
+        )
 
     def seconds(self, view: FlightView) -> float:
         """Return the time since the step began [s]."""
@@ -125,7 +148,9 @@ class FlightContext:
             return f"it has risen by {risen_m:.2f} m"
         if self.step is Step.CONTACT and self.seconds(view) > _CONTACT_LIMIT_S:
             return "PX4 does not see that it is down"
-        return "" if self.step in (Step.LEG, Step.DESCENT) and view.now_ns > self.deadline_ns else None
+        return (
+            "" if self.step in (Step.LEG, Step.DESCENT) and view.now_ns > self.deadline_ns else None
+        )
 
     def say(
         self,

@@ -1,4 +1,6 @@
-"""Goals and limits of what begins: the only writers of a flight's goal besides the state machine that calls them."""
+"""Goals and limits of what begins: the only writers of a flight's goal besides the state machine
+that calls them.
+"""
 
 from __future__ import annotations
 
@@ -51,7 +53,11 @@ def fly_leg(flight: FlightContext, view: FlightView) -> None:
     duration_s = max(0.0, order.duration_s)
     _set_goal(flight, order.position_enu_m, duration_s, _ordered_yaw_rad(order))
     flight.leg_count += 1
-    alone_s = _PEAK_OF_MEAN * math.dist(order.position_enu_m, view.position_enu_m) / flight.vehicle.max_speed_m_s
+    alone_s = (
+        _PEAK_OF_MEAN
+        * math.dist(order.position_enu_m, view.position_enu_m)
+        / flight.vehicle.max_speed_m_s
+    )
     _limit(flight, view, _LEG_LIMIT_S + _PATIENCE * max(duration_s, alone_s))
 
 
@@ -92,7 +98,9 @@ def slow_down(flight: FlightContext, view: FlightView) -> None:
 
 
 def stop_here(flight: FlightContext, view: FlightView) -> None:
-    """Stop as soon as the acceleration allows, inside the fence, and no higher or lower than was ordered."""
+    """Stop as soon as the acceleration allows, inside the fence, and no higher or lower than was
+    ordered.
+    """
     x, y, z = stop_point(view, flight.vehicle, flight.fleet)
     height_m = sorted((view.position_enu_m[2], flight.goal_position_enu_m[2], z))[1]
     _set_goal(flight, (x, y, height_m), 0.0)
@@ -111,7 +119,8 @@ def descend(flight: FlightContext, view: FlightView) -> None:
     down_s = vertical_s(view.position_enu_m[2] - flight.ground_z_m, flight.vehicle.max_speed_m_s)
     braking_s = 2.0 * math.hypot(*view.velocity_enu_m_s) / flight.vehicle.max_acceleration_m_s2
     duration_s = max(_LEAST_DESCENT_S, down_s) + braking_s
-    ground_m = min(flight.ground_z_m, view.position_enu_m[2])  # a height that reads too low must not make it climb
+    # a height that reads too low must not make it climb
+    ground_m = min(flight.ground_z_m, view.position_enu_m[2])
     _set_goal(flight, (x, y, ground_m - _UNDER_GROUND_M), duration_s)
     _limit(flight, view, _LANDING_LIMIT_S + _PATIENCE * duration_s)
 
@@ -167,8 +176,12 @@ def _ordered_yaw_rad(order: Order) -> float:
     return math.nan if order.yaw_deg is None else math.radians(order.yaw_deg)
 
 
-def _set_goal(flight: FlightContext, position_enu_m: Vec3, duration_s: float, yaw_rad: float = math.nan) -> None:
-    flight.goal = Goal(Point(*position_enu_m), duration_s, flight.goal.sequence + 1, yaw_rad=yaw_rad)
+def _set_goal(
+    flight: FlightContext, position_enu_m: Vec3, duration_s: float, yaw_rad: float = math.nan
+) -> None:
+    flight.goal = Goal(
+        Point(*position_enu_m), duration_s, flight.goal.sequence + 1, yaw_rad=yaw_rad
+    )
 
 
 def _limit(flight: FlightContext, view: FlightView, limit_s: float) -> None:

@@ -1,8 +1,8 @@
 """The flight as a table: (step, event) -> (step, request to PX4), with predicates. Pure data.
 
-Of the rows of a step and an event, in their order, the first counts whose predicate holds. An event without a row
-changes nothing, and an order without a row is refused. Nothing counts as armed, in OFFBOARD, landed or disarmed before
-PX4 says so. docs/flight.md is printed from here.
+Of the rows of a step and an event, in their order, the first counts whose predicate holds. An event
+without a row changes nothing, and an order without a row is refused. Nothing counts as armed, in
+OFFBOARD, landed or disarmed before PX4 says so. docs/flight.md is printed from here.
 """
 
 from __future__ import annotations
@@ -33,7 +33,8 @@ class Row(NamedTuple):
     event: E
     when: Predicate | None = None  # None: always
     to: S | None = None  # None: the step goes on; the same step: it begins anew
-    request: Command | None = None  # to PX4: at once when a step begins, else repeated until PX4 has obeyed
+    # to PX4: at once when a step begins, else repeated until PX4 has obeyed
+    request: Command | None = None
     effect: Effect | None = None  # sets the goal of what begins
     reason: Text | None = None  # shown beside the state; None: as it was
     ends: tuple[OrderOutcome, Text] | None = None  # end of the order in progress
@@ -48,7 +49,15 @@ _CAN_FOLLOW = (S.LEG, S.ARRIVED, S.HOLDING)
 _DOWN = (S.DESCENT, S.CONTACT)
 _BLIND = (S.COASTING, S.SINKING)
 _SILENT = (S.FAILED, S.FAILED_DISARMING, S.KILLING)
-_DISARMABLE = (*_START, *_ARMED, S.DISARMING, S.DISARMED, S.FAILSAFE_DISARMING, S.CONTACT, S.PX4_LANDING)
+_DISARMABLE = (
+    *_START,
+    *_ARMED,
+    S.DISARMING,
+    S.DISARMED,
+    S.FAILSAFE_DISARMING,
+    S.CONTACT,
+    S.PX4_LANDING,
+)
 _NO_OFFBOARD = f"PX4 did not enter OFFBOARD within {p.CONFIRM_TIMEOUT_S:.0f} s"
 
 ORDERS = (
@@ -61,18 +70,28 @@ ORDERS = (
     Row(_FREE, E.HOLD, to=S.HOLDING, effect=effects.stop_here, reason="ordered"),
     # an agent that found its vehicle in the air, or lost it, flies it again from PX4's hold
     Row(_SILENT, E.HOLD, to=S.TAKEOVER, effect=effects.take_over, reason=S.TAKEOVER.text),
-    # a start is stopped by any of the three orders: until PX4 confirms that it is armed by disarming, then by landing
+    # a start is stopped by any of the three orders: until PX4 confirms that it is armed by
+    # disarming, then by landing
     Row((S.LIFTOFF,), E.HOLD, to=S.DESCENT, effect=effects.descend, reason="ordered"),
     Row(_ARMED, E.LAND, p.px4_is_armed, S.DISARMING, Disarm(), reason=""),
     Row(_ARMED, E.LAND, to=S.DISARMED, request=Disarm(), reason=""),
     Row(_STARTING, E.HOLD, p.px4_is_armed, S.DISARMING, Disarm(), reason=""),
     Row(_STARTING, E.HOLD, to=S.DISARMED, request=Disarm(), reason=""),
-    Row((S.LIFTOFF, *_FREE, *_DOWN), E.LAND, to=S.DESCENT, effect=effects.descend, reason="ordered"),
+    Row(
+        (S.LIFTOFF, *_FREE, *_DOWN), E.LAND, to=S.DESCENT, effect=effects.descend, reason="ordered"
+    ),
     Row((S.COASTING,), E.LAND, to=S.SINKING, reason="ordered"),
     Row((S.SINKING, S.PX4_LANDING), E.LAND),  # what lands already, lands
     Row(_SILENT, E.LAND, to=S.PX4_LANDING, request=Px4Land(), reason="ordered"),
     # without thrust first, so that it stands even if PX4 has seen it lift off meanwhile
-    Row((S.LIFTOFF,), E.DISARM, to=S.CONTACT, request=Disarm(), effect=effects.expect_contact, reason="ordered"),
+    Row(
+        (S.LIFTOFF,),
+        E.DISARM,
+        to=S.CONTACT,
+        request=Disarm(),
+        effect=effects.expect_contact,
+        reason="ordered",
+    ),
     Row(_DISARMABLE, E.DISARM, p.px4_is_armed, S.DISARMING, Disarm(), reason=""),
     Row(_DISARMABLE, E.DISARM, to=S.DISARMED, request=Disarm(), reason=""),
     Row(_SILENT, E.DISARM, to=S.FAILED_DISARMING, request=Disarm()),
@@ -93,7 +112,8 @@ FAILSAFES = (
     Row((S.PATH,), E.FAILSAFE_SLOW, effect=effects.slow_path),
     Row((S.ARRIVED,), E.FAILSAFE_HOLD, p.at_goal, S.HOLDING, reason=CAUSE),
     Row((S.CLIMB, S.LEG, S.PATH, S.ARRIVED), E.FAILSAFE_HOLD, to=S.HOLDING, effect=effects.stop_here, reason=CAUSE),
-    Row((S.COASTING,), E.FAILSAFE_HOLD, p.has_order, S.COASTING, reason=CAUSE),  # and holds when it sees again
+    # and holds when it sees again
+    Row((S.COASTING,), E.FAILSAFE_HOLD, p.has_order, S.COASTING, reason=CAUSE),
     Row((S.LIFTOFF, *_FREE), E.FAILSAFE_LAND, to=S.DESCENT, effect=effects.descend, reason=CAUSE),
     Row((S.COASTING,), E.FAILSAFE_LAND, to=S.SINKING, reason=CAUSE),
     Row((S.ARM_ARMING, S.TAKEOFF_ARMING, S.ARMED, S.LIFTOFF, *_FREE, *_BLIND, *_DOWN), E.FAILSAFE_PX4_LAND,
@@ -104,8 +124,17 @@ FAILSAFES = (
 )  # fmt: skip
 
 BLIND = (
-    Row((S.CLIMB, S.LEG, S.ARRIVED, S.HOLDING), E.TICK, p.is_blind, S.COASTING, effect=effects.sink),
-    Row((S.PATH,), E.TICK, p.is_blind, S.COASTING, effect=effects.sink, ends=("failed", sentences.NO_POSE)),
+    Row(
+        (S.CLIMB, S.LEG, S.ARRIVED, S.HOLDING), E.TICK, p.is_blind, S.COASTING, effect=effects.sink
+    ),
+    Row(
+        (S.PATH,),
+        E.TICK,
+        p.is_blind,
+        S.COASTING,
+        effect=effects.sink,
+        ends=("failed", sentences.NO_POSE),
+    ),
     Row((S.LIFTOFF, S.DESCENT), E.TICK, p.is_blind, S.SINKING, effect=effects.sink),
     Row((S.COASTING,), E.TICK, p.sees_again_on_leg, S.LEG, effect=effects.resume),
     Row((S.COASTING,), E.TICK, p.sees_again_in_climb, S.CLIMB, effect=effects.resume),

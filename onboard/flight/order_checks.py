@@ -35,7 +35,10 @@ class OrderFacts(NamedTuple):
 
 
 def refusal(order: Order, flight: FlightContext, facts: OrderFacts) -> str | None:
-    """Return the reason why ``order`` cannot be begun, or None. Kill is never refused, not even when it is late."""
+    """Return the reason why ``order`` cannot be begun, or None.
+
+    Kill is never refused, not even when it is late.
+    """
     if order.kind == "kill":
         return None
     late = late_sentence(order, facts.view.now_ns)
@@ -48,7 +51,9 @@ def refusal(order: Order, flight: FlightContext, facts: OrderFacts) -> str | Non
     if order.kind == "load_path":
         return path_flight.part_refusal(flight.path, order.path, flight.vehicle, facts.fleet)
     if order.kind == "hold" and flight.state == "failed":
-        return takeover.refusal(facts.view, facts.not_ready_in_air(), facts.distances_m, facts.fleet)
+        return takeover.refusal(
+            facts.view, facts.not_ready_in_air(), facts.distances_m, facts.fleet
+        )
     if not accepts(flight.step, order.kind):
         return _wrong_step(order, flight)
     if order.kind == "disarm" and flight.step in _MAY_BE_UP and not facts.view.is_on_ground:
@@ -61,8 +66,17 @@ def refusal(order: Order, flight: FlightContext, facts: OrderFacts) -> str | Non
 
 
 _IN_AIR = "The vehicle is in the air: order land, or kill if it must fall."
-_NOT_ON_GROUND = "PX4 does not say that the vehicle is on the ground: order land, or kill if it must fall."
-_MAY_BE_UP = {Step.LIFTOFF, Step.CONTACT, Step.PX4_LANDING, Step.FAILED, Step.FAILED_DISARMING, Step.KILLING}
+_NOT_ON_GROUND = (
+    "PX4 does not say that the vehicle is on the ground: order land, or kill if it must fall."
+)
+_MAY_BE_UP = {
+    Step.LIFTOFF,
+    Step.CONTACT,
+    Step.PX4_LANDING,
+    Step.FAILED,
+    Step.FAILED_DISARMING,
+    Step.KILLING,
+}
 
 
 def _wrong_step(order: Order, flight: FlightContext) -> str:
@@ -140,7 +154,8 @@ def _move(order: Order, facts: OrderFacts) -> str | None:
     if not limits.geofence_m.contains(goal) or goal[2] < limits.geofence_m.z[0] + _LOWEST_GOAL_M:
         return f"Goal {text} lies outside the geofence, or less than {_LOWEST_GOAL_M} m above its floor."
     for name, other in facts.others.items():
-        # A flying neighbour may just have been ordered elsewhere; one on the ground, or landing, stays where it is.
+        # A flying neighbour may just have been ordered elsewhere; one on the ground, or landing,
+        # stays where it is.
         if other.is_airborne and other.state != "landing":
             continue
         x, y, z = other.position_enu_m

@@ -1,8 +1,10 @@
-"""A path that is followed: its parts as they come, its clock, which all that fly the show share, and the own lag.
+"""A path that is followed: its parts as they come, its clock, which all that fly the show share,
+and the own lag.
 
-Every vehicle integrates the clock by itself, so that a show goes on without the ground. Whoever falls behind asks for
-time; then all clocks run at half the rate. A clock that is ahead of the slowest one waits for it. A vehicle gets
-PATIENCE_S of time; when that is used up and it is still behind, it leaves the show.
+Every vehicle integrates the clock by itself, so that a show goes on without the ground. Whoever
+falls behind asks for time; then all clocks run at half the rate. A clock that is ahead of the
+slowest one waits for it. A vehicle gets PATIENCE_S of time; when that is used up and it is still
+behind, it leaves the show.
 """
 
 from __future__ import annotations
@@ -21,7 +23,8 @@ from onboard.control.path import Path, PathPoint
 from onboard.types import Goal
 
 PATIENCE_S = 10.0
-BEHIND_M, CAUGHT_UP_M = 0.6, 0.3  # lag at which a vehicle asks for time, and at which it asks no more
+# lag at which a vehicle asks for time, and at which it asks no more
+BEHIND_M, CAUGHT_UP_M = 0.6, 0.3
 SLOWEST_RATE = 0.5
 START_WITHIN_S = 60.0
 AT_START_M = 0.5
@@ -89,8 +92,12 @@ class PathFlight:
         self.time_s, self.rate, self.used_s = -math.inf, 1.0, 0.0
         self.lag_m, self.is_lagging, self.slow_until_ns, self.compare_ns = 0.0, False, 0, 0
 
-    def advance(self, now_ns: int, dt_s: float, position_enu_m: Vec3, others: Sequence[OtherClock] | None) -> None:
-        """Move the clock on by one tick, measure the lag, and sometimes compare the clock with the others'."""
+    def advance(
+        self, now_ns: int, dt_s: float, position_enu_m: Vec3, others: Sequence[OtherClock] | None
+    ) -> None:
+        """Move the clock on by one tick, measure the lag, and sometimes compare the clock with the
+        others'.
+        """
         assert self.path is not None
         since_s = (now_ns - self.start_ns) * 1e-9
         if since_s <= 0.0 or not math.isfinite(self.time_s):
@@ -101,15 +108,21 @@ class PathFlight:
             step = _RATE_SLEW_1_S * dt_s
             self.rate += min(max(self.target_rate - self.rate, -step), step)
             self.time_s += self.rate * dt_s
-        self.lag_m = math.dist(paths.point_at(self.path, self.time_s).position_enu_m, position_enu_m)
+        self.lag_m = math.dist(
+            paths.point_at(self.path, self.time_s).position_enu_m, position_enu_m
+        )
         self.is_lagging = self.lag_m > (CAUGHT_UP_M if self.is_lagging else BEHIND_M)
         if self.slow_until_ns < now_ns:
             self.slow_until_ns = 0
-        used_s = self.used_s + dt_s if self.is_behind or self.is_lost else self.used_s - _RECOVERY * dt_s
+        used_s = (
+            self.used_s + dt_s if self.is_behind or self.is_lost else self.used_s - _RECOVERY * dt_s
+        )
         self.used_s = max(used_s, 0.0)
 
     def goal(self, sequence: int, lead_s: float) -> Goal:
-        """Return the motion of the path ``lead_s`` ahead, the time at which a command given now acts."""
+        """Return the motion of the path ``lead_s`` ahead, the time at which a command given now
+        acts.
+        """
         assert self.path is not None
         point: PathPoint = paths.point_at(self.path, self.time_s + self.rate * lead_s)
         return Goal(
@@ -127,15 +140,26 @@ class PathFlight:
 def other_clocks(telemetries: Iterable[Telemetry], show_id: str, now_ns: int) -> list[OtherClock]:
     """Return the clocks of the others that fly the same show and have been heard lately."""
     return [
-        OtherClock(one.path_time_s + one.path_rate_frac * (now_ns - one.stamp_ns) * 1e-9, one.is_behind)
+        OtherClock(
+            one.path_time_s + one.path_rate_frac * (now_ns - one.stamp_ns) * 1e-9, one.is_behind
+        )
         for one in telemetries
-        if one.show_id == show_id and now_ns - one.stamp_ns < _HEARD_NS and math.isfinite(one.path_time_s)
+        if one.show_id == show_id
+        and now_ns - one.stamp_ns < _HEARD_NS
+        and math.isfinite(one.path_time_s)
     ]
 
 
-def part_refusal(flight: PathFlight, order: PathOrder | None, vehicle: Vehicle, fleet: FleetConfig) -> str | None:
-    """Return the reason why a part of a path cannot be taken; the last part has the whole path checked."""
-    if order is None or not 0 <= order.part < order.parts <= 1 + paths.MOST_BYTES // paths.PART_BYTES:
+def part_refusal(
+    flight: PathFlight, order: PathOrder | None, vehicle: Vehicle, fleet: FleetConfig
+) -> str | None:
+    """Return the reason why a part of a path cannot be taken; the last part has the whole path
+    checked.
+    """
+    if (
+        order is None
+        or not 0 <= order.part < order.parts <= 1 + paths.MOST_BYTES // paths.PART_BYTES
+    ):
         return "An order to load a path needs one of its parts: see PathOrder in onboard/bus/schema.py."
     if flight.show_id:
         return "The vehicle follows a path now: order hold before another one is loaded."
@@ -151,7 +175,9 @@ def part_refusal(flight: PathFlight, order: PathOrder | None, vehicle: Vehicle, 
         return str(error)
 
 
-def start_refusal(flight: PathFlight, order: PathOrder | None, now_ns: int, position_enu_m: Vec3) -> str | None:
+def start_refusal(
+    flight: PathFlight, order: PathOrder | None, now_ns: int, position_enu_m: Vec3
+) -> str | None:
     """Return the reason why the loaded path cannot be followed from the ordered instant."""
     if order is None or not order.show_id:
         return "An order to follow a path needs the path's id and the show's: see PathOrder in onboard/bus/schema.py."
@@ -159,7 +185,9 @@ def start_refusal(flight: PathFlight, order: PathOrder | None, now_ns: int, posi
         return "This path is not loaded: load it, all of its parts, before the start."
     wait_s = (order.start_ns - now_ns) * 1e-9
     if not 0.0 < wait_s < START_WITHIN_S:
-        return f"The show would begin in {wait_s:.1f} s: order it 0 to {START_WITHIN_S:.0f} s ahead."
+        return (
+            f"The show would begin in {wait_s:.1f} s: order it 0 to {START_WITHIN_S:.0f} s ahead."
+        )
     away_m = math.dist(paths.point_at(flight.path, 0.0).position_enu_m, position_enu_m)
     if away_m > AT_START_M:
         return f"The vehicle is {away_m:.2f} m from the begin of its path: move it there, to {AT_START_M:g} m."

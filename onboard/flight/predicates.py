@@ -33,12 +33,16 @@ def _is_confirmed(flight: FlightContext, view: FlightView) -> bool:
     return view.snapshot.heartbeat_ns > flight.step_ns
 
 
-# -- what PX4 confirms -------------------------------------------------------------------------------------------------
+# -- what PX4 confirms -----------------------------------------------------------------------------
 
 
 def px4_confirms_offboard(flight: FlightContext, view: FlightView) -> bool:
     """Whether a heartbeat since the step began says OFFBOARD."""
-    return view.snapshot.is_offboard and _is_confirmed(flight, view) and flight.seconds(view) > _LEAST_OFFBOARD_S
+    return (
+        view.snapshot.is_offboard
+        and _is_confirmed(flight, view)
+        and flight.seconds(view) > _LEAST_OFFBOARD_S
+    )
 
 
 def px4_confirms_armed(flight: FlightContext, view: FlightView) -> bool:
@@ -52,7 +56,8 @@ def px4_confirms_disarmed(flight: FlightContext, view: FlightView) -> bool:
 
 
 def px4_stays_disarmed(flight: FlightContext, view: FlightView) -> bool:
-    """Whether a heartbeat says disarmed that is later than any effect of an older request to arm."""
+    """Whether a heartbeat says disarmed that is later than any effect of an older request to arm.
+    """
     later_ns = view.snapshot.heartbeat_ns - flight.step_ns
     return not view.snapshot.is_armed and later_ns > 1e9 * _ARM_ON_ITS_WAY_S
 
@@ -92,7 +97,7 @@ def px4_flies_without_agent(flight: FlightContext, view: FlightView) -> bool:
     return view.snapshot.is_armed and not view.was_on_ground and flight.order is None
 
 
-# -- take-off, move, hold ----------------------------------------------------------------------------------------------
+# -- take-off, move, hold --------------------------------------------------------------------------
 
 
 def lifted_off(flight: FlightContext, view: FlightView) -> bool:
@@ -160,19 +165,26 @@ def not_slowed_yet(flight: FlightContext, view: FlightView) -> bool:
     return not flight.is_slow
 
 
-# -- landing -----------------------------------------------------------------------------------------------------------
+# -- landing ---------------------------------------------------------------------------------------
 
 
 def touched_down(flight: FlightContext, view: FlightView) -> bool:
     """Whether several signs have agreed for a moment that it stands on the ground."""
     is_late = flight.seconds(view) > flight.goal.duration_s + _LATE_DESCENT_S
-    return contact.is_agreed(flight.contact, view, flight.ground_z_m, is_late) and flight.seconds(view) > _BEGUN_S
+    return (
+        contact.is_agreed(flight.contact, view, flight.ground_z_m, is_late)
+        and flight.seconds(view) > _BEGUN_S
+    )
 
 
 def touched_down_blind(flight: FlightContext, view: FlightView) -> bool:
-    """Whether it has been at the ground for a moment, as far as dead reckoning can tell, or PX4's motion says so."""
+    """Whether it has been at the ground for a moment, as far as dead reckoning can tell, or PX4's
+    motion says so.
+    """
     is_stopped = contact.is_agreed_blind(flight.contact, view, flight.ground_z_m)
-    return flight.steady_s(view) > _BLIND_CONTACT_S or (is_stopped and flight.seconds(view) > _BLIND_BEGUN_S)
+    return flight.steady_s(view) > _BLIND_CONTACT_S or (
+        is_stopped and flight.seconds(view) > _BLIND_BEGUN_S
+    )
 
 
 def is_blind(flight: FlightContext, view: FlightView) -> bool:
@@ -207,25 +219,38 @@ def falls(flight: FlightContext, view: FlightView) -> bool:
 
 
 def is_kept_off(flight: FlightContext, view: FlightView) -> bool:
-    """Whether others keep it from the place below which it wanted to land: it has stood still beside it."""
+    """Whether others keep it from the place below which it wanted to land: it has stood still
+    beside it.
+    """
     return flight.steady_s(view) > _KEPT_OFF_S
 
 
 def floor_is_lower(flight: FlightContext, view: FlightView) -> bool:
-    """Whether the descent is over and the ground is not reached: it is lower here than at the take-off."""
+    """Whether the descent is over and the ground is not reached: it is lower here than at the
+    take-off.
+    """
     is_high = view.position_enu_m[2] - flight.ground_z_m > _CONTACT_HEIGHT_M
     return is_high and flight.seconds(view) > flight.goal.duration_s + _LOWER_FLOOR_S
 
 
 def landed_by_order(flight: FlightContext, view: FlightView) -> bool:
-    """Whether PX4 confirms the end of a landing that an operator ordered; so do a hold and a disarm during lift-off."""
+    """Whether PX4 confirms the end of a landing that an operator ordered; so do a hold and a disarm
+    during lift-off.
+    """
     order = flight.order
-    return landed(flight, view) and order is not None and (order.then_land or order.kind in ("land", "hold", "disarm"))
+    return (
+        landed(flight, view)
+        and order is not None
+        and (order.then_land or order.kind in ("land", "hold", "disarm"))
+    )
 
 
 def landed(flight: FlightContext, view: FlightView) -> bool:
-    """Whether PX4 confirms that it is disarmed on the ground; where it tells no landed state, that it is disarmed."""
-    is_down = view.was_on_ground or not view.has_landed_report  # it disarms by itself or by order on the ground only
+    """Whether PX4 confirms that it is disarmed on the ground; where it tells no landed state, that
+    it is disarmed.
+    """
+    # it disarms by itself or by order on the ground only
+    is_down = view.was_on_ground or not view.has_landed_report
     return is_down and px4_confirms_disarmed(flight, view)
 
 
@@ -250,7 +275,7 @@ def px4_landing_late(flight: FlightContext, view: FlightView) -> bool:
     return flight.seconds(view) > _PX4_LANDING_TIMEOUT_S + left_m / _PX4_SINKS_M_S
 
 
-# -- what must last ----------------------------------------------------------------------------------------------------
+# -- what must last --------------------------------------------------------------------------------
 
 
 def is_steady(flight: FlightContext, view: FlightView) -> bool:
@@ -259,11 +284,15 @@ def is_steady(flight: FlightContext, view: FlightView) -> bool:
     if step is Step.PATH and flight.path.left_s > 0.0:
         return False
     if step in (Step.CLIMB, Step.LEG, Step.PATH):
-        return at_goal(flight, view) and (step is not Step.LEG or has_turned(view, flight.goal.yaw_rad))
+        return at_goal(flight, view) and (
+            step is not Step.LEG or has_turned(view, flight.goal.yaw_rad)
+        )
     if step is Step.DESCENT:
         (x, y, _), (goal_x, goal_y, _) = view.position_enu_m, flight.goal_position_enu_m
         is_beside = math.hypot(goal_x - x, goal_y - y) > _KEPT_OFF_M
-        return is_beside and is_at_rest(view, flight.vehicle) and view.velocity_enu_m_s[2] > _SINKS_M_S
+        return (
+            is_beside and is_at_rest(view, flight.vehicle) and view.velocity_enu_m_s[2] > _SINKS_M_S
+        )
     if step in (Step.COASTING, Step.SINKING):
         return view.position_enu_m[2] - flight.ground_z_m < _BLIND_CONTACT_M
     return step is Step.HOLDING and is_at_rest(view, flight.vehicle)

@@ -8,12 +8,18 @@ from onboard.flight.path_flight import PATIENCE_S
 from onboard.flight.predicates import CONFIRM_TIMEOUT_S
 from onboard.flight.types import FlightView
 
-LOCATED = "The tune was sent to PX4, which does not confirm it: listen, or look at the row that blinks."
-FLIES_WITHOUT_AGENT = "PX4 flies without this agent: order land or kill; or order hold, to take over from PX4's hold."
+LOCATED = (
+    "The tune was sent to PX4, which does not confirm it: listen, or look at the row that blinks."
+)
+FLIES_WITHOUT_AGENT = (
+    "PX4 flies without this agent: order land or kill; or order hold, to take over from PX4's hold."
+)
 DISARMED = "PX4 is disarmed."
 NO_POSE = "Its position is not known any more, so it left the path."
 LANDED = "Landed and disarmed."
-NO_LIFTOFF = "The vehicle did not leave the ground: check propellers, battery and hover_thrust_frac."
+NO_LIFTOFF = (
+    "The vehicle did not leave the ground: check propellers, battery and hover_thrust_frac."
+)
 
 
 def killed(flight: FlightContext, view: FlightView) -> str:
@@ -33,7 +39,9 @@ def killed_in_the_air(flight: FlightContext, view: FlightView) -> str:
 
 def still_armed(flight: FlightContext, view: FlightView) -> str:
     """Return the reason why an order to disarm or to kill has not been confirmed."""
-    sentence = "PX4 is still armed" if view.snapshot.is_armed else "PX4 has not said that it is disarmed"
+    sentence = (
+        "PX4 is still armed" if view.snapshot.is_armed else "PX4 has not said that it is disarmed"
+    )
     return f"{sentence}. {view.snapshot.status_text}".strip()
 
 

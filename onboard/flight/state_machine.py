@@ -1,7 +1,8 @@
-"""The state machine of a flight: applies the rows of :mod:`onboard.flight.flight_table`, and alone writes the step.
+"""The state machine of a flight: applies the rows of :mod:`onboard.flight.flight_table`, and alone
+writes the step.
 
-Orders and failsafes begin something; :func:`advance` moves on by what telemetry and estimate say at a tick. Commands
-and events collect in the context.
+Orders and failsafes begin something; :func:`advance` moves on by what telemetry and estimate say at
+a tick. Commands and events collect in the context.
 """
 
 from __future__ import annotations
@@ -16,7 +17,8 @@ from onboard.flight.types import FlightEvent, FlightView, Step
 from onboard.safety.failsafe_table import Action
 
 _REPEAT_NS = 1_200_000_000  # PX4 may have missed a request, or have refused it for now
-_STILL_CLIMBING_S = 1.0  # what it still rises when a landing begins is no sign that it does not come down
+# what it still rises when a landing begins is no sign that it does not come down
+_STILL_CLIMBING_S = 1.0
 _EVENT_OF_ORDER = {event.value.removeprefix("order "): event for event in FlightEvent}
 _EVENT_OF_ACTION = {
     Action.SLOW: FlightEvent.FAILSAFE_SLOW,
@@ -35,7 +37,9 @@ def accepts(step: Step, order_kind: str) -> bool:
 
 
 def begin_order(flight: FlightContext, view: FlightView, order: Order) -> None:
-    """Begin an order that :mod:`onboard.flight.order_checks` has not refused; it ends the one in progress."""
+    """Begin an order that :mod:`onboard.flight.order_checks` has not refused; it ends the one in
+    progress.
+    """
     row = _match(flight, view, _EVENT_OF_ORDER[order.kind])
     if row is not None:
         _finish(flight, view, "superseded", f"Ended by order {order.kind} of {order.author}.")
@@ -54,11 +58,22 @@ def load_path(flight: FlightContext, view: FlightView, order: Order) -> None:
     """Take a part of a path; whatever the vehicle does goes on."""
     assert order.path is not None
     flight.path.load(order.path)
-    flight.say(view, "debug", "path", f"Part {order.path.part + 1} of {order.path.parts}.", order.order_id, "done")
+    flight.say(
+        view,
+        "debug",
+        "path",
+        f"Part {order.path.part + 1} of {order.path.parts}.",
+        order.order_id,
+        "done",
+    )
 
 
 def begin_failsafe(
-    flight: FlightContext, view: FlightView, action: Action, cause: str, outcome: OrderOutcome = "failed"
+    flight: FlightContext,
+    view: FlightView,
+    action: Action,
+    cause: str,
+    outcome: OrderOutcome = "failed",
 ) -> None:
     """Take an action of the failsafe table, if it asks for more than is done already.
 
@@ -114,10 +129,17 @@ def _apply(flight: FlightContext, view: FlightView, row: Row, cause: str = "") -
     if row.to is not None:
         if flight.step is Step.PATH and row.to is not Step.PATH:
             flight.path.show_id = ""  # the others do not wait for it any more
-        flight.step, flight.step_ns, flight.steady_ns, flight.request_ns = row.to, view.now_ns, view.now_ns, 0
+        flight.step, flight.step_ns, flight.steady_ns, flight.request_ns = (
+            row.to,
+            view.now_ns,
+            view.now_ns,
+            0,
+        )
     if row.effect is not None:
         row.effect(flight, view)
-    if row.request is not None and (row.to is not None or view.now_ns - flight.request_ns > _REPEAT_NS):
+    if row.request is not None and (
+        row.to is not None or view.now_ns - flight.request_ns > _REPEAT_NS
+    ):
         flight.request_ns = view.now_ns
         flight.commands.append(row.request)
 

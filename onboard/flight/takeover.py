@@ -1,7 +1,9 @@
-"""Refusals of a takeover: an agent flies a vehicle that it found in the air, or lost, from PX4's hold only. Pure.
+"""Refusals of a takeover: an agent flies a vehicle that it found in the air, or lost, from PX4's
+hold only. Pure.
 
-Until then it sends nothing: it has not seen how the vehicle got there, and two hands on one vehicle are worse than
-PX4's own hold, which a pilot can end. The order to hold asks for it; the flight then goes on from where it stands.
+Until then it sends nothing: it has not seen how the vehicle got there, and two hands on one vehicle
+are worse than PX4's own hold, which a pilot can end. The order to hold asks for it; the flight then
+goes on from where it stands.
 """
 
 from __future__ import annotations
@@ -14,7 +16,8 @@ from onboard.config.fleet import FleetConfig
 from onboard.flight.types import FlightView
 
 HOLD = "HOLD"
-# rules of the preflight page that hold in the air as well; the others are about standing on the ground
+# rules of the preflight page that hold in the air as well; the others are about standing on the
+# ground
 RULES = (
     "px4",
     "link",
@@ -32,7 +35,10 @@ MOVING_M_S = 0.5
 
 
 def refusal(
-    view: FlightView, not_ready: tuple[str, ...], distances_m: Mapping[str, float], fleet: FleetConfig
+    view: FlightView,
+    not_ready: tuple[str, ...],
+    distances_m: Mapping[str, float],
+    fleet: FleetConfig,
 ) -> str | None:
     """Return the reason why the vehicle cannot be taken over now, or None.
 
@@ -51,7 +57,9 @@ def refusal(
     if not_ready:
         return not_ready[0]
     if not view.has_position or not fleet.fleet.geofence_m.contains(view.position_enu_m):
-        return "Its position is not known, or lies outside the geofence: land it with the transmitter."
+        return (
+            "Its position is not known, or lies outside the geofence: land it with the transmitter."
+        )
     if speed_m_s > MOVING_M_S:
         return f"It still moves at {speed_m_s:.1f} m/s: wait until PX4's hold has stopped it."
     for name, distance_m in distances_m.items():

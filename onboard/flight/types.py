@@ -20,8 +20,8 @@ _LANDED_FRESH_NS = 1_500_000_000  # PX4 reports it 5 to 10 times a second
 class Step(Enum):
     """Steps of a flight.
 
-    The columns: state and text for people, situation for failsafes, phase for the pipeline, and whether setpoints leave
-    at every tick.
+    The columns: state and text for people, situation for failsafes, phase for the pipeline, and
+    whether setpoints leave at every tick.
     """
 
     __hash__ = object.__hash__  # Enum's own costs a call of Python for each look-up
@@ -53,7 +53,9 @@ class Step(Enum):
     FAILED_DISARMING = "failed", "waiting to be disarmed", Situation.SILENT, Phase.GROUND, False
     KILLING = "failed", "waiting for the motors to stop", Situation.SILENT, Phase.GROUND, False
 
-    def __init__(self, state: AgentState, text: str, situation: Situation, phase: Phase, is_streaming: bool) -> None:
+    def __init__(
+        self, state: AgentState, text: str, situation: Situation, phase: Phase, is_streaming: bool
+    ) -> None:
         self.state = state
         self.text = text
         self.situation = situation
@@ -62,7 +64,9 @@ class Step(Enum):
 
 
 class FlightEvent(Enum):
-    """Causes of a change: an order, a failsafe's action, the preflight check, or what a tick observes."""
+    """Causes of a change: an order, a failsafe's action, the preflight check, or what a tick
+    observes.
+    """
 
     __hash__ = object.__hash__
 
@@ -94,7 +98,8 @@ class FlightView(Struct, frozen=True):
     has_position: bool
     snapshot: Snapshot
     thrust_share: float = 1.0  # thrust sent last over the thrust that carries the vehicle
-    other_clocks: tuple[OtherClock, ...] | None = None  # of those that fly the same show; None: not compared now
+    # of those that fly the same show; None: not compared now
+    other_clocks: tuple[OtherClock, ...] | None = None
     period_s: float = TICK_S  # since the last tick
     is_blind: bool = False  # position and velocity come from dead reckoning
     yaw_rad: float = math.nan  # heading, counterclockwise from east; NaN: not known

@@ -1,8 +1,10 @@
-"""Dead reckoning of the own motion while no pose comes, by attitude and throttle; the height follows PX4's.
+"""Dead reckoning of the own motion while no pose comes, by attitude and throttle; the height
+follows PX4's.
 
-PX4's horizontal estimate is worth less: real ones were wrong by 1 to 2.3 m three to four seconds after their last pose,
-this by a tenth of a metre per second. What attitude and throttle do not explain (the bias) is taken as its mean over
-the last seconds: its newest value, up to 1.3 m/s^2 by noise, cost 1.5 m/s after two seconds.
+PX4's horizontal estimate is worth less: real ones were wrong by 1 to 2.3 m three to four seconds
+after their last pose, this by a tenth of a metre per second. What attitude and throttle do not
+explain (the bias) is taken as its mean over the last seconds: its newest value, up to 1.3 m/s^2 by
+noise, cost 1.5 m/s after two seconds.
 """
 
 from __future__ import annotations
@@ -23,13 +25,15 @@ class DeadReckoning:
     """Memory of one vehicle; :meth:`step` after the samples of each tick."""
 
     is_on: bool = False  # no sample for so long that the estimate rests on dead reckoning
-    # of position [m] and velocity [m/s] at the last sample. What is told stays there: grown with the time it made the
-    # law command 10 m/s^2, which did more harm than the error
+    # of position [m] and velocity [m/s] at the last sample. What is told stays there: grown with
+    # the time it made the law command 10 m/s^2, which did more harm than the error
     std: tuple[float, float] = (0.0, 0.0)
     _mean_bias_m_s2: Vec3 = ZERO_3
     _age_s: float = math.inf  # of the newest sample at the last tick
 
-    def step(self, memory: KalmanMemory, height_m: float | None, dt_s: float, is_on_ground: bool) -> KalmanMemory:
+    def step(
+        self, memory: KalmanMemory, height_m: float | None, dt_s: float, is_on_ground: bool
+    ) -> KalmanMemory:
         """Return the filter's memory, without samples for long as dead reckoning has it.
 
         Args:
@@ -58,5 +62,7 @@ class DeadReckoning:
             position = Vec3(position.x, position.y, position.z + 2.0 * lift_m)
             velocity = Vec3(velocity.x, velocity.y, velocity.z + _HEIGHT_RAD_S * lift_m)
         return memory._replace(
-            position_enu_m=position, velocity_enu_m_s=ZERO_3 if is_on_ground else velocity, bias_enu_m_s2=mean
+            position_enu_m=position,
+            velocity_enu_m_s=ZERO_3 if is_on_ground else velocity,
+            bias_enu_m_s2=mean,
         )

@@ -1,13 +1,14 @@
 """PX4's local frame in the fleet's, for vehicles that fly without a mocap.
 
-Each PX4 has an origin of its own: where its estimator started. Outdoors PX4 sends the position of that origin on Earth,
-and the fleet file gives the position of the fleet's; the difference is the horizontal offset. Heights are measured from
-the ground under the vehicle, since satellite heights differ by metres. Without a global origin, the first take-off spot
-is taken to be that of the fleet file.
+Each PX4 has an origin of its own: where its estimator started. Outdoors PX4 sends the position of
+that origin on Earth, and the fleet file gives the position of the fleet's; the difference is the
+horizontal offset. Heights are measured from the ground under the vehicle, since satellite heights
+differ by metres. Without a global origin, the first take-off spot is taken to be that of the fleet
+file.
 
-PX4's estimate may jump ("reset"). In the air the offset absorbs a jump, so that nothing downstream notices it. A
-horizontal jump is given back slowly where a global origin shows the right offset; a jump in height is absorbed for
-good, because the ground was measured before it.
+PX4's estimate may jump ("reset"). In the air the offset absorbs a jump, so that nothing downstream
+notices it. A horizontal jump is given back slowly where a global origin shows the right offset; a
+jump in height is absorbed for good, because the ground was measured before it.
 """
 
 from __future__ import annotations
@@ -36,8 +37,13 @@ class LocalFrame:
     _has_flown: bool = False
 
     def take(self, snapshot: Snapshot) -> Vec3 | None:
-        """Return the newest local position in the fleet frame; None while the local frame's offset is not known."""
-        local, velocity = enu_from_ned(snapshot.position_local_ned_m), enu_from_ned(snapshot.velocity_local_ned_m_s)
+        """Return the newest local position in the fleet frame; None while the local frame's offset
+        is not known.
+        """
+        local, velocity = (
+            enu_from_ned(snapshot.position_local_ned_m),
+            enu_from_ned(snapshot.velocity_local_ned_m_s),
+        )
         now_ns = snapshot.local_position_ns
         last, self._last = self._last, (now_ns, local, velocity)
         anchored = self._anchored_m(local, snapshot)
@@ -45,7 +51,9 @@ class LocalFrame:
         self._has_flown = self._has_flown or snapshot.is_armed
         if anchored is None:
             return None
-        if self._offset_enu_m is None or (is_parked and (self.origin is not None or not self._has_flown)):
+        if self._offset_enu_m is None or (
+            is_parked and (self.origin is not None or not self._has_flown)
+        ):
             self._offset_enu_m = anchored
         elif is_parked:
             self._offset_enu_m = (self._offset_enu_m[0], self._offset_enu_m[1], anchored[2])
@@ -64,7 +72,9 @@ class LocalFrame:
         east_m, north_m = _east_north_m(self.origin, snapshot.global_origin)
         return east_m, north_m, z
 
-    def _absorb(self, last: tuple[int, Vec3, Vec3], local: Vec3, anchored: Vec3, now_ns: int) -> None:
+    def _absorb(
+        self, last: tuple[int, Vec3, Vec3], local: Vec3, anchored: Vec3, now_ns: int
+    ) -> None:
         assert self._offset_enu_m is not None
         last_ns, before, velocity = last
         dt_s = (now_ns - last_ns) * 1e-9
@@ -81,7 +91,8 @@ class LocalFrame:
 
 
 def _east_north_m(origin: Origin, position: Vec3) -> tuple[float, float]:
-    """Return east and north [m] of a position (latitude deg, longitude deg, altitude m) from the fleet's origin.
+    """Return east and north [m] of a position (latitude deg, longitude deg, altitude m) from the
+    fleet's origin.
 
     Azimuthal equidistant on PX4's sphere, the projection that PX4 uses for its local positions.
     """
@@ -91,5 +102,7 @@ def _east_north_m(origin: Origin, position: Vec3) -> tuple[float, float]:
     angle = math.acos(min(1.0, max(-1.0, cosine)))
     scale = _EARTH_RADIUS_M * (angle / math.sin(angle) if angle > 1e-7 else 1.0)
     east = scale * math.cos(there) * math.sin(turn)
-    north = scale * (math.cos(here) * math.sin(there) - math.sin(here) * math.cos(there) * math.cos(turn))
+    north = scale * (
+        math.cos(here) * math.sin(there) - math.sin(here) * math.cos(there) * math.cos(turn)
+    )
     return east, north

@@ -1,9 +1,11 @@
-"""Choice of the mocap poses that are sent to PX4's estimator, so that PX4's own hold and land work indoors. Pure.
+"""Choice of the mocap poses that are sent to PX4's estimator, so that PX4's own hold and land work
+indoors. Pure.
 
-Only believed poses are sent, 33 times a second, since PX4 follows any pose. When believed poses stop, nothing is sent,
-and PX4's estimator reports by itself that it has lost its position. When they come back, its estimate has drifted
-farther than its gate accepts: a new reset counter lets it restart at the pose. In the air the counter changes only near
-PX4's own position: at a pose that belongs to another body, PX4 would fly there.
+Only believed poses are sent, 33 times a second, since PX4 follows any pose. When believed poses
+stop, nothing is sent, and PX4's estimator reports by itself that it has lost its position. When
+they come back, its estimate has drifted farther than its gate accepts: a new reset counter lets it
+restart at the pose. In the air the counter changes only near PX4's own position: at a pose that
+belongs to another body, PX4 would fly there.
 """
 
 from __future__ import annotations
@@ -16,12 +18,14 @@ from onboard.bus.schema import MocapPose, Vec3
 from onboard.events import SendOdometry
 from onboard.frames import enu_from_ned
 
-# PX4 requires 30 to 50 Hz, and each message passes MAVSDK as text, which is slow. A tick may be early.
+# PX4 requires 30 to 50 Hz, and each message passes MAVSDK as text, which is slow. A tick may be
+# early.
 _PERIOD_NS, _EARLY_NS = 30_000_000, 6_000_000
 _GAP_NS = 300_000_000  # PX4 stops fusing after a second, but drifts a few decimetres before
 _STEP_M, _STEP_M_S = 0.2, 6.0  # a vehicle moves no farther than this between two samples
 _STD_M = 0.01
-# PX4 without a position drifts 0.5 to 1.3 m in six seconds; the limit excludes the position of another vehicle
+# PX4 without a position drifts 0.5 to 1.3 m in six seconds; the limit excludes the position of
+# another vehicle
 _NEAR_M, _DRIFT_M_S, _FAR_M = 0.3, 0.15, 0.7
 _FRESH_NS = 300_000_000
 
@@ -43,13 +47,22 @@ class OdometryForwarder:
                 return []
             gap_ns = pose.stamp_ns - self._stamp_ns
             reach_m = _STEP_M + _STEP_M_S * max(0, gap_ns) * 1e-9
-            if not 0 <= gap_ns <= _GAP_NS or math.dist(pose.position_enu_m, self._position_enu_m) > reach_m:
+            if (
+                not 0 <= gap_ns <= _GAP_NS
+                or math.dist(pose.position_enu_m, self._position_enu_m) > reach_m
+            ):
                 if not _may_restart(pose.position_enu_m, snapshot, now_ns, now_ns - self._sent_ns):
                     return []
                 self.resets = (self.resets + 1) % 256
-        self._sent_ns, self._stamp_ns, self._position_enu_m = now_ns, pose.stamp_ns, pose.position_enu_m
+        self._sent_ns, self._stamp_ns, self._position_enu_m = (
+            now_ns,
+            pose.stamp_ns,
+            pose.position_enu_m,
+        )
         self._due_ns = max(self._due_ns, now_ns - _PERIOD_NS) + _PERIOD_NS
-        return [SendOdometry(pose.position_enu_m, pose.quaternion_enu_flu_wxyz, _STD_M, self.resets)]
+        return [
+            SendOdometry(pose.position_enu_m, pose.quaternion_enu_flu_wxyz, _STD_M, self.resets)
+        ]
 
 
 def _may_restart(position_enu_m: Vec3, snapshot: Snapshot, now_ns: int, gap_ns: int) -> bool:
@@ -57,6 +70,7 @@ def _may_restart(position_enu_m: Vec3, snapshot: Snapshot, now_ns: int, gap_ns: 
         return True
     if now_ns - snapshot.local_position_ns > _FRESH_NS:
         return False
-    px4_enu_m = enu_from_ned(snapshot.position_local_ned_m)  # in the fleet's frame, which PX4 has from these poses
+    # in the fleet's frame, which PX4 has from these poses
+    px4_enu_m = enu_from_ned(snapshot.position_local_ned_m)
     near_m = min(_NEAR_M + _DRIFT_M_S * gap_ns * 1e-9, _FAR_M)
     return math.dist(position_enu_m, px4_enu_m) <= near_m

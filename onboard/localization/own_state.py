@@ -1,7 +1,9 @@
-"""The own state: mocap samples, PX4's attitude and the own thrust through the estimator, and PX4's heading.
+"""The own state: mocap samples, PX4's attitude and the own thrust through the estimator, and PX4's
+heading.
 
-PX4's heading may be wrong by tens of degrees, since it has only its magnetometer. The difference to the mocap's
-heading, low-passed, converts PX4's attitude to the fleet frame, and the attitude setpoint back.
+PX4's heading may be wrong by tens of degrees, since it has only its magnetometer. The difference to
+the mocap's heading, low-passed, converts PX4's attitude to the fleet frame, and the attitude
+setpoint back.
 """
 
 from __future__ import annotations
@@ -40,16 +42,20 @@ _SQRT_HALF = math.sqrt(0.5)
 
 @dataclass(slots=True)
 class OwnState:
-    """Estimate of one vehicle; :meth:`update` once a tick, :meth:`add_pose` whenever a sample arrives."""
+    """Estimate of one vehicle; :meth:`update` once a tick, :meth:`add_pose` whenever a sample
+    arrives.
+    """
 
     vehicle: Vehicle
     origin: Origin | None = None
     counts: MessageCounts = field(default_factory=MessageCounts)  # of poses that were not used
     heading_offset_rad: float = 0.0  # heading of the fleet frame minus PX4's
     validator: PoseValidator = field(default_factory=PoseValidator)
-    px4_check: Px4PositionCheck = field(default_factory=Px4PositionCheck)  # of vehicles with a mocap
+    # of vehicles with a mocap
+    px4_check: Px4PositionCheck = field(default_factory=Px4PositionCheck)
     has_lost_satellites: bool = False  # of vehicles without a mocap
-    is_flown: bool = False  # by this agent's setpoints: else its thrust is not known while no sample comes
+    # by this agent's setpoints: else its thrust is not known while no sample comes
+    is_flown: bool = False
     _reckoning: DeadReckoning = field(default_factory=DeadReckoning)
     _params: KalmanParams = field(init=False)
     _memory: kalman.KalmanMemory | None = None
@@ -74,7 +80,8 @@ class OwnState:
             )
 
     def add_pose(self, pose: MocapPose, received_ns: int) -> bool:
-        """Queue a mocap sample for the next update; False if it cannot be used or is not believed."""
+        """Queue a mocap sample for the next update; False if it cannot be used or is not believed.
+        """
         if not pose.is_tracked:
             return False
         norm = math.hypot(*pose.quaternion_enu_flu_wxyz)
@@ -83,8 +90,9 @@ class OwnState:
             and max(map(abs, pose.position_enu_m)) < _MAX_POSITION_M
             and 0.9 < norm < 1.1
         )
-        # Stamps of all sources are on one clock: one that is not newer is out of order, or from before a restart.
-        # Nothing else decides, since a false sequence number could exclude all samples after it.
+        # Stamps of all sources are on one clock: one that is not newer is out of order, or from
+        # before a restart. Nothing else decides, since a false sequence number could exclude all
+        # samples after it.
         is_new = self._newest_ns < pose.stamp_ns <= received_ns + _FUTURE_NS
         if not (is_usable and is_new):
             self.counts.malformed += not is_usable
@@ -102,25 +110,45 @@ class OwnState:
             self.counts.refused += 1
             return False
         self._queue.append(
-            (vectors.Vec3(*pose.position_enu_m), pose.stamp_ns, yaw_from_quaternion(pose.quaternion_enu_flu_wxyz))
+            (
+                vectors.Vec3(*pose.position_enu_m),
+                pose.stamp_ns,
+                yaw_from_quaternion(pose.quaternion_enu_flu_wxyz),
+            )
         )
         del self._queue[:-_MAX_QUEUE]
         return True
 
     def update(
-        self, now_ns: int, dt_s: float, snapshot: Snapshot, thrust_frac: float, hover_frac: float, is_on_ground: bool
+        self,
+        now_ns: int,
+        dt_s: float,
+        snapshot: Snapshot,
+        thrust_frac: float,
+        hover_frac: float,
+        is_on_ground: bool,
     ) -> None:
-        """Propagate to ``now_ns`` with measured attitude and the throttle sent last, then use the queued samples."""
+        """Propagate to ``now_ns`` with measured attitude and the throttle sent last, then use the
+        queued samples.
+        """
         if not self.vehicle.mocap_required:
             self._look_at_satellites(snapshot, now_ns)
             self._take_local_position(snapshot)
         if self._memory is not None:
             self._memory = kalman.drive(
-                self._memory, self.attitude_wxyz(snapshot), thrust_frac, hover_frac, self._params, dt_s, is_on_ground
+                self._memory,
+                self.attitude_wxyz(snapshot),
+                thrust_frac,
+                hover_frac,
+                self._params,
+                dt_s,
+                is_on_ground,
             )
         for position, stamp_ns, yaw_rad in self._queue:
             age_s = max(0.0, (now_ns - stamp_ns) * 1e-9)
-            if self._memory is None or (is_on_ground and self._memory.rejected_count >= _REJECTED_TO_RESTART):
+            if self._memory is None or (
+                is_on_ground and self._memory.rejected_count >= _REJECTED_TO_RESTART
+            ):
                 self._memory = kalman.initial(position, self._params)
             before = self._memory.rejected_count
             self._memory = kalman.correct(self._memory, position, age_s, self._params)
@@ -144,7 +172,11 @@ class OwnState:
     def _follow_heading(self, yaw_rad: float, snapshot: Snapshot, dt_s: float) -> None:
         if snapshot.attitude_ns == 0:
             return
-        miss = wrap_rad(yaw_rad - yaw_from_quaternion(snapshot.quaternion_enu_flu_wxyz) - self.heading_offset_rad)
+        miss = wrap_rad(
+            yaw_rad
+            - yaw_from_quaternion(snapshot.quaternion_enu_flu_wxyz)
+            - self.heading_offset_rad
+        )
         share = 1.0 if not self._has_heading else min(1.0, dt_s / _HEADING_TIME_S)
         self.heading_offset_rad = wrap_rad(self.heading_offset_rad + share * miss)
         self._has_heading = True
@@ -168,17 +200,25 @@ class OwnState:
         position = self._local_frame.take(snapshot)
         if position is not None:
             self._queue.append(
-                (vectors.Vec3(*position), self._local_ns, yaw_from_quaternion(snapshot.quaternion_enu_flu_wxyz))
+                (
+                    vectors.Vec3(*position),
+                    self._local_ns,
+                    yaw_from_quaternion(snapshot.quaternion_enu_flu_wxyz),
+                )
             )
 
     def attitude_wxyz(self, snapshot: Snapshot) -> Vec4:
         """Return the attitude in the fleet frame."""
-        return quaternion_multiply(quaternion_from_yaw(self.heading_offset_rad), snapshot.quaternion_enu_flu_wxyz)
+        return quaternion_multiply(
+            quaternion_from_yaw(self.heading_offset_rad), snapshot.quaternion_enu_flu_wxyz
+        )
 
     def to_px4(self, setpoint: AttitudeSetpoint) -> AttitudeSetpoint:
         """Convert an attitude setpoint from the fleet frame to PX4's heading."""
         back = quaternion_from_yaw(-self.heading_offset_rad)
-        return AttitudeSetpoint(quaternion_multiply(back, setpoint.quaternion_wxyz), setpoint.thrust_frac)
+        return AttitudeSetpoint(
+            quaternion_multiply(back, setpoint.quaternion_wxyz), setpoint.thrust_frac
+        )
 
     @property
     def jumps(self) -> int:
@@ -197,7 +237,9 @@ class OwnState:
 
     @property
     def is_reckoned(self) -> bool:
-        """Whether the estimate rests on dead reckoning, of which nothing is left while somebody else flies it."""
+        """Whether the estimate rests on dead reckoning, of which nothing is left while somebody
+        else flies it.
+        """
         return self._reckoning.is_on and self.is_flown
 
     @property
@@ -216,7 +258,11 @@ class OwnState:
         if self._memory is None:
             return None
         state = kalman.state(self._memory, self._yaw_rad, *self._least_std)
-        std_m, std_m_s = self._reckoning.std if self.is_reckoned else (state.position_std_m, state.velocity_std_m_s)
+        std_m, std_m_s = (
+            self._reckoning.std
+            if self.is_reckoned
+            else (state.position_std_m, state.velocity_std_m_s)
+        )
         return state._replace(
             position_std_m=min(std_m, LARGEST_POSITION_STD_M),
             velocity_std_m_s=min(std_m_s, LARGEST_VELOCITY_STD_M_S),

@@ -1,7 +1,9 @@
-"""Whether a body's stream of poses is believable: jumps, repetitions, lateness, clocks that jump. Pure.
+"""Whether a body's stream of poses is believable: jumps, repetitions, lateness, clocks that jump.
+Pure.
 
-The estimator has a gate of its own, wide enough for a stalled process. This validator is narrower: between two samples
-a vehicle moves only as far as it can accelerate. A rejected sample reaches neither the estimate nor PX4.
+The estimator has a gate of its own, wide enough for a stalled process. This validator is narrower:
+between two samples a vehicle moves only as far as it can accelerate. A rejected sample reaches
+neither the estimate nor PX4.
 """
 
 from __future__ import annotations
@@ -37,10 +39,12 @@ class PoseBounds:
     max_acceleration_m_s2: float = 15.0  # of a vehicle, with reserve for gusts and knocks
     noise_m: float = 0.01  # least noise of a sample; more is learned
     max_turn_rad_s: float = 12.0  # of the attitude
-    frozen_after_s: float = 0.075  # for so long bit-identical samples may come; a tracked body always has noise
+    # for so long bit-identical samples may come; a tracked body always has noise
+    frozen_after_s: float = 0.075
     late_after_s: float = 0.09  # mean delay above which samples are late
     clock_jump_s: float = 0.25  # change of the delay that shows a jump of a clock, if it lasts
-    clock_jump_lasts_s: float = 0.3  # samples that are only late, as on a busy machine, are soon in time again
+    # samples that are only late, as on a busy machine, are soon in time again
+    clock_jump_lasts_s: float = 0.3
 
 
 @dataclass(slots=True)
@@ -84,8 +88,9 @@ class PoseValidator:
     ) -> PoseVerdict:
         """Judge one sample; a rejected one does not change the expected motion.
 
-        The reach grows with the time since the last accepted sample, so that a body that really is elsewhere after a
-        gap is accepted again; after a jump only if PX4's own position does not contradict it (``is_contradicted``).
+        The reach grows with the time since the last accepted sample, so that a body that really is
+        elsewhere after a gap is accepted again; after a jump only if PX4's own position does not
+        contradict it (``is_contradicted``).
         """
         if self._is_repetition(position_enu_m, quaternion_wxyz, stamp_ns, received_ns):
             return PoseVerdict.FROZEN
@@ -102,7 +107,9 @@ class PoseValidator:
         self.jumps, self.jumped_to_enu_m = 0, None
         return PoseVerdict.ACCEPTED
 
-    def _is_repetition(self, position: Vec3, quaternion: Vec4, stamp_ns: int, received_ns: int) -> bool:
+    def _is_repetition(
+        self, position: Vec3, quaternion: Vec4, stamp_ns: int, received_ns: int
+    ) -> bool:
         """Whether the same numbers have come for too long; follows the delay, too."""
         delay_s = (received_ns - stamp_ns) * 1e-9
         if self._last is None:
@@ -115,19 +122,26 @@ class PoseValidator:
         self.frozen_s = (stamp_ns - self._same_since_ns) * 1e-9
         return self.is_frozen
 
-    def _is_possible(self, position: Vec3, quaternion: Vec4, gap_s: float, is_contradicted: bool) -> bool:
-        """Whether the vehicle can have moved so within ``gap_s``; learns velocity and noise if so."""
+    def _is_possible(
+        self, position: Vec3, quaternion: Vec4, gap_s: float, is_contradicted: bool
+    ) -> bool:
+        """Whether the vehicle can have moved so within ``gap_s``; learns velocity and noise if so.
+        """
         bounds = self.bounds
         x, y, z = position
         (px, py, pz), (vx, vy, vz) = self._position, self._velocity
         dx, dy, dz = x - px, y - py, z - pz
         speed_2 = vx * vx + vy * vy + vz * vz
         along = (dx * vx + dy * vy + dz * vz) / (gap_s * speed_2) if speed_2 > 0.01 else 1.0
-        # a vehicle that hits something stops at once: any point on the expected path is as possible as its end
+        # a vehicle that hits something stops at once: any point on the expected path is as possible
+        # as its end
         flown_s = gap_s * min(max(along, 0.0), 1.0)
         miss_m = math.hypot(dx - flown_s * vx, dy - flown_s * vy, dz - flown_s * vz)
         noise_m = max(bounds.noise_m, self._noise_m)
-        reach_m = 6.0 * noise_m + min(0.5 * bounds.max_acceleration_m_s2 * gap_s, bounds.max_speed_m_s) * gap_s
+        reach_m = (
+            6.0 * noise_m
+            + min(0.5 * bounds.max_acceleration_m_s2 * gap_s, bounds.max_speed_m_s) * gap_s
+        )
         cosine = abs(sum(map(mul, quaternion, self._quaternion)))  # of half the angle between both
         turn_rad = min(_NOISE_RAD + bounds.max_turn_rad_s * gap_s, math.pi)
         is_on_path = miss_m < _ON_PATH_M and gap_s < _ON_PATH_S
@@ -136,7 +150,11 @@ class PoseValidator:
             return False
         self._noise_m += _NOISE_SHARE * (miss_m - self._noise_m)
         k = _VELOCITY_SHARE
-        self._velocity = (vx + k * (dx / gap_s - vx), vy + k * (dy / gap_s - vy), vz + k * (dz / gap_s - vz))
+        self._velocity = (
+            vx + k * (dx / gap_s - vx),
+            vy + k * (dy / gap_s - vy),
+            vz + k * (dz / gap_s - vz),
+        )
         return True
 
     def _follow_clock(self, delay_s: float, received_ns: int) -> None:
@@ -145,4 +163,8 @@ class PoseValidator:
             return
         self._unusual_since_ns = self._unusual_since_ns or received_ns
         if received_ns - self._unusual_since_ns >= self.bounds.clock_jump_lasts_s * 1e9:
-            self.clock_jump_ns, self._usual_delay_s, self._unusual_since_ns = received_ns, delay_s, 0
+            self.clock_jump_ns, self._usual_delay_s, self._unusual_since_ns = (
+                received_ns,
+                delay_s,
+                0,
+            )

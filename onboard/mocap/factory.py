@@ -9,8 +9,12 @@ from onboard.mocap.sdk_source import SdkMocap
 from onboard.mocap.source import MocapSource, OnMalformed, OnPose
 
 
-def source_of(mocap: MocapConfig, bus: Bus, body: str, on_pose: OnPose, on_malformed: OnMalformed) -> MocapSource:
-    """Return the system itself with ``mocap.direct``, else the bus, on which a relay or an emulator publishes."""
+def source_of(
+    mocap: MocapConfig, bus: Bus, body: str, on_pose: OnPose, on_malformed: OnMalformed
+) -> MocapSource:
+    """Return the system itself with ``mocap.direct``, else the bus, on which a relay or an emulator
+    publishes.
+    """
     if mocap.direct:
         return SdkMocap(mocap, body, on_pose, on_malformed)
     return BusMocap(bus, body, on_pose, on_malformed)

@@ -1,4 +1,6 @@
-"""Conversion from a motion capture's frame to the fleet's, in plain floats: it runs for every body of every frame."""
+"""Conversion from a motion capture's frame to the fleet's, in plain floats: it runs for every body
+of every frame.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,8 @@ from onboard.config.mocap import MocapConfig
 class Frame:
     """The mocap's frame in the fleet's: up axis, then a turn about up, then a shift.
 
-    With y up the mocap's z axis points along the fleet's -y, for the room and for the bodies in it alike.
+    With y up the mocap's z axis points along the fleet's -y, for the room and for the bodies in it
+    alike.
     """
 
     is_y_up: bool = False
@@ -35,7 +38,9 @@ class Frame:
         return c * x - s * y + east, s * x + c * y + north, z + up
 
     def quaternion_enu_flu_wxyz(self, quaternion_wxyz: Vec4) -> Vec4:
-        """Convert a rotation from body to mocap into one from body FLU to fleet ENU; normalised unless it is zero."""
+        """Convert a rotation from body to mocap into one from body FLU to fleet ENU; normalised
+        unless it is zero.
+        """
         w, x, y, z = quaternion_wxyz
         if self.is_y_up:  # the same rotation, its axis seen in the turned frame
             y, z = -z, y

@@ -1,9 +1,10 @@
-"""The process that reads a motion capture with the package ``motioncapture`` and writes its frames to a pipe.
+"""The process that reads a motion capture with the package ``motioncapture`` and writes its frames
+to a pipe.
 
-It is a process of its own, because the package may stop the whole interpreter: it holds Python's lock while it
-connects, for ever if nobody answers, and it may end the process when the system sends unknown data. Neither may happen
-to an agent. Run as ``python -m onboard.mocap.sdk_process SETTINGS`` by
-:mod:`onboard.mocap.sdk_source`.
+It is a process of its own, because the package may stop the whole interpreter: it holds Python's
+lock while it connects, for ever if nobody answers, and it may end the process when the system sends
+unknown data. Neither may happen to an agent. Run as ``python -m onboard.mocap.sdk_process
+SETTINGS`` by :mod:`onboard.mocap.sdk_source`.
 """
 
 from __future__ import annotations
@@ -45,14 +46,17 @@ _encoder = msgspec.msgpack.Encoder()
 
 
 def write_frame(pipe: int, frame: RawFrame) -> None:
-    """Write one frame after its length; it is smaller than a pipe's atomic size, so it arrives whole or not at all."""
+    """Write one frame after its length; it is smaller than a pipe's atomic size, so it arrives
+    whole or not at all.
+    """
     data = _encoder.encode(frame)
     os.write(pipe, len(data).to_bytes(4, "little") + data)
 
 
 def main(argv: list[str]) -> int:
     """Read frames until the parent process has ended; return the exit status."""
-    # The package holds Python's lock while it connects, so only the kernel can end this process with its parent.
+    # The package holds Python's lock while it connects, so only the kernel can end this process
+    # with its parent.
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
     for number in (signal.SIGINT, signal.SIGTERM):  # the agent lands first, by these poses
         signal.signal(number, signal.SIG_IGN)
@@ -77,7 +81,8 @@ NOT_INSTALLED = (
 
 
 def _read(settings: Settings, pipe: int) -> None:
-    importlib.import_module("numpy")  # otherwise the first position would import it, while frames wait
+    # otherwise the first position would import it, while frames wait
+    importlib.import_module("numpy")
     package: Any = importlib.import_module("motioncapture")
     options = dict(settings.options)
     if settings.type in _NUMERIC_ONLY and "hostname" in options:

@@ -1,8 +1,9 @@
-"""Mocap poses from a motion-capture system, read by another process: see :mod:`onboard.mocap.sdk_process`.
+"""Mocap poses from a motion-capture system, read by another process: see
+:mod:`onboard.mocap.sdk_process`.
 
-A thread starts the reading process, converts its frames to poses in the fleet's frame, and starts it again when it has
-ended or sent nothing for a while. A body that is missing in the frames is passed on as not tracked, so that a lost body
-differs from a dead source.
+A thread starts the reading process, converts its frames to poses in the fleet's frame, and starts
+it again when it has ended or sent nothing for a while. A body that is missing in the frames is
+passed on as not tracked, so that a lost body differs from a dead source.
 """
 
 from __future__ import annotations
@@ -54,8 +55,11 @@ class PoseConverter:
         self._period_ns = int(1e9 / self.mocap.max_rate_hz)
 
     def poses(self, raw: RawFrame) -> list[MocapPose]:
-        """Return the poses of one frame; a body lost for 0.1 s is returned as not tracked, for 10 s."""
-        if raw.arrived_ns < self._next_ns - self._period_ns // 10:  # beyond the configured rate; a bit early is allowed
+        """Return the poses of one frame; a body lost for 0.1 s is returned as not tracked, for 10
+        s.
+        """
+        # beyond the configured rate; a bit early is allowed
+        if raw.arrived_ns < self._next_ns - self._period_ns // 10:
             return []
         self._next_ns = max(self._next_ns, raw.arrived_ns - self._period_ns) + self._period_ns
         self.sequence += 1
@@ -79,7 +83,11 @@ class PoseConverter:
             if stamp_ns - last.stamp_ns > _FORGOTTEN_NS:
                 del self._last[body]
             elif stamp_ns - last.stamp_ns > _LOST_NS:
-                poses.append(msgspec.structs.replace(last, sequence=self.sequence, stamp_ns=stamp_ns, is_tracked=False))
+                poses.append(
+                    msgspec.structs.replace(
+                        last, sequence=self.sequence, stamp_ns=stamp_ns, is_tracked=False
+                    )
+                )
         return poses
 
 
@@ -148,10 +156,18 @@ class SdkMocap:
             thread.join()
 
     def _run(self) -> None:
-        command = [sys.executable, "-m", "onboard.mocap.sdk_process", msgspec.json.encode(self._settings).decode()]
+        command = [
+            sys.executable,
+            "-m",
+            "onboard.mocap.sdk_process",
+            msgspec.json.encode(self._settings).decode(),
+        ]
         while not self._stopped.is_set():
-            # the process ends with this thread, as it requests from the kernel; this thread lives until `stop`
-            with subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, bufsize=0) as process:
+            # the process ends with this thread, as it requests from the kernel; this thread lives
+            # until `stop`
+            with subprocess.Popen(
+                command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, bufsize=0
+            ) as process:
                 self._process = process
                 try:
                     self._take_frames(process)
@@ -178,7 +194,10 @@ class SdkMocap:
                 continue
             data = os.read(pipe, 1 << 16)
             if not data:
-                self._say(self._problem or f"The process that reads {self._system} ended; starting it again.")
+                self._say(
+                    self._problem
+                    or f"The process that reads {self._system} ended; starting it again."
+                )
                 return
             pending += data
             while (frame := next_frame(pending)) is not None:
@@ -197,7 +216,9 @@ class SdkMocap:
 
 
 def next_frame(pending: bytearray) -> RawFrame | str | None:
-    """Take the first frame off ``pending``: a text if it is invalid, None if it is not complete yet."""
+    """Take the first frame off ``pending``: a text if it is invalid, None if it is not complete
+    yet.
+    """
     if len(pending) < 4:
         return None
     size = int.from_bytes(pending[:4], "little")

@@ -1,7 +1,8 @@
 """The interface of all sources of poses: a source calls back with each pose in the fleet's frame.
 
-Callbacks come on a thread of the source and must only hand over. A source does not judge: a pose that jumps, stands
-still or belongs to another body is passed on, and the agent decides (``onboard/localization/pose_validator.py``).
+Callbacks come on a thread of the source and must only hand over. A source does not judge: a pose
+that jumps, stands still or belongs to another body is passed on, and the agent decides
+(``onboard/localization/pose_validator.py``).
 """
 
 from __future__ import annotations
@@ -16,7 +17,9 @@ OnMalformed = Callable[[], None]
 
 
 class MocapSource(Protocol):
-    """A source of poses; ``on_pose`` gets each with its arrival on this host's monotonic clock [ns]."""
+    """A source of poses; ``on_pose`` gets each with its arrival on this host's monotonic clock
+    [ns].
+    """
 
     def start(self) -> None:
         """Start; the system need not be there yet."""

@@ -1,8 +1,9 @@
 """Detects two agents that publish under one name.
 
-Every start of an agent has a boot id, and a restarted agent never publishes with an earlier one. Two agents of one
-vehicle on different hosts are not connected to each other, but both to the rest of the fleet. Therefore an agent that
-hears two agents under one name says so in its telemetry, and the two learn of each other from that.
+Every start of an agent has a boot id, and a restarted agent never publishes with an earlier one.
+Two agents of one vehicle on different hosts are not connected to each other, but both to the rest
+of the fleet. Therefore an agent that hears two agents under one name says so in its telemetry, and
+the two learn of each other from that.
 """
 
 from __future__ import annotations
@@ -19,7 +20,8 @@ class DuplicateAgents:
 
     _newest: dict[str, int] = field(default_factory=dict)
     _before: dict[str, list[int]] = field(default_factory=dict)
-    _doubled_ns: dict[str, int] = field(default_factory=dict)  # when an earlier boot id was heard again
+    # when an earlier boot id was heard again
+    _doubled_ns: dict[str, int] = field(default_factory=dict)
 
     def hear(self, name: str, boot_id: int, received_ns: int) -> None:
         """Take the boot id of a message."""
@@ -40,4 +42,8 @@ class DuplicateAgents:
         """Return the names that two agents use at present."""
         if not self._doubled_ns:
             return ()
-        return tuple(sorted(name for name, at_ns in self._doubled_ns.items() if now_ns - at_ns < _DOUBLED_FOR_NS))
+        return tuple(
+            sorted(
+                name for name, at_ns in self._doubled_ns.items() if now_ns - at_ns < _DOUBLED_FOR_NS
+            )
+        )

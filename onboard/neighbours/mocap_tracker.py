@@ -25,7 +25,8 @@ _Axis = TypeVar("_Axis", float, Array)
 def corrected(
     position_m: _Axis, velocity_m_s: _Axis, acceleration_m_s2: _Axis, sample_m: _Axis, gap_s: float
 ) -> tuple[_Axis, _Axis, _Axis]:
-    """Return position [m], velocity [m/s] and acceleration [m/s^2] along one axis, or along several, after a sample.
+    """Return position [m], velocity [m/s] and acceleration [m/s^2] along one axis, or along
+    several, after a sample.
 
     Args:
         position_m, velocity_m_s, acceleration_m_s2: after the sample before.
@@ -72,7 +73,8 @@ class BodyTracker:
             self.velocity_enu_m_s, self.acceleration_enu_m_s2 = (vx, vy, vz), (ax, ay, az)
             return True
         self.acceleration_enu_m_s2 = (0.0, 0.0, 0.0)
-        self.position_enu_m = position  # the first sample, or one after a gap or a jump: only the position counts
+        # the first sample, or one after a gap or a jump: only the position counts
+        self.position_enu_m = position
         return True
 
     def _expected(self, gap_s: float) -> Vec3:

@@ -1,7 +1,9 @@
-"""Whether a neighbour's word about itself can be true: against physics, its own promise and the motion capture. Pure.
+"""Whether a neighbour's word about itself can be true: against physics, its own promise and the
+motion capture. Pure.
 
-A neighbour that tells its state with a valid key may still lie, or be mistaken. One contradiction is an estimator that
-began anew; several are none. What a vehicle tells of its own accuracy is granted, because distances cover it.
+A neighbour that tells its state with a valid key may still lie, or be mistaken. One contradiction
+is an estimator that began anew; several are none. What a vehicle tells of its own accuracy is
+granted, because distances cover it.
 """
 
 from __future__ import annotations
@@ -18,7 +20,8 @@ _MOST_M_S2 = 30.0
 _NOISE_M_S = 1.0
 _STDS = 2.0
 _LONGEST_S = 0.5  # between two states, or between a state and a pose, that are compared
-_JUMPS, _MISSES = 2, 3  # contradictions until it is not believed: by physics within some seconds, by the mocap in a row
+# contradictions until it is not believed: by physics within some seconds, by the mocap in a row
+_JUMPS, _MISSES = 2, 3
 _REMEMBERED_NS = 3_000_000_000
 
 
@@ -57,7 +60,10 @@ def physical_contradiction(before: Claim | None, claim: Claim, largest_m_s: floa
         return f"says that it flies {speed_m_s:.0f} m/s"
     slack_m = _JUMP_M + _STDS * claim.position_std_m
     lead_s = min(max(claim.lead_time_s, 0.0), 1.0)
-    if _miss_m(claim, claim.predicted_position_enu_m, claim.predicted_velocity_enu_m_s, lead_s) > slack_m:
+    if (
+        _miss_m(claim, claim.predicted_position_enu_m, claim.predicted_velocity_enu_m_s, lead_s)
+        > slack_m
+    ):
         return "predicts another place than its velocity leads to"
     if before is None:
         return ""
@@ -92,8 +98,14 @@ def mocap_contradiction(claim: Claim, seen: Seen) -> str:
 
 
 def _miss_m(claim: Claim, position_enu_m: Vec3, velocity_enu_m_s: Vec3, after_s: float) -> float:
-    """Return the distance of a later position from where the mean of both velocities leads, less any acceleration."""
-    (px, py, pz), (vx, vy, vz), (wx, wy, wz) = claim.position_enu_m, claim.velocity_enu_m_s, velocity_enu_m_s
+    """Return the distance of a later position from where the mean of both velocities leads, less
+    any acceleration.
+    """
+    (px, py, pz), (vx, vy, vz), (wx, wy, wz) = (
+        claim.position_enu_m,
+        claim.velocity_enu_m_s,
+        velocity_enu_m_s,
+    )
     half_s = 0.5 * after_s
     led_m = px + half_s * (vx + wx), py + half_s * (vy + wy), pz + half_s * (vz + wz)
     return math.dist(led_m, position_enu_m) - 0.125 * _MOST_M_S2 * after_s * after_s

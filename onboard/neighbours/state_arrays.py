@@ -37,19 +37,26 @@ _LARGEST_INT = 1 << 62
 
 @dataclass(slots=True)
 class NeighbourArrays:
-    """Newest valid state of each of K neighbours; a simulation may let these be rows of common arrays."""
+    """Newest valid state of each of K neighbours; a simulation may let these be rows of common
+    arrays.
+    """
 
     numbers: Array  # (K, WIDTH), see COLUMNS
     stamp_ns: IntArray  # (K,) of the numbers, on our clock
     heard_ns: IntArray  # (K,) stamp of the newest valid message, on our clock; 0 never
     newest_ns: IntArray  # (K,) stamp of the newest message, valid or not, on our clock; -1 never
-    flags: BoolArray  # (4, K): is anything known, airborne, counts as cooperative, announces that it cooperates
+    # (4, K): is anything known, airborne, counts as cooperative, announces that it cooperates
+    flags: BoolArray
     is_lost: BoolArray  # (K,) the newest message says that it knows no position
     is_followed: BoolArray  # (K,) its state is received at full rate
     silent_after_s: Array  # (K,) age from which on it counts as silent
 
-    def set_state(self, index: int, stamp_ns: int, numbers: tuple[float, ...], flags: tuple[bool, bool, bool]) -> None:
-        """Store a state; ``flags`` say airborne, counts as cooperative, announces that it cooperates."""
+    def set_state(
+        self, index: int, stamp_ns: int, numbers: tuple[float, ...], flags: tuple[bool, bool, bool]
+    ) -> None:
+        """Store a state; ``flags`` say airborne, counts as cooperative, announces that it
+        cooperates.
+        """
         self.numbers[index] = numbers
         self.stamp_ns[index] = stamp_ns
         self.flags[:, index] = True, *flags
@@ -88,10 +95,15 @@ class NeighbourRow(NamedTuple):
 
 
 def numbers_of(message: StateMessage) -> tuple[float, ...]:
-    """Return the numbers of a message in the order of the columns; its accuracy is bounded as its sender's is."""
+    """Return the numbers of a message in the order of the columns; its accuracy is bounded as its
+    sender's is.
+    """
     p, v, a, pp, pv, c, i = _vectors_of(message)
     std_m, crowd_count, lead_s, std_m_s = _scalars_of(message)
-    std_m, std_m_s = _believed(std_m, LARGEST_POSITION_STD_M), _believed(std_m_s, LARGEST_VELOCITY_STD_M_S)
+    std_m, std_m_s = (
+        _believed(std_m, LARGEST_POSITION_STD_M),
+        _believed(std_m_s, LARGEST_VELOCITY_STD_M_S),
+    )
     return (*p, *v, *a, *pp, *pv, *c, *i, std_m, crowd_count, lead_s, std_m_s)
 
 
@@ -114,8 +126,12 @@ def is_plausible(*vectors: Vec3 | tuple[float, ...]) -> bool:
     return all(abs(value) < _LARGEST for vector in vectors for value in vector)
 
 
-def neighbours(arrays: NeighbourArrays, ages_s: list[float], is_successor: BoolArray) -> list[Neighbour]:
-    """Return the values for the law of all neighbours that are known; a silent or grounded one does not cooperate."""
+def neighbours(
+    arrays: NeighbourArrays, ages_s: list[float], is_successor: BoolArray
+) -> list[Neighbour]:
+    """Return the values for the law of all neighbours that are known; a silent or grounded one does
+    not cooperate.
+    """
     is_cooperative = arrays.flags[COOPERATIVE] & (ages_s <= arrays.silent_after_s)
     columns = (
         arrays.numbers.tolist(),
@@ -126,7 +142,9 @@ def neighbours(arrays: NeighbourArrays, ages_s: list[float], is_successor: BoolA
     )
     return [
         _neighbour(index, numbers, age_s, cooperates, follows)
-        for index, (numbers, age_s, is_known, cooperates, follows) in enumerate(zip(*columns, strict=True))
+        for index, (numbers, age_s, is_known, cooperates, follows) in enumerate(
+            zip(*columns, strict=True)
+        )
         if is_known
     ]
 

@@ -1,9 +1,10 @@
 """Choice of the neighbours whose states are received at full rate. Pure.
 
-Every vehicle publishes its state twice: 50 times a second for its followers and 5 times a second for all. A vehicle
-follows the neighbours in reach, and in any case the nearest few. From all others it receives the slow messages only,
-also from whoever is silent or has no position yet: the first slow message that comes says where it is, and following
-them all would fill a radio channel that has just lost their messages because it is full.
+Every vehicle publishes its state twice: 50 times a second for its followers and 5 times a second
+for all. A vehicle follows the neighbours in reach, and in any case the nearest few. From all others
+it receives the slow messages only, also from whoever is silent or has no position yet: the first
+slow message that comes says where it is, and following them all would fill a radio channel that has
+just lost their messages because it is full.
 """
 
 from __future__ import annotations
@@ -15,10 +16,12 @@ from onboard.config.fleet import FleetConfig, Vec3
 
 FAR_PERIOD_TICKS = 10  # of the slow messages: 5 Hz
 FAR_SILENT_S = 0.75  # three of them missing
-FAR_UNSEEN_S = FAR_SILENT_S + 0.35  # then its body is followed in the mocap, and should have been seen
+# then its body is followed in the mocap, and should have been seen
+FAR_UNSEEN_S = FAR_SILENT_S + 0.35
 SELECT_TICKS = 10  # between two choices
 ALWAYS_FOLLOWED = 4
-_NOTICE_S = 0.8  # a slow message, the choice, the subscription, and the law's prediction over its lag
+# a slow message, the choice, the subscription, and the law's prediction over its lag
+_NOTICE_S = 0.8
 _STAY_FRAC = 1.15
 
 
@@ -30,8 +33,8 @@ def is_slow(sequence: int) -> bool:
 def reach_m(fleet: FleetConfig, name: str) -> float:
     """Return the distance from which a vehicle follows its neighbours.
 
-    Two vehicles that fly at each other as fast as avoidance lets them are still so far apart when both have noticed
-    that braking keeps the safety distance.
+    Two vehicles that fly at each other as fast as avoidance lets them are still so far apart when
+    both have noticed that braking keeps the safety distance.
     """
     own = fleet.vehicles[name]
     others = [vehicle for other, vehicle in fleet.vehicles.items() if other != name] or [own]
@@ -42,19 +45,26 @@ def reach_m(fleet: FleetConfig, name: str) -> float:
     return min(fleet.law.range_m, fleet.fleet.safety_distance_m + sum(distances))
 
 
-def select(distances_m: Mapping[str, float], followed: frozenset[str], reach_m: float, most: int) -> frozenset[str]:
+def select(
+    distances_m: Mapping[str, float], followed: frozenset[str], reach_m: float, most: int
+) -> frozenset[str]:
     """Select the neighbours to follow from now on.
 
     Args:
         distances_m: neighbour -> distance, of all that ever published a position.
-        followed: so far; a neighbour that is followed is dropped a little farther away than it was added.
+        followed: so far; a neighbour that is followed is dropped a little farther away than it was
+            added.
         reach_m: from :func:`reach_m`.
-        most: so many of those in reach, the nearest: the law uses no more, and the radio may not carry more.
+        most: so many of those in reach, the nearest: the law uses no more, and the radio may not
+            carry more.
     Returns:
         their names.
     """
     near = sorted(distances_m, key=distances_m.__getitem__)
-    reduced_m = {name: far_m / _STAY_FRAC if name in followed else far_m for name, far_m in distances_m.items()}
+    reduced_m = {
+        name: far_m / _STAY_FRAC if name in followed else far_m
+        for name, far_m in distances_m.items()
+    }
     inside = sorted((name for name in near if reduced_m[name] < reach_m), key=reduced_m.__getitem__)
     return frozenset(inside[:most]).union(near[:ALWAYS_FOLLOWED])
 
@@ -67,7 +77,13 @@ def most_near(fleet: FleetConfig, spots: Mapping[str, Vec3]) -> int:
         spots: vehicle -> position [m], fleet ENU; at least two.
     """
     counts = [
-        sum(math.dist(spots[name][:2], spot[:2]) < _STAY_FRAC * reach_m(fleet, name) for spot in spots.values()) - 1
+        sum(
+            math.dist(spots[name][:2], spot[:2]) < _STAY_FRAC * reach_m(fleet, name)
+            for spot in spots.values()
+        )
+        - 1
         for name in spots
     ]
-    return min(len(spots) - 1, max(ALWAYS_FOLLOWED, min(max(counts), int(fleet.law.max_neighbours))))
+    return min(
+        len(spots) - 1, max(ALWAYS_FOLLOWED, min(max(counts), int(fleet.law.max_neighbours)))
+    )

@@ -60,8 +60,9 @@ class _Ages:
 class NeighbourTable:
     """The other vehicles of the fleet file in its order, so that indices never change.
 
-    Whoever tells a state is an obstacle, also a vehicle that the file disables; only nobody waits for that one. A
-    neighbour that is silent for a while is represented by its mocap poses instead, and does not cooperate.
+    Whoever tells a state is an obstacle, also a vehicle that the file disables; only nobody waits
+    for that one. A neighbour that is silent for a while is represented by its mocap poses instead,
+    and does not cooperate.
     """
 
     def __init__(self, fleet: FleetConfig, own_name: str) -> None:
@@ -70,15 +71,20 @@ class NeighbourTable:
         self.names = tuple(name for name in fleet.vehicles if name != own_name)
         self.indices = {name: index for index, name in enumerate(self.names)}
         # index of each neighbour among all vehicles of the file
-        self.fleet_indices: IntArray = np.array([fleet.vehicles[name].index for name in self.names], dtype=np.int64)
+        self.fleet_indices: IntArray = np.array(
+            [fleet.vehicles[name].index for name in self.names], dtype=np.int64
+        )
         own = order.index(own_name) if own_name in order else 0
         successor = order[(own + 1) % len(order)] if order else ""
-        self.is_successor: BoolArray = np.array([name == successor for name in self.names], dtype=bool)
+        self.is_successor: BoolArray = np.array(
+            [name == successor for name in self.names], dtype=bool
+        )
         self.watched = WatchedBodies(fleet.expected_radio.lateness_s)
         self.arrays: NeighbourArrays = empty(len(self.names), self.silent_s)
         self.counts = MessageCounts()
         self.last_heard_ns = 0  # of any message
-        self.distrusted: set[int] = set()  # indices of vehicles whose announcement to cooperate does not count
+        # indices of vehicles whose announcement to cooperate does not count
+        self.distrusted: set[int] = set()
         bodies = {index: fleet.vehicles[name].body for name, index in self.indices.items()}
         self.unbelieved = UnbelievedNeighbours()
         self._bodies = {body: index for index, body in bodies.items() if body is not None}
@@ -90,7 +96,7 @@ class NeighbourTable:
         at_first = frozenset(self.names if len(self.names) <= subscription.ALWAYS_FOLLOWED else ())
         self._follow(at_first, at_first)
 
-    # -- selection -----------------------------------------------------------------------------------------------------
+    # -- selection ---------------------------------------------------------------------------------
 
     @property
     def silent_s(self) -> float:
@@ -99,7 +105,9 @@ class NeighbourTable:
 
     @property
     def followed(self) -> frozenset[str]:
-        """Neighbours whose states are to be received at full rate; in a large fleet nobody at first."""
+        """Neighbours whose states are to be received at full rate; in a large fleet nobody at
+        first.
+        """
         return frozenset(self._followed)
 
     @property
@@ -115,33 +123,46 @@ class NeighbourTable:
         ahead = self.arrays.numbers[:, :2] + ahead_s * self.arrays.numbers[:, 3:5]
         far_m = np.hypot(ahead[:, 0] - position_enu_m[0], ahead[:, 1] - position_enu_m[1]).tolist()
         is_known = self.arrays.flags[KNOWN].tolist()
-        distances_m = {name: far for name, far, known in zip(self.names, far_m, is_known, strict=True) if known}
+        distances_m = {
+            name: far for name, far, known in zip(self.names, far_m, is_known, strict=True) if known
+        }
         before = self.followed
         selected = subscription.select(distances_m, before, *self._follow_limits)
         has_fast = self._is_settled | (np.array(self.ages_s(now_ns)) <= self.silent_s)
-        settled = {name for name, has in zip(self.names, has_fast.tolist(), strict=True) if has and name in before}
+        settled = {
+            name
+            for name, has in zip(self.names, has_fast.tolist(), strict=True)
+            if has and name in before
+        }
         self._follow(selected, selected & settled)
         return selected != before
 
     def _follow(self, names: frozenset[str], settled: frozenset[str]) -> None:
-        """Follow these; of those not settled yet the newest state is still one of the slow ones, or late."""
+        """Follow these; of those not settled yet the newest state is still one of the slow ones, or
+        late.
+        """
         self._followed = [name for name in self.names if name in names]
         self._followed_indices = [self.indices[name] for name in self._followed]
         arrays = self.arrays
         arrays.is_followed[:] = False
         arrays.is_followed[self._followed_indices] = True
         is_settled = [name in settled for name in self.names]
-        arrays.silent_after_s[:] = np.where(is_settled, self.silent_s, subscription.FAR_SILENT_S + self.watched.late_s)
+        arrays.silent_after_s[:] = np.where(
+            is_settled, self.silent_s, subscription.FAR_SILENT_S + self.watched.late_s
+        )
         self._silent_after_s = arrays.silent_after_s.tolist()
         self.set_ages(self._ages.all_s, -1, True)
 
-    # -- input ---------------------------------------------------------------------------------------------------------
+    # -- input -------------------------------------------------------------------------------------
 
     def hear(self, message: StateMessage | Telemetry, received_ns: int) -> bool:
-        """Take a message with its stamp on our clock; False if it is of a stranger, repeated, late or not finite."""
+        """Take a message with its stamp on our clock; False if it is of a stranger, repeated, late
+        or not finite.
+        """
         index = self.indices.get(message.vehicle)
         if index is None:
-            self.counts.refused += message.vehicle != self.own_name  # of a second agent for this one others tell
+            # of a second agent for this one others tell
+            self.counts.refused += message.vehicle != self.own_name
             return False
         self.last_heard_ns = max(self.last_heard_ns, received_ns)
         if isinstance(message, Telemetry):
@@ -151,8 +172,10 @@ class NeighbourTable:
             self._telemetry[message.vehicle] = message
             return True
         arrays = self.arrays
-        numbers, stamp_ns = numbers_of(message), min(message.stamp_ns, received_ns)  # nothing comes from the future
-        # repeated, out of order, or from before a restart; a false sequence number could exclude all that comes after
+        # nothing comes from the future
+        numbers, stamp_ns = numbers_of(message), min(message.stamp_ns, received_ns)
+        # repeated, out of order, or from before a restart; a false sequence number could exclude
+        # all that comes after
         is_old, is_sound = stamp_ns <= arrays.newest_ns[index], is_usable(message, numbers)
         if is_old or not is_sound:
             self.counts.malformed += not is_sound
@@ -161,7 +184,9 @@ class NeighbourTable:
         arrays.newest_ns[index] = stamp_ns
         arrays.is_lost[index] = not message.is_valid
         if not message.is_valid:
-            return True  # it knows no position: its last valid state ages, and it is avoided like a silent vehicle
+            # it knows no position: its last valid state ages, and it is avoided like a silent
+            # vehicle
+            return True
         arrays.heard_ns[index] = stamp_ns
         announces = message.is_cooperative
         flags = message.is_airborne, announces and index not in self.distrusted, announces
@@ -208,32 +233,45 @@ class NeighbourTable:
         if index is None or not pose.is_tracked or not is_plausible(pose.position_enu_m):
             return
         before = self.unbelieved.seen.get(index)
-        if pose.stamp_ns <= received_ns and (before is None or pose.position_enu_m != before.position_enu_m):
-            self.unbelieved.seen[index] = Seen(pose.stamp_ns, pose.position_enu_m)  # the very same again is frozen
+        if pose.stamp_ns <= received_ns and (
+            before is None or pose.position_enu_m != before.position_enu_m
+        ):
+            # the very same again is frozen
+            self.unbelieved.seen[index] = Seen(pose.stamp_ns, pose.position_enu_m)
 
     def place_unbelieved(self, position_enu_m: Vec3, now_ns: int) -> None:
-        """Put each neighbour that is not believed where it says or where the mocap sees it: whichever is nearer."""
+        """Put each neighbour that is not believed where it says or where the mocap sees it:
+        whichever is nearer.
+        """
         if self.unbelieved.indices:
             self.unbelieved.place(self.arrays, self._trackers, position_enu_m, now_ns)
             self.forget_ages()
 
     def bodies_to_watch(self, now_ns: int, own_age_s: float) -> tuple[str, ...] | None:
-        """Return the mocap bodies whose poses are wanted from now on; None while they stay the same.
+        """Return the mocap bodies whose poses are wanted from now on; None while they stay the
+        same.
 
-        They are those of vehicles that are silent, or doubtful and followed, until neither has been so for a while.
+        They are those of vehicles that are silent, or doubtful and followed, until neither has been
+        so for a while.
         """
         has_started, doubtful = self.watched.begin(now_ns), self.unbelieved.doubtful
         self.ages_s(now_ns)
-        is_late = self._ages.has_silent or self._ages.oldest_s >= SILENT_AFTER_S + self.watched.late_s
+        is_late = (
+            self._ages.has_silent or self._ages.oldest_s >= SILENT_AFTER_S + self.watched.late_s
+        )
         if not is_late and not doubtful and not self.watched.reason_ns:
             return None
         ages_s, is_followed = self.heard_ages_s(now_ns).tolist(), self._is_settled.tolist()
         is_airborne = self.arrays.flags[AIRBORNE].tolist()
-        is_expected = [has_started and self.fleet.vehicles[name].enabled is not False for name in self.names]
+        is_expected = [
+            has_started and self.fleet.vehicles[name].enabled is not False for name in self.names
+        ]
         silent = [
             index
             for index in self._bodies.values()
-            if self.watched.is_silent(index, ages_s[index], is_followed[index], is_expected[index], is_airborne[index])
+            if self.watched.is_silent(
+                index, ages_s[index], is_followed[index], is_expected[index], is_airborne[index]
+            )
         ]
         in_reach = [index for index in doubtful if is_followed[index]]
         indices = self.watched.update(silent, in_reach, now_ns, own_age_s)
@@ -248,9 +286,11 @@ class NeighbourTable:
         (self.distrusted.add if is_distrusted else self.distrusted.discard)(self.indices[name])
 
     def claim(self, name: str) -> tuple[Claim | None, Seen | None]:
-        """Return what a neighbour says of itself, and where the mocap sees it; None where nothing is known.
+        """Return what a neighbour says of itself, and where the mocap sees it; None where nothing
+        is known.
 
-        One that flies by satellites errs by more than it knows; its word and the mocap's are not compared.
+        One that flies by satellites errs by more than it knows; its word and the mocap's are not
+        compared.
         """
         index = self.indices[name]
         if not self.fleet.vehicles[name].mocap_required:
@@ -260,7 +300,7 @@ class NeighbourTable:
             seen = Seen(tracker.stamp_ns, tracker.position_enu_m)
         return self.unbelieved.claim(self.arrays, index), seen
 
-    # -- ages ----------------------------------------------------------------------------------------------------------
+    # -- ages --------------------------------------------------------------------------------------
 
     def ages_s(self, now_ns: int) -> list[float]:
         """Return the age of each of K newest states; inf when never heard."""
@@ -268,7 +308,9 @@ class NeighbourTable:
             arrays = self.arrays
             ages_s = [
                 max(now_ns - stamp_ns, 0) * 1e-9 if is_known else math.inf
-                for stamp_ns, is_known in zip(arrays.stamp_ns.tolist(), arrays.flags[KNOWN].tolist(), strict=True)
+                for stamp_ns, is_known in zip(
+                    arrays.stamp_ns.tolist(), arrays.flags[KNOWN].tolist(), strict=True
+                )
             ]
             has_silent = any(map(operator.gt, ages_s, self._silent_after_s))
             self.set_ages(ages_s, now_ns, has_silent)
@@ -279,12 +321,15 @@ class NeighbourTable:
         self._ages.at_ns = -1
 
     def set_ages(self, ages_s: list[float], now_ns: int, has_silent: bool) -> None:
-        """Set the ages of K neighbours at a time, where they were calculated for many tables together."""
+        """Set the ages of K neighbours at a time, where they were calculated for many tables
+        together.
+        """
         followed_s = [ages_s[index] for index in self._followed_indices]
         self._ages = _Ages(ages_s, followed_s, max(followed_s, default=0.0), has_silent, now_ns)
 
     def followed_ages_s(self, now_ns: int) -> dict[str, float]:
-        """Return the age of the newest state of each vehicle that is followed and was ever heard."""
+        """Return the age of the newest state of each vehicle that is followed and was ever heard.
+        """
         self.ages_s(now_ns)
         ages = zip(self._followed, self._ages.followed_s, strict=True)
         return {name: age_s for name, age_s in ages if age_s < math.inf}
@@ -298,21 +343,27 @@ class NeighbourTable:
         return max(self.followed_ages_s(now_ns).values(), default=0.0)
 
     def heard_ages_s(self, now_ns: int) -> Array:
-        """Return the age (K,) of each newest message; it grows while only mocap poses come; inf when never heard."""
+        """Return the age (K,) of each newest message; it grows while only mocap poses come; inf
+        when never heard.
+        """
         if not self.watched.seen:
             return np.array(self.ages_s(now_ns))
         heard_ns = self.arrays.heard_ns
         return np.where(heard_ns > 0, np.maximum(now_ns - heard_ns, 0) * 1e-9, np.inf)
 
-    # -- lists ---------------------------------------------------------------------------------------------------------
+    # -- lists -------------------------------------------------------------------------------------
 
     def rows(self, now_ns: int) -> list[NeighbourRow]:
-        """Return the state of each neighbour that is followed, including those never heard (age inf)."""
+        """Return the state of each neighbour that is followed, including those never heard (age
+        inf).
+        """
         self.ages_s(now_ns)
         arrays, at = self.arrays, self._followed_indices
         announces = (arrays.flags[ANNOUNCED] & arrays.flags[KNOWN])[at].tolist()
         columns = self._followed, self._ages.followed_s, arrays.stamp_ns[at].tolist(), announces
-        return [NeighbourRow(*row) for row in zip(*columns, arrays.numbers[at].tolist(), strict=True)]
+        return [
+            NeighbourRow(*row) for row in zip(*columns, arrays.numbers[at].tolist(), strict=True)
+        ]
 
     def missing(self, now_ns: int) -> tuple[str, ...]:
         """Return vehicles that must be there (enabled = true) and are not heard."""
@@ -324,12 +375,15 @@ class NeighbourTable:
         self.ages_s(now_ns)
         if not self._ages.has_silent and not self.watched.seen:
             return ()
-        return self._named(self.arrays.flags[AIRBORNE] & (self.heard_ages_s(now_ns) > self.arrays.silent_after_s))
+        return self._named(
+            self.arrays.flags[AIRBORNE] & (self.heard_ages_s(now_ns) > self.arrays.silent_after_s)
+        )
 
     def unseen(self, now_ns: int) -> tuple[str, ...]:
         """Return silent vehicles without mocap poses: nobody knows where they are.
 
-        Poses of one that was not followed are asked for only when it has fallen silent, and have their time to come.
+        Poses of one that was not followed are asked for only when it has fallen silent, and have
+        their time to come.
         """
         far_s = subscription.FAR_UNSEEN_S + self.watched.late_s
         limit_s = np.where(self._is_settled, self.arrays.silent_after_s, far_s)
@@ -337,7 +391,9 @@ class NeighbourTable:
         return self._named(self.arrays.flags[AIRBORNE] & is_old)
 
     def stale(self, now_ns: int) -> tuple[str, ...]:
-        """Return vehicles in the air that are followed and whose messages are old, though not yet silent."""
+        """Return vehicles in the air that are followed and whose messages are old, though not yet
+        silent.
+        """
         self.ages_s(now_ns)
         if self._ages.oldest_s <= STALE_S + self.watched.late_s and not self.watched.seen:
             return ()
@@ -355,19 +411,25 @@ class NeighbourTable:
     def other_hashes(self, own_hash: str) -> dict[str, str]:
         """Return the configuration hashes that differ from ours."""
         hashes = {name: telemetry.config_hash for name, telemetry in self._telemetry.items()}
-        return {name: config_hash for name, config_hash in hashes.items() if config_hash != own_hash}
+        return {
+            name: config_hash for name, config_hash in hashes.items() if config_hash != own_hash
+        }
 
     def telemetries(self) -> dict[str, Telemetry]:
         """Return the newest telemetry of all that sent one."""
         return {name: self._telemetry[name] for name in self.names if name in self._telemetry}
 
     def distances_m(self, position_enu_m: Vec3, now_ns: int) -> dict[str, float]:
-        """Return the separation from each vehicle that is followed, extrapolated up to the silence limit."""
+        """Return the separation from each vehicle that is followed, extrapolated up to the silence
+        limit.
+        """
         share = self.fleet.fleet.height_share
         self.ages_s(now_ns)
         motions = self.arrays.numbers[:, :6].tolist()
         distances_m = {}
-        for name, index, age_s in zip(self._followed, self._followed_indices, self._ages.followed_s, strict=True):
+        for name, index, age_s in zip(
+            self._followed, self._followed_indices, self._ages.followed_s, strict=True
+        ):
             if age_s < math.inf:
                 x, y, z, vx, vy, vz = motions[index]
                 ahead_s = min(age_s, self.silent_s)

@@ -1,7 +1,9 @@
-"""Neighbours that are not believed: what they say of themselves, what the motion capture sees, and which of it counts.
+"""Neighbours that are not believed: what they say of themselves, what the motion capture sees, and
+which of it counts.
 
-Nobody knows which of the two is wrong: a vehicle lies or is mistaken, or the motion capture takes a body for another.
-So the one that is nearer to us counts; whoever keeps away from that one keeps away from the other as well.
+Nobody knows which of the two is wrong: a vehicle lies or is mistaken, or the motion capture takes a
+body for another. So the one that is nearer to us counts; whoever keeps away from that one keeps
+away from the other as well.
 """
 
 from __future__ import annotations
@@ -32,7 +34,8 @@ class UnbelievedNeighbours:
 
     indices: set[int] = field(default_factory=set)
     doubtful: set[int] = field(default_factory=set)  # their bodies are to be watched
-    seen: dict[int, Seen] = field(default_factory=dict)  # newest position by the poses of all bodies
+    # newest position by the poses of all bodies
+    seen: dict[int, Seen] = field(default_factory=dict)
     _kept: dict[int, _Kept] = field(default_factory=dict)
 
     def set(self, index: int, *, is_doubtful: bool, is_unbelieved: bool) -> None:
@@ -47,12 +50,23 @@ class UnbelievedNeighbours:
         kept = self._keep(arrays, index) if index in self.indices else _newest(arrays, index)
         if kept is None:
             return None
-        columns = "position_enu_m", "velocity_enu_m_s", "predicted_position_enu_m", "predicted_velocity_enu_m_s"
+        columns = (
+            "position_enu_m",
+            "velocity_enu_m_s",
+            "predicted_position_enu_m",
+            "predicted_velocity_enu_m_s",
+        )
         vectors = [_vector(kept.numbers, name) for name in columns]
         scalars = [kept.numbers[COLUMNS_1[name]] for name in ("lead_time_s", "position_std_m")]
         return Claim(kept.stamp_ns, vectors[0], vectors[1], vectors[2], vectors[3], *scalars)
 
-    def place(self, arrays: NeighbourArrays, trackers: Mapping[int, BodyTracker], own_enu_m: Vec3, now_ns: int) -> None:
+    def place(
+        self,
+        arrays: NeighbourArrays,
+        trackers: Mapping[int, BodyTracker],
+        own_enu_m: Vec3,
+        now_ns: int,
+    ) -> None:
         """Write into the arrays where each of them counts, without any promise."""
         for index in self.indices:
             kept, tracker = self._keep(arrays, index), trackers.get(index)
@@ -60,7 +74,9 @@ class UnbelievedNeighbours:
             if tracker is not None and (now_ns - tracker.stamp_ns) * 1e-9 < _SEEN_FOR_S:
                 places.append((min(tracker.stamp_ns, now_ns), tracked_numbers(tracker)))
             if places:
-                stamp_ns, numbers = min(places, key=lambda place: math.dist(place[1][:2], own_enu_m[:2]))
+                stamp_ns, numbers = min(
+                    places, key=lambda place: math.dist(place[1][:2], own_enu_m[:2])
+                )
                 # it says that it stands: nothing that depends on it is left to its word
                 arrays.set_state(index, stamp_ns, numbers, (True, False, False))
 
@@ -72,8 +88,15 @@ class UnbelievedNeighbours:
 
 
 def tracked_numbers(tracker: BodyTracker) -> tuple[float, ...]:
-    """Return the numbers of a neighbour that is where the motion capture sees it, and promises nothing."""
-    p, v, a, zero = tracker.position_enu_m, tracker.velocity_enu_m_s, tracker.acceleration_enu_m_s2, (0.0, 0.0, 0.0)
+    """Return the numbers of a neighbour that is where the motion capture sees it, and promises
+    nothing.
+    """
+    p, v, a, zero = (
+        tracker.position_enu_m,
+        tracker.velocity_enu_m_s,
+        tracker.acceleration_enu_m_s2,
+        (0.0, 0.0, 0.0),
+    )
     return (*p, *v, *a, *p, *v, *zero, *v, POSITION_STD_M, 0.0, 0.0, VELOCITY_STD_M_S)
 
 

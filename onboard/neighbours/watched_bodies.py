@@ -1,4 +1,6 @@
-"""Choice of the mocap bodies of other vehicles whose poses are received: of who is silent, or not believed. Pure."""
+"""Choice of the mocap bodies of other vehicles whose poses are received: of who is silent, or not
+believed. Pure.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,8 @@ class WatchedBodies:
 
     late_s: float = 0.0  # by which the radio makes states later than usual
     reason_ns: dict[int, int] = field(default_factory=dict)  # index -> when there was a reason last
-    seen: set[int] = field(default_factory=set)  # whose newest state is the mocap's, not their own word
+    # whose newest state is the mocap's, not their own word
+    seen: set[int] = field(default_factory=set)
     _first_ns: int = 0
 
     def update(
@@ -28,8 +31,8 @@ class WatchedBodies:
     ) -> tuple[int, ...] | None:
         """Return the indices of all vehicles to watch from now on; None while they stay the same.
 
-        None is watched while the own position is late: on a radio that is full, further poses would take the place of
-        the own, for good.
+        None is watched while the own position is late: on a radio that is full, further poses would
+        take the place of the own, for good.
 
         Args:
             silent: vehicles that are silent, see :meth:`is_silent`.
@@ -46,12 +49,17 @@ class WatchedBodies:
         return None if self.reason_ns.keys() == before else tuple(sorted(self.reason_ns))
 
     def begin(self, now_ns: int) -> bool:
-        """Count the time from the first call; whether everybody who is there should have been heard by now."""
+        """Count the time from the first call; whether everybody who is there should have been heard
+        by now.
+        """
         self._first_ns = self._first_ns or now_ns
         return now_ns - self._first_ns > _START_UP_NS
 
-    def is_silent(self, index: int, age_s: float, is_followed: bool, is_expected: bool, is_airborne: bool) -> bool:
-        """Whether a vehicle gives a reason to watch its body: of those out of reach only one that flew gives any.
+    def is_silent(
+        self, index: int, age_s: float, is_followed: bool, is_expected: bool, is_airborne: bool
+    ) -> bool:
+        """Whether a vehicle gives a reason to watch its body: of those out of reach only one that
+        flew gives any.
 
         Args:
             index: of the vehicle.
@@ -62,4 +70,6 @@ class WatchedBodies:
         """
         if not is_followed:
             return is_airborne and age_s > self.late_s + FAR_SILENT_S
-        return age_s > self.late_s + SILENT_AFTER_S and (index in self.reason_ns or is_expected or age_s < math.inf)
+        return age_s > self.late_s + SILENT_AFTER_S and (
+            index in self.reason_ns or is_expected or age_s < math.inf
+        )

@@ -1,4 +1,6 @@
-"""Work that may wait, done elsewhere in its order: by one thread, from a queue that never grows without bound."""
+"""Work that may wait, done elsewhere in its order: by one thread, from a queue that never grows
+without bound.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,8 @@ log = logging.getLogger("covey.agent")
 class BackgroundQueue:
     """One thread that calls what is submitted, one after the other.
 
-    When too much waits already, what comes next is dropped and counted: whoever submits is never held up.
+    When too much waits already, what comes next is dropped and counted: whoever submits is never
+    held up.
     """
 
     def __init__(self, name: str, most: int = MAX_WAITING) -> None:

@@ -1,4 +1,6 @@
-"""``covey agent deploy``: wheel, fleet file and service onto each companion computer, by plain ssh and scp."""
+"""``covey agent deploy``: wheel, fleet file and service onto each companion computer, by plain ssh
+and scp.
+"""
 
 from __future__ import annotations
 
@@ -28,11 +30,21 @@ def parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--fleet", required=True, metavar="FILE", help="fleet file")
     parser.add_argument("--vehicles", metavar="NAMES", help="only these")
-    parser.add_argument("--wheel", action="append", default=[], metavar="FILE", help="Covey's wheel, then libraries'")
+    parser.add_argument(
+        "--wheel",
+        action="append",
+        default=[],
+        metavar="FILE",
+        help="Covey's wheel, then libraries'",
+    )
     parser.add_argument("--login", metavar="USER", help="of the companions (default: ssh's own)")
-    parser.add_argument("--user", action="store_true", help="a service of that user: no root, no real-time priority")
+    parser.add_argument(
+        "--user", action="store_true", help="a service of that user: no root, no real-time priority"
+    )
     parser.add_argument("--status", action="store_true", help="change nothing: say what runs where")
-    parser.add_argument("--print", action="store_true", dest="prints", help="show the commands, run none")
+    parser.add_argument(
+        "--print", action="store_true", dest="prints", help="show the commands, run none"
+    )
     return parser
 
 
@@ -44,13 +56,19 @@ def main(words: Sequence[str]) -> int:
         names = fleet.select(arguments.vehicles)
         missing = [wheel for wheel in arguments.wheel if not Path(wheel).is_file()]
         if missing:
-            raise ConfigError(f"{missing[0]}: there is no such file. Make the wheel in a clone: make wheel")
+            raise ConfigError(
+                f"{missing[0]}: there is no such file. Make the wheel in a clone: make wheel"
+            )
     except ConfigError as error:
         print(f"covey: {error}", file=sys.stderr)
         return EXIT_WRONG_INPUT
     failed = []
     for name in names:
-        commands = _status(fleet, name, arguments) if arguments.status else _deployment(fleet, name, arguments)
+        commands = (
+            _status(fleet, name, arguments)
+            if arguments.status
+            else _deployment(fleet, name, arguments)
+        )
         print(f"{name} on {fleet.vehicles[name].host}:", flush=True)
         for command in commands:
             if arguments.prints:
@@ -61,7 +79,9 @@ def main(words: Sequence[str]) -> int:
                 break
     if arguments.status and not arguments.prints:
         text = Path(fleet.path).read_bytes()
-        print(f"The fleet file here is {hashlib.sha256(text).hexdigest()[:12]}: all must have the same.")
+        print(
+            f"The fleet file here is {hashlib.sha256(text).hexdigest()[:12]}: all must have the same."
+        )
     return EXIT_OK if not failed else EXIT_FAILED if len(failed) == len(names) else EXIT_MIXED
 
 
@@ -87,8 +107,13 @@ def _deployment(fleet: FleetConfig, name: str, arguments: argparse.Namespace) ->
         commands.append(["scp", "-p", "--", *keys, f"{target}:{_FOLDER}/{fleet.fleet.keys}/"])
     if arguments.wheel:
         commands.append(["scp", "--", *arguments.wheel, f"{target}:{_FOLDER}/"])
-        wheel, pip = shlex.quote(f"./{Path(arguments.wheel[0]).name}"), ".venv/bin/pip install -q --find-links ."
-        install = f"python3 -m venv .venv && {pip} {wheel} && {pip} --force-reinstall --no-deps {wheel}"
+        wheel, pip = (
+            shlex.quote(f"./{Path(arguments.wheel[0]).name}"),
+            ".venv/bin/pip install -q --find-links .",
+        )
+        install = (
+            f"python3 -m venv .venv && {pip} {wheel} && {pip} --force-reinstall --no-deps {wheel}"
+        )
         commands.append(_ssh(fleet, name, arguments, install))
     sudo, options = ("", " --user") if arguments.user else ("sudo ", " --realtime")
     service = f"{sudo}{_COVEY} agent install --fleet fleet.toml --vehicle {name}{options} --now"

@@ -54,7 +54,16 @@ class Service:
 
 def unit_text(service: Service, arguments: Sequence[str] = ()) -> str:
     """Fill in the unit's template, with ``arguments`` for the agent."""
-    command = [sys.executable, "-m", "onboard", "--fleet", service.fleet_path, "--vehicle", service.vehicle, *arguments]
+    command = [
+        sys.executable,
+        "-m",
+        "onboard",
+        "--fleet",
+        service.fleet_path,
+        "--vehicle",
+        service.vehicle,
+        *arguments,
+    ]
     system = _template("agent_system.conf").substitute(user=getpass.getuser())
     return _template("agent.service").substitute(
         vehicle=service.vehicle,
@@ -78,7 +87,11 @@ def _escaped(text: str) -> str:
 def _quoted(word: str) -> str:
     """Return a word of ExecStart: systemd expands % and $, and splits at spaces."""
     safe = _escaped(word).replace("$", "$$")
-    return '"' + safe.replace("\\", "\\\\").replace('"', '\\"') + '"' if shlex.quote(word) != word else safe
+    return (
+        '"' + safe.replace("\\", "\\\\").replace('"', '\\"') + '"'
+        if shlex.quote(word) != word
+        else safe
+    )
 
 
 def install(service: Service, arguments: Sequence[str], *, prints: bool, starts: bool) -> int:
@@ -89,21 +102,31 @@ def install(service: Service, arguments: Sequence[str], *, prints: bool, starts:
         return EXIT_OK
     problems = verify(service, text)
     if problems:
-        return _fail(f"systemd does not accept the unit: {problems} Nothing was written; please report this.")
+        return _fail(
+            f"systemd does not accept the unit: {problems} Nothing was written; please report this."
+        )
     path = service.path
     try:
-        if path.is_symlink() or (path.exists() and not path.read_text(encoding="utf-8").startswith(_MARK)):
-            return _fail(f"{path} was not written by covey agent install: move it away, or rename the fleet.")
+        if path.is_symlink() or (
+            path.exists() and not path.read_text(encoding="utf-8").startswith(_MARK)
+        ):
+            return _fail(
+                f"{path} was not written by covey agent install: move it away, or rename the fleet."
+            )
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text, encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else str(error)
-        return _fail(f"{path} cannot be written ({reason}): use sudo, or --user for a service of your own.")
+        return _fail(
+            f"{path} cannot be written ({reason}): use sudo, or --user for a service of your own."
+        )
     print(f"{path} is written.")
     start = shlex.join(service.systemctl("enable", "--now", service.unit))
     failure = _run(service.systemctl("daemon-reload"))
     if not failure and starts:
-        failure = _run(service.systemctl("enable", service.unit)) or _run(service.systemctl("restart", service.unit))
+        failure = _run(service.systemctl("enable", service.unit)) or _run(
+            service.systemctl("restart", service.unit)
+        )
         if not failure:
             print(f"{service.unit} runs, now and after every boot.")
     if failure:
@@ -111,15 +134,28 @@ def install(service: Service, arguments: Sequence[str], *, prints: bool, starts:
     if not starts:
         print(f"Start it, now and at every boot, with: {start}")
     if service.is_user:
-        print(f"Without a login it starts at boot only after: sudo loginctl enable-linger {getpass.getuser()}")
+        print(
+            f"Without a login it starts at boot only after: sudo loginctl enable-linger {getpass.getuser()}"
+        )
     return EXIT_OK
 
 
 def status(service: Service) -> int:
     """Print in a sentence what systemd knows of the service; return the exit status."""
     if shutil.which("systemctl") is None:
-        return _fail("This computer has no systemd (systemctl is not found): start the agent with covey agent.")
-    fields = ("LoadState", "ActiveState", "SubState", "StatusText", "NRestarts", "Result", "ExecMainStatus", "MainPID")
+        return _fail(
+            "This computer has no systemd (systemctl is not found): start the agent with covey agent."
+        )
+    fields = (
+        "LoadState",
+        "ActiveState",
+        "SubState",
+        "StatusText",
+        "NRestarts",
+        "Result",
+        "ExecMainStatus",
+        "MainPID",
+    )
     shown = subprocess.run(
         [*service.systemctl("show", service.unit), *(f"--property={name}" for name in fields)],
         capture_output=True,
@@ -130,27 +166,39 @@ def status(service: Service) -> int:
         return _fail(f"systemd does not answer ({_words(shown.stderr) or shown.returncode}).")
     values = dict(line.partition("=")[::2] for line in shown.stdout.splitlines())
     if values.get("LoadState") == "not-found":
-        return _fail(f"{service.unit} is not installed: type covey agent install with the same options.")
+        return _fail(
+            f"{service.unit} is not installed: type covey agent install with the same options."
+        )
     restarts = values.get("NRestarts", "0")
     again = f", restarted {restarts} times" if restarts not in ("", "0") else ""
     if values.get("ActiveState") == "active":
         text = values.get("StatusText") or "no status yet"
         print(f"{service.unit} runs (process {values.get('MainPID')}{again}): {text}.")
         return EXIT_OK
-    reasons = {"watchdog": "its control loop hung", "oom-kill": "it took too much memory", "success": "it was stopped"}
+    reasons = {
+        "watchdog": "its control loop hung",
+        "oom-kill": "it took too much memory",
+        "success": "it was stopped",
+    }
     result = values.get("Result", "")
     reason = reasons.get(result, f"{result}, exit status {values.get('ExecMainStatus')}")
-    print(f"{service.unit} does not run ({values.get('ActiveState')}{again}): {reason}. See covey agent logs.")
+    print(
+        f"{service.unit} does not run ({values.get('ActiveState')}{again}): {reason}. See covey agent logs."
+    )
     return EXIT_FAILED
 
 
 def logs(service: Service, *, follows: bool, lines: int) -> int:
     """Print the service's journal; return the exit status."""
     if shutil.which("journalctl") is None:
-        return _fail("This computer has no journal (journalctl is not found): see the output of covey agent.")
+        return _fail(
+            "This computer has no journal (journalctl is not found): see the output of covey agent."
+        )
     manager = ["--user"] if service.is_user else []
     command = ["journalctl", *manager, "--unit", service.unit, "--no-pager", "--lines"]
-    probe = subprocess.run([*command, "1", "--quiet", "--output=cat"], capture_output=True, text=True, check=False)
+    probe = subprocess.run(
+        [*command, "1", "--quiet", "--output=cat"], capture_output=True, text=True, check=False
+    )
     if probe.returncode == 0 and not probe.stdout.strip():
         if not SYSTEMD_RUNS.is_dir():
             return _fail(
@@ -185,7 +233,11 @@ def _run(command: Sequence[str]) -> str:
     if shutil.which(command[0]) is None:
         return f"This computer has no systemd ({command[0]} is not found)."
     ended = subprocess.run(command, capture_output=True, text=True, check=False)
-    return "" if ended.returncode == 0 else f"{shlex.join(command)} failed: {_words(ended.stderr) or ended.returncode}."
+    return (
+        ""
+        if ended.returncode == 0
+        else f"{shlex.join(command)} failed: {_words(ended.stderr) or ended.returncode}."
+    )
 
 
 def _words(text: str) -> str:
@@ -207,17 +259,27 @@ def main(argv: Sequence[str]) -> int:
     commands = parser.add_subparsers(dest="verb", metavar="COMMAND", required=True)
     common = argparse.ArgumentParser(add_help=False)
     common.add_argument("--fleet", required=True, metavar="FILE", help="fleet file")
-    common.add_argument("--vehicle", required=True, metavar="NAME", help="vehicle of the fleet file")
-    common.add_argument("--user", action="store_true", help="a service of your own, which needs no root")
+    common.add_argument(
+        "--vehicle", required=True, metavar="NAME", help="vehicle of the fleet file"
+    )
+    common.add_argument(
+        "--user", action="store_true", help="a service of your own, which needs no root"
+    )
     one = commands.add_parser("install", parents=[common], help="write the unit")
     one.add_argument("--print", action="store_true", help="only show the unit")
     one.add_argument("--now", action="store_true", help="start it too, now and at every boot")
-    one.add_argument("--apply-params", action="store_true", help="the agent sets PX4's required parameters")
-    one.add_argument("--realtime", action="store_true", help="the agent's control loop takes precedence")
+    one.add_argument(
+        "--apply-params", action="store_true", help="the agent sets PX4's required parameters"
+    )
+    one.add_argument(
+        "--realtime", action="store_true", help="the agent's control loop takes precedence"
+    )
     commands.add_parser("status", parents=[common], help="whether it runs")
     two = commands.add_parser("logs", parents=[common], help="what it wrote")
     two.add_argument("--follow", action="store_true", help="go on as it writes")
-    two.add_argument("--lines", type=int, default=100, metavar="N", help="so many of the newest (default 100)")
+    two.add_argument(
+        "--lines", type=int, default=100, metavar="N", help="so many of the newest (default 100)"
+    )
     options = parser.parse_args(argv)
     try:
         fleet = load_fleet(options.fleet)
@@ -231,4 +293,8 @@ def main(argv: Sequence[str]) -> int:
         flags = {"--apply-params": options.apply_params, "--realtime": options.realtime}
         set_flags = [flag for flag, is_set in flags.items() if is_set]
         return install(service, set_flags, prints=options.print, starts=options.now)
-    return status(service) if options.verb == "status" else logs(service, follows=options.follow, lines=options.lines)
+    return (
+        status(service)
+        if options.verb == "status"
+        else logs(service, follows=options.follow, lines=options.lines)
+    )

@@ -1,6 +1,8 @@
-"""Messages to systemd: READY once, WATCHDOG while the control loop ticks, STATUS in a word; nothing elsewhere.
+"""Messages to systemd: READY once, WATCHDOG while the control loop ticks, STATUS in a word; nothing
+elsewhere.
 
-Only a live tick may call this: a loop that hangs sends nothing, and systemd ends and restarts the process.
+Only a live tick may call this: a loop that hangs sends nothing, and systemd ends and restarts the
+process.
 """
 
 from __future__ import annotations
@@ -16,7 +18,8 @@ class Notifier:
     """The datagram socket of ``NOTIFY_SOCKET``; without one every call does nothing.
 
     Args:
-        environ: for tests; NOTIFY_SOCKET, and WATCHDOG_USEC, the time within which a message is due.
+        environ: for tests; NOTIFY_SOCKET, and WATCHDOG_USEC, the time within which a message is
+            due.
     """
 
     def __init__(self, environ: Mapping[str, str] = os.environ) -> None:
@@ -24,7 +27,9 @@ class Notifier:
         self._address = "\0" + path[1:] if path.startswith("@") else path
         within = environ.get("WATCHDOG_USEC", "")
         # a third of the time allowed: two may be lost
-        self._every_ns = min(_LONGEST_NS, int(within) * 1000 // 3) if within.isdigit() else _LONGEST_NS
+        self._every_ns = (
+            min(_LONGEST_NS, int(within) * 1000 // 3) if within.isdigit() else _LONGEST_NS
+        )
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) if path else None
         if self._socket is not None:
             self._socket.setblocking(False)
@@ -36,7 +41,11 @@ class Notifier:
         if self._socket is None:
             return
         is_first = self._sent_ns is None
-        if not is_first and status == self._status and now_ns - (self._sent_ns or 0) < self._every_ns:
+        if (
+            not is_first
+            and status == self._status
+            and now_ns - (self._sent_ns or 0) < self._every_ns
+        ):
             return
         lines = [*(["READY=1"] if is_first else []), "WATCHDOG=1", f"STATUS={status}"]
         try:

@@ -1,10 +1,11 @@
 """The agent's link to its PX4; the only file of onboard that imports mavsdk.
 
-Setpoints, poses and commands leave by the relay in the call that makes them: MAVSDK's offboard plugin repeats the last
-setpoint from a thread of its own, so that PX4 would not notice a hung loop, and MAVSDK cannot sign. MAVSDK finds PX4
-and reads and sets its parameters, through the same relay. Modes and arming are plain commands without waiting for an
-answer, since PX4 accepts commands that it then does not execute; HEARTBEAT shows the result. Parameters are the only
-blocking calls and belong on an executor of their own (:meth:`Px4Link.apply_params`).
+Setpoints, poses and commands leave by the relay in the call that makes them: MAVSDK's offboard
+plugin repeats the last setpoint from a thread of its own, so that PX4 would not notice a hung loop,
+and MAVSDK cannot sign. MAVSDK finds PX4 and reads and sets its parameters, through the same relay.
+Modes and arming are plain commands without waiting for an answer, since PX4 accepts commands that
+it then does not execute; HEARTBEAT shows the result. Parameters are the only blocking calls and
+belong on an executor of their own (:meth:`Px4Link.apply_params`).
 """
 
 from __future__ import annotations
@@ -34,21 +35,24 @@ from onboard.px4.signing import Signer
 from onboard.types import AttitudeSetpoint
 
 _COMPONENT_ID = 191  # MAV_COMP_ID_ONBOARD_COMPUTER
-_ONE_AT_A_TIME = threading.Lock()  # two links that start at once in one process crash MAVSDK 4.1 now and then
+# two links that start at once in one process crash MAVSDK 4.1 now and then
+_ONE_AT_A_TIME = threading.Lock()
 _TYPE_MASK_ATTITUDE_AND_THRUST = 7
 _FRAME_LOCAL_NED, _FRAME_LOCAL_FRD_VELOCITY = 1, 12
 _ESTIMATOR_TYPE_VISION = 2
 _GPS_RAW_INT, _LOCAL_POSITION_NED = 24, 32
 # ATTITUDE_QUATERNION, EXTENDED_SYS_STATE, BATTERY_STATUS, ESTIMATOR_STATUS
 _RATES_HZ = {31: 50.0, 245: 10.0, 147: 2.0, 230: 5.0}
-# Two thirds of the messages that PX4 sends to a companion by itself are not used, and each costs time:
-# ATTITUDE, GLOBAL_POSITION_INT, SERVO_OUTPUT_RAW, VFR_HUD, targets, HIGHRES_IMU, DISTANCE_SENSOR, ALTITUDE, ODOMETRY
+# Two thirds of the messages that PX4 sends to a companion by itself are not used, and each costs
+# time: ATTITUDE, GLOBAL_POSITION_INT, SERVO_OUTPUT_RAW, VFR_HUD, targets, HIGHRES_IMU,
+# DISTANCE_SENSOR, ALTITUDE, ODOMETRY
 _UNUSED = (30, 33, 36, 74, 83, 85, 87, 105, 132, 141, 331)
 _STOP_US = -1.0
 _TUNE = "MFT180O4L8CEGO5CP4O4CEGO5C"  # up a chord, twice; at most 29 characters
 _HEARTBEAT, _GPS_GLOBAL_ORIGIN, _AUTOPILOT_VERSION = 0, 49, 148
-# Indoors any position will do: only PX4's global frame depends on it. Its altitude must be 0: PX4 takes heights of a
-# mocap for altitudes, and its local height would be wrong by the altitude of the origin.
+# Indoors any position will do: only PX4's global frame depends on it. Its altitude must be 0: PX4
+# takes heights of a mocap for altitudes, and its local height would be wrong by the altitude of the
+# origin.
 _ORIGIN = (47.397742, 8.545594, 0.0)
 _ORIGIN_TOLERANCE_M, _PAUSE_NS = 0.01, 1_000_000_000
 _NAN = math.nan
@@ -65,7 +69,8 @@ class Px4Link:
 
     Args:
         endpoint: for instance ``udpin://127.0.0.1:14540``.
-        system_id: MAVLink id that the fleet file gives this vehicle; another id on the endpoint is refused.
+        system_id: MAVLink id that the fleet file gives this vehicle; another id on the endpoint is
+            refused.
         position_hz: rate at which PX4 is to send its own position.
         satellites_hz: rate at which PX4 is to tell whether it has a fix; 0: not at all.
         key: of MAVLink signing; None for a vehicle that does not sign.
@@ -81,14 +86,19 @@ class Px4Link:
         key: bytes | None = None,
     ) -> None:
         self.endpoint, self.system_id = endpoint, system_id
-        self._rates_hz = {**_RATES_HZ, _LOCAL_POSITION_NED: position_hz, _GPS_RAW_INT: satellites_hz}
+        self._rates_hz = {
+            **_RATES_HZ,
+            _LOCAL_POSITION_NED: position_hz,
+            _GPS_RAW_INT: satellites_hz,
+        }
         self._port = PortClaim(endpoint)
         signer = Signer(key, AGENT_LINK_ID) if key is not None else None
         self._relay = MavlinkRelay(endpoint, Ids(system_id, _COMPONENT_ID), signer, self._receive)
         self._mavsdk: Mavsdk | None = None
         self._system: Any = None
         self._param: Param | None = None
-        self._unread: dict[str, tuple[bytes, int]] = {}  # newest message of each kind, not yet parsed: bytes, arrival
+        # newest message of each kind, not yet parsed: bytes, arrival
+        self._unread: dict[str, tuple[bytes, int]] = {}
         self._lock = threading.Lock()
         self._slot = Snapshot()
         self._covariance: tuple[float, list[float]] = (math.nan, [])
@@ -96,7 +106,7 @@ class Px4Link:
         self._poses_ns = 0  # last pose sent to PX4, by this program or one before it
         self.withholds_poses = False  # while PX4 is disarmed: see settle_global_origin
 
-    # -- life --------------------------------------------------------------------------------------------------------
+    # -- life --------------------------------------------------------------------------------------
 
     def start(self) -> None:
         """Open the endpoint; PX4 need not be there yet.
@@ -123,7 +133,8 @@ class Px4Link:
         self._start_ns = self._poses_ns = time.monotonic_ns()
 
     def connect(self, timeout_s: float) -> bool:
-        """Wait (blocking: for an executor) until PX4 has been heard, then subscribe to all that the agent needs.
+        """Wait (blocking: for an executor) until PX4 has been heard, then subscribe to all that the
+        agent needs.
 
         Raises:
             LinkError: another system id answers.
@@ -143,7 +154,9 @@ class Px4Link:
         return False
 
     def stop(self) -> None:
-        """Close the link; a second call does nothing. No call to this object may be under way in another thread."""
+        """Close the link; a second call does nothing. No call to this object may be under way in
+        another thread.
+        """
         mavsdk, self._mavsdk = self._mavsdk, None
         self._relay.stop()
         self._param = self._system = None
@@ -151,7 +164,7 @@ class Px4Link:
             mavsdk.destroy()
         self._port.release()
 
-    # -- in ----------------------------------------------------------------------------------------------------------
+    # -- in ----------------------------------------------------------------------------------------
 
     def snapshot(self) -> Snapshot:
         """Return the newest values; safe from any thread."""
@@ -169,7 +182,10 @@ class Px4Link:
         return self._slot
 
     def _receive(self, packet: Packet) -> None:
-        """Keep a message on the relay's thread; :meth:`snapshot` parses it. MAVSDK gets what it reads."""
+        """Keep a message on the relay's thread; :meth:`snapshot` parses it.
+
+        MAVSDK gets what it reads.
+        """
         name = NAMES.get(packet.number)
         if name is not None:
             self._unread[name] = packet.payload, time.monotonic_ns()
@@ -191,7 +207,7 @@ class Px4Link:
             return known
         return replace(known, last_packet_ns=newest_ns, system_id=self.system_id, **changes)
 
-    # -- out ---------------------------------------------------------------------------------------------------------
+    # -- out ---------------------------------------------------------------------------------------
 
     def send_attitude(self, setpoint: AttitudeSetpoint) -> None:
         """SET_ATTITUDE_TARGET with attitude and thrust, ENU/FLU in, NED/FRD on the wire."""
@@ -210,7 +226,11 @@ class Px4Link:
 
     def set_offboard(self) -> None:
         """DO_SET_MODE to OFFBOARD."""
-        self._command(modes.CMD_SET_MODE, float(modes.BASE_MODE_CUSTOM_ENABLED), float(modes.MAIN_MODE_OFFBOARD))
+        self._command(
+            modes.CMD_SET_MODE,
+            float(modes.BASE_MODE_CUSTOM_ENABLED),
+            float(modes.MAIN_MODE_OFFBOARD),
+        )
 
     def land(self) -> None:
         """Command PX4's own landing at the present position."""
@@ -237,7 +257,11 @@ class Px4Link:
         self._send("PLAY_TUNE", self.system_id, AUTOPILOT_COMPONENT, _TUNE.encode())
 
     def send_odometry(
-        self, position_enu_m: Vec3, quaternion_enu_flu_wxyz: Vec4, std_m: float, reset_count: int = 0
+        self,
+        position_enu_m: Vec3,
+        quaternion_enu_flu_wxyz: Vec4,
+        std_m: float,
+        reset_count: int = 0,
     ) -> None:
         """ODOMETRY in the fleet's axes as NED, without velocity, which a mocap does not measure.
 
@@ -248,7 +272,8 @@ class Px4Link:
         self._poses_ns = time.monotonic_ns()
         north, east, down = ned_from_enu(position_enu_m)
         w, x, y, z = quaternion_enu_flu_wxyz
-        norm = math.hypot(w, x, y, z)  # PX4 ignores the heading of a quaternion whose norm is not 1 to five digits
+        # PX4 ignores the heading of a quaternion whose norm is not 1 to five digits
+        norm = math.hypot(w, x, y, z)
         if std_m != self._covariance[0]:
             diagonal = {0: std_m**2, 6: std_m**2, 11: std_m**2, 15: 1e-4, 18: 1e-4, 20: 1e-4}
             self._covariance = std_m, [diagonal.get(index, 0.0) for index in range(21)]
@@ -270,7 +295,9 @@ class Px4Link:
         )
 
     def set_global_origin(self) -> None:
-        """Give PX4 a global origin: without one it refuses its position modes, its hold and land among them."""
+        """Give PX4 a global origin: without one it refuses its position modes, its hold and land
+        among them.
+        """
         latitude_deg, longitude_deg, altitude_m = _ORIGIN
         self._send(
             "SET_GPS_GLOBAL_ORIGIN",
@@ -282,11 +309,13 @@ class Px4Link:
         )
 
     def settle_global_origin(self, *, sets_ours: bool) -> bool:
-        """Request PX4's global origin, and set ours until PX4 confirms it; call it once a second on the ground.
+        """Request PX4's global origin, and set ours until PX4 confirms it; call it once a second on
+        the ground.
 
-        PX4 sends its origin by itself only when it sets it, and a datagram may be lost. An origin that comes while PX4
-        v1.18 fuses poses moves its local position by thousands of kilometres for good: it counts the move as an error
-        of the poses. So poses are withheld until PX4 has ours, and ours is set only when none came for a second.
+        PX4 sends its origin by itself only when it sets it, and a datagram may be lost. An origin
+        that comes while PX4 v1.18 fuses poses moves its local position by thousands of kilometres
+        for good: it counts the move as an error of the poses. So poses are withheld until PX4 has
+        ours, and ours is set only when none came for a second.
 
         Args:
             sets_ours: the height comes from a mocap, which requires an origin at altitude 0.
@@ -295,7 +324,9 @@ class Px4Link:
             Whether PX4 has an origin, ours if it is to have ours.
         """
         known = self.snapshot().global_origin
-        is_settled = known is not None and (not sets_ours or abs(known[2] - _ORIGIN[2]) <= _ORIGIN_TOLERANCE_M)
+        is_settled = known is not None and (
+            not sets_ours or abs(known[2] - _ORIGIN[2]) <= _ORIGIN_TOLERANCE_M
+        )
         self.withholds_poses = sets_ours and not is_settled
         if known is None:
             self._command(modes.CMD_REQUEST_MESSAGE, float(_GPS_GLOBAL_ORIGIN))
@@ -309,9 +340,12 @@ class Px4Link:
             self._slot = replace(self._slot, global_origin=None)
 
     def request_rates(self) -> None:
-        """Request PX4's version, and rates of what the agent reads: PX4's defaults are too slow for close flight."""
+        """Request PX4's version, and rates of what the agent reads: PX4's defaults are too slow for
+        close flight.
+        """
         interval_by_id_us = {
-            number: 1e6 / rate_hz if rate_hz else _STOP_US for number, rate_hz in self._rates_hz.items()
+            number: 1e6 / rate_hz if rate_hz else _STOP_US
+            for number, rate_hz in self._rates_hz.items()
         }
         for number, interval_us in (interval_by_id_us | dict.fromkeys(_UNUSED, _STOP_US)).items():
             self._command(modes.CMD_SET_MESSAGE_INTERVAL, float(number), interval_us)
@@ -321,10 +355,12 @@ class Px4Link:
         """Request PX4's version, which it sends only then."""
         self._command(modes.CMD_REQUEST_MESSAGE, float(_AUTOPILOT_VERSION))
 
-    # -- parameters: blocking, for an executor -----------------------------------------------------------------------
+    # -- parameters: blocking, for an executor -----------------------------------------------------
 
     def read_params(self, names: Mapping[str, float | int]) -> dict[str, float | int | None]:
-        """Read parameters: name -> any value of the parameter's type. None where PX4 did not answer."""
+        """Read parameters: name -> any value of the parameter's type. None where PX4 did not
+        answer.
+        """
         return {name: self._read_param(name, like) for name, like in names.items()}
 
     def apply_params(self, values: Mapping[str, float | int]) -> None:
@@ -354,14 +390,24 @@ class Px4Link:
             return int(value) if read == self._param.get_param_int else float(value)
         return None
 
-    # -- wire --------------------------------------------------------------------------------------------------------
+    # -- wire --------------------------------------------------------------------------------------
 
     def _boot_ms(self) -> int:
         return (time.monotonic_ns() - self._start_ns) // 1_000_000 & 0xFFFFFFFF
 
     def _command(self, command: int, param1: float = 0.0, param2: float = 0.0) -> None:
         rest = _NAN if command == modes.CMD_LAND else 0.0  # not a number: keep heading and place
-        self._send("COMMAND_LONG", param1, param2, 0.0, *(rest,) * 4, command, self.system_id, AUTOPILOT_COMPONENT, 0)
+        self._send(
+            "COMMAND_LONG",
+            param1,
+            param2,
+            0.0,
+            *(rest,) * 4,
+            command,
+            self.system_id,
+            AUTOPILOT_COMPONENT,
+            0,
+        )
 
     def _send(self, name: str, *values: float | bytes) -> None:
         message = SENT[name]

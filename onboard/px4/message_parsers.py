@@ -1,4 +1,6 @@
-"""Parsers of PX4's messages: from JSON fields and arrival to fields of :class:`onboard.autopilot.Snapshot`."""
+"""Parsers of PX4's messages: from JSON fields and arrival to fields of
+:class:`onboard.autopilot.Snapshot`.
+"""
 
 from __future__ import annotations
 
@@ -10,8 +12,9 @@ from onboard.autopilot import Landed
 from onboard.frames import enu_flu_from_ned_frd
 from onboard.px4 import modes
 
-# AUTOPILOT_VERSION.uid of a PX4 that was built for simulation: this number, counted up by the system id less one
-_SIMULATION_UID = 0x4954414C44494E4F  # from SIMULATIONID0000, BOARD_OVERRIDE_UUID of PX4's board px4_sitl
+# AUTOPILOT_VERSION.uid of a PX4 that was built for simulation: this number, counted up by the
+# system id less one from SIMULATIONID0000, BOARD_OVERRIDE_UUID of PX4's board px4_sitl
+_SIMULATION_UID = 0x4954414C44494E4F
 _MOST_SYSTEM_IDS = 255
 _FIX_3D = 3  # GPS_FIX_TYPE; more is better
 
@@ -28,16 +31,28 @@ def _attitude(fields: dict[str, Any], arrival_ns: int) -> dict[str, Any]:
 
 
 def _local_position(fields: dict[str, Any], arrival_ns: int) -> dict[str, Any]:
-    position, velocity = (fields["x"], fields["y"], fields["z"]), (fields["vx"], fields["vy"], fields["vz"])
-    if not all(isinstance(value, float) and math.isfinite(value) for value in (*position, *velocity)):
+    position, velocity = (
+        (fields["x"], fields["y"], fields["z"]),
+        (fields["vx"], fields["vy"], fields["vz"]),
+    )
+    if not all(
+        isinstance(value, float) and math.isfinite(value) for value in (*position, *velocity)
+    ):
         return {}
-    return {"position_local_ned_m": position, "velocity_local_ned_m_s": velocity, "local_position_ns": arrival_ns}
+    return {
+        "position_local_ned_m": position,
+        "velocity_local_ned_m_s": velocity,
+        "local_position_ns": arrival_ns,
+    }
 
 
 def _estimator_status(fields: dict[str, Any], arrival_ns: int) -> dict[str, Any]:
     accuracy_m = fields["pos_horiz_accuracy"]
     is_known = isinstance(accuracy_m, float) and math.isfinite(accuracy_m) and accuracy_m >= 0.0
-    return {"position_accuracy_m": accuracy_m if is_known else math.inf, "position_accuracy_ns": arrival_ns}
+    return {
+        "position_accuracy_m": accuracy_m if is_known else math.inf,
+        "position_accuracy_ns": arrival_ns,
+    }
 
 
 def _satellites(fields: dict[str, Any], arrival_ns: int) -> dict[str, Any]:
@@ -45,7 +60,13 @@ def _satellites(fields: dict[str, Any], arrival_ns: int) -> dict[str, Any]:
 
 
 def _global_origin(fields: dict[str, Any], _: int) -> dict[str, Any]:
-    return {"global_origin": (fields["latitude"] * 1e-7, fields["longitude"] * 1e-7, fields["altitude"] * 1e-3)}
+    return {
+        "global_origin": (
+            fields["latitude"] * 1e-7,
+            fields["longitude"] * 1e-7,
+            fields["altitude"] * 1e-3,
+        )
+    }
 
 
 def _heartbeat(fields: dict[str, Any], arrival_ns: int) -> dict[str, Any]:

@@ -1,4 +1,6 @@
-"""MAVLink packets as bytes: headers, checksums, and the messages that the agent reads and writes. Pure."""
+"""MAVLink packets as bytes: headers, checksums, and the messages that the agent reads and writes.
+Pure.
+"""
 
 from __future__ import annotations
 
@@ -12,11 +14,14 @@ _SIGNED = 0x01
 SIGNATURE_BYTES = 13
 _HEADER_1, _HEADER_2, _CHECKSUM = 6, 10, 2
 _REVERSED = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
-_HEAD = struct.Struct("<BBBBBBBHB")  # magic, length, two bytes of flags, sequence, system, component, id in two parts
+# magic, length, two bytes of flags, sequence, system, component, id in two parts
+_HEAD = struct.Struct("<BBBBBBBHB")
 
 
 class MessageLayout(NamedTuple):
-    """One kind of message: its fields in the order of the wire, without extensions that are not used."""
+    """One kind of message: its fields in the order of the wire, without extensions that are not
+    used.
+    """
 
     number: int
     checksum_seed: int
@@ -35,7 +40,9 @@ def _message(number: int, seed: int, layout: str, fields: str = "") -> MessageLa
 
 
 READ = {
-    "HEARTBEAT": _message(0, 50, "IBBBBB", "custom_mode type autopilot base_mode system_status mavlink_version"),
+    "HEARTBEAT": _message(
+        0, 50, "IBBBBB", "custom_mode type autopilot base_mode system_status mavlink_version"
+    ),
     "SYS_STATUS": _message(
         1,
         124,
@@ -64,15 +71,19 @@ READ = {
     "STATUSTEXT": _message(253, 83, "B50s", "severity text"),
 }
 SENT = {
-    "SET_GPS_GLOBAL_ORIGIN": _message(48, 41, "iiiBQ"),  # latitude, longitude, altitude, system, time
-    "COMMAND_LONG": _message(76, 152, "7fHBBB"),  # parameters, command, system, component, confirmation
-    "SET_ATTITUDE_TARGET": _message(82, 49, "I8fBBB"),  # time, q, rates, thrust, system, component, mask
+    # latitude, longitude, altitude, system, time
+    "SET_GPS_GLOBAL_ORIGIN": _message(48, 41, "iiiBQ"),
+    # parameters, command, system, component, confirmation
+    "COMMAND_LONG": _message(76, 152, "7fHBBB"),
+    # time, q, rates, thrust, system, component, mask
+    "SET_ATTITUDE_TARGET": _message(82, 49, "I8fBBB"),
     "PLAY_TUNE": _message(258, 187, "BB30s"),  # system, component, tune
     # time, position, q, velocity, rates, two covariances, two frames, resets, estimator, quality
     "ODOMETRY": _message(331, 91, "Q55fBBBBb"),
 }
 # What MAVSDK needs besides, and what it may send: nothing else of it leaves.
-MAVSDK_READS = {0: 50, 22: 220, 77: 143, 148: 178}  # HEARTBEAT, PARAM_VALUE, COMMAND_ACK, AUTOPILOT_VERSION
+# HEARTBEAT, PARAM_VALUE, COMMAND_ACK, AUTOPILOT_VERSION
+MAVSDK_READS = {0: 50, 22: 220, 77: 143, 148: 178}
 MAVSDK_SENDS = {
     0: 50,
     20: 214,
@@ -111,7 +122,8 @@ def is_read(number: int) -> bool:
 
 
 def checksum(data: bytes, seed: int) -> bytes:
-    """Return the two bytes of MAVLink's checksum: CRC-16/MCRF4XX, by the standard library's mirrored form.
+    """Return the two bytes of MAVLink's checksum: CRC-16/MCRF4XX, by the standard library's
+    mirrored form.
 
     Args:
         data: packet without its first byte.
@@ -127,7 +139,8 @@ def cut(data: bytes) -> Iterator[Packet | int]:
     Args:
         data: a datagram, or what came over a cable, beginning anywhere.
     Yields:
-        each packet; last the number of bytes at the end that are no whole packet, negative when they never become one.
+        each packet; last the number of bytes at the end that are no whole packet, negative when
+        they never become one.
     """
     start, end = 0, len(data)
     while start < end:
@@ -147,7 +160,14 @@ def cut(data: bytes) -> Iterator[Packet | int]:
             break
         ids = data[start + 5 : start + 10] if is_2 else data[start + 3 : start + 6]
         number = int.from_bytes(ids[2:], "little")
-        yield Packet(ids[0], ids[1], number, data[body : body + length], is_signed, data[start : start + size])
+        yield Packet(
+            ids[0],
+            ids[1],
+            number,
+            data[body : body + length],
+            is_signed,
+            data[start : start + size],
+        )
         start += size
     if start < end:
         yield end - start
@@ -162,11 +182,20 @@ def fields_of(name: str, payload: bytes) -> dict[str, Any]:
     """
     _, _, layout, places = READ[name]
     values = layout.unpack(payload.ljust(layout.size, b"\0")[: layout.size])
-    return {name: values[place] if count == 1 else values[place : place + count] for name, place, count in places}
+    return {
+        name: values[place] if count == 1 else values[place : place + count]
+        for name, place, count in places
+    }
 
 
 def packed(
-    number: int, payload: bytes, sequence: int, system_id: int, component_id: int, *, is_signed: bool = False
+    number: int,
+    payload: bytes,
+    sequence: int,
+    system_id: int,
+    component_id: int,
+    *,
+    is_signed: bool = False,
 ) -> bytes:
     """Return a packet of MAVLink 2, to which the signature is yet to be added.
 
@@ -181,6 +210,14 @@ def packed(
     payload = payload.rstrip(b"\0") or b"\0"
     flags = _SIGNED if is_signed else 0
     head = _HEAD.pack(
-        _MAGIC_2, len(payload), flags, 0, sequence, system_id, component_id, number & 0xFFFF, number >> 16
+        _MAGIC_2,
+        len(payload),
+        flags,
+        0,
+        sequence,
+        system_id,
+        component_id,
+        number & 0xFFFF,
+        number >> 16,
     )
     return head + payload + checksum(head[1:] + payload, _SEEDS[number])

@@ -1,4 +1,6 @@
-"""One agent per autopilot: MAVSDK binds a port in use without an error, and then each client gets some packets only."""
+"""One agent per autopilot: MAVSDK binds a port in use without an error, and then each client gets
+some packets only.
+"""
 
 from __future__ import annotations
 
@@ -13,9 +15,11 @@ from onboard.autopilot import LinkError
 
 
 class PortClaim:
-    """An autopilot's endpoint that only this process uses, held by a file lock until :meth:`release`.
+    """An autopilot's endpoint that only this process uses, held by a file lock until
+    :meth:`release`.
 
-    The lock excludes other agents, whose MAVSDK would share the port; binding the UDP port once finds other programs.
+    The lock excludes other agents, whose MAVSDK would share the port; binding the UDP port once
+    finds other programs.
     """
 
     def __init__(self, endpoint: str) -> None:
@@ -23,7 +27,8 @@ class PortClaim:
         self._lock_fd: int | None = None
 
     def take(self) -> None:
-        """Claim the UDP port, the remote port or the serial device of the endpoint; a second call does nothing.
+        """Claim the UDP port, the remote port or the serial device of the endpoint; a second call
+        does nothing.
 
         Raises:
             LinkError: another process has it.
@@ -55,7 +60,9 @@ class PortClaim:
 
 
 def _key(endpoint: str) -> str:
-    """Return a file name for the resource: a local port, a remote endpoint, or a device whatever its baud rate."""
+    """Return a file name for the resource: a local port, a remote endpoint, or a device whatever
+    its baud rate.
+    """
     kind, _, address = endpoint.partition("://")
     if kind == "udpin":
         return f"udp-{address.rpartition(':')[2]}"

@@ -1,7 +1,8 @@
-"""The relay between an agent and its PX4: signs what leaves, and lets in what this PX4 has sent and nobody else.
+"""The relay between an agent and its PX4: signs what leaves, and lets in what this PX4 has sent and
+nobody else.
 
-A thread receives; it stands in the agent's process and ends with it. Nothing is kept to be sent later or once more: a
-packet leaves in the call that made it, or never.
+A thread receives; it stands in the agent's process and ends with it. Nothing is kept to be sent
+later or once more: a packet leaves in the call that made it, or never.
 """
 
 from __future__ import annotations
@@ -24,7 +25,11 @@ _HEARTBEAT = 0
 _ANOTHER_NS = 3_000_000_000  # PX4's address is another one only after so long a silence
 _GREET_NS = 900_000_000
 _GREETING = bytes((0, 0, 0, 0, 18, 8, 0, 4, 3))  # HEARTBEAT of an onboard controller
-_BY_VERDICT = {SignatureVerdict.UNSIGNED: "unsigned", SignatureVerdict.FORGED: "forged", SignatureVerdict.OLD: "old"}
+_BY_VERDICT = {
+    SignatureVerdict.UNSIGNED: "unsigned",
+    SignatureVerdict.FORGED: "forged",
+    SignatureVerdict.OLD: "old",
+}
 
 log = logging.getLogger("covey.agent")
 
@@ -46,7 +51,9 @@ class MavlinkRelay:
         on_packet: takes what was let in, on the relay's thread.
     """
 
-    def __init__(self, endpoint: str, ids: Ids, signer: Signer | None, on_packet: Callable[[Packet], None]) -> None:
+    def __init__(
+        self, endpoint: str, ids: Ids, signer: Signer | None, on_packet: Callable[[Packet], None]
+    ) -> None:
         self._endpoint, self._ids, self._signer, self._on_packet = endpoint, ids, signer, on_packet
         self._transport: Transport | None = None
         self._thread: threading.Thread | None = None
@@ -72,7 +79,9 @@ class MavlinkRelay:
             raise LinkError(
                 f"{self._endpoint} cannot be opened ({error}). Correct 'autopilot' of this vehicle in the fleet file."
             ) from None
-        self._thread = threading.Thread(target=self._run, args=(self._transport,), name="link", daemon=True)
+        self._thread = threading.Thread(
+            target=self._run, args=(self._transport,), name="link", daemon=True
+        )
         self._thread.start()
 
     def stop(self) -> None:
@@ -103,7 +112,7 @@ class MavlinkRelay:
             self._sequence = (self._sequence + 1) & 0xFF
             transport.send(data, address)
 
-    # -- what comes in, on the relay's thread ------------------------------------------------------------------------
+    # -- what comes in, on the relay's thread ------------------------------------------------------
 
     def _run(self, transport: Transport) -> None:
         while self._transport is transport:
@@ -164,7 +173,8 @@ class MavlinkRelay:
         if verdict is SignatureVerdict.FRESH:
             return True
         self._refuse(_BY_VERDICT[verdict], address)
-        if verdict is SignatureVerdict.OLD:  # after its start PX4's timestamps are old until it has heard somebody's
+        # after its start PX4's timestamps are old until it has heard somebody's
+        if verdict is SignatureVerdict.OLD:
             self._greet(address)
         return False
 

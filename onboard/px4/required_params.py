@@ -1,4 +1,6 @@
-"""PX4 parameters that close flight requires, the reason for each, and a vehicle's differences from them."""
+"""PX4 parameters that close flight requires, the reason for each, and a vehicle's differences from
+them.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +13,8 @@ from onboard.config.fleet import Vehicle
 
 Value = float | int
 FUSES_POSITION, FUSES_HEADING = 1, 8  # bits of EKF2_EV_CTRL
-BATTERY_FLOOR = "SIM_BAT_MIN_PCT"  # charge at which PX4's simulated battery stops emptying [%]; required of nobody
+# charge at which PX4's simulated battery stops emptying [%]; required of nobody
+BATTERY_FLOOR = "SIM_BAT_MIN_PCT"
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,7 +25,8 @@ class RequiredParam:
     value: Value
     reason: str
     needs_restart: bool = False  # PX4 reads it only when it starts
-    # another value costs quality, not safety: it refuses nothing, and only covey px4 params --apply sets it
+    # another value costs quality, not safety: it refuses nothing, and only covey px4 params --apply
+    # sets it
     is_advice: bool = False
     tolerance: float = 0.0  # a value within it is as good
     since: Version = (0, 0)  # PX4 knows it from this version on,
@@ -38,15 +42,33 @@ class RequiredParam:
         """Whether PX4's value is good enough; None is not."""
         if value is None:
             return False
-        return math.isclose(float(value), float(self.value), rel_tol=1e-5, abs_tol=max(1e-6, self.tolerance))
+        return math.isclose(
+            float(value), float(self.value), rel_tol=1e-5, abs_tol=max(1e-6, self.tolerance)
+        )
 
 
 _FAILSAFE = (
-    RequiredParam("COM_OF_LOSS_T", 0.3, "PX4 acts after so long without setpoints [s], for instance of a hung agent"),
-    RequiredParam("COM_OBL_RC_ACT", 4, "then PX4 lands (4); it neither descends without position control nor returns"),
-    RequiredParam("COM_LOW_BAT_ACT", 2, "at its critical battery level PX4 lands (2) and does not climb to return"),
-    RequiredParam("NAV_RCL_ACT", 3, "without radio control PX4 lands (3) and does not climb to return"),
-    RequiredParam("NAV_DLL_ACT", 0, "without a ground link PX4 does nothing (0): the agent decides"),
+    RequiredParam(
+        "COM_OF_LOSS_T",
+        0.3,
+        "PX4 acts after so long without setpoints [s], for instance of a hung agent",
+    ),
+    RequiredParam(
+        "COM_OBL_RC_ACT",
+        4,
+        "then PX4 lands (4); it neither descends without position control nor returns",
+    ),
+    RequiredParam(
+        "COM_LOW_BAT_ACT",
+        2,
+        "at its critical battery level PX4 lands (2) and does not climb to return",
+    ),
+    RequiredParam(
+        "NAV_RCL_ACT", 3, "without radio control PX4 lands (3) and does not climb to return"
+    ),
+    RequiredParam(
+        "NAV_DLL_ACT", 0, "without a ground link PX4 does nothing (0): the agent decides"
+    ),
     RequiredParam(
         "MAN_OVERRIDE_SPD",
         -1.0,
@@ -63,7 +85,11 @@ _FAILSAFE = (
     ),
 )
 _MOCAP = (
-    RequiredParam("EKF2_EV_CTRL", 15, "PX4 fuses position, height, velocity and heading of the mocap (bits 1 2 4 8)"),
+    RequiredParam(
+        "EKF2_EV_CTRL",
+        15,
+        "PX4 fuses position, height, velocity and heading of the mocap (bits 1 2 4 8)",
+    ),
     RequiredParam("EKF2_HGT_REF", 3, "PX4's height comes from the mocap (3)", needs_restart=True),
     RequiredParam("EKF2_GPS_CTRL", 0, "PX4 does not use satellites (0), which are wrong indoors"),
     RequiredParam(
@@ -83,15 +109,20 @@ _MOCAP_ADVICE = (
     ),
     RequiredParam("EKF2_TAU_VEL", 0.02, "PX4's output follows its filter at once [s]", False, True),
     RequiredParam("EKF2_TAU_POS", 0.1, "PX4's output follows its filter at once [s]", False, True),
-    # PX4 raises it to the largest delay of any sensor, used or not: 110 ms for satellites in v1.16, 100 ms for airspeed
-    RequiredParam("EKF2_DELAY_MAX", 100.0, "PX4's filter lags no further than it must [ms]", True, True, 80.0),
+    # PX4 raises it to the largest delay of any sensor, used or not: 110 ms for satellites in v1.16,
+    # 100 ms for airspeed
+    RequiredParam(
+        "EKF2_DELAY_MAX", 100.0, "PX4's filter lags no further than it must [ms]", True, True, 80.0
+    ),
 )
-BUILT_IN = (*_FAILSAFE, *_MOCAP, *_MOCAP_ADVICE)  # of a vehicle with a mocap; docs/deployment.md lists them
+# of a vehicle with a mocap; docs/deployment.md lists them
+BUILT_IN = (*_FAILSAFE, *_MOCAP, *_MOCAP_ADVICE)
 _TOLERANCES = {param.name: param.tolerance for param in BUILT_IN}
 
 
 def all_params(vehicle: Vehicle, version: Version | None = None) -> tuple[RequiredParam, ...]:
-    """Return all values that this vehicle's PX4 should have; the fleet file's ``px4_params`` replace built-in ones.
+    """Return all values that this vehicle's PX4 should have; the fleet file's ``px4_params``
+    replace built-in ones.
 
     Args:
         vehicle: of the fleet file.
@@ -101,25 +132,52 @@ def all_params(vehicle: Vehicle, version: Version | None = None) -> tuple[Requir
     hover = min(max(vehicle.hover_thrust_frac, 0.1), 0.8)
     built_in = (
         *(BUILT_IN if vehicle.mocap_required else _FAILSAFE),
-        RequiredParam("MPC_THR_HOVER", hover, "PX4's own hold and land begin with this throttle", False, True, 0.1),
+        RequiredParam(
+            "MPC_THR_HOVER",
+            hover,
+            "PX4's own hold and land begin with this throttle",
+            False,
+            True,
+            0.1,
+        ),
     )
     own = vehicle.px4_params
-    of_file = tuple(RequiredParam(name, value, "the fleet file's px4_params require it") for name, value in own.items())
-    return (*(param for param in built_in if param.name not in own and param.is_for(version)), *of_file)
+    of_file = tuple(
+        RequiredParam(name, value, "the fleet file's px4_params require it")
+        for name, value in own.items()
+    )
+    return (
+        *(param for param in built_in if param.name not in own and param.is_for(version)),
+        *of_file,
+    )
 
 
 def required_params(vehicle: Vehicle, version: Version | None = None) -> dict[str, Value]:
-    """Return the parameters without which take-off is refused: the built-in ones and the fleet file's own."""
-    return {param.name: param.value for param in all_params(vehicle, version) if not param.is_advice}
+    """Return the parameters without which take-off is refused: the built-in ones and the fleet
+    file's own.
+    """
+    return {
+        param.name: param.value for param in all_params(vehicle, version) if not param.is_advice
+    }
 
 
-def differences(required: Mapping[str, Value], actual: Mapping[str, Value | None]) -> tuple[str, ...]:
-    """Return a sentence for each parameter that is not as required; None means that PX4 did not send it."""
+def differences(
+    required: Mapping[str, Value], actual: Mapping[str, Value | None]
+) -> tuple[str, ...]:
+    """Return a sentence for each parameter that is not as required; None means that PX4 did not
+    send it.
+    """
     sentences = []
     for name, value_required in required.items():
         value = actual.get(name)
         if value is None:
-            sentences.append(f"PX4 did not send its parameter {name}: check the link and PX4's version.")
-        elif not RequiredParam(name, value_required, "", tolerance=_TOLERANCES.get(name, 0.0)).is_met(value):
-            sentences.append(f"PX4 parameter {name} is {value:g}, this fleet requires {value_required:g}.")
+            sentences.append(
+                f"PX4 did not send its parameter {name}: check the link and PX4's version."
+            )
+        elif not RequiredParam(
+            name, value_required, "", tolerance=_TOLERANCES.get(name, 0.0)
+        ).is_met(value):
+            sentences.append(
+                f"PX4 parameter {name} is {value:g}, this fleet requires {value_required:g}."
+            )
     return tuple(sentences)

@@ -5,8 +5,9 @@ from __future__ import annotations
 from onboard.autopilot import Snapshot
 
 _RC_RECEIVER = 0x10000
-# MAV_SYS_STATUS_SENSOR: bit, name, required for flight with a mocap (None: not reported), and without one. The prearm
-# bit is left out: in HOLD without satellites PX4 keeps it low and arms all the same when setpoints arrive.
+# MAV_SYS_STATUS_SENSOR: bit, name, required for flight with a mocap (None: not reported), and
+# without one. The prearm bit is left out: in HOLD without satellites PX4 keeps it low and arms all
+# the same when setpoints arrive.
 _SENSORS: tuple[tuple[int, str, bool | None, bool], ...] = (
     (0x1, "gyroscope", True, True),
     (0x2, "accelerometer", True, True),
@@ -26,11 +27,17 @@ _SENSORS: tuple[tuple[int, str, bool | None, bool], ...] = (
 
 
 def unhealthy(snapshot: Snapshot, has_mocap: bool) -> tuple[tuple[str, bool], ...]:
-    """Return the name of each sensor that is enabled and not healthy, and whether this flight requires it."""
+    """Return the name of each sensor that is enabled and not healthy, and whether this flight
+    requires it.
+    """
     if not snapshot.sensors_ns:
         return ()
     bad = snapshot.sensors_enabled & ~snapshot.sensors_healthy
-    sensors = ((name, with_mocap if has_mocap else bare) for bit, name, with_mocap, bare in _SENSORS if bad & bit)
+    sensors = (
+        (name, with_mocap if has_mocap else bare)
+        for bit, name, with_mocap, bare in _SENSORS
+        if bad & bit
+    )
     return tuple((name, is_required) for name, is_required in sensors if is_required is not None)
 
 

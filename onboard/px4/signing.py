@@ -1,4 +1,6 @@
-"""Signatures of MAVLink 2 packets: made, and checked as MAVLink's standard says. Pure; the caller has the clock."""
+"""Signatures of MAVLink 2 packets: made, and checked as MAVLink's standard says. Pure; the caller
+has the clock.
+"""
 
 from __future__ import annotations
 
@@ -26,8 +28,8 @@ class SignatureVerdict(Enum):
 class Signer:
     """Signs for one sender and checks what others signed with the same key.
 
-    Its timestamps follow the clock but never go back: they are also above every one that PX4 has shown, so that a clock
-    which is behind locks nobody out.
+    Its timestamps follow the clock but never go back: they are also above every one that PX4 has
+    shown, so that a clock which is behind locks nobody out.
 
     Args:
         key: 32 bytes.

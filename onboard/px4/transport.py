@@ -1,4 +1,6 @@
-"""The way to one autopilot: a UDP socket or a serial device. Sending never waits; what cannot leave at once is lost."""
+"""The way to one autopilot: a UDP socket or a serial device. Sending never waits; what cannot leave
+at once is lost.
+"""
 
 from __future__ import annotations
 
@@ -23,10 +25,14 @@ class Transport(Protocol):
     """Bytes to and from an autopilot."""
 
     def receive(self) -> tuple[bytes, Address | None]:
-        """Wait for bytes; where they come from, if the transport tells. None come within a second, and after stop."""
+        """Wait for bytes; where they come from, if the transport tells. None come within a second,
+        and after stop.
+        """
 
     def send(self, data: bytes, address: Address | None) -> bool:
-        """Send bytes at once, to an address where the transport has several; False when they are lost."""
+        """Send bytes at once, to an address where the transport has several; False when they are
+        lost.
+        """
 
     def stop(self) -> None:
         """End a waiting :meth:`receive`, and close."""

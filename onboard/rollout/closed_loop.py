@@ -1,7 +1,7 @@
 """The closed loop of the pipeline over emulated vehicles, batched over flights and vehicles.
 
-Each vehicle flies on its own estimate from noisy, late mocap samples, and receives the others late and with losses.
-Flights are repeatable: each draws from its own seed, alone or in a batch.
+Each vehicle flies on its own estimate from noisy, late mocap samples, and receives the others late
+and with losses. Flights are repeatable: each draws from its own seed, alone or in a batch.
 """
 
 from __future__ import annotations
@@ -27,7 +27,9 @@ from onboard.types import TICK_S
 
 @dataclass(frozen=True, slots=True)
 class Scenario:
-    """Legs that F flights of N vehicles fly one after the other; a leg ends when all have arrived, or too late."""
+    """Legs that F flights of N vehicles fly one after the other; a leg ends when all have arrived,
+    or too late.
+    """
 
     start_enu_m: Array  # (F, N, 3)
     legs_enu_m: Array  # (F, L, N, 3) goals
@@ -52,8 +54,10 @@ class FleetModel:
 class RolloutResult:
     """Outcome of F flights."""
 
-    arrival_s: Array  # (F, L) when the last vehicle arrived, after the leg's start; inf: not in time
-    trace_enu_m: Array  # (T, F, N, 3) true positions after each tick, until the last flight has ended
+    # (F, L) when the last vehicle arrived, after the leg's start; inf: not in time
+    arrival_s: Array
+    # (T, F, N, 3) true positions after each tick, until the last flight has ended
+    trace_enu_m: Array
     height_share: float = 0.0
 
     @property
@@ -133,7 +137,10 @@ class _Sensing:
     """Mocap samples, late and noisy, through the drone's own filter."""
 
     def __init__(self, model: FleetModel, start_enu_m: Array, errors: Perturbation) -> None:
-        own = [kalman.KalmanParams(errors.mocap_noise_m, drag_1_s=params.drag_1_s) for params in model.params]
+        own = [
+            kalman.KalmanParams(errors.mocap_noise_m, drag_1_s=params.drag_1_s)
+            for params in model.params
+        ]
         self._filters, self._errors = batch.FleetEstimator(own, start_enu_m), errors
         depth = errors.mocap_delay_ticks + 1
         self._samples = deque([start_enu_m] * depth, depth)
@@ -160,7 +167,9 @@ class _Radio:
         first = batch.message(states, None)
         flights, count = first.shape
         self._errors, self._delay_s = errors, errors.message_delay_ticks * TICK_S
-        self._sent = deque([first] * (errors.message_delay_ticks + 1), errors.message_delay_ticks + 1)
+        self._sent = deque(
+            [first] * (errors.message_delay_ticks + 1), errors.message_delay_ticks + 1
+        )
         self._inbox = np.repeat(first[:, None], count, axis=1)  # (F, receiver, sender)
         self._age_s = np.full((flights, count, count), self._delay_s)
         self._others = batch.all_others(count)
@@ -170,9 +179,13 @@ class _Radio:
     def receive(self, link_draws: Array) -> tuple[Rows, BoolArray]:
         """Return the neighbours (F, N, K) of this tick, and that all of them are known."""
         is_received = link_draws >= self._errors.message_loss
-        np.copyto(floats(self._inbox), floats(self._sent[-1])[:, None], where=is_received[..., None])
+        np.copyto(
+            floats(self._inbox), floats(self._sent[-1])[:, None], where=is_received[..., None]
+        )
         self._age_s = np.where(is_received, self._delay_s, self._age_s + TICK_S)
-        return batch.received(self._inbox, self._age_s, self._others, self._is_cooperative), self._is_present
+        return batch.received(
+            self._inbox, self._age_s, self._others, self._is_cooperative
+        ), self._is_present
 
     def publish(self, states: Rows, ticks: Rows) -> None:
         """Take the messages of this tick."""
@@ -196,7 +209,10 @@ class _Legs:
         leg = np.minimum(self._leg, self.count - 1)
         goals = batch.GOAL.rows(self._near_s.shape)
         goals["position_enu_m"] = self._scenario.legs_enu_m[self._flights, leg]
-        goals["duration_s"], goals["sequence"] = self._scenario.duration_s[leg][:, None], self._leg[:, None]
+        goals["duration_s"], goals["sequence"] = (
+            self._scenario.duration_s[leg][:, None],
+            self._leg[:, None],
+        )
         return goals
 
     def advance(self, position_enu_m: Array) -> bool:
@@ -209,7 +225,9 @@ class _Legs:
         has_arrived = np.asarray((self._near_s >= scenario.settle_s)[:, ~self.is_parked].all(-1))
         done = np.flatnonzero(self.is_open & (has_arrived | (self._time_s >= scenario.timeout_s)))
         leg = self._leg[done]
-        self.arrival_s[done, leg] = np.where(has_arrived[done], self._time_s[done] - scenario.settle_s, np.inf)
+        self.arrival_s[done, leg] = np.where(
+            has_arrived[done], self._time_s[done] - scenario.settle_s, np.inf
+        )
         self._leg[done] += 1
         self._time_s[done] = 0.0
         self._near_s[done] = 0.0

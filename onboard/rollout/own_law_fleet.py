@@ -35,13 +35,19 @@ class OwnLawFleet:
     ) -> None:
         self._params, self._obstacles = params, tuple(obstacles)
         self._flights = [
-            [(OwnLawPipeline(law), pipeline.initial(own, Vec3(*spot))) for own, spot in zip(params, spots, strict=True)]
+            [
+                (OwnLawPipeline(law), pipeline.initial(own, Vec3(*spot)))
+                for own, spot in zip(params, spots, strict=True)
+            ]
             for spots in start_enu_m.tolist()
         ]
         self._numbers = list(range(len(self._flights)))
-        self.refusals: dict[int, str] = {}  # number of a flight -> why its first vehicle went on by Covey's law
+        # number of a flight -> why its first vehicle went on by Covey's law
+        self.refusals: dict[int, str] = {}
 
-    def step(self, states: Rows, goals: Rows, neighbours: Rows, is_present: BoolArray, dt_s: float) -> Rows:
+    def step(
+        self, states: Rows, goals: Rows, neighbours: Rows, is_present: BoolArray, dt_s: float
+    ) -> Rows:
         """Return the ticks of all vehicles, see :class:`onboard.rollout.batch.Controller`."""
         count = len(self._params)
         own = zip(batch.STATE.values(states.ravel()), batch.GOAL.values(goals.ravel()), strict=True)
@@ -52,7 +58,14 @@ class OwnLawFleet:
             flight, vehicle = divmod(m, count)
             around = batch.NEIGHBOUR.values(near[m][present[m]])
             law, memory = self._flights[flight][vehicle]
-            inputs = state, goal, around, self._obstacles, pipeline.Phase.FLYING, self._params[vehicle]
+            inputs = (
+                state,
+                goal,
+                around,
+                self._obstacles,
+                pipeline.Phase.FLYING,
+                self._params[vehicle],
+            )
             memory, tick = law.step(memory, *inputs, dt_s)
             self._flights[flight][vehicle] = law, memory
             ticks.append(tick)

@@ -1,8 +1,10 @@
-"""NamedTuples as rows of floats: where each number stands, and functions that read and write a whole value.
+"""NamedTuples as rows of floats: where each number stands, and functions that read and write a
+whole value.
 
-A batch holds one row per vehicle. The layout of a row is a numpy dtype, so that ``rows["law"]["status"]`` is an array
-over all vehicles; the functions turn one row into the NamedTuple that a stage takes, and back. Their text is made from
-the types once, since compiled code cannot walk over fields.
+A batch holds one row per vehicle. The layout of a row is a numpy dtype, so that
+``rows["law"]["status"]`` is an array over all vehicles; the functions turn one row into the
+NamedTuple that a stage takes, and back. Their text is made from the types once, since compiled code
+cannot walk over fields.
 """
 
 from __future__ import annotations
@@ -62,7 +64,9 @@ class Layout:
 
 
 def floats(rows: Rows) -> Array:
-    """Return the numbers (..., width) of rows (...): the same memory where the rows are contiguous and writable."""
+    """Return the numbers (..., width) of rows (...): the same memory where the rows are contiguous
+    and writable.
+    """
     whole = np.require(rows, requirements=["C", "W"])
     return whole.view(np.float64).reshape(*whole.shape, whole.dtype.itemsize // 8)
 
@@ -97,7 +101,9 @@ def _dtype(example: Any) -> Any:
 
 
 def _expression(example: Any, at: int, offset: str, names: dict[str, Any]) -> tuple[str, int]:
-    """The text that makes a value of ``row[at + offset]`` and of what follows, and the number after its last one."""
+    """The text that makes a value of ``row[at + offset]`` and of what follows, and the number after
+    its last one.
+    """
     if _is_number(example):
         number = f"row[{at}{offset}]"
         text = (
@@ -111,7 +117,9 @@ def _expression(example: Any, at: int, offset: str, names: dict[str, Any]) -> tu
     if isinstance(example, list):
         text, end = _expression(example[0], at, " + k", names)
         width = end - at
-        return f"[{text} for k in range(0, {len(example) * width}, {width})]", at + len(example) * width
+        return f"[{text} for k in range(0, {len(example) * width}, {width})]", at + len(
+            example
+        ) * width
     texts = []
     for part in _parts(example).values():
         text, at = _expression(part, at, offset, names)
@@ -124,13 +132,21 @@ def _expression(example: Any, at: int, offset: str, names: dict[str, Any]) -> tu
 
 
 def _written(example: Any, value: str, at: int, offset: str) -> tuple[list[str], int]:
-    """The lines that write ``value`` to ``row[at + offset]`` and behind, and the number after its last one."""
+    """The lines that write ``value`` to ``row[at + offset]`` and behind, and the number after its
+    last one.
+    """
     if _is_number(example):
         return [f"row[{at}{offset}] = {value}"], at + 1
     lines: list[str] = []
-    if isinstance(example, (list, tuple)) and not hasattr(example, "_fields") and len(example) > _UNROLLED:
+    if (
+        isinstance(example, (list, tuple))
+        and not hasattr(example, "_fields")
+        and len(example) > _UNROLLED
+    ):
         inner, end = _written(example[0], f"{value}[k]", at, f" + {_width(example[0])} * k")
-        return [f"for k in range({len(example)}):", *(f"    {line}" for line in inner)], at + len(example) * (end - at)
+        return [f"for k in range({len(example)}):", *(f"    {line}" for line in inner)], at + len(
+            example
+        ) * (end - at)
     for name, part in _parts(example).items():
         more, at = _written(part, value + name, at, offset)
         lines += more

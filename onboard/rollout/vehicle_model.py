@@ -1,7 +1,8 @@
 """Model of the vehicle for rollouts, with its own errors, seeded.
 
-A point mass under a thrust whose direction follows the attitude setpoint through dead time and a second-order lag (with
-a static gain and a bias that the control does not know) and whose size follows the throttle through the motors.
+A point mass under a thrust whose direction follows the attitude setpoint through dead time and a
+second-order lag (with a static gain and a bias that the control does not know) and whose size
+follows the throttle through the motors.
 """
 
 from __future__ import annotations
@@ -23,7 +24,9 @@ _NOISE_BLOCK_TICKS = 100
 
 @dataclass(frozen=True, slots=True)
 class Plant:
-    """Properties of a vehicle as they really are; the control knows the configured part of them at best."""
+    """Properties of a vehicle as they really are; the control knows the configured part of them at
+    best.
+    """
 
     wn_rad_s: float
     zeta: float
@@ -53,7 +56,9 @@ class Perturbation:
 
 
 def plant_of(vehicle: Vehicle) -> Plant:
-    """Return the plant that a vehicle's configuration describes, the emulator's part of it included."""
+    """Return the plant that a vehicle's configuration describes, the emulator's part of it
+    included.
+    """
     return Plant(
         wn_rad_s=vehicle.attitude_wn_rad_s,
         zeta=vehicle.attitude_zeta,
@@ -72,7 +77,9 @@ class Noise:
     def __init__(self, seeds: Sequence[int], count: int) -> None:
         self.generators = [np.random.default_rng(seed) for seed in seeds]
         self.count = count
-        self.constants = np.stack([rng.uniform(-1.0, 1.0, (8, count)) for rng in self.generators], axis=1)
+        self.constants = np.stack(
+            [rng.uniform(-1.0, 1.0, (8, count)) for rng in self.generators], axis=1
+        )
         self.starts = np.stack([rng.normal(size=(count, 2)) for rng in self.generators])
         self.tick = _NOISE_BLOCK_TICKS
 
@@ -81,10 +88,14 @@ class Noise:
         return np.asarray(self.constants[index])
 
     def next(self) -> tuple[Array, Array, Array]:
-        """Return standard normal numbers for mocap and gusts (F, N, 3), and uniform ones for links (F, N, N)."""
+        """Return standard normal numbers for mocap and gusts (F, N, 3), and uniform ones for links
+        (F, N, N).
+        """
         if self.tick == _NOISE_BLOCK_TICKS:
             n, block = self.count, _NOISE_BLOCK_TICKS
-            self.normal = np.stack([rng.standard_normal((block, 2, n, 3)) for rng in self.generators], axis=2)
+            self.normal = np.stack(
+                [rng.standard_normal((block, 2, n, 3)) for rng in self.generators], axis=2
+            )
             self.uniform = np.stack([rng.random((block, n, n)) for rng in self.generators], axis=1)
             self.tick = 0
         k, self.tick = self.tick, self.tick + 1
@@ -94,12 +105,16 @@ class Noise:
 class VehicleModels:
     """True motion of F x N vehicles; the one mutable thing in here."""
 
-    def __init__(self, start: Array, plants: Sequence[Plant], noise: Noise, perturbation: Perturbation) -> None:
+    def __init__(
+        self, start: Array, plants: Sequence[Plant], noise: Noise, perturbation: Perturbation
+    ) -> None:
         shape = start.shape[:-1]
         p = perturbation
 
         def values(name: str) -> Array:
-            return np.broadcast_to(np.array([getattr(plant, name) for plant in plants], dtype=np.float64), shape)
+            return np.broadcast_to(
+                np.array([getattr(plant, name) for plant in plants], dtype=np.float64), shape
+            )
 
         self.position, self.velocity = start.copy(), np.zeros_like(start)
         self.wn = values("wn_rad_s") * (1.0 + p.lag_share * noise.constant(0))
@@ -108,7 +123,9 @@ class VehicleModels:
         self.drag = values("drag_1_s") * (1.0 + p.drag_share * noise.constant(2))
         self.hover = values("hover_thrust_frac") * (1.0 + p.hover_share * noise.constant(3))
         bias = np.tan(np.radians(values("tilt_bias_deg")))
-        self.bias = np.stack([bias * np.sign(noise.constant(4)), bias * np.sign(noise.constant(5))], axis=-1)
+        self.bias = np.stack(
+            [bias * np.sign(noise.constant(4)), bias * np.sign(noise.constant(5))], axis=-1
+        )
         self.motor_lag = values("motor_lag_s")
         self.delay = [round(plant.delay_s * _SUBSTEPS / TICK_S) for plant in plants]
         self.slope = np.zeros((*shape, 2))
@@ -140,13 +157,17 @@ class VehicleModels:
         blend = 1.0 - np.exp(-h / self.motor_lag)
         for _ in range(_SUBSTEPS):
             self.queue = np.concatenate([sent[None], self.queue[:-1]])
-            delayed = np.stack([self.queue[delay, :, n] for n, delay in enumerate(self.delay)], axis=1)
+            delayed = np.stack(
+                [self.queue[delay, :, n] for n, delay in enumerate(self.delay)], axis=1
+            )
             setpoint = self.gain[..., None] * delayed[..., :2] + self.bias
             damping = (2.0 * self.zeta * self.wn)[..., None] * self.slope_rate
             push = self.wn[..., None] ** 2 * (setpoint - self.slope) - damping
             self.slope_rate = self.slope_rate + h * push
             self.slope = self.slope + h * self.slope_rate
-            self.thrust = self.thrust + blend * (delayed[..., 2] / self.hover * GRAVITY_M_S2 - self.thrust)
+            self.thrust = self.thrust + blend * (
+                delayed[..., 2] / self.hover * GRAVITY_M_S2 - self.thrust
+            )
             length = np.sqrt(1.0 + np.einsum("...c,...c->...", self.slope, self.slope))
             along = (self.thrust / length)[..., None]
             force = np.concatenate([along * self.slope, along], axis=-1)

@@ -1,4 +1,6 @@
-"""Lag of the attitude by PX4's version and parameters: whether the values of a fleet file hold for this PX4. Pure."""
+"""Lag of the attitude by PX4's version and parameters: whether the values of a fleet file hold for
+this PX4. Pure.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,8 @@ GAINS = ("MC_ROLL_P", "MC_PITCH_P")
 
 
 def lag_s(version: Version, px4_params: Mapping[str, float]) -> float:
-    """Return the lag of the slower of roll and pitch [s], as far as PX4's attitude control makes it.
+    """Return the lag of the slower of roll and pitch [s], as far as PX4's attitude control makes
+    it.
 
     Args:
         version: of PX4.

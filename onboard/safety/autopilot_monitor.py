@@ -1,8 +1,8 @@
 """Detects a PX4 that is silent, frozen, rebooted, or back after a standstill. Pure.
 
-It judges by ages and by PX4's own clock. A link that repeats old messages, or a PX4 whose scheduler stands still, sends
-packets with a clock that does not move. A PX4 that stood still and goes on shows a clock that has lost time against
-ours.
+It judges by ages and by PX4's own clock. A link that repeats old messages, or a PX4 whose scheduler
+stands still, sends packets with a clock that does not move. A PX4 that stood still and goes on
+shows a clock that has lost time against ours.
 """
 
 from __future__ import annotations
@@ -16,7 +16,8 @@ HEARTBEAT_LOST_S = 3.2  # three of them, at 1 Hz
 STANDSTILL_S = 0.15
 REBOOT_MS = 1000
 REPORTED_S = 2.0  # for so long a reboot or a standstill counts as a condition
-_LIVE_TICKS = 5  # in the first ticks of a process that was not scheduled for a while, everything is old
+# in the first ticks of a process that was not scheduled for a while, everything is old
+_LIVE_TICKS = 5
 _CREEP = 0.2  # s per s by which a clock may lose time: a simulated PX4 on a loaded machine does
 
 
@@ -39,7 +40,9 @@ class AutopilotMonitor:
     _heartbeat_ticks: int = 0
     _lost_ticks: int = 0
 
-    def update(self, now_ns: int, *, packet_ns: int, attitude_ns: int, heartbeat_ns: int, boot_ms: int) -> None:
+    def update(
+        self, now_ns: int, *, packet_ns: int, attitude_ns: int, heartbeat_ns: int, boot_ms: int
+    ) -> None:
         """Take one tick.
 
         Args:
@@ -57,9 +60,13 @@ class AutopilotMonitor:
             self._compare_clocks(now_ns, attitude_ns - 1e6 * boot_ms)
             self._boot_ms, self._moved_ns = boot_ms, now_ns
         # a clock that never arrived (0) does not stand still
-        is_frozen = bool(self._boot_ms) and not is_silent and now_ns - self._moved_ns > FROZEN_S * 1e9
+        is_frozen = (
+            bool(self._boot_ms) and not is_silent and now_ns - self._moved_ns > FROZEN_S * 1e9
+        )
         self._frozen_ticks = self._frozen_ticks + 1 if is_frozen else 0
-        has_late_beat = not is_silent and bool(heartbeat_ns) and now_ns - heartbeat_ns > HEARTBEAT_LOST_S * 1e9
+        has_late_beat = (
+            not is_silent and bool(heartbeat_ns) and now_ns - heartbeat_ns > HEARTBEAT_LOST_S * 1e9
+        )
         self._heartbeat_ticks = self._heartbeat_ticks + 1 if has_late_beat else 0
         self.is_silent = self._silent_ticks >= _LIVE_TICKS
         self.is_frozen = self._frozen_ticks >= _LIVE_TICKS

@@ -1,4 +1,7 @@
-"""Detects a battery that will not last until the vehicle is down, from the trend of PX4's reports. Pure."""
+"""Detects a battery that will not last until the vehicle is down, from the trend of PX4's reports.
+
+Pure.
+"""
 
 from __future__ import annotations
 
@@ -14,11 +17,13 @@ _SAG_SHARE = 0.12  # of the voltage, lost within the window
 
 @dataclass(slots=True)
 class BatteryMonitor:
-    """Memory of one battery; call :meth:`update` some times a second in flight, :meth:`reset` on the ground.
+    """Memory of one battery; call :meth:`update` some times a second in flight, :meth:`reset` on
+    the ground.
 
-    A percentage falls by about 0.2 % a second in ordinary flight. The battery is falling when, at the present rate,
-    less than half of the landing level would be left after the descent and a reserve. PX4's simulated battery loses
-    1.7 % a second, but only down to a level of its own, and counts by that until less is left.
+    A percentage falls by about 0.2 % a second in ordinary flight. The battery is falling when, at
+    the present rate, less than half of the landing level would be left after the descent and a
+    reserve. PX4's simulated battery loses 1.7 % a second, but only down to a level of its own, and
+    counts by that until less is left.
     """
 
     is_falling: bool = False
@@ -47,7 +52,8 @@ class BatteryMonitor:
             voltage_v: NaN while PX4 does not report it.
             land_frac: level at which the vehicle lands in any case.
             descent_s: time that a landing takes from here.
-            floor_frac: charge at which a simulated battery stops emptying (PX4's SIM_BAT_MIN_PCT); 0 for a real one.
+            floor_frac: charge at which a simulated battery stops emptying (PX4's SIM_BAT_MIN_PCT);
+                0 for a real one.
         """
         past = self._past
         past.append((time_s, remaining_frac, voltage_v))

@@ -1,13 +1,15 @@
-"""The failsafe table: the action for every pair of a situation and a condition, decided beforehand. Pure data.
+"""The failsafe table: the action for every pair of a situation and a condition, decided beforehand.
+Pure data.
 
-Of all conditions that hold, the strongest action counts, and it is kept: an action ends only by a stronger one or by an
-operator's order (:func:`latched`).
+Of all conditions that hold, the strongest action counts, and it is kept: an action ends only by a
+stronger one or by an operator's order (:func:`latched`).
 
-The rank of an action says how much of the flight it takes away from this agent: first the speed, then the goal, then
-the flight itself, then the controls. A higher rank is safer whenever something is in doubt on which the lower rank
-relies, and the table uses a rank only in such cases. It is no scale of comfort: PX4's landing does not avoid the
-others, and after silence PX4's own failsafe lands. Both stand above the landing under the law, for cases in which that
-landing cannot be trusted. LEVEL is a hold without a usable tick: while it lasts, setpoints are level; afterwards the
+The rank of an action says how much of the flight it takes away from this agent: first the speed,
+then the goal, then the flight itself, then the controls. A higher rank is safer whenever something
+is in doubt on which the lower rank relies, and the table uses a rank only in such cases. It is no
+scale of comfort: PX4's landing does not avoid the others, and after silence PX4's own failsafe
+lands. Both stand above the landing under the law, for cases in which that landing cannot be
+trusted. LEVEL is a hold without a usable tick: while it lasts, setpoints are level; afterwards the
 vehicle holds.
 """
 
@@ -32,7 +34,8 @@ class Situation(Enum):
 
 
 class Condition(Enum):
-    """Everything that can be wrong, in groups. Of two conditions with the same action the first one is named.
+    """Everything that can be wrong, in groups. Of two conditions with the same action the first one
+    is named.
 
     The names are codes of events, the values are words of the telemetry and of docs/failsafe.md.
     """
@@ -140,28 +143,50 @@ TABLE: dict[tuple[Situation, Condition], Action] = {
     (situation, condition): action
     for condition, row in {
         # condition: GROUND, ARMED, LIFTOFF, FLYING, LANDING, PX4_LANDING, SILENT
-        # own dead reckoning is better than PX4's for some seconds, and the others hear where it leads; PX4's landing
-        # avoids nobody, was 1 to 2.3 m off after 4 s, and ended two flights of five in a collision. Whatever else
-        # holds, a flight without a position brakes and sinks (docs/flight.md); back in time, its order goes on
+        # own dead reckoning is better than PX4's for some seconds, and the others hear where it
+        # leads; PX4's landing avoids nobody, was 1 to 2.3 m off after 4 s, and ended two flights of
+        # five in a collision. Whatever else holds, a flight without a position brakes and sinks
+        # (docs/flight.md); back in time, its order goes on
         _C.POSITION_STALE: (_A.REFUSE, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON),
         _C.POSITION_LOST: (_A.REFUSE, _A.DISARM, _A.LAND, _A.LAND, _A.LAND, _A.GO_ON, _A.GO_ON),
-        _C.POSITION_LOST_LONG: (_A.REFUSE, _A.DISARM, _A.PX4_LAND, _A.PX4_LAND, _A.PX4_LAND, _A.GO_ON, _A.GO_ON),
-        # on the ground it may be believed again: a vehicle can be carried there. Nobody starts from such a place.
-        # In the air, without these samples, the estimate continues on attitude and thrust, which is good enough for
-        # the 0.2 s until it counts as stale: braking under the law is better than flying on
+        _C.POSITION_LOST_LONG: (
+            _A.REFUSE,
+            _A.DISARM,
+            _A.PX4_LAND,
+            _A.PX4_LAND,
+            _A.PX4_LAND,
+            _A.GO_ON,
+            _A.GO_ON,
+        ),
+        # on the ground it may be believed again: a vehicle can be carried there. Nobody starts from
+        # such a place. In the air, without these samples, the estimate continues on attitude and
+        # thrust, which is good enough for the 0.2 s until it counts as stale: braking under the law
+        # is better than flying on
         _C.POSITION_JUMPED: (_A.REFUSE, _A.DISARM, _A.LAND, _A.HOLD, _A.GO_ON, _A.GO_ON, _A.GO_ON),
         _C.MOCAP_SWAPPED: (_A.REFUSE, _A.DISARM, _A.LAND, _A.HOLD, _A.GO_ON, _A.GO_ON, _A.GO_ON),
         _C.MOCAP_FROZEN: (_A.REFUSE, _A.GO_ON, _A.LAND, _A.HOLD, _A.GO_ON, _A.GO_ON, _A.GO_ON),
         # the estimate compensates the age, but its error grows with the speed
         _C.MOCAP_LATE: (_A.REFUSE, _A.GO_ON, _A.GO_ON, _A.SLOW, _A.GO_ON, _A.GO_ON, _A.GO_ON),
-        # PX4's own position runs away from then on: down by dead reckoning, out of the others' heights
+        # PX4's own position runs away from then on: down by dead reckoning, out of the others'
+        # heights
         _C.SATELLITES_LOST: (_A.REFUSE, _A.DISARM, _A.LAND, _A.LAND, _A.GO_ON, _A.GO_ON, _A.GO_ON),
-        # no distance that the others keep covers it: down before it is worse, under the law with what it has
-        _C.POSITION_INACCURATE: (_A.REFUSE, _A.DISARM, _A.LAND, _A.LAND, _A.GO_ON, _A.GO_ON, _A.GO_ON),
-        # whoever took the controls flies it, also out of PX4's landing, which is not commanded again then
+        # no distance that the others keep covers it: down before it is worse, under the law with
+        # what it has
+        _C.POSITION_INACCURATE: (
+            _A.REFUSE,
+            _A.DISARM,
+            _A.LAND,
+            _A.LAND,
+            _A.GO_ON,
+            _A.GO_ON,
+            _A.GO_ON,
+        ),
+        # whoever took the controls flies it, also out of PX4's landing, which is not commanded
+        # again then
         _C.LEFT_OFFBOARD: (_A.GO_ON, _A.DISARM, _A.STOP, _A.STOP, _A.STOP, _A.STOP, _A.GO_ON),
         _C.PX4_FAILSAFE: (_A.GO_ON, _A.DISARM, _A.STOP, _A.STOP, _A.STOP, _A.GO_ON, _A.GO_ON),
-        # the kill switch was used: never arm again by itself; in a landing it is how the landing ends
+        # the kill switch was used: never arm again by itself; in a landing it is how the landing
+        # ends
         _C.DISARMED: (_A.GO_ON, _A.GO_ON, _A.STOP, _A.STOP, _A.GO_ON, _A.GO_ON, _A.GO_ON),
         # it has forgotten modes, parameters that were not saved, and where its local origin was
         _C.REBOOTED: (_A.REFUSE, _A.DISARM, _A.STOP, _A.STOP, _A.STOP, _A.STOP, _A.GO_ON),
@@ -170,67 +195,173 @@ TABLE: dict[tuple[Situation, Condition], Action] = {
         _C.AUTOPILOT_IMPOSSIBLE: (_A.REFUSE, _A.STOP, _A.STOP, _A.STOP, _A.STOP, _A.STOP, _A.GO_ON),
         # setpoints sent to it now would be obeyed late, all at once
         _C.AUTOPILOT_FROZEN: (_A.REFUSE, _A.STOP, _A.STOP, _A.STOP, _A.STOP, _A.STOP, _A.GO_ON),
-        # it flew on its last setpoint meanwhile, and its own failsafe is timed by the clock that stood still
+        # it flew on its last setpoint meanwhile, and its own failsafe is timed by the clock that
+        # stood still
         _C.AUTOPILOT_BACK: (_A.GO_ON, _A.DISARM, _A.LAND, _A.HOLD, _A.GO_ON, _A.GO_ON, _A.GO_ON),
         # attitude still arrives, so it follows setpoints; but its mode is not known any more
         _C.HEARTBEAT_LOST: (_A.REFUSE, _A.DISARM, _A.LAND, _A.LAND, _A.GO_ON, _A.GO_ON, _A.GO_ON),
-        # one wrong datagram ends no flight; from several on nobody knows which of two senders is the PX4
-        _C.REPORTS_CONTRADICT: (_A.REFUSE, _A.DISARM, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON),
-        _C.REPORTS_CONTRADICT_LONG: (_A.REFUSE, _A.DISARM, _A.LAND, _A.LAND, _A.GO_ON, _A.GO_ON, _A.GO_ON),
-        # a landing under the law ends by its own signs of contact and by PX4's word that it is disarmed
+        # one wrong datagram ends no flight; from several on nobody knows which of two senders is
+        # the PX4
+        _C.REPORTS_CONTRADICT: (
+            _A.REFUSE,
+            _A.DISARM,
+            _A.GO_ON,
+            _A.GO_ON,
+            _A.GO_ON,
+            _A.GO_ON,
+            _A.GO_ON,
+        ),
+        _C.REPORTS_CONTRADICT_LONG: (
+            _A.REFUSE,
+            _A.DISARM,
+            _A.LAND,
+            _A.LAND,
+            _A.GO_ON,
+            _A.GO_ON,
+            _A.GO_ON,
+        ),
+        # a landing under the law ends by its own signs of contact and by PX4's word that it is
+        # disarmed
         _C.LANDED_UNKNOWN: (_A.REFUSE, _A.DISARM, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON),
         # a PX4 that believes to have landed disarms soon: the lower it is by then, the better
         _C.LANDED_WRONG: (_A.GO_ON, _A.GO_ON, _A.GO_ON, _A.LAND, _A.GO_ON, _A.GO_ON, _A.GO_ON),
         # our setpoints do not reach the motors; PX4's own landing does not depend on them
-        _C.ATTITUDE_NOT_FOLLOWED: (_A.GO_ON, _A.GO_ON, _A.PX4_LAND, _A.PX4_LAND, _A.PX4_LAND, _A.GO_ON, _A.GO_ON),
+        _C.ATTITUDE_NOT_FOLLOWED: (
+            _A.GO_ON,
+            _A.GO_ON,
+            _A.PX4_LAND,
+            _A.PX4_LAND,
+            _A.PX4_LAND,
+            _A.GO_ON,
+            _A.GO_ON,
+        ),
         _C.THRUST_SATURATED: (_A.GO_ON, _A.GO_ON, _A.GO_ON, _A.SLOW, _A.GO_ON, _A.GO_ON, _A.GO_ON),
         _C.NOT_CLIMBING: (_A.GO_ON, _A.GO_ON, _A.GO_ON, _A.LAND, _A.GO_ON, _A.GO_ON, _A.GO_ON),
-        # after a collision or a failed motor: thrust does not help; PX4's failsafe for lost setpoints disarms
+        # after a collision or a failed motor: thrust does not help; PX4's failsafe for lost
+        # setpoints disarms
         _C.FALLEN: (_A.GO_ON, _A.GO_ON, _A.GO_ON, _A.STOP, _A.GO_ON, _A.GO_ON, _A.GO_ON),
         _C.LOOP_LATE: (_A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON),
         _C.LOOP_STALLED: (_A.GO_ON, _A.DISARM, _A.LAND, _A.HOLD, _A.GO_ON, _A.GO_ON, _A.GO_ON),
         # PX4 has begun to land meanwhile: new setpoints would interrupt its landing
-        _C.LOOP_STALLED_LONG: (_A.GO_ON, _A.DISARM, _A.PX4_LAND, _A.PX4_LAND, _A.PX4_LAND, _A.GO_ON, _A.GO_ON),
+        _C.LOOP_STALLED_LONG: (
+            _A.GO_ON,
+            _A.DISARM,
+            _A.PX4_LAND,
+            _A.PX4_LAND,
+            _A.PX4_LAND,
+            _A.GO_ON,
+            _A.GO_ON,
+        ),
         # wrong ages have rows of their own; the jump itself changes nothing in flight
         _C.CLOCK_JUMPED: (_A.REFUSE, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON),
         _C.NOT_FINITE: (_A.REFUSE, _A.GO_ON, _A.LAND, _A.LEVEL, _A.LEVEL, _A.GO_ON, _A.GO_ON),
-        _C.NOT_FINITE_LONG: (_A.REFUSE, _A.DISARM, _A.PX4_LAND, _A.PX4_LAND, _A.PX4_LAND, _A.GO_ON, _A.GO_ON),
-        # Covey's law was computed beside it all the time, so nothing is missing; the next flight begins with it again
+        _C.NOT_FINITE_LONG: (
+            _A.REFUSE,
+            _A.DISARM,
+            _A.PX4_LAND,
+            _A.PX4_LAND,
+            _A.PX4_LAND,
+            _A.GO_ON,
+            _A.GO_ON,
+        ),
+        # Covey's law was computed beside it all the time, so nothing is missing; the next flight
+        # begins with it again
         _C.OWN_LAW_REFUSED: (_A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON),
         # no flight begins without a record; none ends because of it
         _C.DISK_FULL: (_A.REFUSE, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON),
-        # on the ground neither flies; an agent in the air goes on, since the second one sends nothing
+        # on the ground neither flies; an agent in the air goes on, since the second one sends
+        # nothing
         _C.TWIN: (_A.REFUSE, _A.DISARM, _A.LAND, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON),
         _C.SHUTDOWN: (_A.REFUSE, _A.DISARM, _A.LAND, _A.LAND, _A.GO_ON, _A.GO_ON, _A.GO_ON),
         _C.BUS_LOST: (_A.REFUSE, _A.DISARM, _A.LAND, _A.HOLD, _A.GO_ON, _A.GO_ON, _A.GO_ON),
         _C.BUS_LOST_LONG: (_A.REFUSE, _A.DISARM, _A.LAND, _A.LAND, _A.GO_ON, _A.GO_ON, _A.GO_ON),
-        # no start is completed without anybody; in flight it is no emergency: the order is finished, the vehicle holds
+        # no start is completed without anybody; in flight it is no emergency: the order is
+        # finished, the vehicle holds
         _C.GROUND_LOST: (_A.GO_ON, _A.DISARM, _A.LAND, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON),
-        # nobody comes back, and PX4's failsafe for an empty battery would land all at once, without avoidance
+        # nobody comes back, and PX4's failsafe for an empty battery would land all at once, without
+        # avoidance
         _C.GROUND_LOST_LONG: (_A.GO_ON, _A.DISARM, _A.LAND, _A.LAND, _A.GO_ON, _A.GO_ON, _A.GO_ON),
         # a take-off has time limits of its own; a landing that does not come down is left to PX4
         _C.ORDER_OVERDUE: (_A.GO_ON, _A.GO_ON, _A.GO_ON, _A.HOLD, _A.PX4_LAND, _A.GO_ON, _A.GO_ON),
         # land, but under the law: PX4's landing would not keep away from the other vehicle
-        _C.COLLISION_SUSPECTED: (_A.REFUSE, _A.DISARM, _A.LAND, _A.LAND, _A.GO_ON, _A.GO_ON, _A.GO_ON),
-        # the law already separates them as hard as it can: stopping or landing would only interrupt that
-        _C.SEPARATION_BREACHED: (_A.REFUSE, _A.DISARM, _A.GO_ON, _A.SLOW, _A.GO_ON, _A.GO_ON, _A.GO_ON),
-        _C.SEPARATION_PREDICTED: (_A.GO_ON, _A.GO_ON, _A.GO_ON, _A.SLOW, _A.GO_ON, _A.GO_ON, _A.GO_ON),
+        _C.COLLISION_SUSPECTED: (
+            _A.REFUSE,
+            _A.DISARM,
+            _A.LAND,
+            _A.LAND,
+            _A.GO_ON,
+            _A.GO_ON,
+            _A.GO_ON,
+        ),
+        # the law already separates them as hard as it can: stopping or landing would only interrupt
+        # that
+        _C.SEPARATION_BREACHED: (
+            _A.REFUSE,
+            _A.DISARM,
+            _A.GO_ON,
+            _A.SLOW,
+            _A.GO_ON,
+            _A.GO_ON,
+            _A.GO_ON,
+        ),
+        _C.SEPARATION_PREDICTED: (
+            _A.GO_ON,
+            _A.GO_ON,
+            _A.GO_ON,
+            _A.SLOW,
+            _A.GO_ON,
+            _A.GO_ON,
+            _A.GO_ON,
+        ),
         # no goal is pursued without avoidance
         _C.LAW_INFEASIBLE: (_A.GO_ON, _A.GO_ON, _A.LAND, _A.HOLD, _A.GO_ON, _A.GO_ON, _A.GO_ON),
         # nobody knows where it is: a vehicle that holds is at least where the others expect it
         _C.NEIGHBOUR_UNSEEN: (_A.REFUSE, _A.DISARM, _A.LAND, _A.HOLD, _A.GO_ON, _A.GO_ON, _A.GO_ON),
         # avoided where the mocap measures it, with full responsibility on our side
-        _C.NEIGHBOUR_SILENT: (_A.REFUSE, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON),
+        _C.NEIGHBOUR_SILENT: (
+            _A.REFUSE,
+            _A.GO_ON,
+            _A.GO_ON,
+            _A.GO_ON,
+            _A.GO_ON,
+            _A.GO_ON,
+            _A.GO_ON,
+        ),
         # like a silent one
-        _C.NEIGHBOUR_INVALID: (_A.REFUSE, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON),
+        _C.NEIGHBOUR_INVALID: (
+            _A.REFUSE,
+            _A.GO_ON,
+            _A.GO_ON,
+            _A.GO_ON,
+            _A.GO_ON,
+            _A.GO_ON,
+            _A.GO_ON,
+        ),
         # with full responsibility on our side, too, but its next motion cannot be predicted
-        _C.NEIGHBOUR_UNCOOPERATIVE: (_A.REFUSE, _A.GO_ON, _A.GO_ON, _A.SLOW, _A.GO_ON, _A.GO_ON, _A.GO_ON),
+        _C.NEIGHBOUR_UNCOOPERATIVE: (
+            _A.REFUSE,
+            _A.GO_ON,
+            _A.GO_ON,
+            _A.SLOW,
+            _A.GO_ON,
+            _A.GO_ON,
+            _A.GO_ON,
+        ),
         # the same, and it is avoided where it says or where the mocap sees it, whichever is nearer
-        _C.NEIGHBOUR_IMPLAUSIBLE: (_A.REFUSE, _A.DISARM, _A.GO_ON, _A.SLOW, _A.GO_ON, _A.GO_ON, _A.GO_ON),
+        _C.NEIGHBOUR_IMPLAUSIBLE: (
+            _A.REFUSE,
+            _A.DISARM,
+            _A.GO_ON,
+            _A.SLOW,
+            _A.GO_ON,
+            _A.GO_ON,
+            _A.GO_ON,
+        ),
         _C.NEIGHBOUR_STALE: (_A.GO_ON, _A.GO_ON, _A.GO_ON, _A.SLOW, _A.GO_ON, _A.GO_ON, _A.GO_ON),
         # its newest message gives its position, so it is believed at once
         _C.NEIGHBOUR_BACK: (_A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON),
-        # it does not take off either; in flight nobody knows by which rules it avoids: all of it is left to us
+        # it does not take off either; in flight nobody knows by which rules it avoids: all of it is
+        # left to us
         _C.CONFIG_DIFFERS: (_A.REFUSE, _A.DISARM, _A.GO_ON, _A.SLOW, _A.GO_ON, _A.GO_ON, _A.GO_ON),
         _C.BATTERY_WARNING: (_A.REFUSE, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON),
         _C.BATTERY_LOW: (_A.REFUSE, _A.DISARM, _A.LAND, _A.LAND, _A.GO_ON, _A.GO_ON, _A.GO_ON),
@@ -241,7 +372,15 @@ TABLE: dict[tuple[Situation, Condition], Action] = {
         _C.FENCE_NEAR: (_A.GO_ON, _A.GO_ON, _A.GO_ON, _A.SLOW, _A.GO_ON, _A.GO_ON, _A.GO_ON),
         # the vehicle holds at a point inside
         _C.FENCE_BREACH: (_A.REFUSE, _A.DISARM, _A.LAND, _A.HOLD, _A.GO_ON, _A.GO_ON, _A.GO_ON),
-        _C.FENCE_BREACH_LONG: (_A.REFUSE, _A.DISARM, _A.LAND, _A.LAND, _A.GO_ON, _A.GO_ON, _A.GO_ON),
+        _C.FENCE_BREACH_LONG: (
+            _A.REFUSE,
+            _A.DISARM,
+            _A.LAND,
+            _A.LAND,
+            _A.GO_ON,
+            _A.GO_ON,
+            _A.GO_ON,
+        ),
         _C.CEILING: (_A.GO_ON, _A.GO_ON, _A.LAND, _A.HOLD, _A.GO_ON, _A.GO_ON, _A.GO_ON),
     }.items()
     for situation, action in zip(Situation, row, strict=True)
@@ -250,14 +389,17 @@ TABLE: dict[tuple[Situation, Condition], Action] = {
 _RANK = {condition: rank for rank, condition in enumerate(Condition)}
 
 
-def decide(situation: Situation, conditions: Collection[Condition]) -> tuple[Action, Condition | None]:
+def decide(
+    situation: Situation, conditions: Collection[Condition]
+) -> tuple[Action, Condition | None]:
     """Decide by the table.
 
     Args:
         situation: of the vehicle.
         conditions: all that hold.
     Returns:
-        the strongest action, and the condition that demands it: of several the first one in :class:`Condition`. Without
+        the strongest action, and the condition that demands it: of several the first one in
+            :class:`Condition`. Without
         conditions GO_ON and None.
     """
     if not conditions:
@@ -289,8 +431,8 @@ def latched(before: Action, demanded: Action) -> Action:
     """Return the action that follows another one without an order in between: never a weaker one.
 
     Args:
-        before: action of the last tick. A level flight leaves a hold, since its order has failed; a refusal leaves
-            nothing.
+        before: action of the last tick. A level flight leaves a hold, since its order has failed; a
+            refusal leaves nothing.
         demanded: by the conditions that hold now.
     Returns:
         the action of this tick.

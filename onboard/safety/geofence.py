@@ -1,4 +1,5 @@
-"""Geofence: whether a vehicle is outside, above it, or about to leave it. Pure, in plain floats, for every tick.
+"""Geofence: whether a vehicle is outside, above it, or about to leave it. Pure, in plain floats,
+for every tick.
 
 The fence is a box in fleet ENU. Its floor does not count as a wall, since vehicles stand there.
 """
@@ -41,9 +42,15 @@ class Fence:
         """
         if not math.isfinite(sum(position_enu_m)):
             return FenceStatus(False, True, False)
-        (x, y, z), (west, south, floor), (east, north, top) = position_enu_m, self.low_enu_m, self.high_enu_m
+        (x, y, z), (west, south, floor), (east, north, top) = (
+            position_enu_m,
+            self.low_enu_m,
+            self.high_enu_m,
+        )
         is_above = z > top
-        is_outside = not (west <= x <= east and south <= y <= north) or z < floor - self.floor_tolerance_m
+        is_outside = (
+            not (west <= x <= east and south <= y <= north) or z < floor - self.floor_tolerance_m
+        )
         (u, v, w), (brake_x, brake_y, brake_z) = velocity_enu_m_s, self.brake_m_s2
         is_near = (
             self._is_near(east - x if u > 0.0 else x - west, abs(u), brake_x)

@@ -1,9 +1,11 @@
-"""Detects in flight a vehicle that responds otherwise than its file says: lag, static gain, tilt bias, hover throttle.
+"""Detects in flight a vehicle that responds otherwise than its file says: lag, static gain, tilt
+bias, hover throttle.
 
-The disturbance observer has a model of the own commands after the configured lag. The measured attitude is regressed
-on that model: measured = gain (response - late rate) + bias, per axis, with ``late`` the time by which the vehicle is
-slower than configured. The method is recursive least squares with a memory of half a minute; ten samples a second are
-enough. ``covey identify`` measures the same more accurately.
+The disturbance observer has a model of the own commands after the configured lag. The measured
+attitude is regressed on that model: measured = gain (response - late rate) + bias, per axis, with
+``late`` the time by which the vehicle is slower than configured. The method is recursive least
+squares with a memory of half a minute; ten samples a second are enough. ``covey identify`` measures
+the same more accurately.
 """
 
 from __future__ import annotations
@@ -42,13 +44,18 @@ def initial() -> ResponseMemory:
 
 
 def update(
-    memory: ResponseMemory, response_enu_m_s2: Vec3, rate_enu_m_s3: Vec3, quaternion_wxyz: Quaternion, dt_s: float
+    memory: ResponseMemory,
+    response_enu_m_s2: Vec3,
+    rate_enu_m_s3: Vec3,
+    quaternion_wxyz: Quaternion,
+    dt_s: float,
 ) -> ResponseMemory:
     """Take one sample in free flight.
 
     Args:
         memory: of the last tick.
-        response_enu_m_s2: acceleration that the model of the commands has now; only its horizontal part is used.
+        response_enu_m_s2: acceleration that the model of the commands has now; only its horizontal
+            part is used.
         rate_enu_m_s3: its derivative.
         quaternion_wxyz: measured attitude, FLU to ENU.
         dt_s: since the last call.
@@ -86,7 +93,8 @@ def late_s(memory: ResponseMemory) -> tuple[float, float]:
     Args:
         memory: of the flight so far.
     Returns:
-        the difference of the lag [s] and its standard deviation [s]; (0, inf) while there are too few samples.
+        the difference of the lag [s] and its standard deviation [s]; (0, inf) while there are too
+        few samples.
     """
     if memory.time_s < _LEAST_S:
         return 0.0, math.inf
@@ -116,7 +124,8 @@ def differences(
         hover_frac: hover throttle learned in flight.
         configured_hover_frac: hover throttle of the fleet file.
     Returns:
-        code -> sentence with the remedy, for everything that differs by more than the law tolerates.
+        code -> sentence with the remedy, for everything that differs by more than the law
+        tolerates.
     """
     sentences: dict[str, str] = {}
     late, std = late_s(memory)

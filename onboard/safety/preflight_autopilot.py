@@ -12,7 +12,8 @@ from onboard.safety.limits import AUTOPILOT_SILENT_S
 from onboard.safety.preflight_facts import HEARTBEAT_SILENT_S, PreflightFacts
 from onboard.safety.preflight_rule import FINE, NO_PX4, OK, SKIP, Judgement, rules
 
-_OF_SIGNING = ("unsigned", "forged", "old")  # reasons for which a packet of a vehicle that signs is not let in
+# reasons for which a packet of a vehicle that signs is not let in
+_OF_SIGNING = ("unsigned", "forged", "old")
 _EVERY_NETWORK = ("", "0.0.0.0", "::", "[::]")
 _REASONS = {
     "malformed": "no MAVLink",
@@ -28,8 +29,19 @@ _OF_OTHER_RULES = frozenset(
     {
         *(Condition.POSITION_STALE, Condition.POSITION_LOST, Condition.POSITION_LOST_LONG),
         *(Condition.AUTOPILOT_SILENT, Condition.AUTOPILOT_FROZEN),
-        *(Condition.HEARTBEAT_LOST, Condition.TWIN, Condition.SHUTDOWN, Condition.BUS_LOST, Condition.BUS_LOST_LONG),
-        *(Condition.SEPARATION_BREACHED, Condition.CONFIG_DIFFERS, Condition.BATTERY_WARNING, Condition.BATTERY_LOW),
+        *(
+            Condition.HEARTBEAT_LOST,
+            Condition.TWIN,
+            Condition.SHUTDOWN,
+            Condition.BUS_LOST,
+            Condition.BUS_LOST_LONG,
+        ),
+        *(
+            Condition.SEPARATION_BREACHED,
+            Condition.CONFIG_DIFFERS,
+            Condition.BATTERY_WARNING,
+            Condition.BATTERY_LOW,
+        ),
         *(Condition.BATTERY_UNKNOWN, Condition.LANDED_UNKNOWN),
         *(Condition.FENCE_BREACH, Condition.FENCE_BREACH_LONG),
     }
@@ -53,11 +65,17 @@ def _version(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Jud
         return "nonsense", {"version": _dotted(facts.px4_version)}
     oldest, newest = MEASURED_VERSIONS
     words: dict[str, object] = {"version": _dotted(facts.px4_version), "oldest": _dotted(oldest)}
-    words |= {"newest": _dotted(newest), "file": vehicle.px4_version, "type": vehicle.type or "the vehicle"}
+    words |= {
+        "newest": _dotted(newest),
+        "file": vehicle.px4_version,
+        "type": vehicle.type or "the vehicle",
+    }
     if not oldest <= facts.px4_version <= newest:
         return "unmeasured", words
     file_version: Version = (1, int(vehicle.px4_version.partition(".")[2]))
-    expected_s, actual_s = (lag_s(version, vehicle.px4_params) for version in (file_version, facts.px4_version))
+    expected_s, actual_s = (
+        lag_s(version, vehicle.px4_params) for version in (file_version, facts.px4_version)
+    )
     words |= {"expected": expected_s, "actual": actual_s}
     if abs(actual_s - expected_s) > LAG_ERROR_S:
         return "other", words
@@ -80,23 +98,33 @@ def _link(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgem
 def _port(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgement:
     if facts.has_autopilot and facts.newest_refused:
         refused = facts.refused
-        return "others", {"count": refused.count, "reason": _REASONS[refused.newest], "source": refused.source or "it"}
+        return "others", {
+            "count": refused.count,
+            "reason": _REASONS[refused.newest],
+            "source": refused.source or "it",
+        }
     host = host_of(vehicle.autopilot)
-    return ("open" if vehicle.autopilot.startswith("udpin://") and host in _EVERY_NETWORK else OK), {}
+    return (
+        "open" if vehicle.autopilot.startswith("udpin://") and host in _EVERY_NETWORK else OK
+    ), {}
 
 
 def _signing(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgement:
     if not facts.has_autopilot:
         return NO_PX4
     if vehicle.mavlink_signing:
-        return ("clock" if facts.has_signing_clock_behind else OK), {"says": "PX4 and this agent sign their messages."}
+        return ("clock" if facts.has_signing_clock_behind else OK), {
+            "says": "PX4 and this agent sign their messages."
+        }
     if facts.is_signed:
         return "keyless", {"name": vehicle.name}
     version = plausible_version(facts.px4_version)
     links = [link for link in (vehicle.autopilot, vehicle.direct) if link and is_on_network(link)]
     takes_keys = version is None or version >= SIGNING_SINCE
     words = {"links": " and ".join(links), "fleet": fleet.path}
-    return ("open" if links and takes_keys else OK), words | {"says": "No network is known that could give PX4 a key."}
+    return ("open" if links and takes_keys else OK), words | {
+        "says": "No network is known that could give PX4 a key."
+    }
 
 
 def _alone(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgement:

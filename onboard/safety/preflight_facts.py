@@ -28,7 +28,10 @@ class RadioMeasured(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class PreflightFacts:
-    """Facts about one vehicle at one tick. Ages are in seconds and infinite before the first message."""
+    """Facts about one vehicle at one tick.
+
+    Ages are in seconds and infinite before the first message.
+    """
 
     # PX4
     autopilot_age_s: float
@@ -41,7 +44,8 @@ class PreflightFacts:
     missing_neighbours: tuple[str, ...]  # not heard on the bus
     other_hashes: Mapping[str, str]  # vehicle -> its configuration hash, where it differs
     config_hash: str
-    param_problems: tuple[str, ...] | None  # sentences; None while PX4's parameters are not read yet
+    # sentences; None while PX4's parameters are not read yet
+    param_problems: tuple[str, ...] | None
     is_law_warm: bool  # the control pipeline has run once
     is_airborne: bool
     battery_voltage_v: float = math.nan
@@ -51,31 +55,38 @@ class PreflightFacts:
     refused: Refused = NOTHING_REFUSED  # packets at its endpoint that were not let in
     refused_age_s: float = math.inf  # since the newest of them
     is_signed: bool = False  # PX4 signs what it sends
-    has_signing_clock_behind: bool = False  # this computer's clock is behind that of another one that signs
+    # this computer's clock is behind that of another one that signs
+    has_signing_clock_behind: bool = False
     radio: RadioMeasured | None = None  # None until enough states have come
     is_armed: bool = False
     is_landed_told: bool = True  # PX4 has reported lately whether it is on the ground
     is_failsafe: bool = False
-    unhealthy: tuple[tuple[str, bool], ...] = ()  # sensors that PX4 calls unhealthy, and whether this flight needs them
+    # sensors that PX4 calls unhealthy, and whether this flight needs them
+    unhealthy: tuple[tuple[str, bool], ...] = ()
     has_rc: bool | None = None  # PX4 hears a radio control; None while it is not known
     has_duplicate: bool = False  # another agent publishes for this vehicle
     # mocap
-    sample_delay_s: float | None = None  # arrival of the newest sample minus its stamp; None without one
+    # arrival of the newest sample minus its stamp; None without one
+    sample_delay_s: float | None = None
     sample_age_s: float = math.inf  # since that arrival
     pose_sources: int = 0  # programs that have sent poses of the own body lately
     source_problem: str = ""  # of the mocap that is read on this computer, as a sentence
     speed_m_s: float = 0.0  # highest of the last second
     px4_position_enu_m: Vec3 | None = None  # PX4's own estimate
     heading_miss_rad: float = 0.0  # the mocap's heading minus PX4's
-    tilt_miss_rad: float = 0.0  # angle between the directions of up, by mocap and by PX4, in the body's axes
-    has_wrong_tilt: bool = False  # these directions differed when the vehicle was last tilted by hand
+    # angle between the directions of up, by mocap and by PX4, in the body's axes
+    tilt_miss_rad: float = 0.0
+    # these directions differed when the vehicle was last tilted by hand
+    has_wrong_tilt: bool = False
     fuses_position: bool = False  # by its required parameters PX4 takes the position from the mocap
     fuses_heading: bool = False  # by its required parameters PX4 takes the heading from the mocap
     has_flown: bool = False  # since this agent started, so that the vehicle may stand anywhere
     hover_frac: float = math.nan  # learned in flight
-    clock_bounds_s: Mapping[str, float] = field(default_factory=dict)  # node -> error of its clock; inf: not measured
+    # node -> error of its clock; inf: not measured
+    clock_bounds_s: Mapping[str, float] = field(default_factory=dict)
     law: str = "covey"
-    law_refusals: tuple[tuple[str, str, str], ...] = ()  # (name, sentence, remedy) of the findings that refuse
+    # (name, sentence, remedy) of the findings that refuse
+    law_refusals: tuple[tuple[str, str, str], ...] = ()
     loop_p99_ms: float = 0.0  # 99 % of the control loop's periods are shorter
     has_recorder: bool = False
     has_emulator: bool = False  # covey sitl is on the bus
@@ -84,7 +95,9 @@ class PreflightFacts:
     @property
     def has_autopilot(self) -> bool:
         """Whether PX4 and its heartbeat are heard."""
-        return self.autopilot_age_s < AUTOPILOT_SILENT_S and self.heartbeat_age_s < HEARTBEAT_SILENT_S
+        return (
+            self.autopilot_age_s < AUTOPILOT_SILENT_S and self.heartbeat_age_s < HEARTBEAT_SILENT_S
+        )
 
     @property
     def newest_refused(self) -> str:
@@ -95,7 +108,11 @@ class PreflightFacts:
     def has_wrong_clock(self) -> bool:
         """Whether mocap samples arrive whose stamps cannot be of our clock."""
         delay = self.sample_delay_s
-        return delay is not None and self.sample_age_s < POSITION_STALE_S and not -FUTURE_S <= delay <= OLDEST_SAMPLE_S
+        return (
+            delay is not None
+            and self.sample_age_s < POSITION_STALE_S
+            and not -FUTURE_S <= delay <= OLDEST_SAMPLE_S
+        )
 
     @property
     def has_position(self) -> bool:

@@ -1,4 +1,6 @@
-"""Rules of preflight about the flight to come: neighbours, fleet file, law, throttle, battery, loop, record. Pure."""
+"""Rules of preflight about the flight to come: neighbours, fleet file, law, throttle, battery,
+loop, record. Pure.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,11 @@ def _neighbours(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> 
     if not missing:
         return _radio(facts, fleet)
     several = len(missing) > 1
-    words = {"names": ", ".join(missing), "are": "are" if several else "is", "agents": "agents" if several else "agent"}
+    words = {
+        "names": ", ".join(missing),
+        "are": "are" if several else "is",
+        "agents": "agents" if several else "agent",
+    }
     return "missing", words
 
 
@@ -59,7 +65,8 @@ def _law(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgeme
     is_emulated = vehicle.emulated or (facts.has_emulator and not fleet.emulated_names)
     if fleet.law.is_own and not is_emulated and not fleet.law.allow_own_law_on_real_vehicles:
         return "own", {"law": fleet.law.name, "name": vehicle.name}
-    if not facts.law_refusals:  # the report is part of the record: so the record tells which source flew
+    # the report is part of the record: so the record tells which source flew
+    if not facts.law_refusals:
         source = "" if fleet.own_law is None else f" (source {fleet.own_law.source_hash})"
         return OK, {"law": f"{facts.law}{source}"}
     _, sentence, remedy = facts.law_refusals[0]
@@ -79,7 +86,11 @@ def _battery(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Jud
     if not facts.has_autopilot:
         return NO_PX4
     required_pct = fleet.fleet.battery_warning_pct
-    words = {"level": 100.0 * facts.battery_frac, "volts": facts.battery_voltage_v, "required": required_pct}
+    words = {
+        "level": 100.0 * facts.battery_frac,
+        "volts": facts.battery_voltage_v,
+        "required": required_pct,
+    }
     if not math.isfinite(facts.battery_frac):
         return "unknown", words
     if not 0.0 <= facts.battery_frac <= 1.0 or facts.battery_voltage_v < LOWEST_VOLTAGE_V:

@@ -1,4 +1,6 @@
-"""Rules of preflight about position: freshness, clock, agreement with PX4, rest, take-off spot, geofence. Pure."""
+"""Rules of preflight about position: freshness, clock, agreement with PX4, rest, take-off spot,
+geofence. Pure.
+"""
 
 from __future__ import annotations
 
@@ -33,7 +35,10 @@ def _position(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Ju
     if facts.pose_sources > 1:
         return "several", {"count": facts.pose_sources}
     if facts.has_position:
-        return OK, {"position": coordinates(facts.position_enu_m), "age": 1e3 * facts.position_age_s}
+        return OK, {
+            "position": coordinates(facts.position_enu_m),
+            "age": 1e3 * facts.position_age_s,
+        }
     if facts.has_wrong_clock:
         return SKIP, {"reason": "before the clocks agree"}
     if facts.conditions & _REJECTED:
@@ -49,7 +54,9 @@ def _clock(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judge
     if facts.has_wrong_clock:
         assert facts.sample_delay_s is not None
         is_ahead = facts.sample_delay_s < 0.0
-        return "mocap", {"gap": f"{abs(facts.sample_delay_s):.3g} s {'in the future' if is_ahead else 'in the past'}"}
+        return "mocap", {
+            "gap": f"{abs(facts.sample_delay_s):.3g} s {'in the future' if is_ahead else 'in the past'}"
+        }
     unknown = [name for name, bound_s in facts.clock_bounds_s.items() if not math.isfinite(bound_s)]
     if unknown:
         return "unmeasured", {"others": ", ".join(unknown)}
@@ -105,7 +112,10 @@ def _spot(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgem
     if off_m <= OFF_SPOT_M or facts.has_flown:
         return OK, words
     for name in fleet.enabled_names:
-        if name != vehicle.name and math.dist(x_y, fleet.vehicles[name].start_enu_m[:2]) < OFF_SPOT_M:
+        if (
+            name != vehicle.name
+            and math.dist(x_y, fleet.vehicles[name].start_enu_m[:2]) < OFF_SPOT_M
+        ):
             return "swapped", {**words, "other": name}
     return "away", words
 

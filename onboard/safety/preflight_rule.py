@@ -10,7 +10,8 @@ from onboard.config.toml_reading import package_table
 from onboard.safety.preflight_facts import PreflightFacts
 
 OK, SKIP = "ok", "skip"
-Judgement = tuple[str, Mapping[str, object]]  # OK, SKIP or the key of a fault; and the numbers for its sentence
+# OK, SKIP or the key of a fault; and the numbers for its sentence
+Judgement = tuple[str, Mapping[str, object]]
 Judge = Callable[[PreflightFacts, FleetConfig, Vehicle], Judgement]
 _WORDS = package_table("onboard.safety", "preflight.toml")
 FINE: Judgement = (OK, {})
@@ -59,13 +60,20 @@ class PreflightRule:
             the answer.
         """
         key, words = self.judge(facts, fleet, vehicle)
-        words = {"name": vehicle.name, "autopilot": vehicle.autopilot, "body": vehicle.body, **words}
+        words = {
+            "name": vehicle.name,
+            "autopilot": vehicle.autopilot,
+            "body": vehicle.body,
+            **words,
+        }
         if key == OK:
             return PreflightCheck(self.name, True, self.passes.format(**words))
         if key == SKIP:
             return PreflightCheck(self.name, True, "Not judged {reason}.".format(**words))
         fault = self.faults[key]
-        return PreflightCheck(self.name, fault.is_advice, fault.sentence.format(**words), fault.remedy.format(**words))
+        return PreflightCheck(
+            self.name, fault.is_advice, fault.sentence.format(**words), fault.remedy.format(**words)
+        )
 
 
 def coordinates(position: Vec3) -> str:
@@ -91,7 +99,14 @@ def rules(judges: Mapping[str, Judge], **constants: float) -> tuple[PreflightRul
     made = []
     for name, judge in judges.items():
         row = _WORDS[name]
-        faults = {key: RuleFault(says, remedy) for key, (says, remedy) in row.get("refuses", {}).items()}
-        faults |= {key: RuleFault(says, remedy, True) for key, (says, remedy) in row.get("advises", {}).items()}
-        made.append(PreflightRule(name, row["demand"].format(**constants), row["passes"], faults, judge))
+        faults = {
+            key: RuleFault(says, remedy) for key, (says, remedy) in row.get("refuses", {}).items()
+        }
+        faults |= {
+            key: RuleFault(says, remedy, True)
+            for key, (says, remedy) in row.get("advises", {}).items()
+        }
+        made.append(
+            PreflightRule(name, row["demand"].format(**constants), row["passes"], faults, judge)
+        )
     return tuple(made)

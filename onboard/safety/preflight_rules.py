@@ -1,8 +1,8 @@
 """Go or no-go: everything that must be true before take-off. Pure.
 
-A rule judges the facts: they are fine, cannot be judged yet, or show one of the rule's faults. A fault refuses
-take-off, unless it is advice. Sentences and remedies stand in preflight.toml, so that docs/preflight.md is printed from
-them and an order is refused in the words of the preflight page.
+A rule judges the facts: they are fine, cannot be judged yet, or show one of the rule's faults. A
+fault refuses take-off, unless it is advice. Sentences and remedies stand in preflight.toml, so that
+docs/preflight.md is printed from them and an order is refused in the words of the preflight page.
 """
 
 from __future__ import annotations
@@ -19,7 +19,9 @@ from onboard.safety.preflight_rule import OK, SKIP, PreflightCheck, PreflightRul
 RULES: tuple[PreflightRule, ...] = (*AUTOPILOT_RULES, *POSITION_RULES, *FLIGHT_RULES)
 
 
-def checks(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> tuple[PreflightCheck, ...]:
+def checks(
+    facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle
+) -> tuple[PreflightCheck, ...]:
     """Judge all rules.
 
     Args:

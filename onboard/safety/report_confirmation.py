@@ -1,8 +1,9 @@
 """PX4's reports that surprise are believed when a second one agrees, never at once. Pure.
 
-MAVLink has no check of the source: whoever reaches the agent's port and knows the system id can play its PX4. One
-datagram therefore decides nothing that cannot be taken back: while it waits for the next report of its kind, the one
-before it counts. A next report that does not agree contradicts it. What is true is never decided by a majority.
+MAVLink has no check of the source: whoever reaches the agent's port and knows the system id can
+play its PX4. One datagram therefore decides nothing that cannot be taken back: while it waits for
+the next report of its kind, the one before it counts. A next report that does not agree contradicts
+it. What is true is never decided by a majority.
 """
 
 from __future__ import annotations
@@ -22,7 +23,8 @@ CONTRADICTED_LONG_S = 2.0  # contradictions over so long a time are no single da
 _ONE_RUN_S = 3.0  # contradictions no farther apart belong together
 _ASK_EVERY_NS = 60_000_000
 _CLOCK_MS = 500
-_SAME_TURN_COS = math.cos(math.radians(0.5 * 45.0))  # of half the angle by which an attitude turns between two reports
+# of half the angle by which an attitude turns between two reports
+_SAME_TURN_COS = math.cos(math.radians(0.5 * 45.0))
 _TURN_WITHIN_NS = 100_000_000  # after a longer gap it may have turned by anything
 _BATTERY_FRAC, _BATTERY_VOLTAGE_SHARE = 0.10, 0.10
 
@@ -58,7 +60,9 @@ def _heartbeat_agrees(first: Snapshot, new: Snapshot) -> bool:
 
 
 def _clock_error_ms(known: Snapshot, new: Snapshot) -> float:
-    """Return by how much PX4's clock is ahead of what time allows (positive), or has gone back (negative)."""
+    """Return by how much PX4's clock is ahead of what time allows (positive), or has gone back
+    (negative).
+    """
     moved_ms = new.px4_boot_ms - known.px4_boot_ms
     return min(moved_ms, 0.0) or max(0.0, moved_ms - (new.attitude_ns - known.attitude_ns) * 1e-6)
 
@@ -72,7 +76,10 @@ def _attitude_agrees(known: Snapshot, new: Snapshot) -> bool:
 
 
 def _battery_surprises(believed: Snapshot, new: Snapshot, expected: Expected) -> bool:
-    """Whether it has changed at once. On the ground after a flight it may be exchanged; a simulated one fills up."""
+    """Whether it has changed at once.
+
+    On the ground after a flight it may be exchanged; a simulated one fills up.
+    """
     may_change = not expected.is_armed and new.landed is Landed.ON_GROUND
     return not may_change and not _battery_agrees(believed, new)
 
@@ -134,7 +141,8 @@ class ReportConfirmation:
     """Memory of one PX4's reports; give it every snapshot."""
 
     contradicted: str = ""  # kind of report that was contradicted last
-    _impossible: tuple[str, int] = ("", 0)  # what was wrong with the newest report that was dropped, and when it came
+    # what was wrong with the newest report that was dropped, and when it came
+    _impossible: tuple[str, int] = ("", 0)
     _believed: Snapshot = field(default_factory=Snapshot)
     _waiting: tuple[_Waiting, ...] = field(default_factory=lambda: tuple(_Waiting() for _ in KINDS))
     _run_begin_ns: int = 0
@@ -148,7 +156,8 @@ class ReportConfirmation:
             snapshot: as the link has it.
             expected: by the flight.
         Returns:
-            the snapshot with the values before in the fields of the reports that wait for confirmation.
+            the snapshot with the values before in the fields of the reports that wait for
+            confirmation.
         """
         withheld: dict[str, object] = {}
         for kind, waiting in zip(KINDS, self._waiting, strict=True):
@@ -170,7 +179,8 @@ class ReportConfirmation:
         self._impossible = (sentence, now_ns)
 
     def impossible(self, now_ns: int) -> str:
-        """Return what is wrong with PX4's newest numbers, as a sentence; empty when none was dropped lately.
+        """Return what is wrong with PX4's newest numbers, as a sentence; empty when none was
+        dropped lately.
 
         Args:
             now_ns: our clock.
@@ -190,7 +200,8 @@ class ReportConfirmation:
         return True
 
     def contradicted_s(self, now_ns: int) -> float:
-        """Return over how long a time reports have contradicted each other; 0 when they have not lately.
+        """Return over how long a time reports have contradicted each other; 0 when they have not
+        lately.
 
         Args:
             now_ns: our clock.
@@ -199,12 +210,16 @@ class ReportConfirmation:
             return 0.0
         return max(1e-9, (self._contradicted_ns - self._run_begin_ns) * 1e-9)
 
-    def _is_withheld(self, kind: Kind, waiting: _Waiting, new: Snapshot, expected: Expected) -> bool:
+    def _is_withheld(
+        self, kind: Kind, waiting: _Waiting, new: Snapshot, expected: Expected
+    ) -> bool:
         stamp_ns, first = getattr(new, kind.stamp), waiting.report
         is_new, waiting.seen_ns = stamp_ns != waiting.seen_ns, stamp_ns
         if not is_new and first is None:
             return False
-        if not getattr(self._believed, kind.stamp) or not kind.surprises(self._believed, new, expected):
+        if not getattr(self._believed, kind.stamp) or not kind.surprises(
+            self._believed, new, expected
+        ):
             if is_new and first is not None and not kind.agrees(first, new):
                 self._contradict(kind.name, stamp_ns)
             waiting.report = None

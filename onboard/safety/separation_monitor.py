@@ -1,4 +1,7 @@
-"""Predicts the smallest distance of two vehicles, and checks a neighbour's own predictions. Pure, in plain floats."""
+"""Predicts the smallest distance of two vehicles, and checks a neighbour's own predictions.
+
+Pure, in plain floats.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +20,8 @@ _LONGEST_LEAD_S = 1.0
 def smallest_distance_m(
     apart_m: Vec2, closing_velocity_m_s: Vec2, *, reaction_s: float, deceleration_m_s2: float
 ) -> float:
-    """Predict the distance that is left when both vehicles brake along their line of sight as hard as they can.
+    """Predict the distance that is left when both vehicles brake along their line of sight as hard
+    as they can.
 
     Args:
         apart_m: from us to the other, horizontal.
@@ -25,8 +29,8 @@ def smallest_distance_m(
         reaction_s: for so long both go on as they do now.
         deceleration_m_s2: of both together.
     Returns:
-        distance [m]: the present one if they do not come nearer, or the one at which they pass each other without
-        braking if that is larger than the distance left.
+        distance [m]: the present one if they do not come nearer, or the one at which they pass each
+        other without braking if that is larger than the distance left.
     """
     (x, y), (vx, vy) = apart_m, closing_velocity_m_s
     distance = math.hypot(x, y)
@@ -42,10 +46,11 @@ def smallest_distance_m(
 
 @dataclass(slots=True)
 class PredictionMonitor:
-    """Compares a neighbour's velocity with the one that it had predicted for now, low-passed over about a second.
+    """Compares a neighbour's velocity with the one that it had predicted for now, low-passed over
+    about a second.
 
-    A vehicle's prediction contains the commands that it has sent already, so it comes true within noise and gusts; for
-    a vehicle that does not follow its own commands it does not.
+    A vehicle's prediction contains the commands that it has sent already, so it comes true within
+    noise and gusts; for a vehicle that does not follow its own commands it does not.
     """
 
     miss_m_s: float = 0.0

@@ -1,4 +1,6 @@
-"""Last check of an attitude setpoint: PX4 accepts any setpoint, also one that makes the vehicle fall. Pure."""
+"""Last check of an attitude setpoint: PX4 accepts any setpoint, also one that makes the vehicle
+fall. Pure.
+"""
 
 from __future__ import annotations
 
@@ -16,8 +18,8 @@ def is_sendable(setpoint: AttitudeSetpoint, max_tilt_deg: float) -> bool:
         setpoint: for one vehicle.
         max_tilt_deg: of that vehicle.
     Returns:
-        True if all numbers are finite, the quaternion is a unit one, the thrust lies in [0, 1] and the tilt in its
-        limit.
+        True if all numbers are finite, the quaternion is a unit one, the thrust lies in [0, 1] and
+        the tilt in its limit.
     """
     w, x, y, z = setpoint.quaternion_wxyz
     size = w * w + x * x + y * y + z * z

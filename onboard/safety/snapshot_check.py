@@ -10,7 +10,8 @@ _LARGEST_M, _LARGEST_M_S = 1e5, 1e3
 
 
 def nonsense(snapshot: Snapshot) -> str:
-    """Return what is wrong with attitude and motion of a snapshot, as a sentence; empty when nothing is.
+    """Return what is wrong with attitude and motion of a snapshot, as a sentence; empty when
+    nothing is.
 
     Args:
         snapshot: of one PX4.
@@ -19,10 +20,15 @@ def nonsense(snapshot: Snapshot) -> str:
         The sentence.
     """
     size = math.hypot(*snapshot.quaternion_enu_flu_wxyz)
-    away_m, speed_m_s = math.hypot(*snapshot.position_local_ned_m), math.hypot(*snapshot.velocity_local_ned_m_s)
+    away_m, speed_m_s = (
+        math.hypot(*snapshot.position_local_ned_m),
+        math.hypot(*snapshot.velocity_local_ned_m_s),
+    )
     # comparisons with what is no number are false
     if not 0.95 < size < 1.05:
-        return f"PX4 sends an attitude that is no rotation (its quaternion has the length {size:.3g})."
+        return (
+            f"PX4 sends an attitude that is no rotation (its quaternion has the length {size:.3g})."
+        )
     if not away_m < _LARGEST_M:
         return f"PX4 says that it is {away_m * 1e-3:.0f} km from its origin."
     if not speed_m_s < _LARGEST_M_S:

@@ -1,7 +1,8 @@
 """Detects an attitude that does not follow its setpoints, and thrust at its limit. Pure.
 
-The commanded tilt goes through a first-order lag of the vehicle's own time. The measured tilt minus that, low-passed,
-stays small for a vehicle that responds late or with a static error, and grows for one that does not respond.
+The commanded tilt goes through a first-order lag of the vehicle's own time. The measured tilt minus
+that, low-passed, stays small for a vehicle that responds late or with a static error, and grows for
+one that does not respond.
 """
 
 from __future__ import annotations
@@ -23,7 +24,8 @@ _BELOW_M, _CLIMB_M_S = 0.15, 0.05
 
 @dataclass(slots=True)
 class TrackingMonitor:
-    """Memory of one vehicle; call :meth:`update` every tick under the law, :meth:`reset` otherwise."""
+    """Memory of one vehicle; call :meth:`update` every tick under the law, :meth:`reset` otherwise.
+    """
 
     lag_s: float  # from attitude setpoint to attitude
     largest_frac: float  # throttle at which thrust is saturated
@@ -74,11 +76,16 @@ class TrackingMonitor:
         )
         w, x, y, z = measured_wxyz
         up = 1.0 - 2.0 * (x * x + y * y)
-        miss_x, miss_y = 2.0 * (x * z + w * y) - self._commanded_x, 2.0 * (y * z - w * x) - self._commanded_y
+        miss_x, miss_y = (
+            2.0 * (x * z + w * y) - self._commanded_x,
+            2.0 * (y * z - w * x) - self._commanded_y,
+        )
         share = dt_s / (_MISS_TIME_S + dt_s)
         self._miss_x += share * (miss_x - self._miss_x)
         self._miss_y += share * (miss_y - self._miss_y)
-        has_missed = self._miss_x * self._miss_x + self._miss_y * self._miss_y > _MISS_SIN * _MISS_SIN
+        has_missed = (
+            self._miss_x * self._miss_x + self._miss_y * self._miss_y > _MISS_SIN * _MISS_SIN
+        )
         self._missed_s = self._missed_s + dt_s if has_missed else 0.0
         self._upset_s = self._upset_s + dt_s if up < _UPSET_COS else 0.0
         is_full = thrust_frac >= _FULL_SHARE * self.largest_frac

@@ -27,7 +27,8 @@ class AttitudeRate:
         if not attitude_ns:
             return  # there is no rate before the first one
         if self._count_from_ns is None or now_ns - self._count_from_ns > 2 * _RATE_OVER_NS:
-            self._count_from_ns, self._count = now_ns, 0  # the first tick, or the first after a flight
+            # the first tick, or the first after a flight
+            self._count_from_ns, self._count = now_ns, 0
         if attitude_ns != self._attitude_ns:
             self._attitude_ns = attitude_ns
             self._count += 1
@@ -75,4 +76,8 @@ def _mixed(old: Vec3, new: Vec3, share: float) -> Vec3:
 
 def _angle_rad(one: Vec3, other: Vec3) -> float:
     size = math.hypot(*one) * math.hypot(*other)
-    return math.acos(max(-1.0, min(1.0, sum(a * b for a, b in zip(one, other, strict=True)) / size))) if size else 0.0
+    return (
+        math.acos(max(-1.0, min(1.0, sum(a * b for a, b in zip(one, other, strict=True)) / size)))
+        if size
+        else 0.0
+    )

@@ -1,8 +1,9 @@
 """Conditions of the failsafe table that hold now.
 
-A process that was not scheduled for a while finds every message old at its first tick, although nothing else is wrong.
-Therefore a silence counts only after several ticks in a row have noticed it. Conditions that can do harm within a tenth
-of a second are checked at every tick, the others ten times a second.
+A process that was not scheduled for a while finds every message old at its first tick, although
+nothing else is wrong. Therefore a silence counts only after several ticks in a row have noticed it.
+Conditions that can do harm within a tenth of a second are checked at every tick, the others ten
+times a second.
 """
 
 from __future__ import annotations
@@ -30,19 +31,22 @@ from onboard.types import GRAVITY_M_S2, TICK_S, LawStatus
 
 STALE_FOR_S = 0.4  # a position that stays this old is lost, however regularly it comes
 _LOST_S = 0.58  # with the live ticks: whoever has poses again after 0.6 s does not land
-LATE_S, STALLED_S, STALLED_LONG_S = 0.005, 0.2, 0.3  # PX4 lands after COM_OF_LOSS_T = 0.3 s without setpoints
+# PX4 lands after COM_OF_LOSS_T = 0.3 s without setpoints
+LATE_S, STALLED_S, STALLED_LONG_S = 0.005, 0.2, 0.3
 BUS_LOST_S = 1.0
 JUMPS, SWAP_JUMPS, SWAP_RADIUS_M = 3, 2, 0.3
 CLOCK_JUMP_REPORTED_S = 5.0
 _DOWN_HEIGHT_M, _DOWN_LONG_S = 0.12, 1.0
 _TRACKING_ABOVE_M, _TRACKING_BLIND_ABOVE_M = 0.2, 0.5  # of a height that reads too high
-_TRACKING_SATELLITES_ABOVE_M = 1.0  # in a landing: PX4's height by satellites errs by 0.7 m, and the ground comes early
+# in a landing: PX4's height by satellites errs by 0.7 m, and the ground comes early
+_TRACKING_SATELLITES_ABOVE_M = 1.0
 _CLEARLY_UP_M, _LANDED_WRONG_S = 0.5, 0.5
 _FENCE_LONG_S = 2.0
 _NOT_FINITE_LONG_S = 0.5
 _INFEASIBLE_S = 0.1
 _INACCURATE_S = 0.5
-_UNUSABLE_M = 3.0  # PX4's own accuracy, beyond which it flies level rather than after such a position
+# PX4's own accuracy, beyond which it flies level rather than after such a position
+_UNUSABLE_M = 3.0
 _DETAILS = {
     Condition.POSITION_STALE: "it brakes and sinks by dead reckoning",
     Condition.POSITION_LOST: "by dead reckoning",
@@ -65,7 +69,8 @@ class TickContext:
     has_ground: bool = False  # a ground station is on the bus
     has_duplicate: bool = False  # another agent publishes for this vehicle
     is_disk_full: bool = False
-    battery_floor_frac: float = 0.0  # charge at which a simulated battery stops emptying; 0 for a real one
+    # charge at which a simulated battery stops emptying; 0 for a real one
+    battery_floor_frac: float = 0.0
     bus_age_s: float = 0.0  # since the last message of any neighbour
     nearest_m: float = math.inf  # separation from the nearest vehicle
     law_status: int = 0  # of the last tick
@@ -90,7 +95,8 @@ class ConditionMonitor:
     tracking: TrackingMonitor = field(init=False)
     battery: BatteryMonitor = field(default_factory=BatteryMonitor)
     other_vehicles: NeighbourMonitor = field(init=False)
-    details: dict[Condition, str] = field(init=False)  # vehicles or numbers for a condition's sentence
+    # vehicles or numbers for a condition's sentence
+    details: dict[Condition, str] = field(init=False)
     _since_ns: dict[Condition, int] = field(default_factory=dict)
     _tick_counts: dict[Condition, int] = field(default_factory=dict)
     _slow: set[Condition] = field(default_factory=set)  # found by the last slow check
@@ -102,7 +108,9 @@ class ConditionMonitor:
     def __post_init__(self) -> None:
         self.details = dict(_DETAILS)
         self.tracking = TrackingMonitor(self.vehicle.lag_s, MAX_THRUST_FRAC)
-        self.other_vehicles = NeighbourMonitor(self.fleet, self.vehicle, self.neighbours, self.flight, self.details)
+        self.other_vehicles = NeighbourMonitor(
+            self.fleet, self.vehicle, self.neighbours, self.flight, self.details
+        )
         fence = self.fleet.fleet.geofence_m
         brake = _BRAKE_SHARE * GRAVITY_M_S2 * math.tan(math.radians(self.vehicle.max_tilt_deg))
         (west, east), (south, north), (floor, top) = fence.x, fence.y, fence.z
@@ -110,7 +118,9 @@ class ConditionMonitor:
         self._fence = Fence((west, south, floor), (east, north, top), brakes, self.vehicle.lag_s)
 
     def lasting(self, condition: Condition, holds: bool, now_ns: int) -> tuple[int, float]:
-        """Return for how many ticks in a row and how many seconds a condition has held; (0, 0) when it does not."""
+        """Return for how many ticks in a row and how many seconds a condition has held; (0, 0) when
+        it does not.
+        """
         if not holds:
             if self._tick_counts:
                 self._since_ns.pop(condition, None)
@@ -131,7 +141,9 @@ class ConditionMonitor:
         self._check_process(active, view, context)
         self._check_space(active, view)
         self._check_tracking(active, view, context)
-        self.other_vehicles.check(active, view, context.nearest_m, context.is_airborne, context.active_neighbour)
+        self.other_vehicles.check(
+            active, view, context.nearest_m, context.is_airborne, context.active_neighbour
+        )
         _, infeasible_s = self.lasting(
             Condition.LAW_INFEASIBLE,
             context.law_status == LawStatus.INFEASIBLE and self.flight.is_under_law,
@@ -152,12 +164,17 @@ class ConditionMonitor:
         is_lost = own.age_s > _LOST_S or stale_s > STALE_FOR_S
         if self.lasting(c.POSITION_LOST, is_lost, now_ns)[0] >= _LIVE_TICKS:
             active.add(c.POSITION_LOST)
-            if own.age_s > RECKONING_S and self.flight.step is not Step.CONTACT:  # on the ground PX4 would lift it off
+            # on the ground PX4 would lift it off
+            if own.age_s > RECKONING_S and self.flight.step is not Step.CONTACT:
                 active.add(c.POSITION_LOST_LONG)
         jumps = own.jumps
         if jumps >= SWAP_JUMPS:
             jumped_to = own.jumped_to_enu_m
-            other = self.other_vehicles.nearest_to(jumped_to, SWAP_RADIUS_M, now_ns) if jumped_to is not None else ""
+            other = (
+                self.other_vehicles.nearest_to(jumped_to, SWAP_RADIUS_M, now_ns)
+                if jumped_to is not None
+                else ""
+            )
             if other:
                 self.details[c.MOCAP_SWAPPED] = other
                 active.add(c.MOCAP_SWAPPED)
@@ -200,7 +217,9 @@ class ConditionMonitor:
         c, now_ns = Condition, view.now_ns
         if self.lasting(c.LANDED_UNKNOWN, not view.has_landed_report, now_ns)[0] >= _LIVE_TICKS:
             active.add(c.LANDED_UNKNOWN)
-        is_up = view.has_position and view.position_enu_m[2] - self.flight.ground_z_m > _CLEARLY_UP_M
+        is_up = (
+            view.has_position and view.position_enu_m[2] - self.flight.ground_z_m > _CLEARLY_UP_M
+        )
         is_wrong = self.flight.situation is Situation.FLYING and is_up and view.is_on_ground
         if self.lasting(c.LANDED_WRONG, is_wrong, now_ns)[1] > _LANDED_WRONG_S:
             active.add(c.LANDED_WRONG)
@@ -210,7 +229,12 @@ class ConditionMonitor:
         if flight.step is Step.PX4_LANDING:
             self._offboard_since_ns = now_ns
             is_landing = snapshot.mode == "LAND"
-            if self._has_landing_mode and not is_landing and not view.is_on_ground and not snapshot.is_failsafe:
+            if (
+                self._has_landing_mode
+                and not is_landing
+                and not view.is_on_ground
+                and not snapshot.is_failsafe
+            ):
                 self._add(active, c.LEFT_OFFBOARD, f"now {snapshot.mode}")
             self._has_landing_mode |= is_landing
             return
@@ -234,7 +258,9 @@ class ConditionMonitor:
         if context.law_refusal:
             self._add(active, c.OWN_LAW_REFUSED, f"{self.fleet.law.name} {context.law_refusal}")
 
-    def _check_process(self, active: set[Condition], view: FlightView, context: TickContext) -> None:
+    def _check_process(
+        self, active: set[Condition], view: FlightView, context: TickContext
+    ) -> None:
         c, now_ns, period_s = Condition, view.now_ns, context.period_s
         if period_s > TICK_S + LATE_S:
             active.add(c.LOOP_LATE)
@@ -270,7 +296,9 @@ class ConditionMonitor:
         c = Condition
         is_near = is_over = is_above = False
         if view.has_position:
-            is_near, is_over, is_above = self._fence.status(view.position_enu_m, view.velocity_enu_m_s)
+            is_near, is_over, is_above = self._fence.status(
+                view.position_enu_m, view.velocity_enu_m_s
+            )
         if is_near:
             active.add(c.FENCE_NEAR)
         if is_over:
@@ -284,7 +312,9 @@ class ConditionMonitor:
         if self.lasting(c.FALLEN, is_down, view.now_ns)[1] > _DOWN_LONG_S:
             active.add(c.FALLEN)
 
-    def _check_tracking(self, active: set[Condition], view: FlightView, context: TickContext) -> None:
+    def _check_tracking(
+        self, active: set[Condition], view: FlightView, context: TickContext
+    ) -> None:
         c, tracking, flight = Condition, self.tracking, self.flight
         height_m = view.position_enu_m[2] - flight.ground_z_m
         lowest_m = _TRACKING_BLIND_ABOVE_M if view.is_blind else _TRACKING_ABOVE_M
@@ -314,12 +344,22 @@ class ConditionMonitor:
         accuracy_m = snapshot.accuracy_m(view.now_ns)
         is_covered = 0.0 < accuracy_m <= LARGEST_PX4_ACCURACY_M or self.vehicle.mocap_required
         if self.lasting(c.POSITION_INACCURATE, not is_covered, view.now_ns)[1] > _INACCURATE_S:
-            told = f"PX4 says {accuracy_m:.1f} m" if accuracy_m else "PX4 does not say how accurate it is"
-            self._add(active, c.POSITION_INACCURATE, f"{told}; distances cover {LARGEST_PX4_ACCURACY_M:.1f} m")
+            told = (
+                f"PX4 says {accuracy_m:.1f} m"
+                if accuracy_m
+                else "PX4 does not say how accurate it is"
+            )
+            self._add(
+                active,
+                c.POSITION_INACCURATE,
+                f"{told}; distances cover {LARGEST_PX4_ACCURACY_M:.1f} m",
+            )
         if self.own.has_lost_satellites:
             active.add(c.SATELLITES_LOST)
         is_unusable = (
-            accuracy_m > _UNUSABLE_M and not self.vehicle.mocap_required and self.flight.step is not Step.CONTACT
+            accuracy_m > _UNUSABLE_M
+            and not self.vehicle.mocap_required
+            and self.flight.step is not Step.CONTACT
         )
         if self.lasting(c.POSITION_LOST_LONG, is_unusable, view.now_ns)[1] > _INACCURATE_S:
             self._add(active, c.POSITION_LOST_LONG, f"PX4 says {accuracy_m:.1f} m")
@@ -327,7 +367,10 @@ class ConditionMonitor:
             self.details.pop(c.POSITION_LOST_LONG, None)
         battery_frac, battery_voltage_v = snapshot.battery(view.now_ns)
         battery_pct = 100.0 * battery_frac
-        if self.lasting(c.BATTERY_UNKNOWN, math.isnan(battery_frac), view.now_ns)[1] > _BATTERY_UNKNOWN_S:
+        if (
+            self.lasting(c.BATTERY_UNKNOWN, math.isnan(battery_frac), view.now_ns)[1]
+            > _BATTERY_UNKNOWN_S
+        ):
             active.add(c.BATTERY_UNKNOWN)
         if battery_pct < limits.battery_warning_pct:
             active.add(c.BATTERY_WARNING)
@@ -341,7 +384,9 @@ class ConditionMonitor:
                 battery_frac,
                 battery_voltage_v,
                 land_frac=0.01 * limits.battery_land_pct,
-                descent_s=vertical_s(view.position_enu_m[2] - self.flight.ground_z_m, self.vehicle.max_speed_m_s),
+                descent_s=vertical_s(
+                    view.position_enu_m[2] - self.flight.ground_z_m, self.vehicle.max_speed_m_s
+                ),
                 floor_frac=context.battery_floor_frac,
             )
         if self.battery.is_falling:

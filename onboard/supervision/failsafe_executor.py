@@ -1,4 +1,6 @@
-"""The failsafe part of a tick: check the conditions, decide by the table, execute the action and report it."""
+"""The failsafe part of a tick: check the conditions, decide by the table, execute the action and
+report it.
+"""
 
 from __future__ import annotations
 
@@ -51,13 +53,19 @@ class FailsafeExecutor:
     """Executes the failsafe table for one vehicle."""
 
     def __init__(
-        self, fleet: FleetConfig, vehicle: Vehicle, own: OwnState, neighbours: NeighbourTable, flight: FlightContext
+        self,
+        fleet: FleetConfig,
+        vehicle: Vehicle,
+        own: OwnState,
+        neighbours: NeighbourTable,
+        flight: FlightContext,
     ) -> None:
         self._flight = flight
         self._monitor = ConditionMonitor(fleet, vehicle, own, flight, neighbours)
         self.reports = self._monitor.reports  # of PX4, and which of them are believed
         self.conditions: set[Condition] = set()  # that hold as of the last tick
-        self.action = Action.GO_ON  # the strongest since the last order; on the ground the one of the last tick
+        # the strongest since the last order; on the ground the one of the last tick
+        self.action = Action.GO_ON
         self.must_be_level = False  # the setpoint of this tick
         self._reported: dict[Condition, _Reported] = {}
 
@@ -89,26 +97,37 @@ class FailsafeExecutor:
         self.action = Action.GO_ON
 
     def move_refusal(self) -> str | None:
-        """Return the sentence that refuses a move, while a condition demands more than slow flight; else None."""
+        """Return the sentence that refuses a move, while a condition demands more than slow flight;
+        else None.
+        """
         demanded, condition = decide(Situation.FLYING, self.conditions - {Condition.ORDER_OVERDUE})
         if condition is None or demanded < Action.HOLD:
             return None
-        return f"{self._sentence(condition, demanded)} Order it again when this condition has ended."
+        return (
+            f"{self._sentence(condition, demanded)} Order it again when this condition has ended."
+        )
 
     def in_words(self) -> tuple[tuple[str, ...], str]:
         """Return conditions and action in words, for telemetry."""
         return tuple(condition.value for condition in in_order(self.conditions)), WORDS[self.action]
 
     def _report(self, view: FlightView, situation: Situation) -> None:
-        """Report each condition once while it lasts; again for a stronger action or another vehicle."""
+        """Report each condition once while it lasts; again for a stronger action or another
+        vehicle.
+        """
         reported, details = self._reported, self._monitor.details
         loud = self.conditions - _QUIET if self.conditions else self.conditions
         if not loud and not reported:
             return
         for condition in in_order(loud):
-            detail, action = details.get(condition, "") if condition in _NAMED else "", TABLE[situation, condition]
+            detail, action = (
+                details.get(condition, "") if condition in _NAMED else "",
+                TABLE[situation, condition],
+            )
             known = reported.get(condition)
-            reported[condition] = _Reported(detail, action if known is None else max(action, known.action), view.now_ns)
+            reported[condition] = _Reported(
+                detail, action if known is None else max(action, known.action), view.now_ns
+            )
             if known is not None and known.detail == detail and action <= known.action:
                 continue
             severity: Severity = "critical" if action >= Action.LEVEL else "warning"

@@ -1,4 +1,6 @@
-"""Findings of feasibility that refuse take-off: of the fleet file, and of the spots where vehicles stand."""
+"""Findings of feasibility that refuse take-off: of the fleet file, and of the spots where vehicles
+stand.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +14,8 @@ from onboard.feasibility.fleet_checks import error_class, fleet_findings, start_
 from onboard.neighbours.table import NeighbourTable
 
 Refusal = tuple[str, str, str]  # name, sentence, remedy
-_judged: dict[str, tuple[Refusal, ...]] = {}  # hash of a fleet file -> refusals, for the many agents of a simulation
+# hash of a fleet file -> refusals, for the many agents of a simulation
+_judged: dict[str, tuple[Refusal, ...]] = {}
 
 
 class LawRefusals:
@@ -36,7 +39,9 @@ class LawRefusals:
         return self._of_fleet + self._of_spots
 
     def judge_spot(self, position_enu_m: Vec3 | None) -> None:
-        """Judge the distance from where the vehicle stands to the nearest other one on the ground; None: unknown."""
+        """Judge the distance from where the vehicle stands to the nearest other one on the ground;
+        None: unknown.
+        """
         self._of_spots = ()
         others = {
             name: telemetry.position_enu_m
@@ -48,8 +53,14 @@ class LawRefusals:
         own = position_enu_m
         nearest = min(others, key=lambda name: math.dist(own[:2], others[name][:2]))
         spots = {self._vehicle: own, nearest: others[nearest]}
-        self._of_spots = _refusals((start_finding(self._fleet, spots, ACCURACIES[error_class(self._fleet)]),))
+        self._of_spots = _refusals(
+            (start_finding(self._fleet, spots, ACCURACIES[error_class(self._fleet)]),)
+        )
 
 
 def _refusals(findings: Iterable[Finding]) -> tuple[Refusal, ...]:
-    return tuple((f.name, f.sentence.removesuffix(f" {f.remedy}"), f.remedy) for f in findings if f.status == "refused")
+    return tuple(
+        (f.name, f.sentence.removesuffix(f" {f.remedy}"), f.remedy)
+        for f in findings
+        if f.status == "refused"
+    )

@@ -27,16 +27,26 @@ class ModelMismatchReporter:
         self._tick_count += 1
         return self._tick_count % _SAMPLE_TICKS == 0
 
-    def follow(self, model: ObserverMemory, attitude_wxyz: Quaternion, hover_frac: float) -> Iterator[tuple[str, str]]:
-        """Take one sample in free flight; yield code and sentence of each difference that is not reported yet."""
+    def follow(
+        self, model: ObserverMemory, attitude_wxyz: Quaternion, hover_frac: float
+    ) -> Iterator[tuple[str, str]]:
+        """Take one sample in free flight; yield code and sentence of each difference that is not
+        reported yet.
+        """
         self._memory = model_mismatch.update(
-            self._memory, model.response_enu_m_s2, model.response_rate_enu_m_s3, attitude_wxyz, _SAMPLE_TICKS * TICK_S
+            self._memory,
+            model.response_enu_m_s2,
+            model.response_rate_enu_m_s3,
+            attitude_wxyz,
+            _SAMPLE_TICKS * TICK_S,
         )
         self._samples += 1
         if self._samples % _COMPARE_SAMPLES:
             return
         vehicle = self._vehicle
-        sentences = model_mismatch.differences(self._memory, vehicle.lag_s, hover_frac, vehicle.hover_thrust_frac)
+        sentences = model_mismatch.differences(
+            self._memory, vehicle.lag_s, hover_frac, vehicle.hover_thrust_frac
+        )
         for code, sentence in sentences.items():
             if code not in self._reported:
                 self._reported.add(code)

@@ -1,4 +1,6 @@
-"""Conditions about the other vehicles: silence, late messages, wrong predictions, and distances about to be lost."""
+"""Conditions about the other vehicles: silence, late messages, wrong predictions, and distances
+about to be lost.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +28,8 @@ _PREDICTED_SLACK_M = 0.03
 _PREDICTED_CHECKS = 2
 _KEPT_OFF_SHARE = 0.3
 _STALE_CHECKS = 5
-_FASTEST_M_S, _FASTEST_SHARE = 15.0, 3.0  # whoever falls or is blown away may be faster than it flies
+# whoever falls or is blown away may be faster than it flies
+_FASTEST_M_S, _FASTEST_SHARE = 15.0, 3.0
 
 
 @dataclass(slots=True)
@@ -46,7 +49,8 @@ class NeighbourMonitor:
     _plausibilities: dict[str, PlausibilityMonitor] = field(init=False)
     _predicted_checks: int = 0
     _stale_checks: int = 0
-    _kept_off: Counter[int] = field(default_factory=Counter)  # index -> ticks of this leg in which the law avoided it
+    # index -> ticks of this leg in which the law avoided it
+    _kept_off: Counter[int] = field(default_factory=Counter)
     _leg_ticks: int = 0
     _leg: int = -1
     _braking_m_s2: float = field(init=False)
@@ -56,7 +60,9 @@ class NeighbourMonitor:
     def __post_init__(self) -> None:
         self._predictions = {name: PredictionMonitor() for name in self.table.names}
         self._plausibilities = {
-            name: PlausibilityMonitor(max(_FASTEST_M_S, _FASTEST_SHARE * self.fleet.vehicles[name].max_speed_m_s))
+            name: PlausibilityMonitor(
+                max(_FASTEST_M_S, _FASTEST_SHARE * self.fleet.vehicles[name].max_speed_m_s)
+            )
             for name in self.table.names
         }
         tilt_rad = math.radians(self.vehicle.max_tilt_deg)
@@ -66,9 +72,16 @@ class NeighbourMonitor:
         self._vertical_m = math.inf if vertical_m is None else vertical_m
 
     def check(
-        self, active: set[Condition], view: FlightView, nearest_m: float, is_airborne: bool, active_neighbour: int
+        self,
+        active: set[Condition],
+        view: FlightView,
+        nearest_m: float,
+        is_airborne: bool,
+        active_neighbour: int,
     ) -> None:
-        """Add the conditions that are checked at every tick; ``active_neighbour`` is the one that the law avoids."""
+        """Add the conditions that are checked at every tick; ``active_neighbour`` is the one that
+        the law avoids.
+        """
         self._check_silence(active, view.now_ns)
         limits = self.fleet.fleet
         if nearest_m < limits.safety_distance_m and is_airborne:
@@ -101,7 +114,11 @@ class NeighbourMonitor:
             before, self._silent = self._silent, ()
         if before:
             ages_s = dict(zip(table.names, table.heard_ages_s(now_ns).tolist(), strict=True))
-            back = [name for name in before if name not in self._silent and ages_s[name] <= table.silent_s]
+            back = [
+                name
+                for name in before
+                if name not in self._silent and ages_s[name] <= table.silent_s
+            ]
             if back:
                 self._back_ns = now_ns
                 self.details[c.NEIGHBOUR_BACK] = ", ".join(back)
@@ -129,26 +146,35 @@ class NeighbourMonitor:
         return active
 
     def nearest_to(self, position_enu_m: Vec3, within_m: float, now_ns: int) -> str:
-        """Return the neighbour nearest to a point, as far as known and within a distance; empty for none."""
+        """Return the neighbour nearest to a point, as far as known and within a distance; empty for
+        none.
+        """
         nearest_m, name = within_m, ""
         for row in self.table.rows(now_ns):
             if row.age_s < self.table.silent_s:
-                motion = zip(row.vector("position_enu_m"), row.vector("velocity_enu_m_s"), strict=True)
+                motion = zip(
+                    row.vector("position_enu_m"), row.vector("velocity_enu_m_s"), strict=True
+                )
                 apart_m = math.dist(position_enu_m, [p + row.age_s * v for p, v in motion])
                 if apart_m < nearest_m:
                     nearest_m, name = apart_m, row.name
         return name
 
     def kept_off_by(self, goal_enu_m: Vec3, view: FlightView) -> str:
-        """Return in words how far the goal is, and the neighbours that the law avoided on the way."""
+        """Return in words how far the goal is, and the neighbours that the law avoided on the way.
+        """
         rest = f"still {math.dist(goal_enu_m, view.position_enu_m):.2f} m to go"
         least = _KEPT_OFF_SHARE * self._leg_ticks
         often = [index for index, count in self._kept_off.most_common(2) if count > least]
         names = [self.table.names[index] for index in often if index < len(self.table.names)]
         return f"{rest}, kept off by {' and '.join(names)}" if names else rest
 
-    def _check_plausibility(self, active: set[Condition], rows: Iterable[NeighbourRow], now_ns: int) -> dict[str, str]:
-        """Compare what each neighbour says with physics and the mocap; return whom not to believe, and why."""
+    def _check_plausibility(
+        self, active: set[Condition], rows: Iterable[NeighbourRow], now_ns: int
+    ) -> dict[str, str]:
+        """Compare what each neighbour says with physics and the mocap; return whom not to believe,
+        and why.
+        """
         reasons = {}
         for row in rows:
             monitor, (claim, seen) = self._plausibilities[row.name], self.table.claim(row.name)
@@ -156,16 +182,26 @@ class NeighbourMonitor:
                 monitor.look(claim, seen, now_ns)
             is_unbelieved = bool(monitor.reason)
             self.table.unbelieved.set(
-                self.table.indices[row.name], is_doubtful=monitor.is_doubtful, is_unbelieved=is_unbelieved
+                self.table.indices[row.name],
+                is_doubtful=monitor.is_doubtful,
+                is_unbelieved=is_unbelieved,
             )
             if is_unbelieved:
                 reasons[row.name] = monitor.reason
         if reasons:
-            self._add(active, Condition.NEIGHBOUR_IMPLAUSIBLE, [f"{name} {why}" for name, why in reasons.items()])
+            self._add(
+                active,
+                Condition.NEIGHBOUR_IMPLAUSIBLE,
+                [f"{name} {why}" for name, why in reasons.items()],
+            )
         return reasons
 
-    def _check_predictions(self, active: set[Condition], rows: Iterable[NeighbourRow], others: Collection[str]) -> None:
-        """Compare how each neighbour flies with how it predicted to fly; ``others`` are not to be counted on."""
+    def _check_predictions(
+        self, active: set[Condition], rows: Iterable[NeighbourRow], others: Collection[str]
+    ) -> None:
+        """Compare how each neighbour flies with how it predicted to fly; ``others`` are not to be
+        counted on.
+        """
         wrong = []
         for row in rows:
             monitor = self._predictions[row.name]
@@ -181,7 +217,9 @@ class NeighbourMonitor:
         if wrong:
             self._add(active, Condition.NEIGHBOUR_UNCOOPERATIVE, wrong)
 
-    def _check_distances(self, active: set[Condition], rows: Iterable[NeighbourRow], view: FlightView) -> None:
+    def _check_distances(
+        self, active: set[Condition], rows: Iterable[NeighbourRow], view: FlightView
+    ) -> None:
         """Find neighbours from which even hard braking will not keep the safety distance."""
         endangered = []
         if self.flight.is_under_law and view.has_position:
@@ -200,8 +238,12 @@ class NeighbourMonitor:
             return False
         apart_z_m = z - other_z
         closing_m_s = (other_vz - vz) * math.copysign(1.0, apart_z_m)
-        claims_column = not row.is_cooperative and apart_z_m < 0.0  # it lands, falls or is silent above
-        if not claims_column and abs(apart_z_m) - _CLIMB_S * max(closing_m_s, 0.0) >= self._vertical_m:
+        # it lands, falls or is silent above
+        claims_column = not row.is_cooperative and apart_z_m < 0.0
+        if (
+            not claims_column
+            and abs(apart_z_m) - _CLIMB_S * max(closing_m_s, 0.0) >= self._vertical_m
+        ):
             return False
         left_m = smallest_distance_m(
             apart_m,

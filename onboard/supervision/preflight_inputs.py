@@ -48,9 +48,11 @@ class PreflightInputs:
     dropped: Snapshot = field(default_factory=Snapshot)  # newest of PX4 that was nonsense
     loop_p99_ms: float = 0.0
     source_problem: str = ""  # of the mocap that is read here
-    clock_bounds_s: dict[str, float] = field(default_factory=dict)  # node on another host -> error of its clock
+    # node on another host -> error of its clock
+    clock_bounds_s: dict[str, float] = field(default_factory=dict)
     duplicates: DuplicateAgents = field(default_factory=DuplicateAgents)
-    _pose_sources: dict[int, int] = field(default_factory=dict)  # sender's boot id -> arrival of its last pose here
+    # sender's boot id -> arrival of its last pose here
+    _pose_sources: dict[int, int] = field(default_factory=dict)
     _nodes: set[str] = field(default_factory=set)  # on the bus
     _duplicate_ns: int | None = None
 
@@ -89,7 +91,9 @@ class PreflightInputs:
                     self._duplicate_ns = received_ns
             case ClocksCompared(bounds_s):
                 self.clock_bounds_s = {
-                    node: bound for node, bound in bounds_s.items() if not node.startswith((GROUND, WATCHER))
+                    node: bound
+                    for node, bound in bounds_s.items()
+                    if not node.startswith((GROUND, WATCHER))
                 }
             case NodeChanged(node, is_alive):
                 (self._nodes.add if is_alive else self._nodes.discard)(node)
@@ -106,5 +110,9 @@ class PreflightInputs:
         """Keep the newest sample, and who has sent one lately."""
         delay_s = (received_ns - pose.stamp_ns) * 1e-9
         self.sample = MocapSample(pose.quaternion_enu_flu_wxyz, received_ns, delay_s)
-        recent = {sender: ns for sender, ns in self._pose_sources.items() if received_ns - ns < _POSE_SOURCE_NS}
+        recent = {
+            sender: ns
+            for sender, ns in self._pose_sources.items()
+            if received_ns - ns < _POSE_SOURCE_NS
+        }
         self._pose_sources = recent | {pose.boot_id: received_ns}

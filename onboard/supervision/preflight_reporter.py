@@ -1,4 +1,6 @@
-"""Go or no-go of one vehicle on the ground: gathers the facts, keeps the judgement, and reports it once a second."""
+"""Go or no-go of one vehicle on the ground: gathers the facts, keeps the judgement, and reports it
+once a second.
+"""
 
 from __future__ import annotations
 
@@ -49,7 +51,9 @@ class PreflightReporter:
         self._fleet, self._vehicle = fleet, vehicle
         self._own, self._neighbours, self._flight = own, neighbours, flight
         self._config_hash = fleet.config_hash
-        self._fused = int(required_params(vehicle).get("EKF2_EV_CTRL", 0)) if vehicle.mocap_required else 0
+        self._fused = (
+            int(required_params(vehicle).get("EKF2_EV_CTRL", 0)) if vehicle.mocap_required else 0
+        )
         self._inputs = PreflightInputs(vehicle.name, vehicle.body, boot_id)
         self._attitude, self._tilt = AttitudeRate(), TiltComparison()
         self._refusals = LawRefusals(fleet, vehicle.name, neighbours)
@@ -99,7 +103,9 @@ class PreflightReporter:
             return self.not_ready
         self._judged_ns = view.now_ns
         self._state_ages.update(self._neighbours.followed_ages_s(view.now_ns))
-        self._facts = replace(self._gather(view, is_airborne, hover_frac), conditions=frozenset(conditions))
+        self._facts = replace(
+            self._gather(view, is_airborne, hover_frac), conditions=frozenset(conditions)
+        )
         self.not_ready = preflight_rules.reasons(self._facts, self._fleet, self._vehicle)
         return self.not_ready
 
@@ -116,13 +122,17 @@ class PreflightReporter:
         self._reported_ns = now_ns
         self._sequence += 1
         self._refusals.judge_spot(facts.position_enu_m if facts.has_position else None)
-        checks = preflight_rules.checks(replace(facts, law_refusals=self._refusals.current), self._fleet, self._vehicle)
+        checks = preflight_rules.checks(
+            replace(facts, law_refusals=self._refusals.current), self._fleet, self._vehicle
+        )
         return PreflightReport(
             vehicle=self._vehicle.name,
             boot_id=self._inputs.boot_id,
             sequence=self._sequence,
             stamp_ns=now_ns,
-            checks=tuple((check.name, check.is_ok, check.sentence, check.remedy) for check in checks),
+            checks=tuple(
+                (check.name, check.is_ok, check.sentence, check.remedy) for check in checks
+            ),
             px4_version=facts.px4_version,
         )
 
@@ -132,7 +142,9 @@ class PreflightReporter:
         return PreflightFacts(
             autopilot_age_s=_age_s(now_ns, snapshot.last_packet_ns),
             px4_version=snapshot.px4_version,
-            px4_nonsense=nonsense(inputs.dropped) if _age_s(now_ns, inputs.dropped.last_packet_ns) < 1.0 else "",
+            px4_nonsense=nonsense(inputs.dropped)
+            if _age_s(now_ns, inputs.dropped.last_packet_ns) < 1.0
+            else "",
             heartbeat_age_s=_age_s(now_ns, snapshot.heartbeat_ns),
             refused=snapshot.refused,
             refused_age_s=_age_s(now_ns, snapshot.refused.newest_ns),
@@ -153,7 +165,9 @@ class PreflightReporter:
             sample_age_s=math.inf if sample is None else _age_s(now_ns, sample.received_ns),
             source_problem=inputs.source_problem,
             pose_sources=inputs.pose_sources(now_ns),
-            px4_position_enu_m=enu_from_ned(snapshot.position_local_ned_m) if snapshot.local_position_ns else None,
+            px4_position_enu_m=enu_from_ned(snapshot.position_local_ned_m)
+            if snapshot.local_position_ns
+            else None,
             heading_miss_rad=own.heading_offset_rad,
             tilt_miss_rad=self._tilt.difference_rad,
             has_wrong_tilt=self._tilt.has_wrong_tilt,

@@ -30,16 +30,22 @@ class StateAges:
     def measured(self) -> RadioMeasured | None:
         """The worst of all neighbours; None until there are enough samples.
 
-        The youngest age of a neighbour is its delay; where the newest state is older than that by a period or more,
-        one has been lost or is late.
+        The youngest age of a neighbour is its delay; where the newest state is older than that by a
+        period or more, one has been lost or is late.
         """
-        full = {name: ages_s for name, ages_s in self._ages_s.items() if len(ages_s) >= _LEAST_SAMPLES}
+        full = {
+            name: ages_s for name, ages_s in self._ages_s.items() if len(ages_s) >= _LEAST_SAMPLES
+        }
         if not full:
             return None
         delays_s = {name: min(ages_s) for name, ages_s in full.items()}
         losses = {
-            name: sum(age_s > delays_s[name] + 0.99 * self._period_s for age_s in ages_s) / len(ages_s)
+            name: sum(age_s > delays_s[name] + 0.99 * self._period_s for age_s in ages_s)
+            / len(ages_s)
             for name, ages_s in full.items()
         }
-        delayed, lossy = max(delays_s, key=delays_s.__getitem__), max(losses, key=losses.__getitem__)
+        delayed, lossy = (
+            max(delays_s, key=delays_s.__getitem__),
+            max(losses, key=losses.__getitem__),
+        )
         return RadioMeasured(delays_s[delayed], delayed, losses[lossy], lossy)

@@ -1,1 +1,3 @@
-"""Behaviour of a real PX4 as checks of any endpoint: ``covey sitl-check``. Shares no code with the emulator."""
+"""Behaviour of a real PX4 as checks of any endpoint: ``covey sitl-check``. Shares no code with the
+emulator.
+"""

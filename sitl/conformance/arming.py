@@ -1,4 +1,5 @@
-"""On the ground: what is told to whom, modes that are asked for, arming, the motors' first seconds."""
+"""On the ground: what is told to whom, modes that are asked for, arming, the motors' first seconds.
+"""
 
 from __future__ import annotations
 
@@ -65,7 +66,8 @@ def _refusals(client: VehicleClient, report: FactReport) -> None:
         # Which command an acknowledgement of this message names is not known to us.
         client.acks(SET_MODE, since_s)
         answers = [
-            "ACCEPTED" if p.message.result == 0 else "refused" for p in client.received.of("COMMAND_ACK", since_s)
+            "ACCEPTED" if p.message.result == 0 else "refused"
+            for p in client.received.of("COMMAND_ACK", since_s)
         ]
         report.add("mode.set-mode-message", ", ".join(answers) or SILENCE)
     grounded(client)
@@ -76,7 +78,8 @@ def _armed(client: VehicleClient, report: FactReport) -> None:
     client.greet(as_ground_station=True)
     client.spend(1.2)
     report.add("arm.disarm-disarmed", client.command(ARM, 0.0))
-    # Half way between two heartbeats, where one that is sent because of the change would be seen as such.
+    # Half way between two heartbeats, where one that is sent because of the change would be seen as
+    # such.
     client.next_heartbeat()
     client.spend(0.4)
     armed_s = client.now_s
@@ -94,7 +97,12 @@ def _armed(client: VehicleClient, report: FactReport) -> None:
     report.add("arm.again-text", client.said(again_s))
     if not report.wants("arm.auto-disarm*"):
         return
-    at_s, severity, words, _ = client.text("Disarmed by", armed_s, wait_s=14.0) or (math.inf, -1, "", 0)
+    at_s, severity, words, _ = client.text("Disarmed by", armed_s, wait_s=14.0) or (
+        math.inf,
+        -1,
+        "",
+        0,
+    )
     report.add("arm.auto-disarm", at_s - armed_s)
     report.add("arm.auto-disarm-text", repr(words))
     report.add("arm.auto-disarm-severity", str(severity))

@@ -21,7 +21,10 @@ def run(client: VehicleClient, report: FactReport) -> None:
     client.spend(1.2)
     client.interval("EXTENDED_SYS_STATE", 20.0)
     ground_z = client.newest("LOCAL_POSITION_NED").z
-    report.add("takeoff.accepted", client.command(TAKEOFF, math.nan, 0.0, 0.0, math.nan, math.nan, math.nan, math.nan))
+    report.add(
+        "takeoff.accepted",
+        client.command(TAKEOFF, math.nan, 0.0, 0.0, math.nan, math.nan, math.nan, math.nan),
+    )
     client.next_heartbeat(2)
     report.add("takeoff.waits", f"{client.mode} {'armed' if client.is_armed else 'disarmed'}")
     armed_s = client.now_s
@@ -39,7 +42,9 @@ def run(client: VehicleClient, report: FactReport) -> None:
     count = len(client.received.of("POSITION_TARGET_GLOBAL_INT", since_s))
     report.add("stream.position-target-global-int", count / (client.now_s - since_s))
     position = client.received.of("LOCAL_POSITION_NED", client.now_s - 1.0)
-    report.add("takeoff.height", statistics.fmean(ground_z - packet.message.z for packet in position))
+    report.add(
+        "takeoff.height", statistics.fmean(ground_z - packet.message.z for packet in position)
+    )
     if report.wants("land.*"):
         _land(client, report, ground_z)
     client.interval("EXTENDED_SYS_STATE", 0.0)
@@ -70,7 +75,10 @@ def _land(client: VehicleClient, report: FactReport, ground_z: float) -> None:
     down_s = _since(client, "ON_GROUND", since_s) + since_s
     if detected is None or disarmed is None:
         return
-    report.add("land.detected", "yes" if abs(down_s - detected[0]) < 0.3 else f"{down_s - detected[0]:+.1f} s apart")
+    report.add(
+        "land.detected",
+        "yes" if abs(down_s - detected[0]) < 0.3 else f"{down_s - detected[0]:+.1f} s apart",
+    )
     report.add("land.disarm", disarmed[0] - detected[0])
     report.add("land.disarm-text", repr(disarmed[2]))
     report.add("land.duration", disarmed[0] - since_s)

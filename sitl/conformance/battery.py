@@ -1,4 +1,6 @@
-"""The simulated battery and what PX4 does as it empties, down to taking the vehicle out of OFFBOARD."""
+"""The simulated battery and what PX4 does as it empties, down to taking the vehicle out of
+OFFBOARD.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +28,10 @@ def run(client: VehicleClient, report: FactReport) -> None:
         if before.count(min(before, default=100)) >= 3 and min(before, default=100) < 90:
             report.add("battery.floor", float(min(before)))
         else:
-            report.skip([fact for fact in DRAIN if fact.name == "battery.floor"], "nothing flew long enough before")
+            report.skip(
+                [fact for fact in DRAIN if fact.name == "battery.floor"],
+                "nothing flew long enough before",
+            )
     hover = airborne(client, _HEIGHT_M)
     client.interval("BATTERY_STATUS", 10.0)
     if report.wants("battery.drain"):
@@ -54,7 +59,10 @@ def _drain(client: VehicleClient, report: FactReport) -> None:
 
 def _empty(client: VehicleClient, report: FactReport, hover: Hover) -> None:
     since_s = client.now_s
-    client.spend(1.2 * _FAST_DRAIN_S, lambda: client.newest("BATTERY_STATUS").battery_remaining <= _SLOW_FROM_PCT)
+    client.spend(
+        1.2 * _FAST_DRAIN_S,
+        lambda: client.newest("BATTERY_STATUS").battery_remaining <= _SLOW_FROM_PCT,
+    )
     client.params.set("SIM_BAT_DRAIN", _SLOW_DRAIN_S)
     slow_s = client.now_s + _LAG_S
     client.text("Low battery", since_s, wait_s=0.1 * _SLOW_DRAIN_S)
@@ -75,16 +83,24 @@ def _empty(client: VehicleClient, report: FactReport, hover: Hover) -> None:
     text = client.text("Emergency battery", since_s)
     report.add("battery.emergency-text", text[2].rstrip("\t") if text else "none")
     full = [packet.message for packet in client.received.of("BATTERY_STATUS", slow_s)]
-    errors = [abs(m.voltages[0] - 14400 - 18 * m.battery_remaining) for m in full if m.battery_remaining > 0]
+    errors = [
+        abs(m.voltages[0] - 14400 - 18 * m.battery_remaining)
+        for m in full
+        if m.battery_remaining > 0
+    ]
     report.add("battery.voltage", float(max(errors)))
-    states = sorted({packet.message.charge_state for packet in client.received.of("BATTERY_STATUS")})
+    states = sorted(
+        {packet.message.charge_state for packet in client.received.of("BATTERY_STATUS")}
+    )
     report.add("battery.charge-states", " ".join(map(str, states)))
     down = client.spend(25.0, lambda: not client.is_armed)
     report.add("battery.disarms", "yes" if down else "no")
     client.stream(None)
 
 
-def _say(client: VehicleClient, report: FactReport, charge_state: str, start: str, since_s: float) -> float:
+def _say(
+    client: VehicleClient, report: FactReport, charge_state: str, start: str, since_s: float
+) -> float:
     text = client.text(start, since_s)
     if text is None:
         report.add(f"battery.{charge_state}-text", "none")
@@ -92,7 +108,9 @@ def _say(client: VehicleClient, report: FactReport, charge_state: str, start: st
     at_s, severity, words, _ = text
     report.add(f"battery.{charge_state}-text", words.rstrip("\t"))
     report.add(f"battery.{charge_state}-severity", str(severity))
-    near = min(client.received.of("BATTERY_STATUS", since_s), key=lambda packet: abs(packet.at_s - at_s))
+    near = min(
+        client.received.of("BATTERY_STATUS", since_s), key=lambda packet: abs(packet.at_s - at_s)
+    )
     report.add(f"battery.{charge_state}-at", float(near.message.battery_remaining))
     return at_s
 

@@ -1,6 +1,7 @@
 """Datagrams to and from one MAVLink endpoint, recorded with the vehicle's own time.
 
-Frames are cut by hand and decoded only when somebody looks into them: a fast vehicle sends thousands a second.
+Frames are cut by hand and decoded only when somebody looks into them: a fast vehicle sends
+thousands a second.
 """
 
 from __future__ import annotations
@@ -139,7 +140,9 @@ class Packet:
 
 @dataclass(slots=True)
 class VehicleClock:
-    """The vehicle's time between the stamps it sends: `time_boot_ms`, carried on at the measured pace."""
+    """The vehicle's time between the stamps it sends: `time_boot_ms`, carried on at the measured
+    pace.
+    """
 
     pace: float = 1.0
     boot_s: float = 0.0
@@ -178,7 +181,8 @@ class Recording:
     frames: int = 0
     v1_frames: int = 0
     octets: int = 0
-    _undated: list[tuple[Packet, float]] = field(default_factory=list)  # came before the first stamp, and when
+    # came before the first stamp, and when
+    _undated: list[tuple[Packet, float]] = field(default_factory=list)
 
     def take(self, datagram: bytes, clock: VehicleClock, port_s: float) -> None:
         """File the frames of a datagram."""

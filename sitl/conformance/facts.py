@@ -23,7 +23,9 @@ class Verdict(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Fact:
-    """One thing that a real PX4 does, as it was measured on v1.16.0; `versions.toml` says what others do."""
+    """One thing that a real PX4 does, as it was measured on v1.16.0; `versions.toml` says what
+    others do.
+    """
 
     name: str  # topic, dot, detail
     section: str  # of the list of measured facts
@@ -46,7 +48,11 @@ class Fact:
         if self.allowed:
             return " or ".join(self.allowed)
         unit = f" {self.unit}" if self.unit else ""
-        return f"{self.low:g}{unit}" if self.low == self.high else f"{self.low:g} to {self.high:g}{unit}"
+        return (
+            f"{self.low:g}{unit}"
+            if self.low == self.high
+            else f"{self.low:g} to {self.high:g}{unit}"
+        )
 
     def show(self, measured: Measured) -> str:
         """A measurement in words."""
@@ -101,7 +107,9 @@ class FactResult:
 
 @dataclass(slots=True)
 class FactReport:
-    """Collects results and shows each at once; what is measured before the version is known waits for it."""
+    """Collects results and shows each at once; what is measured before the version is known waits
+    for it.
+    """
 
     facts: dict[str, Fact]  # those that were asked for, by name
     show: Callable[[FactResult], None] = lambda result: None  # called with every result
@@ -118,7 +126,9 @@ class FactReport:
             self.add(name, measured)
 
     def wants(self, *patterns: str) -> bool:
-        """Whether one of the facts named (shell patterns) was asked for: what nobody asked for is not flown."""
+        """Whether one of the facts named (shell patterns) was asked for: what nobody asked for is
+        not flown.
+        """
         return any(fnmatchcase(name, pattern) for name in self.facts for pattern in patterns)
 
     def add(self, name: str, measured: Measured) -> None:
@@ -144,7 +154,11 @@ class FactReport:
 
     def _unmeasured(self, facts: Iterable[Fact], verdict: Verdict, reason: str) -> None:
         for fact in facts:
-            if fact.name in self.facts and fact.name not in self.results and fact.name not in self._waiting:
+            if (
+                fact.name in self.facts
+                and fact.name not in self.results
+                and fact.name not in self._waiting
+            ):
                 self._file(FactResult(fact, verdict, "nothing", reason))
 
     def _file(self, result: FactResult) -> None:
@@ -153,7 +167,8 @@ class FactReport:
 
 
 def matching(facts: Iterable[Fact], patterns: Sequence[str]) -> dict[str, Fact]:
-    """Facts whose name, or the topic before its dot, matches one of the patterns; all without patterns.
+    """Facts whose name, or the topic before its dot, matches one of the patterns; all without
+    patterns.
 
     Raises:
         KeyError: a pattern that matches nothing, as its argument.
@@ -163,7 +178,11 @@ def matching(facts: Iterable[Fact], patterns: Sequence[str]) -> dict[str, Fact]:
         return {fact.name: fact for fact in facts}
     names: set[str] = set()
     for pattern in patterns:
-        of_pattern = [f.name for f in facts if fnmatchcase(f.name, pattern) or f.name.partition(".")[0] == pattern]
+        of_pattern = [
+            f.name
+            for f in facts
+            if fnmatchcase(f.name, pattern) or f.name.partition(".")[0] == pattern
+        ]
         if not of_pattern:
             raise KeyError(pattern)
         names.update(of_pattern)
@@ -203,8 +222,13 @@ def nearest(reported: tuple[int, int] | None) -> tuple[str, str]:
     """
     known = [tuple(int(part) for part in version.split(".")) for version in VERSIONS]
     if reported is None:
-        return VERSIONS[0], f"it reports no version and is judged as v{VERSIONS[0]}: --px4 says another"
+        return VERSIONS[
+            0
+        ], f"it reports no version and is judged as v{VERSIONS[0]}: --px4 says another"
     older = [index for index, version in enumerate(known) if version <= reported]
     version = VERSIONS[older[-1] if older else 0]
     name = f"{reported[0]}.{reported[1]}"
-    return version, "" if name == version else f"v{name} was never measured: it is judged as v{version}"
+    return (
+        version,
+        "" if name == version else f"v{name} was never measured: it is judged as v{version}",
+    )

@@ -4,12 +4,25 @@ from __future__ import annotations
 
 import math
 
-from sitl.conformance.vehicle_client import ARM, FORCE, LAND, Quaternion, Stuck, VehicleClient, quaternion
+from sitl.conformance.vehicle_client import (
+    ARM,
+    FORCE,
+    LAND,
+    Quaternion,
+    Stuck,
+    VehicleClient,
+    quaternion,
+)
 
 _GRAVITY = 9.81
 _PERIOD_S, _LEARN_BELOW_M_S, _LEARN_1_M = 0.02, 0.4, 0.04
 _CLIMB_LIMIT, _SINK_LIMIT, _SPEED_LIMIT, _ACCEL_LIMIT = 2.5, 1.5, 1.5, 3.0
-_RATES_HZ = {"LOCAL_POSITION_NED": 100.0, "ATTITUDE": 250.0, "ATTITUDE_TARGET": 250.0, "EXTENDED_SYS_STATE": 20.0}
+_RATES_HZ = {
+    "LOCAL_POSITION_NED": 100.0,
+    "ATTITUDE": 250.0,
+    "ATTITUDE_TARGET": 250.0,
+    "EXTENDED_SYS_STATE": 20.0,
+}
 
 
 class Hover:
@@ -85,7 +98,8 @@ def _clip(value: float, below: float, above: float) -> float:
 
 
 def airborne(client: VehicleClient, height_m: float) -> Hover:
-    """Fly in OFFBOARD by attitude setpoints at a height, from wherever the vehicle is; calm when it returns.
+    """Fly in OFFBOARD by attitude setpoints at a height, from wherever the vehicle is; calm when it
+    returns.
 
     Raises:
         Stuck: it cannot be armed or does not get there.
@@ -142,7 +156,8 @@ def default_streams(client: VehicleClient) -> None:
 
 
 def grounded(client: VehicleClient) -> None:
-    """On the ground, disarmed, in AUTO.LOITER, nothing streaming: where every phase on the ground begins.
+    """On the ground, disarmed, in AUTO.LOITER, nothing streaming: where every phase on the ground
+    begins.
 
     Raises:
         Stuck: it cannot be brought there.

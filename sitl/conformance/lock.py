@@ -1,4 +1,6 @@
-"""Who is listened to: the first sender for good, and with a key of MAVLink signing only what is signed."""
+"""Who is listened to: the first sender for good, and with a key of MAVLink signing only what is
+signed.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +25,9 @@ def run(client: VehicleClient, report: FactReport) -> None:
     if client.moves_first_sender:
         _from_elsewhere(client, report)
         return
-    report.skip(FACTS[1:], "it leaves the vehicle locked to a port that is gone: see --from-elsewhere")
+    report.skip(
+        FACTS[1:], "it leaves the vehicle locked to a port that is gone: see --from-elsewhere"
+    )
     client.greet(as_ground_station=False)
     client.spend(0.5)
     stranger = client.port.stranger()
@@ -96,7 +100,13 @@ def run_signing(client: VehicleClient, report: FactReport) -> None:
 
 def _set_key(client: VehicleClient, key: bytes, timestamp: int) -> None:
     for _ in range(2):
-        client.send("SETUP_SIGNING", target_system=99, target_component=1, secret_key=key, initial_timestamp=timestamp)
+        client.send(
+            "SETUP_SIGNING",
+            target_system=99,
+            target_component=1,
+            secret_key=key,
+            initial_timestamp=timestamp,
+        )
         client.spend(0.2)
 
 

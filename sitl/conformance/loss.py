@@ -1,4 +1,6 @@
-"""Setpoints stop: how long nothing happens, what happens then for every COM_OBL_RC_ACT, and what when they return."""
+"""Setpoints stop: how long nothing happens, what happens then for every COM_OBL_RC_ACT, and what
+when they return.
+"""
 
 from __future__ import annotations
 
@@ -18,8 +20,20 @@ _ACTIONS = {1: "ALTCTL", 3: "AUTO.RTL", 4: "AUTO.LAND", 5: "AUTO.LOITER", 0: "PO
 def _action_facts(action: int, mode: str) -> tuple[Fact, ...]:
     return (
         word(f"loss.action-{action}", "6", f"COM_OBL_RC_ACT {action}: mode", mode),
-        number(f"loss.action-{action}-time", "6", f"COM_OBL_RC_ACT {action}: after the last setpoint", 0.97, 1.25, "s"),
-        word(f"loss.action-{action}-return", "6", f"COM_OBL_RC_ACT {action}: when setpoints return", "OFFBOARD"),
+        number(
+            f"loss.action-{action}-time",
+            "6",
+            f"COM_OBL_RC_ACT {action}: after the last setpoint",
+            0.97,
+            1.25,
+            "s",
+        ),
+        word(
+            f"loss.action-{action}-return",
+            "6",
+            f"COM_OBL_RC_ACT {action}: when setpoints return",
+            "OFFBOARD",
+        ),
     )
 
 
@@ -31,7 +45,9 @@ AIR = (
     word("loss.text", "6", "text", repr("Failsafe activated\t")),
     word("loss.severity", "6", "its severity", "2"),
     word("loss.event", "6", "EVENT (410) about it", "sent"),
-    number("loss.timeout-follows", "6", "COM_OF_LOSS_T 0.5: after the last setpoint", 0.47, 0.75, "s"),
+    number(
+        "loss.timeout-follows", "6", "COM_OF_LOSS_T 0.5: after the last setpoint", 0.47, 0.75, "s"
+    ),
     number("loss.wrong-target", "5", "setpoints for another system do not count", 0.97, 1.25, "s"),
 )
 DESCENT = facts("loss", "descent")
@@ -109,7 +125,9 @@ def _act(client: VehicleClient, report: FactReport, hover: Hover, action: int) -
         report.add("loss.base-mode", str(client.newest("HEARTBEAT").base_mode))
         report.add("loss.text", client.quote(_TEXT, since_s))
         report.add("loss.severity", str(text[1]) if text else "none")
-        report.add("loss.event", "sent" if client.received.of("EVENT", since_s + 0.9) else "not sent")
+        report.add(
+            "loss.event", "sent" if client.received.of("EVENT", since_s + 0.9) else "not sent"
+        )
     _resume(client, hover)
     client.spend(0.1)
     client.next_heartbeat()
@@ -137,7 +155,9 @@ def _descend(client: VehicleClient, report: FactReport, hover: Hover) -> None:
     report.add("loss.arming-after", client.command(ARM, 1.0))
 
 
-def _descend_blindly(client: VehicleClient, report: FactReport, hover: Hover, since_s: float) -> None:
+def _descend_blindly(
+    client: VehicleClient, report: FactReport, hover: Hover, since_s: float
+) -> None:
     disarmed_s = client.delay_s("Disarmed by", since_s, wait_s=20.0)
     sinking = [
         packet.message.vz

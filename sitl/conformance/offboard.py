@@ -65,7 +65,11 @@ def _start(client: VehicleClient, report: FactReport) -> Hover:
     client.stream(hover)
     hover.to_height(_HEIGHT_M)
     acked_s = answers[0].at_s
-    turning = [p.at_s for p in client.received.of("SERVO_OUTPUT_RAW", armed_s) if p.message.servo1_raw > 1500]
+    turning = [
+        p.at_s
+        for p in client.received.of("SERVO_OUTPUT_RAW", armed_s)
+        if p.message.servo1_raw > 1500
+    ]
     report.add("offboard.no-spool", max(0.0, turning[0] - acked_s) if turning else math.nan)
     climbing = [
         packet.message.vz

@@ -1,4 +1,6 @@
-"""Links on sockets of their own: the ground station's, and the one on which PX4's simulator shows viewers the truth."""
+"""Links on sockets of their own: the ground station's, and the one on which PX4's simulator shows
+viewers the truth.
+"""
 
 from __future__ import annotations
 
@@ -25,17 +27,22 @@ def run_ground_link(client: VehicleClient, report: FactReport) -> None:
             return
     client.spend(4.2)
     everybody = client.received.of("HEARTBEAT")
-    others = sorted({packet.system_id for packet in everybody if packet.component_id == 1} - {wanted})
+    others = sorted(
+        {packet.system_id for packet in everybody if packet.component_id == 1} - {wanted}
+    )
     if others and any(packet.system_id == wanted for packet in everybody):
         report.skip(
-            FACTS, f"other autopilots send to this port as well (system {', '.join(map(str, others))}): stop them"
+            FACTS,
+            f"other autopilots send to this port as well (system {', '.join(map(str, others))}): stop them",
         )
         return
     beats = [packet for packet in everybody if packet.system_id == wanted]
     report.add("gcs.system", "yes" if beats else "no")
     span_s = beats[-1].at_s - beats[0].at_s if len(beats) > 1 else math.nan
     report.add("gcs.heartbeat", (len(beats) - 1) / span_s)
-    report.add("gcs.version", "MAVLink 2" if not client.received.v1_frames else "MAVLink 1 among them")
+    report.add(
+        "gcs.version", "MAVLink 2" if not client.received.v1_frames else "MAVLink 1 among them"
+    )
     client.greet(as_ground_station=True)
     client.spend(1.2)
     report.add("gcs.answers", client.set_mode("OFFBOARD").partition(",")[0])
@@ -58,7 +65,9 @@ def run_simulator_link(client: VehicleClient, report: FactReport) -> None:
     report.add("sih.state", counts["HIL_STATE_QUATERNION"] / _WATCH_S)
     report.add("sih.actuators", counts.get("HIL_ACTUATOR_CONTROLS", 0) / _WATCH_S)
     report.add("sih.heartbeat", counts.get("HEARTBEAT", 0) / _WATCH_S)
-    others = sorted(set(counts) - {"HIL_STATE_QUATERNION", "HIL_ACTUATOR_CONTROLS", "HEARTBEAT", *_NOW_AND_THEN})
+    others = sorted(
+        set(counts) - {"HIL_STATE_QUATERNION", "HIL_ACTUATOR_CONTROLS", "HEARTBEAT", *_NOW_AND_THEN}
+    )
     report.add("sih.others", ", ".join(others) or "nothing")
     state = client.newest("HIL_STATE_QUATERNION")
     senders = {packet.system_id for packet in client.received.of("HIL_STATE_QUATERNION")}
@@ -70,9 +79,13 @@ def run_simulator_link(client: VehicleClient, report: FactReport) -> None:
 
 def _counts(client: VehicleClient) -> dict[str, int]:
     return {
-        NAMES.get(number, str(number)): len(packets) for number, packets in client.received.packets.items() if packets
+        NAMES.get(number, str(number)): len(packets)
+        for number, packets in client.received.packets.items()
+        if packets
     }
 
 
 GROUND_LINK = Phase("the ground station's link", FACTS, run_ground_link, turns_motors=False)
-SIMULATOR_LINK = Phase("the simulator's link", SIMULATOR_FACTS, run_simulator_link, turns_motors=False)
+SIMULATOR_LINK = Phase(
+    "the simulator's link", SIMULATOR_FACTS, run_simulator_link, turns_motors=False
+)

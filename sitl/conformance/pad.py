@@ -1,4 +1,6 @@
-"""Start, streams and field quirks: what a vehicle on its pad sends by itself, while nobody says a word."""
+"""Start, streams and field quirks: what a vehicle on its pad sends by itself, while nobody says a
+word.
+"""
 
 from __future__ import annotations
 
@@ -49,7 +51,14 @@ _RATES_HZ = {
     "TIME_ESTIMATE_TO_TARGET": 0.5,
     "CURRENT_EVENT_SEQUENCE": 0.3,
 }
-_EVENTS_ONLY = ("EVENT", "COMMAND_ACK", "PARAM_VALUE", "STATUSTEXT", "POSITION_TARGET_GLOBAL_INT", "GPS_GLOBAL_ORIGIN")
+_EVENTS_ONLY = (
+    "EVENT",
+    "COMMAND_ACK",
+    "PARAM_VALUE",
+    "STATUSTEXT",
+    "POSITION_TARGET_GLOBAL_INT",
+    "GPS_GLOBAL_ORIGIN",
+)
 
 
 def _stream_name(message: str) -> str:
@@ -59,7 +68,9 @@ def _stream_name(message: str) -> str:
 def _rate_fact(message: str, hz: float) -> Fact:
     # One more or one less in the watched stretch is chance; so is a percent or two of pace.
     slack = max(1.01 / _WATCH_S, 0.06 * hz)
-    return number(_stream_name(message), "4", f"{message} at {hz:g} Hz unasked", hz - slack, hz + slack, "Hz")
+    return number(
+        _stream_name(message), "4", f"{message} at {hz:g} Hz unasked", hz - slack, hz + slack, "Hz"
+    )
 
 
 BOOT = facts("pad", "boot")
@@ -71,7 +82,9 @@ QUIRKS = facts("pad", "quirks")
 def run(client: VehicleClient, report: FactReport) -> None:
     """Watch, without a word."""
     _boot(client, report)
-    if not report.wants("stream.*", "wire.*", "clock.*", "heartbeat.*", "pad.*", "quirk.*", "text.silent-alone"):
+    if not report.wants(
+        "stream.*", "wire.*", "clock.*", "heartbeat.*", "pad.*", "quirk.*", "text.silent-alone"
+    ):
         return
     if client.now_s < _READY_S:
         client.spend(_READY_S - client.now_s)
@@ -113,7 +126,10 @@ def _boot(client: VehicleClient, report: FactReport) -> None:
     client.spend(1.0)
     heartbeats, homes, fixes = received.of("HEARTBEAT"), received.of("HOME_POSITION"), fixed()
     report.add("boot.heartbeat", heartbeats[0].at_s if heartbeats else math.nan)
-    report.add("boot.heartbeat-status", STATUS.get(heartbeats[0].message.system_status, "?") if heartbeats else "none")
+    report.add(
+        "boot.heartbeat-status",
+        STATUS.get(heartbeats[0].message.system_status, "?") if heartbeats else "none",
+    )
     report.add("boot.gps", fixes[0].at_s if fixes else math.nan)
     report.add("boot.home", homes[0].at_s if homes else math.nan)
     report.add("boot.armable", armable_s if is_armable else math.nan)
@@ -126,14 +142,19 @@ def _streams(client: VehicleClient, report: FactReport, since_s: float, until_s:
     others = [
         NAMES.get(number, str(number))
         for number, packets in client.received.packets.items()
-        if packets and packets[-1].at_s >= since_s and NAMES.get(number) not in (*_RATES_HZ, *_EVENTS_ONLY)
+        if packets
+        and packets[-1].at_s >= since_s
+        and NAMES.get(number) not in (*_RATES_HZ, *_EVENTS_ONLY)
     ]
     report.add("wire.unasked-others", ", ".join(sorted(others)) or "nothing")
 
 
 def _message_layout(client: VehicleClient, report: FactReport, since_s: float) -> None:
     received = client.received
-    report.add("wire.version", "MAVLink 2" if not received.v1_frames else f"{received.v1_frames} frames of MAVLink 1")
+    report.add(
+        "wire.version",
+        "MAVLink 2" if not received.v1_frames else f"{received.v1_frames} frames of MAVLink 1",
+    )
     report.add("wire.messages-per-datagram", received.frames / max(1, received.datagrams))
     report.add("wire.checksums", _checksums(client))
     report.add("wire.component", str(received.of("HEARTBEAT")[-1].component_id))
@@ -195,12 +216,18 @@ def _quirks(client: VehicleClient, report: FactReport) -> None:
     report.add("quirk.odometry-frames", f"{odometry.frame_id} and {odometry.child_frame_id}")
     # The upper triangle of a 6 x 6 matrix, row by row; its diagonal lies at 0, 6, 11, 15, 18, 20.
     off_diagonal = [
-        value for position, value in enumerate(odometry.pose_covariance) if position not in (0, 6, 11, 15, 18, 20)
+        value
+        for position, value in enumerate(odometry.pose_covariance)
+        if position not in (0, 6, 11, 15, 18, 20)
     ]
-    report.add("quirk.odometry-covariance", "NaN" if all(map(math.isnan, off_diagonal)) else "numbers")
+    report.add(
+        "quirk.odometry-covariance", "NaN" if all(map(math.isnan, off_diagonal)) else "numbers"
+    )
     report.add("quirk.odometry-resets", float(odometry.reset_counter))
     report.add("quirk.battery-voltage", float(battery.voltages[0]))
-    report.add("quirk.battery-cells", ", ".join(sorted({str(value) for value in battery.voltages[1:]})))
+    report.add(
+        "quirk.battery-cells", ", ".join(sorted({str(value) for value in battery.voltages[1:]}))
+    )
     position = client.newest("GLOBAL_POSITION_INT")
     report.add("pad.latitude", position.lat * 1e-7)
     report.add("pad.longitude", position.lon * 1e-7)
@@ -212,18 +239,30 @@ def _noise(client: VehicleClient, report: FactReport, since_s: float) -> None:
     if len(places) < 10 or len(angles) < 10:
         return
     report.add("pad.height", abs(statistics.fmean(position.z for position in places)))
-    report.add("pad.position-noise", max(statistics.pstdev([getattr(p, axis) for p in places]) for axis in "xyz"))
+    report.add(
+        "pad.position-noise",
+        max(statistics.pstdev([getattr(p, axis) for p in places]) for axis in "xyz"),
+    )
     speeds = ("vx", "vy", "vz")
-    report.add("pad.velocity-noise", max(statistics.pstdev([getattr(p, axis) for p in places]) for axis in speeds))
-    tilts = [math.degrees(statistics.pstdev([getattr(a, axis) for a in angles])) for axis in ("roll", "pitch")]
+    report.add(
+        "pad.velocity-noise",
+        max(statistics.pstdev([getattr(p, axis) for p in places]) for axis in speeds),
+    )
+    tilts = [
+        math.degrees(statistics.pstdev([getattr(a, axis) for a in angles]))
+        for axis in ("roll", "pitch")
+    ]
     report.add("pad.attitude-noise", statistics.fmean(tilts))
     first_yaw = angles[0].yaw
     turned = [math.remainder(a.yaw - first_yaw, math.tau) for a in angles]
     report.add("pad.yaw-noise", math.degrees(statistics.pstdev(turned)))
     gyros = [
-        math.degrees(statistics.pstdev([getattr(a, axis) for a in angles])) for axis in ("rollspeed", "pitchspeed")
+        math.degrees(statistics.pstdev([getattr(a, axis) for a in angles]))
+        for axis in ("rollspeed", "pitchspeed")
     ]
     report.add("pad.gyro-noise", statistics.fmean(gyros))
 
 
-PHASE = Phase("streams on the pad", (*BOOT, *STREAMS, *MESSAGE_LAYOUT, *QUIRKS), run, turns_motors=False)
+PHASE = Phase(
+    "streams on the pad", (*BOOT, *STREAMS, *MESSAGE_LAYOUT, *QUIRKS), run, turns_motors=False
+)

@@ -40,7 +40,8 @@ class ParameterClient:
         return None if answer is None else answer[0]
 
     def set(self, name: str, value: float) -> float | None:
-        """Set one and remember its value before; returns the value that the vehicle answers with."""
+        """Set one and remember its value before; returns the value that the vehicle answers with.
+        """
         before = self._read(name)
         if before is None:
             return None
@@ -69,7 +70,11 @@ class ParameterClient:
         return None
 
     def _write(self, name: str, value: float, kind: int) -> float | None:
-        raw = value if kind == 9 else struct.unpack("<f", struct.pack(_TYPES[kind], int(value)).ljust(4, b"\0"))[0]
+        raw = (
+            value
+            if kind == 9
+            else struct.unpack("<f", struct.pack(_TYPES[kind], int(value)).ljust(4, b"\0"))[0]
+        )
         count = len(self._values)
         self._client.send(
             "PARAM_SET",

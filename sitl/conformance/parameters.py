@@ -39,7 +39,13 @@ _DEFAULTS = {
 }
 # A drone in use has its own values; only a freshly installed one has these.
 DEFAULTS = tuple(
-    number(f"param.{name}", "9" if name.startswith("SIM_BAT") else "13", f"{name} by default", value, value)
+    number(
+        f"param.{name}",
+        "9" if name.startswith("SIM_BAT") else "13",
+        f"{name} by default",
+        value,
+        value,
+    )
     for name, value in _DEFAULTS.items()
 )
 ACCESS = facts("parameters", "access")
@@ -62,7 +68,11 @@ def run(client: VehicleClient, report: FactReport) -> None:
         answer = client.params.set(name, value)
         read = client.params.read(name)
         report.add(fact, " and ".join("nothing" if v is None else f"{v:g}" for v in (answer, read)))
-        kinds = [p.message.param_type for p in client.received.of("PARAM_VALUE") if p.message.param_id == name]
+        kinds = [
+            p.message.param_type
+            for p in client.received.of("PARAM_VALUE")
+            if p.message.param_id == name
+        ]
         kind_fact = "param.float-type" if value == 0.75 else "param.integer-type"
         report.add(kind_fact, str(kinds[-1]) if kinds else "nothing")
     client.params.restore()

@@ -51,7 +51,11 @@ def _rates(client: VehicleClient, report: FactReport) -> None:
         ]
         if not matching:
             continue
-        answers = {client.interval(message, hz) for _, message, hz in matching if message != "HIL_STATE_QUATERNION"}
+        answers = {
+            client.interval(message, hz)
+            for _, message, hz in matching
+            if message != "HIL_STATE_QUATERNION"
+        }
         if any(message == "HIL_STATE_QUATERNION" for _, message, _ in matching):
             client.interval("HIL_STATE_QUATERNION", 100.0)
         report.add("rate.acknowledged", ", ".join(sorted(answers)))
@@ -69,7 +73,10 @@ def _rates(client: VehicleClient, report: FactReport) -> None:
     if report.wants("rate.default-again"):
         since_s = client.now_s
         client.spend(1.5)
-        report.add("rate.default-again", len(client.received.of("ATTITUDE", since_s)) / (client.now_s - since_s))
+        report.add(
+            "rate.default-again",
+            len(client.received.of("ATTITUDE", since_s)) / (client.now_s - since_s),
+        )
     report.add("rate.heartbeat-fixed", client.interval("HEARTBEAT", 5.0))
     report.add("rate.unknown-message", client.interval(_UNKNOWN_MESSAGE, 5.0))
 
@@ -114,9 +121,13 @@ def _latency(client: VehicleClient, report: FactReport) -> None:
         client.send_command(SET_INTERVAL, float(common_id("SYS_STATUS")), 0.0)
         answered = client.spend(max(0.3, 0.2 * client.clock.pace), partial(_longer, acks, before))
         times_ms.append((client.port.now_s() - sent_s) * 1e3 if answered else math.inf)
-        targets |= {(ack.message.target_system, ack.message.target_component) for ack in acks[before:]}
+        targets |= {
+            (ack.message.target_system, ack.message.target_component) for ack in acks[before:]
+        }
         client.spend(0.02)
-    report.add("ack.target", "yes" if targets == {client.identity} else f"it names {sorted(targets)}")
+    report.add(
+        "ack.target", "yes" if targets == {client.identity} else f"it names {sorted(targets)}"
+    )
     report.add("ack.latency", statistics.median(times_ms))
 
 

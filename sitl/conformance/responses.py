@@ -13,7 +13,12 @@ from sitl.conformance.vehicle_client import VehicleClient, quaternion, wrap
 
 _HEIGHT_M = 4.0
 _SLACK_S = 0.02
-_TILT_TIMES = {"t5": (0.062, 0.073), "t50": (0.165, 0.175), "t63": (0.190, 0.200), "t90": (0.250, 0.260)}
+_TILT_TIMES = {
+    "t5": (0.062, 0.073),
+    "t50": (0.165, 0.175),
+    "t63": (0.190, 0.200),
+    "t90": (0.250, 0.260),
+}
 # Step [deg]: when it reaches which part [s], overshoot [%].
 _YAW = {
     30: ({"t5": 0.220, "t63": 0.615, "t90": 0.765}, 30.0),
@@ -26,7 +31,14 @@ _PEAK_RATES = {10: 58.0, 20: 123.0, 30: 160.0}
 def _tilt_facts(axis: str, step_deg: int) -> tuple[Fact, ...]:
     name, says = f"step.{axis}-{step_deg}", f"{axis} step of {step_deg} deg"
     times = tuple(
-        number(f"{name}-{part}", "8", f"{says}, {part[1:]} % after", low - _wide(low), high + _wide(high), "s")
+        number(
+            f"{name}-{part}",
+            "8",
+            f"{says}, {part[1:]} % after",
+            low - _wide(low),
+            high + _wide(high),
+            "s",
+        )
         for part, (low, high) in _TILT_TIMES.items()
     )
     rate = _PEAK_RATES[step_deg]
@@ -49,10 +61,19 @@ def _yaw_facts(step_deg: int) -> tuple[Fact, ...]:
     slack = {part: 0.09 if part == "t5" else _wide(t) for part, t in times.items()}
     return (
         *(
-            number(f"{name}-{part}", "8", f"{says}, {part[1:]} % after", t - slack[part], t + slack[part], "s")
+            number(
+                f"{name}-{part}",
+                "8",
+                f"{says}, {part[1:]} % after",
+                t - slack[part],
+                t + slack[part],
+                "s",
+            )
             for part, t in times.items()
         ),
-        number(f"{name}-overshoot", "8", f"{says}, overshoot", 0.65 * overshoot, 1.35 * overshoot, "%"),
+        number(
+            f"{name}-overshoot", "8", f"{says}, overshoot", 0.65 * overshoot, 1.35 * overshoot, "%"
+        ),
     )
 
 
@@ -77,7 +98,9 @@ class Response:
     def reaches(self, part: float) -> float:
         """Time at which it first reaches a fraction, interpolated between samples."""
         for (t0, p0), (t1, p1) in zip(
-            zip(self.times_s, self.parts, strict=True), zip(self.times_s[1:], self.parts[1:], strict=True), strict=False
+            zip(self.times_s, self.parts, strict=True),
+            zip(self.times_s[1:], self.parts[1:], strict=True),
+            strict=False,
         ):
             if t0 >= 0.0 and p0 < part <= p1:
                 return t0 + (t1 - t0) * (part - p0) / (p1 - p0)
@@ -108,7 +131,9 @@ def run(client: VehicleClient, report: FactReport) -> None:
         _thrust(client, report, hover)
 
 
-def _tilt(client: VehicleClient, report: FactReport, hover: Hover, axis: str, step_deg: int) -> None:
+def _tilt(
+    client: VehicleClient, report: FactReport, hover: Hover, axis: str, step_deg: int
+) -> None:
     step = math.radians(step_deg)
 
     def go(sign: float) -> None:
@@ -151,12 +176,19 @@ def _yaw(client: VehicleClient, report: FactReport, hover: Hover, step_deg: int)
     report.add(f"{name}-rate", response.largest_rate_deg_s)
 
 
-def _record(client: VehicleClient, axis: str, step_rad: float, go: Callable[[], None], for_s: float) -> Response:
-    """Do it, and read what ATTITUDE shows; time zero is when ATTITUDE_TARGET echoes the new setpoint."""
+def _record(
+    client: VehicleClient, axis: str, step_rad: float, go: Callable[[], None], for_s: float
+) -> Response:
+    """Do it, and read what ATTITUDE shows; time zero is when ATTITUDE_TARGET echoes the new
+    setpoint.
+    """
     begin_s = client.now_s
     before = [p.message for p in client.received.of("ATTITUDE", begin_s - 0.15)]
     start = before[0]
-    mean = math.atan2(sum(math.sin(getattr(m, axis)) for m in before), sum(math.cos(getattr(m, axis)) for m in before))
+    mean = math.atan2(
+        sum(math.sin(getattr(m, axis)) for m in before),
+        sum(math.cos(getattr(m, axis)) for m in before),
+    )
     echoed = client.newest("ATTITUDE_TARGET").q
     go()
     client.setpoint_duty.due_s = 0.0
@@ -169,7 +201,8 @@ def _record(client: VehicleClient, axis: str, step_rad: float, go: Callable[[], 
     zero_ms = changed[0] if changed else start.time_boot_ms + 150.0
     samples = [packet.message for packet in client.received.of("ATTITUDE", begin_s)]
     times = [(m.time_boot_ms - zero_ms) * 1e-3 for m in samples]
-    # Counted from the middle of the step, so that what overshoots 180 deg does not appear on the other side.
+    # Counted from the middle of the step, so that what overshoots 180 deg does not appear on the
+    # other side.
     middle = mean + 0.5 * step_rad
     parts = [wrap(getattr(m, axis) - middle) / step_rad + 0.5 for m in samples]
     rates = [abs(math.degrees(getattr(m, f"{axis}speed"))) for m in samples]

@@ -94,7 +94,9 @@ def _recover(client: VehicleClient, hover: Hover) -> None:
     settle(client, hover)
 
 
-def _falls(client: VehicleClient, hover: Hover, level: Quaternion, thrust: float, mask: int) -> float:
+def _falls(
+    client: VehicleClient, hover: Hover, level: Quaternion, thrust: float, mask: int
+) -> float:
     _for_a_moment(client, partial(client.attitude, level, thrust, mask=mask), _BAD_S)
     sinking = float(client.newest("LOCAL_POSITION_NED").vz)
     _recover(client, hover)
@@ -111,7 +113,9 @@ def _rates(client: VehicleClient, report: FactReport, hover: Hover) -> None:
     _recover(client, hover)
     client.stream(lambda: client.attitude(nothing, hover.thrust, mask=_RATES, rates=rolling))
     client.spend(0.45)
-    speeds = [packet.message.rollspeed for packet in client.received.of("ATTITUDE", client.now_s - 0.06)]
+    speeds = [
+        packet.message.rollspeed for packet in client.received.of("ATTITUDE", client.now_s - 0.06)
+    ]
     report.add("setpoint.rates", math.degrees(sum(speeds) / len(speeds)) if speeds else math.nan)
     _recover(client, hover)
 
@@ -154,13 +158,19 @@ def _positions(client: VehicleClient, report: FactReport, hover: Hover) -> None:
 
 
 def _steep(client: VehicleClient, report: FactReport, hover: Hover) -> None:
-    for name, tilt_deg, for_s in (("setpoint.steep-50", 50.0, 0.6), ("setpoint.steep-75", 75.0, 0.6)):
+    for name, tilt_deg, for_s in (
+        ("setpoint.steep-50", 50.0, 0.6),
+        ("setpoint.steep-75", 75.0, 0.6),
+    ):
         since_s = client.now_s
         for sign in (1.0, -1.0):
             q = quaternion(sign * math.radians(tilt_deg), 0.0, hover.yaw_rad)
             _for_a_moment(client, partial(client.attitude, q, 0.9), for_s)
             if sign > 0.0:
-                rolls = [math.degrees(packet.message.roll) for packet in client.received.of("ATTITUDE", since_s)]
+                rolls = [
+                    math.degrees(packet.message.roll)
+                    for packet in client.received.of("ATTITUDE", since_s)
+                ]
                 report.add(name, max(rolls))
         _recover(client, hover)
     client.next_heartbeat()
@@ -194,7 +204,9 @@ def run_sticks(client: VehicleClient, report: FactReport) -> None:
 def _sticks(client: VehicleClient, from_s: float, rate_1_s: float) -> Callable[[], None]:
     def send() -> None:
         moved = min(0.5, max(0.0, rate_1_s * (client.now_s - from_s)))
-        client.send("MANUAL_CONTROL", target=client.system_id, x=0, y=round(_FULL_STICK * moved), z=500, r=0)
+        client.send(
+            "MANUAL_CONTROL", target=client.system_id, x=0, y=round(_FULL_STICK * moved), z=500, r=0
+        )
 
     return send
 
@@ -216,7 +228,9 @@ def run_breaking(client: VehicleClient, report: FactReport) -> None:
             hover = _calm(client)
             client.spend(1.0)
         except Stuck as error:
-            report.skip([fact for fact in BREAKING if fact.name.startswith(name)], f"before it: {error}")
+            report.skip(
+                [fact for fact in BREAKING if fact.name.startswith(name)], f"before it: {error}"
+            )
             continue
         _for_a_moment(client, partial(client.attitude, (part,) * 4, hover.thrust), _BAD_S)
         report.add(name, math.degrees(math.hypot(*client.euler()[:2])))

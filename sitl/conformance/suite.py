@@ -26,7 +26,8 @@ from sitl.conformance.hover import default_streams, grounded
 from sitl.conformance.phase import Phase
 from sitl.conformance.vehicle_client import Gone, Signature, Stuck, VehicleClient
 
-# Streams are watched before anybody has spoken and before any rate was changed: both last until the vehicle restarts.
+# Streams are watched before anybody has spoken and before any rate was changed: both last until the
+# vehicle restarts.
 PHASES: tuple[Phase, ...] = (
     pad.PHASE,
     lock.PHASE,
@@ -45,8 +46,13 @@ PHASES: tuple[Phase, ...] = (
     setpoints.BROKEN,
 )
 # Each on a port of its own, and the option of sitl-check that names it.
-LINKS: tuple[tuple[Phase, str], ...] = ((other_links.GROUND_LINK, "--gcs"), (other_links.SIMULATOR_LINK, "--sih"))
-FACTS: tuple[Fact, ...] = tuple(fact for phase in (*PHASES, *(phase for phase, _ in LINKS)) for fact in phase.facts)
+LINKS: tuple[tuple[Phase, str], ...] = (
+    (other_links.GROUND_LINK, "--gcs"),
+    (other_links.SIMULATOR_LINK, "--sih"),
+)
+FACTS: tuple[Fact, ...] = tuple(
+    fact for phase in (*PHASES, *(phase for phase, _ in LINKS)) for fact in phase.facts
+)
 
 _NOT_SIMULATED = (
     "it does not look simulated (no ground truth comes by HIL_STATE_QUATERNION), and this turns motors: "
@@ -131,14 +137,18 @@ def _meet(client: VehicleClient, terms: Terms) -> None:
         client.send_heartbeat()
     if not client.listen(3.0, met):
         raise NobodyAnsweredError
-    client.system_id = next(beat for beat in client.received.of("HEARTBEAT") if beat.component_id == 1).system_id
+    client.system_id = next(
+        beat for beat in client.received.of("HEARTBEAT") if beat.component_id == 1
+    ).system_id
 
 
 def _is_wanted(phase: Phase, report: FactReport) -> bool:
     return any(fact.name in report.facts for fact in phase.facts)
 
 
-def _fly(client: VehicleClient, report: FactReport, terms: Terms, say: Callable[[str], None]) -> None:
+def _fly(
+    client: VehicleClient, report: FactReport, terms: Terms, say: Callable[[str], None]
+) -> None:
     may_turn_motors: bool | None = True if terms.may_turn_motors else None
     try:
         for phase in PHASES:
@@ -168,7 +178,9 @@ def _fly(client: VehicleClient, report: FactReport, terms: Terms, say: Callable[
             default_streams(client)
 
 
-def _judge_by_version(client: VehicleClient, report: FactReport, say: Callable[[str], None]) -> None:
+def _judge_by_version(
+    client: VehicleClient, report: FactReport, say: Callable[[str], None]
+) -> None:
     if not report.is_version_known:
         if client.heartbeat_duty.act is None:
             client.greet(as_ground_station=False)
@@ -178,8 +190,11 @@ def _judge_by_version(client: VehicleClient, report: FactReport, say: Callable[[
         report.expect(facts_of(version, FACTS))
 
 
-def _settle(phase: Phase, client: VehicleClient, report: FactReport, say: Callable[[str], None]) -> None:
-    # A phase may leave the vehicle in the air: the next one goes on from there or brings it down first.
+def _settle(
+    phase: Phase, client: VehicleClient, report: FactReport, say: Callable[[str], None]
+) -> None:
+    # A phase may leave the vehicle in the air: the next one goes on from there or brings it down
+    # first.
     say(phase.name)
     reason = "not seen"
     try:

@@ -29,7 +29,9 @@ MODE_NUMBERS = {name: number for number, name in MODES.items()}
 
 def _words(enum: str) -> dict[int, str]:
     """Return the names of one of MAVLink's enumerations, without its own name before each."""
-    return {number: entry.name.removeprefix(f"{enum}_") for number, entry in common.enums[enum].items()}
+    return {
+        number: entry.name.removeprefix(f"{enum}_") for number, entry in common.enums[enum].items()
+    }
 
 
 STATUS, RESULTS, LANDED = _words("MAV_STATE"), _words("MAV_RESULT"), _words("MAV_LANDED_STATE")
@@ -42,7 +44,8 @@ _GCS, _COMPANION = (245, 190, 6), (0, 195, 18)
 _PREARM = 0x10000000
 _SILENT_S = 5.0
 _ANSWER_S = 0.3
-# Rounding a wait down to nothing would make the loop spin; rounding it up would make setpoints late.
+# Rounding a wait down to nothing would make the loop spin; rounding it up would make setpoints
+# late.
 _SHORTEST_WAIT_S = 0.0002
 _CLASSES = {kind.msgname: kind for kind in common.mavlink_map.values()}
 
@@ -94,7 +97,8 @@ def wrap(angle_rad: float) -> float:
 
 
 class VehicleClient:
-    """Flies one vehicle and sends requests. Times are the vehicle's own, whatever pace its simulator runs at.
+    """Flies one vehicle and sends requests. Times are the vehicle's own, whatever pace its
+    simulator runs at.
 
     Args:
         port: datagrams to and from the vehicle.
@@ -115,7 +119,7 @@ class VehicleClient:
         self._sequence = 0
         self.params = ParameterClient(self)
 
-    # -- time ---------------------------------------------------------------------------------------------------
+    # -- time --------------------------------------------------------------------------------------
 
     @property
     def now_s(self) -> float:
@@ -166,7 +170,7 @@ class VehicleClient:
         elif port_s - self._heard_s > _SILENT_S and self.received.datagrams:
             raise Gone
 
-    # -- state of the vehicle ---------------------------------------------------------------------------------
+    # -- state of the vehicle ----------------------------------------------------------------------
 
     def newest(self, name: str) -> Any:
         """Newest message of a kind.
@@ -217,7 +221,8 @@ class VehicleClient:
         pieces: dict[int, int] = {}
         for packet in self.received.of("STATUSTEXT", since_s):
             message = packet.message
-            if message.chunk_seq and message.id in pieces:  # PX4's first text has the id 0 and may have pieces too
+            # PX4's first text has the id 0 and may have pieces too
+            if message.chunk_seq and message.id in pieces:
                 index = pieces[message.id]
                 at_s, severity, text, count = texts[index]
                 texts[index] = (at_s, severity, text + message.text, count + 1)
@@ -226,7 +231,9 @@ class VehicleClient:
             texts.append((packet.at_s, message.severity, message.text, 1))
         return texts
 
-    def text(self, start: str, since_s: float, wait_s: float = 0.0) -> tuple[float, int, str, int] | None:
+    def text(
+        self, start: str, since_s: float, wait_s: float = 0.0
+    ) -> tuple[float, int, str, int] | None:
         """Return the first text that begins so; wait for it at most so long."""
 
         def heard() -> tuple[float, int, str, int] | None:
@@ -250,7 +257,7 @@ class VehicleClient:
         texts = self.texts(since_s)
         return repr(texts[0][2]) if texts else "none"
 
-    # -- sending -----------------------------------------------------------------------------------------------
+    # -- sending -----------------------------------------------------------------------------------
 
     @property
     def identity(self) -> tuple[int, int]:
@@ -263,13 +270,18 @@ class VehicleClient:
         system, component = self.identity
         kind = _CLASSES[name]
         zeros = {
-            field: 0 for field, length in zip(kind.ordered_fieldnames, kind.array_lengths, strict=True) if not length
+            field: 0
+            for field, length in zip(kind.ordered_fieldnames, kind.array_lengths, strict=True)
+            if not length
         }
         mav = common.MAVLink(None, srcSystem=system, srcComponent=component)
         mav.seq = self._sequence = (self._sequence + 1) & 0xFF
         if self.signature is not None:
             mav.signing.secret_key, mav.signing.sign_outgoing = self.signature.key, True
-            mav.signing.link_id, mav.signing.timestamp = self.signature.link_id, self.signature.timestamp
+            mav.signing.link_id, mav.signing.timestamp = (
+                self.signature.link_id,
+                self.signature.timestamp,
+            )
             self.signature.timestamp += 1
         return bytes(kind(**(zeros | fields)).pack(mav))
 
@@ -292,7 +304,9 @@ class VehicleClient:
         self.heartbeat_duty.act = self.send_heartbeat
         self.heartbeat_duty.due_s = 0.0
 
-    def command(self, number: int, *params: float, target: int | None = None, within_s: float = _ANSWER_S) -> str:
+    def command(
+        self, number: int, *params: float, target: int | None = None, within_s: float = _ANSWER_S
+    ) -> str:
         """COMMAND_LONG; its acknowledgements in words, in order."""
         since_s = self.now_s
         self.send_command(number, *params, target=target)
@@ -306,14 +320,19 @@ class VehicleClient:
 
     def acks(self, number: int, since_s: float, within_s: float = _ANSWER_S) -> str:
         """Wait, then the acknowledgements of a command since a time."""
-        # Never less than what an answer takes on a busy machine, however fast the vehicle's time runs.
+        # Never less than what an answer takes on a busy machine, however fast the vehicle's time
+        # runs.
         self.spend(max(within_s, 0.12 * self.clock.pace))
         answers = [packet.message for packet in self.received.of("COMMAND_ACK", since_s)]
-        results = [RESULTS.get(ack.result, str(ack.result)) for ack in answers if ack.command == number]
+        results = [
+            RESULTS.get(ack.result, str(ack.result)) for ack in answers if ack.command == number
+        ]
         return ", ".join(results) or SILENCE
 
     def reported_version(self) -> tuple[int, int] | None:
-        """Major and minor number of AUTOPILOT_VERSION, asked for up to three times; None when it does not come."""
+        """Major and minor number of AUTOPILOT_VERSION, asked for up to three times; None when it
+        does not come.
+        """
         for _ in range(3):
             self.command(REQUEST, float(common_id("AUTOPILOT_VERSION")))
             packet = self.received.newest("AUTOPILOT_VERSION")
@@ -332,7 +351,7 @@ class VehicleClient:
         number = common_id(name_or_id) if isinstance(name_or_id, str) else name_or_id
         return self.command(SET_INTERVAL, float(number), 1e6 / hz if hz else 0.0, within_s=0.1)
 
-    # -- setpoints ----------------------------------------------------------------------------------------------
+    # -- setpoints ---------------------------------------------------------------------------------
 
     def attitude(
         self,
@@ -358,7 +377,11 @@ class VehicleClient:
 
     def stream(self, act: Callable[[], None] | None, hz: float = 50.0) -> None:
         """Send this setpoint again and again from now on; None stops."""
-        self.setpoint_duty.act, self.setpoint_duty.period_s, self.setpoint_duty.due_s = act, 1.0 / hz, 0.0
+        self.setpoint_duty.act, self.setpoint_duty.period_s, self.setpoint_duty.due_s = (
+            act,
+            1.0 / hz,
+            0.0,
+        )
 
     def euler(self) -> tuple[float, float, float]:
         """Newest roll, pitch, yaw [rad]."""

@@ -11,7 +11,12 @@ from sitl.conformance.hover import Hover, grounded
 from sitl.conformance.phase import Phase
 from sitl.conformance.vehicle_client import ARM, VehicleClient
 
-_PARAMETERS = {"EKF2_EV_CTRL": 15.0, "EKF2_GPS_CTRL": 0.0, "EKF2_HGT_REF": 3.0, "EKF2_MAG_TYPE": 5.0}
+_PARAMETERS = {
+    "EKF2_EV_CTRL": 15.0,
+    "EKF2_GPS_CTRL": 0.0,
+    "EKF2_HGT_REF": 3.0,
+    "EKF2_MAG_TYPE": 5.0,
+}
 _POSITION = (1.0, -0.5, -0.2)
 _JUMP_M = 0.8
 _SETTLE_S = 4.0
@@ -84,7 +89,9 @@ def _lost(client: VehicleClient, report: FactReport) -> None:
         client.vision_duty.act = _vision(client, list(_POSITION))
         client.spend(_SETTLE_S)
     # Poses that are not fused are as good as none.
-    client.vision_duty.act = _mocap(client, list(_POSITION)) if report.wants("vision.mocap-ignored") else None
+    client.vision_duty.act = (
+        _mocap(client, list(_POSITION)) if report.wants("vision.mocap-ignored") else None
+    )
     since_s = client.now_s
     client.spend(8.0)
     report.add("vision.lost-streams", _streams(client))
@@ -111,7 +118,9 @@ def _lost(client: VehicleClient, report: FactReport) -> None:
 
 
 def _apart(client: VehicleClient, position: list[float], axes: int = 3) -> float:
-    newest = [packet.message for packet in client.received.of("LOCAL_POSITION_NED", client.now_s - 1.0)]
+    newest = [
+        packet.message for packet in client.received.of("LOCAL_POSITION_NED", client.now_s - 1.0)
+    ]
     if not newest:
         return math.nan
     mean = [statistics.fmean(getattr(m, axis) for m in newest) for axis in "xyz"]
@@ -148,7 +157,9 @@ def _vision(client: VehicleClient, position: list[float]) -> Callable[[], None]:
 
 
 def _mocap(client: VehicleClient, position: list[float]) -> Callable[[], None]:
-    return lambda: client.send("ATT_POS_MOCAP", time_usec=_usec(client), q=[1.0, 0.0, 0.0, 0.0], **_xyz(position))
+    return lambda: client.send(
+        "ATT_POS_MOCAP", time_usec=_usec(client), q=[1.0, 0.0, 0.0, 0.0], **_xyz(position)
+    )
 
 
 def _odometry(client: VehicleClient, position: list[float]) -> Callable[[], None]:

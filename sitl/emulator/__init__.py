@@ -1,1 +1,3 @@
-"""The emulator: vehicles, autopilots and motion capture in one world, and the effects of faults on it."""
+"""The emulator: vehicles, autopilots and motion capture in one world, and the effects of faults on
+it.
+"""

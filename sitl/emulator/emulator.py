@@ -1,6 +1,8 @@
-"""Vehicles, estimates and autopilots in one world, advanced step by step. No sockets, no clock: time is counted.
+"""Vehicles, estimates and autopilots in one world, advanced step by step. No sockets, no clock:
+time is counted.
 
-Truth flows one way: world -> estimator -> autopilot -> world. What is published as ground truth is a copy.
+Truth flows one way: world -> estimator -> autopilot -> world. What is published as ground truth is
+a copy.
 """
 
 from __future__ import annotations
@@ -69,7 +71,8 @@ class Emulator:
 
     Attributes:
         disturbances: faults, present and to come; see :meth:`inject`.
-        unix_start_s: the date at the start, as PX4 knows it from its computer; any fixed one where nobody asks.
+        unix_start_s: the date at the start, as PX4 knows it from its computer; any fixed one where
+            nobody asks.
     """
 
     def __init__(
@@ -83,8 +86,11 @@ class Emulator:
         _compile_loops()
         around = environment or Environment()
         self.specs = list(specs)
-        self.outside: Callable[[Fault, bool], None] | None = None  # begins and ends faults of bus and agents
-        start_enu_m = np.array([spec.start_enu_m for spec in specs], dtype=np.float64).reshape(-1, 3)
+        # begins and ends faults of bus and agents
+        self.outside: Callable[[Fault, bool], None] | None = None
+        start_enu_m = np.array([spec.start_enu_m for spec in specs], dtype=np.float64).reshape(
+            -1, 3
+        )
         self.world = World(
             [s.profile for s in specs],
             start_enu_m,
@@ -104,7 +110,9 @@ class Emulator:
         self._shown = np.zeros((len(specs), 4))  # newest external position and heading of each
         self._shown_resets = [0] * len(specs)
         self._late_vision: list[tuple[float, int, Array]] = []
-        self.autopilots = [Autopilot(Parameters(spec.px4, {"MAV_SYS_ID": spec.system_id})) for spec in specs]
+        self.autopilots = [
+            Autopilot(Parameters(spec.px4, {"MAV_SYS_ID": spec.system_id})) for spec in specs
+        ]
         for index in range(len(specs)):
             self._attitude_control_changed(index)
         self.key_stores = [KeyStore() for _ in specs]
@@ -123,7 +131,8 @@ class Emulator:
         return self.disturbances.clocks[index].at(self.time_s)
 
     def inject(self, fault: Fault) -> Fault:
-        """Plan a fault; what should have begun already begins with the next step. The fault with its defaults.
+        """Plan a fault; what should have begun already begins with the next step. The fault with
+        its defaults.
 
         Raises:
             FaultError: unknown, out of bounds, or in contradiction to another one.
@@ -146,9 +155,13 @@ class Emulator:
         return checked
 
     def reboot(self, index: int) -> None:
-        """Start an autopilot anew, wherever its vehicle is: parameters and battery stay, all else is forgotten."""
+        """Start an autopilot anew, wherever its vehicle is: parameters and battery stay, all else
+        is forgotten.
+        """
         old, now_s = self.autopilots[index], self.clock_s(index)
-        self.autopilots[index] = Autopilot(params=old.params, boot_time_s=now_s, battery=old.battery)
+        self.autopilots[index] = Autopilot(
+            params=old.params, boot_time_s=now_s, battery=old.battery
+        )
         self.autopilots[index].faults.extend(old.faults)
         self.has_global_origin[index] = False
         self.estimator.restart(index, self.time_s, self.world.vehicles.states.position_ned_m[index])
@@ -177,10 +190,15 @@ class Emulator:
         for index, shift_ned_m in self.estimator.jumps:
             self.autopilots[index].flight.frame_jumped(shift_ned_m)
         self.estimator.jumps.clear()
-        positions, velocities = self.estimator.position_ned_m.copy(), self.estimator.velocity_ned_m_s.copy()
+        positions, velocities = (
+            self.estimator.position_ned_m.copy(),
+            self.estimator.velocity_ned_m_s.copy(),
+        )
         yaws = frames.wrap(states.yaw_rad + self.estimator.yaw_error_rad)
         attitudes = frames.from_yaw_and_tilt(yaws, states.tilt_rad)
-        for index, (autopilot, yaw_rad) in enumerate(zip(self.autopilots, yaws.tolist(), strict=True)):
+        for index, (autopilot, yaw_rad) in enumerate(
+            zip(self.autopilots, yaws.tolist(), strict=True)
+        ):
             if self.disturbances.is_hung[index]:
                 continue
             source = self.estimator.source[index]
@@ -197,17 +215,25 @@ class Emulator:
             autopilot.tick(situation)
 
     def _has_global_position(self, index: int, source: Source) -> bool:
-        # Satellites give it by themselves; a local position becomes one when somebody has said where its origin is.
+        # Satellites give it by themselves; a local position becomes one when somebody has said
+        # where its origin is.
         by_satellites = self.estimator.sees_satellites(index, self.time_s)
         return by_satellites or (source is Source.VISION and self.has_global_origin[index])
 
     def believed_yaw_rad(self, index: int) -> float:
         """Heading with the compass's error [rad]."""
-        yaw_rad = float(self.world.vehicles.states.yaw_rad[index]) + float(self.estimator.yaw_error_rad[index])
+        yaw_rad = float(self.world.vehicles.states.yaw_rad[index]) + float(
+            self.estimator.yaw_error_rad[index]
+        )
         return math.pi - (math.pi - yaw_rad) % (2.0 * math.pi)
 
     def attitude_setpoint(
-        self, index: int, attitude_wxyz: list[float], rate_rad_s: list[float], thrust_frac: float, type_mask: int
+        self,
+        index: int,
+        attitude_wxyz: list[float],
+        rate_rad_s: list[float],
+        thrust_frac: float,
+        type_mask: int,
     ) -> None:
         """SET_ATTITUDE_TARGET as PX4 takes it."""
         yaw_rad = self.believed_yaw_rad(index)
@@ -236,7 +262,9 @@ class Emulator:
             self.autopilots[index].journal.say(self.clock_s(index), setpoint)
 
     def accept_setpoint(self, index: int, setpoint: Setpoint) -> None:
-        """Hand a setpoint to its autopilot; a hung one does not hear it, a faulty one hears it and does nothing."""
+        """Hand a setpoint to its autopilot; a hung one does not hear it, a faulty one hears it and
+        does nothing.
+        """
         autopilot = self.autopilots[index]
         if self.disturbances.is_hung[index]:
             return
@@ -253,7 +281,8 @@ class Emulator:
         has_velocity: bool = False,
         reset_count: int = 0,
     ) -> None:
-        """One external position (ODOMETRY, VISION_POSITION_ESTIMATE), fused if the parameters say so.
+        """One external position (ODOMETRY, VISION_POSITION_ESTIMATE), fused if the parameters say
+        so.
 
         Args:
             index, position_ned_m: the vehicle and where it is said to be.
@@ -285,7 +314,9 @@ class Emulator:
     def _fuse(self, index: int, shown: Array) -> None:
         delay_s = self.autopilots[index].params["EKF2_EV_DELAY"] / 1000.0
         yaw_error_rad = float(shown[3]) - float(self.world.vehicles.states.yaw_rad[index])
-        self.estimator.fuse_vision(index, self.time_s, shown[:3], delay_s=delay_s, yaw_error_rad=yaw_error_rad)
+        self.estimator.fuse_vision(
+            index, self.time_s, shown[:3], delay_s=delay_s, yaw_error_rad=yaw_error_rad
+        )
 
     def _fuse_what_is_late(self) -> None:
         due = [entry for entry in self._late_vision if entry[0] <= self.time_s + 1e-9]
@@ -306,7 +337,9 @@ class Emulator:
     def parameters_changed(self, index: int) -> None:
         """Carry parameters over to where they act."""
         params = self.autopilots[index].params
-        self.estimator.has_gps[index] = int(params["EKF2_GPS_CTRL"]) & 1 == 1 and int(params["SYS_HAS_GPS"]) != 0
+        self.estimator.has_gps[index] = (
+            int(params["EKF2_GPS_CTRL"]) & 1 == 1 and int(params["SYS_HAS_GPS"]) != 0
+        )
         self.estimator.uses_vision_yaw[index] = bool(int(params["EKF2_EV_CTRL"]) & 8)
         self.estimator.vision_noise_m[index] = params["EKF2_EVP_NOISE"]
         self._uses_velocity(index, has_velocity=False)
@@ -319,15 +352,20 @@ class Emulator:
 
     def _estimate(self) -> None:
         states = self.world.vehicles.states
-        self.estimator.step(self.time_s, states.position_ned_m, states.velocity_ned_m_s, states.on_ground)
+        self.estimator.step(
+            self.time_s, states.position_ned_m, states.velocity_ned_m_s, states.on_ground
+        )
 
     def _apply(self, index: int, actuation: Actuation) -> None:
         commands = self.world.commands
-        # The autopilot steers in the heading and the level it believes in; the vehicle turns in those it has.
+        # The autopilot steers in the heading and the level it believes in; the vehicle turns in
+        # those it has.
         north, east = self.estimator.lean_rad[index].tolist()
         w, x, y, z = actuation.attitude.tolist()
         heading_rad = -float(self.estimator.yaw_error_rad[index])
-        commands.attitude[index] = frames.leant(frames.headed((w, x, y, z), heading_rad), north, east)
+        commands.attitude[index] = frames.leant(
+            frames.headed((w, x, y, z), heading_rad), north, east
+        )
         commands.rate_rad_s[index] = actuation.rate_rad_s
         commands.is_rate[index] = actuation.is_rate
         commands.thrust_frac[index] = actuation.thrust_frac
@@ -337,7 +375,9 @@ class Emulator:
 
 @functools.cache
 def _compile_loops() -> None:
-    """Have every compiled loop ready before time runs: the first start on a machine takes seconds, later ones none."""
+    """Have every compiled loop ready before time runs: the first start on a machine takes seconds,
+    later ones none.
+    """
     profile = VehicleProfile()
     world = World([profile, profile], np.array([[0.0, 0.0, 5.0], [3.0, 0.0, 5.0]]))
     world.step()

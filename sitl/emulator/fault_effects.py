@@ -1,4 +1,6 @@
-"""Effects of each fault of the catalogue on the emulator: applied at its begin and undone at its end."""
+"""Effects of each fault of the catalogue on the emulator: applied at its begin and undone at its
+end.
+"""
 
 from __future__ import annotations
 
@@ -51,7 +53,9 @@ class Clock:
             return self.shown_s
         return self.shown_s + self.rate * (time_s - self.since_s)
 
-    def change(self, time_s: float, *, rate: float | None = None, is_stopped: bool | None = None) -> None:
+    def change(
+        self, time_s: float, *, rate: float | None = None, is_stopped: bool | None = None
+    ) -> None:
         """Go on at another rate, stop, or go on."""
         self.shown_s, self.since_s = self.at(time_s), time_s
         self.rate = self.rate if rate is None else rate
@@ -64,7 +68,8 @@ class Disturbances:
     Attributes:
         plan: what is to come.
         wires: of each vehicle, by link and direction.
-        mocap, vision: faults of the poses that the motion capture gives out, and that the autopilots are told.
+        mocap, vision: faults of the poses that the motion capture gives out, and that the
+            autopilots are told.
         clocks: of the autopilots.
         is_hung, ignores_setpoints: per vehicle.
         boots: how often each autopilot has started anew.
@@ -78,7 +83,9 @@ class Disturbances:
         self.wires: list[dict[tuple[str, str], LossyChannel[bytes]]] = [
             {
                 (link, direction): LossyChannel([seed, 6, index, number])
-                for number, (link, direction) in enumerate(product((*LINKS, SIMULATOR_LINK), DIRECTIONS))
+                for number, (link, direction) in enumerate(
+                    product((*LINKS, SIMULATOR_LINK), DIRECTIONS)
+                )
             }
             for index in range(n)
         ]
@@ -129,7 +136,9 @@ def _pose_fault(emulator: FaultyEmulator, fault: Fault, family: str, kind: str) 
     return PoseFault(kind, delay_s=fault.number("delay_s") if kind == "late" else 0.0)
 
 
-def _disturb_wires(emulator: FaultyEmulator, index: int, fault: Fault, kind: str, *, is_on: bool) -> None:
+def _disturb_wires(
+    emulator: FaultyEmulator, index: int, fault: Fault, kind: str, *, is_on: bool
+) -> None:
     links = LINKS if fault.word("link") == "both" else (fault.word("link"),)
     directions = DIRECTIONS if fault.word("direction") == "both" else (fault.word("direction"),)
     values: dict[str, float]

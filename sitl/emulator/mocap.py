@@ -1,4 +1,6 @@
-"""A motion-capture system as its clients see it: poses at a fixed rate, a bit wrong, a bit late, sometimes lost."""
+"""A motion-capture system as its clients see it: poses at a fixed rate, a bit wrong, a bit late,
+sometimes lost.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +30,8 @@ class MocapSettings:
 
 @dataclass(frozen=True, slots=True)
 class Pose:
-    """One body in one frame, fleet ENU; not tracked means that the numbers are the last ones seen."""
+    """One body in one frame, fleet ENU; not tracked means that the numbers are the last ones seen.
+    """
 
     index: int
     time_s: float
@@ -42,11 +45,17 @@ class Mocap:
 
     Args:
         count: bodies. settings: quality. seed: of noise and losses.
-        faults: what is wrong with the poses of single bodies; those of an emulator are in its `disturbances`.
+        faults: what is wrong with the poses of single bodies; those of an emulator are in its
+            `disturbances`.
     """
 
     def __init__(
-        self, count: int, settings: MocapSettings | None = None, *, seed: int = 0, faults: PoseFaults | None = None
+        self,
+        count: int,
+        settings: MocapSettings | None = None,
+        *,
+        seed: int = 0,
+        faults: PoseFaults | None = None,
     ) -> None:
         self.settings = settings or MocapSettings()
         self._faults = faults or PoseFaults(count)
@@ -74,7 +83,9 @@ class Mocap:
         s = self.settings
         count = position_enu_m.shape[0]
         chance = s.dropout_per_s / s.rate_hz
-        self._lost_until_s = np.where(self._rng.random(count) < chance, time_s + s.dropout_s, self._lost_until_s)
+        self._lost_until_s = np.where(
+            self._rng.random(count) < chance, time_s + s.dropout_s, self._lost_until_s
+        )
         measured, small = np.empty((count, 7)), np.ones((count, 4))
         measured[:, :3] = position_enu_m + s.noise_m * self._rng.standard_normal((count, 3))
         small[:, 1:] = 0.5 * _ATTITUDE_NOISE_RAD * self._rng.standard_normal((count, 3))
@@ -88,7 +99,9 @@ class Mocap:
             if is_out[index] or self._faults.is_lost(index):
                 last = self._last[index]
                 if last is not None:
-                    lost = Pose(index, time_s, False, last.position_enu_m, last.quaternion_enu_flu_wxyz)
+                    lost = Pose(
+                        index, time_s, False, last.position_enu_m, last.quaternion_enu_flu_wxyz
+                    )
                     poses.append(lost)
                 continue
             pose = Pose(index, time_s, True, (x, y, z), (qw, qx, qy, qz))

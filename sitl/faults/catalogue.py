@@ -1,7 +1,8 @@
 """Faults of the emulator as a table (catalogue.toml): names, parameters, bounds and contradictions.
 
-A fault is one line, for instance ``mav1 motor_weak at=20 duration=5 motor=2 effectiveness=0.6``. Its effect stands in
-`sitl/emulator/fault_effects.py`; that of a fault of poses in `pose_faults.py`, of a link in `lossy_channel.py`.
+A fault is one line, for instance ``mav1 motor_weak at=20 duration=5 motor=2 effectiveness=0.6``.
+Its effect stands in `sitl/emulator/fault_effects.py`; that of a fault of poses in `pose_faults.py`,
+of a link in `lossy_channel.py`.
 """
 
 from __future__ import annotations
@@ -22,7 +23,9 @@ class FaultError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """One parameter of a kind of fault: a number within bounds, or one of some words; no words: another vehicle."""
+    """One parameter of a kind of fault: a number within bounds, or one of some words; no words:
+    another vehicle.
+    """
 
     name: str
     default: Value | None = None
@@ -44,7 +47,9 @@ class Kind:
 
 
 def _kind(parameters: Mapping[str, dict[str, Any]], **values: Any) -> Kind:
-    return Kind(parameters=tuple(Parameter(name, **bounds) for name, bounds in parameters.items()), **values)
+    return Kind(
+        parameters=tuple(Parameter(name, **bounds) for name, bounds in parameters.items()), **values
+    )
 
 
 _TABLE = tomllib.loads(files(__package__).joinpath("catalogue.toml").read_text())
@@ -60,7 +65,8 @@ class Fault:
     vehicle: str  # the one that it happens to
     at_s: float = 0.0  # simulated time at which it begins
     duration_s: float = 0.0  # 0 for ever
-    parameters: Mapping[str, Value] = field(default_factory=dict)  # by name; what is left out has its default
+    # by name; what is left out has its default
+    parameters: Mapping[str, Value] = field(default_factory=dict)
 
     @property
     def end_s(self) -> float:
@@ -72,7 +78,10 @@ class Fault:
     @property
     def sentence(self) -> str:
         """A sentence that names the effect and the vehicle."""
-        values = {key: f"{value:g}" if isinstance(value, float) else value for key, value in self.parameters.items()}
+        values = {
+            key: f"{value:g}" if isinstance(value, float) else value
+            for key, value in self.parameters.items()
+        }
         return f"{self.vehicle}: {KINDS[self.name].sentence.format(**values)}"
 
     def number(self, name: str) -> float:
@@ -100,7 +109,9 @@ def parse(line: str) -> Fault:
     for word in words[2:]:
         key, sign, text = word.partition("=")
         if not sign or not key or not text or key in values:
-            raise FaultError(f"'{line}': '{word}' is not understood. Write each parameter once, as name=value.")
+            raise FaultError(
+                f"'{line}': '{word}' is not understood. Write each parameter once, as name=value."
+            )
         try:
             values[key] = float(text)
         except ValueError:
@@ -124,7 +135,9 @@ def check(fault: Fault, vehicles: Sequence[str]) -> Fault:
     if kind is None:
         raise FaultError(f"there is no fault '{fault.name}'. Known: {', '.join(KINDS)}.")
     if fault.vehicle not in vehicles:
-        raise FaultError(f"{fault.name}: '{fault.vehicle}' is not emulated here; there are {', '.join(vehicles)}.")
+        raise FaultError(
+            f"{fault.name}: '{fault.vehicle}' is not emulated here; there are {', '.join(vehicles)}."
+        )
     if not (0.0 <= fault.at_s <= _LONGEST_S and 0.0 <= fault.duration_s <= _LONGEST_S):
         raise FaultError(
             f"{fault.name}: at is {fault.at_s:g} s and duration {fault.duration_s:g} s; both are seconds, 0 or more "
@@ -135,7 +148,9 @@ def check(fault: Fault, vehicles: Sequence[str]) -> Fault:
     known = {parameter.name: parameter for parameter in kind.parameters}
     for key in fault.parameters:
         if key not in known:
-            raise FaultError(f"{fault.name} has no parameter '{key}'; it has {', '.join(known) or 'none'}.")
+            raise FaultError(
+                f"{fault.name} has no parameter '{key}'; it has {', '.join(known) or 'none'}."
+            )
     values: dict[str, Value] = {}
     for key, parameter in known.items():
         value = fault.parameters.get(key, parameter.default)
@@ -150,7 +165,9 @@ def _checked(fault: Fault, parameter: Parameter, value: Value, vehicles: Sequenc
     if parameter.words is not None:
         words = parameter.words or [name for name in vehicles if name != fault.vehicle]
         if value not in words:
-            raise FaultError(f"{what}; it must be one of {', '.join(words) or 'other vehicles, and there is none'}.")
+            raise FaultError(
+                f"{what}; it must be one of {', '.join(words) or 'other vehicles, and there is none'}."
+            )
         return value
     if isinstance(value, (str, bool)) or not parameter.low <= value <= parameter.high:
         raise FaultError(f"{what}; it must lie between {parameter.low:g} and {parameter.high:g}.")
@@ -160,10 +177,13 @@ def _checked(fault: Fault, parameter: Parameter, value: Value, vehicles: Sequenc
 
 
 def refuse_contradiction(fault: Fault, others: Sequence[Fault]) -> None:
-    """FaultError when a checked fault acts on the same thing at the same time as one of the others."""
+    """FaultError when a checked fault acts on the same thing at the same time as one of the others.
+    """
     for other in others:
         both = _targets(fault) & _targets(other)
-        overlaps = fault.at_s == other.at_s or (fault.at_s < other.end_s and other.at_s < fault.end_s)
+        overlaps = fault.at_s == other.at_s or (
+            fault.at_s < other.end_s and other.at_s < fault.end_s
+        )
         if both and overlaps:
             vehicle, thing = min(both)
             raise FaultError(
@@ -182,7 +202,11 @@ def _targets(fault: Fault) -> set[tuple[str, str]]:
         return {(vehicle, acts_on.format(**values)) for vehicle in vehicles}
     links = ("companion", "ground") if values["link"] == "both" else (str(values["link"]),)
     directions = ("in", "out") if values["direction"] == "both" else (str(values["direction"]),)
-    return {(fault.vehicle, f"{acts_on.format(link=link)} ({direction})") for link in links for direction in directions}
+    return {
+        (fault.vehicle, f"{acts_on.format(link=link)} ({direction})")
+        for link in links
+        for direction in directions
+    }
 
 
 class FaultPlan:
@@ -206,7 +230,9 @@ class FaultPlan:
         """
         checked = check(fault, self._vehicles)
         if checked.at_s < now_s:
-            checked = Fault(checked.name, checked.vehicle, now_s, checked.duration_s, checked.parameters)
+            checked = Fault(
+                checked.name, checked.vehicle, now_s, checked.duration_s, checked.parameters
+            )
         refuse_contradiction(checked, [*self._waiting, *self._acting])
         self._waiting.append(checked)
         self._waiting.sort(key=lambda other: other.at_s)
@@ -232,6 +258,8 @@ def listing() -> str:
     """The table for people: one line per kind."""
     lines = []
     for name, kind in KINDS.items():
-        values = " ".join(f"{p.name}={'...' if p.default is None else p.default}" for p in kind.parameters)
+        values = " ".join(
+            f"{p.name}={'...' if p.default is None else p.default}" for p in kind.parameters
+        )
         lines.append(f"  {f'{name} {values}'.rstrip():<58} {kind.sentence}")
     return "\n".join(lines)

@@ -1,6 +1,8 @@
-"""One direction of a link with its faults: what goes in comes out lost, late, twice or in another order. Pure, seeded.
+"""One direction of a link with its faults: what goes in comes out lost, late, twice or in another
+order. Pure, seeded.
 
-Anything can travel: a datagram, or in lockstep a call. Without a fault what goes in comes out at once.
+Anything can travel: a datagram, or in lockstep a call. Without a fault what goes in comes out at
+once.
 """
 
 from __future__ import annotations
@@ -13,7 +15,8 @@ from typing import Generic, TypeVar
 import numpy as np
 
 Load = TypeVar("Load")
-_MOST_IN_TRANSIT = 10_000  # a link that is slower than what is sent loses the newest, as a full buffer does
+# a link that is slower than what is sent loses the newest, as a full buffer does
+_MOST_IN_TRANSIT = 10_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,17 +63,23 @@ class LossyChannel(Generic[Load]):
         for _ in range(copies):
             if len(self._in_transit) >= _MOST_IN_TRANSIT:
                 return
-            late_s = f.delay_s + (f.jitter_s * float(self._rng.random()) if f.jitter_s > 0.0 else 0.0)
+            late_s = f.delay_s + (
+                f.jitter_s * float(self._rng.random()) if f.jitter_s > 0.0 else 0.0
+            )
             arrival_s = now_s + late_s
             if f.reorder > 0.0 and self._rng.random() < f.reorder:
                 arrival_s += f.reorder_s
             else:
-                arrival_s = self._newest_s = max(arrival_s, self._newest_s if f.jitter_s > 0.0 else -math.inf)
+                arrival_s = self._newest_s = max(
+                    arrival_s, self._newest_s if f.jitter_s > 0.0 else -math.inf
+                )
             self._count += 1
             heapq.heappush(self._in_transit, (arrival_s, self._count, load))
 
     def pop(self, now_s: float) -> list[Load]:
-        """Return the items that arrive up to now, in order of arrival; nothing while the channel is held."""
+        """Return the items that arrive up to now, in order of arrival; nothing while the channel is
+        held.
+        """
         out: list[Load] = []
         while not self.is_held and self._in_transit and self._in_transit[0][0] <= now_s + 1e-9:
             out.append(heapq.heappop(self._in_transit)[2])

@@ -1,4 +1,6 @@
-"""Faults of measured poses, the same for a motion capture and for what an autopilot is told from outside."""
+"""Faults of measured poses, the same for a motion capture and for what an autopilot is told from
+outside.
+"""
 
 from __future__ import annotations
 
@@ -52,7 +54,9 @@ class PoseFaults:
         return 0.0 if fault is None else fault.delay_s
 
     def apply(self, poses: Array, index: int | None = None) -> Array:
-        """Poses (n, k), position first, as they are measured with the faults; of one body only with `index`."""
+        """Poses (n, k), position first, as they are measured with the faults; of one body only with
+        `index`.
+        """
         out = poses.copy()
         for i, fault in enumerate(self._faults):
             if fault is None or (index is not None and i != index):

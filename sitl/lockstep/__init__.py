@@ -1,1 +1,3 @@
-"""Agents, emulated vehicles, bus and ground in one process and in virtual time: ``covey fly --lockstep``."""
+"""Agents, emulated vehicles, bus and ground in one process and in virtual time: ``covey fly
+--lockstep``.
+"""

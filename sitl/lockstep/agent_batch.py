@@ -1,7 +1,8 @@
 """Ticks of many agents at one instant.
 
-Where it is compiled, the pipeline runs over all of them at once (:mod:`onboard.rollout.batch`), and their memories stay
-in rows as long as the same agents tick together. Otherwise they tick one after the other, each as on a drone.
+Where it is compiled, the pipeline runs over all of them at once (:mod:`onboard.rollout.batch`), and
+their memories stay in rows as long as the same agents tick together. Otherwise they tick one after
+the other, each as on a drone.
 """
 
 from __future__ import annotations
@@ -23,7 +24,9 @@ from sitl.lockstep.agents import AgentShell, FleetTables
 
 @dataclass(frozen=True, slots=True)
 class _RowMemory:
-    """An agent's memory as its core keeps it between two ticks: a row among others, read when it is needed."""
+    """An agent's memory as its core keeps it between two ticks: a row among others, read when it is
+    needed.
+    """
 
     rows: Rows
     index: int
@@ -38,7 +41,8 @@ class _RowMemory:
 
 
 class Batch:
-    """Runs the passes that are due together; a law of somebody's own is interpreted, agent by agent.
+    """Runs the passes that are due together; a law of somebody's own is interpreted, agent by
+    agent.
 
     Args:
         tables: holds the agents' tables; None runs the passes one by one.
@@ -49,10 +53,15 @@ class Batch:
         self._params: tuple[list[PipelineParams], Rows] = [], batch.PARAMS.rows(0)
 
     def tick(self, agents: Sequence[AgentShell], now_ns: int) -> None:
-        """One tick of each agent; a message that one publishes is heard by the others in later ticks."""
+        """One tick of each agent; a message that one publishes is heard by the others in later
+        ticks.
+        """
         passes = [agent.begin_tick(now_ns) for agent in agents]
-        is_together = len({due.dt_s for due in passes}) == 1  # not so after one of them has stood still
-        is_compiled = self._tables is not None and all(agent.fleet.own_law is None for agent in agents)
+        # not so after one of them has stood still
+        is_together = len({due.dt_s for due in passes}) == 1
+        is_compiled = self._tables is not None and all(
+            agent.fleet.own_law is None for agent in agents
+        )
         if self._tables is not None and is_compiled and is_together and len(agents) > 1:
             results = self._together(self._tables, agents, passes)
         else:
@@ -81,14 +90,17 @@ class Batch:
         """Return the rows of the agents' parameters, made once for the same agents."""
         params = [agent.core.params for agent in agents]
         known, rows = self._params
-        if len(known) != len(params) or any(one is not other for one, other in zip(known, params, strict=True)):
+        if len(known) != len(params) or any(
+            one is not other for one, other in zip(known, params, strict=True)
+        ):
             rows = batch.PARAMS.packed(params)
             self._params = params, rows
         return rows
 
 
 def _rows_of(memories: list[Any]) -> Rows:
-    """Return the memories as rows: those of the last tick when the same agents tick together again."""
+    """Return the memories as rows: those of the last tick when the same agents tick together again.
+    """
     first = memories[0]
     if isinstance(first, _RowMemory) and len(first.rows) == len(memories):
         is_same = (isinstance(one, _RowMemory) and one.rows is first.rows for one in memories)

@@ -1,7 +1,9 @@
-"""An agent's shell in simulated time: calls do what ``onboard.agent.loop`` does with threads and sockets.
+"""An agent's shell in simulated time: calls do what ``onboard.agent.loop`` does with threads and
+sockets.
 
-The core is the real one. Between two ticks messages wait in the inbox, orders are answered at once, and commands are
-executed in their order. The process around the core can be stopped, continued, killed and started anew.
+The core is the real one. Between two ticks messages wait in the inbox, orders are answered at once,
+and commands are executed in their order. The process around the core can be stopped, continued,
+killed and started anew.
 """
 
 from __future__ import annotations
@@ -19,7 +21,15 @@ from onboard.agent.core import AgentCore
 from onboard.arrays import BoolArray
 from onboard.bus.codec import Malformed
 from onboard.bus.protocol import UntrustedOrder
-from onboard.bus.schema import Message, MocapPose, MocapPoses, Order, OrderReply, StateMessage, Telemetry
+from onboard.bus.schema import (
+    Message,
+    MocapPose,
+    MocapPoses,
+    Order,
+    OrderReply,
+    StateMessage,
+    Telemetry,
+)
 from onboard.bus.topics import Topic
 from onboard.config.fleet import FleetConfig
 from onboard.control.pipeline import PipelineMemory
@@ -49,19 +59,31 @@ class Arrivals:
     round: Round | None  # the states as arrays
 
 
-def by_arrival(messages: Sequence[tuple[int, Message]], indices: Mapping[str, int]) -> list[Arrivals]:
-    """Return messages grouped by the time of arrival, with the states made into arrays once for all receivers."""
+def by_arrival(
+    messages: Sequence[tuple[int, Message]], indices: Mapping[str, int]
+) -> list[Arrivals]:
+    """Return messages grouped by the time of arrival, with the states made into arrays once for all
+    receivers.
+    """
     arrivals = []
     for received_ns, group in itertools.groupby(messages, key=lambda one: one[0]):
         both = [message for _, message in group]
         states = [message for message in both if isinstance(message, StateMessage)]
-        telemetries = {message.vehicle: message for message in both if isinstance(message, Telemetry)}
-        arrivals.append(Arrivals(received_ns, states, telemetries, Round.of(states, indices) if states else None))
+        telemetries = {
+            message.vehicle: message for message in both if isinstance(message, Telemetry)
+        }
+        arrivals.append(
+            Arrivals(
+                received_ns, states, telemetries, Round.of(states, indices) if states else None
+            )
+        )
     return arrivals
 
 
 class FleetTables:
-    """All agents' tables of their neighbours in common arrays, so that what all hear is heard at once."""
+    """All agents' tables of their neighbours in common arrays, so that what all hear is heard at
+    once.
+    """
 
     def __init__(self, agents: Sequence[AgentShell]) -> None:
         self._collect([agent.core.neighbours for agent in agents])
@@ -70,8 +92,12 @@ class FleetTables:
         self.tables = Tables(tables)
         self._rows = {id(table): row for row, table in enumerate(tables)}
 
-    def receive(self, agents: Sequence[AgentShell], arrivals: Sequence[Arrivals], now_ns: int) -> None:
-        """Take the messages since the last tick in all agents' tables; an agent started anew has a new table."""
+    def receive(
+        self, agents: Sequence[AgentShell], arrivals: Sequence[Arrivals], now_ns: int
+    ) -> None:
+        """Take the messages since the last tick in all agents' tables; an agent started anew has a
+        new table.
+        """
         tables = [agent.core.neighbours for agent in agents]
         if any(id(table) not in self._rows for table in tables):
             self._collect(tables)
@@ -89,7 +115,9 @@ class FleetTables:
         self.tables.age(now_ns)
 
     def snapshots(self, tables: Sequence[NeighbourTable], now_ns: int) -> tuple[Rows, BoolArray]:
-        """Return the snapshots of some of the tables (n, K) as rows of Neighbour, and which of them are present."""
+        """Return the snapshots of some of the tables (n, K) as rows of Neighbour, and which of them
+        are present.
+        """
         return self.tables.snapshots([self._rows[id(table)] for table in tables], now_ns)
 
 
@@ -106,13 +134,15 @@ class AgentShell:
         self.is_hung = self.is_running = self.has_backlog = False
         self._lives = 0
         self._inbox: deque[ev.EventIn] = deque(maxlen=_MAX_EVENTS)
-        self._orders: list[tuple[Order | Malformed | UntrustedOrder, Callable[[OrderReply], None]]] = []
+        self._orders: list[
+            tuple[Order | Malformed | UntrustedOrder, Callable[[OrderReply], None]]
+        ] = []
         self._replies: dict[str, Callable[[OrderReply], None]] = {}
         self._periods_ms: deque[float] = deque(maxlen=500)
         self._ticks = self._late = self._last_ns = 0
         self.start()
 
-    # -- life --------------------------------------------------------------------------------------------------------
+    # -- life --------------------------------------------------------------------------------------
 
     def start(self) -> None:
         """A new process: a fresh core that knows nothing of its predecessor."""
@@ -163,7 +193,7 @@ class AgentShell:
         """Whether its loop turns."""
         return self.is_running and not self.is_hung
 
-    # -- in ----------------------------------------------------------------------------------------------------------
+    # -- in ----------------------------------------------------------------------------------------
 
     def _connect(self, life: object) -> None:
         if self.is_running and life == self._lives:
@@ -174,8 +204,12 @@ class AgentShell:
         inbox, name, boot_id = self._inbox, self.name, self.core.boot_id
 
         def is_interested(topic: object, other: object) -> bool:
-            """Whether it would have subscribed: to fast states of those followed, to slow ones of the others."""
-            return topic not in (Topic.STATE, Topic.FAR) or (topic is Topic.STATE) == (other in self._followed)
+            """Whether it would have subscribed: to fast states of those followed, to slow ones of
+            the others.
+            """
+            return topic not in (Topic.STATE, Topic.FAR) or (topic is Topic.STATE) == (
+                other in self._followed
+            )
 
         def neighbour(topic: Topic, other: str, message: Message | Malformed) -> None:
             if not is_interested(topic, other):
@@ -207,7 +241,9 @@ class AgentShell:
         node.serve_orders(name, self._order_received)
         node.watch_alive(lambda other, is_alive: inbox.append(ev.NodeChanged(other, is_alive)))
 
-    def _order_received(self, message: Order | Malformed | UntrustedOrder, reply: Callable[[OrderReply], None]) -> None:
+    def _order_received(
+        self, message: Order | Malformed | UntrustedOrder, reply: Callable[[OrderReply], None]
+    ) -> None:
         if self.is_hung:
             self._orders.append((message, reply))
         elif isinstance(message, Order):
@@ -227,7 +263,7 @@ class AgentShell:
             for telemetry in one.telemetries.values():
                 self._on_neighbour(Topic.SLOW_TELEMETRY, telemetry.vehicle, telemetry)
 
-    # -- a tick ------------------------------------------------------------------------------------------------------
+    # -- a tick ------------------------------------------------------------------------------------
 
     def begin_tick(self, now_ns: int) -> PipelineInputs:
         """Take what has arrived and the first half of the core's tick."""

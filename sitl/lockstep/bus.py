@@ -1,8 +1,10 @@
-"""The bus in simulated time: delay, loss, reordering, duplication and partitions per pair of nodes, all seeded.
+"""The bus in simulated time: delay, loss, reordering, duplication and partitions per pair of nodes,
+all seeded.
 
-What the real one promises holds here too. Topics whose newest message matters lose messages; events, orders and answers
-travel on a connection, so what is lost is sent again and comes later, and in order. A pair of nodes that is cut apart
-notices after the lease; what was on its way until then arrives when the cut is healed in time, otherwise never.
+What the real one promises holds here too. Topics whose newest message matters lose messages;
+events, orders and answers travel on a connection, so what is lost is sent again and comes later,
+and in order. A pair of nodes that is cut apart notices after the lease; what was on its way until
+then arrives when the cut is healed in time, otherwise never.
 """
 
 from __future__ import annotations
@@ -16,7 +18,16 @@ from typing import cast
 
 import numpy as np
 
-from onboard.bus.protocol import LEASE_MS, MAX_COLLECTED, OnAlive, OnEnd, OnFault, OnMessage, OnOrder, OnReply
+from onboard.bus.protocol import (
+    LEASE_MS,
+    MAX_COLLECTED,
+    OnAlive,
+    OnEnd,
+    OnFault,
+    OnMessage,
+    OnOrder,
+    OnReply,
+)
 from onboard.bus.schema import FaultOrder, Message, Order, OrderReply
 from onboard.bus.topics import TOPICS, Delivery, Topic
 from onboard.config.fleet import RadioConfig
@@ -79,7 +90,9 @@ class SimBus:
             self._links.pop(pair, None)
 
     def partition(self, *groups: Iterable[str], bridging: Iterable[str] = ()) -> None:
-        """Cut the groups apart; who is in none forms one group more, except those ``bridging``, whom all still hear."""
+        """Cut the groups apart; who is in none forms one group more, except those ``bridging``,
+        whom all still hear.
+        """
         sets = [set(group) for group in groups]
         named = set().union(*sets, bridging)
         sets.append({name for name in self.nodes if name not in named})
@@ -96,7 +109,9 @@ class SimBus:
 
     def heal(self, *pairs: Pair) -> None:
         """End the cuts between these pairs of nodes; without any, all cuts."""
-        healed = {*pairs, *((second, first) for first, second in pairs)} if pairs else set(self._cut)
+        healed = (
+            {*pairs, *((second, first) for first, second in pairs)} if pairs else set(self._cut)
+        )
         held, now_ns = self._held, self.now_ns()
         self._held = [entry for entry in held if entry[1] not in healed]
         for sent_ns, pair, function, args in held:
@@ -128,7 +143,9 @@ class SimBus:
             else:
                 function(*args)
 
-    def send(self, pair: Pair, delivery: Delivery, function: Callable[..., None], *args: object) -> None:
+    def send(
+        self, pair: Pair, delivery: Delivery, function: Callable[..., None], *args: object
+    ) -> None:
         """Put a call for the receiver on its way from ``pair[0]`` to ``pair[1]``."""
         now_ns = self.now_ns()
         is_latest = delivery is Delivery.LATEST
@@ -149,13 +166,18 @@ class SimBus:
             if not is_latest:
                 due_ns += _RESEND_NS * self._resends(settings.loss)
             # what is not reordered on purpose keeps its order
-            due_ns = self._newest_ns[pair, is_latest] = max(due_ns, self._newest_ns.get((pair, is_latest), 0))
+            due_ns = self._newest_ns[pair, is_latest] = max(
+                due_ns, self._newest_ns.get((pair, is_latest), 0)
+            )
         if is_cut:
             self._held.append((now_ns, pair, function, args))
             return
         if self.channel is not None:
             self.channel.send(
-                pair, args, lambda end_ns: self._push(end_ns + due_ns - now_ns, pair, function, args), is_latest
+                pair,
+                args,
+                lambda end_ns: self._push(end_ns + due_ns - now_ns, pair, function, args),
+                is_latest,
             )
             return
         self._push(due_ns, pair, function, args)
@@ -167,7 +189,9 @@ class SimBus:
         """Whether all messages arrive, each after the same time."""
         return not (self._cut or self._links or self.settings.is_random or self.channel is not None)
 
-    def send_latest(self, sender: str, receivers: list[tuple[Node, OnMessage]], args: tuple[object, ...]) -> None:
+    def send_latest(
+        self, sender: str, receivers: list[tuple[Node, OnMessage]], args: tuple[object, ...]
+    ) -> None:
         """A LATEST message for all its subscribers, at once where nothing can happen to it."""
         if not self.is_quiet:
             for node, on_message in receivers:
@@ -180,14 +204,17 @@ class SimBus:
                 heappush(queue, (due_ns, next(count), (sender, node.name), on_message, args))
 
     def subscribe_in_bulk(self, node: Node, on_message: OnMessage) -> None:
-        """Let a node hear what agents tell each other in bulk, by :meth:`take_bulk`; over a bad bus one by one.
+        """Let a node hear what agents tell each other in bulk, by :meth:`take_bulk`; over a bad bus
+        one by one.
 
         In a big fleet these are nearly all messages, and every node gets the same ones.
         """
         self._readers.append((node, on_message))
 
     def take_bulk(self) -> list[tuple[int, Message]]:
-        """Return the messages that have arrived since the last call, for all that subscribe in bulk."""
+        """Return the messages that have arrived since the last call, for all that subscribe in
+        bulk.
+        """
         bulk, self._bulk = self._bulk, []
         return bulk
 
@@ -195,7 +222,8 @@ class SimBus:
         """A message for all who read in bulk."""
         if not self.is_quiet:
             self.send_latest(sender, self._readers, args)
-        elif self._readers and args[0] is not Topic.FAR:  # whoever follows a vehicle slowly takes every tenth state
+        # whoever follows a vehicle slowly takes every tenth state
+        elif self._readers and args[0] is not Topic.FAR:
             self._push(self.now_ns() + self._delay_ns, (sender, ""), self._arrive, (args[2],))
 
     def _arrive(self, message: object) -> None:
@@ -217,7 +245,9 @@ class SimBus:
     def _of(self, pair: Pair) -> BusSettings:
         return self._links.get(pair, self.settings) if self._links else self.settings
 
-    def _push(self, due_ns: int, pair: Pair, function: Callable[..., None], args: tuple[object, ...]) -> None:
+    def _push(
+        self, due_ns: int, pair: Pair, function: Callable[..., None], args: tuple[object, ...]
+    ) -> None:
         heappush(self._queue, (due_ns, next(self._count), pair, function, args))
 
     def _expire(self, pair: Pair, since_ns: object) -> None:
@@ -255,7 +285,8 @@ class Node:
         self.order_server: OnOrder | None = None
         self.fault_server: OnFault | None = None
         self.claims: set[str] = set()
-        self.is_interested: Callable[[object, object], bool] = lambda topic, name: True  # its subscriptions are wider
+        # its subscriptions are wider
+        self.is_interested: Callable[[object, object], bool] = lambda topic, name: True
         self._is_open = False
 
     @property
@@ -272,7 +303,8 @@ class Node:
         self._notify_others(self.name, True)
 
     def stop(self) -> None:
-        """Leave, as a process does that ends: its connections close, and the others notice at once."""
+        """Leave, as a process does that ends: its connections close, and the others notice at once.
+        """
         if not self._is_open:
             return
         self._is_open = False
@@ -295,13 +327,17 @@ class Node:
             elif receivers:
                 for node, on_message in receivers:
                     if node is not self:
-                        self.bus.send((self.name, node.name), delivery, on_message, topic, name, message)
+                        self.bus.send(
+                            (self.name, node.name), delivery, on_message, topic, name, message
+                        )
 
     def subscribe(self, topic: Topic, name: str, on_message: OnMessage) -> None:
         """Hear ``topic/name``; ``name`` may be ``*``."""
         self.bus.subscribers[topic, name].append((self, on_message))
 
-    def collect(self, topic: Topic, name: str, on_message: OnMessage, *, most: int = MAX_COLLECTED) -> None:
+    def collect(
+        self, topic: Topic, name: str, on_message: OnMessage, *, most: int = MAX_COLLECTED
+    ) -> None:
         """As :meth:`subscribe`: here nothing waits."""
         self.subscribe(topic, name, on_message)
 
@@ -320,7 +356,9 @@ class Node:
         """Answer orders for this node's vehicle."""
         self.order_server = on_order
 
-    def order(self, vehicle: str, order: Order, *, timeout_s: float, on_reply: OnReply, on_end: OnEnd) -> None:
+    def order(
+        self, vehicle: str, order: Order, *, timeout_s: float, on_reply: OnReply, on_end: OnEnd
+    ) -> None:
         """Ask one vehicle; answers after the timeout are not heard."""
         deadline_ns = self.bus.now_ns() + round(timeout_s * 1e9)
 
@@ -332,7 +370,9 @@ class Node:
             node = self.bus.nodes.get(vehicle)
             if node is not None and node.order_server is not None:
                 back = (vehicle, self.name)
-                node.order_server(order, lambda reply: self.bus.send(back, Delivery.QUERY, reply_arrived, reply))
+                node.order_server(
+                    order, lambda reply: self.bus.send(back, Delivery.QUERY, reply_arrived, reply)
+                )
 
         self.bus.send((self.name, vehicle), Delivery.QUERY, deliver)
         self.bus.call_at(deadline_ns, on_end)
@@ -341,12 +381,24 @@ class Node:
         """Answer what is asked of the emulator."""
         self.fault_server = on_fault
 
-    def fault(self, order: FaultOrder, *, timeout_s: float, on_reply: OnReply, on_end: OnEnd) -> None:
-        """Ask the emulator, whichever node it is; no connection of the fleet's is disturbed for it."""
-        server = next((node.fault_server for node in self.bus.nodes.values() if node.fault_server is not None), None)
+    def fault(
+        self, order: FaultOrder, *, timeout_s: float, on_reply: OnReply, on_end: OnEnd
+    ) -> None:
+        """Ask the emulator, whichever node it is; no connection of the fleet's is disturbed for it.
+        """
+        server = next(
+            (
+                node.fault_server
+                for node in self.bus.nodes.values()
+                if node.fault_server is not None
+            ),
+            None,
+        )
         if server is not None:
             now_ns = self.bus.now_ns()
-            self.bus.call_at(now_ns, server, order, lambda reply: self.bus.call_at(now_ns, on_reply, reply))
+            self.bus.call_at(
+                now_ns, server, order, lambda reply: self.bus.call_at(now_ns, on_reply, reply)
+            )
         self.bus.call_at(self.bus.now_ns() + round(timeout_s * 1e9), on_end)
 
     def watch_alive(self, on_alive: OnAlive) -> None:
@@ -372,4 +424,6 @@ class Node:
     def _notify_others(self, name: str, is_alive: bool) -> None:
         for other in list(self.bus.nodes):
             if other != self.name:
-                self.bus.send((self.name, other), Delivery.TOKEN, self.bus.notify, other, name, is_alive)
+                self.bus.send(
+                    (self.name, other), Delivery.TOKEN, self.bus.notify, other, name, is_alive
+                )

@@ -1,10 +1,12 @@
-"""One radio channel that a whole fleet shares, in simulated time: queues, turns, aggregates, collisions. Seeded.
+"""One radio channel that a whole fleet shares, in simulated time: queues, turns, aggregates,
+collisions. Seeded.
 
-Stations take turns by the distributed coordination function of 802.11: each counts down a random number of free slots,
-whoever is at zero first sends, two at once collide and draw from a window twice as large. In its turn a station sends
-what waits for one receiver in one aggregate, as 802.11n does, so that a channel that is nearly full carries more in
-each turn, later. An access point is a station like the others, with a queue for each vehicle and a window that grows
-less, as 802.11e lets it; what a vehicle sends to another goes to it first. Times: onboard/feasibility/airtime.py.
+Stations take turns by the distributed coordination function of 802.11: each counts down a random
+number of free slots, whoever is at zero first sends, two at once collide and draw from a window
+twice as large. In its turn a station sends what waits for one receiver in one aggregate, as 802.11n
+does, so that a channel that is nearly full carries more in each turn, later. An access point is a
+station like the others, with a queue for each vehicle and a window that grows less, as 802.11e lets
+it; what a vehicle sends to another goes to it first. Times: onboard/feasibility/airtime.py.
 """
 
 from __future__ import annotations
@@ -45,14 +47,18 @@ class Channel:
 
     Args:
         radio: its quality.
-        vehicles: nodes with a radio; all others are wired to the access point, or share a radio of their own.
+        vehicles: nodes with a radio; all others are wired to the access point, or share a radio of
+            their own.
         now_ns: the simulated time.
     """
 
-    def __init__(self, radio: RadioConfig, vehicles: frozenset[str], now_ns: Callable[[], int], *, seed: int) -> None:
+    def __init__(
+        self, radio: RadioConfig, vehicles: frozenset[str], now_ns: Callable[[], int], *, seed: int
+    ) -> None:
         self._radio, self._vehicles, self._now_ns = radio, vehicles, now_ns
         self._rng = np.random.default_rng([seed, 13])
-        self._queues: dict[str, dict[str, deque[_Packet]]] = {}  # station -> next station -> what waits
+        # station -> next station -> what waits
+        self._queues: dict[str, dict[str, deque[_Packet]]] = {}
         self._slots_left: dict[str, int] = {}  # station -> free slots until it may send
         self._in_a_row: dict[str, int] = {}  # station -> collisions of its turn
         self._free_ns = 0  # end of the turn that was begun last
@@ -60,11 +66,19 @@ class Channel:
         self.busy_ns = self.packets = self.dropped = self.collisions = 0
 
     def send(
-        self, pair: tuple[str, str], args: tuple[object, ...], deliver: Callable[[int], None], is_latest: bool
+        self,
+        pair: tuple[str, str],
+        args: tuple[object, ...],
+        deliver: Callable[[int], None],
+        is_latest: bool,
     ) -> None:
-        """Take a message, the last of ``args``; ``deliver`` is called with the time at which its receiver has it."""
+        """Take a message, the last of ``args``; ``deliver`` is called with the time at which its
+        receiver has it.
+        """
         sender, receiver = pair
-        message_bytes = self._size_of(args[-1]) if args and isinstance(args[-1], Struct) else _SMALL_BYTES
+        message_bytes = (
+            self._size_of(args[-1]) if args and isinstance(args[-1], Struct) else _SMALL_BYTES
+        )
         packet = _Packet(receiver, message_bytes, self._now_ns(), is_latest, deliver)
         station = sender if sender in self._vehicles else _ACCESS_POINT
         following = self._following(station, receiver)
@@ -84,10 +98,14 @@ class Channel:
             begin_ns = max(self._free_ns, min(oldest_ns.values(), default=now_ns + 1))
             if begin_ns > now_ns:
                 return
-            self._take_turn([station for station, sent_ns in oldest_ns.items() if sent_ns <= begin_ns], begin_ns)
+            self._take_turn(
+                [station for station, sent_ns in oldest_ns.items() if sent_ns <= begin_ns], begin_ns
+            )
 
     def _take_turn(self, waiting: list[str], begin_ns: int) -> None:
-        """Let whoever has fewest slots left of those that have something to send do so; several collide."""
+        """Let whoever has fewest slots left of those that have something to send do so; several
+        collide.
+        """
         left = self._slots_left
         for station in waiting:
             if station not in left:
@@ -111,7 +129,9 @@ class Channel:
             queue.popleft()
         self.packets += sum(message_packets(packet.message_bytes) for packet in packets)
         for packet in packets:
-            if packet.to == following or (following == _ACCESS_POINT and packet.to not in self._vehicles):
+            if packet.to == following or (
+                following == _ACCESS_POINT and packet.to not in self._vehicles
+            ):
                 packet.deliver(self._free_ns)
             else:
                 self._queues.setdefault(following, {}).setdefault(packet.to, deque()).append(packet)
@@ -122,14 +142,20 @@ class Channel:
         return int(self._rng.integers(FIRST_WINDOW << min(self._in_a_row.get(station, 0), most)))
 
     def _aggregate(self, station: str, slots: int) -> tuple[str, list[_Packet], int]:
-        """Return what a station sends in its turn, to whom, and for how long the channel is busy with it [ns]."""
+        """Return what a station sends in its turn, to whom, and for how long the channel is busy
+        with it [ns].
+        """
         queues = self._queues[station]
         following = min(queues, key=lambda name: queues[name][0].sent_ns)
         packets = list(islice(queues[following], MOST_IN_TURN))
         count = sum(message_packets(packet.message_bytes) for packet in packets)
         size_bytes = sum(packet.message_bytes for packet in packets) + count * OVERHEAD_BYTES
         phy = OFDM._replace(backoff_slots=float(slots))
-        return following, packets, round(turn_s(count, size_bytes, self._radio.rate_mbit_s, phy) * 1e9)
+        return (
+            following,
+            packets,
+            round(turn_s(count, size_bytes, self._radio.rate_mbit_s, phy) * 1e9),
+        )
 
     def _following(self, station: str, receiver: str) -> str:
         """Return the station that gets a packet next."""

@@ -1,4 +1,6 @@
-"""``covey fly --lockstep`` and ``covey demo --lockstep``: a mission in simulated time, from the command line."""
+"""``covey fly --lockstep`` and ``covey demo --lockstep``: a mission in simulated time, from the
+command line.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,10 @@ def fly_mission(mission: Mission, folder: Path, *, seed: int, bus: BusSettings) 
     begin_s = time.perf_counter()
     fleet = mission.fleet
     names = ", ".join(fleet.enabled_names)
-    print(f"Lockstep: {names} in simulated time, without a console; everything goes to {folder}.", flush=True)
+    print(
+        f"Lockstep: {names} in simulated time, without a console; everything goes to {folder}.",
+        flush=True,
+    )
     with Lockstep(fleet, seed=seed, bus=bus, folder=folder) as flight:
 
         def say(line: str) -> None:
@@ -29,7 +34,8 @@ def fly_mission(mission: Mission, folder: Path, *, seed: int, bus: BusSettings) 
 
         flight.say = say
         flight.client.add_event_listener(on_event)
-        before = signal.signal(signal.SIGTERM, lambda *_: signal.raise_signal(signal.SIGINT))  # lands, as Ctrl-C does
+        # lands, as Ctrl-C does
+        before = signal.signal(signal.SIGTERM, lambda *_: signal.raise_signal(signal.SIGINT))
         try:
             verdict = flight.fly(mission)
         finally:
@@ -38,6 +44,7 @@ def fly_mission(mission: Mission, folder: Path, *, seed: int, bus: BusSettings) 
             say(line)
         wall_s = time.perf_counter() - begin_s
         print(
-            f"{flight.time_s:.1f} s flown in {wall_s:.1f} s: {flight.time_s / wall_s:.1f} times real time.", flush=True
+            f"{flight.time_s:.1f} s flown in {wall_s:.1f} s: {flight.time_s / wall_s:.1f} times real time.",
+            flush=True,
         )
     return verdict.exit_status

@@ -17,7 +17,8 @@ class BusSettings:
     delay_s: float = 0.001  # shortest time from sender to receiver
     jitter_s: float = 0.0  # mean of what comes on top, exponentially distributed
     loss: float = 0.0  # share of the messages
-    burst: float = 1.0  # mean number of messages of 50 Hz that a connection loses in a row; 1: each loss by itself
+    # mean number of messages of 50 Hz that a connection loses in a row; 1: each loss by itself
+    burst: float = 1.0
     reorder: float = 0.0  # chance of each message
     reorder_s: float = 0.04  # a reordered message is held back for so long, so that others overtake
     duplicate: float = 0.0  # chance of each message
@@ -25,12 +26,18 @@ class BusSettings:
     def __post_init__(self) -> None:
         for name in ("delay_s", "jitter_s", "reorder_s"):
             if not 0.0 <= getattr(self, name) <= 10.0:
-                raise ConfigError(f"The bus's {name} is {getattr(self, name)}; it must lie between 0 and 10 s.")
+                raise ConfigError(
+                    f"The bus's {name} is {getattr(self, name)}; it must lie between 0 and 10 s."
+                )
         for name in ("loss", "reorder", "duplicate"):
             if not 0.0 <= getattr(self, name) <= 1.0:
-                raise ConfigError(f"The bus's {name} is {getattr(self, name)}, but it is a chance: between 0 and 1.")
+                raise ConfigError(
+                    f"The bus's {name} is {getattr(self, name)}, but it is a chance: between 0 and 1."
+                )
         if not 1.0 <= self.burst <= 1000.0:
-            raise ConfigError(f"The bus's burst is {self.burst}, a number of messages: it must lie between 1 and 1000.")
+            raise ConfigError(
+                f"The bus's burst is {self.burst}, a number of messages: it must lie between 1 and 1000."
+            )
 
     @property
     def is_random(self) -> bool:
@@ -52,23 +59,28 @@ class BusSettings:
 
 
 class Losses:
-    """Memory of the connections that lose messages in a row: the two-state chain of Gilbert and Elliott for each.
+    """Memory of the connections that lose messages in a row: the two-state chain of Gilbert and
+    Elliott for each.
 
-    The states last for times, and messages of 50 Hz are lost as settings say: of those that come less often fewer are
-    lost in a row, and of those sent at one instant all or none.
+    The states last for times, and messages of 50 Hz are lost as settings say: of those that come
+    less often fewer are lost in a row, and of those sent at one instant all or none.
     """
 
     def __init__(self) -> None:
-        self._newest: dict[Pair, tuple[int, bool]] = {}  # time of the last message, and whether it was lost
+        # time of the last message, and whether it was lost
+        self._newest: dict[Pair, tuple[int, bool]] = {}
 
     def takes(self, pair: Pair, settings: BusSettings, draw: float, now_ns: int) -> bool:
-        """Return whether the next message of a connection is lost; ``draw`` is uniform in [0, 1)."""
+        """Return whether the next message of a connection is lost; ``draw`` is uniform in [0, 1).
+        """
         loss = settings.loss
         if settings.burst <= 1.0 or not 0.0 < loss < 1.0:
             return draw < loss
         at_ns, was_lost = self._newest.get(pair, (-_FORGOTTEN_NS, False))
         leave = 1.0 / settings.burst
-        remembered = max(0.0, 1.0 - leave - leave * loss / (1.0 - loss)) ** ((now_ns - at_ns) / _PERIOD_NS)
+        remembered = max(0.0, 1.0 - leave - leave * loss / (1.0 - loss)) ** (
+            (now_ns - at_ns) / _PERIOD_NS
+        )
         is_lost = bool(draw < loss + (was_lost - loss) * remembered)
         self._newest[pair] = now_ns, is_lost
         return is_lost

@@ -1,4 +1,6 @@
-"""A flight in lockstep: the simulation, the ground's own client and mission runner in its time, record and verdict."""
+"""A flight in lockstep: the simulation, the ground's own client and mission runner in its time,
+record and verdict.
+"""
 
 from __future__ import annotations
 
@@ -39,7 +41,8 @@ GROUND = "ground-1"
 _DIRECT_DELAY_S = 0.01
 _WATCH_S = 0.2
 _FORCE = 21196.0
-_COLLECT_EVERY = 50_000  # Python's own 700 look at the messages of one tick again and again: a fifth of the time
+# Python's own 700 look at the messages of one tick again and again: a fifth of the time
+_COLLECT_EVERY = 50_000
 
 T = TypeVar("T")
 
@@ -49,7 +52,8 @@ class Lockstep:
 
     Args:
         fleet: a fleet file or its path. law: instead of the fleet file's.
-        seed: of everything random. bus, mocap: quality of the connections and of the motion capture.
+        seed: of everything random. bus, mocap: quality of the connections and of the motion
+            capture.
         folder: where the record goes; none without.
         say: hears the progress in words.
         is_batched: see :class:`Simulation`.
@@ -85,12 +89,14 @@ class Lockstep:
             self.record = LockstepRecord(folder, EPOCH_NS, say=self.client.publish_event)
             self.client.add_sink(self.record.put)
         self.fleet = Fleet(self.client, say=self._tell)
-        self._runner = asyncio.Runner(loop_factory=lambda: VirtualLoop(self.simulation.clock_ns, self.simulation.step))
+        self._runner = asyncio.Runner(
+            loop_factory=lambda: VirtualLoop(self.simulation.clock_ns, self.simulation.step)
+        )
         self.wait_for(self.client.start())
         if self.record is not None:
             self.client.announce_recording(True)
 
-    # -- scripts -----------------------------------------------------------------------------------------------------
+    # -- scripts -----------------------------------------------------------------------------------
 
     ready_timeout_s = READY_TIMEOUT_SIM_S
     flown: FlightObservations | None = None
@@ -116,7 +122,9 @@ class Lockstep:
         return EPOCH_NS, self.record.failure
 
     def run_script(self, path: str | Path, *arguments: str) -> None:
-        """Run a Python script that connects with this fleet, plain or with ``asyncio.run``; its exceptions come out."""
+        """Run a Python script that connects with this fleet, plain or with ``asyncio.run``; its
+        exceptions come out.
+        """
         in_real_time = asyncio.run
         asyncio.run = lambda main, **_: self.wait_for(main)
         try:
@@ -124,10 +132,12 @@ class Lockstep:
         finally:
             asyncio.run = in_real_time
 
-    # -- time --------------------------------------------------------------------------------------------------------
+    # -- time --------------------------------------------------------------------------------------
 
     def wait_for(self, coroutine: Coroutine[Any, Any, T]) -> T:
-        """Run a coroutine of the ground to its end, in simulated time; its ``Fleet.connect`` means this flight."""
+        """Run a coroutine of the ground to its end, in simulated time; its ``Fleet.connect`` means
+        this flight.
+        """
         with hosted(self):
             return self._runner.run(coroutine)
 
@@ -162,7 +172,7 @@ class Lockstep:
         """Simulated seconds since the start."""
         return self.simulation.time_s
 
-    # -- orders ------------------------------------------------------------------------------------------------------
+    # -- orders ------------------------------------------------------------------------------------
 
     def ready(self, timeout_s: float = READY_TIMEOUT_SIM_S) -> None:
         """Wait until all may fly."""
@@ -182,14 +192,17 @@ class Lockstep:
         return self.wait_for(self.fleet.land(vehicles))
 
     def fly(self, mission: Mission | str | Path, **arguments: object) -> Verdict:
-        """Fly a mission, from the first step to the verdict; with a folder the record is finished with it.
+        """Fly a mission, from the first step to the verdict; with a folder the record is finished
+        with it.
 
         ``arguments`` are those of a Python mission.
         """
         if not isinstance(mission, Mission):
             mission = load_mission(mission, self.config)
         if arguments:
-            mission = replace(mission, arguments={name: str(value) for name, value in arguments.items()})
+            mission = replace(
+                mission, arguments={name: str(value) for name, value in arguments.items()}
+            )
         return self.wait_for(self._fly(mission))
 
     async def _fly(self, mission: Mission) -> Verdict:
@@ -204,7 +217,9 @@ class Lockstep:
             return verdict
         self.record.stop()
         failure = self.record.failure
-        return final_verdict(run.flown(), mission.expect, self.folder, begin_ns=EPOCH_NS, record_failure=failure)
+        return final_verdict(
+            run.flown(), mission.expect, self.folder, begin_ns=EPOCH_NS, record_failure=failure
+        )
 
     async def _watch(self, run: MissionRun) -> None:
         while not run.abort_if_silent():  # noqa: ASYNC110 - silence is no event
@@ -214,7 +229,7 @@ class Lockstep:
         self.say(line)
         self.client.publish_event("info", "mission", line.strip())
 
-    # -- what happened -----------------------------------------------------------------------------------------------
+    # -- what happened -----------------------------------------------------------------------------
 
     @property
     def state(self) -> FleetState:
@@ -237,7 +252,8 @@ class Lockstep:
         emulator, index = self.simulation.emulator, self.simulation.names.index(vehicle)
         truth = emulator.world.vehicles.states.position_ned_m[index].tolist()
         x, y, z = emulator.estimator.local(index).position_ned_m
-        if not self.config.vehicles[vehicle].mocap_required:  # its local frame begins where it started
+        # its local frame begins where it started
+        if not self.config.vehicles[vehicle].mocap_required:
             east, north, up = self.config.vehicles[vehicle].start_enu_m
             x, y, z = x + north, y + east, z - up
         return math.dist(truth, (x, y, z))
@@ -258,19 +274,32 @@ class Lockstep:
         self.close()
 
     async def _send_directly(
-        self, endpoint: str, system_id: int, kind: DirectKind, *, timeout_s: float = 3.0, watch_s: float = 0.0
+        self,
+        endpoint: str,
+        system_id: int,
+        kind: DirectKind,
+        *,
+        timeout_s: float = 3.0,
+        watch_s: float = 0.0,
     ) -> DirectResult:
-        """The direct path to PX4, in simulated time; see ``groundstation.client.direct_mavlink``."""
+        """The direct path to PX4, in simulated time; see ``groundstation.client.direct_mavlink``.
+        """
         emulator = self.simulation.emulator
         ids = [spec.system_id for spec in emulator.specs]
         px4 = emulator.autopilots[ids.index(system_id)]
         await asyncio.sleep(_DIRECT_DELAY_S)
         now_s = emulator.time_s
-        answer = px4.request(now_s, Mode.LAND) if kind == "land" else px4.request_arm(now_s, False, _FORCE)
+        answer = (
+            px4.request(now_s, Mode.LAND)
+            if kind == "land"
+            else px4.request_arm(now_s, False, _FORCE)
+        )
         is_accepted = answer is Result.ACCEPTED
         end_s = emulator.time_s + (watch_s if is_accepted else 0.0)
         while px4.is_armed and emulator.time_s < end_s:  # noqa: ASYNC110 - PX4 tells it once a second
             await asyncio.sleep(1.0)
         is_disarmed = is_accepted and not px4.is_armed
         ending = ", and it is disarmed" if is_disarmed else ""
-        return DirectResult(is_accepted, is_disarmed, f"PX4 {answer.name.lower().replace('_', ' ')} it{ending}")
+        return DirectResult(
+            is_accepted, is_disarmed, f"PX4 {answer.name.lower().replace('_', ' ')} it{ending}"
+        )

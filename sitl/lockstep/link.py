@@ -1,10 +1,12 @@
-"""The agents' links to the emulated PX4s, without MAVLink: typed values, but only what a client on the wire would see.
+"""The agents' links to the emulated PX4s, without MAVLink: typed values, but only what a client on
+the wire would see.
 
-Telemetry comes at the rates that the agent asks for (attitude at 50 Hz, local position at 50 Hz or, beside a motion
-capture, 10 Hz, landed state at 10 Hz, accuracy and satellites at 5 Hz, battery at 2 Hz) and armed and mode once a
-second, with the heartbeat; everything takes ``delay_s``, both ways. Whether a command did anything is only seen in what
-PX4 reports afterwards. Bytes would cost more than all the rest of the flight; packing and unpacking them is tested by
-the emulator's and the real link's own tests.
+Telemetry comes at the rates that the agent asks for (attitude at 50 Hz, local position at 50 Hz or,
+beside a motion capture, 10 Hz, landed state at 10 Hz, accuracy and satellites at 5 Hz, battery at 2
+Hz) and armed and mode once a second, with the heartbeat; everything takes ``delay_s``, both ways.
+Whether a command did anything is only seen in what PX4 reports afterwards. Bytes would cost more
+than all the rest of the flight; packing and unpacking them is tested by the emulator's and the real
+link's own tests.
 """
 
 from __future__ import annotations
@@ -18,7 +20,12 @@ import numpy as np
 from onboard.autopilot import Landed, Snapshot, Vec3, Vec4
 from onboard.config.fleet import Vehicle
 from onboard.events import ParamsRead
-from onboard.frames import enu_flu_from_ned_frd, ned_frd_from_enu_flu, ned_from_enu, yaw_from_quaternion
+from onboard.frames import (
+    enu_flu_from_ned_frd,
+    ned_frd_from_enu_flu,
+    ned_from_enu,
+    yaw_from_quaternion,
+)
 from onboard.px4 import modes
 from onboard.px4.required_params import BATTERY_FLOOR, differences, required_params
 from onboard.types import AttitudeSetpoint
@@ -135,7 +142,9 @@ class LinkBank:
             if emulator.disturbances.is_hung[index]
             else {
                 "quaternion_enu_flu_wxyz": quaternions[index],
-                "px4_boot_ms": round((emulator.clock_s(index) - emulator.autopilots[index].boot_time_s) * 1e3),
+                "px4_boot_ms": round(
+                    (emulator.clock_s(index) - emulator.autopilots[index].boot_time_s) * 1e3
+                ),
             }
             for index in range(count)
         ]
@@ -156,7 +165,9 @@ class LinkBank:
         """LOCAL_POSITION_NED of who flies by it, and of the others while ``has_checked``."""
         positions = self.emulator.estimator.position_ned_m.tolist()
         velocities = self.emulator.estimator.velocity_ned_m_s.tolist()
-        for row, link, position, velocity in zip(rows, self.links, positions, velocities, strict=True):
+        for row, link, position, velocity in zip(
+            rows, self.links, positions, velocities, strict=True
+        ):
             if row is not None and (has_checked or not link.has_mocap):
                 row["position_local_ned_m"] = tuple(position)
                 row["velocity_local_ned_m_s"] = tuple(velocity)
@@ -166,13 +177,20 @@ class LinkBank:
 
     def _battery(self, index: int) -> Fields:
         battery = self.emulator.autopilots[index].battery
-        return {"battery_frac": battery.remaining_pct / 100.0, "battery_voltage_v": battery.voltage_mv / 1000.0}
+        return {
+            "battery_frac": battery.remaining_pct / 100.0,
+            "battery_voltage_v": battery.voltage_mv / 1000.0,
+        }
 
     def _accuracy(self, index: int) -> Fields:
         """ESTIMATOR_STATUS, and of who flies by satellites GPS_RAW_INT."""
         estimator, now_s = self.emulator.estimator, self.emulator.time_s
         fields: Fields = {"position_accuracy_m": estimator.accuracy_m(index, now_s)}
-        return fields if self.links[index].has_mocap else fields | {"has_fix": estimator.sees_satellites(index, now_s)}
+        return (
+            fields
+            if self.links[index].has_mocap
+            else fields | {"has_fix": estimator.sees_satellites(index, now_s)}
+        )
 
     def heartbeat(self, index: int) -> Fields:
         """HEARTBEAT, and with it what PX4 sends as seldom."""
@@ -183,7 +201,8 @@ class LinkBank:
             "px4_version": autopilot.version.number,
             "is_armed": autopilot.is_armed,
             "mode": modes.mode_name(MODES[autopilot.mode].custom_mode),
-            "is_failsafe": int(autopilot.system_status(self.emulator.clock_s(index))) == modes.STATUS_CRITICAL,
+            "is_failsafe": int(autopilot.system_status(self.emulator.clock_s(index)))
+            == modes.STATUS_CRITICAL,
         }
 
 
@@ -196,7 +215,7 @@ class EmulatedLink:
         self._fields: Fields = {"system_id": vehicle.system_id}
         self._snapshot: Snapshot | None = Snapshot()
 
-    # -- in ----------------------------------------------------------------------------------------------------------
+    # -- in ----------------------------------------------------------------------------------------
 
     def receive(self, fields: Fields) -> None:
         """Take values that PX4 has sent."""
@@ -226,13 +245,19 @@ class EmulatedLink:
             self._snapshot = Snapshot(**self._fields)
         return self._snapshot
 
-    # -- out ---------------------------------------------------------------------------------------------------------
+    # -- out ---------------------------------------------------------------------------------------
 
     def send_attitude(self, setpoint: AttitudeSetpoint) -> None:
         """SET_ATTITUDE_TARGET with attitude and thrust."""
         q = list(ned_frd_from_enu_flu(setpoint.quaternion_wxyz))
-        thrust, take, index = setpoint.thrust_frac, self._bank.emulator.attitude_setpoint, self._index
-        self._bank.send(index, lambda: take(index, q, _NO_RATES, thrust, _TYPE_MASK_ATTITUDE_AND_THRUST))
+        thrust, take, index = (
+            setpoint.thrust_frac,
+            self._bank.emulator.attitude_setpoint,
+            self._index,
+        )
+        self._bank.send(
+            index, lambda: take(index, q, _NO_RATES, thrust, _TYPE_MASK_ATTITUDE_AND_THRUST)
+        )
 
     def set_offboard(self) -> None:
         """DO_SET_MODE to OFFBOARD."""
@@ -256,23 +281,32 @@ class EmulatedLink:
 
     def request_heartbeat(self) -> None:
         """REQUEST_MESSAGE of HEARTBEAT."""
-        self._request(lambda px4, now_s: self._bank.answer(self._index, self._bank.heartbeat(self._index)))
+        self._request(
+            lambda px4, now_s: self._bank.answer(self._index, self._bank.heartbeat(self._index))
+        )
 
     def play_tune(self) -> None:
         """Let it play a tune."""
         self._request(lambda px4, now_s: px4.play_tune())
 
     def send_odometry(
-        self, position_enu_m: Vec3, quaternion_enu_flu_wxyz: Vec4, std_m: float, reset_count: int = 0
+        self,
+        position_enu_m: Vec3,
+        quaternion_enu_flu_wxyz: Vec4,
+        std_m: float,
+        reset_count: int = 0,
     ) -> None:
         """ODOMETRY with the mocap's position and heading."""
         position_ned_m = np.array(ned_from_enu(position_enu_m))
         yaw_rad = yaw_from_quaternion(ned_frd_from_enu_flu(quaternion_enu_flu_wxyz))
         take, index = self._bank.emulator.vision, self._index
-        self._bank.send(index, lambda: take(index, position_ned_m, yaw_rad=yaw_rad, reset_count=reset_count))
+        self._bank.send(
+            index, lambda: take(index, position_ned_m, yaw_rad=yaw_rad, reset_count=reset_count)
+        )
 
     def connect(self) -> ParamsRead:
-        """Set origin and parameters, as the shell does when PX4 answers; return what it reads then."""
+        """Set origin and parameters, as the shell does when PX4 answers; return what it reads then.
+        """
         emulator = self._bank.emulator
         params = emulator.autopilots[self._index].params
         required = required_params(self._vehicle, params.version.number)

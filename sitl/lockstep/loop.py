@@ -1,7 +1,9 @@
-"""An asyncio event loop in simulated time: when nothing is ready, the world is advanced instead of waited for.
+"""An asyncio event loop in simulated time: when nothing is ready, the world is advanced instead of
+waited for.
 
-The ground's mission runner and its client are asyncio code. In this loop they run unchanged, in one thread and always
-in the same order: ``sleep`` and timeouts count simulated time, and what would go to another thread runs at once.
+The ground's mission runner and its client are asyncio code. In this loop they run unchanged, in one
+thread and always in the same order: ``sleep`` and timeouts count simulated time, and what would go
+to another thread runs at once.
 """
 
 from __future__ import annotations
@@ -11,7 +13,8 @@ import inspect
 from collections.abc import Callable
 from typing import Any
 
-_LONGEST_WAIT_S = 3600.0  # nobody waits that long for a flight: somebody waits for what will never come
+# nobody waits that long for a flight: somebody waits for what will never come
+_LONGEST_WAIT_S = 3600.0
 
 
 class StalledError(RuntimeError):
@@ -59,7 +62,10 @@ class VirtualLoop(asyncio.BaseEventLoop):
     def run_in_executor(  # type: ignore[override]
         self, executor: Any, func: Callable[..., Any], *args: Any
     ) -> asyncio.Future[Any]:
-        """Run it now. What would block, waiting for the world, is written as a coroutine function instead."""
+        """Run it now.
+
+        What would block, waiting for the world, is written as a coroutine function instead.
+        """
         result = func(*args)
         if inspect.iscoroutine(result):
             return self.create_task(result)

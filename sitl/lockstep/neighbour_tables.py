@@ -1,4 +1,5 @@
-"""The tables of many vehicles as common arrays, and what they hear as arrays: one call where a loop would make many.
+"""The tables of many vehicles as common arrays, and what they hear as arrays: one call where a loop
+would make many.
 
 For simulations of whole fleets in one process; a drone has one table, and hears message by message.
 """
@@ -31,10 +32,12 @@ _SHARED = tuple(field.name for field in fields(NeighbourArrays))
 
 @dataclass(frozen=True, slots=True)
 class Round:
-    """State messages that arrive together, one of each vehicle at most, as arrays (N, ...) over the whole fleet.
+    """State messages that arrive together, one of each vehicle at most, as arrays (N, ...) over the
+    whole fleet.
 
     numbers (N, 25): all vectors and scalars of the messages. stamp_ns (N,). flags (6, N): is
-    there a message, is it finite, is_valid, is_airborne, is_cooperative, is it one of the slow ones that all hear.
+    there a message, is it finite, is_valid, is_airborne, is_cooperative, is it one of the slow ones
+    that all hear.
     """
 
     numbers: Array
@@ -53,7 +56,14 @@ class Round:
         stamp_ns[at] = [m.stamp_ns for m in messages]
         flags[:, at] = np.array(
             [
-                (True, is_usable(m, row), m.is_valid, m.is_airborne, m.is_cooperative, subscription.is_slow(m.sequence))
+                (
+                    True,
+                    is_usable(m, row),
+                    m.is_valid,
+                    m.is_airborne,
+                    m.is_cooperative,
+                    subscription.is_slow(m.sequence),
+                )
                 for m, row in zip(messages, rows, strict=True)
             ]
         ).T
@@ -61,9 +71,11 @@ class Round:
 
 
 class Tables:
-    """The tables of several vehicles of one fleet, kept as the rows of common arrays: what all hear is heard at once.
+    """The tables of several vehicles of one fleet, kept as the rows of common arrays: what all hear
+    is heard at once.
 
-    A table stays what it is; only its arrays now lie here. Rows: tables (N), columns: their neighbours (K).
+    A table stays what it is; only its arrays now lie here. Rows: tables (N), columns: their
+    neighbours (K).
     """
 
     def __init__(self, tables: Sequence[NeighbourTable]) -> None:
@@ -72,20 +84,25 @@ class Tables:
         self.all_listening = np.ones(len(tables), dtype=bool)
         self._others = np.array([table.fleet_indices for table in tables])
         self._is_successor = np.array([table.is_successor for table in tables])
-        stacked = {name: np.array([getattr(table.arrays, name) for table in tables]) for name in _SHARED}
+        stacked = {
+            name: np.array([getattr(table.arrays, name) for table in tables]) for name in _SHARED
+        }
         self.arrays = NeighbourArrays(**stacked)
         for row, table in enumerate(tables):
             table.arrays = NeighbourArrays(**{name: array[row] for name, array in stacked.items()})
 
     def hear(self, arrived: Round, received_ns: int, is_listening: BoolArray) -> None:
-        """:meth:`NeighbourTable.hear` of every message of a round but a vehicle's own, by all that follow its sender.
+        """:meth:`NeighbourTable.hear` of every message of a round but a vehicle's own, by all that
+        follow its sender.
 
         Args:
             is_listening: which of the tables hear at all, (N,).
         """
         others = self._others
         is_here, is_usable, is_valid, is_airborne, is_cooperative, is_slow = arrived.flags
-        is_heard = is_here[others] & (self.arrays.is_followed | is_slow[others]) & is_listening[:, None]
+        is_heard = (
+            is_here[others] & (self.arrays.is_followed | is_slow[others]) & is_listening[:, None]
+        )
         stamps = np.minimum(arrived.stamp_ns, received_ns)[others]
         is_news = is_heard & is_usable[others] & (stamps > self.arrays.newest_ns)
         for row in np.flatnonzero(is_heard.any(axis=1)).tolist():
@@ -104,7 +121,9 @@ class Tables:
         if not is_valid.all():
             placed = is_valid[senders]
             rows, columns, senders = rows[placed], columns[placed], senders[placed]
-        self.arrays.stamp_ns[rows, columns] = self.arrays.heard_ns[rows, columns] = stamps[rows, columns]
+        self.arrays.stamp_ns[rows, columns] = self.arrays.heard_ns[rows, columns] = stamps[
+            rows, columns
+        ]
         self.arrays.numbers[rows, columns] = arrived.numbers[senders]
         for kind, flag in enumerate((is_valid, is_airborne, is_cooperative, is_cooperative)):
             self.arrays.flags[rows, kind, columns] = flag[senders]
@@ -122,10 +141,14 @@ class Tables:
             table.set_ages(row, now_ns, has_one)
 
     def snapshots(self, rows: Sequence[int], now_ns: int) -> tuple[Rows, BoolArray]:
-        """Return the snapshots of some of the tables (n, K) as rows of Neighbour, and which of them are present."""
+        """Return the snapshots of some of the tables (n, K) as rows of Neighbour, and which of them
+        are present.
+        """
         at = np.asarray(rows)
         numbers, flags = self.arrays.numbers[at], self.arrays.flags[at]
-        ages_s = np.array([self.tables[row].ages_s(now_ns) for row in rows]).reshape(flags[:, 0].shape)
+        ages_s = np.array([self.tables[row].ages_s(now_ns) for row in rows]).reshape(
+            flags[:, 0].shape
+        )
         neighbours = NEIGHBOUR.rows(ages_s.shape)
         for name, columns in COLUMNS.items():
             neighbours[name] = numbers[:, :, columns]

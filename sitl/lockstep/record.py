@@ -1,4 +1,5 @@
-"""The flight record without a thread: the same files as in real time, written as the messages come."""
+"""The flight record without a thread: the same files as in real time, written as the messages come.
+"""
 
 from __future__ import annotations
 
@@ -11,14 +12,17 @@ from onboard.bus.topics import Topic
 
 
 class LockstepRecord:
-    """Writes ``flight.mcap``, ``events.txt`` and ``orders.txt``; OSError when the folder cannot be made.
+    """Writes ``flight.mcap``, ``events.txt`` and ``orders.txt``; OSError when the folder cannot be
+    made.
 
     Args:
-        begin_ns: zero of the texts' seconds. say: called with severity, code and sentence, once when the disk refuses,
-            and once when there are too many channels.
+        begin_ns: zero of the texts' seconds. say: called with severity, code and sentence, once
+            when the disk refuses, and once when there are too many channels.
     """
 
-    def __init__(self, folder: Path, begin_ns: int, *, say: Callable[[str, str, str], None]) -> None:
+    def __init__(
+        self, folder: Path, begin_ns: int, *, say: Callable[[str, str, str], None]
+    ) -> None:
         self.folder, self._say = folder, say
         self.failure: str | None = None
         folder.mkdir(parents=True, exist_ok=True)

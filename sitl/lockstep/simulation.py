@@ -1,8 +1,10 @@
-"""Agents' cores, emulated vehicles, motion capture and bus, advanced together by physics steps of 4 ms.
+"""Agents' cores, emulated vehicles, motion capture and bus, advanced together by physics steps of 4
+ms.
 
-One step, always in this order: what was planned for this time, physics and autopilots, links, motion capture and
-ground truth, the bus, and every fifth step the agents. All agents tick at the same instant: what a neighbour tells is
-then one whole period old when it is used, the worst case of a real fleet, whose ticks lie anywhere.
+One step, always in this order: what was planned for this time, physics and autopilots, links,
+motion capture and ground truth, the bus, and every fifth step the agents. All agents tick at the
+same instant: what a neighbour tells is then one whole period old when it is used, the worst case of
+a real fleet, whose ticks lie anywhere.
 """
 
 from __future__ import annotations
@@ -63,7 +65,9 @@ class Simulation:
             stamp_ns=lambda time_s: EPOCH_NS + round(time_s * 1e9),
         )
         radio = None if fleet.radio is None else (fleet.radio, frozenset(self.names))
-        self.bus = SimBus((bus or BusSettings()).over(fleet.radio), self.clock_ns, seed=seed, radio=radio)
+        self.bus = SimBus(
+            (bus or BusSettings()).over(fleet.radio), self.clock_ns, seed=seed, radio=radio
+        )
         self._node = self.bus.node(_SIMULATOR)
         self._node.start()
         self._poses = PosePublisher(self._node)
@@ -95,18 +99,26 @@ class Simulation:
         return self.emulator.time_s
 
     def at(self, time_s: float, function: Callable[[], object]) -> None:
-        """Call ``function`` before the first step at or after ``time_s``; at once when that has passed already."""
+        """Call ``function`` before the first step at or after ``time_s``; at once when that has
+        passed already.
+        """
         heapq.heappush(self._planned, (round(time_s * 1e9), next(self._count), function))
 
     def inject(self, fault: Fault) -> Fault:
-        """Plan a fault of emulator, link, motion capture, bus or agent; FaultError when that is impossible."""
+        """Plan a fault of emulator, link, motion capture, bus or agent; FaultError when that is
+        impossible.
+        """
         return self.emulator.inject(fault)
 
     def _change_outside(self, fault: Fault, is_on: bool) -> None:
         """Begin or end a fault of the bus or of an agent."""
         if fault.name in ("agent_dead", "agent_hang"):
             agent = self.agents[fault.vehicle]
-            change = (agent.kill, agent.start) if fault.name == "agent_dead" else (agent.hang, agent.resume)
+            change = (
+                (agent.kill, agent.start)
+                if fault.name == "agent_dead"
+                else (agent.hang, agent.resume)
+            )
             change[not is_on]()
             return
         which = fault.word("others") if fault.name == "bus_cut" else "all"
@@ -114,7 +126,9 @@ class Simulation:
             if which != "all" and (which == "vehicles") != (other in self.agents):
                 continue
             if fault.name == "bus_cut":
-                self.bus.cut(fault.vehicle, other) if is_on else self.bus.heal((fault.vehicle, other))
+                self.bus.cut(fault.vehicle, other) if is_on else self.bus.heal(
+                    (fault.vehicle, other)
+                )
             elif is_on:
                 quality = replace(self.bus.settings, loss=fault.number("share"))
                 quality = replace(quality, delay_s=quality.delay_s + fault.number("delay_s"))
@@ -135,7 +149,9 @@ class Simulation:
         if steps % TICK_STEPS == 0:
             arrivals = by_arrival(self.bus.take_bulk(), self._indices)
             self._tables.receive(list(self.agents.values()), arrivals, self.now_ns)
-            self._batch.tick([agent for agent in self.agents.values() if agent.is_ticking], self.now_ns)
+            self._batch.tick(
+                [agent for agent in self.agents.values() if agent.is_ticking], self.now_ns
+            )
 
     def _publish(self) -> None:
         poses, truths = self._broadcast.messages()
@@ -143,4 +159,5 @@ class Simulation:
             self._poses.publish(pose)
         for truth in truths:
             for _, on_message in self.bus.subscribers.get((Topic.TRUTH, "*"), ()):
-                on_message(Topic.TRUTH, truth.vehicle, truth)  # a judge's view: no fault of the bus touches it
+                # a judge's view: no fault of the bus touches it
+                on_message(Topic.TRUTH, truth.vehicle, truth)

@@ -1,4 +1,5 @@
-"""A pytest plugin with one fixture: ``lockstep``, which makes flights in simulated time and ends them with the test.
+"""A pytest plugin with one fixture: ``lockstep``, which makes flights in simulated time and ends
+them with the test.
 
 pytest_plugins = ["sitl.lockstep.testing"]
 
@@ -22,7 +23,8 @@ if TYPE_CHECKING:
 @pytest.fixture
 def lockstep() -> Iterator[Callable[..., Lockstep]]:
     """Make a :class:`Lockstep` with its own arguments: fleet, seed, law, bus, mocap, folder."""
-    from sitl.lockstep.flight import Lockstep  # here, so that the plugin costs nothing where it is not used
+    # here, so that the plugin costs nothing where it is not used
+    from sitl.lockstep.flight import Lockstep
 
     flights: list[Lockstep] = []
 

@@ -1,8 +1,9 @@
-"""MAVLink 2 bytes to messages and back, on pymavlink's tables. The only file of the emulator that imports pymavlink.
+"""MAVLink 2 bytes to messages and back, on pymavlink's tables. The only file of the emulator that
+imports pymavlink.
 
-pymavlink's message objects cost several microseconds each; here a message is a tuple in wire order, packed by the
-message's own struct, which gives the same bytes. What pymavlink's dialects lack (events, link node status, ...) is
-declared in `extra_dialect.py`.
+pymavlink's message objects cost several microseconds each; here a message is a tuple in wire order,
+packed by the message's own struct, which gives the same bytes. What pymavlink's dialects lack
+(events, link node status, ...) is declared in `extra_dialect.py`.
 """
 
 from __future__ import annotations
@@ -24,7 +25,8 @@ _SIGNATURE_BYTES = 13
 
 
 def _layout(message_id: int, entry: Any) -> Layout:
-    # Character arrays are one value of the struct; number arrays are as many values as they are long.
+    # Character arrays are one value of the struct; number arrays are as many values as they are
+    # long.
     counts = [
         array if array and kind != "char" else 0
         for array, kind in zip(
@@ -42,9 +44,9 @@ def _layout(message_id: int, entry: Any) -> Layout:
     )
 
 
-LAYOUTS: dict[int, Layout] = {number: _layout(number, entry) for number, entry in common.mavlink_map.items()} | {
-    layout.message_id: layout for layout in EXTRA
-}
+LAYOUTS: dict[int, Layout] = {
+    number: _layout(number, entry) for number, entry in common.mavlink_map.items()
+} | {layout.message_id: layout for layout in EXTRA}
 
 
 def _zero(layout: Layout, field_name: str) -> int | bytes:
@@ -55,7 +57,10 @@ def _zero(layout: Layout, field_name: str) -> int | bytes:
 
 
 _ZEROS: dict[str, tuple[tuple[str, int, Any], ...]] = {
-    layout.name: tuple((name, count, [0] * count if count else _zero(layout, name)) for name, count in layout.fields)
+    layout.name: tuple(
+        (name, count, [0] * count if count else _zero(layout, name))
+        for name, count in layout.fields
+    )
     for layout in LAYOUTS.values()
 }
 # What the encoder needs of each message: struct, id as two numbers, checksum seed.
@@ -99,7 +104,9 @@ class Decoder:
                 self.malformed += 1
                 break
             begin, (message, start) = start, frame
-            if message is not None and (self.takes is None or self._is_taken(message, datagram[begin:start])):
+            if message is not None and (
+                self.takes is None or self._is_taken(message, datagram[begin:start])
+            ):
                 messages.append(message)
         return messages
 
@@ -109,7 +116,9 @@ class Decoder:
 
 
 def _frame(data: bytes, start: int) -> tuple[Message | None, int] | None:
-    """Message at `start` and where the next one begins; (None, next) for an unknown id; None for what is no frame."""
+    """Message at `start` and where the next one begins; (None, next) for an unknown id; None for
+    what is no frame.
+    """
     magic, left = data[start], len(data) - start
     if magic == _MAGIC_V2 and left >= 12:
         length, incompat = data[start + 1], data[start + 2]
@@ -137,7 +146,9 @@ def _frame(data: bytes, start: int) -> tuple[Message | None, int] | None:
         return None
     size = layout.packer.size
     values = layout.packer.unpack(payload.ljust(size, b"\0")[:size])
-    return Message(layout.name, message_id, system_id, component_id, _named(layout, values)), start + total
+    return Message(
+        layout.name, message_id, system_id, component_id, _named(layout, values)
+    ), start + total
 
 
 def _named(layout: Layout, values: tuple[Any, ...]) -> dict[str, Any]:
@@ -165,16 +176,21 @@ class Encoder:
     system_id: int
     component_id: int = 1
     sequence: int = 0
-    is_signed: bool = False  # the frames say that a signature follows, which is added when they leave
+    # the frames say that a signature follows, which is added when they leave
+    is_signed: bool = False
 
     def encode(self, message_id: int, *values: Any) -> bytes:
-        """Bytes of a message from its values in wire order (arrays flattened), trailing zeros cut as MAVLink 2 does."""
+        """Bytes of a message from its values in wire order (arrays flattened), trailing zeros cut
+        as MAVLink 2 does.
+        """
         packer, id_low, id_high, extra = _ENCODED[message_id]
         payload = packer.pack(*values).rstrip(b"\0") or b"\0"
         sequence = self.sequence
         self.sequence = (sequence + 1) & 0xFF
         flags = _SIGNED if self.is_signed else 0
-        head = _HEAD.pack(len(payload), flags, sequence, self.system_id, self.component_id, id_low, id_high)
+        head = _HEAD.pack(
+            len(payload), flags, sequence, self.system_id, self.component_id, id_low, id_high
+        )
         # The magic byte is not part of the checksum; the seed of the message is, and is not sent.
         body = head + payload
         return b"\xfd" + body + _CHECKSUM.pack(mcrf4xx(body + extra))

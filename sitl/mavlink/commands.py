@@ -48,7 +48,8 @@ class CommandedLink(Protocol):
 class Command:
     """One command as it arrived."""
 
-    numbers: tuple[float, ...]  # the seven parameters; NaN, which clients send for what they do not use, is kept
+    # the seven parameters; NaN, which clients send for what they do not use, is kept
+    numbers: tuple[float, ...]
     is_integer: bool  # whether places are degrees times 1e7 (COMMAND_INT)
 
     def __getitem__(self, index: int) -> float:
@@ -71,7 +72,11 @@ def handle(link: CommandedLink, message: Message) -> list[bytes]:
     f = message.fields
     number = f["command"]
     is_integer = message.name == "COMMAND_INT"
-    last = (float(f["x"]), float(f["y"]), f["z"]) if is_integer else (f["param5"], f["param6"], f["param7"])
+    last = (
+        (float(f["x"]), float(f["y"]), f["z"])
+        if is_integer
+        else (f["param5"], f["param6"], f["param7"])
+    )
     command = Command((f["param1"], f["param2"], f["param3"], f["param4"], *last), is_integer)
     handler = _COMMANDS.get(number)
     version = link.autopilot.version
@@ -112,7 +117,11 @@ def _arm(link: CommandedLink, command: Command) -> Answer:
 
 
 def _set_mode(link: CommandedLink, command: Command) -> Answer:
-    base, main, sub = command.integer(1) & 0xFF, command.integer(2) & 0xFF, command.integer(3) & 0xFF
+    base, main, sub = (
+        command.integer(1) & 0xFF,
+        command.integer(2) & 0xFF,
+        command.integer(3) & 0xFF,
+    )
     return link.autopilot.request_mode(link.view.now_s, main, sub, base), []
 
 
@@ -128,7 +137,9 @@ def _reposition(link: CommandedLink, command: Command) -> Answer:
     result = link.autopilot.request(link.view.now_s, Mode.LOITER)
     if result is Result.ACCEPTED:
         scale = 1e-7 if command.is_integer else 1.0
-        latitude, longitude, altitude_m = (command.numbers[i] * s for i, s in ((4, scale), (5, scale), (6, 1.0)))
+        latitude, longitude, altitude_m = (
+            command.numbers[i] * s for i, s in ((4, scale), (5, scale), (6, 1.0))
+        )
         position = np.array(link.view.to_local(latitude, longitude, altitude_m))
         # No coordinate, or one that is on another continent: stay.
         link.autopilot.flight.hold_at(np.where(np.abs(position) < 1e4, position, math.nan))
@@ -176,7 +187,9 @@ def _set_interval(link: CommandedLink, command: Command) -> Answer:
 def _get_interval(link: CommandedLink, command: Command) -> Answer:
     wanted = command.integer(1) & 0xFFFF
     interval_us = link.schedule.interval_us(wanted)
-    return Result.ACCEPTED, [link.encoder.encode_named("MESSAGE_INTERVAL", message_id=wanted, interval_us=interval_us)]
+    return Result.ACCEPTED, [
+        link.encoder.encode_named("MESSAGE_INTERVAL", message_id=wanted, interval_us=interval_us)
+    ]
 
 
 def _send(link: CommandedLink, message_id: int) -> Answer:

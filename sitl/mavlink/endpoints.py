@@ -1,7 +1,8 @@
-"""Sockets of the emulator: where each link of each vehicle is bound, whom it streams to, and who has locked it.
+"""Sockets of the emulator: where each link of each vehicle is bound, whom it streams to, and who
+has locked it.
 
-PX4 starts to stream to a fixed port before it has heard anything. The first datagram that arrives, whatever it holds,
-decides whom it talks to from then on, for good.
+PX4 starts to stream to a fixed port before it has heard anything. The first datagram that arrives,
+whatever it holds, decides whom it talks to from then on, for good.
 """
 
 from __future__ import annotations
@@ -15,12 +16,18 @@ from typing import Protocol
 
 Address = tuple[str, int]
 
-# PX4's instance N binds 14580 + N for the companion that listens at 14540 + N, and 18570 + N for ground stations.
+# PX4's instance N binds 14580 + N for the companion that listens at 14540 + N, and 18570 + N for
+# ground stations.
 ONBOARD_PORT_OFFSET = 40
 GROUND_STATION: Address = ("127.0.0.1", 14550)
-# First companion port, first port of the ground link, and how many: PX4's own ports collide from the eleventh on.
-_LAYOUT: tuple[tuple[int, int, range], ...] = ((14540, 18570, range(10)), (15540, 19570, range(10, 255)))
-# SIH's link: instance N binds the one + N and sends to the other + N; from here on the two would meet
+# First companion port, first port of the ground link, and how many: PX4's own ports collide from
+# the eleventh on.
+_LAYOUT: tuple[tuple[int, int, range], ...] = (
+    (14540, 18570, range(10)),
+    (15540, 19570, range(10, 255)),
+)
+# SIH's link: instance N binds the one + N and sends to the other + N; from here on the two would
+# meet
 SIMULATOR_PORT, VIEWER_PORT, SIMULATOR_INSTANCES = 19450, 19410, 40
 _ENDPOINT = re.compile(r"(udpin|udpout)://([^:/]*|\[[^\]]*\]):(\d{1,5})")
 _MOST_READ_AT_ONCE = 64
@@ -41,15 +48,22 @@ class Ports:
 
 
 def onboard_ports(autopilot: str, key: str) -> Ports:
-    """The companion link: PX4 sends at once to where the agent listens, from its own port 40 higher."""
+    """The companion link: PX4 sends at once to where the agent listens, from its own port 40
+    higher.
+    """
     scheme, host, port = _parse(autopilot, key)
     if scheme == "udpout":
         return Ports((host, port), None)
-    return Ports((host, port + ONBOARD_PORT_OFFSET), ("127.0.0.1" if host == "0.0.0.0" else host, port))
+    return Ports(
+        (host, port + ONBOARD_PORT_OFFSET), ("127.0.0.1" if host == "0.0.0.0" else host, port)
+    )
 
 
-def ground_ports(autopilot: str, direct: str | None, key: str, station: Address | None) -> Ports | None:
-    """The ground station's link: the fleet file's `direct` endpoint, or what PX4's layout of ports says.
+def ground_ports(
+    autopilot: str, direct: str | None, key: str, station: Address | None
+) -> Ports | None:
+    """The ground station's link: the fleet file's `direct` endpoint, or what PX4's layout of ports
+    says.
 
     Args:
         autopilot, direct: endpoints of the vehicle in the fleet file.
@@ -61,18 +75,23 @@ def ground_ports(autopilot: str, direct: str | None, key: str, station: Address 
         return Ports((host, port), station)
     if station is None:
         return None
-    # Outside of PX4's layout any free port will do: a ground station answers where it is spoken to from.
+    # Outside of PX4's layout any free port will do: a ground station answers where it is spoken to
+    # from.
     return Ports(("127.0.0.1", ground_port_of(autopilot) or 0), station)
 
 
 def ground_port_of(autopilot: str) -> int | None:
-    """The port of PX4's ground link that belongs to a companion endpoint in PX4's layout; None outside of it."""
+    """The port of PX4's ground link that belongs to a companion endpoint in PX4's layout; None
+    outside of it.
+    """
     found = _instance(autopilot)
     return None if found is None else sum(found)
 
 
 def simulator_ports(autopilot: str) -> Ports | None:
-    """The link on which PX4's simulator SIH shows its true state to viewers; None outside of PX4's layout of ports."""
+    """The link on which PX4's simulator SIH shows its true state to viewers; None outside of PX4's
+    layout of ports.
+    """
     _, instance = _instance(autopilot) or (0, SIMULATOR_INSTANCES)
     if instance >= SIMULATOR_INSTANCES:
         return None
@@ -80,7 +99,9 @@ def simulator_ports(autopilot: str) -> Ports | None:
 
 
 def _instance(autopilot: str) -> tuple[int, int] | None:
-    """First port of the ground links, and the instance of PX4, of a companion endpoint in PX4's layout."""
+    """First port of the ground links, and the instance of PX4, of a companion endpoint in PX4's
+    layout.
+    """
     match = _ENDPOINT.fullmatch(autopilot)
     if match is None or match[1] != "udpin":
         return None
@@ -95,7 +116,9 @@ def station_of(text: str) -> Address:
     """`HOST:PORT` of a ground station as an address."""
     host, _, port = text.rpartition(":")
     if not port.isdigit() or not 0 < int(port) < 65536:
-        raise StartError(f"'{text}' is no address of a ground station. Write it as 127.0.0.1:14550.")
+        raise StartError(
+            f"'{text}' is no address of a ground station. Write it as 127.0.0.1:14550."
+        )
     return host or GROUND_STATION[0], int(port)
 
 
@@ -139,7 +162,8 @@ class Channel(Protocol):
 
 
 class Endpoint:
-    """One link and whom it talks to. Pure: datagrams come in with their sender and leave through `send`.
+    """One link and whom it talks to. Pure: datagrams come in with their sender and leave through
+    `send`.
 
     Args:
         link: what is said.
@@ -147,7 +171,9 @@ class Endpoint:
         send: puts a datagram on its way to an address.
     """
 
-    def __init__(self, link: Channel, peer: Address | None, send: Callable[[bytes, Address], object]) -> None:
+    def __init__(
+        self, link: Channel, peer: Address | None, send: Callable[[bytes, Address], object]
+    ) -> None:
         self.link = link
         self.peer = self._first_peer = peer
         self._boot = link.boot
@@ -208,7 +234,7 @@ class Socket:
 
 
 def read_all(ready: selectors.BaseSelector) -> None:
-    """Take what has arrived at any open socket. Once a step is enough, for nothing acts before the step; to wake up for
-    each datagram by itself would cost as much as all the rest."""
+    """Take what has arrived at any open socket. Once a step is enough, for nothing acts before the
+    step; to wake up for each datagram by itself would cost as much as all the rest."""
     for key, _ in ready.select(0):
         key.data()

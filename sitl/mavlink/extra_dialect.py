@@ -1,4 +1,5 @@
-"""Messages that PX4 sends or reads and pymavlink's common dialect does not know, declared by their fields in a table.
+"""Messages that PX4 sends or reads and pymavlink's common dialect does not know, declared by their
+fields in a table.
 
 The checksum seed follows from the declaration, as MAVLink's generators compute it.
 """
@@ -16,7 +17,9 @@ from fastcrc.crc16 import mcrf4xx
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """Encoding of one message: struct, checksum seed, and (name, count) of each field in the order of the encoding."""
+    """Encoding of one message: struct, checksum seed, and (name, count) of each field in the order
+    of the encoding.
+    """
 
     message_id: int
     name: str
@@ -37,7 +40,9 @@ _CODES = {
 
 
 def declare(message_id: int, name: str, fields: Sequence[str]) -> Layout:
-    """Layout of a message from its fields in wire order (largest first): ``type name`` or ``type name[count]``."""
+    """Layout of a message from its fields in wire order (largest first): ``type name`` or ``type
+    name[count]``.
+    """
     parsed: list[tuple[str, str, int]] = []
     for entry in fields:
         kind, _, rest = entry.partition(" ")
@@ -52,4 +57,6 @@ def declare(message_id: int, name: str, fields: Sequence[str]) -> Layout:
 
 
 _DECLARED = tomllib.loads(files(__package__).joinpath("extra_dialect.toml").read_text())
-EXTRA: tuple[Layout, ...] = tuple(declare(entry["id"], name, entry["fields"]) for name, entry in _DECLARED.items())
+EXTRA: tuple[Layout, ...] = tuple(
+    declare(entry["id"], name, entry["fields"]) for name, entry in _DECLARED.items()
+)

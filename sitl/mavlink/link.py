@@ -1,7 +1,8 @@
-"""One MAVLink link of one emulated PX4: what it answers and what it streams. Bytes in, bytes out; no sockets.
+"""One MAVLink link of one emulated PX4: what it answers and what it streams. Bytes in, bytes out;
+no sockets.
 
-Whatever a client sends, nothing here raises: unknown messages are ignored, broken ones counted, odd numbers tamed.
-Commands are in `commands.py`.
+Whatever a client sends, nothing here raises: unknown messages are ignored, broken ones counted, odd
+numbers tamed. Commands are in `commands.py`.
 """
 
 from __future__ import annotations
@@ -57,7 +58,9 @@ class Link:
         link_id: PX4's number of the link: 0 the ground's, 1 the companion's.
     """
 
-    def __init__(self, emulator: Emulator, index: int, rates_hz: Mapping[int, float], link_id: int = 1) -> None:
+    def __init__(
+        self, emulator: Emulator, index: int, rates_hz: Mapping[int, float], link_id: int = 1
+    ) -> None:
         self.emulator = emulator
         self.index = index
         self.view = View(emulator, index)
@@ -133,12 +136,15 @@ class Link:
 
     def ack(self, message: Message, command: int, result: Result) -> bytes:
         """COMMAND_ACK to the sender of a message."""
-        return self.encoder.encode(_ACK, command, int(result), 0, 0, message.system_id, message.component_id)
+        return self.encoder.encode(
+            _ACK, command, int(result), 0, 0, message.system_id, message.component_id
+        )
 
-    # -- texts, events, parameters ------------------------------------------------------------------------------
+    # -- texts, events, parameters -----------------------------------------------------------------
 
     def _texts(self, now_s: float) -> list[bytes]:
-        # PX4 tells a link its texts only while a ground station's heartbeat arrives on that very link.
+        # PX4 tells a link its texts only while a ground station's heartbeat arrives on that very
+        # link.
         journal = self.autopilot.journal
         new = journal.texts.since(self._texts_sent)
         self._texts_sent = journal.texts.count
@@ -152,7 +158,8 @@ class Link:
 
     def _chunks(self, text: Text) -> list[bytes]:
         raw = text.text.encode("ascii", "replace")
-        self._text_id = (self._text_id + 1) & 0xFFFF  # PX4 begins with 0, and counts short texts too
+        # PX4 begins with 0, and counts short texts too
+        self._text_id = (self._text_id + 1) & 0xFFFF
         pieces = [raw[start : start + _TEXT_CHUNK] for start in range(0, len(raw), _TEXT_CHUNK)]
         return [
             self.encoder.encode(_STATUSTEXT, text.severity, piece, self._text_id, index)
@@ -162,7 +169,9 @@ class Link:
     def _event(self, event: Event) -> bytes:
         time_ms = round((event.time_s - self.autopilot.boot_time_s) * 1e3) & 0xFFFFFFFF
         arguments = event.arguments.ljust(40, b"\0")
-        return self.encoder.encode(_EVENT, event.event_id, time_ms, event.sequence, 0, 0, event.log_levels, *arguments)
+        return self.encoder.encode(
+            _EVENT, event.event_id, time_ms, event.sequence, 0, 0, event.log_levels, *arguments
+        )
 
     def _param_value(self, name: str) -> bytes:
         params = self.autopilot.params
@@ -170,9 +179,11 @@ class Link:
             value, index, kind = params.hash_value(), _HASH_INDEX, MAV_PARAM_TYPE_UINT32
         else:
             value, index, kind = params.encoded_value(name), params.index(name), params.kind(name)
-        return self.encoder.encode(_PARAM_VALUE, value, len(params.values), index, name.encode("ascii"), kind)
+        return self.encoder.encode(
+            _PARAM_VALUE, value, len(params.values), index, name.encode("ascii"), kind
+        )
 
-    # -- for whom a message is ----------------------------------------------------------------------------------
+    # -- for whom a message is ---------------------------------------------------------------------
 
     def _is_heard(self, message: Message) -> bool:
         """Whether it is for this vehicle, or for all."""
@@ -180,18 +191,25 @@ class Link:
 
     def _is_for_autopilot(self, message: Message) -> bool:
         """Whether it is for this vehicle's autopilot, or for all."""
-        return self._is_heard(message) and message.fields["target_component"] in (0, _AUTOPILOT_COMPONENT)
+        return self._is_heard(message) and message.fields["target_component"] in (
+            0,
+            _AUTOPILOT_COMPONENT,
+        )
 
     def _is_ours(self, message: Message) -> bool:
-        """Whether it is for this very vehicle's autopilot: parameters and commands are not taken from broadcasts."""
-        return message.fields["target_system"] == self.view.system_id and self._is_for_autopilot(message)
+        """Whether it is for this very vehicle's autopilot: parameters and commands are not taken
+        from broadcasts.
+        """
+        return message.fields["target_system"] == self.view.system_id and self._is_for_autopilot(
+            message
+        )
 
     def _is_command_for_us(self, message: Message) -> bool:
         """Whether a command is for this autopilot; some are answered by everybody."""
         is_for_everybody = message.fields["command"] in commands.FOR_EVERYBODY
         return self._is_heard(message) if is_for_everybody else self._is_ours(message)
 
-    # -- messages -----------------------------------------------------------------------------------------------
+    # -- messages ----------------------------------------------------------------------------------
 
     def _heartbeat(self, message: Message) -> None:
         if message.fields["type"] == _MAV_TYPE_GCS:
@@ -218,7 +236,13 @@ class Link:
     def _param_read(self, message: Message) -> list[bytes]:
         names = self.autopilot.params.names()
         index = message.fields["param_index"]
-        name = text_of(message.fields["param_id"]) if index < 0 else names[index] if index < len(names) else ""
+        name = (
+            text_of(message.fields["param_id"])
+            if index < 0
+            else names[index]
+            if index < len(names)
+            else ""
+        )
         is_known = name in self.autopilot.params.values or name == HASH_CHECK
         return [self._param_value(name)] if is_known else []
 
@@ -228,7 +252,8 @@ class Link:
         if name == HASH_CHECK:
             self._params_to_send.clear()  # the ground station knows them all
             return []
-        # An unknown name and a wrong type are met with silence: PX4 only writes them to its console.
+        # An unknown name and a wrong type are met with silence: PX4 only writes them to its
+        # console.
         if not self.autopilot.params.set_encoded(name, f["param_value"], f["param_type"]):
             return []
         self.emulator.parameters_changed(self.index)
@@ -241,7 +266,9 @@ class Link:
 
     def _sticks(self, message: Message) -> None:
         f = message.fields
-        if f["target"] == self.view.system_id and all(abs(f[axis]) <= _FULL_STICK for axis in "xyzr"):
+        if f["target"] == self.view.system_id and all(
+            abs(f[axis]) <= _FULL_STICK for axis in "xyzr"
+        ):
             x, y, z, r = (f[axis] / _FULL_STICK for axis in "xyzr")
             self.autopilot.take_sticks(self.view.now_s, (x, y, z, r))
 
@@ -254,7 +281,9 @@ class Link:
         is_known = frame in setpoints.ABOVE_SEA or frame in setpoints.ABOVE_HOME
         if not is_known or not self.view.has_origin:
             return
-        above_sea_m = f["alt"] + (self.view.home_altitude_m if frame in setpoints.ABOVE_HOME else 0.0)
+        above_sea_m = f["alt"] + (
+            self.view.home_altitude_m if frame in setpoints.ABOVE_HOME else 0.0
+        )
         position = self.view.to_local(f["lat_int"] * 1e-7, f["lon_int"] * 1e-7, above_sea_m)
         setpoint = setpoints.from_global(f, position, now_s=self.view.now_s)
         if isinstance(setpoint, Setpoint):
@@ -266,7 +295,11 @@ class Link:
             w, x, y, z = f["q"]
             yaw_rad = math.atan2(2.0 * (w * z + x * y), w * w + x * x - y * y - z * z)
             has_velocity = math.isfinite(f["vx"] + f["vy"] + f["vz"])
-            self._take_vision(message, yaw_rad if abs(w) + abs(x) + abs(y) + abs(z) > 0.0 else math.nan, has_velocity)
+            self._take_vision(
+                message,
+                yaw_rad if abs(w) + abs(x) + abs(y) + abs(z) > 0.0 else math.nan,
+                has_velocity,
+            )
 
     def _vision(self, message: Message) -> None:
         self._take_vision(message, message.fields["yaw"], False)
@@ -291,7 +324,9 @@ class Link:
     def _set_mode(self, message: Message) -> list[bytes]:
         f = message.fields
         custom = f["custom_mode"]
-        result = self.autopilot.request_mode(self.view.now_s, custom >> 16 & 0xFF, custom >> 24 & 0xFF, f["base_mode"])
+        result = self.autopilot.request_mode(
+            self.view.now_s, custom >> 16 & 0xFF, custom >> 24 & 0xFF, f["base_mode"]
+        )
         return [self.ack(message, _DO_SET_MODE, result)]
 
     def _setup_signing(self, message: Message) -> None:
@@ -319,14 +354,18 @@ class Link:
             )
         ]
 
-    # -- what is not emulated: refused, so that nobody waits for a timeout ----------------------------------------
+    # -- what is not emulated: refused, so that nobody waits for a timeout -------------------------
 
     def _mission_list(self, message: Message) -> list[bytes]:
         return [self._to_sender("MISSION_COUNT", message)]
 
     def _mission_upload(self, message: Message) -> list[bytes]:
         unsupported = 3
-        return [self._to_sender("MISSION_ACK", message, type=0 if message.fields["count"] == 0 else unsupported)]
+        return [
+            self._to_sender(
+                "MISSION_ACK", message, type=0 if message.fields["count"] == 0 else unsupported
+            )
+        ]
 
     def _mission_clear(self, message: Message) -> list[bytes]:
         return [self._to_sender("MISSION_ACK", message)]
@@ -357,7 +396,11 @@ class Link:
         else:
             answer[3], answer[4] = _FTP_NAK, 1
             answer[12] = _FTP_NOT_FOUND if operation in (_FTP_OPEN, _FTP_LIST) else _FTP_FAIL
-        return [self.encoder.encode(message.message_id, 0, message.system_id, message.component_id, *answer)]
+        return [
+            self.encoder.encode(
+                message.message_id, 0, message.system_id, message.component_id, *answer
+            )
+        ]
 
 
 class Reaction(NamedTuple):
@@ -377,7 +420,8 @@ _REACTIONS: dict[str, Reaction] = {
     "COMMAND_LONG": Reaction(commands.handle, Link._is_command_for_us),
     "COMMAND_INT": Reaction(commands.handle, Link._is_command_for_us),
     "SET_MODE": Reaction(Link._set_mode),
-    "SETUP_SIGNING": Reaction(Link._setup_signing, lambda *_: True),  # whatever system it is addressed to
+    # whatever system it is addressed to
+    "SETUP_SIGNING": Reaction(Link._setup_signing, lambda *_: True),
     "SET_GPS_GLOBAL_ORIGIN": Reaction(Link._set_origin),
     "SET_ATTITUDE_TARGET": Reaction(Link._attitude_target, Link._is_for_autopilot),
     "SET_POSITION_TARGET_LOCAL_NED": Reaction(Link._position_target, Link._is_for_autopilot),

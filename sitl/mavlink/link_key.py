@@ -1,4 +1,6 @@
-"""The key of MAVLink signing at one link: when its messages are signed and checked, and SETUP_SIGNING."""
+"""The key of MAVLink signing at one link: when its messages are signed and checked, and
+SETUP_SIGNING.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +33,11 @@ class LinkKey:
     def signed(self, frames: list[bytes]) -> list[bytes]:
         """Return frames as they leave, in this order."""
         # one that was made before a key came or went says so itself
-        return [self._signing.sign(frame) if frame[2] & 1 else frame for frame in frames] if self._store.key else frames
+        return (
+            [self._signing.sign(frame) if frame[2] & 1 else frame for frame in frames]
+            if self._store.key
+            else frames
+        )
 
     def set_up(self, px4: Autopilot, now_s: float, message: Message) -> None:
         """Take a key, or none, as SETUP_SIGNING says."""

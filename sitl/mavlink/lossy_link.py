@@ -1,4 +1,6 @@
-"""A MAVLink link behind its two wires: what arrives and what leaves passes the link's faults; a restart begins anew."""
+"""A MAVLink link behind its two wires: what arrives and what leaves passes the link's faults; a
+restart begins anew.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +20,9 @@ class LossyLink:
         name: "companion" or "ground", as faults call it; or "simulator".
     """
 
-    def __init__(self, emulator: Emulator, index: int, rates_hz: Mapping[int, float], name: str) -> None:
+    def __init__(
+        self, emulator: Emulator, index: int, rates_hz: Mapping[int, float], name: str
+    ) -> None:
         self._emulator, self._index, self._rates_hz = emulator, index, rates_hz
         self._link_id = _LINK_IDS.index(name)
         wires = emulator.disturbances.wires[index]
@@ -47,7 +51,9 @@ class LossyLink:
 
     def _arrived(self, now_s: float) -> list[bytes]:
         self._follow_restart()
-        return [answer for datagram in self._in.pop(now_s) for answer in self.link.receive(datagram)]
+        return [
+            answer for datagram in self._in.pop(now_s) for answer in self.link.receive(datagram)
+        ]
 
     def _leave(self, now_s: float, datagrams: list[bytes]) -> list[bytes]:
         if self._out.is_clear:

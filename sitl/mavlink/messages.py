@@ -1,4 +1,5 @@
-"""Contents of the streamed messages of a PX4: one builder each, from a view of the vehicle to values in field order.
+"""Contents of the streamed messages of a PX4: one builder each, from a view of the vehicle to
+values in field order.
 
 A builder returns None while PX4 has nothing to say.
 """
@@ -20,7 +21,8 @@ from sitl.px4.signals import SetpointKind
 _MAV_TYPE_QUADROTOR = 2
 _MAV_AUTOPILOT_PX4 = 12
 _PREARM_BIT = 0x10000000
-# Gyro, accelerometer, magnetometer, pressure, GPS, rate and attitude control, motors, AHRS, battery.
+# Gyro, accelerometer, magnetometer, pressure, GPS, rate and attitude control, motors, AHRS,
+# battery.
 _SENSOR_BITS = 0x1 | 0x2 | 0x4 | 0x8 | 0x20 | 0x400 | 0x800 | 0x8000 | 0x200000 | 0x2000000
 _GPS_BIT = 0x20
 _EXTENSION_BIT = 0x80000000  # there are further sensor bits in extension fields; always set
@@ -28,11 +30,13 @@ _NAN = math.nan
 _UINT16_MAX = 65535
 # Upper triangle of a 6x6 covariance, row by row.
 _DIAGONAL = frozenset({0, 6, 11, 15, 18, 20})
-# MAVLink's capability bits that PX4 shows: mission float and int, parameters float and bytewise, COMMAND_INT, FTP,
-# attitude and local position targets, flight termination, MAVLink 2, fence and rally missions.
+# MAVLink's capability bits that PX4 shows: mission float and int, parameters float and bytewise,
+# COMMAND_INT, FTP, attitude and local position targets, flight termination, MAVLink 2, fence and
+# rally missions.
 _CAPABILITIES = 0x1 | 0x2 | 0x4 | 0x8 | 0x10 | 0x20 | 0x40 | 0x80 | 0x800 | 0x2000 | 0x4000 | 0x8000
 
-_SIMULATION_UID = 0x4954414C44494E4F  # of a PX4 built for simulation, for system id 1; read from v1.16 and v1.18
+# of a PX4 built for simulation, for system id 1; read from v1.16 and v1.18
+_SIMULATION_UID = 0x4954414C44494E4F
 
 Values = tuple[Any, ...]
 Builder = Callable[[View], Values | None]
@@ -46,10 +50,13 @@ def _clip(value: float, low: int, high: int) -> int:
     return max(low, min(high, round(value))) if math.isfinite(value) else 0
 
 
-def _degrees_and_mm(latitude_deg: float, longitude_deg: float, altitude_m: float) -> tuple[int, int, int]:
+def _degrees_and_mm(
+    latitude_deg: float, longitude_deg: float, altitude_m: float
+) -> tuple[int, int, int]:
     """Return a place as MAVLink's integers: degrees times 1e7, and millimetres."""
     latitude, longitude, altitude = (
-        _clip(value, -(2**31), 2**31 - 1) for value in (latitude_deg * 1e7, longitude_deg * 1e7, altitude_m * 1e3)
+        _clip(value, -(2**31), 2**31 - 1)
+        for value in (latitude_deg * 1e7, longitude_deg * 1e7, altitude_m * 1e3)
     )
     return latitude, longitude, altitude
 
@@ -58,18 +65,29 @@ def _int16(value: float) -> int:
     return _clip(value, -32768, 32767)
 
 
-# -- state of the autopilot -------------------------------------------------------------------------------------------
+# -- state of the autopilot ------------------------------------------------------------------------
 
 
 def heartbeat(v: View) -> Values:
     a, now = v.autopilot, v.now_s
     custom = MODES[a.shown_mode].custom_mode
-    return (custom, _MAV_TYPE_QUADROTOR, _MAV_AUTOPILOT_PX4, a.base_mode(now), int(a.system_status(now)), 3)
+    return (
+        custom,
+        _MAV_TYPE_QUADROTOR,
+        _MAV_AUTOPILOT_PX4,
+        a.base_mode(now),
+        int(a.system_status(now)),
+        3,
+    )
 
 
 def current_mode(v: View) -> Values:
     mode = v.autopilot.shown_mode
-    return (MODES[mode].custom_mode, MODES[v.autopilot.intent].custom_mode, MODES[mode].standard_mode)
+    return (
+        MODES[mode].custom_mode,
+        MODES[v.autopilot.intent].custom_mode,
+        MODES[mode].standard_mode,
+    )
 
 
 def sys_status(v: View) -> Values:
@@ -83,7 +101,19 @@ def sys_status(v: View) -> Values:
     health |= _EXTENSION_BIT
     battery = autopilot.battery
     current_ca = autopilot.version.no_current_ca
-    return (present, present, health, 100, battery.voltage_mv, current_ca, *[0] * 6, battery.remaining_pct, 0, 0, 0)
+    return (
+        present,
+        present,
+        health,
+        100,
+        battery.voltage_mv,
+        current_ca,
+        *[0] * 6,
+        battery.remaining_pct,
+        0,
+        0,
+        0,
+    )
 
 
 def battery_status(v: View) -> Values:
@@ -150,7 +180,7 @@ def flight_information(v: View) -> Values:
     return (0, 0, 0, v.boot_ms, 0)
 
 
-# -- attitude and position --------------------------------------------------------------------------------------------
+# -- attitude and position -------------------------------------------------------------------------
 
 
 def attitude(v: View) -> Values:
@@ -246,17 +276,27 @@ def gps_global_origin(v: View) -> Values | None:
     return (*_degrees_and_mm(*v.origin_deg, v.origin_altitude_m), v.boot_us)
 
 
-# -- setpoints and outputs --------------------------------------------------------------------------------------------
+# -- setpoints and outputs -------------------------------------------------------------------------
 
 
 def attitude_target(v: View) -> Values:
     actuation = v.autopilot.actuation
-    return (v.boot_ms, *actuation.attitude.tolist(), *actuation.rate_rad_s.tolist(), actuation.thrust_frac, 0)
+    return (
+        v.boot_ms,
+        *actuation.attitude.tolist(),
+        *actuation.rate_rad_s.tolist(),
+        actuation.thrust_frac,
+        0,
+    )
 
 
 def position_target_local_ned(v: View) -> Values | None:
     a = v.autopilot
-    if a.mode is Mode.OFFBOARD and a.setpoint is not None and a.setpoint.kind is not SetpointKind.POSITION:
+    if (
+        a.mode is Mode.OFFBOARD
+        and a.setpoint is not None
+        and a.setpoint.kind is not SetpointKind.POSITION
+    ):
         return None
     goal = a.flight.goal
     if goal is None:
@@ -271,7 +311,9 @@ def position_target_global_int(v: View) -> Values | None:
         return None
     north, east, down = a.flight.goal.position_ned_m.tolist()
     here = v.sensed.position_ned_m
-    position = tuple(g if math.isfinite(g) else h for g, h in zip((north, east, down), here, strict=True))
+    position = tuple(
+        g if math.isfinite(g) else h for g, h in zip((north, east, down), here, strict=True)
+    )
     latitude, longitude, height = v.to_global((position[0], position[1], position[2]))
     return (v.boot_ms, round(latitude * 1e7), round(longitude * 1e7), height, *((0.0,) * 8), 0, 5)
 
@@ -288,7 +330,26 @@ def _pulse(v: View) -> int:
 
 def servo_output_raw(v: View) -> Values:
     pulse = _pulse(v)
-    return (v.boot_us & 0xFFFFFFFF, pulse, pulse, pulse, pulse, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0)
+    return (
+        v.boot_us & 0xFFFFFFFF,
+        pulse,
+        pulse,
+        pulse,
+        pulse,
+        0,
+        0,
+        0,
+        0,
+        0,
+        0,
+        0,
+        0,
+        0,
+        0,
+        0,
+        0,
+        0,
+    )
 
 
 def actuator_output_status(v: View) -> Values:
@@ -300,7 +361,7 @@ def hil_actuator_controls(v: View) -> Values:
     return (v.boot_us, 0, *((thrust,) * 4), *((0.0,) * 12), 129 if v.autopilot.is_armed else 1)
 
 
-# -- sensors ----------------------------------------------------------------------------------------------------------
+# -- sensors ---------------------------------------------------------------------------------------
 
 
 def highres_imu(v: View) -> Values:
@@ -340,7 +401,9 @@ def hil_state_quaternion(v: View) -> Values:
     states, i = v.emulator.world.vehicles.states, v.index
     north, east, down = states.position_ned_m[i].tolist()
     start_east, start_north, start_up = v.emulator.specs[i].start_enu_m
-    position = _degrees_and_mm(*v.to_global((north - start_north, east - start_east, down + start_up)))
+    position = _degrees_and_mm(
+        *v.to_global((north - start_north, east - start_east, down + start_up))
+    )
     speed = [_int16(100.0 * c) for c in states.velocity_ned_m_s[i].tolist()]
     p, q = states.tilt_rate_rad_s[i].tolist()
     attitude_wxyz = states.attitude[i].tolist()
@@ -348,7 +411,7 @@ def hil_state_quaternion(v: View) -> Values:
     return (0, *attitude_wxyz, p, q, float(states.yaw_rate_rad_s[i]), *position, *speed, 0, 0, *mg)
 
 
-# -- time, identity ---------------------------------------------------------------------------------------------------
+# -- time, identity --------------------------------------------------------------------------------
 
 
 def timesync(v: View) -> Values:

@@ -12,7 +12,17 @@ _NOT_MEASURED, _UNKNOWN = 32767, 255
 
 
 def esc_info(v: View) -> Values:
-    return (v.boot_us, *(0,) * 4, v.boot_ms // 100 & 0xFFFF, *(0,) * 4, *(_NOT_MEASURED,) * 4, 0, 4, 0, 0b1111)
+    return (
+        v.boot_us,
+        *(0,) * 4,
+        v.boot_ms // 100 & 0xFFFF,
+        *(0,) * 4,
+        *(_NOT_MEASURED,) * 4,
+        0,
+        4,
+        0,
+        0b1111,
+    )
 
 
 def esc_status(v: View) -> Values:

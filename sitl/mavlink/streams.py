@@ -18,17 +18,28 @@ FASTEST_HZ = 250.0  # the loop of PX4's simulator
 
 
 _TABLE = tomllib.loads(files(__package__).joinpath("streams.toml").read_text())
-_RATES: dict[int, list[float]] = {ID_BY_NAME[name]: rates for name, rates in _TABLE["rates_hz"].items()}
+_RATES: dict[int, list[float]] = {
+    ID_BY_NAME[name]: rates for name, rates in _TABLE["rates_hz"].items()
+}
 _BY_NAME = {**vars(messages), **vars(messages_of_versions)}
-BUILDERS: dict[int, Builder] = {ID_BY_NAME[name]: _BY_NAME[name.lower()] for name in _TABLE["rates_hz"]}
+BUILDERS: dict[int, Builder] = {
+    ID_BY_NAME[name]: _BY_NAME[name.lower()] for name in _TABLE["rates_hz"]
+}
 ONBOARD_RATES_HZ: dict[int, float] = {message_id: rates[0] for message_id, rates in _RATES.items()}
 GCS_RATES_HZ: dict[int, float] = {message_id: rates[1] for message_id, rates in _RATES.items()}
-SIMULATOR_RATES_HZ: dict[int, float] = {ID_BY_NAME[name]: rate for name, rate in _TABLE["simulator_hz"].items()}
-_CEILINGS_HZ: dict[int, float] = {message_id: (*rates, FASTEST_HZ)[2] for message_id, rates in _RATES.items()}
-SILENT: frozenset[int] = frozenset(ID_BY_NAME[name] for name in _TABLE["silent"]["names"] if name in ID_BY_NAME)
+SIMULATOR_RATES_HZ: dict[int, float] = {
+    ID_BY_NAME[name]: rate for name, rate in _TABLE["simulator_hz"].items()
+}
+_CEILINGS_HZ: dict[int, float] = {
+    message_id: (*rates, FASTEST_HZ)[2] for message_id, rates in _RATES.items()
+}
+SILENT: frozenset[int] = frozenset(
+    ID_BY_NAME[name] for name in _TABLE["silent"]["names"] if name in ID_BY_NAME
+)
 
 _HEARTBEAT = ID_BY_NAME["HEARTBEAT"]
-# After its start a PX4 says nothing for a moment, is alive a little later, and then knows its attitude.
+# After its start a PX4 says nothing for a moment, is alive a little later, and then knows its
+# attitude.
 _FIRST_PACKET_S = 0.3
 _FIRST_S: dict[int, float] = {
     _HEARTBEAT: 1.3,
@@ -47,7 +58,9 @@ def schedule_of(version: Version, rates_hz: Mapping[int, float]) -> Schedule:
         rates_hz: default rate of each message that some version streams.
     """
     silent = {ID_BY_NAME[name] for name in version.silent_streams}
-    return Schedule({key: rate for key, rate in rates_hz.items() if key not in silent}, SILENT | silent)
+    return Schedule(
+        {key: rate for key, rate in rates_hz.items() if key not in silent}, SILENT | silent
+    )
 
 
 @dataclass(slots=True)
@@ -60,7 +73,8 @@ class Schedule:
     _due: list[tuple[float, int]] = field(default_factory=list)
 
     def start(self, now_s: float, *, boot_s: float = 0.0, phase: int = 0) -> None:
-        """Schedule everything at its default rate, spread out so that neither all messages nor all vehicles coincide.
+        """Schedule everything at its default rate, spread out so that neither all messages nor all
+        vehicles coincide.
 
         Args:
             now_s, boot_s: present time and when the autopilot started.
@@ -74,10 +88,16 @@ class Schedule:
                 heapq.heappush(self._due, (max(now_s, earliest_s) + spread_s, message_id))
 
     def set_interval(self, message_id: int, interval_us: float, now_s: float) -> bool:
-        """MAV_CMD_SET_MESSAGE_INTERVAL: below zero stops, zero is the default; False for what cannot be set."""
+        """MAV_CMD_SET_MESSAGE_INTERVAL: below zero stops, zero is the default; False for what
+        cannot be set.
+        """
         if message_id in self.silent:
             return True
-        if message_id not in self.default_hz or message_id == _HEARTBEAT or not math.isfinite(interval_us):
+        if (
+            message_id not in self.default_hz
+            or message_id == _HEARTBEAT
+            or not math.isfinite(interval_us)
+        ):
             return False
         if interval_us > 0.0:
             interval_s = max(interval_us * 1e-6, 1.0 / _CEILINGS_HZ[message_id])
@@ -106,5 +126,7 @@ class Schedule:
         while heap and heap[0][0] <= limit_s:
             at_s, message_id = heap[0]
             due.append(message_id)
-            heapq.heapreplace(heap, (max(at_s, now_s - 0.1) + self._interval_s[message_id], message_id))
+            heapq.heapreplace(
+                heap, (max(at_s, now_s - 0.1) + self._interval_s[message_id], message_id)
+            )
         return due

@@ -1,4 +1,6 @@
-"""One vehicle as its messages show it: estimate and sensors, in PX4's frames, computed once per step and kept."""
+"""One vehicle as its messages show it: estimate and sensors, in PX4's frames, computed once per
+step and kept.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,8 @@ from sitl.px4.estimator import HOME_ALTITUDE_M as HOME_ALTITUDE_M
 HOME_LATITUDE_DEG, HOME_LONGITUDE_DEG = 47.397742, 8.545594
 METRES_PER_DEGREE = 111_319.49
 METRES_PER_DEGREE_EAST = METRES_PER_DEGREE * math.cos(math.radians(HOME_LATITUDE_DEG))
-HALF_NOISE_RAD = tuple(0.5 * math.radians(std_deg) for std_deg in (0.06, 0.06, 0.11))  # of roll, pitch and yaw
+# of roll, pitch and yaw
+HALF_NOISE_RAD = tuple(0.5 * math.radians(std_deg) for std_deg in (0.06, 0.06, 0.11))
 _GYRO_NOISE_RAD_S = math.radians(0.33)
 # Accelerometer noise of PX4's simulator per sample, and the little that is left on the ground.
 _ACCEL_NOISE_M_S2 = (0.5, 1.7, 1.4)
@@ -39,7 +42,8 @@ class Sensed(NamedTuple):
 class View:
     """Values that the streams of one vehicle carry.
 
-    Sensor noise has a generator of its own, so that who listens, and to what, does not change how the vehicle flies.
+    Sensor noise has a generator of its own, so that who listens, and to what, does not change how
+    the vehicle flies.
 
     Args:
         emulator, index: the vehicle.
@@ -117,7 +121,10 @@ class View:
     def origin_deg(self) -> tuple[float, float]:
         """Latitude and longitude of the local frame's origin."""
         east, north, _ = self.emulator.specs[self.index].start_enu_m
-        return HOME_LATITUDE_DEG + north / METRES_PER_DEGREE, HOME_LONGITUDE_DEG + east / METRES_PER_DEGREE_EAST
+        return (
+            HOME_LATITUDE_DEG + north / METRES_PER_DEGREE,
+            HOME_LONGITUDE_DEG + east / METRES_PER_DEGREE_EAST,
+        )
 
     @property
     def global_position(self) -> Vector:
@@ -150,7 +157,9 @@ class View:
 
     @property
     def has_origin(self) -> bool:
-        """Whether PX4 knows where on earth its local frame is: from satellites, or because somebody said so."""
+        """Whether PX4 knows where on earth its local frame is: from satellites, or because somebody
+        said so.
+        """
         return self.has_fix or self.emulator.has_global_origin[self.index]
 
     @property
@@ -161,7 +170,9 @@ class View:
 
     @property
     def reset_counter(self) -> int:
-        """Number of jumps of the estimate, modulo 256; PX4's filter has jumped a dozen times before it rests."""
+        """Number of jumps of the estimate, modulo 256; PX4's filter has jumped a dozen times before
+        it rests.
+        """
         return self.emulator.estimator.reset_counter(self.index)
 
     def accelerometer(self) -> Vector:
@@ -196,15 +207,20 @@ class View:
 
 
 def measured_attitude(
-    attitude: list[float], yaw_error_rad: float, half_noise_rad: list[float], lean_rad: Sequence[float] = (0.0, 0.0)
+    attitude: list[float],
+    yaw_error_rad: float,
+    half_noise_rad: list[float],
+    lean_rad: Sequence[float] = (0.0, 0.0),
 ) -> Quaternion:
     """Return the attitude NED <- FRD that an autopilot believes in, with a sample of noise.
 
-    The compass's error turns it about the vertical, the filter's about north and east; the noise is small enough for a
-    linear turn.
+    The compass's error turns it about the vertical, the filter's about north and east; the noise is
+    small enough for a linear turn.
     """
     w, x, y, z = attitude
-    w, x, y, z = frames.headed(frames.leant((w, x, y, z), -lean_rad[0], -lean_rad[1]), yaw_error_rad)
+    w, x, y, z = frames.headed(
+        frames.leant((w, x, y, z), -lean_rad[0], -lean_rad[1]), yaw_error_rad
+    )
     a, b, d = half_noise_rad
     w, x, y, z = (
         w - x * a - y * b - z * d,

@@ -1,4 +1,6 @@
-"""Flights in chunks over several processes; neither the chunks nor the processes change a digit of the results."""
+"""Flights in chunks over several processes; neither the chunks nor the processes change a digit of
+the results.
+"""
 
 from __future__ import annotations
 
@@ -36,7 +38,9 @@ def campaign(
     if jobs == 1 or len(chunks) == 1:
         yield from map(_fly_chunk, chunks)
         return
-    with ProcessPoolExecutor(min(jobs, len(chunks)), mp_context=multiprocessing.get_context("spawn")) as pool:
+    with ProcessPoolExecutor(
+        min(jobs, len(chunks)), mp_context=multiprocessing.get_context("spawn")
+    ) as pool:
         try:
             yield from pool.map(_fly_chunk, chunks)
         except BaseException:
@@ -45,7 +49,9 @@ def campaign(
 
 
 def _parts(seeds: Sequence[int], count: int, jobs: int) -> list[Sequence[int]]:
-    size = max(1, min(CHUNK_VEHICLES // count, _CHUNK_LINKS // (count * count), -(-len(seeds) // jobs)))
+    size = max(
+        1, min(CHUNK_VEHICLES // count, _CHUNK_LINKS // (count * count), -(-len(seeds) // jobs))
+    )
     return [seeds[k : k + size] for k in range(0, len(seeds), size)]
 
 

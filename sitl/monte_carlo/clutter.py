@@ -1,4 +1,6 @@
-"""Static obstacles of scenarios: a forest of pillars, and a wall with a gap; and how near bodies come to them."""
+"""Static obstacles of scenarios: a forest of pillars, and a wall with a gap; and how near bodies
+come to them.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,8 @@ _WALL_M, _WALL_RADIUS_M = 3.0, 0.1
 
 
 def forest(rows: int, seed: int) -> tuple[Capsule, ...]:
-    """Return pillars on a jittered grid about the origin, three deep in x; between any two is room to pass.
+    """Return pillars on a jittered grid about the origin, three deep in x; between any two is room
+    to pass.
 
     Args:
         rows: of pillars, along y.
@@ -40,7 +43,10 @@ def gap() -> tuple[Capsule, ...]:
     """Return the two walls along x = 0 that leave a gap about the origin."""
     near = 0.5 * GAP_M + _WALL_RADIUS_M
     far = near + _WALL_M
-    return tuple(Capsule(Vec2(0.0, side * near), Vec2(0.0, side * far), _WALL_RADIUS_M) for side in (-1.0, 1.0))
+    return tuple(
+        Capsule(Vec2(0.0, side * near), Vec2(0.0, side * far), _WALL_RADIUS_M)
+        for side in (-1.0, 1.0)
+    )
 
 
 def scaled(obstacles: Sequence[Capsule], scale: float) -> tuple[Capsule, ...]:
@@ -58,7 +64,8 @@ def scaled(obstacles: Sequence[Capsule], scale: float) -> tuple[Capsule, ...]:
 
 
 def clearances_m(position_enu_m: Array, obstacles: Sequence[Capsule], body_m: float) -> Array:
-    """Return for each flight the smallest distance (F,) of a body's outline from an obstacle's; inf without any.
+    """Return for each flight the smallest distance (F,) of a body's outline from an obstacle's; inf
+    without any.
 
     Args:
         position_enu_m: (F, N, 3).
@@ -67,7 +74,10 @@ def clearances_m(position_enu_m: Array, obstacles: Sequence[Capsule], body_m: fl
     """
     nearest = np.full(len(position_enu_m), np.inf)
     for one in obstacles:
-        begin, along = np.array(one.begin_enu_m), np.array(one.end_enu_m) - np.array(one.begin_enu_m)
+        begin, along = (
+            np.array(one.begin_enu_m),
+            np.array(one.end_enu_m) - np.array(one.begin_enu_m),
+        )
         offset = position_enu_m[..., :2] - begin
         share = np.clip(offset @ along / max(float(along @ along), 1e-12), 0.0, 1.0)
         away = np.hypot(*np.moveaxis(offset - share[..., None] * along, -1, 0))

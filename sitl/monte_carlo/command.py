@@ -1,4 +1,6 @@
-"""A campaign of ``covey simulate``: scenarios flown once per seed; a table or JSON, traces and pictures."""
+"""A campaign of ``covey simulate``: scenarios flown once per seed; a table or JSON, traces and
+pictures.
+"""
 
 from __future__ import annotations
 
@@ -45,7 +47,9 @@ def run(
                 "to be. Add --set fleet.vertical_separation_m=1.2, or name a fleet file that has it."
             )
     if picture is not None and picture.suffix and len(names) * len(seeds) > 1:
-        raise ConfigError(f"--plot {picture}: one file takes one flight; name a folder for {len(names) * len(seeds)}.")
+        raise ConfigError(
+            f"--plot {picture}: one file takes one flight; name a folder for {len(names) * len(seeds)}."
+        )
     if picture is not None and picture.suffix not in ("", *_PICTURES):
         raise ConfigError(
             f"--plot {picture}: this kind of picture is not drawn. Use {', '.join(_PICTURES)} or a folder."
@@ -63,7 +67,8 @@ def run(
 
 
 def _warm_up() -> None:
-    """Have the law compiled before the first flight, and say so where that is not done in a moment."""
+    """Have the law compiled before the first flight, and say so where that is not done in a moment.
+    """
     sentence = "covey: compiling the law for this machine; it is kept, and takes about half a minute this time only"
     notice = threading.Timer(2.0, print, [sentence], {"file": sys.stderr})
     notice.start()
@@ -72,7 +77,13 @@ def _warm_up() -> None:
 
 
 def _fly(
-    names: list[str], seeds: range, setup: settings.Setup, folder: Path | None, *, jobs: int, is_json: bool
+    names: list[str],
+    seeds: range,
+    setup: settings.Setup,
+    folder: Path | None,
+    *,
+    jobs: int,
+    is_json: bool,
 ) -> list[results.Record]:
     _warm_up()
     chunks = batch.campaign(names, seeds, setup, jobs=jobs, trace_folder=folder)
@@ -108,7 +119,10 @@ def _fly(
         )
     failed = [values for values in records if not results.is_flawless(values)]
     for values in failed[:10]:
-        reason = values["reason"] or f"{values['violation_depth_m']:.3f} m too near for {values['violation_s']:.2f} s"
+        reason = (
+            values["reason"]
+            or f"{values['violation_depth_m']:.3f} m too near for {values['violation_s']:.2f} s"
+        )
         console.print(f"{values['scenario']} seed {values['seed']}: {reason}")
     if len(failed) > 10:
         console.print(f"... and {len(failed) - 10} more")
@@ -132,4 +146,6 @@ def _make(folder: Path) -> None:
         with tempfile.TemporaryFile(dir=folder):
             pass
     except OSError as error:
-        raise ConfigError(f"{folder}: nothing can be written there ({error.strerror}). Name another folder.") from None
+        raise ConfigError(
+            f"{folder}: nothing can be written there ({error.strerror}). Name another folder."
+        ) from None

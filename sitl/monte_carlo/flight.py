@@ -1,4 +1,6 @@
-"""Many flights at once, from start to arrival: sense, hear, control, publish, move, measure; tick by tick."""
+"""Many flights at once, from start to arrival: sense, hear, control, publish, move, measure; tick
+by tick.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +25,9 @@ from sitl.monte_carlo.sensing import sensing
 from sitl.monte_carlo.settings import Setup
 from sitl.monte_carlo.vehicles import TICK_S, Physics, Truth
 
-MakeController = Callable[[Sequence[pipeline.PipelineParams], Array, Sequence[Capsule]], batch.Controller]
+MakeController = Callable[
+    [Sequence[pipeline.PipelineParams], Array, Sequence[Capsule]], batch.Controller
+]
 _TIMES_STRAIGHT = 5.5  # a flight that takes longer than so many times the lone one has failed
 _ALONE_SPARE_S = 20.0
 _STOP_S = 0.5  # at top speed the limits of acceleration and the lag need about so much to stop
@@ -34,7 +38,9 @@ _STRAIGHT_S: dict[tuple[str, str, int], float] = {}
 
 @dataclass(frozen=True, slots=True)
 class Flown:
-    """A plan, what came of it, and how long its slowest vehicle takes alone (inf: it does not arrive even alone)."""
+    """A plan, what came of it, and how long its slowest vehicle takes alone (inf: it does not
+    arrive even alone).
+    """
 
     plan: Plan
     outcome: Outcome
@@ -64,7 +70,8 @@ def fly(
 
 
 def straight_line_s(plans: Sequence[Plan], setup: Setup) -> list[float]:
-    """Makespans of the same flights, noise and vehicles with the law off, where nobody knows of anybody.
+    """Makespans of the same flights, noise and vehicles with the law off, where nobody knows of
+    anybody.
 
     They do not depend on the law, its values or the messages, so they are flown once per process.
     """
@@ -86,9 +93,12 @@ def _patience_s(plans: Sequence[Plan], setup: Setup) -> list[float]:
         float(min(vehicle.max_speed_m_s for vehicle in vehicles)),
         float(min(vehicle.max_acceleration_m_s2 for vehicle in vehicles)),
     )
-    reach = [float(np.linalg.norm(plan.goal_enu_m - plan.start_enu_m, axis=1).max()) for plan in plans]
+    reach = [
+        float(np.linalg.norm(plan.goal_enu_m - plan.start_enu_m, axis=1).max()) for plan in plans
+    ]
     return [
-        max(trajectory.shortest_duration_s(far, params), plan.duration_s, plan.earliest_s) + _ALONE_SPARE_S
+        max(trajectory.shortest_duration_s(far, params), plan.duration_s, plan.earliest_s)
+        + _ALONE_SPARE_S
         for far, plan in zip(reach, plans, strict=True)
     ]
 
@@ -102,7 +112,8 @@ def _fly(
     is_alone: bool = False,
     has_trace: bool = False,
 ) -> tuple[list[Outcome], dict[int, str]]:
-    """Return the outcomes, and for the flights in which somebody's own law was refused, the reason."""
+    """Return the outcomes, and for the flights in which somebody's own law was refused, the reason.
+    """
     count = plans[0].count
     fleet = setup.fleet(count)
     vehicles = list(fleet.vehicles.values())
@@ -151,7 +162,15 @@ def _fly(
         if not len(going_on):
             return metrics.outcomes, getattr(pilots, "refusals", {})
         start, throttle, hover = start[going_on], throttle[going_on], hover[going_on]
-        for part in (noise, senses, pilots, world, metrics, orders, *(() if radio is None else (radio,))):
+        for part in (
+            noise,
+            senses,
+            pilots,
+            world,
+            metrics,
+            orders,
+            *(() if radio is None else (radio,)),
+        ):
             part.keep(going_on)
         truth = world.truth()
 
@@ -178,19 +197,31 @@ class _Orders:
                 self._freezes[f, index], self._mutes[f, index] = kind != "silent", kind != "frozen"
 
     def lost(self, time_s: float) -> tuple[BoolArray, BoolArray]:
-        """Return the vehicles that stand still and avoid nobody, and those that send nothing more, (F, N) each."""
+        """Return the vehicles that stand still and avoid nobody, and those that send nothing more,
+        (F, N) each.
+        """
         is_lost = np.asarray(time_s >= self._lost_at)
         return is_lost & self._freezes, is_lost & self._mutes
 
     def goals(self, frozen: BoolArray, truth: Truth) -> Rows:
-        """Return the goals of this tick; a vehicle that has just frozen stops where it comes to rest, and stays."""
+        """Return the goals of this tick; a vehicle that has just frozen stops where it comes to
+        rest, and stays.
+        """
         fresh = frozen & (self._sequence == 0)
         if fresh.any():
-            self._goal = np.where(fresh[..., None], truth.position_enu_m + _STOP_S * truth.velocity_enu_m_s, self._goal)
+            self._goal = np.where(
+                fresh[..., None],
+                truth.position_enu_m + _STOP_S * truth.velocity_enu_m_s,
+                self._goal,
+            )
             self._duration = np.where(fresh, 0.0, self._duration)
             self._sequence = np.where(fresh, 1, self._sequence)
         goals = batch.GOAL.rows(self._sequence.shape)
-        goals["position_enu_m"], goals["duration_s"], goals["sequence"] = self._goal, self._duration, self._sequence
+        goals["position_enu_m"], goals["duration_s"], goals["sequence"] = (
+            self._goal,
+            self._duration,
+            self._sequence,
+        )
         return goals
 
     def keep(self, flights: IntArray) -> None:

@@ -1,4 +1,6 @@
-"""Judges flights on true positions, sampled every tick: separation, arrival, and why a flight failed."""
+"""Judges flights on true positions, sampled every tick: separation, arrival, and why a flight
+failed.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +28,9 @@ _STUCK_M_S = 0.10
 
 @dataclass(frozen=True, slots=True)
 class Trace:
-    """A flight in samples: t_s (T,), position_enu_m (T, N, 3) true; status, active_neighbour (T, N) of the law."""
+    """A flight in samples: t_s (T,), position_enu_m (T, N, 3) true; status, active_neighbour (T, N)
+    of the law.
+    """
 
     t_s: Array
     position_enu_m: Array
@@ -36,14 +40,16 @@ class Trace:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """Result of one flight. Separations are between centres, over all pairs: horizontal ones, and with a
-    vertical separation the larger of that and of the height difference in the same measure (docs/law.md).
+    """Result of one flight. Separations are between centres, over all pairs: horizontal ones, and
+    with a vertical separation the larger of that and of the height difference in the same measure
+    (docs/law.md).
 
-    makespan_s: when all had arrived; inf if that did not happen in time, and then ``reason`` says why: "deadlock"
-    (those missing stand still), "livelock" (they move and get no nearer) or "time" (they were still getting nearer).
-    relaxed_share: of the vehicles' ticks. slew_rms_m_s3: of the horizontal command. intervention_m_s2: mean |u - u0|.
-    path_ratio: flown paths over straight ones, of all together. min_clearance_m: of a body's outline from a static
-    obstacle's; inf without obstacles, below 0 a collision.
+    makespan_s: when all had arrived; inf if that did not happen in time, and then ``reason`` says
+    why: "deadlock" (those missing stand still), "livelock" (they move and get no nearer) or "time"
+    (they were still getting nearer). relaxed_share: of the vehicles' ticks. slew_rms_m_s3: of the
+    horizontal command. intervention_m_s2: mean |u - u0|. path_ratio: flown paths over straight
+    ones, of all together. min_clearance_m: of a body's outline from a static obstacle's; inf
+    without obstacles, below 0 a collision.
     """
 
     min_separation_m: float
@@ -106,7 +112,8 @@ class FlightMetrics:
         self._recent_speed = np.zeros((flights, count))
         self._recent_gain = np.zeros((flights, count))
         self._sums = {
-            name: np.zeros(flights) for name in ("violation", "relaxed", "slew", "speed", "intervention", "path")
+            name: np.zeros(flights)
+            for name in ("violation", "relaxed", "slew", "speed", "intervention", "path")
         }
         self._nearest, self._has_touched = np.full(flights, np.inf), np.zeros(flights, bool)
         self._clearance = np.full(flights, np.inf)
@@ -133,7 +140,9 @@ class FlightMetrics:
             distance = np.maximum(distance, self._height_share * height)
             touches &= height < HEIGHT_OF_DIAMETER * self._body_m
         if self._obstacles:
-            self._clearance = np.minimum(self._clearance, clearances_m(position_enu_m, self._obstacles, self._body_m))
+            self._clearance = np.minimum(
+                self._clearance, clearances_m(position_enu_m, self._obstacles, self._body_m)
+            )
         self._has_touched |= np.asarray(touches.any(-1)) | (self._clearance < 0.0)
         nearest = distance.min(-1, initial=np.inf)
         self._nearest = np.minimum(self._nearest, nearest)
@@ -160,7 +169,9 @@ class FlightMetrics:
         sums["relaxed"] += (law["status"] == int(LawStatus.RELAXED)).mean(-1)
         sums["intervention"] += law["intervention_m_s2"].mean(-1)
         step = position - self._position
-        sums["path"] += np.where(self._counts, np.sqrt(np.einsum("fnc,fnc->fn", step, step)), 0.0).sum(-1)
+        sums["path"] += np.where(
+            self._counts, np.sqrt(np.einsum("fnc,fnc->fn", step, step)), 0.0
+        ).sum(-1)
         self._position = position
         offset = position - self._goal
         away = np.sqrt(np.einsum("fnc,fnc->fn", offset, offset))
@@ -170,13 +181,17 @@ class FlightMetrics:
         self._away = away
         if self._trace is not None:
             self._trace.add(self._flights, self.ticks, position, law["status"], active)
-        is_there = ((away < self._errors.arrival_m) & (speed < self._errors.slow_m_s)) | ~self._counts
+        is_there = (
+            (away < self._errors.arrival_m) & (speed < self._errors.slow_m_s)
+        ) | ~self._counts
         all_there = np.asarray(is_there.all(-1)) & (self.time_s >= self._earliest)
         self._stay = np.where(all_there, self._stay + 1.0, 0.0)
         has_arrived = self._stay * TICK_S > HOLD_S
         is_over = has_arrived | (self.time_s >= self._longest + HOLD_S)
         for row in np.flatnonzero(is_over):
-            self._done[int(self._flights[row])] = self._outcome(int(row), bool(has_arrived[row]), is_there[row])
+            self._done[int(self._flights[row])] = self._outcome(
+                int(row), bool(has_arrived[row]), is_there[row]
+            )
         return np.flatnonzero(~is_over)
 
     def _outcome(self, row: int, has_arrived: bool, is_there: NDArray[np.bool_]) -> Outcome:
@@ -188,7 +203,11 @@ class FlightMetrics:
             if not missing.any() or (self._recent_gain[row, missing] > 0.02).any():
                 reason = "time"
             else:
-                reason = "deadlock" if (self._recent_speed[row, missing] < _STUCK_M_S).all() else "livelock"
+                reason = (
+                    "deadlock"
+                    if (self._recent_speed[row, missing] < _STUCK_M_S).all()
+                    else "livelock"
+                )
         flight = int(self._flights[row])
         return Outcome(
             min_separation_m=nearest,
@@ -202,7 +221,9 @@ class FlightMetrics:
             slew_rms_m_s3=math.sqrt(sums["slew"] / self.ticks),
             max_speed_m_s=sums["speed"],
             intervention_m_s2=sums["intervention"] / self.ticks,
-            path_ratio=sums["path"] / float(self._straight[row]) if self._straight[row] > 0.1 else math.nan,
+            path_ratio=sums["path"] / float(self._straight[row])
+            if self._straight[row] > 0.1
+            else math.nan,
             min_clearance_m=float(self._clearance[row]),
             trace=None if self._trace is None else self._trace.of(flight, self.ticks),
         )
@@ -210,7 +231,17 @@ class FlightMetrics:
     def keep(self, flights: IntArray) -> None:
         """Go on with these flights of the batch only."""
         for name in (
-            *("_flights", "_goal", "_earliest", "_longest", "_counts", "_position", "_command", "_away", "_straight"),
+            *(
+                "_flights",
+                "_goal",
+                "_earliest",
+                "_longest",
+                "_counts",
+                "_position",
+                "_command",
+                "_away",
+                "_straight",
+            ),
             *("_stay", "_recent_speed", "_recent_gain", "_nearest", "_has_touched", "_clearance"),
         ):
             setattr(self, name, getattr(self, name)[flights])
@@ -227,7 +258,9 @@ class _TraceBuffer:
         self._active = np.full((512, flights, count), -1, np.int16)
         self._position[0] = start_enu_m
 
-    def add(self, flights: IntArray, tick: int, position_enu_m: Array, status: Array, active: IntArray) -> None:
+    def add(
+        self, flights: IntArray, tick: int, position_enu_m: Array, status: Array, active: IntArray
+    ) -> None:
         if tick == len(self._position):
             self._position, self._status, self._active = (
                 np.concatenate([values, np.zeros_like(values)])

@@ -1,7 +1,8 @@
-"""Random numbers of many flights, each from its own seed: a flight is the same alone and in any batch.
+"""Random numbers of many flights, each from its own seed: a flight is the same alone and in any
+batch.
 
-Streams of a flight: ``[seed, 1]`` constants, ``[seed, 2]`` noise of every tick, ``[seed, 3]`` the radio links. None
-depends on what the vehicles do, so that two laws meet the same noise.
+Streams of a flight: ``[seed, 1]`` constants, ``[seed, 2]`` noise of every tick, ``[seed, 3]`` the
+radio links. None depends on what the vehicles do, so that two laws meet the same noise.
 """
 
 from __future__ import annotations
@@ -34,19 +35,28 @@ class Noise:
         self._link_draws = np.empty(0, np.float32)
 
     def next(self) -> tuple[Array, Array]:
-        """Standard normal numbers (F, N, 9), and uniform ones per link (F, receiver, sender), empty without links.
+        """Standard normal numbers (F, N, 9), and uniform ones per link (F, receiver, sender), empty
+        without links.
 
         The diagonal of the links is free for what concerns a vehicle itself.
         """
         if self._tick == _BLOCK_TICKS:
             n = self.count
-            self._block = np.stack([rng.standard_normal((_BLOCK_TICKS, n, _PER_VEHICLE)) for rng in self._generators])
+            self._block = np.stack(
+                [rng.standard_normal((_BLOCK_TICKS, n, _PER_VEHICLE)) for rng in self._generators]
+            )
             if self._links:
-                self._link_draws = np.stack([rng.random((_BLOCK_TICKS, n, n), dtype=np.float32) for rng in self._links])
+                self._link_draws = np.stack(
+                    [rng.random((_BLOCK_TICKS, n, n), dtype=np.float32) for rng in self._links]
+                )
             self._tick = 0
         tick = self._tick
         self._tick += 1
-        link_draws = self._link_draws[:, tick] if self._links else np.empty((len(self._generators), 0, 0), np.float32)
+        link_draws = (
+            self._link_draws[:, tick]
+            if self._links
+            else np.empty((len(self._generators), 0, 0), np.float32)
+        )
         return self._block[:, tick], np.asarray(link_draws, dtype=np.float64)
 
     def keep(self, flights: IntArray) -> None:

@@ -1,4 +1,5 @@
-"""The explaining picture of one flight: paths, distances and what the law did, from its trace file."""
+"""The explaining picture of one flight: paths, distances and what the law did, from its trace file.
+"""
 
 from __future__ import annotations
 
@@ -19,13 +20,20 @@ from onboard.types import LawStatus
 
 _FEW = 8  # up to so many vehicles have a colour and a name of their own
 _STATUS_COLOURS = ("#eef1f3", "#56B4E9", "#E69F00", LIMIT)  # by LawStatus
-_STATUS_WORDS = ("no row active", "thrust changed", "relaxed: no thrust fits all rows", "infeasible")
+_STATUS_WORDS = (
+    "no row active",
+    "thrust changed",
+    "relaxed: no thrust fits all rows",
+    "infeasible",
+)
 _TIME_MAP = "viridis"
 
 
 @dataclass(frozen=True, slots=True)
 class _Data:
-    """A trace file's content, and where its closest approach is: sample, both vehicles, distance [m]."""
+    """A trace file's content, and where its closest approach is: sample, both vehicles, distance
+    [m].
+    """
 
     t_s: Array
     position_enu_m: Array
@@ -66,7 +74,9 @@ def draw(trace: Path, picture: Path) -> None:
         try:
             figure.savefig(picture, metadata={"Date": None} if picture.suffix == ".svg" else None)
         except OSError as error:
-            raise ConfigError(f"--plot {picture}: cannot be written ({error.strerror}). Name another file.") from None
+            raise ConfigError(
+                f"--plot {picture}: cannot be written ({error.strerror}). Name another file."
+            ) from None
 
 
 def _read(trace: Path) -> _Data:
@@ -76,10 +86,16 @@ def _read(trace: Path) -> _Data:
         gap = position[:, first, :2] - position[:, second, :2]
         distance = np.sqrt(np.einsum("tpc,tpc->tp", gap, gap))
         sample, pair = (
-            (int(k) for k in np.unravel_index(np.argmin(distance), distance.shape)) if len(first) else (0, -1)
+            (int(k) for k in np.unravel_index(np.argmin(distance), distance.shape))
+            if len(first)
+            else (0, -1)
         )
         t_s = file["t_s"]
-        end = f"all arrived after {t_s[-1]:.1f} s" if file["success"] else f"not all arrived in {t_s[-1]:.0f} s"
+        end = (
+            f"all arrived after {t_s[-1]:.1f} s"
+            if file["success"]
+            else f"not all arrived in {t_s[-1]:.0f} s"
+        )
         nearest = f", never nearer than {distance.min():.2f} m" if len(first) else ""
         return _Data(
             t_s=t_s,
@@ -99,7 +115,9 @@ def _read(trace: Path) -> _Data:
 
 
 def _paths(figure: Any, axes: Any, data: _Data) -> None:
-    """Plan view: paths coloured by time, and everybody with half the safety distance about it at the closest moment."""
+    """Plan view: paths coloured by time, and everybody with half the safety distance about it at
+    the closest moment.
+    """
     axes.set_title("Paths, and the moment of closest approach")
     norm = Normalize(0.0, data.t_s[-1])
     lines = None
@@ -121,10 +139,17 @@ def _paths(figure: Any, axes: Any, data: _Data) -> None:
             axes.add_patch(Circle(middle, radius, fc="#888888", lw=0, zorder=1))
         across = radius * np.array([y_0 - y_1, x_1 - x_0]) / max(np.hypot(*(end - begin)), 1e-9)
         axes.add_patch(
-            Polygon([begin + across, end + across, end - across, begin - across], fc="#888888", lw=0, zorder=1)
+            Polygon(
+                [begin + across, end + across, end - across, begin - across],
+                fc="#888888",
+                lw=0,
+                zorder=1,
+            )
         )
     start, goal = data.position_enu_m[0], data.goal_enu_m
-    axes.plot(start[:, 0], start[:, 1], "o", ms=6, mfc="white", mec="#333333", zorder=4, label="start")
+    axes.plot(
+        start[:, 0], start[:, 1], "o", ms=6, mfc="white", mec="#333333", zorder=4, label="start"
+    )
     axes.plot(goal[:, 0], goal[:, 1], "x", ms=7, mew=2, color="#333333", zorder=4, label="goal")
     sample, pair = data.closest
     now = data.position_enu_m[sample]
@@ -133,13 +158,29 @@ def _paths(figure: Any, axes: Any, data: _Data) -> None:
         is_near = i in nearest
         face = colour(i) if data.count <= _FEW else SOFT
         edge = LIMIT if is_near and data.distance_m[sample, pair] < data.limit_m else "#333333"
-        disc = Circle(now[i, :2], 0.5 * data.limit_m, fc=face, alpha=0.35 if is_near else 0.16, lw=0, zorder=3)
+        disc = Circle(
+            now[i, :2], 0.5 * data.limit_m, fc=face, alpha=0.35 if is_near else 0.16, lw=0, zorder=3
+        )
         axes.add_patch(disc)
         axes.add_patch(
-            Circle(now[i, :2], 0.5 * data.limit_m, fill=False, ec=edge if is_near else face, lw=1.8 if is_near else 0.9)
+            Circle(
+                now[i, :2],
+                0.5 * data.limit_m,
+                fill=False,
+                ec=edge if is_near else face,
+                lw=1.8 if is_near else 0.9,
+            )
         )
         if data.count <= _FEW:
-            axes.text(*now[i, :2], data.names[i], ha="center", va="center", fontsize=8, fontweight="bold", zorder=6)
+            axes.text(
+                *now[i, :2],
+                data.names[i],
+                ha="center",
+                va="center",
+                fontsize=8,
+                fontweight="bold",
+                zorder=6,
+            )
     if pair >= 0:
         one, two = (now[int(places[pair]), :2] for places in data.pairs)
         axes.plot(*np.stack([one, two], axis=1), color=LIMIT, lw=1.6, zorder=5)
@@ -163,12 +204,16 @@ def _paths(figure: Any, axes: Any, data: _Data) -> None:
     labels.append(f"radius {0.5 * data.limit_m:.2f} m: touching means {data.limit_m:.2f} m")
     axes.legend(handles, labels, loc="upper center", bbox_to_anchor=(0.5, -0.09), ncols=3)
     if lines is not None:
-        bar = figure.colorbar(lines, ax=axes, shrink=0.6, aspect=30, pad=0.01, ticks=_round_ticks(data.t_s[-1]))
+        bar = figure.colorbar(
+            lines, ax=axes, shrink=0.6, aspect=30, pad=0.01, ticks=_round_ticks(data.t_s[-1])
+        )
         bar.set_label("time [s]")
 
 
 def _round_ticks(end_s: float) -> Array:
-    step = next(width for width in (0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0) if end_s / width <= 9.0)
+    step = next(
+        width for width in (0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0) if end_s / width <= 9.0
+    )
     return np.arange(0.0, end_s, step)
 
 
@@ -178,9 +223,23 @@ def _distances(axes: Any, data: _Data) -> None:
     top = min(float(np.max(data.distance_m, initial=data.limit_m)), 4.0 * data.limit_m)
     axes.axhspan(0.0, data.limit_m, color=LIMIT, alpha=0.07, lw=0)
     axes.axhline(data.limit_m, color=LIMIT, lw=1.4, ls="--")
-    axes.text(data.t_s[-1], data.limit_m, f"safety distance {data.limit_m:.2f} m ", color=LIMIT, ha="right", va="top")
+    axes.text(
+        data.t_s[-1],
+        data.limit_m,
+        f"safety distance {data.limit_m:.2f} m ",
+        color=LIMIT,
+        ha="right",
+        va="top",
+    )
     axes.axhline(data.body_m, color=LIMIT, lw=1.0, ls=":")
-    axes.text(data.t_s[-1], data.body_m, f"they touch {data.body_m:.2f} m ", color=LIMIT, ha="right", va="top")
+    axes.text(
+        data.t_s[-1],
+        data.body_m,
+        f"they touch {data.body_m:.2f} m ",
+        color=LIMIT,
+        ha="right",
+        va="top",
+    )
     if data.distance_m.shape[1]:
         is_few = data.distance_m.shape[1] <= _FEW
         for k in range(data.distance_m.shape[1]):
@@ -196,15 +255,25 @@ def _distances(axes: Any, data: _Data) -> None:
                 label=name if is_few else None,
             )
         if not is_few:
-            axes.plot(data.t_s, data.distance_m.min(1), color="#0072B2", lw=2.0, label="nearest pair of the moment")
+            axes.plot(
+                data.t_s,
+                data.distance_m.min(1),
+                color="#0072B2",
+                lw=2.0,
+                label="nearest pair of the moment",
+            )
         sample, pair = data.closest
         axes.plot(data.t_s[sample], data.distance_m[sample, pair], "o", color=LIMIT, ms=6, zorder=5)
         axes.legend(loc="upper right", ncols=3 if is_few else 1, fontsize=8)
-    axes.set(ylim=(0.0, top * 1.15), ylabel="between centres, in the plane [m]", xlim=(0.0, data.t_s[-1]))
+    axes.set(
+        ylim=(0.0, top * 1.15), ylabel="between centres, in the plane [m]", xlim=(0.0, data.t_s[-1])
+    )
 
 
 def _activity(axes: Any, data: _Data) -> None:
-    """Draw when each was active: for few vehicles in the colour of the neighbour that binds most, else by status."""
+    """Draw when each was active: for few vehicles in the colour of the neighbour that binds most,
+    else by status.
+    """
     status = data.status[1:].T
     edges_s = np.append(data.t_s[:-1], data.t_s[-1])
     rows = np.arange(data.count + 1) - 0.5
@@ -238,4 +307,6 @@ def _activity(axes: Any, data: _Data) -> None:
     axes.grid(False)
     axes.invert_yaxis()
     axes.set(xlabel="time [s]", ylabel="vehicle", xlim=(0.0, data.t_s[-1]))
-    axes.legend(handles=legend, loc="upper center", bbox_to_anchor=(0.5, -0.17), ncols=4, fontsize=8)
+    axes.legend(
+        handles=legend, loc="upper center", bbox_to_anchor=(0.5, -0.17), ncols=4, fontsize=8
+    )

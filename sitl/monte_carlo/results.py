@@ -50,7 +50,11 @@ def record(flown: Flown, setup: Setup) -> Record:
 
 def ratio(flown: Flown) -> float:
     """Makespan over straight-line time; NaN when there is none."""
-    value = flown.outcome.makespan_s / flown.straight_line_s if flown.straight_line_s > 0.0 else math.nan
+    value = (
+        flown.outcome.makespan_s / flown.straight_line_s
+        if flown.straight_line_s > 0.0
+        else math.nan
+    )
     return value if math.isfinite(value) else math.nan
 
 
@@ -86,7 +90,9 @@ def write_trace(folder: Path, flown: Flown, setup: Setup) -> Path:
         active_neighbour=trace.active_neighbour,
         start_enu_m=plan.start_enu_m,
         goal_enu_m=plan.goal_enu_m,
-        obstacles_m=np.array([[*one.begin_enu_m, *one.end_enu_m, one.radius_m] for one in plan.obstacles]),
+        obstacles_m=np.array(
+            [[*one.begin_enu_m, *one.end_enu_m, one.radius_m] for one in plan.obstacles]
+        ),
         names=np.array(names),
         safety_distance_m=np.array(fleet.fleet.safety_distance_m),
         body_diameter_m=np.array(fleet.fleet.body_diameter_m),
@@ -99,7 +105,17 @@ def write_trace(folder: Path, flown: Flown, setup: Setup) -> Path:
 
 
 COLUMNS = (
-    *("scenario", "flights", "success", "violations", "below 95 %", "collisions", "worst m", "5th pct m", "ratio"),
+    *(
+        "scenario",
+        "flights",
+        "success",
+        "violations",
+        "below 95 %",
+        "collisions",
+        "worst m",
+        "5th pct m",
+        "ratio",
+    ),
     *("slew m/s^3", "max m/s", "relaxed %"),
 )
 
@@ -107,14 +123,18 @@ COLUMNS = (
 def summary(records: Sequence[Record]) -> list[list[str]]:
     """Rows for :data:`COLUMNS`, one per scenario and one for all if there are several."""
     names = list(dict.fromkeys(values["scenario"] for values in records))
-    rows = [_row(name, [values for values in records if values["scenario"] == name]) for name in names]
+    rows = [
+        _row(name, [values for values in records if values["scenario"] == name]) for name in names
+    ]
     return rows if len(rows) < 2 else [*rows, _row("all", records)]
 
 
 def _row(name: str, records: Sequence[Record]) -> list[str]:
     count = len(records)
     violations = sum(values["violation_s"] > 0.0 for values in records)
-    separations = [values["min_separation_m"] for values in records if values["min_separation_m"] is not None]
+    separations = [
+        values["min_separation_m"] for values in records if values["min_separation_m"] is not None
+    ]
     ratios = [values["ratio"] for values in records if values["ratio"] is not None]
     return [
         name,
@@ -137,7 +157,8 @@ def _mean(records: Sequence[Record], key: str) -> float:
 
 
 def upper_bound(events: int, count: int) -> float:
-    """The share that the true rate of events stays below with 95 % confidence (Clopper-Pearson, one-sided).
+    """The share that the true rate of events stays below with 95 % confidence (Clopper-Pearson,
+    one-sided).
 
     For no event it is 1 - 0.05^(1/n), nearly 3/n.
     """

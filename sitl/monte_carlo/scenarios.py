@@ -1,8 +1,8 @@
 """Starts and goals: public scenarios, each drawn from its seed alone.
 
-A name says everything: ``swap8`` (jittered) or ``swap8x`` (exact), ``rand16`` or ``rand16d4`` (4 m^2 per vehicle),
-``cross8@180``, ``intruder6@2``, ``lost8@silent``, ``forest8``, ``gap6``. Positions are fleet ENU, everybody at one
-height but for ``layers8``, ``heights8`` and ``climb8``.
+A name says everything: ``swap8`` (jittered) or ``swap8x`` (exact), ``rand16`` or ``rand16d4`` (4
+m^2 per vehicle), ``cross8@180``, ``intruder6@2``, ``lost8@silent``, ``forest8``, ``gap6``.
+Positions are fleet ENU, everybody at one height but for ``layers8``, ``heights8`` and ``climb8``.
 """
 
 from __future__ import annotations
@@ -44,8 +44,8 @@ _CROSS_SPACING_M = 1.2
 class Plan:
     """One flight to be flown; N vehicles.
 
-    Kinds of lost vehicles: "frozen" stops and avoids nobody, which its messages say; "silent" flies on, receives the
-    others and is not received; "dead" stops, avoids nobody and is not received.
+    Kinds of lost vehicles: "frozen" stops and avoids nobody, which its messages say; "silent" flies
+    on, receives the others and is not received; "dead" stops, avoids nobody and is not received.
     """
 
     scenario: str
@@ -54,8 +54,10 @@ class Plan:
     goal_enu_m: Array  # (N, 3)
     duration_s: float = 0.0  # of the trajectory; 0: as fast as the limits allow
     earliest_s: float = 0.0  # the flight is not over before
-    intruder_m_s: Array | None = None  # (3,) velocity of the last vehicle, which is of no fleet and avoids nobody
-    lost: tuple[int, float, str] | None = None  # index, time [s] and kind of a vehicle that is lost on the way
+    # (3,) velocity of the last vehicle, which is of no fleet and avoids nobody
+    intruder_m_s: Array | None = None
+    # index, time [s] and kind of a vehicle that is lost on the way
+    lost: tuple[int, float, str] | None = None
     obstacles: tuple[Capsule, ...] = ()  # that stand still; the same for all seeds of a scenario
 
     @property
@@ -65,7 +67,9 @@ class Plan:
 
 
 def expand(names: Iterable[str]) -> list[str]:
-    """Scenario names with ``mix`` replaced by the twelve of the benchmark; ConfigError on an unknown one."""
+    """Scenario names with ``mix`` replaced by the twelve of the benchmark; ConfigError on an
+    unknown one.
+    """
     wanted = [name for given in names for name in (MIX if given == "mix" else (given,))]
     for name in wanted:
         vehicle_count(name)
@@ -107,16 +111,22 @@ def _raised(points: Array) -> Array:
 def _number(name: str, text: str | None, default: int, *, low: int = 2) -> int:
     count = default if text is None else int(text)
     if not low <= count <= _MAX_VEHICLES:
-        raise ConfigError(f"'{name}' asks for {count} vehicles; this scenario takes {low} to {_MAX_VEHICLES}.")
+        raise ConfigError(
+            f"'{name}' asks for {count} vehicles; this scenario takes {low} to {_MAX_VEHICLES}."
+        )
     return count
 
 
 def _form3(name: str, seed: int) -> Plan:
-    """Into a triangle of side 1.6 m about (0, 1.2) by the 6 permutations, trajectories of 7 s and 5 s in turn."""
+    """Into a triangle of side 1.6 m about (0, 1.2) by the 6 permutations, trajectories of 7 s and 5
+    s in turn.
+    """
     rng = np.random.default_rng(seed)
     start = np.array([[-1.5, -1.5], [0.0, -1.5], [1.5, -1.5]]) + rng.normal(0.0, 0.1, (3, 2))
     radius = _TRIANGLE_SIDE_M / math.sqrt(3.0)
-    slots = np.array([[0.0, radius], [-0.8, -0.5 * radius], [0.8, -0.5 * radius]]) + np.array([0.0, 1.2])
+    slots = np.array([[0.0, radius], [-0.8, -0.5 * radius], [0.8, -0.5 * radius]]) + np.array(
+        [0.0, 1.2]
+    )
     goal = slots[list(_PERMUTATIONS[seed % 6])]
     return Plan(name, seed, _raised(start), _raised(goal), duration_s=(7.0, 5.0)[seed // 6 % 2])
 
@@ -128,7 +138,9 @@ def _circle(count: int) -> Array:
 
 
 def _swap(name: str, seed: int, number: str, exact: str) -> Plan:
-    """Everybody to the opposite place of a circle; all through its centre. Without jitter all seeds start alike."""
+    """Everybody to the opposite place of a circle; all through its centre. Without jitter all seeds
+    start alike.
+    """
     count = _number(name, number, 2)
     places = _circle(count)
     jitter = np.random.default_rng(seed).normal(0.0, 0.05, (count, 2))
@@ -140,14 +152,20 @@ def _rand(name: str, seed: int, number: str, density: str | None) -> Plan:
     count = _number(name, number, 2, low=1)
     area = 6.0 if density is None else float(density)
     if not 3.5 <= area <= 1000.0:
-        raise ConfigError(f"'{name}' asks for {area:g} m^2 per vehicle; spacings of 1.4 m fit from 3.5 m^2 on.")
+        raise ConfigError(
+            f"'{name}' asks for {area:g} m^2 per vehicle; spacings of 1.4 m fit from 3.5 m^2 on."
+        )
     side = math.sqrt(area * count)
     rng = np.random.default_rng(seed)
-    return Plan(name, seed, _raised(_scatter(rng, count, side)), _raised(_scatter(rng, count, side)))
+    return Plan(
+        name, seed, _raised(_scatter(rng, count, side)), _raised(_scatter(rng, count, side))
+    )
 
 
 def _scatter(rng: np.random.Generator, count: int, side_m: float) -> Array:
-    """``count`` points of a square about the origin, drawn one by one; begun anew when there is no room left."""
+    """``count`` points of a square about the origin, drawn one by one; begun anew when there is no
+    room left.
+    """
     while True:
         points = np.empty((0, 2))
         for _ in range(400 * count):
@@ -159,7 +177,9 @@ def _scatter(rng: np.random.Generator, count: int, side_m: float) -> Array:
 
 
 def _cross(name: str, seed: int, number: str | None, angle: str | None) -> Plan:
-    """Two blocks, spacing 1.2 m, fly through each other at 90 or 180 degrees; starts jittered by 5 cm."""
+    """Two blocks, spacing 1.2 m, fly through each other at 90 or 180 degrees; starts jittered by 5
+    cm.
+    """
     count = _number(name, number, 8)
     turn = math.radians(float(angle or 90))
     first = count // 2
@@ -188,17 +208,23 @@ def _heights(name: str, seed: int, number: str) -> Plan:
     half = _even(name, number)
     row = np.stack([3.0 * np.arange(half), np.zeros(half)], axis=1)
     low, high = _raised(row), _raised(row) + _UP
-    jitter = np.concatenate([np.random.default_rng(seed).normal(0.0, 0.05, (2 * half, 2)), np.zeros((2 * half, 1))], 1)
+    jitter = np.concatenate(
+        [np.random.default_rng(seed).normal(0.0, 0.05, (2 * half, 2)), np.zeros((2 * half, 1))], 1
+    )
     return Plan(name, seed, np.concatenate([low, high]) + jitter, np.concatenate([high, low]))
 
 
 def _climb(name: str, seed: int, number: str) -> Plan:
-    """Half of them climb, 1.5 m apart in a row; the others fly along the row above them, in the middle of the climb."""
+    """Half of them climb, 1.5 m apart in a row; the others fly along the row above them, in the
+    middle of the climb.
+    """
     half = _even(name, number)
     place = 1.5 * (np.arange(half) - 0.5 * (half - 1))
     row = _raised(np.stack([place, np.zeros(half)], axis=1))
     reach = np.array([1.5 * half + 1.0, 0.0, 0.0])
-    jitter = np.concatenate([np.random.default_rng(seed).normal(0.0, 0.05, (2 * half, 2)), np.zeros((2 * half, 1))], 1)
+    jitter = np.concatenate(
+        [np.random.default_rng(seed).normal(0.0, 0.05, (2 * half, 2)), np.zeros((2 * half, 1))], 1
+    )
     start = np.concatenate([row, row - reach + 0.5 * _UP]) + jitter
     return Plan(name, seed, start, np.concatenate([row + _UP, row + reach + 0.5 * _UP]))
 
@@ -207,7 +233,9 @@ def _even(name: str, number: str) -> int:
     """Half of the number of vehicles."""
     count = _number(name, number, 4)
     if count % 2:
-        raise ConfigError(f"'{name}' asks for {count} vehicles; this scenario takes an even number of them.")
+        raise ConfigError(
+            f"'{name}' asks for {count} vehicles; this scenario takes an even number of them."
+        )
     return count // 2
 
 
@@ -226,18 +254,26 @@ def _squeeze(name: str, seed: int) -> Plan:
 
 
 def _forest(name: str, seed: int, number: str | None) -> Plan:
-    """Half from the left and half from the right, each to a place of the other side, through the same pillars."""
+    """Half from the left and half from the right, each to a place of the other side, through the
+    same pillars.
+    """
     half = _even(name, number or "8")
     rng = np.random.default_rng(seed)
     place = 1.5 * (np.arange(half) - 0.5 * (half - 1))
-    sides = [np.stack([np.full(half, x), place], axis=1) + rng.normal(0.0, 0.05, (half, 2)) for x in (-5.0, 5.0)]
+    sides = [
+        np.stack([np.full(half, x), place], axis=1) + rng.normal(0.0, 0.05, (half, 2))
+        for x in (-5.0, 5.0)
+    ]
     start = np.concatenate(sides)
     goal = np.concatenate([sides[1][rng.permutation(half)], sides[0][rng.permutation(half)]])
-    return Plan(name, seed, _raised(start), _raised(goal), obstacles=clutter.forest(half // 2 + 2, half))
+    return Plan(
+        name, seed, _raised(start), _raised(goal), obstacles=clutter.forest(half // 2 + 2, half)
+    )
 
 
 def _gap(name: str, seed: int, number: str | None) -> Plan:
-    """Half from the left and half from the right, in two lanes, through one gap to the other side."""
+    """Half from the left and half from the right, in two lanes, through one gap to the other side.
+    """
     half = _even(name, number or "6")
     slot = np.arange(half)
     lanes = np.stack([2.5 + 1.4 * (slot // 2), 0.7 * (1.0 - 2.0 * (slot % 2))], axis=1)
@@ -248,7 +284,9 @@ def _gap(name: str, seed: int, number: str | None) -> Plan:
 
 
 def _intruder(name: str, seed: int, number: str | None, speed: str | None) -> Plan:
-    """A hovering formation (rows of three, spacing 2 m); somebody else's vehicle flies straight through it."""
+    """A hovering formation (rows of three, spacing 2 m); somebody else's vehicle flies straight
+    through it.
+    """
     count = _number(name, number, 6, low=1)
     speed_m_s = float(speed or 1)
     rng = np.random.default_rng(seed)
@@ -271,11 +309,17 @@ def _intruder(name: str, seed: int, number: str | None, speed: str | None) -> Pl
 
 
 def _lost(name: str, seed: int, number: str | None, kind: str | None) -> Plan:
-    """A jittered swap; one vehicle is lost after 1 to 5 s, frozen or silent in turn if the name does not say."""
+    """A jittered swap; one vehicle is lost after 1 to 5 s, frozen or silent in turn if the name
+    does not say.
+    """
     count = _number(name, number, 8)
     base = _swap(name, seed, str(count), "")
     rng = np.random.default_rng([seed, 9])
-    lost = (int(rng.integers(count)), float(rng.uniform(1.0, 5.0)), kind or ("frozen", "silent")[seed % 2])
+    lost = (
+        int(rng.integers(count)),
+        float(rng.uniform(1.0, 5.0)),
+        kind or ("frozen", "silent")[seed % 2],
+    )
     return Plan(name, seed, base.start_enu_m, base.goal_enu_m, lost=lost)
 
 

@@ -1,4 +1,6 @@
-"""Estimate that each vehicle has of itself: by the agent's own filter on mocap samples, or with given errors."""
+"""Estimate that each vehicle has of itself: by the agent's own filter on mocap samples, or with
+given errors.
+"""
 
 from __future__ import annotations
 
@@ -26,31 +28,44 @@ class MocapSensing:
         params = [kalman.KalmanParams(drag_1_s=float(vehicle.drag_1_s)) for vehicle in vehicles]
         self._estimator = batch.FleetEstimator(params, truth.position_enu_m)
         self._std_m = errors.position_std_m
-        self._samples: deque[Array] = deque([truth.position_enu_m] * (_MOCAP_AGE_TICKS + 1), _MOCAP_AGE_TICKS + 1)
+        self._samples: deque[Array] = deque(
+            [truth.position_enu_m] * (_MOCAP_AGE_TICKS + 1), _MOCAP_AGE_TICKS + 1
+        )
         rest = np.zeros_like(truth.position_enu_m)
         self._tracked = truth.position_enu_m, rest, rest
 
     def update(self, truth: Truth, normals: Array, thrust_frac: Array, hover_frac: Array) -> Rows:
-        """Return the estimate of this tick (F, N, ...); attitude and heading are as the autopilot and the mocap say.
+        """Return the estimate of this tick (F, N, ...); attitude and heading are as the autopilot
+        and the mocap say.
 
         Args:
             truth: after the last tick. normals: (F, N, 9) standard normal numbers.
-            thrust_frac: (F, N) as it was sent last. hover_frac: (F, N) as the pipelines estimate it.
+            thrust_frac: (F, N) as it was sent last. hover_frac: (F, N) as the pipelines estimate
+                it.
         """
         self._samples.appendleft(truth.position_enu_m + self._std_m * normals[..., 0:3])
         sample, age_s = self._samples[-1], _MOCAP_AGE_TICKS * TICK_S
         self._tracked = mocap_tracker.corrected(*self._tracked, sample, TICK_S)
         attitude = truth.quaternion_wxyz
-        return self._estimator.step(attitude, thrust_frac, hover_frac, sample, truth.yaw_rad, age_s, TICK_S)
+        return self._estimator.step(
+            attitude, thrust_frac, hover_frac, sample, truth.yaw_rad, age_s, TICK_S
+        )
 
     def tracked(self) -> Rows:
-        """Return the vehicles (F, N) as others see them by the poses of the mocap, which promise nothing."""
+        """Return the vehicles (F, N) as others see them by the poses of the mocap, which promise
+        nothing.
+        """
         position, velocity, acceleration = self._tracked
         rows = batch.NEIGHBOUR.rows(position.shape[:2])
         rows["position_enu_m"] = rows["predicted_position_enu_m"] = position
-        rows["velocity_enu_m_s"] = rows["predicted_velocity_enu_m_s"] = rows["intent_enu_m_s"] = velocity
+        rows["velocity_enu_m_s"] = rows["predicted_velocity_enu_m_s"] = rows["intent_enu_m_s"] = (
+            velocity
+        )
         rows["acceleration_enu_m_s2"] = acceleration
-        rows["position_std_m"], rows["velocity_std_m_s"] = mocap_tracker.POSITION_STD_M, mocap_tracker.VELOCITY_STD_M_S
+        rows["position_std_m"], rows["velocity_std_m_s"] = (
+            mocap_tracker.POSITION_STD_M,
+            mocap_tracker.VELOCITY_STD_M_S,
+        )
         return rows
 
     def keep(self, flights: IntArray) -> None:
@@ -62,7 +77,9 @@ class MocapSensing:
 
 
 class GivenErrors:
-    """Truth plus errors that wander (Ornstein-Uhlenbeck, stationary from the start), such as an EKF's."""
+    """Truth plus errors that wander (Ornstein-Uhlenbeck, stationary from the start), such as an
+    EKF's.
+    """
 
     def __init__(self, errors: ErrorClass, noise: Noise) -> None:
         self._errors = errors
@@ -72,12 +89,19 @@ class GivenErrors:
     def update(self, truth: Truth, normals: Array, thrust_frac: Array, hover_frac: Array) -> Rows:
         """Return the estimate of this tick, as :meth:`MocapSensing.update`."""
         e = self._errors
-        self._position = wandered(self._position, e.position_std_m, e.position_time_s, normals[..., 0:3])
-        self._velocity = wandered(self._velocity, e.velocity_std_m_s, e.velocity_time_s, normals[..., 3:6])
+        self._position = wandered(
+            self._position, e.position_std_m, e.position_time_s, normals[..., 0:3]
+        )
+        self._velocity = wandered(
+            self._velocity, e.velocity_std_m_s, e.velocity_time_s, normals[..., 3:6]
+        )
         states = batch.STATE.rows(truth.yaw_rad.shape)
         states["position_enu_m"] = truth.position_enu_m + self._position
         states["velocity_enu_m_s"] = truth.velocity_enu_m_s + self._velocity
-        states["acceleration_enu_m_s2"], states["yaw_rad"] = truth.acceleration_enu_m_s2, truth.yaw_rad
+        states["acceleration_enu_m_s2"], states["yaw_rad"] = (
+            truth.acceleration_enu_m_s2,
+            truth.yaw_rad,
+        )
         states["position_std_m"], states["velocity_std_m_s"] = e.position_std_m, e.velocity_std_m_s
         return states
 

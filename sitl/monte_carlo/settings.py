@@ -1,4 +1,6 @@
-"""Everything that is chosen for a campaign: vehicles, law, errors, perturbation; and ``--set key=value``."""
+"""Everything that is chosen for a campaign: vehicles, law, errors, perturbation; and ``--set
+key=value``.
+"""
 
 from __future__ import annotations
 
@@ -21,11 +23,27 @@ from onboard.config.fleet import (
 )
 
 _EXAMPLES = ("sih", "paper")  # whose types can be named without --fleet
-_FLEET_KEYS = ("safety_distance_m", "vertical_separation_m", "body_diameter_m")  # of a fleet file, for a campaign
+# of a fleet file, for a campaign
+_FLEET_KEYS = ("safety_distance_m", "vertical_separation_m", "body_diameter_m")
 # short names for what is otherwise a value of the law or of the vehicle
-_ALIASES = {"tilt_deg": "vehicle.max_tilt_deg", "range_m": "law.range_m", "neighbours": "law.max_neighbours"}
+_ALIASES = {
+    "tilt_deg": "vehicle.max_tilt_deg",
+    "range_m": "law.range_m",
+    "neighbours": "law.max_neighbours",
+}
 _NOT_A_VEHICLE_VALUE = (
-    *("name", "index", "system_id", "start_enu_m", "agent", "autopilot", "direct", "mocap_body", "type", "enabled"),
+    *(
+        "name",
+        "index",
+        "system_id",
+        "start_enu_m",
+        "agent",
+        "autopilot",
+        "direct",
+        "mocap_body",
+        "type",
+        "enabled",
+    ),
     *("px4_version", "px4_params", "sitl", "mocap_required"),
 )
 
@@ -37,15 +55,18 @@ def _from_to(default: float, low: float, high: float) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Perturbation:
-    """Errors that the control does not know, beside those of the estimate; each with its default and bounds."""
+    """Errors that the control does not know, beside those of the estimate; each with its default
+    and bounds.
+    """
 
-    delay_s: float = _from_to(0.04, 0.0, 2.0)  # age of a message when it arrives, in whole ticks of 20 ms, at least one
+    # age of a message when it arrives, in whole ticks of 20 ms, at least one
+    delay_s: float = _from_to(0.04, 0.0, 2.0)
     loss_share: float = _from_to(0.10, 0.0, 1.0)  # of each link's messages
     burst_s: float = _from_to(0.0, 0.0, 60.0)  # length of a sender's silences; 0 for none
     burst_every_s: float = _from_to(10.0, 0.1, 1e4)  # mean interval of a sender's silences
     gust_m_s2: float = _from_to(0.1, 0.0, 5.0)  # std per horizontal axis, correlated over 1 s
-    # lag_mismatch, gain, drag_mismatch, hover_mismatch: half widths of uniform relative errors of the lag and gain of
-    # the attitude, of drag and of hover throttle, constant per vehicle
+    # lag_mismatch, gain, drag_mismatch, hover_mismatch: half widths of uniform relative errors of
+    # the lag and gain of the attitude, of drag and of hover throttle, constant per vehicle
     lag_mismatch: float = _from_to(0.10, 0.0, 0.9)
     lag_error_s: float = _from_to(0.0, 0.0, 1.0)  # added to the dead time
     gain: float = _from_to(0.05, 0.0, 0.9)
@@ -57,9 +78,10 @@ class Perturbation:
 class ErrorClass:
     """Accuracy of the own estimate, per axis; correlated over a time unless that is 0.
 
-    arrival_m, slow_m_s: a vehicle has arrived when it is truly this near its goal and this slow; three standard
-    deviations wider than with a mocap, since it holds its estimate on the goal and not itself. law: values that a fleet
-    of that accuracy flies with, where the fleet file does not say.
+    arrival_m, slow_m_s: a vehicle has arrived when it is truly this near its goal and this slow;
+    three standard deviations wider than with a mocap, since it holds its estimate on the goal and
+    not itself. law: values that a fleet of that accuracy flies with, where the fleet file does not
+    say.
     """
 
     name: str
@@ -111,7 +133,9 @@ class Setup:
     scale: float = 1.0
 
     def fleet(self, count: int) -> FleetConfig:
-        """A fleet of ``count`` vehicles, validated like any fleet file; ConfigError when the values do not go."""
+        """A fleet of ``count`` vehicles, validated like any fleet file; ConfigError when the values
+        do not go.
+        """
         spacing = 2.0 + 10.0 * float(self.fleet_table.get("safety_distance_m", 0.8))
         vehicles = {
             f"v{i}": {
@@ -157,25 +181,37 @@ def setup_for(
     """Return the setup of a command line.
 
     Args:
-        types: names separated by commas, given to the vehicles in turn (default: sih, or the fleet file's first).
+        types: names separated by commas, given to the vehicles in turn (default: sih, or the fleet
+            file's first).
         changes: ``key=value`` each; see :func:`keys`.
     Raises:
-        ConfigError: unknown law, type, errors or key, a value out of bounds, or a fleet file that is wrong.
+        ConfigError: unknown law, type, errors or key, a value out of bounds, or a fleet file that
+            is wrong.
     """
     data = tomllib.loads(load_fleet(fleet_path).text) if fleet_path is not None else _examples()
-    common = {key: value for key, value in data.get("defaults", {}).items() if key not in ("type", "enabled")}
+    common = {
+        key: value
+        for key, value in data.get("defaults", {}).items()
+        if key not in ("type", "enabled")
+    }
     tables = {name: {**common, **table} for name, table in data.get("types", {}).items()}
     default = "sih" if "sih" in tables else next(iter(tables), "")
     names = tuple((default if types is None else types).split(","))
     for name in names:
         if name not in tables:
-            raise ConfigError(f"--type: there is no vehicle type '{name}'. Known here: {', '.join(tables) or 'none'}.")
+            raise ConfigError(
+                f"--type: there is no vehicle type '{name}'. Known here: {', '.join(tables) or 'none'}."
+            )
     if errors not in ERRORS:
-        raise ConfigError(f"--errors is '{errors}', but there are only {', '.join(ERRORS)}. Name one of these.")
+        raise ConfigError(
+            f"--errors is '{errors}', but there are only {', '.join(ERRORS)}. Name one of these."
+        )
     given_law = dict(data.get("law", {}))
     law = str(given_law.get("name", "covey")) if law is None else law
     if fleet_path is not None:  # a law of one's own is looked for beside the file that names it
-        given_law["folder"] = os.path.join(os.path.dirname(os.path.abspath(fleet_path)), given_law.get("folder", "."))
+        given_law["folder"] = os.path.join(
+            os.path.dirname(os.path.abspath(fleet_path)), given_law.get("folder", ".")
+        )
     if not (math.isfinite(scale) and 0.1 <= scale <= 100.0):
         raise ConfigError(f"--scale is {scale}; it must lie between 0.1 and 100.")
     law_table: dict[str, Any] = {**ERRORS[errors].law, **given_law}
@@ -202,9 +238,13 @@ def setup_for(
             for name in names:
                 tables[name][rest] = value
         else:
-            low, high = next(entry.metadata.values() for entry in fields(Perturbation) if entry.name == key)
+            low, high = next(
+                entry.metadata.values() for entry in fields(Perturbation) if entry.name == key
+            )
             if isinstance(value, (bool, str)) or not low <= value <= high:
-                raise ConfigError(f"--set {change}: the value must be a number from {low:g} to {high:g}.")
+                raise ConfigError(
+                    f"--set {change}: the value must be a number from {low:g} to {high:g}."
+                )
             perturbation = replace(perturbation, **{key: float(value)})
     return Setup(law, names, tables, law_table, fleet_table, ERRORS[errors], perturbation, scale)
 
@@ -212,7 +252,9 @@ def setup_for(
 def keys(*, with_aliases: bool = False) -> list[str]:
     """All keys of ``--set``; the short names too when asked for."""
     law = [f"law.{name}" for name in LawConfig.__struct_fields__ if name != "name"]
-    vehicle = [f"vehicle.{name}" for name in Vehicle.__struct_fields__ if name not in _NOT_A_VEHICLE_VALUE]
+    vehicle = [
+        f"vehicle.{name}" for name in Vehicle.__struct_fields__ if name not in _NOT_A_VEHICLE_VALUE
+    ]
     sitl = [f"sitl.{name}" for name in SitlProfile.__struct_fields__]
     fleet = [f"fleet.{name}" for name in _FLEET_KEYS]
     short = [*_ALIASES] if with_aliases else []
@@ -220,7 +262,9 @@ def keys(*, with_aliases: bool = False) -> list[str]:
 
 
 def _value(change: str, text: str) -> float | int | bool | str:
-    """A number (also ``.7``, which TOML refuses), true or false, else the words, whose quotes may stand."""
+    """A number (also ``.7``, which TOML refuses), true or false, else the words, whose quotes may
+    stand.
+    """
     try:
         value: object = tomllib.loads(f"x = {text}")["x"]
     except tomllib.TOMLDecodeError:

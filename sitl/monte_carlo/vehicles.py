@@ -1,4 +1,6 @@
-"""The emulator's vehicles for F flights of N at once, each a little different from what its type says."""
+"""The emulator's vehicles for F flights of N at once, each a little different from what its type
+says.
+"""
 
 from __future__ import annotations
 
@@ -36,9 +38,10 @@ class Truth:
 class Physics:
     """``sitl.physics.vehicle`` for a batch of flights; vehicles begin hovering at their starts.
 
-    Gusts and thrust noise are drawn here, per flight, and act on the emulator's vehicles from outside. A vehicle with a
-    ``scripted`` velocity (F, N, 3), not NaN, is no multirotor: it moves straight on. Bodies of a ``wash_diameter_m``
-    push down on whoever flies below them; 0: nobody does.
+    Gusts and thrust noise are drawn here, per flight, and act on the emulator's vehicles from
+    outside. A vehicle with a ``scripted`` velocity (F, N, 3), not NaN, is no multirotor: it moves
+    straight on. Bodies of a ``wash_diameter_m`` push down on whoever flies below them; 0: nobody
+    does.
     """
 
     def __init__(
@@ -59,10 +62,16 @@ class Physics:
             for i, vehicle in enumerate(vehicles)
         ]
         self._vehicles = Vehicles(
-            profiles, frames.swap_enu_ned(start_enu_m).reshape(-1, 3), np.full(flights * count, _EAST_RAD), seed=0
+            profiles,
+            frames.swap_enu_ned(start_enu_m).reshape(-1, 3),
+            np.full(flights * count, _EAST_RAD),
+            seed=0,
         )
         self._thrust_noise = np.array([vehicle.sitl.thrust_noise_frac for vehicle in vehicles])
-        bias = np.radians([vehicle.sitl.tilt_bias_deg for vehicle in vehicles])[:, None] * noise.uniform[..., 4:6]
+        bias = (
+            np.radians([vehicle.sitl.tilt_bias_deg for vehicle in vehicles])[:, None]
+            * noise.uniform[..., 4:6]
+        )
         self._vehicles.tilt_bias_rad = bias.reshape(-1, 2)
         self._vehicles.states.thrust_frac[:] = [profile.hover_thrust_frac for profile in profiles]
         self._commands = Commands.level(np.full(flights * count, _EAST_RAD))
@@ -74,7 +83,9 @@ class Physics:
         self._is_scripted = np.asarray(np.isfinite(scripted).all(-1))
         self._start_ned_m = self._vehicles.states.position_ned_m.copy()
         first = self._is_scripted.reshape(-1)
-        self._vehicles.states.velocity_ned_m_s[first] = frames.swap_enu_ned(scripted.reshape(-1, 3)[first])
+        self._vehicles.states.velocity_ned_m_s[first] = frames.swap_enu_ned(
+            scripted.reshape(-1, 3)[first]
+        )
 
     def truth(self) -> Truth:
         """Of the flights that go on."""
@@ -82,19 +93,27 @@ class Physics:
         acceleration = self._of(s.acceleration_ned_m_s2)
         acceleration[..., :2] += self._gust[..., ::-1]
         acceleration = frames.swap_enu_ned(acceleration)
-        position, velocity = (frames.swap_enu_ned(self._of(v)) for v in (s.position_ned_m, s.velocity_ned_m_s))
+        position, velocity = (
+            frames.swap_enu_ned(self._of(v)) for v in (s.position_ned_m, s.velocity_ned_m_s)
+        )
         attitude = frames.enu_flu_from_ned_frd(self._of(s.attitude))
-        return Truth(position, velocity, acceleration, attitude, frames.wrap(_EAST_RAD - self._of(s.yaw_rad)))
+        return Truth(
+            position, velocity, acceleration, attitude, frames.wrap(_EAST_RAD - self._of(s.yaw_rad))
+        )
 
     def advance(self, quaternion_wxyz: Array, thrust_frac: Array, normals: Array) -> None:
         """Fly one tick under attitude setpoints (F, N, 4) and (F, N)."""
         self._gust = wandered(self._gust, self._p.gust_m_s2, _GUST_TIME_S, normals[..., 6:8])
-        self._thrust_error = wandered(self._thrust_error, self._thrust_noise, _THRUST_NOISE_TIME_S, normals[..., 8])
+        self._thrust_error = wandered(
+            self._thrust_error, self._thrust_noise, _THRUST_NOISE_TIME_S, normals[..., 8]
+        )
         all_, s = self._vehicles, self._vehicles.states
         quaternion = frames.enu_flu_from_ned_frd(quaternion_wxyz)  # its own inverse
         shape = (-1, self._count)
         self._commands.attitude.reshape(*shape, 4)[self._flights] = quaternion
-        self._commands.thrust_frac.reshape(shape)[self._flights] = thrust_frac * (1.0 + self._thrust_error)
+        self._commands.thrust_frac.reshape(shape)[self._flights] = thrust_frac * (
+            1.0 + self._thrust_error
+        )
         kick = STEP_S * self._gust[..., ::-1]  # north, east
         push = STEP_S * self._pushed_down()
         for _ in range(_STEPS):
@@ -106,7 +125,9 @@ class Physics:
             self._move_scripted()
 
     def _pushed_down(self) -> Array | float:
-        """Return the acceleration (F, N) by the air of those above, as the emulator's downwash has it."""
+        """Return the acceleration (F, N) by the air of those above, as the emulator's downwash has
+        it.
+        """
         diameter_m, wash = self._wash_diameter_m, Downwash()
         if diameter_m <= 0.0:
             return 0.0
@@ -132,7 +153,9 @@ class Physics:
 
 
 def _profile(vehicle: Vehicle, p: Perturbation, draws: Array) -> VehicleProfile:
-    """Return the profile of one vehicle; ``draws`` (8,) uniform in [-1, 1). Dead time and 1/wn are stretched alike."""
+    """Return the profile of one vehicle; ``draws`` (8,) uniform in [-1, 1). Dead time and 1/wn are
+    stretched alike.
+    """
     stretch = 1.0 + p.lag_mismatch * float(draws[0])
     return VehicleProfile(
         mass_kg=vehicle.mass_kg,
@@ -152,6 +175,8 @@ def _profile(vehicle: Vehicle, p: Perturbation, draws: Array) -> VehicleProfile:
 
 
 def wandered(value: Array, std: Array | float, time_s: float, normals: Array) -> Array:
-    """Return an Ornstein-Uhlenbeck process one tick later; with a correlation time of 0 white noise."""
+    """Return an Ornstein-Uhlenbeck process one tick later; with a correlation time of 0 white
+    noise.
+    """
     keep = math.exp(-TICK_S / time_s) if time_s > 0.0 else 0.0
     return keep * value + std * math.sqrt(1.0 - keep * keep) * normals

@@ -1,4 +1,5 @@
-"""The room that the vehicles share: wind, the air that a vehicle pushes down on another, and collisions.
+"""The room that the vehicles share: wind, the air that a vehicle pushes down on another, and
+collisions.
 
 Also where ground truth is read, and never written.
 """
@@ -19,7 +20,8 @@ from sitl.physics.jit import Records, compiled
 from sitl.physics.vehicle import STEP_S, Commands, VehicleProfile, Vehicles
 from sitl.physics.wind import Wind, WindSettings
 
-# Two vehicles touch when their discs overlap and their centres are closer in height than this part of a diameter.
+# Two vehicles touch when their discs overlap and their centres are closer in height than this part
+# of a diameter.
 HEIGHT_OF_DIAMETER = 0.5
 _MOST_AT_ONCE = 64  # collisions reported in one step
 
@@ -42,10 +44,11 @@ class Collision:
 class Downwash:
     """Push on a vehicle below another, a jet that widens and slows down.
 
-    With a gap h in height, a horizontal offset r and a body diameter D the lower one is pushed down by
-    ``push_m_s2 L (D / (D + h))^2 exp(-(r / (D / 2 + spread h))^2)``, L the upper one's lift over its weight; the push
-    sets in over the first half diameter of height. The values are of the size that is reported for small quadrotors,
-    8 % of the weight one diameter below; they are not measured on any of ours.
+    With a gap h in height, a horizontal offset r and a body diameter D the lower one is pushed down
+    by ``push_m_s2 L (D / (D + h))^2 exp(-(r / (D / 2 + spread h))^2)``, L the upper one's lift over
+    its weight; the push sets in over the first half diameter of height. The values are of the size
+    that is reported for small quadrotors, 8 % of the weight one diameter below; they are not
+    measured on any of ours.
     """
 
     push_m_s2: float = 3.0
@@ -101,7 +104,9 @@ class World:
         return self._interact()
 
     def truth_enu(self) -> tuple[Array, Array, Array]:
-        """Positions (n, 3) [m], velocities (n, 3) [m/s] and attitudes ENU <- FLU (n, 4) as they really are."""
+        """Positions (n, 3) [m], velocities (n, 3) [m/s] and attitudes ENU <- FLU (n, 4) as they
+        really are.
+        """
         s = self.vehicles.states
         return (
             frames.swap_enu_ned(s.position_ned_m),
@@ -127,18 +132,23 @@ class World:
         collisions = []
         for first, second in self._pairs[: min(count, _MOST_AT_ONCE)].tolist():
             offset = s.position_ned_m[first] - s.position_ned_m[second]
-            collisions.append(Collision(first, second, self.time_s, math.hypot(offset[0], offset[1])))
+            collisions.append(
+                Collision(first, second, self.time_s, math.hypot(offset[0], offset[1]))
+            )
             s.motors_dead[[first, second]] = True
         self.collisions.extend(collisions)
         return collisions
 
 
 @compiled
-def pushed_down_m_s2(square_m2: float, gap_m: float, diameter_m: float, wash_m_s2: float, wash_spread: float) -> float:
+def pushed_down_m_s2(
+    square_m2: float, gap_m: float, diameter_m: float, wash_m_s2: float, wash_spread: float
+) -> float:
     """Acceleration downwards of a vehicle below one that hovers, see :class:`Downwash`.
 
     Args:
-        square_m2: of the horizontal offset. gap_m: height of the upper one above the lower one. diameter_m: of a body.
+        square_m2: of the horizontal offset. gap_m: height of the upper one above the lower one.
+            diameter_m: of a body.
         wash_m_s2, wash_spread: see :class:`Downwash`.
     """
     radius = 0.5 * diameter_m + wash_spread * gap_m
@@ -150,8 +160,11 @@ def pushed_down_m_s2(square_m2: float, gap_m: float, diameter_m: float, wash_m_s
 
 
 @compiled
-def pushed_down_each(place_ned_m: Array, diameter_m: float, wash_m_s2: float, wash_spread: float) -> Array:
-    """Accelerations downwards (F, N) of all vehicles of many flights by those above them, all of which hover.
+def pushed_down_each(
+    place_ned_m: Array, diameter_m: float, wash_m_s2: float, wash_spread: float
+) -> Array:
+    """Accelerations downwards (F, N) of all vehicles of many flights by those above them, all of
+    which hover.
 
     Args:
         place_ned_m: (F, N, 3). diameter_m: of a body.
@@ -181,7 +194,8 @@ def meet(
     """Collisions and downwash of all pairs.
 
     Args:
-        motion: (n,) records MOTION. touched: (n, n), updated: pairs that have met. diameter_m: of a body.
+        motion: (n,) records MOTION. touched: (n, n), updated: pairs that have met. diameter_m: of a
+            body.
         wash_m_s2, wash_spread: see :class:`Downwash`.
         push: (n, 3) acceleration, written. pairs: (m, 2) indices of new collisions, written.
     Returns:
@@ -205,7 +219,9 @@ def meet(
             upper, lower, gap = (i, j, -dd) if dd < 0.0 else (j, i, dd)
             lift_share = motion[upper].lift_share
             if lift_share != 0.0:
-                push[lower, 2] += lift_share * pushed_down_m_s2(square, gap, diameter_m, wash_m_s2, wash_spread)
+                push[lower, 2] += lift_share * pushed_down_m_s2(
+                    square, gap, diameter_m, wash_m_s2, wash_spread
+                )
     return count
 
 

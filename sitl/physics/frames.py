@@ -1,8 +1,9 @@
 """Quaternions (Hamilton, wxyz) and the frame changes of the emulator, batched over leading axes.
 
-The emulator computes in PX4's frames, NED world and FRD body; the fleet's ENU and FLU appear only where poses leave
-(motion capture, ground truth) and where start positions come in. This is a second, independent writing of what the
-agents do in their own frame code: a shared mistake would cancel and stay unseen.
+The emulator computes in PX4's frames, NED world and FRD body; the fleet's ENU and FLU appear only
+where poses leave (motion capture, ground truth) and where start positions come in. This is a
+second, independent writing of what the agents do in their own frame code: a shared mistake would
+cancel and stay unseen.
 """
 
 from __future__ import annotations
@@ -37,7 +38,9 @@ def multiply(a: Array, b: Array) -> Array:
 
 
 # both half turns around each of the four units: what is linear is one product
-_ENU_FLU_OF_NED_FRD = multiply(multiply(np.tile(_Q_ENU_NED, (4, 1)), np.eye(4)), np.tile(_Q_FRD_FLU, (4, 1)))
+_ENU_FLU_OF_NED_FRD = multiply(
+    multiply(np.tile(_Q_ENU_NED, (4, 1)), np.eye(4)), np.tile(_Q_FRD_FLU, (4, 1))
+)
 
 
 def from_yaw_and_tilt(yaw_rad: Array, tilt_rad: Array) -> Array:
@@ -55,7 +58,12 @@ def from_yaw_and_tilt(yaw_rad: Array, tilt_rad: Array) -> Array:
     w, x, y = np.cos(0.5 * angle), scale * tilt_rad[..., 0], scale * tilt_rad[..., 1]
     cy, sy = np.cos(0.5 * yaw_rad), np.sin(0.5 * yaw_rad)
     out = np.empty((*angle.shape, 4))
-    out[..., 0], out[..., 1], out[..., 2], out[..., 3] = cy * w, cy * x - sy * y, cy * y + sy * x, sy * w
+    out[..., 0], out[..., 1], out[..., 2], out[..., 3] = (
+        cy * w,
+        cy * x - sy * y,
+        cy * y + sy * x,
+        sy * w,
+    )
     return out
 
 
@@ -66,7 +74,9 @@ def uprightness(q: Array) -> float:
 
 
 def tilt_from_down(down: Array) -> Array:
-    """Shortest rotation, as (..., 2) rotation vector [rad], that takes (0, 0, 1) to `down` (..., 3)."""
+    """Shortest rotation, as (..., 2) rotation vector [rad], that takes (0, 0, 1) to `down` (...,
+    3).
+    """
     x, y = down[..., 0], down[..., 1]
     horizontal = np.hypot(x, y)
     angle = np.arctan2(horizontal, down[..., 2])

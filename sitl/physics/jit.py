@@ -1,4 +1,5 @@
-"""The only place of the emulator that knows numba: loops over vehicles run compiled where it is installed.
+"""The only place of the emulator that knows numba: loops over vehicles run compiled where it is
+installed.
 
 Without numba the same functions are interpreted: right, and some hundred times slower.
 """
@@ -11,7 +12,8 @@ from typing import Any, TypeVar, cast
 import numpy as np
 from numpy.typing import NDArray
 
-# An array with one record per vehicle, and one record of it. The dtype beside each use names the fields.
+# An array with one record per vehicle, and one record of it. The dtype beside each use names the
+# fields.
 Records = NDArray[np.void]
 Record = Any
 
@@ -26,9 +28,11 @@ except ImportError:
 
 
 def compiled(function: Function) -> Function:
-    """Compile at the first call and keep the result on disk; without numba return the function as it is.
+    """Compile at the first call and keep the result on disk; without numba return the function as
+    it is.
 
-    The copy on disk is renewed when the function's file changes, so a compiled function calls only those of its file.
+    The copy on disk is renewed when the function's file changes, so a compiled function calls only
+    those of its file.
     """
     return cast(Function, njit(cache=True)(function)) if HAS_NUMBA else function
 

@@ -1,12 +1,14 @@
-"""One 4-ms step of all vehicles: the records that describe a vehicle, and its equations in plain floats.
+"""One 4-ms step of all vehicles: the records that describe a vehicle, and its equations in plain
+floats.
 
-numba compiles these functions where it is installed (:mod:`sitl.physics.jit`). Frames: NED world, FRD body, ground at
-z = 0.
+numba compiles these functions where it is installed (:mod:`sitl.physics.jit`). Frames: NED world,
+FRD body, ground at z = 0.
 
-Roll and pitch: dead time, then the exact transition of a second-order system in the tilt vector, limited in rate.
-Heading: PX4's own cascade, fitted to its measured steps: a rate limited to MC_YAWRATE_MAX is commanded in proportion to
-the error; a rate loop with integral commands a torque, which is limited, filtered, and opposed by the air.
-Body rates: after a dead time for the switch of controllers the rates follow with a short lag.
+Roll and pitch: dead time, then the exact transition of a second-order system in the tilt vector,
+limited in rate. Heading: PX4's own cascade, fitted to its measured steps: a rate limited to
+MC_YAWRATE_MAX is commanded in proportion to the error; a rate loop with integral commands a torque,
+which is limited, filtered, and opposed by the air. Body rates: after a dead time for the switch of
+controllers the rates follow with a short lag.
 """
 
 from __future__ import annotations
@@ -22,7 +24,8 @@ GRAVITY_M_S2 = 9.80665
 STEP_S = 0.004  # 250 Hz: the loop of PX4's own simulator, and the resolution of every dead time
 THRUST_NOISE_CORRELATION_S = 0.1
 GUST_CORRELATION_S = 1.0
-CRASH_TILT_COS = 0.5  # a vehicle that meets the ground tilted by more than 60 deg does not fly again
+# a vehicle that meets the ground tilted by more than 60 deg does not fly again
+CRASH_TILT_COS = 0.5
 LARGEST_TUMBLE_RAD_S = 15.0
 
 MOTION = np.dtype(
@@ -40,11 +43,13 @@ MOTION = np.dtype(
         ("attitude", "f8", 4),  # quaternion NED <- FRD, wxyz
         ("thrust_noise", "f8"),
         ("gust", "f8", 2),
-        ("tilt_offset", "f8", 2),  # error of the attitude that its loop has not yet integrated away [rad]
+        # error of the attitude that its loop has not yet integrated away [rad]
+        ("tilt_offset", "f8", 2),
         ("lift_share", "f8"),  # lift in units of the weight
         ("lift_scale", "f8"),  # share of the lift that the motors still have
         ("lift_cap", "f8"),  # largest lift that they still have
-        ("tumble", "f8", 2),  # turning by a dead motor about body x and y, per lift [rad/s^2 per m/s^2]
+        # turning by a dead motor about body x and y, per lift [rad/s^2 per m/s^2]
+        ("tumble", "f8", 2),
         ("rate_steps", "i8"),  # steps since body rates are commanded
         ("on_ground", "?"),
         ("motors_dead", "?"),
@@ -54,7 +59,8 @@ MOTION = np.dtype(
 
 RESPONSE = np.dtype(  # constants of one vehicle, from its profile
     [
-        ("tilt_by_tilt", "f8", 2),  # transition of tilt and its rate over one step, about body x and y
+        # transition of tilt and its rate over one step, about body x and y
+        ("tilt_by_tilt", "f8", 2),
         ("tilt_by_rate", "f8", 2),
         ("rate_by_tilt", "f8", 2),
         ("rate_by_rate", "f8", 2),
@@ -134,7 +140,9 @@ def _commanded_tilt(q: Array, yaw: float) -> tuple[float, float]:
 def _tilt_axis(r: Record, axis: int, tilt: float, rate: float, goal: float) -> tuple[float, float]:
     """Tilt and its rate about body x (0) or y (1), one step later."""
     error, limit = tilt - goal, r.max_tilt_rate
-    moved = _within(goal + r.tilt_by_tilt[axis] * error + r.tilt_by_rate[axis] * rate - tilt, STEP_S * limit)
+    moved = _within(
+        goal + r.tilt_by_tilt[axis] * error + r.tilt_by_rate[axis] * rate - tilt, STEP_S * limit
+    )
     return tilt + moved, _within(r.rate_by_tilt[axis] * error + r.rate_by_rate[axis] * rate, limit)
 
 
@@ -165,7 +173,9 @@ def _lift(m: Record, r: Record, thrust_frac: float, is_turning: bool, draw: floa
 
 
 @compiled
-def _turned(q: Array, roll_rate: float, pitch_rate: float, yaw_rate: float) -> tuple[float, float, float]:
+def _turned(
+    q: Array, roll_rate: float, pitch_rate: float, yaw_rate: float
+) -> tuple[float, float, float]:
     """Tilt about body x and y, and heading, of an attitude after one step of body rates."""
     hp, hq, hr = 0.5 * STEP_S * roll_rate, 0.5 * STEP_S * pitch_rate, 0.5 * STEP_S * yaw_rate
     bw, bx, by, bz = q[0], q[1], q[2], q[3]
@@ -184,13 +194,20 @@ def _turned(q: Array, roll_rate: float, pitch_rate: float, yaw_rate: float) -> t
 
 
 @compiled
-def _rotate(m: Record, r: Record, by_attitude: Array, by_heading: Array, rate: Array, lift: float) -> None:
-    """Advance tilt, heading and their rates, by attitude or by body rates, commanded or suffered."""
+def _rotate(
+    m: Record, r: Record, by_attitude: Array, by_heading: Array, rate: Array, lift: float
+) -> None:
+    """Advance tilt, heading and their rates, by attitude or by body rates, commanded or suffered.
+    """
     goal_x, goal_y = _commanded_tilt(by_attitude, m.yaw)
     m.tilt_offset[0] *= r.offset_keep
     m.tilt_offset[1] *= r.offset_keep
-    roll, p = _tilt_axis(r, 0, m.tilt[0], m.tilt_rate[0], r.gain * goal_x + r.bias[0] + m.tilt_offset[0])
-    pitch, q = _tilt_axis(r, 1, m.tilt[1], m.tilt_rate[1], r.gain * goal_y + r.bias[1] + m.tilt_offset[1])
+    roll, p = _tilt_axis(
+        r, 0, m.tilt[0], m.tilt_rate[0], r.gain * goal_x + r.bias[0] + m.tilt_offset[0]
+    )
+    pitch, q = _tilt_axis(
+        r, 1, m.tilt[1], m.tilt_rate[1], r.gain * goal_y + r.bias[1] + m.tilt_offset[1]
+    )
     yaw, yaw_rate, torque, integral = _heading(m, r, by_heading)
     is_tumbling = m.tumble[0] != 0.0 or m.tumble[1] != 0.0
     if is_tumbling or m.rate_steps > r.switch_steps:
@@ -238,7 +255,8 @@ def _move(m: Record, r: Record, lift: float, air: Array, push: Array, draws: Arr
     vn, ve, vd = v[0] + STEP_S * an, v[1] + STEP_S * ae, v[2] + STEP_S * ad
     height = m.position[2] + STEP_S * vd
     touches = height >= 0.0
-    if not (touches and m.on_ground):  # feet grip: on the ground nothing slides, and a climb begins vertically
+    # feet grip: on the ground nothing slides, and a climb begins vertically
+    if not (touches and m.on_ground):
         m.position[0] += STEP_S * vn
         m.position[1] += STEP_S * ve
         m.position[2] = 0.0 if touches else height
@@ -253,14 +271,22 @@ def _move(m: Record, r: Record, lift: float, air: Array, push: Array, draws: Arr
 
 @compiled
 def step(
-    motion: Records, response: Records, commanded: Records, newest: int, air: Array, push: Array, draws: Array
+    motion: Records,
+    response: Records,
+    commanded: Records,
+    newest: int,
+    air: Array,
+    push: Array,
+    draws: Array,
 ) -> None:
     """Advance all vehicles in place by `STEP_S`.
 
     Args:
         motion, response: (n,) records MOTION and RESPONSE.
-        commanded: ring (depth, n) of records COMMAND. newest: index in the ring of the present commands.
-        air: (n, 3) velocity of the air, NED [m/s]. push: (n, 3) any other acceleration, NED [m/s^2].
+        commanded: ring (depth, n) of records COMMAND. newest: index in the ring of the present
+            commands.
+        air: (n, 3) velocity of the air, NED [m/s]. push: (n, 3) any other acceleration, NED
+            [m/s^2].
         draws: (n, 3) standard normal numbers: thrust, two gusts.
     """
     depth = commanded.shape[0]

@@ -1,7 +1,9 @@
-"""Rigid vehicles that fly the commands of an autopilot: profiles as data, commands in, true states out. Seeded.
+"""Rigid vehicles that fly the commands of an autopilot: profiles as data, commands in, true states
+out. Seeded.
 
-The inner loops of PX4 are not computed; their measured responses are (`step.py`). A weak loop additionally has a
-gain below one and a constant tilt bias. Frames: NED world, FRD body, ground at z = 0.
+The inner loops of PX4 are not computed; their measured responses are (`step.py`). A weak loop
+additionally has a gain below one and a constant tilt bias. Frames: NED world, FRD body, ground at z
+= 0.
 """
 
 from __future__ import annotations
@@ -18,16 +20,26 @@ from sitl.physics.frames import Array
 from sitl.physics.jit import Records, records
 from sitl.physics.step import GRAVITY_M_S2, STEP_S
 
-__all__ = ["GRAVITY_M_S2", "STEP_S", "Commands", "VehicleProfile", "VehicleStates", "Vehicles", "second_order_step"]
+__all__ = [
+    "GRAVITY_M_S2",
+    "STEP_S",
+    "Commands",
+    "VehicleProfile",
+    "VehicleStates",
+    "Vehicles",
+    "second_order_step",
+]
 
-# PX4's cascade for the heading, fitted to its measured steps of 30, 90 and 170 deg; scaled by yaw_wn_rad_s / 3.
+# PX4's cascade for the heading, fitted to its measured steps of 30, 90 and 170 deg; scaled by
+# yaw_wn_rad_s / 3.
 _YAW_DELAY_S, _YAW_P_1_S, _YAW_RATE_P_1_S, _YAW_RATE_I_1_S2 = 0.024, 2.857, 3.044, 2.51
 _YAW_FILTER_S, _YAW_DRAG_1_S, _YAW_TORQUE_RAD_S2, _YAW_WN_RAD_S = 0.156, 1.243, 7.72, 3.0
 _RATE_LAG_S = 0.03
 _TRANSITION = ("tilt_by_tilt", "tilt_by_rate", "rate_by_tilt", "rate_by_rate")  # names in RESPONSE
 _BLOCK = 64  # random numbers are drawn for so many steps at once
 _MOTORS = 4
-# Where PX4's motors 1 to 4 of a quadrotor X sit: forward and to the right, in units of arm / sqrt(2).
+# Where PX4's motors 1 to 4 of a quadrotor X sit: forward and to the right, in units of arm /
+# sqrt(2).
 _MOTOR_POSITION = np.array([[1.0, 1.0], [-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0]])
 _LARGEST_OFFSET_RAD = 0.15
 _UNCONTROLLED = 0.3  # of the torque of a dead motor: the rest is what the opposite motor gives back
@@ -40,47 +52,61 @@ _LAG_POWER = 0.9
 
 @dataclass(frozen=True, slots=True)
 class VehicleProfile:
-    """Differences between one kind of vehicle and another; the defaults are PX4's SIH quadrotor as measured."""
+    """Differences between one kind of vehicle and another; the defaults are PX4's SIH quadrotor as
+    measured.
+    """
 
     mass_kg: float = 1.0
     hover_thrust_frac: float = 0.49  # normalised thrust that carries the weight
-    attitude_delay_s: float = 0.04  # response of roll and pitch: dead time, natural frequency, damping
+    # response of roll and pitch: dead time, natural frequency, damping
+    attitude_delay_s: float = 0.04
     attitude_wn_rad_s: float = 11.0
     attitude_zeta: float = 0.6
     drag_1_s: float = 1.0  # linear drag over mass
     static_gain: float = 1.0  # tilt reached over tilt commanded
-    tilt_bias_deg: float = 0.0  # largest constant tilt error per axis; the actual one is drawn from the seed
-    yaw_wn_rad_s: float = 3.0  # quickness of the heading; 3 is as measured, all of its cascade scales with it
+    # largest constant tilt error per axis; the actual one is drawn from the seed
+    tilt_bias_deg: float = 0.0
+    # quickness of the heading; 3 is as measured, all of its cascade scales with it
+    yaw_wn_rad_s: float = 3.0
     thrust_delay_s: float = 0.012  # dead time of the thrust
     motor_lag_s: float = 0.05  # time constant of the thrust
     thrust_noise_frac: float = 0.0  # standard deviation of the relative thrust error
-    gust_std_m_s2: float = 0.0  # standard deviation of the acceleration by gusts, per horizontal axis
+    # standard deviation of the acceleration by gusts, per horizontal axis
+    gust_std_m_s2: float = 0.0
     max_tilt_rate_deg_s: float = 220.0  # MC_ROLLRATE_MAX, MC_PITCHRATE_MAX
     max_yaw_rate_deg_s: float = 200.0  # MC_YAWRATE_MAX
-    inertia_kg_m2: tuple[float, float, float] = (0.025, 0.025, 0.03)  # with the arm: effect of a failing motor
+    # with the arm: effect of a failing motor
+    inertia_kg_m2: tuple[float, float, float] = (0.025, 0.025, 0.03)
     arm_m: float = 0.2
-    thrust_curve_frac: float = 0.0  # PX4's THR_MDL_FAC, 0 for a linear thrust, 1 for a quadratic one
-    attitude_integral_s: float = 0.5  # time in which the attitude loop removes a constant torque; 0: never
+    # PX4's THR_MDL_FAC, 0 for a linear thrust, 1 for a quadratic one
+    thrust_curve_frac: float = 0.0
+    # time in which the attitude loop removes a constant torque; 0: never
+    attitude_integral_s: float = 0.5
     rate_switch_s: float = 0.26  # dead time before body rates are followed after attitudes
-    # the response above was measured with these: MC_ROLL_P and MC_PITCH_P [1/s], MC_REF_W_N (0: PX4 has no such filter)
+    # the response above was measured with these: MC_ROLL_P and MC_PITCH_P [1/s], MC_REF_W_N (0: PX4
+    # has no such filter)
     attitude_p_1_s: tuple[float, float] = (6.5, 6.5)
     setpoint_filter_rad_s: float = 0.0
 
     def damping(self, axis: int, attitude_p_1_s: float) -> float:
         """Damping about body x (0) or y (1) under another gain than the response was measured with.
 
-        The lag behind a tilt that moves at a constant rate, delay + 2 zeta / wn, goes with a power of the gain that was
-        measured on SIH; delay and natural frequency, which PX4's rate control and the motors make, stay.
+        The lag behind a tilt that moves at a constant rate, delay + 2 zeta / wn, goes with a power
+        of the gain that was measured on SIH; delay and natural frequency, which PX4's rate control
+        and the motors make, stay.
         """
         if attitude_p_1_s == self.attitude_p_1_s[axis]:
             return self.attitude_zeta
         low, high = _RATIO_BOUNDS
         ratio = min(high, max(low, attitude_p_1_s / self.attitude_p_1_s[axis]))
-        lag_s = (self.attitude_delay_s + 2.0 * self.attitude_zeta / self.attitude_wn_rad_s) / float(ratio**_LAG_POWER)
+        lag_s = (self.attitude_delay_s + 2.0 * self.attitude_zeta / self.attitude_wn_rad_s) / float(
+            ratio**_LAG_POWER
+        )
         return max(_LEAST_ZETA, 0.5 * self.attitude_wn_rad_s * (lag_s - self.attitude_delay_s))
 
     def filter_delay_s(self, setpoint_filter_rad_s: float) -> float:
-        """Delay by another filter of attitude setpoints than the response was measured with; 0 rad/s: none.
+        """Delay by another filter of attitude setpoints than the response was measured with; 0
+        rad/s: none.
 
         The filter is of second order and critically damped.
         """
@@ -93,11 +119,17 @@ class VehicleProfile:
 
     def lift_share(self, thrust_frac: float) -> float:
         """Share of the largest lift at a normalised thrust."""
-        return (1.0 - self.thrust_curve_frac) * thrust_frac + self.thrust_curve_frac * thrust_frac * thrust_frac
+        return (
+            1.0 - self.thrust_curve_frac
+        ) * thrust_frac + self.thrust_curve_frac * thrust_frac * thrust_frac
 
 
 def _filter_s(natural_frequency_rad_s: float) -> float:
-    return min(_LONGEST_FILTER_S, _FILTER_RAD / natural_frequency_rad_s) if natural_frequency_rad_s > 0.0 else 0.0
+    return (
+        min(_LONGEST_FILTER_S, _FILTER_RAD / natural_frequency_rad_s)
+        if natural_frequency_rad_s > 0.0
+        else 0.0
+    )
 
 
 @dataclass(slots=True)
@@ -123,7 +155,9 @@ class Commands:
         )
 
 
-def second_order_step(wn_rad_s: Array, zeta: Array, dt_s: float) -> tuple[Array, Array, Array, Array]:
+def second_order_step(
+    wn_rad_s: Array, zeta: Array, dt_s: float
+) -> tuple[Array, Array, Array, Array]:
     """Exact transition of x'' = -wn^2 x - 2 zeta wn x' over one step, for any damping.
 
     The Taylor series of the matrix exponential converges to rounding, since wn dt is far below one.
@@ -146,9 +180,11 @@ def second_order_step(wn_rad_s: Array, zeta: Array, dt_s: float) -> tuple[Array,
 
 @dataclass(frozen=True, slots=True)
 class VehicleStates:
-    """Truth, one row per vehicle: NED [m, m/s], tilt vector and heading [rad], their rates, thrust [-].
+    """Truth, one row per vehicle: NED [m, m/s], tilt vector and heading [rad], their rates, thrust
+    [-].
 
-    All of them are windows on the same records and change when time goes on: copy values to keep them, write in place.
+    All of them are windows on the same records and change when time goes on: copy values to keep
+    them, write in place.
     """
 
     position_ned_m: Array
@@ -173,7 +209,9 @@ class Vehicles:
         seed: of noise, gusts and biases.
     """
 
-    def __init__(self, profiles: list[VehicleProfile], position_ned_m: Array, yaw_rad: Array, *, seed: int) -> None:
+    def __init__(
+        self, profiles: list[VehicleProfile], position_ned_m: Array, yaw_rad: Array, *, seed: int
+    ) -> None:
         n = len(profiles)
         self.profiles = list(profiles)
         self._rng = np.random.default_rng([seed, 1])
@@ -181,7 +219,10 @@ class Vehicles:
         largest_rad = np.radians([p.tilt_bias_deg for p in profiles])[:, None]
         self._response["bias"] = largest_rad * self._rng.uniform(-1.0, 1.0, (n, 2))
         self.motor_effectiveness = np.ones((n, _MOTORS))
-        delays = (self._response[name].max(initial=0) for name in ("tilt_delay", "yaw_delay", "thrust_delay"))
+        delays = (
+            self._response[name].max(initial=0)
+            for name in ("tilt_delay", "yaw_delay", "thrust_delay")
+        )
         depth = int(max(delays)) + 1 + round(_LONGEST_FILTER_S / STEP_S)
         yaw = np.array(yaw_rad, dtype=np.float64)
         attitude = frames.yaw_quaternion(yaw)
@@ -211,7 +252,9 @@ class Vehicles:
             on_ground=self.motion["on_ground"],
             motors_dead=self.motion["motors_dead"],
         )
-        self._ring = [self._commanded[name] for name in ("attitude", "rate", "thrust", "is_rate", "motors_on")]
+        self._ring = [
+            self._commanded[name] for name in ("attitude", "rate", "thrust", "is_rate", "motors_on")
+        ]
 
     @property
     def tilt_bias_rad(self) -> Array:
@@ -229,7 +272,8 @@ class Vehicles:
         attitudes[newest] = commands.attitude
         rates[newest] = commands.rate_rad_s
         if self.steps == 0:
-            thrusts[:] = commands.thrust_frac  # a vehicle that begins in the air has been commanded before
+            # a vehicle that begins in the air has been commanded before
+            thrusts[:] = commands.thrust_frac
         thrusts[newest] = commands.thrust_frac
         is_rate[newest] = commands.is_rate
         motors_on[newest] = commands.motors_on
@@ -249,7 +293,9 @@ class Vehicles:
     def set_attitude_control(
         self, index: int, attitude_p_1_s: tuple[float, float], setpoint_filter_rad_s: float
     ) -> None:
-        """Let a vehicle respond from now on as under these gains of roll and pitch, and this filter of setpoints."""
+        """Let a vehicle respond from now on as under these gains of roll and pitch, and this filter
+        of setpoints.
+        """
         profile, response = self.profiles[index], self._response[index]
         wn = np.full(2, profile.attitude_wn_rad_s)
         zeta = np.array([profile.damping(axis, gain) for axis, gain in enumerate(attitude_p_1_s)])
@@ -257,32 +303,43 @@ class Vehicles:
         for name, entry in zip(_TRANSITION, transition, strict=True):
             response[name] = entry
         late_s = profile.filter_delay_s(setpoint_filter_rad_s)
-        for name, delay_s in (("tilt_delay", profile.attitude_delay_s), ("yaw_delay", profile.yaw_delay_s)):
+        for name, delay_s in (
+            ("tilt_delay", profile.attitude_delay_s),
+            ("yaw_delay", profile.yaw_delay_s),
+        ):
             response[name] = round(max(0.0, delay_s + late_s) / STEP_S)
 
     @property
     def lift_share(self) -> Array:
-        """Lift of every vehicle (n,) in units of its weight, since the last step: a window, not a copy."""
+        """Lift of every vehicle (n,) in units of its weight, since the last step: a window, not a
+        copy.
+        """
         return self.motion["lift_share"]
 
     def set_motor(self, index: int, motor: int, effectiveness: float) -> None:
         """Let motor 1 to 4 of a vehicle give only a share of its thrust from now on.
 
-        The loop shares the work anew: with motors e_k the lift is the harmonic mean of the e_k, at most what the
-        weakest allows with all torques in balance. Until its integral has learnt the missing torque (never, for a weak
-        loop) the vehicle leans towards that motor. A dead motor cannot be balanced: the vehicle turns over and falls.
+        The loop shares the work anew: with motors e_k the lift is the harmonic mean of the e_k, at
+        most what the weakest allows with all torques in balance. Until its integral has learnt the
+        missing torque (never, for a weak loop) the vehicle leans towards that motor. A dead motor
+        cannot be balanced: the vehicle turns over and falls.
         """
         profile, effective = self.profiles[index], self.motor_effectiveness[index]
         lost = effective[motor - 1] - effectiveness
         effective[motor - 1] = effectiveness
         lever_m = profile.arm_m / math.sqrt(2.0)
-        # What a motor lifts on the right pushes the left side down; forward and right are x and y of the body.
+        # What a motor lifts on the right pushes the left side down; forward and right are x and y
+        # of the body.
         turn = np.array([1.0, -1.0]) * _MOTOR_POSITION[motor - 1][::-1]
-        per_lift = turn * profile.mass_kg * lever_m / (_MOTORS * np.array(profile.inertia_kg_m2[:2]))
+        per_lift = (
+            turn * profile.mass_kg * lever_m / (_MOTORS * np.array(profile.inertia_kg_m2[:2]))
+        )
         motion = self.motion[index]
         alive = effective[effective >= _DEAD_BELOW]
         has_dead = alive.size < _MOTORS
-        motion["lift_scale"] = float(effective.mean()) if has_dead else _MOTORS / float((1.0 / alive).sum())
+        motion["lift_scale"] = (
+            float(effective.mean()) if has_dead else _MOTORS / float((1.0 / alive).sum())
+        )
         motion["lift_cap"] = motion["lift_scale"] if has_dead else float(alive.min())
         if effectiveness < _DEAD_BELOW:
             motion["tumble"] += _UNCONTROLLED * per_lift
@@ -318,7 +375,9 @@ def _response(profiles: list[VehicleProfile]) -> Records:
         r["max_yaw_torque"] = _YAW_TORQUE_RAD_S2 * quick * quick
         r["yaw_drag"] = _YAW_DRAG_1_S * quick
         r["rate_blend"] = 1.0 - math.exp(-STEP_S / _RATE_LAG_S)
-        r["offset_keep"] = math.exp(-STEP_S / p.attitude_integral_s) if p.attitude_integral_s > 0.0 else 1.0
+        r["offset_keep"] = (
+            math.exp(-STEP_S / p.attitude_integral_s) if p.attitude_integral_s > 0.0 else 1.0
+        )
         r["tilt_delay"] = r["rate_delay"] = round(p.attitude_delay_s / STEP_S)
         r["yaw_delay"] = round(p.yaw_delay_s / STEP_S)
         r["thrust_delay"] = round(p.thrust_delay_s / STEP_S)

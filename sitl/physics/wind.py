@@ -1,7 +1,8 @@
 """Wind: a mean vector and gusts about it.
 
-Gusts are an Ornstein-Uhlenbeck process per axis, which is Dryden's longitudinal spectrum with L / V as correlation
-time; the second pole of Dryden's other two spectra is left out. The air pushes by the vehicle's linear drag.
+Gusts are an Ornstein-Uhlenbeck process per axis, which is Dryden's longitudinal spectrum with L / V
+as correlation time; the second pole of Dryden's other two spectra is left out. The air pushes by
+the vehicle's linear drag.
 """
 
 from __future__ import annotations
@@ -23,9 +24,11 @@ class WindSettings:
     """The weather."""
 
     mean_enu_m_s: tuple[float, float, float] = (0.0, 0.0, 0.0)  # steady velocity of the air
-    gust_std_m_s: float = 0.0  # standard deviation of gusts per horizontal axis; half of it vertically
+    # standard deviation of gusts per horizontal axis; half of it vertically
+    gust_std_m_s: float = 0.0
     gust_time_s: float = 1.0  # correlation time of gusts
-    is_common: bool = False  # one gust for all vehicles (a hall's ventilation) or one for each (outdoors, far apart)
+    # one gust for all vehicles (a hall's ventilation) or one for each (outdoors, far apart)
+    is_common: bool = False
 
 
 class Wind:
@@ -45,7 +48,8 @@ class Wind:
         self._keep = math.exp(-STEP_S / max(settings.gust_time_s, STEP_S))
         std = settings.gust_std_m_s * np.array([1.0, 1.0, _VERTICAL_SHARE])
         self._spread = std * math.sqrt(1.0 - self._keep**2)
-        self.is_calm = settings.gust_std_m_s == 0.0 and not self._mean_ned.any()  # read at every step of the physics
+        # read at every step of the physics
+        self.is_calm = settings.gust_std_m_s == 0.0 and not self._mean_ned.any()
 
     def step(self) -> Array:
         """Velocity of the air (n, 3) NED [m/s], one physics step later."""

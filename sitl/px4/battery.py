@@ -1,4 +1,6 @@
-"""PX4's simulated battery: it empties while armed, down to a floor, and fills again after disarming."""
+"""PX4's simulated battery: it empties while armed, down to a floor, and fills again after
+disarming.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +12,8 @@ from sitl.px4.parameters import Parameters
 FULL_MV = 16200
 EMPTY_MV = 14400
 _REFILL_S = 4.0
-# SIM_BAT_DRAIN seconds are for a whole charge; PX4's simulator was measured to take half of it for half a charge.
+# SIM_BAT_DRAIN seconds are for a whole charge; PX4's simulator was measured to take half of it for
+# half a charge.
 
 
 class ChargeState(Enum):
@@ -45,11 +48,15 @@ class Battery:
     remaining_frac: float = 1.0
 
     def step(self, dt_s: float, *, is_armed: bool, drain_s: float, floor_pct: float) -> None:
-        """Advance by `dt_s`: empty in `drain_s` for a whole charge while armed, not below `floor_pct`."""
+        """Advance by `dt_s`: empty in `drain_s` for a whole charge while armed, not below
+        `floor_pct`.
+        """
         if is_armed:
             floor_frac = min(1.0, max(0.0, floor_pct / 100.0))
             if self.remaining_frac > floor_frac:
-                self.remaining_frac = max(floor_frac, self.remaining_frac - dt_s / max(drain_s, 1e-3))
+                self.remaining_frac = max(
+                    floor_frac, self.remaining_frac - dt_s / max(drain_s, 1e-3)
+                )
         else:
             self.remaining_frac = min(1.0, self.remaining_frac + dt_s / _REFILL_S)
 

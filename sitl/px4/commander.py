@@ -1,9 +1,11 @@
-"""One PX4 commander: arming, mode requests, failsafes, landing. Pure: time comes in, texts and events go out.
+"""One PX4 commander: arming, mode requests, failsafes, landing. Pure: time comes in, texts and
+events go out.
 
-The mode that was asked for (`intent`) and the mode that is flown (`mode`) are two things, as in PX4: a failsafe changes
-only the second, and when its cause is gone the first is flown again without being asked for. What each mode needs is in
-`modes.py`, what forbids arming in `arming_checks.py`, what takes a vehicle out of its mode in `failsafes.py`, how a
-mode is flown in `mode_control.py`, what is said in `events.py`.
+The mode that was asked for (`intent`) and the mode that is flown (`mode`) are two things, as in
+PX4: a failsafe changes only the second, and when its cause is gone the first is flown again without
+being asked for. What each mode needs is in `modes.py`, what forbids arming in `arming_checks.py`,
+what takes a vehicle out of its mode in `failsafes.py`, how a mode is flown in `mode_control.py`,
+what is said in `events.py`.
 """
 
 from __future__ import annotations
@@ -70,7 +72,7 @@ class Autopilot:
         """Version of this PX4."""
         return self.params.version
 
-    # -- what the messages show ---------------------------------------------------------------------------------
+    # -- what the messages show --------------------------------------------------------------------
 
     @property
     def shown_mode(self) -> Mode:
@@ -94,10 +96,14 @@ class Autopilot:
         return self.is_armed and (self.failsafe.is_active or self.mode is not self.intent)
 
     def has_fresh_setpoint(self, now_s: float) -> bool:
-        """Whether OFFBOARD may be flown: the newest setpoint is younger than COM_OF_LOSS_T, and can be followed."""
+        """Whether OFFBOARD may be flown: the newest setpoint is younger than COM_OF_LOSS_T, and can
+        be followed.
+        """
         if self.setpoint is None or now_s - self.setpoint.time_s > self.params["COM_OF_LOSS_T"]:
             return False
-        return not self.setpoint.needs_position or (self._last is not None and self._last.has_local_position)
+        return not self.setpoint.needs_position or (
+            self._last is not None and self._last.has_local_position
+        )
 
     def arming_obstacles(self, now_s: float) -> list[str]:
         """Return the reasons against arming now; empty when there are none."""
@@ -130,10 +136,13 @@ class Autopilot:
                 base = modes.OFFBOARD_RATES_BASE_MODE
         return base | (modes.ARMED_BIT if self.is_armed else 0)
 
-    # -- requests -----------------------------------------------------------------------------------------------
+    # -- requests ----------------------------------------------------------------------------------
 
     def request_arm(self, now_s: float, arm: bool, magic: float) -> Result:
-        """MAV_CMD_COMPONENT_ARM_DISARM. The magic number forces disarming; for arming from outside PX4 ignores it."""
+        """MAV_CMD_COMPONENT_ARM_DISARM.
+
+        The magic number forces disarming; for arming from outside PX4 ignores it.
+        """
         if arm == self.is_armed:
             return Result.ACCEPTED
         if arm:
@@ -149,11 +158,14 @@ class Autopilot:
         return Result.ACCEPTED
 
     def request_mode(self, now_s: float, main: int, sub: int, base_mode: int = 1) -> Result:
-        """DO_SET_MODE or SET_MODE: the commander's own answer (the receiver's early one is the link's)."""
+        """DO_SET_MODE or SET_MODE: the commander's own answer (the receiver's early one is the
+        link's).
+        """
         mode = modes.mode_of(base_mode, main, sub)
         if mode is not None:
             return self.request(now_s, mode)
-        # PX4 refuses an automatic mode that it does not have; any other number means nothing to it, and passes.
+        # PX4 refuses an automatic mode that it does not have; any other number means nothing to it,
+        # and passes.
         if main != modes.AUTO_MAIN:
             return Result.ACCEPTED
         self.journal.say(now_s, "no such mode")
@@ -168,7 +180,11 @@ class Autopilot:
             said: what PX4 says when it accepts; by default what belongs to the mode.
         """
         # A landing is always begun: without a position it becomes a level descent.
-        needs = ModeCondition.NOTHING if mode is Mode.LAND else MODES[mode].needs & ~ModeCondition.ARMING
+        needs = (
+            ModeCondition.NOTHING
+            if mode is Mode.LAND
+            else MODES[mode].needs & ~ModeCondition.ARMING
+        )
         if self.is_armed and needs & ~self._available(now_s):
             if now_s - self._refused_time_s > _REFUSED_AGAIN_S:
                 self._refused_time_s = now_s
@@ -184,7 +200,8 @@ class Autopilot:
         return Result.ACCEPTED
 
     def request_takeoff(self, now_s: float, height_m: float) -> Result:
-        """MAV_CMD_NAV_TAKEOFF to a height above home; NaN for the default, which is also the least."""
+        """MAV_CMD_NAV_TAKEOFF to a height above home; NaN for the default, which is also the least.
+        """
         result = self.request(now_s, Mode.TAKEOFF)
         if result is Result.ACCEPTED:
             self.flight.takeoff_height_m = height_m if math.isfinite(height_m) else None
@@ -197,7 +214,9 @@ class Autopilot:
         self.tunes += 1
 
     def request_termination(self, now_s: float) -> Result:
-        """MAV_CMD_DO_FLIGHTTERMINATION: motors off, still armed, until somebody disarms or it lies on the ground."""
+        """MAV_CMD_DO_FLIGHTTERMINATION: motors off, still armed, until somebody disarms or it lies
+        on the ground.
+        """
         if not self.is_armed:
             return Result.DENIED
         self.intent = Mode.TERMINATION
@@ -212,7 +231,9 @@ class Autopilot:
             self._follow(setpoint)
 
     def take_sticks(self, now_s: float, positions: Axes) -> None:
-        """MANUAL_CONTROL: a pilot who moves a stick takes over, if parameters and failsafes let him."""
+        """MANUAL_CONTROL: a pilot who moves a stick takes over, if parameters and failsafes let
+        him.
+        """
         self.sticks.take(now_s, positions)
         is_of_a_program = self.mode is Mode.OFFBOARD or MODES[self.mode].main == modes.AUTO_MAIN
         if not self.is_armed or not is_of_a_program or self.failsafe.is_active:
@@ -229,7 +250,7 @@ class Autopilot:
             self.flight.has_lost_attitude = True
         self.flight.take_setpoint(setpoint)
 
-    # -- time ---------------------------------------------------------------------------------------------------
+    # -- time --------------------------------------------------------------------------------------
 
     def tick(self, situation: Situation) -> None:
         """Everything that happens at 50 Hz."""
@@ -249,13 +270,17 @@ class Autopilot:
         self._select_mode(now)
         if not self.is_armed:
             return
-        said = self.land_detector.step(situation, self.mode, self.actuation.thrust_frac, self.params)
+        said = self.land_detector.step(
+            situation, self.mode, self.actuation.thrust_frac, self.params
+        )
         if said is not None:
             self.journal.say(now, said)
         self._auto_disarm(now)
         # A pilot's sticks are heard, their positions are not: who has taken a vehicle holds it.
         flown = Mode.LOITER if self.mode is Mode.POSCTL and self._has_sticks(now) else self.mode
-        if self.is_armed and self.flight.step(situation, flown, self.landed, self.params, self.setpoint):
+        if self.is_armed and self.flight.step(
+            situation, flown, self.landed, self.params, self.setpoint
+        ):
             self._intend(Mode.LOITER)
 
     def _available(self, now_s: float) -> ModeCondition:
@@ -352,7 +377,9 @@ class Autopilot:
         if self.failsafe.delayed is not Action.NONE:
             seconds = self.params["COM_FAIL_ACT_T"]
             shown_s = int(min(65535.0, max(0.0, seconds)))
-            self.journal.say(now_s, "failsafe hold", shown, self.failsafe.delayed, shown_s, seconds=seconds)
+            self.journal.say(
+                now_s, "failsafe hold", shown, self.failsafe.delayed, shown_s, seconds=seconds
+            )
         else:
             self.journal.say(now_s, "failsafe", shown, self.failsafe.action)
 
@@ -392,7 +419,10 @@ class Autopilot:
     def _auto_disarm(self, now_s: float) -> None:
         if self.landed is not Landed.ON_GROUND:
             return
-        after_landing, before_flight = self.params["COM_DISARM_LAND"], self.params["COM_DISARM_PRFLT"]
+        after_landing, before_flight = (
+            self.params["COM_DISARM_LAND"],
+            self.params["COM_DISARM_PRFLT"],
+        )
         if self.land_detector.has_flown:
             if after_landing > 0.0 and now_s - self.land_detector.landed_time_s >= after_landing:
                 self._disarm(now_s, "landing")

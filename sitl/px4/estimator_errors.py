@@ -1,9 +1,11 @@
-"""Errors of PX4's estimate, as measured on its simulator, and the random processes that reproduce them.
+"""Errors of PX4's estimate, as measured on its simulator, and the random processes that reproduce
+them.
 
-The velocity error is an Ornstein-Uhlenbeck process, e_v' = -e_v / tau + noise. The position error integrates it and is
-pulled back by the measurements, e_p' = e_v - e_p / T; T follows from the three measured numbers, since the variance of
-e_p is then sigma_v^2 T^2 tau / (T + tau). So both errors belong together, as a filter's do, and are slow: the
-correlation time, not the size, decides what an error costs in separation.
+The velocity error is an Ornstein-Uhlenbeck process, e_v' = -e_v / tau + noise. The position error
+integrates it and is pulled back by the measurements, e_p' = e_v - e_p / T; T follows from the three
+measured numbers, since the variance of e_p is then sigma_v^2 T^2 tau / (T + tau). So both errors
+belong together, as a filter's do, and are slow: the correlation time, not the size, decides what an
+error costs in separation.
 """
 
 from __future__ import annotations
@@ -52,12 +54,13 @@ ERRORS = np.dtype(
     align=True,
 )
 
-# Not measured. The error wanders in flight only, and smoothly, as the heading of a filter that integrates a gyro does:
-# white noise through two such lags.
+# Not measured. The error wanders in flight only, and smoothly, as the heading of a filter that
+# integrates a gyro does: white noise through two such lags.
 YAW_CORRELATION_S = 6.0
 BLEND_S = 0.5  # in which one kind of error gives way to another
-# Dead reckoning: the velocity's error, growing at first, is damped; that of height ends soon, at another level. The
-# attitude's begins with a quarter of its largest value, which it reaches after 3.5 s.
+# Dead reckoning: the velocity's error, growing at first, is damped; that of height ends soon, at
+# another level. The attitude's begins with a quarter of its largest value, which it reaches after
+# 3.5 s.
 DRIFT_DAMPING_S = (4.0, 4.0, 0.5)
 LEAN_AT_FIRST, LEAN_GROWTH_S = 0.25, 3.5 / math.log(4.0)
 _ROOT_TWO = math.sqrt(2.0)
@@ -78,7 +81,8 @@ class ErrorLevel:
     position_m: tuple[float, float, float]  # standard deviations
     velocity_m_s: tuple[float, float, float]
     correlation_s: float  # of the velocity error
-    bias_m: tuple[float, float, float] = (0.0, 0.0, 0.0)  # standard deviation, over vehicles, of a constant error
+    # standard deviation, over vehicles, of a constant error
+    bias_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     @property
     def pull_s(self) -> tuple[float, float, float]:
@@ -131,7 +135,11 @@ def _advance_motion(e: Record, draws: Array, dt_s: float, position: Array, veloc
         e.std_position[k] += blend * (e.std_position_goal[k] - e.std_position[k])
         e.std_velocity[k] += blend * (e.std_velocity_goal[k] - e.std_velocity[k])
         e.bias[k] += blend * (e.bias_goal[k] - e.bias[k])
-        drift = e.drift_velocity[k] + dt_s * e.drift_acceleration[k] * e.is_flying if e.is_drifting else 0.0
+        drift = (
+            e.drift_velocity[k] + dt_s * e.drift_acceleration[k] * e.is_flying
+            if e.is_drifting
+            else 0.0
+        )
         drift -= dt_s / DRIFT_DAMPING_S[k] * e.is_flying * drift
         e.drift_velocity[k] = drift
         e.offset[k] += dt_s * drift
@@ -160,8 +168,11 @@ def _advance_heading(e: Record, draw: float, dt_s: float, yaw_keep: float) -> No
 
 
 @compiled
-def advance(errors: Records, draws: Array, dt_s: float, position: Array, velocity: Array, yaw_keep: float) -> None:
-    """Advance all errors by `dt_s` and form the estimates from the true motion relative to the origin.
+def advance(
+    errors: Records, draws: Array, dt_s: float, position: Array, velocity: Array, yaw_keep: float
+) -> None:
+    """Advance all errors by `dt_s` and form the estimates from the true motion relative to the
+    origin.
 
     Args:
         errors: (n,) records ERRORS, updated. draws: (n, 4) standard normal numbers.

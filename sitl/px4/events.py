@@ -1,6 +1,8 @@
-"""Messages of a PX4 for people: STATUSTEXTs (for ground stations) and the EVENTs with the same content.
+"""Messages of a PX4 for people: STATUSTEXTs (for ground stations) and the EVENTs with the same
+content.
 
-PX4's texts end in a tab when an event says the same, so that a ground station that reads events can drop them.
+PX4's texts end in a tab when an event says the same, so that a ground station that reads events can
+drop them.
 """
 
 from __future__ import annotations
@@ -21,7 +23,9 @@ Entry = TypeVar("Entry")
 
 
 def event_id(name: str) -> int:
-    """The number of an event: 24 bits of the FNV-1a hash of its name, within the autopilot's namespace."""
+    """The number of an event: 24 bits of the FNV-1a hash of its name, within the autopilot's
+    namespace.
+    """
     value = 0x811C9DC5
     for byte in name.encode("ascii"):
         value = ((value ^ byte) * 0x01000193) & 0xFFFFFFFF
@@ -90,7 +94,8 @@ class Journal:
 
     texts: Log[Text] = field(default_factory=Log)
     events: Log[Event] = field(default_factory=Log)
-    severities: Mapping[str, int] = field(default_factory=dict)  # of texts, where not the table's; -1: not sent
+    # of texts, where not the table's; -1: not sent
+    severities: Mapping[str, int] = field(default_factory=dict)
 
     @property
     def newest_sequence(self) -> int:

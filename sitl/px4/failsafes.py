@@ -1,6 +1,7 @@
 """PX4's failsafes as a table: which condition leads to which action, by which parameter.
 
-Of all conditions that hold, the most severe action is taken. An action that is not urgent waits in Hold first.
+Of all conditions that hold, the most severe action is taken. An action that is not urgent waits in
+Hold first.
 """
 
 from __future__ import annotations
@@ -86,12 +87,20 @@ class Condition:
         if self.parameter is None:
             return self.otherwise
         action = self.actions.get(params.integer(self.parameter), self.otherwise)
-        is_flyable = action not in _MANUAL or facts.has_sticks or params.version.flies_manual_modes_without_sticks
+        is_flyable = (
+            action not in _MANUAL
+            or facts.has_sticks
+            or params.version.flies_manual_modes_without_sticks
+        )
         return action if is_flyable else Action.RETURN
 
 
 def _beyond_fence(facts: Facts, params: Parameters) -> bool:
-    (away_m, height_m), farthest_m, highest_m = facts.from_home_m, params["GF_MAX_HOR_DIST"], params["GF_MAX_VER_DIST"]
+    (away_m, height_m), farthest_m, highest_m = (
+        facts.from_home_m,
+        params["GF_MAX_HOR_DIST"],
+        params["GF_MAX_VER_DIST"],
+    )
     return 0.0 < farthest_m < away_m or 0.0 < highest_m < height_m
 
 
@@ -112,7 +121,9 @@ CONDITIONS: tuple[Condition, ...] = (
         },
         Action.POSCTL,
     ),
-    Condition("battery low", lambda facts, _: facts.battery is ChargeState.LOW, None, {}, Action.WARN),
+    Condition(
+        "battery low", lambda facts, _: facts.battery is ChargeState.LOW, None, {}, Action.WARN
+    ),
     Condition(
         "battery critical",
         lambda facts, _: facts.battery is ChargeState.CRITICAL,
@@ -133,7 +144,10 @@ CONDITIONS: tuple[Condition, ...] = (
         "attitude failure",
         lambda facts, params: (
             facts.attitude_failed
-            and (params["CBRK_FLIGHTTERM"] != FLIGHT_TERMINATION_OFF or params.version.warns_of_attitude_failure)
+            and (
+                params["CBRK_FLIGHTTERM"] != FLIGHT_TERMINATION_OFF
+                or params.version.warns_of_attitude_failure
+            )
         ),
         "CBRK_FLIGHTTERM",
         {int(FLIGHT_TERMINATION_OFF): Action.WARN},
@@ -144,13 +158,22 @@ CONDITIONS: tuple[Condition, ...] = (
         "geofence",
         _beyond_fence,
         "GF_ACTION",
-        {0: Action.NONE, 1: Action.WARN, 2: Action.HOLD, 3: Action.RETURN, 4: Action.TERMINATE, 5: Action.LAND},
+        {
+            0: Action.NONE,
+            1: Action.WARN,
+            2: Action.HOLD,
+            3: Action.RETURN,
+            4: Action.TERMINATE,
+            5: Action.LAND,
+        },
         Action.WARN,
         clears=Clears.BY_MODE_CHANGE,
     ),
     Condition(
         "ground station lost",
-        lambda facts, params: params["NAV_DLL_ACT"] > 0 and facts.ground_silent_s > params["COM_DL_LOSS_T"],
+        lambda facts, params: (
+            params["NAV_DLL_ACT"] > 0 and facts.ground_silent_s > params["COM_DL_LOSS_T"]
+        ),
         "NAV_DLL_ACT",
         {1: Action.HOLD, 2: Action.RETURN, 3: Action.LAND, 5: Action.TERMINATE, 6: Action.DISARM},
         Action.NONE,
@@ -191,7 +214,9 @@ class Failsafe:
     def step(self, now_s: float, facts: Facts, params: Parameters) -> bool:
         """Decide anew; True when something new has to be told."""
         before, present_before = self.action, self.present
-        if not self._latched and not any(condition.holds(facts, params) for condition in CONDITIONS):
+        if not self._latched and not any(
+            condition.holds(facts, params) for condition in CONDITIONS
+        ):
             self.action = self.delayed = Action.NONE
             self.present, self._waiting_since_s = frozenset(), math.inf
             return False
@@ -199,7 +224,9 @@ class Failsafe:
         present: list[str] = []
         for condition in CONDITIONS:
             latched = self._latched.get(condition.name, Action.NONE)
-            action = condition.action(facts, params) if condition.holds(facts, params) else Action.NONE
+            action = (
+                condition.action(facts, params) if condition.holds(facts, params) else Action.NONE
+            )
             if action > latched and condition.clears is not Clears.WITH_CONDITION:
                 self._latched[condition.name] = action
             action = max(action, latched)

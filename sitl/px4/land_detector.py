@@ -8,7 +8,8 @@ from sitl.px4.modes import Landed, Mode
 from sitl.px4.parameters import Parameters
 from sitl.px4.signals import Situation
 
-# How long contact and low thrust have to last. PX4's own modes push down before they give up, setpoints do not.
+# How long contact and low thrust have to last. PX4's own modes push down before they give up,
+# setpoints do not.
 _PATIENCE_S = 4.3
 _LOWEST_THRUST = 0.12
 _LOW_SHARE = 0.3
@@ -35,7 +36,9 @@ class LandDetector:
         self.state = Landed.ON_GROUND
         self.has_flown = False
 
-    def step(self, situation: Situation, mode: Mode, thrust_frac: float, params: Parameters) -> str | None:
+    def step(
+        self, situation: Situation, mode: Mode, thrust_frac: float, params: Parameters
+    ) -> str | None:
         """Look again; the key of what PX4 says when it has changed its mind."""
         now = situation.time_s
         was_on_ground = self.state is Landed.ON_GROUND

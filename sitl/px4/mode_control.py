@@ -39,7 +39,9 @@ class Flight:
 
     # the newest output
     actuation: Actuation = field(
-        default_factory=lambda: Actuation(np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3), False, 0.0, False)
+        default_factory=lambda: Actuation(
+            np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3), False, 0.0, False
+        )
     )
     goal: Goal | None = None  # where PX4's own control flies to; None while there is no such place
     home_ned_m: Array = field(default_factory=lambda: np.zeros(3))  # (3,) where it was armed
@@ -78,10 +80,14 @@ class Flight:
         self._hold_ned_m = position_ned_m
 
     def frame_jumped(self, shift_ned_m: Array) -> None:
-        """Move what is remembered along with a jump of the local frame, so that the vehicle stays where it is."""
+        """Move what is remembered along with a jump of the local frame, so that the vehicle stays
+        where it is.
+        """
         self.home_ned_m = self.home_ned_m + shift_ned_m
         if self._entry is not None:
-            self._entry = replace(self._entry, position_ned_m=self._entry.position_ned_m + shift_ned_m)
+            self._entry = replace(
+                self._entry, position_ned_m=self._entry.position_ned_m + shift_ned_m
+            )
         if self._hold_ned_m is not None:
             self._hold_ned_m = self._hold_ned_m + shift_ned_m
 
@@ -96,11 +102,18 @@ class Flight:
         attitude = self.actuation.attitude if setpoint.attitude is None else setpoint.attitude
         self.goal = None
         self._command(
-            attitude, setpoint.thrust_frac, setpoint.rate_rad_s if setpoint.kind is SetpointKind.RATE else None
+            attitude,
+            setpoint.thrust_frac,
+            setpoint.rate_rad_s if setpoint.kind is SetpointKind.RATE else None,
         )
 
     def step(
-        self, situation: Situation, mode: Mode, landed: Landed, params: Parameters, setpoint: Setpoint | None
+        self,
+        situation: Situation,
+        mode: Mode,
+        landed: Landed,
+        params: Parameters,
+        setpoint: Setpoint | None,
     ) -> bool:
         """One tick of an armed vehicle; True when a take-off has reached its height."""
         self._learn_hover_thrust(situation)
@@ -112,7 +125,9 @@ class Flight:
             self.terminate()
             return False
         rests = landed is Landed.ON_GROUND
-        if mode is not Mode.TAKEOFF and (rests or (situation.on_ground and mode is not Mode.LOITER)):
+        if mode is not Mode.TAKEOFF and (
+            rests or (situation.on_ground and mode is not Mode.LOITER)
+        ):
             self._idle(self._start(situation).yaw_rad)
             return False
         _FLOWN[mode](self, situation, params)
@@ -123,7 +138,7 @@ class Flight:
         left_m = abs(float(situation.position_ned_m[2]) - self._takeoff_down_m(params))
         return left_m < (_TAKEOFF_REACHED_M if is_patient else _TAKEOFF_NEAR_M)
 
-    # -- modes --------------------------------------------------------------------------------------------------
+    # -- modes -------------------------------------------------------------------------------------
 
     def _take_off(self, situation: Situation, params: Parameters) -> None:
         yaw = self._start(situation).yaw_rad
@@ -134,7 +149,9 @@ class Flight:
         position = np.array([self.home_ned_m[0], self.home_ned_m[1], self._takeoff_down_m(params)])
         # The climb begins gently, and from the ground at once.
         share = min(1.0, _FIRST_SHARE + since_s / max(params["MPC_TKO_RAMP_T"], 0.1))
-        self._fly(situation, Goal(position, _STILL, yaw), params, up_m_s=share * params["MPC_TKO_SPEED"])
+        self._fly(
+            situation, Goal(position, _STILL, yaw), params, up_m_s=share * params["MPC_TKO_SPEED"]
+        )
 
     def _hold(self, situation: Situation, params: Parameters) -> None:
         start = self._start(situation)
@@ -158,21 +175,32 @@ class Flight:
     def _sink(self, situation: Situation, params: Parameters) -> None:
         # Level, whatever the position does: there is nobody at the sticks, or no position.
         down = np.array([0.0, 0.0, params["MPC_LAND_SPEED"]])
-        self._fly(situation, Goal(_NOWHERE, down, self._start(situation).yaw_rad), params, is_level=True)
+        self._fly(
+            situation, Goal(_NOWHERE, down, self._start(situation).yaw_rad), params, is_level=True
+        )
 
-    # -- parts --------------------------------------------------------------------------------------------------
+    # -- parts -------------------------------------------------------------------------------------
 
     def _start(self, situation: Situation) -> Situation:
         return self._entry or situation
 
     def _takeoff_down_m(self, params: Parameters) -> float:
-        height_m = params["MIS_TAKEOFF_ALT"] if self.takeoff_height_m is None else self.takeoff_height_m
+        height_m = (
+            params["MIS_TAKEOFF_ALT"] if self.takeoff_height_m is None else self.takeoff_height_m
+        )
         return float(self.home_ned_m[2]) - height_m
 
-    def _descend(self, situation: Situation, at_ned_m: Array, yaw_rad: float, params: Parameters) -> None:
+    def _descend(
+        self, situation: Situation, at_ned_m: Array, yaw_rad: float, params: Parameters
+    ) -> None:
         position = np.array([at_ned_m[0], at_ned_m[1], math.nan])
         speed = np.array([0.0, 0.0, params["MPC_LAND_SPEED"]])
-        self._fly(situation, Goal(position, speed, yaw_rad), params, is_level=not situation.has_local_position)
+        self._fly(
+            situation,
+            Goal(position, speed, yaw_rad),
+            params,
+            is_level=not situation.has_local_position,
+        )
 
     def _fly(
         self,
@@ -202,13 +230,16 @@ class Flight:
         self._command(level(yaw) if is_level else attitude, thrust)
 
     def _heading(self, goal: Goal, situation: Situation) -> float:
-        # A heading that is not asked for stays where it was when it was last asked for, or at the mode's start.
+        # A heading that is not asked for stays where it was when it was last asked for, or at the
+        # mode's start.
         if math.isfinite(goal.yaw_rad):
             self._yaw_setpoint_rad = goal.yaw_rad
         elif self._yaw_setpoint_rad is None:
             self._yaw_setpoint_rad = situation.yaw_rad
         if not math.isfinite(goal.yaw_rad) and math.isfinite(goal.yaw_rate_rad_s):
-            turned = self._yaw_setpoint_rad + TICK_S * max(-math.pi, min(math.pi, goal.yaw_rate_rad_s))
+            turned = self._yaw_setpoint_rad + TICK_S * max(
+                -math.pi, min(math.pi, goal.yaw_rate_rad_s)
+            )
             self._yaw_setpoint_rad = math.remainder(turned, 2.0 * math.pi)
         return self._yaw_setpoint_rad
 
@@ -217,18 +248,25 @@ class Flight:
         self.goal = None
         self._command(level(yaw_rad), 0.0)
 
-    def _command(self, attitude: Array, thrust_frac: float, rate_rad_s: Array | None = None) -> None:
+    def _command(
+        self, attitude: Array, thrust_frac: float, rate_rad_s: Array | None = None
+    ) -> None:
         if self.has_lost_attitude:
             rate_rad_s = DRIFT_RAD_S
         is_rate = rate_rad_s is not None
-        self.actuation = Actuation(attitude, _STILL if rate_rad_s is None else rate_rad_s, is_rate, thrust_frac, True)
+        self.actuation = Actuation(
+            attitude, _STILL if rate_rad_s is None else rate_rad_s, is_rate, thrust_frac, True
+        )
 
     def _learn_hover_thrust(self, situation: Situation) -> None:
-        # PX4 estimates its hover thrust in flight; without that a heavy vehicle sinks when a failsafe takes over.
+        # PX4 estimates its hover thrust in flight; without that a heavy vehicle sinks when a
+        # failsafe takes over.
         if situation.on_ground or abs(situation.velocity_ned_m_s[2]) > 0.5:
             return
         lift = self.actuation.thrust_frac * frames.uprightness(situation.attitude)
-        learned = self._hover_thrust_frac + TICK_S / _HOVER_LEARN_S * (lift - self._hover_thrust_frac)
+        learned = self._hover_thrust_frac + TICK_S / _HOVER_LEARN_S * (
+            lift - self._hover_thrust_frac
+        )
         self._hover_thrust_frac = min(0.9, max(0.1, learned))
 
 

@@ -52,7 +52,8 @@ class Result(IntEnum):
 
 
 class ModeCondition(Flag):
-    """Conditions of a mode: all to be armed in it, all but ARMING to be changed to it in the air."""
+    """Conditions of a mode: all to be armed in it, all but ARMING to be changed to it in the air.
+    """
 
     NOTHING = 0
     LOCAL_POSITION = auto()
@@ -128,7 +129,8 @@ _BY_BASE_MODE: tuple[tuple[int, Mode], ...] = (
     (_IS_MANUAL, Mode.MANUAL),
 )
 
-# What a mode leads to when it cannot be flown (no position): LAND too becomes a level, blind descent.
+# What a mode leads to when it cannot be flown (no position): LAND too becomes a level, blind
+# descent.
 FALLBACK: dict[Mode, Mode] = {
     Mode.TAKEOFF: Mode.LAND,
     Mode.LOITER: Mode.LAND,
@@ -143,7 +145,8 @@ BLIND_DESCENT = frozenset({Mode.MANUAL, Mode.ALTCTL, Mode.POSCTL, Mode.STABILIZE
 
 
 def mode_of(base_mode: int, main: int, sub: int) -> Mode | None:
-    """The mode that a DO_SET_MODE asks for; None for what PX4 does not know or the emulator does not have.
+    """The mode that a DO_SET_MODE asks for; None for what PX4 does not know or the emulator does
+    not have.
 
     Args:
         base_mode: bit 0 says that the other two count; without it MAVLink's own bits decide.

@@ -1,4 +1,6 @@
-"""PX4's parameters that the emulator honours or that clients ask for, with PX4's names and defaults."""
+"""PX4's parameters that the emulator honours or that clients ask for, with PX4's names and
+defaults.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +20,9 @@ MAV_PARAM_TYPE_INT32 = 6
 MAV_PARAM_TYPE_REAL32 = 9
 HASH_CHECK = "_HASH_CHECK"
 
-_GROUPS: dict[str, dict[str, int | float]] = tomllib.loads(files(__package__).joinpath("parameters.toml").read_text())
+_GROUPS: dict[str, dict[str, int | float]] = tomllib.loads(
+    files(__package__).joinpath("parameters.toml").read_text()
+)
 
 
 def _defaults(version: Version) -> dict[str, int | float]:
@@ -36,7 +40,8 @@ class Parameters:
     """Values of one vehicle for this run."""
 
     version: Version = versions.DEFAULT
-    values: dict[str, int | float] = field(default_factory=dict)  # the version's defaults at the start
+    # the version's defaults at the start
+    values: dict[str, int | float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self.values = {**self.defaults, **self.values}
@@ -63,7 +68,9 @@ class Parameters:
 
     def kind(self, name: str) -> int:
         """MAV_PARAM_TYPE of a known parameter."""
-        return MAV_PARAM_TYPE_INT32 if isinstance(self.defaults[name], int) else MAV_PARAM_TYPE_REAL32
+        return (
+            MAV_PARAM_TYPE_INT32 if isinstance(self.defaults[name], int) else MAV_PARAM_TYPE_REAL32
+        )
 
     def encoded_value(self, name: str) -> float:
         """The value as MAVLink's float field carries it: integers bytewise, not converted."""
@@ -73,20 +80,29 @@ class Parameters:
         return value
 
     def hash_value(self) -> float:
-        """Checksum of all names and values, as :data:`HASH_CHECK` carries it: an unsigned integer, bytewise."""
+        """Checksum of all names and values, as :data:`HASH_CHECK` carries it: an unsigned integer,
+        bytewise.
+        """
         checksum = 0
         for name in self.defaults:
-            packed = struct.pack("<i" if isinstance(self.defaults[name], int) else "<f", self.values[name])
+            packed = struct.pack(
+                "<i" if isinstance(self.defaults[name], int) else "<f", self.values[name]
+            )
             checksum = zlib.crc32(name.encode("ascii") + packed, checksum)
-        # One bit is given away so that the four bytes are never a NaN, which does not survive being a float.
+        # One bit is given away so that the four bytes are never a NaN, which does not survive being
+        # a float.
         return float(struct.unpack("<f", struct.pack("<I", checksum & 0xBFFFFFFF))[0])
 
     def set_encoded(self, name: str, encoded: float, kind: int) -> bool:
-        """Take a PARAM_SET; False when name or type is not one that PX4 would accept. NaN leaves the value."""
+        """Take a PARAM_SET; False when name or type is not one that PX4 would accept. NaN leaves
+        the value.
+        """
         if name not in self.values or kind != self.kind(name):
             return False
         if kind == MAV_PARAM_TYPE_INT32:
             self.values[name] = int(struct.unpack("<i", struct.pack("<f", encoded))[0])
         elif math.isfinite(encoded):
-            self.values[name] = max(float(encoded), self.version.parameters_least.get(name, -math.inf))
+            self.values[name] = max(
+                float(encoded), self.version.parameters_least.get(name, -math.inf)
+            )
         return True

@@ -1,6 +1,8 @@
-"""The position controller of PX4's own modes (take-off, hold, land, return) and of position setpoints in OFFBOARD.
+"""The position controller of PX4's own modes (take-off, hold, land, return) and of position
+setpoints in OFFBOARD.
 
-A plain cascade with integral action: these modes have to fly safely and about as fast as PX4, not exactly alike.
+A plain cascade with integral action: these modes have to fly safely and about as fast as PX4, not
+exactly alike.
 """
 
 from __future__ import annotations
@@ -33,8 +35,8 @@ class Goal:
     NaN leaves an axis to the next quantity: position, then velocity, then acceleration.
     """
 
-    # position_ned_m, velocity_ned_m_s, acceleration_ned_m_s2: (3,) setpoints; where several are given, the later ones
-    # are added to what the first asks
+    # position_ned_m, velocity_ned_m_s, acceleration_ned_m_s2: (3,) setpoints; where several are
+    # given, the later ones are added to what the first asks
     position_ned_m: Array
     velocity_ned_m_s: Array
     yaw_rad: float  # heading; NaN keeps the present one
@@ -94,7 +96,9 @@ class PositionControl:
                 self.integral_m_s2[axis] = learnt = min(limit, max(-limit, learnt))
                 wanted[axis] = _VELOCITY_GAIN_1_S[axis] * error + learnt
             if math.isfinite(feed[axis]):
-                wanted[axis] += min(_MOST_ACCELERATION_M_S2, max(-_MOST_ACCELERATION_M_S2, feed[axis]))
+                wanted[axis] += min(
+                    _MOST_ACCELERATION_M_S2, max(-_MOST_ACCELERATION_M_S2, feed[axis])
+                )
         # Body z is opposite to the thrust, which carries the weight and what is wanted besides.
         down = [-wanted[0], -wanted[1], max(GRAVITY_M_S2 - wanted[2], 0.2 * GRAVITY_M_S2)]
         horizontal = math.hypot(down[0], down[1])
@@ -107,13 +111,17 @@ class PositionControl:
 
 
 def _velocity(goal: Goal, here: list[float], limits: Limits) -> list[float]:
-    """Velocity that position and velocity ask for together, within the limits; NaN on axes without either."""
+    """Velocity that position and velocity ask for together, within the limits; NaN on axes without
+    either.
+    """
     out = [math.nan] * 3
     for axis, (position, speed) in enumerate(
         zip(goal.position_ned_m.tolist(), goal.velocity_ned_m_s.tolist(), strict=True)
     ):
         if math.isfinite(position):
-            out[axis] = _POSITION_GAIN_1_S * (position - here[axis]) + (speed if math.isfinite(speed) else 0.0)
+            out[axis] = _POSITION_GAIN_1_S * (position - here[axis]) + (
+                speed if math.isfinite(speed) else 0.0
+            )
         elif math.isfinite(speed):
             out[axis] = speed
     horizontal = math.hypot(*(c for c in out[:2] if math.isfinite(c)))

@@ -1,4 +1,6 @@
-"""OFFBOARD setpoints as PX4 takes them from MAVLink: no number is refused; odd ones become tame, or not."""
+"""OFFBOARD setpoints as PX4 takes them from MAVLink: no number is refused; odd ones become tame, or
+not.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,8 @@ ABOVE_SEA, ABOVE_HOME = frozenset({0, 5}), frozenset({3, 6})
 _IGNORE_ROLL_RATE, _IGNORE_PITCH_RATE, _IGNORE_YAW_RATE = 1, 2, 4
 _IGNORE_THRUST, _IGNORE_ATTITUDE = 64, 128
 _IGNORE_YAW, _IGNORE_TURN, _IS_FORCE = 1024, 2048, 512
-_MOST_RATE_RAD_S = (3.84, 3.84, 3.49)  # MC_ROLLRATE_MAX and MC_PITCHRATE_MAX 220 deg/s, MC_YAWRATE_MAX 200
+# MC_ROLLRATE_MAX and MC_PITCHRATE_MAX 220 deg/s, MC_YAWRATE_MAX 200
+_MOST_RATE_RAD_S = (3.84, 3.84, 3.49)
 _SHORT = 1e-6
 _HUGE = 1e6
 
@@ -35,7 +38,8 @@ def from_attitude(
     yaw_rad: float,
     version: Version,
 ) -> Setpoint | None:
-    """SET_ATTITUDE_TARGET; None for what PX4 does not count: neither attitude nor rates, in some versions no thrust.
+    """SET_ATTITUDE_TARGET; None for what PX4 does not count: neither attitude nor rates, in some
+    versions no thrust.
 
     Args:
         attitude_wxyz, rate_rad_s, thrust_frac, type_mask: the message.
@@ -44,19 +48,29 @@ def from_attitude(
     """
     if type_mask & _IGNORE_THRUST and not version.counts_ignored_thrust:
         return None
-    thrust = 0.0 if type_mask & _IGNORE_THRUST or math.isnan(thrust_frac) else min(1.0, max(0.0, thrust_frac))
+    thrust = (
+        0.0
+        if type_mask & _IGNORE_THRUST or math.isnan(thrust_frac)
+        else min(1.0, max(0.0, thrust_frac))
+    )
     if type_mask & _IGNORE_ATTITUDE:
         if type_mask & _IGNORE_ROLL_RATE and type_mask & _IGNORE_PITCH_RATE:
             return None
         ignored = (_IGNORE_ROLL_RATE, _IGNORE_PITCH_RATE, _IGNORE_YAW_RATE)
         rate = np.array(
             [
-                0.0 if type_mask & bit or math.isnan(commanded) else min(most, max(-most, commanded))
+                0.0
+                if type_mask & bit or math.isnan(commanded)
+                else min(most, max(-most, commanded))
                 for commanded, bit, most in zip(rate_rad_s, ignored, _MOST_RATE_RAD_S, strict=True)
             ]
         )
         return Setpoint(SetpointKind.RATE, now_s, None, rate, thrust)
-    norm = math.sqrt(sum(c * c for c in attitude_wxyz)) if all(abs(c) < _HUGE for c in attitude_wxyz) else math.nan
+    norm = (
+        math.sqrt(sum(c * c for c in attitude_wxyz))
+        if all(abs(c) < _HUGE for c in attitude_wxyz)
+        else math.nan
+    )
     if math.isnan(norm):
         return Setpoint(SetpointKind.RATE, now_s, None, DRIFT_RAD_S, thrust, is_rotation=False)
     if norm < _SHORT:
@@ -67,9 +81,11 @@ def from_attitude(
 
 
 def from_local(fields: Mapping[str, Any], *, now_s: float, yaw_rad: float) -> Setpoint | str:
-    """SET_POSITION_TARGET_LOCAL_NED in LOCAL_NED or BODY_NED; else the key of what PX4 says about it.
+    """SET_POSITION_TARGET_LOCAL_NED in LOCAL_NED or BODY_NED; else the key of what PX4 says about
+    it.
 
-    Ignored and NaN axes are left alone. In BODY_NED there are no positions, and velocities turn with the heading.
+    Ignored and NaN axes are left alone. In BODY_NED there are no positions, and velocities turn
+    with the heading.
     """
     frame = int(fields["coordinate_frame"])
     if frame not in (LOCAL_NED, BODY_NED):
@@ -77,7 +93,11 @@ def from_local(fields: Mapping[str, Any], *, now_s: float, yaw_rad: float) -> Se
     mask = int(fields["type_mask"])
     position, velocity, acceleration = (
         _axes(fields, names, mask >> shift)
-        for names, shift in ((("x", "y", "z"), 0), (("vx", "vy", "vz"), 3), (("afx", "afy", "afz"), 6))
+        for names, shift in (
+            (("x", "y", "z"), 0),
+            (("vx", "vy", "vz"), 3),
+            (("afx", "afy", "afz"), 6),
+        )
     )
     if frame == BODY_NED:
         position = np.full(3, math.nan)
@@ -88,12 +108,15 @@ def from_local(fields: Mapping[str, Any], *, now_s: float, yaw_rad: float) -> Se
 def from_global(
     fields: Mapping[str, Any], position_ned_m: tuple[float, float, float], *, now_s: float
 ) -> Setpoint | str:
-    """SET_POSITION_TARGET_GLOBAL_INT, its place already turned into the local frame by the caller."""
+    """SET_POSITION_TARGET_GLOBAL_INT, its place already turned into the local frame by the caller.
+    """
     mask = int(fields["type_mask"])
     local = {"x": position_ned_m[0], "y": position_ned_m[1], "z": position_ned_m[2]}
     position = _axes(local, ("x", "y", "z"), mask)
     velocity = _axes(fields, ("vx", "vy", "vz"), mask >> 3)
-    return _setpoint(fields, mask, position, velocity, _axes(fields, ("afx", "afy", "afz"), mask >> 6), now_s)
+    return _setpoint(
+        fields, mask, position, velocity, _axes(fields, ("afx", "afy", "afz"), mask >> 6), now_s
+    )
 
 
 def _axes(fields: Mapping[str, Any], names: tuple[str, str, str], mask: int) -> Array:
@@ -108,7 +131,12 @@ def _turned(vector: Array, yaw_rad: float) -> Array:
 
 
 def _setpoint(
-    fields: Mapping[str, Any], mask: int, position: Array, velocity: Array, acceleration: Array, now_s: float
+    fields: Mapping[str, Any],
+    mask: int,
+    position: Array,
+    velocity: Array,
+    acceleration: Array,
+    now_s: float,
 ) -> Setpoint | str:
     has_acceleration = bool(np.isfinite(acceleration).any())
     if not (has_acceleration or np.isfinite(position).any() or np.isfinite(velocity).any()):

@@ -1,4 +1,5 @@
-"""Values that flow between an emulated autopilot and the rest of the emulator, one direction each."""
+"""Values that flow between an emulated autopilot and the rest of the emulator, one direction each.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +12,8 @@ from msgspec import Struct
 from sitl.physics.frames import Array
 from sitl.px4.position_control import Goal
 
-DRIFT_RAD_S = np.array([-0.12, 0.0, 0.0])  # body rates of a vehicle whose attitude PX4 does not control
+# body rates of a vehicle whose attitude PX4 does not control
+DRIFT_RAD_S = np.array([-0.12, 0.0, 0.0])
 
 
 class SetpointKind(Enum):

@@ -1,4 +1,6 @@
-"""MAVLink signing as PX4 v1.18 does it: one key for all links, kept over restarts; timestamps counted by each link."""
+"""MAVLink signing as PX4 v1.18 does it: one key for all links, kept over restarts; timestamps
+counted by each link.
+"""
 
 from __future__ import annotations
 
@@ -57,7 +59,9 @@ class LinkSigning:
         self._timestamp += 1
         return data + sha256(self.store.key + data).digest()[:6]
 
-    def takes(self, frame: bytes, message_id: int, sender: tuple[int, int], *, is_signed: bool) -> bool:
+    def takes(
+        self, frame: bytes, message_id: int, sender: tuple[int, int], *, is_signed: bool
+    ) -> bool:
         """Whether PX4 listens to a frame; the timestamp of one that it checked is remembered."""
         self._follow()
         return (is_signed and self._is_fresh(frame, sender)) or message_id in _TAKEN_UNSIGNED

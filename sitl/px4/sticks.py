@@ -1,4 +1,6 @@
-"""Sticks of a joystick or a radio control (MANUAL_CONTROL): whether they are there, and whether the pilot moves one."""
+"""Sticks of a joystick or a radio control (MANUAL_CONTROL): whether they are there, and whether the
+pilot moves one.
+"""
 
 from __future__ import annotations
 
@@ -47,6 +49,8 @@ class Sticks:
     def is_moving(self, faster_than_1_s: float) -> bool:
         """Whether a stick moves faster than this; a negative speed: never."""
         return faster_than_1_s >= 0.0 and any(
-            abs(axis.speed_1_s) > faster_than_1_s and axis.samples >= _LEAST_SAMPLES and axis.direction
+            abs(axis.speed_1_s) > faster_than_1_s
+            and axis.samples >= _LEAST_SAMPLES
+            and axis.direction
             for axis in self._axes
         )

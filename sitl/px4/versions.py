@@ -38,7 +38,8 @@ class Version:
         return self.flight_sw_version >> 24, self.flight_sw_version >> 16 & 0xFF
 
 
-_ADDED = ("parameters", "severities")  # to those of the version before; all other values replace them
+# to those of the version before; all other values replace them
+_ADDED = ("parameters", "severities")
 _SETS = ("unsupported_commands", "silent_streams", "parameters_gone")
 
 
@@ -48,9 +49,13 @@ def _versions(table: Mapping[str, Mapping[str, Any]]) -> dict[str, Version]:
     for name, changes in table.items():
         added = {key: {**values.get(key, {}), **changes.get(key, {})} for key in _ADDED}
         values = {**values, **changes, **added}
-        versions[name] = Version(name, **{**values, **{key: frozenset(values[key]) for key in _SETS}})
+        versions[name] = Version(
+            name, **{**values, **{key: frozenset(values[key]) for key in _SETS}}
+        )
     return versions
 
 
-VERSIONS: dict[str, Version] = _versions(tomllib.loads(files(__package__).joinpath("versions.toml").read_text()))
+VERSIONS: dict[str, Version] = _versions(
+    tomllib.loads(files(__package__).joinpath("versions.toml").read_text())
+)
 DEFAULT = VERSIONS["1.17"]

@@ -1,4 +1,6 @@
-"""The reference of the Python API, printed from the code: each verb with its arguments, in its docstring's words."""
+"""The reference of the Python API, printed from the code: each verb with its arguments, in its
+docstring's words.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,11 @@ _SECTIONS = ("Args:", "Returns:", "Raises:", "Yields:")
 def _words(docstring: str, section: str = "") -> str:
     """Return one section of a docstring on one line; of none, what stands before the sections."""
     parts = re.split(rf"^({'|'.join(_SECTIONS)})$", inspect.cleandoc(docstring), flags=re.MULTILINE)
-    text = parts[0] if not section else dict(zip(parts[1::2], parts[2::2], strict=True)).get(section, "")
+    text = (
+        parts[0]
+        if not section
+        else dict(zip(parts[1::2], parts[2::2], strict=True)).get(section, "")
+    )
     lines = [line.strip() for line in text.strip().splitlines()]
     joined = ""
     for line in lines:
@@ -32,7 +38,9 @@ def _call(name: str, function: Callable[..., Any]) -> str:
     """Return how a function is called."""
     signature = inspect.signature(function)
     left = [
-        one.replace(annotation=one.empty) for one in signature.parameters.values() if one.name not in ("self", "cls")
+        one.replace(annotation=one.empty)
+        for one in signature.parameters.values()
+        if one.name not in ("self", "cls")
     ]
     return f"{name}{signature.replace(parameters=left, return_annotation=signature.empty)}"
 
@@ -55,7 +63,9 @@ def python_api() -> str:
     functions = [
         value
         for name, value in vars(conditions).items()
-        if inspect.isfunction(value) and not name.startswith("_") and value.__module__ == conditions.__name__
+        if inspect.isfunction(value)
+        and not name.startswith("_")
+        and value.__module__ == conditions.__name__
     ]
     listed = "\n".join(
         f"* `{_call(one.__name__, one)}`: {_words(str(one.__doc__))}"

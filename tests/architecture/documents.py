@@ -1,4 +1,6 @@
-"""Parts of docs/ that are printed from the code: ``python -m tests.architecture.documents --write``."""
+"""Parts of docs/ that are printed from the code: ``python -m tests.architecture.documents
+--write``.
+"""
 
 from __future__ import annotations
 
@@ -32,14 +34,18 @@ def _marks(name: str) -> tuple[str, str]:
 def written(name: str) -> str:
     """The part as the document holds it now."""
     begin, end = _marks(name)
-    return (DOCS / PRINTED[name][0]).read_text(encoding="utf-8").split(begin)[1].split(end)[0].strip()
+    return (
+        (DOCS / PRINTED[name][0]).read_text(encoding="utf-8").split(begin)[1].split(end)[0].strip()
+    )
 
 
 def write(name: str) -> None:
     """Replace the part by what the code says."""
     (begin, end), (file, text) = _marks(name), PRINTED[name]
     before, _, rest = (DOCS / file).read_text(encoding="utf-8").partition(begin)
-    (DOCS / file).write_text(f"{before}{begin}\n{text()}\n{end}{rest.partition(end)[2]}", encoding="utf-8")
+    (DOCS / file).write_text(
+        f"{before}{begin}\n{text()}\n{end}{rest.partition(end)[2]}", encoding="utf-8"
+    )
 
 
 if __name__ == "__main__":

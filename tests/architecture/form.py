@@ -20,7 +20,21 @@ PACKAGES = ("onboard", "groundstation", "sitl")
 PURE_ROOMS = ("control", "avoidance", "estimation", "safety", "feasibility", "rollout")
 # names that a newcomer would have to learn: docs/glossary.md has the words to use instead
 RIDDLES = {
-    *("told", "asked", "found", "place", "who", "wish", "need", "lack", "brief", "seen", "lives", "telling", "outbox"),
+    *(
+        "told",
+        "asked",
+        "found",
+        "place",
+        "who",
+        "wish",
+        "need",
+        "lack",
+        "brief",
+        "seen",
+        "lives",
+        "telling",
+        "outbox",
+    ),
     *(
         "give",
         "stage",
@@ -49,7 +63,9 @@ RIDDLES = {
         "way",
     ),
 }
-_RELATIVE = re.compile(r"(What|Who|Whose|Whom|Where|Which|When|Why|How|Does|Is|Are|Can|May|Has|Must)\b")
+_RELATIVE = re.compile(
+    r"(What|Who|Whose|Whom|Where|Which|When|Why|How|Does|Is|Are|Can|May|Has|Must)\b"
+)
 _SECOND_TEXT = re.compile(r"kernel|fused|compiled|_one\.py$")
 _BRANCHES = (
     ast.If,
@@ -208,7 +224,9 @@ def imports(module: Module, names: set[str], *, with_late: bool = False) -> set[
     return (targets & names) - {module.name}
 
 
-def _functions(kept: list[Module]) -> Iterator[tuple[Module, ast.FunctionDef | ast.AsyncFunctionDef]]:
+def _functions(
+    kept: list[Module],
+) -> Iterator[tuple[Module, ast.FunctionDef | ast.AsyncFunctionDef]]:
     for module in kept:
         for node in ast.walk(module.tree):
             if isinstance(node, _FUNCTIONS):
@@ -217,7 +235,10 @@ def _functions(kept: list[Module]) -> Iterator[tuple[Module, ast.FunctionDef | a
 
 def _parameters(function: ast.FunctionDef | ast.AsyncFunctionDef) -> list[str]:
     arguments = function.args
-    return [argument.arg for argument in (*arguments.posonlyargs, *arguments.args, *arguments.kwonlyargs)]
+    return [
+        argument.arg
+        for argument in (*arguments.posonlyargs, *arguments.args, *arguments.kwonlyargs)
+    ]
 
 
 def _size_figures() -> Iterator[Figure]:
@@ -228,10 +249,22 @@ def _size_figures() -> Iterator[Figure]:
     widths = [(m, f, len(_parameters(f))) for m, f in _functions(core)]
     lines = [(m, len(m.text.splitlines())) for m in modules()]
     yield Figure("files over 400 lines", [f"{m.path} {n}" for m, n in lines if n > 400], 0)
-    yield Figure("functions over 60 lines in the core", [at(m, f, n) for m, f, n in lengths if n > 60], 0)
-    yield Figure("functions over complexity 15 in the core", [at(m, f, n) for m, f, n in branches if n > 15], 0)
-    yield Figure("functions with more than 8 parameters in the core", [at(m, f, n) for m, f, n in widths if n > 8], 6)
-    classes = {n.name: n for m in modules() for n in ast.walk(m.tree) if isinstance(n, ast.ClassDef)}
+    yield Figure(
+        "functions over 60 lines in the core", [at(m, f, n) for m, f, n in lengths if n > 60], 0
+    )
+    yield Figure(
+        "functions over complexity 15 in the core",
+        [at(m, f, n) for m, f, n in branches if n > 15],
+        0,
+    )
+    yield Figure(
+        "functions with more than 8 parameters in the core",
+        [at(m, f, n) for m, f, n in widths if n > 8],
+        6,
+    )
+    classes = {
+        n.name: n for m in modules() for n in ast.walk(m.tree) if isinstance(n, ast.ClassDef)
+    }
     wide = [
         f"{m.path} {node.name} {len(attributes(node, classes))}"
         for m in core
@@ -241,20 +274,39 @@ def _size_figures() -> Iterator[Figure]:
     yield Figure("classes with more than 20 attributes in the core", wide, 0)
     files = [m.path for m in modules() if not m.path.endswith(("__init__.py", "__main__.py"))]
     folders = Counter(path.rpartition("/")[0] for path in files)
-    yield Figure("folders with more than 20 modules", [f"{d} {n}" for d, n in folders.items() if n > 20], 0)
+    yield Figure(
+        "folders with more than 20 modules", [f"{d} {n}" for d, n in folders.items() if n > 20], 0
+    )
 
 
 def _name_figures() -> Iterator[Figure]:
     files = [m.path for m in modules() if not m.path.endswith(("__init__.py", "__main__.py"))]
     stems = [path.rpartition("/")[2] for path in files]
-    yield Figure("file names that stand more than twice", [n for n, count in Counter(stems).items() if count > 2], 6)
-    classes = Counter(
-        n.name for m in modules() for n in ast.walk(m.tree) if isinstance(n, ast.ClassDef) and n.name[0] != "_"
+    yield Figure(
+        "file names that stand more than twice",
+        [n for n, count in Counter(stems).items() if count > 2],
+        6,
     )
-    yield Figure("class names that stand more than twice", [n for n, count in classes.items() if count > 2], 2)
-    yield Figure("module names that are riddles", [path for path in files if Path(path).stem in RIDDLES], 0)
-    yield Figure("second texts of one idea", [path for path in files if _SECOND_TEXT.search(path)], 0)
-    numba = [m.path for m in modules() if re.search(r"^\s*(import|from) numba\b", m.text, re.MULTILINE)]
+    classes = Counter(
+        n.name
+        for m in modules()
+        for n in ast.walk(m.tree)
+        if isinstance(n, ast.ClassDef) and n.name[0] != "_"
+    )
+    yield Figure(
+        "class names that stand more than twice",
+        [n for n, count in classes.items() if count > 2],
+        2,
+    )
+    yield Figure(
+        "module names that are riddles", [path for path in files if Path(path).stem in RIDDLES], 0
+    )
+    yield Figure(
+        "second texts of one idea", [path for path in files if _SECOND_TEXT.search(path)], 0
+    )
+    numba = [
+        m.path for m in modules() if re.search(r"^\s*(import|from) numba\b", m.text, re.MULTILINE)
+    ]
     yield Figure("modules that import numba", numba, 2)
 
 
@@ -263,7 +315,8 @@ def _docstring_figures() -> Iterator[Figure]:
         f"{m.path}:{node.lineno} {node.name}"
         for m in modules()
         for node in ast.walk(m.tree)
-        if isinstance(node, (*_FUNCTIONS, ast.ClassDef)) and _RELATIVE.match(ast.get_docstring(node) or "")
+        if isinstance(node, (*_FUNCTIONS, ast.ClassDef))
+        and _RELATIVE.match(ast.get_docstring(node) or "")
     ]
     yield Figure("docstrings that begin with a relative clause or a question", relative, 25)
     public = [
@@ -271,8 +324,14 @@ def _docstring_figures() -> Iterator[Figure]:
         for m, f in _functions([module for module in modules() if module.is_pure])
         if not f.name.startswith("_") and set(_parameters(f)) - {"self", "cls"}
     ]
-    without = [f"{m.path}:{f.lineno} {f.name}" for m, f in public if "Args:" not in (ast.get_docstring(f) or "")]
-    yield Figure("public functions of the pure rooms without Args", without, round(0.35 * len(public)))
+    without = [
+        f"{m.path}:{f.lineno} {f.name}"
+        for m, f in public
+        if "Args:" not in (ast.get_docstring(f) or "")
+    ]
+    yield Figure(
+        "public functions of the pure rooms without Args", without, round(0.35 * len(public))
+    )
 
 
 def _circle_figures() -> Iterator[Figure]:
@@ -282,7 +341,9 @@ def _circle_figures() -> Iterator[Figure]:
     for source, targets in edges.items():
         for target in targets:
             a, b = by_name[source].room, by_name[target].room
-            if a != b and not {a, b} & set(PACKAGES):  # what lies beside the rooms belongs to all of them
+            if a != b and not {a, b} & set(
+                PACKAGES
+            ):  # what lies beside the rooms belongs to all of them
                 rooms[a].add(b)
     yield Figure("circles of files", circles(edges), 0)
     yield Figure("circles of rooms", circles(dict(rooms)), 0)

@@ -1,4 +1,6 @@
-"""The reference of fleet and mission files, printed from the code: each key's type, default, bounds and meaning."""
+"""The reference of fleet and mission files, printed from the code: each key's type, default, bounds
+and meaning.
+"""
 
 from __future__ import annotations
 
@@ -56,31 +58,64 @@ def _kind(text: str) -> str:
     if text == 'bool | Literal["scan"]':
         return 'true, false or `"scan"`'
     if "Literal" in text or text in ("OnLag", "ShapeName", "SystemType | None"):
-        return "one of " + ", ".join(f"`{word}`" for word in literal) if literal else "one of some words"
-    words = {"float": "number", "int": "whole number", "str": "text", "bool": "true or false", "Vec3": "three numbers"}
+        return (
+            "one of " + ", ".join(f"`{word}`" for word in literal)
+            if literal
+            else "one of some words"
+        )
+    words = {
+        "float": "number",
+        "int": "whole number",
+        "str": "text",
+        "bool": "true or false",
+        "Vec3": "three numbers",
+    }
     base = text.removesuffix(" | None")
     if base.startswith("tuple[float"):
         count = base.count("float")
         return f"{('', '', 'two', 'three')[count]} numbers"
     words |= {"tuple[Any, ...]": "list of steps", "tuple[FramePoint, ...]": "list of tables"}
     words |= {"Names": "text or list of texts", "str | tuple[str, ...]": "text or list of texts"}
-    words |= {"tuple[tuple[float, float], ...]": "list of points", "tuple[str, ...]": "list of texts"}
+    words |= {
+        "tuple[tuple[float, float], ...]": "list of points",
+        "tuple[str, ...]": "list of texts",
+    }
     return words.get(base, "table")
 
 
-def _table(struct: type, bounds: Mapping[str, Ends] | Callable[[str], Ends], leave: tuple[str, ...] = ()) -> str:
+def _table(
+    struct: type, bounds: Mapping[str, Ends] | Callable[[str], Ends], leave: tuple[str, ...] = ()
+) -> str:
     lines = ["| key | type | unit | default | bounds | meaning |", "|---|---|---|---|---|---|"]
     for name, (kind, default, meaning) in fields(struct).items():
         if name in leave:
             continue
         assert meaning, f"{struct.__name__}.{name} has no comment beside it that says its meaning"
         is_number = re.search(r"\b(float|int)\b", kind) is not None and "dict" not in kind
-        ends = bounds(name) if callable(bounds) and is_number else None if callable(bounds) else bounds.get(name)
+        ends = (
+            bounds(name)
+            if callable(bounds) and is_number
+            else None
+            if callable(bounds)
+            else bounds.get(name)
+        )
         shown = {"True": "true", "False": "false", "None": "", "{}": ""}.get(default, default)
-        shown = f"`{shown}`" if shown and not shown[0].isupper() else "**required**" if not default else ""
-        limits = "" if ends is None else " to ".join(f"`{e}`" if isinstance(e, str) else f"{e:g}" for e in ends)
+        shown = (
+            f"`{shown}`"
+            if shown and not shown[0].isupper()
+            else "**required**"
+            if not default
+            else ""
+        )
+        limits = (
+            ""
+            if ends is None
+            else " to ".join(f"`{e}`" if isinstance(e, str) else f"{e:g}" for e in ends)
+        )
         words = _kind(_LITERALS.get(kind, kind))
-        lines.append(f"| `{name}` | {words} | {unit(name)} | {shown} | {limits} | {meaning.replace('|', '/')} |")
+        lines.append(
+            f"| `{name}` | {words} | {unit(name)} | {shown} | {limits} | {meaning.replace('|', '/')} |"
+        )
     return "\n".join(lines)
 
 
@@ -101,13 +136,19 @@ def fleet_file() -> str:
         ("`[fleet]`", _table(FleetSection, FLEET_BOUNDS)),
         ("`fleet.geofence_m`", _table(Geofence, {})),
         ("`fleet.origin`, outdoors", _table(Origin, {})),
-        ("`[vehicles.NAME]`: what only one vehicle has", _table(Vehicle, VEHICLE_BOUNDS, ("name", "index", *only))),
+        (
+            "`[vehicles.NAME]`: what only one vehicle has",
+            _table(Vehicle, VEHICLE_BOUNDS, ("name", "index", *only)),
+        ),
         (
             "`[types.NAME]`, `[defaults]` or `[vehicles.NAME]`",
             _table(Vehicle, VEHICLE_BOUNDS, ("name", "index", *_ONE_OF_ITS_OWN)),
         ),
         ("`[types.NAME.sitl]`: of the emulator only", _table(sitl.SitlProfile, sitl.BOUNDS)),
-        ("`[formations.NAME]` with a `shape`, here or in a mission", _table(FormationShape, formation_shape.BOUNDS)),
+        (
+            "`[formations.NAME]` with a `shape`, here or in a mission",
+            _table(FormationShape, formation_shape.BOUNDS),
+        ),
         ("`[mocap]`", _table(MocapConfig, mocap.BOUNDS)),
         ("`[radio]`", _table(RadioConfig, radio.BOUNDS)),
         ("`[[obstacles]]`", _table(Obstacle, {})),
@@ -127,10 +168,16 @@ def mission_file() -> str:
     for name, kind in STEPS.items():
         summary = str(inspect.getdoc(kind)).splitlines()[0]
         body = _table(kind, {**STEP_BOUNDS, **most}, ("do",))
-        steps.append(f'### `do = "{name}"`\n\n{summary}' + (f"\n\n{body}" if body.count("\n") > 1 else ""))
+        steps.append(
+            f'### `do = "{name}"`\n\n{summary}' + (f"\n\n{body}" if body.count("\n") > 1 else "")
+        )
     shown = (("a point of `to`", FramePoint), ("`until` and `when`", Until))
     inner = [f"### {title}\n\n{_table(struct, STEP_BOUNDS)}" for title, struct in shown]
-    tables = [*inner, f"### `[expect]`\n\n{_table(Expect, most)}", f"### `[on_failure]`\n\n{_table(OnFailure, {})}"]
+    tables = [
+        *inner,
+        f"### `[expect]`\n\n{_table(Expect, most)}",
+        f"### `[on_failure]`\n\n{_table(OnFailure, {})}",
+    ]
     return "\n\n".join([*steps, *tables])
 
 
@@ -140,5 +187,7 @@ def gallery() -> str:
     for name in GALLERY:
         title, _, words = sentence_of(name).partition(": ")
         parts.append(f"## {title}\n\n{words[0].upper()}{words[1:]}\n\n    covey gallery {name}\n")
-        parts.append(f"![{title}: the ways from above, and the closest pair](figures/gallery-{name}.png)\n")
+        parts.append(
+            f"![{title}: the ways from above, and the closest pair](figures/gallery-{name}.png)\n"
+        )
     return "\n".join(parts).strip()

@@ -15,7 +15,10 @@ from onboard.safety.failsafe_table import Condition, Situation
 
 def failsafes() -> str:
     """Return the failsafe table for docs/failsafe.md."""
-    lines = [_line("condition", *(situation.value for situation in Situation)), "|---" * (len(Situation) + 1) + "|"]
+    lines = [
+        _line("condition", *(situation.value for situation in Situation)),
+        "|---" * (len(Situation) + 1) + "|",
+    ]
     for condition in Condition:
         actions = (failsafe_table.TABLE[situation, condition].name for situation in Situation)
         lines.append(_line(condition.value, *map(_words, actions)))
@@ -24,20 +27,36 @@ def failsafes() -> str:
 
 def steps() -> str:
     """Return the steps of a flight for docs/flight.md."""
-    lines = [_line("step", "state", "shown beside it", "situation for failsafes", "phase of the pipeline", "setpoints")]
+    lines = [
+        _line(
+            "step",
+            "state",
+            "shown beside it",
+            "situation for failsafes",
+            "phase of the pipeline",
+            "setpoints",
+        )
+    ]
     lines.append("|---" * 6 + "|")
     for step in Step:
         streams, phase = "yes" if step.is_streaming else "no", step.phase.name.lower()
-        lines.append(_line(_words(step.name), step.state, step.text, step.situation.value, phase, streams))
+        lines.append(
+            _line(_words(step.name), step.state, step.text, step.situation.value, phase, streams)
+        )
     return "\n".join(lines)
 
 
 def flight() -> str:
     """Return the table of a flight for docs/flight.md."""
-    lines = [_line("step", "event", "when", "next step", "request to PX4", "goal", "the order ends"), "|---" * 7 + "|"]
+    lines = [
+        _line("step", "event", "when", "next step", "request to PX4", "goal", "the order ends"),
+        "|---" * 7 + "|",
+    ]
     for row in flight_table.ROWS:
         cells = (
-            "any" if len(row.steps) == len(Step) else ", ".join(_words(step.name) for step in row.steps),
+            "any"
+            if len(row.steps) == len(Step)
+            else ", ".join(_words(step.name) for step in row.steps),
             row.event.value,
             _function_words(row.when),
             "" if row.to is None else _words(row.to.name),
@@ -54,7 +73,15 @@ def alarms() -> str:
     lines = ["| condition | flying | on the ground | sentence | advice |", "|---|---|---|---|---|"]
     for kind, row in alarm_table.TABLE.items():
         sentence = row.sentence.replace("{who}", "mav1").replace("{what}", "…")
-        lines.append(_line(kind.value, row.in_flight.name.lower(), row.on_ground.name.lower(), sentence, row.advice))
+        lines.append(
+            _line(
+                kind.value,
+                row.in_flight.name.lower(),
+                row.on_ground.name.lower(),
+                sentence,
+                row.advice,
+            )
+        )
     return "\n".join(lines)
 
 
@@ -64,7 +91,9 @@ def preflight() -> str:
     for rule in preflight_rules.RULES:
         lines += [f"### {rule.name}", "", rule.demand, "", "| says | what to do |", "|---|---|"]
         for fault in rule.faults.values():
-            lines.append(f"| {'' if fault.is_advice else '**no-go** '}{fault.sentence} | {fault.remedy} |")
+            lines.append(
+                f"| {'' if fault.is_advice else '**no-go** '}{fault.sentence} | {fault.remedy} |"
+            )
         lines.append("")
     return "\n".join(lines).strip()
 
@@ -76,9 +105,15 @@ def parameters() -> str:
         without = "allowed" if param.is_advice else "**refused**"
         restart = " Restart PX4 after it." if param.needs_restart else ""
         versions = (
-            " PX4 v1.18 and newer." if param.since > (1, 17) else " Before PX4 v1.18." if param.before < (9, 0) else ""
+            " PX4 v1.18 and newer."
+            if param.since > (1, 17)
+            else " Before PX4 v1.18."
+            if param.before < (9, 0)
+            else ""
         )
-        lines.append(f"| `{param.name}` | {param.value:g} | {without} | {param.reason}.{versions}{restart} |")
+        lines.append(
+            f"| `{param.name}` | {param.value:g} | {without} | {param.reason}.{versions}{restart} |"
+        )
     lines.append(
         "| `MPC_THR_HOVER` | `hover_thrust_frac` | allowed | PX4's own hold and land begin with this throttle. |"
     )
@@ -95,7 +130,11 @@ def roles() -> str:
 
 def _granted(topic: Topic, grant: Grant) -> str:
     verbs = {"publishes": grant.publishes, "answers": grant.answers, "asks": grant.asks}
-    words = [f"{verb} {', '.join(map(_whose, names[topic]))}" for verb, names in verbs.items() if topic in names]
+    words = [
+        f"{verb} {', '.join(map(_whose, names[topic]))}"
+        for verb, names in verbs.items()
+        if topic in names
+    ]
     if topic is Topic.ALIVE:
         words.append(f"tells {', '.join(map(_whose, grant.tokens))}")
     return "; ".join([*words, *(["reads"] if topic in grant.reads else [])]) or "-"

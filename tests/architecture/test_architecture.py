@@ -1,4 +1,5 @@
-"""The house as documented is the house as built; public fields say their quantity, frame and unit."""
+"""The house as documented is the house as built; public fields say their quantity, frame and unit.
+"""
 
 import ast
 import re
@@ -20,15 +21,21 @@ UNITS = (
     "_m", "_m_s", "_m_s2", "_m_s3", "_rad", "_rad_s", "_deg", "_s", "_ms", "_ns", "_frac", "_pct", "_v", "_hz", "_kg",
     "_kg_m2", "_1_s", "_wxyz", "_count", "_ticks", "_messages",
 )  # fmt: skip
-WITHOUT_UNIT = {"shortfall_gain", "static_gain", "attitude_zeta", "px4_params", "parameters"}  # named one by one
+# named one by one
+WITHOUT_UNIT = {"shortfall_gain", "static_gain", "attitude_zeta", "px4_params", "parameters"}
 NUMBERS = ("float", "Vec3", "Vec4", "Array")
 
 
 def public_fields() -> list[tuple[str, str, str]]:
     found = []
-    structs = [spec.message for spec in TOPICS.values() if spec.message] + [schema.TickSample, schema.OrderReply]
+    structs = [spec.message for spec in TOPICS.values() if spec.message] + [
+        schema.TickSample,
+        schema.OrderReply,
+    ]
     for struct in [*structs, FleetSection, LawConfig, SitlProfile, Vehicle]:
-        found += [(struct.__name__, name, str(kind)) for name, kind in struct.__annotations__.items()]
+        found += [
+            (struct.__name__, name, str(kind)) for name, kind in struct.__annotations__.items()
+        ]
     for value in (
         types.State,
         types.Goal,
@@ -84,7 +91,9 @@ def test_every_room_stands_in_the_table_of_the_rooms() -> None:
 
 
 def imported_libraries(package: str) -> set[str]:
-    """Names of the libraries, neither Python's own nor ours, that a package's modules import anywhere."""
+    """Names of the libraries, neither Python's own nor ours, that a package's modules import
+    anywhere.
+    """
     found = set()
     for path in (ROOT / package).rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
@@ -106,6 +115,8 @@ def test_what_is_imported_is_installed_by_the_readme_s_one_command() -> None:
     ]
     declared = {re.split(r"[<>=\[; ]", line)[0].replace("-", "_") for line in wanted}
     imported = {
-        {"zenoh": "eclipse_zenoh"}.get(name, name) for room in form.PACKAGES for name in imported_libraries(room)
+        {"zenoh": "eclipse_zenoh"}.get(name, name)
+        for room in form.PACKAGES
+        for name in imported_libraries(room)
     }
     assert imported - declared == set(), "imported, but no extra of pyproject.toml installs it"

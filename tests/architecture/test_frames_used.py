@@ -1,4 +1,6 @@
-"""Nobody changes between NED and ENU by hand: onboard/frames.py does, and the emulator has frames of its own."""
+"""Nobody changes between NED and ENU by hand: onboard/frames.py does, and the emulator has frames
+of its own.
+"""
 
 from __future__ import annotations
 
@@ -11,30 +13,52 @@ FRAMES = "onboard/frames.py"
 
 
 def flips(source: str) -> list[int]:
-    """Lines that permute and negate the three components of one vector, or add up a quaternion's for the same."""
+    """Lines that permute and negate the three components of one vector, or add up a quaternion's
+    for the same.
+    """
     tree = ast.parse(source)
     triples = {names for node in ast.walk(tree) for names in _unpacked(node)}
-    return sorted({node.lineno for node in ast.walk(tree) for parts in _sequences(node) if _is_flip(parts, triples)})
+    return sorted(
+        {
+            node.lineno
+            for node in ast.walk(tree)
+            for parts in _sequences(node)
+            if _is_flip(parts, triples)
+        }
+    )
 
 
 def _unpacked(node: ast.AST) -> list[tuple[str, ...]]:
-    """Names of three components taken apart: ``a, b, c = vector``, also as the last three or as a loop's target."""
+    """Names of three components taken apart: ``a, b, c = vector``, also as the last three or as a
+    loop's target.
+    """
     targets: list[ast.expr] = []
     if isinstance(node, ast.Assign):
         targets = node.targets
     elif isinstance(node, (ast.For, ast.comprehension)):
         targets = [node.target]
-    tuples = [part for target in targets for part in ast.walk(target) if isinstance(part, ast.Tuple)]
-    return [tuple(ast.unparse(element) for element in part.elts[-3:]) for part in tuples if len(part.elts) >= 3]
+    tuples = [
+        part for target in targets for part in ast.walk(target) if isinstance(part, ast.Tuple)
+    ]
+    return [
+        tuple(ast.unparse(element) for element in part.elts[-3:])
+        for part in tuples
+        if len(part.elts) >= 3
+    ]
 
 
 def _sequences(node: ast.AST) -> list[list[ast.expr]]:
-    """Elements of tuples and lists, positional arguments, and the keyword arguments x, y, z and their like."""
+    """Elements of tuples and lists, positional arguments, and the keyword arguments x, y, z and
+    their like.
+    """
     if isinstance(node, (ast.Tuple, ast.List)):
         return [node.elts]
     if isinstance(node, ast.Call):
         keywords = [keyword.value for keyword in node.keywords]
-        return [node.args, *(keywords[first : first + 3] for first in range(max(0, len(keywords) - 2)))]
+        return [
+            node.args,
+            *(keywords[first : first + 3] for first in range(max(0, len(keywords) - 2))),
+        ]
     return []
 
 
@@ -48,7 +72,11 @@ def _is_flip(parts: list[ast.expr], triples: set[tuple[str, ...]]) -> bool:
         return is_permuted or is_indexed or is_named or texts == ["1.0", "1.0", "-1.0"]
     if len(parts) == 4:
         pairs = [sum_ for part in parts for sum_ in ast.walk(part) if isinstance(sum_, ast.BinOp)]
-        sums = [pair for pair in pairs if isinstance(pair.op, (ast.Add, ast.Sub)) and isinstance(pair.left, ast.Name)]
+        sums = [
+            pair
+            for pair in pairs
+            if isinstance(pair.op, (ast.Add, ast.Sub)) and isinstance(pair.left, ast.Name)
+        ]
         signs = [type(pair.op) for pair in sums]
         return signs == [ast.Add, ast.Add, ast.Sub, ast.Sub] and len(sums) == len(parts)
     return False

@@ -1,4 +1,6 @@
-"""What the pages for new users tell people to type and to write works, in the order in which they tell it."""
+"""What the pages for new users tell people to type and to write works, in the order in which they
+tell it.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,16 @@ from groundstation.missions.files import load_mission
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
-PAGES = ("tutorial", "my-mocap-lab", "my-search", "my-ci", "mission-file", "python-api", "crazyswarm", "formations")
+PAGES = (
+    "tutorial",
+    "my-mocap-lab",
+    "my-search",
+    "my-ci",
+    "mission-file",
+    "python-api",
+    "crazyswarm",
+    "formations",
+)
 _BLOCK = re.compile(r"(?:<!-- (file|append): (\S+) -->\n)?```(\w*)\n(.*?)```", re.DOTALL)
 _RUN = ("init", "check")  # for real; of the others only the options are checked
 _FLOWN = ("--lockstep", "plot")  # these too, where there is time
@@ -34,7 +45,8 @@ def commands(text: str) -> list[list[str]]:
 
 
 def parse(words: list[str]) -> None:
-    """Check a command line without running it; raises CycloptsError, or SystemExit for an agent's."""
+    """Check a command line without running it; raises CycloptsError, or SystemExit for an agent's.
+    """
     if words[0] == "agent":
         from onboard.process import deploy
 
@@ -87,13 +99,17 @@ def test_every_command_line_of_the_readme_that_is_no_pattern_is_understood() -> 
 def test_nobody_is_told_to_install_a_name_that_no_index_has() -> None:
     for folder in (ROOT, DOCS, ROOT / "onboard", ROOT / "groundstation", ROOT / "sitl"):
         for path in folder.glob("*.md") if folder in (ROOT, DOCS) else folder.rglob("*.py"):
-            told = re.search(r"pip install[^\n`]*?(?<![\w/.*-])covey(?![-\w/])", path.read_text(encoding="utf-8"))
+            told = re.search(
+                r"pip install[^\n`]*?(?<![\w/.*-])covey(?![-\w/])", path.read_text(encoding="utf-8")
+            )
             assert told is None, f"{path}: {told}"
 
 
 def test_every_page_is_in_the_index_and_its_links_lead_somewhere() -> None:
     index = (DOCS / "index.md").read_text(encoding="utf-8")
     for page in DOCS.glob("*.md"):
-        assert page.name == "index.md" or f"({page.name})" in index, f"name {page.name} in docs/index.md"
+        assert page.name == "index.md" or f"({page.name})" in index, (
+            f"name {page.name} in docs/index.md"
+        )
         for target in re.findall(r"\]\(([^)#: ]+)(?:#[^)]*)?\)", page.read_text(encoding="utf-8")):
             assert (DOCS / target).exists(), f"{page.name}: {target}"

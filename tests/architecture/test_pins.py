@@ -39,7 +39,8 @@ def declared(extra: str) -> list[Requirement]:
     """Return what an extra of pyproject.toml asks for, its other extras followed."""
     project = PROJECT["project"]
     lines = [Requirement(line) for line in project["dependencies"]]
-    todo = [Requirement(line) for line in project["optional-dependencies"].get(extra, [])]  # "base": no extra
+    # "base": no extra
+    todo = [Requirement(line) for line in project["optional-dependencies"].get(extra, [])]
     while todo:
         line = todo.pop()
         if line.name != project["name"]:
@@ -68,8 +69,12 @@ def test_every_library_of_pyproject_is_pinned_once_and_within_its_range(extra: s
         for line in declared(extra) + build:
             if line.marker is None or line.marker.evaluate(system):
                 version = versions.get(canonicalize_name(line.name))
-                assert version is not None, f"{line} is not in requirements/{extra}.txt on {system}: run make pins"
-                assert line.specifier.contains(version), f"{line} is pinned to {version}: run make pins"
+                assert version is not None, (
+                    f"{line} is not in requirements/{extra}.txt on {system}: run make pins"
+                )
+                assert line.specifier.contains(version), (
+                    f"{line} is pinned to {version}: run make pins"
+                )
 
 
 def test_whoever_flies_has_the_versions_that_were_tested() -> None:
@@ -89,6 +94,8 @@ def test_the_pins_name_no_registry_and_no_file_of_one_machine() -> None:
 def test_setup_installs_pinned_wheels_with_hashes_and_covey_without_libraries() -> None:
     setup = (ROOT / ".ci" / "setup").read_text(encoding="utf-8")
     assert "install --disable-pip-version-check -q --no-deps" in setup
-    assert '--require-hashes --only-binary :all: -r "$pins" && pip --no-build-isolation -e .' in setup
+    assert (
+        '--require-hashes --only-binary :all: -r "$pins" && pip --no-build-isolation -e .' in setup
+    )
     for line in PROJECT["build-system"]["requires"]:
         assert line in (ROOT / "requirements" / "build.in").read_text(encoding="utf-8")

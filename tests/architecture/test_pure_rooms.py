@@ -10,7 +10,18 @@ from tests.architecture.form import PURE_ROOMS, ROOT
 # the compiled functions of a batch are kept for the process
 ALLOWED = {"onboard/rollout/batch.py"}
 _CACHES = {"cache", "lru_cache"}
-_CHANGES = {"append", "add", "update", "setdefault", "pop", "clear", "extend", "insert", "remove", "discard"}
+_CHANGES = {
+    "append",
+    "add",
+    "update",
+    "setdefault",
+    "pop",
+    "clear",
+    "extend",
+    "insert",
+    "remove",
+    "discard",
+}
 
 
 def _trees() -> Iterator[tuple[str, ast.Module]]:
@@ -35,7 +46,11 @@ def _written(function: ast.AST, names: set[str]) -> Iterator[str]:
             yield from node.names
         elif isinstance(node, ast.Subscript) and isinstance(node.ctx, (ast.Store, ast.Del)):
             target = node.value
-        elif isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and node.func.attr in _CHANGES:
+        elif (
+            isinstance(node, ast.Call)
+            and isinstance(node.func, ast.Attribute)
+            and node.func.attr in _CHANGES
+        ):
             target = node.func.value
         if isinstance(target, ast.Name) and target.id in names:
             yield target.id
@@ -46,9 +61,18 @@ def test_no_function_of_a_pure_room_writes_to_its_module_or_caches() -> None:
         names = _module_names(tree)
         for node in ast.walk(tree):
             if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef)):
-                local = {n.id for n in ast.walk(node) if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)}
+                local = {
+                    n.id
+                    for n in ast.walk(node)
+                    if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)
+                }
                 assert not list(_written(node, names - local)), f"{name}: {node.name}"
-                decorators = {n.id for d in node.decorator_list for n in ast.walk(d) if isinstance(n, ast.Name)}
+                decorators = {
+                    n.id
+                    for d in node.decorator_list
+                    for n in ast.walk(d)
+                    if isinstance(n, ast.Name)
+                }
                 assert not decorators & _CACHES, f"{name}: {node.name}"
 
 

@@ -16,10 +16,17 @@ ROOT = Path(__file__).parents[2]
 
 
 def run(folder: Path, *words: str, path: str) -> str:
-    """Run ``python -S WORDS``: without the environment's own list of folders, where the repository may stand."""
+    """Run ``python -S WORDS``: without the environment's own list of folders, where the repository
+    may stand.
+    """
     environment = {**os.environ, "PYTHONPATH": path, "COLUMNS": "120"}
     result = subprocess.run(
-        [sys.executable, "-S", *words], cwd=folder, env=environment, capture_output=True, text=True, timeout=300
+        [sys.executable, "-S", *words],
+        cwd=folder,
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=300,
     )
     assert result.returncode == 0, result.stdout + result.stderr
     return result.stdout
@@ -29,7 +36,9 @@ def run(folder: Path, *words: str, path: str) -> str:
 def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     source, site = tmp_path_factory.mktemp("source"), tmp_path_factory.mktemp("site")
     for name in ("onboard", "groundstation", "sitl", "configs"):
-        shutil.copytree(ROOT / name, source / name, symlinks=True, ignore=shutil.ignore_patterns("__pycache__"))
+        shutil.copytree(
+            ROOT / name, source / name, symlinks=True, ignore=shutil.ignore_patterns("__pycache__")
+        )
     for name in ("pyproject.toml", "README.md", "LICENSE"):
         shutil.copy(ROOT / name, source)
     build = "from setuptools import build_meta; print(build_meta.build_wheel('.'))"
@@ -46,7 +55,9 @@ def test_every_file_of_the_product_that_is_no_module_is_in_the_wheel(installed: 
                 inside = path.relative_to(ROOT)
                 if name == "configs":
                     inside = Path("onboard/config/examples") / path.relative_to(ROOT / "configs")
-                assert (installed / inside).exists(), f"{inside} is missing: see package-data in pyproject.toml"
+                assert (installed / inside).exists(), (
+                    f"{inside} is missing: see package-data in pyproject.toml"
+                )
 
 
 @pytest.fixture(scope="module")
@@ -54,10 +65,16 @@ def path(installed: Path) -> str:
     return os.pathsep.join([str(installed), sysconfig.get_path("purelib")])
 
 
-def test_the_examples_are_found_in_an_empty_folder(installed: Path, path: str, tmp_path: Path) -> None:
-    where = run(tmp_path, "-c", "import onboard, groundstation, sitl; print(onboard.__file__)", path=path)
+def test_the_examples_are_found_in_an_empty_folder(
+    installed: Path, path: str, tmp_path: Path
+) -> None:
+    where = run(
+        tmp_path, "-c", "import onboard, groundstation, sitl; print(onboard.__file__)", path=path
+    )
     assert where.startswith(str(installed))
-    out = run(tmp_path, "-m", "groundstation", "check", "sih", "configs/missions/paper.toml", path=path)
+    out = run(
+        tmp_path, "-m", "groundstation", "check", "sih", "configs/missions/paper.toml", path=path
+    )
     assert out.count("This can be flown") == 2
 
 

@@ -1,4 +1,6 @@
-"""``make bench-NAME ARGS="..."``, which is ``python -m tests.bench NAME ...``: run one benchmark of this clone."""
+"""``make bench-NAME ARGS="..."``, which is ``python -m tests.bench NAME ...``: run one benchmark of
+this clone.
+"""
 
 from __future__ import annotations
 
@@ -9,22 +11,40 @@ from onboard.config.fleet import ConfigError
 
 # name -> module with main(words) -> exit status, description
 BENCHMARKS = {
-    "lockstep": ("tests.bench.lockstep", "how much faster than time flights in lockstep are, and where the time goes"),
+    "lockstep": (
+        "tests.bench.lockstep",
+        "how much faster than time flights in lockstep are, and where the time goes",
+    ),
     "demo": ("tests.bench.demo", "fly the demo several times and write a table"),
     "console": ("tests.bench.console", "what the console costs and how quickly it answers"),
     "sitl": ("tests.bench.sitl", "what the emulated PX4s cost"),
     "responses": ("tests.bench.responses", "the emulator beside PX4: steps, closed loop, errors"),
-    "silence": ("tests.bench.silence.bench", "how soon the link to PX4 is silent after an agent hangs"),
+    "silence": (
+        "tests.bench.silence.bench",
+        "how soon the link to PX4 is silent after an agent hangs",
+    ),
     "agents": ("tests.bench.agents", "period, processor and memory of agents in flight"),
     "soak": ("tests.bench.soak", "memory, orders and late ticks of a long flight"),
     "tick": ("tests.bench.tick", "processor time of one control tick with 0 to 12 neighbours"),
     "gallery": ("tests.bench.gallery", "fly and draw the missions of the gallery"),
-    "network": ("tests.bench.network.bench", "states over a bad link, a fleet cut in two in flight, agents with keys"),
+    "network": (
+        "tests.bench.network.bench",
+        "states over a bad link, a fleet cut in two in flight, agents with keys",
+    ),
     "radio": ("tests.bench.radio", "fleets that change places over the model of one radio channel"),
-    "law": ("tests.bench.peers.bench", "the law beside other methods, and without each of its ideas"),
+    "law": (
+        "tests.bench.peers.bench",
+        "the law beside other methods, and without each of its ideas",
+    ),
     "worst-case": ("tests.bench.worst_case", "search the settings in which vehicles come nearest"),
-    "digest": ("tests.bench.digest", "digests of 600 repeatable flights: whether a change has changed one"),
-    "law-map": ("tests.bench.law_map", "the page, the picture and the summary of a map that was flown"),
+    "digest": (
+        "tests.bench.digest",
+        "digests of 600 repeatable flights: whether a change has changed one",
+    ),
+    "law-map": (
+        "tests.bench.law_map",
+        "the page, the picture and the summary of a map that was flown",
+    ),
 }
 
 

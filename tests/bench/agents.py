@@ -1,7 +1,9 @@
-"""``make bench-agents``: what agents cost and how evenly they tick, as real processes beside emulator and recording.
+"""``make bench-agents``: what agents cost and how evenly they tick, as real processes beside
+emulator and recording.
 
-The fleet hovers and moves to and fro; period and lateness are measured by the agents' own loops and told on the bus,
-processor time and memory by the kernel. The first seconds after take-off do not count.
+The fleet hovers and moves to and fro; period and lateness are measured by the agents' own loops and
+told on the bus, processor time and memory by the kernel. The first seconds after take-off do not
+count.
 """
 
 from __future__ import annotations
@@ -31,10 +33,12 @@ from tests.bench.process_usage import Usage, busy_share, has_precedence, process
 
 EXIT_OK, EXIT_FAILED, EXIT_WRONG_INPUT = 0, 1, 2
 PERIOD_MS = 20.0
-# What is asked: how far the 99th percentile of the period may be from 20 ms, by the size of the fleet; and of each.
+# What is asked: how far the 99th percentile of the period may be from 20 ms, by the size of the
+# fleet; and of each.
 P99_OFF_MS = {10: 5.0, 20: 10.0}
 CPU_PCT, RSS_MIB = 15.0, 120.0
-NEAR_SPACING_M, FAR_SPACING_M = 1.5, 6.0  # up to 10 all follow each other; more of them only their nearest four
+# up to 10 all follow each other; more of them only their nearest four
+NEAR_SPACING_M, FAR_SPACING_M = 1.5, 6.0
 _SETTLE_S = 4.0
 _STEP_M = 0.4
 _REST_S = 1.0
@@ -43,7 +47,8 @@ _FULL = 0.95
 
 @dataclass(frozen=True, slots=True)
 class AgentCost:
-    """Of one agent: period of its loop over the measured time, share of one core, memory, ticks that were heard of.
+    """Of one agent: period of its loop over the measured time, share of one core, memory, ticks
+    that were heard of.
 
     followed: how many neighbours it hears at full rate.
     """
@@ -61,7 +66,8 @@ class AgentCost:
 
 @dataclass(frozen=True, slots=True)
 class Result:
-    """One run. tick_cpu_ms: processor time for one tick, all threads, mean over the agents; it varies least.
+    """One run. tick_cpu_ms: processor time for one tick, all threads, mean over the agents; it
+    varies least.
 
     with_precedence: how many loops have real-time priority.
     """
@@ -78,12 +84,18 @@ class Result:
         """Sentences for the values that are past their limits."""
         found = []
         count = len(self.agents)
-        off_ms = next((off for size, off in P99_OFF_MS.items() if count <= size), max(P99_OFF_MS.values()))
+        off_ms = next(
+            (off for size, off in P99_OFF_MS.items() if count <= size), max(P99_OFF_MS.values())
+        )
         for agent in self.agents:
             if not abs(agent.p99_ms - PERIOD_MS) <= off_ms:
-                found.append(f"{agent.name}: p99 {agent.p99_ms:.1f} ms, asked {PERIOD_MS:.0f} +- {off_ms:.0f} ms")
+                found.append(
+                    f"{agent.name}: p99 {agent.p99_ms:.1f} ms, asked {PERIOD_MS:.0f} +- {off_ms:.0f} ms"
+                )
             if not agent.cpu_pct <= CPU_PCT:
-                found.append(f"{agent.name}: {agent.cpu_pct:.1f} % of a core, asked {CPU_PCT:.0f} %")
+                found.append(
+                    f"{agent.name}: {agent.cpu_pct:.1f} % of a core, asked {CPU_PCT:.0f} %"
+                )
             if not agent.rss_mib <= RSS_MIB:
                 found.append(f"{agent.name}: {agent.rss_mib:.0f} MiB, asked {RSS_MIB:.0f} MiB")
         return found
@@ -116,7 +128,8 @@ async def measure(
     """Fly ``count`` agents and measure for ``seconds``.
 
     Raises:
-        ProcessError, NotReady, OrderFailed: they did not get as far; the first when the processors are the reason.
+        ProcessError, NotReady, OrderFailed: they did not get as far; the first when the processors
+            are the reason.
     """
     before = processor_times()
     try:
@@ -129,7 +142,9 @@ async def measure(
         raise ProcessError(f"{sentence} {error}") from error
 
 
-async def _measure(count: int, seconds: float, folder: Path, *, is_realtime: bool, has_keys: bool) -> Result:
+async def _measure(
+    count: int, seconds: float, folder: Path, *, is_realtime: bool, has_keys: bool
+) -> Result:
     spacing_m = NEAR_SPACING_M if count <= 10 else FAR_SPACING_M
     data = fleet_data(count, spacing_m, "agents")
     extra = ["--realtime"] if is_realtime and leaves_room(count) else []
@@ -191,7 +206,10 @@ async def _move(bench_fleet: BenchFleet) -> None:
     """Everybody to and fro; all arrive, or fail, before the next orders go out."""
     side = 1.0
     while True:
-        goals = {name: _beside(bench_fleet.config, name, side * _STEP_M) for name in bench_fleet.config.enabled_names}
+        goals = {
+            name: _beside(bench_fleet.config, name, side * _STEP_M)
+            for name in bench_fleet.config.enabled_names
+        }
         moves = (bench_fleet.fleet[name].move(goal, timeout_s=20.0) for name, goal in goals.items())
         await asyncio.gather(*moves, return_exceptions=True)
         await asyncio.sleep(_REST_S)
@@ -218,7 +236,9 @@ def _late(bench_fleet: BenchFleet, name: str) -> int:
 
 def table(result: Result) -> str:
     """For people."""
-    lines = ["agent      period p50    p99     max  late    CPU %    RSS MiB   ticks  hears at 50 Hz"]
+    lines = [
+        "agent      period p50    p99     max  late    CPU %    RSS MiB   ticks  hears at 50 Hz"
+    ]
     for one in result.agents:
         lines.append(
             f"{one.name:<9} {one.p50_ms:8.1f} ms {one.p99_ms:6.1f} {one.max_ms:7.1f} {one.late_ticks:5d} "
@@ -235,14 +255,21 @@ def table(result: Result) -> str:
 def main(argv: Sequence[str] | None = None) -> int:
     """Entry of ``make bench-agents``; exit status 0 when everything is as asked."""
     parser = argparse.ArgumentParser(
-        prog="make bench-agents", description="Period, processor and memory of agents in flight, with all beside them."
+        prog="make bench-agents",
+        description="Period, processor and memory of agents in flight, with all beside them.",
     )
-    parser.add_argument("--agents", type=int, default=10, help="how many (default 10; asked are 10 and 20)")
+    parser.add_argument(
+        "--agents", type=int, default=10, help="how many (default 10; asked are 10 and 20)"
+    )
     parser.add_argument("--seconds", type=float, default=30.0, help="measured time (default 30)")
     parser.add_argument(
-        "--no-realtime", action="store_true", help="agents do not ask for real-time priority, as installed ones do"
+        "--no-realtime",
+        action="store_true",
+        help="agents do not ask for real-time priority, as installed ones do",
     )
-    parser.add_argument("--keys", action="store_true", help="with a locked bus: mutual TLS on every link")
+    parser.add_argument(
+        "--keys", action="store_true", help="with a locked bus: mutual TLS on every link"
+    )
     parser.add_argument("--keep", type=Path, help="folder for logs and record")
     parser.add_argument("--json", action="store_true", help="figures as JSON on stdout")
     options = parser.parse_args(argv)
@@ -264,7 +291,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         except (ProcessError, NotReady, OrderFailed) as error:
             print(f"bench agents: {error}", file=sys.stderr)
             return EXIT_WRONG_INPUT
-    print(json.dumps({**asdict(result), "problems": result.problems()}) if options.json else table(result))
+    print(
+        json.dumps({**asdict(result), "problems": result.problems()})
+        if options.json
+        else table(result)
+    )
     return EXIT_FAILED if result.problems() else EXIT_OK
 
 

@@ -1,8 +1,9 @@
 """``make bench-console``: what the console costs and how quickly it answers, measured from outside.
 
-The real ``covey tui`` runs in a terminal of its own (a pty) on the real bus, against a crowd that only talks. Keys are
-written into the terminal, and the time counts until what they change comes out of it; an order's time counts until
-another process has received it. Memory over half an hour is measured in a second run, in fast motion.
+The real ``covey tui`` runs in a terminal of its own (a pty) on the real bus, against a crowd that
+only talks. Keys are written into the terminal, and the time counts until what they change comes out
+of it; an order's time counts until another process has received it. Memory over half an hour is
+measured in a second run, in fast motion.
 """
 
 from __future__ import annotations
@@ -44,17 +45,20 @@ CPU_LIMIT_PCT = {10: 10.0, 100: 25.0}
 KEY_LIMIT_MS, ORDER_LIMIT_MS, GROWTH_LIMIT_MIB = 100.0, 50.0, 5.0
 LAND_AFTER_S = (0.03, 0.06, 0.1, 0.2, 0.4)  # a move was given: its preview opens, and computes
 _START_TIMEOUT_S, _KEY_TIMEOUT_S, _BURST_TIMEOUT_S = 60.0, 5.0, 60.0
-_LIMIT_S, _LIMIT_S_PER_MIN = 240.0, 20.0  # of one size besides the time asked for, and of a minute in fast motion
+# of one size besides the time asked for, and of a minute in fast motion
+_LIMIT_S, _LIMIT_S_PER_MIN = 240.0, 20.0
 _ESCAPES = re.compile(
-    rb"\x1b(?:\[[0-9;:?<>=]*[ -/]*[@-~]|\][^\x07\x1b]*(?:\x07|\x1b\\)|[PX^_].*?\x1b\\|[@-Z\\-_])", re.S
+    rb"\x1b(?:\[[0-9;:?<>=]*[ -/]*[@-~]|\][^\x07\x1b]*(?:\x07|\x1b\\)|[PX^_].*?\x1b\\|[@-Z\\-_])",
+    re.S,
 )
 _LETTERS = "qzxwvkyj"
 
 
 @dataclass(frozen=True, slots=True)
 class Measured:
-    """One run. Latencies in ms: of a key until the screen shows it (also in the burst), of LAND ALL until the last
-    vehicle's order has come in at another process (also while a preview opens and computes): medians, and the worst."""
+    """One run. Latencies in ms: of a key until the screen shows it (also in the burst), of LAND ALL
+    until the last vehicle's order has come in at another process (also while a preview opens and
+    computes): medians, and the worst."""
 
     vehicles: int
     cpu_pct: float
@@ -71,7 +75,9 @@ class Measured:
 
     def verdict(self) -> list[tuple[str, bool, str]]:
         """What is asked for: what, whether it is met, and the numbers."""
-        cpu_limit = CPU_LIMIT_PCT[min((size for size in CPU_LIMIT_PCT if size >= self.vehicles), default=100)]
+        cpu_limit = CPU_LIMIT_PCT[
+            min((size for size in CPU_LIMIT_PCT if size >= self.vehicles), default=100)
+        ]
         rows = [
             ("processor, % of a core", self.cpu_pct, cpu_limit),
             ("key to screen, p99 ms", self.key_p99_ms, KEY_LIMIT_MS),
@@ -80,17 +86,26 @@ class Measured:
         ]
         if np.isfinite(self.growth_mib):
             rows.append(("memory grown over 25 of 30 min, MiB", self.growth_mib, GROWTH_LIMIT_MIB))
-        return [(name, value <= limit, f"{value:.1f} (limit {limit:g})") for name, value, limit in rows]
+        return [
+            (name, value <= limit, f"{value:.1f} (limit {limit:g})") for name, value, limit in rows
+        ]
 
 
 class Terminal:
-    """A program in a pty: what it writes is kept without its control sequences, with the time at which it came."""
+    """A program in a pty: what it writes is kept without its control sequences, with the time at
+    which it came.
+    """
 
     def __init__(self, words: list[str], environ: Mapping[str, str]) -> None:
         self._master, slave = pty.openpty()
         fcntl.ioctl(slave, termios.TIOCSWINSZ, struct.pack("HHHH", SIZE[1], SIZE[0], 0, 0))
         self.process = subprocess.Popen(
-            words, stdin=slave, stdout=slave, stderr=slave, env={**os.environ, **environ}, start_new_session=True
+            words,
+            stdin=slave,
+            stdout=slave,
+            stderr=slave,
+            env={**os.environ, **environ},
+            start_new_session=True,
         )
         os.close(slave)
         self.bytes = 0
@@ -159,13 +174,17 @@ class Crowd:
         self._news = threading.Condition()
         threading.Thread(target=self._read, daemon=True).start()
 
-    def wait(self, key: str, value: object, count: int, timeout_s: float, since_s: float = 0.0) -> float | None:
+    def wait(
+        self, key: str, value: object, count: int, timeout_s: float, since_s: float = 0.0
+    ) -> float | None:
         """When the ``count``-th such line came after ``since_s``; None when it did not."""
         limit_s = time.monotonic() + timeout_s
         with self._news:
             while True:
                 found = [
-                    one for one in self._told if one.get(key) == value and float(str(one.get("at_s", 1e18))) >= since_s
+                    one
+                    for one in self._told
+                    if one.get(key) == value and float(str(one.get("at_s", 1e18))) >= since_s
                 ]
                 if len(found) >= count:
                     return float(str(found[count - 1].get("at_s", 0.0)))
@@ -210,9 +229,16 @@ def _running(vehicles: int) -> Iterator[tuple[Terminal, Crowd, tuple[float, floa
         try:
             if crowd.wait("ready", True, 1, _START_TIMEOUT_S) is None:
                 raise ConfigError("The crowd did not start. Is the machine very busy?")
-            terminal = Terminal([sys.executable, "-m", "groundstation", "tui", "--fleet", str(path)], environ)
-            if terminal.wait(f"{vehicles} of {vehicles} fly".encode(), 0.0, _START_TIMEOUT_S) is None:
-                raise ConfigError("The console did not show the whole fleet in time. Is the machine very busy?")
+            terminal = Terminal(
+                [sys.executable, "-m", "groundstation", "tui", "--fleet", str(path)], environ
+            )
+            if (
+                terminal.wait(f"{vehicles} of {vehicles} fly".encode(), 0.0, _START_TIMEOUT_S)
+                is None
+            ):
+                raise ConfigError(
+                    "The console did not show the whole fleet in time. Is the machine very busy?"
+                )
             time.sleep(3.0)  # the first pictures, imports and caches are not what is measured
             start = next(iter(load_fleet(str(path)).vehicles.values())).start_enu_m
             yield terminal, crowd, (start[0] + 1.0, start[1] + 1.0)
@@ -236,7 +262,10 @@ def measure(vehicles: int, seconds: float, minutes: float) -> Measured:
         _say(f"a burst of {BURST} events")
         crowd.burst(BURST)
         burst_ms = _type(terminal, 20)
-        if crowd.wait("burst", BURST, 1, _BURST_TIMEOUT_S) is None or terminal.process.poll() is not None:
+        if (
+            crowd.wait("burst", BURST, 1, _BURST_TIMEOUT_S) is None
+            or terminal.process.poll() is not None
+        ):
             burst_ms = [float("inf")]
         used = usage(terminal.process.pid)
     return Measured(
@@ -266,7 +295,9 @@ def _cost(terminal: Terminal, seconds: float) -> tuple[float, float]:
 
 
 def _type(terminal: Terminal, count: int) -> list[float]:
-    """Letters on the order line: ms from each key until the line with it is on the screen. None after one is lost."""
+    """Letters on the order line: ms from each key until the line with it is on the screen. None
+    after one is lost.
+    """
     found: list[float] = []
     _write_order(terminal, "")
     written = ""
@@ -288,7 +319,9 @@ def _type(terminal: Terminal, count: int) -> list[float]:
 
 
 def _write_order(terminal: Terminal, words: str) -> None:
-    """Put these words on the order line, whatever has the keys: escape leaves it, and a question that is open."""
+    """Put these words on the order line, whatever has the keys: escape leaves it, and a question
+    that is open.
+    """
     for keys in (b"\x1b", b":", b"\x15"):  # not at once: what follows an escape would belong to it
         terminal.press(keys)
         time.sleep(0.3)
@@ -303,7 +336,9 @@ def _land(
     goal: tuple[float, float] | None = None,
     after_s: float = 0.0,
 ) -> float:
-    """Ms from ctrl+l until the last vehicle has received its order; ``after_s`` a move to ``goal`` was given."""
+    """Ms from ctrl+l until the last vehicle has received its order; ``after_s`` a move to ``goal``
+    was given.
+    """
     if goal is not None:
         _write_order(terminal, f"move mav0 {goal[0]:.1f} {goal[1]:.1f} 1.5\r")
         time.sleep(after_s)
@@ -325,7 +360,12 @@ def _growth(vehicles: int, minutes: float) -> float:
     words = [sys.executable, "-m", "tests.bench.console_memory", str(vehicles), str(minutes)]
     try:
         done = subprocess.run(
-            words, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, text=True, check=False, timeout=limit_s
+            words,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            text=True,
+            check=False,
+            timeout=limit_s,
         )
     except subprocess.TimeoutExpired:
         return float("inf")
@@ -357,24 +397,36 @@ def main(argv: list[str]) -> int:
         epilog="Exit status: 0 all within the limits; 1 something is not. Latencies need a machine without other work.",
     )
     parser.add_argument("--vehicles", default="10,100", help="fleet sizes (default 10,100)")
-    parser.add_argument("--seconds", type=float, default=20.0, help="how long the processor is watched (default 20)")
     parser.add_argument(
-        "--minutes", type=float, default=30.0, help="simulated time for memory, 0: leave out (default 30)"
+        "--seconds", type=float, default=20.0, help="how long the processor is watched (default 20)"
+    )
+    parser.add_argument(
+        "--minutes",
+        type=float,
+        default=30.0,
+        help="simulated time for memory, 0: leave out (default 30)",
     )
     parser.add_argument("--json", action="store_true", help="JSON instead of lines")
     options = parser.parse_args(argv)
     try:
         sizes = [int(word) for word in options.vehicles.split(",")]
     except ValueError:
-        raise ConfigError(f"--vehicles {options.vehicles}: give numbers with commas, for instance 10,100.") from None
+        raise ConfigError(
+            f"--vehicles {options.vehicles}: give numbers with commas, for instance 10,100."
+        ) from None
     if not sizes or min(sizes) < 1 or max(sizes) > 250 or not options.seconds > 0.0:
         raise ConfigError("A fleet has 1 to 250 vehicles here, and is watched for more than 0 s.")
     limit_s = len(sizes) * (_LIMIT_S + options.seconds + _LIMIT_S_PER_MIN * options.minutes)
-    _say(f"a verdict comes within {limit_s / 60:.0f} min, on a machine that does nothing else much sooner")
-    signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(128 + number))  # and end what was started
+    _say(
+        f"a verdict comes within {limit_s / 60:.0f} min, on a machine that does nothing else much sooner"
+    )
+    # and end what was started
+    signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(128 + number))
     results = [measure(size, options.seconds, options.minutes) for size in sizes]
     if options.json:
         print(json.dumps([asdict(one) for one in results], indent=2))
     else:
         print(text(results))
-    return EXIT_OK if all(is_met for one in results for _, is_met, _ in one.verdict()) else EXIT_FAILED
+    return (
+        EXIT_OK if all(is_met for one in results for _, is_met, _ in one.verdict()) else EXIT_FAILED
+    )

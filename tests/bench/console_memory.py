@@ -1,7 +1,7 @@
 """Half an hour of the console in fast motion: does its memory grow? Run by ``make bench-console``.
 
-The real app without a terminal, a client whose clock the run turns: telemetry of every vehicle ten times a simulated
-second, an event and an alarm that comes and goes now and then.
+The real app without a terminal, a client whose clock the run turns: telemetry of every vehicle ten
+times a simulated second, an event and an alarm that comes and goes now and then.
 """
 
 from __future__ import annotations
@@ -110,7 +110,11 @@ async def run(vehicles: int, minutes: float) -> dict[str, float]:
                 found |= _memory("settled")
         await pilot.pause(0.2)
         found |= _memory("end")
-    return {**found, "growth_mib": found["end_own_mib"] - found["settled_own_mib"], "steps": float(steps)}
+    return {
+        **found,
+        "growth_mib": found["end_own_mib"] - found["settled_own_mib"],
+        "steps": float(steps),
+    }
 
 
 def _memory(moment: str) -> dict[str, float]:

@@ -1,7 +1,9 @@
-"""Pictures of the console: ``python -m tests.bench.console_pictures`` flies the demo in tmux and draws what it shows.
+"""Pictures of the console: ``python -m tests.bench.console_pictures`` flies the demo in tmux and
+draws what it shows.
 
-Written to ``docs/figures/console_*.png``. Cells are drawn one by one, so that a picture needs no browser and no font
-but matplotlib's own. ``--light`` and ``--ascii`` draw the others of ``docs/console.md``.
+Written to ``docs/figures/console_*.png``. Cells are drawn one by one, so that a picture needs no
+browser and no font but matplotlib's own. ``--light`` and ``--ascii`` draw the others of
+``docs/console.md``.
 """
 
 from __future__ import annotations
@@ -29,10 +31,13 @@ FIGURES = Path(__file__).parents[2] / "docs" / "figures"
 _FONTS = Path(matplotlib.get_data_path()) / "fonts" / "ttf"
 _SIZE_PX = 15
 _GROUND, _INK = "#000000", "#d0d0d0"
-_DOTS = ((0, 0), (0, 1), (0, 2), (1, 0), (1, 1), (1, 2), (0, 3), (1, 3))  # column, row of each braille bit
+# column, row of each braille bit
+_DOTS = ((0, 0), (0, 1), (0, 2), (1, 0), (1, 1), (1, 2), (0, 3), (1, 3))
 
 
-def paint(lines: Iterable[Iterable[Segment]], path: Path, *, ground: str = _GROUND, ink: str = _INK) -> None:
+def paint(
+    lines: Iterable[Iterable[Segment]], path: Path, *, ground: str = _GROUND, ink: str = _INK
+) -> None:
     """Draw lines of segments as a PNG."""
     regular = ImageFont.truetype(str(_FONTS / "DejaVuSansMono.ttf"), _SIZE_PX)
     bold = ImageFont.truetype(str(_FONTS / "DejaVuSansMono-Bold.ttf"), _SIZE_PX)
@@ -68,7 +73,11 @@ def _hex(colour: Color | None) -> str | None:
 
 
 def _paint_char(
-    pen: ImageDraw.ImageDraw, char: str, box: tuple[int, int, int, int], ink: str, font: ImageFont.FreeTypeFont
+    pen: ImageDraw.ImageDraw,
+    char: str,
+    box: tuple[int, int, int, int],
+    ink: str,
+    font: ImageFont.FreeTypeFont,
 ) -> None:
     left, top, right, bottom = box
     wide, high = right - left + 1, bottom - top + 1
@@ -90,7 +99,9 @@ def from_ansi(text: str) -> list[list[Segment]]:
     """A terminal's screen, as ``tmux capture-pane -e`` gives it."""
     console = Console(color_system="truecolor", width=400)
     decoder = AnsiDecoder()  # remembers: a colour goes on over the end of a line
-    return [list(decoder.decode_line(line).render(console)) for line in text.rstrip("\n").split("\n")]
+    return [
+        list(decoder.decode_line(line).render(console)) for line in text.rstrip("\n").split("\n")
+    ]
 
 
 class Terminal:
@@ -98,19 +109,39 @@ class Terminal:
 
     def __init__(self, width: int, height: int, command: str, **environ: str) -> None:
         self._socket = f"covey-pictures-{os.getpid()}-{width}"
-        told = [f"{key}={value}" for key, value in {"COLORTERM": "truecolor", "LANG": "C.UTF-8", **environ}.items()]
-        self._tmux("new-session", "-d", "-x", str(width), "-y", str(height), "env", *told, "sh", "-c", command)
+        told = [
+            f"{key}={value}"
+            for key, value in {"COLORTERM": "truecolor", "LANG": "C.UTF-8", **environ}.items()
+        ]
+        self._tmux(
+            "new-session",
+            "-d",
+            "-x",
+            str(width),
+            "-y",
+            str(height),
+            "env",
+            *told,
+            "sh",
+            "-c",
+            command,
+        )
 
     def __enter__(self) -> Terminal:
         return self
 
     def __exit__(self, *_: object) -> None:
-        subprocess.run(["tmux", "-L", self._socket, "kill-server"], check=False, capture_output=True)
+        subprocess.run(
+            ["tmux", "-L", self._socket, "kill-server"], check=False, capture_output=True
+        )
 
     def screen(self) -> str:
         """What it shows now, with colours; nothing when the command has ended."""
         shown = subprocess.run(
-            ["tmux", "-L", self._socket, "capture-pane", "-e", "-p", "-N"], check=False, capture_output=True, text=True
+            ["tmux", "-L", self._socket, "capture-pane", "-e", "-p", "-N"],
+            check=False,
+            capture_output=True,
+            text=True,
         )
         return shown.stdout if shown.returncode == 0 else ""
 
@@ -122,8 +153,12 @@ class Terminal:
         subprocess.run(["tmux", "-L", self._socket, "-f", "/dev/null", *words], check=True)
 
 
-def fly_demo(width: int, height: int, stem: str, *, has_verdict: bool, limit_s: float = 240.0, **environ: str) -> None:
-    """Fly the demo; keep the moment at which the law holds back most, and the end where it is asked for."""
+def fly_demo(
+    width: int, height: int, stem: str, *, has_verdict: bool, limit_s: float = 240.0, **environ: str
+) -> None:
+    """Fly the demo; keep the moment at which the law holds back most, and the end where it is asked
+    for.
+    """
     with tempfile.TemporaryDirectory() as folder:
         command = f"exec {sys.executable} -m groundstation demo --record {folder}/flight"
         with Terminal(width, height, command, **environ) as terminal:
@@ -147,18 +182,32 @@ def fly_demo(width: int, height: int, stem: str, *, has_verdict: bool, limit_s: 
 
 def main() -> int:
     """Draw what was asked for."""
-    parser = argparse.ArgumentParser(prog="python -m tests.bench.console_pictures", description=__doc__)
-    parser.add_argument("--sizes", default="80x24,120x40,200x60", help="columns x lines, several with commas")
+    parser = argparse.ArgumentParser(
+        prog="python -m tests.bench.console_pictures", description=__doc__
+    )
+    parser.add_argument(
+        "--sizes", default="80x24,120x40,200x60", help="columns x lines, several with commas"
+    )
     parser.add_argument("--light", action="store_true", help="on a light ground")
     parser.add_argument("--ascii", action="store_true", help="in ASCII without colour")
     options = parser.parse_args()
     environ = (
-        {"COVEY_THEME": "light"} if options.light else {"COVEY_ASCII": "1", "NO_COLOR": "1"} if options.ascii else {}
+        {"COVEY_THEME": "light"}
+        if options.light
+        else {"COVEY_ASCII": "1", "NO_COLOR": "1"}
+        if options.ascii
+        else {}
     )
     kind = "_light" if options.light else "_ascii" if options.ascii else ""
     for size in options.sizes.split(","):
         width, height = map(int, size.split("x"))
-        fly_demo(width, height, f"console_{size}{kind}", has_verdict=f"{size}{kind}" == "120x40", **environ)
+        fly_demo(
+            width,
+            height,
+            f"console_{size}{kind}",
+            has_verdict=f"{size}{kind}" == "120x40",
+            **environ,
+        )
     return 0
 
 

@@ -1,7 +1,8 @@
 """``make bench-demo``: fly the demo several times and write what was measured as a table.
 
-The judge here reads the record with mcap's own reader and computes separation from the ground truth by itself; it
-shares no code with the recorder nor with the flight's own verdict, so that the two can contradict each other.
+The judge here reads the record with mcap's own reader and computes separation from the ground truth
+by itself; it shares no code with the recorder nor with the flight's own verdict, so that the two
+can contradict each other.
 """
 
 from __future__ import annotations
@@ -28,7 +29,9 @@ AIRBORNE_HEIGHT_M = 0.10
 
 @dataclass(frozen=True, slots=True)
 class Flight:
-    """Results of one flight: distances in metres from ground truth, CPU in cores, time in seconds of wall clock."""
+    """Results of one flight: distances in metres from ground truth, CPU in cores, time in seconds
+    of wall clock.
+    """
 
     seed: int
     exit_status: int
@@ -41,7 +44,8 @@ class Flight:
 
 
 def separation(record: Path) -> tuple[float, str, float]:
-    """Smallest horizontal distance between centres while one of the two flies, the pair, and the time flown.
+    """Smallest horizontal distance between centres while one of the two flies, the pair, and the
+    time flown.
 
     Args:
         record: an MCAP with ``truth/<vehicle>`` channels of JSON messages.
@@ -52,7 +56,9 @@ def separation(record: Path) -> tuple[float, str, float]:
             if channel.topic.startswith("truth/"):
                 position = json.loads(message.data)["position_enu_m"]
                 tracks.setdefault(channel.topic[6:], []).append((message.log_time / 1e9, *position))
-    rows: dict[str, NDArray[np.float64]] = {name: np.array(sorted(track)) for name, track in tracks.items()}
+    rows: dict[str, NDArray[np.float64]] = {
+        name: np.array(sorted(track)) for name, track in tracks.items()
+    }
     worst, pair = math.inf, "-"
     flown = [row[row[:, 3] > AIRBORNE_HEIGHT_M, 0] for row in rows.values()]
     times = np.concatenate(flown) if flown else np.zeros(0)
@@ -75,13 +81,18 @@ def fly_once(seed: int, folder: Path, arguments: list[str]) -> Flight:
     before, begun = resource.getrusage(resource.RUSAGE_CHILDREN), time.monotonic()
     command = [sys.executable, "-m", "groundstation", "demo", "--headless", "--record", str(folder)]
     done = subprocess.run(
-        [*command, "--seed", str(seed), *arguments], stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, check=False
+        [*command, "--seed", str(seed), *arguments],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        check=False,
     )
     wall, after = time.monotonic() - begun, resource.getrusage(resource.RUSAGE_CHILDREN)
     cpu = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
     worst, pair, flown = separation(folder / "flight.mcap")
     verdict = _verdict(folder)
-    loops = [float(agent.get("period_p99_ms", math.nan)) for agent in verdict.get("loop", {}).values()]
+    loops = [
+        float(agent.get("period_p99_ms", math.nan)) for agent in verdict.get("loop", {}).values()
+    ]
     return Flight(
         seed=seed,
         exit_status=done.returncode,
@@ -121,10 +132,14 @@ def table(flights: list[Flight]) -> str:
 
 def main(argv: list[str]) -> int:
     """Entry of ``make bench-demo``; exit status 0 when every flight came true."""
-    parser = argparse.ArgumentParser(prog="make bench-demo", description="Fly the demo several times; writes a table.")
+    parser = argparse.ArgumentParser(
+        prog="make bench-demo", description="Fly the demo several times; writes a table."
+    )
     parser.add_argument("--flights", type=int, default=10, help="how many flights (default 10)")
     parser.add_argument("--fleet", help="fleet file (default: the paper's)")
-    parser.add_argument("--law", choices=["covey", "paper", "off"], help="avoidance law (default: the fleet file's)")
+    parser.add_argument(
+        "--law", choices=["covey", "paper", "off"], help="avoidance law (default: the fleet file's)"
+    )
     parser.add_argument("--record", type=Path, help="keep the flight folders below this one")
     parser.add_argument("--out", type=Path, help="write the table to this file as well")
     options = parser.parse_args(argv)

@@ -1,7 +1,9 @@
-"""Whether a change of the code has changed a flight: digests of many repeatable flights, and what differs.
+"""Whether a change of the code has changed a flight: digests of many repeatable flights, and what
+differs.
 
     make bench-digest ARGS="--out before.json"          # in the older tree
-    make bench-digest ARGS="--compare before.json"      # in the newer one; exit status 1 when any flight differs
+    make bench-digest ARGS="--compare before.json"      # in the newer one; exit status 1 when any
+    flight differs
 
 Three kinds of flights are flown, all in simulated time and all with fixed seeds:
 
@@ -9,12 +11,13 @@ Three kinds of flights are flown, all in simulated time and all with fixed seeds
 * the cross-section of the fault suite that the daily tests fly;
 * a campaign of 500 flights, through ``covey simulate --json``.
 
-Flights in lockstep are digested from their records, topic by topic: truth (positions), tick (every value of the
-pipeline, among them the setpoint), telemetry (states of the flight), event (what held, and when) and order. The verdict
-of a mission is a topic of its own. Sentences are digested apart from all else, as "words": they may be written better.
+Flights in lockstep are digested from their records, topic by topic: truth (positions), tick (every
+value of the pipeline, among them the setpoint), telemetry (states of the flight), event (what held,
+and when) and order. The verdict of a mission is a topic of its own. Sentences are digested apart
+from all else, as "words": they may be written better.
 
-Only public formats are read, so that the same script judges trees whose insides have other names. Numbers that name a
-version of the source, and not a behaviour, are left out.
+Only public formats are read, so that the same script judges trees whose insides have other names.
+Numbers that name a version of the source, and not a behaviour, are left out.
 """
 
 from __future__ import annotations
@@ -39,14 +42,17 @@ TOPICS = ("truth", "tick", "telemetry", "event", "order")
 NAMES_OF_VERSIONS = frozenset(
     {"boot_id", "config_hash", "fleet_hash", "law_hash", "law_version", "version", "versions"}
 )
-NAMES_OF_WORDS = frozenset({"sentence", "sentences", "reason", "reasons", "not_ready", "summary", "text"})
+NAMES_OF_WORDS = frozenset(
+    {"sentence", "sentences", "reason", "reasons", "not_ready", "summary", "text"}
+)
 
 GALLERY = "gallery"
 FAULTS = "faults"
 CAMPAIGN = "campaign"
 KINDS = (GALLERY, FAULTS, CAMPAIGN)
 
-# 500 flights: mixed sizes, errors of the motion capture, whoever does not cooperate, heights, obstacles
+# 500 flights: mixed sizes, errors of the motion capture, whoever does not cooperate, heights,
+# obstacles
 SCENARIOS = {
     ("form3", "swap4", "swap8", "rand8", "lost4", "rand16"): (1000, 1070),
     ("swap16", "forest8"): (1000, 1040),
@@ -57,7 +63,9 @@ Digests = dict[str, dict[str, str]]  # flight -> topic -> digest
 
 def main(words: Sequence[str]) -> int:
     """Fly, then write the digests or compare them; 1 when a flight differs from the file."""
-    parser = argparse.ArgumentParser(prog="make bench-digest", description=(__doc__ or "").partition("\n")[0])
+    parser = argparse.ArgumentParser(
+        prog="make bench-digest", description=(__doc__ or "").partition("\n")[0]
+    )
     parser.add_argument("--out", type=Path, help="write the digests to this file")
     parser.add_argument("--compare", type=Path, help="a file of another tree, written with --out")
     parser.add_argument("--only", choices=KINDS, help="one of the three kinds of flights")
@@ -69,7 +77,9 @@ def main(words: Sequence[str]) -> int:
     for flight, found in flown(kinds, jobs=options.jobs):
         digests[flight] = found
         print(f"{flight}: {digest_of(found.values())[:16]}", flush=True)
-    print(f"{len(digests)} digests, all together {digest_of(json.dumps(digests, sort_keys=True))[:16]}")
+    print(
+        f"{len(digests)} digests, all together {digest_of(json.dumps(digests, sort_keys=True))[:16]}"
+    )
 
     if options.out is not None:
         options.out.write_text(json.dumps(digests, indent=1, sort_keys=True), encoding="utf-8")
@@ -103,11 +113,13 @@ def compared(before: Digests, after: Digests) -> Iterator[str]:
         if old is None:
             yield f"{flight}: not flown before"
         elif old != digests:
-            differing = sorted(topic for topic in {*old, *digests} if old.get(topic) != digests.get(topic))
+            differing = sorted(
+                topic for topic in {*old, *digests} if old.get(topic) != digests.get(topic)
+            )
             yield f"{flight}: differs in {', '.join(differing)}"
 
 
-# -- the three kinds of flights --------------------------------------------------------------------------------------
+# -- the three kinds of flights --------------------------------------------------------------------
 
 
 def gallery_names() -> list[str]:
@@ -147,27 +159,37 @@ def digests_of_campaign(
     scenarios: Sequence[str], first: int, end: int, *, jobs: int
 ) -> Iterator[tuple[str, dict[str, str]]]:
     """Fly every scenario with every seed; yield the name and digest of each flight."""
-    output = covey("simulate", *scenarios, "--seeds", f"{first}:{end}", "--jobs", str(jobs), "--json")
+    output = covey(
+        "simulate", *scenarios, "--seeds", f"{first}:{end}", "--jobs", str(jobs), "--json"
+    )
     for line in output.splitlines():
         record = json.loads(line)
         yield f"{CAMPAIGN} {record['scenario']} {record['seed']}", {"record": digest_of(line)}
 
 
 def covey(*words: str) -> str:
-    """Run a command of this tree; its standard output. A flight that fails its expectations is a flight, too."""
+    """Run a command of this tree; its standard output. A flight that fails its expectations is a
+    flight, too.
+    """
     done = subprocess.run(
-        [sys.executable, "-m", "groundstation", *words], cwd=ROOT, capture_output=True, text=True, check=False
+        [sys.executable, "-m", "groundstation", *words],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
     )
     if done.returncode not in (0, 1):
         raise RuntimeError(f"covey {' '.join(words)} ended with {done.returncode}: {done.stderr}")
     return done.stdout
 
 
-# -- digests ---------------------------------------------------------------------------------------------------------
+# -- digests ---------------------------------------------------------------------------------------
 
 
 def digests_of_record(folder: Path) -> dict[str, str]:
-    """Return topic -> digest of a flight's record; the folder is that of the flight or one above it."""
+    """Return topic -> digest of a flight's record; the folder is that of the flight or one above
+    it.
+    """
     hashes = {topic: hashlib.sha256() for topic in (*TOPICS, "words")}
 
     for path in sorted(folder.rglob("flight.mcap")):
@@ -183,13 +205,18 @@ def digests_of_record(folder: Path) -> dict[str, str]:
 
     digests = {topic: one.hexdigest() for topic, one in hashes.items()}
 
-    verdicts = [json.loads(path.read_text(encoding="utf-8")) for path in sorted(folder.rglob("verdict.json"))]
+    verdicts = [
+        json.loads(path.read_text(encoding="utf-8"))
+        for path in sorted(folder.rglob("verdict.json"))
+    ]
     digests["verdict"] = digest_of(json.dumps(without_words(verdicts, []), sort_keys=True))
     return digests
 
 
 def without_words(value: Any, words: list[Any]) -> Any:
-    """Return JSON without versions of the source and without sentences; the sentences are added to a list."""
+    """Return JSON without versions of the source and without sentences; the sentences are added to
+    a list.
+    """
     if isinstance(value, list):
         return [without_words(part, words) for part in value]
     if not isinstance(value, dict):

@@ -1,4 +1,6 @@
-"""A made-up fleet in real processes, for benchmarks: emulator, agents and a client, on free ports and in one folder."""
+"""A made-up fleet in real processes, for benchmarks: emulator, agents and a client, on free ports
+and in one folder.
+"""
 
 from __future__ import annotations
 
@@ -44,7 +46,11 @@ def fleet_data(count: int, spacing_m: float, name: str = "stage") -> dict[str, A
     vehicles = {
         f"mav{place}": {
             "system_id": place + 1,
-            "start_enu_m": [spacing_m * (place % columns) - east, spacing_m * (place // columns) - north, 0.0],
+            "start_enu_m": [
+                spacing_m * (place % columns) - east,
+                spacing_m * (place // columns) - north,
+                0.0,
+            ],
             "agent": f"tcp/127.0.0.1:{7460 + place}",
             "autopilot": f"udpin://127.0.0.1:{15540 + place}",
             "direct": f"udpout://127.0.0.1:{19570 + place}",
@@ -63,7 +69,8 @@ def fleet_data(count: int, spacing_m: float, name: str = "stage") -> dict[str, A
 
 
 class BenchFleet:
-    """``async with BenchFleet(...) as fleet``: everything is up when the block begins, and ended when it is left.
+    """``async with BenchFleet(...) as fleet``: everything is up when the block begins, and ended
+    when it is left.
 
     Args:
         data: of the fleet file that agents and client use.
@@ -72,7 +79,8 @@ class BenchFleet:
         command: starts an agent.
         has_record: whether the ground writes everything on the bus, as in a flight.
         has_keys: whether the bus is locked: mutual TLS on every link, signed orders.
-        start: of the words that start the process of this name, those that start it where it belongs.
+        start: of the words that start the process of this name, those that start it where it
+            belongs.
         say: progress in words.
     """
 
@@ -106,7 +114,9 @@ class BenchFleet:
         self._command, self._start = command, start
 
     async def __aenter__(self) -> BenchFleet:
-        """Start everything and wait until every vehicle is ready; ProcessError or NotReady when that fails."""
+        """Start everything and wait until every vehicle is ready; ProcessError or NotReady when
+        that fails.
+        """
         try:
             words = ["sitl", "--fleet", str(self._emulator_path), "--no-gcs"]
             self.processes.start(EMULATOR, self._start(EMULATOR, words))
@@ -123,7 +133,10 @@ class BenchFleet:
         return self
 
     async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
     ) -> None:
         """End everything."""
         await self._close()

@@ -1,7 +1,7 @@
 """The gallery: its show of thirty is made, and every mission flown and drawn.
 
-``make bench-gallery`` flies all in lockstep and writes docs/figures/gallery-NAME.png; ``--show`` writes
-configs/shows/thirty.skyc first.
+``make bench-gallery`` flies all in lockstep and writes docs/figures/gallery-NAME.png; ``--show``
+writes configs/shows/thirty.skyc first.
 """
 
 from __future__ import annotations
@@ -25,7 +25,8 @@ SECONDS, APART_M, TURN_RAD = 18.0, 1.5, math.radians(50.0)
 
 
 def write_show(path: Path) -> None:
-    """Write the show: five rows of six rise, turn together with a wave through them, and come down."""
+    """Write the show: five rows of six rise, turn together with a wave through them, and come down.
+    """
 
     def way(k: int):  # type: ignore[no-untyped-def]
         x, y = APART_M * (k % 6 - 2.5), APART_M * (k // 6 - 2.0)
@@ -39,7 +40,12 @@ def write_show(path: Path) -> None:
 
         return at
 
-    write_skyc(path, {f"D{k + 1:02d}": way(k) for k in range(30)}, SECONDS, show={"meta": {"title": "thirty"}})
+    write_skyc(
+        path,
+        {f"D{k + 1:02d}": way(k) for k in range(30)},
+        SECONDS,
+        show={"meta": {"title": "thirty"}},
+    )
 
 
 def draw(flight: FlightData, name: str, path: Path) -> None:
@@ -51,15 +57,27 @@ def draw(flight: FlightData, name: str, path: Path) -> None:
         above.plot(ways[:, 0], ways[:, 1], color=colour(index), linewidth=1.4)
         known = ways[np.isfinite(ways).all(-1)]
         if len(known):
-            above.plot(*known[0, :2], "s", color=colour(index), markersize=6, markeredgecolor="white")
+            above.plot(
+                *known[0, :2], "s", color=colour(index), markersize=6, markeredgecolor="white"
+            )
             above.plot(*known[-1, :2], "o", color=colour(index), markersize=5)
     above.set_aspect("equal", adjustable="datalim")
     above.set(xlabel="east [m]", ylabel="north [m]", title="from above: from squares to dots")
-    nearest = np.min([np.where(np.isfinite(one.distance_m), one.distance_m, np.inf) for one in flight.pairs], axis=0)
+    nearest = np.min(
+        [np.where(np.isfinite(one.distance_m), one.distance_m, np.inf) for one in flight.pairs],
+        axis=0,
+    )
     over.plot(flight.grid_s, np.where(np.isfinite(nearest), nearest, np.nan), color=colour(0))
     over.axhline(flight.safety_distance_m, color=LIMIT, linewidth=1.2)
-    over.annotate("promised", (0.0, flight.safety_distance_m), (4, 4), textcoords="offset points", color=LIMIT)
-    over.set(xlabel="time [s]", ylabel="closest pair [m]", ylim=(0.0, None), title="distance of the closest pair")
+    over.annotate(
+        "promised", (0.0, flight.safety_distance_m), (4, 4), textcoords="offset points", color=LIMIT
+    )
+    over.set(
+        xlabel="time [s]",
+        ylabel="closest pair [m]",
+        ylim=(0.0, None),
+        title="distance of the closest pair",
+    )
     over.grid(color=SOFT, alpha=0.3)
     figure.savefig(path, dpi=80)
 
@@ -79,7 +97,10 @@ def main(words: Sequence[str]) -> int:
             samples = read(record_path(Path(made)), TOPICS)
             limits = mission.fleet.fleet
             flown = from_samples(
-                samples, title=name, safety_distance_m=limits.safety_distance_m, height_share=limits.height_share
+                samples,
+                title=name,
+                safety_distance_m=limits.safety_distance_m,
+                height_share=limits.height_share,
             )
             if flown is not None:
                 draw(flown, name, ROOT / f"docs/figures/gallery-{name}.png")

@@ -1,4 +1,6 @@
-"""``make bench-law-map ARGS="law-map.jsonl --out docs"``: the page, the picture and the summary of a flown map."""
+"""``make bench-law-map ARGS="law-map.jsonl --out docs"``: the page, the picture and the summary of
+a flown map.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +31,9 @@ def main(words: list[str]) -> int:
     parser = argparse.ArgumentParser(prog="make bench-law-map", description=__doc__)
     parser.add_argument("file", type=Path, help="results of covey simulate --map")
     parser.add_argument("--out", type=Path, required=True, help="folder of the page; docs")
-    parser.add_argument("--summary", type=Path, default=_SUMMARY, help="the summary that covey check reads")
+    parser.add_argument(
+        "--summary", type=Path, default=_SUMMARY, help="the summary that covey check reads"
+    )
     options = parser.parse_args(words)
     try:
         head, rows = parsed(options.file.read_text(encoding="utf-8"), options.file)
@@ -49,7 +53,11 @@ def page(cells: list[Cell], rows: dict[tuple[str, int], Row], version: str) -> s
     """The page: how it was flown, what came of it, every cell."""
     verdicts = [summary.verdict(summary.map_cell(cell, rows)) for cell in cells]
     count = {verdict: verdicts.count(verdict) for verdict in _WORDS}
-    some = next(cell for cell in cells if cell.delay_ms == 200 and cell.loss_pct == 30 and cell.vehicles == 8)
+    some = next(
+        cell
+        for cell in cells
+        if cell.delay_ms == 200 and cell.loss_pct == 30 and cell.vehicles == 8
+    )
     table = [f"| {' | '.join(summary.COLUMNS)} |", "|---" * len(summary.COLUMNS) + "|"]
     table += [f"| {' | '.join(summary.table_row(cell, rows))} |" for cell in cells]
     return "\n".join(
@@ -84,7 +92,9 @@ def picture(cells: Iterable[Cell], rows: dict[tuple[str, int], Row], path: Path)
     delays, losses, speeds = (AXES[axis] for axis in ("delay_ms", "loss_pct", "speed_m_s"))
     by_place = {(c.errors, c.vehicles, c.speed_m_s, c.delay_ms, c.loss_pct): c for c in cells}
     with styled():
-        figure = new_figure(11.0, 8.0, "Where the law holds: smallest distance in metres, promised 0.80")
+        figure = new_figure(
+            11.0, 8.0, "Where the law holds: smallest distance in metres, promised 0.80"
+        )
         axes = figure.subplots(len(blocks), len(speeds), sharex=True, sharey=True)
         for line, (errors, count) in zip(axes, blocks, strict=True):
             for axis, speed in zip(line, speeds, strict=True):
@@ -95,9 +105,13 @@ def picture(cells: Iterable[Cell], rows: dict[tuple[str, int], Row], path: Path)
                         shade = _SHADES[summary.verdict(cell)]
                         axis.add_patch(_square(x, y, shade))
                         if cell.flights:
-                            words = f"{cell.worst_m:.2f}" + (f"\n{cell.below}/{cell.flights}" if cell.below else "")
+                            words = f"{cell.worst_m:.2f}" + (
+                                f"\n{cell.below}/{cell.flights}" if cell.below else ""
+                            )
                             ink = "black" if shade == _SHADES["screened"] else "white"
-                            axis.text(x, y, words, ha="center", va="center", fontsize=7.5, color=ink)
+                            axis.text(
+                                x, y, words, ha="center", va="center", fontsize=7.5, color=ink
+                            )
                 axis.set_xlim(-0.5, len(delays) - 0.5)
                 axis.set_ylim(-0.5, len(losses) - 0.5)
                 axis.set_xticks(range(len(delays)), [f"{delay:g}" for delay in delays])

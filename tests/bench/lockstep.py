@@ -1,8 +1,9 @@
-"""``make bench-lockstep``: how much faster than time, where the time goes, and whether a flight repeats itself.
+"""``make bench-lockstep``: how much faster than time, where the time goes, and whether a flight
+repeats itself.
 
-One process and one thread, the record included. Factors are simulated seconds over processor seconds while flying; the
-start of the process (imports, loading compiled code, take-off) is given beside it, and the profile comes from a span of
-its own, because profiling slows it down.
+One process and one thread, the record included. Factors are simulated seconds over processor
+seconds while flying; the start of the process (imports, loading compiled code, take-off) is given
+beside it, and the profile comes from a span of its own, because profiling slows it down.
 """
 
 from __future__ import annotations
@@ -29,8 +30,8 @@ SIZES = (3, 10, 100)
 # simulated over real time: what is asked for at least, and what is aimed at
 WANTED = {3: (15.0, 30.0), 10: (5.0, 10.0), 100: (0.5, 1.0)}
 _WARM_S = 1.0
-# Which part of the program a function's time counts for: the first that its path holds. The rest, libraries and
-# built-in functions, counts for whoever called it.
+# Which part of the program a function's time counts for: the first that its path holds. The rest,
+# libraries and built-in functions, counts for whoever called it.
 _PARTS = (
     (
         "the law and the controller",
@@ -47,9 +48,11 @@ _PARTS = (
 
 @dataclass(frozen=True, slots=True)
 class Speed:
-    """One fleet's figures; factors are the best of the spans measured, for others on the machine only ever slow it.
+    """One fleet's figures; factors are the best of the spans measured, for others on the machine
+    only ever slow it.
 
-    factor_median: of the processor's; how far it lies below the best says how quiet the machine was.
+    factor_median: of the processor's; how far it lies below the best says how quiet the machine
+    was.
     """
 
     count: int
@@ -110,7 +113,8 @@ def _is_repeated(fleet: FleetConfig, folder: Path) -> bool:
 
 
 def shares(stats: pstats.Stats) -> dict[str, float]:
-    """Share of each stage in the time of a profile; a library's time counts for whoever called it."""
+    """Share of each stage in the time of a profile; a library's time counts for whoever called it.
+    """
     table = stats.stats  # type: ignore[attr-defined]
     found: dict[str, float] = defaultdict(float)
     own = {function: row[2] for function, row in table.items()}
@@ -128,7 +132,9 @@ def shares(stats: pstats.Stats) -> dict[str, float]:
         own = passed
     found["the rest"] += sum(own.values())
     total = sum(found.values())
-    return {name: found.get(name, 0.0) / total for name in (*(part for part, _ in _PARTS), "the rest")}
+    return {
+        name: found.get(name, 0.0) / total for name in (*(part for part, _ in _PARTS), "the rest")
+    }
 
 
 def part_of(path: str) -> str | None:
@@ -152,22 +158,42 @@ def table(speeds: Sequence[Speed]) -> str:
             f"| {speed.count} | {speed.factor_cpu:.2f} | {speed.factor_median:.2f} | {speed.factor_wall:.2f} "
             f"| {least:g} | {aim:g} | {speed.start_s:.1f} | {'yes' if speed.is_repeated else 'NO'} |"
         )
-    lines += ["", "Where the time goes, by the profiler (it makes many small calls look dearer than they are):", ""]
+    lines += [
+        "",
+        "Where the time goes, by the profiler (it makes many small calls look dearer than they are):",
+        "",
+    ]
     lines.append("| share of | " + " | ".join(f"{speed.count} vehicles" for speed in speeds) + " |")
     lines.append("|---" * (len(speeds) + 1) + "|")
     for part in speeds[0].parts:
-        lines.append(f"| {part} | " + " | ".join(f"{100.0 * speed.parts[part]:.0f} %" for speed in speeds) + " |")
+        lines.append(
+            f"| {part} | "
+            + " | ".join(f"{100.0 * speed.parts[part]:.0f} %" for speed in speeds)
+            + " |"
+        )
     return "\n".join(lines)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Entry of ``make bench-lockstep``; exit status 1 when a record was not repeated or a fleet is too slow."""
+    """Entry of ``make bench-lockstep``; exit status 1 when a record was not repeated or a fleet is
+    too slow.
+    """
     parser = argparse.ArgumentParser(
-        prog="make bench-lockstep", description="Measure flights in lockstep: speed, profile, repeatability."
+        prog="make bench-lockstep",
+        description="Measure flights in lockstep: speed, profile, repeatability.",
     )
-    parser.add_argument("--vehicles", default=",".join(map(str, SIZES)), help="fleet sizes (default 3,10,100)")
-    parser.add_argument("--span-s", type=float, default=1.0, help="simulated seconds of each measurement (default 1)")
-    parser.add_argument("--spans", type=int, default=16, help="measurements, of which the best counts (default 16)")
+    parser.add_argument(
+        "--vehicles", default=",".join(map(str, SIZES)), help="fleet sizes (default 3,10,100)"
+    )
+    parser.add_argument(
+        "--span-s",
+        type=float,
+        default=1.0,
+        help="simulated seconds of each measurement (default 1)",
+    )
+    parser.add_argument(
+        "--spans", type=int, default=16, help="measurements, of which the best counts (default 16)"
+    )
     parser.add_argument("--out", type=Path, help="write the tables to this file as well")
     options = parser.parse_args(argv)
     speeds = []
@@ -178,9 +204,12 @@ def main(argv: Sequence[str] | None = None) -> int:
             speeds.append(measure(count, Path(scratch), span_s=span_s, spans=max(1, options.spans)))
             last = speeds[-1]
             print(
-                f"{count} vehicles: {last.factor_cpu:.2f} times real time, same record {last.is_repeated}", flush=True
+                f"{count} vehicles: {last.factor_cpu:.2f} times real time, same record {last.is_repeated}",
+                flush=True,
             )
-    text = f"Measured by `make bench-lockstep` on one core of {os.cpu_count()}.\n\n{table(speeds)}\n"
+    text = (
+        f"Measured by `make bench-lockstep` on one core of {os.cpu_count()}.\n\n{table(speeds)}\n"
+    )
     print(text)
     if options.out:
         options.out.write_text(text, encoding="utf-8")

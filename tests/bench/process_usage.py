@@ -17,7 +17,8 @@ class Usage:
 
     cpu_s: float  # processor time of all its threads
     rss_mib: float  # memory that is resident now
-    own_mib: float  # without the pages of files (libraries), which processes share and the kernel takes as it likes
+    # without the pages of files (libraries), which processes share and the kernel takes as it likes
+    own_mib: float
 
 
 def usage(pid: int) -> Usage | None:
@@ -35,7 +36,10 @@ def processor_times() -> tuple[float, float]:
     """Return all and idle time of all processors so far [s]."""
     times = psutil.cpu_times()
     idle_s = times.idle + times.iowait
-    return times.user + times.nice + times.system + times.irq + times.softirq + times.steal + idle_s, idle_s
+    return (
+        times.user + times.nice + times.system + times.irq + times.softirq + times.steal + idle_s,
+        idle_s,
+    )
 
 
 def busy_share(before: tuple[float, float], after: tuple[float, float]) -> float:

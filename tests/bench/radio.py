@@ -1,7 +1,9 @@
-"""``make bench-radio``: fleets that change places in lockstep over the model of one radio channel, recorded.
+"""``make bench-radio``: fleets that change places in lockstep over the model of one radio channel,
+recorded.
 
-Each row of the fleet moves on by one place, and its last vehicle flies back along the whole row to the first, so that
-it meets everybody else of its row. Orders, poses, states, telemetry and the record share the channel.
+Each row of the fleet moves on by one place, and its last vehicle flies back along the whole row to
+the first, so that it meets everybody else of its row. Orders, poses, states, telemetry and the
+record share the channel.
 """
 
 from __future__ import annotations
@@ -48,7 +50,9 @@ CASES = (
 
 @dataclass(frozen=True, slots=True)
 class Flown:
-    """What a flight showed; ages are those of the states that the law used, at every tick of every vehicle."""
+    """What a flight showed; ages are those of the states that the law used, at every tick of every
+    vehicle.
+    """
 
     case: Case
     check_pct: float
@@ -85,7 +89,9 @@ def fleet_of(case: Case) -> FleetConfig:
 
 
 def goals_m(fleet: FleetConfig) -> dict[str, tuple[float, float, float]]:
-    """Return where each vehicle goes: to the next place of its row, the last one to the first place [m], fleet ENU."""
+    """Return where each vehicle goes: to the next place of its row, the last one to the first place
+    [m], fleet ENU.
+    """
     starts = {name: fleet.vehicles[name].start_enu_m for name in fleet.enabled_names}
     rows: dict[float, list[str]] = {}
     for name, (_, north_m, _) in starts.items():
@@ -108,7 +114,10 @@ def fly(case: Case, seed: int = 1) -> Flown:
                 ages_s.extend(tick.neighbour_ages_s.values())
 
     failure = ""
-    with tempfile.TemporaryDirectory() as folder, Lockstep(fleet, seed=seed, folder=Path(folder)) as flight:
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        Lockstep(fleet, seed=seed, folder=Path(folder)) as flight,
+    ):
         channel = flight.bus.channel
         assert channel is not None
         begin_s, before_ns = flight.time_s, channel.busy_ns
@@ -125,16 +134,24 @@ def fly(case: Case, seed: int = 1) -> Flown:
     starts = {name: fleet.vehicles[name].start_enu_m for name in fleet.enabled_names}
     check_pct = airtime_finding(fleet, fleet.radio, most_near(fleet, starts)).value
     p50_s, p99_s = np.percentile(ages_s or [0.0], [50.0, 99.0])
-    return Flown(case, check_pct, busy_pct, dropped, separation_m, 1e3 * p50_s, 1e3 * p99_s, failure)
+    return Flown(
+        case, check_pct, busy_pct, dropped, separation_m, 1e3 * p50_s, 1e3 * p99_s, failure
+    )
 
 
 def main(words: Sequence[str] | None = None) -> int:
-    """Fly all cases, or those with so many vehicles, and print the table; 1 when somebody did not arrive."""
+    """Fly all cases, or those with so many vehicles, and print the table; 1 when somebody did not
+    arrive.
+    """
     parser = argparse.ArgumentParser(prog="bench-radio", description=__doc__)
-    parser.add_argument("--vehicles", type=int, nargs="*", help="only the cases with so many vehicles")
+    parser.add_argument(
+        "--vehicles", type=int, nargs="*", help="only the cases with so many vehicles"
+    )
     parser.add_argument("--seed", type=int, default=1)
     given = parser.parse_args(words)
-    print("| fleet | channel | taken by `covey check` | by the model | smallest distance | age p50 / p99 |")
+    print(
+        "| fleet | channel | taken by `covey check` | by the model | smallest distance | age p50 / p99 |"
+    )
     print("|---|---|---|---|---|---|")
     failed = False
     for case in CASES:

@@ -1,4 +1,6 @@
-"""Responses of the emulated vehicle, measured as PX4 was: steps, climb, closed loop, errors of the estimate."""
+"""Responses of the emulated vehicle, measured as PX4 was: steps, climb, closed loop, errors of the
+estimate.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,9 @@ _DURATION_S = 2.6
 
 
 def step_response(axis: int, size_deg: float, profile: VehicleProfile = SIH) -> tuple[Array, Array]:
-    """Times (k,) [s] and shares (k,) reached of a step of the attitude about roll (0), pitch (1) or yaw (2)."""
+    """Times (k,) [s] and shares (k,) reached of a step of the attitude about roll (0), pitch (1) or
+    yaw (2).
+    """
     vehicles, commands = hovering(profile)
     size = math.radians(size_deg)
     tilt, yaw = np.zeros((1, 2)), np.zeros(1)
@@ -34,7 +38,9 @@ def step_response(axis: int, size_deg: float, profile: VehicleProfile = SIH) -> 
         vehicles.step(commands)
         s = vehicles.states
         reached.append(float(s.tilt_rad[0, axis] if axis < 2 else s.yaw_rad[0]))
-    return STEP_S * np.arange(1, len(reached) + 1, dtype=np.float64), np.unwrap(np.array(reached)) / size
+    return STEP_S * np.arange(1, len(reached) + 1, dtype=np.float64), np.unwrap(
+        np.array(reached)
+    ) / size
 
 
 def first_s(times: Array, shares: Array, level: float) -> float:
@@ -65,8 +71,11 @@ def climb(extra_frac: float = 0.1, duration_s: float = 1.0) -> tuple[Array, Arra
     return STEP_S * np.arange(1, len(speeds) + 1, dtype=np.float64), np.array(speeds)
 
 
-def closed_loop(*, sideways_m_s2: float, upward_m_s2: float, duration_s: float = 12.0) -> tuple[Array, Array]:
-    """Random attitude setpoints at 50 Hz, changed every 0.2 s, through a whole emulated PX4 whose estimate is right.
+def closed_loop(
+    *, sideways_m_s2: float, upward_m_s2: float, duration_s: float = 12.0
+) -> tuple[Array, Array]:
+    """Random attitude setpoints at 50 Hz, changed every 0.2 s, through a whole emulated PX4 whose
+    estimate is right.
 
     Args:
         sideways_m_s2, upward_m_s2: largest accelerations asked for.
@@ -102,7 +111,9 @@ def closed_loop(*, sideways_m_s2: float, upward_m_s2: float, duration_s: float =
 
 
 def fit(asked: Array, answered: Array) -> tuple[float, float, float]:
-    """Dead time [s], natural frequency [rad/s] and damping of the second-order lag between two signals (k,)."""
+    """Dead time [s], natural frequency [rad/s] and damping of the second-order lag between two
+    signals (k,).
+    """
 
     def miss(p: tuple[float, float, float]) -> float:
         delay, wn, zeta = p
@@ -152,7 +163,9 @@ def lag_s(asked: Array, answered: Array) -> float:
 
 @dataclass(frozen=True, slots=True)
 class ErrorFigures:
-    """Errors of one source: standard deviations (3,) of position and velocity, correlation of the velocity error."""
+    """Errors of one source: standard deviations (3,) of position and velocity, correlation of the
+    velocity error.
+    """
 
     position_m: Array
     velocity_m_s: Array
@@ -161,7 +174,9 @@ class ErrorFigures:
     correlation: Array
 
 
-def estimate_errors(level: ErrorLevel, vehicles: int = 60, duration_s: float = 40.0) -> ErrorFigures:
+def estimate_errors(
+    level: ErrorLevel, vehicles: int = 60, duration_s: float = 40.0
+) -> ErrorFigures:
     """Let vehicles hover on a source and look at what they believe."""
     estimator = Estimator(np.zeros((vehicles, 3)), seed=4)
     estimator.has_gps = [level is GPS] * vehicles
@@ -175,12 +190,16 @@ def estimate_errors(level: ErrorLevel, vehicles: int = 60, duration_s: float = 4
                 estimator.fuse_vision(i, k * PERIOD_S, place, delay_s=0.0)
         estimator.step(k * PERIOD_S, still, still, flies)
         if k * PERIOD_S > 10.0:
-            position.append(estimator.position_ned_m - estimator.offset_ned_m - estimator.bias_ned_m)
+            position.append(
+                estimator.position_ned_m - estimator.offset_ned_m - estimator.bias_ned_m
+            )
             velocity.append(estimator.velocity_ned_m_s.copy())
     p, v = np.array(position), np.array(velocity)
     scaled = (v / np.array(level.velocity_m_s)).reshape(v.shape[0], -1)
     lags = np.unique(np.geomspace(1, 0.4 * v.shape[0], 60).astype(int))
-    alike = np.array([float((scaled[:-lag] * scaled[lag:]).mean()) for lag in lags]) / float((scaled**2).mean())
+    alike = np.array([float((scaled[:-lag] * scaled[lag:]).mean()) for lag in lags]) / float(
+        (scaled**2).mean()
+    )
     below = int(np.argmax(alike < math.exp(-1.0)))
     found_s = float(np.interp(-math.exp(-1.0), -alike[: below + 1], lags[: below + 1])) * PERIOD_S
     return ErrorFigures(p.std(axis=(0, 1)), v.std(axis=(0, 1)), found_s, lags * PERIOD_S, alike)

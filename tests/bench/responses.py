@@ -1,7 +1,7 @@
 """The emulator beside PX4 as a table and a figure: `make bench-responses`.
 
-Writes `docs/sitl.md` and `docs/figures/sitl-responses.png`. The measured figures are those of PX4 v1.16 with its
-built-in SIH quadrotor; a range where several were measured.
+Writes `docs/sitl.md` and `docs/figures/sitl-responses.png`. The measured figures are those of PX4
+v1.16 with its built-in SIH quadrotor; a range where several were measured.
 """
 
 from __future__ import annotations
@@ -16,7 +16,14 @@ from typing import Any
 import numpy as np
 
 from sitl.physics.vehicle import STEP_S
-from sitl.px4.estimator import GPS, VISION_DEFAULT, VISION_TRUSTED, VISION_TUNED, VISION_TUNED_WITH_VELOCITY, ErrorLevel
+from sitl.px4.estimator import (
+    GPS,
+    VISION_DEFAULT,
+    VISION_TRUSTED,
+    VISION_TUNED,
+    VISION_TUNED_WITH_VELOCITY,
+    ErrorLevel,
+)
 from tests.bench.response_measurements import (
     SIH,
     climb,
@@ -33,7 +40,12 @@ from tests.bench.response_measurements import (
 _RELATIVE, _TIME_S = 0.10, 0.010  # how close a figure has to be: 10 %, a time also 10 ms
 _TILT_DEG, _YAW_DEG = (5.0, 10.0, 20.0, 30.0), (10.0, 30.0, 90.0, 170.0)
 # Measured times [ms] to each share of a step, the overshoot [%] and when it is reached.
-_TILT_MS: dict[float, tuple[float, float]] = {0.05: (62, 73), 0.5: (170, 170), 0.63: (195, 195), 0.9: (255, 255)}
+_TILT_MS: dict[float, tuple[float, float]] = {
+    0.05: (62, 73),
+    0.5: (170, 170),
+    0.63: (195, 195),
+    0.9: (255, 255),
+}
 _YAW_MS: dict[float, dict[float, tuple[float, float]]] = {
     10.0: {0.05: (220, 220), 0.63: (615, 615), 0.9: (765, 765)},
     30.0: {0.05: (220, 220), 0.63: (615, 615), 0.9: (765, 765)},
@@ -54,7 +66,9 @@ SOURCES: dict[str, ErrorLevel] = {
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One figure: what PX4 was measured to do (a range) and what the emulator does; `slack` widens the range."""
+    """One figure: what PX4 was measured to do (a range) and what the emulator does; `slack` widens
+    the range.
+    """
 
     what: str
     unit: str
@@ -72,7 +86,9 @@ class Row:
     @property
     def text(self) -> str:
         """A line of the table."""
-        measured = f"{self.low:.4g}" if self.low == self.high else f"{self.low:.3g} to {self.high:.3g}"
+        measured = (
+            f"{self.low:.4g}" if self.low == self.high else f"{self.low:.3g} to {self.high:.3g}"
+        )
         nearest = min(max(self.emulated, self.low), self.high)
         share = f"{100.0 * (self.emulated - nearest) / abs(nearest):+.0f} %" if nearest else "-"
         return f"| {self.what} | {self.unit} | {measured} | {self.emulated:.4g} | {share} |"
@@ -84,24 +100,55 @@ def step_rows() -> Iterator[Row]:
         times, shares = step_response(0, size)
         for level, (low, high) in _TILT_MS.items():
             yield _time_row(
-                f"roll and pitch {size:g} deg, to {100 * level:g} %", low, high, first_s(times, shares, level)
+                f"roll and pitch {size:g} deg, to {100 * level:g} %",
+                low,
+                high,
+                first_s(times, shares, level),
             )
-        yield Row(f"roll and pitch {size:g} deg, overshoot", "%", 9.0, 10.0, 100.0 * (float(shares.max()) - 1.0))
-        yield _time_row(f"roll and pitch {size:g} deg, its time", 370, 385, float(times[shares.argmax()]))
+        yield Row(
+            f"roll and pitch {size:g} deg, overshoot",
+            "%",
+            9.0,
+            10.0,
+            100.0 * (float(shares.max()) - 1.0),
+        )
+        yield _time_row(
+            f"roll and pitch {size:g} deg, its time", 370, 385, float(times[shares.argmax()])
+        )
         rate = float(np.gradient(shares, STEP_S).max())
         yield Row(
-            f"roll and pitch {size:g} deg, peak rate over size", "1/s", min(_TILT_RATE_1_S), max(_TILT_RATE_1_S), rate
+            f"roll and pitch {size:g} deg, peak rate over size",
+            "1/s",
+            min(_TILT_RATE_1_S),
+            max(_TILT_RATE_1_S),
+            rate,
         )
     for size in _YAW_DEG:
         times, shares = step_response(2, size)
         for level, (low, high) in _YAW_MS[size].items():
-            yield _time_row(f"yaw {size:g} deg, to {100 * level:g} %", low, high, first_s(times, shares, level))
+            yield _time_row(
+                f"yaw {size:g} deg, to {100 * level:g} %", low, high, first_s(times, shares, level)
+            )
         overshoot = _YAW_OVERSHOOT_PCT[size]
-        yield Row(f"yaw {size:g} deg, overshoot", "%", overshoot, overshoot, 100.0 * (float(shares.max()) - 1.0))
+        yield Row(
+            f"yaw {size:g} deg, overshoot",
+            "%",
+            overshoot,
+            overshoot,
+            100.0 * (float(shares.max()) - 1.0),
+        )
         if size <= 30.0:
-            yield _time_row(f"yaw {size:g} deg, its time", 1250, 1250, float(times[shares.argmax()]))
+            yield _time_row(
+                f"yaw {size:g} deg, its time", 1250, 1250, float(times[shares.argmax()])
+            )
         if size == 170.0:
-            yield Row("yaw 170 deg, peak rate", "deg/s", 167.0, 167.0, float(np.gradient(shares, STEP_S).max()) * size)
+            yield Row(
+                "yaw 170 deg, peak rate",
+                "deg/s",
+                167.0,
+                167.0,
+                float(np.gradient(shares, STEP_S).max()) * size,
+            )
 
 
 def _time_row(what: str, low_ms: float, high_ms: float, emulated_s: float) -> Row:
@@ -112,7 +159,13 @@ def thrust_rows() -> Iterator[Row]:
     """Thrust and body rates."""
     _, speeds = climb()
     yield Row("thrust for hovering", "-", 0.487, 0.49, SIH.hover_thrust_frac)
-    yield Row("thrust + 0.1, climb speed after 0.6 s", "m/s", 0.88, 0.88, float(speeds[round(0.6 / STEP_S) - 1]))
+    yield Row(
+        "thrust + 0.1, climb speed after 0.6 s",
+        "m/s",
+        0.88,
+        0.88,
+        float(speeds[round(0.6 / STEP_S) - 1]),
+    )
     lagged = float(np.gradient(speeds, STEP_S)[round(0.1 / STEP_S) - 1])
     yield Row("thrust + 0.1, acceleration after 0.1 s", "m/s^2", 1.5, 1.5, lagged)
     vehicles, commands = hovering(SIH)
@@ -126,7 +179,13 @@ def thrust_rows() -> Iterator[Row]:
     commands.thrust_frac[:] = 0.0
     for _ in range(round(0.6 / STEP_S)):
         vehicles.step(commands)
-    yield Row("thrust NaN, falling after 0.6 s", "m/s", 4.0, 4.0, float(vehicles.states.velocity_ned_m_s[0, 2]))
+    yield Row(
+        "thrust NaN, falling after 0.6 s",
+        "m/s",
+        4.0,
+        4.0,
+        float(vehicles.states.velocity_ned_m_s[0, 2]),
+    )
 
 
 def loop_rows() -> Iterator[Row]:
@@ -137,20 +196,45 @@ def loop_rows() -> Iterator[Row]:
     yield _time_row("commanded to true horizontal acceleration, dead time", 47, 59, delay)
     yield Row("the same, natural frequency", "rad/s", 11.0, 12.0, wn)
     yield Row("the same, damping", "-", 0.57, 0.62, zeta)
-    yield _time_row("the same, peak of the correlation", 175, 175, delay_by_correlation_s(*horizontal.T))
+    yield _time_row(
+        "the same, peak of the correlation", 175, 175, delay_by_correlation_s(*horizontal.T)
+    )
     yield _time_row("commanded to true vertical acceleration, lag", 60, 60, lag_s(*vertical.T))
 
 
 def error_rows() -> Iterator[Row]:
-    """Errors of the estimate against the levels as measured; statistics of a finite flight scatter by 10 to 20 %."""
+    """Errors of the estimate against the levels as measured; statistics of a finite flight scatter
+    by 10 to 20 %.
+    """
     for name, level in SOURCES.items():
         found = estimate_errors(level)
         for axis, which in enumerate(("north", "east")):
             p, v = 100.0 * level.position_m[axis], 100.0 * level.velocity_m_s[axis]
-            yield Row(f"{name}: position error {which}", "cm", p, p, 100.0 * float(found.position_m[axis]), 0.2 * p)
-            yield Row(f"{name}: velocity error {which}", "cm/s", v, v, 100.0 * float(found.velocity_m_s[axis]), 0.2 * v)
+            yield Row(
+                f"{name}: position error {which}",
+                "cm",
+                p,
+                p,
+                100.0 * float(found.position_m[axis]),
+                0.2 * p,
+            )
+            yield Row(
+                f"{name}: velocity error {which}",
+                "cm/s",
+                v,
+                v,
+                100.0 * float(found.velocity_m_s[axis]),
+                0.2 * v,
+            )
         tau = level.correlation_s
-        yield Row(f"{name}: correlation time of the velocity error", "s", tau, tau, found.correlation_s, 0.25 * tau)
+        yield Row(
+            f"{name}: correlation time of the velocity error",
+            "s",
+            tau,
+            tau,
+            found.correlation_s,
+            0.25 * tau,
+        )
 
 
 def rows() -> list[Row]:
@@ -162,7 +246,9 @@ def page(table: Sequence[Row]) -> str:
     """`docs/sitl.md`."""
     off = [row for row in table if not row.agrees]
     verdict = (
-        "All of them agree." if not off else f"{len(off)} of {len(table)} do not: " + "; ".join(r.what for r in off)
+        "All of them agree."
+        if not off
+        else f"{len(off)} of {len(table)} do not: " + "; ".join(r.what for r in off)
     )
     lines = "\n".join(row.text for row in table)
     return f"""# The emulator beside PX4
@@ -189,14 +275,21 @@ def draw(path: Path) -> None:
     figure: Any = Figure(figsize=(11.0, 7.5), layout="constrained")
     tilt, yaw, thrust, errors = figure.subplots(2, 2).ravel()
     times, shares = step_response(0, _TILT_DEG[-1])
-    tilt.plot(1e3 * times, 100.0 * shares, label=f"{_TILT_DEG[0]:g} to {_TILT_DEG[-1]:g} deg: one shape")
+    tilt.plot(
+        1e3 * times, 100.0 * shares, label=f"{_TILT_DEG[0]:g} to {_TILT_DEG[-1]:g} deg: one shape"
+    )
     for level, (low, high) in _TILT_MS.items():
         tilt.plot([low, high], [100.0 * level] * 2, "k|-", markersize=9)
     tilt.plot([370, 385], [109.5] * 2, "k|-", markersize=9)
     tilt.set(title="Roll and pitch steps", xlabel="ms", ylabel="% of the step", xlim=(0, 800))
     for colour, size in zip(("C0", "C1", "C2"), _YAW_DEG[1:], strict=True):
         times, shares = step_response(2, size)
-        yaw.plot(1e3 * times, 100.0 * shares, colour, label="10 and 30 deg" if size == 30.0 else f"{size:g} deg")
+        yaw.plot(
+            1e3 * times,
+            100.0 * shares,
+            colour,
+            label="10 and 30 deg" if size == 30.0 else f"{size:g} deg",
+        )
         for level, (low, _) in _YAW_MS[size].items():
             yaw.plot([low], [100.0 * level], "o", color=colour, markeredgecolor="k")
         peak = float(times[shares.argmax()]) * 1e3 if size > 30.0 else 1250.0
@@ -209,13 +302,22 @@ def draw(path: Path) -> None:
     for place, (name, source) in enumerate(SOURCES.items()):
         found = estimate_errors(source, vehicles=40)
         errors.semilogx(found.lags_s, found.correlation, f"C{place}", label=name)
-        errors.plot([source.correlation_s], [math.exp(-1.0)], "o", color=f"C{place}", markeredgecolor="k")
+        errors.plot(
+            [source.correlation_s], [math.exp(-1.0)], "o", color=f"C{place}", markeredgecolor="k"
+        )
     errors.axhline(math.exp(-1.0), color="0.7", linewidth=0.8)
-    errors.set(title="How long a velocity error lasts", xlabel="s", ylabel="autocorrelation", ylim=(-0.2, 1.05))
+    errors.set(
+        title="How long a velocity error lasts",
+        xlabel="s",
+        ylabel="autocorrelation",
+        ylim=(-0.2, 1.05),
+    )
     for axes in (tilt, yaw, thrust, errors):
         axes.grid(visible=True, color="0.92")
         axes.legend(frameon=False, fontsize=8)
-    figure.suptitle("Emulator (lines) and PX4 as measured (marks)", x=0.01, ha="left", fontweight="bold")
+    figure.suptitle(
+        "Emulator (lines) and PX4 as measured (marks)", x=0.01, ha="left", fontweight="bold"
+    )
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=110, metadata={"Software": None})
 
@@ -223,9 +325,12 @@ def draw(path: Path) -> None:
 def main(argv: Sequence[str] | None = None) -> int:
     """Entry of ``make bench-responses``; exit status 0 when every figure agrees."""
     parser = argparse.ArgumentParser(
-        prog="make bench-responses", description="Draw the emulator's responses beside PX4's; writes a page."
+        prog="make bench-responses",
+        description="Draw the emulator's responses beside PX4's; writes a page.",
     )
-    parser.add_argument("--out", type=Path, default=Path("docs/sitl.md"), help="page (default docs/sitl.md)")
+    parser.add_argument(
+        "--out", type=Path, default=Path("docs/sitl.md"), help="page (default docs/sitl.md)"
+    )
     options = parser.parse_args(argv)
     table = rows()
     for row in table:

@@ -1,4 +1,6 @@
-"""Cost of the emulator: `make bench-sitl` runs it beside a listening client and reads the processor's clock."""
+"""Cost of the emulator: `make bench-sitl` runs it beside a listening client and reads the
+processor's clock.
+"""
 
 from __future__ import annotations
 
@@ -34,7 +36,8 @@ class Cost:
 
     Attributes:
         vehicles: how many.
-        flying_pct: all of it: physics, estimates, autopilots, both links at default rates, sockets, in real time.
+        flying_pct: all of it: physics, estimates, autopilots, both links at default rates, sockets,
+            in real time.
         physics_pct: the emulator alone, without links.
         datagrams_per_s: per vehicle, as received by the client.
         real_time: simulated over wall time.
@@ -48,11 +51,15 @@ class Cost:
 
 
 class Listener:
-    """A client in a process of its own that counts what arrives: neither its time nor its lock is the emulator's."""
+    """A client in a process of its own that counts what arrives: neither its time nor its lock is
+    the emulator's.
+    """
 
     def __init__(self, count: int) -> None:
         command = [sys.executable, "-m", "tests.bench.sitl", "--listen", str(count)]
-        self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+        self._process = subprocess.Popen(
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        )
         assert self._process.stdout is not None
         ports = self._process.stdout.readline().split()
         self.addresses: list[Address] = [("127.0.0.1", int(port)) for port in ports]
@@ -64,7 +71,9 @@ class Listener:
 
 
 def listen(count: int) -> None:
-    """The listening process: tells its ports, counts until its standard input ends, tells the count."""
+    """The listening process: tells its ports, counts until its standard input ends, tells the
+    count.
+    """
     received = 0
     sockets = [socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(count)]
     with selectors.DefaultSelector() as selector:
@@ -95,7 +104,10 @@ def _drain(sock: socket.socket) -> int:
 
 def fleet_of(count: int) -> Emulator:
     """Vehicles in a row, far enough apart."""
-    specs = [VehicleSpec(f"v{i}", i % 250 + 1, VehicleProfile(), (_SPACING_M * i, 0.0, 0.0)) for i in range(count)]
+    specs = [
+        VehicleSpec(f"v{i}", i % 250 + 1, VehicleProfile(), (_SPACING_M * i, 0.0, 0.0))
+        for i in range(count)
+    ]
     return Emulator(specs, seed=0)
 
 
@@ -111,12 +123,16 @@ def physics_pct(count: int, duration_s: float) -> float:
     return 100.0 * (time.process_time() - start_s) / (steps * STEP_S) / count
 
 
-async def _fly(emulator: Emulator, addresses: Sequence[Address], duration_s: float) -> tuple[float, float, float]:
+async def _fly(
+    emulator: Emulator, addresses: Sequence[Address], duration_s: float
+) -> tuple[float, float, float]:
     """CPU seconds of this thread, wall seconds and simulated seconds of a real-time run."""
     loop = asyncio.get_running_loop()
     sockets: list[Socket] = []
     ready = selectors.DefaultSelector()
-    for index, rates_hz in itertools.product(range(len(addresses)), (ONBOARD_RATES_HZ, GCS_RATES_HZ)):
+    for index, rates_hz in itertools.product(
+        range(len(addresses)), (ONBOARD_RATES_HZ, GCS_RATES_HZ)
+    ):
         sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         sock.bind(("127.0.0.1", 0))
         sock.setblocking(False)
@@ -150,7 +166,9 @@ def measure(count: int, duration_s: float) -> Cost:
     """Cost of a fleet of `count` vehicles, over `duration_s` of real time."""
     listener = Listener(count)
     try:
-        cpu_s, wall_s, simulated_s = asyncio.run(_fly(fleet_of(count), listener.addresses, duration_s))
+        cpu_s, wall_s, simulated_s = asyncio.run(
+            _fly(fleet_of(count), listener.addresses, duration_s)
+        )
     finally:
         heard = listener.close()
     return Cost(
@@ -165,7 +183,8 @@ def measure(count: int, duration_s: float) -> Cost:
 def main(argv: Sequence[str] | None = None) -> int:
     """The command `make bench-sitl`."""
     parser = argparse.ArgumentParser(
-        prog="make bench-sitl", description="CPU of the emulated PX4s at default rates, in real time, beside a client."
+        prog="make bench-sitl",
+        description="CPU of the emulated PX4s at default rates, in real time, beside a client.",
     )
     parser.add_argument("--vehicles", default="3,10,50", help="fleet sizes (default 3,10,50)")
     parser.add_argument("--seconds", type=float, default=8.0, help="real time per size (default 8)")
@@ -180,7 +199,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     except ValueError:
         sizes = []
     if not sizes or min(sizes) < 1 or max(sizes) > 1000 or not 0.5 <= options.seconds <= 3600.0:
-        print("bench sitl: give sizes as 3,10,50 (1 to 1000) and 0.5 to 3600 seconds.", file=sys.stderr)
+        print(
+            "bench sitl: give sizes as 3,10,50 (1 to 1000) and 0.5 to 3600 seconds.",
+            file=sys.stderr,
+        )
         return EXIT_WRONG_INPUT
     costs = [measure(size, options.seconds) for size in sizes]
     if options.json:

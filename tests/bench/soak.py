@@ -1,10 +1,12 @@
-"""``make bench-soak``: three agents fly to and fro for long; does their memory grow, is an order lost, is a tick late?
+"""``make bench-soak``: three agents fly to and fro for long; does their memory grow, is an order
+lost, is a tick late?
 
-Memory is what the kernel says of each process: its own pages, without those of files. Growth is counted from the end of
-the first minutes, in which caches fill, to the end, between medians of a minute each, so that no single sample decides.
-The ground is this process: its memory is shown and not judged, since it keeps every order's result and the index of the
-record, which MCAP wants at its end (some 60 kB a minute). A late tick is explained when the ticks of another process
-were late at the same time, or the machine was busy with others: then the machine was, not the agent.
+Memory is what the kernel says of each process: its own pages, without those of files. Growth is
+counted from the end of the first minutes, in which caches fill, to the end, between medians of a
+minute each, so that no single sample decides. The ground is this process: its memory is shown and
+not judged, since it keeps every order's result and the index of the record, which MCAP wants at its
+end (some 60 kB a minute). A late tick is explained when the ticks of another process were late at
+the same time, or the machine was busy with others: then the machine was, not the agent.
 """
 
 from __future__ import annotations
@@ -52,8 +54,8 @@ class LateTick:
 class Soak:
     """Results of a soak.
 
-    time_s: of each sample. memory_mib: of each process at these times. growth_mib: see above. orders, missed: how many
-    were given, and the sentences of those that did not end as done.
+    time_s: of each sample. memory_mib: of each process at these times. growth_mib: see above.
+    orders, missed: how many were given, and the sentences of those that did not end as done.
     """
 
     minutes: float
@@ -98,7 +100,10 @@ class Watcher:
 
     def explained(self) -> list[LateTick]:
         """All late ticks with what explains them."""
-        return [LateTick(name, at_s, late_ms, self._why(name, at_s)) for name, at_s, late_ms in self.late]
+        return [
+            LateTick(name, at_s, late_ms, self._why(name, at_s))
+            for name, at_s, late_ms in self.late
+        ]
 
     def _why(self, name: str, at_s: float) -> str:
         others = sorted(
@@ -124,7 +129,10 @@ async def soak(minutes: float, folder: Path, *, settle_minutes: float) -> Soak:
         await bench_fleet.fleet.takeoff(height_m=1.0)
         bench_fleet.client.add_sink(watcher.put)
         pids = {**bench_fleet.processes.pids, GROUND: os.getpid()}
-        tasks = [asyncio.create_task(samples.take(pids)), asyncio.create_task(_watch_machine(watcher))]
+        tasks = [
+            asyncio.create_task(samples.take(pids)),
+            asyncio.create_task(_watch_machine(watcher)),
+        ]
         orders, missed = await _fly(bench_fleet, minutes * 60.0)
         for task in tasks:
             task.cancel()
@@ -156,24 +164,35 @@ class Samples:
             self.time_s.append(time.monotonic() - begin_s)
             for name, pid in pids.items():
                 found = usage(pid)
-                self.memory_mib.setdefault(name, []).append(float("nan") if found is None else found.own_mib)
+                self.memory_mib.setdefault(name, []).append(
+                    float("nan") if found is None else found.own_mib
+                )
             await asyncio.sleep(_SAMPLE_S)
 
     def growth_mib(self, name: str, settle_s: float) -> float:
-        """From the minute that ends the settling to the last one; nan when the flight was not longer than that."""
+        """From the minute that ends the settling to the last one; nan when the flight was not
+        longer than that.
+        """
         rows = list(zip(self.time_s, self.memory_mib[name], strict=False))
         end_s = rows[-1][0]
         first = [mib for at_s, mib in rows if settle_s <= at_s < settle_s + 60.0]
         last = [mib for at_s, mib in rows if at_s > max(settle_s, end_s - 60.0)]
-        return statistics.median(last) - statistics.median(first) if first and last else float("nan")
+        return (
+            statistics.median(last) - statistics.median(first) if first and last else float("nan")
+        )
 
 
 async def _fly(bench_fleet: BenchFleet, seconds: float) -> tuple[int, list[str]]:
-    """The repeated mission; how many orders were given, and what became of those that were not done."""
+    """The repeated mission; how many orders were given, and what became of those that were not
+    done.
+    """
     orders, missed = 0, []
     end_s, side = time.monotonic() + seconds, 1.0
     while time.monotonic() < end_s:
-        goals = {name: bench_fleet.config.vehicles[name].start_enu_m for name in bench_fleet.config.enabled_names}
+        goals = {
+            name: bench_fleet.config.vehicles[name].start_enu_m
+            for name in bench_fleet.config.enabled_names
+        }
         for name, (x, y, _) in goals.items():
             orders += 1
             try:
@@ -214,7 +233,13 @@ def draw(found: Soak, path: Path) -> None:
     for is_explained, color in ((True, "0.6"), (False, "tab:red")):
         ticks = [one for one in found.late if bool(one.explained) is is_explained]
         label = "explained" if is_explained else "unexplained"
-        bottom.plot([one.at_s / 60.0 for one in ticks], [one.late_ms for one in ticks], ".", color=color, label=label)
+        bottom.plot(
+            [one.at_s / 60.0 for one in ticks],
+            [one.late_ms for one in ticks],
+            ".",
+            color=color,
+            label=label,
+        )
     bottom.set_ylabel("late ticks [ms]")
     bottom.set_xlabel("time [min]")
     bottom.legend(loc="upper left", fontsize=8)
@@ -224,13 +249,17 @@ def draw(found: Soak, path: Path) -> None:
 
 def text(found: Soak) -> str:
     """For people."""
-    lines = [f"{found.minutes:g} minutes, {found.orders} orders, {len(found.missed)} of them missed"]
+    lines = [
+        f"{found.minutes:g} minutes, {found.orders} orders, {len(found.missed)} of them missed"
+    ]
     for name, sizes in found.memory_mib.items():
         lines.append(
             f"{name:<8} {sizes[-1]:7.1f} MiB of its own at the end, grown by {found.growth_mib[name]:+.2f} MiB"
         )
     unexplained = sum(not one.explained for one in found.late)
-    lines.append(f"{len(found.late)} ticks more than {1e3 * LATE_S:.0f} ms late, {unexplained} of them unexplained")
+    lines.append(
+        f"{len(found.late)} ticks more than {1e3 * LATE_S:.0f} ms late, {unexplained} of them unexplained"
+    )
     return "\n".join(lines + [f"NOT AS ASKED: {sentence}" for sentence in found.problems()])
 
 
@@ -241,15 +270,25 @@ def main(argv: Sequence[str] | None = None) -> int:
         description="Three agents, emulator and recording for long: memory, orders, late ticks.",
     )
     parser.add_argument("--minutes", type=float, default=30.0, help="of flight (default 30)")
-    parser.add_argument("--settle-minutes", type=float, help="that do not count (default 5, or a third of a short one)")
-    parser.add_argument("--figure", type=Path, help="draw memory and late ticks into this file (PNG or SVG)")
+    parser.add_argument(
+        "--settle-minutes",
+        type=float,
+        help="that do not count (default 5, or a third of a short one)",
+    )
+    parser.add_argument(
+        "--figure", type=Path, help="draw memory and late ticks into this file (PNG or SVG)"
+    )
     parser.add_argument("--keep", type=Path, help="folder for logs and record")
     parser.add_argument("--json", action="store_true", help="figures as JSON on stdout")
     options = parser.parse_args(argv)
     if not 0.2 <= options.minutes <= 24 * 60:
         print("bench soak: give 0.2 to 1440 minutes.", file=sys.stderr)
         return EXIT_WRONG_INPUT
-    settle = min(5.0, options.minutes / 3.0) if options.settle_minutes is None else options.settle_minutes
+    settle = (
+        min(5.0, options.minutes / 3.0)
+        if options.settle_minutes is None
+        else options.settle_minutes
+    )
     with tempfile.TemporaryDirectory(prefix="covey-soak-") as scratch:
         folder = options.keep or Path(scratch)
         folder.mkdir(parents=True, exist_ok=True)
@@ -260,7 +299,9 @@ def main(argv: Sequence[str] | None = None) -> int:
             return EXIT_WRONG_INPUT
     if options.figure is not None:
         draw(found, options.figure)
-    print(json.dumps({**asdict(found), "problems": found.problems()}) if options.json else text(found))
+    print(
+        json.dumps({**asdict(found), "problems": found.problems()}) if options.json else text(found)
+    )
     return EXIT_FAILED if found.problems() else EXIT_OK
 
 

@@ -1,7 +1,9 @@
-"""A crowd that only talks: telemetry of many vehicles at 10 Hz on the real bus, and orders answered, for benchmarks.
+"""A crowd that only talks: telemetry of many vehicles at 10 Hz on the real bus, and orders
+answered, for benchmarks.
 
-Nothing flies; the numbers move as if. It writes when each order came in, on the machine's monotonic clock, so that who
-pressed a key can tell how long it took. Run by ``make bench-console`` as a process of its own.
+Nothing flies; the numbers move as if. It writes when each order came in, on the machine's monotonic
+clock, so that who pressed a key can tell how long it took. Run by ``make bench-console`` as a
+process of its own.
 """
 
 from __future__ import annotations
@@ -26,11 +28,16 @@ RATE_HZ = 10.0
 MAX_SESSIONS = 10  # as many nodes on the bus; larger fleets share them
 
 
-def telemetry(name: str, place: int, start: tuple[float, float, float], time_s: float, sequence: int) -> Telemetry:
+def telemetry(
+    name: str, place: int, start: tuple[float, float, float], time_s: float, sequence: int
+) -> Telemetry:
     """A vehicle on a small circle about its start, 1 m up, held back by the law now and then."""
     angle = 0.6 * time_s + place
     x, y = start[0] + 0.4 * math.cos(angle), start[1] + 0.4 * math.sin(angle)
-    spot, speed = (x, y, 1.0 + 0.1 * math.sin(angle)), (-0.24 * math.sin(angle), 0.24 * math.cos(angle), 0.0)
+    spot, speed = (
+        (x, y, 1.0 + 0.1 * math.sin(angle)),
+        (-0.24 * math.sin(angle), 0.24 * math.cos(angle), 0.0),
+    )
     held = max(0.0, math.sin(0.2 * time_s + place))
     return Telemetry(
         vehicle=name,
@@ -87,7 +94,9 @@ class Crowd:
         for index in range(count):
             mine = names[index::count]
             node = BusSession(
-                namespace=fleet.namespace, node=mine[0], listen=[fleet.vehicles[name].agent for name in mine]
+                namespace=fleet.namespace,
+                node=mine[0],
+                listen=[fleet.vehicles[name].agent for name in mine],
             )
             self._nodes.append((node, mine))
 
@@ -98,7 +107,9 @@ class Crowd:
             if place == 0:
                 node.watch_alive(self._see)
             for name in names:
-                node.serve_orders(name, lambda order, reply, name=name: self._take(name, order, reply))  # type: ignore[misc]
+                node.serve_orders(
+                    name, lambda order, reply, name=name: self._take(name, order, reply)
+                )  # type: ignore[misc]
 
     def publish(self, time_s: float) -> None:
         """Telemetry of everybody."""
@@ -108,15 +119,29 @@ class Crowd:
         places = {name: place for place, name in enumerate(self.fleet.enabled_names)}
         for node, names in self._nodes:
             for name in names:
-                told = telemetry(name, places[name], self.fleet.vehicles[name].start_enu_m, time_s, self._sequence)
-                node.publish(Topic.TELEMETRY, name, msgspec.structs.replace(told, operator=operator, roles=others))
+                told = telemetry(
+                    name,
+                    places[name],
+                    self.fleet.vehicles[name].start_enu_m,
+                    time_s,
+                    self._sequence,
+                )
+                node.publish(
+                    Topic.TELEMETRY,
+                    name,
+                    msgspec.structs.replace(told, operator=operator, roles=others),
+                )
 
     def burst(self, count: int) -> None:
         """So many events, as fast as the bus takes them."""
         for number in range(count):
             node, names = self._nodes[number % len(self._nodes)]
             event = Event(
-                vehicle=names[0], stamp_ns=number, severity="warning", code="bench", sentence=f"Burst, event {number}."
+                vehicle=names[0],
+                stamp_ns=number,
+                severity="warning",
+                code="bench",
+                sentence=f"Burst, event {number}.",
             )
             node.publish(Topic.EVENT, names[0], event)
 
@@ -124,7 +149,9 @@ class Crowd:
         with self._lock:
             self._roles.see(node, is_alive)
 
-    def _take(self, name: str, order: Order | Malformed, reply: Callable[[OrderReply], None]) -> None:
+    def _take(
+        self, name: str, order: Order | Malformed, reply: Callable[[OrderReply], None]
+    ) -> None:
         now_s = time.monotonic()
         if isinstance(order, Order):
             self._say({"order": order.kind, "vehicle": name, "at_s": now_s})
@@ -132,7 +159,9 @@ class Crowd:
 
 
 def main(argv: list[str]) -> int:
-    """``python -m tests.bench.telemetry_source FLEET``: talks until its input ends; ``burst N`` asks for events."""
+    """``python -m tests.bench.telemetry_source FLEET``: talks until its input ends; ``burst N``
+    asks for events.
+    """
     lock = threading.Lock()
 
     def say(told: dict[str, object]) -> None:

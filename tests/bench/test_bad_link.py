@@ -1,4 +1,6 @@
-"""The link of the network benchmark: what it loses, how long it takes, and the ages of states over it."""
+"""The link of the network benchmark: what it loses, how long it takes, and the ages of states over
+it.
+"""
 
 from __future__ import annotations
 
@@ -46,7 +48,9 @@ def test_packets_are_late_doubled_overtaken_and_cut() -> None:
 
 
 def test_a_link_carries_packets_both_ways() -> None:
-    (one, near), (two, far) = (socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET) for _ in range(2))
+    (one, near), (two, far) = (
+        socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET) for _ in range(2)
+    )
     with one, near, two, far:
         one.settimeout(5.0)
         two.settimeout(5.0)
@@ -59,7 +63,9 @@ def test_a_link_carries_packets_both_ways() -> None:
         link.stop()
 
 
-def test_a_hub_carries_to_the_address_and_nothing_between_the_sides_while_they_are_cut(tmp_path: Path) -> None:
+def test_a_hub_carries_to_the_address_and_nothing_between_the_sides_while_they_are_cut(
+    tmp_path: Path,
+) -> None:
     addresses = [socket.inet_aton(f"10.77.0.{number}") for number in (1, 2, 3)]
     with ExitStack() as stack:
         stack.enter_context(Hub(tmp_path / "hub", ["10.77.0.1"], ["10.77.0.2"]))
@@ -81,7 +87,11 @@ def test_a_hub_carries_to_the_address_and_nothing_between_the_sides_while_they_a
             hosts[sender].send(bytes(16) + addresses[receiver] + b"x")
             hosts[2].send(bytes(16) + addresses[receiver] + b"third")
             first = hosts[receiver].recv(100)
-            return first[20:] if first[20:] == b"third" else first[20:] + hosts[receiver].recv(100)[20:]
+            return (
+                first[20:]
+                if first[20:] == b"third"
+                else first[20:] + hosts[receiver].recv(100)[20:]
+            )
 
         assert received(0, 1) == b"xthird"
         lines[0].send(b"cut")
@@ -109,12 +119,21 @@ def test_the_verdict_of_a_partition_knows_what_is_wrong() -> None:
     good = _flown()
     assert good.problems() == []
     assert "0.79 m" in replace(good, nearest_m=0.79).problems()[0]
-    assert "mav4: no end" in replace(good, ends={k: v for k, v in good.ends.items() if k != "mav4"}).problems()[0]
-    assert "mav1 did not fly back" in replace(good, returns={**good.returns, "mav1": "late"}).problems()[0]
+    assert (
+        "mav4: no end"
+        in replace(good, ends={k: v for k, v in good.ends.items() if k != "mav4"}).problems()[0]
+    )
+    assert (
+        "mav1 did not fly back"
+        in replace(good, returns={**good.returns, "mav1": "late"}).problems()[0]
+    )
     assert replace(good, has_landed=False).problems() == ["not all have landed"]
     unheard = good.told["mav5"][:-1]
     assert len(replace(good, told={**good.told, "mav5": unheard}).problems()) == 3
-    hold = [*good.told["mav0"], *conditions("INFO Neighbour silent and not seen (mav3): holding.\n")]
+    hold = [
+        *good.told["mav0"],
+        *conditions("INFO Neighbour silent and not seen (mav3): holding.\n"),
+    ]
     assert "holding" in replace(good, told={**good.told, "mav0": hold}).problems()[0]
 
 

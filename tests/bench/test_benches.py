@@ -1,4 +1,6 @@
-"""The verdicts of the long benchmarks can say no; they themselves are run by hand, on a quiet machine."""
+"""The verdicts of the long benchmarks can say no; they themselves are run by hand, on a quiet
+machine.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +25,15 @@ from tests.bench.process_usage import usage
 from tests.bench.soak import LateTick, Samples, Soak, Watcher, draw
 
 AGENT = AgentCost(
-    "mav0", p50_ms=20.0, p99_ms=21.0, max_ms=30.0, late_ticks=0, cpu_pct=10.0, rss_mib=70.0, ticks=9, followed=9
+    "mav0",
+    p50_ms=20.0,
+    p99_ms=21.0,
+    max_ms=30.0,
+    late_ticks=0,
+    cpu_pct=10.0,
+    rss_mib=70.0,
+    ticks=9,
+    followed=9,
 )
 
 
@@ -61,7 +71,9 @@ def test_a_vehicle_whose_order_fails_at_once_does_not_let_the_bench_order_on_and
             await asyncio.sleep(0.05)
 
     config = fleet_from_mapping(fixture.fleet_data(2, 1.5))
-    there = SimpleNamespace(config=config, fleet={name: Mover(name) for name in config.enabled_names})
+    there = SimpleNamespace(
+        config=config, fleet={name: Mover(name) for name in config.enabled_names}
+    )
 
     async def for_a_while() -> None:
         with contextlib.suppress(TimeoutError):
@@ -72,7 +84,9 @@ def test_a_vehicle_whose_order_fails_at_once_does_not_let_the_bench_order_on_and
     assert sorted(given) == ["mav0", "mav1"]
 
 
-def test_loops_take_precedence_only_while_that_leaves_room_for_the_rest(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_loops_take_precedence_only_while_that_leaves_room_for_the_rest(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr(os, "cpu_count", lambda: 2)
     assert leaves_room(10)
     assert not leaves_room(11)
@@ -116,7 +130,8 @@ def test_a_soak_that_is_not_as_asked_says_why(changes: dict[str, object], words:
 def test_growth_is_counted_from_the_end_of_the_settling_to_the_last_minute() -> None:
     samples = Samples()
     samples.time_s = [5.0 * number for number in range(121)]  # ten minutes
-    samples.memory_mib["mav0"] = [30.0 + min(number, 60) * 0.1 for number in range(121)]  # grows for five of them
+    # grows for five of them
+    samples.memory_mib["mav0"] = [30.0 + min(number, 60) * 0.1 for number in range(121)]
     assert samples.growth_mib("mav0", 300.0) == pytest.approx(0.0)
     assert samples.growth_mib("mav0", 120.0) == pytest.approx(3.1, abs=0.3)
     assert samples.growth_mib("mav0", 700.0) != samples.growth_mib("mav0", 700.0)  # nan: too short
@@ -124,7 +139,12 @@ def test_growth_is_counted_from_the_end_of_the_settling_to_the_last_minute() -> 
 
 def test_a_late_tick_is_explained_by_others_or_a_busy_machine_and_by_nothing_else() -> None:
     watcher = Watcher()
-    watcher.late = [("mav0", 10.0, 40.0), ("mav1", 10.1, 45.0), ("mav0", 50.0, 25.0), ("mav2", 90.0, 25.0)]
+    watcher.late = [
+        ("mav0", 10.0, 40.0),
+        ("mav1", 10.1, 45.0),
+        ("mav0", 50.0, 25.0),
+        ("mav2", 90.0, 25.0),
+    ]
     watcher.busy = [(50.5, 0.99), (90.5, 0.4)]
     first, second, busy, alone = watcher.explained()
     assert "mav1" in first.explained

@@ -25,12 +25,16 @@ def test_every_response_agrees_with_what_px4_was_measured_to_do(table: list[Row]
 
 def test_the_page_in_the_docs_is_what_the_command_writes(table: list[Row]) -> None:
     written = PAGE.read_text(encoding="utf-8")
-    names = [line.split("|")[1].strip() for line in written.splitlines() if line.startswith("| ")][1:]
+    names = [line.split("|")[1].strip() for line in written.splitlines() if line.startswith("| ")][
+        1:
+    ]
     assert names == [row.what for row in table], "run: make bench-responses"
     for row in table:
         line = next(line for line in written.splitlines() if line.startswith(f"| {row.what} |"))
         shown = float(line.split("|")[4])
-        assert shown == pytest.approx(row.emulated, rel=0.02, abs=0.5 if row.unit == "ms" else 0.0), row.what
+        assert shown == pytest.approx(
+            row.emulated, rel=0.02, abs=0.5 if row.unit == "ms" else 0.0
+        ), row.what
     assert (PAGE.parent / "figures" / "sitl-responses.png").stat().st_size > 20_000
 
 
@@ -38,4 +42,6 @@ def test_a_figure_that_is_off_is_said_to_be_off() -> None:
     assert Row("x", "ms", 100.0, 110.0, 120.0, slack=10.0).agrees
     assert not Row("x", "ms", 100.0, 110.0, 123.0, slack=10.0).agrees
     assert not Row("x", "%", 9.0, 10.0, 7.9).agrees
-    assert "1 of 2 do not: b" in responses.page([Row("a", "-", 1.0, 1.0, 1.0), Row("b", "-", 1.0, 1.0, 3.0)])
+    assert "1 of 2 do not: b" in responses.page(
+        [Row("a", "-", 1.0, 1.0, 1.0), Row("b", "-", 1.0, 1.0, 3.0)]
+    )

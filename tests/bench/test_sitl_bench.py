@@ -9,7 +9,9 @@ import pytest
 from tests.bench.sitl import main
 
 
-def test_the_bench_counts_the_messages_of_both_links_and_their_cost(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_bench_counts_the_messages_of_both_links_and_their_cost(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     assert main(["--vehicles", "2", "--seconds", "1", "--json"]) == 0
     (cost,) = json.loads(capsys.readouterr().out)
     assert cost["vehicles"] == 2
@@ -18,6 +20,8 @@ def test_the_bench_counts_the_messages_of_both_links_and_their_cost(capsys: pyte
 
 
 @pytest.mark.parametrize("wrong", [["--vehicles", "none"], ["--vehicles", "0"], ["--seconds", "0"]])
-def test_sizes_that_are_none_are_refused_in_words(wrong: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+def test_sizes_that_are_none_are_refused_in_words(
+    wrong: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
     assert main(wrong) == 2
     assert "give sizes as 3,10,50" in capsys.readouterr().err

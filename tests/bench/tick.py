@@ -1,4 +1,5 @@
-"""Processor time of one tick of one vehicle: mocap sample to attitude setpoint, as an agent computes it.
+"""Processor time of one tick of one vehicle: mocap sample to attitude setpoint, as an agent
+computes it.
 
 python -m tests.bench.tick [--ticks 2000]
 """
@@ -32,7 +33,9 @@ def neighbours(count: int, seed: int = 2) -> list[Neighbour]:
         p = Vec3(distance * math.cos(angle), distance * math.sin(angle), 1.0)
         v = Vec3(rng.gauss(0.0, 0.3), rng.gauss(0.0, 0.3), 0.0)
         u = Vec3(rng.gauss(0.0, 0.5), rng.gauss(0.0, 0.5), 0.0)
-        out.append(Neighbour(p, v, ZERO_3, p, v, u, v, 0.04, 0.15, 0.003, 0.02, 1.0, True, False, index))
+        out.append(
+            Neighbour(p, v, ZERO_3, p, v, u, v, 0.04, 0.15, 0.003, 0.02, 1.0, True, False, index)
+        )
     return out
 
 
@@ -55,7 +58,9 @@ def tick_times_s(count: int, ticks: int) -> list[float]:
 def main(argv: Sequence[str] | None = None) -> int:
     """Print the shortest and the median tick with 0, 2, 6 and 12 neighbours."""
     parser = argparse.ArgumentParser(
-        prog="make bench-tick", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+        prog="make bench-tick",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--ticks", type=int, default=2000)
     options = parser.parse_args(argv)

@@ -1,8 +1,9 @@
-"""``make bench-worst-case ARGS="--seed 1 --restarts 8"``: search the settings in which vehicles come nearest.
+"""``make bench-worst-case ARGS="--seed 1 --restarts 8"``: search the settings in which vehicles
+come nearest.
 
-Random restarts over scenario and seed; from each one scipy's Nelder-Mead goes on in gusts, lag error, delay, loss and
-time of the fault, within what the fleet declares. The same seed finds the same cases. A case is kept as a regression in
-tests/sitl/monte_carlo/worst_cases.toml.
+Random restarts over scenario and seed; from each one scipy's Nelder-Mead goes on in gusts, lag
+error, delay, loss and time of the fault, within what the fleet declares. The same seed finds the
+same cases. A case is kept as a regression in tests/sitl/monte_carlo/worst_cases.toml.
 """
 
 from __future__ import annotations
@@ -19,8 +20,19 @@ from onboard.rollout import batch
 from sitl.monte_carlo import flight, scenarios, settings
 
 KNOWN = Path(__file__).parents[1] / "sitl" / "monte_carlo" / "worst_cases.toml"
-SCENARIOS = ("swap3x", "swap8x", "swap8", "rand8", "form3", "cross8@90", "lost4@frozen", "lost8@silent", "lost8@dead")
-# what may be searched: gusts and lag error as they are known, delay and loss up to the map's 200 ms and 30 %
+SCENARIOS = (
+    "swap3x",
+    "swap8x",
+    "swap8",
+    "rand8",
+    "form3",
+    "cross8@90",
+    "lost4@frozen",
+    "lost8@silent",
+    "lost8@dead",
+)
+# what may be searched: gusts and lag error as they are known, delay and loss up to the map's 200 ms
+# and 30 %
 BOUNDS = {
     "gust_m_s2": (0.0, 0.3),
     "lag_error_s": (0.0, 0.04),
@@ -28,7 +40,8 @@ BOUNDS = {
     "loss_share": (0.0, 0.3),
     "fault_s": (0.5, 5.0),
 }
-_MARGIN = "law.design_margin_m=0.15"  # that check demands for the longest delay and the largest loss of them
+# that check demands for the longest delay and the largest loss of them
+_MARGIN = "law.design_margin_m=0.15"
 
 
 class Case(NamedTuple):
@@ -50,7 +63,9 @@ def smallest_m(case: Case) -> float:
     """Fly a case; the smallest distance of any two centres."""
     by_key = dict(zip(BOUNDS, case.values, strict=True))
     fault_s = by_key.pop("fault_s")
-    setup = settings.setup_for(changes=[*(f"{key}={value!r}" for key, value in by_key.items()), _MARGIN])
+    setup = settings.setup_for(
+        changes=[*(f"{key}={value!r}" for key, value in by_key.items()), _MARGIN]
+    )
     plan = scenarios.plan(case.scenario, case.seed)
     if plan.lost is not None:
         index, _, kind = plan.lost
@@ -58,7 +73,9 @@ def smallest_m(case: Case) -> float:
     return flight.fly([plan], setup)[0].outcome.min_separation_m
 
 
-def search(seed: int, restarts: int, flights: int, names: Sequence[str] = SCENARIOS) -> list[tuple[float, Case]]:
+def search(
+    seed: int, restarts: int, flights: int, names: Sequence[str] = SCENARIOS
+) -> list[tuple[float, Case]]:
     """Return the worst case of each restart with its distance [m], the worst first."""
     from scipy.optimize import minimize
 
@@ -69,17 +86,27 @@ def search(seed: int, restarts: int, flights: int, names: Sequence[str] = SCENAR
         scenario, flown = str(rng.choice(list(names))), int(rng.integers(3000, 10**6))
         tried: list[tuple[float, Case]] = []
 
-        def fly(share: Any, at: tuple[str, int] = (scenario, flown), kept: list[tuple[float, Case]] = tried) -> float:
+        def fly(
+            share: Any,
+            at: tuple[str, int] = (scenario, flown),
+            kept: list[tuple[float, Case]] = tried,
+        ) -> float:
             # rounded, so that the case that is written is the one that was flown
-            values = tuple(round(float(value), 4) for value in low + np.clip(share, 0.0, 1.0) * (high - low))
+            values = tuple(
+                round(float(value), 4) for value in low + np.clip(share, 0.0, 1.0) * (high - low)
+            )
             case = Case(*at, values)
             kept.append((smallest_m(case), case))
             return kept[-1][0]
 
         start = rng.uniform(0.2, 0.8, len(BOUNDS))
-        simplex = np.vstack([start, start + 0.3 * np.eye(len(BOUNDS)) * np.where(start > 0.5, -1.0, 1.0)[:, None]])
+        simplex = np.vstack(
+            [start, start + 0.3 * np.eye(len(BOUNDS)) * np.where(start > 0.5, -1.0, 1.0)[:, None]]
+        )
         options = {"maxfev": flights, "initial_simplex": simplex}
-        minimize(fly, start, method="Nelder-Mead", bounds=[(0.0, 1.0)] * len(BOUNDS), options=options)
+        minimize(
+            fly, start, method="Nelder-Mead", bounds=[(0.0, 1.0)] * len(BOUNDS), options=options
+        )
         found.append(min(tried))
     return sorted(found)
 
@@ -103,5 +130,7 @@ def main(words: list[str]) -> int:
     options = parser.parse_args(words)
     batch.warm_up()
     print(f"# {', '.join(BOUNDS)}\n")
-    print(toml(search(options.seed, options.restarts, options.flights, options.scenarios.split(","))))
+    print(
+        toml(search(options.seed, options.restarts, options.flights, options.scenarios.split(",")))
+    )
     return 0

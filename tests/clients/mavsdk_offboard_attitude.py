@@ -1,4 +1,6 @@
-"""Flies by attitude and thrust, as a companion computer, after asking for OFFBOARD without a setpoint."""
+"""Flies by attitude and thrust, as a companion computer, after asking for OFFBOARD without a
+setpoint.
+"""
 
 from __future__ import annotations
 
@@ -31,12 +33,18 @@ async def offboard_attitude(endpoint: str, seen: dict[str, Any]) -> None:
     await first(telemetry.subscribe_position_velocity_ned(), 16, lambda p: p.position.down_m < -2.0)
     for roll_deg in (10.0, -10.0):
         await offboard.set_attitude(Attitude(roll_deg, 0.0, 0.0, 0.5))
-        euler = await first(telemetry.subscribe_attitude_euler(), 10, lambda e, r=roll_deg: abs(e.roll_deg - r) < 1.0)
+        euler = await first(
+            telemetry.subscribe_attitude_euler(),
+            10,
+            lambda e, r=roll_deg: abs(e.roll_deg - r) < 1.0,
+        )
         seen[f"roll_{roll_deg:+.0f}"] = euler.roll_deg
     await offboard.set_attitude(Attitude(0.0, 0.0, 0.0, 0.49))
     await asyncio.sleep(0.5)
     await offboard.stop()
-    seen["after_stop"] = (await first(telemetry.subscribe_flight_mode(), 10, lambda m: m.name != "OFFBOARD")).name
+    seen["after_stop"] = (
+        await first(telemetry.subscribe_flight_mode(), 10, lambda m: m.name != "OFFBOARD")
+    ).name
     await action.land()
     await first(telemetry.subscribe_armed(), 80, lambda armed: not armed)
     seen["landed"] = True

@@ -17,7 +17,9 @@ async def param(endpoint: str, seen: dict[str, Any]) -> None:
     everything = await params.get_all_params()
     seen["integers"], seen["floats"] = len(everything.int_params), len(everything.float_params)
     names = {p.name for p in (*everything.int_params, *everything.float_params)}
-    seen["has"] = sorted(names & {"COM_OF_LOSS_T", "MPC_THR_HOVER", "COM_OBL_RC_ACT", "EKF2_EV_CTRL"})
+    seen["has"] = sorted(
+        names & {"COM_OF_LOSS_T", "MPC_THR_HOVER", "COM_OBL_RC_ACT", "EKF2_EV_CTRL"}
+    )
     seen["hover"] = await params.get_param_float("MPC_THR_HOVER")
     await params.set_param_float("MPC_THR_HOVER", 0.55)
     seen["hover_set"] = await params.get_param_float("MPC_THR_HOVER")

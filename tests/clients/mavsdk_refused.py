@@ -1,4 +1,6 @@
-"""Asks for what an emulated PX4 does not have: missions, a shell, logs, files. Each has to end, and soon."""
+"""Asks for what an emulated PX4 does not have: missions, a shell, logs, files. Each has to end, and
+soon.
+"""
 
 from __future__ import annotations
 
@@ -21,10 +23,16 @@ async def refused(endpoint: str, seen: dict[str, Any]) -> None:
     """One after the other."""
     _client, system = await connected(endpoint, ComponentType.GROUND_STATION)
     mission, shell = MissionRawAsync(system), ShellAsync(system)
-    waypoint = MissionItem(frame=6, command=16, current=1, autocontinue=1, x=473977420, y=85455940, z=5.0)
+    waypoint = MissionItem(
+        frame=6, command=16, current=1, autocontinue=1, x=473977420, y=85455940, z=5.0
+    )
     await _try(seen, "upload", mission.upload_mission([waypoint]))
     await _try(seen, "download", mission.download_mission())
-    await _try(seen, "geofence", mission.upload_geofence([MissionItem(frame=5, command=5003, mission_type=1)]))
+    await _try(
+        seen,
+        "geofence",
+        mission.upload_geofence([MissionItem(frame=5, command=5003, mission_type=1)]),
+    )
     await _try(seen, "start", mission.start_mission())
     await _try(seen, "clear", mission.clear_mission())
     await _try(seen, "shell", shell.send("ver all\n", Device.SHELL))

@@ -23,7 +23,11 @@ async def takeoff_and_land(endpoint: str, seen: dict[str, Any]) -> None:
             texts.append(text.text)
 
     listening = asyncio.create_task(listen())
-    await first(telemetry.subscribe_health(), 30, lambda h: h.is_global_position_ok and h.is_home_position_ok)
+    await first(
+        telemetry.subscribe_health(),
+        30,
+        lambda h: h.is_global_position_ok and h.is_home_position_ok,
+    )
     seen["altitude_m"] = await action.get_takeoff_altitude()
     await action.arm()
     await action.takeoff()
@@ -36,7 +40,9 @@ async def takeoff_and_land(endpoint: str, seen: dict[str, Any]) -> None:
     except MavsdkError as error:
         seen["disarm_in_air"] = str(error).split(";")[0]
     await action.hold()
-    seen["mode"] = (await first(telemetry.subscribe_flight_mode(), 10, lambda mode: mode.name == "HOLD")).name
+    seen["mode"] = (
+        await first(telemetry.subscribe_flight_mode(), 10, lambda mode: mode.name == "HOLD")
+    ).name
     await action.land()
     await first(telemetry.subscribe_in_air(), 60, lambda flies: not flies)
     await first(telemetry.subscribe_armed(), 20, lambda armed: not armed)

@@ -1,4 +1,5 @@
-"""Reads one of everything that MAVSDK's telemetry offers of a quadrotor, and changes a few rates."""
+"""Reads one of everything that MAVSDK's telemetry offers of a quadrotor, and changes a few rates.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +25,10 @@ async def telemetry(endpoint: str, seen: dict[str, Any]) -> None:
     # Health is told as it becomes known: wait until all of it is.
     health = await first(t.subscribe_health(), 20, lambda h: h.is_armable and h.is_home_position_ok)
     seen["health"] = [health.is_armable, health.is_local_position_ok, health.is_global_position_ok]
-    seen["calibrated"] = [health.is_gyrometer_calibration_ok, health.is_accelerometer_calibration_ok]
+    seen["calibrated"] = [
+        health.is_gyrometer_calibration_ok,
+        health.is_accelerometer_calibration_ok,
+    ]
     position = await first(t.subscribe_position(), 10)
     seen["position"] = [position.latitude_deg, position.longitude_deg, position.relative_altitude_m]
     home = await first(t.subscribe_home(), 10)

@@ -69,13 +69,30 @@ def free_ports() -> tuple[int, int, int, int]:
 
 @contextmanager
 def running_emulator(folder: Path, *options: str) -> Iterator[Running]:
-    """One emulated SIH quadrotor until the block ends; it has to end cleanly, and to have said nothing wrong."""
+    """One emulated SIH quadrotor until the block ends; it has to end cleanly, and to have said
+    nothing wrong.
+    """
     companion, ground, agent, station = free_ports()
     fleet = folder / "fleet.toml"
-    fleet.write_text(FLEET.format(companion=companion, ground=ground, agent=agent), encoding="utf-8")
-    words = ["-m", "sitl", "--fleet", str(fleet), "--no-bus", "--gcs", f"127.0.0.1:{station}", *options]
+    fleet.write_text(
+        FLEET.format(companion=companion, ground=ground, agent=agent), encoding="utf-8"
+    )
+    words = [
+        "-m",
+        "sitl",
+        "--fleet",
+        str(fleet),
+        "--no-bus",
+        "--gcs",
+        f"127.0.0.1:{station}",
+        *options,
+    ]
     with subprocess.Popen(
-        [sys.executable, *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=os.environ
+        [sys.executable, *words],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=os.environ,
     ) as process:
         assert process.stdout is not None
         assert process.stderr is not None
@@ -89,7 +106,9 @@ def running_emulator(folder: Path, *options: str) -> Iterator[Running]:
 
 
 def wait_until_armable(emulator: Running, timeout_s: float = 60.0) -> None:
-    """Listen where it streams to a ground station, without a word, until SYS_STATUS says ready to arm."""
+    """Listen where it streams to a ground station, without a word, until SYS_STATUS says ready to
+    arm.
+    """
     mav = common.MAVLink(None)
     mav.robust_parsing = True
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as listener:
@@ -97,5 +116,8 @@ def wait_until_armable(emulator: Running, timeout_s: float = 60.0) -> None:
         listener.settimeout(timeout_s)
         while True:
             for message in mav.parse_buffer(listener.recv(4096)) or ():
-                if message.get_type() == "SYS_STATUS" and message.onboard_control_sensors_health & _PREARM:
+                if (
+                    message.get_type() == "SYS_STATUS"
+                    and message.onboard_control_sensors_health & _PREARM
+                ):
                     return

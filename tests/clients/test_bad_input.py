@@ -1,4 +1,6 @@
-"""What the emulator is started with and cannot do is refused in words, with exit status 2, and disturbs nobody."""
+"""What the emulator is started with and cannot do is refused in words, with exit status 2, and
+disturbs nobody.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +33,9 @@ def fleet_file(folder: Path, old: str = "", new: str = "") -> Path:
     return path
 
 
-def test_a_second_emulator_on_the_same_ports_is_refused_and_the_first_goes_on(tmp_path: Path) -> None:
+def test_a_second_emulator_on_the_same_ports_is_refused_and_the_first_goes_on(
+    tmp_path: Path,
+) -> None:
     with running_emulator(tmp_path) as first:
         said = refused(first.fleet)
         assert str(first.companion + 40) in said
@@ -53,7 +57,9 @@ autopilot = "udpin://127.0.0.1:{companion}"
 
 def test_a_vehicle_inside_another_is_refused_and_one_beside_it_is_not(tmp_path: Path) -> None:
     companion, _, agent, _ = free_ports()
-    said = refused(fleet_file(tmp_path, new=SECOND.format(east=0.1, agent=agent, companion=companion)))
+    said = refused(
+        fleet_file(tmp_path, new=SECOND.format(east=0.1, agent=agent, companion=companion))
+    )
     assert "solo" in said
     assert "second" in said
 
@@ -62,9 +68,13 @@ def test_two_vehicles_on_one_port_are_refused(tmp_path: Path) -> None:
     _, _, agent, _ = free_ports()
     fleet = fleet_file(tmp_path)
     taken = (
-        next(line for line in fleet.read_text().splitlines() if line.startswith("autopilot")).split(":")[-1].strip('"')
+        next(line for line in fleet.read_text().splitlines() if line.startswith("autopilot"))
+        .split(":")[-1]
+        .strip('"')
     )
-    fleet.write_text(fleet.read_text() + SECOND.format(east=3.0, agent=agent, companion=taken), encoding="utf-8")
+    fleet.write_text(
+        fleet.read_text() + SECOND.format(east=3.0, agent=agent, companion=taken), encoding="utf-8"
+    )
     assert taken in refused(fleet)
 
 
@@ -79,13 +89,21 @@ def test_two_vehicles_on_one_port_are_refused(tmp_path: Path) -> None:
         ("schema = 1", "schema = 1 1", "bad.toml"),
     ],
 )
-def test_an_unknown_or_impossible_profile_is_refused_by_its_key(tmp_path: Path, old: str, new: str, named: str) -> None:
+def test_an_unknown_or_impossible_profile_is_refused_by_its_key(
+    tmp_path: Path, old: str, new: str, named: str
+) -> None:
     assert named in refused(fleet_file(tmp_path, old, new))
 
 
 @pytest.mark.parametrize(
     ("options", "named"),
-    [(("--vehicles", "nobody"), "nobody"), (("--seed", "-3"), "seed"), (("--gcs", "here:there"), "here:there")],
+    [
+        (("--vehicles", "nobody"), "nobody"),
+        (("--seed", "-3"), "seed"),
+        (("--gcs", "here:there"), "here:there"),
+    ],
 )
-def test_an_option_that_makes_no_sense_is_refused(tmp_path: Path, options: tuple[str, ...], named: str) -> None:
+def test_an_option_that_makes_no_sense_is_refused(
+    tmp_path: Path, options: tuple[str, ...], named: str
+) -> None:
     assert named in refused(fleet_file(tmp_path), *options)

@@ -17,7 +17,9 @@ from tests.clients.running import Running, running_emulator, wait_until_armable
 _MAVPROXY = Path(sys.executable).parent / "mavproxy.py"
 pytestmark = [
     pytest.mark.long,
-    pytest.mark.skipif(not _MAVPROXY.exists(), reason="MAVProxy is not installed: pip install MAVProxy"),
+    pytest.mark.skipif(
+        not _MAVPROXY.exists(), reason="MAVProxy is not installed: pip install MAVProxy"
+    ),
 ]
 
 
@@ -52,7 +54,9 @@ class Prompt:
                 if re.search(pattern, line):
                     return line
             time.sleep(0.05)
-        raise AssertionError(f"no {pattern!r} within {timeout_s} s:\n" + "\n".join(self._lines[-20:]))
+        raise AssertionError(
+            f"no {pattern!r} within {timeout_s} s:\n" + "\n".join(self._lines[-20:])
+        )
 
     def type(self, command: str, pattern: str, timeout_s: float = 30.0) -> str:
         """Type a command and wait for the line that answers it."""
@@ -85,7 +89,9 @@ def emulator(tmp_path: Path) -> Iterator[Running]:
 
 
 @pytest.mark.parametrize("link", ["companion", "station"])
-def test_mavproxy_shows_sets_arms_takes_off_and_lands(emulator: Running, link: str, tmp_path: Path) -> None:
+def test_mavproxy_shows_sets_arms_takes_off_and_lands(
+    emulator: Running, link: str, tmp_path: Path
+) -> None:
     prompt = Prompt(f"udpin:127.0.0.1:{getattr(emulator, link)}", tmp_path)
     try:
         prompt.wait("Detected vehicle 1:1", 30)
@@ -101,7 +107,8 @@ def test_mavproxy_shows_sets_arms_takes_off_and_lands(emulator: Running, link: s
         prompt.wait("AP: Takeoff detected", 30)
         prompt.wait("Mode LOITER", 40)
         prompt.type("disarm", "COMPONENT_ARM_DISARM: TEMPORARILY_REJECTED")
-        # MAVProxy's `land` is DO_LAND_START, the landing part of a mission: without one PX4 flies on.
+        # MAVProxy's `land` is DO_LAND_START, the landing part of a mission: without one PX4 flies
+        # on.
         prompt.type("land", "DO_LAND_START: ")
         prompt.type("long NAV_LAND 0 0 0 0 0 0 0", "NAV_LAND: ACCEPTED")
         prompt.wait("AP: Disarmed by landing", 60)

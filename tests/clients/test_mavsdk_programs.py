@@ -1,4 +1,5 @@
-"""MAVSDK programs as users write them, unchanged against the emulator: each a process of its own."""
+"""MAVSDK programs as users write them, unchanged against the emulator: each a process of its own.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +27,9 @@ def emulator(tmp_path: Path) -> Iterator[Running]:
 
 @pytest.fixture
 def ready_emulator(emulator: Running) -> Running:
-    """One that has been up for a while: MAVSDK shows a position two seconds before a PX4 can be armed."""
+    """One that has been up for a while: MAVSDK shows a position two seconds before a PX4 can be
+    armed.
+    """
     wait_until_armable(emulator)
     return emulator
 
@@ -34,7 +37,10 @@ def ready_emulator(emulator: Running) -> Running:
 def seen_by(program: str, endpoint: str) -> dict[str, Any]:
     """What a program saw; it has to end well."""
     done = subprocess.run(
-        [sys.executable, str(_HERE / f"mavsdk_{program}.py"), endpoint], capture_output=True, text=True, timeout=110
+        [sys.executable, str(_HERE / f"mavsdk_{program}.py"), endpoint],
+        capture_output=True,
+        text=True,
+        timeout=110,
     )
     assert done.returncode == 0, done.stderr
     result: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
@@ -43,7 +49,12 @@ def seen_by(program: str, endpoint: str) -> dict[str, Any]:
 
 def test_telemetry_shows_a_vehicle_on_its_pad(emulator: Running) -> None:
     seen = seen_by("telemetry", f"udpin://127.0.0.1:{emulator.companion}")
-    assert (seen["armed"], seen["mode"], seen["landed"], seen["in_air"]) == (False, "HOLD", "ON_GROUND", False)
+    assert (seen["armed"], seen["mode"], seen["landed"], seen["in_air"]) == (
+        False,
+        "HOLD",
+        "ON_GROUND",
+        False,
+    )
     assert seen["health"] == [True, True, True]
     assert seen["position"][0] == pytest.approx(47.397742, abs=1e-4) == seen["home"][0]
     assert abs(seen["down_m"]) < 0.6
@@ -59,7 +70,11 @@ def test_parameters_are_listed_read_and_set(emulator: Running) -> None:
     assert seen["integers"] > 10
     assert seen["floats"] > 20
     assert seen["has"] == ["COM_OBL_RC_ACT", "COM_OF_LOSS_T", "EKF2_EV_CTRL", "MPC_THR_HOVER"]
-    assert (seen["hover"], seen["hover_set"], seen["action_set"]) == (pytest.approx(0.5), pytest.approx(0.55), 4)
+    assert (seen["hover"], seen["hover_set"], seen["action_set"]) == (
+        pytest.approx(0.5),
+        pytest.approx(0.55),
+        4,
+    )
     assert seen["unknown"] == seen["kind"] == "ParamError"
 
 

@@ -1,4 +1,6 @@
-"""How the client programs begin and end: connect by MAVSDK, wait for something, print what was seen as JSON."""
+"""How the client programs begin and end: connect by MAVSDK, wait for something, print what was seen
+as JSON.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +25,9 @@ async def connected(endpoint: str, kind: ComponentType) -> tuple[Mavsdk, Any]:
     return client, system
 
 
-async def first(stream: AsyncIterator[Any], timeout_s: float, accept: Callable[[Any], bool] = lambda _: True) -> Any:
+async def first(
+    stream: AsyncIterator[Any], timeout_s: float, accept: Callable[[Any], bool] = lambda _: True
+) -> Any:
     """The first value of a stream that is accepted."""
     async with asyncio.timeout(timeout_s):
         async for value in stream:
@@ -39,5 +43,7 @@ def run(program: Callable[[str, dict[str, Any]], Awaitable[None]]) -> None:
     print(json.dumps(seen))
 
 
-async def _whole(program: Callable[[str, dict[str, Any]], Awaitable[None]], seen: dict[str, Any]) -> None:
+async def _whole(
+    program: Callable[[str, dict[str, Any]], Awaitable[None]], seen: dict[str, Any]
+) -> None:
     await program(sys.argv[1], seen)

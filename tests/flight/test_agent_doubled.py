@@ -1,4 +1,6 @@
-"""Two real agents for one vehicle, as on two hosts: not connected to each other, told by a third, neither flies."""
+"""Two real agents for one vehicle, as on two hosts: not connected to each other, told by a third,
+neither flies.
+"""
 
 from __future__ import annotations
 
@@ -32,7 +34,9 @@ async def test_a_second_agent_elsewhere_grounds_the_first_until_it_is_gone(tmp_p
 
         def is_warned() -> bool:
             telemetry = client.state.vehicles["mav0"].telemetry
-            return telemetry is not None and any("nother agent" in reason for reason in telemetry.not_ready)
+            return telemetry is not None and any(
+                "nother agent" in reason for reason in telemetry.not_ready
+            )
 
         assert not is_warned()
         bench_fleet.processes.start("twin", ["onboard", "--fleet", str(path), "--vehicle", "mav0"])

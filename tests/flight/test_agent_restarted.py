@@ -1,4 +1,6 @@
-"""A real agent dies in flight and comes back: it sends nothing until PX4 holds and somebody orders it to take over."""
+"""A real agent dies in flight and comes back: it sends nothing until PX4 holds and somebody orders
+it to take over.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +25,9 @@ def put_on_hold(endpoint: str, system_id: int) -> None:
     link = mavutil.mavlink_connection(endpoint.replace("udpout://", "udpout:"), source_system=255)
     try:
         for _ in range(3):
-            link.mav.heartbeat_send(mavutil.mavlink.MAV_TYPE_GCS, mavutil.mavlink.MAV_AUTOPILOT_INVALID, 0, 0, 0)
+            link.mav.heartbeat_send(
+                mavutil.mavlink.MAV_TYPE_GCS, mavutil.mavlink.MAV_AUTOPILOT_INVALID, 0, 0, 0
+            )
             link.mav.command_long_send(
                 system_id, 1, mavutil.mavlink.MAV_CMD_DO_SET_MODE, 0, 1.0, AUTO, LOITER, 0, 0, 0, 0
             )
@@ -31,7 +35,9 @@ def put_on_hold(endpoint: str, system_id: int) -> None:
         link.close()
 
 
-async def test_a_restarted_agent_takes_a_held_vehicle_over_where_it_is_and_lands_it(tmp_path: Path) -> None:
+async def test_a_restarted_agent_takes_a_held_vehicle_over_where_it_is_and_lands_it(
+    tmp_path: Path,
+) -> None:
     bench_fleet = BenchFleet(fleet_data(2, 2.0, "restart"), tmp_path)
     async with bench_fleet:
         client, vehicle = bench_fleet.client, bench_fleet.config.vehicles["mav0"]
@@ -45,7 +51,14 @@ async def test_a_restarted_agent_takes_a_held_vehicle_over_where_it_is_and_lands
         await asyncio.sleep(0.8)  # PX4 has begun to land
         assert vehicle.direct is not None
         put_on_hold(vehicle.direct, vehicle.system_id)
-        command = ["onboard", "--fleet", str(bench_fleet.path), "--vehicle", "mav0", "--apply-params"]
+        command = [
+            "onboard",
+            "--fleet",
+            str(bench_fleet.path),
+            "--vehicle",
+            "mav0",
+            "--apply-params",
+        ]
         bench_fleet.processes.start("mav0-again", command)
         assert await client.wait_for(lambda _: told("failed", "HOLD"), 60.0)
         await asyncio.sleep(3.0)

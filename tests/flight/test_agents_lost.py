@@ -1,4 +1,6 @@
-"""Real agents killed, stopped, continued in flight: the others keep away, it lands, the ground says which and why."""
+"""Real agents killed, stopped, continued in flight: the others keep away, it lands, the ground says
+which and why.
+"""
 
 from __future__ import annotations
 
@@ -55,9 +57,20 @@ def flying(folder: Path) -> Iterator[subprocess.Popen[str]]:
     fleet = Path(__file__).resolve().parents[2] / "configs" / "fleets" / "paper.toml"
     mission.write_text(MISSION.format(fleet=fleet), encoding="utf-8")
     record = folder / "flight"
-    command = [sys.executable, "-m", "groundstation", "demo", "--headless", "--mission", str(mission)]
+    command = [
+        sys.executable,
+        "-m",
+        "groundstation",
+        "demo",
+        "--headless",
+        "--mission",
+        str(mission),
+    ]
     process = subprocess.Popen(
-        [*command, "--record", str(record)], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+        [*command, "--record", str(record)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
     )
     try:
         deadline, events = time.monotonic() + 90.0, record / "events.txt"
@@ -83,7 +96,11 @@ def agent_pid(folder: Path) -> int:
                 words = (entry / "cmdline").read_bytes().decode(errors="replace").split("\0")
             except OSError:
                 continue
-            if str(folder / "flight" / "fleet.toml") in words and "--vehicle" in words and LOST in words:
+            if (
+                str(folder / "flight" / "fleet.toml") in words
+                and "--vehicle" in words
+                and LOST in words
+            ):
                 return int(entry.name)
     raise AssertionError(f"no agent of {LOST} runs")
 
@@ -95,7 +112,10 @@ def assert_everybody_is_down_and_nobody_was_hit(folder: Path) -> None:
         assert track[-1, 3] < 0.1, f"{name} was left in the air"
     for (first, one), (second, other) in itertools.combinations(tracks.items(), 2):
         times = np.arange(max(one[0, 0], other[0, 0]), min(one[-1, 0], other[-1, 0]), 0.02)
-        a, b = ([np.interp(times, track[:, 0], track[:, axis]) for axis in (1, 2, 3)] for track in (one, other))
+        a, b = (
+            [np.interp(times, track[:, 0], track[:, axis]) for axis in (1, 2, 3)]
+            for track in (one, other)
+        )
         is_flying = np.maximum(a[2], b[2]) > 0.1
         nearest_m = float(np.hypot(a[0] - b[0], a[1] - b[1])[is_flying].min())
         assert nearest_m > BODY_DIAMETER_M, f"{first} and {second} met"

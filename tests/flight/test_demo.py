@@ -1,4 +1,6 @@
-"""The demo as a user runs it: real processes, real MAVLink over UDP, the real bus; judged by an independent reader."""
+"""The demo as a user runs it: real processes, real MAVLink over UDP, the real bus; judged by an
+independent reader.
+"""
 
 import json
 import os
@@ -21,7 +23,9 @@ pytestmark = pytest.mark.timeout(240)
 
 def demo(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
     command = [*COVEY, "demo", "--headless", "--record", str(folder), *arguments]
-    return subprocess.run(command, capture_output=True, text=True, timeout=220, check=False, stdin=subprocess.DEVNULL)
+    return subprocess.run(
+        command, capture_output=True, text=True, timeout=220, check=False, stdin=subprocess.DEVNULL
+    )
 
 
 def left_over(folder: Path) -> list[str]:
@@ -30,7 +34,9 @@ def left_over(folder: Path) -> list[str]:
     for entry in Path("/proc").iterdir():
         if entry.name.isdigit():
             try:
-                line = (entry / "cmdline").read_bytes().replace(b"\0", b" ").decode(errors="replace")
+                line = (
+                    (entry / "cmdline").read_bytes().replace(b"\0", b" ").decode(errors="replace")
+                )
             except OSError:
                 continue
             if str(folder) in line and "-m" in line and int(entry.name) != os.getpid():
@@ -73,7 +79,11 @@ def test_ctrl_c_lands_and_leaves_no_process_and_no_key(tmp_path: Path) -> None:
     keys.mkdir()
     command = [*COVEY, "demo", "--secure", "--headless", "--record", str(folder)]
     process = subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env={**os.environ, "TMPDIR": str(keys)}
+        command,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        env={**os.environ, "TMPDIR": str(keys)},
     )
     try:
         deadline = time.monotonic() + 60.0

@@ -1,4 +1,6 @@
-"""Kill and land past an agent that hangs: straight to PX4, said so, and not undone by an agent that comes back."""
+"""Kill and land past an agent that hangs: straight to PX4, said so, and not undone by an agent that
+comes back.
+"""
 
 from __future__ import annotations
 
@@ -61,7 +63,9 @@ class Hover:
 
 def start(log_path: Path, words: list[str]) -> subprocess.Popen[bytes]:
     with log_path.open("wb") as log:
-        return subprocess.Popen([sys.executable, "-m", *words], stdout=log, stderr=subprocess.STDOUT, cwd=ROOT)
+        return subprocess.Popen(
+            [sys.executable, "-m", *words], stdout=log, stderr=subprocess.STDOUT, cwd=ROOT
+        )
 
 
 @asynccontextmanager
@@ -69,7 +73,16 @@ async def hover(folder: Path) -> AsyncIterator[Hover]:
     fleet = solo_fleet(folder)
     commands = {
         "sitl": ["sitl", "--fleet", fleet.path],
-        "agent": ["onboard", "--fleet", fleet.path, "--vehicle", SOLO, "--apply-params", "--mocap", "bus"],
+        "agent": [
+            "onboard",
+            "--fleet",
+            fleet.path,
+            "--vehicle",
+            SOLO,
+            "--apply-params",
+            "--mocap",
+            "bus",
+        ],
     }
     processes: dict[str, subprocess.Popen[bytes]] = {}
     client = FleetClient(fleet, author="test")
@@ -78,7 +91,9 @@ async def hover(folder: Path) -> AsyncIterator[Hover]:
             processes[name] = start(folder / f"{name}.log", words)
         found = Hover(processes["agent"], client)
         await client.start()
-        await found.until("never ready", lambda state: _told(state, "ready") and client.control.is_operator, 60.0)
+        await found.until(
+            "never ready", lambda state: _told(state, "ready") and client.control.is_operator, 60.0
+        )
         results = await client.order(f"takeoff {SOLO} 1.0", 40.0)
         assert results[SOLO].phase == "done", results
         yield found
@@ -122,7 +137,9 @@ async def test_land_goes_straight_to_px4_when_the_agent_hangs_and_stays_when_it_
         codes = {logged.event.code for logged in flight.client.state.events}
         assert {"direct_command", "direct_disarmed"} <= codes
         if comes_back:
-            await flight.until("agent silent", lambda state: _told(state, "landed") or _told(state, "ready"), 20.0)
+            await flight.until(
+                "agent silent", lambda state: _told(state, "landed") or _told(state, "ready"), 20.0
+            )
             await asyncio.sleep(1.0)
             telemetry = flight.client.state.vehicles[SOLO].telemetry
             assert telemetry is not None
@@ -139,9 +156,13 @@ async def test_kill_goes_straight_to_px4_when_the_agent_hangs(tmp_path: Path) ->
         assert "it is disarmed" in results[SOLO].sentence
         await asyncio.sleep(1.5)
         assert flight.heights_m[-1][1] < 0.05
-        down_s = next(stamp for stamp, height in flight.heights_m if stamp > ordered_s and height < 0.1)
+        down_s = next(
+            stamp for stamp, height in flight.heights_m if stamp > ordered_s and height < 0.1
+        )
         assert down_s - ordered_s < 1.5  # it fell: nobody lands from 1 m in that time
         os.kill(flight.agent.pid, signal.SIGCONT)
-        await flight.until("never told", lambda state: not state.vehicles[SOLO].telemetry.is_armed, 10.0)
+        await flight.until(
+            "never told", lambda state: not state.vehicles[SOLO].telemetry.is_armed, 10.0
+        )
         await asyncio.sleep(2.0)
         assert flight.highest_m(ordered_s + 2.0) < 0.1

@@ -1,4 +1,7 @@
-"""One fleet of real and emulated vehicles. A second emulator plays the real one; its poses come as a relay's do."""
+"""One fleet of real and emulated vehicles.
+
+A second emulator plays the real one; its poses come as a relay's do.
+"""
 
 from __future__ import annotations
 
@@ -42,16 +45,22 @@ all_landed = true
 
 
 def _fleets(folder: Path) -> FleetConfig:
-    """One real and one emulated vehicle on free ports; and the file of the emulator that plays the real one."""
+    """One real and one emulated vehicle on free ports; and the file of the emulator that plays the
+    real one.
+    """
     data = tomllib.loads(_MIXED.read_text(encoding="utf-8"))
     pair = (_REAL, _EMULATED)
     data["vehicles"] = {name: data["vehicles"][name] for name in pair}
-    data["formations"] = {"exchanged": {name: data["formations"]["exchanged"][name] for name in pair}}
+    data["formations"] = {
+        "exchanged": {name: data["formations"]["exchanged"][name] for name in pair}
+    }
     data = with_free_ports(data, fleet_from_mapping(data))
     (folder / "fleet.toml").write_text(toml_text(data), encoding="utf-8")
     other = {
         **data,
-        "vehicles": {name: {**table, "emulated": name == _REAL} for name, table in data["vehicles"].items()},
+        "vehicles": {
+            name: {**table, "emulated": name == _REAL} for name, table in data["vehicles"].items()
+        },
     }
     # it sends its poses where a relay does, a port above the place of the emulator of a part
     host, _, port = data["fleet"]["simulator"].rpartition(":")
@@ -69,7 +78,9 @@ def _running(folder: Path) -> Iterator[tuple[FleetConfig, Processes]]:
         processes.start("emulator", ["sitl", "--fleet", fleet.path])
         processes.start("real", ["sitl", "--fleet", str(folder / "real.toml")])
         for name in fleet.enabled_names:
-            processes.start(name, ["onboard", "--fleet", fleet.path, "--vehicle", name, "--apply-params"])
+            processes.start(
+                name, ["onboard", "--fleet", fleet.path, "--vehicle", name, "--apply-params"]
+            )
         yield fleet, processes
     finally:
         processes.kill()
@@ -86,7 +97,12 @@ async def _until(
         while True:
             reports = {name: view.preflight for name, view in client.state.vehicles.items()}
             checks = {name: report.checks for name, report in reports.items() if report is not None}
-            said = {name: check[2] for name, rows in checks.items() for check in rows if check[0] == "position"}
+            said = {
+                name: check[2]
+                for name, rows in checks.items()
+                for check in rows
+                if check[0] == "position"
+            }
             if len(said) == len(reports) and is_true(said):
                 return said
             assert time.monotonic() < end_s, said
@@ -97,14 +113,21 @@ async def _until(
 
 def test_each_body_has_one_source_of_poses_and_a_second_one_is_said(tmp_path: Path) -> None:
     with _running(tmp_path) as (fleet, processes):
-        asyncio.run(_until(fleet, lambda said: all(sentence.startswith("At (") for sentence in said.values())))
+        asyncio.run(
+            _until(
+                fleet, lambda said: all(sentence.startswith("At (") for sentence in said.values())
+            )
+        )
         data = tomllib.loads((tmp_path / "real.toml").read_text(encoding="utf-8"))
-        again = with_free_ports(data, fleet_from_mapping(data))  # other ports, the same bodies and the same agents
+        # other ports, the same bodies and the same agents
+        again = with_free_ports(data, fleet_from_mapping(data))
         for name, table in again["vehicles"].items():
             table["agent"] = data["vehicles"][name]["agent"]
         (tmp_path / "third.toml").write_text(toml_text(again), encoding="utf-8")
         processes.start("third", ["sitl", "--fleet", str(tmp_path / "third.toml")])
-        said = asyncio.run(_until(fleet, lambda said: said[_REAL].startswith("2 programs send poses")))
+        said = asyncio.run(
+            _until(fleet, lambda said: said[_REAL].startswith("2 programs send poses"))
+        )
         assert said[_EMULATED].startswith("At (")
 
 
@@ -112,18 +135,34 @@ def test_each_body_has_one_source_of_poses_and_a_second_one_is_said(tmp_path: Pa
 @pytest.mark.timeout(300)
 def test_a_real_and_an_emulated_vehicle_avoid_each_other(tmp_path: Path) -> None:
     with _running(tmp_path) as (fleet, _):
-        asyncio.run(_until(fleet, lambda said: all(sentence.startswith("At (") for sentence in said.values())))
+        asyncio.run(
+            _until(
+                fleet, lambda said: all(sentence.startswith("At (") for sentence in said.values())
+            )
+        )
         (tmp_path / "exchange.toml").write_text(_EXCHANGE, encoding="utf-8")
-        words = ["fly", str(tmp_path / "exchange.toml"), "--headless", "--record", str(tmp_path / "record")]
+        words = [
+            "fly",
+            str(tmp_path / "exchange.toml"),
+            "--headless",
+            "--record",
+            str(tmp_path / "record"),
+        ]
         done = subprocess.run(
-            [sys.executable, "-m", "groundstation", *words], capture_output=True, text=True, timeout=200, check=False
+            [sys.executable, "-m", "groundstation", *words],
+            capture_output=True,
+            text=True,
+            timeout=200,
+            check=False,
         )
     assert done.returncode == 0, done.stdout + done.stderr
     assert set(truth(tmp_path / "record")) == {_REAL, _EMULATED}
     assert min_separation_m(tmp_path / "record") >= 0.80
 
 
-def test_each_command_takes_its_own_part_of_the_fleet(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_each_command_takes_its_own_part_of_the_fleet(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     mixed = str(_MIXED)
     for words in (
         ["sitl", "--fleet", mixed, "--vehicles", "mav0"],

@@ -1,4 +1,6 @@
-"""Real processes whose poses come another way than from the bus of one host: from another clock, over OptiTrack."""
+"""Real processes whose poses come another way than from the bus of one host: from another clock,
+over OptiTrack.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +29,15 @@ from tests.onboard.mocap.natnet import NatNetServer, Pose
 
 _PAPER = Path(__file__).parents[2] / "configs/fleets/paper.toml"
 _SHIFT_S = 5000
-_IN_ANOTHER_TIME = ["unshare", "--time", "--fork", "--kill-child", "--monotonic", str(_SHIFT_S), "-r"]
+_IN_ANOTHER_TIME = [
+    "unshare",
+    "--time",
+    "--fork",
+    "--kill-child",
+    "--monotonic",
+    str(_SHIFT_S),
+    "-r",
+]
 _HOP = """
 schema = 1
 fleet = "fleet.toml"
@@ -50,7 +60,9 @@ pytestmark = [pytest.mark.long, pytest.mark.timeout(300)]
 def _fleet(folder: Path, bodies: dict[str, str], **tables: dict) -> FleetConfig:
     """Vehicles of the paper's fleet with their bodies, on free ports, and a mission."""
     data = tomllib.loads(_PAPER.read_text())
-    data["vehicles"] = {name: {**data["vehicles"][name], "mocap_body": body} for name, body in bodies.items()}
+    data["vehicles"] = {
+        name: {**data["vehicles"][name], "mocap_body": body} for name, body in bodies.items()
+    }
     data["formations"]["triangle"] = {name: data["formations"]["triangle"][name] for name in bodies}
     data = with_free_ports(data, fleet_from_mapping(data))
     (folder / "fleet.toml").write_text(toml_text({**data, **tables}))
@@ -62,7 +74,9 @@ def _fleet(folder: Path, bodies: dict[str, str], **tables: dict) -> FleetConfig:
 def _running(folder: Path, name: str, command: list[str]) -> Iterator[None]:
     """A process with its output in a file, in a group of its own that ends with the block."""
     with (folder / f"{name}.log").open("wb") as log:
-        process = subprocess.Popen(command, stdout=log, stderr=log, stdin=subprocess.DEVNULL, start_new_session=True)
+        process = subprocess.Popen(
+            command, stdout=log, stderr=log, stdin=subprocess.DEVNULL, start_new_session=True
+        )
         try:
             yield
         finally:
@@ -80,7 +94,9 @@ def _python(*words: str) -> list[str]:
 
 
 def _agent(folder: Path, name: str) -> list[str]:
-    return _python("onboard", "--fleet", str(folder / "fleet.toml"), "--vehicle", name, "--apply-params")
+    return _python(
+        "onboard", "--fleet", str(folder / "fleet.toml"), "--vehicle", name, "--apply-params"
+    )
 
 
 def _wait_ready(folder: Path, names: Iterable[str], seconds: float = 60.0) -> None:
@@ -93,11 +109,15 @@ def _wait_ready(folder: Path, names: Iterable[str], seconds: float = 60.0) -> No
 
 def _fly(folder: Path) -> subprocess.CompletedProcess[str]:
     words = ["fly", str(folder / "hop.toml"), "--headless", "--record", str(folder / "record")]
-    return subprocess.run(_python("groundstation", *words), capture_output=True, text=True, timeout=200)
+    return subprocess.run(
+        _python("groundstation", *words), capture_output=True, text=True, timeout=200
+    )
 
 
 def _logs(folder: Path) -> str:
-    return "\n".join(f"--- {log.name}\n{log.read_text()[-2000:]}" for log in sorted(folder.glob("*.log")))
+    return "\n".join(
+        f"--- {log.name}\n{log.read_text()[-2000:]}" for log in sorted(folder.glob("*.log"))
+    )
 
 
 class _Ear:
@@ -105,7 +125,9 @@ class _Ear:
 
     def __init__(self, fleet: FleetConfig, topic: Topic, kind: type[Message]) -> None:
         agents = [fleet.vehicles[name].agent for name in fleet.enabled_names]
-        self._bus = BusSession(namespace=fleet.namespace, node="ear", connect=[*agents, fleet.simulator_endpoint])
+        self._bus = BusSession(
+            namespace=fleet.namespace, node="ear", connect=[*agents, fleet.simulator_endpoint]
+        )
         self._topic, self._kind, self._lock = topic, kind, threading.Lock()
         self._newest: dict[str, Message] = {}
 
@@ -132,7 +154,9 @@ def test_a_vehicle_whose_computer_has_another_clock_flies_with_the_others(tmp_pa
         pytest.skip("this kernel allows no time namespaces")
     fleet = _fleet(tmp_path, {name: name for name in ("mav0", "mav1", "mav2")})
     with contextlib.ExitStack() as stack:
-        stack.enter_context(_running(tmp_path, "sitl", _python("sitl", "--fleet", str(tmp_path / "fleet.toml"))))
+        stack.enter_context(
+            _running(tmp_path, "sitl", _python("sitl", "--fleet", str(tmp_path / "fleet.toml")))
+        )
         for name in fleet.enabled_names:
             prefix = _IN_ANOTHER_TIME if name == "mav1" else []
             stack.enter_context(_running(tmp_path, name, [*prefix, *_agent(tmp_path, name)]))
@@ -141,16 +165,22 @@ def test_a_vehicle_whose_computer_has_another_clock_flies_with_the_others(tmp_pa
         told = ear.newest()
         done = _fly(tmp_path)
     stamps = {name: message.stamp_ns * 1e-9 for name, message in told.items()}
-    assert stamps["mav1"] - stamps["mav0"] == pytest.approx(_SHIFT_S, abs=30.0)  # its clock really is another one
-    for name, message in told.items():  # what comes from the other clock has its true age, here and there
+    # its clock really is another one
+    assert stamps["mav1"] - stamps["mav0"] == pytest.approx(_SHIFT_S, abs=30.0)
+    # what comes from the other clock has its true age, here and there
+    for name, message in told.items():
         assert message.state_age_s < 0.5, name
         assert message.neighbour_age_s < 0.5, name
     assert done.returncode == 0, done.stdout + done.stderr + _logs(tmp_path)
     assert min_separation_m(tmp_path / "record") >= 0.80
 
 
-def test_an_agent_that_reads_the_motion_capture_itself_flies_without_poses_on_the_bus(tmp_path: Path) -> None:
-    pytest.importorskip("motioncapture", reason="the optional package 'motioncapture' is not installed")
+def test_an_agent_that_reads_the_motion_capture_itself_flies_without_poses_on_the_bus(
+    tmp_path: Path,
+) -> None:
+    pytest.importorskip(
+        "motioncapture", reason="the optional package 'motioncapture' is not installed"
+    )
     ear: _Ear | None = None
 
     def bodies() -> dict[str, Pose | None]:
@@ -180,7 +210,9 @@ def test_an_agent_that_reads_the_motion_capture_itself_flies_without_poses_on_th
                 "latency_s": 0.03,
             },
         )
-        stack.enter_context(_running(tmp_path, "sitl", _python("sitl", "--fleet", str(tmp_path / "fleet.toml"))))
+        stack.enter_context(
+            _running(tmp_path, "sitl", _python("sitl", "--fleet", str(tmp_path / "fleet.toml")))
+        )
         stack.enter_context(_running(tmp_path, "mav0", _agent(tmp_path, "mav0")))
         ear = stack.enter_context(_Ear(fleet, Topic.MOCAP, MocapPose))
         _wait_ready(tmp_path, fleet.enabled_names)

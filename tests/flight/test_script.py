@@ -1,4 +1,6 @@
-"""A blocking script with real processes, ended by a signal: the fleet is left in the declared state."""
+"""A blocking script with real processes, ended by a signal: the fleet is left in the declared
+state.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +30,9 @@ def test_a_script_that_is_interrupted_lands_its_fleet_and_leaves_no_process(tmp_
     script, folder = tmp_path / "script.py", tmp_path / "flight"
     script.write_text(SCRIPT, encoding="utf-8")
     command = [*COVEY, "run", str(script), "--fleet", "paper", "--sitl", "--record", str(folder)]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as process:
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+    ) as process:
         assert process.stdout is not None
         before = []
         for line in process.stdout:

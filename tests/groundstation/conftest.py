@@ -1,4 +1,6 @@
-"""A paper fleet, and a bus with agents that do what they are told, in a few milliseconds and without sockets."""
+"""A paper fleet, and a bus with agents that do what they are told, in a few milliseconds and
+without sockets.
+"""
 
 from __future__ import annotations
 
@@ -68,7 +70,8 @@ def telemetry(vehicle: str = "mav0", **changes: Any) -> Telemetry:
 class FakeBus:
     """Agents that accept every order and fulfil it at once; ``misbehave`` changes that per vehicle.
 
-    misbehave: vehicle -> "silent" (no answer), "refuse", "fail" (accepts, then fails), "stuck" (accepts, never ends).
+    misbehave: vehicle -> "silent" (no answer), "refuse", "fail" (accepts, then fails), "stuck"
+    (accepts, never ends).
     """
 
     is_simulated = True
@@ -79,7 +82,8 @@ class FakeBus:
         self.misbehave: dict[str, str] = {}
         self.orders: list[tuple[str, Order]] = []
         self.vehicles = {
-            name: telemetry(name, position_enu_m=fleet.vehicles[name].start_enu_m) for name in fleet.enabled_names
+            name: telemetry(name, position_enu_m=fleet.vehicles[name].start_enu_m)
+            for name in fleet.enabled_names
         }
         self.truth_error_m = 0.0
         self.node = "ground-test"
@@ -99,7 +103,9 @@ class FakeBus:
     def subscribe(self, topic: Topic, name: str, on_message: Callable[..., None]) -> None:
         self.on_message[topic] = on_message
 
-    def collect(self, topic: Topic, name: str, on_message: Callable[..., None], *, most: int) -> None:
+    def collect(
+        self, topic: Topic, name: str, on_message: Callable[..., None], *, most: int
+    ) -> None:
         self.subscribe(topic, name, on_message)
 
     def deliver(self) -> None:
@@ -128,7 +134,9 @@ class FakeBus:
         message = msgspec.structs.replace(
             self.vehicles[name], **changes, stamp_ns=now_ns, sequence=next(self._sequence)
         )
-        message = msgspec.structs.replace(message, operator=self.roles.operator, roles=self.roles.others)
+        message = msgspec.structs.replace(
+            message, operator=self.roles.operator, roles=self.roles.others
+        )
         self.vehicles[name] = message
         self.on_message[Topic.TELEMETRY](Topic.TELEMETRY, name, message)
         if self.has_truth:
@@ -144,13 +152,19 @@ class FakeBus:
             )
             self.on_message[Topic.TRUTH](Topic.TRUTH, name, truth)
 
-    def order(self, vehicle: str, order: Order, *, timeout_s: float, on_reply: Any, on_end: Any) -> None:
+    def order(
+        self, vehicle: str, order: Order, *, timeout_s: float, on_reply: Any, on_end: Any
+    ) -> None:
         self.orders.append((vehicle, order))
         how = self.misbehave.get(vehicle, "")
         if how == "silent":
             return
         reason = "Because I say so." if how == "refuse" else ""
-        on_reply(OrderReply(order_id=order.order_id, vehicle=vehicle, is_accepted=not reason, reason=reason))
+        on_reply(
+            OrderReply(
+                order_id=order.order_id, vehicle=vehicle, is_accepted=not reason, reason=reason
+            )
+        )
         if how not in ("refuse", "stuck"):
             self._loop.call_later(0.03, self._end, vehicle, order, how)
 
@@ -168,9 +182,19 @@ class FakeBus:
                     goal_position_enu_m=spot,
                 )
             elif order.kind == "move":
-                self.tell(name, position_enu_m=order.position_enu_m, goal_position_enu_m=order.position_enu_m)
+                self.tell(
+                    name,
+                    position_enu_m=order.position_enu_m,
+                    goal_position_enu_m=order.position_enu_m,
+                )
             elif order.kind in ("land", "kill"):
-                self.tell(name, state="landed", is_airborne=False, is_armed=False, position_enu_m=(x, y, 0.0))
+                self.tell(
+                    name,
+                    state="landed",
+                    is_airborne=False,
+                    is_armed=False,
+                    position_enu_m=(x, y, 0.0),
+                )
         event = Event(
             vehicle=name,
             stamp_ns=time.monotonic_ns(),

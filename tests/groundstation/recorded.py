@@ -43,12 +43,18 @@ def messages(length_s: float, clock_ns: dict[str, int]) -> list[tuple[int, Topic
 
 
 def record(
-    folder: Path, length_s: float = 40.0, clock_ns: dict[str, int] | None = None, *, flush_s: float = 1.0
+    folder: Path,
+    length_s: float = 40.0,
+    clock_ns: dict[str, int] | None = None,
+    *,
+    flush_s: float = 1.0,
 ) -> Path:
     """A flight folder as the recorder leaves it."""
     folder.mkdir(parents=True)
     shutil.copy(FLEET, folder / "fleet.toml")
-    files = RecordFiles(folder, (folder / "flight.mcap").open("wb"), begin_ns=5 * SECOND, begin="a test")
+    files = RecordFiles(
+        folder, (folder / "flight.mcap").open("wb"), begin_ns=5 * SECOND, begin="a test"
+    )
     flushed_ns = 0
     for at_ns, topic, name, message in messages(length_s, clock_ns or {}):
         files.write(topic, name, message, at_ns)

@@ -33,7 +33,13 @@ def matrix(q: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize(
-    ("ned", "enu"), [((1, 0, 0), (0, 1, 0)), ((0, 1, 0), (1, 0, 0)), ((0, 0, 1), (0, 0, -1)), ((1, 2, 3), (2, 1, -3))]
+    ("ned", "enu"),
+    [
+        ((1, 0, 0), (0, 1, 0)),
+        ((0, 1, 0), (1, 0, 0)),
+        ((0, 0, 1), (0, 0, -1)),
+        ((1, 2, 3), (2, 1, -3)),
+    ],
 )
 def test_north_east_down_become_east_north_up(ned: tuple[int, ...], enu: tuple[int, ...]) -> None:
     assert np.array_equal(frames.enu_from_ned(np.array(ned, dtype=float)), enu)
@@ -48,7 +54,9 @@ def test_attitude_conversion_agrees_with_matrices() -> None:
 
 def test_attitude_conversion_there_and_back_is_the_identity() -> None:
     for q in random_quaternions(35):
-        assert np.allclose(frames.ned_frd_from_enu_flu(frames.enu_flu_from_ned_frd(q)), q, atol=1e-15)
+        assert np.allclose(
+            frames.ned_frd_from_enu_flu(frames.enu_flu_from_ned_frd(q)), q, atol=1e-15
+        )
 
 
 def test_level_px4_attitude_facing_north_has_its_nose_north_and_its_top_up() -> None:
@@ -59,7 +67,8 @@ def test_level_px4_attitude_facing_north_has_its_nose_north_and_its_top_up() -> 
 
 
 def test_px4_pitch_down_accelerates_towards_the_nose() -> None:
-    pitch_down = np.array([math.cos(-0.1), 0.0, math.sin(-0.1), 0.0])  # FRD: negative pitch is nose down
+    # FRD: negative pitch is nose down
+    pitch_down = np.array([math.cos(-0.1), 0.0, math.sin(-0.1), 0.0])
     up = frames.body_up(frames.enu_flu_from_ned_frd(pitch_down))
     assert up[1] > 0.1
     assert abs(up.x) < 1e-12
@@ -77,11 +86,15 @@ def test_rotate_and_multiply_agree_with_matrices() -> None:
         v = RNG.normal(size=3)
         assert np.allclose(rotate(first, v), matrix(first) @ v, atol=1e-12)
         assert np.allclose(
-            matrix(frames.quaternion_multiply(first, second)), matrix(first) @ matrix(second), atol=1e-12
+            matrix(frames.quaternion_multiply(first, second)),
+            matrix(first) @ matrix(second),
+            atol=1e-12,
         )
         assert np.allclose(frames.body_up(first), matrix(first)[:, 2], atol=1e-12)
 
 
 def test_yaw_survives_the_way_through_a_quaternion() -> None:
     for yaw in np.linspace(-3.1, 3.1, 41):
-        assert frames.yaw_from_quaternion(frames.quaternion_from_yaw(yaw)) == pytest.approx(yaw, abs=1e-12)
+        assert frames.yaw_from_quaternion(frames.quaternion_from_yaw(yaw)) == pytest.approx(
+            yaw, abs=1e-12
+        )

@@ -37,7 +37,9 @@ def test_no_command_prints_what_a_file_has_put_into_its_words(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = tmp_path / "fleet.toml"
-    words = PAPER.read_text(encoding="utf-8").replace("[fleet]", '[fleet]\n"\\u001b]0;owned\\u0007" = 1', 1)
+    words = PAPER.read_text(encoding="utf-8").replace(
+        "[fleet]", '[fleet]\n"\\u001b]0;owned\\u0007" = 1', 1
+    )
     path.write_text(words, encoding="utf-8")
     before = sys.stdout, sys.stderr
     assert cli.main(["check", str(path)]) == 2

@@ -1,4 +1,5 @@
-"""The emulator's physics, contacts and errors of the estimate a second time, vectorised in numpy over all vehicles.
+"""The emulator's physics, contacts and errors of the estimate a second time, vectorised in numpy
+over all vehicles.
 
 Every function takes the arguments of its twin in ``sitl`` and changes the same records.
 """
@@ -27,18 +28,27 @@ Bools = NDArray[np.bool_]
 
 
 def heading(q: Array) -> Array:
-    """Twist of a quaternion about world z (...,) [rad]: the heading left when the tilt is undone."""
+    """Twist of a quaternion about world z (...,) [rad]: the heading left when the tilt is undone.
+    """
     return 2.0 * np.arctan2(q[..., 3], q[..., 0])
 
 
 def body_down(q: Array) -> Array:
     """Third column of the rotation matrix: where body z (down) points in the world, (..., 3)."""
     w, x, y, z = q[..., 0], q[..., 1], q[..., 2], q[..., 3]
-    return np.stack([2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)], axis=-1)
+    return np.stack(
+        [2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)], axis=-1
+    )
 
 
 def step(
-    motion: Records, response: Records, commanded: Records, newest: int, air: Array, push: Array, draws: Array
+    motion: Records,
+    response: Records,
+    commanded: Records,
+    newest: int,
+    air: Array,
+    push: Array,
+    draws: Array,
 ) -> None:
     """See :func:`sitl.physics.step.step`."""
     rows, depth = np.arange(motion.shape[0]), commanded.shape[0]
@@ -47,7 +57,9 @@ def step(
     by_heading = commanded[(newest - response["yaw_delay"]) % depth, rows]
     rates = commanded[(newest - response["rate_delay"]) % depth, rows]["rate"]
     by_thrust = commanded[(newest - response["thrust_delay"]) % depth, rows]
-    lift = _lift(motion, response, by_thrust["thrust"], now["motors_on"] & ~motion["motors_dead"], draws)
+    lift = _lift(
+        motion, response, by_thrust["thrust"], now["motors_on"] & ~motion["motors_dead"], draws
+    )
     tilt, tilt_rate = _tilt(motion, response, by_tilt["attitude"])
     yaw, yaw_rate, torque, integral = _heading(motion, response, by_heading["attitude"])
     tumbles = (motion["tumble"] != 0.0).any(axis=1)
@@ -56,7 +68,9 @@ def step(
     blend = response["rate_blend"][:, None]
     free_rate = motion["tilt_rate"] + blend * (rates[:, :2] - motion["tilt_rate"])
     limit = LARGEST_TUMBLE_RAD_S
-    falling_rate = np.clip(motion["tilt_rate"] + STEP_S * lift[:, None] * motion["tumble"], -limit, limit)
+    falling_rate = np.clip(
+        motion["tilt_rate"] + STEP_S * lift[:, None] * motion["tumble"], -limit, limit
+    )
     free_rate = np.where(tumbles[:, None], falling_rate, free_rate)
     free_yaw_rate = motion["yaw_rate"] + blend[:, 0] * (rates[:, 2] - motion["yaw_rate"])
     free_yaw_rate = np.where(tumbles, motion["yaw_rate"], free_yaw_rate)
@@ -69,7 +83,9 @@ def step(
     motion["tilt"], motion["tilt_rate"] = tilt * flies[:, None], tilt_rate * flies[:, None]
     motion["yaw"] = np.where(flies, frames.wrap(yaw), motion["yaw"])
     motion["yaw_rate"] = yaw_rate * flies
-    motion["yaw_torque"], motion["yaw_integral"] = (np.where(by_rate | ~flies, 0.0, v) for v in (torque, integral))
+    motion["yaw_torque"], motion["yaw_integral"] = (
+        np.where(by_rate | ~flies, 0.0, v) for v in (torque, integral)
+    )
     motion["attitude"] = frames.from_yaw_and_tilt(motion["yaw"], motion["tilt"])
     _move(motion, response, lift, air, push, draws)
 
@@ -77,51 +93,74 @@ def step(
 def _tilt(motion: Records, response: Records, commanded: Array) -> tuple[Array, Array]:
     down = body_down(commanded)
     cos_yaw, sin_yaw = np.cos(motion["yaw"]), np.sin(motion["yaw"])
-    ahead, right = cos_yaw * down[:, 0] + sin_yaw * down[:, 1], -sin_yaw * down[:, 0] + cos_yaw * down[:, 1]
+    ahead, right = (
+        cos_yaw * down[:, 0] + sin_yaw * down[:, 1],
+        -sin_yaw * down[:, 0] + cos_yaw * down[:, 1],
+    )
     from_heading = np.stack([ahead, right, down[:, 2]], axis=-1)
     motion["tilt_offset"] *= response["offset_keep"][:, None]
     setpoint = response["gain"][:, None] * frames.tilt_from_down(from_heading)
     setpoint = setpoint + response["bias"] + motion["tilt_offset"]
     tilt, rate, limit = motion["tilt"], motion["tilt_rate"], response["max_tilt_rate"][:, None]
     error = tilt - setpoint
-    tt, tr, rt, rr = (response[name] for name in ("tilt_by_tilt", "tilt_by_rate", "rate_by_tilt", "rate_by_rate"))
+    tt, tr, rt, rr = (
+        response[name] for name in ("tilt_by_tilt", "tilt_by_rate", "rate_by_tilt", "rate_by_rate")
+    )
     moved = np.clip(setpoint + tt * error + tr * rate - tilt, -STEP_S * limit, STEP_S * limit)
     return tilt + moved, np.clip(rt * error + rr * rate, -limit, limit)
 
 
-def _heading(motion: Records, response: Records, commanded: Array) -> tuple[Array, Array, Array, Array]:
+def _heading(
+    motion: Records, response: Records, commanded: Array
+) -> tuple[Array, Array, Array, Array]:
     yaw, limit = motion["yaw"], response["max_yaw_rate"]
-    rate_setpoint = np.clip(response["yaw_p"] * frames.wrap(heading(commanded) - yaw), -limit, limit)
+    rate_setpoint = np.clip(
+        response["yaw_p"] * frames.wrap(heading(commanded) - yaw), -limit, limit
+    )
     rate_error = rate_setpoint - motion["yaw_rate"]
     torque = response["yaw_rate_p"] * rate_error + motion["yaw_integral"]
     largest = response["max_yaw_torque"]
     grows = np.abs(torque) < largest
-    integral = motion["yaw_integral"] + np.where(grows, STEP_S * response["yaw_rate_i"] * rate_error, 0.0)
+    integral = motion["yaw_integral"] + np.where(
+        grows, STEP_S * response["yaw_rate_i"] * rate_error, 0.0
+    )
     limited = np.clip(torque, -largest, largest)
     filtered = motion["yaw_torque"] + response["yaw_blend"] * (limited - motion["yaw_torque"])
     rate = motion["yaw_rate"] + STEP_S * (filtered - response["yaw_drag"] * motion["yaw_rate"])
     return yaw + STEP_S * rate, rate, filtered, integral
 
 
-def _lift(motion: Records, response: Records, thrust_frac: Array, turning: Bools, draws: Array) -> Array:
+def _lift(
+    motion: Records, response: Records, thrust_frac: Array, turning: Bools, draws: Array
+) -> Array:
     lagged = motion["thrust"] + response["motor_blend"] * (thrust_frac - motion["thrust"])
     thrust = np.where(turning, lagged, 0.0)
     motion["thrust"] = thrust
     blend = STEP_S / THRUST_NOISE_CORRELATION_S
-    motion["thrust_noise"] = (1.0 - blend) * motion["thrust_noise"] + math.sqrt(2.0 * blend) * draws[:, 0]
+    motion["thrust_noise"] = (1.0 - blend) * motion["thrust_noise"] + math.sqrt(
+        2.0 * blend
+    ) * draws[:, 0]
     curve = response["curve"]
     share = motion["lift_scale"] * ((1.0 - curve) * thrust + curve * thrust * thrust)
     share = np.minimum(share, motion["lift_cap"])
-    lift = share * response["full_lift"] * (1.0 + response["thrust_noise_std"] * motion["thrust_noise"])
+    lift = (
+        share
+        * response["full_lift"]
+        * (1.0 + response["thrust_noise_std"] * motion["thrust_noise"])
+    )
     motion["lift_share"] = lift / GRAVITY_M_S2
     return np.asarray(lift)
 
 
-def _move(motion: Records, response: Records, lift: Array, air: Array, push: Array, draws: Array) -> None:
+def _move(
+    motion: Records, response: Records, lift: Array, air: Array, push: Array, draws: Array
+) -> None:
     blend = STEP_S / GUST_CORRELATION_S
     motion["gust"] = (1.0 - blend) * motion["gust"] + math.sqrt(2.0 * blend) * draws[:, 1:]
     down = body_down(motion["attitude"])
-    acceleration = -lift[:, None] * down + response["drag"][:, None] * (air - motion["velocity"]) + push
+    acceleration = (
+        -lift[:, None] * down + response["drag"][:, None] * (air - motion["velocity"]) + push
+    )
     acceleration[:, 2] += GRAVITY_M_S2
     acceleration[:, :2] += response["gust_std"][:, None] * motion["gust"]
     velocity = motion["velocity"] + STEP_S * acceleration
@@ -139,7 +178,10 @@ def _move(motion: Records, response: Records, lift: Array, air: Array, push: Arr
 def _turn(q: Array, tilt_rate: Array, yaw_rate: Array) -> Array:
     """Attitudes (n, 4) after one step of body rates."""
     half = 0.5 * STEP_S
-    spin = np.stack([np.ones_like(yaw_rate), half * tilt_rate[:, 0], half * tilt_rate[:, 1], half * yaw_rate], axis=-1)
+    spin = np.stack(
+        [np.ones_like(yaw_rate), half * tilt_rate[:, 0], half * tilt_rate[:, 1], half * yaw_rate],
+        axis=-1,
+    )
     turned = frames.multiply(q, spin)
     return np.asarray(turned / np.linalg.norm(turned, axis=1, keepdims=True))
 
@@ -185,7 +227,9 @@ def meet(
     return int(met.shape[0])
 
 
-def advance(errors: Records, draws: Array, dt_s: float, position: Array, velocity: Array, yaw_keep: float) -> None:
+def advance(
+    errors: Records, draws: Array, dt_s: float, position: Array, velocity: Array, yaw_keep: float
+) -> None:
     """See :func:`sitl.px4.estimator_errors.advance`."""
     e, keep = errors, errors["keep"][:, None]
     unit = keep * e["unit_velocity"] + np.sqrt(1.0 - keep * keep) * draws[:, :3]
@@ -196,9 +240,14 @@ def advance(errors: Records, draws: Array, dt_s: float, position: Array, velocit
         e[name] += blend * (e[f"{name}_goal"] - e[name])
     flying = e["is_flying"][:, None]
     e["drift_velocity"] += dt_s * e["drift_acceleration"] * flying
-    e["drift_velocity"] *= (1.0 - dt_s / np.array(DRIFT_DAMPING_S) * flying) * e["is_drifting"][:, None]
+    e["drift_velocity"] *= (1.0 - dt_s / np.array(DRIFT_DAMPING_S) * flying) * e["is_drifting"][
+        :, None
+    ]
     grows = flying & (np.abs(e["lean"]) < np.abs(e["lean_most"]))
-    grown, faded = e["lean"] * (1.0 + dt_s / LEAN_GROWTH_S * grows), e["lean"] * (1.0 - dt_s / BLEND_S)
+    grown, faded = (
+        e["lean"] * (1.0 + dt_s / LEAN_GROWTH_S * grows),
+        e["lean"] * (1.0 - dt_s / BLEND_S),
+    )
     e["lean"] = np.where(e["is_drifting"][:, None], grown, faded)
     e["offset"] += dt_s * e["drift_velocity"]
     e["base"] = position + e["offset"]

@@ -10,7 +10,11 @@ import numpy as np
 
 def nearest_in_rows_and_disc(u0, normals, bounds, radius, tolerance=1e-9):
     """Nearest feasible point by trying every active set, scalar; None when there is none."""
-    rows = [(n / np.hypot(*n), b / np.hypot(*n)) for n, b in zip(normals, bounds, strict=True) if np.hypot(*n) > 0]
+    rows = [
+        (n / np.hypot(*n), b / np.hypot(*n))
+        for n, b in zip(normals, bounds, strict=True)
+        if np.hypot(*n) > 0
+    ]
     candidates = [np.array(u0, float)]
     size = np.hypot(*u0)
     if size > 0:
@@ -26,7 +30,9 @@ def nearest_in_rows_and_disc(u0, normals, bounds, radius, tolerance=1e-9):
             candidates.append(np.linalg.solve(matrix, np.array([b1, b2])))
     best, best_cost = None, math.inf
     for u in candidates:
-        feasible = np.hypot(*u) <= radius + tolerance and all(n @ u >= b - tolerance for n, b in rows)
+        feasible = np.hypot(*u) <= radius + tolerance and all(
+            n @ u >= b - tolerance for n, b in rows
+        )
         cost = float(np.sum((u - u0) ** 2))
         if feasible and cost < best_cost:
             best, best_cost = u, cost
@@ -34,10 +40,14 @@ def nearest_in_rows_and_disc(u0, normals, bounds, radius, tolerance=1e-9):
 
 
 def least_common_slack(normals, bounds, radius):
-    """min over the disc of max(b - n.u) by bisection on the slack, feasibility by the enumeration above."""
+    """min over the disc of max(b - n.u) by bisection on the slack, feasibility by the enumeration
+    above.
+    """
     low, high = 0.0, max(0.0, float(np.max(bounds)) + 1.0)
     for _ in range(60):
         middle = 0.5 * (low + high)
-        found = nearest_in_rows_and_disc(np.zeros(2), normals, np.array(bounds) - middle, radius, 1e-12)
+        found = nearest_in_rows_and_disc(
+            np.zeros(2), normals, np.array(bounds) - middle, radius, 1e-12
+        )
         low, high = (low, middle) if found is not None else (middle, high)
     return high

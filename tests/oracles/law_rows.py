@@ -1,4 +1,5 @@
-"""The law for N neighbours in numpy: all rows at once as README.md of the avoidance writes them, then every active set.
+"""The law for N neighbours in numpy: all rows at once as README.md of the avoidance writes them,
+then every active set.
 
 Sound input only. ``p`` are LawParams, ``own`` is a mapping of horizontal vectors.
 """
@@ -32,7 +33,9 @@ def carried(n, lead_s):
     """Line P3: positions, velocities and commands (K, 2) of the neighbours at the own t + L."""
     cooperative = n["is_cooperative"] > 0
     age = np.clip(n["age_s"], 0.0, np.where(cooperative, 0.8, 0.3))
-    their_lead = np.clip(np.where(np.isfinite(n["lead_time_s"]), n["lead_time_s"], lead_s), 0.0, 1.0)
+    their_lead = np.clip(
+        np.where(np.isfinite(n["lead_time_s"]), n["lead_time_s"], lead_s), 0.0, 1.0
+    )
     ahead = (age + lead_s - their_lead)[:, None]
     forth, back = np.clip(ahead, 0.0, 0.25), np.minimum(ahead, 0.0)
     p, v = n["predicted_position_enu_m"], n["predicted_velocity_enu_m_s"]
@@ -45,17 +48,27 @@ def carried(n, lead_s):
     s = np.minimum(m, 0.25)
     plain = n["position_enu_m"] + m * n["velocity_enu_m_s"] + s * (m - 0.5 * s) * a
     pick = cooperative[:, None]
-    return np.where(pick, q, plain), np.where(pick, w, n["velocity_enu_m_s"] + s * a), np.where(pick, u, 0.0)
+    return (
+        np.where(pick, q, plain),
+        np.where(pick, w, n["velocity_enu_m_s"] + s * a),
+        np.where(pick, u, 0.0),
+    )
 
 
 def design_distances(own, n, s):
     """Distances (K,) to keep."""
     variance = s.sigma_position**2 * (own["position_std"] ** 2 + n["position_std_m"] ** 2)
-    variance = variance + s.sigma_velocity_s**2 * (own["velocity_std"] ** 2 + n["velocity_std_m_s"] ** 2)
+    variance = variance + s.sigma_velocity_s**2 * (
+        own["velocity_std"] ** 2 + n["velocity_std_m_s"] ** 2
+    )
     margin = np.full(len(n["age_s"]), s.margin_m)
     if s.sigma_position > 0:
         margin = np.clip(s.margin_floor_m + np.sqrt(variance), s.margin_m, 5.0)
-    return s.safety_distance_m + margin + np.where(n["is_cooperative"] > 0, 0.0, s.uncooperative_margin_m)
+    return (
+        s.safety_distance_m
+        + margin
+        + np.where(n["is_cooperative"] > 0, 0.0, s.uncooperative_margin_m)
+    )
 
 
 def need(e, w, d, k_1, k_2):
@@ -78,7 +91,9 @@ def sides(e, intent, d, is_crowded, direction):
 
 
 def neighbour_rows(own, neighbours, p, is_roundabout):
-    """Lines D, R: distance rows, rotation rows, the neighbours' indices (K,), and the own crowd count."""
+    """Lines D, R: distance rows, rotation rows, the neighbours' indices (K,), and the own crowd
+    count.
+    """
     n, g, policies = columns(neighbours), p.gains, p.policies
     q, their_v, u = carried(n, p.lead_time_s)
     e, w = own["position"] - q, own["velocity"] - their_v
@@ -91,7 +106,10 @@ def neighbour_rows(own, neighbours, p, is_roundabout):
     is_settled = has_intent & (np.sqrt(dot(n["intent_enu_m_s"], n["intent_enu_m_s"])) <= 0.1)
     d = design_distances(own, n, p.spacing)
     in_range = dot(e, e) <= p.spacing.range_m**2
-    crowd = max((in_range & ~is_settled & (dot(e, e) < 4.0 * d * d)).sum(), g.crowd_count if is_roundabout else 0)
+    crowd = max(
+        (in_range & ~is_settled & (dot(e, e) < 4.0 * d * d)).sum(),
+        g.crowd_count if is_roundabout else 0,
+    )
     order = np.argsort(np.where(in_range, dot(e, e), np.inf), kind="stable")[
         : min(p.spacing.max_neighbours, in_range.sum())
     ]
@@ -100,12 +118,20 @@ def neighbour_rows(own, neighbours, p, is_roundabout):
     needed, pulled = need(e, w, d, g.kappa_1_1_s, g.kappa_2_1_s), dot(e, u)
     is_full = ~cooperative | (policies.responsibility == numbers.RESPONSIBILITY_FULL)
     gamma = g.shortfall_gain if policies.responsibility == numbers.RESPONSIBILITY_SHORTFALL else 0.0
-    bound = np.where(is_full, needed + pulled, 0.5 * needed + gamma * np.maximum(0.0, 0.5 * needed + pulled))
+    bound = np.where(
+        is_full, needed + pulled, 0.5 * needed + gamma * np.maximum(0.0, 0.5 * needed + pulled)
+    )
     is_crowded = np.maximum(crowd, theirs) >= g.crowd_count
     sign = sides(e, intent, d, is_crowded, policies.direction)
-    v_perp = np.where(is_crowded & (policies.direction >= numbers.DIRECTION_CROWD), g.v_perp_crowd_m_s, g.v_perp_m_s)
+    v_perp = np.where(
+        is_crowded & (policies.direction >= numbers.DIRECTION_CROWD),
+        g.v_perp_crowd_m_s,
+        g.v_perp_m_s,
+    )
     v = own["velocity"] if policies.responsibility == numbers.RESPONSIBILITY_FULL else w
-    turning = np.where(is_full, turn(e, w, v, d, v_perp, sign, g), 0.5 * turn(e, w, w, d, 2.0 * v_perp, sign, g))
+    turning = np.where(
+        is_full, turn(e, w, v, d, v_perp, sign, g), 0.5 * turn(e, w, w, d, 2.0 * v_perp, sign, g)
+    )
     around = np.stack([-e[:, 1], e[:, 0]], -1) * sign[:, None]
     scale = d[:, None]
     rows, turns = (e / scale, bound / d), (around / scale, turning / d, conflicts(e, intent, d))
@@ -116,7 +142,9 @@ def conflicts(e, intent, d):
     """0 to 1 (K,): how far the straight ways that both intend come too near."""
     speed = np.maximum(np.sqrt(dot(intent, intent)), 1e-300)
     share = np.clip((0.9 * d - np.abs(cross(e, intent)) / speed) / (0.2 * d), 0.0, 1.0)
-    return np.where((dot(e, intent) < 0.0) & (speed >= 1e-6), share * np.minimum(speed / 0.3, 1.0), 0.0)
+    return np.where(
+        (dot(e, intent) < 0.0) & (speed >= 1e-6), share * np.minimum(speed / 0.3, 1.0), 0.0
+    )
 
 
 def obstacle_rows(own, capsules, p):
@@ -133,7 +161,9 @@ def obstacle_rows(own, capsules, p):
     w = np.where(((share > 0) & (share < 1))[:, None], towards, v)
     d, g = radius + p.spacing.clearance_m, p.gains
     bound = need(e, w, d, g.static_kappa_1_1_s, g.kappa_2_1_s)
-    sign = sides(e, np.broadcast_to(own["intent"], e.shape), d, np.zeros(len(e), bool), p.policies.direction)
+    sign = sides(
+        e, np.broadcast_to(own["intent"], e.shape), d, np.zeros(len(e), bool), p.policies.direction
+    )
     turning = turn(e, w, v, d, g.v_perp_m_s, sign, g)
     around = np.stack([-e[:, 1], e[:, 0]], -1) * sign[:, None]
     return (e / d[:, None], bound / d), (around / d[:, None], turning / d, np.zeros(len(d)))
@@ -149,8 +179,8 @@ def wall_rows(own, p):
 
 
 def law(own, neighbours, capsules, p, is_roundabout=False):
-    """Thrust, status, slack, crowd count and active index; own: position, velocity, intent, thrust, compensation,
-    radius, position_std, velocity_std."""
+    """Thrust, status, slack, crowd count and active index; own: position, velocity, intent, thrust,
+    compensation, radius, position_std, velocity_std."""
     rotation, u = p.policies.rotation, own["thrust"]
     parts, turn_parts, indices, stranger, crowd = [], [], [], [], least_crowd(p, is_roundabout)
     if neighbours:
@@ -173,11 +203,17 @@ def law(own, neighbours, capsules, p, is_roundabout=False):
     soft, start = [], 0
     for turn_normals, turn_bounds, ahead, has_fade in turn_parts:
         for k, normal in enumerate(turn_normals):
-            bound, lack, given = turn_bounds[k] + normal @ own["compensation"], missing[start + k], normal @ u
+            bound, lack, given = (
+                turn_bounds[k] + normal @ own["compensation"],
+                missing[start + k],
+                normal @ u,
+            )
             if rotation == numbers.ROTATION_ALWAYS:
                 soft.append((normal, bound))
                 continue
-            strength = (lack > 1e-10) * (min(1.0, lack / p.gains.rotation_fade_m_s2) if has_fade else 1.0)
+            strength = (lack > 1e-10) * (
+                min(1.0, lack / p.gains.rotation_fade_m_s2) if has_fade else 1.0
+            )
             if rotation == numbers.ROTATION_AHEAD:
                 strength = max(strength, ahead[k])
             if rotation != numbers.ROTATION_NEVER and strength > 0.0:
@@ -188,16 +224,22 @@ def law(own, neighbours, capsules, p, is_roundabout=False):
     count = len(turn_parts[0][1]) if neighbours else 0
     promised = [np.zeros((0, 2)), np.zeros(0)]
     if neighbours:
-        bare = p._replace(spacing=p.spacing._replace(margin_m=0.0, sigma_position=0.0, uncooperative_margin_m=0.0))
+        bare = p._replace(
+            spacing=p.spacing._replace(margin_m=0.0, sigma_position=0.0, uncooperative_margin_m=0.0)
+        )
         promised = list(neighbour_rows(own, neighbours, bare, is_roundabout)[0])
         promised[1] = promised[1] + promised[0] @ own["compensation"]
     is_fixed = np.isfinite(bounds) & (np.arange(len(bounds)) >= count)
-    firm = [np.concatenate([a, b[is_fixed]]) for a, b in zip(promised, (normals, bounds), strict=True)]
+    firm = [
+        np.concatenate([a, b[is_fixed]]) for a, b in zip(promised, (normals, bounds), strict=True)
+    ]
     yielding = binding(normals[:count], bounds[:count], own["radius"])
     speed = np.hypot(*own["velocity"])
     strangers = np.array(stranger, bool)[:count]
     is_free = (
-        bool((bounds[:count] > -own["radius"] * np.hypot(*normals[:count].T))[strangers].any()) if count else False
+        bool((bounds[:count] > -own["radius"] * np.hypot(*normals[:count].T))[strangers].any())
+        if count
+        else False
     )
     if speed > 1e-6 and not is_free:  # the speed row gives way with the margins
         normal = -own["velocity"] / speed
@@ -217,7 +259,9 @@ def binding(normals, bounds, radius):
 
 
 def projection(u, yielding, firm, soft, radius):
-    """Line Q: point, status and slack, by trying every active set; firm: the promised distances and what stands."""
+    """Line Q: point, status and slack, by trying every active set; firm: the promised distances and
+    what stands.
+    """
     firm = binding(*firm, radius)
     normals, bounds = (np.concatenate(pair) for pair in zip(yielding, firm, strict=True))
     for kept in range(len(soft), -1, -1):
@@ -230,6 +274,8 @@ def projection(u, yielding, firm, soft, radius):
     if nearest_in_rows_and_disc(u, *firm, radius) is None:
         normals, bounds = firm
     else:  # a thousand times as stiff
-        normals, bounds = (np.concatenate([a, 1000.0 * b]) for a, b in zip(yielding, firm, strict=True))
+        normals, bounds = (
+            np.concatenate([a, 1000.0 * b]) for a, b in zip(yielding, firm, strict=True)
+        )
     slack = least_common_slack(normals, bounds, radius)
     return nearest_in_rows_and_disc(u, normals, bounds - slack - 1e-10, radius), RELAXED, slack

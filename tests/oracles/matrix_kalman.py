@@ -29,7 +29,9 @@ class MatrixKalman:
         self.x = np.array([position + t * middle, velocity + t * slope, bias])
         phi = np.array([[1, t, t * t / 2], [0, 1 - self.drag_1_s * t, t], [0, 0, 1]])
         q_a, q_b = self.acceleration_noise**2, self.bias_noise**2
-        noise = np.array([[q_a * t**3 / 3, q_a * t**2 / 2, 0], [q_a * t**2 / 2, q_a * t, 0], [0, 0, q_b * t]])
+        noise = np.array(
+            [[q_a * t**3 / 3, q_a * t**2 / 2, 0], [q_a * t**2 / 2, q_a * t, 0], [0, 0, q_b * t]]
+        )
         self.p = phi @ self.p @ phi.T + noise
 
     def correct(self, innovation: float, age: float) -> None:

@@ -6,7 +6,8 @@ import math
 
 
 def euler_from_thrust(x: float, y: float, z: float) -> tuple[float, float, float]:
-    """Roll and pitch [rad] and |F| of a thrust in x forward, y RIGHT, z up; from ENU/FLU at yaw 0 negate y.
+    """Roll and pitch [rad] and |F| of a thrust in x forward, y RIGHT, z up; from ENU/FLU at yaw 0
+    negate y.
 
     The angles are right-handed about x forward and y right.
     """

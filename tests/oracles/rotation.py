@@ -1,4 +1,6 @@
-"""A vector turned by a quaternion: what the product nowhere needs, since it turns no vector but the body's own axes."""
+"""A vector turned by a quaternion: what the product nowhere needs, since it turns no vector but the
+body's own axes.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""A build of PX4 for simulation (SITL with SIH), and instances of it that start and end with a flight."""
+"""A build of PX4 for simulation (SITL with SIH), and instances of it that start and end with a
+flight.
+"""
 
 from __future__ import annotations
 
@@ -14,16 +16,27 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-# PX4 derives its ports and its MAVLink id from the number of the instance: above 9 all share one onboard port.
+# PX4 derives its ports and its MAVLink id from the number of the instance: above 9 all share one
+# onboard port.
 _LAST_INSTANCE = 9
-_PORTS = {"onboard, from": 14580, "onboard, to": 14540, "ground": 18570, "truth, from": 19450, "truth, to": 19410}
+_PORTS = {
+    "onboard, from": 14580,
+    "onboard, to": 14540,
+    "ground": 18570,
+    "truth, from": 19450,
+    "truth, to": 19410,
+}
 _BETWEEN_STARTS_S = 3.0  # SIH draws the same random numbers in each instance
 _PRIORITY = 50
 _STOP_S = 8.0
 _PR_SET_PDEATHSIG = 1
 _LIBC = ctypes.CDLL(None)
 _HOME = {"PX4_HOME_LAT": "47.3977060", "PX4_HOME_LON": "8.5455408", "PX4_HOME_ALT": "489.4"}
-_MODEL = {"PX4_SYS_AUTOSTART": "10040", "PX4_SIM_MODEL": "sihsim_quadx", "PX4_PARAM_SDLOG_MODE": "-1"}
+_MODEL = {
+    "PX4_SYS_AUTOSTART": "10040",
+    "PX4_SIM_MODEL": "sihsim_quadx",
+    "PX4_PARAM_SDLOG_MODE": "-1",
+}
 
 
 def die_with_parent() -> None:
@@ -55,7 +68,9 @@ class Px4Build:
         """Tag and commit of the checkout."""
         tag = re.search(r'PX4_GIT_TAG_STR "([^"]+)"', self._numbers)
         commit = re.search(r'PX4_GIT_VERSION_STR "([^"]{10})', self._numbers)
-        return f"{tag[1] if tag else 'unknown version'} ({commit[1] if commit else 'unknown commit'})"
+        return (
+            f"{tag[1] if tag else 'unknown version'} ({commit[1] if commit else 'unknown commit'})"
+        )
 
     @property
     def version(self) -> tuple[int, int] | None:
@@ -119,7 +134,9 @@ def running(
                 process.wait()
 
 
-def _start(build: Px4Build, number: int, params: Mapping[str, float | int], folder: Path) -> subprocess.Popen[bytes]:
+def _start(
+    build: Px4Build, number: int, params: Mapping[str, float | int], folder: Path
+) -> subprocess.Popen[bytes]:
     folder.mkdir(parents=True)
     own = {f"PX4_PARAM_{name}": f"{value}" for name, value in params.items()}
     with (folder / "px4.log").open("wb") as log:
@@ -134,7 +151,8 @@ def _start(build: Px4Build, number: int, params: Mapping[str, float | int], fold
             preexec_fn=die_with_parent,
         )
     time.sleep(0.5)
-    with contextlib.suppress(OSError, AttributeError):  # without the right to it, a busy machine stalls PX4
+    # without the right to it, a busy machine stalls PX4
+    with contextlib.suppress(OSError, AttributeError):
         for thread in Path(f"/proc/{process.pid}/task").iterdir():
             os.sched_setscheduler(int(thread.name), os.SCHED_FIFO, os.sched_param(_PRIORITY))
     return process

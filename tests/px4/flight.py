@@ -1,4 +1,5 @@
-"""One flight of real PX4s with real agents, judged by PX4's own truth; and things that break in it."""
+"""One flight of real PX4s with real agents, judged by PX4's own truth; and things that break in it.
+"""
 
 from __future__ import annotations
 
@@ -34,8 +35,11 @@ _AIRBORNE_M, _DOWN_M, _STILL_M_S = 0.10, 0.15, 0.10
 _WATCH_S = 1.0
 
 
-def fleet_of(count: int, folder: Path, instances: list[int], version: Version | None) -> FleetConfig:
-    """Write a fleet file for so many PX4s: three as in configs/fleets/sih.toml, or more of its vehicles in a ring.
+def fleet_of(
+    count: int, folder: Path, instances: list[int], version: Version | None
+) -> FleetConfig:
+    """Write a fleet file for so many PX4s: three as in configs/fleets/sih.toml, or more of its
+    vehicles in a ring.
 
     The type is the one that was identified with the version and the same gains.
     """
@@ -55,15 +59,23 @@ def fleet_of(count: int, folder: Path, instances: list[int], version: Version | 
         }
         data["fleet"]["geofence_m"] = {"x": [-6.0, 6.0], "y": [-6.0, 6.0], "z": [0.0, 3.0]}
     data["vehicles"] = {
-        f"mav{index}": {**first, "start_enu_m": starts[index], "mocap_body": f"mav{index}", "system_id": number + 1}
+        f"mav{index}": {
+            **first,
+            "start_enu_m": starts[index],
+            "mocap_body": f"mav{index}",
+            "system_id": number + 1,
+        }
         for index, number in enumerate(instances)
     }
     for index, table in enumerate(data["vehicles"].values()):
-        table.update(agent=f"tcp/127.0.0.1:{7460 + index}", autopilot=f"udpin://127.0.0.1:{14540 + index}")
+        table.update(
+            agent=f"tcp/127.0.0.1:{7460 + index}", autopilot=f"udpin://127.0.0.1:{14540 + index}"
+        )
         table.update(direct=f"udpout://127.0.0.1:{18570 + index}")
     data["fleet"]["ground_lost_land_s"] = _GROUND_LOST_S
     data = with_free_ports(data, fleet_from_mapping(data))
-    for table, number in zip(data["vehicles"].values(), instances, strict=True):  # PX4's ports are its own
+    # PX4's ports are its own
+    for table, number in zip(data["vehicles"].values(), instances, strict=True):
         table["autopilot"] = f"udpin://127.0.0.1:{14540 + number}"
         table["direct"] = f"udpout://127.0.0.1:{18570 + number}"
     path = folder / "fleet.toml"
@@ -96,7 +108,8 @@ class Flight:
             (self.folder / "cut").unlink()
 
     def tracks(self) -> dict[str, NDArray[np.float64]]:
-        """Per vehicle an array (T, 7): seconds, position and velocity in fleet ENU, by PX4's truth."""
+        """Per vehicle an array (T, 7): seconds, position and velocity in fleet ENU, by PX4's truth.
+        """
         rows: dict[str, list[list[float]]] = {name: [] for name in self.fleet.enabled_names}
         for line in (self.folder / "truth.jsonl").read_text(encoding="utf-8").splitlines():
             with contextlib.suppress(json.JSONDecodeError):  # the last line may be cut
@@ -105,18 +118,24 @@ class Flight:
         return {name: np.array(values) for name, values in rows.items()}
 
     def closest_m(self) -> float:
-        """Smallest horizontal distance of two centres while one of the two flies, over the whole flight."""
+        """Smallest horizontal distance of two centres while one of the two flies, over the whole
+        flight.
+        """
         closest = math.inf
         for a, b in itertools.combinations(self.tracks().values(), 2):
             t = np.arange(max(a[0, 0], b[0, 0]), min(a[-1, 0], b[-1, 0]), 0.02)
-            first, second = ([np.interp(t, one[:, 0], one[:, i]) for i in (1, 2, 3)] for one in (a, b))
+            first, second = (
+                [np.interp(t, one[:, 0], one[:, i]) for i in (1, 2, 3)] for one in (a, b)
+            )
             is_flying = np.maximum(first[2], second[2]) > _AIRBORNE_M
             distance = np.hypot(first[0] - second[0], first[1] - second[1])[is_flying]
             closest = min(closest, float(distance.min(initial=math.inf)))
         return closest
 
     def down_after_s(self) -> float:
-        """Seconds from the fault until all that can have come down to rest; infinite when one is in the air."""
+        """Seconds from the fault until all that can have come down to rest; infinite when one is in
+        the air.
+        """
         latest_s = self.fault_s
         for name, track in self.tracks().items():
             if name in self.lost:
@@ -136,25 +155,37 @@ class Flight:
 
 @contextlib.contextmanager
 def flying(build: Px4Build, count: int, folder: Path, mission: str) -> Iterator[Flight]:
-    """PX4s, poses, agents that are ready, and a ground that has begun a mission; all ended with the block."""
+    """PX4s, poses, agents that are ready, and a ground that has begun a mission; all ended with the
+    block.
+    """
     instances = free_instances(count)
     fleet = fleet_of(count, folder, instances, build.version)
     (folder / "mission.toml").write_text(mission, encoding="utf-8")
     names = dict(zip(instances, fleet.enabled_names, strict=True))
     params = {
-        number: {param.name: param.value for param in all_params(fleet.vehicles[name], build.version)}
+        number: {
+            param.name: param.value for param in all_params(fleet.vehicles[name], build.version)
+        }
         for number, name in names.items()
     }
     with contextlib.ExitStack() as stack:
         px4s = stack.enter_context(running(build, params, folder))
         stack.enter_context(_python(folder, "poses", "tests.px4.poses", fleet.path, str(folder)))
         words = ("--fleet", fleet.path, "--realtime", "--vehicle")
-        agents = {n: stack.enter_context(_python(folder, n, "onboard", *words, n)) for n in names.values()}
+        agents = {
+            n: stack.enter_context(_python(folder, n, "onboard", *words, n)) for n in names.values()
+        }
         flight = Flight(fleet, folder, {names[number]: px4 for number, px4 in px4s.items()}, agents)
-        _wait(lambda: all(f"agent {n}: ready" in _log(folder, n) for n in agents), _READY_S, lambda: _logs(folder))
+        _wait(
+            lambda: all(f"agent {n}: ready" in _log(folder, n) for n in agents),
+            _READY_S,
+            lambda: _logs(folder),
+        )
         words = ("fly", str(folder / "mission.toml"), "--fleet", fleet.path, "--headless")
         record = ("--record", str(folder / "record"))
-        flight.ground = stack.enter_context(_python(folder, "fly", "groundstation", *words, *record))
+        flight.ground = stack.enter_context(
+            _python(folder, "fly", "groundstation", *words, *record)
+        )
         yield flight
 
 
@@ -232,10 +263,14 @@ def _log(folder: Path, name: str) -> str:
 
 
 def _logs(folder: Path) -> str:
-    return "\n".join(f"--- {log.name}\n{_log(folder, log.stem)[-2000:]}" for log in sorted(folder.glob("*.log")))
+    return "\n".join(
+        f"--- {log.name}\n{_log(folder, log.stem)[-2000:]}" for log in sorted(folder.glob("*.log"))
+    )
 
 
 def verdict(flight: Flight) -> dict[str, Any]:
     """The ground's verdict.json."""
-    content: dict[str, Any] = json.loads((flight.folder / "record/verdict.json").read_text(encoding="utf-8"))
+    content: dict[str, Any] = json.loads(
+        (flight.folder / "record/verdict.json").read_text(encoding="utf-8")
+    )
     return content

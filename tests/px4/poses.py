@@ -1,7 +1,8 @@
-"""``python -m tests.px4.poses FLEET FOLDER``: truth of real PX4s (SIH) as poses and truth of the bus, and into a file.
+"""``python -m tests.px4.poses FLEET FOLDER``: truth of real PX4s (SIH) as poses and truth of the
+bus, and into a file.
 
-While FOLDER/cut exists, no poses are published; truth goes on. The file FOLDER/truth.jsonl is the judge's: it needs
-neither a ground nor an agent.
+While FOLDER/cut exists, no poses are published; truth goes on. The file FOLDER/truth.jsonl is the
+judge's: it needs neither a ground nor an agent.
 """
 
 from __future__ import annotations
@@ -50,4 +51,11 @@ if __name__ == "__main__":
     with contextlib.suppress(OSError, AttributeError):
         os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(_PRIORITY))
     fleet = load_fleet(sys.argv[1])
-    asyncio.run(serve(fleet, fleet.enabled_names, _CutBus(simulator_bus(fleet), Path(sys.argv[2])), with_mocap=True))
+    asyncio.run(
+        serve(
+            fleet,
+            fleet.enabled_names,
+            _CutBus(simulator_bus(fleet), Path(sys.argv[2])),
+            with_mocap=True,
+        )
+    )

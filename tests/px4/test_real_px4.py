@@ -1,4 +1,6 @@
-"""Real PX4s from whoever has a build of them: ``make test-px4 PX4_BUILD=/path/to/PX4/build/px4_sitl_default``."""
+"""Real PX4s from whoever has a build of them: ``make test-px4
+PX4_BUILD=/path/to/PX4/build/px4_sitl_default``.
+"""
 
 from __future__ import annotations
 
@@ -99,7 +101,9 @@ def test_six_swap_across_a_ring(build: Px4Build, table: Table, tmp_path: Path) -
 def _success(flight: Flight) -> str:
     judged = verdict(flight)
     off_m = max((arrival["distance_m"] for arrival in judged["arrivals"]), default=math.nan)
-    times = ", ".join(f"{step['duration_s']:.1f}" for step in judged["steps"] if "formation" in step["step"])
+    times = ", ".join(
+        f"{step['duration_s']:.1f}" for step in judged["steps"] if "formation" in step["step"]
+    )
     word = "passed" if judged["passed"] else "FAILED"
     return f"{word}: closest {flight.closest_m():.2f} m, goals within {off_m:.2f} m, formations in {times} s"
 

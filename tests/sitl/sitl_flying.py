@@ -1,4 +1,6 @@
-"""Short hand for tests that fly emulated vehicles without sockets: build, wait for a condition, send MAVLink."""
+"""Short hand for tests that fly emulated vehicles without sockets: build, wait for a condition,
+send MAVLink.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +31,10 @@ EAST_WXYZ = [math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)]
 
 
 def emulator(
-    *starts: tuple[float, float, float], profile: VehicleProfile = SIH, seed: int = 1, px4: str = "1.17"
+    *starts: tuple[float, float, float],
+    profile: VehicleProfile = SIH,
+    seed: int = 1,
+    px4: str = "1.17",
 ) -> Emulator:
     """Vehicles at `starts` (fleet ENU), system ids from 1; one at the origin when none is given."""
     places = starts or ((0.0, 0.0, 0.0),)
@@ -39,9 +44,14 @@ def emulator(
 
 
 def until(
-    emu: Emulator, condition: Callable[[], bool], timeout_s: float, each: Callable[[], None] | None = None
+    emu: Emulator,
+    condition: Callable[[], bool],
+    timeout_s: float,
+    each: Callable[[], None] | None = None,
 ) -> float:
-    """Step until `condition`; the time that it took. Fails the test after `timeout_s` of simulated time."""
+    """Step until `condition`; the time that it took. Fails the test after `timeout_s` of simulated
+    time.
+    """
     start_s = emu.time_s
     while not condition():
         assert emu.time_s - start_s < timeout_s, f"not within {timeout_s} s"
@@ -94,8 +104,14 @@ class Client:
     def command(self, number: int, *params: float) -> list[int]:
         """COMMAND_LONG; the results of its acknowledgements, in order."""
         named = {f"param{place}": value for place, value in enumerate(params, start=1)}
-        answers = self.send("COMMAND_LONG", command=number, target_system=1, target_component=1, **named)
-        return [m.fields["result"] for m in answers if m.name == "COMMAND_ACK" and m.fields["command"] == number]
+        answers = self.send(
+            "COMMAND_LONG", command=number, target_system=1, target_component=1, **named
+        )
+        return [
+            m.fields["result"]
+            for m in answers
+            if m.name == "COMMAND_ACK" and m.fields["command"] == number
+        ]
 
     def collect(self, duration_s: float, each: Callable[[], None] | None = None) -> list[Message]:
         """Everything that is streamed while time passes."""

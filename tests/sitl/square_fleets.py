@@ -1,4 +1,5 @@
-"""Fleets of any size for measurements and tests: a square of vehicles, and a mission that moves it."""
+"""Fleets of any size for measurements and tests: a square of vehicles, and a mission that moves it.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +32,10 @@ def square_fleet(count: int) -> FleetConfig:
     side = math.ceil(math.sqrt(count))
     half = 0.5 * _SPACING_M * (side - 1)
     names = [f"mav{place}" for place in range(count)]
-    spots = [(_SPACING_M * (place % side) - half, _SPACING_M * (place // side) - half) for place in range(count)]
+    spots = [
+        (_SPACING_M * (place % side) - half, _SPACING_M * (place // side) - half)
+        for place in range(count)
+    ]
     fence = half + 3.0
     data: dict[str, Any] = {
         "schema": 1,
@@ -41,7 +45,9 @@ def square_fleet(count: int) -> FleetConfig:
         },
         "types": {"sih": _SIH},
         "defaults": {"type": "sih"},
-        "formations": {"block": {name: [x, y, 0.0] for name, (x, y) in zip(names, spots, strict=True)}},
+        "formations": {
+            "block": {name: [x, y, 0.0] for name, (x, y) in zip(names, spots, strict=True)}
+        },
         "vehicles": {
             name: {
                 "system_id": place + 1,

@@ -1,4 +1,6 @@
-"""An unmodified MAVSDK program against the emulator, as it would fly a PX4: arm, take off, offboard attitude, land."""
+"""An unmodified MAVSDK program against the emulator, as it would fly a PX4: arm, take off, offboard
+attitude, land.
+"""
 
 from __future__ import annotations
 
@@ -40,7 +42,9 @@ async def fly(port: int) -> dict[str, Any]:
 
     mavsdk_logging.log_subscribe(lambda *_: True)
     seen: dict[str, Any] = {}
-    configuration = mavsdk.Configuration.create_with_component_type(mavsdk.ComponentType.COMPANION_COMPUTER)
+    configuration = mavsdk.Configuration.create_with_component_type(
+        mavsdk.ComponentType.COMPANION_COMPUTER
+    )
     client = mavsdk.Mavsdk(configuration)
     await client.add_any_connection(f"udpin://127.0.0.1:{port}")
     system = await client.first_autopilot(timeout_s=10)
@@ -61,11 +65,15 @@ async def fly(port: int) -> dict[str, Any]:
     await offboard.set_attitude(Attitude(0.0, -5.0, 90.0, 0.49))
     await offboard.start()
     await first(telemetry.subscribe_flight_mode(), lambda mode: mode == FlightMode.OFFBOARD, 3)
-    euler = await first(telemetry.subscribe_attitude_euler(), lambda e: abs(e.pitch_deg + 5.0) < 1.0, 2)
+    euler = await first(
+        telemetry.subscribe_attitude_euler(), lambda e: abs(e.pitch_deg + 5.0) < 1.0, 2
+    )
     seen["pitch_deg"] = euler.pitch_deg
     await offboard.set_attitude(Attitude(0.0, 0.0, 90.0, 0.49))
     await action.land()
-    await first(telemetry.subscribe_landed_state(), lambda state: state == LandedState.ON_GROUND, 20)
+    await first(
+        telemetry.subscribe_landed_state(), lambda state: state == LandedState.ON_GROUND, 20
+    )
     await first(telemetry.subscribe_armed(), lambda armed: not armed, 6)
     seen["landed"] = True
     return seen

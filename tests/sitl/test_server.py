@@ -60,12 +60,19 @@ class Setup:
                     break
                 except OSError:
                     self.companion.close()
-                    self.companion = stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
+                    self.companion = stack.enter_context(
+                        socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+                    )
         self.companion.settimeout(3.0)
         self.direct = free_port(socket.SOCK_DGRAM)
         self.bus = free_port(socket.SOCK_STREAM)
         self.fleet = folder / "fleet.toml"
-        text = FLEET.format(bus=self.bus, agent=free_port(socket.SOCK_STREAM), companion=self.port, direct=self.direct)
+        text = FLEET.format(
+            bus=self.bus,
+            agent=free_port(socket.SOCK_STREAM),
+            companion=self.port,
+            direct=self.direct,
+        )
         self.fleet.write_text(text, encoding="utf-8")
 
     @contextmanager
@@ -102,13 +109,20 @@ def names_seen(sock: socket.socket, count: int) -> set[str]:
     return names
 
 
-HEARTBEAT = bytes(common.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3).pack(common.MAVLink(None, 255, 190)))
+HEARTBEAT = bytes(
+    common.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3).pack(common.MAVLink(None, 255, 190))
+)
 
 
-@pytest.mark.parametrize("first_words", [HEARTBEAT, b"no MAVLink at all"], ids=["heartbeat", "nonsense"])
-def test_it_streams_unasked_then_locks_onto_the_first_speaker_for_good(setup: Setup, first_words: bytes) -> None:
+@pytest.mark.parametrize(
+    "first_words", [HEARTBEAT, b"no MAVLink at all"], ids=["heartbeat", "nonsense"]
+)
+def test_it_streams_unasked_then_locks_onto_the_first_speaker_for_good(
+    setup: Setup, first_words: bytes
+) -> None:
     with setup.running("--no-bus"), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
-        assert {"ATTITUDE", "LOCAL_POSITION_NED"} <= names_seen(setup.companion, 500)  # attitude comes last
+        # attitude comes last
+        assert {"ATTITUDE", "LOCAL_POSITION_NED"} <= names_seen(setup.companion, 500)
         other.settimeout(3.0)
         other.sendto(first_words, ("127.0.0.1", setup.port + 40))
         assert "ATTITUDE" in names_seen(other, 60)
@@ -159,7 +173,9 @@ def test_an_address_of_a_ground_station_that_is_none_is_refused_in_words(
     assert "Write it as 127.0.0.1:14550" in capsys.readouterr().err
 
 
-def test_a_port_in_use_is_refused_in_words(setup: Setup, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_port_in_use_is_refused_in_words(
+    setup: Setup, capsys: pytest.CaptureFixture[str]
+) -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
         taken.bind(("127.0.0.1", setup.port + 40))
         assert main(["sitl", "--fleet", str(setup.fleet), "--no-bus"]) == 2
@@ -181,7 +197,9 @@ def test_a_missing_fleet_file_and_an_unknown_vehicle_are_refused(
 def test_poses_and_truth_are_on_the_bus_with_stamps_of_the_monotonic_clock(setup: Setup) -> None:
     received: list[tuple[Topic, str, Message | Malformed]] = []
     with setup.running("--truth-offset-m", "10"):
-        listener = BusSession(namespace="covey/server-test", node="listener", connect=[f"tcp/127.0.0.1:{setup.bus}"])
+        listener = BusSession(
+            namespace="covey/server-test", node="listener", connect=[f"tcp/127.0.0.1:{setup.bus}"]
+        )
         listener.start()
         for topic in (Topic.MOCAP, Topic.TRUTH):
             listener.subscribe(topic, "*", lambda *message: received.append(message))

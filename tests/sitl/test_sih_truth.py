@@ -1,4 +1,6 @@
-"""Ground truth of real PX4s on the bus: the frame, the first place, and how PX4 is asked for its rate."""
+"""Ground truth of real PX4s on the bus: the frame, the first place, and how PX4 is asked for its
+rate.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +32,9 @@ def state(**changes: int) -> dict[str, Any]:
 def test_truth_is_placed_by_the_fleet_s_global_origin() -> None:
     body = Body(GLOBAL.vehicles["mav0"], GLOBAL.fleet.global_origin)
     body.truth(state(), 1)
-    seen = body.truth(state(lat=473977420 + 898, lon=85455940 + 1328, alt=491400, vx=100, vy=-50, vz=-25), 2)
+    seen = body.truth(
+        state(lat=473977420 + 898, lon=85455940 + 1328, alt=491400, vx=100, vy=-50, vz=-25), 2
+    )
     assert seen.position_enu_m == pytest.approx((10.0, 10.0, 2.0), abs=0.02)
     assert seen.velocity_enu_m_s == pytest.approx((-0.5, 1.0, 0.25))
     assert not seen.is_on_ground
@@ -63,10 +67,19 @@ def test_px4_is_asked_for_its_rate_once_and_again_when_it_restarts() -> None:
     theirs, other = Encoder(system_id=3), Encoder(system_id=4)
     actuators = theirs.encode_named("HIL_ACTUATOR_CONTROLS")
     pose = theirs.encode_named("HIL_STATE_QUATERNION", **state())
-    for datagram in (actuators, actuators, pose, other.encode_named("HIL_STATE_QUATERNION", **state()), b"\xfd\x00"):
+    for datagram in (
+        actuators,
+        actuators,
+        pose,
+        other.encode_named("HIL_STATE_QUATERNION", **state()),
+        b"\xfd\x00",
+    ):
         listener.datagram_received(datagram, ("127.0.0.1", 19452))
     asked = [message.fields for one in sent for message in Decoder().decode(one)]
-    assert [(fields["command"], fields["param1"]) for fields in asked] == [(511, 115.0), (511, 93.0)]
+    assert [(fields["command"], fields["param1"]) for fields in asked] == [
+        (511, 115.0),
+        (511, 93.0),
+    ]
     assert heard == [489400]
 
 
@@ -81,19 +94,31 @@ def test_truth_started_anew_in_flight_or_over_a_sunken_vehicle_has_the_same_zero
     px4 = Encoder(system_id=3)
     for alt, height_m in ((491400, 2.0), (489100, -0.3)):
         body, truths = Body(vehicle, None), list[Truth]()
-        listener = Listener(3, lambda fields, stamp_ns, body=body, to=truths: to.append(body.truth(fields, 1)), body)
+        listener = Listener(
+            3, lambda fields, stamp_ns, body=body, to=truths: to.append(body.truth(fields, 1)), body
+        )
         listener.connection_made(Transport())
         flying = px4.encode_named("HIL_STATE_QUATERNION", **state(lon=85455940 + 133, alt=alt))
         listener.datagram_received(flying, ("127.0.0.1", 19452))
         assert not truths  # nothing is published before the zero is known
-        for name, value in (("SIH_LOC_LAT0", 47.397742), ("SIH_LOC_LON0", 8.545594), ("SIH_LOC_H0", 489.4)):
-            answer = px4.encode_named("PARAM_VALUE", param_id=name.encode(), param_value=value, param_type=9)
+        for name, value in (
+            ("SIH_LOC_LAT0", 47.397742),
+            ("SIH_LOC_LON0", 8.545594),
+            ("SIH_LOC_H0", 489.4),
+        ):
+            answer = px4.encode_named(
+                "PARAM_VALUE", param_id=name.encode(), param_value=value, param_type=9
+            )
             listener.datagram_received(answer, ("127.0.0.1", 19452))
         listener.datagram_received(flying, ("127.0.0.1", 19452))
         position = truths[-1].position_enu_m
         assert position[0] - vehicle.start_enu_m[0] == pytest.approx(1.0, abs=0.1)
         assert position[2] - vehicle.start_enu_m[2] == pytest.approx(height_m, abs=0.01)
-    requests = [message.fields["param_id"].rstrip(b"\0").decode() for one in sent for message in Decoder().decode(one)]
+    requests = [
+        message.fields["param_id"].rstrip(b"\0").decode()
+        for one in sent
+        for message in Decoder().decode(one)
+    ]
     assert requests[:3] == ["SIH_LOC_LAT0", "SIH_LOC_LON0", "SIH_LOC_H0"]
 
 
@@ -112,7 +137,9 @@ def test_poses_of_a_vehicle_that_stands_are_never_the_same_twice_and_come_at_fif
     assert sum(topic is Topic.TRUTH for topic, _, _ in published) == 100
     assert len(poses) == 50
     assert len({pose.position_enu_m for pose in poses}) == 50
-    assert all(pose.position_enu_m == pytest.approx(vehicle.start_enu_m, abs=0.01) for pose in poses)
+    assert all(
+        pose.position_enu_m == pytest.approx(vehicle.start_enu_m, abs=0.01) for pose in poses
+    )
     assert [pose.sequence for pose in poses] == list(range(1, 51))
 
 

@@ -6,8 +6,8 @@ Examples:
   covey gallery thirty --record flights/thirty
   covey fly search --sitl
 
-They are flown in lockstep, each in seconds. Exit status: 0 all that the mission declares came true; 1 something did
-not; 2 wrong input, nothing started; 130 interrupted.
+They are flown in lockstep, each in seconds. Exit status: 0 all that the mission declares came true;
+1 something did not; 2 wrong input, nothing started; 130 interrupted.
 """
 
 from __future__ import annotations
@@ -42,8 +42,16 @@ def gallery(
     if name is None:
         width = max(map(len, GALLERY))
         print("\n".join(f"  {one:<{width}}  {sentence_of(one)}" for one in GALLERY))
-        print("Fly one in simulated time: covey gallery NAME. With console and real processes: covey fly NAME --sitl.")
+        print(
+            "Fly one in simulated time: covey gallery NAME. With console and real processes: covey fly NAME --sitl."
+        )
         return EXIT_OK
     folder = record or new_folder()
     options = FlightOptions(record=folder, law=law, seed=seed, lockstep=True)
-    return fly_mission(gallery_mission(name, folder), options, BusOptions(), is_simulated=True, has_free_ports=False)
+    return fly_mission(
+        gallery_mission(name, folder),
+        options,
+        BusOptions(),
+        is_simulated=True,
+        has_free_ports=False,
+    )

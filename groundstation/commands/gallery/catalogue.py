@@ -1,4 +1,6 @@
-"""The missions of the gallery by name: files of configs/missions, and a show that is imported before it flies."""
+"""The missions of the gallery by name: files of configs/missions, and a show that is imported
+before it flies.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""``covey secure`` locks a fleet's bus; ``covey keys``: its own authority, and the certificates of its nodes.
+"""``covey secure`` locks a fleet's bus; ``covey keys``: its own authority, and the certificates of
+its nodes.
 
 Examples:
   covey secure fleet.toml
@@ -9,8 +10,9 @@ Examples:
   covey keys renew fleet.toml
   covey keys init fleet.toml --force
 
-covey secure makes what is missing in keys/ beside the fleet file, and turns its endpoints into quic/; a second call
-changes nothing. docs/keys.md says more. Exit status: 0 all right; 1 list found what is wrong; 2 wrong input.
+covey secure makes what is missing in keys/ beside the fleet file, and turns its endpoints into
+quic/; a second call changes nothing. docs/keys.md says more. Exit status: 0 all right; 1 list found
+what is wrong; 2 wrong input.
 """
 
 from __future__ import annotations
@@ -49,19 +51,24 @@ def secure(fleet: Fleet, /, *, mavlink: bool = False) -> int:
 
     Args:
         fleet: the fleet file; its folder gets a folder keys/
-        mavlink: make the keys of MAVLink signing instead, between each vehicle's PX4 and all that speak to it
+        mavlink: make the keys of MAVLink signing instead, between each vehicle's PX4 and all that
+            speak to it
     """
     if mavlink:
         return _sign_mavlink(fleet)
     secured = secure_fleet(fleet, _now())
     file = Path(secured.path).name
-    print(f"{secured.path}: every link of the bus is encrypted now, and both its ends prove who they are. Copy:")
+    print(
+        f"{secured.path}: every link of the bus is encrypted now, and both its ends prove who they are. Copy:"
+    )
     for name, vehicle in secured.vehicles.items():
         print(f"  to {vehicle.host}: {file}, {_files(secured, name)}")
     print(f"  to your ground: {file}, {_files(secured, Role.GROUND)}")
     for host in hosts_of(secured, ROUTER):
         print(f"  to {host}, for covey router: {file}, {_files(secured, ROUTER)}")
-    print("  to whoever only watches: the same with viewer; to the relay of a motion capture: with mocap")
+    print(
+        "  to whoever only watches: the same with viewer; to the relay of a motion capture: with mocap"
+    )
     print(f"{folder_of(secured) / 'ca.key'} makes new nodes: it stays here.")
     return EXIT_OK
 
@@ -70,7 +77,9 @@ def _sign_mavlink(path: str) -> int:
     signed = sign_mavlink(path)
     print(f"{signed.path}: the vehicles sign their MAVLink now. Copy:")
     for name, vehicle in signed.vehicles.items():
-        print(f"  to {vehicle.host}: {Path(signed.path).name}, {signed.fleet.keys}/{key_file(name)}")
+        print(
+            f"  to {vehicle.host}: {Path(signed.path).name}, {signed.fleet.keys}/{key_file(name)}"
+        )
     print("  to a ground that orders: all of them, for land and kill past an agent")
     print(f"Give each PX4 its key, with its agent stopped: covey px4 signing --set --fleet {path}")
     return EXIT_OK
@@ -92,7 +101,9 @@ def init(fleet: Fleet, /, *, force: bool = False) -> int:
         )
     keep_former(config)
     issue_all(config, make_authority(folder, config.fleet.name, now), nodes_of(config), now)
-    print(f"New authority in {folder}, {len(nodes_of(config))} nodes issued. With all vehicles on the ground copy each")
+    print(
+        f"New authority in {folder}, {len(nodes_of(config))} nodes issued. With all vehicles on the ground copy each"
+    )
     print("node's files to its computer and start it anew: a node with older files finds nobody.")
     return EXIT_OK
 
@@ -113,7 +124,8 @@ def issue(fleet: Fleet, /, *nodes: Node) -> int:
 
 @keys.command
 def renew(fleet: Fleet, /) -> int:
-    """Issue the certificates of all nodes anew, by the same authority: before they expire, or after hosts changed.
+    """Issue the certificates of all nodes anew, by the same authority: before they expire, or after
+    hosts changed.
 
     Args:
         fleet: the fleet file
@@ -128,11 +140,14 @@ def list_(fleet: Fleet, /, *, running: bool = False) -> int:
 
     Args:
         fleet: the fleet file
-        running: ask those that run with which authority they do: who was forgotten when it was replaced?
+        running: ask those that run with which authority they do: who was forgotten when it was
+            replaced?
     """
     config = load_fleet(fleet)
     if not config.has_keys:
-        raise ConfigError(f"{config.path}: the bus of this fleet has no keys. Lock it: covey secure {config.path}")
+        raise ConfigError(
+            f"{config.path}: the bus of this fleet has no keys. Lock it: covey secure {config.path}"
+        )
     folder, is_wrong = folder_of(config), False
     for node in nodes_of(config):
         _, certificate, key = (folder / name for name in files_of(node))
@@ -150,7 +165,10 @@ def list_(fleet: Fleet, /, *, running: bool = False) -> int:
             print(f"{node:12s} {error}")
     if running:
         found = running_authorities(config)
-        for name in (*config.enabled_names, *(node for node in found if node not in config.vehicles)):
+        for name in (
+            *config.enabled_names,
+            *(node for node in found if node not in config.vehicles),
+        ):
             print(f"{name:12s} {_RUNNING[found.get(name, '')]}")
         is_wrong = is_wrong or "former" in found.values()
     return EXIT_FAILED if is_wrong else EXIT_OK

@@ -5,9 +5,10 @@ Examples:
   covey attack paper --long
   covey attack fleet.toml --json
 
-The copy has ports, a folder and keys of its own; whatever runs already is left alone. Each try is made twice: on a copy
-with keys, and on one without any, where it has to get in. docs/threats.md says what is not tried. Exit status: 0
-nothing got in; 1 something did, or a try proved nothing; 2 wrong input; 130 interrupted.
+The copy has ports, a folder and keys of its own; whatever runs already is left alone. Each try is
+made twice: on a copy with keys, and on one without any, where it has to get in. docs/threats.md
+says what is not tried. Exit status: 0 nothing got in; 1 something did, or a try proved nothing; 2
+wrong input; 130 interrupted.
 """
 
 from __future__ import annotations
@@ -51,7 +52,8 @@ def attack(
     long: bool = False,
     json: bool = False,
 ) -> int:
-    """Try to get into an emulated copy of a fleet from outside and inside, while it flies; say what got in.
+    """Try to get into an emulated copy of a fleet from outside and inside, while it flies; say what
+    got in.
 
     Args:
         fleet: the fleet file
@@ -60,10 +62,14 @@ def attack(
     """
     config = load_fleet(fleet)
     if len(config.enabled_names) < 2:
-        raise ConfigError(f"{config.path}: an attack needs two vehicles, one of which loses its key. Enable another.")
+        raise ConfigError(
+            f"{config.path}: an attack needs two vehicles, one of which loses its key. Enable another."
+        )
     say = (lambda _: None) if json else _say
     if not config.has_keys:
-        say(f"{config.path} itself has no keys: whoever reaches its bus gets in. Lock it: covey secure {config.path}")
+        say(
+            f"{config.path} itself has no keys: whoever reaches its bus gets in. Lock it: covey secure {config.path}"
+        )
     with tempfile.TemporaryDirectory(prefix="covey-attack-") as folder:
         try:
             outcomes, figures = asyncio.run(_attack(config, Path(folder), long, say))
@@ -82,7 +88,8 @@ def _say(line: str) -> None:
     print(line, flush=True)
 
 
-Outcomes = dict[bool, dict[str, bool | str]]  # with keys or not -> try -> whether it got in, or why it proves nothing
+# with keys or not -> try -> whether it got in, or why it proves nothing
+Outcomes = dict[bool, dict[str, bool | str]]
 
 
 async def _attack(
@@ -92,9 +99,13 @@ async def _attack(
     figures: dict[str, object] = {}
     for is_locked in (False, True):
         copy = copy_of(config, folder / ("locked" if is_locked else "open"), is_locked=is_locked)
-        say(f"\nA copy of {len(copy.enabled_names)} vehicles {'with' if is_locked else 'without'} keys takes off.")
+        say(
+            f"\nA copy of {len(copy.enabled_names)} vehicles {'with' if is_locked else 'without'} keys takes off."
+        )
         async with flying(copy) as flight:
-            outcomes[is_locked] = await _try_all(flight, Intruders(copy, folder), is_long, is_locked, say)
+            outcomes[is_locked] = await _try_all(
+                flight, Intruders(copy, folder), is_long, is_locked, say
+            )
             flight.measure()
             if is_locked:
                 figures = _figures(flight)
@@ -136,7 +147,10 @@ def _results(outcomes: Outcomes) -> list[Result]:
 
 
 def _figures(flight: Flight) -> dict[str, object]:
-    limit_m, loop_ms = flight.fleet.fleet.safety_distance_m, max(flight.worst_loop_ms.values(), default=0.0)
+    limit_m, loop_ms = (
+        flight.fleet.fleet.safety_distance_m,
+        max(flight.worst_loop_ms.values(), default=0.0),
+    )
     return {
         "separation_m": round(flight.separation_m, 3),
         "safety_distance_m": limit_m,
@@ -149,8 +163,13 @@ def _figures(flight: Flight) -> dict[str, object]:
 def _report(results: list[Result], figures: dict[str, object]) -> str:
     lines = ["", f"{'with keys':10s} {'without':10s} try"]
     for one in results:
-        columns = [f"{'-' if value is None else _WORDS[value]:10s}" for value in (one.with_keys, one.without_keys)]
-        lines.append(f"{columns[0]} {columns[1]} {one.name}{': ' + one.remark if one.remark else ''}")
+        columns = [
+            f"{'-' if value is None else _WORDS[value]:10s}"
+            for value in (one.with_keys, one.without_keys)
+        ]
+        lines.append(
+            f"{columns[0]} {columns[1]} {one.name}{': ' + one.remark if one.remark else ''}"
+        )
     wrong = [one for one in results if not one.is_right]
     lines.append(f"\n{len(results) - len(wrong)} of {len(results)} tries were stopped.")
     lines.append(

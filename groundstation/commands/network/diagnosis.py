@@ -29,7 +29,9 @@ class Diagnosis:
     remedy: str = ""  # what to do; empty where nothing is to be done
 
 
-def graded(name: str, is_good: bool, sentence: str, remedy: str, *, bad: Grade = Grade.WARN) -> Diagnosis:
+def graded(
+    name: str, is_good: bool, sentence: str, remedy: str, *, bad: Grade = Grade.WARN
+) -> Diagnosis:
     """Return OK without the remedy, or what is bad with it."""
     return Diagnosis(name, Grade.OK if is_good else bad, sentence, "" if is_good else remedy)
 
@@ -46,7 +48,9 @@ def as_text(found: Iterable[Diagnosis]) -> str:
     for one in found:
         text = f"{one.sentence} {one.remedy}".strip()
         head = f"{one.grade.name:5s} {one.name:{_NAME_WIDTH - 1}s} "
-        lines.append(textwrap.fill(head + text, _WIDTH, subsequent_indent=indent, break_long_words=False))
+        lines.append(
+            textwrap.fill(head + text, _WIDTH, subsequent_indent=indent, break_long_words=False)
+        )
     return "\n".join(lines)
 
 

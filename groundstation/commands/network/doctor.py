@@ -1,4 +1,5 @@
-"""``covey doctor``: whether this computer, and the network between all nodes that run, are fit to fly.
+"""``covey doctor``: whether this computer, and the network between all nodes that run, are fit to
+fly.
 
 Examples:
   covey doctor
@@ -6,8 +7,9 @@ Examples:
   covey doctor fleet.toml --network
   covey doctor fleet.toml --network --json
 
-It changes nothing and orders nothing. Whether a fleet can fly as its file says: covey check; whether each vehicle may
-take off: covey preflight. Exit status: 0 no FAIL; 1 at least one; 2 wrong input; 10 nobody answered.
+It changes nothing and orders nothing. Whether a fleet can fly as its file says: covey check;
+whether each vehicle may take off: covey preflight. Exit status: 0 no FAIL; 1 at least one; 2 wrong
+input; 10 nobody answered.
 """
 
 from __future__ import annotations
@@ -18,7 +20,14 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from groundstation.commands.network.diagnosis import Diagnosis, Grade, as_json, as_text, graded, worst
+from groundstation.commands.network.diagnosis import (
+    Diagnosis,
+    Grade,
+    as_json,
+    as_text,
+    graded,
+    worst,
+)
 from groundstation.commands.network.links import judged, listen
 from groundstation.commands.network.machine import interfaces, machine
 from groundstation.commands.parameters import Seconds
@@ -41,7 +50,8 @@ def doctor(
     seconds: Seconds = 5.0,
     json: bool = False,
 ) -> int:
-    """Say whether this computer is fit, and with --network whether the fleet's links are, and what to do about it.
+    """Say whether this computer is fit, and with --network whether the fleet's links are, and what
+    to do about it.
 
     Args:
         fleet: the fleet file
@@ -70,10 +80,16 @@ def doctor(
 
 def _authorities(fleet: FleetConfig) -> Iterator[Diagnosis]:
     """Yield who runs on with an authority that was replaced."""
-    former = [node for node, authority in running_authorities(fleet).items() if authority == "former"]
+    former = [
+        node for node, authority in running_authorities(fleet).items() if authority == "former"
+    ]
     text = f"Run on with a former authority: {', '.join(former) or 'none of those that answer'}."
     yield graded(
-        "authority", not former, text, "Copy their new files, and start them anew: docs/keys.md", bad=Grade.FAIL
+        "authority",
+        not former,
+        text,
+        "Copy their new files, and start them anew: docs/keys.md",
+        bad=Grade.FAIL,
     )
 
 
@@ -94,7 +110,9 @@ def _keys(fleet: FleetConfig) -> Iterator[Diagnosis]:
             except ConfigError as error:
                 yield Diagnosis(f"keys of {node}", Grade.FAIL, str(error))
     if not ends:
-        yield Diagnosis("keys", Grade.FAIL, f"No key in {folder} is good.", "Copy this node's: docs/keys.md")
+        yield Diagnosis(
+            "keys", Grade.FAIL, f"No key in {folder} is good.", "Copy this node's: docs/keys.md"
+        )
         return
     first = min(ends, key=ends.__getitem__)
     text = f"Of {', '.join(ends)}; the first to expire is {first}'s, {ends[first]:%Y-%m-%d}."

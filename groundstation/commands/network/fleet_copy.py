@@ -1,4 +1,6 @@
-"""An emulated copy of a fleet, in a folder and on ports of its own, that flies while somebody attacks it."""
+"""An emulated copy of a fleet, in a folder and on ports of its own, that flies while somebody
+attacks it.
+"""
 
 from __future__ import annotations
 
@@ -43,25 +45,39 @@ def copy_of(fleet: FleetConfig, folder: Path, *, is_locked: bool) -> FleetConfig
     spare = {"system_id": own_id, "enabled": False, "mocap_body": SPARE}
     vehicles[SPARE] = {**vehicles[names[0]], **spare}
     vehicles[SPARE].pop("direct", None)
-    for port, table in enumerate(vehicles.values(), start=1000):  # of this machine; the ports are chosen below
+    # of this machine; the ports are chosen below
+    for port, table in enumerate(vehicles.values(), start=1000):
         table |= {"agent": f"tcp/127.0.0.1:{port}", "autopilot": f"udpin://127.0.0.1:{port}"}
     starts = [fleet.vehicles[name].start_enu_m[:2] for name in names]
     data["formations"] = {
         "home": _slots(names, starts),
-        "there": _slots(names, [*starts[1:], *starts[:1]]),  # everybody across to where another one started
+        # everybody across to where another one started
+        "there": _slots(names, [*starts[1:], *starts[:1]]),
     }
-    data["fleet"] = {key: value for key, value in data["fleet"].items() if key not in ("simulator", "routers")}
+    data["fleet"] = {
+        key: value for key, value in data["fleet"].items() if key not in ("simulator", "routers")
+    }
     data["vehicles"] = vehicles
     data.pop("shapes", None)
-    data = with_free_ports(in_another_folder(data, fleet), fleet_from_mapping(data, path=fleet.path))
+    data = with_free_ports(
+        in_another_folder(data, fleet), fleet_from_mapping(data, path=fleet.path)
+    )
     folder.mkdir()
     file = folder / "fleet.toml"
     file.write_text(toml_text(data, "An emulated copy, made by covey attack"), encoding="utf-8")
-    return secure_fleet(str(file), datetime.datetime.now(datetime.UTC)) if is_locked else load_fleet(file)
+    return (
+        secure_fleet(str(file), datetime.datetime.now(datetime.UTC))
+        if is_locked
+        else load_fleet(file)
+    )
 
 
 def _plain(table: dict[str, Any]) -> dict[str, Any]:
-    return {key: value for key, value in table.items() if key not in ("emulated", "enabled", "mavlink_signing")}
+    return {
+        key: value
+        for key, value in table.items()
+        if key not in ("emulated", "enabled", "mavlink_signing")
+    }
 
 
 def _slots(names: tuple[str, ...], places: Sequence[tuple[float, float]]) -> dict[str, list[float]]:
@@ -74,7 +90,8 @@ class Flight:
 
     fleet: FleetConfig
     client: FleetClient
-    worst_loop_ms: dict[str, float] = field(default_factory=dict)  # p99 of the period, the largest that was told
+    # p99 of the period, the largest that was told
+    worst_loop_ms: dict[str, float] = field(default_factory=dict)
     worst_age_ms: float = 0.0  # of any neighbour's state, as told
 
     @property
@@ -93,7 +110,9 @@ class Flight:
         now_ns = self.client.now_ns()
         views = [self.client.state.vehicles[name] for name in self.names]
         return all(
-            view.telemetry is not None and view.is_fresh(now_ns) and view.telemetry.state in ("flying", "holding")
+            view.telemetry is not None
+            and view.is_fresh(now_ns)
+            and view.telemetry.state in ("flying", "holding")
             for view in views
         )
 
@@ -102,7 +121,9 @@ class Flight:
         for name in self.names:
             last = self.client.state.vehicles[name].telemetry
             if last is not None and last.is_airborne:
-                self.worst_loop_ms[name] = max(self.worst_loop_ms.get(name, 0.0), last.loop_period_p99_ms)
+                self.worst_loop_ms[name] = max(
+                    self.worst_loop_ms.get(name, 0.0), last.loop_period_p99_ms
+                )
                 self.worst_age_ms = max(self.worst_age_ms, 1e3 * last.neighbour_age_s)
 
     async def cross(self) -> None:
@@ -120,7 +141,8 @@ class Flight:
 
 @contextlib.asynccontextmanager
 async def flying(fleet: FleetConfig, seed: int = 0) -> AsyncIterator[Flight]:
-    """Start a copy's emulator and agents, take off, cross each other's ways meanwhile; land and end all afterwards.
+    """Start a copy's emulator and agents, take off, cross each other's ways meanwhile; land and end
+    all afterwards.
 
     Raises:
         ProcessError: it did not get into the air.
@@ -133,7 +155,9 @@ async def flying(fleet: FleetConfig, seed: int = 0) -> AsyncIterator[Flight]:
         await processes.wait_for_line(EMULATOR, "ready:", READY_TIMEOUT_SIM_S)
         await client.start()
         flight = Flight(fleet, client)
-        await client.wait_for(lambda state: _are(state.vehicles, fleet, "ready"), READY_TIMEOUT_SIM_S)
+        await client.wait_for(
+            lambda state: _are(state.vehicles, fleet, "ready"), READY_TIMEOUT_SIM_S
+        )
         await client.order(f"takeoff all {_HEIGHT_M}", _ORDER_S)
         processes.check()
         if not await client.wait_for(lambda _: flight.is_flying(), 5.0):

@@ -28,7 +28,11 @@ NODES = {
     Role.MOCAP: "mocap",
     Role.EMULATOR: "sitl",
 }
-NOBODY, FOREIGN, EXPIRED = "without a certificate", "with another authority's", "with an expired one"
+NOBODY, FOREIGN, EXPIRED = (
+    "without a certificate",
+    "with another authority's",
+    "with an expired one",
+)
 _LONG_AGO = datetime.timedelta(days=2000)
 
 
@@ -69,12 +73,16 @@ class Intruders:
             if not copy.exists():
                 copy.parent.mkdir()
                 shutil.copy(self.fleet.path, copy)
-            return credentials_of(secure_fleet(str(copy), datetime.datetime.now(datetime.UTC)), victim)
+            return credentials_of(
+                secure_fleet(str(copy), datetime.datetime.now(datetime.UTC)), victim
+            )
         if who == EXPIRED:
             keys, folder = Path(self.fleet.keys_folder), self.folder / "expired"
             folder.mkdir(exist_ok=True)
             long_ago = datetime.datetime.now(datetime.UTC) - _LONG_AGO
-            issue(folder, load_authority(keys), victim, [self.fleet.vehicles[victim].host], long_ago)
+            issue(
+                folder, load_authority(keys), victim, [self.fleet.vehicles[victim].host], long_ago
+            )
             _, certificate, key = (str(folder / file) for file in files_of(victim))
             valid = credentials_of(self.fleet, victim)
             return valid and dataclasses.replace(valid, certificate=certificate, key=key)

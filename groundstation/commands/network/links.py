@@ -1,4 +1,6 @@
-"""The links between all nodes that run: listened to for some seconds as one that only watches, then judged."""
+"""The links between all nodes that run: listened to for some seconds as one that only watches, then
+judged.
+"""
 
 from __future__ import annotations
 
@@ -33,17 +35,24 @@ class Heard:
     """Everything that was heard, by our monotonic clock."""
 
     nodes: set[str] = field(default_factory=set)
-    # (receiver, sender) -> shortest difference of arrival and sending, each by its own computer's clock [ns]
+    # (receiver, sender) -> shortest difference of arrival and sending, each by its own computer's
+    # clock [ns]
     ways_ns: dict[tuple[str, str], int] = field(default_factory=dict)
     hosts: dict[str, int] = field(default_factory=dict)  # node -> its computer
-    clock_errors_s: dict[str, float] = field(default_factory=dict)  # node on another computer -> error of its clock
-    sequences: dict[str, set[int]] = field(default_factory=lambda: defaultdict(set))  # vehicle -> states that arrived
-    ages_s: dict[str, list[float]] = field(default_factory=lambda: defaultdict(list))  # vehicle -> of its states, here
+    # node on another computer -> error of its clock
+    clock_errors_s: dict[str, float] = field(default_factory=dict)
+    # vehicle -> states that arrived
+    sequences: dict[str, set[int]] = field(default_factory=lambda: defaultdict(set))
+    # vehicle -> of its states, here
+    ages_s: dict[str, list[float]] = field(default_factory=lambda: defaultdict(list))
     # (receiver, sender) -> ages of the newest state at each tick of the receiver
-    ages_there_s: dict[tuple[str, str], list[float]] = field(default_factory=lambda: defaultdict(list))
+    ages_there_s: dict[tuple[str, str], list[float]] = field(
+        default_factory=lambda: defaultdict(list)
+    )
     first: dict[str, Telemetry] = field(default_factory=dict)
     last: dict[str, Telemetry] = field(default_factory=dict)
-    listening: set[str] = field(default_factory=set)  # vehicles that told nothing, but listen at their endpoint
+    # vehicles that told nothing, but listen at their endpoint
+    listening: set[str] = field(default_factory=set)
     state_ticks: int = 1  # from the number of one state to that of the next
     seconds: float = 0.0
 
@@ -61,7 +70,9 @@ def listen(fleet: FleetConfig, seconds: float) -> Heard:
         now_ns = time.monotonic_ns()
         if isinstance(message, StateMessage):
             heard.sequences[name].add(message.sequence)
-            heard.ages_s[name].append((now_ns - clock.clocks.own_ns(name, message.stamp_ns, now_ns)) * 1e-9)
+            heard.ages_s[name].append(
+                (now_ns - clock.clocks.own_ns(name, message.stamp_ns, now_ns)) * 1e-9
+            )
         elif isinstance(message, Telemetry):
             heard.first.setdefault(name, message)
             heard.last[name] = message
@@ -74,7 +85,9 @@ def listen(fleet: FleetConfig, seconds: float) -> Heard:
 
     bus.start()
     try:
-        bus.watch_alive(lambda node, is_alive: (heard.nodes.add if is_alive else heard.nodes.discard)(node))
+        bus.watch_alive(
+            lambda node, is_alive: (heard.nodes.add if is_alive else heard.nodes.discard)(node)
+        )
         clock.start()
         for topic in (Topic.STATE, Topic.TELEMETRY, Topic.TICK, Topic.CLOCK):
             bus.collect(topic, "*", take)
@@ -115,21 +128,32 @@ def judged(fleet: FleetConfig, heard: Heard) -> Iterator[Diagnosis]:
     yield from _round_trips(heard)
     for node, error_s in sorted(heard.clock_errors_s.items()):
         text = f"Known within {1e3 * error_s:.1f} ms." if error_s < 1e3 else "Not measured yet."
-        yield graded(f"clock of {node}", error_s < _CLOCK_S, text, "Wait some seconds; else its way here is too slow.")
+        yield graded(
+            f"clock of {node}",
+            error_s < _CLOCK_S,
+            text,
+            "Wait some seconds; else its way here is too slow.",
+        )
 
 
 def _silent(name: str, fleet: FleetConfig, heard: Heard) -> Diagnosis:
     """Return why a vehicle tells nothing, as far as that can be seen from here."""
     endpoint = fleet.vehicles[name].agent
     if name in heard.nodes:
-        return Diagnosis(name, Grade.FAIL, "On the bus, but tells nothing.", "Look at its log: covey agent logs")
+        return Diagnosis(
+            name, Grade.FAIL, "On the bus, but tells nothing.", "Look at its log: covey agent logs"
+        )
     if name in heard.listening and fleet.has_keys:
-        said = f"It runs at {endpoint}, and takes no link: its keys are others, or its clock is wrong."
+        said = (
+            f"It runs at {endpoint}, and takes no link: its keys are others, or its clock is wrong."
+        )
         remedy = "Copy keys/ca.pem and its own two files to it anew, and start its agent anew (covey keys list FLEET)."
         return Diagnosis(name, Grade.FAIL, said, remedy)
     if name in heard.listening:
         remedy = "Does its agent have this fleet file, and does it have keys that this file does not know of?"
-        return Diagnosis(name, Grade.FAIL, f"It runs at {endpoint}, and is not of this fleet.", remedy)
+        return Diagnosis(
+            name, Grade.FAIL, f"It runs at {endpoint}, and is not of this fleet.", remedy
+        )
     remedy = "Does its agent run (covey agent status)? Is its computer reached (ping)?"
     return Diagnosis(name, Grade.FAIL, f"Nobody answers at {endpoint}.", remedy)
 
@@ -152,13 +176,19 @@ def _arrivals(name: str, fleet: FleetConfig, heard: Heard) -> Diagnosis:
 
 
 def _neighbours(name: str, fleet: FleetConfig, heard: Heard) -> Iterator[Diagnosis]:
-    ages_s = {other: heard.ages_there_s.get((name, other), []) for other in fleet.enabled_names if other != name}
+    ages_s = {
+        other: heard.ages_there_s.get((name, other), [])
+        for other in fleet.enabled_names
+        if other != name
+    }
     known = {other: _p99(ages) for other, ages in ages_s.items() if ages}
     if not known:
         return
     old_s, silent_s = _old_s(fleet), SILENT_S + fleet.expected_radio.lateness_s
     old = {other: age_s for other, age_s in known.items() if age_s >= old_s}
-    told = ", ".join(f"{other} {1e3 * age_s:.0f} ms" for other, age_s in sorted((old or known).items()))
+    told = ", ".join(
+        f"{other} {1e3 * age_s:.0f} ms" for other, age_s in sorted((old or known).items())
+    )
     bad = Grade.FAIL if any(age_s >= silent_s for age_s in old.values()) else Grade.WARN
     text = f"Age of the others' states (p99): {told}."
     remedy = (
@@ -175,9 +205,16 @@ def _unused(name: str, heard: Heard) -> Iterator[Diagnosis]:
     counts = [max(0, getattr(last, field) - getattr(first, field)) for field in fields]
     words = in_words(*counts)
     if words:
-        few = counts[0] == counts[1] == 0 and sum(counts) < (1.0 - _WELL_SHARE) * _STATES_HZ * heard.seconds
-        remedy = "Refused or malformed ones are of another version, or of a stranger: docs/threats.md"
-        yield graded(f"{name} did not use", few, f"Of the last {heard.seconds:.0f} s: {words}.", remedy)
+        few = (
+            counts[0] == counts[1] == 0
+            and sum(counts) < (1.0 - _WELL_SHARE) * _STATES_HZ * heard.seconds
+        )
+        remedy = (
+            "Refused or malformed ones are of another version, or of a stranger: docs/threats.md"
+        )
+        yield graded(
+            f"{name} did not use", few, f"Of the last {heard.seconds:.0f} s: {words}.", remedy
+        )
 
 
 def _round_trips(heard: Heard) -> Iterator[Diagnosis]:
@@ -185,11 +222,15 @@ def _round_trips(heard: Heard) -> Iterator[Diagnosis]:
     trips_s = {
         (one, other): (way_ns + heard.ways_ns[other, one]) * 1e-9
         for (one, other), way_ns in heard.ways_ns.items()
-        if one < other and (other, one) in heard.ways_ns and heard.hosts.get(one) != heard.hosts.get(other)
+        if one < other
+        and (other, one) in heard.ways_ns
+        and heard.hosts.get(one) != heard.hosts.get(other)
     }
     for (one, other), trip_s in sorted(trips_s.items(), key=lambda item: -item[1]):
         text = f"{1e3 * trip_s:.1f} ms at best, there and back."
-        yield graded(f"{one} - {other}", trip_s < _LONG_S, text, "Too long a way: take nearer access points.")
+        yield graded(
+            f"{one} - {other}", trip_s < _LONG_S, text, "Too long a way: take nearer access points."
+        )
     if not trips_s and heard.last:
         yield Diagnosis("round trips", Grade.OK, "All nodes that were heard run on one computer.")
 

@@ -1,4 +1,6 @@
-"""Whether this computer is fit for an agent or a ground: looked up, and measured where that takes no second."""
+"""Whether this computer is fit for an agent or a ground: looked up, and measured where that takes
+no second.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +23,8 @@ from groundstation.commands.network.diagnosis import Diagnosis, Grade, graded
 from groundstation.processes.supervisor import most_agents
 
 _OLDEST, _NEWEST = (3, 11), (3, 13)  # Python that Covey is tested with
-_BASE = ("cryptography", "eclipse-zenoh", "mavsdk", "msgspec", "numpy")  # the base: an agent has no more
+# the base: an agent has no more
+_BASE = ("cryptography", "eclipse-zenoh", "mavsdk", "msgspec", "numpy")
 _FULL_MB, _LITTLE_MB, _SLOW_MB_S = 50, 1000, 5.0
 _TRIAL_MB = 4
 _COLUMNS, _ROWS = 80, 24
@@ -36,14 +39,26 @@ _GOVERNORS = Path("/sys/devices/system/cpu")
 
 def machine() -> list[Diagnosis]:
     """Return everything about this computer."""
-    return [_python(), *_libraries(), _cores(), _governor(), _priority(), _timer(), _clock(), *_disk(), *_terminal()]
+    return [
+        _python(),
+        *_libraries(),
+        _cores(),
+        _governor(),
+        _priority(),
+        _timer(),
+        _clock(),
+        *_disk(),
+        *_terminal(),
+    ]
 
 
 def _python() -> Diagnosis:
     own = sys.version_info[:2]
     text = f"Python {sys.version.split()[0]}."
     if own < _OLDEST:
-        return Diagnosis("Python", Grade.FAIL, text, f"Covey needs {_OLDEST[0]}.{_OLDEST[1]} or newer.")
+        return Diagnosis(
+            "Python", Grade.FAIL, text, f"Covey needs {_OLDEST[0]}.{_OLDEST[1]} or newer."
+        )
     remedy = f"Covey is tested with {_OLDEST[0]}.{_OLDEST[1]} to {_NEWEST[0]}.{_NEWEST[1]}."
     return graded("Python", own <= _NEWEST, text, remedy)
 
@@ -54,7 +69,10 @@ def _libraries() -> Iterator[Diagnosis]:
         needed = metadata.requires("covey") or []
     except metadata.PackageNotFoundError:
         yield Diagnosis(
-            "libraries", Grade.WARN, "Covey is not installed.", "In a clone: make demo; else install its wheel."
+            "libraries",
+            Grade.WARN,
+            "Covey is not installed.",
+            "In a clone: make demo; else install its wheel.",
         )
         return
     found, missing, wrong = list[str](), list[str](), list[str]()
@@ -67,7 +85,11 @@ def _libraries() -> Iterator[Diagnosis]:
         (found if _is_within(version, bounds) else wrong).append(f"{name} {version}")
     for word, names, bad in (
         ("Missing", [name for name in missing if name in _BASE], Grade.FAIL),
-        ("Not here, and needed for a ground only", [name for name in missing if name not in _BASE], Grade.WARN),
+        (
+            "Not here, and needed for a ground only",
+            [name for name in missing if name not in _BASE],
+            Grade.WARN,
+        ),
         ("Versions that Covey was not made for", wrong, Grade.WARN),
     ):
         if names:
@@ -103,7 +125,9 @@ def _number(version: str) -> tuple[int, ...]:
 def _cores() -> Diagnosis:
     count = len(os.sched_getaffinity(0))
     text = f"{count}, enough for one agent or a ground, or for {most_agents()} agents with their emulator."
-    return graded("cores", count >= 2, text, "With one core, agent and network hold each other up: take two.")
+    return graded(
+        "cores", count >= 2, text, "With one core, agent and network hold each other up: take two."
+    )
 
 
 def _governor() -> Diagnosis:
@@ -113,7 +137,10 @@ def _governor() -> Diagnosis:
         return Diagnosis("CPU governor", Grade.OK, "The clock of the processor is not ours to set.")
     text = f"{', '.join(governors)}."
     return graded(
-        "CPU governor", "powersave" not in governors, text, "On a drone: cpupower frequency-set -g performance"
+        "CPU governor",
+        "powersave" not in governors,
+        text,
+        "On a drone: cpupower frequency-set -g performance",
     )
 
 
@@ -130,7 +157,11 @@ def _priority() -> Diagnosis:
     thread = threading.Thread(target=attempt)
     thread.start()
     thread.join()
-    text = "Allowed." if allowed == [True] else "Not allowed: a busy computer makes control loops late."
+    text = (
+        "Allowed."
+        if allowed == [True]
+        else "Not allowed: a busy computer makes control loops late."
+    )
     remedy = "The service of covey agent install has it; else add to /etc/security/limits.conf: USER - rtprio 10"
     return graded("real-time priority", allowed == [True], text, remedy)
 
@@ -157,7 +188,10 @@ def _clock() -> Diagnosis:
     today = time.strftime("%Y-%m-%d %H:%M")
     if year < _FIRST_YEAR:
         return Diagnosis(
-            "clock", Grade.FAIL, f"It says {today}: certificates are not valid then.", "Set it: timedatectl"
+            "clock",
+            Grade.FAIL,
+            f"It says {today}: certificates are not valid then.",
+            "Set it: timedatectl",
         )
     buffer = (ctypes.c_int * 64)()  # struct timex, all zero: only asks
     try:
@@ -166,7 +200,12 @@ def _clock() -> Diagnosis:
         state = -1
     is_synchronised = state >= 0 and state != 5 and not _status(buffer) & _UNSYNCHRONISED
     text = f"{today}, {'' if is_synchronised else 'not '}synchronised."
-    return graded("clock", is_synchronised, text, "Records of several computers do not match: timedatectl set-ntp true")
+    return graded(
+        "clock",
+        is_synchronised,
+        text,
+        "Records of several computers do not match: timedatectl set-ntp true",
+    )
 
 
 def _status(buffer: ctypes.Array[ctypes.c_int]) -> int:
@@ -180,7 +219,11 @@ def _disk() -> Iterator[Diagnosis]:
     text = f"{free_mb:.0f} MB free in {os.getcwd()}."
     bad = Grade.FAIL if free_mb < _FULL_MB else Grade.WARN
     yield graded(
-        "disk", free_mb > _LITTLE_MB, text, "A record needs about 1 MB a minute and vehicle: free some.", bad=bad
+        "disk",
+        free_mb > _LITTLE_MB,
+        text,
+        "A record needs about 1 MB a minute and vehicle: free some.",
+        bad=bad,
     )
     if free_mb < _FULL_MB:
         return
@@ -193,29 +236,50 @@ def _disk() -> Iterator[Diagnosis]:
             speed = _TRIAL_MB / (time.perf_counter() - begin_s)
     except OSError as error:
         remedy = "Start Covey in a folder of yours."
-        yield Diagnosis("disk's speed", Grade.WARN, f"{os.getcwd()} cannot be written ({error.strerror}).", remedy)
+        yield Diagnosis(
+            "disk's speed",
+            Grade.WARN,
+            f"{os.getcwd()} cannot be written ({error.strerror}).",
+            remedy,
+        )
         return
-    yield graded("disk's speed", speed > _SLOW_MB_S, f"{speed:.0f} MB/s.", "Too slow for a record: take another disk.")
+    yield graded(
+        "disk's speed",
+        speed > _SLOW_MB_S,
+        f"{speed:.0f} MB/s.",
+        "Too slow for a record: take another disk.",
+    )
 
 
 def _terminal() -> Iterator[Diagnosis]:
     if not sys.stdout.isatty():
-        yield Diagnosis("terminal", Grade.OK, "None here: the console needs one, all else does not.")
+        yield Diagnosis(
+            "terminal", Grade.OK, "None here: the console needs one, all else does not."
+        )
         return
     columns, rows = shutil.get_terminal_size()
     is_large = columns >= _COLUMNS and rows >= _ROWS
     yield graded(
-        "terminal", is_large, f"{columns} x {rows}.", f"The console needs {_COLUMNS} x {_ROWS}: make it larger."
+        "terminal",
+        is_large,
+        f"{columns} x {rows}.",
+        f"The console needs {_COLUMNS} x {_ROWS}: make it larger.",
     )
-    has_colours = "truecolor" in os.environ.get("COLORTERM", "") or "256" in os.environ.get("TERM", "")
-    yield graded("colours", has_colours, f"TERM={os.environ.get('TERM', '')}.", "export TERM=xterm-256color")
+    has_colours = "truecolor" in os.environ.get("COLORTERM", "") or "256" in os.environ.get(
+        "TERM", ""
+    )
+    yield graded(
+        "colours", has_colours, f"TERM={os.environ.get('TERM', '')}.", "export TERM=xterm-256color"
+    )
     encoding = sys.stdout.encoding or ""
     remedy = "export LANG=C.UTF-8, or covey --ascii"
     yield graded("letters", encoding.lower().replace("-", "") == "utf8", f"{encoding}.", remedy)
 
 
 def interfaces() -> list[Diagnosis]:
-    """Return the largest packet of each network interface, and whether Wi-Fi sleeps between packets."""
+    """Return the largest packet of each network interface, and whether Wi-Fi sleeps between
+    packets.
+    """
     found = []
     try:
         names = sorted(file.name for file in _INTERFACES.iterdir() if file.name != "lo")
@@ -228,20 +292,42 @@ def interfaces() -> list[Diagnosis]:
         if mtu is not None:
             value = int(struct.unpack_from("i", mtu, 16)[0])
             bad = Grade.FAIL if value < _LEAST_MTU else Grade.WARN
-            remedy = f"ip link set {name} mtu {_USUAL_MTU}; below {_LEAST_MTU} QUIC does not connect."
-            found.append(graded(f"packets of {name}", value >= _USUAL_MTU, f"Up to {value} bytes.", remedy, bad=bad))
+            remedy = (
+                f"ip link set {name} mtu {_USUAL_MTU}; below {_LEAST_MTU} QUIC does not connect."
+            )
+            found.append(
+                graded(
+                    f"packets of {name}",
+                    value >= _USUAL_MTU,
+                    f"Up to {value} bytes.",
+                    remedy,
+                    bad=bad,
+                )
+            )
         power = _ask(name, _GET_WIFI_POWER) if (_INTERFACES / name / "wireless").exists() else None
         if power is not None:
             sleeps = not power[21]  # iw_param.disabled
-            text = "Wi-Fi sleeps between packets: states come up to 0.1 s late." if sleeps else "Wi-Fi stays awake."
-            found.append(graded(f"power of {name}", not sleeps, text, f"iw dev {name} set power_save off"))
-    return found or [Diagnosis("network", Grade.WARN, "No interface but this computer's own.", "Plug in or join one.")]
+            text = (
+                "Wi-Fi sleeps between packets: states come up to 0.1 s late."
+                if sleeps
+                else "Wi-Fi stays awake."
+            )
+            found.append(
+                graded(f"power of {name}", not sleeps, text, f"iw dev {name} set power_save off")
+            )
+    return found or [
+        Diagnosis(
+            "network", Grade.WARN, "No interface but this computer's own.", "Plug in or join one."
+        )
+    ]
 
 
 def _ask(interface: str, request: int) -> bytes | None:
     """Ask the kernel about an interface; None where it does not say."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as asked:
         try:
-            return fcntl.ioctl(asked.fileno(), request, interface.encode()[:15].ljust(16, b"\0") + bytes(24))
+            return fcntl.ioctl(
+                asked.fileno(), request, interface.encode()[:15].ljust(16, b"\0") + bytes(24)
+            )
         except OSError:
             return None

@@ -1,4 +1,6 @@
-"""MAVLink packets of somebody who plays a vehicle's PX4, packed by hand: no library is asked whether they are right."""
+"""MAVLink packets of somebody who plays a vehicle's PX4, packed by hand: no library is asked
+whether they are right.
+"""
 
 from __future__ import annotations
 
@@ -9,12 +11,16 @@ _CHECKSUM_SEEDS = {HEARTBEAT: 50, SETUP_SIGNING: 71}
 _QUADROTOR, _PX4, _STANDBY, _VERSION = 2, 12, 3, 3
 
 
-def packet(message_id: int, payload: bytes, system_id: int, sequence: int, component_id: int = 1) -> bytes:
+def packet(
+    message_id: int, payload: bytes, system_id: int, sequence: int, component_id: int = 1
+) -> bytes:
     """Return an unsigned packet of MAVLink 2."""
     payload = payload.rstrip(b"\0") or b"\0"
     ids = bytes((system_id & 255, component_id)) + message_id.to_bytes(3, "little")
     body = bytes((len(payload), 0, 0, sequence & 255)) + ids + payload
-    return b"\xfd" + body + struct.pack("<H", _checksum(body + bytes((_CHECKSUM_SEEDS[message_id],))))
+    return (
+        b"\xfd" + body + struct.pack("<H", _checksum(body + bytes((_CHECKSUM_SEEDS[message_id],))))
+    )
 
 
 def disarmed() -> bytes:

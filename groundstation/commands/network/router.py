@@ -1,4 +1,5 @@
-"""``covey router``: a router of the fleet's bus, with the endpoints, the keys and the table of roles of the fleet file.
+"""``covey router``: a router of the fleet's bus, with the endpoints, the keys and the table of
+roles of the fleet file.
 
 Examples:
   covey router fleet.toml
@@ -6,7 +7,8 @@ Examples:
   covey router north.toml south.toml
   covey router fleet.toml --print-config > router.json5 && zenohd --config router.json5
 
-It runs until Ctrl-C. Exit status: 0 stopped; 2 wrong input. docs/network.md says when a fleet wants routers.
+It runs until Ctrl-C. Exit status: 0 stopped; 2 wrong input. docs/network.md says when a fleet wants
+routers.
 """
 
 from __future__ import annotations

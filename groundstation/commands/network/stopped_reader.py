@@ -1,4 +1,6 @@
-"""A viewer in a process of its own that hears everything, to be stopped: ``python -m ... FLEET``, for covey attack."""
+"""A viewer in a process of its own that hears everything, to be stopped: ``python -m ... FLEET``,
+for covey attack.
+"""
 
 from __future__ import annotations
 

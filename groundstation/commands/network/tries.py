@@ -1,7 +1,7 @@
 """The tries of covey attack: each is one way in, and says whether it got in.
 
-A try runs twice: against a copy of the fleet with keys, and against one without any, where it has to get in. Otherwise
-that it was stopped would prove nothing.
+A try runs twice: against a copy of the fleet with keys, and against one without any, where it has
+to get in. Otherwise that it was stopped would prove nothing.
 """
 
 from __future__ import annotations
@@ -34,7 +34,13 @@ from groundstation.commands.network.intruder import (
     order_of,
     until,
 )
-from groundstation.commands.network.mavlink_frames import HEARTBEAT, SETUP_SIGNING, disarmed, packet, signing_key
+from groundstation.commands.network.mavlink_frames import (
+    HEARTBEAT,
+    SETUP_SIGNING,
+    disarmed,
+    packet,
+    signing_key,
+)
 from onboard.bus.codec import Malformed
 from onboard.bus.credentials import credentials_of
 from onboard.bus.roles import GRANTS, Role
@@ -43,8 +49,11 @@ from onboard.bus.session import BusSession
 from onboard.bus.topics import TOPICS, Delivery, Topic
 
 OUTSIDERS = (NOBODY, FOREIGN, EXPIRED)
-_SAMPLES = tuple(topic for topic, spec in TOPICS.items() if spec.delivery in (Delivery.LATEST, Delivery.RELIABLE))
-_PROBE = Light(vehicle="intruder", stamp_ns=0, colour=(1, 2, 3))  # no message of any other topic: counted, never used
+_SAMPLES = tuple(
+    topic for topic, spec in TOPICS.items() if spec.delivery in (Delivery.LATEST, Delivery.RELIABLE)
+)
+# no message of any other topic: counted, never used
+_PROBE = Light(vehicle="intruder", stamp_ns=0, colour=(1, 2, 3))
 _ARRIVAL_S, _EFFECT_S = 1.0, 2.5
 _FLOOD_HZ, _BURST = 10_000, 100
 
@@ -57,7 +66,8 @@ class Stage:
     intruders: Intruders
     is_long: bool
     arrived: set[tuple[Topic, str]] = field(default_factory=set)  # at the spare vehicle
-    orders: list[str] = field(default_factory=list)  # authors of those that arrived at the spare vehicle
+    # authors of those that arrived at the spare vehicle
+    orders: list[str] = field(default_factory=list)
 
     @property
     def has_keys(self) -> bool:
@@ -73,7 +83,9 @@ class Stage:
 
     @contextmanager
     def joined(self, who: str, node_name: str, *vehicles: str) -> Iterator[BusSession]:
-        """Open an intruder's node that is connected; from outside one only tries, where there are keys."""
+        """Open an intruder's node that is connected; from outside one only tries, where there are
+        keys.
+        """
         with self.intruders.node(who, node_name, *vehicles) as node:
             is_in = is_connected(node)
             if not is_in and not (self.has_keys and who in OUTSIDERS):
@@ -104,7 +116,9 @@ def spare_vehicle(stage: Stage) -> BusSession:
     fleet = stage.flight.fleet
     credentials = credentials_of(fleet, SPARE)
     endpoint = fleet.vehicles[SPARE].agent
-    node = BusSession(namespace=fleet.namespace, node=SPARE, listen=[endpoint], credentials=credentials)
+    node = BusSession(
+        namespace=fleet.namespace, node=SPARE, listen=[endpoint], credentials=credentials
+    )
     node.start()
 
     def keep(topic: Topic, name: str, _message: Message | Malformed) -> None:
@@ -123,25 +137,35 @@ def tries(names: Sequence[str]) -> Iterator[Try]:
     """Yield all tries against a fleet of these vehicles; those that may end a flight come last."""
     first, last = names[0], names[-1]
     for who in OUTSIDERS:
-        yield Try(f"{who}: orders hold", partial(_orders, who=who, node_name="stranger", vehicle=first))
+        yield Try(
+            f"{who}: orders hold", partial(_orders, who=who, node_name="stranger", vehicle=first)
+        )
         yield Try(f"{who}: publishes a vehicle's state", partial(_publishes, who=who))
         yield Try(f"{who}: reads states", partial(_reads, who=who, vehicle=first))
     for role in (Role.VIEWER, Role.MOCAP, Role.EMULATOR):
         name = f"a {role.value}'s key: orders hold"
         yield Try(name, partial(_orders, who=role, node_name=NODES[role], vehicle=first))
-    yield Try(f"{last}'s key: orders hold", partial(_orders, who=last, node_name=last, vehicle=first))
+    yield Try(
+        f"{last}'s key: orders hold", partial(_orders, who=last, node_name=last, vehicle=first)
+    )
     for who in (last, *NODES):
         yield Try(f"{who}'s key: publishes what its role may not", partial(_table, who=who))
     yield Try("a recorded order, sent again", partial(_replays, vehicle=first))
     for name, gets_in in (
-        (f"{last}'s key: {first}'s telemetry under its own name", partial(_other_inside, who=last, other=first)),
+        (
+            f"{last}'s key: {first}'s telemetry under its own name",
+            partial(_other_inside, who=last, other=first),
+        ),
         ("a viewer's key: 10,000 messages a second", _floods),
         (f"{last}'s key: frames that are no messages", partial(_malformed, who=last)),
         ("bytes at the agents' ports", _noise),
         ("a viewer that stops reading", _stops_reading),
         ("MAVLink: junk at the agent's port", partial(_junk, vehicle=first)),
         ("MAVLink: another system says disarmed", partial(_plays_px4, vehicle=first, other=17)),
-        ("MAVLink: PX4's own id from elsewhere says disarmed", partial(_plays_px4, vehicle=first, other=0)),
+        (
+            "MAVLink: PX4's own id from elsewhere says disarmed",
+            partial(_plays_px4, vehicle=first, other=0),
+        ),
         ("MAVLink: SETUP_SIGNING in flight", partial(_signing, vehicle=first)),
         # the last: whoever finds a liar where it is itself lands, since the two may have touched
         (f"{last}'s key: forged states of itself", partial(_lies, who=last)),
@@ -159,7 +183,9 @@ def _publishes(stage: Stage, who: str) -> bool:
         return bool(_told(stage, node, [(Topic.STATE, "attacked")]))
 
 
-def _told(stage: Stage, node: BusSession, keys: Sequence[tuple[Topic, str]]) -> set[tuple[Topic, str]]:
+def _told(
+    stage: Stage, node: BusSession, keys: Sequence[tuple[Topic, str]]
+) -> set[tuple[Topic, str]]:
     """Publish on some keys for a while; return those that arrived at the spare vehicle."""
     stage.arrived.difference_update(keys)
     end_s = time.monotonic() + _ARRIVAL_S
@@ -178,12 +204,16 @@ def _reads(stage: Stage, who: str, vehicle: str) -> bool:
 
 
 def _table(stage: Stage, who: str) -> bool:
-    """Try every topic under the own name and others' names; only what the table of roles grants may arrive."""
+    """Try every topic under the own name and others' names; only what the table of roles grants may
+    arrive.
+    """
     role = Role(who) if who in set(Role) else Role.VEHICLE
     own = NODES.get(role, who)
     grant = GRANTS[role]
     with stage.joined(who, own, SPARE) as node:
-        arrived = _told(stage, node, [(topic, name) for topic in _SAMPLES for name in (own, "attacked")])
+        arrived = _told(
+            stage, node, [(topic, name) for topic in _SAMPLES for name in (own, "attacked")]
+        )
         is_obeyed(node, SPARE, order_of(node, "land"), _ARRIVAL_S)
     granted = {
         (topic, name)
@@ -200,7 +230,9 @@ def _table(stage: Stage, who: str) -> bool:
 
 
 def _other_inside(stage: Stage, who: str, other: str) -> bool:
-    """Publish, under the own name, telemetry of another vehicle's second agent; whether anybody believes it."""
+    """Publish, under the own name, telemetry of another vehicle's second agent; whether anybody
+    believes it.
+    """
     lie = replace(stage.telemetry(other), boot_id=1)
     with stage.joined(who, who, *stage.flight.names[:-1]) as node:
 
@@ -212,7 +244,8 @@ def _other_inside(stage: Stage, who: str, other: str) -> bool:
 
 
 def _replays(stage: Stage, vehicle: str) -> bool:
-    """Have a ground order something, and send the same order again; whether it is accepted again."""
+    """Have a ground order something, and send the same order again; whether it is accepted again.
+    """
     with stage.joined(Role.GROUND, NODES[Role.GROUND], vehicle) as node:
         order = order_of(node, "hold", stage.telemetry(vehicle))
         if not is_obeyed(node, vehicle, order):
@@ -264,7 +297,12 @@ def _noise(stage: Stage) -> bool:
 
 def _stops_reading(stage: Stage) -> bool:
     """Let a process of a viewer subscribe to everything, and stop it as Ctrl-Z does."""
-    words = [sys.executable, "-m", "groundstation.commands.network.stopped_reader", stage.flight.fleet.path]
+    words = [
+        sys.executable,
+        "-m",
+        "groundstation.commands.network.stopped_reader",
+        stage.flight.fleet.path,
+    ]
     with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as reader:
         assert reader.stdout is not None
         is_reading = bool(reader.stdout.readline())
@@ -292,7 +330,10 @@ def _lies(stage: Stage, who: str) -> bool:
             while time.monotonic() < end_s:
                 if newest:
                     x, y, z = newest[0].position_enu_m
-                    beside: Any = {"position_enu_m": (x + 1.0, y, z), "stamp_ns": newest[0].stamp_ns + 1}
+                    beside: Any = {
+                        "position_enu_m": (x + 1.0, y, z),
+                        "stamp_ns": newest[0].stamp_ns + 1,
+                    }
                     node.publish(Topic.STATE, who, replace(newest[0], **beside))
                 time.sleep(0.01)
     return stage.flight.separation_m < stage.flight.fleet.fleet.safety_distance_m
@@ -309,7 +350,9 @@ def _plays_px4(stage: Stage, vehicle: str, other: int) -> bool:
     """Say for some seconds that the vehicle is disarmed; ``other`` is added to its system id."""
     own = stage.flight.fleet.vehicles[vehicle]
     for sequence in range(60):
-        _datagram(_address(own.autopilot), packet(HEARTBEAT, disarmed(), own.system_id + other, sequence))
+        _datagram(
+            _address(own.autopilot), packet(HEARTBEAT, disarmed(), own.system_id + other, sequence)
+        )
         time.sleep(0.05)
     return stage.is_disturbed()
 
@@ -319,7 +362,10 @@ def _signing(stage: Stage, vehicle: str) -> bool:
     own = stage.flight.fleet.vehicles[vehicle]
     if own.direct is not None:
         for sequence in range(20):
-            _datagram(_address(own.direct), packet(SETUP_SIGNING, signing_key(own.system_id), 255, sequence))
+            _datagram(
+                _address(own.direct),
+                packet(SETUP_SIGNING, signing_key(own.system_id), 255, sequence),
+            )
             time.sleep(0.05)
     return stage.is_disturbed()
 

@@ -1,4 +1,5 @@
-"""``covey px4``: each PX4's parameters and state, past the agents, and what another version changes for a fleet.
+"""``covey px4``: each PX4's parameters and state, past the agents, and what another version changes
+for a fleet.
 
 Examples:
   covey px4 params --fleet fleet.toml
@@ -10,7 +11,8 @@ Examples:
   covey px4 signing --fleet fleet.toml --set
   covey px4 compare 1.16 1.18 --fleet fleet.toml
 
-Exit status: 0 all are as needed; 1 none is; 2 wrong input; 10 nobody answered; 50 some are. docs/px4.md says more.
+Exit status: 0 all are as needed; 1 none is; 2 wrong input; 10 nobody answered; 50 some are.
+docs/px4.md says more.
 """
 
 from __future__ import annotations
@@ -24,7 +26,13 @@ from typing import Annotated
 from cyclopts import App, Parameter
 
 from groundstation.commands.parameters import FleetFile, Names
-from groundstation.commands.px4 import comparison, parameter_sets, signing_keys, vehicle_info, vehicle_parameters
+from groundstation.commands.px4 import (
+    comparison,
+    parameter_sets,
+    signing_keys,
+    vehicle_info,
+    vehicle_parameters,
+)
 from groundstation.commands.px4.links import for_each, opened
 from groundstation.commands.px4.parameter_file import default_backup
 from onboard.config.fleet import ConfigError, FleetConfig, Vehicle, load_fleet
@@ -38,7 +46,9 @@ _File = Annotated[Path | None, Parameter(metavar="FILE")]
 def _selected(fleet: FleetConfig, vehicles: str | None, exclude: str | None) -> list[Vehicle]:
     names = fleet.select(vehicles, exclude)
     if not names:
-        raise ConfigError("No vehicle is selected. Set enabled = true for one, or change --vehicles and --exclude.")
+        raise ConfigError(
+            "No vehicle is selected. Set enabled = true for one, or change --vehicles and --exclude."
+        )
     return [fleet.vehicles[name] for name in names]
 
 
@@ -60,23 +70,30 @@ def params(
     backup: _File = None,
     json: bool = False,
 ) -> int:
-    """Read from every PX4 the parameters that this fleet needs; set them, save all, compare all, write all back.
+    """Read from every PX4 the parameters that this fleet needs; set them, save all, compare all,
+    write all back.
 
     Args:
         vehicles: only these: names or indices, a,b or 0-2 (default all)
         exclude: all but these
-        apply: set those that differ, have PX4 store them, and read them back; disarmed vehicles only
+        apply: set those that differ, have PX4 store them, and read them back; disarmed vehicles
+            only
         dump: write all parameters of each vehicle to a new file, as QGroundControl does
         diff: compare all parameters of each vehicle with a file's or with another vehicle's
         restore: write back what differs from a file of --dump or a backup, each vehicle its own
-        backup: file for all parameters before --apply or --restore changes any (default: px4-FLEET-TIME.params here)
+        backup: file for all parameters before --apply or --restore changes any (default:
+            px4-FLEET-TIME.params here)
         json: one object instead of the list
     """
     config = load_fleet(fleet)
     if sum(map(bool, (apply, dump, diff, restore))) > 1:
-        raise ConfigError("--apply, --dump, --diff and --restore exclude each other. Give one of them.")
+        raise ConfigError(
+            "--apply, --dump, --diff and --restore exclude each other. Give one of them."
+        )
     if backup is not None and not (apply or restore):
-        raise ConfigError("--backup belongs to --apply and --restore. To save parameters, give --dump FILE.")
+        raise ConfigError(
+            "--backup belongs to --apply and --restore. To save parameters, give --dump FILE."
+        )
     chosen = _selected(config, vehicles, exclude)
     backup = backup or default_backup(config)
     if diff is not None:
@@ -94,13 +111,21 @@ def params(
                 assert restore is not None
                 reports = parameter_sets.restore(links, restore, backup)
             _print(
-                parameter_sets.as_mapping(reports) if json else parameter_sets.as_text(reports), backup, is_json=json
+                parameter_sets.as_mapping(reports) if json else parameter_sets.as_text(reports),
+                backup,
+                is_json=json,
             )
             return parameter_sets.exit_status(reports)
-        states: Sequence[vehicle_parameters.VehicleParams] = for_each(vehicle_parameters.read_one, links)
+        states: Sequence[vehicle_parameters.VehicleParams] = for_each(
+            vehicle_parameters.read_one, links
+        )
         if apply:
             states = vehicle_parameters.set_all(links, states, backup)
-    _print(vehicle_parameters.as_mapping(states) if json else vehicle_parameters.as_text(states), backup, is_json=json)
+    _print(
+        vehicle_parameters.as_mapping(states) if json else vehicle_parameters.as_text(states),
+        backup,
+        is_json=json,
+    )
     return vehicle_parameters.exit_status(states)
 
 
@@ -125,7 +150,13 @@ def _with_reference(fleet: FleetConfig, chosen: list[Vehicle], diff: str) -> lis
 
 
 @px4.command
-def info(*, fleet: FleetFile, vehicles: Names | None = None, exclude: Names | None = None, json: bool = False) -> int:
+def info(
+    *,
+    fleet: FleetFile,
+    vehicles: Names | None = None,
+    exclude: Names | None = None,
+    json: bool = False,
+) -> int:
     """Say of every PX4 its version, board, uptime, state, sensors and links.
 
     Args:
@@ -172,8 +203,14 @@ def signing(
     keys = signing_keys.keys_of(config, chosen, is_changed=set or remove)
     old_key = None if old is None else read_key(str(old), config.path)
     with opened(chosen, keys, hears_all=True) as links:
-        reports = signing_keys.run(links, keys, "set" if set else "remove" if remove else "look", old_key)
-    print(dumps(parameter_sets.as_mapping(reports), indent=2) if json else parameter_sets.as_text(reports))
+        reports = signing_keys.run(
+            links, keys, "set" if set else "remove" if remove else "look", old_key
+        )
+    print(
+        dumps(parameter_sets.as_mapping(reports), indent=2)
+        if json
+        else parameter_sets.as_text(reports)
+    )
     return parameter_sets.exit_status(reports)
 
 
@@ -186,7 +223,8 @@ def compare(
     fleet: FleetFile,
     json: bool = False,
 ) -> int:
-    """Say what another version of PX4 changes for this fleet: demanded parameters, failsafes, and other facts.
+    """Say what another version of PX4 changes for this fleet: demanded parameters, failsafes, and
+    other facts.
 
     Args:
         old: version that flies now, for instance 1.16

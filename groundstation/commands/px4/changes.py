@@ -1,4 +1,5 @@
-"""Parameters written to one PX4, each with what became of it, also when the link dies on the way."""
+"""Parameters written to one PX4, each with what became of it, also when the link dies on the way.
+"""
 
 from __future__ import annotations
 
@@ -64,7 +65,13 @@ def write_all(
         if not is_silent:
             try:
                 after = link.write(name, value)
-                outcome = Outcome.UNKNOWN if after is None else Outcome.SET if demand.is_met(after) else Outcome.REFUSED
+                outcome = (
+                    Outcome.UNKNOWN
+                    if after is None
+                    else Outcome.SET
+                    if demand.is_met(after)
+                    else Outcome.REFUSED
+                )
             except LinkSilentError:
                 is_silent, after, outcome = True, None, Outcome.LOST
         changes.append(Change(name, before.get(name), value, after, outcome))
@@ -86,7 +93,9 @@ def _trouble(changes: Sequence[Change], *, is_silent: bool, is_stored: bool) -> 
             "this once more when it is heard again."
         )
     if names[Outcome.REFUSED] != "none":
-        sentences.append(f"PX4 did not take {names[Outcome.REFUSED]}: read-only, or out of its range.")
+        sentences.append(
+            f"PX4 did not take {names[Outcome.REFUSED]}: read-only, or out of its range."
+        )
     if names[Outcome.UNKNOWN] != "none":
         sentences.append(f"This PX4 does not know {names[Outcome.UNKNOWN]}.")
     if not is_stored and not is_silent:
@@ -97,13 +106,17 @@ def _trouble(changes: Sequence[Change], *, is_silent: bool, is_stored: bool) -> 
 
 
 def store(
-    request: Callable[[float], int | None], timeout_s: float, sleep: Callable[[float], None] = time.sleep
+    request: Callable[[float], int | None],
+    timeout_s: float,
+    sleep: Callable[[float], None] = time.sleep,
 ) -> bool:
-    """Have PX4 write its parameters, and wait until it has; False when that was not confirmed in time.
+    """Have PX4 write its parameters, and wait until it has; False when that was not confirmed in
+    time.
 
-    PX4 writes changed parameters by itself up to 3.5 s later, and a restart before that loses them. PREFLIGHT_STORAGE
-    writes at once, but is accepted before the writing. While PX4 writes it rejects another one: so the next acceptance
-    shows that the first writing has ended. The second has nothing new to write.
+    PX4 writes changed parameters by itself up to 3.5 s later, and a restart before that loses them.
+    PREFLIGHT_STORAGE writes at once, but is accepted before the writing. While PX4 writes it
+    rejects another one: so the next acceptance shows that the first writing has ended. The second
+    has nothing new to write.
     """
     end_s = time.monotonic() + timeout_s
     accepted = 0

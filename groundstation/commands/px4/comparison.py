@@ -1,4 +1,6 @@
-"""What another version of PX4 changes for a fleet: demanded parameters, defaults, failsafes, other measured facts."""
+"""What another version of PX4 changes for a fleet: demanded parameters, defaults, failsafes, other
+measured facts.
+"""
 
 from __future__ import annotations
 
@@ -83,7 +85,9 @@ def compare(fleet: FleetConfig, old: str, new: str) -> Comparison:
 def _version(text: str) -> Version:
     match = re.fullmatch(r"v?(\d{1,2})\.(\d{1,3})(\.\d+.*)?", text)
     if match is None:
-        raise ConfigError(f"'{text}' is no version of PX4. Write it as 1.16; measured are {', '.join(VERSIONS)}.")
+        raise ConfigError(
+            f"'{text}' is no version of PX4. Write it as 1.16; measured are {', '.join(VERSIONS)}."
+        )
     return int(match[1]), int(match[2])
 
 
@@ -93,13 +97,18 @@ def _versions_between(old: str, new: str) -> list[str]:
     return list(VERSIONS[first + 1 : last + 1])
 
 
-def _by_vehicle(vehicles: Sequence[Vehicle], rows_of: Callable[[Vehicle], Iterable[str]]) -> list[str]:
+def _by_vehicle(
+    vehicles: Sequence[Vehicle], rows_of: Callable[[Vehicle], Iterable[str]]
+) -> list[str]:
     """Return each sentence once, with the vehicles that it holds for unless it holds for all."""
     names: dict[str, list[str]] = {}
     for vehicle in vehicles:
         for sentence in rows_of(vehicle):
             names.setdefault(sentence, []).append(vehicle.name)
-    return [sentence if len(of) == len(vehicles) else f"{', '.join(of)}: {sentence}" for sentence, of in names.items()]
+    return [
+        sentence if len(of) == len(vehicles) else f"{', '.join(of)}: {sentence}"
+        for sentence, of in names.items()
+    ]
 
 
 def _demanded(vehicle: Vehicle, version: Version) -> dict[str, RequiredParam]:
@@ -118,7 +127,9 @@ def _demands(vehicles: Sequence[Vehicle], old: Version, new: Version) -> list[st
 
 
 def _gone(vehicles: Sequence[Vehicle], passed: Sequence[str], new: Version) -> list[str]:
-    gone = {name: version for version in passed for name in _PARAMETERS.get(version, {}).get("gone", ())}
+    gone = {
+        name: version for version in passed for name in _PARAMETERS.get(version, {}).get("gone", ())
+    }
 
     def rows(vehicle: Vehicle) -> Iterable[str]:
         for name in vehicle.px4_params:
@@ -128,7 +139,9 @@ def _gone(vehicles: Sequence[Vehicle], passed: Sequence[str], new: Version) -> l
     return _by_vehicle(vehicles, rows)
 
 
-def _defaults(vehicles: Sequence[Vehicle], passed: Sequence[str], new: Version, *, is_back: bool) -> list[str]:
+def _defaults(
+    vehicles: Sequence[Vehicle], passed: Sequence[str], new: Version, *, is_back: bool
+) -> list[str]:
     changed: dict[str, tuple[Value, Value]] = {}
     for version in passed:
         for name, (before, after) in _PARAMETERS.get(version, {}).get("defaults", {}).items():
@@ -138,7 +151,11 @@ def _defaults(vehicles: Sequence[Vehicle], passed: Sequence[str], new: Version, 
         demanded = _demanded(vehicle, new)
         for name, values in changed.items():
             before, after = reversed(values) if is_back else values
-            kept = f"; the fleet demands {demanded[name].value:g}, so nothing changes" if name in demanded else ""
+            kept = (
+                f"; the fleet demands {demanded[name].value:g}, so nothing changes"
+                if name in demanded
+                else ""
+            )
             yield f"{name} comes as {after:g} instead of {before:g}{kept}."
 
     return _by_vehicle(vehicles, rows)
@@ -150,7 +167,9 @@ def _identified(vehicles: Sequence[Vehicle], new: str) -> list[str]:
     def rows(vehicle: Vehicle) -> Iterable[str]:
         if vehicle.px4_version == new:
             return
-        before_s, after_s = (lag_s(_version(name), vehicle.px4_params) for name in (vehicle.px4_version, new))
+        before_s, after_s = (
+            lag_s(_version(name), vehicle.px4_params) for name in (vehicle.px4_version, new)
+        )
         head = f"The attitude values of type '{vehicle.type}' were identified with v{vehicle.px4_version}. "
         if abs(after_s - before_s) > LAG_ERROR_S:
             yield (
@@ -163,15 +182,25 @@ def _identified(vehicles: Sequence[Vehicle], new: str) -> list[str]:
     return _by_vehicle(vehicles, rows)
 
 
-def _facts(vehicles: Sequence[Vehicle], old: str, new: str, version: Version) -> Iterable[ChangedFact]:
+def _facts(
+    vehicles: Sequence[Vehicle], old: str, new: str, version: Version
+) -> Iterable[ChangedFact]:
     before, after = facts_of(old, FACTS), facts_of(new, FACTS)
     for name, fact in after.items():
         if fact.expected == before[name].expected:
             continue
-        row = next(row for row in _ROWS if any(fnmatchcase(name, pattern) for pattern in row["facts"]))
+        row = next(
+            row for row in _ROWS if any(fnmatchcase(name, pattern) for pattern in row["facts"])
+        )
         concerns = tuple(vehicle.name for vehicle in vehicles if _concerns(row, vehicle, version))
         yield ChangedFact(
-            name, fact.says, row["group"], _shown(before[name].expected), _shown(fact.expected), row["says"], concerns
+            name,
+            fact.says,
+            row["group"],
+            _shown(before[name].expected),
+            _shown(fact.expected),
+            row["says"],
+            concerns,
         )
 
 
@@ -188,7 +217,9 @@ def _shown(expected: str) -> str:
 
 def as_text(found: Comparison) -> str:
     """The comparison for people."""
-    lines = [f"PX4 v{found.old.removeprefix('v')} to v{found.new.removeprefix('v')}, for {', '.join(found.vehicles)}."]
+    lines = [
+        f"PX4 v{found.old.removeprefix('v')} to v{found.new.removeprefix('v')}, for {', '.join(found.vehicles)}."
+    ]
     lines += _wrapped(found.notes, "  ! ")
     lines.append("Parameters")
     lines += _wrapped(found.parameters or ("nothing changes.",), "  ")
@@ -198,11 +229,19 @@ def as_text(found: Comparison) -> str:
         facts.sort(key=lambda fact: (not fact.concerns, fact.meaning))
         if not facts:
             lines.append("  nothing changes.")
-        for (meaning, concerns), of_meaning in groupby(facts, key=lambda fact: (fact.meaning, fact.concerns)):
+        for (meaning, concerns), of_meaning in groupby(
+            facts, key=lambda fact: (fact.meaning, fact.concerns)
+        ):
             whom = "concerns " + ("all" if concerns == found.vehicles else ", ".join(concerns))
-            lines += _wrapped([f"{meaning} ({whom if concerns else 'does not concern this fleet'}):"], "  ")
-            rows = [f"{fact.name}: {fact.before} -> {fact.after} ({fact.says})" for fact in of_meaning]
-            more = [f"and {len(rows) - _SHOWN} more: --json lists them"] if len(rows) > _SHOWN else []
+            lines += _wrapped(
+                [f"{meaning} ({whom if concerns else 'does not concern this fleet'}):"], "  "
+            )
+            rows = [
+                f"{fact.name}: {fact.before} -> {fact.after} ({fact.says})" for fact in of_meaning
+            ]
+            more = (
+                [f"and {len(rows) - _SHOWN} more: --json lists them"] if len(rows) > _SHOWN else []
+            )
             lines += _wrapped([*rows[:_SHOWN], *more], "    ")
     return "\n".join(lines)
 
@@ -211,7 +250,9 @@ def _wrapped(sentences: Iterable[str], indent: str) -> list[str]:
     return [
         line
         for sentence in sentences
-        for line in textwrap.wrap(sentence, _WIDTH, initial_indent=indent, subsequent_indent=" " * (len(indent) + 2))
+        for line in textwrap.wrap(
+            sentence, _WIDTH, initial_indent=indent, subsequent_indent=" " * (len(indent) + 2)
+        )
     ]
 
 

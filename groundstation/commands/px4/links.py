@@ -1,7 +1,9 @@
-"""Each vehicle's PX4 past its agent: the link that answers, and the same work done for several at a time.
+"""Each vehicle's PX4 past its agent: the link that answers, and the same work done for several at a
+time.
 
-The vehicle's own link is used when no agent holds it, else PX4's ground link (``direct``): PX4 answers on a link only
-the program that it heard there first, so nothing may push in between an agent and its autopilot.
+The vehicle's own link is used when no agent holds it, else PX4's ground link (``direct``): PX4
+answers on a link only the program that it heard there first, so nothing may push in between an
+agent and its autopilot.
 """
 
 from __future__ import annotations
@@ -45,7 +47,11 @@ class VehicleLink:
         if self.version is None:
             return "an unknown version of PX4"
         dotted = ".".join(map(str, self.version))
-        return f"PX4 v{dotted}" if plausible_version(self.version) else f"version {dotted}, which no PX4 has"
+        return (
+            f"PX4 v{dotted}"
+            if plausible_version(self.version)
+            else f"version {dotted}, which no PX4 has"
+        )
 
 
 @contextlib.contextmanager
@@ -60,7 +66,9 @@ def opened(
         hears_all: whether PX4 is heard whatever it signs with.
     """
     with contextlib.ExitStack() as stack:
-        yield for_each(lambda vehicle: _open(vehicle, stack, keys.get(vehicle.name), hears_all), vehicles)
+        yield for_each(
+            lambda vehicle: _open(vehicle, stack, keys.get(vehicle.name), hears_all), vehicles
+        )
 
 
 def for_each(function: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
@@ -69,7 +77,9 @@ def for_each(function: Callable[[Item], Result], items: Sequence[Item]) -> list[
         return list(pool.map(function, items))
 
 
-def _open(vehicle: Vehicle, stack: contextlib.ExitStack, key: bytes | None, hears_all: bool) -> VehicleLink:
+def _open(
+    vehicle: Vehicle, stack: contextlib.ExitStack, key: bytes | None, hears_all: bool
+) -> VehicleLink:
     troubles: list[str] = []
     endpoints = [(vehicle.autopilot, True)] + ([(vehicle.direct, False)] if vehicle.direct else [])
     for endpoint, is_own in endpoints:
@@ -88,7 +98,9 @@ def _open(vehicle: Vehicle, stack: contextlib.ExitStack, key: bytes | None, hear
         if is_armed is not None:
             stack.callback(claim.release)
             stack.callback(link.stop)
-            return VehicleLink(vehicle, link, is_armed, link.version(), silent_links=tuple(troubles))
+            return VehicleLink(
+                vehicle, link, is_armed, link.version(), silent_links=tuple(troubles)
+            )
         link.stop()
         claim.release()
         troubles.append(_silence(link, vehicle, is_signed=key is not None))
@@ -104,7 +116,11 @@ def _open(vehicle: Vehicle, stack: contextlib.ExitStack, key: bytes | None, hear
 
 def _silence(link: AutopilotLink, vehicle: Vehicle, *, is_signed: bool) -> str:
     if link.other_system_id is None:
-        with_key = f" that is signed with the key of {vehicle.name} (covey px4 signing says more)" if is_signed else ""
+        with_key = (
+            f" that is signed with the key of {vehicle.name} (covey px4 signing says more)"
+            if is_signed
+            else ""
+        )
         return f"Nothing is heard from PX4 at {link.endpoint}{with_key}."
     return (
         f"The PX4 at {link.endpoint} has MAVLink system id {link.other_system_id}, but the fleet file says "

@@ -1,4 +1,5 @@
-"""Files of parameters, as QGroundControl writes and reads them: rows of vehicle id, component id, name, value and type.
+"""Files of parameters, as QGroundControl writes and reads them: rows of vehicle id, component id,
+name, value and type.
 
 One file holds all parameters of one vehicle or of several, which their MAVLink ids tell apart.
 """
@@ -18,7 +19,15 @@ from onboard.px4.required_params import Value
 _INT32, _REAL32 = 6, 9
 _AUTOPILOT = 1
 # of one vehicle by nature: its id, its calibration, its statistics
-OWN = ("MAV_SYS_ID", "UXRCE_DDS_KEY", "CAL_*", "TC_*", "COM_FLIGHT_UUID", "LND_FLIGHT_T_*", "SENS_BOARD_?_OFF")
+OWN = (
+    "MAV_SYS_ID",
+    "UXRCE_DDS_KEY",
+    "CAL_*",
+    "TC_*",
+    "COM_FLIGHT_UUID",
+    "LND_FLIGHT_T_*",
+    "SENS_BOARD_?_OFF",
+)
 STATISTICS = ("COM_FLIGHT_UUID", "LND_FLIGHT_T_*")  # PX4 counts them itself
 
 
@@ -42,11 +51,19 @@ def write_file(path: Path, vehicles: Mapping[int, tuple[str, Mapping[str, Value]
     Raises:
         ConfigError: it exists, or cannot be written.
     """
-    lines = ["# Parameters of PX4: covey px4 params --restore writes them back, QGroundControl reads them", "#"]
+    lines = [
+        "# Parameters of PX4: covey px4 params --restore writes them back, QGroundControl reads them",
+        "#",
+    ]
     for system_id, (remark, values) in vehicles.items():
-        lines += [f"# Vehicle {system_id}: {remark}", "# Vehicle-Id\tComponent-Id\tName\tValue\tType"]
+        lines += [
+            f"# Vehicle {system_id}: {remark}",
+            "# Vehicle-Id\tComponent-Id\tName\tValue\tType",
+        ]
         for name, value in sorted(values.items()):
-            kind, text = (_INT32, f"{value}") if isinstance(value, int) else (_REAL32, f"{value:.9g}")
+            kind, text = (
+                (_INT32, f"{value}") if isinstance(value, int) else (_REAL32, f"{value:.9g}")
+            )
             lines.append(f"{system_id}\t{_AUTOPILOT}\t{name}\t{text}\t{kind}")
     try:
         with path.open("x", encoding="utf-8") as file:
@@ -54,7 +71,9 @@ def write_file(path: Path, vehicles: Mapping[int, tuple[str, Mapping[str, Value]
     except FileExistsError:
         raise ConfigError(f"{path} exists already. Give another name, or remove it.") from None
     except OSError as error:
-        raise ConfigError(f"{path} cannot be written ({error.strerror}). Give another name.") from None
+        raise ConfigError(
+            f"{path} cannot be written ({error.strerror}). Give another name."
+        ) from None
 
 
 def read_file(path: Path) -> dict[int, dict[str, Value]]:
@@ -72,7 +91,9 @@ def read_file(path: Path) -> dict[int, dict[str, Value]]:
     try:
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{path} cannot be read ({error}). Give a file of covey px4 params --dump.") from None
+        raise ConfigError(
+            f"{path} cannot be read ({error}). Give a file of covey px4 params --dump."
+        ) from None
     vehicles: dict[int, dict[str, Value]] = {}
     for number, line in enumerate(text.splitlines(), 1):
         if not line.strip() or line.startswith("#"):
@@ -85,7 +106,9 @@ def read_file(path: Path) -> dict[int, dict[str, Value]]:
             )
         system_id, name, value = row
         if vehicles.setdefault(system_id, {}).setdefault(name, value) != value:
-            raise ConfigError(f"{path}: line {number}: {name} of vehicle {system_id} has two values. Remove one.")
+            raise ConfigError(
+                f"{path}: line {number}: {name} of vehicle {system_id} has two values. Remove one."
+            )
     if not vehicles:
         raise ConfigError(f"{path} holds no parameters. Give a file of covey px4 params --dump.")
     return vehicles
@@ -93,7 +116,11 @@ def read_file(path: Path) -> dict[int, dict[str, Value]]:
 
 def _row(line: str) -> tuple[int, str, Value] | None:
     fields = line.split("\t")
-    if len(fields) != 5 or not re.fullmatch(r"\d{1,3}", fields[0]) or not re.fullmatch(r"[A-Z0-9_]{1,16}", fields[2]):
+    if (
+        len(fields) != 5
+        or not re.fullmatch(r"\d{1,3}", fields[0])
+        or not re.fullmatch(r"[A-Z0-9_]{1,16}", fields[2])
+    ):
         return None
     try:
         value = int(fields[3]) if fields[4].strip() == str(_INT32) else float(fields[3])

@@ -1,4 +1,6 @@
-"""All parameters of vehicles: into a file, beside another vehicle's or a file's, and back from a file."""
+"""All parameters of vehicles: into a file, beside another vehicle's or a file's, and back from a
+file.
+"""
 
 from __future__ import annotations
 
@@ -36,7 +38,9 @@ def exit_status(reports: Sequence[VehicleReport]) -> int:
 
 def as_text(reports: Sequence[VehicleReport]) -> str:
     """The reports for people."""
-    return "\n".join("\n  ".join((f"{report.name}: {report.headline}", *report.lines)) for report in reports)
+    return "\n".join(
+        "\n  ".join((f"{report.name}: {report.headline}", *report.lines)) for report in reports
+    )
 
 
 def as_mapping(reports: Sequence[VehicleReport]) -> dict[str, Any]:
@@ -60,9 +64,13 @@ def dump(links: Sequence[VehicleLink], path: Path) -> list[VehicleReport]:
     """
     troubles, counts = save(links, path)
     return [
-        VehicleReport(name, False, f"not in {path}: {trouble}", answers=links[index].link is not None)
+        VehicleReport(
+            name, False, f"not in {path}: {trouble}", answers=links[index].link is not None
+        )
         if trouble
-        else VehicleReport(name, True, f"{counts[name]} parameters of {links[index].version_text} are in {path}.")
+        else VehicleReport(
+            name, True, f"{counts[name]} parameters of {links[index].version_text} are in {path}."
+        )
         for index, (name, trouble) in enumerate(troubles.items())
     ]
 
@@ -78,7 +86,9 @@ def diff(links: Sequence[VehicleLink], fleet: FleetConfig, reference: str) -> li
     Raises:
         ConfigError: the file holds nothing about a vehicle.
     """
-    whole = dict(zip((link.vehicle.name for link in links), for_each(read_whole, links), strict=True))
+    whole = dict(
+        zip((link.vehicle.name for link in links), for_each(read_whole, links), strict=True)
+    )
     name = "" if Path(reference).is_file() else fleet.select(reference)[0]
     sets = {} if name else read_file(Path(reference))
     reports = []
@@ -88,17 +98,27 @@ def diff(links: Sequence[VehicleLink], fleet: FleetConfig, reference: str) -> li
         if link.vehicle.name == name and not isinstance(values, str):
             continue
         if isinstance(values, str) or isinstance(other, str):
-            why = values if isinstance(values, str) else f"there is nothing to compare with: {other}"
-            reports.append(VehicleReport(link.vehicle.name, False, why, answers=link.link is not None))
+            why = (
+                values if isinstance(values, str) else f"there is nothing to compare with: {other}"
+            )
+            reports.append(
+                VehicleReport(link.vehicle.name, False, why, answers=link.link is not None)
+            )
             continue
         rows, left_out = differences(values, other)
-        own = f"; {left_out} more that are each vehicle's own ({', '.join(OWN[:3])}, ...)" if left_out else ""
+        own = (
+            f"; {left_out} more that are each vehicle's own ({', '.join(OWN[:3])}, ...)"
+            if left_out
+            else ""
+        )
         headline = f"{len(rows)} of {len(values)} differ from {reference}{own}."
         reports.append(VehicleReport(link.vehicle.name, not rows, headline, tuple(rows)))
     return reports
 
 
-def _of_file(sets: Mapping[int, Mapping[str, Value]], link: VehicleLink) -> Mapping[str, Value] | str:
+def _of_file(
+    sets: Mapping[int, Mapping[str, Value]], link: VehicleLink
+) -> Mapping[str, Value] | str:
     """Return the vehicle's own parameters of a file, or those of the one vehicle that it holds."""
     if link.vehicle.system_id in sets:
         return sets[link.vehicle.system_id]
@@ -108,7 +128,9 @@ def _of_file(sets: Mapping[int, Mapping[str, Value]], link: VehicleLink) -> Mapp
 
 
 def differences(values: Mapping[str, Value], other: Mapping[str, Value]) -> tuple[list[str], int]:
-    """Return a row for each parameter that differs, and how many that are each vehicle's own were left out."""
+    """Return a row for each parameter that differs, and how many that are each vehicle's own were
+    left out.
+    """
     rows, left_out = [], 0
     for name in sorted(values.keys() | other.keys()):
         here, there = values.get(name), other.get(name)
@@ -117,7 +139,9 @@ def differences(values: Mapping[str, Value], other: Mapping[str, Value]) -> tupl
         if is_one_of(name, OWN):
             left_out += 1
             continue
-        here_text, there_text = ("not known" if value is None else f"{value:g}" for value in (here, there))
+        here_text, there_text = (
+            "not known" if value is None else f"{value:g}" for value in (here, there)
+        )
         rows.append(f"{name:<16} {here_text}, there {there_text}")
     return rows, left_out
 
@@ -126,7 +150,8 @@ def restore(links: Sequence[VehicleLink], path: Path, backup: Path) -> list[Vehi
     """Write a file's parameters back, each vehicle its own, after a backup of what is there now.
 
     Raises:
-        ConfigError: the file holds none of these vehicles, or the backup cannot be written; nothing was changed.
+        ConfigError: the file holds none of these vehicles, or the backup cannot be written; nothing
+            was changed.
     """
     sets = read_file(path)
     if not any(link.vehicle.system_id in sets for link in links):
@@ -141,12 +166,17 @@ def restore(links: Sequence[VehicleLink], path: Path, backup: Path) -> list[Vehi
         name, answers = link.vehicle.name, link.link is not None
         if link.vehicle.system_id not in sets:
             return VehicleReport(
-                name, False, f"{path} holds nothing of vehicle {link.vehicle.system_id}.", answers=answers
+                name,
+                False,
+                f"{path} holds nothing of vehicle {link.vehicle.system_id}.",
+                answers=answers,
             )
         if link.is_armed:
             return VehicleReport(name, False, f"nothing was changed. {ARMED}")
         if link.link is None or troubles[name]:
-            return VehicleReport(name, False, f"nothing was changed. {troubles[name]}", answers=answers)
+            return VehicleReport(
+                name, False, f"nothing was changed. {troubles[name]}", answers=answers
+            )
         before = read_whole(link)
         if isinstance(before, str):
             return VehicleReport(name, False, f"nothing was changed. {before}")
@@ -159,12 +189,18 @@ def restore(links: Sequence[VehicleLink], path: Path, backup: Path) -> list[Vehi
         changes, trouble = write_all(link.link, required, before)
         count = sum(change.outcome is Outcome.SET for change in changes)
         stored = "; PX4 has stored them" if count and not trouble else ""
-        headline = f"{count} of {len(changes)} that differed were written back{stored}. {trouble}".strip()
+        headline = (
+            f"{count} of {len(changes)} that differed were written back{stored}. {trouble}".strip()
+        )
         return VehicleReport(name, not trouble, headline, tuple(_row(change) for change in changes))
 
     return for_each(restore_one, links)
 
 
 def _row(change: Change) -> str:
-    before, after = ("unknown" if value is None else f"{value:g}" for value in (change.before, change.after))
-    return f"{change.outcome.value:<14}{change.name:<16} {before} -> {change.required:g}, now {after}"
+    before, after = (
+        "unknown" if value is None else f"{value:g}" for value in (change.before, change.after)
+    )
+    return (
+        f"{change.outcome.value:<14}{change.name:<16} {before} -> {change.required:g}, now {after}"
+    )

@@ -1,7 +1,8 @@
-"""Keys of MAVLink signing: what each PX4 does with its messages, and giving it a key or taking it away.
+"""Keys of MAVLink signing: what each PX4 does with its messages, and giving it a key or taking it
+away.
 
-PX4 acknowledges no key. So what it does afterwards is looked at: whether it signs with the key, and whether it still
-answers what is not signed.
+PX4 acknowledges no key. So what it does afterwards is looked at: whether it signs with the key, and
+whether it still answers what is not signed.
 """
 
 from __future__ import annotations
@@ -33,13 +34,16 @@ class Signs(Enum):
     OTHER = "signs its messages, with another key than this computer's"
 
 
-def keys_of(fleet: FleetConfig, vehicles: Sequence[Vehicle], *, is_changed: bool) -> dict[str, bytes]:
+def keys_of(
+    fleet: FleetConfig, vehicles: Sequence[Vehicle], *, is_changed: bool
+) -> dict[str, bytes]:
     """Read the keys of vehicles, as far as they are here.
 
     Args:
         fleet: the fleet file.
         vehicles: whose.
-        is_changed: whether PX4 is to be given a key, or to lose it: then each vehicle must have one here.
+        is_changed: whether PX4 is to be given a key, or to lose it: then each vehicle must have one
+            here.
     Returns:
         vehicle -> key.
     Raises:
@@ -67,7 +71,9 @@ def run(
     return for_each(lambda link: _one(link, keys.get(link.vehicle.name), action, old_key), links)
 
 
-def _one(link: VehicleLink, key: bytes | None, action: Action, old_key: bytes | None) -> VehicleReport:
+def _one(
+    link: VehicleLink, key: bytes | None, action: Action, old_key: bytes | None
+) -> VehicleReport:
     if link.link is None:
         return VehicleReport(link.vehicle.name, False, link.trouble, answers=False)
     found = _state(link.link, key)
@@ -113,14 +119,26 @@ def _changed(link: VehicleLink, found: Signs, key: bytes | None, action: Action)
     name = link.vehicle.name
     if action == "remove":
         is_gone = found is Signs.NOTHING
-        hint = " Write mavlink_signing = false for it in the fleet file." if link.vehicle.mavlink_signing else ""
+        hint = (
+            " Write mavlink_signing = false for it in the fleet file."
+            if link.vehicle.mavlink_signing
+            else ""
+        )
         return VehicleReport(
-            name, is_gone, f"PX4 {found.value}{' any more' if is_gone else ': it kept its key'}.{hint}"
+            name,
+            is_gone,
+            f"PX4 {found.value}{' any more' if is_gone else ': it kept its key'}.{hint}",
         )
     if found is not Signs.OURS:
-        return VehicleReport(name, False, f"PX4 took no key: it {found.value}. Restart it, and try once more.")
+        return VehicleReport(
+            name, False, f"PX4 took no key: it {found.value}. Restart it, and try once more."
+        )
     is_deaf = not _answers_unsigned(link.link)
-    hint = "" if link.vehicle.mavlink_signing else " Write mavlink_signing = true for it, or its agent is not heard."
+    hint = (
+        ""
+        if link.vehicle.mavlink_signing
+        else " Write mavlink_signing = true for it, or its agent is not heard."
+    )
     ignores = "ignores what is not signed" if is_deaf else "STILL ANSWERS what is not signed"
     return VehicleReport(name, is_deaf, f"the key is set: PX4 signs with it and {ignores}.{hint}")
 
@@ -134,14 +152,18 @@ def _looked(link: VehicleLink, found: Signs, key: bytes | None) -> VehicleReport
 
 def _words(link: VehicleLink, found: Signs) -> str:
     version = plausible_version(link.version)
-    cannot = f" (before v{_SINCE} none can)" if version is not None and version < SIGNING_SINCE else ""
+    cannot = (
+        f" (before v{_SINCE} none can)" if version is not None and version < SIGNING_SINCE else ""
+    )
     return f"{link.version_text} {found.value}{cannot}"
 
 
 def _state(link: AutopilotLink, key: bytes | None) -> Signs:
-    """Listen for a moment; sent is what is signed with the key, so that PX4's timestamps catch up."""
+    """Listen for a moment; sent is what is signed with the key, so that PX4's timestamps catch up.
+    """
     signing = link.sign(key)
-    link.listen(_LISTEN_S, [_AUTOPILOT_VERSION])  # what it had sent before is no sign of what it does now
+    # what it had sent before is no sign of what it does now
+    link.listen(_LISTEN_S, [_AUTOPILOT_VERSION])
     seen, good = signing.sig_count, signing.goodsig_count
     link.listen(_LISTEN_S)
     if signing.goodsig_count > good:

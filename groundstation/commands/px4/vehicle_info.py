@@ -21,7 +21,15 @@ _LISTEN_S = 2.5
 _AUTOPILOT_VERSION = 148
 _WIDTH = 118
 _KINDS = {0: "development", 64: "alpha", 128: "beta", 192: "release candidate", 255: "release"}
-_FIXES = {0: "no receiver", 1: "no fix", 2: "2D fix", 3: "3D fix", 4: "3D fix, differential", 5: "RTK float", 6: "RTK"}
+_FIXES = {
+    0: "no receiver",
+    1: "no fix",
+    2: "2D fix",
+    3: "3D fix",
+    4: "3D fix, differential",
+    5: "RTK float",
+    6: "RTK",
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -180,15 +188,21 @@ def as_text(found: Sequence[VehicleInfo]) -> str:
     lines: list[str] = []
     for one in found:
         if one.trouble:
-            lines += textwrap.wrap(f"{one.name}: no answer. {one.trouble}", _WIDTH, subsequent_indent="  ")
+            lines += textwrap.wrap(
+                f"{one.name}: no answer. {one.trouble}", _WIDTH, subsequent_indent="  "
+            )
             continue
         lines.append(f"{one.name}:")
         for subject, text in one.facts.items():
             first = f"  {subject:<11}"
-            lines += textwrap.wrap(text, _WIDTH, initial_indent=first, subsequent_indent=" " * len(first))
+            lines += textwrap.wrap(
+                text, _WIDTH, initial_indent=first, subsequent_indent=" " * len(first)
+            )
     return "\n".join(lines)
 
 
 def as_mapping(found: Sequence[VehicleInfo]) -> dict[str, Any]:
     """The same for programs."""
-    return {one.name: {"answers": not one.trouble, "trouble": one.trouble, **one.facts} for one in found}
+    return {
+        one.name: {"answers": not one.trouble, "trouble": one.trouble, **one.facts} for one in found
+    }

@@ -1,4 +1,6 @@
-"""Parameters of each vehicle's PX4 beside those that close flight needs; setting them, and reading them back."""
+"""Parameters of each vehicle's PX4 beside those that close flight needs; setting them, and reading
+them back.
+"""
 
 from __future__ import annotations
 
@@ -63,7 +65,9 @@ class VehicleParams:
     @property
     def restarts_for(self) -> tuple[str, ...]:
         """Parameters that were set and that PX4 reads only when it starts."""
-        return tuple(row.demand.name for row in self.rows if row.was_set and row.demand.needs_restart)
+        return tuple(
+            row.demand.name for row in self.rows if row.was_set and row.demand.needs_restart
+        )
 
 
 def read_one(link: VehicleLink) -> VehicleParams:
@@ -76,13 +80,19 @@ def read_one(link: VehicleLink) -> VehicleParams:
             for demand in demands:
                 values[demand.name] = link.link.read(demand.name)
         except LinkSilentError as error:
-            trouble = f"{error} {len(values)} of {len(demands)} parameters were read. Run this once more."
+            trouble = (
+                f"{error} {len(values)} of {len(demands)} parameters were read. Run this once more."
+            )
     rows = tuple(ParameterState(demand, values.get(demand.name)) for demand in demands)
     version = link.version_text if link.link is not None else ""
-    return VehicleParams(link.vehicle.name, link.endpoint, rows, trouble, version, is_armed=link.is_armed)
+    return VehicleParams(
+        link.vehicle.name, link.endpoint, rows, trouble, version, is_armed=link.is_armed
+    )
 
 
-def set_all(links: Sequence[VehicleLink], states: Sequence[VehicleParams], backup: Path) -> list[VehicleParams]:
+def set_all(
+    links: Sequence[VehicleLink], states: Sequence[VehicleParams], backup: Path
+) -> list[VehicleParams]:
     """Set what differs, after all parameters of the vehicles concerned are in a backup.
 
     Args:
@@ -94,7 +104,8 @@ def set_all(links: Sequence[VehicleLink], states: Sequence[VehicleParams], backu
         ConfigError: the backup cannot be written; nothing was changed.
     """
     needed = {
-        state.name: [row.demand for row in state.rows if not row.is_met and row.value is not None] for state in states
+        state.name: [row.demand for row in state.rows if not row.is_met and row.value is not None]
+        for state in states
     }
     concerned = [
         link
@@ -110,7 +121,10 @@ def set_all(links: Sequence[VehicleLink], states: Sequence[VehicleParams], backu
         if link not in concerned:
             return state
         if saved[state.name]:
-            return replace(state, trouble=f"Nothing was changed, since it could not be saved: {saved[state.name]}")
+            return replace(
+                state,
+                trouble=f"Nothing was changed, since it could not be saved: {saved[state.name]}",
+            )
         assert link.link is not None
         before = {row.demand.name: row.value for row in state.rows}
         changes, trouble = write_all(link.link, needed[state.name], before)
@@ -176,17 +190,27 @@ def as_text(answers: Sequence[VehicleParams]) -> str:
     for answer in answers:
         off = sum(not row.is_met for row in answer.rows)
         if not answer.answers:
-            lines += textwrap.wrap(f"{answer.name}: no answer. {answer.trouble}", _WIDTH, subsequent_indent="  ")
+            lines += textwrap.wrap(
+                f"{answer.name}: no answer. {answer.trouble}", _WIDTH, subsequent_indent="  "
+            )
             continue
-        state = f"{off} of {len(answer.rows)} differ" if off else f"all {len(answer.rows)} are as they should be"
+        state = (
+            f"{off} of {len(answer.rows)} differ"
+            if off
+            else f"all {len(answer.rows)} are as they should be"
+        )
         lines.append(f"{answer.name}, {answer.version}, read at {answer.endpoint}: {state}.")
         for row in answer.rows:
-            lines += textwrap.wrap(_line(row, answer), _WIDTH, subsequent_indent=" " * 10, initial_indent="  ")
+            lines += textwrap.wrap(
+                _line(row, answer), _WIDTH, subsequent_indent=" " * 10, initial_indent="  "
+            )
         lines += textwrap.wrap(answer.trouble, _WIDTH, initial_indent="  ", subsequent_indent="  ")
         if answer.is_stored:
             lines.append("  Stored: PX4 keeps them over a restart.")
         if answer.restarts_for:
-            lines.append(f"  Restart PX4: it reads {', '.join(answer.restarts_for)} only when it starts.")
+            lines.append(
+                f"  Restart PX4: it reads {', '.join(answer.restarts_for)} only when it starts."
+            )
     versions = {answer.version for answer in answers if answer.version}
     if len(versions) > 1:
         lines.append(
@@ -200,12 +224,16 @@ def _line(row: ParameterState, of: VehicleParams) -> str:
     missing = "not read" if of.trouble else f"unknown to {of.version}"
     value = missing if row.value is None else f"{row.value:g}"
     if change is not None and row.was_set:
-        return f"{'set':<8}{demand.name:<16} {change.before:g} -> {value}, read back: {demand.reason}"
+        return (
+            f"{'set':<8}{demand.name:<16} {change.before:g} -> {value}, read back: {demand.reason}"
+        )
     if row.is_met:
         return f"{'ok':<8}{demand.name:<16} {value}"
     mark = "better" if demand.is_advice else "WRONG"
     became = f" ({change.outcome.value})" if change is not None else ""
-    return f"{mark:<8}{demand.name:<16} {value}{became}, should be {demand.value:g}: {demand.reason}"
+    return (
+        f"{mark:<8}{demand.name:<16} {value}{became}, should be {demand.value:g}: {demand.reason}"
+    )
 
 
 def as_mapping(answers: Sequence[VehicleParams]) -> dict[str, Any]:

@@ -1,4 +1,6 @@
-"""One flight from the command line: folder, processes, client, record, mission, verdict; and all ended after it."""
+"""One flight from the command line: folder, processes, client, record, mission, verdict; and all
+ended after it.
+"""
 
 from __future__ import annotations
 
@@ -45,7 +47,9 @@ Say = Callable[[str], None]
 
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """A flight, checked: what to fly, where to write, and whether emulator and agents are ours to start."""
+    """A flight, checked: what to fly, where to write, and whether emulator and agents are ours to
+    start.
+    """
 
     mission: Mission
     folder: Path
@@ -67,17 +71,21 @@ def prepare(
     needs_ports: bool = True,
     arguments: Mapping[str, str] = MappingProxyType({}),
 ) -> Settings:
-    """Check everything before anything starts, and put the files that are really used into the folder.
+    """Check everything before anything starts, and put the files that are really used into the
+    folder.
 
     Args:
         mission: as it was read, or its path.
         needs_ports: False for a flight without sockets.
         arguments: of a Python mission, as they were written.
     Raises:
-        ConfigError: wrong files, wrong combination, ports in use, no terminal, a folder that cannot be used.
+        ConfigError: wrong files, wrong combination, ports in use, no terminal, a folder that cannot
+            be used.
     """
     if law is not None and not is_simulated:
-        raise ConfigError("--law is for simulated flights: agents that run already fly the law of their fleet file.")
+        raise ConfigError(
+            "--law is for simulated flights: agents that run already fly the law of their fleet file."
+        )
     if isinstance(mission, str):
         mission = load_mission(mission, fleet_path)
     if arguments and not mission.is_python:
@@ -86,7 +94,9 @@ def prepare(
     if mission.is_python:
         load_function(mission)  # a mistake in it is found before anything starts
     if is_simulated:
-        fleet = simulated_fleet(mission.fleet, folder, law=law, has_free_ports=has_free_ports, needs_ports=needs_ports)
+        fleet = simulated_fleet(
+            mission.fleet, folder, law=law, has_free_ports=has_free_ports, needs_ports=needs_ports
+        )
         mission = with_fleet(mission, fleet)
     refuse_unflyable(mission, is_simulated)
     files = {"fleet.toml": mission.fleet.text, f"mission{Path(mission.path).suffix}": mission.text}
@@ -103,13 +113,17 @@ def open_folder(folder: Path, files: Mapping[str, str], *, is_headless: bool) ->
     if not is_headless and not sys.stdout.isatty():
         raise ConfigError("The console needs a terminal, and this output is none. Add --headless.")
     if (folder / RECORD_NAME).exists():
-        raise ConfigError(f"{folder}: this folder holds a flight already. Choose another with --record.")
+        raise ConfigError(
+            f"{folder}: this folder holds a flight already. Choose another with --record."
+        )
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for name, text in files.items():
             (folder / name).write_text(text, encoding="utf-8")
     except OSError as error:
-        raise ConfigError(f"{folder}: cannot be written ({error.strerror}). Choose another with --record.") from None
+        raise ConfigError(
+            f"{folder}: cannot be written ({error.strerror}). Choose another with --record."
+        ) from None
 
 
 def simulated_fleet(
@@ -131,7 +145,9 @@ def simulated_fleet(
     return fleet
 
 
-def _own_fleet(fleet: FleetConfig, folder: Path, law: str | None, has_free_ports: bool) -> FleetConfig:
+def _own_fleet(
+    fleet: FleetConfig, folder: Path, law: str | None, has_free_ports: bool
+) -> FleetConfig:
     data = tomllib.loads(fleet.text)
     for vehicle in data["vehicles"].values():
         vehicle.pop("emulated", None)  # here all are
@@ -141,13 +157,16 @@ def _own_fleet(fleet: FleetConfig, folder: Path, law: str | None, has_free_ports
     if has_free_ports:
         data = with_free_ports(data, fleet)
     text = toml_text(
-        data, f"Made from {fleet.path} for this flight; attach with: covey tui --fleet {folder}/fleet.toml"
+        data,
+        f"Made from {fleet.path} for this flight; attach with: covey tui --fleet {folder}/fleet.toml",
     )
     return fleet_from_mapping(data, path=str(folder / "fleet.toml"), text=text)
 
 
 def start_processes(settings: Settings, processes: Processes) -> None:
-    """Emulator and agents, all at once: they find each other whatever the order. ProcessError when one cannot start."""
+    """Emulator and agents, all at once: they find each other whatever the order. ProcessError when
+    one cannot start.
+    """
     start_fleet(settings.mission.fleet, settings.folder, settings.seed, processes)
 
 
@@ -156,7 +175,9 @@ def start_fleet(fleet: FleetConfig, folder: Path, seed: int, processes: Processe
     path, names = str(folder / "fleet.toml"), fleet.enabled_names
     for number, endpoint in enumerate(fleet.fleet.routers):
         if is_free_endpoint(endpoint):  # otherwise one is running
-            processes.start(f"router{number}", ["groundstation", "router", path, "--endpoint", endpoint])
+            processes.start(
+                f"router{number}", ["groundstation", "router", path, "--endpoint", endpoint]
+            )
     processes.start(EMULATOR, ["sitl", "--fleet", path, "--seed", str(seed)])
     for name in names:
         processes.start(name, agent_command(path, name, is_realtime=leaves_room(len(names))))
@@ -200,7 +221,9 @@ class MissionFlight:
                 self.settings.mission,
                 client,
                 say=self._say,
-                ready_timeout_s=READY_TIMEOUT_SIM_S if self.settings.is_simulated else READY_TIMEOUT_S,
+                ready_timeout_s=READY_TIMEOUT_SIM_S
+                if self.settings.is_simulated
+                else READY_TIMEOUT_S,
             )
             if self._signals:
                 run.interrupt()
@@ -215,7 +238,8 @@ class MissionFlight:
                 from groundstation.console.app import ConsoleApp
                 from groundstation.orders.forecast_process import Forecaster
 
-                law = f" - law {self._fleet.law.name}" if self.settings.is_simulated else ""  # else the agents' own
+                # else the agents' own
+                law = f" - law {self._fleet.law.name}" if self.settings.is_simulated else ""
                 title = self.settings.mission.name + law
                 try:
                     console = ConsoleApp(
@@ -238,7 +262,9 @@ class MissionFlight:
         """Print the verdict and what to type next, when the console has left the terminal."""
         folder = self.settings.folder
         mission = folder / f"mission{Path(self.settings.mission.path).suffix}"
-        for line in sentences or ["The console was left before the end of the mission: there is no verdict."]:
+        for line in sentences or [
+            "The console was left before the end of the mission: there is no verdict."
+        ]:
             self._print(plain_lines(line))
         self._print(f"Record, events, logs and verdict: {folder}")
         for command, what in (
@@ -261,13 +287,16 @@ class MissionFlight:
             client.add_sink(record.put)
             if self.settings.is_simulated:
                 names = self._fleet.enabled_names
-                self._say(f"Starting the emulator and {len(names)} agents; everything goes to {self.settings.folder}.")
+                self._say(
+                    f"Starting the emulator and {len(names)} agents; everything goes to {self.settings.folder}."
+                )
                 start_processes(self.settings, self._processes)
             await client.start()
             client.announce_recording(record.failure is None)
             yield client
         finally:
-            # Whatever interrupts the clearing up, the processes end: kill() runs even if an await here is cancelled.
+            # Whatever interrupts the clearing up, the processes end: kill() runs even if an await
+            # here is cancelled.
             try:
                 await self._processes.stop()
                 await client.stop()

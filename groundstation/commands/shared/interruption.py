@@ -1,4 +1,6 @@
-"""Interruption of Python missions that block: ``time.sleep`` in a mission holds up the event loop and its signals."""
+"""Interruption of Python missions that block: ``time.sleep`` in a mission holds up the event loop
+and its signals.
+"""
 
 from __future__ import annotations
 
@@ -12,15 +14,19 @@ from types import FrameType
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 _ROOT = os.path.realpath(Path(__file__).parents[2]) + os.sep
-_TOGETHER_S = 0.3  # signals that the loop hears within this time are one: it was blocked when they came
+# signals that the loop hears within this time are one: it was blocked when they came
+_TOGETHER_S = 0.3
 
 
 def listen(mission_path: str, on_signal: Callable[[], None]) -> None:
-    """Call a function on the event loop for each signal, and end a mission's own code that blocks the loop.
+    """Call a function on the event loop for each signal, and end a mission's own code that blocks
+    the loop.
 
     Args:
-        mission_path: file of the mission. Its code ends as if its task was cancelled, so that vehicles land at once.
-        on_signal: called on the running event loop; once for signals that came while it was blocked.
+        mission_path: file of the mission. Its code ends as if its task was cancelled, so that
+            vehicles land at once.
+        on_signal: called on the running event loop; once for signals that came while it was
+            blocked.
     """
     loop = asyncio.get_running_loop()
     last_s, path = [float("-inf")], os.path.realpath(mission_path)
@@ -39,7 +45,8 @@ def listen(mission_path: str, on_signal: Callable[[], None]) -> None:
 
     for number in SIGNALS:
         loop.add_signal_handler(number, hear)
-        signal.signal(number, end_blocking)  # runs between two steps of Python; the loop hears of the signal as well
+        # runs between two steps of Python; the loop hears of the signal as well
+        signal.signal(number, end_blocking)
 
 
 def listen_no_more() -> None:

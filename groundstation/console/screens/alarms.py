@@ -63,7 +63,8 @@ class AlarmList(ScrollView, can_focus=True):
         self.alarms = alarms
         self.cursor = 0
         self._holding: list[Line] = []
-        self._rows: list[tuple[int, list[Segment]]] = []  # index of the alarm (-1: none), one line of the screen
+        # index of the alarm (-1: none), one line of the screen
+        self._rows: list[tuple[int, list[Segment]]] = []
         self.border_title = "alarms"
         self.border_subtitle = "a acknowledges · esc back"
 
@@ -72,7 +73,9 @@ class AlarmList(ScrollView, can_focus=True):
         self._holding = self.alarms.lines
         self.cursor = max(0, min(self.cursor, len(self._holding) - 1))
         open_count = sum(not line.is_acknowledged for line in self._holding)
-        self.border_title = f"alarms: {open_count} open, {len(self._holding) - open_count} acknowledged"
+        self.border_title = (
+            f"alarms: {open_count} open, {len(self._holding) - open_count} acknowledged"
+        )
         width = max(20, self.size.width)
         rows: list[tuple[int, list[Segment]]] = []
         for index, line in enumerate(self._holding):
@@ -85,7 +88,10 @@ class AlarmList(ScrollView, can_focus=True):
         for line in over:
             ago = f"{lasting((now_ns - (line.over_ns or 0)) * 1e-9)} ago"
             text = f"{clean(line.alarm.sentence)}, lasted {lasting(line.duration_s(now_ns))}"
-            rows += [(-1, segments) for segments in _wrapped(f"  · {ago:<{_SINCE_WIDTH}}", text, width, FAINT)]
+            rows += [
+                (-1, segments)
+                for segments in _wrapped(f"  · {ago:<{_SINCE_WIDTH}}", text, width, FAINT)
+            ]
         self._rows = rows
         self.virtual_size = Size(width, len(rows))
         self.refresh()
@@ -115,14 +121,21 @@ class AlarmList(ScrollView, can_focus=True):
             sign, colour = "✓", FAINT
         mark = "▌" if index == self.cursor else " "
         head = f"{mark} {sign} {lasting(line.duration_s(now_ns)):<{_SINCE_WIDTH}}"
-        rows = _wrapped(head, clean(line.alarm.sentence), width, colour, bold=not line.is_acknowledged)
+        rows = _wrapped(
+            head, clean(line.alarm.sentence), width, colour, bold=not line.is_acknowledged
+        )
         advice = TEXT if not line.is_acknowledged else FAINT
         return rows + _wrapped(" " * len(head), clean(line.alarm.advice), width, advice)
 
 
-def _wrapped(head: str, text: str, width: int, colour: str, *, bold: bool = False) -> list[list[Segment]]:
+def _wrapped(
+    head: str, text: str, width: int, colour: str, *, bold: bool = False
+) -> list[list[Segment]]:
     """``text`` beside ``head``, further lines below it."""
     lines = theme.wrap(text, max(8, width - len(head)), most=6)
     style = theme.style(colour, bold=bold)
     heads = [head, *(" " * len(head) for _ in lines[1:])]
-    return [[Segment(start, style), Segment(line, style)] for start, line in zip(heads, lines, strict=True)]
+    return [
+        [Segment(start, style), Segment(line, style)]
+        for start, line in zip(heads, lines, strict=True)
+    ]

@@ -18,7 +18,9 @@ HELP = files(__package__).joinpath("help.txt").read_text(encoding="utf-8").rstri
 class HelpScreen(Dialog[None]):
     """All keys and orders."""
 
-    BINDINGS: ClassVar[list[BindingType]] = [Binding("escape,q,question_mark,enter", "dismiss", "back", show=False)]
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("escape,q,question_mark,enter", "dismiss", "back", show=False)
+    ]
 
     def compose(self) -> ComposeResult:
         """One box."""
@@ -30,7 +32,8 @@ class HelpScreen(Dialog[None]):
 
 
 class QuitScreen(Dialog[str]):
-    """Asks before leaving while vehicles fly: ``land`` them and leave, ``leave`` them flying, or stay.
+    """Asks before leaving while vehicles fly: ``land`` them and leave, ``leave`` them flying, or
+    stay.
 
     Args:
         can_stay_up: they fly on without this console, which has not started their agents.
@@ -57,7 +60,9 @@ class QuitScreen(Dialog[str]):
             f"[b]y[/b]    land {them} on the spot, wait until {'it is' if count == 1 else 'they are'} down, then quit",
         ]
         if self._can_stay_up:
-            lines.append(f"[b]f[/b]    leave {them} flying and quit: each ends its order and stays there")
+            lines.append(
+                f"[b]f[/b]    leave {them} flying and quit: each ends its order and stays there"
+            )
             ending = "ctrl+c twice leaves at once, with the landing under way"
         else:
             ending = "ctrl+c twice leaves at once; what this console started lands or ends with it."

@@ -1,4 +1,5 @@
-"""Bases of the screens and dialogs over the console: the worst alarm is on the last line of each."""
+"""Bases of the screens and dialogs over the console: the worst alarm is on the last line of each.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +19,8 @@ Answer = TypeVar("Answer")
 class Dialog(ModalScreen[Answer]):
     """A box over the console.
 
-    The console below is not drawn: to shade it costs as much as to draw it, and an emergency key would wait for that.
+    The console below is not drawn: to shade it costs as much as to draw it, and an emergency key
+    would wait for that.
     """
 
     def __init__(self) -> None:

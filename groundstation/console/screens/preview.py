@@ -1,7 +1,9 @@
-"""The question before arm, take-off, move and formation: paths, least distance and time. Enter sends, escape drops.
+"""The question before arm, take-off, move and formation: paths, least distance and time. Enter
+sends, escape drops.
 
-The preview is computed again as soon as the fleet has moved, and only what was shown is sent: the order is planned when
-the question opens, checked against the fleet as it is at Enter, and what passed that check leaves.
+The preview is computed again as soon as the fleet has moved, and only what was shown is sent: the
+order is planned when the question opens, checked against the fleet as it is at Enter, and what
+passed that check leaves.
 """
 
 from __future__ import annotations
@@ -27,7 +29,8 @@ from groundstation.orders.preview import OrderPreview, changed, preview_order
 from onboard.config.fleet import FleetConfig
 
 CHECK_S = 0.2
-SETTLE_S = 0.3  # a key that was meant for the order line must not answer the question that opened under it
+# a key that was meant for the order line must not answer the question that opened under it
+SETTLE_S = 0.3
 _MOST_NAMED = 8
 
 
@@ -90,7 +93,12 @@ class PreviewScreen(Dialog[PlannedOrder | None]):
         self._begun_ns = now_ns
         self.preview = preview_order(self.client.plan(self.intent), state, now_ns)
         self.intent = self.preview.intent  # from now on with the numbers that were left open
-        self.forecast, self.reasons, self.is_computing, self._note = None, self.preview.reasons, True, note
+        self.forecast, self.reasons, self.is_computing, self._note = (
+            None,
+            self.preview.reasons,
+            True,
+            note,
+        )
         if self.reasons or self.intent.verb == "arm":
             self.is_computing = False
         else:
@@ -100,7 +108,9 @@ class PreviewScreen(Dialog[PlannedOrder | None]):
     async def _compute(self, preview: OrderPreview) -> None:
         try:
             is_takeoff = preview.intent.verb == "takeoff"
-            forecast = await self._forecaster.forecast(self.fleet, preview.legs, is_takeoff=is_takeoff)
+            forecast = await self._forecaster.forecast(
+                self.fleet, preview.legs, is_takeoff=is_takeoff
+            )
         except ForecastFailed as error:
             self.reasons, self.is_computing = (str(error),), False
             self._show()
@@ -111,7 +121,9 @@ class PreviewScreen(Dialog[PlannedOrder | None]):
             self._show()
 
     def _check(self) -> PlannedOrder | None:
-        """Check the shown order against the fleet as it is now; compute again when something has changed."""
+        """Check the shown order against the fleet as it is now; compute again when something has
+        changed.
+        """
         if self.preview is None:
             return None
         checked = self.client.check_again(self.preview.planned)
@@ -139,12 +151,18 @@ class PreviewScreen(Dialog[PlannedOrder | None]):
         if preview is None or not self.is_running:
             return
         self._paths.show(preview, self.forecast)
-        lines = [clean(line, 200) for line in (*self._goals(preview), "", *self._figures(), *preview.notes, self._note)]
+        lines = [
+            clean(line, 200)
+            for line in (*self._goals(preview), "", *self._figures(), *preview.notes, self._note)
+        ]
         self._vehicles.update("\n".join(lines))
         box = self._answer
         box.set_class(bool(self.reasons), "bad")
         if self.reasons:
-            text = "\n".join(f"✖ {clean(reason, 300)}" for reason in self.reasons[:4]) + "\nNot sent. esc drops it"
+            text = (
+                "\n".join(f"✖ {clean(reason, 300)}" for reason in self.reasons[:4])
+                + "\nNot sent. esc drops it"
+            )
         elif self.is_computing:
             waited_s = (self.client.now_ns() - self._begun_ns) * 1e-9
             text = f"… flying it ahead, {waited_s:.0f} s: enter waits for the paths; esc drops it, ctrl+l lands all."
@@ -171,7 +189,11 @@ class PreviewScreen(Dialog[PlannedOrder | None]):
         limit_m, forecast = self.fleet.fleet.safety_distance_m, self.forecast
         if self.intent.verb == "arm":
             now = self.client.state.closest(self.client.now_ns())
-            near = "" if now is None else f"closest now: {now.distance_m:.2f} m, {now.first} and {now.second}"
+            near = (
+                ""
+                if now is None
+                else f"closest now: {now.distance_m:.2f} m, {now.first} and {now.second}"
+            )
             return ["The propellers turn. Keep clear.", near]
         if forecast is None:
             return []

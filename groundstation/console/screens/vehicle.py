@@ -1,4 +1,6 @@
-"""The page of one vehicle: the one under the fleet table's cursor, so that the kill key means the vehicle shown."""
+"""The page of one vehicle: the one under the fleet table's cursor, so that the kill key means the
+vehicle shown.
+"""
 
 from __future__ import annotations
 
@@ -22,11 +24,18 @@ from groundstation.fleet.tick_stream import TickStream
 from onboard.config.fleet import FleetConfig
 
 _COLUMN_WIDTH = 58
-_ORDERS = {1: ((0, 1, 2, 3, 4, 5, 6),), 2: ((0, 1, 5, 6), (2, 3, 4)), 3: ((0, 1), (2, 3, 4), (5, 6))}
+_ORDERS = {
+    1: ((0, 1, 2, 3, 4, 5, 6),),
+    2: ((0, 1, 5, 6), (2, 3, 4)),
+    3: ((0, 1), (2, 3, 4), (5, 6)),
+}
 
 
 class VehicleScreen(LiveScreen):
-    """Everything about one vehicle. Escape or enter goes back; ``]`` and ``[`` show the next one and the one before."""
+    """Everything about one vehicle.
+
+    Escape or enter goes back; ``]`` and ``[`` show the next one and the one before.
+    """
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("escape,enter,q", "back", "back", show=False),
@@ -35,7 +44,12 @@ class VehicleScreen(LiveScreen):
     ]
 
     def __init__(
-        self, fleet: FleetConfig, alarms: Alarms, stream: TickStream, table: FleetTable, time_text: Callable[[int], str]
+        self,
+        fleet: FleetConfig,
+        alarms: Alarms,
+        stream: TickStream,
+        table: FleetTable,
+        time_text: Callable[[int], str],
     ) -> None:
         super().__init__(alarms)
         self._stream, self._table = stream, table
@@ -79,7 +93,13 @@ class VehiclePage(Lines, ScrollView, can_focus=True):
         Binding("pageup", "scroll_page(-1, True)", "page up", show=False),
     ]
 
-    def __init__(self, fleet: FleetConfig, alarms: Alarms, stream: TickStream, time_text: Callable[[int], str]) -> None:
+    def __init__(
+        self,
+        fleet: FleetConfig,
+        alarms: Alarms,
+        stream: TickStream,
+        time_text: Callable[[int], str],
+    ) -> None:
         super().__init__(id="vehicle")
         self._fleet, self._alarms, self._stream, self._time_text = fleet, alarms, stream, time_text
         self._subject: VehicleSubject | None = None
@@ -95,7 +115,9 @@ class VehiclePage(Lines, ScrollView, can_focus=True):
             self._subject = VehicleSubject(
                 view, index, state, self._fleet, now_ns, samples, alarms, self._time_text, rows
             )
-            self.border_title = "".join(text for text, _ in heading(self._subject)).replace("[", "(")
+            self.border_title = "".join(text for text, _ in heading(self._subject)).replace(
+                "[", "("
+            )
         self.redraw()
 
     def draw(self, width: int, height: int) -> list[Strip]:
@@ -110,7 +132,11 @@ class VehiclePage(Lines, ScrollView, can_focus=True):
         for y in range(max(map(len, columns))):
             cells = [column[y] if y < len(column) else Strip.blank(each) for column in columns]
             gap = Strip.blank(2)
-            rows.append(Strip.join([part for cell in cells for part in (cell, gap)][:-1]).adjust_cell_length(width))
+            rows.append(
+                Strip.join(
+                    [part for cell in cells for part in (cell, gap)][:-1]
+                ).adjust_cell_length(width)
+            )
         self.virtual_size = Size(width, len(rows))
         top = min(self.scroll_offset.y, max(0, len(rows) - height))
         more = "↓ more · " if top + height < len(rows) else ""
@@ -123,7 +149,9 @@ class VehiclePage(Lines, ScrollView, can_focus=True):
 
     def action_scroll_page(self, step: int, is_page: bool) -> None:
         """Scroll by lines or by pages."""
-        self.scroll_relative(y=step * (max(1, self.size.height - 2) if is_page else 1), animate=False, force=True)
+        self.scroll_relative(
+            y=step * (max(1, self.size.height - 2) if is_page else 1), animate=False, force=True
+        )
 
     def watch_scroll_y(self, old_value: float, new_value: float) -> None:
         """Show another part of the page."""

@@ -13,11 +13,20 @@ from groundstation.console import theme
 from groundstation.console.layout import NARROW
 from groundstation.console.theme import BAD, CALM, FAINT, GOOD, KILL, TEXT, WARN, clean
 
-# The keys on the last line, as there is room for them: of a console, of a question, where nothing can be ordered.
-KEYS = ("ctrl+l LAND ALL   ctrl+o HOLD ALL   : order   ? help   q quit", "^l LAND ALL  ? help", "^l LAND ALL")
+# The keys on the last line, as there is room for them: of a console, of a question, where nothing
+# can be ordered.
+KEYS = (
+    "ctrl+l LAND ALL   ctrl+o HOLD ALL   : order   ? help   q quit",
+    "^l LAND ALL  ? help",
+    "^l LAND ALL",
+)
 URGENT_KEYS = ("ctrl+l LAND ALL   ctrl+o HOLD ALL", "^l LAND ALL", "^l LAND ALL")
 VIEW_KEYS = ("? help   q quit", "? help", "? help")
-SEVERITY = {Severity.CRITICAL: ("✖", BAD), Severity.WARNING: ("▲", WARN), Severity.NOTE: ("…", CALM)}
+SEVERITY = {
+    Severity.CRITICAL: ("✖", BAD),
+    Severity.WARNING: ("▲", WARN),
+    Severity.NOTE: ("…", CALM),
+}
 
 
 class Bar(Widget):
@@ -35,7 +44,9 @@ class Bar(Widget):
 
     def render_line(self, y: int) -> Strip:
         """Return one line."""
-        line = Strip(self._lines[y] if y < len(self._lines) else []).adjust_cell_length(self.size.width)
+        line = Strip(self._lines[y] if y < len(self._lines) else []).adjust_cell_length(
+            self.size.width
+        )
         return line.apply_style(self.rich_style)
 
 
@@ -66,7 +77,9 @@ class StatusBar(Bar):
         self._keys = keys
 
     def show(self, alarms: Alarms, now_ns: int, kill: str | None, *, can_order: bool) -> None:
-        """Update the line; ``kill``, the vehicle that the next press of the kill key means, comes before everything."""
+        """Update the line; ``kill``, the vehicle that the next press of the kill key means, comes
+        before everything.
+        """
         width = self.size.width
         if kill is not None:
             text = f" KILL {kill}? The same key again within 1 s stops its motors: it falls."
@@ -80,13 +93,18 @@ class StatusBar(Bar):
         text = f" {sign} {clean(worst.text(now_ns)) if worst else 'all well'}"
         has_two = self.size.height > 1  # a narrow terminal: the keys below the alarm
         all_keys, some_keys, least_keys = self._keys if can_order else VIEW_KEYS
-        keys = all_keys if cell_len(text) + cell_len(more) + len(all_keys) + 2 <= width else some_keys
+        keys = (
+            all_keys if cell_len(text) + cell_len(more) + len(all_keys) + 2 <= width else some_keys
+        )
         if width < len(some_keys) + 2 or (width < NARROW and not has_two):
             keys = least_keys
         room = max(0, width - (0 if has_two else len(keys) + 2))
         # how many more there are must stay in sight when the sentence is cut
         text = theme.fit(text, min(cell_len(text), max(0, room - cell_len(more)))) + more
         is_bold = is_pressing and worst is not None and worst.alarm.severity > Severity.NOTE
-        alarm = Segment(theme.fit(text, room), theme.style(colour if is_pressing or not worst else FAINT, bold=is_bold))
+        alarm = Segment(
+            theme.fit(text, room),
+            theme.style(colour if is_pressing or not worst else FAINT, bold=is_bold),
+        )
         hint = Segment(f" {keys} ", theme.style(FAINT))
         self.put(*([alarm], [hint]) if has_two else ([alarm, hint],))

@@ -1,7 +1,7 @@
 """The events, newest at the bottom: Textual's RichLog with sign, time and a hanging indent.
 
-Lines are broken here and written as segments, a refresh at a time: 30 us an event, where RichLog takes 140 us to break
-and measure a rich text. So 500 events at once hold up a key by 15 ms.
+Lines are broken here and written as segments, a refresh at a time: 30 us an event, where RichLog
+takes 140 us to break and measure a rich text. So 500 events at once hold up a key by 15 ms.
 """
 
 from __future__ import annotations
@@ -31,7 +31,9 @@ class LogEntry:
     stamp: str = ""  # time of day, by default now
 
     @classmethod
-    def of(cls, sentence: str, sign: tuple[str, str], *, vehicle: str = "", stamp: str = "") -> LogEntry:
+    def of(
+        cls, sentence: str, sign: tuple[str, str], *, vehicle: str = "", stamp: str = ""
+    ) -> LogEntry:
         """Return an entry that names its vehicle, if it does not do so already."""
         text = clean(sentence)
         named = text if not vehicle or text.startswith(vehicle) else f"{clean(vehicle, 40)}: {text}"
@@ -52,7 +54,9 @@ class EventLog(RichLog, can_focus=False):
         """All that is kept, oldest first."""
         return [entry.sentence for entry in self._entries]
 
-    def add(self, sentence: str, sign: tuple[str, str] = SEVERITY_SIGNS["info"], *, vehicle: str = "") -> None:
+    def add(
+        self, sentence: str, sign: tuple[str, str] = SEVERITY_SIGNS["info"], *, vehicle: str = ""
+    ) -> None:
         """Add one sentence that happened now."""
         self.extend([LogEntry.of(sentence, sign, vehicle=vehicle)])
 
@@ -91,7 +95,10 @@ class EventLog(RichLog, can_focus=False):
         indent = 12 if self._width >= _TIME_WIDTH else 3
         for entry in entries:
             (sign, colour), stamp = entry.sign, f" {entry.stamp} " if indent == 12 else " "
-            head = [Segment(stamp, theme.style(FAINT)), Segment(f"{sign} ", theme.style(colour, bold=True))]
+            head = [
+                Segment(stamp, theme.style(FAINT)),
+                Segment(f"{sign} ", theme.style(colour, bold=True)),
+            ]
             for line in theme.wrap(entry.sentence, max(8, self._width - indent - 1), most=12):
                 segments += [*head, Segment(line, theme.style(colour)), Segment.line()]
                 head = [Segment(" " * indent)]

@@ -1,4 +1,6 @@
-"""The columns of the fleet table: their cells, and the columns that stay when the terminal is narrow. Pure."""
+"""The columns of the fleet table: their cells, and the columns that stay when the terminal is
+narrow. Pure.
+"""
 
 from __future__ import annotations
 
@@ -42,7 +44,8 @@ class Column:
     cell: Callable[[VehicleRow], Cell]
     right: bool = False
     sort: Callable[[VehicleRow], float] | None = None  # smaller first, nan last
-    cover: int = 0  # on the ground a reason not to fly may cover it: 2 always, 1 where the reason has little room
+    # on the ground a reason not to fly may cover it: 2 always, 1 where the reason has little room
+    cover: int = 0
 
 
 def _state(row: VehicleRow) -> Cell:
@@ -62,14 +65,19 @@ def _position(row: VehicleRow) -> Cell:
     if not row.telemetry.is_position_valid:
         return "no position", WARN
     x_m, y_m, _ = row.telemetry.position_enu_m
-    return f"{number(x_m, 2, sign=True, limit=9999):>6} {number(y_m, 2, sign=True, limit=9999):>6}", TEXT
+    return (
+        f"{number(x_m, 2, sign=True, limit=9999):>6} {number(y_m, 2, sign=True, limit=9999):>6}",
+        TEXT,
+    )
 
 
 def _height(row: VehicleRow) -> Cell:
     if not row.telemetry.is_position_valid:
         return "-", WARN
     height_m = row.telemetry.position_enu_m[2]
-    return number(height_m, 2, limit=9999), theme.height_colour(height_m, row.fleet.fleet.geofence_m.z)
+    return number(height_m, 2, limit=9999), theme.height_colour(
+        height_m, row.fleet.fleet.geofence_m.z
+    )
 
 
 def _speed_m_s(row: VehicleRow) -> float:
@@ -88,7 +96,11 @@ def _battery(row: VehicleRow) -> Cell:
         return "  -", FAINT
     if percent <= row.fleet.fleet.battery_land_pct:
         return f"✖{text:>3}%", BAD
-    return (f"▲{text:>3}%", WARN) if percent <= row.fleet.fleet.battery_warning_pct else (f" {text:>3}%", TEXT)
+    return (
+        (f"▲{text:>3}%", WARN)
+        if percent <= row.fleet.fleet.battery_warning_pct
+        else (f" {text:>3}%", TEXT)
+    )
 
 
 def _voltage(row: VehicleRow) -> Cell:
@@ -129,10 +141,16 @@ def _near(row: VehicleRow) -> Cell:
     telemetry, limit_m = row.telemetry, row.fleet.fleet.safety_distance_m
     if not telemetry.nearest_vehicle or number(telemetry.nearest_distance_m, 2) == "-":
         return "-", FAINT
-    is_below, is_close = telemetry.nearest_distance_m < limit_m, telemetry.nearest_distance_m < 1.1 * limit_m
+    is_below, is_close = (
+        telemetry.nearest_distance_m < limit_m,
+        telemetry.nearest_distance_m < 1.1 * limit_m,
+    )
     sign = " " if not telemetry.is_airborne else "✖" if is_below else "▲" if is_close else " "
     colour = BAD if sign == "✖" else WARN if sign == "▲" else TEXT
-    return f"{sign}{number(telemetry.nearest_distance_m, 2):>5} {clean(telemetry.nearest_vehicle, 40)}", colour
+    return (
+        f"{sign}{number(telemetry.nearest_distance_m, 2):>5} {clean(telemetry.nearest_vehicle, 40)}",
+        colour,
+    )
 
 
 def _oist(row: VehicleRow) -> Cell:
@@ -145,7 +163,11 @@ def _oist(row: VehicleRow) -> Cell:
     authority_m_s2 = _GRAVITY_M_S2 * math.tan(math.radians(row.fleet.vehicles[row.view.name].max_tilt_deg)) if (
         row.view.name in row.fleet.vehicles
     ) else _GRAVITY_M_S2  # fmt: skip
-    share = telemetry.intervention_m_s2 / authority_m_s2 if math.isfinite(telemetry.intervention_m_s2) else 1.0
+    share = (
+        telemetry.intervention_m_s2 / authority_m_s2
+        if math.isfinite(telemetry.intervention_m_s2)
+        else 1.0
+    )
     bar = "▮" * min(4, max(1, math.ceil(4.0 * share)))
     if status == "saturated":
         return f"{bar:▯<4} {number(telemetry.intervention_m_s2)}", CALM
@@ -167,21 +189,35 @@ def reason(row: VehicleRow) -> Cell:
         more = f" (+{len(telemetry.not_ready) - 1})" if len(telemetry.not_ready) > 1 else ""
         return f"{clean(telemetry.not_ready[0], 160)}{more}", WARN
     if telemetry.show_id:
-        rate = f", clock at {telemetry.path_rate_frac:.0%}" if telemetry.path_rate_frac < 0.99 else ""
+        rate = (
+            f", clock at {telemetry.path_rate_frac:.0%}" if telemetry.path_rate_frac < 0.99 else ""
+        )
         words = f"{number(telemetry.path_lag_m, 2)} m behind its path at {number(telemetry.path_time_s, 0)} s{rate}"
         return words, WARN if telemetry.is_behind else FAINT
     return clean(telemetry.reason, 160), BAD if telemetry.state == "failed" else FAINT
 
 
 def _position_in(order: tuple[str, ...]) -> Callable[[VehicleRow], float]:
-    return lambda row: float(order.index(row.telemetry.state)) if row.telemetry.state in order else -1.0
+    return lambda row: (
+        float(order.index(row.telemetry.state)) if row.telemetry.state in order else -1.0
+    )
 
 
 def _near_m(row: VehicleRow) -> float:
     return row.telemetry.nearest_distance_m if row.telemetry.nearest_vehicle else math.nan
 
 
-_BY_URGENCY = ("failed", "landing", "taking off", "flying", "holding", "armed", "waiting", "ready", "landed")
+_BY_URGENCY = (
+    "failed",
+    "landing",
+    "taking off",
+    "flying",
+    "holding",
+    "armed",
+    "waiting",
+    "ready",
+    "landed",
+)
 COLUMNS = (
     Column("state", 12, 0, _state, sort=_position_in(_BY_URGENCY)),
     Column("mode", 9, 9, _mode),
@@ -192,7 +228,14 @@ COLUMNS = (
     Column("bat", 5, 0, _battery, sort=lambda row: row.telemetry.battery_frac),
     Column("volt", 4, 10, _voltage, True),
     Column("%/min", 5, 11, _trend, True),
-    Column("left", 6, 6, _left, True, sort=lambda row: row.drain.left_min if row.drain is not None else math.nan),
+    Column(
+        "left",
+        6,
+        6,
+        _left,
+        True,
+        sort=lambda row: row.drain.left_min if row.drain is not None else math.nan,
+    ),
     Column("PX4", 6, 4, _link, True, cover=1),
     Column("age s", 5, 2, _age, True, sort=lambda row: -row.age_s, cover=1),
     Column("near m", 11, 1, _near, sort=_near_m, cover=2),
@@ -205,7 +248,9 @@ WIDE_REASON_WIDTH = 48  # most reasons fit into it
 
 
 def fit_columns(width: int) -> tuple[tuple[Column, ...], int]:
-    """Return the columns that fit into ``width`` cells, a blank after each, and the cells left for the reason, or 0."""
+    """Return the columns that fit into ``width`` cells, a blank after each, and the cells left for
+    the reason, or 0.
+    """
     left, kept = width, set[int]()
     for index in sorted(range(len(COLUMNS)), key=lambda index: COLUMNS[index].rank):
         if COLUMNS[index].width + 1 > left:

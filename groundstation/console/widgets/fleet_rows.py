@@ -11,7 +11,14 @@ from rich.style import Style
 
 from groundstation.console import theme
 from groundstation.console.theme import BAD, CALM, FAINT, TEXT, clean, number
-from groundstation.console.widgets.fleet_columns import WIDE_REASON_WIDTH, Cell, Column, VehicleRow, fit_columns, reason
+from groundstation.console.widgets.fleet_columns import (
+    WIDE_REASON_WIDTH,
+    Cell,
+    Column,
+    VehicleRow,
+    fit_columns,
+    reason,
+)
 from groundstation.fleet.state import VehicleView
 
 _SILENCE_WIDTH = 18
@@ -34,13 +41,17 @@ class RowLayout:
         """Return the layout for these vehicles in a table of this width."""
         cells = [cell_len(name) for name in names]
         digits = max(2, len(str(max(0, len(cells) - 1))))
-        name_width = max(4, min(_LONG_NAME if width >= _WIDE else _SHORT_NAME, max(cells, default=4)))
+        name_width = max(
+            4, min(_LONG_NAME if width >= _WIDE else _SHORT_NAME, max(cells, default=4))
+        )
         return cls(digits, name_width, *fit_columns(width - digits - name_width - 4))
 
     def heading(self) -> str:
         """Return the titles above the columns."""
         parts = [" " * (self.digits + 3) + theme.fit("name", self.name_width)]
-        parts += [theme.fit(column.title, column.width, right=column.right) for column in self.columns]
+        parts += [
+            theme.fit(column.title, column.width, right=column.right) for column in self.columns
+        ]
         return " ".join(parts) + (" why" if self.left else "")
 
 
@@ -62,22 +73,41 @@ def draw_row(
     tint = theme.style(theme.vehicle_colour(index), bold=True)
     name = theme.fit_name(clean(view.name, 80), layout.name_width)
     segments = [
-        Segment("▌" if marks.has_cursor else " ", theme.style(TEXT if marks.has_focus else FAINT, bold=True)),
+        Segment(
+            "▌" if marks.has_cursor else " ",
+            theme.style(TEXT if marks.has_focus else FAINT, bold=True),
+        ),
         Segment("✓" if marks.is_marked else " ", theme.style(CALM, bold=True)),
-        Segment(f"{index:>{layout.digits}} {name} ", tint + Style(reverse=True) if marks.is_blinking else tint),
+        Segment(
+            f"{index:>{layout.digits}} {name} ",
+            tint + Style(reverse=True) if marks.is_blinking else tint,
+        ),
     ]
     if row is None:
         gone = "" if not marks.has_nodes or view.is_alive else " (not on the bus)"
-        return [*segments, Segment(f"… waiting: nothing heard from its agent yet{gone}", theme.style(FAINT))]
-    return segments + (_silent(layout, row, marks.has_nodes) if row.is_stale else _fresh(layout, row))
+        return [
+            *segments,
+            Segment(f"… waiting: nothing heard from its agent yet{gone}", theme.style(FAINT)),
+        ]
+    return segments + (
+        _silent(layout, row, marks.has_nodes) if row.is_stale else _fresh(layout, row)
+    )
 
 
 def _fresh(layout: RowLayout, row: VehicleRow) -> list[Segment]:
     """Current values; on the ground the reason not to fly may cover the columns about flying."""
     segments: list[Segment] = []
     telemetry, left = row.telemetry, layout.left
-    is_refusing = bool(telemetry.not_ready or telemetry.state == "failed") and not telemetry.is_airborne
-    cover = 3 if not is_refusing or left >= WIDE_REASON_WIDTH else 1 if len(layout.columns) < _FEW_COLUMNS else 2
+    is_refusing = (
+        bool(telemetry.not_ready or telemetry.state == "failed") and not telemetry.is_airborne
+    )
+    cover = (
+        3
+        if not is_refusing or left >= WIDE_REASON_WIDTH
+        else 1
+        if len(layout.columns) < _FEW_COLUMNS
+        else 2
+    )
     for at, column in enumerate(layout.columns):
         if column.cover >= cover:
             left += sum(other.width + 1 for other in layout.columns[at:])
@@ -92,12 +122,18 @@ def _fresh(layout: RowLayout, row: VehicleRow) -> list[Segment]:
 def _silent(layout: RowLayout, row: VehicleRow, has_nodes: bool) -> list[Segment]:
     """The silence in place of the first columns, and the last values of the others, faint.
 
-    Old values show neither a warning nor an all clear. Once PX4 itself says that it is disarmed, only the last position
-    remains.
+    Old values show neither a warning nor an all clear. Once PX4 itself says that it is disarmed,
+    only the last position remains.
     """
     silence = theme.fit(f"NO TELEM {number(row.age_s, 1, limit=99_999)} s", _SILENCE_WIDTH)
     segments = [Segment(f"{silence} ", theme.style(BAD, bold=True))]
-    agent = "" if not has_nodes else ", its agent is there" if row.view.is_alive else ", its agent has gone"
+    agent = (
+        ""
+        if not has_nodes
+        else ", its agent is there"
+        if row.view.is_alive
+        else ", its agent has gone"
+    )
     if row.view.is_disarmed_by_px4:
         east_m, north_m, _ = row.telemetry.position_enu_m
         position = f"{number(east_m, 2, sign=True, limit=9999)} {number(north_m, 2, sign=True, limit=9999)}"
@@ -108,8 +144,13 @@ def _silent(layout: RowLayout, row: VehicleRow, has_nodes: bool) -> list[Segment
         begin, end = end, end + column.width + 1
         if begin > _SILENCE_WIDTH:
             text, colour = column.cell(row)
-            segments.append(_cell(("?" if text == "ok" else text.translate(_NO_SIGNS), colour), column, dim=True))
-        elif end > _SILENCE_WIDTH + 1:  # begins below the silence: what is left of its width stays empty
+            segments.append(
+                _cell(
+                    ("?" if text == "ok" else text.translate(_NO_SIGNS), colour), column, dim=True
+                )
+            )
+        # begins below the silence: what is left of its width stays empty
+        elif end > _SILENCE_WIDTH + 1:
             segments.append(Segment(" " * (end - _SILENCE_WIDTH - 1)))
     if layout.left:
         text = theme.fit(f"was {clean(row.telemetry.state, 20)}{agent}", layout.left)
@@ -119,4 +160,6 @@ def _silent(layout: RowLayout, row: VehicleRow, has_nodes: bool) -> list[Segment
 
 def _cell(cell: Cell, column: Column, *, dim: bool = False) -> Segment:
     text, colour = cell
-    return Segment(f"{theme.fit(text, column.width, right=column.right)} ", theme.style(colour, dim=dim))
+    return Segment(
+        f"{theme.fit(text, column.width, right=column.right)} ", theme.style(colour, dim=dim)
+    )

@@ -1,7 +1,7 @@
 """The fleet table: a row per vehicle, sorted, filtered and marked.
 
-A ScrollView with its own ``render_line``: Textual's DataTable took 57 % of a core for 100 rows at 10 Hz. Cursor and
-marks belong to vehicles and not to rows: a row that moves takes them along.
+A ScrollView with its own ``render_line``: Textual's DataTable took 57 % of a core for 100 rows at
+10 Hz. Cursor and marks belong to vehicles and not to rows: a row that moves takes them along.
 """
 
 from __future__ import annotations
@@ -33,7 +33,9 @@ BLINK_S, BLINK_PERIOD_S = 4.0, 0.6
 
 
 class FleetTable(Lines, ScrollView, can_focus=True):
-    """One line for each vehicle; the kill key means the one under the cursor, order keys mean the marked ones."""
+    """One line for each vehicle; the kill key means the one under the cursor, order keys mean the
+    marked ones.
+    """
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("up,k", "cursor(-1)", "up", show=False),
@@ -58,7 +60,8 @@ class FleetTable(Lines, ScrollView, can_focus=True):
         self.sort, self.is_reversed = "place", False
         self._cursor = ""
         self._marks = FleetMarks()
-        self._typing, self._typed, self._refusal = "", "", ""  # "filter" or "mark"; its text; why it was refused
+        # "filter" or "mark"; its text; why it was refused
+        self._typing, self._typed, self._refusal = "", "", ""
         self._views: list[VehicleView] = [VehicleView(name) for name in fleet.enabled_names]
         self._rows: list[VehicleView] = list(self._views)
         self._indices = {name: index for index, name in enumerate(fleet.enabled_names)}
@@ -110,7 +113,11 @@ class FleetTable(Lines, ScrollView, can_focus=True):
 
     def show(self, state: FleetState, now_ns: int) -> None:
         """Draw this state."""
-        self._views, self._now_ns, self._has_nodes = list(state.vehicles.values()), now_ns, bool(state.nodes)
+        self._views, self._now_ns, self._has_nodes = (
+            list(state.vehicles.values()),
+            now_ns,
+            bool(state.nodes),
+        )
         if list(self._indices) != list(state.vehicles):
             self._indices = {name: index for index, name in enumerate(state.vehicles)}
         self._marks.update(self._indices, self._now_s)
@@ -119,7 +126,7 @@ class FleetTable(Lines, ScrollView, can_focus=True):
             self._update_titles()
             self.redraw()
 
-    # -- keys --------------------------------------------------------------------------------------------------------
+    # -- keys --------------------------------------------------------------------------------------
 
     def action_cursor(self, step: int) -> None:
         """Move the cursor by ``step`` rows."""
@@ -157,8 +164,14 @@ class FleetTable(Lines, ScrollView, can_focus=True):
         self._resort()
 
     def action_type(self, purpose: str) -> None:
-        """Write a ``filter``, or vehicles to ``mark``, into the table's own title; enter takes it, escape leaves."""
-        self._typing, self._typed, self._refusal = purpose, self.filter if purpose == "filter" else "", ""
+        """Write a ``filter``, or vehicles to ``mark``, into the table's own title; enter takes it,
+        escape leaves.
+        """
+        self._typing, self._typed, self._refusal = (
+            purpose,
+            self.filter if purpose == "filter" else "",
+            "",
+        )
         self._update_titles()
 
     def on_key(self, event: events.Key) -> None:
@@ -216,7 +229,11 @@ class FleetTable(Lines, ScrollView, can_focus=True):
             self._typing = ""
             self.mark(names)
             marked = self._marks.names
-            self._move_to(next((row for row, view in enumerate(self._rows) if view.name in marked), self.cursor))
+            self._move_to(
+                next(
+                    (row for row, view in enumerate(self._rows) if view.name in marked), self.cursor
+                )
+            )
         self._typing = ""
 
     def _move_to(self, row: int) -> None:
@@ -229,7 +246,7 @@ class FleetTable(Lines, ScrollView, can_focus=True):
         self.scroll_to(y=top, animate=False, force=True)
         self.redraw()
 
-    # -- rows and titles ---------------------------------------------------------------------------------------------
+    # -- rows and titles ---------------------------------------------------------------------------
 
     def _resort(self) -> None:
         self._sorted_s = -math.inf
@@ -239,7 +256,9 @@ class FleetTable(Lines, ScrollView, can_focus=True):
 
     def _arrange(self) -> None:
         """Filter and sort the rows; sorted once a second at most."""
-        by_name = {view.name: view for view in self._views if not self.filter or self._is_match(view)}
+        by_name = {
+            view.name: view for view in self._views if not self.filter or self._is_match(view)
+        }
         now_s = self._now_s
         if now_s - self._sorted_s >= SORT_S or {view.name for view in self._rows} != by_name.keys():
             self._sorted_s = now_s
@@ -247,7 +266,9 @@ class FleetTable(Lines, ScrollView, can_focus=True):
         else:
             self._rows = [by_name[view.name] for view in self._rows]
         if self._cursor not in by_name:
-            self._cursor = self._rows[min(self.cursor, len(self._rows) - 1)].name if self._rows else ""
+            self._cursor = (
+                self._rows[min(self.cursor, len(self._rows) - 1)].name if self._rows else ""
+            )
         height = len(self._rows) + 1
         if self.virtual_size.height != height:
             self.virtual_size = Size(self.size.width, height)
@@ -264,7 +285,9 @@ class FleetTable(Lines, ScrollView, can_focus=True):
             return None
         drain = self.history.drains.get(view.name)
         is_stale = not view.is_fresh(self._now_ns)
-        return VehicleRow(view, view.telemetry, self.fleet, drain, view.age_s(self._now_ns), is_stale)
+        return VehicleRow(
+            view, view.telemetry, self.fleet, drain, view.age_s(self._now_ns), is_stale
+        )
 
     def _update_titles(self) -> None:
         """Show in the border what is written, filtered, sorted and marked."""
@@ -279,12 +302,16 @@ class FleetTable(Lines, ScrollView, can_focus=True):
             below += f"{' · ' if below else ''}by {self.sort} {'↓' if self.is_reversed else '↑'}"
         if self._titles != (title, below):
             self._titles = title, below
-            self.border_title, self.border_subtitle = title.replace("[", "\\["), below.replace("[", "\\[")
+            self.border_title, self.border_subtitle = (
+                title.replace("[", "\\["),
+                below.replace("[", "\\["),
+            )
 
-    # -- drawing -----------------------------------------------------------------------------------------------------
+    # -- drawing -----------------------------------------------------------------------------------
 
     def draw(self, width: int, height: int) -> list[Strip]:
-        """Return the heading, which stays on the first line, and the rows in the window below it."""
+        """Return the heading, which stays on the first line, and the rows in the window below it.
+        """
         layout = RowLayout.of([view.name for view in self._views], width)
         # A low terminal has no border to show what is written or marked.
         is_bare = self.size == self.outer_size and (self._typing or self._marks.names)
@@ -295,12 +322,24 @@ class FleetTable(Lines, ScrollView, can_focus=True):
         for view in self._rows[top : top + height - 1]:
             name = view.name
             is_blinking = is_lit and now_s < self._blink_until_s.get(name, -math.inf)
-            marks = RowMarks(name == selected, name in self._marks.names, is_blinking, self.has_focus, self._has_nodes)
+            marks = RowMarks(
+                name == selected,
+                name in self._marks.names,
+                is_blinking,
+                self.has_focus,
+                self._has_nodes,
+            )
             segments = draw_row(layout, view, self._row(view), self._indices.get(name, 0), marks)
             lines.append(Strip(segments).adjust_cell_length(width))
         if not self._rows and height > 1:
-            empty = f"nobody matches '{clean(self.filter, 40)}'; esc shows all" if self.filter else "no vehicles"
-            lines.append(Strip([Segment(theme.fit(f"    {empty}", width), theme.style(WARN))], width))
+            empty = (
+                f"nobody matches '{clean(self.filter, 40)}'; esc shows all"
+                if self.filter
+                else "no vehicles"
+            )
+            lines.append(
+                Strip([Segment(theme.fit(f"    {empty}", width), theme.style(WARN))], width)
+            )
         return lines
 
     def watch_scroll_y(self, old_value: float, new_value: float) -> None:
@@ -312,5 +351,9 @@ class FleetTable(Lines, ScrollView, can_focus=True):
 def _urgent_values(view: VehicleView, now_ns: int) -> tuple[object, ...]:
     """Return the values whose change is drawn at once; numbers can wait a little."""
     last = view.telemetry
-    values = () if last is None else (last.state, last.order_phase, last.not_ready, view.is_disarmed_by_px4)
+    values = (
+        ()
+        if last is None
+        else (last.state, last.order_phase, last.not_ready, view.is_disarmed_by_px4)
+    )
     return view.is_alive, view.is_fresh(now_ns), *values

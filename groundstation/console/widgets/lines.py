@@ -30,11 +30,15 @@ class Lines(Widget):
     _background: Style | None = None  # costs too much to look up for every line
 
     def draw(self, width: int, height: int) -> list[Strip]:
-        """Return the lines of a picture of this size, each ``width`` cells long; missing lines stay empty."""
+        """Return the lines of a picture of this size, each ``width`` cells long; missing lines stay
+        empty.
+        """
         raise NotImplementedError
 
     def is_due(self, now_ns: int, urgent: object) -> bool:
-        """Whether to draw again: five times a second, and at once when the ``urgent`` values have changed."""
+        """Whether to draw again: five times a second, and at once when the ``urgent`` values have
+        changed.
+        """
         last_ns, last = self._shown
         if 0 < now_ns - last_ns < _PACE_NS and urgent == last:
             return False
@@ -52,7 +56,9 @@ class Lines(Widget):
         """Give this panel all the room, or give it back."""
         own = f"only-{self.id}"
         is_alone = self.screen.has_class(own)
-        self.screen.remove_class(*(name for name in self.screen.classes if name.startswith("only-")))
+        self.screen.remove_class(
+            *(name for name in self.screen.classes if name.startswith("only-"))
+        )
         self.screen.set_class(not is_alone, own)
         self.post_message(self.Alone("" if is_alone else str(self.id)))
 
@@ -94,7 +100,9 @@ class Lines(Widget):
         line = _line(self._lines, y)
         if line is None:
             return Strip.blank(self.size.width, self._background)
-        return Strip([Segment(text, self._on_background(style)) for text, style, _ in line], line.cell_length)
+        return Strip(
+            [Segment(text, self._on_background(style)) for text, style, _ in line], line.cell_length
+        )
 
     def forget_picture(self) -> None:
         """Draw all lines anew at the next chance."""
@@ -102,7 +110,9 @@ class Lines(Widget):
         self.refresh()
 
     def _on_background(self, style: Style | None) -> Style:
-        """Return a style on this widget's background; kept, since adding styles costs most of a line."""
+        """Return a style on this widget's background; kept, since adding styles costs most of a
+        line.
+        """
         full = self._styles.get(style)
         if full is None:
             full = self._styles[style] = (self._background or Style.null()) + style

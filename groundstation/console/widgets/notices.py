@@ -19,18 +19,32 @@ def notices(killed: Collection[str], control: Control | None) -> list[Notice]:
     lines = []
     if killed:
         names = sorted(killed)
-        text = f"✖ KILLED {', '.join(names)}. Latched: look at it, then write: reset {','.join(names)}"
+        text = (
+            f"✖ KILLED {', '.join(names)}. Latched: look at it, then write: reset {','.join(names)}"
+        )
         lines.append((text, KILL))
     if control is None:
         return lines
     if control.requester is not None and control.is_operator:
-        lines.append((f"▲ {control.requester.label} asks for control: ctrl+y gives it, ctrl+n keeps it", WARN))
+        lines.append(
+            (
+                f"▲ {control.requester.label} asks for control: ctrl+y gives it, ctrl+n keeps it",
+                WARN,
+            )
+        )
     if control.is_waiting and control.holder is not None:
         silence = f"No answer for {SILENCE_S:.0f} s? Write: take control {FORCE_WORD}"
         lines.append((f"… asking {control.holder.author} for control. {silence}", WARN))
     elif not control.is_operator and control.refusal("move") is not None:
-        operator = f"{control.holder.label} operates" if control.holder is not None else "nobody operates"
-        lines.append((f"· You watch; to order, write: take control. {operator}. Land, hold and kill work", CALM))
+        operator = (
+            f"{control.holder.label} operates" if control.holder is not None else "nobody operates"
+        )
+        lines.append(
+            (
+                f"· You watch; to order, write: take control. {operator}. Land, hold and kill work",
+                CALM,
+            )
+        )
     return lines
 
 
@@ -46,7 +60,9 @@ class NoticeLines(Static):
         if lines != self._notices:
             self._notices = lines
             self.display = bool(lines)
-            parts = [(f" {clean(text, 200)}", theme.style(colour, bold=True)) for text, colour in lines]
+            parts = [
+                (f" {clean(text, 200)}", theme.style(colour, bold=True)) for text, colour in lines
+            ]
             self.update(Text("\n").join(Text(text, style) for text, style in parts))
 
     @property

@@ -1,4 +1,6 @@
-"""The line for written orders: history on the arrows, completion on tab; pasted text waits for Enter."""
+"""The line for written orders: history on the arrows, completion on tab; pasted text waits for
+Enter.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +27,9 @@ _WRITING = "now write: every key goes here, enter gives the order"
 
 
 def completions(text: str, fleet: FleetConfig) -> list[str]:
-    """Return whole lines that begin with ``text`` and complete its last word, or the last name of a list of names."""
+    """Return whole lines that begin with ``text`` and complete its last word, or the last name of a
+    list of names.
+    """
     words = text.split(" ")
     done, last = words[:-1], words[-1]
     if not last:
@@ -37,22 +41,36 @@ def completions(text: str, fleet: FleetConfig) -> list[str]:
     if done[0] in ("take", "give", "keep"):
         return [order for order in CONTROL_ORDERS if order.startswith(text) and order != text]
     if done[0] == "formation" and len(done) == 1:
-        return [f"formation {name}" for name in formation_names(fleet) if name.startswith(last) and name != last]
+        return [
+            f"formation {name}"
+            for name in formation_names(fleet)
+            if name.startswith(last) and name != last
+        ]
     if len(done) != (2 if done[0] == "formation" else 1):
         return []
     before, comma, start = last.rpartition(",")
     names = fleet.enabled_names if comma else ("all", *fleet.enabled_names)
-    fits = [name for name in names if name.startswith(start) and name != start and name not in before.split(",")]
+    fits = [
+        name
+        for name in names
+        if name.startswith(start) and name != start and name not in before.split(",")
+    ]
     return [" ".join([*done, f"{before}{comma}{name}"]) for name in fits]
 
 
 def history_file() -> Path:
     """Return the file that keeps orders between runs: ``$XDG_STATE_HOME/covey/orders``."""
-    return Path(os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state") / "covey" / "orders"
+    return (
+        Path(os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state")
+        / "covey"
+        / "orders"
+    )
 
 
 class OrderHistory:
-    """Orders that were written, oldest first, without repetitions in a row; kept in a file where one can be written."""
+    """Orders that were written, oldest first, without repetitions in a row; kept in a file where
+    one can be written.
+    """
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -60,7 +78,11 @@ class OrderHistory:
             text = path.read_text(encoding="utf-8", errors="replace")
         except (OSError, RuntimeError):
             text = ""
-        lines = [line for line in text.splitlines() if line and line.isprintable() and len(line) <= MAX_LENGTH]
+        lines = [
+            line
+            for line in text.splitlines()
+            if line and line.isprintable() and len(line) <= MAX_LENGTH
+        ]
         self.lines = lines[-_KEPT:]
 
     def add(self, line: str) -> None:
@@ -154,7 +176,8 @@ class OrderLine(Input):
 
     async def action_submit(self) -> None:
         """Post the line and clear it, so that a second Enter sends it no second time."""
-        text = self.value.strip().removeprefix(":").strip()  # ":" opens the line; typed once more it means nothing
+        # ":" opens the line; typed once more it means nothing
+        text = self.value.strip().removeprefix(":").strip()
         self.value = self._draft = ""
         if text:
             history = self._history or self._load()
@@ -163,7 +186,8 @@ class OrderLine(Input):
             self.post_message(self.Submitted(self, text))
 
     def action_history(self, step: int) -> None:
-        """Show an earlier or later order; the line that was being written comes after the newest."""
+        """Show an earlier or later order; the line that was being written comes after the newest.
+        """
         lines = self._history.lines if self._history is not None else []
         if self._at >= len(lines):
             self._draft = self.value
@@ -191,4 +215,6 @@ class OrderLine(Input):
         event.stop()
         event.prevent_default()
         text = " ".join(event.text.split())
-        self.insert_text_at_cursor("".join(char for char in text if char.isprintable())[:MAX_LENGTH])
+        self.insert_text_at_cursor(
+            "".join(char for char in text if char.isprintable())[:MAX_LENGTH]
+        )

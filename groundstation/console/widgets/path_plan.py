@@ -39,10 +39,17 @@ class PathPlan(Lines):
         preview = self._preview
         if preview is None or not preview.legs:
             return canvas.strips()
-        paths = {name: np.array([leg.start_enu_m, leg.goal_enu_m])[:, :2] for name, leg in preview.legs.items()}
+        paths = {
+            name: np.array([leg.start_enu_m, leg.goal_enu_m])[:, :2]
+            for name, leg in preview.legs.items()
+        }
         if self._forecast is not None and self._forecast.paths_enu_m:
-            paths = {name: np.array(points)[:, :2] for name, points in self._forecast.paths_enu_m.items()}
-        ends = np.concatenate([*paths.values(), *(np.array([leg.goal_enu_m])[:, :2] for leg in preview.legs.values())])
+            paths = {
+                name: np.array(points)[:, :2] for name, points in self._forecast.paths_enu_m.items()
+            }
+        ends = np.concatenate(
+            [*paths.values(), *(np.array([leg.goal_enu_m])[:, :2] for leg in preview.legs.values())]
+        )
         low, high = ends.min(axis=0) - _MARGIN_M, ends.max(axis=0) + _MARGIN_M
         scale = float(min(2 * width / (high[0] - low[0]), 4 * height / (high[1] - low[1])))
         middle = (low + high) / 2.0
@@ -53,12 +60,16 @@ class PathPlan(Lines):
             leg, colour = preview.legs[name], theme.vehicle_colour(indices.get(name, 0))
             dots = window.dots(path)
             for start, end in itertools.pairwise(dots):
-                canvas.line((start[0], start[1]), (end[0], end[1]), colour if leg.is_ordered else FAINT)
+                canvas.line(
+                    (start[0], start[1]), (end[0], end[1]), colour if leg.is_ordered else FAINT
+                )
             goal = window.dots(np.array([leg.goal_enu_m])[:, :2])
             canvas.circles(goal, radius, colour if leg.is_ordered else FAINT, gap=2)
         for name, leg in preview.legs.items():
             colour = theme.vehicle_colour(indices.get(name, 0))
             if leg.is_ordered:
                 canvas.text(*window.cell(*leg.goal_enu_m[:2]), "✛", colour, bold=True)
-            canvas.text(*window.cell(*leg.start_enu_m[:2]), str(indices.get(name, "?")), colour, bold=True)
+            canvas.text(
+                *window.cell(*leg.start_enu_m[:2]), str(indices.get(name, "?")), colour, bold=True
+            )
         return canvas.strips()

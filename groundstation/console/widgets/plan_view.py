@@ -11,7 +11,14 @@ from textual.strip import Strip
 
 from groundstation.console.canvas import Canvas
 from groundstation.console.history import FAR_M, History
-from groundstation.console.plan_drawing import PlanScene, Spot, Window, draw_background, draw_fleet, spot_of
+from groundstation.console.plan_drawing import (
+    PlanScene,
+    Spot,
+    Window,
+    draw_background,
+    draw_fleet,
+    spot_of,
+)
 from groundstation.console.theme import clean
 from groundstation.console.widgets.lines import Lines
 from groundstation.fleet.state import FleetState, VehicleView
@@ -23,7 +30,8 @@ _PAN = 0.15  # of the picture, a key press
 
 
 class PlanView(Lines, can_focus=True):
-    """East to the right, north up. Circles have half the safety distance: where two touch, the limit is reached.
+    """East to the right, north up. Circles have half the safety distance: where two touch, the
+    limit is reached.
 
     Without keys it shows the part of the fence that the fleet uses.
     """
@@ -45,8 +53,13 @@ class PlanView(Lines, can_focus=True):
         self.is_whole_fence = False
         self.follows = ""  # "*" the middle of the fleet, else the vehicle of this name
         self._middle: tuple[float, float] | None = None
-        starts = [fleet.vehicles[name].start_enu_m for name in fleet.enabled_names] or [(0.0, 0.0, 0.0)]
-        self._spans = _around([start[0] for start in starts]), _around([start[1] for start in starts])
+        starts = [fleet.vehicles[name].start_enu_m for name in fleet.enabled_names] or [
+            (0.0, 0.0, 0.0)
+        ]
+        self._spans = (
+            _around([start[0] for start in starts]),
+            _around([start[1] for start in starts]),
+        )
         self._background_picture: tuple[Window, Canvas] | None = None
         self._views: list[VehicleView] = []
         self._spots: dict[str, Spot] = {}
@@ -55,13 +68,24 @@ class PlanView(Lines, can_focus=True):
         self._now_ns = 0
         self._titles = ("", "")
 
-    def show(self, state: FleetState, now_ns: int, selected: str | None = None, marked: tuple[str, ...] = ()) -> None:
+    def show(
+        self,
+        state: FleetState,
+        now_ns: int,
+        selected: str | None = None,
+        marked: tuple[str, ...] = (),
+    ) -> None:
         """Draw this state; ``selected`` and ``marked`` are shown as such."""
         views = list(state.vehicles.values())
-        if not self.is_due(now_ns, (selected, marked, state.airborne_names, [view.is_fresh(now_ns) for view in views])):
+        if not self.is_due(
+            now_ns,
+            (selected, marked, state.airborne_names, [view.is_fresh(now_ns) for view in views]),
+        ):
             return
         self._views, self._now_ns, self._selected, self._marked = views, now_ns, selected, marked
-        self._spots = {view.name: spot for view in views if (spot := spot_of(view, now_ns)) is not None}
+        self._spots = {
+            view.name: spot for view in views if (spot := spot_of(view, now_ns)) is not None
+        }
         self._widen()
         self.redraw()
 
@@ -73,7 +97,9 @@ class PlanView(Lines, can_focus=True):
     def change_zoom(self, factor: float) -> None:
         """Zoom; 0 goes back to the fleet's part of the fence, and from there to all of it."""
         if factor == 0.0:
-            self.is_whole_fence = self.zoom == 1.0 and self._middle is None and not self.is_whole_fence
+            self.is_whole_fence = (
+                self.zoom == 1.0 and self._middle is None and not self.is_whole_fence
+            )
             self._middle, self.follows = None, ""
         self.zoom = 1.0 if factor == 0.0 else min(64.0, max(0.25, self.zoom * factor))
         self.redraw()
@@ -95,7 +121,9 @@ class PlanView(Lines, can_focus=True):
     def action_follow(self) -> None:
         """Follow the vehicle under the fleet's cursor; then the middle of the fleet; then none."""
         name = self._selected or "*"
-        self.follows = name if self.follows not in (name, "*") else "*" if self.follows != "*" else ""
+        self.follows = (
+            name if self.follows not in (name, "*") else "*" if self.follows != "*" else ""
+        )
         self._middle = None
         self.redraw()
 
@@ -130,7 +158,9 @@ class PlanView(Lines, can_focus=True):
         canvas = self._background_picture[1].copy()
         marked = frozenset(self._marked)
         views, spots, now_ns = self._views, self._spots, self._now_ns
-        scene = PlanScene(window, self.fleet, self.history, views, spots, now_ns, self._selected, marked)
+        scene = PlanScene(
+            window, self.fleet, self.history, views, spots, now_ns, self._selected, marked
+        )
         draw_fleet(canvas, scene)
         return canvas.strips()
 
@@ -151,7 +181,10 @@ class PlanView(Lines, can_focus=True):
         fence = self.fleet.fleet.geofence_m
         box_x, box_y = (fence.x, fence.y) if self.is_whole_fence else self._spans
         width, height = max(1, width), max(1, height)
-        scale = max(1e-3, min((2 * width - 3) / (box_x[1] - box_x[0]), (4 * height - 3) / (box_y[1] - box_y[0])))
+        scale = max(
+            1e-3,
+            min((2 * width - 3) / (box_x[1] - box_x[0]), (4 * height - 3) / (box_y[1] - box_y[0])),
+        )
         middle = self._middle or self._followed() or (sum(box_x) / 2.0, sum(box_y) / 2.0)
         return Window(middle[0], middle[1], scale * self.zoom, width, height)
 
@@ -163,14 +196,24 @@ class PlanView(Lines, can_focus=True):
         fence = self.fleet.fleet.geofence_m
         points: list[tuple[float, ...]] = [spot[:2] for spot in self._spots.values()]
         points += [
-            view.telemetry.goal_position_enu_m[:2] for view in self._views if view.telemetry and view.is_airborne
+            view.telemetry.goal_position_enu_m[:2]
+            for view in self._views
+            if view.telemetry and view.is_airborne
         ]
         spans = []
         for axis, limits in enumerate((fence.x, fence.y)):
-            values = [point[axis] for point in points if abs(point[axis]) < FAR_M] or [sum(self._spans[axis]) / 2.0]
-            low, high = min(*values, self._spans[axis][0] + _ROUND_M), max(*values, self._spans[axis][1] - _ROUND_M)
+            values = [point[axis] for point in points if abs(point[axis]) < FAR_M] or [
+                sum(self._spans[axis]) / 2.0
+            ]
+            low, high = (
+                min(*values, self._spans[axis][0] + _ROUND_M),
+                max(*values, self._spans[axis][1] - _ROUND_M),
+            )
             # Beyond the fence only what has strayed there widens the picture.
-            low, high = max(low - _ROUND_M, min(limits[0], low)), min(high + _ROUND_M, max(limits[1], high))
+            low, high = (
+                max(low - _ROUND_M, min(limits[0], low)),
+                min(high + _ROUND_M, max(limits[1], high)),
+            )
             spans.append((low, max(high, low + 2.0)))
         self._spans = (spans[0], spans[1])
 
@@ -180,7 +223,10 @@ class PlanView(Lines, can_focus=True):
             return None
         one = self._spots.get(self.follows)
         spots = list(self._spots.values()) if one is None else [one]
-        return (math.fsum(spot[0] for spot in spots) / len(spots), math.fsum(spot[1] for spot in spots) / len(spots))
+        return (
+            math.fsum(spot[0] for spot in spots) / len(spots),
+            math.fsum(spot[1] for spot in spots) / len(spots),
+        )
 
 
 def _around(values: list[float]) -> _Span:

@@ -1,4 +1,6 @@
-"""The last order with each vehicle's answer as it comes in; a failure says why, and what can be done."""
+"""The last order with each vehicle's answer as it comes in; a failure says why, and what can be
+done.
+"""
 
 from __future__ import annotations
 
@@ -32,7 +34,9 @@ class ResultLines(Static):
     def show_order(self, order: OrderResult, text: str) -> None:
         """Show the order's words and the results as they stand."""
         words = clean(text, 60)
-        line = Text.assemble((f" {theme.fit(words, min(34, cell_len(words)))} ", theme.style(TEXT, bold=True)))
+        line = Text.assemble(
+            (f" {theme.fit(words, min(34, cell_len(words)))} ", theme.style(TEXT, bold=True))
+        )
         results = order.results
         width = (self.size.width or 80) - line.cell_len
         parts = [(f"{name} {{}} {one.phase}", str(one.phase)) for name, one in results.items()]

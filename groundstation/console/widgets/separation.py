@@ -1,4 +1,6 @@
-"""Separation of the vehicles: the closest pairs, the smallest distance so far, a strip chart, the timing."""
+"""Separation of the vehicles: the closest pairs, the smallest distance so far, a strip chart, the
+timing.
+"""
 
 from __future__ import annotations
 
@@ -22,11 +24,14 @@ SOON_S = 3.0
 _FORESIGHT_S = 10.0  # velocities do not stay as they are for longer
 _MARGIN = 5  # cells for the scale at the left
 _LEAST_CHART = 3
-_PERIOD_TOP_MS, _AGE_TOP_MS = 40.0, 200.0  # values that fill a spark: two periods, and a message that is too old
+# values that fill a spark: two periods, and a message that is too old
+_PERIOD_TOP_MS, _AGE_TOP_MS = 40.0, 200.0
 
 
 class SeparationView(Lines, can_focus=True):
-    """Separations of pairs, in metres, as the vehicles report them, and the truth where it is known."""
+    """Separations of pairs, in metres, as the vehicles report them, and the truth where it is
+    known.
+    """
 
     def __init__(self, fleet: FleetConfig, history: History) -> None:
         super().__init__(id="separation")
@@ -36,7 +41,11 @@ class SeparationView(Lines, can_focus=True):
         self._now_s = 0.0
         self._chart: tuple[tuple[int, int, int], list[Strip]] | None = None
         vertical_m = fleet.fleet.vertical_separation_m
-        height = f" ({vertical_m:g} m of height count {fleet.fleet.safety_distance_m:g})" if vertical_m else ""
+        height = (
+            f" ({vertical_m:g} m of height count {fleet.fleet.safety_distance_m:g})"
+            if vertical_m
+            else ""
+        )
         self.border_title = f"separation{height}"
 
     def show(self, state: FleetState, now_ns: int) -> None:
@@ -46,11 +55,15 @@ class SeparationView(Lines, can_focus=True):
             self.redraw()
 
     def draw(self, width: int, height: int) -> list[Strip]:
-        """Return the closest pair now and so far; further pairs, chart and timing as there is room."""
+        """Return the closest pair now and so far; further pairs, chart and timing as there is room.
+        """
         timing = self._timing(width) if height >= 2 + _LEAST_CHART + 3 else []
         rest = height - 2 - len(timing)
         pairs = self.history.pairs[1 : 1 + max(0, (rest - 5) // 2)]
-        lines = [self._line("now", self.history.now, width), self._line("least", self._smallest(), width)]
+        lines = [
+            self._line("now", self.history.now, width),
+            self._line("least", self._smallest(), width),
+        ]
         lines += [self._line("", pair, width) for pair in pairs]
         strips = [Strip(line).adjust_cell_length(width) for line in lines[:height]]
         rows = rest - len(pairs)
@@ -64,17 +77,27 @@ class SeparationView(Lines, can_focus=True):
     def _line(self, label: str, pair: Pair | Separation | None, width: int) -> list[Segment]:
         start = Segment(f" {label:<6}", theme.style(FAINT))
         if pair is None or not math.isfinite(pair.distance_m):
-            return [start, Segment("-" if label == "now" else "- nobody has flown yet", theme.style(FAINT))]
+            return [
+                start,
+                Segment("-" if label == "now" else "- nobody has flown yet", theme.style(FAINT)),
+            ]
         sign, colour = self._judge(pair.distance_m, isinstance(pair, Separation) or pair.is_flying)
         room = max(3, min(24, (width - 24) // 2))
-        names = " – ".join(theme.fit_name(clean(name, 80), room).rstrip() for name in (pair.first, pair.second))
+        names = " – ".join(
+            theme.fit_name(clean(name, 80), room).rstrip() for name in (pair.first, pair.second)
+        )
         segments = [
             start,
-            Segment(f"{sign} {number(pair.distance_m, 2)} m ", theme.style(colour, bold=label != "")),
+            Segment(
+                f"{sign} {number(pair.distance_m, 2)} m ", theme.style(colour, bold=label != "")
+            ),
             Segment(f" {names}", theme.style(TEXT)),
         ]
         if isinstance(pair, Separation):
-            return [*segments, Segment("  true" if pair.is_truth else "  reported", theme.style(FAINT))]
+            return [
+                *segments,
+                Segment("  true" if pair.is_truth else "  reported", theme.style(FAINT)),
+            ]
         return [*segments, *self._approach(pair)]
 
     def _approach(self, pair: Pair) -> list[Segment]:
@@ -82,7 +105,11 @@ class SeparationView(Lines, can_focus=True):
         if not pair.is_flying:
             return []
         if not math.isfinite(pair.approach_s) or pair.approach_s > _FORESIGHT_S:
-            return [Segment("  parting" if math.isinf(pair.approach_s) else "  steady", theme.style(FAINT))]
+            return [
+                Segment(
+                    "  parting" if math.isinf(pair.approach_s) else "  steady", theme.style(FAINT)
+                )
+            ]
         is_soon = pair.approach_s < SOON_S and pair.approach_m < self.fleet.fleet.safety_distance_m
         text = f"  {'▲ ' if is_soon else ''}{number(pair.approach_m, 2)} m in {number(pair.approach_s, 1)} s"
         return [Segment(text, theme.style(WARN if is_soon else FAINT))]
@@ -96,7 +123,9 @@ class SeparationView(Lines, can_focus=True):
         return ("▲", WARN) if distance_m < 1.1 * limit_m else ("●", GOOD)
 
     def _timing(self, width: int) -> list[list[Segment]]:
-        """Return the slowest control loop and the oldest message between agents, now and over the last minutes."""
+        """Return the slowest control loop and the oldest message between agents, now and over the
+        last minutes.
+        """
         lines = []
         for label, values, name, top in (
             ("loop p99", self.history.periods_ms, self.history.slowest, _PERIOD_TOP_MS),
@@ -110,7 +139,10 @@ class SeparationView(Lines, can_focus=True):
             lines.append(
                 [
                     Segment(f" {label:<9}", theme.style(FAINT)),
-                    Segment(theme.spark(list(values)[-room:] if room else [], room, top), theme.style(CALM)),
+                    Segment(
+                        theme.spark(list(values)[-room:] if room else [], room, top),
+                        theme.style(CALM),
+                    ),
                     Segment(text, theme.style(WARN if is_high else TEXT)),
                 ]
             )
@@ -132,7 +164,10 @@ class SeparationView(Lines, can_focus=True):
         if columns < 4:
             return canvas
         points = [point for point in self.history.distances if point[0] >= self._now_s - WINDOW_S]
-        top_m = max(2.5 * limit_m, min(6.0 * limit_m, max((distance for _, distance in points), default=0.0)))
+        top_m = max(
+            2.5 * limit_m,
+            min(6.0 * limit_m, max((distance for _, distance in points), default=0.0)),
+        )
 
         def row(distance_m: float) -> float:
             return (rows - 1) * (1.0 - min(distance_m, top_m) / top_m)
@@ -145,16 +180,27 @@ class SeparationView(Lines, can_focus=True):
                 continue
             point = (float(left + column), row(distance_m))
             near = previous is not None and point[0] - previous[0] < 8
-            canvas.line(previous if near and previous else point, point, BAD if distance_m < limit_m else CALM)
+            canvas.line(
+                previous if near and previous else point,
+                point,
+                BAD if distance_m < limit_m else CALM,
+            )
             previous = point
         for distance_m in {0.0, limit_m, top_m}:
             text = f"{distance_m:.1f}" if distance_m != limit_m else f"{limit_m:.2f}"
-            canvas.text(0, int(row(distance_m) // 4), f"{text:>4}", BAD if distance_m == limit_m else FAINT)
+            canvas.text(
+                0, int(row(distance_m) // 4), f"{text:>4}", BAD if distance_m == limit_m else FAINT
+            )
         if has_axis:
             canvas.text(_MARGIN, height - 1, f"{WINDOW_S / 60:g} min ago", FAINT)
             canvas.text(width - 4, height - 1, "now", FAINT)
         if not points:
-            canvas.text(_MARGIN + 1, max(0, (canvas.height - has_axis) // 2 - 1), "drawn while they fly", FAINT)
+            canvas.text(
+                _MARGIN + 1,
+                max(0, (canvas.height - has_axis) // 2 - 1),
+                "drawn while they fly",
+                FAINT,
+            )
         return canvas
 
     def _nearest(

@@ -1,7 +1,8 @@
-"""``covey mocap --check``: whether each vehicle has its own body, axes and stamps, by tilting it. Listens only.
+"""``covey mocap --check``: whether each vehicle has its own body, axes and stamps, by tilting it.
+Listens only.
 
-A vehicle that is tilted by hand, propellers off, tilts twice: in its PX4 and in one body. Agents and the mocap's source
-must run.
+A vehicle that is tilted by hand, propellers off, tilts twice: in its PX4 and in one body. Agents
+and the mocap's source must run.
 """
 
 from __future__ import annotations
@@ -47,7 +48,11 @@ class BodyFinding:
 
 
 def judge(
-    vehicles: Mapping[str, str], bodies: Mapping[str, Samples], px4s: Mapping[str, Samples], *, latency_s: float
+    vehicles: Mapping[str, str],
+    bodies: Mapping[str, Samples],
+    px4s: Mapping[str, Samples],
+    *,
+    latency_s: float,
 ) -> Iterator[BodyFinding]:
     """Compare the tilts of bodies and vehicles.
 
@@ -69,11 +74,17 @@ def _judge_one(
     vehicle: str, body: str, curves: Mapping[str, Curve], px4: Curve, latency_s: float
 ) -> tuple[bool | None, str]:
     """Return ``is_ok`` and sentence of the finding."""
-    fits = {name: fit for name, curve in curves.items() if (fit := latency.fit(*curve, *px4)) is not None}
+    fits = {
+        name: fit
+        for name, curve in curves.items()
+        if (fit := latency.fit(*curve, *px4)) is not None
+    }
     if not px4[0].size:
         return None, "its agent publishes no attitude. Start the agent, with its PX4."
     if not fits:
-        tilting = "Take the propellers off and tilt it by hand by 20° in all directions for some seconds."
+        tilting = (
+            "Take the propellers off and tilt it by hand by 20° in all directions for some seconds."
+        )
         return None, f"not tilted yet. {tilting}"
     best = max(fits, key=lambda name: fits[name].correlation)
     if best != body and fits[best].is_same:
@@ -83,7 +94,10 @@ def _judge_one(
         )
     own = fits.get(body)
     if own is None:
-        return False, f"body '{body}' was not tracked while the vehicle tilted. Check that the cameras see its markers."
+        return (
+            False,
+            f"body '{body}' was not tracked while the vehicle tilted. Check that the cameras see its markers.",
+        )
     if not own.is_same:
         quarter = _turned(curves[body], px4)
         if quarter is not None:
@@ -101,11 +115,16 @@ def _judge_one(
             f"body '{body}' is right, but its stamps are {lag_ms:+.0f} ms off the motion. Set mocap.latency_s = "
             f"{max(0.0, latency_s + own.lag_s):.3f} (now {latency_s:.3f})."
         )
-    return True, f"body '{body}' tilts as its PX4 does, and its stamps are right to {lag_ms:+.0f} ms."
+    return (
+        True,
+        f"body '{body}' tilts as its PX4 does, and its stamps are right to {lag_ms:+.0f} ms.",
+    )
 
 
 def _turned(body: Curve, px4: Curve) -> int | None:
-    """Return by how many degrees the body's axes are turned about up; None if that is not the only fault."""
+    """Return by how many degrees the body's axes are turned about up; None if that is not the only
+    fault.
+    """
     for degrees in _QUARTERS:
         c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
         fit = latency.fit(body[0], body[1] @ np.array([[c, s], [-s, c]]), *px4)
@@ -127,7 +146,10 @@ class MocapCheck:
     def __init__(self, fleet: FleetConfig, say: Callable[[str], None]) -> None:
         self.fleet, self.say = fleet, say
         self.statistics = MocapStatistics(bodies_of(fleet))
-        endpoints = [*(fleet.vehicles[name].agent for name in fleet.enabled_names), *fleet.pose_endpoints]
+        endpoints = [
+            *(fleet.vehicles[name].agent for name in fleet.enabled_names),
+            *fleet.pose_endpoints,
+        ]
         self._bus = BusSession(
             namespace=fleet.namespace,
             node=f"mocap-check-{os.getpid()}",
@@ -141,7 +163,9 @@ class MocapCheck:
         self._lock = threading.Lock()
 
     def run(self, *, seconds: float | None, every_s: float, stopped: threading.Event) -> int:
-        """Listen until everything is right, ``stopped``, or for ``seconds``; return the exit status."""
+        """Listen until everything is right, ``stopped``, or for ``seconds``; return the exit
+        status.
+        """
         self._bus.start()
         status = EXIT_NO_ANSWER
         try:
@@ -162,7 +186,9 @@ class MocapCheck:
             bodies = {name: samples.copy() for name, samples in self._bodies.items()}
             px4s = {name: samples.copy() for name, samples in self._px4s.items()}
             wrong = list(self.statistics.findings())
-        latency_s = self.fleet.mocap.latency_s if self.fleet.mocap.source == "motioncapture" else 0.0
+        latency_s = (
+            self.fleet.mocap.latency_s if self.fleet.mocap.source == "motioncapture" else 0.0
+        )
         findings = list(judge(self.statistics.vehicles, bodies, px4s, latency_s=latency_s))
         self.say(time.strftime("%H:%M:%S"))
         for finding in findings:
@@ -192,10 +218,13 @@ class MocapCheck:
             for tick in message.ticks:
                 own_s = self._own_s(name, tick.stamp_ns)
                 if own_s is not None:
-                    samples.append((own_s - tick.attitude_age_s, tick.attitude_quaternion_enu_flu_wxyz))
+                    samples.append(
+                        (own_s - tick.attitude_age_s, tick.attitude_quaternion_enu_flu_wxyz)
+                    )
 
     def _own_s(self, node: str, stamp_ns: int) -> float | None:
-        """Return a stamp on our clock, in the middle of its bounds; None while they are not known."""
+        """Return a stamp on our clock, in the middle of its bounds; None while they are not known.
+        """
         if not node:
             return stamp_ns * 1e-9
         offset = self._clock.clocks.offset_s(node, time.monotonic_ns())

@@ -1,8 +1,10 @@
-"""Lag of a body's stamps behind its motion, and the vehicle of a body: its tilt compared with PX4's attitude.
+"""Lag of a body's stamps behind its motion, and the vehicle of a body: its tilt compared with PX4's
+attitude.
 
-PX4 measures with a gyroscope, so its attitude is right in time except for a few milliseconds of link. Both measure the
-direction of gravity in the body's own axes, which depends neither on a heading nor on the frame of the room. The time
-shift at which both curves fit best is the lag of the stamps; the body whose curve fits belongs to this PX4.
+PX4 measures with a gyroscope, so its attitude is right in time except for a few milliseconds of
+link. Both measure the direction of gravity in the body's own axes, which depends neither on a
+heading nor on the frame of the room. The time shift at which both curves fit best is the lag of the
+stamps; the body whose curve fits belongs to this PX4.
 """
 
 from __future__ import annotations
@@ -54,7 +56,10 @@ def fit(body_s: Array, body: Array, px4_s: Array, px4: Array) -> Fit | None:
     """
     if body_s.size < 10 or px4_s.size < 10:
         return None
-    begin, end = max(body_s[0] - _EARLIEST_S, px4_s[0] + _LATEST_S), min(body_s[-1] - _LATEST_S, px4_s[-1])
+    begin, end = (
+        max(body_s[0] - _EARLIEST_S, px4_s[0] + _LATEST_S),
+        min(body_s[-1] - _LATEST_S, px4_s[-1]),
+    )
     if end - begin < _SHORTEST_S:
         return None
     times_s = np.arange(begin, end, _STEP_S)
@@ -62,14 +67,21 @@ def fit(body_s: Array, body: Array, px4_s: Array, px4: Array) -> Fit | None:
     reference = _at(times_s, px4_s, px4)
     if float(np.sqrt(np.square(reference).mean())) < _SMALLEST_TILT_RAD:
         return None
-    correlations = np.array([_correlation(_at(times_s + lag_s, body_s, body), reference) for lag_s in lags_s])
+    correlations = np.array(
+        [_correlation(_at(times_s + lag_s, body_s, body), reference) for lag_s in lags_s]
+    )
     best = int(correlations.argmax())
-    return Fit(float(lags_s[best]) + _STEP_S * _vertex(correlations, best), float(correlations[best]))
+    return Fit(
+        float(lags_s[best]) + _STEP_S * _vertex(correlations, best), float(correlations[best])
+    )
 
 
 def _at(times_s: Array, samples_s: Array, samples: Array) -> Array:
-    values = np.stack([np.interp(times_s, samples_s, samples[:, axis]) for axis in range(2)], axis=-1)
-    return np.asarray(values - values.mean(axis=0))  # markers are never exactly level with the autopilot
+    values = np.stack(
+        [np.interp(times_s, samples_s, samples[:, axis]) for axis in range(2)], axis=-1
+    )
+    # markers are never exactly level with the autopilot
+    return np.asarray(values - values.mean(axis=0))
 
 
 def _correlation(one: Array, other: Array) -> float:
@@ -78,7 +90,8 @@ def _correlation(one: Array, other: Array) -> float:
 
 
 def _vertex(values: Array, index: int) -> float:
-    """Return the offset of the maximum from an index, in steps, by a parabola through three values."""
+    """Return the offset of the maximum from an index, in steps, by a parabola through three values.
+    """
     if not 0 < index < values.size - 1:
         return 0.0
     before, top, after = values[index - 1 : index + 2].tolist()

@@ -1,7 +1,9 @@
-"""``covey mocap``: one process that reads the motion capture and publishes all its bodies on the fleet's bus.
+"""``covey mocap``: one process that reads the motion capture and publishes all its bodies on the
+fleet's bus.
 
-All bodies are published, vehicles or not; agents listen to those of the fleet file only. The relay does not judge
-poses; the agents do. It listens at the emulator's endpoint, so that there can only be one of both.
+All bodies are published, vehicles or not; agents listen to those of the fleet file only. The relay
+does not judge poses; the agents do. It listens at the emulator's endpoint, so that there can only
+be one of both.
 """
 
 from __future__ import annotations
@@ -31,22 +33,32 @@ NODE = "mocap"
 def bodies_of(fleet: FleetConfig) -> dict[str, str]:
     """Return vehicle -> body, for all that take part and require a mocap."""
     bodies = {name: fleet.vehicles[name].body for name in fleet.enabled_names}
-    return {name: body for name, body in bodies.items() if body is not None and fleet.vehicles[name].mocap_required}
+    return {
+        name: body
+        for name, body in bodies.items()
+        if body is not None and fleet.vehicles[name].mocap_required
+    }
 
 
 def mock_options(fleet: FleetConfig) -> dict[str, str]:
-    """Return options for the type ``mock``: a body for each vehicle, standing still at its take-off spot."""
+    """Return options for the type ``mock``: a body for each vehicle, standing still at its take-off
+    spot.
+    """
     rows = [
         f"{body}({','.join(f'{value:g}' for value in fleet.vehicles[name].start_enu_m)},1,0,0,0)"
         for name, body in bodies_of(fleet).items()
     ]
-    return {"rigid_bodies": ";".join(rows), "frequency": "100"} if fleet.mocap.type == "mock" else {}
+    return (
+        {"rigid_bodies": ";".join(rows), "frequency": "100"} if fleet.mocap.type == "mock" else {}
+    )
 
 
 def report_times(
     clock: ClockNode, *, seconds: float | None, every_s: float, stopped: threading.Event
 ) -> Iterator[None]:
-    """Publish the clock until ``stopped`` or for ``seconds``, and yield whenever a report is due, at the end too."""
+    """Publish the clock until ``stopped`` or for ``seconds``, and yield whenever a report is due,
+    at the end too.
+    """
     began_s = reported_s = time.monotonic()
     while not stopped.wait(min(BEAT_S, every_s)):
         clock.beat()
@@ -83,7 +95,9 @@ class Relay:
         )
         self._clock, self._publisher = ClockNode(self._bus), PosePublisher(self._bus)
         options = mock_options(fleet)
-        self._source = SdkMocap(fleet.mocap, "*", self._pass_on, lambda: None, node=NODE, default_options=options)
+        self._source = SdkMocap(
+            fleet.mocap, "*", self._pass_on, lambda: None, node=NODE, default_options=options
+        )
         self._lock = threading.Lock()
         self._unnameable: set[str] = set()
         self._emulated = emulated
@@ -102,7 +116,9 @@ class Relay:
             f"{mocap.latency_s * 1e3:.0f} ms subtracted from each stamp. Ctrl-C ends."
         )
         if mocap.direct:
-            self.say("  ! mocap.direct is true: the agents read the system themselves and do not listen to this relay.")
+            self.say(
+                "  ! mocap.direct is true: the agents read the system themselves and do not listen to this relay."
+            )
         was_complete = False
         try:
             self._clock.start()
@@ -120,7 +136,11 @@ class Relay:
     def _print(self, was_complete: bool) -> bool:
         with self._lock:
             self.statistics.close_window(time.monotonic_ns())
-            rows = list(self.statistics.rows()) if self.statistics.bodies else ["  no pose has arrived yet"]
+            rows = (
+                list(self.statistics.rows())
+                if self.statistics.bodies
+                else ["  no pose has arrived yet"]
+            )
             is_complete = self.statistics.is_complete
             bad, withheld = sorted(self._unnameable), sorted(self._withheld)
         here, all_ = len(self.statistics.bodies), len(self.statistics.vehicles)
@@ -129,7 +149,9 @@ class Relay:
             self.say(row)
         if bad:
             names = ", ".join(map(repr, bad))
-            self.say(f"  ! Not published, because these names cannot be keys on the bus: {names}. Rename them.")
+            self.say(
+                f"  ! Not published, because these names cannot be keys on the bus: {names}. Rename them."
+            )
         if withheld:
             names = ", ".join(map(repr, withheld))
             self.say(

@@ -24,11 +24,13 @@ class BodyStatistics:
     rate_hz: float = 0.0  # in the last finished window
     samples: int = 0
     jumps: int = 0
-    flips: int = 0  # turns faster than a vehicle's, caused by markers that look alike from several sides
+    # turns faster than a vehicle's, caused by markers that look alike from several sides
+    flips: int = 0
     losses: int = 0
     longest_gap_s: float = 0.0
     age_s: float = 0.0
-    still_s: float = 0.0  # for so long the same numbers have come; a body that is measured always has noise
+    # for so long the same numbers have come; a body that is measured always has noise
+    still_s: float = 0.0
     is_tracked: bool = False
     _quaternion: Vec4 = (0.0, 0.0, 0.0, 0.0)
     _stamp_ns: int = 0
@@ -45,7 +47,9 @@ class BodyStatistics:
         step_m = math.dist(pose.position_enu_m, self.position_enu_m) if self.samples else 0.0
         # a value that is not finite is a jump as well
         self.jumps += int(not step_m <= _NOISE_M + _JUMP_M_S * gap_s)
-        cosine = abs(sum(a * b for a, b in zip(pose.quaternion_enu_flu_wxyz, self._quaternion, strict=True)))
+        cosine = abs(
+            sum(a * b for a, b in zip(pose.quaternion_enu_flu_wxyz, self._quaternion, strict=True))
+        )
         turn_rad = 2.0 * math.acos(min(1.0, cosine)) if self.samples else 0.0
         self.flips += int(turn_rad > min(_FLIP_RAD + _FLIP_RAD_S * gap_s, math.pi))
         self.longest_gap_s = max(self.longest_gap_s, gap_s)
@@ -53,7 +57,9 @@ class BodyStatistics:
             self._changed_ns = pose.stamp_ns
         self.still_s = (pose.stamp_ns - self._changed_ns) * 1e-9
         w, x, y, z = pose.quaternion_enu_flu_wxyz
-        self.heading_deg = math.degrees(math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)))
+        self.heading_deg = math.degrees(
+            math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+        )
         self.position_enu_m, self._quaternion = pose.position_enu_m, pose.quaternion_enu_flu_wxyz
         self._stamp_ns, self.is_tracked = pose.stamp_ns, True
         self.samples += 1

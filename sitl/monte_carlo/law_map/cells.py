@@ -11,7 +11,13 @@ from itertools import product
 from onboard.config.fleet import ConfigError, FleetConfig
 from onboard.feasibility import bounds
 from onboard.feasibility.bounds import ACCURACIES
-from onboard.feasibility.pair_checks import braking, effective_margin_m, margin_for_age_m, message_age_s, parking_m
+from onboard.feasibility.pair_checks import (
+    braking,
+    effective_margin_m,
+    margin_for_age_m,
+    message_age_s,
+    parking_m,
+)
 from sitl.monte_carlo import settings
 
 AXES: dict[str, tuple[float, ...]] = {
@@ -25,7 +31,8 @@ FIRST_SEED = 1000
 # seeds of each scenario in a stage: a screening of every cell first, 504 flights after the last
 STAGES = (range(1000, 1007), range(1007, 1034), range(1034, 1101), range(1101, 1168))
 _KINDS = ("swap{}x", "swap{}", "rand{}")
-_HELD_S, _HELD_SHARE = 2.0, 0.9  # a vehicle that avoids nobody flies so long with this share of its top speed or more
+# a vehicle that avoids nobody flies so long with this share of its top speed or more
+_HELD_S, _HELD_SHARE = 2.0, 0.9
 _CIRCLE_SPACING_M = 1.25  # of neighbours on the circle of a swap
 _TILTS_DEG = (30, 35, 40, 45)
 
@@ -73,7 +80,8 @@ def cells(selection: Sequence[str] = ()) -> list[Cell]:
     """Return the cells of the map, the easy ones first.
 
     Args:
-        selection: ``axis=value,value`` each, for instance ``vehicles=3,8`` or ``errors=vision``; all by default.
+        selection: ``axis=value,value`` each, for instance ``vehicles=3,8`` or ``errors=vision``;
+            all by default.
     Raises:
         ConfigError: an unknown axis or value.
     """
@@ -91,21 +99,29 @@ def cells(selection: Sequence[str] = ()) -> list[Cell]:
                 f"--cells {words}: write AXIS=VALUE,VALUE. Axes: {', '.join(AXES)}; errors of {', '.join(ERRORS)}."
             )
     numbers = {
-        name: [count for count in ERRORS[name] if count in kept["vehicles"]] for name in ERRORS if name in errors
+        name: [count for count in ERRORS[name] if count in kept["vehicles"]]
+        for name in ERRORS
+        if name in errors
     }
     made = [
         Cell(name, int(vehicles), speed, delay, loss)
         for name, counts in numbers.items()
-        for vehicles, speed, delay, loss in product(counts, kept["speed_m_s"], kept["delay_ms"], kept["loss_pct"])
+        for vehicles, speed, delay, loss in product(
+            counts, kept["speed_m_s"], kept["delay_ms"], kept["loss_pct"]
+        )
     ]
     made.sort(key=_hardness)
     if not made:
-        raise ConfigError(f"--cells {' '.join(selection)}: the map has no such cell; vision is flown with 8 vehicles.")
+        raise ConfigError(
+            f"--cells {' '.join(selection)}: the map has no such cell; vision is flown with 8 vehicles."
+        )
     return made
 
 
 def _hardness(cell: Cell) -> tuple[int, Cell]:
-    """Return the steps of the map from its easiest cell, and the cell itself, so that the order is always the same."""
+    """Return the steps of the map from its easiest cell, and the cell itself, so that the order is
+    always the same.
+    """
     values = (cell.vehicles, cell.speed_m_s, cell.delay_ms, cell.loss_pct)
     steps = sum(axis.index(value) for axis, value in zip(AXES.values(), values, strict=True))
     return steps + (cell.errors == "vision"), cell
@@ -114,7 +130,9 @@ def _hardness(cell: Cell) -> tuple[int, Cell]:
 def _selected(words: str, texts: Collection[str], known: Collection[str]) -> set[str]:
     unknown = [text for text in texts if text not in known]
     if unknown:
-        raise ConfigError(f"--cells {words}: '{unknown[0]}' is not on the map; there are {', '.join(known)}.")
+        raise ConfigError(
+            f"--cells {words}: '{unknown[0]}' is not on the map; there are {', '.join(known)}."
+        )
     return set(texts)
 
 
@@ -122,14 +140,17 @@ def _selected(words: str, texts: Collection[str], known: Collection[str]) -> set
 def changes(cell: Cell) -> tuple[str, ...]:
     """Return what a cell sets, as words of ``--set``; all else is as by default.
 
-    The margin, the range and the tilt are those that ``covey check`` demands at that speed, delay and loss.
+    The margin, the range and the tilt are those that ``covey check`` demands at that speed, delay
+    and loss.
     """
     fleet, given = _with_least_tilt(cell)
     vehicle = next(iter(fleet.vehicles.values()))
     age_s = message_age_s(fleet)
     law = fleet.law
     margin_m = max(law.design_margin_m, margin_for_age_m(fleet, ACCURACIES[cell.errors]))
-    distance_m = fleet.fleet.safety_distance_m + max(margin_m, effective_margin_m(fleet, ACCURACIES[cell.errors]))
+    distance_m = fleet.fleet.safety_distance_m + max(
+        margin_m, effective_margin_m(fleet, ACCURACIES[cell.errors])
+    )
     closing = 2.0 * law.avoid_speed_frac * cell.speed_m_s
     range_m = bounds.row_range_m(closing, distance_m, law.kappa_1_1_s, law.kappa_2_1_s)
     range_m = _up(max(law.range_m, range_m + closing * (age_s + vehicle.lag_s)), 0.5)
@@ -137,7 +158,9 @@ def changes(cell: Cell) -> tuple[str, ...]:
 
 
 def _with_least_tilt(cell: Cell) -> tuple[FleetConfig, tuple[str, ...]]:
-    """Return the fleet of a cell, and what it sets, with the smallest tilt that its braking asks for."""
+    """Return the fleet of a cell, and what it sets, with the smallest tilt that its braking asks
+    for.
+    """
     accuracy = ACCURACIES[cell.errors]
     tried = ((*_of_axes(cell), f"vehicle.max_tilt_deg={tilt_deg}") for tilt_deg in _TILTS_DEG)
     for given in tried:
@@ -161,7 +184,9 @@ def _up(value: float, step: float) -> float:
 
 
 def setup(cell: Cell, scenario: str) -> settings.Setup:
-    """Return the setup of a scenario in a cell: lengths scaled so that the top speed is held, and that all can park."""
+    """Return the setup of a scenario in a cell: lengths scaled so that the top speed is held, and
+    that all can park.
+    """
     values = changes(cell)
     plain = settings.setup_for(errors=cell.errors, changes=values)
     fleet = plain.fleet(cell.vehicles)
@@ -177,7 +202,8 @@ def setup(cell: Cell, scenario: str) -> settings.Setup:
 def _held_distance_m(speed_m_s: float) -> float:
     """Length of a leg that is flown at :data:`_HELD_SHARE` of the top speed for :data:`_HELD_S`.
 
-    A leg is a quintic: its speed is 16 s^2 (1 - s)^2 of the peak 15/8 D/T after the share s of the time.
+    A leg is a quintic: its speed is 16 s^2 (1 - s)^2 of the peak 15/8 D/T after the share s of the
+    time.
     """
     half = math.sqrt(0.25 - math.sqrt(_HELD_SHARE) / 4.0)
     return 8.0 / 15.0 * speed_m_s * _HELD_S / (2.0 * half)
@@ -188,6 +214,7 @@ def commands(cell: Cell) -> list[str]:
     last = STAGES[-1].stop
     return [
         f"covey simulate {name} --seeds {FIRST_SEED}:{last} --errors {cell.errors} "
-        f"--scale {setup(cell, name).scale:g} " + " ".join(f"--set {change}" for change in changes(cell))
+        f"--scale {setup(cell, name).scale:g} "
+        + " ".join(f"--set {change}" for change in changes(cell))
         for name in cell.scenarios
     ]

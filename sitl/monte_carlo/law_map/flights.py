@@ -18,12 +18,17 @@ _REFERENCE_CHANGES = ("delay_s=0.1", "loss_share=0.3")
 def fly(unit: Unit) -> Row:
     """Fly all flights of a unit; the line that is kept of them."""
     setups = {name: setup(unit.cell, name) for name in unit.cell.scenarios}
-    plans = [scenarios.plan(name, seed, scale=own.scale) for name, own in setups.items() for seed in STAGES[unit.stage]]
+    plans = [
+        scenarios.plan(name, seed, scale=own.scale)
+        for name, own in setups.items()
+        for seed in STAGES[unit.stage]
+    ]
     size = max(1, batch.CHUNK_VEHICLES // unit.cell.vehicles)
     flown = [
         outcome
         for first in range(0, len(plans), size)
-        for outcome in flight.fly(plans[first : first + size], setups[plans[0].scenario])  # alike but for the scale
+        # alike but for the scale
+        for outcome in flight.fly(plans[first : first + size], setups[plans[0].scenario])
     ]
     records = [results.record(one, setups[one.plan.scenario]) for one in flown]
     nearest = min(records, key=lambda values: values["min_separation_m"])
@@ -38,7 +43,10 @@ def fly(unit: Unit) -> Row:
         "worst_flight": f"{nearest['scenario']} {nearest['seed']}",
         # reached on the way: of the fastest vehicle, in the middle flight
         "speed_m_s": round(statistics.median(values["max_speed_m_s"] for values in records), 3),
-        "ratio": round(statistics.fmean(values["ratio"] for values in records if values["ratio"] is not None), 4)
+        "ratio": round(
+            statistics.fmean(values["ratio"] for values in records if values["ratio"] is not None),
+            4,
+        )
         if any(values["ratio"] is not None for values in records)
         else None,
         "digest": _digest(records),
@@ -46,19 +54,29 @@ def fly(unit: Unit) -> Row:
 
 
 def version() -> str:
-    """Return a name of the law, the vehicles and the processor that fly here: the digest of a few flights.
+    """Return a name of the law, the vehicles and the processor that fly here: the digest of a few
+    flights.
 
     A change that alters no digit is no other version. Numbers of two versions are never added up.
     """
     records = [
         values
         for name, errors in _REFERENCE
-        for chunk in batch.campaign([name], [0, 1], settings.setup_for(errors=errors, changes=_REFERENCE_CHANGES))
+        for chunk in batch.campaign(
+            [name], [0, 1], settings.setup_for(errors=errors, changes=_REFERENCE_CHANGES)
+        )
         for values in chunk
     ]
     cell = Cell("mocap", 8, 1.0, 200.0, 30.0)
-    return _digest([{"schema": SCHEMA, "setups": [repr(setup(cell, name)) for name in cell.scenarios]}, *records])
+    return _digest(
+        [
+            {"schema": SCHEMA, "setups": [repr(setup(cell, name)) for name in cell.scenarios]},
+            *records,
+        ]
+    )
 
 
 def _digest(records: list[results.Record]) -> str:
-    return hashlib.sha256("\n".join(results.line(values) for values in records).encode()).hexdigest()[:12]
+    return hashlib.sha256(
+        "\n".join(results.line(values) for values in records).encode()
+    ).hexdigest()[:12]

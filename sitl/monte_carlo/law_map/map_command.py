@@ -41,7 +41,9 @@ def fly_map(
         try:
             run.run(wanted, file, stages=count, jobs=jobs, scheduler=scheduler)
         except KeyboardInterrupt:
-            run.say(f"interrupted; {path} keeps what was flown, and the same command goes on from there")
+            run.say(
+                f"interrupted; {path} keeps what was flown, and the same command goes on from there"
+            )
             raise
         _print(wanted, file)
         return not any(run.has_failed(cell, file) for cell in wanted)
@@ -56,7 +58,9 @@ def _stages(least_flights: int, cell: Cell) -> int:
         flown += Unit(cell, stage).flights
         if flown >= least_flights:
             return stage + 1
-    raise ConfigError(f"--flights is {least_flights}; in a cell of the map up to {flown} are flown.")
+    raise ConfigError(
+        f"--flights is {least_flights}; in a cell of the map up to {flown} are flown."
+    )
 
 
 def _print(wanted: list[Cell], file: ResultsFile) -> None:

@@ -1,4 +1,6 @@
-"""File of the map's results: one JSON line for each unit, appended when it has been flown; a map can be continued."""
+"""File of the map's results: one JSON line for each unit, appended when it has been flown; a map
+can be continued.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,8 @@ from onboard.config.fleet import ConfigError
 from sitl.monte_carlo.law_map.flights import SCHEMA, Row
 
 _BEGIN = b'{"law_map": '
-_COUNTS = ("flights", "below", "collisions", "arrived", "worst_m", "speed_m_s")  # of a row, all numbers
+# of a row, all numbers
+_COUNTS = ("flights", "below", "collisions", "arrived", "worst_m", "speed_m_s")
 
 
 class ResultsFile:
@@ -44,7 +47,9 @@ class ResultsFile:
             self.rows = self._read()
         except OSError:
             os.close(self._descriptor)
-            raise ConfigError(f"{path}: another run is writing this map. Let it end, or name another file.") from None
+            raise ConfigError(
+                f"{path}: another run is writing this map. Let it end, or name another file."
+            ) from None
         except ConfigError:
             os.close(self._descriptor)
             raise
@@ -53,7 +58,12 @@ class ResultsFile:
         """Return the file."""
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        at: TracebackType | None,
+    ) -> None:
         """Let others write."""
         os.close(self._descriptor)
 
@@ -61,9 +71,14 @@ class ResultsFile:
         """Return the rows that are complete, and cut off what a killed run left unfinished."""
         data = self.path.read_bytes()
         complete = data[: data.rfind(b"\n") + 1]
-        if data and not data.startswith(_BEGIN[: len(data)]):  # somebody's other file: it stays as it is
-            raise ConfigError(f"{self.path}: this is no file of `covey simulate --map`. Name another one.")
-        head, rows = parsed(complete.decode("utf-8", "replace"), self.path) if complete else ({}, {})
+        # somebody's other file: it stays as it is
+        if data and not data.startswith(_BEGIN[: len(data)]):
+            raise ConfigError(
+                f"{self.path}: this is no file of `covey simulate --map`. Name another one."
+            )
+        head, rows = (
+            parsed(complete.decode("utf-8", "replace"), self.path) if complete else ({}, {})
+        )
         if len(complete) < len(data):
             os.ftruncate(self._descriptor, len(complete))
         if not complete:
@@ -108,7 +123,10 @@ def parsed(text: str, path: Path) -> tuple[Row, dict[tuple[str, int], Row]]:
         schema, version = head["law_map"], str(head["version"])
         rows: dict[tuple[str, int], Row] = {}
         for row in lines:
-            if not all(isinstance(row[name], int | float) for name in _COUNTS) or "ratio" not in row:
+            if (
+                not all(isinstance(row[name], int | float) for name in _COUNTS)
+                or "ratio" not in row
+            ):
                 raise TypeError(f"numbers are missing in {row['cell']}")
             rows.setdefault((str(row["cell"]), int(row["stage"])), row)
     except (ValueError, KeyError, TypeError) as error:
@@ -117,7 +135,9 @@ def parsed(text: str, path: Path) -> tuple[Row, dict[tuple[str, int], Row]]:
             "anew with --anew, which keeps it as .old."
         ) from None
     if schema != SCHEMA:
-        raise ConfigError(f"{path}: a map of schema {schema}; this version of Covey reads {SCHEMA}. Begin with --anew.")
+        raise ConfigError(
+            f"{path}: a map of schema {schema}; this version of Covey reads {SCHEMA}. Begin with --anew."
+        )
     return {"version": version}, rows
 
 

@@ -30,7 +30,8 @@ from sitl.monte_carlo.law_map.results_file import ResultsFile
 Say = Callable[[str], None]
 _SAY_EVERY_S = 5.0
 _LOST = (BrokenExecutor, CancelledError, OSError)  # what flies is gone, not wrong
-_WORKERS_S, _ANSWER_S = 15.0, 180.0  # until a worker of a cluster is there, and until all have compiled the law
+# until a worker of a cluster is there, and until all have compiled the law
+_WORKERS_S, _ANSWER_S = 15.0, 180.0
 
 
 def say(sentence: str) -> None:
@@ -40,20 +41,34 @@ def say(sentence: str) -> None:
 
 def has_failed(cell: Cell, file: ResultsFile) -> bool:
     """Whether vehicles have come too near in a stage of a cell."""
-    return any(file.rows.get((cell.key, stage), {"below": 0})["below"] for stage in range(len(STAGES)))
+    return any(
+        file.rows.get((cell.key, stage), {"below": 0})["below"] for stage in range(len(STAGES))
+    )
 
 
 def missing(cells: Iterable[Cell], stages: int, file: ResultsFile) -> list[Unit]:
-    """Return the units that are still to be flown, in their order: the screening of all cells, then cell by cell.
+    """Return the units that are still to be flown, in their order: the screening of all cells, then
+    cell by cell.
 
     A cell that has failed is flown no further.
     """
-    units = [Unit(cell, stage) for cell in cells for stage in range(stages) if not has_failed(cell, file)]
-    return sorted((u for u in units if (u.cell.key, u.stage) not in file.rows), key=lambda unit: unit.stage > 0)
+    units = [
+        Unit(cell, stage) for cell in cells for stage in range(stages) if not has_failed(cell, file)
+    ]
+    return sorted(
+        (u for u in units if (u.cell.key, u.stage) not in file.rows),
+        key=lambda unit: unit.stage > 0,
+    )
 
 
 def run(
-    cells: list[Cell], file: ResultsFile, *, stages: int, jobs: int = 1, scheduler: str | None = None, tell: Say = say
+    cells: list[Cell],
+    file: ResultsFile,
+    *,
+    stages: int,
+    jobs: int = 1,
+    scheduler: str | None = None,
+    tell: Say = say,
 ) -> None:
     """Fly what is missing of the map, and keep each unit when it is done.
 
@@ -74,17 +89,25 @@ def run(
                 progress.tell()
         except BaseException as error:
             _stop(executor)
-            is_lost = isinstance(error, _LOST) or (scheduler is not None and isinstance(error, Exception))
+            is_lost = isinstance(error, _LOST) or (
+                scheduler is not None and isinstance(error, Exception)
+            )
             if not is_lost or isinstance(error, ConfigError):
                 raise
-            tell(f"{_reason(error, scheduler)} what was in the air is flown again; nothing counts twice")
+            tell(
+                f"{_reason(error, scheduler)} what was in the air is flown again; nothing counts twice"
+            )
             (executor, width), scheduler = next(executors), None
     executor.shutdown()
     progress.tell(is_last=True)
 
 
-def _flown(executor: Executor, width: int, cells: list[Cell], stages: int, file: ResultsFile) -> Iterator[flights.Row]:
-    """Yield rows as they are ready, each to be kept before the next; a stage is flown after the one before it."""
+def _flown(
+    executor: Executor, width: int, cells: list[Cell], stages: int, file: ResultsFile
+) -> Iterator[flights.Row]:
+    """Yield rows as they are ready, each to be kept before the next; a stage is flown after the one
+    before it.
+    """
     pending: dict[Future[flights.Row], Unit] = {}
     while True:
         under_way = {unit.cell for unit in pending.values()}
@@ -118,7 +141,8 @@ def _reason(error: BaseException, scheduler: str | None) -> str:
 
 
 def _executors(jobs: int, scheduler: str | None, tell: Say) -> Iterator[tuple[Executor, int]]:
-    """Yield what flies the units and how many at a time; another one each time that it has broken."""
+    """Yield what flies the units and how many at a time; another one each time that it has broken.
+    """
     if scheduler is not None:
         yield _cluster(scheduler)
     tell("compiling the law for this machine, if that was not done before")
@@ -128,7 +152,9 @@ def _executors(jobs: int, scheduler: str | None, tell: Say) -> Iterator[tuple[Ex
     for _ in range(3):
         spawn = multiprocessing.get_context("spawn")
         yield ProcessPoolExecutor(jobs, mp_context=spawn, initializer=_end_with_parent), jobs
-    raise ConfigError("three times a process of the map has ended before its time. Fly with fewer --jobs.")
+    raise ConfigError(
+        "three times a process of the map has ended before its time. Fly with fewer --jobs."
+    )
 
 
 class _Here(Executor):
@@ -145,7 +171,9 @@ class _Here(Executor):
 
 
 def _end_with_parent() -> None:
-    """Let this process of the pool end when the map's own one is killed; by itself it would wait for ever."""
+    """Let this process of the pool end when the map's own one is killed; by itself it would wait
+    for ever.
+    """
 
     def _watch() -> None:
         parent = multiprocessing.parent_process()
@@ -164,7 +192,8 @@ def _cluster(address: str) -> tuple[Executor, int]:
             f"--scheduler {address}: this needs the package 'distributed', which is not installed. Install it here and "
             "on the workers: pip install distributed"
         ) from None
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # its tracebacks; what they mean is said in words here
+    # its tracebacks; what they mean is said in words here
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)
     try:
         client: Any = distributed.Client(address, timeout=10)
     except (OSError, ValueError) as error:
@@ -174,7 +203,9 @@ def _cluster(address: str) -> tuple[Executor, int]:
         ) from None
     try:
         client.wait_for_workers(1, timeout=_WORKERS_S)
-        tasks = [client.submit(flights.version, workers=[one], pure=False) for one in client.ncores()]
+        tasks = [
+            client.submit(flights.version, workers=[one], pure=False) for one in client.ncores()
+        ]
         distributed.wait(tasks, timeout=_ANSWER_S)
         others = {*client.gather(tasks)} - {flights.version()}
     except Exception as error:  # noqa: BLE001 whatever a worker has raised
@@ -202,7 +233,10 @@ class _Progress:
 
     def _left(self) -> float:
         """Work that is left, if no further cell fails."""
-        return sum(unit.flights * unit.cell.weight for unit in missing(self._cells, self._stages, self._file))
+        return sum(
+            unit.flights * unit.cell.weight
+            for unit in missing(self._cells, self._stages, self._file)
+        )
 
     def tell(self, *, is_last: bool = False) -> None:
         """Say it, unless that was done a moment ago."""

@@ -1,4 +1,6 @@
-"""What came of the map: a cell's verdict, the table for people, and the summary that ``covey check`` reads."""
+"""What came of the map: a cell's verdict, the table for people, and the summary that ``covey
+check`` reads.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +17,18 @@ from sitl.monte_carlo.results import upper_bound
 from sitl.monte_carlo.settings import setup_for
 
 Verdict = Literal["holds", "failed", "screened", "-"]
-COLUMNS = ("cell", "verdict", "flights", "below 0.80 m", "95 %", "worst m", "arrived", "ratio", "speed m/s", "margin m")
+COLUMNS = (
+    "cell",
+    "verdict",
+    "flights",
+    "below 0.80 m",
+    "95 %",
+    "worst m",
+    "arrived",
+    "ratio",
+    "speed m/s",
+    "margin m",
+)
 Rows = Mapping[tuple[str, int], Row]
 
 
@@ -55,7 +68,9 @@ def table_row(cell: Cell, rows: Rows) -> list[str]:
     if not flown:
         return [cell.key, "-", "0", *["-"] * (len(COLUMNS) - 3)]
     ratios = [(row["ratio"], row["flights"]) for row in flown if row["ratio"] is not None]
-    ratio = sum(ratio * count for ratio, count in ratios) / max(sum(count for _, count in ratios), 1)
+    ratio = sum(ratio * count for ratio, count in ratios) / max(
+        sum(count for _, count in ratios), 1
+    )
     return [
         cell.key,
         verdict(summed),
@@ -81,7 +96,11 @@ def toml_summary(cells: Iterable[Cell], rows: Rows, version: str) -> str:
         f'version = "{version}"  # of the law: the digest of a few flights',
         f"# {', '.join(MapCell._fields)}",
         "cells = [",
-        *(f"  {json.dumps(list(summed))}," for summed in (map_cell(cell, rows) for cell in cells) if summed.flights),
+        *(
+            f"  {json.dumps(list(summed))},"
+            for summed in (map_cell(cell, rows) for cell in cells)
+            if summed.flights
+        ),
         "]",
         "",
         "[flown]",
@@ -89,7 +108,11 @@ def toml_summary(cells: Iterable[Cell], rows: Rows, version: str) -> str:
         f"lag_s = {max(vehicle.lag_s for vehicle in some.vehicles.values()):.3f}",
     ]
     for name, fleet in fleets.items():
-        lines += ["", f"[law.{name}]", *(f"{key} = {json.dumps(value)}" for key, value in values_of(fleet).items())]
+        lines += [
+            "",
+            f"[law.{name}]",
+            *(f"{key} = {json.dumps(value)}" for key, value in values_of(fleet).items()),
+        ]
     return "\n".join(lines) + "\n"
 
 

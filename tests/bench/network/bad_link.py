@@ -1,4 +1,6 @@
-"""A link between two interfaces that delays, loses in bursts, doubles and reorders packets: what netem does."""
+"""A link between two interfaces that delays, loses in bursts, doubles and reorders packets: what
+netem does.
+"""
 
 from __future__ import annotations
 
@@ -39,7 +41,9 @@ class Direction:
         q, draw = self._quality, self._random.random
         if q.burst > 1.0:
             leave = 1.0 / q.burst
-            self._is_lost = draw() < (1.0 - leave if self._is_lost else leave * q.loss / (1.0 - q.loss))
+            self._is_lost = draw() < (
+                1.0 - leave if self._is_lost else leave * q.loss / (1.0 - q.loss)
+            )
         else:
             self._is_lost = draw() < q.loss
         if self._is_lost or self.is_cut:
@@ -61,7 +65,10 @@ class BadLink:
     """Carries packets between two descriptors, in a thread of its own, until it is stopped."""
 
     def __init__(self, first: int, second: int, quality: LinkQuality, seed: int = 0) -> None:
-        self._ways = {first: (second, Direction(quality, seed)), second: (first, Direction(quality, seed + 1))}
+        self._ways = {
+            first: (second, Direction(quality, seed)),
+            second: (first, Direction(quality, seed + 1)),
+        }
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._run, name="bad-link", daemon=True)
 

@@ -1,8 +1,10 @@
-"""``make bench-network``: ages of states over a bad link, a fleet cut in two in flight, agents on a locked bus.
+"""``make bench-network``: ages of states over a bad link, a fleet cut in two in flight, agents on a
+locked bus.
 
-For the ages two processes in network namespaces of their own, one publishing its state at 50 Hz, one looking at the
-newest one 50 times a second, as an agent does. Between them lies a link that delays, and loses packets of every kind,
-TCP's included. The flights are in ``partition.py``, the agents are those of ``make bench-agents``.
+For the ages two processes in network namespaces of their own, one publishing its state at 50 Hz,
+one looking at the newest one 50 times a second, as an agent does. Between them lies a link that
+delays, and loses packets of every kind, TCP's included. The flights are in ``partition.py``, the
+agents are those of ``make bench-agents``.
 """
 
 from __future__ import annotations
@@ -66,14 +68,18 @@ def measure(scheme: str, link: str, seconds: float, folder: Path, seed: int = 1)
         parent, child = socket.socketpair()
         words = [f"mav{index}", str(path), f"{address}/24", str(seconds), str(child.fileno())]
         command = [sys.executable, "-m", "tests.bench.network.node", *words]
-        nodes.append(subprocess.Popen(command, pass_fds=[child.fileno()], stdout=subprocess.PIPE, text=True))
+        nodes.append(
+            subprocess.Popen(command, pass_fds=[child.fileno()], stdout=subprocess.PIPE, text=True)
+        )
         child.close()
         parents.append(parent)
     try:
         for parent in parents:
             _, received, _, _ = socket.recv_fds(parent, 16, 1)
             if not received:
-                raise OSError("This computer allows no network namespaces with a tun device: run it as root.")
+                raise OSError(
+                    "This computer allows no network namespaces with a tun device: run it as root."
+                )
             tuns.append(received[0])
         carrier = BadLink(tuns[0], tuns[1], quality, seed)
         carrier.start()
@@ -117,10 +123,15 @@ def _fleet_file(scheme: str, folder: Path) -> Path:
 
 def table(ages: Sequence[Age]) -> str:
     """Return the rows of docs/network-bench.md."""
-    lines = ["| link, 20 ms each way | transport | p50 | p99 | longest | asked of p99 |", "|---|---|---|---|---|---|"]
+    lines = [
+        "| link, 20 ms each way | transport | p50 | p99 | longest | asked of p99 |",
+        "|---|---|---|---|---|---|",
+    ]
     for age in ages:
         asked = "" if age.bound_ms is None else f"at most {age.bound_ms:.0f} ms"
-        figures = " | ".join(f"{value_ms:.0f} ms" for value_ms in (age.p50_ms, age.p99_ms, age.max_ms))
+        figures = " | ".join(
+            f"{value_ms:.0f} ms" for value_ms in (age.p50_ms, age.p99_ms, age.max_ms)
+        )
         lines.append(f"| {age.link} | `{age.scheme}/` | {figures} | {asked} |")
     return "\n".join(lines)
 
@@ -128,21 +139,35 @@ def table(ages: Sequence[Age]) -> str:
 def _bench_ages(options: argparse.Namespace) -> int:
     with tempfile.TemporaryDirectory(prefix="covey-network-") as scratch:
         schemes = options.transports.split(",")
-        ages = [measure(one, link, options.seconds, Path(scratch)) for link in LINKS for one in schemes]
+        ages = [
+            measure(one, link, options.seconds, Path(scratch)) for link in LINKS for one in schemes
+        ]
     print(json.dumps([asdict(age) for age in ages]) if options.json else table(ages))
     insert(options.page, "ages", table(ages))
-    return EXIT_FAILED if any(age.bound_ms is not None and age.p99_ms > age.bound_ms for age in ages) else EXIT_OK
+    return (
+        EXIT_FAILED
+        if any(age.bound_ms is not None and age.p99_ms > age.bound_ms for age in ages)
+        else EXIT_OK
+    )
 
 
 def _bench_partition(options: argparse.Namespace) -> int:
-    flights = partition.fly_all(options.flights, options.cut_s, lambda line: print(line, file=sys.stderr))
-    print(json.dumps([asdict(flight) for flight in flights]) if options.json else partition.table(flights))
+    flights = partition.fly_all(
+        options.flights, options.cut_s, lambda line: print(line, file=sys.stderr)
+    )
+    print(
+        json.dumps([asdict(flight) for flight in flights])
+        if options.json
+        else partition.table(flights)
+    )
     insert(options.page, "partition", partition.table(flights))
     return EXIT_FAILED if any(flight.problems() for flight in flights) else EXIT_OK
 
 
 def _bench_agents(options: argparse.Namespace) -> int:
-    return agents.main(["--keys", "--agents", str(options.agents), *(["--json"] if options.json else [])])
+    return agents.main(
+        ["--keys", "--agents", str(options.agents), *(["--json"] if options.json else [])]
+    )
 
 
 PARTS = {"ages": _bench_ages, "partition": _bench_partition, "agents": _bench_agents}
@@ -150,20 +175,39 @@ PARTS = {"ages": _bench_ages, "partition": _bench_partition, "agents": _bench_ag
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Entry of ``make bench-network``; exit status 0 when everything is as asked."""
-    parser = argparse.ArgumentParser(prog="make bench-network", description=__doc__.partition("\n")[0])
-    parser.add_argument("--only", choices=PARTS, action="append", help="this part; may be given several times")
-    parser.add_argument("--seconds", type=float, default=20.0, help="ages: measured time of each (default 20)")
+    parser = argparse.ArgumentParser(
+        prog="make bench-network", description=__doc__.partition("\n")[0]
+    )
+    parser.add_argument(
+        "--only", choices=PARTS, action="append", help="this part; may be given several times"
+    )
+    parser.add_argument(
+        "--seconds", type=float, default=20.0, help="ages: measured time of each (default 20)"
+    )
     parser.add_argument("--transports", default=",".join(SCHEMES), help="ages: of quic,udp,tls,tcp")
-    parser.add_argument("--flights", type=int, default=10, help="partition: how many, of a minute each (default 10)")
-    parser.add_argument("--cut-s", type=float, default=10.0, help="partition: how long (default 10)")
+    parser.add_argument(
+        "--flights", type=int, default=10, help="partition: how many, of a minute each (default 10)"
+    )
+    parser.add_argument(
+        "--cut-s", type=float, default=10.0, help="partition: how long (default 10)"
+    )
     parser.add_argument("--agents", type=int, default=10, help="agents: how many (default 10)")
-    parser.add_argument("--page", type=Path, default=Path(), help="page that gets the tables: docs/network-bench.md")
-    parser.add_argument("--json", action="store_true", help="figures as JSON on stdout, a line for each part")
+    parser.add_argument(
+        "--page", type=Path, default=Path(), help="page that gets the tables: docs/network-bench.md"
+    )
+    parser.add_argument(
+        "--json", action="store_true", help="figures as JSON on stdout, a line for each part"
+    )
     options = parser.parse_args(argv)
-    is_sound = 1.0 <= options.seconds <= 600.0 and 1 <= options.flights <= 100 and 1.0 <= options.cut_s <= 60.0
+    is_sound = (
+        1.0 <= options.seconds <= 600.0
+        and 1 <= options.flights <= 100
+        and 1.0 <= options.cut_s <= 60.0
+    )
     if not set(options.transports.split(",")) <= set(SCHEMES) or not is_sound:
         print(
-            "bench network: give transports of quic,udp,tls,tcp, 1 to 600 seconds, 1 to 100 flights.", file=sys.stderr
+            "bench network: give transports of quic,udp,tls,tcp, 1 to 600 seconds, 1 to 100 flights.",
+            file=sys.stderr,
         )
         return EXIT_WRONG_INPUT
     try:

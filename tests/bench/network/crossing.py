@@ -1,8 +1,10 @@
-"""The ground of one flight through a partition: ``python -m tests.bench.network.crossing HUB FOLDER AT_S LASTS_S``.
+"""The ground of one flight through a partition: ``python -m tests.bench.network.crossing HUB FOLDER
+AT_S LASTS_S``.
 
-Six vehicles in two rows of three fly through each other's gaps and are cut into 3 + 3 on their way, the ground with the
-first three. Each agent, the emulator and the ground have a network namespace of their own, as hosts; the bus is locked.
-The emulator, which is also the motion capture, hears and is heard by all. Prints what was seen.
+Six vehicles in two rows of three fly through each other's gaps and are cut into 3 + 3 on their way,
+the ground with the first three. Each agent, the emulator and the ground have a network namespace of
+their own, as hosts; the bus is locked. The emulator, which is also the motion capture, hears and is
+heard by all. Prints what was seen.
 """
 
 from __future__ import annotations
@@ -87,11 +89,19 @@ async def fly(line: Any, hub: str, folder: Path, at_s: float, lasts_s: float) ->
         returns = await _move(bench_fleet, back)
         has_landed = await bench_fleet.fleet.land_all()
     told = {name: conditions((folder / f"{name}.log").read_text()) for name in starts}
-    return {"nearest_m": watch.nearest_m, "ends": ends, "returns": returns, "has_landed": has_landed, "told": told}
+    return {
+        "nearest_m": watch.nearest_m,
+        "ends": ends,
+        "returns": returns,
+        "has_landed": has_landed,
+        "told": told,
+    }
 
 
 def conditions(log: str) -> list[tuple[str, str, str]]:
-    """Return what an agent's log says of failures: the condition, the vehicles that it is about, the action."""
+    """Return what an agent's log says of failures: the condition, the vehicles that it is about,
+    the action.
+    """
     from onboard.safety.failsafe_table import Condition
 
     known = "|".join(re.escape(one.value) for one in Condition)
@@ -102,14 +112,20 @@ async def _move(bench_fleet: Any, goals: dict[str, tuple[float, float, float]]) 
     """Order each on its own; the end of each order, "" for done."""
     moves = (bench_fleet.fleet[name].move(goal, timeout_s=40.0) for name, goal in goals.items())
     ends = await asyncio.gather(*moves, return_exceptions=True)
-    return {name: "" if not isinstance(end, BaseException) else str(end) for name, end in zip(goals, ends, strict=True)}
+    return {
+        name: "" if not isinstance(end, BaseException) else str(end)
+        for name, end in zip(goals, ends, strict=True)
+    }
 
 
 def main(words: list[str]) -> int:
     """Fly once."""
     hub, folder, at_s, lasts_s = words
     line = join(hub, f"{GROUND}/24")  # before any library starts a thread
-    print(json.dumps(asyncio.run(fly(line, hub, Path(folder), float(at_s), float(lasts_s)))), flush=True)
+    print(
+        json.dumps(asyncio.run(fly(line, hub, Path(folder), float(at_s), float(lasts_s)))),
+        flush=True,
+    )
     return 0
 
 

@@ -1,4 +1,6 @@
-"""A program on a host of its own: ``python -m tests.bench.network.host HUB ADDRESS MODULE WORDS...``."""
+"""A program on a host of its own: ``python -m tests.bench.network.host HUB ADDRESS MODULE
+WORDS...``.
+"""
 
 from __future__ import annotations
 

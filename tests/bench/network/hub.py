@@ -1,4 +1,6 @@
-"""What carries packets between network namespaces: by their address, unless two hosts are cut off from each other."""
+"""What carries packets between network namespaces: by their address, unless two hosts are cut off
+from each other.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,8 @@ _NO_NAMESPACE = b"-"
 
 
 def join(path: str, address: str) -> socket.socket:
-    """Move this process, which has one thread yet, into a namespace whose packets a hub carries; the line to the hub.
+    """Move this process, which has one thread yet, into a namespace whose packets a hub carries;
+    the line to the hub.
 
     Args:
         path: of the hub's socket.
@@ -32,7 +35,9 @@ def join(path: str, address: str) -> socket.socket:
         tun = namespaces.enter(address)
     except OSError:
         line.send(_NO_NAMESPACE)
-        raise OSError("This computer allows no network namespaces with a tun device: run it as root.") from None
+        raise OSError(
+            "This computer allows no network namespaces with a tun device: run it as root."
+        ) from None
     socket.send_fds(line, [socket.inet_aton(address.partition("/")[0])], [tun])
     line.recv(1)  # packets are carried
     os.close(tun)
@@ -40,7 +45,8 @@ def join(path: str, address: str) -> socket.socket:
 
 
 class Hub:
-    """``with Hub(path, sides) as hub``: carries packets, in a thread of its own, until the block is left.
+    """``with Hub(path, sides) as hub``: carries packets, in a thread of its own, until the block is
+    left.
 
     Args:
         path: of the socket at which hosts join; also at which one of them says b"cut" and b"heal".
@@ -49,7 +55,9 @@ class Hub:
 
     def __init__(self, path: Path, *sides: Iterable[str]) -> None:
         first, second = (frozenset(map(socket.inet_aton, side)) for side in sides)
-        self._between = {(a, b) for a in first for b in second} | {(b, a) for a in first for b in second}
+        self._between = {(a, b) for a in first for b in second} | {
+            (b, a) for a in first for b in second
+        }
         self._tuns: dict[bytes, int] = {}  # by the host's address
         self._is_cut = False
         self.is_refused = False  # a host got no namespace
@@ -101,9 +109,12 @@ class Hub:
             line.close()
 
     def _carry(self, source: bytes, tun: int) -> None:
-        with contextlib.suppress(BlockingIOError, OSError):  # IPv6's own packets have no target here
+        # IPv6's own packets have no target here
+        with contextlib.suppress(BlockingIOError, OSError):
             for _ in range(64):
                 packet = os.read(tun, 65536)
                 target = packet[16:20]
-                if target in self._tuns and not (self._is_cut and (source, target) in self._between):
+                if target in self._tuns and not (
+                    self._is_cut and (source, target) in self._between
+                ):
                     os.write(self._tuns[target], packet)

@@ -1,7 +1,8 @@
-"""A network namespace for this process, with one interface whose packets go through a file descriptor.
+"""A network namespace for this process, with one interface whose packets go through a file
+descriptor.
 
-Needs root, or a kernel that lets users make user namespaces. Linux has no other way to lose packets under TCP where
-netem is missing, as it is in many virtual machines.
+Needs root, or a kernel that lets users make user namespaces. Linux has no other way to lose packets
+under TCP where netem is missing, as it is in many virtual machines.
 """
 
 from __future__ import annotations
@@ -19,7 +20,8 @@ _NAME = "covey0"
 
 
 def enter(address: str) -> int:
-    """Move this process, which has one thread yet, into a namespace of its own; the descriptor of its interface.
+    """Move this process, which has one thread yet, into a namespace of its own; the descriptor of
+    its interface.
 
     Args:
         address: of the interface, with the length of its prefix.

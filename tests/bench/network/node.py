@@ -1,4 +1,6 @@
-"""One node of the benchmark, in a network namespace: publishes states at 50 Hz, or says how old the newest ones are."""
+"""One node of the benchmark, in a network namespace: publishes states at 50 Hz, or says how old the
+newest ones are.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,9 @@ _SETTLE_S = 2.0
 
 
 def main(words: list[str]) -> int:
-    """Run as ``name fleet-file address seconds socket``; the vehicle named first publishes, the other listens."""
+    """Run as ``name fleet-file address seconds socket``; the vehicle named first publishes, the
+    other listens.
+    """
     name, path, address, seconds, descriptor = words
     tun = namespaces.enter(address)  # before any library starts a thread
     with socket.socket(fileno=int(descriptor)) as parent:
@@ -54,7 +58,9 @@ def main(words: list[str]) -> int:
         sequence += 1
         now_ns = time.monotonic_ns()
         if name == publisher:
-            bus.publish(Topic.STATE, name, state_message(vehicle=name, sequence=sequence, stamp_ns=now_ns))
+            bus.publish(
+                Topic.STATE, name, state_message(vehicle=name, sequence=sequence, stamp_ns=now_ns)
+            )
             if now_ns * 1e-9 - begin_s > float(seconds) + 20.0:
                 break
         else:

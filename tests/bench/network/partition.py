@@ -1,4 +1,6 @@
-"""A flying fleet of six is cut into 3 + 3 by its network, with real processes: flights, verdicts and their table."""
+"""A flying fleet of six is cut into 3 + 3 by its network, with real processes: flights, verdicts
+and their table.
+"""
 
 from __future__ import annotations
 
@@ -24,8 +26,8 @@ _MILD = "going on"
 class Flight:
     """One flight, as its ground saw it.
 
-    ends, returns: of the order of each vehicle across and back; "" for done, otherwise how it ended in words.
-    told: by each vehicle's log: conditions, the vehicles that they are about, actions.
+    ends, returns: of the order of each vehicle across and back; "" for done, otherwise how it ended
+    in words. told: by each vehicle's log: conditions, the vehicles that they are about, actions.
     """
 
     at_s: float
@@ -39,16 +41,43 @@ class Flight:
         """Return sentences for what is not as promised."""
         found = []
         if not self.nearest_m >= PROMISE_M:
-            found.append(f"the smallest distance was {self.nearest_m:.2f} m, promised {PROMISE_M:.2f} m")
-        found += [f"{name}: no end of its order was told" for half in HALVES for name in half if name not in self.ends]
+            found.append(
+                f"the smallest distance was {self.nearest_m:.2f} m, promised {PROMISE_M:.2f} m"
+            )
+        found += [
+            f"{name}: no end of its order was told"
+            for half in HALVES
+            for name in half
+            if name not in self.ends
+        ]
         for half, others in (HALVES, HALVES[::-1]):
             for name in half:
-                silent = {one for what, about, _ in self.told[name] if _is(what, "silent") for one in about.split(", ")}
-                heard = {one for what, about, _ in self.told[name] if _is(what, "heard") for one in about.split(", ")}
+                silent = {
+                    one
+                    for what, about, _ in self.told[name]
+                    if _is(what, "silent")
+                    for one in about.split(", ")
+                }
+                heard = {
+                    one
+                    for what, about, _ in self.told[name]
+                    if _is(what, "heard")
+                    for one in about.split(", ")
+                }
                 found += [f"{name} did not miss {other}" for other in others if other not in silent]
-                found += [f"{name} did not hear {other} again" for other in others if other not in heard]
-                found += [f"{name}: {what}: {action}" for what, _, action in self.told[name] if action != _MILD]
-        lost = [name for name in HALVES[1] if not any(_is(what, "ground") for what, *_ in self.told[name])]
+                found += [
+                    f"{name} did not hear {other} again" for other in others if other not in heard
+                ]
+                found += [
+                    f"{name}: {what}: {action}"
+                    for what, _, action in self.told[name]
+                    if action != _MILD
+                ]
+        lost = [
+            name
+            for name in HALVES[1]
+            if not any(_is(what, "ground") for what, *_ in self.told[name])
+        ]
         found += [f"{name} did not miss the ground" for name in lost]
         found += [f"{name} did not arrive: {end}" for name, end in self.ends.items() if end]
         found += [f"{name} did not fly back: {end}" for name, end in self.returns.items() if end]
@@ -56,7 +85,11 @@ class Flight:
 
 
 def _is(what: str, word: str) -> bool:
-    words = {"silent": "neighbour silent", "heard": "neighbour heard again", "ground": "ground station lost"}
+    words = {
+        "silent": "neighbour silent",
+        "heard": "neighbour heard again",
+        "ground": "ground station lost",
+    }
     return what.lower() == words[word]
 
 
@@ -74,7 +107,9 @@ def fly(at_s: float, lasts_s: float, folder: Path) -> Flight:
             capture_output=True, text=True, timeout=_RUNS_S, check=False,
         )  # fmt: skip
     if hub.is_refused:
-        raise OSError("This computer allows no network namespaces with a tun device: run it as root.")
+        raise OSError(
+            "This computer allows no network namespaces with a tun device: run it as root."
+        )
     if run.returncode != 0:
         raise RuntimeError("\n".join(run.stderr.splitlines()[-12:]))
     return Flight(at_s, **json.loads(run.stdout.splitlines()[-1]))
@@ -102,7 +137,15 @@ def table(flights: Sequence[Flight]) -> str:
     ]
     for one in flights:
         told = [
-            "; ".join(sorted({f"{what.lower()}: {action}" for name in half for what, _, action in one.told[name]}))
+            "; ".join(
+                sorted(
+                    {
+                        f"{what.lower()}: {action}"
+                        for name in half
+                        for what, _, action in one.told[name]
+                    }
+                )
+            )
             for half in HALVES
         ]
         done = sum(not end for end in one.ends.values())

@@ -59,7 +59,9 @@ def _measured(neighbours: Rows) -> Rows:
 VARIANTS = {
     "covey": COVEY,
     "no-prediction": _law("no prediction over the own lag", "prediction=none"),
-    "no-prediction-slow": _law("no prediction, kappas 1, 5", "prediction=none", "kappa_1_1_s=1", "kappa_2_1_s=5"),
+    "no-prediction-slow": _law(
+        "no prediction, kappas 1, 5", "prediction=none", "kappa_1_1_s=1", "kappa_2_1_s=5"
+    ),
     "measured": Contestant("neighbours' measured acceleration", hear=_measured),
     "full": _law("each takes the whole row", "responsibility=full"),
     "half": _law("half each, no shortfall", "responsibility=half"),

@@ -1,4 +1,6 @@
-"""Flights of contestants in the simulated campaigns, with a contestant's controller in the place of the product's."""
+"""Flights of contestants in the simulated campaigns, with a contestant's controller in the place of
+the product's.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,9 @@ MIX = scenarios.MIX
 
 @dataclass(frozen=True, slots=True)
 class Flights:
-    """Outcomes of one contestant in one scenario, and the cost of its law, interpreted as on a drone."""
+    """Outcomes of one contestant in one scenario, and the cost of its law, interpreted as on a
+    drone.
+    """
 
     outcomes: tuple[Outcome, ...]
     busy_s: float  # in the law, for so many calls
@@ -32,15 +36,23 @@ def size(scenario: str) -> int:
 
 
 def fly(
-    contestant: Contestant, scenario: str, seeds: Sequence[int], *, errors: str = "mocap", types: str | None = None
+    contestant: Contestant,
+    scenario: str,
+    seeds: Sequence[int],
+    *,
+    errors: str = "mocap",
+    types: str | None = None,
 ) -> Flights:
-    """The flights of a scenario, one for each seed; ``types`` are given to the vehicles in turn (None: sih).
+    """The flights of a scenario, one for each seed; ``types`` are given to the vehicles in turn
+    (None: sih).
 
     The first one is flown once more where the contestant's law is compiled otherwise, to time it.
     """
     law = contestant.law()
 
-    def interpreted(params: Sequence[PipelineParams], start_enu_m: Array, obstacles: Sequence[Capsule]) -> Hearing:
+    def interpreted(
+        params: Sequence[PipelineParams], start_enu_m: Array, obstacles: Sequence[Capsule]
+    ) -> Hearing:
         return contestant.interpreted(law, params, start_enu_m, obstacles)
 
     if contestant.is_compiled:
@@ -56,7 +68,9 @@ def fly(
             min_separation_m=one.outcome.min_separation_m,
             violation_s=one.outcome.violation_s,
             collision=one.outcome.is_collision,
-            ratio=one.outcome.makespan_s / one.straight_line_s if math.isfinite(one.straight_line_s) else math.nan,
+            ratio=one.outcome.makespan_s / one.straight_line_s
+            if math.isfinite(one.straight_line_s)
+            else math.nan,
             relaxed_share=one.outcome.relaxed_share,
             slew_m_s3=one.outcome.slew_rms_m_s3,
             max_speed_m_s=one.outcome.max_speed_m_s,
@@ -77,7 +91,9 @@ def trace(
 ) -> tuple[Array, Array]:
     """One flight: time (T,), true positions (T, N, 3)."""
     chosen = dataclasses.replace(contestant, sets=(*contestant.sets, *sets))
-    (one,) = _flown(chosen, scenario, [seed], errors, chosen.controller, types=types, has_trace=True)
+    (one,) = _flown(
+        chosen, scenario, [seed], errors, chosen.controller, types=types, has_trace=True
+    )
     if one.outcome.trace is None:
         raise RuntimeError("The campaign has kept no trace although it was asked to.")
     return one.outcome.trace.t_s, one.outcome.trace.position_enu_m
@@ -93,7 +109,9 @@ def _flown(
     types: str | None = None,
     has_trace: bool = False,
 ) -> list[flight.Flown]:
-    setup = settings.setup_for(law=contestant.built_in, types=types, errors=errors, changes=contestant.sets)
+    setup = settings.setup_for(
+        law=contestant.built_in, types=types, errors=errors, changes=contestant.sets
+    )
     plans = [scenarios.plan(scenario, seed) for seed in seeds]
     flown = flight.fly(plans, setup, controller=controller, has_trace=has_trace)
     for one in flown:

@@ -1,7 +1,9 @@
-"""``make bench-law``: Covey's law beside other methods, and beside itself without each of its ideas.
+"""``make bench-law``: Covey's law beside other methods, and beside itself without each of its
+ideas.
 
-Everybody flies the same seeded scenarios through the same pipeline and vehicles (``contestants.py``). Three jobs: the
-comparison, ``--ablation``, and ``--tune``, which tries every method's own grid and says which values are best.
+Everybody flies the same seeded scenarios through the same pipeline and vehicles
+(``contestants.py``). Three jobs: the comparison, ``--ablation``, and ``--tune``, which tries every
+method's own grid and says which values are best.
 """
 
 from __future__ import annotations
@@ -25,7 +27,15 @@ from sitl.monte_carlo.law_map.results_file import ResultsFile
 from sitl.monte_carlo.settings import Perturbation
 from tests.bench.peers import arena, explain, pages, pictures
 from tests.bench.peers.ablation import VARIANTS
-from tests.bench.peers.contestants import PEERS, RING_GRID, Contestant, combinations, named, peer, ring
+from tests.bench.peers.contestants import (
+    PEERS,
+    RING_GRID,
+    Contestant,
+    combinations,
+    named,
+    peer,
+    ring,
+)
 from tests.bench.peers.methods import METHODS
 from tests.bench.peers.report import Outcome, Summary, summary, table
 
@@ -33,7 +43,8 @@ SEEDS, ABLATION_SEEDS, TUNING_SEEDS, QUICK_SEEDS = (1000, 1050), (1000, 1020), (
 DELAY_SEEDS = (1000, 1010)
 QUICK = ("form3", "swap4")
 _PART = 10  # flights of a cell that is kept by itself
-TYPES = {"ablation": "sih,ardrone"}  # a mixed fleet shows what an idea is worth; the others fly type sih
+# a mixed fleet shows what an idea is worth; the others fly type sih
+TYPES = {"ablation": "sih,ardrone"}
 COMPARISON = ("form3", "swap4x", "swap8x", "rand4")
 ABLATION = ("swap8x",)
 TUNING = ("form3", "swap8x", "rand8")
@@ -62,22 +73,35 @@ class Cell:
 def fly(cell: Cell) -> tuple[Cell, arena.Flights]:
     """All flights of a cell, in this process."""
     contestant = cell.contestant()
-    sets = (*contestant.sets, *_late(cell)) if cell.delay_s != Perturbation().delay_s else contestant.sets
+    sets = (
+        (*contestant.sets, *_late(cell))
+        if cell.delay_s != Perturbation().delay_s
+        else contestant.sets
+    )
     late = replace(contestant, sets=sets)
-    return cell, arena.fly(late, cell.scenario, range(*cell.seeds), errors=cell.errors, types=TYPES.get(cell.group))
+    return cell, arena.fly(
+        late, cell.scenario, range(*cell.seeds), errors=cell.errors, types=TYPES.get(cell.group)
+    )
 
 
 def _late(cell: Cell) -> tuple[str, ...]:
-    """Return what a fleet with such messages sets: the delay, and margin and range as ``covey check`` demands them."""
+    """Return what a fleet with such messages sets: the delay, and margin and range as ``covey
+    check`` demands them.
+    """
     place = MapCell(cell.errors, arena.size(cell.scenario), 1.0, round(1e3 * cell.delay_s, 6), 0.0)
-    return f"delay_s={cell.delay_s}", *(change for change in changes(place) if change.startswith("law."))
+    return f"delay_s={cell.delay_s}", *(
+        change for change in changes(place) if change.startswith("law.")
+    )
 
 
-def fly_all(cells: Sequence[Cell], jobs: int, keep: Path | None = None) -> list[tuple[Cell, arena.Flights]]:
-    """The cells in their order, the big ones first, on ``jobs`` processes or in this one, with a line of progress.
+def fly_all(
+    cells: Sequence[Cell], jobs: int, keep: Path | None = None
+) -> list[tuple[Cell, arena.Flights]]:
+    """The cells in their order, the big ones first, on ``jobs`` processes or in this one, with a
+    line of progress.
 
-    With a file to ``keep`` them in, each is written there when it has been flown, and those that it has are not flown
-    again. It is of one version of the law, the methods and the processor.
+    With a file to ``keep`` them in, each is written there when it has been flown, and those that it
+    has are not flown again. It is of one version of the law, the methods and the processor.
     """
     if keep is None:
         found = dict(_flown(cells, jobs))
@@ -88,14 +112,26 @@ def fly_all(cells: Sequence[Cell], jobs: int, keep: Path | None = None) -> list[
         missing = [cell for cell in cells if (repr(cell), 0) not in file.rows]
         for cell, flown in _flown(missing, jobs):
             outcomes = [asdict(outcome) for outcome in flown.outcomes]
-            file.add({"cell": repr(cell), "stage": 0, "outcomes": outcomes, "cost": [flown.busy_s, flown.calls]})
+            file.add(
+                {
+                    "cell": repr(cell),
+                    "stage": 0,
+                    "outcomes": outcomes,
+                    "cost": [flown.busy_s, flown.calls],
+                }
+            )
         rows = [file.rows[repr(cell), 0] for cell in cells]
-    kept = [arena.Flights(tuple(Outcome(**one) for one in row["outcomes"]), *row["cost"]) for row in rows]
+    kept = [
+        arena.Flights(tuple(Outcome(**one) for one in row["outcomes"]), *row["cost"])
+        for row in rows
+    ]
     return list(zip(cells, kept, strict=True))
 
 
 def _flown(cells: Sequence[Cell], jobs: int) -> Iterator[tuple[Cell, arena.Flights]]:
-    order = [cells[k] for k in sorted(range(len(cells)), key=lambda k: -arena.size(cells[k].scenario))]
+    order = [
+        cells[k] for k in sorted(range(len(cells)), key=lambda k: -arena.size(cells[k].scenario))
+    ]
     if jobs == 1:
         yield from _counted(map(fly, order), len(cells))
         return
@@ -103,19 +139,32 @@ def _flown(cells: Sequence[Cell], jobs: int) -> Iterator[tuple[Cell, arena.Fligh
         yield from _counted(pool.imap_unordered(fly, order), len(cells))
 
 
-def _counted(results: Iterable[tuple[Cell, arena.Flights]], count: int) -> Iterator[tuple[Cell, arena.Flights]]:
+def _counted(
+    results: Iterable[tuple[Cell, arena.Flights]], count: int
+) -> Iterator[tuple[Cell, arena.Flights]]:
     begun = time.monotonic()
     for done, result in enumerate(results, 1):
-        print(f"\r{done}/{count} cells, {time.monotonic() - begun:.0f} s", end="", file=sys.stderr, flush=True)
+        print(
+            f"\r{done}/{count} cells, {time.monotonic() - begun:.0f} s",
+            end="",
+            file=sys.stderr,
+            flush=True,
+        )
         yield result
     print(file=sys.stderr)
 
 
-def gathered(results: Sequence[tuple[Cell, arena.Flights]]) -> dict[tuple[str, str], tuple[list[Outcome], Summary]]:
-    """Outcomes and summary of each contestant, over all its scenarios; the key is its key and its values."""
+def gathered(
+    results: Sequence[tuple[Cell, arena.Flights]],
+) -> dict[tuple[str, str], tuple[list[Outcome], Summary]]:
+    """Outcomes and summary of each contestant, over all its scenarios; the key is its key and its
+    values.
+    """
     rows: dict[tuple[str, str], list[arena.Flights]] = {}
     for cell, flights in results:
-        rows.setdefault((cell.key, ", ".join(f"{name} {value:g}" for name, value in cell.values)), []).append(flights)
+        rows.setdefault(
+            (cell.key, ", ".join(f"{name} {value:g}" for name, value in cell.values)), []
+        ).append(flights)
     out = {}
     for key, parts in rows.items():
         outcomes = [outcome for part in parts for outcome in part.outcomes]
@@ -126,7 +175,9 @@ def gathered(results: Sequence[tuple[Cell, arena.Flights]]) -> dict[tuple[str, s
 
 def compare(options: argparse.Namespace, group: str, contestants: Mapping[str, Contestant]) -> int:
     """The comparison or the ablation: table, figures, page."""
-    scenarios: Sequence[str] = QUICK if options.quick else ABLATION if group == "ablation" else COMPARISON
+    scenarios: Sequence[str] = (
+        QUICK if options.quick else ABLATION if group == "ablation" else COMPARISON
+    )
     scenarios = arena.MIX if options.mix else scenarios
     usual = QUICK_SEEDS if options.quick else ABLATION_SEEDS if group == "ablation" else SEEDS
     seeds = options.seeds or usual
@@ -146,17 +197,32 @@ def compare(options: argparse.Namespace, group: str, contestants: Mapping[str, C
     (folder / "figures").mkdir(parents=True, exist_ok=True)
     run = pages.Run(_command(options), seeds, scenarios, options.errors)
     if group == "ablation":
-        pictures.comparison(summaries, folder / "figures/law_ablation.png", "Covey's law without one of its ideas")
+        pictures.comparison(
+            summaries, folder / "figures/law_ablation.png", "Covey's law without one of its ideas"
+        )
         page = pages.ablation(run, summaries, contestants)
-        pages.insert(folder / "law.md", "ablation", f"{run.sentence()}\n\n{pages.worth(summaries, contestants)}")
+        pages.insert(
+            folder / "law.md",
+            "ablation",
+            f"{run.sentence()}\n\n{pages.worth(summaries, contestants)}",
+        )
         name = "law-ablation.md"
     else:
-        pictures.comparison(summaries, folder / "figures/law_bench.png", "Same vehicle, errors, baseline and margin")
-        pictures.distances(outcomes, folder / "figures/law_flights.png", "Every flight: smallest distance and time")
+        pictures.comparison(
+            summaries, folder / "figures/law_bench.png", "Same vehicle, errors, baseline and margin"
+        )
+        pictures.distances(
+            outcomes, folder / "figures/law_flights.png", "Every flight: smallest distance and time"
+        )
         figure_of = "swap2x" if options.quick else "swap8x"
-        traces = {title: arena.trace(contestants[key], figure_of, 0)[1] for key, title in _titles(contestants).items()}
+        traces = {
+            title: arena.trace(contestants[key], figure_of, 0)[1]
+            for key, title in _titles(contestants).items()
+        }
         pictures.paths(
-            traces, folder / "figures/law_paths.png", f"{arena.size(figure_of)} vehicles change places across a circle"
+            traces,
+            folder / "figures/law_paths.png",
+            f"{arena.size(figure_of)} vehicles change places across a circle",
         )
         page = pages.comparison(run, summaries, outcomes)
         pages.insert(folder / "law.md", "comparison", f"{run.sentence()}\n\n{table(summaries)}")
@@ -180,7 +246,9 @@ def by_delay(options: argparse.Namespace, contestants: Mapping[str, Contestant])
     results = fly_all(cells, options.jobs, options.keep)
     rows: dict[str, list[Summary]] = {}
     for delay_s in options.delays:
-        for (key, _), (_, figures) in gathered([one for one in results if one[0].delay_s == delay_s]).items():
+        for (key, _), (_, figures) in gathered(
+            [one for one in results if one[0].delay_s == delay_s]
+        ).items():
             rows.setdefault(contestants[key].title, []).append(figures)
     run = pages.Run(_command(options), seeds, scenarios, options.errors)
     page = pages.by_delay(run, options.delays, rows)
@@ -188,7 +256,9 @@ def by_delay(options: argparse.Namespace, contestants: Mapping[str, Contestant])
     if options.out is not None:
         folder = Path(options.out)
         (folder / "figures").mkdir(parents=True, exist_ok=True)
-        pictures.by_delay(options.delays, rows, folder / "figures/law_delay.png", "Messages that come late")
+        pictures.by_delay(
+            options.delays, rows, folder / "figures/law_delay.png", "Messages that come late"
+        )
         (folder / "law-delay.md").write_text(page, encoding="utf-8")
     return 0
 
@@ -203,7 +273,8 @@ def _titles(contestants: Mapping[str, Contestant]) -> dict[str, str]:
 
 
 def tune(options: argparse.Namespace) -> int:
-    """Every combination of every method's grid; the best by violations, then success, then ratio."""
+    """Every combination of every method's grid; the best by violations, then success, then ratio.
+    """
     scenarios = QUICK if options.quick else TUNING
     seeds = options.seeds or (QUICK_SEEDS if options.quick else TUNING_SEEDS)
     grids = {name: method.grid for name, method in METHODS.items()} | {"ring": RING_GRID}
@@ -214,10 +285,14 @@ def tune(options: argparse.Namespace) -> int:
         for scenario in scenarios
     ]
     rows = gathered(fly_all(cells, options.jobs))
-    lines = {f"{PEERS[key].title}: {values}": figures for (key, values), (_, figures) in rows.items()}
+    lines = {
+        f"{PEERS[key].title}: {values}": figures for (key, values), (_, figures) in rows.items()
+    }
     print(table(lines))
     best = {
-        name: min((figures.order, values) for (key, values), (_, figures) in rows.items() if key == name)[1]
+        name: min(
+            (figures.order, values) for (key, values), (_, figures) in rows.items() if key == name
+        )[1]
         for name in grids
     }
     for name, values in best.items():
@@ -225,7 +300,9 @@ def tune(options: argparse.Namespace) -> int:
     if options.out is not None:
         run = pages.Run(_command(options), seeds, scenarios, options.errors)
         best_titles = {PEERS[name].title: values for name, values in best.items()}
-        (Path(options.out) / "law-tuning.md").write_text(pages.tuning(run, lines, best_titles), encoding="utf-8")
+        (Path(options.out) / "law-tuning.md").write_text(
+            pages.tuning(run, lines, best_titles), encoding="utf-8"
+        )
     return 0
 
 
@@ -233,7 +310,11 @@ def _command(options: argparse.Namespace) -> str:
     words = [f"--{name}" for name in ("ablation", "tune", "quick", "mix") if getattr(options, name)]
     words += [f"--seeds {options.seeds[0]}:{options.seeds[1]}"] if options.seeds else []
     words += [f"--law {name}" for name in options.law]
-    words += [f"--delays {','.join(f'{delay_s:g}' for delay_s in options.delays)}"] if options.delays else []
+    words += (
+        [f"--delays {','.join(f'{delay_s:g}' for delay_s in options.delays)}"]
+        if options.delays
+        else []
+    )
     words += [f"--errors {options.errors}"] if options.errors != "mocap" else []
     words += ["--out docs"]
     return f'make bench-law ARGS="{" ".join(words)}"'
@@ -242,7 +323,9 @@ def _command(options: argparse.Namespace) -> str:
 def _seeds(text: str) -> tuple[int, int]:
     match = re.fullmatch(r"(\d+):(\d+)", text)
     if not match or int(match[1]) >= int(match[2]):
-        raise ConfigError(f"--seeds is '{text}'; write it as FIRST:END, for instance 200:206, with END above FIRST.")
+        raise ConfigError(
+            f"--seeds is '{text}'; write it as FIRST:END, for instance 200:206, with END above FIRST."
+        )
     return int(match[1]), int(match[2])
 
 
@@ -252,7 +335,9 @@ def _delays(text: str) -> list[float]:
     except ValueError:
         delays_s = []
     if not delays_s or not all(0.0 <= delay_s <= 2.0 for delay_s in delays_s):
-        raise ConfigError(f"--delays is '{text}'; write seconds from 0 to 2 with commas, for instance 0.02,0.1,0.3.")
+        raise ConfigError(
+            f"--delays is '{text}'; write seconds from 0 to 2 with commas, for instance 0.02,0.1,0.3."
+        )
     return list(dict.fromkeys(delays_s))
 
 
@@ -262,25 +347,55 @@ def main(argv: Sequence[str]) -> int:
         prog="make bench-law",
         description="Covey's law beside other methods, or (--ablation) without each of its ideas.",
     )
-    parser.add_argument("--seeds", metavar="A:B", help="seeds of each scenario (1000:1050; with --delays 1000:1010)")
-    parser.add_argument("--out", metavar="DIR", help="write the page and its figures here (docs is where ours are)")
-    parser.add_argument("--errors", default="mocap", help="accuracy of the estimate (default mocap)")
-    parser.add_argument("--ablation", action="store_true", help="Covey's law with one idea taken away at a time")
-    parser.add_argument("--tune", action="store_true", help="every method's own values, each combination of its grid")
-    parser.add_argument("--explain", action="store_true", help="only the pictures that explain the law")
-    parser.add_argument("--quick", action="store_true", help="three small scenarios and two seeds: under a minute")
-    parser.add_argument("--mix", action="store_true", help="the twelve scenarios of the campaigns, up to 32 vehicles")
-    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="processes (default: one per core)")
-    parser.add_argument("--law", action="append", default=[], metavar="NAME", help="a law of your own beside them")
-    parser.add_argument("--delays", metavar="S,S", help="every method with messages that are so old, instead")
-    parser.add_argument("--keep", type=Path, metavar="FILE", help="keep each cell there, and go on from it")
+    parser.add_argument(
+        "--seeds", metavar="A:B", help="seeds of each scenario (1000:1050; with --delays 1000:1010)"
+    )
+    parser.add_argument(
+        "--out", metavar="DIR", help="write the page and its figures here (docs is where ours are)"
+    )
+    parser.add_argument(
+        "--errors", default="mocap", help="accuracy of the estimate (default mocap)"
+    )
+    parser.add_argument(
+        "--ablation", action="store_true", help="Covey's law with one idea taken away at a time"
+    )
+    parser.add_argument(
+        "--tune",
+        action="store_true",
+        help="every method's own values, each combination of its grid",
+    )
+    parser.add_argument(
+        "--explain", action="store_true", help="only the pictures that explain the law"
+    )
+    parser.add_argument(
+        "--quick", action="store_true", help="three small scenarios and two seeds: under a minute"
+    )
+    parser.add_argument(
+        "--mix",
+        action="store_true",
+        help="the twelve scenarios of the campaigns, up to 32 vehicles",
+    )
+    parser.add_argument(
+        "--jobs", type=int, default=os.cpu_count() or 1, help="processes (default: one per core)"
+    )
+    parser.add_argument(
+        "--law", action="append", default=[], metavar="NAME", help="a law of your own beside them"
+    )
+    parser.add_argument(
+        "--delays", metavar="S,S", help="every method with messages that are so old, instead"
+    )
+    parser.add_argument(
+        "--keep", type=Path, metavar="FILE", help="keep each cell there, and go on from it"
+    )
     options = parser.parse_args(argv)
     options.seeds = _seeds(options.seeds) if options.seeds else None
     if options.jobs < 1:
         raise ConfigError(f"--jobs is {options.jobs}; it must be 1 or more.")
     options.delays = _delays(options.delays) if options.delays else []
     if options.keep is not None and (options.tune or options.explain):
-        raise ConfigError("--keep is for flights beside other methods, with --delays or without, and for --ablation.")
+        raise ConfigError(
+            "--keep is for flights beside other methods, with --delays or without, and for --ablation."
+        )
     contestants = PEERS | {name: named(name) for name in options.law}
     if options.delays:
         return by_delay(options, contestants)

@@ -1,7 +1,8 @@
-"""Contestants: Covey's law, the same without one of its ideas, the paper's ring, or a peer in the law's place.
+"""Contestants: Covey's law, the same without one of its ideas, the paper's ring, or a peer in the
+law's place.
 
-The pipeline around the law, from the estimate to the attitude, is the product's own for all of them, and a peer
-comes into it as any law of somebody's own does (docs/own-law.md).
+The pipeline around the law, from the estimate to the attitude, is the product's own for all of
+them, and a peer comes into it as any law of somebody's own does (docs/own-law.md).
 """
 
 from __future__ import annotations
@@ -43,9 +44,14 @@ class Contestant:
     hear: Callable[[Rows], Rows] = same  # of the neighbours' messages
 
     def controller(
-        self, params: Sequence[PipelineParams], start_enu_m: Array, obstacles: Sequence[Capsule] = ()
+        self,
+        params: Sequence[PipelineParams],
+        start_enu_m: Array,
+        obstacles: Sequence[Capsule] = (),
     ) -> batch.Controller:
-        """Return the control of a batch with this contestant in the law's place, compiled where that is possible."""
+        """Return the control of a batch with this contestant in the law's place, compiled where
+        that is possible.
+        """
         if not self.is_compiled:
             return self.interpreted(self.law(), params, start_enu_m, obstacles)
         changed = [self.change(own) for own in params]
@@ -58,7 +64,9 @@ class Contestant:
 
     def law(self) -> stage.Timed:
         """Return the law of this contestant as anybody's own, with a stop-watch."""
-        own = self.own or (stage.covey if self.step is None else stage.law_of(self.step, self.values))
+        own = self.own or (
+            stage.covey if self.step is None else stage.law_of(self.step, self.values)
+        )
         return stage.Timed(own)
 
     def interpreted(
@@ -68,15 +76,21 @@ class Contestant:
         start_enu_m: Array,
         obstacles: Sequence[Capsule] = (),
     ) -> Hearing:
-        """Return the control of a batch that flies by :meth:`law`, interpreted as any law of somebody's own."""
+        """Return the control of a batch that flies by :meth:`law`, interpreted as any law of
+        somebody's own.
+        """
         changed = [self.change(own) for own in params]
-        return Hearing(OwnLawFleet(OwnLaw(self.title, "", "", law), changed, start_enu_m, obstacles), self.hear)
+        return Hearing(
+            OwnLawFleet(OwnLaw(self.title, "", "", law), changed, start_enu_m, obstacles), self.hear
+        )
 
 
 class Hearing:
     """A control whose vehicles hear other messages."""
 
-    def __init__(self, control: batch.FleetPipeline | OwnLawFleet, hear: Callable[[Rows], Rows]) -> None:
+    def __init__(
+        self, control: batch.FleetPipeline | OwnLawFleet, hear: Callable[[Rows], Rows]
+    ) -> None:
         self._control, self._hear = control, hear
 
     @property
@@ -84,7 +98,9 @@ class Hearing:
         """Flights that Covey's law went on with."""
         return self._control.refusals if isinstance(self._control, OwnLawFleet) else {}
 
-    def step(self, states: Rows, goals: Rows, neighbours: Rows, is_present: BoolArray, dt_s: float) -> Rows:
+    def step(
+        self, states: Rows, goals: Rows, neighbours: Rows, is_present: BoolArray, dt_s: float
+    ) -> Rows:
         """Return the ticks of all vehicles."""
         return self._control.step(states, goals, self._hear(neighbours), is_present, dt_s)
 
@@ -96,7 +112,8 @@ class Hearing:
 def peer(method: Method, values: Mapping[str, float] | None = None) -> Contestant:
     """A method of other people with its chosen values, or others to be tried.
 
-    Where it is refused the flight does not count, so that no law of Covey's needs to be computed beside it.
+    Where it is refused the flight does not count, so that no law of Covey's needs to be computed
+    beside it.
     """
     chosen = method.chosen if values is None else values
     return Contestant(method.title, built_in="off", step=method.step, values=chosen)
@@ -114,24 +131,37 @@ RING_CHOSEN = {"kappa": 2.0, "v_perp_m_s": 0.1}
 def ring(values: Mapping[str, float] = RING_CHOSEN) -> Contestant:
     """The paper's law as printed: each avoids the next one. ``kappa`` is kappa_1 and kappa_2."""
     kappa, v_perp = values["kappa"], values["v_perp_m_s"]
-    changed = {"force_ring": "true", "kappa_1_1_s": kappa, "kappa_2_1_s": kappa, "v_perp_m_s": v_perp}
+    changed = {
+        "force_ring": "true",
+        "kappa_1_1_s": kappa,
+        "kappa_2_1_s": kappa,
+        "v_perp_m_s": v_perp,
+    }
 
-    def with_margin(params: PipelineParams) -> PipelineParams:  # d_inf is the design distance, as for everybody
+    # d_inf is the design distance, as for everybody
+    def with_margin(params: PipelineParams) -> PipelineParams:
         spacing = params.law.spacing
         d_design_m = spacing.safety_distance_m + spacing.margin_m
-        return params._replace(law=params.law._replace(paper=params.law.paper._replace(d_inf_m=d_design_m)))
+        return params._replace(
+            law=params.law._replace(paper=params.law.paper._replace(d_inf_m=d_design_m))
+        )
 
     sets = tuple(f"law.paper_{key}={value}" for key, value in changed.items())
-    return Contestant("the paper's ring", built_in="paper", sets=sets, change=with_margin, values=values)
+    return Contestant(
+        "the paper's ring", built_in="paper", sets=sets, change=with_margin, values=values
+    )
 
 
 COVEY = Contestant("Covey")
 OFF = Contestant("no avoidance", built_in="off")
-PEERS = {"covey": COVEY, "off": OFF, "ring": ring()} | {name: peer(method) for name, method in METHODS.items()}
+PEERS = {"covey": COVEY, "off": OFF, "ring": ring()} | {
+    name: peer(method) for name, method in METHODS.items()
+}
 
 
 def named(name: str) -> Contestant:
-    """Return a contestant by its key above, or a law of somebody's own by the name that a fleet file gives it.
+    """Return a contestant by its key above, or a law of somebody's own by the name that a fleet
+    file gives it.
 
     Raises:
         ConfigError: there is no such law.
@@ -140,5 +170,7 @@ def named(name: str) -> Contestant:
         return PEERS[name]
     law = settings.setup_for(law=name).fleet(1).own_law
     if law is None:
-        raise ConfigError(f"--law is '{name}'; name a law of your own as module:function (docs/own-law.md).")
+        raise ConfigError(
+            f"--law is '{name}'; name a law of your own as module:function (docs/own-law.md)."
+        )
     return Contestant(name, own=law.function)

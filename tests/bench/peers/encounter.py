@@ -1,4 +1,6 @@
-"""Inputs of every avoidance method, and the right-hand rule that those without a turn rule of their own get."""
+"""Inputs of every avoidance method, and the right-hand rule that those without a turn rule of their
+own get.
+"""
 
 from __future__ import annotations
 
@@ -15,12 +17,13 @@ BoolArray = NDArray[np.bool_]
 
 @dataclass(frozen=True, slots=True)
 class Encounter:
-    """M vehicles with K neighbours each, in the plane, at the time when a command of now takes effect.
+    """M vehicles with K neighbours each, in the plane, at the time when a command of now takes
+    effect.
 
-    wanted_m_s2 (M, 2): net acceleration that the baseline asks for. velocity_m_s (M, 2): own. gap_m and
-    closing_m_s (M, K, 2): own minus neighbour's position and velocity. is_on (M, K): who counts. reach_m_s2 (M,):
-    largest horizontal acceleration. d_m (M, K): design distances. speed_m_s: top speed. age_s (M, K): of the
-    neighbours' messages.
+    wanted_m_s2 (M, 2): net acceleration that the baseline asks for. velocity_m_s (M, 2): own. gap_m
+    and closing_m_s (M, K, 2): own minus neighbour's position and velocity. is_on (M, K): who
+    counts. reach_m_s2 (M,): largest horizontal acceleration. d_m (M, K): design distances.
+    speed_m_s: top speed. age_s (M, K): of the neighbours' messages.
     """
 
     wanted_m_s2: Array
@@ -53,10 +56,11 @@ def preferred_velocity(encounter: Encounter, gain_1_s: float) -> Array:
 
 
 def keep_right(encounter: Encounter) -> Encounter:
-    """The baseline's wish turned 60 degrees to the right for a vehicle that stands still before somebody.
+    """The baseline's wish turned 60 degrees to the right for a vehicle that stands still before
+    somebody.
 
-    ORCA, Voronoi cells, certificates and potentials stop for ever when the wish points exactly at a neighbour; their
-    authors break the tie by noise or by such a rule.
+    ORCA, Voronoi cells, certificates and potentials stop for ever when the wish points exactly at a
+    neighbour; their authors break the tie by noise or by such a rule.
     """
     wanted, gap = encounter.wanted_m_s2, encounter.gap_m
     ahead = -np.einsum("mkc,mc->mk", gap, wanted) / encounter.distance_m
@@ -64,7 +68,9 @@ def keep_right(encounter: Encounter) -> Encounter:
     is_blocked &= ahead > 0.2 * length(wanted)[:, None]
     is_stuck = (length(encounter.velocity_m_s) < 0.12) & (length(wanted) > 0.3) & is_blocked.any(-1)
     cos, sin = 0.5, -np.sqrt(0.75)
-    turned = np.stack([cos * wanted[:, 0] - sin * wanted[:, 1], sin * wanted[:, 0] + cos * wanted[:, 1]], axis=-1)
+    turned = np.stack(
+        [cos * wanted[:, 0] - sin * wanted[:, 1], sin * wanted[:, 0] + cos * wanted[:, 1]], axis=-1
+    )
     return replace(encounter, wanted_m_s2=np.where(is_stuck[:, None], turned, wanted))
 
 

@@ -1,4 +1,6 @@
-"""Pictures for docs/law.md, each made by flying or computing what it shows: ``make bench-law ARGS=--explain``."""
+"""Pictures for docs/law.md, each made by flying or computing what it shows: ``make bench-law
+ARGS=--explain``.
+"""
 
 from __future__ import annotations
 
@@ -59,7 +61,10 @@ def half_planes(path: Path) -> None:
     ]
     radius, wanted = 4.5, Vec2(3.5, -1.9)
     found = np.array(project(wanted, rows, [], radius).point)
-    normals, bounds = np.array([row.normal for row in rows]), np.array([row.bound_m_s2 for row in rows])
+    normals, bounds = (
+        np.array([row.normal for row in rows]),
+        np.array([row.bound_m_s2 for row in rows]),
+    )
     names = ["forbidden by neighbour 1", "forbidden by neighbour 2"]
     pictures.half_planes(np.array(wanted), found, normals, bounds, names, radius, path)
 
@@ -77,10 +82,14 @@ def ring(path: Path) -> None:
     printed = replace(PEERS["ring"], change=COVEY.change)
     curves = {
         "as in the proof: no lag, no error": nearest((t_s, positions)),
-        "nothing errs, but the drone has to tilt": nearest(arena.trace(printed, "form3", 0, **_UNDISTURBED)),
+        "nothing errs, but the drone has to tilt": nearest(
+            arena.trace(printed, "form3", 0, **_UNDISTURBED)
+        ),
         "everything errs a little": nearest(arena.trace(printed, "form3", 0, types=WEAK)),
     }
-    pictures.histories(curves, path, "The paper's ring, three vehicles into a triangle", {"0.80 m": 0.8}, 14.0)
+    pictures.histories(
+        curves, path, "The paper's ring, three vehicles into a triangle", {"0.80 m": 0.8}, 14.0
+    )
 
 
 def lag(path: Path) -> None:
@@ -90,14 +99,21 @@ def lag(path: Path) -> None:
         ("no prediction", VARIANTS["no-prediction"]),
         ("no avoidance", PEERS["off"]),
     ]
-    curves = {name: nearest(arena.trace(contestant, "swap8", 3, types=WEAK)) for name, contestant in variants}
+    curves = {
+        name: nearest(arena.trace(contestant, "swap8", 3, types=WEAK))
+        for name, contestant in variants
+    }
     title = "Eight weak vehicles change places: smallest distance of all pairs"
     pictures.histories(curves, path, title, {"0.80 m": 0.8}, 20.0)
 
 
 def turn(path: Path) -> None:
     """Exact swaps, where nobody has a reason to prefer a side."""
-    variants = {"no rotation rows": VARIANTS["no-rotation"], "own direction only": VARIANTS["pair"], "Covey": COVEY}
+    variants = {
+        "no rotation rows": VARIANTS["no-rotation"],
+        "own direction only": VARIANTS["pair"],
+        "Covey": COVEY,
+    }
     traces = {
         f"{name}, {scenario[4:-1]} vehicles": arena.trace(contestant, scenario, 1)[1]
         for scenario in ("swap2x", "swap8x")

@@ -1,4 +1,6 @@
-"""The paper's experiment as its Proposition 1 has it: point masses that obey at once, and exact measurements."""
+"""The paper's experiment as its Proposition 1 has it: point masses that obey at once, and exact
+measurements.
+"""
 
 from __future__ import annotations
 
@@ -28,13 +30,16 @@ def starts_and_slots(fleet: FleetConfig) -> tuple[Array, Array]:
 
 def planar(position: Array, velocity: Array, acceleration: Array) -> PlanarState:
     """Horizontal motion of one vehicle, from vectors (3,)."""
-    return PlanarState(*(Vec2(*vector[:2].tolist()) for vector in (position, velocity, acceleration)))
+    return PlanarState(
+        *(Vec2(*vector[:2].tolist()) for vector in (position, velocity, acceleration))
+    )
 
 
 def fly(
     fleet: FleetConfig, order: Sequence[int], *, tick_s: float = 0.01, seconds: float = 14.0
 ) -> tuple[Array, Array, Array]:
-    """Into the triangle, vehicle i to slot ``order[i]``: time (T,), positions (T, 3, 3), ring distances (T, 3).
+    """Into the triangle, vehicle i to slot ``order[i]``: time (T,), positions (T, 3, 3), ring
+    distances (T, 3).
 
     The ring's accelerations depend on each other; they are iterated to their common solution.
     """
@@ -48,14 +53,18 @@ def fly(
         wanted = np.empty_like(position)
         for k in range(3):
             memories[k], setpoint = trajectory.step(memories[k], goals[k], limits, tick_s, 1.0)
-            thrust = backstepping.step(Vec3(*position[k].tolist()), Vec3(*velocity[k].tolist()), setpoint, gains)
+            thrust = backstepping.step(
+                Vec3(*position[k].tolist()), Vec3(*velocity[k].tolist()), setpoint, gains
+            )
             wanted[k] = thrust.thrust_enu_m_s2
         wanted -= [0.0, 0.0, GRAVITY_M_S2]
         for _ in range(50):
             before, acceleration = acceleration, wanted.copy()
             states = [planar(*motion) for motion in zip(position, velocity, before, strict=True)]
             for k in range(3):
-                answer = saturate_thrust(states[k], Vec2(*wanted[k, :2].tolist()), states[RING[k]], PRINTED)
+                answer = saturate_thrust(
+                    states[k], Vec2(*wanted[k, :2].tolist()), states[RING[k]], PRINTED
+                )
                 acceleration[k, :2] = answer.thrust_m_s2
             if np.abs(acceleration - before).max() < 1e-10:
                 break

@@ -1,7 +1,8 @@
-"""Other people's avoidance methods behind one signature, each with its own small grid of values to tune.
+"""Other people's avoidance methods behind one signature, each with its own small grid of values to
+tune.
 
-Every one gets what Covey's law gets: states predicted over the lag, the same baseline, design distance and limits. Each
-has two values of its own and six combinations to choose from.
+Every one gets what Covey's law gets: states predicted over the lag, the same baseline, design
+distance and limits. Each has two values of its own and six combinations to choose from.
 """
 
 from __future__ import annotations
@@ -18,17 +19,26 @@ import pyrvo
 from onboard.avoidance.half_planes import HalfPlane
 from onboard.avoidance.projection import project
 from onboard.vectors import Vec2
-from tests.bench.peers.encounter import Array, Encounter, Step, into_disc, keep_right, preferred_velocity
+from tests.bench.peers.encounter import (
+    Array,
+    Encounter,
+    Step,
+    into_disc,
+    keep_right,
+    preferred_velocity,
+)
 
 NEIGHBOURS = 12  # the nearest so many count, for every method
 _OWN_RADIUS_M = 0.4  # of a design distance; the neighbour is drawn as large as the rest of it
 
 
 def orca(encounter: Encounter, values: Mapping[str, float]) -> Array:
-    """Optimal reciprocal collision avoidance by the RVO2 library, a simulator for each vehicle and tick.
+    """Optimal reciprocal collision avoidance by the RVO2 library, a simulator for each vehicle and
+    tick.
 
-    van den Berg, Guy, Lin, Manocha: Reciprocal n-body collision avoidance, 2011. ``horizon_s``: collisions within this
-    time are avoided. ``gain_1_s``: the velocity found becomes an acceleration.
+    van den Berg, Guy, Lin, Manocha: Reciprocal n-body collision avoidance, 2011. ``horizon_s``:
+    collisions within this time are avoided. ``gain_1_s``: the velocity found becomes an
+    acceleration.
     """
     encounter = keep_right(encounter)
     asked = preferred_velocity(encounter, values["gain_1_s"])
@@ -54,7 +64,9 @@ def orca(encounter: Encounter, values: Mapping[str, float]) -> Array:
 
 @lru_cache(maxsize=256)
 def _simulator(neighbours: int, horizon_s: float, speed_m_s: float) -> Any:
-    simulator = pyrvo.RVOSimulator(0.02, 100.0, NEIGHBOURS, horizon_s, horizon_s, _OWN_RADIUS_M, speed_m_s)
+    simulator = pyrvo.RVOSimulator(
+        0.02, 100.0, NEIGHBOURS, horizon_s, horizon_s, _OWN_RADIUS_M, speed_m_s
+    )
     for k in range(neighbours + 1):
         simulator.add_agent((float(k), 0.0))
         if k:
@@ -63,33 +75,44 @@ def _simulator(neighbours: int, horizon_s: float, speed_m_s: float) -> Any:
 
 
 def cells(encounter: Encounter, values: Mapping[str, float]) -> Array:
-    """Buffered Voronoi cells: head for the point of the own cell nearest to where the baseline wants to be.
+    """Buffered Voronoi cells: head for the point of the own cell nearest to where the baseline
+    wants to be.
 
-    Zhou, Wang, Bandyopadhyay, Schwager: Fast, on-line collision avoidance for dynamic vehicles using buffered Voronoi
-    cells, 2017. ``horizon_s``: how far ahead that point lies. ``gain_1_s``: velocity to acceleration.
+    Zhou, Wang, Bandyopadhyay, Schwager: Fast, on-line collision avoidance for dynamic vehicles
+    using buffered Voronoi cells, 2017. ``horizon_s``: how far ahead that point lies. ``gain_1_s``:
+    velocity to acceleration.
     """
     encounter = keep_right(encounter)
     asked = preferred_velocity(encounter, values["gain_1_s"])
     target = values["horizon_s"] * asked
     distance = encounter.distance_m
     normals, bounds = encounter.gap_m / distance[..., None], 0.5 * (encounter.d_m - distance)
-    found = np.stack([in_cell(target[m], normals[m, on], bounds[m, on]) for m, on in enumerate(encounter.is_on)])
+    found = np.stack(
+        [in_cell(target[m], normals[m, on], bounds[m, on]) for m, on in enumerate(encounter.is_on)]
+    )
     return encounter.wanted_m_s2 + values["gain_1_s"] * (found - target) / values["horizon_s"]
 
 
 def in_cell(point: Array, normals: Array, bounds: Array, reach: float = 100.0) -> Array:
-    """The point (2,) nearest to ``point`` with ``normals.u >= bounds``, within ``reach``; zero normals are no rows."""
+    """The point (2,) nearest to ``point`` with ``normals.u >= bounds``, within ``reach``; zero
+    normals are no rows.
+    """
     is_row = np.abs(normals).max(-1, initial=0.0) > 1e-12
     normals, bounds = normals[is_row], bounds[is_row]
-    rows = [HalfPlane(Vec2(*normal), bound) for normal, bound in zip(normals.tolist(), bounds.tolist(), strict=True)]
+    rows = [
+        HalfPlane(Vec2(*normal), bound)
+        for normal, bound in zip(normals.tolist(), bounds.tolist(), strict=True)
+    ]
     return np.array(project(Vec2(*point.tolist()), rows, [], reach).point)
 
 
 def certificate_rows(encounter: Encounter, values: Mapping[str, float]) -> tuple[Array, Array]:
-    """Rows ``n.a >= b`` (M, K, 2), (M, K) of the pairwise safety barrier certificates, half a share each.
+    """Rows ``n.a >= b`` (M, K, 2), (M, K) of the pairwise safety barrier certificates, half a share
+    each.
 
-    Wang, Ames, Egerstedt: Safety barrier certificates for collisions-free multirobot systems, 2017. With the barrier
-    ``h = sqrt(4 A (|e| - d)) + e.w / |e|`` (A: ``brake_m_s2`` of both) and ``h' >= -gamma h^3``.
+    Wang, Ames, Egerstedt: Safety barrier certificates for collisions-free multirobot systems, 2017.
+    With the barrier ``h = sqrt(4 A (|e| - d)) + e.w / |e|`` (A: ``brake_m_s2`` of both) and ``h' >=
+    -gamma h^3``.
     """
     brake, gamma = values["brake_m_s2"], values["gamma"]
     e, w, distance = encounter.gap_m, encounter.closing_m_s, encounter.distance_m
@@ -103,23 +126,28 @@ def certificate_rows(encounter: Encounter, values: Mapping[str, float]) -> tuple
 
 
 def certificate(encounter: Encounter, values: Mapping[str, float]) -> Array:
-    """The quadratic programme of the barrier certificates, solved by daqp; rows that cannot all hold are softened."""
+    """The quadratic programme of the barrier certificates, solved by daqp; rows that cannot all
+    hold are softened.
+    """
     encounter = keep_right(encounter)
     normals, bounds = certificate_rows(encounter, values)
     out = encounter.wanted_m_s2.copy()
     lack = bounds - np.einsum("mkc,mc->mk", normals, out)
     for m in np.flatnonzero((encounter.is_on & (lack > 0.0)).any(-1)):
         near = encounter.is_on[m] & (bounds[m] > -2.0 * encounter.reach_m_s2[m])
-        out[m] = least_change(out[m], normals[m, near], bounds[m, near], float(encounter.reach_m_s2[m]))
+        out[m] = least_change(
+            out[m], normals[m, near], bounds[m, near], float(encounter.reach_m_s2[m])
+        )
     return out
 
 
 def robust_certificate(encounter: Encounter, values: Mapping[str, float]) -> Array:
     """Barrier certificates that hold whatever a neighbour has done since its message.
 
-    The worst case of a bounded disturbance in the barrier, as in Jankovic: Robust control barrier functions for
-    constrained stabilization of nonlinear systems, 2018. With ``change_m_s2`` more or less than it announced a
-    neighbour is nearer by half of that times the age squared, and comes faster by it times the age.
+    The worst case of a bounded disturbance in the barrier, as in Jankovic: Robust control barrier
+    functions for constrained stabilization of nonlinear systems, 2018. With ``change_m_s2`` more or
+    less than it announced a neighbour is nearer by half of that times the age squared, and comes
+    faster by it times the age.
     """
     change, age_s = values["change_m_s2"], encounter.age_s
     towards = encounter.gap_m / encounter.distance_m[..., None]
@@ -132,7 +160,9 @@ def robust_certificate(encounter: Encounter, values: Mapping[str, float]) -> Arr
 
 
 def least_change(wanted: Array, normals: Array, bounds: Array, reach: float) -> Array:
-    """The point (2,) of the box ``|u| <= reach`` nearest to ``wanted`` with ``normals.u >= bounds``, by daqp."""
+    """The point (2,) of the box ``|u| <= reach`` nearest to ``wanted`` with ``normals.u >=
+    bounds``, by daqp.
+    """
     count = len(bounds)
     upper = np.concatenate([np.full(2, reach), np.full(count, 1e30)])
     lower = np.concatenate([np.full(2, -reach), bounds])
@@ -146,10 +176,11 @@ def least_change(wanted: Array, normals: Array, bounds: Array, reach: float) -> 
 
 
 def potential(encounter: Encounter, values: Mapping[str, float]) -> Array:
-    """Artificial potential field: neighbours push, the more the nearer, and closing speed is damped.
+    """Artificial potential field: neighbours push, the more the nearer, and closing speed is
+    damped.
 
-    Khatib: Real-time obstacle avoidance for manipulators and mobile robots, 1986. ``push_m3_s2``: strength.
-    ``range_m``: how far beyond the design distance it is felt.
+    Khatib: Real-time obstacle avoidance for manipulators and mobile robots, 1986. ``push_m3_s2``:
+    strength. ``range_m``: how far beyond the design distance it is felt.
     """
     encounter = keep_right(encounter)
     distance, rim = encounter.distance_m, values["range_m"]
@@ -158,13 +189,17 @@ def potential(encounter: Encounter, values: Mapping[str, float]) -> Array:
     unit = encounter.gap_m / distance[..., None]
     approach = np.minimum(0.0, np.einsum("mkc,mkc->mk", unit, encounter.closing_m_s))
     force = force - np.where(room < rim, 2.0 * approach, 0.0)
-    pushed = encounter.wanted_m_s2 + np.einsum("mk,mkc->mc", np.where(encounter.is_on, force, 0.0), unit)
+    pushed = encounter.wanted_m_s2 + np.einsum(
+        "mk,mkc->mc", np.where(encounter.is_on, force, 0.0), unit
+    )
     return into_disc(pushed, encounter.reach_m_s2)
 
 
 @dataclass(frozen=True, slots=True)
 class Method:
-    """A method with the combinations of its own values that it may be tuned over, and the ones chosen."""
+    """A method with the combinations of its own values that it may be tuned over, and the ones
+    chosen.
+    """
 
     title: str
     step: Step

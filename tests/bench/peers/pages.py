@@ -37,24 +37,38 @@ class Run:
 
 
 def insert(page: Path, name: str, text: str) -> None:
-    """Replace what stands between ``<!-- bench: name -->`` and ``<!-- end -->`` in a page that may not exist."""
+    """Replace what stands between ``<!-- bench: name -->`` and ``<!-- end -->`` in a page that may
+    not exist.
+    """
     if page.is_file():
-        words, begin, end = page.read_text(encoding="utf-8"), f"<!-- bench: {name} -->", "<!-- end -->"
+        words, begin, end = (
+            page.read_text(encoding="utf-8"),
+            f"<!-- bench: {name} -->",
+            "<!-- end -->",
+        )
         before, found, rest = words.partition(begin)
         if found:
-            page.write_text(f"{before}{begin}\n{text}\n{end}{rest.partition(end)[2]}", encoding="utf-8")
+            page.write_text(
+                f"{before}{begin}\n{text}\n{end}{rest.partition(end)[2]}", encoding="utf-8"
+            )
 
 
-def comparison(run: Run, rows: Mapping[str, Summary], outcomes: Mapping[str, Sequence[Outcome]]) -> str:
+def comparison(
+    run: Run, rows: Mapping[str, Summary], outcomes: Mapping[str, Sequence[Outcome]]
+) -> str:
     """Covey beside the peers."""
-    families = [name for name in _FAMILIES if any(scenario.startswith(name) for scenario in run.scenarios)]
+    families = [
+        name for name in _FAMILIES if any(scenario.startswith(name) for scenario in run.scenarios)
+    ]
     head = " | ".join(_FAMILIES[name] for name in families)
     lines = [f"| method | {head} |", "|---" * (len(families) + 1) + "|"]
     for title, flights in outcomes.items():
         parts = []
         for family in families:
             own = summary([flight for flight in flights if flight.scenario.startswith(family)])
-            parts.append(f"{100.0 * own.successes / own.flights:.0f} % · {own.violations} · {own.ratio:.2f}")
+            parts.append(
+                f"{100.0 * own.successes / own.flights:.0f} % · {own.violations} · {own.ratio:.2f}"
+            )
         lines.append(f"| {title} | {' | '.join(parts)} |")
     values = [
         f"| {contestant.title} | {', '.join(f'{name} {value:g}' for name, value in contestant.values.items())} |"
@@ -160,7 +174,10 @@ def ablation(run: Run, rows: Mapping[str, Summary], contestants: Mapping[str, Co
 def worth(rows: Mapping[str, Summary], contestants: Mapping[str, Contestant]) -> str:
     """Short table of the ablation, with what to set for each."""
     (first, base), *rest = rows.items()
-    lines = ["| | below 0.80 m (95 %) | worst m | ratio | success | what to set |", "|---|---|---|---|---|---|"]
+    lines = [
+        "| | below 0.80 m (95 %) | worst m | ratio | success | what to set |",
+        "|---|---|---|---|---|---|",
+    ]
     sets = {contestant.title: contestant.sets for contestant in contestants.values()}
     for title, s in [(f"**{first}**, as it is", base), *rest]:
         words = " ".join(f"`--set {item}`" for item in sets.get(title, ()))

@@ -1,4 +1,5 @@
-"""The figures of ``make bench-law``: methods side by side, their paths, and what explains the law."""
+"""The figures of ``make bench-law``: methods side by side, their paths, and what explains the law.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +27,11 @@ def comparison(rows: Mapping[str, Summary], path: Path, title: str) -> None:
         values = list(rows.values())
         panels: list[tuple[str, list[float], str]] = [
             ("success %", [100.0 * s.successes / s.flights for s in values], "{:.0f}"),
-            ("flights below 0.80 m, %", [100.0 * s.violations / s.flights for s in values], "{:.1f}"),
+            (
+                "flights below 0.80 m, %",
+                [100.0 * s.violations / s.flights for s in values],
+                "{:.1f}",
+            ),
             ("time / time alone", [s.ratio for s in values], "{:.2f}"),
             ("slew m/s³ rms", [s.slew_m_s3 for s in values], "{:.0f}"),
             ("µs per vehicle-step", [s.us_per_step for s in values], "{:.1f}"),
@@ -43,7 +48,9 @@ def comparison(rows: Mapping[str, Summary], path: Path, title: str) -> None:
             axis.grid(visible=False, axis="y")
         for place, s in enumerate(values):
             low, high = interval(s.violations, s.flights)
-            axes[1].plot([100.0 * low, 100.0 * high], [place + 0.28] * 2, color=LIMIT, linewidth=1.2)
+            axes[1].plot(
+                [100.0 * low, 100.0 * high], [place + 0.28] * 2, color=LIMIT, linewidth=1.2
+            )
         axes[0].set_yticks(places, names)
         axes[0].invert_yaxis()
         figure.savefig(path)
@@ -62,7 +69,9 @@ def distances(flights: Mapping[str, Sequence[Outcome]], path: Path, title: str) 
             fails = np.array([not o.success for o in outcomes])
             axis.axhspan(0.0, 0.8, color=LIMIT, alpha=0.06, linewidth=0)
             axis.axhline(0.8, color=LIMIT, linewidth=1.0)
-            axis.plot(ratio[~fails], nearest[~fails], ".", color=COLOURS[0], markersize=4, alpha=0.7)
+            axis.plot(
+                ratio[~fails], nearest[~fails], ".", color=COLOURS[0], markersize=4, alpha=0.7
+            )
             axis.plot(ratio[fails], nearest[fails], "x", color=COLOURS[1], markersize=4, alpha=0.7)
             axis.set_title(name, fontsize=9.5)
             axis.set_ylim(0.0, 1.6)
@@ -75,7 +84,9 @@ def distances(flights: Mapping[str, Sequence[Outcome]], path: Path, title: str) 
         figure.savefig(path)
 
 
-def by_delay(delays_s: Sequence[float], rows: Mapping[str, Sequence[Summary]], path: Path, title: str) -> None:
+def by_delay(
+    delays_s: Sequence[float], rows: Mapping[str, Sequence[Summary]], path: Path, title: str
+) -> None:
     """Violations and time over the delay, a line for each method."""
     delays_ms = [1e3 * delay_s for delay_s in delays_s]
     with styled():
@@ -85,12 +96,16 @@ def by_delay(delays_s: Sequence[float], rows: Mapping[str, Sequence[Summary]], p
             width = 2.6 if place == 0 else 1.3
             shares = [100.0 * s.violations / s.flights for s in figures]
             low.plot(delays_ms, shares, "o-", color=colour(place), linewidth=width, label=name)
-            fast.plot(delays_ms, [s.ratio for s in figures], "o-", color=colour(place), linewidth=width)
+            fast.plot(
+                delays_ms, [s.ratio for s in figures], "o-", color=colour(place), linewidth=width
+            )
         low.set_ylabel("flights below 0.80 m, %")
         fast.set_ylabel("time / time alone")
         for axis in (low, fast):
             axis.set_xlabel("age of a message when it arrives, ms")
-        figure.legend(*low.get_legend_handles_labels(), loc="outside lower center", ncols=4, fontsize=8.5)
+        figure.legend(
+            *low.get_legend_handles_labels(), loc="outside lower center", ncols=4, fontsize=8.5
+        )
         figure.savefig(path)
 
 
@@ -104,7 +119,9 @@ def paths(traces: Mapping[str, Array], path: Path, title: str, columns: int = 4)
         for axis, (name, positions) in zip(axes, traces.items(), strict=False):
             for n in range(positions.shape[1]):
                 axis.plot(positions[:, n, 0], positions[:, n, 1], color=colour(n), linewidth=1.1)
-                axis.plot(*positions[0, n, :2], "o", color=colour(n), markersize=4, fillstyle="none")
+                axis.plot(
+                    *positions[0, n, :2], "o", color=colour(n), markersize=4, fillstyle="none"
+                )
                 axis.plot(*positions[-1, n, :2], "o", color=colour(n), markersize=4)
             axis.set_title(name, fontsize=9.5)
             axis.set_aspect("equal")
@@ -114,9 +131,15 @@ def paths(traces: Mapping[str, Array], path: Path, title: str, columns: int = 4)
 
 
 def histories(
-    curves: Mapping[str, tuple[Array, Array]], path: Path, title: str, limits: Mapping[str, float], until_s: float
+    curves: Mapping[str, tuple[Array, Array]],
+    path: Path,
+    title: str,
+    limits: Mapping[str, float],
+    until_s: float,
 ) -> None:
-    """Smallest distance over time for several variants, each (t_s, distance_m), with named limit lines."""
+    """Smallest distance over time for several variants, each (t_s, distance_m), with named limit
+    lines.
+    """
     highest = max(float(distance_m.max()) for _, distance_m in curves.values())
     with styled():
         figure = new_figure(8.0, 3.4, title)
@@ -125,7 +148,16 @@ def histories(
             axis.plot(t_s, distance_m, label=name, color=colour(place))
         for name, value in limits.items():
             axis.axhline(value, color=LIMIT, linewidth=1.0)
-            axis.text(0.995, value, name, color=LIMIT, ha="right", va="bottom", fontsize=8.5, transform=_across(axis))
+            axis.text(
+                0.995,
+                value,
+                name,
+                color=LIMIT,
+                ha="right",
+                va="bottom",
+                fontsize=8.5,
+                transform=_across(axis),
+            )
         axis.set_xlabel("time in s")
         axis.set_ylabel("smallest distance in m")
         axis.set_ylim(0.0, 1.25 * highest)
@@ -139,9 +171,17 @@ def _across(axis: Any) -> Any:
 
 
 def half_planes(
-    wanted: Array, found: Array, normals: Array, bounds: Array, names: Sequence[str], radius: float, path: Path
+    wanted: Array,
+    found: Array,
+    normals: Array,
+    bounds: Array,
+    names: Sequence[str],
+    radius: float,
+    path: Path,
 ) -> None:
-    """The thrust plane of one vehicle: what is wanted, what each neighbour forbids, what is commanded."""
+    """The thrust plane of one vehicle: what is wanted, what each neighbour forbids, what is
+    commanded.
+    """
     with styled():
         figure = new_figure(6.2, 5.6, "One tick of one vehicle, seen in its own acceleration")
         axis = figure.subplots()
@@ -162,10 +202,19 @@ def half_planes(
             spot = max(ends, key=lambda end: float(np.hypot(*(end - wanted))))
             turn = math.degrees(math.atan2(unit[0], -unit[1]))
             turn = turn - 180.0 if turn > 90.0 else turn + 180.0 if turn < -90.0 else turn
-            axis.text(*spot, name, color=colour(k), rotation=turn, ha="center", va="center", fontsize=9)
+            axis.text(
+                *spot, name, color=colour(k), rotation=turn, ha="center", va="center", fontsize=9
+            )
         for vector, text, shade in ((wanted, "wanted", SOFT), (found, "commanded", "#000000")):
-            axis.annotate("", vector, (0.0, 0.0), arrowprops={"arrowstyle": "-|>", "color": shade, "linewidth": 2.0})
-            axis.annotate(text, vector, (6, 6), textcoords="offset points", color=shade, fontsize=10)
+            axis.annotate(
+                "",
+                vector,
+                (0.0, 0.0),
+                arrowprops={"arrowstyle": "-|>", "color": shade, "linewidth": 2.0},
+            )
+            axis.annotate(
+                text, vector, (6, 6), textcoords="offset points", color=shade, fontsize=10
+            )
         axis.plot(*np.stack([wanted, found]).T, color=SOFT, linestyle=":", linewidth=1.2)
         axis.set_xlim(-1.25 * radius, 1.25 * radius)
         axis.set_ylim(-1.25 * radius, 1.25 * radius)

@@ -1,4 +1,6 @@
-"""Flights in, numbers with their intervals out: what a method did in all its flights, and tables of that."""
+"""Flights in, numbers with their intervals out: what a method did in all its flights, and tables of
+that.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +13,10 @@ import numpy as np
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """One flight. Separation is the true one; ratio is the makespan over that of everybody flying alone."""
+    """One flight.
+
+    Separation is the true one; ratio is the makespan over that of everybody flying alone.
+    """
 
     scenario: str
     seed: int
@@ -27,7 +32,10 @@ class Outcome:
 
 @dataclass(frozen=True, slots=True)
 class Summary:
-    """All flights of one method. Shares in [0, 1]; ``ratio`` is the mean over the flights that succeeded."""
+    """All flights of one method.
+
+    Shares in [0, 1]; ``ratio`` is the mean over the flights that succeeded.
+    """
 
     flights: int
     successes: int
@@ -43,7 +51,9 @@ class Summary:
 
     @property
     def order(self) -> tuple[float, float, float]:
-        """Return the sorting key, better first: fewer violations, then more successes, then a smaller ratio."""
+        """Return the sorting key, better first: fewer violations, then more successes, then a
+        smaller ratio.
+        """
         return (self.violations / self.flights, -self.successes / self.flights, self.ratio)
 
 
@@ -67,7 +77,9 @@ def summary(outcomes: Sequence[Outcome], us_per_step: float = math.nan) -> Summa
 
 
 def interval(hits: int, count: int, confidence: float = 0.95) -> tuple[float, float]:
-    """Exact (Clopper-Pearson) interval of a share; with no hit or only hits it is one-sided: 0 of n is below 3/n."""
+    """Exact (Clopper-Pearson) interval of a share; with no hit or only hits it is one-sided: 0 of n
+    is below 3/n.
+    """
     miss = (1.0 - confidence) / (1.0 if hits in (0, count) else 2.0)
 
     def at_most(k: int, share: float) -> float:

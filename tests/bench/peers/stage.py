@@ -1,7 +1,8 @@
-"""Between a law's inputs and a method of somebody else: one vehicle's encounter, and its answer as a law gives it.
+"""Between a law's inputs and a method of somebody else: one vehicle's encounter, and its answer as
+a law gives it.
 
-Methods fly through the door for everybody's own law (docs/own-law.md). Those with their chosen values have names there:
-``covey simulate swap8 --law tests.bench.peers.laws:orca``.
+Methods fly through the door for everybody's own law (docs/own-law.md). Those with their chosen
+values have names there: ``covey simulate swap8 --law tests.bench.peers.laws:orca``.
 """
 
 from __future__ import annotations
@@ -23,7 +24,9 @@ _UNTIMED_CALLS = 5  # memory that is allocated or cached on first use is none of
 
 
 def encounter_of(inputs: LawInputs) -> Encounter:
-    """One vehicle with its nearest neighbours as Covey's law would have them; there must be one at least."""
+    """One vehicle with its nearest neighbours as Covey's law would have them; there must be one at
+    least.
+    """
     near = inputs.neighbours
     ages_s = {one.table_index: one.age_s for one in inputs.received}
     return Encounter(
@@ -52,8 +55,12 @@ def law_of(step: Step, values: Mapping[str, float]) -> Law:
 
 
 def covey(memory: oist.LawMemory | None, inputs: LawInputs) -> tuple[oist.LawMemory, Thrust]:
-    """Covey's own law, as anybody else's: to time it, and to show that the door gives all that it needs."""
-    baseline = interface.Baseline(inputs.baseline, inputs.compensation_enu_m_s2, inputs.intent_enu_m_s)
+    """Covey's own law, as anybody else's: to time it, and to show that the door gives all that it
+    needs.
+    """
+    baseline = interface.Baseline(
+        inputs.baseline, inputs.compensation_enu_m_s2, inputs.intent_enu_m_s
+    )
     memory, output = oist.step(
         memory or oist.initial(),
         baseline,

@@ -1,4 +1,6 @@
-"""``make bench-law`` flies everybody, writes tables that say what happened, and the pages point at what exists."""
+"""``make bench-law`` flies everybody, writes tables that say what happened, and the pages point at
+what exists.
+"""
 
 import math
 import re
@@ -28,11 +30,16 @@ def rows_of(markdown: str) -> dict[str, list[str]]:
     return {row[0]: row[1:] for row in cells if len(row) == width}
 
 
-@pytest.mark.long  # half a minute on a slow machine; the laws themselves are tested beside their code
+# half a minute on a slow machine; the laws themselves are tested beside their code
+@pytest.mark.long
 @pytest.mark.timeout(600)
-def test_the_quick_bench_flies_everybody_and_its_table_says_who_kept_the_distance(tmp_path, capsys, monkeypatch):
+def test_the_quick_bench_flies_everybody_and_its_table_says_who_kept_the_distance(
+    tmp_path, capsys, monkeypatch
+):
     monkeypatch.setattr(bench, "QUICK", ("swap4",))
-    (tmp_path / "law.md").write_text("before\n<!-- bench: comparison -->\nold\n<!-- end -->\nafter\n")
+    (tmp_path / "law.md").write_text(
+        "before\n<!-- bench: comparison -->\nold\n<!-- end -->\nafter\n"
+    )
     assert bench.main(["--quick", "--seeds", "0:1", "--jobs", "1", "--out", str(tmp_path)]) == 0
     page = (tmp_path / "law-bench.md").read_text()
     rows = rows_of(page)
@@ -53,7 +60,9 @@ def test_the_quick_bench_flies_everybody_and_its_table_says_who_kept_the_distanc
     assert "Covey" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize("contestant", [*VARIANTS.values(), *PEERS.values()], ids=lambda one: one.title)
+@pytest.mark.parametrize(
+    "contestant", [*VARIANTS.values(), *PEERS.values()], ids=lambda one: one.title
+)
 def test_what_a_contestant_sets_exists(contestant):
     fleet = settings.setup_for(law=contestant.built_in, changes=contestant.sets).fleet(4)
     params = pipeline.pipeline_params(fleet, "v0")
@@ -63,7 +72,8 @@ def test_what_a_contestant_sets_exists(contestant):
 
 
 def test_coveys_law_through_the_door_of_own_laws_flies_as_it_does_without():
-    """Nothing that it needs is missing there, and who flies through it is flown as Covey's law is."""
+    """Nothing that it needs is missing there, and who flies through it is flown as Covey's law is.
+    """
     plans, setup = [scenarios.plan("swap2", 3)], settings.setup_for()
     (plain,) = flight.fly(plans, setup)
     (ours,) = flight.fly(plans, settings.setup_for(law="tests.bench.peers.laws:covey"))
@@ -82,7 +92,9 @@ def test_a_law_of_somebodys_own_flies_in_the_bench_and_an_unknown_one_is_refused
     assert "--law is 'paper'" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("name", ["orca", "cells", "certificate", "robust_certificate", "potential"])
+@pytest.mark.parametrize(
+    "name", ["orca", "cells", "certificate", "robust_certificate", "potential"]
+)
 def test_a_peer_has_a_name_that_a_fleet_file_can_give(name):
     law = settings.setup_for(law=f"tests.bench.peers.laws:{name}").fleet(2).own_law
     assert law is not None
@@ -91,7 +103,18 @@ def test_a_peer_has_a_name_that_a_fleet_file_can_give(name):
 
 def outcome(separation_m, ratio=1.2):
     is_there = math.isfinite(ratio)
-    return Outcome("swap4", 0, is_there, separation_m, 0.1 * (separation_m < 0.8), separation_m < 0.5, ratio, 0, 9, 1)
+    return Outcome(
+        "swap4",
+        0,
+        is_there,
+        separation_m,
+        0.1 * (separation_m < 0.8),
+        separation_m < 0.5,
+        ratio,
+        0,
+        9,
+        1,
+    )
 
 
 def test_a_summary_counts_what_happened_and_takes_the_ratio_of_those_that_arrived():
@@ -113,7 +136,17 @@ def test_none_of_n_is_bounded_by_three_over_n():
 def test_a_bench_over_delays_goes_on_from_the_file_that_it_kept(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(bench, "QUICK", ("swap2",))
     monkeypatch.setattr(bench, "PEERS", {key: PEERS[key] for key in ("covey", "off")})
-    words = ["--quick", "--seeds", "0:1", "--jobs", "1", "--delays", "0.04,0.3", "--out", str(tmp_path)]
+    words = [
+        "--quick",
+        "--seeds",
+        "0:1",
+        "--jobs",
+        "1",
+        "--delays",
+        "0.04,0.3",
+        "--out",
+        str(tmp_path),
+    ]
     words += ["--keep", str(tmp_path / "bench.jsonl")]
     assert bench.main(words) == 0
     page = (tmp_path / "law-delay.md").read_text()
@@ -147,7 +180,9 @@ def test_every_link_and_figure_of_the_law_pages_exists(name):
     targets = re.findall(r"\]\(([^)#]+)\)", page.read_text(encoding="utf-8"))
     assert targets or name in ("law-tuning.md",)
     for target in targets:
-        assert (page.parent / target).exists(), f"docs/{name} points at {target}, which is not there"
+        assert (page.parent / target).exists(), (
+            f"docs/{name} points at {target}, which is not there"
+        )
 
 
 @pytest.mark.parametrize(("name", "block"), [("law.md", "comparison"), ("law.md", "ablation")])

@@ -33,20 +33,28 @@ def test_the_ring_of_the_paper_really_has_to_act():
 OBEDIENT = (
     *("delay_s=0", "loss_share=0", "gust_m_s2=0", "lag_mismatch=0", "gain=0", "vehicle.drag_1_s=0"),
     *("vehicle.attitude_wn_rad_s=60", "vehicle.attitude_zeta=1", "vehicle.attitude_delay_s=0"),
-    *("vehicle.hover_thrust_frac=0.5", "sitl.motor_lag_s=0.005", "sitl.static_gain=1", "sitl.tilt_bias_deg=0"),
+    *(
+        "vehicle.hover_thrust_frac=0.5",
+        "sitl.motor_lag_s=0.005",
+        "sitl.static_gain=1",
+        "sitl.tilt_bias_deg=0",
+    ),
     "sitl.thrust_noise_frac=0",
 )
 
 
 def ring_flights(changes: tuple[str, ...], errors: str, count: int) -> list[flight.Flown]:
-    """``covey simulate form3 --seeds 0:COUNT --law paper --type ardrone``; six are every permutation of the slots."""
+    """``covey simulate form3 --seeds 0:COUNT --law paper --type ardrone``; six are every
+    permutation of the slots.
+    """
     setup = settings.setup_for(law="paper", types="ardrone", errors=errors, changes=changes)
     return flight.fly([scenarios.plan("form3", seed) for seed in range(count)], setup)
 
 
 def test_the_papers_ring_in_the_campaign_keeps_080_m_but_for_its_sampling_when_vehicles_obey_at_once():
     flown = ring_flights(OBEDIENT, "none", 6)
-    assert min(one.outcome.min_separation_m for one in flown) > 0.795  # 50 Hz, and a neighbour heard a tick late
+    # 50 Hz, and a neighbour heard a tick late
+    assert min(one.outcome.min_separation_m for one in flown) > 0.795
     assert all(one.outcome.is_success for one in flown)
 
 
@@ -57,7 +65,12 @@ def test_the_same_ring_on_the_papers_weak_vehicle_does_not():
 @pytest.mark.long
 @pytest.mark.timeout(600)
 def test_the_papers_flight_by_agents_and_emulator_keeps_080_m_where_its_assumptions_hold(tmp_path):
-    words = ["fly", str(ROOT / "configs/missions/paper.toml"), "--fleet", str(ROOT / "configs/fleets/ideal.toml")]
+    words = [
+        "fly",
+        str(ROOT / "configs/missions/paper.toml"),
+        "--fleet",
+        str(ROOT / "configs/fleets/ideal.toml"),
+    ]
     assert cli.main([*words, "--lockstep", "--headless", "--record", str(tmp_path / "ring")]) == 0
     verdict = json.loads((tmp_path / "ring" / "verdict.json").read_text())
     assert verdict["closest"]["distance_m"] >= 0.80

@@ -1,4 +1,6 @@
-"""The peers are worth comparing with: each avoids, turns with the world, and solves what it says it solves."""
+"""The peers are worth comparing with: each avoids, turns with the world, and solves what it says it
+solves.
+"""
 
 from dataclasses import replace
 
@@ -36,7 +38,10 @@ def fly(name, position, goal, seconds):
     for _ in range(int(seconds / TICK_S)):
         wish = into_disc(1.0 * (goal - position), np.full(len(goal), 1.0))
         wanted = into_disc(4.0 * (wish - velocity), np.full(len(goal), 3.0))
-        a = into_disc(method.step(encounter(position, velocity, wanted), method.chosen), np.full(len(goal), 5.0))
+        a = into_disc(
+            method.step(encounter(position, velocity, wanted), method.chosen),
+            np.full(len(goal), 5.0),
+        )
         position = position + TICK_S * velocity + 0.5 * TICK_S**2 * a
         velocity = velocity + TICK_S * a
         gap = position[:, None] - position[None]
@@ -62,8 +67,12 @@ def test_a_peer_turns_with_the_world_and_changes_nothing_far_from_everybody(name
     angle = 0.7
     turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
     method = METHODS[name]
-    plain = into_disc(method.step(encounter(position, velocity, wanted), method.chosen), np.full(5, 3.0))
-    turned = method.step(encounter(position @ turn.T, velocity @ turn.T, wanted @ turn.T), method.chosen)
+    plain = into_disc(
+        method.step(encounter(position, velocity, wanted), method.chosen), np.full(5, 3.0)
+    )
+    turned = method.step(
+        encounter(position @ turn.T, velocity @ turn.T, wanted @ turn.T), method.chosen
+    )
     if not name.endswith("certificate"):  # its thrust limit is a box, as printed
         np.testing.assert_allclose(into_disc(turned, np.full(5, 3.0)), plain @ turn.T, atol=2e-4)
     apart = encounter(100.0 * position, velocity, wanted)

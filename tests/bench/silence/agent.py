@@ -1,7 +1,7 @@
 """A real agent that can be made to hang: SIGUSR1 blocks one part of it for some seconds.
 
-The hooks are put around the agent from outside and live in the tests: the program that flies has none.
-``python -m tests.bench.silence.agent PART SECONDS --fleet ... --vehicle ...``
+The hooks are put around the agent from outside and live in the tests: the program that flies has
+none. ``python -m tests.bench.silence.agent PART SECONDS --fleet ... --vehicle ...``
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ class Hang:
     """Blocks a part when asked.
 
     Args:
-        part: loop: the event loop's thread sleeps. interpreter: a thread of C code keeps Python's lock, so that no
-            other Python thread runs. autopilot, bus: the threads on which MAVSDK's or Zenoh's messages arrive.
-            executors: the threads for blocking calls.
+        part: loop: the event loop's thread sleeps. interpreter: a thread of C code keeps Python's
+            lock, so that no other Python thread runs. autopilot, bus: the threads on which MAVSDK's
+            or Zenoh's messages arrive. executors: the threads for blocking calls.
     """
 
     def __init__(self, part: str, seconds: float) -> None:
@@ -51,7 +51,9 @@ class Hang:
             self._until_s = time.monotonic() + self.seconds
 
     def around(self, part: str, function: Callable[..., Any]) -> Callable[..., Any]:
-        """``function``, held up while it is this part's turn to hang, on whatever thread it is called."""
+        """``function``, held up while it is this part's turn to hang, on whatever thread it is
+        called.
+        """
 
         def called(*args: Any) -> Any:
             if self._until_s and self.part == part:
@@ -63,7 +65,11 @@ class Hang:
 
 def install(hang: Hang) -> None:
     """Put the hooks around the agent's parts."""
-    plain_init, plain_callback, plain_receive = loop.AgentProcess.__init__, session._callback, Px4Link._receive
+    plain_init, plain_callback, plain_receive = (
+        loop.AgentProcess.__init__,
+        session._callback,
+        Px4Link._receive,
+    )
 
     def init(self: loop.AgentProcess, *args: Any, **named: Any) -> None:
         plain_init(self, *args, **named)

@@ -1,8 +1,10 @@
-"""``make bench-silence``: how soon the wire to PX4 is silent when an agent hangs, and what becomes of the vehicle.
+"""``make bench-silence``: how soon the wire to PX4 is silent when an agent hangs, and what becomes
+of the vehicle.
 
-Real processes: the emulator, an agent for each way to hang, and between them the listener of ``wire.py``. All hover;
-one after the other is stopped, killed or blocked; the listener's stamps say when the last setpoint passed, and PX4's
-heartbeats what became of the vehicle. Nothing here asks an agent how it feels.
+Real processes: the emulator, an agent for each way to hang, and between them the listener of
+``wire.py``. All hover; one after the other is stopped, killed or blocked; the listener's stamps say
+when the last setpoint passed, and PX4's heartbeats what became of the vehicle. Nothing here asks an
+agent how it feels.
 """
 
 from __future__ import annotations
@@ -43,9 +45,9 @@ _DOWN_S = 40.0
 class Case:
     """One way to hang.
 
-    part: of ``agent.py``; "" for a signal that stops the whole process. limit_s: until the wire must be silent; None:
-    setpoints must go on without a gap that PX4 takes for a loss. hang_s: how long it hangs; 0 for ever. lands: where
-    setpoints go on, whether the agent must land by them.
+    part: of ``agent.py``; "" for a signal that stops the whole process. limit_s: until the wire
+    must be silent; None: setpoints must go on without a gap that PX4 takes for a loss. hang_s: how
+    long it hangs; 0 for ever. lands: where setpoints go on, whether the agent must land by them.
     """
 
     name: str
@@ -66,7 +68,14 @@ CASES = (
     Case("interpreter", "a thread keeps Python's lock for 2 s", "interpreter", signal.SIGUSR1, 2.0),
     Case("autopilot", "MAVSDK's thread blocked for 2 s", "autopilot", signal.SIGUSR1, 2.0),
     Case("bus", "the bus's thread blocked for 3 s", "bus", signal.SIGUSR1, 3.0, None, lands=True),
-    Case("executors", "threads for blocking calls blocked for 3 s", "executors", signal.SIGUSR1, 3.0, None),
+    Case(
+        "executors",
+        "threads for blocking calls blocked for 3 s",
+        "executors",
+        signal.SIGUSR1,
+        3.0,
+        None,
+    ),
 )
 
 
@@ -74,8 +83,9 @@ CASES = (
 class Observation:
     """Observations of the listener in one case.
 
-    silent_after_ms: from the fault to the last setpoint. longest_gap_ms: between two setpoints of the 2 s before the
-    fault. resumed: setpoints after the part was free again. has_landed: PX4 disarmed. is_right: the verdict.
+    silent_after_ms: from the fault to the last setpoint. longest_gap_ms: between two setpoints of
+    the 2 s before the fault. resumed: setpoints after the part was free again. has_landed: PX4
+    disarmed. is_right: the verdict.
     """
 
     name: str
@@ -92,7 +102,8 @@ def judge(case: Case, passed: Sequence[wire.Passed], fault_ns: int, end_ns: int)
     """The verdict of one case.
 
     Args:
-        passed: what passed of this vehicle. fault_ns: before the signal. end_ns: when the part was free again.
+        passed: what passed of this vehicle. fault_ns: before the signal. end_ns: when the part was
+            free again.
     """
     setpoints = [one.stamp_ns for one in passed if one.is_setpoint]
     heartbeats = [one for one in passed if not one.is_setpoint and one.stamp_ns > fault_ns]
@@ -112,12 +123,20 @@ def judge(case: Case, passed: Sequence[wire.Passed], fault_ns: int, end_ns: int)
         is_right = silent_after_s <= case.limit_s and resumed == 0 and has_landed
     limit_ms = None if case.limit_s is None else 1e3 * case.limit_s
     return Observation(
-        case.name, case.words, 1e3 * silent_after_s, limit_ms, 1e3 * gap_s, resumed, has_landed, is_right
+        case.name,
+        case.words,
+        1e3 * silent_after_s,
+        limit_ms,
+        1e3 * gap_s,
+        resumed,
+        has_landed,
+        is_right,
     )
 
 
 async def fly(cases: Sequence[Case], folder: Path, *, is_signed: bool = False) -> list[Observation]:
-    """Hover one vehicle for each case, let each hang in its way, and judge what passed on the wire."""
+    """Hover one vehicle for each case, let each hang in its way, and judge what passed on the wire.
+    """
     emulator = fleet_data(len(cases), SPACING_M, "silence")
     if is_signed:
         emulator["defaults"] |= {"mavlink_signing": True, "px4_version": "1.18"}
@@ -131,7 +150,10 @@ async def fly(cases: Sequence[Case], folder: Path, *, is_signed: bool = False) -
         return ["tests.bench.silence.agent", parts[name], str(hang_s[name]), *agent]
 
     bench_fleet = BenchFleet(data, folder, emulator_data=emulator, command=command)
-    ways = [f"{name}:{_port(emulator, name)}:{_port(emulator, name) + 40}:{_port(data, name)}" for name in parts]
+    ways = [
+        f"{name}:{_port(emulator, name)}:{_port(emulator, name) + 40}:{_port(data, name)}"
+        for name in parts
+    ]
     bench_fleet.processes.start(WIRE, ["tests.bench.silence.wire", str(folder / "wire.txt"), *ways])
     await bench_fleet.processes.wait_for_line(WIRE, "ready", 10.0)
     times_ns: dict[str, tuple[int, int]] = {}
@@ -140,7 +162,11 @@ async def fly(cases: Sequence[Case], folder: Path, *, is_signed: bool = False) -
         await asyncio.sleep(2.5)
         for name, case in zip(parts, cases, strict=True):
             times_ns[name] = await _hang(bench_fleet.processes.pids[name], case)
-        landing = [name for name, case in zip(parts, cases, strict=True) if case.limit_s is not None or case.lands]
+        landing = [
+            name
+            for name, case in zip(parts, cases, strict=True)
+            if case.limit_s is not None or case.lands
+        ]
         await _until_down(folder / "wire.txt", landing)
         passed = wire.read(folder / "wire.txt")
         await bench_fleet.fleet.land_all()
@@ -180,7 +206,9 @@ async def _until_down(log: Path, names: Sequence[str]) -> None:
 
 
 def _other_autopilot_ports(data: dict[str, Any]) -> dict[str, Any]:
-    """The same fleet with free ports where the agents listen, since the listener has taken the emulator's place."""
+    """The same fleet with free ports where the agents listen, since the listener has taken the
+    emulator's place.
+    """
     other = with_free_ports(data, fleet_from_mapping(data))
     mixed = copy.deepcopy(data)
     for name, vehicle in mixed["vehicles"].items():
@@ -194,7 +222,9 @@ def _port(data: dict[str, Any], name: str) -> int:
 
 def table(found: Sequence[Observation]) -> str:
     """For people."""
-    lines = [f"{'case':<17} {'last setpoint':>14} {'limit':>9} {'longest gap':>12} {'resumed':>8}  vehicle"]
+    lines = [
+        f"{'case':<17} {'last setpoint':>14} {'limit':>9} {'longest gap':>12} {'resumed':>8}  vehicle"
+    ]
     for one in found:
         limit = "goes on" if one.limit_ms is None else f"{one.limit_ms:.0f} ms"
         by = "itself" if one.limit_ms is None else "PX4"
@@ -213,9 +243,13 @@ def main(argv: Sequence[str] | None = None) -> int:
         description=f"Is the wire silent {1e3 * LIMIT_S:.0f} ms after an agent hangs? By an independent listener.",
     )
     names = [case.name for case in CASES]
-    parser.add_argument("--only", nargs="+", choices=names, default=names, metavar="CASE", help=", ".join(names))
+    parser.add_argument(
+        "--only", nargs="+", choices=names, default=names, metavar="CASE", help=", ".join(names)
+    )
     parser.add_argument("--signed", action="store_true", help="with MAVLink signing")
-    parser.add_argument("--rounds", type=int, default=1, help="how often everything is done (default 1)")
+    parser.add_argument(
+        "--rounds", type=int, default=1, help="how often everything is done (default 1)"
+    )
     parser.add_argument("--keep", type=Path, help="folder for the logs of all processes")
     parser.add_argument("--json", action="store_true", help="figures as JSON on stdout")
     options = parser.parse_args(argv)

@@ -1,4 +1,6 @@
-"""The benchmark of silence can say no: its listener is not blind, and its verdict knows what is wrong."""
+"""The benchmark of silence can say no: its listener is not blind, and its verdict knows what is
+wrong.
+"""
 
 from __future__ import annotations
 
@@ -24,12 +26,17 @@ LANDS = next(case for case in CASES if case.lands)
 
 def setpoints(*ranges: tuple[int, int]) -> list[wire.Passed]:
     """Every 20 ms in these ranges [ms]."""
-    return [wire.Passed(at * MS, "mav0", True) for begin, end in ranges for at in range(begin, end, 20)]
+    return [
+        wire.Passed(at * MS, "mav0", True) for begin, end in ranges for at in range(begin, end, 20)
+    ]
 
 
 def heartbeats(is_armed: bool) -> list[wire.Passed]:
     """Once a second, armed or not from 13 s on."""
-    return [wire.Passed(at * MS, "mav0", False, is_armed or at < 13_000) for at in range(9000, 20_000, 1000)]
+    return [
+        wire.Passed(at * MS, "mav0", False, is_armed or at < 13_000)
+        for at in range(9000, 20_000, 1000)
+    ]
 
 
 @pytest.mark.parametrize(
@@ -38,8 +45,10 @@ def heartbeats(is_armed: bool) -> list[wire.Passed]:
         (HANG, setpoints((8000, 10_000)) + heartbeats(False), True),
         (HANG, setpoints((8000, 10_090)) + heartbeats(False), True),
         (HANG, setpoints((8000, 10_140)) + heartbeats(False), False),  # too late
-        (HANG, setpoints((8000, 10_000), (11_000, 11_020)) + heartbeats(False), False),  # once, long after
-        (HANG, setpoints((8000, 10_000), (12_500, 12_520)) + heartbeats(False), False),  # takes it from PX4's landing
+        # once, long after
+        (HANG, setpoints((8000, 10_000), (11_000, 11_020)) + heartbeats(False), False),
+        # takes it from PX4's landing
+        (HANG, setpoints((8000, 10_000), (12_500, 12_520)) + heartbeats(False), False),
         (HANG, setpoints((8000, 10_000)) + heartbeats(True), False),  # never landed
         (GO_ON, setpoints((8000, 20_000)) + heartbeats(True), True),
         (GO_ON, setpoints((8000, 10_500), (11_000, 20_000)) + heartbeats(True), False),
@@ -47,7 +56,9 @@ def heartbeats(is_armed: bool) -> list[wire.Passed]:
         (LANDS, setpoints((8000, 20_000)) + heartbeats(True), False),  # never landed
     ],
 )
-def test_the_verdict_knows_what_is_wrong(case: Case, passed: list[wire.Passed], is_right: bool) -> None:
+def test_the_verdict_knows_what_is_wrong(
+    case: Case, passed: list[wire.Passed], is_right: bool
+) -> None:
     assert judge(case, passed, FAULT_NS, END_NS).is_right is is_right
 
 
@@ -61,7 +72,13 @@ def listener(tmp_path: Path) -> Iterator[tuple[int, int, Path]]:
             ports.append(int(probe.getsockname()[1]))
     front, autopilot, agent = ports
     log = tmp_path / "wire.txt"
-    command = [sys.executable, "-m", "tests.bench.silence.wire", str(log), f"mav0:{front}:{autopilot}:{agent}"]
+    command = [
+        sys.executable,
+        "-m",
+        "tests.bench.silence.wire",
+        str(log),
+        f"mav0:{front}:{autopilot}:{agent}",
+    ]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         try:
             assert process.stdout is not None
@@ -80,9 +97,13 @@ def test_the_listener_sees_a_sender_that_never_stops(listener: tuple[int, int, P
         agent.bind(("127.0.0.1", port))
         agent.settimeout(5.0)
         mav = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
-        px4.sendto(mav.heartbeat_encode(2, 12, 128 | 81, 6 << 16, 4).pack(mav), ("127.0.0.1", front))
+        px4.sendto(
+            mav.heartbeat_encode(2, 12, 128 | 81, 6 << 16, 4).pack(mav), ("127.0.0.1", front)
+        )
         _, way_back = agent.recvfrom(2048)
-        target = mav.set_attitude_target_encode(0, 1, 1, 7, [1.0, 0.0, 0.0, 0.0], 0.0, 0.0, 0.0, 0.5).pack(mav)
+        target = mav.set_attitude_target_encode(
+            0, 1, 1, 7, [1.0, 0.0, 0.0, 0.0], 0.0, 0.0, 0.0, 0.5
+        ).pack(mav)
         other = mav.timesync_encode(0, 1).pack(mav)
         begin_ns = time.monotonic_ns()
         for _ in range(25):

@@ -1,7 +1,9 @@
-"""An independent listener between agents and PX4s: forwards every datagram and writes down when setpoints pass.
+"""An independent listener between agents and PX4s: forwards every datagram and writes down when
+setpoints pass.
 
-A process of its own with plain sockets, and the times are the kernel's own of each arrival: neither the agents' code
-nor anybody's scheduling can move a stamp. ``python -m tests.bench.silence.wire LOG NAME:FRONT:AUTOPILOT:AGENT ...``
+A process of its own with plain sockets, and the times are the kernel's own of each arrival: neither
+the agents' code nor anybody's scheduling can move a stamp. ``python -m tests.bench.silence.wire LOG
+NAME:FRONT:AUTOPILOT:AGENT ...``
 """
 
 from __future__ import annotations
@@ -33,7 +35,9 @@ SETPOINTS = {
 
 @dataclass(frozen=True, slots=True)
 class Passed:
-    """A setpoint or a heartbeat that passed: when [ns of CLOCK_MONOTONIC], of which vehicle, what a heartbeat said."""
+    """A setpoint or a heartbeat that passed: when [ns of CLOCK_MONOTONIC], of which vehicle, what a
+    heartbeat said.
+    """
 
     stamp_ns: int
     vehicle: str
@@ -53,7 +57,9 @@ def read(log: Path) -> list[Passed]:
     for line in log.read_text(encoding="ascii").splitlines(keepends=True):
         if line.endswith("\n"):
             stamp, vehicle, is_setpoint, is_armed, mode = line.split()
-            found.append(Passed(int(stamp), vehicle, is_setpoint == "1", is_armed == "1", int(mode)))
+            found.append(
+                Passed(int(stamp), vehicle, is_setpoint == "1", is_armed == "1", int(mode))
+            )
     return sorted(found, key=lambda one: one.stamp_ns)
 
 
@@ -62,7 +68,10 @@ def frames(datagram: bytes) -> Iterator[tuple[int, bytes]]:
     at = 0
     while at + 12 <= len(datagram) and datagram[at] == _STX_2:
         length, flags = datagram[at + 1], datagram[at + 2]
-        yield int.from_bytes(datagram[at + 7 : at + 10], "little"), datagram[at + 10 : at + 10 + length]
+        yield (
+            int.from_bytes(datagram[at + 7 : at + 10], "little"),
+            datagram[at + 10 : at + 10 + length],
+        )
         at += 12 + length + (13 if flags & 1 else 0)
 
 

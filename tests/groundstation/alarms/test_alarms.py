@@ -74,7 +74,9 @@ def test_every_row_of_the_table_can_be_written_as_a_sentence() -> None:
         assert "{" not in row.sentence.format(who="mav0", what="3")
 
 
-def test_a_condition_that_this_console_does_not_know_is_told_in_its_own_words(ground: Ground3) -> None:
+def test_a_condition_that_this_console_does_not_know_is_told_in_its_own_words(
+    ground: Ground3,
+) -> None:
     ground.all_hear()
     ground.hear("mav2", conditions=("propeller\x1b[2J missing",))
     (alarm,) = conditions(ground.state, ground.fleet, ground.now_ns)
@@ -87,12 +89,18 @@ def test_all_well_is_no_alarm(ground: Ground3) -> None:
     assert ground.kinds() == []
 
 
-def test_what_numbers_show_is_an_alarm_even_if_the_vehicle_does_not_report_it(ground: Ground3) -> None:
+def test_what_numbers_show_is_an_alarm_even_if_the_vehicle_does_not_report_it(
+    ground: Ground3,
+) -> None:
     ground.all_hear()
     ground.hear("mav0", battery_frac=0.05)
     ground.hear("mav1", is_position_valid=False)
     ground.hear("mav2", position_enu_m=(500.0, 0.0, 1.0))
-    assert set(ground.kinds()) == {Condition.BATTERY_LOW, Condition.POSITION_LOST, Condition.FENCE_BREACH}
+    assert set(ground.kinds()) == {
+        Condition.BATTERY_LOW,
+        Condition.POSITION_LOST,
+        Condition.FENCE_BREACH,
+    }
 
 
 def test_of_two_that_say_the_same_only_the_worse_is_told(ground: Ground3) -> None:
@@ -106,7 +114,10 @@ def test_silence_is_critical_in_the_air_and_a_warning_on_the_ground(ground: Grou
     ground.all_hear()
     ground.hear("mav1", is_airborne=False, position_enu_m=(0.5, 0.0, 0.0))
     ground.wait(5.0)
-    found = {alarm.subject: alarm.severity for alarm in conditions(ground.state, ground.fleet, ground.now_ns)}
+    found = {
+        alarm.subject: alarm.severity
+        for alarm in conditions(ground.state, ground.fleet, ground.now_ns)
+    }
     assert found == {"mav0": Severity.CRITICAL, "mav1": Severity.WARNING, "mav2": Severity.CRITICAL}
 
 
@@ -186,7 +197,10 @@ def test_an_acknowledged_alarm_stays_in_sight_behind_the_open_ones(ground: Groun
     assert ground.alarms.acknowledge(ground.alarms.worst) == 1
     ground.hear("mav1", conditions=(Condition.LOOP_LATE.value,))
     ground.update()
-    assert [line.alarm.kind for line in ground.alarms.lines] == [Condition.LOOP_LATE, Condition.FALLEN]
+    assert [line.alarm.kind for line in ground.alarms.lines] == [
+        Condition.LOOP_LATE,
+        Condition.FALLEN,
+    ]
     assert ground.alarms.lines[1].is_acknowledged
     assert ground.alarms.acknowledge() == 1
 
@@ -204,12 +218,16 @@ def test_what_gets_worse_after_it_was_acknowledged_presses_and_rings_again(groun
     assert not ground.alarms.worst.is_acknowledged
 
 
-def test_the_same_alarm_of_many_vehicles_is_one_line_and_acknowledged_together(ground: Ground3) -> None:
+def test_the_same_alarm_of_many_vehicles_is_one_line_and_acknowledged_together(
+    ground: Ground3,
+) -> None:
     names = [f"mav{index}" for index in range(8)]
     views = {name: fleet_state.VehicleView(name) for name in names}
     state = fleet_state.FleetState(views)
     for index, name in enumerate(names):
-        told = telemetry(name, position_enu_m=(0.2 * index, 0.0, 0.0), is_airborne=False, battery_frac=0.1)
+        told = telemetry(
+            name, position_enu_m=(0.2 * index, 0.0, 0.0), is_airborne=False, battery_frac=0.1
+        )
         state = fleet_state.fold(state, told, ground.now_ns)
     ground.alarms.update(state, ground.now_ns)
     (line,) = ground.alarms.lines
@@ -221,7 +239,13 @@ def test_the_same_alarm_of_many_vehicles_is_one_line_and_acknowledged_together(g
 
 def test_an_event_that_ends_the_record_stays_until_it_is_acknowledged(ground: Ground3) -> None:
     ground.all_hear()
-    event = Event(vehicle="ground", stamp_ns=1, severity="critical", code="record_failed", sentence="The disk is full.")
+    event = Event(
+        vehicle="ground",
+        stamp_ns=1,
+        severity="critical",
+        code="record_failed",
+        sentence="The disk is full.",
+    )
     ground.state = fleet_state.fold(ground.state, event, ground.now_ns)
     for _ in range(100):
         ground.all_hear()
@@ -264,8 +288,15 @@ def test_telemetry_that_is_not_finite_raises_nothing(ground: Ground3) -> None:
     nan = float("nan")
     ground.all_hear(battery_frac=nan, position_enu_m=(nan, nan, nan), state="failed", reason="\n")
     ground.update()
-    assert all(line.alarm.kind in (Ground.FAILED, Condition.POSITION_LOST) for line in ground.alarms.lines)
+    assert all(
+        line.alarm.kind in (Ground.FAILED, Condition.POSITION_LOST) for line in ground.alarms.lines
+    )
 
 
 def test_durations_are_short_and_right() -> None:
-    assert [lasting(value) for value in (0.0, 59.9, 61.0, 7500.0)] == ["0 s", "59 s", "1 min 1 s", "2 h 5 min"]
+    assert [lasting(value) for value in (0.0, 59.9, 61.0, 7500.0)] == [
+        "0 s",
+        "59 s",
+        "1 min 1 s",
+        "2 h 5 min",
+    ]

@@ -20,7 +20,9 @@ from groundstation.client.autopilot_link import AutopilotLink
 
 
 class SerialPx4(threading.Thread):
-    """An autopilot at the other end of a cable, with ten parameters of which four get lost in a list."""
+    """An autopilot at the other end of a cable, with ten parameters of which four get lost in a
+    list.
+    """
 
     def __init__(self, descriptor: int, system_id: int) -> None:
         super().__init__(daemon=True)
@@ -62,7 +64,9 @@ def cable() -> Iterator[tuple[int, str]]:
     yield master, os.ttyname(slave)
     os.close(
         slave
-    )  # ends whoever reads at the other end, before somebody else's pipe gets the number of its descriptor
+        # ends whoever reads at the other end, before somebody else's pipe gets the number of its
+        # descriptor
+    )
     for thread in threading.enumerate():
         if isinstance(thread, SerialPx4):
             thread.join(10.0)
@@ -70,7 +74,9 @@ def cable() -> Iterator[tuple[int, str]]:
     os.close(master)
 
 
-def test_a_vehicle_on_a_serial_cable_is_heard_and_another_one_is_named(cable: tuple[int, str]) -> None:
+def test_a_vehicle_on_a_serial_cable_is_heard_and_another_one_is_named(
+    cable: tuple[int, str],
+) -> None:
     master, device = cable
     link = AutopilotLink(f"serial://{device}:921600", 5, is_own=True)
     SerialPx4(master, 6).beat()
@@ -93,12 +99,16 @@ def test_an_endpoint_that_is_written_wrongly_says_how(endpoint: str) -> None:
         AutopilotLink(endpoint, 1, is_own=True)
 
 
-def test_parameters_that_get_lost_in_the_list_are_requested_one_by_one(cable: tuple[int, str]) -> None:
+def test_parameters_that_get_lost_in_the_list_are_requested_one_by_one(
+    cable: tuple[int, str],
+) -> None:
     master, device = cable
     px4 = SerialPx4(master, 5)
     link = AutopilotLink(f"serial://{device}:921600", 5, is_own=True)
     px4.start()
-    assert link.read_all() == {f"P{index}": -index if index % 2 else 0.5 * index for index in range(10)}
+    assert link.read_all() == {
+        f"P{index}": -index if index % 2 else 0.5 * index for index in range(10)
+    }
     assert set(px4.requested) == {3, 4, 7, 8}
     link.stop()
 
@@ -120,5 +130,7 @@ except BlockingIOError:
 """
     environment = {name: value for name, value in os.environ.items() if name != "MAVLINK20"}
     environment["PYTHONPATH"] = str(Path(__file__).parents[3])
-    done = subprocess.run([sys.executable, "-c", program], env=environment, capture_output=True, text=True, timeout=60)
+    done = subprocess.run(
+        [sys.executable, "-c", program], env=environment, capture_output=True, text=True, timeout=60
+    )
     assert done.stdout.strip() == str({0xFD}), done.stderr

@@ -37,7 +37,10 @@ async def test_an_agent_on_a_real_bus_is_seen_ordered_and_heard(
     private_fleet: FleetConfig, make_telemetry: Callable[..., Any]
 ) -> None:
     agent = BusSession(
-        namespace=private_fleet.namespace, node="mav0", listen=[private_fleet.vehicles["mav0"].agent], connect=[]
+        namespace=private_fleet.namespace,
+        node="mav0",
+        listen=[private_fleet.vehicles["mav0"].agent],
+        connect=[],
     )
     loop = asyncio.get_running_loop()
     got: list[Order] = []
@@ -50,7 +53,12 @@ async def test_an_agent_on_a_real_bus_is_seen_ordered_and_heard(
     def finish(order: Order, reply: Callable[[OrderReply], None]) -> None:
         accepted = order.kind != "arm"
         reply(
-            OrderReply(order_id=order.order_id, vehicle="mav0", is_accepted=accepted, reason="" if accepted else "No.")
+            OrderReply(
+                order_id=order.order_id,
+                vehicle="mav0",
+                is_accepted=accepted,
+                reason="" if accepted else "No.",
+            )
         )
         if accepted:
             event = Event(
@@ -65,9 +73,11 @@ async def test_an_agent_on_a_real_bus_is_seen_ordered_and_heard(
             loop.call_later(0.05, agent.publish, Topic.EVENT, "mav0", event)
 
     async def publish_for_ever() -> None:
-        for sequence in itertools.count():  # like telemetry: what is sent before the bus knows its hearers is lost
+        # like telemetry: what is sent before the bus knows its hearers is lost
+        for sequence in itertools.count():
             agent.publish(Topic.TELEMETRY, "mav0", make_telemetry("mav0", sequence=sequence))
-            agent.publish(Topic.TELEMETRY, "mav1", make_telemetry("mav2"))  # a name that is not the key's
+            # a name that is not the key's
+            agent.publish(Topic.TELEMETRY, "mav1", make_telemetry("mav2"))
             await asyncio.sleep(0.05)
 
     await asyncio.to_thread(agent.start)
@@ -79,7 +89,9 @@ async def test_an_agent_on_a_real_bus_is_seen_ordered_and_heard(
     try:
         assert await client.wait_for(lambda state: state.vehicles["mav0"].is_alive, 10.0)
         beat = asyncio.create_task(publish_for_ever())
-        assert await client.wait_for(lambda state: state.vehicles["mav0"].telemetry is not None, 5.0)
+        assert await client.wait_for(
+            lambda state: state.vehicles["mav0"].telemetry is not None, 5.0
+        )
         landed = (await client.order("land mav0", 5.0))["mav0"]
         assert (landed.phase, landed.sentence) == ("done", "Landed.")
         refused = (await client.order("arm mav0", 5.0))["mav0"]
@@ -87,7 +99,9 @@ async def test_an_agent_on_a_real_bus_is_seen_ordered_and_heard(
         assert await client.wait_for(lambda state: state.refused > 0, 5.0)
         beat.cancel()
         assert [order.author for order in got] == ["tester", "tester"]
-        assert {(Topic.ORDER, "mav0"), (Topic.TELEMETRY, "mav0"), (Topic.EVENT, "mav0")} <= set(heard)
+        assert {(Topic.ORDER, "mav0"), (Topic.TELEMETRY, "mav0"), (Topic.EVENT, "mav0")} <= set(
+            heard
+        )
         await asyncio.to_thread(agent.stop)
         assert await client.wait_for(lambda state: not state.vehicles["mav0"].is_alive, 10.0)
     finally:
@@ -95,8 +109,14 @@ async def test_an_agent_on_a_real_bus_is_seen_ordered_and_heard(
         await asyncio.to_thread(agent.stop)
 
 
-async def test_the_values_of_a_vehicle_that_is_looked_at_come_over_a_real_bus(private_fleet: FleetConfig) -> None:
-    agent = BusSession(namespace=private_fleet.namespace, node="mav0", listen=[private_fleet.vehicles["mav0"].agent])
+async def test_the_values_of_a_vehicle_that_is_looked_at_come_over_a_real_bus(
+    private_fleet: FleetConfig,
+) -> None:
+    agent = BusSession(
+        namespace=private_fleet.namespace,
+        node="mav0",
+        listen=[private_fleet.vehicles["mav0"].agent],
+    )
     await asyncio.to_thread(agent.start)
     client = FleetClient(private_fleet, author="tester")
     await client.start()
@@ -104,7 +124,11 @@ async def test_the_values_of_a_vehicle_that_is_looked_at_come_over_a_real_bus(pr
         client.tick_stream.follow("mav0")
         async with asyncio.timeout(10.0):
             while not client.tick_stream.values:
-                agent.publish(Topic.TICK, "mav0", TickBatch(vehicle="mav0", boot_id=1, sequence=1, ticks=(tick(1),)))
+                agent.publish(
+                    Topic.TICK,
+                    "mav0",
+                    TickBatch(vehicle="mav0", boot_id=1, sequence=1, ticks=(tick(1),)),
+                )
                 await asyncio.sleep(0.02)
     finally:
         await client.stop()
@@ -114,7 +138,11 @@ async def test_the_values_of_a_vehicle_that_is_looked_at_come_over_a_real_bus(pr
 async def test_who_hears_an_event_over_a_real_bus_finds_the_state_that_was_told_before_it(
     private_fleet: FleetConfig, make_telemetry: Callable[..., Any]
 ) -> None:
-    agent = BusSession(namespace=private_fleet.namespace, node="mav0", listen=[private_fleet.vehicles["mav0"].agent])
+    agent = BusSession(
+        namespace=private_fleet.namespace,
+        node="mav0",
+        listen=[private_fleet.vehicles["mav0"].agent],
+    )
     await asyncio.to_thread(agent.start)
     client = FleetClient(private_fleet, author="tester")
     found: list[tuple[str, str]] = []
@@ -129,9 +157,19 @@ async def test_who_hears_an_event_over_a_real_bus_finds_the_state_that_was_told_
     try:
         async with asyncio.timeout(15.0):
             for number in itertools.count():
-                agent.publish(Topic.TELEMETRY, "mav0", make_telemetry("mav0", sequence=number, order_id=str(number)))
+                agent.publish(
+                    Topic.TELEMETRY,
+                    "mav0",
+                    make_telemetry("mav0", sequence=number, order_id=str(number)),
+                )
                 await asyncio.sleep(0.002)
-                event = Event(vehicle="mav0", stamp_ns=number, severity="info", code=str(number), sentence="Done.")
+                event = Event(
+                    vehicle="mav0",
+                    stamp_ns=number,
+                    severity="info",
+                    code=str(number),
+                    sentence="Done.",
+                )
                 await asyncio.to_thread(agent.publish, Topic.EVENT, "mav0", event)
                 await asyncio.sleep(0.005)
                 if len(found) >= 30:
@@ -139,7 +177,8 @@ async def test_who_hears_an_event_over_a_real_bus_finds_the_state_that_was_told_
     finally:
         await client.stop()
         await asyncio.to_thread(agent.stop)
-    assert all(int(told) >= int(code) for code, told in found), found  # a later one may have come meanwhile
+    # a later one may have come meanwhile
+    assert all(int(told) >= int(code) for code, told in found), found
 
 
 async def test_a_line_that_is_no_order_sends_nothing(client: Any, bus: Any) -> None:
@@ -159,7 +198,9 @@ async def test_what_the_check_before_sending_passed_is_what_is_sent(client: Any,
     assert checked.orders["mav1"].position_enu_m == planned.orders["mav1"].position_enu_m
 
 
-async def test_an_order_planned_before_control_went_to_another_is_not_sent(client: Any, bus: Any) -> None:
+async def test_an_order_planned_before_control_went_to_another_is_not_sent(
+    client: Any, bus: Any
+) -> None:
     assert await client.wait_for(lambda state: client.control.is_operator, 5.0)
     planned = client.plan("move mav1 0 1 1")
     client.control.hand_over()
@@ -168,7 +209,9 @@ async def test_an_order_planned_before_control_went_to_another_is_not_sent(clien
     assert "nobody operates" in checked.refusals["mav1"]
 
 
-async def test_each_vehicle_has_its_own_result_and_progress_comes_as_it_happens(client: Any, bus: Any) -> None:
+async def test_each_vehicle_has_its_own_result_and_progress_comes_as_it_happens(
+    client: Any, bus: Any
+) -> None:
     bus.misbehave = {"mav0": "refuse", "mav1": "stuck"}
     handle = await client.submit("takeoff all 1.0")
     seen: list[tuple[str, str]] = []
@@ -184,7 +227,9 @@ async def test_each_vehicle_has_its_own_result_and_progress_comes_as_it_happens(
     assert seen.index(("mav2", "accepted")) < seen.index(("mav2", "done"))
 
 
-async def test_an_order_from_another_thread_is_sent_while_the_loop_does_not_get_on(client: Any, bus: Any) -> None:
+async def test_an_order_from_another_thread_is_sent_while_the_loop_does_not_get_on(
+    client: Any, bus: Any
+) -> None:
     handles: list[Any] = []
     sender = threading.Thread(target=lambda: handles.append(client.submit_now("land all")))
     sender.start()
@@ -194,7 +239,9 @@ async def test_an_order_from_another_thread_is_sent_while_the_loop_does_not_get_
     assert {result.phase for result in results.values()} == {"done"}
 
 
-async def test_an_agent_that_does_not_answer_is_said_to_and_the_others_go_on(client: Any, bus: Any) -> None:
+async def test_an_agent_that_does_not_answer_is_said_to_and_the_others_go_on(
+    client: Any, bus: Any
+) -> None:
     bus.misbehave["mav1"] = "silent"
     results = await client.order("takeoff all 1.0", 5.0)
     assert results["mav1"].phase == "no answer"
@@ -219,7 +266,9 @@ async def test_kill_and_land_go_straight_to_px4_when_the_agent_is_silent(
     results = await client.order(f"{verb} all", 5.0)
     await client.stop()
     killed = [logged.event for logged in client.state.events if logged.event.code == "killed"]
-    assert [(event.vehicle, event.severity) for event in killed] == [("mav1", "critical")] * (verb == "kill")
+    assert [(event.vehicle, event.severity) for event in killed] == [("mav1", "critical")] * (
+        verb == "kill"
+    )
     assert all("by order of tester (from ground-test)" in event.sentence for event in killed)
     ((endpoint, system_id, kind),) = sent
     assert (endpoint, system_id, kind) == ("udpout://127.0.0.1:18571", 2, verb)
@@ -228,7 +277,9 @@ async def test_kill_and_land_go_straight_to_px4_when_the_agent_is_silent(
     assert "straight to PX4" in results["mav1"].sentence
 
 
-async def test_a_kill_that_is_accepted_but_shows_no_effect_goes_straight_to_px4(fleet: FleetConfig, bus: Any) -> None:
+async def test_a_kill_that_is_accepted_but_shows_no_effect_goes_straight_to_px4(
+    fleet: FleetConfig, bus: Any
+) -> None:
     sent: list[str] = []
 
     def send(endpoint: str, system_id: int, kind: str, **limits: float) -> DirectResult:
@@ -283,7 +334,9 @@ async def test_an_order_whose_end_was_lost_with_the_link_does_not_stay_open(
     assert "how it ended was not heard: it is holding. Neighbour silent." in result.sentence
 
 
-async def test_a_landing_that_takes_its_time_is_left_to_its_agent(fleet: FleetConfig, bus: Any) -> None:
+async def test_a_landing_that_takes_its_time_is_left_to_its_agent(
+    fleet: FleetConfig, bus: Any
+) -> None:
     bus.misbehave["mav1"] = "stuck"
     client = FleetClient(fleet, bus=bus, send=lambda *_, **__: pytest.fail("straight to PX4"))
     await client.start()
@@ -327,7 +380,9 @@ async def test_what_an_agent_that_comes_back_says_does_not_end_an_order_that_wen
 
 
 @pytest.mark.parametrize("verb", ["land", "kill"])
-async def test_accepted_without_a_heartbeat_that_shows_it_is_not_done(fleet: FleetConfig, bus: Any, verb: str) -> None:
+async def test_accepted_without_a_heartbeat_that_shows_it_is_not_done(
+    fleet: FleetConfig, bus: Any, verb: str
+) -> None:
     def send(endpoint: str, system_id: int, kind: str, **limits: float) -> DirectResult:
         return DirectResult(True, False, "PX4 accepted it")
 
@@ -339,8 +394,13 @@ async def test_accepted_without_a_heartbeat_that_shows_it_is_not_done(fleet: Fle
     assert results["mav1"].phase == "failed"
 
 
-async def test_without_a_direct_endpoint_the_silence_is_told_with_what_to_do(fleet: FleetConfig, bus: Any) -> None:
-    vehicles = {name: msgspec.structs.replace(vehicle, direct=None) for name, vehicle in fleet.vehicles.items()}
+async def test_without_a_direct_endpoint_the_silence_is_told_with_what_to_do(
+    fleet: FleetConfig, bus: Any
+) -> None:
+    vehicles = {
+        name: msgspec.structs.replace(vehicle, direct=None)
+        for name, vehicle in fleet.vehicles.items()
+    }
     bus.misbehave["mav1"] = "silent"
     client = FleetClient(msgspec.structs.replace(fleet, vehicles=vehicles), bus=bus)
     await client.start()

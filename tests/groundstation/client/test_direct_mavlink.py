@@ -19,9 +19,13 @@ OURS = (255, 190)
 
 
 class Autopilot(threading.Thread):
-    """A PX4 of one socket: answers each command with what ``answer`` packs, and counts the commands."""
+    """A PX4 of one socket: answers each command with what ``answer`` packs, and counts the
+    commands.
+    """
 
-    def __init__(self, answer: Callable[[Autopilot, int], list[Any]], system: int = 1, component: int = 1) -> None:
+    def __init__(
+        self, answer: Callable[[Autopilot, int], list[Any]], system: int = 1, component: int = 1
+    ) -> None:
         super().__init__(daemon=True)
         self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self.socket.bind(("127.0.0.1", 0))
@@ -69,7 +73,9 @@ def test_a_kill_is_repeated_after_its_acknowledgement_until_the_heartbeat_shows_
         return [ack(command), heartbeat(is_armed=px4.count < 4)]
 
     with flying(answer) as px4:
-        result = send_direct(f"udpout://127.0.0.1:{px4.port}", 1, "kill", timeout_s=5.0, watch_s=5.0)
+        result = send_direct(
+            f"udpout://127.0.0.1:{px4.port}", 1, "kill", timeout_s=5.0, watch_s=5.0
+        )
     assert result.is_disarmed
     assert result.sentence == "PX4 accepted it, and it is disarmed"
     assert px4.count == 4
@@ -90,13 +96,16 @@ def test_a_landing_is_repeated_until_px4_shows_it_and_then_left_to_px4() -> None
         return [ack(command), heartbeat(is_armed=True, custom_mode=LANDING)]
 
     with flying(answer) as px4:
-        result = send_direct(f"udpout://127.0.0.1:{px4.port}", 1, "land", timeout_s=5.0, watch_s=0.8)
+        result = send_direct(
+            f"udpout://127.0.0.1:{px4.port}", 1, "land", timeout_s=5.0, watch_s=0.8
+        )
     assert (result.is_accepted, result.is_disarmed) == (True, False)
     assert px4.count == 3
 
 
 @pytest.mark.parametrize(
-    ("system", "component", "target"), [(2, 1, OURS), (1, 195, OURS), (1, 1, (42, 7)), (1, 1, (255, 191))]
+    ("system", "component", "target"),
+    [(2, 1, OURS), (1, 195, OURS), (1, 1, (42, 7)), (1, 1, (255, 191))],
 )
 def test_an_acknowledgement_of_another_sender_or_for_another_ground_does_not_count(
     system: int, component: int, target: tuple[int, int]
@@ -112,7 +121,10 @@ def test_an_acknowledgement_of_another_sender_or_for_another_ground_does_not_cou
 
 
 def test_another_socket_that_plays_the_autopilot_is_not_heard() -> None:
-    with flying(lambda px4, command: []) as impostor, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
+    with (
+        flying(lambda px4, command: []) as impostor,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other,
+    ):
 
         def answer(px4: Autopilot, command: int) -> list[Any]:
             for message in (ack(command), heartbeat(is_armed=False)):

@@ -1,4 +1,6 @@
-"""``covey preflight``, and what a mission makes of go or no-go and of the law's findings before it starts."""
+"""``covey preflight``, and what a mission makes of go or no-go and of the law's findings before it
+starts.
+"""
 
 from __future__ import annotations
 
@@ -33,22 +35,30 @@ def report(vehicle: str, *checks: tuple[str, bool, str, str], sequence: int = 1)
     return PreflightReport(vehicle=vehicle, boot_id=1, sequence=sequence, stamp_ns=0, checks=checks)
 
 
-def heard(fleet: FleetConfig, make_telemetry: Any, checks: dict[str, Any], **changes: Any) -> FleetState:
+def heard(
+    fleet: FleetConfig, make_telemetry: Any, checks: dict[str, Any], **changes: Any
+) -> FleetState:
     state = initial(fleet)
     for name, found in checks.items():
         told = make_telemetry(name, config_hash=fleet.config_hash, **changes)
-        state = fold(fold(fold_nodes(state, [NodeSeen(name, True)]), told, 0), report(name, *found), 0)
+        state = fold(
+            fold(fold_nodes(state, [NodeSeen(name, True)]), told, 0), report(name, *found), 0
+        )
     return state
 
 
-def test_the_page_says_go_or_names_who_is_not_and_why(fleet: FleetConfig, make_telemetry: Any) -> None:
+def test_the_page_says_go_or_names_who_is_not_and_why(
+    fleet: FleetConfig, make_telemetry: Any
+) -> None:
     state = heard(fleet, make_telemetry, {"mav0": [FINE, ADVICE], "mav1": [BAD], "mav2": [FINE]})
     pages = preflight_page.pages_of(state, fleet, fleet.enabled_names, SECOND)
     assert preflight_page.exit_status(pages) == 1
     text = preflight_page.as_text(pages)
     assert "mav0: go" in text
     assert "mav1: NO-GO" in text
-    assert "  NO-GO  battery      Battery at 12 %, take-off needs 30 %. Charge or change it." in text
+    assert (
+        "  NO-GO  battery      Battery at 12 %, take-off needs 30 %. Charge or change it." in text
+    )
     assert "  advice record       Nobody records this flight. Fly it with covey fly." in text
     assert text.endswith("Do not fly: mav1 (battery).")
     told = preflight_page.as_mapping(pages)
@@ -60,10 +70,14 @@ def test_the_page_says_go_or_names_who_is_not_and_why(fleet: FleetConfig, make_t
     assert preflight_page.as_text(both).endswith("Go: mav0, mav2.")
 
 
-def test_two_versions_of_px4_in_one_fleet_are_said_of_each_vehicle(fleet: FleetConfig, make_telemetry: Any) -> None:
+def test_two_versions_of_px4_in_one_fleet_are_said_of_each_vehicle(
+    fleet: FleetConfig, make_telemetry: Any
+) -> None:
     state = heard(fleet, make_telemetry, {"mav0": [FINE], "mav1": [FINE], "mav2": [FINE]})
     for name, version in (("mav0", (1, 16)), ("mav1", (1, 18)), ("mav2", None)):
-        state = fold(state, msgspec.structs.replace(report(name, FINE, sequence=2), px4_version=version), 0)
+        state = fold(
+            state, msgspec.structs.replace(report(name, FINE, sequence=2), px4_version=version), 0
+        )
     pages = preflight_page.pages_of(state, fleet, fleet.enabled_names, SECOND)
     for page in pages:
         line = next(line for line in page.lines if line.name == "versions")
@@ -77,7 +91,12 @@ def test_two_versions_of_px4_in_one_fleet_are_said_of_each_vehicle(fleet: FleetC
 def test_silence_another_file_and_a_vehicle_in_the_air_are_no_go_in_words(
     fleet: FleetConfig, make_telemetry: Any
 ) -> None:
-    assert preflight_page.exit_status(preflight_page.pages_of(initial(fleet), fleet, fleet.enabled_names, SECOND)) == 10
+    assert (
+        preflight_page.exit_status(
+            preflight_page.pages_of(initial(fleet), fleet, fleet.enabled_names, SECOND)
+        )
+        == 10
+    )
     state = heard(fleet, make_telemetry, {"mav0": [FINE]})
     pages = preflight_page.pages_of(state, fleet, fleet.enabled_names, SECOND)
     assert preflight_page.exit_status(pages) == 1
@@ -85,12 +104,16 @@ def test_silence_another_file_and_a_vehicle_in_the_air_are_no_go_in_words(
     late = preflight_page.pages_of(state, fleet, ["mav0"], 60 * SECOND)
     assert preflight_page.exit_status(late) == 10
     other = fold(state, make_telemetry("mav0", sequence=2, config_hash="another"), SECOND)
-    assert "another fleet file" in preflight_page.as_text(preflight_page.pages_of(other, fleet, ["mav0"], SECOND))
+    assert "another fleet file" in preflight_page.as_text(
+        preflight_page.pages_of(other, fleet, ["mav0"], SECOND)
+    )
     law = {"law": "paper", "config_hash": fleet.with_law("paper").config_hash}
     under_paper = fold(state, make_telemetry("mav0", sequence=2, **law), SECOND)
     pages = preflight_page.pages_of(under_paper, fleet, ["mav0"], SECOND)
     assert preflight_page.exit_status(pages) == 0
-    assert "mav0 flies the law 'paper' instead of the file's 'covey'." in preflight_page.as_text(pages)
+    assert "mav0 flies the law 'paper' instead of the file's 'covey'." in preflight_page.as_text(
+        pages
+    )
     flying = fold(initial(fleet), make_telemetry("mav0", is_airborne=True, state="flying"), 0)
     assert preflight_page.has_reported(flying, ["mav0"], SECOND)
     page = preflight_page.page_of(flying.vehicles["mav0"], fleet, SECOND)
@@ -98,18 +121,24 @@ def test_silence_another_file_and_a_vehicle_in_the_air_are_no_go_in_words(
     assert any("Wait until it has landed." in line.remedy for line in page.lines)
 
 
-def test_a_vehicle_without_a_second_way_is_advised_to_have_one(fleet: FleetConfig, make_telemetry: Any) -> None:
+def test_a_vehicle_without_a_second_way_is_advised_to_have_one(
+    fleet: FleetConfig, make_telemetry: Any
+) -> None:
     bare = msgspec.structs.replace(fleet.vehicles["mav0"], direct=None)
     alone = msgspec.structs.replace(fleet, vehicles={**fleet.vehicles, "mav0": bare})
     state = heard(alone, make_telemetry, {"mav0": [FINE]})
     (line,) = [
-        one for one in preflight_page.page_of(state.vehicles["mav0"], alone, 0).lines if one.name == "direct path"
+        one
+        for one in preflight_page.page_of(state.vehicles["mav0"], alone, 0).lines
+        if one.name == "direct path"
     ]
     assert line.status == "advice"
     assert "vehicles.mav0.direct" in line.remedy
 
 
-async def test_asking_waits_for_the_reports_and_not_longer(fleet: FleetConfig, bus: Any, client: FleetClient) -> None:
+async def test_asking_waits_for_the_reports_and_not_longer(
+    fleet: FleetConfig, bus: Any, client: FleetClient
+) -> None:
     for name in fleet.enabled_names:
         bus.tell(name, config_hash=fleet.config_hash)
         bus.on_message[Topic.PREFLIGHT](Topic.PREFLIGHT, name, report(name, FINE))
@@ -117,11 +146,16 @@ async def test_asking_waits_for_the_reports_and_not_longer(fleet: FleetConfig, b
     assert preflight_page.exit_status(pages) == 0
 
 
-async def test_asking_may_wait_until_all_are_go(fleet: FleetConfig, bus: Any, client: FleetClient) -> None:
+async def test_asking_may_wait_until_all_are_go(
+    fleet: FleetConfig, bus: Any, client: FleetClient
+) -> None:
     for name in fleet.enabled_names:
         bus.tell(name, config_hash=fleet.config_hash)
         bus.on_message[Topic.PREFLIGHT](Topic.PREFLIGHT, name, report(name, BAD))
-    assert preflight_page.exit_status(await preflight_page.ask(client, fleet.enabled_names, 5.0, 0.05)) == 1
+    assert (
+        preflight_page.exit_status(await preflight_page.ask(client, fleet.enabled_names, 5.0, 0.05))
+        == 1
+    )
     asked = asyncio.ensure_future(preflight_page.ask(client, fleet.enabled_names, 5.0, 30.0))
     await asyncio.sleep(0.0)
     assert not asked.done()
@@ -141,10 +175,14 @@ async def test_a_mission_says_each_advice_once_with_whom_it_concerns(
     )
     await MissionRun(mission, client, say=said.append, ready_timeout_s=2.0).run()
     lines = [line for line in said if line.startswith("Preflight")]
-    assert lines == ["Preflight, mav0, mav1, mav2: Nobody records this flight. Fly it with covey fly."]
+    assert lines == [
+        "Preflight, mav0, mav1, mav2: Nobody records this flight. Fly it with covey fly."
+    ]
 
 
-def test_wrong_input_of_the_command_has_status_2(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_wrong_input_of_the_command_has_status_2(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     paper = "configs/fleets/paper.toml"
     assert main(["preflight", "--fleet", str(tmp_path / "none.toml")]) == 2
     assert main(["preflight", "--fleet", paper, "--vehicles", "nobody"]) == 2
@@ -153,8 +191,14 @@ def test_wrong_input_of_the_command_has_status_2(tmp_path: Path, capsys: pytest.
     assert "No vehicle is selected" in capsys.readouterr().err
 
 
-def test_nobody_there_has_status_10_and_is_json_on_request(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    text = Path("configs/fleets/paper.toml").read_text(encoding="utf-8").replace('name = "paper"', 'name = "nobody"')
+def test_nobody_there_has_status_10_and_is_json_on_request(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = (
+        Path("configs/fleets/paper.toml")
+        .read_text(encoding="utf-8")
+        .replace('name = "paper"', 'name = "nobody"')
+    )
     path = tmp_path / "fleet.toml"
     path.write_text(text.replace(":746", ":17"), encoding="utf-8")
     assert main(["preflight", "--fleet", str(path), "--timeout", "0.3", "--json"]) == 10
@@ -173,10 +217,20 @@ def test_a_mission_that_the_law_refuses_does_not_start_and_says_why(
     fleet.write_text(toml_text(with_free_ports(data, fleet_from_mapping(data))), encoding="utf-8")
     near = tmp_path / "near.toml"
     near.write_text(
-        text.replace("position_enu_m = [0.0, 1.2, 1.0]", "position_enu_m = [0.0, 3.0, 1.0]"), encoding="utf-8"
+        text.replace("position_enu_m = [0.0, 1.2, 1.0]", "position_enu_m = [0.0, 3.0, 1.0]"),
+        encoding="utf-8",
     )
     folder = tmp_path / "flight"
-    command = ["fly", str(near), "--fleet", str(fleet), "--sitl", "--headless", "--record", str(folder)]
+    command = [
+        "fly",
+        str(near),
+        "--fleet",
+        str(fleet),
+        "--sitl",
+        "--headless",
+        "--record",
+        str(folder),
+    ]
     assert main(command) == 2
     said = capsys.readouterr().err
     assert "the law says that this cannot be flown" in said
@@ -190,4 +244,5 @@ def test_a_mission_that_the_law_refuses_does_not_start_and_says_why(
     with pytest.raises(ConfigError, match="mav1 at its max_tilt_deg"):
         refuse_unflyable(load_mission("configs/missions/paper.toml", weak), is_simulated=True)
     off = msgspec.structs.replace(weak, law=msgspec.structs.replace(weak.law, name="off"))
-    refuse_unflyable(load_mission("configs/missions/paper.toml", off), is_simulated=True)  # to see what it does
+    # to see what it does
+    refuse_unflyable(load_mission("configs/missions/paper.toml", off), is_simulated=True)

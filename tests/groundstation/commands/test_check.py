@@ -45,11 +45,23 @@ def test_gps_with_the_papers_spacing_is_refused_with_status_one(
     assert out.splitlines()[1].startswith("REFUSED")  # the worst first
 
 
-def test_json_has_value_bound_and_remedy_of_every_finding(capsys: pytest.CaptureFixture[str]) -> None:
+def test_json_has_value_bound_and_remedy_of_every_finding(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     status, found = rows(capsys, str(SIH), "--errors", "gps")
     assert status == 1
     for row in found:
-        assert {"file", "name", "status", "value", "bound", "unit", "relation", "sentence", "remedy"} <= set(row)
+        assert {
+            "file",
+            "name",
+            "status",
+            "value",
+            "bound",
+            "unit",
+            "relation",
+            "sentence",
+            "remedy",
+        } <= set(row)
         assert row["file"] == str(SIH)
     assert any(row["status"] == "refused" and row["name"] == "initial conditions" for row in found)
 
@@ -77,7 +89,11 @@ def test_a_wrong_file_is_status_two_and_the_other_is_still_checked(
     ],
 )
 def test_each_finding_about_a_missions_steps_fails_on_purpose(
-    changes: list[tuple[str, str]], name: str, status: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    changes: list[tuple[str, str]],
+    name: str,
+    status: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     code, found = rows(capsys, edited(MISSION, tmp_path, *changes))
     found = [row for row in found if str(row["name"]).partition(",")[0] == name]
@@ -104,7 +120,9 @@ position_enu_m = [-0.9, -1.5, 1.0]
     assert "step[1] (move)" in str(next(row for row in found if row["status"] == "refused")["name"])
 
 
-def test_who_has_landed_is_in_nobodys_way(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_who_has_landed_is_in_nobodys_way(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     path = tmp_path / "m.toml"
     path.write_text(
         f"""schema = 1
@@ -131,11 +149,16 @@ position_enu_m = [-0.9, -1.5, 1.0]
     assert "REFUSED" not in capsys.readouterr().out
 
 
-def test_a_fleet_whose_take_off_is_refused_is_refused_too(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    near = ("[0.0, -1.5, 0.0]", "[-0.5, -1.5, 0.0]")  # 1.00 m: the law keeps it, and cannot park there
+def test_a_fleet_whose_take_off_is_refused_is_refused_too(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    # 1.00 m: the law keeps it, and cannot park there
+    near = ("[0.0, -1.5, 0.0]", "[-0.5, -1.5, 0.0]")
     fleet = edited(PAPER, tmp_path, near)
     mission = tmp_path / "m.toml"
-    mission.write_text(f'schema = 1\nfleet = "{fleet}"\n[[step]]\ndo = "takeoff"\n[[step]]\ndo = "land"\n')
+    mission.write_text(
+        f'schema = 1\nfleet = "{fleet}"\n[[step]]\ndo = "takeoff"\n[[step]]\ndo = "land"\n'
+    )
     for path in (fleet, str(mission)):
         status, found = rows(capsys, path)
         assert status == 1
@@ -149,12 +172,16 @@ def test_a_mission_that_leaves_vehicles_in_the_air_is_warned_about(
     path.write_text(f'schema = 1\nfleet = "{SIH}"\n[[step]]\ndo = "takeoff"\n')
     status, found = rows(capsys, str(path))
     assert status == 0
-    assert "mav0, mav1, mav2 in the air" in next(str(row["sentence"]) for row in found if row["name"] == "ending")
+    assert "mav0, mav1, mav2 in the air" in next(
+        str(row["sentence"]) for row in found if row["name"] == "ending"
+    )
 
 
 def test_a_python_mission_is_imported(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "m.py"
-    path.write_text(f'import nobody_has_this\nFLEET = "{SIH}"\nasync def mission(fleet):\n    pass\n')
+    path.write_text(
+        f'import nobody_has_this\nFLEET = "{SIH}"\nasync def mission(fleet):\n    pass\n'
+    )
     assert cli.main(["check", str(path)]) == 2
     assert "No module named 'nobody_has_this'" in capsys.readouterr().err
 
@@ -175,7 +202,10 @@ def test_poses_over_routers_are_warned_about_unless_vehicles_read_the_motion_cap
     text = text.replace("[fleet]", '[fleet]\nrouters = ["tcp/127.0.0.1:7500"]')
     for more, is_warned in (
         ("", True),
-        ('\n[mocap]\nsource = "motioncapture"\ntype = "vrpn"\nhostname = "127.0.0.1"\ndirect = true\n', False),
+        (
+            '\n[mocap]\nsource = "motioncapture"\ntype = "vrpn"\nhostname = "127.0.0.1"\ndirect = true\n',
+            False,
+        ),
     ):
         (tmp_path / "fleet.toml").write_text(text + more, encoding="utf-8")
         assert cli.main(["check", str(tmp_path / "fleet.toml")]) == 0

@@ -24,7 +24,9 @@ def test_check_says_what_is_valid(capsys: pytest.CaptureFixture[str]) -> None:
     assert "a valid mission, 5 steps" in out
 
 
-def test_check_names_file_and_key_of_what_is_wrong(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_check_names_file_and_key_of_what_is_wrong(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     path = tmp_path / "f.toml"
     path.write_text(Path(PAPER).read_text().replace("safety_distance_m", "safety_distanz_m"))
     assert cli.main(["check", str(path), str(tmp_path / "absent.toml")]) == 2
@@ -46,7 +48,10 @@ def test_check_names_file_and_key_of_what_is_wrong(tmp_path: Path, capsys: pytes
     ids=" ".join,
 )
 def test_wrong_input_is_one_sentence_and_exit_status_two(
-    words: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    words: list[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.chdir(tmp_path)
     assert cli.main(words) == 2
@@ -57,7 +62,9 @@ def test_wrong_input_is_one_sentence_and_exit_status_two(
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("words", [["fly", "none.toml"], ["identify", "--fleet", "none.toml", "--vehicle", "mav0"]])
+@pytest.mark.parametrize(
+    "words", [["fly", "none.toml"], ["identify", "--fleet", "none.toml", "--vehicle", "mav0"]]
+)
 def test_a_file_that_is_not_there_is_told_before_the_terminal_that_is_not_there(
     words: list[str], capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -65,7 +72,9 @@ def test_a_file_that_is_not_there_is_told_before_the_terminal_that_is_not_there(
     assert "none.toml" in capsys.readouterr().err
 
 
-def test_a_wrong_command_line_is_a_sentence_that_names_the_page_of_help(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_wrong_command_line_is_a_sentence_that_names_the_page_of_help(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     for words, command, named in (
         (["fly"], "covey fly", "MISSION"),
         (["dance"], "covey", "dance"),
@@ -94,13 +103,20 @@ def test_every_command_has_a_page_of_help_with_an_example_and_its_exit_statuses(
         assert command.group in front
         if command.name == "agent":  # the drone's own command line: tests/onboard/agent
             continue
-        assert cli.main(["px4", "params", "--help"] if command.name == "px4" else [command.name, "--help"]) == 0
+        assert (
+            cli.main(
+                ["px4", "params", "--help"] if command.name == "px4" else [command.name, "--help"]
+            )
+            == 0
+        )
         page = capsys.readouterr().out
         assert f"covey {command.name}" in page, command.name
         assert "xit status" in page, command.name
 
 
-def test_without_a_command_the_list_is_shown_and_nothing_came_true(capsys: pytest.CaptureFixture[str]) -> None:
+def test_without_a_command_the_list_is_shown_and_nothing_came_true(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     assert cli.main([]) == 2
     assert "simulate" in capsys.readouterr().out
     assert cli.main(["px4"]) == 2
@@ -128,12 +144,17 @@ print([name for name in {heavy!r} if name in sys.modules])
         (["--help"], heavy),
     ):
         done = subprocess.run(
-            [sys.executable, "-c", code.format(words=words, heavy=names)], capture_output=True, text=True, check=True
+            [sys.executable, "-c", code.format(words=words, heavy=names)],
+            capture_output=True,
+            text=True,
+            check=True,
         )
         assert done.stdout.splitlines()[-1] == "[]", words
 
 
-def test_the_folder_gets_the_files_that_are_really_used_and_a_flown_one_is_not_overwritten(tmp_path: Path) -> None:
+def test_the_folder_gets_the_files_that_are_really_used_and_a_flown_one_is_not_overwritten(
+    tmp_path: Path,
+) -> None:
     folder = tmp_path / "flight"
     settings = prepare(
         MISSION,
@@ -164,7 +185,16 @@ def test_the_folder_gets_the_files_that_are_really_used_and_a_flown_one_is_not_o
 
 
 def test_a_lab_s_file_flies_in_simulation_on_ports_of_this_computer(tmp_path: Path) -> None:
-    words = ["init", str(tmp_path), "--vehicles", "2", "--position", "vicon", "--companions", "10.0.0.11"]
+    words = [
+        "init",
+        str(tmp_path),
+        "--vehicles",
+        "2",
+        "--position",
+        "vicon",
+        "--companions",
+        "10.0.0.11",
+    ]
     assert cli.main(words) == 0
     settings = prepare(
         str(tmp_path / "mission.toml"),

@@ -14,6 +14,8 @@ def test_all_are_listed_with_what_they_show(capsys: pytest.CaptureFixture[str]) 
     assert [line.split()[0] for line in lines[: len(GALLERY)]] == list(GALLERY)
 
 
-def test_a_name_that_is_none_is_refused_with_those_that_are(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_name_that_is_none_is_refused_with_those_that_are(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     assert main(["gallery", "nothing"]) == 2
     assert "dense-swap" in capsys.readouterr().err

@@ -1,4 +1,6 @@
-"""``covey identify``: a fleet file that is wrong about its vehicle is corrected by the manoeuvre it flies."""
+"""``covey identify``: a fleet file that is wrong about its vehicle is corrected by the manoeuvre it
+flies.
+"""
 
 from __future__ import annotations
 
@@ -37,7 +39,9 @@ def edited(kind: str, **types: float) -> FleetConfig:
     [
         ("ardrone", {"hover_thrust_frac": 0.81, "drag_1_s": 0.7, "attitude_wn_rad_s": 8.5}),
         pytest.param(
-            "sih", {"hover_thrust_frac": 0.45, "drag_1_s": 0.4, "attitude_wn_rad_s": 7.0}, marks=pytest.mark.long
+            "sih",
+            {"hover_thrust_frac": 0.45, "drag_1_s": 0.4, "attitude_wn_rad_s": 7.0},
+            marks=pytest.mark.long,
         ),
     ],
 )
@@ -66,12 +70,17 @@ def test_a_vehicle_that_the_fleet_file_has_wrong_is_identified_from_its_flight(
     config = tmp_path / "fleet.toml"
     config.write_text(_with(FLEETS[kind], kind, wrong))
 
-    assert cli.main(["identify", str(folder), "--fleet", str(config), "--vehicle", "mav0", "--json"]) == 0
+    assert (
+        cli.main(["identify", str(folder), "--fleet", str(config), "--vehicle", "mav0", "--json"])
+        == 0
+    )
     found = json.loads(capsys.readouterr().out)[0]
     assert found["lag_s"]["value"] == pytest.approx(true.lag_s, abs=0.02)
     assert found["hover_thrust_frac"]["value"] == pytest.approx(true.hover_thrust_frac, rel=0.01)
     drag = found["drag_1_s"]
-    assert drag["low"] <= true.drag_1_s <= drag["high"] or drag["value"] == pytest.approx(true.drag_1_s, rel=0.2)
+    assert drag["low"] <= true.drag_1_s <= drag["high"] or drag["value"] == pytest.approx(
+        true.drag_1_s, rel=0.2
+    )
     error_deg = [found["tilt_error_x_deg"]["value"], found["tilt_error_y_deg"]["value"]]
     assert math.hypot(*error_deg) == pytest.approx(math.degrees(math.hypot(*bias_rad)), abs=0.3)
     verdicts = {row["name"]: row["verdict"] for row in found["rows"]}
@@ -81,7 +90,9 @@ def test_a_vehicle_that_the_fleet_file_has_wrong_is_identified_from_its_flight(
     assert cli.main(["identify", str(folder), "--fleet", str(config)]) == 0
     out = capsys.readouterr().out
     proposed = tomllib.loads(out[out.index("# identified") :])["types"][kind]
-    merged = msgspec.structs.replace(believed.vehicles["mav0"], **{k: v for k, v in proposed.items() if k != "sitl"})
+    merged = msgspec.structs.replace(
+        believed.vehicles["mav0"], **{k: v for k, v in proposed.items() if k != "sitl"}
+    )
     assert isinstance(merged, Vehicle)
     assert merged.lag_s == pytest.approx(found["lag_s"]["value"], abs=0.002)
 
@@ -110,7 +121,8 @@ def test_the_manoeuvre_stays_in_its_box_inside_the_fence_and_clear_of_the_others
     fleet = load_fleet(FLEETS["sih"])
     x, y, _ = fleet.vehicles["mav1"].start_enu_m
     steps = manoeuvre(fleet, "mav1", half_m=5.0)
-    assert max(max(abs(goal[0] - x), abs(goal[1] - y)) for goal, _ in steps) <= 0.5  # 1.5 m to the next one
+    # 1.5 m to the next one
+    assert max(max(abs(goal[0] - x), abs(goal[1] - y)) for goal, _ in steps) <= 0.5
     assert {duration > 0.0 for _, duration in steps} == {True, False}  # quick and slow
     assert manoeuvre(fleet, "mav1") == manoeuvre(fleet, "mav1")
     assert manoeuvre(fleet, "mav1", seed=1) != manoeuvre(fleet, "mav1")
@@ -132,13 +144,34 @@ def test_without_room_the_manoeuvre_is_refused() -> None:
         ["--fleet", str(FLEETS["sih"]), "--vehicle", "mav0"],  # without a terminal
         ["/nowhere"],
         ["/nowhere", "--sitl"],
-        ["--fleet", str(FLEETS["sih"]), "--vehicle", "mav0", "--headless", "--sitl", "--seed", "-1"],
-        ["--fleet", str(FLEETS["sih"]), "--vehicle", "mav0", "--headless", "--sitl", "--box", "nan"],
+        [
+            "--fleet",
+            str(FLEETS["sih"]),
+            "--vehicle",
+            "mav0",
+            "--headless",
+            "--sitl",
+            "--seed",
+            "-1",
+        ],
+        [
+            "--fleet",
+            str(FLEETS["sih"]),
+            "--vehicle",
+            "mav0",
+            "--headless",
+            "--sitl",
+            "--box",
+            "nan",
+        ],
     ],
     ids=" ".join,
 )
 def test_wrong_input_is_a_sentence_and_status_two_and_nothing_starts(
-    words: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    words: list[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.chdir(tmp_path)
     assert cli.main(["identify", *words]) == 2
@@ -153,11 +186,16 @@ def test_a_record_in_which_nobody_flew_is_status_one_in_words(
     flight = lockstep(fleet, folder=tmp_path)
     flight.ready()
     flight.close()
-    assert cli.main(["identify", str(tmp_path), "--fleet", str(FLEETS["sih"]), "--vehicle", "mav0"]) == 1
+    assert (
+        cli.main(["identify", str(tmp_path), "--fleet", str(FLEETS["sih"]), "--vehicle", "mav0"])
+        == 1
+    )
     assert "did not fly" in capsys.readouterr().err
 
 
-def test_values_are_written_only_into_a_file_of_one_s_own(capsys: pytest.CaptureFixture[str]) -> None:
+def test_values_are_written_only_into_a_file_of_one_s_own(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     for words in ([], ["--fleet", "paper"]):
         assert cli.main(["identify", "flights/first", "--write", *words]) == 2
         assert "--write needs --fleet FILE" in capsys.readouterr().err

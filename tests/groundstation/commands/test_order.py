@@ -50,7 +50,10 @@ def order(monkeypatch: pytest.MonkeyPatch, *words: str, **misbehave: str) -> int
     ],
 )
 def test_the_exit_status_tells_what_the_vehicles_did(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], misbehave: dict[str, str], status: int
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    misbehave: dict[str, str],
+    status: int,
 ) -> None:
     assert order(monkeypatch, "hold", "all", **misbehave) == status
     lines = capsys.readouterr()
@@ -66,14 +69,17 @@ def test_a_landing_that_neither_agents_nor_px4s_answer_is_answered_by_nobody(
     assert capsys.readouterr().err.count("PX4 did not answer either") == 3
 
 
-def test_json_is_a_list_of_vehicles(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_json_is_a_list_of_vehicles(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert order(monkeypatch, "move", "mav1", "-1", "0.5", "1.2", "--json") == 0
     (row,) = json.loads(capsys.readouterr().out)
     assert (row["vehicle"], row["phase"]) == ("mav1", "done")
 
 
 @pytest.mark.parametrize(
-    "words", [("tkeoff", "all"), ("land", "mav9"), ("land", "2-1"), ("land", "all", "--timeout", "-3")]
+    "words",
+    [("tkeoff", "all"), ("land", "mav9"), ("land", "2-1"), ("land", "all", "--timeout", "-3")],
 )
 def test_nonsense_sends_nothing_and_is_wrong_input(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], words: tuple[str, ...]

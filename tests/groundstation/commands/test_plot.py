@@ -32,7 +32,12 @@ def place(index: int, time_s: float, bend_m: float = 0.0) -> tuple[float, float,
 
 
 def tilt(roll: float, pitch: float) -> tuple[float, float, float, float]:
-    cr, sr, cp, sp = math.cos(roll / 2), math.sin(roll / 2), math.cos(pitch / 2), math.sin(pitch / 2)
+    cr, sr, cp, sp = (
+        math.cos(roll / 2),
+        math.sin(roll / 2),
+        math.cos(pitch / 2),
+        math.sin(pitch / 2),
+    )
     return (cr * cp, sr * cp, cr * sp, -sr * sp)
 
 
@@ -64,15 +69,24 @@ def write_flight(folder: Path, *, has_truth: bool = True, ticks: bool = True) ->
                     "attitude_quaternion_enu_flu_wxyz": tilt(math.radians(0.9 * wave), math.radians(-0.4 * wave)),
                 }  # fmt: skip
                 if step == 100:
-                    tick["position_enu_m"] = (None, 0.0, 1.0)  # how a number that is none looks in JSON
+                    # how a number that is none looks in JSON
+                    tick["position_enu_m"] = (None, 0.0, 1.0)
                     tick["thrust_safe_enu_m_s2"] = "garbage"
                 if ticks:
                     put(f"tick/{name}", stamp_ns, tick)
                 if has_truth:
-                    put(f"truth/{name}", stamp_ns, {"position_enu_m": spot, "velocity_enu_m_s": (0.0, 0.0, 0.0)})
+                    put(
+                        f"truth/{name}",
+                        stamp_ns,
+                        {"position_enu_m": spot, "velocity_enu_m_s": (0.0, 0.0, 0.0)},
+                    )
                 if step % 5 == 0:
                     goal = (*GOALS[index], 1.0)
-                    told = {"state": "flying", "order_kind": "move" if time_s > 3 else "", "goal_position_enu_m": goal}
+                    told = {
+                        "state": "flying",
+                        "order_kind": "move" if time_s > 3 else "",
+                        "goal_position_enu_m": goal,
+                    }
                     put(f"telemetry/{name}", stamp_ns, told)
         writer.finish()
     return path
@@ -84,7 +98,9 @@ def flight_of(folder: Path) -> FlightData:
     return flight
 
 
-def test_all_figures_are_drawn_as_png_and_svg(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_all_figures_are_drawn_as_png_and_svg(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     write_flight(tmp_path)
     assert main(["plot", str(tmp_path)]) == 0
     for name in FIGURES:
@@ -126,7 +142,9 @@ def test_distances_are_horizontal_and_only_counted_in_flight(tmp_path: Path) -> 
     assert closest[0].distance_m[closest[1]] == least
 
 
-def test_time_counts_from_when_the_first_leaves_the_ground_and_not_from_its_motors_start(tmp_path: Path) -> None:
+def test_time_counts_from_when_the_first_leaves_the_ground_and_not_from_its_motors_start(
+    tmp_path: Path,
+) -> None:
     write_flight(tmp_path)
     flight = flight_of(tmp_path)
     for track in flight.tracks:
@@ -138,7 +156,9 @@ def test_time_counts_from_when_the_first_leaves_the_ground_and_not_from_its_moto
     assert f"at {flight.take_off_s:.1f} s of the record" in flight.title
 
 
-def test_without_truth_the_estimates_are_drawn_and_figures_go_where_out_says(tmp_path: Path) -> None:
+def test_without_truth_the_estimates_are_drawn_and_figures_go_where_out_says(
+    tmp_path: Path,
+) -> None:
     write_flight(tmp_path, has_truth=False)
     assert flight_of(tmp_path).source == "the vehicles' estimates"
     assert main(["plot", str(tmp_path / "flight.mcap"), "--out", str(tmp_path / "a" / "b")]) == 0
@@ -146,7 +166,9 @@ def test_without_truth_the_estimates_are_drawn_and_figures_go_where_out_says(tmp
     assert not (tmp_path / "figures").exists()
 
 
-def test_a_missing_record_is_a_sentence_and_status_2(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_missing_record_is_a_sentence_and_status_2(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert main(["plot", str(tmp_path / "nowhere")]) == 2
     told = capsys.readouterr().err
     assert told.startswith("covey: ")

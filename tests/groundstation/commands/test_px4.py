@@ -1,4 +1,6 @@
-"""``covey px4 params`` against the emulated PX4: by the agent's link, past an agent, never in the air."""
+"""``covey px4 params`` against the emulated PX4: by the agent's link, past an agent, never in the
+air.
+"""
 
 from __future__ import annotations
 
@@ -55,7 +57,9 @@ def fleet(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> FleetConfig:
     monkeypatch.chdir(tmp_path)  # backups are written here
     path = tmp_path / "fleet.toml"
     agent = free_port(socket.SOCK_STREAM)
-    path.write_text(FLEET.format(agent=agent, port=free_port(), direct=free_port()), encoding="utf-8")
+    path.write_text(
+        FLEET.format(agent=agent, port=free_port(), direct=free_port()), encoding="utf-8"
+    )
     return load_fleet(path)
 
 
@@ -75,16 +79,24 @@ def test_all_that_differs_is_shown_and_with_apply_set_and_read_back(
 ) -> None:
     assert main(["px4", "params", "--fleet", fleet.path]) == 1
     shown = capsys.readouterr().out
-    assert "WRONG   COM_OF_LOSS_T    1, should be 0.3: PX4 acts after so long without setpoints" in shown
+    assert (
+        "WRONG   COM_OF_LOSS_T    1, should be 0.3: PX4 acts after so long without setpoints"
+        in shown
+    )
     assert "better  EKF2_EVP_NOISE   0.1, should be 0.01" in shown
-    assert "WRONG   MPC_Z_P          1, should be 0.8: the fleet file's px4_params require it" in shown
+    assert (
+        "WRONG   MPC_Z_P          1, should be 0.8: the fleet file's px4_params require it" in shown
+    )
     assert "WRONG   MPC_XY_P         0.95, should be 0.9" in shown
     assert main(["px4", "params", "--fleet", fleet.path, "--apply"]) == 0
     applied = capsys.readouterr().out
     assert "set     COM_OBL_RC_ACT   0 -> 4, read back" in applied
     assert "set     EKF2_DELAY_MAX   200 -> 110, read back" in applied  # PX4 allows no less
     assert "Stored: PX4 keeps them over a restart." in applied
-    assert "Restart PX4: it reads EKF2_HGT_REF, EKF2_MAG_TYPE, EKF2_DELAY_MAX only when it starts." in applied
+    assert (
+        "Restart PX4: it reads EKF2_HGT_REF, EKF2_MAG_TYPE, EKF2_DELAY_MAX only when it starts."
+        in applied
+    )
     assert main(["px4", "params", "--fleet", fleet.path, "--json"]) == 0
     said = told(capsys)["solo"]
     assert said["is_fine"]
@@ -106,7 +118,12 @@ class SlowPx4:
 
 def test_parameters_count_as_stored_only_once_px4_accepts_the_next_storing() -> None:
     busy, denied = 1, 2
-    for results, commands in (((), 2), ((0, busy, busy, 0), 4), ((None, 0, None, 0), 4), ((busy, 0, 0), 3)):
+    for results, commands in (
+        ((), 2),
+        ((0, busy, busy, 0), 4),
+        ((None, 0, None, 0), 4),
+        ((busy, 0, 0), 3),
+    ):
         px4 = SlowPx4(*results)
         assert store(px4, 5.0, lambda _: None), results
         assert px4.sent == commands, results
@@ -126,7 +143,10 @@ def test_parameters_that_px4_did_not_store_are_no_success(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     with monkeypatch.context() as patch:
-        patch.setattr("groundstation.client.autopilot_link.AutopilotLink.request_storage", lambda *_: 4)  # failed
+        # failed
+        patch.setattr(
+            "groundstation.client.autopilot_link.AutopilotLink.request_storage", lambda *_: 4
+        )
         patch.setattr("groundstation.commands.px4.changes._STORE_S", 0.3)
         assert main(["px4", "params", "--fleet", fleet.path, "--apply"]) == 1
     assert "did not confirm that it stored them" in capsys.readouterr().out
@@ -143,7 +163,8 @@ def test_past_an_agent_that_holds_the_link_px4s_ground_link_is_asked_and_again_b
         first = told(capsys)["solo"]
         assert first["asked_at"] == vehicle.direct
         assert first["is_stored"]
-        # PX4 answers only to the first address that spoke to it: another process has to be at the same one
+        # PX4 answers only to the first address that spoke to it: another process has to be at the
+        # same one
         command = [sys.executable, "-m", "groundstation", "px4", "params", "--fleet", fleet.path]
         again = subprocess.run(command, capture_output=True, text=True, timeout=30, check=False)
         assert again.returncode == 0, again.stdout + again.stderr
@@ -155,10 +176,15 @@ def test_past_an_agent_that_holds_the_link_px4s_ground_link_is_asked_and_again_b
 
 
 def test_an_armed_vehicle_is_read_but_never_set(
-    fleet: FleetConfig, emulator: subprocess.Popen[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    fleet: FleetConfig,
+    emulator: subprocess.Popen[str],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     vehicle = fleet.vehicles["solo"]
-    assert main(["px4", "params", "--fleet", fleet.path, "--dump", str(tmp_path / "all.params")]) == 0
+    assert (
+        main(["px4", "params", "--fleet", fleet.path, "--dump", str(tmp_path / "all.params")]) == 0
+    )
     assert vehicle.direct is not None
     link = AutopilotLink(vehicle.direct, vehicle.system_id)
     end_s = time.monotonic() + 12.0
@@ -172,7 +198,10 @@ def test_an_armed_vehicle_is_read_but_never_set(
     assert answer["answers"]
     assert "armed" in answer["trouble"]
     assert not any(row["was_set"] for row in answer["params"].values())
-    assert main(["px4", "params", "--fleet", fleet.path, "--restore", str(tmp_path / "all.params")]) == 1
+    assert (
+        main(["px4", "params", "--fleet", fleet.path, "--restore", str(tmp_path / "all.params")])
+        == 1
+    )
     assert "nothing was changed. It is armed" in capsys.readouterr().out
     assert not list(Path.cwd().glob("px4-*.params"))  # nothing was changed, nothing is to be undone
 
@@ -199,7 +228,10 @@ def test_all_parameters_are_saved_compared_and_written_back(
     assert main([*command, "--diff", "before.params"]) == 0
     assert main([*command, "--apply", "--backup", "backup.params"]) == 0
     assert "Write them back with --restore backup.params" in capsys.readouterr().out
-    assert Path("backup.params").read_text().splitlines()[3:] == Path("before.params").read_text().splitlines()[3:]
+    assert (
+        Path("backup.params").read_text().splitlines()[3:]
+        == Path("before.params").read_text().splitlines()[3:]
+    )
     assert main([*command, "--diff", "before.params"]) == 1
     assert "COM_OF_LOSS_T    0.3, there 1" in capsys.readouterr().out
     assert main([*command, "--restore", "backup.params"]) == 0
@@ -213,23 +245,30 @@ def test_all_parameters_are_saved_compared_and_written_back(
     capsys.readouterr()
     assert main([*command, "--restore", "other.params"]) == 2  # another vehicle's
     assert "holds vehicles 77" in capsys.readouterr().err
-    assert main([*command, "--diff", "other.params"]) == 0  # a fleet may be compared with one good vehicle
+    # a fleet may be compared with one good vehicle
+    assert main([*command, "--diff", "other.params"]) == 0
 
 
 def test_each_vehicle_is_asked_for_what_its_version_needs_and_says_what_it_is(
     fleet: FleetConfig, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = tmp_path / "two.toml"
-    other = fleet.text[fleet.text.index("[vehicles.solo]") : fleet.text.index("[vehicles.solo.px4_params]")]
+    other = fleet.text[
+        fleet.text.index("[vehicles.solo]") : fleet.text.index("[vehicles.solo.px4_params]")
+    ]
     other = other.replace("solo", "other").replace("[0.0,", "[9.0,")
     other = other.replace("system_id = 3", 'system_id = 4\ntype = "new"')
     for port in re.findall(r":(\d+)\"", other):
         other = other.replace(port, str(free_port()))
     types = '[types.old]\nhover_thrust_frac = 0.5\npx4_version = "1.16"\n[types.new]\npx4_version = "1.18"\n'
-    text = fleet.text.replace("[defaults]", f"{types}[defaults]").replace('type = "sih"', 'type = "old"')
+    text = fleet.text.replace("[defaults]", f"{types}[defaults]").replace(
+        'type = "sih"', 'type = "old"'
+    )
     path.write_text(f"{text}{other}", encoding="utf-8")
     with subprocess.Popen(
-        [sys.executable, "-m", "sitl", "--fleet", str(path), "--no-bus"], stdout=subprocess.PIPE, text=True
+        [sys.executable, "-m", "sitl", "--fleet", str(path), "--no-bus"],
+        stdout=subprocess.PIPE,
+        text=True,
     ) as process:
         assert process.stdout is not None
         assert process.stdout.readline().startswith("ready")
@@ -271,7 +310,21 @@ def test_a_link_that_dies_in_the_middle_leaves_a_list_of_what_was_set_and_a_back
         return write(link, name, value)
 
     monkeypatch.setattr(AutopilotLink, "write", write_and_die)
-    assert main(["px4", "params", "--fleet", fleet.path, "--apply", "--backup", "backup.params", "--json"]) == 1
+    assert (
+        main(
+            [
+                "px4",
+                "params",
+                "--fleet",
+                fleet.path,
+                "--apply",
+                "--backup",
+                "backup.params",
+                "--json",
+            ]
+        )
+        == 1
+    )
     said = told(capsys)["solo"]
     outcomes = {name: row["outcome"] for name, row in said["params"].items() if row["outcome"]}
     assert list(outcomes.values())[:3] == ["set", "set", "not confirmed"]
@@ -288,7 +341,12 @@ class StubbornPx4:
     """PX4 that knows some parameters, takes some, and falls silent at one."""
 
     def __init__(self) -> None:
-        self.values: dict[str, float | None] = {"A": 0.0, "READ_ONLY": 7.0, "GONE": None, "LAST": 0.0}
+        self.values: dict[str, float | None] = {
+            "A": 0.0,
+            "READ_ONLY": 7.0,
+            "GONE": None,
+            "LAST": 0.0,
+        }
 
     def write(self, name: str, value: float) -> float | None:
         if name == "SILENT":
@@ -305,9 +363,18 @@ def test_what_became_of_each_parameter_is_said_by_name() -> None:
     px4 = StubbornPx4()
     required = [RequiredParam(name, 1.0, "") for name in ("A", "READ_ONLY", "GONE", "LAST")]
     changes, trouble = write_all(px4, required, px4.values)
-    assert [change.outcome for change in changes] == [Outcome.SET, Outcome.REFUSED, Outcome.UNKNOWN, Outcome.SET]
-    assert trouble == ("PX4 did not take READ_ONLY: read-only, or out of its range. This PX4 does not know GONE.")
-    changes, trouble = write_all(px4, [RequiredParam(name, 2.0, "") for name in ("A", "SILENT", "LAST")], px4.values)
+    assert [change.outcome for change in changes] == [
+        Outcome.SET,
+        Outcome.REFUSED,
+        Outcome.UNKNOWN,
+        Outcome.SET,
+    ]
+    assert trouble == (
+        "PX4 did not take READ_ONLY: read-only, or out of its range. This PX4 does not know GONE."
+    )
+    changes, trouble = write_all(
+        px4, [RequiredParam(name, 2.0, "") for name in ("A", "SILENT", "LAST")], px4.values
+    )
     assert [change.outcome for change in changes] == [Outcome.SET, Outcome.LOST, Outcome.UNTOUCHED]
     assert "Set and read back: A. Sent and not confirmed: SILENT. Not sent: LAST." in trouble
 
@@ -342,7 +409,8 @@ def test_a_stick_that_is_bumped_takes_no_vehicle_out_of_offboard_on_any_version(
     assert old == required_params(vehicle, (1, 17))
     assert new == required_params(vehicle, (1, 19))
     assert (old["COM_RC_OVERRIDE"], new["MAN_OVERRIDE_SPD"]) == (0, -1.0)
-    assert not {"COM_RC_OVERRIDE", "MAN_OVERRIDE_SPD"} & set(required_params(vehicle))  # of a version that is not known
+    # of a version that is not known
+    assert not {"COM_RC_OVERRIDE", "MAN_OVERRIDE_SPD"} & set(required_params(vehicle))
     assert "MAN_OVERRIDE_SPD" not in old
     assert "COM_RC_OVERRIDE" not in new
     assert differences(old, {**old, "COM_RC_OVERRIDE": 1}) == ()

@@ -15,7 +15,10 @@ from onboard.config.fleet import ConfigError, fleet_from_mapping, load_fleet
 
 
 def test_a_file_keeps_every_value_of_every_vehicle(tmp_path: Path) -> None:
-    sets = {1: {"A": -1, "B": 0.1, "C": 1e-30, "D": 2147483647}, 20: {"A": 0, "B": -123456.78, "D": 3}}
+    sets = {
+        1: {"A": -1, "B": 0.1, "C": 1e-30, "D": 2147483647},
+        20: {"A": 0, "B": -123456.78, "D": 3},
+    }
     path = tmp_path / "all.params"
     write_file(path, {number: (f"mav{number}", values) for number, values in sets.items()})
     read = read_file(path)
@@ -95,7 +98,9 @@ def test_what_a_version_changes_is_said_for_this_fleet(capsys: pytest.CaptureFix
     assert "MC_ROLL_P comes as 4 instead of 6.5." in said["parameters"]
 
 
-def test_a_vehicle_that_demands_otherwise_is_concerned_and_a_parameter_that_is_gone_is_named() -> None:
+def test_a_vehicle_that_demands_otherwise_is_concerned_and_a_parameter_that_is_gone_is_named() -> (
+    None
+):
     fleet = load_fleet("sih")
     own = {"COM_OBL_RC_ACT": 0, "EKF2_GPS_DELAY": 120.0}
     import tomllib
@@ -105,7 +110,10 @@ def test_a_vehicle_that_demands_otherwise_is_concerned_and_a_parameter_that_is_g
     found = comparison.compare(fleet_from_mapping(data), "v1.17", "1.18.0")
     by_name = {fact.name: fact for fact in found.facts}
     assert by_name["loss.action-0"].concerns == ("mav1",)
-    assert any(row.startswith("mav1: EKF2_GPS_DELAY") and "gone in v1.18" in row for row in found.parameters)
+    assert any(
+        row.startswith("mav1: EKF2_GPS_DELAY") and "gone in v1.18" in row
+        for row in found.parameters
+    )
     back = comparison.compare(fleet, "1.18", "1.16")
     assert any(row.startswith("MC_ROLL_P comes as 6.5 instead of 4") for row in back.parameters)
     same = comparison.compare(fleet, "1.17", "1.17")
@@ -116,7 +124,10 @@ def test_a_vehicle_that_demands_otherwise_is_concerned_and_a_parameter_that_is_g
 
 def test_versions_that_nobody_measured_are_named_and_nonsense_is_refused() -> None:
     fleet = load_fleet("sih")
-    assert "V1.19 was never measured: it is judged as v1.18." in comparison.compare(fleet, "1.18", "1.19").notes
+    assert (
+        "V1.19 was never measured: it is judged as v1.18."
+        in comparison.compare(fleet, "1.18", "1.19").notes
+    )
     for version in ("main", "1", "1.16-", ""):
         with pytest.raises(ConfigError, match="is no version of PX4"):
             comparison.compare(fleet, version, "1.18")

@@ -1,4 +1,5 @@
-"""Keys of MAVLink signing from the file to the emulated PX4, and all that speaks to it with them."""
+"""Keys of MAVLink signing from the file to the emulated PX4, and all that speaks to it with them.
+"""
 
 from __future__ import annotations
 
@@ -40,12 +41,17 @@ def test_a_key_is_made_and_set_and_all_that_speaks_to_px4_uses_it(
     file = Path(signed.keys_folder) / "solo.mavlink.key"
     assert (len(file.read_bytes()), stat.S_IMODE(file.stat().st_mode)) == (KEY_BYTES, 0o600)
     assert main([*signing, "--set"]) == 0
-    assert "the key is set: PX4 signs with it and ignores what is not signed." in capsys.readouterr().out
+    assert (
+        "the key is set: PX4 signs with it and ignores what is not signed."
+        in capsys.readouterr().out
+    )
     assert main(["px4", "params", "--fleet", path]) == 1  # heard, and wrong
     vehicle, key = signed.vehicles["solo"], mavlink_key(signed, "solo")
     assert vehicle.direct is not None
     monkeypatch.delenv("MAVLINK20")  # as in a process that has not heard PX4 before
-    assert send_direct(vehicle.direct, vehicle.system_id, "kill", key=key, timeout_s=5.0).is_accepted
+    assert send_direct(
+        vehicle.direct, vehicle.system_id, "kill", key=key, timeout_s=5.0
+    ).is_accepted
     assert not send_direct(vehicle.direct, vehicle.system_id, "kill", timeout_s=0.5).is_accepted
     agents = Px4Link(vehicle.autopilot, vehicle.system_id, key=key)
     agents.start()
@@ -74,7 +80,11 @@ def test_a_key_is_looked_at_changed_and_removed(
     assert main(["secure", path, "--mavlink"]) == 0
     says(1, "The fleet file says mavlink_signing = true.")
     says(0, "the key is set", "--set")
-    says(0, "nothing was changed: PX4 v1.18 signs its messages with the key of this vehicle already", "--set")
+    says(
+        0,
+        "nothing was changed: PX4 v1.18 signs its messages with the key of this vehicle already",
+        "--set",
+    )
     assert main(["px4", "info", "--fleet", path]) == 0
     said = capsys.readouterr().out
     assert "it signs with the key of this vehicle" in said
@@ -108,5 +118,7 @@ def test_a_key_that_is_missing_readable_or_none_and_a_version_that_cannot_sign_a
     assert "solo.mavlink.key cannot be read" in capsys.readouterr().err
     text = Path(fleet.path).read_text().replace('px4_version = "1.18"', 'px4_version = "1.17"')
     Path(fleet.path).write_text(text)
-    with pytest.raises(ConfigError, match=re.escape("PX4 v1.17 ('px4_version') can neither sign nor check")):
+    with pytest.raises(
+        ConfigError, match=re.escape("PX4 v1.17 ('px4_version') can neither sign nor check")
+    ):
         load_fleet(fleet.path)

@@ -58,7 +58,9 @@ class FakeTicks:
 
 
 class FakeClient:
-    """Keeps what was ordered; telemetry comes from :meth:`hear`, other grounds' tokens into ``tokens.roles``."""
+    """Keeps what was ordered; telemetry comes from :meth:`hear`, other grounds' tokens into
+    ``tokens.roles``.
+    """
 
     def __init__(self, fleet: FleetConfig) -> None:
         self.fleet = fleet
@@ -82,10 +84,14 @@ class FakeClient:
     def hear(self, vehicle: str, **changes: object) -> None:
         self._sequence += 1
         roles = self.tokens.roles
-        told = telemetry(vehicle, sequence=self._sequence, operator=roles.operator, roles=roles.others, **changes)
+        told = telemetry(
+            vehicle, sequence=self._sequence, operator=roles.operator, roles=roles.others, **changes
+        )
         self.state = fleet_state.fold(self.state, told, self.now_ns())
 
-    def say(self, sentence: str, severity: str = "info", vehicle: str = "mav0", outcome: str = "") -> None:
+    def say(
+        self, sentence: str, severity: str = "info", vehicle: str = "mav0", outcome: str = ""
+    ) -> None:
         event = Event(vehicle=vehicle, stamp_ns=1, severity=severity, code="x", sentence=sentence,
                       order_id="1" if outcome else "", order_outcome=outcome)  # fmt: skip
         self.state = fleet_state.fold(self.state, event, self.now_ns())
@@ -93,7 +99,9 @@ class FakeClient:
     def plan(self, order: grammar.Intent | str) -> plan.PlannedOrder:
         intent = grammar.parse(order, self.fleet) if isinstance(order, str) else order
         held = plan.HeldFormation(grammar.default_formation(self.fleet))
-        return plan.plan_order(intent, self.fleet, self.state, held=held, author="test", now_ns=self.now_ns())
+        return plan.plan_order(
+            intent, self.fleet, self.state, held=held, author="test", now_ns=self.now_ns()
+        )
 
     def check_again(self, planned: plan.PlannedOrder) -> plan.PlannedOrder:
         return plan.check_again(planned, self.fleet, self.state, self.now_ns())

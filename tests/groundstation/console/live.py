@@ -1,4 +1,6 @@
-"""A simulated fleet behind a real client, as fast as it goes, inside the event loop that the console runs in."""
+"""A simulated fleet behind a real client, as fast as it goes, inside the event loop that the
+console runs in.
+"""
 
 from __future__ import annotations
 
@@ -33,7 +35,11 @@ class LiveFleet:
         """One more ground of the fleet."""
         bus = self.simulation.bus.node(node)
         return FleetClient(
-            self.simulation.fleet, author=author, bus=bus, clock_ns=lambda: self.simulation.now_ns, **options
+            self.simulation.fleet,
+            author=author,
+            bus=bus,
+            clock_ns=lambda: self.simulation.now_ns,
+            **options,
         )
 
     @contextlib.asynccontextmanager
@@ -59,7 +65,9 @@ class LiveFleet:
             await asyncio.sleep(0.001)
 
     async def press(self, pilot: Pilot[Any], *keys: str) -> None:
-        """Press keys while the world stands still: Textual's pilot waits after each for a processor that is idle."""
+        """Press keys while the world stands still: Textual's pilot waits after each for a processor
+        that is idle.
+        """
         self._turns.clear()
         await pilot.press(*keys)
         self._turns.set()
@@ -71,12 +79,16 @@ class ForecasterHere(Forecaster):
     async def start(self) -> None:
         return
 
-    async def forecast(self, fleet: FleetConfig, legs: Mapping[str, Leg], *, is_takeoff: bool = False) -> Forecast:
+    async def forecast(
+        self, fleet: FleetConfig, legs: Mapping[str, Leg], *, is_takeoff: bool = False
+    ) -> Forecast:
         await asyncio.sleep(0.01)
         return forecast(fleet, legs, is_takeoff=is_takeoff)
 
 
-async def until(pilot: Pilot[Any], condition: Callable[[], object], timeout_s: float = 60.0) -> None:
+async def until(
+    pilot: Pilot[Any], condition: Callable[[], object], timeout_s: float = 60.0
+) -> None:
     """Wait, by the wall clock, until something is so."""
     end_s = time.monotonic() + timeout_s
     while not condition():

@@ -32,7 +32,9 @@ class Oracle(Forecaster):
     async def start(self) -> None:
         return
 
-    async def forecast(self, fleet: FleetConfig, legs: Mapping[str, Leg], *, is_takeoff: bool = False) -> Forecast:
+    async def forecast(
+        self, fleet: FleetConfig, legs: Mapping[str, Leg], *, is_takeoff: bool = False
+    ) -> Forecast:
         self.asked.append(dict(legs))
         while self.answer is None:  # noqa: ASYNC110 - tests set it from outside
             await asyncio.sleep(0.01)
@@ -40,7 +42,9 @@ class Oracle(Forecaster):
 
 
 class StillClient(FakeClient):
-    """Its clock moves only when a test says so: typing takes long on a busy machine, and silence would set in."""
+    """Its clock moves only when a test says so: typing takes long on a busy machine, and silence
+    would set in.
+    """
 
     def now_ns(self) -> int:
         return int(1e12) + self.skew_ns
@@ -66,7 +70,9 @@ class Rig:
     def _hear(self, base: dict[str, Any], height_m: float, changes: dict[str, Any]) -> None:
         for name, (x, y, _) in SLOTS.items():
             spot = (x, y, height_m)
-            self.client.hear(name, **{**base, "position_enu_m": spot, "goal_position_enu_m": spot, **changes})
+            self.client.hear(
+                name, **{**base, "position_enu_m": spot, "goal_position_enu_m": spot, **changes}
+            )
 
     def line(self, kind: type) -> str:
         return "\n".join(lines(self.app, kind))

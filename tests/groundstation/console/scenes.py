@@ -60,7 +60,9 @@ def crowd(count: int, name: str = "v{:03d}", side_m: float = 30.0) -> FleetConfi
 
 
 def fly(client: FakeClient, time_s: float) -> None:
-    """Everybody circles about its start at a speed and height of its own; neighbours come close now and then."""
+    """Everybody circles about its start at a speed and height of its own; neighbours come close now
+    and then.
+    """
     fleet = client.fleet
     names = fleet.enabled_names
     for index, name in enumerate(names):
@@ -101,7 +103,9 @@ def without(fleet: FleetConfig, *names: str) -> FleetConfig:
     return msgspec.structs.replace(fleet, vehicles=kept)
 
 
-async def warm(app: ConsoleApp, client: SteadyClient, seconds: float = 60.0, step_s: float = 0.5) -> None:
+async def warm(
+    app: ConsoleApp, client: SteadyClient, seconds: float = 60.0, step_s: float = 0.5
+) -> None:
     """Let a flight pass: trails, chart, batteries and sparks fill."""
     for step in range(int(seconds / step_s)):
         client.clock_ns = START_NS + int(step * step_s * 1e9)

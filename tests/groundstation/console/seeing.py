@@ -26,14 +26,18 @@ def lines(app: ConsoleApp, kind: type[Widget]) -> list[str]:
 
 
 def strips(app: App[Any]) -> list[Strip]:
-    """The front screen: each widget in the part of it that is visible, later ones over earlier ones."""
+    """The front screen: each widget in the part of it that is visible, later ones over earlier
+    ones.
+    """
     screen = app.screen
     rows = [Strip.blank(screen.size.width)] * screen.size.height
     for widget in screen.walk_children(Widget, with_self=True):
         if not isinstance(widget, Screen) and not widget.is_on_screen:
             continue
         part = screen.find_widget(widget).visible_region
-        for y, strip in enumerate(widget.render_lines(part.translate(-widget.region.offset)), part.y):
+        for y, strip in enumerate(
+            widget.render_lines(part.translate(-widget.region.offset)), part.y
+        ):
             rows[y] = Strip.join([rows[y].crop(0, part.x), strip, rows[y].crop(part.right)])
     return rows
 

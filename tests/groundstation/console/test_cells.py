@@ -35,11 +35,18 @@ def test_ascii_takes_the_cells_of_what_it_stands_for(text: str) -> None:
 
 
 @SOME
-@given(st.lists(st.tuples(st.integers(-9, 29), st.integers(-2, 6), TEXT), max_size=6), st.integers(1, 24))
-def test_a_picture_is_as_wide_as_it_is_whatever_is_written_on_it(texts: list[tuple[int, int, str]], width: int) -> None:
+@given(
+    st.lists(st.tuples(st.integers(-9, 29), st.integers(-2, 6), TEXT), max_size=6),
+    st.integers(1, 24),
+)
+def test_a_picture_is_as_wide_as_it_is_whatever_is_written_on_it(
+    texts: list[tuple[int, int, str]], width: int
+) -> None:
     canvas = Canvas(width, 4)
     canvas.circles(np.array([[3.0, 3.0], [1e9, -1e9], [np.nan, 0.0]]), 5.0, theme.CALM)
-    canvas.lines(np.array([[0.0, 0.0], [np.nan, 1.0]]), np.array([[90.0, 9.0], [3.0, np.inf]]), theme.BAD)
+    canvas.lines(
+        np.array([[0.0, 0.0], [np.nan, 1.0]]), np.array([[90.0, 9.0], [3.0, np.inf]]), theme.BAD
+    )
     for column, row, text in texts:
         canvas.text(column, row, theme.clean(text), theme.TEXT)
     assert [strip.cell_length for strip in canvas.strips()] == [width] * 4

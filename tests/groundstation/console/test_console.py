@@ -88,7 +88,14 @@ async def test_garbage_on_the_order_line_is_a_sentence_and_no_order(fleet: Fleet
     client = FakeClient(fleet)
     app = ConsoleApp(fleet, client)
     async with app.run_test(size=(80, 24)) as pilot:
-        for text in ["tkeoff all", "move all nan 0 1", "[bold]x", "kill", "takeoff all 1.0 2 3", "é" * 150]:
+        for text in [
+            "tkeoff all",
+            "move all nan 0 1",
+            "[bold]x",
+            "kill",
+            "takeoff all 1.0 2 3",
+            "é" * 150,
+        ]:
             app.panels.results.show_sentence("")
             await app.orders.order(text)
             await pilot.pause()
@@ -117,7 +124,9 @@ async def test_q_leaves_at_once_on_the_ground(fleet: FleetConfig) -> None:
     assert app.return_value == 0
 
 
-async def test_q_with_flying_vehicles_asks_then_lands_and_leaves_when_they_are_down(fleet: FleetConfig) -> None:
+async def test_q_with_flying_vehicles_asks_then_lands_and_leaves_when_they_are_down(
+    fleet: FleetConfig,
+) -> None:
     client = FakeClient(fleet)
     app = ConsoleApp(fleet, client)
     async with app.run_test(size=(80, 24)) as pilot:
@@ -150,11 +159,15 @@ async def test_ctrl_c_lands_and_a_second_one_leaves_at_once(fleet: FleetConfig) 
 class Verdict:
     def __init__(self, is_passed: bool) -> None:
         self.is_passed = is_passed
-        self.sentences = ["All slots reached within 0.09 m."] if is_passed else ["mav1 never arrived."]
+        self.sentences = (
+            ["All slots reached within 0.09 m."] if is_passed else ["mav1 never arrived."]
+        )
 
 
 @pytest.mark.parametrize("is_passed", [True, False])
-async def test_the_verdict_stays_until_q_and_gives_the_exit_status(fleet: FleetConfig, is_passed: bool) -> None:
+async def test_the_verdict_stays_until_q_and_gives_the_exit_status(
+    fleet: FleetConfig, is_passed: bool
+) -> None:
     async def mission() -> Verdict:
         await asyncio.sleep(0.05)
         return Verdict(is_passed)
@@ -177,7 +190,9 @@ async def test_a_mission_that_breaks_is_a_sentence(fleet: FleetConfig) -> None:
     app = ConsoleApp(fleet, FakeClient(fleet), mission=mission)
     async with app.run_test(size=(80, 24)) as pilot:
         await pilot.pause(0.2)
-        assert any("the bus went away" in sentence for sentence in app.screen.query_one(EventLog).sentences)
+        assert any(
+            "the bus went away" in sentence for sentence in app.screen.query_one(EventLog).sentences
+        )
         await pilot.press("q")
     assert app.return_value == 1
 
@@ -193,7 +208,12 @@ STRANGE: list[dict[str, object]] = [
     {"battery_frac": -INF},
     {"nearest_distance_m": NAN, "intervention_m_s2": INF, "law_status": "saturated"},
     {"intervention_m_s2": NAN, "law_status": "relaxed", "nearest_vehicle": "nobody"},
-    {"state": "unheard of", "mode": "\x1b[31m\x00\n", "reason": "[/b][red]" * 99, "order_kind": "見" * 300},
+    {
+        "state": "unheard of",
+        "mode": "\x1b[31m\x00\n",
+        "reason": "[/b][red]" * 99,
+        "order_kind": "見" * 300,
+    },
     {"not_ready": ("\x07",), "is_airborne": False, "loop_period_p99_ms": NAN},
 ]
 

@@ -17,7 +17,9 @@ from tests.groundstation.console.fake import FakeClient
 from tests.groundstation.console.rig import Rig, StillClient
 
 
-async def test_an_emergency_goes_at_once_while_a_preview_computes_and_ends_it(fleet: FleetConfig) -> None:
+async def test_an_emergency_goes_at_once_while_a_preview_computes_and_ends_it(
+    fleet: FleetConfig,
+) -> None:
     rig = Rig(fleet, None)
     async with rig.app.run_test(size=(80, 24)) as pilot:
         for key, order in (("ctrl+l", "land"), ("f9", "land"), ("ctrl+o", "hold"), ("f8", "hold")):
@@ -67,7 +69,9 @@ async def test_the_row_of_a_vehicle_that_shows_itself_blinks_when_it_says_so(rig
             return any(segment.style is not None and segment.style.reverse for segment in row)
 
         assert not any(map(is_lit, range(4)))
-        event = Event(vehicle="mav0", stamp_ns=1, severity="info", code="identify", sentence="Listen.")
+        event = Event(
+            vehicle="mav0", stamp_ns=1, severity="info", code="identify", sentence="Listen."
+        )
         rig.client.state = fleet_state.fold(rig.client.state, event, rig.client.now_ns())
         rig.app.refresh_fleet()
         lit = [is_lit(step) for step in range(20)]

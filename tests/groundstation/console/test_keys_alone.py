@@ -1,4 +1,5 @@
-"""A whole flight by keys alone, on the simulated fleet with its real agents, client and forecasts."""
+"""A whole flight by keys alone, on the simulated fleet with its real agents, client and forecasts.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +15,10 @@ from tests.groundstation.console.live import ForecasterHere, LiveFleet, until
 
 
 def states(state: FleetState) -> set[str]:
-    return {"silent" if view.telemetry is None else view.telemetry.state for view in state.vehicles.values()}
+    return {
+        "silent" if view.telemetry is None else view.telemetry.state
+        for view in state.vehicles.values()
+    }
 
 
 async def test_a_flight_from_start_to_finish_by_keys_alone(fleet: FleetConfig) -> None:

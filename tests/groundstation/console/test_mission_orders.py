@@ -35,7 +35,9 @@ class Worker:
         return True
 
 
-async def test_a_mission_is_stepped_through_and_judged(client: Any, bus: Any, tmp_path: Path) -> None:
+async def test_a_mission_is_stepped_through_and_judged(
+    client: Any, bus: Any, tmp_path: Path
+) -> None:
     path, worker = tmp_path / "m.toml", Worker()
     path.write_text(MISSION, encoding="utf-8")
     orders = MissionOrders(client, worker.begin)
@@ -47,7 +49,9 @@ async def test_a_mission_is_stepped_through_and_judged(client: Any, bus: Any, tm
     assert "flies already" in orders.take(["mission", str(path)])
 
     def waits(verb: str) -> Any:
-        return lambda state: any(one.event.sentence.startswith(f"Waits before: {verb}") for one in state.events)
+        return lambda state: any(
+            one.event.sentence.startswith(f"Waits before: {verb}") for one in state.events
+        )
 
     assert await client.wait_for(waits("takeoff"), 5.0)
     assert not bus.orders
@@ -58,12 +62,18 @@ async def test_a_mission_is_stepped_through_and_judged(client: Any, bus: Any, tm
     assert worker.task is not None
     verdict = await asyncio.wait_for(worker.task, 5.0)
     assert verdict.passed, verdict.summary
-    assert [order.kind for name, order in bus.orders if name == "mav0"] == ["takeoff", "move", "land"]
+    assert [order.kind for name, order in bus.orders if name == "mav0"] == [
+        "takeoff",
+        "move",
+        "land",
+    ]
 
 
 async def test_a_mission_that_is_stopped_lands_all(client: Any, bus: Any, tmp_path: Path) -> None:
     path, worker = tmp_path / "m.toml", Worker()
-    path.write_text(MISSION.replace('do = "land"', 'do = "wait"\nduration_s = 600'), encoding="utf-8")
+    path.write_text(
+        MISSION.replace('do = "land"', 'do = "wait"\nduration_s = 600'), encoding="utf-8"
+    )
     orders = MissionOrders(client, worker.begin)
     assert orders.take(["mission", str(path)]) == ""
     assert await client.wait_for(lambda state: len(state.airborne_names) == 3, 5.0)

@@ -86,6 +86,9 @@ async def test_a_bus_that_cannot_be_opened_is_a_sentence(fleet: FleetConfig) -> 
 
     app = ConsoleApp(fleet, FakeClient(fleet), connect=connect)
     async with app.run_test(size=(80, 24)) as pilot:
-        await until(pilot, lambda: "the bus cannot listen" in " ".join(app.screen.query_one(EventLog).sentences))
+        await until(
+            pilot,
+            lambda: "the bus cannot listen" in " ".join(app.screen.query_one(EventLog).sentences),
+        )
         await pilot.press("q")
     assert app.return_value == 2

@@ -55,7 +55,9 @@ async def test_who_has_given_an_order_has_left_the_order_line(rig: Rig) -> None:
         assert (rig.app.focused, line.value) == (table, "")
 
 
-async def test_a_refused_order_stays_to_be_corrected_below_the_sentence_that_says_why(rig: Rig) -> None:
+async def test_a_refused_order_stays_to_be_corrected_below_the_sentence_that_says_why(
+    rig: Rig,
+) -> None:
     async with rig.app.run_test(size=(80, 24)) as pilot:
         rig.hover()
         line = rig.app.panels.order_line
@@ -79,17 +81,24 @@ async def test_a_refused_order_stays_to_be_corrected_below_the_sentence_that_say
         assert (rig.app.focused, line.value) == (rig.app.panels.table, "")
 
 
-async def test_earlier_orders_come_back_also_in_the_next_run(fleet: FleetConfig, state_home: Path) -> None:
+async def test_earlier_orders_come_back_also_in_the_next_run(
+    fleet: FleetConfig, state_home: Path
+) -> None:
     for _ in range(2):
         rig = Rig(fleet)
         async with rig.app.run_test(size=(80, 24)) as pilot:
             rig.hover()
-            await pilot.press("colon", *"land mav2", "enter", "colon", *"hold mav1", "enter", "colon", *"lan")
+            await pilot.press(
+                "colon", *"land mav2", "enter", "colon", *"hold mav1", "enter", "colon", *"lan"
+            )
             await pilot.press("up", "up")
             assert rig.app.panels.order_line.value == "land mav2"
             await pilot.press("down", "down")
             assert rig.app.panels.order_line.value == "lan"
-    assert (state_home / "covey" / "orders").read_text().splitlines() == ["land mav2", "hold mav1"] * 2
+    assert (state_home / "covey" / "orders").read_text().splitlines() == [
+        "land mav2",
+        "hold mav1",
+    ] * 2
     (state_home / "covey" / "orders").write_bytes(b"\xff\x00\x1b[31m\nland mav0\n" + b"x" * 9000)
     rig = Rig(fleet)
     async with rig.app.run_test(size=(80, 24)) as pilot:
@@ -130,17 +139,23 @@ async def test_garbage_never_orders_and_never_breaks(rig: Rig) -> None:
     async with rig.app.run_test(size=(80, 24)) as pilot:
         for _ in range(60):
             line = " ".join(chance.choices(words, k=chance.randint(1, 5)))
-            rig.app.post_message(OrderLine.Submitted(rig.app.panels.order_line, line.strip() or "x"))
+            rig.app.post_message(
+                OrderLine.Submitted(rig.app.panels.order_line, line.strip() or "x")
+            )
         await pilot.pause(0.3)
         assert rig.client.ordered == []
         assert rig.app.is_running
 
 
 async def test_a_fleet_of_none_is_a_sentence(fleet: FleetConfig) -> None:
-    vehicles = {name: msgspec.structs.replace(one, enabled=False) for name, one in fleet.vehicles.items()}
+    vehicles = {
+        name: msgspec.structs.replace(one, enabled=False) for name, one in fleet.vehicles.items()
+    }
     rig = Rig(msgspec.structs.replace(fleet, vehicles=vehicles))
     async with rig.app.run_test(size=(80, 24)) as pilot:
-        await pilot.press("ctrl+l", "f7", "f3", "f4", "escape", "w", "f12", "f12", "colon", *"land all", "enter")
+        await pilot.press(
+            "ctrl+l", "f7", "f3", "f4", "escape", "w", "f12", "f12", "colon", *"land all", "enter"
+        )
         await rig.write(pilot, "takeoff")
         assert rig.client.ordered == []
         assert "nobody to order" in rig.said

@@ -19,7 +19,10 @@ STARTS = {"mav0": (-1.5, 0.0, 1.0), "mav1": (0.0, 0.0, 1.0), "mav2": (1.5, 0.0, 
 
 
 def told(closest_m: float) -> Forecast:
-    paths = {name: [STARTS[name], (0.0, 0.6, 1.0) if name == "mav0" else STARTS[name], GOALS[name]] for name in GOALS}
+    paths = {
+        name: [STARTS[name], (0.0, 0.6, 1.0) if name == "mav0" else STARTS[name], GOALS[name]]
+        for name in GOALS
+    }
     return Forecast(paths, closest_m, ("mav0", "mav1"), 2.7, 1.5, 7.2)
 
 
@@ -47,4 +50,6 @@ def test_an_order_lies_before_the_operator(
 def test_notices_stay_above_the_order_line(snap_compare: Compare, fleet: FleetConfig) -> None:
     rig = Rig(fleet)
     rig.client.tokens.roles.see("operator.1.ground-9.alice", True)
-    assert snap_compare(rig.app, terminal_size=SIZES[0], run_before=after(rig, "f12", "f12", "ctrl+o"))
+    assert snap_compare(
+        rig.app, terminal_size=SIZES[0], run_before=after(rig, "f12", "f12", "ctrl+o")
+    )

@@ -29,7 +29,9 @@ def test_the_closest_pairs_are_those_of_a_plain_search_and_say_when_they_meet() 
         known.append((VehicleView(told.vehicle, told, 0), told.position_enu_m))
     pairs = closest_pairs(known, most=10)
     plain = sorted(
-        math.dist(p[:2], q[:2]) for (a, p), (b, q) in itertools.combinations(known, 2) if a.is_airborne or b.is_airborne
+        math.dist(p[:2], q[:2])
+        for (a, p), (b, q) in itertools.combinations(known, 2)
+        if a.is_airborne or b.is_airborne
     )
     assert [pair.distance_m for pair in pairs] == pytest.approx(plain[:10])
     views = {view.name: view.telemetry for view, _ in known}
@@ -48,7 +50,9 @@ def test_the_closest_pairs_are_those_of_a_plain_search_and_say_when_they_meet() 
             assert distances.argmin() == 0
 
 
-async def test_separation_shows_pairs_the_time_to_the_closest_approach_and_the_timing(fleet: FleetConfig) -> None:
+async def test_separation_shows_pairs_the_time_to_the_closest_approach_and_the_timing(
+    fleet: FleetConfig,
+) -> None:
     client = SteadyClient(fleet)
     app = ConsoleApp(fleet, client)
     async with app.run_test(size=(120, 40)) as pilot:
@@ -70,7 +74,9 @@ async def test_the_plan_is_north_up_and_zooms_pans_and_follows(fleet: FleetConfi
     app = ConsoleApp(fleet, client)
 
     def place(digit: str) -> tuple[int, int]:
-        return next((y, line.index(digit)) for y, line in enumerate(lines(app, PlanView)) if digit in line)
+        return next(
+            (y, line.index(digit)) for y, line in enumerate(lines(app, PlanView)) if digit in line
+        )
 
     async with app.run_test(size=(120, 40)) as pilot:
         client.hear("mav0", position_enu_m=(-2.0, -2.0, 1.0))
@@ -108,7 +114,11 @@ async def test_the_plan_tells_silence_nearness_and_avoidance_by_signs(fleet: Fle
         client.hear("mav2", position_enu_m=(-2.0, 1.0, 1.0))
         client.clock_ns += 2_000_000_000
         client.hear(
-            "mav0", position_enu_m=(0.0, 0.0, 1.0), law_status="saturated", avoids="mav1", nearest_vehicle="mav2"
+            "mav0",
+            position_enu_m=(0.0, 0.0, 1.0),
+            law_status="saturated",
+            avoids="mav1",
+            nearest_vehicle="mav2",
         )
         client.hear("mav1", position_enu_m=(0.7, 0.0, 1.0))
         await see(app, pilot)
@@ -118,7 +128,11 @@ async def test_the_plan_tells_silence_nearness_and_avoidance_by_signs(fleet: Fle
         assert "1!" in plan
         assert "→" in plan
         client.hear(
-            "mav0", position_enu_m=(0.0, 0.0, 1.0), law_status="saturated", avoids="mav2", nearest_vehicle="mav1"
+            "mav0",
+            position_enu_m=(0.0, 0.0, 1.0),
+            law_status="saturated",
+            avoids="mav2",
+            nearest_vehicle="mav1",
         )
         client.clock_ns += 200_000_000
         await see(app, pilot)

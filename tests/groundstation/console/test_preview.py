@@ -1,4 +1,6 @@
-"""What arm, take-off and moves lead to is shown first, and refused in words where it would end badly."""
+"""What arm, take-off and moves lead to is shown first, and refused in words where it would end
+badly.
+"""
 
 from __future__ import annotations
 
@@ -57,8 +59,14 @@ async def test_an_order_that_would_end_badly_is_refused_in_words(rig: Rig) -> No
     async with rig.app.run_test(size=(100, 30)) as pilot:
         rig.hover()
         for forecast, reason in [
-            (Forecast(closest_m=0.41, pair=("mav0", "mav2"), now_m=1.5, duration_s=5.0), "within 0.41 m, below the"),
-            (Forecast(closest_m=1.0, now_m=1.5, duration_s=5.0, outside=("mav1",)), "mav1 would leave the fence"),
+            (
+                Forecast(closest_m=0.41, pair=("mav0", "mav2"), now_m=1.5, duration_s=5.0),
+                "within 0.41 m, below the",
+            ),
+            (
+                Forecast(closest_m=1.0, now_m=1.5, duration_s=5.0, outside=("mav1",)),
+                "mav1 would leave the fence",
+            ),
             (Forecast(closest_m=1.0, now_m=1.5, duration_s=float("inf")), "would not arrive"),
         ]:
             rig.oracle.answer = forecast
@@ -81,7 +89,9 @@ async def test_vehicles_too_close_already_may_be_moved_apart(fleet: FleetConfig)
 async def test_who_is_not_ready_is_named_and_the_others_are_offered(rig: Rig) -> None:
     async with rig.app.run_test(size=(100, 30)) as pilot:
         rig.stand()
-        rig.client.hear("mav1", state="waiting", is_airborne=False, not_ready=("The battery is at 12 %.",))
+        rig.client.hear(
+            "mav1", state="waiting", is_airborne=False, not_ready=("The battery is at 12 %.",)
+        )
         await rig.preview(pilot, "takeoff all 1.0")
         answer = words(rig.app, "answer")
         assert "mav1 is not ready: The battery is at 12 %." in answer
@@ -114,7 +124,9 @@ async def test_silent_vehicles_are_not_ordered(rig: Rig) -> None:
         assert "mav0 is not heard any more" in words(rig.app, "answer")
 
 
-async def test_a_fleet_that_moved_meanwhile_is_computed_again_before_anything_is_sent(rig: Rig) -> None:
+async def test_a_fleet_that_moved_meanwhile_is_computed_again_before_anything_is_sent(
+    rig: Rig,
+) -> None:
     async with rig.app.run_test(size=(100, 30)) as pilot:
         rig.hover()
         screen = await rig.preview(pilot, "move all 0 1 1")
@@ -156,7 +168,11 @@ async def test_who_stands_in_the_room_is_part_of_the_forecast(rig: Rig) -> None:
         rig.client.hear("mav2", state="landed", is_airborne=False, position_enu_m=(1.5, 0.0, 0.0))
         await rig.preview(pilot, "move mav0 0 1.5 1")
         legs = rig.oracle.asked[0]
-        assert (legs["mav0"].is_ordered, legs["mav1"].is_ordered, legs["mav2"].is_parked) == (True, False, True)
+        assert (legs["mav0"].is_ordered, legs["mav1"].is_ordered, legs["mav2"].is_parked) == (
+            True,
+            False,
+            True,
+        )
 
 
 async def test_without_previews_orders_go_at_once(fleet: FleetConfig) -> None:

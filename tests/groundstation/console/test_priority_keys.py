@@ -1,4 +1,5 @@
-"""An emergency key's order leaves while the console is busy with something else, and leaves once."""
+"""An emergency key's order leaves while the console is busy with something else, and leaves once.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +21,9 @@ from tests.groundstation.console.scenes import crowd
 
 
 def typed(app: ConsoleApp, key: str) -> None:
-    """A key as the thread that reads the terminal brings it, while this, the loop's own thread, does not get on."""
+    """A key as the thread that reads the terminal brings it, while this, the loop's own thread,
+    does not get on.
+    """
     assert app.get_driver_class().__name__ == f"Hooked{LinuxDriver.__name__}"
     driver = with_hooks(HeadlessDriver, app.terminal)(app)
     reader = threading.Thread(target=driver.process_message, args=(events.Key(key, None),))
@@ -29,7 +32,9 @@ def typed(app: ConsoleApp, key: str) -> None:
     assert not reader.is_alive()
 
 
-@pytest.mark.parametrize(("key", "order"), [("ctrl+l", "land"), ("f9", "land"), ("ctrl+o", "hold"), ("f8", "hold")])
+@pytest.mark.parametrize(
+    ("key", "order"), [("ctrl+l", "land"), ("f9", "land"), ("ctrl+o", "hold"), ("f8", "hold")]
+)
 async def test_an_emergency_order_does_not_wait_for_the_loop_and_is_sent_once(
     fleet: FleetConfig, key: str, order: str
 ) -> None:

@@ -1,4 +1,6 @@
-"""The screens that know, as they were looked at: alarms, one vehicle, a flight again. See test_snapshots."""
+"""The screens that know, as they were looked at: alarms, one vehicle, a flight again. See
+test_snapshots.
+"""
 
 from __future__ import annotations
 
@@ -59,8 +61,18 @@ def watched(fleet: FleetConfig) -> tuple[SteadyClient, ConsoleApp]:
                 active_neighbour="mav0",
                 neighbour_distances_m={"mav0": 1.02, "mav2": 2.5},
                 neighbour_ages_s={"mav0": 0.02, "mav2": 0.03},
-                setpoint_quaternion_enu_flu_wxyz=(1.0, 0.06 * math.sin(step / 25.0), 0.04 * held, 0.0),
-                attitude_quaternion_enu_flu_wxyz=(1.0, 0.06 * math.sin(step / 25.0 - 0.4), 0.03 * held, 0.0),
+                setpoint_quaternion_enu_flu_wxyz=(
+                    1.0,
+                    0.06 * math.sin(step / 25.0),
+                    0.04 * held,
+                    0.0,
+                ),
+                attitude_quaternion_enu_flu_wxyz=(
+                    1.0,
+                    0.06 * math.sin(step / 25.0 - 0.4),
+                    0.03 * held,
+                    0.0,
+                ),
             )
         )
     return client, ConsoleApp(fleet, client, title="first flight")
@@ -82,7 +94,9 @@ def test_alarms_with_one_acknowledged(snap_compare: Compare, fleet: FleetConfig)
 
 
 @pytest.mark.parametrize("size", SIZES)
-def test_a_vehicle_that_the_law_holds_back(snap_compare: Compare, fleet: FleetConfig, size: tuple[int, int]) -> None:
+def test_a_vehicle_that_the_law_holds_back(
+    snap_compare: Compare, fleet: FleetConfig, size: tuple[int, int]
+) -> None:
     _, app = watched(fleet)
     assert snap_compare(app, terminal_size=size, run_before=press(app, "j", "enter"))
 
@@ -106,5 +120,6 @@ def test_a_flight_again(snap_compare: Compare, tmp_path: Path) -> None:
     replay = Replay(fleet, timeline)
     replay.is_playing = False
     app = ReplayApp(replay, title="replay of flight")
-    asyncio.run(replay.seek(21.0))  # before anything is drawn: what the plan shows grows with what it has seen
+    # before anything is drawn: what the plan shows grows with what it has seen
+    asyncio.run(replay.seek(21.0))
     assert snap_compare(app, terminal_size=SIZES[1], run_before=press(app))

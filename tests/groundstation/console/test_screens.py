@@ -40,15 +40,22 @@ def lines(screen: Screen[object], kind: type) -> str:
 def alarmed(fleet: FleetConfig) -> SteadyClient:
     client = SteadyClient(fleet)
     client.circle(0.0)
-    client.hear("mav1", position_enu_m=(0.0, 0.0, 1.0), conditions=(Condition.LEFT_OFFBOARD.value,), mode="POSCTL")
+    client.hear(
+        "mav1",
+        position_enu_m=(0.0, 0.0, 1.0),
+        conditions=(Condition.LEFT_OFFBOARD.value,),
+        mode="POSCTL",
+    )
     client.hear("mav2", position_enu_m=(1.5, 1.5, 1.0), conditions=(Condition.LOOP_LATE.value,))
     return client
 
 
-# -- alarms --------------------------------------------------------------------------------------------------------
+# -- alarms ----------------------------------------------------------------------------------------
 
 
-async def test_an_alarm_is_acknowledged_and_stays_in_the_list_until_it_is_over(fleet: FleetConfig) -> None:
+async def test_an_alarm_is_acknowledged_and_stays_in_the_list_until_it_is_over(
+    fleet: FleetConfig,
+) -> None:
     client = alarmed(fleet)
     app = ConsoleApp(fleet, client)
     async with app.run_test(size=(100, 30)) as pilot:
@@ -68,17 +75,23 @@ async def test_an_alarm_is_acknowledged_and_stays_in_the_list_until_it_is_over(f
         assert "mav1: PX4 left OFFBOARD" in lines(app.screen, StatusBar)
         client.skew_ns += 100_000_000
         for name in fleet.enabled_names:
-            client.hear(name, position_enu_m=(3.0 * fleet.enabled_names.index(name) - 3.0, 0.0, 1.0))
+            client.hear(
+                name, position_enu_m=(3.0 * fleet.enabled_names.index(name) - 3.0, 0.0, 1.0)
+            )
         app.refresh_fleet()
         client.skew_ns += 3_200_000_000
         for name in fleet.enabled_names:
-            client.hear(name, position_enu_m=(3.0 * fleet.enabled_names.index(name) - 3.0, 0.0, 1.0))
+            client.hear(
+                name, position_enu_m=(3.0 * fleet.enabled_names.index(name) - 3.0, 0.0, 1.0)
+            )
         await pilot.press("A")
         await pilot.pause(0.3)
         assert "over" in lines(app.screen, AlarmList)
 
 
-async def test_the_bell_rings_once_for_each_new_alarm_and_only_when_wanted(fleet: FleetConfig) -> None:
+async def test_the_bell_rings_once_for_each_new_alarm_and_only_when_wanted(
+    fleet: FleetConfig,
+) -> None:
     for wanted in (True, False):
         client, rung = alarmed(fleet), []
         app = ConsoleApp(fleet, client, has_bell=wanted)
@@ -99,7 +112,7 @@ async def test_the_cursor_stays_among_the_alarms_and_escape_leads_back(fleet: Fl
         assert len(app.screen_stack) == 1
 
 
-# -- one vehicle ---------------------------------------------------------------------------------------------------
+# -- one vehicle -----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("size", SIZES[::2])
@@ -162,12 +175,15 @@ async def test_why_it_cannot_fly_is_told_with_what_to_do(fleet: FleetConfig) -> 
             assert words in text
 
 
-async def test_the_page_goes_to_the_next_vehicle_and_keys_mean_the_one_that_is_shown(fleet: FleetConfig) -> None:
+async def test_the_page_goes_to_the_next_vehicle_and_keys_mean_the_one_that_is_shown(
+    fleet: FleetConfig,
+) -> None:
     client = SteadyClient(fleet)
     client.circle(0.0)
     app = ConsoleApp(fleet, client)
     async with app.run_test(size=(120, 40)) as pilot:
-        await pilot.press("space", "space", "enter")  # two are marked, the cursor stands on the third
+        # two are marked, the cursor stands on the third
+        await pilot.press("space", "space", "enter")
         await pilot.pause(0.3)
         assert "mav2" in str(app.screen.query_one(VehiclePage).border_title)
         assert app.orders.selected == ("mav2",)
@@ -228,11 +244,13 @@ def test_angles_of_a_quaternion_are_what_they_are() -> None:
     half = math.radians(30.0) / 2.0
     assert euler_deg((math.cos(half), math.sin(half), 0.0, 0.0)) == pytest.approx((30.0, 0.0, 0.0))
     assert euler_deg((math.cos(half), 0.0, math.sin(half), 0.0)) == pytest.approx((0.0, 30.0, 0.0))
-    assert euler_deg((2.0 * math.cos(half), 0.0, 0.0, 2.0 * math.sin(half))) == pytest.approx((0.0, 0.0, 30.0))
+    assert euler_deg((2.0 * math.cos(half), 0.0, 0.0, 2.0 * math.sin(half))) == pytest.approx(
+        (0.0, 0.0, 30.0)
+    )
     assert all(math.isnan(angle) for angle in euler_deg((0.0, 0.0, 0.0, 0.0)))
 
 
-# -- a flight again ------------------------------------------------------------------------------------------------
+# -- a flight again --------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
@@ -302,7 +320,9 @@ async def test_going_back_takes_back_trails_events_and_alarms(flight: Path) -> N
         assert len(app.history.distances) < 30
 
 
-async def test_nothing_can_be_ordered_in_a_replay_and_letters_are_letters_on_the_order_line(flight: Path) -> None:
+async def test_nothing_can_be_ordered_in_a_replay_and_letters_are_letters_on_the_order_line(
+    flight: Path,
+) -> None:
     replay = replayed(flight)
     replay.is_playing = False
     app = ReplayApp(replay, title="again")
@@ -325,7 +345,9 @@ async def test_nothing_can_be_ordered_in_a_replay_and_letters_are_letters_on_the
     assert app.return_value == 0
 
 
-async def test_a_record_that_was_cut_off_says_so_in_the_console(flight: Path, tmp_path: Path) -> None:
+async def test_a_record_that_was_cut_off_says_so_in_the_console(
+    flight: Path, tmp_path: Path
+) -> None:
     data = (flight / "flight.mcap").read_bytes()
     (tmp_path / "flight.mcap").write_bytes(data[: len(data) // 2])
     shutil.copy(RECORDED_FLEET, tmp_path / "fleet.toml")
@@ -343,7 +365,12 @@ async def test_the_vehicle_page_shows_a_recorded_pipeline_at_once(tmp_path: Path
         stamp_ns = step * SECOND // 50
         files.write(Topic.TICK, "mav0", tick(stamp_ns), stamp_ns)
         if step % 5 == 0:
-            files.write(Topic.TELEMETRY, "mav0", telemetry("mav0", stamp_ns=stamp_ns, sequence=step + 1), stamp_ns)
+            files.write(
+                Topic.TELEMETRY,
+                "mav0",
+                telemetry("mav0", stamp_ns=stamp_ns, sequence=step + 1),
+                stamp_ns,
+            )
     files.finish()
     files.close()
     replay = replayed(tmp_path)

@@ -1,4 +1,7 @@
-"""Every screen as it was looked at and found good. After a change that is wanted: ``pytest --snapshot-update``."""
+"""Every screen as it was looked at and found good.
+
+After a change that is wanted: ``pytest --snapshot-update``.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +15,14 @@ from textual.pilot import Pilot
 
 from groundstation.console.app import ConsoleApp
 from onboard.config.fleet import FleetConfig
-from tests.groundstation.console.scenes import START_NS, SteadyClient, crowd, fly, ground_and_sky, warm
+from tests.groundstation.console.scenes import (
+    START_NS,
+    SteadyClient,
+    crowd,
+    fly,
+    ground_and_sky,
+    warm,
+)
 
 TAKEN_WITH = "8.2"
 pytestmark = pytest.mark.skipif(
@@ -76,7 +86,9 @@ def test_a_fleet_in_flight(snap_compare: Compare, size: tuple[int, int]) -> None
 
 def test_a_crowd(snap_compare: Compare) -> None:
     client, app = console(crowd(100))
-    assert snap_compare(app, terminal_size=SIZES[1], run_before=scene(client, app, "s", "s", seconds=4.0))
+    assert snap_compare(
+        app, terminal_size=SIZES[1], run_before=scene(client, app, "s", "s", seconds=4.0)
+    )
 
 
 @pytest.mark.parametrize("key", ["question_mark", "q"])
@@ -87,7 +99,9 @@ def test_dialogs_over_the_console(snap_compare: Compare, key: str) -> None:
 
 def test_the_plan_alone_on_a_light_ground(snap_compare: Compare) -> None:
     client, app = console(crowd(8, side_m=14.0))
-    assert snap_compare(app, terminal_size=(120, 40), run_before=scene(client, app, "tab", "z", "t"))
+    assert snap_compare(
+        app, terminal_size=(120, 40), run_before=scene(client, app, "tab", "z", "t")
+    )
 
 
 def test_ascii_without_colour(snap_compare: Compare, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -100,7 +114,11 @@ def test_ascii_without_colour(snap_compare: Compare, monkeypatch: pytest.MonkeyP
 def test_a_verdict_leaves_the_plan_its_room(snap_compare: Compare, fleet: FleetConfig) -> None:
     class Verdict:
         is_passed = True
-        sentences = ("Takeoff reached 1.00 m.", "All slots reached within 0.09 m.", "Least distance 0.84 m: ok.")
+        sentences = (
+            "Takeoff reached 1.00 m.",
+            "All slots reached within 0.09 m.",
+            "Least distance 0.84 m: ok.",
+        )
 
     async def mission() -> Verdict:
         return Verdict()

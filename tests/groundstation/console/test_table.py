@@ -164,7 +164,9 @@ async def test_vehicles_that_vanish_and_come_back_leave_no_mark_and_no_ghost() -
 
 
 @pytest.mark.parametrize("size", [*SIZES, (20, 5), (3, 2)])
-async def test_long_and_foreign_names_keep_the_columns_and_stay_apart(size: tuple[int, int]) -> None:
+async def test_long_and_foreign_names_keep_the_columns_and_stay_apart(
+    size: tuple[int, int],
+) -> None:
     client = SteadyClient(crowd(4))
     fly(client, 0.0)
     names = [
@@ -241,7 +243,13 @@ async def test_what_px4_says_past_a_silent_agent_stands_in_place_of_what_was_hea
         client.clock_ns += int(3e9)
         await see(app, pilot)
         assert "NO TELEM 3.0 s" in lines(app, FleetTable)[1]
-        told = Event(vehicle="mav0", stamp_ns=1, severity="warning", code=DIRECT_DISARMED, sentence="It is disarmed.")
+        told = Event(
+            vehicle="mav0",
+            stamp_ns=1,
+            severity="warning",
+            code=DIRECT_DISARMED,
+            sentence="It is disarmed.",
+        )
         client.state = fold(client.state, told, client.now_ns())
         await see(app, pilot)
         row = lines(app, FleetTable)[1]

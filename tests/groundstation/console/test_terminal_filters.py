@@ -11,7 +11,12 @@ from rich.color import Color
 from groundstation.cli import main
 from groundstation.console import theme
 from groundstation.console.app import ConsoleApp
-from groundstation.console.terminal_filters import TerminalFilters, is_ascii_wanted, is_light_wanted, to_ascii
+from groundstation.console.terminal_filters import (
+    TerminalFilters,
+    is_ascii_wanted,
+    is_light_wanted,
+    to_ascii,
+)
 from groundstation.console.widgets.fleet_table import FleetTable
 from onboard.config.fleet import FleetConfig
 from tests.groundstation.console.scenes import SteadyClient, crowd, ground_and_sky
@@ -91,7 +96,9 @@ async def test_without_colour_no_colour_is_written(monkeypatch: pytest.MonkeyPat
 
 def _luminance(colour: str) -> float:
     parts = Color.parse(colour).get_truecolor().normalized
-    red, green, blue = (part / 12.92 if part <= 0.03928 else ((part + 0.055) / 1.055) ** 2.4 for part in parts)
+    red, green, blue = (
+        part / 12.92 if part <= 0.03928 else ((part + 0.055) / 1.055) ** 2.4 for part in parts
+    )
     return 0.2126 * red + 0.7152 * green + 0.0722 * blue
 
 
@@ -114,11 +121,15 @@ def test_every_colour_is_read_on_its_ground_dark_and_light() -> None:
      ({"COLORFGBG": "0;15", "COVEY_THEME": "dark"}, False), ({"COVEY_THEME": "light"}, True),
      ({"COLORFGBG": ";"}, False)],
 )  # fmt: skip
-def test_the_ground_of_the_terminal_is_told_by_its_environment(environ: dict[str, str], is_light: bool) -> None:
+def test_the_ground_of_the_terminal_is_told_by_its_environment(
+    environ: dict[str, str], is_light: bool
+) -> None:
     assert is_light_wanted(environ) == is_light
 
 
-async def test_t_changes_between_dark_and_light(fleet: FleetConfig, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_t_changes_between_dark_and_light(
+    fleet: FleetConfig, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.delenv("COLORFGBG", raising=False)
     client = SteadyClient(fleet)
     app = ConsoleApp(fleet, client)

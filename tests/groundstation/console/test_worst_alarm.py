@@ -30,7 +30,9 @@ def last_line(app: ConsoleApp) -> list[tuple[str, str]]:
     """Pieces of the terminal's last line with their colours."""
     strip = strips(app)[-1]
     colour = [segment.style.color if segment.style else None for segment in strip]
-    return [(segment.text, one.name if one else "") for segment, one in zip(strip, colour, strict=True)]
+    return [
+        (segment.text, one.name if one else "") for segment, one in zip(strip, colour, strict=True)
+    ]
 
 
 @pytest.mark.parametrize(("key", "screen"), SCREENS, ids=[screen.__name__ for _, screen in SCREENS])
@@ -42,15 +44,20 @@ async def test_the_worst_alarm_is_visible_on_every_screen(
 
     def worst(battery_frac: float) -> tuple[str, str]:
         for name in fleet.enabled_names:  # again and again: silence would be another alarm
-            client.hear(name, position_enu_m=fleet.vehicles[name].start_enu_m, battery_frac=battery_frac)
+            client.hear(
+                name, position_enu_m=fleet.vehicles[name].start_enu_m, battery_frac=battery_frac
+            )
         return next((piece for piece in last_line(app) if "✖" in piece[0]), ("", ""))
 
     async with app.run_test(size=(80, 24)) as pilot:
         worst(0.8)
         await pilot.press(key)
         await until(pilot, lambda: isinstance(app.screen, screen))
-        await until(pilot, lambda: worst(0.8) == ("", "") and "all well" in str(last_line(app)), 10.0)
-        await until(pilot, lambda: "mav0" in worst(0.05)[0], 10.0)  # what comes while this screen is in front
+        await until(
+            pilot, lambda: worst(0.8) == ("", "") and "all well" in str(last_line(app)), 10.0
+        )
+        # what comes while this screen is in front
+        await until(pilot, lambda: "mav0" in worst(0.05)[0], 10.0)
         sentence, colour = worst(0.05)
         assert "battery" in sentence.lower()
         assert colour == theme.BAD

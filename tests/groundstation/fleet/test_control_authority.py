@@ -29,7 +29,15 @@ def test_a_token_reads_back_and_strange_names_are_no_tokens() -> None:
     token = Token("operator", 3, "ground-7-ab", "alice")
     assert parse_token(str(token)) == token
     assert "/" not in str(Token("asks", 1, "ground-1", "a/b*$?#.c"))
-    for name in ("ground-1", "operator", "operator.x.n.a", "operator.1..a", "operator.1.n.a.b", "king.1.n.a", ""):
+    for name in (
+        "ground-1",
+        "operator",
+        "operator.x.n.a",
+        "operator.1..a",
+        "operator.1.n.a.b",
+        "king.1.n.a",
+        "",
+    ):
         assert parse_token(name) is None
 
 
@@ -51,7 +59,13 @@ def test_who_operates_goes_on_until_it_leaves_or_somebody_claims_a_later_term() 
 def test_false_claims_neither_take_control_nor_keep_it_for_ever() -> None:
     roles = Roles()
     roles.see("operator.1.ground-1.alice", True)
-    for name in ("operator.999999.x.y", "operator.999.x.y", "operator.3.x.y", "operator.1.a.y", "operator.0.a.y"):
+    for name in (
+        "operator.999999.x.y",
+        "operator.999.x.y",
+        "operator.3.x.y",
+        "operator.1.a.y",
+        "operator.0.a.y",
+    ):
         roles.see(name, True)
     for number in range(100):  # they fill the memory
         roles.see(f"asks.1.x{number}.y", True)
@@ -104,7 +118,11 @@ class Pair:
         return client
 
     def told(self, client: FleetClient) -> list[str]:
-        return [logged.event.sentence for logged in client.state.events if logged.event.code == "operator"]
+        return [
+            logged.event.sentence
+            for logged in client.state.events
+            if logged.event.code == "operator"
+        ]
 
 
 @pytest.fixture
@@ -126,7 +144,9 @@ def test_the_second_ground_watches_and_only_makes_things_safer(pair: Pair) -> No
 def test_agents_refuse_a_second_ground_that_does_not_ask_itself(pair: Pair) -> None:
     pair.bob.control.refusal = lambda kind: None  # type: ignore[method-assign]
     refused = pair.flight.wait_for(pair.bob.order("takeoff all 1.0", 5.0))
-    assert all(one.phase == "refused" and "operates this fleet" in one.sentence for one in refused.values())
+    assert all(
+        one.phase == "refused" and "operates this fleet" in one.sentence for one in refused.values()
+    )
 
 
 def test_a_mission_of_a_second_ground_does_not_begin(pair: Pair) -> None:
@@ -143,7 +163,10 @@ def test_control_is_asked_for_and_given(pair: Pair) -> None:
     pair.flight.run(1.0)
     assert pair.bob.control.is_operator
     assert not pair.alice.control.is_operator
-    assert all(one.is_done for one in pair.flight.wait_for(pair.bob.order("takeoff all 1.0", 40.0)).values())
+    assert all(
+        one.is_done
+        for one in pair.flight.wait_for(pair.bob.order("takeoff all 1.0", 40.0)).values()
+    )
 
 
 def test_an_operator_who_keeps_control_says_so_and_may_be_asked_again(pair: Pair) -> None:
@@ -168,7 +191,10 @@ def test_control_is_taken_by_force_only_after_silence(pair: Pair) -> None:
     pair.flight.run(1.0)
     assert pair.bob.control.is_operator
     assert not pair.alice.control.is_operator
-    assert any(sentence.startswith("bob (") and "operates" in sentence for sentence in pair.told(pair.alice))
+    assert any(
+        sentence.startswith("bob (") and "operates" in sentence
+        for sentence in pair.told(pair.alice)
+    )
 
 
 def test_a_crash_of_the_operator_frees_control_and_nobody_takes_it_unasked(pair: Pair) -> None:
@@ -206,7 +232,7 @@ def test_two_grounds_that_start_together_agree_on_one(fleet: FleetConfig) -> Non
     assert sum(client.control.is_operator for client in clients) == 1
 
 
-# -- real sessions -------------------------------------------------------------------------------------------------
+# -- real sessions ---------------------------------------------------------------------------------
 
 
 def free_endpoint() -> str:
@@ -226,18 +252,30 @@ async def test_two_consoles_over_zenoh_share_one_token_and_a_crash_frees_it(
     fleet: FleetConfig, make_telemetry: Callable[..., Telemetry]
 ) -> None:
     names = fleet.enabled_names[:2]
-    vehicles = {name: msgspec.structs.replace(fleet.vehicles[name], agent=free_endpoint()) for name in names}
+    vehicles = {
+        name: msgspec.structs.replace(fleet.vehicles[name], agent=free_endpoint()) for name in names
+    }
     few = msgspec.structs.replace(fleet, vehicles=vehicles, formations={}, path="two")
     agents = []
     for name in names:
-        session, roles = BusSession(namespace=few.namespace, node=name, listen=[vehicles[name].agent]), Roles()
+        session, roles = (
+            BusSession(namespace=few.namespace, node=name, listen=[vehicles[name].agent]),
+            Roles(),
+        )
         session.start()
         session.watch_alive(roles.see)
 
-        def answer(asked: object, reply: Callable[[OrderReply], None], roles: Roles = roles, name: str = name) -> None:
+        def answer(
+            asked: object,
+            reply: Callable[[OrderReply], None],
+            roles: Roles = roles,
+            name: str = name,
+        ) -> None:
             assert isinstance(asked, Order)
             reason = roles.refusal(asked) or ""
-            answer = OrderReply(order_id=asked.order_id, vehicle=name, is_accepted=not reason, reason=reason)
+            answer = OrderReply(
+                order_id=asked.order_id, vehicle=name, is_accepted=not reason, reason=reason
+            )
             loop.call_soon_threadsafe(reply, answer)
 
         session.serve_orders(name, answer)
@@ -249,7 +287,9 @@ async def test_two_consoles_over_zenoh_share_one_token_and_a_crash_frees_it(
         while True:
             sequence += 1
             for name, session, roles in agents:
-                message = make_telemetry(name, sequence=sequence, operator=roles.operator, roles=roles.others)
+                message = make_telemetry(
+                    name, sequence=sequence, operator=roles.operator, roles=roles.others
+                )
                 session.publish(Topic.TELEMETRY, name, message)
             await asyncio.sleep(0.05)
 

@@ -1,4 +1,6 @@
-"""A vehicle that the fleet file disables and that is heard all the same: shown, counted, and to be brought down."""
+"""A vehicle that the fleet file disables and that is heard all the same: shown, counted, and to be
+brought down.
+"""
 
 from __future__ import annotations
 
@@ -24,20 +26,32 @@ def test_it_is_shown_counted_and_alarmed_as_soon_as_it_is_heard() -> None:
     fleet = _fleet()
     state = fleet_state.initial(fleet)
     assert list(state.vehicles) == ["mav0", "mav1"]
-    state = fleet_state.fold(state, telemetry("mav0", sequence=1, position_enu_m=(0.0, 0.0, 1.0)), 5)
-    flying = telemetry("mav2", sequence=1, position_enu_m=(0.9, 0.0, 1.0), is_airborne=True, is_armed=True)
+    state = fleet_state.fold(
+        state, telemetry("mav0", sequence=1, position_enu_m=(0.0, 0.0, 1.0)), 5
+    )
+    flying = telemetry(
+        "mav2", sequence=1, position_enu_m=(0.9, 0.0, 1.0), is_airborne=True, is_armed=True
+    )
     state = fleet_state.fold(state, flying, 5)
     assert state.smallest is not None
     assert (state.smallest.first, state.smallest.second) == ("mav0", "mav2")
     assert state.smallest.distance_m == pytest.approx(0.9)
-    assert [one.subject for one in conditions(state, fleet, 5) if one.kind is Ground.DISABLED_FLIES] == ["mav2"]
+    assert [
+        one.subject for one in conditions(state, fleet, 5) if one.kind is Ground.DISABLED_FLIES
+    ] == ["mav2"]
     stranger = telemetry("nobody", sequence=1)
     assert fleet_state.fold(state, stranger, 6) is state
 
 
 def test_it_may_be_brought_down_and_not_flown() -> None:
     fleet = _fleet()
-    for verb, is_sent in (("land", True), ("kill", True), ("hold", True), ("takeoff", False), ("arm", False)):
+    for verb, is_sent in (
+        ("land", True),
+        ("kill", True),
+        ("hold", True),
+        ("takeoff", False),
+        ("arm", False),
+    ):
         intent = Intent(verb, ("mav2",), height_m=1.0)  # type: ignore[arg-type]
         planned = plan_order(intent, fleet, None, held=HeldFormation(None), author="me", now_ns=1)
         assert ("mav2" in planned.orders) is is_sent, verb

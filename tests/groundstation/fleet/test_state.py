@@ -26,7 +26,9 @@ from onboard.message_counts import in_words
 SECOND = 1_000_000_000
 
 
-def truth(vehicle: str, stamp_ns: int, x: float, *, on_ground: bool = False, speed: float = 0.0) -> Truth:
+def truth(
+    vehicle: str, stamp_ns: int, x: float, *, on_ground: bool = False, speed: float = 0.0
+) -> Truth:
     return Truth(
         vehicle=vehicle,
         stamp_ns=stamp_ns,
@@ -38,7 +40,9 @@ def truth(vehicle: str, stamp_ns: int, x: float, *, on_ground: bool = False, spe
     )
 
 
-def test_silence_ages_telemetry_until_it_is_no_longer_fresh(fleet: FleetConfig, make_telemetry: Any) -> None:
+def test_silence_ages_telemetry_until_it_is_no_longer_fresh(
+    fleet: FleetConfig, make_telemetry: Any
+) -> None:
     view = fold(initial(fleet), make_telemetry("mav0"), 0).vehicles["mav0"]
     assert view.is_fresh(SECOND)
     assert not view.is_fresh(SECOND + 1)
@@ -58,33 +62,55 @@ def test_old_and_repeated_samples_change_nothing_but_a_new_boot_starts_over(
     assert again.vehicles["mav0"].telemetry.mode == "REBORN"
 
 
-def test_one_false_number_excludes_no_telemetry_after_it(fleet: FleetConfig, make_telemetry: Any) -> None:
+def test_one_false_number_excludes_no_telemetry_after_it(
+    fleet: FleetConfig, make_telemetry: Any
+) -> None:
     state = fold(initial(fleet), make_telemetry("mav0", sequence=2**60, mode="FALSE"), 0)
     state = fold(state, make_telemetry("mav0", sequence=8, mode="TRUE"), 1)
     assert state.vehicles["mav0"].telemetry.mode == "TRUE"
 
 
-def test_the_closest_pair_is_found_from_fresh_and_valid_positions_only(fleet: FleetConfig, make_telemetry: Any) -> None:
+def test_the_closest_pair_is_found_from_fresh_and_valid_positions_only(
+    fleet: FleetConfig, make_telemetry: Any
+) -> None:
     state = initial(fleet)
     for name, x, valid in (("mav0", 0.0, True), ("mav1", 2.0, True), ("mav2", 0.1, False)):
-        state = fold(state, make_telemetry(name, position_enu_m=(x, 0.0, 1.0), is_position_valid=valid), 0)
+        state = fold(
+            state, make_telemetry(name, position_enu_m=(x, 0.0, 1.0), is_position_valid=valid), 0
+        )
     closest = state.closest(0)
-    assert (closest.first, closest.second, closest.distance_m) == ("mav0", "mav1", pytest.approx(2.0))
+    assert (closest.first, closest.second, closest.distance_m) == (
+        "mav0",
+        "mav1",
+        pytest.approx(2.0),
+    )
     assert state.closest(5 * SECOND) is None
 
 
-def test_positions_are_carried_on_with_their_velocity(fleet: FleetConfig, make_telemetry: Any) -> None:
+def test_positions_are_carried_on_with_their_velocity(
+    fleet: FleetConfig, make_telemetry: Any
+) -> None:
     state = fold(initial(fleet), make_telemetry("mav0", velocity_enu_m_s=(1.0, 0.0, 0.0)), 0)
     assert state.vehicles["mav0"].position_enu_m(SECOND // 2) == pytest.approx((0.5, 0.0, 0.0))
 
 
-def test_the_smallest_separation_counts_only_while_somebody_flies(fleet: FleetConfig, make_telemetry: Any) -> None:
+def test_the_smallest_separation_counts_only_while_somebody_flies(
+    fleet: FleetConfig, make_telemetry: Any
+) -> None:
     state = initial(fleet)
     state = fold(state, make_telemetry("mav0", position_enu_m=(0.0, 0.0, 0.0)), 0)
     state = fold(state, make_telemetry("mav1", position_enu_m=(0.3, 0.0, 0.0)), 0)
     assert state.smallest is None
-    state = fold(state, make_telemetry("mav1", sequence=2, position_enu_m=(0.9, 0.0, 1.0), is_airborne=True), 1)
-    state = fold(state, make_telemetry("mav1", sequence=3, position_enu_m=(2.0, 0.0, 1.0), is_airborne=True), 2)
+    state = fold(
+        state,
+        make_telemetry("mav1", sequence=2, position_enu_m=(0.9, 0.0, 1.0), is_airborne=True),
+        1,
+    )
+    state = fold(
+        state,
+        make_telemetry("mav1", sequence=3, position_enu_m=(2.0, 0.0, 1.0), is_airborne=True),
+        2,
+    )
     assert state.smallest.distance_m == pytest.approx(0.9)
 
 
@@ -93,12 +119,15 @@ def test_telemetry_that_waited_together_is_compared_as_if_it_had_come_one_by_one
 ) -> None:
     heard = [
         (make_telemetry(name, sequence=step, position_enu_m=(x, 0.0, 1.0), is_airborne=True), step)
-        for step, places in enumerate(((0.0, 3.0, 6.0), (0.0, 0.4, 6.0), (0.0, 3.0, math.nan)), start=1)
+        for step, places in enumerate(
+            ((0.0, 3.0, 6.0), (0.0, 0.4, 6.0), (0.0, 3.0, math.nan)), start=1
+        )
         for name, x in zip(("mav0", "mav1", "mav2"), places, strict=True)
     ]
     state = fold_telemetry(initial(fleet), heard)
     assert (state.smallest.first, state.smallest.second) == ("mav0", "mav1")
-    assert state.smallest.distance_m == pytest.approx(0.4)  # they were that near between other messages
+    # they were that near between other messages
+    assert state.smallest.distance_m == pytest.approx(0.4)
     one_by_one = initial(fleet)
     for message, received_ns in heard:
         one_by_one = fold(one_by_one, message, received_ns)
@@ -112,7 +141,9 @@ def test_truth_of_two_vehicles_is_compared_at_one_moment(fleet: FleetConfig) -> 
     assert state.smallest_truth.distance_m == pytest.approx(1.5)
     assert state.smallest_truth.is_truth
     grounded = fold(
-        fold(initial(fleet), truth("mav0", 0, 0.0, on_ground=True), 0), truth("mav1", 0, 0.1, on_ground=True), 0
+        fold(initial(fleet), truth("mav0", 0, 0.0, on_ground=True), 0),
+        truth("mav1", 0, 0.1, on_ground=True),
+        0,
     )
     assert grounded.smallest_truth is None
 
@@ -131,11 +162,17 @@ def test_numbers_that_are_not_finite_are_counted_and_never_become_a_position(
     )
 
 
-def test_unknown_vehicles_change_nothing_and_events_stay_bounded(fleet: FleetConfig, make_telemetry: Any) -> None:
+def test_unknown_vehicles_change_nothing_and_events_stay_bounded(
+    fleet: FleetConfig, make_telemetry: Any
+) -> None:
     state = initial(fleet)
     assert fold(state, make_telemetry("ghost"), 0) is state
     for count in range(MAX_EVENTS + 50):
-        state = fold(state, Event(vehicle="mav0", stamp_ns=0, severity="info", code="x", sentence=str(count)), count)
+        state = fold(
+            state,
+            Event(vehicle="mav0", stamp_ns=0, severity="info", code="x", sentence=str(count)),
+            count,
+        )
     assert len(state.events) == MAX_EVENTS
     assert state.events[-1].event.sentence == str(MAX_EVENTS + 49)
 
@@ -147,10 +184,14 @@ def test_a_liveliness_token_says_who_is_there(fleet: FleetConfig) -> None:
     assert not fold_nodes(state, [NodeSeen("mav1", False)]).vehicles["mav1"].is_alive
 
 
-def test_the_newest_preflight_report_is_kept_and_says_go_only_while_nothing_refuses(fleet: FleetConfig) -> None:
+def test_the_newest_preflight_report_is_kept_and_says_go_only_while_nothing_refuses(
+    fleet: FleetConfig,
+) -> None:
     def report(sequence: int, is_ok: bool) -> PreflightReport:
         checks = (("battery", is_ok, "Battery at 40 %.", "" if is_ok else "Charge it."),)
-        return PreflightReport(vehicle="mav0", boot_id=1, sequence=sequence, stamp_ns=0, checks=checks)
+        return PreflightReport(
+            vehicle="mav0", boot_id=1, sequence=sequence, stamp_ns=0, checks=checks
+        )
 
     state = fold(fold(initial(fleet), report(2, False), 0), report(1, True), SECOND)
     view = state.vehicles["mav0"]
@@ -166,10 +207,14 @@ def test_the_newest_preflight_report_is_kept_and_says_go_only_while_nothing_refu
 def test_px4_s_own_word_on_the_direct_way_counts_until_the_agent_speaks_again(
     fleet: FleetConfig, make_telemetry: Any
 ) -> None:
-    state = fold(initial(fleet), make_telemetry("mav1", sequence=1, is_airborne=True, is_armed=True), 0)
+    state = fold(
+        initial(fleet), make_telemetry("mav1", sequence=1, is_airborne=True, is_armed=True), 0
+    )
     assert state.airborne_names == ("mav1",)
     told = Event(stamp_ns=0, severity="warning", code=DIRECT_DISARMED, sentence="", vehicle="mav1")
     state = fold(state, told, 5 * SECOND)
     assert state.airborne_names == ()
-    state = fold(state, make_telemetry("mav1", sequence=2, is_airborne=True, is_armed=True), 6 * SECOND)
+    state = fold(
+        state, make_telemetry("mav1", sequence=2, is_airborne=True, is_armed=True), 6 * SECOND
+    )
     assert state.airborne_names == ("mav1",)

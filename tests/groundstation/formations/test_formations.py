@@ -28,12 +28,15 @@ PLAIN = ("line", "column", "v", "wedge", "circle", "grid", "polygon", "sphere")
 def fleet_with(path: str = "fleet.toml", **formations: dict[str, Any]) -> FleetConfig:
     wide = {"x": [-40.0, 40.0], "y": [-40.0, 40.0], "z": [0.0, 20.0]}
     return fleet_from_mapping(
-        {**TWELVE, "fleet": {**TWELVE["fleet"], "geofence_m": wide}, "formations": formations}, path=path
+        {**TWELVE, "fleet": {**TWELVE["fleet"], "geofence_m": wide}, "formations": formations},
+        path=path,
     )
 
 
 def ordered(fleet: FleetConfig, line: str) -> PlannedOrder:
-    return plan_order(parse(line, fleet), fleet, None, held=HeldFormation(None), author="x", now_ns=0)
+    return plan_order(
+        parse(line, fleet), fleet, None, held=HeldFormation(None), author="x", now_ns=0
+    )
 
 
 def nearest_m(slots: dict[str, Any]) -> float:
@@ -42,13 +45,19 @@ def nearest_m(slots: dict[str, Any]) -> float:
 
 @pytest.mark.parametrize("shape", PLAIN)
 @pytest.mark.parametrize(
-    "extra", [{}, {"rotation_deg": 33.0, "spacing_m": 2.0}, {"layers": 3}], ids=["", "turned", "layers"]
+    "extra",
+    [{}, {"rotation_deg": 33.0, "spacing_m": 2.0}, {"layers": 3}],
+    ids=["", "turned", "layers"],
 )
-def test_a_shape_has_a_slot_for_each_and_keeps_their_distance(shape: str, extra: dict[str, Any]) -> None:
+def test_a_shape_has_a_slot_for_each_and_keeps_their_distance(
+    shape: str, extra: dict[str, Any]
+) -> None:
     fleet = fleet_with(it={"shape": shape, **extra})
     slots = formation_slots(fleet, "it")
     assert tuple(slots) == fleet.enabled_names
-    assert nearest_m(slots) == pytest.approx(extra.get("spacing_m", 1.15 * parking_distance_m(fleet)), abs=2e-3)
+    assert nearest_m(slots) == pytest.approx(
+        extra.get("spacing_m", 1.15 * parking_distance_m(fleet)), abs=2e-3
+    )
     heights = {z for _, _, z in slots.values()}
     assert min(heights) == 0.0
     assert len(heights) == {"sphere": len(slots)}.get(shape, extra.get("layers", 1))
@@ -64,14 +73,21 @@ def test_no_two_slots_of_a_shape_are_at_one_spot(count: int, opening: float, sid
         shapes.polygon(count, sides),
         shapes.grid(count, None),
     ]
-    for slots in (*made, shapes.line(count), shapes.column(count), shapes.circle(count), shapes.sphere(count)):
+    for slots in (
+        *made,
+        shapes.line(count),
+        shapes.column(count),
+        shapes.circle(count),
+        shapes.sphere(count),
+    ):
         assert slots.shape == (count, 3)
         assert shapes.nearest_m(slots) > 0.05
 
 
 def test_layers_that_stand_above_each_other_are_refused_with_the_reason() -> None:
     planned = ordered(
-        fleet_with(it={"shape": "circle", "layers": 2, "layer_height_m": 2.0, "stacked": True}), "formation it 0 0 1"
+        fleet_with(it={"shape": "circle", "layers": 2, "layer_height_m": 2.0, "stacked": True}),
+        "formation it 0 0 1",
     )
     assert not planned.orders
     assert any("no vertical separation" in reason for reason in planned.refusals.values())
@@ -87,11 +103,15 @@ def test_a_text_and_an_image_are_drawn_by_their_slots(tmp_path: Path) -> None:
     picture[5:10, 10:55] = 0.0
     imsave(tmp_path / "bar.png", picture)
     fleet = fleet_with(
-        str(tmp_path / "fleet.toml"), bar={"shape": "image", "file": "bar.png"}, hi={"shape": "text", "text": "HI"}
+        str(tmp_path / "fleet.toml"),
+        bar={"shape": "image", "file": "bar.png"},
+        hi={"shape": "text", "text": "HI"},
     )
     bar = np.array(list(formation_slots(fleet, "bar").values()))
     assert np.ptp(bar[:, 0]) > 4.0 * np.ptp(bar[:, 1])
-    assert nearest_m(formation_slots(fleet, "hi")) == pytest.approx(1.15 * parking_distance_m(fleet), abs=1e-3)
+    assert nearest_m(formation_slots(fleet, "hi")) == pytest.approx(
+        1.15 * parking_distance_m(fleet), abs=1e-3
+    )
 
 
 def test_a_csv_is_taken_as_it_is(tmp_path: Path) -> None:
@@ -112,7 +132,9 @@ def test_a_csv_is_taken_as_it_is(tmp_path: Path) -> None:
         ({"shape": "image"}, "formations.it.file"),
     ],
 )
-def test_a_wrong_shape_is_refused_when_the_file_is_read(formation: dict[str, Any], words: str) -> None:
+def test_a_wrong_shape_is_refused_when_the_file_is_read(
+    formation: dict[str, Any], words: str
+) -> None:
     with pytest.raises(ConfigError, match=words):
         fleet_with(it=formation)
 
@@ -126,7 +148,9 @@ def test_a_wrong_shape_is_refused_when_the_file_is_read(formation: dict[str, Any
         ({"shape": "line", "vehicles": "mav99"}, "mav99"),
     ],
 )
-def test_what_cannot_be_made_is_refused_when_it_is_ordered(formation: dict[str, Any], words: str) -> None:
+def test_what_cannot_be_made_is_refused_when_it_is_ordered(
+    formation: dict[str, Any], words: str
+) -> None:
     with pytest.raises(OrderError, match=words):
         parse("formation it 0 0 1", fleet_with(it=formation))
 
@@ -137,16 +161,25 @@ def test_slots_too_near_for_the_law_are_refused() -> None:
     assert "keeps" in planned.refusals["mav0"]
 
 
-@given(st.integers(1, 6).flatmap(lambda n: st.lists(st.floats(0.0, 9.0), min_size=n * n, max_size=n * n)))
+@given(
+    st.integers(1, 6).flatmap(
+        lambda n: st.lists(st.floats(0.0, 9.0), min_size=n * n, max_size=n * n)
+    )
+)
 @settings(max_examples=150, deadline=None)
 def test_assignments_are_the_best_of_all(costs: list[float]) -> None:
     table = np.array(costs).reshape((math.isqrt(len(costs)), -1))
     count = len(table)
-    every = [[table[row, column] for row, column in enumerate(order)] for order in itertools.permutations(range(count))]
+    every = [
+        [table[row, column] for row, column in enumerate(order)]
+        for order in itertools.permutations(range(count))
+    ]
     assert least_longest(table) == pytest.approx(min(max(one) for one in every))
     places = least_sum(table)
     assert sorted(places) == list(range(count))
-    assert sum(table[row, column] for row, column in enumerate(places)) == pytest.approx(min(sum(one) for one in every))
+    assert sum(table[row, column] for row, column in enumerate(places)) == pytest.approx(
+        min(sum(one) for one in every)
+    )
 
 
 def test_nearest_keeps_the_slots_shortens_the_longest_flight_and_lasts_for_the_next_move() -> None:
@@ -159,9 +192,13 @@ def test_nearest_keeps_the_slots_shortens_the_longest_flight_and_lasts_for_the_n
             for name, order in planned.orders.items()
         )
 
-    assert {order.position_enu_m for order in own.orders.values()} == {o.position_enu_m for o in dealt.orders.values()}
+    assert {order.position_enu_m for order in own.orders.values()} == {
+        o.position_enu_m for o in dealt.orders.values()
+    }
     assert longest_m(dealt) < 0.8 * longest_m(own)
-    then = plan_order(parse("move all 1 0 1", fleet), fleet, None, held=dealt.held, author="x", now_ns=0)
+    then = plan_order(
+        parse("move all 1 0 1", fleet), fleet, None, held=dealt.held, author="x", now_ns=0
+    )
     for name, order in then.orders.items():
         was = dealt.orders[name].position_enu_m
         assert was is not None

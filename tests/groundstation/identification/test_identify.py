@@ -1,4 +1,6 @@
-"""Identification from logs whose truth is known: values, intervals, and words when there is too little to see."""
+"""Identification from logs whose truth is known: values, intervals, and words when there is too
+little to see.
+"""
 
 from __future__ import annotations
 
@@ -42,7 +44,9 @@ def quaternion(tilt_rad: Array) -> Array:
     angle = np.sqrt((tilt_rad**2).sum(-1))
     share = 0.5 * np.sinc(0.5 * angle / np.pi)
     zero = np.zeros_like(angle)
-    return np.stack([np.cos(0.5 * angle), -tilt_rad[..., 1] * share, tilt_rad[..., 0] * share, zero], axis=-1)
+    return np.stack(
+        [np.cos(0.5 * angle), -tilt_rad[..., 1] * share, tilt_rad[..., 0] * share, zero], axis=-1
+    )
 
 
 def logs(truth: Truth, seeds: range, duration_s: float = 32.0, tilt_deg: float = 8.0) -> list[Log]:
@@ -54,13 +58,21 @@ def logs(truth: Truth, seeds: range, duration_s: float = 32.0, tilt_deg: float =
         at = 0
         while at < ticks:
             width, axis = int(rng.integers(20, 45)), int(rng.integers(2))
-            size = math.radians(tilt_deg) * float(rng.uniform(0.5, 1.0)) * float(rng.choice([-1.0, 1.0]))
+            size = (
+                math.radians(tilt_deg)
+                * float(rng.uniform(0.5, 1.0))
+                * float(rng.choice([-1.0, 1.0]))
+            )
             for sign in (1.0, -1.0, -1.0, 1.0):  # moves away and back
                 asked[at : at + width, number, axis] = sign * size
                 at += width
             at += int(rng.integers(0, 30))
     asked = asked[:ticks]
-    thrust = truth.hover_frac * (1.0 + 0.03 * np.sin(np.arange(ticks) * TICK_S * 1.7))[:, None] * np.ones(count)
+    thrust = (
+        truth.hover_frac
+        * (1.0 + 0.03 * np.sin(np.arange(ticks) * TICK_S * 1.7))[:, None]
+        * np.ones(count)
+    )
     tilt, rate = np.zeros((count, 2)), np.zeros((count, 2))
     position, velocity = np.zeros((count, 3)), np.zeros((count, 3))
     lift, gust = np.full(count, truth.hover_frac), np.zeros((count, 3))
@@ -72,14 +84,25 @@ def logs(truth: Truth, seeds: range, duration_s: float = 32.0, tilt_deg: float =
         time_s = k * STEP_S
         if k % 4 == 0:
             flown_tilt[k // 4], places[k // 4] = tilt, position
-        heard = asked[max(0, math.floor((time_s - truth.delay_s) / TICK_S + 1e-6))] if time_s >= truth.delay_s else 0.0
-        push = truth.wn_rad_s**2 * (truth.gain * heard + error - tilt) - 2.0 * truth.zeta * truth.wn_rad_s * rate
+        heard = (
+            asked[max(0, math.floor((time_s - truth.delay_s) / TICK_S + 1e-6))]
+            if time_s >= truth.delay_s
+            else 0.0
+        )
+        push = (
+            truth.wn_rad_s**2 * (truth.gain * heard + error - tilt)
+            - 2.0 * truth.zeta * truth.wn_rad_s * rate
+        )
         tilt = tilt + STEP_S * rate + 0.5 * STEP_S**2 * push
         rate = rate + STEP_S * push
         lift = lift + (1.0 - math.exp(-STEP_S / MOTOR_LAG_S)) * (thrust[k // 4] - lift)
-        gust = keep * gust + truth.gust_m_s2 * math.sqrt(1.0 - keep**2) * draw[k] * np.array([1.0, 1.0, 0.2])
+        gust = keep * gust + truth.gust_m_s2 * math.sqrt(1.0 - keep**2) * draw[k] * np.array(
+            [1.0, 1.0, 0.2]
+        )
         angle = np.sqrt((tilt**2).sum(-1))
-        up = np.concatenate([tilt * np.sinc(angle / np.pi)[:, None], np.cos(angle)[:, None]], axis=-1)
+        up = np.concatenate(
+            [tilt * np.sinc(angle / np.pi)[:, None], np.cos(angle)[:, None]], axis=-1
+        )
         force = (GRAVITY_M_S2 * lift / truth.hover_frac)[:, None] * up
         acceleration = force - truth.drag_1_s * velocity + gust - np.array([0.0, 0.0, GRAVITY_M_S2])
         position = position + STEP_S * velocity + 0.5 * STEP_S**2 * acceleration
@@ -91,7 +114,15 @@ def logs(truth: Truth, seeds: range, duration_s: float = 32.0, tilt_deg: float =
         seen = places[:, number] + 0.003 * rng.standard_normal((ticks, 3))
         stamps = time + truth.attitude_age_s
         found.append(
-            Log(time, quaternion(asked[:, number]), thrust[:, number], stamps, quaternion(seen_tilt), time, seen)
+            Log(
+                time,
+                quaternion(asked[:, number]),
+                thrust[:, number],
+                stamps,
+                quaternion(seen_tilt),
+                time,
+                seen,
+            )
         )
     return found
 
@@ -107,17 +138,27 @@ def misses(found: Identified, truth: Truth) -> dict[str, tuple[float, bool]]:
         "tilt_error_y_deg": truth.error_deg[1],
     }
     return {
-        name: (getattr(found, name).value - value, getattr(found, name).low <= value <= getattr(found, name).high)
+        name: (
+            getattr(found, name).value - value,
+            getattr(found, name).low <= value <= getattr(found, name).high,
+        )
         for name, value in expected.items()
     }
 
 
 @pytest.mark.parametrize("truth", [Truth(), WEAK], ids=["sih", "weak"])
-def test_values_are_recovered_and_intervals_cover_the_truth_about_as_often_as_they_say(truth: Truth) -> None:
+def test_values_are_recovered_and_intervals_cover_the_truth_about_as_often_as_they_say(
+    truth: Truth,
+) -> None:
     covered: dict[str, list[bool]] = {}
     for log in logs(truth, range(8)):
         for name, (miss, is_covered) in misses(identify(log), truth).items():
-            bound = {"hover_thrust_frac": 0.01 * truth.hover_frac, "lag_s": 0.02, "drag_1_s": 0.2, "static_gain": 0.02}
+            bound = {
+                "hover_thrust_frac": 0.01 * truth.hover_frac,
+                "lag_s": 0.02,
+                "drag_1_s": 0.2,
+                "static_gain": 0.02,
+            }
             assert abs(miss) < bound.get(name, 0.35), name
             covered.setdefault(name, []).append(is_covered)
     assert np.mean([share for one in covered.values() for share in one]) > 0.90
@@ -144,7 +185,9 @@ def test_no_drag_is_found_where_there_is_none() -> None:
 
 
 def test_less_flight_means_wider_intervals() -> None:
-    short, long = (identify(logs(WEAK, range(3, 4), duration_s=seconds)[0]) for seconds in (14.0, 40.0))
+    short, long = (
+        identify(logs(WEAK, range(3, 4), duration_s=seconds)[0]) for seconds in (14.0, 40.0)
+    )
     assert short.drag_1_s.std > long.drag_1_s.std
 
 
@@ -155,13 +198,21 @@ def test_too_short_or_too_still_is_said_in_words() -> None:
         identify(logs(Truth(), range(1), tilt_deg=0.1)[0])
     log = logs(Truth(), range(1), duration_s=14.0)[0]
     with pytest.raises(TooLittleFlown, match="100 samples"):
-        identify(replace(log, position_time_s=log.position_time_s[:9], position_enu_m=log.position_enu_m[:9]))
+        identify(
+            replace(
+                log, position_time_s=log.position_time_s[:9], position_enu_m=log.position_enu_m[:9]
+            )
+        )
 
 
 def test_gaps_in_the_mocap_cost_precision_and_nothing_else() -> None:
     log = logs(WEAK, range(5, 6))[0]
     kept = np.sin(log.position_time_s * 2.0) > -0.7
-    found = identify(replace(log, position_time_s=log.position_time_s[kept], position_enu_m=log.position_enu_m[kept]))
+    found = identify(
+        replace(
+            log, position_time_s=log.position_time_s[kept], position_enu_m=log.position_enu_m[kept]
+        )
+    )
     assert all(abs(miss) < 0.4 for miss, _ in misses(found, WEAK).values())
 
 

@@ -57,7 +57,9 @@ def test_a_second_call_changes_nothing_and_makes_what_is_missing(folder: Path) -
 def test_the_place_of_the_keys_is_no_part_of_what_agents_compare(folder: Path) -> None:
     fleet = load_fleet(folder / "fleet.toml")
     data, path, _ = read_toml(folder / "fleet.toml", "fleet file")
-    moved = fleet_from_mapping({**data, "fleet": {**data["fleet"], "keys": str(folder / "keys")}}, path=path)
+    moved = fleet_from_mapping(
+        {**data, "fleet": {**data["fleet"], "keys": str(folder / "keys")}}, path=path
+    )
     assert moved.keys_folder == fleet.keys_folder
     assert moved.config_hash == fleet.config_hash
 
@@ -89,7 +91,9 @@ def _foreign(folder: Path) -> None:
 def _issued(days: int) -> Callable[[Path], None]:
     def issue_then(folder: Path) -> None:
         authority = load_authority(folder / "keys")
-        issue(folder / "keys", authority, "mav1", ["127.0.0.1"], NOW + datetime.timedelta(days=days))
+        issue(
+            folder / "keys", authority, "mav1", ["127.0.0.1"], NOW + datetime.timedelta(days=days)
+        )
 
     return issue_then
 
@@ -120,13 +124,17 @@ def test_what_does_not_fit_is_refused_at_the_start_with_the_remedy(
         assert words in capsys.readouterr().out
 
 
-def test_a_certificate_whose_key_is_elsewhere_is_listed_so(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_certificate_whose_key_is_elsewhere_is_listed_so(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     (folder / "keys" / "mav1.key").unlink()
     assert main(["keys", "list", str(folder / "fleet.toml")]) == 0
     assert capsys.readouterr().out.count("its key is not on this computer") == 1
 
 
-def test_a_new_authority_locks_out_every_older_key(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_new_authority_locks_out_every_older_key(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     file = str(folder / "fleet.toml")
     assert main(["keys", "init", file]) == 2  # not by accident
     old = {path.name: path.read_bytes() for path in (folder / "keys").iterdir()}
@@ -138,7 +146,9 @@ def test_a_new_authority_locks_out_every_older_key(folder: Path, capsys: pytest.
     assert "was not issued by" in capsys.readouterr().out
 
 
-def test_examples_and_unknown_nodes_are_refused(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_examples_and_unknown_nodes_are_refused(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert main(["secure", "paper"]) == 2
     assert "Copy it" in capsys.readouterr().err
     assert main(["keys", "issue", str(folder / "fleet.toml"), "mav9"]) == 2
@@ -166,7 +176,9 @@ def test_a_vehicle_that_moved_to_another_address_needs_a_certificate_for_it(
     text = file.read_text(encoding="utf-8")
     agent = load_fleet(file).vehicles["mav1"].agent
     file.write_text(text.replace(agent, agent.replace("127.0.0.1", "10.0.0.21")), encoding="utf-8")
-    with pytest.raises(ConfigError, match=r"is for 127.0.0.1, but the fleet file has mav1 at 10.0.0.21"):
+    with pytest.raises(
+        ConfigError, match=r"is for 127.0.0.1, but the fleet file has mav1 at 10.0.0.21"
+    ):
         credentials_of(load_fleet(file), "mav1")
     assert main(["keys", "list", str(file)]) == 1
     assert "covey keys issue FLEET mav1" in capsys.readouterr().out

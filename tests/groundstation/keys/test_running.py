@@ -35,7 +35,9 @@ def _agent(fleet: FleetConfig, name: str) -> Iterator[None]:
         session.stop()
 
 
-def test_a_node_that_was_forgotten_is_found(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_node_that_was_forgotten_is_found(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     paper, file = load_fleet(PAPER), tmp_path / "fleet.toml"
     file.write_text(toml_text(with_free_ports(tomllib.loads(paper.text), paper)), encoding="utf-8")
     fleet = secure_fleet(str(file), datetime.datetime.now(datetime.UTC))
@@ -48,4 +50,6 @@ def test_a_node_that_was_forgotten_is_found(tmp_path: Path, capsys: pytest.Captu
     assert rows["mav0"].startswith("RUNS ON with a former authority")
     assert rows["mav1"] == "runs with the present authority"
     assert rows["mav2"].startswith("does not answer")
-    assert {oct(path.stat().st_mode & 0o777) for path in (tmp_path / "keys-former").rglob("*.key")} == {"0o600"}
+    assert {
+        oct(path.stat().st_mode & 0o777) for path in (tmp_path / "keys-former").rglob("*.key")
+    } == {"0o600"}

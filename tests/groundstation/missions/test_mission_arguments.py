@@ -1,4 +1,6 @@
-"""Arguments of Python missions: from the command line, of the kinds of their defaults, refused in words."""
+"""Arguments of Python missions: from the command line, of the kinds of their defaults, refused in
+words.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +25,9 @@ async def mission(fleet, height_m=1.0, times=1, says="up", is_calm=True):
 """
 
 
-async def _mission(fleet: Any, height_m: float = 1.0, times: int = 1, says: str = "", is_calm: bool = True) -> None:
+async def _mission(
+    fleet: Any, height_m: float = 1.0, times: int = 1, says: str = "", is_calm: bool = True
+) -> None:
     """Have arguments."""
 
 
@@ -33,7 +37,12 @@ async def _needing(fleet: Any, goal: Any) -> None:
 
 def test_written_arguments_become_the_kinds_of_their_defaults() -> None:
     given = {"height_m": "1.5", "times": "3", "says": "7", "is_calm": "no"}
-    assert arguments_of(_mission, given, "m.py") == {"height_m": 1.5, "times": 3, "says": "7", "is_calm": False}
+    assert arguments_of(_mission, given, "m.py") == {
+        "height_m": 1.5,
+        "times": 3,
+        "says": "7",
+        "is_calm": False,
+    }
     assert arguments_of(_mission, {"height_m": "2"}, "m.py") == {"height_m": 2}
     assert arguments_of(_needing, {"goal": "(0, 1, 2)"}, "m.py") == {"goal": (0, 1, 2)}
     assert arguments_of(_needing, {"goal": "north"}, "m.py") == {"goal": "north"}
@@ -42,19 +51,27 @@ def test_written_arguments_become_the_kinds_of_their_defaults() -> None:
 @pytest.mark.parametrize(
     ("function", "given", "words"),
     [
-        (_mission, {"heigth_m": "1"}, "has no argument 'heigth_m'; it has height_m, times, says, is_calm"),
+        (
+            _mission,
+            {"heigth_m": "1"},
+            "has no argument 'heigth_m'; it has height_m, times, says, is_calm",
+        ),
         (_mission, {"height_m": "high"}, "must be a number"),
         (_mission, {"times": "1.5"}, "whole number"),
         (_mission, {"is_calm": "perhaps"}, "true or false"),
         (_needing, {}, "--arg goal=VALUE"),
     ],
 )
-def test_wrong_arguments_are_refused_in_words(function: Any, given: dict[str, str], words: str) -> None:
+def test_wrong_arguments_are_refused_in_words(
+    function: Any, given: dict[str, str], words: str
+) -> None:
     with pytest.raises(ConfigError, match=words):
         arguments_of(function, given, "m.py")
 
 
-def test_the_command_line_and_a_test_give_arguments(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_line_and_a_test_give_arguments(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     path = tmp_path / "m.py"
     path.write_text(MISSION, encoding="utf-8")
     assert main(["fly", str(path), "--lockstep", "--arg", "height=1"]) == 2

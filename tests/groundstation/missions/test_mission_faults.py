@@ -21,7 +21,13 @@ from sitl.lockstep.flight import Lockstep
 from tests.groundstation.conftest import FakeBus
 
 FLEET = "configs/fleets/paper.toml"
-FAULT = {"do": "fault", "vehicles": "mav1", "name": "motor_dead", "parameters": {"motor": 2}, "after_s": 1.0}
+FAULT = {
+    "do": "fault",
+    "vehicles": "mav1",
+    "name": "motor_dead",
+    "parameters": {"motor": 2},
+    "after_s": 1.0,
+}
 
 
 def mission(fleet: FleetConfig, *steps: dict[str, Any]) -> Any:
@@ -56,7 +62,12 @@ def test_a_wrong_fault_step_is_refused_with_file_and_key(
 def test_a_fault_step_is_read_whole(paper: FleetConfig) -> None:
     (step,) = mission(paper, {**FAULT, "duration_s": 2}).steps
     assert step == FaultStep(
-        do="fault", vehicles="mav1", name="motor_dead", parameters={"motor": 2}, after_s=1.0, duration_s=2.0
+        do="fault",
+        vehicles="mav1",
+        name="motor_dead",
+        parameters={"motor": 2},
+        after_s=1.0,
+        duration_s=2.0,
     )
 
 
@@ -69,7 +80,9 @@ class Simulated(FakeBus):
         self.asked = [*getattr(self, "asked", []), order]
         is_known = order.fault != "explode"
         reason = f"{order.vehicle}: it happens" if is_known else "there is no fault 'explode'."
-        reply = OrderReply(order_id=order.order_id, vehicle=order.vehicle, is_accepted=is_known, reason=reason)
+        reply = OrderReply(
+            order_id=order.order_id, vehicle=order.vehicle, is_accepted=is_known, reason=reason
+        )
         self._loop.call_soon(on_reply, reply)
         self._loop.call_later(0.01, on_end)
 
@@ -85,7 +98,10 @@ async def test_a_real_flight_refuses_faults_in_words(paper: FleetConfig) -> None
     client = FleetClient(paper, bus=Real(paper))
     await client.start()
     try:
-        with pytest.raises(FaultRefused, match=r"mav1: no emulator answers .* Faults are for simulated flights only"):
+        with pytest.raises(
+            FaultRefused,
+            match=r"mav1: no emulator answers .* Faults are for simulated flights only",
+        ):
             await Fleet(client).fault("motor_dead", "mav1", motor=2)
     finally:
         await client.stop()
@@ -97,7 +113,9 @@ async def test_a_python_mission_orders_faults_of_several_vehicles(paper: FleetCo
     await client.start()
     said: list[str] = []
     try:
-        await Fleet(client, say=said.append).fault("link_loss", "mav0,mav2", after_s=2.0, duration_s=1.0, share=0.5)
+        await Fleet(client, say=said.append).fault(
+            "link_loss", "mav0,mav2", after_s=2.0, duration_s=1.0, share=0.5
+        )
     finally:
         await client.stop()
     assert [(order.vehicle, order.fault, order.parameters) for order in bus.asked] == [
@@ -108,7 +126,9 @@ async def test_a_python_mission_orders_faults_of_several_vehicles(paper: FleetCo
     assert said[0] == "fault in 2 s: mav0: it happens"
 
 
-async def test_an_impossible_fault_late_in_a_mission_stops_it_before_anybody_takes_off(paper: FleetConfig) -> None:
+async def test_an_impossible_fault_late_in_a_mission_stops_it_before_anybody_takes_off(
+    paper: FleetConfig,
+) -> None:
     bus = Simulated(paper)
     client = FleetClient(paper, bus=bus)
     await client.start()
@@ -164,10 +184,14 @@ def test_impossible_faults_and_weather_are_refused_with_exit_status_two(
     assert words in capsys.readouterr().err
 
 
-def test_a_fault_that_the_emulator_does_not_know_is_wrong_input_in_lockstep_too(paper: FleetConfig) -> None:
+def test_a_fault_that_the_emulator_does_not_know_is_wrong_input_in_lockstep_too(
+    paper: FleetConfig,
+) -> None:
     unknown = {**FAULT, "name": "no_such_fault", "parameters": {}}
     with Lockstep(paper) as flight:
-        verdict = flight.fly(mission(paper, {"do": "takeoff", "height_m": 0.8}, unknown, {"do": "land"}))
+        verdict = flight.fly(
+            mission(paper, {"do": "takeoff", "height_m": 0.8}, unknown, {"do": "land"})
+        )
         assert verdict.exit_status == 2
         assert "no_such_fault" in verdict.summary
         assert not flight.state.airborne_names

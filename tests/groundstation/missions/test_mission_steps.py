@@ -1,4 +1,6 @@
-"""Steps that hold others, that wait, that carry formations; and what is wrong with them, in words with the key."""
+"""Steps that hold others, that wait, that carry formations; and what is wrong with them, in words
+with the key.
+"""
 
 from __future__ import annotations
 
@@ -15,14 +17,25 @@ from onboard.config.fleet import ConfigError, FleetConfig
 UP = {"do": "takeoff", "height_m": 1.0}
 RING = {"formations": {"ring": {"shape": "circle"}}}
 TO_RING = {"do": "formation", "name": "ring", "position_enu_m": [0, 0, 1.0], "assign": "nearest"}
-TURN = {"do": "fly_formation", "name": "ring", "position_enu_m": [0, 0, 1.0], "to": [{"turn_deg": 90.0}]}
-SWAP = {"do": "goto", "goals": {"mav0": [1.5, -1.5, 1.0], "mav2": [-1.5, -1.5, 1.0]}, "speed_m_s": 0.5}
+TURN = {
+    "do": "fly_formation",
+    "name": "ring",
+    "position_enu_m": [0, 0, 1.0],
+    "to": [{"turn_deg": 90.0}],
+}
+SWAP = {
+    "do": "goto",
+    "goals": {"mav0": [1.5, -1.5, 1.0], "mav2": [-1.5, -1.5, 1.0]},
+    "speed_m_s": 0.5,
+}
 LONG = {"do": "wait", "duration_s": 60.0}
 LOW = {"battery_below_pct": 50.0}
 
 
 def make(fleet: FleetConfig, *steps: dict[str, Any], **tables: Any) -> Mission:
-    return mission_from_mapping({"schema": 1, "step": list(steps), **RING, **tables}, path="test.toml", fleet=fleet)
+    return mission_from_mapping(
+        {"schema": 1, "step": list(steps), **RING, **tables}, path="test.toml", fleet=fleet
+    )
 
 
 @pytest.mark.parametrize(
@@ -32,15 +45,24 @@ def make(fleet: FleetConfig, *steps: dict[str, Any], **tables: Any) -> Mission:
         ({"do": "repeat", "times": 3, "steps": []}, "step[1].steps"),
         ({"do": "repeat", "times": 0, "steps": [TO_RING]}, "step[1].times"),
         ({"do": "repeat", "times": 2, "steps": [{"do": "spin"}]}, "step[1].steps[0].do"),
-        ({"do": "repeat", "times": 2, "steps": [{"do": "wait", "length_s": 1}]}, "step[1].steps[0].length_s"),
+        (
+            {"do": "repeat", "times": 2, "steps": [{"do": "wait", "length_s": 1}]},
+            "step[1].steps[0].length_s",
+        ),
         ({"do": "repeat", "times": 2, "steps": [UP]}, "step[1].steps[0]"),
         ({"do": "parallel", "branches": [UP]}, "step[1].branches[0]"),
-        ({"do": "parallel", "branches": [[{"do": "land", "vehicles": "mav9"}]]}, "step[1].branches[0][0]"),
+        (
+            {"do": "parallel", "branches": [[{"do": "land", "vehicles": "mav9"}]]},
+            "step[1].branches[0][0]",
+        ),
         ({"do": "wait"}, "step[1]"),
         ({"do": "wait", "until": {}}, "empty condition"),
         ({"do": "wait", "until": {"battery": 3}}, "step[1].until.battery"),
         ({"do": "wait", "until": {"landed": "mav9"}}, "mav9"),
-        ({"do": "react", "when": {"vehicles": "mav0"}, "steps": [TO_RING], "then": [UP]}, "empty condition"),
+        (
+            {"do": "react", "when": {"vehicles": "mav0"}, "steps": [TO_RING], "then": [UP]},
+            "empty condition",
+        ),
         ({"do": "goto", "goals": {"mav9": [0, 0, 1]}}, "mav9"),
         ({"do": "goto", "goals": {"mav0": [0, 0, 1], "mav1": [0.3, 0, 1]}}, "keeps"),
         ({**TO_RING, "name": "star"}, "star"),
@@ -52,23 +74,30 @@ def make(fleet: FleetConfig, *steps: dict[str, Any], **tables: Any) -> Mission:
         ({**TURN, "leader": "mav9"}, "mav9"),
     ],
 )
-def test_a_wrong_step_is_refused_with_its_key(fleet: FleetConfig, step: dict[str, Any], words: str) -> None:
+def test_a_wrong_step_is_refused_with_its_key(
+    fleet: FleetConfig, step: dict[str, Any], words: str
+) -> None:
     with pytest.raises(ConfigError) as caught:
         make(fleet, UP, step)
     assert str(caught.value).startswith("test.toml")
     assert words in str(caught.value)
 
 
-def test_formations_of_a_mission_need_a_shape_and_stay_with_it_in_another_fleet(fleet: FleetConfig) -> None:
+def test_formations_of_a_mission_need_a_shape_and_stay_with_it_in_another_fleet(
+    fleet: FleetConfig,
+) -> None:
     with pytest.raises(ConfigError, match="needs a 'shape'"):
         make(fleet, UP, formations={"own": {"mav0": [0, 0, 0]}})
-    assert make(fleet, UP, TO_RING).fleet.config_hash == fleet.config_hash  # agents need not know it
+    # agents need not know it
+    assert make(fleet, UP, TO_RING).fleet.config_hash == fleet.config_hash
 
 
 def test_paths_of_a_formation_are_judged_before_the_flight(fleet: FleetConfig) -> None:
     fast = {**TURN, "to": [{"turn_deg": 360.0, "duration_s": 2.0}]}
     refused = [
-        one.sentence for one in mission_findings(make(fleet, UP, fast, {"do": "land"})) if one.status == "refused"
+        one.sentence
+        for one in mission_findings(make(fleet, UP, fast, {"do": "land"}))
+        if one.status == "refused"
     ]
     assert any("speed" in sentence and "Step[1]" in sentence for sentence in refused)
     slow = mission_findings(make(fleet, UP, TURN, {"do": "land"}))
@@ -77,11 +106,18 @@ def test_paths_of_a_formation_are_judged_before_the_flight(fleet: FleetConfig) -
 
 def test_a_mission_that_outlasts_a_battery_is_refused(fleet: FleetConfig) -> None:
     long, home = {"do": "wait", "duration_s": 400.0}, {"do": "land"}
-    vehicles = {name: msgspec.structs.replace(one, hover_time_s=480.0) for name, one in fleet.vehicles.items()}
+    vehicles = {
+        name: msgspec.structs.replace(one, hover_time_s=480.0)
+        for name, one in fleet.vehicles.items()
+    }
     lasting = msgspec.structs.replace(fleet, vehicles=vehicles)
 
     def refused(config: FleetConfig) -> list[str]:
-        return [one.name for one in mission_findings(make(config, UP, long, home)) if one.status == "refused"]
+        return [
+            one.name
+            for one in mission_findings(make(config, UP, long, home))
+            if one.status == "refused"
+        ]
 
     assert refused(lasting) == ["endurance"]
     assert not refused(fleet)  # nobody knows how long its batteries last
@@ -97,7 +133,9 @@ def test_the_course_counts_repetitions_and_tells_what_is_left(fleet: FleetConfig
     assert length_s(five) == pytest.approx(length_s(once) + 8.0)
 
 
-async def test_blocks_are_flown_in_their_order_and_said_with_the_time_left(fleet: FleetConfig, client: Any) -> None:
+async def test_blocks_are_flown_in_their_order_and_said_with_the_time_left(
+    fleet: FleetConfig, client: Any
+) -> None:
     lines: list[str] = []
     mission = make(
         fleet,
@@ -116,7 +154,9 @@ async def test_blocks_are_flown_in_their_order_and_said_with_the_time_left(fleet
     assert next(line for line in lines if line.startswith("[")).startswith("[1/5] takeoff; about ")
 
 
-async def test_a_condition_that_does_not_come_true_fails_the_step_in_words(fleet: FleetConfig, client: Any) -> None:
+async def test_a_condition_that_does_not_come_true_fails_the_step_in_words(
+    fleet: FleetConfig, client: Any
+) -> None:
     late = {"do": "wait", "until": LOW, "timeout_s": 0.2}
     verdict = await MissionRun(make(fleet, UP, late, {"do": "land"}), client).run()
     assert verdict.exit_status == 1

@@ -19,16 +19,25 @@ from onboard.bus.topics import Topic
 from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
 
 ROOT = Path(__file__).resolve().parents[3]
-HOP = [{"do": "takeoff", "height_m": 1.0}, {"do": "formation", "name": "triangle", "position_enu_m": [0, 1.2, 1.0]}]
+HOP = [
+    {"do": "takeoff", "height_m": 1.0},
+    {"do": "formation", "name": "triangle", "position_enu_m": [0, 1.2, 1.0]},
+]
 EXPECT = {"min_separation_m": 0.8, "arrived_within_m": 0.15, "all_landed": True}
 
 
 def make(fleet: FleetConfig, steps: list[dict[str, Any]], **tables: Any) -> Any:
-    return mission_from_mapping({"schema": 1, "step": steps, **tables}, path="test.toml", fleet=fleet)
+    return mission_from_mapping(
+        {"schema": 1, "step": steps, **tables}, path="test.toml", fleet=fleet
+    )
 
 
-@pytest.mark.parametrize("path", sorted((ROOT / "configs/missions").glob("*")), ids=lambda path: path.name)
-def test_every_mission_of_the_repository_is_valid_for_its_fleet_or_for_both_that_are_emulated(path: Path) -> None:
+@pytest.mark.parametrize(
+    "path", sorted((ROOT / "configs/missions").glob("*")), ids=lambda path: path.name
+)
+def test_every_mission_of_the_repository_is_valid_for_its_fleet_or_for_both_that_are_emulated(
+    path: Path,
+) -> None:
     for fleet in (None, "sih") if path.stem == "paper" else (None,):
         mission = load_mission(path, fleet)
         assert mission.steps or mission.is_python
@@ -71,7 +80,11 @@ def test_a_wrong_mission_is_refused_with_file_and_key(
 
 
 def test_python_missions_are_checked_without_being_run(tmp_path: Path, fleet: FleetConfig) -> None:
-    for text, words in (("def mission(", "Python"), ("x = 1\n", "async def mission"), (None, "no such")):
+    for text, words in (
+        ("def mission(", "Python"),
+        ("x = 1\n", "async def mission"),
+        (None, "no such"),
+    ):
         path = tmp_path / "m.py"
         if text is None:
             path = tmp_path / "absent.py"
@@ -80,12 +93,16 @@ def test_python_missions_are_checked_without_being_run(tmp_path: Path, fleet: Fl
         with pytest.raises(ConfigError, match=words):
             load_mission(path, fleet)
     path = tmp_path / "ok.py"
-    path.write_text("EXPECT = {'all_landed': True}\nraise SystemExit\nasync def mission(fleet):\n    pass\n")
+    path.write_text(
+        "EXPECT = {'all_landed': True}\nraise SystemExit\nasync def mission(fleet):\n    pass\n"
+    )
     assert load_mission(path, fleet).expect.all_landed is True
 
 
 def test_the_papers_paths_cross_so_that_they_collide_without_the_law() -> None:
-    """Straight quintics at the speed limit, each vehicle in its own shortest time, as guidance flies."""
+    """Straight quintics at the speed limit, each vehicle in its own shortest time, as guidance
+    flies.
+    """
     mission = load_mission(ROOT / "configs/missions/paper.toml")
     fleet = mission.fleet
     step = next(step for step in mission.steps if step.do == "formation")
@@ -97,7 +114,10 @@ def test_the_papers_paths_cross_so_that_they_collide_without_the_law() -> None:
         start = np.array([*vehicle.start_enu_m[:2], 1.0])
         leg = centre + np.array(slots[name]) - start
         length = np.linalg.norm(leg)
-        duration_s = max(1.875 * length / vehicle.max_speed_m_s, np.sqrt(5.77 * length / vehicle.max_acceleration_m_s2))
+        duration_s = max(
+            1.875 * length / vehicle.max_speed_m_s,
+            np.sqrt(5.77 * length / vehicle.max_acceleration_m_s2),
+        )
         s = np.clip(time_s / duration_s, 0.0, 1.0)
         tracks[name] = start + (10 * s**3 - 15 * s**4 + 6 * s**5) * leg
     closest = min(
@@ -107,11 +127,17 @@ def test_the_papers_paths_cross_so_that_they_collide_without_the_law() -> None:
     assert closest < fleet.fleet.body_diameter_m
 
 
-async def test_an_obedient_fleet_passes_and_every_step_is_told_per_vehicle(fleet: FleetConfig, client: Any) -> None:
+async def test_an_obedient_fleet_passes_and_every_step_is_told_per_vehicle(
+    fleet: FleetConfig, client: Any
+) -> None:
     lines: list[str] = []
-    verdict = await MissionRun(make(fleet, [*HOP, {"do": "land"}], expect=EXPECT), client, say=lines.append).run()
+    verdict = await MissionRun(
+        make(fleet, [*HOP, {"do": "land"}], expect=EXPECT), client, say=lines.append
+    ).run()
     assert verdict.exit_status == 0, verdict.sentences
-    assert [step.vehicles for step in verdict.steps] == [dict.fromkeys(fleet.enabled_names, "done")] * 3
+    assert [step.vehicles for step in verdict.steps] == [
+        dict.fromkeys(fleet.enabled_names, "done")
+    ] * 3
     assert len(verdict.arrivals) == 3
     assert verdict.worst_arrival_m < 0.15
     assert all(verdict.landed.values())
@@ -139,7 +165,10 @@ async def test_a_vehicle_whose_landing_order_fails_is_waited_for_and_ordered_aga
     bus.misbehave["mav2"] = "fail"
     run.interrupt()
     assert await client.wait_for(
-        lambda state: [order.kind for name, order in bus.orders if name == "mav2"].count("land") >= 2, 5.0
+        lambda state: (
+            [order.kind for name, order in bus.orders if name == "mav2"].count("land") >= 2
+        ),
+        5.0,
     )
     bus.misbehave.clear()
     verdict = await asyncio.wait_for(task, 5.0)
@@ -157,7 +186,9 @@ async def test_a_vehicle_that_fails_ends_the_mission_mixed_and_everybody_lands(
     assert verdict.landed["mav0"]
 
 
-async def test_an_expectation_that_fails_is_exit_status_one_with_its_sentence(fleet: FleetConfig, client: Any) -> None:
+async def test_an_expectation_that_fails_is_exit_status_one_with_its_sentence(
+    fleet: FleetConfig, client: Any
+) -> None:
     mission = make(fleet, [*HOP, {"do": "land"}], expect={"min_separation_m": 3.0})
     verdict = await MissionRun(mission, client).run()
     assert verdict.exit_status == 1
@@ -180,7 +211,9 @@ async def test_a_mission_that_leaves_vehicles_in_the_air_has_not_passed_unless_i
     assert declared.passed, declared.summary
 
 
-async def test_the_verdict_names_the_law_that_the_agents_flew(fleet: FleetConfig, client: Any, bus: Any) -> None:
+async def test_the_verdict_names_the_law_that_the_agents_flew(
+    fleet: FleetConfig, client: Any, bus: Any
+) -> None:
     mission = make(fleet, [*HOP, {"do": "land"}])
     for name in fleet.enabled_names:
         bus.tell(name, law="off")
@@ -197,8 +230,12 @@ async def test_an_ending_from_outside_is_said_once_and_landing_again_is_not_repe
     monkeypatch.setattr("groundstation.missions.landing.LAND_AGAIN_S", 0.05)
     monkeypatch.setattr("groundstation.missions.runner.LAND_TIMEOUT_S", 1.0)
     lines: list[str] = []
-    client.add_event_listener(lambda event: lines.append(event.sentence) if event.severity == "critical" else None)
-    run = MissionRun(make(fleet, [HOP[0], {"do": "wait", "duration_s": 60.0}]), client, say=lines.append)
+    client.add_event_listener(
+        lambda event: lines.append(event.sentence) if event.severity == "critical" else None
+    )
+    run = MissionRun(
+        make(fleet, [HOP[0], {"do": "wait", "duration_s": 60.0}]), client, say=lines.append
+    )
     task = asyncio.create_task(run.run())
     assert await client.wait_for(lambda state: len(state.airborne_names) == 3, 5.0)
     bus.misbehave["mav1"] = "fail"  # as with a PX4 that is dead
@@ -212,7 +249,9 @@ async def test_an_ending_from_outside_is_said_once_and_landing_again_is_not_repe
     assert reason in verdict.summary
 
 
-async def test_a_recording_ground_passes_on_no_advice_to_record(fleet: FleetConfig, client: Any, bus: Any) -> None:
+async def test_a_recording_ground_passes_on_no_advice_to_record(
+    fleet: FleetConfig, client: Any, bus: Any
+) -> None:
     advice = ("record", True, "Nobody records this flight.", "Fly it with covey fly.")
     for name in fleet.enabled_names:
         report = PreflightReport(vehicle=name, boot_id=1, sequence=1, stamp_ns=0, checks=(advice,))
@@ -238,7 +277,9 @@ async def test_the_verdict_and_the_record_count_seconds_from_the_same_begin(
     await run.run()
     client.publish_event("info", "mission", "This is the end.")
     writer.stop()
-    verdict = final_verdict(run.flown(), run.mission.expect, tmp_path, begin_ns=writer.begin_ns, record_failure=None)
+    verdict = final_verdict(
+        run.flown(), run.mission.expect, tmp_path, begin_ns=writer.begin_ns, record_failure=None
+    )
     by_event = float((tmp_path / "events.txt").read_text().splitlines()[-1].split()[0])
     assert verdict.closest is not None
     assert by_event - verdict.duration_s - 0.5 < verdict.closest.time_s <= by_event
@@ -254,7 +295,9 @@ async def test_a_flight_without_its_whole_record_or_its_verdict_has_not_passed(
     whole = final_verdict(flown, expect, tmp_path, begin_ns=0, record_failure=None)
     assert whole.passed, whole.summary
     assert whole.closest is not None
-    full = final_verdict(flown, expect, tmp_path, begin_ns=0, record_failure="The record ended: disk full.")
+    full = final_verdict(
+        flown, expect, tmp_path, begin_ns=0, record_failure="The record ended: disk full."
+    )
     assert full.exit_status == 1
     assert "The record ended: disk full." in full.summary
     lost = final_verdict(flown, expect, tmp_path / "absent", begin_ns=0, record_failure=None)
@@ -262,7 +305,9 @@ async def test_a_flight_without_its_whole_record_or_its_verdict_has_not_passed(
     assert "verdict.json cannot be written" in lost.summary
 
 
-async def test_an_expect_step_stops_the_mission_where_it_fails(fleet: FleetConfig, client: Any, bus: Any) -> None:
+async def test_an_expect_step_stops_the_mission_where_it_fails(
+    fleet: FleetConfig, client: Any, bus: Any
+) -> None:
     steps = [HOP[0], {"do": "expect", "min_separation_m": 3.0}, HOP[1]]
     verdict = await MissionRun(make(fleet, steps), client).run()
     assert verdict.exit_status == 1
@@ -270,7 +315,9 @@ async def test_an_expect_step_stops_the_mission_where_it_fails(fleet: FleetConfi
     assert all(verdict.landed.values())
 
 
-async def test_an_interruption_lands_everybody_and_says_so(fleet: FleetConfig, client: Any, bus: Any) -> None:
+async def test_an_interruption_lands_everybody_and_says_so(
+    fleet: FleetConfig, client: Any, bus: Any
+) -> None:
     run = MissionRun(make(fleet, [HOP[0], {"do": "wait", "duration_s": 60.0}]), client)
     task = asyncio.create_task(run.run())
     assert await client.wait_for(lambda state: len(state.airborne_names) == 3, 5.0)
@@ -286,17 +333,24 @@ async def test_an_interruption_just_after_the_order_to_take_off_ends_when_nothin
 ) -> None:
     run = MissionRun(make(fleet, HOP), client)
     task = asyncio.create_task(run.run())
-    assert await client.wait_for(lambda _: any(order.kind == "takeoff" for _, order in bus.orders), 5.0)
+    assert await client.wait_for(
+        lambda _: any(order.kind == "takeoff" for _, order in bus.orders), 5.0
+    )
     run.interrupt()  # no telemetry has shown the take-off yet
     verdict = await asyncio.wait_for(task, 5.0)
     assert verdict.exit_status == 130
     for name in fleet.enabled_names:
-        assert [order.kind for ordered, order in bus.orders if ordered == name] == ["takeoff", "land"], name
+        assert [order.kind for ordered, order in bus.orders if ordered == name] == [
+            "takeoff",
+            "land",
+        ], name
     assert not client.state.airborne_names
 
 
 async def test_cancelling_the_run_lands_too(fleet: FleetConfig, client: Any) -> None:
-    task = asyncio.create_task(MissionRun(make(fleet, [HOP[0], {"do": "wait", "duration_s": 60.0}]), client).run())
+    task = asyncio.create_task(
+        MissionRun(make(fleet, [HOP[0], {"do": "wait", "duration_s": 60.0}]), client).run()
+    )
     assert await client.wait_for(lambda state: len(state.airborne_names) == 3, 5.0)
     task.cancel()
     verdict = await asyncio.wait_for(task, 5.0)
@@ -315,7 +369,9 @@ async def test_nobody_answering_is_exit_status_ten_with_names(fleet: FleetConfig
     assert "mav1 does not answer" in verdict.summary
 
 
-async def test_a_vehicle_that_is_not_ready_says_its_reason(fleet: FleetConfig, client: Any, bus: Any) -> None:
+async def test_a_vehicle_that_is_not_ready_says_its_reason(
+    fleet: FleetConfig, client: Any, bus: Any
+) -> None:
     bus.tell("mav1", state="waiting", not_ready=("no motion capture",))
     verdict = await MissionRun(make(fleet, HOP), client, ready_timeout_s=0.2).run()
     assert verdict.exit_status == 1
@@ -327,14 +383,18 @@ async def test_a_mistake_in_a_python_mission_still_lands_everybody(
     fleet: FleetConfig, client: Any, tmp_path: Path
 ) -> None:
     path = tmp_path / "wrong.py"
-    path.write_text("async def mission(fleet):\n    await fleet.takeoff()\n    fleet.fly_to_the_moon()\n")
+    path.write_text(
+        "async def mission(fleet):\n    await fleet.takeoff()\n    fleet.fly_to_the_moon()\n"
+    )
     verdict = await MissionRun(load_mission(path, fleet), client).run()
     assert verdict.exit_status == 1
     assert "fly_to_the_moon" in verdict.summary
     assert all(verdict.landed.values())
 
 
-async def test_a_python_mission_uses_the_same_orders(fleet: FleetConfig, client: Any, bus: Any, tmp_path: Path) -> None:
+async def test_a_python_mission_uses_the_same_orders(
+    fleet: FleetConfig, client: Any, bus: Any, tmp_path: Path
+) -> None:
     path = tmp_path / "hop.py"
     path.write_text(
         "EXPECT = {'all_landed': True, 'arrived_within_m': 0.15}\n"
@@ -347,7 +407,9 @@ async def test_a_python_mission_uses_the_same_orders(fleet: FleetConfig, client:
     )
     verdict = await MissionRun(load_mission(path, fleet), client).run()
     assert verdict.exit_status == 0, verdict.sentences
-    assert ("mav1", (0.0, -0.5, 1.2)) in [(name, order.position_enu_m) for name, order in bus.orders]
+    assert ("mav1", (0.0, -0.5, 1.2)) in [
+        (name, order.position_enu_m) for name, order in bus.orders
+    ]
 
 
 def test_who_names_a_mission_that_is_not_there_is_shown_a_mission(tmp_path: Path) -> None:
@@ -365,7 +427,9 @@ def test_the_examples_are_known_by_name_and_by_their_path_in_the_repository(
     assert load_mission("mine.py").fleet.fleet.name == "sih"
 
 
-def test_a_fleet_file_instead_of_a_mission_and_the_other_way_round_is_said_with_the_words_to_type() -> None:
+def test_a_fleet_file_instead_of_a_mission_and_the_other_way_round_is_said_with_the_words_to_type() -> (
+    None
+):
     with pytest.raises(ConfigError, match=r"is a fleet file.*covey fly MISSION --fleet"):
         load_mission(ROOT / "configs/fleets/paper.toml")
     with pytest.raises(ConfigError, match=r"is a mission file.*covey fly"):

@@ -33,7 +33,9 @@ async def test_a_ground_that_was_stopped_marks_the_gap_and_waits_before_it_calls
     clock = Clock()
     client = FleetClient(fleet, bus=bus, clock_ns=clock)
     await client.start()
-    mission = mission_from_mapping({"schema": 1, "step": [{"do": "land"}]}, path="m.toml", fleet=fleet)
+    mission = mission_from_mapping(
+        {"schema": 1, "step": [{"do": "land"}]}, path="m.toml", fleet=fleet
+    )
     run = MissionRun(mission, client)
     bus.tell("mav1", is_armed=True, is_airborne=True)
     assert await client.wait_for(lambda state: bool(state.airborne_names), 5.0)
@@ -47,8 +49,12 @@ async def test_a_ground_that_was_stopped_marks_the_gap_and_waits_before_it_calls
         waited_s += 0.2
         assert waited_s < 60.0
     assert waited_s >= AFTER_STALL_S
-    assert Ground.SILENT in {alarm.kind for alarm in conditions(client.state, fleet, client.now_ns())}
-    assert await client.wait_for(lambda state: any(one.event.code == "ground_stalled" for one in state.events), 5.0)
+    assert Ground.SILENT in {
+        alarm.kind for alarm in conditions(client.state, fleet, client.now_ns())
+    }
+    assert await client.wait_for(
+        lambda state: any(one.event.code == "ground_stalled" for one in state.events), 5.0
+    )
     await client.stop()
 
 
@@ -58,7 +64,9 @@ async def test_a_landing_whose_reply_a_stall_swallowed_goes_to_px4_only_when_the
     for is_followed in (True, False):
         clock, sent = Clock(), list[str]()
 
-        def send(endpoint: str, system_id: int, kind: str, sent: list[str] = sent, **options: Any) -> DirectResult:
+        def send(
+            endpoint: str, system_id: int, kind: str, sent: list[str] = sent, **options: Any
+        ) -> DirectResult:
             sent.append(kind)
             return DirectResult(True, True, "PX4 accepted it")
 

@@ -1,4 +1,6 @@
-"""Forecasts: near misses are foreseen, standing vehicles are part of them, and the process is replaceable."""
+"""Forecasts: near misses are foreseen, standing vehicles are part of them, and the process is
+replaceable.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,10 @@ from groundstation.orders.grammar import Intent
 from onboard.config.fleet import FleetConfig
 
 MOVE = Intent("move", ("mav0", "mav1"), position_enu_m=(0.0, 0.0, 1.0))
-SWAP = {"mav0": Leg((-1.2, 0.0, 1.0), (1.2, 0.0, 1.0)), "mav1": Leg((1.2, 0.0, 1.0), (-1.2, 0.0, 1.0))}
+SWAP = {
+    "mav0": Leg((-1.2, 0.0, 1.0), (1.2, 0.0, 1.0)),
+    "mav1": Leg((1.2, 0.0, 1.0), (-1.2, 0.0, 1.0)),
+}
 
 
 def without_law(fleet: FleetConfig) -> FleetConfig:
@@ -54,13 +59,20 @@ def test_who_stands_on_the_ground_stays_there_and_is_flown_around(fleet: FleetCo
     assert forecast(without_law(fleet), legs).closest_m < 0.2
 
 
-def test_a_take_off_takes_longer_than_its_climb_and_an_arming_has_no_paths(fleet: FleetConfig) -> None:
+def test_a_take_off_takes_longer_than_its_climb_and_an_arming_has_no_paths(
+    fleet: FleetConfig,
+) -> None:
     legs = {"mav0": Leg((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))}
     alone = forecast(fleet, legs, is_takeoff=True)
     assert alone.duration_s > 3.0 + 1.0
     assert alone.closest_m == float("inf")
     assert objections(alone, Intent("takeoff", ("mav0",), height_m=1.0), fleet) == ()
-    assert forecast(fleet, {"mav0": Leg((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), is_ordered=False)}).paths_enu_m == {}
+    assert (
+        forecast(
+            fleet, {"mav0": Leg((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), is_ordered=False)}
+        ).paths_enu_m
+        == {}
+    )
 
 
 async def test_another_process_computes_and_is_replaced_when_it_ends(fleet: FleetConfig) -> None:

@@ -19,13 +19,17 @@ NONE = HeldFormation(None)
 
 
 def planned(intent: Intent, fleet: FleetConfig, state: FleetState | None = None) -> PlannedOrder:
-    return plan_order(intent, fleet, state, held=HeldFormation("triangle"), author="tester", now_ns=5)
+    return plan_order(
+        intent, fleet, state, held=HeldFormation("triangle"), author="tester", now_ns=5
+    )
 
 
 def flying_at(fleet: FleetConfig, spots: dict[str, Any]) -> FleetState:
     state = initial(fleet)
     for name, at in spots.items():
-        message = telemetry(name, state="flying", is_airborne=True, position_enu_m=at, goal_position_enu_m=at)
+        message = telemetry(
+            name, state="flying", is_airborne=True, position_enu_m=at, goal_position_enu_m=at
+        )
         state = fold(state, message, 0)
     return state
 
@@ -38,7 +42,10 @@ WELL_FORMED = [
     ("takeoff 1-2 1.2", Intent("takeoff", ("mav1", "mav2"), height_m=1.2)),
     ("TAKEOFF mav0,mav2 2", Intent("takeoff", ("mav0", "mav2"), height_m=2.0)),
     ("move all 2 0 1.2", Intent("move", ALL, position_enu_m=(2.0, 0.0, 1.2))),
-    ("move mav1 2 -1 1.2 in 8", Intent("move", ("mav1",), position_enu_m=(2.0, -1.0, 1.2), duration_s=8.0)),
+    (
+        "move mav1 2 -1 1.2 in 8",
+        Intent("move", ("mav1",), position_enu_m=(2.0, -1.0, 1.2), duration_s=8.0),
+    ),
     (
         "formation triangle 0 1.2 1.0",
         Intent("formation", ALL, position_enu_m=(0.0, 1.2, 1.0), formation="triangle"),
@@ -50,7 +57,13 @@ WELL_FORMED = [
     ),
     (
         "goto mav0 2 0 1 1 0 2 1 yaw -90 in 8 s",
-        Intent("goto", ("mav0", "mav1"), goals={"mav0": (2, 0, 1), "mav1": (0, 2, 1)}, yaw_deg=-90.0, duration_s=8.0),
+        Intent(
+            "goto",
+            ("mav0", "mav1"),
+            goals={"mav0": (2, 0, 1), "mav1": (0, 2, 1)},
+            yaw_deg=-90.0,
+            duration_s=8.0,
+        ),
     ),
     (
         "formation triangle 1.6 0 1 1 turned 30 yaw 90",
@@ -138,8 +151,12 @@ def test_an_order_written_out_is_the_same_order(fleet: FleetConfig) -> None:
         assert again == intent, (text, str(intent))
 
 
-def test_goals_of_one_order_are_judged_together_and_the_way_home_leads_over_the_pads(fleet: FleetConfig) -> None:
-    state = flying_at(fleet, {"mav0": (0.0, 0.0, 1.0), "mav1": (1.5, 0.0, 1.2), "mav2": (0.0, 2.0, 1.0)})
+def test_goals_of_one_order_are_judged_together_and_the_way_home_leads_over_the_pads(
+    fleet: FleetConfig,
+) -> None:
+    state = flying_at(
+        fleet, {"mav0": (0.0, 0.0, 1.0), "mav1": (1.5, 0.0, 1.2), "mav2": (0.0, 2.0, 1.0)}
+    )
     swap = planned(parse("goto mav0 1.5 0 1 mav1 0 0 1", fleet), fleet, state)
     assert not swap.refusals
     assert {name: order.position_enu_m for name, order in swap.orders.items()} == swap.intent.goals
@@ -160,7 +177,9 @@ def test_a_turned_formation_is_remembered_and_turned_further(fleet: FleetConfig)
     assert first.held.rotation_deg == 350.0
     spots = {name: order.position_enu_m for name, order in first.orders.items()}
     state = flying_at(fleet, spots)
-    second = plan_order(parse("rotate 100", fleet), fleet, state, held=first.held, author="tester", now_ns=5)
+    second = plan_order(
+        parse("rotate 100", fleet), fleet, state, held=first.held, author="tester", now_ns=5
+    )
     assert second.held.rotation_deg == pytest.approx(90.0)
     slots = slots_of(fleet, "triangle", None, 90.0)
     for name, order in second.orders.items():
@@ -185,17 +204,23 @@ def test_one_vehicle_moves_to_the_very_point(fleet: FleetConfig) -> None:
 def test_every_order_has_its_own_id_author_and_a_deadline_ahead(fleet: FleetConfig) -> None:
     orders = planned(parse("land all", fleet), fleet).orders.values()
     assert len({order.order_id for order in orders}) == 3
-    assert all(order.author == "tester" and order.deadline_ns > order.stamp_ns == 5 for order in orders)
+    assert all(
+        order.author == "tester" and order.deadline_ns > order.stamp_ns == 5 for order in orders
+    )
 
 
 def test_a_formation_order_is_remembered_and_a_move_keeps_it(fleet: FleetConfig) -> None:
     assert planned(parse("formation triangle 0 1 1", fleet), fleet).held.name == "triangle"
-    unknown = plan_order(parse("move all 0 1 1", fleet), fleet, None, held=NONE, author="x", now_ns=0)
+    unknown = plan_order(
+        parse("move all 0 1 1", fleet), fleet, None, held=NONE, author="x", now_ns=0
+    )
     assert not unknown.orders
     assert all("formation" in reason for reason in unknown.refusals.values())
 
 
-def test_if_one_slot_lies_outside_the_fence_nobody_moves_and_everyone_is_told_why(fleet: FleetConfig) -> None:
+def test_if_one_slot_lies_outside_the_fence_nobody_moves_and_everyone_is_told_why(
+    fleet: FleetConfig,
+) -> None:
     done = planned(parse("move all 3.5 0 1", fleet), fleet)
     assert not done.orders
     assert "outside the fence" in done.refusals["mav2"]
@@ -203,11 +228,15 @@ def test_if_one_slot_lies_outside_the_fence_nobody_moves_and_everyone_is_told_wh
 
 
 def test_a_goal_below_ground_and_a_height_above_the_fence_are_refused(fleet: FleetConfig) -> None:
-    assert "outside the fence" in planned(parse("move mav0 0 0 -0.2", fleet), fleet).refusals["mav0"]
+    assert (
+        "outside the fence" in planned(parse("move mav0 0 0 -0.2", fleet), fleet).refusals["mav0"]
+    )
     assert "3" in planned(parse("takeoff all 9.0", fleet), fleet).refusals["mav1"]
 
 
-def test_numbers_that_are_not_finite_are_refused_also_without_the_parser(fleet: FleetConfig) -> None:
+def test_numbers_that_are_not_finite_are_refused_also_without_the_parser(
+    fleet: FleetConfig,
+) -> None:
     for intent in (
         Intent("move", ("mav0",), position_enu_m=(math.nan, 0.0, 1.0)),
         Intent("takeoff", ("mav0",), height_m=math.inf),
@@ -224,9 +253,15 @@ def test_unknown_vehicles_are_refused_one_by_one(fleet: FleetConfig) -> None:
     assert "not a vehicle" in done.refusals["ghost"]
 
 
-def test_goals_closer_than_the_law_can_park_are_refused(fleet: FleetConfig, make_telemetry: Any) -> None:
+def test_goals_closer_than_the_law_can_park_are_refused(
+    fleet: FleetConfig, make_telemetry: Any
+) -> None:
     flying = make_telemetry(
-        "mav0", state="flying", is_airborne=True, goal_position_enu_m=(1.0, 1.0, 1.0), position_enu_m=(0.0, 0.0, 1.0)
+        "mav0",
+        state="flying",
+        is_airborne=True,
+        goal_position_enu_m=(1.0, 1.0, 1.0),
+        position_enu_m=(0.0, 0.0, 1.0),
     )
     state = fold(initial(fleet), flying, 0)
     near = planned(parse("move mav1 1.5 1 1", fleet), fleet, state)
@@ -242,17 +277,23 @@ def test_a_planned_order_is_checked_once_more_keeps_its_goals_and_is_stamped_ane
     assert {name: order.position_enu_m for name, order in again.orders.items()} == {
         name: order.position_enu_m for name, order in first.orders.items()
     }
-    assert {order.order_id for order in again.orders.values()} == {order.order_id for order in first.orders.values()}
+    assert {order.order_id for order in again.orders.values()} == {
+        order.order_id for order in first.orders.values()
+    }
     assert all(order.stamp_ns == 7 < order.deadline_ns for order in again.orders.values())
     goal = first.orders["mav1"].position_enu_m
-    near = make_telemetry("mav0", state="flying", is_airborne=True, goal_position_enu_m=goal, position_enu_m=goal)
+    near = make_telemetry(
+        "mav0", state="flying", is_airborne=True, goal_position_enu_m=goal, position_enu_m=goal
+    )
     refused = check_again(first, fleet, fold(initial(fleet), near, 0), 7)
     assert not refused.orders
     assert "mav0's goal" in refused.refusals["mav1"]
     assert "mav1 was refused" in refused.refusals["mav2"]
 
 
-def test_a_formation_without_position_stays_where_the_vehicles_are(fleet: FleetConfig, make_telemetry: Any) -> None:
+def test_a_formation_without_position_stays_where_the_vehicles_are(
+    fleet: FleetConfig, make_telemetry: Any
+) -> None:
     state = initial(fleet)
     for name, (x, y, z) in fleet.formations["triangle"].items():
         state = fold(state, make_telemetry(name, position_enu_m=(x + 0.5, y - 0.5, z + 1.0)), 0)
@@ -268,15 +309,25 @@ def test_a_formation_without_position_stays_where_the_vehicles_are(fleet: FleetC
         (
             "formation triangle 1.8 0 1.2 1.0 in 8",
             Intent(
-                "formation", ALL, position_enu_m=(0.0, 1.2, 1.0), formation="triangle", spacing_m=1.8, duration_s=8.0
+                "formation",
+                ALL,
+                position_enu_m=(0.0, 1.2, 1.0),
+                formation="triangle",
+                spacing_m=1.8,
+                duration_s=8.0,
             ),
         ),
-        ("formation triangle 0-1 2.0", Intent("formation", ("mav0", "mav1"), formation="triangle", spacing_m=2.0)),
+        (
+            "formation triangle 0-1 2.0",
+            Intent("formation", ("mav0", "mav1"), formation="triangle", spacing_m=2.0),
+        ),
         ("formation triangle 1", Intent("formation", ("mav1",), formation="triangle")),
         ("locate mav2", Intent("locate", ("mav2",))),
     ],
 )
-def test_a_formation_may_be_stretched_and_vehicles_located(fleet: FleetConfig, text: str, intent: Intent) -> None:
+def test_a_formation_may_be_stretched_and_vehicles_located(
+    fleet: FleetConfig, text: str, intent: Intent
+) -> None:
     assert parse(text, fleet) == intent
     assert parse(str(intent), fleet) == intent
 
@@ -294,24 +345,37 @@ def test_the_former_name_of_locate_is_answered_with_the_new_one(fleet: FleetConf
 
 @pytest.mark.parametrize("text", ["formation triangle -1.6 0 0 1", "formation triangle 0.0 0 0 1"])
 def test_a_spacing_that_is_none_is_refused(fleet: FleetConfig, text: str) -> None:
-    planned = plan_order(parse(text, fleet), fleet, None, held=HeldFormation("triangle"), author="x", now_ns=0)
+    planned = plan_order(
+        parse(text, fleet), fleet, None, held=HeldFormation("triangle"), author="x", now_ns=0
+    )
     assert not planned.orders
     assert all("no distance" in reason for reason in planned.refusals.values())
 
 
-def test_the_spacing_is_that_of_the_nearest_slots_and_lasts_for_the_next_move(fleet: FleetConfig) -> None:
+def test_the_spacing_is_that_of_the_nearest_slots_and_lasts_for_the_next_move(
+    fleet: FleetConfig,
+) -> None:
     stretched = slots_of(fleet, "triangle", 2.0)
-    spacing_m = min(math.dist(stretched[a][:2], stretched[b][:2]) for a, b in itertools.combinations(stretched, 2))
+    spacing_m = min(
+        math.dist(stretched[a][:2], stretched[b][:2])
+        for a, b in itertools.combinations(stretched, 2)
+    )
     assert spacing_m == pytest.approx(2.0)
     assert slots_of(fleet, "triangle") == fleet.formations["triangle"]
-    first = plan_order(parse("formation triangle 2.0 0 0 1", fleet), fleet, None, held=NONE, author="x", now_ns=0)
+    first = plan_order(
+        parse("formation triangle 2.0 0 0 1", fleet), fleet, None, held=NONE, author="x", now_ns=0
+    )
     assert first.held == HeldFormation("triangle", 2.0)
-    then = plan_order(parse("move all 0 0.5 1", fleet), fleet, None, held=first.held, author="x", now_ns=0)
+    then = plan_order(
+        parse("move all 0 0.5 1", fleet), fleet, None, held=first.held, author="x", now_ns=0
+    )
     shift = [then.orders[n].position_enu_m[1] - first.orders[n].position_enu_m[1] for n in ALL]  # type: ignore[index]
     assert shift == pytest.approx([0.5] * 3)
     assert then.held.spacing_m == 2.0
 
 
 def test_orders_carry_the_node_by_which_the_operator_is_known(fleet: FleetConfig) -> None:
-    planned = plan_order(parse("land all", fleet), fleet, None, held=NONE, author="x", now_ns=0, node="ground-1")
+    planned = plan_order(
+        parse("land all", fleet), fleet, None, held=NONE, author="x", now_ns=0, node="ground-1"
+    )
     assert {order.node for order in planned.orders.values()} == {"ground-1"}

@@ -13,6 +13,8 @@ def test_an_order_to_hover_above_another_is_refused_for_cylinders_and_where_it_i
         (load_fleet("sih"), 2.5, "any height"),
     ):
         intent = parse(f"goto mav0 0 0 1 mav1 0 0 {high_m}", config)
-        planned = plan_order(intent, config, None, held=HeldFormation("triangle"), author="x", now_ns=0)
+        planned = plan_order(
+            intent, config, None, held=HeldFormation("triangle"), author="x", now_ns=0
+        )
         refused = " ".join(planned.refusals.values())
         assert words in refused if words else not refused, refused

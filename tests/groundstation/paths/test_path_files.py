@@ -29,7 +29,9 @@ def test_timed_positions_are_passed_at_their_times(tmp_path: FilePath) -> None:
 
 
 def test_units_in_brackets_are_converted(tmp_path: FilePath) -> None:
-    path = load_path(csv(tmp_path, "Time [msec];x [cm];y [m];z [m]\n0;0;0;1\n2000;100;0;1\n4000;100;2;1"))
+    path = load_path(
+        csv(tmp_path, "Time [msec];x [cm];y [m];z [m]\n0;0;0;1\n2000;100;0;1\n4000;100;2;1")
+    )
     assert point_at(path, 2.25).position_enu_m == pytest.approx((1.0, 0.0, 1.0), abs=0.02)
     assert path.duration_s == pytest.approx(4.5, abs=0.01)
 
@@ -39,7 +41,11 @@ def test_pieces_are_written_and_read_again(tmp_path: FilePath) -> None:
     write_path(tmp_path / "pieces.csv", path, ["slowed by 1.0"])
     again = load_path(tmp_path / "pieces.csv")
     assert again == path
-    assert (tmp_path / "pieces.csv").read_text(encoding="utf-8").startswith("# slowed by 1.0\nduration,x^0")
+    assert (
+        (tmp_path / "pieces.csv")
+        .read_text(encoding="utf-8")
+        .startswith("# slowed by 1.0\nduration,x^0")
+    )
 
 
 def test_waypoints_are_flown_through_at_their_speeds(tmp_path: FilePath) -> None:
@@ -67,7 +73,9 @@ def test_waypoints_are_flown_through_at_their_speeds(tmp_path: FilePath) -> None
         ("", "are no path"),
     ],
 )
-def test_what_is_no_path_is_refused_with_its_line(tmp_path: FilePath, text: str, words: str) -> None:
+def test_what_is_no_path_is_refused_with_its_line(
+    tmp_path: FilePath, text: str, words: str
+) -> None:
     with pytest.raises(ConfigError, match=words):
         load_path(csv(tmp_path, text))
 

@@ -13,7 +13,14 @@ from pathlib import Path
 
 import pytest
 
-from groundstation.processes.free_ports import PX4_OFFSET, busy_ports, is_free, is_local, toml_text, with_free_ports
+from groundstation.processes.free_ports import (
+    PX4_OFFSET,
+    busy_ports,
+    is_free,
+    is_local,
+    toml_text,
+    with_free_ports,
+)
 from groundstation.processes.supervisor import ProcessError, Processes
 from onboard.config.fleet import FleetConfig, fleet_from_mapping
 
@@ -61,7 +68,9 @@ def test_free_ports_are_distinct_pairs_and_everything_else_stays(fleet: FleetCon
         ("direct", "udpout://192.168.1.21:18570"),
     ],
 )
-def test_an_endpoint_of_another_computer_is_known(fleet: FleetConfig, key: str, endpoint: str) -> None:
+def test_an_endpoint_of_another_computer_is_known(
+    fleet: FleetConfig, key: str, endpoint: str
+) -> None:
     data = tomllib.loads(fleet.text)
     data["vehicles"]["mav1"][key] = endpoint
     lab = fleet_from_mapping(data)
@@ -83,7 +92,10 @@ def test_a_port_in_use_is_named_with_its_key(fleet: FleetConfig) -> None:
 def test_the_toml_that_is_written_reads_back_equal(fleet: FleetConfig) -> None:
     data = tomllib.loads(fleet.text)
     assert tomllib.loads(toml_text(data, "made\nby a test")) == data
-    odd = {"a b": {'quo"te': 'back\\slash "and" \n newline', "list": [1, 2.5, True, {"x": "y"}]}, "n": 1e-9}
+    odd = {
+        "a b": {'quo"te': 'back\\slash "and" \n newline', "list": [1, 2.5, True, {"x": "y"}]},
+        "n": 1e-9,
+    }
     assert tomllib.loads(toml_text(odd)) == odd
 
 
@@ -101,7 +113,9 @@ async def test_a_process_is_ready_when_it_says_so_and_ends_on_stop(
     processes.kill()
 
 
-async def test_a_process_that_ignores_sigterm_is_killed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_a_process_that_ignores_sigterm_is_killed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     processes = Processes(tmp_path)
     processes.start("stubborn", [module(tmp_path, STUBBORN, monkeypatch)])
     await processes.wait_for_line("stubborn", "ready", 10.0)
@@ -114,7 +128,9 @@ async def test_a_process_that_ends_early_is_told_with_the_end_of_its_log(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     processes = Processes(tmp_path)
-    processes.start("short", [module(tmp_path, "print('port 7 is taken')\nraise SystemExit(2)\n", monkeypatch)])
+    processes.start(
+        "short", [module(tmp_path, "print('port 7 is taken')\nraise SystemExit(2)\n", monkeypatch)]
+    )
     with pytest.raises(ProcessError, match="status 2") as caught:
         await processes.wait_for_line("short", "ready", 10.0)
     assert "port 7 is taken" in str(caught.value)
@@ -122,7 +138,9 @@ async def test_a_process_that_ends_early_is_told_with_the_end_of_its_log(
     await processes.stop()
 
 
-def test_no_process_survives_a_parent_that_is_killed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_process_survives_a_parent_that_is_killed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     name = module(tmp_path, SLEEPER, monkeypatch)
     code = (
         "import sys, time; from pathlib import Path; from groundstation.processes.supervisor import Processes\n"
@@ -131,7 +149,10 @@ def test_no_process_survives_a_parent_that_is_killed(tmp_path: Path, monkeypatch
     )
     path = f"{tmp_path}{os.pathsep}{Path(__file__).resolve().parents[3]}"
     parent = subprocess.Popen(
-        [sys.executable, "-c", code], stdout=subprocess.PIPE, text=True, env={**os.environ, "PYTHONPATH": path}
+        [sys.executable, "-c", code],
+        stdout=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "PYTHONPATH": path},
     )
     assert parent.stdout is not None
     child = int(parent.stdout.readline())
@@ -169,8 +190,14 @@ def test_a_port_whose_last_connection_lingers_is_free_and_one_that_listens_is_no
 @pytest.mark.parametrize(
     ("text", "ending"),
     [
-        ("import os, signal\nprint('in good health', flush=True)\nos.kill(os.getpid(), signal.SIGKILL)\n", "KILLED"),
-        ("raise SystemExit('No such port.')\n", "p ended by itself (status 1), see {log}: No such port."),
+        (
+            "import os, signal\nprint('in good health', flush=True)\nos.kill(os.getpid(), signal.SIGKILL)\n",
+            "KILLED",
+        ),
+        (
+            "raise SystemExit('No such port.')\n",
+            "p ended by itself (status 1), see {log}: No such port.",
+        ),
     ],
 )
 def test_who_was_killed_is_not_said_to_have_ended_by_itself(

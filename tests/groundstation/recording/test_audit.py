@@ -14,12 +14,28 @@ from tests.groundstation.recorded import SECOND, record
 
 
 def _event(at_s: int, code: str, sentence: str, **fields: object) -> Event:
-    return Event(vehicle="mav1", stamp_ns=at_s * SECOND, severity="debug", code=code, sentence=sentence, **fields)  # type: ignore[arg-type]
+    return Event(
+        vehicle="mav1",
+        stamp_ns=at_s * SECOND,
+        severity="debug",
+        code=code,
+        sentence=sentence,
+        **fields,
+    )  # type: ignore[arg-type]
 
 
-def test_the_trail_of_a_flight_tells_of_every_order(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_trail_of_a_flight_tells_of_every_order(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     folder = record(tmp_path / "flight", 1.0)
-    land = Order(order_id="g-1", author="ann", kind="land", stamp_ns=6 * SECOND, deadline_ns=8 * SECOND, node="g")
+    land = Order(
+        order_id="g-1",
+        author="ann",
+        kind="land",
+        stamp_ns=6 * SECOND,
+        deadline_ns=8 * SECOND,
+        node="g",
+    )
     told: list[tuple[int, Topic, Message]] = [
         (6, Topic.ORDER, land),
         (6, Topic.ORDER, OrderReply(order_id="g-1", vehicle="mav1", is_accepted=True, reason="")),
@@ -28,7 +44,9 @@ def test_the_trail_of_a_flight_tells_of_every_order(tmp_path: Path, capsys: pyte
         (8, Topic.EVENT, _event(8, "order-refused", "Order kill of eve (from g) is not signed.")),
         (9, Topic.EVENT, _event(9, "landed", "Down.", order_id="g-1", order_outcome="done")),
     ]
-    files = RecordFiles(folder, (folder / "flight.mcap").open("wb"), begin_ns=5 * SECOND, begin="a test")
+    files = RecordFiles(
+        folder, (folder / "flight.mcap").open("wb"), begin_ns=5 * SECOND, begin="a test"
+    )
     for at_s, topic, message in told:
         files.write(topic, "mav1", message, at_s * SECOND)
     files.finish()
@@ -42,6 +60,8 @@ def test_the_trail_of_a_flight_tells_of_every_order(tmp_path: Path, capsys: pyte
     ]
 
 
-def test_a_record_without_orders_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_record_without_orders_says_so(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert main(["replay", str(record(tmp_path / "flight", 1.0)), "--orders"]) == 0
     assert capsys.readouterr().out == "No orders are in this record.\n"

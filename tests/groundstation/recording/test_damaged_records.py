@@ -67,8 +67,19 @@ def test_a_flipped_bit_never_ends_figures_or_report_with_an_exception(tmp_path: 
 def test_messages_of_another_shape_are_left_out(tmp_path: Path) -> None:
     huge = b'{"position_enu_m": [1e999, 0, 1' + b"0" * 400 + b"]}"
     mixed = b'{"position_enu_m": [[], {}, "x"], "period_s": "slow"}'
-    for data in (b"[1]", b"{}", b"nul", b'{"position_enu_m": 3}', huge, mixed, b"[" * 100_000, b"\xff"):
-        files = RecordFiles(tmp_path, (tmp_path / "flight.mcap").open("wb"), begin_ns=0, begin="a test")
+    for data in (
+        b"[1]",
+        b"{}",
+        b"nul",
+        b'{"position_enu_m": 3}',
+        huge,
+        mixed,
+        b"[" * 100_000,
+        b"\xff",
+    ):
+        files = RecordFiles(
+            tmp_path, (tmp_path / "flight.mcap").open("wb"), begin_ns=0, begin="a test"
+        )
         for topic, name, message in crossing(1):
             files.write(topic, name, message, 0)
         files.add_raw("truth/mav0", Truth, SECOND + 1, data)
@@ -76,7 +87,9 @@ def test_messages_of_another_shape_are_left_out(tmp_path: Path) -> None:
         files.finish()
         files.close()
         assert report(tmp_path).pairs["mav0-mav1"].distance_m == 1.0, data[:40]
-        assert from_samples(read(tmp_path, TOPICS), title="x", safety_distance_m=0.8) is not None, data[:40]
+        assert from_samples(read(tmp_path, TOPICS), title="x", safety_distance_m=0.8) is not None, (
+            data[:40]
+        )
 
 
 def test_one_absurd_stamp_does_not_stretch_the_flight(tmp_path: Path) -> None:
@@ -111,10 +124,14 @@ def test_a_flood_of_names_is_said_and_the_flight_goes_on_being_recorded(tmp_path
     assert [one.stamp_ns for one in read(tmp_path) if one.name == "mav0"] == [1, 2]
 
 
-def test_the_record_of_a_simulated_flight_says_it_as_well(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_record_of_a_simulated_flight_says_it_as_well(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("groundstation.recording.writer.MAX_CHANNELS", 5)
     said: list[tuple[str, str]] = []
-    record = LockstepRecord(tmp_path, 0, say=lambda severity, code, sentence: said.append((severity, code)))
+    record = LockstepRecord(
+        tmp_path, 0, say=lambda severity, code, sentence: said.append((severity, code))
+    )
     for number in range(20):
         record.put(Topic.TRUTH, f"false{number}", truth(f"false{number}", 1), 0)
     record.stop()
@@ -138,7 +155,9 @@ def test_a_writer_that_fails_by_a_mistake_of_its_own_says_so(tmp_path: Path) -> 
 
 def test_control_characters_of_events_and_orders_do_not_reach_the_texts(tmp_path: Path) -> None:
     nasty = "\x1b]0;owned\x07\x1b[2J\u009b31m\u202ered\r\n"
-    event = Event(vehicle="mav0", stamp_ns=1, severity="info", code=nasty, sentence=nasty, order_id="a1")
+    event = Event(
+        vehicle="mav0", stamp_ns=1, severity="info", code=nasty, sentence=nasty, order_id="a1"
+    )
     reply = OrderReply(order_id=nasty, vehicle="mav0", is_accepted=False, reason=nasty)
     write(tmp_path, [(Topic.EVENT, "mav0", event), (Topic.ORDER, "mav0", reply)])
     for name in ("events.txt", "orders.txt"):
@@ -146,16 +165,22 @@ def test_control_characters_of_events_and_orders_do_not_reach_the_texts(tmp_path
         assert all(line.isprintable() for line in lines), lines
 
 
-def test_control_characters_of_a_vehicle_do_not_reach_the_terminal(capsys: pytest.CaptureFixture[str]) -> None:
+def test_control_characters_of_a_vehicle_do_not_reach_the_terminal(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     say = clock_say()
     say("  [mav0] critical: \x1b]0;owned\x07\x1b[2J\u009b31m")
-    page = VehiclePage("mav0", True, (PageLine("\x1b[2Jbattery", False, "It is \x1b[31mlow.\r", "Change it."),))
+    page = VehiclePage(
+        "mav0", True, (PageLine("\x1b[2Jbattery", False, "It is \x1b[31mlow.\r", "Change it."),)
+    )
     print(as_text((page,)))
     shown = capsys.readouterr().out
     assert all(line.isprintable() for line in shown.split("\n")), shown
 
 
-def test_every_flush_reaches_the_disk_itself(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_every_flush_reaches_the_disk_itself(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     synced: list[int] = []
     monkeypatch.setattr("os.fdatasync", synced.append)
     record(tmp_path / "flight", 3.0)

@@ -15,7 +15,11 @@ from tests.groundstation.recorded import record, spot
 def test_a_record_becomes_paths_that_lead_where_it_flew(tmp_path: Path) -> None:
     flown = record(tmp_path / "flight", 10.0)
     assert main(["replay", str(flown), "--csv", str(tmp_path / "csv")]) == 0
-    assert sorted(file.name for file in (tmp_path / "csv").iterdir()) == ["mav0.csv", "mav1.csv", "mav2.csv"]
+    assert sorted(file.name for file in (tmp_path / "csv").iterdir()) == [
+        "mav0.csv",
+        "mav1.csv",
+        "mav2.csv",
+    ]
     path = load_path(tmp_path / "csv" / "mav0.csv")
     assert point_at(path, 5.25).position_enu_m == pytest.approx(spot(0, 5.0), abs=0.02)
     assert main(["replay", str(tmp_path), "--csv", str(tmp_path / "none")]) == 2

@@ -1,4 +1,5 @@
-"""A record walked about in: the same states as live, at any time, also of a record that breaks off."""
+"""A record walked about in: the same states as live, at any time, also of a record that breaks off.
+"""
 
 from __future__ import annotations
 
@@ -40,7 +41,9 @@ def opened(folder: Path) -> Replay:
 def test_a_law_that_the_record_of_somebody_names_is_not_run(flight: Path, tmp_path: Path) -> None:
     folder = Path(shutil.copytree(flight, tmp_path / "theirs"))
     text = (folder / "fleet.toml").read_text(encoding="utf-8")
-    (folder / "fleet.toml").write_text(text.replace('name = "covey"', 'name = "theirs:law"'), encoding="utf-8")
+    (folder / "fleet.toml").write_text(
+        text.replace('name = "covey"', 'name = "theirs:law"'), encoding="utf-8"
+    )
     (folder / "theirs.py").write_text("raise SystemExit('run')\n", encoding="utf-8")
     fleet, timeline = open_flight(folder)
     timeline.close()
@@ -52,7 +55,9 @@ def test_every_kind_of_message_comes_back_from_the_record_as_it_was() -> None:
     for name in sorted(set(KINDS) - {"Message", "TickBatch"}):
         kind = KINDS[name]
         values = {field: _any_value(hint) for field, hint in typing.get_type_hints(kind).items()}
-        message = msgspec.convert([{**values, "schema": 1}[field] for field in kind.__struct_fields__], kind)
+        message = msgspec.convert(
+            [{**values, "schema": 1}[field] for field in kind.__struct_fields__], kind
+        )
         (row,) = rows(Topic.STATE, "mav0", message, 7)
         assert from_json(kind, row.data) == message, name
 
@@ -91,7 +96,9 @@ def test_numbers_that_were_not_finite_come_back_as_nan_and_garbage_as_nothing() 
     assert from_json(type(told), row.data.replace(b'"flying"', b'"upside down"')) is None
 
 
-def test_a_record_of_an_older_version_without_the_newest_fields_is_read_with_their_defaults() -> None:
+def test_a_record_of_an_older_version_without_the_newest_fields_is_read_with_their_defaults() -> (
+    None
+):
     told = telemetry("mav0")
     (row,) = rows(Topic.TELEMETRY, "mav0", told, 7)
     older = json.loads(row.data)
@@ -113,7 +120,9 @@ async def test_the_state_at_any_time_is_what_was_folded_until_then(flight: Path)
             name: view.telemetry for name, view in live.vehicles.items()
         }
         assert replay.state.smallest_truth == live.smallest_truth
-        assert [logged.event for logged in replay.state.events] == [logged.event for logged in live.events]
+        assert [logged.event for logged in replay.state.events] == [
+            logged.event for logged in live.events
+        ]
         assert replay.position_s == pytest.approx(at_s, abs=1e-6)
 
 
@@ -123,7 +132,9 @@ async def test_orders_are_refused_with_a_sentence(flight: Path) -> None:
     assert REFUSAL.endswith(".")
 
 
-def test_playing_follows_the_clock_of_the_watcher_times_the_speed_and_stops_at_the_end(flight: Path) -> None:
+def test_playing_follows_the_clock_of_the_watcher_times_the_speed_and_stops_at_the_end(
+    flight: Path,
+) -> None:
     replay = opened(flight)
     replay.speed = 4.0
     for _ in range(10):
@@ -197,7 +208,9 @@ async def test_a_damaged_piece_is_jumped_over(flight: Path, tmp_path: Path) -> N
     assert replay.state.vehicles["mav0"].telemetry.sequence == 400  # type: ignore[union-attr]
 
 
-def test_flipped_bits_anywhere_end_in_a_shorter_flight_or_in_a_sentence(flight: Path, tmp_path: Path) -> None:
+def test_flipped_bits_anywhere_end_in_a_shorter_flight_or_in_a_sentence(
+    flight: Path, tmp_path: Path
+) -> None:
     whole = (flight / "flight.mcap").read_bytes()
     random = np.random.default_rng(5)
     opened_count = 0
@@ -210,7 +223,9 @@ def test_flipped_bits_anywhere_end_in_a_shorter_flight_or_in_a_sentence(flight: 
         except ConfigError:
             continue
         end_ns = min(timeline.end_ns, timeline.begin_ns + 3600 * SECOND)
-        count = sum(1 for _ in timeline.read(timeline.begin_ns - 1, frozenset(("truth",))).until(end_ns))
+        count = sum(
+            1 for _ in timeline.read(timeline.begin_ns - 1, frozenset(("truth",))).until(end_ns)
+        )
         timeline.close()
         opened_count += count > 0
     assert opened_count > 50
@@ -226,10 +241,16 @@ def test_what_is_no_record_is_a_sentence(tmp_path: Path, content: bytes) -> None
 
 
 async def test_vehicles_on_clocks_of_their_own_are_shown_together(tmp_path: Path) -> None:
-    replay = opened(record(tmp_path / "hosts", 40.0, {"mav1": 86_400 * SECOND, "mav2": -3 * SECOND // 2}))
+    replay = opened(
+        record(tmp_path / "hosts", 40.0, {"mav1": 86_400 * SECOND, "mav2": -3 * SECOND // 2})
+    )
     assert replay.length_s == pytest.approx(41.4, abs=0.5)
     await replay.seek(10.0)
-    told = {name: view.telemetry.sequence for name, view in replay.state.vehicles.items() if view.telemetry}
+    told = {
+        name: view.telemetry.sequence
+        for name, view in replay.state.vehicles.items()
+        if view.telemetry
+    }
     assert all(sequence == pytest.approx(95, abs=22) for sequence in told.values())
     assert all(view.is_fresh(replay.now_ns()) for view in replay.state.vehicles.values())
 
@@ -250,7 +271,9 @@ async def test_ticks_are_read_for_the_followed_vehicle_only(tmp_path: Path) -> N
     replay.tick_stream.follow("mav1")
     assert len(replay.tick_stream.values) == 101  # what came before is there at once
     await replay.seek(4.0)
-    assert [one.stamp_ns for one in replay.tick_stream.values] == [step * SECOND // 50 for step in range(201)]
+    assert [one.stamp_ns for one in replay.tick_stream.values] == [
+        step * SECOND // 50 for step in range(201)
+    ]
 
 
 def test_memory_does_not_follow_the_length_of_the_record(tmp_path: Path) -> None:
@@ -274,7 +297,9 @@ def test_memory_does_not_follow_the_length_of_the_record(tmp_path: Path) -> None
     assert most < 2_500
 
 
-def test_the_story_is_printed_for_people_and_for_programs(flight: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_story_is_printed_for_people_and_for_programs(
+    flight: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert main(["replay", str(flight), "--headless"]) == 0
     text = capsys.readouterr().out
     assert "    10.0 s  mav1 info x: mav1 at 10 s" in text

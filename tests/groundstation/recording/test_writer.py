@@ -26,7 +26,12 @@ UPRIGHT = (1.0, 0.0, 0.0, 0.0)
 
 def tick(stamp_ns: int, period_s: float = 0.02) -> TickSample:
     vectors = {name: ZERO for name in TickSample.__struct_fields__ if "enu_m" in name}
-    numbers = {"yaw_rad": 0.0, "intervention_m_s2": 0.0, "slack_m_s2": float("inf"), "setpoint_thrust_frac": 0.5}
+    numbers = {
+        "yaw_rad": 0.0,
+        "intervention_m_s2": 0.0,
+        "slack_m_s2": float("inf"),
+        "setpoint_thrust_frac": 0.5,
+    }
     return TickSample(
         **vectors,
         **numbers,
@@ -67,7 +72,9 @@ def record(folder: Path, messages: list[tuple[Topic, str, Any]]) -> None:
 
 def test_mcaps_own_reader_finds_channels_schemas_times_and_values(tmp_path: Path) -> None:
     batch = TickBatch(vehicle="mav0", boot_id=1, sequence=1, ticks=(tick(100 * MS), tick(120 * MS)))
-    record(tmp_path, [(Topic.TRUTH, "mav0", truth("mav0", 5 * MS, 1.25)), (Topic.TICK, "mav0", batch)])
+    record(
+        tmp_path, [(Topic.TRUTH, "mav0", truth("mav0", 5 * MS, 1.25)), (Topic.TICK, "mav0", batch)]
+    )
     with (tmp_path / "flight.mcap").open("rb") as stream:
         found = list(make_reader(stream).iter_messages())
     assert [(channel.topic, message.log_time) for _, channel, message in found] == [
@@ -86,7 +93,14 @@ def test_mcaps_own_reader_finds_channels_schemas_times_and_values(tmp_path: Path
 
 
 def test_orders_answers_and_events_are_readable_text_too(tmp_path: Path) -> None:
-    order = Order(order_id="a1", author="eve", kind="move", stamp_ns=1, deadline_ns=2, position_enu_m=(1.0, 2.0, 1.2))
+    order = Order(
+        order_id="a1",
+        author="eve",
+        kind="move",
+        stamp_ns=1,
+        deadline_ns=2,
+        position_enu_m=(1.0, 2.0, 1.2),
+    )
     event = Event(
         vehicle="mav0",
         stamp_ns=3,
@@ -97,7 +111,10 @@ def test_orders_answers_and_events_are_readable_text_too(tmp_path: Path) -> None
         order_outcome="done",
     )
     reply = OrderReply(order_id="a1", vehicle="mav0", is_accepted=True, reason="")
-    record(tmp_path, [(Topic.ORDER, "mav0", order), (Topic.ORDER, "mav0", reply), (Topic.EVENT, "mav0", event)])
+    record(
+        tmp_path,
+        [(Topic.ORDER, "mav0", order), (Topic.ORDER, "mav0", reply), (Topic.EVENT, "mav0", event)],
+    )
     orders = (tmp_path / "orders.txt").read_text().splitlines()
     assert "ordered by eve: move to 1.000 2.000 1.200" in orders[1]
     assert "a1 accepted" in orders[2]
@@ -119,7 +136,9 @@ def test_what_was_received_comes_to_the_disk_without_stopping(tmp_path: Path) ->
 
 @pytest.mark.parametrize("share", [0.3, 0.7, 0.95, 0.999])
 def test_a_record_that_is_cut_off_reads_as_far_as_it_goes(tmp_path: Path, share: float) -> None:
-    messages = [(Topic.TRUTH, "mav0", truth("mav0", stamp * MS, stamp * 0.1)) for stamp in range(3000)]
+    messages = [
+        (Topic.TRUTH, "mav0", truth("mav0", stamp * MS, stamp * 0.1)) for stamp in range(3000)
+    ]
     record(tmp_path, messages)
     path = tmp_path / "flight.mcap"
     path.write_bytes(path.read_bytes()[: int(share * path.stat().st_size)])
@@ -160,12 +179,22 @@ def test_a_folder_that_cannot_be_written_is_a_sentence_not_an_exception(tmp_path
 
 def test_the_report_interpolates_between_samples_and_counts_only_flight(tmp_path: Path) -> None:
     messages: list[tuple[Topic, str, Any]] = []
-    for step in range(101):  # mav0 passes x = 0 .. 4 at 20 ms; mav1 stands at x = 2.01 and is sampled 10 ms later
+    # mav0 passes x = 0 .. 4 at 20 ms; mav1 stands at x = 2.01 and is sampled 10 ms later
+    for step in range(101):
         is_down = step > 90
-        messages.append((Topic.TRUTH, "mav0", truth("mav0", 20 * step * MS, 0.04 * step, on_ground=is_down)))
-        messages.append((Topic.TRUTH, "mav1", truth("mav1", (20 * step + 10) * MS, 2.02, on_ground=True)))
+        messages.append(
+            (Topic.TRUTH, "mav0", truth("mav0", 20 * step * MS, 0.04 * step, on_ground=is_down))
+        )
+        messages.append(
+            (Topic.TRUTH, "mav1", truth("mav1", (20 * step + 10) * MS, 2.02, on_ground=True))
+        )
     for step in range(100):
-        batch = TickBatch(vehicle="mav0", boot_id=1, sequence=step, ticks=(tick(step, 0.03 if step == 50 else 0.02),))
+        batch = TickBatch(
+            vehicle="mav0",
+            boot_id=1,
+            sequence=step,
+            ticks=(tick(step, 0.03 if step == 50 else 0.02),),
+        )
         messages.append((Topic.TICK, "mav0", batch))
     record(tmp_path, messages)
     found = report(tmp_path)
@@ -178,7 +207,10 @@ def test_the_report_interpolates_between_samples_and_counts_only_flight(tmp_path
 
 
 def test_both_on_the_ground_is_no_separation_and_no_record_is_a_sentence(tmp_path: Path) -> None:
-    record(tmp_path, [(Topic.TRUTH, name, truth(name, 1, 0.0, on_ground=True)) for name in ("mav0", "mav1")])
+    record(
+        tmp_path,
+        [(Topic.TRUTH, name, truth(name, 1, 0.0, on_ground=True)) for name in ("mav0", "mav1")],
+    )
     assert report(tmp_path).smallest is None
     with pytest.raises(ConfigError, match=r"flight\.mcap"):
         report(tmp_path / "nowhere")

@@ -45,7 +45,12 @@ def trajectory(at: Position, seconds: float, step_s: float = 0.5) -> dict[str, A
 
 
 def write_skyc(
-    path: Path, ways: Mapping[str, Position], seconds: float, *, show: Mapping[str, Any] | None = None, **settings: Any
+    path: Path,
+    ways: Mapping[str, Position],
+    seconds: float,
+    *,
+    show: Mapping[str, Any] | None = None,
+    **settings: Any,
 ) -> Path:
     """A show with a trajectory for each drone in a member of its own."""
     drones = []
@@ -54,18 +59,34 @@ def write_skyc(
             archive.writestr(f"drones/{name}/trajectory.json", json.dumps(trajectory(at, seconds)))
             reference = {"$ref": f"./drones/{name}/trajectory.json#"}
             drones.append(
-                {"settings": {"name": name, "home": [*at(0.0)[:2], 0.0], "trajectory": reference, **settings}}
+                {
+                    "settings": {
+                        "name": name,
+                        "home": [*at(0.0)[:2], 0.0],
+                        "trajectory": reference,
+                        **settings,
+                    }
+                }
             )
-        whole = {"version": 1, "environment": {"type": "indoor"}, "swarm": {"drones": drones}, **(show or {})}
+        whole = {
+            "version": 1,
+            "environment": {"type": "indoor"},
+            "swarm": {"drones": drones},
+            **(show or {}),
+        }
         archive.writestr("show.json", json.dumps(whole))
     return path
 
 
-def line_of(count: int, seconds: float = 12.0, metres: float = 1.0, apart_m: float = 1.6) -> dict[str, Position]:
+def line_of(
+    count: int, seconds: float = 12.0, metres: float = 1.0, apart_m: float = 1.6
+) -> dict[str, Position]:
     """Drones side by side that fly forwards together."""
 
     def way(k: int) -> Position:
-        return up_and_down(lambda _: apart_m * k, lambda t: metres * eased((t - 3) / (seconds - 6)), seconds)
+        return up_and_down(
+            lambda _: apart_m * k, lambda t: metres * eased((t - 3) / (seconds - 6)), seconds
+        )
 
     return {f"D{k + 1}": way(k) for k in range(count)}
 

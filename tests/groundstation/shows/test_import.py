@@ -25,12 +25,16 @@ from tests.groundstation.shows.made_shows import crossing, csvs, line_of, up_and
 ROOT = Path(__file__).resolve().parents[3]
 
 
-def imported(show: Path, out: Path, fleet: FleetConfig | None = None, promise_m: float | None = None) -> Mission:
+def imported(
+    show: Path, out: Path, fleet: FleetConfig | None = None, promise_m: float | None = None
+) -> Mission:
     """The mission that import has written."""
     read = read_folder(show) if show.is_dir() else read_skyc(show)
     write_show(read, out, show.name, fleet, promise_m)
     mission = load_mission(out / "mission.toml")
-    assert not [finding.sentence for finding in mission_findings(mission) if finding.status == "refused"]
+    assert not [
+        finding.sentence for finding in mission_findings(mission) if finding.status == "refused"
+    ]
     return mission
 
 
@@ -38,14 +42,21 @@ def test_a_show_becomes_a_mission_with_homes_and_paths(tmp_path: Path) -> None:
     show = write_skyc(tmp_path / "line.skyc", line_of(3), 12.0)
     assert main(["import", str(show), "--out", str(tmp_path / "out")]) == 0
     mission = load_mission(tmp_path / "out" / "mission.toml")
-    assert [mission.fleet.vehicles[name].start_enu_m[0] for name in mission.fleet.enabled_names] == [0.0, 1.6, 3.2]
+    assert [
+        mission.fleet.vehicles[name].start_enu_m[0] for name in mission.fleet.enabled_names
+    ] == [0.0, 1.6, 3.2]
     assert mission.fleet.fleet.safety_distance_m == 0.8
     (follow,) = (step for step in mission.steps if isinstance(step, FollowPathStep))
     path = mission.paths_of(follow)["mav1"]
     assert point_at(path, 0.0).position_enu_m == pytest.approx((1.6, 0.0, 1.0), abs=0.06)
-    assert point_at(path, path.duration_s).position_enu_m == pytest.approx((1.6, 1.0, 1.0), abs=0.06)
-    assert max(point_at(path, 0.1 * k).position_enu_m.z for k in range(100)) == pytest.approx(1.6, abs=0.02)
-    assert main(["import", str(show), "--out", str(tmp_path / "out")]) == 2  # nothing is overwritten
+    assert point_at(path, path.duration_s).position_enu_m == pytest.approx(
+        (1.6, 1.0, 1.0), abs=0.06
+    )
+    assert max(point_at(path, 0.1 * k).position_enu_m.z for k in range(100)) == pytest.approx(
+        1.6, abs=0.02
+    )
+    # nothing is overwritten
+    assert main(["import", str(show), "--out", str(tmp_path / "out")]) == 2
 
 
 def test_a_show_that_the_fleet_cannot_fly_leaves_no_files_behind(
@@ -82,7 +93,10 @@ def test_a_show_that_is_too_fast_is_slowed_and_says_so(tmp_path: Path) -> None:
 
 def test_starts_are_spread_where_paths_would_meet(tmp_path: Path) -> None:
     mission = imported(write_skyc(tmp_path / "cross.skyc", crossing(), 16.0), tmp_path / "out")
-    texts = [(tmp_path / "out" / "paths" / f"{name}.csv").read_text(encoding="utf-8") for name in ("mav0", "mav1")]
+    texts = [
+        (tmp_path / "out" / "paths" / f"{name}.csv").read_text(encoding="utf-8")
+        for name in ("mav0", "mav1")
+    ]
     assert sum("begins" in text and "later" in text for text in texts) == 1
     assert len({round(path.duration_s, 1) for path in mission.paths.values()}) == 2
 
@@ -92,7 +106,9 @@ def test_homes_far_from_their_paths_are_dealt_out_anew_and_said_so(tmp_path: Pat
     show = read_skyc(write_skyc(tmp_path / "show.skyc", ways, 12.0))
     homes = [drone.home_enu_m for drone in show.drones]
     mixed = [replace(drone, home_enu_m=homes[(k + 1) % 3]) for k, drone in enumerate(show.drones)]
-    made, fleet = write_show(replace(show, drones=tuple(mixed)), tmp_path / "out", "show", None, None)
+    made, fleet = write_show(
+        replace(show, drones=tuple(mixed)), tmp_path / "out", "show", None, None
+    )
     for name, path in made.paths.items():
         x, y, _ = point_at(path, 0.0).position_enu_m
         assert fleet.vehicles[name].start_enu_m[:2] == pytest.approx((x, y), abs=0.02)
@@ -101,16 +117,22 @@ def test_homes_far_from_their_paths_are_dealt_out_anew_and_said_so(tmp_path: Pat
 
 def test_what_comes_too_near_is_refused_with_the_pairs(tmp_path: Path) -> None:
     near = write_skyc(tmp_path / "near.skyc", line_of(3, apart_m=0.7), 12.0)
-    with pytest.raises(ConfigError, match=r"mav0 and mav1 0\.70 m; mav1 and mav2 0\.70 m stand nearer"):
+    with pytest.raises(
+        ConfigError, match=r"mav0 and mav1 0\.70 m; mav1 and mav2 0\.70 m stand nearer"
+    ):
         imported(near, tmp_path / "near")
     over = {
         "low": up_and_down(lambda _: 0.0, lambda _: 0.0, 12.0, 1.5),
-        "high": up_and_down(lambda t: 2.0 if t < 3 else max(2.0 - (t - 3) / 2, 0.0), lambda _: 0.0, 12.0, 4.0),
+        "high": up_and_down(
+            lambda t: 2.0 if t < 3 else max(2.0 - (t - 3) / 2, 0.0), lambda _: 0.0, 12.0, 4.0
+        ),
     }
     with pytest.raises(ConfigError, match=r"mav0 and mav1 .* above the other"):
         imported(write_skyc(tmp_path / "over.skyc", over, 12.0), tmp_path / "over")
     with pytest.raises(ConfigError, match=r"nearer than 1\.7"):
-        imported(write_skyc(tmp_path / "line.skyc", line_of(2), 12.0), tmp_path / "line", promise_m=1.5)
+        imported(
+            write_skyc(tmp_path / "line.skyc", line_of(2), 12.0), tmp_path / "line", promise_m=1.5
+        )
 
 
 def test_folders_of_csvs_are_shows_too(tmp_path: Path) -> None:
@@ -143,7 +165,10 @@ def _with_show(tmp_path: Path, data: object) -> Path:
 
 
 def _one(trajectory: object, **settings: object) -> dict[str, object]:
-    return {"version": 1, "swarm": {"drones": [{"settings": {"trajectory": trajectory, **settings}}]}}
+    return {
+        "version": 1,
+        "swarm": {"drones": [{"settings": {"trajectory": trajectory, **settings}}]},
+    }
 
 
 @pytest.mark.parametrize(
@@ -158,11 +183,23 @@ def _one(trajectory: object, **settings: object) -> dict[str, object]:
         (_one({"$ref": "show.json"}), "without end|no member|no JSON|version"),
         (_one({"version": 3, "points": []}), "version 3"),
         (_one({"version": 1, "points": [[0, [0, 0, 1], []]]}), "fewer than two points"),
-        (_one({"version": 1, "points": [[0, [0, 0, 1], []], [0, [1, 0, 1], []]]}), "time does not rise"),
-        (_one({"version": 1, "points": [[0, [0, 0, 1], []], [1, [1, "a", 1], []]]}), "finite number"),
+        (
+            _one({"version": 1, "points": [[0, [0, 0, 1], []], [0, [1, 0, 1], []]]}),
+            "time does not rise",
+        ),
+        (
+            _one({"version": 1, "points": [[0, [0, 0, 1], []], [1, [1, "a", 1], []]]}),
+            "finite number",
+        ),
         (_one({"version": 1, "points": [[0, [0, 0], []], [1, [1, 0, 1], []]]}), r"\[x, y, z\]"),
-        (_one({"version": 1, "points": [[0, [0, 0, 1500], []], [9, [9000, 0, 1500], []]]}), "not metres"),
-        (_one({"version": 1, "points": [[0, [0, 0, -2], []], [9, [1, 0, -2], []]]}), "z points down"),
+        (
+            _one({"version": 1, "points": [[0, [0, 0, 1500], []], [9, [9000, 0, 1500], []]]}),
+            "not metres",
+        ),
+        (
+            _one({"version": 1, "points": [[0, [0, 0, -2], []], [9, [1, 0, -2], []]]}),
+            "z points down",
+        ),
         (_one({"version": 1, "points": [[0, [0, 0, 2], []], [1e9, [1, 0, 2], []]]}), "no path"),
     ],
 )

@@ -1,4 +1,6 @@
-"""First files of new users: each combination of answers passes the checks, flies, and overwrites nothing."""
+"""First files of new users: each combination of answers passes the checks, flies, and overwrites
+nothing.
+"""
 
 from __future__ import annotations
 
@@ -21,12 +23,15 @@ def test_every_combination_of_answers_passes_the_check(tmp_path: Path) -> None:
     for position in get_args(Position):
         for count in (1, 5, 13) if position in ("bus", "gps") else (3,):
             for kind in ("ardrone", "own"):
-                made = starter(Answers(vehicles=count, position=position, type=kind, companions="10.0.0.11"))
+                made = starter(
+                    Answers(vehicles=count, position=position, type=kind, companions="10.0.0.11")
+                )
                 (tmp_path / "fleet.toml").write_text(made.fleet_text)
                 (tmp_path / "mission.toml").write_text(made.mission_text)
                 findings = examine(str(tmp_path / "mission.toml"))[2]  # with those of its fleet
                 left = {finding.name for finding in findings if finding.status != "ok"}
-                # the paper's drones are slow, and the map was flown neither with them nor with satellites
+                # the paper's drones are slow, and the map was flown neither with them nor with
+                # satellites
                 known = {"kappas", "keys of the bus", "map of the law"}
                 known |= {"airtime"} if count > 12 else set()  # much for one Wi-Fi channel
                 assert left <= known, (position, count, kind)
@@ -34,8 +39,16 @@ def test_every_combination_of_answers_passes_the_check(tmp_path: Path) -> None:
 
 
 def test_the_files_say_where_each_computer_is() -> None:
-    made = starter(Answers(vehicles=3, position="vicon", companions="10.0.0.9", autopilot="udpin://0.0.0.0:14540"))
-    assert [vehicle.host for vehicle in made.fleet.vehicles.values()] == ["10.0.0.9", "10.0.0.10", "10.0.0.11"]
+    made = starter(
+        Answers(
+            vehicles=3, position="vicon", companions="10.0.0.9", autopilot="udpin://0.0.0.0:14540"
+        )
+    )
+    assert [vehicle.host for vehicle in made.fleet.vehicles.values()] == [
+        "10.0.0.9",
+        "10.0.0.10",
+        "10.0.0.11",
+    ]
     assert made.fleet.mocap.type == "vicon"
     assert companion_addresses("one.local, two.local", 2) == ["one.local", "two.local"]
 
@@ -64,7 +77,21 @@ def test_init_writes_two_files_and_overwrites_none(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert cli.main(["init", "lab", "--vehicles", "4", "--position", "optitrack", "--companions", "10.0.0.11"]) == 0
+    assert (
+        cli.main(
+            [
+                "init",
+                "lab",
+                "--vehicles",
+                "4",
+                "--position",
+                "optitrack",
+                "--companions",
+                "10.0.0.11",
+            ]
+        )
+        == 0
+    )
     assert "covey fly lab/mission.toml --lockstep" in capsys.readouterr().out
     assert cli.main(["check", "lab/fleet.toml", "lab/mission.toml"]) == 0
     text = (tmp_path / "lab/fleet.toml").read_text()
@@ -75,7 +102,9 @@ def test_init_writes_two_files_and_overwrites_none(
     assert "[vehicles.mav4]" in (tmp_path / "lab/fleet.toml").read_text()
 
 
-def test_in_a_terminal_init_asks_for_what_no_option_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_in_a_terminal_init_asks_for_what_no_option_says(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     words = ["five", "5", "radar", "qualisys", "10.1.1.1", "10.1.1.11", "", "racer", "0.4", ""]
     asked = []
 

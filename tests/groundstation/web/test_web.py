@@ -24,7 +24,9 @@ from onboard.config.endpoints import is_loopback
 from onboard.config.fleet import ConfigError
 from tests.groundstation.recorded import FLEET, record
 
-_LINK = re.compile(r"""(?:href|src|data-session-websocket-url)\s*=\s*["']([^"']*)["']|url\(\s*["']?([^"')]*)""")
+_LINK = re.compile(
+    r"""(?:href|src|data-session-websocket-url)\s*=\s*["']([^"']*)["']|url\(\s*["']?([^"')]*)"""
+)
 
 
 @pytest_asyncio.fixture
@@ -37,7 +39,8 @@ async def served(tmp_path: Path) -> AsyncIterator[tuple[ConsoleServer, str]]:
     await server.stop()
 
 
-# A console that draws all the time and hears nothing, as one that is opening does; its arguments are two waits [s].
+# A console that draws all the time and hears nothing, as one that is opening does; its arguments
+# are two waits [s].
 _DEAF = """
 import os, signal, sys, time
 for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
@@ -75,7 +78,9 @@ async def until(condition: Callable[[], bool], timeout_s: float = 30.0) -> None:
             await asyncio.sleep(0.02)
 
 
-async def test_everything_that_the_page_loads_comes_from_this_server(served: tuple[ConsoleServer, str]) -> None:
+async def test_everything_that_the_page_loads_comes_from_this_server(
+    served: tuple[ConsoleServer, str],
+) -> None:
     _, address = served
     seen: set[str] = set()
     todo = [address]
@@ -84,7 +89,10 @@ async def test_everything_that_the_page_loads_comes_from_this_server(served: tup
             url = todo.pop()
             async with session.get(url) as response:
                 assert response.status == 200, url
-                assert "default-src 'none'" in response.headers["Content-Security-Policy"] or "/static/" in url
+                assert (
+                    "default-src 'none'" in response.headers["Content-Security-Policy"]
+                    or "/static/" in url
+                )
                 body = await response.read()
                 if not response.content_type.startswith(("text/html", "text/css")):
                     continue
@@ -93,7 +101,9 @@ async def test_everything_that_the_page_loads_comes_from_this_server(served: tup
                 if not link or link.startswith("data:"):
                     continue
                 found = urljoin(url, link)
-                assert urlsplit(found).netloc == urlsplit(address).netloc, f"{url} refers to {found}"
+                assert urlsplit(found).netloc == urlsplit(address).netloc, (
+                    f"{url} refers to {found}"
+                )
                 if found not in seen and not found.startswith("ws:"):
                     seen.add(found)
                     todo.append(found)
@@ -104,10 +114,14 @@ async def test_everything_that_the_page_loads_comes_from_this_server(served: tup
     assert any(name.endswith("textual.js") for name in seen)
 
 
-async def test_a_page_gets_a_console_of_its_own_which_ends_with_it(served: tuple[ConsoleServer, str]) -> None:
+async def test_a_page_gets_a_console_of_its_own_which_ends_with_it(
+    served: tuple[ConsoleServer, str],
+) -> None:
     server, address = served
     async with aiohttp.ClientSession() as session:
-        socket = await session.ws_connect(f"{address}ws?width=100&height=30", origin=address.rstrip("/"))
+        socket = await session.ws_connect(
+            f"{address}ws?width=100&height=30", origin=address.rstrip("/")
+        )
         seen = b""
         async with asyncio.timeout(60):
             while b"mav2" not in seen:
@@ -126,7 +140,9 @@ async def test_a_page_gets_a_console_of_its_own_which_ends_with_it(served: tuple
         assert not is_running(pid)
 
 
-@pytest.mark.parametrize("is_closed_first", [True, False], ids=["the page is closed first", "the page is open"])
+@pytest.mark.parametrize(
+    "is_closed_first", [True, False], ids=["the page is closed first", "the page is open"]
+)
 async def test_no_console_outlives_its_server_however_deaf_it_is(is_closed_first: bool) -> None:
     for opening_s, pause_s in ((0.0, 0.001), (0.3, 0.001), (60.0, 1.0)):
         server = ConsoleServer(deaf_console(opening_s, pause_s), title="", ended="")
@@ -212,7 +228,9 @@ async def test_pages_that_can_order_are_served_behind_a_key_only() -> None:
     await server.stop()
 
 
-async def test_the_address_that_covey_web_prints_has_a_key_exactly_when_its_pages_can_order() -> None:
+async def test_the_address_that_covey_web_prints_has_a_key_exactly_when_its_pages_can_order() -> (
+    None
+):
     for words in ([], ["--operate"]):
         process = await asyncio.create_subprocess_exec(
             sys.executable, "-m", "groundstation", "web", "--fleet", str(FLEET), "--port", "0", *words,
@@ -227,7 +245,12 @@ async def test_the_address_that_covey_web_prints_has_a_key_exactly_when_its_page
 
 
 @pytest.mark.parametrize(
-    "headers", [{"Origin": "http://evil.example"}, {"Host": "evil.example:80"}, {"Host": "127.0.0.1.evil.example"}]
+    "headers",
+    [
+        {"Origin": "http://evil.example"},
+        {"Host": "evil.example:80"},
+        {"Host": "127.0.0.1.evil.example"},
+    ],
 )
 async def test_other_pages_and_other_names_are_refused(
     served: tuple[ConsoleServer, str], headers: dict[str, str]
@@ -235,7 +258,9 @@ async def test_other_pages_and_other_names_are_refused(
     server, address = served
     async with aiohttp.ClientSession() as session:
         for path in ("", "ws", "static/js/textual.js"):
-            async with session.get(address + path, headers={"Upgrade": "websocket", **headers}) as response:
+            async with session.get(
+                address + path, headers={"Upgrade": "websocket", **headers}
+            ) as response:
                 assert response.status == 403
         with pytest.raises(aiohttp.WSServerHandshakeError):
             await session.ws_connect(f"{address}ws", headers=headers)
@@ -266,7 +291,9 @@ async def test_more_pages_than_the_machine_bears_are_turned_away(
         ["--fleet", str(FLEET), "--port", "70000"],
     ],
 )
-def test_what_cannot_be_served_is_refused_in_words(words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_cannot_be_served_is_refused_in_words(
+    words: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
     assert main(["web", *words]) == 2
     said = capsys.readouterr().err
     assert said.startswith("covey: ")
@@ -275,7 +302,9 @@ def test_what_cannot_be_served_is_refused_in_words(words: list[str], capsys: pyt
 
 async def test_a_port_that_is_taken_is_a_sentence(served: tuple[ConsoleServer, str]) -> None:
     with pytest.raises(ConfigError, match="Choose another"):
-        await ConsoleServer(["x"], title="", ended="").start("127.0.0.1", urlsplit(served[1]).port or 0)
+        await ConsoleServer(["x"], title="", ended="").start(
+            "127.0.0.1", urlsplit(served[1]).port or 0
+        )
 
 
 @pytest.mark.parametrize(

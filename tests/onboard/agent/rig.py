@@ -1,4 +1,6 @@
-"""A core in virtual time, over a vehicle that does at once what it is told and a PX4 with a slow heartbeat."""
+"""A core in virtual time, over a vehicle that does at once what it is told and a PX4 with a slow
+heartbeat.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,15 @@ from msgspec.structs import replace
 from onboard import events as ev
 from onboard.agent.core import AgentCore
 from onboard.autopilot import Landed, Snapshot
-from onboard.bus.schema import Event, MocapPose, Order, OrderKind, OrderReply, StateMessage, Telemetry
+from onboard.bus.schema import (
+    Event,
+    MocapPose,
+    Order,
+    OrderKind,
+    OrderReply,
+    StateMessage,
+    Telemetry,
+)
 from onboard.bus.topics import Topic
 from onboard.config.fleet import FleetConfig, fleet_from_mapping
 from onboard.frames import (
@@ -32,7 +42,9 @@ MOST_TURN_RAD = 0.06  # in a tick
 
 
 def fleet(
-    names: tuple[str, ...] = ("mav0", "mav1"), enabled: object = "scan", px4_params: dict[str, float] | None = None
+    names: tuple[str, ...] = ("mav0", "mav1"),
+    enabled: object = "scan",
+    px4_params: dict[str, float] | None = None,
 ) -> FleetConfig:
     """A small fleet; neighbours need not be there."""
     vehicles = {
@@ -48,7 +60,10 @@ def fleet(
     return fleet_from_mapping(
         {
             "schema": 1,
-            "fleet": {"name": "rig", "geofence_m": {"x": [-4.0, 4.0], "y": [-4.0, 4.0], "z": [0.0, 3.0]}},
+            "fleet": {
+                "name": "rig",
+                "geofence_m": {"x": [-4.0, 4.0], "y": [-4.0, 4.0], "z": [0.0, 3.0]},
+            },
             "defaults": {"px4_params": px4_params or {}},
             "vehicles": vehicles,
         }
@@ -113,7 +128,9 @@ class Rig:
             if self.core.flight.state == wanted:
                 return
             self.step()
-        raise AssertionError(f"still {self.core.flight.state} ({self.core.flight.reason}), wanted {wanted}")
+        raise AssertionError(
+            f"still {self.core.flight.state} ({self.core.flight.reason}), wanted {wanted}"
+        )
 
     def step(self) -> None:
         """One tick of 20 ms."""
@@ -125,8 +142,17 @@ class Rig:
                 self._heartbeat = (now, self.is_armed, self.mode)
             on_ground = self.position[2] <= self.floor_m + 1e-6
             self._on_ground_ns = (self._on_ground_ns or now) if on_ground else 0
-            landed = on_ground and self.sees_ground and (not self.is_armed or now - self._on_ground_ns > 2_200_000_000)
-            if landed and self.is_armed and self.has_flown and now - self._on_ground_ns > 4_200_000_000:
+            landed = (
+                on_ground
+                and self.sees_ground
+                and (not self.is_armed or now - self._on_ground_ns > 2_200_000_000)
+            )
+            if (
+                landed
+                and self.is_armed
+                and self.has_flown
+                and now - self._on_ground_ns > 4_200_000_000
+            ):
                 self.is_armed = False
             self.snapshot = replace(
                 self.snapshot,
@@ -142,7 +168,9 @@ class Rig:
                 battery_voltage_v=15.0,
                 has_fix=self.has_fix,
                 fix_ns=now,
-                position_accuracy_ns=now if self.sends_accuracy else self.snapshot.position_accuracy_ns,
+                position_accuracy_ns=now
+                if self.sends_accuracy
+                else self.snapshot.position_accuracy_ns,
                 battery_ns=now if self.sends_battery else self.snapshot.battery_ns,
             )
         self.core.handle(ev.SnapshotReceived(self.snapshot), now)
@@ -175,7 +203,8 @@ class Rig:
     def pose(self, **changes: object) -> None:
         """One mocap sample of now."""
         x, y, z = self.position.tolist()
-        position = (x, y, z + 1e-6 * (self.tick_count % 2))  # no two samples of a tracked body are the same
+        # no two samples of a tracked body are the same
+        position = (x, y, z + 1e-6 * (self.tick_count % 2))
         sample = MocapPose(
             body="mav0",
             boot_id=1,
@@ -221,14 +250,21 @@ class Rig:
 
     def _turned(self, wanted: Quaternion) -> Quaternion:
         """The attitude of this tick: tilted at once, but turned no faster than a vehicle can."""
-        left_rad = wrap_rad(yaw_from_quaternion(wanted) - yaw_from_quaternion(self.snapshot.quaternion_enu_flu_wxyz))
+        left_rad = wrap_rad(
+            yaw_from_quaternion(wanted) - yaw_from_quaternion(self.snapshot.quaternion_enu_flu_wxyz)
+        )
         missing_rad = left_rad - min(max(left_rad, -MOST_TURN_RAD), MOST_TURN_RAD)
         return quaternion_multiply(wanted, quaternion_from_yaw(-missing_rad))
 
     def move(self) -> None:
         """Advance position and velocity by one tick."""
         acceleration = np.array([0.0, 0.0, -GRAVITY_M_S2])
-        if self.is_armed and self.mode == "OFFBOARD" and self.setpoint is not None and self.has_lift:
+        if (
+            self.is_armed
+            and self.mode == "OFFBOARD"
+            and self.setpoint is not None
+            and self.has_lift
+        ):
             believed = self._turned(self.setpoint.quaternion_wxyz)
             thrust_m_s2 = self.setpoint.thrust_frac / HOVER * GRAVITY_M_S2
             acceleration += thrust_m_s2 * np.array(body_up(self._true(believed)))

@@ -1,4 +1,6 @@
-"""Poses that are lost in flight: the vehicle brakes and sinks by dead reckoning, under the law, and lands by itself."""
+"""Poses that are lost in flight: the vehicle brakes and sinks by dead reckoning, under the law, and
+lands by itself.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,9 @@ def lost(after_s: float = 1.0) -> Rig:
     return rig
 
 
-def test_it_brakes_sinks_and_lands_by_itself_and_tells_its_state_with_an_accuracy_that_does_not_grow() -> None:
+def test_it_brakes_sinks_and_lands_by_itself_and_tells_its_state_with_an_accuracy_that_does_not_grow() -> (
+    None
+):
     rig = lost()
     assert rig.state is not None
     std_m, lost_ns, lost_m = rig.state.position_std_m, rig.now_ns, rig.position.copy()
@@ -127,7 +131,11 @@ def test_on_the_ground_the_thrust_stays_off_and_nothing_is_handed_to_px4() -> No
         rig.step()
     contact_ns = rig.now_ns
     rig.run(3.0)
-    setpoints = [command.setpoint for t, command in rig.sent if isinstance(command, ev.SendAttitude) and t > contact_ns]
+    setpoints = [
+        command.setpoint
+        for t, command in rig.sent
+        if isinstance(command, ev.SendAttitude) and t > contact_ns
+    ]
     assert len(setpoints) > 140
     assert {setpoint.thrust_frac for setpoint in setpoints} == {0.0}
     assert rig.count(ev.Px4Land) == 0

@@ -1,4 +1,6 @@
-"""Any stream of messages, however wrong: no exception, no setpoint that PX4 must not get, no safe state left."""
+"""Any stream of messages, however wrong: no exception, no setpoint that PX4 must not get, no safe
+state left.
+"""
 
 from __future__ import annotations
 
@@ -19,14 +21,20 @@ from tests.onboard.agent.rig import Rig
 from tests.onboard.agent.test_core_latch import moving
 
 HUGE_INT = (1 << 63) + 5
-floats = st.one_of(st.floats(), st.sampled_from([0.0, 1e308, -1e300, 1e5, 5e-324, math.nan, math.inf]))
-ints = st.one_of(st.integers(-10, 10), st.integers(-(1 << 63), (1 << 64) - 1), st.sampled_from([HUGE_INT, -1, 0]))
+floats = st.one_of(
+    st.floats(), st.sampled_from([0.0, 1e308, -1e300, 1e5, 5e-324, math.nan, math.inf])
+)
+ints = st.one_of(
+    st.integers(-10, 10), st.integers(-(1 << 63), (1 << 64) - 1), st.sampled_from([HUGE_INT, -1, 0])
+)
 
 
 def _changed(message: Any, draw: Any) -> Any:
     """A message with some of its numbers, words and flags replaced by anything of their type."""
     changes: dict[str, Any] = {}
-    for name in draw(st.lists(st.sampled_from(message.__struct_fields__[1:]), min_size=1, max_size=4)):
+    for name in draw(
+        st.lists(st.sampled_from(message.__struct_fields__[1:]), min_size=1, max_size=4)
+    ):
         value = getattr(message, name)
         if isinstance(value, bool):
             changes[name] = draw(st.booleans())
@@ -42,7 +50,9 @@ def _changed(message: Any, draw: Any) -> Any:
 def _snapshot(snapshot: Snapshot, draw: Any) -> Snapshot:
     return replace(
         snapshot,
-        quaternion_enu_flu_wxyz=tuple(draw(floats) for _ in range(4)) if draw(st.booleans()) else (0.0, 0.0, 0.0, 0.0),
+        quaternion_enu_flu_wxyz=tuple(draw(floats) for _ in range(4))
+        if draw(st.booleans())
+        else (0.0, 0.0, 0.0, 0.0),
         position_local_ned_m=tuple(draw(floats) for _ in range(3)),
         battery_frac=draw(floats),
         battery_voltage_v=draw(floats),
@@ -101,7 +111,9 @@ def _example(rig: Rig, kind: str) -> Any:
 
 @settings(max_examples=25, deadline=None)
 @given(st.data())
-def test_no_stream_of_messages_brings_the_core_down_or_a_wrong_setpoint_out_of_it(data: st.DataObject) -> None:
+def test_no_stream_of_messages_brings_the_core_down_or_a_wrong_setpoint_out_of_it(
+    data: st.DataObject,
+) -> None:
     rig = moving()
     listener, core = Listener(rig), rig.core
     kinds = ["pose", "other pose", "state", "own state", "telemetry", "order", "snapshot", "tick"]
@@ -109,7 +121,9 @@ def test_no_stream_of_messages_brings_the_core_down_or_a_wrong_setpoint_out_of_i
     for _ in range(data.draw(st.integers(1, 12))):
         kind = data.draw(st.sampled_from(kinds))
         if kind == "snapshot":
-            listener.check(core.handle(ev.SnapshotReceived(_snapshot(rig.snapshot, data.draw)), rig.now_ns))
+            listener.check(
+                core.handle(ev.SnapshotReceived(_snapshot(rig.snapshot, data.draw)), rig.now_ns)
+            )
             listener.check(core.tick(rig.now_ns + 1_000_000))
         elif kind == "tick":
             rig.now_ns += data.draw(st.sampled_from([0, 1, 20_000_000, 400_000_000]))
@@ -161,7 +175,9 @@ def test_a_px4_that_tells_nonsense_ends_the_flight_as_a_silent_one_and_reads_as_
     rig.run(1.0)
     assert rig.core.flight.state == "failed"
     assert rig.core.flight.reason.startswith("PX4's numbers are impossible (PX4 sa") or (
-        rig.core.flight.reason.startswith("PX4's numbers are impossible (PX4 sends an attitude that is no rotation")
+        rig.core.flight.reason.startswith(
+            "PX4's numbers are impossible (PX4 sends an attitude that is no rotation"
+        )
     )
     assert "silent" not in rig.core.flight.reason
 
@@ -172,7 +188,9 @@ def test_preflight_says_what_is_wrong_with_a_px4_that_is_thousands_of_kilometres
 
     def far(event: ev.EventIn, now_ns: int) -> list[ev.Command]:
         if isinstance(event, ev.SnapshotReceived):
-            event = ev.SnapshotReceived(replace(event.snapshot, position_local_ned_m=(5227321.5, 1067127.6, 0.0)))
+            event = ev.SnapshotReceived(
+                replace(event.snapshot, position_local_ned_m=(5227321.5, 1067127.6, 0.0))
+            )
         return handle(event, now_ns)
 
     rig.core.handle = far  # type: ignore[method-assign]
@@ -196,12 +214,16 @@ def test_a_neighbour_that_sends_nonsense_is_ignored_counted_and_then_silent(kind
     assert rig.core.flight.state == "flying"
 
 
-def test_a_replayed_order_is_answered_as_before_and_one_without_an_id_or_with_a_silly_time_is_refused() -> None:
+def test_a_replayed_order_is_answered_as_before_and_one_without_an_id_or_with_a_silly_time_is_refused() -> (
+    None
+):
     rig = moving()
     first = rig.order("move", order_id="a", position_enu_m=(1.0, 0.0, 1.0))
     for count in range(300):
         rig.order("locate", order_id=f"i{count}")
-    late = rig.order("move", order_id="a", position_enu_m=(1.0, 0.0, 1.0), deadline_ns=rig.now_ns - 1)
+    late = rig.order(
+        "move", order_id="a", position_enu_m=(1.0, 0.0, 1.0), deadline_ns=rig.now_ns - 1
+    )
     assert first.is_accepted
     assert late == first or not late.is_accepted
     assert isinstance(late, OrderReply)
@@ -210,13 +232,16 @@ def test_a_replayed_order_is_answered_as_before_and_one_without_an_id_or_with_a_
         assert not rig.order("move", position_enu_m=(1.0, 0.0, 1.0), duration_s=seconds).is_accepted
 
 
-def test_a_pose_stream_of_another_frame_is_no_position_and_the_vehicle_holds_and_is_landed() -> None:
+def test_a_pose_stream_of_another_frame_is_no_position_and_the_vehicle_holds_and_is_landed() -> (
+    None
+):
     rig = moving()
     rig.run(1.5)
     rig.has_mocap = False
     for _ in range(50):
         x, y, z = rig.position.tolist()
-        rig.pose(position_enu_m=(y, -x, z + 1e-6 * rig.tick_count))  # turned by 90 degrees since now
+        # turned by 90 degrees since now
+        rig.pose(position_enu_m=(y, -x, z + 1e-6 * rig.tick_count))
         rig.step()
     codes = [event.code for event in rig.events]
     assert "position-jumped" in codes

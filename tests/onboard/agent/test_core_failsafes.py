@@ -67,7 +67,8 @@ def test_a_lost_bus_holds_and_then_lands_in_place() -> None:
     where = rig.position.copy()
     rig.run(6.0)
     assert rig.core.flight.state in ("landing", "landed")
-    assert np.linalg.norm(rig.position[:2] - where[:2]) < 0.5  # it still came to rest when this was looked at
+    # it still came to rest when this was looked at
+    assert np.linalg.norm(rig.position[:2] - where[:2]) < 0.5
 
 
 def test_a_lost_ground_station_changes_nothing_in_flight() -> None:
@@ -111,7 +112,9 @@ def _starting(step: Step) -> Rig:
     return rig
 
 
-@pytest.mark.parametrize("step", [Step.TAKEOFF_OFFBOARD, Step.TAKEOFF_ARMING, Step.ARMED, Step.LIFTOFF])
+@pytest.mark.parametrize(
+    "step", [Step.TAKEOFF_OFFBOARD, Step.TAKEOFF_ARMING, Step.ARMED, Step.LIFTOFF]
+)
 def test_no_start_is_completed_without_anybody(step: Step) -> None:
     rig = _starting(step)
     rig.core.handle(ev.NodeChanged("ground-1", False), rig.now_ns)
@@ -145,8 +148,14 @@ def test_a_neighbour_under_another_law_is_not_counted_on_and_passed_slowly() -> 
             assert rig.state is not None
             assert rig.telemetry is not None
             same = {"vehicle": "mav1", "boot_id": 9, "position_enu_m": (3.0, 3.0, 1.0)}
-            tells = {"config_hash": fleet.with_law(law).config_hash, "law": law, "goal_position_enu_m": (3.0, 3.0, 1.0)}
-            state = replace(rig.state, is_cooperative=True, predicted_position_enu_m=(3.0, 3.0, 1.0), **same)
+            tells = {
+                "config_hash": fleet.with_law(law).config_hash,
+                "law": law,
+                "goal_position_enu_m": (3.0, 3.0, 1.0),
+            }
+            state = replace(
+                rig.state, is_cooperative=True, predicted_position_enu_m=(3.0, 3.0, 1.0), **same
+            )
             for message in (state, replace(rig.telemetry, **same, **tells)):
                 rig.core.handle(ev.NeighbourReceived(message, rig.now_ns), rig.now_ns)
             if number > 8:
@@ -170,7 +179,9 @@ def test_a_battery_that_is_not_told_any_more_lands_after_ten_seconds() -> None:
     rig.until("landed")
 
 
-def test_a_flight_without_landed_states_is_said_and_its_landing_ends_by_px4s_word_that_it_is_disarmed() -> None:
+def test_a_flight_without_landed_states_is_said_and_its_landing_ends_by_px4s_word_that_it_is_disarmed() -> (
+    None
+):
     rig = Rig()
     rig.fly()
     rig.has_landed_reports = False
@@ -208,7 +219,9 @@ def test_a_low_battery_lands() -> None:
 
 
 @pytest.mark.parametrize("thrust_of_hover", [1.05, 0.9])
-def test_a_landing_that_rises_again_or_that_px4_does_not_see_is_left_to_px4(thrust_of_hover: float) -> None:
+def test_a_landing_that_rises_again_or_that_px4_does_not_see_is_left_to_px4(
+    thrust_of_hover: float,
+) -> None:
     rig = Rig()
     rig.fly()
     rig.order("land")
@@ -220,7 +233,9 @@ def test_a_landing_that_rises_again_or_that_px4_does_not_see_is_left_to_px4(thru
     rig.sees_ground = False
     rig.run(9.0)
     assert rig.mode == "LAND"
-    assert any("risen" in event.sentence or "does not see" in event.sentence for event in rig.events)
+    assert any(
+        "risen" in event.sentence or "does not see" in event.sentence for event in rig.events
+    )
     rig.sees_ground = True
     rig.until("landed")
 
@@ -233,7 +248,9 @@ def test_outside_the_fence_it_holds_inside_and_then_lands() -> None:
     assert rig.core.flight.goal_position_enu_m[0] < 4.0
 
 
-def test_nobody_is_sent_anywhere_while_the_table_asks_to_hold_and_anywhere_again_afterwards() -> None:
+def test_nobody_is_sent_anywhere_while_the_table_asks_to_hold_and_anywhere_again_afterwards() -> (
+    None
+):
     rig = Rig()
     rig.fly()
     rig.carry(4.1, 0.0, 1.0)

@@ -29,7 +29,9 @@ def test_a_flight_from_the_ground_to_the_ground_ends_every_order_as_done() -> No
     assert rig.telemetry.state == "landed"
 
 
-def test_a_battery_that_px4_no_longer_reports_is_shown_as_unknown_and_not_at_its_last_level() -> None:
+def test_a_battery_that_px4_no_longer_reports_is_shown_as_unknown_and_not_at_its_last_level() -> (
+    None
+):
     rig = Rig()
     rig.run(2.0)
     assert rig.telemetry is not None
@@ -65,13 +67,19 @@ def test_there_is_no_thrust_before_a_heartbeat_has_said_armed() -> None:
     rig.accepts_arm = False
     rig.order("takeoff", height_m=1.0)
     rig.run(4.0)
-    setpoints = [command.setpoint for _, command in rig.sent if isinstance(command, ev.SendAttitude)]
+    setpoints = [
+        command.setpoint for _, command in rig.sent if isinstance(command, ev.SendAttitude)
+    ]
     assert len(setpoints) > 100
     assert max(float(setpoint.thrust_frac) for setpoint in setpoints) == 0.0
 
 
-@pytest.mark.parametrize(("switch", "word"), [("accepts_offboard", "OFFBOARD"), ("accepts_arm", "arm")])
-def test_a_px4_that_accepts_and_does_nothing_fails_the_order_in_words(switch: str, word: str) -> None:
+@pytest.mark.parametrize(
+    ("switch", "word"), [("accepts_offboard", "OFFBOARD"), ("accepts_arm", "arm")]
+)
+def test_a_px4_that_accepts_and_does_nothing_fails_the_order_in_words(
+    switch: str, word: str
+) -> None:
     rig = Rig()
     rig.until("ready")
     setattr(rig, switch, False)
@@ -100,7 +108,8 @@ def test_no_setpoint_leaves_before_an_order_or_after_the_landing() -> None:
 @pytest.mark.parametrize("error_deg", [-120.0, -20.0, 35.0, 170.0])
 def test_a_wrong_heading_of_px4_is_taken_out_by_the_mocap(error_deg: float) -> None:
     rig = Rig(
-        AgentCore(fleet(px4_params={"EKF2_EV_CTRL": 7}), "mav0", boot_id=7),  # PX4 keeps to its compass
+        # PX4 keeps to its compass
+        AgentCore(fleet(px4_params={"EKF2_EV_CTRL": 7}), "mav0", boot_id=7),
         heading_error_rad=math.radians(error_deg),
     )
     rig.fly()
@@ -108,8 +117,11 @@ def test_a_wrong_heading_of_px4_is_taken_out_by_the_mocap(error_deg: float) -> N
     furthest = 0.0
     for _ in range(400):
         rig.step()
-        # off the straight line from (0, 0) to (1.5, 1): a wrong sign of the correction leaves it at once
-        furthest = max(furthest, abs(1.0 * rig.position[0] - 1.5 * rig.position[1]) / math.hypot(1.0, 1.5))
+        # off the straight line from (0, 0) to (1.5, 1): a wrong sign of the correction leaves it at
+        # once
+        furthest = max(
+            furthest, abs(1.0 * rig.position[0] - 1.5 * rig.position[1]) / math.hypot(1.0, 1.5)
+        )
     assert rig.position[:2] == pytest.approx([1.5, 1.0], abs=0.06)
     assert furthest < 0.1
 
@@ -167,7 +179,9 @@ def test_asked_to_stop_on_the_ground_it_ends_at_once() -> None:
     assert rig.count(ev.Exit) == 1
 
 
-def test_a_kill_in_the_air_is_a_critical_event_with_author_and_node_and_one_on_the_ground_is_none() -> None:
+def test_a_kill_in_the_air_is_a_critical_event_with_author_and_node_and_one_on_the_ground_is_none() -> (
+    None
+):
     rig = Rig()
     rig.run(3.0)
     rig.order("kill")
@@ -177,7 +191,10 @@ def test_a_kill_in_the_air_is_a_critical_event_with_author_and_node_and_one_on_t
     rig.fly()
     rig.order("kill", node="ground-17-ab")
     (event,) = [event for event in rig.events if event.code == "killed"]
-    assert (event.severity, event.sentence) == ("critical", "Killed in the air by order of tester (from ground-17-ab).")
+    assert (event.severity, event.sentence) == (
+        "critical",
+        "Killed in the air by order of tester (from ground-17-ab).",
+    )
 
 
 def test_kill_is_repeated_until_px4_is_disarmed() -> None:
@@ -215,8 +232,12 @@ def test_the_state_message_says_cooperative_only_while_the_law_flies() -> None:
     assert rig.state.is_valid
 
 
-@pytest.mark.parametrize(("in_air", "kind"), [(False, "locate"), (True, "locate"), (True, "identify")])
-def test_locate_plays_a_tune_and_changes_nothing_else_also_by_its_former_name(in_air: bool, kind: str) -> None:
+@pytest.mark.parametrize(
+    ("in_air", "kind"), [(False, "locate"), (True, "locate"), (True, "identify")]
+)
+def test_locate_plays_a_tune_and_changes_nothing_else_also_by_its_former_name(
+    in_air: bool, kind: str
+) -> None:
     rig = Rig()
     rig.until("ready")
     if in_air:
@@ -252,7 +273,11 @@ def test_every_move_and_landing_has_a_time_limit_that_grows_with_its_way() -> No
     rig = Rig()
     rig.fly()
     limits = []
-    for fields in ({"position_enu_m": (0.5, 0.0, 1.0)}, {"position_enu_m": (3.5, 0.0, 1.0)}, {"duration_s": 60.0}):
+    for fields in (
+        {"position_enu_m": (0.5, 0.0, 1.0)},
+        {"position_enu_m": (3.5, 0.0, 1.0)},
+        {"duration_s": 60.0},
+    ):
         rig.order("move", **{"position_enu_m": (1.0, 0.0, 1.0), **fields})
         limits.append((rig.core.flight.deadline_ns - rig.now_ns) * 1e-9)
     assert 30.0 < limits[0] < limits[1] < limits[2]

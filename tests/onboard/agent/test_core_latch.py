@@ -1,4 +1,6 @@
-"""An action of a failsafe ends only by something stronger or by an operator's order, whatever comes and goes."""
+"""An action of a failsafe ends only by something stronger or by an operator's order, whatever comes
+and goes.
+"""
 
 from __future__ import annotations
 
@@ -47,7 +49,9 @@ def moving() -> Rig:
 
 
 class Broken:
-    """Replaces what the watch finds by what a test says; the agent's own process is never stopped by it."""
+    """Replaces what the watch finds by what a test says; the agent's own process is never stopped
+    by it.
+    """
 
     def __init__(self, rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
         self.holds: set[Condition] = set()
@@ -60,8 +64,14 @@ CAN_COME = [condition for condition in Condition if condition is not Condition.S
 
 
 @settings(max_examples=30, deadline=None)
-@given(st.lists(st.tuples(st.sets(st.sampled_from(CAN_COME), max_size=3), st.integers(1, 12)), max_size=12))
-def test_no_sequence_of_conditions_makes_a_flight_less_safe(story: list[tuple[set[Condition], int]]) -> None:
+@given(
+    st.lists(
+        st.tuples(st.sets(st.sampled_from(CAN_COME), max_size=3), st.integers(1, 12)), max_size=12
+    )
+)
+def test_no_sequence_of_conditions_makes_a_flight_less_safe(
+    story: list[tuple[set[Condition], int]],
+) -> None:
     rig = moving()
     with pytest.MonkeyPatch.context() as patch:
         broken = Broken(rig, patch)
@@ -75,7 +85,9 @@ def test_no_sequence_of_conditions_makes_a_flight_less_safe(story: list[tuple[se
                 if rig.core.flight.situation is Situation.GROUND:
                     return
                 assert now >= before, (holds, situation)
-                asked = max((TABLE[situation, condition] for condition in holds), default=Action.GO_ON)
+                asked = max(
+                    (TABLE[situation, condition] for condition in holds), default=Action.GO_ON
+                )
                 if asked in (Action.HOLD, Action.LAND, Action.PX4_LAND, Action.STOP):
                     assert now >= asked
                 before = now
@@ -100,7 +112,9 @@ def check_row(condition: Condition, situation: Situation, patch: pytest.MonkeyPa
     rig.step()
     action, flight = TABLE[situation, condition], rig.core.flight
     setpoints = [
-        command.setpoint for when, command in rig.sent if isinstance(command, ev.SendAttitude) and when > began_ns
+        command.setpoint
+        for when, command in rig.sent
+        if isinstance(command, ev.SendAttitude) and when > began_ns
     ]
     if action in (Action.PX4_LAND, Action.STOP):
         assert not setpoints, row
@@ -111,11 +125,16 @@ def check_row(condition: Condition, situation: Situation, patch: pytest.MonkeyPa
         assert flight.is_slow, row
         assert flight.order is not None, row
     if situation is Situation.FLYING:
-        assert course(flight) == {Action.LEVEL: Action.HOLD, Action.STOP: GIVEN_UP}.get(action, action), row
+        assert course(flight) == {Action.LEVEL: Action.HOLD, Action.STOP: GIVEN_UP}.get(
+            action, action
+        ), row
         if action is not Action.SLOW:
             rig.run(0.04)
             assert rig.outcomes()["away"] in ("failed", "timed out"), row
-    assert condition.value.lower()[1:] in flight.reason.lower() or action in (Action.LEVEL, Action.LAND), row
+    assert condition.value.lower()[1:] in flight.reason.lower() or action in (
+        Action.LEVEL,
+        Action.LAND,
+    ), row
     rig.run(0.2)
     assert rig.telemetry is not None
     assert condition.value in rig.telemetry.conditions, row

@@ -1,4 +1,6 @@
-"""Setpoints leave only for a position and attitude known now, and never again once PX4 has begun to land."""
+"""Setpoints leave only for a position and attitude known now, and never again once PX4 has begun to
+land.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +23,9 @@ def flying() -> Rig:
 
 def setpoints(rig: Rig, since_ns: int) -> list[int]:
     return [
-        stamp - since_ns for stamp, command in rig.sent if isinstance(command, ev.SendAttitude) and stamp > since_ns
+        stamp - since_ns
+        for stamp, command in rig.sent
+        if isinstance(command, ev.SendAttitude) and stamp > since_ns
     ]
 
 

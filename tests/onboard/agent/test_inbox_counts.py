@@ -1,4 +1,5 @@
-"""Messages that an agent does not use are counted by the reason, and none of them becomes an event."""
+"""Messages that an agent does not use are counted by the reason, and none of them becomes an event.
+"""
 
 from __future__ import annotations
 
@@ -29,8 +30,10 @@ def test_what_is_malformed_in_anothers_name_or_missing_is_counted() -> None:
     inbox.neighbour_received(Topic.STATE, "mav2", message)  # the key of mav2, the name of mav1
     inbox.neighbour_received(Topic.SLOW_TELEMETRY, "mav1", Malformed("garbage", 7))
     assert inbox.take_counts() == ev.MessagesCounted(malformed=1, refused=1, dropped=2)
-    inbox.neighbour_received(Topic.STATE, "mav1", replace(message, sequence=400))  # it was not followed meanwhile
-    inbox.neighbour_received(Topic.STATE, "mav1", replace(message, sequence=1))  # it has started anew
+    # it was not followed meanwhile
+    inbox.neighbour_received(Topic.STATE, "mav1", replace(message, sequence=400))
+    # it has started anew
+    inbox.neighbour_received(Topic.STATE, "mav1", replace(message, sequence=1))
     inbox.neighbour_received(Topic.STATE, "mav1", replace(message, sequence=2))
     assert inbox.take_counts() == ev.MessagesCounted()
 

@@ -1,4 +1,6 @@
-"""What an agent reads of its PX4: parameters by its version, and of a simulated one where its battery stops."""
+"""What an agent reads of its PX4: parameters by its version, and of a simulated one where its
+battery stops.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,9 @@ CONFIG = fleet(("mav0", "mav1", "mav2"))
 
 
 class MuteLink:
-    """PX4 v1.18 with all parameters at 0, whose version arrives only when it is requested for the third time."""
+    """PX4 v1.18 with all parameters at 0, whose version arrives only when it is requested for the
+    third time.
+    """
 
     def __init__(self, *, is_simulated: bool = False) -> None:
         self.withholds_poses = False
@@ -78,7 +82,9 @@ async def test_a_version_that_got_lost_is_requested_again_and_its_own_parameters
 
 
 @pytest.mark.parametrize(("is_simulated", "floor_frac"), [(True, 0.3), (False, 0.0)])
-async def test_only_a_simulated_px4_is_asked_where_its_battery_stops(is_simulated: bool, floor_frac: float) -> None:
+async def test_only_a_simulated_px4_is_asked_where_its_battery_stops(
+    is_simulated: bool, floor_frac: float
+) -> None:
     link = MuteLink(is_simulated=is_simulated)
     event = (await events_until(link, 1))[0]
     assert event == ev.ParamsRead((), pytest.approx(floor_frac))

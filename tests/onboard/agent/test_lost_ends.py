@@ -47,7 +47,9 @@ def test_a_ground_that_is_lost_again_before_it_was_told_hears_all_of_it_later() 
 
 def test_parts_of_a_path_push_no_end_out() -> None:
     ends, within = LostEnds(), _end(12.0)
-    ends.pass_on([within, *(_end(12.0 + 0.01 * part, f"part {part}", "debug") for part in range(20))], 13 * S)
+    ends.pass_on(
+        [within, *(_end(12.0 + 0.01 * part, f"part {part}", "debug") for part in range(20))], 13 * S
+    )
     ends.see("ground-1", False, 10 * S)
     ends.see("ground-1", True, 20 * S)
     assert _told(ends, 21.1) == [within]

@@ -11,7 +11,13 @@ from onboard.bus.schema import Order
 
 NOW_NS = 1_000_000_000_000
 MOVE = Order(
-    order_id="g-1", author="ann", kind="move", stamp_ns=NOW_NS, deadline_ns=NOW_NS + 1, heard_boot_id=7, heard_ns=NOW_NS
+    order_id="g-1",
+    author="ann",
+    kind="move",
+    stamp_ns=NOW_NS,
+    deadline_ns=NOW_NS + 1,
+    heard_boot_id=7,
+    heard_ns=NOW_NS,
 )
 
 
@@ -35,9 +41,12 @@ def test_an_order_is_for_one_start_of_the_agent(kind: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("kind", "limit_s"), [("move", FRESH_S), ("kill", FRESH_EMERGENCY_S), ("land", FRESH_EMERGENCY_S)]
+    ("kind", "limit_s"),
+    [("move", FRESH_S), ("kill", FRESH_EMERGENCY_S), ("land", FRESH_EMERGENCY_S)],
 )
-def test_an_order_that_was_held_back_is_late_whatever_the_senders_clock_says(kind: str, limit_s: float) -> None:
+def test_an_order_that_was_held_back_is_late_whatever_the_senders_clock_says(
+    kind: str, limit_s: float
+) -> None:
     order = replace(MOVE, kind=kind, deadline_ns=0)
     for later_s, code in ((limit_s - 0.1, None), (limit_s + 0.1, "late"), (-0.1, "late")):
         assert _code(OrderGate(boot_id=7).refusal(order, NOW_NS + round(later_s * 1e9))) == code
@@ -54,6 +63,11 @@ def test_no_order_can_be_sent_twice_after_many_others() -> None:
     kill = replace(MOVE, kind="kill", deadline_ns=0)
     assert gate.refusal(kill, NOW_NS) is None
     for count in range(2000):
-        assert gate.refusal(replace(kill, order_id=f"g-1-{count}"), NOW_NS + count * 10_000_000) is None
-    codes = {_code(gate.refusal(kill, NOW_NS + round(at_s * 1e9))) for at_s in (20.0, 29.9, 30.1, 60.0)}
+        assert (
+            gate.refusal(replace(kill, order_id=f"g-1-{count}"), NOW_NS + count * 10_000_000)
+            is None
+        )
+    codes = {
+        _code(gate.refusal(kill, NOW_NS + round(at_s * 1e9))) for at_s in (20.0, 29.9, 30.1, 60.0)
+    }
     assert codes == {"replayed", "late"}

@@ -1,4 +1,6 @@
-"""Vehicles that fly on PX4's position believe it by what PX4 tells of its accuracy and of its satellites."""
+"""Vehicles that fly on PX4's position believe it by what PX4 tells of its accuracy and of its
+satellites.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,9 @@ from tests.onboard.agent.rig import Rig, fleet
 def _rig(accuracy_m: float) -> Rig:
     whole = fleet(("mav0",))
     bare = {n: msgspec.structs.replace(v, mocap_required=False) for n, v in whole.vehicles.items()}
-    rig = Rig(AgentCore(msgspec.structs.replace(whole, vehicles=bare), "mav0", boot_id=7), has_mocap=False)
+    rig = Rig(
+        AgentCore(msgspec.structs.replace(whole, vehicles=bare), "mav0", boot_id=7), has_mocap=False
+    )
     _tell(rig, accuracy_m)
     return rig
 
@@ -26,7 +30,9 @@ def _tell(rig: Rig, accuracy_m: float) -> None:
 
 
 @pytest.mark.parametrize("accuracy_m", [20.0, math.inf, 0.0, 0.8])
-def test_an_accuracy_that_no_distance_covers_refuses_the_take_off_in_words(accuracy_m: float) -> None:
+def test_an_accuracy_that_no_distance_covers_refuses_the_take_off_in_words(
+    accuracy_m: float,
+) -> None:
     rig = _rig(accuracy_m)
     rig.run(4.0)
     assert rig.core.flight.state == "waiting"
@@ -95,7 +101,9 @@ def test_an_accuracy_that_px4_stops_telling_is_none() -> None:
     rig.until("landed")
 
 
-def test_who_loses_the_satellites_comes_down_by_dead_reckoning_and_never_after_a_position_that_runs_away() -> None:
+def test_who_loses_the_satellites_comes_down_by_dead_reckoning_and_never_after_a_position_that_runs_away() -> (
+    None
+):
     rig = _rig(0.4)
     rig.fly()
     rig.has_fix = False

@@ -31,12 +31,17 @@ def telemetry() -> Telemetry:
 
 def _told(telemetry: Telemetry, tenths: Iterable[int], **changes: Any) -> list[int]:
     brief = TelemetryDecimation()
-    assert all(brief.is_due(msgspec.structs.replace(telemetry, stamp_ns=tenth * _TENTH_NS)) for tenth in range(-3, 1))
+    assert all(
+        brief.is_due(msgspec.structs.replace(telemetry, stamp_ns=tenth * _TENTH_NS))
+        for tenth in range(-3, 1)
+    )
     return [
         tenth
         for tenth in tenths
         if brief.is_due(
-            msgspec.structs.replace(telemetry, stamp_ns=tenth * _TENTH_NS, **(changes if tenth >= 2 else {}))
+            msgspec.structs.replace(
+                telemetry, stamp_ns=tenth * _TENTH_NS, **(changes if tenth >= 2 else {})
+            )
         )
     ]
 
@@ -58,7 +63,9 @@ def test_without_news_the_others_hear_it_twice_a_second(telemetry: Telemetry) ->
         {"config_hash": "another"},
     ],
 )
-def test_what_changes_what_the_others_do_is_told_at_once(telemetry: Telemetry, changes: dict[str, Any]) -> None:
+def test_what_changes_what_the_others_do_is_told_at_once(
+    telemetry: Telemetry, changes: dict[str, Any]
+) -> None:
     assert _told(telemetry, range(1, 4), **changes)[0] == 2
 
 
@@ -82,7 +89,9 @@ def test_an_agent_hears_whom_it_follows_often_and_only_the_others_slowly() -> No
 
     fleet, bus = square_fleet(4), cast(Any, Bus())
     inbox = Inbox(fleet.vehicles["mav1"], 1, bus, fleet.mocap)
-    executor = CommandExecutor("mav1", ["mav0", "mav2", "mav3"], cast(Any, None), bus, inbox, lambda: None)
+    executor = CommandExecutor(
+        "mav1", ["mav0", "mav2", "mav3"], cast(Any, None), bus, inbox, lambda: None
+    )
     executor.execute([ev.Follow(frozenset({"mav0", "mav2"}))])
     executor.stop()
     # under its own name it would hear another agent for the same vehicle

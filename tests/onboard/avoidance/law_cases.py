@@ -1,4 +1,6 @@
-"""Values for tests of the law: vehicles, neighbours, random encounters, and the world turned, shifted and scaled."""
+"""Values for tests of the law: vehicles, neighbours, random encounters, and the world turned,
+shifted and scaled.
+"""
 
 import math
 
@@ -47,14 +49,27 @@ def neighbours_of(positions, velocities=None, commands=None):
     still = [ZERO_3] * len(positions)
     return [
         neighbour_of(p, v, u, is_paper_obstacle=k == 0, table_index=k)
-        for k, (p, v, u) in enumerate(zip(positions, velocities or still, commands or still, strict=True))
+        for k, (p, v, u) in enumerate(
+            zip(positions, velocities or still, commands or still, strict=True)
+        )
     ]
 
 
 def run(
-    position, velocity, accel, neighbours, params, *, std=(0.0, 0.0), compensation=ZERO_3, intent=None, obstacles=()
+    position,
+    velocity,
+    accel,
+    neighbours,
+    params,
+    *,
+    std=(0.0, 0.0),
+    compensation=ZERO_3,
+    intent=None,
+    obstacles=(),
 ):
-    """Output of one tick of a vehicle without past commands, whose baseline asks for an acceleration."""
+    """Output of one tick of a vehicle without past commands, whose baseline asks for an
+    acceleration.
+    """
     memory, state = oist.initial(), state_of(position, velocity, std)
     predicted = oist.predict(memory, state, params)
     intent = predicted.velocity_enu_m_s if intent is None else vec(intent)
@@ -78,7 +93,9 @@ def random_case(seed, count=4):
 
 
 def random_neighbour(rng, index, spread):
-    """Any message: another lag, some age, uncertain, perhaps not cooperative, perhaps without an intent."""
+    """Any message: another lag, some age, uncertain, perhaps not cooperative, perhaps without an
+    intent.
+    """
     position, velocity = rng.normal(size=3) * spread, rng.normal(size=3) * 0.5
     return Neighbour(
         vec(position),
@@ -101,7 +118,9 @@ def random_neighbour(rng, index, spread):
 
 def mapped(neighbour, function):
     """The neighbour with function(name, value) in place of each value."""
-    return Neighbour(*(function(name, value) for name, value in zip(Neighbour._fields, neighbour, strict=True)))
+    return Neighbour(
+        *(function(name, value) for name, value in zip(Neighbour._fields, neighbour, strict=True))
+    )
 
 
 def horizontal(vector):

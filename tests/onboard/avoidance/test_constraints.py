@@ -3,7 +3,15 @@
 import numpy as np
 import pytest
 
-from onboard.avoidance.constraints import can_bind, compensated, faded, fence_rows, obstacle_row, speed_row, violation
+from onboard.avoidance.constraints import (
+    can_bind,
+    compensated,
+    faded,
+    fence_rows,
+    obstacle_row,
+    speed_row,
+    violation,
+)
 from onboard.avoidance.half_planes import HalfPlane
 from onboard.avoidance.interface import NOT_A_VEHICLE
 from onboard.avoidance.pairs import MAX_OBSTACLES, surface_of
@@ -24,13 +32,17 @@ def row_at(capsule, position, velocity, params):
 
 def test_row_beside_a_wall_constrains_only_the_speed_towards_it():
     params, wall = law_of(), Capsule(Vec2(-50.0, 0.0), Vec2(50.0, 0.0), 0.0)
-    along, still, towards = (row_at(wall, (0.0, 1.0), v, params) for v in ((3.0, 0.0), (0.0, 0.0), (0.0, -1.0)))
+    along, still, towards = (
+        row_at(wall, (0.0, 1.0), v, params) for v in ((3.0, 0.0), (0.0, 0.0), (0.0, -1.0))
+    )
     assert along.bound_m_s2 == pytest.approx(still.bound_m_s2)
     assert towards.bound_m_s2 > still.bound_m_s2
 
 
 def test_rows_of_a_moving_vehicle_are_the_rate_of_the_constraint():
-    """Finite differences: along a motion under u, h'' + (k_1 + k_2) h' + k_1 k_2 h is e.u minus the bound."""
+    """Finite differences: along a motion under u, h'' + (k_1 + k_2) h' + k_1 k_2 h is e.u minus the
+    bound.
+    """
     params, rng, step = law_of(), np.random.default_rng(4), 1e-3
     k_1, k_2 = params.gains.static_kappa_1_1_s, params.gains.kappa_2_1_s
     for case in range(50):
@@ -52,7 +64,14 @@ def test_rows_of_a_moving_vehicle_are_the_rate_of_the_constraint():
 
 
 def test_an_obstacle_ahead_is_turned_about_and_named_as_no_vehicle():
-    out = run([-1.3, 0, 1], [0.5, 0, 0], [2.0, 0, 0], [], law_of(), obstacles=[Capsule(Vec2(0, 0), Vec2(0, 0), 0.4)])
+    out = run(
+        [-1.3, 0, 1],
+        [0.5, 0, 0],
+        [2.0, 0, 0],
+        [],
+        law_of(),
+        obstacles=[Capsule(Vec2(0, 0), Vec2(0, 0), 0.4)],
+    )
     assert out.status == LawStatus.SATURATED
     assert out.active_neighbour == NOT_A_VEHICLE
     assert out.thrust.thrust_enu_m_s2.x < 2.0
@@ -83,7 +102,9 @@ def test_wall_requires_braking_that_suffices_and_an_open_side_nothing():
     assert near[2].normal == (-1.0, 0.0)
     assert near[2].bound_m_s2 > 0.0 > middle[2].bound_m_s2
     opened = law_of()
-    assert all(not can_bind(row, 100.0) for row in fence_rows(still, outwards, opened.fence, opened.gains))
+    assert all(
+        not can_bind(row, 100.0) for row in fence_rows(still, outwards, opened.fence, opened.gains)
+    )
 
 
 def test_compensation_moves_the_bound_by_its_part_along_the_normal():
@@ -95,4 +116,8 @@ def test_compensation_moves_the_bound_by_its_part_along_the_normal():
 
 def test_faded_row_lies_between_the_thrust_and_its_own_bound():
     row, thrust = HalfPlane(Vec2(0.0, 1.0), 2.0), Vec2(5.0, 1.0)
-    assert [violation(faded(row, thrust, strength), thrust) for strength in (0.0, 0.5, 1.0)] == [0.0, 0.5, 1.0]
+    assert [violation(faded(row, thrust, strength), thrust) for strength in (0.0, 0.5, 1.0)] == [
+        0.0,
+        0.5,
+        1.0,
+    ]

@@ -11,7 +11,13 @@ from onboard.config.fleet import ConfigError, fleet_from_mapping
 from onboard.rollout.closed_loop import Scenario, fleet_model, fly
 from onboard.types import LawStatus
 from onboard.vectors import ZERO_3, Vec3
-from tests.onboard.avoidance.law_cases import law_of, neighbour_of, random_case, random_neighbour, run
+from tests.onboard.avoidance.law_cases import (
+    law_of,
+    neighbour_of,
+    random_case,
+    random_neighbour,
+    run,
+)
 
 APART_M, LEAD_S = 1.2, 0.15
 LAW = law_of({"vertical_separation_m": APART_M})
@@ -21,11 +27,15 @@ HOVERING = {"intent_enu_m_s": ZERO_3}
 def share(height_m, *, climb=0.0, way_m=0.0, std_m=0.0, **neighbour):
     """Of a vehicle so far above a neighbour that hovers at 1 m."""
     own = Climb(1.0 + height_m, 1.0 + height_m, climb, way_m, std_m)
-    return share_of(own, neighbour_of((0.3, 0.0, 1.0), **{**HOVERING, **neighbour}), LEAD_S, LAW.spacing)
+    return share_of(
+        own, neighbour_of((0.3, 0.0, 1.0), **{**HOVERING, **neighbour}), LEAD_S, LAW.spacing
+    )
 
 
 def test_a_pair_counts_in_full_up_to_the_vertical_separation_and_not_at_all_a_little_beyond():
-    assert [share(sign * h) for sign in (1.0, -1.0) for h in (0.0, 0.7, APART_M)] == pytest.approx([1.0] * 6)
+    assert [share(sign * h) for sign in (1.0, -1.0) for h in (0.0, 0.7, APART_M)] == pytest.approx(
+        [1.0] * 6
+    )
     assert share(APART_M + heights.TRANSITION_M) == pytest.approx(0.0, abs=1e-9) == share(-9.0)
     between = [share(h) for h in np.linspace(APART_M, APART_M + heights.TRANSITION_M, 9)]
     assert between == sorted(between, reverse=True)
@@ -67,7 +77,9 @@ def test_both_accuracies_widen_the_vertical_separation():
     assert share(APART_M + 0.2 + 1.3, std_m=0.2, position_std_m=0.2) == 0.0
 
 
-@pytest.mark.parametrize("field", ["position_enu_m", "predicted_position_enu_m", "predicted_velocity_enu_m_s"])
+@pytest.mark.parametrize(
+    "field", ["position_enu_m", "predicted_position_enu_m", "predicted_velocity_enu_m_s"]
+)
 def test_unknown_heights_count_in_full(field):
     assert share(3.0, **{field: Vec3(0.3, 0.0, math.nan)}) == 1.0
     assert share(3.0, intent_enu_m_s=Vec3(math.nan, math.nan, math.nan)) == 1.0
@@ -79,13 +91,19 @@ def test_vehicles_exactly_above_each_other_are_no_case_of_coinciding_ones():
     output = run((0.0, 0.0, 1.0), ZERO_3, (0.5, 0.0, 0.0), [above], LAW)
     assert output.status == LawStatus.INACTIVE
     assert output.crowd_count == 0.0
-    assert run((0.0, 0.0, 1.0), ZERO_3, (0.5, 0.0, 0.0), [above], law_of()).status != LawStatus.INACTIVE
+    assert (
+        run((0.0, 0.0, 1.0), ZERO_3, (0.5, 0.0, 0.0), [above], law_of()).status
+        != LawStatus.INACTIVE
+    )
 
 
 @pytest.mark.parametrize("seed", range(20))
 def test_the_share_is_the_same_in_any_order_and_for_both(seed):
     position, velocity, accel, neighbours = random_case(seed)
-    spread = [n._replace(position_enu_m=Vec3(*n.position_enu_m[:2], 2.0 * n.position_enu_m.z)) for n in neighbours]
+    spread = [
+        n._replace(position_enu_m=Vec3(*n.position_enu_m[:2], 2.0 * n.position_enu_m.z))
+        for n in neighbours
+    ]
     there = run(position, velocity, accel, spread, LAW).commanded_acceleration_enu_m_s2
     back = run(position, velocity, accel, spread[::-1], LAW).commanded_acceleration_enu_m_s2
     assert there == pytest.approx(back, abs=1e-9)
@@ -100,7 +118,11 @@ def test_the_whole_share_gives_the_very_same_flight_as_cylinders():
 def test_vehicles_above_each_other_swap_their_heights_also_from_the_nearest_ones(gap_m):
     fleet = fleet_of(vertical_separation_m=APART_M)
     start = np.array([[[0.0, 0.0, 1.0], [0.02, 0.0, 1.0 + gap_m]]])
-    flown = fly(Scenario(start, start[:, None, ::-1], np.zeros(1)), fleet_model(fleet, tuple(fleet.vehicles)), [3])
+    flown = fly(
+        Scenario(start, start[:, None, ::-1], np.zeros(1)),
+        fleet_model(fleet, tuple(fleet.vehicles)),
+        [3],
+    )
     assert flown.is_success.all()
     assert flown.arrival_s.max() < 12.0
     gap = flown.trace_enu_m[:, 0, 0] - flown.trace_enu_m[:, 0, 1]
@@ -109,7 +131,9 @@ def test_vehicles_above_each_other_swap_their_heights_also_from_the_nearest_ones
 
 
 @pytest.mark.parametrize(("height_m", "goes_around"), [(1.0, True), (5.0, False)])
-def test_nobody_flies_below_one_that_does_not_cooperate_and_above_it_everybody_may(height_m, goes_around):
+def test_nobody_flies_below_one_that_does_not_cooperate_and_above_it_everybody_may(
+    height_m, goes_around
+):
     fleet = fleet_of(vertical_separation_m=APART_M)
     start = np.array([[[-2.0, 0.1, height_m], [0.0, 0.0, 3.0]]])
     goal = np.array([[[[2.0, 0.1, height_m], [0.0, 0.0, 3.0]]]])
@@ -139,7 +163,11 @@ def test_a_vertical_separation_within_the_downwash_is_refused():
 
 def fly_swap(fleet):
     start = np.array([[[-1.0, 0.0, 1.0], [1.0, 0.1, 1.3]]])
-    return fly(Scenario(start, start[:, None, ::-1], np.zeros(1), 5.0), fleet_model(fleet, tuple(fleet.vehicles)), [1])
+    return fly(
+        Scenario(start, start[:, None, ::-1], np.zeros(1), 5.0),
+        fleet_model(fleet, tuple(fleet.vehicles)),
+        [1],
+    )
 
 
 def fleet_of(law="covey", **keys):
@@ -150,4 +178,6 @@ def fleet_of(law="covey", **keys):
     }  # fmt: skip
     wide = {axis: [-50.0, 50.0] for axis in "xyz"}
     section = {"name": "two", "geofence_m": wide, **keys}
-    return fleet_from_mapping({"schema": 1, "fleet": section, "law": {"name": law}, "vehicles": vehicles}, path="test")
+    return fleet_from_mapping(
+        {"schema": 1, "fleet": section, "law": {"name": law}, "vehicles": vehicles}, path="test"
+    )

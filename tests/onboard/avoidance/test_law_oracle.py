@@ -6,7 +6,15 @@ import pytest
 from onboard.avoidance import interface, oist
 from onboard.types import LawStatus
 from onboard.vectors import ZERO_3
-from tests.onboard.avoidance.law_cases import CAPSULES, FENCE, law_of, random_neighbour, state_of, thrust_of, vec
+from tests.onboard.avoidance.law_cases import (
+    CAPSULES,
+    FENCE,
+    law_of,
+    random_neighbour,
+    state_of,
+    thrust_of,
+    vec,
+)
 from tests.oracles import law_rows
 
 VARIANTS = [
@@ -35,8 +43,12 @@ def both(own, neighbours, capsules, params):
     """Output of the law, and the oracle's answer with the compensation taken off again."""
     memory = oist.initial()._replace(held_s=own["held_s"])
     predicted = oist.predict(memory, own["state"], params)
-    baseline = interface.Baseline(thrust_of(own["accel"]), vec(own["compensation"]), vec(own["intent"]))
-    _, out = oist.step(memory, baseline, predicted, own["state"], neighbours, capsules, params, 0.02)
+    baseline = interface.Baseline(
+        thrust_of(own["accel"]), vec(own["compensation"]), vec(own["intent"])
+    )
+    _, out = oist.step(
+        memory, baseline, predicted, own["state"], neighbours, capsules, params, 0.02
+    )
     shift = own["compensation"][:2]
     radius = interface.horizontal_limit(baseline.thrust.thrust_enu_m_s2.z, params)
     thrust = own["accel"][:2] + shift
@@ -63,14 +75,22 @@ def test_law_equals_its_transcription_in_numpy(variant):
             params = law_of({"fence_enu_m": FENCE} if is_walled else {}, **variant)
             for case in range(15):
                 own, neighbours = random_input(rng, count)
-                out, (point, status, slack, crowd, active) = both(own, neighbours, CAPSULES * is_walled, params)
+                out, (point, status, slack, crowd, active) = both(
+                    own, neighbours, CAPSULES * is_walled, params
+                )
                 name = f"{count} neighbours, case {case}, walls {is_walled}"
-                assert (out.status, out.crowd_count, out.active_neighbour) == (status, crowd, active), name
+                assert (out.status, out.crowd_count, out.active_neighbour) == (
+                    status,
+                    crowd,
+                    active,
+                ), name
                 assert out.slack_m_s2 == pytest.approx(slack, abs=1e-7), name
                 limit = (
                     1e-9 if status != LawStatus.RELAXED else 1e-3
                 )  # points with nearly the least slack may lie apart
-                np.testing.assert_allclose(out.thrust.thrust_enu_m_s2[:2], point, atol=limit, err_msg=name)
+                np.testing.assert_allclose(
+                    out.thrust.thrust_enu_m_s2[:2], point, atol=limit, err_msg=name
+                )
                 statuses.add(status)
     assert statuses == {LawStatus.INACTIVE, LawStatus.SATURATED, LawStatus.RELAXED}
 
@@ -79,7 +99,9 @@ def test_nothing_around_leaves_the_memory_to_the_commands():
     params = law_of()
     memory, state = oist.initial(), state_of([0, 0, 1], [0, 0, 0])
     baseline = interface.Baseline(thrust_of([1.0, 0.5, 0.2]), ZERO_3, ZERO_3)
-    after, out = oist.step(memory, baseline, oist.predict(memory, state, params), state, [], (), params, 0.02)
+    after, out = oist.step(
+        memory, baseline, oist.predict(memory, state, params), state, [], (), params, 0.02
+    )
     np.testing.assert_allclose(after.commands[0].acceleration_enu_m_s2, [1.0, 0.5, 0.2])
     assert after.commands[0].duration_s == 0.02
     assert after.commands[1:] == memory.commands[:-1]

@@ -1,4 +1,6 @@
-"""What stands still: pillars, polygons and the fence as rows of the same projection, flown in closed loop."""
+"""What stands still: pillars, polygons and the fence as rows of the same projection, flown in
+closed loop.
+"""
 
 import tomllib
 from dataclasses import replace
@@ -45,7 +47,8 @@ def nearest_to(obstacle, trace):
 def test_a_goal_straight_behind_an_obstacle_is_reached_without_touching_it(shape, offset):
     result, fleet = fly_from_to((-2.5, offset), (2.5, 0.0), shape)
     assert result.is_success.all()
-    assert nearest_to(fleet.obstacles[0], result.trace_enu_m) > 0.25 + 0.12  # half a body, and most of the margin
+    # half a body, and most of the margin
+    assert nearest_to(fleet.obstacles[0], result.trace_enu_m) > 0.25 + 0.12
 
 
 def test_without_rotation_a_vehicle_stands_in_front_of_the_obstacle_for_long():
@@ -79,7 +82,10 @@ def test_polygon_and_its_edges_know_inside_from_outside():
 WRONG = [
     ({"name": "", "circle": {"center_enu_m": [0, 0], "radius_m": 1}}, "name of its own"),
     ({"name": "a"}, "one shape"),
-    ({"name": "a", "circle": {"center_enu_m": [0, 0], "radius_m": 1}, "polygon_enu_m": [[0, 0]]}, "one shape"),
+    (
+        {"name": "a", "circle": {"center_enu_m": [0, 0], "radius_m": 1}, "polygon_enu_m": [[0, 0]]},
+        "one shape",
+    ),
     ({"name": "a", "circle": {"center_enu_m": [0, 0], "radius_m": -1.0}}, "radius_m"),
     ({"name": "a", "polygon_enu_m": [[0, 0], [1, 1]]}, "at least 3"),
     ({"name": "a", "polygon_enu_m": [[0, 0], [1, 1], [float("nan"), 0]]}, "not finite"),
@@ -118,11 +124,13 @@ def test_pair_that_meets_at_a_pillar_passes_both_the_pillar_and_each_other():
 def test_walls_win_over_the_margin_of_a_neighbour_whose_position_is_uncertain():
     law = law_of({"fence_enu_m": FENCE})
     position, velocity = [2.6, 0.0, 1.0], [0.2, 0.0, 0.0]
-    wall = run(position, velocity, [9.0, 0.0, 0.0], [], law).thrust.thrust_enu_m_s2.x  # all that the wall allows
+    # all that the wall allows
+    wall = run(position, velocity, [9.0, 0.0, 0.0], [], law).thrust.thrust_enu_m_s2.x
     for std_m in (0.0, 0.2, 0.5):
         neighbour = neighbour_of([1.3, 0.1, 1.0], position_std_m=std_m)
         out = run(position, velocity, [0.0, 0.0, 0.0], [neighbour], law)
-        assert out.thrust.thrust_enu_m_s2.x <= wall + 0.05, std_m  # walls give a thousandth of the slack
+        # walls give a thousandth of the slack
+        assert out.thrust.thrust_enu_m_s2.x <= wall + 0.05, std_m
     assert out.status == LawStatus.RELAXED  # of the margin alone
 
 
@@ -130,6 +138,8 @@ def test_a_wall_and_the_promise_share_what_is_missing_where_both_cannot_be_kept(
     law = law_of({"fence_enu_m": FENCE})
     position, velocity = [2.8, 0.0, 1.0], [0.0, 0.0, 0.0]
     wall = run(position, velocity, [9.0, 0.0, 0.0], [], law).thrust.thrust_enu_m_s2.x
-    out = run(position, velocity, [0.0, 0.0, 0.0], [neighbour_of([2.1, 0.0, 1.0], [0.5, 0.0, 0.0])], law)
+    out = run(
+        position, velocity, [0.0, 0.0, 0.0], [neighbour_of([2.1, 0.0, 1.0], [0.5, 0.0, 0.0])], law
+    )
     assert out.status == LawStatus.RELAXED
     assert out.thrust.thrust_enu_m_s2.x > wall + 0.02

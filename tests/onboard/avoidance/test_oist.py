@@ -34,7 +34,8 @@ def test_vehicle_flying_at_a_neighbour_is_braked_and_turned_counter_clockwise():
     out = run([0, 0, 1], [1, 0, 0], [2, 0, 0], neighbours_of([[1.3, 0, 1]]), PARAMS)
     assert out.status == LawStatus.SATURATED
     assert out.thrust.thrust_enu_m_s2.x < 0.0
-    assert out.thrust.thrust_enu_m_s2.y < 0.0  # seen from the neighbour it starts to circle it to the left
+    # seen from the neighbour it starts to circle it to the left
+    assert out.thrust.thrust_enu_m_s2.y < 0.0
     assert out.active_neighbour == 0
 
 
@@ -49,12 +50,18 @@ def test_vehicle_flying_away_is_left_alone_bit_for_bit():
 def test_height_is_never_touched():
     for seed in range(30):
         p, v, a, neighbours = random_case(seed)
-        assert run(p, v, a, neighbours, PARAMS).thrust.thrust_enu_m_s2.z == a[2] + GRAVITY_M_S2, seed
+        assert run(p, v, a, neighbours, PARAMS).thrust.thrust_enu_m_s2.z == a[2] + GRAVITY_M_S2, (
+            seed
+        )
 
 
 def test_two_vehicles_that_see_the_same_pair_share_the_work_equally():
-    left = run([0, 0, 1], [0.8, 0, 0], [0, 0, 0], neighbours_of([[1.4, 0, 1]], [[-0.8, 0, 0]]), PARAMS)
-    right = run([1.4, 0, 1], [-0.8, 0, 0], [0, 0, 0], neighbours_of([[0, 0, 1]], [[0.8, 0, 0]]), PARAMS)
+    left = run(
+        [0, 0, 1], [0.8, 0, 0], [0, 0, 0], neighbours_of([[1.4, 0, 1]], [[-0.8, 0, 0]]), PARAMS
+    )
+    right = run(
+        [1.4, 0, 1], [-0.8, 0, 0], [0, 0, 0], neighbours_of([[0, 0, 1]], [[0.8, 0, 0]]), PARAMS
+    )
     one, two = (horizontal(out.thrust.thrust_enu_m_s2) for out in (left, right))
     np.testing.assert_allclose(one, -two, atol=1e-12)
 
@@ -68,8 +75,12 @@ def test_neighbour_that_does_not_deliver_its_half_gets_more_from_us():
 
 
 def test_neighbour_that_does_not_cooperate_gets_the_full_share():
-    neighbour = neighbour_of([1.3, 0, 1], [-0.4, 0, 0], predicted_position_enu_m=Vec3(1.24, 0.0, 1.0))
-    alone = run([0, 0, 1], [0.4, 0, 0], [0, 0, 0], [neighbour._replace(is_cooperative=False)], PARAMS)
+    neighbour = neighbour_of(
+        [1.3, 0, 1], [-0.4, 0, 0], predicted_position_enu_m=Vec3(1.24, 0.0, 1.0)
+    )
+    alone = run(
+        [0, 0, 1], [0.4, 0, 0], [0, 0, 0], [neighbour._replace(is_cooperative=False)], PARAMS
+    )
     shared = run([0, 0, 1], [0.4, 0, 0], [0, 0, 0], [neighbour], PARAMS)
     assert alone.intervention_m_s2 > shared.intervention_m_s2
 
@@ -93,7 +104,9 @@ def test_one_neighbour_with_full_share_and_no_lag_obeys_equation_17():
 @given(SEEDS, st.floats(-math.pi, math.pi), st.floats(-20, 20), st.floats(-20, 20))
 def test_rotation_and_translation_equivariant(seed, angle, east_m, north_m):
     shift = np.array([east_m, north_m, 0.5])
-    turn = np.array([[math.cos(angle), -math.sin(angle), 0], [math.sin(angle), math.cos(angle), 0], [0, 0, 1]])
+    turn = np.array(
+        [[math.cos(angle), -math.sin(angle), 0], [math.sin(angle), math.cos(angle), 0], [0, 0, 1]]
+    )
 
     def move(name, value):
         if not isinstance(value, Vec3):
@@ -103,7 +116,9 @@ def test_rotation_and_translation_equivariant(seed, angle, east_m, north_m):
     p, v, a, neighbours = random_case(seed)
     plain = run(p, v, a, neighbours, PARAMS)
     moved = run(turn @ p + shift, turn @ v, turn @ a, [mapped(n, move) for n in neighbours], PARAMS)
-    np.testing.assert_allclose(moved.thrust.thrust_enu_m_s2, turn @ plain.thrust.thrust_enu_m_s2, atol=1e-6)
+    np.testing.assert_allclose(
+        moved.thrust.thrust_enu_m_s2, turn @ plain.thrust.thrust_enu_m_s2, atol=1e-6
+    )
     assert moved.status == plain.status
 
 
@@ -113,7 +128,9 @@ def test_independent_of_the_neighbours_order(seed, order):
     p, v, a, neighbours = random_case(seed)
     plain = run(p, v, a, neighbours, PARAMS)
     shuffled = run(p, v, a, [neighbours[k] for k in order], PARAMS)
-    np.testing.assert_allclose(shuffled.thrust.thrust_enu_m_s2, plain.thrust.thrust_enu_m_s2, atol=1e-6)
+    np.testing.assert_allclose(
+        shuffled.thrust.thrust_enu_m_s2, plain.thrust.thrust_enu_m_s2, atol=1e-6
+    )
     assert shuffled.active_neighbour == plain.active_neighbour
 
 
@@ -138,12 +155,17 @@ def test_homogeneous(seed, length, time, is_cooperative, is_crowded):
     )
 
     def rows(params, length, speed, push):
-        vectors = (Vec2(*map(float, scale * x)) for scale, x in ((length, e), (speed, w), (push, u), (speed, 10.0 * g)))
+        vectors = (
+            Vec2(*map(float, scale * x))
+            for scale, x in ((length, e), (speed, w), (push, u), (speed, 10.0 * g))
+        )
         pair = NeighbourPair(*vectors, d * length, 0.0, 0.0, True, is_cooperative, 0)
         own_velocity = Vec2(*map(float, speed * own))
         return [distance_row(pair, params), rotation_row(pair, own_velocity, is_crowded, params)]
 
-    for plain, big in zip(rows(PARAMS, 1.0, 1.0, 1.0), rows(scaled, length, speed, push), strict=True):
+    for plain, big in zip(
+        rows(PARAMS, 1.0, 1.0, 1.0), rows(scaled, length, speed, push), strict=True
+    ):
         np.testing.assert_allclose(big.normal, plain.normal, rtol=1e-9, atol=1e-12)
         assert big.bound_m_s2 == pytest.approx(plain.bound_m_s2 * push, rel=1e-9)
 
@@ -164,7 +186,8 @@ def test_thrust_and_compensation_together_stay_within_the_tilt_limit():
 
 def test_squeezed_vehicle_is_relaxed_with_its_slack_and_slows_the_pursuit_down():
     around = neighbours_of(
-        [[0.5, 0, 1], [-0.25, 0.43, 1], [-0.25, -0.43, 1]], [[-2.0, 0, 0], [1.0, -1.7, 0], [1.0, 1.7, 0]]
+        [[0.5, 0, 1], [-0.25, 0.43, 1], [-0.25, -0.43, 1]],
+        [[-2.0, 0, 0], [1.0, -1.7, 0], [1.0, 1.7, 0]],
     )
     memory, state = oist.initial(), state_of([0, 0, 1], [0, 0, 0])
     baseline = interface.Baseline(thrust_of([0, 0, 0]), ZERO_3, ZERO_3)
@@ -210,7 +233,9 @@ def everywhere(value):
 
 BAD = {
     "coincident": lambda n: n._replace(predicted_position_enu_m=ZERO_3),
-    "not a number": lambda n: mapped(n, everywhere(math.nan))._replace(age_s=math.nan, crowd_count=math.nan),
+    "not a number": lambda n: mapped(n, everywhere(math.nan))._replace(
+        age_s=math.nan, crowd_count=math.nan
+    ),
     "huge": lambda n: mapped(n, everywhere(1e300))._replace(age_s=1e300, position_std_m=1e300),
     "huge and fast": lambda n: n._replace(predicted_velocity_enu_m_s=Vec3(-1e300, -1e300, -1e300)),
     "endless": lambda n: n._replace(predicted_velocity_enu_m_s=Vec3(math.inf, math.inf, math.inf)),
@@ -221,7 +246,13 @@ def test_bad_neighbours_give_a_bounded_thrust():
     for law in ("covey", "paper", "off"):
         for kind, spoil in BAD.items():
             _, _, _, neighbours = random_case(0)
-            out = run(np.zeros(3), np.zeros(3), [1.0, 1.0, 0.0], [spoil(n) for n in neighbours], law_of(name=law))
+            out = run(
+                np.zeros(3),
+                np.zeros(3),
+                [1.0, 1.0, 0.0],
+                [spoil(n) for n in neighbours],
+                law_of(name=law),
+            )
             assert np.isfinite(out.thrust.thrust_enu_m_s2).all(), (law, kind)
             assert np.hypot(*out.thrust.thrust_enu_m_s2[:2]) <= GRAVITY_M_S2, (law, kind)
             if law == "covey" and kind in ("coincident", "not a number"):
@@ -233,9 +264,14 @@ def test_bad_neighbours_give_a_bounded_thrust():
 def test_no_number_of_a_message_makes_the_thrust_unbounded(seed, values):
     p, v, a, neighbours = random_case(seed)
     vectors = [Vec3(*values[3 * k : 3 * k + 3]) for k in range(7)]
-    wild = neighbours[0]._replace(**dict(zip(neighbours[0]._fields, (*vectors, *values[21:]), strict=False)))
+    wild = neighbours[0]._replace(
+        **dict(zip(neighbours[0]._fields, (*vectors, *values[21:]), strict=False))
+    )
     out = run(p, v, a, [wild, *neighbours[1:]], PARAMS)
-    assert np.hypot(*out.thrust.thrust_enu_m_s2[:2]) <= interface.horizontal_limit(a[2] + GRAVITY_M_S2, PARAMS) + 1e-9
+    assert (
+        np.hypot(*out.thrust.thrust_enu_m_s2[:2])
+        <= interface.horizontal_limit(a[2] + GRAVITY_M_S2, PARAMS) + 1e-9
+    )
 
 
 def test_bad_own_values_level_the_thrust_and_say_so():
@@ -259,7 +295,8 @@ def test_compensation_that_is_no_number_is_left_out_and_said():
 def test_vehicles_that_start_inside_the_safety_distance_move_apart():
     out = run([0, 0, 1], [0, 0, 0], [0, 0, 0], neighbours_of([[0.5, 0, 1]]), PARAMS)
     limit = interface.horizontal_limit(GRAVITY_M_S2, PARAMS)
-    assert out.thrust.thrust_enu_m_s2.x == pytest.approx(-limit)  # more is required than the tilt limit gives
+    # more is required than the tilt limit gives
+    assert out.thrust.thrust_enu_m_s2.x == pytest.approx(-limit)
     assert out.status == LawStatus.RELAXED
 
 

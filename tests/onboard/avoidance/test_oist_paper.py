@@ -66,7 +66,8 @@ def test_law_is_the_projection_on_its_two_half_planes():
 
 
 def test_vehicle_that_approaches_its_obstacle_is_pushed_away_from_it():
-    params, zero = PARAMS._replace(v_perp_m_s=0.0, kappa_4_1_s=20.0), np.zeros(2)  # (8) is far from binding here
+    # (8) is far from binding here
+    params, zero = PARAMS._replace(v_perp_m_s=0.0, kappa_4_1_s=20.0), np.zeros(2)
     result = saturated(zero, [1.0, 0.0], zero, [1.0, 0.0], zero, zero, params)
     assert result.thrust_m_s2.x < -1.0
     assert abs(result.thrust_m_s2.y) < 1e-12
@@ -75,7 +76,9 @@ def test_vehicle_that_approaches_its_obstacle_is_pushed_away_from_it():
 def test_direction_8_turns_counter_clockwise_and_9_clockwise():
     zero = np.zeros(2)
     for sign in (1.0, -1.0):
-        result = saturated([0.8, 0.0], zero, zero, zero, zero, zero, PARAMS._replace(turn_sign=sign))
+        result = saturated(
+            [0.8, 0.0], zero, zero, zero, zero, zero, PARAMS._replace(turn_sign=sign)
+        )
         assert math.copysign(1.0, result.thrust_m_s2.y) == sign
 
 
@@ -103,7 +106,9 @@ def test_homogeneous(p, v, f, q, w, a, length, time):
     )  # fmt: skip
     plain = saturated(p, v, f, q, w, a)
     big = saturated(p * length, v * speed, f * push, q * length, w * speed, a * push, scaled)
-    np.testing.assert_allclose(big.thrust_m_s2, np.array(plain.thrust_m_s2) * push, rtol=1e-7, atol=1e-7 * push)
+    np.testing.assert_allclose(
+        big.thrust_m_s2, np.array(plain.thrust_m_s2) * push, rtol=1e-7, atol=1e-7 * push
+    )
 
 
 def test_idempotent():

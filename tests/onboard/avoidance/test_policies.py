@@ -1,4 +1,6 @@
-"""Policies of the law by name, what each does, and that one choice of them is the paper's law exactly."""
+"""Policies of the law by name, what each does, and that one choice of them is the paper's law
+exactly.
+"""
 
 import math
 
@@ -26,7 +28,15 @@ from onboard.config.law import LawConfig
 from onboard.control import pipeline
 from onboard.types import LawStatus
 from onboard.vectors import ZERO_2, ZERO_3, Vec2, Vec3
-from tests.onboard.avoidance.law_cases import horizontal, law_of, neighbour_of, run, state_of, thrust_of, vec
+from tests.onboard.avoidance.law_cases import (
+    horizontal,
+    law_of,
+    neighbour_of,
+    run,
+    state_of,
+    thrust_of,
+    vec,
+)
 
 PAPER_WAY = {
     "responsibility": "full", "prediction": "none", "margin": "fixed", "rotation": "always", "direction": "fixed",
@@ -58,17 +68,27 @@ def test_one_neighbour_the_papers_policies_and_no_limits_give_equation_22():
 def test_every_policy_of_the_configuration_flies_a_tick():
     neighbours = [neighbour_of([1.2, 0.1, 0.0], [-0.5, 0.0, 0.0])]
     kinds = msgspec.inspect.type_info(LawConfig).fields
-    policies = {field.name: field.type.values for field in kinds if isinstance(field.type, msgspec.inspect.LiteralType)}
-    assert {"responsibility", "prediction", "margin", "rotation", "direction", "jam"} <= set(policies)
+    policies = {
+        field.name: field.type.values
+        for field in kinds
+        if isinstance(field.type, msgspec.inspect.LiteralType)
+    }
+    assert {"responsibility", "prediction", "margin", "rotation", "direction", "jam"} <= set(
+        policies
+    )
     for name, values in policies.items():
         for value in values:
-            out = run(np.zeros(3), [0.8, 0.0, 0.0], np.zeros(3), neighbours, law_of(**{name: value}))
+            out = run(
+                np.zeros(3), [0.8, 0.0, 0.0], np.zeros(3), neighbours, law_of(**{name: value})
+            )
             assert np.isfinite(out.thrust.thrust_enu_m_s2).all(), (name, value)
 
 
 def test_policies_are_taken_from_the_fleet_file():
     fleet = load_fleet("configs/fleets/sih.toml")
-    fleet = msgspec.structs.replace(fleet, law=msgspec.structs.replace(fleet.law, prediction="none", rotation="never"))
+    fleet = msgspec.structs.replace(
+        fleet, law=msgspec.structs.replace(fleet.law, prediction="none", rotation="never")
+    )
     params = pipeline.pipeline_params(fleet, next(iter(fleet.vehicles)))
     assert params.law.policies.rotation == ROTATION_NEVER
     assert params.law.lead_time_s == 0.0
@@ -84,19 +104,30 @@ def test_law_may_be_chosen_in_place_of_the_fleet_files_and_only_one_that_there_i
 
 
 def numbers_of(value):
-    return [part for item in value for part in (numbers_of(item) if isinstance(item, tuple) else [item])]
+    return [
+        part for item in value for part in (numbers_of(item) if isinstance(item, tuple) else [item])
+    ]
 
 
 def test_whole_numbers_in_a_fleet_file_make_no_other_kind_of_numbers():
-    other = law_of({"safety_distance_m": 1, "max_speed_m_s": 2, "lag_s": 0}, kappa_1_1_s=4, range_m=8, v_perp_m_s=1)
-    assert [type(value) for value in numbers_of(other)] == [type(value) for value in numbers_of(law_of())]
+    other = law_of(
+        {"safety_distance_m": 1, "max_speed_m_s": 2, "lag_s": 0},
+        kappa_1_1_s=4,
+        range_m=8,
+        v_perp_m_s=1,
+    )
+    assert [type(value) for value in numbers_of(other)] == [
+        type(value) for value in numbers_of(law_of())
+    ]
     fleet = load_fleet("configs/fleets/paper.toml")
     assert isinstance(law_params(fleet, "mav0"), LawParams)
     assert obstacles(fleet) == ()
 
 
 def pair_of(e, w, command=ZERO_2, d=0.9, **changes):
-    made = NeighbourPair(Vec2(*e), Vec2(*w), Vec2(*command), Vec2(*w), d, e[0] ** 2 + e[1] ** 2, 0.0, True, True, 0)
+    made = NeighbourPair(
+        Vec2(*e), Vec2(*w), Vec2(*command), Vec2(*w), d, e[0] ** 2 + e[1] ** 2, 0.0, True, True, 0
+    )
     return made._replace(**changes)
 
 
@@ -125,7 +156,8 @@ def test_margin_grows_with_the_estimates_errors_and_stays_with_a_mocap():
     fixed = params.spacing.safety_distance_m + params.spacing.margin_m
     mocap, vision, gps = (0.002, 0.01), (0.05, 0.12), (0.2, 0.2)
     assert distance(params, mocap, mocap) == pytest.approx(fixed)
-    assert 1.10 < distance(params, vision, vision) < 1.30  # 1.17 m is what flies with PX4's estimate from vision
+    # 1.17 m is what flies with PX4's estimate from vision
+    assert 1.10 < distance(params, vision, vision) < 1.30
     assert distance(params, gps, gps) > 1.6
     assert distance(params, vision, mocap) == pytest.approx(distance(params, mocap, vision))
     assert distance(params, mocap, vision) < distance(params, vision, vision)
@@ -142,7 +174,9 @@ def test_margin_is_bounded_whatever_is_published_as_accuracy():
 
 
 def test_margin_formula_is_the_filtered_noise_of_the_distance_rows():
-    """Phi(tau) is the variance of h'' + a_1 h' + a_0 h = noise with correlation time tau, simulated."""
+    """Phi(tau) is the variance of h'' + a_1 h' + a_0 h = noise with correlation time tau,
+    simulated.
+    """
     params = law_of(kappa_1_1_s=4.0, kappa_2_1_s=8.0, accuracy_time_s=0.5)
     rng, step, tau = np.random.default_rng(0), 2e-3, 0.5
     a_1, a_0 = 12.0, 32.0
@@ -158,14 +192,18 @@ def test_margin_formula_is_the_filtered_noise_of_the_distance_rows():
 
 def test_neighbour_that_does_not_cooperate_is_given_more_room():
     params, exact = law_of(uncooperative_margin_m=0.3), (0.0, 0.0)
-    assert distance(params, exact, exact, False) - distance(params, exact, exact, True) == pytest.approx(0.3)
+    assert distance(params, exact, exact, False) - distance(
+        params, exact, exact, True
+    ) == pytest.approx(0.3)
 
 
 def test_rotation_policies_turn_never_ahead_when_violated_or_always():
     near = [neighbour_of([0.95, 0.0, 0.0])]
 
     def sideways(policy, east_m_s2):
-        out = run(np.zeros(3), [0.3, 0.0, 0.0], [east_m_s2, 0.0, 0.0], near, law_of(rotation=policy))
+        out = run(
+            np.zeros(3), [0.3, 0.0, 0.0], [east_m_s2, 0.0, 0.0], near, law_of(rotation=policy)
+        )
         return abs(out.thrust.thrust_enu_m_s2.y)
 
     assert sideways("never", 1.0) == pytest.approx(0.0, abs=1e-12)
@@ -182,7 +220,9 @@ def test_vehicles_turn_ahead_only_where_the_ways_that_both_intend_come_too_near(
         near = [neighbour_of([3.0, 0.0, 0.0], intent_enu_m_s=vec(their_intent))]
         baseline = interface.Baseline(thrust_of([0.0, 0.0, 0.0]), ZERO_3, vec(own_intent))
         state = state_of(np.zeros(3), np.zeros(3))
-        out = oist.step(oist.initial(), baseline, Motion(ZERO_3, ZERO_3), state, near, (), law_of(**law), 0.02)[1]
+        out = oist.step(
+            oist.initial(), baseline, Motion(ZERO_3, ZERO_3), state, near, (), law_of(**law), 0.02
+        )[1]
         return out.status
 
     east, west, north, still = [1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 0.0]
@@ -196,9 +236,14 @@ def test_vehicles_turn_ahead_only_where_the_ways_that_both_intend_come_too_near(
 
 
 def test_rotation_row_fades_in_with_the_violation():
-    """Thrusts on both sides of the one that just violates the distance row give nearly the same answer."""
+    """Thrusts on both sides of the one that just violates the distance row give nearly the same
+    answer.
+    """
     params, near = law_of(), [neighbour_of([0.95, 0.0, 0.0])]
-    out = [run(np.zeros(3), np.zeros(3), [east, 0.0, 0.0], near, params) for east in np.linspace(0.0, 6.0, 1201)]
+    out = [
+        run(np.zeros(3), np.zeros(3), [east, 0.0, 0.0], near, params)
+        for east in np.linspace(0.0, 6.0, 1201)
+    ]
     sideways = np.array([one.thrust.thrust_enu_m_s2.y for one in out])
     assert np.abs(np.diff(sideways)).max() < 0.05
     assert np.abs(sideways).max() > 0.2
@@ -206,7 +251,10 @@ def test_rotation_row_fades_in_with_the_violation():
 
 def test_direction_policies_choose_the_side():
     def sides(direction):
-        return [turn_sign(Vec2(1.0, 0.0), Vec2(0.0, -1.0), 0.9, is_crowded, direction) for is_crowded in (False, True)]
+        return [
+            turn_sign(Vec2(1.0, 0.0), Vec2(0.0, -1.0), 0.9, is_crowded, direction)
+            for is_crowded in (False, True)
+        ]
 
     assert sides(DIRECTION_FIXED) == [1.0, 1.0]
     assert sides(DIRECTION_PAIR) == [-1.0, -1.0]
@@ -229,7 +277,9 @@ def test_a_vehicle_held_for_long_calls_for_a_roundabout_and_one_that_gets_on_doe
         baseline = interface.Baseline(thrust_of([3.0, 0.0, 0.0]), ZERO_3, EAST)
         found = []
         for _ in range(500):
-            memory, out = oist.step(memory, baseline, Motion(ZERO_3, vec(velocity)), state, wall, (), params, 0.02)
+            memory, out = oist.step(
+                memory, baseline, Motion(ZERO_3, vec(velocity)), state, wall, (), params, 0.02
+            )
             found.append(out.crowd_count)
         return np.array(found)
 
@@ -242,20 +292,28 @@ def test_a_vehicle_held_for_long_calls_for_a_roundabout_and_one_that_gets_on_doe
 
 def test_speed_is_limited_while_avoiding_but_separation_comes_first():
     params, fast = law_of({"max_speed_m_s": 1.0}, rotation="never"), [2.0, 0.0, 0.0]
-    out = run(np.zeros(3), fast, [2.0, 0.0, 0.0], [neighbour_of([0.3, 0.8, 0.0], [2.0, 0.0, 0.0])], params)
+    out = run(
+        np.zeros(3), fast, [2.0, 0.0, 0.0], [neighbour_of([0.3, 0.8, 0.0], [2.0, 0.0, 0.0])], params
+    )
     assert out.status == LawStatus.SATURATED
     assert out.thrust.thrust_enu_m_s2.x < 0.0  # braked towards 1.3 m/s
-    out = run(np.zeros(3), fast, np.zeros(3), [neighbour_of([-0.5, 0.0, 0.0], [3.0, 0.0, 0.0])], params)
-    assert out.thrust.thrust_enu_m_s2.x > 0.0  # pushed on from behind, faster than the limit: it goes
+    out = run(
+        np.zeros(3), fast, np.zeros(3), [neighbour_of([-0.5, 0.0, 0.0], [3.0, 0.0, 0.0])], params
+    )
+    # pushed on from behind, faster than the limit: it goes
+    assert out.thrust.thrust_enu_m_s2.x > 0.0
 
 
 def test_unequal_lead_times_are_compared_at_the_same_moment():
-    """A neighbour that published its state for its own longer lag is avoided as the same one with ours."""
+    """A neighbour that published its state for its own longer lag is avoided as the same one with
+    ours.
+    """
     p, v, u = np.array([1.3, 0.0, 0.0]), np.array([-0.7, 0.1, 0.0]), np.array([-0.5, 0.2, 0.0])
     published = {}
     for lead in (0.15, 0.27, 0.05):
         neighbour = neighbour_of(p, v, u, lead_time_s=lead)._replace(
-            predicted_position_enu_m=vec(p + lead * v + 0.5 * lead**2 * u), predicted_velocity_enu_m_s=vec(v + lead * u)
+            predicted_position_enu_m=vec(p + lead * v + 0.5 * lead**2 * u),
+            predicted_velocity_enu_m_s=vec(v + lead * u),
         )
         out = run(np.zeros(3), [0.7, 0.0, 0.0], [1.0, 0.0, 0.0], [neighbour], law_of())
         published[lead] = out.thrust.thrust_enu_m_s2

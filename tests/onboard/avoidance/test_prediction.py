@@ -26,7 +26,9 @@ def history_of(commands, dt_s=0.02):
 
 def predicted(history, position, velocity, window_s, window_z_s=None):
     motion = Motion(vec(position), vec(velocity))
-    return prediction.predict_own(history, motion, window_s, window_s if window_z_s is None else window_z_s)
+    return prediction.predict_own(
+        history, motion, window_s, window_s if window_z_s is None else window_z_s
+    )
 
 
 def integrate(commands, position, velocity, dt_s):
@@ -47,7 +49,9 @@ def test_a_window_between_ticks_uses_the_part_of_the_oldest_command_that_is_insi
     u_old, u_new, zero = np.array([1.0, 0, 0]), np.array([0, 2.0, 0]), np.zeros(3)
     p, v = integrate([u_old], zero, zero, 0.01)
     reference = integrate([u_new], p, v, 0.02)
-    np.testing.assert_allclose(predicted(history_of([u_old, u_new]), zero, zero, 0.03), reference, atol=1e-15)
+    np.testing.assert_allclose(
+        predicted(history_of([u_old, u_new]), zero, zero, 0.03), reference, atol=1e-15
+    )
 
 
 def test_unequal_ticks_are_counted_by_their_time():
@@ -129,7 +133,9 @@ def test_the_law_predicts_over_lag_and_age_unless_the_policy_or_the_paper_says_o
 
 
 def carried(position, velocity, command, age, *, plain=None, lead=0.15, own_lead=0.15):
-    neighbour = neighbour_of(position, velocity if plain is None else plain, command, age_s=age, lead_time_s=lead)
+    neighbour = neighbour_of(
+        position, velocity if plain is None else plain, command, age_s=age, lead_time_s=lead
+    )
     neighbour = neighbour._replace(predicted_velocity_enu_m_s=vec(velocity))
     received = prediction.receive(neighbour, own_lead)
     assert received.is_usable
@@ -143,10 +149,14 @@ def test_neighbour_is_carried_along_its_command_for_the_age_of_its_message():
 
 
 def test_silent_neighbour_is_not_extrapolated_for_ever():
-    late, *others = (carried([0, 0, 0], [1.0, 0, 0], [1.0, 0, 0], age) for age in (0.8, 30.0, math.nan, math.inf))
+    late, *others = (
+        carried([0, 0, 0], [1.0, 0, 0], [1.0, 0, 0], age) for age in (0.8, 30.0, math.nan, math.inf)
+    )
     for later in others:
         np.testing.assert_array_equal(late, later)
-    moving = neighbour_of([0, 0, 0], [1.0, 0, 0], [0, 0, 0], age_s=30.0)._replace(is_cooperative=False)
+    moving = neighbour_of([0, 0, 0], [1.0, 0, 0], [0, 0, 0], age_s=30.0)._replace(
+        is_cooperative=False
+    )
     np.testing.assert_allclose(prediction.receive(moving, 0.15).position_m, [0.45, 0.0])
 
 
@@ -157,10 +167,25 @@ def test_neighbour_whose_states_are_late_for_the_radio_is_carried_on_as_it_said(
 
 
 def test_neighbour_with_another_lag_is_carried_to_our_own_time():
-    """A neighbour under one constant acceleration, predicted over its own lag, is where it will be after ours."""
+    """A neighbour under one constant acceleration, predicted over its own lag, is where it will be
+    after ours.
+    """
     p, v, a = np.array([0.3, -0.2, 1.0]), np.array([0.7, 0.4, 0.0]), np.array([1.5, -2.0, 0.0])
-    for lead, own_lead, age in ((0.27, 0.15, 0.04), (0.15, 0.27, 0.04), (0.40, 0.05, 0.0), (0.15, 0.0, 0.02)):
-        q, w = carried(p + lead * v + 0.5 * lead**2 * a, v + lead * a, a, age, plain=v, lead=lead, own_lead=own_lead)
+    for lead, own_lead, age in (
+        (0.27, 0.15, 0.04),
+        (0.15, 0.27, 0.04),
+        (0.40, 0.05, 0.0),
+        (0.15, 0.0, 0.02),
+    ):
+        q, w = carried(
+            p + lead * v + 0.5 * lead**2 * a,
+            v + lead * a,
+            a,
+            age,
+            plain=v,
+            lead=lead,
+            own_lead=own_lead,
+        )
         then = age + own_lead
         np.testing.assert_allclose(q, (p + then * v + 0.5 * then**2 * a)[:2], atol=1e-12)
         np.testing.assert_allclose(w, (v + then * a)[:2], atol=1e-12)
@@ -168,7 +193,9 @@ def test_neighbour_with_another_lag_is_carried_to_our_own_time():
 
 def test_lead_that_ends_at_our_time_leaves_the_prediction_as_it_is_from_both_sides():
     for shift in (-1e-9, 0.0, 1e-9):
-        q, w = carried([1, 2, 3], [1, 0, 0], [0, 5, 0], 0.05, plain=[3, 3, 3], lead=0.20 + shift, own_lead=0.15)
+        q, w = carried(
+            [1, 2, 3], [1, 0, 0], [0, 5, 0], 0.05, plain=[3, 3, 3], lead=0.20 + shift, own_lead=0.15
+        )
         np.testing.assert_allclose(q, [1, 2], atol=1e-7)
         np.testing.assert_allclose(w, [1, 0], atol=1e-6)
 
@@ -185,4 +212,6 @@ def test_neighbour_that_does_not_cooperate_is_carried_on_from_its_plain_estimate
     np.testing.assert_allclose(received.velocity_m_s, [0.6, 0.0])
     absurd = neighbour._replace(acceleration_enu_m_s2=Vec3(0.0, 1e4, math.nan))
     assert prediction.receive(absurd, 0.15).position_m.y < 2.0 + 0.5 * 0.2**2 * 9.81
-    assert not prediction.receive(neighbour._replace(position_enu_m=Vec3(math.nan, 0, 0)), 0.15).is_usable
+    assert not prediction.receive(
+        neighbour._replace(position_enu_m=Vec3(math.nan, 0, 0)), 0.15
+    ).is_usable

@@ -27,12 +27,16 @@ def projected(u, normals, bounds, radius, soft=()):
 
 def random_rows(rng, count, height, spread=2.0):
     angle = rng.uniform(0, 2 * np.pi, (count, height))
-    normals = np.stack([np.cos(angle), np.sin(angle)], -1) * rng.uniform(0.5, 2.0, (count, height, 1))
+    normals = np.stack([np.cos(angle), np.sin(angle)], -1) * rng.uniform(
+        0.5, 2.0, (count, height, 1)
+    )
     return normals, rng.normal(size=(count, height)) * spread
 
 
 def random_and_degenerate_rows(rng, count, height):
-    """By sixths: random; one row twice; a line (two opposed rows); a strip or nothing; one common point; a grid."""
+    """By sixths: random; one row twice; a line (two opposed rows); a strip or nothing; one common
+    point; a grid.
+    """
     normals, bounds = random_rows(rng, count, height)
     kind = np.arange(count) % 6
     if height > 1:
@@ -81,7 +85,8 @@ def test_projection_equals_an_independent_qp_solver_on_random_and_degenerate_cas
 
 
 def by_daqp_with_disc(u0, normals, bounds, radius):
-    """The QP with a weight on |u|^2 that is bisected until the disc is met; None when infeasible."""
+    """The QP with a weight on |u|^2 that is bisected until the disc is met; None when infeasible.
+    """
     point, middle = by_daqp(u0, normals, bounds), by_daqp(np.zeros(2), normals, bounds)
     if point is None or np.hypot(*middle) > radius:
         return None
@@ -108,7 +113,9 @@ def test_projection_with_the_disc_equals_the_qp_solver_with_a_multiplier():
                 assert result.status == LawStatus.RELAXED, (height, k)
             elif result.status != LawStatus.RELAXED:
                 compared += 1
-                np.testing.assert_allclose(result.point, reference, atol=1e-6, err_msg=f"{height} {k}")
+                np.testing.assert_allclose(
+                    result.point, reference, atol=1e-6, err_msg=f"{height} {k}"
+                )
     assert compared > 500
 
 
@@ -122,7 +129,9 @@ def test_projection_with_the_disc_equals_trying_every_active_set():
             reference = nearest_in_rows_and_disc(u0[k], normals[k], bounds[k], radius[k])
             assert (result.status == LawStatus.RELAXED) == (reference is None), (height, k)
             if reference is not None:
-                np.testing.assert_allclose(result.point, reference, atol=1e-9, err_msg=f"{height} {k}")
+                np.testing.assert_allclose(
+                    result.point, reference, atol=1e-9, err_msg=f"{height} {k}"
+                )
 
 
 def test_slack_of_contradicting_rows_is_the_smallest_there_is():
@@ -171,12 +180,16 @@ def test_point_that_satisfies_everything_comes_back_bit_for_bit():
 
 
 UNIT = st.floats(0.3, 2.0)
-ROWS = st.lists(st.tuples(st.floats(-math.pi, math.pi), UNIT, st.floats(-4, 4)), min_size=1, max_size=6)
+ROWS = st.lists(
+    st.tuples(st.floats(-math.pi, math.pi), UNIT, st.floats(-4, 4)), min_size=1, max_size=6
+)
 POINTS = st.tuples(st.floats(-5, 5), st.floats(-5, 5))
 
 
 def polar(rows, turn=0.0, factor=1.0):
-    normals = [(size * math.cos(angle + turn), size * math.sin(angle + turn)) for angle, size, _ in rows]
+    normals = [
+        (size * math.cos(angle + turn), size * math.sin(angle + turn)) for angle, size, _ in rows
+    ]
     return normals, [factor * bound for _, _, bound in rows]
 
 
@@ -194,7 +207,10 @@ def test_independent_of_the_order_of_the_hard_rows(u, rows, radius, random):
 @settings(max_examples=200, deadline=None)
 @given(POINTS, ROWS, st.floats(0.5, 6.0), st.floats(-math.pi, math.pi))
 def test_rotation_equivariant(u, rows, radius, turn):
-    turned = (math.cos(turn) * u[0] - math.sin(turn) * u[1], math.sin(turn) * u[0] + math.cos(turn) * u[1])
+    turned = (
+        math.cos(turn) * u[0] - math.sin(turn) * u[1],
+        math.sin(turn) * u[0] + math.cos(turn) * u[1],
+    )
     one, two = projected(u, *polar(rows), radius), projected(turned, *polar(rows, turn), radius)
     assert one.slack == pytest.approx(two.slack, abs=1e-6)
     if one.slack == two.slack == 0.0:

@@ -17,12 +17,15 @@ _A, _B = 11, 22
 
 
 class _World:
-    """Two hosts whose clocks are apart and drift; messages with delays of their own on each way, some lost.
+    """Two hosts whose clocks are apart and drift; messages with delays of their own on each way,
+    some lost.
 
     ``true_ns`` runs with A's clock; B's is ``offset_ns`` ahead and ``drift`` faster.
     """
 
-    def __init__(self, offset_ns: int, drift: float, there_s, back_s, *, loss: float = 0.0, seed: int = 0) -> None:
+    def __init__(
+        self, offset_ns: int, drift: float, there_s, back_s, *, loss: float = 0.0, seed: int = 0
+    ) -> None:
         self.a, self.b = Clocks("a", _A), Clocks("b", _B)
         self.offset_ns, self.drift = offset_ns, drift
         self._there_s, self._back_s, self.loss = there_s, back_s, loss
@@ -40,7 +43,9 @@ class _World:
                 self._send(self.a.message(self.now_ns), self.b, self._there_s())
             if step % 50 == 23:
                 self._send(self.b.message(self.b_ns(self.now_ns)), self.a, self._back_s())
-            for due in sorted((row for row in self._on_the_way if row[0] <= self.now_ns), key=lambda row: row[0]):
+            for due in sorted(
+                (row for row in self._on_the_way if row[0] <= self.now_ns), key=lambda row: row[0]
+            ):
                 self._on_the_way.remove(due)
                 at_ns, whom, message = due
                 whom.hear(message, at_ns if whom is self.a else self.b_ns(at_ns))
@@ -182,7 +187,9 @@ def test_a_false_message_in_the_name_of_a_node_that_lives_changes_nothing(lie: d
         fields = {"node": "b", "host": _B, "sequence": 9, "sent_ns": now_ns + 500 * _S, **lie}
         a.hear(ClockMessage(**fields), now_ns)
         assert a.is_measured("b")
-        assert a.own_ns("b", 500 * _S + now_ns - 20 * _MS, now_ns) == pytest.approx(now_ns - 20 * _MS, abs=5 * _MS)
+        assert a.own_ns("b", 500 * _S + now_ns - 20 * _MS, now_ns) == pytest.approx(
+            now_ns - 20 * _MS, abs=5 * _MS
+        )
         now_ns = _beat(a, b, now_ns, 500 * _S, 1)
     assert a.restarts == 0
 
@@ -207,7 +214,12 @@ def test_lies_are_survived() -> None:
     a, b = Clocks("a", _A), Clocks("b", _B)
     _exchange(a, b, 10 * _S, 500 * _S)
     a.hear(ClockMessage(node="b", host=_B, sequence=9, sent_ns=10**18, heard=()), 11 * _S)
-    a.hear(ClockMessage(node="b", host=_B, sequence=9, sent_ns=-1, heard=(HeardClock("a", _A, 5, -(10**18)),)), 12 * _S)
+    a.hear(
+        ClockMessage(
+            node="b", host=_B, sequence=9, sent_ns=-1, heard=(HeardClock("a", _A, 5, -(10**18)),)
+        ),
+        12 * _S,
+    )
     for second in range(13, 16):
         _exchange(a, b, second * _S, 500 * _S)
     assert a.offset_s("b", 16 * _S)[0] == pytest.approx(500.0, abs=0.005)
@@ -241,9 +253,11 @@ def test_a_clock_message_of_twenty_nodes_is_small_and_comes_back_the_same() -> N
 
 def test_only_other_hosts_have_bounds_and_are_forgotten_when_they_are_gone() -> None:
     world = _World(80 * _S, 0.0, lambda: 0.002, lambda: 0.004)
-    world.b.hear(ClockMessage(node="c", host=_B, sequence=1, sent_ns=5, heard=()), 5)  # of its own host
+    # of its own host
+    world.b.hear(ClockMessage(node="c", host=_B, sequence=1, sent_ns=5, heard=()), 5)
     world.run(0.1)
-    assert world.b.bounds_s(world.b_ns(world.now_ns)) == {"a": float("inf")}  # heard, and not yet heard of
+    # heard, and not yet heard of
+    assert world.b.bounds_s(world.b_ns(world.now_ns)) == {"a": float("inf")}
     world.run(3.0)
     assert world.a.bounds_s(world.now_ns)["b"] == pytest.approx(0.003, abs=0.002)
     assert world.a.bounds_s(world.now_ns + 120 * _S) == {}

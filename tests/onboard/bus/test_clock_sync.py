@@ -15,7 +15,15 @@ from onboard.bus.session import BusSession
 
 _MS, _S = 1_000_000, 1_000_000_000
 _SHIFT_S = 5000
-_IN_ANOTHER_TIME = ["unshare", "--time", "--fork", "--kill-child", "--monotonic", str(_SHIFT_S), "-r"]
+_IN_ANOTHER_TIME = [
+    "unshare",
+    "--time",
+    "--fork",
+    "--kill-child",
+    "--monotonic",
+    str(_SHIFT_S),
+    "-r",
+]
 
 
 def _node(*, ahead_s: float = 100.0) -> ClockNode:
@@ -24,7 +32,9 @@ def _node(*, ahead_s: float = 100.0) -> ClockNode:
     ahead_ns = int(ahead_s * 1e9)
     heard = HeardClock("own", node.clocks.host, 9 * _S, 9 * _S + ahead_ns + _MS)
     sent_ns = 10 * _S + ahead_ns - _MS
-    node.clocks.hear(ClockMessage(node="other", host=1, sequence=1, sent_ns=sent_ns, heard=(heard,)), 10 * _S)
+    node.clocks.hear(
+        ClockMessage(node="other", host=1, sequence=1, sent_ns=sent_ns, heard=(heard,)), 10 * _S
+    )
     return node
 
 
@@ -51,7 +61,9 @@ def test_a_pose_whose_clock_is_not_measured_is_not_used() -> None:
     assert _node().pose(_pose(10 * _S, "somebody"), 10 * _S) is None
 
 
-def test_a_source_that_never_tells_its_clock_is_named_once(caplog: pytest.LogCaptureFixture) -> None:
+def test_a_source_that_never_tells_its_clock_is_named_once(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
     node = _node()
     for second in range(10, 30):
         node.pose(_pose(second * _S, "somebody"), second * _S)
@@ -68,7 +80,14 @@ def test_an_orders_deadline_comes_as_far_after_it_on_our_clock_as_on_the_senders
     for ahead_s in (-3600.0, 0.3, 100.0):
         sent_ns = 10 * _S + int(ahead_s * 1e9) - 5 * _MS
         deadline_ns = sent_ns + 2 * _S
-        order = Order(order_id="1", author="x", kind="land", stamp_ns=sent_ns, deadline_ns=deadline_ns, node="other")
+        order = Order(
+            order_id="1",
+            author="x",
+            kind="land",
+            stamp_ns=sent_ns,
+            deadline_ns=deadline_ns,
+            node="other",
+        )
         received = _node(ahead_s=ahead_s).order(order, 10 * _S)
         assert received.deadline_ns - received.stamp_ns == 2 * _S
         assert 10 * _S - 12 * _MS < received.stamp_ns <= 10 * _S
@@ -122,7 +141,9 @@ def _can_shift_time() -> bool:
     return found.returncode == 0
 
 
-needs_time_namespace = pytest.mark.skipif(not _can_shift_time(), reason="this kernel allows no time namespaces")
+needs_time_namespace = pytest.mark.skipif(
+    not _can_shift_time(), reason="this kernel allows no time namespaces"
+)
 
 
 @needs_time_namespace
@@ -130,9 +151,13 @@ def test_two_processes_with_clocks_really_apart_measure_each_other() -> None:
     here, there = _ports()
     command = [sys.executable, "-c", _OTHER_PROCESS]
     with (
-        subprocess.Popen([*command, here, there, "one", "two"], stdout=subprocess.PIPE, text=True) as one,
         subprocess.Popen(
-            [*_IN_ANOTHER_TIME, *command, there, here, "two", "one"], stdout=subprocess.PIPE, text=True
+            [*command, here, there, "one", "two"], stdout=subprocess.PIPE, text=True
+        ) as one,
+        subprocess.Popen(
+            [*_IN_ANOTHER_TIME, *command, there, here, "two", "one"],
+            stdout=subprocess.PIPE,
+            text=True,
         ) as two,
     ):
         found = [json.loads(process.communicate(timeout=60)[0]) for process in (one, two)]

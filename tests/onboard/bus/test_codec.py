@@ -25,7 +25,9 @@ def test_every_truncation_is_malformed() -> None:
 
 def test_another_type_and_another_version_are_malformed() -> None:
     assert isinstance(decode(encode(EVENT), schema.StateMessage), Malformed)
-    newer = schema.Event(schema=99, vehicle="mav0", stamp_ns=5, severity="info", code="x", sentence="y")
+    newer = schema.Event(
+        schema=99, vehicle="mav0", stamp_ns=5, severity="info", code="x", sentence="y"
+    )
     answer = decode(encode(newer), schema.Event)
     assert isinstance(answer, Malformed)
     assert "version 99" in answer.reason

@@ -1,4 +1,6 @@
-"""Peers that hang while all others talk: nobody waits for them, neither for what may be lost nor for what may not."""
+"""Peers that hang while all others talk: nobody waits for them, neither for what may be lost nor
+for what may not.
+"""
 
 import signal
 import socket
@@ -17,8 +19,9 @@ from onboard.bus.topics import Topic
 from tests.onboard.bus.sessions import until
 from tests.onboard.state_messages import state_message
 
-# Somebody's script: six peers hear everything and answer orders. Their small buffers stand for a network: what they do
-# not take is left with the sender. Six, since it is decided by chance which thread closes a socket.
+# Somebody's script: six peers hear everything and answer orders. Their small buffers stand for a
+# network: what they do not take is left with the sender. Six, since it is decided by chance which
+# thread closes a socket.
 _SCRIPT = """
 import json, sys, time, zenoh
 way, lease_ms, *endpoints = sys.argv[1:]
@@ -56,8 +59,12 @@ class Fleet:
     def __init__(self, way: str, lease_ms: int) -> None:
         ends = free_endpoint(), free_endpoint()
         theirs = [free_endpoint() if way == "listen" else ends[0] for _ in _SCRIPTS]
-        self.talker = BusSession(namespace="covey/h", node="mav0", listen=[ends[0]], connect=[ends[1], *theirs])
-        self.hearer = BusSession(namespace="covey/h", node="mav1", listen=[ends[1]], connect=[ends[0]])
+        self.talker = BusSession(
+            namespace="covey/h", node="mav0", listen=[ends[0]], connect=[ends[1], *theirs]
+        )
+        self.hearer = BusSession(
+            namespace="covey/h", node="mav1", listen=[ends[1]], connect=[ends[0]]
+        )
         self.alive: set[str] = set()
         self.newest = self.newest_event = -1
         self._sent = 0
@@ -65,7 +72,9 @@ class Fleet:
             session.start()
         self.hearer.collect(Topic.STATE, "*", self._hear)
         self.hearer.subscribe(Topic.EVENT, "*", self._hear)
-        self.talker.watch_alive(lambda node, is_there: (self.alive.add if is_there else self.alive.discard)(node))
+        self.talker.watch_alive(
+            lambda node, is_there: (self.alive.add if is_there else self.alive.discard)(node)
+        )
         self.script = subprocess.Popen([sys.executable, "-c", _SCRIPT, way, str(lease_ms), *theirs])
 
     def stop(self) -> None:
@@ -81,13 +90,19 @@ class Fleet:
             self.newest_event = message.stamp_ns
 
     def talk(self) -> None:
-        """One tick of an agent: its state arrives, and so do an event and the ticks that go with it now and then."""
+        """One tick of an agent: its state arrives, and so do an event and the ticks that go with it
+        now and then.
+        """
         self._sent += 1
         self.talker.publish(Topic.STATE, "mav0", state(self._sent))
         if self._sent % 10 == 0:
-            self.talker.publish(Topic.TICK, "mav0", TickBatch(vehicle="x" * 6000, boot_id=1, sequence=1, ticks=()))
+            self.talker.publish(
+                Topic.TICK, "mav0", TickBatch(vehicle="x" * 6000, boot_id=1, sequence=1, ticks=())
+            )
         if self._sent % 50 == 0:
-            event = Event(vehicle="mav0", stamp_ns=self._sent, severity="info", code="c", sentence="Armed.")
+            event = Event(
+                vehicle="mav0", stamp_ns=self._sent, severity="info", code="c", sentence="Armed."
+            )
             self.talker.publish(Topic.EVENT, "mav0", event)
         time.sleep(_PERIOD_S)
         assert until(self._has_arrived, _HELD_UP_S)
@@ -101,7 +116,9 @@ class Fleet:
 
         def is_heard() -> bool:
             self._sent += 50
-            event = Event(vehicle="mav0", stamp_ns=self._sent, severity="info", code="c", sentence="Armed.")
+            event = Event(
+                vehicle="mav0", stamp_ns=self._sent, severity="info", code="c", sentence="Armed."
+            )
             self.talker.publish(Topic.EVENT, "mav0", event)
             self.talker.publish(Topic.STATE, "mav0", state(self._sent))
             self.hearer.deliver()
@@ -133,7 +150,9 @@ def talk_until_given_up(fleet: Fleet) -> None:
     [
         pytest.param(("connect", 1000), id="they connect to us"),
         pytest.param(("listen", 1000), id="we connect to them"),
-        pytest.param(("connect", 10_000), id="they connect to us, as zenoh comes", marks=pytest.mark.long),
+        pytest.param(
+            ("connect", 10_000), id="they connect to us, as zenoh comes", marks=pytest.mark.long
+        ),
     ],
     indirect=True,
 )
@@ -151,7 +170,9 @@ def test_orders_to_nodes_that_hang_end_without_an_answer_and_hold_up_nobody(flee
     ended: list[str] = []
     for name in sorted(_SCRIPTS):
         order = Order(order_id=name, author="me", kind="arm", stamp_ns=0, deadline_ns=0)
-        fleet.talker.order(name, order, timeout_s=1.0, on_reply=lambda _: None, on_end=lambda: ended.append("so"))
+        fleet.talker.order(
+            name, order, timeout_s=1.0, on_reply=lambda _: None, on_end=lambda: ended.append("so")
+        )
         fleet.talk()
     talk_until_given_up(fleet)
     assert until(lambda: len(ended) == len(_SCRIPTS), 30.0)

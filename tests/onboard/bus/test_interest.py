@@ -1,4 +1,5 @@
-"""Interest on the bus: what nobody follows does not travel; and a node that hangs holds nobody up."""
+"""Interest on the bus: what nobody follows does not travel; and a node that hangs holds nobody up.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +25,9 @@ BATCH = TickBatch(vehicle="x" * 50_000, boot_id=1, sequence=1, ticks=())
 
 
 class Relay:
-    """A TCP relay between two nodes that counts what flows from the one that listens to the one that connects."""
+    """A TCP relay between two nodes that counts what flows from the one that listens to the one
+    that connects.
+    """
 
     def __init__(self, target: int) -> None:
         self.bytes_to_client = 0
@@ -46,7 +49,10 @@ class Relay:
         while self._is_open:
             for ready in select.select([self._listener, *other_end], [], [], 0.1)[0]:
                 if ready is self._listener:
-                    client, server = ready.accept()[0], socket.create_connection(("127.0.0.1", self._target))
+                    client, server = (
+                        ready.accept()[0],
+                        socket.create_connection(("127.0.0.1", self._target)),
+                    )
                     other_end |= {client: server, server: client}
                     servers.add(server)
                     continue
@@ -80,7 +86,9 @@ def talker() -> Iterator[tuple[BusSession, int]]:
 
 def say(talker: BusSession, name: str) -> None:
     text = "x" * _SENTENCE_BYTES
-    talker.publish(Topic.EVENT, name, Event(vehicle=name, stamp_ns=1, severity="info", code="c", sentence=text))
+    talker.publish(
+        Topic.EVENT, name, Event(vehicle=name, stamp_ns=1, severity="info", code="c", sentence=text)
+    )
 
 
 def test_a_topic_that_is_not_followed_is_not_sent(talker: tuple[BusSession, int]) -> None:
@@ -132,7 +140,9 @@ def test_a_topic_that_is_not_followed_is_not_sent(talker: tuple[BusSession, int]
         relay.close()
 
 
-def test_what_is_collected_waits_and_of_too_much_the_newest_is_kept(talker: tuple[BusSession, int]) -> None:
+def test_what_is_collected_waits_and_of_too_much_the_newest_is_kept(
+    talker: tuple[BusSession, int],
+) -> None:
     session, port = talker
     listener = BusSession(namespace="covey/i", node="listener", connect=[f"tcp/127.0.0.1:{port}"])
     listener.start()

@@ -1,4 +1,6 @@
-"""The table of roles and topics on a bus with keys: every cell tried over real links, granted and not granted ones."""
+"""The table of roles and topics on a bus with keys: every cell tried over real links, granted and
+not granted ones.
+"""
 
 from __future__ import annotations
 
@@ -25,8 +27,16 @@ from tests.onboard.bus.sessions import started, until
 from tests.onboard.state_messages import state_message
 
 PAPER = Path(__file__).parents[3] / "configs" / "fleets" / "paper.toml"
-SAMPLES = [topic for topic, spec in TOPICS.items() if spec.delivery in (Delivery.LATEST, Delivery.RELIABLE)]
-NODES = {"mav1": "mav1", "ground": "ground-1-a", "viewer": "watcher-1-a", "mocap": "mocap", "sitl": "sitl"}
+SAMPLES = [
+    topic for topic, spec in TOPICS.items() if spec.delivery in (Delivery.LATEST, Delivery.RELIABLE)
+]
+NODES = {
+    "mav1": "mav1",
+    "ground": "ground-1-a",
+    "viewer": "watcher-1-a",
+    "mocap": "mocap",
+    "sitl": "sitl",
+}
 Heard = set[tuple[Topic, str]]
 
 
@@ -49,7 +59,9 @@ def fleet(made: FleetConfig) -> FleetConfig:
 
 
 @contextmanager
-def _node(fleet: FleetConfig, holder: str, *, listens: bool = False, has_keys: bool = True) -> Iterator[BusSession]:
+def _node(
+    fleet: FleetConfig, holder: str, *, listens: bool = False, has_keys: bool = True
+) -> Iterator[BusSession]:
     endpoint = fleet.vehicles["mav0"].agent
     session = BusSession(
         namespace=fleet.namespace,
@@ -72,12 +84,16 @@ def _role(holder: str) -> Role:
 
 def _arrives(holder: str, topic: Topic, name: str, reader: str) -> bool:
     patterns = GRANTS[_role(holder)].publishes.get(topic, ())
-    is_granted = any(fnmatch.fnmatch(name, one.format(own=holder).replace("$*", "*")) for one in patterns)
+    is_granted = any(
+        fnmatch.fnmatch(name, one.format(own=holder).replace("$*", "*")) for one in patterns
+    )
     return is_granted and topic in GRANTS[_role(reader)].reads
 
 
 @pytest.mark.parametrize("holder", NODES)
-def test_what_each_holder_of_a_key_may_publish_read_and_order(fleet: FleetConfig, holder: str) -> None:
+def test_what_each_holder_of_a_key_may_publish_read_and_order(
+    fleet: FleetConfig, holder: str
+) -> None:
     heard: Heard = set()
     read: set[Topic] = set()
     alive: set[str] = set()
@@ -91,14 +107,19 @@ def test_what_each_holder_of_a_key_may_publish_read_and_order(fleet: FleetConfig
     with _node(fleet, "mav0", listens=True) as agent, _node(fleet, holder) as node:
         for topic in SAMPLES:
             agent.subscribe(topic, "*", lambda topic, name, _: heard.add((topic, name)))
-            node.subscribe(topic, "*", lambda topic, name, _: read.add(topic) if name == "mav0" else None)
+            node.subscribe(
+                topic, "*", lambda topic, name, _: read.add(topic) if name == "mav0" else None
+            )
         agent.serve_orders("mav0", answer)
         agent.watch_alive(lambda name, is_alive: alive.add(name) if is_alive else None)
         for token in ("operator.1.x.y", "mav2"):
             node.claim(token)
         assert until(lambda: NODES[holder] in alive)
         granted = {
-            (topic, name) for topic in SAMPLES for name in _names(holder) if _arrives(holder, topic, name, "mav0")
+            (topic, name)
+            for topic in SAMPLES
+            for name in _names(holder)
+            if _arrives(holder, topic, name, "mav0")
         }
         readable = {topic for topic in SAMPLES if _arrives("mav0", topic, "mav0", holder)}
         message = state_message()
@@ -115,8 +136,12 @@ def test_what_each_holder_of_a_key_may_publish_read_and_order(fleet: FleetConfig
             tell()
             time.sleep(0.02)
         ended: list[bool] = []
-        order = Order(order_id="o1", author=holder, kind="land", stamp_ns=time.monotonic_ns(), deadline_ns=0)
-        node.order("mav0", order, timeout_s=1.0, on_reply=lambda _: None, on_end=lambda: ended.append(True))
+        order = Order(
+            order_id="o1", author=holder, kind="land", stamp_ns=time.monotonic_ns(), deadline_ns=0
+        )
+        node.order(
+            "mav0", order, timeout_s=1.0, on_reply=lambda _: None, on_end=lambda: ended.append(True)
+        )
         assert until(lambda: bool(ended))
         assert heard == granted
         assert read == readable
@@ -125,10 +150,13 @@ def test_what_each_holder_of_a_key_may_publish_read_and_order(fleet: FleetConfig
         assert "mav2" not in alive
 
 
-def test_nobody_without_a_key_of_this_authority_is_heard_or_hears(fleet: FleetConfig, tmp_path: Path) -> None:
+def test_nobody_without_a_key_of_this_authority_is_heard_or_hears(
+    fleet: FleetConfig, tmp_path: Path
+) -> None:
     foreign = tmp_path / "fleet.toml"
     shutil.copy(fleet.path, foreign)
-    secure_fleet(str(foreign), datetime.datetime.now(datetime.UTC))  # the same fleet, an authority of its own
+    # the same fleet, an authority of its own
+    secure_fleet(str(foreign), datetime.datetime.now(datetime.UTC))
     heard: Heard = set()
     read: Heard = set()
     with _node(fleet, "mav0", listens=True) as agent, _node(fleet, "mav1") as admitted:
@@ -142,7 +170,12 @@ def test_nobody_without_a_key_of_this_authority_is_heard_or_hears(fleet: FleetCo
                 outsider.subscribe(Topic.STATE, "*", lambda topic, name, _: read.add((topic, name)))
 
             def tell() -> bool:
-                for node, name in ((agent, "mav0"), (admitted, "mav1"), (stranger, "mav2"), (nobody, "mav2")):
+                for node, name in (
+                    (agent, "mav0"),
+                    (admitted, "mav1"),
+                    (stranger, "mav2"),
+                    (nobody, "mav2"),
+                ):
                     node.publish(Topic.STATE, name, state_message())
                 return (Topic.STATE, "mav1") in heard
 
@@ -158,7 +191,9 @@ def test_what_fits_into_no_datagram_arrives(fleet: FleetConfig) -> None:
     heard: set[Topic] = set()
     large = replace(state_message(), vehicle="x" * 10_000)
     topics = [
-        topic for topic in SAMPLES if topic in GRANTS[Role.VEHICLE].publishes and topic in GRANTS[Role.VIEWER].reads
+        topic
+        for topic in SAMPLES
+        if topic in GRANTS[Role.VEHICLE].publishes and topic in GRANTS[Role.VIEWER].reads
     ]
     whole = set(topics) - {Topic.STATE, Topic.FAR}  # these are always small
     with _node(fleet, "mav0", listens=True) as agent, _node(fleet, "viewer") as viewer:

@@ -1,4 +1,5 @@
-"""Orders signed end to end: what the vehicle believes, and each way in which an order can be false."""
+"""Orders signed end to end: what the vehicle believes, and each way in which an order can be false.
+"""
 
 from __future__ import annotations
 
@@ -50,7 +51,9 @@ def test_an_order_signed_by_the_ground_is_believed_by_its_vehicle_only(fleet: Fl
         assert redirected.order_id == "g-1"  # so that its sender can be answered
 
 
-def test_each_false_order_is_refused_in_a_sentence_of_its_own(fleet: FleetConfig, tmp_path: Path) -> None:
+def test_each_false_order_is_refused_in_a_sentence_of_its_own(
+    fleet: FleetConfig, tmp_path: Path
+) -> None:
     check = SealCheck(f"{fleet.keys_folder}/ca.pem")
     order, foreign = encode(LAND), _made(tmp_path / "foreign")
     seal = _signer(fleet, "ground").seal(KEY, order)
@@ -61,8 +64,12 @@ def test_each_false_order_is_refused_in_a_sentence_of_its_own(fleet: FleetConfig
         "cut off": check.refusal(KEY, order, seal[:-9], NOW),
         "a vehicle's": check.refusal(KEY, order, _signer(fleet, "mav1").seal(KEY, order), NOW),
         "a viewer's": check.refusal(KEY, order, _signer(fleet, "viewer").seal(KEY, order), NOW),
-        "another fleet's": check.refusal(KEY, order, _signer(foreign, "ground").seal(KEY, order), NOW),
-        "no certificate": check.refusal(KEY, order, encode(OrderSeal(certificate=b"x", signature=b"y")), NOW),
+        "another fleet's": check.refusal(
+            KEY, order, _signer(foreign, "ground").seal(KEY, order), NOW
+        ),
+        "no certificate": check.refusal(
+            KEY, order, encode(OrderSeal(certificate=b"x", signature=b"y")), NOW
+        ),
         "years later": check.refusal(KEY, order, seal, later),
         "years earlier": check.refusal(KEY, order, seal, NOW - datetime.timedelta(days=2000)),
     }
@@ -78,7 +85,9 @@ def test_each_false_order_is_refused_in_a_sentence_of_its_own(fleet: FleetConfig
         "years later": "foreign",
         "years earlier": "foreign",
     }
-    assert all(found is not None and "of ann (from g)" in found.sentence for found in tries.values())
+    assert all(
+        found is not None and "of ann (from g)" in found.sentence for found in tries.values()
+    )
     assert "clock says 2031-11-22" in tries["years later"].sentence  # type: ignore[union-attr]
 
 
@@ -88,14 +97,18 @@ def test_an_order_that_cannot_be_read_has_no_author(fleet: FleetConfig) -> None:
     assert found.sentence.startswith("An order that cannot be read is not signed")
 
 
-def test_false_orders_in_a_flood_are_not_looked_at_and_keep_no_true_ground_from_ordering(fleet: FleetConfig) -> None:
+def test_false_orders_in_a_flood_are_not_looked_at_and_keep_no_true_ground_from_ordering(
+    fleet: FleetConfig,
+) -> None:
     check, signer = SealCheck(f"{fleet.keys_folder}/ca.pem"), _signer(fleet, "ground")
     order = encode(LAND)
     seal = signer.seal(KEY, order)
     assert check.refusal(KEY, order, seal, NOW) is None
     codes = Counter[str]()
     for number in range(1000):
-        false = check.refusal(KEY, encode(replace(LAND, node=f"g-{number}", kind="kill")), seal, NOW)
+        false = check.refusal(
+            KEY, encode(replace(LAND, node=f"g-{number}", kind="kill")), seal, NOW
+        )
         assert false is not None
         codes[false.code] += 1
     assert codes == {"forged": MOST_FALSE_PER_S, "flood": 1000 - MOST_FALSE_PER_S}
@@ -104,4 +117,6 @@ def test_false_orders_in_a_flood_are_not_looked_at_and_keep_no_true_ground_from_
     refused = check.refusal(KEY, new, signer.seal(KEY, new), NOW)
     assert refused is not None
     assert "not looked at" in refused.sentence
-    assert check.refusal(KEY, new, signer.seal(KEY, new), NOW + datetime.timedelta(seconds=1)) is None
+    assert (
+        check.refusal(KEY, new, signer.seal(KEY, new), NOW + datetime.timedelta(seconds=1)) is None
+    )

@@ -33,7 +33,9 @@ from tests.onboard.state_messages import state_message
 PAPER = Path(__file__).parents[3] / "configs" / "fleets" / "paper.toml"
 NOW = datetime.datetime.now(datetime.UTC)
 NAMES = {"ground": "ground-1-a", "viewer": "watcher-1-a"}
-LAND = Order(order_id="g-1", author="ann", kind="land", stamp_ns=1, deadline_ns=0, node="ground-1-a")
+LAND = Order(
+    order_id="g-1", author="ann", kind="land", stamp_ns=1, deadline_ns=0, node="ground-1-a"
+)
 POSE = MocapPose(
     body="mav1", boot_id=1, sequence=1, stamp_ns=1, is_tracked=True, position_enu_m=(0.0, 0.0, 1.0),
     quaternion_enu_flu_wxyz=(1.0, 0.0, 0.0, 0.0),
@@ -42,15 +44,22 @@ POSE = MocapPose(
 
 def _free_ports(count: int) -> list[int]:
     with ExitStack() as stack:
-        probes = [stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) for _ in range(count)]
+        probes = [
+            stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
+            for _ in range(count)
+        ]
         for probe in probes:
             probe.bind(("127.0.0.1", 0))
         return [probe.getsockname()[1] for probe in probes]
 
 
-def _fleet(folder: Path, *, routers: int = 1, name: str = "paper", has_keys: bool = True) -> FleetConfig:
+def _fleet(
+    folder: Path, *, routers: int = 1, name: str = "paper", has_keys: bool = True
+) -> FleetConfig:
     endpoints = ", ".join(f'"tcp/127.0.0.1:{port}"' for port in _free_ports(routers))
-    text = PAPER.read_text(encoding="utf-8").replace('name = "paper"', f'name = "{name}"\nrouters = [{endpoints}]')
+    text = PAPER.read_text(encoding="utf-8").replace(
+        'name = "paper"', f'name = "{name}"\nrouters = [{endpoints}]'
+    )
     folder.mkdir(exist_ok=True)
     (folder / "fleet.toml").write_text(text, encoding="utf-8")
     file = str(folder / "fleet.toml")
@@ -71,7 +80,9 @@ def _routing(*fleets: FleetConfig) -> Iterator[None]:
 def _node(fleet: FleetConfig, holder: str) -> Iterator[BusSession]:
     credentials = credentials_of(fleet, holder)
     name, routers = NAMES.get(holder, holder), fleet.fleet.routers
-    with started(BusSession(namespace=fleet.namespace, node=name, credentials=credentials, routers=routers)) as session:
+    with started(
+        BusSession(namespace=fleet.namespace, node=name, credentials=credentials, routers=routers)
+    ) as session:
         yield session
 
 
@@ -120,7 +131,8 @@ def test_a_router_holds_each_node_to_its_role_and_orders_stay_signed(locked: Fle
             other.publish(Topic.MOCAP, "claimed", message)
             mocap.publish(Topic.MOCAP, "body", message)
             other.publish(Topic.STATE, "mav1", message)
-            twin.publish(Topic.SLOW_TELEMETRY, "mav0", message)  # a second agent of one name shows itself
+            # a second agent of one name shows itself
+            twin.publish(Topic.SLOW_TELEMETRY, "mav0", message)
             return heard >= granted
 
         assert until(tell), granted - heard
@@ -133,7 +145,9 @@ def test_a_router_holds_each_node_to_its_role_and_orders_stay_signed(locked: Fle
                 "mav0",
                 LAND,
                 timeout_s=1.0,
-                on_reply=lambda reply: answered.append(reply.vehicle) if isinstance(reply, OrderReply) else None,
+                on_reply=lambda reply: (
+                    answered.append(reply.vehicle) if isinstance(reply, OrderReply) else None
+                ),
                 on_end=lambda ended=ended: ended.append(True),
             )
             assert until(lambda ended=ended: bool(ended))
@@ -152,14 +166,18 @@ def test_a_router_that_grants_everything_still_brings_no_false_order(locked: Fle
         taken.append(order)
         reply(OrderReply(order_id=order.order_id, vehicle="mav0", is_accepted=False, reason=""))
 
-    careless = Router([setting for setting in router_settings([locked]) if setting[0] != "access_control"])
+    careless = Router(
+        [setting for setting in router_settings([locked]) if setting[0] != "access_control"]
+    )
     careless.start()
     try:
         with _node(locked, "mav0") as agent, _node(locked, "viewer") as viewer:
             agent.serve_orders("mav0", answer)
 
             def order() -> bool:
-                viewer.order("mav0", LAND, timeout_s=0.2, on_reply=lambda _: None, on_end=lambda: None)
+                viewer.order(
+                    "mav0", LAND, timeout_s=0.2, on_reply=lambda _: None, on_end=lambda: None
+                )
                 return bool(taken)
 
             assert until(order)
@@ -171,7 +189,9 @@ def test_a_router_that_grants_everything_still_brings_no_false_order(locked: Fle
 def test_fleets_on_one_router_hear_nothing_of_each_other(tmp_path: Path) -> None:
     north = _fleet(tmp_path / "north", name="north", has_keys=False)
     data = tomllib.loads(north.text)
-    south = fleet_from_mapping({**data, "fleet": {**data["fleet"], "name": "south"}}, path=north.path)
+    south = fleet_from_mapping(
+        {**data, "fleet": {**data["fleet"], "name": "south"}}, path=north.path
+    )
     heard: list[str] = []
     with _routing(north, south), _node(north, "mav0") as hearer, _node(south, "mav1") as foreign:
         hearer.subscribe(Topic.STATE, "*", lambda _topic, name, _: heard.append(name))
@@ -189,7 +209,9 @@ def test_fleets_on_one_router_hear_nothing_of_each_other(tmp_path: Path) -> None
 @contextmanager
 def _process(fleet: FleetConfig, number: int) -> Iterator[subprocess.Popen[str]]:
     command = [sys.executable, "-u", "-m", "groundstation", "router", fleet.path]
-    process = subprocess.Popen([*command, "--endpoint", fleet.fleet.routers[number]], stdout=subprocess.PIPE, text=True)
+    process = subprocess.Popen(
+        [*command, "--endpoint", fleet.fleet.routers[number]], stdout=subprocess.PIPE, text=True
+    )
     try:
         assert process.stdout is not None
         assert process.stdout.readline().startswith("router: ")
@@ -201,7 +223,8 @@ def _process(fleet: FleetConfig, number: int) -> Iterator[subprocess.Popen[str]]
 
 def test_another_router_takes_over_and_a_hung_client_holds_up_nobody(tmp_path: Path) -> None:
     fleet = _fleet(tmp_path / "two", routers=2)
-    far = replace(fleet, fleet=replace(fleet.fleet, routers=fleet.fleet.routers[::-1]))  # on the other site
+    # on the other site
+    far = replace(fleet, fleet=replace(fleet.fleet, routers=fleet.fleet.routers[::-1]))
     heard: list[float] = []
     alive: dict[str, bool] = {}
     hung = f"""
@@ -218,7 +241,12 @@ node.subscribe(Topic.STATE, "*", lambda *_: None)
 print("up", flush=True)
 time.sleep(60)
 """
-    with _process(fleet, 0) as first, _process(fleet, 1), _node(fleet, "mav0") as agent, _node(far, "ground") as ground:
+    with (
+        _process(fleet, 0) as first,
+        _process(fleet, 1),
+        _node(fleet, "mav0") as agent,
+        _node(far, "ground") as ground,
+    ):
         ground.subscribe(Topic.STATE, "mav0", lambda *_: heard.append(time.monotonic()))
         ground.watch_alive(alive.__setitem__)
 
@@ -232,7 +260,9 @@ time.sleep(60)
             return max(later - earlier for earlier, later in itertools.pairwise(times))
 
         assert until(lambda: tell() or heard)  # from one router to the other
-        with subprocess.Popen([sys.executable, "-c", hung], stdout=subprocess.PIPE, text=True) as peer:
+        with subprocess.Popen(
+            [sys.executable, "-c", hung], stdout=subprocess.PIPE, text=True
+        ) as peer:
             try:
                 assert peer.stdout is not None
                 assert peer.stdout.readline() == "up\n"
@@ -257,11 +287,15 @@ def test_a_router_without_a_line_of_covey_serves_a_fleet(
 ) -> None:
     if source == "printed":
         assert main(["router", locked.path, "--print-config"]) == 0
-        text = capsys.readouterr().out.replace(*(one.fleet.routers[0] for one in (load_fleet(locked.path), locked)))
+        text = capsys.readouterr().out.replace(
+            *(one.fleet.routers[0] for one in (load_fleet(locked.path), locked))
+        )
     else:
         page = (PAPER.parents[2] / "docs" / "network.md").read_text(encoding="utf-8")
         text = page.partition("<!-- zenohd -->")[2].partition("```json5\n")[2].partition("```")[0]
-        text = text.replace("quic/10.0.0.5:7447", locked.fleet.routers[0]).replace('"keys/', f'"{locked.keys_folder}/')
+        text = text.replace("quic/10.0.0.5:7447", locked.fleet.routers[0]).replace(
+            '"keys/', f'"{locked.keys_folder}/'
+        )
     (tmp_path / "router.json5").write_text(text, encoding="utf-8")
     bare = "import sys, time, zenoh; s = zenoh.open(zenoh.Config.from_file(sys.argv[1])); print('up', flush=True)"
     heard: set[str] = set()
@@ -273,27 +307,41 @@ def test_a_router_without_a_line_of_covey_serves_a_fleet(
         stack.callback(process.kill)
         assert process.stdout is not None
         assert process.stdout.readline() == "up\n"
-        first, second, ground = (stack.enter_context(_node(locked, holder)) for holder in ("mav0", "mav1", "ground"))
+        first, second, ground = (
+            stack.enter_context(_node(locked, holder)) for holder in ("mav0", "mav1", "ground")
+        )
         first.subscribe(Topic.STATE, "*", lambda _topic, name, _: heard.add(name))
-        ground.subscribe(Topic.STATE, "*", lambda _topic, name, _: heard.add(f"{name} on the ground"))
+        ground.subscribe(
+            Topic.STATE, "*", lambda _topic, name, _: heard.add(f"{name} on the ground")
+        )
         ground.watch_alive(lambda name, _: alive.add(name))
         for topic in (Topic.MOCAP, Topic.ALL_POSES):
-            first.subscribe(topic, "*", lambda topic, name, _: heard.add(f"{topic.value} of {name}"))
+            first.subscribe(
+                topic, "*", lambda topic, name, _: heard.add(f"{topic.value} of {name}")
+            )
         second.serve_orders("mav1", lambda order, reply: reply(_accepted(order)))
 
         def tell() -> bool:
             second.publish(Topic.STATE, "mav2", state_message())  # in another's name
-            second.publish(Topic.MOCAP, "mav1", POSE)  # its own body's, which only the motion capture may
+            # its own body's, which only the motion capture may
+            second.publish(Topic.MOCAP, "mav1", POSE)
             second.publish(Topic.ALL_POSES, "mav1", MocapPoses(poses=(POSE,)))
             second.publish(Topic.STATE, "mav1", state_message())
             first.publish(Topic.STATE, "mav0", state_message())
-            return {"mav1", "mav0 on the ground", "mav1 on the ground"} <= heard and {"mav0", "mav1"} <= alive
+            return {"mav1", "mav0 on the ground", "mav1 on the ground"} <= heard and {
+                "mav0",
+                "mav1",
+            } <= alive
 
         assert until(tell), (heard, alive)
 
         def order() -> bool:
             ground.order(
-                "mav1", LAND, timeout_s=0.5, on_reply=lambda reply: answered.append(str(reply)), on_end=lambda: None
+                "mav1",
+                LAND,
+                timeout_s=0.5,
+                on_reply=lambda reply: answered.append(str(reply)),
+                on_end=lambda: None,
             )
             return bool(answered)
 
@@ -304,10 +352,14 @@ def test_a_router_without_a_line_of_covey_serves_a_fleet(
 
 def _accepted(order: object) -> OrderReply:
     """Accept what is believed."""
-    return OrderReply(order_id="g-1", vehicle="mav1", is_accepted=isinstance(order, Order), reason="")
+    return OrderReply(
+        order_id="g-1", vehicle="mav1", is_accepted=isinstance(order, Order), reason=""
+    )
 
 
-def test_what_cannot_be_a_router_is_refused_in_a_sentence(locked: FleetConfig, tmp_path: Path) -> None:
+def test_what_cannot_be_a_router_is_refused_in_a_sentence(
+    locked: FleetConfig, tmp_path: Path
+) -> None:
     with pytest.raises(NoRouterError, match="No router of this fleet answers at quic/"):
         BusSession(
             namespace=locked.namespace,
@@ -321,7 +373,10 @@ def test_what_cannot_be_a_router_is_refused_in_a_sentence(locked: FleetConfig, t
     away = replace(locked, fleet=replace(locked.fleet, routers=("quic/192.0.2.7:7447",)))
     with pytest.raises(ConfigError, match="is an address of this computer"):
         router_settings([away])
-    with pytest.raises(ConfigError, match=r"router.pem is for 127.0.0.1, but the fleet file has router at 192.0.2.7"):
+    with pytest.raises(
+        ConfigError,
+        match=r"router.pem is for 127.0.0.1, but the fleet file has router at 192.0.2.7",
+    ):
         router_settings([away], "quic/192.0.2.7:7447")
     with pytest.raises(ConfigError, match="is no router of this fleet"):
         router_settings([locked], "quic/127.0.0.1:1")
@@ -342,7 +397,10 @@ def test_what_cannot_be_a_router_is_refused_in_a_sentence(locked: FleetConfig, t
 def test_a_router_at_the_endpoint_of_somebody_else_is_refused() -> None:
     data = tomllib.loads(PAPER.read_text(encoding="utf-8"))
     taken = data["vehicles"]["mav1"]["agent"]
-    for routers, words in (([taken], "Only one can listen there"), (["10.0.0.5"], "write it as quic/10.0.0.5:7447")):
+    for routers, words in (
+        ([taken], "Only one can listen there"),
+        (["10.0.0.5"], "write it as quic/10.0.0.5:7447"),
+    ):
         with pytest.raises(ConfigError, match=words):
             fleet_from_mapping({**data, "fleet": {**data["fleet"], "routers": routers}})
 

@@ -74,28 +74,43 @@ def test_a_sample_arrives_with_topic_and_name(agent: BusSession, ground: BusSess
     assert got[0] == (Topic.EVENT, "mav0", EVENT)
 
 
-def test_an_order_is_answered_and_an_absent_vehicle_is_silence_at_once(agent: BusSession, ground: BusSession) -> None:
+def test_an_order_is_answered_and_an_absent_vehicle_is_silence_at_once(
+    agent: BusSession, ground: BusSession
+) -> None:
     def answer(received: Order | Malformed, reply: Callable[[OrderReply], None]) -> None:
         assert isinstance(received, Order)
-        message = OrderReply(order_id=received.order_id, vehicle="mav0", is_accepted=False, reason="not ready")
+        message = OrderReply(
+            order_id=received.order_id, vehicle="mav0", is_accepted=False, reason="not ready"
+        )
         threading.Thread(target=reply, args=(message,)).start()
 
     agent.serve_orders("mav0", answer)
     assert until(lambda: ask(ground, "mav0"))
-    assert ask(ground, "mav0") == [OrderReply(order_id="1", vehicle="mav0", is_accepted=False, reason="not ready")]
+    assert ask(ground, "mav0") == [
+        OrderReply(order_id="1", vehicle="mav0", is_accepted=False, reason="not ready")
+    ]
     assert ask(ground, "mav7") == []
 
 
-def test_a_fault_is_asked_of_the_emulator_and_answered(agent: BusSession, ground: BusSession) -> None:
+def test_a_fault_is_asked_of_the_emulator_and_answered(
+    agent: BusSession, ground: BusSession
+) -> None:
     heard: list[Any] = []
 
     def answer(received: FaultOrder | Malformed, reply: Callable[[OrderReply], None]) -> None:
         heard.append(received)
-        taken = OrderReply(order_id="7", vehicle="mav0", is_accepted=True, reason="mav0: motor 2 stops")
+        taken = OrderReply(
+            order_id="7", vehicle="mav0", is_accepted=True, reason="mav0: motor 2 stops"
+        )
         threading.Thread(target=reply, args=(taken,)).start()
 
     fault = FaultOrder(
-        order_id="7", author="me", stamp_ns=1, vehicle="mav0", fault="motor_dead", parameters={"motor": 2.0, "x": "y"}
+        order_id="7",
+        author="me",
+        stamp_ns=1,
+        vehicle="mav0",
+        fault="motor_dead",
+        parameters={"motor": 2.0, "x": "y"},
     )
     replies: list[Any] = []
 
@@ -136,7 +151,9 @@ def test_a_second_node_of_a_name_does_not_take_the_first_along_when_it_leaves(
     assert ("mav0", False) not in seen
 
 
-def test_another_fleet_on_the_same_endpoint_hears_nothing(agent: BusSession, ground: BusSession, endpoint: str) -> None:
+def test_another_fleet_on_the_same_endpoint_hears_nothing(
+    agent: BusSession, ground: BusSession, endpoint: str
+) -> None:
     other = BusSession(namespace="covey/other", node="ground", connect=[endpoint])
     other.start()
     try:
@@ -208,5 +225,7 @@ for session in with_ends:
     session.stop()
 print(len(got) > 5)
 """
-    ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=30.0, check=False)
+    ended = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, timeout=30.0, check=False
+    )
     assert (ended.returncode, ended.stdout, ended.stderr) == (0, "True\n", "")

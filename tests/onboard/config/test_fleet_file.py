@@ -6,7 +6,13 @@ from typing import Any
 
 import pytest
 
-from onboard.config.fleet import ConfigError, FleetConfig, fleet_from_mapping, load_fleet, parking_distance_m
+from onboard.config.fleet import (
+    ConfigError,
+    FleetConfig,
+    fleet_from_mapping,
+    load_fleet,
+    parking_distance_m,
+)
 
 FLEETS = sorted((Path(__file__).parents[3] / "configs" / "fleets").glob("*.toml"))
 PAPER = next(path for path in FLEETS if path.stem == "paper")
@@ -74,10 +80,15 @@ def test_a_wrong_value_is_refused_with_file_key_and_bound() -> None:
 def test_an_autopilot_s_endpoint_is_of_its_companion() -> None:
     data = paper_data()
     for index, vehicle in enumerate(data["vehicles"].values()):
-        vehicle |= {"agent": f"tcp/192.168.1.{11 + index}:7460", "autopilot": "serial:///dev/ttyAMA0:921600"}
+        vehicle |= {
+            "agent": f"tcp/192.168.1.{11 + index}:7460",
+            "autopilot": "serial:///dev/ttyAMA0:921600",
+        }
     assert len(fleet_from_mapping(data).vehicles) == 3
     data["vehicles"]["mav1"]["agent"] = "tcp/192.168.1.11:7461"
-    with pytest.raises(ConfigError, match=r"vehicles\.mav1\.autopilot.*on the same computer, 192\.168\.1\.11"):
+    with pytest.raises(
+        ConfigError, match=r"vehicles\.mav1\.autopilot.*on the same computer, 192\.168\.1\.11"
+    ):
         fleet_from_mapping(data)
 
 

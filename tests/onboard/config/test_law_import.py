@@ -1,4 +1,6 @@
-"""A law of somebody's own: found, told apart by its source, or refused in words when the fleet file is read."""
+"""A law of somebody's own: found, told apart by its source, or refused in words when the fleet file
+is read.
+"""
 
 import re
 from importlib import metadata
@@ -16,7 +18,9 @@ def written(folder, source, name="mine:law"):
     """A fleet file that names a law, and the law beside it."""
     (folder / "mine.py").write_text(source)
     path = folder / "fleet.toml"
-    text = re.sub(r"\[law\]\n", f'[law]\nname = "{name}"\n', re.sub(r'(?m)^name = "covey".*\n', "", FLEET))
+    text = re.sub(
+        r"\[law\]\n", f'[law]\nname = "{name}"\n', re.sub(r'(?m)^name = "covey".*\n', "", FLEET)
+    )
     path.write_text(text if "[law]" in text else f'{text}\n[law]\nname = "{name}"\n')
     return str(path)
 
@@ -40,7 +44,11 @@ def test_a_law_beside_the_file_is_found_and_its_source_is_part_of_what_agents_co
         (GOOD, "mine:", "there are only covey, paper, off"),
         (GOOD, "../mine:law", "there are only covey, paper, off"),
         (GOOD, "nowhere:law", "Put nowhere.py there"),
-        ("import no_such_package\n", "mine:law", "It imports no_such_package: install that package"),
+        (
+            "import no_such_package\n",
+            "mine:law",
+            "It imports no_such_package: install that package",
+        ),
         ("1 / 0\n", "mine:law", "cannot be imported (ZeroDivisionError: division by zero)"),
         ("def law(:\n", "mine:law", "cannot be imported (SyntaxError"),
         ("raise SystemExit(2)\n", "mine:law", "cannot be imported (SystemExit: 2)"),

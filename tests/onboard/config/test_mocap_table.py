@@ -27,9 +27,21 @@ def test_without_the_table_poses_come_from_the_bus() -> None:
 
 def test_a_whole_table_is_read() -> None:
     mocap = _fleet(
-        {**_VICON, "direct": True, "up": "y", "yaw_deg": 90, "offset_m": [1, 2, 0], "latency_s": 0.008}
+        {
+            **_VICON,
+            "direct": True,
+            "up": "y",
+            "yaw_deg": 90,
+            "offset_m": [1, 2, 0],
+            "latency_s": 0.008,
+        }
     ).mocap
-    assert (mocap.direct, mocap.up, mocap.yaw_deg, mocap.offset_m) == (True, "y", 90.0, (1.0, 2.0, 0.0))
+    assert (mocap.direct, mocap.up, mocap.yaw_deg, mocap.offset_m) == (
+        True,
+        "y",
+        90.0,
+        (1.0, 2.0, 0.0),
+    )
 
 
 WRONG = [

@@ -16,7 +16,9 @@ def test_the_number_is_below_the_safety_distance_where_neither_distance_nor_heig
     beside, above = np.hypot(offsets[:, 0], offsets[:, 1]), abs(offsets[:, 2])
     is_apart = (beside >= limits.safety_distance_m) | (above >= limits.vertical_separation_m)
     assert ((found >= limits.safety_distance_m) == is_apart).all()
-    each = [separation_m(offset, (0.0, 0.0, 0.0), limits.height_share) for offset in offsets.tolist()]
+    each = [
+        separation_m(offset, (0.0, 0.0, 0.0), limits.height_share) for offset in offsets.tolist()
+    ]
     assert each == pytest.approx(found)
     assert separations_m(offsets, 0.0).tolist() == beside.tolist()
 
@@ -25,7 +27,11 @@ def test_the_number_is_below_the_safety_distance_where_neither_distance_nor_heig
 def test_spots_above_each_other_are_judged_by_the_accuracy_of_heights(errors, is_refused):
     fleet = load_fleet("configs/fleets/above.toml")
     spots = {"mav0": (0.0, 0.0, 1.0), "mav1": (0.0, 0.0, 2.5)}
-    worst = {finding.name: finding for finding in spot_findings(fleet, spots, "slots", errors=errors)}["spacing, slots"]
+    worst = {
+        finding.name: finding for finding in spot_findings(fleet, spots, "slots", errors=errors)
+    }["spacing, slots"]
     assert (worst.status == "refused") is is_refused
     cylinders = load_fleet("configs/fleets/sih.toml")
-    assert {one.name: one for one in spot_findings(cylinders, spots, "slots")}["spacing, slots"].status == "refused"
+    assert {one.name: one for one in spot_findings(cylinders, spots, "slots")}[
+        "spacing, slots"
+    ].status == "refused"

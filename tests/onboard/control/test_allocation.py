@@ -68,7 +68,9 @@ def test_a_turned_world_turns_the_attitude() -> None:
     q_turn = frames.quaternion_from_yaw(turn)
     for thrust in thrusts(100):
         plain = allocation.allocate(thrust, 0.2, 0.5, WIDE)
-        turned = allocation.allocate(Thrust(rotate(q_turn, thrust.thrust_enu_m_s2)), 0.2 + turn, 0.5, WIDE)
+        turned = allocation.allocate(
+            Thrust(rotate(q_turn, thrust.thrust_enu_m_s2)), 0.2 + turn, 0.5, WIDE
+        )
         expected = frames.quaternion_multiply(q_turn, plain.quaternion_wxyz)
         assert abs(np.dot(expected, turned.quaternion_wxyz)) == pytest.approx(1.0, abs=1e-12)
         assert plain.thrust_frac == pytest.approx(turned.thrust_frac)
@@ -145,9 +147,15 @@ def ry(a: float) -> np.ndarray:
     return np.array([[math.cos(a), 0, math.sin(a)], [0, 1, 0], [-math.sin(a), 0, math.cos(a)]])
 
 
-@pytest.mark.parametrize(("tilt_deg", "error_m_s2"), [(10.0, 0.01), (20.0, 0.11), (30.0, 0.41), (40.0, 1.09)])
-def test_equation_2_is_exact_as_roll_after_pitch_and_wrong_as_zyx(tilt_deg: float, error_m_s2: float) -> None:
-    """Equation (2) read in the paper's order returns the thrust; read as PX4 composes angles it misses."""
+@pytest.mark.parametrize(
+    ("tilt_deg", "error_m_s2"), [(10.0, 0.01), (20.0, 0.11), (30.0, 0.41), (40.0, 1.09)]
+)
+def test_equation_2_is_exact_as_roll_after_pitch_and_wrong_as_zyx(
+    tilt_deg: float, error_m_s2: float
+) -> None:
+    """Equation (2) read in the paper's order returns the thrust; read as PX4 composes angles it
+    misses.
+    """
     side = math.tan(math.radians(tilt_deg)) / math.sqrt(2.0)
     f = np.array([side, side, 1.0]) * G  # x forward, y right, z up; the height is held
     roll, pitch, length = euler_from_thrust(*f.tolist())

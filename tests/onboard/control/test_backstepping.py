@@ -17,25 +17,33 @@ from tests.oracles.rotation import rotate
 Array = np.ndarray
 RNG = np.random.default_rng(3)
 UP = np.array([0.0, 0.0, GRAVITY_M_S2])
-OPEN = BacksteppingParams(max_acceleration_m_s2=1e6, max_vertical_acceleration_m_s2=1e6, max_position_error_m=1e6)
+OPEN = BacksteppingParams(
+    max_acceleration_m_s2=1e6, max_vertical_acceleration_m_s2=1e6, max_position_error_m=1e6
+)
 
 
 def vec(values: object) -> Vec3:
     return Vec3(*map(float, values))  # type: ignore[call-overload]
 
 
-def at(position: object, velocity: object = (0, 0, 0), acceleration: object = (0, 0, 0)) -> TrajectorySetpoint:
+def at(
+    position: object, velocity: object = (0, 0, 0), acceleration: object = (0, 0, 0)
+) -> TrajectorySetpoint:
     return TrajectorySetpoint(vec(position), vec(velocity), vec(acceleration))
 
 
-def acceleration(p: Array, v: Array, setpoint: TrajectorySetpoint, params: BacksteppingParams) -> Array:
+def acceleration(
+    p: Array, v: Array, setpoint: TrajectorySetpoint, params: BacksteppingParams
+) -> Array:
     return np.array(backstepping.step(vec(p), vec(v), setpoint, params).thrust_enu_m_s2) - UP
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2])
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 @pytest.mark.parametrize("kind", ["position", "velocity", "acceleration"])
-def test_a_setpoint_to_the_east_north_or_up_thrusts_that_way(axis: int, sign: float, kind: str) -> None:
+def test_a_setpoint_to_the_east_north_or_up_thrusts_that_way(
+    axis: int, sign: float, kind: str
+) -> None:
     ahead = np.zeros(3)
     ahead[axis] = 0.2 * sign
     setpoint = at(**{"position": np.zeros(3), kind: ahead})
@@ -51,7 +59,8 @@ def test_on_the_setpoint_only_feed_forward_and_gravity_remain() -> None:
 
 @pytest.mark.parametrize("radius_m", [1e6, 0.4])
 def test_the_lyapunov_function_falls_along_the_closed_loop(radius_m: float) -> None:
-    """W = c H(e) + |z|^2/2 has the derivative -c k1 |s|^2 - k2 |z|^2, inside the clamp and outside."""
+    """W = c H(e) + |z|^2/2 has the derivative -c k1 |s|^2 - k2 |z|^2, inside the clamp and outside.
+    """
     params = OPEN._replace(max_position_error_m=radius_m)
     k1, k2, c, h = 1.5, 4.0, 0.5, 1e-6
 
@@ -70,19 +79,27 @@ def test_the_lyapunov_function_falls_along_the_closed_loop(radius_m: float) -> N
         w, s2, z2 = parts(p, v, ps, vs)
         later, _, _ = parts(p + h * v, v + h * a, ps + h * vs, vs + h * accel)
         earlier, _, _ = parts(p - h * v, v - h * a, ps - h * vs, vs - h * accel)
-        assert (later - earlier) / (2 * h) == pytest.approx(-c * k1 * s2 - k2 * z2, rel=1e-4, abs=1e-4)
+        assert (later - earlier) / (2 * h) == pytest.approx(
+            -c * k1 * s2 - k2 * z2, rel=1e-4, abs=1e-4
+        )
         assert w > 0.0
 
 
 def test_turning_and_moving_the_world_turns_the_thrust() -> None:
-    q, shift, params = frames.quaternion_from_yaw(1.1), np.array([3.0, -2.0, 1.0]), BacksteppingParams()
+    q, shift, params = (
+        frames.quaternion_from_yaw(1.1),
+        np.array([3.0, -2.0, 1.0]),
+        BacksteppingParams(),
+    )
 
     def turned(vector: Array) -> Array:
         return np.array(rotate(q, vector))
 
     for p, v, ps, vs, a in RNG.normal(size=(50, 5, 3)):
         plain = acceleration(p, v, at(ps, vs, a), params)
-        other = acceleration(turned(p) + shift, turned(v), at(turned(ps) + shift, turned(vs), turned(a)), params)
+        other = acceleration(
+            turned(p) + shift, turned(v), at(turned(ps) + shift, turned(vs), turned(a)), params
+        )
         assert np.allclose(other, turned(plain), atol=1e-12)
 
 

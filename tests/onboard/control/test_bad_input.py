@@ -76,7 +76,9 @@ def fly(neighbours, position=(0.0, 0.0, 1.0), velocity=(0.0, 0.0, 0.0)):
     memory = pipeline.initial(PARAMS, Vec3(0.0, 0.0, 1.0))
     ticks = []
     for _ in range(5):
-        memory, tick = pipeline.step(memory, state, goal, neighbours, (), Phase.FLYING, PARAMS, 0.02)
+        memory, tick = pipeline.step(
+            memory, state, goal, neighbours, (), Phase.FLYING, PARAMS, 0.02
+        )
         ticks.append(tick)
     return ticks
 
@@ -88,7 +90,8 @@ def test_bad_neighbours_leave_a_bounded_thrust_and_a_status_that_says_so():
             thrust = tick.law.thrust.thrust_enu_m_s2
             limit = interface.horizontal_limit(thrust.z, PARAMS.law)
             assert np.isfinite(thrust).all(), kind
-            assert math.hypot(thrust.x, thrust.y) <= 1.5 * limit + 1e-6, kind  # half of it may be compensation
+            # half of it may be compensation
+            assert math.hypot(thrust.x, thrust.y) <= 1.5 * limit + 1e-6, kind
             assert np.isfinite(tick.attitude.quaternion_wxyz).all(), kind
             assert 0.0 <= tick.attitude.thrust_frac <= 1.0, kind
             assert math.isfinite(tick.law.slack_m_s2), kind
@@ -143,9 +146,14 @@ class Litter:
 def test_garbage_anywhere_is_bounded(seed):
     rng = np.random.default_rng(seed)
     for _ in range(32):
-        law = pipeline.pipeline_params(FLEET, "mav0", str(rng.choice(["covey", "covey", "paper", "off"]))).law
+        law = pipeline.pipeline_params(
+            FLEET, "mav0", str(rng.choice(["covey", "covey", "paper", "off"]))
+        ).law
         params = law._replace(fence=Fence(-2.0, 2.0, -2.0, 2.0))
-        theirs, own = Litter(rng, rng.choice([0.0, 0.1, 1.0])), Litter(rng, rng.choice([0.0, 0.1, 0.5]))
+        theirs, own = (
+            Litter(rng, rng.choice([0.0, 0.1, 1.0])),
+            Litter(rng, rng.choice([0.0, 0.1, 0.5])),
+        )
         neighbours = [theirs.neighbour(index) for index in range(int(rng.integers(0, 6)))]
         state, compensation = own.state(), own.vector(0.5)
         x, y, z = own.vector(2.0)
@@ -154,7 +162,9 @@ def test_garbage_anywhere_is_bounded(seed):
         for _ in range(2):
             predicted = oist.predict(memory, state, params)
             baseline = interface.Baseline(Thrust(thrust), compensation, own.vector(1.0))
-            memory, out = oist.step(memory, baseline, predicted, state, neighbours, (), params, 0.02)
+            memory, out = oist.step(
+                memory, baseline, predicted, state, neighbours, (), params, 0.02
+            )
             safe = out.thrust.thrust_enu_m_s2
             assert np.isfinite(safe).all()
             known = compensation if interface.is_plausible(compensation) else ZERO_3

@@ -1,4 +1,6 @@
-"""The baseline alone in a closed loop with the paper's weak vehicle: every stage with its own imperfect input."""
+"""The baseline alone in a closed loop with the paper's weak vehicle: every stage with its own
+imperfect input.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +33,9 @@ class Flight:
 
 @dataclass
 class Vehicle:
-    """The weak vehicle: wn 6 +- 10 %, gain 0.9, 1.5 deg tilt bias, hover throttle wrong by 6 %, gusts."""
+    """The weak vehicle: wn 6 +- 10 %, gain 0.9, 1.5 deg tilt bias, hover throttle wrong by 6 %,
+    gusts.
+    """
 
     rng: np.random.Generator
 
@@ -59,19 +63,28 @@ class Vehicle:
             self.rate = self.rate + h * (push - 1.4 * self.wn * self.rate)
             self.angle = self.angle + h * self.rate
             self.motor += h / 0.05 * (attitude.thrust_frac / self.true_hover * G - self.motor)
-            self.gust = self.gust - h * self.gust + 0.05 * math.sqrt(2 * h) * self.rng.normal(size=3)
+            self.gust = (
+                self.gust - h * self.gust + 0.05 * math.sqrt(2 * h) * self.rng.normal(size=3)
+            )
             x, y = self.angle + self.bias
             lean = np.array([math.sin(x) * math.cos(y), -math.sin(y), math.cos(x) * math.cos(y)])
             self.v = self.v + h * (self.motor * lean - UP - 0.3 * self.v + self.gust)
             self.p = self.p + h * self.v
 
 
-def fly_one(rng: np.random.Generator, seconds: float, observes: bool) -> list[tuple[Array, Array, Array]]:
-    """Two legs of one vehicle with 20 ms old mocap: error of the velocity, of the tracking, and thrust of each tick."""
+def fly_one(
+    rng: np.random.Generator, seconds: float, observes: bool
+) -> list[tuple[Array, Array, Array]]:
+    """Two legs of one vehicle with 20 ms old mocap: error of the velocity, of the tracking, and
+    thrust of each tick.
+    """
     vehicle = Vehicle(rng)
     filter_params = kalman.KalmanParams(drag_1_s=0.3)
     observer_params = disturbance_observer.ObserverParams(wn_rad_s=6.0, zeta=0.7, drag_1_s=0.3)
-    hover_params, limits = hover_thrust.HoverThrustParams(0.75), allocation.AllocationParams(math.radians(25.0), 0.75)
+    hover_params, limits = (
+        hover_thrust.HoverThrustParams(0.75),
+        allocation.AllocationParams(math.radians(25.0), 0.75),
+    )
     start = Vec3(*vehicle.p.tolist())
     own, observer = kalman.initial(start, filter_params), disturbance_observer.initial(ZERO_3)
     lift, leg = hover_thrust.initial(hover_params), trajectory.initial(start)
@@ -79,9 +92,13 @@ def fly_one(rng: np.random.Generator, seconds: float, observes: bool) -> list[tu
     sent, net, old, samples = ZERO_3, [np.zeros(3)] * 14, vehicle.p, []
     for tick in range(round(seconds / DT)):
         flown = vehicle.attitude()
-        own = kalman.drive(own, flown, attitude.thrust_frac, lift.hover_thrust_frac, filter_params, DT, False)
+        own = kalman.drive(
+            own, flown, attitude.thrust_frac, lift.hover_thrust_frac, filter_params, DT, False
+        )
         if tick:
-            own = kalman.correct(own, Vec3(*(old + rng.normal(0.0, 0.003, 3)).tolist()), DT, filter_params)
+            own = kalman.correct(
+                own, Vec3(*(old + rng.normal(0.0, 0.003, 3)).tolist()), DT, filter_params
+            )
         old = vehicle.p
         state = kalman.state(own, 0.0, 0.0, 0.0)
         observer, disturbance = disturbance_observer.step(
@@ -97,10 +114,15 @@ def fly_one(rng: np.random.Generator, seconds: float, observes: bool) -> list[tu
             ahead_v[:2] += DT * u[:2]
         is_second = tick * DT >= 8.0
         goal = Goal(Vec3(-1.0, 1.5, 1.6) if is_second else Vec3(2.0, 1.0, 1.2), 0.0, int(is_second))
-        leg, setpoint = trajectory.step(leg, goal, trajectory.TrajectoryParams(1.0, 1.5, 0.27), DT, 1.0)
+        leg, setpoint = trajectory.step(
+            leg, goal, trajectory.TrajectoryParams(1.0, 1.5, 0.27), DT, 1.0
+        )
         thrust = np.array(
             backstepping.step(
-                Vec3(*ahead.tolist()), Vec3(*ahead_v.tolist()), setpoint, backstepping.BacksteppingParams()
+                Vec3(*ahead.tolist()),
+                Vec3(*ahead_v.tolist()),
+                setpoint,
+                backstepping.BacksteppingParams(),
             ).thrust_enu_m_s2
         )
         extra = 0.3 * ahead_v - (np.array(disturbance) if observes else 0.0)
@@ -109,7 +131,9 @@ def fly_one(rng: np.random.Generator, seconds: float, observes: bool) -> list[tu
         x, y, z = limited.thrust_enu_m_s2
         sent = Vec3(x, y, z - G)
         net.append(np.array(sent) - extra)
-        samples.append((own.velocity_enu_m_s - vehicle.v, vehicle.p - setpoint.position_enu_m, thrust))
+        samples.append(
+            (own.velocity_enu_m_s - vehicle.v, vehicle.p - setpoint.position_enu_m, thrust)
+        )
         vehicle.move(attitude)
     return samples
 

@@ -1,4 +1,6 @@
-"""A law of somebody's own flies, and whatever it does wrong, Covey's flies that tick and the rest of the flight."""
+"""A law of somebody's own flies, and whatever it does wrong, Covey's flies that tick and the rest
+of the flight.
+"""
 
 import math
 from dataclasses import dataclass
@@ -71,7 +73,9 @@ def own(function, clock=None):
 def flown(step, ticks, memory=None):
     memory = memory or pipeline.initial(PARAMS, Vec3(0.0, 0.0, 1.0))
     for _ in range(ticks):
-        memory, tick = step(memory, state_of((0.0, 0.0, 1.0)), GOAL, (), (), Phase.FLYING, PARAMS, TICK_S)
+        memory, tick = step(
+            memory, state_of((0.0, 0.0, 1.0)), GOAL, (), (), Phase.FLYING, PARAMS, TICK_S
+        )
     return memory, tick
 
 
@@ -120,7 +124,11 @@ class Clock:
     [
         ([0.004] * 9, 9, ""),
         ([0.02, 0.02, 0.001] * 3, 9, ""),
-        ([0.001, 0.02, 0.02, 0.02], 4, "took 20 ms in 3 ticks in a row, and may take 5 ms of a tick"),
+        (
+            [0.001, 0.02, 0.02, 0.02],
+            4,
+            "took 20 ms in 3 ticks in a row, and may take 5 ms of a tick",
+        ),
         ([0.001, 0.2], 2, "took 200 ms, and may take 5 ms of a tick"),
     ],
 )

@@ -57,7 +57,10 @@ def test_a_path_rests_before_its_begin_and_after_its_end() -> None:
 
 
 def test_pieces_join_cut_and_slow_down_exactly() -> None:
-    begin, end = np.array([[0.0] * 4, [0.1] * 4, [0.2] * 4]), np.array([[1.0] * 4, [-0.3] * 4, [0.5] * 4])
+    begin, end = (
+        np.array([[0.0] * 4, [0.1] * 4, [0.2] * 4]),
+        np.array([[1.0] * 4, [-0.3] * 4, [0.5] * 4]),
+    )
     piece = path_of([quintic(2.0, begin, end)])
     assert np.allclose(paths.sampled(piece, np.array([2.0]))[:, 0], end, atol=1e-5)
     path = wave()
@@ -65,15 +68,21 @@ def test_pieces_join_cut_and_slow_down_exactly() -> None:
     assert math.dist(point_at(part, 2.0).position_enu_m, point_at(path, 3.3).position_enu_m) < 1e-5
     slow = slowed(path, 1.5)
     assert math.dist(point_at(slow, 4.5).position_enu_m, point_at(path, 3.0).position_enu_m) < 1e-5
-    fast_m_s, slow_m_s = (point_at(one, t).velocity_enu_m_s.x for one, t in ((path, 3.0), (slow, 4.5)))
+    fast_m_s, slow_m_s = (
+        point_at(one, t).velocity_enu_m_s.x for one, t in ((path, 3.0), (slow, 4.5))
+    )
     assert slow_m_s == pytest.approx(fast_m_s / 1.5, abs=1e-5)
 
 
 def test_a_leg_after_a_path_continues_its_motion() -> None:
     params = trajectory.TrajectoryParams(2.0, 3.0, 0.15)
     point = point_at(wave(), 3.0)
-    goal = Goal(*point[:1], 0.0, 5, True, point.velocity_enu_m_s, point.acceleration_enu_m_s2, 0.0, 1.0)
-    memory, on_path = trajectory.step(trajectory.initial(Vec3(9.0, 9.0, 9.0)), goal, params, 0.02, 1.0)
+    goal = Goal(
+        *point[:1], 0.0, 5, True, point.velocity_enu_m_s, point.acceleration_enu_m_s2, 0.0, 1.0
+    )
+    memory, on_path = trajectory.step(
+        trajectory.initial(Vec3(9.0, 9.0, 9.0)), goal, params, 0.02, 1.0
+    )
     assert on_path.position_enu_m == point.position_enu_m
     assert on_path.velocity_enu_m_s == point.velocity_enu_m_s
     _, after = trajectory.step(memory, Goal(Vec3(1.0, 1.0, 1.0), 0.0, 6), params, 0.001, 1.0)

@@ -59,13 +59,16 @@ def test_hovering_on_the_spot_asks_for_level_and_hover_thrust():
 def test_goal_to_the_east_tilts_to_the_east():
     _, tick = run(30, state_of([0.0, 0.0, 1.0]), goal_of([3.0, 0.0, 1.0]))
     assert tick.law.thrust.thrust_enu_m_s2[0] > 0.2
-    assert tick.attitude.quaternion_wxyz[2] > 0.01  # rotation about +y (left) leans the thrust to +x
+    # rotation about +y (left) leans the thrust to +x
+    assert tick.attitude.quaternion_wxyz[2] > 0.01
     assert abs(tick.attitude.quaternion_wxyz[1]) < 1e-6
 
 
 def test_on_the_ground_there_is_no_thrust_and_nothing_is_learned():
     memory, _ = run(50, state_of([0.0, 0.0, 0.0], [0.3, 0, 0]), goal_of([2.0, 0, 1.0]))
-    memory, tick = run(1, state_of([0.0, 0.0, 0.0]), goal_of([2.0, 0, 1.0]), memory=memory, phase=Phase.GROUND)
+    memory, tick = run(
+        1, state_of([0.0, 0.0, 0.0]), goal_of([2.0, 0, 1.0]), memory=memory, phase=Phase.GROUND
+    )
     assert tick.attitude.thrust_frac == 0.0
     np.testing.assert_array_equal(tick.attitude.quaternion_wxyz, [1, 0, 0, 0])
     np.testing.assert_array_equal(memory.observer.disturbance_enu_m_s2, 0.0)
@@ -98,7 +101,9 @@ def test_commanded_state_is_published_for_the_neighbours():
     assert tick.law.lead_time_s == pytest.approx(lag)
     assert tick.law.predicted_position_enu_m[0] == pytest.approx(0.4 * lag)  # no command yet
     thrust = np.array(tick.law.thrust.thrust_enu_m_s2)
-    np.testing.assert_allclose(tick.law.commanded_acceleration_enu_m_s2, thrust - [0, 0, GRAVITY_M_S2])
+    np.testing.assert_allclose(
+        tick.law.commanded_acceleration_enu_m_s2, thrust - [0, 0, GRAVITY_M_S2]
+    )
     assert memory.law.commands[0].acceleration_enu_m_s2 == tick.law.commanded_acceleration_enu_m_s2
 
 
@@ -132,7 +137,9 @@ def random_inputs(seed):
 @given(st.floats(-3.0, 3.0))
 def test_turning_and_shifting_the_world_turns_the_thrust(angle):
     shift = np.array([4.0, -1.0, 0.0])
-    turn = np.array([[math.cos(angle), -math.sin(angle), 0], [math.sin(angle), math.cos(angle), 0], [0, 0, 1]])
+    turn = np.array(
+        [[math.cos(angle), -math.sin(angle), 0], [math.sin(angle), math.cos(angle), 0], [0, 0, 1]]
+    )
     for seed in range(5):
         p, v, goal, q, w = random_inputs(seed)
         p[2], goal[2] = 1.0, 1.0
@@ -153,7 +160,9 @@ def test_unusable_state_levels_the_vehicle_for_that_tick_only(bad, law):
     params = pipeline.pipeline_params(FLEET, "mav0", law=law)
     memory, _ = run(20, state_of([0.0, 0.0, 1.0]), goal_of([1.0, 0.0, 1.0]), params=params)
     near = neighbours_of([[1.5, 0.0, 1.0]])
-    memory, tick = run(3, state_of([bad] * 3, [bad] * 3), goal_of([1.0, 0, 1.0]), near, params, memory)
+    memory, tick = run(
+        3, state_of([bad] * 3, [bad] * 3), goal_of([1.0, 0, 1.0]), near, params, memory
+    )
     assert not tick.is_finite
     assert tick.law.status == LawStatus.INFEASIBLE
     assert np.isnan(tick.law.predicted_position_enu_m).all()

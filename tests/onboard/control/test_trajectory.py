@@ -37,7 +37,11 @@ def goal(position: object, sequence: int = 1, duration: float = 0.0) -> Goal:
 
 
 def fly(
-    memory: TrajectoryMemory, target: Goal, seconds: float, params: TrajectoryParams = PARAMS, rate: float = 1.0
+    memory: TrajectoryMemory,
+    target: Goal,
+    seconds: float,
+    params: TrajectoryParams = PARAMS,
+    rate: float = 1.0,
 ) -> tuple[TrajectoryMemory, Flown]:
     setpoints = []
     for _ in range(round(seconds / DT)):
@@ -106,7 +110,8 @@ def test_from_rest_speed_and_acceleration_reach_a_bound_and_never_pass_it(distan
 
 @pytest.mark.parametrize("seed", range(3))
 def test_bounds_hold_however_often_the_goal_changes(seed: int) -> None:
-    """Random goals, bounds and durations, changed at random moments, also in the middle of a leg."""
+    """Random goals, bounds and durations, changed at random moments, also in the middle of a leg.
+    """
     rng = np.random.default_rng(seed)
     worst_speed, worst_force = 0.0, 0.0
     for _ in range(20):
@@ -119,7 +124,9 @@ def test_bounds_hold_however_often_the_goal_changes(seed: int) -> None:
                 target = goal(spot, tick + 1, float(rng.choice([0.0, 0.0, 2.0, 6.0])))
             memory, s = trajectory.step(memory, target, params, DT, 1.0)
             worst_speed = max(worst_speed, math.hypot(*s.velocity_enu_m_s) / params.max_speed_m_s)
-            worst_force = max(worst_force, math.hypot(*s.acceleration_enu_m_s2) / params.max_acceleration_m_s2)
+            worst_force = max(
+                worst_force, math.hypot(*s.acceleration_enu_m_s2) / params.max_acceleration_m_s2
+            )
     assert worst_speed <= 1.01
     assert worst_force <= 1.05
 
@@ -153,7 +160,9 @@ def test_the_same_sequence_does_not_plan_anew() -> None:
 def test_a_goal_that_is_not_finite_leaves_the_old_leg() -> None:
     memory, _ = fly(trajectory.initial(ZERO_3), goal([3.0, 0.0, 0.0]), 1.0)
     later, s = trajectory.step(memory, goal([math.nan, 0.0, 0.0], sequence=2), PARAMS, DT, 1.0)
-    later, s = trajectory.step(later, goal([1.0, 0.0, 0.0], 3, duration=math.inf), PARAMS, DT, math.nan)
+    later, s = trajectory.step(
+        later, goal([1.0, 0.0, 0.0], 3, duration=math.inf), PARAMS, DT, math.nan
+    )
     assert later.goal_position_enu_m == Vec3(3.0, 0.0, 0.0)
     assert np.isfinite(s.position_enu_m).all()
 
@@ -193,7 +202,9 @@ def test_turning_and_moving_the_world_turns_and_moves_the_trajectory() -> None:
                 b.position_enu_m[i], add(rotate(q, a.position_enu_m[i].tolist()), shift), atol=1e-9
             )
             np.testing.assert_allclose(
-                b.acceleration_enu_m_s2[i], rotate(q, a.acceleration_enu_m_s2[i].tolist()), atol=1e-8
+                b.acceleration_enu_m_s2[i],
+                rotate(q, a.acceleration_enu_m_s2[i].tolist()),
+                atol=1e-8,
             )
 
 
@@ -204,9 +215,13 @@ def test_scaling_length_and_time_scales_the_trajectory() -> None:
     for tick in range(400):
         target = Vec3(2.0, 1.0, 0.5) if tick < 70 else Vec3(-1.0, 0.5, 0.0)
         one, a = trajectory.step(one, goal(target, int(tick >= 70)), PARAMS, DT, 1.0)
-        two, b = trajectory.step(two, goal(scaled(length, target), int(tick >= 70)), params, time * DT, 1.0)
+        two, b = trajectory.step(
+            two, goal(scaled(length, target), int(tick >= 70)), params, time * DT, 1.0
+        )
         np.testing.assert_allclose(b.position_enu_m, scaled(length, a.position_enu_m), atol=1e-9)
-        np.testing.assert_allclose(b.velocity_enu_m_s, scaled(length / time, a.velocity_enu_m_s), atol=1e-9)
+        np.testing.assert_allclose(
+            b.velocity_enu_m_s, scaled(length / time, a.velocity_enu_m_s), atol=1e-9
+        )
         np.testing.assert_allclose(
             b.acceleration_enu_m_s2, scaled(length / time**2, a.acceleration_enu_m_s2), atol=1e-9
         )

@@ -16,8 +16,11 @@ from tests.oracles.rotation import rotate
 DT = 0.02
 
 
-def obeying(gain: float, bias: float, drag: float, command: float, seconds: float = 6.0) -> list[float]:
-    """s_b over ``seconds`` of a constant command to a vehicle with a static gain, a bias and drag."""
+def obeying(
+    gain: float, bias: float, drag: float, command: float, seconds: float = 6.0
+) -> list[float]:
+    """s_b over ``seconds`` of a constant command to a vehicle with a static gain, a bias and drag.
+    """
     params = ObserverParams(wn_rad_s=6.0, zeta=0.7, drag_1_s=drag)
     memory = disturbance_observer.initial(ZERO_3)
     sub, h = 10, DT / 10
@@ -81,13 +84,19 @@ def test_turning_the_world_turns_the_disturbance() -> None:
     rng = np.random.default_rng(10)
     plain = turned = disturbance_observer.initial(ZERO_3)
     for v, u in 0.1 * rng.normal(size=(40, 2, 3)):
-        plain, _ = disturbance_observer.step(plain, Vec3(*v.tolist()), Vec3(*u.tolist()), params, DT, False)
+        plain, _ = disturbance_observer.step(
+            plain, Vec3(*v.tolist()), Vec3(*u.tolist()), params, DT, False
+        )
         turned, _ = disturbance_observer.step(turned, rotate(q, v), rotate(q, u), params, DT, False)
-    np.testing.assert_allclose(turned.disturbance_enu_m_s2, rotate(q, plain.disturbance_enu_m_s2), atol=1e-9)
+    np.testing.assert_allclose(
+        turned.disturbance_enu_m_s2, rotate(q, plain.disturbance_enu_m_s2), atol=1e-9
+    )
 
 
 def test_a_dead_time_between_two_ticks_delays_by_just_that() -> None:
-    """The response to a ramp of commands lags by the dead time plus 2 zeta/wn, also when that is no whole tick."""
+    """The response to a ramp of commands lags by the dead time plus 2 zeta/wn, also when that is no
+    whole tick.
+    """
     for delay_s in (0.03, 0.04, 0.047):
         params = ObserverParams(delay_s=delay_s, wn_rad_s=11.0, zeta=0.6)
         memory = disturbance_observer.initial(ZERO_3)

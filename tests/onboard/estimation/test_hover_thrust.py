@@ -13,11 +13,19 @@ from onboard.types import GRAVITY_M_S2
 PARAMS = HoverThrustParams(configured_frac=0.70)
 
 
-def run(thrust: float, acceleration: float, height: float = 1.0, seconds: float = 30.0, cos_tilt: float = 1.0) -> float:
+def run(
+    thrust: float,
+    acceleration: float,
+    height: float = 1.0,
+    seconds: float = 30.0,
+    cos_tilt: float = 1.0,
+) -> float:
     memory = hover_thrust.initial(PARAMS)
     hover = memory.hover_thrust_frac
     for _ in range(round(seconds / 0.02)):
-        memory, hover = hover_thrust.step(memory, thrust, cos_tilt, acceleration, height, PARAMS, 0.02, True)
+        memory, hover = hover_thrust.step(
+            memory, thrust, cos_tilt, acceleration, height, PARAMS, 0.02, True
+        )
     return hover
 
 
@@ -35,7 +43,9 @@ def test_tilt_is_accounted_for() -> None:
 
 
 @pytest.mark.parametrize(("thrust", "limit"), [(0.96, 0.84), (0.3, 0.56)])
-def test_the_estimate_leaves_the_configured_value_by_a_fifth_at_most(thrust: float, limit: float) -> None:
+def test_the_estimate_leaves_the_configured_value_by_a_fifth_at_most(
+    thrust: float, limit: float
+) -> None:
     assert run(thrust, 0.0, seconds=200.0) == pytest.approx(limit, abs=1e-9)
 
 
@@ -51,7 +61,9 @@ def test_it_is_frozen_near_the_ground_saturated_or_outside_its_model(
     for _ in range(200):
         # the motor state passes through usable throttles on its way: start it settled
         memory = hover_thrust.HoverThrustMemory(memory.hover_thrust_frac, thrust)
-        memory, hover = hover_thrust.step(memory, thrust, cos_tilt, acceleration, height, PARAMS, 0.02, True)
+        memory, hover = hover_thrust.step(
+            memory, thrust, cos_tilt, acceleration, height, PARAMS, 0.02, True
+        )
     assert hover == 0.70
 
 

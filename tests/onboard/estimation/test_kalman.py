@@ -27,12 +27,18 @@ def vec(values: object) -> Vec3:
 
 
 def flights(
-    seconds: float, count: int, seed: int, age_s: float = 0.02, loss: float = 0.0, told_age_s: float | None = None
+    seconds: float,
+    count: int,
+    seed: int,
+    age_s: float = 0.02,
+    loss: float = 0.0,
+    told_age_s: float | None = None,
 ) -> tuple[np.ndarray, np.ndarray, KalmanMemory]:
-    """Flights under smooth random acceleration with a wrong thrust scale, tilt bias, gusts and drag.
+    """Flights under smooth random acceleration with a wrong thrust scale, tilt bias, gusts and
+    drag.
 
-    Returns velocity and position errors (T, count, 3) after 4 s and the memory of the last flight. ``told_age_s``: the
-    age that the filter is given instead of the true one.
+    Returns velocity and position errors (T, count, 3) after 4 s and the memory of the last flight.
+    ``told_age_s``: the age that the filter is given instead of the true one.
     """
     rng = np.random.default_rng(seed)
     params = KalmanParams(drag_1_s=0.3)
@@ -53,12 +59,17 @@ def flights(
             v = v + h * (0.95 * a + tilt + gust - 0.3 * v)
             p = p + h * v
             past.append(p.copy())
-        memories = [kalman.predict(m, vec(a), params, DT) for m, a in zip(memories, driven, strict=True)]
+        memories = [
+            kalman.predict(m, vec(a), params, DT) for m, a in zip(memories, driven, strict=True)
+        ]
         steps = round(age_s / h)
         if rng.random() >= loss and steps < len(past):
             samples = past[-1 - steps] + 0.003 * rng.normal(size=(count, 3))
             age = age_s if told_age_s is None else told_age_s
-            memories = [kalman.correct(m, vec(s), age, params) for m, s in zip(memories, samples, strict=True)]
+            memories = [
+                kalman.correct(m, vec(s), age, params)
+                for m, s in zip(memories, samples, strict=True)
+            ]
         if tick * DT > 4.0:
             velocity_errors.append([m.velocity_enu_m_s for m in memories] - v)
             position_errors.append([m.position_enu_m for m in memories] - p)
@@ -71,11 +82,13 @@ def test_velocity_is_good_to_two_centimetres_per_second_with_the_mocap_of_the_ex
     assert np.abs(velocity).max() < 0.10
     assert position.std() < 0.003
     stated = kalman.state(memory, 0.0, 0.0, 0.0).velocity_std_m_s
-    assert 0.5 * velocity.std() < stated < 2.5 * velocity.std()  # the accuracy that the law's margin is made from
+    # the accuracy that the law's margin is made from
+    assert 0.5 * velocity.std() < stated < 2.5 * velocity.std()
 
 
 @pytest.mark.parametrize(
-    ("age_s", "loss", "bound"), [(0.0, 0.0, 0.02), (0.05, 0.0, 0.025), (0.02, 0.3, 0.025), (0.013, 0.0, 0.02)]
+    ("age_s", "loss", "bound"),
+    [(0.0, 0.0, 0.02), (0.05, 0.0, 0.025), (0.02, 0.3, 0.025), (0.013, 0.0, 0.02)],
 )
 def test_late_and_lost_samples_cost_little(age_s: float, loss: float, bound: float) -> None:
     velocity, _, _ = flights(12.0, 10, seed=1, age_s=age_s, loss=loss)
@@ -127,20 +140,28 @@ def test_the_order_of_two_samples_does_not_matter() -> None:
 @settings(max_examples=20, deadline=None)
 @given(st.integers(0, 10**6), st.sampled_from([0.0, 0.3, 1.0]))
 def test_it_is_a_textbook_kalman_filter(seed: int, drag_1_s: float) -> None:
-    rng, params = np.random.default_rng(seed), KalmanParams(drag_1_s=drag_1_s, jump_gate_m=1e3, max_bias_m_s2=1e3)
+    rng, params = (
+        np.random.default_rng(seed),
+        KalmanParams(drag_1_s=drag_1_s, jump_gate_m=1e3, max_bias_m_s2=1e3),
+    )
     memory, textbook = kalman.initial(ZERO_3, params), MatrixKalman(drag_1_s)
     for _ in range(60):
         driven, t = float(rng.normal()), float(rng.uniform(0.01, 0.03))
         memory = kalman.predict(memory, Vec3(driven, 0.0, 0.0), params, t)
         textbook.predict(driven, t)
-        sample, age = Vec3(0.02 * float(rng.normal()), 0.0, 0.0), float(rng.choice([0.0, rng.uniform(0.0, 0.1)]))
+        sample, age = (
+            Vec3(0.02 * float(rng.normal()), 0.0, 0.0),
+            float(rng.choice([0.0, rng.uniform(0.0, 0.1)])),
+        )
         innovation = sample.x - kalman.position_at(memory, age).x
         if kalman.remembers(memory, age):
             memory = kalman.correct(memory, sample, age, params)
             textbook.correct(innovation, age)
         p, v, b = memory.position_enu_m.x, memory.velocity_enu_m_s.x, memory.bias_enu_m_s2.x
         np.testing.assert_allclose((p, v, b), textbook.x, rtol=1e-9, atol=1e-9)
-        np.testing.assert_allclose(memory.covariance, textbook.p[np.triu_indices(3)], rtol=1e-9, atol=1e-15)
+        np.testing.assert_allclose(
+            memory.covariance, textbook.p[np.triu_indices(3)], rtol=1e-9, atol=1e-15
+        )
 
 
 def test_the_past_is_where_the_filter_was_when_nothing_corrects_it() -> None:
@@ -165,7 +186,9 @@ def test_motion_to_the_east_north_or_up_is_seen_that_way(axis: int) -> None:
     position = np.zeros(3)
     for tick in range(100):
         position[axis] = 0.3 * DT * (tick + 1)
-        memory = kalman.correct(kalman.predict(memory, ZERO_3, params, DT), vec(position), 0.0, params)
+        memory = kalman.correct(
+            kalman.predict(memory, ZERO_3, params, DT), vec(position), 0.0, params
+        )
     assert memory.velocity_enu_m_s[axis] == pytest.approx(0.3, abs=0.03)
     assert not np.delete(memory.velocity_enu_m_s, axis).any()
 
@@ -225,8 +248,12 @@ def test_a_jump_is_ignored_counted_and_forgotten_after_a_good_sample() -> None:
         good = kalman.correct(kalman.predict(good, ZERO_3, params, DT), ZERO_3, 0.02, params)
     jumped = good
     for count in range(1, 4):
-        good = kalman.correct(kalman.predict(good, ZERO_3, params, DT), Vec3(0.001, 0.0, 0.0), 0.02, params)
-        jumped = kalman.correct(kalman.predict(jumped, ZERO_3, params, DT), Vec3(0.9, 0.0, 0.0), 0.02, params)
+        good = kalman.correct(
+            kalman.predict(good, ZERO_3, params, DT), Vec3(0.001, 0.0, 0.0), 0.02, params
+        )
+        jumped = kalman.correct(
+            kalman.predict(jumped, ZERO_3, params, DT), Vec3(0.9, 0.0, 0.0), 0.02, params
+        )
         assert (jumped.rejected_count, good.rejected_count) == (count, 0)
     assert np.abs(jumped.position_enu_m).max() < 1e-9
     assert jumped.last_age_s > 0.05 > good.last_age_s
@@ -247,10 +274,17 @@ def test_the_stated_accuracy_grows_while_no_sample_comes() -> None:
 def test_the_stated_accuracy_is_never_better_than_that_of_the_samples() -> None:
     _, _, memory = flights(5.0, 1, seed=4)
     state = kalman.state(memory, 0.4, 1.5, 0.3)
-    assert (state.position_std_m, state.velocity_std_m_s, state.yaw_rad, state.age_s) == (1.5, 0.3, 0.4, 0.0)
+    assert (state.position_std_m, state.velocity_std_m_s, state.yaw_rad, state.age_s) == (
+        1.5,
+        0.3,
+        0.4,
+        0.0,
+    )
 
 
-@pytest.mark.parametrize("sample", [(math.nan, 0.0, 0.0), (0.0, math.inf, 0.0), (0.0, 0.0, -math.inf)])
+@pytest.mark.parametrize(
+    "sample", [(math.nan, 0.0, 0.0), (0.0, math.inf, 0.0), (0.0, 0.0, -math.inf)]
+)
 def test_values_that_are_not_finite_change_nothing(sample: tuple[float, float, float]) -> None:
     params = KalmanParams()
     memory = kalman.predict(kalman.initial(ZERO_3, params), ZERO_3, params, DT)
@@ -274,7 +308,11 @@ def test_a_sample_older_than_the_memory_is_ignored() -> None:
 
 
 def test_turning_and_moving_the_world_turns_the_estimate() -> None:
-    params, q, shift = KalmanParams(drag_1_s=0.5), frames.quaternion_from_yaw(0.9), Vec3(4.0, -1.0, 2.0)
+    params, q, shift = (
+        KalmanParams(drag_1_s=0.5),
+        frames.quaternion_from_yaw(0.9),
+        Vec3(4.0, -1.0, 2.0),
+    )
     rng = np.random.default_rng(7)
     plain, turned = kalman.initial(ZERO_3, params), kalman.initial(shift, params)
     for _ in range(60):
@@ -282,8 +320,12 @@ def test_turning_and_moving_the_world_turns_the_estimate() -> None:
         plain = kalman.correct(kalman.predict(plain, driven, params, DT), sample, 0.03, params)
         turned = kalman.predict(turned, rotate(q, driven), params, DT)
         turned = kalman.correct(turned, add(rotate(q, sample), shift), 0.03, params)
-    np.testing.assert_allclose(turned.position_enu_m, add(rotate(q, plain.position_enu_m), shift), atol=1e-9)
-    np.testing.assert_allclose(turned.velocity_enu_m_s, rotate(q, plain.velocity_enu_m_s), atol=1e-9)
+    np.testing.assert_allclose(
+        turned.position_enu_m, add(rotate(q, plain.position_enu_m), shift), atol=1e-9
+    )
+    np.testing.assert_allclose(
+        turned.velocity_enu_m_s, rotate(q, plain.velocity_enu_m_s), atol=1e-9
+    )
 
 
 def test_scaling_length_and_time_scales_the_estimate() -> None:
@@ -299,7 +341,9 @@ def test_scaling_length_and_time_scales_the_estimate() -> None:
         jump_gate_m=one.jump_gate_m * length,
     )
     a, b = kalman.initial(ZERO_3, one), kalman.initial(ZERO_3, two)
-    weights = np.array([1, 1 / time, 1 / time**2, 1 / time**2, 1 / time**3, 1 / time**4]) * length**2
+    weights = (
+        np.array([1, 1 / time, 1 / time**2, 1 / time**2, 1 / time**3, 1 / time**4]) * length**2
+    )
     b = b._replace(covariance=Covariance(*(a.covariance * weights).tolist()))
     rng = np.random.default_rng(8)
     for _ in range(60):
@@ -308,4 +352,6 @@ def test_scaling_length_and_time_scales_the_estimate() -> None:
         b = kalman.predict(b, scaled(length / time**2, driven), two, time * DT)
         b = kalman.correct(b, scaled(length, sample), time * 0.03, two)
     np.testing.assert_allclose(b.position_enu_m, scaled(length, a.position_enu_m), atol=1e-9)
-    np.testing.assert_allclose(b.velocity_enu_m_s, scaled(length / time, a.velocity_enu_m_s), atol=1e-9)
+    np.testing.assert_allclose(
+        b.velocity_enu_m_s, scaled(length / time, a.velocity_enu_m_s), atol=1e-9
+    )

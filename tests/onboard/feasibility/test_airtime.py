@@ -29,7 +29,9 @@ def _fleet(count: int, spacing_m: float) -> FleetConfig:
 def test_throughput_of_small_packets_is_as_published_for_802_11b(
     packet_bytes: int, rate_mbit_s: float, published_bit_s: float
 ) -> None:
-    assert 8 * packet_bytes / frame_s(packet_bytes, rate_mbit_s, DSSS_SHORT) == pytest.approx(published_bit_s, rel=1e-3)
+    assert 8 * packet_bytes / frame_s(packet_bytes, rate_mbit_s, DSSS_SHORT) == pytest.approx(
+        published_bit_s, rel=1e-3
+    )
 
 
 def test_a_state_takes_a_quarter_of_a_millisecond_and_hardly_less_at_ten_times_the_rate() -> None:
@@ -54,5 +56,8 @@ def test_half_the_rate_of_states_and_direct_links_take_less_of_the_channel() -> 
 
 def test_who_is_near_depends_on_the_constellation_and_is_bounded_by_what_the_law_uses() -> None:
     close, wide = _fleet(20, 1.0), _fleet(20, 20.0)
-    counts = [most_near(one, {name: v.start_enu_m for name, v in one.vehicles.items()}) for one in (close, wide)]
+    counts = [
+        most_near(one, {name: v.start_enu_m for name, v in one.vehicles.items()})
+        for one in (close, wide)
+    ]
     assert counts == [12, 4]

@@ -1,4 +1,6 @@
-"""What can be said before flight: the bounds themselves, and each finding made to fail once on purpose."""
+"""What can be said before flight: the bounds themselves, and each finding made to fail once on
+purpose.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +23,9 @@ SIH, WEAK = Response(0.04, 11.0, 0.6), Response(0.04, 6.0, 0.7)
 
 
 def fleet_with(changes: dict[str, Any] | None = None, base: str = "sih") -> FleetConfig:
-    """A shipped fleet with some keys changed: ``{"law.name": "paper", "types.sih.max_tilt_deg": 10}``."""
+    """A shipped fleet with some keys changed: ``{"law.name": "paper", "types.sih.max_tilt_deg":
+    10}``.
+    """
     data = tomllib.loads((ROOT / f"configs/fleets/{base}.toml").read_text())
     for key, value in (changes or {}).items():
         *path, last = key.split(".")
@@ -43,14 +47,23 @@ def test_the_shipped_fleets_can_be_flown_on_a_mocap(base: str) -> None:
 
 @pytest.mark.parametrize("base", ["paper", "sih"])
 def test_gps_with_the_papers_spacing_is_refused_in_words(base: str) -> None:
-    refused = {f.name: f for f in fleet_findings(fleet_with(base=base), errors="gps") if f.status == "refused"}
+    refused = {
+        f.name: f
+        for f in fleet_findings(fleet_with(base=base), errors="gps")
+        if f.status == "refused"
+    }
     assert {"initial conditions", "spacing, formation 'triangle'"} <= set(refused)
-    assert all("gps" in finding.sentence and finding.remedy in finding.sentence for finding in refused.values())
+    assert all(
+        "gps" in finding.sentence and finding.remedy in finding.sentence
+        for finding in refused.values()
+    )
 
 
 def test_a_fixed_margin_made_for_a_mocap_is_refused_for_a_worse_position() -> None:
     fixed = fleet_with({"law.margin": "fixed"})
-    assert [named(fixed, "margin", errors=errors).status for errors in ("mocap", "vision", "gps")] == [
+    assert [
+        named(fixed, "margin", errors=errors).status for errors in ("mocap", "vision", "gps")
+    ] == [
         "ok",
         "refused",
         "refused",
@@ -59,7 +72,10 @@ def test_a_fixed_margin_made_for_a_mocap_is_refused_for_a_worse_position() -> No
 
 def test_the_margin_that_the_law_sets_itself_makes_vehicles_park_farther_apart() -> None:
     fleet = fleet_with()
-    near, far = (named(fleet, "spacing, formation 'triangle'", errors=errors) for errors in ("mocap", "vision"))
+    near, far = (
+        named(fleet, "spacing, formation 'triangle'", errors=errors)
+        for errors in ("mocap", "vision")
+    )
     assert near.bound < far.bound < near.bound + 0.35
     assert far.status == "ok"
 
@@ -73,7 +89,10 @@ def test_a_goal_inside_an_obstacles_clearance_is_refused() -> None:
     fleet = fleet_with({"obstacles": pillar})
     assert spot_findings(fleet, {"mav0": (0.6, 1.0, 1.0)}, "goals")[0].name == "obstacles, goals"
     assert spot_findings(fleet, {"mav0": (0.6, 1.0, 1.0)}, "goals")[0].status == "refused"
-    assert all(finding.status == "ok" for finding in spot_findings(fleet, {"mav0": (0.8, 1.0, 1.0)}, "goals"))
+    assert all(
+        finding.status == "ok"
+        for finding in spot_findings(fleet, {"mav0": (0.8, 1.0, 1.0)}, "goals")
+    )
 
 
 def test_gps_is_accepted_with_spacings_and_margin_two_and_a_half_times_as_large() -> None:
@@ -83,7 +102,8 @@ def test_gps_is_accepted_with_spacings_and_margin_two_and_a_half_times_as_large(
     wide["fleet.geofence_m"] = {"x": [-10, 10], "y": [-10, 10], "z": [0, 3]}
     wide["law.design_margin_m"] = 1.36
     findings = fleet_findings(fleet_with(wide), errors="gps")
-    assert {finding.name for finding in findings if finding.status != "ok"} == {"map of the law"}  # flown without GPS
+    # flown without GPS
+    assert {finding.name for finding in findings if finding.status != "ok"} == {"map of the law"}
 
 
 def test_without_a_mocap_the_accuracy_is_that_of_gps() -> None:
@@ -91,14 +111,18 @@ def test_without_a_mocap_the_accuracy_is_that_of_gps() -> None:
     assert error_class(fleet_with({"vehicles.mav1.mocap_required": False})) == "gps"
 
 
-def test_the_fleet_file_declares_what_positions_are_as_good_as_and_check_and_flight_judge_by_it() -> None:
+def test_the_fleet_file_declares_what_positions_are_as_good_as_and_check_and_flight_judge_by_it() -> (
+    None
+):
     vision = {"types.sih.mocap_required": False, "types.sih.px4_position": "vision"}
     fleet = fleet_with(vision)
     assert error_class(fleet) == "vision"
     assert error_class(fleet_with({**vision, "vehicles.mav1.px4_position": "gps"})) == "gps"
     assert fleet_findings(fleet) == fleet_findings(fleet, errors="vision")
     spots = {name: vehicle.start_enu_m for name, vehicle in fleet.vehicles.items()}
-    assert spot_findings(fleet, spots, "starts") == spot_findings(fleet, spots, "starts", errors="vision")
+    assert spot_findings(fleet, spots, "starts") == spot_findings(
+        fleet, spots, "starts", errors="vision"
+    )
     with pytest.raises(ConfigError, match="px4_position"):
         fleet_with({"types.sih.px4_position": "radar"})
 
@@ -117,9 +141,17 @@ BROKEN: list[tuple[str, dict[str, Any], str]] = [
     ("braking", {"types.sih.max_speed_m_s": 4.0}, "refused"),
     ("initial conditions", {"vehicles.mav1.start_enu_m": [-0.65, -1.5, 0.0]}, "refused"),
     ("initial conditions", {"vehicles.mav1.start_enu_m": [-0.55, -1.5, 0.0]}, "warning"),
-    ("crowding", {"fleet.geofence_m": {"x": [-1.9, 1.9], "y": [-1.9, -0.9], "z": [0, 3]}}, "refused"),
+    (
+        "crowding",
+        {"fleet.geofence_m": {"x": [-1.9, 1.9], "y": [-1.9, -0.9], "z": [0, 3]}},
+        "refused",
+    ),
     ("neighbours", {"law.max_neighbours": 1}, "refused"),
-    ("fence, take-off spots", {"fleet.geofence_m": {"x": [-1.6, 4], "y": [-4, 4], "z": [0, 3]}}, "refused"),
+    (
+        "fence, take-off spots",
+        {"fleet.geofence_m": {"x": [-1.6, 4], "y": [-4, 4], "z": [0, 3]}},
+        "refused",
+    ),
     ("height at full tilt", {"types.sih.hover_thrust_frac": 0.9}, "refused"),
     ("thrust reserve", {"types.sih.hover_thrust_frac": 0.9}, "refused"),
     ("gust reserve", {"types.sih.max_tilt_deg": 12.0}, "refused"),
@@ -162,13 +194,19 @@ def test_at_the_papers_bound_h_2_of_equation_21_vanishes_at_rest() -> None:
 
 def test_one_vehicle_alone_is_not_asked_about_neighbours() -> None:
     alone = fleet_with({"vehicles.mav1.enabled": False, "vehicles.mav2.enabled": False})
-    assert {"margin", "kappas", "initial conditions"}.isdisjoint(f.name for f in fleet_findings(alone))
+    assert {"margin", "kappas", "initial conditions"}.isdisjoint(
+        f.name for f in fleet_findings(alone)
+    )
     nobody = fleet_with({f"vehicles.mav{i}.enabled": False for i in range(3)})
-    assert [(finding.name, finding.status) for finding in fleet_findings(nobody)] == [("vehicles", "refused")]
+    assert [(finding.name, finding.status) for finding in fleet_findings(nobody)] == [
+        ("vehicles", "refused")
+    ]
 
 
 def test_the_worst_comes_first_and_of_unequal_vehicles_the_worst_is_named() -> None:
-    findings = fleet_findings(fleet_with({"vehicles.mav1.hover_thrust_frac": 0.9, "law.range_m": 3.0}))
+    findings = fleet_findings(
+        fleet_with({"vehicles.mav1.hover_thrust_frac": 0.9, "law.range_m": 3.0})
+    )
     order = [("refused", "warning", "ok").index(finding.status) for finding in findings]
     assert order == sorted(order)
     assert "mav1" in next(f for f in findings if f.name == "thrust reserve").sentence
@@ -183,7 +221,9 @@ def test_spots_of_a_constellation_are_judged_for_spacing_and_room() -> None:
 
 def test_the_margin_is_the_fit_at_the_accuracies_it_was_made_for() -> None:
     assert bounds.required_margin_m(ACCURACIES["mocap"], 4.0, 8.0) == pytest.approx(0.10, abs=0.02)
-    assert bounds.required_margin_m(ACCURACIES["vision"], 5.0, 10.0) == pytest.approx(0.37, abs=0.01)
+    assert bounds.required_margin_m(ACCURACIES["vision"], 5.0, 10.0) == pytest.approx(
+        0.37, abs=0.01
+    )
     assert bounds.required_margin_m(ACCURACIES["gps"], 4.0, 8.0) == pytest.approx(1.35, abs=0.01)
 
 
@@ -197,7 +237,9 @@ def test_the_row_of_two_vehicles_closing_head_on_begins_to_ask_at_its_range() ->
 def test_the_loop_dies_out_with_prediction_where_it_grows_without() -> None:
     assert bounds.loop_growth_1_s(SIH, 4.0, 8.0) < 0.0
     assert bounds.loop_growth_1_s(SIH, 4.0, 8.0, is_predicted=False) > 0.5
-    grown = [bounds.loop_growth_1_s(SIH, 4.0, 8.0, lag_error_s=error) for error in (0.0, 0.04, 0.12)]
+    grown = [
+        bounds.loop_growth_1_s(SIH, 4.0, 8.0, lag_error_s=error) for error in (0.0, 0.04, 0.12)
+    ]
     assert grown[0] < grown[1] < 0.0 < grown[2]
 
 
@@ -215,7 +257,9 @@ def test_the_growth_rate_is_that_of_the_loop_flown_in_time() -> None:
         past = [-(k_1 + k_2) * w - k_1 * k_2 * p, *past[:-1]]
         for _ in range(4):
             h = dt / 4
-            jerk += h * (WEAK.wn_rad_s**2 * (past[steps] - a) - 2.0 * WEAK.zeta * WEAK.wn_rad_s * jerk)
+            jerk += h * (
+                WEAK.wn_rad_s**2 * (past[steps] - a) - 2.0 * WEAK.zeta * WEAK.wn_rad_s * jerk
+            )
             a += h * jerk
             y += h * v + 0.5 * h * h * a
             v += h * a
@@ -231,6 +275,8 @@ def test_braking_needs_more_the_faster_two_vehicles_close() -> None:
 
 
 def test_available_acceleration_is_bounded_by_tilt_and_by_thrust() -> None:
-    assert bounds.available_acceleration_m_s2(20.0, 0.5) == pytest.approx(9.80665 * math.tan(math.radians(20.0)))
+    assert bounds.available_acceleration_m_s2(20.0, 0.5) == pytest.approx(
+        9.80665 * math.tan(math.radians(20.0))
+    )
     assert bounds.available_acceleration_m_s2(45.0, 0.9) < 4.0
     assert bounds.available_acceleration_m_s2(30.0, 0.99) == 0.0

@@ -11,7 +11,17 @@ from tests.onboard.feasibility.test_fleet_checks import fleet_with
 MOCAP = ACCURACIES["mocap"]
 
 
-def cell(vehicles=8, speed=1.0, delay=0.05, loss=0.1, *, errors="mocap", flights=504, below=0, margin=0.12):
+def cell(
+    vehicles=8,
+    speed=1.0,
+    delay=0.05,
+    loss=0.1,
+    *,
+    errors="mocap",
+    flights=504,
+    below=0,
+    margin=0.12,
+):
     return MapCell(errors, vehicles, speed, delay, loss, margin, flights, below, flights, 0.86)
 
 
@@ -27,7 +37,15 @@ def test_a_fleet_within_a_cell_that_holds_is_promised_that():
 
 
 @pytest.mark.parametrize(
-    "harder", [{"vehicles": 2}, {"speed": 0.5}, {"delay": 0.02}, {"loss": 0.0}, {"flights": 21}, {"margin": 0.3}]
+    "harder",
+    [
+        {"vehicles": 2},
+        {"speed": 0.5},
+        {"delay": 0.02},
+        {"loss": 0.0},
+        {"flights": 21},
+        {"margin": 0.3},
+    ],
 )
 def test_nothing_is_promised_by_an_easier_cell_by_a_screening_or_by_a_larger_margin(harder):
     finding = found(cell(**harder), cell(3, 1.0, 0.02, 0.0))
@@ -36,8 +54,12 @@ def test_nothing_is_promised_by_an_easier_cell_by_a_screening_or_by_a_larger_mar
     assert "Nearest cell that holds: " in finding.remedy
 
 
-@pytest.mark.parametrize("easier", [{"vehicles": 3}, {"vehicles": 2, "speed": 0.5, "delay": 0.02, "loss": 0.0}])
-def test_a_fleet_is_refused_where_a_cell_that_is_no_harder_has_failed_even_if_a_harder_one_holds(easier):
+@pytest.mark.parametrize(
+    "easier", [{"vehicles": 3}, {"vehicles": 2, "speed": 0.5, "delay": 0.02, "loss": 0.0}]
+)
+def test_a_fleet_is_refused_where_a_cell_that_is_no_harder_has_failed_even_if_a_harder_one_holds(
+    easier,
+):
     finding = found(cell(16, 4.0, 0.3, 0.3), cell(**{"delay": 0.02, **easier}, flights=21, below=2))
     assert finding.status == "refused"
     assert "2 of 21 flights" in finding.sentence
@@ -45,7 +67,12 @@ def test_a_fleet_is_refused_where_a_cell_that_is_no_harder_has_failed_even_if_a_
 
 
 def test_a_harder_cell_that_failed_refuses_nothing():
-    failed = [cell(16, below=1), cell(3, speed=2.0, below=1), cell(3, loss=0.3, below=1), cell(3, delay=0.1, below=1)]
+    failed = [
+        cell(16, below=1),
+        cell(3, speed=2.0, below=1),
+        cell(3, loss=0.3, below=1),
+        cell(3, delay=0.1, below=1),
+    ]
     assert found(cell(), *failed).status == "ok"
 
 
@@ -65,7 +92,11 @@ def test_another_law_or_a_slower_vehicle_is_named_as_the_reason():
     other = found(cell(), law={"mocap": {"kappa_1_1_s": 3.0}})
     assert other.status == "warning"
     assert "law.kappa_1_1_s = 3.0 (here 4.0)" in other.sentence
-    slow = map_finding(load_fleet("paper").with_law("covey"), MOCAP, LawMap("a", 0.8, 0.15, {}, (cell(margin=0.1),)))
+    slow = map_finding(
+        load_fleet("paper").with_law("covey"),
+        MOCAP,
+        LawMap("a", 0.8, 0.15, {}, (cell(margin=0.1),)),
+    )
     assert "a command 0.15 s later" in slow.sentence
 
 

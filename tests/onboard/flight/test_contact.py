@@ -1,4 +1,6 @@
-"""Contact with the ground: no single signal ends the thrust, contact is taken back, and any height is ground."""
+"""Contact with the ground: no single signal ends the thrust, contact is taken back, and any height
+is ground.
+"""
 
 from __future__ import annotations
 
@@ -109,8 +111,15 @@ def test_on_ground_of_any_height_it_is_level_at_once_and_disarmed_within_three_s
         rig.step()
         setpoint = rig.setpoint
         assert setpoint is not None
-        tilts.append((rig.now_ns - contact_ns, math.degrees(math.acos(min(1.0, body_up(setpoint.quaternion_wxyz)[2])))))
-        assert rig.now_ns - contact_ns < 3_000_000_000 + 1_200_000_000 * (not rig.sees_ground), rig.core.flight.step
+        tilts.append(
+            (
+                rig.now_ns - contact_ns,
+                math.degrees(math.acos(min(1.0, body_up(setpoint.quaternion_wxyz)[2]))),
+            )
+        )
+        assert rig.now_ns - contact_ns < 3_000_000_000 + 1_200_000_000 * (not rig.sees_ground), (
+            rig.core.flight.step
+        )
     late = [tilt_deg for age_ns, tilt_deg in tilts if age_ns > 600_000_000]
     assert max(late) < 0.1
     assert max(tilt_deg for _, tilt_deg in tilts) < 12.0

@@ -1,4 +1,5 @@
-"""Properties of every sequence of orders, failsafes and observations, on the state machine alone."""
+"""Properties of every sequence of orders, failsafes and observations, on the state machine alone.
+"""
 
 from __future__ import annotations
 
@@ -37,7 +38,9 @@ class Machine:
         config = fleet()
         self.flight = FlightContext(config, config.vehicles["mav0"], step=step)
         self.flight.path.path = path_of([[1.0, *[0.0] * 32]])
-        self.view = FlightView(10**9, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), True, Snapshot(landed=Landed.ON_GROUND))
+        self.view = FlightView(
+            10**9, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), True, Snapshot(landed=Landed.ON_GROUND)
+        )
         self.begun: list[str] = []
         self.ends: Counter[str] = Counter()
 
@@ -76,11 +79,17 @@ class Machine:
             self.check()
 
     def check(self) -> None:
-        """Every order that has begun ends once, and only a flight that streams asks for OFFBOARD or to arm."""
+        """Every order that has begun ends once, and only a flight that streams asks for OFFBOARD or
+        to arm.
+        """
         for command in self.flight.take_commands():
             if isinstance(command, (ev.Arm, ev.SetOffboard)):
                 assert self.flight.is_streaming, self.flight.step
-            if isinstance(command, ev.Publish) and isinstance(command.message, Event) and command.message.order_outcome:
+            if (
+                isinstance(command, ev.Publish)
+                and isinstance(command.message, Event)
+                and command.message.order_outcome
+            ):
                 self.ends[command.message.order_id] += 1
         running = [] if self.flight.order is None else [self.flight.order.order_id]
         assert self.ends == Counter(identity for identity in self.begun if identity not in running)

@@ -69,7 +69,9 @@ def _stores(path: Path) -> Iterator[ast.Attribute]:
             yield node
 
 
-def test_nobody_outside_the_room_writes_a_flight_and_only_the_state_machine_writes_its_step() -> None:
+def test_nobody_outside_the_room_writes_a_flight_and_only_the_state_machine_writes_its_step() -> (
+    None
+):
     fields = set(FlightContext.__dataclass_fields__)
     for path in [
         *(ROOT / "onboard").rglob("*.py"),
@@ -78,11 +80,17 @@ def test_nobody_outside_the_room_writes_a_flight_and_only_the_state_machine_writ
     ]:
         room = path.relative_to(ROOT).parent.as_posix()
         for node in _stores(path):
-            owner = node.value.attr if isinstance(node.value, ast.Attribute) else getattr(node.value, "id", "")
+            owner = (
+                node.value.attr
+                if isinstance(node.value, ast.Attribute)
+                else getattr(node.value, "id", "")
+            )
             if owner.lstrip("_") != "flight" or node.attr not in fields:
                 continue
             assert room == "onboard/flight", f"{path}:{node.lineno} writes a flight's {node.attr}"
-            assert node.attr != "step" or path.name == "state_machine.py", f"{path}:{node.lineno} writes the step"
+            assert node.attr != "step" or path.name == "state_machine.py", (
+                f"{path}:{node.lineno} writes the step"
+            )
 
 
 def test_the_throw_away_core_gets_into_the_air() -> None:

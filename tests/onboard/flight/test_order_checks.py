@@ -80,7 +80,9 @@ def test_a_vehicle_that_is_not_ready_says_the_first_reason() -> None:
 
 def test_wrong_parameters_of_px4_refuse_the_take_off() -> None:
     rig = Rig()
-    rig.core.handle(ev.ParamsRead(("PX4 parameter COM_OF_LOSS_T is 1, this fleet needs 0.3.",)), rig.now_ns)
+    rig.core.handle(
+        ev.ParamsRead(("PX4 parameter COM_OF_LOSS_T is 1, this fleet needs 0.3.",)), rig.now_ns
+    )
     rig.run(0.5)
     assert "COM_OF_LOSS_T" in rig.order("takeoff", height_m=1.0).reason
 
@@ -100,13 +102,17 @@ def test_a_neighbour_within_the_safety_distance_refuses_the_take_off() -> None:
     assert "mav1 stands 0.50 m away" in rig.order("takeoff", height_m=1.0).reason
 
 
-def test_a_take_off_into_the_column_of_a_flying_vehicle_is_refused_unless_it_stays_far_enough_below() -> None:
+def test_a_take_off_into_the_column_of_a_flying_vehicle_is_refused_unless_it_stays_far_enough_below() -> (
+    None
+):
     cylinders = fleet()
     section = msgspec.structs.replace(cylinders.fleet, vertical_separation_m=1.2)
     rig = Rig(core=AgentCore(msgspec.structs.replace(cylinders, fleet=section), "mav0", boot_id=7))
     rig.until("ready")
     same = rig.telemetry.config_hash if rig.telemetry is not None else ""
-    _neighbour(rig, position_enu_m=(0.5, 0.0, 2.5), is_airborne=True, state="flying", config_hash=same)
+    _neighbour(
+        rig, position_enu_m=(0.5, 0.0, 2.5), is_airborne=True, state="flying", config_hash=same
+    )
     assert "mav1 flies 0.50 m beside the way up" in rig.order("takeoff", height_m=2.0).reason
     assert rig.order("takeoff", height_m=1.0).is_accepted
 
@@ -122,10 +128,14 @@ def test_a_goal_above_a_vehicle_on_the_ground_is_refused() -> None:
 def test_two_vehicles_may_swap_their_places() -> None:
     rig = Rig()
     rig.fly()
-    _neighbour(rig, position_enu_m=(2.0, 0.0, 1.0), goal_position_enu_m=(2.0, 0.0, 1.0), is_airborne=True)
+    _neighbour(
+        rig, position_enu_m=(2.0, 0.0, 1.0), goal_position_enu_m=(2.0, 0.0, 1.0), is_airborne=True
+    )
     reply = rig.order("move", position_enu_m=(2.0, 0.0, 1.0))
     assert reply.is_accepted
-    _neighbour(rig, position_enu_m=(1.9, 0.0, 1.0), goal_position_enu_m=(0.0, 0.0, 1.0), is_airborne=True)
+    _neighbour(
+        rig, position_enu_m=(1.9, 0.0, 1.0), goal_position_enu_m=(0.0, 0.0, 1.0), is_airborne=True
+    )
     rig.run(1.0)
     assert rig.core.flight.state == "flying"
     assert reply.order_id not in rig.outcomes()
@@ -134,10 +144,13 @@ def test_two_vehicles_may_swap_their_places() -> None:
 def test_a_goal_on_a_neighbours_goal_is_given_up_with_a_reason() -> None:
     rig = Rig()
     rig.fly()
-    _neighbour(rig, position_enu_m=(3.0, 3.0, 1.0), goal_position_enu_m=(2.0, 0.0, 1.0), is_airborne=True)
+    _neighbour(
+        rig, position_enu_m=(3.0, 3.0, 1.0), goal_position_enu_m=(2.0, 0.0, 1.0), is_airborne=True
+    )
     reply = rig.order("move", position_enu_m=(2.0, 0.4, 1.0))
     rig.run(1.0)
-    assert reply.order_id not in rig.outcomes()  # the other may have been ordered elsewhere, and its message be late
+    # the other may have been ordered elsewhere, and its message be late
+    assert reply.order_id not in rig.outcomes()
     rig.run(1.0)
     assert rig.outcomes()[reply.order_id] == "refused"
     assert rig.core.flight.state == "holding"

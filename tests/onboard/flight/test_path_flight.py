@@ -26,7 +26,9 @@ def line(metres: float = 2.0, duration_s: float = 6.0, yaw_rad: float = 0.0) -> 
     times_s = np.linspace(0.0, duration_s, 13)
     share = times_s / duration_s
     eased = share**3 * (10 - 15 * share + 6 * share**2)
-    return fitted(times_s, np.column_stack([metres * eased, 0 * share, 1 + 0 * share, yaw_rad * eased]))
+    return fitted(
+        times_s, np.column_stack([metres * eased, 0 * share, 1 + 0 * share, yaw_rad * eased])
+    )
 
 
 def start(rig: Rig, path: Path, ahead_s: float = 1.0, on_lag: str = "land") -> PathOrder:
@@ -46,7 +48,9 @@ def following(path: Path, on_lag: str = "land") -> Rig:
     rig.fly()
     for part in parts_of(path):
         assert rig.order("load_path", path=part).is_accepted
-    assert rig.order("follow_path", order_id="show", path=start(rig, path, on_lag=on_lag)).is_accepted
+    assert rig.order(
+        "follow_path", order_id="show", path=start(rig, path, on_lag=on_lag)
+    ).is_accepted
     return rig
 
 
@@ -74,7 +78,10 @@ def test_what_cannot_be_followed_is_refused_in_words() -> None:
     loads = [
         (None, "one of its parts"),
         (msgspec.structs.replace(part, part=3, parts=2), "one of its parts"),
-        (msgspec.structs.replace(part, data=part.data[:-1] + b"!"), "does not have its id|do not have its id"),
+        (
+            msgspec.structs.replace(part, data=part.data[:-1] + b"!"),
+            "does not have its id|do not have its id",
+        ),
         (parts_of(line(metres=9.0, duration_s=60.0))[0], "geofence"),
         (parts_of(line(duration_s=2.0))[0], "max_speed_m_s"),
     ]
@@ -128,7 +135,11 @@ def test_all_slow_down_for_the_one_who_is_behind() -> None:
     now_ns, seconds = rig.telemetry.stamp_ns + 500_000_000, rig.telemetry.path_time_s
     behind = msgspec.structs.replace(rig.telemetry, vehicle="mav1", is_behind=True)
     assert other_clocks([behind], "s", now_ns) == [OtherClock(pytest.approx(seconds + 0.5), True)]
-    assert other_clocks([behind], "another", now_ns) == other_clocks([behind], "s", now_ns + 2 * 10**9) == []
+    assert (
+        other_clocks([behind], "another", now_ns)
+        == other_clocks([behind], "s", now_ns + 2 * 10**9)
+        == []
+    )
     flight = PathFlight(path=line(duration_s=30.0))
     flight.begin(PathOrder(path_id="", show_id="s", start_ns=0))
     rates = [flight.rate]
@@ -147,7 +158,9 @@ def test_a_clock_that_is_ahead_waits_for_the_slowest() -> None:
     assert flight.path is not None
     for tick in range(500):
         here = point_at(flight.path, flight.time_s).position_enu_m
-        flight.advance(now_ns + 20_000_000 * tick, 0.02, here, [OtherClock(0.02 * tick - 1.0, False)])
+        flight.advance(
+            now_ns + 20_000_000 * tick, 0.02, here, [OtherClock(0.02 * tick - 1.0, False)]
+        )
     assert flight.time_s == pytest.approx(0.02 * 500 - 1.0, abs=0.15)
     assert flight.rate > 0.9
 
@@ -188,7 +201,9 @@ def test_slow_flight_asked_by_a_failsafe_slows_the_clock_for_a_while() -> None:
     rig = following(line())
     rig.run(2.0)
     flight = rig.core.flight
-    state_machine.begin_failsafe(flight, FlightView(rig.now_ns, *_REST, True, rig.snapshot), Action.SLOW, "near.")
+    state_machine.begin_failsafe(
+        flight, FlightView(rig.now_ns, *_REST, True, rig.snapshot), Action.SLOW, "near."
+    )
     rig.run(0.6)
     assert flight.path.rate < 0.8
     assert flight.state == "flying"

@@ -1,4 +1,6 @@
-"""A landing or a hold that ends a climb, a descent or a hover: hardly any way on, and no tilt for millimetres."""
+"""A landing or a hold that ends a climb, a descent or a hover: hardly any way on, and no tilt for
+millimetres.
+"""
 
 from __future__ import annotations
 
@@ -105,5 +107,7 @@ def test_a_hold_in_hover_and_a_move_by_millimetres_ask_for_hardly_any_tilt() -> 
         for _ in range(100):
             rig.step()
             assert rig.setpoint is not None
-            tilts_deg.append(math.degrees(math.acos(min(1.0, body_up(rig.setpoint.quaternion_wxyz)[2]))))
+            tilts_deg.append(
+                math.degrees(math.acos(min(1.0, body_up(rig.setpoint.quaternion_wxyz)[2])))
+            )
         assert max(tilts_deg) < 1.5, kind

@@ -1,4 +1,6 @@
-"""A start can be stopped at every moment by land, hold and disarm; nothing arms or lifts off afterwards."""
+"""A start can be stopped at every moment by land, hold and disarm; nothing arms or lifts off
+afterwards.
+"""
 
 from __future__ import annotations
 
@@ -41,7 +43,9 @@ def test_land_hold_and_disarm_each_end_a_start_that_is_not_armed_yet() -> None:
                 case = step.name, kind, ticks
                 assert not rig.is_armed, case
                 assert not rig.has_flown, case
-                assert rig.count(ev.Arm, stopped_ns) == rig.count(ev.SetOffboard, stopped_ns) == 0, case
+                assert (
+                    rig.count(ev.Arm, stopped_ns) == rig.count(ev.SetOffboard, stopped_ns) == 0
+                ), case
                 assert rig.outcomes()["start"] == "superseded", case
                 assert rig.outcomes()["stop"] == "done", case
                 assert rig.core.flight.state == "ready", case

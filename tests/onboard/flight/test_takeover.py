@@ -1,4 +1,6 @@
-"""An agent that finds its vehicle in the air: silent until it knows, and then smoothly from PX4's hold only."""
+"""An agent that finds its vehicle in the air: silent until it knows, and then smoothly from PX4's
+hold only.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +31,9 @@ def restarted(mode: str = "HOLD", height_m: float = 1.2) -> Held:
     return rig
 
 
-def test_an_agent_that_finds_its_vehicle_in_the_air_sends_nothing_and_says_what_can_be_done() -> None:
+def test_an_agent_that_finds_its_vehicle_in_the_air_sends_nothing_and_says_what_can_be_done() -> (
+    None
+):
     rig = restarted()
     assert rig.core.flight.state == "failed"
     assert "PX4 flies without this agent" in rig.core.flight.reason
@@ -54,7 +58,11 @@ def test_it_takes_over_from_px4s_hold_without_a_jolt() -> None:
     assert rig.outcomes()["take"] == "done"
     assert farthest_m < 0.05
     first = next(stamp for stamp, command in rig.sent if isinstance(command, ev.SetOffboard))
-    streamed = [stamp for stamp, command in rig.sent if isinstance(command, ev.SendAttitude) and stamp < first]
+    streamed = [
+        stamp
+        for stamp, command in rig.sent
+        if isinstance(command, ev.SendAttitude) and stamp < first
+    ]
     assert len(streamed) >= 10, "PX4 must know setpoints before it is asked to follow them"
     assert min(streamed) > begin_ns
     assert rig.order("move", position_enu_m=(0.0, 0.0, 1.0)).is_accepted
@@ -76,7 +84,10 @@ def test_it_takes_over_from_no_other_mode(mode: str) -> None:
     ("spoil", "words"),
     [
         (lambda rig: setattr(rig, "has_mocap", False), "position"),
-        (lambda rig: rig.core.handle(ev.ParamsRead(("COM_OF_LOSS_T is 1.",)), rig.now_ns), "COM_OF_LOSS_T"),
+        (
+            lambda rig: rig.core.handle(ev.ParamsRead(("COM_OF_LOSS_T is 1.",)), rig.now_ns),
+            "COM_OF_LOSS_T",
+        ),
         (lambda rig: setattr(rig, "has_autopilot", False), "PX4"),
         (lambda rig: rig.core.handle(twin(rig), rig.now_ns), "nother agent"),
     ],
@@ -113,5 +124,7 @@ def test_a_vehicle_on_the_ground_is_not_taken_over() -> None:
 
 def twin(rig: Rig) -> ev.NeighbourReceived:
     """A message of another process under our name."""
-    message = state_message(vehicle="mav0", boot_id=99, stamp_ns=rig.now_ns, is_airborne=False, is_cooperative=False)
+    message = state_message(
+        vehicle="mav0", boot_id=99, stamp_ns=rig.now_ns, is_airborne=False, is_cooperative=False
+    )
     return ev.NeighbourReceived(message, rig.now_ns)

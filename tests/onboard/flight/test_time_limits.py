@@ -1,4 +1,6 @@
-"""Climbs and landings that make no progress: high ones have the time that they need, and no place is insisted on."""
+"""Climbs and landings that make no progress: high ones have the time that they need, and no place
+is insisted on.
+"""
 
 from __future__ import annotations
 
@@ -16,26 +18,39 @@ _START_NS = 10**9
 
 
 def ends(step: Step, height_m: float, top_m: float) -> tuple[float, str, Step]:
-    """When an order ends for a vehicle that stays at one height [s], with which sentence, and in which step."""
+    """When an order ends for a vehicle that stays at one height [s], with which sentence, and in
+    which step.
+    """
     config = fleet()
-    order = Order(order_id="o", author="x", kind="takeoff", stamp_ns=0, deadline_ns=0, height_m=top_m)
-    flight = FlightContext(config, config.vehicles["mav0"], step=step, order=order, step_ns=_START_NS)
+    order = Order(
+        order_id="o", author="x", kind="takeoff", stamp_ns=0, deadline_ns=0, height_m=top_m
+    )
+    flight = FlightContext(
+        config, config.vehicles["mav0"], step=step, order=order, step_ns=_START_NS
+    )
     effects.climb(flight, _view(_START_NS, 0.0))
     for second in range(1, 400):
         now_ns = _START_NS + second * 10**9
         state_machine.advance(flight, _view(now_ns, height_m))
         for command in flight.take_commands():
-            if isinstance(command, Publish) and isinstance(command.message, Event) and command.message.order_outcome:
+            if (
+                isinstance(command, Publish)
+                and isinstance(command.message, Event)
+                and command.message.order_outcome
+            ):
                 return (now_ns - _START_NS) * 1e-9, command.message.sentence, flight.step
     return 0.0, "", flight.step
 
 
 def _view(now_ns: int, height_m: float, *, x_m: float = 0.0, sinks_m_s: float = 0.0) -> FlightView:
-    snapshot = Snapshot(heartbeat_ns=now_ns, is_armed=True, mode="LAND", landed=Landed.IN_AIR, landed_ns=now_ns)
+    snapshot = Snapshot(
+        heartbeat_ns=now_ns, is_armed=True, mode="LAND", landed=Landed.IN_AIR, landed_ns=now_ns
+    )
     return FlightView(now_ns, (x_m, 0.0, height_m), (0.0, 0.0, -sinks_m_s), True, snapshot)
 
 
-@pytest.mark.parametrize(("top_m", "after_s"), [(1.0, 41.0), (30.0, 187.0)])  # 30 m are planned for 62 s
+# 30 m are planned for 62 s
+@pytest.mark.parametrize(("top_m", "after_s"), [(1.0, 41.0), (30.0, 187.0)])
 def test_a_climb_that_makes_no_progress_holds(top_m: float, after_s: float) -> None:
     time_s, sentence, step = ends(Step.CLIMB, 0.5, top_m)
     assert time_s == pytest.approx(after_s)
@@ -44,7 +59,9 @@ def test_a_climb_that_makes_no_progress_holds(top_m: float, after_s: float) -> N
 
 
 @pytest.mark.parametrize(("height_m", "after_s"), [(1.25, 63.0), (40.25, 141.0)])
-def test_a_landing_by_px4_has_two_seconds_more_for_each_metre_that_is_left(height_m: float, after_s: float) -> None:
+def test_a_landing_by_px4_has_two_seconds_more_for_each_metre_that_is_left(
+    height_m: float, after_s: float
+) -> None:
     time_s, sentence, step = ends(Step.PX4_LANDING, height_m, 1.0)
     assert time_s == pytest.approx(after_s)
     assert sentence == f"PX4 has not landed after {after_s:.0f} s: land it with the transmitter."
@@ -63,7 +80,9 @@ def test_who_is_kept_off_its_landing_place_lands_where_it_is_within_the_same_tim
     effects.descend(flight, _view(_START_NS, 5.0))
     deadline_ns = flight.deadline_ns
     for tick in range(1, 150):
-        state_machine.advance(flight, _view(_START_NS + tick * 20_000_000, 5.0, x_m=beside_m, sinks_m_s=sinks_m_s))
+        state_machine.advance(
+            flight, _view(_START_NS + tick * 20_000_000, 5.0, x_m=beside_m, sinks_m_s=sinks_m_s)
+        )
     assert flight.step is Step.DESCENT
     assert flight.goal_position_enu_m[:2] == (lands_at_m, 0.0)
     assert flight.goal_position_enu_m[2] < flight.ground_z_m

@@ -23,7 +23,9 @@ def seen(bias: Vec3, seconds: float, reckoning: DeadReckoning) -> KalmanMemory:
     return memory
 
 
-def blind(memory: KalmanMemory, seconds: float, reckoning: DeadReckoning, height_m: float | None) -> KalmanMemory:
+def blind(
+    memory: KalmanMemory, seconds: float, reckoning: DeadReckoning, height_m: float | None
+) -> KalmanMemory:
     """The same, without samples."""
     for _ in range(round(seconds / DT)):
         memory = kalman.predict(memory, ZERO_3, PARAMS, DT)
@@ -34,7 +36,9 @@ def blind(memory: KalmanMemory, seconds: float, reckoning: DeadReckoning, height
 def test_it_flies_on_with_the_bounded_mean_of_the_bias_and_not_with_its_last_value() -> None:
     reckoning = DeadReckoning()
     seen(Vec3(0.3, 0.0, 0.0), 12.0, reckoning)
-    memory = kalman.initial(Vec3(0.0, 0.0, 1.0), PARAMS)._replace(bias_enu_m_s2=Vec3(1.6, -1.3, 0.0))
+    memory = kalman.initial(Vec3(0.0, 0.0, 1.0), PARAMS)._replace(
+        bias_enu_m_s2=Vec3(1.6, -1.3, 0.0)
+    )
     memory = blind(reckoning.step(memory, None, DT, False), 1.0, reckoning, None)
     assert memory.velocity_enu_m_s.x == pytest.approx(0.3, abs=0.02)
     assert memory.velocity_enu_m_s.y == pytest.approx(0.0, abs=0.02)
@@ -58,7 +62,9 @@ def test_its_accuracy_is_that_of_the_last_sample() -> None:
     reckoning = DeadReckoning()
     memory = seen(ZERO_3, 1.0, reckoning)
     before = reckoning.std
-    assert before == pytest.approx((math.sqrt(memory.covariance.pp), math.sqrt(memory.covariance.vv)))
+    assert before == pytest.approx(
+        (math.sqrt(memory.covariance.pp), math.sqrt(memory.covariance.vv))
+    )
     assert not reckoning.is_on
     memory = blind(memory, 2.0, reckoning, None)
     assert reckoning.is_on

@@ -1,4 +1,6 @@
-"""PX4's local frame in the fleet's: whose origin, what happens at a jump, and where a second flight begins."""
+"""PX4's local frame in the fleet's: whose origin, what happens at a jump, and where a second flight
+begins.
+"""
 
 from __future__ import annotations
 
@@ -19,12 +21,20 @@ DEGREE_M = math.radians(1.0) * 6_371_000.0
 def place(east_m: float, north_m: float) -> tuple[float, float, float]:
     """Latitude, longitude and some altitude of a place near the origin."""
     latitude = ORIGIN.latitude_deg + north_m / DEGREE_M
-    return latitude, ORIGIN.longitude_deg + east_m / DEGREE_M / math.cos(math.radians(latitude)), 512.0
+    return (
+        latitude,
+        ORIGIN.longitude_deg + east_m / DEGREE_M / math.cos(math.radians(latitude)),
+        512.0,
+    )
 
 
 def parked(time_s: float, ned: tuple[float, float, float], **changes: object) -> Snapshot:
     """What PX4 tells while it stands."""
-    seen = Snapshot(local_position_ns=round(1e9 + 1e9 * time_s), position_local_ned_m=ned, landed=Landed.ON_GROUND)
+    seen = Snapshot(
+        local_position_ns=round(1e9 + 1e9 * time_s),
+        position_local_ned_m=ned,
+        landed=Landed.ON_GROUND,
+    )
     return replace(seen, **changes)  # type: ignore[arg-type]
 
 
@@ -36,15 +46,22 @@ def flying(time_s: float, ned: tuple[float, float, float], **changes: object) ->
 def test_two_vehicles_with_different_local_origins_agree_where_a_place_is() -> None:
     west, east = LocalFrame((-20.0, 0.0, 0.0), ORIGIN), LocalFrame((30.0, 0.0, 0.0), ORIGIN)
     # both hover over the fleet's (5, 8): 25 m east of one origin, 25 m west of the other
-    for frame, at, ned in ((west, place(-20.0, 3.0), (5.0, 25.0, -2.0)), (east, place(30.0, -1.0), (9.0, -25.0, -2.0))):
+    for frame, at, ned in (
+        (west, place(-20.0, 3.0), (5.0, 25.0, -2.0)),
+        (east, place(30.0, -1.0), (9.0, -25.0, -2.0)),
+    ):
         frame.take(parked(0.0, (0.0, 0.0, 0.0), global_origin=at))
-        assert frame.take(flying(20.0, ned, global_origin=at)) == pytest.approx((5.0, 8.0, 2.0), abs=0.01)
+        assert frame.take(flying(20.0, ned, global_origin=at)) == pytest.approx(
+            (5.0, 8.0, 2.0), abs=0.01
+        )
 
 
 def test_height_is_counted_from_the_ground_whatever_the_satellites_say() -> None:
     frame = LocalFrame((0.0, 0.0, 0.0), ORIGIN)
     frame.take(parked(0.0, (0.0, 0.0, 0.37), global_origin=place(0.0, 0.0)))
-    assert frame.take(flying(0.02, (0.0, 0.0, 0.37), global_origin=place(0.0, 0.0))) == pytest.approx((0, 0, 0))
+    assert frame.take(
+        flying(0.02, (0.0, 0.0, 0.37), global_origin=place(0.0, 0.0))
+    ) == pytest.approx((0, 0, 0))
 
 
 def test_without_a_global_origin_nothing_is_claimed_where_the_fleet_has_one() -> None:
@@ -77,7 +94,10 @@ def test_a_horizontal_jump_is_given_back_slowly_and_one_in_height_is_not() -> No
     at = place(0.0, 0.0)
     frame.take(parked(0.0, (0.0, 0.0, 0.0), global_origin=at))
     frame.take(flying(0.02, (0.0, 0.0, 0.0), global_origin=at))
-    positions = [frame.take(flying(0.04 + 0.02 * count, (0.0, 2.0, -1.5), global_origin=at)) for count in range(1000)]
+    positions = [
+        frame.take(flying(0.04 + 0.02 * count, (0.0, 2.0, -1.5), global_origin=at))
+        for count in range(1000)
+    ]
     steps = [math.dist(a, b) for a, b in itertools.pairwise(positions) if a and b]
     assert positions[0] == pytest.approx((0.0, 0.0, 0.0), abs=0.01)
     assert max(steps) < 0.005
@@ -91,6 +111,8 @@ def test_fast_flight_and_a_gap_in_the_stream_are_no_jump() -> None:
     speed = (0.0, 5.0, 0.0)
     found = None
     for time_s in (0.02, 0.04, 0.06, 0.46, 0.48):
-        found = frame.take(flying(time_s, (0.0, 5.0 * time_s, 0.0), velocity_local_ned_m_s=speed, global_origin=at))
+        found = frame.take(
+            flying(time_s, (0.0, 5.0 * time_s, 0.0), velocity_local_ned_m_s=speed, global_origin=at)
+        )
     assert frame.jumps == 0
     assert found == pytest.approx((2.4, 0.0, 0.0), abs=0.01)

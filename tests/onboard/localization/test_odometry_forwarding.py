@@ -1,4 +1,6 @@
-"""What PX4 is told of the mocap: only what is believed, at 33 Hz, with a new count after every break."""
+"""What PX4 is told of the mocap: only what is believed, at 33 Hz, with a new count after every
+break.
+"""
 
 from __future__ import annotations
 
@@ -35,8 +37,11 @@ def _sent(
     """Reset counts of what was sent."""
     found = []
     for at_ms in times_ms:
-        now_ns = int((math.ceil(at_ms / 20.0) * 20.0 + 10.0) * _MS)  # the tick at which the shell hands it over
-        heard = replace(snapshot, local_position_ns=now_ns - 5 * _MS if snapshot.local_position_ns else 0)
+        # the tick at which the shell hands it over
+        now_ns = int((math.ceil(at_ms / 20.0) * 20.0 + 10.0) * _MS)
+        heard = replace(
+            snapshot, local_position_ns=now_ns - 5 * _MS if snapshot.local_position_ns else 0
+        )
         found += [each.reset_count for each in feed.take(_pose(at_ms, x_of(at_ms)), heard, now_ns)]
     return found
 
@@ -71,15 +76,24 @@ def test_short_breaks_and_quick_flight_do_not_begin_anew() -> None:
 
 
 def test_a_body_that_is_believed_at_another_place_begins_anew_there() -> None:
-    assert _sent(OdometryForwarder(), [0, 40, 80, 120], lambda at_ms: 1.5 if at_ms > 60 else 0.0) == [0, 0, 1, 1]
+    assert _sent(
+        OdometryForwarder(), [0, 40, 80, 120], lambda at_ms: 1.5 if at_ms > 60 else 0.0
+    ) == [0, 0, 1, 1]
 
 
 def test_in_the_air_px4_begins_anew_only_near_where_it_thinks_that_it_is() -> None:
     before = [40.0 * n for n in range(5)]
-    for seconds, drift_m, is_near in ((1.0, 0.4, True), (1.0, 0.9, False), (5.0, 0.65, True), (60.0, 0.8, False)):
+    for seconds, drift_m, is_near in (
+        (1.0, 0.4, True),
+        (1.0, 0.9, False),
+        (5.0, 0.65, True),
+        (60.0, 0.8, False),
+    ):
         feed, after = OdometryForwarder(), [1000.0 * seconds + 40.0 * n for n in range(5)]
         _sent(feed, before, snapshot=_in_the_air(0.0))
-        assert _sent(feed, after, lambda _: 0.0, _in_the_air(drift_m)) == ([1] * 5 if is_near else [])
+        assert _sent(feed, after, lambda _: 0.0, _in_the_air(drift_m)) == (
+            [1] * 5 if is_near else []
+        )
 
 
 def test_in_the_air_a_px4_without_a_position_gets_no_pose_after_a_gap() -> None:

@@ -1,4 +1,6 @@
-"""How accurate the own position is called: by the filter with a motion capture, by what PX4 itself can be without."""
+"""How accurate the own position is called: by the filter with a motion capture, by what PX4 itself
+can be without.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +25,10 @@ def _stood(has_mocap: bool, accuracy_m: float = 0.0) -> tuple[float, float]:
     for count in range(1, 101):
         now_ns = count * DT_NS
         seen = Snapshot(
-            local_position_ns=now_ns, attitude_ns=now_ns, landed=Landed.ON_GROUND, position_accuracy_m=accuracy_m
+            local_position_ns=now_ns,
+            attitude_ns=now_ns,
+            landed=Landed.ON_GROUND,
+            position_accuracy_m=accuracy_m,
         )
         if has_mocap:
             still = (1e-6 * (count % 2), 0.0, 0.0)
@@ -55,7 +60,10 @@ def test_px4s_own_position_on_vision_is_called_as_accurate_as_the_checks_judge_i
         own.update(now_ns, 0.02, seen, 0.0, 0.5, True)
     known = ACCURACIES["vision"]
     assert own.state is not None
-    assert (own.state.position_std_m, own.state.velocity_std_m_s) == (known.position_std_m, known.velocity_std_m_s)
+    assert (own.state.position_std_m, own.state.velocity_std_m_s) == (
+        known.position_std_m,
+        known.velocity_std_m_s,
+    )
 
 
 def test_when_px4_says_that_it_is_worse_it_is_believed_up_to_a_limit() -> None:

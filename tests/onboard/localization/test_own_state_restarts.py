@@ -1,4 +1,6 @@
-"""Poses of sources that restart, are doubled or replayed: only newer poses count, whatever their source."""
+"""Poses of sources that restart, are doubled or replayed: only newer poses count, whatever their
+source.
+"""
 
 from __future__ import annotations
 

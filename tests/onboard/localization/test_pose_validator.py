@@ -20,20 +20,31 @@ def vec3(values: np.ndarray) -> tuple[float, float, float]:
     return x, y, z
 
 
-def circle(tick: int, rng: np.random.Generator, noise_m: float = 0.003) -> tuple[float, float, float]:
+def circle(
+    tick: int, rng: np.random.Generator, noise_m: float = 0.003
+) -> tuple[float, float, float]:
     """A vehicle that flies round a circle of 1 m at 1 m/s."""
     angle = 0.02 * tick
     return vec3(np.array([math.cos(angle), math.sin(angle), 1.0]) + noise_m * rng.normal(size=3))
 
 
-def judge(validator: PoseValidator, tick: int, position: tuple[float, float, float], **changes: object) -> PoseVerdict:
+def judge(
+    validator: PoseValidator, tick: int, position: tuple[float, float, float], **changes: object
+) -> PoseVerdict:
     stamp_ns = int(changes.pop("stamp_ns", START_NS + tick * TICK_NS))  # type: ignore[call-overload]
     received_ns = int(changes.pop("received_ns", stamp_ns + TICK_NS))  # type: ignore[call-overload]
-    attitude, is_contradicted = changes.pop("attitude", LEVEL), bool(changes.pop("is_contradicted", False))
-    return validator.judge(position, attitude, stamp_ns, received_ns, is_contradicted=is_contradicted)  # type: ignore[arg-type]
+    attitude, is_contradicted = (
+        changes.pop("attitude", LEVEL),
+        bool(changes.pop("is_contradicted", False)),
+    )
+    return validator.judge(
+        position, attitude, stamp_ns, received_ns, is_contradicted=is_contradicted
+    )  # type: ignore[arg-type]
 
 
-def settled(ticks: int = 100, seed: int = 0, noise_m: float = 0.003) -> tuple[PoseValidator, np.random.Generator]:
+def settled(
+    ticks: int = 100, seed: int = 0, noise_m: float = 0.003
+) -> tuple[PoseValidator, np.random.Generator]:
     rng, validator = np.random.default_rng(seed), PoseValidator()
     for tick in range(ticks):
         judge(validator, tick, circle(tick, rng, noise_m))
@@ -50,11 +61,19 @@ def test_ordinary_flight_is_believed_for_minutes_and_over_lost_samples() -> None
 def test_a_noisier_capture_is_learned_within_two_seconds() -> None:
     validator, rng = settled(100, noise_m=0.03)
     assert (
-        sum(judge(validator, tick, circle(tick, rng, 0.03)) is not PoseVerdict.ACCEPTED for tick in range(100, 600)) < 5
+        sum(
+            judge(validator, tick, circle(tick, rng, 0.03)) is not PoseVerdict.ACCEPTED
+            for tick in range(100, 600)
+        )
+        < 5
     )
 
 
-@given(jump_m=st.floats(0.1, 50.0), direction_rad=st.floats(-math.pi, math.pi), seed=st.integers(0, 1000))
+@given(
+    jump_m=st.floats(0.1, 50.0),
+    direction_rad=st.floats(-math.pi, math.pi),
+    seed=st.integers(0, 1000),
+)
 def test_a_jump_is_rejected_at_its_first_sample_and_leaves_the_expected_motion(
     jump_m: float, direction_rad: float, seed: int
 ) -> None:
@@ -74,15 +93,21 @@ def test_after_a_jump_for_good_the_new_place_is_believed_only_where_nobody_contr
         verdicts = []
         for tick in range(100, 250):
             x, y, z = circle(tick, rng)
-            verdicts.append(judge(validator, tick, (x + 1.0, y - 1.0, z), is_contradicted=is_contradicted))
+            verdicts.append(
+                judge(validator, tick, (x + 1.0, y - 1.0, z), is_contradicted=is_contradicted)
+            )
         assert (verdicts[-1] is PoseVerdict.JUMPED) == is_contradicted
 
 
-def test_a_single_wild_sample_costs_none_of_the_good_ones_after_it_whatever_another_source_says() -> None:
+def test_a_single_wild_sample_costs_none_of_the_good_ones_after_it_whatever_another_source_says() -> (
+    None
+):
     validator, rng = settled()
     assert judge(validator, 100, (9.0, 9.0, 1.0)) is PoseVerdict.JUMPED
     for tick in range(101, 110):
-        assert judge(validator, tick, circle(tick, rng), is_contradicted=True) is PoseVerdict.ACCEPTED
+        assert (
+            judge(validator, tick, circle(tick, rng), is_contradicted=True) is PoseVerdict.ACCEPTED
+        )
 
 
 def test_a_jump_that_lasts_is_three_in_a_row_within_a_tenth_of_a_second() -> None:
@@ -110,9 +135,13 @@ def test_after_a_gap_a_body_is_believed_where_it_can_have_flown() -> None:
 def test_a_body_that_turns_round_between_two_samples_is_another_one() -> None:
     validator, rng = settled()
     half = math.sqrt(0.5)
-    assert judge(validator, 100, circle(100, rng), attitude=(half, 0.0, 0.0, half)) is PoseVerdict.JUMPED
     assert (
-        judge(validator, 101, circle(101, rng), attitude=(-1.0, 0.0, 0.0, 0.0)) is PoseVerdict.ACCEPTED
+        judge(validator, 100, circle(100, rng), attitude=(half, 0.0, 0.0, half))
+        is PoseVerdict.JUMPED
+    )
+    assert (
+        judge(validator, 101, circle(101, rng), attitude=(-1.0, 0.0, 0.0, 0.0))
+        is PoseVerdict.ACCEPTED
     )  # the same attitude
 
 
@@ -136,7 +165,9 @@ def test_late_samples_are_called_late_within_a_tenth_of_a_second_and_one_straggl
     for tick in range(101, 120):
         judge(validator, tick, circle(tick, rng))
     for tick in range(120, 126):
-        judge(validator, tick, circle(tick, rng), received_ns=START_NS + tick * TICK_NS + 140_000_000)
+        judge(
+            validator, tick, circle(tick, rng), received_ns=START_NS + tick * TICK_NS + 140_000_000
+        )
     assert validator.is_late
 
 

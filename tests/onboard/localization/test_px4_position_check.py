@@ -1,4 +1,6 @@
-"""PX4's own position beside the motion capture's: when it has a say, and where a vehicle without poses says it is."""
+"""PX4's own position beside the motion capture's: when it has a say, and where a vehicle without
+poses says it is.
+"""
 
 from __future__ import annotations
 
@@ -28,10 +30,13 @@ def _seen(tenth: int, enu_m: Vec3, **changes: object) -> Snapshot:
 
 
 def _flown(tenths: int = 20) -> Px4PositionCheck:
-    """Flying north at 0.5 m/s, believed all the time, by a PX4 whose frame lies 2 m further west."""
+    """Flying north at 0.5 m/s, believed all the time, by a PX4 whose frame lies 2 m further west.
+    """
     check = Px4PositionCheck()
     for tenth in range(1, tenths + 1):
-        check.update(_seen(tenth, (2.0, 0.05 * tenth, 1.0)), (0.0, 0.05 * tenth, 1.0), tenth * _TENTH_NS)
+        check.update(
+            _seen(tenth, (2.0, 0.05 * tenth, 1.0)), (0.0, 0.05 * tenth, 1.0), tenth * _TENTH_NS
+        )
     return check
 
 
@@ -61,27 +66,37 @@ def test_on_the_ground_before_a_flight_it_has_no_say() -> None:
     check = Px4PositionCheck()
     for tenth in range(1, 20):
         check.update(
-            _seen(tenth, (0.0, 0.0, 0.0), is_armed=False, landed=Landed.ON_GROUND), (0.0, 0.0, 0.0), tenth * _TENTH_NS
+            _seen(tenth, (0.0, 0.0, 0.0), is_armed=False, landed=Landed.ON_GROUND),
+            (0.0, 0.0, 0.0),
+            tenth * _TENTH_NS,
         )
     assert not check.contradicts((3.0, 0.0, 0.0), 19 * _TENTH_NS)
 
 
-def test_a_vehicle_that_comes_down_while_poses_are_rejected_lies_there_until_a_pose_agrees() -> None:
+def test_a_vehicle_that_comes_down_while_poses_are_rejected_lies_there_until_a_pose_agrees() -> (
+    None
+):
     check = _flown()
     check.update(_seen(21, (2.0, 1.05, 0.5)), None, 21 * _TENTH_NS)
     check.update(_seen(22, (2.0, 1.1, 0.0), landed=Landed.ON_GROUND), None, 22 * _TENTH_NS)
     for tenth in (30, 300, 3000):  # PX4 wanders on
-        check.update(_seen(tenth, (9.0, 9.0, 3.0), landed=Landed.ON_GROUND), None, tenth * _TENTH_NS)
+        check.update(
+            _seen(tenth, (9.0, 9.0, 3.0), landed=Landed.ON_GROUND), None, tenth * _TENTH_NS
+        )
         place = check.motion(tenth * _TENTH_NS)
         assert place is not None
         assert math.dist(place[0][:2], (0.0, 1.1)) < 0.01
         assert place[1] == (0.0, 0.0, 0.0)
         assert check.contradicts((1.0, 0.3, 0.0), tenth * _TENTH_NS)
-    check.update(_seen(3001, (9.0, 9.0, 3.0), landed=Landed.ON_GROUND), (0.0, 1.1, 0.0), 3001 * _TENTH_NS)
+    check.update(
+        _seen(3001, (9.0, 9.0, 3.0), landed=Landed.ON_GROUND), (0.0, 1.1, 0.0), 3001 * _TENTH_NS
+    )
     assert not check.contradicts((1.0, 0.3, 0.0), 3001 * _TENTH_NS)
 
 
-def test_a_pose_that_jumps_for_good_is_never_believed_in_flight_and_the_others_hear_where_it_really_lands() -> None:
+def test_a_pose_that_jumps_for_good_is_never_believed_in_flight_and_the_others_hear_where_it_really_lands() -> (
+    None
+):
     rig = Rig()
     rig.fly()
     there = rig.position.copy()

@@ -1,7 +1,8 @@
-"""A motion capture for tests: enough of OptiTrack's NatNet 3.0 protocol that its clients take it for Motive.
+"""A motion capture for tests: enough of OptiTrack's NatNet 3.0 protocol that its clients take it
+for Motive.
 
-Written from the facts of the protocol: a command port that answers a greeting and a question for the bodies' names, and
-frames by unicast to the port that the greeting told.
+Written from the facts of the protocol: a command port that answers a greeting and a question for
+the bodies' names, and frames by unicast to the port that the greeting told.
 """
 
 from __future__ import annotations
@@ -15,11 +16,13 @@ from collections.abc import Callable, Mapping
 _CONNECT, _SERVER_INFO, _ASK_NAMES, _NAMES, _FRAME = 0, 1, 4, 5, 7
 _TICKS_PER_S = 10_000_000
 
-Pose = tuple[tuple[float, float, float], tuple[float, float, float, float]]  # position [m], quaternion xyzw
+# position [m], quaternion xyzw
+Pose = tuple[tuple[float, float, float], tuple[float, float, float, float]]
 
 
 class NatNetServer:
-    """Streams ``bodies()`` at ``rate_hz`` to whoever has greeted; a body that is None is not tracked.
+    """Streams ``bodies()`` at ``rate_hz`` to whoever has greeted; a body that is None is not
+    tracked.
 
     Args:
         names: of the bodies, in the order of their ids.
@@ -27,7 +30,11 @@ class NatNetServer:
     """
 
     def __init__(
-        self, names: list[str], bodies: Callable[[], Mapping[str, Pose | None]], *, rate_hz: float = 100.0
+        self,
+        names: list[str],
+        bodies: Callable[[], Mapping[str, Pose | None]],
+        *,
+        rate_hz: float = 100.0,
     ) -> None:
         self._names, self._bodies, self._period_s = names, bodies, 1.0 / rate_hz
         self._command = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -41,7 +48,9 @@ class NatNetServer:
         self.is_streaming.set()
         self._has_client = threading.Event()
         self._stopped = threading.Event()
-        self._threads = [threading.Thread(target=each, daemon=True) for each in (self._answer, self._stream)]
+        self._threads = [
+            threading.Thread(target=each, daemon=True) for each in (self._answer, self._stream)
+        ]
 
     def __enter__(self) -> NatNetServer:
         for thread in self._threads:
@@ -88,10 +97,17 @@ class NatNetServer:
         body += struct.pack("<i", len(self._names))
         for place, name in enumerate(self._names):
             pose = poses.get(name)
-            position, quaternion = pose if pose is not None else ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
-            body += struct.pack("<i3f4f", place, *position, *quaternion) + struct.pack("<fh", 0.001, pose is not None)
-        body += struct.pack("<iiii", 0, 0, 0, 0)  # skeletons, labelled markers, force plates, devices
+            position, quaternion = (
+                pose if pose is not None else ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+            )
+            body += struct.pack("<i3f4f", place, *position, *quaternion) + struct.pack(
+                "<fh", 0.001, pose is not None
+            )
+        # skeletons, labelled markers, force plates, devices
+        body += struct.pack("<iiii", 0, 0, 0, 0)
         body += (
-            struct.pack("<IId", 0, 0, time.monotonic()) + struct.pack("<QQQ", now, now, now) + struct.pack("<hi", 0, 0)
+            struct.pack("<IId", 0, 0, time.monotonic())
+            + struct.pack("<QQQ", now, now, now)
+            + struct.pack("<hi", 0, 0)
         )
         return struct.pack("<HH", _FRAME, len(body)) + body

@@ -1,4 +1,6 @@
-"""What tilting the vehicles by hand tells: whose body it is, how its axes lie, and by how much its stamps lag."""
+"""What tilting the vehicles by hand tells: whose body it is, how its axes lie, and by how much its
+stamps lag.
+"""
 
 from __future__ import annotations
 
@@ -16,8 +18,12 @@ from tests.onboard.mocap.test_relay import body_pose
 _VEHICLES = {"mav0": "a", "mav1": "b"}
 
 
-def _tilted(seed: int, *, lag_s: float = 0.0, turned_deg: float = 0.0, size_deg: float = 8.0) -> Samples:
-    """Twelve seconds of a tilt by hand, as a source with this lag sees it whose body is turned about up."""
+def _tilted(
+    seed: int, *, lag_s: float = 0.0, turned_deg: float = 0.0, size_deg: float = 8.0
+) -> Samples:
+    """Twelve seconds of a tilt by hand, as a source with this lag sees it whose body is turned
+    about up.
+    """
     times = np.arange(0.0, 12.0, 0.02)
     rng = np.random.default_rng(seed)
     tilts = smooth(rng, size_deg)(times - lag_s)
@@ -28,7 +34,10 @@ def _tilted(seed: int, *, lag_s: float = 0.0, turned_deg: float = 0.0, size_deg:
 
 def _judge(a: Samples, b: Samples, *, latency_s: float = 0.010) -> dict[str, BodyFinding]:
     px4s = {"mav0": _tilted(1), "mav1": _tilted(2)}
-    return {found.vehicle: found for found in judge(_VEHICLES, {"a": a, "b": b}, px4s, latency_s=latency_s)}
+    return {
+        found.vehicle: found
+        for found in judge(_VEHICLES, {"a": a, "b": b}, px4s, latency_s=latency_s)
+    }
 
 
 def test_bodies_that_tilt_with_their_vehicles_are_right() -> None:
@@ -69,7 +78,9 @@ def test_a_vehicle_that_was_not_tilted_or_is_missing_is_not_judged() -> None:
     assert found["mav1"].is_ok is False or "not" in found["mav1"].sentence
     (alone,) = judge({"mav0": "a"}, {"a": _tilted(1)}, {}, latency_s=0.0)
     assert alone.is_ok is None
-    (still,) = judge({"mav0": "a"}, {"a": _tilted(1)}, {"mav0": _tilted(1, size_deg=0.05)}, latency_s=0.0)
+    (still,) = judge(
+        {"mav0": "a"}, {"a": _tilted(1)}, {"mav0": _tilted(1, size_deg=0.05)}, latency_s=0.0
+    )
     assert still.is_ok is None
     assert "propellers off" in still.sentence
 
@@ -84,6 +95,8 @@ def test_markers_that_look_alike_from_two_sides_are_named() -> None:
     report = MocapStatistics({"mav0": "a"})
     for n in range(50):
         half = math.pi / 4 if n in (20, 21, 30) else 0.0
-        report.add(body_pose(0.02 * n, 1e-4 * n, quaternion=(math.cos(half), 0.0, 0.0, math.sin(half))))
+        report.add(
+            body_pose(0.02 * n, 1e-4 * n, quaternion=(math.cos(half), 0.0, 0.0, math.sin(half)))
+        )
     assert report.bodies["a"].flips == 4
     assert any("look alike from several sides" in line for line in report.findings())

@@ -1,4 +1,6 @@
-"""An agent that reads the mocap itself: its poses keep it flying, and say nothing of whether the bus is there."""
+"""An agent that reads the mocap itself: its poses keep it flying, and say nothing of whether the
+bus is there.
+"""
 
 from __future__ import annotations
 
@@ -15,10 +17,13 @@ _DIRECT = MocapConfig(source="motioncapture", type="mock", direct=True)
 
 
 @pytest.mark.parametrize(("mocap", "state"), [(_DIRECT, "holding"), (MocapConfig(), "flying")])
-def test_only_poses_that_come_over_the_bus_show_that_the_bus_is_there(mocap: MocapConfig, state: str) -> None:
+def test_only_poses_that_come_over_the_bus_show_that_the_bus_is_there(
+    mocap: MocapConfig, state: str
+) -> None:
     rig = Rig(core=AgentCore(msgspec.structs.replace(fleet(), mocap=mocap), "mav0", boot_id=7))
     rig.fly()
-    rig.core.neighbours.last_heard_ns = rig.now_ns  # a stranger was heard just now, and nobody from here on
+    # a stranger was heard just now, and nobody from here on
+    rig.core.neighbours.last_heard_ns = rig.now_ns
     rig.core.handle(ev.NodeChanged("ground-1", False), rig.now_ns)
     rig.run(BUS_LOST_S + 0.5)
     assert rig.core.flight.state == state
@@ -26,7 +31,9 @@ def test_only_poses_that_come_over_the_bus_show_that_the_bus_is_there(mocap: Moc
 
 def test_why_the_mocap_gives_nothing_reaches_people() -> None:
     rig = Rig()
-    rig.core.handle(ev.MocapProblemChanged("vicon at 10.0.0.2 did not send more for 2 s."), rig.now_ns)
+    rig.core.handle(
+        ev.MocapProblemChanged("vicon at 10.0.0.2 did not send more for 2 s."), rig.now_ns
+    )
     rig.run(0.1)
     (event,) = [event for event in rig.events if event.code == "mocap-source"]
     assert event.sentence.startswith("vicon at 10.0.0.2")

@@ -34,15 +34,20 @@ def _axes(frame: Frame) -> np.ndarray:
 
 
 @given(st.booleans(), _angles, st.tuples(*[_numbers] * 6), st.tuples(*[_angles] * 3))
-def test_positions_and_attitudes_turn_together_as_the_matrices_say(is_y_up, yaw, numbers, tilt) -> None:
+def test_positions_and_attitudes_turn_together_as_the_matrices_say(
+    is_y_up, yaw, numbers, tilt
+) -> None:
     frame = Frame(is_y_up, yaw, numbers[:3])
     axes = _axes(frame)
     p = np.array(numbers[3:])
     assert np.allclose(frame.position_enu_m(tuple(p)), axes @ p + numbers[:3], atol=1e-9)
     v = np.array([1.0, *np.tan(np.array(tilt) / 4.0)])
     q = tuple((v / np.linalg.norm(v)).tolist())
-    body = _axes(Frame(is_y_up))  # the body's own axes are named as the room's: its up is the mocap's up
-    assert np.allclose(_matrix(frame.quaternion_enu_flu_wxyz(q)), axes @ _matrix(q) @ body.T, atol=1e-9)
+    # the body's own axes are named as the room's: its up is the mocap's up
+    body = _axes(Frame(is_y_up))
+    assert np.allclose(
+        _matrix(frame.quaternion_enu_flu_wxyz(q)), axes @ _matrix(q) @ body.T, atol=1e-9
+    )
 
 
 def test_a_vehicle_that_stands_level_is_level_in_the_fleet_whatever_axis_points_up() -> None:

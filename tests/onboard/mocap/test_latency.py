@@ -1,4 +1,6 @@
-"""The lag of a body's stamps, found from its tilt beside PX4's: on made-up tilts, and on the emulator's own."""
+"""The lag of a body's stamps, found from its tilt beside PX4's: on made-up tilts, and on the
+emulator's own.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,9 @@ def smooth(rng: np.random.Generator, size_deg: float):
     rates = rng.uniform(1.0, 6.0, (2, 6))
     phases = rng.uniform(0.0, 2.0 * math.pi, (2, 6))
     sizes = rng.normal(size=(2, 6)) * math.radians(size_deg) / math.sqrt(3.0)
-    return lambda t: (sizes[:, :, None] * np.sin(rates[:, :, None] * t + phases[:, :, None])).sum(axis=1)
+    return lambda t: (sizes[:, :, None] * np.sin(rates[:, :, None] * t + phases[:, :, None])).sum(
+        axis=1
+    )
 
 
 def quaternions(tilts_rad: np.ndarray, yaw_rad: float) -> list[tuple[float, float, float, float]]:
@@ -30,8 +34,12 @@ def quaternions(tilts_rad: np.ndarray, yaw_rad: float) -> list[tuple[float, floa
     return found
 
 
-def _curves(seed: int, lag_s: float, *, size_deg: float = 4.0, noise_deg: float = 0.15, yaw_rad: float = 0.0):
-    """A body at 50 Hz whose stamps lag by ``lag_s``, and PX4 at 50 Hz, jittering, both of one motion."""
+def _curves(
+    seed: int, lag_s: float, *, size_deg: float = 4.0, noise_deg: float = 0.15, yaw_rad: float = 0.0
+):
+    """A body at 50 Hz whose stamps lag by ``lag_s``, and PX4 at 50 Hz, jittering, both of one
+    motion.
+    """
     rng = np.random.default_rng(seed)
     tilt = smooth(rng, size_deg)
     body_s = np.arange(0.0, 12.0, 0.02)
@@ -43,7 +51,9 @@ def _curves(seed: int, lag_s: float, *, size_deg: float = 4.0, noise_deg: float 
 
 @settings(max_examples=40, deadline=None)
 @given(st.integers(0, 1000), st.floats(-0.05, 0.2), st.floats(-math.pi, math.pi))
-def test_the_lag_is_found_to_a_few_milliseconds_whatever_the_heading(seed: int, lag_s: float, yaw_rad: float) -> None:
+def test_the_lag_is_found_to_a_few_milliseconds_whatever_the_heading(
+    seed: int, lag_s: float, yaw_rad: float
+) -> None:
     found = fit(*_curves(seed, lag_s, yaw_rad=yaw_rad))
     assert found is not None
     assert found.is_same
@@ -67,8 +77,11 @@ def test_what_hardly_tilts_says_nothing() -> None:
 
 
 def test_a_level_body_has_gravity_along_its_own_z_and_a_tilted_one_has_not() -> None:
-    assert np.allclose(gravity([(1.0, 0.0, 0.0, 0.0), (math.cos(1.0), 0.0, 0.0, math.sin(1.0))]), 0.0)
+    assert np.allclose(
+        gravity([(1.0, 0.0, 0.0, 0.0), (math.cos(1.0), 0.0, 0.0, math.sin(1.0))]), 0.0
+    )
     half = math.radians(5.0)
-    ((forward, left),) = gravity([(math.cos(half), math.sin(half), 0.0, 0.0)])  # rolled by ten degrees
+    # rolled by ten degrees
+    ((forward, left),) = gravity([(math.cos(half), math.sin(half), 0.0, 0.0)])
     assert forward == pytest.approx(0.0)
     assert left == pytest.approx(math.sin(2.0 * half))

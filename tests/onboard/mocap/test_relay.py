@@ -32,7 +32,9 @@ _LEVEL = (1.0, 0.0, 0.0, 0.0)
 pytest.importorskip("motioncapture", reason="the optional package 'motioncapture' is not installed")
 
 
-def _fleet_file(folder: Path, mocap: dict | None = None, *, emulated: Sequence[str] = (), **bodies: str) -> Path:
+def _fleet_file(
+    folder: Path, mocap: dict | None = None, *, emulated: Sequence[str] = (), **bodies: str
+) -> Path:
     data = tomllib.loads(_PAPER.read_text())
     data = copy.deepcopy(with_free_ports(data, fleet_from_mapping(data)))
     if mocap is not None:
@@ -51,7 +53,9 @@ class _Ear:
 
     def __init__(self, fleet: FleetConfig) -> None:
         self.poses: list[MocapPose] = []
-        self._bus = BusSession(namespace=fleet.namespace, node="ear", connect=[fleet.simulator_endpoint])
+        self._bus = BusSession(
+            namespace=fleet.namespace, node="ear", connect=[fleet.simulator_endpoint]
+        )
 
     def _hear(self, _topic: Topic, _name: str, message: Message | Malformed) -> None:
         assert isinstance(message, MocapPose)
@@ -67,7 +71,17 @@ class _Ear:
 
 
 def _command(path: Path, *more: str) -> list[str]:
-    return [sys.executable, "-m", "groundstation", "mocap", "--fleet", str(path), "--every-s", "0.3", *more]
+    return [
+        sys.executable,
+        "-m",
+        "groundstation",
+        "mocap",
+        "--fleet",
+        str(path),
+        "--every-s",
+        "0.3",
+        *more,
+    ]
 
 
 def test_the_process_puts_every_body_on_the_bus_and_ends_cleanly_on_ctrl_c(tmp_path: Path) -> None:
@@ -78,7 +92,9 @@ def test_the_process_puts_every_body_on_the_bus_and_ends_cleanly_on_ctrl_c(tmp_p
         relay = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
         assert relay.stdout is not None
         try:
-            assert any(line.startswith("ready: every vehicle's body is tracked") for line in relay.stdout)
+            assert any(
+                line.startswith("ready: every vehicle's body is tracked") for line in relay.stdout
+            )
             end = time.monotonic() + 20.0
             while len({pose.body for pose in ear.poses}) < 3 or len(ear.poses) < 60:
                 assert time.monotonic() < end, "no poses came"
@@ -95,10 +111,14 @@ def test_the_process_puts_every_body_on_the_bus_and_ends_cleanly_on_ctrl_c(tmp_p
 
 def test_two_relays_of_one_fleet_cannot_run(tmp_path: Path) -> None:
     path = _fleet_file(tmp_path)
-    with subprocess.Popen(_command(path, "--source", "mock"), stdout=subprocess.PIPE, text=True) as first:
+    with subprocess.Popen(
+        _command(path, "--source", "mock"), stdout=subprocess.PIPE, text=True
+    ) as first:
         assert first.stdout is not None
         first.stdout.readline()
-        second = subprocess.run(_command(path, "--source", "mock"), capture_output=True, text=True, timeout=30)
+        second = subprocess.run(
+            _command(path, "--source", "mock"), capture_output=True, text=True, timeout=30
+        )
         first.send_signal(signal.SIGTERM)
     assert second.returncode == 2
     assert "cannot listen" in second.stderr
@@ -110,18 +130,26 @@ def test_two_relays_of_one_fleet_cannot_run(tmp_path: Path) -> None:
         ([], 2, "mocap.source is 'bus'"),
         (["--source", "vicon"], 2, "'mocap.hostname' is missing"),
         (["--source", "mock", "--seconds", "0"], 2, "--seconds"),
-        (["--source", "qualisys", "--hostname", "127.0.0.1", "--seconds", "3"], 10, "cannot be read"),
+        (
+            ["--source", "qualisys", "--hostname", "127.0.0.1", "--seconds", "3"],
+            10,
+            "cannot be read",
+        ),
     ],
 )
 def test_wrong_input_and_a_silent_system_have_a_sentence_and_a_status(
     tmp_path: Path, arguments: list[str], status: int, words: str
 ) -> None:
-    found = subprocess.run(_command(_fleet_file(tmp_path), *arguments), capture_output=True, text=True, timeout=60)
+    found = subprocess.run(
+        _command(_fleet_file(tmp_path), *arguments), capture_output=True, text=True, timeout=60
+    )
     assert found.returncode == status
     assert words in found.stdout + found.stderr
 
 
-def test_unknown_missing_unnameable_and_emulated_bodies_are_reported_and_the_rest_is_passed_on(tmp_path: Path) -> None:
+def test_unknown_missing_unnameable_and_emulated_bodies_are_reported_and_the_rest_is_passed_on(
+    tmp_path: Path,
+) -> None:
     names = ["mav0", "cf 2", "person", "third"]
 
     def bodies() -> dict[str, Pose | None]:
@@ -147,7 +175,9 @@ def test_unknown_missing_unnameable_and_emulated_bodies_are_reported_and_the_res
     assert "ready" not in text
 
 
-def body_pose(at_s: float, x_m: float, *, is_tracked: bool = True, quaternion: Vec4 = _LEVEL) -> MocapPose:
+def body_pose(
+    at_s: float, x_m: float, *, is_tracked: bool = True, quaternion: Vec4 = _LEVEL
+) -> MocapPose:
     return MocapPose(
         body="a",
         boot_id=1,
@@ -169,7 +199,11 @@ def _report(*poses: MocapPose) -> MocapStatistics:
 
 
 def test_rate_gap_jumps_and_losses_of_a_body_are_counted() -> None:
-    poses = [body_pose(0.01 * n, 0.001 * n + (2.0 if n > 50 else 0.0)) for n in range(1, 101) if not 20 <= n < 30]
+    poses = [
+        body_pose(0.01 * n, 0.001 * n + (2.0 if n > 50 else 0.0))
+        for n in range(1, 101)
+        if not 20 <= n < 30
+    ]
     poses[70:75] = [body_pose(pose.stamp_ns * 1e-9, 0.0, is_tracked=False) for pose in poses[70:75]]
     body = _report(*poses).bodies["a"]
     assert (body.jumps, body.losses) == (1, 1)
@@ -179,16 +213,20 @@ def test_rate_gap_jumps_and_losses_of_a_body_are_counted() -> None:
 
 
 def test_numbers_that_are_not_finite_count_as_jumps() -> None:
-    body = _report(body_pose(0.01, 0.0), body_pose(0.02, math.nan), body_pose(0.03, math.inf)).bodies["a"]
+    body = _report(
+        body_pose(0.01, 0.0), body_pose(0.02, math.nan), body_pose(0.03, math.inf)
+    ).bodies["a"]
     assert body.jumps == 2
 
 
 def test_a_body_that_gives_the_same_numbers_is_named() -> None:
     assert not any(
-        "same numbers" in line for line in _report(*[body_pose(0.01 * n, 1e-4 * n) for n in range(1, 200)]).findings()
+        "same numbers" in line
+        for line in _report(*[body_pose(0.01 * n, 1e-4 * n) for n in range(1, 200)]).findings()
     )
     assert any(
-        "same numbers" in line for line in _report(*[body_pose(0.01 * n, 1.0) for n in range(1, 200)]).findings()
+        "same numbers" in line
+        for line in _report(*[body_pose(0.01 * n, 1.0) for n in range(1, 200)]).findings()
     )
 
 

@@ -1,4 +1,5 @@
-"""Frames of a motion capture into poses, and the real package reading a NatNet server of our own."""
+"""Frames of a motion capture into poses, and the real package reading a NatNet server of our own.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +21,8 @@ from onboard.mocap.sdk_source import PoseConverter, SdkMocap
 from tests.onboard.mocap.natnet import NatNetServer, Pose
 
 needs_package = pytest.mark.skipif(
-    importlib.util.find_spec("motioncapture") is None, reason="the optional package 'motioncapture' is not installed"
+    importlib.util.find_spec("motioncapture") is None,
+    reason="the optional package 'motioncapture' is not installed",
 )
 _MOCK = MocapConfig(source="motioncapture", type="mock")
 _LEVEL = (1.0, 0.0, 0.0, 0.0)
@@ -40,7 +42,10 @@ def test_the_systems_latency_comes_off_the_arrival() -> None:
 
 def test_a_body_that_leaves_the_frames_is_passed_on_as_lost_and_then_forgotten() -> None:
     poses = PoseConverter(_MOCK, boot_id=7)
-    told = {at: poses.poses(_frame(at, "a", *(["b"] if at < 100 else []))) for at in range(0, 12_000, 20)}
+    told = {
+        at: poses.poses(_frame(at, "a", *(["b"] if at < 100 else [])))
+        for at in range(0, 12_000, 20)
+    }
     of_b = {at: [pose for pose in found if pose.body == "b"] for at, found in told.items()}
     assert all(pose.is_tracked for at in range(0, 100, 20) for pose in of_b[at])
     assert not of_b[140]  # a frame without it now and then says nothing
@@ -71,7 +76,11 @@ class _Listener:
         self.poses: list[tuple[MocapPose, int]] = []
         self.malformed = 0
         self.source = SdkMocap(
-            mocap, body, lambda pose, at_ns: self.poses.append((pose, at_ns)), self._count, default_options=options
+            mocap,
+            body,
+            lambda pose, at_ns: self.poses.append((pose, at_ns)),
+            self._count,
+            default_options=options,
         )
 
     def _count(self) -> None:
@@ -87,26 +96,38 @@ class _Listener:
     def wait(self, condition, *, seconds: float = 45.0) -> None:
         end = time.monotonic() + seconds
         while not condition():
-            assert time.monotonic() < end, f"waited {seconds} s in vain; problem: {self.source.problem!r}"
+            assert time.monotonic() < end, (
+                f"waited {seconds} s in vain; problem: {self.source.problem!r}"
+            )
             time.sleep(0.01)
 
 
 def _circle() -> dict[str, Pose | None]:
     turn = time.monotonic()
-    moving: Pose = (math.cos(turn), math.sin(turn), 1.0), (0.0, 0.0, math.sin(turn / 2), math.cos(turn / 2))
+    moving: Pose = (
+        (math.cos(turn), math.sin(turn), 1.0),
+        (0.0, 0.0, math.sin(turn / 2), math.cos(turn / 2)),
+    )
     return {"mav0": moving, "mav1": ((2.0, 0.0, 1.0), (0.0, 0.0, 0.0, 1.0)), "hidden": None}
 
 
 def _optitrack(server: NatNetServer, **more: object) -> MocapConfig:
     return MocapConfig(
-        source="motioncapture", type="optitrack", hostname="localhost", options={"port_command": server.port}, **more
+        source="motioncapture",
+        type="optitrack",
+        hostname="localhost",
+        options={"port_command": server.port},
+        **more,
     )
 
 
 @needs_package
 def test_moving_bodies_of_a_natnet_server_arrive_turned_into_the_fleets_frame() -> None:
     frame = {"yaw_deg": 90.0, "offset_m": (0.0, 0.0, 0.5), "latency_s": 0.004}
-    with NatNetServer(["mav0", "mav1", "hidden"], _circle) as server, _Listener(_optitrack(server, **frame)) as heard:
+    with (
+        NatNetServer(["mav0", "mav1", "hidden"], _circle) as server,
+        _Listener(_optitrack(server, **frame)) as heard,
+    ):
         heard.wait(lambda: len(heard.poses) > 60)
         problem = heard.source.problem
     assert problem == ""
@@ -128,7 +149,10 @@ def test_moving_bodies_of_a_natnet_server_arrive_turned_into_the_fleets_frame() 
 
 @needs_package
 def test_only_the_body_that_was_asked_for_is_called_back() -> None:
-    with NatNetServer(["mav0", "mav1"], _circle) as server, _Listener(_optitrack(server), "mav1") as heard:
+    with (
+        NatNetServer(["mav0", "mav1"], _circle) as server,
+        _Listener(_optitrack(server), "mav1") as heard,
+    ):
         heard.wait(lambda: len(heard.poses) > 10)
         assert {pose.body for pose, _ in heard.poses} == {"mav1"}
 
@@ -163,7 +187,9 @@ def test_a_signal_to_the_agents_processes_does_not_end_the_poses_that_it_lands_b
 
 
 @needs_package
-def test_a_system_that_falls_silent_is_named_and_read_again_when_it_is_back(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_system_that_falls_silent_is_named_and_read_again_when_it_is_back(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr(sdk_source, "QUIET_S", 0.5)
     with NatNetServer(["mav0"], _circle) as server, _Listener(_optitrack(server)) as heard:
         heard.wait(lambda: len(heard.poses) > 5)
@@ -174,7 +200,9 @@ def test_a_system_that_falls_silent_is_named_and_read_again_when_it_is_back(monk
 
 
 @needs_package
-def test_nobody_at_the_address_is_said_in_time_although_the_package_hangs(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_nobody_at_the_address_is_said_in_time_although_the_package_hangs(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr(sdk_source, "CONNECT_S", 1.5)
     mocap = MocapConfig(source="motioncapture", type="vicon", hostname="127.0.0.1")
     with _Listener(mocap) as heard:
@@ -185,7 +213,8 @@ def test_nobody_at_the_address_is_said_in_time_although_the_package_hangs(monkey
 
 @needs_package
 @pytest.mark.parametrize(
-    ("type_", "words"), [("motionanalysis", "cannot read motionanalysis"), ("qualisys", "Check mocap.hostname")]
+    ("type_", "words"),
+    [("motionanalysis", "cannot read motionanalysis"), ("qualisys", "Check mocap.hostname")],
 )
 def test_what_the_package_refuses_is_a_sentence(type_: str, words: str) -> None:
     with _Listener(MocapConfig(source="motioncapture", type=type_, hostname="127.0.0.1")) as heard:
@@ -195,7 +224,9 @@ def test_what_the_package_refuses_is_a_sentence(type_: str, words: str) -> None:
 def test_without_the_package_the_sentence_says_how_to_get_it(
     monkeypatch: pytest.MonkeyPatch, tmp_path: pytest.TempPathFactory
 ) -> None:
-    (tmp_path / "motioncapture.py").write_text("raise ModuleNotFoundError('no', name='motioncapture')\n")
+    (tmp_path / "motioncapture.py").write_text(
+        "raise ModuleNotFoundError('no', name='motioncapture')\n"
+    )
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     with _Listener(_MOCK) as heard:
         heard.wait(lambda: "pip install 'motioncapture" in heard.source.problem)

@@ -1,4 +1,6 @@
-"""A vehicle that the fleet file disables: nobody waits for it, all avoid it once it is heard, it does not arm."""
+"""A vehicle that the fleet file disables: nobody waits for it, all avoid it once it is heard, it
+does not arm.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,11 @@ S = 1_000_000_000
 def _fleet(enabled: object = True) -> FleetConfig:
     whole = fleet(("mav0", "mav1", "mav2"), enabled=enabled)
     return msgspec.structs.replace(
-        whole, vehicles={**whole.vehicles, "mav1": msgspec.structs.replace(whole.vehicles["mav1"], enabled=False)}
+        whole,
+        vehicles={
+            **whole.vehicles,
+            "mav1": msgspec.structs.replace(whole.vehicles["mav1"], enabled=False),
+        },
     )
 
 
@@ -36,7 +42,9 @@ def test_nobody_waits_for_a_disabled_vehicle() -> None:
     assert table.snapshot(9 * S) == []
 
 
-def test_a_disabled_vehicle_that_tells_a_state_is_an_obstacle_and_missed_when_it_falls_silent() -> None:
+def test_a_disabled_vehicle_that_tells_a_state_is_an_obstacle_and_missed_when_it_falls_silent() -> (
+    None
+):
     table = NeighbourTable(_fleet(), "mav0")
     assert table.hear(_state(5 * S), 5 * S)
     (neighbour,) = table.snapshot(5 * S)
@@ -61,7 +69,9 @@ def test_the_law_goes_aside_for_a_disabled_vehicle() -> None:
     rig = Rig(AgentCore(_fleet("scan"), "mav0", boot_id=7))
 
     def tell() -> None:
-        rig.core.handle(ev.NeighbourReceived(_state(rig.now_ns, rig.tick_count), rig.now_ns), rig.now_ns)
+        rig.core.handle(
+            ev.NeighbourReceived(_state(rig.now_ns, rig.tick_count), rig.now_ns), rig.now_ns
+        )
 
     rig.fly()
     rig.after_move = tell

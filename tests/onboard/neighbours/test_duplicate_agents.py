@@ -1,4 +1,5 @@
-"""Two agents for one vehicle: whoever hears both says so, the two learn of it, and neither flies."""
+"""Two agents for one vehicle: whoever hears both says so, the two learn of it, and neither flies.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +31,9 @@ def hear(rig: Rig, message: Telemetry) -> None:
     rig.core.handle(ev.NeighbourReceived(message, rig.now_ns), rig.now_ns)
 
 
-def test_a_restart_is_one_agent_after_the_other_and_an_earlier_one_that_comes_back_makes_two() -> None:
+def test_a_restart_is_one_agent_after_the_other_and_an_earlier_one_that_comes_back_makes_two() -> (
+    None
+):
     duplicates = DuplicateAgents()
     for boot_id in (1, 1, 2, 2, 3, 3):
         duplicates.hear("mav1", boot_id, 5 * S)
@@ -66,7 +69,9 @@ def test_a_third_agent_that_hears_both_tells_them() -> None:
         assert not reply.is_accepted
 
 
-def test_an_agent_in_flight_flies_on_when_a_second_one_appears_and_the_second_one_sends_nothing() -> None:
+def test_an_agent_in_flight_flies_on_when_a_second_one_appears_and_the_second_one_sends_nothing() -> (
+    None
+):
     rig = Rig()
     rig.fly()
     begin_ns = rig.now_ns
@@ -79,4 +84,9 @@ def test_an_agent_in_flight_flies_on_when_a_second_one_appears_and_the_second_on
     newcomer = Rig(position=rig.position.copy(), is_armed=True, mode="OFFBOARD")
     newcomer.has_flown = True
     newcomer.run(0.5)
-    assert newcomer.count(ev.SendAttitude) == newcomer.count(ev.SetOffboard) == newcomer.count(ev.Px4Land) == 0
+    assert (
+        newcomer.count(ev.SendAttitude)
+        == newcomer.count(ev.SetOffboard)
+        == newcomer.count(ev.Px4Land)
+        == 0
+    )

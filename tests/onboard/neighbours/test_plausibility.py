@@ -1,4 +1,6 @@
-"""A neighbour whose word about itself cannot be true: by physics, by its own promise, by the motion capture."""
+"""A neighbour whose word about itself cannot be true: by physics, by its own promise, by the motion
+capture.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,9 @@ from onboard.neighbours.table import NeighbourTable
 
 _FLEETS = Path(__file__).parents[3] / "configs/fleets"
 MS = 1_000_000
-_CLAIM = Claim(1_000 * MS, (1.0, 2.0, 1.0), (1.0, 0.0, 0.0), (1.3, 2.0, 1.0), (1.0, 0.0, 0.0), 0.3, 0.01)
+_CLAIM = Claim(
+    1_000 * MS, (1.0, 2.0, 1.0), (1.0, 0.0, 0.0), (1.3, 2.0, 1.0), (1.0, 0.0, 0.0), 0.3, 0.01
+)
 _metres = st.floats(-20.0, 20.0)
 
 
@@ -43,13 +47,21 @@ def _moved(claim: Claim, dt_s: float, **changes: Any) -> Claim:
     ("changes", "words"),
     [
         ({}, ""),
-        ({"position_enu_m": (2.1, 2.0, 1.0), "predicted_position_enu_m": (2.4, 2.0, 1.0)}, "moved 1.1 m in 0.1 s"),
-        ({"velocity_enu_m_s": (9.0, 0.0, 0.0), "predicted_position_enu_m": (3.0, 2.0, 1.0)}, "changes its velocity"),
+        (
+            {"position_enu_m": (2.1, 2.0, 1.0), "predicted_position_enu_m": (2.4, 2.0, 1.0)},
+            "moved 1.1 m in 0.1 s",
+        ),
+        (
+            {"velocity_enu_m_s": (9.0, 0.0, 0.0), "predicted_position_enu_m": (3.0, 2.0, 1.0)},
+            "changes its velocity",
+        ),
         ({"velocity_enu_m_s": (0.0, 30.0, 0.0)}, "flies 30 m/s"),
         ({"predicted_position_enu_m": (3.0, 2.0, 1.0)}, "predicts another place"),
     ],
 )
-def test_what_contradicts_physics_or_the_own_promise_is_said(changes: dict[str, Any], words: str) -> None:
+def test_what_contradicts_physics_or_the_own_promise_is_said(
+    changes: dict[str, Any], words: str
+) -> None:
     said = physical_contradiction(_CLAIM, _moved(_CLAIM, 0.1, **changes), 15.0)
     assert words in said
     assert bool(said) is bool(words)
@@ -59,8 +71,13 @@ def test_what_contradicts_physics_or_the_own_promise_is_said(changes: dict[str, 
 def test_whoever_accelerates_as_hard_as_a_vehicle_can_contradicts_nothing(
     x: float, y: float, speed: float, acceleration: float, dt_s: float
 ) -> None:
-    before = Claim(MS, (x, y, 1.0), (speed, 0.0, 0.0), (x + 0.3 * speed, y, 1.0), (speed, 0.0, 0.0), 0.3, 0.01)
-    after_m_s, after_m = speed + acceleration * dt_s, x + speed * dt_s + 0.5 * acceleration * dt_s**2
+    before = Claim(
+        MS, (x, y, 1.0), (speed, 0.0, 0.0), (x + 0.3 * speed, y, 1.0), (speed, 0.0, 0.0), 0.3, 0.01
+    )
+    after_m_s, after_m = (
+        speed + acceleration * dt_s,
+        x + speed * dt_s + 0.5 * acceleration * dt_s**2,
+    )
     predicted = after_m + 0.3 * after_m_s + 0.5 * acceleration * 0.3**2
     after = Claim(
         MS + round(dt_s * 1e9), (after_m, y, 1.0), (after_m_s, 0.0, 0.0), (predicted, y, 1.0),
@@ -72,7 +89,9 @@ def test_whoever_accelerates_as_hard_as_a_vehicle_can_contradicts_nothing(
 
 def test_one_jump_is_an_estimator_that_began_anew_and_two_are_none() -> None:
     monitor = PlausibilityMonitor(15.0)
-    jumped = _moved(_CLAIM, 0.1, position_enu_m=(2.1, 2.0, 1.0), predicted_position_enu_m=(2.4, 2.0, 1.0))
+    jumped = _moved(
+        _CLAIM, 0.1, position_enu_m=(2.1, 2.0, 1.0), predicted_position_enu_m=(2.4, 2.0, 1.0)
+    )
     for claim in (_CLAIM, jumped, _moved(jumped, 0.1)):
         monitor.look(claim, None, claim.stamp_ns)
     assert monitor.is_doubtful
@@ -87,7 +106,9 @@ def test_one_jump_is_an_estimator_that_began_anew_and_two_are_none() -> None:
     assert not monitor.is_doubtful
 
 
-def test_three_poses_in_a_row_elsewhere_are_believed_and_what_it_says_of_its_accuracy_is_granted() -> None:
+def test_three_poses_in_a_row_elsewhere_are_believed_and_what_it_says_of_its_accuracy_is_granted() -> (
+    None
+):
     poses = [Seen(_CLAIM.stamp_ns + 250 * MS * n, (2.2 + 0.25 * n, 2.0, 1.0)) for n in range(3)]
     reasons = []
     for std_m in (0.01, 0.5):

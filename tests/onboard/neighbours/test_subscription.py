@@ -16,9 +16,13 @@ S = 1_000_000_000
 ZERO = (0.0, 0.0, 0.0)
 
 
-def _state(name: str, x_m: float, sequence: int = 10, stamp_ns: int = S, **changes: object) -> StateMessage:
+def _state(
+    name: str, x_m: float, sequence: int = 10, stamp_ns: int = S, **changes: object
+) -> StateMessage:
     place = (x_m, 0.0, 1.0)
-    return state_message(vehicle=name, sequence=sequence, stamp_ns=stamp_ns, position_enu_m=place, **changes)
+    return state_message(
+        vehicle=name, sequence=sequence, stamp_ns=stamp_ns, position_enu_m=place, **changes
+    )
 
 
 def test_whoever_is_in_reach_is_followed_and_leaves_later_than_it_came() -> None:
@@ -26,7 +30,8 @@ def test_whoever_is_in_reach_is_followed_and_leaves_later_than_it_came() -> None
     first = subscription.select(distances_m, frozenset(), 6.5, 12)
     assert first == {f"mav{place}" for place in range(6)}
     moved = {name: 1.08 * far_m for name, far_m in distances_m.items()}
-    assert subscription.select(moved, first, 6.4, 12) == first  # mav5 is at 6.48 m, inside what it may leave
+    # mav5 is at 6.48 m, inside what it may leave
+    assert subscription.select(moved, first, 6.4, 12) == first
     assert "mav5" not in subscription.select(moved, frozenset(), 6.4, 12)
 
 
@@ -112,7 +117,10 @@ def test_many_tables_hear_at_once_what_each_would_hear_alone(sequence: int) -> N
     apart, together = ([NeighbourTable(fleet, name) for name in names] for _ in range(2))
     hall = Tables(together)
     for stamp_ns, number in ((S, 10), (S + 20_000_000, sequence)):
-        said = [_state(name, 2.0 * places[name], number, stamp_ns, is_valid=name != "mav7") for name in names]
+        said = [
+            _state(name, 2.0 * places[name], number, stamp_ns, is_valid=name != "mav7")
+            for name in names
+        ]
         received_ns = stamp_ns + 1_000_000
         hall.hear(Round.of(said, places), received_ns, hall.all_listening)
         hall.age(received_ns)
@@ -122,10 +130,14 @@ def test_many_tables_hear_at_once_what_each_would_hear_alone(sequence: int) -> N
                 if slow or message.vehicle in table.followed:
                     table.hear(message, received_ns)
             position = (2.0 * places[table.own_name], 0.0, 1.0)
-            assert table.distances_m(position, received_ns) == other.distances_m(position, received_ns)
+            assert table.distances_m(position, received_ns) == other.distances_m(
+                position, received_ns
+            )
             assert table.followed_ages_s(received_ns) == other.followed_ages_s(received_ns)
             assert table.snapshot(received_ns) == other.snapshot(received_ns)
             assert table.counts == other.counts
-            assert table.select_followed(position, received_ns) == other.select_followed(position, received_ns)
+            assert table.select_followed(position, received_ns) == other.select_followed(
+                position, received_ns
+            )
     rows, is_present = hall.snapshots([3, 5], S + 30_000_000)
     assert NEIGHBOUR.values(rows[1][is_present[1]]) == apart[5].snapshot(S + 30_000_000)

@@ -38,7 +38,10 @@ def test_no_accuracy_is_believed_that_no_vehicle_would_publish() -> None:
     table = _table()
     table.hear(_state(position_std_m=2.0, velocity_std_m_s=50.0), 5 * S)
     (neighbour,) = table.snapshot(5 * S)
-    assert (neighbour.position_std_m, neighbour.velocity_std_m_s) == (LARGEST_POSITION_STD_M, LARGEST_VELOCITY_STD_M_S)
+    assert (neighbour.position_std_m, neighbour.velocity_std_m_s) == (
+        LARGEST_POSITION_STD_M,
+        LARGEST_VELOCITY_STD_M_S,
+    )
 
 
 def test_the_ring_successor_is_the_next_of_the_fleet_file() -> None:
@@ -63,7 +66,9 @@ def test_a_silent_neighbour_stays_present_but_does_not_cooperate() -> None:
 def test_a_neighbour_without_a_position_is_avoided_where_it_was() -> None:
     table = _table()
     table.hear(_state(), 5 * S)
-    table.hear(_state(sequence=11, stamp_ns=6 * S, is_valid=False, position_enu_m=(0.0, 0.0, 0.0)), 6 * S)
+    table.hear(
+        _state(sequence=11, stamp_ns=6 * S, is_valid=False, position_enu_m=(0.0, 0.0, 0.0)), 6 * S
+    )
     (neighbour,) = table.snapshot(6 * S)
     assert neighbour.position_enu_m == (2.0, 0.0, 1.0)
     assert not neighbour.is_cooperative
@@ -80,7 +85,9 @@ def test_a_neighbour_without_a_position_is_avoided_where_it_was() -> None:
         {"sequence": 11, "crowd_count": math.nan},
     ],
 )
-def test_replayed_and_non_finite_messages_change_nothing_and_are_counted(changes: dict[str, object]) -> None:
+def test_replayed_and_non_finite_messages_change_nothing_and_are_counted(
+    changes: dict[str, object],
+) -> None:
     table = _table()
     table.hear(_state(), 5 * S)
     assert not table.hear(_state(**{"position_enu_m": (9.0, 9.0, 9.0), **changes}), 5 * S)
@@ -91,15 +98,23 @@ def test_replayed_and_non_finite_messages_change_nothing_and_are_counted(changes
 def test_a_restarted_neighbour_is_heard_again_although_its_count_begins_anew() -> None:
     table = _table()
     table.hear(_state(), 5 * S)
-    assert table.hear(_state(boot_id=2, sequence=1, stamp_ns=6 * S, position_enu_m=(3.0, 0.0, 0.0)), 6 * S)
+    assert table.hear(
+        _state(boot_id=2, sequence=1, stamp_ns=6 * S, position_enu_m=(3.0, 0.0, 0.0)), 6 * S
+    )
 
 
-@pytest.mark.parametrize("lie", [{"sequence": 2**60}, {"boot_id": 2**60}, {"stamp_ns": 2**61}, {"is_valid": False}])
-def test_a_neighbour_is_heard_again_right_after_one_false_message_in_its_name(lie: dict[str, Any]) -> None:
+@pytest.mark.parametrize(
+    "lie", [{"sequence": 2**60}, {"boot_id": 2**60}, {"stamp_ns": 2**61}, {"is_valid": False}]
+)
+def test_a_neighbour_is_heard_again_right_after_one_false_message_in_its_name(
+    lie: dict[str, Any],
+) -> None:
     table = _table()
     table.hear(_state(), 5 * S)
     table.hear(_state(**{"stamp_ns": 5 * S + 1, "sequence": 11, **lie}), 5 * S + 1)
-    assert table.hear(_state(stamp_ns=5 * S + 2, sequence=11, position_enu_m=(2.1, 0.0, 1.0)), 5 * S + 2)
+    assert table.hear(
+        _state(stamp_ns=5 * S + 2, sequence=11, position_enu_m=(2.1, 0.0, 1.0)), 5 * S + 2
+    )
 
 
 def test_a_message_from_before_a_restart_changes_nothing() -> None:
@@ -136,15 +151,21 @@ _MESSAGE = st.fixed_dictionaries(
         "is_valid": st.booleans(),
         "is_airborne": st.booleans(),
         "is_cooperative": st.booleans(),
-        "position_enu_m": st.tuples(st.floats(-50.0, 50.0) | st.just(math.nan), st.floats(-50.0, 50.0), st.just(1.0)),
+        "position_enu_m": st.tuples(
+            st.floats(-50.0, 50.0) | st.just(math.nan), st.floats(-50.0, 50.0), st.just(1.0)
+        ),
     }
 )
-_ROUNDS = st.lists(st.tuples(st.dictionaries(st.sampled_from(_NAMES), _MESSAGE), st.integers(0, S)), max_size=12)
+_ROUNDS = st.lists(
+    st.tuples(st.dictionaries(st.sampled_from(_NAMES), _MESSAGE), st.integers(0, S)), max_size=12
+)
 
 
 @settings(max_examples=100, deadline=None)
 @given(_ROUNDS)
-def test_a_round_of_messages_is_heard_like_one_after_the_other(rounds: list[tuple[dict[str, Any], int]]) -> None:
+def test_a_round_of_messages_is_heard_like_one_after_the_other(
+    rounds: list[tuple[dict[str, Any], int]],
+) -> None:
     single, whole = (NeighbourTable(fleet(_NAMES), "mav1") for _ in range(2))
     tables, now_ns = Tables([whole]), 5 * S
     for changes, wait_ns in rounds:
@@ -160,7 +181,9 @@ def test_a_round_of_messages_is_heard_like_one_after_the_other(rounds: list[tupl
         now_ns += wait_ns
         assert single.snapshot(now_ns) == whole.snapshot(now_ns)
         assert single.silent(now_ns) == whole.silent(now_ns)
-        assert single.distances_m((0.0, 0.0, 0.0), now_ns) == whole.distances_m((0.0, 0.0, 0.0), now_ns)
+        assert single.distances_m((0.0, 0.0, 0.0), now_ns) == whole.distances_m(
+            (0.0, 0.0, 0.0), now_ns
+        )
         assert single.followed_ages_s(now_ns) == whole.followed_ages_s(now_ns)
         assert (single.counts, single.last_heard_ns) == (whole.counts, whole.last_heard_ns)
 
@@ -177,12 +200,15 @@ def test_who_is_seen_only_is_silent_also_while_poses_are_late() -> None:
             position_enu_m=(2.0 + 0.001 * tick, 0.0, 1.0), quaternion_enu_flu_wxyz=(1.0, 0.0, 0.0, 0.0),
         )  # fmt: skip
         assert table.hear_pose(pose, 6 * S + tick * S // 50)
-    assert table.bodies_to_watch(6 * S + 100_000_000, 0.2) == ()  # the own pose is late: no others are received
+    # the own pose is late: no others are received
+    assert table.bodies_to_watch(6 * S + 100_000_000, 0.2) == ()
     assert table.silent(6 * S + 100_000_000) == ("mav1", "mav2")
     assert table.heard_ages_s(6 * S + 100_000_000).tolist() == pytest.approx([1.1, 1.1])
 
 
-def test_the_body_of_a_silent_neighbour_is_watched_until_its_messages_have_come_regularly_for_a_while() -> None:
+def test_the_body_of_a_silent_neighbour_is_watched_until_its_messages_have_come_regularly_for_a_while() -> (
+    None
+):
     table, changes = _table(), {}
     for tick in range(600):  # 12 s
         now_ns = 5 * S + tick * S // 50

@@ -1,4 +1,6 @@
-"""Deployment over ssh and scp, which are scripts here: they run what they are told on this machine's own folders."""
+"""Deployment over ssh and scp, which are scripts here: they run what they are told on this
+machine's own folders.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +30,9 @@ NOTHING = '#!/bin/sh\necho "$(basename $0) $*" >> "$COVEY_TEST/log"\n'
 @pytest.fixture
 def lab(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A lab of two, of which the second does not answer."""
-    (tmp_path / "lab.toml").write_text(starter(Answers(vehicles=2, companions="10.0.0.11")).fleet_text)
+    (tmp_path / "lab.toml").write_text(
+        starter(Answers(vehicles=2, companions="10.0.0.11")).fleet_text
+    )
     (tmp_path / "covey-1-py3-none-any.whl").write_text("wheel")
     remote = tmp_path / "covey/.venv/bin"
     for folder, name, text in (
@@ -51,13 +55,27 @@ def lab(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def test_each_companion_gets_wheel_fleet_file_and_service_and_one_that_fails_is_named(
     lab: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    words = ["deploy", "--fleet", "lab.toml", "--login", "pi", "--wheel", "covey-1-py3-none-any.whl"]
+    words = [
+        "deploy",
+        "--fleet",
+        "lab.toml",
+        "--login",
+        "pi",
+        "--wheel",
+        "covey-1-py3-none-any.whl",
+    ]
     assert main(words) == 50
     assert (lab / "covey/fleet.toml").read_text() == (lab / "lab.toml").read_text()
     assert (lab / "covey/covey-1-py3-none-any.whl").exists()
     log = (lab / "log").read_text()
-    assert "sudo .venv/bin/covey agent install --fleet fleet.toml --vehicle mav0 --realtime --now" in log
-    assert "pip install -q --find-links . --force-reinstall --no-deps ./covey-1-py3-none-any.whl" in log
+    assert (
+        "sudo .venv/bin/covey agent install --fleet fleet.toml --vehicle mav0 --realtime --now"
+        in log
+    )
+    assert (
+        "pip install -q --find-links . --force-reinstall --no-deps ./covey-1-py3-none-any.whl"
+        in log
+    )
     assert "mav1: this failed: ssh -- pi@10.0.0.12" in capfd.readouterr().err
 
 
@@ -67,12 +85,18 @@ def test_the_status_says_what_runs_where_and_the_hash_that_all_must_have(
     (lab / "covey/fleet.toml").write_text((lab / "lab.toml").read_text())
     assert main(["deploy", "--fleet", "lab.toml", "--status", "--vehicles", "mav0"]) == 0
     out = capfd.readouterr().out
-    (here,) = [line.split()[5].rstrip(":") for line in out.splitlines() if line.startswith("The fleet file here")]
+    (here,) = [
+        line.split()[5].rstrip(":")
+        for line in out.splitlines()
+        if line.startswith("The fleet file here")
+    ]
     assert out.count(here) == 2
     assert "covey agent status --fleet fleet.toml --vehicle mav0" in (lab / "log").read_text()
 
 
-def test_print_runs_nothing_and_a_missing_wheel_is_a_sentence(lab: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_print_runs_nothing_and_a_missing_wheel_is_a_sentence(
+    lab: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
     assert main(["deploy", "--fleet", "lab.toml", "--print"]) == 0
     assert "scp -- lab.toml 10.0.0.12:covey/fleet.toml" in capfd.readouterr().out
     assert not (lab / "log").exists()

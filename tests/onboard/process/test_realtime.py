@@ -50,7 +50,9 @@ def _start(fleet_file: Path) -> subprocess.Popen[str]:
 
 
 def _wait_for_port(fleet_file: Path) -> None:
-    port = int(fleet_file.read_text(encoding="utf-8").split('agent = "tcp/127.0.0.1:')[1].split('"')[0])
+    port = int(
+        fleet_file.read_text(encoding="utf-8").split('agent = "tcp/127.0.0.1:')[1].split('"')[0]
+    )
     deadline = time.monotonic() + 15.0
     while time.monotonic() < deadline:
         with socket.socket() as probe:
@@ -61,7 +63,9 @@ def _wait_for_port(fleet_file: Path) -> None:
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_on_the_ground_a_signal_ends_the_agent_with_status_0(fleet_file: Path, number: signal.Signals) -> None:
+def test_on_the_ground_a_signal_ends_the_agent_with_status_0(
+    fleet_file: Path, number: signal.Signals
+) -> None:
     with _start(fleet_file) as process:
         _wait_for_port(fleet_file)
         time.sleep(0.3)
@@ -69,7 +73,9 @@ def test_on_the_ground_a_signal_ends_the_agent_with_status_0(fleet_file: Path, n
         assert process.wait(10) == 0
 
 
-def test_a_second_agent_for_the_same_vehicle_is_refused_in_words_with_status_2(fleet_file: Path) -> None:
+def test_a_second_agent_for_the_same_vehicle_is_refused_in_words_with_status_2(
+    fleet_file: Path,
+) -> None:
     with _start(fleet_file) as first:
         _wait_for_port(fleet_file)
         with _start(fleet_file) as second:
@@ -145,12 +151,15 @@ def test_a_reader_of_the_log_that_hangs_does_not_hold_up_who_logs() -> None:
         "import logging, time\n"
         "from onboard.process.realtime import log_elsewhere\n"
         "lines = log_elsewhere('mav0', 'INFO')\n"
-        "for _ in range(5000): logging.getLogger('covey').info('x' * 200)\n"  # a megabyte; a pipe holds 64 kB
+        # a megabyte; a pipe holds 64 kB
+        "for _ in range(5000): logging.getLogger('covey').info('x' * 200)\n"
         "print('done', flush=True)\n"
         "time.sleep(60)\n"
     )
     command = [sys.executable, "-c", program]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
         assert process.stdout is not None
         try:
             assert process.stdout.readline() == "done\n"
@@ -158,7 +167,9 @@ def test_a_reader_of_the_log_that_hangs_does_not_hold_up_who_logs() -> None:
             process.kill()
 
 
-def test_the_loop_goes_first_where_it_may_its_helpers_next_and_what_it_starts_later_does_not() -> None:
+def test_the_loop_goes_first_where_it_may_its_helpers_next_and_what_it_starts_later_does_not() -> (
+    None
+):
     program = """
 import os, threading
 from onboard.process import realtime as process
@@ -173,11 +184,15 @@ is_next = 0 < os.sched_getparam(before.native_id).sched_priority < os.sched_getp
 end.set()
 print(own == os.SCHED_FIFO, is_next, found == [os.SCHED_OTHER], said)
 """
-    ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=30.0, check=True)
+    ended = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, timeout=30.0, check=True
+    )
     has_it, helpers_are_next, others_do_not, said = ended.stdout.split(" ", 3)
     assert others_do_not == "True"
     assert helpers_are_next == has_it
-    assert said.startswith("The loop runs with real-time priority" if has_it == "True" else "The loop runs without")
+    assert said.startswith(
+        "The loop runs with real-time priority" if has_it == "True" else "The loop runs without"
+    )
 
 
 def test_a_loop_that_goes_first_and_never_pauses_is_ended_and_its_log_says_where() -> None:
@@ -190,7 +205,9 @@ if "without" not in process.take_precedence():
     while time.monotonic() < end_s: pass
     print("still there")
 """
-    ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=30.0, check=False)
+    ended = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, timeout=30.0, check=False
+    )
     assert ended.stdout == ""
     if ended.returncode != 0:  # otherwise precedence is not allowed here
         assert ended.returncode == -signal.SIGXCPU

@@ -1,4 +1,6 @@
-"""The agent as a systemd service: signs of life from live ticks only, and a unit that systemd accepts."""
+"""The agent as a systemd service: signs of life from live ticks only, and a unit that systemd
+accepts.
+"""
 
 from __future__ import annotations
 
@@ -47,12 +49,16 @@ def listener(tmp_path: Path) -> Listener:
     return Listener(tmp_path)
 
 
-def test_the_first_tick_says_ready_and_later_ones_that_it_lives_in_time_and_what_it_does(listener: Listener) -> None:
+def test_the_first_tick_says_ready_and_later_ones_that_it_lives_in_time_and_what_it_does(
+    listener: Listener,
+) -> None:
     life = Notifier({"NOTIFY_SOCKET": listener.path, "WATCHDOG_USEC": "2000000"})
     assert listener.heard() == []
     for tick in range(100):
         life.alive(tick * 20 * MS, "waiting")
-    assert listener.heard() == ["READY=1\nWATCHDOG=1\nSTATUS=waiting"] + 2 * ["WATCHDOG=1\nSTATUS=waiting"]
+    assert listener.heard() == ["READY=1\nWATCHDOG=1\nSTATUS=waiting"] + 2 * [
+        "WATCHDOG=1\nSTATUS=waiting"
+    ]
     life.alive(1999 * MS, "flying")
     assert listener.heard() == ["WATCHDOG=1\nSTATUS=flying"]
 
@@ -128,7 +134,9 @@ def test_the_unit_is_shown_without_being_installed_and_has_watchdog_limits_and_t
 
 @pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="systemd-analyze is not here")
 @pytest.mark.parametrize("is_user", [True, False])
-def test_systemd_accepts_the_unit_and_a_fleet_file_with_odd_letters_in_its_path(tmp_path: Path, is_user: bool) -> None:
+def test_systemd_accepts_the_unit_and_a_fleet_file_with_odd_letters_in_its_path(
+    tmp_path: Path, is_user: bool
+) -> None:
     folder = tmp_path / "50 % of $HOME"
     folder.mkdir()
     found = service.Service(str(folder / "fleet.toml"), "paper", "mav1", is_user)
@@ -149,7 +157,9 @@ def test_installing_writes_the_unit_again_and_again_but_never_over_somebody_else
     assert path.read_text(encoding="utf-8").startswith("# Written by covey agent install")
     assert main(["install", *OPTIONS, "--now"]) == 0
     assert "runs, now and after every boot" in capsys.readouterr().out
-    assert (tmp_path / "called").read_text().splitlines()[-1] == "--user restart covey-agent-paper-mav1.service"
+    assert (tmp_path / "called").read_text().splitlines()[
+        -1
+    ] == "--user restart covey-agent-paper-mav1.service"
     path.write_text("[Service]\nExecStart=/bin/true\n", encoding="utf-8")
     assert main(["install", *OPTIONS]) == 2
     assert "was not written by covey agent install" in capsys.readouterr().err
@@ -173,9 +183,21 @@ def test_a_folder_that_cannot_be_written_says_so(
             0,
             "process 7, restarted 1",
         ),
-        ("LoadState=loaded\nActiveState=failed\nResult=watchdog\nNRestarts=5", 1, "its control loop hung"),
-        ("LoadState=loaded\nActiveState=inactive\nResult=success\nNRestarts=0", 1, "it was stopped"),
-        ("LoadState=loaded\nActiveState=failed\nResult=exit-code\nExecMainStatus=2", 1, "exit-code, exit status 2"),
+        (
+            "LoadState=loaded\nActiveState=failed\nResult=watchdog\nNRestarts=5",
+            1,
+            "its control loop hung",
+        ),
+        (
+            "LoadState=loaded\nActiveState=inactive\nResult=success\nNRestarts=0",
+            1,
+            "it was stopped",
+        ),
+        (
+            "LoadState=loaded\nActiveState=failed\nResult=exit-code\nExecMainStatus=2",
+            1,
+            "exit-code, exit status 2",
+        ),
         ("LoadState=not-found", 2, "is not installed"),
     ],
 )
@@ -198,7 +220,10 @@ def test_the_log_is_the_journals_and_without_systemd_the_words_are_clear(
 ) -> None:
     programs(tmp_path, monkeypatch, journalctl='echo "journal of $*"')
     assert main(["logs", *OPTIONS, "--lines", "7"]) == 0
-    assert "journal of --user --unit covey-agent-paper-mav1.service --no-pager --lines 7" in capfd.readouterr().out
+    assert (
+        "journal of --user --unit covey-agent-paper-mav1.service --no-pager --lines 7"
+        in capfd.readouterr().out
+    )
     monkeypatch.setenv("PATH", str(tmp_path / "nothing"))
     assert main(["logs", *OPTIONS]) == 2
     assert main(["status", *OPTIONS]) == 2
@@ -228,6 +253,8 @@ def programs(folder: Path, monkeypatch: pytest.MonkeyPatch, **scripts: str) -> N
     place.mkdir()
     for name, script in scripts.items():
         program = place / name
-        program.write_text(f'#!/bin/sh\necho "$*" >> {shlex.quote(str(folder / "called"))}\n{script}\n')
+        program.write_text(
+            f'#!/bin/sh\necho "$*" >> {shlex.quote(str(folder / "called"))}\n{script}\n'
+        )
         program.chmod(program.stat().st_mode | stat.S_IXUSR)
     monkeypatch.setenv("PATH", f"{place}:{os.environ['PATH']}")

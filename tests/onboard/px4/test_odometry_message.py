@@ -22,7 +22,9 @@ _SYSTEM = 9
 
 
 class _Decoder:
-    """Looks like a PX4 to the link: heartbeats out, everything that comes in is decoded by pymavlink."""
+    """Looks like a PX4 to the link: heartbeats out, everything that comes in is decoded by
+    pymavlink.
+    """
 
     def __init__(self, port: int) -> None:
         self.messages: list[mavlink.MAVLink_message] = []
@@ -84,7 +86,9 @@ def wire() -> Iterator[tuple[Px4Link, _Decoder]]:
         decoder.stop()
 
 
-def test_a_pose_goes_out_in_px4s_axes_with_its_variance_and_its_count_and_without_a_velocity(wire) -> None:
+def test_a_pose_goes_out_in_px4s_axes_with_its_variance_and_its_count_and_without_a_velocity(
+    wire,
+) -> None:
     link, decoder = wire
     # facing 30 degrees north of east; not quite a unit quaternion, as mocaps give them
     facing = tuple(1.01 * part for part in quaternion_from_yaw(math.radians(30.0)))
@@ -93,14 +97,26 @@ def test_a_pose_goes_out_in_px4s_axes_with_its_variance_and_its_count_and_withou
     assert (sent.x, sent.y, sent.z) == pytest.approx((2.0, 1.0, -3.0))  # north, east, down
     assert abs(np.linalg.norm(sent.q) - 1.0) < 1e-6  # PX4 takes 1e-5
     w, x, y, z = sent.q
-    assert math.degrees(math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))) == pytest.approx(60.0, abs=1e-3)
+    assert math.degrees(math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))) == pytest.approx(
+        60.0, abs=1e-3
+    )
     assert (abs(x), abs(y)) == pytest.approx((0.0, 0.0), abs=1e-6)  # level stays level
-    assert (sent.frame_id, sent.child_frame_id) == (mavlink.MAV_FRAME_LOCAL_NED, mavlink.MAV_FRAME_BODY_FRD)
+    assert (sent.frame_id, sent.child_frame_id) == (
+        mavlink.MAV_FRAME_LOCAL_NED,
+        mavlink.MAV_FRAME_BODY_FRD,
+    )
     covariance = sent.pose_covariance
     assert [covariance[place] for place in (0, 6, 11)] == pytest.approx([4e-4] * 3)
     assert all(covariance[place] > 0.0 for place in (15, 18, 20))
-    assert all(math.isnan(value) for value in (sent.vx, sent.vy, sent.vz, sent.rollspeed, sent.velocity_covariance[0]))
-    assert (sent.reset_counter, sent.estimator_type, sent.quality) == (255, mavlink.MAV_ESTIMATOR_TYPE_VISION, 100)
+    assert all(
+        math.isnan(value)
+        for value in (sent.vx, sent.vy, sent.vz, sent.rollspeed, sent.velocity_covariance[0])
+    )
+    assert (sent.reset_counter, sent.estimator_type, sent.quality) == (
+        255,
+        mavlink.MAV_ESTIMATOR_TYPE_VISION,
+        100,
+    )
 
 
 def _until(holds) -> None:
@@ -131,7 +147,9 @@ def test_px4_gets_its_global_origin_before_the_first_pose_and_never_between_two(
     _until(
         lambda: (
             not link.settle_global_origin(sets_ours=True)
-            and any(message.get_type() == "SET_GPS_GLOBAL_ORIGIN" for message in list(decoder.messages))
+            and any(
+                message.get_type() == "SET_GPS_GLOBAL_ORIGIN" for message in list(decoder.messages)
+            )
         )
     )
     sent = decoder.wait("SET_GPS_GLOBAL_ORIGIN")

@@ -53,7 +53,9 @@ def test_layouts_and_checksums_are_those_of_mavlink() -> None:
         assert codes(known.unpacker.format).startswith(codes(message.layout.format)), name
         counts = zip(known.ordered_fieldnames, known.array_lengths, strict=True)
         places = [
-            field for field, count in counts for _ in range(max(1, count if known.unpacker.format.find("s") < 0 else 1))
+            field
+            for field, count in counts
+            for _ in range(max(1, count if known.unpacker.format.find("s") < 0 else 1))
         ]
         for field, place, _ in message.fields:
             assert places[place] == field, name
@@ -62,10 +64,20 @@ def test_layouts_and_checksums_are_those_of_mavlink() -> None:
 
 
 def test_pymavlink_reads_what_is_written_and_what_it_writes_is_read() -> None:
-    values = SENT["SET_ATTITUDE_TARGET"].layout.pack(7, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.5, 3, 1, 7)
+    values = SENT["SET_ATTITUDE_TARGET"].layout.pack(
+        7, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.5, 3, 1, 7
+    )
     (read,) = mavlink.MAVLink(None).parse_buffer(bytearray(packed(82, values, 255, 3, 191)))
-    assert (read.time_boot_ms, read.q, read.thrust, read.target_system, read.type_mask) == (7, [1, 0, 0, 0], 0.5, 3, 7)
-    battery = mavlink.MAVLink_battery_status_message(1, 0, 0, 25, [16000] + [65535] * 9, -1, 3, -1, 77)
+    assert (read.time_boot_ms, read.q, read.thrust, read.target_system, read.type_mask) == (
+        7,
+        [1, 0, 0, 0],
+        0.5,
+        3,
+        7,
+    )
+    battery = mavlink.MAVLink_battery_status_message(
+        1, 0, 0, 25, [16000] + [65535] * 9, -1, 3, -1, 77
+    )
     (packet,) = cut(bytes(battery.pack(mavlink.MAVLink(None, 3, 1))))
     assert isinstance(packet, Packet)
     assert packet.is_right
@@ -74,7 +86,11 @@ def test_pymavlink_reads_what_is_written_and_what_it_writes_is_read() -> None:
     old = mavlink.MAVLink_attitude_quaternion_message(9, 1.0, 0.0, 0.0, 0.0, 0, 0, 0)
     (packet,) = cut(bytes(old.pack(mavlink.MAVLink(None, 3, 1), force_mavlink1=True)))
     assert isinstance(packet, Packet)
-    assert (packet.is_right, packet.system_id, fields_of("ATTITUDE_QUATERNION", packet.payload)["time_boot_ms"]) == (
+    assert (
+        packet.is_right,
+        packet.system_id,
+        fields_of("ATTITUDE_QUATERNION", packet.payload)["time_boot_ms"],
+    ) == (
         True,
         3,
         9,
@@ -85,7 +101,11 @@ def test_no_bytes_stop_the_cutting_and_no_flipped_bit_passes() -> None:
     draw = random.Random(1)
     good = ours(Signer(KEY, 10))
     for _ in range(3000):
-        data = bytearray(good) if draw.random() < 0.7 else bytearray(draw.randbytes(draw.randrange(1, 300)))
+        data = (
+            bytearray(good)
+            if draw.random() < 0.7
+            else bytearray(draw.randbytes(draw.randrange(1, 300)))
+        )
         for _ in range(draw.randrange(3)):
             data[draw.randrange(len(data))] ^= 1 << draw.randrange(8)
         for packet in cut(bytes(data)):
@@ -111,7 +131,10 @@ def test_what_is_unsigned_forged_replayed_or_from_an_old_clock_is_refused() -> N
     assert signer.check(heartbeat(theirs(OTHER_KEY)), NOW) is SignatureVerdict.FORGED
     assert signer.check(heartbeat(theirs(stamp=NOW - MINUTE - 1)), NOW) is SignatureVerdict.OLD
     first = heartbeat(theirs(stamp=NOW - MINUTE + 1))
-    assert [signer.check(first, NOW) for _ in range(2)] == [SignatureVerdict.FRESH, SignatureVerdict.OLD]
+    assert [signer.check(first, NOW) for _ in range(2)] == [
+        SignatureVerdict.FRESH,
+        SignatureVerdict.OLD,
+    ]
     assert signer.check(heartbeat(theirs(stamp=NOW - MINUTE)), NOW) is SignatureVerdict.OLD
     assert signer.check(heartbeat(theirs(stamp=NOW - MINUTE + 2)), NOW) is SignatureVerdict.FRESH
     assert signer.check(heartbeat(theirs(stamp=NOW, link_id=2)), NOW) is SignatureVerdict.FRESH

@@ -108,7 +108,9 @@ def test_the_snapshot_fills_with_everything_that_the_agent_reads(link: Px4Link) 
     assert 10.0 < seen.battery_voltage_v < 20.0
 
 
-def test_px4_tells_where_its_local_frame_lies_and_takes_an_origin_at_sea_level_for_a_mocap(link: Px4Link) -> None:
+def test_px4_tells_where_its_local_frame_lies_and_takes_an_origin_at_sea_level_for_a_mocap(
+    link: Px4Link,
+) -> None:
     deadline = time.monotonic() + 8.0
     while link.snapshot().global_origin is None and time.monotonic() < deadline:
         link.settle_global_origin(sets_ours=False)
@@ -129,7 +131,9 @@ def test_the_stream_rates_are_raised(link: Px4Link) -> None:
     assert len(stamps) > 38  # PX4's default is 30 Hz
 
 
-def test_required_parameters_are_read_found_wrong_set_and_found_right(link: Px4Link, fleet_file: Path) -> None:
+def test_required_parameters_are_read_found_wrong_set_and_found_right(
+    link: Px4Link, fleet_file: Path
+) -> None:
     required = required_params(load_fleet(fleet_file).vehicles["solo"])
     assert required.items() >= {"COM_OF_LOSS_T": 0.3, "COM_OBL_RC_ACT": 4}.items()
     before = differences(required, link.read_params(required))
@@ -161,7 +165,8 @@ def test_a_flight_follows_the_setpoints_and_a_silent_loop_sends_none(link: Px4Li
     fly(0.5, 0.48)
     assert link.snapshot().landed is Landed.IN_AIR
     assert link.snapshot().position_local_ned_m[2] < -0.3
-    # tilt the thrust to fleet east: left of a nose that points north is west, so the left side has to rise
+    # tilt the thrust to fleet east: left of a nose that points north is west, so the left side has
+    # to rise
     east = quaternion_multiply(level, (math.cos(0.08), math.sin(0.08), 0.0, 0.0))
     fly(0.8, 0.5, east)
     assert link.snapshot().velocity_local_ned_m_s[1] > 0.3

@@ -28,7 +28,9 @@ def now() -> int:
 class Sender:
     """Somebody with a UDP port and ids."""
 
-    def __init__(self, to: int, system_id: int = SYSTEM, component_id: int = 1, key: bytes | None = None) -> None:
+    def __init__(
+        self, to: int, system_id: int = SYSTEM, component_id: int = 1, key: bytes | None = None
+    ) -> None:
         self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self.socket.bind(("127.0.0.1", 0))
         self.socket.settimeout(3.0)
@@ -39,7 +41,9 @@ class Sender:
             self.end.signing.timestamp, self.end.signing.link_id = now(), 1
 
     def beat(self) -> bytes:
-        return self.send(bytes(mavlink.MAVLink_heartbeat_message(2, 12, 81, 0, 3, 3).pack(self.end)))
+        return self.send(
+            bytes(mavlink.MAVLink_heartbeat_message(2, 12, 81, 0, 3, 3).pack(self.end))
+        )
 
     def send(self, data: bytes) -> bytes:
         self.socket.sendto(data, self._to)
@@ -59,7 +63,9 @@ class Bench:
             self.port = int(probe.getsockname()[1])
         self.let_in: list[Packet] = []
         signer = None if key is None else Signer(key, AGENT_LINK_ID)
-        self.relay = MavlinkRelay(f"udpin://127.0.0.1:{self.port}", Ids(SYSTEM, 191), signer, self.let_in.append)
+        self.relay = MavlinkRelay(
+            f"udpin://127.0.0.1:{self.port}", Ids(SYSTEM, 191), signer, self.let_in.append
+        )
         self.senders: list[Sender] = []
 
     def sender(self, **ids: int | bytes) -> Sender:
@@ -94,7 +100,9 @@ def start() -> Iterator[Callable[..., Bench]]:
             sender.socket.close()
 
 
-def test_only_the_first_autopilot_with_the_right_ids_is_heard_and_all_else_is_counted(start) -> None:
+def test_only_the_first_autopilot_with_the_right_ids_is_heard_and_all_else_is_counted(
+    start,
+) -> None:
     bench = start()
     relay, px4, stranger = bench.relay, bench.sender(), bench.sender()
     other, ground = bench.sender(system_id=9), bench.sender(system_id=255, component_id=190)
@@ -143,10 +151,15 @@ def test_a_relay_with_a_key_hears_what_is_freshly_signed_and_signs_what_it_sends
 def test_a_px4_that_has_just_started_is_greeted_so_that_its_time_catches_up(start) -> None:
     bench = start(KEY)
     px4 = bench.sender(key=KEY)
-    px4.end.signing.timestamp = now() - 90 * 24 * 3600 * 100_000  # since its key was set it has heard nobody
+    # since its key was set it has heard nobody
+    px4.end.signing.timestamp = now() - 90 * 24 * 3600 * 100_000
     px4.beat()
     greeting = px4.receive()
-    assert (greeting.get_type(), greeting.get_signed(), greeting.get_srcComponent()) == ("HEARTBEAT", True, 191)
+    assert (greeting.get_type(), greeting.get_signed(), greeting.get_srcComponent()) == (
+        "HEARTBEAT",
+        True,
+        191,
+    )
     assert not bench.let_in
     px4.beat()
     until(lambda: len(bench.let_in) == 1)

@@ -1,4 +1,6 @@
-"""The relay over a serial device, here a pseudo terminal: a stream of bytes in which packets begin anywhere."""
+"""The relay over a serial device, here a pseudo terminal: a stream of bytes in which packets begin
+anywhere.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +29,9 @@ class Line:
         self.let_in: list[Packet] = []
         signer = None if key is None else Signer(key, AGENT_LINK_ID)
         device = os.ttyname(self.device)
-        self.relay = MavlinkRelay(f"serial://{device}:921600", Ids(SYSTEM, 191), signer, self.let_in.append)
+        self.relay = MavlinkRelay(
+            f"serial://{device}:921600", Ids(SYSTEM, 191), signer, self.let_in.append
+        )
         self.end = mavlink.MAVLink(None, SYSTEM, 1)
         if key is not None:
             self.end.signing.secret_key, self.end.signing.sign_outgoing = key, True
@@ -68,8 +72,8 @@ def test_packets_are_found_in_a_stream_of_pieces_and_junk_and_answers_leave(line
         wanted, packet = len(line.let_in) + 10, line.beat()
         os.write(line.px4, junk + packet[:7])
         os.write(line.px4, packet[7:])
-        # what looks like the begin of a packet takes one packet's length of bytes with it, and what has waited too long
-        # on a busy machine is dropped
+        # what looks like the begin of a packet takes one packet's length of bytes with it, and what
+        # has waited too long on a busy machine is dropped
         until(lambda: len(line.let_in) >= wanted or not os.write(line.px4, line.beat()))  # noqa: B023  within this round
         until(lambda: not select.select([line.device], [], [], 0.0)[0])
     assert all(packet.is_signed == line.relay.is_signed for packet in line.let_in)

@@ -1,4 +1,6 @@
-"""The tune that identifies a vehicle, from the agent's link through a real socket to the emulator's ear."""
+"""The tune that identifies a vehicle, from the agent's link through a real socket to the emulator's
+ear.
+"""
 
 from __future__ import annotations
 
@@ -41,7 +43,9 @@ def test_a_tune_reaches_px4_as_mavlink_says_and_the_emulator_counts_it() -> None
             tunes: list[bytes] = []
             while not tunes and time.monotonic() < end_s:
                 time.sleep(0.05)
-                tunes = [one for one in list(heard) if one[0] == 0xFD and one[7:10] == bytes((2, 1, 0))]
+                tunes = [
+                    one for one in list(heard) if one[0] == 0xFD and one[7:10] == bytes((2, 1, 0))
+                ]
             assert tunes, "no PLAY_TUNE (258) came"
         finally:
             is_over.set()

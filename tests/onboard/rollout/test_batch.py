@@ -1,4 +1,6 @@
-"""Batches fly the pipeline and the filter of the drone: row by row they give what one vehicle computes."""
+"""Batches fly the pipeline and the filter of the drone: row by row they give what one vehicle
+computes.
+"""
 
 from __future__ import annotations
 
@@ -39,8 +41,12 @@ def random_neighbours(rng: np.random.Generator) -> list[Neighbour]:
     ]
 
 
-def random_flight() -> tuple[list[pipeline.PipelineParams], list[list[tuple[State, Goal, list[Neighbour], Phase]]]]:
-    """Parameters of different vehicles under different laws, and inputs of each tick for each of them."""
+def random_flight() -> tuple[
+    list[pipeline.PipelineParams], list[list[tuple[State, Goal, list[Neighbour], Phase]]]
+]:
+    """Parameters of different vehicles under different laws, and inputs of each tick for each of
+    them.
+    """
     rng = np.random.default_rng(4)
     fleets = [load_fleet(f"configs/fleets/{name}.toml") for name in FLEETS]
     laws = ("covey", "covey", "paper", "off")
@@ -54,7 +60,9 @@ def random_flight() -> tuple[list[pipeline.PipelineParams], list[list[tuple[Stat
         flight.append(
             [
                 (
-                    State(vector(rng, 1.0), vector(rng, 0.5), vector(rng, 0.5), 0.0, 0.01, 0.01, 0.02),
+                    State(
+                        vector(rng, 1.0), vector(rng, 0.5), vector(rng, 0.5), 0.0, 0.01, 0.01, 0.02
+                    ),
                     Goal(vector(rng, 3.0), 0.0, tick // 15),
                     random_neighbours(rng),
                     phase,
@@ -97,7 +105,9 @@ def flown_one_by_one() -> np.ndarray:
     for inputs in flight:
         values = []
         for m, (state, goal, near, phase) in enumerate(inputs):
-            memories[m], tick = pipeline.step(memories[m], state, goal, near, walls, phase, params[m], 0.02)
+            memories[m], tick = pipeline.step(
+                memories[m], state, goal, near, walls, phase, params[m], 0.02
+            )
             values.append(tick)
         ticks.append(floats(batch.TICK.packed(values)).copy())
     return np.array(ticks)
@@ -107,7 +117,9 @@ def test_a_batch_gives_every_vehicle_what_it_computes_by_itself() -> None:
     rows = flown_in_rows()
     np.testing.assert_allclose(rows, flown_one_by_one(), rtol=1e-9, atol=1e-9)
     status = rows.view(batch.TICK.dtype)["law"]["status"]
-    assert {LawStatus.INACTIVE, LawStatus.SATURATED, LawStatus.RELAXED} <= set(status.ravel().tolist())
+    assert {LawStatus.INACTIVE, LawStatus.SATURATED, LawStatus.RELAXED} <= set(
+        status.ravel().tolist()
+    )
 
 
 def test_without_numba_the_same_batch_is_interpreted() -> None:
@@ -118,7 +130,9 @@ def test_without_numba_the_same_batch_is_interpreted() -> None:
         "import sys; sys.stdout.buffer.write(flown_in_rows().tobytes())"
     )
     environment = os.environ | {"COVEY_NUMBA": "0"}
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, check=True, env=environment)
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, check=True, env=environment
+    )
     rows = flown_in_rows()
     interpreted = np.frombuffer(done.stdout).reshape(rows.shape)
     np.testing.assert_allclose(rows, interpreted, rtol=1e-9, atol=1e-9)
@@ -130,7 +144,9 @@ def test_filters_of_a_batch_give_what_one_filter_gives() -> None:
     start = rng.uniform(-1.0, 1.0, (2, 3, 3))
     filters = batch.FleetEstimator(params, start)
     memories = [
-        kalman.initial(Vec3(*start[f, n]), params[n])._replace(thrust_m_s2=9.80665) for f in range(2) for n in range(3)
+        kalman.initial(Vec3(*start[f, n]), params[n])._replace(thrust_m_s2=9.80665)
+        for f in range(2)
+        for n in range(3)
     ]
     for _ in range(50):
         attitude = rng.normal([5.0, 0.0, 0.0, 0.0], 0.3, (2, 3, 4))
@@ -141,10 +157,14 @@ def test_filters_of_a_batch_give_what_one_filter_gives() -> None:
         for m in range(6):
             f, n = divmod(m, 3)
             q = tuple(attitude[f, n].tolist())
-            memory = kalman.drive(memories[m], q, float(throttle[f, n]), 0.5, params[n], 0.02, False)
+            memory = kalman.drive(
+                memories[m], q, float(throttle[f, n]), 0.5, params[n], 0.02, False
+            )
             memories[m] = kalman.correct(memory, Vec3(*sample[f, n].tolist()), 0.02, params[n])
             expected = kalman.state(memories[m], float(yaw[f, n]), 0.0, 0.0)
-            np.testing.assert_allclose(floats(states)[f, n], floats(batch.STATE.packed([expected]))[0], atol=1e-9)
+            np.testing.assert_allclose(
+                floats(states)[f, n], floats(batch.STATE.packed([expected]))[0], atol=1e-9
+            )
 
 
 @pytest.mark.parametrize("kind", [State, Goal, Neighbour, Tick, pipeline.PipelineParams])
@@ -162,5 +182,8 @@ def test_memories_with_lists_and_long_tuples_survive_their_row_and_columns_have_
     memory = pipeline.initial(params, Vec3(1.0, 2.0, 3.0))
     rows = batch.MEMORY.packed([memory, memory])
     assert batch.MEMORY.values(rows) == [memory, memory]
-    assert rows["hover_thrust"]["hover_thrust_frac"].tolist() == [params.hover_thrust.configured_frac] * 2
+    assert (
+        rows["hover_thrust"]["hover_thrust_frac"].tolist()
+        == [params.hover_thrust.configured_frac] * 2
+    )
     assert rows["law"]["commands"]["duration_s"].shape == (2, len(memory.law.commands))

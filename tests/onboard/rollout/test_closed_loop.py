@@ -1,4 +1,6 @@
-"""The paper's mission, flown in closed loop with perturbations: what the law promises and what happens without it."""
+"""The paper's mission, flown in closed loop with perturbations: what the law promises and what
+happens without it.
+"""
 
 import itertools
 from dataclasses import replace
@@ -17,14 +19,22 @@ STILL = Perturbation(0, 0, 0, 0, 0, message_loss=0, start_m=0)
 
 
 def paper_mission(fleet, count):
-    """Into the triangle at (0, 1.2) by every permutation of slots, on by (0, -2.4), and back by a second one."""
+    """Into the triangle at (0, 1.2) by every permutation of slots, on by (0, -2.4), and back by a
+    second one.
+    """
     slots = np.array(list(fleet.formations["triangle"].values()))
     away, home = np.array([0, 1.2, 1.0]), np.array([0, -1.2, 1.0])
     legs = [
-        [slots[PERMUTATIONS[k % 6]] + away, slots[PERMUTATIONS[k % 6]] + home, slots[PERMUTATIONS[k // 6 % 6]] + away]
+        [
+            slots[PERMUTATIONS[k % 6]] + away,
+            slots[PERMUTATIONS[k % 6]] + home,
+            slots[PERMUTATIONS[k // 6 % 6]] + away,
+        ]
         for k in range(count)
     ]
-    return closed_loop.Scenario(np.repeat(STARTS[None], count, 0), np.array(legs), np.array([7.0, 5.0, 5.0]), 25.0)
+    return closed_loop.Scenario(
+        np.repeat(STARTS[None], count, 0), np.array(legs), np.array([7.0, 5.0, 5.0]), 25.0
+    )
 
 
 def fly(fleet_name, law, count, seed=0, **options):
@@ -62,10 +72,15 @@ def test_the_papers_ring_flies_the_mission_with_strong_vehicles_but_does_not_kee
 def test_fleet_of_unequal_vehicles_keeps_its_distance():
     weak, strong = load_fleet("configs/fleets/paper.toml"), load_fleet("configs/fleets/sih.toml")
     names = list(weak.vehicles)
-    model, strong_model = closed_loop.fleet_model(weak, names), closed_loop.fleet_model(strong, names)
+    model, strong_model = (
+        closed_loop.fleet_model(weak, names),
+        closed_loop.fleet_model(strong, names),
+    )
     params = [model.params[0], strong_model.params[1], model.params[2]]
     plants = [model.plants[0], strong_model.plants[1], model.plants[2]]
-    result = closed_loop.fly(paper_mission(weak, 24), closed_loop.FleetModel(params, plants), range(24))
+    result = closed_loop.fly(
+        paper_mission(weak, 24), closed_loop.FleetModel(params, plants), range(24)
+    )
     assert result.min_separation_m.min() >= 0.80
     assert result.is_success.mean() > 0.95
 
@@ -75,10 +90,14 @@ def test_a_flight_alone_equals_the_same_flight_in_a_batch():
     model = closed_loop.fleet_model(fleet, list(fleet.vehicles))
     scenario = replace(paper_mission(fleet, 4), timeout_s=3.0)
     together = closed_loop.fly(scenario, model, [5, 6, 7, 8])
-    one = closed_loop.Scenario(scenario.start_enu_m[2:3], scenario.legs_enu_m[2:3], scenario.duration_s, 3.0)
+    one = closed_loop.Scenario(
+        scenario.start_enu_m[2:3], scenario.legs_enu_m[2:3], scenario.duration_s, 3.0
+    )
     alone = closed_loop.fly(one, model, [7])
     length = min(len(alone.trace_enu_m), len(together.trace_enu_m))
-    np.testing.assert_allclose(alone.trace_enu_m[:length, 0], together.trace_enu_m[:length, 2], atol=1e-6)
+    np.testing.assert_allclose(
+        alone.trace_enu_m[:length, 0], together.trace_enu_m[:length, 2], atol=1e-6
+    )
 
 
 def test_repeating_a_flight_gives_the_same_bytes():
@@ -93,7 +112,9 @@ def test_weak_vehicle_alone_ends_within_5_cm_in_spite_of_static_gain_and_tilt_bi
     fleet = load_fleet("configs/fleets/paper.toml")
     model = closed_loop.fleet_model(fleet, ["mav0"])
     legs = np.array([[[[1.0, 1.5, 1.2]]]])
-    scenario = closed_loop.Scenario(np.array([[[0.0, 0.0, 1.0]]]), legs, np.array([4.0]), 12.0, settle_s=3.0)
+    scenario = closed_loop.Scenario(
+        np.array([[[0.0, 0.0, 1.0]]]), legs, np.array([4.0]), 12.0, settle_s=3.0
+    )
     result = closed_loop.fly(scenario, model, [0], perturbation=STILL)
     assert result.is_success.all()
     assert np.hypot(*(result.trace_enu_m[-1, 0, 0] - legs[0, 0, 0])[:2]) < 0.05
@@ -104,7 +125,9 @@ def test_weak_vehicle_alone_ends_within_5_cm_in_spite_of_static_gain_and_tilt_bi
 def test_vehicle_that_cannot_arrive_ends_its_leg_at_the_timeout_and_says_so():
     fleet = load_fleet("configs/fleets/paper.toml")
     model = closed_loop.fleet_model(fleet, ["mav0"])
-    scenario = closed_loop.Scenario(np.zeros((1, 1, 3)), np.full((1, 1, 1, 3), 50.0), np.array([0.0]), 1.0)
+    scenario = closed_loop.Scenario(
+        np.zeros((1, 1, 3)), np.full((1, 1, 1, 3), 50.0), np.array([0.0]), 1.0
+    )
     result = closed_loop.fly(scenario, model, [0])
     assert not result.is_success.any()
     assert np.isinf(result.arrival_s).all()

@@ -5,7 +5,15 @@ from __future__ import annotations
 import itertools
 from pathlib import Path
 
-from onboard.safety.failsafe_table import TABLE, Action, Condition, Situation, decide, latched, needs_level
+from onboard.safety.failsafe_table import (
+    TABLE,
+    Action,
+    Condition,
+    Situation,
+    decide,
+    latched,
+    needs_level,
+)
 from tests.architecture import tables
 
 AIRBORNE = (Situation.LIFTOFF, Situation.FLYING, Situation.LANDING)
@@ -13,21 +21,33 @@ AIRBORNE = (Situation.LIFTOFF, Situation.FLYING, Situation.LANDING)
 
 def test_every_pair_has_a_decided_action_and_there_are_no_others() -> None:
     for situation, condition in itertools.product(Situation, Condition):
-        assert decide(situation, {condition}) == (TABLE[situation, condition], condition), (situation, condition)
+        assert decide(situation, {condition}) == (TABLE[situation, condition], condition), (
+            situation,
+            condition,
+        )
     assert set(TABLE) == set(itertools.product(Situation, Condition))
 
 
 def test_nothing_disarms_what_may_be_in_the_air() -> None:
     in_air = (*AIRBORNE, Situation.PX4_LANDING, Situation.SILENT)
-    assert all(TABLE[situation, condition] is not Action.DISARM for situation in in_air for condition in Condition)
+    assert all(
+        TABLE[situation, condition] is not Action.DISARM
+        for situation in in_air
+        for condition in Condition
+    )
 
 
 def test_a_vehicle_without_setpoints_stays_silent_and_one_on_the_ground_is_only_refused() -> None:
     assert {TABLE[Situation.SILENT, condition] for condition in Condition} == {Action.GO_ON}
-    assert {TABLE[Situation.GROUND, condition] for condition in Condition} <= {Action.GO_ON, Action.REFUSE}
+    assert {TABLE[Situation.GROUND, condition] for condition in Condition} <= {
+        Action.GO_ON,
+        Action.REFUSE,
+    }
 
 
-def test_a_condition_that_lasts_has_at_least_as_strong_an_action_as_one_that_has_just_begun() -> None:
+def test_a_condition_that_lasts_has_at_least_as_strong_an_action_as_one_that_has_just_begun() -> (
+    None
+):
     pairs = [
         (Condition.POSITION_STALE, Condition.POSITION_LOST),
         (Condition.POSITION_LOST, Condition.POSITION_LOST_LONG),
@@ -50,7 +70,11 @@ def test_a_condition_that_lasts_has_at_least_as_strong_an_action_as_one_that_has
 def test_of_two_conditions_the_stronger_action_wins() -> None:
     for situation, first, second in itertools.product(Situation, Condition, Condition):
         action, _ = decide(situation, {first, second})
-        assert action is max(TABLE[situation, first], TABLE[situation, second]), (situation, first, second)
+        assert action is max(TABLE[situation, first], TABLE[situation, second]), (
+            situation,
+            first,
+            second,
+        )
 
 
 def test_on_every_path_to_the_ground_a_stronger_action_is_never_taken_back() -> None:
@@ -71,7 +95,9 @@ def test_level_flight_is_for_a_missing_number_only_and_never_hidden_by_a_landing
 
 
 def test_setpoints_stop_in_flight_only_when_the_controls_are_gone() -> None:
-    silent = {condition for condition in Condition if TABLE[Situation.FLYING, condition] is Action.STOP}
+    silent = {
+        condition for condition in Condition if TABLE[Situation.FLYING, condition] is Action.STOP
+    }
     assert silent == {
         Condition.LEFT_OFFBOARD,
         Condition.PX4_FAILSAFE,
@@ -101,5 +127,9 @@ def test_the_printed_table_has_a_row_for_every_condition() -> None:
 def test_the_document_says_how_each_condition_is_noticed() -> None:
     text = (Path(__file__).parents[3] / "docs" / "failsafe.md").read_text(encoding="utf-8")
     section = text.split("## How each condition is noticed")[1].split("## ")[0]
-    rows = [line.split(" | ")[0].removeprefix("| ") for line in section.splitlines() if line.startswith("| ")]
+    rows = [
+        line.split(" | ")[0].removeprefix("| ")
+        for line in section.splitlines()
+        if line.startswith("| ")
+    ]
     assert rows[1:] == [condition.value for condition in Condition]

@@ -16,9 +16,15 @@ DT_S = 0.02
 
 
 def flown(
-    late_s: float, *, gain: float = 1.0, lean_deg: float = 0.0, seconds: float = 25.0, dt_s: float = DT_S
+    late_s: float,
+    *,
+    gain: float = 1.0,
+    lean_deg: float = 0.0,
+    seconds: float = 25.0,
+    dt_s: float = DT_S,
 ) -> ResponseMemory:
-    """Memory after a flight in which the attitude comes ``late_s`` after the model of the commands."""
+    """Memory after a flight in which the attitude comes ``late_s`` after the model of the commands.
+    """
     rng, memory = np.random.default_rng(3), model_mismatch.initial()
     for k in range(round(seconds / dt_s)):
         t, late = k * dt_s, k * dt_s - late_s - 0.012
@@ -30,7 +36,9 @@ def flown(
         half = 0.5 * math.acos(up[2])
         axis = np.array([-up[1], up[0]]) / max(math.hypot(up[0], up[1]), 1e-12)
         quaternion = np.array([math.cos(half), *(math.sin(half) * axis), 0.0])
-        memory = model_mismatch.update(memory, Vec3(*model, 0.0), Vec3(*rate, 0.0), tuple(quaternion), dt_s)
+        memory = model_mismatch.update(
+            memory, Vec3(*model, 0.0), Vec3(*rate, 0.0), tuple(quaternion), dt_s
+        )
     return memory
 
 

@@ -1,4 +1,6 @@
-"""The watches over PX4, the answer to commands, the battery, distances and promises, each with made-up numbers."""
+"""The watches over PX4, the answer to commands, the battery, distances and promises, each with
+made-up numbers.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +25,9 @@ class Px4:
         self.monitor, self.now_ns, self.boot_ns = AutopilotMonitor(), START_NS, 5 * 10**9
         self.packet_ns = self.attitude_ns = self.heartbeat_ns = START_NS
 
-    def run(self, seconds: float, *, clock: float = 1.0, sends: bool = True, beats: bool = True) -> None:
+    def run(
+        self, seconds: float, *, clock: float = 1.0, sends: bool = True, beats: bool = True
+    ) -> None:
         for _ in range(round(seconds / 0.02)):
             self.now_ns += TICK_NS
             self.boot_ns += round(clock * TICK_NS)
@@ -115,7 +119,11 @@ def tilted(degrees: float) -> tuple[float, float, float, float]:
 
 
 def answer(
-    commanded: object, measured: object, seconds: float, monitor: TrackingMonitor | None = None, **extra: float
+    commanded: object,
+    measured: object,
+    seconds: float,
+    monitor: TrackingMonitor | None = None,
+    **extra: float,
 ) -> TrackingMonitor:
     """``commanded(t)`` and ``measured(t)`` give tilts in degrees."""
     monitor = monitor or TrackingMonitor(lag_s=0.27, largest_frac=0.98)
@@ -132,13 +140,16 @@ def square(t: float) -> float:
 
 def test_an_attitude_that_follows_weakly_late_and_leaning_still_follows() -> None:
     def measured(t: float) -> float:
-        late = [square(max(0.0, t - 0.04 - 0.02 * n)) for n in range(20)]  # a moving average over 0.4 s
+        # a moving average over 0.4 s
+        late = [square(max(0.0, t - 0.04 - 0.02 * n)) for n in range(20)]
         return 0.9 * sum(late) / len(late) + 1.5
 
     assert not answer(square, measured, 20.0).is_attitude_lost
 
 
-def test_an_attitude_that_does_not_follow_is_detected_within_seven_tenths_of_a_second_of_a_real_tilt() -> None:
+def test_an_attitude_that_does_not_follow_is_detected_within_seven_tenths_of_a_second_of_a_real_tilt() -> (
+    None
+):
     monitor = answer(lambda t: 0.0, lambda t: 0.0, 1.0)
     assert answer(lambda t: 20.0, lambda t: 0.0, 0.7, monitor).is_attitude_lost
 
@@ -149,14 +160,22 @@ def test_a_vehicle_on_its_side_is_detected_at_once() -> None:
 
 def test_full_thrust_is_saturated_and_sinking_with_it_is_worse() -> None:
     assert not answer(square, square, 0.4, thrust_frac=0.98).is_saturated
-    climbing = answer(lambda t: 0.0, lambda t: 0.0, 2.0, thrust_frac=0.98, below_m=0.3, climb_m_s=0.4)
+    climbing = answer(
+        lambda t: 0.0, lambda t: 0.0, 2.0, thrust_frac=0.98, below_m=0.3, climb_m_s=0.4
+    )
     assert climbing.is_saturated
     assert not climbing.is_sinking
-    assert answer(lambda t: 0.0, lambda t: 0.0, 2.0, thrust_frac=0.98, below_m=0.3, climb_m_s=-0.1).is_sinking
+    assert answer(
+        lambda t: 0.0, lambda t: 0.0, 2.0, thrust_frac=0.98, below_m=0.3, climb_m_s=-0.1
+    ).is_sinking
 
 
 def discharge(
-    rate_1_s: float, from_frac: float = 0.9, height_m: float = 1.5, drop: float = 0.0, floor_frac: float = 0.0
+    rate_1_s: float,
+    from_frac: float = 0.9,
+    height_m: float = 1.5,
+    drop: float = 0.0,
+    floor_frac: float = 0.0,
 ) -> BatteryMonitor:
     monitor = BatteryMonitor()
     for tick in range(600):
@@ -165,7 +184,14 @@ def discharge(
         if frac < 0.2:
             break
         told_frac = round(frac, 2)  # PX4 tells whole percents
-        monitor.update(t, told_frac, 15.0 - 0.01 * t, land_frac=0.2, descent_s=height_m / 0.4, floor_frac=floor_frac)
+        monitor.update(
+            t,
+            told_frac,
+            15.0 - 0.01 * t,
+            land_frac=0.2,
+            descent_s=height_m / 0.4,
+            floor_frac=floor_frac,
+        )
     return monitor
 
 
@@ -183,8 +209,12 @@ def test_a_cell_that_fails_and_a_battery_that_runs_out_before_it_is_down_fall() 
 def test_the_battery_of_a_simulated_px4_counts_by_the_level_at_which_it_stops() -> None:
     assert discharge(1.0 / 60.0, height_m=30.0).is_falling
     assert not discharge(1.0 / 60.0, height_m=30.0, floor_frac=0.5).is_falling
-    assert discharge(1.0 / 60.0, height_m=30.0, floor_frac=0.05).is_falling, "PX4 was told to let it run empty"
-    assert discharge(1.0 / 60.0, height_m=30.0, floor_frac=0.5, drop=0.25).is_falling, "a fault went below the level"
+    assert discharge(1.0 / 60.0, height_m=30.0, floor_frac=0.05).is_falling, (
+        "PX4 was told to let it run empty"
+    )
+    assert discharge(1.0 / 60.0, height_m=30.0, floor_frac=0.5, drop=0.25).is_falling, (
+        "a fault went below the level"
+    )
 
 
 def test_a_voltage_that_sags_falls_and_numbers_that_px4_does_not_tell_say_nothing() -> None:
@@ -194,7 +224,9 @@ def test_a_voltage_that_sags_falls_and_numbers_that_px4_does_not_tell_say_nothin
     assert not monitor.is_falling
     monitor.reset()
     for tick in range(40):
-        monitor.update(0.1 * tick, math.nan, 15.0 if tick < 20 else 12.5, land_frac=0.2, descent_s=2.5)
+        monitor.update(
+            0.1 * tick, math.nan, 15.0 if tick < 20 else 12.5, land_frac=0.2, descent_s=2.5
+        )
     assert monitor.is_falling
 
 
@@ -211,7 +243,9 @@ def test_the_distance_left_when_both_brake() -> None:
         assert distance_m == pytest.approx(left), case
 
 
-def test_a_neighbour_that_accelerates_as_it_predicts_is_right_and_one_that_does_not_is_wrong() -> None:
+def test_a_neighbour_that_accelerates_as_it_predicts_is_right_and_one_that_does_not_is_wrong() -> (
+    None
+):
     right, wrong = PredictionMonitor(), PredictionMonitor()
     for tick in range(60):
         stamp_ns, t = START_NS + tick * 100_000_000, 0.1 * tick

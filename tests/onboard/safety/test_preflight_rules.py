@@ -1,4 +1,6 @@
-"""Go or no-go: each rule fails once on purpose, alone, with a sentence and a remedy that a person can act on."""
+"""Go or no-go: each rule fails once on purpose, alone, with a sentence and a remedy that a person
+can act on.
+"""
 
 from __future__ import annotations
 
@@ -58,19 +60,31 @@ SPOT_OF_MAV2 = (1.5, -1.4, 0.0)
 CASES: dict[tuple[str, str], tuple[dict[str, Any], str]] = {
     ("px4", "silent"): ({"autopilot_age_s": 0.5}, "udpin://127.0.0.1:14541"),
     ("px4", "nonsense"): (
-        {"autopilot_age_s": math.inf, "px4_nonsense": "PX4 says that it is 5335 km from its origin."},
+        {
+            "autopilot_age_s": math.inf,
+            "px4_nonsense": "PX4 says that it is 5335 km from its origin.",
+        },
         "5335 km",
     ),
-    ("px4", "unsigned"): (SILENT | {"refused": Refused(newest="unsigned"), "refused_age_s": 1.0}, "does not sign"),
+    ("px4", "unsigned"): (
+        SILENT | {"refused": Refused(newest="unsigned"), "refused_age_s": 1.0},
+        "does not sign",
+    ),
     ("px4", "forged"): (
         SILENT | {"refused": Refused(newest="forged"), "refused_age_s": 1.0},
         "another key than keys/mav1",
     ),
-    ("px4", "old"): (SILENT | {"refused": Refused(newest="old"), "refused_age_s": 1.0}, "older than what was heard"),
+    ("px4", "old"): (
+        SILENT | {"refused": Refused(newest="old"), "refused_age_s": 1.0},
+        "older than what was heard",
+    ),
     ("version", "unknown"): ({"px4_version": None}, "does not say its version"),
     ("version", "unmeasured"): ({"px4_version": (1, 19)}, "v1.19 was never measured"),
     ("version", "other"): ({"px4_version": (1, 18)}, "lags by 0.29 s instead of 0.25 s"),
-    ("version", "alike"): ({"px4_version": (1, 16), "vehicle": STEADY}, "PX4 is v1.16, the fleet file says v1.17"),
+    ("version", "alike"): (
+        {"px4_version": (1, 16), "vehicle": STEADY},
+        "PX4 is v1.16, the fleet file says v1.17",
+    ),
     ("version", "nonsense"): ({"px4_version": (255, 255)}, "version 255.255, which no PX4 has"),
     ("link", "slow"): ({"attitude_hz": 9.0}, "only 9 Hz"),
     ("link", "low"): ({"attitude_hz": 30.0}, "30 Hz"),
@@ -79,11 +93,17 @@ CASES: dict[tuple[str, str], tuple[dict[str, Any], str]] = {
         "every network",
     ),
     ("port", "others"): (
-        {"refused": Refused(strangers=7, newest="strangers", source="10.0.0.9 port 5"), "refused_age_s": 1.0},
+        {
+            "refused": Refused(strangers=7, newest="strangers", source="10.0.0.9 port 5"),
+            "refused_age_s": 1.0,
+        },
         "7 packets were not let in, the newest from 10.0.0.9 port 5 (under PX4's ids, from another address)",
     ),
     ("signing", "keyless"): ({"is_signed": True}, "ignores what is not signed"),
-    ("signing", "clock"): ({"is_signed": True, "has_signing_clock_behind": True, "vehicle": SIGNS}, "a minute behind"),
+    ("signing", "clock"): (
+        {"is_signed": True, "has_signing_clock_behind": True, "vehicle": SIGNS},
+        "a minute behind",
+    ),
     ("signing", "open"): (
         {"px4_version": (1, 18), "vehicle": REACHED},
         "udpout://192.168.1.11:18570, and while it is disarmed it takes a key",
@@ -99,43 +119,85 @@ CASES: dict[tuple[str, str], tuple[dict[str, Any], str]] = {
     ("disarmed", "airborne"): ({"is_airborne": True, "is_armed": True}, "in the air"),
     ("disarmed", "armed"): ({"is_armed": True}, "armed already"),
     ("failsafe", "holds"): (
-        {"conditions": frozenset({Condition.MOCAP_FROZEN, Condition.DISK_FULL, Condition.POSITION_STALE})},
+        {
+            "conditions": frozenset(
+                {Condition.MOCAP_FROZEN, Condition.DISK_FULL, Condition.POSITION_STALE}
+            )
+        },
         "Mocap repeats itself, disk full.",
     ),
     ("parameters", "unread"): ({"param_problems": None}, "not read yet"),
-    ("parameters", "differ"): ({"param_problems": ("PX4 parameter COM_OF_LOSS_T is 1, this fleet needs 0.3.",)}, "0.3"),
+    ("parameters", "differ"): (
+        {"param_problems": ("PX4 parameter COM_OF_LOSS_T is 1, this fleet needs 0.3.",)},
+        "0.3",
+    ),
     ("position", "several"): ({"pose_sources": 2}, "2 programs send poses of mocap body 'mav1'"),
     ("position", "unemulated"): (
         {"position_age_s": math.inf, "sample_age_s": math.inf, "vehicle": EMULATED},
         "which covey sitl is to send",
     ),
-    ("position", "untracked"): ({"position_age_s": math.inf, "sample_age_s": math.inf}, "mocap body 'mav1'"),
+    ("position", "untracked"): (
+        {"position_age_s": math.inf, "sample_age_s": math.inf},
+        "mocap body 'mav1'",
+    ),
     ("position", "source"): (
         {"position_age_s": math.inf, "source_problem": "OptiTrack at 127.0.0.9 does not answer."},
         "mocap body 'mav1': OptiTrack at 127.0.0.9 does not answer.",
     ),
     ("position", "silent"): ({"position_age_s": 0.3, "vehicle": BARE}, "no fresh local position"),
     ("clock", "mocap"): ({"sample_delay_s": -3.0, "position_age_s": math.inf}, "3 s in the future"),
-    ("clock", "unmeasured"): ({"clock_bounds_s": {"mav2": math.inf, "mocap": 0.001}}, "clock of mav2 is not measured"),
-    ("clock", "wide"): ({"clock_bounds_s": {"mav0": 0.002, "mav2": 0.045}}, "clock of mav2 is known to 45 ms only"),
-    ("agreement", "tilt"): ({"tilt_miss_rad": math.radians(90.0)}, "by 90 degrees about which way is up"),
+    ("clock", "unmeasured"): (
+        {"clock_bounds_s": {"mav2": math.inf, "mocap": 0.001}},
+        "clock of mav2 is not measured",
+    ),
+    ("clock", "wide"): (
+        {"clock_bounds_s": {"mav0": 0.002, "mav2": 0.045}},
+        "clock of mav2 is known to 45 ms only",
+    ),
+    ("agreement", "tilt"): (
+        {"tilt_miss_rad": math.radians(90.0)},
+        "by 90 degrees about which way is up",
+    ),
     ("agreement", "handled"): ({"has_wrong_tilt": True}, "tilted by hand"),
-    ("agreement", "heading"): ({"heading_miss_rad": math.radians(-90.0)}, "-90 degrees about the heading"),
+    ("agreement", "heading"): (
+        {"heading_miss_rad": math.radians(-90.0)},
+        "-90 degrees about the heading",
+    ),
     ("agreement", "missing"): ({"px4_position_enu_m": None}, "no local position"),
-    ("agreement", "apart"): ({"px4_position_enu_m": (1.0, -1.5, 0.0)}, "0.98 m from where the mocap"),
-    ("agreement", "compass"): ({"heading_miss_rad": 1.0, "fuses_heading": False}, "57 degrees from PX4's compass"),
+    ("agreement", "apart"): (
+        {"px4_position_enu_m": (1.0, -1.5, 0.0)},
+        "0.98 m from where the mocap",
+    ),
+    ("agreement", "compass"): (
+        {"heading_miss_rad": 1.0, "fuses_heading": False},
+        "57 degrees from PX4's compass",
+    ),
     ("at rest", "moving"): ({"speed_m_s": 0.8}, "0.8 m/s"),
-    ("spot", "swapped"): ({"position_enu_m": SPOT_OF_MAV2, "fuses_position": False}, "take-off spot of mav2"),
-    ("spot", "away"): ({"position_enu_m": (1.5, 0.0, 0.0), "fuses_position": False}, "2.12 m from its take-off spot"),
+    ("spot", "swapped"): (
+        {"position_enu_m": SPOT_OF_MAV2, "fuses_position": False},
+        "take-off spot of mav2",
+    ),
+    ("spot", "away"): (
+        {"position_enu_m": (1.5, 0.0, 0.0), "fuses_position": False},
+        "2.12 m from its take-off spot",
+    ),
     ("fence", "spot"): (
-        {"vehicle": OUTSIDE, "position_enu_m": (3.9, 0.0, 0.0), "has_flown": True, "fuses_position": False},
+        {
+            "vehicle": OUTSIDE,
+            "position_enu_m": (3.9, 0.0, 0.0),
+            "has_flown": True,
+            "fuses_position": False,
+        },
         "(9.00, 0.00, 0.00) m lies outside",
     ),
     ("fence", "outside"): (
         {"position_enu_m": (0.0, -4.2, 0.0), "has_flown": True, "fuses_position": False},
         "(0.00, -4.20, 0.00) m lies outside",
     ),
-    ("neighbours", "missing"): ({"missing_neighbours": ("mav0", "mav2")}, "mav0, mav2 are not heard"),
+    ("neighbours", "missing"): (
+        {"missing_neighbours": ("mav0", "mav2")},
+        "mav0, mav2 are not heard",
+    ),
     ("neighbours", "late"): (
         {"radio": RadioMeasured(0.12, "mav0", 0.0, "mav2")},
         "mav0 are 120 ms late or more; the fleet file expects 40",
@@ -153,9 +215,15 @@ CASES: dict[tuple[str, str], tuple[dict[str, Any], str]] = {
         "mav2 flies with another fleet file, or another law (xyz, here abc",
     ),
     ("law", "refused"): ({"law_refusals": (FINDING,)}, "0.4 m apart"),
-    ("law", "own"): ({"fleet": OWN_LAW}, "Law 'mine:law' is none of Covey's, and mav1 is a real vehicle"),
+    ("law", "own"): (
+        {"fleet": OWN_LAW},
+        "Law 'mine:law' is none of Covey's, and mav1 is a real vehicle",
+    ),
     ("law", "baseline"): ({"law_refusals": (FINDING,), "law": "paper"}, "0.4 m apart"),
-    ("hover thrust", "far"): ({"hover_frac": 0.45}, "0.45 of its throttle, the fleet file says 0.75"),
+    ("hover thrust", "far"): (
+        {"hover_frac": 0.45},
+        "0.45 of its throttle, the fleet file says 0.75",
+    ),
     ("hover thrust", "off"): ({"hover_frac": 0.65}, "0.65"),
     ("battery", "unknown"): ({"battery_frac": math.nan}, "no battery level"),
     ("battery", "implausible"): ({"battery_voltage_v": 0.4}, "0.4 V, which cannot be"),
@@ -194,13 +262,18 @@ def test_each_fault_shows_in_its_own_line_only_with_sentence_and_remedy() -> Non
         is_advice = {r.name: r for r in RULES}[rule].faults[fault].is_advice
         assert check.is_ok is is_advice, case
         facts = dataclasses.replace(
-            FINE, **{key: value for key, value in changes.items() if key not in ("vehicle", "fleet")}
+            FINE,
+            **{key: value for key, value in changes.items() if key not in ("vehicle", "fleet")},
         )
-        refusals = preflight_rules.reasons(facts, changes.get("fleet", FLEET), changes.get("vehicle", VEHICLE))
+        refusals = preflight_rules.reasons(
+            facts, changes.get("fleet", FLEET), changes.get("vehicle", VEHICLE)
+        )
         assert refusals == (() if is_advice else (f"{check.sentence} {check.remedy}",)), case
 
 
-def test_a_law_of_somebodys_own_flies_emulated_vehicles_and_real_ones_only_where_the_file_says_so() -> None:
+def test_a_law_of_somebodys_own_flies_emulated_vehicles_and_real_ones_only_where_the_file_says_so() -> (
+    None
+):
     allowed = msgspec.structs.replace(OWN_LAW.law, allow_own_law_on_real_vehicles=True)
     real = msgspec.structs.replace(OWN_LAW, law=allowed)
     mixed = msgspec.structs.replace(OWN_LAW, vehicles={**FLEET.vehicles, "mav2": EMULATED})
@@ -214,7 +287,9 @@ def test_a_law_of_somebodys_own_flies_emulated_vehicles_and_real_ones_only_where
         assert {check.name: check.is_ok for check in judged(fleet, **changes)}["law"] is is_ok
 
 
-def test_a_version_refuses_where_its_attitude_lags_by_more_than_the_law_tolerates_and_nowhere_else() -> None:
+def test_a_version_refuses_where_its_attitude_lags_by_more_than_the_law_tolerates_and_nowhere_else() -> (
+    None
+):
     for file, flown, gain, is_ok in (
         ("1.16", (1, 17), None, False),  # another default of MC_ROLL_P
         ("1.16", (1, 17), 6.5, True),
@@ -225,7 +300,9 @@ def test_a_version_refuses_where_its_attitude_lags_by_more_than_the_law_tolerate
     ):
         params = {} if gain is None else {"MC_ROLL_P": gain, "MC_PITCH_P": gain}
         vehicle = msgspec.structs.replace(VEHICLE, px4_version=file, px4_params=params)
-        (check,) = (check for check in judged(px4_version=flown, vehicle=vehicle) if check.name == "version")
+        (check,) = (
+            check for check in judged(px4_version=flown, vehicle=vehicle) if check.name == "version"
+        )
         assert check.is_ok is is_ok, (file, flown, gain)
 
 
@@ -236,7 +313,11 @@ def test_no_fault_is_left_out_of_these_cases() -> None:
 def test_every_condition_that_refuses_take_off_is_in_some_line_of_the_page() -> None:
     # which line shows those that have one of their own
     own = {
-        "position": {Condition.POSITION_STALE, Condition.POSITION_LOST, Condition.POSITION_LOST_LONG},
+        "position": {
+            Condition.POSITION_STALE,
+            Condition.POSITION_LOST,
+            Condition.POSITION_LOST_LONG,
+        },
         "px4": {Condition.AUTOPILOT_SILENT, Condition.AUTOPILOT_FROZEN, Condition.HEARTBEAT_LOST},
         "alone": {Condition.TWIN},
         "neighbours": {Condition.BUS_LOST, Condition.BUS_LOST_LONG},
@@ -246,7 +327,9 @@ def test_every_condition_that_refuses_take_off_is_in_some_line_of_the_page() -> 
         "disarmed": {Condition.LANDED_UNKNOWN},
         "fence": {Condition.FENCE_BREACH, Condition.FENCE_BREACH_LONG},
     }
-    refusing = {condition for condition in Condition if TABLE[Situation.GROUND, condition] is Action.REFUSE}
+    refusing = {
+        condition for condition in Condition if TABLE[Situation.GROUND, condition] is Action.REFUSE
+    }
     for condition in refusing - set().union(*own.values()) - {Condition.SHUTDOWN}:
         found = {check.name: check for check in judged(conditions=frozenset({condition}))}
         assert not found["failsafe"].is_ok, condition
@@ -271,7 +354,9 @@ def test_numbers_that_are_not_finite_never_make_a_vehicle_ready() -> None:
         "heading_miss_rad",
         "speed_m_s",
     ):
-        assert preflight_rules.reasons(dataclasses.replace(FINE, **{name: math.nan}), FLEET, VEHICLE), name
+        assert preflight_rules.reasons(
+            dataclasses.replace(FINE, **{name: math.nan}), FLEET, VEHICLE
+        ), name
     lost = dataclasses.replace(FINE, position_enu_m=(math.nan, 0.0, 0.0))
     assert preflight_rules.reasons(lost, FLEET, VEHICLE)
 
@@ -279,4 +364,6 @@ def test_numbers_that_are_not_finite_never_make_a_vehicle_ready() -> None:
 def test_the_page_names_every_rule_and_marks_what_refuses() -> None:
     page = tables.preflight()
     assert re.findall(r"^### (.+)$", page, re.MULTILINE) == [rule.name for rule in RULES]
-    assert page.count("**no-go**") == sum(not fault.is_advice for rule in RULES for fault in rule.faults.values())
+    assert page.count("**no-go**") == sum(
+        not fault.is_advice for rule in RULES for fault in rule.faults.values()
+    )

@@ -1,4 +1,5 @@
-"""A report that surprises is believed when others of its kind agree over time, and never by itself."""
+"""A report that surprises is believed when others of its kind agree over time, and never by itself.
+"""
 
 from __future__ import annotations
 
@@ -71,7 +72,9 @@ def test_reports_that_agree_are_believed_after_their_number(kind) -> None:
             if "px4_boot_ms" in now:
                 now["px4_boot_ms"] = int(now["px4_boot_ms"]) + 20 * number
             believed = reports.believe(_later(kind.name, kind.stamp, number, **now), FLYING)
-            is_believed = all(repr(getattr(believed, name)) == repr(value) for name, value in now.items())
+            is_believed = all(
+                repr(getattr(believed, name)) == repr(value) for name, value in now.items()
+            )
             assert is_believed is (number == kind.needed), (wrong, number)
         assert not reports.contradicted
 
@@ -86,7 +89,9 @@ def test_two_reports_of_one_moment_are_one_and_px4_is_asked_meanwhile() -> None:
         assert believed.is_armed
         asked += reports.is_heartbeat_due(now_ns)
     assert asked == 2
-    assert not reports.believe(replace(TRUE, heartbeat_ns=2 * S + 100_000_000, is_armed=False), FLYING).is_armed
+    assert not reports.believe(
+        replace(TRUE, heartbeat_ns=2 * S + 100_000_000, is_armed=False), FLYING
+    ).is_armed
     assert not reports.is_heartbeat_due(3 * S)
 
 
@@ -103,7 +108,9 @@ def test_on_the_ground_and_in_a_landing_heartbeats_are_believed_at_once() -> Non
     for expected in (Expected(), Expected(mode="OFFBOARD")):
         reports = ReportConfirmation()
         reports.believe(TRUE, expected)
-        down = replace(TRUE, heartbeat_ns=2 * S, is_armed=False, mode="HOLD", landed=Landed.ON_GROUND)
+        down = replace(
+            TRUE, heartbeat_ns=2 * S, is_armed=False, mode="HOLD", landed=Landed.ON_GROUND
+        )
         assert reports.believe(down, expected) is down
 
 
@@ -131,9 +138,13 @@ def test_on_the_ground_a_battery_may_be_exchanged_or_fill_up() -> None:
     reports.believe(landed, Expected())
     for number, charge in ((1, 0.9), (2, 1.0)):
         later = replace(
-            landed, battery_ns=S + number * S // 2, battery_frac=charge, battery_voltage_v=14.0 + 2 * charge
+            landed,
+            battery_ns=S + number * S // 2,
+            battery_frac=charge,
+            battery_voltage_v=14.0 + 2 * charge,
         )
         assert reports.believe(later, Expected()) == later
     assert not reports.contradicted
     wrong = replace(later, battery_ns=3 * S, battery_frac=0.05)
-    assert reports.believe(wrong, FLYING).battery_frac == 1.0  # a flight is not on the ground because PX4 once says so
+    # a flight is not on the ground because PX4 once says so
+    assert reports.believe(wrong, FLYING).battery_frac == 1.0

@@ -1,4 +1,7 @@
-"""What may leave for PX4. A quaternion of zeros ends the attitude control of PX4 v1.18 until it restarts."""
+"""What may leave for PX4.
+
+A quaternion of zeros ends the attitude control of PX4 v1.18 until it restarts.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +29,9 @@ _HALF = math.radians(25.0) / 2.0
         (math.cos(_HALF), math.sin(_HALF), 0.0, 0.0),
     ],
 )
-def test_no_attitude_leaves_that_is_no_rotation_or_leans_too_far(quaternion: tuple[float, ...]) -> None:
+def test_no_attitude_leaves_that_is_no_rotation_or_leans_too_far(
+    quaternion: tuple[float, ...],
+) -> None:
     assert not is_sendable(AttitudeSetpoint(quaternion, 0.5), 20.0)
 
 

@@ -1,4 +1,6 @@
-"""What refuses a take-off, from the samples and messages that an agent really hears to the report that it publishes."""
+"""What refuses a take-off, from the samples and messages that an agent really hears to the report
+that it publishes.
+"""
 
 from __future__ import annotations
 
@@ -70,7 +72,9 @@ def neighbour(rig: Rig, **changes: object) -> None:
 
 
 def wrong_parameter(rig: Rig) -> None:
-    rig.core.handle(ev.ParamsRead(("PX4 parameter COM_OF_LOSS_T is 1, this fleet needs 0.3.",)), rig.now_ns)
+    rig.core.handle(
+        ev.ParamsRead(("PX4 parameter COM_OF_LOSS_T is 1, this fleet needs 0.3.",)), rig.now_ns
+    )
 
 
 def turn_frame(rig: Rig) -> None:
@@ -113,7 +117,9 @@ def px4_elsewhere(rig: Rig) -> None:
 
     def handle(event: ev.EventIn, now_ns: int) -> list[ev.Command]:
         if isinstance(event, ev.SnapshotReceived):
-            event = ev.SnapshotReceived(replace(event.snapshot, position_local_ned_m=(0.0, 2.0, 0.0)))
+            event = ev.SnapshotReceived(
+                replace(event.snapshot, position_local_ned_m=(0.0, 2.0, 0.0))
+            )
         return original(event, now_ns)
 
     rig.core.handle = handle  # type: ignore[method-assign]
@@ -141,8 +147,12 @@ BREAKS: dict[str, Callable[[Rig], None]] = {
     "at rest": carry,
     "spot": swap_body,
     "fence": lambda rig: None,  # below: only a vehicle that has flown may stand elsewhere
-    "configuration": lambda rig: neighbour(rig, config_hash="another", position_enu_m=(3.0, 0.0, 0.0)),
-    "law": lambda rig: neighbour(rig, config_hash=rig.core.fleet.config_hash, position_enu_m=(0.6, 0.0, 0.0)),
+    "configuration": lambda rig: neighbour(
+        rig, config_hash="another", position_enu_m=(3.0, 0.0, 0.0)
+    ),
+    "law": lambda rig: neighbour(
+        rig, config_hash=rig.core.fleet.config_hash, position_enu_m=(0.6, 0.0, 0.0)
+    ),
     "battery": lambda rig: setattr(rig, "battery_frac", 0.1),
 }
 
@@ -156,7 +166,9 @@ def test_each_broken_thing_shows_in_its_own_line_and_refuses_the_take_off(name: 
     assert set(refusals(rig)) == {name}
     reply = rig.order("takeoff", height_m=1.0)
     assert not reply.is_accepted
-    assert reply.reason.endswith({one: remedy for one, _, _, remedy in reports(rig)[-1].checks}[name])
+    assert reply.reason.endswith(
+        {one: remedy for one, _, _, remedy in reports(rig)[-1].checks}[name]
+    )
     assert rig.telemetry is not None
     assert rig.telemetry.not_ready == (reply.reason,)
     assert rig.count(ev.Arm) == 0
@@ -171,7 +183,9 @@ def test_the_time_before_px4_spoke_makes_no_slow_link() -> None:
     (sentence,) = [sentence for name, _, sentence, _ in reports(rig)[-1].checks if name == "link"]
     rig.run(2.0)
     assert "link" not in refusals(rig)
-    assert "link" not in {name for report in reports(rig) for name, is_ok, _, _ in report.checks if not is_ok}, sentence
+    assert "link" not in {
+        name for report in reports(rig) for name, is_ok, _, _ in report.checks if not is_ok
+    }, sentence
 
 
 def test_a_second_agent_for_this_vehicle_refuses_until_it_is_gone() -> None:
@@ -249,16 +263,22 @@ def test_a_px4_with_another_position_refuses_only_if_it_fuses_the_mocaps() -> No
 
 def test_a_recorder_on_the_bus_is_noticed_and_a_missing_one_is_only_advice() -> None:
     rig = ready()
-    assert {name for name, is_ok, _, remedy in reports(rig)[-1].checks if is_ok and remedy} == ADVICE
+    assert {
+        name for name, is_ok, _, remedy in reports(rig)[-1].checks if is_ok and remedy
+    } == ADVICE
     rig.core.handle(ev.NodeChanged("recorder-17", True), rig.now_ns)
     rig.run(1.5)
-    assert {name for name, is_ok, _, remedy in reports(rig)[-1].checks if is_ok and remedy} == {"kill switch"}
+    assert {name for name, is_ok, _, remedy in reports(rig)[-1].checks if is_ok and remedy} == {
+        "kill switch"
+    }
     rig.core.handle(ev.NodeChanged("recorder-17", False), rig.now_ns)
     rig.run(1.5)
     assert rig.core.flight.state == "ready"
 
 
-def test_a_computer_whose_clock_is_not_measured_refuses_until_it_is_and_the_grounds_does_not_matter() -> None:
+def test_a_computer_whose_clock_is_not_measured_refuses_until_it_is_and_the_grounds_does_not_matter() -> (
+    None
+):
     rig = ready()
     rig.core.handle(ev.ClocksCompared({"ground-1": math.inf, "mocap": math.inf}), rig.now_ns)
     rig.run(1.5)
@@ -266,7 +286,10 @@ def test_a_computer_whose_clock_is_not_measured_refuses_until_it_is_and_the_grou
     rig.core.handle(ev.ClocksCompared({"ground-1": math.inf, "mocap": 0.03}), rig.now_ns)
     rig.run(1.5)
     assert refusals(rig) == {}
-    assert "30 ms only" in {name: sentence for name, _, sentence, _ in reports(rig)[-1].checks}["clock"]
+    assert (
+        "30 ms only"
+        in {name: sentence for name, _, sentence, _ in reports(rig)[-1].checks}["clock"]
+    )
 
 
 def test_reports_come_once_a_second_on_the_ground_and_never_in_flight() -> None:

@@ -8,7 +8,15 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from sitl.conformance.facts import VERSIONS, Fact, FactReport, FactResult, Verdict, facts_of, matching
+from sitl.conformance.facts import (
+    VERSIONS,
+    Fact,
+    FactReport,
+    FactResult,
+    Verdict,
+    facts_of,
+    matching,
+)
 from sitl.conformance.suite import FACTS, LINKS, PHASES, Terms, check
 from tests.sitl.conformance.exceptions import DIFFERENCES
 from tests.sitl.conformance.virtual import Wires
@@ -32,18 +40,35 @@ that of the next. Written by `python -m tests.sitl.conformance.facts_page`.
 
 
 def whole_check(px4: str = VERSIONS[0], seed: int = 1) -> FactReport:
-    """Every fact, asked of the emulator in simulated time; those about the first sender in a run of their own."""
+    """Every fact, asked of the emulator in simulated time; those about the first sender in a run of
+    their own.
+    """
     facts = tuple(facts_of(px4, FACTS).values())
     report = FactReport(matching(facts, []))
     wires = Wires(seed=seed, px4=px4)
-    check(wires.companion(), wires.ground_station(), report, Terms(), lambda line: None, wires.viewer())
-    # what the whole check leaves out: it would lock the link, or a broken attitude control stands in its way
-    for names, terms in ((["link"], Terms(from_elsewhere=True)), (["setpoint.nan-quaternion*"], Terms())):
+    check(
+        wires.companion(),
+        wires.ground_station(),
+        report,
+        Terms(),
+        lambda line: None,
+        wires.viewer(),
+    )
+    # what the whole check leaves out: it would lock the link, or a broken attitude control stands
+    # in its way
+    for names, terms in (
+        (["link"], Terms(from_elsewhere=True)),
+        (["setpoint.nan-quaternion*"], Terms()),
+    ):
         if any(report.results[name].verdict is Verdict.SKIPPED for name in matching(facts, names)):
             alone = FactReport(matching(facts, names))
             check(Wires(seed=seed, px4=px4).companion(), None, alone, terms, lambda line: None)
-            skipped = [name for name, result in report.results.items() if result.verdict is Verdict.SKIPPED]
-            report.results |= {name: result for name, result in alone.results.items() if name in skipped}
+            skipped = [
+                name for name, result in report.results.items() if result.verdict is Verdict.SKIPPED
+            ]
+            report.results |= {
+                name: result for name, result in alone.results.items() if name in skipped
+            }
     return report
 
 
@@ -53,7 +78,8 @@ def page(reports: Mapping[str, FactReport]) -> str:
     differing = [result.fact.name for result in results if result.verdict is not Verdict.AGREES]
     differ = "\n\nNot emulated, or not quite:\n\n" if DIFFERENCES or differing else ""
     lines = [
-        f"- `{name}`: {DIFFERENCES.get(name, 'unexplained')}" for name in dict.fromkeys((*DIFFERENCES, *differing))
+        f"- `{name}`: {DIFFERENCES.get(name, 'unexplained')}"
+        for name in dict.fromkeys((*DIFFERENCES, *differing))
     ]
     numbers = {"agree": len(results) - len(differing), "all": len(results)}
     out = [_HEAD.format(**numbers, differ=differ + "\n".join(lines)).rstrip()]
@@ -71,16 +97,23 @@ def page(reports: Mapping[str, FactReport]) -> str:
             f"| name | fact | {' | '.join(f'v{version}' for version in VERSIONS)} | emulator | |",
             f"|---|---|{'---|' * len(VERSIONS)}---|---|",
         ]
-        out += [_row(fact, [reports[version].results[fact.name] for version in VERSIONS]) for fact in facts]
+        out += [
+            _row(fact, [reports[version].results[fact.name] for version in VERSIONS])
+            for fact in facts
+        ]
     return "\n".join(out) + "\n"
 
 
 def _row(fact: Fact, results: Sequence[FactResult]) -> str:
-    """One fact: what each version is expected to do where that differs, and what the emulator did as that version."""
+    """One fact: what each version is expected to do where that differs, and what the emulator did
+    as that version.
+    """
     expected = [result.fact.expected for result in results]
     is_new = [now != then for now, then in zip(expected, ["", *expected], strict=False)]
     shown = [words if new else "" for words, new in zip(expected, is_new, strict=True)]
-    measured = "; ".join(result.measured for result, new in zip(results, is_new, strict=True) if new)
+    measured = "; ".join(
+        result.measured for result, new in zip(results, is_new, strict=True) if new
+    )
     marks = {result.verdict.value for result in results if result.verdict is not Verdict.AGREES}
     cells = (f"`{fact.name}`", fact.says, *shown, measured, " ".join(sorted(marks)))
     return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"

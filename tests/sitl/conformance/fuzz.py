@@ -1,4 +1,6 @@
-"""Datagrams no client should send: random bytes, broken MAVLink, and sound MAVLink with senseless content. Seeded."""
+"""Datagrams no client should send: random bytes, broken MAVLink, and sound MAVLink with senseless
+content. Seeded.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +14,12 @@ from pymavlink.dialects.v20 import common
 _KINDS = [(number, kind) for number, kind in common.mavlink_map.items() if number < 1 << 24]
 _IDS = {kind.msgname: number for number, kind in _KINDS}
 # Addressed to nobody, and acted upon all the same: external positions.
-_HEARD_BY_ALL = {"VISION_POSITION_ESTIMATE", "ODOMETRY", "ATT_POS_MOCAP", "GLOBAL_VISION_POSITION_ESTIMATE"}
+_HEARD_BY_ALL = {
+    "VISION_POSITION_ESTIMATE",
+    "ODOMETRY",
+    "ATT_POS_MOCAP",
+    "GLOBAL_VISION_POSITION_ESTIMATE",
+}
 _UNTARGETED = [
     (number, kind)
     for number, kind in _KINDS
@@ -41,21 +48,27 @@ _ODD_NAMES = (
 )
 
 
-def frame(message_id: int, payload: bytes, sequence: int, *, system_id: int = 245, is_v1: bool = False) -> bytes:
+def frame(
+    message_id: int, payload: bytes, sequence: int, *, system_id: int = 245, is_v1: bool = False
+) -> bytes:
     """A frame with a right checksum around any payload."""
     kind = common.mavlink_map.get(message_id)
     extra = kind.crc_extra if kind is not None else 0
     if is_v1:
         body = bytes((len(payload), sequence & 0xFF, system_id, 190, message_id & 0xFF)) + payload
         return b"\xfe" + body + mcrf4xx(body + bytes((extra,))).to_bytes(2, "little")
-    head = bytes((len(payload), 0, 0, sequence & 0xFF, system_id, 190)) + message_id.to_bytes(3, "little")
+    head = bytes((len(payload), 0, 0, sequence & 0xFF, system_id, 190)) + message_id.to_bytes(
+        3, "little"
+    )
     body = head + payload
     return b"\xfd" + body + mcrf4xx(body + bytes((extra,))).to_bytes(2, "little")
 
 
 def _payload(r: random.Random, kind: object) -> bytes:
     size: int = kind.unpacker.size  # type: ignore[attr-defined]
-    return r.randbytes(r.choice((size, size, size, r.randint(1, size), min(255, size + r.randint(0, 8)))))
+    return r.randbytes(
+        r.choice((size, size, size, r.randint(1, size), min(255, size + r.randint(0, 8))))
+    )
 
 
 def _random_bytes(r: random.Random, sequence: int) -> bytes:
@@ -88,7 +101,11 @@ def _signed(r: random.Random, sequence: int) -> bytes:
     # Signed by nobody: incompat flag, right checksum or not, and thirteen bytes more or fewer.
     number, kind = r.choice(_UNTARGETED)
     payload = _payload(r, kind)
-    body = bytes((len(payload), 1, 0, sequence & 0xFF, 245, 190)) + number.to_bytes(3, "little") + payload
+    body = (
+        bytes((len(payload), 1, 0, sequence & 0xFF, 245, 190))
+        + number.to_bytes(3, "little")
+        + payload
+    )
     checksum = mcrf4xx(body + bytes((kind.crc_extra,))).to_bytes(2, "little")
     return b"\xfd" + body + checksum + r.randbytes(r.choice((13, 13, r.randint(0, 20))))
 
@@ -108,7 +125,10 @@ def _for_others(r: random.Random, sequence: int) -> bytes:
 
 
 def _many_in_one(r: random.Random, sequence: int) -> bytes:
-    return b"".join(r.choice((_mutated, _truncated, _wrong_checksum))(r, sequence) for _ in range(r.randint(2, 5)))
+    return b"".join(
+        r.choice((_mutated, _truncated, _wrong_checksum))(r, sequence)
+        for _ in range(r.randint(2, 5))
+    )
 
 
 def _offset(kind: object, field: str) -> int:
@@ -133,24 +153,37 @@ def _offset(kind: object, field: str) -> int:
 
 
 def _command(r: random.Random, sequence: int) -> bytes:
-    numbers = [r.choice(_ODD_FLOATS) if r.random() < 0.5 else r.uniform(-300.0, 300.0) for _ in range(7)]
+    numbers = [
+        r.choice(_ODD_FLOATS) if r.random() < 0.5 else r.uniform(-300.0, 300.0) for _ in range(7)
+    ]
     command = r.choice(_COMMANDS)
     if command == 176:
         numbers[:3] = [r.choice((1.0, 0.0, 209.0)), r.choice(_MODES), r.choice(_MODES)]
-    return frame(_IDS["COMMAND_LONG"], struct.pack("<7fHBBB", *numbers, command, r.choice((0, 1)), 1, 1), sequence)
+    return frame(
+        _IDS["COMMAND_LONG"],
+        struct.pack("<7fHBBB", *numbers, command, r.choice((0, 1)), 1, 1),
+        sequence,
+    )
 
 
 def _command_int(r: random.Random, sequence: int) -> bytes:
     numbers = [r.choice(_ODD_FLOATS) for _ in range(4)]
     place = (r.randint(-(2**31), 2**31 - 1), r.randint(-(2**31), 2**31 - 1), r.choice(_ODD_FLOATS))
     tail = (r.choice(_COMMANDS), r.choice((0, 1)), 1, r.randint(0, 21), 0, 1)
-    return frame(_IDS["COMMAND_INT"], struct.pack("<4fiifHBBBBB", *numbers, *place, *tail), sequence)
+    return frame(
+        _IDS["COMMAND_INT"], struct.pack("<4fiifHBBBBB", *numbers, *place, *tail), sequence
+    )
 
 
 def _attitude(r: random.Random, sequence: int) -> bytes:
     numbers = [r.choice(_ODD_FLOATS) for _ in range(8)]
     payload = struct.pack(
-        "<I8fBBB", r.getrandbits(32), *numbers, 1, 1, r.choice((0, 7, 64, 128, 255, r.getrandbits(8)))
+        "<I8fBBB",
+        r.getrandbits(32),
+        *numbers,
+        1,
+        1,
+        r.choice((0, 7, 64, 128, 255, r.getrandbits(8))),
     )
     return frame(_IDS["SET_ATTITUDE_TARGET"], payload, sequence)
 
@@ -159,7 +192,9 @@ def _position(r: random.Random, sequence: int) -> bytes:
     numbers = [r.choice(_ODD_FLOATS) for _ in range(11)]
     tail = (r.getrandbits(16), 1, 1, r.choice((1, 7, 8, 9, r.getrandbits(8))))
     return frame(
-        _IDS["SET_POSITION_TARGET_LOCAL_NED"], struct.pack("<I11fHBBB", r.getrandbits(32), *numbers, *tail), sequence
+        _IDS["SET_POSITION_TARGET_LOCAL_NED"],
+        struct.pack("<I11fHBBB", r.getrandbits(32), *numbers, *tail),
+        sequence,
     )
 
 
@@ -167,9 +202,15 @@ def _parameter(r: random.Random, sequence: int) -> bytes:
     name = r.choice(_ODD_NAMES).ljust(16, b"\0")
     if r.random() < 0.5:
         return frame(
-            _IDS["PARAM_SET"], struct.pack("<fBB16sB", r.choice(_ODD_FLOATS), 1, 1, name, r.getrandbits(8)), sequence
+            _IDS["PARAM_SET"],
+            struct.pack("<fBB16sB", r.choice(_ODD_FLOATS), 1, 1, name, r.getrandbits(8)),
+            sequence,
         )
-    return frame(_IDS["PARAM_REQUEST_READ"], struct.pack("<hBB16s", r.randint(-32768, 32767), 1, 1, name), sequence)
+    return frame(
+        _IDS["PARAM_REQUEST_READ"],
+        struct.pack("<hBB16s", r.randint(-32768, 32767), 1, 1, name),
+        sequence,
+    )
 
 
 def _vision(r: random.Random, sequence: int) -> bytes:

@@ -1,7 +1,8 @@
 """Emulators that deviate from PX4 on purpose, one way each, and the fact that has to notice.
 
-A mutant changes the vehicle, a parameter behind the client's back, or what passes on the wire: an emulator that refuses
-a NaN is one that never sees it, one that shows heartbeats on change is one that sends them twice.
+A mutant changes the vehicle, a parameter behind the client's back, or what passes on the wire: an
+emulator that refuses a NaN is one that never sees it, one that shows heartbeats on change is one
+that sends them twice.
 """
 
 from __future__ import annotations
@@ -27,7 +28,9 @@ def _id_of(frame: bytes) -> int:
 
 
 def editing(**edits: Edit) -> Callable[[bytes], Sequence[bytes]]:
-    """A change of frames: each message named is given, decoded, to its function, which returns what to pass on."""
+    """A change of frames: each message named is given, decoded, to its function, which returns what
+    to pass on.
+    """
     by_id = {IDS[name]: edit for name, edit in edits.items()}
 
     def change(frame: bytes) -> Sequence[bytes]:
@@ -117,7 +120,9 @@ def _two_acks(wires: Wires) -> None:
 
 
 def _without_keys(wires: Wires) -> None:
-    wires.incoming = lambda datagram: () if IDS["SETUP_SIGNING"] == _id_of(datagram) else (datagram,)
+    wires.incoming = lambda datagram: (
+        () if IDS["SETUP_SIGNING"] == _id_of(datagram) else (datagram,)
+    )
 
 
 def _unfiltered(wires: Wires) -> None:
@@ -143,7 +148,9 @@ def _no_return_to_offboard(wires: Wires) -> None:
 
     def setpoint(message: Any) -> Sequence[Any]:
         now_s = wires.emulator.time_s
-        state["barred"] = state["barred"] or (wires.emulator.autopilots[0].is_armed and now_s - state["last_s"] > 1.0)
+        state["barred"] = state["barred"] or (
+            wires.emulator.autopilots[0].is_armed and now_s - state["last_s"] > 1.0
+        )
         state["last_s"] = now_s
         return () if state["barred"] else (message,)
 
@@ -197,7 +204,9 @@ def _body_velocity(message: Any) -> Sequence[Any]:
 
 def _fuse_mocap(message: Any) -> Sequence[Any]:
     fields = {"usec": message.time_usec, "x": message.x, "y": message.y, "z": message.z}
-    return (common.MAVLink_vision_position_estimate_message(**fields, roll=0.0, pitch=0.0, yaw=0.0),)
+    return (
+        common.MAVLink_vision_position_estimate_message(**fields, roll=0.0, pitch=0.0, yaw=0.0),
+    )
 
 
 def _vehicle(**fields: float) -> VehicleProfile:
@@ -243,25 +252,44 @@ MUTANTS: tuple[Mutant, ...] = (
         "ack.wrong-target",
         _hears(COMMAND_LONG=_with(target_system=1)),
     ),
-    Mutant("ODOMETRY says body frame", "quirk.odometry-frames", _sends(ODOMETRY=_with(child_frame_id=12))),
+    Mutant(
+        "ODOMETRY says body frame",
+        "quirk.odometry-frames",
+        _sends(ODOMETRY=_with(child_frame_id=12)),
+    ),
     Mutant(
         "cell voltages",
         "quirk.battery-voltage",
         _sends(BATTERY_STATUS=_with(voltages=lambda m: [m.voltages[0] // 4] * 4 + [65535] * 6)),
     ),
-    Mutant("servo 1000 while disarmed", "quirk.servo-disarmed", _sends(SERVO_OUTPUT_RAW=_with(servo1_raw=1000))),
+    Mutant(
+        "servo 1000 while disarmed",
+        "quirk.servo-disarmed",
+        _sends(SERVO_OUTPUT_RAW=_with(servo1_raw=1000)),
+    ),
     Mutant(
         "OFFBOARD needs setpoints even disarmed",
         "mode.offboard-disarmed",
-        _sends(HEARTBEAT=_with(custom_mode=lambda m: m.custom_mode if m.base_mode & _ARMED else _LOITER)),
+        _sends(
+            HEARTBEAT=_with(
+                custom_mode=lambda m: m.custom_mode if m.base_mode & _ARMED else _LOITER
+            )
+        ),
     ),
     Mutant(
         "another simulated pace of ATTITUDE",
         "stream.attitude",
         _sends(ATTITUDE=_only_if(lambda m: m.time_boot_ms % 3 > 0)),
     ),
-    Mutant("offboard timeout 0.5 s", "loss.action-0-time", _secretly(COM_OF_LOSS_T=0.5), flies=True),
-    Mutant("no return to OFFBOARD by itself", "loss.action-0-return", _no_return_to_offboard, flies=True),
+    Mutant(
+        "offboard timeout 0.5 s", "loss.action-0-time", _secretly(COM_OF_LOSS_T=0.5), flies=True
+    ),
+    Mutant(
+        "no return to OFFBOARD by itself",
+        "loss.action-0-return",
+        _no_return_to_offboard,
+        flies=True,
+    ),
     Mutant(
         "setpoints for others count",
         "loss.wrong-target",
@@ -271,7 +299,11 @@ MUTANTS: tuple[Mutant, ...] = (
     Mutant(
         "OFFBOARD again after the blind landing is forgotten",
         "loss.mode-after",
-        _sends(HEARTBEAT=_with(custom_mode=lambda m: m.custom_mode if m.base_mode & _ARMED else _LOITER)),
+        _sends(
+            HEARTBEAT=_with(
+                custom_mode=lambda m: m.custom_mode if m.base_mode & _ARMED else _LOITER
+            )
+        ),
         flies=True,
     ),
     Mutant(
@@ -286,26 +318,43 @@ MUTANTS: tuple[Mutant, ...] = (
         _hears(SET_ATTITUDE_TARGET=_only_if(_is_unit)),
         flies=True,
     ),
-    Mutant("a tilt limit", "setpoint.steep-50", _hears(SET_ATTITUDE_TARGET=_limit_tilt), flies=True),
+    Mutant(
+        "a tilt limit", "setpoint.steep-50", _hears(SET_ATTITUDE_TARGET=_limit_tilt), flies=True
+    ),
     Mutant("two setpoints a second are too few", "offboard.two-hertz", _rate_needed, flies=True),
     Mutant(
         "disarming in the air accepted",
         "offboard.disarm-in-air",
-        _hears(COMMAND_LONG=_with(param2=lambda m: 21196.0 if m.command == 400 and not m.param1 else m.param2)),
+        _hears(
+            COMMAND_LONG=_with(
+                param2=lambda m: 21196.0 if m.command == 400 and not m.param1 else m.param2
+            )
+        ),
         flies=True,
     ),
     Mutant(
-        "ODOMETRY's velocity along the body", "quirk.odometry-velocity", _sends(ODOMETRY=_body_velocity), flies=True
+        "ODOMETRY's velocity along the body",
+        "quirk.odometry-velocity",
+        _sends(ODOMETRY=_body_velocity),
+        flies=True,
     ),
     Mutant(
         "IN_AIR as soon as it leaves the ground",
         "takeoff.state",
-        _sends(EXTENDED_SYS_STATE=_with(landed_state=lambda m: 2 if m.landed_state == 3 else m.landed_state)),
+        _sends(
+            EXTENDED_SYS_STATE=_with(
+                landed_state=lambda m: 2 if m.landed_state == 3 else m.landed_state
+            )
+        ),
         flies=True,
     ),
-    Mutant("another hover thrust", "hover.thrust", profile=_vehicle(hover_thrust_frac=0.6), flies=True),
+    Mutant(
+        "another hover thrust", "hover.thrust", profile=_vehicle(hover_thrust_frac=0.6), flies=True
+    ),
     Mutant("slow tilt", "step.roll-10-t63", profile=_vehicle(attitude_wn_rad_s=8.0), flies=True),
-    Mutant("yaw as quick as tilt", "step.yaw-30-t63", profile=_vehicle(yaw_wn_rad_s=6.0), flies=True),
+    Mutant(
+        "yaw as quick as tilt", "step.yaw-30-t63", profile=_vehicle(yaw_wn_rad_s=6.0), flies=True
+    ),
     Mutant(
         "OFFBOARD goes on with an empty battery",
         "battery.hold-mode",
@@ -321,7 +370,20 @@ MUTANTS: tuple[Mutant, ...] = (
         flies=True,
         px4="1.18",
     ),
-    Mutant("sticks without effect in v1.18", "stick.fast", _secretly(MAN_OVERRIDE_SPD=-1.0), flies=True, px4="1.18"),
-    Mutant("no filter of setpoints in v1.18", "step.roll-10-t5", _unfiltered, flies=True, px4="1.18"),
-    Mutant("ATT_POS_MOCAP is fused", "vision.mocap-ignored", _hears(ATT_POS_MOCAP=_fuse_mocap), flies=True),
+    Mutant(
+        "sticks without effect in v1.18",
+        "stick.fast",
+        _secretly(MAN_OVERRIDE_SPD=-1.0),
+        flies=True,
+        px4="1.18",
+    ),
+    Mutant(
+        "no filter of setpoints in v1.18", "step.roll-10-t5", _unfiltered, flies=True, px4="1.18"
+    ),
+    Mutant(
+        "ATT_POS_MOCAP is fused",
+        "vision.mocap-ignored",
+        _hears(ATT_POS_MOCAP=_fuse_mocap),
+        flies=True,
+    ),
 )

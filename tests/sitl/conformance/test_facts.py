@@ -41,7 +41,9 @@ def _differing(report: FactReport) -> dict[str, str]:
 
 
 @pytest.mark.parametrize("px4", VERSIONS)
-def test_the_emulator_agrees_with_every_fact_of_each_version_but_the_documented_ones(px4: str) -> None:
+def test_the_emulator_agrees_with_every_fact_of_each_version_but_the_documented_ones(
+    px4: str,
+) -> None:
     report = whole_check(px4)
     assert set(report.results) == {fact.name for fact in FACTS}
     assert not _differing(report)
@@ -68,7 +70,12 @@ def test_the_page_shows_every_fact_and_every_difference() -> None:
 def test_what_changed_in_a_version_names_facts_and_accepts_other_values_than_before() -> None:
     assert VERSIONS == ("1.16", "1.17", "1.18")
     names = [fact.name for fact in FACTS]
-    assert [pattern for changes in CHANGES.values() for pattern in changes if not fnmatch.filter(names, pattern)] == []
+    assert [
+        pattern
+        for changes in CHANGES.values()
+        for pattern in changes
+        if not fnmatch.filter(names, pattern)
+    ] == []
     before, after = facts_of("1.16", FACTS), facts_of("1.18", FACTS)
     assert before == {fact.name: fact for fact in FACTS}
     assert not after["mode.two-acks"].accepts("ACCEPTED, ACCEPTED")
@@ -87,14 +94,18 @@ def test_what_changed_in_a_version_names_facts_and_accepts_other_values_than_bef
         (None, "1.16", "no"),
     ],
 )
-def test_an_autopilot_is_judged_by_the_version_that_it_reports(reported, version: str, said: str) -> None:
+def test_an_autopilot_is_judged_by_the_version_that_it_reports(
+    reported, version: str, said: str
+) -> None:
     assert nearest(reported)[0] == version
     assert said in nearest(reported)[1]
     assert bool(said) == bool(nearest(reported)[1])
 
 
 def test_what_was_seen_before_the_version_is_known_is_judged_by_it() -> None:
-    asked = FactReport(matching(FACTS, ["stream.heartbeat", "quirk", "request.version"]), is_version_known=False)
+    asked = FactReport(
+        matching(FACTS, ["stream.heartbeat", "quirk", "request.version"]), is_version_known=False
+    )
     lines: list[str] = []
     check(Wires().companion(), None, asked, Terms(), lines.append)
     assert "it is PX4 v1.16" in lines
@@ -104,15 +115,33 @@ def test_what_was_seen_before_the_version_is_known_is_judged_by_it() -> None:
 @pytest.mark.parametrize(
     ("flown", "asked", "differing"),
     [
-        ("1.16", "1.17", {"request.version", "param.MC_ROLL_P", "wire.unasked-others", "step.roll-10-t63"}),
-        ("1.16", "1.18", {"request.version", "mode.two-acks", "quirk.battery-current", "step.roll-10-t63"}),
-        ("1.18", "1.16", {"request.version", "mode.two-acks", "setpoint.ignored-thrust", "stick.fast"}),
+        (
+            "1.16",
+            "1.17",
+            {"request.version", "param.MC_ROLL_P", "wire.unasked-others", "step.roll-10-t63"},
+        ),
+        (
+            "1.16",
+            "1.18",
+            {"request.version", "mode.two-acks", "quirk.battery-current", "step.roll-10-t63"},
+        ),
+        (
+            "1.18",
+            "1.16",
+            {"request.version", "mode.two-acks", "setpoint.ignored-thrust", "stick.fast"},
+        ),
     ],
 )
-def test_an_emulator_of_one_version_differs_when_another_is_asked_for(flown: str, asked: str, differing) -> None:
+def test_an_emulator_of_one_version_differs_when_another_is_asked_for(
+    flown: str, asked: str, differing
+) -> None:
     report = FactReport(matching(facts_of(asked, FACTS).values(), sorted(differing)))
-    check(Wires(px4=flown).companion(), None, report, Terms(may_turn_motors=True), lambda line: None)
-    assert {name for name, finding in report.results.items() if finding.verdict is Verdict.DIFFERS} == differing
+    check(
+        Wires(px4=flown).companion(), None, report, Terms(may_turn_motors=True), lambda line: None
+    )
+    assert {
+        name for name, finding in report.results.items() if finding.verdict is Verdict.DIFFERS
+    } == differing
 
 
 def test_no_two_facts_share_a_name_and_each_says_what_it_accepts() -> None:
@@ -150,7 +179,11 @@ def test_a_vehicle_that_falls_silent_in_flight_differs_in_what_was_not_seen() ->
 def test_parameters_are_what_they_were_after_a_check() -> None:
     wires = Wires()
     before = dict(wires.emulator.autopilots[0].params.values)
-    asked = FactReport(matching(FACTS, ["param.set-float", "loss.action-4", "loss.timeout-follows", "vision.flags"]))
+    asked = FactReport(
+        matching(
+            FACTS, ["param.set-float", "loss.action-4", "loss.timeout-follows", "vision.flags"]
+        )
+    )
     check(wires.companion(), None, asked, Terms(may_turn_motors=True), lambda line: None)
     assert dict(wires.emulator.autopilots[0].params.values) == before
     assert not wires.emulator.autopilots[0].is_armed
@@ -163,7 +196,11 @@ def test_an_interrupted_check_puts_the_vehicle_down_and_its_parameters_back() ->
 
     def incoming(frame: bytes) -> list[bytes]:
         autopilot = wires.emulator.autopilots[0]
-        if autopilot.params["COM_OBL_RC_ACT"] == 4 and autopilot.mode.name == "LAND" and not interrupted:
+        if (
+            autopilot.params["COM_OBL_RC_ACT"] == 4
+            and autopilot.mode.name == "LAND"
+            and not interrupted
+        ):
             interrupted.append(wires.emulator.time_s)
             raise KeyboardInterrupt
         return [frame]
@@ -200,10 +237,21 @@ class _Quick:
 
 
 def test_a_simulator_that_runs_faster_than_time_is_judged_in_its_own_time() -> None:
-    facts = ["boot", "stream.attitude", "heartbeat", "rate.odometry", "arm", "loss.action-4", "hover", "clock.pace"]
+    facts = [
+        "boot",
+        "stream.attitude",
+        "heartbeat",
+        "rate.odometry",
+        "arm",
+        "loss.action-4",
+        "hover",
+        "clock.pace",
+    ]
     asked = FactReport(matching(FACTS, facts))
     client = check(_Quick(Wires().companion()), None, asked, Terms(), lambda line: None)
-    differing = {name: f.measured for name, f in asked.results.items() if f.verdict is Verdict.DIFFERS}
+    differing = {
+        name: f.measured for name, f in asked.results.items() if f.verdict is Verdict.DIFFERS
+    }
     assert client.clock.pace == pytest.approx(4.0, rel=0.02)
     assert differing == {}
     assert asked.results["clock.pace"].verdict is Verdict.SKIPPED
@@ -219,7 +267,9 @@ def test_a_simulator_that_runs_faster_than_time_is_judged_in_its_own_time() -> N
         (word("a", "1", "x", "yes"), "no", False),
     ],
 )
-def test_a_fact_accepts_what_lies_within_its_bounds(fact: Fact, measured: float | str, agrees: bool) -> None:
+def test_a_fact_accepts_what_lies_within_its_bounds(
+    fact: Fact, measured: float | str, agrees: bool
+) -> None:
     asked = FactReport({"a": fact})
     asked.add("a", measured)
     assert (asked.results["a"].verdict is Verdict.AGREES) == agrees
@@ -242,7 +292,9 @@ def test_the_command_lists_what_it_would_check(capsys: pytest.CaptureFixture[str
         ([], "which endpoint?"),
     ],
 )
-def test_wrong_input_is_refused_in_words(words: list[str], said: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_wrong_input_is_refused_in_words(
+    words: list[str], said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert main(["sitl-check", *words]) == 2
     assert said in capsys.readouterr().err
 
@@ -257,7 +309,14 @@ def test_a_port_in_use_is_refused_in_words(capsys: pytest.CaptureFixture[str]) -
 
 def test_the_suite_shares_no_code_with_the_emulator() -> None:
     folder = Path(suite.__file__).parent
-    imports = [line for path in folder.glob("*.py") for line in path.read_text().splitlines() if "import" in line]
-    foreign = [line for line in imports if re.match(r"\s*(from|import) (sitl|onboard|groundstation)", line)]
+    imports = [
+        line
+        for path in folder.glob("*.py")
+        for line in path.read_text().splitlines()
+        if "import" in line
+    ]
+    foreign = [
+        line for line in imports if re.match(r"\s*(from|import) (sitl|onboard|groundstation)", line)
+    ]
     assert foreign
     assert [line for line in foreign if not line.startswith("from sitl.conformance")] == []

@@ -1,4 +1,5 @@
-"""Whatever arrives at a link: no exception, no hang, no memory, and for noise the flight goes on."""
+"""Whatever arrives at a link: no exception, no hang, no memory, and for noise the flight goes on.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +32,9 @@ def _resident_bytes(process: int | str = "self") -> int:
 
 
 def _command(number: int, *numbers: float) -> bytes:
-    message = common.MAVLink_command_long_message(1, 1, number, 0, *[*numbers, *[0.0] * (7 - len(numbers))])
+    message = common.MAVLink_command_long_message(
+        1, 1, number, 0, *[*numbers, *[0.0] * (7 - len(numbers))]
+    )
     return bytes(message.pack(common.MAVLink(None, srcSystem=245, srcComponent=190)))
 
 
@@ -75,7 +78,10 @@ def test_noise_on_a_link_changes_nothing_in_a_flight(link: str, count: int) -> N
     while twin.emulator.time_s < wires.emulator.time_s:
         twin.step()
     autopilot, undisturbed = wires.emulator.autopilots[0], twin.emulator.autopilots[0]
-    assert (autopilot.mode.name, autopilot.is_armed) == (undisturbed.mode.name, undisturbed.is_armed)
+    assert (autopilot.mode.name, autopilot.is_armed) == (
+        undisturbed.mode.name,
+        undisturbed.is_armed,
+    )
     assert dict(autopilot.params.values) == dict(undisturbed.params.values)
     # To the last bit: nothing was drawn, delayed or nudged because of it.
     here, there = (each.emulator.world.vehicles.states.position_ned_m[0] for each in (wires, twin))
@@ -85,7 +91,9 @@ def test_noise_on_a_link_changes_nothing_in_a_flight(link: str, count: int) -> N
 
 @pytest.mark.parametrize("link", ["onboard", "ground"])
 @pytest.mark.parametrize("count", _COUNTS)
-def test_well_formed_nonsense_raises_nothing_and_the_link_answers_after_it(link: str, count: int) -> None:
+def test_well_formed_nonsense_raises_nothing_and_the_link_answers_after_it(
+    link: str, count: int
+) -> None:
     wires = _hovering()
     grown_bytes = _pelt(wires, getattr(wires, link).endpoint, HOSTILE, count)
     _run(wires, 3.0)
@@ -103,7 +111,9 @@ def test_well_formed_nonsense_raises_nothing_and_the_link_answers_after_it(link:
 
 
 @pytest.mark.parametrize("count", [_FEW, pytest.param(100_000, marks=pytest.mark.long)])
-def test_a_stranger_flooding_the_socket_does_not_disturb_the_client(emulator: Running, count: int) -> None:
+def test_a_stranger_flooding_the_socket_does_not_disturb_the_client(
+    emulator: Running, count: int
+) -> None:
     target = ("127.0.0.1", emulator.companion + 40)
     heartbeat = frame(0, bytes(4) + bytes((18, 8, 0, 4, 3)), 0, system_id=1)
     with (

@@ -1,4 +1,6 @@
-"""Deviations from PX4, made on purpose, are caught by the conformance suite; without them the same facts agree."""
+"""Deviations from PX4, made on purpose, are caught by the conformance suite; without them the same
+facts agree.
+"""
 
 from __future__ import annotations
 

@@ -24,15 +24,29 @@ def test_nobody_at_the_endpoint_is_exit_status_ten(capsys: pytest.CaptureFixture
 
 
 def test_the_command_checks_a_running_emulator_over_udp_and_prints_json(emulator_port: int) -> None:
-    facts = ["quirk.heartbeat", "quirk.odometry-frames", "param.MPC_THR_HOVER", "ack", "mode.two-acks"]
+    facts = [
+        "quirk.heartbeat",
+        "quirk.odometry-frames",
+        "param.MPC_THR_HOVER",
+        "ack",
+        "mode.two-acks",
+    ]
     covey = "import sys; from groundstation.cli import main; sys.exit(main())"
     command = [sys.executable, "-c", covey, "sitl-check", f"udpin://127.0.0.1:{emulator_port}"]
-    done = subprocess.run([*command, "--json", "--only", *facts], capture_output=True, text=True, timeout=100)
+    done = subprocess.run(
+        [*command, "--json", "--only", *facts], capture_output=True, text=True, timeout=100
+    )
     shown = json.loads(done.stdout)
-    wrong = [fact for fact in shown["facts"] if fact["verdict"] == "differs" and fact["name"] != "ack.latency"]
+    wrong = [
+        fact
+        for fact in shown["facts"]
+        if fact["verdict"] == "differs" and fact["name"] != "ack.latency"
+    ]
     assert wrong == []
     assert shown["agrees"] >= len(facts) - 1
-    assert {"name", "section", "expected", "measured", "verdict", "reason"} <= set(shown["facts"][0])
+    assert {"name", "section", "expected", "measured", "verdict", "reason"} <= set(
+        shown["facts"][0]
+    )
     assert re.search(r"agrees\s+param.MPC_THR_HOVER", done.stderr)
 
 

@@ -1,4 +1,6 @@
-"""The emulator's own links and endpoints under the conformance suite in simulated time: no sockets, no waiting."""
+"""The emulator's own links and endpoints under the conformance suite in simulated time: no sockets,
+no waiting.
+"""
 
 from __future__ import annotations
 
@@ -24,15 +26,18 @@ def _unchanged(frame: bytes) -> Sequence[bytes]:
 
 
 class Wires:
-    """One emulated vehicle with its companion link and its ground link; time passes when somebody waits.
+    """One emulated vehicle with its companion link and its ground link; time passes when somebody
+    waits.
 
     Attributes:
-        incoming, outgoing: what becomes of each frame that a client or the emulator sends; nothing is done unless a
-            mutant says otherwise.
+        incoming, outgoing: what becomes of each frame that a client or the emulator sends; nothing
+            is done unless a mutant says otherwise.
         follows_newest: stream to whoever spoke last, as PX4 does not.
     """
 
-    def __init__(self, seed: int = 1, profile: VehicleProfile | None = None, px4: str = "1.16") -> None:
+    def __init__(
+        self, seed: int = 1, profile: VehicleProfile | None = None, px4: str = "1.16"
+    ) -> None:
         spec = VehicleSpec("v0", 1, profile or VehicleProfile(), (0.0, 0.0, 0.0), VERSIONS[px4])
         self.emulator = Emulator([spec], seed=seed)
         self.inboxes: dict[Address, deque[bytes]] = {}

@@ -1,4 +1,6 @@
-"""Faults: refused in words when they make no sense, planned in simulated time, and felt as a lab would feel them."""
+"""Faults: refused in words when they make no sense, planned in simulated time, and felt as a lab
+would feel them.
+"""
 
 from __future__ import annotations
 
@@ -107,7 +109,9 @@ def test_every_fault_of_the_table_has_a_sentence_and_can_begin_and_end() -> None
 def test_contradictory_faults_are_refused_in_words(first: str, second: str) -> None:
     emu = emulator((0.0, 0.0, 0.0), (3.0, 0.0, 0.0))
     emu.inject(parse(first))
-    with pytest.raises(FaultError, match=r"contradict each other: both act on the .* at the same time"):
+    with pytest.raises(
+        FaultError, match=r"contradict each other: both act on the .* at the same time"
+    ):
         emu.inject(parse(second))
 
 
@@ -155,7 +159,9 @@ def test_a_failing_cell_costs_charge_at_once() -> None:
     assert before - emu.autopilots[0].battery.remaining_frac == pytest.approx(0.3, abs=0.01)
 
 
-def test_a_hung_autopilot_is_deaf_its_clock_stands_still_and_then_it_goes_on_as_if_nothing_had_happened() -> None:
+def test_a_hung_autopilot_is_deaf_its_clock_stands_still_and_then_it_goes_on_as_if_nothing_had_happened() -> (
+    None
+):
     emu = flying()
     emu.inject(parse("v0 autopilot_hang duration=3"))
     send = streamer(emu, 0.49)
@@ -244,8 +250,12 @@ def test_what_the_autopilot_is_told_from_outside_can_freeze_jump_be_swapped_late
     good = believed("v0 gps_loss")
     assert good[:, 0] == pytest.approx([1.6, 2.6], abs=0.15)
     assert believed("v0 vision_frozen at=1.2")[:, 0] == pytest.approx([1.3, 2.6], abs=0.15)
-    assert believed("v0 vision_jump at=1.2 north_m=-2 east_m=0")[:, 0] == pytest.approx([-0.4, 2.6], abs=0.15)
-    assert believed("v0 vision_swapped at=1.2 other=v1")[:, 0] == pytest.approx([2.6, 1.6], abs=0.15)
+    assert believed("v0 vision_jump at=1.2 north_m=-2 east_m=0")[:, 0] == pytest.approx(
+        [-0.4, 2.6], abs=0.15
+    )
+    assert believed("v0 vision_swapped at=1.2 other=v1")[:, 0] == pytest.approx(
+        [2.6, 1.6], abs=0.15
+    )
     assert believed("v0 vision_late at=0 delay_s=0.8")[0, 0] == pytest.approx(1.4, abs=0.15)
     lost = emulator()
     lost.inject(parse("v0 vision_lost"))
@@ -277,7 +287,8 @@ def test_a_vehicle_that_holds_on_vision_stays_where_it_is_when_vision_jumps() ->
 
 
 def poses(line: str, duration_s: float = 2.0) -> list[tuple[float, Pose]]:
-    """What a motion capture without noise gives of two bodies that move east with 1 m/s, 3 m apart."""
+    """What a motion capture without noise gives of two bodies that move east with 1 m/s, 3 m apart.
+    """
     emu = emulator((0.0, 0.0, 0.0), (3.0, 0.0, 0.0))
     emu.inject(parse(line))
     capture = Mocap(2, MocapSettings(noise_m=0.0), faults=emu.disturbances.mocap)
@@ -286,14 +297,20 @@ def poses(line: str, duration_s: float = 2.0) -> list[tuple[float, Pose]]:
     for _ in range(round(duration_s / STEP_S)):
         emu.step()
         t = emu.time_s
-        out += [(t, pose) for pose in capture.step(t, np.array([[t, 0.0, 0.0], [t + 3.0, 0.0, 0.0]]), level)]
+        out += [
+            (t, pose)
+            for pose in capture.step(t, np.array([[t, 0.0, 0.0], [t + 3.0, 0.0, 0.0]]), level)
+        ]
     return out
 
 
 def test_the_motion_capture_can_freeze_jump_swap_be_late_or_lost() -> None:
     def newest(line: str) -> list[tuple[float, Pose]]:
         found = poses(line)
-        return [next((t, pose) for t, pose in reversed(found) if pose.index == index) for index in (0, 1)]
+        return [
+            next((t, pose) for t, pose in reversed(found) if pose.index == index)
+            for index in (0, 1)
+        ]
 
     x0, x1 = (pose.position_enu_m[0] for _, pose in newest("v0 gps_loss"))
     assert (x0, x1) == (pytest.approx(1.97, abs=0.03), pytest.approx(4.97, abs=0.03))
@@ -301,7 +318,9 @@ def test_the_motion_capture_can_freeze_jump_swap_be_late_or_lost() -> None:
     assert frozen.position_enu_m[0] == pytest.approx(1.0, abs=0.03)
     assert frozen.is_tracked
     assert frozen.time_s == other.time_s
-    assert newest("v0 mocap_jump at=1 east_m=0 up_m=0.5")[0][1].position_enu_m[2] == pytest.approx(0.5)
+    assert newest("v0 mocap_jump at=1 east_m=0 up_m=0.5")[0][1].position_enu_m[2] == pytest.approx(
+        0.5
+    )
     (_, first), (_, second) = newest("v0 mocap_swapped at=1 other=v1")
     assert first.position_enu_m[0] - second.position_enu_m[0] == pytest.approx(3.0, abs=0.01)
     (arrival_s, late), _ = newest("v0 mocap_late at=1 delay_s=0.4")
@@ -312,9 +331,17 @@ def test_the_motion_capture_can_freeze_jump_swap_be_late_or_lost() -> None:
 
 
 def test_after_a_fault_of_the_motion_capture_all_is_as_before() -> None:
-    for line in ("v0 mocap_frozen", "v0 mocap_swapped other=v1", "v0 mocap_jump", "v0 mocap_late", "v0 mocap_lost"):
+    for line in (
+        "v0 mocap_frozen",
+        "v0 mocap_swapped other=v1",
+        "v0 mocap_jump",
+        "v0 mocap_late",
+        "v0 mocap_lost",
+    ):
         last = [pose for _, pose in poses(f"{line} at=0.5 duration=0.5")][-2:]
-        assert [pose.position_enu_m[0] for pose in last] == pytest.approx([1.97, 4.97], abs=0.03), line
+        assert [pose.position_enu_m[0] for pose in last] == pytest.approx([1.97, 4.97], abs=0.03), (
+            line
+        )
         assert all(pose.is_tracked for pose in last)
 
 
@@ -327,10 +354,14 @@ def test_equal_seeds_give_equal_flights_with_faults() -> None:
         for i in (0, 1):
             emu.attitude_setpoint(i, EAST_WXYZ, [0.0] * 3, 0.6, 7)
         run_for(emu, 8.0)
-        ends.append(np.hstack([emu.estimator.position_ned_m, emu.estimator.velocity_ned_m_s]).copy())
+        ends.append(
+            np.hstack([emu.estimator.position_ned_m, emu.estimator.velocity_ned_m_s]).copy()
+        )
     np.testing.assert_array_equal(ends[0], ends[1])
 
 
 def test_the_readme_names_every_fault() -> None:
-    readme = (Path(__file__).resolve().parents[3] / "sitl" / "README.md").read_text(encoding="utf-8")
+    readme = (Path(__file__).resolve().parents[3] / "sitl" / "README.md").read_text(
+        encoding="utf-8"
+    )
     assert [name for name in KINDS if f"`{name}`" not in readme] == []

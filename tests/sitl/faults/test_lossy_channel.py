@@ -1,4 +1,6 @@
-"""A wire loses, delays, duplicates and reorders by its seed; a link behind it hangs, answers late and restarts."""
+"""A wire loses, delays, duplicates and reorders by its seed; a link behind it hangs, answers late
+and restarts.
+"""
 
 from __future__ import annotations
 
@@ -117,7 +119,12 @@ def test_a_lossy_link_loses_that_share_of_the_stream_in_that_direction_only() ->
     client = Client(emu)
     emu.inject(parse("v0 link_loss direction=in"))
     client.step(2.0)
-    assert client.send("PARAM_REQUEST_READ", param_id=b"COM_OF_LOSS_T", param_index=-1, target_system=1) == []
+    assert (
+        client.send(
+            "PARAM_REQUEST_READ", param_id=b"COM_OF_LOSS_T", param_index=-1, target_system=1
+        )
+        == []
+    )
     assert "ATTITUDE" in names(client.step(1.0))
     assert "PARAM_VALUE" not in names(client.step(1.0))
 
@@ -127,7 +134,12 @@ def test_a_slow_link_answers_after_both_delays() -> None:
     client = Client(emu)
     emu.inject(parse("v0 link_delay delay_s=0.1"))
     client.step(2.0)
-    assert client.send("PARAM_REQUEST_READ", param_id=b"COM_OF_LOSS_T", param_index=-1, target_system=1) == []
+    assert (
+        client.send(
+            "PARAM_REQUEST_READ", param_id=b"COM_OF_LOSS_T", param_index=-1, target_system=1
+        )
+        == []
+    )
     assert "PARAM_VALUE" not in names(client.step(0.19))
     assert "PARAM_VALUE" in names(client.step(0.04))
 
@@ -138,7 +150,12 @@ def test_a_hung_autopilot_is_silent_and_then_answers_what_was_asked_meanwhile() 
     client.step(5.0)
     emu.inject(parse("v0 autopilot_hang duration=2"))
     client.step(0.1)
-    assert client.send("PARAM_REQUEST_READ", param_id=b"COM_OF_LOSS_T", param_index=-1, target_system=1) == []
+    assert (
+        client.send(
+            "PARAM_REQUEST_READ", param_id=b"COM_OF_LOSS_T", param_index=-1, target_system=1
+        )
+        == []
+    )
     assert client.step(1.8) == []
     after = client.step(0.5)
     assert {"PARAM_VALUE", "ATTITUDE"} <= names(after)
@@ -150,7 +167,9 @@ def test_a_restart_begins_the_stream_anew_with_its_default_rates_and_clock() -> 
     emu = emulator()
     client = Client(emu)
     client.step(5.0)
-    client.send("COMMAND_LONG", command=511, param1=30.0, param2=-1.0, target_system=1, target_component=1)
+    client.send(
+        "COMMAND_LONG", command=511, param1=30.0, param2=-1.0, target_system=1, target_component=1
+    )
     assert "ATTITUDE" not in names(client.step(1.0))
     emu.inject(parse("v0 autopilot_reboot"))
     again = client.step(2.0)

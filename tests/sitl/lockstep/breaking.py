@@ -1,4 +1,6 @@
-"""How something is broken in a flight in lockstep: functions that are called in flight with a vehicle's name."""
+"""How something is broken in a flight in lockstep: functions that are called in flight with a
+vehicle's name.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +28,9 @@ Inject = Callable[[Lockstep, str], None]
 
 def fault(kind: str, duration_s: float = 0.0, **parameters: float | str) -> Inject:
     def inject(flight: Lockstep, name: str) -> None:
-        flight.inject(Fault(kind, name, at_s=flight.time_s, duration_s=duration_s, parameters=parameters))
+        flight.inject(
+            Fault(kind, name, at_s=flight.time_s, duration_s=duration_s, parameters=parameters)
+        )
 
     return inject
 
@@ -119,7 +123,10 @@ def tick_fails(count: int) -> Inject:
     def inject(flight: Lockstep, name: str) -> None:
         def fail() -> None:
             core = flight.agents[name].core
-            core.handle(ev.TickFailed("Internal error: ZeroDivisionError: injected."), flight.simulation.now_ns)
+            core.handle(
+                ev.TickFailed("Internal error: ZeroDivisionError: injected."),
+                flight.simulation.now_ns,
+            )
 
         for number in range(count):
             flight.at(flight.time_s + 0.02 * number, fail)
@@ -131,7 +138,9 @@ _FAR_AHEAD = 2**60
 
 
 def nonsense(flight: Lockstep, name: str) -> None:
-    """Send bad states and poses in the name of others: not finite, huge, repeated, numbered far ahead, of nobody."""
+    """Send bad states and poses in the name of others: not finite, huge, repeated, numbered far
+    ahead, of nobody.
+    """
     other = next(one for one in flight.config.enabled_names if one != name)
     liar = flight.bus.node("liar")
     liar.start()
@@ -143,7 +152,9 @@ def nonsense(flight: Lockstep, name: str) -> None:
 
     def number_ahead(_topic: Topic, _name: str, message: object) -> None:
         if isinstance(message, MocapPose) and message.sequence < _FAR_AHEAD:
-            lie = msgspec.structs.replace(message, sequence=_FAR_AHEAD, stamp_ns=message.stamp_ns + 1)
+            lie = msgspec.structs.replace(
+                message, sequence=_FAR_AHEAD, stamp_ns=message.stamp_ns + 1
+            )
             liar.publish(Topic.MOCAP, message.body, lie)
 
     liar.subscribe(Topic.STATE, other, listen)
@@ -209,16 +220,21 @@ def wrong_report(name: str) -> Inject:
         link, fields = flight.agents[vehicle].link, dict(WRONG_REPORTS[name])
         if "quaternion_enu_flu_wxyz" in fields:
             fields.setdefault("px4_boot_ms", link.snapshot().px4_boot_ms + 10)
-        # after the true report of this tick and before the tick: the newest of a kind is the one that is read
+        # after the true report of this tick and before the tick: the newest of a kind is the one
+        # that is read
         step_s, steps = STEP_S, flight.simulation.emulator.world.vehicles.steps
-        flight.at(step_s * (steps + TICK_STEPS - 1 - steps % TICK_STEPS), lambda: link.receive(fields))
+        flight.at(
+            step_s * (steps + TICK_STEPS - 1 - steps % TICK_STEPS), lambda: link.receive(fields)
+        )
 
     return inject
 
 
 def some_wrong_report(flight: Lockstep, vehicle: str) -> None:
     """One wrong report, another one at each tick."""
-    wrong_report(list(WRONG_REPORTS)[round(flight.time_s / 0.02) % len(WRONG_REPORTS)])(flight, vehicle)
+    wrong_report(list(WRONG_REPORTS)[round(flight.time_s / 0.02) % len(WRONG_REPORTS)])(
+        flight, vehicle
+    )
 
 
 def repeated(inject: Inject, count: int, every_s: float) -> Inject:
@@ -245,21 +261,27 @@ def stops(*names: str) -> Inject:
 
 
 def without_law(flight: Lockstep, name: str) -> None:
-    """Let one vehicle fly without avoidance, and tell that its fleet is another one: somebody else's, or --law off."""
+    """Let one vehicle fly without avoidance, and tell that its fleet is another one: somebody
+    else's, or --law off.
+    """
     shell = flight.agents[name]
     other, control = shell.fleet.with_law("off"), shell.core.control
     control.params, publish = pipeline_params(other, name), shell.node.publish
 
     def change(topic: Topic, vehicle: str, message: Message) -> None:
         if isinstance(message, Telemetry):
-            message = msgspec.structs.replace(message, config_hash=other.config_hash, law=other.law.name)
+            message = msgspec.structs.replace(
+                message, config_hash=other.config_hash, law=other.law.name
+            )
         publish(topic, vehicle, message)
 
     shell.node.publish = change  # type: ignore[method-assign]
 
 
 def lies(lie: Callable[[StateMessage, int], dict[str, Any]]) -> Inject:
-    """Let one vehicle fly as always, and tell the others something else about itself; ``lie`` gets the tick, too."""
+    """Let one vehicle fly as always, and tell the others something else about itself; ``lie`` gets
+    the tick, too.
+    """
 
     def inject(flight: Lockstep, name: str) -> None:
         node = flight.agents[name].node
@@ -267,7 +289,9 @@ def lies(lie: Callable[[StateMessage, int], dict[str, Any]]) -> Inject:
 
         def change(topic: Topic, vehicle: str, message: Message) -> None:
             if isinstance(message, StateMessage):
-                message = msgspec.structs.replace(message, **lie(message, round(flight.time_s / 0.02)))
+                message = msgspec.structs.replace(
+                    message, **lie(message, round(flight.time_s / 0.02))
+                )
             publish(topic, vehicle, message)
 
         node.publish = change  # type: ignore[method-assign]
@@ -286,7 +310,12 @@ def _moved(message: StateMessage, east_m: float) -> dict[str, Any]:
 
 def _stands(message: StateMessage, _tick: int) -> dict[str, Any]:
     still, place = (0.0, 0.0, 0.0), (0.0, -1.6, 0.0)
-    speeds = "velocity_enu_m_s", "acceleration_enu_m_s2", "predicted_velocity_enu_m_s", "intent_enu_m_s"
+    speeds = (
+        "velocity_enu_m_s",
+        "acceleration_enu_m_s2",
+        "predicted_velocity_enu_m_s",
+        "intent_enu_m_s",
+    )
     places = {"position_enu_m": place, "predicted_position_enu_m": place, "is_airborne": False}
     return dict.fromkeys((*speeds, "commanded_acceleration_enu_m_s2"), still) | places
 

@@ -1,4 +1,6 @@
-"""Injections of the fault suite: one row for each thing that can go wrong, and what has to be noticed of it."""
+"""Injections of the fault suite: one row for each thing that can go wrong, and what has to be
+noticed of it.
+"""
 
 from __future__ import annotations
 
@@ -40,12 +42,15 @@ class Injection:
     """One thing that goes wrong.
 
     Args:
-        own: conditions of which the vehicle has to notice at least one; others: at least one of the others.
-        is_silenced: whether the vehicle stops avoiding, so that its pairs are reported by themselves.
+        own: conditions of which the vehicle has to notice at least one; others: at least one of the
+            others.
+        is_silenced: whether the vehicle stops avoiding, so that its pairs are reported by
+            themselves.
         is_cut_off: whether the ground may not hear why until it is over.
         may_leave_fence: PX4 flies it alone, or nobody does.
         rises_m: how much higher the vehicle may get afterwards.
-        is_falling: it tumbles to the ground faster than anybody can go aside; who flies above it has not been touched.
+        is_falling: it tumbles to the ground faster than anybody can go aside; who flies above it
+            has not been touched.
     """
 
     name: str

@@ -1,4 +1,5 @@
-"""One flight of the fault suite: something breaks at one tick, and everything that has to hold is judged.
+"""One flight of the fault suite: something breaks at one tick, and everything that has to hold is
+judged.
 
     python -m tests.sitl.lockstep.suite --every 25        # the whole table, printed
 
@@ -34,7 +35,8 @@ from tests.sitl.lockstep.injections import INJECTIONS, Injection
 from tests.sitl.square_fleets import square_fleet
 
 ROOT = Path(__file__).resolve().parents[3]
-READY_S = 3.5  # the earliest take-off; what breaks before it is a matter of preflight, not of flight
+# the earliest take-off; what breaks before it is a matter of preflight, not of flight
+READY_S = 3.5
 FLIGHT_S = 17.0
 _DOWN_TIMEOUT_S = 60.0
 _FENCE_SLACK_M = 0.30
@@ -69,15 +71,23 @@ class Outcome:
 
 @functools.lru_cache
 def fleet_of(count: int) -> FleetConfig:
-    """The paper's three, or a square; with a formation in which everybody stands nearly where another started."""
-    fleet = load_fleet(ROOT / "configs" / "fleets" / "paper.toml") if count == 3 else square_fleet(count)
+    """The paper's three, or a square; with a formation in which everybody stands nearly where
+    another started.
+    """
+    fleet = (
+        load_fleet(ROOT / "configs" / "fleets" / "paper.toml")
+        if count == 3
+        else square_fleet(count)
+    )
     starts = [fleet.vehicles[name].start_enu_m for name in fleet.enabled_names]
     turned = {
         name: (0.9 * x, 0.9 * y, 0.0)
         for name, (x, y, _) in zip(fleet.enabled_names, starts[1:] + starts[:1], strict=True)
     }
     section = msgspec.structs.replace(fleet.fleet, ground_lost_land_s=4.0)
-    return msgspec.structs.replace(fleet, fleet=section, formations={**fleet.formations, "turned": turned})
+    return msgspec.structs.replace(
+        fleet, fleet=section, formations={**fleet.formations, "turned": turned}
+    )
 
 
 @functools.lru_cache
@@ -88,7 +98,9 @@ def mission_of(count: int) -> Mission:
         {"do": "formation", "name": "turned", "position_enu_m": [0.0, 0.0, 1.0], "timeout_s": 14},
         {"do": "land"},
     ]
-    return mission_from_mapping({"schema": 1, "step": steps}, path="suite.toml", fleet=fleet_of(count))
+    return mission_from_mapping(
+        {"schema": 1, "step": steps}, path="suite.toml", fleet=fleet_of(count)
+    )
 
 
 class Judge:
@@ -97,7 +109,9 @@ class Judge:
     def __init__(self, flight: Lockstep, injection: Injection, victim: str) -> None:
         self.flight, self.injection, self.victim = flight, injection, victim
         self.outcome_wrong: dict[str, None] = {}
-        self.seen: dict[str, Counter[Condition]] = {name: Counter() for name in flight.config.enabled_names}
+        self.seen: dict[str, Counter[Condition]] = {
+            name: Counter() for name in flight.config.enabled_names
+        }
         self.smallest = {True: math.inf, False: math.inf}
         self.is_injected = self.was_flying = False
         self.highest_m = math.inf
@@ -124,7 +138,9 @@ class Judge:
             self.wrong(f"{name} sends what is not finite")
         elif not 0.0 <= thrust <= 1.0 or abs(np.linalg.norm(q) - 1.0) > 1e-6:
             self.wrong(f"{name} sends a thrust of {thrust:.2f} or no unit quaternion")
-        elif math.degrees(math.acos(max(-1.0, 1.0 - 2.0 * float(q[1] ** 2 + q[2] ** 2)))) > limit_deg:
+        elif (
+            math.degrees(math.acos(max(-1.0, 1.0 - 2.0 * float(q[1] ** 2 + q[2] ** 2)))) > limit_deg
+        ):
             self.wrong(f"{name} sends more tilt than allowed")
         send(setpoint)  # type: ignore[operator]
 
@@ -163,7 +179,9 @@ class Judge:
                 self.wrong(f"{truth.vehicle} rises by more than {self.injection.rises_m} m")
 
     def _check_action(self, name: str) -> None:
-        """The table's action, and nothing else: what is done follows from what holds and from orders alone."""
+        """The table's action, and nothing else: what is done follows from what holds and from
+        orders alone.
+        """
         core = self.flight.agents[name].core
         flight, conditions = core.flight, core.failsafes.conditions
         self.seen[name].update(conditions)
@@ -178,7 +196,9 @@ class Judge:
         asked, _ = decide(situation, conditions)
         # what a tick found while it still was in another situation is obeyed by the next one
         before, self._asked[name] = self._asked.get(name, Action.GO_ON), asked
-        strongest = self._strongest[name] = max(self._strongest.get(name, Action.GO_ON), min(before, asked))
+        strongest = self._strongest[name] = max(
+            self._strongest.get(name, Action.GO_ON), min(before, asked)
+        )
         done = _done(core)
         if strongest in _NEEDS and done not in _NEEDS[strongest]:
             held = ", ".join(condition.value for condition in conditions)
@@ -191,7 +211,9 @@ class Judge:
         flight, injection, victim = self.flight, self.injection, self.victim
         if flight.simulation.emulator.world.collisions:
             self.wrong(f"collisions: {len(flight.simulation.emulator.world.collisions)}")
-        for one, autopilot in zip(flight.simulation.names, flight.simulation.emulator.autopilots, strict=True):
+        for one, autopilot in zip(
+            flight.simulation.names, flight.simulation.emulator.autopilots, strict=True
+        ):
             if autopilot.is_armed or not self.truths[one].is_on_ground:
                 self.wrong(f"{one} is not down and disarmed at the end")
         told = {(event.vehicle, event.code) for event in flight.events}
@@ -199,12 +221,26 @@ class Judge:
         for wanted, names in ((injection.own, [victim]), (injection.others, others)):
             if not wanted or not self.was_flying:
                 continue
-            noticed = {condition for name in names for condition in wanted if self.seen[name][condition]}
+            noticed = {
+                condition for name in names for condition in wanted if self.seen[name][condition]
+            }
             if not noticed:
-                self.wrong(f"{' or '.join(names)} did not notice {' or '.join(sorted(c.value for c in wanted))}")
+                self.wrong(
+                    f"{' or '.join(names)} did not notice {' or '.join(sorted(c.value for c in wanted))}"
+                )
             elif not injection.is_cut_off:
-                spoken = {condition for name in names for condition in noticed if (name, _code(condition)) in told}
-                quiet = {Condition.NOT_FINITE, Condition.LOOP_LATE, Condition.GROUND_LOST, Condition.SHUTDOWN}
+                spoken = {
+                    condition
+                    for name in names
+                    for condition in noticed
+                    if (name, _code(condition)) in told
+                }
+                quiet = {
+                    Condition.NOT_FINITE,
+                    Condition.LOOP_LATE,
+                    Condition.GROUND_LOST,
+                    Condition.SHUTDOWN,
+                }
                 if not spoken and not noticed <= quiet:
                     self.wrong(f"the record does not tell {', '.join(c.value for c in noticed)}")
 
@@ -238,7 +274,9 @@ def _code(condition: Condition) -> str:
 
 
 def fly(case: Case, folder: Path | None = None) -> Outcome:
-    """Fly one case, recorded into a folder; an error of the flight is what is wrong with it, and ends no other."""
+    """Fly one case, recorded into a folder; an error of the flight is what is wrong with it, and
+    ends no other.
+    """
     try:
         return _fly(case, folder)
     except Exception as error:  # noqa: BLE001 - whatever it is
@@ -260,7 +298,11 @@ def _fly(case: Case, folder: Path | None) -> Outcome:
         flight.fly(mission_of(case.count))
         flight.bus.heal()
         flight.run(1.0)
-        up = [name for name, shell in flight.agents.items() if shell.core.flight.situation is Situation.FLYING]
+        up = [
+            name
+            for name, shell in flight.agents.items()
+            if shell.core.flight.situation is Situation.FLYING
+        ]
         airborne = [name for name in up if flight.agents[name].is_ticking]
         if airborne:
             with contextlib.suppress(OrderFailed):  # who is not down at the end is found below
@@ -269,7 +311,8 @@ def _fly(case: Case, folder: Path | None) -> Outcome:
         px4s = flight.simulation.emulator.autopilots
         flight.until(
             lambda _: all(
-                not px4.is_armed and judge.truths[name].is_on_ground for name, px4 in zip(names, px4s, strict=True)
+                not px4.is_armed and judge.truths[name].is_on_ground
+                for name, px4 in zip(names, px4s, strict=True)
             ),
             _DOWN_TIMEOUT_S,
         )
@@ -277,7 +320,10 @@ def _fly(case: Case, folder: Path | None) -> Outcome:
         outcome.wrong = list(judge.outcome_wrong)
         for counts in judge.seen.values():
             outcome.seen.update({condition.value: ticks for condition, ticks in counts.items()})
-        outcome.min_separation_m, outcome.min_silenced_m = judge.smallest[False], judge.smallest[True]
+        outcome.min_separation_m, outcome.min_silenced_m = (
+            judge.smallest[False],
+            judge.smallest[True],
+        )
         body_m = flight.config.fleet.body_diameter_m
         nearest_m = judge.smallest[False] if injection.is_falling else min(judge.smallest.values())
         if nearest_m < body_m:
@@ -286,7 +332,9 @@ def _fly(case: Case, folder: Path | None) -> Outcome:
 
 
 def cases(every: int, counts: Iterable[int] = (3, 6), stagger: int = 0) -> list[Case]:
-    """Each injection at every k-th tick of a flight; with ``stagger`` each one begins that much later than the last."""
+    """Each injection at every k-th tick of a flight; with ``stagger`` each one begins that much
+    later than the last.
+    """
     ticks = round(FLIGHT_S / 0.02)
     return [
         Case(injection.name, tick, count, place=(tick // every) % count)
@@ -320,22 +368,36 @@ def summary(outcomes: Sequence[Outcome]) -> str:
 def main(argv: Sequence[str] | None = None) -> int:
     """Fly the suite; exit status 1 when anything is wrong."""
     parser = argparse.ArgumentParser(description="The fault suite in lockstep.")
-    parser.add_argument("--every", type=int, default=25, help="inject at every k-th tick (default 25, half a second)")
-    parser.add_argument("--stagger", type=int, default=0, help="ticks that each injection begins later than the last")
+    parser.add_argument(
+        "--every",
+        type=int,
+        default=25,
+        help="inject at every k-th tick (default 25, half a second)",
+    )
+    parser.add_argument(
+        "--stagger",
+        type=int,
+        default=0,
+        help="ticks that each injection begins later than the last",
+    )
     parser.add_argument("--counts", default="3,6", help="fleet sizes (default 3,6)")
     parser.add_argument("--only", default="", help="injections whose name contains this")
     parser.add_argument("--jobs", type=int, default=2)
     options = parser.parse_args(argv)
     todo = [
         case
-        for case in cases(options.every, [int(word) for word in options.counts.split(",")], options.stagger)
+        for case in cases(
+            options.every, [int(word) for word in options.counts.split(",")], options.stagger
+        )
         if options.only in case.injection
     ]
     begin_s, outcomes = time.perf_counter(), []
     with ProcessPoolExecutor(options.jobs) as pool:
         for number, outcome in enumerate(pool.map(fly, todo), 1):
             outcomes.append(outcome)
-            print(f"\r{number}/{len(todo)} {time.perf_counter() - begin_s:.0f} s ", end="", flush=True)
+            print(
+                f"\r{number}/{len(todo)} {time.perf_counter() - begin_s:.0f} s ", end="", flush=True
+            )
             if outcome.wrong:
                 print(f"\n{outcome.case.name}: {'; '.join(outcome.wrong)}", flush=True)
     print("\n\n" + summary(outcomes))

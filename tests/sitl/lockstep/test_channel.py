@@ -25,7 +25,10 @@ _MS = 1_000_000
 @pytest.mark.parametrize(("loss", "burst"), [(0.05, 3.0), (0.2, 5.0), (0.05, 1.0)])
 def test_losses_have_their_share_and_their_mean_length(loss: float, burst: float) -> None:
     rng, losses, settings = np.random.default_rng(5), Losses(), BusSettings(loss=loss, burst=burst)
-    lost = [losses.takes(("a", "b"), settings, draw, 20 * _MS * k) for k, draw in enumerate(rng.random(200_000))]
+    lost = [
+        losses.takes(("a", "b"), settings, draw, 20 * _MS * k)
+        for k, draw in enumerate(rng.random(200_000))
+    ]
     runs = [len(list(run)) for is_lost, run in itertools.groupby(lost) if is_lost]
     assert np.mean(lost) == pytest.approx(loss, rel=0.08)
     assert np.mean(runs) == pytest.approx(max(burst, 1.0 / (1.0 - loss)), rel=0.05)
@@ -38,12 +41,18 @@ def test_a_packet_between_vehicles_goes_over_the_access_point_and_takes_its_time
         channel.send(("a", "b"), (), arrivals[link].append, True)
         channel.advance(10 * _MS)
         assert channel.busy_ns == arrivals[link][-1] < _MS
-    assert np.mean(arrivals["access point"]) == pytest.approx(2.0 * np.mean(arrivals["direct"]), rel=0.03)
+    assert np.mean(arrivals["access point"]) == pytest.approx(
+        2.0 * np.mean(arrivals["direct"]), rel=0.03
+    )
 
 
 @pytest.mark.parametrize("stations", [2, 10, 30])
-def test_stations_that_always_have_something_to_send_get_what_bianchi_computes(stations: int) -> None:
-    """Bianchi, "Performance Analysis of the IEEE 802.11 Distributed Coordination Function", 2000, equations 7 to 9."""
+def test_stations_that_always_have_something_to_send_get_what_bianchi_computes(
+    stations: int,
+) -> None:
+    """Bianchi, "Performance Analysis of the IEEE 802.11 Distributed Coordination Function", 2000,
+    equations 7 to 9.
+    """
     window, doubled, rate = FIRST_WINDOW, MOST_DOUBLED, 65.0
 
     def attempts(collided: float) -> float:
@@ -51,7 +60,8 @@ def test_stations_that_always_have_something_to_send_get_what_bianchi_computes(s
         return 2.0 / (1.0 + window + collided * window * series)
 
     low, high = 0.0, 1.0
-    for _ in range(60):  # the share of its attempts that collide, of a station that sends with that probability
+    # the share of its attempts that collide, of a station that sends with that probability
+    for _ in range(60):
         collided = 0.5 * (low + high)
         is_less = 1.0 - (1.0 - attempts(collided)) ** (stations - 1) > collided
         low, high = (collided, high) if is_less else (low, collided)
@@ -89,7 +99,9 @@ def test_a_channel_that_is_full_drops_states_and_carries_orders() -> None:
     assert len(orders) == 100
 
 
-def test_a_flight_over_a_bad_radio_arrives_and_takes_the_airtime_that_check_says(tmp_path: Any) -> None:
+def test_a_flight_over_a_bad_radio_arrives_and_takes_the_airtime_that_check_says(
+    tmp_path: Any,
+) -> None:
     data = fleet_data(4, 2.0)
     data["radio"] = {"loss_frac": 0.03, "burst_packets": 3.0, "jitter_s": 0.002}
     fleet = fleet_from_mapping(data)
@@ -109,7 +121,12 @@ def test_a_flight_over_a_bad_radio_arrives_and_takes_the_airtime_that_check_says
 
 
 def test_a_radio_that_no_air_carries_is_refused() -> None:
-    for key, value in (("rate_mbit_s", 0.5), ("loss_frac", 1.0), ("states_hz", 40), ("burst_packets", 0.0)):
+    for key, value in (
+        ("rate_mbit_s", 0.5),
+        ("loss_frac", 1.0),
+        ("states_hz", 40),
+        ("burst_packets", 0.0),
+    ):
         with pytest.raises(ConfigError, match=key):
             fleet_from_mapping({**fleet_data(2, 2.0), "radio": {key: value}})
 
@@ -125,14 +142,19 @@ def _crossing(flight: Lockstep, back: bool) -> Callable[[], Any]:
         for name in names:
             x, y, _ = flight.config.vehicles[name].start_enu_m
             goals.append((x, y, 1.0) if back else (x + (1.3 if y < 0 else -1.3), -y, 1.0))
-        moves = (flight.fleet[name].move(goal, timeout_s=40.0) for name, goal in zip(names, goals, strict=True))
+        moves = (
+            flight.fleet[name].move(goal, timeout_s=40.0)
+            for name, goal in zip(names, goals, strict=True)
+        )
         return await asyncio.gather(*moves, return_exceptions=True)
 
     return go
 
 
 def _partition(at_s: float, lasts_s: float, seed: int) -> None:
-    """Cut the fleet into 3 + 3, the ground with the first: nobody is hit, all orders end, and all fly on."""
+    """Cut the fleet into 3 + 3, the ground with the first: nobody is hit, all orders end, and all
+    fly on.
+    """
     data = fleet_data(6, 2.6)
     for k, vehicle in enumerate(data["vehicles"].values()):
         vehicle["start_enu_m"] = [2.6 * (k % 3) - 2.6, -1.8 if k < 3 else 1.8, 0.0]
@@ -143,10 +165,14 @@ def _partition(at_s: float, lasts_s: float, seed: int) -> None:
     with Lockstep(fleet, seed=seed) as flight:
         flight.takeoff(1.0)
         begin_s = flight.time_s
-        flight.at(begin_s + at_s, lambda: flight.bus.partition([*names[:3], "ground-1"], names[3:], bridging=["sitl"]))
+        flight.at(
+            begin_s + at_s,
+            lambda: flight.bus.partition([*names[:3], "ground-1"], names[3:], bridging=["sitl"]),
+        )
         flight.at(begin_s + at_s + lasts_s, flight.bus.heal)
         answers = flight.wait_for(_crossing(flight, back=False)())
-        assert not [one for one in answers if isinstance(one, Exception)]  # every order's end is heard, also later
+        # every order's end is heard, also later
+        assert not [one for one in answers if isinstance(one, Exception)]
         flight.run(max(0.0, begin_s + at_s + lasts_s + 3.0 - flight.time_s))
         again = flight.wait_for(_crossing(flight, back=True)())
         assert not [one for one in again if isinstance(one, Exception)]

@@ -30,7 +30,9 @@ def test_a_kill_over_a_dead_link_between_agent_and_px4_stops_the_motors_within_t
         assert "straight to PX4" in results["mav1"].sentence, case
 
 
-def test_the_vehicle_whose_px4_died_is_named_first_and_for_that(lockstep, paper: FleetConfig) -> None:
+def test_the_vehicle_whose_px4_died_is_named_first_and_for_that(
+    lockstep, paper: FleetConfig
+) -> None:
     """A simulated PX4 takes its vehicle's poses along, which are missed before PX4 is."""
     flight = lockstep(paper, seed=3)
     flight.wait_for(flight.fleet.ready())

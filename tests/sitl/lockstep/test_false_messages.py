@@ -1,4 +1,6 @@
-"""Somebody publishes on the bus in the name of others: single messages end no flight and stop nobody's messages."""
+"""Somebody publishes on the bus in the name of others: single messages end no flight and stop
+nobody's messages.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,9 @@ _KINDS = {
 }  # fmt: skip
 
 
-def test_messages_numbered_far_ahead_stop_neither_poses_nor_states_nor_telemetry(lockstep, paper: FleetConfig) -> None:
+def test_messages_numbered_far_ahead_stop_neither_poses_nor_states_nor_telemetry(
+    lockstep, paper: FleetConfig
+) -> None:
     flight = lockstep(paper, seed=3)
     liar = flight.bus.node("liar")
     liar.start()
@@ -30,7 +34,11 @@ def test_messages_numbered_far_ahead_stop_neither_poses_nor_states_nor_telemetry
     flight.takeoff(1.0)
     assert {topic for topic, _ in heard} == set(_KINDS)
     for (topic, name), message in heard.items():
-        liar.publish(topic, name, msgspec.structs.replace(message, sequence=_FAR_AHEAD, stamp_ns=message.stamp_ns + 1))
+        liar.publish(
+            topic,
+            name,
+            msgspec.structs.replace(message, sequence=_FAR_AHEAD, stamp_ns=message.stamp_ns + 1),
+        )
     flight.run(2.0)
     for name, agent in flight.agents.items():
         assert agent.core.flight.state == "flying", name
@@ -38,14 +46,18 @@ def test_messages_numbered_far_ahead_stop_neither_poses_nor_states_nor_telemetry
         assert flight.state.vehicles[name].telemetry.sequence < _FAR_AHEAD, name
 
 
-def test_a_neighbour_told_to_be_two_metres_uncertain_pushes_nobody_through_the_fence(lockstep, paper) -> None:
+def test_a_neighbour_told_to_be_two_metres_uncertain_pushes_nobody_through_the_fence(
+    lockstep, paper
+) -> None:
     flight = lockstep(paper, seed=5)
     liar = flight.bus.node("liar")
     liar.start()
 
     def exaggerate(topic: Topic, name: str, message: Any) -> None:
         if message.position_std_m < 2.0:
-            worse = msgspec.structs.replace(message, position_std_m=2.0, stamp_ns=message.stamp_ns + 1)
+            worse = msgspec.structs.replace(
+                message, position_std_m=2.0, stamp_ns=message.stamp_ns + 1
+            )
             liar.publish(topic, name, worse)
 
     flight.takeoff(1.0)

@@ -1,7 +1,8 @@
-"""Whatever breaks at whichever moment: nobody collides, everybody comes down, and the record says why.
+"""Whatever breaks at whichever moment: nobody collides, everybody comes down, and the record says
+why.
 
-`make test` flies a cross-section, some of what can break, each at a moment of its own; `make test-long` flies all of it
-at every half second, with three and with six vehicles.
+`make test` flies a cross-section, some of what can break, each at a moment of its own; `make
+test-long` flies all of it at every half second, with three and with six vehicles.
 """
 
 from __future__ import annotations
@@ -31,20 +32,28 @@ def _judge(outcomes: list[Outcome], folder: Path) -> None:
 
 
 def cross_section() -> list[Case]:
-    """Return some of the cases, spread over what breaks and when, with three and with six vehicles."""
+    """Return some of the cases, spread over what breaks and when, with three and with six vehicles.
+    """
     moments = cases(every=850, counts=(3,), stagger=173)[::26]
-    crowd = [Case(injection.name, 300 + 40 * place, 6, place % 6) for place, injection in enumerate(INJECTIONS)][::48]
+    crowd = [
+        Case(injection.name, 300 + 40 * place, 6, place % 6)
+        for place, injection in enumerate(INJECTIONS)
+    ][::48]
     return [*moments, *crowd]
 
 
 @pytest.mark.timeout(600)
-def test_a_cross_section_of_all_that_can_break_ends_with_everybody_down_and_apart(tmp_path: Path) -> None:
+def test_a_cross_section_of_all_that_can_break_ends_with_everybody_down_and_apart(
+    tmp_path: Path,
+) -> None:
     _judge(_fly(cross_section()), tmp_path)
 
 
 @pytest.mark.long
 @pytest.mark.timeout(5400)
-def test_all_that_can_break_at_every_half_second_ends_with_everybody_down_and_apart(tmp_path: Path) -> None:
+def test_all_that_can_break_at_every_half_second_ends_with_everybody_down_and_apart(
+    tmp_path: Path,
+) -> None:
     outcomes = _fly(cases(every=25, counts=(3, 6)))
     _judge(outcomes, tmp_path)
     noticed = {name for outcome in outcomes for name in outcome.seen}

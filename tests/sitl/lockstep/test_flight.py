@@ -1,4 +1,6 @@
-"""Missions in lockstep: repeatable byte by byte, with the record, figures, verdict and status of a real flight."""
+"""Missions in lockstep: repeatable byte by byte, with the record, figures, verdict and status of a
+real flight.
+"""
 
 from __future__ import annotations
 
@@ -23,8 +25,11 @@ from tests.sitl.square_fleets import block_mission, square_fleet
 
 ROOT = Path(__file__).resolve().parents[3]
 CONFIGS = ROOT / "configs"
-IN_GALLERY = [CONFIGS / "missions" / f"{name}.toml" for name in GALLERY if name != "paper"]  # test_gallery flies them
-FLOWN = {Path(tomllib.loads(path.read_text())["fleet"]).stem for path in IN_GALLERY if path.exists()} - {"paper", "sih"}
+# test_gallery flies them
+IN_GALLERY = [CONFIGS / "missions" / f"{name}.toml" for name in GALLERY if name != "paper"]
+FLOWN = {
+    Path(tomllib.loads(path.read_text())["fleet"]).stem for path in IN_GALLERY if path.exists()
+} - {"paper", "sih"}
 FLEETS = [path for path in sorted((CONFIGS / "fleets").glob("*.toml")) if path.stem not in FLOWN]
 
 
@@ -34,16 +39,25 @@ def _hash(folder: Path) -> str:
 
 def _agents(folder: Path) -> list[tuple[str, int, dict]]:
     """Everything that agents said, whatever the order in the file."""
-    return [(s.channel, s.stamp_ns, s.values) for s in read(folder, ("state", "tick", "telemetry", "event"))]
+    return [
+        (s.channel, s.stamp_ns, s.values)
+        for s in read(folder, ("state", "tick", "telemetry", "event"))
+    ]
 
 
 def _flat(value: object) -> list:
-    """All numbers and words of a message in their order; words become numbers that are equal only for equal words."""
+    """All numbers and words of a message in their order; words become numbers that are equal only
+    for equal words.
+    """
     if isinstance(value, dict):
         return [leaf for key in value for leaf in _flat(value[key])]
     if isinstance(value, list):
         return [leaf for item in value for leaf in _flat(item)]
-    return [float(zlib.crc32(value.encode()))] if isinstance(value, str) else [float("nan" if value is None else value)]
+    return (
+        [float(zlib.crc32(value.encode()))]
+        if isinstance(value, str)
+        else [float("nan" if value is None else value)]
+    )
 
 
 @pytest.fixture(scope="module")
@@ -74,7 +88,8 @@ def test_a_repeated_flight_over_a_bad_bus_has_the_same_record(lockstep, hop, tmp
     bus = BusSettings(delay_s=0.003, jitter_s=0.004, loss=0.1, reorder=0.05, duplicate=0.05)
     for name in ("one", "two"):
         verdict = lockstep(hop.fleet, seed=1, bus=bus, folder=tmp_path / name).fly(hop)
-        # an order that was sent again twice may have gone the direct way: its mission then fails, but all land
+        # an order that was sent again twice may have gone the direct way: its mission then fails,
+        # but all land
         assert all(verdict.landed.values())
         assert not verdict.is_collision
     assert _hash(tmp_path / "one") == _hash(tmp_path / "two")
@@ -84,7 +99,8 @@ def test_computing_each_agent_alone_changes_nothing(lockstep, hop, flown, tmp_pa
     lockstep(hop.fleet, seed=3, folder=tmp_path, is_batched=False).fly(hop)
     for one, other in zip(_agents(flown), _agents(tmp_path), strict=True):
         assert one[:2] == other[:2]
-        np.testing.assert_allclose(_flat(one[2]), _flat(other[2]), rtol=5e-10, atol=5e-10)  # which add up
+        # which add up
+        np.testing.assert_allclose(_flat(one[2]), _flat(other[2]), rtol=5e-10, atol=5e-10)
 
 
 def test_what_many_vehicles_say_may_be_heard_all_at_once(lockstep, tmp_path, monkeypatch):
@@ -139,7 +155,9 @@ def test_every_shipped_fleet_flies_a_shipped_mission_and_every_mission_is_flown_
     assert fitting
     for path in own or fitting[:1]:
         folder = tmp_path / path.stem
-        status = cli.main(["fly", str(path), "--fleet", str(fleet), "--lockstep", "--record", str(folder)])
+        status = cli.main(
+            ["fly", str(path), "--fleet", str(fleet), "--lockstep", "--record", str(folder)]
+        )
         assert status == 0, capsys.readouterr().out
 
 
@@ -154,7 +172,9 @@ def test_the_folder_is_that_of_a_real_flight(hop, tmp_path, capsys):
         "    await fleet.land()\n"
     )
     folder = tmp_path / "flight"
-    assert cli.main(["fly", str(mission), "--lockstep", "--record", str(folder), "--seed", "5"]) == 0
+    assert (
+        cli.main(["fly", str(mission), "--lockstep", "--record", str(folder), "--seed", "5"]) == 0
+    )
     assert {path.name for path in folder.iterdir()} >= {
         "flight.mcap",
         "events.txt",
@@ -187,12 +207,16 @@ def test_without_the_law_they_collide_and_the_exit_status_says_so(tmp_path, caps
 def test_wrong_input_is_refused_before_anything_starts(tmp_path, capsys):
     assert cli.main(["demo", "--headless", "--bus-loss", "0.1"]) == 2
     assert "--lockstep" in capsys.readouterr().err
-    assert cli.main(["demo", "--lockstep", "--bus-loss", "1.5", "--record", str(tmp_path / "x")]) == 2
+    assert (
+        cli.main(["demo", "--lockstep", "--bus-loss", "1.5", "--record", str(tmp_path / "x")]) == 2
+    )
     assert "between 0 and 1" in capsys.readouterr().err
     assert cli.main(["fly", str(tmp_path / "none.toml"), "--lockstep"]) == 2
 
 
-def test_an_operator_who_lands_all_during_a_mission_sees_that_order_done_and_not_replaced(lockstep, hop):
+def test_an_operator_who_lands_all_during_a_mission_sees_that_order_done_and_not_replaced(
+    lockstep, hop
+):
     flight = lockstep(hop.fleet, seed=1)
     handles = []
 

@@ -1,4 +1,6 @@
-"""Paths in whole flights: three vehicles, from files to the verdict, and what happens when one does not go along."""
+"""Paths in whole flights: three vehicles, from files to the verdict, and what happens when one does
+not go along.
+"""
 
 from __future__ import annotations
 
@@ -15,14 +17,19 @@ from sitl.lockstep.flight import Lockstep
 SECONDS = 5.0
 
 
-def files(folder: Path, fleet: FleetConfig, metres: float = 1.0, seconds: float = SECONDS) -> dict[str, str]:
+def files(
+    folder: Path, fleet: FleetConfig, metres: float = 1.0, seconds: float = SECONDS
+) -> dict[str, str]:
     """Each vehicle northwards from its take-off spot, side by side."""
     out = {}
     for name in fleet.enabled_names:
         x, y, _ = fleet.vehicles[name].start_enu_m
         share = np.linspace(0.0, 1.0, 51)
         eased = share**3 * (10 - 15 * share + 6 * share**2)
-        lines = [f"{seconds * s:.3f},{x},{y + metres * e:.4f},1.0" for s, e in zip(share, eased, strict=True)]
+        lines = [
+            f"{seconds * s:.3f},{x},{y + metres * e:.4f},1.0"
+            for s, e in zip(share, eased, strict=True)
+        ]
         (folder / f"{name}.csv").write_text("t,x,y,z\n" + "\n".join(lines), encoding="utf-8")
         out[name] = f"{name}.csv"
     return out
@@ -42,7 +49,9 @@ def test_three_vehicles_follow_their_paths_together(
     lags: list[float] = []
     flight = lockstep(paper)
     flight.client.add_listener(
-        lambda state: lags.extend(v.telemetry.path_lag_m for v in state.vehicles.values() if v.telemetry)
+        lambda state: lags.extend(
+            v.telemetry.path_lag_m for v in state.vehicles.values() if v.telemetry
+        )
     )
     mission = show(tmp_path, paper, files(tmp_path, paper))
     assert not [finding for finding in mission_findings(mission) if finding.status == "refused"]
@@ -54,10 +63,15 @@ def test_three_vehicles_follow_their_paths_together(
 def test_nobody_starts_when_one_does_not_take_its_path(
     lockstep: Callable[..., Lockstep], paper: FleetConfig, tmp_path: Path
 ) -> None:
-    fleet = paper.with_law("paper")  # the ground lets a simulation try paths of another law; the vehicles do not
+    # the ground lets a simulation try paths of another law; the vehicles do not
+    fleet = paper.with_law("paper")
     flight = lockstep(fleet)
     paths = files(tmp_path, paper)
-    mission = show(tmp_path, fleet, {**paths, **dict.fromkeys(["mav2"], files(tmp_path, paper, 30.0, 60.0)["mav2"])})
+    mission = show(
+        tmp_path,
+        fleet,
+        {**paths, **dict.fromkeys(["mav2"], files(tmp_path, paper, 30.0, 60.0)["mav2"])},
+    )
     verdict = flight.fly(mission)
     assert not verdict.passed
     assert "geofence" in verdict.summary
@@ -71,12 +85,15 @@ def test_the_others_wait_for_one_that_falls_behind_and_go_on_when_it_lands(
     flight = lockstep(paper)
     rates: list[float] = []
     flight.client.add_listener(
-        lambda state: rates.extend(v.telemetry.path_rate_frac for v in state.vehicles.values() if v.telemetry)
+        lambda state: rates.extend(
+            v.telemetry.path_rate_frac for v in state.vehicles.values() if v.telemetry
+        )
     )
     paths = files(tmp_path, paper)
     blocked = (tmp_path / "mav1.csv").read_text(encoding="utf-8").splitlines()
     times_s = [float(line.split(",")[0]) for line in blocked[1:]]
-    east = [f"{t},{1.4 * (t / SECONDS) ** 2 * (3 - 2 * t / SECONDS)},-1.5,1" for t in times_s]  # to where mav2 hovers
+    # to where mav2 hovers
+    east = [f"{t},{1.4 * (t / SECONDS) ** 2 * (3 - 2 * t / SECONDS)},-1.5,1" for t in times_s]
     (tmp_path / "mav1.csv").write_text("t,x,y,z\n" + "\n".join(east), encoding="utf-8")
     verdict = flight.fly(show(tmp_path, paper, {name: paths[name] for name in ("mav0", "mav1")}))
     assert min(rates) == 0.5

@@ -20,9 +20,12 @@ LONG = ("thirty",)
 
 @pytest.mark.timeout(300)
 @pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=pytest.mark.long) if name in LONG else name for name in MISSIONS]
+    "name",
+    [pytest.param(name, marks=pytest.mark.long) if name in LONG else name for name in MISSIONS],
 )
-def test_a_mission_of_the_gallery_passes(name: str, lockstep: Callable[..., Lockstep], tmp_path: Path) -> None:
+def test_a_mission_of_the_gallery_passes(
+    name: str, lockstep: Callable[..., Lockstep], tmp_path: Path
+) -> None:
     mission = gallery_mission(name, tmp_path)
     assert mission.expect.min_separation_m is not None
     verdict = lockstep(mission.fleet).fly(mission)

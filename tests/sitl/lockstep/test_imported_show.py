@@ -13,8 +13,13 @@ from sitl.lockstep.flight import Lockstep
 from tests.groundstation.shows.made_shows import line_of, write_skyc
 
 
-def test_an_imported_show_is_flown_within_its_promise(lockstep: Callable[..., Lockstep], tmp_path: Path) -> None:
-    lights = {"version": 1, "data": base64.b64encode(bytes([7, 100, 4, 255, 0, 0, 100, 0])).decode()}
+def test_an_imported_show_is_flown_within_its_promise(
+    lockstep: Callable[..., Lockstep], tmp_path: Path
+) -> None:
+    lights = {
+        "version": 1,
+        "data": base64.b64encode(bytes([7, 100, 4, 255, 0, 0, 100, 0])).decode(),
+    }
     show = read_skyc(write_skyc(tmp_path / "line.skyc", line_of(3), 12.0, lights=lights))
     write_show(show, tmp_path / "out", "line.skyc", None, None)
     mission = load_mission(tmp_path / "out" / "mission.toml")

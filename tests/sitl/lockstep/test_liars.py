@@ -1,4 +1,6 @@
-"""A vehicle with a valid key that lies about itself, and avoids nobody: the others do not believe it and keep away."""
+"""A vehicle with a valid key that lies about itself, and avoids nobody: the others do not believe
+it and keep away.
+"""
 
 from __future__ import annotations
 

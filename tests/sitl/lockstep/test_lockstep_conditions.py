@@ -1,4 +1,6 @@
-"""Facts that only whole flights show: how soon the table acts on mocap and neighbours, and that nobody is run into."""
+"""Facts that only whole flights show: how soon the table acts on mocap and neighbours, and that
+nobody is run into.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,9 @@ MOCAP_LATENCY_S = 0.04  # from the exposure of a sample to the tick that has it
 def _first(flight, name, condition):
     """Seconds at which a vehicle said a condition first; infinite if it never did."""
     code = condition.name.lower().replace("_", "-")
-    stamps = [event.stamp_ns for event in flight.events if event.vehicle == name and event.code == code]
+    stamps = [
+        event.stamp_ns for event in flight.events if event.vehicle == name and event.code == code
+    ]
     return (min(stamps) - 1_000_000_000) * 1e-9 if stamps else math.inf
 
 
@@ -47,7 +51,8 @@ def test_a_vehicle_whose_agent_dies_on_its_way_is_avoided_where_it_really_goes(l
     flight.run(0.5)
     x, y, _ = flight.state.vehicles["mav1"].truth.position_enu_m
     from_x, from_y, _ = flight.state.vehicles["mav2"].truth.position_enu_m
-    _begin(flight, f"move mav2 {2 * x - from_x:.2f} {2 * y - from_y:.2f} 1.5")  # straight through it
+    # straight through it
+    _begin(flight, f"move mav2 {2 * x - from_x:.2f} {2 * y - from_y:.2f} 1.5")
     nearest_m = math.inf
     for _ in range(200):
         flight.run(0.05)

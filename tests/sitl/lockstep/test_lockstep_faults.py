@@ -1,4 +1,6 @@
-"""Failures in lockstep are answered as docs/failsafe.md says, with the real cores and the emulated PX4s."""
+"""Failures in lockstep are answered as docs/failsafe.md says, with the real cores and the emulated
+PX4s.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +32,9 @@ def _wait_down(flight, names, timeout_s=25.0):
     return flight.until(lambda state: all(_down(flight, name) for name in names), timeout_s)
 
 
-def test_an_agent_that_is_killed_is_silent_and_px4_lands_it_while_the_others_keep_away(lockstep, paper):
+def test_an_agent_that_is_killed_is_silent_and_px4_lands_it_while_the_others_keep_away(
+    lockstep, paper
+):
     flight = lockstep(paper, seed=1)
     flight.takeoff(1.0)
     flight.agents["mav1"].kill()
@@ -62,7 +66,9 @@ def test_an_agent_that_accepts_the_last_landing_and_dies_is_landed_straight_by_p
     assert flight.time_s < 25.0
 
 
-def test_an_agent_that_hangs_for_a_moment_holds_and_one_that_hangs_for_long_leaves_the_landing_to_px4(lockstep, paper):
+def test_an_agent_that_hangs_for_a_moment_holds_and_one_that_hangs_for_long_leaves_the_landing_to_px4(
+    lockstep, paper
+):
     flight = lockstep(paper, seed=2)
     flight.takeoff(1.0)
     mav0, mav1 = flight.agents["mav0"], flight.agents["mav1"]
@@ -138,12 +144,22 @@ def test_a_vehicle_whose_body_the_mocap_loses_lands_by_dead_reckoning(lockstep, 
     assert not _truth(flight, "mav0").is_on_ground
 
 
-def test_a_px4_that_falls_silent_ends_the_setpoints_and_one_on_a_lossy_link_flies_on(lockstep, paper):
+def test_a_px4_that_falls_silent_ends_the_setpoints_and_one_on_a_lossy_link_flies_on(
+    lockstep, paper
+):
     flight = lockstep(paper, seed=6)
-    flight.inject(Fault("link_loss", "mav0", at_s=0.0, parameters={"share": 0.1, "direction": "out"}))
+    flight.inject(
+        Fault("link_loss", "mav0", at_s=0.0, parameters={"share": 0.1, "direction": "out"})
+    )
     flight.takeoff(1.0)
     flight.inject(
-        Fault("link_loss", "mav1", at_s=flight.time_s, duration_s=1.0, parameters={"share": 1.0, "direction": "out"})
+        Fault(
+            "link_loss",
+            "mav1",
+            at_s=flight.time_s,
+            duration_s=1.0,
+            parameters={"share": 1.0, "direction": "out"},
+        )
     )
     flight.run(1.0)
     assert "autopilot-silent" in _codes(flight, "mav1")
@@ -155,7 +171,8 @@ def test_a_px4_that_falls_silent_ends_the_setpoints_and_one_on_a_lossy_link_flie
 def test_separation_holds_on_a_bus_that_loses_delays_reorders_and_repeats(lockstep, paper):
     bus = BusSettings(delay_s=0.004, jitter_s=0.006, loss=0.2, reorder=0.1, duplicate=0.1)
     flight = lockstep(paper, seed=7, bus=bus)
-    for name in flight.agents:  # else an order that is lost twice goes the direct way, and PX4 takes over
+    # else an order that is lost twice goes the direct way, and PX4 takes over
+    for name in flight.agents:
         flight.bus.set_link("ground-1", name, BusSettings())
     verdict = flight.fly("configs/missions/paper.toml")
     assert verdict.passed, verdict.summary
@@ -186,7 +203,12 @@ def test_a_fault_comes_at_the_tick_it_was_asked_for(lockstep, paper):
 def test_nobody_counts_on_a_vehicle_to_go_aside_that_is_about_to_touch_down(lockstep):
     # it was at 0.70 m: friction ended the way aside that the other one relied on
     flight = lockstep(fleet_of(3), seed=263)
-    flight.at(8.76, lambda: flight.inject(Fault("battery_cell", "mav0", flight.time_s, parameters={"drop_pct": 80.0})))
+    flight.at(
+        8.76,
+        lambda: flight.inject(
+            Fault("battery_cell", "mav0", flight.time_s, parameters={"drop_pct": 80.0})
+        ),
+    )
     flight.fly(mission_of(3))
     assert "battery-low" in _codes(flight, "mav0")
     assert flight.min_separation_m > 0.85

@@ -1,4 +1,6 @@
-"""The lag of a mocap's stamps, found from a flight: the emulated PX4's attitude beside poses stamped on arrival."""
+"""The lag of a mocap's stamps, found from a flight: the emulated PX4's attitude beside poses
+stamped on arrival.
+"""
 
 from __future__ import annotations
 
@@ -12,14 +14,18 @@ from sitl.emulator.mocap import MocapSettings
 
 
 @pytest.mark.parametrize("latency_s", [pytest.param(0.02, marks=pytest.mark.long), 0.08])
-def test_the_mocaps_latency_is_found_when_its_stamps_do_not_allow_for_it(lockstep, paper, latency_s: float):
+def test_the_mocaps_latency_is_found_when_its_stamps_do_not_allow_for_it(
+    lockstep, paper, latency_s: float
+):
     flight = lockstep(paper, seed=1, mocap=MocapSettings(latency_s=latency_s))
     poses: dict[str, list] = {}
     ticks: dict[str, list] = {}
 
     def hear(topic, name, message) -> None:
         if isinstance(message, MocapPose):
-            poses.setdefault(name, []).append((flight.simulation.now_ns * 1e-9, message.quaternion_enu_flu_wxyz))
+            poses.setdefault(name, []).append(
+                (flight.simulation.now_ns * 1e-9, message.quaternion_enu_flu_wxyz)
+            )
         elif isinstance(message, TickBatch):
             ticks.setdefault(name, []).extend(
                 (tick.stamp_ns * 1e-9 - tick.attitude_age_s, tick.attitude_quaternion_enu_flu_wxyz)

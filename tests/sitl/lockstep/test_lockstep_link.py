@@ -22,7 +22,9 @@ def test_turns_in_floats_are_those_of_the_frames() -> None:
         q = rng.normal(size=4)
         q /= np.linalg.norm(q)
         yaw, half = rng.normal(), 0.01 * rng.normal(size=3)
-        turned = np.array(quaternion_multiply(quaternion_multiply(quaternion_from_yaw(yaw), q), (1.0, *half)))
+        turned = np.array(
+            quaternion_multiply(quaternion_multiply(quaternion_from_yaw(yaw), q), (1.0, *half))
+        )
         expected = enu_flu_from_ned_frd(turned / np.linalg.norm(turned))
         measured = enu_flu_from_ned_frd(measured_attitude(q.tolist(), yaw, half.tolist()))
         np.testing.assert_allclose(measured, expected, atol=1e-12)
@@ -54,7 +56,9 @@ def test_armed_and_mode_are_told_once_a_second_and_attitude_fifty_times(simulati
     assert snapshot.mode == "HOLD"
 
 
-def test_a_command_is_answered_by_telemetry_only_and_arming_is_refused_without_setpoints(simulation) -> None:
+def test_a_command_is_answered_by_telemetry_only_and_arming_is_refused_without_setpoints(
+    simulation,
+) -> None:
     _run(simulation, 6.0)
     one = simulation.links.links[0]
     one.set_offboard()
@@ -76,7 +80,14 @@ def test_a_silent_link_leaves_the_snapshot_as_it_was(simulation) -> None:
     from sitl.faults.catalogue import Fault
 
     _run(simulation, 1.0)
-    simulation.inject(Fault("link_loss", "mav0", at_s=simulation.time_s, parameters={"share": 1.0, "direction": "out"}))
+    simulation.inject(
+        Fault(
+            "link_loss",
+            "mav0",
+            at_s=simulation.time_s,
+            parameters={"share": 1.0, "direction": "out"},
+        )
+    )
     _run(simulation, 0.1)
     before = simulation.links.links[0].snapshot()
     _run(simulation, 1.0)

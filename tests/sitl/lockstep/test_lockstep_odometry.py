@@ -1,4 +1,6 @@
-"""The mocap that the agent forwards: PX4 knows its place by it, holds and lands there, and hears nothing wrong."""
+"""The mocap that the agent forwards: PX4 knows its place by it, holds and lands there, and hears
+nothing wrong.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,9 @@ _HOLD, _LAND = (4, 3), (4, 6)  # PX4's main and sub modes
 
 
 def _miss_m(flight, name: str) -> float:
-    """Return the distance of PX4's own estimate from the truth; the mocap gives it the fleet's frame."""
+    """Return the distance of PX4's own estimate from the truth; the mocap gives it the fleet's
+    frame.
+    """
     emulator, index = flight.simulation.emulator, flight.simulation.names.index(name)
     north, east, down = emulator.estimator.local(index).position_ned_m
     truth, _, _ = emulator.world.truth_enu()
@@ -81,7 +85,8 @@ def test_px4_never_hears_of_a_place_that_the_agent_does_not_believe(lockstep, pa
     flight.inject(fault)
     for _ in range(40):
         flight.run(0.05)
-        assert _miss_m(flight, "mav1") < 0.6  # dead reckoning drifts, but nothing jumps to where it is not
+        # dead reckoning drifts, but nothing jumps to where it is not
+        assert _miss_m(flight, "mav1") < 0.6
 
 
 def test_after_a_gap_px4_is_told_to_begin_anew_and_is_back_at_once(lockstep, paper):

@@ -1,10 +1,13 @@
-"""Go or no-go with the emulator's faults: what breaks before take-off shows in its line, and goes when it is mended."""
+"""Go or no-go with the emulator's faults: what breaks before take-off shows in its line, and goes
+when it is mended.
+"""
 
 from __future__ import annotations
 
 from sitl.faults.catalogue import Fault
 
-# three at a time, one on each vehicle: fault, its parameters, the line that it shows in, and words of that line
+# three at a time, one on each vehicle: fault, its parameters, the line that it shows in, and words
+# of that line
 ROUNDS = [
     [
         ("mocap_lost", {}, "position", "mocap body 'mav0'"),

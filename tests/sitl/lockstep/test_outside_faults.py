@@ -16,8 +16,20 @@ def test_faults_of_bus_and_agents_are_steps_of_a_mission(lockstep: Any) -> None:
     flight = lockstep(PAPER, seed=3)
     steps = [
         {"do": "takeoff"},
-        {"do": "fault", "name": "bus_loss", "vehicles": "mav0", "parameters": {"share": 0.2}, "duration_s": 2.0},
-        {"do": "fault", "name": "bus_cut", "vehicles": "mav1", "parameters": {"others": "vehicles"}, "duration_s": 0.5},
+        {
+            "do": "fault",
+            "name": "bus_loss",
+            "vehicles": "mav0",
+            "parameters": {"share": 0.2},
+            "duration_s": 2.0,
+        },
+        {
+            "do": "fault",
+            "name": "bus_cut",
+            "vehicles": "mav1",
+            "parameters": {"others": "vehicles"},
+            "duration_s": 0.5,
+        },
         {"do": "fault", "name": "agent_hang", "vehicles": "mav2", "duration_s": 0.1},
         {"do": "wait", "duration_s": 3.0},
         {"do": "land"},
@@ -34,7 +46,9 @@ def test_an_agent_that_dies_is_a_reason_to_react(lockstep: Any) -> None:
     fleet = flight.fleet
 
     async def mission() -> None:
-        async with fleet.reacting(conditions.fails("mav1"), lambda: fleet.land("mav0,mav2"), ends=True):
+        async with fleet.reacting(
+            conditions.fails("mav1"), lambda: fleet.land("mav0,mav2"), ends=True
+        ):
             await fleet.fault("agent_dead", "mav1", after_s=0.5)
             await fleet.wait(60.0)
 

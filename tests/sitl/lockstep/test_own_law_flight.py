@@ -1,4 +1,6 @@
-"""The template's law flies in lockstep and campaigns; one that fails hands over to Covey's, and events say why."""
+"""The template's law flies in lockstep and campaigns; one that fails hands over to Covey's, and
+events say why.
+"""
 
 from __future__ import annotations
 
@@ -41,10 +43,15 @@ def test_the_templates_law_flies_the_mission_of_covey_init(folder, lockstep):
 def test_a_law_that_fails_in_flight_is_named_and_coveys_flies_on(folder, lockstep):
     path = folder / "my_law.py"
     path.write_text(path.read_text() + FAILING)
-    flight = lockstep(load_fleet(str(folder / "fleet.toml")).with_law("my_law:failing"), folder=folder)
+    flight = lockstep(
+        load_fleet(str(folder / "fleet.toml")).with_law("my_law:failing"), folder=folder
+    )
     verdict = flight.fly(load_mission(str(folder / "mission.toml")))
     assert verdict.closest.distance_m > 0.8
-    assert f"my_law:failing' (Covey's in its place on {', '.join(sorted(flight.agents))})" in verdict.summary
+    assert (
+        f"my_law:failing' (Covey's in its place on {', '.join(sorted(flight.agents))})"
+        in verdict.summary
+    )
     told = [event for event in flight.events if "own law" in event.sentence.lower()]
     assert {event.vehicle for event in told} == set(flight.agents)
     assert all("my_law:failing raised ValueError: no more" in event.sentence for event in told)
@@ -56,7 +63,9 @@ def test_a_campaign_flies_it_and_tells_of_each_flight_in_which_covey_took_over(f
     fleet_path = str(folder / "fleet.toml")
     for law, is_refused in (("my_law:law", False), ("my_law:failing", True)):
         setup = settings.setup_for(law=law, fleet_path=fleet_path)
-        (record,) = [record for part in batch.campaign(["swap2"], range(1), setup) for record in part]
+        (record,) = [
+            record for part in batch.campaign(["swap2"], range(1), setup) for record in part
+        ]
         assert record["law"] == law
         assert record["success"]
         assert not record["collision"]

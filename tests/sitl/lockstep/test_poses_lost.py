@@ -1,4 +1,6 @@
-"""Poses of all vehicles, or of one, lost while they cross each other's ways, with a PX4 that errs as real ones do."""
+"""Poses of all vehicles, or of one, lost while they cross each other's ways, with a PX4 that errs
+as real ones do.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,9 @@ from tests.sitl.lockstep.suite import READY_S, fleet_of, mission_of
 
 @dataclass(frozen=True)
 class Loss:
-    """One flight: at which tick the poses stop, for how long (0: for good), whose, in which fleet and wind."""
+    """One flight: at which tick the poses stop, for how long (0: for good), whose, in which fleet
+    and wind.
+    """
 
     tick: int
     back_s: float = 0.0
@@ -43,7 +47,9 @@ def fly(loss: Loss) -> Flown:
     with Lockstep(fleet_of(loss.count), seed=loss.tick) as flight:
         emulator = flight.simulation.emulator
         if loss.wind_m_s:
-            emulator.world.wind = Wind(loss.count, WindSettings((loss.wind_m_s, 0.0, 0.0)), seed=loss.tick)
+            emulator.world.wind = Wind(
+                loss.count, WindSettings((loss.wind_m_s, 0.0, 0.0)), seed=loss.tick
+            )
         names = flight.config.enabled_names
         lost_s, handed = READY_S + 0.02 * loss.tick, []
 
@@ -52,7 +58,11 @@ def fly(loss: Loss) -> Flown:
                 flight.inject(Fault("mocap_lost", name, flight.time_s, loss.back_s))
 
         def look() -> None:
-            handed.extend(name for name, agent in flight.agents.items() if agent.core.flight.step is Step.PX4_LANDING)
+            handed.extend(
+                name
+                for name, agent in flight.agents.items()
+                if agent.core.flight.step is Step.PX4_LANDING
+            )
             flight.at(flight.time_s + 0.1, look)
 
         flight.at(lost_s, lose)
@@ -60,7 +70,12 @@ def fly(loss: Loss) -> Flown:
         flight.fly(mission_of(loss.count))
         flight.until(lambda _: not any(px4.is_armed for px4 in emulator.autopilots), 25.0)
         is_down = all(view.truth.is_on_ground for view in flight.state.vehicles.values())
-        return Flown(loss, flight.min_separation_m, flight.time_s - lost_s if is_down else math.inf, bool(handed))
+        return Flown(
+            loss,
+            flight.min_separation_m,
+            flight.time_s - lost_s if is_down else math.inf,
+            bool(handed),
+        )
 
 
 def _all_down_and_apart(flights: list[Flown]) -> None:
@@ -72,7 +87,9 @@ def _all_down_and_apart(flights: list[Flown]) -> None:
 
 
 @pytest.mark.parametrize(
-    "loss", [Loss(285), Loss(320, back_s=1.0), Loss(300, is_of_all=False), Loss(290, wind_m_s=2.0)], ids=str
+    "loss",
+    [Loss(285), Loss(320, back_s=1.0), Loss(300, is_of_all=False), Loss(290, wind_m_s=2.0)],
+    ids=str,
 )
 def test_nobody_collides_and_all_land_by_themselves(loss: Loss) -> None:
     flown = fly(loss)
@@ -107,12 +124,16 @@ def test_px4s_own_position_is_wrong_by_metres_soon_after(lockstep) -> None:
     assert statistics.median(errors_m[1]) < 0.5
 
 
-def test_without_a_position_of_px4_a_vehicle_without_a_mocap_lands_by_dead_reckoning(lockstep) -> None:
+def test_without_a_position_of_px4_a_vehicle_without_a_mocap_lands_by_dead_reckoning(
+    lockstep,
+) -> None:
     flight = lockstep("configs/fleets/px4-sitl.toml", seed=1)
     flight.takeoff(1.5)
     link = flight.agents["mav1"].link
     receive = link.receive
-    link.receive = lambda fields: receive({key: value for key, value in fields.items() if "_local_" not in key})
+    link.receive = lambda fields: receive(
+        {key: value for key, value in fields.items() if "_local_" not in key}
+    )
     assert flight.until(lambda state: state.vehicles["mav1"].truth.is_on_ground, 10.0)
     assert flight.agents["mav1"].core.flight.step is not Step.PX4_LANDING
     assert flight.min_separation_m > 2.0

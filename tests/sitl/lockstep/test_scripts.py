@@ -1,4 +1,6 @@
-"""Python scripts in lockstep: with asyncio, blocking, and Crazyswarm's; the same files fly in real time."""
+"""Python scripts in lockstep: with asyncio, blocking, and Crazyswarm's; the same files fly in real
+time.
+"""
 
 from __future__ import annotations
 
@@ -78,9 +80,12 @@ everybody.stop()
 clock.sleep(0.5)
 """
 
-# duration, then eight coefficients of x, y, z and yaw; from rest to rest over 0.6 m of y; a comma ends the first line
+# duration, then eight coefficients of x, y, z and yaw; from rest to rest over 0.6 m of y; a comma
+# ends the first line
 WAVE = (
-    "duration," + ",".join(f"{axis}^{k}" for axis in ("x", "y", "z", "yaw") for k in range(8)) + ",\n"
+    "duration,"
+    + ",".join(f"{axis}^{k}" for axis in ("x", "y", "z", "yaw") for k in range(8))
+    + ",\n"
     "2.0," + "0," * 11 + f"{0.6 * 10 / 8},{-0.6 * 15 / 16},{0.6 * 6 / 32}," + "0," * 17 + "0\n"
 )
 
@@ -92,7 +97,9 @@ def _script(folder: Path, text: str) -> str:
     return str(path)
 
 
-def test_a_script_with_asyncio_flies_and_has_a_verdict(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_script_with_asyncio_flies_and_has_a_verdict(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     script = _script(tmp_path, ASYNC)
     flown = ["run", script, "--fleet", str(PAPER), "--lockstep", "--record"]
     assert main([*flown, str(tmp_path / "one")]) == 0
@@ -174,7 +181,14 @@ def test_a_script_of_crazyswarm_is_refused_in_words(
     with pytest.raises(SystemExit):
         flight.run_script(_script(tmp_path, CRAZYSWARM.partition("everybody.takeoff")[0] + REFUSED))
     said = (tmp_path / "said.txt").read_text().splitlines()
-    words = ("stream setpoints", "outside the fence", "no trajectory 3", "would fall", "covey px4 params", "timescale")
+    words = (
+        "stream setpoints",
+        "outside the fence",
+        "no trajectory 3",
+        "would fall",
+        "covey px4 params",
+        "timescale",
+    )
     assert len(said) == len(words), said
     for sentence, expected in zip(said, words, strict=True):
         assert expected in sentence
@@ -192,8 +206,12 @@ def test_a_trajectory_of_crazyswarm_is_evaluated(tmp_path: Path) -> None:
     assert math.isclose(wave.eval(1.0).vel[1], 0.6 * 15 / 16, rel_tol=1e-4)
 
 
-def test_a_mission_and_a_script_are_told_apart(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    mission = _script(tmp_path, 'FLEET = "paper"\n\n\nasync def mission(fleet):\n    await fleet.takeoff()\n')
+def test_a_mission_and_a_script_are_told_apart(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    mission = _script(
+        tmp_path, 'FLEET = "paper"\n\n\nasync def mission(fleet):\n    await fleet.takeoff()\n'
+    )
     assert main(["run", mission, "--fleet", "paper", "--lockstep"]) == 2
     assert "covey fly" in capsys.readouterr().err
     script = _script(tmp_path, BLOCKING)

@@ -1,4 +1,5 @@
-"""The simulated bus: what is promised for each kind of message, under every fault of a connection."""
+"""The simulated bus: what is promised for each kind of message, under every fault of a connection.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +24,11 @@ class Rig:
         self.a.start()
         self.b.start()
         for topic in (Topic.TRUTH, Topic.EVENT):
-            self.b.subscribe(topic, "*", lambda topic, name, message: self.heard.append((self.now_ns, name, message)))
+            self.b.subscribe(
+                topic,
+                "*",
+                lambda topic, name, message: self.heard.append((self.now_ns, name, message)),
+            )
         self.b.watch_alive(lambda node, is_alive: self.alive.append((node, is_alive)))
         self.run(0.1)
 
@@ -154,13 +159,21 @@ def test_an_order_is_answered_once_and_not_after_its_time() -> None:
         reply = OrderReply(order_id="1", vehicle="b", is_accepted=True, reason="")
         rig.b.serve_orders("b", lambda order, answer, reply=reply: answer(reply))
         replies, ends = [], []
-        rig.a.order("b", None, timeout_s=0.5, on_reply=replies.append, on_end=lambda ends=ends: ends.append(1))
+        rig.a.order(
+            "b",
+            None,
+            timeout_s=0.5,
+            on_reply=replies.append,
+            on_end=lambda ends=ends: ends.append(1),
+        )
         rig.run(2.0)
         assert len(replies) == expected
         assert ends == [1]
 
 
-@pytest.mark.parametrize("wrong", [{"loss": 1.2}, {"loss": -0.1}, {"delay_s": -1.0}, {"jitter_s": float("nan")}])
+@pytest.mark.parametrize(
+    "wrong", [{"loss": 1.2}, {"loss": -0.1}, {"delay_s": -1.0}, {"jitter_s": float("nan")}]
+)
 def test_impossible_settings_are_refused_in_words(wrong: dict[str, float]) -> None:
     with pytest.raises(ConfigError, match=next(iter(wrong))):
         BusSettings(**wrong)

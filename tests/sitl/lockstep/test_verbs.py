@@ -1,4 +1,6 @@
-"""The verbs of the mission API, flown: a goal for each, headings, turned formations, the way home, conditions."""
+"""The verbs of the mission API, flown: a goal for each, headings, turned formations, the way home,
+conditions.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +37,9 @@ def test_vehicles_change_places_turn_and_land_at_home(lockstep: Any) -> None:
     flight.wait_for(fleet["mav1"].yaw(-90.0))
     assert _off_deg(fleet, "mav1", -90.0) < 12.0
     assert _off_deg(fleet, "mav0", 90.0) < 12.0
-    assert list(fleet["mav0"].neighbours) == sorted(fleet["mav0"].neighbours, key=fleet["mav0"].neighbours.get)
+    assert list(fleet["mav0"].neighbours) == sorted(
+        fleet["mav0"].neighbours, key=fleet["mav0"].neighbours.get
+    )
     assert fleet["mav0"].law is not None
     results = flight.wait_for(fleet.home())
     assert all(result.is_done for result in results.values()), results
@@ -67,7 +71,9 @@ def test_a_formation_is_turned_and_waypoints_are_flown_through(lockstep: Any) ->
 def test_a_mission_waits_for_conditions_and_is_told_what_was_missing(lockstep: Any) -> None:
     flight = lockstep(PAPER, seed=2)
     fleet = flight.fleet
-    with pytest.raises(ConditionTimeout, match=r"Not all in the air within 0\.5 s: on the ground: mav0, mav1, mav2"):
+    with pytest.raises(
+        ConditionTimeout, match=r"Not all in the air within 0\.5 s: on the ground: mav0, mav1, mav2"
+    ):
         flight.wait_for(fleet.until(conditions.flying(), timeout_s=0.5))
     flight.takeoff(1.0)
     begin_s = flight.time_s
@@ -147,6 +153,8 @@ def test_a_blocked_vehicle_says_what_stands_in_its_way(lockstep: Any) -> None:
     between = spots["mav1"]
     assert math.dist(between[:2], (0.5 * (x + own_x), 0.5 * (y + own_y))) < 0.2
     beyond = (x + 1.1 * (x - own_x) / (math.dist(spots["mav0"], spots["mav2"])), y, z)
-    with pytest.raises(OrderFailed, match=r"not finished within 1 s.*m from its goal\. In its way: mav1, \d") as caught:
+    with pytest.raises(
+        OrderFailed, match=r"not finished within 1 s.*m from its goal\. In its way: mav1, \d"
+    ) as caught:
         flight.wait_for(fleet["mav0"].go_to(beyond, timeout_s=1.0))
     assert "from the goal" in str(caught.value)

@@ -21,7 +21,31 @@ from tests.sitl.sitl_flying import Client, emulator, run_for
 ACCEPTED, REJECTED, UNSUPPORTED, FAILED = 0, 1, 3, 4
 # Every message that the emulator does something with.
 HANDLED = (
-    *(0, 4, 11, 20, 21, 23, 40, 43, 44, 45, 48, 51, 75, 76, 82, 84, 86, 102, 110, 111, 117, 331, 412),
+    *(
+        0,
+        4,
+        11,
+        20,
+        21,
+        23,
+        40,
+        43,
+        44,
+        45,
+        48,
+        51,
+        75,
+        76,
+        82,
+        84,
+        86,
+        102,
+        110,
+        111,
+        117,
+        331,
+        412,
+    ),
     *(75, 76, 82, 84, 86),  # most of all these
 )
 
@@ -57,7 +81,8 @@ def test_messages_of_any_numbers_are_byte_for_byte_those_of_pymavlink() -> None:
             # Zeros at the end now and then. A float that is not a number has no one byte pattern.
             raw = rng.randbytes(size)[: rng.randrange(size + 1)].ljust(size, b"\0")
             drawn = [
-                0.5 if isinstance(value, float) and math.isnan(value) else value for value in layout.packer.unpack(raw)
+                0.5 if isinstance(value, float) and math.isnan(value) else value
+                for value in layout.packer.unpack(raw)
             ]
             ours = encoder.encode(message_id, *drawn)
             assert packed_by_pymavlink(ours) == ours, layout.name
@@ -71,10 +96,16 @@ def test_messages_that_pymavlink_lacks_have_the_checksum_seeds_that_mavlink_publ
 
 def test_decoding_gives_what_pymavlink_encoded_in_both_versions() -> None:
     reference = common.MAVLink(None, srcSystem=9, srcComponent=8)
-    message = common.MAVLink_set_attitude_target_message(5, 1, 1, 7, [1.0, 0.5, 0.0, 0.0], 0.0, 0.0, 0.0, 0.25)
+    message = common.MAVLink_set_attitude_target_message(
+        5, 1, 1, 7, [1.0, 0.5, 0.0, 0.0], 0.0, 0.0, 0.0, 0.25
+    )
     for force_v1 in (False, True):
         (decoded,) = Decoder().decode(bytes(message.pack(reference, force_mavlink1=force_v1)))
-        assert (decoded.name, decoded.system_id, decoded.component_id) == ("SET_ATTITUDE_TARGET", 9, 8)
+        assert (decoded.name, decoded.system_id, decoded.component_id) == (
+            "SET_ATTITUDE_TARGET",
+            9,
+            8,
+        )
         assert decoded.fields["q"] == [1.0, 0.5, 0.0, 0.0]
         assert decoded.fields["thrust"] == 0.25
 
@@ -84,11 +115,14 @@ def test_default_rates_are_those_of_the_companion_link() -> None:
     client = Client(emu)
     client.collect(5.0)
     seen = [message.message_id for message in client.collect(10.0)]
-    unsaid = {"GPS_GLOBAL_ORIGIN", "POSITION_TARGET_GLOBAL_INT"}  # on change, and while PX4 flies by itself
+    # on change, and while PX4 flies by itself
+    unsaid = {"GPS_GLOBAL_ORIGIN", "POSITION_TARGET_GLOBAL_INT"}
     for message_id, rate_hz in ONBOARD_RATES_HZ.items():
         if LAYOUTS[message_id].name in unsaid:
             continue
-        assert seen.count(message_id) == pytest.approx(10.0 * rate_hz, abs=1.0 + 0.02 * 10.0 * rate_hz)
+        assert seen.count(message_id) == pytest.approx(
+            10.0 * rate_hz, abs=1.0 + 0.02 * 10.0 * rate_hz
+        )
 
 
 def test_a_mode_command_gets_two_answers_and_the_second_is_the_truth() -> None:
@@ -104,7 +138,9 @@ def test_a_mode_command_gets_two_answers_and_the_second_is_the_truth() -> None:
 
 def test_answers_go_to_the_sender_and_unknown_commands_are_unsupported() -> None:
     client = Client(emulator())
-    (ack,) = client.send("COMMAND_LONG", command=31000, target_system=1, param1=math.nan, param2=math.nan)
+    (ack,) = client.send(
+        "COMMAND_LONG", command=31000, target_system=1, param1=math.nan, param2=math.nan
+    )
     assert ack.fields["result"] == UNSUPPORTED
     assert (ack.fields["target_system"], ack.fields["target_component"]) == (245, 190)
 
@@ -129,13 +165,19 @@ def test_a_force_disarm_over_mavlink_stops_the_motors_at_once() -> None:
 def test_parameters_are_read_set_and_listed() -> None:
     emu = emulator()
     client = Client(emu)
-    (value,) = client.send("PARAM_REQUEST_READ", param_id=b"COM_OF_LOSS_T", param_index=-1, target_system=1)
+    (value,) = client.send(
+        "PARAM_REQUEST_READ", param_id=b"COM_OF_LOSS_T", param_index=-1, target_system=1
+    )
     assert value.fields["param_value"] == 1.0
-    (value,) = client.send("PARAM_SET", param_id=b"COM_OF_LOSS_T", param_value=0.3, param_type=9, target_system=1)
+    (value,) = client.send(
+        "PARAM_SET", param_id=b"COM_OF_LOSS_T", param_value=0.3, param_type=9, target_system=1
+    )
     assert value.fields["param_value"] == pytest.approx(0.3)
     assert emu.autopilots[0].params["COM_OF_LOSS_T"] == pytest.approx(0.3)
     client.send("PARAM_REQUEST_LIST", target_system=1)
-    listed = [m.fields["param_id"].rstrip(b"\0") for m in client.collect(1.0) if m.name == "PARAM_VALUE"]
+    listed = [
+        m.fields["param_id"].rstrip(b"\0") for m in client.collect(1.0) if m.name == "PARAM_VALUE"
+    ]
     assert listed == [name.encode() for name in (HASH_CHECK, *emu.autopilots[0].params.names())]
 
 
@@ -143,25 +185,41 @@ def test_integer_parameters_travel_bytewise() -> None:
     emu = emulator()
     client = Client(emu)
     wire = struct.unpack("<f", struct.pack("<i", 4))[0]
-    (value,) = client.send("PARAM_SET", param_id=b"COM_OBL_RC_ACT", param_value=wire, param_type=6, target_system=1)
+    (value,) = client.send(
+        "PARAM_SET", param_id=b"COM_OBL_RC_ACT", param_value=wire, param_type=6, target_system=1
+    )
     assert value.fields["param_value"] == wire
     assert emu.autopilots[0].params["COM_OBL_RC_ACT"] == 4
 
 
 def test_unknown_parameters_get_no_value() -> None:
     client = Client(emulator())
-    assert client.send("PARAM_REQUEST_READ", param_id=b"NO_SUCH_PARAM", param_index=-1, target_system=1) == []
-    assert client.send("PARAM_SET", param_id=b"NO_SUCH_PARAM", param_value=1.0, param_type=9, target_system=1) == []
+    assert (
+        client.send(
+            "PARAM_REQUEST_READ", param_id=b"NO_SUCH_PARAM", param_index=-1, target_system=1
+        )
+        == []
+    )
+    assert (
+        client.send(
+            "PARAM_SET", param_id=b"NO_SUCH_PARAM", param_value=1.0, param_type=9, target_system=1
+        )
+        == []
+    )
 
 
 def test_rates_are_raised_lowered_and_reset_by_command() -> None:
     client = Client(emulator())
     assert client.command(511, 32, 10_000) == [ACCEPTED]
-    assert [m.name for m in client.collect(2.0)].count("LOCAL_POSITION_NED") == pytest.approx(200, abs=4)
+    assert [m.name for m in client.collect(2.0)].count("LOCAL_POSITION_NED") == pytest.approx(
+        200, abs=4
+    )
     assert client.command(511, 32, -1) == [ACCEPTED]
     assert "LOCAL_POSITION_NED" not in [m.name for m in client.collect(1.0)]
     assert client.command(511, 32, 0) == [ACCEPTED]
-    assert [m.name for m in client.collect(2.0)].count("LOCAL_POSITION_NED") == pytest.approx(60, abs=3)
+    assert [m.name for m in client.collect(2.0)].count("LOCAL_POSITION_NED") == pytest.approx(
+        60, abs=3
+    )
     assert client.command(511, 0, 100_000) == [FAILED]
     assert client.command(511, 999, 100_000) == [FAILED]
 
@@ -177,7 +235,8 @@ def test_the_emulator_says_by_its_identity_that_it_is_simulated() -> None:
     fields = client.send("COMMAND_LONG", command=512, target_system=1, param1=148.0)[-1].fields
     told = PARSERS["AUTOPILOT_VERSION"](fields, 0)
     assert told["is_simulated"]
-    assert not PARSERS["AUTOPILOT_VERSION"](fields | {"uid": 0x003A00263130510F}, 0)["is_simulated"]  # of a real board
+    # of a real board
+    assert not PARSERS["AUTOPILOT_VERSION"](fields | {"uid": 0x003A00263130510F}, 0)["is_simulated"]
     assert not PARSERS["AUTOPILOT_VERSION"](fields | {"uid": 0}, 0)["is_simulated"]
 
 
@@ -198,7 +257,9 @@ def test_texts_are_told_only_while_a_ground_stations_heartbeat_arrives() -> None
     client.send("HEARTBEAT", type=6)
     texts = [m for m in client.collect(0.5) if m.name == "STATUSTEXT"]
     assert len(texts) == 2  # over 50 characters: in two pieces
-    assert b"".join(m.fields["text"].rstrip(b"\0") for m in texts).startswith(b"Arming denied: Resolve system health")
+    assert b"".join(m.fields["text"].rstrip(b"\0") for m in texts).startswith(
+        b"Arming denied: Resolve system health"
+    )
     assert [m.fields["chunk_seq"] for m in texts] == [0, 1]
     assert texts[0].fields["id"] == texts[1].fields["id"] == 0  # the first text of a link
 
@@ -235,12 +296,20 @@ def test_vision_moves_the_local_frame_when_satellites_are_off() -> None:
 def test_another_reset_counter_in_odometry_is_followed_at_once_in_height_too() -> None:
     emu = emulator()
     client = Client(emu)
-    client.send("PARAM_SET", param_id=b"EKF2_GPS_CTRL", param_value=0.0, param_type=6, target_system=1)
+    client.send(
+        "PARAM_SET", param_id=b"EKF2_GPS_CTRL", param_value=0.0, param_type=6, target_system=1
+    )
 
     def send(height_m: float, resets: int) -> Callable[[], None]:
         def once() -> None:
             if emu.world.vehicles.steps % 5 == 0:
-                pose = {"x": 0.0, "y": 0.0, "z": -height_m, "q": [1.0, 0.0, 0.0, 0.0], "frame_id": 1}
+                pose = {
+                    "x": 0.0,
+                    "y": 0.0,
+                    "z": -height_m,
+                    "q": [1.0, 0.0, 0.0, 0.0],
+                    "frame_id": 1,
+                }
                 client.send("ODOMETRY", **pose, reset_counter=resets)
 
         return once
@@ -260,7 +329,9 @@ def test_another_reset_counter_in_odometry_is_followed_at_once_in_height_too() -
 def test_with_vision_only_hold_can_be_armed_in_once_an_origin_is_given() -> None:
     emu = emulator()
     client = Client(emu)
-    client.send("PARAM_SET", param_id=b"EKF2_GPS_CTRL", param_value=0.0, param_type=6, target_system=1)
+    client.send(
+        "PARAM_SET", param_id=b"EKF2_GPS_CTRL", param_value=0.0, param_type=6, target_system=1
+    )
 
     def send() -> None:
         if emu.world.vehicles.steps % 5 == 0:
@@ -277,7 +348,9 @@ def test_nonsense_is_counted_and_hurts_nobody() -> None:
     emu = emulator()
     client = Client(emu)
     rng = random.Random(3)
-    good = Encoder(245, 190).encode_named("COMMAND_LONG", command=511, target_system=1, param1=30.0, param2=1e9)
+    good = Encoder(245, 190).encode_named(
+        "COMMAND_LONG", command=511, target_system=1, param1=30.0, param2=1e9
+    )
     for _ in range(3000):
         kind = rng.randrange(4)
         if kind == 0:
@@ -289,7 +362,8 @@ def test_nonsense_is_counted_and_hurts_nobody() -> None:
             broken[rng.randrange(len(broken))] ^= 1 << rng.randrange(8)
             datagram = bytes(broken)
         else:
-            # A valid frame whose content is random: every message that the emulator handles, with any numbers.
+            # A valid frame whose content is random: every message that the emulator handles, with
+            # any numbers.
             layout = LAYOUTS[rng.choice(HANDLED)]
             values = layout.packer.unpack(rng.randbytes(layout.packer.size))
             datagram = Encoder(245, 190).encode(layout.message_id, *values)

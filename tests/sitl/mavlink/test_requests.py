@@ -1,4 +1,6 @@
-"""What clients ask for beyond flying: messages, events, ground truth, and all that is refused cleanly."""
+"""What clients ask for beyond flying: messages, events, ground truth, and all that is refused
+cleanly.
+"""
 
 from __future__ import annotations
 
@@ -22,9 +24,13 @@ def test_events_come_to_everybody_and_can_be_asked_for_again() -> None:
     (event,) = [m for m in client.collect(0.1) if m.name == "EVENT"]
     assert event.fields["id"] == event_id("commander_arm_denied_resolve_failures")
     assert event.fields["log_levels"] == 0x62
-    (again,) = client.send("REQUEST_EVENT", first_sequence=1, last_sequence=1, target_system=1, target_component=1)
+    (again,) = client.send(
+        "REQUEST_EVENT", first_sequence=1, last_sequence=1, target_system=1, target_component=1
+    )
     assert again.fields == event.fields
-    (error,) = client.send("REQUEST_EVENT", first_sequence=7, last_sequence=9, target_system=1, target_component=1)
+    (error,) = client.send(
+        "REQUEST_EVENT", first_sequence=7, last_sequence=9, target_system=1, target_component=1
+    )
     assert error.name == "RESPONSE_EVENT_ERROR"
     (count,) = client.send("COMMAND_LONG", command=512, target_system=1, param1=411.0)[1:]
     assert count.fields["sequence"] == 1
@@ -77,7 +83,9 @@ def test_both_battery_messages_say_one_ampere_less_than_nothing() -> None:
     seen = {m.name: m.fields for m in Client(emulator()).collect(3.0)}
     status = seen["SYS_STATUS"]
     assert seen["BATTERY_STATUS"]["current_battery"] == status["current_battery"] == -100
-    assert all(status[f"onboard_control_sensors_{kind}"] >> 31 for kind in ("present", "enabled", "health"))
+    assert all(
+        status[f"onboard_control_sensors_{kind}"] >> 31 for kind in ("present", "enabled", "health")
+    )
     assert status["battery_remaining"] == 100
     assert status["voltage_battery"] == 16200
 
@@ -103,7 +111,9 @@ def test_rates_reach_px4s_ceilings_and_no_further() -> None:
     assert names.count("ATTITUDE_QUATERNION") / 4 == pytest.approx(220, abs=4)
 
 
-@pytest.mark.parametrize("name", ["HIL_STATE_QUATERNION", "ACTUATOR_OUTPUT_STATUS", "HIL_ACTUATOR_CONTROLS"])
+@pytest.mark.parametrize(
+    "name", ["HIL_STATE_QUATERNION", "ACTUATOR_OUTPUT_STATUS", "HIL_ACTUATOR_CONTROLS"]
+)
 def test_ground_truth_and_outputs_are_streamed_when_asked_for(name: str) -> None:
     client = Client(emulator())
     assert client.command(511, ID_BY_NAME[name], 10_000) == [ACCEPTED]
@@ -129,7 +139,9 @@ def test_a_mode_by_the_old_message_gets_one_answer() -> None:
     client = Client(emu)
     run_for(emu, 5.0)
     answers = client.send("SET_MODE", target_system=1, base_mode=1, custom_mode=393216)
-    assert [(m.name, m.fields["command"], m.fields["result"]) for m in answers] == [("COMMAND_ACK", 176, ACCEPTED)]
+    assert [(m.name, m.fields["command"], m.fields["result"]) for m in answers] == [
+        ("COMMAND_ACK", 176, ACCEPTED)
+    ]
     assert emu.autopilots[0].mode is Mode.OFFBOARD
 
 
@@ -153,7 +165,9 @@ def test_missions_logs_files_and_the_shell_are_refused_or_empty_at_once() -> Non
     (entry,) = client.send("LOG_REQUEST_LIST", target_system=1, target_component=1)
     assert (entry.name, entry.fields["num_logs"]) == ("LOG_ENTRY", 0)
     opening = [5, 0, 0, 4, 3, 0] + [0] * 245
-    (refused,) = client.send("FILE_TRANSFER_PROTOCOL", target_system=1, target_component=1, payload=opening)
+    (refused,) = client.send(
+        "FILE_TRANSFER_PROTOCOL", target_system=1, target_component=1, payload=opening
+    )
     assert refused.fields["payload"][:6] == [6, 0, 0, 129, 1, 4]
     assert refused.fields["payload"][12] == 10
     assert client.send("SERIAL_CONTROL", device=10, count=1) == []
@@ -178,13 +192,29 @@ def test_the_versions_are_those_of_px4_1_16_with_bytewise_parameters() -> None:
 def test_parameters_of_the_wrong_type_and_for_everybody_are_met_with_silence() -> None:
     emu = emulator()
     client = Client(emu)
-    assert client.send("PARAM_SET", param_id=b"COM_OF_LOSS_T", param_value=1.0, param_type=6, target_system=1) == []
-    assert client.send("PARAM_SET", param_id=b"COM_OF_LOSS_T", param_value=1.0, param_type=9, target_system=0) == []
-    (value,) = client.send("PARAM_REQUEST_READ", param_id=b"_HASH_CHECK", param_index=-1, target_system=1)
+    assert (
+        client.send(
+            "PARAM_SET", param_id=b"COM_OF_LOSS_T", param_value=1.0, param_type=6, target_system=1
+        )
+        == []
+    )
+    assert (
+        client.send(
+            "PARAM_SET", param_id=b"COM_OF_LOSS_T", param_value=1.0, param_type=9, target_system=0
+        )
+        == []
+    )
+    (value,) = client.send(
+        "PARAM_REQUEST_READ", param_id=b"_HASH_CHECK", param_index=-1, target_system=1
+    )
     assert (value.fields["param_index"], value.fields["param_type"]) == (0xFFFF, 5)
-    (other,) = client.send("PARAM_SET", param_id=b"COM_OF_LOSS_T", param_value=0.5, param_type=9, target_system=1)
+    (other,) = client.send(
+        "PARAM_SET", param_id=b"COM_OF_LOSS_T", param_value=0.5, param_type=9, target_system=1
+    )
     assert other.fields["param_value"] == 0.5
-    (changed,) = client.send("PARAM_REQUEST_READ", param_id=b"_HASH_CHECK", param_index=-1, target_system=1)
+    (changed,) = client.send(
+        "PARAM_REQUEST_READ", param_id=b"_HASH_CHECK", param_index=-1, target_system=1
+    )
     assert changed.fields["param_value"] != value.fields["param_value"]
 
 
@@ -192,7 +222,9 @@ def test_a_reboot_on_command_keeps_the_parameters_and_is_denied_to_an_armed_vehi
     emu = emulator()
     client = Client(emu)
     run_for(emu, 5.0)
-    client.send("PARAM_SET", param_id=b"COM_OF_LOSS_T", param_value=0.5, param_type=9, target_system=1)
+    client.send(
+        "PARAM_SET", param_id=b"COM_OF_LOSS_T", param_value=0.5, param_type=9, target_system=1
+    )
     assert client.command(400, 1) == [ACCEPTED]
     assert client.command(246, 1) == [DENIED]
     assert client.command(400, 0) == [ACCEPTED]
@@ -207,7 +239,9 @@ def test_a_ground_station_that_knows_the_parameters_stops_the_list() -> None:
     client = Client(emulator())
     client.send("PARAM_REQUEST_LIST", target_system=1)
     client.collect(0.02)
-    client.send("PARAM_SET", param_id=b"_HASH_CHECK", param_value=0.0, param_type=5, target_system=1)
+    client.send(
+        "PARAM_SET", param_id=b"_HASH_CHECK", param_value=0.0, param_type=5, target_system=1
+    )
     assert "PARAM_VALUE" not in [m.name for m in client.collect(0.5)]
 
 
@@ -252,7 +286,9 @@ def test_a_take_off_goes_to_the_altitude_asked_for_but_not_below_the_default(
     assert client.command(22, 0, 0, 0, math.nan, math.nan, math.nan, above_sea_m) == [ACCEPTED]
     assert client.command(400, 1) == [ACCEPTED]
     pilot = emu.autopilots[0]
-    assert [text.text for text in pilot.journal.texts.newest if "altitude" in text.text] == ([said] if said else [])
+    assert [text.text for text in pilot.journal.texts.newest if "altitude" in text.text] == (
+        [said] if said else []
+    )
     until(emu, lambda: pilot.mode is Mode.LOITER, 15.0)
     assert -float(emu.estimator.position_ned_m[0, 2]) == pytest.approx(height_m, abs=0.4)
 
@@ -286,7 +322,13 @@ def test_setpoints_for_places_on_earth_are_flown() -> None:
 
     def send() -> None:
         if emu.world.vehicles.steps % 10 == 0:
-            client.send("SET_POSITION_TARGET_GLOBAL_INT", **place, target_system=1, coordinate_frame=6, type_mask=0xFF8)
+            client.send(
+                "SET_POSITION_TARGET_GLOBAL_INT",
+                **place,
+                target_system=1,
+                coordinate_frame=6,
+                type_mask=0xFF8,
+            )
 
     run_for(emu, 0.2, send)
     assert client.command(176, 1, 6) == [ACCEPTED, ACCEPTED]
@@ -300,7 +342,9 @@ def test_a_setpoint_in_an_unknown_frame_or_of_nothing_is_refused_in_words() -> N
     emu = emulator()
     client = Client(emu)
     client.send("SET_POSITION_TARGET_LOCAL_NED", target_system=1, coordinate_frame=9, x=1.0)
-    client.send("SET_POSITION_TARGET_LOCAL_NED", target_system=1, coordinate_frame=1, type_mask=0x1FF)
+    client.send(
+        "SET_POSITION_TARGET_LOCAL_NED", target_system=1, coordinate_frame=1, type_mask=0x1FF
+    )
     said = [text.text for text in emu.autopilots[0].journal.texts.newest]
     assert said == [
         "SET_POSITION_TARGET_LOCAL_NED coordinate frame 9 unsupported\t",
@@ -317,7 +361,12 @@ def test_a_velocity_in_the_body_frame_turns_with_the_heading_and_a_yaw_rate_turn
     def send() -> None:
         if emu.world.vehicles.steps % 10 == 0:
             client.send(
-                "SET_POSITION_TARGET_LOCAL_NED", target_system=1, coordinate_frame=8, type_mask=mask, vz=climb, **speed
+                "SET_POSITION_TARGET_LOCAL_NED",
+                target_system=1,
+                coordinate_frame=8,
+                type_mask=mask,
+                vz=climb,
+                **speed,
             )
 
     climb = -0.5
@@ -370,7 +419,13 @@ def test_another_component_and_another_system_are_not_this_autopilot() -> None:
     command = Encoder(245, 190)
     for system, component in ((1, 100), (2, 1), (0, 1)):
         frame = command.encode_named(
-            "COMMAND_LONG", command=400, target_system=system, target_component=component, param1=1.0
+            "COMMAND_LONG",
+            command=400,
+            target_system=system,
+            target_component=component,
+            param1=1.0,
         )
         assert client.send_bytes(frame) == []
-    assert client.send_bytes(command.encode_named("COMMAND_LONG", command=512, target_system=0, param1=148.0))
+    assert client.send_bytes(
+        command.encode_named("COMMAND_LONG", command=512, target_system=0, param1=148.0)
+    )

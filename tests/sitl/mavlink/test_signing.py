@@ -31,10 +31,14 @@ class Sender:
         signing.timestamp, signing.link_id = stamp, link_id
 
     def request(self) -> bytes:
-        return bytes(mavlink.MAVLink_command_long_message(1, 1, 512, 0, 148, 0, 0, 0, 0, 0, 0).pack(self.end))
+        return bytes(
+            mavlink.MAVLink_command_long_message(1, 1, 512, 0, 148, 0, 0, 0, 0, 0, 0).pack(self.end)
+        )
 
     def key(self, key: bytes, stamp: int = NOW, system: int = 1) -> bytes:
-        return bytes(mavlink.MAVLink_setup_signing_message(system, 1, list(key), stamp).pack(self.end))
+        return bytes(
+            mavlink.MAVLink_setup_signing_message(system, 1, list(key), stamp).pack(self.end)
+        )
 
 
 def is_signed(frames: Iterable[bytes]) -> set[bool]:
@@ -73,7 +77,9 @@ def test_a_key_is_changed_by_who_has_it_on_the_ground_only() -> None:
     own.receive(Sender().key(bytes(32), 0))
     emu.autopilots[0].is_armed = True
     own.receive(Sender(KEY, NOW + 10).key(OTHER_KEY, NOW + 20))
-    assert emu.autopilots[0].journal.texts.newest[-1].text == "MAVLink signing: rejected while armed"
+    assert (
+        emu.autopilots[0].journal.texts.newest[-1].text == "MAVLink signing: rejected while armed"
+    )
     emu.autopilots[0].is_armed = False
     assert own.receive(Sender(KEY, NOW + 100).request())
     own.receive(Sender(KEY, NOW + 200).key(bytes(32), 0))
@@ -88,12 +94,16 @@ def test_replays_and_old_clocks_are_refused_until_a_restart_forgets_who_has_spok
     assert not ground.receive(recorded)
     assert not ground.receive(Sender(KEY, NOW + 4, link_id=64).request())
     assert own.receive(Sender(KEY, NOW + 2 * MINUTE, link_id=10).request())
-    assert not own.receive(Sender(KEY, NOW + MINUTE - 1, link_id=11).request())  # older than a minute on this link
+    # older than a minute on this link
+    assert not own.receive(Sender(KEY, NOW + MINUTE - 1, link_id=11).request())
     assert own.receive(Sender(KEY, NOW + MINUTE + 10, link_id=11).request())
-    assert ground.receive(Sender(KEY, NOW + MINUTE - 1, link_id=12).request())  # on the other one nothing newer came
+    # on the other one nothing newer came
+    assert ground.receive(Sender(KEY, NOW + MINUTE - 1, link_id=12).request())
     emu.reboot(0)
     assert ground.receive(recorded)
-    senders = [Sender(KEY, NOW + 3 * MINUTE, link_id=link_id).request() for link_id in range(20, 40)]
+    senders = [
+        Sender(KEY, NOW + 3 * MINUTE, link_id=link_id).request() for link_id in range(20, 40)
+    ]
     assert [bool(ground.receive(request)) for request in senders] == [True] * 15 + [False] * 5
 
 

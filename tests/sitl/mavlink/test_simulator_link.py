@@ -1,4 +1,6 @@
-"""The link on which viewers of PX4's simulator see the emulated vehicles: where it is, and what they read there."""
+"""The link on which viewers of PX4's simulator see the emulated vehicles: where it is, and what
+they read there.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +14,10 @@ from tests.sitl.sitl_flying import emulator, run_for
 
 
 def test_it_is_where_sih_has_it_and_nowhere_outside_of_px4_s_ports() -> None:
-    first, late = simulator_ports("udpin://127.0.0.1:14540"), simulator_ports("udpin://127.0.0.1:15552")
+    first, late = (
+        simulator_ports("udpin://127.0.0.1:14540"),
+        simulator_ports("udpin://127.0.0.1:15552"),
+    )
     assert (first.bind, first.peer) == (("127.0.0.1", 19450), ("127.0.0.1", 19410))
     assert (late.bind, late.peer) == (("127.0.0.1", 19462), ("127.0.0.1", 19422))
     outside = (
@@ -33,12 +38,17 @@ def test_a_viewer_sees_the_true_place_of_each_vehicle_without_saying_a_word() ->
     def poll() -> None:
         for link, messages in zip(links, seen, strict=True):
             messages.extend(
-                m for frame in link.poll() for m in decoder.decode(frame) if m.name == "HIL_STATE_QUATERNION"
+                m
+                for frame in link.poll()
+                for m in decoder.decode(frame)
+                if m.name == "HIL_STATE_QUATERNION"
             )
 
     run_for(emu, 2.3, poll)
     assert [len(messages) for messages in seen] == [pytest.approx(50, abs=2)] * 2
     first, second = (messages[-1] for messages in seen)
     assert (first.system_id, second.system_id, second.fields["time_usec"]) == (1, 2, 0)
-    assert second.fields["lat"] - first.fields["lat"] == pytest.approx(4.0 / 111_319.49 * 1e7, abs=2)
+    assert second.fields["lat"] - first.fields["lat"] == pytest.approx(
+        4.0 / 111_319.49 * 1e7, abs=2
+    )
     assert second.fields["lon"] > first.fields["lon"]

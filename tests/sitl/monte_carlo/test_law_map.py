@@ -1,4 +1,6 @@
-"""The map of the law: interrupted and continued it is the same; a cell that fails stops; bad input in words."""
+"""The map of the law: interrupted and continued it is the same; a cell that fails stops; bad input
+in words.
+"""
 
 import hashlib
 import json
@@ -28,7 +30,12 @@ def flown(unit):
     """A row without flying, decided by the unit alone."""
     text = hashlib.sha256(repr(unit).encode()).hexdigest()[:12]
     is_bad = unit.cell.key == BAD and unit.stage == 1
-    numbers = {"flights": unit.flights, "below": int(is_bad), "collisions": 0, "arrived": unit.flights}
+    numbers = {
+        "flights": unit.flights,
+        "below": int(is_bad),
+        "collisions": 0,
+        "arrived": unit.flights,
+    }
     return {
         "cell": unit.cell.key,
         "stage": unit.stage,
@@ -54,14 +61,19 @@ def test_the_map_has_the_cells_of_all_axes_the_screening_first_and_the_easy_ones
     with ResultsFile(tmp_path / "map.jsonl", "a") as file:
         units = run.missing(all_cells, 4, file)
     assert [unit.stage for unit in units[:180]] == [0] * 180
-    assert [(unit.cell, unit.stage) for unit in units[180:183]] == [(all_cells[0], stage) for stage in (1, 2, 3)]
+    assert [(unit.cell, unit.stage) for unit in units[180:183]] == [
+        (all_cells[0], stage) for stage in (1, 2, 3)
+    ]
     assert sum(unit.flights for unit in units if unit.cell == all_cells[0]) == 504
 
 
-def test_interrupted_at_every_unit_and_continued_it_has_the_digest_of_one_that_was_not(tmp_path, monkeypatch):
+def test_interrupted_at_every_unit_and_continued_it_has_the_digest_of_one_that_was_not(
+    tmp_path, monkeypatch
+):
     monkeypatch.setattr(flights, "fly", flown)
     whole = fly_all(tmp_path / "whole.jsonl")
-    assert sum(row["flights"] for row in whole.values()) == 8 * 504 + 102  # the bad cell ended after its second stage
+    # the bad cell ended after its second stage
+    assert sum(row["flights"] for row in whole.values()) == 8 * 504 + 102
 
     def _once(unit, left=[0]):  # noqa: B006 a counter of the calls since the last interruption
         left[0] += 1
@@ -80,7 +92,11 @@ def test_interrupted_at_every_unit_and_continued_it_has_the_digest_of_one_that_w
     assert interruptions > 5
     assert digest(rows) == digest(whole)
     lines = path.read_text().splitlines()[1:]
-    assert len(lines) == len({(row["cell"], row["stage"]) for row in map(json.loads, lines)}) == len(whole)
+    assert (
+        len(lines)
+        == len({(row["cell"], row["stage"]) for row in map(json.loads, lines)})
+        == len(whole)
+    )
 
 
 def test_half_a_line_of_a_killed_run_is_cut_off_and_flown_again(tmp_path, monkeypatch):
@@ -110,29 +126,44 @@ class Dying(Executor):
         return future
 
 
-def test_a_scheduler_that_dies_is_said_in_words_and_its_flights_are_flown_again_here(tmp_path, monkeypatch):
+def test_a_scheduler_that_dies_is_said_in_words_and_its_flights_are_flown_again_here(
+    tmp_path, monkeypatch
+):
     monkeypatch.setattr(flights, "fly", flown)
     whole = fly_all(tmp_path / "whole.jsonl")
     monkeypatch.setattr(run, "_cluster", lambda _: (Dying(5), 4))
     sentences = []
     with ResultsFile(tmp_path / "map.jsonl", "a") as file:
-        run.run(cells.cells(SMALL), file, stages=4, scheduler="tcp://there:8786", tell=sentences.append)
+        run.run(
+            cells.cells(SMALL), file, stages=4, scheduler="tcp://there:8786", tell=sentences.append
+        )
         assert digest(file.rows) == digest(whole)
     assert any("scheduler at tcp://there:8786 is gone" in sentence for sentence in sentences)
 
 
-def test_a_cluster_whose_workers_die_is_said_in_words_and_one_can_be_interrupted(tmp_path, monkeypatch):
+def test_a_cluster_whose_workers_die_is_said_in_words_and_one_can_be_interrupted(
+    tmp_path, monkeypatch
+):
     monkeypatch.setattr(flights, "fly", flown)
     for error, goes_on in ((RuntimeError("KilledWorker"), True), (KeyboardInterrupt(), False)):
         monkeypatch.setattr(run, "_cluster", lambda _, error=error: (Dying(5, error), 4))
         sentences = []
         with ResultsFile(tmp_path / f"{goes_on}.jsonl", "a") as file:
             try:
-                run.run(cells.cells(SMALL), file, stages=1, scheduler="tcp://there:8786", tell=sentences.append)
+                run.run(
+                    cells.cells(SMALL),
+                    file,
+                    stages=1,
+                    scheduler="tcp://there:8786",
+                    tell=sentences.append,
+                )
             except KeyboardInterrupt:
                 assert not goes_on
             assert (len(file.rows) == 9) is goes_on
-        assert any("has lost its workers (RuntimeError)" in sentence for sentence in sentences) is goes_on
+        assert (
+            any("has lost its workers (RuntimeError)" in sentence for sentence in sentences)
+            is goes_on
+        )
 
 
 def test_a_file_of_another_version_another_kind_or_in_use_is_refused_in_words(tmp_path):
@@ -154,8 +185,18 @@ def test_a_file_of_another_version_another_kind_or_in_use_is_refused_in_words(tm
 
 @pytest.mark.parametrize("left", [{}, {"below": None}, {"below": "none", "flights": 21}])
 def test_a_damaged_map_is_refused_in_words_and_what_is_no_map_is_left_as_it_is(tmp_path, left):
-    row = {"cell": BAD, "stage": 0, "worst_m": 0.9, "speed_m_s": 1.0, "ratio": None, "collisions": 0, "arrived": 1}
-    damaged = "".join(json.dumps(line) + "\n" for line in ({"law_map": 1, "version": "a"}, row | left))
+    row = {
+        "cell": BAD,
+        "stage": 0,
+        "worst_m": 0.9,
+        "speed_m_s": 1.0,
+        "ratio": None,
+        "collisions": 0,
+        "arrived": 1,
+    }
+    damaged = "".join(
+        json.dumps(line) + "\n" for line in ({"law_map": 1, "version": "a"}, row | left)
+    )
     path = tmp_path / "map.jsonl"
     for text in (damaged, "precious notes", "precious\nnotes"):
         path.write_text(text)
@@ -190,9 +231,20 @@ def test_scheduler_without_its_package_or_without_an_answer_is_refused_in_words(
         run._cluster("tcp://127.0.0.1:1")
 
 
-def test_one_cell_flown_by_the_command_holds_and_its_own_commands_fly_the_same_flights(tmp_path, capsys):
+def test_one_cell_flown_by_the_command_holds_and_its_own_commands_fly_the_same_flights(
+    tmp_path, capsys
+):
     path = tmp_path / "map.jsonl"
-    words = ["--cells", "vehicles=3", "--cells", "speed_m_s=1", "--cells", "delay_ms=200", "--cells", "loss_pct=30"]
+    words = [
+        "--cells",
+        "vehicles=3",
+        "--cells",
+        "speed_m_s=1",
+        "--cells",
+        "delay_ms=200",
+        "--cells",
+        "loss_pct=30",
+    ]
     assert main(["simulate", "--map", "--map-file", str(path), *words, "--flights", "20"]) == 0
     printed = capsys.readouterr().out
     assert "screened" in printed
@@ -227,8 +279,22 @@ def test_summary_is_what_check_reads(tmp_path, monkeypatch):
 
 @pytest.mark.long
 def test_killed_by_force_with_two_processes_and_continued_it_has_the_same_digest(tmp_path):
-    command = [sys.executable, "-m", "groundstation", "simulate", "--map", "--jobs", "2", "--flights", "100"]
-    command += [word for axis in ("vehicles=3", "speed_m_s=1", "delay_ms=20,100") for word in ("--cells", axis)]
+    command = [
+        sys.executable,
+        "-m",
+        "groundstation",
+        "simulate",
+        "--map",
+        "--jobs",
+        "2",
+        "--flights",
+        "100",
+    ]
+    command += [
+        word
+        for axis in ("vehicles=3", "speed_m_s=1", "delay_ms=20,100")
+        for word in ("--cells", axis)
+    ]
     killed, whole = tmp_path / "killed.jsonl", tmp_path / "whole.jsonl"
 
     def lines(path: Path) -> int:
@@ -244,7 +310,9 @@ def test_killed_by_force_with_two_processes_and_continued_it_has_the_same_digest
     assert 4 <= before < 13
     digests = []
     for path in (killed, whole):
-        done = subprocess.run([*command, "--map-file", str(path)], capture_output=True, text=True, check=True)
+        done = subprocess.run(
+            [*command, "--map-file", str(path)], capture_output=True, text=True, check=True
+        )
         digests.append(done.stdout.rsplit("digest", 1)[1].strip())
     assert digests[0] == digests[1]
     assert lines(killed) == lines(whole) == 13
@@ -257,7 +325,9 @@ def test_cells_that_the_shipped_map_promises_hold_in_flights_of_other_seeds():
 
     promised = [cell for cell in shipped().cells if cell.is_promised]
     for kept in promised[:: max(1, len(promised) // 6)]:
-        cell = cells.Cell(kept.errors, kept.vehicles, kept.speed_m_s, 1e3 * kept.delay_s, 1e2 * kept.loss_frac)
+        cell = cells.Cell(
+            kept.errors, kept.vehicles, kept.speed_m_s, 1e3 * kept.delay_s, 1e2 * kept.loss_frac
+        )
         for name in cell.scenarios:
             for records in batch.campaign([name], range(2000, 2008), cells.setup(cell, name)):
                 assert all(record["violation_s"] == 0.0 for record in records), (cell.key, name)

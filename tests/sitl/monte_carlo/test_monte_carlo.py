@@ -1,4 +1,5 @@
-"""``covey simulate``: the same digits for the same seed, honest judgement, sentences for bad input."""
+"""``covey simulate``: the same digits for the same seed, honest judgement, sentences for bad input.
+"""
 
 import json
 from pathlib import Path
@@ -13,8 +14,25 @@ from onboard.rollout import batch as rollout_batch
 from sitl.monte_carlo import flight, radio, results, scenarios, settings
 
 KEYS = {
-    *("scenario", "seed", "law", "success", "min_separation_m", "violation_s", "collision", "makespan_s"),
-    *("straight_line_s", "relaxed_share", "ratio", "reason", "slew_rms_m_s3", "max_speed_m_s", "violation_depth_m"),
+    *(
+        "scenario",
+        "seed",
+        "law",
+        "success",
+        "min_separation_m",
+        "violation_s",
+        "collision",
+        "makespan_s",
+    ),
+    *(
+        "straight_line_s",
+        "relaxed_share",
+        "ratio",
+        "reason",
+        "slew_rms_m_s3",
+        "max_speed_m_s",
+        "violation_depth_m",
+    ),
     *("intervention_m_s2", "path_ratio"),
 }
 STILL = ("delay_s=0", "loss_share=0", "gust_m_s2=0", "lag_mismatch=0", "gain=0")
@@ -22,7 +40,11 @@ STILL = ("delay_s=0", "loss_share=0", "gust_m_s2=0", "lag_mismatch=0", "gain=0")
 
 def fly(name, seeds, *, setup=None, has_trace=True):
     setup = setup or settings.setup_for()
-    return flight.fly([scenarios.plan(name, seed, scale=setup.scale) for seed in seeds], setup, has_trace=has_trace)
+    return flight.fly(
+        [scenarios.plan(name, seed, scale=setup.scale) for seed in seeds],
+        setup,
+        has_trace=has_trace,
+    )
 
 
 def judged(trace, limit_m, body_m):
@@ -49,7 +71,10 @@ def judged(trace, limit_m, body_m):
 def test_flight_alone_is_bit_for_bit_the_same_flight_in_a_batch(name, errors, types):
     setup = settings.setup_for(errors=errors, types=types)
     together, alone = fly(name, range(5, 8), setup=setup), fly(name, [6], setup=setup)
-    assert together[1].outcome.trace.position_enu_m.tobytes() == alone[0].outcome.trace.position_enu_m.tobytes()
+    assert (
+        together[1].outcome.trace.position_enu_m.tobytes()
+        == alone[0].outcome.trace.position_enu_m.tobytes()
+    )
     one, two = (results.line(results.record(flown, setup)) for flown in (together[1], alone[0]))
     assert one == two
 
@@ -67,7 +92,22 @@ def test_lines_are_the_same_again_in_other_chunks_and_over_two_processes(capsys)
 
 
 def test_trace_shows_what_the_line_says_and_without_the_law_they_collide(tmp_path, capsys):
-    assert main(["simulate", "form3", "--law", "off", "--seeds", "0:6", "--json", "--trace", str(tmp_path)]) == 1
+    assert (
+        main(
+            [
+                "simulate",
+                "form3",
+                "--law",
+                "off",
+                "--seeds",
+                "0:6",
+                "--json",
+                "--trace",
+                str(tmp_path),
+            ]
+        )
+        == 1
+    )
     lines = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
     assert sum(line["collision"] for line in lines) >= 2
     for line in lines:
@@ -122,7 +162,9 @@ def test_lone_vehicle_has_no_separation_and_arrives_without_errors_to_fight():
 
 def test_perturbations_and_vehicle_values_have_their_effect():
     def spread(*changes, **options):
-        flown = fly("rand1", [10], setup=settings.setup_for(changes=[*STILL, *changes], **options))[0]
+        flown = fly("rand1", [10], setup=settings.setup_for(changes=[*STILL, *changes], **options))[
+            0
+        ]
         return flown.outcome.trace.position_enu_m[:50]
 
     calm = spread(errors="none")
@@ -181,7 +223,9 @@ def test_message_is_as_old_as_it_says(delay_s, ticks):
         [pipeline_params(vehicles, name) for name in vehicles.vehicles], np.zeros((1, 2, 3))
     )
     received = station.receive(np.ones((1, 2, 2)), nobody, nobody, None)
-    published = pilots.step(moved(0), rollout_batch.GOAL.rows((1, 2)), received, np.ones((1, 2, 1), bool), 0.02)
+    published = pilots.step(
+        moved(0), rollout_batch.GOAL.rows((1, 2)), received, np.ones((1, 2, 1), bool), 0.02
+    )
     for tick in range(30):
         heard = station.receive(np.full((1, 2, 2), 0.5), nobody, nobody, None)
         if tick > ticks:
@@ -249,9 +293,13 @@ def test_bad_input_is_a_sentence_and_status_2(words, said, capsys):
     assert captured.err.rstrip().endswith(".")
 
 
-@pytest.mark.parametrize(("text", "value"), [(".7", 0.7), ("+.7", 0.7), ("0.7", 0.7), ("7e-1", 0.7), ("1", 1)])
+@pytest.mark.parametrize(
+    ("text", "value"), [(".7", 0.7), ("+.7", 0.7), ("0.7", 0.7), ("7e-1", 0.7), ("1", 1)]
+)
 def test_numbers_of_set_may_be_written_as_anybody_writes_them(text, value):
-    setup = settings.setup_for(changes=[f"law.shortfall_gain={text}", f"vehicle.drag_1_s={text}", f"delay_s={text}"])
+    setup = settings.setup_for(
+        changes=[f"law.shortfall_gain={text}", f"vehicle.drag_1_s={text}", f"delay_s={text}"]
+    )
     assert setup.law_table["shortfall_gain"] == value
     assert setup.fleet(2).law.shortfall_gain == value
     assert setup.fleet(2).vehicles["v1"].drag_1_s == value
@@ -259,7 +307,9 @@ def test_numbers_of_set_may_be_written_as_anybody_writes_them(text, value):
 
 
 def test_last_of_two_values_for_a_key_counts():
-    setup = settings.setup_for(changes=["tilt_deg=20", "vehicle.max_tilt_deg=22", "delay_s=0.1", "delay_s=0.2"])
+    setup = settings.setup_for(
+        changes=["tilt_deg=20", "vehicle.max_tilt_deg=22", "delay_s=0.1", "delay_s=0.2"]
+    )
     assert setup.fleet(2).vehicles["v0"].max_tilt_deg == 22
     assert setup.perturbation.delay_s == 0.2
 
@@ -289,7 +339,9 @@ def test_fleet_file_gives_types_law_and_distances(tmp_path):
     assert {vehicle.max_acceleration_m_s2 for vehicle in fleet.vehicles.values()} == {1.25}
     assert fleet.fleet.safety_distance_m == 0.9
     assert fleet.law.kappa_1_1_s == 3.5
-    changed = settings.setup_for(fleet_path=str(tmp_path / "fleet.toml"), changes=["law.kappa_1_1_s=4", "tilt_deg=20"])
+    changed = settings.setup_for(
+        fleet_path=str(tmp_path / "fleet.toml"), changes=["law.kappa_1_1_s=4", "tilt_deg=20"]
+    )
     assert changed.fleet(2).law.kappa_1_1_s == 4.0
     assert changed.fleet(2).vehicles["v1"].max_tilt_deg == 20.0
     assert settings.setup_for(types="sih,ardrone").fleet(3).vehicles["v1"].type == "ardrone"
@@ -297,7 +349,9 @@ def test_fleet_file_gives_types_law_and_distances(tmp_path):
 
 @pytest.mark.parametrize("name", ["intruder3@2", "intruder9@2"])
 def test_picture_of_a_flight_is_drawn_for_few_and_for_many_vehicles(name, tmp_path):
-    assert main(["simulate", name, "--seeds", "1", "--plot", str(tmp_path / "pictures"), "--json"]) in (0, 1)
+    assert main(
+        ["simulate", name, "--seeds", "1", "--plot", str(tmp_path / "pictures"), "--json"]
+    ) in (0, 1)
     picture = tmp_path / "pictures" / f"{name}-1.png"
     assert picture.read_bytes()[:4] == b"\x89PNG"
     assert picture.stat().st_size > 50_000

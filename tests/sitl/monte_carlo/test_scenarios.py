@@ -18,7 +18,8 @@ def test_form3_goes_into_a_triangle_of_side_160_cm_by_all_permutations_and_both_
     plans = [scenarios.plan("form3", seed) for seed in range(12)]
     for plan in plans:
         sides = [
-            np.hypot(*(plan.goal_enu_m[i] - plan.goal_enu_m[j])[:2]) for i, j in itertools.combinations(range(3), 2)
+            np.hypot(*(plan.goal_enu_m[i] - plan.goal_enu_m[j])[:2])
+            for i, j in itertools.combinations(range(3), 2)
         ]
         np.testing.assert_allclose(sides, 1.6, atol=1e-12)
         np.testing.assert_allclose(plan.goal_enu_m.mean(0)[:2], [0.0, 1.2], atol=1e-12)
@@ -42,7 +43,8 @@ def test_swap_takes_everybody_to_the_opposite_place_of_the_circle(count):
 
 
 @pytest.mark.parametrize(
-    ("name", "area"), [("rand4", 6), ("rand16d4", 4), ("rand16d10", 10), ("rand32", 6), ("rand100", 6)]
+    ("name", "area"),
+    [("rand4", 6), ("rand16d4", 4), ("rand16d10", 10), ("rand32", 6), ("rand100", 6)],
 )
 def test_rand_fills_its_square_with_starts_and_goals_140_cm_apart(name, area):
     plan = scenarios.plan(name, 3)
@@ -77,12 +79,19 @@ def test_intruder_flies_straight_through_the_formation_at_its_speed(speed):
     end = plan.start_enu_m[-1] + plan.intruder_m_s * plan.earliest_s
     np.testing.assert_allclose(end, plan.goal_enu_m[-1])
     np.testing.assert_allclose(plan.start_enu_m[:-1], plan.goal_enu_m[:-1])
-    ways = np.linspace(plan.start_enu_m[-1], end, 200)[:, None, :2] - plan.start_enu_m[None, :-1, :2]
+    ways = (
+        np.linspace(plan.start_enu_m[-1], end, 200)[:, None, :2] - plan.start_enu_m[None, :-1, :2]
+    )
     assert np.hypot(*np.moveaxis(ways, -1, 0)).min() < 2.0
 
 
 def test_lost_loses_one_vehicle_frozen_and_silent_in_turn_or_as_named():
-    assert [scenarios.plan("lost", seed).lost[2] for seed in range(4)] == ["frozen", "silent", "frozen", "silent"]
+    assert [scenarios.plan("lost", seed).lost[2] for seed in range(4)] == [
+        "frozen",
+        "silent",
+        "frozen",
+        "silent",
+    ]
     assert scenarios.plan("lost6@dead", 0).lost[2] == "dead"
     assert scenarios.plan("lost6", 0).count == 6
 

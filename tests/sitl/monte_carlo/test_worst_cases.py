@@ -31,4 +31,7 @@ def test_the_same_seed_finds_the_same_cases_within_their_bounds():
     assert toml(one) == toml(two)
     assert tomllib.loads(toml(one))["case"][0]["smallest_m"] == pytest.approx(one[0][0], abs=1e-4)
     for _, case in one:
-        assert all(low <= value <= high for value, (low, high) in zip(case.values, BOUNDS.values(), strict=True))
+        assert all(
+            low <= value <= high
+            for value, (low, high) in zip(case.values, BOUNDS.values(), strict=True)
+        )

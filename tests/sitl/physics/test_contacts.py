@@ -46,7 +46,9 @@ def test_vehicles_side_by_side_beyond_a_diameter_do_not_touch() -> None:
 def test_a_vehicle_well_above_another_does_not_touch_it() -> None:
     emu = airborne_pair(3.0)
     until(emu, lambda: height_m(emu) > 1.0, 5.0, streamer(emu, 0.6))
-    emu.world.vehicles.states.position_ned_m[1, :2] = emu.world.vehicles.states.position_ned_m[0, :2]
+    emu.world.vehicles.states.position_ned_m[1, :2] = emu.world.vehicles.states.position_ned_m[
+        0, :2
+    ]
     run_for(emu, 0.2, streamer(emu, 0.55))
     assert not emu.world.collisions
 
@@ -59,7 +61,9 @@ def test_parked_vehicles_do_not_collide() -> None:
 
 
 def test_vehicles_that_would_start_inside_each_other_are_refused_in_words() -> None:
-    with pytest.raises(SpawnError, match=r"v0 and v2 would start inside each other: 0\.20 m .* Move one"):
+    with pytest.raises(
+        SpawnError, match=r"v0 and v2 would start inside each other: 0\.20 m .* Move one"
+    ):
         emulator((0.0, 0.0, 0.0), (3.0, 0.0, 0.0), (0.2, 0.0, 0.0))
 
 
@@ -110,7 +114,9 @@ def test_wind_has_its_mean_its_strength_and_its_correlation_time() -> None:
 def test_wind_carries_a_hovering_vehicle_away_and_common_gusts_carry_all_alike() -> None:
     start = np.array([[0.0, 0.0, 5.0], [3.0, 0.0, 5.0]])
     for is_common in (True, False):
-        world = World([SIH, SIH], start, seed=1, wind=WindSettings((2.0, 0.0, 0.0), 0.5, 1.0, is_common))
+        world = World(
+            [SIH, SIH], start, seed=1, wind=WindSettings((2.0, 0.0, 0.0), 0.5, 1.0, is_common)
+        )
         world.commands.motors_on[:] = True
         world.commands.thrust_frac[:] = SIH.hover_thrust_frac
         for _ in range(1000):

@@ -12,7 +12,14 @@ import pytest
 
 from sitl.physics import frames
 from sitl.physics import step as physics
-from sitl.physics.vehicle import GRAVITY_M_S2, STEP_S, Commands, VehicleProfile, Vehicles, VehicleStates
+from sitl.physics.vehicle import (
+    GRAVITY_M_S2,
+    STEP_S,
+    Commands,
+    VehicleProfile,
+    Vehicles,
+    VehicleStates,
+)
 from tests.oracles import emulated_vehicles
 from tests.sitl.sitl_flying import ARDRONE, SIH
 
@@ -28,7 +35,9 @@ def hovering(profile: VehicleProfile, yaw_rad: float = 0.0) -> tuple[Vehicles, C
     return vehicles, commands
 
 
-def step_response(profile: VehicleProfile, axis: int, size_deg: float) -> tuple[np.ndarray, np.ndarray]:
+def step_response(
+    profile: VehicleProfile, axis: int, size_deg: float
+) -> tuple[np.ndarray, np.ndarray]:
     """Times and the fraction of a commanded step about roll (0), pitch (1) or yaw (2)."""
     vehicles, commands = hovering(profile)
     size = np.radians(size_deg)
@@ -73,7 +82,9 @@ def test_roll_and_pitch_of_the_sih_quad_step_as_measured(axis: int, size_deg: fl
         (170.0, {0.63: 1.049}, 0.11),
     ],
 )
-def test_yaw_of_the_sih_quad_steps_as_measured(size_deg: float, levels: dict[float, float], overshoot: float) -> None:
+def test_yaw_of_the_sih_quad_steps_as_measured(
+    size_deg: float, levels: dict[float, float], overshoot: float
+) -> None:
     times, fractions = step_response(SIH, 2, size_deg)
     for level, measured_s in levels.items():
         assert agrees(reached_s(times, fractions, level), measured_s), level
@@ -188,8 +199,17 @@ def test_vehicles_move_as_the_oracle_in_numpy_says(monkeypatch: pytest.MonkeyPat
     states = tumultuous_flight()
     monkeypatch.setattr(physics, "step", emulated_vehicles.step)
     expected = tumultuous_flight()
-    for name in ("position_ned_m", "velocity_ned_m_s", "attitude", "tilt_rate_rad_s", "on_ground", "motors_dead"):
-        np.testing.assert_allclose(getattr(states, name), getattr(expected, name), atol=1e-9, err_msg=name)
+    for name in (
+        "position_ned_m",
+        "velocity_ned_m_s",
+        "attitude",
+        "tilt_rate_rad_s",
+        "on_ground",
+        "motors_dead",
+    ):
+        np.testing.assert_allclose(
+            getattr(states, name), getattr(expected, name), atol=1e-9, err_msg=name
+        )
 
 
 def test_without_numba_the_same_flight_is_interpreted() -> None:
@@ -198,7 +218,9 @@ def test_without_numba_the_same_flight_is_interpreted() -> None:
         "from tests.sitl.physics.test_vehicle import tumultuous_flight\n"
         "print(tumultuous_flight().position_ned_m.ravel().tolist())"
     )
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True
+    )
     expected = tumultuous_flight().position_ned_m.ravel()
     np.testing.assert_allclose(json.loads(done.stdout), expected, atol=1e-9)
 
@@ -275,7 +297,10 @@ def test_equal_seeds_give_equal_flights_and_other_seeds_do_not() -> None:
 
 
 def test_many_vehicles_fly_as_each_one_alone() -> None:
-    profiles = [SIH, VehicleProfile(hover_thrust_frac=0.7, attitude_wn_rad_s=6.0, attitude_delay_s=0.1)]
+    profiles = [
+        SIH,
+        VehicleProfile(hover_thrust_frac=0.7, attitude_wn_rad_s=6.0, attitude_delay_s=0.1),
+    ]
     start = np.array([[0.0, 0.0, -5.0], [3.0, 1.0, -6.0]])
     tilt = np.array([[0.1, -0.2], [-0.3, 0.05]])
 
@@ -301,7 +326,9 @@ def test_conversions_to_the_fleet_frame_are_those_of_a_rotation_matrix() -> None
     turned = frames.enu_flu_from_ned_frd(q)
     # Body z up (FLU) is the opposite of body z down (FRD), seen in ENU.
     np.testing.assert_allclose(
-        emulated_vehicles.body_down(turned), -frames.swap_enu_ned(emulated_vehicles.body_down(q)), atol=1e-12
+        emulated_vehicles.body_down(turned),
+        -frames.swap_enu_ned(emulated_vehicles.body_down(q)),
+        atol=1e-12,
     )
     north = frames.enu_flu_from_ned_frd(np.array([1.0, 0.0, 0.0, 0.0]))
     np.testing.assert_allclose(emulated_vehicles.heading(north), np.pi / 2, atol=1e-12)

@@ -10,11 +10,26 @@ import pytest
 from sitl.emulator.emulator import Emulator
 from sitl.physics.vehicle import VehicleProfile
 from sitl.px4.modes import Landed, Mode, Result, SystemStatus
-from tests.sitl.sitl_flying import ARDRONE, EAST_WXYZ, SIH, Client, emulator, height_m, run_for, streamer, until
+from tests.sitl.sitl_flying import (
+    ARDRONE,
+    EAST_WXYZ,
+    SIH,
+    Client,
+    emulator,
+    height_m,
+    run_for,
+    streamer,
+    until,
+)
 
 
 def offboard_at_height(
-    emu: Emulator, height: float, hover: float = 0.49, *, loss_action: int = 0, warm_up_s: float = 5.0
+    emu: Emulator,
+    height: float,
+    hover: float = 0.49,
+    *,
+    loss_action: int = 0,
+    warm_up_s: float = 5.0,
 ) -> None:
     """Arm straight into OFFBOARD and climb."""
     pilot = emu.autopilots[0]
@@ -23,7 +38,12 @@ def offboard_at_height(
     assert pilot.request(emu.time_s, Mode.OFFBOARD) is Result.ACCEPTED
     assert pilot.request_arm(emu.time_s, True, 0.0) is Result.ACCEPTED
     until(emu, lambda: height_m(emu) > height, 10.0, streamer(emu, 1.2 * hover))
-    until(emu, lambda: emu.world.vehicles.states.velocity_ned_m_s[0, 2] > -0.1, 10.0, streamer(emu, 0.97 * hover))
+    until(
+        emu,
+        lambda: emu.world.vehicles.states.velocity_ned_m_s[0, 2] > -0.1,
+        10.0,
+        streamer(emu, 0.97 * hover),
+    )
 
 
 def test_arming_is_denied_while_the_estimator_starts() -> None:
@@ -85,9 +105,12 @@ def test_a_gap_shorter_than_the_loss_time_changes_nothing_and_a_longer_one_is_a_
 
 
 @pytest.mark.parametrize(
-    ("action", "mode"), [(0, Mode.POSCTL), (1, Mode.ALTCTL), (3, Mode.RTL), (4, Mode.LAND), (5, Mode.LOITER)]
+    ("action", "mode"),
+    [(0, Mode.POSCTL), (1, Mode.ALTCTL), (3, Mode.RTL), (4, Mode.LAND), (5, Mode.LOITER)],
 )
-def test_each_loss_action_enters_its_mode_and_returning_setpoints_bring_offboard_back(action: int, mode: Mode) -> None:
+def test_each_loss_action_enters_its_mode_and_returning_setpoints_bring_offboard_back(
+    action: int, mode: Mode
+) -> None:
     emu = emulator()
     offboard_at_height(emu, 2.0, loss_action=action)
     pilot = emu.autopilots[0]
@@ -134,7 +157,8 @@ def test_takeoff_hold_land_and_disarm(profile: VehicleProfile) -> None:
     assert pilot.request(emu.time_s, Mode.TAKEOFF) is Result.ACCEPTED
     assert pilot.request_arm(emu.time_s, True, 0.0) is Result.ACCEPTED
     detected_s = until(emu, lambda: pilot.landed is Landed.TAKEOFF, 4.0)
-    assert 1.0 < detected_s < (2.2 if profile is SIH else 3.0)  # the weak one hovers far above what PX4 begins with
+    # the weak one hovers far above what PX4 begins with
+    assert 1.0 < detected_s < (2.2 if profile is SIH else 3.0)
     until(emu, lambda: pilot.mode is Mode.LOITER, 10.0)
     run_for(emu, 4.0)
     assert height_m(emu) == pytest.approx(2.5, abs=0.7)

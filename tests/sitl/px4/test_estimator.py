@@ -1,4 +1,6 @@
-"""The estimate errs as measured on PX4: how much, how slowly, on which source, and what it does when a source goes."""
+"""The estimate errs as measured on PX4: how much, how slowly, on which source, and what it does
+when a source goes.
+"""
 
 from __future__ import annotations
 
@@ -41,8 +43,12 @@ class Hovering:
         self.time_s = 0.0
         self._next_vision_s = 0.0
 
-    def fly(self, duration_s: float, vision_ned_m: tuple[float, float, float] | None = None) -> np.ndarray:
-        """(time, vehicle, 6) position and velocity as estimated; vision at 50 Hz if it says something."""
+    def fly(
+        self, duration_s: float, vision_ned_m: tuple[float, float, float] | None = None
+    ) -> np.ndarray:
+        """(time, vehicle, 6) position and velocity as estimated; vision at 50 Hz if it says
+        something.
+        """
         samples = []
         for _ in range(round(duration_s / DT_S)):
             self.time_s += DT_S
@@ -51,7 +57,9 @@ class Hovering:
                 for i in range(self.count):
                     self.estimator.fuse_vision(i, self.time_s, np.array(vision_ned_m), delay_s=0.0)
             self.estimator.step(self.time_s, self.still, self.still, self.on_ground)
-            samples.append(np.hstack([self.estimator.position_ned_m, self.estimator.velocity_ned_m_s]))
+            samples.append(
+                np.hstack([self.estimator.position_ned_m, self.estimator.velocity_ned_m_s])
+            )
         return np.array(samples)
 
 
@@ -72,7 +80,9 @@ def correlation_time_s(errors_: np.ndarray) -> float:
 
 
 @pytest.mark.parametrize(
-    "level", [GPS, VISION_DEFAULT, VISION_TRUSTED, VISION_TUNED, VISION_TUNED_WITH_VELOCITY], ids=str
+    "level",
+    [GPS, VISION_DEFAULT, VISION_TRUSTED, VISION_TUNED, VISION_TUNED_WITH_VELOCITY],
+    ids=str,
 )
 def test_position_and_velocity_err_as_much_and_as_slowly_as_measured(level: ErrorLevel) -> None:
     count = 80 if level.correlation_s > 1.0 else 40
@@ -83,7 +93,9 @@ def test_position_and_velocity_err_as_much_and_as_slowly_as_measured(level: Erro
         # What is constant is an error of the origin, and drawn for each vehicle.
         bias = hovering.estimator.bias_ned_m + hovering.estimator.offset_ned_m
         free = samples - np.hstack([bias, np.zeros_like(bias)])
-        np.testing.assert_allclose(hovering.estimator.bias_ned_m.std(axis=0), level.bias_m, rtol=0.35)
+        np.testing.assert_allclose(
+            hovering.estimator.bias_ned_m.std(axis=0), level.bias_m, rtol=0.35
+        )
     np.testing.assert_allclose(free[..., :3].std(axis=(0, 1)), level.position_m, rtol=0.15)
     np.testing.assert_allclose(free[..., 3:].std(axis=(0, 1)), level.velocity_m_s, rtol=0.15)
     velocity = samples[..., 3:].reshape(len(samples), -1) / np.tile(level.velocity_m_s, count)
@@ -102,7 +114,8 @@ def test_tuning_improves_the_error_level_step_by_step() -> None:
     sizes = [sum(level.velocity_m_s) + level.correlation_s for level in levels]
     assert sizes == sorted(sizes, reverse=True)
     assert len(set(sizes)) == 4
-    assert vision_level(0.01, 0.25, has_velocity=True) is VISION_TRUSTED  # a velocity helps only a tuned filter
+    # a velocity helps only a tuned filter
+    assert vision_level(0.01, 0.25, has_velocity=True) is VISION_TRUSTED
 
 
 def test_errors_are_each_vehicles_own_or_common_to_all() -> None:
@@ -113,7 +126,9 @@ def test_errors_are_each_vehicles_own_or_common_to_all() -> None:
     assert np.abs(common[0, 3:]).max() > 0.01
 
 
-def test_equal_seeds_give_equal_errors_and_those_of_the_oracle(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_equal_seeds_give_equal_errors_and_those_of_the_oracle(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     def fly() -> np.ndarray:
         hovering = on_vision(4)
         return np.concatenate([hovering.fly(2.0, (0.1, 0.2, -0.1)), hovering.fly(3.0)])
@@ -241,7 +256,8 @@ def test_when_vision_stops_the_estimate_drifts_as_measured_and_its_flags_fade() 
         if tenth == 10:
             high_m = base[:, 2] - estimator.offset_ned_m[:, 2]
             assert 0.12 < np.median(high_m) < 0.24
-            assert 0.15 < np.median(np.hypot(*estimator.velocity_ned_m_s[:, :2].T)) < 0.35  # believed, too
+            # believed, too
+            assert 0.15 < np.median(np.hypot(*estimator.velocity_ned_m_s[:, :2].T)) < 0.35
     assert estimator.flags(0, hovering.time_s) == 0xE5
     assert np.median(misses[31]) > 1.0
     assert np.median(misses[40]) < 2.3
@@ -263,7 +279,11 @@ def test_with_satellites_vision_does_not_move_the_frame() -> None:
 
 def test_a_restart_begins_a_new_origin_where_the_vehicle_is_and_counts_anew() -> None:
     estimator = Estimator(np.zeros((1, 3)), seed=1, scale=0.0)
-    there, still, flies = np.array([[3.0, -1.0, -2.0]]), np.zeros((1, 3)), np.zeros(1, dtype=np.bool_)
+    there, still, flies = (
+        np.array([[3.0, -1.0, -2.0]]),
+        np.zeros((1, 3)),
+        np.zeros(1, dtype=np.bool_),
+    )
     for k in range(500):
         estimator.step(k * DT_S, there, still, flies)
     assert estimator.reset_counter(0) == 13

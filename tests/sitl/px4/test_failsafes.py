@@ -1,4 +1,6 @@
-"""The failsafe table: every value of every parameter, the wait in Hold, what clears, and what is said."""
+"""The failsafe table: every value of every parameter, the wait in Hold, what clears, and what is
+said.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +12,16 @@ from msgspec.structs import replace
 from sitl.px4.battery import ChargeState
 from sitl.px4.events import SAYINGS, Journal, event_id
 from sitl.px4.failsafes import CONDITIONS, Action, Facts, Failsafe
-from sitl.px4.modes import BY_NUMBERS, MODES, Landed, Mode, ModeCondition, Result, SystemStatus, mode_of
+from sitl.px4.modes import (
+    BY_NUMBERS,
+    MODES,
+    Landed,
+    Mode,
+    ModeCondition,
+    Result,
+    SystemStatus,
+    mode_of,
+)
 from sitl.px4.parameters import DEFAULTS, Parameters
 from tests.sitl.px4.test_commander import offboard_at_height
 from tests.sitl.sitl_flying import EAST_WXYZ, emulator, height_m, run_for, streamer, until
@@ -40,7 +51,9 @@ def test_each_value_of_com_obl_rc_act_has_its_action() -> None:
         (7, Action.DISARM),
         (8, Action.POSCTL),
     ):
-        assert decided(replace(CALM, has_offboard_signal=False), COM_OBL_RC_ACT=value) is action, value
+        assert decided(replace(CALM, has_offboard_signal=False), COM_OBL_RC_ACT=value) is action, (
+            value
+        )
 
 
 def test_each_value_of_com_low_bat_act_has_its_action() -> None:
@@ -53,7 +66,10 @@ def test_each_value_of_com_low_bat_act_has_its_action() -> None:
         (ChargeState.EMERGENCY, 2, Action.LAND),
         (ChargeState.EMERGENCY, 3, Action.LAND),
     ):
-        assert decided(replace(CALM, battery=state), COM_LOW_BAT_ACT=value) is action, (state, value)
+        assert decided(replace(CALM, battery=state), COM_LOW_BAT_ACT=value) is action, (
+            state,
+            value,
+        )
 
 
 def test_a_patient_action_waits_in_hold_and_an_urgent_one_does_not() -> None:
@@ -164,7 +180,8 @@ def test_nobody_arms_in_a_mode_that_only_ends_flights(mode: Mode) -> None:
     pilot = emu.autopilots[0]
     assert pilot.request(emu.time_s, mode) is Result.ACCEPTED
     assert pilot.request_arm(emu.time_s, True, 0.0) is Result.TEMPORARILY_REJECTED
-    assert pilot.request_arm(emu.time_s, True, 21196.0) is Result.TEMPORARILY_REJECTED  # force is for disarming
+    # force is for disarming
+    assert pilot.request_arm(emu.time_s, True, 21196.0) is Result.TEMPORARILY_REJECTED
 
 
 def test_a_ground_station_is_needed_only_if_its_loss_would_matter() -> None:

@@ -1,4 +1,6 @@
-"""What differs between the versions of PX4 that the emulator can be, seen from its links and in its flight."""
+"""What differs between the versions of PX4 that the emulator can be, seen from its links and in its
+flight.
+"""
 
 from __future__ import annotations
 
@@ -28,8 +30,16 @@ ALL = sorted(VERSIONS)
 def test_no_code_of_the_emulator_asks_for_a_version_by_name() -> None:
     folder = Path(sitl.px4.__file__).parents[1]
     rooms = ("px4", "mavlink", "emulator", "physics")
-    texts = {path: path.read_text(encoding="utf-8") for room in rooms for path in (folder / room).glob("*.py")}
-    asking = [path.name for path, text in texts.items() if re.search(r'(==|is|in|>=|<) *\(?"1\.1\d"', text)]
+    texts = {
+        path: path.read_text(encoding="utf-8")
+        for room in rooms
+        for path in (folder / room).glob("*.py")
+    }
+    asking = [
+        path.name
+        for path, text in texts.items()
+        if re.search(r'(==|is|in|>=|<) *\(?"1\.1\d"', text)
+    ]
     assert asking == []
 
 
@@ -76,7 +86,9 @@ def test_an_attitude_without_thrust_is_no_sign_of_life_in_v1_18() -> None:
 
 
 @pytest.mark.parametrize("part", [0.0, math.nan])
-def test_an_attitude_that_is_no_rotation_ends_attitude_control_for_good_in_v1_18(part: float) -> None:
+def test_an_attitude_that_is_no_rotation_ends_attitude_control_for_good_in_v1_18(
+    part: float,
+) -> None:
     for px4, is_lost in (("1.16", False), ("1.18", True)):
         emu = emulator(px4=px4)
         offboard_at_height(emu, 5.0)
@@ -92,7 +104,9 @@ def test_an_attitude_that_is_no_rotation_ends_attitude_control_for_good_in_v1_18
         emu.reboot(0)
         run_for(emu, 5.0)
         assert pilot is not emu.autopilots[0]
-        assert "the attitude control has failed" not in emu.autopilots[0].arming_obstacles(emu.time_s)
+        assert "the attitude control has failed" not in emu.autopilots[0].arming_obstacles(
+            emu.time_s
+        )
 
 
 def _moved(emu, client: Client, speed_1_s: float, most: float) -> Mode:
@@ -119,7 +133,9 @@ def _moved(emu, client: Client, speed_1_s: float, most: float) -> Mode:
         ("1.18", -1.0, 3.0, 0.5, Mode.OFFBOARD),
     ],
 )
-def test_a_stick_takes_a_vehicle_out_of_offboard_as_the_version_does(px4, override, speed_1_s, most, mode) -> None:
+def test_a_stick_takes_a_vehicle_out_of_offboard_as_the_version_does(
+    px4, override, speed_1_s, most, mode
+) -> None:
     emu = emulator(px4=px4)
     client = Client(emu)
     if override is not None:
@@ -128,8 +144,12 @@ def test_a_stick_takes_a_vehicle_out_of_offboard_as_the_version_does(px4, overri
     assert _moved(emu, client, speed_1_s, most) is mode
 
 
-@pytest.mark.parametrize(("action", "old", "new"), [(0, Mode.POSCTL, Mode.RTL), (2, Mode.STABILIZED, Mode.RTL)])
-def test_without_sticks_v1_18_returns_where_others_sink_blindly(action: int, old: Mode, new: Mode) -> None:
+@pytest.mark.parametrize(
+    ("action", "old", "new"), [(0, Mode.POSCTL, Mode.RTL), (2, Mode.STABILIZED, Mode.RTL)]
+)
+def test_without_sticks_v1_18_returns_where_others_sink_blindly(
+    action: int, old: Mode, new: Mode
+) -> None:
     for px4, mode in (("1.17", old), ("1.18", new)):
         emu = emulator(px4=px4)
         offboard_at_height(emu, 3.0, loss_action=action)
@@ -155,7 +175,9 @@ def test_a_flight_that_a_failsafe_ends_shows_offboard_in_v1_18() -> None:
         ("1.18", {"MC_ROLL_P": 6.5}, 0.227, 0.295),
     ],
 )
-def test_a_roll_of_ten_degrees_takes_as_long_as_it_took_a_real_px4(px4, parameters, t63_s, t90_s) -> None:
+def test_a_roll_of_ten_degrees_takes_as_long_as_it_took_a_real_px4(
+    px4, parameters, t63_s, t90_s
+) -> None:
     emu = emulator(px4=px4)
     emu.autopilots[0].params.values.update(parameters)
     emu.parameters_changed(0)
@@ -200,10 +222,13 @@ def test_each_shipped_type_lags_in_the_emulator_as_it_says_and_as_the_vehicle_of
     name: str,
 ) -> None:
     vehicle = _of_type(name)
-    for body in (name, "sih"):  # the same quadrotor, identified with this version, and with v1.17 and 6.5
+    # the same quadrotor, identified with this version, and with v1.17 and 6.5
+    for body in (name, "sih"):
         emu = emulator(profile=profile_of(_of_type(body)), px4=vehicle.px4_version)
         params = emu.autopilots[0].params.values
         params.update({key: value for key, value in vehicle.px4_params.items() if key in params})
         emu.parameters_changed(0)
         offboard_at_height(emu, 5.0)
-        assert _lag_s(emu) == pytest.approx(vehicle.lag_s, abs=0.012 if body == name else 0.02), body
+        assert _lag_s(emu) == pytest.approx(vehicle.lag_s, abs=0.012 if body == name else 0.02), (
+            body
+        )

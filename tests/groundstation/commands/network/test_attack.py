@@ -1,4 +1,6 @@
-"""The whole of covey attack, on a fleet that flies: nothing gets in with keys, and without any each try does."""
+"""The whole of covey attack, on a fleet that flies: nothing gets in with keys, and without any each
+try does.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""The copy of a fleet that is attacked, the packets of the attackers, and what is refused before anything starts."""
+"""The copy of a fleet that is attacked, the packets of the attackers, and what is refused before
+anything starts.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +11,13 @@ from pymavlink.dialects.v20 import common
 
 from groundstation.cli import main
 from groundstation.commands.network.fleet_copy import SPARE, copy_of
-from groundstation.commands.network.mavlink_frames import HEARTBEAT, SETUP_SIGNING, disarmed, packet, signing_key
+from groundstation.commands.network.mavlink_frames import (
+    HEARTBEAT,
+    SETUP_SIGNING,
+    disarmed,
+    packet,
+    signing_key,
+)
 from groundstation.processes.free_ports import is_local
 from onboard.config.fleet import load_fleet
 
@@ -43,13 +51,17 @@ def test_fleets_are_copied_with_a_vehicle_more_and_without_what_is_not_here(tmp_
         assert all("127.0.0.1" in vehicle.agent for vehicle in copy.vehicles.values())
 
 
-@pytest.mark.parametrize("endpoint", ["quic/127.0.0.1:74{}", "tls/192.168.1.1{}:7447", "udp/127.0.0.1:74{}"])
+@pytest.mark.parametrize(
+    "endpoint", ["quic/127.0.0.1:74{}", "tls/192.168.1.1{}:7447", "udp/127.0.0.1:74{}"]
+)
 def test_a_fleet_of_any_endpoints_is_copied(endpoint: str, tmp_path: Path) -> None:
     text = PAPER.read_text(encoding="utf-8")
     for number in range(3):
         text = text.replace(f"tcp/127.0.0.1:{7460 + number}", endpoint.format(60 + number))
     if "192.168" in endpoint:
-        text = text.replace("[fleet]", '[fleet]\nrouters = ["tls/192.168.1.2:7447", "tls/192.168.1.3:7447"]')
+        text = text.replace(
+            "[fleet]", '[fleet]\nrouters = ["tls/192.168.1.2:7447", "tls/192.168.1.3:7447"]'
+        )
     path = tmp_path / "fleet.toml"
     path.write_text(text, encoding="utf-8")
     original = load_fleet(path)

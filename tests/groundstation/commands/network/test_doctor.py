@@ -1,4 +1,6 @@
-"""Whether this computer and the network are fit: what is said of what was heard, and what of wrong input."""
+"""Whether this computer and the network are fit: what is said of what was heard, and what of wrong
+input.
+"""
 
 from __future__ import annotations
 
@@ -88,12 +90,21 @@ def test_each_fault_of_a_link_is_said_with_a_remedy(heard: Heard, make_telemetry
     assert "on the bus, but tells nothing" in found["mav2"].sentence.lower()
 
 
-def test_this_computer_is_looked_at_in_one_line_each(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_this_computer_is_looked_at_in_one_line_each(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
     names = [one.name for one in [*machine(), *interfaces()]]
-    assert {"Python", "libraries", "cores", "real-time priority", "timer", "clock", "disk", "disk's speed"} <= set(
-        names
-    )
+    assert {
+        "Python",
+        "libraries",
+        "cores",
+        "real-time priority",
+        "timer",
+        "clock",
+        "disk",
+        "disk's speed",
+    } <= set(names)
     assert len(names) == len(set(names))
 
 

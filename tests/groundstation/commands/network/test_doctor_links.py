@@ -1,4 +1,6 @@
-"""The doctor on a bus with keys: what a vehicle tells arrives, and of nobody it says that nobody answers."""
+"""The doctor on a bus with keys: what a vehicle tells arrives, and of nobody it says that nobody
+answers.
+"""
 
 from __future__ import annotations
 
@@ -53,7 +55,10 @@ def test_what_one_vehicle_tells_is_measured_and_the_others_do_not_answer(
 ) -> None:
     endpoint = fleet.vehicles["mav0"].agent
     agent = BusSession(
-        namespace=fleet.namespace, node="mav0", listen=[endpoint], credentials=credentials_of(fleet, "mav0")
+        namespace=fleet.namespace,
+        node="mav0",
+        listen=[endpoint],
+        credentials=credentials_of(fleet, "mav0"),
     )
     agent.start()
     ended = threading.Event()
@@ -62,7 +67,9 @@ def test_what_one_vehicle_tells_is_measured_and_the_others_do_not_answer(
         clock, sequence = ClockNode(agent), 0
         while not ended.wait(0.02):
             sequence += 1
-            told = replace(state_message(), vehicle="mav0", sequence=sequence, stamp_ns=time.monotonic_ns())
+            told = replace(
+                state_message(), vehicle="mav0", sequence=sequence, stamp_ns=time.monotonic_ns()
+            )
             agent.publish(Topic.STATE, "mav0", told)
             if sequence % 5 == 0:
                 agent.publish(Topic.TELEMETRY, "mav0", make_telemetry("mav0", sequence=sequence))
@@ -72,7 +79,8 @@ def test_what_one_vehicle_tells_is_measured_and_the_others_do_not_answer(
     thread = threading.Thread(target=publish)
     thread.start()
     try:
-        assert main(["doctor", "fleet.toml", "--network", "--seconds", "3", "--json"]) == 1  # two are not there
+        # two are not there
+        assert main(["doctor", "fleet.toml", "--network", "--seconds", "3", "--json"]) == 1
     finally:
         ended.set()
         thread.join()
