@@ -215,8 +215,7 @@ def front_page(called: str) -> App:
 
 
 def _epilogue(module: ModuleType) -> str:
-    """Return what stands below the options: the end of a module's docstring, and what it computes.
-    """
+    """Return what stands below the options: the end of a module's docstring, and what it computes."""
     text = (module.__doc__ or "").partition("\n\n")[2].strip()
     return "\n\n".join(filter(None, (text, getattr(module, "MORE_HELP", ""))))
 

@@ -90,8 +90,7 @@ class LoopTimed(Struct, frozen=True):
 
 
 class MessagesCounted(Struct, frozen=True):
-    """Messages that the shell has not passed on, since the last such event: see message_counts.py.
-    """
+    """Messages that the shell has not passed on, since the last such event: see message_counts.py."""
 
     malformed: int = 0
     refused: int = 0

@@ -58,8 +58,7 @@ def is_of_autopilot(message: Any, system_id: int) -> bool:
 
 
 def send_heartbeat(link: Any) -> None:
-    """Send a heartbeat: of a ground station, or of a companion computer on the vehicle's own link.
-    """
+    """Send a heartbeat: of a ground station, or of a companion computer on the vehicle's own link."""
     is_ground = link.source_system == GCS_SYSTEM
     link.mav.heartbeat_send(_GCS if is_ground else _ONBOARD_CONTROLLER, _NO_AUTOPILOT, 0, 0, 0)
 

@@ -115,8 +115,7 @@ def _prepare_files(
     is_simulated: bool,
     is_headless: bool,
 ) -> Path:
-    """Write the manoeuvre as a mission into the flight folder; returns the fleet file to fly with.
-    """
+    """Write the manoeuvre as a mission into the flight folder; returns the fleet file to fly with."""
     fleet = load_fleet(fleet_path)
     if vehicle not in fleet.enabled_names:
         raise ConfigError(

@@ -10,8 +10,7 @@ KILL_WINDOW_S = 1.0
 
 
 class KillLatch:
-    """Remembers the first press of a kill key, and the vehicles that were killed from this console.
-    """
+    """Remembers the first press of a kill key, and the vehicles that were killed from this console."""
 
     def __init__(self) -> None:
         self.killed: frozenset[str] = frozenset()

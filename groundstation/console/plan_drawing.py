@@ -69,8 +69,7 @@ class Window:
 
 
 def spot_of(view: VehicleView, now_ns: int) -> Spot | None:
-    """Return the point to draw a vehicle at: predicted to now while fresh, else its last position.
-    """
+    """Return the point to draw a vehicle at: predicted to now while fresh, else its last position."""
     spot = view.position_enu_m(now_ns)
     if spot is None and view.telemetry is not None and view.telemetry.is_position_valid:
         spot = view.telemetry.position_enu_m
@@ -335,8 +334,7 @@ def _draw_obstacle(canvas: Canvas, window: Window, obstacle: Obstacle) -> None:
 def _clipped(
     canvas: Canvas, start: tuple[float, float], end: tuple[float, float], colour: str
 ) -> None:
-    """Draw the part of a long line that lies in the picture: zoomed in far it has millions of dots.
-    """
+    """Draw the part of a long line that lies in the picture: zoomed in far it has millions of dots."""
     size = np.array([2.0 * canvas.width, 4.0 * canvas.height])
     begin, along = np.array(start), np.array(end) - np.array(start)
     low, high = 0.0, 1.0

@@ -1,5 +1,4 @@
-"""A terminal driver that passes each key on at once, and writes nothing once the terminal is gone.
-"""
+"""A terminal driver that passes each key on at once, and writes nothing once the terminal is gone."""
 
 from __future__ import annotations
 

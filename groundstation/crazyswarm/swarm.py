@@ -102,8 +102,7 @@ class TimeHelper:
 
 
 class Buttons:
-    """``swarm.input``: Enter, in the terminal; without a terminal it is pressed after two seconds.
-    """
+    """``swarm.input``: Enter, in the terminal; without a terminal it is pressed after two seconds."""
 
     def __init__(self, clock: TimeHelper) -> None:
         self._clock, self._since_s = clock, math.nan
@@ -223,8 +222,7 @@ class Crazyflie:
         return np.array(self._orders.position(self._name))
 
     def setLEDColor(self, r: float, g: float, b: float) -> None:
-        """Show and record a colour, each share from 0 to 1; PX4 has no lamp that this would reach.
-        """
+        """Show and record a colour, each share from 0 to 1; PX4 has no lamp that this would reach."""
         red, green, blue = (round(255 * min(max(float(share), 0.0), 1.0)) for share in (r, g, b))
         client = self._orders.fleet.client
         message = Light(vehicle=self._name, stamp_ns=client.now_ns(), colour=(red, green, blue))

@@ -21,8 +21,7 @@ def colour(index: int) -> str:
 
 
 def styled() -> AbstractContextManager[None]:
-    """Return a context with the style's settings; outside of it matplotlib's own stay as they were.
-    """
+    """Return a context with the style's settings; outside of it matplotlib's own stay as they were."""
     return matplotlib.rc_context(fname=_SETTINGS)
 
 

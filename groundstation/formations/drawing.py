@@ -91,8 +91,7 @@ def _matplotlib() -> Any:
 
 
 def _spread(pixels: Array, count: int, what: str) -> Array:
-    """Return pixels (N, 3) of a drawing (P, 2), each in the middle of those that are nearest to it.
-    """
+    """Return pixels (N, 3) of a drawing (P, 2), each in the middle of those that are nearest to it."""
     if len(pixels) < count:
         raise ConfigError(
             f"{what} has {len(pixels)} dark pixels, too few for {count} slots. Draw it thicker."

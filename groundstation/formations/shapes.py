@@ -70,8 +70,7 @@ def grid(count: int, columns: int | None) -> Array:
 
 
 def polygon(count: int, sides: int) -> Array:
-    """Return slots evenly along the sides of a regular polygon, the first on its northern corner.
-    """
+    """Return slots evenly along the sides of a regular polygon, the first on its northern corner."""
     corners = circle(sides)
     at = sides * np.arange(count) / count
     side = np.floor(at + 1e-9).astype(np.int64) % sides

@@ -73,8 +73,7 @@ class Mission(msgspec.Struct, frozen=True):
     shapes: Mapping[str, FormationShape] = {}  # formations of the mission's own
 
     def course(self) -> Iterator[Stage]:
-        """Yield the stages of the mission as it is expected to be flown; none of a Python mission.
-        """
+        """Yield the stages of the mission as it is expected to be flown; none of a Python mission."""
         return course(self.fleet, self.steps, self.paths_of, self.path)
 
     def paths_of(self, step: FollowPathStep) -> dict[str, Path]:

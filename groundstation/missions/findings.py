@@ -134,8 +134,7 @@ def _step_findings(mission: Mission, errors: ErrorClass | None) -> Iterator[Find
 
 
 def _endurance(mission: Mission) -> Iterator[Finding]:
-    """Judge what is left in each battery at the end, where the fleet file says how long one lasts.
-    """
+    """Judge what is left in each battery at the end, where the fleet file says how long one lasts."""
     fleet = mission.fleet
     lasting = {name: fleet.vehicles[name].hover_time_s for name in fleet.enabled_names}
     needed_s = sum(stage.times * stage.expected_s for stage in mission.course())

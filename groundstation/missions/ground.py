@@ -1,5 +1,4 @@
-"""The ground of one flight, as its mission sees it: the client, what was ordered, and how it went.
-"""
+"""The ground of one flight, as its mission sees it: the client, what was ordered, and how it went."""
 
 from __future__ import annotations
 

@@ -157,8 +157,7 @@ async def _say_progress(fleet: Fleet, names: tuple[str, ...], longest_s: float) 
 
 
 async def _play_lights(fleet: Fleet, lights: Lights) -> None:
-    """Show and record the colour of each vehicle at its own time of the show, when it has changed.
-    """
+    """Show and record the colour of each vehicle at its own time of the show, when it has changed."""
     shown: dict[str, Colour] = {}
     while lights:
         await asyncio.sleep(_LIGHT_S)

@@ -49,8 +49,7 @@ class StepRunner:
         self._fleet = fleet
 
     async def run(self) -> None:
-        """Do all steps, and say before each of several which one it is and how long the rest takes.
-        """
+        """Do all steps, and say before each of several which one it is and how long the rest takes."""
         steps = self._mission.steps
         stages = list(self._mission.course())
         for index, step in enumerate(steps):

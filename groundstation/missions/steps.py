@@ -132,8 +132,7 @@ class DisarmStep(_OrderStep, frozen=True, kw_only=True):
 
 
 class FaultStep(_Step, frozen=True, kw_only=True):
-    """Inject a fault into the emulator; `covey sitl --faults` lists them. Simulated flights only.
-    """
+    """Inject a fault into the emulator; `covey sitl --faults` lists them. Simulated flights only."""
 
     vehicles: Names  # as above
     name: str  # of the fault: covey sitl --faults lists them

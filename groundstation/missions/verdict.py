@@ -136,8 +136,7 @@ def is_landed(state: FleetState, name: str) -> bool:
 
 
 def flown_law(state: FleetState, fleet: FleetConfig) -> str:
-    """Return the law that the agents report; that of the fleet file as long as none has reported.
-    """
+    """Return the law that the agents report; that of the fleet file as long as none has reported."""
     vehicles_by_law: dict[str, list[str]] = {}
     for name, view in state.vehicles.items():
         if view.telemetry is not None:
@@ -148,8 +147,7 @@ def flown_law(state: FleetState, fleet: FleetConfig) -> str:
 
 
 def _still_up(state: FleetState, expect: Expect) -> str:
-    """A sentence about vehicles that a mission has left armed or in the air without declaring it.
-    """
+    """A sentence about vehicles that a mission has left armed or in the air without declaring it."""
     up = [
         name
         for name, view in state.vehicles.items()

@@ -1,5 +1,4 @@
-"""Orders about paths: the parts that a path is loaded in, and the start at a common instant. Pure.
-"""
+"""Orders about paths: the parts that a path is loaded in, and the start at a common instant. Pure."""
 
 from __future__ import annotations
 

@@ -111,8 +111,7 @@ class Processes:
         return {one.name: one.process.pid for one in self._started}
 
     def start(self, name: str, arguments: Sequence[str]) -> None:
-        """Start ``python -m ...`` with its output in ``<name>.log``; ProcessError when that fails.
-        """
+        """Start ``python -m ...`` with its output in ``<name>.log``; ProcessError when that fails."""
         log = self._folder / f"{name}.log"
         environment = {**os.environ, "PYTHONUNBUFFERED": "1"}
         try:

@@ -1,5 +1,4 @@
-"""Read a flight folder: its messages as they stand in the file, also of a record that was cut off.
-"""
+"""Read a flight folder: its messages as they stand in the file, also of a record that was cut off."""
 
 from __future__ import annotations
 

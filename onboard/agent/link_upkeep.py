@@ -1,5 +1,4 @@
-"""Upkeep of the link to PX4: discovery, rates, origin and parameters, again whenever PX4 restarts.
-"""
+"""Upkeep of the link to PX4: discovery, rates, origin and parameters, again whenever PX4 restarts."""
 
 from __future__ import annotations
 

@@ -49,8 +49,7 @@ class OrderIntake:
         self._conflict_check_ns = 0
 
     def take(self, order: Order, facts: OrderFacts, *, is_stopping: bool) -> OrderReply:
-        """Begin an order or refuse it; one that was sent twice gets the same reply and begins once.
-        """
+        """Begin an order or refuse it; one that was sent twice gets the same reply and begins once."""
         untrusted = None if self._gate is None else self._gate.refusal(order, facts.view.now_ns)
         if untrusted is not None:
             return self.refuse(untrusted, facts.view)

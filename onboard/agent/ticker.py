@@ -85,8 +85,7 @@ class Ticker:
         return ordered[last // 2], ordered[round(0.99 * last)], ordered[-1]
 
     def lateness_p99_ms(self) -> float:
-        """99th percentile of how far behind the schedule the ticks of the last ten seconds began.
-        """
+        """99th percentile of how far behind the schedule the ticks of the last ten seconds began."""
         ordered = sorted(self._lateness_ms)
         return ordered[round(0.99 * (len(ordered) - 1))] if ordered else 0.0
 

@@ -62,8 +62,7 @@ class _MadeUpVehicle:
         self._height_m, self._count = 0.0, 0
 
     def tick(self, now_ns: int) -> None:
-        """Let the core hear of the vehicle, order the take-off as soon as it is ready, and obey it.
-        """
+        """Let the core hear of the vehicle, order the take-off as soon as it is ready, and obey it."""
         core = self._core
         self._count += 1
         if self._snapshot.is_armed:

@@ -1,5 +1,4 @@
-"""Certificates as they stand in files: read, and checked against each other and against the clock.
-"""
+"""Certificates as they stand in files: read, and checked against each other and against the clock."""
 
 from __future__ import annotations
 

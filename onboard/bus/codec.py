@@ -20,8 +20,7 @@ _decoders: dict[type[Message], msgspec.msgpack.Decoder[Message]] = {}
 
 @dataclass(frozen=True, slots=True)
 class Malformed:
-    """Bytes that are no message of the expected type: counted by the receiver, otherwise ignored.
-    """
+    """Bytes that are no message of the expected type: counted by the receiver, otherwise ignored."""
 
     reason: str
     size: int  # bytes

@@ -1,5 +1,4 @@
-"""The bus as everybody uses it: the protocol that the Zenoh session and the simulated bus fulfil.
-"""
+"""The bus as everybody uses it: the protocol that the Zenoh session and the simulated bus fulfil."""
 
 from __future__ import annotations
 

@@ -16,8 +16,7 @@ from onboard.bus.topics import TOPICS, Delivery, Topic, key
 
 
 class Role(StrEnum):
-    """Kind of node; of those that are no vehicle the value is the common name of the certificate.
-    """
+    """Kind of node; of those that are no vehicle the value is the common name of the certificate."""
 
     VEHICLE = "vehicle"
     GROUND = "ground"  # orders, and reads all

@@ -278,8 +278,7 @@ class BusSession:
     def fault(
         self, order: FaultOrder, *, timeout_s: float, on_reply: OnReply, on_end: OnEnd
     ) -> None:
-        """Send a fault order to the emulator, in the same way; where there is none, nobody answers.
-        """
+        """Send a fault order to the emulator, in the same way; where there is none, nobody answers."""
         self._query(key(self.namespace, Topic.SIM, _FAULT_NAME), order, timeout_s, on_reply, on_end)
 
     def _query(

@@ -387,8 +387,7 @@ def _turned(yaw_rad: float, goal: Goal, params: PipelineParams, dt_s: float) -> 
 def _pursuit(
     setpoint: TrajectorySetpoint, share: float, is_gentle: bool, params: PipelineParams
 ) -> backstepping.BacksteppingParams:
-    """Return the backstepping whose error clamp keeps setpoint speed plus pursuit below the limit.
-    """
+    """Return the backstepping whose error clamp keeps setpoint speed plus pursuit below the limit."""
     base = params.backstepping
     room = (params.pursuit_speed_m_s - length(setpoint.velocity_enu_m_s)) / base.position_gain_1_s
     clamp, largest = (

@@ -1,5 +1,4 @@
-"""Findings of feasibility checks: one quantity, its bound, a status, a sentence and a remedy. Pure.
-"""
+"""Findings of feasibility checks: one quantity, its bound, a status, a sentence and a remedy. Pure."""
 
 from __future__ import annotations
 

@@ -56,8 +56,7 @@ def px4_confirms_disarmed(flight: FlightContext, view: FlightView) -> bool:
 
 
 def px4_stays_disarmed(flight: FlightContext, view: FlightView) -> bool:
-    """Whether a heartbeat says disarmed that is later than any effect of an older request to arm.
-    """
+    """Whether a heartbeat says disarmed that is later than any effect of an older request to arm."""
     later_ns = view.snapshot.heartbeat_ns - flight.step_ns
     return not view.snapshot.is_armed and later_ns > 1e9 * _ARM_ON_ITS_WAY_S
 

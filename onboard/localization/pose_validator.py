@@ -125,8 +125,7 @@ class PoseValidator:
     def _is_possible(
         self, position: Vec3, quaternion: Vec4, gap_s: float, is_contradicted: bool
     ) -> bool:
-        """Whether the vehicle can have moved so within ``gap_s``; learns velocity and noise if so.
-        """
+        """Whether the vehicle can have moved so within ``gap_s``; learns velocity and noise if so."""
         bounds = self.bounds
         x, y, z = position
         (px, py, pz), (vx, vy, vz) = self._position, self._velocity

@@ -328,8 +328,7 @@ class NeighbourTable:
         self._ages = _Ages(ages_s, followed_s, max(followed_s, default=0.0), has_silent, now_ns)
 
     def followed_ages_s(self, now_ns: int) -> dict[str, float]:
-        """Return the age of the newest state of each vehicle that is followed and was ever heard.
-        """
+        """Return the age of the newest state of each vehicle that is followed and was ever heard."""
         self.ages_s(now_ns)
         ages = zip(self._followed, self._ages.followed_s, strict=True)
         return {name: age_s for name, age_s in ages if age_s < math.inf}

@@ -41,8 +41,7 @@ class _Lines(logging.handlers.QueueHandler):
 
 
 def log_elsewhere(name: str, level: str) -> logging.handlers.QueueListener:
-    """Log to stderr from a thread of its own; ``stop()`` of what is returned writes what is left.
-    """
+    """Log to stderr from a thread of its own; ``stop()`` of what is returned writes what is left."""
     lines: queue.Queue[logging.LogRecord] = queue.Queue(_MAX_LINES)
     writer = logging.StreamHandler(PlainStream(sys.stderr))
     writer.setFormatter(logging.Formatter(f"%(asctime)s {name} %(levelname)s %(message)s"))

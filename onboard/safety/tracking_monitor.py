@@ -24,8 +24,7 @@ _BELOW_M, _CLIMB_M_S = 0.15, 0.05
 
 @dataclass(slots=True)
 class TrackingMonitor:
-    """Memory of one vehicle; call :meth:`update` every tick under the law, :meth:`reset` otherwise.
-    """
+    """Memory of one vehicle; call :meth:`update` every tick under the law, :meth:`reset` otherwise."""
 
     lag_s: float  # from attitude setpoint to attitude
     largest_frac: float  # throttle at which thrust is saturated

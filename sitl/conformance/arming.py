@@ -1,5 +1,4 @@
-"""On the ground: what is told to whom, modes that are asked for, arming, the motors' first seconds.
-"""
+"""On the ground: what is told to whom, modes that are asked for, arming, the motors' first seconds."""
 
 from __future__ import annotations
 

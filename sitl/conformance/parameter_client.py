@@ -40,8 +40,7 @@ class ParameterClient:
         return None if answer is None else answer[0]
 
     def set(self, name: str, value: float) -> float | None:
-        """Set one and remember its value before; returns the value that the vehicle answers with.
-        """
+        """Set one and remember its value before; returns the value that the vehicle answers with."""
         before = self._read(name)
         if before is None:
             return None

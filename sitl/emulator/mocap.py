@@ -30,8 +30,7 @@ class MocapSettings:
 
 @dataclass(frozen=True, slots=True)
 class Pose:
-    """One body in one frame, fleet ENU; not tracked means that the numbers are the last ones seen.
-    """
+    """One body in one frame, fleet ENU; not tracked means that the numbers are the last ones seen."""
 
     index: int
     time_s: float

@@ -177,8 +177,7 @@ def _checked(fault: Fault, parameter: Parameter, value: Value, vehicles: Sequenc
 
 
 def refuse_contradiction(fault: Fault, others: Sequence[Fault]) -> None:
-    """FaultError when a checked fault acts on the same thing at the same time as one of the others.
-    """
+    """FaultError when a checked fault acts on the same thing at the same time as one of the others."""
     for other in others:
         both = _targets(fault) & _targets(other)
         overlaps = fault.at_s == other.at_s or (

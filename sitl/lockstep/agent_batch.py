@@ -99,8 +99,7 @@ class Batch:
 
 
 def _rows_of(memories: list[Any]) -> Rows:
-    """Return the memories as rows: those of the last tick when the same agents tick together again.
-    """
+    """Return the memories as rows: those of the last tick when the same agents tick together again."""
     first = memories[0]
     if isinstance(first, _RowMemory) and len(first.rows) == len(memories):
         is_same = (isinstance(one, _RowMemory) and one.rows is first.rows for one in memories)

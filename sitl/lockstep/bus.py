@@ -303,8 +303,7 @@ class Node:
         self._notify_others(self.name, True)
 
     def stop(self) -> None:
-        """Leave, as a process does that ends: its connections close, and the others notice at once.
-        """
+        """Leave, as a process does that ends: its connections close, and the others notice at once."""
         if not self._is_open:
             return
         self._is_open = False
@@ -384,8 +383,7 @@ class Node:
     def fault(
         self, order: FaultOrder, *, timeout_s: float, on_reply: OnReply, on_end: OnEnd
     ) -> None:
-        """Ask the emulator, whichever node it is; no connection of the fleet's is disturbed for it.
-        """
+        """Ask the emulator, whichever node it is; no connection of the fleet's is disturbed for it."""
         server = next(
             (
                 node.fault_server

@@ -71,8 +71,7 @@ class Losses:
         self._newest: dict[Pair, tuple[int, bool]] = {}
 
     def takes(self, pair: Pair, settings: BusSettings, draw: float, now_ns: int) -> bool:
-        """Return whether the next message of a connection is lost; ``draw`` is uniform in [0, 1).
-        """
+        """Return whether the next message of a connection is lost; ``draw`` is uniform in [0, 1)."""
         loss = settings.loss
         if settings.burst <= 1.0 or not 0.0 < loss < 1.0:
             return draw < loss

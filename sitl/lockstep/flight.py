@@ -282,8 +282,7 @@ class Lockstep:
         timeout_s: float = 3.0,
         watch_s: float = 0.0,
     ) -> DirectResult:
-        """The direct path to PX4, in simulated time; see ``groundstation.client.direct_mavlink``.
-        """
+        """The direct path to PX4, in simulated time; see ``groundstation.client.direct_mavlink``."""
         emulator = self.simulation.emulator
         ids = [spec.system_id for spec in emulator.specs]
         px4 = emulator.autopilots[ids.index(system_id)]

@@ -305,8 +305,7 @@ class EmulatedLink:
         )
 
     def connect(self) -> ParamsRead:
-        """Set origin and parameters, as the shell does when PX4 answers; return what it reads then.
-        """
+        """Set origin and parameters, as the shell does when PX4 answers; return what it reads then."""
         emulator = self._bank.emulator
         params = emulator.autopilots[self._index].params
         required = required_params(self._vehicle, params.version.number)

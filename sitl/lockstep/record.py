@@ -1,5 +1,4 @@
-"""The flight record without a thread: the same files as in real time, written as the messages come.
-"""
+"""The flight record without a thread: the same files as in real time, written as the messages come."""
 
 from __future__ import annotations
 

@@ -67,8 +67,7 @@ def run(
 
 
 def _warm_up() -> None:
-    """Have the law compiled before the first flight, and say so where that is not done in a moment.
-    """
+    """Have the law compiled before the first flight, and say so where that is not done in a moment."""
     sentence = "covey: compiling the law for this machine; it is kept, and takes about half a minute this time only"
     notice = threading.Timer(2.0, print, [sentence], {"file": sys.stderr})
     notice.start()

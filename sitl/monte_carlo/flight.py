@@ -112,8 +112,7 @@ def _fly(
     is_alone: bool = False,
     has_trace: bool = False,
 ) -> tuple[list[Outcome], dict[int, str]]:
-    """Return the outcomes, and for the flights in which somebody's own law was refused, the reason.
-    """
+    """Return the outcomes, and for the flights in which somebody's own law was refused, the reason."""
     count = plans[0].count
     fleet = setup.fleet(count)
     vehicles = list(fleet.vehicles.values())

@@ -1,5 +1,4 @@
-"""The explaining picture of one flight: paths, distances and what the law did, from its trace file.
-"""
+"""The explaining picture of one flight: paths, distances and what the law did, from its trace file."""
 
 from __future__ import annotations
 

@@ -272,8 +272,7 @@ def _forest(name: str, seed: int, number: str | None) -> Plan:
 
 
 def _gap(name: str, seed: int, number: str | None) -> Plan:
-    """Half from the left and half from the right, in two lanes, through one gap to the other side.
-    """
+    """Half from the left and half from the right, in two lanes, through one gap to the other side."""
     half = _even(name, number or "6")
     slot = np.arange(half)
     lanes = np.stack([2.5 + 1.4 * (slot // 2), 0.7 * (1.0 - 2.0 * (slot % 2))], axis=1)

@@ -200,8 +200,7 @@ class Autopilot:
         return Result.ACCEPTED
 
     def request_takeoff(self, now_s: float, height_m: float) -> Result:
-        """MAV_CMD_NAV_TAKEOFF to a height above home; NaN for the default, which is also the least.
-        """
+        """MAV_CMD_NAV_TAKEOFF to a height above home; NaN for the default, which is also the least."""
         result = self.request(now_s, Mode.TAKEOFF)
         if result is Result.ACCEPTED:
             self.flight.takeoff_height_m = height_m if math.isfinite(height_m) else None

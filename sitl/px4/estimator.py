@@ -171,8 +171,7 @@ class Estimator:
         velocity_ned_m_s: Array,
         on_ground: NDArray[np.bool_],
     ) -> None:
-        """Advance the errors by one estimator period and form the estimates from the true motion.
-        """
+        """Advance the errors by one estimator period and form the estimates from the true motion."""
         if self._period % _SELECT_EVERY == 0:
             for i, is_resting in enumerate(on_ground.tolist()):
                 self._select_source(i, time_s, is_resting)

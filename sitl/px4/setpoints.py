@@ -108,8 +108,7 @@ def from_local(fields: Mapping[str, Any], *, now_s: float, yaw_rad: float) -> Se
 def from_global(
     fields: Mapping[str, Any], position_ned_m: tuple[float, float, float], *, now_s: float
 ) -> Setpoint | str:
-    """SET_POSITION_TARGET_GLOBAL_INT, its place already turned into the local frame by the caller.
-    """
+    """SET_POSITION_TARGET_GLOBAL_INT, its place already turned into the local frame by the caller."""
     mask = int(fields["type_mask"])
     local = {"x": position_ned_m[0], "y": position_ned_m[1], "z": position_ned_m[2]}
     position = _axes(local, ("x", "y", "z"), mask)

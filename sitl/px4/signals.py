@@ -1,5 +1,4 @@
-"""Values that flow between an emulated autopilot and the rest of the emulator, one direction each.
-"""
+"""Values that flow between an emulated autopilot and the rest of the emulator, one direction each."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Measures of the form of the code: sizes, complexity, names, docstrings, circles of imports.
+"""Measures of the form of the code: names, docstrings, circles of imports.
 
 ``python -m tests.architecture.form`` prints each figure with its limit and the places past it.
 """
@@ -19,65 +19,15 @@ ROOT = Path(__file__).parents[2]
 PACKAGES = ("onboard", "groundstation", "sitl")
 PURE_ROOMS = ("control", "avoidance", "estimation", "safety", "feasibility", "rollout")
 # names that a newcomer would have to learn: docs/glossary.md has the words to use instead
-RIDDLES = {
-    *(
-        "told",
-        "asked",
-        "found",
-        "place",
-        "who",
-        "wish",
-        "need",
-        "lack",
-        "brief",
-        "seen",
-        "lives",
-        "telling",
-        "outbox",
-    ),
-    *(
-        "give",
-        "stage",
-        "watching",
-        "dress",
-        "look",
-        "captured",
-        "choose",
-        "second_opinion",
-        "foreign",
-        "proc",
-        "handle",
-    ),
-    *(
-        "proposal",
-        "forecaster",
-        "dear",
-        "ticks",
-        "wire",
-        "guard",
-        "leaving",
-        "ordering",
-        "stand",
-        "news",
-        "lean",
-        "way",
-    ),
-}
+RIDDLES = frozenset(
+    "told asked found place who wish need lack brief seen lives telling outbox give stage "  # noqa: SIM905
+    "watching dress look captured choose second_opinion foreign proc handle proposal forecaster "
+    "dear ticks wire guard leaving ordering stand news lean way".split()
+)
 _RELATIVE = re.compile(
     r"(What|Who|Whose|Whom|Where|Which|When|Why|How|Does|Is|Are|Can|May|Has|Must)\b"
 )
 _SECOND_TEXT = re.compile(r"kernel|fused|compiled|_one\.py$")
-_BRANCHES = (
-    ast.If,
-    ast.For,
-    ast.While,
-    ast.IfExp,
-    ast.ExceptHandler,
-    ast.comprehension,
-    ast.Assert,
-    ast.AsyncFor,
-    ast.match_case,
-)
 _FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef)
 
 
@@ -94,11 +44,6 @@ class Module:
     def room(self) -> str:
         """The folder, two levels deep."""
         return "/".join(self.path.split("/")[:-1][:2])
-
-    @property
-    def is_core(self) -> bool:
-        """Whether the stricter limits hold: what flies, and the ground's client."""
-        return self.path.startswith(("onboard/", "groundstation/client/"))
 
     @property
     def is_pure(self) -> bool:
@@ -131,33 +76,6 @@ def modules() -> tuple[Module, ...]:
         name = ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
         result.append(Module(name, relative.as_posix(), text, ast.parse(text)))
     return tuple(result)
-
-
-def complexity(function: ast.AST) -> int:
-    """Return the cyclomatic complexity; nested functions are not counted."""
-    total, pending = 1, list(ast.iter_child_nodes(function))
-    while pending:
-        node = pending.pop()
-        if isinstance(node, (*_FUNCTIONS, ast.ClassDef, ast.Lambda)):
-            continue
-        total += isinstance(node, _BRANCHES)
-        total += len(node.values) - 1 if isinstance(node, ast.BoolOp) else 0
-        pending.extend(ast.iter_child_nodes(node))
-    return total
-
-
-def attributes(owner: ast.ClassDef, classes: dict[str, ast.ClassDef]) -> set[str]:
-    """Return the names that a class and its bases assign on self."""
-    names = {
-        node.attr
-        for node in ast.walk(owner)
-        if isinstance(node, ast.Attribute) and isinstance(node.ctx, ast.Store)
-        if isinstance(node.value, ast.Name) and node.value.id == "self"
-    }
-    for base in owner.bases:
-        if isinstance(base, ast.Name) and base.id in classes and classes[base.id] is not owner:
-            names |= attributes(classes[base.id], classes)
-    return names
 
 
 def circles(edges: dict[str, set[str]]) -> list[str]:
@@ -241,44 +159,6 @@ def _parameters(function: ast.FunctionDef | ast.AsyncFunctionDef) -> list[str]:
     ]
 
 
-def _size_figures() -> Iterator[Figure]:
-    core = [module for module in modules() if module.is_core]
-    at = lambda module, node, value: f"{module.path}:{node.lineno} {node.name} {value}"  # noqa: E731
-    lengths = [(m, f, (f.end_lineno or f.lineno) - f.lineno + 1) for m, f in _functions(core)]
-    branches = [(m, f, complexity(f)) for m, f in _functions(core)]
-    widths = [(m, f, len(_parameters(f))) for m, f in _functions(core)]
-    lines = [(m, len(m.text.splitlines())) for m in modules()]
-    yield Figure("files over 400 lines", [f"{m.path} {n}" for m, n in lines if n > 400], 0)
-    yield Figure(
-        "functions over 60 lines in the core", [at(m, f, n) for m, f, n in lengths if n > 60], 0
-    )
-    yield Figure(
-        "functions over complexity 15 in the core",
-        [at(m, f, n) for m, f, n in branches if n > 15],
-        0,
-    )
-    yield Figure(
-        "functions with more than 8 parameters in the core",
-        [at(m, f, n) for m, f, n in widths if n > 8],
-        6,
-    )
-    classes = {
-        n.name: n for m in modules() for n in ast.walk(m.tree) if isinstance(n, ast.ClassDef)
-    }
-    wide = [
-        f"{m.path} {node.name} {len(attributes(node, classes))}"
-        for m in core
-        for node in ast.walk(m.tree)
-        if isinstance(node, ast.ClassDef) and len(attributes(node, classes)) > 20
-    ]
-    yield Figure("classes with more than 20 attributes in the core", wide, 0)
-    files = [m.path for m in modules() if not m.path.endswith(("__init__.py", "__main__.py"))]
-    folders = Counter(path.rpartition("/")[0] for path in files)
-    yield Figure(
-        "folders with more than 20 modules", [f"{d} {n}" for d, n in folders.items() if n > 20], 0
-    )
-
-
 def _name_figures() -> Iterator[Figure]:
     files = [m.path for m in modules() if not m.path.endswith(("__init__.py", "__main__.py"))]
     stems = [path.rpartition("/")[2] for path in files]
@@ -341,9 +221,8 @@ def _circle_figures() -> Iterator[Figure]:
     for source, targets in edges.items():
         for target in targets:
             a, b = by_name[source].room, by_name[target].room
-            if a != b and not {a, b} & set(
-                PACKAGES
-            ):  # what lies beside the rooms belongs to all of them
+            # what lies beside the rooms belongs to all of them
+            if a != b and not {a, b} & set(PACKAGES):
                 rooms[a].add(b)
     yield Figure("circles of files", circles(edges), 0)
     yield Figure("circles of rooms", circles(dict(rooms)), 0)
@@ -351,7 +230,7 @@ def _circle_figures() -> Iterator[Figure]:
 
 def figures() -> list[Figure]:
     """Return all measures."""
-    return [*_size_figures(), *_name_figures(), *_docstring_figures(), *_circle_figures()]
+    return [*_name_figures(), *_docstring_figures(), *_circle_figures()]
 
 
 if __name__ == "__main__":

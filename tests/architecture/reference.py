@@ -166,7 +166,7 @@ def mission_file() -> str:
     most: dict[str, Ends] = {key: (0.0, high) for key, high in EXPECT_MOST_M.items()}
     steps = []
     for name, kind in STEPS.items():
-        summary = str(inspect.getdoc(kind)).splitlines()[0]
+        summary = " ".join(str(inspect.getdoc(kind)).partition("\n\n")[0].split())
         body = _table(kind, {**STEP_BOUNDS, **most}, ("do",))
         steps.append(
             f'### `do = "{name}"`\n\n{summary}' + (f"\n\n{body}" if body.count("\n") > 1 else "")

@@ -1,5 +1,4 @@
-"""The house as documented is the house as built; public fields say their quantity, frame and unit.
-"""
+"""The house as documented is the house as built; public fields say their quantity, frame and unit."""
 
 import ast
 import re

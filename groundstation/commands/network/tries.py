@@ -244,8 +244,7 @@ def _other_inside(stage: Stage, who: str, other: str) -> bool:
 
 
 def _replays(stage: Stage, vehicle: str) -> bool:
-    """Have a ground order something, and send the same order again; whether it is accepted again.
-    """
+    """Have a ground order something, and send the same order again; whether it is accepted again."""
     with stage.joined(Role.GROUND, NODES[Role.GROUND], vehicle) as node:
         order = order_of(node, "hold", stage.telemetry(vehicle))
         if not is_obeyed(node, vehicle, order):

@@ -159,8 +159,7 @@ def _words(link: VehicleLink, found: Signs) -> str:
 
 
 def _state(link: AutopilotLink, key: bytes | None) -> Signs:
-    """Listen for a moment; sent is what is signed with the key, so that PX4's timestamps catch up.
-    """
+    """Listen for a moment; sent is what is signed with the key, so that PX4's timestamps catch up."""
     signing = link.sign(key)
     # what it had sent before is no sign of what it does now
     link.listen(_LISTEN_S, [_AUTOPILOT_VERSION])

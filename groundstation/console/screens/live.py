@@ -1,5 +1,4 @@
-"""Bases of the screens and dialogs over the console: the worst alarm is on the last line of each.
-"""
+"""Bases of the screens and dialogs over the console: the worst alarm is on the last line of each."""
 
 from __future__ import annotations
 

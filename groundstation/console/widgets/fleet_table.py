@@ -310,8 +310,7 @@ class FleetTable(Lines, ScrollView, can_focus=True):
     # -- drawing -----------------------------------------------------------------------------------
 
     def draw(self, width: int, height: int) -> list[Strip]:
-        """Return the heading, which stays on the first line, and the rows in the window below it.
-        """
+        """Return the heading, which stays on the first line, and the rows in the window below it."""
         layout = RowLayout.of([view.name for view in self._views], width)
         # A low terminal has no border to show what is written or marked.
         is_bare = self.size == self.outer_size and (self._typing or self._marks.names)

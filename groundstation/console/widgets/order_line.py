@@ -186,8 +186,7 @@ class OrderLine(Input):
             self.post_message(self.Submitted(self, text))
 
     def action_history(self, step: int) -> None:
-        """Show an earlier or later order; the line that was being written comes after the newest.
-        """
+        """Show an earlier or later order; the line that was being written comes after the newest."""
         lines = self._history.lines if self._history is not None else []
         if self._at >= len(lines):
             self._draft = self.value

@@ -55,8 +55,7 @@ class SeparationView(Lines, can_focus=True):
             self.redraw()
 
     def draw(self, width: int, height: int) -> list[Strip]:
-        """Return the closest pair now and so far; further pairs, chart and timing as there is room.
-        """
+        """Return the closest pair now and so far; further pairs, chart and timing as there is room."""
         timing = self._timing(width) if height >= 2 + _LEAST_CHART + 3 else []
         rest = height - 2 - len(timing)
         pairs = self.history.pairs[1 : 1 + max(0, (rest - 5) // 2)]

@@ -223,8 +223,7 @@ class MocapCheck:
                     )
 
     def _own_s(self, node: str, stamp_ns: int) -> float | None:
-        """Return a stamp on our clock, in the middle of its bounds; None while they are not known.
-        """
+        """Return a stamp on our clock, in the middle of its bounds; None while they are not known."""
         if not node:
             return stamp_ns * 1e-9
         offset = self._clock.clocks.offset_s(node, time.monotonic_ns())

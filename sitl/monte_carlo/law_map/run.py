@@ -141,8 +141,7 @@ def _reason(error: BaseException, scheduler: str | None) -> str:
 
 
 def _executors(jobs: int, scheduler: str | None, tell: Say) -> Iterator[tuple[Executor, int]]:
-    """Yield what flies the units and how many at a time; another one each time that it has broken.
-    """
+    """Yield what flies the units and how many at a time; another one each time that it has broken."""
     if scheduler is not None:
         yield _cluster(scheduler)
     tell("compiling the law for this machine, if that was not done before")

@@ -1,5 +1,4 @@
-"""A whole flight by keys alone, on the simulated fleet with its real agents, client and forecasts.
-"""
+"""A whole flight by keys alone, on the simulated fleet with its real agents, client and forecasts."""
 
 from __future__ import annotations
 

@@ -1,5 +1,4 @@
-"""An emergency key's order leaves while the console is busy with something else, and leaves once.
-"""
+"""An emergency key's order leaves while the console is busy with something else, and leaves once."""
 
 from __future__ import annotations
 

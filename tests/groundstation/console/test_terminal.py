@@ -1,5 +1,4 @@
-"""A real process on a real pseudo-terminal: whatever ends the console, the terminal is as it was.
-"""
+"""A real process on a real pseudo-terminal: whatever ends the console, the terminal is as it was."""
 
 from __future__ import annotations
 

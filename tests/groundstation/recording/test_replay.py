@@ -1,5 +1,4 @@
-"""A record walked about in: the same states as live, at any time, also of a record that breaks off.
-"""
+"""A record walked about in: the same states as live, at any time, also of a record that breaks off."""
 
 from __future__ import annotations
 

@@ -85,8 +85,7 @@ def test_projection_equals_an_independent_qp_solver_on_random_and_degenerate_cas
 
 
 def by_daqp_with_disc(u0, normals, bounds, radius):
-    """The QP with a weight on |u|^2 that is bisected until the disc is met; None when infeasible.
-    """
+    """The QP with a weight on |u|^2 that is bisected until the disc is met; None when infeasible."""
     point, middle = by_daqp(u0, normals, bounds), by_daqp(np.zeros(2), normals, bounds)
     if point is None or np.hypot(*middle) > radius:
         return None

@@ -30,8 +30,7 @@ def _seen(tenth: int, enu_m: Vec3, **changes: object) -> Snapshot:
 
 
 def _flown(tenths: int = 20) -> Px4PositionCheck:
-    """Flying north at 0.5 m/s, believed all the time, by a PX4 whose frame lies 2 m further west.
-    """
+    """Flying north at 0.5 m/s, believed all the time, by a PX4 whose frame lies 2 m further west."""
     check = Px4PositionCheck()
     for tenth in range(1, tenths + 1):
         check.update(

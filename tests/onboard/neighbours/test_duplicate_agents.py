@@ -1,5 +1,4 @@
-"""Two agents for one vehicle: whoever hears both says so, the two learn of it, and neither flies.
-"""
+"""Two agents for one vehicle: whoever hears both says so, the two learn of it, and neither flies."""
 
 from __future__ import annotations
 

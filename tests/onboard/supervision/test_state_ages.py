@@ -9,8 +9,7 @@ PERIOD_S = 0.02
 
 
 def measured(delay_s, loss, *, samples=120, seed=1):
-    """Ages of the newest state of 'mav1' at ticks, with a phase of 7 ms; 'mav2' has a good radio.
-    """
+    """Ages of the newest state of 'mav1' at ticks, with a phase of 7 ms; 'mav2' has a good radio."""
     rng = np.random.default_rng(seed)
     ages = StateAges(PERIOD_S)
     for _ in range(samples):
