@@ -57,13 +57,13 @@ from onboard.flight.types import FlightView, Step
 from onboard.localization.odometry_forwarding import OdometryForwarder
 from onboard.localization.own_state import OwnState
 from onboard.neighbours.table import NeighbourTable
+from onboard.preflight.preflight_reporter import PreflightReporter
 from onboard.safety.failsafe_table import Situation
 from onboard.safety.limits import POSITION_LOST_S
 from onboard.safety.snapshot_check import nonsense
 from onboard.supervision.conditions import TickContext
 from onboard.supervision.failsafe_executor import FailsafeExecutor
 from onboard.supervision.model_mismatch_reporter import ModelMismatchReporter
-from onboard.supervision.preflight_reporter import PreflightReporter
 from onboard.types import TICK_S, State, Tick
 
 _SHORTEST_S, _LONGEST_S = 0.005, 0.1  # time that one tick integrates over

@@ -11,7 +11,7 @@ from onboard.config.fleet import FleetConfig
 from onboard.events import Follow
 from onboard.neighbours.subscription import SELECT_TICKS
 from onboard.neighbours.table import NeighbourTable
-from onboard.supervision.preflight_inputs import EMULATOR, RECORDER
+from onboard.preflight.preflight_inputs import EMULATOR, RECORDER
 
 # first words of all names that an agent has an interest in
 CONCERNS_AGENTS = (GROUND, RECORDER, EMULATOR, *ROLES)

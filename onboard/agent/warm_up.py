@@ -13,8 +13,8 @@ from onboard.autopilot import Landed, Snapshot
 from onboard.bus.schema import MocapPose, Order
 from onboard.config.fleet import FleetConfig
 from onboard.frames import ned_from_enu
+from onboard.preflight.preflight_inputs import EMULATOR
 from onboard.safety.failsafe_table import Situation
-from onboard.supervision.preflight_inputs import EMULATOR
 from onboard.types import TICK_S
 
 _START_NS, _PERIOD_NS = 1_000_000_000, round(TICK_S * 1e9)

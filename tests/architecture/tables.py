@@ -8,8 +8,9 @@ from onboard.bus.topics import Topic
 from onboard.flight import flight_table
 from onboard.flight.flight_table import Effect, Predicate
 from onboard.flight.types import Step
+from onboard.preflight import all_rules
 from onboard.px4 import required_params
-from onboard.safety import failsafe_table, preflight_rules
+from onboard.safety import failsafe_table
 from onboard.safety.failsafe_table import Condition, Situation
 
 
@@ -88,7 +89,7 @@ def alarms() -> str:
 def preflight() -> str:
     """Return every preflight rule with its faults and remedies for docs/preflight.md."""
     lines: list[str] = []
-    for rule in preflight_rules.RULES:
+    for rule in all_rules.RULES:
         lines += [f"### {rule.name}", "", rule.demand, "", "| says | what to do |", "|---|---|"]
         for fault in rule.faults.values():
             lines.append(

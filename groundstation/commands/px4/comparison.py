@@ -16,8 +16,8 @@ from onboard.autopilot import Version
 from onboard.config.fleet import ConfigError, FleetConfig, Vehicle
 from onboard.config.toml_reading import package_table
 from onboard.feasibility.bounds import LAG_ERROR_S
+from onboard.preflight.attitude_lag import lag_s
 from onboard.px4.required_params import RequiredParam, Value, all_params
-from onboard.safety.attitude_lag import lag_s
 from sitl.conformance.facts import VERSIONS, facts_of, nearest
 from sitl.conformance.suite import FACTS
 

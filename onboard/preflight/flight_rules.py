@@ -7,8 +7,8 @@ from __future__ import annotations
 import math
 
 from onboard.config.fleet import FleetConfig, Vehicle
-from onboard.safety.preflight_facts import PreflightFacts
-from onboard.safety.preflight_rule import FINE, NO_PX4, OK, Judgement, rules
+from onboard.preflight.preflight_facts import PreflightFacts
+from onboard.preflight.preflight_rule import FINE, NO_PX4, OK, Judgement, rules
 
 HOVER_SHARE, HOVER_ADVICE_SHARE = 0.25, 0.10
 LOWEST_VOLTAGE_V = 2.5

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 
 from onboard.config.fleet import FleetConfig, Vec3, Vehicle
 from onboard.config.toml_reading import package_table
-from onboard.safety.preflight_facts import PreflightFacts
+from onboard.preflight.preflight_facts import PreflightFacts
 
 OK, SKIP = "ok", "skip"
 # OK, SKIP or the key of a fault; and the numbers for its sentence
 Judgement = tuple[str, Mapping[str, object]]
 Judge = Callable[[PreflightFacts, FleetConfig, Vehicle], Judgement]
-_WORDS = package_table("onboard.safety", "preflight.toml")
+_WORDS = package_table("onboard.preflight", "preflight.toml")
 FINE: Judgement = (OK, {})
 NO_PX4: Judgement = (SKIP, {"reason": "while PX4 is silent"})
 NO_POSITION: Judgement = (SKIP, {"reason": "without a fresh position"})

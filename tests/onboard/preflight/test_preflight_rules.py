@@ -13,11 +13,11 @@ import msgspec
 
 from onboard.autopilot import Refused
 from onboard.config.fleet import FleetConfig, load_fleet
-from onboard.safety import preflight_rules
+from onboard.preflight import all_rules
+from onboard.preflight.all_rules import RULES
+from onboard.preflight.preflight_facts import PreflightFacts, RadioMeasured
+from onboard.preflight.preflight_rule import PreflightCheck
 from onboard.safety.failsafe_table import TABLE, Action, Condition, Situation
-from onboard.safety.preflight_facts import PreflightFacts, RadioMeasured
-from onboard.safety.preflight_rule import PreflightCheck
-from onboard.safety.preflight_rules import RULES
 from tests.architecture import tables
 
 FLEET = load_fleet("configs/fleets/paper.toml")
@@ -239,13 +239,13 @@ CASES: dict[tuple[str, str], tuple[dict[str, Any], str]] = {
 
 def judged(fleet: FleetConfig = FLEET, **changes: Any) -> tuple[PreflightCheck, ...]:
     vehicle = changes.pop("vehicle", VEHICLE)
-    return preflight_rules.checks(dataclasses.replace(FINE, **changes), fleet, vehicle)
+    return all_rules.checks(dataclasses.replace(FINE, **changes), fleet, vehicle)
 
 
 def test_a_vehicle_that_is_fine_is_go_and_only_the_kill_switch_is_a_word_of_advice() -> None:
     assert all(check.is_ok for check in judged())
     assert [check.name for check in judged() if check.remedy] == ["kill switch"]
-    assert preflight_rules.reasons(FINE, FLEET, VEHICLE) == ()
+    assert all_rules.reasons(FINE, FLEET, VEHICLE) == ()
 
 
 def test_each_fault_shows_in_its_own_line_only_with_sentence_and_remedy() -> None:
@@ -265,7 +265,7 @@ def test_each_fault_shows_in_its_own_line_only_with_sentence_and_remedy() -> Non
             FINE,
             **{key: value for key, value in changes.items() if key not in ("vehicle", "fleet")},
         )
-        refusals = preflight_rules.reasons(
+        refusals = all_rules.reasons(
             facts, changes.get("fleet", FLEET), changes.get("vehicle", VEHICLE)
         )
         assert refusals == (() if is_advice else (f"{check.sentence} {check.remedy}",)), case
@@ -354,11 +354,11 @@ def test_numbers_that_are_not_finite_never_make_a_vehicle_ready() -> None:
         "heading_miss_rad",
         "speed_m_s",
     ):
-        assert preflight_rules.reasons(
-            dataclasses.replace(FINE, **{name: math.nan}), FLEET, VEHICLE
-        ), name
+        assert all_rules.reasons(dataclasses.replace(FINE, **{name: math.nan}), FLEET, VEHICLE), (
+            name
+        )
     lost = dataclasses.replace(FINE, position_enu_m=(math.nan, 0.0, 0.0))
-    assert preflight_rules.reasons(lost, FLEET, VEHICLE)
+    assert all_rules.reasons(lost, FLEET, VEHICLE)
 
 
 def test_the_page_names_every_rule_and_marks_what_refuses() -> None:

@@ -18,16 +18,16 @@ from onboard.frames import enu_from_ned
 from onboard.localization.own_state import OwnState
 from onboard.neighbours.duplicate_agents import DuplicateAgents
 from onboard.neighbours.table import NeighbourTable
+from onboard.preflight import all_rules
+from onboard.preflight.attitude_comparison import AttitudeRate, TiltComparison
+from onboard.preflight.law_refusals import LawRefusals
+from onboard.preflight.preflight_facts import PreflightFacts
+from onboard.preflight.preflight_inputs import PreflightInputs
+from onboard.preflight.state_ages import StateAges
 from onboard.px4.required_params import FUSES_HEADING, FUSES_POSITION, required_params
 from onboard.px4.sensor_status import has_rc, unhealthy
-from onboard.safety import preflight_rules
 from onboard.safety.failsafe_table import Condition
-from onboard.safety.preflight_facts import PreflightFacts
 from onboard.safety.snapshot_check import nonsense
-from onboard.supervision.attitude_comparison import AttitudeRate, TiltComparison
-from onboard.supervision.law_refusals import LawRefusals
-from onboard.supervision.preflight_inputs import PreflightInputs
-from onboard.supervision.state_ages import StateAges
 from onboard.types import TICK_S
 
 _REPORT_EVERY_NS = 1_000_000_000
@@ -106,13 +106,13 @@ class PreflightReporter:
         self._facts = replace(
             self._gather(view, is_airborne, hover_frac), conditions=frozenset(conditions)
         )
-        self.not_ready = preflight_rules.reasons(self._facts, self._fleet, self._vehicle)
+        self.not_ready = all_rules.reasons(self._facts, self._fleet, self._vehicle)
         return self.not_ready
 
     def reasons_in_air(self, view: FlightView, hover_frac: float) -> tuple[str, ...]:
         """Return the sentences that refuse to take over a flying vehicle."""
         facts = self._gather(view, True, hover_frac)
-        return preflight_rules.reasons(facts, self._fleet, self._vehicle, takeover.RULES)
+        return all_rules.reasons(facts, self._fleet, self._vehicle, takeover.RULES)
 
     def due(self, now_ns: int) -> PreflightReport | None:
         """Return the report once a second, while :meth:`update` is called."""
@@ -122,7 +122,7 @@ class PreflightReporter:
         self._reported_ns = now_ns
         self._sequence += 1
         self._refusals.judge_spot(facts.position_enu_m if facts.has_position else None)
-        checks = preflight_rules.checks(
+        checks = all_rules.checks(
             replace(facts, law_refusals=self._refusals.current), self._fleet, self._vehicle
         )
         return PreflightReport(

@@ -10,11 +10,11 @@ from __future__ import annotations
 from collections.abc import Collection
 
 from onboard.config.fleet import FleetConfig, Vehicle
-from onboard.safety.preflight_autopilot import AUTOPILOT_RULES
-from onboard.safety.preflight_facts import PreflightFacts
-from onboard.safety.preflight_flight import FLIGHT_RULES
-from onboard.safety.preflight_position import POSITION_RULES
-from onboard.safety.preflight_rule import OK, SKIP, PreflightCheck, PreflightRule
+from onboard.preflight.autopilot_rules import AUTOPILOT_RULES
+from onboard.preflight.flight_rules import FLIGHT_RULES
+from onboard.preflight.position_rules import POSITION_RULES
+from onboard.preflight.preflight_facts import PreflightFacts
+from onboard.preflight.preflight_rule import OK, SKIP, PreflightCheck, PreflightRule
 
 RULES: tuple[PreflightRule, ...] = (*AUTOPILOT_RULES, *POSITION_RULES, *FLIGHT_RULES)
 

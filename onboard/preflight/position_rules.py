@@ -7,10 +7,8 @@ from __future__ import annotations
 import math
 
 from onboard.config.fleet import FleetConfig, Vehicle
-from onboard.safety.failsafe_table import Condition
-from onboard.safety.limits import POSITION_STALE_S
-from onboard.safety.preflight_facts import OLDEST_SAMPLE_S, PreflightFacts
-from onboard.safety.preflight_rule import (
+from onboard.preflight.preflight_facts import OLDEST_SAMPLE_S, PreflightFacts
+from onboard.preflight.preflight_rule import (
     FINE,
     NO_MOCAP,
     NO_POSITION,
@@ -21,6 +19,8 @@ from onboard.safety.preflight_rule import (
     coordinates,
     rules,
 )
+from onboard.safety.failsafe_table import Condition
+from onboard.safety.limits import POSITION_STALE_S
 
 WIDE_CLOCK_S = 0.02
 FAR_FROM_PX4_M, HEADING_MISS_DEG, TILT_MISS_DEG = 0.3, 25.0, 6.0

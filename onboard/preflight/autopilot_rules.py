@@ -6,11 +6,11 @@ from onboard.autopilot import MEASURED_VERSIONS, SIGNING_SINCE, Version, plausib
 from onboard.config.endpoints import host_of, is_on_network
 from onboard.config.fleet import FleetConfig, Vehicle
 from onboard.feasibility.bounds import LAG_ERROR_S
-from onboard.safety.attitude_lag import lag_s
+from onboard.preflight.attitude_lag import lag_s
+from onboard.preflight.preflight_facts import HEARTBEAT_SILENT_S, PreflightFacts
+from onboard.preflight.preflight_rule import FINE, NO_PX4, OK, SKIP, Judgement, rules
 from onboard.safety.failsafe_table import TABLE, Action, Condition, Situation, in_order
 from onboard.safety.limits import AUTOPILOT_SILENT_S
-from onboard.safety.preflight_facts import HEARTBEAT_SILENT_S, PreflightFacts
-from onboard.safety.preflight_rule import FINE, NO_PX4, OK, SKIP, Judgement, rules
 
 # reasons for which a packet of a vehicle that signs is not let in
 _OF_SIGNING = ("unsigned", "forged", "old")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Mapping
 
-from onboard.safety.preflight_facts import RadioMeasured
+from onboard.preflight.preflight_facts import RadioMeasured
 
 _SAMPLES, _LEAST_SAMPLES = 120, 60  # for each neighbour; eleven a second
 _LEFT_S = 1.0  # a neighbour that is silent for so long is missing, and no matter of the radio

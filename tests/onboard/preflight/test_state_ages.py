@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from onboard.supervision.state_ages import StateAges
+from onboard.preflight.state_ages import StateAges
 
 PERIOD_S = 0.02
 

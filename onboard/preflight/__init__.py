@@ -1,0 +1,1 @@
+"""Go or no-go on the ground: the facts, the rules that judge them, and the report of a vehicle."""
