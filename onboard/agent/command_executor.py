@@ -12,7 +12,7 @@ import time
 from collections.abc import Callable, Iterable
 from typing import Any
 
-from onboard import events as ev
+from onboard import agent_commands
 from onboard.agent.inbox import Inbox
 from onboard.autopilot import Autopilot
 from onboard.bus.protocol import Bus
@@ -56,20 +56,20 @@ class CommandExecutor:
         self._link, self._bus, self._inbox = link, bus, inbox
         self._replies: dict[str, OnReply] = {}
         self._actions: dict[type, Callable[[Any], object]] = {
-            ev.SendAttitude: self._send_attitude,
-            ev.Publish: self._publish,
-            ev.SendOdometry: self._send_odometry,
-            ev.Reply: self._reply,
-            ev.WatchBodies: self._watch_bodies,
-            ev.Follow: self._follow,
-            ev.SetOffboard: lambda _: self._link.set_offboard(),
-            ev.Arm: lambda _: self._link.arm(),
-            ev.Disarm: lambda _: self._link.disarm(),
-            ev.Px4Land: lambda _: self._link.land(),
-            ev.Kill: lambda _: self._link.kill(),
-            ev.RequestHeartbeat: lambda _: self._link.request_heartbeat(),
-            ev.PlayTune: lambda _: self._link.play_tune(),
-            ev.Exit: lambda _: on_exit(),
+            agent_commands.SendAttitude: self._send_attitude,
+            agent_commands.Publish: self._publish,
+            agent_commands.SendOdometry: self._send_odometry,
+            agent_commands.Reply: self._reply,
+            agent_commands.WatchBodies: self._watch_bodies,
+            agent_commands.Follow: self._follow,
+            agent_commands.SetOffboard: lambda _: self._link.set_offboard(),
+            agent_commands.Arm: lambda _: self._link.arm(),
+            agent_commands.Disarm: lambda _: self._link.disarm(),
+            agent_commands.Px4Land: lambda _: self._link.land(),
+            agent_commands.Kill: lambda _: self._link.kill(),
+            agent_commands.RequestHeartbeat: lambda _: self._link.request_heartbeat(),
+            agent_commands.PlayTune: lambda _: self._link.play_tune(),
+            agent_commands.Exit: lambda _: on_exit(),
         }
 
     def start_threads(self) -> None:
@@ -86,16 +86,16 @@ class CommandExecutor:
         """Keep the way back to whoever sent an order."""
         self._replies[order_id] = reply
 
-    def execute(self, commands: Iterable[ev.Command]) -> None:
+    def execute(self, commands: Iterable[agent_commands.Command]) -> None:
         """Execute commands in their order."""
         for command in commands:
             self._actions[type(command)](command)
 
-    def _send_attitude(self, command: ev.SendAttitude) -> None:
+    def _send_attitude(self, command: agent_commands.SendAttitude) -> None:
         if time.monotonic_ns() - self.tick_ns < _SETPOINT_NS:
             self._link.send_attitude(command.setpoint)
 
-    def _publish(self, command: ev.Publish) -> None:
+    def _publish(self, command: agent_commands.Publish) -> None:
         topic, message = command.topic, command.message
         if TOPICS[topic].delivery is Delivery.RELIABLE:
             log.info("%s", getattr(message, "sentence", topic.value))
@@ -103,7 +103,7 @@ class CommandExecutor:
         else:
             self._bus.publish(topic, self._name, message)
 
-    def _send_odometry(self, command: ev.SendOdometry) -> None:
+    def _send_odometry(self, command: agent_commands.SendOdometry) -> None:
         self._link.send_odometry(
             command.position_enu_m,
             command.quaternion_enu_flu_wxyz,
@@ -111,15 +111,15 @@ class CommandExecutor:
             command.reset_count,
         )
 
-    def _reply(self, command: ev.Reply) -> None:
+    def _reply(self, command: agent_commands.Reply) -> None:
         reply = self._replies.pop(command.reply.order_id, None)
         if reply is not None:
             self.reliable.submit(reply, command.reply)
 
-    def _watch_bodies(self, command: ev.WatchBodies) -> None:
+    def _watch_bodies(self, command: agent_commands.WatchBodies) -> None:
         self._subscriptions.submit(self._inbox.watch_bodies, command.bodies)
 
-    def _follow(self, command: ev.Follow) -> None:
+    def _follow(self, command: agent_commands.Follow) -> None:
         on_message = self._inbox.neighbour_received
         self._subscriptions.submit(self._bus.follow, Topic.STATE, command.names, on_message)
         # under its own name it would hear another agent for the same vehicle

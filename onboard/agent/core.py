@@ -20,18 +20,12 @@ from onboard.agent.order_intake import OrderIntake
 from onboard.agent.peers import BusNodes, NeighbourFollower
 from onboard.agent.setpoint_output import SetpointOutput
 from onboard.agent.telemetry import TelemetryPublisher
-from onboard.autopilot import Landed, Snapshot, Vec3
-from onboard.bus.schema import StateMessage
-from onboard.bus.topics import Topic
-from onboard.config.fleet import FleetConfig
-from onboard.control.pipeline import Phase, PipelineMemory, PipelineParams
-from onboard.events import (
+from onboard.agent_commands import Command, Exit, Publish, Reply, RequestHeartbeat, WatchBodies
+from onboard.agent_inputs import (
+    AgentInput,
     AllPosesReceived,
     ClocksCompared,
-    Command,
     DiskChecked,
-    EventIn,
-    Exit,
     LoopTimed,
     MessagesCounted,
     MocapProblemChanged,
@@ -41,14 +35,15 @@ from onboard.events import (
     OrderUntrusted,
     ParamsRead,
     PoseReceived,
-    Publish,
-    Reply,
-    RequestHeartbeat,
     ShutdownRequested,
     SnapshotReceived,
     TickFailed,
-    WatchBodies,
 )
+from onboard.autopilot import Landed, Snapshot, Vec3
+from onboard.bus.schema import StateMessage
+from onboard.bus.topics import Topic
+from onboard.config.fleet import FleetConfig
+from onboard.control.pipeline import Phase, PipelineMemory, PipelineParams
 from onboard.flight import state_machine
 from onboard.flight.context import FlightContext
 from onboard.flight.order_checks import OrderFacts
@@ -148,7 +143,7 @@ class AgentCore:
 
     # -- events ------------------------------------------------------------------------------------
 
-    def handle(self, event: EventIn, now_ns: int) -> list[Command]:
+    def handle(self, event: AgentInput, now_ns: int) -> list[Command]:
         """Take one event; only orders and poses answer at once."""
         return _RECEIVERS[type(event)](self, event, now_ns)
 
@@ -215,7 +210,7 @@ class AgentCore:
         self._publisher.loop = event
         return []
 
-    def _preflight_input(self, event: EventIn, now_ns: int) -> list[Command]:
+    def _preflight_input(self, event: AgentInput, now_ns: int) -> list[Command]:
         self.preflight.hear(event)
         return []
 

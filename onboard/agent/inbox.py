@@ -9,7 +9,7 @@ from __future__ import annotations
 import time
 from collections import deque
 
-from onboard import events as ev
+from onboard import agent_inputs
 from onboard.agent.peers import CONCERNS_AGENTS
 from onboard.bus.clock_sync import ClockNode
 from onboard.bus.codec import Malformed
@@ -45,8 +45,10 @@ class Inbox:
     ) -> None:
         self.clock = ClockNode(bus)
         # few, and the others must push none of them out
-        self.notices: deque[ev.EventIn] = deque(maxlen=_MOST_EVENTS)
-        self.events: deque[ev.EventIn] = deque(maxlen=_MOST_EVENTS)  # the newest matter
+        self.notices: deque[agent_inputs.AgentInput] = deque(maxlen=_MOST_EVENTS)
+        self.events: deque[agent_inputs.AgentInput] = deque(
+            maxlen=_MOST_EVENTS
+        )  # the newest matter
         self._nodes: dict[str, bool] = {}  # node whose presence has changed -> whether it is there
         self._vehicle, self._boot_id, self._bus, self._mocap_config = vehicle, boot_id, bus, mocap
         self._state_ticks = state_ticks
@@ -72,16 +74,16 @@ class Inbox:
         if self._mocap is not None:
             self._mocap.stop()
 
-    def take_counts(self) -> ev.MessagesCounted:
+    def take_counts(self) -> agent_inputs.MessagesCounted:
         """Return how many messages were not passed on since the last call."""
         counts, self._counts = self._counts, MessageCounts()
-        return ev.MessagesCounted(counts.malformed, counts.refused, counts.dropped)
+        return agent_inputs.MessagesCounted(counts.malformed, counts.refused, counts.dropped)
 
-    def nodes_changed(self) -> list[ev.NodeChanged]:
+    def nodes_changed(self) -> list[agent_inputs.NodeChanged]:
         """Return the newest changes of nodes, at most as many as one tick has time for."""
-        changes: list[ev.NodeChanged] = []
+        changes: list[agent_inputs.NodeChanged] = []
         while self._nodes and len(changes) < _NODES_PER_TICK:
-            changes.append(ev.NodeChanged(*self._nodes.popitem()))
+            changes.append(agent_inputs.NodeChanged(*self._nodes.popitem()))
         return changes
 
     def neighbour_received(self, topic: Topic, name: str, message: Message | Malformed) -> None:
@@ -107,7 +109,7 @@ class Inbox:
             now_ns = time.monotonic_ns()
             if isinstance(message, StateMessage):
                 message = self.clock.state(name, message, now_ns)
-            self._append(ev.NeighbourReceived(message, now_ns))
+            self._append(agent_inputs.NeighbourReceived(message, now_ns))
 
     def source(self, body: str) -> MocapSource:
         """Return a source of one body's poses, not yet started."""
@@ -122,18 +124,18 @@ class Inbox:
         if not self._mocap_config.direct:
             self._bus.follow(Topic.MOCAP, bodies, self._others.receive)
 
-    def mocap_problem(self) -> ev.MocapProblemChanged | None:
+    def mocap_problem(self) -> agent_inputs.MocapProblemChanged | None:
         """Return the change of what is wrong with the mocap's source, if there is one."""
         problem = "" if self._mocap is None else self._mocap.problem
         if problem == self._reported_problem:
             return None
         self._reported_problem = problem
-        return ev.MocapProblemChanged(problem)
+        return agent_inputs.MocapProblemChanged(problem)
 
     def _pose_received(self, pose: MocapPose, received_ns: int) -> None:
         stamped = self.clock.pose(pose, received_ns)
         if stamped is not None:
-            self._append(ev.PoseReceived(stamped, received_ns))
+            self._append(agent_inputs.PoseReceived(stamped, received_ns))
 
     def _all_poses_received(self, _topic: Topic, _name: str, message: Message | Malformed) -> None:
         if not isinstance(message, MocapPoses):
@@ -142,7 +144,9 @@ class Inbox:
         now_ns = time.monotonic_ns()
         stamped = (self.clock.pose(pose, now_ns) for pose in message.poses)
         self._append(
-            ev.AllPosesReceived(tuple(pose for pose in stamped if pose is not None), now_ns)
+            agent_inputs.AllPosesReceived(
+                tuple(pose for pose in stamped if pose is not None), now_ns
+            )
         )
 
     def _node_changed(self, node: str, is_alive: bool) -> None:
@@ -152,6 +156,6 @@ class Inbox:
     def _malformed_received(self) -> None:
         self._counts.malformed += 1
 
-    def _append(self, event: ev.EventIn) -> None:
+    def _append(self, event: agent_inputs.AgentInput) -> None:
         self._counts.dropped += len(self.events) == _MOST_EVENTS  # the oldest makes room
         self.events.append(event)

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
-from onboard import events as ev
+from onboard import agent_inputs
 from onboard.autopilot import LinkError, Version
 from onboard.config.fleet import Vehicle
 from onboard.flight.context import FlightContext
@@ -42,7 +42,7 @@ class LinkUpkeep:
         vehicle: Vehicle,
         link: Px4Link,
         flight: FlightContext,
-        notify: Callable[[ev.EventIn], None],
+        notify: Callable[[agent_inputs.AgentInput], None],
         *,
         applies_params: bool,
     ) -> None:
@@ -82,7 +82,7 @@ class LinkUpkeep:
                     return
             except LinkError as error:
                 log.error("%s", error)
-                self._notify(ev.ParamsRead((str(error),)))
+                self._notify(agent_inputs.ParamsRead((str(error),)))
                 await asyncio.sleep(_REPEAT_S)
 
     async def _prepare(self) -> None:
@@ -119,7 +119,7 @@ class LinkUpkeep:
                 read_ns, read_for = time.monotonic_ns(), version
                 problems = await self._read_params(has_origin)
             await asyncio.sleep(_REPEAT_S if problems and has_origin else _LOOK_S)
-            self._notify(ev.DiskChecked(await self._in_thread(realtime.is_disk_full)))
+            self._notify(agent_inputs.DiskChecked(await self._in_thread(realtime.is_disk_full)))
             before_ms, boot_ms = boot_ms, self._link.snapshot().px4_boot_ms
             if boot_ms + _RESTARTED_MS < before_ms:
                 return
@@ -130,7 +130,9 @@ class LinkUpkeep:
         floor = {BATTERY_FLOOR: 0.0} if px4.is_simulated else {}
         actual = await self._in_thread(self._link.read_params, self._required | floor)
         problems = differences(self._required, actual) + (() if has_origin else (_NO_ORIGIN,))
-        self._notify(ev.ParamsRead(problems, 0.01 * float(actual.get(BATTERY_FLOOR) or 0.0)))
+        self._notify(
+            agent_inputs.ParamsRead(problems, 0.01 * float(actual.get(BATTERY_FLOOR) or 0.0))
+        )
         for sentence in problems:
             log.warning("%s", sentence)
         return problems

@@ -15,7 +15,7 @@ import sys
 import time
 from collections.abc import Callable
 
-from onboard import events as ev
+from onboard import agent_commands, agent_inputs
 from onboard.agent.command_executor import CommandExecutor
 from onboard.agent.core import AgentCore
 from onboard.agent.inbox import Inbox
@@ -169,7 +169,7 @@ class AgentProcess:
     ) -> None:
         now_ns = time.monotonic_ns()
         if isinstance(message, Malformed):
-            self._core.handle(ev.MessagesCounted(malformed=1), now_ns)
+            self._core.handle(agent_inputs.MessagesCounted(malformed=1), now_ns)
             answer = OrderReply(
                 order_id="",
                 vehicle=self._name,
@@ -181,11 +181,11 @@ class AgentProcess:
         if not isinstance(message, UntrustedOrder) or message.is_answered:
             self._executor.expect_reply(message.order_id, reply)
         if isinstance(message, UntrustedOrder):
-            self._executor.execute(self._core.handle(ev.OrderUntrusted(message), now_ns))
+            self._executor.execute(self._core.handle(agent_inputs.OrderUntrusted(message), now_ns))
             return
-        self._core.handle(ev.SnapshotReceived(self._link.snapshot()), now_ns)
+        self._core.handle(agent_inputs.SnapshotReceived(self._link.snapshot()), now_ns)
         order = self._inbox.clock.order(message, now_ns)
-        self._executor.execute(self._core.handle(ev.OrderReceived(order), now_ns))
+        self._executor.execute(self._core.handle(agent_inputs.OrderReceived(order), now_ns))
         log.info("order %s of %s", message.kind, message.author)
 
     def _signalled(self) -> None:
@@ -198,7 +198,7 @@ class AgentProcess:
             os._exit(EXIT_INTERRUPTED)
         else:
             log.info("asked to stop: landing first if in the air")
-            self._inbox.notices.append(ev.ShutdownRequested())
+            self._inbox.notices.append(agent_inputs.ShutdownRequested())
 
     def _exit(self) -> None:
         if self._ended is not None and not self._ended.done():
@@ -216,7 +216,7 @@ class AgentProcess:
             log.exception("tick failed")
             self._failed_ticks += 1
             self._core.handle(
-                ev.TickFailed(f"Internal error: {type(error).__name__}: {error}."), now_ns
+                agent_inputs.TickFailed(f"Internal error: {type(error).__name__}: {error}."), now_ns
             )
             if self._failed_ticks == _FAILED_TICKS_TO_LAND:
                 self._link.land()
@@ -238,23 +238,25 @@ class AgentProcess:
         for node in inbox.nodes_changed():
             execute(core.handle(node, now_ns))
         self._bus.deliver()
-        for_px4: list[ev.Command] = []  # poses, which may wait until the setpoint is out
+        for_px4: list[
+            agent_commands.Command
+        ] = []  # poses, which may wait until the setpoint is out
         while inbox.events:
             for_px4 += core.handle(inbox.events.popleft(), now_ns)
-        core.handle(ev.SnapshotReceived(self._link.snapshot()), now_ns)
+        core.handle(agent_inputs.SnapshotReceived(self._link.snapshot()), now_ns)
         execute(core.tick(now_ns))
         execute(for_px4)
         if self._ticks % _STATISTICS_TICKS == 0:
             inbox.clock.beat()
             core.handle(inbox.take_counts(), now_ns)
-            core.handle(ev.ClocksCompared(inbox.clock.clocks.bounds_s(now_ns)), now_ns)
+            core.handle(agent_inputs.ClocksCompared(inbox.clock.clocks.bounds_s(now_ns)), now_ns)
             problem = inbox.mocap_problem()
             if problem is not None:
                 core.handle(problem, now_ns)
 
     def _report_loop(self, now_ns: int) -> None:
         ticker = self._ticker
-        timed = ev.LoopTimed(
+        timed = agent_inputs.LoopTimed(
             *ticker.statistics_ms(),
             ticker.late_ticks,
             ticker.lateness_p99_ms(),

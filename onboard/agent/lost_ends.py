@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterable
 
+from onboard.agent_commands import Command, Publish
 from onboard.bus.schema import Event
-from onboard.events import Command, Publish
 
 _NOTICED_NS = 1_500_000_000  # a ground that is cut off counts as there for so long
 _WAIT_NS = 1_000_000_000  # until a ground that is back hears events, too

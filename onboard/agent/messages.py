@@ -9,11 +9,11 @@ from typing import Any
 from msgspec import Struct
 from msgspec.structs import replace
 
+from onboard.agent_inputs import LoopTimed
 from onboard.autopilot import Vec3
 from onboard.bus.authority import Roles
 from onboard.bus.schema import StateMessage, Telemetry, TickSample
 from onboard.config.fleet import Vehicle
-from onboard.events import LoopTimed
 from onboard.flight.context import FlightContext
 from onboard.flight.path_flight import PathFlight
 from onboard.flight.types import FlightView

@@ -5,10 +5,10 @@ rate.
 from __future__ import annotations
 
 from onboard.agent.lost_ends import LostEnds
+from onboard.agent_commands import Follow
 from onboard.autopilot import Vec3
 from onboard.bus.authority import GROUND, ROLES, Roles
 from onboard.config.fleet import FleetConfig
-from onboard.events import Follow
 from onboard.neighbours.subscription import SELECT_TICKS
 from onboard.neighbours.table import NeighbourTable
 from onboard.preflight.preflight_inputs import EMULATOR, RECORDER

@@ -5,10 +5,10 @@ that are known now.
 from __future__ import annotations
 
 from onboard.agent.control_step import ControlStep
+from onboard.agent_commands import Command, SendAttitude
 from onboard.autopilot import Vec4
 from onboard.config.fleet import Vehicle
 from onboard.control.pipeline import Phase
-from onboard.events import Command, SendAttitude
 from onboard.flight import state_machine
 from onboard.flight.context import FlightContext
 from onboard.flight.types import FlightView

@@ -7,9 +7,10 @@ from __future__ import annotations
 from onboard.agent import messages
 from onboard.agent.messages import AgentIdentity, RunCounters, TelemetrySources, TickResult
 from onboard.agent.telemetry_decimation import TelemetryDecimation
+from onboard.agent_commands import Command, Publish
+from onboard.agent_inputs import LoopTimed
 from onboard.bus.schema import StateMessage, TickBatch, TickSample
 from onboard.bus.topics import Topic
-from onboard.events import Command, LoopTimed, Publish
 from onboard.message_counts import MessageCounts, total
 from onboard.neighbours.subscription import is_slow
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from msgspec.structs import replace
 
-from onboard import events as ev
+from onboard import agent_commands, agent_inputs
 from onboard.agent.core import AgentCore
 from onboard.autopilot import Landed, Snapshot
 from onboard.bus.schema import MocapPose, Order
@@ -30,10 +30,10 @@ def warm_up(fleet: FleetConfig, name: str) -> bool:
     """
     core = AgentCore(replace(fleet, vehicles={name: fleet.vehicles[name]}), name, boot_id=0)
     core.preflight.is_warm = True
-    core.handle(ev.ParamsRead(()), _START_NS)
+    core.handle(agent_inputs.ParamsRead(()), _START_NS)
     # a law of somebody's own would not start without an emulator
     for node in ("ground-1", EMULATOR):
-        core.handle(ev.NodeChanged(node, True), _START_NS)
+        core.handle(agent_inputs.NodeChanged(node, True), _START_NS)
     vehicle = _MadeUpVehicle(core)
     flying_ticks = count = 0
     while flying_ticks < _FLYING_TICKS and count < _MOST_TICKS:
@@ -80,9 +80,9 @@ class _MadeUpVehicle:
             local_position_ns=now_ns,
             position_local_ned_m=ned_from_enu((x, y, z)),
         )
-        core.handle(ev.SnapshotReceived(self._snapshot), now_ns)
+        core.handle(agent_inputs.SnapshotReceived(self._snapshot), now_ns)
         if self._vehicle.body:
-            core.handle(ev.PoseReceived(self._pose((x, y, z), now_ns), now_ns), now_ns)
+            core.handle(agent_inputs.PoseReceived(self._pose((x, y, z), now_ns), now_ns), now_ns)
         if core.flight.state == "ready" and core.flight.order is None:
             order = Order(
                 order_id="warm-up",
@@ -92,12 +92,12 @@ class _MadeUpVehicle:
                 deadline_ns=0,
                 height_m=z + 1.0,
             )
-            core.handle(ev.OrderReceived(order), now_ns)
+            core.handle(agent_inputs.OrderReceived(order), now_ns)
         for command in core.tick(now_ns):
             match command:
-                case ev.SetOffboard():
+                case agent_commands.SetOffboard():
                     self._snapshot = replace(self._snapshot, mode="OFFBOARD")
-                case ev.Arm():
+                case agent_commands.Arm():
                     self._snapshot = replace(self._snapshot, is_armed=True, landed=Landed.IN_AIR)
 
     def _pose(self, position_enu_m: tuple[float, float, float], now_ns: int) -> MocapPose:

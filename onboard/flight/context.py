@@ -7,13 +7,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
+from onboard.agent_commands import Command, Publish
 from onboard.autopilot import Vec3
 from onboard.bus.schema import AgentState, Event, Order, OrderOutcome, Severity
 from onboard.bus.topics import Topic
 from onboard.config.fleet import FleetConfig, Vehicle
 from onboard.control import path
 from onboard.control.pipeline import Phase
-from onboard.events import Command, Publish
 from onboard.flight.contact import ContactSigns
 from onboard.flight.path_flight import PathFlight
 from onboard.flight.types import FlightView, Step

@@ -10,8 +10,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
+from onboard.agent_commands import Arm, Command, Disarm, Kill, Px4Land, SetOffboard
 from onboard.bus.schema import OrderOutcome, Severity
-from onboard.events import Arm, Command, Disarm, Kill, Px4Land, SetOffboard
 from onboard.flight import effects, sentences
 from onboard.flight import predicates as p
 from onboard.flight.context import FlightContext

@@ -7,8 +7,8 @@ a tick. Commands and events collect in the context.
 
 from __future__ import annotations
 
+from onboard.agent_commands import PlayTune
 from onboard.bus.schema import Order, OrderOutcome, Severity
-from onboard.events import PlayTune
 from onboard.flight import contact, sentences
 from onboard.flight.context import FlightContext
 from onboard.flight.flight_table import CAUSE, TABLE, Row, Text

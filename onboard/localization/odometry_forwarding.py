@@ -13,9 +13,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from onboard.agent_commands import SendOdometry
 from onboard.autopilot import Landed, Snapshot
 from onboard.bus.schema import MocapPose, Vec3
-from onboard.events import SendOdometry
 from onboard.frames import enu_from_ned
 
 # PX4 requires 30 to 50 Hz, and each message passes MAVSDK as text, which is slow. A tick may be

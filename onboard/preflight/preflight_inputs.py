@@ -5,13 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from onboard.autopilot import Snapshot, Vec4
-from onboard.bus.authority import GROUND, WATCHER
-from onboard.bus.roles import Role
-from onboard.bus.schema import MocapPose, Telemetry
-from onboard.events import (
+from onboard.agent_inputs import (
+    AgentInput,
     ClocksCompared,
-    EventIn,
     LoopTimed,
     MocapProblemChanged,
     NeighbourReceived,
@@ -20,6 +16,10 @@ from onboard.events import (
     PoseReceived,
     SnapshotReceived,
 )
+from onboard.autopilot import Snapshot, Vec4
+from onboard.bus.authority import GROUND, WATCHER
+from onboard.bus.roles import Role
+from onboard.bus.schema import MocapPose, Telemetry
 from onboard.neighbours.duplicate_agents import DuplicateAgents
 
 RECORDER = "recorder"  # first word of the bus node of a recorder
@@ -77,7 +77,7 @@ class PreflightInputs:
         """Whether another agent has published for this vehicle in the last seconds."""
         return self._duplicate_ns is not None and now_ns - self._duplicate_ns < _DUPLICATE_FOR_NS
 
-    def hear(self, event: EventIn) -> None:
+    def hear(self, event: AgentInput) -> None:
         """Take an event; most kinds change nothing here."""
         match event:
             case PoseReceived(pose, received_ns) if pose.body == self.body and pose.is_tracked:

@@ -8,9 +8,9 @@ import math
 from collections.abc import Iterable
 from dataclasses import replace
 
+from onboard.agent_inputs import AgentInput
 from onboard.bus.schema import PreflightReport
 from onboard.config.fleet import FleetConfig, Vehicle
-from onboard.events import EventIn
 from onboard.flight import takeover
 from onboard.flight.context import FlightContext
 from onboard.flight.types import FlightView
@@ -70,7 +70,7 @@ class PreflightReporter:
         """Vehicles for which two agents publish."""
         return self._inputs.duplicates
 
-    def hear(self, event: EventIn) -> None:
+    def hear(self, event: AgentInput) -> None:
         """Take an event of the agent, of whatever kind."""
         self._inputs.hear(event)
 

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from onboard import events as ev
+from onboard import agent_commands, agent_inputs
 from onboard.agent.control_step import PipelineInputs
 from onboard.agent.core import AgentCore
 from onboard.arrays import BoolArray
@@ -133,7 +133,7 @@ class AgentShell:
         self._reads_in_bulk = len(fleet.enabled_names) >= BULK_FROM
         self.is_hung = self.is_running = self.has_backlog = False
         self._lives = 0
-        self._inbox: deque[ev.EventIn] = deque(maxlen=_MAX_EVENTS)
+        self._inbox: deque[agent_inputs.AgentInput] = deque(maxlen=_MAX_EVENTS)
         self._orders: list[
             tuple[Order | Malformed | UntrustedOrder, Callable[[OrderReply], None]]
         ] = []
@@ -181,7 +181,7 @@ class AgentShell:
 
     def request_stop(self) -> None:
         """SIGTERM: land first if in the air."""
-        self._inbox.append(ev.ShutdownRequested())
+        self._inbox.append(agent_inputs.ShutdownRequested())
 
     @property
     def index(self) -> int:
@@ -216,17 +216,17 @@ class AgentShell:
                 return
             if not isinstance(message, (StateMessage, Telemetry)) or message.vehicle != other:
                 is_claim = not isinstance(message, Malformed)
-                inbox.append(ev.MessagesCounted(malformed=not is_claim, refused=is_claim))
+                inbox.append(agent_inputs.MessagesCounted(malformed=not is_claim, refused=is_claim))
             elif other != name or message.boot_id != boot_id:
-                inbox.append(ev.NeighbourReceived(message, now_ns()))
+                inbox.append(agent_inputs.NeighbourReceived(message, now_ns()))
 
         def pose(_topic: Topic, _body: str, message: Message | Malformed) -> None:
             if isinstance(message, MocapPose):
-                inbox.append(ev.PoseReceived(message, now_ns()))
+                inbox.append(agent_inputs.PoseReceived(message, now_ns()))
 
         def all_poses(_topic: Topic, _name: str, message: Message | Malformed) -> None:
             if isinstance(message, MocapPoses):
-                inbox.append(ev.AllPosesReceived(message.poses, now_ns()))
+                inbox.append(agent_inputs.AllPosesReceived(message.poses, now_ns()))
 
         self._on_neighbour, self._on_pose, node.is_interested = neighbour, pose, is_interested
         if self._reads_in_bulk:
@@ -239,7 +239,9 @@ class AgentShell:
             node.subscribe(Topic.MOCAP, vehicle.body, pose)
         node.subscribe(Topic.ALL_POSES, "*", all_poses)
         node.serve_orders(name, self._order_received)
-        node.watch_alive(lambda other, is_alive: inbox.append(ev.NodeChanged(other, is_alive)))
+        node.watch_alive(
+            lambda other, is_alive: inbox.append(agent_inputs.NodeChanged(other, is_alive))
+        )
 
     def _order_received(
         self, message: Order | Malformed | UntrustedOrder, reply: Callable[[OrderReply], None]
@@ -249,8 +251,8 @@ class AgentShell:
         elif isinstance(message, Order):
             self._replies[message.order_id] = reply
             now_ns = self._bus.now_ns()
-            self.core.handle(ev.SnapshotReceived(self.link.snapshot()), now_ns)
-            self._execute(self.core.handle(ev.OrderReceived(message), now_ns))
+            self.core.handle(agent_inputs.SnapshotReceived(self.link.snapshot()), now_ns)
+            self._execute(self.core.handle(agent_inputs.OrderReceived(message), now_ns))
 
     def receive_later(self, arrivals: Sequence[Arrivals]) -> None:
         """Put messages into the inbox one by one: they wait for a loop that stands still."""
@@ -273,7 +275,7 @@ class AgentShell:
             commands = handle(inbox.popleft(), now_ns)
             if commands:
                 self._execute(commands)
-        handle(ev.SnapshotReceived(self.link.snapshot()), now_ns)
+        handle(agent_inputs.SnapshotReceived(self.link.snapshot()), now_ns)
         return self.core.begin_tick(now_ns)
 
     def end_tick(self, memory: PipelineMemory, tick: Tick, now_ns: int) -> None:
@@ -288,41 +290,41 @@ class AgentShell:
         if self._ticks % _STATISTICS_TICKS == 0:
             periods = sorted(self._periods_ms)
             p50, p99 = (periods[round(share * (len(periods) - 1))] for share in (0.5, 0.99))
-            self.core.handle(ev.LoopTimed(p50, p99, periods[-1], self._late), now_ns)
+            self.core.handle(agent_inputs.LoopTimed(p50, p99, periods[-1], self._late), now_ns)
 
-    def _execute(self, commands: list[ev.Command]) -> None:
+    def _execute(self, commands: list[agent_commands.Command]) -> None:
         link = self.link
         for command in commands:
             match command:
-                case ev.SendAttitude(setpoint):
+                case agent_commands.SendAttitude(setpoint):
                     link.send_attitude(setpoint)
-                case ev.Publish(topic, message):
+                case agent_commands.Publish(topic, message):
                     self.node.publish(topic, self.name, message)
-                case ev.Follow(names):
+                case agent_commands.Follow(names):
                     self._followed = names
-                case ev.SendOdometry(position, quaternion, std_m, resets):
+                case agent_commands.SendOdometry(position, quaternion, std_m, resets):
                     link.send_odometry(position, quaternion, std_m, resets)
-                case ev.Reply(answer):
+                case agent_commands.Reply(answer):
                     reply = self._replies.pop(answer.order_id, None)
                     if reply is not None:
                         reply(answer)
-                case ev.WatchBodies(bodies):
+                case agent_commands.WatchBodies(bodies):
                     vehicle = self.core.vehicle
                     own = (vehicle.body,) if vehicle.mocap_required and vehicle.body else ()
                     self.node.follow(Topic.MOCAP, (*own, *bodies), self._on_pose)
-                case ev.SetOffboard():
+                case agent_commands.SetOffboard():
                     link.set_offboard()
-                case ev.Arm():
+                case agent_commands.Arm():
                     link.arm()
-                case ev.Disarm():
+                case agent_commands.Disarm():
                     link.disarm()
-                case ev.Px4Land():
+                case agent_commands.Px4Land():
                     link.land()
-                case ev.Kill():
+                case agent_commands.Kill():
                     link.kill()
-                case ev.RequestHeartbeat():
+                case agent_commands.RequestHeartbeat():
                     link.request_heartbeat()
-                case ev.PlayTune():
+                case agent_commands.PlayTune():
                     link.play_tune()
-                case ev.Exit():
+                case agent_commands.Exit():
                     self.kill()

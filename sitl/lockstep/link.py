@@ -17,9 +17,9 @@ from typing import Any, cast
 
 import numpy as np
 
+from onboard.agent_inputs import ParamsRead
 from onboard.autopilot import Landed, Snapshot, Vec3, Vec4
 from onboard.config.fleet import Vehicle
-from onboard.events import ParamsRead
 from onboard.frames import (
     enu_flu_from_ned_frd,
     ned_frd_from_enu_flu,

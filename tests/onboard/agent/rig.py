@@ -12,7 +12,7 @@ import msgspec
 import numpy as np
 from msgspec.structs import replace
 
-from onboard import events as ev
+from onboard import agent_commands, agent_inputs
 from onboard.agent.core import AgentCore
 from onboard.autopilot import Landed, Snapshot
 from onboard.bus.schema import (
@@ -96,7 +96,7 @@ class Rig:
     velocity: np.ndarray = field(default_factory=lambda: np.zeros(3))
     is_armed: bool = False
     mode: str = "HOLD"
-    sent: list[tuple[int, ev.Command]] = field(default_factory=list)
+    sent: list[tuple[int, agent_commands.Command]] = field(default_factory=list)
     events: list[Event] = field(default_factory=list)
     telemetry: Telemetry | None = None
     state: StateMessage | None = None
@@ -112,8 +112,8 @@ class Rig:
 
     def __post_init__(self) -> None:
         self.core.preflight.is_warm = True
-        self.core.handle(ev.ParamsRead(()), self.now_ns)
-        self.core.handle(ev.NodeChanged("ground-1", True), self.now_ns)
+        self.core.handle(agent_inputs.ParamsRead(()), self.now_ns)
+        self.core.handle(agent_inputs.NodeChanged("ground-1", True), self.now_ns)
 
     # -- the world --
 
@@ -173,7 +173,7 @@ class Rig:
                 else self.snapshot.position_accuracy_ns,
                 battery_ns=now if self.sends_battery else self.snapshot.battery_ns,
             )
-        self.core.handle(ev.SnapshotReceived(self.snapshot), now)
+        self.core.handle(agent_inputs.SnapshotReceived(self.snapshot), now)
         heard_ns = self.core.neighbours.last_heard_ns
         if self.has_mocap:
             self.pose()
@@ -215,33 +215,33 @@ class Rig:
             quaternion_enu_flu_wxyz=self._true(self.snapshot.quaternion_enu_flu_wxyz),
         )
         sample = msgspec.structs.replace(sample, **changes)
-        self.take(self.core.handle(ev.PoseReceived(sample, self.now_ns), self.now_ns))
+        self.take(self.core.handle(agent_inputs.PoseReceived(sample, self.now_ns), self.now_ns))
 
-    def take(self, commands: list[ev.Command]) -> None:
+    def take(self, commands: list[agent_commands.Command]) -> None:
         """Let PX4 and the listeners act on commands."""
         for command in commands:
             self.sent.append((self.now_ns, command))
             match command:
-                case ev.SendAttitude(setpoint):
+                case agent_commands.SendAttitude(setpoint):
                     self.setpoint = setpoint if self.obeys else self.setpoint
                     self._last_setpoint_ns = self.now_ns
-                case ev.SetOffboard() if self.accepts_offboard:
+                case agent_commands.SetOffboard() if self.accepts_offboard:
                     self.mode = "OFFBOARD"
-                case ev.Arm() if self.accepts_arm and self.mode == "OFFBOARD":
+                case agent_commands.Arm() if self.accepts_arm and self.mode == "OFFBOARD":
                     self.is_armed = True
-                case ev.Disarm() if self.position[2] <= self.floor_m + 1e-6:
+                case agent_commands.Disarm() if self.position[2] <= self.floor_m + 1e-6:
                     self.is_armed = False
-                case ev.Kill():
+                case agent_commands.Kill():
                     self.is_armed = False
-                case ev.RequestHeartbeat():
+                case agent_commands.RequestHeartbeat():
                     self._heartbeat = (self.now_ns, self.is_armed, self.mode)
-                case ev.Px4Land():
+                case agent_commands.Px4Land():
                     self.mode = "LAND"
-                case ev.Publish(Topic.EVENT, Event() as event):
+                case agent_commands.Publish(Topic.EVENT, Event() as event):
                     self.events.append(event)
-                case ev.Publish(Topic.TELEMETRY, Telemetry() as telemetry):
+                case agent_commands.Publish(Topic.TELEMETRY, Telemetry() as telemetry):
                     self.telemetry = telemetry
-                case ev.Publish(Topic.STATE, StateMessage() as state):
+                case agent_commands.Publish(Topic.STATE, StateMessage() as state):
                     self.state = state
 
     def _true(self, believed: Quaternion) -> Quaternion:
@@ -291,9 +291,11 @@ class Rig:
             deadline_ns=int(fields.pop("deadline_ns", self.now_ns + 10**9)),  # type: ignore[call-overload]
             **fields,  # type: ignore[arg-type]
         )
-        commands = self.core.handle(ev.OrderReceived(order), self.now_ns)
+        commands = self.core.handle(agent_inputs.OrderReceived(order), self.now_ns)
         self.take(commands)
-        (reply,) = [command.reply for command in commands if isinstance(command, ev.Reply)]
+        (reply,) = [
+            command.reply for command in commands if isinstance(command, agent_commands.Reply)
+        ]
         return reply
 
     def fly(self) -> None:

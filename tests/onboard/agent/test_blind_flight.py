@@ -7,7 +7,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from onboard import events as ev
+from onboard import agent_commands
 from onboard.flight.state_machine import begin_failsafe
 from onboard.flight.types import FlightView, Step
 from onboard.safety.failsafe_table import Action
@@ -41,7 +41,7 @@ def test_it_brakes_sinks_and_lands_by_itself_and_tells_its_state_with_an_accurac
     assert rig.velocity[2] > -1.1
     rig.until("landed")
     assert rig.now_ns - lost_ns < 9_000_000_000
-    assert rig.count(ev.Px4Land) == 0
+    assert rig.count(agent_commands.Px4Land) == 0
     assert np.hypot(*(rig.position - lost_m)[:2]) < 0.8
 
 
@@ -58,7 +58,9 @@ def test_poses_that_are_back_within_0_6_s_let_the_order_go_on() -> None:
 
 
 @pytest.mark.parametrize("step", [Step.CLIMB, Step.ARRIVED])
-def test_a_short_loss_in_a_climb_or_in_hover_ends_where_it_was_going_to_be(step: Step) -> None:
+def test_a_short_loss_in_a_climb_or_in_hover_ends_where_it_was_going_to_be(
+    step: Step,
+) -> None:
     rig = Rig()
     rig.until("ready")
     rig.order("takeoff", height_m=1.0)
@@ -91,7 +93,7 @@ def test_poses_that_are_back_later_do_not_end_the_landing_nor_hand_it_to_px4(bac
     rig.run(back_s)
     rig.has_mocap = True
     rig.until("landed")
-    assert rig.count(ev.Px4Land) == 0
+    assert rig.count(agent_commands.Px4Land) == 0
 
 
 def test_in_a_landing_it_goes_on_sinking_and_an_order_to_land_changes_nothing() -> None:
@@ -115,9 +117,9 @@ def test_px4_lands_what_is_still_in_the_air_after_six_seconds() -> None:
 
     rig.after_move = keep_up
     rig.run(5.9)
-    assert rig.count(ev.Px4Land) == 0
+    assert rig.count(agent_commands.Px4Land) == 0
     rig.run(0.3)
-    assert rig.count(ev.Px4Land) == 1
+    assert rig.count(agent_commands.Px4Land) == 1
     rig.run(1.0)
     assert rig.state is not None
     assert rig.state.is_valid  # where PX4's own motion has led since
@@ -134,11 +136,11 @@ def test_on_the_ground_the_thrust_stays_off_and_nothing_is_handed_to_px4() -> No
     setpoints = [
         command.setpoint
         for t, command in rig.sent
-        if isinstance(command, ev.SendAttitude) and t > contact_ns
+        if isinstance(command, agent_commands.SendAttitude) and t > contact_ns
     ]
     assert len(setpoints) > 140
     assert {setpoint.thrust_frac for setpoint in setpoints} == {0.0}
-    assert rig.count(ev.Px4Land) == 0
+    assert rig.count(agent_commands.Px4Land) == 0
 
 
 def test_px4s_height_that_comes_back_up_on_the_ground_is_no_landing_that_rises() -> None:
@@ -154,7 +156,7 @@ def test_px4s_height_that_comes_back_up_on_the_ground_is_no_landing_that_rises()
     rig.after_move = drift
     rig.run(2.5)
     assert rig.core.flight.step is Step.CONTACT
-    assert rig.count(ev.Px4Land) == 0
+    assert rig.count(agent_commands.Px4Land) == 0
 
 
 def test_a_start_whose_poses_stop_at_lift_off_ends_on_the_ground() -> None:
@@ -166,4 +168,4 @@ def test_a_start_whose_poses_stop_at_lift_off_ends_on_the_ground() -> None:
     rig.has_mocap = False
     rig.until("landed")
     assert rig.position[2] < 0.01
-    assert rig.count(ev.Px4Land) == 0
+    assert rig.count(agent_commands.Px4Land) == 0

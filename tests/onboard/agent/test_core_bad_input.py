@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from onboard import events as ev
+from onboard import agent_commands, agent_inputs
 from onboard.autopilot import Snapshot
 from onboard.bus.schema import MocapPose, Order, OrderReply, StateMessage, Telemetry
 from tests.onboard.agent.rig import Rig
@@ -67,17 +67,17 @@ class Listener:
         self.rig = rig
         self.tilt_cos = math.cos(math.radians(rig.core.vehicle.max_tilt_deg + 1.0))
 
-    def check(self, commands: list[ev.Command]) -> None:
+    def check(self, commands: list[agent_commands.Command]) -> None:
         for command in commands:
             match command:
-                case ev.SendAttitude(setpoint):
+                case agent_commands.SendAttitude(setpoint):
                     q, thrust = np.asarray(setpoint.quaternion_wxyz), setpoint.thrust_frac
                     assert np.isfinite(q).all()
                     assert 0.0 <= thrust <= 1.0
                     assert 1.0 - 2.0 * (q[1] ** 2 + q[2] ** 2) >= self.tilt_cos
-                case ev.SendOdometry(position, quaternion, _):
+                case agent_commands.SendOdometry(position, quaternion, _):
                     assert np.isfinite([*position, *quaternion]).all()
-                case ev.Publish(_, message):
+                case agent_commands.Publish(_, message):
                     msgspec.msgpack.encode(message)
         self.rig.take(commands)
 
@@ -122,7 +122,9 @@ def test_no_stream_of_messages_brings_the_core_down_or_a_wrong_setpoint_out_of_i
         kind = data.draw(st.sampled_from(kinds))
         if kind == "snapshot":
             listener.check(
-                core.handle(ev.SnapshotReceived(_snapshot(rig.snapshot, data.draw)), rig.now_ns)
+                core.handle(
+                    agent_inputs.SnapshotReceived(_snapshot(rig.snapshot, data.draw)), rig.now_ns
+                )
             )
             listener.check(core.tick(rig.now_ns + 1_000_000))
         elif kind == "tick":
@@ -131,14 +133,14 @@ def test_no_stream_of_messages_brings_the_core_down_or_a_wrong_setpoint_out_of_i
         else:
             message = _example(rig, kind)
             message = _changed(message, data.draw) if data.draw(st.booleans()) else message
-            event: ev.EventIn
+            event: agent_inputs.AgentInput
             if isinstance(message, MocapPose):
-                event = ev.PoseReceived(message, rig.now_ns)
+                event = agent_inputs.PoseReceived(message, rig.now_ns)
             elif isinstance(message, Order):
-                event = ev.OrderReceived(message)
+                event = agent_inputs.OrderReceived(message)
             else:
                 assert isinstance(message, (StateMessage, Telemetry))
-                event = ev.NeighbourReceived(message, rig.now_ns)
+                event = agent_inputs.NeighbourReceived(message, rig.now_ns)
             listener.check(core.handle(event, rig.now_ns))
         rig.step()
         listener.check(core.tick(rig.now_ns + 2_000_000))
@@ -161,14 +163,14 @@ def test_a_px4_that_tells_nonsense_ends_the_flight_as_a_silent_one_and_reads_as_
     changes: dict[str, Any],
 ) -> None:
     rig = moving()
-    rig.core.handle(ev.SnapshotReceived(replace(rig.snapshot, **changes)), rig.now_ns)
+    rig.core.handle(agent_inputs.SnapshotReceived(replace(rig.snapshot, **changes)), rig.now_ns)
     rig.run(0.1)
     assert rig.core.flight.state == "flying"  # once is never
     handle = rig.core.handle
 
-    def nonsense(event: ev.EventIn, now_ns: int) -> list[ev.Command]:
-        if isinstance(event, ev.SnapshotReceived):
-            event = ev.SnapshotReceived(replace(event.snapshot, **changes))
+    def nonsense(event: agent_inputs.AgentInput, now_ns: int) -> list[agent_commands.Command]:
+        if isinstance(event, agent_inputs.SnapshotReceived):
+            event = agent_inputs.SnapshotReceived(replace(event.snapshot, **changes))
         return handle(event, now_ns)
 
     rig.core.handle = nonsense  # type: ignore[method-assign]
@@ -186,9 +188,9 @@ def test_preflight_says_what_is_wrong_with_a_px4_that_is_thousands_of_kilometres
     rig = Rig()
     handle = rig.core.handle
 
-    def far(event: ev.EventIn, now_ns: int) -> list[ev.Command]:
-        if isinstance(event, ev.SnapshotReceived):
-            event = ev.SnapshotReceived(
+    def far(event: agent_inputs.AgentInput, now_ns: int) -> list[agent_commands.Command]:
+        if isinstance(event, agent_inputs.SnapshotReceived):
+            event = agent_inputs.SnapshotReceived(
                 replace(event.snapshot, position_local_ned_m=(5227321.5, 1067127.6, 0.0))
             )
         return handle(event, now_ns)
@@ -208,7 +210,7 @@ def test_a_neighbour_that_sends_nonsense_is_ignored_counted_and_then_silent(kind
     before = rig.core.neighbours.counts.malformed
     for bad in (math.nan, math.inf, 1e300):
         message = msgspec.structs.replace(good, position_enu_m=(bad, 0.0, 1.0))
-        rig.core.handle(ev.NeighbourReceived(message, rig.now_ns), rig.now_ns)
+        rig.core.handle(agent_inputs.NeighbourReceived(message, rig.now_ns), rig.now_ns)
         rig.step()
     assert rig.core.neighbours.counts.malformed == before + 3
     assert rig.core.flight.state == "flying"

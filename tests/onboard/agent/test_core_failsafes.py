@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from onboard import events as ev
+from onboard import agent_commands, agent_inputs
 from onboard.autopilot import Landed
 from onboard.flight.types import Step
 from onboard.supervision.conditions import BUS_LOST_S
@@ -17,7 +17,11 @@ from tests.onboard.agent.rig import HOVER, Rig
 
 
 def _setpoints(rig: Rig, since_ns: int) -> list[tuple[int, AttitudeSetpoint]]:
-    return [(t, c.setpoint) for t, c in rig.sent if isinstance(c, ev.SendAttitude) and t > since_ns]
+    return [
+        (t, c.setpoint)
+        for t, c in rig.sent
+        if isinstance(c, agent_commands.SendAttitude) and t > since_ns
+    ]
 
 
 def test_a_short_gap_of_the_mocap_is_flown_through() -> None:
@@ -39,7 +43,7 @@ def test_when_px4_leaves_offboard_the_agent_is_silent_and_says_who_flies(mode: s
     rig.run(1.2)
     told_ns = rig.now_ns
     rig.run(2.0)
-    assert rig.count(ev.SendAttitude, told_ns) == 0
+    assert rig.count(agent_commands.SendAttitude, told_ns) == 0
     assert mode in rig.core.flight.reason or rig.core.flight.state == "landed"
     assert rig.core.flight.state in ("failed", "landed")
     assert not rig.order("move", position_enu_m=(1.0, 0.0, 1.0)).is_accepted
@@ -60,7 +64,7 @@ def test_a_lost_bus_holds_and_then_lands_in_place() -> None:
     rig.fly()
     rig.order("move", position_enu_m=(-3.0, 0.0, 1.0))
     rig.run(1.5)
-    rig.core.handle(ev.NodeChanged("ground-1", False), rig.now_ns)
+    rig.core.handle(agent_inputs.NodeChanged("ground-1", False), rig.now_ns)
     rig.has_bus = False
     rig.run(BUS_LOST_S + 0.5)
     assert rig.core.flight.state == "holding"
@@ -75,7 +79,7 @@ def test_a_lost_ground_station_changes_nothing_in_flight() -> None:
     rig = Rig()
     rig.fly()
     reply = rig.order("move", position_enu_m=(1.0, 0.0, 1.0))
-    rig.core.handle(ev.NodeChanged("ground-1", False), rig.now_ns)
+    rig.core.handle(agent_inputs.NodeChanged("ground-1", False), rig.now_ns)
     rig.run(8.0)
     assert rig.outcomes()[reply.order_id] == "done"
     assert rig.core.flight.state == "flying"
@@ -84,23 +88,25 @@ def test_a_lost_ground_station_changes_nothing_in_flight() -> None:
 def test_when_nobody_is_there_to_order_for_long_it_lands_and_a_watcher_does_not_count() -> None:
     rig = Rig()
     rig.fly()
-    rig.core.handle(ev.NodeChanged("ground-2", True), rig.now_ns)
-    rig.core.handle(ev.NodeChanged("watcher-1", True), rig.now_ns)
-    rig.core.handle(ev.NodeChanged("ground-1", False), rig.now_ns)
+    rig.core.handle(agent_inputs.NodeChanged("ground-2", True), rig.now_ns)
+    rig.core.handle(agent_inputs.NodeChanged("watcher-1", True), rig.now_ns)
+    rig.core.handle(agent_inputs.NodeChanged("ground-1", False), rig.now_ns)
     rig.run(61.0)
     assert rig.core.flight.state == "flying"  # another ground is there
-    rig.core.handle(ev.NodeChanged("ground-2", False), rig.now_ns)
+    rig.core.handle(agent_inputs.NodeChanged("ground-2", False), rig.now_ns)
     rig.run(25.0)
-    rig.core.handle(ev.NodeChanged("ground-1", True), rig.now_ns)  # it was stopped for that long
+    rig.core.handle(
+        agent_inputs.NodeChanged("ground-1", True), rig.now_ns
+    )  # it was stopped for that long
     rig.run(1.0)
-    rig.core.handle(ev.NodeChanged("ground-1", False), rig.now_ns)
+    rig.core.handle(agent_inputs.NodeChanged("ground-1", False), rig.now_ns)
     rig.run(59.5)
     assert rig.core.flight.state == "flying"
     rig.run(1.0)
     assert rig.core.flight.step is Step.DESCENT
     assert rig.core.flight.reason == "Ground station lost for long: landing."
     rig.until("landed")
-    assert rig.count(ev.Px4Land) == 0
+    assert rig.count(agent_commands.Px4Land) == 0
 
 
 def _starting(step: Step) -> Rig:
@@ -113,11 +119,12 @@ def _starting(step: Step) -> Rig:
 
 
 @pytest.mark.parametrize(
-    "step", [Step.TAKEOFF_OFFBOARD, Step.TAKEOFF_ARMING, Step.ARMED, Step.LIFTOFF]
+    "step",
+    [Step.TAKEOFF_OFFBOARD, Step.TAKEOFF_ARMING, Step.ARMED, Step.LIFTOFF],
 )
 def test_no_start_is_completed_without_anybody(step: Step) -> None:
     rig = _starting(step)
-    rig.core.handle(ev.NodeChanged("ground-1", False), rig.now_ns)
+    rig.core.handle(agent_inputs.NodeChanged("ground-1", False), rig.now_ns)
     highest_m = 0.0
     for _ in range(500):
         rig.step()
@@ -157,7 +164,7 @@ def test_a_neighbour_under_another_law_is_not_counted_on_and_passed_slowly() -> 
                 rig.state, is_cooperative=True, predicted_position_enu_m=(3.0, 3.0, 1.0), **same
             )
             for message in (state, replace(rig.telemetry, **same, **tells)):
-                rig.core.handle(ev.NeighbourReceived(message, rig.now_ns), rig.now_ns)
+                rig.core.handle(agent_inputs.NeighbourReceived(message, rig.now_ns), rig.now_ns)
             if number > 8:
                 (neighbour,) = neighbours.snapshot(rig.now_ns)
                 assert neighbour.is_cooperative is (law == "covey"), (law, number)
@@ -192,7 +199,7 @@ def test_a_flight_without_landed_states_is_said_and_its_landing_ends_by_px4s_wor
     landing = rig.order("land")
     rig.until("landed")
     assert rig.outcomes()[landing.order_id] == "done"
-    assert rig.count(ev.Px4Land) == 0
+    assert rig.count(agent_commands.Px4Land) == 0
 
 
 def test_a_px4_that_reports_the_ground_in_flight_is_landed_before_it_disarms() -> None:
@@ -276,7 +283,7 @@ def test_a_stalled_loop_holds_and_a_long_one_leaves_the_landing_to_px4() -> None
     stalled_ns = rig.now_ns
     rig.run(0.5)
     assert rig.core.flight.state == "landing"
-    assert rig.count(ev.SendAttitude, stalled_ns) == 0
+    assert rig.count(agent_commands.SendAttitude, stalled_ns) == 0
 
 
 @pytest.mark.parametrize(
@@ -312,10 +319,10 @@ def test_a_bad_mocap_sample_between_good_ones_moves_nothing(changes: dict[str, o
 def test_an_exception_in_ticks_is_told_and_the_next_tick_levels_nothing_on_the_ground() -> None:
     rig = Rig()
     rig.until("ready")
-    rig.core.handle(ev.TickFailed("Internal error: test."), rig.now_ns)
+    rig.core.handle(agent_inputs.TickFailed("Internal error: test."), rig.now_ns)
     rig.run(0.1)
     assert any(event.code == "tick-failed" for event in rig.events)
-    assert rig.count(ev.SendAttitude) == 0
+    assert rig.count(agent_commands.SendAttitude) == 0
 
 
 def test_every_setpoint_of_a_flight_with_everything_going_wrong_is_finite_and_bounded() -> None:
@@ -343,6 +350,6 @@ def test_a_vehicle_that_fell_stops_thrusting_instead_of_flying_on_from_the_groun
     assert rig.position[2] == 0.0
     quiet_ns = rig.now_ns
     rig.run(1.0)
-    assert rig.count(ev.SendAttitude, quiet_ns) == 0
+    assert rig.count(agent_commands.SendAttitude, quiet_ns) == 0
     assert rig.core.flight.state in ("failed", "landed")
     assert any(event.severity == "critical" for event in rig.events)

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from onboard import events as ev
+from onboard import agent_commands, agent_inputs
 from onboard.agent.core import AgentCore
 from onboard.autopilot import Landed
 from tests.onboard.agent.rig import Rig, fleet
@@ -53,12 +53,12 @@ def test_it_arms_only_after_a_heartbeat_has_said_offboard() -> None:
     rig.accepts_offboard = False
     rig.order("takeoff", height_m=1.0)
     rig.run(2.0)
-    assert rig.count(ev.SetOffboard) >= 1
-    assert rig.count(ev.Arm) == 0
+    assert rig.count(agent_commands.SetOffboard) >= 1
+    assert rig.count(agent_commands.Arm) == 0
     rig.mode = "OFFBOARD"
     asked_ns = rig.now_ns
     rig.run(1.1)
-    assert rig.count(ev.Arm, asked_ns) >= 1
+    assert rig.count(agent_commands.Arm, asked_ns) >= 1
 
 
 def test_there_is_no_thrust_before_a_heartbeat_has_said_armed() -> None:
@@ -68,7 +68,9 @@ def test_there_is_no_thrust_before_a_heartbeat_has_said_armed() -> None:
     rig.order("takeoff", height_m=1.0)
     rig.run(4.0)
     setpoints = [
-        command.setpoint for _, command in rig.sent if isinstance(command, ev.SendAttitude)
+        command.setpoint
+        for _, command in rig.sent
+        if isinstance(command, agent_commands.SendAttitude)
     ]
     assert len(setpoints) > 100
     assert max(float(setpoint.thrust_frac) for setpoint in setpoints) == 0.0
@@ -90,19 +92,19 @@ def test_a_px4_that_accepts_and_does_nothing_fails_the_order_in_words(
     assert any(word in event.sentence for event in rig.events)
     assert rig.position[2] == 0.0
     silent_since_ns = rig.now_ns - 1_000_000_000
-    assert rig.count(ev.SendAttitude, silent_since_ns) == 0
+    assert rig.count(agent_commands.SendAttitude, silent_since_ns) == 0
 
 
 def test_no_setpoint_leaves_before_an_order_or_after_the_landing() -> None:
     rig = Rig()
     rig.run(3.0)
-    assert rig.count(ev.SendAttitude) == 0
+    assert rig.count(agent_commands.SendAttitude) == 0
     rig.fly()
     rig.order("land")
     rig.until("landed")
     landed_ns = rig.now_ns
     rig.run(2.0)
-    assert rig.count(ev.SendAttitude, landed_ns) == 0
+    assert rig.count(agent_commands.SendAttitude, landed_ns) == 0
 
 
 @pytest.mark.parametrize("error_deg", [-120.0, -20.0, 35.0, 170.0])
@@ -162,21 +164,21 @@ def test_armed_on_the_ground_it_waits_and_says_when_px4_disarms_by_itself() -> N
 def test_asked_to_stop_in_the_air_it_lands_first_and_then_ends() -> None:
     rig = Rig()
     rig.fly()
-    rig.core.handle(ev.ShutdownRequested(), rig.now_ns)
+    rig.core.handle(agent_inputs.ShutdownRequested(), rig.now_ns)
     rig.run(1.0)
     assert rig.core.flight.state == "landing"
-    assert rig.count(ev.Exit) == 0
+    assert rig.count(agent_commands.Exit) == 0
     rig.until("landed")
     rig.run(0.1)
-    assert rig.count(ev.Exit) >= 1
+    assert rig.count(agent_commands.Exit) >= 1
 
 
 def test_asked_to_stop_on_the_ground_it_ends_at_once() -> None:
     rig = Rig()
     rig.run(0.5)
-    rig.core.handle(ev.ShutdownRequested(), rig.now_ns)
+    rig.core.handle(agent_inputs.ShutdownRequested(), rig.now_ns)
     rig.step()
-    assert rig.count(ev.Exit) == 1
+    assert rig.count(agent_commands.Exit) == 1
 
 
 def test_a_kill_in_the_air_is_a_critical_event_with_author_and_node_and_one_on_the_ground_is_none() -> (
@@ -201,7 +203,7 @@ def test_kill_is_repeated_until_px4_is_disarmed() -> None:
     rig = Rig()
     rig.fly()
     rig.order("kill")
-    assert rig.count(ev.Kill) == 1
+    assert rig.count(agent_commands.Kill) == 1
     rig.run(1.5)
     assert not rig.is_armed
     assert "done" in rig.outcomes().values()
@@ -217,7 +219,7 @@ def test_an_agent_started_while_the_vehicle_flies_stays_silent_and_says_so() -> 
     rig.run(0.3)
     assert rig.core.flight.state == "failed"
     assert "without this agent" in rig.core.flight.reason
-    assert rig.count(ev.SendAttitude) == 0
+    assert rig.count(agent_commands.SendAttitude) == 0
 
 
 def test_the_state_message_says_cooperative_only_while_the_law_flies() -> None:
@@ -246,7 +248,7 @@ def test_locate_plays_a_tune_and_changes_nothing_else_also_by_its_former_name(
     before = (rig.core.flight.state, rig.core.flight.step, rig.core.flight.order)
     reply = rig.order(kind)
     assert reply.is_accepted
-    assert rig.count(ev.PlayTune) == 1
+    assert rig.count(agent_commands.PlayTune) == 1
     assert rig.outcomes()[reply.order_id] == "done"
     assert (rig.core.flight.state, rig.core.flight.step, rig.core.flight.order) == before
     assert any("does not confirm" in event.sentence for event in rig.events)
@@ -296,7 +298,7 @@ def test_a_landing_that_does_not_come_down_is_handed_to_px4() -> None:
 
     rig.after_move = hanging
     rig.run((rig.core.flight.deadline_ns - rig.now_ns) * 1e-9 + 0.5)
-    assert rig.count(ev.Px4Land) >= 1
+    assert rig.count(agent_commands.Px4Land) >= 1
     assert rig.outcomes()[order.order_id] == "timed out"
     rig.after_move = lambda: None
     rig.until("landed")
@@ -308,14 +310,18 @@ def test_a_failsafes_disarming_is_asked_for_until_px4_says_that_it_is_disarmed()
     rig.order("arm")
     rig.until("armed")
     since_ns = rig.now_ns
-    rig.core.handle(ev.ShutdownRequested(), rig.now_ns)
+    rig.core.handle(agent_inputs.ShutdownRequested(), rig.now_ns)
     take = rig.take
     rig.take = lambda commands: take(
-        [c for c in commands if not isinstance(c, ev.Disarm) or rig.now_ns - since_ns > 3e9]
+        [
+            c
+            for c in commands
+            if not isinstance(c, agent_commands.Disarm) or rig.now_ns - since_ns > 3e9
+        ]
     )  # type: ignore[method-assign]
     rig.run(6.0)
     assert not rig.is_armed
-    asked = [when for when, command in rig.sent if isinstance(command, ev.Disarm)]
+    asked = [when for when, command in rig.sent if isinstance(command, agent_commands.Disarm)]
     assert asked
     assert not any(when > asked[-1] + 2 * 10**9 for when in asked)
 
@@ -327,7 +333,11 @@ def test_a_kill_switch_in_flight_ends_the_flight_and_is_never_undone() -> None:
     rig.run(1.2)
     told_ns = rig.now_ns
     rig.run(3.0)
-    assert rig.count(ev.Arm, told_ns) == rig.count(ev.SendAttitude, told_ns) == 0
+    assert (
+        rig.count(agent_commands.Arm, told_ns)
+        == rig.count(agent_commands.SendAttitude, told_ns)
+        == 0
+    )
     assert "disarmed in flight" in rig.core.flight.reason
     assert rig.core.flight.state in ("failed", "landed")
 
@@ -336,7 +346,7 @@ def test_a_pilot_who_takes_the_vehicle_from_px4s_landing_is_not_fought() -> None
     rig = Rig()
     rig.fly()
     for _ in range(30):
-        rig.core.handle(ev.TickFailed("broken"), rig.now_ns)
+        rig.core.handle(agent_inputs.TickFailed("broken"), rig.now_ns)
         rig.step()
     assert rig.mode == "LAND"
     rig.run(1.1)  # a heartbeat has told it
@@ -345,5 +355,5 @@ def test_a_pilot_who_takes_the_vehicle_from_px4s_landing_is_not_fought() -> None
     rig.run(1.1)
     told_ns = rig.now_ns
     rig.run(2.5)
-    assert rig.count(ev.Px4Land, told_ns) == 0
+    assert rig.count(agent_commands.Px4Land, told_ns) == 0
     assert "POSCTL" in rig.core.flight.reason

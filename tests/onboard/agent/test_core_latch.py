@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from onboard import events as ev
+from onboard import agent_commands
 from onboard.flight.context import FlightContext
 from onboard.flight.types import Step
 from onboard.safety.failsafe_table import TABLE, Action, Condition, Situation
@@ -114,11 +114,11 @@ def check_row(condition: Condition, situation: Situation, patch: pytest.MonkeyPa
     setpoints = [
         command.setpoint
         for when, command in rig.sent
-        if isinstance(command, ev.SendAttitude) and when > began_ns
+        if isinstance(command, agent_commands.SendAttitude) and when > began_ns
     ]
     if action in (Action.PX4_LAND, Action.STOP):
         assert not setpoints, row
-        assert (rig.count(ev.Px4Land, began_ns) > 0) is (action is Action.PX4_LAND), row
+        assert (rig.count(agent_commands.Px4Land, began_ns) > 0) is (action is Action.PX4_LAND), row
     if action is Action.LEVEL:
         assert [float(one.quaternion_wxyz[0]) for one in setpoints] == pytest.approx([1.0]), row
     if action is Action.SLOW:

@@ -8,7 +8,7 @@ import itertools
 
 import pytest
 
-from onboard import events as ev
+from onboard import agent_commands
 from tests.onboard.agent.rig import DT_NS, Rig
 
 LOSS_NS = 300_000_000
@@ -25,7 +25,7 @@ def setpoints(rig: Rig, since_ns: int) -> list[int]:
     return [
         stamp - since_ns
         for stamp, command in rig.sent
-        if isinstance(command, ev.SendAttitude) and stamp > since_ns
+        if isinstance(command, agent_commands.SendAttitude) and stamp > since_ns
     ]
 
 
@@ -56,7 +56,7 @@ def test_after_a_stall_in_which_px4_began_to_land_it_is_left_to_land(stall_ms: i
     begin_ns = rig.now_ns
     rig.run(1.5)
     assert setpoints(rig, begin_ns) == []
-    assert rig.count(ev.SetOffboard, begin_ns) == 0
+    assert rig.count(agent_commands.SetOffboard, begin_ns) == 0
     rig.until("landed")
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from msgspec.structs import replace
 
-from onboard import events as ev
+from onboard import agent_inputs
 from onboard.agent.inbox import Inbox
 from onboard.bus.codec import Malformed
 from onboard.bus.topics import Topic
@@ -28,13 +28,13 @@ def test_what_is_malformed_in_anothers_name_or_missing_is_counted() -> None:
     assert len(inbox.events) == 6
     inbox.neighbour_received(Topic.STATE, "mav2", message)  # the key of mav2, the name of mav1
     inbox.neighbour_received(Topic.SLOW_TELEMETRY, "mav1", Malformed("garbage", 7))
-    assert inbox.take_counts() == ev.MessagesCounted(malformed=1, refused=1, dropped=2)
+    assert inbox.take_counts() == agent_inputs.MessagesCounted(malformed=1, refused=1, dropped=2)
     # it was not followed meanwhile
     inbox.neighbour_received(Topic.STATE, "mav1", replace(message, sequence=400))
     # it has started anew
     inbox.neighbour_received(Topic.STATE, "mav1", replace(message, sequence=1))
     inbox.neighbour_received(Topic.STATE, "mav1", replace(message, sequence=2))
-    assert inbox.take_counts() == ev.MessagesCounted()
+    assert inbox.take_counts() == agent_inputs.MessagesCounted()
 
 
 def test_a_flood_pushes_out_the_oldest_and_is_counted() -> None:

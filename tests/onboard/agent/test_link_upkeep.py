@@ -9,7 +9,7 @@ from collections.abc import Mapping
 
 import pytest
 
-from onboard import events as ev
+from onboard import agent_inputs
 from onboard.agent import link_upkeep
 from onboard.agent.link_upkeep import LinkUpkeep
 from onboard.autopilot import Snapshot
@@ -52,13 +52,13 @@ class MuteLink:
         return dict(names) | ({"SIM_BAT_MIN_PCT": 30.0} if "SIM_BAT_MIN_PCT" in names else {})
 
 
-async def events_until(link: MuteLink, reads: int) -> list[ev.EventIn]:
+async def events_until(link: MuteLink, reads: int) -> list[agent_inputs.AgentInput]:
     """What the upkeep tells until it has read parameters so often."""
     vehicle = CONFIG.vehicles["mav0"]
-    told = asyncio.Queue[ev.EventIn]()
+    told = asyncio.Queue[agent_inputs.AgentInput]()
     flight = FlightContext(CONFIG, vehicle)
     upkeep = LinkUpkeep(vehicle, link, flight, told.put_nowait, applies_params=False)  # type: ignore[arg-type]
-    events: list[ev.EventIn] = []
+    events: list[agent_inputs.AgentInput] = []
     upkeep.start()
     try:
         async with asyncio.timeout(10.0):
@@ -87,5 +87,5 @@ async def test_only_a_simulated_px4_is_asked_where_its_battery_stops(
 ) -> None:
     link = MuteLink(is_simulated=is_simulated)
     event = (await events_until(link, 1))[0]
-    assert event == ev.ParamsRead((), pytest.approx(floor_frac))
+    assert event == agent_inputs.ParamsRead((), pytest.approx(floor_frac))
     assert ("SIM_BAT_MIN_PCT" in link.read[0]) == is_simulated

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from onboard.agent.lost_ends import LostEnds
+from onboard.agent_commands import Command, Publish
 from onboard.bus.schema import Event
 from onboard.bus.topics import Topic
-from onboard.events import Command, Publish
 
 S = 1_000_000_000
 

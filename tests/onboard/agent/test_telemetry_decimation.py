@@ -9,7 +9,7 @@ from typing import Any, cast
 import msgspec
 import pytest
 
-from onboard import events as ev
+from onboard import agent_commands
 from onboard.agent.command_executor import CommandExecutor
 from onboard.agent.inbox import Inbox
 from onboard.agent.telemetry_decimation import TelemetryDecimation
@@ -92,7 +92,7 @@ def test_an_agent_hears_whom_it_follows_often_and_only_the_others_slowly() -> No
     executor = CommandExecutor(
         "mav1", ["mav0", "mav2", "mav3"], cast(Any, None), bus, inbox, lambda: None
     )
-    executor.execute([ev.Follow(frozenset({"mav0", "mav2"}))])
+    executor.execute([agent_commands.Follow(frozenset({"mav0", "mav2"}))])
     executor.stop()
     # under its own name it would hear another agent for the same vehicle
     assert followed == [(Topic.STATE, {"mav0", "mav2"}), (Topic.FAR, {"mav1", "mav3"})]

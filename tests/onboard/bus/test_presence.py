@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from onboard import events as ev
+from onboard import agent_inputs
 from onboard.agent.inbox import Inbox
 from onboard.bus.presence import Presence
 from onboard.bus.protocol import OnAlive
@@ -71,14 +71,14 @@ def inbox(bus: _Bus) -> Inbox:
 def test_thousands_of_false_names_cost_each_tick_little_and_push_nothing_out(
     inbox: Inbox, bus: _Bus, prefix: str
 ) -> None:
-    inbox.notices.append(ev.ShutdownRequested())
+    inbox.notices.append(agent_inputs.ShutdownRequested())
     for is_alive in (True, False):
         for number in range(8000):
             bus.on_alive(f"{prefix}{number}", is_alive)
     bus.on_alive("ground-1", True)
     first = inbox.nodes_changed()
-    assert ev.NodeChanged("ground-1", True) in first  # what came last is taken first
+    assert agent_inputs.NodeChanged("ground-1", True) in first  # what came last is taken first
     assert len(first) <= 50
-    assert list(inbox.notices) == [ev.ShutdownRequested()]
+    assert list(inbox.notices) == [agent_inputs.ShutdownRequested()]
     left = [change for _ in range(200) for change in inbox.nodes_changed()]
     assert not any(change.is_alive for change in left)

@@ -10,7 +10,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from onboard import events as ev
+from onboard import agent_commands
 from onboard.autopilot import Landed
 from onboard.flight.types import Step
 from onboard.frames import body_up
@@ -125,4 +125,4 @@ def test_on_ground_of_any_height_it_is_level_at_once_and_disarmed_within_three_s
     assert max(tilt_deg for _, tilt_deg in tilts) < 12.0
     rig.until("landed")
     assert rig.outcomes()["land"] == "done"
-    assert rig.count(ev.Px4Land) == 0
+    assert rig.count(agent_commands.Px4Land) == 0

@@ -8,7 +8,7 @@ from typing import get_args
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from onboard import events as ev
+from onboard import agent_commands
 from onboard.autopilot import Landed, Snapshot
 from onboard.bus.schema import LOCATE, Event, Order, OrderKind, PathOrder
 from onboard.control.path import path_of
@@ -82,10 +82,10 @@ class Machine:
         to arm.
         """
         for command in self.flight.take_commands():
-            if isinstance(command, (ev.Arm, ev.SetOffboard)):
+            if isinstance(command, (agent_commands.Arm, agent_commands.SetOffboard)):
                 assert self.flight.is_streaming, self.flight.step
             if (
-                isinstance(command, ev.Publish)
+                isinstance(command, agent_commands.Publish)
                 and isinstance(command.message, Event)
                 and command.message.order_outcome
             ):

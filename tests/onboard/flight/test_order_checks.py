@@ -6,7 +6,7 @@ import math
 
 import msgspec
 
-from onboard import events as ev
+from onboard import agent_commands, agent_inputs
 from onboard.agent.core import AgentCore
 from onboard.bus.schema import Telemetry
 from tests.onboard.agent.rig import Rig, fleet
@@ -16,7 +16,7 @@ def _neighbour(rig: Rig, **changes: object) -> None:
     base = rig.telemetry
     assert base is not None
     message: Telemetry = msgspec.structs.replace(base, vehicle="mav1", **changes)
-    rig.core.handle(ev.NeighbourReceived(message, rig.now_ns), rig.now_ns)
+    rig.core.handle(agent_inputs.NeighbourReceived(message, rig.now_ns), rig.now_ns)
 
 
 FLYING: list[tuple[str, dict[str, object], str]] = [
@@ -63,7 +63,7 @@ def test_a_vehicle_on_the_ground_refuses() -> None:
         assert not reply.is_accepted, (kind, fields)
         assert words in reply.reason, (kind, fields)
     rig.run(0.5)
-    assert rig.count(ev.SendAttitude) == 0
+    assert rig.count(agent_commands.SendAttitude) == 0
 
 
 def test_a_vehicle_that_is_not_ready_says_the_first_reason() -> None:
@@ -81,7 +81,8 @@ def test_a_vehicle_that_is_not_ready_says_the_first_reason() -> None:
 def test_wrong_parameters_of_px4_refuse_the_take_off() -> None:
     rig = Rig()
     rig.core.handle(
-        ev.ParamsRead(("PX4 parameter COM_OF_LOSS_T is 1, this fleet needs 0.3.",)), rig.now_ns
+        agent_inputs.ParamsRead(("PX4 parameter COM_OF_LOSS_T is 1, this fleet needs 0.3.",)),
+        rig.now_ns,
     )
     rig.run(0.5)
     assert "COM_OF_LOSS_T" in rig.order("takeoff", height_m=1.0).reason
@@ -165,7 +166,7 @@ def test_land_after_giving_up_lets_px4_land() -> None:
     reply = rig.order("land")
     assert reply.is_accepted
     rig.until("landed")
-    assert rig.count(ev.Px4Land) >= 1
+    assert rig.count(agent_commands.Px4Land) >= 1
     assert rig.outcomes()[reply.order_id] == "done"
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from groundstation.orders.path_orders import parts_of
 from groundstation.paths.pieces import fitted
-from onboard import events as ev
+from onboard import agent_inputs
 from onboard.agent.core import AgentCore
 from onboard.bus.schema import PathOrder
 from onboard.control.path import Path, path_id, point_at, to_bytes
@@ -191,7 +191,7 @@ def test_a_path_is_flown_to_its_end_without_the_ground() -> None:
     path = line()
     rig = following(path)
     rig.run(2.0)
-    rig.core.handle(ev.NodeChanged("ground-1", False), rig.now_ns)
+    rig.core.handle(agent_inputs.NodeChanged("ground-1", False), rig.now_ns)
     rig.run(path.duration_s + 1.0)
     assert rig.outcomes()["show"] == "done"
     assert rig.position[0] == pytest.approx(2.0, abs=0.1)

@@ -8,7 +8,7 @@ import math
 
 import pytest
 
-from onboard import events as ev
+from onboard import agent_commands
 from onboard.bus.schema import OrderKind
 from onboard.flight.types import Step
 from onboard.frames import body_up
@@ -49,7 +49,7 @@ def test_what_is_stopped_in_the_climb_rises_hardly_and_never_above_the_ordered_h
     assert _highest_m(rig) < min(before_m + NO_FARTHER_M, HEIGHT_M + 0.01)
     rig.run(4.0)
     assert rig.outcomes()["stop"] == "done"
-    assert rig.count(ev.Px4Land) == 0
+    assert rig.count(agent_commands.Px4Land) == 0
 
 
 def test_a_fast_climb_that_a_landing_ends_is_no_landing_that_rises() -> None:
@@ -60,7 +60,7 @@ def test_a_fast_climb_that_a_landing_ends_is_no_landing_that_rises() -> None:
     assert _highest_m(rig, 1.5) > before_m + 0.5
     rig.until("landed")
     assert rig.outcomes()["stop"] == "done"
-    assert rig.count(ev.Px4Land) == 0
+    assert rig.count(agent_commands.Px4Land) == 0
 
 
 def test_a_landing_that_goes_on_rising_is_left_to_px4() -> None:

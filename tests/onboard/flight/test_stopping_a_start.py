@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from onboard import events as ev
+from onboard import agent_commands, agent_inputs
 from onboard.bus.schema import OrderKind
 from onboard.flight.types import Step
 from tests.onboard.agent.rig import Rig
@@ -44,7 +44,9 @@ def test_land_hold_and_disarm_each_end_a_start_that_is_not_armed_yet() -> None:
                 assert not rig.is_armed, case
                 assert not rig.has_flown, case
                 assert (
-                    rig.count(ev.Arm, stopped_ns) == rig.count(ev.SetOffboard, stopped_ns) == 0
+                    rig.count(agent_commands.Arm, stopped_ns)
+                    == rig.count(agent_commands.SetOffboard, stopped_ns)
+                    == 0
                 ), case
                 assert rig.outcomes()["start"] == "superseded", case
                 assert rig.outcomes()["stop"] == "done", case
@@ -90,7 +92,7 @@ def test_disarm_acts_on_confirmed_ground_and_is_refused_in_the_air() -> None:
     rig = Rig()
     rig.fly()
     for _ in range(30):
-        rig.core.handle(ev.TickFailed("broken"), rig.now_ns)
+        rig.core.handle(agent_inputs.TickFailed("broken"), rig.now_ns)
         rig.step()
     assert rig.core.flight.step is Step.PX4_LANDING
     assert not rig.order("disarm").is_accepted

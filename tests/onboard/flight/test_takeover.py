@@ -7,7 +7,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from onboard import events as ev
+from onboard import agent_commands, agent_inputs
 from tests.onboard.agent.rig import Rig
 from tests.onboard.state_messages import state_message
 
@@ -38,7 +38,12 @@ def test_an_agent_that_finds_its_vehicle_in_the_air_sends_nothing_and_says_what_
     assert rig.core.flight.state == "failed"
     assert "PX4 flies without this agent" in rig.core.flight.reason
     assert "hold" in rig.core.flight.reason
-    assert rig.count(ev.SendAttitude) == rig.count(ev.SetOffboard) == rig.count(ev.Arm) == 0
+    assert (
+        rig.count(agent_commands.SendAttitude)
+        == rig.count(agent_commands.SetOffboard)
+        == rig.count(agent_commands.Arm)
+        == 0
+    )
     assert rig.state is not None
     assert rig.state.is_airborne, "the others must avoid it"
     assert not rig.state.is_cooperative
@@ -57,11 +62,13 @@ def test_it_takes_over_from_px4s_hold_without_a_jolt() -> None:
     assert rig.core.flight.state == "holding"
     assert rig.outcomes()["take"] == "done"
     assert farthest_m < 0.05
-    first = next(stamp for stamp, command in rig.sent if isinstance(command, ev.SetOffboard))
+    first = next(
+        stamp for stamp, command in rig.sent if isinstance(command, agent_commands.SetOffboard)
+    )
     streamed = [
         stamp
         for stamp, command in rig.sent
-        if isinstance(command, ev.SendAttitude) and stamp < first
+        if isinstance(command, agent_commands.SendAttitude) and stamp < first
     ]
     assert len(streamed) >= 10, "PX4 must know setpoints before it is asked to follow them"
     assert min(streamed) > begin_ns
@@ -77,7 +84,7 @@ def test_it_takes_over_from_no_other_mode(mode: str) -> None:
     assert not reply.is_accepted
     assert mode in reply.reason
     rig.run(1.0)
-    assert rig.count(ev.SendAttitude) == rig.count(ev.SetOffboard) == 0
+    assert rig.count(agent_commands.SendAttitude) == rig.count(agent_commands.SetOffboard) == 0
 
 
 @pytest.mark.parametrize(
@@ -85,7 +92,9 @@ def test_it_takes_over_from_no_other_mode(mode: str) -> None:
     [
         (lambda rig: setattr(rig, "has_mocap", False), "position"),
         (
-            lambda rig: rig.core.handle(ev.ParamsRead(("COM_OF_LOSS_T is 1.",)), rig.now_ns),
+            lambda rig: rig.core.handle(
+                agent_inputs.ParamsRead(("COM_OF_LOSS_T is 1.",)), rig.now_ns
+            ),
             "COM_OF_LOSS_T",
         ),
         (lambda rig: setattr(rig, "has_autopilot", False), "PX4"),
@@ -100,7 +109,7 @@ def test_it_takes_over_nothing_that_it_does_not_know_well_enough(spoil: object, 
     assert not reply.is_accepted
     assert words in reply.reason
     rig.run(1.0)
-    assert rig.count(ev.SendAttitude) == 0
+    assert rig.count(agent_commands.SendAttitude) == 0
 
 
 def test_a_px4_that_does_not_enter_offboard_is_left_alone() -> None:
@@ -112,7 +121,7 @@ def test_a_px4_that_does_not_enter_offboard_is_left_alone() -> None:
     assert rig.core.flight.state == "failed"
     since_ns = rig.now_ns
     rig.run(2.0)
-    assert rig.count(ev.SendAttitude, since_ns) == 0
+    assert rig.count(agent_commands.SendAttitude, since_ns) == 0
 
 
 def test_a_vehicle_on_the_ground_is_not_taken_over() -> None:
@@ -122,9 +131,9 @@ def test_a_vehicle_on_the_ground_is_not_taken_over() -> None:
     assert not reply.is_accepted
 
 
-def twin(rig: Rig) -> ev.NeighbourReceived:
+def twin(rig: Rig) -> agent_inputs.NeighbourReceived:
     """A message of another process under our name."""
     message = state_message(
         vehicle="mav0", boot_id=99, stamp_ns=rig.now_ns, is_airborne=False, is_cooperative=False
     )
-    return ev.NeighbourReceived(message, rig.now_ns)
+    return agent_inputs.NeighbourReceived(message, rig.now_ns)

@@ -6,9 +6,9 @@ from __future__ import annotations
 
 import pytest
 
+from onboard.agent_commands import Publish
 from onboard.autopilot import Landed, Snapshot
 from onboard.bus.schema import Event, Order
-from onboard.events import Publish
 from onboard.flight import effects, state_machine
 from onboard.flight.context import FlightContext
 from onboard.flight.types import FlightView, Step

@@ -9,7 +9,7 @@ import math
 import pytest
 from msgspec.structs import replace
 
-from onboard import events as ev
+from onboard import agent_commands
 from onboard.autopilot import Landed, Snapshot, Vec3
 from onboard.localization.px4_position_check import Px4PositionCheck
 from tests.onboard.agent.rig import Rig
@@ -108,7 +108,7 @@ def test_a_pose_that_jumps_for_good_is_never_believed_in_flight_and_the_others_h
         assert rig.state.is_valid
         assert math.dist(rig.state.position_enu_m[:2], there[:2]) < 0.3
     assert rig.core.flight.state == "landed"
-    assert rig.count(ev.Px4Land) == 0
+    assert rig.count(agent_commands.Px4Land) == 0
     assert not rig.state.is_cooperative
     assert rig.state.position_std_m >= 0.3
     assert rig.telemetry is not None

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import msgspec
 
-from onboard import events as ev
+from onboard import agent_commands, agent_inputs
 from onboard.agent.core import AgentCore
 from onboard.bus.schema import StateMessage
 from onboard.config.fleet import FleetConfig
@@ -70,7 +70,8 @@ def test_the_law_goes_aside_for_a_disabled_vehicle() -> None:
 
     def tell() -> None:
         rig.core.handle(
-            ev.NeighbourReceived(_state(rig.now_ns, rig.tick_count), rig.now_ns), rig.now_ns
+            agent_inputs.NeighbourReceived(_state(rig.now_ns, rig.tick_count), rig.now_ns),
+            rig.now_ns,
         )
 
     rig.fly()
@@ -92,4 +93,4 @@ def test_a_disabled_vehicle_refuses_to_arm_and_says_why() -> None:
         reply = rig.order(kind)  # type: ignore[arg-type]
         assert not reply.is_accepted
     assert any("disables this vehicle" in reason for reason in rig.core.preflight.not_ready)
-    assert rig.count(ev.Arm) == rig.count(ev.SetOffboard) == 0
+    assert rig.count(agent_commands.Arm) == rig.count(agent_commands.SetOffboard) == 0

@@ -6,7 +6,7 @@ import pickle
 
 import msgspec
 
-from onboard import events as ev
+from onboard import agent_commands, agent_inputs
 from onboard.agent.core import AgentCore
 from onboard.bus.schema import Telemetry
 from onboard.neighbours.duplicate_agents import DuplicateAgents
@@ -27,7 +27,7 @@ def other(boot_id: int) -> Rig:
 
 
 def hear(rig: Rig, message: Telemetry) -> None:
-    rig.core.handle(ev.NeighbourReceived(message, rig.now_ns), rig.now_ns)
+    rig.core.handle(agent_inputs.NeighbourReceived(message, rig.now_ns), rig.now_ns)
 
 
 def test_a_restart_is_one_agent_after_the_other_and_an_earlier_one_that_comes_back_makes_two() -> (
@@ -78,14 +78,14 @@ def test_an_agent_in_flight_flies_on_when_a_second_one_appears_and_the_second_on
         hear(rig, msgspec.structs.replace(told(rig), boot_id=99))
         rig.run(0.1)
     assert rig.core.flight.state in ("flying", "holding")
-    assert rig.count(ev.SendAttitude, begin_ns) == 100
+    assert rig.count(agent_commands.SendAttitude, begin_ns) == 100
     assert any(event.code == "twin" for event in rig.events)
     newcomer = Rig(position=rig.position.copy(), is_armed=True, mode="OFFBOARD")
     newcomer.has_flown = True
     newcomer.run(0.5)
     assert (
-        newcomer.count(ev.SendAttitude)
-        == newcomer.count(ev.SetOffboard)
-        == newcomer.count(ev.Px4Land)
+        newcomer.count(agent_commands.SendAttitude)
+        == newcomer.count(agent_commands.SetOffboard)
+        == newcomer.count(agent_commands.Px4Land)
         == 0
     )

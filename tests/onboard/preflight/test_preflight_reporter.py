@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from onboard import events as ev
+from onboard import agent_commands, agent_inputs
 from onboard.agent.core import AgentCore
 from onboard.bus.schema import PreflightReport, Telemetry
 from onboard.bus.topics import Topic
@@ -27,7 +27,7 @@ def reports(rig: Rig) -> list[PreflightReport]:
     return [
         command.message
         for _, command in rig.sent
-        if isinstance(command, ev.Publish)
+        if isinstance(command, agent_commands.Publish)
         and command.topic is Topic.PREFLIGHT
         and isinstance(command.message, PreflightReport)
     ]
@@ -62,18 +62,19 @@ def swap_body(rig: Rig) -> None:
 def second_agent(rig: Rig) -> None:
     assert rig.state is not None
     other = msgspec.structs.replace(rig.state, boot_id=99)
-    rig.core.handle(ev.NeighbourReceived(other, rig.now_ns), rig.now_ns)
+    rig.core.handle(agent_inputs.NeighbourReceived(other, rig.now_ns), rig.now_ns)
 
 
 def neighbour(rig: Rig, **changes: object) -> None:
     assert rig.telemetry is not None
     message: Telemetry = msgspec.structs.replace(rig.telemetry, vehicle="mav1", **changes)
-    rig.core.handle(ev.NeighbourReceived(message, rig.now_ns), rig.now_ns)
+    rig.core.handle(agent_inputs.NeighbourReceived(message, rig.now_ns), rig.now_ns)
 
 
 def wrong_parameter(rig: Rig) -> None:
     rig.core.handle(
-        ev.ParamsRead(("PX4 parameter COM_OF_LOSS_T is 1, this fleet needs 0.3.",)), rig.now_ns
+        agent_inputs.ParamsRead(("PX4 parameter COM_OF_LOSS_T is 1, this fleet needs 0.3.",)),
+        rig.now_ns,
     )
 
 
@@ -102,11 +103,11 @@ def drop_attitudes(rig: Rig) -> None:
     rates, original = itertools.count(), rig.core.handle
     kept: list[int] = [0]
 
-    def handle(event: ev.EventIn, now_ns: int) -> list[ev.Command]:
-        if isinstance(event, ev.SnapshotReceived):
+    def handle(event: agent_inputs.AgentInput, now_ns: int) -> list[agent_commands.Command]:
+        if isinstance(event, agent_inputs.SnapshotReceived):
             if next(rates) % 5 == 0:
                 kept[0] = now_ns
-            event = ev.SnapshotReceived(replace(event.snapshot, attitude_ns=kept[0]))
+            event = agent_inputs.SnapshotReceived(replace(event.snapshot, attitude_ns=kept[0]))
         return original(event, now_ns)
 
     rig.core.handle = handle  # type: ignore[method-assign]
@@ -115,9 +116,9 @@ def drop_attitudes(rig: Rig) -> None:
 def px4_elsewhere(rig: Rig) -> None:
     original = rig.core.handle
 
-    def handle(event: ev.EventIn, now_ns: int) -> list[ev.Command]:
-        if isinstance(event, ev.SnapshotReceived):
-            event = ev.SnapshotReceived(
+    def handle(event: agent_inputs.AgentInput, now_ns: int) -> list[agent_commands.Command]:
+        if isinstance(event, agent_inputs.SnapshotReceived):
+            event = agent_inputs.SnapshotReceived(
                 replace(event.snapshot, position_local_ned_m=(0.0, 2.0, 0.0))
             )
         return original(event, now_ns)
@@ -171,7 +172,7 @@ def test_each_broken_thing_shows_in_its_own_line_and_refuses_the_take_off(name: 
     )
     assert rig.telemetry is not None
     assert rig.telemetry.not_ready == (reply.reason,)
-    assert rig.count(ev.Arm) == 0
+    assert rig.count(agent_commands.Arm) == 0
 
 
 def test_the_time_before_px4_spoke_makes_no_slow_link() -> None:
@@ -203,7 +204,7 @@ def test_own_messages_that_come_back_are_no_second_agent() -> None:
     rig = ready()
     assert rig.state is not None
     for _ in range(60):
-        rig.core.handle(ev.NeighbourReceived(rig.state, rig.now_ns), rig.now_ns)
+        rig.core.handle(agent_inputs.NeighbourReceived(rig.state, rig.now_ns), rig.now_ns)
         rig.run(0.02)
     assert refusals(rig) == {}
 
@@ -266,12 +267,12 @@ def test_a_recorder_on_the_bus_is_noticed_and_a_missing_one_is_only_advice() -> 
     assert {
         name for name, is_ok, _, remedy in reports(rig)[-1].checks if is_ok and remedy
     } == ADVICE
-    rig.core.handle(ev.NodeChanged("recorder-17", True), rig.now_ns)
+    rig.core.handle(agent_inputs.NodeChanged("recorder-17", True), rig.now_ns)
     rig.run(1.5)
     assert {name for name, is_ok, _, remedy in reports(rig)[-1].checks if is_ok and remedy} == {
         "kill switch"
     }
-    rig.core.handle(ev.NodeChanged("recorder-17", False), rig.now_ns)
+    rig.core.handle(agent_inputs.NodeChanged("recorder-17", False), rig.now_ns)
     rig.run(1.5)
     assert rig.core.flight.state == "ready"
 
@@ -280,10 +281,12 @@ def test_a_computer_whose_clock_is_not_measured_refuses_until_it_is_and_the_grou
     None
 ):
     rig = ready()
-    rig.core.handle(ev.ClocksCompared({"ground-1": math.inf, "mocap": math.inf}), rig.now_ns)
+    rig.core.handle(
+        agent_inputs.ClocksCompared({"ground-1": math.inf, "mocap": math.inf}), rig.now_ns
+    )
     rig.run(1.5)
     assert refusals(rig) == {"clock": "The clock of mocap is not measured yet."}
-    rig.core.handle(ev.ClocksCompared({"ground-1": math.inf, "mocap": 0.03}), rig.now_ns)
+    rig.core.handle(agent_inputs.ClocksCompared({"ground-1": math.inf, "mocap": 0.03}), rig.now_ns)
     rig.run(1.5)
     assert refusals(rig) == {}
     assert (

@@ -11,7 +11,7 @@ from typing import Any
 
 import msgspec
 
-from onboard import events as ev
+from onboard import agent_inputs
 from onboard.autopilot import Landed
 from onboard.bus.schema import Message, MocapPose, StateMessage, Telemetry
 from onboard.bus.topics import Topic
@@ -124,7 +124,7 @@ def tick_fails(count: int) -> Inject:
         def fail() -> None:
             core = flight.agents[name].core
             core.handle(
-                ev.TickFailed("Internal error: ZeroDivisionError: injected."),
+                agent_inputs.TickFailed("Internal error: ZeroDivisionError: injected."),
                 flight.simulation.now_ns,
             )
 

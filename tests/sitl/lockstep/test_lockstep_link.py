@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from onboard.events import ParamsRead
+from onboard.agent_inputs import ParamsRead
 from onboard.frames import (
     enu_flu_from_ned_frd,
     quaternion_from_yaw,

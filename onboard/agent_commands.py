@@ -1,0 +1,112 @@
+"""What the agent's core has its shell do: frozen values, executed in the order of their list.
+
+Some go to PX4, some to the bus, one ends the process. A command that was executed is a request that
+was sent; what it led to shows in later inputs.
+"""
+
+from __future__ import annotations
+
+from msgspec import Struct
+
+from onboard.autopilot import Vec3, Vec4
+from onboard.bus.schema import Message, OrderReply
+from onboard.bus.topics import Topic
+from onboard.types import AttitudeSetpoint
+
+# -- to PX4 ----------------------------------------------------------------------------------------
+
+
+class SendAttitude(Struct, frozen=True):
+    """Send one setpoint."""
+
+    setpoint: AttitudeSetpoint  # already in PX4's heading
+
+
+class SetOffboard(Struct, frozen=True):
+    """Ask PX4 for OFFBOARD."""
+
+
+class Px4Land(Struct, frozen=True):
+    """Ask PX4 to land by itself."""
+
+
+class Arm(Struct, frozen=True):
+    """Ask PX4 to arm."""
+
+
+class Disarm(Struct, frozen=True):
+    """Ask PX4 to disarm; it refuses in the air."""
+
+
+class Kill(Struct, frozen=True):
+    """Stop the motors now."""
+
+
+class RequestHeartbeat(Struct, frozen=True):
+    """Ask PX4 for a heartbeat now, because a doubted one waits for another that agrees."""
+
+
+class PlayTune(Struct, frozen=True):
+    """Let PX4 play a tune, so that people hear which vehicle it is."""
+
+
+class SendOdometry(Struct, frozen=True):
+    """Forward a mocap pose to PX4's estimator."""
+
+    position_enu_m: Vec3
+    quaternion_enu_flu_wxyz: Vec4
+    std_m: float
+    reset_count: int = 0  # another one tells the estimator to begin anew at this pose
+
+
+# -- to the bus ------------------------------------------------------------------------------------
+
+
+class WatchBodies(Struct, frozen=True):
+    """Receive the mocap poses of exactly these other bodies from now on."""
+
+    bodies: tuple[str, ...]
+
+
+class Publish(Struct, frozen=True):
+    """Put a message on the bus under this vehicle's name."""
+
+    topic: Topic
+    message: Message
+
+
+class Follow(Struct, frozen=True):
+    """Receive the states of exactly these vehicles at full rate, those of the others slowly."""
+
+    names: frozenset[str]
+
+
+class Reply(Struct, frozen=True):
+    """Answer an order."""
+
+    reply: OrderReply
+
+
+# -- to the process --------------------------------------------------------------------------------
+
+
+class Exit(Struct, frozen=True):
+    """End the process: it was asked to, and the vehicle is on the ground."""
+
+
+Command = (
+    SendAttitude
+    | SetOffboard
+    | Px4Land
+    | Arm
+    | Disarm
+    | Kill
+    | RequestHeartbeat
+    | PlayTune
+    | SendOdometry
+    | WatchBodies
+    | Publish
+    | Follow
+    | Reply
+    | Exit
+)

@@ -1,0 +1,140 @@
+"""What reaches the agent's core from outside: frozen values, without a clock and without sockets.
+
+Poses, messages of the neighbours, orders, PX4's newest snapshot, and what the process notices about
+itself. The shell hands them to the core, one after the other, before each tick.
+
+Some twenty of them are made at every tick; a frozen Struct costs a tenth of a frozen dataclass.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from msgspec import Struct
+
+from onboard.autopilot import Snapshot
+from onboard.bus.protocol import UntrustedOrder
+from onboard.bus.schema import MocapPose, Order, StateMessage, Telemetry
+
+
+class PoseReceived(Struct, frozen=True):
+    """A mocap sample of one body."""
+
+    pose: MocapPose
+    received_ns: int  # on our clock
+
+
+class AllPosesReceived(Struct, frozen=True):
+    """Mocap samples of several bodies that came together."""
+
+    poses: tuple[MocapPose, ...]
+    received_ns: int  # on our clock
+
+
+class NeighbourReceived(Struct, frozen=True):
+    """A neighbour's state or telemetry."""
+
+    message: StateMessage | Telemetry
+    received_ns: int  # on our clock
+
+
+class OrderReceived(Struct, frozen=True):
+    """An order; the core answers it with a ``Reply`` in the same call."""
+
+    order: Order
+
+
+class OrderUntrusted(Struct, frozen=True):
+    """An order that the bus does not believe: its signature or its sender is wrong."""
+
+    order: UntrustedOrder
+
+
+class NodeChanged(Struct, frozen=True):
+    """A node appeared on the bus or left it."""
+
+    node: str
+    is_alive: bool
+
+
+class SnapshotReceived(Struct, frozen=True):
+    """Newest snapshot of the link to PX4."""
+
+    snapshot: Snapshot
+
+
+class ParamsRead(Struct, frozen=True):
+    """PX4's parameters were read and compared with the required ones."""
+
+    problems: tuple[str, ...]  # a sentence for each wrong one; empty when all are right
+    # charge at which PX4's simulated battery stops emptying; 0 for a real one
+    battery_floor_frac: float = 0.0
+
+
+class ClocksCompared(Struct, frozen=True):
+    """The clocks of the nodes on other hosts were compared with ours."""
+
+    bounds_s: Mapping[str, float]  # node -> error of its clock at most; inf: not measured yet
+
+
+class LoopTimed(Struct, frozen=True):
+    """Statistics of the control loop over the last ten seconds."""
+
+    p50_ms: float  # period: median, 99th percentile and maximum
+    p99_ms: float
+    max_ms: float
+    late_ticks: int  # since the start: ticks whose period was too long
+    lateness_p99_ms: float = 0.0  # how far behind its schedule a tick began
+    missed_ticks: int = 0  # since the start
+
+
+class MessagesCounted(Struct, frozen=True):
+    """Messages that the shell has not passed on, since the last such input.
+
+    ``message_counts.py`` says what each reason means.
+    """
+
+    malformed: int = 0
+    refused: int = 0
+    dropped: int = 0
+
+
+class TickFailed(Struct, frozen=True):
+    """The shell caught an exception of the last tick: our own bug."""
+
+    sentence: str
+
+
+class DiskChecked(Struct, frozen=True):
+    """The process looked whether this computer's disk has room left for logs and records."""
+
+    is_full: bool
+
+
+class MocapProblemChanged(Struct, frozen=True):
+    """The source that reads the mocap delivers nothing, or delivers again."""
+
+    sentence: str  # the reason; empty when it delivers again
+
+
+class ShutdownRequested(Struct, frozen=True):
+    """Somebody asks this process to end; in the air it lands first."""
+
+
+AgentInput = (
+    PoseReceived
+    | AllPosesReceived
+    | NeighbourReceived
+    | OrderReceived
+    | OrderUntrusted
+    | NodeChanged
+    | SnapshotReceived
+    | ParamsRead
+    | ClocksCompared
+    | LoopTimed
+    | MessagesCounted
+    | TickFailed
+    | DiskChecked
+    | MocapProblemChanged
+    | ShutdownRequested
+)
