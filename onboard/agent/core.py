@@ -48,7 +48,7 @@ from onboard.flight import state_machine
 from onboard.flight.context import FlightContext
 from onboard.flight.order_checks import OrderFacts
 from onboard.flight.path_flight import OtherClock, other_clocks
-from onboard.flight.types import FlightView, Step
+from onboard.flight.types import FlightStep, FlightView
 from onboard.localization.odometry_forwarding import OdometryForwarder
 from onboard.localization.own_state import OwnState
 from onboard.neighbours.table import NeighbourTable
@@ -261,7 +261,7 @@ class AgentCore:
         if now_ns < before_ns:
             context.clock_jump_ns = now_ns
         dt_s = min(max(context.period_s, _SHORTEST_S), _LONGEST_S)
-        on_ground = flight.phase is Phase.GROUND or flight.step is Step.LIFTOFF
+        on_ground = flight.phase is Phase.GROUND or flight.step is FlightStep.LIFTOFF
         thrust_frac = self._setpoints.sent_thrust_frac
         self.own.is_flown = flight.is_streaming
         self.own.update(now_ns, dt_s, self._snapshot, thrust_frac, control.hover_frac, on_ground)
@@ -366,7 +366,7 @@ class AgentCore:
     def _is_airborne(self) -> bool:
         snapshot, flight = self._snapshot, self.flight
         is_reported = snapshot.is_armed and snapshot.landed in _IN_AIR
-        return is_reported or (flight.is_under_law and flight.step is not Step.LIFTOFF)
+        return is_reported or (flight.is_under_law and flight.step is not FlightStep.LIFTOFF)
 
 
 _RECEIVERS: dict[type, Callable[[AgentCore, Any, int], list[Command]]] = {

@@ -14,7 +14,7 @@ from onboard.bus.schema import LOCATE, Order, OrderReply, Telemetry
 from onboard.flight import order_checks, state_machine
 from onboard.flight.context import FlightContext
 from onboard.flight.order_checks import OrderFacts
-from onboard.flight.types import FlightView, Step
+from onboard.flight.types import FlightStep, FlightView
 from onboard.safety.failsafe_table import Action
 from onboard.supervision.failsafe_executor import FailsafeExecutor
 
@@ -125,7 +125,7 @@ class OrderIntake:
         if not self._conflict_check_ns or view.now_ns < self._conflict_check_ns:
             return
         sentence = None
-        if flight.step is Step.LEG and flight.order is not None:
+        if flight.step is FlightStep.LEG and flight.order is not None:
             sentence = order_checks.goal_conflict(
                 flight.goal_position_enu_m, telemetries(), flight.fleet.fleet
             )

@@ -16,7 +16,7 @@ from onboard.control import path
 from onboard.control.pipeline import Phase
 from onboard.flight.contact import ContactSigns
 from onboard.flight.path_flight import PathFlight
-from onboard.flight.types import FlightView, Step
+from onboard.flight.types import FlightStep, FlightView
 from onboard.safety.failsafe_table import Situation
 from onboard.safety.report_confirmation import Expected
 from onboard.types import Goal
@@ -28,16 +28,16 @@ _CONTACT_LIMIT_S = 8.0
 _RISEN_M = 0.5  # of a landing: more than giving way takes it up
 # the same by PX4's own height, which wanders and comes back up after the touch-down
 _PX4_HEIGHT_RISEN_M = 1.5
-_NOT_YET_OFFBOARD = {Step.ARM_OFFBOARD, Step.TAKEOFF_OFFBOARD, Step.TAKEOVER}
+_NOT_YET_OFFBOARD = {FlightStep.ARM_OFFBOARD, FlightStep.TAKEOFF_OFFBOARD, FlightStep.TAKEOVER}
 _NO_GOAL = Goal(ZERO_3, 0.0, 0)
 _IN_FREE_FLIGHT = {
-    Step.LIFTOFF,
-    Step.CLIMB,
-    Step.LEG,
-    Step.PATH,
-    Step.ARRIVED,
-    Step.HOLDING,
-    Step.COASTING,
+    FlightStep.LIFTOFF,
+    FlightStep.CLIMB,
+    FlightStep.LEG,
+    FlightStep.PATH,
+    FlightStep.ARRIVED,
+    FlightStep.HOLDING,
+    FlightStep.COASTING,
 }
 
 
@@ -50,7 +50,7 @@ class FlightContext:
 
     fleet: FleetConfig
     vehicle: Vehicle
-    step: Step = Step.WAITING
+    step: FlightStep = FlightStep.WAITING
     reason: str = ""  # shown to people beside the state
     order: Order | None = None  # in progress
     goal: Goal = _NO_GOAL
@@ -70,7 +70,11 @@ class FlightContext:
     @property
     def state(self) -> AgentState:
         """State that is shown to people."""
-        return "holding" if self.step is Step.COASTING and self.order is None else self.step.state
+        return (
+            "holding"
+            if self.step is FlightStep.COASTING and self.order is None
+            else self.step.state
+        )
 
     @property
     def situation(self) -> Situation:
@@ -108,14 +112,18 @@ class FlightContext:
     def expected(self) -> Expected:
         """Reports that PX4 sends while nobody takes the vehicle away."""
         mode = (
-            "OFFBOARD" if self.must_be_offboard else "LAND" if self.step is Step.PX4_LANDING else ""
+            "OFFBOARD"
+            if self.must_be_offboard
+            else "LAND"
+            if self.step is FlightStep.PX4_LANDING
+            else ""
         )
         return Expected(self.must_be_armed, mode)
 
     @property
     def goal_position_enu_m(self) -> Vec3:
         """Point to fly to; of a path, its end."""
-        if self.step is Step.PATH and self.path.path is not None:
+        if self.step is FlightStep.PATH and self.path.path is not None:
             return path.point_at(self.path.path, math.inf).position_enu_m
         return self.goal.position_enu_m
 
@@ -125,7 +133,7 @@ class FlightContext:
         """
         is_low = view.position_enu_m[2] - self.ground_z_m < _AVOIDS_ABOVE_M
         return self.is_under_law and not (
-            is_low and self.step in (Step.LIFTOFF, Step.DESCENT, Step.SINKING)
+            is_low and self.step in (FlightStep.LIFTOFF, FlightStep.DESCENT, FlightStep.SINKING)
         )
 
     def seconds(self, view: FlightView) -> float:
@@ -144,12 +152,18 @@ class FlightContext:
         risen_m = view.position_enu_m[2] - self.lowest_m
         is_height_known = view.has_position and not view.is_blind
         limit_m = _RISEN_M if self.vehicle.mocap_required else _PX4_HEIGHT_RISEN_M
-        if self.step in (Step.DESCENT, Step.CONTACT) and is_height_known and risen_m > limit_m:
+        if (
+            self.step in (FlightStep.DESCENT, FlightStep.CONTACT)
+            and is_height_known
+            and risen_m > limit_m
+        ):
             return f"it has risen by {risen_m:.2f} m"
-        if self.step is Step.CONTACT and self.seconds(view) > _CONTACT_LIMIT_S:
+        if self.step is FlightStep.CONTACT and self.seconds(view) > _CONTACT_LIMIT_S:
             return "PX4 does not see that it is down"
         return (
-            "" if self.step in (Step.LEG, Step.DESCENT) and view.now_ns > self.deadline_ns else None
+            ""
+            if self.step in (FlightStep.LEG, FlightStep.DESCENT) and view.now_ns > self.deadline_ns
+            else None
         )
 
     def say(

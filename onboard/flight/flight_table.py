@@ -16,8 +16,8 @@ from onboard.flight import effects, sentences
 from onboard.flight import predicates as p
 from onboard.flight.context import FlightContext
 from onboard.flight.types import FlightEvent as E
+from onboard.flight.types import FlightStep as S
 from onboard.flight.types import FlightView
-from onboard.flight.types import Step as S
 
 Predicate = Callable[[FlightContext, FlightView], bool]
 Effect = Callable[[FlightContext, FlightView], None]

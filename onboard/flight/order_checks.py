@@ -16,7 +16,7 @@ from onboard.flight import path_flight, takeover
 from onboard.flight.context import FlightContext
 from onboard.flight.effects import takeoff_height_m
 from onboard.flight.state_machine import accepts
-from onboard.flight.types import FlightView, Step
+from onboard.flight.types import FlightStep, FlightView
 from onboard.safety.failsafe_table import Situation
 
 _LOWEST_GOAL_M = 0.2
@@ -70,12 +70,12 @@ _NOT_ON_GROUND = (
     "PX4 does not say that the vehicle is on the ground: order land, or kill if it must fall."
 )
 _MAY_BE_UP = {
-    Step.LIFTOFF,
-    Step.CONTACT,
-    Step.PX4_LANDING,
-    Step.FAILED,
-    Step.FAILED_DISARMING,
-    Step.KILLING,
+    FlightStep.LIFTOFF,
+    FlightStep.CONTACT,
+    FlightStep.PX4_LANDING,
+    FlightStep.FAILED,
+    FlightStep.FAILED_DISARMING,
+    FlightStep.KILLING,
 }
 
 

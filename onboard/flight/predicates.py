@@ -7,7 +7,7 @@ import math
 from onboard.flight import contact
 from onboard.flight.arrival import has_turned, is_at, is_at_rest
 from onboard.flight.context import FlightContext
-from onboard.flight.types import FlightView, Step
+from onboard.flight.types import FlightStep, FlightView
 
 CONFIRM_TIMEOUT_S = 5.0
 PATH_END_TIMEOUT_S = 15.0
@@ -280,18 +280,18 @@ def px4_landing_late(flight: FlightContext, view: FlightView) -> bool:
 def is_steady(flight: FlightContext, view: FlightView) -> bool:
     """Whether what the step waits for holds at this tick; the step counts for how long."""
     step = flight.step
-    if step is Step.PATH and flight.path.left_s > 0.0:
+    if step is FlightStep.PATH and flight.path.left_s > 0.0:
         return False
-    if step in (Step.CLIMB, Step.LEG, Step.PATH):
+    if step in (FlightStep.CLIMB, FlightStep.LEG, FlightStep.PATH):
         return at_goal(flight, view) and (
-            step is not Step.LEG or has_turned(view, flight.goal.yaw_rad)
+            step is not FlightStep.LEG or has_turned(view, flight.goal.yaw_rad)
         )
-    if step is Step.DESCENT:
+    if step is FlightStep.DESCENT:
         (x, y, _), (goal_x, goal_y, _) = view.position_enu_m, flight.goal_position_enu_m
         is_beside = math.hypot(goal_x - x, goal_y - y) > _KEPT_OFF_M
         return (
             is_beside and is_at_rest(view, flight.vehicle) and view.velocity_enu_m_s[2] > _SINKS_M_S
         )
-    if step in (Step.COASTING, Step.SINKING):
+    if step in (FlightStep.COASTING, FlightStep.SINKING):
         return view.position_enu_m[2] - flight.ground_z_m < _BLIND_CONTACT_M
-    return step is Step.HOLDING and is_at_rest(view, flight.vehicle)
+    return step is FlightStep.HOLDING and is_at_rest(view, flight.vehicle)

@@ -13,7 +13,7 @@ from onboard.flight import contact, sentences
 from onboard.flight.context import FlightContext
 from onboard.flight.flight_table import CAUSE, TABLE, Row, Text
 from onboard.flight.predicates import is_steady
-from onboard.flight.types import FlightEvent, FlightView, Step
+from onboard.flight.types import FlightEvent, FlightStep, FlightView
 from onboard.safety.failsafe_table import Action
 
 _REPEAT_NS = 1_200_000_000  # PX4 may have missed a request, or have refused it for now
@@ -31,7 +31,7 @@ _EVENT_OF_ACTION = {
 }
 
 
-def accepts(step: Step, order_kind: str) -> bool:
+def accepts(step: FlightStep, order_kind: str) -> bool:
     """Whether the table has a row for this order in this step."""
     return (step, _EVENT_OF_ORDER[order_kind]) in TABLE
 
@@ -127,7 +127,7 @@ def _apply(flight: FlightContext, view: FlightView, row: Row, cause: str = "") -
         flight.say(view, severity, code, _text(text, flight, view))
     flight.reason = cause if reason == CAUSE else reason
     if row.to is not None:
-        if flight.step is Step.PATH and row.to is not Step.PATH:
+        if flight.step is FlightStep.PATH and row.to is not FlightStep.PATH:
             flight.path.show_id = ""  # the others do not wait for it any more
         flight.step, flight.step_ns, flight.steady_ns, flight.request_ns = (
             row.to,

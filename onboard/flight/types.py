@@ -17,7 +17,7 @@ from onboard.types import TICK_S
 _LANDED_FRESH_NS = 1_500_000_000  # PX4 reports it 5 to 10 times a second
 
 
-class Step(Enum):
+class FlightStep(Enum):
     """Steps of a flight.
 
     The columns: state and text for people, situation for failsafes, phase for the pipeline, and

@@ -16,7 +16,7 @@ from onboard.config.fleet import FleetConfig, Vehicle
 from onboard.control.allocation import MAX_THRUST_FRAC
 from onboard.control.vertical import vertical_s
 from onboard.flight.context import FlightContext
-from onboard.flight.types import FlightView, Step
+from onboard.flight.types import FlightStep, FlightView
 from onboard.localization.own_state import OwnState
 from onboard.neighbours.table import NeighbourTable
 from onboard.safety.autopilot_monitor import AutopilotMonitor
@@ -165,7 +165,7 @@ class ConditionMonitor:
         if self.lasting(c.POSITION_LOST, is_lost, now_ns)[0] >= _LIVE_TICKS:
             active.add(c.POSITION_LOST)
             # on the ground PX4 would lift it off
-            if own.age_s > RECKONING_S and self.flight.step is not Step.CONTACT:
+            if own.age_s > RECKONING_S and self.flight.step is not FlightStep.CONTACT:
                 active.add(c.POSITION_LOST_LONG)
         jumps = own.jumps
         if jumps >= SWAP_JUMPS:
@@ -226,7 +226,7 @@ class ConditionMonitor:
 
     def _check_mode(self, active: set[Condition], view: FlightView) -> None:
         c, now_ns, snapshot, flight = Condition, view.now_ns, view.snapshot, self.flight
-        if flight.step is Step.PX4_LANDING:
+        if flight.step is FlightStep.PX4_LANDING:
             self._offboard_since_ns = now_ns
             is_landing = snapshot.mode == "LAND"
             if (
@@ -320,7 +320,7 @@ class ConditionMonitor:
         lowest_m = _TRACKING_BLIND_ABOVE_M if view.is_blind else _TRACKING_ABOVE_M
         if flight.situation is Situation.LANDING and not self.vehicle.mocap_required:
             lowest_m = _TRACKING_SATELLITES_ABOVE_M
-        if not flight.is_under_law or flight.step is Step.LIFTOFF or height_m < lowest_m:
+        if not flight.is_under_law or flight.step is FlightStep.LIFTOFF or height_m < lowest_m:
             tracking.reset()
             return
         tracking.update(
@@ -359,7 +359,7 @@ class ConditionMonitor:
         is_unusable = (
             accuracy_m > _UNUSABLE_M
             and not self.vehicle.mocap_required
-            and self.flight.step is not Step.CONTACT
+            and self.flight.step is not FlightStep.CONTACT
         )
         if self.lasting(c.POSITION_LOST_LONG, is_unusable, view.now_ns)[1] > _INACCURATE_S:
             self._add(active, c.POSITION_LOST_LONG, f"PX4 says {accuracy_m:.1f} m")

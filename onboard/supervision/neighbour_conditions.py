@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 from onboard.config.fleet import FleetConfig, Vec3, Vehicle
 from onboard.flight.context import FlightContext
-from onboard.flight.types import FlightView, Step
+from onboard.flight.types import FlightStep, FlightView
 from onboard.neighbours.plausibility import PlausibilityMonitor
 from onboard.neighbours.state_arrays import NeighbourRow
 from onboard.neighbours.table import NeighbourTable
@@ -90,7 +90,7 @@ class NeighbourMonitor:
                 touched = self.nearest_to(view.position_enu_m, limits.body_diameter_m, view.now_ns)
                 if touched:
                     self._add(active, Condition.COLLISION_SUSPECTED, (touched,))
-        if self.flight.step is Step.LEG:
+        if self.flight.step is FlightStep.LEG:
             if self._leg != self.flight.leg_count:
                 self._leg, self._leg_ticks = self.flight.leg_count, 0
                 self._kept_off.clear()

@@ -7,7 +7,7 @@ from onboard.bus.roles import GRANTS, Grant, Role
 from onboard.bus.topics import Topic
 from onboard.flight import flight_table
 from onboard.flight.flight_table import Effect, Predicate
-from onboard.flight.types import Step
+from onboard.flight.types import FlightStep
 from onboard.preflight import all_rules
 from onboard.px4 import required_params
 from onboard.safety import failsafe_table
@@ -39,7 +39,7 @@ def steps() -> str:
         )
     ]
     lines.append("|---" * 6 + "|")
-    for step in Step:
+    for step in FlightStep:
         streams, phase = "yes" if step.is_streaming else "no", step.phase.name.lower()
         lines.append(
             _line(_words(step.name), step.state, step.text, step.situation.value, phase, streams)
@@ -56,7 +56,7 @@ def flight() -> str:
     for row in flight_table.ROWS:
         cells = (
             "any"
-            if len(row.steps) == len(Step)
+            if len(row.steps) == len(FlightStep)
             else ", ".join(_words(step.name) for step in row.steps),
             row.event.value,
             _function_words(row.when),

@@ -9,7 +9,7 @@ import pytest
 
 from onboard import agent_commands
 from onboard.flight.state_machine import begin_failsafe
-from onboard.flight.types import FlightView, Step
+from onboard.flight.types import FlightStep, FlightView
 from onboard.safety.failsafe_table import Action
 from tests.onboard.agent.rig import Rig
 
@@ -31,9 +31,9 @@ def test_it_brakes_sinks_and_lands_by_itself_and_tells_its_state_with_an_accurac
     assert rig.state is not None
     std_m, lost_ns, lost_m = rig.state.position_std_m, rig.now_ns, rig.position.copy()
     rig.run(0.3)
-    assert rig.core.flight.step is Step.COASTING
+    assert rig.core.flight.step is FlightStep.COASTING
     rig.run(1.0)
-    assert rig.core.flight.step is Step.SINKING
+    assert rig.core.flight.step is FlightStep.SINKING
     assert rig.state.is_valid
     assert rig.state.is_cooperative
     assert rig.state.position_std_m == pytest.approx(std_m, abs=0.001)
@@ -48,7 +48,7 @@ def test_it_brakes_sinks_and_lands_by_itself_and_tells_its_state_with_an_accurac
 def test_poses_that_are_back_within_0_6_s_let_the_order_go_on() -> None:
     rig = lost()
     rig.run(0.56)
-    assert rig.core.flight.step is Step.COASTING
+    assert rig.core.flight.step is FlightStep.COASTING
     rig.has_mocap = True
     rig.run(1.0)
     assert rig.position[2] > 0.5
@@ -57,9 +57,9 @@ def test_poses_that_are_back_within_0_6_s_let_the_order_go_on() -> None:
     assert rig.outcomes()["away"] == "done"
 
 
-@pytest.mark.parametrize("step", [Step.CLIMB, Step.ARRIVED])
+@pytest.mark.parametrize("step", [FlightStep.CLIMB, FlightStep.ARRIVED])
 def test_a_short_loss_in_a_climb_or_in_hover_ends_where_it_was_going_to_be(
-    step: Step,
+    step: FlightStep,
 ) -> None:
     rig = Rig()
     rig.until("ready")
@@ -100,7 +100,7 @@ def test_in_a_landing_it_goes_on_sinking_and_an_order_to_land_changes_nothing() 
     rig = lost()
     rig.order("land")
     rig.run(0.3)
-    assert rig.core.flight.step is Step.SINKING
+    assert rig.core.flight.step is FlightStep.SINKING
     assert not rig.order("hold").is_accepted
     assert "position" in rig.order("move", position_enu_m=(1.0, 0.0, 1.0)).reason
     assert rig.order("land", order_id="down").is_accepted
@@ -129,7 +129,7 @@ def test_px4_lands_what_is_still_in_the_air_after_six_seconds() -> None:
 def test_on_the_ground_the_thrust_stays_off_and_nothing_is_handed_to_px4() -> None:
     rig = lost()
     rig.sees_ground = False  # nor does PX4 see it
-    while rig.core.flight.step is not Step.CONTACT:
+    while rig.core.flight.step is not FlightStep.CONTACT:
         rig.step()
     contact_ns = rig.now_ns
     rig.run(3.0)
@@ -146,7 +146,7 @@ def test_on_the_ground_the_thrust_stays_off_and_nothing_is_handed_to_px4() -> No
 def test_px4s_height_that_comes_back_up_on_the_ground_is_no_landing_that_rises() -> None:
     rig = lost()
     rig.sees_ground = False
-    while rig.core.flight.step is not Step.CONTACT:
+    while rig.core.flight.step is not FlightStep.CONTACT:
         rig.step()
     heights_m = iter(np.linspace(rig.position[2], rig.position[2] + 0.8, 75))
 
@@ -155,7 +155,7 @@ def test_px4s_height_that_comes_back_up_on_the_ground_is_no_landing_that_rises()
 
     rig.after_move = drift
     rig.run(2.5)
-    assert rig.core.flight.step is Step.CONTACT
+    assert rig.core.flight.step is FlightStep.CONTACT
     assert rig.count(agent_commands.Px4Land) == 0
 
 
@@ -163,7 +163,7 @@ def test_a_start_whose_poses_stop_at_lift_off_ends_on_the_ground() -> None:
     rig = Rig()
     rig.until("ready")
     rig.order("takeoff", height_m=1.0)
-    while rig.core.flight.step is not Step.LIFTOFF:
+    while rig.core.flight.step is not FlightStep.LIFTOFF:
         rig.step()
     rig.has_mocap = False
     rig.until("landed")

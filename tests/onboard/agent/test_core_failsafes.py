@@ -10,7 +10,7 @@ from msgspec.structs import replace
 
 from onboard import agent_commands, agent_inputs
 from onboard.autopilot import Landed
-from onboard.flight.types import Step
+from onboard.flight.types import FlightStep
 from onboard.supervision.conditions import BUS_LOST_S
 from onboard.types import AttitudeSetpoint
 from tests.onboard.agent.rig import HOVER, Rig
@@ -103,16 +103,16 @@ def test_when_nobody_is_there_to_order_for_long_it_lands_and_a_watcher_does_not_
     rig.run(59.5)
     assert rig.core.flight.state == "flying"
     rig.run(1.0)
-    assert rig.core.flight.step is Step.DESCENT
+    assert rig.core.flight.step is FlightStep.DESCENT
     assert rig.core.flight.reason == "Ground station lost for long: landing."
     rig.until("landed")
     assert rig.count(agent_commands.Px4Land) == 0
 
 
-def _starting(step: Step) -> Rig:
+def _starting(step: FlightStep) -> Rig:
     rig = Rig()
     rig.until("ready")
-    rig.order("arm" if step is Step.ARMED else "takeoff")
+    rig.order("arm" if step is FlightStep.ARMED else "takeoff")
     while rig.core.flight.step is not step:
         rig.step()
     return rig
@@ -120,9 +120,9 @@ def _starting(step: Step) -> Rig:
 
 @pytest.mark.parametrize(
     "step",
-    [Step.TAKEOFF_OFFBOARD, Step.TAKEOFF_ARMING, Step.ARMED, Step.LIFTOFF],
+    [FlightStep.TAKEOFF_OFFBOARD, FlightStep.TAKEOFF_ARMING, FlightStep.ARMED, FlightStep.LIFTOFF],
 )
-def test_no_start_is_completed_without_anybody(step: Step) -> None:
+def test_no_start_is_completed_without_anybody(step: FlightStep) -> None:
     rig = _starting(step)
     rig.core.handle(agent_inputs.NodeChanged("ground-1", False), rig.now_ns)
     highest_m = 0.0
@@ -130,12 +130,14 @@ def test_no_start_is_completed_without_anybody(step: Step) -> None:
         rig.step()
         highest_m = max(highest_m, rig.position[2])
     assert not rig.is_armed
-    assert highest_m < (0.5 if step is Step.LIFTOFF else 0.01)
+    assert highest_m < (0.5 if step is FlightStep.LIFTOFF else 0.01)
     assert any(event.code == "ground-lost" for event in rig.events)
 
 
-@pytest.mark.parametrize("step", [Step.TAKEOFF_OFFBOARD, Step.TAKEOFF_ARMING, Step.ARMED])
-def test_no_start_is_completed_with_a_position_that_has_jumped(step: Step) -> None:
+@pytest.mark.parametrize(
+    "step", [FlightStep.TAKEOFF_OFFBOARD, FlightStep.TAKEOFF_ARMING, FlightStep.ARMED]
+)
+def test_no_start_is_completed_with_a_position_that_has_jumped(step: FlightStep) -> None:
     rig = _starting(step)
     rig.position += (1.0, -0.8, 0.0)
     rig.run(10.0)
@@ -232,7 +234,7 @@ def test_a_landing_that_rises_again_or_that_px4_does_not_see_is_left_to_px4(
     rig = Rig()
     rig.fly()
     rig.order("land")
-    while rig.core.flight.step is not Step.CONTACT:
+    while rig.core.flight.step is not FlightStep.CONTACT:
         rig.step()
     rig.obeys = False
     assert rig.setpoint is not None

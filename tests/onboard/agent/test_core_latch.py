@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from onboard import agent_commands
 from onboard.flight.context import FlightContext
-from onboard.flight.types import Step
+from onboard.flight.types import FlightStep
 from onboard.safety.failsafe_table import TABLE, Action, Condition, Situation
 from onboard.supervision.conditions import ConditionMonitor
 from tests.onboard.agent.rig import Rig
@@ -28,7 +28,7 @@ def course(flight: FlightContext) -> int:
     if flight.state == "failed":
         return GIVEN_UP
     if flight.state in ("landing", "landed", "waiting", "ready"):
-        return Action.PX4_LAND if flight.step is Step.PX4_LANDING else Action.LAND
+        return Action.PX4_LAND if flight.step is FlightStep.PX4_LANDING else Action.LAND
     if flight.state == "holding":
         return Action.HOLD
     return Action.SLOW if flight.is_slow else Action.GO_ON

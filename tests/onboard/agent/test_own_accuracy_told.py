@@ -10,7 +10,7 @@ import msgspec
 import pytest
 
 from onboard.agent.core import AgentCore
-from onboard.flight.types import Step
+from onboard.flight.types import FlightStep
 from onboard.px4.message_parsers import PARSERS
 from tests.onboard.agent.rig import Rig, fleet
 
@@ -64,7 +64,7 @@ def test_height_that_comes_back_up_after_touch_down_ends_a_landing_only_where_a_
     rig = Rig() if has_mocap else _rig(0.4)
     rig.fly()
     rig.order("land")
-    while rig.core.flight.step is not Step.CONTACT:
+    while rig.core.flight.step is not FlightStep.CONTACT:
         rig.step()
 
     def rise() -> None:  # as SIH's vehicles do that have sunk into the ground
@@ -72,7 +72,7 @@ def test_height_that_comes_back_up_after_touch_down_ends_a_landing_only_where_a_
 
     rig.after_move = rise
     rig.run(0.5)
-    assert (rig.core.flight.step is Step.PX4_LANDING) == has_mocap
+    assert (rig.core.flight.step is FlightStep.PX4_LANDING) == has_mocap
     rig.after_move = lambda: None
     rig.until("landed")
 
@@ -113,7 +113,7 @@ def test_who_loses_the_satellites_comes_down_by_dead_reckoning_and_never_after_a
     assert rig.core.flight.state == "flying"  # a moment is none
     rig.has_fix = False
     rig.run(0.8)
-    assert rig.core.flight.step is Step.SINKING
+    assert rig.core.flight.step is FlightStep.SINKING
     assert "satellites-lost" in {event.code for event in rig.events}
     assert rig.core.own.is_reckoned
     rig.until("landed")
@@ -132,7 +132,7 @@ def test_a_position_that_px4_itself_gives_up_is_left_to_px4() -> None:
     rig.fly()
     _tell(rig, 5.0)
     rig.run(0.8)
-    assert rig.core.flight.step is Step.PX4_LANDING
+    assert rig.core.flight.step is FlightStep.PX4_LANDING
     assert any("PX4 says 5.0 m" in event.sentence for event in rig.events)
     rig.until("landed")
 
@@ -141,11 +141,11 @@ def test_who_stands_already_is_not_handed_to_px4_which_would_lift_it_off() -> No
     rig = _rig(0.4)
     rig.fly()
     rig.has_fix = False
-    while rig.core.flight.step is not Step.CONTACT:
+    while rig.core.flight.step is not FlightStep.CONTACT:
         rig.run(0.02)
     _tell(rig, 5.0)
     steps = set()
     while rig.core.flight.state != "landed":
         rig.run(0.02)
         steps.add(rig.core.flight.step)
-    assert Step.PX4_LANDING not in steps
+    assert FlightStep.PX4_LANDING not in steps

@@ -12,7 +12,7 @@ import pytest
 
 from onboard import agent_commands
 from onboard.autopilot import Landed
-from onboard.flight.types import Step
+from onboard.flight.types import FlightStep
 from onboard.frames import body_up
 from tests.onboard.agent.rig import Rig
 
@@ -57,7 +57,7 @@ def test_reports_of_the_ground_that_stopped_at_the_take_off_do_not_count() -> No
     rig = Rig()
     rig.until("ready")
     rig.order("takeoff", height_m=1.8)
-    while rig.core.flight.step is not Step.LIFTOFF:
+    while rig.core.flight.step is not FlightStep.LIFTOFF:
         rig.step()
     rig.has_landed_reports = False
     rig.until("flying")
@@ -70,7 +70,7 @@ def test_reports_of_the_ground_that_stopped_at_the_take_off_do_not_count() -> No
 def test_a_landing_ends_on_ground_that_reads_lower_than_that_of_the_take_off() -> None:
     rig = _hover(1.8)
     rig.order("land", order_id="land")
-    _sink(rig, lambda: rig.core.flight.step is Step.CONTACT)
+    _sink(rig, lambda: rig.core.flight.step is FlightStep.CONTACT)
     rig.floor_m = -0.6  # a height by satellites that was too low: it seemed to stand, and falls
     rig.until("landed")
     assert rig.outcomes()["land"] == "done"
@@ -80,7 +80,7 @@ def test_contact_is_taken_back_when_the_vehicle_falls() -> None:
     rig = _hover(2.2)
     rig.floor_m = 1.8
     rig.order("land", order_id="land")
-    _sink(rig, lambda: rig.core.flight.step is Step.CONTACT)
+    _sink(rig, lambda: rig.core.flight.step is FlightStep.CONTACT)
     rig.floor_m = 0.0  # what it stood on gives way
     assert _sink(rig, lambda: rig.position[2] <= 0.0) < 2.5  # a free fall ends at 5.9 m/s
     assert -rig.core.own.velocity_enu_m_s[2] < 1.5

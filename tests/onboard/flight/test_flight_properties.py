@@ -14,7 +14,7 @@ from onboard.bus.schema import LOCATE, Event, Order, OrderKind, PathOrder
 from onboard.control.path import path_of
 from onboard.flight import state_machine
 from onboard.flight.context import FlightContext
-from onboard.flight.types import FlightView, Step
+from onboard.flight.types import FlightStep, FlightView
 from onboard.safety.failsafe_table import TABLE, Action, Condition
 from tests.onboard.agent.rig import fleet
 
@@ -33,7 +33,7 @@ observations = st.tuples(
 class Machine:
     """A flight that takes whatever comes, and what it has sent."""
 
-    def __init__(self, step: Step = Step.WAITING) -> None:
+    def __init__(self, step: FlightStep = FlightStep.WAITING) -> None:
         config = fleet()
         self.flight = FlightContext(config, config.vehicles["mav0"], step=step)
         self.flight.path.path = path_of([[1.0, *[0.0] * 32]])
@@ -110,9 +110,9 @@ def test_every_order_that_begins_ends_exactly_once_whatever_happens(
 
 
 @settings(max_examples=60, deadline=None)
-@given(st.lists(st.one_of(conditions, observations), max_size=15), st.sampled_from([*Step]))
+@given(st.lists(st.one_of(conditions, observations), max_size=15), st.sampled_from([*FlightStep]))
 def test_after_a_kill_nothing_streams_until_an_order_says_so(
-    story: list[Condition | tuple[bool, str, Landed, float, int]], step: Step
+    story: list[Condition | tuple[bool, str, Landed, float, int]], step: FlightStep
 ) -> None:
     machine = Machine(step)
     machine.order("kill")

@@ -10,7 +10,7 @@ from onboard.agent.warm_up import warm_up
 from onboard.flight.context import FlightContext
 from onboard.flight.flight_table import ROWS, TABLE
 from onboard.flight.state_machine import accepts
-from onboard.flight.types import FlightEvent, Step
+from onboard.flight.types import FlightEvent, FlightStep
 from onboard.safety.failsafe_table import TABLE as FAILSAFE_TABLE
 from onboard.safety.failsafe_table import Action, Condition
 from tests.onboard.agent.rig import fleet
@@ -25,14 +25,14 @@ EVENTS = {
 
 
 def test_every_step_can_be_reached_and_left() -> None:
-    reached = {Step.WAITING} | {row.to for row in ROWS}
-    for step in Step:
+    reached = {FlightStep.WAITING} | {row.to for row in ROWS}
+    for step in FlightStep:
         assert step in reached, step.name
         assert any(row.to not in (None, step) for row in ROWS if step in row.steps), step.name
 
 
 def test_kill_is_possible_in_every_step() -> None:
-    for step in Step:
+    for step in FlightStep:
         assert accepts(step, "kill"), step.name
 
 
@@ -48,7 +48,7 @@ def test_what_the_failsafe_table_asks_for_is_possible_or_done_already() -> None:
         Action.DISARM: (),
         Action.STOP: (),
     }
-    for step in Step:
+    for step in FlightStep:
         for condition in Condition:
             action = FAILSAFE_TABLE[step.situation, condition]
             if action not in EVENTS:
@@ -58,7 +58,7 @@ def test_what_the_failsafe_table_asks_for_is_possible_or_done_already() -> None:
 
 
 def test_a_step_without_setpoints_is_never_flown_by_the_law() -> None:
-    for step in Step:
+    for step in FlightStep:
         if not step.is_streaming:
             assert step.phase.name == "GROUND", step.name
 

@@ -10,7 +10,7 @@ import pytest
 
 from onboard import agent_commands
 from onboard.bus.schema import OrderKind
-from onboard.flight.types import Step
+from onboard.flight.types import FlightStep
 from onboard.frames import body_up
 from tests.onboard.agent.rig import Rig
 
@@ -23,7 +23,7 @@ def _climbing(ticks: int) -> Rig:
     rig.until("ready")
     rig.order("takeoff", height_m=HEIGHT_M)
     for _ in range(400):
-        if rig.core.flight.step is Step.CLIMB:
+        if rig.core.flight.step is FlightStep.CLIMB:
             rig.run(0.02 * ticks)
             return rig
         rig.step()
@@ -72,7 +72,7 @@ def test_a_landing_that_goes_on_rising_is_left_to_px4() -> None:
     rig.order("land")
     rig.after_move = rise
     rig.run(2.5)
-    assert rig.core.flight.step is Step.PX4_LANDING
+    assert rig.core.flight.step is FlightStep.PX4_LANDING
 
 
 @pytest.mark.parametrize("low_m", [0.4, 1.2])

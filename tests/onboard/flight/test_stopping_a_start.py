@@ -8,13 +8,13 @@ from collections.abc import Iterator
 
 from onboard import agent_commands, agent_inputs
 from onboard.bus.schema import OrderKind
-from onboard.flight.types import Step
+from onboard.flight.types import FlightStep
 from tests.onboard.agent.rig import Rig
 
 STOPS: tuple[OrderKind, ...] = ("land", "hold", "disarm")
 
 
-def _in_step(step: Step, start: OrderKind = "takeoff") -> Rig:
+def _in_step(step: FlightStep, start: OrderKind = "takeoff") -> Rig:
     rig = Rig()
     rig.until("ready")
     rig.order(start, order_id="start", **({"height_m": 1.0} if start == "takeoff" else {}))
@@ -25,9 +25,11 @@ def _in_step(step: Step, start: OrderKind = "takeoff") -> Rig:
     raise AssertionError(f"{step.name} was not reached")
 
 
-def _starts() -> Iterator[tuple[Step, OrderKind]]:
-    yield from ((step, "takeoff") for step in (Step.TAKEOFF_OFFBOARD, Step.TAKEOFF_ARMING))
-    yield from ((step, "arm") for step in (Step.ARM_OFFBOARD, Step.ARM_ARMING))
+def _starts() -> Iterator[tuple[FlightStep, OrderKind]]:
+    yield from (
+        (step, "takeoff") for step in (FlightStep.TAKEOFF_OFFBOARD, FlightStep.TAKEOFF_ARMING)
+    )
+    yield from ((step, "arm") for step in (FlightStep.ARM_OFFBOARD, FlightStep.ARM_ARMING))
 
 
 def test_land_hold_and_disarm_each_end_a_start_that_is_not_armed_yet() -> None:
@@ -54,7 +56,7 @@ def test_land_hold_and_disarm_each_end_a_start_that_is_not_armed_yet() -> None:
 
 
 def test_an_arming_that_was_on_its_way_is_disarmed_before_the_order_to_stop_ends() -> None:
-    rig = _in_step(Step.TAKEOFF_ARMING)
+    rig = _in_step(FlightStep.TAKEOFF_ARMING)
     rig.is_armed = False
     rig.run(0.02)
     rig.order("land", order_id="stop")
@@ -69,9 +71,9 @@ def test_an_arming_that_was_on_its_way_is_disarmed_before_the_order_to_stop_ends
 def test_land_and_hold_during_lift_off_land() -> None:
     for kind in ("land", "hold"):
         for seconds in (0.0, 0.1, 0.3):
-            rig = _in_step(Step.LIFTOFF)
+            rig = _in_step(FlightStep.LIFTOFF)
             rig.run(seconds)
-            if rig.core.flight.step is not Step.LIFTOFF:
+            if rig.core.flight.step is not FlightStep.LIFTOFF:
                 continue
             assert rig.order(kind, order_id="stop").is_accepted, kind  # type: ignore[arg-type]
             highest_m = 0.0
@@ -84,7 +86,7 @@ def test_land_and_hold_during_lift_off_land() -> None:
 
 
 def test_disarm_acts_on_confirmed_ground_and_is_refused_in_the_air() -> None:
-    rig = _in_step(Step.LIFTOFF)
+    rig = _in_step(FlightStep.LIFTOFF)
     assert rig.order("disarm", order_id="stop").is_accepted
     rig.run(6.0)
     assert not rig.is_armed
@@ -94,5 +96,5 @@ def test_disarm_acts_on_confirmed_ground_and_is_refused_in_the_air() -> None:
     for _ in range(30):
         rig.core.handle(agent_inputs.TickFailed("broken"), rig.now_ns)
         rig.step()
-    assert rig.core.flight.step is Step.PX4_LANDING
+    assert rig.core.flight.step is FlightStep.PX4_LANDING
     assert not rig.order("disarm").is_accepted

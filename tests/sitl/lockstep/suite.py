@@ -27,7 +27,7 @@ from groundstation.missions.files import Mission, mission_from_mapping
 from onboard.bus.schema import Truth
 from onboard.bus.topics import Topic
 from onboard.config.fleet import FleetConfig, load_fleet
-from onboard.flight.types import Step
+from onboard.flight.types import FlightStep
 from onboard.safety.failsafe_table import TABLE, WORDS, Action, Condition, Situation, decide
 from onboard.types import AttitudeSetpoint
 from sitl.lockstep.flight import Lockstep
@@ -265,7 +265,7 @@ _NEEDS: dict[Action, tuple[str, ...]] = {
 def _done(core: object) -> str:
     flight = core.flight  # type: ignore[attr-defined]
     if flight.state == "landing":
-        return "px4" if flight.step is Step.PX4_LANDING else "land"
+        return "px4" if flight.step is FlightStep.PX4_LANDING else "land"
     return {"holding": "hold", "failed": "failed", "armed": "armed"}.get(flight.state, "fly")
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from groundstation.fleet.state import GROUND_STALLED
 from onboard.bus.protocol import LEASE_MS
-from onboard.flight.types import Step
+from onboard.flight.types import FlightStep
 from sitl.faults.catalogue import Fault
 from sitl.lockstep.connections import BusSettings
 from tests.sitl.lockstep.suite import fleet_of, mission_of
@@ -118,7 +118,7 @@ def test_without_the_ground_for_long_all_land_under_the_law(lockstep, paper):
     flight.takeoff(1.0)
     flight.bus.partition(["ground-1"])
     flight.run(1e-3 * LEASE_MS + 2.3)
-    assert {shell.core.flight.step for shell in flight.agents.values()} == {Step.DESCENT}
+    assert {shell.core.flight.step for shell in flight.agents.values()} == {FlightStep.DESCENT}
     flight.run(8.0)
     assert {shell.core.flight.state for shell in flight.agents.values()} <= {"landed", "ready"}
     assert flight.min_separation_m > 0.8

@@ -12,7 +12,7 @@ from multiprocessing import get_context
 
 import pytest
 
-from onboard.flight.types import Step
+from onboard.flight.types import FlightStep
 from sitl.faults.catalogue import Fault
 from sitl.lockstep.flight import Lockstep
 from sitl.physics.wind import Wind, WindSettings
@@ -61,7 +61,7 @@ def fly(loss: Loss) -> Flown:
             handed.extend(
                 name
                 for name, agent in flight.agents.items()
-                if agent.core.flight.step is Step.PX4_LANDING
+                if agent.core.flight.step is FlightStep.PX4_LANDING
             )
             flight.at(flight.time_s + 0.1, look)
 
@@ -135,7 +135,7 @@ def test_without_a_position_of_px4_a_vehicle_without_a_mocap_lands_by_dead_recko
         {key: value for key, value in fields.items() if "_local_" not in key}
     )
     assert flight.until(lambda state: state.vehicles["mav1"].truth.is_on_ground, 10.0)
-    assert flight.agents["mav1"].core.flight.step is not Step.PX4_LANDING
+    assert flight.agents["mav1"].core.flight.step is not FlightStep.PX4_LANDING
     assert flight.min_separation_m > 2.0
 
 

@@ -6,7 +6,7 @@ import functools
 from typing import Any
 
 from onboard.config.fleet import FleetConfig
-from onboard.flight.types import Step
+from onboard.flight.types import FlightStep
 from onboard.safety.failsafe_table import Condition, Situation
 from sitl.lockstep.flight import Lockstep
 from sitl.px4.modes import Mode
@@ -36,7 +36,7 @@ def test_no_single_wrong_report_ends_a_flight_and_each_contradiction_is_noticed(
             assert is_noticed or report == "on the ground", report
         flight.run(2.2)
         for vehicle, report in of_vehicle.items():
-            assert flight.agents[vehicle].core.flight.step is Step.ARRIVED, report
+            assert flight.agents[vehicle].core.flight.step is FlightStep.ARRIVED, report
     told = {event.code for event in flight.events if event.severity in ("warning", "critical")}
     assert told == {"reports-contradict"}
     assert all(result.is_done for result in flight.land().values())
@@ -53,7 +53,7 @@ def test_two_senders_of_one_system_id_end_the_flight_by_a_landing_under_the_law(
             functools.partial(wrong_report("another mode"), flight, "mav1"),
         )
     flight.run(5.0)
-    assert core.flight.step in (Step.DESCENT, Step.CONTACT, Step.LANDED)
+    assert core.flight.step in (FlightStep.DESCENT, FlightStep.CONTACT, FlightStep.LANDED)
     assert "contradict" in core.flight.reason
 
 
