@@ -64,7 +64,7 @@ PIN = .venv/pins/bin/uv pip compile --quiet --upgrade --universal --python-versi
 pins:
 	@.ci/setup dev
 	@.venv/bin/python -m venv .venv/pins && .venv/pins/bin/pip install -q 'uv>=0.13,<1'
-	$(PIN) --extra dev -o requirements/dev.txt
+	$(PIN) --extra all --group dev -o requirements/dev.txt
 	$(PIN) --extra all --constraint requirements/dev.txt -o requirements/all.txt
 	$(PIN) --constraint requirements/dev.txt -o requirements/base.txt
 

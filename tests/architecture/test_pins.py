@@ -35,28 +35,44 @@ def pinned(extra: str) -> list[Requirement]:
     return pins
 
 
-def declared(extra: str) -> list[Requirement]:
-    """Return what an extra of pyproject.toml asks for, its other extras followed."""
+def declared(name: str) -> list[Requirement]:
+    """Return what one of the lists has to contain: an extra of pyproject.toml, or a group on top of `all`."""
+    lines = [Requirement(line) for line in PROJECT["project"]["dependencies"]]
+    if name in PROJECT["dependency-groups"]:
+        return [*lines, *extra("all"), *group(name)]
+    if name == "base":
+        return lines
+    return [*lines, *extra(name)]
+
+
+def extra(name: str) -> list[Requirement]:
+    """Return what an extra asks for, its other extras followed."""
     project = PROJECT["project"]
-    lines = [Requirement(line) for line in project["dependencies"]]
-    # "base": no extra
-    todo = [Requirement(line) for line in project["optional-dependencies"].get(extra, [])]
-    while todo:
-        line = todo.pop()
+    lines = []
+    for text in project["optional-dependencies"][name]:
+        line = Requirement(text)
         if line.name != project["name"]:
             lines.append(line)
             continue
-        for name in line.extras:
-            for text in project["optional-dependencies"][name]:
-                inner = Requirement(text)
-                inner.marker = inner.marker or line.marker
-                todo.append(inner)
+        for inner in line.extras:
+            lines += extra(inner)
     return lines
 
 
-@pytest.mark.parametrize("extra", ["base", "all", "dev"])
-def test_every_library_of_pyproject_is_pinned_once_and_within_its_range(extra: str) -> None:
-    pins = pinned(extra)
+def group(name: str) -> list[Requirement]:
+    """Return what a dependency group asks for, its other groups followed."""
+    lines = []
+    for entry in PROJECT["dependency-groups"][name]:
+        if isinstance(entry, dict):
+            lines += group(entry["include-group"])
+        else:
+            lines.append(Requirement(entry))
+    return lines
+
+
+@pytest.mark.parametrize("name", ["base", "all", "dev"])
+def test_every_library_of_pyproject_is_pinned_once_and_within_its_range(name: str) -> None:
+    pins = pinned(name)
     for system in SYSTEMS:
         versions = {}
         for pin in pins:
@@ -66,11 +82,11 @@ def test_every_library_of_pyproject_is_pinned_once_and_within_its_range(extra: s
                 assert only.operator == "==", pin
                 versions[canonicalize_name(pin.name)] = only.version
         build = [Requirement(line) for line in PROJECT["build-system"]["requires"]]
-        for line in declared(extra) + build:
+        for line in declared(name) + build:
             if line.marker is None or line.marker.evaluate(system):
                 version = versions.get(canonicalize_name(line.name))
                 assert version is not None, (
-                    f"{line} is not in requirements/{extra}.txt on {system}: run make pins"
+                    f"{line} is not in requirements/{name}.txt on {system}: run make pins"
                 )
                 assert line.specifier.contains(version), (
                     f"{line} is pinned to {version}: run make pins"
