@@ -15,7 +15,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from groundstation.alarms.table import BY_TEXT, COVERED, RANKS, TABLE, Ground, Kind, Severity
+from groundstation.alarms.alarm_table import (
+    BY_TEXT,
+    COVERED,
+    RANKS,
+    TABLE,
+    GroundCondition,
+    Kind,
+    Severity,
+)
 from groundstation.fleet.state import FleetState, LoggedEvent, VehicleView
 from onboard.bus.schema import Telemetry
 from onboard.config.fleet import FleetConfig
@@ -29,7 +37,7 @@ _GROUPED = 4  # so many vehicles with the same alarm share a line
 _SHOWN = 3
 
 
-_C, _G = Condition, Ground
+_C, _G = Condition, GroundCondition
 _NUMBERED = frozenset(
     (_G.CLOSE, _C.BATTERY_LOW, _C.BATTERY_WARNING, _C.LEFT_OFFBOARD)
 )  # a shared line shows the lowest number
@@ -54,7 +62,7 @@ class Alarm:
 
 
 @dataclass(frozen=True, slots=True)
-class Line:
+class AlarmLine:
     """An alarm over time."""
 
     alarm: Alarm
@@ -104,9 +112,9 @@ class Alarms:
     def __init__(self, fleet: FleetConfig) -> None:
         self.fleet = fleet
         self.has_new = False  # the last update brought an alarm above NOTE
-        self._lines: dict[tuple[Kind, str], Line] = {}
+        self._lines: dict[tuple[Kind, str], AlarmLine] = {}
         self._last_ns: dict[tuple[Kind, str], int] = {}
-        self._over: deque[Line] = deque(maxlen=MAX_OVER)
+        self._over: deque[AlarmLine] = deque(maxlen=MAX_OVER)
         self._last_event: LoggedEvent | None = None
         self._now_ns = 0
 
@@ -130,7 +138,9 @@ class Alarms:
         for key, alarm in present.items():
             old = self._lines.get(key)
             if old is None:
-                self._lines[key] = Line(alarm, now_ns if alarm.since_ns is None else alarm.since_ns)
+                self._lines[key] = AlarmLine(
+                    alarm, now_ns if alarm.since_ns is None else alarm.since_ns
+                )
             else:
                 # an alarm that got worse has to be acknowledged again
                 is_known = old.is_acknowledged and alarm.severity <= old.alarm.severity
@@ -149,12 +159,12 @@ class Alarms:
         )
 
     @property
-    def lines(self) -> list[Line]:
+    def lines(self) -> list[AlarmLine]:
         """Present alarms: open before acknowledged, the worst first, the same alarm of many
         vehicles as one line.
         """
-        shown: list[Line] = []
-        groups: dict[tuple[Kind, Severity, bool], list[Line]] = {}
+        shown: list[AlarmLine] = []
+        groups: dict[tuple[Kind, Severity, bool], list[AlarmLine]] = {}
         for line in self._lines.values():
             groups.setdefault(
                 (line.alarm.kind, line.alarm.severity, line.is_acknowledged), []
@@ -164,21 +174,21 @@ class Alarms:
         return sorted(shown, key=lambda line: (line.is_acknowledged, *_urgency(line.alarm)))
 
     @property
-    def over(self) -> list[Line]:
+    def over(self) -> list[AlarmLine]:
         """Past alarms, the newest first."""
         return list(reversed(self._over))
 
     @property
-    def worst(self) -> Line | None:
+    def worst(self) -> AlarmLine | None:
         """The line that every screen shows; an acknowledged one only when no other holds."""
         return next(iter(self.lines), None)
 
-    def of(self, vehicle: str) -> list[Line]:
+    def of(self, vehicle: str) -> list[AlarmLine]:
         """Return the alarms of one vehicle, the worst first."""
         mine = [line for line in self._lines.values() if vehicle in line.alarm.subject.split(_AND)]
         return sorted(mine, key=lambda line: _urgency(line.alarm))
 
-    def acknowledge(self, line: Line | None = None) -> int:
+    def acknowledge(self, line: AlarmLine | None = None) -> int:
         """Acknowledge one alarm, or all; they stay in the list.
 
         Args:
@@ -256,7 +266,7 @@ def _alarm(kind: Kind, subject: str, *, is_flying: bool, what: str = "", names: 
     )
 
 
-def _together(lines: list[Line]) -> Line:
+def _together(lines: list[AlarmLine]) -> AlarmLine:
     """One line for the same alarm of many vehicles; it lasts as long as the oldest of them."""
     first = min(lines, key=lambda line: (line.since_ns, line.alarm.subject))
     names = sorted(line.alarm.subject for line in lines)

@@ -58,7 +58,7 @@ def draw(folder: Path, out: Path | None = None) -> tuple[list[Path], bool]:
     """
     path = record_path(folder)
     home = folder if folder.is_dir() else folder.parent
-    from groundstation.figures import attitude, avoidance, plan, tracking
+    from groundstation.figures import attitude, avoidance, plan_figure, tracking
     from groundstation.figures.data import TOPICS, from_samples
     from groundstation.figures.style import save, styled
 
@@ -73,7 +73,7 @@ def draw(folder: Path, out: Path | None = None) -> tuple[list[Path], bool]:
     target.mkdir(parents=True, exist_ok=True)
     drawn = {
         "fig2_attitude": attitude,
-        "fig4_plan": plan,
+        "fig4_plan": plan_figure,
         "fig5_tracking": tracking,
         "fig6_avoidance": avoidance,
     }

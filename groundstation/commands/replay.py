@@ -73,6 +73,6 @@ def replay(
             print(asyncio.run(story(shown, is_json=json)))
             return EXIT_OK
         require_terminal("Add --headless.")
-        from groundstation.console.replay import ReplayApp
+        from groundstation.console.replay_app import ReplayApp
 
         return asyncio.run(ReplayApp(shown, title=f"replay of {flight.name}", at_s=at).run_to_end())

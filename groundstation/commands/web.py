@@ -18,7 +18,7 @@ from pathlib import Path
 
 from groundstation.commands.parameters import File, Folder
 from groundstation.recording.replay import open_flight
-from groundstation.web.server import ConsoleServer, require_loopback
+from groundstation.web.page_server import ConsoleServer, require_loopback
 from onboard.config.fleet import ConfigError, load_fleet
 from onboard.exit_status import EXIT_OK
 

@@ -21,16 +21,16 @@ from textual.worker import Worker
 from groundstation.alarms.alarms import Alarms
 from groundstation.console.clients import ConsoleClient
 from groundstation.console.history import History
-from groundstation.console.layout import LOW, NARROW, rooms
 from groundstation.console.mission_orders import MissionOrders
-from groundstation.console.mission_run import Mission, MissionRun
+from groundstation.console.mission_worker import Mission, MissionWorker
 from groundstation.console.order_entry import OrderEntry
+from groundstation.console.panel_sizes import LOW, NARROW, panel_sizes
 from groundstation.console.panels import Panels
 from groundstation.console.priority_keys import TerminalHooks, with_hooks
-from groundstation.console.screens.alarms import AlarmsScreen
+from groundstation.console.screens.alarms_screen import AlarmsScreen
 from groundstation.console.screens.dialogs import HelpScreen
 from groundstation.console.screens.live import Dialog, LiveScreen
-from groundstation.console.screens.vehicle import VehicleScreen
+from groundstation.console.screens.vehicle_screen import VehicleScreen
 from groundstation.console.shutdown import Shutdown
 from groundstation.console.terminal_filters import TerminalFilters
 from groundstation.console.theme import FAINT, PHASE_SIGNS, SEVERITY_SIGNS
@@ -119,7 +119,7 @@ class ConsoleApp(App[int]):
         self.orders = OrderEntry(
             self, fleet, client, self.panels, forecaster=forecaster, refresh=self.refresh_fleet
         )
-        self.mission = MissionRun(
+        self.mission = MissionWorker(
             self, self.panels, mission=mission, connect=connect, progress=progress
         )
         self.orders.missions = MissionOrders(client, self.mission.begin)
@@ -192,7 +192,7 @@ class ConsoleApp(App[int]):
         screen.set_class(width < NARROW, "narrow")
         count, fence = len(self.client.state.vehicles), self.fleet.fleet.geofence_m
         table, plan = self.panels.table, self.panels.plan
-        table.styles.height, plan.styles.width = rooms(width, height, count, fence, alone)
+        table.styles.height, plan.styles.width = panel_sizes(width, height, count, fence, alone)
 
     # -- the picture -------------------------------------------------------------------------------
 

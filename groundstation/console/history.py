@@ -26,7 +26,7 @@ _REFILLED_FRAC = 0.03
 
 
 @dataclass(frozen=True, slots=True)
-class Pair:
+class ClosePair:
     """Two vehicles and their separation."""
 
     first: str
@@ -55,7 +55,7 @@ class History:
     def __init__(self, land_frac: float = 0.2) -> None:
         # name -> (n, 2): last x, y [m] ENU, in no order, first nan
         self.trails: dict[str, NDArray[np.float64]] = {}
-        self.pairs: list[Pair] = []  # the closest now, those with a vehicle in the air first
+        self.pairs: list[ClosePair] = []  # the closest now, those with a vehicle in the air first
         # [s], [m] of the closest flying pair
         self.distances: deque[tuple[float, float]] = deque(maxlen=CHART_LENGTH)
         self.periods_ms: deque[float] = deque(maxlen=600)  # of the slowest control loop
@@ -72,7 +72,7 @@ class History:
         self._added_ns, self._compared_ns = -1, -_PACE_NS
 
     @property
-    def now(self) -> Pair | None:
+    def now(self) -> ClosePair | None:
         """Return the closest pair now."""
         return self.pairs[0] if self.pairs else None
 
@@ -159,7 +159,7 @@ def closest_pairs(
     most: int = PAIRS,
     *,
     height_share: float = 0.0,
-) -> list[Pair]:
+) -> list[ClosePair]:
     """Return the closest pairs of vehicles, pairs with one in the air before all others.
 
     Args:
@@ -193,7 +193,7 @@ def closest_pairs(
         is_closing = approach_s > 0.0
         ahead = gap[index] + (approach_s * drift if is_closing else 0.0)
         pairs.append(
-            Pair(
+            ClosePair(
                 known[one[index]][0].name,
                 known[two[index]][0].name,
                 float(distance[index]),

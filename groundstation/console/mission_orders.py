@@ -9,7 +9,7 @@ from msgspec.structs import replace
 
 from groundstation.client.client import FleetClient
 from groundstation.console.clients import ConsoleClient
-from groundstation.console.mission_run import Mission
+from groundstation.console.mission_worker import Mission
 from groundstation.missions.files import load_mission
 from groundstation.missions.findings import refuse_unflyable
 from groundstation.missions.runner import MissionRun, load_function

@@ -15,8 +15,8 @@ from groundstation.console.clients import ConsoleClient, OrderingClient
 from groundstation.console.kill_latch import KillLatch
 from groundstation.console.mission_orders import MissionOrders
 from groundstation.console.panels import Panels
-from groundstation.console.screens.preview import PreviewScreen
-from groundstation.console.screens.vehicle import VehicleScreen
+from groundstation.console.screens.preview_screen import PreviewScreen
+from groundstation.console.screens.vehicle_screen import VehicleScreen
 from groundstation.console.theme import CALM, FAINT, KILL, PHASE_SIGNS, SEVERITY_SIGNS
 from groundstation.console.widgets.notices import notices
 from groundstation.console.widgets.order_line import CONTROL_ORDERS

@@ -13,8 +13,8 @@ from groundstation.console.widgets.fleet_table import FleetTable
 from groundstation.console.widgets.notices import NoticeLines
 from groundstation.console.widgets.order_line import OrderLine
 from groundstation.console.widgets.plan_view import PlanView
-from groundstation.console.widgets.results import ResultLines
-from groundstation.console.widgets.separation import SeparationView
+from groundstation.console.widgets.result_lines import ResultLines
+from groundstation.console.widgets.separation_view import SeparationView
 from onboard.config.fleet import FleetConfig
 
 

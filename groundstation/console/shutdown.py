@@ -11,7 +11,7 @@ from collections.abc import Callable
 from textual.app import App
 
 from groundstation.console.clients import ConsoleClient
-from groundstation.console.mission_run import MissionRun
+from groundstation.console.mission_worker import MissionWorker
 from groundstation.console.order_entry import OrderEntry
 from groundstation.console.priority_keys import TerminalHooks
 from groundstation.console.screens.dialogs import QuitScreen
@@ -37,7 +37,7 @@ class Shutdown:
         fleet: FleetConfig,
         client: ConsoleClient,
         orders: OrderEntry,
-        mission: MissionRun,
+        mission: MissionWorker,
         terminal: TerminalHooks,
         warn: Callable[[str], None],
     ) -> None:

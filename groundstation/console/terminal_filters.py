@@ -88,7 +88,7 @@ class Ascii(LineFilter):
         ]
 
 
-class Light(LineFilter):
+class LightGround(LineFilter):
     """Colours for a light ground: the console's own by a table, others with their lightness turned
     around.
     """
@@ -111,7 +111,7 @@ class TerminalFilters:
     def __init__(self, environ: Mapping[str, str] = os.environ) -> None:
         self.is_light = is_light_wanted(environ)
         self.is_ascii = is_ascii_wanted(environ)
-        self._light, self._ascii, self._no_colour = Light(), Ascii(), NoColor()
+        self._light, self._ascii, self._no_colour = LightGround(), Ascii(), NoColor()
 
     def active(self, *, has_colour: bool) -> Sequence[LineFilter]:
         """Return the filters that every line passes on its way out.

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
-from groundstation.alarms.alarms import Line
+from groundstation.alarms.alarms import AlarmLine
 from groundstation.fleet.state import FleetState, VehicleView
 from onboard.bus.schema import Telemetry, TickSample
 from onboard.config.fleet import FleetConfig
@@ -24,7 +24,7 @@ class VehicleSubject:
     fleet: FleetConfig
     now_ns: int
     tick_samples: Sequence[TickSample]  # of its pipeline, oldest first
-    alarms: Sequence[Line] = ()
+    alarms: Sequence[AlarmLine] = ()
     # of the time at which something was received
     time_text: Callable[[int], str] = field(default=str)
     chart_rows: int = 5  # height of a chart

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from groundstation.figures.data import FlightData, Pair
+from groundstation.figures.data import FlightData, PairSeparation
 from groundstation.figures.style import LIMIT, SOFT, colour, new_figure
 from onboard.arrays import Array
 
@@ -117,7 +117,7 @@ def _draw_distances(ax: Any, flight: FlightData) -> None:
     ax.set_xlabel("time since take-off [s]")
 
 
-def _name_lines(ax: Any, grid_s: Array, pairs: tuple[Pair, ...]) -> None:
+def _name_lines(ax: Any, grid_s: Array, pairs: tuple[PairSeparation, ...]) -> None:
     """Write each name where its line is furthest from the others."""
     lines = np.stack([pair.distance_m for pair in pairs])
     margin = len(grid_s) // 20

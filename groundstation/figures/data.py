@@ -57,7 +57,7 @@ class Track:
 
 
 @dataclass(frozen=True, slots=True)
-class Pair:
+class PairSeparation:
     """Two vehicles of a flight."""
 
     first: str
@@ -73,7 +73,7 @@ class FlightData:
     tracks: tuple[Track, ...]
     safety_distance_m: float
     grid_s: Array  # (n,): common time axis
-    pairs: tuple[Pair, ...]
+    pairs: tuple[PairSeparation, ...]
     # zero of all times here, in the record's own seconds, as replay and verdict count
     take_off_s: float
     height_share: float = 0.0  # what a metre of height counts in a separation
@@ -87,7 +87,7 @@ class FlightData:
             else "the vehicles' estimates"
         )
 
-    def closest(self) -> tuple[Pair, int] | None:
+    def closest(self) -> tuple[PairSeparation, int] | None:
         """Return the pair with the smallest distance and its index on the grid; None when no
         vehicle flew.
         """
@@ -220,12 +220,14 @@ def _slots(telemetry: list[Sample]) -> Array:
     return np.array(slots, np.float64).reshape(-1, 3)
 
 
-def _pairs(tracks: tuple[Track, ...], grid_s: Array, height_share: float) -> tuple[Pair, ...]:
+def _pairs(
+    tracks: tuple[Track, ...], grid_s: Array, height_share: float
+) -> tuple[PairSeparation, ...]:
     paths = {track.name: track.path_at(grid_s) for track in tracks}
     pairs = []
     for first, second in itertools.combinations(paths, 2):
         one, two = paths[first], paths[second]
         distance_m = separations_m(one - two, height_share)
         in_air = (one[:, 2] > _AIRBORNE_Z_M) | (two[:, 2] > _AIRBORNE_Z_M)
-        pairs.append(Pair(first, second, np.where(in_air, distance_m, np.nan)))
+        pairs.append(PairSeparation(first, second, np.where(in_air, distance_m, np.nan)))
     return tuple(pairs)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from groundstation.missions.steps import Expect
 from groundstation.missions.verdict import FlightObservations, Verdict, judge
-from groundstation.recording.report import FlightReport, report
+from groundstation.recording.flight_report import FlightReport, report
 from groundstation.recording.writer import write_json
 from onboard.config.fleet import ConfigError
 

@@ -7,10 +7,10 @@ from rich.segment import Segment
 from textual.strip import Strip
 from textual.widget import Widget
 
+from groundstation.alarms.alarm_table import Severity
 from groundstation.alarms.alarms import Alarms
-from groundstation.alarms.table import Severity
 from groundstation.console import theme
-from groundstation.console.layout import NARROW
+from groundstation.console.panel_sizes import NARROW
 from groundstation.console.theme import BAD, CALM, FAINT, GOOD, KILL, TEXT, WARN, clean
 
 # The keys on the last line, as there is room for them: of a console, of a question, where nothing

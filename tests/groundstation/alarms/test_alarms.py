@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
+from groundstation.alarms.alarm_table import TABLE, GroundCondition, Severity
 from groundstation.alarms.alarms import LINGER_S, MAX_OVER, Alarms, conditions, lasting
-from groundstation.alarms.table import TABLE, Ground, Severity
 from groundstation.fleet import state as fleet_state
 from groundstation.fleet.state import FleetState
 from onboard.bus.schema import Event, Truth
@@ -68,7 +68,7 @@ def test_every_failsafe_condition_has_an_alarm_with_a_sentence_and_advice(
 
 
 def test_every_row_of_the_table_can_be_written_as_a_sentence() -> None:
-    for kind in Ground:
+    for kind in GroundCondition:
         row = TABLE[kind]
         assert row.on_ground <= row.in_flight
         assert "{" not in row.sentence.format(who="mav0", what="3")
@@ -80,7 +80,7 @@ def test_a_condition_that_this_console_does_not_know_is_told_in_its_own_words(
     ground.all_hear()
     ground.hear("mav2", conditions=("propeller\x1b[2J missing",))
     (alarm,) = conditions(ground.state, ground.fleet, ground.now_ns)
-    assert alarm.kind is Ground.UNKNOWN
+    assert alarm.kind is GroundCondition.UNKNOWN
     assert alarm.sentence == "mav2: propeller [2J missing"
 
 
@@ -251,11 +251,11 @@ def test_an_event_that_ends_the_record_stays_until_it_is_acknowledged(ground: Gr
         ground.all_hear()
         ground.update()
         ground.wait(0.1)
-    assert [line.alarm.kind for line in ground.alarms.lines] == [Ground.RECORD_ENDED]
+    assert [line.alarm.kind for line in ground.alarms.lines] == [GroundCondition.RECORD_ENDED]
     ground.alarms.acknowledge()
     ground.update()
     assert ground.alarms.lines == []
-    assert [line.alarm.kind for line in ground.alarms.over] == [Ground.RECORD_ENDED]
+    assert [line.alarm.kind for line in ground.alarms.over] == [GroundCondition.RECORD_ENDED]
 
 
 def test_a_kill_in_the_air_is_an_alarm_until_it_is_acknowledged(ground: Ground3) -> None:
@@ -268,7 +268,7 @@ def test_a_kill_in_the_air_is_an_alarm_until_it_is_acknowledged(ground: Ground3)
     ground.all_hear(is_airborne=False)
     ground.update()
     (line,) = ground.alarms.lines
-    assert (line.alarm.kind, line.alarm.severity) == (Ground.KILLED, Severity.CRITICAL)
+    assert (line.alarm.kind, line.alarm.severity) == (GroundCondition.KILLED, Severity.CRITICAL)
     assert line.alarm.sentence == "mav1: Killed in the air by order of ann (from ground-1)"
 
 
@@ -289,7 +289,8 @@ def test_telemetry_that_is_not_finite_raises_nothing(ground: Ground3) -> None:
     ground.all_hear(battery_frac=nan, position_enu_m=(nan, nan, nan), state="failed", reason="\n")
     ground.update()
     assert all(
-        line.alarm.kind in (Ground.FAILED, Condition.POSITION_LOST) for line in ground.alarms.lines
+        line.alarm.kind in (GroundCondition.FAILED, Condition.POSITION_LOST)
+        for line in ground.alarms.lines
     )
 
 

@@ -9,7 +9,7 @@ from typing import Any
 from textual.pilot import Pilot
 
 from groundstation.console.app import ConsoleApp
-from groundstation.console.screens.preview import PreviewScreen
+from groundstation.console.screens.preview_screen import PreviewScreen
 from groundstation.console.widgets.event_log import EventLog
 from groundstation.orders.forecast import Forecast, Leg
 from groundstation.orders.forecast_process import Forecaster

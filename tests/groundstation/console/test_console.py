@@ -15,7 +15,7 @@ from groundstation.console.widgets.event_log import EventLog
 from groundstation.console.widgets.fleet_table import FleetTable
 from groundstation.console.widgets.order_line import OrderLine, completions
 from groundstation.console.widgets.plan_view import PlanView
-from groundstation.console.widgets.results import ResultLines
+from groundstation.console.widgets.result_lines import ResultLines
 from onboard.config.fleet import FleetConfig
 from tests.groundstation.console.fake import FakeClient
 from tests.groundstation.console.live import until

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from groundstation.console.app import ConsoleApp
-from groundstation.console.screens.preview import PreviewScreen
+from groundstation.console.screens.preview_screen import PreviewScreen
 from groundstation.console.widgets.bars import StatusBar
 from groundstation.console.widgets.event_log import EventLog
 from groundstation.console.widgets.notices import NoticeLines
-from groundstation.console.widgets.results import ResultLines
+from groundstation.console.widgets.result_lines import ResultLines
 from groundstation.fleet import state as fleet_state
 from groundstation.orders.grammar import Intent, OrderError
 from groundstation.orders.result import OrderResult

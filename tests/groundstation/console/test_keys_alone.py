@@ -7,7 +7,7 @@ import asyncio
 import msgspec
 
 from groundstation.console.app import ConsoleApp
-from groundstation.console.screens.preview import PreviewScreen
+from groundstation.console.screens.preview_screen import PreviewScreen
 from groundstation.fleet.state import FleetState
 from onboard.config.fleet import FleetConfig
 from tests.groundstation.console.live import ForecasterHere, LiveFleet, until

@@ -6,7 +6,7 @@ import pytest
 
 from groundstation.console.app import ConsoleApp
 from groundstation.console.screens.dialogs import QuitScreen
-from groundstation.console.screens.preview import PreviewScreen
+from groundstation.console.screens.preview_screen import PreviewScreen
 from groundstation.console.widgets.event_log import EventLog
 from groundstation.console.widgets.notices import NoticeLines
 from groundstation.fleet.control_authority import SILENCE_S

@@ -10,7 +10,7 @@ import pytest
 from textual import events
 
 from groundstation.console.widgets.order_line import OrderLine, completions
-from groundstation.console.widgets.results import ResultLines
+from groundstation.console.widgets.result_lines import ResultLines
 from onboard.config.fleet import FleetConfig
 from tests.groundstation.console.rig import Rig
 

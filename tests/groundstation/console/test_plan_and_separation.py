@@ -12,7 +12,7 @@ from groundstation.console.app import ConsoleApp
 from groundstation.console.history import closest_pairs
 from groundstation.console.widgets.fleet_table import FleetTable
 from groundstation.console.widgets.plan_view import PlanView
-from groundstation.console.widgets.separation import SeparationView
+from groundstation.console.widgets.separation_view import SeparationView
 from groundstation.fleet.state import VehicleView
 from onboard.config.fleet import FleetConfig
 from tests.groundstation.console.fake import telemetry

@@ -7,7 +7,7 @@ from __future__ import annotations
 import pytest
 
 from groundstation.console.app import ConsoleApp
-from groundstation.console.screens.preview import PreviewScreen
+from groundstation.console.screens.preview_screen import PreviewScreen
 from groundstation.orders.forecast import Forecast
 from groundstation.orders.forecast_process import ForecastFailed
 from onboard.config.fleet import FleetConfig

@@ -12,7 +12,7 @@ from textual.drivers.linux_driver import LinuxDriver
 
 from groundstation.console.app import ConsoleApp
 from groundstation.console.priority_keys import with_hooks
-from groundstation.console.screens.preview import PreviewScreen
+from groundstation.console.screens.preview_screen import PreviewScreen
 from onboard.config.fleet import FleetConfig
 from tests.groundstation.console.fake import FakeClient
 from tests.groundstation.console.rig import Oracle

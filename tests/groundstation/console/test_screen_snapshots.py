@@ -13,7 +13,7 @@ import pytest
 from textual.pilot import Pilot
 
 from groundstation.console.app import ConsoleApp
-from groundstation.console.replay import ReplayApp
+from groundstation.console.replay_app import ReplayApp
 from groundstation.fleet import state as fleet_state
 from groundstation.recording.replay import Replay, open_flight
 from onboard.bus.schema import PreflightReport

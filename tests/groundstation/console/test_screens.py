@@ -13,9 +13,9 @@ from textual.screen import Screen
 
 from groundstation.console.app import ConsoleApp
 from groundstation.console.pipeline_drawing import euler_deg
-from groundstation.console.replay import ReplayApp, clock
-from groundstation.console.screens.alarms import AlarmList, AlarmsScreen
-from groundstation.console.screens.vehicle import VehiclePage, VehicleScreen
+from groundstation.console.replay_app import ReplayApp, clock
+from groundstation.console.screens.alarms_screen import AlarmList, AlarmsScreen
+from groundstation.console.screens.vehicle_screen import VehicleBlocks, VehicleScreen
 from groundstation.console.widgets.bars import StatusBar
 from groundstation.recording.replay import Replay, open_flight
 from groundstation.recording.writer import RecordFiles
@@ -132,13 +132,13 @@ async def test_everything_about_one_vehicle_is_on_its_page_at_every_size(
         await pilot.pause(0.3)
         assert isinstance(app.screen, VehicleScreen)
         assert client.tick_stream.followed == "mav0"
-        page = app.screen.query_one(VehiclePage)
+        page = app.screen.query_one(VehicleBlocks)
         assert "mav0" in str(page.border_title)
-        text = lines(app.screen, VehiclePage)
+        text = lines(app.screen, VehicleBlocks)
         for _ in range(5):
             await pilot.press("pagedown")
             await pilot.pause(0.2)
-            text += lines(app.screen, VehiclePage)
+            text += lines(app.screen, VehicleBlocks)
         for words in ("does not hear the ground", "landing", "the ground is silent", "avoided", "1.00 for mav1",
                       "baseline", "measured", "mav2", "had a thought"):  # fmt: skip
             assert words in text, words
@@ -153,7 +153,7 @@ async def test_why_it_cannot_fly_is_told_with_what_to_do(fleet: FleetConfig) -> 
     async with app.run_test(size=(120, 40)) as pilot:
         await pilot.press("enter")
         await pilot.pause(0.3)
-        assert "no mocap" in lines(app.screen, VehiclePage)
+        assert "no mocap" in lines(app.screen, VehicleBlocks)
         from groundstation.fleet import state as fleet_state
 
         report = PreflightReport(
@@ -164,7 +164,7 @@ async def test_why_it_cannot_fly_is_told_with_what_to_do(fleet: FleetConfig) -> 
         client.state = fleet_state.fold(client.state, report, client.now_ns())
         app.refresh_fleet()
         await pilot.pause(0.2)
-        text = lines(app.screen, VehiclePage)
+        text = lines(app.screen, VehicleBlocks)
         for words in (
             "NO-GO: 1 of 3",
             "position: no pose since 3 s",
@@ -185,11 +185,11 @@ async def test_the_page_goes_to_the_next_vehicle_and_keys_mean_the_one_that_is_s
         # two are marked, the cursor stands on the third
         await pilot.press("space", "space", "enter")
         await pilot.pause(0.3)
-        assert "mav2" in str(app.screen.query_one(VehiclePage).border_title)
+        assert "mav2" in str(app.screen.query_one(VehicleBlocks).border_title)
         assert app.orders.selected == ("mav2",)
         await pilot.press("left_square_bracket")
         await pilot.pause(0.3)
-        assert "mav1" in str(app.screen.query_one(VehiclePage).border_title)
+        assert "mav1" in str(app.screen.query_one(VehicleBlocks).border_title)
         await pilot.press("f7")
         assert client.ordered == ["land mav1"]
         await pilot.press("f12")
@@ -210,8 +210,8 @@ async def test_a_silent_vehicles_page_claims_nothing_of_the_present(fleet: Fleet
         client.skew_ns = 5_000_000_000
         await pilot.press("enter")
         await pilot.pause(0.3)
-        assert "NO TELEM 5" in str(app.screen.query_one(VehiclePage).border_title)
-        assert "no pipeline values" in lines(app.screen, VehiclePage)
+        assert "NO TELEM 5" in str(app.screen.query_one(VehicleBlocks).border_title)
+        assert "no pipeline values" in lines(app.screen, VehicleBlocks)
         assert "NO TELEM" not in lines(app.screen, StatusBar)
         assert "silent" in lines(app.screen, StatusBar)
 
@@ -237,7 +237,7 @@ async def test_strange_values_and_sizes_give_a_page_and_never_a_traceback(
         await pilot.pause(0.2)
         await pilot.resize_terminal(120, 40)
         await pilot.pause(0.2)
-        assert "\x1b" not in lines(app.screen, VehiclePage)
+        assert "\x1b" not in lines(app.screen, VehicleBlocks)
 
 
 def test_angles_of_a_quaternion_are_what_they_are() -> None:
@@ -380,7 +380,7 @@ async def test_the_vehicle_page_shows_a_recorded_pipeline_at_once(tmp_path: Path
         await pilot.pause(0.3)
         await pilot.press("enter")
         await pilot.pause(0.3)
-        assert "1.00 for mav1, saturated" in lines(app.screen, VehiclePage)
+        assert "1.00 for mav1, saturated" in lines(app.screen, VehicleBlocks)
 
 
 def test_a_players_clock_reads_as_one() -> None:

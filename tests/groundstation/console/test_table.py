@@ -10,7 +10,7 @@ from rich.cells import cell_len
 
 from groundstation.console.app import ConsoleApp
 from groundstation.console.history import History
-from groundstation.console.screens.vehicle import VehiclePage
+from groundstation.console.screens.vehicle_screen import VehicleBlocks
 from groundstation.console.widgets.fleet_columns import COLUMNS, fit_columns
 from groundstation.console.widgets.fleet_table import FleetTable
 from groundstation.console.widgets.plan_view import PlanView
@@ -259,7 +259,7 @@ async def test_what_px4_says_past_a_silent_agent_stands_in_place_of_what_was_hea
         assert "1.23" not in row
         await pilot.press("enter")
         await pilot.pause()
-        page = app.screen.query_one(VehiclePage)
+        page = app.screen.query_one(VehicleBlocks)
         assert "PX4 says disarmed" in str(page.border_title)
         assert "ARMED" not in "".join(page.render_line(y).text for y in range(page.size.height))
         await pilot.press("escape", "slash", *"armed", "enter")

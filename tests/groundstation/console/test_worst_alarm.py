@@ -7,10 +7,10 @@ from textual.screen import Screen
 
 from groundstation.console import theme
 from groundstation.console.app import ConsoleApp
-from groundstation.console.screens.alarms import AlarmsScreen
+from groundstation.console.screens.alarms_screen import AlarmsScreen
 from groundstation.console.screens.dialogs import HelpScreen, QuitScreen
-from groundstation.console.screens.preview import PreviewScreen
-from groundstation.console.screens.vehicle import VehicleScreen
+from groundstation.console.screens.preview_screen import PreviewScreen
+from groundstation.console.screens.vehicle_screen import VehicleScreen
 from onboard.config.fleet import FleetConfig
 from tests.groundstation.console.fake import FakeClient
 from tests.groundstation.console.live import until

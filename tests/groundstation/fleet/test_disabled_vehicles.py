@@ -7,8 +7,8 @@ from __future__ import annotations
 import msgspec
 import pytest
 
+from groundstation.alarms.alarm_table import GroundCondition
 from groundstation.alarms.alarms import conditions
-from groundstation.alarms.table import Ground
 from groundstation.fleet import state as fleet_state
 from groundstation.orders.grammar import Intent
 from groundstation.orders.plan import HeldFormation, plan_order
@@ -37,7 +37,9 @@ def test_it_is_shown_counted_and_alarmed_as_soon_as_it_is_heard() -> None:
     assert (state.smallest.first, state.smallest.second) == ("mav0", "mav2")
     assert state.smallest.distance_m == pytest.approx(0.9)
     assert [
-        one.subject for one in conditions(state, fleet, 5) if one.kind is Ground.DISABLED_FLIES
+        one.subject
+        for one in conditions(state, fleet, 5)
+        if one.kind is GroundCondition.DISABLED_FLIES
     ] == ["mav2"]
     stranger = telemetry("nobody", sequence=1)
     assert fleet_state.fold(state, stranger, 6) is state

@@ -5,8 +5,8 @@ from __future__ import annotations
 import asyncio
 from typing import Any
 
+from groundstation.alarms.alarm_table import GroundCondition
 from groundstation.alarms.alarms import conditions
-from groundstation.alarms.table import Ground
 from groundstation.client.client import FleetClient
 from groundstation.client.direct_mavlink import DirectResult
 from groundstation.fleet.own_stall import AFTER_STALL_S
@@ -44,12 +44,12 @@ async def test_a_ground_that_was_stopped_marks_the_gap_and_waits_before_it_calls
     waited_s = 0.0
     while not run.abort_if_silent():
         alarms = {alarm.kind for alarm in conditions(client.state, fleet, client.now_ns())}
-        assert Ground.SILENT not in alarms
+        assert GroundCondition.SILENT not in alarms
         clock.now_ns += 2 * 10**8
         waited_s += 0.2
         assert waited_s < 60.0
     assert waited_s >= AFTER_STALL_S
-    assert Ground.SILENT in {
+    assert GroundCondition.SILENT in {
         alarm.kind for alarm in conditions(client.state, fleet, client.now_ns())
     }
     assert await client.wait_for(

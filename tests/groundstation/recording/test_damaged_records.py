@@ -13,8 +13,8 @@ from groundstation.client.preflight_page import PageLine, VehiclePage, as_text
 from groundstation.commands.plot import draw
 from groundstation.commands.shared.flight import clock_say
 from groundstation.figures.data import TOPICS, from_samples
+from groundstation.recording.flight_report import report
 from groundstation.recording.reader import read
-from groundstation.recording.report import report
 from groundstation.recording.writer import MAX_CHANNELS, RecordFiles, RecordWriter
 from onboard.bus.schema import Event, Message, OrderReply, Truth
 from onboard.bus.topics import Topic

@@ -12,8 +12,8 @@ from typing import Any
 import pytest
 from mcap.reader import make_reader
 
+from groundstation.recording.flight_report import report
 from groundstation.recording.reader import read
-from groundstation.recording.report import report
 from groundstation.recording.writer import RecordWriter, write_json
 from onboard.bus.schema import Event, Order, OrderReply, TickBatch, TickSample, Truth
 from onboard.bus.topics import Topic

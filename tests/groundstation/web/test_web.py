@@ -19,7 +19,7 @@ from groundstation.cli import main
 from groundstation.client.read_only import ReadOnlyClient
 from groundstation.orders.grammar import OrderError
 from groundstation.web import server as server_
-from groundstation.web.server import ConsoleServer
+from groundstation.web.page_server import ConsoleServer
 from onboard.config.endpoints import is_loopback
 from onboard.config.fleet import ConfigError
 from tests.groundstation.recorded import FLEET, record

@@ -18,7 +18,7 @@ class Severity(IntEnum):
     CRITICAL = 2  # act now
 
 
-class Ground(Enum):
+class GroundCondition(Enum):
     """Conditions that the ground detects itself, beside those that a vehicle reports."""
 
     SILENT = "vehicle silent"
@@ -36,7 +36,7 @@ class Ground(Enum):
     DISABLED_FLIES = "flies though disabled"
 
 
-Kind = Condition | Ground
+Kind = Condition | GroundCondition
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +50,7 @@ class AlarmRow:
 
 
 _FILE = tomllib.loads(files(__package__).joinpath("table.toml").read_text(encoding="utf-8"))
-_KINDS: dict[str, Kind] = {kind.name: kind for kind in (*Condition, *Ground)}
+_KINDS: dict[str, Kind] = {kind.name: kind for kind in (*Condition, *GroundCondition)}
 
 TABLE: dict[Kind, AlarmRow] = {
     _KINDS[name]: AlarmRow(

@@ -15,7 +15,7 @@ Mission = Callable[[], Awaitable[object]]
 _PASSED, _FAILED = "✔ mission passed", "✖ mission failed"
 
 
-class MissionRun:
+class MissionWorker:
     """Connects and flies in workers, so that the screen waits for neither.
 
     Args:

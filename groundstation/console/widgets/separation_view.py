@@ -13,7 +13,7 @@ from textual.strip import Strip
 
 from groundstation.console import theme
 from groundstation.console.canvas import Canvas
-from groundstation.console.history import History, Pair
+from groundstation.console.history import ClosePair, History
 from groundstation.console.theme import BAD, CALM, FAINT, GOOD, TEXT, WARN, clean, number
 from groundstation.console.widgets.lines import Lines
 from groundstation.fleet.state import FleetState, Separation
@@ -73,7 +73,7 @@ class SeparationView(Lines, can_focus=True):
     def _smallest(self) -> Separation | None:
         return None if self._state is None else self._state.smallest_truth or self._state.smallest
 
-    def _line(self, label: str, pair: Pair | Separation | None, width: int) -> list[Segment]:
+    def _line(self, label: str, pair: ClosePair | Separation | None, width: int) -> list[Segment]:
         start = Segment(f" {label:<6}", theme.style(FAINT))
         if pair is None or not math.isfinite(pair.distance_m):
             return [
@@ -99,7 +99,7 @@ class SeparationView(Lines, can_focus=True):
             ]
         return [*segments, *self._approach(pair)]
 
-    def _approach(self, pair: Pair) -> list[Segment]:
+    def _approach(self, pair: ClosePair) -> list[Segment]:
         """Return time and distance of their closest approach at their present velocities."""
         if not pair.is_flying:
             return []

@@ -14,7 +14,7 @@ _TABLE_SHARE, _PLAN_LEAST, _PLAN_SHARE = 0.45, 0.36, 0.62
 Room = int | str
 
 
-def rooms(
+def panel_sizes(
     width: int, height: int, vehicles: int, fence: Geofence, alone: str = ""
 ) -> tuple[Room, Room]:
     """Return the height of the fleet table and the width of the plan, in cells, or ``1fr`` for an

@@ -53,7 +53,7 @@ class VehicleScreen(LiveScreen):
     ) -> None:
         super().__init__(alarms)
         self._stream, self._table = stream, table
-        self._page = VehiclePage(fleet, alarms, stream, time_text)
+        self._page = VehicleBlocks(fleet, alarms, stream, time_text)
 
     def body(self) -> Widget:
         """The page."""
@@ -83,7 +83,7 @@ class VehicleScreen(LiveScreen):
         self._page.scroll_to(y=0, animate=False, force=True)
 
 
-class VehiclePage(Lines, ScrollView, can_focus=True):
+class VehicleBlocks(Lines, ScrollView, can_focus=True):
     """Blocks in one, two or three columns that scroll."""
 
     BINDINGS: ClassVar[list[BindingType]] = [

@@ -11,7 +11,7 @@ from textual.scroll_view import ScrollView
 from textual.strip import Strip
 from textual.widget import Widget
 
-from groundstation.alarms.alarms import Alarms, Line, lasting
+from groundstation.alarms.alarms import AlarmLine, Alarms, lasting
 from groundstation.console import theme
 from groundstation.console.screens.live import LiveScreen
 from groundstation.console.theme import FAINT, GOOD, TEXT, clean
@@ -62,7 +62,7 @@ class AlarmList(ScrollView, can_focus=True):
         super().__init__(id="alarms")
         self.alarms = alarms
         self.cursor = 0
-        self._holding: list[Line] = []
+        self._holding: list[AlarmLine] = []
         # index of the alarm (-1: none), one line of the screen
         self._rows: list[tuple[int, list[Segment]]] = []
         self.border_title = "alarms"
@@ -115,7 +115,9 @@ class AlarmList(ScrollView, can_focus=True):
         segments = self._rows[row][1] if row < len(self._rows) else []
         return Strip(segments).adjust_cell_length(self.size.width).apply_style(self.rich_style)
 
-    def _open_alarm(self, index: int, line: Line, now_ns: int, width: int) -> list[list[Segment]]:
+    def _open_alarm(
+        self, index: int, line: AlarmLine, now_ns: int, width: int
+    ) -> list[list[Segment]]:
         sign, colour = SEVERITY[line.alarm.severity]
         if line.is_acknowledged:
             sign, colour = "✓", FAINT
