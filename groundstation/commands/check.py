@@ -23,8 +23,8 @@ from cyclopts import Parameter
 
 from groundstation.commands.parameters import File
 from groundstation.formations.slots import formation_slots
-from groundstation.missions.files import load_mission
-from groundstation.missions.findings import mission_findings
+from groundstation.mission_files.loading import load_mission
+from groundstation.mission_files.mission_findings import mission_findings
 from groundstation.missions.runner import load_function
 from onboard.config.endpoints import is_loopback
 from onboard.config.example_files import existing_file

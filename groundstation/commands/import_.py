@@ -21,8 +21,8 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from groundstation.commands.parameters import File
-from groundstation.missions.files import load_mission
-from groundstation.missions.findings import refused_findings
+from groundstation.mission_files.loading import load_mission
+from groundstation.mission_files.mission_findings import refused_findings
 from groundstation.paths.checks import closest_pairs, pair_words, sample
 from groundstation.shows.conversion import Converted
 from groundstation.shows.csv_folder import read_folder

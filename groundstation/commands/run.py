@@ -36,12 +36,12 @@ from groundstation.commands.shared.flight import (
     start_fleet,
 )
 from groundstation.missions.connection import Host, RealTime, run_script
-from groundstation.missions.final_verdict import final_verdict
 from groundstation.missions.readiness import NotReady
 from groundstation.missions.runner import READY_TIMEOUT_SIM_S
-from groundstation.missions.steps import Expect
 from groundstation.orders.result import OrderFailed
 from groundstation.processes.supervisor import Processes
+from groundstation.verdict.expectations import Expect
+from groundstation.verdict.final_verdict import final_verdict
 from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
 from onboard.exit_status import EXIT_FAILED, EXIT_INTERRUPTED, EXIT_OK
 from onboard.plain_text import plain_lines

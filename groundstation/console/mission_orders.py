@@ -10,10 +10,10 @@ from msgspec.structs import replace
 from groundstation.client.client import FleetClient
 from groundstation.console.clients import ConsoleClient
 from groundstation.console.mission_worker import Mission
-from groundstation.missions.files import load_mission
-from groundstation.missions.findings import refuse_unflyable
+from groundstation.mission_files.loading import load_mission
+from groundstation.mission_files.mission_findings import refuse_unflyable
 from groundstation.missions.runner import MissionRun, load_function
-from groundstation.missions.verdict import Verdict
+from groundstation.verdict.verdict import Verdict
 from onboard.config.fleet import ConfigError
 
 WORDS = ("mission", "step", "continue", "stop")

@@ -1,1 +1,1 @@
-"""Missions: files, the mission API, and the verdict."""
+"""Missions in flight: the Python API, the runner of mission files, and the landing at the end."""

@@ -16,9 +16,9 @@ from groundstation.missions.landing import land_all
 from groundstation.missions.readiness import NotReady as NotReady  # missions import it from here
 from groundstation.missions.readiness import is_ready, not_ready
 from groundstation.missions.vehicle import MissionVehicle
-from groundstation.missions.verdict import Arrival, FlightObservations, StepResult
 from groundstation.orders.grammar import Intent
 from groundstation.orders.result import OrderFailed as OrderFailed
+from groundstation.verdict.verdict import Arrival, FlightObservations, StepResult
 from onboard.bus.schema import Event
 from onboard.config.fleet import ConfigError, FleetConfig
 

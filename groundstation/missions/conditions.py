@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 from groundstation.fleet.state import FleetState, VehicleView
-from groundstation.missions.verdict import is_landed
+from groundstation.verdict.verdict import is_landed
 from onboard.config.fleet import Vec3
 from onboard.config.pair_separation import separation_m
 
@@ -24,7 +24,7 @@ class Moment(NamedTuple):
     begin_ns: int  # when the wait began, on that clock
 
 
-class Condition(NamedTuple):
+class WaitCondition(NamedTuple):
     """A predicate of the fleet, in words for people as well."""
 
     words: str
@@ -37,7 +37,7 @@ class ConditionTimeout(TimeoutError):
     """A condition has not come true in time; the sentence says what it was then."""
 
 
-def reached(goals: Mapping[str, Vec3], within_m: float = ARRIVED_M) -> Condition:
+def reached(goals: Mapping[str, Vec3], within_m: float = ARRIVED_M) -> WaitCondition:
     """Every vehicle reports to be at its goal.
 
     Args:
@@ -52,7 +52,7 @@ def reached(goals: Mapping[str, Vec3], within_m: float = ARRIVED_M) -> Condition
             for name, at in known.items()
         }
 
-    return Condition(
+    return WaitCondition(
         f"{', '.join(goals)} within {within_m:g} m of their goals",
         lambda moment: all(away_m <= within_m for away_m in distances_m(moment).values()),
         lambda moment: ", ".join(
@@ -61,35 +61,35 @@ def reached(goals: Mapping[str, Vec3], within_m: float = ARRIVED_M) -> Condition
     )
 
 
-def separation_above(distance_m: float) -> Condition:
+def separation_above(distance_m: float) -> WaitCondition:
     """No two vehicles of which one flies are nearer to each other than this, by telemetry: their
     separation.
 
     Args:
         distance_m: between centres [m].
     """
-    return Condition(
+    return WaitCondition(
         f"all more than {distance_m:g} m apart",
         lambda moment: _closest_m(moment) > distance_m,
         lambda moment: f"the closest pair is {_closest_m(moment):.2f} m apart",
     )
 
 
-def separation_below(distance_m: float) -> Condition:
+def separation_below(distance_m: float) -> WaitCondition:
     """Two vehicles of which one flies are nearer to each other than this, by telemetry: their
     separation.
 
     Args:
         distance_m: between centres [m].
     """
-    return Condition(
+    return WaitCondition(
         f"two less than {distance_m:g} m apart",
         lambda moment: _closest_m(moment) < distance_m,
         lambda moment: f"the closest pair is {_closest_m(moment):.2f} m apart",
     )
 
 
-def battery_below(percent: float, vehicles: Sequence[str] | str | None = None) -> Condition:
+def battery_below(percent: float, vehicles: Sequence[str] | str | None = None) -> WaitCondition:
     """One of these vehicles reports less charge than this.
 
     Args:
@@ -103,14 +103,14 @@ def battery_below(percent: float, vehicles: Sequence[str] | str | None = None) -
             (one.telemetry.battery_frac for one in views if one.telemetry is not None), default=1.0
         )
 
-    return Condition(
+    return WaitCondition(
         f"{_who(vehicles)} below {percent:g} % of battery",
         lambda moment: least(moment) < percent,
         lambda moment: f"the least is {least(moment):.0f} %",
     )
 
 
-def landed(vehicles: Sequence[str] | str | None = None) -> Condition:
+def landed(vehicles: Sequence[str] | str | None = None) -> WaitCondition:
     """Each of these vehicles is down and disarmed.
 
     Args:
@@ -120,7 +120,7 @@ def landed(vehicles: Sequence[str] | str | None = None) -> Condition:
     return _of_all(vehicles, "landed", "not", lambda moment, name: is_landed(moment.state, name))
 
 
-def flying(vehicles: Sequence[str] | str | None = None) -> Condition:
+def flying(vehicles: Sequence[str] | str | None = None) -> WaitCondition:
     """Each of these vehicles is in the air.
 
     Args:
@@ -135,7 +135,7 @@ def flying(vehicles: Sequence[str] | str | None = None) -> Condition:
     )
 
 
-def fails(vehicles: Sequence[str] | str | None = None) -> Condition:
+def fails(vehicles: Sequence[str] | str | None = None) -> WaitCondition:
     """One of these vehicles is lost: it has failed, lands without an order, or is silent in flight.
 
     Args:
@@ -149,14 +149,14 @@ def fails(vehicles: Sequence[str] | str | None = None) -> Condition:
             if _has_failed(view, moment.now_ns)
         ]
 
-    return Condition(
+    return WaitCondition(
         f"{_who(vehicles)} failing",
         lambda moment: bool(failed(moment)),
         lambda moment: ", ".join(failed(moment)) or "none",
     )
 
 
-def event(code: str, vehicles: Sequence[str] | str | None = None) -> Condition:
+def event(code: str, vehicles: Sequence[str] | str | None = None) -> WaitCondition:
     """An event with this code has come since the wait began.
 
     Args:
@@ -176,21 +176,21 @@ def event(code: str, vehicles: Sequence[str] | str | None = None) -> Condition:
             for logged in moment.state.events
         )
 
-    return Condition(f"event '{code}' of {_who(vehicles)}", has_come, lambda _: "none has come")
+    return WaitCondition(f"event '{code}' of {_who(vehicles)}", has_come, lambda _: "none has come")
 
 
-def any_of(*conditions: Condition) -> Condition:
+def any_of(*conditions: WaitCondition) -> WaitCondition:
     """At least one of these conditions holds."""
-    return Condition(
+    return WaitCondition(
         " or ".join(one.words for one in conditions),
         lambda moment: any(one.holds(moment) for one in conditions),
         lambda moment: "; ".join(one.value(moment) for one in conditions),
     )
 
 
-def all_of(*conditions: Condition) -> Condition:
+def all_of(*conditions: WaitCondition) -> WaitCondition:
     """All of these conditions hold at once."""
-    return Condition(
+    return WaitCondition(
         " and ".join(one.words for one in conditions),
         lambda moment: all(one.holds(moment) for one in conditions),
         lambda moment: "; ".join(one.value(moment) for one in conditions if not one.holds(moment)),
@@ -234,11 +234,11 @@ def _of_all(
     what: str,
     otherwise: str,
     holds: Callable[[Moment, str], bool],
-) -> Condition:
+) -> WaitCondition:
     def others(moment: Moment) -> list[str]:
         return [name for name in _views(moment, vehicles) if not holds(moment, name)]
 
-    return Condition(
+    return WaitCondition(
         f"{_who(vehicles, 'all')} {what}",
         lambda moment: not others(moment),
         lambda moment: f"{otherwise} {', '.join(others(moment))}",

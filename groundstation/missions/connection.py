@@ -20,9 +20,9 @@ from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
 from groundstation.client.client import FleetClient
-from groundstation.missions.verdict import FlightObservations
 from groundstation.recording.channels import RECORDED
 from groundstation.recording.writer import RecordWriter
+from groundstation.verdict.verdict import FlightObservations
 from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
 
 READY_TIMEOUT_S = 30.0

@@ -6,11 +6,11 @@ import asyncio
 from collections.abc import Callable
 
 from groundstation.client.client import FleetClient
-from groundstation.missions.verdict import Arrival, StepResult, arrival_of, smallest
 from groundstation.orders.grammar import Intent
 from groundstation.orders.obstruction import explained
 from groundstation.orders.plan import PlannedOrder
 from groundstation.orders.result import OrderFailed, Results
+from groundstation.verdict.verdict import Arrival, StepResult, arrival_of, smallest
 from onboard.config.fleet import Vec3
 
 _WAITS_FOR_STEP = ("arm", "takeoff", "move", "goto", "formation", "rotate", "yaw")

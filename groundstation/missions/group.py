@@ -15,7 +15,7 @@ import numpy as np
 from groundstation.client.client import FleetClient
 from groundstation.fleet.state import FleetState
 from groundstation.formations.slots import formation_names, formation_slots
-from groundstation.missions.conditions import Condition, ConditionTimeout, Moment
+from groundstation.missions.conditions import ConditionTimeout, Moment, WaitCondition
 from groundstation.missions.following import follow, present_offsets
 from groundstation.missions.ground import MissionGround
 from groundstation.missions.path_following import Lights, Paths, follow_paths
@@ -389,7 +389,7 @@ class Group:
         """
         await asyncio.sleep(duration_s)
 
-    async def until(self, condition: Condition, timeout_s: float = 60.0) -> None:
+    async def until(self, condition: WaitCondition, timeout_s: float = 60.0) -> None:
         """Wait until a condition of :mod:`groundstation.missions.conditions` holds.
 
         Args:
@@ -410,7 +410,11 @@ class Group:
 
     @contextlib.asynccontextmanager
     async def reacting(
-        self, condition: Condition, reaction: Callable[[], Awaitable[object]], *, ends: bool = False
+        self,
+        condition: WaitCondition,
+        reaction: Callable[[], Awaitable[object]],
+        *,
+        ends: bool = False,
     ) -> AsyncIterator[None]:
         """React as soon as a condition holds while the block below runs.
 

@@ -7,9 +7,9 @@ from collections.abc import Callable, Sequence
 from groundstation.client.client import FleetClient
 from groundstation.fleet.descent import longest_descent_s
 from groundstation.fleet.state import FleetState
-from groundstation.missions.verdict import is_landed
 from groundstation.orders.grammar import Intent
 from groundstation.orders.result import OrderResult
+from groundstation.verdict.verdict import is_landed
 
 LAND_AGAIN_S = 6.0
 _PATIENCE = 2.0  # times the descent: who lands waits for others below, and goes aside for others

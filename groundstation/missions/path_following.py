@@ -9,11 +9,11 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Protocol
 
 from groundstation.client.client import FleetClient
-from groundstation.missions.verdict import StepResult
 from groundstation.orders.grammar import Intent
 from groundstation.orders.path_orders import OnLag, parts_of, starts_of
 from groundstation.orders.result import OrderFailed, OrderResult, Results
 from groundstation.paths.lights import Colour, Light, colour_at
+from groundstation.verdict.verdict import StepResult
 from onboard.bus.schema import Light as LightMessage
 from onboard.bus.topics import Topic
 from onboard.config.fleet import Vec3

@@ -15,13 +15,13 @@ from groundstation.client.client import FleetClient
 from groundstation.client.fault_orders import FaultRefused
 from groundstation.client.preflight_page import advice_of
 from groundstation.fleet.state import FleetState
+from groundstation.mission_files.loading import Mission, with_shapes
+from groundstation.mission_files.python_file import arguments_of
 from groundstation.missions.api import Fleet, NotReady, OrderFailed
-from groundstation.missions.files import Mission, with_shapes
 from groundstation.missions.landing import SILENT_S, silent_in_flight
-from groundstation.missions.python_file import arguments_of
 from groundstation.missions.step_runner import MissionFailed, StepRunner
-from groundstation.missions.verdict import FlightObservations, Verdict, is_landed, judge
 from groundstation.orders.grammar import Intent
+from groundstation.verdict.verdict import FlightObservations, Verdict, is_landed, judge
 from onboard.config.fleet import ConfigError
 
 LAND_TIMEOUT_S = 40.0

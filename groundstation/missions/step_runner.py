@@ -8,27 +8,32 @@ import asyncio
 from collections.abc import Sequence
 from dataclasses import replace
 
-from groundstation.missions import conditions
-from groundstation.missions.api import Fleet
-from groundstation.missions.conditions import Condition
-from groundstation.missions.course import Stage, formation_paths, intent_of, with_speed
-from groundstation.missions.files import Mission
-from groundstation.missions.steps import (
+from groundstation.mission_files.expected_course import (
+    Stage,
+    formation_paths,
+    intent_of,
+    with_speed,
+)
+from groundstation.mission_files.loading import Mission
+from groundstation.mission_files.steps import (
     ExpectStep,
     FaultStep,
     FlyFormationStep,
     FollowPathStep,
     GoalStep,
+    MissionStep,
     OrderStep,
     ParallelStep,
     ReactStep,
     RepeatStep,
-    Step,
     Until,
     WaitStep,
 )
-from groundstation.missions.verdict import check, is_landed, smallest
+from groundstation.missions import conditions
+from groundstation.missions.api import Fleet
+from groundstation.missions.conditions import WaitCondition
 from groundstation.orders.grammar import Intent
+from groundstation.verdict.verdict import check, is_landed, smallest
 from onboard.config.fleet import FleetConfig, Vec3
 
 
@@ -57,7 +62,7 @@ class StepRunner:
             self._fleet.say(f"[{index + 1}/{len(steps)}] {step.do}; about {left_s:.0f} s left")
             await self._do(step, f"step[{index}]")
 
-    async def rehearse_faults(self, steps: Sequence[Step] | None = None) -> None:
+    async def rehearse_faults(self, steps: Sequence[MissionStep] | None = None) -> None:
         """Check every fault before the take-off.
 
         Raises:
@@ -69,11 +74,11 @@ class StepRunner:
             for inner in _blocks(step):
                 await self.rehearse_faults(inner)
 
-    async def _all(self, steps: Sequence[Step], key: str) -> None:
+    async def _all(self, steps: Sequence[MissionStep], key: str) -> None:
         for index, step in enumerate(steps):
             await self._do(step, f"{key}[{index}]")
 
-    async def _do(self, step: Step, key: str) -> None:
+    async def _do(self, step: MissionStep, key: str) -> None:
         fleet = self._fleet
         if isinstance(step, OrderStep):
             await self._order(step)
@@ -161,7 +166,7 @@ class StepRunner:
         return {name: spot for name, spot in spots.items() if spot is not None}
 
 
-def condition(until: Until, fleet: FleetConfig) -> Condition:
+def condition(until: Until, fleet: FleetConfig) -> WaitCondition:
     """Return the condition that a step waits for.
 
     Args:
@@ -203,7 +208,7 @@ def _without(intent: Intent, left_out: set[str]) -> Intent:
     return replace(intent, vehicles=names, goals=goals)
 
 
-def _blocks(step: Step) -> tuple[Sequence[Step], ...]:
+def _blocks(step: MissionStep) -> tuple[Sequence[MissionStep], ...]:
     if isinstance(step, ParallelStep):
         return step.branches
     return (

@@ -17,14 +17,14 @@ from msgspec.structs import replace
 from groundstation.client.client import FleetClient
 from groundstation.client.direct_mavlink import DirectKind, DirectResult
 from groundstation.fleet.state import FleetState
+from groundstation.mission_files.loading import Mission, load_mission
 from groundstation.missions.api import Fleet
 from groundstation.missions.connection import hosted, run_script
-from groundstation.missions.files import Mission, load_mission
-from groundstation.missions.final_verdict import final_verdict
 from groundstation.missions.runner import READY_TIMEOUT_SIM_S, MissionRun
-from groundstation.missions.verdict import FlightObservations, Verdict
 from groundstation.orders.result import VehicleResult
 from groundstation.recording.channels import RECORDED
+from groundstation.verdict.final_verdict import final_verdict
+from groundstation.verdict.verdict import FlightObservations, Verdict
 from onboard.bus.schema import Event
 from onboard.config.fleet import FleetConfig, load_fleet
 from sitl.emulator.mocap import MocapSettings

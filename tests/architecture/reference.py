@@ -11,7 +11,8 @@ from typing import Any
 
 from groundstation.commands.gallery.catalogue import GALLERY, sentence_of
 from groundstation.formations.frame import FramePoint
-from groundstation.missions.steps import EXPECT_MOST_M, STEP_BOUNDS, STEPS, Expect, OnFailure, Until
+from groundstation.mission_files.steps import STEP_BOUNDS, STEPS, OnFailure, Until
+from groundstation.verdict.expectations import EXPECT_MOST_M, Expect
 from onboard.config import formation_shape, mocap, radio, sitl
 from onboard.config.fleet_config import FleetSection, Geofence, Origin, Vehicle
 from onboard.config.formation_shape import FormationShape, ShapeName

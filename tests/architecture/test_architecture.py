@@ -73,7 +73,7 @@ def test_no_agent_code_knows_the_ground_truth() -> None:
 def test_the_drawing_of_the_rooms_has_few_arrows_and_each_is_an_import() -> None:
     page = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
     arrows = re.findall(r"^  (\w+) --> (\w+)$", page, re.MULTILINE)
-    assert 0 < len(arrows) <= 25
+    assert 0 < len(arrows) <= 30
     by_name = {module.name: module for module in form.modules()}
     drawn = {
         (module.room.rpartition("/")[2], by_name[target].room.rpartition("/")[2])

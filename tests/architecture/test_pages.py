@@ -15,7 +15,7 @@ import pytest
 from cyclopts import App
 
 from groundstation.cli import COMMANDS, front_page, main
-from groundstation.missions.files import load_mission
+from groundstation.mission_files.loading import load_mission
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"

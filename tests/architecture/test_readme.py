@@ -4,7 +4,7 @@ import re
 from pathlib import Path
 
 from groundstation.cli import main
-from groundstation.missions.files import load_mission
+from groundstation.mission_files.loading import load_mission
 
 ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")

@@ -18,11 +18,9 @@ from msgspec.structs import replace
 
 from groundstation.client.client import FleetClient
 from groundstation.commands.shared.interruption import listen, listen_no_more
-from groundstation.missions.files import Mission, load_mission, with_fleet
-from groundstation.missions.final_verdict import final_verdict
-from groundstation.missions.findings import refuse_unflyable
+from groundstation.mission_files.loading import Mission, load_mission, with_fleet
+from groundstation.mission_files.mission_findings import refuse_unflyable
 from groundstation.missions.runner import READY_TIMEOUT_SIM_S, MissionRun, load_function
-from groundstation.missions.verdict import Verdict
 from groundstation.processes.free_ports import (
     busy_ports,
     in_another_folder,
@@ -34,6 +32,8 @@ from groundstation.processes.free_ports import (
 from groundstation.processes.supervisor import ProcessError, Processes, agent_command, leaves_room
 from groundstation.recording.channels import RECORDED
 from groundstation.recording.writer import FLUSH_PERIOD_S, RECORD_NAME, RecordWriter
+from groundstation.verdict.final_verdict import final_verdict
+from groundstation.verdict.verdict import Verdict
 from onboard.bus.schema import Event
 from onboard.config.fleet import ConfigError, FleetConfig, fleet_from_mapping
 from onboard.exit_status import EXIT_FAILED, EXIT_INTERRUPTED, EXIT_WRONG_INPUT

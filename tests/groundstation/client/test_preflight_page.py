@@ -17,8 +17,8 @@ from groundstation.cli import main
 from groundstation.client import preflight_page
 from groundstation.client.client import FleetClient
 from groundstation.fleet.state import FleetState, NodeSeen, fold, fold_nodes, initial
-from groundstation.missions.files import load_mission, mission_from_mapping
-from groundstation.missions.findings import refuse_unflyable
+from groundstation.mission_files.loading import load_mission, mission_from_mapping
+from groundstation.mission_files.mission_findings import refuse_unflyable
 from groundstation.missions.runner import MissionRun
 from groundstation.processes.free_ports import toml_text, with_free_ports
 from onboard.bus.schema import PreflightReport

@@ -9,7 +9,7 @@ import pytest
 from groundstation.cli import main
 from groundstation.commands.demo import locked_copy
 from groundstation.commands.identify import one_alone
-from groundstation.missions.files import load_mission
+from groundstation.mission_files.loading import load_mission
 from onboard.config.fleet import load_fleet
 
 

@@ -62,7 +62,7 @@ def test_a_vehicle_that_the_fleet_file_has_wrong_is_identified_from_its_flight(
     folder = tmp_path / "flight"
     flight = lockstep(believed, seed=4, folder=folder)
     bias_rad = flight.simulation.emulator.world.vehicles.tilt_bias_rad[0].copy()
-    from groundstation.missions.files import load_mission
+    from groundstation.mission_files.loading import load_mission
 
     assert flight.fly(load_mission(mission, believed)).passed
     assert "lag-differs" in {event.code for event in flight.events}  # the agent has noticed as well

@@ -13,7 +13,7 @@ import pytest
 
 from groundstation.client.client import FleetClient
 from groundstation.commands.shared.interruption import listen, listen_no_more
-from groundstation.missions.files import load_mission
+from groundstation.mission_files.loading import load_mission
 from groundstation.missions.runner import MissionRun
 from onboard.config.fleet import FleetConfig
 

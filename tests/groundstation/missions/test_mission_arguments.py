@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from groundstation.cli import main
-from groundstation.missions.python_file import arguments_of
+from groundstation.mission_files.python_file import arguments_of
 from onboard.config.fleet import ConfigError
 from sitl.lockstep.flight import Lockstep
 

@@ -11,10 +11,10 @@ import pytest
 from groundstation.cli import main
 from groundstation.client.client import FleetClient
 from groundstation.client.fault_orders import FaultRefused
+from groundstation.mission_files.loading import mission_from_mapping
+from groundstation.mission_files.steps import FaultStep
 from groundstation.missions.api import Fleet
-from groundstation.missions.files import mission_from_mapping
 from groundstation.missions.runner import MissionRun
-from groundstation.missions.steps import FaultStep
 from onboard.bus.schema import FaultOrder, OrderReply
 from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
 from sitl.lockstep.flight import Lockstep

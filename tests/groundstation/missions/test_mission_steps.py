@@ -9,8 +9,8 @@ from typing import Any
 import msgspec
 import pytest
 
-from groundstation.missions.files import Mission, mission_from_mapping
-from groundstation.missions.findings import mission_findings
+from groundstation.mission_files.loading import Mission, mission_from_mapping
+from groundstation.mission_files.mission_findings import mission_findings
 from groundstation.missions.runner import MissionRun
 from onboard.config.fleet import ConfigError, FleetConfig
 

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from groundstation.missions.files import load_mission, mission_from_mapping
-from groundstation.missions.final_verdict import final_verdict
+from groundstation.mission_files.loading import load_mission, mission_from_mapping
 from groundstation.missions.runner import MissionRun
 from groundstation.recording.writer import RecordWriter
+from groundstation.verdict.final_verdict import final_verdict
 from onboard.bus.schema import PreflightReport
 from onboard.bus.topics import Topic
 from onboard.config.fleet import ConfigError, FleetConfig, load_fleet

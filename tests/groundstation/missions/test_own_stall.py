@@ -10,7 +10,7 @@ from groundstation.alarms.alarms import conditions
 from groundstation.client.client import FleetClient
 from groundstation.client.direct_mavlink import DirectResult
 from groundstation.fleet.own_stall import AFTER_STALL_S
-from groundstation.missions.files import mission_from_mapping
+from groundstation.mission_files.loading import mission_from_mapping
 from groundstation.missions.runner import MissionRun
 from onboard.config.fleet import FleetConfig
 

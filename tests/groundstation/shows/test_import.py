@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 
 from groundstation.cli import main
-from groundstation.missions.files import Mission, load_mission
-from groundstation.missions.findings import mission_findings
-from groundstation.missions.steps import FollowPathStep
+from groundstation.mission_files.loading import Mission, load_mission
+from groundstation.mission_files.mission_findings import mission_findings
+from groundstation.mission_files.steps import FollowPathStep
 from groundstation.shows.csv_folder import read_folder
 from groundstation.shows.light_program import colours
 from groundstation.shows.output import write_show

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from groundstation.missions.files import Mission, mission_from_mapping
+from groundstation.mission_files.loading import Mission, mission_from_mapping
 from onboard.config.fleet import FleetConfig, load_fleet
 from sitl.lockstep.testing import lockstep as lockstep
 

@@ -22,8 +22,8 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
+from groundstation.mission_files.loading import Mission, mission_from_mapping
 from groundstation.missions.api import OrderFailed
-from groundstation.missions.files import Mission, mission_from_mapping
 from onboard.bus.schema import Truth
 from onboard.bus.topics import Topic
 from onboard.config.fleet import FleetConfig, load_fleet

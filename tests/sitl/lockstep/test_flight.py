@@ -17,8 +17,8 @@ import pytest
 
 from groundstation import cli
 from groundstation.commands.gallery.catalogue import GALLERY
-from groundstation.missions.verdict import Verdict
 from groundstation.recording.reader import read
+from groundstation.verdict.verdict import Verdict
 from sitl.lockstep import agents
 from sitl.lockstep.flight import Lockstep
 from tests.sitl.square_fleets import block_mission, square_fleet
@@ -137,7 +137,7 @@ def test_a_flight_can_be_flown_by_hand(lockstep):
 def test_every_shipped_fleet_flies_a_shipped_mission_and_every_mission_is_flown_by_its_own_fleet(
     fleet, tmp_path, capsys
 ):
-    from groundstation.missions.files import load_mission
+    from groundstation.mission_files.loading import load_mission
     from onboard.config.fleet import ConfigError, load_fleet
 
     fitting, own = [], []

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from msgspec.structs import replace
 
-from groundstation.missions.files import mission_from_mapping
+from groundstation.mission_files.loading import mission_from_mapping
 from groundstation.recording.reader import read
 from onboard.config.fleet import FleetConfig
 

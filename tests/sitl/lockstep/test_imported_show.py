@@ -6,7 +6,7 @@ import base64
 from collections.abc import Callable
 from pathlib import Path
 
-from groundstation.missions.files import load_mission
+from groundstation.mission_files.loading import load_mission
 from groundstation.shows.output import write_show
 from groundstation.shows.skyc import read_skyc
 from sitl.lockstep.flight import Lockstep

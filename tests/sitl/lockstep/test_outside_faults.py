@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from groundstation.mission_files.loading import mission_from_mapping
 from groundstation.missions import conditions
-from groundstation.missions.files import mission_from_mapping
 from sitl.faults.catalogue import Fault
 
 PAPER = Path(__file__).resolve().parents[3] / "configs/fleets/paper.toml"

@@ -10,7 +10,7 @@ import pytest
 
 from groundstation import cli
 from groundstation.commands.check import examine
-from groundstation.missions.files import load_mission
+from groundstation.mission_files.loading import load_mission
 from onboard.config.fleet import load_fleet
 from sitl.monte_carlo import batch, settings
 

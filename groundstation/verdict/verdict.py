@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import msgspec
 
 from groundstation.fleet.state import FleetState, Separation, VehicleView
-from groundstation.missions.steps import Expect
 from groundstation.recording.flight_report import PERIOD_NOMINAL_MS, FlightReport, LoopTiming
+from groundstation.verdict.expectations import Expect
 from onboard.config.fleet import FleetConfig, Vec3
 from onboard.exit_status import (
     EXIT_FAILED,

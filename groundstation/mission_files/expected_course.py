@@ -14,7 +14,7 @@ import numpy as np
 from groundstation.formations.assignment import nearest_slots
 from groundstation.formations.frame import Begin, frame_paths
 from groundstation.formations.slots import formation_names, formation_slots
-from groundstation.missions.steps import (
+from groundstation.mission_files.steps import (
     BlockStep,
     FlyFormationStep,
     FollowPathStep,
@@ -22,13 +22,13 @@ from groundstation.missions.steps import (
     GotoStep,
     HomeStep,
     LandStep,
+    MissionStep,
     MoveStep,
     OrderStep,
     ParallelStep,
     ReactStep,
     RepeatStep,
     RotateStep,
-    Step,
     TakeoffStep,
     WaitStep,
     YawStep,
@@ -52,7 +52,7 @@ class Stage:
     """One step of a mission as it is expected to be flown."""
 
     key: str  # of the step in the file: step[2].steps[0]
-    step: Step
+    step: MissionStep
     positions: Mapping[str, Vec3]  # of all vehicles before it
     flying: frozenset[str]  # before it
     is_known: bool  # whether that is certain; after a fault or a reaction it is not
@@ -76,7 +76,7 @@ class _Fleet:
 
 
 def course(
-    fleet: FleetConfig, steps: Sequence[Step], paths_of: PathsOf, path: str
+    fleet: FleetConfig, steps: Sequence[MissionStep], paths_of: PathsOf, path: str
 ) -> Iterator[Stage]:
     """Yield the stages of a mission in the order in which they are flown; branches side by side
     come one by one.
@@ -190,7 +190,7 @@ def formation_paths(
 
 def _stages(
     fleet: FleetConfig,
-    step: Step,
+    step: MissionStep,
     key: str,
     now: _Fleet,
     paths_of: PathsOf,
@@ -217,7 +217,7 @@ def _stages(
     now.is_known = now.is_known and step.do != "fault"
 
 
-def _inner(step: BlockStep, key: str) -> Iterator[tuple[Step, str, int]]:
+def _inner(step: BlockStep, key: str) -> Iterator[tuple[MissionStep, str, int]]:
     """Yield the steps within a step with their keys; of repetitions the first, and the second for
     all others.
     """
@@ -232,7 +232,9 @@ def _inner(step: BlockStep, key: str) -> Iterator[tuple[Step, str, int]]:
         yield from ((inner, f"{key}.then[{k}]", 1) for k, inner in enumerate(step.then))
 
 
-def _stage(fleet: FleetConfig, step: Step, key: str, now: _Fleet, paths_of: PathsOf) -> Stage:
+def _stage(
+    fleet: FleetConfig, step: MissionStep, key: str, now: _Fleet, paths_of: PathsOf
+) -> Stage:
     stage = Stage(key, step, dict(now.positions), frozenset(now.flying), now.is_known)
     if isinstance(step, FollowPathStep | FlyFormationStep):
         is_own = isinstance(step, FollowPathStep)

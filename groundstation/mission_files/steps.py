@@ -10,6 +10,7 @@ import msgspec
 
 from groundstation.formations.frame import FramePoint
 from groundstation.orders.path_orders import OnLag
+from groundstation.verdict.expectations import Expect
 from onboard.config.fleet import Vec3
 
 Names = str | list[str]
@@ -187,19 +188,6 @@ class ReactStep(_Step, frozen=True, kw_only=True):
     then: tuple[Any, ...]  # steps once it holds: [[step.then]]
 
 
-class Expect(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Expectations.
-
-    As a step: about the flight so far. As ``[expect]``: about the whole mission.
-    """
-
-    min_separation_m: float | None = None  # no two centres came nearer
-    # each vehicle was so near to its goal when its order was done
-    arrived_within_m: float | None = None
-    # everybody is down and disarmed; false: it is right that they are not
-    all_landed: bool | None = None
-
-
 class ExpectStep(Expect, frozen=True, kw_only=True):
     """Judge now; the mission goes on only if all expectations are met."""
 
@@ -228,8 +216,10 @@ OrderStep = (
     | DisarmStep
 )
 BlockStep = RepeatStep | ParallelStep | ReactStep
-Step = OrderStep | FollowPathStep | FlyFormationStep | WaitStep | ExpectStep | FaultStep | BlockStep
-STEPS: dict[str, type[Step]] = {
+MissionStep = (
+    OrderStep | FollowPathStep | FlyFormationStep | WaitStep | ExpectStep | FaultStep | BlockStep
+)
+STEPS: dict[str, type[MissionStep]] = {
     "arm": ArmStep,
     "takeoff": TakeoffStep,
     "move": MoveStep,
@@ -263,4 +253,3 @@ STEP_BOUNDS = {
     "yaw_deg": (-360.0, 360.0),
     "times": (1, 100),
 }
-EXPECT_MOST_M = {"min_separation_m": 100.0, "arrived_within_m": 10.0}

@@ -7,10 +7,10 @@ from __future__ import annotations
 import contextlib
 from pathlib import Path
 
-from groundstation.missions.steps import Expect
-from groundstation.missions.verdict import FlightObservations, Verdict, judge
 from groundstation.recording.flight_report import FlightReport, report
 from groundstation.recording.writer import write_json
+from groundstation.verdict.expectations import Expect
+from groundstation.verdict.verdict import FlightObservations, Verdict, judge
 from onboard.config.fleet import ConfigError
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
-from groundstation.missions.files import Mission
-from groundstation.missions.steps import HomeStep, LandStep, OrderStep
+from groundstation.mission_files.loading import Mission
+from groundstation.mission_files.steps import HomeStep, LandStep, OrderStep
 from groundstation.paths.checks import path_findings
 from onboard.config.fleet import ConfigError
 from onboard.feasibility.bounds import ACCURACIES

@@ -12,16 +12,14 @@ from typing import Any, cast
 
 import msgspec
 
-from groundstation.missions.course import Stage, course
-from groundstation.missions.python_file import read_python
-from groundstation.missions.steps import (
+from groundstation.mission_files.expected_course import Stage, course
+from groundstation.mission_files.python_file import read_python
+from groundstation.mission_files.steps import (
     BLOCK_KEYS,
-    EXPECT_MOST_M,
     STEP_BOUNDS,
     STEPS,
     ArmStep,
     DisarmStep,
-    Expect,
     ExpectStep,
     FaultStep,
     FlyFormationStep,
@@ -29,10 +27,10 @@ from groundstation.missions.steps import (
     GoalStep,
     HoldStep,
     HomeStep,
+    MissionStep,
     OnFailure,
     ReactStep,
     RotateStep,
-    Step,
     TakeoffStep,
     Until,
     WaitStep,
@@ -40,6 +38,7 @@ from groundstation.missions.steps import (
 )
 from groundstation.paths.files import load_path
 from groundstation.paths.lights import Light, load_lights
+from groundstation.verdict.expectations import EXPECT_MOST_M, Expect
 from onboard.config.example_files import existing_file
 from onboard.config.fleet import (
     ConfigError,
@@ -63,7 +62,7 @@ class Mission(msgspec.Struct, frozen=True):
 
     path: str
     fleet: FleetConfig
-    steps: tuple[Step, ...]
+    steps: tuple[MissionStep, ...]
     expect: Expect
     on_failure: OnFailure
     text: str
@@ -200,7 +199,7 @@ def with_shapes(fleet: FleetConfig, shapes: Mapping[str, FormationShape]) -> Fle
     return msgspec.structs.replace(fleet, shapes={**fleet.shapes, **shapes}) if shapes else fleet
 
 
-def _every(steps: Iterable[Step]) -> Iterator[Step]:
+def _every(steps: Iterable[MissionStep]) -> Iterator[MissionStep]:
     """Yield all steps, those within others too."""
     for step in steps:
         yield step
@@ -222,7 +221,7 @@ def _fleet_of(value: Any, override: FleetConfig | str | None, path: str) -> Flee
     return load_fleet(value if FilePath(value).name == value and not beside.exists() else beside)
 
 
-def _step(data: Any, key: str, path: str) -> Step:
+def _step(data: Any, key: str, path: str) -> MissionStep:
     if not isinstance(data, dict) or not isinstance(data.get("do"), str):
         raise ConfigError(f"{path}: '{key}.do' is missing. It says what to do: {', '.join(STEPS)}.")
     kind = STEPS.get(data["do"])
@@ -233,7 +232,7 @@ def _step(data: Any, key: str, path: str) -> Step:
     inner = {
         name: _inner_steps(data[name], f"{key}.{name}", path) for name in BLOCK_KEYS if name in data
     }
-    step = cast(Step, convert({**data, **dict.fromkeys(inner, ())}, kind, path, key))
+    step = cast(MissionStep, convert({**data, **dict.fromkeys(inner, ())}, kind, path, key))
     if inner:
         step = msgspec.structs.replace(step, **inner)
     for name, (low, high) in STEP_BOUNDS.items():
@@ -307,7 +306,7 @@ def _check_steps(mission: Mission) -> None:
             _check_until(step.when, fleet, f"{mission.path}: 'step[{index}].when'")
 
 
-def _out_of_order(step: Step, vehicles: Sequence[str], flying: Collection[str]) -> str:
+def _out_of_order(step: MissionStep, vehicles: Sequence[str], flying: Collection[str]) -> str:
     """Return a sentence on a step that comes too early or too late."""
     grounded = ", ".join(name for name in vehicles if name not in flying)
     up = ", ".join(name for name in vehicles if name in flying)
