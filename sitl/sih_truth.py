@@ -180,7 +180,7 @@ class Listener(asyncio.DatagramProtocol):
 
 
 @dataclass(slots=True)
-class Relay:
+class TruthRelay:
     """Truth, and poses if wanted, of one vehicle onto the bus."""
 
     bus: BusSession
@@ -234,7 +234,7 @@ async def serve(
     try:
         for name in names:
             vehicle = fleet.vehicles[name]
-            relay = Relay(bus, Body(vehicle, fleet.fleet.global_origin), with_mocap, boot_id)
+            relay = TruthRelay(bus, Body(vehicle, fleet.fleet.global_origin), with_mocap, boot_id)
             port = _FIRST_PORT + vehicle.system_id - 1
             listener = Listener(vehicle.system_id, relay.take, relay.body)
             try:

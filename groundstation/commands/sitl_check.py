@@ -29,14 +29,18 @@ from sitl.conformance.facts import (
     Fact,
     FactReport,
     FactResult,
-    Verdict,
+    FactVerdict,
     facts_of,
     matching,
 )
 from sitl.conformance.suite import FACTS, NobodyAnsweredError, Terms, check
 
 _ENDPOINT = re.compile(r"(udpin|udpout)://([^:/]*):(\d{1,5})")
-_MARKS = {Verdict.AGREES: "  agrees ", Verdict.DIFFERS: "X DIFFERS", Verdict.SKIPPED: "- skipped"}
+_MARKS = {
+    FactVerdict.AGREES: "  agrees ",
+    FactVerdict.DIFFERS: "X DIFFERS",
+    FactVerdict.SKIPPED: "- skipped",
+}
 
 
 def sitl_check(
@@ -162,11 +166,11 @@ def _check(
     except KeyboardInterrupt:
         say("interrupted; the vehicle was put down and its parameters were put back")
         return EXIT_INTERRUPTED
-    counts = {verdict.value: report.count(verdict) for verdict in Verdict}
+    counts = {verdict.value: report.count(verdict) for verdict in FactVerdict}
     if is_json:
         about: dict[str, Any] = {"endpoint": endpoint, "system_id": client.system_id}
         about["pace"] = round(client.clock.pace, 3)
         results = [result.as_json() for result in report.results.values()]
         print(dumps({"schema": 1, **about, **counts, "facts": results}, indent=1))
     say(", ".join(f"{count} {word}" for word, count in counts.items()))
-    return EXIT_FAILED if counts[Verdict.DIFFERS.value] else EXIT_OK
+    return EXIT_FAILED if counts[FactVerdict.DIFFERS.value] else EXIT_OK

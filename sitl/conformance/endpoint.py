@@ -44,7 +44,7 @@ class Port(Protocol):
     def send(self, datagram: bytes) -> None:
         """Send to the vehicle; dropped while nobody has been heard."""
 
-    def stranger(self) -> Port:
+    def another_sender(self) -> Port:
         """Another sender's way to the same vehicle, from an address of its own."""
 
     def close(self) -> None:
@@ -89,7 +89,7 @@ class UdpPort:
             except (BlockingIOError, ConnectionRefusedError):
                 return  # nobody is there; silence says so later
 
-    def stranger(self) -> UdpPort:
+    def another_sender(self) -> UdpPort:
         return UdpPort(None, self._peer)
 
     def close(self) -> None:
@@ -102,7 +102,7 @@ def is_signed(frame: bytes) -> bool:
 
 
 @dataclass(slots=True)
-class Packet:
+class ReceivedPacket:
     """One frame: when it came (vehicle's time) and its bytes."""
 
     at_s: float
@@ -176,13 +176,13 @@ class VehicleClock:
 class Recording:
     """Everything that came, by message."""
 
-    packets: dict[int, list[Packet]] = field(default_factory=lambda: defaultdict(list))
+    packets: dict[int, list[ReceivedPacket]] = field(default_factory=lambda: defaultdict(list))
     datagrams: int = 0
     frames: int = 0
     v1_frames: int = 0
     octets: int = 0
     # came before the first stamp, and when
-    _undated: list[tuple[Packet, float]] = field(default_factory=list)
+    _undated: list[tuple[ReceivedPacket, float]] = field(default_factory=list)
 
     def take(self, datagram: bytes, clock: VehicleClock, port_s: float) -> None:
         """File the frames of a datagram."""
@@ -202,7 +202,7 @@ class Recording:
                 clock.stamp(port_s, int.from_bytes(stamp, "little") * 1e-3)
             self.frames += 1
             self.v1_frames += is_v1
-            packet = Packet(clock.now_s(port_s), message_id, is_v1, frame)
+            packet = ReceivedPacket(clock.now_s(port_s), message_id, is_v1, frame)
             self.packets[message_id].append(packet)
             if not clock.is_known:
                 self._undated.append((packet, port_s))
@@ -212,7 +212,9 @@ class Recording:
                 packet.at_s = max(0.0, clock.boot_s - (port_s - came_s))
             self._undated.clear()
 
-    def of(self, name: str, since_s: float = 0.0, until_s: float = float("inf")) -> list[Packet]:
+    def of(
+        self, name: str, since_s: float = 0.0, until_s: float = float("inf")
+    ) -> list[ReceivedPacket]:
         """Packets of one message that came within a stretch of vehicle's time."""
         packets = self.packets.get(IDS[name], [])
         first = len(packets)
@@ -220,7 +222,7 @@ class Recording:
             first -= 1
         return [packet for packet in packets[first:] if packet.at_s < until_s]
 
-    def newest(self, name: str) -> Packet | None:
+    def newest(self, name: str) -> ReceivedPacket | None:
         """Last packet of one message."""
         packets = self.packets.get(IDS[name])
         return packets[-1] if packets else None

@@ -13,7 +13,7 @@ from importlib.resources import files
 Measured = float | str
 
 
-class Verdict(Enum):
+class FactVerdict(Enum):
     """Result of comparing an endpoint with one fact."""
 
     AGREES = "agrees"
@@ -88,7 +88,7 @@ class FactResult:
     """Result of one fact; `reason` says why nothing could be measured."""
 
     fact: Fact
-    verdict: Verdict
+    verdict: FactVerdict
     measured: str
     reason: str = ""
 
@@ -137,22 +137,22 @@ class FactReport:
         if fact is not None and not self.is_version_known:
             self._waiting[name] = measured
         elif fact is not None:
-            verdict = Verdict.AGREES if fact.accepts(measured) else Verdict.DIFFERS
+            verdict = FactVerdict.AGREES if fact.accepts(measured) else FactVerdict.DIFFERS
             self._file(FactResult(fact, verdict, fact.show(measured)))
 
     def skip(self, facts: Iterable[Fact], reason: str) -> None:
         """Leave out, for a reason that is not the vehicle's."""
-        self._unmeasured(facts, Verdict.SKIPPED, reason)
+        self._unmeasured(facts, FactVerdict.SKIPPED, reason)
 
     def fail(self, facts: Iterable[Fact], reason: str) -> None:
         """The vehicle did something that left these unmeasured: they differ."""
-        self._unmeasured(facts, Verdict.DIFFERS, reason)
+        self._unmeasured(facts, FactVerdict.DIFFERS, reason)
 
-    def count(self, verdict: Verdict) -> int:
+    def count(self, verdict: FactVerdict) -> int:
         """Return the number of results with this verdict."""
         return sum(result.verdict is verdict for result in self.results.values())
 
-    def _unmeasured(self, facts: Iterable[Fact], verdict: Verdict, reason: str) -> None:
+    def _unmeasured(self, facts: Iterable[Fact], verdict: FactVerdict, reason: str) -> None:
         for fact in facts:
             if (
                 fact.name in self.facts

@@ -7,7 +7,7 @@ from typing import Any, Protocol
 
 from pymavlink.dialects.v20 import common
 
-from sitl.conformance.endpoint import Packet, Recording, VehicleClock
+from sitl.conformance.endpoint import ReceivedPacket, Recording, VehicleClock
 
 _TYPES = {1: "<B", 2: "<b", 3: "<H", 4: "<h", 5: "<I", 6: "<i"}
 _PARAM_VALUE = int(common.MAVLink_param_value_message.id)
@@ -87,7 +87,7 @@ class ParameterClient:
         return None if answer is None else answer[0]
 
     @property
-    def _values(self) -> list[Packet]:
+    def _values(self) -> list[ReceivedPacket]:
         return self._client.received.packets[_PARAM_VALUE]
 
     def _answer(self, name: str, count: int) -> tuple[float, int] | None:

@@ -6,52 +6,52 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from sitl.conformance import (
-    arming,
-    automatic,
-    battery,
-    lock,
-    loss,
-    offboard,
-    other_links,
-    pad,
-    parameters,
-    requests,
-    responses,
-    setpoints,
-    vision,
+    arming_facts,
+    automatic_facts,
+    battery_facts,
+    link_facts,
+    loss_facts,
+    offboard_facts,
+    parameter_facts,
+    request_facts,
+    response_facts,
+    sender_facts,
+    setpoint_facts,
+    stream_facts,
+    vision_facts,
 )
 from sitl.conformance.endpoint import Port
+from sitl.conformance.fact_group import FactGroup
 from sitl.conformance.facts import Fact, FactReport, facts_of, nearest
 from sitl.conformance.hover import default_streams, grounded
-from sitl.conformance.phase import Phase
 from sitl.conformance.vehicle_client import Gone, Signature, Stuck, VehicleClient
 
 # Streams are watched before anybody has spoken and before any rate was changed: both last until the
 # vehicle restarts.
-PHASES: tuple[Phase, ...] = (
-    pad.PHASE,
-    lock.PHASE,
-    parameters.PHASE,
-    requests.PHASE,
-    arming.PHASE,
-    automatic.PHASE,
-    offboard.PHASE,
-    responses.PHASE,
-    setpoints.PHASE,
-    loss.PHASE,
-    battery.PHASE,
-    setpoints.STICKS_PHASE,
-    vision.PHASE,
-    lock.SIGNING_PHASE,
-    setpoints.BROKEN,
+FACT_GROUPS: tuple[FactGroup, ...] = (
+    stream_facts.FACT_GROUP,
+    sender_facts.FACT_GROUP,
+    parameter_facts.FACT_GROUP,
+    request_facts.FACT_GROUP,
+    arming_facts.FACT_GROUP,
+    automatic_facts.FACT_GROUP,
+    offboard_facts.FACT_GROUP,
+    response_facts.FACT_GROUP,
+    setpoint_facts.FACT_GROUP,
+    loss_facts.FACT_GROUP,
+    battery_facts.FACT_GROUP,
+    setpoint_facts.STICKS_GROUP,
+    vision_facts.FACT_GROUP,
+    sender_facts.SIGNING_GROUP,
+    setpoint_facts.BREAKING_GROUP,
 )
 # Each on a port of its own, and the option of sitl-check that names it.
-LINKS: tuple[tuple[Phase, str], ...] = (
-    (other_links.GROUND_LINK, "--gcs"),
-    (other_links.SIMULATOR_LINK, "--sih"),
+LINKS: tuple[tuple[FactGroup, str], ...] = (
+    (link_facts.GROUND_LINK, "--gcs"),
+    (link_facts.SIMULATOR_LINK, "--sih"),
 )
 FACTS: tuple[Fact, ...] = tuple(
-    fact for phase in (*PHASES, *(phase for phase, _ in LINKS)) for fact in phase.facts
+    fact for phase in (*FACT_GROUPS, *(phase for phase, _ in LINKS)) for fact in phase.facts
 )
 
 _NOT_SIMULATED = (
@@ -115,7 +115,11 @@ def check(
 
 
 def _signature(terms: Terms) -> Signature | None:
-    return None if terms.key is None else Signature(terms.key, lock.LINK_ID, lock.signing_time())
+    return (
+        None
+        if terms.key is None
+        else Signature(terms.key, sender_facts.LINK_ID, sender_facts.signing_time())
+    )
 
 
 def is_simulated(client: VehicleClient) -> bool:
@@ -142,7 +146,7 @@ def _meet(client: VehicleClient, terms: Terms) -> None:
     ).system_id
 
 
-def _is_wanted(phase: Phase, report: FactReport) -> bool:
+def _is_wanted(phase: FactGroup, report: FactReport) -> bool:
     return any(fact.name in report.facts for fact in phase.facts)
 
 
@@ -151,10 +155,13 @@ def _fly(
 ) -> None:
     may_turn_motors: bool | None = True if terms.may_turn_motors else None
     try:
-        for phase in PHASES:
+        for phase in FACT_GROUPS:
             if not _is_wanted(phase, report):
                 continue
-            if phase not in (pad.PHASE, lock.PHASE) and client.heartbeat_duty.act is None:
+            if (
+                phase not in (stream_facts.FACT_GROUP, sender_facts.FACT_GROUP)
+                and client.heartbeat_duty.act is None
+            ):
                 client.greet(as_ground_station=False)
                 client.spend(0.5)
             if client.heartbeat_duty.act is not None:
@@ -191,7 +198,7 @@ def _judge_by_version(
 
 
 def _settle(
-    phase: Phase, client: VehicleClient, report: FactReport, say: Callable[[str], None]
+    phase: FactGroup, client: VehicleClient, report: FactReport, say: Callable[[str], None]
 ) -> None:
     # A phase may leave the vehicle in the air: the next one goes on from there or brings it down
     # first.

@@ -17,18 +17,18 @@ import numpy as np
 from msgspec.structs import replace
 
 from sitl.emulator.fault_effects import Disturbances
-from sitl.faults.catalogue import KINDS, Fault, FaultError, check
+from sitl.faults.catalogue import FAULT_KINDS, Fault, FaultError, check
 from sitl.physics import frames
 from sitl.physics.contacts import Collision, Downwash, World
 from sitl.physics.frames import Array
 from sitl.physics.vehicle import STEP_S, VehicleProfile
 from sitl.physics.wind import WindSettings
 from sitl.px4 import setpoints
-from sitl.px4.commander import Autopilot
+from sitl.px4.commander import EmulatedPx4
 from sitl.px4.estimator import ESTIMATE_EVERY_STEPS, Estimator, Source, vision_level
 from sitl.px4.mode_control import TICK_S
 from sitl.px4.parameters import Parameters
-from sitl.px4.signals import Actuation, Setpoint, Situation
+from sitl.px4.signals import Actuation, AutopilotInputs, Setpoint
 from sitl.px4.signing import KeyStore
 from sitl.px4.versions import DEFAULT, Version
 
@@ -111,7 +111,7 @@ class Emulator:
         self._shown_resets = [0] * len(specs)
         self._late_vision: list[tuple[float, int, Array]] = []
         self.autopilots = [
-            Autopilot(Parameters(spec.px4, {"MAV_SYS_ID": spec.system_id})) for spec in specs
+            EmulatedPx4(Parameters(spec.px4, {"MAV_SYS_ID": spec.system_id})) for spec in specs
         ]
         for index in range(len(specs)):
             self._attitude_control_changed(index)
@@ -147,7 +147,7 @@ class Emulator:
             FaultError: unknown, out of bounds, or outside what is simulated here.
         """
         checked = check(fault, [spec.name for spec in self.specs])
-        if KINDS[fault.name].is_outside and self.outside is None:
+        if FAULT_KINDS[fault.name].is_outside and self.outside is None:
             raise FaultError(
                 f"{fault.name} is a fault of the bus or of an agent, which this flight does not simulate: fly it in "
                 "lockstep, or remove the fault."
@@ -159,7 +159,7 @@ class Emulator:
         is forgotten.
         """
         old, now_s = self.autopilots[index], self.clock_s(index)
-        self.autopilots[index] = Autopilot(
+        self.autopilots[index] = EmulatedPx4(
             params=old.params, boot_time_s=now_s, battery=old.battery
         )
         self.autopilots[index].faults.extend(old.faults)
@@ -188,7 +188,7 @@ class Emulator:
     def _tick(self) -> None:
         states = self.world.vehicles.states
         for index, shift_ned_m in self.estimator.jumps:
-            self.autopilots[index].flight.frame_jumped(shift_ned_m)
+            self.autopilots[index].mode_control.frame_jumped(shift_ned_m)
         self.estimator.jumps.clear()
         positions, velocities = (
             self.estimator.position_ned_m.copy(),
@@ -202,7 +202,7 @@ class Emulator:
             if self.disturbances.is_hung[index]:
                 continue
             source = self.estimator.source[index]
-            situation = Situation(
+            inputs = AutopilotInputs(
                 time_s=self.clock_s(index),
                 position_ned_m=positions[index],
                 velocity_ned_m_s=velocities[index],
@@ -212,7 +212,7 @@ class Emulator:
                 has_global_position=self._has_global_position(index, source),
                 has_local_position=source is not Source.NONE,
             )
-            autopilot.tick(situation)
+            autopilot.tick(inputs)
 
     def _has_global_position(self, index: int, source: Source) -> bool:
         # Satellites give it by themselves; a local position becomes one when somebody has said
@@ -360,11 +360,11 @@ class Emulator:
         commands = self.world.commands
         # The autopilot steers in the heading and the level it believes in; the vehicle turns in
         # those it has.
-        north, east = self.estimator.lean_rad[index].tolist()
+        north, east = self.estimator.tilt_error_rad[index].tolist()
         w, x, y, z = actuation.attitude.tolist()
         heading_rad = -float(self.estimator.yaw_error_rad[index])
-        commands.attitude[index] = frames.leant(
-            frames.headed((w, x, y, z), heading_rad), north, east
+        commands.attitude[index] = frames.tilted(
+            frames.turned((w, x, y, z), heading_rad), north, east
         )
         commands.rate_rad_s[index] = actuation.rate_rad_s
         commands.is_rate[index] = actuation.is_rate

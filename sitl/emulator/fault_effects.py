@@ -9,11 +9,11 @@ from dataclasses import dataclass, replace
 from itertools import product
 from typing import Protocol
 
-from sitl.faults.catalogue import KINDS, Fault, FaultPlan
+from sitl.faults.catalogue import FAULT_KINDS, Fault, FaultPlan
 from sitl.faults.lossy_channel import NO_FAULTS, ChannelFaults, LossyChannel
 from sitl.faults.pose_faults import PoseFault, PoseFaults
 from sitl.physics.contacts import World
-from sitl.px4.commander import Autopilot
+from sitl.px4.commander import EmulatedPx4
 from sitl.px4.estimator import Estimator
 
 LINKS, DIRECTIONS = ("companion", "ground"), ("in", "out")
@@ -26,7 +26,7 @@ class FaultyEmulator(Protocol):
 
     world: World
     estimator: Estimator
-    autopilots: list[Autopilot]
+    autopilots: list[EmulatedPx4]
     disturbances: Disturbances
     outside: Callable[[Fault, bool], None] | None
 
@@ -216,5 +216,5 @@ _EFFECTS: dict[str, Callable[[FaultyEmulator, int, Fault, bool], None]] = {
     "clock_drift": _clock_drift,
     "arming_refused": _arming,
     "setpoints_ignored": _setpoints,
-    **{name: _outside for name, kind in KINDS.items() if kind.is_outside},
+    **{name: _outside for name, kind in FAULT_KINDS.items() if kind.is_outside},
 }

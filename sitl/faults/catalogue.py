@@ -22,7 +22,7 @@ class FaultError(ValueError):
 
 
 @dataclass(frozen=True, slots=True)
-class Parameter:
+class FaultParameter:
     """One parameter of a kind of fault: a number within bounds, or one of some words; no words:
     another vehicle.
     """
@@ -36,24 +36,27 @@ class Parameter:
 
 
 @dataclass(frozen=True, slots=True)
-class Kind:
+class FaultKind:
     """One kind of fault."""
 
     sentence: str  # what it does, with {parameters}
     acts_on: str  # two faults that act on the same at the same time contradict each other
-    parameters: tuple[Parameter, ...] = ()
+    parameters: tuple[FaultParameter, ...] = ()
     is_instant: bool = False  # it happens once and has no duration
     is_outside: bool = False  # of the emulator: it needs a simulated bus and simulated agents
 
 
-def _kind(parameters: Mapping[str, dict[str, Any]], **values: Any) -> Kind:
-    return Kind(
-        parameters=tuple(Parameter(name, **bounds) for name, bounds in parameters.items()), **values
+def _kind(parameters: Mapping[str, dict[str, Any]], **values: Any) -> FaultKind:
+    return FaultKind(
+        parameters=tuple(FaultParameter(name, **bounds) for name, bounds in parameters.items()),
+        **values,
     )
 
 
 _TABLE = tomllib.loads(files(__package__).joinpath("catalogue.toml").read_text())
-KINDS: dict[str, Kind] = {name: _kind(**{"parameters": {}, **row}) for name, row in _TABLE.items()}
+FAULT_KINDS: dict[str, FaultKind] = {
+    name: _kind(**{"parameters": {}, **row}) for name, row in _TABLE.items()
+}
 _LONGEST_S = 1e6
 
 
@@ -71,7 +74,7 @@ class Fault:
     @property
     def end_s(self) -> float:
         """Time of its end; its beginning for a fault that happens once."""
-        if KINDS[self.name].is_instant:
+        if FAULT_KINDS[self.name].is_instant:
             return self.at_s
         return self.at_s + self.duration_s if self.duration_s > 0.0 else math.inf
 
@@ -82,7 +85,7 @@ class Fault:
             key: f"{value:g}" if isinstance(value, float) else value
             for key, value in self.parameters.items()
         }
-        return f"{self.vehicle}: {KINDS[self.name].sentence.format(**values)}"
+        return f"{self.vehicle}: {FAULT_KINDS[self.name].sentence.format(**values)}"
 
     def number(self, name: str) -> float:
         """A numeric parameter of a checked fault."""
@@ -131,9 +134,9 @@ def check(fault: Fault, vehicles: Sequence[str]) -> Fault:
     Raises:
         FaultError: unknown name, vehicle or parameter; a value out of its bounds.
     """
-    kind = KINDS.get(fault.name)
+    kind = FAULT_KINDS.get(fault.name)
     if kind is None:
-        raise FaultError(f"there is no fault '{fault.name}'. Known: {', '.join(KINDS)}.")
+        raise FaultError(f"there is no fault '{fault.name}'. Known: {', '.join(FAULT_KINDS)}.")
     if fault.vehicle not in vehicles:
         raise FaultError(
             f"{fault.name}: '{fault.vehicle}' is not emulated here; there are {', '.join(vehicles)}."
@@ -160,7 +163,9 @@ def check(fault: Fault, vehicles: Sequence[str]) -> Fault:
     return Fault(fault.name, fault.vehicle, float(fault.at_s), float(fault.duration_s), values)
 
 
-def _checked(fault: Fault, parameter: Parameter, value: Value, vehicles: Sequence[str]) -> Value:
+def _checked(
+    fault: Fault, parameter: FaultParameter, value: Value, vehicles: Sequence[str]
+) -> Value:
     what = f"{fault.name}: {parameter.name} is {value!r}"
     if parameter.words is not None:
         words = parameter.words or [name for name in vehicles if name != fault.vehicle]
@@ -192,7 +197,7 @@ def refuse_contradiction(fault: Fault, others: Sequence[Fault]) -> None:
 
 
 def _targets(fault: Fault) -> set[tuple[str, str]]:
-    acts_on = KINDS[fault.name].acts_on
+    acts_on = FAULT_KINDS[fault.name].acts_on
     values = dict(fault.parameters)
     if "motor" in values:
         values["motor"] = int(fault.number("motor"))
@@ -243,7 +248,7 @@ class FaultPlan:
         ending = [fault for fault in self._acting if fault.end_s <= now_s + 1e-9]
         begins = [fault for fault in self._waiting if fault.at_s <= now_s + 1e-9]
         self._acting = [fault for fault in self._acting if fault not in ending]
-        self._acting += [fault for fault in begins if not KINDS[fault.name].is_instant]
+        self._acting += [fault for fault in begins if not FAULT_KINDS[fault.name].is_instant]
         self._waiting = [fault for fault in self._waiting if fault not in begins]
         self._set_next()
         return begins, ending
@@ -256,7 +261,7 @@ class FaultPlan:
 def listing() -> str:
     """The table for people: one line per kind."""
     lines = []
-    for name, kind in KINDS.items():
+    for name, kind in FAULT_KINDS.items():
         values = " ".join(
             f"{p.name}={'...' if p.default is None else p.default}" for p in kind.parameters
         )

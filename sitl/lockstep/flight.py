@@ -35,7 +35,7 @@ from sitl.lockstep.connections import BusSettings
 from sitl.lockstep.loop import VirtualLoop
 from sitl.lockstep.record import LockstepRecord
 from sitl.lockstep.simulation import EPOCH_NS, Simulation
-from sitl.px4.modes import Mode, Result
+from sitl.px4.modes import CommandResult, Mode
 
 GROUND = "ground-1"
 _DIRECT_DELAY_S = 0.01
@@ -293,7 +293,7 @@ class Lockstep:
             if kind == "land"
             else px4.request_arm(now_s, False, _FORCE)
         )
-        is_accepted = answer is Result.ACCEPTED
+        is_accepted = answer is CommandResult.ACCEPTED
         end_s = emulator.time_s + (watch_s if is_accepted else 0.0)
         while px4.is_armed and emulator.time_s < end_s:  # noqa: ASYNC110 - PX4 tells it once a second
             await asyncio.sleep(1.0)

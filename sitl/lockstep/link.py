@@ -133,7 +133,7 @@ class LinkBank:
             emulator.world.vehicles.states.attitude.tolist(),
             emulator.estimator.yaw_error_rad.tolist(),
             (np.multiply(HALF_NOISE_RAD, self._rng.standard_normal((count, 3)))).tolist(),
-            emulator.estimator.lean_rad.tolist(),
+            emulator.estimator.tilt_error_rad.tolist(),
             strict=True,
         )
         quaternions = [enu_flu_from_ned_frd(measured_attitude(*turn)) for turn in turns]

@@ -16,7 +16,7 @@ from typing import Any
 from fastcrc.crc16 import mcrf4xx
 from pymavlink.dialects.v20 import common
 
-from sitl.mavlink.extra_dialect import EXTRA, Layout
+from sitl.mavlink.extra_dialect import EXTRA, MessageLayout
 
 _MAGIC_V2 = 0xFD
 _MAGIC_V1 = 0xFE
@@ -24,7 +24,7 @@ _SIGNED = 0x01
 _SIGNATURE_BYTES = 13
 
 
-def _layout(message_id: int, entry: Any) -> Layout:
+def _layout(message_id: int, entry: Any) -> MessageLayout:
     # Character arrays are one value of the struct; number arrays are as many values as they are
     # long.
     counts = [
@@ -35,7 +35,7 @@ def _layout(message_id: int, entry: Any) -> Layout:
             strict=True,
         )
     ]
-    return Layout(
+    return MessageLayout(
         message_id,
         entry.msgname,
         struct.Struct(entry.unpacker.format),
@@ -44,12 +44,12 @@ def _layout(message_id: int, entry: Any) -> Layout:
     )
 
 
-LAYOUTS: dict[int, Layout] = {
+LAYOUTS: dict[int, MessageLayout] = {
     number: _layout(number, entry) for number, entry in common.mavlink_map.items()
 } | {layout.message_id: layout for layout in EXTRA}
 
 
-def _zero(layout: Layout, field_name: str) -> int | bytes:
+def _zero(layout: MessageLayout, field_name: str) -> int | bytes:
     kinds = common.mavlink_map.get(layout.message_id)
     if kinds is None:
         return 0
@@ -74,7 +74,7 @@ ID_BY_NAME: dict[str, int] = {layout.name: number for number, layout in LAYOUTS.
 
 
 @dataclass(frozen=True, slots=True)
-class Message:
+class MavlinkMessage:
     """One received message; `fields` holds numbers, lists of numbers, and bytes for texts."""
 
     name: str
@@ -92,11 +92,11 @@ class Decoder:
     """
 
     malformed: int = 0
-    takes: Callable[[Message, bytes, bool], bool] | None = None
+    takes: Callable[[MavlinkMessage, bytes, bool], bool] | None = None
 
-    def decode(self, datagram: bytes) -> list[Message]:
+    def decode(self, datagram: bytes) -> list[MavlinkMessage]:
         """All messages of one datagram; the rest of a broken one is dropped and counted once."""
-        messages: list[Message] = []
+        messages: list[MavlinkMessage] = []
         start, end = 0, len(datagram)
         while start < end:
             frame = _frame(datagram, start)
@@ -110,12 +110,12 @@ class Decoder:
                 messages.append(message)
         return messages
 
-    def _is_taken(self, message: Message, frame: bytes) -> bool:
+    def _is_taken(self, message: MavlinkMessage, frame: bytes) -> bool:
         is_signed = frame[0] == _MAGIC_V2 and bool(frame[2] & _SIGNED)
         return self.takes is None or self.takes(message, frame, is_signed)
 
 
-def _frame(data: bytes, start: int) -> tuple[Message | None, int] | None:
+def _frame(data: bytes, start: int) -> tuple[MavlinkMessage | None, int] | None:
     """Message at `start` and where the next one begins; (None, next) for an unknown id; None for
     what is no frame.
     """
@@ -146,12 +146,12 @@ def _frame(data: bytes, start: int) -> tuple[Message | None, int] | None:
         return None
     size = layout.packer.size
     values = layout.packer.unpack(payload.ljust(size, b"\0")[:size])
-    return Message(
+    return MavlinkMessage(
         layout.name, message_id, system_id, component_id, _named(layout, values)
     ), start + total
 
 
-def _named(layout: Layout, values: tuple[Any, ...]) -> dict[str, Any]:
+def _named(layout: MessageLayout, values: tuple[Any, ...]) -> dict[str, Any]:
     named: dict[str, Any] = {}
     position = 0
     for name, count in layout.fields:

@@ -152,7 +152,7 @@ def bind(ports: Ports, what: str) -> socket.socket:
     return sock
 
 
-class Channel(Protocol):
+class EndpointLink(Protocol):
     """Interface of a link for its endpoint; `boot` counts the restarts of its autopilot."""
 
     @property
@@ -172,7 +172,7 @@ class Endpoint:
     """
 
     def __init__(
-        self, link: Channel, peer: Address | None, send: Callable[[bytes, Address], object]
+        self, link: EndpointLink, peer: Address | None, send: Callable[[bytes, Address], object]
     ) -> None:
         self.link = link
         self.peer = self._first_peer = peer
@@ -203,7 +203,7 @@ class Endpoint:
 class Socket:
     """A bound socket that reads for an endpoint when it is asked to, and sends for it."""
 
-    def __init__(self, sock: socket.socket, link: Channel, peer: Address | None) -> None:
+    def __init__(self, sock: socket.socket, link: EndpointLink, peer: Address | None) -> None:
         self._sock = sock
         self.endpoint = Endpoint(link, peer, self._send)
 

@@ -16,7 +16,7 @@ from fastcrc.crc16 import mcrf4xx
 
 
 @dataclass(frozen=True, slots=True)
-class Layout:
+class MessageLayout:
     """Encoding of one message: struct, checksum seed, and (name, count) of each field in the order
     of the encoding.
     """
@@ -39,7 +39,7 @@ _CODES = {
 }
 
 
-def declare(message_id: int, name: str, fields: Sequence[str]) -> Layout:
+def declare(message_id: int, name: str, fields: Sequence[str]) -> MessageLayout:
     """Layout of a message from its fields in wire order (largest first): ``type name`` or ``type
     name[count]``.
     """
@@ -53,10 +53,12 @@ def declare(message_id: int, name: str, fields: Sequence[str]) -> Layout:
         seed = mcrf4xx(f"{kind} {label} ".encode() + (bytes((length,)) if length else b""), seed)
     codes = "".join(f"{count or 1}{_CODES[kind]}" for kind, _, count in parsed)
     named = tuple((label, count) for _, label, count in parsed)
-    return Layout(message_id, name, struct.Struct("<" + codes), (seed & 0xFF) ^ (seed >> 8), named)
+    return MessageLayout(
+        message_id, name, struct.Struct("<" + codes), (seed & 0xFF) ^ (seed >> 8), named
+    )
 
 
 _DECLARED = tomllib.loads(files(__package__).joinpath("extra_dialect.toml").read_text())
-EXTRA: tuple[Layout, ...] = tuple(
+EXTRA: tuple[MessageLayout, ...] = tuple(
     declare(entry["id"], name, entry["fields"]) for name, entry in _DECLARED.items()
 )

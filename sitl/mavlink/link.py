@@ -16,16 +16,16 @@ import numpy as np
 
 from sitl.emulator.emulator import Emulator
 from sitl.mavlink import commands
-from sitl.mavlink.codec import ID_BY_NAME, Decoder, Encoder, Message, text_of
+from sitl.mavlink.codec import ID_BY_NAME, Decoder, Encoder, MavlinkMessage, text_of
 from sitl.mavlink.link_key import LinkKey
 from sitl.mavlink.streams import BUILDERS, schedule_of
 from sitl.mavlink.view import View
 from sitl.px4 import setpoints
-from sitl.px4.commander import Autopilot
-from sitl.px4.events import Event
-from sitl.px4.modes import Result
+from sitl.px4.commander import EmulatedPx4
+from sitl.px4.journal import Px4Event
+from sitl.px4.modes import CommandResult
 from sitl.px4.parameters import HASH_CHECK, MAV_PARAM_TYPE_UINT32
-from sitl.px4.signals import Setpoint, Text
+from sitl.px4.signals import Setpoint, StatusText
 
 _ACK = ID_BY_NAME["COMMAND_ACK"]
 _PARAM_VALUE = ID_BY_NAME["PARAM_VALUE"]
@@ -78,7 +78,7 @@ class Link:
         self._is_origin_sent: object = None
 
     @property
-    def autopilot(self) -> Autopilot:
+    def autopilot(self) -> EmulatedPx4:
         """The vehicle's PX4."""
         return self.emulator.autopilots[self.index]
 
@@ -134,7 +134,7 @@ class Link:
         values = None if builder is None else builder(self.view)
         return None if values is None else self.encoder.encode(message_id, *values)
 
-    def ack(self, message: Message, command: int, result: Result) -> bytes:
+    def ack(self, message: MavlinkMessage, command: int, result: CommandResult) -> bytes:
         """COMMAND_ACK to the sender of a message."""
         return self.encoder.encode(
             _ACK, command, int(result), 0, 0, message.system_id, message.component_id
@@ -156,7 +156,7 @@ class Link:
             new = [text for text in journal.texts.newest if now_s - text.time_s < _TEXT_BACKLOG_S]
         return [chunk for text in new for chunk in self._chunks(text)]
 
-    def _chunks(self, text: Text) -> list[bytes]:
+    def _chunks(self, text: StatusText) -> list[bytes]:
         raw = text.text.encode("ascii", "replace")
         # PX4 begins with 0, and counts short texts too
         self._text_id = (self._text_id + 1) & 0xFFFF
@@ -166,7 +166,7 @@ class Link:
             for index, piece in enumerate(pieces)
         ]
 
-    def _event(self, event: Event) -> bytes:
+    def _event(self, event: Px4Event) -> bytes:
         time_ms = round((event.time_s - self.autopilot.boot_time_s) * 1e3) & 0xFFFFFFFF
         arguments = event.arguments.ljust(40, b"\0")
         return self.encoder.encode(
@@ -185,18 +185,18 @@ class Link:
 
     # -- for whom a message is ---------------------------------------------------------------------
 
-    def _is_heard(self, message: Message) -> bool:
+    def _is_heard(self, message: MavlinkMessage) -> bool:
         """Whether it is for this vehicle, or for all."""
         return message.fields.get("target_system", 0) in (0, self.view.system_id)
 
-    def _is_for_autopilot(self, message: Message) -> bool:
+    def _is_for_autopilot(self, message: MavlinkMessage) -> bool:
         """Whether it is for this vehicle's autopilot, or for all."""
         return self._is_heard(message) and message.fields["target_component"] in (
             0,
             _AUTOPILOT_COMPONENT,
         )
 
-    def _is_ours(self, message: Message) -> bool:
+    def _is_ours(self, message: MavlinkMessage) -> bool:
         """Whether it is for this very vehicle's autopilot: parameters and commands are not taken
         from broadcasts.
         """
@@ -204,36 +204,36 @@ class Link:
             message
         )
 
-    def _is_command_for_us(self, message: Message) -> bool:
+    def _is_command_for_us(self, message: MavlinkMessage) -> bool:
         """Whether a command is for this autopilot; some are answered by everybody."""
         is_for_everybody = message.fields["command"] in commands.FOR_EVERYBODY
         return self._is_heard(message) if is_for_everybody else self._is_ours(message)
 
     # -- messages ----------------------------------------------------------------------------------
 
-    def _heartbeat(self, message: Message) -> None:
+    def _heartbeat(self, message: MavlinkMessage) -> None:
         if message.fields["type"] == _MAV_TYPE_GCS:
             self._gcs_time_s = self.autopilot.ground_time_s = self.view.now_s
 
-    def _timesync(self, message: Message) -> list[bytes]:
+    def _timesync(self, message: MavlinkMessage) -> list[bytes]:
         if message.fields["tc1"] != 0:
             return []
         answer = (self.view.boot_us * 1000, message.fields["ts1"])
         return [self.encoder.encode(message.message_id, *answer)]
 
-    def _ping(self, message: Message) -> list[bytes]:
+    def _ping(self, message: MavlinkMessage) -> list[bytes]:
         f = message.fields
         if f["target_system"] != 0 or f["target_component"] != 0:
             return []
         answer = (f["time_usec"], f["seq"], message.system_id, message.component_id)
         return [self.encoder.encode(message.message_id, *answer)]
 
-    def _param_list(self, message: Message) -> None:
+    def _param_list(self, message: MavlinkMessage) -> None:
         # The checksum comes first, so that a ground station can use what it remembers.
         self._params_to_send.clear()
         self._params_to_send.extend([HASH_CHECK, *self.autopilot.params.names()])
 
-    def _param_read(self, message: Message) -> list[bytes]:
+    def _param_read(self, message: MavlinkMessage) -> list[bytes]:
         names = self.autopilot.params.names()
         index = message.fields["param_index"]
         name = (
@@ -246,7 +246,7 @@ class Link:
         is_known = name in self.autopilot.params.values or name == HASH_CHECK
         return [self._param_value(name)] if is_known else []
 
-    def _param_set(self, message: Message) -> list[bytes]:
+    def _param_set(self, message: MavlinkMessage) -> list[bytes]:
         f = message.fields
         name = text_of(f["param_id"])
         if name == HASH_CHECK:
@@ -259,12 +259,12 @@ class Link:
         self.emulator.parameters_changed(self.index)
         return [self._param_value(name)]
 
-    def _attitude_target(self, message: Message) -> None:
+    def _attitude_target(self, message: MavlinkMessage) -> None:
         f = message.fields
         rates = [f["body_roll_rate"], f["body_pitch_rate"], f["body_yaw_rate"]]
         self.emulator.attitude_setpoint(self.index, f["q"], rates, f["thrust"], f["type_mask"])
 
-    def _sticks(self, message: Message) -> None:
+    def _sticks(self, message: MavlinkMessage) -> None:
         f = message.fields
         if f["target"] == self.view.system_id and all(
             abs(f[axis]) <= _FULL_STICK for axis in "xyzr"
@@ -272,10 +272,10 @@ class Link:
             x, y, z, r = (f[axis] / _FULL_STICK for axis in "xyzr")
             self.autopilot.take_sticks(self.view.now_s, (x, y, z, r))
 
-    def _position_target(self, message: Message) -> None:
+    def _position_target(self, message: MavlinkMessage) -> None:
         self.emulator.position_setpoint(self.index, message.fields)
 
-    def _global_target(self, message: Message) -> None:
+    def _global_target(self, message: MavlinkMessage) -> None:
         f = message.fields
         frame = f["coordinate_frame"]
         is_known = frame in setpoints.ABOVE_SEA or frame in setpoints.ABOVE_HOME
@@ -289,7 +289,7 @@ class Link:
         if isinstance(setpoint, Setpoint):
             self.emulator.accept_setpoint(self.index, setpoint)
 
-    def _odometry(self, message: Message) -> None:
+    def _odometry(self, message: MavlinkMessage) -> None:
         f = message.fields
         if f["frame_id"] in (_LOCAL_NED, _LOCAL_FRD):
             w, x, y, z = f["q"]
@@ -301,10 +301,10 @@ class Link:
                 has_velocity,
             )
 
-    def _vision(self, message: Message) -> None:
+    def _vision(self, message: MavlinkMessage) -> None:
         self._take_vision(message, message.fields["yaw"], False)
 
-    def _take_vision(self, message: Message, yaw_rad: float, has_velocity: bool) -> None:
+    def _take_vision(self, message: MavlinkMessage, yaw_rad: float, has_velocity: bool) -> None:
         f = message.fields
         position = (f["x"], f["y"], f["z"])
         if all(abs(c) < _MAX_POSITION_M for c in position):
@@ -317,11 +317,11 @@ class Link:
                 reset_count=f["reset_counter"],
             )
 
-    def _set_origin(self, message: Message) -> None:
+    def _set_origin(self, message: MavlinkMessage) -> None:
         self.emulator.has_global_origin[self.index] = True
         self.emulator.estimator.set_origin_altitude(self.index, message.fields["altitude"] * 1e-3)
 
-    def _set_mode(self, message: Message) -> list[bytes]:
+    def _set_mode(self, message: MavlinkMessage) -> list[bytes]:
         f = message.fields
         custom = f["custom_mode"]
         result = self.autopilot.request_mode(
@@ -329,13 +329,13 @@ class Link:
         )
         return [self.ack(message, _DO_SET_MODE, result)]
 
-    def _setup_signing(self, message: Message) -> None:
+    def _setup_signing(self, message: MavlinkMessage) -> None:
         self._key.set_up(self.autopilot, self.view.now_s, message)
 
-    def _play_tune(self, message: Message) -> None:
+    def _play_tune(self, message: MavlinkMessage) -> None:
         self.autopilot.play_tune()  # PX4 acknowledges no tune
 
-    def _request_event(self, message: Message) -> list[bytes]:
+    def _request_event(self, message: MavlinkMessage) -> list[bytes]:
         f = message.fields
         first, last = f["first_sequence"], f["last_sequence"]
         events = self.autopilot.journal.events.newest
@@ -356,10 +356,10 @@ class Link:
 
     # -- what is not emulated: refused, so that nobody waits for a timeout -------------------------
 
-    def _mission_list(self, message: Message) -> list[bytes]:
+    def _mission_list(self, message: MavlinkMessage) -> list[bytes]:
         return [self._to_sender("MISSION_COUNT", message)]
 
-    def _mission_upload(self, message: Message) -> list[bytes]:
+    def _mission_upload(self, message: MavlinkMessage) -> list[bytes]:
         unsupported = 3
         return [
             self._to_sender(
@@ -367,22 +367,22 @@ class Link:
             )
         ]
 
-    def _mission_clear(self, message: Message) -> list[bytes]:
+    def _mission_clear(self, message: MavlinkMessage) -> list[bytes]:
         return [self._to_sender("MISSION_ACK", message)]
 
-    def _mission_item(self, message: Message) -> list[bytes]:
+    def _mission_item(self, message: MavlinkMessage) -> list[bytes]:
         invalid_sequence = 13
         return [self._to_sender("MISSION_ACK", message, type=invalid_sequence)]
 
-    def _to_sender(self, name: str, message: Message, **fields: int) -> bytes:
+    def _to_sender(self, name: str, message: MavlinkMessage, **fields: int) -> bytes:
         kind = message.fields.get("mission_type", 0)
         to = {"target_system": message.system_id, "target_component": message.component_id}
         return self.encoder.encode_named(name, **to, mission_type=kind, **fields)
 
-    def _log_list(self, message: Message) -> list[bytes]:
+    def _log_list(self, message: MavlinkMessage) -> list[bytes]:
         return [self.encoder.encode_named("LOG_ENTRY")]  # there are none
 
-    def _file_transfer(self, message: Message) -> list[bytes]:
+    def _file_transfer(self, message: MavlinkMessage) -> list[bytes]:
         f = message.fields
         asked = bytes(f["payload"])
         sequence, session, operation = asked[0] | asked[1] << 8, asked[2], asked[3]
@@ -406,8 +406,8 @@ class Link:
 class Reaction(NamedTuple):
     """Handler of one message, and whether a link takes the message for its own."""
 
-    handler: Callable[[Link, Message], list[bytes] | None]
-    is_meant: Callable[[Link, Message], bool] = Link._is_heard
+    handler: Callable[[Link, MavlinkMessage], list[bytes] | None]
+    is_meant: Callable[[Link, MavlinkMessage], bool] = Link._is_heard
 
 
 _REACTIONS: dict[str, Reaction] = {

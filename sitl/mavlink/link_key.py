@@ -4,8 +4,8 @@ SETUP_SIGNING.
 
 from __future__ import annotations
 
-from sitl.mavlink.codec import Decoder, Encoder, Message
-from sitl.px4.commander import Autopilot
+from sitl.mavlink.codec import Decoder, Encoder, MavlinkMessage
+from sitl.px4.commander import EmulatedPx4
 from sitl.px4.signing import KeyStore, LinkSigning
 
 
@@ -39,7 +39,7 @@ class LinkKey:
             else frames
         )
 
-    def set_up(self, px4: Autopilot, now_s: float, message: Message) -> None:
+    def set_up(self, px4: EmulatedPx4, now_s: float, message: MavlinkMessage) -> None:
         """Take a key, or none, as SETUP_SIGNING says."""
         if not px4.version.knows_signing:
             return
@@ -50,6 +50,6 @@ class LinkKey:
         px4.journal.say(now_s, "signing accepted" if self._store.key else "signing disabled")
         self.follow()
 
-    def _takes(self, message: Message, frame: bytes, is_signed: bool) -> bool:
+    def _takes(self, message: MavlinkMessage, frame: bytes, is_signed: bool) -> bool:
         sender = message.system_id, message.component_id
         return self._signing.takes(frame, message.message_id, sender, is_signed=is_signed)

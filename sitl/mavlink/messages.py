@@ -298,7 +298,7 @@ def position_target_local_ned(v: View) -> Values | None:
         and a.setpoint.kind is not SetpointKind.POSITION
     ):
         return None
-    goal = a.flight.goal
+    goal = a.mode_control.goal
     if goal is None:
         return (v.boot_ms, *((_NAN,) * 11), 0, 1)
     position, speed = goal.position_ned_m.tolist(), goal.velocity_ned_m_s.tolist()
@@ -307,9 +307,9 @@ def position_target_local_ned(v: View) -> Values | None:
 
 def position_target_global_int(v: View) -> Values | None:
     a = v.autopilot
-    if not a.is_armed or a.flight.goal is None or MODES[a.mode].main != 4:
+    if not a.is_armed or a.mode_control.goal is None or MODES[a.mode].main != 4:
         return None
-    north, east, down = a.flight.goal.position_ned_m.tolist()
+    north, east, down = a.mode_control.goal.position_ned_m.tolist()
     here = v.sensed.position_ned_m
     position = tuple(
         g if math.isfinite(g) else h for g, h in zip((north, east, down), here, strict=True)

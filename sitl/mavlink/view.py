@@ -12,7 +12,7 @@ import numpy as np
 
 from sitl.emulator.emulator import Emulator
 from sitl.physics import frames
-from sitl.px4.commander import Autopilot
+from sitl.px4.commander import EmulatedPx4
 from sitl.px4.estimator import HOME_ALTITUDE_M as HOME_ALTITUDE_M
 
 HOME_LATITUDE_DEG, HOME_LONGITUDE_DEG = 47.397742, 8.545594
@@ -61,7 +61,7 @@ class View:
         self._sensed: Sensed | None = None
 
     @property
-    def autopilot(self) -> Autopilot:
+    def autopilot(self) -> EmulatedPx4:
         """The vehicle's PX4; asked for anew each time, since a restart makes a new one."""
         return self.emulator.autopilots[self.index]
 
@@ -96,13 +96,13 @@ class View:
     @property
     def home_ned_m(self) -> Vector:
         """Position at the last arming, or the present one before the first."""
-        north, east, down = self.autopilot.flight.home_ned_m.tolist()
+        north, east, down = self.autopilot.mode_control.home_ned_m.tolist()
         return north, east, down
 
     @property
     def home_altitude_m(self) -> float:
         """Altitude of that place."""
-        return HOME_ALTITUDE_M - float(self.autopilot.flight.home_ned_m[2])
+        return HOME_ALTITUDE_M - float(self.autopilot.mode_control.home_ned_m[2])
 
     @property
     def sensed(self) -> Sensed:
@@ -191,8 +191,10 @@ class View:
         i, states = self.index, self.emulator.world.vehicles.states
         yaw_error_rad = float(self.emulator.estimator.yaw_error_rad[i])
         noise = [half_rad * self._draw() for half_rad in HALF_NOISE_RAD]
-        lean_rad = self.emulator.estimator.lean_rad[i].tolist()
-        attitude = measured_attitude(states.attitude[i].tolist(), yaw_error_rad, noise, lean_rad)
+        tilt_error_rad = self.emulator.estimator.tilt_error_rad[i].tolist()
+        attitude = measured_attitude(
+            states.attitude[i].tolist(), yaw_error_rad, noise, tilt_error_rad
+        )
         p, q = states.tilt_rate_rad_s[i].tolist()
         r = float(states.yaw_rate_rad_s[i])
         std = _GYRO_NOISE_RAD_S
@@ -210,7 +212,7 @@ def measured_attitude(
     attitude: list[float],
     yaw_error_rad: float,
     half_noise_rad: list[float],
-    lean_rad: Sequence[float] = (0.0, 0.0),
+    tilt_error_rad: Sequence[float] = (0.0, 0.0),
 ) -> Quaternion:
     """Return the attitude NED <- FRD that an autopilot believes in, with a sample of noise.
 
@@ -218,8 +220,8 @@ def measured_attitude(
     small enough for a linear turn.
     """
     w, x, y, z = attitude
-    w, x, y, z = frames.headed(
-        frames.leant((w, x, y, z), -lean_rad[0], -lean_rad[1]), yaw_error_rad
+    w, x, y, z = frames.turned(
+        frames.tilted((w, x, y, z), -tilt_error_rad[0], -tilt_error_rad[1]), yaw_error_rad
     )
     a, b, d = half_noise_rad
     w, x, y, z = (

@@ -104,14 +104,14 @@ def euler(q: tuple[float, float, float, float]) -> tuple[float, float, float]:
     return roll, pitch, yaw
 
 
-def headed(q: Quaternion, heading_rad: float) -> Quaternion:
+def turned(q: Quaternion, heading_rad: float) -> Quaternion:
     """One attitude turned about the vertical."""
     w, x, y, z = q
     c, s = math.cos(0.5 * heading_rad), math.sin(0.5 * heading_rad)
     return c * w - s * z, c * x - s * y, c * y + s * x, c * z + s * w
 
 
-def leant(q: Quaternion, north_rad: float, east_rad: float) -> Quaternion:
+def tilted(q: Quaternion, north_rad: float, east_rad: float) -> Quaternion:
     """One attitude turned about north and east, by little."""
     w, x, y, z = q
     a, b = 0.5 * north_rad, 0.5 * east_rad

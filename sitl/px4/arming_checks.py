@@ -27,23 +27,27 @@ class Readiness:
 
 
 @dataclass(frozen=True, slots=True)
-class Check:
+class ArmingCheck:
     """One row: the sentence, and when it applies."""
 
     sentence: str
     fails: Callable[[Readiness], bool]
 
 
-CHECKS: tuple[Check, ...] = (
-    Check("system is still starting", lambda r: r.since_boot_s < BOOT_S),
-    Check("no offboard setpoints", lambda r: ModeCondition.SETPOINTS in r.missing),
-    Check("no local position", lambda r: ModeCondition.LOCAL_POSITION in r.missing),
-    Check("no global position for this mode", lambda r: ModeCondition.GLOBAL_POSITION in r.missing),
-    Check("no mission", lambda r: ModeCondition.MISSION in r.missing),
-    Check("this mode cannot be armed in", lambda r: ModeCondition.ARMING in r.needs),
-    Check("battery too low", lambda r: r.battery.value >= ChargeState.CRITICAL.value),
-    Check("the attitude control has failed", lambda r: not r.has_attitude),
-    Check("no connection to the ground station", lambda r: r.needs_ground and not r.has_ground),
+CHECKS: tuple[ArmingCheck, ...] = (
+    ArmingCheck("system is still starting", lambda r: r.since_boot_s < BOOT_S),
+    ArmingCheck("no offboard setpoints", lambda r: ModeCondition.SETPOINTS in r.missing),
+    ArmingCheck("no local position", lambda r: ModeCondition.LOCAL_POSITION in r.missing),
+    ArmingCheck(
+        "no global position for this mode", lambda r: ModeCondition.GLOBAL_POSITION in r.missing
+    ),
+    ArmingCheck("no mission", lambda r: ModeCondition.MISSION in r.missing),
+    ArmingCheck("this mode cannot be armed in", lambda r: ModeCondition.ARMING in r.needs),
+    ArmingCheck("battery too low", lambda r: r.battery.value >= ChargeState.CRITICAL.value),
+    ArmingCheck("the attitude control has failed", lambda r: not r.has_attitude),
+    ArmingCheck(
+        "no connection to the ground station", lambda r: r.needs_ground and not r.has_ground
+    ),
 )
 
 

@@ -5,7 +5,7 @@ The mode that was asked for (`intent`) and the mode that is flown (`mode`) are t
 PX4: a failsafe changes only the second, and when its cause is gone the first is flown again without
 being asked for. What each mode needs is in `modes.py`, what forbids arming in `arming_checks.py`,
 what takes a vehicle out of its mode in `failsafes.py`, how a mode is flown in `mode_control.py`,
-what is said in `events.py`.
+what is said in `journal.py`.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ from sitl.physics.frames import euler, uprightness
 from sitl.px4 import arming_checks, modes
 from sitl.px4.arming_checks import Readiness
 from sitl.px4.battery import Battery, ChargeState, charge_state_of
-from sitl.px4.events import REASONS, Journal
-from sitl.px4.failsafes import ACTION_MODE, Action, Facts, Failsafe
+from sitl.px4.failsafes import ACTION_MODE, Failsafe, FailsafeAction, FailsafeInputs
+from sitl.px4.journal import REASONS, Journal
 from sitl.px4.land_detector import LandDetector
-from sitl.px4.mode_control import TICK_S, Flight
-from sitl.px4.modes import MODES, Landed, Mode, ModeCondition, Result, SystemStatus
+from sitl.px4.mode_control import TICK_S, ModeControl
+from sitl.px4.modes import MODES, CommandResult, LandedState, Mode, ModeCondition, SystemStatus
 from sitl.px4.parameters import Parameters
-from sitl.px4.signals import Actuation, Setpoint, SetpointKind, Situation
+from sitl.px4.signals import Actuation, AutopilotInputs, Setpoint, SetpointKind
 from sitl.px4.sticks import Axes, Sticks
 from sitl.px4.versions import Version
 
@@ -37,7 +37,7 @@ _SAID_OF_BATTERY: dict[ChargeState, str] = {
 
 
 @dataclass(slots=True)
-class Autopilot:
+class EmulatedPx4:
     """State of one PX4."""
 
     params: Parameters = field(default_factory=Parameters)  # survive a restart
@@ -55,14 +55,14 @@ class Autopilot:
     journal: Journal = field(default_factory=Journal)
     failsafe: Failsafe = field(default_factory=Failsafe)
     land_detector: LandDetector = field(default_factory=LandDetector)
-    flight: Flight = field(default_factory=Flight)
+    mode_control: ModeControl = field(default_factory=ModeControl)
     sticks: Sticks = field(default_factory=Sticks)
     _after_disarm: Mode = Mode.LOITER
     _armed_time_s: float = 0.0
     _refused_time_s: float = -math.inf  # when it last said that a mode is not available
     _tilted_since_s: float = math.inf
     _has_failed: bool = False
-    _last: Situation | None = None
+    _last: AutopilotInputs | None = None
 
     def __post_init__(self) -> None:
         self.journal.severities = self.version.severities
@@ -81,14 +81,14 @@ class Autopilot:
         return self.intent if is_hidden else self.mode
 
     @property
-    def landed(self) -> Landed:
+    def landed(self) -> LandedState:
         """EXTENDED_SYS_STATE.landed_state."""
         return self.land_detector.state
 
     @property
     def actuation(self) -> Actuation:
         """Actuation of the vehicle at this tick."""
-        return self.flight.actuation
+        return self.mode_control.actuation
 
     @property
     def is_failsafe(self) -> bool:
@@ -115,7 +115,7 @@ class Autopilot:
             battery=charge_state_of(self.battery.remaining_frac, self.params),
             needs_ground=self.params.integer("NAV_DLL_ACT") > 0,
             has_ground=now_s - self.ground_time_s <= self.params["COM_DL_LOSS_T"],
-            has_attitude=not self.flight.has_lost_attitude,
+            has_attitude=not self.mode_control.has_lost_attitude,
             faults=tuple(self.faults),
         )
         return arming_checks.obstacles(readiness)
@@ -138,26 +138,26 @@ class Autopilot:
 
     # -- requests ----------------------------------------------------------------------------------
 
-    def request_arm(self, now_s: float, arm: bool, magic: float) -> Result:
+    def request_arm(self, now_s: float, arm: bool, magic: float) -> CommandResult:
         """MAV_CMD_COMPONENT_ARM_DISARM.
 
         The magic number forces disarming; for arming from outside PX4 ignores it.
         """
         if arm == self.is_armed:
-            return Result.ACCEPTED
+            return CommandResult.ACCEPTED
         if arm:
             if self.arming_obstacles(now_s):
                 self.journal.say(now_s, "arm denied")
-                return Result.TEMPORARILY_REJECTED
+                return CommandResult.TEMPORARILY_REJECTED
             self._arm(now_s)
-            return Result.ACCEPTED
-        if self.landed is not Landed.ON_GROUND and magic != _FORCE_MAGIC:
+            return CommandResult.ACCEPTED
+        if self.landed is not LandedState.ON_GROUND and magic != _FORCE_MAGIC:
             self.journal.say(now_s, "disarm denied")
-            return Result.TEMPORARILY_REJECTED
+            return CommandResult.TEMPORARILY_REJECTED
         self._disarm(now_s, "command")
-        return Result.ACCEPTED
+        return CommandResult.ACCEPTED
 
-    def request_mode(self, now_s: float, main: int, sub: int, base_mode: int = 1) -> Result:
+    def request_mode(self, now_s: float, main: int, sub: int, base_mode: int = 1) -> CommandResult:
         """DO_SET_MODE or SET_MODE: the commander's own answer (the receiver's early one is the
         link's).
         """
@@ -167,11 +167,11 @@ class Autopilot:
         # PX4 refuses an automatic mode that it does not have; any other number means nothing to it,
         # and passes.
         if main != modes.AUTO_MAIN:
-            return Result.ACCEPTED
+            return CommandResult.ACCEPTED
         self.journal.say(now_s, "no such mode")
-        return Result.TEMPORARILY_REJECTED
+        return CommandResult.TEMPORARILY_REJECTED
 
-    def request(self, now_s: float, mode: Mode, said: str | None = None) -> Result:
+    def request(self, now_s: float, mode: Mode, said: str | None = None) -> CommandResult:
         """Ask for a mode. Disarmed, everything is taken; armed, only what can be flown now.
 
         Args:
@@ -190,20 +190,20 @@ class Autopilot:
                 self._refused_time_s = now_s
                 name, number = modes.NAMES[mode]
                 self.journal.say(now_s, "mode refused", MODES[mode].custom_mode, number, mode=name)
-            return Result.TEMPORARILY_REJECTED
+            return CommandResult.TEMPORARILY_REJECTED
         said = said or ("landing" if mode is Mode.LAND else None)
         if said is not None:
             self.journal.say(now_s, said)
         self._intend(mode)
         self.failsafe.commanded_mode()
         self._select_mode(now_s)
-        return Result.ACCEPTED
+        return CommandResult.ACCEPTED
 
-    def request_takeoff(self, now_s: float, height_m: float) -> Result:
+    def request_takeoff(self, now_s: float, height_m: float) -> CommandResult:
         """MAV_CMD_NAV_TAKEOFF to a height above home; NaN for the default, which is also the least."""
         result = self.request(now_s, Mode.TAKEOFF)
-        if result is Result.ACCEPTED:
-            self.flight.takeoff_height_m = height_m if math.isfinite(height_m) else None
+        if result is CommandResult.ACCEPTED:
+            self.mode_control.takeoff_height_m = height_m if math.isfinite(height_m) else None
             if self.is_armed:
                 self._say_takeoff_height(now_s)
         return result
@@ -212,16 +212,16 @@ class Autopilot:
         """Play one; only its number is kept."""
         self.tunes += 1
 
-    def request_termination(self, now_s: float) -> Result:
+    def request_termination(self, now_s: float) -> CommandResult:
         """MAV_CMD_DO_FLIGHTTERMINATION: motors off, still armed, until somebody disarms or it lies
         on the ground.
         """
         if not self.is_armed:
-            return Result.DENIED
+            return CommandResult.DENIED
         self.intent = Mode.TERMINATION
         self._select_mode(now_s)
-        self.flight.terminate()
-        return Result.ACCEPTED
+        self.mode_control.terminate()
+        return CommandResult.ACCEPTED
 
     def accept_setpoint(self, setpoint: Setpoint) -> None:
         """Take the newest OFFBOARD setpoint; attitude and rates act at once."""
@@ -246,15 +246,15 @@ class Autopilot:
 
     def _follow(self, setpoint: Setpoint) -> None:
         if not setpoint.is_rotation and not self.version.survives_no_rotation:
-            self.flight.has_lost_attitude = True
-        self.flight.take_setpoint(setpoint)
+            self.mode_control.has_lost_attitude = True
+        self.mode_control.take_setpoint(setpoint)
 
     # -- time --------------------------------------------------------------------------------------
 
-    def tick(self, situation: Situation) -> None:
+    def tick(self, inputs: AutopilotInputs) -> None:
         """Everything that happens at 50 Hz."""
-        now = situation.time_s
-        self._last = situation
+        now = inputs.time_s
+        self._last = inputs
         self.battery.step(
             TICK_S,
             is_armed=self.is_armed,
@@ -265,20 +265,18 @@ class Autopilot:
             self._select_mode(now)
             return
         self._watch_battery(now)
-        self._watch_attitude(situation)
+        self._watch_attitude(inputs)
         self._select_mode(now)
         if not self.is_armed:
             return
-        said = self.land_detector.step(
-            situation, self.mode, self.actuation.thrust_frac, self.params
-        )
+        said = self.land_detector.step(inputs, self.mode, self.actuation.thrust_frac, self.params)
         if said is not None:
             self.journal.say(now, said)
         self._auto_disarm(now)
         # A pilot's sticks are heard, their positions are not: who has taken a vehicle holds it.
         flown = Mode.LOITER if self.mode is Mode.POSCTL and self._has_sticks(now) else self.mode
-        if self.is_armed and self.flight.step(
-            situation, flown, self.landed, self.params, self.setpoint
+        if self.is_armed and self.mode_control.step(
+            inputs, flown, self.landed, self.params, self.setpoint
         ):
             self._intend(Mode.LOITER)
 
@@ -306,7 +304,7 @@ class Autopilot:
         self.charge_state = ChargeState.OK
         self.failsafe.reset()
         self.land_detector.disarmed()
-        self.flight.armed(now_s, self._last, self.params)
+        self.mode_control.armed(now_s, self._last, self.params)
         why, number = REASONS["command"]
         self.journal.say(now_s, "armed", number, why=why)
         if self.intent is Mode.TAKEOFF:
@@ -316,11 +314,11 @@ class Autopilot:
             self._follow(self.setpoint)
 
     def _say_takeoff_height(self, now_s: float) -> None:
-        least_m, ordered_m = self.params["MIS_TAKEOFF_ALT"], self.flight.takeoff_height_m
+        least_m, ordered_m = self.params["MIS_TAKEOFF_ALT"], self.mode_control.takeoff_height_m
         if ordered_m is None:
             self.journal.say(now_s, "takeoff height", height=least_m)
         elif ordered_m < least_m:
-            self.flight.takeoff_height_m = None
+            self.mode_control.takeoff_height_m = None
             self.journal.say(now_s, "least takeoff height", height=least_m)
 
     def _disarm(self, now_s: float, reason: str) -> None:
@@ -330,15 +328,15 @@ class Autopilot:
         self.intent = self._after_disarm
         why, number = REASONS[reason]
         self.journal.say(now_s, "disarmed", number, why=why)
-        self.flight.takeoff_height_m = None
+        self.mode_control.takeoff_height_m = None
         self._select_mode(now_s)
-        self.flight.disarmed()
+        self.mode_control.disarmed()
 
     def _select_mode(self, now_s: float) -> None:
         mode = self.intent
         if self.is_armed:
             self._watch(now_s)
-            if self.failsafe.action is Action.DISARM:
+            if self.failsafe.action is FailsafeAction.DISARM:
                 self._disarm(now_s, "failsafe")
                 return
             mode = ACTION_MODE.get(self.failsafe.action, mode)
@@ -346,11 +344,11 @@ class Autopilot:
                 mode = Mode.TERMINATION
             flyable = self._flyable(mode)
             if flyable is not mode and flyable is not self.mode:
-                self.journal.say(now_s, "failsafe", MODES[flyable].custom_mode, Action.LAND)
+                self.journal.say(now_s, "failsafe", MODES[flyable].custom_mode, FailsafeAction.LAND)
             mode = flyable
         if mode is not self.mode:
             self.mode = mode
-            self.flight.entered(self._last)
+            self.mode_control.entered(self._last)
             if mode is Mode.OFFBOARD and self.is_armed and self.setpoint is not None:
                 self._follow(self.setpoint)
 
@@ -362,7 +360,7 @@ class Autopilot:
         return mode
 
     def _watch(self, now_s: float) -> None:
-        facts = Facts(
+        facts = FailsafeInputs(
             has_offboard_signal=self.intent is not Mode.OFFBOARD or self.has_fresh_setpoint(now_s),
             battery=self.charge_state,
             attitude_failed=self._has_failed,
@@ -373,7 +371,7 @@ class Autopilot:
         if not self.failsafe.step(now_s, facts, self.params):
             return
         shown = MODES[ACTION_MODE.get(self.failsafe.action, self.intent)].custom_mode
-        if self.failsafe.delayed is not Action.NONE:
+        if self.failsafe.delayed is not FailsafeAction.NONE:
             seconds = self.params["COM_FAIL_ACT_T"]
             shown_s = int(min(65535.0, max(0.0, seconds)))
             self.journal.say(
@@ -385,7 +383,7 @@ class Autopilot:
     def _from_home_m(self) -> tuple[float, float]:
         if self._last is None:
             return 0.0, 0.0
-        north, east, down = (self._last.position_ned_m - self.flight.home_ned_m).tolist()
+        north, east, down = (self._last.position_ned_m - self.mode_control.home_ned_m).tolist()
         return math.hypot(north, east), -down
 
     def _watch_battery(self, now_s: float) -> None:
@@ -397,26 +395,26 @@ class Autopilot:
             if charge_state is ChargeState.EMERGENCY:
                 self.journal.say(now_s, "no shutdown")
 
-    def _watch_attitude(self, situation: Situation) -> None:
-        if self._has_failed or situation.on_ground:
+    def _watch_attitude(self, inputs: AutopilotInputs) -> None:
+        if self._has_failed or inputs.on_ground:
             return
         limit_rad = math.radians(min(self.params["FD_FAIL_R"], self.params["FD_FAIL_P"]))
-        if uprightness(situation.attitude) > math.cos(limit_rad):
+        if uprightness(inputs.attitude) > math.cos(limit_rad):
             self._tilted_since_s = math.inf
             return
-        w, x, y, z = situation.attitude.tolist()
+        w, x, y, z = inputs.attitude.tolist()
         roll, pitch, _ = euler((w, x, y, z))
         is_roll = abs(roll) > math.radians(self.params["FD_FAIL_R"])
         if not is_roll and abs(pitch) <= math.radians(self.params["FD_FAIL_P"]):
             self._tilted_since_s = math.inf
             return
-        self._tilted_since_s = min(self._tilted_since_s, situation.time_s)
-        if situation.time_s - self._tilted_since_s >= self.params["FD_FAIL_R_TTRI"]:
+        self._tilted_since_s = min(self._tilted_since_s, inputs.time_s)
+        if inputs.time_s - self._tilted_since_s >= self.params["FD_FAIL_R_TTRI"]:
             self._has_failed = True
-            self.journal.say(situation.time_s, "roll failure" if is_roll else "pitch failure")
+            self.journal.say(inputs.time_s, "roll failure" if is_roll else "pitch failure")
 
     def _auto_disarm(self, now_s: float) -> None:
-        if self.landed is not Landed.ON_GROUND:
+        if self.landed is not LandedState.ON_GROUND:
             return
         after_landing, before_flight = (
             self.params["COM_DISARM_LAND"],

@@ -21,8 +21,8 @@ from sitl.physics.jit import records
 from sitl.physics.step import STEP_S
 from sitl.px4 import estimator_errors
 from sitl.px4.estimator_errors import GPS as GPS
-from sitl.px4.estimator_errors import PAD as PAD
-from sitl.px4.estimator_errors import PAD_VISION as PAD_VISION
+from sitl.px4.estimator_errors import RESTING as RESTING
+from sitl.px4.estimator_errors import RESTING_WITH_VISION as RESTING_WITH_VISION
 from sitl.px4.estimator_errors import VISION_DEFAULT as VISION_DEFAULT
 from sitl.px4.estimator_errors import VISION_TRUSTED as VISION_TRUSTED
 from sitl.px4.estimator_errors import VISION_TUNED as VISION_TUNED
@@ -142,7 +142,7 @@ class Estimator:
         self._errors["yaw_mean"], self._errors["yaw_std"] = sign * mean, std
         self._errors["yaw_share"] = self._errors["yaw_share_goal"] = 1.0
         self.yaw_error_rad = self._errors["yaw_error"]
-        self.lean_rad = self._errors["lean"]
+        self.tilt_error_rad = self._errors["tilt_error"]
         self.yaw_error_rad[:] = sign * mean
         self._vision_time_s = [-math.inf] * n
         self._height_time_s = [-math.inf] * n
@@ -278,7 +278,7 @@ class Estimator:
         self._errors["offset"][index] = -local
         self._errors["unit_position"][index] = 0.0
         self._errors["drift_velocity"][index] = 0.0
-        self._errors["lean"][index] = 0.0
+        self._errors["tilt_error"][index] = 0.0
         self._history[:, index] = 0.0
         self._vision_time_s[index] = self._height_time_s[index] = self._lost_time_s[
             index
@@ -346,11 +346,14 @@ class Estimator:
     def _select_source(self, i: int, time_s: float, is_resting: bool) -> None:
         """Follow the sources of one vehicle: what its estimate rests on, and so how it errs."""
         if time_s - self._vision_time_s[i] < _VISION_TIMEOUT_S:
-            source, level = Source.VISION, PAD_VISION if is_resting else self.vision_levels[i]
+            source, level = (
+                Source.VISION,
+                RESTING_WITH_VISION if is_resting else self.vision_levels[i],
+            )
         elif self.sees_satellites(i, time_s):
-            source, level = Source.GPS, PAD if is_resting else GPS
+            source, level = Source.GPS, RESTING if is_resting else GPS
         else:
-            source, level = Source.NONE, PAD if is_resting else GPS
+            source, level = Source.NONE, RESTING if is_resting else GPS
         before = self.source[i]
         if not is_resting:
             self._rests_since_s[i] = time_s
@@ -406,15 +409,17 @@ class Estimator:
         )
         north, east = math.cos(heading), math.sin(heading)
         push_m_s2 = self._scale * _DRIFT_ACCELERATION_1_S2 * far_m
-        lean_rad = self._scale * math.radians(lean_deg)
+        tilt_error_rad = self._scale * math.radians(lean_deg)
         errors["drift_acceleration"][i] = push_m_s2 * north, push_m_s2 * east, 0.0
         errors["drift_velocity"][i] = (
             0.0,
             0.0,
             -self._scale * high_m / estimator_errors.DRIFT_DAMPING_S[2],
         )
-        errors["lean_most"][i] = -lean_rad * east, lean_rad * north
-        errors["lean"][i] = estimator_errors.LEAN_AT_FIRST * errors["lean_most"][i]
+        errors["tilt_error_most"][i] = -tilt_error_rad * east, tilt_error_rad * north
+        errors["tilt_error"][i] = (
+            estimator_errors.TILT_ERROR_AT_FIRST * errors["tilt_error_most"][i]
+        )
 
     def _correct(self, index: int, correction: tuple[float, float, float]) -> None:
         self._errors["offset"][index] += correction

@@ -35,8 +35,12 @@ ERRORS = np.dtype(
         ("offset", "f8", 3),  # of the local frame
         ("drift_velocity", "f8", 3),  # of dead reckoning
         ("drift_acceleration", "f8", 3),
-        ("lean", "f8", 2),  # error of the attitude: true turned by this about north and east [rad]
-        ("lean_most", "f8", 2),  # up to which it grows while nothing aids the filter
+        (
+            "tilt_error",
+            "f8",
+            2,
+        ),  # error of the attitude: true turned by this about north and east [rad]
+        ("tilt_error_most", "f8", 2),  # up to which it grows while nothing aids the filter
         ("base", "f8", 3),  # position without errors but those of the frame
         ("position", "f8", 3),  # results
         ("velocity", "f8", 3),
@@ -62,7 +66,7 @@ BLEND_S = 0.5  # in which one kind of error gives way to another
 # another level. The attitude's begins with a quarter of its largest value, which it reaches after
 # 3.5 s.
 DRIFT_DAMPING_S = (4.0, 4.0, 0.5)
-LEAN_AT_FIRST, LEAN_GROWTH_S = 0.25, 3.5 / math.log(4.0)
+TILT_ERROR_AT_FIRST, TILT_ERROR_GROWTH_S = 0.25, 3.5 / math.log(4.0)
 _ROOT_TWO = math.sqrt(2.0)
 
 
@@ -93,8 +97,8 @@ class ErrorLevel:
         return x, y, z
 
 
-PAD = ErrorLevel((0.03, 0.03, 0.04), (0.015, 0.02, 0.02), 3.4)
-PAD_VISION = ErrorLevel((0.0025, 0.0025, 0.0025), (0.014, 0.014, 0.014), 0.68)
+RESTING = ErrorLevel((0.03, 0.03, 0.04), (0.015, 0.02, 0.02), 3.4)
+RESTING_WITH_VISION = ErrorLevel((0.0025, 0.0025, 0.0025), (0.014, 0.014, 0.014), 0.68)
 GPS = ErrorLevel((0.12, 0.20, 0.21), (0.16, 0.29, 0.10), 3.4, (0.09, 0.14, 0.18))
 VISION_DEFAULT = ErrorLevel((0.039, 0.10, 0.05), (0.07, 0.17, 0.07), 1.5)
 VISION_TRUSTED = ErrorLevel((0.016, 0.044, 0.02), (0.038, 0.106, 0.04), 0.68)
@@ -152,9 +156,9 @@ def _advance_motion(e: Record, draws: Array, dt_s: float, position: Array, veloc
 def _advance_lean(e: Record, dt_s: float) -> None:
     for k in range(2):
         if not e.is_drifting:
-            e.lean[k] -= dt_s / BLEND_S * e.lean[k]
-        elif e.is_flying and abs(e.lean[k]) < abs(e.lean_most[k]):
-            e.lean[k] += dt_s / LEAN_GROWTH_S * e.lean[k]
+            e.tilt_error[k] -= dt_s / BLEND_S * e.tilt_error[k]
+        elif e.is_flying and abs(e.tilt_error[k]) < abs(e.tilt_error_most[k]):
+            e.tilt_error[k] += dt_s / TILT_ERROR_GROWTH_S * e.tilt_error[k]
 
 
 @compiled

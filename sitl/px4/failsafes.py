@@ -1,7 +1,13 @@
-"""PX4's failsafes as a table: which condition leads to which action, by which parameter.
+"""PX4's failsafes as a table: which trigger leads to which action, and by which parameter.
 
-Of all conditions that hold, the most severe action is taken. An action that is not urgent waits in
-Hold first.
+At each tick PX4 looks at all triggers. Each one that holds selects an action, most of them by a
+parameter of the user, and PX4 takes the most severe of all these actions.
+
+Two things make this more than a maximum:
+
+* An action that is not urgent (a battery that is critical, a ground station that is lost) waits for
+  COM_FAIL_ACT_T seconds in Hold first, so that a pilot has time to take over.
+* Some actions outlast their trigger: they are latched, and `Clears` says what ends them.
 """
 
 from __future__ import annotations
@@ -17,10 +23,10 @@ from sitl.px4.battery import ChargeState
 from sitl.px4.modes import Mode
 from sitl.px4.parameters import Parameters
 
-FLIGHT_TERMINATION_OFF = 121212.0
+FLIGHT_TERMINATION_OFF = 121212.0  # value of CBRK_FLIGHTTERM that forbids the termination
 
 
-class Action(IntEnum):
+class FailsafeAction(IntEnum):
     """Actions of a failsafe in PX4's order of severity and with its numbers."""
 
     NONE = 0
@@ -36,34 +42,34 @@ class Action(IntEnum):
     TERMINATE = 10
 
 
-_MANUAL = (Action.POSCTL, Action.ALTCTL, Action.STABILIZED)
+_MANUAL = (FailsafeAction.POSCTL, FailsafeAction.ALTCTL, FailsafeAction.STABILIZED)
 
 # The mode that an action flies; the others keep the mode, or end the flight at once.
-ACTION_MODE: dict[Action, Mode] = {
-    Action.POSCTL: Mode.POSCTL,
-    Action.ALTCTL: Mode.ALTCTL,
-    Action.STABILIZED: Mode.STABILIZED,
-    Action.HOLD: Mode.LOITER,
-    Action.RETURN: Mode.RTL,
-    Action.LAND: Mode.LAND,
-    Action.DESCEND: Mode.DESCEND,
-    Action.TERMINATE: Mode.TERMINATION,
+ACTION_MODE: dict[FailsafeAction, Mode] = {
+    FailsafeAction.POSCTL: Mode.POSCTL,
+    FailsafeAction.ALTCTL: Mode.ALTCTL,
+    FailsafeAction.STABILIZED: Mode.STABILIZED,
+    FailsafeAction.HOLD: Mode.LOITER,
+    FailsafeAction.RETURN: Mode.RTL,
+    FailsafeAction.LAND: Mode.LAND,
+    FailsafeAction.DESCEND: Mode.DESCEND,
+    FailsafeAction.TERMINATE: Mode.TERMINATION,
 }
 
 
-class Facts(Struct, frozen=True):
-    """Inputs of the failsafes."""
+class FailsafeInputs(Struct, frozen=True):
+    """Inputs of the failsafes at one tick."""
 
-    has_offboard_signal: bool  # False when OFFBOARD is wanted and its setpoints do not come
+    has_offboard_signal: bool  # False when OFFBOARD is requested and its setpoints do not come
     battery: ChargeState  # how empty it is
     attitude_failed: bool  # tilted beyond FD_FAIL_R or FD_FAIL_P
-    from_home_m: tuple[float, float]  # horizontal and vertical distance from the place of arming
+    from_home_m: tuple[float, float]  # horizontal and vertical distance from the point of arming
     ground_silent_s: float  # time since the last heartbeat of a ground station
-    has_sticks: bool = False  # somebody's sticks are heard
+    has_sticks: bool = False  # a pilot's sticks are received
 
 
 class Clears(Enum):
-    """Conditions under which an action ends."""
+    """What ends an action."""
 
     WITH_CONDITION = "when the condition is gone"
     BY_MODE_CHANGE = "when somebody asks for a mode, or on disarming"
@@ -71,112 +77,153 @@ class Clears(Enum):
 
 
 @dataclass(frozen=True, slots=True)
-class Condition:
+class FailsafeTrigger:
     """One row of the table."""
 
     name: str
-    holds: Callable[[Facts, Parameters], bool]  # whether the condition is there
+    holds: Callable[[FailsafeInputs, Parameters], bool]  # whether the trigger is there now
     parameter: str | None  # what decides; None when the action is always `otherwise`
-    actions: Mapping[int, Action]  # parameter value -> action; other values give `otherwise`
-    otherwise: Action
-    waits: bool = False  # whether the action is preceded by COM_FAIL_ACT_T seconds of Hold
-    clears: Clears = Clears.WITH_CONDITION  # when it ends
+    actions: Mapping[int, FailsafeAction]  # value of the parameter -> action
+    otherwise: FailsafeAction  # for every other value
+    waits: bool = False  # whether COM_FAIL_ACT_T seconds of Hold precede the action
+    clears: Clears = Clears.WITH_CONDITION  # when the action ends
 
-    def action(self, facts: Facts, params: Parameters) -> Action:
+    def action(self, inputs: FailsafeInputs, params: Parameters) -> FailsafeAction:
         """Return the action that the parameters select."""
         if self.parameter is None:
             return self.otherwise
+
         action = self.actions.get(params.integer(self.parameter), self.otherwise)
-        is_flyable = (
-            action not in _MANUAL
-            or facts.has_sticks
-            or params.version.flies_manual_modes_without_sticks
-        )
-        return action if is_flyable else Action.RETURN
+
+        # A mode for sticks is no help without sticks: newer versions return home instead.
+        has_manual_control = inputs.has_sticks or params.version.flies_manual_modes_without_sticks
+        if action in _MANUAL and not has_manual_control:
+            return FailsafeAction.RETURN
+        return action
 
 
-def _beyond_fence(facts: Facts, params: Parameters) -> bool:
-    (away_m, height_m), farthest_m, highest_m = (
-        facts.from_home_m,
-        params["GF_MAX_HOR_DIST"],
-        params["GF_MAX_VER_DIST"],
-    )
-    return 0.0 < farthest_m < away_m or 0.0 < highest_m < height_m
+def _is_offboard_lost(inputs: FailsafeInputs, _: Parameters) -> bool:
+    return not inputs.has_offboard_signal
 
 
-CONDITIONS: tuple[Condition, ...] = (
-    Condition(
-        "offboard setpoints lost",
-        lambda facts, _: not facts.has_offboard_signal,
-        "COM_OBL_RC_ACT",
-        {
-            0: Action.POSCTL,
-            1: Action.ALTCTL,
-            2: Action.STABILIZED,
-            3: Action.RETURN,
-            4: Action.LAND,
-            5: Action.HOLD,
-            6: Action.TERMINATE,
-            7: Action.DISARM,
+def _is_battery_low(inputs: FailsafeInputs, _: Parameters) -> bool:
+    return inputs.battery is ChargeState.LOW
+
+
+def _is_battery_critical(inputs: FailsafeInputs, _: Parameters) -> bool:
+    return inputs.battery is ChargeState.CRITICAL
+
+
+def _is_battery_at_emergency_level(inputs: FailsafeInputs, _: Parameters) -> bool:
+    return inputs.battery is ChargeState.EMERGENCY
+
+
+def _has_attitude_failed(inputs: FailsafeInputs, params: Parameters) -> bool:
+    may_terminate = params["CBRK_FLIGHTTERM"] != FLIGHT_TERMINATION_OFF
+    is_shown = may_terminate or params.version.warns_of_attitude_failure
+    return inputs.attitude_failed and is_shown
+
+
+def _is_beyond_fence(inputs: FailsafeInputs, params: Parameters) -> bool:
+    distance_m, height_m = inputs.from_home_m
+    max_distance_m = params["GF_MAX_HOR_DIST"]
+    max_height_m = params["GF_MAX_VER_DIST"]
+
+    # A limit of 0 is none.
+    is_too_far = 0.0 < max_distance_m < distance_m
+    is_too_high = 0.0 < max_height_m < height_m
+    return is_too_far or is_too_high
+
+
+def _is_ground_lost(inputs: FailsafeInputs, params: Parameters) -> bool:
+    return params["NAV_DLL_ACT"] > 0 and inputs.ground_silent_s > params["COM_DL_LOSS_T"]
+
+
+FAILSAFE_TRIGGERS: tuple[FailsafeTrigger, ...] = (
+    FailsafeTrigger(
+        name="offboard setpoints lost",
+        holds=_is_offboard_lost,
+        parameter="COM_OBL_RC_ACT",
+        actions={
+            0: FailsafeAction.POSCTL,
+            1: FailsafeAction.ALTCTL,
+            2: FailsafeAction.STABILIZED,
+            3: FailsafeAction.RETURN,
+            4: FailsafeAction.LAND,
+            5: FailsafeAction.HOLD,
+            6: FailsafeAction.TERMINATE,
+            7: FailsafeAction.DISARM,
         },
-        Action.POSCTL,
+        otherwise=FailsafeAction.POSCTL,
     ),
-    Condition(
-        "battery low", lambda facts, _: facts.battery is ChargeState.LOW, None, {}, Action.WARN
+    FailsafeTrigger(
+        name="battery low",
+        holds=_is_battery_low,
+        parameter=None,
+        actions={},
+        otherwise=FailsafeAction.WARN,
     ),
-    Condition(
-        "battery critical",
-        lambda facts, _: facts.battery is ChargeState.CRITICAL,
-        "COM_LOW_BAT_ACT",
-        {0: Action.WARN, 1: Action.RETURN, 2: Action.LAND, 3: Action.RETURN},
-        Action.WARN,
+    FailsafeTrigger(
+        name="battery critical",
+        holds=_is_battery_critical,
+        parameter="COM_LOW_BAT_ACT",
+        actions={
+            0: FailsafeAction.WARN,
+            1: FailsafeAction.RETURN,
+            2: FailsafeAction.LAND,
+            3: FailsafeAction.RETURN,
+        },
+        otherwise=FailsafeAction.WARN,
         waits=True,
     ),
-    Condition(
-        "battery at emergency level",
-        lambda facts, _: facts.battery is ChargeState.EMERGENCY,
-        "COM_LOW_BAT_ACT",
-        {0: Action.WARN, 1: Action.RETURN, 2: Action.LAND, 3: Action.LAND},
-        Action.WARN,
+    FailsafeTrigger(
+        name="battery at emergency level",
+        holds=_is_battery_at_emergency_level,
+        parameter="COM_LOW_BAT_ACT",
+        actions={
+            0: FailsafeAction.WARN,
+            1: FailsafeAction.RETURN,
+            2: FailsafeAction.LAND,
+            3: FailsafeAction.LAND,
+        },
+        otherwise=FailsafeAction.WARN,
         waits=True,
     ),
-    Condition(
-        "attitude failure",
-        lambda facts, params: (
-            facts.attitude_failed
-            and (
-                params["CBRK_FLIGHTTERM"] != FLIGHT_TERMINATION_OFF
-                or params.version.warns_of_attitude_failure
-            )
-        ),
-        "CBRK_FLIGHTTERM",
-        {int(FLIGHT_TERMINATION_OFF): Action.WARN},
-        Action.TERMINATE,
+    FailsafeTrigger(
+        name="attitude failure",
+        holds=_has_attitude_failed,
+        parameter="CBRK_FLIGHTTERM",
+        actions={int(FLIGHT_TERMINATION_OFF): FailsafeAction.WARN},
+        otherwise=FailsafeAction.TERMINATE,
         clears=Clears.NEVER,
     ),
-    Condition(
-        "geofence",
-        _beyond_fence,
-        "GF_ACTION",
-        {
-            0: Action.NONE,
-            1: Action.WARN,
-            2: Action.HOLD,
-            3: Action.RETURN,
-            4: Action.TERMINATE,
-            5: Action.LAND,
+    FailsafeTrigger(
+        name="geofence",
+        holds=_is_beyond_fence,
+        parameter="GF_ACTION",
+        actions={
+            0: FailsafeAction.NONE,
+            1: FailsafeAction.WARN,
+            2: FailsafeAction.HOLD,
+            3: FailsafeAction.RETURN,
+            4: FailsafeAction.TERMINATE,
+            5: FailsafeAction.LAND,
         },
-        Action.WARN,
+        otherwise=FailsafeAction.WARN,
         clears=Clears.BY_MODE_CHANGE,
     ),
-    Condition(
-        "ground station lost",
-        lambda facts, params: (
-            params["NAV_DLL_ACT"] > 0 and facts.ground_silent_s > params["COM_DL_LOSS_T"]
-        ),
-        "NAV_DLL_ACT",
-        {1: Action.HOLD, 2: Action.RETURN, 3: Action.LAND, 5: Action.TERMINATE, 6: Action.DISARM},
-        Action.NONE,
+    FailsafeTrigger(
+        name="ground station lost",
+        holds=_is_ground_lost,
+        parameter="NAV_DLL_ACT",
+        actions={
+            1: FailsafeAction.HOLD,
+            2: FailsafeAction.RETURN,
+            3: FailsafeAction.LAND,
+            5: FailsafeAction.TERMINATE,
+            6: FailsafeAction.DISARM,
+        },
+        otherwise=FailsafeAction.NONE,
         waits=True,
         clears=Clears.BY_MODE_CHANGE,
     ),
@@ -187,64 +234,96 @@ CONDITIONS: tuple[Condition, ...] = (
 class Failsafe:
     """The failsafes of one armed vehicle."""
 
-    action: Action = Action.NONE  # what is done now
-    delayed: Action = Action.NONE  # what follows when the Hold before it is over
-    present: frozenset[str] = frozenset()  # names of the conditions that act
-    _latched: dict[str, Action] = field(default_factory=dict)
-    _waiting_since_s: float = math.inf
+    action: FailsafeAction = FailsafeAction.NONE  # what is done now
+    delayed: FailsafeAction = FailsafeAction.NONE  # what follows when the Hold before it is over
+    present: frozenset[str] = frozenset()  # names of the triggers that act
+    _latched: dict[str, FailsafeAction] = field(default_factory=dict)  # by name of the trigger
+    _waiting_since_s: float = math.inf  # begin of the Hold before an action that waits
 
     @property
     def is_active(self) -> bool:
-        """Whether the mode is no longer the one that was asked for."""
-        return self.action > Action.WARN
+        """Whether a failsafe has taken the vehicle out of the mode that was requested."""
+        return self.action > FailsafeAction.WARN
 
     def reset(self) -> None:
-        """Arming and disarming end everything."""
-        self.action = self.delayed = Action.NONE
+        """End every action, on arming and on disarming."""
+        self.action = FailsafeAction.NONE
+        self.delayed = FailsafeAction.NONE
         self.present = frozenset()
         self._latched.clear()
         self._waiting_since_s = math.inf
 
     def commanded_mode(self) -> None:
-        """Somebody has asked for a mode."""
-        for condition in CONDITIONS:
-            if condition.clears is Clears.BY_MODE_CHANGE:
-                self._latched.pop(condition.name, None)
+        """End the actions that last until somebody asks for a mode."""
+        for trigger in FAILSAFE_TRIGGERS:
+            if trigger.clears is Clears.BY_MODE_CHANGE:
+                self._latched.pop(trigger.name, None)
 
-    def step(self, now_s: float, facts: Facts, params: Parameters) -> bool:
-        """Decide anew; True when something new has to be told."""
-        before, present_before = self.action, self.present
-        if not self._latched and not any(
-            condition.holds(facts, params) for condition in CONDITIONS
-        ):
-            self.action = self.delayed = Action.NONE
-            self.present, self._waiting_since_s = frozenset(), math.inf
+    def step(self, now_s: float, inputs: FailsafeInputs, params: Parameters) -> bool:
+        """Decide anew; True when PX4 has something new to say."""
+        action_before = self.action
+        present_before = self.present
+
+        # The usual tick: nothing holds, and nothing has held.
+        has_trigger = any(trigger.holds(inputs, params) for trigger in FAILSAFE_TRIGGERS)
+        if not self._latched and not has_trigger:
+            self.action = FailsafeAction.NONE
+            self.delayed = FailsafeAction.NONE
+            self.present = frozenset()
+            self._waiting_since_s = math.inf
             return False
-        urgent, patient = Action.NONE, Action.NONE
+
+        # The most severe action of each of the two kinds.
+        urgent = FailsafeAction.NONE
+        patient = FailsafeAction.NONE
         present: list[str] = []
-        for condition in CONDITIONS:
-            latched = self._latched.get(condition.name, Action.NONE)
-            action = (
-                condition.action(facts, params) if condition.holds(facts, params) else Action.NONE
-            )
-            if action > latched and condition.clears is not Clears.WITH_CONDITION:
-                self._latched[condition.name] = action
-            action = max(action, latched)
-            if action is Action.NONE:
+
+        for trigger in FAILSAFE_TRIGGERS:
+            action = self._latching_action(trigger, inputs, params)
+            if action is FailsafeAction.NONE:
                 continue
-            present.append(condition.name)
-            if condition.waits and action > Action.WARN:
+
+            present.append(trigger.name)
+            if trigger.waits and action > FailsafeAction.WARN:
                 patient = max(patient, action)
             else:
                 urgent = max(urgent, action)
+
         self.present = frozenset(present)
-        self.delayed = Action.NONE
-        if patient is Action.NONE:
-            self._waiting_since_s = math.inf
-        else:
-            self._waiting_since_s = min(self._waiting_since_s, now_s)
-            if now_s - self._waiting_since_s < params["COM_FAIL_ACT_T"]:
-                self.delayed, patient = patient, Action.HOLD
+        patient = self._hold_first(now_s, patient, params)
         self.action = max(urgent, patient)
-        is_new_warning = self.action is Action.WARN and not self.present <= present_before
-        return self.action is not Action.NONE and (self.action > before or is_new_warning)
+
+        if self.action is FailsafeAction.NONE:
+            return False
+        has_new_trigger = not self.present <= present_before
+        is_new_warning = self.action is FailsafeAction.WARN and has_new_trigger
+        return self.action > action_before or is_new_warning
+
+    def _latching_action(
+        self, trigger: FailsafeTrigger, inputs: FailsafeInputs, params: Parameters
+    ) -> FailsafeAction:
+        """Return the action of one trigger, now or latched, and latch it if it is to last."""
+        latched = self._latched.get(trigger.name, FailsafeAction.NONE)
+
+        action = FailsafeAction.NONE
+        if trigger.holds(inputs, params):
+            action = trigger.action(inputs, params)
+
+        if action > latched and trigger.clears is not Clears.WITH_CONDITION:
+            self._latched[trigger.name] = action
+        return max(action, latched)
+
+    def _hold_first(
+        self, now_s: float, patient: FailsafeAction, params: Parameters
+    ) -> FailsafeAction:
+        """Return Hold as long as an action that is not urgent has to wait, then the action."""
+        self.delayed = FailsafeAction.NONE
+        if patient is FailsafeAction.NONE:
+            self._waiting_since_s = math.inf
+            return FailsafeAction.NONE
+
+        self._waiting_since_s = min(self._waiting_since_s, now_s)
+        if now_s - self._waiting_since_s < params["COM_FAIL_ACT_T"]:
+            self.delayed = patient
+            return FailsafeAction.HOLD
+        return patient

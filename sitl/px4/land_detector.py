@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from sitl.px4.modes import Landed, Mode
+from sitl.px4.modes import LandedState, Mode
 from sitl.px4.parameters import Parameters
-from sitl.px4.signals import Situation
+from sitl.px4.signals import AutopilotInputs
 
 # How long contact and low thrust have to last. PX4's own modes push down before they give up,
 # setpoints do not.
@@ -15,10 +15,10 @@ _LOWEST_THRUST = 0.12
 _LOW_SHARE = 0.3
 
 # What a vehicle in the air is said to be doing, by mode; everything else is just in the air.
-_IN_MODE: dict[Mode, Landed] = {
-    Mode.TAKEOFF: Landed.TAKEOFF,
-    Mode.LAND: Landed.LANDING,
-    Mode.DESCEND: Landed.LANDING,
+_IN_MODE: dict[Mode, LandedState] = {
+    Mode.TAKEOFF: LandedState.TAKEOFF,
+    Mode.LAND: LandedState.LANDING,
+    Mode.DESCEND: LandedState.LANDING,
 }
 
 
@@ -26,25 +26,25 @@ _IN_MODE: dict[Mode, Landed] = {
 class LandDetector:
     """Memory of the detector."""
 
-    state: Landed = Landed.ON_GROUND  # what is reported
+    state: LandedState = LandedState.ON_GROUND  # what is reported
     has_flown: bool = False  # whether there was a take-off since arming
     landed_time_s: float = 0.0  # when the last landing was detected
     _contact_time_s: float = 0.0
 
     def disarmed(self) -> None:
         """Whatever is not armed is taken for landed."""
-        self.state = Landed.ON_GROUND
+        self.state = LandedState.ON_GROUND
         self.has_flown = False
 
     def step(
-        self, situation: Situation, mode: Mode, thrust_frac: float, params: Parameters
+        self, inputs: AutopilotInputs, mode: Mode, thrust_frac: float, params: Parameters
     ) -> str | None:
         """Look again; the key of what PX4 says when it has changed its mind."""
-        now = situation.time_s
-        was_on_ground = self.state is Landed.ON_GROUND
-        if not situation.on_ground:
+        now = inputs.time_s
+        was_on_ground = self.state is LandedState.ON_GROUND
+        if not inputs.on_ground:
             self._contact_time_s = now
-            self.state = _IN_MODE.get(mode, Landed.IN_AIR)
+            self.state = _IN_MODE.get(mode, LandedState.IN_AIR)
             if was_on_ground:
                 self.has_flown = True
                 return "takeoff"
@@ -56,6 +56,6 @@ class LandDetector:
         patience_s = params.version.landed_offboard_s if mode is Mode.OFFBOARD else _PATIENCE_S
         if was_on_ground or now - self._contact_time_s < patience_s:
             return None
-        self.state = Landed.ON_GROUND
+        self.state = LandedState.ON_GROUND
         self.landed_time_s = now
         return "landed"

@@ -23,7 +23,7 @@ class Mode(Enum):
     TERMINATION = "TERMINATION"
 
 
-class Landed(IntEnum):
+class LandedState(IntEnum):
     """MAV_LANDED_STATE."""
 
     ON_GROUND = 1
@@ -41,7 +41,7 @@ class SystemStatus(IntEnum):
     CRITICAL = 5
 
 
-class Result(IntEnum):
+class CommandResult(IntEnum):
     """MAV_RESULT."""
 
     ACCEPTED = 0

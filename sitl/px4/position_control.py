@@ -29,7 +29,7 @@ def _nothing() -> Array:
 
 
 @dataclass(frozen=True, slots=True)
-class Goal:
+class PositionGoal:
     """Goal of the position control, local NED.
 
     NaN leaves an axis to the next quantity: position, then velocity, then acceleration.
@@ -45,7 +45,7 @@ class Goal:
 
 
 @dataclass(frozen=True, slots=True)
-class Limits:
+class PositionLimits:
     """Limits from the parameters: speeds [m/s] horizontally, up and down, and the tilt [rad]."""
 
     speed_m_s: float
@@ -70,13 +70,13 @@ class PositionControl:
 
     def step(
         self,
-        goal: Goal,
+        goal: PositionGoal,
         position_ned_m: Array,
         velocity_ned_m_s: Array,
         dt_s: float,
         *,
         hover_thrust_frac: float,
-        limits: Limits,
+        limits: PositionLimits,
         yaw_rad: float,
     ) -> tuple[Array, float]:
         """One step at a heading.
@@ -110,7 +110,7 @@ class PositionControl:
         return attitude_for(np.array(down), yaw_rad), min(1.0, max(_THRUST_MIN, thrust))
 
 
-def _velocity(goal: Goal, here: list[float], limits: Limits) -> list[float]:
+def _velocity(goal: PositionGoal, here: list[float], limits: PositionLimits) -> list[float]:
     """Velocity that position and velocity ask for together, within the limits; NaN on axes without
     either.
     """

@@ -12,7 +12,7 @@ import numpy as np
 
 from sitl.physics import frames
 from sitl.physics.frames import Array
-from sitl.px4.position_control import Goal
+from sitl.px4.position_control import PositionGoal
 from sitl.px4.signals import DRIFT_RAD_S, Setpoint, SetpointKind
 from sitl.px4.versions import Version
 
@@ -146,5 +146,5 @@ def _setpoint(
         math.nan if mask & bit or not abs(fields[name]) < _HUGE else float(fields[name])
         for bit, name in ((_IGNORE_YAW, "yaw"), (_IGNORE_TURN, "yaw_rate"))
     )
-    goal = Goal(position, velocity, yaw, acceleration, turn)
+    goal = PositionGoal(position, velocity, yaw, acceleration, turn)
     return Setpoint(SetpointKind.POSITION, now_s, goal=goal)

@@ -9,7 +9,7 @@ import numpy as np
 from msgspec import Struct
 
 from sitl.physics.frames import Array
-from sitl.px4.position_control import Goal
+from sitl.px4.position_control import PositionGoal
 
 # body rates of a vehicle whose attitude PX4 does not control
 DRIFT_RAD_S = np.array([-0.12, 0.0, 0.0])
@@ -39,7 +39,7 @@ class Setpoint(Struct, frozen=True):
     attitude: Array | None = None
     rate_rad_s: Array | None = None
     thrust_frac: float = 0.0
-    goal: Goal | None = None
+    goal: PositionGoal | None = None
     is_rotation: bool = True
 
     @property
@@ -48,7 +48,7 @@ class Setpoint(Struct, frozen=True):
         return self.kind is SetpointKind.POSITION
 
 
-class Situation(Struct, frozen=True):
+class AutopilotInputs(Struct, frozen=True):
     """Knowledge of the autopilot about its vehicle at one tick, in its own local NED frame."""
 
     time_s: float
@@ -72,7 +72,7 @@ class Actuation(Struct, frozen=True):
 
 
 @dataclass(frozen=True, slots=True)
-class Text:
+class StatusText:
     """One STATUSTEXT before it is cut into chunks."""
 
     time_s: float

@@ -14,7 +14,7 @@ _LEAST_SAMPLES = 3  # in the same direction: noise and a single step do not coun
 
 
 @dataclass(slots=True)
-class _Axis:
+class _StickAxis:
     position: float = math.nan
     speed_1_s: float = 0.0
     direction: int = 0
@@ -37,7 +37,9 @@ class Sticks:
     """Memory of the newest positions."""
 
     time_s: float = -math.inf
-    _axes: tuple[_Axis, ...] = field(default_factory=lambda: tuple(_Axis() for _ in range(4)))
+    _axes: tuple[_StickAxis, ...] = field(
+        default_factory=lambda: tuple(_StickAxis() for _ in range(4))
+    )
 
     def take(self, now_s: float, positions: Axes) -> None:
         """Take a new sample."""

@@ -22,7 +22,7 @@ from sitl.physics.step import (
     STEP_S,
     THRUST_NOISE_CORRELATION_S,
 )
-from sitl.px4.estimator_errors import BLEND_S, DRIFT_DAMPING_S, LEAN_GROWTH_S
+from sitl.px4.estimator_errors import BLEND_S, DRIFT_DAMPING_S, TILT_ERROR_GROWTH_S
 
 Bools = NDArray[np.bool_]
 
@@ -242,12 +242,12 @@ def advance(
     e["drift_velocity"] *= (1.0 - dt_s / np.array(DRIFT_DAMPING_S) * flying) * e["is_drifting"][
         :, None
     ]
-    grows = flying & (np.abs(e["lean"]) < np.abs(e["lean_most"]))
+    grows = flying & (np.abs(e["tilt_error"]) < np.abs(e["tilt_error_most"]))
     grown, faded = (
-        e["lean"] * (1.0 + dt_s / LEAN_GROWTH_S * grows),
-        e["lean"] * (1.0 - dt_s / BLEND_S),
+        e["tilt_error"] * (1.0 + dt_s / TILT_ERROR_GROWTH_S * grows),
+        e["tilt_error"] * (1.0 - dt_s / BLEND_S),
     )
-    e["lean"] = np.where(e["is_drifting"][:, None], grown, faded)
+    e["tilt_error"] = np.where(e["is_drifting"][:, None], grown, faded)
     e["offset"] += dt_s * e["drift_velocity"]
     e["base"] = position + e["offset"]
     e["position"] = e["base"] + e["bias"] + e["std_position"] * e["unit_position"]

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from typing import Any
 
 from sitl.emulator.emulator import Emulator, VehicleSpec
-from sitl.mavlink.codec import Decoder, Encoder, Message
+from sitl.mavlink.codec import Decoder, Encoder, MavlinkMessage
 from sitl.mavlink.link import Link
 from sitl.mavlink.streams import ONBOARD_RATES_HZ
 from sitl.physics.vehicle import VehicleProfile
@@ -92,11 +92,11 @@ class Client:
         self.emulator = emu
         self._decoder = Decoder()
 
-    def send(self, name: str, **fields: Any) -> list[Message]:
+    def send(self, name: str, **fields: Any) -> list[MavlinkMessage]:
         """Send one message; what is answered at once."""
         return self.send_bytes(CLIENT.encode_named(name, **fields))
 
-    def send_bytes(self, datagram: bytes) -> list[Message]:
+    def send_bytes(self, datagram: bytes) -> list[MavlinkMessage]:
         """Send any bytes; what is answered at once."""
         answers = self.link.receive(datagram)
         return [message for answer in answers for message in self._decoder.decode(answer)]
@@ -113,9 +113,11 @@ class Client:
             if m.name == "COMMAND_ACK" and m.fields["command"] == number
         ]
 
-    def collect(self, duration_s: float, each: Callable[[], None] | None = None) -> list[Message]:
+    def collect(
+        self, duration_s: float, each: Callable[[], None] | None = None
+    ) -> list[MavlinkMessage]:
         """Everything that is streamed while time passes."""
-        out: list[Message] = []
+        out: list[MavlinkMessage] = []
 
         def poll() -> None:
             if each is not None:

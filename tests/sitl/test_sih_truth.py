@@ -16,7 +16,7 @@ from onboard.bus.session import BusSession
 from onboard.bus.topics import Topic
 from onboard.config.fleet import load_fleet
 from sitl.mavlink.codec import Decoder, Encoder
-from sitl.sih_truth import Body, Listener, Relay
+from sitl.sih_truth import Body, Listener, TruthRelay
 
 ROOT = Path(__file__).parents[2]
 GLOBAL = load_fleet(ROOT / "configs/fleets/px4-sitl.toml")
@@ -130,7 +130,7 @@ def test_poses_of_a_vehicle_that_stands_are_never_the_same_twice_and_come_at_fif
             published.append((topic, name, message))
 
     vehicle = ROOM.vehicles["mav1"]
-    relay = Relay(cast(BusSession, Bus()), Body(vehicle, None), with_mocap=True, boot_id=1)
+    relay = TruthRelay(cast(BusSession, Bus()), Body(vehicle, None), with_mocap=True, boot_id=1)
     for count in range(100):
         relay.take(state(), 10_000_000 * (count + 1))
     poses = [message for topic, _, message in published if topic is Topic.MOCAP]

@@ -13,11 +13,11 @@ from sitl.conformance.facts import (
     Fact,
     FactReport,
     FactResult,
-    Verdict,
+    FactVerdict,
     facts_of,
     matching,
 )
-from sitl.conformance.suite import FACTS, LINKS, PHASES, Terms, check
+from sitl.conformance.suite import FACT_GROUPS, FACTS, LINKS, Terms, check
 from tests.sitl.conformance.exceptions import DIFFERENCES
 from tests.sitl.conformance.virtual import Wires
 
@@ -60,11 +60,15 @@ def whole_check(px4: str = VERSIONS[0], seed: int = 1) -> FactReport:
         (["link"], Terms(from_elsewhere=True)),
         (["setpoint.nan-quaternion*"], Terms()),
     ):
-        if any(report.results[name].verdict is Verdict.SKIPPED for name in matching(facts, names)):
+        if any(
+            report.results[name].verdict is FactVerdict.SKIPPED for name in matching(facts, names)
+        ):
             alone = FactReport(matching(facts, names))
             check(Wires(seed=seed, px4=px4).companion(), None, alone, terms, lambda line: None)
             skipped = [
-                name for name, result in report.results.items() if result.verdict is Verdict.SKIPPED
+                name
+                for name, result in report.results.items()
+                if result.verdict is FactVerdict.SKIPPED
             ]
             report.results |= {
                 name: result for name, result in alone.results.items() if name in skipped
@@ -75,7 +79,7 @@ def whole_check(px4: str = VERSIONS[0], seed: int = 1) -> FactReport:
 def page(reports: Mapping[str, FactReport]) -> str:
     """The page as text, from one whole check of the emulator as each version."""
     results = [result for report in reports.values() for result in report.results.values()]
-    differing = [result.fact.name for result in results if result.verdict is not Verdict.AGREES]
+    differing = [result.fact.name for result in results if result.verdict is not FactVerdict.AGREES]
     differ = "\n\nNot emulated, or not quite:\n\n" if DIFFERENCES or differing else ""
     lines = [
         f"- `{name}`: {DIFFERENCES.get(name, 'unexplained')}"
@@ -84,7 +88,7 @@ def page(reports: Mapping[str, FactReport]) -> str:
     numbers = {"agree": len(results) - len(differing), "all": len(results)}
     out = [_HEAD.format(**numbers, differ=differ + "\n".join(lines)).rstrip()]
     done: set[str] = set()
-    for phase in (*PHASES, *(phase for phase, _ in LINKS)):
+    for phase in (*FACT_GROUPS, *(phase for phase, _ in LINKS)):
         facts = [f for f in phase.facts if f.name not in done]
         done |= {fact.name for fact in facts}
         if not facts:
@@ -114,7 +118,7 @@ def _row(fact: Fact, results: Sequence[FactResult]) -> str:
     measured = "; ".join(
         result.measured for result, new in zip(results, is_new, strict=True) if new
     )
-    marks = {result.verdict.value for result in results if result.verdict is not Verdict.AGREES}
+    marks = {result.verdict.value for result in results if result.verdict is not FactVerdict.AGREES}
     cells = (f"`{fact.name}`", fact.says, *shown, measured, " ".join(sorted(marks)))
     return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
 

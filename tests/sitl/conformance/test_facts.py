@@ -17,7 +17,7 @@ from sitl.conformance.facts import (
     VERSIONS,
     Fact,
     FactReport,
-    Verdict,
+    FactVerdict,
     facts_of,
     matching,
     nearest,
@@ -36,7 +36,7 @@ def _differing(report: FactReport) -> dict[str, str]:
     return {
         name: f"{finding.measured} instead of {finding.fact.expected} {finding.reason}"
         for name, finding in report.results.items()
-        if finding.verdict is not Verdict.AGREES and name not in DIFFERENCES
+        if finding.verdict is not FactVerdict.AGREES and name not in DIFFERENCES
     }
 
 
@@ -109,7 +109,7 @@ def test_what_was_seen_before_the_version_is_known_is_judged_by_it() -> None:
     lines: list[str] = []
     check(Wires().companion(), None, asked, Terms(), lines.append)
     assert "it is PX4 v1.16" in lines
-    assert {finding.verdict for finding in asked.results.values()} == {Verdict.AGREES}
+    assert {finding.verdict for finding in asked.results.values()} == {FactVerdict.AGREES}
 
 
 @pytest.mark.parametrize(
@@ -140,7 +140,7 @@ def test_an_emulator_of_one_version_differs_when_another_is_asked_for(
         Wires(px4=flown).companion(), None, report, Terms(may_turn_motors=True), lambda line: None
     )
     assert {
-        name for name, finding in report.results.items() if finding.verdict is Verdict.DIFFERS
+        name for name, finding in report.results.items() if finding.verdict is FactVerdict.DIFFERS
     } == differing
 
 
@@ -162,8 +162,8 @@ def test_a_vehicle_that_does_not_look_simulated_is_never_armed() -> None:
     check(wires.companion(), None, asked, Terms(), lambda line: None)
     verdicts = {name: finding.verdict for name, finding in asked.results.items()}
     assert not any(armed)
-    assert verdicts["arm.accepted"] is verdicts["step.thrust"] is Verdict.SKIPPED
-    assert verdicts["ack.unknown-command"] is verdicts["param.COM_OF_LOSS_T"] is Verdict.AGREES
+    assert verdicts["arm.accepted"] is verdicts["step.thrust"] is FactVerdict.SKIPPED
+    assert verdicts["ack.unknown-command"] is verdicts["param.COM_OF_LOSS_T"] is FactVerdict.AGREES
 
 
 def test_a_vehicle_that_falls_silent_in_flight_differs_in_what_was_not_seen() -> None:
@@ -171,8 +171,8 @@ def test_a_vehicle_that_falls_silent_in_flight_differs_in_what_was_not_seen() ->
     wires.outgoing = lambda frame: [] if wires.emulator.time_s > 20.0 else [frame]
     asked = FactReport(matching(FACTS, ["loss", "param.COM_OF_LOSS_T"]))
     check(wires.companion(), None, asked, Terms(may_turn_motors=True), lambda line: None)
-    assert asked.results["param.COM_OF_LOSS_T"].verdict is Verdict.AGREES
-    assert asked.results["loss.ground-armed"].verdict is Verdict.DIFFERS
+    assert asked.results["param.COM_OF_LOSS_T"].verdict is FactVerdict.AGREES
+    assert asked.results["loss.ground-armed"].verdict is FactVerdict.DIFFERS
     assert "silent" in asked.results["loss.ground-armed"].reason
 
 
@@ -229,8 +229,8 @@ class _Quick:
     def send(self, datagram: bytes) -> None:
         self._port.send(datagram)
 
-    def stranger(self) -> _Quick:
-        return _Quick(self._port.stranger())
+    def another_sender(self) -> _Quick:
+        return _Quick(self._port.another_sender())
 
     def close(self) -> None:
         self._port.close()
@@ -250,11 +250,11 @@ def test_a_simulator_that_runs_faster_than_time_is_judged_in_its_own_time() -> N
     asked = FactReport(matching(FACTS, facts))
     client = check(_Quick(Wires().companion()), None, asked, Terms(), lambda line: None)
     differing = {
-        name: f.measured for name, f in asked.results.items() if f.verdict is Verdict.DIFFERS
+        name: f.measured for name, f in asked.results.items() if f.verdict is FactVerdict.DIFFERS
     }
     assert client.clock.pace == pytest.approx(4.0, rel=0.02)
     assert differing == {}
-    assert asked.results["clock.pace"].verdict is Verdict.SKIPPED
+    assert asked.results["clock.pace"].verdict is FactVerdict.SKIPPED
 
 
 @pytest.mark.parametrize(
@@ -272,7 +272,7 @@ def test_a_fact_accepts_what_lies_within_its_bounds(
 ) -> None:
     asked = FactReport({"a": fact})
     asked.add("a", measured)
-    assert (asked.results["a"].verdict is Verdict.AGREES) == agrees
+    assert (asked.results["a"].verdict is FactVerdict.AGREES) == agrees
 
 
 def test_the_command_lists_what_it_would_check(capsys: pytest.CaptureFixture[str]) -> None:

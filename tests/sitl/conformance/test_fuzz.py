@@ -117,7 +117,7 @@ def test_a_stranger_flooding_the_socket_does_not_disturb_the_client(
     heartbeat = frame(0, bytes(4) + bytes((18, 8, 0, 4, 3)), 0, system_id=1)
     with (
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as client,
-        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as another_sender,
     ):
         client.bind(("127.0.0.1", emulator.companion))
         client.settimeout(20.0)
@@ -127,7 +127,7 @@ def test_a_stranger_flooding_the_socket_does_not_disturb_the_client(
         client.setblocking(False)
         before_bytes, stamps = 0, []
         for place, datagram in enumerate(datagrams(count, NOISE, seed=7)):
-            stranger.sendto(datagram, target)
+            another_sender.sendto(datagram, target)
             if place % 20 == 0:
                 time.sleep(0.002)
                 stamps += _attitude_stamps(client)

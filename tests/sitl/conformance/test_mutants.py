@@ -6,13 +6,13 @@ from __future__ import annotations
 
 import pytest
 
-from sitl.conformance.facts import FactReport, Verdict, facts_of, matching
+from sitl.conformance.facts import FactReport, FactVerdict, facts_of, matching
 from sitl.conformance.suite import FACTS, Terms, check
 from tests.sitl.conformance.mutants import MUTANTS, Mutant
 from tests.sitl.conformance.virtual import Wires
 
 
-def verdict(fact: str, mutant: Mutant) -> tuple[Verdict, str]:
+def verdict(fact: str, mutant: Mutant) -> tuple[FactVerdict, str]:
     """How one fact comes out, and what was measured."""
     wires = Wires(profile=mutant.profile, px4=mutant.px4)
     mutant.mutate(wires)
@@ -28,7 +28,7 @@ def verdict(fact: str, mutant: Mutant) -> tuple[Verdict, str]:
 )
 def test_a_deviation_from_px4_is_caught_by_name(mutant: Mutant) -> None:
     found, measured = verdict(mutant.caught_by, mutant)
-    assert found is Verdict.DIFFERS, f"{mutant.name}: {measured}"
+    assert found is FactVerdict.DIFFERS, f"{mutant.name}: {measured}"
 
 
 def test_no_two_mutants_are_the_same() -> None:

@@ -120,7 +120,7 @@ class VirtualPort:
     def send(self, datagram: bytes) -> None:
         self._socket.deliver(datagram, self._address)
 
-    def stranger(self) -> VirtualPort:
+    def another_sender(self) -> VirtualPort:
         return self._wires.port(self._socket)
 
     def close(self) -> None:

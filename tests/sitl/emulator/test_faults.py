@@ -12,7 +12,7 @@ import pytest
 
 from sitl.emulator.emulator import Emulator
 from sitl.emulator.mocap import Mocap, MocapSettings, Pose
-from sitl.faults.catalogue import KINDS, Fault, FaultError, check, listing, parse
+from sitl.faults.catalogue import FAULT_KINDS, Fault, FaultError, check, listing, parse
 from sitl.physics.vehicle import STEP_S
 from sitl.px4.estimator import Source
 from sitl.px4.modes import Mode
@@ -78,7 +78,7 @@ def test_a_line_says_all_of_a_fault() -> None:
 
 def test_every_fault_of_the_table_has_a_sentence_and_can_begin_and_end() -> None:
     needed = {"motor": 1.0, "other": "v1"}
-    for name, kind in KINDS.items():
+    for name, kind in FAULT_KINDS.items():
         emu = emulator((0.0, 0.0, 0.0), (3.0, 0.0, 0.0))
         if kind.is_outside:
             with pytest.raises(FaultError, match="lockstep"):
@@ -363,4 +363,4 @@ def test_the_readme_names_every_fault() -> None:
     readme = (Path(__file__).resolve().parents[3] / "sitl" / "README.md").read_text(
         encoding="utf-8"
     )
-    assert [name for name in KINDS if f"`{name}`" not in readme] == []
+    assert [name for name in FAULT_KINDS if f"`{name}`" not in readme] == []

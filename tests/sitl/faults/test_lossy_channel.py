@@ -12,7 +12,7 @@ import pytest
 from sitl.emulator.emulator import Emulator
 from sitl.faults.catalogue import parse
 from sitl.faults.lossy_channel import NO_FAULTS, ChannelFaults, LossyChannel
-from sitl.mavlink.codec import Decoder, Message
+from sitl.mavlink.codec import Decoder, MavlinkMessage
 from sitl.mavlink.lossy_link import LossyLink
 from sitl.mavlink.streams import ONBOARD_RATES_HZ
 from tests.sitl.sitl_flying import CLIENT, emulator
@@ -90,21 +90,21 @@ class Client:
         self.link = LossyLink(emu, 0, ONBOARD_RATES_HZ, "companion")
         self._decoder = Decoder()
 
-    def send(self, name: str, **fields: object) -> list[Message]:
+    def send(self, name: str, **fields: object) -> list[MavlinkMessage]:
         return self._decode(self.link.receive(CLIENT.encode_named(name, **fields)))
 
-    def step(self, duration_s: float) -> list[Message]:
-        out: list[Message] = []
+    def step(self, duration_s: float) -> list[MavlinkMessage]:
+        out: list[MavlinkMessage] = []
         for _ in range(round(duration_s / STEP_S)):
             self.emulator.step()
             out += self._decode(self.link.poll())
         return out
 
-    def _decode(self, datagrams: list[bytes]) -> list[Message]:
+    def _decode(self, datagrams: list[bytes]) -> list[MavlinkMessage]:
         return [message for datagram in datagrams for message in self._decoder.decode(datagram)]
 
 
-def names(messages: list[Message]) -> set[str]:
+def names(messages: list[MavlinkMessage]) -> set[str]:
     return {message.name for message in messages}
 
 

@@ -10,7 +10,7 @@ import pytest
 
 from sitl.mavlink.codec import ID_BY_NAME, Encoder
 from sitl.mavlink.streams import GCS_RATES_HZ
-from sitl.px4.events import event_id
+from sitl.px4.journal import event_id
 from sitl.px4.modes import Mode
 from tests.sitl.sitl_flying import Client, emulator, run_for, until
 
@@ -69,7 +69,7 @@ def test_home_is_where_it_was_armed_and_heights_count_from_there() -> None:
     autopilot = emu.autopilots[0]
     autopilot.request(emu.time_s, Mode.LOITER)
     assert client.command(400, 1) == [ACCEPTED]
-    armed_at = autopilot.flight.home_ned_m.tolist()
+    armed_at = autopilot.mode_control.home_ned_m.tolist()
     assert max(abs(c) for c in armed_at) > 0.001
     seen = client.collect(3.0)
     home = [m.fields for m in seen if m.name == "HOME_POSITION"][-1]

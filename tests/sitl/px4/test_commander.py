@@ -9,7 +9,7 @@ import pytest
 
 from sitl.emulator.emulator import Emulator
 from sitl.physics.vehicle import VehicleProfile
-from sitl.px4.modes import Landed, Mode, Result, SystemStatus
+from sitl.px4.modes import CommandResult, LandedState, Mode, SystemStatus
 from tests.sitl.sitl_flying import (
     ARDRONE,
     EAST_WXYZ,
@@ -35,8 +35,8 @@ def offboard_at_height(
     pilot = emu.autopilots[0]
     pilot.params.values["COM_OBL_RC_ACT"] = loss_action
     run_for(emu, warm_up_s, streamer(emu, 0.0))
-    assert pilot.request(emu.time_s, Mode.OFFBOARD) is Result.ACCEPTED
-    assert pilot.request_arm(emu.time_s, True, 0.0) is Result.ACCEPTED
+    assert pilot.request(emu.time_s, Mode.OFFBOARD) is CommandResult.ACCEPTED
+    assert pilot.request_arm(emu.time_s, True, 0.0) is CommandResult.ACCEPTED
     until(emu, lambda: height_m(emu) > height, 10.0, streamer(emu, 1.2 * hover))
     until(
         emu,
@@ -51,21 +51,21 @@ def test_arming_is_denied_while_the_estimator_starts() -> None:
     run_for(emu, 1.0)
     pilot = emu.autopilots[0]
     assert pilot.system_status(emu.time_s) is SystemStatus.UNINIT
-    assert pilot.request_arm(emu.time_s, True, 0.0) is Result.TEMPORARILY_REJECTED
+    assert pilot.request_arm(emu.time_s, True, 0.0) is CommandResult.TEMPORARILY_REJECTED
     run_for(emu, 4.0)
     assert pilot.system_status(emu.time_s) is SystemStatus.STANDBY
-    assert pilot.request_arm(emu.time_s, True, 0.0) is Result.ACCEPTED
+    assert pilot.request_arm(emu.time_s, True, 0.0) is CommandResult.ACCEPTED
 
 
 def test_offboard_without_setpoints_is_taken_when_disarmed_and_then_arming_is_denied() -> None:
     emu = emulator()
     run_for(emu, 5.0)
     pilot = emu.autopilots[0]
-    assert pilot.request(emu.time_s, Mode.OFFBOARD) is Result.ACCEPTED
+    assert pilot.request(emu.time_s, Mode.OFFBOARD) is CommandResult.ACCEPTED
     assert pilot.mode is Mode.OFFBOARD
     assert pilot.base_mode(emu.time_s) == 1
     assert pilot.system_status(emu.time_s) is SystemStatus.UNINIT
-    assert pilot.request_arm(emu.time_s, True, 0.0) is Result.TEMPORARILY_REJECTED
+    assert pilot.request_arm(emu.time_s, True, 0.0) is CommandResult.TEMPORARILY_REJECTED
     assert pilot.journal.texts.newest[-1].text.startswith("Arming denied")
 
 
@@ -73,9 +73,9 @@ def test_offboard_without_setpoints_is_rejected_in_the_air() -> None:
     emu = emulator()
     offboard_at_height(emu, 1.0)
     pilot = emu.autopilots[0]
-    assert pilot.request(emu.time_s, Mode.LOITER) is Result.ACCEPTED
+    assert pilot.request(emu.time_s, Mode.LOITER) is CommandResult.ACCEPTED
     run_for(emu, 2.0)
-    assert pilot.request(emu.time_s, Mode.OFFBOARD) is Result.TEMPORARILY_REJECTED
+    assert pilot.request(emu.time_s, Mode.OFFBOARD) is CommandResult.TEMPORARILY_REJECTED
     assert pilot.mode is Mode.LOITER
 
 
@@ -85,7 +85,7 @@ def test_a_vehicle_without_any_position_source_still_flies_attitude_offboard() -
     pilot.params.values["EKF2_GPS_CTRL"] = 0
     emu.parameters_changed(0)
     run_for(emu, 5.0)
-    assert pilot.request_arm(emu.time_s, True, 0.0) is Result.TEMPORARILY_REJECTED
+    assert pilot.request_arm(emu.time_s, True, 0.0) is CommandResult.TEMPORARILY_REJECTED
     offboard_at_height(emu, 0.5)
     assert height_m(emu) > 0.5
 
@@ -125,7 +125,7 @@ def test_the_default_loss_action_descends_blindly_lands_and_disarms() -> None:
     emu = emulator()
     offboard_at_height(emu, 2.6)
     pilot = emu.autopilots[0]
-    landed_s = until(emu, lambda: pilot.landed is Landed.ON_GROUND, 20.0)
+    landed_s = until(emu, lambda: pilot.landed is LandedState.ON_GROUND, 20.0)
     assert 5.0 < landed_s < 12.0
     assert until(emu, lambda: not pilot.is_armed, 5.0) == pytest.approx(2.0, abs=0.05)
     assert pilot.mode is Mode.OFFBOARD
@@ -154,9 +154,9 @@ def test_takeoff_hold_land_and_disarm(profile: VehicleProfile) -> None:
     emu = emulator(profile=profile)
     run_for(emu, 5.0)
     pilot = emu.autopilots[0]
-    assert pilot.request(emu.time_s, Mode.TAKEOFF) is Result.ACCEPTED
-    assert pilot.request_arm(emu.time_s, True, 0.0) is Result.ACCEPTED
-    detected_s = until(emu, lambda: pilot.landed is Landed.TAKEOFF, 4.0)
+    assert pilot.request(emu.time_s, Mode.TAKEOFF) is CommandResult.ACCEPTED
+    assert pilot.request_arm(emu.time_s, True, 0.0) is CommandResult.ACCEPTED
+    detected_s = until(emu, lambda: pilot.landed is LandedState.TAKEOFF, 4.0)
     # the weak one hovers far above what PX4 begins with
     assert 1.0 < detected_s < (2.2 if profile is SIH else 3.0)
     until(emu, lambda: pilot.mode is Mode.LOITER, 10.0)
@@ -164,8 +164,8 @@ def test_takeoff_hold_land_and_disarm(profile: VehicleProfile) -> None:
     assert height_m(emu) == pytest.approx(2.5, abs=0.7)
     horizontal = emu.world.vehicles.states.position_ned_m[0, :2]
     assert math.hypot(*horizontal) < 1.2
-    assert pilot.request(emu.time_s, Mode.LAND) is Result.ACCEPTED
-    assert 7.0 < until(emu, lambda: pilot.landed is Landed.ON_GROUND, 20.0) < 15.0
+    assert pilot.request(emu.time_s, Mode.LAND) is CommandResult.ACCEPTED
+    assert 7.0 < until(emu, lambda: pilot.landed is LandedState.ON_GROUND, 20.0) < 15.0
     assert until(emu, lambda: not pilot.is_armed, 5.0) == pytest.approx(2.0, abs=0.05)
     assert pilot.mode is Mode.LOITER
 
@@ -174,8 +174,8 @@ def test_disarming_in_the_air_is_denied_unless_forced() -> None:
     emu = emulator()
     offboard_at_height(emu, 1.0)
     pilot = emu.autopilots[0]
-    assert pilot.request_arm(emu.time_s, False, 0.0) is Result.TEMPORARILY_REJECTED
-    assert pilot.request_arm(emu.time_s, False, 21196.0) is Result.ACCEPTED
+    assert pilot.request_arm(emu.time_s, False, 0.0) is CommandResult.TEMPORARILY_REJECTED
+    assert pilot.request_arm(emu.time_s, False, 21196.0) is CommandResult.ACCEPTED
     run_for(emu, 1.5)
     assert height_m(emu) == 0.0
 
@@ -253,7 +253,7 @@ def test_position_setpoints_fly_there_in_offboard() -> None:
 
     run_for(emu, 0.1, send)
     pilot.request(emu.time_s, Mode.OFFBOARD)
-    assert pilot.request_arm(emu.time_s, True, 0.0) is Result.ACCEPTED
+    assert pilot.request_arm(emu.time_s, True, 0.0) is CommandResult.ACCEPTED
     run_for(emu, 12.0, send)
     north, east, down = emu.world.vehicles.states.position_ned_m[0].tolist()
     assert math.dist((north, east, down), (1.0, -2.0, -2.0)) < 1.2

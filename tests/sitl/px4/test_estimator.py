@@ -252,7 +252,7 @@ def test_when_vision_stops_the_estimate_drifts_as_measured_and_its_flags_fade() 
         if tenth == 11:
             assert estimator.flags(0, hovering.time_s) == 0xEF
         misses[tenth] = np.linalg.norm(estimator.offset_ned_m - base, axis=1)
-        leans[tenth] = np.degrees(np.hypot(*estimator.lean_rad.T))
+        leans[tenth] = np.degrees(np.hypot(*estimator.tilt_error_rad.T))
         if tenth == 10:
             high_m = base[:, 2] - estimator.offset_ned_m[:, 2]
             assert 0.12 < np.median(high_m) < 0.24

@@ -10,15 +10,15 @@ import pytest
 from msgspec.structs import replace
 
 from sitl.px4.battery import ChargeState
-from sitl.px4.events import SAYINGS, Journal, event_id
-from sitl.px4.failsafes import CONDITIONS, Action, Facts, Failsafe
+from sitl.px4.failsafes import FAILSAFE_TRIGGERS, Failsafe, FailsafeAction, FailsafeInputs
+from sitl.px4.journal import SAYINGS, Journal, event_id
 from sitl.px4.modes import (
     BY_NUMBERS,
     MODES,
-    Landed,
+    CommandResult,
+    LandedState,
     Mode,
     ModeCondition,
-    Result,
     SystemStatus,
     mode_of,
 )
@@ -26,10 +26,10 @@ from sitl.px4.parameters import DEFAULTS, Parameters
 from tests.sitl.px4.test_commander import offboard_at_height
 from tests.sitl.sitl_flying import EAST_WXYZ, emulator, height_m, run_for, streamer, until
 
-CALM = Facts(True, ChargeState.OK, False, (0.0, 0.0), 0.0)
+CALM = FailsafeInputs(True, ChargeState.OK, False, (0.0, 0.0), 0.0)
 
 
-def decided(facts: Facts, **values: float) -> Action:
+def decided(facts: FailsafeInputs, **values: float) -> FailsafeAction:
     """What is done at once under parameters."""
     params = Parameters()
     params.values.update(values)
@@ -40,16 +40,16 @@ def decided(facts: Facts, **values: float) -> Action:
 
 def test_each_value_of_com_obl_rc_act_has_its_action() -> None:
     for value, action in (
-        (-1, Action.POSCTL),
-        (0, Action.POSCTL),
-        (1, Action.ALTCTL),
-        (2, Action.STABILIZED),
-        (3, Action.RETURN),
-        (4, Action.LAND),
-        (5, Action.HOLD),
-        (6, Action.TERMINATE),
-        (7, Action.DISARM),
-        (8, Action.POSCTL),
+        (-1, FailsafeAction.POSCTL),
+        (0, FailsafeAction.POSCTL),
+        (1, FailsafeAction.ALTCTL),
+        (2, FailsafeAction.STABILIZED),
+        (3, FailsafeAction.RETURN),
+        (4, FailsafeAction.LAND),
+        (5, FailsafeAction.HOLD),
+        (6, FailsafeAction.TERMINATE),
+        (7, FailsafeAction.DISARM),
+        (8, FailsafeAction.POSCTL),
     ):
         assert decided(replace(CALM, has_offboard_signal=False), COM_OBL_RC_ACT=value) is action, (
             value
@@ -58,13 +58,13 @@ def test_each_value_of_com_obl_rc_act_has_its_action() -> None:
 
 def test_each_value_of_com_low_bat_act_has_its_action() -> None:
     for state, value, action in (
-        (ChargeState.LOW, 3, Action.WARN),
-        (ChargeState.CRITICAL, 0, Action.WARN),
-        (ChargeState.CRITICAL, 2, Action.LAND),
-        (ChargeState.CRITICAL, 3, Action.RETURN),
-        (ChargeState.EMERGENCY, 0, Action.WARN),
-        (ChargeState.EMERGENCY, 2, Action.LAND),
-        (ChargeState.EMERGENCY, 3, Action.LAND),
+        (ChargeState.LOW, 3, FailsafeAction.WARN),
+        (ChargeState.CRITICAL, 0, FailsafeAction.WARN),
+        (ChargeState.CRITICAL, 2, FailsafeAction.LAND),
+        (ChargeState.CRITICAL, 3, FailsafeAction.RETURN),
+        (ChargeState.EMERGENCY, 0, FailsafeAction.WARN),
+        (ChargeState.EMERGENCY, 2, FailsafeAction.LAND),
+        (ChargeState.EMERGENCY, 3, FailsafeAction.LAND),
     ):
         assert decided(replace(CALM, battery=state), COM_LOW_BAT_ACT=value) is action, (
             state,
@@ -76,30 +76,30 @@ def test_a_patient_action_waits_in_hold_and_an_urgent_one_does_not() -> None:
     params, failsafe = Parameters(), Failsafe()
     empty = replace(CALM, battery=ChargeState.EMERGENCY)
     assert failsafe.step(10.0, empty, params)
-    assert (failsafe.action, failsafe.delayed) == (Action.HOLD, Action.LAND)
+    assert (failsafe.action, failsafe.delayed) == (FailsafeAction.HOLD, FailsafeAction.LAND)
     assert not failsafe.step(14.9, empty, params)
     assert failsafe.step(15.1, empty, params)
-    assert (failsafe.action, failsafe.delayed) == (Action.LAND, Action.NONE)
+    assert (failsafe.action, failsafe.delayed) == (FailsafeAction.LAND, FailsafeAction.NONE)
     lost = replace(CALM, has_offboard_signal=False)
-    assert decided(lost, COM_OBL_RC_ACT=4) is Action.LAND
+    assert decided(lost, COM_OBL_RC_ACT=4) is FailsafeAction.LAND
 
 
 def test_the_most_severe_of_several_actions_is_taken() -> None:
     both = replace(CALM, has_offboard_signal=False, attitude_failed=True)
-    assert decided(both, COM_OBL_RC_ACT=4) is Action.LAND
-    assert decided(both, COM_OBL_RC_ACT=4, CBRK_FLIGHTTERM=0) is Action.TERMINATE
+    assert decided(both, COM_OBL_RC_ACT=4) is FailsafeAction.LAND
+    assert decided(both, COM_OBL_RC_ACT=4, CBRK_FLIGHTTERM=0) is FailsafeAction.TERMINATE
 
 
 def test_a_fence_is_left_by_asking_for_a_mode_and_a_lost_signal_by_its_return() -> None:
     params, failsafe = Parameters(), Failsafe()
     params.values.update(GF_MAX_HOR_DIST=5.0, GF_ACTION=3)
     failsafe.step(0.0, replace(CALM, from_home_m=(6.0, 0.0)), params)
-    assert failsafe.action is Action.RETURN
+    assert failsafe.action is FailsafeAction.RETURN
     failsafe.step(1.0, CALM, params)
-    assert failsafe.action is Action.RETURN
+    assert failsafe.action is FailsafeAction.RETURN
     failsafe.commanded_mode()
     failsafe.step(2.0, CALM, params)
-    assert failsafe.action is Action.NONE
+    assert failsafe.action is FailsafeAction.NONE
     failsafe.step(3.0, replace(CALM, has_offboard_signal=False), params)
     assert failsafe.is_active
     failsafe.step(4.0, CALM, params)
@@ -107,8 +107,10 @@ def test_a_fence_is_left_by_asking_for_a_mode_and_a_lost_signal_by_its_return() 
 
 
 def test_every_row_names_parameters_that_exist_and_modes_that_are_distinct() -> None:
-    assert all(row.parameter is None or row.parameter in DEFAULTS["1.18"] for row in CONDITIONS)
-    assert len({row.name for row in CONDITIONS}) == len(CONDITIONS)
+    assert all(
+        row.parameter is None or row.parameter in DEFAULTS["1.18"] for row in FAILSAFE_TRIGGERS
+    )
+    assert len({row.name for row in FAILSAFE_TRIGGERS}) == len(FAILSAFE_TRIGGERS)
     assert set(BY_NUMBERS.values()) == {mode for mode, row in MODES.items() if row.is_selectable}
 
 
@@ -128,9 +130,9 @@ def test_a_flight_is_terminated_on_command_only_while_armed() -> None:
     emu = emulator()
     run_for(emu, 5.0)
     pilot = emu.autopilots[0]
-    assert pilot.request_termination(emu.time_s) is Result.DENIED
+    assert pilot.request_termination(emu.time_s) is CommandResult.DENIED
     offboard_at_height(emu, 1.0, warm_up_s=0.1)
-    assert pilot.request_termination(emu.time_s) is Result.ACCEPTED
+    assert pilot.request_termination(emu.time_s) is CommandResult.ACCEPTED
     assert pilot.mode is Mode.TERMINATION
     run_for(emu, 0.5, streamer(emu, 0.9))
     assert not pilot.actuation.motors_on  # setpoints do not bring it back
@@ -155,7 +157,7 @@ def test_setpoints_that_come_back_after_a_landing_take_off_again_if_still_armed(
     emu = emulator()
     offboard_at_height(emu, 1.0, loss_action=4)
     pilot = emu.autopilots[0]
-    until(emu, lambda: pilot.landed is Landed.ON_GROUND, 20.0)
+    until(emu, lambda: pilot.landed is LandedState.ON_GROUND, 20.0)
     assert pilot.is_armed
     until(emu, lambda: height_m(emu) > 0.3, 4.0, streamer(emu, 0.6))
     assert pilot.mode is Mode.OFFBOARD
@@ -166,7 +168,7 @@ def test_lost_setpoints_on_the_ground_leave_the_vehicle_armed_in_posctl() -> Non
     run_for(emu, 5.0, streamer(emu, 0.0))
     pilot = emu.autopilots[0]
     pilot.request(emu.time_s, Mode.OFFBOARD)
-    assert pilot.request_arm(emu.time_s, True, 0.0) is Result.ACCEPTED
+    assert pilot.request_arm(emu.time_s, True, 0.0) is CommandResult.ACCEPTED
     run_for(emu, 6.0)
     assert pilot.is_armed
     assert pilot.mode is Mode.POSCTL
@@ -178,10 +180,10 @@ def test_nobody_arms_in_a_mode_that_only_ends_flights(mode: Mode) -> None:
     emu = emulator()
     run_for(emu, 5.0)
     pilot = emu.autopilots[0]
-    assert pilot.request(emu.time_s, mode) is Result.ACCEPTED
-    assert pilot.request_arm(emu.time_s, True, 0.0) is Result.TEMPORARILY_REJECTED
+    assert pilot.request(emu.time_s, mode) is CommandResult.ACCEPTED
+    assert pilot.request_arm(emu.time_s, True, 0.0) is CommandResult.TEMPORARILY_REJECTED
     # force is for disarming
-    assert pilot.request_arm(emu.time_s, True, 21196.0) is Result.TEMPORARILY_REJECTED
+    assert pilot.request_arm(emu.time_s, True, 21196.0) is CommandResult.TEMPORARILY_REJECTED
 
 
 def test_a_ground_station_is_needed_only_if_its_loss_would_matter() -> None:

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from importlib.resources import files
 from typing import Generic, NamedTuple, TypeVar
 
-from sitl.px4.signals import Text
+from sitl.px4.signals import StatusText
 
 _INFO = 6  # MAV_SEVERITY
 _AUTOPILOT_NAMESPACE = 1 << 24
@@ -50,11 +50,11 @@ REASONS: dict[str, tuple[str, int]] = {
     "failsafe": ("failsafe", 14),
 }
 
-_TABLE = tomllib.loads(files(__package__).joinpath("events.toml").read_text())
+_TABLE = tomllib.loads(files(__package__).joinpath("journal.toml").read_text())
 SAYINGS: dict[str, Saying] = {key: Saying(**values) for key, values in _TABLE.items()}
 
 
-class Event(NamedTuple):
+class Px4Event(NamedTuple):
     """One EVENT: when, its number in the vehicle's sequence, what, how loud, and its arguments."""
 
     time_s: float
@@ -65,7 +65,7 @@ class Event(NamedTuple):
 
 
 @dataclass(slots=True)
-class Log(Generic[Entry]):
+class EntryLog(Generic[Entry]):
     """The newest entries of one kind; older ones are forgotten, their count is not."""
 
     newest: list[Entry] = field(default_factory=list)  # oldest first
@@ -92,8 +92,8 @@ class Log(Generic[Entry]):
 class Journal:
     """The newest texts and events of one vehicle."""
 
-    texts: Log[Text] = field(default_factory=Log)
-    events: Log[Event] = field(default_factory=Log)
+    texts: EntryLog[StatusText] = field(default_factory=EntryLog)
+    events: EntryLog[Px4Event] = field(default_factory=EntryLog)
     # of texts, where not the table's; -1: not sent
     severities: Mapping[str, int] = field(default_factory=dict)
 
@@ -114,9 +114,9 @@ class Journal:
         saying = SAYINGS[what]
         severity = self.severities.get(what, saying.severity)
         if saying.text is not None and severity >= 0:
-            self.texts.add(Text(now_s, severity, saying.text.format(**words)))
+            self.texts.add(StatusText(now_s, severity, saying.text.format(**words)))
         if saying.event is not None:
             packed = struct.pack("<" + saying.arguments, *arguments)
             levels = saying.internal << 4 | saying.severity
             sequence = (self.newest_sequence + 1) & 0xFFFF
-            self.events.add(Event(now_s, sequence, event_id(saying.event), levels, packed))
+            self.events.add(Px4Event(now_s, sequence, event_id(saying.event), levels, packed))

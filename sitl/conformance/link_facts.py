@@ -7,8 +7,8 @@ from __future__ import annotations
 import math
 
 from sitl.conformance.endpoint import NAMES
+from sitl.conformance.fact_group import FactGroup
 from sitl.conformance.facts import FactReport, facts
-from sitl.conformance.phase import Phase
 from sitl.conformance.vehicle_client import ARM, VehicleClient
 
 FACTS = facts("ground_link", "facts")
@@ -85,7 +85,7 @@ def _counts(client: VehicleClient) -> dict[str, int]:
     }
 
 
-GROUND_LINK = Phase("the ground station's link", FACTS, run_ground_link, turns_motors=False)
-SIMULATOR_LINK = Phase(
+GROUND_LINK = FactGroup("the ground station's link", FACTS, run_ground_link, turns_motors=False)
+SIMULATOR_LINK = FactGroup(
     "the simulator's link", SIMULATOR_FACTS, run_simulator_link, turns_motors=False
 )

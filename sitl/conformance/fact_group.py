@@ -10,7 +10,7 @@ from sitl.conformance.vehicle_client import VehicleClient
 
 
 @dataclass(frozen=True, slots=True)
-class Phase:
+class FactGroup:
     """One stretch."""
 
     name: str  # for people

@@ -6,9 +6,9 @@ import math
 import statistics
 from functools import partial
 
-from sitl.conformance.endpoint import Packet
+from sitl.conformance.endpoint import ReceivedPacket
+from sitl.conformance.fact_group import FactGroup
 from sitl.conformance.facts import FactReport, facts
-from sitl.conformance.phase import Phase
 from sitl.conformance.vehicle_client import REQUEST, SET_INTERVAL, VehicleClient, common_id
 
 _WATCH_S = 3.0
@@ -131,8 +131,8 @@ def _latency(client: VehicleClient, report: FactReport) -> None:
     report.add("ack.latency", statistics.median(times_ms))
 
 
-def _longer(packets: list[Packet], before: int) -> bool:
+def _longer(packets: list[ReceivedPacket], before: int) -> bool:
     return len(packets) > before
 
 
-PHASE = Phase("requests and answers", (*RATES, *ANSWERS), run, turns_motors=False)
+FACT_GROUP = FactGroup("requests and answers", (*RATES, *ANSWERS), run, turns_motors=False)

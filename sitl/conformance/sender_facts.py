@@ -7,12 +7,12 @@ from __future__ import annotations
 import time
 
 from sitl.conformance.endpoint import is_signed
+from sitl.conformance.fact_group import FactGroup
 from sitl.conformance.facts import FactReport, facts
 from sitl.conformance.hover import grounded
-from sitl.conformance.phase import Phase
 from sitl.conformance.vehicle_client import REQUEST, Signature, VehicleClient
 
-FACTS = facts("lock", "facts")
+FACTS = facts("senders", "facts")
 SIGNING_FACTS = facts("signing", "facts")
 _KEY, _OTHER_KEY = bytes(range(1, 33)), bytes(range(2, 34))
 LINK_ID, _OTHER_LINK_ID = 12, 13
@@ -30,21 +30,21 @@ def run(client: VehicleClient, report: FactReport) -> None:
     )
     client.greet(as_ground_station=False)
     client.spend(0.5)
-    stranger = client.port.stranger()
+    another_sender = client.port.another_sender()
     try:
         for _ in range(3):
-            stranger.send(client.pack_heartbeat())
+            another_sender.send(client.pack_heartbeat())
             client.spend(0.3)
-        got = stranger.receive(0.0)
+        got = another_sender.receive(0.0)
         client.spend(0.3)
-        report.add("link.second-sender", "moves" if got or stranger.receive(0.0) else "stays")
+        report.add("link.second-sender", "moves" if got or another_sender.receive(0.0) else "stays")
     finally:
-        stranger.close()
+        another_sender.close()
 
 
 def _from_elsewhere(client: VehicleClient, report: FactReport) -> None:
-    listener, stranger = client.port, client.port.stranger()
-    client.port = stranger
+    listener, another_sender = client.port, client.port.another_sender()
+    client.port = another_sender
     client.greet(as_ground_station=False)
     client.spend(0.6)
     listener.receive(0.0)
@@ -61,7 +61,7 @@ def _from_elsewhere(client: VehicleClient, report: FactReport) -> None:
         listener.close()
     else:
         client.port = listener
-        stranger.close()
+        another_sender.close()
 
 
 def signing_time() -> int:
@@ -118,5 +118,5 @@ def _messages(client: VehicleClient) -> str:
     return "signed" if kinds == {True} else "unsigned" if kinds == {False} else "both"
 
 
-PHASE = Phase("first and second sender", FACTS, run, turns_motors=False)
-SIGNING_PHASE = Phase("signing", SIGNING_FACTS, run_signing)
+FACT_GROUP = FactGroup("first and second sender", FACTS, run, turns_motors=False)
+SIGNING_GROUP = FactGroup("signing", SIGNING_FACTS, run_signing)

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 import statistics
 
+from sitl.conformance.fact_group import FactGroup
 from sitl.conformance.facts import FactReport, facts
 from sitl.conformance.hover import grounded
-from sitl.conformance.phase import Phase
 from sitl.conformance.vehicle_client import ARM, LAND, LANDED, TAKEOFF, Stuck, VehicleClient
 
 UP = facts("automatic", "up")
@@ -86,4 +86,4 @@ def _land(client: VehicleClient, report: FactReport, ground_z: float) -> None:
     report.add("land.mode-after", client.mode)
 
 
-PHASE = Phase("take-off and landing by commands", (*UP, *DOWN), run)
+FACT_GROUP = FactGroup("take-off and landing by commands", (*UP, *DOWN), run)

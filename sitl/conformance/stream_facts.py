@@ -10,9 +10,9 @@ import statistics
 
 from pymavlink.dialects.v20 import common
 
-from sitl.conformance.endpoint import NAMES, Packet
+from sitl.conformance.endpoint import NAMES, ReceivedPacket
+from sitl.conformance.fact_group import FactGroup
 from sitl.conformance.facts import Fact, FactReport, facts, number
-from sitl.conformance.phase import Phase
 from sitl.conformance.vehicle_client import MODES, STATUS, VehicleClient
 
 _WATCH_S = 10.0
@@ -73,10 +73,10 @@ def _rate_fact(message: str, hz: float) -> Fact:
     )
 
 
-BOOT = facts("pad", "boot")
+BOOT = facts("streams", "boot")
 STREAMS = tuple(_rate_fact(message, hz) for message, hz in _RATES_HZ.items())
-MESSAGE_LAYOUT = facts("pad", "message_layout")
-QUIRKS = facts("pad", "quirks")
+MESSAGE_LAYOUT = facts("streams", "message_layout")
+QUIRKS = facts("streams", "quirks")
 
 
 def run(client: VehicleClient, report: FactReport) -> None:
@@ -115,7 +115,7 @@ def _boot(client: VehicleClient, report: FactReport) -> None:
     if not report.wants("boot.*"):
         return
 
-    def fixed() -> list[Packet]:
+    def fixed() -> list[ReceivedPacket]:
         return [packet for packet in received.of("GPS_RAW_INT") if packet.message.fix_type >= 3]
 
     client.spend(1.0)
@@ -263,6 +263,6 @@ def _noise(client: VehicleClient, report: FactReport, since_s: float) -> None:
     report.add("pad.gyro-noise", statistics.fmean(gyros))
 
 
-PHASE = Phase(
+FACT_GROUP = FactGroup(
     "streams on the pad", (*BOOT, *STREAMS, *MESSAGE_LAYOUT, *QUIRKS), run, turns_motors=False
 )

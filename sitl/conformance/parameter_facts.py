@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
+from sitl.conformance.fact_group import FactGroup
 from sitl.conformance.facts import FactReport, facts, number
-from sitl.conformance.phase import Phase
 from sitl.conformance.vehicle_client import VehicleClient
 
 _DEFAULTS = {
@@ -78,4 +78,4 @@ def run(client: VehicleClient, report: FactReport) -> None:
     client.params.restore()
 
 
-PHASE = Phase("parameters", (*DEFAULTS, *ACCESS), run, turns_motors=False)
+FACT_GROUP = FactGroup("parameters", (*DEFAULTS, *ACCESS), run, turns_motors=False)

@@ -5,9 +5,9 @@ from __future__ import annotations
 import itertools
 import math
 
+from sitl.conformance.fact_group import FactGroup
 from sitl.conformance.facts import FactReport, facts
 from sitl.conformance.hover import grounded
-from sitl.conformance.phase import Phase
 from sitl.conformance.vehicle_client import ARM, MODE_NUMBERS, SET_MODE, SILENCE, VehicleClient
 
 _DENIED = "Arming denied: Resolve system health failures first\t"
@@ -108,4 +108,4 @@ def _armed(client: VehicleClient, report: FactReport) -> None:
     client.next_heartbeat()
 
 
-PHASE = Phase("arming on the ground", (*MODES_ON_GROUND, *TEXTS, *ARMED), run)
+FACT_GROUP = FactGroup("arming on the ground", (*MODES_ON_GROUND, *TEXTS, *ARMED), run)

@@ -6,9 +6,9 @@ from __future__ import annotations
 
 import math
 
+from sitl.conformance.fact_group import FactGroup
 from sitl.conformance.facts import FactReport, facts
 from sitl.conformance.hover import Hover, airborne
-from sitl.conformance.phase import Phase
 from sitl.conformance.vehicle_client import VehicleClient
 
 _HEIGHT_M = 2.5
@@ -115,4 +115,4 @@ def _say(
     return at_s
 
 
-PHASE = Phase("battery", (*DRAIN, *EMPTY), run)
+FACT_GROUP = FactGroup("battery", (*DRAIN, *EMPTY), run)

@@ -6,9 +6,9 @@ from __future__ import annotations
 
 import math
 
+from sitl.conformance.fact_group import FactGroup
 from sitl.conformance.facts import Fact, FactReport, facts, number, word
 from sitl.conformance.hover import Hover, airborne, fast_streams, grounded, settle
-from sitl.conformance.phase import Phase
 from sitl.conformance.vehicle_client import ARM, VehicleClient, quaternion
 
 _HEIGHT_M = 3.0
@@ -194,4 +194,4 @@ def _on_the_ground(client: VehicleClient, report: FactReport) -> None:
     client.next_heartbeat()
 
 
-PHASE = Phase("setpoints stop", (*AIR, *DESCENT, *GROUND), run)
+FACT_GROUP = FactGroup("setpoints stop", (*AIR, *DESCENT, *GROUND), run)

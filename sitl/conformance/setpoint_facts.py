@@ -6,9 +6,9 @@ import math
 from collections.abc import Callable
 from functools import partial
 
+from sitl.conformance.fact_group import FactGroup
 from sitl.conformance.facts import FactReport, facts
 from sitl.conformance.hover import Hover, airborne, settle
-from sitl.conformance.phase import Phase
 from sitl.conformance.vehicle_client import (
     ARM,
     ATTITUDE_AND_THRUST,
@@ -248,6 +248,6 @@ def run_breaking(client: VehicleClient, report: FactReport) -> None:
             client.next_heartbeat()
 
 
-PHASE = Phase("odd setpoints", FACTS, run)
-STICKS_PHASE = Phase("sticks", STICKS, run_sticks)
-BROKEN = Phase("setpoints that break", BREAKING, run_breaking)
+FACT_GROUP = FactGroup("odd setpoints", FACTS, run)
+STICKS_GROUP = FactGroup("sticks", STICKS, run_sticks)
+BREAKING_GROUP = FactGroup("setpoints that break", BREAKING, run_breaking)

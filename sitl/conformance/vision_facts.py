@@ -6,9 +6,9 @@ import math
 import statistics
 from collections.abc import Callable
 
+from sitl.conformance.fact_group import FactGroup
 from sitl.conformance.facts import FactReport, facts
 from sitl.conformance.hover import Hover, grounded
-from sitl.conformance.phase import Phase
 from sitl.conformance.vehicle_client import ARM, VehicleClient
 
 _PARAMETERS = {
@@ -179,4 +179,4 @@ def _odometry(client: VehicleClient, position: list[float]) -> Callable[[], None
     )
 
 
-PHASE = Phase("external position", _SECTION, run)
+FACT_GROUP = FactGroup("external position", _SECTION, run)

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 import statistics
 
+from sitl.conformance.fact_group import FactGroup
 from sitl.conformance.facts import FactReport, facts
 from sitl.conformance.hover import Hover, airborne, fast_streams, grounded, settle
-from sitl.conformance.phase import Phase
 from sitl.conformance.vehicle_client import ARM, Stuck, VehicleClient, quaternion
 
 _EARLY_THRUST = 0.6
@@ -178,4 +178,4 @@ def _forced(client: VehicleClient, report: FactReport) -> None:
     client.next_heartbeat()
 
 
-PHASE = Phase("OFFBOARD", (*START, *KEPT, *END), run)
+FACT_GROUP = FactGroup("OFFBOARD", (*START, *KEPT, *END), run)

@@ -6,9 +6,9 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from sitl.conformance.fact_group import FactGroup
 from sitl.conformance.facts import Fact, FactReport, number
 from sitl.conformance.hover import Hover, airborne, settle
-from sitl.conformance.phase import Phase
 from sitl.conformance.vehicle_client import VehicleClient, quaternion, wrap
 
 _HEIGHT_M = 4.0
@@ -88,7 +88,7 @@ FACTS = (
 
 
 @dataclass(frozen=True, slots=True)
-class Response:
+class MeasuredResponse:
     """One step response: times [s] since the step was sent, fraction of the step, rate [deg/s]."""
 
     times_s: list[float]
@@ -178,7 +178,7 @@ def _yaw(client: VehicleClient, report: FactReport, hover: Hover, step_deg: int)
 
 def _record(
     client: VehicleClient, axis: str, step_rad: float, go: Callable[[], None], for_s: float
-) -> Response:
+) -> MeasuredResponse:
     """Do it, and read what ATTITUDE shows; time zero is when ATTITUDE_TARGET echoes the new
     setpoint.
     """
@@ -206,7 +206,7 @@ def _record(
     middle = mean + 0.5 * step_rad
     parts = [wrap(getattr(m, axis) - middle) / step_rad + 0.5 for m in samples]
     rates = [abs(math.degrees(getattr(m, f"{axis}speed"))) for m in samples]
-    return Response(times, parts, max(rates))
+    return MeasuredResponse(times, parts, max(rates))
 
 
 def _thrust(client: VehicleClient, report: FactReport, hover: Hover) -> None:
@@ -222,4 +222,4 @@ def _thrust(client: VehicleClient, report: FactReport, hover: Hover) -> None:
     settle(client, hover)
 
 
-PHASE = Phase("step responses", FACTS, run)
+FACT_GROUP = FactGroup("step responses", FACTS, run)
