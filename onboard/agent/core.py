@@ -267,7 +267,7 @@ class AgentCore:
         self.own.update(now_ns, dt_s, self._snapshot, thrust_frac, control.hover_frac, on_ground)
         state = self.own.state
         self._view = self._new_view(now_ns, state)
-        self.neighbours.place_unbelieved(self._view.position_enu_m, now_ns)
+        self.neighbours.place_contradicted(self._view.position_enu_m, now_ns)
         self._distances_m = self.neighbours.distances_m(self._view.position_enu_m, now_ns)
         self._supervise()
         state_machine.advance(flight, self._view)

@@ -117,7 +117,7 @@ class PlausibilityMonitor:
 
     largest_m_s: float
     reason: str = ""  # why it is not believed, in words that follow its name; "" while it is
-    is_doubtful: bool = False  # something contradicts it, or did some seconds ago
+    is_watched: bool = False  # something contradicts it, or did some seconds ago
     _before: Claim | None = None
     _seen_ns: int = 0  # stamp of the pose that was compared last
     _jumps: int = 0
@@ -133,7 +133,7 @@ class PlausibilityMonitor:
             now_ns: our clock.
         """
         if now_ns - self._contradicted_ns > _REMEMBERED_NS:
-            self.reason, self._jumps, self.is_doubtful = "", 0, False
+            self.reason, self._jumps, self.is_watched = "", 0, False
         words = ""
         if self._before is None or claim.stamp_ns > self._before.stamp_ns:
             words = physical_contradiction(self._before, claim, self.largest_m_s)
@@ -145,6 +145,6 @@ class PlausibilityMonitor:
             self._misses = self._misses + 1 if missed else 0
             words = words or missed
         if words:
-            self._contradicted_ns, self.is_doubtful = now_ns, True
+            self._contradicted_ns, self.is_watched = now_ns, True
             if not self.reason and (self._jumps >= _JUMPS or self._misses >= _MISSES):
                 self.reason = words

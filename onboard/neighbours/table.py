@@ -16,6 +16,7 @@ from onboard.config.fleet import FleetConfig, Vec3
 from onboard.config.pair_separation import separation_m
 from onboard.message_counts import MessageCounts
 from onboard.neighbours import subscription
+from onboard.neighbours.judged import JudgedNeighbours, tracked_numbers
 from onboard.neighbours.mocap_tracker import BodyTracker
 from onboard.neighbours.plausibility import Claim, Seen
 from onboard.neighbours.state_arrays import (
@@ -31,7 +32,6 @@ from onboard.neighbours.state_arrays import (
     neighbours,
     numbers_of,
 )
-from onboard.neighbours.unbelieved import UnbelievedNeighbours, tracked_numbers
 from onboard.neighbours.watched_bodies import SILENT_AFTER_S, WatchedBodies
 from onboard.types import Neighbour
 
@@ -83,10 +83,8 @@ class NeighbourTable:
         self.arrays: NeighbourArrays = empty(len(self.names), self.silent_s)
         self.counts = MessageCounts()
         self.last_heard_ns = 0  # of any message
-        # indices of vehicles whose announcement to cooperate does not count
-        self.distrusted: set[int] = set()
         bodies = {index: fleet.vehicles[name].body for name, index in self.indices.items()}
-        self.unbelieved = UnbelievedNeighbours()
+        self.judged = JudgedNeighbours()
         self._bodies = {body: index for index, body in bodies.items() if body is not None}
         self._trackers: dict[int, BodyTracker] = {}
         self._telemetry: dict[str, Telemetry] = {}
@@ -189,7 +187,11 @@ class NeighbourTable:
             return True
         arrays.heard_ns[index] = stamp_ns
         announces = message.is_cooperative
-        flags = message.is_airborne, announces and index not in self.distrusted, announces
+        flags = (
+            message.is_airborne,
+            announces and index not in self.judged.not_cooperating,
+            announces,
+        )
         arrays.set_state(index, stamp_ns, numbers, flags)
         self.watched.seen.discard(index)
         self.forget_ages()
@@ -232,19 +234,17 @@ class NeighbourTable:
         index = self._bodies.get(pose.body)
         if index is None or not pose.is_tracked or not is_plausible(pose.position_enu_m):
             return
-        before = self.unbelieved.seen.get(index)
+        before = self.judged.seen.get(index)
         if pose.stamp_ns <= received_ns and (
             before is None or pose.position_enu_m != before.position_enu_m
         ):
             # the very same again is frozen
-            self.unbelieved.seen[index] = Seen(pose.stamp_ns, pose.position_enu_m)
+            self.judged.seen[index] = Seen(pose.stamp_ns, pose.position_enu_m)
 
-    def place_unbelieved(self, position_enu_m: Vec3, now_ns: int) -> None:
-        """Put each neighbour that is not believed where it says or where the mocap sees it:
-        whichever is nearer.
-        """
-        if self.unbelieved.indices:
-            self.unbelieved.place(self.arrays, self._trackers, position_enu_m, now_ns)
+    def place_contradicted(self, position_enu_m: Vec3, now_ns: int) -> None:
+        """Put each contradicted neighbour where it says or where the mocap sees it: the nearer."""
+        if self.judged.contradicted:
+            self.judged.place(self.arrays, self._trackers, position_enu_m, now_ns)
             self.forget_ages()
 
     def bodies_to_watch(self, now_ns: int, own_age_s: float) -> tuple[str, ...] | None:
@@ -254,7 +254,7 @@ class NeighbourTable:
         They are those of vehicles that are silent, or doubtful and followed, until neither has been
         so for a while.
         """
-        has_started, doubtful = self.watched.begin(now_ns), self.unbelieved.doubtful
+        has_started, doubtful = self.watched.begin(now_ns), self.judged.watched
         self.ages_s(now_ns)
         is_late = (
             self._ages.has_silent or self._ages.oldest_s >= SILENT_AFTER_S + self.watched.late_s
@@ -281,10 +281,6 @@ class NeighbourTable:
             del self._trackers[index]
         return tuple(body for body, index in self._bodies.items() if index in indices)
 
-    def set_distrusted(self, name: str, is_distrusted: bool) -> None:
-        """Let a vehicle's announcement that it cooperates count, or not."""
-        (self.distrusted.add if is_distrusted else self.distrusted.discard)(self.indices[name])
-
     def claim(self, name: str) -> tuple[Claim | None, Seen | None]:
         """Return what a neighbour says of itself, and where the mocap sees it; None where nothing
         is known.
@@ -294,11 +290,11 @@ class NeighbourTable:
         """
         index = self.indices[name]
         if not self.fleet.vehicles[name].mocap_required:
-            return self.unbelieved.claim(self.arrays, index), None
-        tracker, seen = self._trackers.get(index), self.unbelieved.seen.get(index)
+            return self.judged.claim(self.arrays, index), None
+        tracker, seen = self._trackers.get(index), self.judged.seen.get(index)
         if tracker is not None and (seen is None or tracker.stamp_ns > seen.stamp_ns):
             seen = Seen(tracker.stamp_ns, tracker.position_enu_m)
-        return self.unbelieved.claim(self.arrays, index), seen
+        return self.judged.claim(self.arrays, index), seen
 
     # -- ages --------------------------------------------------------------------------------------
 

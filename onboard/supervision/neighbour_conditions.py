@@ -140,8 +140,8 @@ class NeighbourMonitor:
         if others:
             self._add(active, c.CONFIG_DIFFERS, others)
         rows = table.rows(now_ns)
-        unbelieved = self._check_plausibility(active, rows, now_ns)
-        self._check_predictions(active, rows, {*others, *unbelieved})
+        contradicted = self._check_plausibility(active, rows, now_ns)
+        self._check_predictions(active, rows, {*others, *contradicted})
         self._check_distances(active, rows, view)
         return active
 
@@ -179,13 +179,11 @@ class NeighbourMonitor:
             monitor, (claim, seen) = self._plausibilities[row.name], self.table.claim(row.name)
             if claim is not None:
                 monitor.look(claim, seen, now_ns)
-            is_unbelieved = bool(monitor.reason)
-            self.table.unbelieved.set(
-                self.table.indices[row.name],
-                is_doubtful=monitor.is_doubtful,
-                is_unbelieved=is_unbelieved,
-            )
-            if is_unbelieved:
+            is_contradicted = bool(monitor.reason)
+            index = self.table.indices[row.name]
+            self.table.judged.set_watched(index, monitor.is_watched)
+            self.table.judged.set_contradicted(index, is_contradicted)
+            if is_contradicted:
                 reasons[row.name] = monitor.reason
         if reasons:
             self._add(
@@ -212,7 +210,8 @@ class NeighbourMonitor:
                 monitor.reset()
             if monitor.is_wrong:
                 wrong.append(row.name)
-            self.table.set_distrusted(row.name, monitor.is_wrong or row.name in others)
+            is_not_cooperating = monitor.is_wrong or row.name in others
+            self.table.judged.set_not_cooperating(self.table.indices[row.name], is_not_cooperating)
         if wrong:
             self._add(active, Condition.NEIGHBOUR_UNCOOPERATIVE, wrong)
 

@@ -129,8 +129,8 @@ class Tables:
             self.arrays.flags[rows, kind, columns] = flag[senders]
         for table in self.tables:
             table.forget_ages()
-            if table.distrusted:
-                table.arrays.flags[COOPERATIVE, list(table.distrusted)] = False
+            if table.judged.not_cooperating:
+                table.arrays.flags[COOPERATIVE, list(table.judged.not_cooperating)] = False
 
     def age(self, now_ns: int) -> None:
         """Let all tables know the ages at this time."""

@@ -94,7 +94,7 @@ def test_one_jump_is_an_estimator_that_began_anew_and_two_are_none() -> None:
     )
     for claim in (_CLAIM, jumped, _moved(jumped, 0.1)):
         monitor.look(claim, None, claim.stamp_ns)
-    assert monitor.is_doubtful
+    assert monitor.is_watched
     assert not monitor.reason
     back = _moved(_CLAIM, 0.3)
     monitor.look(back, None, back.stamp_ns)
@@ -103,7 +103,7 @@ def test_one_jump_is_an_estimator_that_began_anew_and_two_are_none() -> None:
         claim = _moved(back, 0.1 * (number + 1))
         monitor.look(claim, None, claim.stamp_ns)
     assert not monitor.reason  # some seconds later
-    assert not monitor.is_doubtful
+    assert not monitor.is_watched
 
 
 def test_three_poses_in_a_row_elsewhere_are_believed_and_what_it_says_of_its_accuracy_is_granted() -> (
