@@ -1,4 +1,4 @@
-"""Sentences of the table of the flight for people. Pure."""
+"""Sentences for people that the flight table names. Pure."""
 
 from __future__ import annotations
 
@@ -24,31 +24,33 @@ NO_LIFTOFF = (
 
 def killed(flight: FlightContext, view: FlightView) -> str:
     """Return the reason of a killed vehicle's state."""
-    return f"Killed by order of {'' if flight.order is None else flight.order.author}."
+    author = "" if flight.order is None else flight.order.author
+    return f"Killed by order of {author}."
 
 
 def killed_in_the_air(flight: FlightContext, view: FlightView) -> str:
     """Return the sentence about motors that an order stops in the air, with its author and node."""
     order = flight.order
-    return (
-        ""
-        if order is None
-        else f"Killed in the air by order of {order.author} (from {order.node or 'an unnamed ground'})."
-    )
+    if order is None:
+        return ""
+    node = order.node or "an unnamed ground"
+    return f"Killed in the air by order of {order.author} (from {node})."
 
 
 def still_armed(flight: FlightContext, view: FlightView) -> str:
     """Return the reason why an order to disarm or to kill has not been confirmed."""
-    sentence = (
-        "PX4 is still armed" if view.snapshot.is_armed else "PX4 has not said that it is disarmed"
-    )
+    if view.snapshot.is_armed:
+        sentence = "PX4 is still armed"
+    else:
+        sentence = "PX4 has not said that it is disarmed"
     return f"{sentence}. {view.snapshot.status_text}".strip()
 
 
 def not_armed(flight: FlightContext, view: FlightView) -> str:
     """Return the reason why PX4 did not arm, with its own words if it has said any since."""
-    text = view.snapshot.status_text if view.snapshot.status_text_ns > flight.step_ns else ""
-    return f"PX4 did not arm within {CONFIRM_TIMEOUT_S:.0f} s. {text}".strip()
+    has_spoken = view.snapshot.status_text_ns > flight.step_ns
+    px4_words = view.snapshot.status_text if has_spoken else ""
+    return f"PX4 did not arm within {CONFIRM_TIMEOUT_S:.0f} s. {px4_words}".strip()
 
 
 def at_height(flight: FlightContext, view: FlightView) -> str:
@@ -74,7 +76,10 @@ def at_position(flight: FlightContext, view: FlightView) -> str:
 def left_behind(flight: FlightContext, view: FlightView) -> str:
     """Return the reason why a vehicle leaves its path."""
     path = flight.path
-    return f"{path.lag_m:.1f} m behind its path at {path.time_s:.1f} s, after {PATIENCE_S:.0f} s in which all slowed."
+    return (
+        f"{path.lag_m:.1f} m behind its path at {path.time_s:.1f} s, "
+        f"after {PATIENCE_S:.0f} s in which all slowed."
+    )
 
 
 def holding(flight: FlightContext, view: FlightView) -> str:
@@ -89,4 +94,5 @@ def why_landed(flight: FlightContext, view: FlightView) -> str:
 
 def px4_does_not_land(flight: FlightContext, view: FlightView) -> str:
     """Return the reason why PX4's landing has failed."""
-    return f"PX4 does not land; its mode is {view.snapshot.mode or 'unknown'}: land it with the transmitter."
+    mode = view.snapshot.mode or "unknown"
+    return f"PX4 does not land; its mode is {mode}: land it with the transmitter."

@@ -1,9 +1,9 @@
-"""Refusals of a takeover: an agent flies a vehicle that it found in the air, or lost, from PX4's
-hold only. Pure.
+"""Refusals of a takeover, in which an agent begins to fly a vehicle that is in the air. Pure.
 
-Until then it sends nothing: it has not seen how the vehicle got there, and two hands on one vehicle
-are worse than PX4's own hold, which a pilot can end. The order to hold asks for it; the flight then
-goes on from where it stands.
+An agent may find its vehicle in the air when it starts, or may have lost it to PX4. It has not seen
+how the vehicle got there, and two hands on one vehicle are worse than PX4's own hold, which a pilot
+can end. So it sends nothing until an operator orders hold, and takes the vehicle over from PX4's
+hold only. The flight then goes on from where the vehicle stands.
 """
 
 from __future__ import annotations
@@ -15,9 +15,10 @@ from onboard.autopilot import Landed
 from onboard.config.fleet import FleetConfig
 from onboard.flight.types import FlightView
 
-HOLD = "HOLD"
-# rules of the preflight page that hold in the air as well; the others are about standing on the
-# ground
+HOLD = "HOLD"  # PX4's mode
+
+# Rules of the preflight page that hold in the air as well; the others are about standing on the
+# ground.
 RULES = (
     "px4",
     "link",
@@ -43,26 +44,36 @@ def refusal(
     """Return the reason why the vehicle cannot be taken over now, or None.
 
     Args:
+        view: of this tick.
         not_ready: reasons of the preflight rules above.
         distances_m: separations from the others.
+        fleet: the fleet file.
     """
-    snapshot, speed_m_s = view.snapshot, math.hypot(*view.velocity_enu_m_s)
+    snapshot = view.snapshot
     if not snapshot.is_armed or snapshot.landed is Landed.ON_GROUND:
         return "The vehicle does not fly: there is nothing to take over."
+
     if snapshot.mode != HOLD:
         return (
-            f"PX4 flies by itself (mode {snapshot.mode or 'unknown'}) and is taken over from its hold only: "
-            "switch it to hold with the transmitter and order hold again, or let it land."
+            f"PX4 flies by itself (mode {snapshot.mode or 'unknown'}) and is taken over from its "
+            "hold only: switch it to hold with the transmitter and order hold again, or let it "
+            "land."
         )
+
     if not_ready:
         return not_ready[0]
+
     if not view.has_position or not fleet.fleet.geofence_m.contains(view.position_enu_m):
         return (
             "Its position is not known, or lies outside the geofence: land it with the transmitter."
         )
+
+    speed_m_s = math.hypot(*view.velocity_enu_m_s)
     if speed_m_s > MOVING_M_S:
         return f"It still moves at {speed_m_s:.1f} m/s: wait until PX4's hold has stopped it."
+
     for name, distance_m in distances_m.items():
         if distance_m < fleet.fleet.safety_distance_m:
             return f"{name} is only {distance_m:.2f} m away: move {name} away first."
+
     return None

@@ -1,4 +1,24 @@
-"""Steps of a flight, the events that move it on, and what it sees of its vehicle at one tick."""
+"""Where in the flight a vehicle is, what moves it on, and what a flight sees at one tick.
+
+Four words say where in the flight a vehicle is. They are four views of one value, so that they
+cannot contradict each other:
+
+    FlightStep    what the flight waits for: "climb", "descent", "waiting to be armed". It is the
+                  state of the state machine, the only one that is stored; the table in
+                  flight_table.py leads from step to step.
+
+    Situation     how much harm an action can do: on the ground, armed, lifting off, flying,
+                  landing. It is the column of the failsafe table (safety/failsafe_table.py).
+
+    ControlMode   what the pipeline computes: thrust on the ground, a lift-off, a flight under the
+                  law, a landing, a flight by dead reckoning (control/control_mode.py).
+
+    AgentState    the word for people and for other programs: "holding", "landing". It goes out
+                  with telemetry (bus/schema.py), and several steps share one.
+
+A row of FlightStep names the other three. Whoever wants to know more of a flight adds a step, or a
+property of FlightContext; there is no fifth word.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +40,7 @@ _LANDED_FRESH_NS = 1_500_000_000  # PX4 reports it 5 to 10 times a second
 class FlightStep(Enum):
     """Steps of a flight.
 
-    The columns: state and text for people, situation for failsafes, phase for the pipeline, and
+    The columns: state and text for people, situation for failsafes, mode for the pipeline, and
     whether setpoints leave at every tick.
     """
 
@@ -64,11 +84,9 @@ class FlightStep(Enum):
 
 
 class FlightEvent(Enum):
-    """Causes of a change: an order, a failsafe's action, the preflight check, or what a tick
-    observes.
-    """
+    """What may move a flight on: an order, a failsafe's action, the preflight check, or a tick."""
 
-    __hash__ = object.__hash__
+    __hash__ = object.__hash__  # as above
 
     ARM = "order arm"
     TAKEOFF = "order takeoff"
@@ -90,15 +108,15 @@ class FlightEvent(Enum):
 
 
 class FlightView(Struct, frozen=True):
-    """Facts that a flight decides on at one tick; position and velocity in fleet ENU."""
+    """Facts that a flight decides on at one tick."""
 
     now_ns: int
-    position_enu_m: Vec3
+    position_enu_m: Vec3  # in the fleet's frame
     velocity_enu_m_s: Vec3
-    has_position: bool
-    snapshot: Snapshot
+    has_position: bool  # the position is known now, if only by dead reckoning
+    snapshot: Snapshot  # of PX4
     thrust_share: float = 1.0  # thrust sent last over the thrust that carries the vehicle
-    # of those that fly the same show; None: not compared now
+    # of the others that fly the same show; None: not compared at this tick
     other_clocks: tuple[OtherClock, ...] | None = None
     period_s: float = TICK_S  # since the last tick
     is_blind: bool = False  # position and velocity come from dead reckoning
@@ -106,15 +124,15 @@ class FlightView(Struct, frozen=True):
 
     @property
     def has_landed_report(self) -> bool:
-        """Whether PX4 has told lately whether it is on the ground."""
+        """Whether PX4 has reported lately whether it is on the ground."""
         return self.now_ns - self.snapshot.landed_ns < _LANDED_FRESH_NS
 
     @property
     def is_on_ground(self) -> bool:
-        """Whether PX4 says so, in a report that is not old."""
+        """Whether PX4 reports the ground, and the report is not old."""
         return self.has_landed_report and self.snapshot.landed is Landed.ON_GROUND
 
     @property
     def was_on_ground(self) -> bool:
-        """Whether PX4's last report said so, however old it is."""
+        """Whether PX4's last report was the ground, however old it is."""
         return self.snapshot.landed is Landed.ON_GROUND
