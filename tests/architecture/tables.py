@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from groundstation.alarms import table as alarm_table
+from groundstation.alarms import alarm_table
 from onboard.bus.roles import GRANTS, Grant, Role
 from onboard.bus.topics import Topic
 from onboard.flight import flight_table

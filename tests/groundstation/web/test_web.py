@@ -18,7 +18,7 @@ import pytest_asyncio
 from groundstation.cli import main
 from groundstation.client.read_only import ReadOnlyClient
 from groundstation.orders.grammar import OrderError
-from groundstation.web import server as server_
+from groundstation.web import page_server
 from groundstation.web.page_server import ConsoleServer
 from onboard.config.endpoints import is_loopback
 from onboard.config.fleet import ConfigError
@@ -271,7 +271,7 @@ async def test_more_pages_than_the_machine_bears_are_turned_away(
     served: tuple[ConsoleServer, str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     server, address = served
-    monkeypatch.setattr(server_, "MAX_PAGES", 0)
+    monkeypatch.setattr(page_server, "MAX_PAGES", 0)
     async with aiohttp.ClientSession() as session:
         socket = await session.ws_connect(f"{address}ws")
         assert (await socket.receive()).type is aiohttp.WSMsgType.CLOSE
