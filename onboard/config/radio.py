@@ -31,7 +31,7 @@ BOUNDS: dict[str, tuple[float, float]] = {
 
 
 class RadioConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """``[radio]``: docs/radio.md explains each key."""
+    """``[radio]``: docs/network.md explains each key."""
 
     # "access point": what goes from one vehicle to another is sent twice; "direct": once, as in an
     # ad-hoc network

@@ -168,6 +168,6 @@ def airtime_finding(fleet: FleetConfig, radio: RadioConfig, near: int) -> Findin
         "{bound}",
         "Lower [radio] states_hz or law.max_neighbours, stand farther apart, use a faster radio ([radio] rate_mbit_s), "
         "or spread the fleet over several channels. States are up to 0.1 s old on a channel so full: declare it "
-        "([radio] expected_delay_s = 0.1). See docs/radio.md.",
+        "([radio] expected_delay_s = 0.1). See docs/network.md.",
         refuse_above=100.0,
     )

@@ -64,7 +64,7 @@ class Flown:
     failure: str
 
     def row(self) -> str:
-        """A row of the table in docs/radio.md."""
+        """A row of the table in docs/network.md."""
         case = self.case
         fleet = f"{case.vehicles}, {SPACING_M:g} m apart, up to {case.most_near} near"
         channel = f"access point, {case.rate_mbit_s:g} Mbit/s, {case.states_hz} Hz"

@@ -193,7 +193,7 @@ def _neighbours(name: str, fleet: FleetConfig, heard: Heard) -> Iterator[Diagnos
     text = f"Age of the others' states (p99): {told}."
     remedy = (
         f"The fleet's margin is for {1e3 * old_s:.0f} ms, and older than {1e3 * silent_s:.0f} ms they count as silent: "
-        "improve the radio there, or declare it ([radio] expected_delay_s, docs/radio.md)."
+        "improve the radio there, or declare it ([radio] expected_delay_s, docs/network.md)."
     )
     yield graded(f"{name} hears", not old, text, remedy, bad=bad)
 

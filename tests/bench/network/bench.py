@@ -122,7 +122,7 @@ def _fleet_file(scheme: str, folder: Path) -> Path:
 
 
 def table(ages: Sequence[Age]) -> str:
-    """Return the rows of docs/network-bench.md."""
+    """Return the rows of docs/network.md."""
     lines = [
         "| link, 20 ms each way | transport | p50 | p99 | longest | asked of p99 |",
         "|---|---|---|---|---|---|",
@@ -193,7 +193,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--agents", type=int, default=10, help="agents: how many (default 10)")
     parser.add_argument(
-        "--page", type=Path, default=Path(), help="page that gets the tables: docs/network-bench.md"
+        "--page", type=Path, default=Path(), help="page that gets the tables: docs/network.md"
     )
     parser.add_argument(
         "--json", action="store_true", help="figures as JSON on stdout, a line for each part"

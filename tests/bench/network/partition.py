@@ -129,7 +129,7 @@ def fly_all(count: int, lasts_s: float, say: Callable[[str], None]) -> list[Flig
 
 
 def table(flights: Sequence[Flight]) -> str:
-    """Return the rows of docs/network-bench.md."""
+    """Return the rows of docs/network.md."""
     lines = [
         "| cut after | smallest distance | told in the half with the ground | in the other half | orders across "
         "| back, landed | not as promised |",

@@ -206,7 +206,7 @@ def compare(options: argparse.Namespace, group: str, contestants: Mapping[str, C
             "ablation",
             f"{run.sentence()}\n\n{pages.worth(summaries, contestants)}",
         )
-        name = "law-ablation.md"
+        section = "ablation"
     else:
         pictures.comparison(
             summaries, folder / "figures/law_bench.png", "Same vehicle, errors, baseline and margin"
@@ -226,9 +226,9 @@ def compare(options: argparse.Namespace, group: str, contestants: Mapping[str, C
         )
         page = pages.comparison(run, summaries, outcomes)
         pages.insert(folder / "law.md", "comparison", f"{run.sentence()}\n\n{table(summaries)}")
-        name = "law-bench.md"
-    (folder / name).write_text(page, encoding="utf-8")
-    print(f"written: {folder / name}")
+        section = "methods"
+    pages.insert(folder / pages.MEASURED, section, page)
+    print(f"written: {folder / pages.MEASURED}, {section}")
     return 0
 
 
@@ -259,7 +259,7 @@ def by_delay(options: argparse.Namespace, contestants: Mapping[str, Contestant])
         pictures.by_delay(
             options.delays, rows, folder / "figures/law_delay.png", "Messages that come late"
         )
-        (folder / "law-delay.md").write_text(page, encoding="utf-8")
+        pages.insert(folder / pages.MEASURED, "delay", page)
     return 0
 
 
@@ -299,9 +299,8 @@ def tune(options: argparse.Namespace) -> int:
     if options.out is not None:
         run = pages.Run(_command(options), seeds, scenarios, options.errors)
         best_titles = {PEERS[name].title: values for name, values in best.items()}
-        (Path(options.out) / "law-tuning.md").write_text(
-            pages.tuning(run, lines, best_titles), encoding="utf-8"
-        )
+        page = pages.tuning(run, lines, best_titles)
+        pages.insert(Path(options.out) / pages.MEASURED, "tuning", page)
     return 0
 
 

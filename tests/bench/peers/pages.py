@@ -77,7 +77,7 @@ def comparison(
     ]
     return "\n".join(
         [
-            "# Covey's law beside other methods",
+            "## Covey's law beside other methods",
             "",
             run.sentence(),
             "",
@@ -97,15 +97,15 @@ def comparison(
             "",
             "![Paths of eight vehicles that change places, by each method](figures/law_paths.png)",
             "",
-            "## By scenario",
+            "### By scenario",
             "",
             "Success · flights below 0.80 m · ratio.",
             "",
             *lines,
             "",
-            "## Values",
+            "### Values",
             "",
-            "Each peer was tuned over six combinations of its own two values ([law-tuning.md](law-tuning.md)), best by "
+            "Each peer was tuned over six combinations of its own two values ([how](#how-the-peers-were-tuned)), best by "
             "violations, then success, then ratio; the robust certificates with messages that are 200 ms old (form3, "
             "swap4x, swap8x, seeds 0 to 2).",
             "",
@@ -131,12 +131,12 @@ def by_delay(run: Run, delays_s: Sequence[float], rows: Mapping[str, Sequence[Su
     count = max(s.flights for figures in rows.values() for s in figures)
     return "\n".join(
         [
-            "# Late messages: Covey's law beside other methods",
+            "## Late messages: Covey's law beside other methods",
             "",
             f"{run.sentence()} {count} flights of each method at each delay.",
             "",
             "Age of every message when it arrives. In each cell: success · flights below 0.80 m, with the exact 95 % "
-            "interval · collisions · ratio of those that succeeded, as in [law-bench.md](law-bench.md). All methods "
+            "interval · collisions · ratio of those that succeeded, as in the first table. All methods "
             "know how old a message is, predict its sender over that time in the same way, and keep the margin that "
             "`covey check` demands for it.",
             "",
@@ -152,7 +152,7 @@ def ablation(run: Run, rows: Mapping[str, Summary], contestants: Mapping[str, Co
     """Covey without each of its ideas."""
     return "\n".join(
         [
-            "# What each idea of the law is worth",
+            "## What each idea of the law is worth",
             "",
             run.sentence() + " Vehicles of type `sih` and "
             "`ardrone`, the paper's weak one, in turn. One thing is changed at a time; the rest stays as it is flown.",
@@ -192,7 +192,7 @@ def tuning(run: Run, rows: Mapping[str, Summary], best: Mapping[str, str]) -> st
     """Every combination of every peer."""
     return "\n".join(
         [
-            "# How the peers were tuned",
+            "## How the peers were tuned",
             "",
             run.sentence()
             + " Six combinations of two values for each method; the best has the fewest violations, then "

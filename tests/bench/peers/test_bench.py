@@ -18,7 +18,7 @@ from tests.bench.peers.contestants import COVEY, PEERS, named, same
 from tests.bench.peers.report import Outcome, interval, summary, table
 
 ROOT = Path(__file__).parents[3]
-PAGES = ["law.md", "law-bench.md", "law-delay.md", "law-ablation.md", "law-tuning.md"]
+PAGES = ["law.md", "law-measured.md"]
 
 
 def rows_of(markdown: str) -> dict[str, list[str]]:
@@ -40,8 +40,9 @@ def test_the_quick_bench_flies_everybody_and_its_table_says_who_kept_the_distanc
     (tmp_path / "law.md").write_text(
         "before\n<!-- bench: comparison -->\nold\n<!-- end -->\nafter\n"
     )
+    (tmp_path / "law-measured.md").write_text("<!-- bench: methods -->\n<!-- end -->\n")
     assert bench.main(["--quick", "--seeds", "0:1", "--jobs", "1", "--out", str(tmp_path)]) == 0
-    page = (tmp_path / "law-bench.md").read_text()
+    page = (tmp_path / "law-measured.md").read_text()
     rows = rows_of(page)
     assert list(rows) == [contestant.title for contestant in PEERS.values()]
     flights, success, below, _, worst = rows["Covey"][:5]
@@ -147,14 +148,15 @@ def test_a_bench_over_delays_goes_on_from_the_file_that_it_kept(tmp_path, capsys
         str(tmp_path),
     ]
     words += ["--keep", str(tmp_path / "bench.jsonl")]
+    (tmp_path / "law-measured.md").write_text("<!-- bench: delay -->\n<!-- end -->\n")
     assert bench.main(words) == 0
-    page = (tmp_path / "law-delay.md").read_text()
+    page = (tmp_path / "law-measured.md").read_text()
     assert "| method | 40 ms | 300 ms |" in page
     assert "| Covey | 100 % · 0 %" in page
     assert "| no avoidance | 100 % · 100 %" in page
     monkeypatch.setattr(bench, "fly", lambda cell: pytest.fail(f"{cell} was flown twice"))
     assert bench.main(words) == 0
-    assert (tmp_path / "law-delay.md").read_text() == page
+    assert (tmp_path / "law-measured.md").read_text() == page
     capsys.readouterr()
 
 
@@ -177,7 +179,7 @@ def test_the_old_command_names_the_new_one(capsys):
 def test_every_link_and_figure_of_the_law_pages_exists(name):
     page = ROOT / "docs" / name
     targets = re.findall(r"\]\(([^)#]+)\)", page.read_text(encoding="utf-8"))
-    assert targets or name in ("law-tuning.md",)
+    assert targets
     for target in targets:
         assert (page.parent / target).exists(), (
             f"docs/{name} points at {target}, which is not there"
