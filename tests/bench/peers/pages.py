@@ -106,8 +106,9 @@ def comparison(
             "### Values",
             "",
             "Each peer was tuned over six combinations of its own two values "
-            "([how](#how-the-peers-were-tuned)), best by violations, then success, then ratio; the robust certificates with messages that are 200 ms old (form3, "
-            "swap4x, swap8x, seeds 0 to 2).",
+            "([how](#how-the-peers-were-tuned)), best by violations, then success, then ratio; "
+            "the robust certificates with messages that are 200 ms old (form3, swap4x, swap8x, "
+            "seeds 0 to 2).",
             "",
             "| method | values |",
             "|---|---|",
