@@ -261,9 +261,9 @@ class AgentCore:
         if now_ns < before_ns:
             context.clock_jump_ns = now_ns
         dt_s = min(max(context.period_s, _SHORTEST_S), _LONGEST_S)
-        on_ground = flight.phase is Phase.GROUND or flight.step is FlightStep.LIFTOFF
+        on_ground = flight.step.phase is Phase.GROUND or flight.step is FlightStep.LIFTOFF
         thrust_frac = self._setpoints.sent_thrust_frac
-        self.own.is_flown = flight.is_streaming
+        self.own.is_flown = flight.step.is_streaming
         self.own.update(now_ns, dt_s, self._snapshot, thrust_frac, control.hover_frac, on_ground)
         state = self.own.state
         self._view = self._new_view(now_ns, state)
@@ -271,13 +271,13 @@ class AgentCore:
         self._distances_m = self.neighbours.distances_m(self._view.position_enu_m, now_ns)
         self._supervise()
         state_machine.advance(flight, self._view)
-        return control.inputs(state, flight.goal, flight.phase, self.neighbours, now_ns, dt_s)
+        return control.inputs(state, flight.goal, flight.step.phase, self.neighbours, now_ns, dt_s)
 
     def end_tick(self, memory: PipelineMemory, tick: Tick) -> list[Command]:
         """Run the second half of :meth:`tick`, with the result of the pipeline."""
         control, view = self.control, self._view
         control.accept(memory, tick)
-        if self.flight.phase is Phase.FLYING and self._mismatch.is_due():
+        if self.flight.step.phase is Phase.FLYING and self._mismatch.is_due():
             attitude = self.own.attitude_wxyz(self._snapshot)
             for code, sentence in self._mismatch.follow(
                 memory.observer, attitude, control.hover_frac
@@ -307,7 +307,7 @@ class AgentCore:
         report = self.preflight.due(view.now_ns)
         if report is not None:
             out.append(Publish(Topic.PREFLIGHT, report))
-        if self.is_stopping and self.flight.situation in (Situation.GROUND, Situation.SILENT):
+        if self.is_stopping and self.flight.step.situation in (Situation.GROUND, Situation.SILENT):
             out.append(Exit())
         return out
 
@@ -352,7 +352,7 @@ class AgentCore:
             context.law_status, context.active_neighbour = law.status, law.active_neighbour
             context.below_m = control.tick.setpoint.position_enu_m.z - view.position_enu_m[2]
         self.failsafes.tick(view, context)
-        if self.flight.situation is Situation.GROUND:
+        if self.flight.step.situation is Situation.GROUND:
             self.preflight.update(
                 view,
                 context.period_s,
@@ -366,7 +366,7 @@ class AgentCore:
     def _is_airborne(self) -> bool:
         snapshot, flight = self._snapshot, self.flight
         is_reported = snapshot.is_armed and snapshot.landed in _IN_AIR
-        return is_reported or (flight.is_under_law and flight.step is not FlightStep.LIFTOFF)
+        return is_reported or (flight.step.is_under_law and flight.step is not FlightStep.LIFTOFF)
 
 
 _RECEIVERS: dict[type, Callable[[AgentCore, Any, int], list[Command]]] = {

@@ -109,7 +109,7 @@ class LinkUpkeep:
             version = self._link.snapshot().px4_version
             if version is None:  # its only message got lost: what is demanded depends on it
                 self._link.request_version()
-            is_on_ground = self._flight.situation is Situation.GROUND
+            is_on_ground = self._flight.step.situation is Situation.GROUND
             is_due = (
                 problems or version != read_for or time.monotonic_ns() - read_ns > _READ_AGAIN_NS
             )

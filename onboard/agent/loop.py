@@ -224,7 +224,7 @@ class AgentProcess:
         if self._ticks % _STATISTICS_TICKS == 0:
             self._report_loop(now_ns)
         flight = self._core.flight
-        if self._ticks % _TIDY_TICKS == 0 and flight.situation is Situation.GROUND:
+        if self._ticks % _TIDY_TICKS == 0 and flight.step.situation is Situation.GROUND:
             realtime.tidy()
         if not self._was_ready and flight.state == "ready":
             self._was_ready = self._executor.reliable.submit(

@@ -183,7 +183,7 @@ def telemetry(
         stamp_ns=now_ns,
         state=flight.state,
         reason=flight.reason,
-        not_ready=result.not_ready if flight.situation is Situation.GROUND else (),
+        not_ready=result.not_ready if flight.step.situation is Situation.GROUND else (),
         is_armed=snapshot.is_armed,
         is_airborne=result.is_airborne,
         mode=snapshot.mode,
@@ -193,7 +193,7 @@ def telemetry(
         is_position_valid=view.has_position,
         setpoint_position_enu_m=tick.setpoint.position_enu_m,
         goal_position_enu_m=flight.goal_position_enu_m
-        if flight.is_under_law
+        if flight.step.is_under_law
         else view.position_enu_m,
         battery_frac=battery_frac,
         battery_voltage_v=battery_voltage_v,

@@ -41,7 +41,7 @@ class SetpointOutput:
     def commands(self, view: FlightView, control: ControlStep) -> list[Command]:
         """Return the setpoint of this tick, or nothing: then PX4 sees silence."""
         flight, now_ns = self._flight, view.now_ns
-        if not flight.is_streaming or control.tick is None:
+        if not flight.step.is_streaming or control.tick is None:
             self.sent_thrust_frac, self._sent_ns = 0.0, 0
             return []
         if flight.must_be_offboard and self._sent_ns and now_ns - self._sent_ns > self._loss_ns:
@@ -55,10 +55,10 @@ class SetpointOutput:
         must_be_level = self._failsafes.must_be_level or not control.is_finite
         setpoint = (
             control.level()
-            if flight.phase is not Phase.GROUND and must_be_level
+            if flight.step.phase is not Phase.GROUND and must_be_level
             else control.tick.attitude
         )
-        has_position = flight.phase is Phase.GROUND or self._own.age_s < _RECKONED_S
+        has_position = flight.step.phase is Phase.GROUND or self._own.age_s < _RECKONED_S
         is_fresh = has_position and now_ns - view.snapshot.last_packet_ns < _PX4_FRESH_NS
         for_px4 = self._own.to_px4(setpoint)
         # what leaves is checked: a quaternion of zeros ends the attitude control of PX4 v1.18 until

@@ -39,7 +39,7 @@ def warm_up(fleet: FleetConfig, name: str) -> bool:
     while flying_ticks < _FLYING_TICKS and count < _MOST_TICKS:
         count += 1
         vehicle.tick(_START_NS + count * _PERIOD_NS)
-        flying_ticks += core.flight.situation is Situation.FLYING
+        flying_ticks += core.flight.step.situation is Situation.FLYING
     return flying_ticks > 0
 
 

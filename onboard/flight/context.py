@@ -1,5 +1,7 @@
-"""One vehicle's flight: its step, its order and its goal. Everybody may read it; only the state
-machine writes it.
+"""One vehicle's flight: its step, its order and its goal.
+
+Everybody may read it; only the state machine and the effects that it calls write it. What depends
+on the step alone (situation, mode, whether setpoints leave) stands at the step: ``flight.step``.
 """
 
 from __future__ import annotations
@@ -13,7 +15,6 @@ from onboard.bus.schema import AgentState, Event, Order, OrderOutcome, Severity
 from onboard.bus.topics import Topic
 from onboard.config.fleet import FleetConfig, Vehicle
 from onboard.control import path
-from onboard.control.pipeline import Phase
 from onboard.flight.contact import ContactSigns
 from onboard.flight.path_flight import PathFlight
 from onboard.flight.types import FlightStep, FlightView
@@ -22,14 +23,18 @@ from onboard.safety.report_confirmation import Expected
 from onboard.types import Goal
 from onboard.vectors import ZERO_3
 
-# some second before touching down: friction ends what was promised of going aside
+# Below this height above the ground a vehicle that lands or lifts off goes aside for nobody: soon
+# the friction of the ground would end what it has promised.
 _AVOIDS_ABOVE_M = 0.5
+
 _CONTACT_LIMIT_S = 8.0
-_RISEN_M = 0.5  # of a landing: more than giving way takes it up
-# the same by PX4's own height, which wanders and comes back up after the touch-down
+
+# A landing that rises again is none. By its mocap a vehicle rises by more than giving way explains;
+# by PX4's own height by more than that height wanders, which comes back up after the touch-down.
+_RISEN_M = 0.5
 _PX4_HEIGHT_RISEN_M = 1.5
+
 _NOT_YET_OFFBOARD = {FlightStep.ARM_OFFBOARD, FlightStep.TAKEOFF_OFFBOARD, FlightStep.TAKEOVER}
-_NO_GOAL = Goal(ZERO_3, 0.0, 0)
 _IN_FREE_FLIGHT = {
     FlightStep.LIFTOFF,
     FlightStep.CLIMB,
@@ -39,42 +44,43 @@ _IN_FREE_FLIGHT = {
     FlightStep.HOLDING,
     FlightStep.COASTING,
 }
+_NEAR_THE_GROUND = (FlightStep.LIFTOFF, FlightStep.DESCENT, FlightStep.SINKING)
+_NO_GOAL = Goal(ZERO_3, 0.0, 0)
 
 
 @dataclass(slots=True)
 class FlightContext:
-    """Memory of one flight.
-
-    Written by :mod:`onboard.flight.state_machine` and the effects that it calls.
-    """
+    """Memory of one flight."""
 
     fleet: FleetConfig
     vehicle: Vehicle
+
     step: FlightStep = FlightStep.WAITING
-    reason: str = ""  # shown to people beside the state
+    reason: str = ""  # of the step, shown to people beside the state
+    step_ns: int = 0  # when the step began
+    steady_ns: int = 0  # when the vehicle was last not yet steady in this step
+    request_ns: int = 0  # last request to PX4 in this step
+    deadline_ns: int = 0  # end of the time that a move or a landing may take
+
     order: Order | None = None  # in progress
     goal: Goal = _NO_GOAL
     is_slow: bool = False  # a failsafe has slowed the order down
     leg_count: int = 0  # orders to move that have begun
+    path: PathFlight = field(default_factory=PathFlight)
+
     ground_z_m: float = 0.0  # height of the ground where it took off
     lowest_m: float = math.inf  # lowest height since the landing began, or since contact
     contact_z_m: float = -math.inf  # height where it came to stand
     contact: ContactSigns = field(default_factory=ContactSigns)
-    path: PathFlight = field(default_factory=PathFlight)
-    step_ns: int = 0  # begin of the step
-    steady_ns: int = 0  # last time at which the vehicle was not yet steady in this step
-    request_ns: int = 0  # last request to PX4 in this step
-    deadline_ns: int = 0  # end of the time that a move or a landing may take
+
     commands: list[Command] = field(default_factory=list)  # not yet taken by the core
 
     @property
     def state(self) -> AgentState:
         """State that is shown to people."""
-        return (
-            "holding"
-            if self.step is FlightStep.COASTING and self.order is None
-            else self.step.state
-        )
+        if self.step is FlightStep.COASTING and self.order is None:
+            return "holding"
+        return self.step.state
 
     @property
     def situation(self) -> Situation:
@@ -82,42 +88,28 @@ class FlightContext:
         return self.step.situation
 
     @property
-    def phase(self) -> Phase:
-        """Phase of the pipeline."""
-        return self.step.phase
-
-    @property
-    def is_streaming(self) -> bool:
-        """Whether setpoints leave at every tick."""
-        return self.step.is_streaming
-
-    @property
     def is_under_law(self) -> bool:
         """Whether what is flown is the pipeline's output."""
-        return self.step.is_streaming and self.step.phase is not Phase.GROUND
+        return self.step.is_under_law
 
     @property
     def must_be_offboard(self) -> bool:
-        """Whether a heartbeat with another mode means that somebody took the vehicle away."""
+        """Whether a heartbeat with another mode shows that somebody took the vehicle away."""
         return self.step.is_streaming and self.step not in _NOT_YET_OFFBOARD
 
     @property
     def must_be_armed(self) -> bool:
-        """Whether a heartbeat without the armed flag means that somebody stopped the motors in the
-        air.
-        """
+        """Whether a heartbeat without the armed flag shows motors that were stopped in the air."""
         return self.step in _IN_FREE_FLIGHT
 
     @property
     def expected(self) -> Expected:
         """Reports that PX4 sends while nobody takes the vehicle away."""
-        mode = (
-            "OFFBOARD"
-            if self.must_be_offboard
-            else "LAND"
-            if self.step is FlightStep.PX4_LANDING
-            else ""
-        )
+        mode = ""
+        if self.must_be_offboard:
+            mode = "OFFBOARD"
+        elif self.step is FlightStep.PX4_LANDING:
+            mode = "LAND"
         return Expected(self.must_be_armed, mode)
 
     @property
@@ -128,13 +120,12 @@ class FlightContext:
         return self.goal.position_enu_m
 
     def is_avoiding(self, view: FlightView) -> bool:
-        """Whether the others may count on it to go aside: not when it is about to touch down or has
-        not lifted off.
-        """
+        """Return whether the others may count on it to go aside."""
+        if not self.step.is_under_law:
+            return False
         is_low = view.position_enu_m[2] - self.ground_z_m < _AVOIDS_ABOVE_M
-        return self.is_under_law and not (
-            is_low and self.step in (FlightStep.LIFTOFF, FlightStep.DESCENT, FlightStep.SINKING)
-        )
+        touches_the_ground_soon = is_low and self.step in _NEAR_THE_GROUND
+        return not touches_the_ground_soon
 
     def seconds(self, view: FlightView) -> float:
         """Return the time since the step began [s]."""
@@ -149,22 +140,21 @@ class FlightContext:
 
         The sign is empty when only the time shows it.
         """
-        risen_m = view.position_enu_m[2] - self.lowest_m
-        is_height_known = view.has_position and not view.is_blind
-        limit_m = _RISEN_M if self.vehicle.mocap_required else _PX4_HEIGHT_RISEN_M
-        if (
-            self.step in (FlightStep.DESCENT, FlightStep.CONTACT)
-            and is_height_known
-            and risen_m > limit_m
-        ):
-            return f"it has risen by {risen_m:.2f} m"
-        if self.step is FlightStep.CONTACT and self.seconds(view) > _CONTACT_LIMIT_S:
+        step = self.step
+        if step is FlightStep.DESCENT or step is FlightStep.CONTACT:
+            is_height_known = view.has_position and not view.is_blind
+            limit_m = _RISEN_M if self.vehicle.mocap_required else _PX4_HEIGHT_RISEN_M
+            risen_m = view.position_enu_m[2] - self.lowest_m
+            if is_height_known and risen_m > limit_m:
+                return f"it has risen by {risen_m:.2f} m"
+
+        if step is FlightStep.CONTACT and self.seconds(view) > _CONTACT_LIMIT_S:
             return "PX4 does not see that it is down"
-        return (
-            ""
-            if self.step in (FlightStep.LEG, FlightStep.DESCENT) and view.now_ns > self.deadline_ns
-            else None
-        )
+
+        is_timed = step is FlightStep.LEG or step is FlightStep.DESCENT
+        if is_timed and view.now_ns > self.deadline_ns:
+            return ""
+        return None
 
     def say(
         self,
@@ -189,5 +179,6 @@ class FlightContext:
 
     def take_commands(self) -> list[Command]:
         """Return the commands that have come since the last call, in their order."""
-        commands, self.commands = self.commands, []
+        commands = self.commands
+        self.commands = []
         return commands

@@ -92,7 +92,7 @@ def _wrong_step(order: Order, flight: FlightContext) -> str:
             return f"No path begins while it is {doing}: order hold first."
         case "land":
             return f"The vehicle is not in the air (it is {doing})."
-        case _ if flight.phase is Phase.BLIND:
+        case _ if flight.step.phase is Phase.BLIND:
             return "The vehicle has lost its position: wait until it is back, or order land."
         case _:
             return f"The vehicle does not fly (it is {doing}): order take-off first."

@@ -82,6 +82,9 @@ class FlightStep(Enum):
         self.phase = phase
         self.is_streaming = is_streaming
 
+        # what is flown is the pipeline's output
+        self.is_under_law = is_streaming and phase is not Phase.GROUND
+
 
 class FlightEvent(Enum):
     """What may move a flight on: an order, a failsafe's action, the preflight check, or a tick."""

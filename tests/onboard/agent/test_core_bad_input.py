@@ -146,7 +146,7 @@ def test_no_stream_of_messages_brings_the_core_down_or_a_wrong_setpoint_out_of_i
         listener.check(core.tick(rig.now_ns + 2_000_000))
         if gave_up:
             assert core.flight.state in ("failed", "landing", "landed", "waiting", "ready")
-            assert not core.flight.is_streaming or core.flight.state == "landing"
+            assert not core.flight.step.is_streaming or core.flight.state == "landing"
         gave_up = gave_up or core.flight.state == "failed"
 
 

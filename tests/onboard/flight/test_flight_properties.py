@@ -66,7 +66,7 @@ class Machine:
         state_machine.begin_failsafe(self.flight, self.view, action, f"{condition.value}.")
         self.check()
         if action is Action.STOP:
-            assert not self.flight.is_streaming
+            assert not self.flight.step.is_streaming
 
     def observe(self, armed: bool, mode: str, landed: Landed, height_m: float, count: int) -> None:
         """Let time pass."""
@@ -83,7 +83,7 @@ class Machine:
         """
         for command in self.flight.take_commands():
             if isinstance(command, (agent_commands.Arm, agent_commands.SetOffboard)):
-                assert self.flight.is_streaming, self.flight.step
+                assert self.flight.step.is_streaming, self.flight.step
             if (
                 isinstance(command, agent_commands.Publish)
                 and isinstance(command.message, Event)
@@ -121,4 +121,4 @@ def test_after_a_kill_nothing_streams_until_an_order_says_so(
             machine.fail(happening)
         else:
             machine.observe(*happening)
-        assert not machine.flight.is_streaming
+        assert not machine.flight.step.is_streaming

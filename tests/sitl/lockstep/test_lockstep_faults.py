@@ -80,7 +80,7 @@ def test_an_agent_that_hangs_for_a_moment_holds_and_one_that_hangs_for_long_leav
     mav1.resume()
     assert _wait_down(flight, ["mav1"])
     assert mav0.core.flight.state == "holding"
-    assert not mav1.core.flight.is_streaming  # PX4 had taken over
+    assert not mav1.core.flight.step.is_streaming  # PX4 had taken over
     assert mav1.core.flight.reason.startswith(("PX4 left OFFBOARD", "Loop stalled for long"))
     assert flight.min_separation_m > 0.8
 
