@@ -21,14 +21,14 @@ from msgspec.structs import asdict
 
 from onboard.bus.clock_sync import ClockNode
 from onboard.bus.codec import Malformed
-from onboard.bus.credentials import credentials_of
 from onboard.bus.pose_publisher import PosePublisher
-from onboard.bus.roles import Role
 from onboard.bus.schema import FaultOrder, MocapPose, OrderReply, Truth
 from onboard.bus.session import BusSession
 from onboard.bus.topics import Topic
 from onboard.config.fleet import FleetConfig, Vehicle
-from onboard.config.mavlink_key import mavlink_key
+from onboard.security.credentials import credentials_of
+from onboard.security.mavlink_key import mavlink_key
+from onboard.security.node_roles import NodeRole
 from sitl.emulator.emulator import Emulator, Environment, VehicleSpec
 from sitl.emulator.mocap import Mocap, MocapSettings
 from sitl.faults.catalogue import Fault, FaultError
@@ -365,7 +365,7 @@ def simulator_bus(
         node=node,
         listen=[fleet.pose_endpoints[is_partial]],
         connect=agents,
-        credentials=credentials_of(fleet, Role.EMULATOR),
+        credentials=credentials_of(fleet, NodeRole.EMULATOR),
         routers=fleet.fleet.routers,
     )
 

@@ -22,7 +22,7 @@ from groundstation.client.mavlink_port import (
     sign,
     take_link,
 )
-from onboard.config.mavlink_key import KEY_BYTES, TOOL_LINK_ID, signing_time
+from onboard.security.mavlink_key import KEY_BYTES, TOOL_LINK_ID, signing_time
 
 Value = float | int
 _REQUEST_MESSAGE, _PREFLIGHT_STORAGE = 512, 245

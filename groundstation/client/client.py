@@ -39,8 +39,8 @@ from onboard.bus.protocol import Bus
 from onboard.bus.schema import Event, FaultOrder, Message, PathOrder
 from onboard.bus.topics import Topic
 from onboard.config.fleet import FleetConfig
-from onboard.config.mavlink_key import mavlink_keys
 from onboard.message_counts import in_words
+from onboard.security.mavlink_key import mavlink_keys
 
 CONTROL_PERIOD_NS = 100_000_000
 _STARTS = ("arm", "takeoff")

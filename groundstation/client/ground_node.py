@@ -6,11 +6,11 @@ import getpass
 import os
 
 from groundstation.orders.plan import random_id
-from onboard.bus.authority import GROUND
-from onboard.bus.credentials import credentials_of, files_of
-from onboard.bus.roles import Role
+from onboard.bus.control_token import GROUND
 from onboard.bus.session import BusSession
 from onboard.config.fleet import FleetConfig
+from onboard.security.credentials import credentials_of, files_of
+from onboard.security.node_roles import NodeRole
 
 
 def session(fleet: FleetConfig, role: str = GROUND) -> BusSession:
@@ -32,10 +32,10 @@ def session(fleet: FleetConfig, role: str = GROUND) -> BusSession:
     )
 
 
-def _key_of(fleet: FleetConfig, role: str) -> Role:
+def _key_of(fleet: FleetConfig, role: str) -> NodeRole:
     """Return whose key this ground uses; who may order may watch as well, with one key."""
-    may_watch = os.path.exists(os.path.join(fleet.keys_folder, files_of(Role.VIEWER)[1]))
-    return Role.VIEWER if role != GROUND and may_watch else Role.GROUND
+    may_watch = os.path.exists(os.path.join(fleet.keys_folder, files_of(NodeRole.VIEWER)[1]))
+    return NodeRole.VIEWER if role != GROUND and may_watch else NodeRole.GROUND
 
 
 def user_name() -> str:

@@ -15,7 +15,7 @@ import threading
 import time
 from typing import Any
 
-from onboard.config.mavlink_key import TOOL_LINK_ID, ground_link_id, signing_time
+from onboard.security.mavlink_key import TOOL_LINK_ID, ground_link_id, signing_time
 from onboard.serial_device import open_serial
 
 GCS_SYSTEM, GCS_COMPONENT, AUTOPILOT = 255, 190, 1

@@ -28,7 +28,7 @@ from groundstation.commands.parameters import FleetFile, Seconds
 from groundstation.fleet.state import FleetState
 from groundstation.orders.grammar import Intent, parse
 from groundstation.orders.result import VehicleResult
-from onboard.bus.authority import EMERGENCY
+from onboard.bus.control_token import EMERGENCY
 from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
 from onboard.exit_status import EXIT_FAILED, EXIT_MIXED, EXIT_NO_ANSWER, EXIT_OK
 from onboard.plain_text import plain_line

@@ -19,7 +19,7 @@ from groundstation.client.client import FleetClient
 from groundstation.client.ground_node import session
 from groundstation.client.preflight_page import VehiclePage, as_mapping, as_text, ask, exit_status
 from groundstation.commands.parameters import FleetFile, Names, Seconds
-from onboard.bus.authority import WATCHER
+from onboard.bus.control_token import WATCHER
 from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
 
 

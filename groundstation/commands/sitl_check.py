@@ -21,8 +21,8 @@ from cyclopts import Parameter
 
 from groundstation.commands.parameters import Seconds
 from onboard.config.fleet import ConfigError
-from onboard.config.mavlink_key import read_key
 from onboard.exit_status import EXIT_FAILED, EXIT_INTERRUPTED, EXIT_NO_ANSWER, EXIT_OK
+from onboard.security.mavlink_key import read_key
 from sitl.conformance.endpoint import UdpPort
 from sitl.conformance.facts import (
     VERSIONS,

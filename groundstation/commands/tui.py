@@ -18,7 +18,7 @@ from groundstation.client.client import FleetClient
 from groundstation.client.ground_node import session
 from groundstation.client.read_only import ReadOnlyClient
 from groundstation.commands.parameters import FleetFile
-from onboard.bus.authority import WATCHER
+from onboard.bus.control_token import WATCHER
 from onboard.config.fleet import ConfigError, load_fleet
 
 

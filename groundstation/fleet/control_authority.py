@@ -1,8 +1,8 @@
 """Control authority of this ground: it takes control of a free fleet, requests it, hands it over
 and gives way.
 
-Grounds do not see each other: each learns the role tokens of the others from the vehicles'
-telemetry. The rules are those of onboard/bus/authority.py.
+Grounds do not see each other: each learns the control tokens of the others from the vehicles'
+telemetry. The rules are those of onboard/bus/control_token.py.
 """
 
 from __future__ import annotations
@@ -11,7 +11,13 @@ from collections.abc import Callable
 from typing import Protocol
 
 from groundstation.fleet.state import FleetState
-from onboard.bus.authority import EMERGENCY, Role, Token, next_term, parse_token
+from onboard.bus.control_token import (
+    EMERGENCY,
+    ControlClaim,
+    ControlToken,
+    next_term,
+    parse_control_token,
+)
 
 SETTLE_S = 0.5  # until every vehicle has sent the operator's name
 SILENCE_S = 10.0  # without an answer, after which control may be taken by force
@@ -19,7 +25,7 @@ FORCE_WORD = "force"
 
 
 class TokenBus(Protocol):
-    """The part of :class:`onboard.bus.protocol.Bus` for role tokens."""
+    """The part of :class:`onboard.bus.protocol.Bus` for control tokens."""
 
     @property
     def node(self) -> str: ...
@@ -49,12 +55,12 @@ class Control:
     ) -> None:
         self._bus, self._author, self._say, self._clock_ns = bus, author, say, clock_ns
         self._takes_control = takes_control
-        self._own: dict[Role, Token] = {}
+        self._own: dict[ControlClaim, ControlToken] = {}
         # begin of the present wait: for the first telemetry, an own claim, an answer
         self._since_ns = 0
-        self._announced: Token | None = None  # the last holder that was told by say
-        self.holder: Token | None = None  # the operator, by the vehicles' telemetry
-        self.requester: Token | None = None  # another ground that requests control
+        self._announced: ControlToken | None = None  # the last holder that was told by say
+        self.holder: ControlToken | None = None  # the operator, by the vehicles' telemetry
+        self.requester: ControlToken | None = None  # another ground that requests control
 
     @property
     def is_operator(self) -> bool:
@@ -115,10 +121,10 @@ class Control:
         holders = [
             token
             for name in {one.operator for one in reports}
-            if (token := parse_token(name)) is not None
+            if (token := parse_control_token(name)) is not None
         ]
         names = {name for roles in {one.roles for one in reports} for name in roles}
-        others = {token for name in names if (token := parse_token(name)) is not None}
+        others = {token for name in names if (token := parse_control_token(name)) is not None}
         own = self._own.get("operator")
         rivals = [token for token in holders if token != own]
         self.holder = (
@@ -139,7 +145,7 @@ class Control:
             (
                 one
                 for one in sorted(others, key=str)
-                if one.role == "asks" and one.node != self._bus.node
+                if one.claim == "asks" and one.node != self._bus.node
             ),
             None,
         )
@@ -164,7 +170,7 @@ class Control:
             return "You take control."
         if word != FORCE_WORD:
             if not self.is_waiting:
-                self._hold(Token("asks", holder.term, self._bus.node, self._author))
+                self._hold(ControlToken("asks", holder.term, self._bus.node, self._author))
                 self._since_ns = self._clock_ns()
             return f"Asking {holder.label} for control."
         waited_s = (self._clock_ns() - self._since_ns) * 1e-9
@@ -208,21 +214,21 @@ class Control:
         """
         if self.requester is None or not self.is_operator:
             return "Nobody asks for control."
-        self._hold(Token("keeps", self.requester.term, self.requester.node, self._author))
+        self._hold(ControlToken("keeps", self.requester.term, self.requester.node, self._author))
         return f"You keep control; {self.requester.author} is told."
 
-    def _answer(self, others: set[Token], *, has_holder: bool, is_settled: bool) -> None:
+    def _answer(self, others: set[ControlToken], *, has_holder: bool, is_settled: bool) -> None:
         """React to the others' tokens: claim free control, take note of a refusal, forget an
         answered request.
         """
-        kept = any(one.role == "keeps" and one.node == self._bus.node for one in others)
+        kept = any(one.claim == "keeps" and one.node == self._bus.node for one in others)
         if self.is_waiting and kept:
             self._drop("asks")
             self._say(
                 "warning", f"{self.holder.author if self.holder else 'The operator'} keeps control."
             )
         elif not has_holder and "operator" not in self._own:
-            first = min((one for one in others if one.role == "asks"), key=str, default=None)
+            first = min((one for one in others if one.claim == "asks"), key=str, default=None)
             if self.is_waiting and first == self._own["asks"]:
                 self._drop("asks")
                 self._claim(1)
@@ -248,21 +254,21 @@ class Control:
 
     def _claim(self, term: int) -> None:
         self._takes_control = True
-        self._hold(Token("operator", term, self._bus.node, self._author))
+        self._hold(ControlToken("operator", term, self._bus.node, self._author))
         self._since_ns = self._clock_ns()
 
-    def _hold(self, token: Token) -> None:
-        self._drop(token.role)
-        parsed = parse_token(str(token))
+    def _hold(self, token: ControlToken) -> None:
+        self._drop(token.claim)
+        parsed = parse_control_token(str(token))
         assert parsed is not None
-        self._own[token.role] = parsed
+        self._own[token.claim] = parsed
         self._bus.claim(str(parsed))
 
-    def _drop(self, role: Role) -> None:
-        token = self._own.pop(role, None)
+    def _drop(self, claim: ControlClaim) -> None:
+        token = self._own.pop(claim, None)
         if token is not None:
             self._bus.release(str(token))
 
 
-def _rank(token: Token) -> tuple[int, str]:
+def _rank(token: ControlToken) -> tuple[int, str]:
     return (-token.term, token.node)

@@ -20,9 +20,9 @@ from cryptography.hazmat.primitives.asymmetric import ec, ed25519
 from cryptography.hazmat.primitives.serialization import load_pem_private_key
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
-from onboard.bus.certificates import read_certificate
-from onboard.bus.roles import NODES, ROUTER
 from onboard.config.fleet import ConfigError, FleetConfig
+from onboard.security.certificates import read_certificate
+from onboard.security.node_roles import NODES, ROUTER
 
 AUTHORITY_DAYS, NODE_DAYS = 3650, 825
 _Key = ec.EllipticCurvePrivateKey | ed25519.Ed25519PrivateKey

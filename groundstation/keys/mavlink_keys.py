@@ -11,7 +11,7 @@ from pathlib import Path
 from groundstation.keys.secured_fleet import refuse_example
 from groundstation.starter.fleet_edit import write_changes
 from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
-from onboard.config.mavlink_key import KEY_BYTES, key_file, read_key
+from onboard.security.mavlink_key import KEY_BYTES, key_file, read_key
 
 
 def sign_mavlink(path: str) -> FleetConfig:

@@ -15,12 +15,13 @@ import time
 from pathlib import Path
 
 from groundstation.keys.authority import folder_of
-from onboard.bus.authority import WATCHER
-from onboard.bus.credentials import Credentials, credentials_of, files_of
+from onboard.bus.control_token import WATCHER
 from onboard.bus.protocol import NoRouterError, OnAlive
-from onboard.bus.roles import Role, access_control
 from onboard.bus.session import BusSession
 from onboard.config.fleet import FleetConfig
+from onboard.security.access_control import access_control
+from onboard.security.credentials import Credentials, credentials_of, files_of
+from onboard.security.node_roles import NodeRole
 
 WAIT_S = 2.0  # links are tried anew twice a second and more
 _POLL_S = 0.05
@@ -31,7 +32,7 @@ def keep_former(fleet: FleetConfig) -> None:
     replaced.
     """
     folder, former = folder_of(fleet), _former_folder(fleet)
-    files = [folder / name for name in files_of(Role.VIEWER)]
+    files = [folder / name for name in files_of(NodeRole.VIEWER)]
     if not all(file.exists() for file in files):
         return
     kept = former / f"{len(_formers(fleet)) + 1}"
@@ -55,8 +56,8 @@ def running_authorities(fleet: FleetConfig, wait_s: float = WAIT_S) -> dict[str,
     Raises:
         ConfigError: this computer's own keys do not fit.
     """
-    has_viewer = (folder_of(fleet) / files_of(Role.VIEWER)[1]).exists()
-    present = credentials_of(fleet, Role.VIEWER if has_viewer else Role.GROUND)
+    has_viewer = (folder_of(fleet) / files_of(NodeRole.VIEWER)[1]).exists()
+    present = credentials_of(fleet, NodeRole.VIEWER if has_viewer else NodeRole.GROUND)
     seen: dict[str, str] = {}
     with contextlib.ExitStack() as stack:
         for kept in (None, *_formers(fleet)):
@@ -72,7 +73,7 @@ def running_authorities(fleet: FleetConfig, wait_s: float = WAIT_S) -> dict[str,
         deadline_s = time.monotonic() + wait_s
         while time.monotonic() < deadline_s and not seen.keys() >= set(fleet.enabled_names):
             time.sleep(_POLL_S)
-    nodes = (*fleet.vehicles, Role.MOCAP.value, Role.EMULATOR.value)
+    nodes = (*fleet.vehicles, NodeRole.MOCAP.value, NodeRole.EMULATOR.value)
     return {node: seen[node] for node in nodes if node in seen}
 
 
@@ -85,7 +86,7 @@ def _note(seen: dict[str, str], state: str) -> OnAlive:
 
 
 def _kept_credentials(kept: Path, fleet: FleetConfig) -> Credentials:
-    authority, certificate, key = (str(kept / name) for name in files_of(Role.VIEWER))
+    authority, certificate, key = (str(kept / name) for name in files_of(NodeRole.VIEWER))
     access = access_control({fleet.namespace: fleet.vehicles}, has_router=bool(fleet.fleet.routers))
     return Credentials(authority, certificate, key, access)
 

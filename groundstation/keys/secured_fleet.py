@@ -19,9 +19,9 @@ from groundstation.keys.authority import (
     nodes_of,
 )
 from groundstation.starter.fleet_edit import edited, write_changes
-from onboard.bus.credentials import hosts_of
 from onboard.config.example_files import EXAMPLES
 from onboard.config.fleet import ConfigError, FleetConfig, fleet_from_mapping, load_fleet
+from onboard.security.credentials import hosts_of
 
 _PLAIN = ("tcp/", "udp/")
 

@@ -24,17 +24,17 @@ from onboard.agent.ticker import Ticker
 from onboard.agent.warm_up import warm_up
 from onboard.autopilot import LinkError
 from onboard.bus.codec import Malformed
-from onboard.bus.credentials import credentials_of
 from onboard.bus.protocol import BusError, NoRouterError, UntrustedOrder
 from onboard.bus.schema import Order, OrderReply
 from onboard.bus.session import BusSession
 from onboard.config.fleet import FleetConfig, MocapConfig
-from onboard.config.mavlink_key import mavlink_key
 from onboard.exit_status import EXIT_INTERRUPTED, EXIT_OK, EXIT_WRONG_INPUT
 from onboard.process import realtime
 from onboard.process.systemd import Notifier
 from onboard.px4.mavsdk_link import Px4Link
 from onboard.safety.failsafe_table import Situation
+from onboard.security.credentials import credentials_of
+from onboard.security.mavlink_key import mavlink_key
 from onboard.types import TICK_S
 
 PERIOD_NS = round(TICK_S * 1e9)

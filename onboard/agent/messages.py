@@ -11,7 +11,7 @@ from msgspec.structs import replace
 
 from onboard.agent_inputs import LoopTimed
 from onboard.autopilot import Vec3
-from onboard.bus.authority import Roles
+from onboard.bus.control_token import ControlTokens
 from onboard.bus.schema import StateMessage, Telemetry, TickSample
 from onboard.config.fleet import Vehicle
 from onboard.flight.context import FlightContext
@@ -43,7 +43,7 @@ class TelemetrySources(Struct, frozen=True):
     neighbours: NeighbourTable
     flight: FlightContext
     failsafes: FailsafeExecutor
-    roles: Roles
+    roles: ControlTokens
     duplicates: DuplicateAgents
     refused_orders: Mapping[str, int]  # that were not believed -> how many
 

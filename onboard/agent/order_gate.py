@@ -8,7 +8,7 @@ flight, or sent twice is found out by no other clock.
 
 from __future__ import annotations
 
-from onboard.bus.authority import EMERGENCY
+from onboard.bus.control_token import EMERGENCY
 from onboard.bus.protocol import UntrustedOrder
 from onboard.bus.schema import Order
 from onboard.flight.order_checks import late_sentence

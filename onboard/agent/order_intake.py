@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping
 
 from onboard.agent.order_gate import OrderGate
-from onboard.bus.authority import Roles
+from onboard.bus.control_token import ControlTokens
 from onboard.bus.protocol import UntrustedOrder
 from onboard.bus.schema import LOCATE, Order, OrderReply, Telemetry
 from onboard.flight import order_checks, state_machine
@@ -38,7 +38,7 @@ class OrderIntake:
         self,
         flight: FlightContext,
         failsafes: FailsafeExecutor,
-        roles: Roles,
+        roles: ControlTokens,
         gate: OrderGate | None = None,
     ) -> None:
         # orders that were not believed, or not the operator's

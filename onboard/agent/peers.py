@@ -7,21 +7,21 @@ from __future__ import annotations
 from onboard.agent.lost_ends import LostEnds
 from onboard.agent_commands import Follow
 from onboard.autopilot import Vec3
-from onboard.bus.authority import GROUND, ROLES, Roles
+from onboard.bus.control_token import CONTROL_CLAIMS, GROUND, ControlTokens
 from onboard.config.fleet import FleetConfig
 from onboard.neighbours.subscription import SELECT_TICKS
 from onboard.neighbours.table import NeighbourTable
 from onboard.preflight.preflight_inputs import EMULATOR, RECORDER
 
 # first words of all names that an agent has an interest in
-CONCERNS_AGENTS = (GROUND, RECORDER, EMULATOR, *ROLES)
+CONCERNS_AGENTS = (GROUND, RECORDER, EMULATOR, *CONTROL_CLAIMS)
 
 
 class BusNodes:
     """Nodes that are on the bus now."""
 
     def __init__(self, fleet: FleetConfig, vehicle_name: str) -> None:
-        self.roles = Roles()
+        self.roles = ControlTokens()
         self.lost_ends = LostEnds()
         self._has_peers = (
             len(fleet.enabled_names) > 1 or fleet.vehicles[vehicle_name].mocap_required

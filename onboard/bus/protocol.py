@@ -37,6 +37,55 @@ class UntrustedOrder:
         return self.code != "flood"
 
 
+class OrderSignatures(Protocol):
+    """Signs the orders that a node gives, and judges those that it receives."""
+
+    def seal(self, key_expression: str, order: bytes) -> bytes:
+        """Return the bytes that travel beside an order; empty for a node that signs none.
+
+        Args:
+            key_expression: on the bus, to which the order is sent.
+            order: its bytes.
+        """
+
+    def refusal(self, key_expression: str, order: bytes, seal: bytes) -> UntrustedOrder | None:
+        """Judge an order that arrives now.
+
+        Args:
+            key_expression: on the bus, at which it arrived.
+            order: its bytes.
+            seal: the bytes beside it; empty without.
+        Returns:
+            what is wrong with its signature; None for a right one.
+        """
+
+
+class NodeCredentials(Protocol):
+    """What a node of a bus with keys shows to the others and demands of them.
+
+    The bus is given it; ``onboard/security/credentials.py`` makes it from files.
+    """
+
+    @property
+    def authority(self) -> str:
+        """Path of the certificate of the fleet's certificate authority."""
+
+    @property
+    def certificate(self) -> str:
+        """Path of the node's certificate."""
+
+    @property
+    def key(self) -> str:
+        """Path of the node's private key."""
+
+    @property
+    def access(self) -> dict[str, object]:
+        """Zenoh's ``access_control``: what may come in from the holder of which certificate."""
+
+    def order_signatures(self) -> OrderSignatures:
+        """Return what signs this node's orders and judges those that it receives."""
+
+
 OnMessage = Callable[[Topic, str, Message | Malformed], None]
 OnOrder = Callable[[Order | Malformed | UntrustedOrder, Callable[[OrderReply], None]], None]
 OnFault = Callable[[FaultOrder | Malformed, Callable[[OrderReply], None]], None]
@@ -174,7 +223,7 @@ class Bus(Protocol):
 
     def claim(self, token: str) -> None:
         """Declare another liveliness token, for a role of this node: see
-        :mod:`onboard.bus.authority`.
+        :mod:`onboard.bus.control_token`.
 
         Args:
             token: name of the token; a second claim of the same one does nothing.

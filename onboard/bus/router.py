@@ -1,16 +1,13 @@
-"""A router of the bus: Zenoh's own, with the endpoints, the keys and the table of roles of one or
-more fleets.
-"""
+"""A router of the bus: Zenoh's own, with the endpoints and the access control of its fleets."""
 
 from __future__ import annotations
 
 import errno
 import socket
 from collections.abc import Sequence
-from pathlib import Path
+from typing import Any
 
-from onboard.bus.credentials import Credentials, credentials_of
-from onboard.bus.roles import ROUTER
+from onboard.bus.protocol import NodeCredentials
 from onboard.bus.session import open_zenoh
 from onboard.bus.settings import Setting, of_router
 from onboard.bus.sockets import PromptSockets
@@ -18,25 +15,42 @@ from onboard.config.endpoints import host_of
 from onboard.config.fleet import ConfigError, FleetConfig
 
 
-def router_settings(fleets: Sequence[FleetConfig], endpoint: str | None = None) -> list[Setting]:
-    """Return zenoh's settings for a router of this computer.
+def router_endpoint(fleets: Sequence[FleetConfig], endpoint: str | None = None) -> str:
+    """Return where the router of this computer listens.
 
     Args:
         fleets: whose messages it passes on; all of their files name its endpoint.
-        endpoint: where it listens; None for the one of the fleet files that is of this computer.
+        endpoint: where it is to listen; None for the one of the fleet files that is of this
+            computer.
     Raises:
-        ConfigError: there is no such endpoint, or none that is clear; or the keys do not fit.
+        ConfigError: there is no such endpoint, or none that is clear.
     """
-    own = endpoint or _own_endpoint(fleets[0])
-    others: list[str] = []
+    own = endpoint or _only_endpoint_of_this_computer(fleets[0])
     for fleet in fleets:
         if own not in fleet.fleet.routers:
+            routers = ", ".join(fleet.fleet.routers) or "none; add routers = [...] to [fleet]"
             raise ConfigError(
-                f"{fleet.path}: {own} is no router of this fleet. Its fleet.routers: "
-                f"{', '.join(fleet.fleet.routers) or 'none; add routers = [...] to [fleet]'}."
+                f"{fleet.path}: {own} is no router of this fleet. Its fleet.routers: {routers}."
             )
-        others += [other for other in fleet.fleet.routers if other != own and other not in others]
-    return of_router(own, others, fleets, _credentials(fleets))
+    return own
+
+
+def router_settings(
+    fleets: Sequence[FleetConfig], endpoint: str, credentials: NodeCredentials | None
+) -> list[Setting]:
+    """Return zenoh's settings for a router of this computer.
+
+    Args:
+        fleets: whose messages it passes on.
+        endpoint: of :func:`router_endpoint`.
+        credentials: of the router, with the access control of all fleets; None without keys.
+    """
+    others: list[str] = []
+    for fleet in fleets:
+        for other in fleet.fleet.routers:
+            if other != endpoint and other not in others:
+                others.append(other)
+    return of_router(endpoint, others, credentials)
 
 
 class Router:
@@ -49,6 +63,7 @@ class Router:
     def __init__(self, settings: Sequence[Setting]) -> None:
         self._settings = settings
         self._sockets = PromptSockets()
+        self._session: Any = None  # of zenoh, while it runs
 
     def start(self) -> None:
         """Listen, and pass on.
@@ -62,62 +77,46 @@ class Router:
     def stop(self) -> None:
         """End: the clients look for another router."""
         self._sockets.stop()
-        self._session.close()  # type: ignore[no-untyped-call]
+        if self._session is not None:
+            self._session.close()
+            self._session = None
 
 
-def _own_endpoint(fleet: FleetConfig) -> str:
+def _only_endpoint_of_this_computer(fleet: FleetConfig) -> str:
     routers = fleet.fleet.routers
     if not routers:
         raise ConfigError(
-            f"{fleet.path} names no router. Add where it is to listen, as the others reach it, to [fleet]: "
-            'routers = ["quic/10.0.0.5:7447"]'
+            f"{fleet.path} names no router. Add where it is to listen, as the others reach it, to "
+            '[fleet]: routers = ["quic/10.0.0.5:7447"]'
         )
+
     own = [endpoint for endpoint in routers if _is_of_this_computer(host_of(endpoint))]
-    if len(own) == 1:
-        return own[0]
     if not own:
         raise ConfigError(
-            f"{fleet.path}: none of fleet.routers ({', '.join(routers)}) is an address of this computer. Start the "
-            "router on its own computer, or correct the address."
+            f"{fleet.path}: none of fleet.routers ({', '.join(routers)}) is an address of this "
+            "computer. Start the router on its own computer, or correct the address."
         )
-    raise ConfigError(
-        f"{fleet.path}: {' and '.join(own)} are of this computer. Choose one: --endpoint {own[0]}"
-    )
+    if len(own) > 1:
+        raise ConfigError(
+            f"{fleet.path}: {' and '.join(own)} are of this computer. "
+            f"Choose one: --endpoint {own[0]}"
+        )
+    return own[0]
 
 
 def _is_of_this_computer(host: str) -> bool:
+    """Whether a socket of this computer can have the address."""
     try:
-        found = socket.getaddrinfo(host.strip("[]"), 0, type=socket.SOCK_DGRAM)
+        candidates = socket.getaddrinfo(host.strip("[]"), 0, type=socket.SOCK_DGRAM)
     except OSError:
         return False
-    for family, kind, protocol, _, address in found:
+
+    for family, kind, protocol, _, address in candidates:
         with socket.socket(family, kind, protocol) as probe:
             try:
                 probe.bind(address)
             except OSError as error:
-                if error.errno != errno.EADDRINUSE:
+                if error.errno != errno.EADDRINUSE:  # an address in use is of this computer, too
                     continue
             return True
     return False
-
-
-def _credentials(fleets: Sequence[FleetConfig]) -> Credentials | None:
-    """Return the router's credentials: one authority for all of its fleets."""
-    own = [credentials_of(fleet, ROUTER) for fleet in fleets]
-    first = own[0]
-    for fleet, other in zip(fleets[1:], own[1:], strict=True):
-        one, two = (
-            None if each is None else Path(each.authority).read_bytes() for each in (first, other)
-        )
-        if one != two:
-            raise ConfigError(
-                f"{fleets[0].path} and {fleet.path} have different authorities, and a router shows one certificate. "
-                "Run a router for each, or let both fleets use one folder of keys: [fleet] keys = ..."
-            )
-        both = sorted(fleets[0].vehicles.keys() & fleet.vehicles.keys())
-        if first is not None and both:
-            raise ConfigError(
-                f"{fleets[0].path} and {fleet.path} both have a vehicle '{both[0]}': one certificate would be both. "
-                "Give one of them another name, or run a router for each fleet."
-            )
-    return first

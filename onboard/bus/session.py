@@ -7,7 +7,6 @@ callback can deadlock.
 
 from __future__ import annotations
 
-import datetime
 import json
 import os
 import secrets
@@ -17,11 +16,11 @@ from typing import Any
 import zenoh
 
 from onboard.bus.codec import Malformed, decode, encode
-from onboard.bus.credentials import Credentials
 from onboard.bus.presence import Presence
 from onboard.bus.protocol import (
     MAX_COLLECTED,
     BusError,
+    NodeCredentials,
     NoRouterError,
     OnAlive,
     OnEnd,
@@ -29,6 +28,7 @@ from onboard.bus.protocol import (
     OnMessage,
     OnOrder,
     OnReply,
+    OrderSignatures,
     UntrustedOrder,
 )
 from onboard.bus.schema import FaultOrder, Message, Order, OrderReply
@@ -40,19 +40,30 @@ from onboard.native_threads import keep_thread_state
 # One thread for all of the network. By default zenoh has five, and one of them wakes up another for
 # every message; the wake-up costs more than the reading. Zenoh reads this when the first session
 # opens.
-_RUNTIMES = [f"{name}: (handover: net)" for name in ("rx", "tx", "acc", "app")] + [
-    "net: (worker_threads: 1)"
-]
+_RUNTIMES = (
+    "rx: (handover: net)",
+    "tx: (handover: net)",
+    "acc: (handover: net)",
+    "app: (handover: net)",
+    "net: (worker_threads: 1)",
+)
 os.environ.setdefault("ZENOH_RUNTIME", f"({', '.join(_RUNTIMES)})")
 
 # a subscriber that keeps the newest samples, and the function for each
 _Collector = tuple[Any, Callable[[Any], None]]
-_MAX_NAMES = 1000
+
+_MAX_NAMES = 1000  # names of one topic that are remembered by their keys
 _MAX_FOLLOWED = 16  # samples of one followed name that wait for delivery
+_FAULT_NAME = "fault"
+_EVERY_NAME = "*"
+
 # Messages whose sender may block have a queue of their own: in a shared one, a peer that hangs
 # would hold up the control loop's messages too.
 _BLOCKING_PRIORITY = zenoh.Priority.INTERACTIVE_HIGH
-_FAULT_NAME = "fault"
+
+# Topics that overtake all others on a link.
+_URGENT = (Topic.STATE, Topic.MOCAP)
+
 # Topics whose messages fit into one datagram. Over QUIC nothing of a larger one arrives, so all
 # others, ticks and preflight reports among them, travel in streams. A publisher of the newest still
 # drops rather than waits.
@@ -85,25 +96,33 @@ class BusSession:
         node: str,
         listen: Sequence[str] = (),
         connect: Sequence[str] = (),
-        credentials: Credentials | None = None,
+        credentials: NodeCredentials | None = None,
         routers: Sequence[str] = (),
         router_timeout_s: float = 10.0,
     ) -> None:
         self.namespace = namespace
         self.node = node
+
         self._listen = list(listen)
         self._connect = [endpoint for endpoint in connect if endpoint not in self._listen]
-        self._routers, self._router_timeout_s = tuple(routers), router_timeout_s
+        self._routers = tuple(routers)
+        self._router_timeout_s = router_timeout_s
+
         self._credentials = credentials
-        self._signatures = None if credentials is None else _Signatures(credentials)
+        self._signatures: OrderSignatures | None = None
+        if credentials is not None:
+            self._signatures = credentials.order_signatures()
+
         self._session: zenoh.Session | None = None
         self._sockets = PromptSockets()
-        self._instance = secrets.token_hex(4)
+        self._instance = secrets.token_hex(4)  # tells two nodes of one name apart
+
         self._publishers: dict[tuple[Topic, str], zenoh.Publisher] = {}
         self._followed: dict[tuple[Topic, str], _Collector] = {}
         self._collected: list[_Collector] = []
         self._collectors: tuple[_Collector, ...] = ()  # all of both
-        self._claims: dict[str, Any] = {}
+        self._claims: dict[str, Any] = {}  # further liveliness tokens of this node, by their names
+
         # subscribers, queryables and tokens live as long as they are referred to
         self._declared: list[Any] = []
 
@@ -113,10 +132,11 @@ class BusSession:
         Raises:
             BusError: an endpoint to listen at is taken or not valid, or no router answers.
         """
-        if self._session is None:
-            self._session = self._open_session()
-            self._sockets.start()
-            self._declared.append(self._declare_token(self.node))
+        if self._session is not None:
+            return
+        self._session = self._open_session()
+        self._sockets.start()
+        self._declared.append(self._declare_token(self.node))
 
     def _open_session(self) -> zenoh.Session:
         if self._routers:
@@ -125,16 +145,21 @@ class BusSession:
 
     def stop(self) -> None:
         """Leave the bus; a second call does nothing."""
-        session, self._session = self._session, None
-        if session is not None:
-            self._publishers.clear()
-            self._followed.clear()
-            self._collected.clear()
-            self._collectors = ()
-            self._sockets.stop()
-            session.close()  # type: ignore[no-untyped-call]
-            self._declared.clear()
-            self._claims.clear()
+        session = self._session
+        if session is None:
+            return
+        self._session = None
+
+        self._publishers.clear()
+        self._followed.clear()
+        self._collected.clear()
+        self._collectors = ()
+
+        self._sockets.stop()
+        session.close()  # type: ignore[no-untyped-call]
+
+        self._declared.clear()
+        self._claims.clear()
 
     @property
     def _open(self) -> zenoh.Session:
@@ -146,31 +171,41 @@ class BusSession:
         """Send ``message`` on ``topic/name`` to the other nodes; never blocks for LATEST topics."""
         publisher = self._publishers.get((topic, name))
         if publisher is None:
-            latest = TOPICS[topic].delivery is Delivery.LATEST
-            urgent = topic in (Topic.STATE, Topic.MOCAP)
-            publisher = self._publishers[topic, name] = self._open.declare_publisher(
-                key(self.namespace, topic, name),
-                congestion_control=zenoh.CongestionControl.DROP
-                if latest
-                else zenoh.CongestionControl.BLOCK,
-                reliability=zenoh.Reliability.BEST_EFFORT
-                if topic in _IN_DATAGRAMS
-                else zenoh.Reliability.RELIABLE,
-                priority=zenoh.Priority.REAL_TIME
-                if urgent
-                else zenoh.Priority.DATA
-                if latest
-                else _BLOCKING_PRIORITY,
-                # a subscriber to all need not take its own messages
-                allowed_destination=zenoh.Locality.REMOTE,
-            )
+            publisher = self._declare_publisher(topic, name)
+            self._publishers[topic, name] = publisher
         publisher.put(encode(message))
 
+    def _declare_publisher(self, topic: Topic, name: str) -> zenoh.Publisher:
+        """Return a publisher with the delivery of its topic."""
+        if TOPICS[topic].delivery is Delivery.LATEST:
+            congestion_control = zenoh.CongestionControl.DROP
+            priority = zenoh.Priority.DATA
+        else:
+            congestion_control = zenoh.CongestionControl.BLOCK
+            priority = _BLOCKING_PRIORITY
+
+        if topic in _URGENT:
+            priority = zenoh.Priority.REAL_TIME
+
+        reliability = zenoh.Reliability.RELIABLE
+        if topic in _IN_DATAGRAMS:
+            reliability = zenoh.Reliability.BEST_EFFORT
+
+        return self._open.declare_publisher(
+            key(self.namespace, topic, name),
+            congestion_control=congestion_control,
+            reliability=reliability,
+            priority=priority,
+            # a subscriber to all need not take its own messages
+            allowed_destination=zenoh.Locality.REMOTE,
+        )
+
     def subscribe(self, topic: Topic, name: str, on_message: OnMessage) -> None:
-        """Call ``on_message(topic, name, message)`` on a bus thread for each sample; ``name`` may
-        be ``*``.
+        """Call ``on_message(topic, name, message)`` on a bus thread for each sample.
+
+        ``name`` may be ``*``.
         """
-        receive = self._receiver(topic, on_message, "" if name == "*" else name)
+        receive = self._receiver(topic, name, on_message)
         self._declared.append(
             self._open.declare_subscriber(key(self.namespace, topic, name), _callback(receive))
         )
@@ -184,16 +219,20 @@ class BusSession:
 
     def follow(self, topic: Topic, names: Iterable[str], on_message: OnMessage) -> None:
         """Collect ``topic`` of exactly these names; the publisher's own node knows who listens."""
-        pairs = {(topic, name) for name in names}
-        gone = [
-            self._followed.pop(pair)
-            for pair in list(self._followed)
-            if pair[0] is topic and pair not in pairs
-        ]
-        for new in sorted(pairs - self._followed.keys()):
-            self._followed[new] = self._collector(topic, new[1], on_message, _MAX_FOLLOWED)
+        followed = {(topic, name) for name in names}
+
+        dropped: list[_Collector] = []
+        for pair in list(self._followed):
+            if pair[0] is topic and pair not in followed:
+                dropped.append(self._followed.pop(pair))
+
+        for pair in sorted(followed - self._followed.keys()):
+            self._followed[pair] = self._collector(topic, pair[1], on_message, _MAX_FOLLOWED)
+
+        # taken from :meth:`deliver`, which another thread may call, before they are undeclared
         self._collectors = (*self._collected, *self._followed.values())
-        for subscriber, _ in gone:
+
+        for subscriber, _ in dropped:
             subscriber.undeclare()
 
     def deliver(self) -> None:
@@ -208,35 +247,39 @@ class BusSession:
     def _collector(self, topic: Topic, name: str, on_message: OnMessage, most: int) -> _Collector:
         key_expression = key(self.namespace, topic, name)
         subscriber = self._open.declare_subscriber(key_expression, zenoh.handlers.RingChannel(most))
-        return subscriber, self._receiver(topic, on_message, "" if name == "*" else name)
+        return subscriber, self._receiver(topic, name, on_message)
 
     def _receiver(
-        self, topic: Topic, on_message: OnMessage, name: str = ""
+        self, topic: Topic, name: str, on_message: OnMessage
     ) -> Callable[[zenoh.Sample], None]:
+        """Return the function that decodes a sample of one name, or of every name, and calls back."""
         kind = TOPICS[topic].message
         assert kind is not None, f"{topic} carries no message"
-        if name:
+
+        if name != _EVERY_NAME:
             return lambda sample: on_message(topic, name, decode(sample.payload.to_bytes(), kind))
+
         # key expression -> name: parsing a key costs more than decoding its message
         names: dict[str, str] = {}
 
         def receive(sample: zenoh.Sample) -> None:
-            text = str(sample.key_expr)
-            sender = names.get(text)
+            key_expression = str(sample.key_expr)
+            sender = names.get(key_expression)
             if sender is None:
-                parts = topic_and_name(self.namespace, text)
+                parts = topic_and_name(self.namespace, key_expression)
                 if parts is None:
                     return
                 sender = parts[1]
                 if len(names) < _MAX_NAMES:
-                    names[text] = sender
+                    names[key_expression] = sender
             on_message(topic, sender, decode(sample.payload.to_bytes(), kind))
 
         return receive
 
     def serve_orders(self, vehicle: str, on_order: OnOrder) -> None:
-        """Answer orders for ``vehicle``: ``on_order(order, reply)`` runs on a bus thread; reply
-        from another one.
+        """Answer orders for ``vehicle``.
+
+        ``on_order(order, reply)`` runs on a bus thread; reply from another one.
         """
         self._serve(key(self.namespace, Topic.ORDER, vehicle), Order, on_order, self._signatures)
 
@@ -249,12 +292,15 @@ class BusSession:
         own_key: str,
         kind: type[Any],
         on_query: Callable[..., None],
-        signatures: _Signatures | None = None,
+        signatures: OrderSignatures | None = None,
     ) -> None:
+        """Answer queries of one kind; where there are signatures, each query needs a right one."""
+
         def receive(query: zenoh.Query) -> None:
-            payload = query.payload.to_bytes() if query.payload is not None else b""
-            seal = query.attachment.to_bytes() if query.attachment is not None else b""
-            untrusted = None if signatures is None else signatures.refusal(own_key, payload, seal)
+            payload = _bytes_of(query.payload)
+            untrusted: UntrustedOrder | None = None
+            if signatures is not None:
+                untrusted = signatures.refusal(own_key, payload, _bytes_of(query.attachment))
 
             def reply(answer: OrderReply) -> None:
                 with query:
@@ -269,8 +315,9 @@ class BusSession:
     def order(
         self, vehicle: str, order: Order, *, timeout_s: float, on_reply: OnReply, on_end: OnEnd
     ) -> None:
-        """Send an order to one vehicle: ``on_reply`` with its reply, then ``on_end``; only
-        ``on_end`` without one.
+        """Send an order to one vehicle.
+
+        ``on_reply`` is called with its reply, then ``on_end``; without a reply only ``on_end``.
         """
         their_key = key(self.namespace, Topic.ORDER, vehicle)
         self._query(their_key, order, timeout_s, on_reply, on_end, self._signatures)
@@ -288,9 +335,13 @@ class BusSession:
         timeout_s: float,
         on_reply: OnReply,
         on_end: OnEnd,
-        signatures: _Signatures | None = None,
+        signatures: OrderSignatures | None = None,
     ) -> None:
+        """Send a query; where there are signatures, with a signature beside it."""
         payload = encode(message)
+        seal: bytes | None = None
+        if signatures is not None:
+            seal = signatures.seal(their_key, payload)
 
         def receive(reply: zenoh.Reply) -> None:
             if reply.ok is not None:
@@ -302,16 +353,14 @@ class BusSession:
             their_key,
             _callback(receive, on_end),
             payload=payload,
-            attachment=None if signatures is None else signatures.seal(their_key, payload),
+            attachment=seal,
             timeout=timeout_s,
             consolidation=zenoh.ConsolidationMode.NONE,
             priority=_BLOCKING_PRIORITY,
         )
 
     def claim(self, token: str) -> None:
-        """Declare another liveliness token, for a role of this node; a second claim of it does
-        nothing.
-        """
+        """Declare another liveliness token of this node; a second claim of it does nothing."""
         if token not in self._claims:
             self._claims[token] = self._declare_token(token)
 
@@ -322,15 +371,16 @@ class BusSession:
             claim.undeclare()
 
     def watch_alive(self, on_alive: OnAlive) -> None:
-        """Call ``on_alive(name, is_alive)`` for every name on the bus, those already there
-        included.
+        """Call ``on_alive(name, is_alive)`` for every name on the bus.
+
+        The names that are there already are reported first.
         """
-        presence, prefix = Presence(on_alive), key(self.namespace, Topic.ALIVE, "")
+        presence = Presence(on_alive)
+        prefix = key(self.namespace, Topic.ALIVE, "")
 
         def receive(sample: zenoh.Sample) -> None:
-            presence.see(
-                str(sample.key_expr).removeprefix(prefix), sample.kind == zenoh.SampleKind.PUT
-            )
+            token = str(sample.key_expr).removeprefix(prefix)
+            presence.see(token, sample.kind == zenoh.SampleKind.PUT)
 
         self._declared.append(
             self._open.liveliness().declare_subscriber(
@@ -339,27 +389,13 @@ class BusSession:
         )
 
     def _declare_token(self, name: str) -> Any:
-        """Two nodes of one name declare different tokens; otherwise who leaves would take the
+        """Declare a liveliness token of this node.
+
+        Two nodes of one name declare different tokens; otherwise the one that leaves would take the
         other's along.
         """
         return self._open.liveliness().declare_token(
             key(self.namespace, Topic.ALIVE, f"{name}/{self._instance}")
-        )
-
-
-class _Signatures:
-    """Signs the orders that this node gives, and checks those that it receives."""
-
-    def __init__(self, credentials: Credentials) -> None:
-        # large; a fleet without keys has no need of it
-        from onboard.bus.order_signature import OrderSigner, SealCheck
-
-        self.seal = OrderSigner(credentials.certificate, credentials.key).seal
-        self._check = SealCheck(credentials.authority)
-
-    def refusal(self, key_expression: str, payload: bytes, seal: bytes) -> UntrustedOrder | None:
-        return self._check.refusal(
-            key_expression, payload, seal, datetime.datetime.now(datetime.UTC)
         )
 
 
@@ -371,36 +407,49 @@ def open_zenoh(settings: Iterable[Setting]) -> zenoh.Session:
     Raises:
         BusError: an endpoint to listen at is taken or not valid, or no router answers.
     """
-    config, known = zenoh.Config(), dict(settings)
-    for path, value in known.items():
+    by_path = dict(settings)
+    config = zenoh.Config()
+    for path, value in by_path.items():
         config.insert_json5(path, json.dumps(value))
+
     try:
         return zenoh.open(config)
     except zenoh.ZError as error:
-        if known["mode"] == "client":
+        if by_path["mode"] == "client":
             raise NoRouterError(
-                f"No router of this fleet answers at {_bare(known['connect/endpoints'])}. Start one with covey router, "
-                "or correct [fleet] routers; with keys, both ends need those of one authority (covey keys list)."
+                f"No router of this fleet answers at {_listed(by_path['connect/endpoints'])}. "
+                "Start one with covey router, or correct [fleet] routers; with keys, both ends "
+                "need those of one authority (covey keys list)."
             ) from None
         raise BusError(
-            f"The bus cannot listen at {_bare(known['listen/endpoints'])} ({_reason(error)}). "
-            "Another agent or emulator of this fleet may be running: stop it, or change the endpoint in the "
-            "fleet file."
+            f"The bus cannot listen at {_listed(by_path['listen/endpoints'])} ({_reason(error)}). "
+            "Another agent or emulator of this fleet may be running: stop it, or change the "
+            "endpoint in the fleet file."
         ) from None
 
 
-def _bare(endpoints: Sequence[str]) -> str:
+def _listed(endpoints: Sequence[str]) -> str:
+    """Return endpoints for a sentence, as they stand in the fleet file."""
     return ", ".join(endpoint.partition("?")[0] for endpoint in endpoints) or "no endpoint"
 
 
 def _reason(error: zenoh.ZError) -> str:
     text = str(error)
-    return "the address is in use" if "in use" in text else text.split(" at /")[0]
+    if "in use" in text:
+        return "the address is in use"
+    return text.split(" at /")[0]
+
+
+def _bytes_of(payload: zenoh.ZBytes | None) -> bytes:
+    if payload is None:
+        return b""
+    return payload.to_bytes()
 
 
 def _callback(function: Callable[[Any], None], on_end: Callable[[], None] | None = None) -> Any:
-    """Return a handler on zenoh's own network thread, without a Python thread for each subscriber
-    and each query.
+    """Return a handler that runs on zenoh's own network thread.
+
+    So there is no Python thread for each subscriber and each query.
     """
 
     def call(value: Any) -> None:

@@ -9,23 +9,27 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from onboard.bus.credentials import Credentials
-from onboard.bus.protocol import LEASE_MS
-from onboard.bus.roles import access_control
-from onboard.config.fleet import FleetConfig
+from onboard.bus.protocol import LEASE_MS, NodeCredentials
 
 Setting = tuple[str, Any]  # path in zenoh's configuration, value
 
+# Times between two attempts to connect.
 RETRY = {"period_init_ms": 200, "period_max_ms": 500, "period_increase_factor": 1.5}
-ROUTER_LEASE_MS = 500  # half of the others': without a router nobody hears anything
-_ROUTER_OPEN_MS = 500  # then the next router is tried; enough for round trips up to 150 ms
-_CLOSE_AFTER_US = 1_000_000  # then the connection to a peer that takes nothing is closed
-# for a link: over QUIC a node that is not there refuses nothing, and silence takes this long
+
+# Half of the other nodes' lease: without a router nobody hears anything.
+ROUTER_LEASE_MS = 500
+
+# Times to open a link. Over QUIC a node that is not there refuses nothing, so silence takes this
+# long. After a router's time the next router is tried; it is enough for round trips up to 150 ms.
 _OPEN_MS = 1000
+_ROUTER_OPEN_MS = 500
+
+# A connection to a peer that takes nothing for so long is closed.
+_CLOSE_AFTER_US = 1_000_000
 
 
 def of_node(
-    listen: Sequence[str], connect: Sequence[str], credentials: Credentials | None
+    listen: Sequence[str], connect: Sequence[str], credentials: NodeCredentials | None
 ) -> list[Setting]:
     """Return the settings of a node that is linked with the others directly.
 
@@ -37,18 +41,19 @@ def of_node(
     """
     return [
         ("mode", "peer"),
-        ("listen/endpoints", [_link_of(endpoint) for endpoint in listen]),
-        ("connect/endpoints", [_link_of(endpoint) for endpoint in connect]),
+        ("listen/endpoints", [_with_datagrams(endpoint) for endpoint in listen]),
+        ("connect/endpoints", [_with_datagrams(endpoint) for endpoint in connect]),
         ("connect/timeout_ms", -1),
         *_common(credentials, LEASE_MS),
     ]
 
 
 def of_client(
-    routers: Sequence[str], timeout_s: float, credentials: Credentials | None
+    routers: Sequence[str], timeout_s: float, credentials: NodeCredentials | None
 ) -> list[Setting]:
-    """Return the settings of a node behind routers: it is linked with the first that answers, then
-    with the next one.
+    """Return the settings of a node behind routers.
+
+    It is linked with the first router that answers; when that one is lost, with the next.
 
     Args:
         routers: endpoints, in the order in which they are tried.
@@ -57,7 +62,7 @@ def of_client(
     """
     return [
         ("mode", "client"),
-        ("connect/endpoints", [_link_of(endpoint) for endpoint in routers]),
+        ("connect/endpoints", [_with_datagrams(endpoint) for endpoint in routers]),
         ("connect/timeout_ms", round(1e3 * timeout_s)),
         *_common(credentials, LEASE_MS),
         ("transport/unicast/open_timeout", _ROUTER_OPEN_MS),
@@ -65,28 +70,22 @@ def of_client(
 
 
 def of_router(
-    endpoint: str,
-    others: Sequence[str],
-    fleets: Iterable[FleetConfig],
-    credentials: Credentials | None,
+    endpoint: str, others: Sequence[str], credentials: NodeCredentials | None
 ) -> list[Setting]:
     """Return the settings of a router.
 
     Args:
         endpoint: where it listens.
         others: endpoints of the other routers, which it is linked with.
-        fleets: whose messages it passes on.
         credentials: of the router; None for a bus without keys, where it passes on everything.
     """
-    access = access_control({fleet.namespace: fleet.vehicles for fleet in fleets}, has_router=True)
     return [
         ("mode", "router"),
-        ("listen/endpoints", [_link_of(endpoint)]),
-        ("connect/endpoints", [_link_of(other) for other in others]),
+        ("listen/endpoints", [_with_datagrams(endpoint)]),
+        ("connect/endpoints", [_with_datagrams(other) for other in others]),
         ("connect/timeout_ms", -1),
         ("timestamping/enabled", False),  # messages have stamps of their own
         *_common(credentials, ROUTER_LEASE_MS),
-        *([] if credentials is None else [("access_control", access)]),
     ]
 
 
@@ -102,7 +101,10 @@ def nested(settings: Iterable[Setting]) -> dict[str, Any]:
     return whole
 
 
-def _common(credentials: Credentials | None, lease_ms: int) -> list[Setting]:
+def _common(credentials: NodeCredentials | None, lease_ms: int) -> list[Setting]:
+    """Return the settings that nodes and routers share."""
+    drop = "transport/link/tx/queue/congestion_control/drop"
+    block = "transport/link/tx/queue/congestion_control/block"
     return [
         *_security(credentials),
         ("connect/exit_on_failure", False),
@@ -114,33 +116,40 @@ def _common(credentials: Credentials | None, lease_ms: int) -> list[Setting]:
         ("scouting/delay", 0),
         ("transport/link/tx/lease", lease_ms),
         ("transport/unicast/open_timeout", _OPEN_MS),
-        # messages are small, and its threads and memory are not free
+        # Messages are small, and the threads and the memory of shared memory are not free.
         ("transport/shared_memory/enabled", False),
-        # a peer that hangs fills its queue: the publisher drops at once instead of waiting in the
-        # control loop
-        ("transport/link/tx/queue/congestion_control/drop/wait_before_drop", 0),
-        ("transport/link/tx/queue/congestion_control/drop/max_wait_before_drop_fragments", 0),
-        ("transport/link/tx/queue/congestion_control/block/wait_before_close", _CLOSE_AFTER_US),
+        # A peer that hangs fills its queue. The publisher then drops at once, because it may be the
+        # control loop, which must not wait.
+        (f"{drop}/wait_before_drop", 0),
+        (f"{drop}/max_wait_before_drop_fragments", 0),
+        (f"{block}/wait_before_close", _CLOSE_AFTER_US),
     ]
 
 
-def _link_of(endpoint: str) -> str:
-    """Return an endpoint with what zenoh is told of it: QUIC carries what may be lost in datagrams,
-    beside streams.
+def _with_datagrams(endpoint: str) -> str:
+    """Return an endpoint as zenoh needs it.
+
+    QUIC carries what may be lost in datagrams, beside its streams; other protocols have no such
+    choice.
     """
-    return f"{endpoint}?mixed_rel=1" if endpoint.startswith("quic/") else endpoint
+    if endpoint.startswith("quic/"):
+        return f"{endpoint}?mixed_rel=1"
+    return endpoint
 
 
-def _security(credentials: Credentials | None) -> list[Setting]:
+def _security(credentials: NodeCredentials | None) -> list[Setting]:
     """Return the settings with which both ends of each link prove who they are."""
     if credentials is None:
         return []
-    tls = {
-        "root_ca_certificate": credentials.authority,
-        "enable_mtls": True,
-        "close_link_on_expiration": True,
-        **{f"{side}_certificate": credentials.certificate for side in ("listen", "connect")},
-        **{f"{side}_private_key": credentials.key for side in ("listen", "connect")},
-    }
-    settings: list[Setting] = [(f"transport/link/tls/{name}", value) for name, value in tls.items()]
-    return [*settings, ("access_control", credentials.access)]
+
+    tls = "transport/link/tls"
+    return [
+        (f"{tls}/root_ca_certificate", credentials.authority),
+        (f"{tls}/enable_mtls", True),
+        (f"{tls}/close_link_on_expiration", True),
+        (f"{tls}/listen_certificate", credentials.certificate),
+        (f"{tls}/connect_certificate", credentials.certificate),
+        (f"{tls}/listen_private_key", credentials.key),
+        (f"{tls}/connect_private_key", credentials.key),
+        ("access_control", credentials.access),
+    ]

@@ -17,13 +17,13 @@ from onboard.agent_inputs import (
     SnapshotReceived,
 )
 from onboard.autopilot import Snapshot, Vec4
-from onboard.bus.authority import GROUND, WATCHER
-from onboard.bus.roles import Role
+from onboard.bus.control_token import GROUND, WATCHER
 from onboard.bus.schema import MocapPose, Telemetry
 from onboard.neighbours.duplicate_agents import DuplicateAgents
+from onboard.security.node_roles import NodeRole
 
 RECORDER = "recorder"  # first word of the bus node of a recorder
-EMULATOR = Role.EMULATOR.value  # the same of an emulator
+EMULATOR = NodeRole.EMULATOR.value  # the same of an emulator
 _DUPLICATE_FOR_NS = 3_000_000_000
 _POSE_SOURCE_NS = 500_000_000
 

@@ -12,10 +12,10 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from onboard.bus.credentials import files_of
 from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
-from onboard.config.mavlink_key import key_file
 from onboard.exit_status import EXIT_FAILED, EXIT_MIXED, EXIT_OK, EXIT_WRONG_INPUT
+from onboard.security.credentials import files_of
+from onboard.security.mavlink_key import key_file
 
 _FOLDER = "covey"  # in the home of the login
 _COVEY = ".venv/bin/covey"

@@ -23,7 +23,6 @@ from mavsdk.plugins.param import Param, ParamError
 from msgspec.structs import replace
 
 from onboard.autopilot import AUTOPILOT_COMPONENT, LinkError, Snapshot, Vec3, Vec4
-from onboard.config.mavlink_key import AGENT_LINK_ID
 from onboard.frames import ned_frd_from_enu_flu, ned_from_enu
 from onboard.native_threads import keep_thread_state
 from onboard.px4 import modes
@@ -32,6 +31,7 @@ from onboard.px4.packets import MAVSDK_READS, MAVSDK_SENDS, NAMES, SENT, Packet,
 from onboard.px4.port_lock import PortClaim
 from onboard.px4.relay import Ids, MavlinkRelay
 from onboard.px4.signing import Signer
+from onboard.security.mavlink_key import AGENT_LINK_ID
 from onboard.types import AttitudeSetpoint
 
 _COMPONENT_ID = 191  # MAV_COMP_ID_ONBOARD_COMPUTER

@@ -16,10 +16,10 @@ from typing import NamedTuple
 from msgspec.structs import replace
 
 from onboard.autopilot import AUTOPILOT_COMPONENT, LinkError, Refused
-from onboard.config.mavlink_key import signing_time
 from onboard.px4.packets import Packet, cut, is_read, packed
 from onboard.px4.signing import SignatureVerdict, Signer
 from onboard.px4.transport import Address, Transport, open_transport
+from onboard.security.mavlink_key import signing_time
 
 _HEARTBEAT = 0
 _ANOTHER_NS = 3_000_000_000  # PX4's address is another one only after so long a silence

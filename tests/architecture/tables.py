@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from groundstation.alarms import alarm_table
-from onboard.bus.roles import GRANTS, Grant, Role
 from onboard.bus.topics import Topic
 from onboard.flight import flight_table
 from onboard.flight.flight_table import Effect, Predicate
@@ -12,6 +11,7 @@ from onboard.preflight import all_rules
 from onboard.px4 import required_params
 from onboard.safety import failsafe_table
 from onboard.safety.failsafe_table import Condition, Situation
+from onboard.security.node_roles import GRANTS, Grant, NodeRole
 
 
 def failsafes() -> str:
@@ -123,9 +123,14 @@ def parameters() -> str:
 
 def roles() -> str:
     """Return the table of roles and topics for docs/keys.md."""
-    lines = [_line("topic", *(f"`{role.value}`" for role in Role)), "|---" * (len(Role) + 1) + "|"]
+    lines = [
+        _line("topic", *(f"`{role.value}`" for role in NodeRole)),
+        "|---" * (len(NodeRole) + 1) + "|",
+    ]
     for topic in Topic:
-        lines.append(_line(f"`{topic.value}`", *(_granted(topic, GRANTS[role]) for role in Role)))
+        lines.append(
+            _line(f"`{topic.value}`", *(_granted(topic, GRANTS[role]) for role in NodeRole))
+        )
     return "\n".join(lines)
 
 

@@ -66,7 +66,7 @@ def test_what_the_docs_print_from_the_code_is_current(name: str) -> None:
 
 def test_no_agent_code_knows_the_ground_truth() -> None:
     for path in (ROOT / "onboard").rglob("*.py"):
-        if path.parent.name != "bus":
+        if path.parent.name not in ("bus", "security"):  # they name all topics
             assert "TRUTH" not in path.read_text(encoding="utf-8"), f"{path} reads the ground truth"
 
 

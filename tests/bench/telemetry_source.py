@@ -17,8 +17,8 @@ from collections.abc import Callable
 
 import msgspec
 
-from onboard.bus.authority import Roles
 from onboard.bus.codec import Malformed
+from onboard.bus.control_token import ControlTokens
 from onboard.bus.schema import Event, Order, OrderReply, Telemetry
 from onboard.bus.session import BusSession
 from onboard.bus.topics import Topic
@@ -85,7 +85,7 @@ class Crowd:
 
     def __init__(self, fleet: FleetConfig, say: Callable[[dict[str, object]], None]) -> None:
         self.fleet, self._say = fleet, say
-        self._roles = Roles()
+        self._roles = ControlTokens()
         self._lock = threading.Lock()
         self._sequence = 0
         self._nodes: list[tuple[BusSession, list[str]]] = []

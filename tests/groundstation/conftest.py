@@ -14,7 +14,7 @@ from typing import Any
 import msgspec
 import pytest
 
-from onboard.bus.authority import Roles
+from onboard.bus.control_token import ControlTokens
 from onboard.bus.schema import Event, Order, OrderReply, Telemetry, Truth
 from onboard.bus.topics import Topic
 from onboard.config.fleet import FleetConfig, load_fleet
@@ -88,7 +88,7 @@ class FakeBus:
         self.truth_error_m = 0.0
         self.node = "ground-test"
         self.is_simulated = True
-        self.roles = Roles()
+        self.roles = ControlTokens()
         self.on_message: dict[Topic, Callable[..., None]] = {}
         self._sequence = itertools.count(2)
         self._task: asyncio.Task[None] | None = None

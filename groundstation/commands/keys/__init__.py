@@ -28,12 +28,12 @@ from groundstation.keys.authority import folder_of, load_authority, make_authori
 from groundstation.keys.mavlink_keys import sign_mavlink
 from groundstation.keys.running import keep_former, running_authorities
 from groundstation.keys.secured_fleet import issue_all, refuse_example, secure_fleet
-from onboard.bus.certificates import read_certificate
-from onboard.bus.credentials import credentials_of, files_of, hosts_of
-from onboard.bus.roles import ROUTER, Role
 from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
-from onboard.config.mavlink_key import key_file
 from onboard.exit_status import EXIT_FAILED, EXIT_OK
+from onboard.security.certificates import read_certificate
+from onboard.security.credentials import credentials_of, files_of, hosts_of
+from onboard.security.mavlink_key import key_file
+from onboard.security.node_roles import ROUTER, NodeRole
 
 _RUNNING = {
     "present": "runs with the present authority",
@@ -63,7 +63,7 @@ def secure(fleet: Fleet, /, *, mavlink: bool = False) -> int:
     )
     for name, vehicle in secured.vehicles.items():
         print(f"  to {vehicle.host}: {file}, {_files(secured, name)}")
-    print(f"  to your ground: {file}, {_files(secured, Role.GROUND)}")
+    print(f"  to your ground: {file}, {_files(secured, NodeRole.GROUND)}")
     for host in hosts_of(secured, ROUTER):
         print(f"  to {host}, for covey router: {file}, {_files(secured, ROUTER)}")
     print(

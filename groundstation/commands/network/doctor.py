@@ -33,10 +33,10 @@ from groundstation.commands.network.machine import interfaces, machine
 from groundstation.commands.parameters import Seconds
 from groundstation.keys.authority import folder_of, nodes_of
 from groundstation.keys.running import running_authorities
-from onboard.bus.certificates import read_certificate
-from onboard.bus.credentials import credentials_of, files_of
 from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
 from onboard.exit_status import EXIT_FAILED, EXIT_NO_ANSWER, EXIT_OK
+from onboard.security.certificates import read_certificate
+from onboard.security.credentials import credentials_of, files_of
 
 _SOON = datetime.timedelta(days=30)
 _LONGEST_S = 600.0

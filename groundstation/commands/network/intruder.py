@@ -15,18 +15,18 @@ from pathlib import Path
 
 from groundstation.keys.authority import issue, load_authority
 from groundstation.keys.secured_fleet import secure_fleet
-from onboard.bus.credentials import Credentials, credentials_of, files_of
-from onboard.bus.roles import Role
 from onboard.bus.schema import Order, OrderKind, OrderReply, Telemetry
 from onboard.bus.session import BusSession
 from onboard.config.fleet import FleetConfig
+from onboard.security.credentials import Credentials, credentials_of, files_of
+from onboard.security.node_roles import NodeRole
 
 # node names that the tokens and the clocks of a role may have
 NODES = {
-    Role.GROUND: "ground-0-intruder",
-    Role.VIEWER: "watcher-0-intruder",
-    Role.MOCAP: "mocap",
-    Role.EMULATOR: "sitl",
+    NodeRole.GROUND: "ground-0-intruder",
+    NodeRole.VIEWER: "watcher-0-intruder",
+    NodeRole.MOCAP: "mocap",
+    NodeRole.EMULATOR: "sitl",
 }
 NOBODY, FOREIGN, EXPIRED = (
     "without a certificate",

@@ -12,9 +12,9 @@ from dataclasses import dataclass, field
 from groundstation.client.ground_node import session
 from groundstation.commands.network.diagnosis import Diagnosis, Grade, graded
 from groundstation.keys.listeners import is_listening
-from onboard.bus.authority import WATCHER
 from onboard.bus.clock_sync import BEAT_S, ClockNode
 from onboard.bus.codec import Malformed
+from onboard.bus.control_token import WATCHER
 from onboard.bus.schema import ClockMessage, Message, StateMessage, Telemetry, TickBatch
 from onboard.bus.topics import TOPICS, Topic
 from onboard.config.fleet import FleetConfig

@@ -20,10 +20,11 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from onboard.bus.router import Router, router_settings
+from onboard.bus.router import Router, router_endpoint, router_settings
 from onboard.bus.settings import nested
 from onboard.config.fleet import load_fleet
 from onboard.exit_status import EXIT_OK
+from onboard.security.credentials import router_credentials
 
 
 def router(
@@ -39,7 +40,8 @@ def router(
         print_config: only print the configuration, for Zenoh's own zenohd
     """
     loaded = [load_fleet(path) for path in fleets]
-    settings = router_settings(loaded, endpoint)
+    own_endpoint = router_endpoint(loaded, endpoint)
+    settings = router_settings(loaded, own_endpoint, router_credentials(loaded))
     if print_config:
         print(dumps(nested(settings), indent=2))
         return EXIT_OK

@@ -8,7 +8,7 @@ import sys
 import threading
 
 from groundstation.client.ground_node import session
-from onboard.bus.authority import WATCHER
+from onboard.bus.control_token import WATCHER
 from onboard.bus.topics import TOPICS, Delivery
 from onboard.config.fleet import load_fleet
 

@@ -42,11 +42,11 @@ from groundstation.commands.network.mavlink_frames import (
     signing_key,
 )
 from onboard.bus.codec import Malformed
-from onboard.bus.credentials import credentials_of
-from onboard.bus.roles import GRANTS, Role
 from onboard.bus.schema import Light, Message, Order, StateMessage, Telemetry
 from onboard.bus.session import BusSession
 from onboard.bus.topics import TOPICS, Delivery, Topic
+from onboard.security.credentials import credentials_of
+from onboard.security.node_roles import GRANTS, NodeRole
 
 OUTSIDERS = (NOBODY, FOREIGN, EXPIRED)
 _SAMPLES = tuple(
@@ -142,7 +142,7 @@ def tries(names: Sequence[str]) -> Iterator[Try]:
         )
         yield Try(f"{who}: publishes a vehicle's state", partial(_publishes, who=who))
         yield Try(f"{who}: reads states", partial(_reads, who=who, vehicle=first))
-    for role in (Role.VIEWER, Role.MOCAP, Role.EMULATOR):
+    for role in (NodeRole.VIEWER, NodeRole.MOCAP, NodeRole.EMULATOR):
         name = f"a {role.value}'s key: orders hold"
         yield Try(name, partial(_orders, who=role, node_name=NODES[role], vehicle=first))
     yield Try(
@@ -207,7 +207,7 @@ def _table(stage: Stage, who: str) -> bool:
     """Try every topic under the own name and others' names; only what the table of roles grants may
     arrive.
     """
-    role = Role(who) if who in set(Role) else Role.VEHICLE
+    role = NodeRole(who) if who in set(NodeRole) else NodeRole.VEHICLE
     own = NODES.get(role, who)
     grant = GRANTS[role]
     with stage.joined(who, own, SPARE) as node:
@@ -245,7 +245,7 @@ def _other_inside(stage: Stage, who: str, other: str) -> bool:
 
 def _replays(stage: Stage, vehicle: str) -> bool:
     """Have a ground order something, and send the same order again; whether it is accepted again."""
-    with stage.joined(Role.GROUND, NODES[Role.GROUND], vehicle) as node:
+    with stage.joined(NodeRole.GROUND, NODES[NodeRole.GROUND], vehicle) as node:
         order = order_of(node, "hold", stage.telemetry(vehicle))
         if not is_obeyed(node, vehicle, order):
             raise NoProofError("the order was not accepted the first time")
@@ -254,8 +254,8 @@ def _replays(stage: Stage, vehicle: str) -> bool:
 
 def _floods(stage: Stage) -> bool:
     """Send what a viewer may send, ten thousand times a second."""
-    with stage.joined(Role.VIEWER, NODES[Role.VIEWER], *stage.flight.names) as node:
-        _send_often(node, Topic.CLOCK, NODES[Role.VIEWER], 10.0 if stage.is_long else 2.0)
+    with stage.joined(NodeRole.VIEWER, NODES[NodeRole.VIEWER], *stage.flight.names) as node:
+        _send_often(node, Topic.CLOCK, NODES[NodeRole.VIEWER], 10.0 if stage.is_long else 2.0)
     return stage.is_disturbed()
 
 
@@ -322,7 +322,7 @@ def _lies(stage: Stage, who: str) -> bool:
         if isinstance(message, StateMessage):
             newest[:] = [message]
 
-    with stage.joined(Role.VIEWER, NODES[Role.VIEWER], who) as ear:
+    with stage.joined(NodeRole.VIEWER, NODES[NodeRole.VIEWER], who) as ear:
         ear.subscribe(Topic.STATE, who, keep)
         with stage.joined(who, who, *stage.flight.names[:-1]) as node:
             end_s = time.monotonic() + (20.0 if stage.is_long else 4.0)

@@ -36,8 +36,8 @@ from groundstation.commands.px4 import (
 from groundstation.commands.px4.links import for_each, opened
 from groundstation.commands.px4.parameter_file import default_backup
 from onboard.config.fleet import ConfigError, FleetConfig, Vehicle, load_fleet
-from onboard.config.mavlink_key import mavlink_key, read_key
 from onboard.exit_status import EXIT_OK
+from onboard.security.mavlink_key import mavlink_key, read_key
 
 px4 = App(name="px4", help="PX4 itself, past the agents.")
 _File = Annotated[Path | None, Parameter(metavar="FILE")]

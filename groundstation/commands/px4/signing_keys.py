@@ -17,7 +17,7 @@ from groundstation.commands.px4.links import VehicleLink, for_each
 from groundstation.commands.px4.parameter_sets import VehicleReport
 from onboard.autopilot import SIGNING_SINCE, plausible_version
 from onboard.config.fleet import FleetConfig, Vehicle
-from onboard.config.mavlink_key import key_file, read_key
+from onboard.security.mavlink_key import key_file, read_key
 
 _LISTEN_S = 0.5
 _AUTOPILOT_VERSION = 148

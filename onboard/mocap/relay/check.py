@@ -19,8 +19,6 @@ import numpy as np
 from onboard.arrays import Array
 from onboard.bus.clock_sync import ClockNode
 from onboard.bus.codec import Malformed
-from onboard.bus.credentials import credentials_of
-from onboard.bus.roles import Role
 from onboard.bus.schema import Message, MocapPose, TickBatch, Vec4
 from onboard.bus.session import BusSession
 from onboard.bus.topics import Topic
@@ -29,6 +27,8 @@ from onboard.exit_status import EXIT_FAILED, EXIT_NO_ANSWER, EXIT_OK
 from onboard.mocap.relay import latency
 from onboard.mocap.relay.relay import bodies_of, report_times
 from onboard.mocap.relay.statistics import MocapStatistics
+from onboard.security.credentials import credentials_of
+from onboard.security.node_roles import NodeRole
 
 GOOD_LAG_S = 0.015
 _MAX_SAMPLES = 6000
@@ -154,7 +154,7 @@ class MocapCheck:
             namespace=fleet.namespace,
             node=f"mocap-check-{os.getpid()}",
             connect=endpoints,
-            credentials=credentials_of(fleet, Role.MOCAP),
+            credentials=credentials_of(fleet, NodeRole.MOCAP),
             routers=fleet.fleet.routers,
         )
         self._clock = ClockNode(self._bus)

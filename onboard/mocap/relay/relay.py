@@ -16,9 +16,7 @@ from collections.abc import Callable, Iterator
 import msgspec
 
 from onboard.bus.clock_sync import BEAT_S, ClockNode
-from onboard.bus.credentials import credentials_of
 from onboard.bus.pose_publisher import PosePublisher
-from onboard.bus.roles import Role
 from onboard.bus.schema import MocapPose
 from onboard.bus.session import BusSession
 from onboard.config.fleet import FleetConfig
@@ -26,6 +24,8 @@ from onboard.config.mocap import BODY_NAME
 from onboard.exit_status import EXIT_FAILED, EXIT_NO_ANSWER, EXIT_OK
 from onboard.mocap.relay.statistics import MocapStatistics
 from onboard.mocap.sdk_source import SdkMocap
+from onboard.security.credentials import credentials_of
+from onboard.security.node_roles import NodeRole
 
 NODE = "mocap"
 
@@ -90,7 +90,7 @@ class Relay:
             node=NODE,
             listen=[fleet.simulator_endpoint],
             connect=agents,
-            credentials=credentials_of(fleet, Role.MOCAP),
+            credentials=credentials_of(fleet, NodeRole.MOCAP),
             routers=fleet.fleet.routers,
         )
         self._clock, self._publisher = ClockNode(self._bus), PosePublisher(self._bus)

@@ -26,11 +26,11 @@ def main(words: list[str]) -> int:
         parent.recv(1)  # the link carries packets
 
     from onboard.bus.codec import Malformed
-    from onboard.bus.credentials import credentials_of
     from onboard.bus.schema import Message, StateMessage
     from onboard.bus.session import BusSession
     from onboard.bus.topics import Topic
     from onboard.config.fleet import load_fleet
+    from onboard.security.credentials import credentials_of
     from tests.onboard.state_messages import state_message
 
     fleet = load_fleet(path)

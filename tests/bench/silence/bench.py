@@ -29,7 +29,7 @@ from groundstation.missions.api import NotReady, OrderFailed
 from groundstation.processes.free_ports import with_free_ports
 from groundstation.processes.supervisor import ProcessError
 from onboard.config.fleet import fleet_from_mapping
-from onboard.config.mavlink_key import KEY_BYTES, key_file
+from onboard.security.mavlink_key import KEY_BYTES, key_file
 from tests.bench.fixture import BenchFleet, fleet_data
 from tests.bench.silence import wire
 

@@ -11,8 +11,8 @@ import pytest
 from groundstation.cli import main
 from groundstation.client.direct_mavlink import send_direct
 from onboard.config.fleet import ConfigError, load_fleet
-from onboard.config.mavlink_key import mavlink_key
 from onboard.px4.mavsdk_link import Px4Link
+from onboard.security.mavlink_key import mavlink_key
 from sitl.px4.signing import KEY_BYTES
 from tests.groundstation.commands.test_px4 import FLEET, FleetConfig, emulator, fleet, free_port  # noqa: F401
 

@@ -12,7 +12,7 @@ from groundstation.fleet import state as fleet_state
 from groundstation.fleet.control_authority import Control
 from groundstation.orders import grammar, plan
 from groundstation.orders.result import OrderResult
-from onboard.bus.authority import Roles
+from onboard.bus.control_token import ControlTokens
 from onboard.bus.schema import Event, Telemetry, TickSample
 from onboard.config.fleet import FleetConfig
 
@@ -33,11 +33,11 @@ def telemetry(vehicle: str = "mav0", **changes: object) -> Telemetry:
 
 
 class FakeTokens:
-    """Role tokens on a bus without a bus: what is claimed, every vehicle sees at once."""
+    """Control tokens on a bus without a bus: what is claimed, every vehicle sees at once."""
 
     def __init__(self) -> None:
         self.node = "ground-1"
-        self.roles = Roles()
+        self.roles = ControlTokens()
 
     def claim(self, token: str) -> None:
         self.roles.see(token, True)

@@ -13,7 +13,7 @@ import pytest
 from groundstation.client.client import FleetClient
 from groundstation.fleet.control_authority import SILENCE_S
 from groundstation.missions.api import Fleet, NotReady
-from onboard.bus.authority import Roles, Token, next_term, parse_token
+from onboard.bus.control_token import ControlToken, ControlTokens, next_term, parse_control_token
 from onboard.bus.schema import Order, OrderReply, Telemetry
 from onboard.bus.session import BusSession
 from onboard.bus.topics import Topic
@@ -26,9 +26,9 @@ def order(kind: str, node: str = "ground-1") -> Order:
 
 
 def test_a_token_reads_back_and_strange_names_are_no_tokens() -> None:
-    token = Token("operator", 3, "ground-7-ab", "alice")
-    assert parse_token(str(token)) == token
-    assert "/" not in str(Token("asks", 1, "ground-1", "a/b*$?#.c"))
+    token = ControlToken("operator", 3, "ground-7-ab", "alice")
+    assert parse_control_token(str(token)) == token
+    assert "/" not in str(ControlToken("asks", 1, "ground-1", "a/b*$?#.c"))
     for name in (
         "ground-1",
         "operator",
@@ -38,14 +38,14 @@ def test_a_token_reads_back_and_strange_names_are_no_tokens() -> None:
         "king.1.n.a",
         "",
     ):
-        assert parse_token(name) is None
+        assert parse_control_token(name) is None
 
 
 def test_who_operates_goes_on_until_it_leaves_or_somebody_claims_a_later_term() -> None:
-    roles = Roles()
+    roles = ControlTokens()
     roles.see("operator.1.ground-5.bob", True)
     roles.see("operator.1.ground-1.alice", True)
-    assert roles.holder == Token("operator", 1, "ground-5", "bob")
+    assert roles.holder == ControlToken("operator", 1, "ground-5", "bob")
     roles.see("operator.2.ground-9.carol", True)
     assert roles.holder is not None
     assert roles.holder.author == "carol"
@@ -57,7 +57,7 @@ def test_who_operates_goes_on_until_it_leaves_or_somebody_claims_a_later_term() 
 
 
 def test_false_claims_neither_take_control_nor_keep_it_for_ever() -> None:
-    roles = Roles()
+    roles = ControlTokens()
     roles.see("operator.1.ground-1.alice", True)
     for name in (
         "operator.999999.x.y",
@@ -69,21 +69,21 @@ def test_false_claims_neither_take_control_nor_keep_it_for_ever() -> None:
         roles.see(name, True)
     for number in range(100):  # they fill the memory
         roles.see(f"asks.1.x{number}.y", True)
-    assert roles.holder == Token("operator", 1, "ground-1", "alice")
+    assert roles.holder == ControlToken("operator", 1, "ground-1", "alice")
     roles.see("operator.2.ground-2.bob", True)  # after a request that alice has left unanswered
-    assert roles.holder == Token("operator", 2, "ground-2", "bob")
+    assert roles.holder == ControlToken("operator", 2, "ground-2", "bob")
 
-    roles = Roles()
+    roles = ControlTokens()
     roles.see("operator.999.x.y", True)  # it was free
     assert roles.holder is not None
     roles.see(f"operator.{next_term(roles.holder.term)}.ground-2.bob", True)
-    assert roles.holder == Token("operator", 1, "ground-2", "bob")
-    assert roles.holder.beats(Token("operator", 999, "x", "y"))
+    assert roles.holder == ControlToken("operator", 1, "ground-2", "bob")
+    assert roles.holder.beats(ControlToken("operator", 999, "x", "y"))
 
 
 @pytest.mark.parametrize("kind", ["arm", "takeoff", "move", "disarm", "locate"])
 def test_an_agent_takes_orders_of_the_operator_only_while_there_is_one(kind: str) -> None:
-    roles = Roles()
+    roles = ControlTokens()
     assert roles.refusal(order(kind, "ground-2")) is None
     roles.see("operator.1.ground-1.alice", True)
     assert roles.refusal(order(kind)) is None
@@ -93,7 +93,7 @@ def test_an_agent_takes_orders_of_the_operator_only_while_there_is_one(kind: str
 
 @pytest.mark.parametrize("kind", ["land", "hold", "kill"])
 def test_what_makes_things_safer_is_taken_from_everybody(kind: str) -> None:
-    roles = Roles()
+    roles = ControlTokens()
     roles.see("operator.1.ground-1.alice", True)
     assert roles.refusal(order(kind, "ground-2")) is None
 
@@ -260,7 +260,7 @@ async def test_two_consoles_over_zenoh_share_one_token_and_a_crash_frees_it(
     for name in names:
         session, roles = (
             BusSession(namespace=few.namespace, node=name, listen=[vehicles[name].agent]),
-            Roles(),
+            ControlTokens(),
         )
         session.start()
         session.watch_alive(roles.see)
@@ -268,7 +268,7 @@ async def test_two_consoles_over_zenoh_share_one_token_and_a_crash_frees_it(
         def answer(
             asked: object,
             reply: Callable[[OrderReply], None],
-            roles: Roles = roles,
+            roles: ControlTokens = roles,
             name: str = name,
         ) -> None:
             assert isinstance(asked, Order)

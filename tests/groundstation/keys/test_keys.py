@@ -12,8 +12,8 @@ import pytest
 from groundstation.cli import main
 from groundstation.keys.authority import issue, load_authority, nodes_of
 from groundstation.keys.secured_fleet import secure_fleet
-from onboard.bus.credentials import credentials_of
 from onboard.config.fleet import ConfigError, FleetConfig, fleet_from_mapping, load_fleet, read_toml
+from onboard.security.credentials import credentials_of
 
 PAPER = Path(__file__).parents[3] / "configs" / "fleets" / "paper.toml"
 NOW = datetime.datetime.now(datetime.UTC)

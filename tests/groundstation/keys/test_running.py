@@ -13,9 +13,9 @@ import pytest
 from groundstation.cli import main
 from groundstation.keys.secured_fleet import secure_fleet
 from groundstation.processes.free_ports import toml_text, with_free_ports
-from onboard.bus.credentials import credentials_of
 from onboard.bus.session import BusSession
 from onboard.config.fleet import FleetConfig, load_fleet
+from onboard.security.credentials import credentials_of
 
 PAPER = Path(__file__).parents[3] / "configs" / "fleets" / "paper.toml"
 

@@ -11,7 +11,7 @@ import subprocess
 import sys
 import time
 import tomllib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
@@ -20,13 +20,14 @@ from msgspec.structs import replace
 
 from groundstation.cli import main
 from groundstation.keys.secured_fleet import secure_fleet
-from onboard.bus.credentials import credentials_of
 from onboard.bus.protocol import NoRouterError, UntrustedOrder
-from onboard.bus.router import Router, router_settings
+from onboard.bus.router import Router, router_endpoint, router_settings
 from onboard.bus.schema import MocapPose, MocapPoses, Order, OrderReply
 from onboard.bus.session import BusSession
+from onboard.bus.settings import Setting
 from onboard.bus.topics import Topic
 from onboard.config.fleet import ConfigError, FleetConfig, fleet_from_mapping, load_fleet
+from onboard.security.credentials import credentials_of, router_credentials
 from tests.onboard.bus.sessions import started, until
 from tests.onboard.state_messages import state_message
 
@@ -66,9 +67,14 @@ def _fleet(
     return secure_fleet(file, NOW) if has_keys else load_fleet(file)
 
 
+def _settings(fleets: Sequence[FleetConfig], endpoint: str | None = None) -> list[Setting]:
+    own_endpoint = router_endpoint(fleets, endpoint)
+    return router_settings(fleets, own_endpoint, router_credentials(fleets))
+
+
 @contextmanager
 def _routing(*fleets: FleetConfig) -> Iterator[None]:
-    router = Router(router_settings(fleets))
+    router = Router(_settings(fleets))
     router.start()
     try:
         yield
@@ -167,7 +173,7 @@ def test_a_router_that_grants_everything_still_brings_no_false_order(locked: Fle
         reply(OrderReply(order_id=order.order_id, vehicle="mav0", is_accepted=False, reason=""))
 
     careless = Router(
-        [setting for setting in router_settings([locked]) if setting[0] != "access_control"]
+        [setting for setting in _settings([locked]) if setting[0] != "access_control"]
     )
     careless.start()
     try:
@@ -229,7 +235,7 @@ def test_another_router_takes_over_and_a_hung_client_holds_up_nobody(tmp_path: P
     alive: dict[str, bool] = {}
     hung = f"""
 import sys, time
-from onboard.bus.credentials import credentials_of
+from onboard.security.credentials import credentials_of
 from onboard.bus.session import BusSession
 from onboard.bus.topics import Topic
 from onboard.config.fleet import load_fleet
@@ -369,29 +375,29 @@ def test_what_cannot_be_a_router_is_refused_in_a_sentence(
             router_timeout_s=0.3,
         ).start()
     with pytest.raises(ConfigError, match="names no router"):
-        router_settings([load_fleet(PAPER)])
+        _settings([load_fleet(PAPER)])
     away = replace(locked, fleet=replace(locked.fleet, routers=("quic/192.0.2.7:7447",)))
     with pytest.raises(ConfigError, match="is an address of this computer"):
-        router_settings([away])
+        _settings([away])
     with pytest.raises(
         ConfigError,
         match=r"router.pem is for 127.0.0.1, but the fleet file has router at 192.0.2.7",
     ):
-        router_settings([away], "quic/192.0.2.7:7447")
+        _settings([away], "quic/192.0.2.7:7447")
     with pytest.raises(ConfigError, match="is no router of this fleet"):
-        router_settings([locked], "quic/127.0.0.1:1")
+        _settings([locked], "quic/127.0.0.1:1")
     two = _fleet(tmp_path / "two", routers=2)
     with pytest.raises(ConfigError, match="Choose one: --endpoint"):
-        router_settings([two])
+        _settings([two])
     both = replace(two, fleet=replace(two.fleet, name="other", routers=locked.fleet.routers))
     with pytest.raises(ConfigError, match="have different authorities"):
-        router_settings([locked, both])
+        _settings([locked, both])
     with pytest.raises(ConfigError, match="both have a vehicle 'mav0'"):
-        router_settings([locked, replace(locked, fleet=replace(locked.fleet, name="other"))])
+        _settings([locked, replace(locked, fleet=replace(locked.fleet, name="other"))])
     copy = Path(shutil.copytree(Path(locked.path).parent, tmp_path / "copy"))
     (copy / "keys" / "router.pem").unlink()
     with pytest.raises(ConfigError, match="is missing: a router cannot join"):
-        router_settings([load_fleet(copy / "fleet.toml")])
+        _settings([load_fleet(copy / "fleet.toml")])
 
 
 def test_a_router_at_the_endpoint_of_somebody_else_is_refused() -> None:

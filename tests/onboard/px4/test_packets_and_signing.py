@@ -11,10 +11,10 @@ import pytest
 os.environ["MAVLINK20"] = "1"
 from pymavlink.dialects.v20 import common as mavlink
 
-from onboard.config.mavlink_key import signing_time
 from onboard.px4 import packets
 from onboard.px4.packets import READ, SENT, Packet, cut, fields_of, packed
 from onboard.px4.signing import SignatureVerdict, Signer
+from onboard.security.mavlink_key import signing_time
 
 KEY, OTHER_KEY = bytes(range(1, 33)), bytes(range(2, 34))
 NOW = signing_time(1_790_000_000 * 10**9)

@@ -21,10 +21,10 @@ from groundstation.cli import main
 from groundstation.keys.secured_fleet import secure_fleet
 from groundstation.processes.free_ports import toml_text
 from onboard.bus.clock_sync import ClockNode
-from onboard.bus.credentials import credentials_of
 from onboard.bus.session import BusSession
 from onboard.bus.topics import Topic
 from onboard.config.fleet import FleetConfig
+from onboard.security.credentials import credentials_of
 from tests.onboard.state_messages import state_message
 
 PAPER = Path(__file__).parents[4] / "configs" / "fleets" / "paper.toml"

@@ -12,9 +12,9 @@ from msgspec.structs import replace
 
 from groundstation.keys.secured_fleet import secure_fleet
 from onboard.bus.codec import encode
-from onboard.bus.order_signature import MOST_FALSE_PER_S, OrderSeal, OrderSigner, SealCheck
 from onboard.bus.schema import Order
 from onboard.config.fleet import FleetConfig
+from onboard.security.order_signature import MOST_FALSE_PER_S, OrderSeal, OrderSigner, SealCheck
 
 PAPER = Path(__file__).parents[3] / "configs" / "fleets" / "paper.toml"
 NOW = datetime.datetime(2026, 6, 1, tzinfo=datetime.UTC)

@@ -1,9 +1,10 @@
-"""Keys of MAVLink signing: a file ``keys/VEHICLE.mavlink.key`` beside the fleet file, for vehicles
-that sign.
+"""Keys of MAVLink signing, for vehicles that sign: ``keys/VEHICLE.mavlink.key`` beside the fleet file.
 
-Who signs what is told apart by link ids: PX4 remembers the newest timestamp of each sender (system,
-component, link id) and refuses older ones. So every program of a vehicle's links has an id of its
-own, and its clock decides alone.
+Senders are told apart by link ids: PX4 remembers the newest timestamp of each sender (system,
+component, link id) and refuses older ones. So every program that sends over a vehicle's links has
+an id of its own, and only its own clock decides whether its messages are new.
+
+The format of signatures: https://mavlink.io/en/guide/message_signing.html
 """
 
 from __future__ import annotations
@@ -16,10 +17,18 @@ from onboard.config.fleet_config import FleetConfig
 from onboard.config.toml_reading import ConfigError
 
 KEY_BYTES = 32
-AGENT_LINK_ID, TOOL_LINK_ID, CHECK_LINK_ID = 10, 11, 12  # PX4's own are 0 to 5
-_FIRST_GROUND_LINK_ID, _GROUND_LINK_IDS = 64, 128
-_BEGIN_S = 1_420_070_400  # timestamps count from 2015 in steps of 10 us
-_STEPS_PER_S = 100_000
+
+# Link ids. PX4's own are 0 to 5.
+AGENT_LINK_ID = 10  # the agent of a vehicle
+TOOL_LINK_ID = 11  # tools for parameters and calibration
+CHECK_LINK_ID = 12  # the checks of a PX4
+_FIRST_GROUND_LINK_ID = 64  # of the ground computers, which go past the agents
+_GROUND_LINK_IDS = 128  # number of their ids
+
+_EPOCH_S = 1_420_070_400  # timestamps count from 2015; [s since 1970]
+_STEPS_PER_S = 100_000  # in steps of 10 us
+
+_OPEN_TO_OTHERS = 0o077  # the bits of a file's mode for its group and for everybody
 
 
 def key_file(vehicle: str) -> str:
@@ -51,8 +60,12 @@ def mavlink_keys(fleet: FleetConfig) -> dict[str, bytes]:
     Returns:
         vehicle -> key.
     """
-    keys = {name: mavlink_key(fleet, name) for name in fleet.vehicles}
-    return {name: key for name, key in keys.items() if key is not None}
+    keys: dict[str, bytes] = {}
+    for name in fleet.vehicles:
+        key = mavlink_key(fleet, name)
+        if key is not None:
+            keys[name] = key
+    return keys
 
 
 def read_key(path: str, fleet_path: str) -> bytes:
@@ -69,26 +82,31 @@ def read_key(path: str, fleet_path: str) -> bytes:
     try:
         mode = stat.S_IMODE(os.stat(path).st_mode)
         with open(path, "rb") as file:
-            key = file.read(KEY_BYTES + 1)
+            key = file.read(KEY_BYTES + 1)  # one more, to notice a file that is too long
     except OSError as error:
         raise ConfigError(
-            f"{path} cannot be read ({error.strerror}): it is the key of a vehicle whose MAVLink is signed. Copy it "
-            f"from the computer that has it, or make a new key there: covey secure {fleet_path} --mavlink"
+            f"{path} cannot be read ({error.strerror}): it is the key of a vehicle whose MAVLink "
+            "is signed. Copy it from the computer that has it, or make a new key there: "
+            f"covey secure {fleet_path} --mavlink"
         ) from None
-    if mode & 0o077:
+
+    if mode & _OPEN_TO_OTHERS:
         raise ConfigError(
-            f"{path} can be read by other users of this computer (mode {mode:o}). Run: chmod 600 {path}"
+            f"{path} can be read by other users of this computer (mode {mode:o}). "
+            f"Run: chmod 600 {path}"
         )
     if len(key) != KEY_BYTES or not any(key):
         raise ConfigError(
-            f"{path} holds no key: a key of MAVLink has {KEY_BYTES} bytes, not all of them zero. Copy it once more."
+            f"{path} holds no key: a key of MAVLink has {KEY_BYTES} bytes, not all of them zero. "
+            "Copy it once more."
         )
     return key
 
 
 def ground_link_id(host: str) -> int:
-    """Return the link id of a ground computer: clocks of two computers differ, so each has an id of
-    its own.
+    """Return the link id of a ground computer.
+
+    The clocks of two computers differ, so each computer has an id of its own.
 
     Args:
         host: name of the computer.
@@ -102,4 +120,6 @@ def signing_time(unix_ns: int) -> int:
     Args:
         unix_ns: time [ns since 1970].
     """
-    return max(0, (unix_ns - _BEGIN_S * 1_000_000_000) // (1_000_000_000 // _STEPS_PER_S))
+    ns_per_step = 1_000_000_000 // _STEPS_PER_S
+    since_epoch_ns = unix_ns - _EPOCH_S * 1_000_000_000
+    return max(0, since_epoch_ns // ns_per_step)

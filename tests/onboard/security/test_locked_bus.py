@@ -17,12 +17,12 @@ import pytest
 from msgspec.structs import replace
 
 from groundstation.keys.secured_fleet import secure_fleet
-from onboard.bus.credentials import credentials_of
-from onboard.bus.roles import GRANTS, Role
 from onboard.bus.schema import FaultOrder, Order, OrderReply
 from onboard.bus.session import BusSession
 from onboard.bus.topics import TOPICS, Delivery, Topic
 from onboard.config.fleet import FleetConfig, load_fleet
+from onboard.security.credentials import credentials_of
+from onboard.security.node_roles import GRANTS, NodeRole
 from tests.onboard.bus.sessions import started, until
 from tests.onboard.state_messages import state_message
 
@@ -78,8 +78,8 @@ def _names(holder: str) -> list[str]:
     return [NODES[holder], "mav0", "mav2", "other"]
 
 
-def _role(holder: str) -> Role:
-    return Role(holder) if holder in set(Role) else Role.VEHICLE
+def _role(holder: str) -> NodeRole:
+    return NodeRole(holder) if holder in set(NodeRole) else NodeRole.VEHICLE
 
 
 def _arrives(holder: str, topic: Topic, name: str, reader: str) -> bool:
@@ -193,7 +193,7 @@ def test_what_fits_into_no_datagram_arrives(fleet: FleetConfig) -> None:
     topics = [
         topic
         for topic in SAMPLES
-        if topic in GRANTS[Role.VEHICLE].publishes and topic in GRANTS[Role.VIEWER].reads
+        if topic in GRANTS[NodeRole.VEHICLE].publishes and topic in GRANTS[NodeRole.VIEWER].reads
     ]
     whole = set(topics) - {Topic.STATE, Topic.FAR}  # these are always small
     with _node(fleet, "mav0", listens=True) as agent, _node(fleet, "viewer") as viewer:
@@ -209,6 +209,6 @@ def test_what_fits_into_no_datagram_arrives(fleet: FleetConfig) -> None:
 
 
 def test_faults_are_the_emulators_to_answer_and_the_grounds_to_ask() -> None:
-    assert [role for role in Role if Topic.SIM in GRANTS[role].asks] == [Role.GROUND]
-    assert [role for role in Role if Topic.SIM in GRANTS[role].answers] == [Role.EMULATOR]
+    assert [role for role in NodeRole if Topic.SIM in GRANTS[role].asks] == [NodeRole.GROUND]
+    assert [role for role in NodeRole if Topic.SIM in GRANTS[role].answers] == [NodeRole.EMULATOR]
     assert TOPICS[Topic.SIM].message is FaultOrder

@@ -1,0 +1,187 @@
+"""Who has control of a fleet: liveliness tokens, and the rules that agents and grounds share. Pure.
+
+A ground that operates declares the token ``operator.TERM.NODE.AUTHOR``. One that requests control
+declares ``asks...``. An operator who refuses a request declares ``keeps...`` with the node of the
+request.
+
+A token vanishes with its process, so a ground that has ended cannot stay the operator. Grounds are
+connected to agents only, not to each other. Therefore every agent publishes in its telemetry the
+tokens that it sees.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+from onboard.bus.schema import Order, OrderKind
+
+ControlClaim = Literal["operator", "asks", "keeps"]
+CONTROL_CLAIMS: tuple[ControlClaim, ...] = get_args(ControlClaim)
+
+EMERGENCY: tuple[OrderKind, ...] = ("land", "hold", "kill")  # orders that anybody may send
+
+GROUND = "ground"  # first word of the nodes that may order
+WATCHER = "watcher"  # first word of the nodes that only watch
+
+LAST_TERM = 999  # after this term the next one is 1
+_TERM = re.compile(r"[1-9]\d{0,2}")
+_MAX_TOKENS = 64
+_MAX_PART_LENGTH = 60  # characters of a node's or an author's name within a token
+
+
+@dataclass(frozen=True, slots=True)
+class ControlToken:
+    """What one ground declares about control of the fleet."""
+
+    claim: ControlClaim
+    term: int  # grows each time that control is taken by force
+    node: str  # of the ground; for "keeps" the node that requested control
+    author: str  # name of the user
+
+    def __str__(self) -> str:
+        return f"{self.claim}.{self.term}.{_token_part(self.node)}.{_token_part(self.author)}"
+
+    @property
+    def label(self) -> str:
+        """Author and node; the node distinguishes two grounds of one user."""
+        return f"{self.author} ({self.node})"
+
+    def follows(self, other: ControlToken) -> bool:
+        """Whether this token takes control from the other by force, because its term is the next.
+
+        Args:
+            other: token of the other ground.
+        Returns:
+            True for the next term only. If any later term counted, a false claim with the last term
+            could never be followed.
+        """
+        return self.term == next_term(other.term)
+
+    def beats(self, other: ControlToken) -> bool:
+        """Whether this token wins where two grounds operate at once.
+
+        The later term wins; among equal terms the lower node.
+
+        Args:
+            other: token of the other ground.
+        Returns:
+            True if this token wins.
+        """
+        terms_ahead = (self.term - other.term) % LAST_TERM
+        if terms_ahead == 0:
+            return self.node < other.node
+        return terms_ahead <= LAST_TERM // 2
+
+
+def next_term(term: int) -> int:
+    """Return the term of a ground that takes control by force from the holder of ``term``."""
+    return term % LAST_TERM + 1
+
+
+def parse_control_token(name: str) -> ControlToken | None:
+    """Parse a name on the bus as a control token.
+
+    Args:
+        name: of a liveliness token.
+    Returns:
+        the token; None for the name of any other node.
+    """
+    parts = name.split(".")
+    if len(parts) != 4:
+        return None
+
+    written_claim, term, node, author = parts
+    for claim in CONTROL_CLAIMS:
+        if claim == written_claim and _TERM.fullmatch(term) and node:
+            return ControlToken(claim, int(term), node, author)
+    return None
+
+
+class ControlTokens:
+    """The control tokens that one agent sees, and the operator that follows from them.
+
+    The operator stays the operator while its token lives, whoever claims later, unless that claim
+    has the next term.
+    """
+
+    def __init__(self) -> None:
+        self.holder: ControlToken | None = None  # token of the operator
+        self._tokens: dict[str, ControlToken] = {}  # by their names on the bus
+
+    def see(self, name: str, is_alive: bool) -> None:
+        """Take note of a liveliness token; tokens of other nodes change nothing.
+
+        Args:
+            name: of the token.
+            is_alive: whether it appeared; False when it vanished.
+        """
+        token = parse_control_token(name)
+        if token is None:
+            return
+
+        if is_alive:
+            self._tokens[name] = token
+            self._drop_the_oldest_of_too_many()
+        else:
+            self._tokens.pop(name, None)
+
+        self._choose_holder()
+
+    def _drop_the_oldest_of_too_many(self) -> None:
+        """Make room, so that false names cannot exclude the tokens that come after them."""
+        if len(self._tokens) <= _MAX_TOKENS:
+            return
+        oldest = next(name for name, token in self._tokens.items() if token != self.holder)
+        del self._tokens[oldest]
+
+    def _choose_holder(self) -> None:
+        claims = [token for token in self._tokens.values() if token.claim == "operator"]
+        claims.sort(key=lambda token: token.node)  # every agent decides in the same order
+
+        if self.holder not in claims:
+            self.holder = min(claims, key=lambda token: token.term, default=None)
+
+        for token in claims:
+            if self.holder is not None and token.follows(self.holder):
+                self.holder = token
+
+    @property
+    def operator(self) -> str:
+        """The operator's token for telemetry; empty when nobody operates."""
+        if self.holder is None:
+            return ""
+        return str(self.holder)
+
+    @property
+    def others(self) -> tuple[str, ...]:
+        """All other control tokens, for telemetry."""
+        return tuple(sorted(name for name, token in self._tokens.items() if token != self.holder))
+
+    def refusal(self, order: Order) -> str | None:
+        """Judge whether the sender of an order may give it.
+
+        Orders that make a flight safer are open to everybody.
+
+        Args:
+            order: as received.
+        Returns:
+            the sentence that refuses it; None when it is allowed.
+        """
+        holder = self.holder
+        if holder is None or order.kind in EMERGENCY or order.node == holder.node:
+            return None
+        return (
+            f"{holder.author} operates this fleet (from {holder.node}). Everybody may order land, "
+            "hold and kill; all other orders are the operator's. To ask for control, type in the "
+            "console: take control."
+        )
+
+
+def _token_part(text: str) -> str:
+    """Return a text as one part of a token's name.
+
+    Characters that a key of the bus may not hold become underscores.
+    """
+    return re.sub(r"[^\w-]", "_", text)[:_MAX_PART_LENGTH] or "_"

@@ -1,0 +1,100 @@
+"""The table of roles as zenoh's own access control: rules, and whose certificate has which. Pure.
+
+A rule allows some kinds of messages on some keys of the bus. It is checked on each link for what
+comes in; everything may go out, since its receiver checks it. What no rule allows is dropped.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+from onboard.bus.topics import Topic, key
+from onboard.security.node_roles import GRANTS, NODES, ROUTER, Grant, NodeRole
+
+_Rule = dict[str, object]  # one entry of zenoh's ``access_control.rules``
+
+_OUT = "out"  # id of the rule that lets everything out
+_ALL_MESSAGES = (
+    "put",
+    "delete",
+    "declare_subscriber",
+    "query",
+    "reply",
+    "declare_queryable",
+    "liveliness_token",
+    "liveliness_query",
+    "declare_liveliness_subscriber",
+)
+
+
+def access_control(fleets: Mapping[str, Iterable[str]], *, has_router: bool) -> dict[str, object]:
+    """Return zenoh's ``access_control``: what may come in from the holder of which certificate.
+
+    Args:
+        fleets: key prefix, ``covey/<fleet name>``, -> names of the vehicles; several for a router
+            of several fleets.
+        has_router: whether routers pass on messages of others.
+    """
+    rules: list[_Rule] = [_rule(_OUT, _ALL_MESSAGES, ["**"], "egress")]
+    granted: dict[str, list[object]] = {}  # holder of a certificate -> ids of its rules
+
+    for namespace, vehicles in fleets.items():
+        holders = [(name, NodeRole.VEHICLE) for name in vehicles]
+        holders += [(role.value, role) for role in NODES]
+
+        for name, role in holders:
+            own_rules = _rules_of(namespace, name, GRANTS[role])
+            rules += own_rules
+            granted.setdefault(name, [_OUT]).extend(rule["id"] for rule in own_rules)
+
+        if has_router:
+            rule = _rule(f"{namespace} {ROUTER}", _ALL_MESSAGES, [f"{namespace}/**"], "ingress")
+            rules.append(rule)
+            granted.setdefault(ROUTER, [_OUT]).append(rule["id"])
+
+    subjects = [{"id": name, "cert_common_names": [name]} for name in granted]
+    policies = [{"rules": ids, "subjects": [name]} for name, ids in granted.items()]
+    return {
+        "enabled": True,
+        "default_permission": "deny",
+        "rules": rules,
+        "subjects": subjects,
+        "policies": policies,
+    }
+
+
+def _rules_of(namespace: str, name: str, grant: Grant) -> list[_Rule]:
+    """Return the rules of one holder; each kind of access that is granted for any key is one rule."""
+
+    def keys(names: Mapping[Topic, tuple[str, ...]]) -> list[str]:
+        return [
+            key(namespace, topic, pattern.format(own=name))
+            for topic, patterns in names.items()
+            for pattern in patterns
+        ]
+
+    tokens = [key(namespace, Topic.ALIVE, f"{first.format(own=name)}/*") for first in grant.tokens]
+    reads = [key(namespace, topic, "**") for topic in sorted(grant.reads)]
+
+    accesses: list[tuple[tuple[str, ...], list[str]]] = [
+        (("put",), keys(grant.publishes)),
+        (("reply", "declare_queryable"), keys(grant.answers)),
+        (("query",), keys(grant.asks)),
+        (("liveliness_token",), tokens),
+        (("declare_subscriber", "declare_liveliness_subscriber", "liveliness_query"), reads),
+    ]
+    return [
+        _rule(f"{namespace} {name} {number}", messages, expressions, "ingress")
+        for number, (messages, expressions) in enumerate(accesses)
+        if expressions
+    ]
+
+
+def _rule(name: str, messages: Iterable[str], expressions: list[str], flow: str) -> _Rule:
+    return {
+        "id": name,
+        "messages": list(messages),
+        "flows": [flow],
+        "permission": "allow",
+        "key_exprs": expressions,
+    }

@@ -1,0 +1,155 @@
+"""Certificates as they stand in files: read, and checked against each other and the clock.
+
+A certificate names its holder, and the addresses at which others connect to that holder. The
+fleet's certificate authority has signed it, and it is valid for a time.
+"""
+
+from __future__ import annotations
+
+import datetime
+from collections.abc import Iterable
+
+from cryptography import x509
+from cryptography.exceptions import InvalidSignature
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+from cryptography.hazmat.primitives.asymmetric.types import PrivateKeyTypes
+from cryptography.hazmat.primitives.serialization import load_pem_private_key
+from cryptography.x509.oid import NameOID
+
+from onboard.config.fleet import ConfigError
+from onboard.security.node_roles import NodeRole
+
+
+def check(authority: str, certificate: str, key: str, node: str, now: datetime.datetime) -> None:
+    """Check that the three files of a node fit together.
+
+    Args:
+        authority: path of the certificate of the fleet's certificate authority.
+        certificate: path of the node's own certificate.
+        key: path of the node's private key.
+        node: the name that the certificate must carry.
+        now: time at which both certificates must be valid.
+    Raises:
+        ConfigError: they do not.
+    """
+    issuer = read_certificate(authority)
+    own = read_certificate(certificate)
+
+    if common_name(own) != node:
+        holder = common_name(own) or "nobody"
+        raise ConfigError(f"{certificate} is the certificate of {holder}, not of {node}.")
+    if not issued_by(own, issuer):
+        raise ConfigError(
+            f"{certificate} was not issued by {authority}: it is of another fleet, or of an "
+            "authority that was replaced. Copy the node's new files, or issue them: "
+            "covey keys renew FLEET"
+        )
+
+    _check_time(authority, issuer, now)
+    _check_time(certificate, own, now)
+
+    private_key = read_key(key)
+    if private_key.public_key() != own.public_key():
+        raise ConfigError(
+            f"{key} does not belong to {certificate}. Copy both files of the node together."
+        )
+    if node == NodeRole.GROUND and not isinstance(private_key, Ed25519PrivateKey):
+        raise ConfigError(
+            f"{key} is of a former kind that signs no orders. Issue it anew: "
+            f"covey keys issue FLEET {node}"
+        )
+
+
+def _check_time(path: str, certificate: x509.Certificate, now: datetime.datetime) -> None:
+    """Check that a certificate is valid at a time."""
+    first = certificate.not_valid_before_utc
+    last = certificate.not_valid_after_utc
+    if now < first:
+        fault = f"is not valid before {first:%Y-%m-%d}"
+    elif now > last:
+        fault = f"has expired on {last:%Y-%m-%d}"
+    else:
+        return
+
+    raise ConfigError(
+        f"{path} {fault}; this computer's clock says {now:%Y-%m-%d}. Set the clock, or issue "
+        "new certificates: covey keys renew FLEET"
+    )
+
+
+def check_hosts(certificate: str, node: str, hosts: Iterable[str]) -> None:
+    """Check that a certificate is for the addresses at which others connect to its node.
+
+    They compare the address that they connect to with those in the certificate.
+
+    Args:
+        certificate: path.
+        node: its holder.
+        hosts: names and addresses of the fleet file.
+    Raises:
+        ConfigError: it is for others.
+    """
+    extensions = read_certificate(certificate).extensions
+    names = extensions.get_extension_for_class(x509.SubjectAlternativeName).value
+    issued = [str(address) for address in names.get_values_for_type(x509.IPAddress)]
+    issued += names.get_values_for_type(x509.DNSName)
+
+    for host in hosts:
+        if host.strip("[]") in issued:
+            continue
+        addresses = ", ".join(name for name in issued if name != node) or "no address"
+        raise ConfigError(
+            f"{certificate} is for {addresses}, but the fleet file has {node} at {host}: nobody "
+            f"would connect to it. Issue it anew: covey keys issue FLEET {node}"
+        )
+
+
+def read_certificate(path: str) -> x509.Certificate:
+    """Read one certificate.
+
+    Args:
+        path: of a PEM file.
+    Raises:
+        ConfigError: it cannot be read.
+    """
+    try:
+        with open(path, "rb") as file:
+            return x509.load_pem_x509_certificate(file.read())
+    except (OSError, ValueError):
+        raise ConfigError(
+            f"{path} is no certificate, or was cut off. Copy it again, or issue it anew."
+        ) from None
+
+
+def read_key(path: str) -> PrivateKeyTypes:
+    """Read a private key.
+
+    Args:
+        path: of a PEM file.
+    Raises:
+        ConfigError: it cannot be read.
+    """
+    try:
+        with open(path, "rb") as file:
+            return load_pem_private_key(file.read(), None)
+    except (OSError, ValueError, TypeError):
+        raise ConfigError(
+            f"{path} is no private key, or was cut off. Issue it anew: covey keys renew FLEET"
+        ) from None
+
+
+def common_name(certificate: x509.Certificate) -> str:
+    """Return the name of a certificate's holder; empty where it names none, or several."""
+    names = [name.value for name in certificate.subject.get_attributes_for_oid(NameOID.COMMON_NAME)]
+    if len(names) == 1 and isinstance(names[0], str):
+        return names[0]
+    return ""
+
+
+def issued_by(certificate: x509.Certificate, authority: x509.Certificate) -> bool:
+    """Whether a certificate authority has signed a certificate itself."""
+    try:
+        certificate.verify_directly_issued_by(authority)
+    except (ValueError, TypeError, InvalidSignature):
+        return False
+    return True

@@ -1,0 +1,162 @@
+"""A node's certificate and key: files in ``keys/`` beside the fleet file.
+
+``ca.pem`` is the certificate of the fleet's own certificate authority, ``NODE.pem`` a node's
+certificate, and ``NODE.key`` its private key, which never leaves the computer of that node.
+``covey secure`` makes them. They are checked before the bus is opened: whoever opens a node of the
+bus hands it the credentials that are made here.
+"""
+
+from __future__ import annotations
+
+import datetime
+import os
+import stat
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from onboard.bus.protocol import OrderSignatures
+from onboard.config.endpoints import host_of
+from onboard.config.fleet import ConfigError, FleetConfig
+from onboard.security.access_control import access_control
+from onboard.security.node_roles import ROUTER, NodeRole
+
+_OPEN_TO_OTHERS = 0o077  # the bits of a file's mode for its group and for everybody
+
+
+@dataclass(frozen=True, slots=True)
+class Credentials:
+    """Files of one node, and what may come in from whom."""
+
+    authority: str  # path of the certificate of the fleet's certificate authority
+    certificate: str  # path of the node's certificate
+    key: str  # path of the node's private key
+    access: dict[str, object]  # zenoh's ``access_control``: what may come in from whom
+
+    def order_signatures(self) -> OrderSignatures:
+        """Return what signs this node's orders and judges those that it receives."""
+        # Imported here, because it loads ten megabytes that a fleet without keys does without.
+        from onboard.security.order_signature import NodeSignatures
+
+        return NodeSignatures(self.authority, self.certificate, self.key)
+
+
+def files_of(node: str) -> tuple[str, str, str]:
+    """Return the names of a node's files: certificate authority, certificate, private key."""
+    return "ca.pem", f"{node}.pem", f"{node}.key"
+
+
+def credentials_of(
+    fleet: FleetConfig, node: str, now: datetime.datetime | None = None
+) -> Credentials | None:
+    """Return a node's credentials; None for a fleet whose bus has no keys.
+
+    Args:
+        fleet: the fleet file.
+        node: a vehicle's name, or the value of a role.
+        now: time at which the certificate must be valid; by default this computer's.
+    Returns:
+        paths of files that exist and fit together.
+    Raises:
+        ConfigError: a file is missing, damaged, of another certificate authority, not valid now, or
+            open to others.
+    """
+    if not fleet.has_keys:
+        return None
+
+    authority, certificate, key = (os.path.join(fleet.keys_folder, name) for name in files_of(node))
+    for path in (authority, certificate, key):
+        if not os.path.isfile(path):
+            raise ConfigError(
+                f"{path} is missing: {_description(node)} cannot join this fleet's bus. "
+                f"Make what is missing with: covey secure {fleet.path}"
+            )
+
+    mode = stat.S_IMODE(os.stat(key).st_mode)
+    if mode & _OPEN_TO_OTHERS:
+        raise ConfigError(
+            f"{key} can be read by other users of this computer (mode {mode:o}). "
+            f"Run: chmod 600 {key}"
+        )
+
+    # Imported here, because it loads ten megabytes that a fleet without keys does without.
+    from onboard.security.certificates import check, check_hosts
+
+    check(authority, certificate, key, node, now or datetime.datetime.now(datetime.UTC))
+    has_router = bool(fleet.fleet.routers)
+    if node == ROUTER or not has_router:  # behind a router nobody connects to the other nodes
+        check_hosts(certificate, node, hosts_of(fleet, node))
+
+    access = access_control({fleet.namespace: fleet.vehicles}, has_router=has_router)
+    return Credentials(authority, certificate, key, access)
+
+
+def router_credentials(fleets: Sequence[FleetConfig]) -> Credentials | None:
+    """Return the credentials of a router: one certificate for all of its fleets.
+
+    Args:
+        fleets: whose messages it passes on.
+    Returns:
+        the credentials, with the access control of all fleets; None for fleets without keys.
+    Raises:
+        ConfigError: a file is missing or does not fit, or one certificate cannot be for all fleets.
+    """
+    first_fleet = fleets[0]
+    first = credentials_of(first_fleet, ROUTER)
+
+    for fleet in fleets[1:]:
+        other = credentials_of(fleet, ROUTER)
+        if _authority_bytes(first) != _authority_bytes(other):
+            raise ConfigError(
+                f"{first_fleet.path} and {fleet.path} have different authorities, and a router "
+                "shows one certificate. Run a router for each, or let both fleets use one folder "
+                "of keys: [fleet] keys = ..."
+            )
+        common_names = sorted(first_fleet.vehicles.keys() & fleet.vehicles.keys())
+        if first is not None and common_names:
+            raise ConfigError(
+                f"{first_fleet.path} and {fleet.path} both have a vehicle '{common_names[0]}': one "
+                "certificate would be both. Give one of them another name, or run a router for "
+                "each fleet."
+            )
+
+    if first is None:
+        return None
+    vehicles = {fleet.namespace: fleet.vehicles for fleet in fleets}
+    return replace(first, access=access_control(vehicles, has_router=True))
+
+
+def _authority_bytes(credentials: Credentials | None) -> bytes | None:
+    if credentials is None:
+        return None
+    return Path(credentials.authority).read_bytes()
+
+
+def hosts_of(fleet: FleetConfig, node: str) -> list[str]:
+    """Return the addresses at which others connect to a node; nobody connects to a ground.
+
+    Args:
+        fleet: the fleet file.
+        node: a vehicle's name, or the value of a role.
+    """
+    if node in fleet.vehicles:
+        return [fleet.vehicles[node].host]
+    if node in (NodeRole.MOCAP, NodeRole.EMULATOR):
+        return [host_of(fleet.simulator_endpoint)]
+    if node == ROUTER:
+        return list(dict.fromkeys(host_of(endpoint) for endpoint in fleet.fleet.routers))
+    return []
+
+
+def _description(node: str) -> str:
+    """Return what a node is, in words for a sentence."""
+    descriptions: dict[str, str] = {
+        NodeRole.GROUND.value: (
+            "a ground that orders (one with keys/viewer.pem only may watch: --readonly)"
+        ),
+        NodeRole.VIEWER.value: "a ground that only watches",
+        NodeRole.MOCAP.value: "the relay of the motion capture",
+        NodeRole.EMULATOR.value: "the emulator",
+        ROUTER: "a router",
+    }
+    return descriptions.get(node, f"the agent of {node}")

@@ -1,0 +1,241 @@
+"""Orders signed end to end: whatever carries an order, its vehicle knows whose key has given it.
+
+Behind a router a vehicle sees the router's certificate, not the ground's. So the ground signs each
+order with the key of its certificate (Ed25519), and the certificate travels beside the order.
+
+The signature covers the key on the bus, hence the fleet and the vehicle: an order for one vehicle
+is none for another.
+
+A flood of false orders would cost a verification each. So only some of them are looked at within a
+second: as many of each ground that has signed before, and as many of all other senders together. A
+flood in somebody else's name therefore keeps no ground from ordering that has ordered before.
+"""
+
+from __future__ import annotations
+
+import datetime
+from collections import Counter
+
+from cryptography import x509
+from cryptography.exceptions import InvalidSignature
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
+from cryptography.hazmat.primitives.serialization import Encoding
+
+from onboard.bus.codec import Malformed, decode, encode
+from onboard.bus.protocol import RefusalCode, UntrustedOrder
+from onboard.bus.schema import Message, Order
+from onboard.security.certificates import common_name, issued_by, read_certificate, read_key
+from onboard.security.node_roles import NodeRole
+
+_CONTEXT = b"covey order 1\0"  # no signature for another purpose is one of an order
+MOST_FALSE_PER_S = (
+    200  # false orders looked at within a second: of each known ground, of all others
+)
+_MAX_KNOWN = 16  # certificates that have been checked, and grounds that have signed; one per ground
+_UNKNOWN_NODE = ""  # counts the false orders of all nodes that never signed rightly
+
+_Fault = tuple[RefusalCode, str]  # what is wrong with an order, and the end of a sentence about it
+
+
+class OrderSeal(Message, frozen=True, array_like=True, kw_only=True):
+    """Travels beside an order."""
+
+    certificate: bytes  # of the signer, DER
+    signature: bytes  # over the key on the bus and the order's bytes
+
+
+class NodeSignatures:
+    """Signs the orders that a node gives, and judges those that it receives.
+
+    Args:
+        authority: path of the certificate of the fleet's certificate authority.
+        certificate: path of the node's certificate.
+        key: path of the node's private key.
+    """
+
+    def __init__(self, authority: str, certificate: str, key: str) -> None:
+        self._signer = OrderSigner(certificate, key)
+        self._check = SealCheck(authority)
+
+    def seal(self, key_expression: str, order: bytes) -> bytes:
+        """Return the bytes that travel beside an order, as :meth:`OrderSigner.seal` does."""
+        return self._signer.seal(key_expression, order)
+
+    def refusal(self, key_expression: str, order: bytes, seal: bytes) -> UntrustedOrder | None:
+        """Judge an order that arrives now, as :meth:`SealCheck.refusal` does."""
+        now = datetime.datetime.now(datetime.UTC)
+        return self._check.refusal(key_expression, order, seal, now)
+
+
+class OrderSigner:
+    """Signs orders with a node's key.
+
+    Args:
+        certificate: path of the node's certificate, checked before.
+        key: path of its private key.
+    """
+
+    def __init__(self, certificate: str, key: str) -> None:
+        self._certificate = read_certificate(certificate).public_bytes(Encoding.DER)
+        self._key = read_key(key)
+
+    def seal(self, key_expression: str, order: bytes) -> bytes:
+        """Return the bytes that travel beside an order.
+
+        Args:
+            key_expression: on the bus, to which the order is sent.
+            order: its bytes.
+        Returns:
+            certificate and signature; empty for a node whose key is of a kind that signs no orders.
+        """
+        if not isinstance(self._key, Ed25519PrivateKey):
+            return b""
+        signature = self._key.sign(_signed_bytes(key_expression, order))
+        return encode(OrderSeal(certificate=self._certificate, signature=signature))
+
+
+class SealCheck:
+    """Judges by whom an order was signed.
+
+    Args:
+        authority: path of the certificate of the fleet's certificate authority.
+    """
+
+    def __init__(self, authority: str) -> None:
+        self._authority = read_certificate(authority)
+
+        # certificates that the authority has issued, by their DER bytes
+        self._issued_certificates: dict[bytes, x509.Certificate] = {}
+
+        # nodes that have signed rightly before; a dict, because it keeps the order
+        self._true_nodes: dict[str, None] = {}
+
+        # false orders within the present second, by node
+        self._false_counts = Counter[str]()
+        self._second = 0
+
+    def refusal(
+        self, key_expression: str, order: bytes, seal: bytes, now: datetime.datetime
+    ) -> UntrustedOrder | None:
+        """Judge an order.
+
+        Args:
+            key_expression: on the bus, at which it arrived.
+            order: its bytes.
+            seal: the bytes beside it; empty without.
+            now: time at which the signer's certificate must be valid.
+        Returns:
+            None when a ground of this fleet has signed exactly this, for this vehicle; otherwise
+            what is wrong.
+        """
+        read_order = decode(order, Order)
+
+        counted_node = _UNKNOWN_NODE
+        if not isinstance(read_order, Malformed) and read_order.node in self._true_nodes:
+            counted_node = read_order.node
+
+        fault = self._fault_unless_flood(counted_node, key_expression, order, seal, now)
+        if fault is None:
+            if not isinstance(read_order, Malformed):
+                self._remember_true_node(read_order.node)
+            return None
+
+        code, sentence = fault
+        if isinstance(read_order, Malformed):
+            return UntrustedOrder(code, f"An order that cannot be read {sentence}")
+        return UntrustedOrder(code, f"Order {read_order.text} {sentence}", read_order.order_id)
+
+    def _remember_true_node(self, node: str) -> None:
+        self._true_nodes.pop(node, None)
+        if len(self._true_nodes) >= _MAX_KNOWN:
+            longest_silent = next(iter(self._true_nodes))
+            del self._true_nodes[longest_silent]
+        self._true_nodes[node] = None
+
+    def _fault_unless_flood(
+        self,
+        counted_node: str,
+        key_expression: str,
+        order: bytes,
+        seal: bytes,
+        now: datetime.datetime,
+    ) -> _Fault | None:
+        """Judge an order, unless too many false ones came within this second."""
+        second = int(now.timestamp())
+        if second != self._second:
+            self._second = second
+            self._false_counts.clear()
+
+        if self._false_counts[counted_node] >= MOST_FALSE_PER_S:
+            return (
+                "flood",
+                f"was not looked at: more than {MOST_FALSE_PER_S} false ones came within a second.",
+            )
+
+        fault = self._fault(key_expression, order, seal, now)
+        if fault is not None and fault[0] != "unsigned":  # without a seal nothing is verified
+            self._false_counts[counted_node] += 1
+        return fault
+
+    def _fault(
+        self, key_expression: str, order: bytes, seal: bytes, now: datetime.datetime
+    ) -> _Fault | None:
+        """Return what is wrong with an order, from the cheapest question to the dearest."""
+        if not seal:
+            return "unsigned", "is not signed: in a fleet with keys it is not obeyed."
+
+        parts = decode(seal, OrderSeal)
+        if isinstance(parts, Malformed):
+            return "forged", f"has a signature that cannot be read ({parts.reason[:80]})."
+
+        certificate = self._issued_certificate(parts.certificate)
+        if certificate is None:
+            return "foreign", "was signed by somebody whom this fleet's authority does not know."
+
+        signer = common_name(certificate)
+        first = certificate.not_valid_before_utc
+        last = certificate.not_valid_after_utc
+        if not first <= now <= last:
+            return "foreign", (
+                f"was signed with a certificate of '{signer}' that is valid from "
+                f"{first:%Y-%m-%d} to {last:%Y-%m-%d}; the vehicle's clock says {now:%Y-%m-%d}. "
+                "Set the clock, or issue the certificate anew."
+            )
+        if signer != NodeRole.GROUND:
+            return "role", f"was signed by '{signer}', which may not order: only a ground may."
+
+        public_key = certificate.public_key()
+        try:
+            if not isinstance(public_key, Ed25519PublicKey):
+                raise InvalidSignature
+            public_key.verify(parts.signature, _signed_bytes(key_expression, order))
+        except InvalidSignature:
+            return "forged", (
+                "has a signature that does not fit: it was changed on its way, or is for another "
+                "vehicle."
+            )
+        return None
+
+    def _issued_certificate(self, der: bytes) -> x509.Certificate | None:
+        """Return a certificate from its DER bytes; None if the authority has not issued it."""
+        known = self._issued_certificates.get(der)
+        if known is not None:
+            return known
+
+        try:
+            certificate = x509.load_der_x509_certificate(der)
+            is_issued = issued_by(certificate, self._authority)
+        except (ValueError, TypeError):
+            return None
+        if not is_issued:
+            return None
+
+        if len(self._issued_certificates) >= _MAX_KNOWN:
+            oldest = next(iter(self._issued_certificates))
+            del self._issued_certificates[oldest]
+        self._issued_certificates[der] = certificate
+        return certificate
+
+
+def _signed_bytes(key_expression: str, order: bytes) -> bytes:
+    return _CONTEXT + key_expression.encode() + b"\0" + order
