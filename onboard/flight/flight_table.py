@@ -1,8 +1,13 @@
-"""The flight as a table: (step, event) -> (step, request to PX4), with predicates. Pure data.
+"""The flight as a table: (step, event) -> (next step, request to PX4, ...). Pure data.
 
-Of the rows of a step and an event, in their order, the first counts whose predicate holds. An event
-without a row changes nothing, and an order without a row is refused. Nothing counts as armed, in
-OFFBOARD, landed or disarmed before PX4 says so. docs/flight.md is printed from here.
+How to read it: Of the rows of a step and an event, in their order, the first counts whose predicate
+holds. An event without a row changes nothing, and an order without a row is refused. Nothing counts
+as armed, in OFFBOARD, landed or disarmed before PX4 says so; so the steps wait for PX4, and a
+request that has no effect is repeated.
+
+The rows stand in groups: what operators order, what failsafes demand, and then what a tick
+observes, from the ground over take-off and flight to the landing. docs/flight.md is printed from
+here.
 """
 
 from __future__ import annotations
@@ -32,12 +37,12 @@ class Row(NamedTuple):
     steps: Sequence[S]
     event: E
     when: Predicate | None = None  # None: always
-    to: S | None = None  # None: the step goes on; the same step: it begins anew
+    to: S | None = None  # next step. None: the step goes on; the same step: it begins anew
     # to PX4: at once when a step begins, else repeated until PX4 has obeyed
     request: Command | None = None
     effect: Effect | None = None  # sets the goal of what begins
     reason: Text | None = None  # shown beside the state; None: as it was
-    ends: tuple[OrderOutcome, Text] | None = None  # end of the order in progress
+    ends: tuple[OrderOutcome, Text] | None = None  # end of the order in progress: outcome, sentence
     says: tuple[Severity, str, Text] | None = None  # event for people: severity, code, sentence
 
 
@@ -59,181 +64,198 @@ _DISARMABLE = (
     S.PX4_LANDING,
 )
 _NO_OFFBOARD = f"PX4 did not enter OFFBOARD within {p.CONFIRM_TIMEOUT_S:.0f} s"
+_STILL_FLIES = f"{_NO_OFFBOARD}: it flies without this agent."
+_PATH_LATE = f"Not at the end of its path after {p.PATH_END_TIMEOUT_S:.0f} s; holding."
+_REST_LATE = f"Not at rest after {p.HOLD_TIMEOUT_S:.0f} s; still trying to hold."
 
+# fmt: off
 ORDERS = (
     Row(_START, E.ARM, to=S.ARM_OFFBOARD, effect=effects.stay_on_ground, reason=""),
     Row(_START, E.TAKEOFF, to=S.TAKEOFF_OFFBOARD, effect=effects.stay_on_ground, reason=""),
     Row((S.ARMED,), E.TAKEOFF, to=S.LIFTOFF, effect=effects.climb, reason=""),
     Row(_FREE, E.MOVE, to=S.LEG, effect=effects.fly_leg, reason=""),
     Row(_CAN_FOLLOW, E.FOLLOW_PATH, to=S.PATH, effect=effects.begin_path, reason=""),
-    Row((S.ARRIVED, S.HOLDING), E.HOLD, p.at_goal, S.HOLDING, reason="ordered"),
+    Row((S.ARRIVED, S.HOLDING), E.HOLD, when=p.at_goal, to=S.HOLDING, reason="ordered"),
     Row(_FREE, E.HOLD, to=S.HOLDING, effect=effects.stop_here, reason="ordered"),
-    # an agent that found its vehicle in the air, or lost it, flies it again from PX4's hold
+
+    # An agent that found its vehicle in the air, or lost it, flies it again from PX4's hold.
     Row(_SILENT, E.HOLD, to=S.TAKEOVER, effect=effects.take_over, reason=S.TAKEOVER.text),
-    # a start is stopped by any of the three orders: until PX4 confirms that it is armed by
-    # disarming, then by landing
+
+    # Hold, land and disarm all stop a start: by disarming until PX4 confirms that it is armed,
+    # by landing from then on.
     Row((S.LIFTOFF,), E.HOLD, to=S.DESCENT, effect=effects.descend, reason="ordered"),
-    Row(_ARMED, E.LAND, p.px4_is_armed, S.DISARMING, Disarm(), reason=""),
+    Row(_ARMED, E.LAND, when=p.px4_is_armed, to=S.DISARMING, request=Disarm(), reason=""),
     Row(_ARMED, E.LAND, to=S.DISARMED, request=Disarm(), reason=""),
-    Row(_STARTING, E.HOLD, p.px4_is_armed, S.DISARMING, Disarm(), reason=""),
+    Row(_STARTING, E.HOLD, when=p.px4_is_armed, to=S.DISARMING, request=Disarm(), reason=""),
     Row(_STARTING, E.HOLD, to=S.DISARMED, request=Disarm(), reason=""),
-    Row(
-        (S.LIFTOFF, *_FREE, *_DOWN), E.LAND, to=S.DESCENT, effect=effects.descend, reason="ordered"
-    ),
+
+    Row((S.LIFTOFF, *_FREE, *_DOWN), E.LAND, to=S.DESCENT,
+        effect=effects.descend, reason="ordered"),
     Row((S.COASTING,), E.LAND, to=S.SINKING, reason="ordered"),
     Row((S.SINKING, S.PX4_LANDING), E.LAND),  # what lands already, lands
     Row(_SILENT, E.LAND, to=S.PX4_LANDING, request=Px4Land(), reason="ordered"),
-    # without thrust first, so that it stands even if PX4 has seen it lift off meanwhile
-    Row(
-        (S.LIFTOFF,),
-        E.DISARM,
-        to=S.CONTACT,
-        request=Disarm(),
-        effect=effects.expect_contact,
-        reason="ordered",
-    ),
-    Row(_DISARMABLE, E.DISARM, p.px4_is_armed, S.DISARMING, Disarm(), reason=""),
+
+    # Without thrust first, so that it stands even if PX4 has seen it lift off meanwhile.
+    Row((S.LIFTOFF,), E.DISARM, to=S.CONTACT, request=Disarm(),
+        effect=effects.expect_contact, reason="ordered"),
+    Row(_DISARMABLE, E.DISARM, when=p.px4_is_armed, to=S.DISARMING, request=Disarm(), reason=""),
     Row(_DISARMABLE, E.DISARM, to=S.DISARMED, request=Disarm(), reason=""),
     Row(_SILENT, E.DISARM, to=S.FAILED_DISARMING, request=Disarm()),
-    Row(
-        tuple(S),
-        E.KILL,
-        p.px4_is_armed_in_the_air,
-        S.KILLING,
-        Kill(),
-        reason=sentences.killed,
-        says=("critical", "killed", sentences.killed_in_the_air),
-    ),
+
+    Row(tuple(S), E.KILL, when=p.px4_is_armed_in_the_air, to=S.KILLING, request=Kill(),
+        reason=sentences.killed, says=("critical", "killed", sentences.killed_in_the_air)),
     Row(tuple(S), E.KILL, to=S.KILLING, request=Kill(), reason=sentences.killed),
 )
 
 FAILSAFES = (
-    Row((S.LEG,), E.FAILSAFE_SLOW, p.not_slowed_yet, effect=effects.slow_down, reason=CAUSE),
+    Row((S.LEG,), E.FAILSAFE_SLOW, when=p.not_slowed_yet, effect=effects.slow_down, reason=CAUSE),
     Row((S.PATH,), E.FAILSAFE_SLOW, effect=effects.slow_path),
-    Row((S.ARRIVED,), E.FAILSAFE_HOLD, p.at_goal, S.HOLDING, reason=CAUSE),
-    Row((S.CLIMB, S.LEG, S.PATH, S.ARRIVED), E.FAILSAFE_HOLD, to=S.HOLDING, effect=effects.stop_here, reason=CAUSE),
-    # and holds when it sees again
-    Row((S.COASTING,), E.FAILSAFE_HOLD, p.has_order, S.COASTING, reason=CAUSE),
+
+    Row((S.ARRIVED,), E.FAILSAFE_HOLD, when=p.at_goal, to=S.HOLDING, reason=CAUSE),
+    Row((S.CLIMB, S.LEG, S.PATH, S.ARRIVED), E.FAILSAFE_HOLD, to=S.HOLDING,
+        effect=effects.stop_here, reason=CAUSE),
+    # It goes on without a pose, without its order: it holds when it sees again.
+    Row((S.COASTING,), E.FAILSAFE_HOLD, when=p.has_order, to=S.COASTING, reason=CAUSE),
+
     Row((S.LIFTOFF, *_FREE), E.FAILSAFE_LAND, to=S.DESCENT, effect=effects.descend, reason=CAUSE),
     Row((S.COASTING,), E.FAILSAFE_LAND, to=S.SINKING, reason=CAUSE),
-    Row((S.ARM_ARMING, S.TAKEOFF_ARMING, S.ARMED, S.LIFTOFF, *_FREE, *_BLIND, *_DOWN), E.FAILSAFE_PX4_LAND,
-        to=S.PX4_LANDING, request=Px4Land(), reason=CAUSE),
-    Row((*_ARMED, S.DISARMING), E.FAILSAFE_DISARM, to=S.FAILSAFE_DISARMING, request=Disarm(), reason=CAUSE),
-    Row((*_ARMED, S.DISARMING, S.LIFTOFF, *_FREE, *_BLIND, *_DOWN, S.PX4_LANDING), E.FAILSAFE_STOP,
-        to=S.FAILED, reason=CAUSE),
-)  # fmt: skip
+    Row((S.ARM_ARMING, S.TAKEOFF_ARMING, S.ARMED, S.LIFTOFF, *_FREE, *_BLIND, *_DOWN),
+        E.FAILSAFE_PX4_LAND, to=S.PX4_LANDING, request=Px4Land(), reason=CAUSE),
 
+    Row((*_ARMED, S.DISARMING), E.FAILSAFE_DISARM, to=S.FAILSAFE_DISARMING,
+        request=Disarm(), reason=CAUSE),
+    Row((*_ARMED, S.DISARMING, S.LIFTOFF, *_FREE, *_BLIND, *_DOWN, S.PX4_LANDING),
+        E.FAILSAFE_STOP, to=S.FAILED, reason=CAUSE),
+)
+
+# The rows of a tick without poses come before all others of a tick.
 BLIND = (
-    Row(
-        (S.CLIMB, S.LEG, S.ARRIVED, S.HOLDING), E.TICK, p.is_blind, S.COASTING, effect=effects.sink
-    ),
-    Row(
-        (S.PATH,),
-        E.TICK,
-        p.is_blind,
-        S.COASTING,
-        effect=effects.sink,
-        ends=("failed", sentences.NO_POSE),
-    ),
-    Row((S.LIFTOFF, S.DESCENT), E.TICK, p.is_blind, S.SINKING, effect=effects.sink),
-    Row((S.COASTING,), E.TICK, p.sees_again_on_leg, S.LEG, effect=effects.resume),
-    Row((S.COASTING,), E.TICK, p.sees_again_in_climb, S.CLIMB, effect=effects.resume),
-    Row((S.COASTING,), E.TICK, p.sees_again, S.HOLDING, effect=effects.stop_here),
-    Row((S.SINKING,), E.TICK, p.sees_again, S.DESCENT, effect=effects.descend),
-    Row(_BLIND, E.TICK, p.touched_down_blind, S.CONTACT, effect=effects.expect_contact),
+    Row((S.CLIMB, S.LEG, S.ARRIVED, S.HOLDING), E.TICK, when=p.is_blind, to=S.COASTING,
+        effect=effects.sink),
+    Row((S.PATH,), E.TICK, when=p.is_blind, to=S.COASTING,
+        effect=effects.sink, ends=("failed", sentences.NO_POSE)),
+    Row((S.LIFTOFF, S.DESCENT), E.TICK, when=p.is_blind, to=S.SINKING, effect=effects.sink),
+
+    Row((S.COASTING,), E.TICK, when=p.sees_again_on_leg, to=S.LEG, effect=effects.resume),
+    Row((S.COASTING,), E.TICK, when=p.sees_again_in_climb, to=S.CLIMB, effect=effects.resume),
+    Row((S.COASTING,), E.TICK, when=p.sees_again, to=S.HOLDING, effect=effects.stop_here),
+    Row((S.SINKING,), E.TICK, when=p.sees_again, to=S.DESCENT, effect=effects.descend),
+    Row(_BLIND, E.TICK, when=p.touched_down_blind, to=S.CONTACT, effect=effects.expect_contact),
 )
 
 GROUND = (
     Row((S.WAITING,), E.PREFLIGHT_PASSED, to=S.READY),
     Row((S.READY,), E.PREFLIGHT_REFUSED, to=S.WAITING),
-    Row((S.FAILSAFE_DISARMING,), E.TICK, p.px4_confirms_disarmed, S.WAITING),
-    Row((S.FAILSAFE_DISARMING,), E.TICK, p.px4_is_on_ground, request=Disarm()),
-    Row((*_START, S.FAILSAFE_DISARMING), E.TICK, p.px4_flies_without_agent, S.FAILED,
+
+    Row((S.FAILSAFE_DISARMING,), E.TICK, when=p.px4_confirms_disarmed, to=S.WAITING),
+    Row((S.FAILSAFE_DISARMING,), E.TICK, when=p.px4_is_on_ground, request=Disarm()),
+    Row((*_START, S.FAILSAFE_DISARMING), E.TICK, when=p.px4_flies_without_agent, to=S.FAILED,
         reason=sentences.FLIES_WITHOUT_AGENT),
-    Row((S.ARMED,), E.TICK, p.px4_confirms_disarmed, S.READY, reason="",
+    Row((S.ARMED,), E.TICK, when=p.px4_confirms_disarmed, to=S.READY, reason="",
         says=("warning", "auto-disarmed", "PX4 disarmed by itself before take-off.")),
-    Row((S.DISARMING,), E.TICK, p.px4_stays_disarmed, S.READY, reason="", ends=("done", sentences.DISARMED)),
-    Row((S.DISARMING,), E.TICK, p.px4_has_not_confirmed_in_time, S.FAILED,
+
+    Row((S.DISARMING,), E.TICK, when=p.px4_stays_disarmed, to=S.READY,
+        reason="", ends=("done", sentences.DISARMED)),
+    Row((S.DISARMING,), E.TICK, when=p.px4_has_not_confirmed_in_time, to=S.FAILED,
         reason=sentences.still_armed, ends=("timed out", sentences.still_armed)),
-    # the arming that it ended may have been on its way
-    Row((S.DISARMED,), E.TICK, p.px4_is_armed, S.DISARMING, Disarm()),
-    Row((S.DISARMED,), E.TICK, p.px4_stays_disarmed, S.READY, ends=("done", sentences.DISARMED)),
-    Row((S.DISARMED,), E.TICK, p.px4_has_not_confirmed_in_time, S.READY, ends=("timed out", sentences.still_armed)),
-    Row((S.FAILED_DISARMING, S.KILLING), E.TICK, p.px4_confirms_disarmed, S.FAILED,
+
+    # The arming that this disarming has ended may still have been on its way.
+    Row((S.DISARMED,), E.TICK, when=p.px4_is_armed, to=S.DISARMING, request=Disarm()),
+    Row((S.DISARMED,), E.TICK, when=p.px4_stays_disarmed, to=S.READY,
         ends=("done", sentences.DISARMED)),
-    Row((S.FAILED_DISARMING, S.KILLING), E.TICK, p.px4_has_not_confirmed_in_time, S.FAILED,
+    Row((S.DISARMED,), E.TICK, when=p.px4_has_not_confirmed_in_time, to=S.READY,
         ends=("timed out", sentences.still_armed)),
-    Row((S.DISARMING, S.FAILED_DISARMING), E.TICK, p.px4_is_armed, request=Disarm()),
-    Row((S.KILLING,), E.TICK, p.px4_is_armed, request=Kill()),
-    Row((S.FAILED,), E.TICK, p.px4_is_disarmed_on_ground, S.LANDED,
+
+    Row((S.FAILED_DISARMING, S.KILLING), E.TICK, when=p.px4_confirms_disarmed, to=S.FAILED,
+        ends=("done", sentences.DISARMED)),
+    Row((S.FAILED_DISARMING, S.KILLING), E.TICK, when=p.px4_has_not_confirmed_in_time, to=S.FAILED,
+        ends=("timed out", sentences.still_armed)),
+    Row((S.DISARMING, S.FAILED_DISARMING), E.TICK, when=p.px4_is_armed, request=Disarm()),
+    Row((S.KILLING,), E.TICK, when=p.px4_is_armed, request=Kill()),
+    Row((S.FAILED,), E.TICK, when=p.px4_is_disarmed_on_ground, to=S.LANDED,
         says=("info", "landed", "On the ground and disarmed.")),
-)  # fmt: skip
+)
 
 TAKEOFF = (
-    Row((S.ARM_OFFBOARD,), E.TICK, p.px4_confirms_offboard, S.ARM_ARMING),
-    Row((S.TAKEOFF_OFFBOARD,), E.TICK, p.px4_confirms_offboard, S.TAKEOFF_ARMING),
-    Row((S.ARM_OFFBOARD, S.TAKEOFF_OFFBOARD), E.TICK, p.px4_has_not_confirmed_in_time, S.FAILSAFE_DISARMING, Disarm(),
+    Row((S.ARM_OFFBOARD,), E.TICK, when=p.px4_confirms_offboard, to=S.ARM_ARMING),
+    Row((S.TAKEOFF_OFFBOARD,), E.TICK, when=p.px4_confirms_offboard, to=S.TAKEOFF_ARMING),
+    Row((S.ARM_OFFBOARD, S.TAKEOFF_OFFBOARD), E.TICK, when=p.px4_has_not_confirmed_in_time,
+        to=S.FAILSAFE_DISARMING, request=Disarm(),
         reason=f"{_NO_OFFBOARD}.", ends=("failed", f"{_NO_OFFBOARD}.")),
-    Row((S.ARM_OFFBOARD, S.TAKEOFF_OFFBOARD), E.TICK, p.setpoints_have_streamed, request=SetOffboard()),
-    Row((S.ARM_ARMING,), E.TICK, p.px4_confirms_armed, S.ARMED, ends=("done", "Armed.")),
-    Row((S.TAKEOFF_ARMING,), E.TICK, p.px4_confirms_armed, S.LIFTOFF, effect=effects.climb),
-    Row((S.ARM_ARMING, S.TAKEOFF_ARMING), E.TICK, p.px4_has_not_confirmed_in_time, S.FAILSAFE_DISARMING, Disarm(),
+    Row((S.ARM_OFFBOARD, S.TAKEOFF_OFFBOARD), E.TICK, when=p.setpoints_have_streamed,
+        request=SetOffboard()),
+
+    Row((S.ARM_ARMING,), E.TICK, when=p.px4_confirms_armed, to=S.ARMED, ends=("done", "Armed.")),
+    Row((S.TAKEOFF_ARMING,), E.TICK, when=p.px4_confirms_armed, to=S.LIFTOFF, effect=effects.climb),
+    Row((S.ARM_ARMING, S.TAKEOFF_ARMING), E.TICK, when=p.px4_has_not_confirmed_in_time,
+        to=S.FAILSAFE_DISARMING, request=Disarm(),
         reason=sentences.not_armed, ends=("failed", sentences.not_armed)),
     Row((S.ARM_ARMING, S.TAKEOFF_ARMING), E.TICK, request=Arm()),
-    Row((S.LIFTOFF,), E.TICK, p.lifted_off, S.CLIMB),
-    Row((S.LIFTOFF,), E.TICK, p.lift_off_late, S.CONTACT, effect=effects.expect_contact,
+
+    Row((S.LIFTOFF,), E.TICK, when=p.lifted_off, to=S.CLIMB),
+    Row((S.LIFTOFF,), E.TICK, when=p.lift_off_late, to=S.CONTACT, effect=effects.expect_contact,
         reason=sentences.NO_LIFTOFF, ends=("failed", sentences.NO_LIFTOFF),
         says=("critical", "no-liftoff", sentences.NO_LIFTOFF)),
-    Row((S.CLIMB,), E.TICK, p.arrived, S.ARRIVED, ends=("done", sentences.at_height)),
-    Row((S.CLIMB,), E.TICK, p.climb_late, S.HOLDING, effect=effects.stop_here, reason="the climb took too long",
-        ends=("timed out", sentences.not_at_height)),
-)  # fmt: skip
+    Row((S.CLIMB,), E.TICK, when=p.arrived, to=S.ARRIVED, ends=("done", sentences.at_height)),
+    Row((S.CLIMB,), E.TICK, when=p.climb_late, to=S.HOLDING, effect=effects.stop_here,
+        reason="the climb took too long", ends=("timed out", sentences.not_at_height)),
+)
 
 FLYING = (
-    Row((S.LEG,), E.TICK, p.arrived_to_land, S.DESCENT, effect=effects.descend, reason="ordered"),
-    Row((S.LEG,), E.TICK, p.arrived, S.ARRIVED, ends=("done", sentences.at_position)),
-    Row((S.PATH,), E.TICK, p.left_behind_to_land, S.DESCENT, effect=effects.descend, reason=sentences.left_behind,
-        ends=("failed", sentences.left_behind)),
-    Row((S.PATH,), E.TICK, p.left_behind, S.HOLDING, effect=effects.stop_here, reason=sentences.left_behind,
-        ends=("failed", sentences.left_behind)),
-    Row((S.PATH,), E.TICK, p.path_ended, S.ARRIVED, effect=effects.stay_at_end, ends=("done", sentences.at_position)),
-    Row((S.PATH,), E.TICK, p.path_late, S.HOLDING, effect=effects.stop_here, reason="the path took too long",
-        ends=("timed out", f"Not at the end of its path after {p.PATH_END_TIMEOUT_S:.0f} s; holding.")),
+    Row((S.LEG,), E.TICK, when=p.arrived_to_land, to=S.DESCENT,
+        effect=effects.descend, reason="ordered"),
+    Row((S.LEG,), E.TICK, when=p.arrived, to=S.ARRIVED, ends=("done", sentences.at_position)),
+
+    Row((S.PATH,), E.TICK, when=p.left_behind_to_land, to=S.DESCENT, effect=effects.descend,
+        reason=sentences.left_behind, ends=("failed", sentences.left_behind)),
+    Row((S.PATH,), E.TICK, when=p.left_behind, to=S.HOLDING, effect=effects.stop_here,
+        reason=sentences.left_behind, ends=("failed", sentences.left_behind)),
+    Row((S.PATH,), E.TICK, when=p.path_ended, to=S.ARRIVED, effect=effects.stay_at_end,
+        ends=("done", sentences.at_position)),
+    Row((S.PATH,), E.TICK, when=p.path_late, to=S.HOLDING, effect=effects.stop_here,
+        reason="the path took too long", ends=("timed out", _PATH_LATE)),
     Row((S.PATH,), E.TICK, effect=effects.follow_path),
-    Row((S.HOLDING,), E.TICK, p.at_rest, ends=("done", sentences.holding)),
-    Row((S.HOLDING,), E.TICK, p.rest_late,
-        ends=("timed out", f"Not at rest after {p.HOLD_TIMEOUT_S:.0f} s; still trying to hold.")),
-    Row((S.TAKEOVER,), E.TICK, p.px4_confirms_offboard, S.HOLDING, reason="ordered",
-        ends=("done", "Taken over from PX4's hold; holding.")),
-    Row((S.TAKEOVER,), E.TICK, p.px4_has_not_confirmed_in_time, S.FAILED,
-        reason=f"{_NO_OFFBOARD}: it flies without this agent.",
-        ends=("failed", f"{_NO_OFFBOARD}: it flies without this agent.")),
-    Row((S.TAKEOVER,), E.TICK, p.setpoints_have_streamed, request=SetOffboard()),
-)  # fmt: skip
+
+    Row((S.HOLDING,), E.TICK, when=p.at_rest, ends=("done", sentences.holding)),
+    Row((S.HOLDING,), E.TICK, when=p.rest_late, ends=("timed out", _REST_LATE)),
+
+    Row((S.TAKEOVER,), E.TICK, when=p.px4_confirms_offboard, to=S.HOLDING,
+        reason="ordered", ends=("done", "Taken over from PX4's hold; holding.")),
+    Row((S.TAKEOVER,), E.TICK, when=p.px4_has_not_confirmed_in_time, to=S.FAILED,
+        reason=_STILL_FLIES, ends=("failed", _STILL_FLIES)),
+    Row((S.TAKEOVER,), E.TICK, when=p.setpoints_have_streamed, request=SetOffboard()),
+)
 
 LANDING = (
-    Row((S.DESCENT,), E.TICK, p.touched_down, S.CONTACT, effect=effects.expect_contact),
-    Row((S.CONTACT,), E.TICK, p.falls, S.DESCENT, effect=effects.descend),
-    Row((S.DESCENT,), E.TICK, p.is_kept_off, S.DESCENT, effect=effects.descend_here),
-    Row((S.DESCENT,), E.TICK, p.floor_is_lower, S.DESCENT, effect=effects.descend_further),
-    Row((S.CONTACT, S.PX4_LANDING), E.TICK, p.landed_by_order, S.LANDED, ends=("done", sentences.LANDED)),
-    Row((S.CONTACT, S.PX4_LANDING), E.TICK, p.landed, S.LANDED, ends=("failed", sentences.why_landed),
-        says=("info", "landed", sentences.LANDED)),
-    Row((S.CONTACT,), E.TICK, p.px4_should_have_disarmed, request=Disarm()),
-    Row((S.PX4_LANDING,), E.TICK, p.px4_refuses_to_land, request=Px4Land(),
+    Row((S.DESCENT,), E.TICK, when=p.touched_down, to=S.CONTACT, effect=effects.expect_contact),
+    Row((S.CONTACT,), E.TICK, when=p.falls, to=S.DESCENT, effect=effects.descend),
+    Row((S.DESCENT,), E.TICK, when=p.is_kept_off, to=S.DESCENT, effect=effects.descend_here),
+    Row((S.DESCENT,), E.TICK, when=p.floor_is_lower, to=S.DESCENT, effect=effects.descend_further),
+
+    Row((S.CONTACT, S.PX4_LANDING), E.TICK, when=p.landed_by_order, to=S.LANDED,
+        ends=("done", sentences.LANDED)),
+    Row((S.CONTACT, S.PX4_LANDING), E.TICK, when=p.landed, to=S.LANDED,
+        ends=("failed", sentences.why_landed), says=("info", "landed", sentences.LANDED)),
+    Row((S.CONTACT,), E.TICK, when=p.px4_should_have_disarmed, request=Disarm()),
+
+    Row((S.PX4_LANDING,), E.TICK, when=p.px4_refuses_to_land, request=Px4Land(),
         ends=("failed", sentences.px4_does_not_land)),
-    Row((S.PX4_LANDING,), E.TICK, p.px4_does_not_land, request=Px4Land()),
-    Row((S.PX4_LANDING,), E.TICK, p.px4_landing_late, ends=("timed out", sentences.not_landed)),
-)  # fmt: skip
+    Row((S.PX4_LANDING,), E.TICK, when=p.px4_does_not_land, request=Px4Land()),
+    Row((S.PX4_LANDING,), E.TICK, when=p.px4_landing_late,
+        ends=("timed out", sentences.not_landed)),
+)
+# fmt: on
 
 ROWS = (*ORDERS, *FAILSAFES, *BLIND, *GROUND, *TAKEOFF, *FLYING, *LANDING)
 
 
 def _by_step_and_event() -> dict[tuple[S, E], tuple[Row, ...]]:
+    """Return the rows of each step and event, in the order in which they stand above."""
     table: dict[tuple[S, E], tuple[Row, ...]] = {}
     for row in ROWS:
         for step in row.steps:
-            table[step, row.event] = (*table.get((step, row.event), ()), row)
+            rows_before = table.get((step, row.event), ())
+            table[step, row.event] = (*rows_before, row)
     return table
 
 

@@ -1,4 +1,9 @@
-"""Refusals of orders, each with its reason. Pure: the answer depends on what is passed in."""
+"""Refusals of orders, each with its reason. Pure: the answer depends on what is passed in.
+
+An order is refused for the first reason that is found. What it says itself is judged first (its
+deadline, its id), then whether the flight table takes it in this step, then what it asks for: a
+start, a path, a goal.
+"""
 
 from __future__ import annotations
 
@@ -22,49 +27,6 @@ from onboard.safety.failsafe_table import Situation
 _LOWEST_GOAL_M = 0.2
 _LONGEST_MOVE_S = 3600.0
 
-
-class OrderFacts(NamedTuple):
-    """Facts that an order is judged by, besides the flight."""
-
-    view: FlightView
-    fleet: FleetConfig
-    others: Mapping[str, Telemetry]
-    distances_m: Mapping[str, float]  # separations from the others
-    not_ready: tuple[str, ...]  # of the preflight check for a take-off
-    not_ready_in_air: Callable[[], tuple[str, ...]]  # of the one for a takeover; it is expensive
-
-
-def refusal(order: Order, flight: FlightContext, facts: OrderFacts) -> str | None:
-    """Return the reason why ``order`` cannot be begun, or None.
-
-    Kill is never refused, not even when it is late.
-    """
-    if order.kind == "kill":
-        return None
-    late = late_sentence(order, facts.view.now_ns)
-    if late is not None:
-        return late
-    if not order.order_id:
-        return "An order needs an id of its own, by which its end is reported: set order_id."
-    if order.kind in LOCATE:
-        return None
-    if order.kind == "load_path":
-        return path_flight.part_refusal(flight.path, order.path, flight.vehicle, facts.fleet)
-    if order.kind == "hold" and flight.state == "failed":
-        return takeover.refusal(
-            facts.view, facts.not_ready_in_air(), facts.distances_m, facts.fleet
-        )
-    if not accepts(flight.step, order.kind):
-        return _wrong_step(order, flight)
-    if order.kind == "disarm" and flight.step in _MAY_BE_UP and not facts.view.is_on_ground:
-        return _NOT_ON_GROUND
-    if order.kind in ("arm", "takeoff"):
-        return _start(order, facts)
-    if order.kind == "follow_path":
-        return _follow_path(order, flight, facts)
-    return _move(order, facts) if order.kind == "move" else None
-
-
 _IN_AIR = "The vehicle is in the air: order land, or kill if it must fall."
 _NOT_ON_GROUND = (
     "PX4 does not say that the vehicle is on the ground: order land, or kill if it must fall."
@@ -79,8 +41,81 @@ _MAY_BE_UP = {
 }
 
 
+class OrderFacts(NamedTuple):
+    """Facts that an order is judged by, besides the flight."""
+
+    view: FlightView
+    fleet: FleetConfig
+    others: Mapping[str, Telemetry]  # newest of each other vehicle
+    distances_m: Mapping[str, float]  # separations from the others
+    not_ready: tuple[str, ...]  # of the preflight check for a take-off
+    not_ready_in_air: Callable[[], tuple[str, ...]]  # of the one for a takeover; it is expensive
+
+
+def refusal(order: Order, flight: FlightContext, facts: OrderFacts) -> str | None:
+    """Return the reason why ``order`` cannot be begun, or None.
+
+    Kill is never refused, not even when it is late.
+    """
+    if order.kind == "kill":
+        return None
+
+    late = late_sentence(order, facts.view.now_ns)
+    if late is not None:
+        return late
+    if not order.order_id:
+        return "An order needs an id of its own, by which its end is reported: set order_id."
+
+    if order.kind in LOCATE:
+        return None
+    if order.kind == "load_path":
+        return path_flight.part_refusal(flight.path, order.path, flight.vehicle, facts.fleet)
+    if order.kind == "hold" and flight.state == "failed":
+        not_ready = facts.not_ready_in_air()
+        return takeover.refusal(facts.view, not_ready, facts.distances_m, facts.fleet)
+
+    if not accepts(flight.step, order.kind):
+        return _wrong_step(order, flight)
+
+    if order.kind == "disarm" and flight.step in _MAY_BE_UP and not facts.view.is_on_ground:
+        return _NOT_ON_GROUND
+    if order.kind in ("arm", "takeoff"):
+        return _start(order, facts)
+    if order.kind == "follow_path":
+        return _follow_path(order, flight, facts)
+    if order.kind == "move":
+        return _move(order, facts)
+    return None
+
+
+def late_sentence(order: Order, now_ns: int) -> str | None:
+    """Return the sentence about an order that came after its deadline; None for one in time."""
+    if not order.deadline_ns or order.deadline_ns >= now_ns:
+        return None
+    late_s = 1e-9 * (now_ns - order.deadline_ns)
+    return f"The order came {late_s:.1f} s after its deadline: send it again."
+
+
+def goal_conflict(goal: Vec3, others: Mapping[str, Telemetry], limits: FleetSection) -> str | None:
+    """Return the conflict with another flying vehicle's announced goal in a sentence, or None."""
+    for name, other in others.items():
+        if not other.is_airborne:
+            continue
+        distance_m = separation_m(other.goal_position_enu_m, goal, limits.height_share)
+        if distance_m < limits.safety_distance_m:
+            return (
+                f"The goal is {distance_m:.2f} m from the goal of {name}: "
+                "the two vehicles cannot both be there. Choose another goal."
+            )
+    return None
+
+
 def _wrong_step(order: Order, flight: FlightContext) -> str:
-    doing = f"{flight.state} ({flight.step.text})" if flight.step.text else flight.state
+    """Return the reason why the flight table takes no such order in this step."""
+    doing: str = flight.state
+    if flight.step.text:
+        doing = f"{flight.state} ({flight.step.text})"
+
     match order.kind:
         case "arm" if flight.state == "armed":
             return "The vehicle is armed already."
@@ -88,7 +123,7 @@ def _wrong_step(order: Order, flight: FlightContext) -> str:
             return f"The vehicle cannot start now: it is {doing}."
         case "disarm":
             return _IN_AIR
-        case "follow_path" if flight.situation is Situation.FLYING:
+        case "follow_path" if flight.step.situation is Situation.FLYING:
             return f"No path begins while it is {doing}: order hold first."
         case "land":
             return f"The vehicle is not in the air (it is {doing})."
@@ -98,33 +133,38 @@ def _wrong_step(order: Order, flight: FlightContext) -> str:
             return f"The vehicle does not fly (it is {doing}): order take-off first."
 
 
-def late_sentence(order: Order, now_ns: int) -> str | None:
-    """Return the sentence about an order that came after its deadline; None for one in time."""
-    if not order.deadline_ns or order.deadline_ns >= now_ns:
-        return None
-    return f"The order came {1e-9 * (now_ns - order.deadline_ns):.1f} s after its deadline: send it again."
-
-
 def _start(order: Order, facts: OrderFacts) -> str | None:
+    """Return what speaks against arming or taking off, or None."""
     if facts.not_ready:
         return facts.not_ready[0]
     if order.kind == "arm":
         return None
-    limits, height_m = facts.fleet.fleet, takeoff_height_m(order)
+
+    limits = facts.fleet.fleet
+    height_m = takeoff_height_m(order)
     x, y, z = facts.view.position_enu_m
-    if not math.isfinite(height_m) or height_m < z + _LOWEST_GOAL_M:
-        return f"A take-off to {height_m:g} m does not leave the ground: order at least {z + _LOWEST_GOAL_M:.1f} m."
+
+    lowest_m = z + _LOWEST_GOAL_M
+    if not math.isfinite(height_m) or height_m < lowest_m:
+        return (
+            f"A take-off to {height_m:g} m does not leave the ground: "
+            f"order at least {lowest_m:.1f} m."
+        )
     if not limits.geofence_m.contains((x, y, height_m)):
         return f"Height {height_m:g} m at ({x:.2f}, {y:.2f}) m lies outside the geofence."
+
     for name, other in facts.others.items():
         # of all heights on the way up, the one that is nearest to the other vehicle
-        nearest = (x, y, min(max(other.position_enu_m[2], z), height_m))
-        distance_m = separation_m(other.position_enu_m, nearest, limits.height_share)
+        nearest_z_m = min(max(other.position_enu_m[2], z), height_m)
+        nearest_enu_m = (x, y, nearest_z_m)
+        distance_m = separation_m(other.position_enu_m, nearest_enu_m, limits.height_share)
         if not other.is_position_valid or distance_m >= limits.safety_distance_m:
             continue
+
         if limits.height_share > 0.0 and other.is_airborne:
+            beside_m = math.dist(other.position_enu_m[:2], (x, y))
             return (
-                f"{name} flies {math.dist(other.position_enu_m[:2], (x, y)):.2f} m beside the way up, at a height of "
+                f"{name} flies {beside_m:.2f} m beside the way up, at a height of "
                 f"{other.position_enu_m[2]:.2f} m: move {name} away, or order a lower take-off."
             )
         return (
@@ -135,47 +175,53 @@ def _start(order: Order, facts: OrderFacts) -> str | None:
 
 
 def _follow_path(order: Order, flight: FlightContext, facts: OrderFacts) -> str | None:
-    view, least_pct = facts.view, facts.fleet.fleet.battery_warning_pct
+    """Return what speaks against following the loaded path, or None."""
+    view = facts.view
+    least_pct = facts.fleet.fleet.battery_warning_pct
     battery_pct = 100.0 * view.snapshot.battery_frac
     if battery_pct < least_pct:
-        return f"The battery is at {battery_pct:.0f} %, below {least_pct:g} %: no path is begun with it."
+        return (
+            f"The battery is at {battery_pct:.0f} %, below {least_pct:g} %: "
+            "no path is begun with it."
+        )
     return path_flight.start_refusal(flight.path, order.path, view.now_ns, view.position_enu_m)
 
 
 def _move(order: Order, facts: OrderFacts) -> str | None:
-    limits, goal = facts.fleet.fleet, order.position_enu_m
+    """Return what speaks against a move to the ordered goal, or None."""
+    limits = facts.fleet.fleet
+    goal = order.position_enu_m
     if goal is None or not is_finite(goal):
         return "A move needs a finite position [x, y, z] in metres."
     if not order.duration_s <= _LONGEST_MOVE_S:
-        return f"A move cannot take {order.duration_s:g} s: give up to {_LONGEST_MOVE_S:.0f} s, or 0 for the shortest."
+        return (
+            f"A move cannot take {order.duration_s:g} s: "
+            f"give up to {_LONGEST_MOVE_S:.0f} s, or 0 for the shortest."
+        )
     if order.yaw_deg is not None and not math.isfinite(order.yaw_deg):
         return "A heading needs a finite number of degrees, counterclockwise from east."
-    text = "(" + ", ".join(f"{value:.2f}" for value in goal) + ") m"
-    if not limits.geofence_m.contains(goal) or goal[2] < limits.geofence_m.z[0] + _LOWEST_GOAL_M:
-        return f"Goal {text} lies outside the geofence, or less than {_LOWEST_GOAL_M} m above its floor."
+
+    goal_text = "(" + ", ".join(f"{value:.2f}" for value in goal) + ") m"
+    lowest_m = limits.geofence_m.z[0] + _LOWEST_GOAL_M
+    if not limits.geofence_m.contains(goal) or goal[2] < lowest_m:
+        return (
+            f"Goal {goal_text} lies outside the geofence, "
+            f"or less than {_LOWEST_GOAL_M} m above its floor."
+        )
+
     for name, other in facts.others.items():
         # A flying neighbour may just have been ordered elsewhere; one on the ground, or landing,
         # stays where it is.
         if other.is_airborne and other.state != "landing":
             continue
+
         x, y, z = other.position_enu_m
-        if other.is_airborne:  # it lands, and claims all below itself
-            z = min(z, goal[2])
-        distance = separation_m((x, y, z), goal, limits.height_share)
-        if other.is_position_valid and distance < limits.safety_distance_m:
-            return f"Goal {text} is {distance:.2f} m from {name}, which is {other.state}: choose another goal."
-    return None
-
-
-def goal_conflict(goal: Vec3, others: Mapping[str, Telemetry], limits: FleetSection) -> str | None:
-    """Return the conflict with another flying vehicle's announced goal in a sentence, or None."""
-    for name, other in others.items():
-        if not other.is_airborne:
-            continue
-        distance = separation_m(other.goal_position_enu_m, goal, limits.height_share)
-        if distance < limits.safety_distance_m:
+        if other.is_airborne:
+            z = min(z, goal[2])  # it lands, and claims all below itself
+        distance_m = separation_m((x, y, z), goal, limits.height_share)
+        if other.is_position_valid and distance_m < limits.safety_distance_m:
             return (
-                f"The goal is {distance:.2f} m from the goal of {name}: the two vehicles cannot both be there. "
-                "Choose another goal."
+                f"Goal {goal_text} is {distance_m:.2f} m from {name}, "
+                f"which is {other.state}: choose another goal."
             )
     return None

@@ -1,10 +1,14 @@
-"""A path that is followed: its parts as they come, its clock, which all that fly the show share,
-and the own lag.
+"""A path that is followed: its parts as they come, its clock, and how far the vehicle lags behind.
 
-Every vehicle integrates the clock by itself, so that a show goes on without the ground. Whoever
-falls behind asks for time; then all clocks run at half the rate. A clock that is ahead of the
-slowest one waits for it. A vehicle gets PATIENCE_S of time; when that is used up and it is still
-behind, it leaves the show.
+All that fly the same show share a clock. Every vehicle integrates it by itself, so that a show goes
+on without the ground:
+
+    A vehicle that falls behind its path asks for time; then all clocks run at half the rate.
+
+    A clock that is ahead of the slowest one waits for it.
+
+    A vehicle gets PATIENCE_S of time. When that is used up and it is still behind, it leaves the
+    show, and the others wait for it no more.
 """
 
 from __future__ import annotations
@@ -23,17 +27,23 @@ from onboard.control.path import Path, PathPoint
 from onboard.types import Goal
 
 PATIENCE_S = 10.0
-# lag at which a vehicle asks for time, and at which it asks no more
-BEHIND_M, CAUGHT_UP_M = 0.6, 0.3
+BEHIND_M = 0.6  # lag at which a vehicle asks for time
+CAUGHT_UP_M = 0.3  # and at which it asks no more
 SLOWEST_RATE = 0.5
 START_WITHIN_S = 60.0
 AT_START_M = 0.5
-_RATE_SLEW_1_S = 0.5
+
+_RATE_SLEW_1_S = 0.5  # how fast the rate of the clock changes
 _RECOVERY = 0.1  # of the patience, seconds a second
-_AHEAD_GAIN_1_S, _AHEAD_S = 1.0, 0.05
-_HEARD_NS, _COMPARE_NS = 1_500_000_000, 95_000_000
-_CHECK_HZ = 20.0
-_SPEED_ROOM, _REST_M_S = 1.1, 0.05
+_AHEAD_GAIN_1_S = 1.0  # slower by so much for each second that the clock is ahead
+_AHEAD_S = 0.05  # so far ahead of the slowest a clock may be
+
+_HEARD_NS = 1_500_000_000  # a clock that was heard within this time is compared with
+_COMPARE_NS = 95_000_000  # from one comparison to the next
+
+_CHECK_HZ = 20.0  # samples of a path that is checked
+_SPEED_ROOM = 1.1  # times the top speed
+_REST_M_S = 0.05
 
 
 class OtherClock(NamedTuple):
@@ -50,13 +60,16 @@ class PathFlight:
     parts: dict[int, bytes] = field(default_factory=dict)
     path_id: str = ""  # of the parts
     path: Path | None = None  # once all parts have come
+
     show_id: str = ""  # of the flight; "" before it is ordered
     start_ns: int = 0
-    on_lag: str = "land"
-    time_s: float = 0.0
+    on_lag: str = "land"  # or hold: what a vehicle does that leaves the show
+
+    time_s: float = 0.0  # of the clock
     rate: float = 1.0
     target_rate: float = 1.0  # as of the last comparison with the others
     compare_ns: int = 0  # when the next one is due
+
     lag_m: float = 0.0
     is_lagging: bool = False
     slow_until_ns: int = 0  # a failsafe asks for slow flight until then
@@ -65,7 +78,8 @@ class PathFlight:
     @property
     def is_behind(self) -> bool:
         """Whether the vehicle asks the others for time."""
-        return self.used_s < PATIENCE_S and (self.is_lagging or self.slow_until_ns > 0)
+        has_reason = self.is_lagging or self.slow_until_ns > 0
+        return has_reason and self.used_s < PATIENCE_S
 
     @property
     def is_lost(self) -> bool:
@@ -75,11 +89,15 @@ class PathFlight:
     @property
     def left_s(self) -> float:
         """Time of the path that is left; negative after its end."""
-        return -math.inf if self.path is None else self.path.duration_s - self.time_s
+        if self.path is None:
+            return -math.inf
+        return self.path.duration_s - self.time_s
 
     def load(self, order: PathOrder) -> None:
         """Take a part that :func:`part_refusal` has not refused."""
-        self.path_id, self.parts = order.path_id, _parts_with(self, order)
+        self.parts = _parts_with(self, order)
+        self.path_id = order.path_id
+
         if len(self.parts) == order.parts:
             self.path = paths.from_bytes(_joined(self.parts))
         elif len(self.parts) == 1:
@@ -87,85 +105,110 @@ class PathFlight:
 
     def begin(self, order: PathOrder) -> None:
         """Begin to follow the path at the ordered instant."""
-        self.show_id, self.start_ns, self.on_lag = order.show_id, order.start_ns, order.on_lag
+        self.show_id = order.show_id
+        self.start_ns = order.start_ns
+        self.on_lag = order.on_lag
+
+        self.time_s = -math.inf
+        self.rate = 1.0
         self.target_rate = 1.0
-        self.time_s, self.rate, self.used_s = -math.inf, 1.0, 0.0
-        self.lag_m, self.is_lagging, self.slow_until_ns, self.compare_ns = 0.0, False, 0, 0
+        self.compare_ns = 0
+
+        self.lag_m = 0.0
+        self.is_lagging = False
+        self.slow_until_ns = 0
+        self.used_s = 0.0
 
     def advance(
         self, now_ns: int, dt_s: float, position_enu_m: Vec3, others: Sequence[OtherClock] | None
     ) -> None:
-        """Move the clock on by one tick, measure the lag, and sometimes compare the clock with the
-        others'.
+        """Move the clock on by one tick, and measure the lag.
+
+        Args:
+            now_ns: our clock.
+            dt_s: time since the last tick.
+            position_enu_m: of the vehicle.
+            others: clocks of the others when a comparison is due; None at the ticks between.
         """
         assert self.path is not None
-        since_s = (now_ns - self.start_ns) * 1e-9
-        if since_s <= 0.0 or not math.isfinite(self.time_s):
-            self.time_s = since_s
-        else:
-            if others is not None:
-                self.target_rate, self.compare_ns = _target_rate(self, others), now_ns + _COMPARE_NS
-            step = _RATE_SLEW_1_S * dt_s
-            self.rate += min(max(self.target_rate - self.rate, -step), step)
-            self.time_s += self.rate * dt_s
-        self.lag_m = math.dist(
-            paths.point_at(self.path, self.time_s).position_enu_m, position_enu_m
-        )
-        self.is_lagging = self.lag_m > (CAUGHT_UP_M if self.is_lagging else BEHIND_M)
+        self._advance_clock(now_ns, dt_s, others)
+
+        point = paths.point_at(self.path, self.time_s)
+        self.lag_m = math.dist(point.position_enu_m, position_enu_m)
+        limit_m = CAUGHT_UP_M if self.is_lagging else BEHIND_M
+        self.is_lagging = self.lag_m > limit_m
+
         if self.slow_until_ns < now_ns:
             self.slow_until_ns = 0
-        used_s = (
-            self.used_s + dt_s if self.is_behind or self.is_lost else self.used_s - _RECOVERY * dt_s
-        )
+
+        if self.is_behind or self.is_lost:
+            used_s = self.used_s + dt_s
+        else:
+            used_s = self.used_s - _RECOVERY * dt_s
         self.used_s = max(used_s, 0.0)
 
+    def _advance_clock(self, now_ns: int, dt_s: float, others: Sequence[OtherClock] | None) -> None:
+        since_start_s = (now_ns - self.start_ns) * 1e-9
+        is_first = not math.isfinite(self.time_s)
+        if since_start_s <= 0.0 or is_first:
+            self.time_s = since_start_s
+            return
+
+        if others is not None:
+            self.target_rate = _target_rate(self, others)
+            self.compare_ns = now_ns + _COMPARE_NS
+
+        most_change = _RATE_SLEW_1_S * dt_s
+        self.rate += min(max(self.target_rate - self.rate, -most_change), most_change)
+        self.time_s += self.rate * dt_s
+
     def goal(self, sequence: int, lead_s: float) -> Goal:
-        """Return the motion of the path ``lead_s`` ahead, the time at which a command given now
-        acts.
-        """
+        """Return the motion of the path ``lead_s`` ahead, when a command given now acts."""
         assert self.path is not None
         point: PathPoint = paths.point_at(self.path, self.time_s + self.rate * lead_s)
         return Goal(
-            point.position_enu_m,
-            0.0,
-            sequence,
-            True,
-            point.velocity_enu_m_s,
-            point.acceleration_enu_m_s2,
-            point.yaw_rad,
-            self.rate,
+            position_enu_m=point.position_enu_m,
+            duration_s=0.0,
+            sequence=sequence,
+            is_on_path=True,
+            velocity_enu_m_s=point.velocity_enu_m_s,
+            acceleration_enu_m_s2=point.acceleration_enu_m_s2,
+            yaw_rad=point.yaw_rad,
+            clock_rate_frac=self.rate,
         )
 
 
 def other_clocks(telemetries: Iterable[Telemetry], show_id: str, now_ns: int) -> list[OtherClock]:
     """Return the clocks of the others that fly the same show and have been heard lately."""
-    return [
-        OtherClock(
-            one.path_time_s + one.path_rate_frac * (now_ns - one.stamp_ns) * 1e-9, one.is_behind
-        )
-        for one in telemetries
-        if one.show_id == show_id
-        and now_ns - one.stamp_ns < _HEARD_NS
-        and math.isfinite(one.path_time_s)
-    ]
+    clocks = []
+    for one in telemetries:
+        is_heard = now_ns - one.stamp_ns < _HEARD_NS
+        if one.show_id == show_id and is_heard and math.isfinite(one.path_time_s):
+            since_s = (now_ns - one.stamp_ns) * 1e-9
+            clocks.append(OtherClock(one.path_time_s + one.path_rate_frac * since_s, one.is_behind))
+    return clocks
 
 
 def part_refusal(
     flight: PathFlight, order: PathOrder | None, vehicle: Vehicle, fleet: FleetConfig
 ) -> str | None:
-    """Return the reason why a part of a path cannot be taken; the last part has the whole path
-    checked.
+    """Return the reason why a part of a path cannot be taken.
+
+    The whole path is checked with its last part.
     """
-    if (
-        order is None
-        or not 0 <= order.part < order.parts <= 1 + paths.MOST_BYTES // paths.PART_BYTES
-    ):
-        return "An order to load a path needs one of its parts: see PathOrder in onboard/bus/schema.py."
+    most_parts = 1 + paths.MOST_BYTES // paths.PART_BYTES
+    if order is None or not 0 <= order.part < order.parts <= most_parts:
+        return (
+            "An order to load a path needs one of its parts: "
+            "see PathOrder in onboard/bus/schema.py."
+        )
     if flight.show_id:
         return "The vehicle follows a path now: order hold before another one is loaded."
+
     parts = _parts_with(flight, order)
     if len(parts) < order.parts:
         return None
+
     data = _joined(parts)
     if paths.path_id(data) != order.path_id:
         return "The path has changed on its way: its bytes do not have its id. Load it again."
@@ -180,17 +223,26 @@ def start_refusal(
 ) -> str | None:
     """Return the reason why the loaded path cannot be followed from the ordered instant."""
     if order is None or not order.show_id:
-        return "An order to follow a path needs the path's id and the show's: see PathOrder in onboard/bus/schema.py."
+        return (
+            "An order to follow a path needs the path's id and the show's: "
+            "see PathOrder in onboard/bus/schema.py."
+        )
     if flight.path is None or flight.path_id != order.path_id:
         return "This path is not loaded: load it, all of its parts, before the start."
+
     wait_s = (order.start_ns - now_ns) * 1e-9
     if not 0.0 < wait_s < START_WITHIN_S:
         return (
             f"The show would begin in {wait_s:.1f} s: order it 0 to {START_WITHIN_S:.0f} s ahead."
         )
-    away_m = math.dist(paths.point_at(flight.path, 0.0).position_enu_m, position_enu_m)
+
+    begin = paths.point_at(flight.path, 0.0)
+    away_m = math.dist(begin.position_enu_m, position_enu_m)
     if away_m > AT_START_M:
-        return f"The vehicle is {away_m:.2f} m from the begin of its path: move it there, to {AT_START_M:g} m."
+        return (
+            f"The vehicle is {away_m:.2f} m from the begin of its path: "
+            f"move it there, to {AT_START_M:g} m."
+        )
     return None
 
 
@@ -198,12 +250,19 @@ def _target_rate(own: PathFlight, others: Sequence[OtherClock]) -> float:
     """Return the rate that the clock should have."""
     if own.is_behind or any(other.is_behind for other in others):
         return SLOWEST_RATE
-    ahead_s = own.time_s - min((other.time_s for other in others), default=own.time_s)
+
+    slowest_s = min((other.time_s for other in others), default=own.time_s)
+    ahead_s = own.time_s - slowest_s
     return max(1.0 - _AHEAD_GAIN_1_S * max(ahead_s - _AHEAD_S, 0.0), SLOWEST_RATE)
 
 
 def _parts_with(flight: PathFlight, order: PathOrder) -> dict[int, bytes]:
-    return {**(flight.parts if flight.path_id == order.path_id else {}), order.part: order.data}
+    """Return the parts of the order's path, this one with them; another path's do not count."""
+    parts: dict[int, bytes] = {}
+    if flight.path_id == order.path_id:
+        parts.update(flight.parts)
+    parts[order.part] = order.data
+    return parts
 
 
 def _joined(parts: dict[int, bytes]) -> bytes:
@@ -211,20 +270,24 @@ def _joined(parts: dict[int, bytes]) -> bytes:
 
 
 def _path_refusal(path: Path, vehicle: Vehicle, fleet: FleetConfig) -> str | None:
-    """Check what must hold for any path: the fence, the top speed, and rest at both ends."""
+    """Return the reason why a path cannot be flown: its fence, its speed or its ends; or None."""
     times_s = np.linspace(0.0, path.duration_s, 2 + int(_CHECK_HZ * path.duration_s))
     values, rates, _ = paths.sampled(path, times_s)
+
     fence = fleet.fleet.geofence_m
-    low, high = np.array([fence.x, fence.y, fence.z]).T
-    is_out = ((values[:, :3] < low) | (values[:, :3] > high)).any(-1)
+    low_enu_m, high_enu_m = np.array([fence.x, fence.y, fence.z]).T
+    position_enu_m = values[:, :3]
+    is_out = ((position_enu_m < low_enu_m) | (position_enu_m > high_enu_m)).any(-1)
     if is_out.any():
         return f"The path leaves the geofence at {times_s[is_out.argmax()]:.1f} s."
-    speed = np.sqrt((rates[:, :3] ** 2).sum(-1))
-    if speed.max() > _SPEED_ROOM * vehicle.max_speed_m_s:
+
+    speed_m_s = np.sqrt((rates[:, :3] ** 2).sum(-1))
+    if speed_m_s.max() > _SPEED_ROOM * vehicle.max_speed_m_s:
         return (
-            f"The path is flown at {speed.max():.2f} m/s at {times_s[speed.argmax()]:.1f} s; "
-            f"max_speed_m_s is {vehicle.max_speed_m_s:g}."
+            f"The path is flown at {speed_m_s.max():.2f} m/s at {times_s[speed_m_s.argmax()]:.1f} "
+            f"s; max_speed_m_s is {vehicle.max_speed_m_s:g}."
         )
-    if max(speed[0], speed[-1]) > _REST_M_S:
+
+    if max(speed_m_s[0], speed_m_s[-1]) > _REST_M_S:
         return "The path does not begin and end at rest."
     return None

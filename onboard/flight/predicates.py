@@ -78,7 +78,7 @@ def px4_confirms_disarmed(flight: FlightContext, view: FlightView) -> bool:
 
 
 def px4_stays_disarmed(flight: FlightContext, view: FlightView) -> bool:
-    """Return whether a heartbeat says disarmed after any older request to arm has had its effect."""
+    """Return whether a heartbeat says disarmed when older requests to arm have had their effect."""
     later_ns = view.snapshot.heartbeat_ns - flight.step_ns
     return not view.snapshot.is_armed and later_ns > 1e9 * _ARM_ON_ITS_WAY_S
 
@@ -244,7 +244,7 @@ def is_kept_off(flight: FlightContext, view: FlightView) -> bool:
 
 
 def floor_is_lower(flight: FlightContext, view: FlightView) -> bool:
-    """Return whether the descent has ended above the ground: that is lower here than at take-off."""
+    """Return whether the descent has ended above the ground, which is lower than at take-off."""
     is_high = view.position_enu_m[2] - flight.ground_z_m > _CONTACT_HEIGHT_M
     return is_high and flight.seconds(view) > flight.goal.duration_s + _LOWER_FLOOR_S
 
@@ -302,22 +302,16 @@ def is_steady(flight: FlightContext, view: FlightView) -> bool:
     match flight.step:
         case FlightStep.CLIMB:
             return at_goal(flight, view)
-
         case FlightStep.LEG:
             return at_goal(flight, view) and has_turned(view, flight.goal.yaw_rad)
-
         case FlightStep.PATH:
             return flight.path.left_s <= 0.0 and at_goal(flight, view)
-
         case FlightStep.HOLDING:
             return is_at_rest(view, flight.vehicle)
-
         case FlightStep.DESCENT:
             return _is_kept_beside_its_goal(flight, view)
-
         case FlightStep.COASTING | FlightStep.SINKING:
             return view.position_enu_m[2] - flight.ground_z_m < _BLIND_CONTACT_M
-
     return False
 
 
