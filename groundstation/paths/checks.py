@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -18,9 +18,9 @@ LOWEST_M = 0.3  # of a path, above the fence's floor
 STEP_S = 0.05
 # by which the parking distance exceeds the one at which the law begins to act
 _PARKING_MORE_M = 0.10
-_ENDS_M_S = 0.05
-_BLOCK = 400  # times of which all pairs are looked at together
-_LISTED = 12
+_ENDS_M_S = 0.05  # speed at which a path may begin and end
+_BLOCK = 400  # samples of which all pairs are looked at together
+_LISTED = 12  # words of a list that are written out
 
 
 class SampledPaths(NamedTuple):
@@ -28,10 +28,10 @@ class SampledPaths(NamedTuple):
 
     names: tuple[str, ...]
     times_s: Array  # (T,)
-    values: Array  # (3, T, N, 4)
+    values: Array  # (3, T, N, 4): value, first and second derivative of x, y, z [m] and yaw [rad]
 
 
-class Closest(NamedTuple):
+class ClosestApproach(NamedTuple):
     """Smallest horizontal distance of one pair, between the samples as well."""
 
     distance_m: float
@@ -41,7 +41,7 @@ class Closest(NamedTuple):
     height_m: float  # of the one above the other then
 
 
-class Limits(NamedTuple):
+class FlightLimits(NamedTuple):
     """What the slowest of some vehicles can fly."""
 
     max_speed_m_s: float
@@ -50,14 +50,14 @@ class Limits(NamedTuple):
     drag_1_s: float
 
 
-def limits_of(fleet: FleetConfig, names: Sequence[str]) -> Limits:
+def limits_of(fleet: FleetConfig, names: Sequence[str]) -> FlightLimits:
     """Return the limits that all of these vehicles can keep."""
     flying = [fleet.vehicles[name] for name in names]
-    return Limits(
-        min(one.max_speed_m_s for one in flying),
-        min(one.max_acceleration_m_s2 for one in flying),
-        min(one.max_tilt_deg for one in flying),
-        max(one.drag_1_s for one in flying),
+    return FlightLimits(
+        max_speed_m_s=min(vehicle.max_speed_m_s for vehicle in flying),
+        max_acceleration_m_s2=min(vehicle.max_acceleration_m_s2 for vehicle in flying),
+        max_tilt_deg=min(vehicle.max_tilt_deg for vehicle in flying),
+        drag_1_s=max(vehicle.drag_1_s for vehicle in flying),
     )
 
 
@@ -76,81 +76,134 @@ def bound_m(fleet: FleetConfig) -> float:
     return parking_distance_m(fleet) - _PARKING_MORE_M
 
 
-def closest_pairs(flown: SampledPaths, below_m: float, height_share: float = 0.0) -> list[Closest]:
-    """Return each pair that comes nearer than a separation, once, the nearest first; the nearest of
-    all in any case.
+def closest_pairs(
+    flown: SampledPaths, below_m: float, height_share: float = 0.0
+) -> list[ClosestApproach]:
+    """Return each pair that comes nearer than a separation, once, the nearest first.
+
+    The nearest pair of all is returned in any case. Between two samples vehicles are taken to move
+    straight.
 
     Args:
         flown: the paths.
         below_m: the separation [m].
         height_share: what a metre of height counts.
     """
+    # one row for each pair: indices of its two vehicles
     first, second = np.triu_indices(len(flown.names), 1)
-    best = np.full(len(first), np.inf)
-    when = np.zeros(len(first), np.int64)
-    xy, z = flown.values[0, :, :, :2], flown.values[0, :, :, 2]
+    smallest_m = np.full(len(first), np.inf)
+    sample_of_smallest = np.zeros(len(first), np.int64)
+
+    xy = flown.values[0, :, :, :2]
+    z = flown.values[0, :, :, 2]
     for begin in range(0, len(xy) - 1, _BLOCK):
-        gap = xy[begin : begin + _BLOCK + 1][:, first] - xy[begin : begin + _BLOCK + 1][:, second]
+        block = slice(begin, begin + _BLOCK + 1)
+
+        # the point of each step from sample to sample at which the two are nearest
+        gap = xy[block][:, first] - xy[block][:, second]
         step = np.diff(gap, axis=0)
         along = -(gap[:-1] * step).sum(-1) / np.maximum((step**2).sum(-1), 1e-12)
         near = gap[:-1] + np.clip(along, 0.0, 1.0)[..., None] * step
-        distance = np.sqrt((near**2).sum(-1))
-        if height_share > 0.0:  # at the smallest height difference of each step: never too much
-            height = (
-                z[begin : begin + _BLOCK + 1][:, first] - z[begin : begin + _BLOCK + 1][:, second]
+        distance_m = np.sqrt((near**2).sum(-1))
+
+        if height_share > 0.0:
+            # height counts with the smallest difference of each step: never with too much
+            height = z[block][:, first] - z[block][:, second]
+            is_one_above = height[:-1] * height[1:] > 0.0
+            least = np.minimum(abs(height[:-1]), abs(height[1:]))
+            distance_m = np.maximum(distance_m, height_share * np.where(is_one_above, least, 0.0))
+
+        index = distance_m.argmin(0)
+        smallest_of_block_m = distance_m[index, np.arange(len(first))]
+        is_nearer = smallest_of_block_m < smallest_m
+        smallest_m[is_nearer] = smallest_of_block_m[is_nearer]
+        sample_of_smallest[is_nearer] = begin + index[is_nearer]
+
+    nearest = smallest_m.argmin()
+    pairs = []
+    for k in np.argsort(smallest_m):
+        if smallest_m[k] >= below_m and k != nearest:
+            continue
+        sample = sample_of_smallest[k]
+        pairs.append(
+            ClosestApproach(
+                distance_m=float(smallest_m[k]),
+                first=flown.names[first[k]],
+                second=flown.names[second[k]],
+                time_s=float(flown.times_s[sample]),
+                height_m=abs(float(z[sample, first[k]] - z[sample, second[k]])),
             )
-            least = np.where(
-                height[:-1] * height[1:] > 0.0, np.minimum(abs(height[:-1]), abs(height[1:])), 0.0
-            )
-            distance = np.maximum(distance, height_share * least)
-        index = distance.argmin(0)
-        smallest = distance[index, np.arange(len(first))]
-        is_new = smallest < best
-        best[is_new], when[is_new] = smallest[is_new], begin + index[is_new]
-    return [
-        Closest(
-            float(best[k]),
-            flown.names[first[k]],
-            flown.names[second[k]],
-            float(flown.times_s[when[k]]),
-            abs(float(z[when[k], first[k]] - z[when[k], second[k]])),
         )
-        for k in np.argsort(best)
-        if best[k] < below_m or k == best.argmin()
-    ]
+    return pairs
 
 
-def needed_slowing(flown: SampledPaths, limits: Limits) -> tuple[float, str]:
-    """Return how many times as long paths must take, and the worst reason in words; at most 1:
-    none.
+class _Demand(NamedTuple):
+    """One quantity of paths beside what can be flown."""
+
+    noun: str
+    values: Array  # (T, N)
+    bound: float
+    unit: str
+    power: float  # slowing by a factor divides the quantity by factor ** (1 / power)
+
+
+def needed_slowing(flown: SampledPaths, limits: FlightLimits) -> tuple[float, str]:
+    """Return how many times as long paths must take, and the worst reason in words.
+
+    At most 1: they can be flown as they are.
     """
-    speed, push = (np.sqrt((flown.values[k, :, :, :3] ** 2).sum(-1)) for k in (1, 2))
-    sideways = np.hypot(flown.values[2, ..., 0], flown.values[2, ..., 1])
-    drag = limits.drag_1_s * np.hypot(flown.values[1, ..., 0], flown.values[1, ..., 1])
-    steepest = 0.8 * GRAVITY_M_S2 * math.tan(math.radians(limits.max_tilt_deg))
-    needs = {
-        "speed": (speed, limits.max_speed_m_s, "m/s", 1.0),
-        "acceleration": (push, limits.max_acceleration_m_s2, "m/s^2", 0.5),
-        "tilt, as acceleration with drag,": (sideways + drag, steepest, "m/s^2", 1.0),
-    }
-    noun = max(needs, key=lambda key: (needs[key][0].max() / needs[key][1]) ** needs[key][3])
-    value, bound, unit, power = needs[noun]
-    step, index = np.unravel_index(value.argmax(), value.shape)
-    name, time_s = flown.names[index], flown.times_s[step]
-    words = f"{name}'s {noun} was {value.max():.2f} {unit} at {time_s:.1f} s, {bound:g} is the most"
-    return float(value.max() / bound) ** power, words
+    velocity = flown.values[1]
+    acceleration = flown.values[2]
+    speed_m_s = np.sqrt((velocity[:, :, :3] ** 2).sum(-1))
+    acceleration_m_s2 = np.sqrt((acceleration[:, :, :3] ** 2).sum(-1))
+
+    # what the tilt has to give: the path's own acceleration, and what drag takes at its speed
+    sideways_m_s2 = np.hypot(acceleration[..., 0], acceleration[..., 1])
+    drag_m_s2 = limits.drag_1_s * np.hypot(velocity[..., 0], velocity[..., 1])
+    steepest_m_s2 = 0.8 * GRAVITY_M_S2 * math.tan(math.radians(limits.max_tilt_deg))
+
+    demands = (
+        _Demand(noun="speed", values=speed_m_s, bound=limits.max_speed_m_s, unit="m/s", power=1.0),
+        _Demand(
+            noun="acceleration",
+            values=acceleration_m_s2,
+            bound=limits.max_acceleration_m_s2,
+            unit="m/s^2",
+            power=0.5,
+        ),
+        _Demand(
+            noun="tilt, as acceleration with drag,",
+            values=sideways_m_s2 + drag_m_s2,
+            bound=steepest_m_s2,
+            unit="m/s^2",
+            power=1.0,
+        ),
+    )
+    worst_one = max(demands, key=lambda one: (one.values.max() / one.bound) ** one.power)
+    value = float(worst_one.values.max())
+
+    step, index = np.unravel_index(worst_one.values.argmax(), worst_one.values.shape)
+    words = (
+        f"{flown.names[index]}'s {worst_one.noun} was {value:.2f} {worst_one.unit} at "
+        f"{flown.times_s[step]:.1f} s, {worst_one.bound:g} is the most"
+    )
+    return (value / worst_one.bound) ** worst_one.power, words
 
 
-def pair_words(one: Closest) -> str:
+def pair_words(one: ClosestApproach) -> str:
     """Return a pair in words."""
-    above = f", one {one.height_m:.1f} m above the other" if one.height_m > one.distance_m else ""
-    return f"{one.first} and {one.second} {one.distance_m:.2f} m at {one.time_s:.1f} s{above}"
+    words = f"{one.first} and {one.second} {one.distance_m:.2f} m at {one.time_s:.1f} s"
+    if one.height_m > one.distance_m:
+        words += f", one {one.height_m:.1f} m above the other"
+    return words
 
 
 def listed_words(words: Sequence[str]) -> str:
     """Return the first of many, and how many more there are."""
-    more = f"; {len(words) - _LISTED} more" if len(words) > _LISTED else ""
-    return "; ".join(words[:_LISTED]) + more
+    listed = "; ".join(words[:_LISTED])
+    if len(words) > _LISTED:
+        listed += f"; {len(words) - _LISTED} more"
+    return listed
 
 
 def path_findings(fleet: FleetConfig, paths: Mapping[str, Path], where: str) -> list[Finding]:
@@ -165,36 +218,43 @@ def path_findings(fleet: FleetConfig, paths: Mapping[str, Path], where: str) -> 
         One finding each for speed, acceleration, tilt, rest at the ends, fence, height and spacing.
     """
     flown = sample(paths)
-    speed, push = (np.sqrt((flown.values[k, :, :, :3] ** 2).sum(-1)) for k in (1, 2))
+    vehicles = [fleet.vehicles[name] for name in flown.names]
+    speed_m_s = np.sqrt((flown.values[1, :, :, :3] ** 2).sum(-1))
+    acceleration_m_s2 = np.sqrt((flown.values[2, :, :, :3] ** 2).sum(-1))
+
     findings = [
-        _most(
-            fleet,
+        _at_most(
             flown,
-            speed,
-            "speed",
-            "m/s",
-            lambda name: fleet.vehicles[name].max_speed_m_s,
-            where,
+            speed_m_s,
+            noun="speed",
+            unit="m/s",
+            bounds=[vehicle.max_speed_m_s for vehicle in vehicles],
+            where=where,
         ),
-        _most(
-            fleet,
+        _at_most(
             flown,
-            push,
-            "acceleration",
-            "m/s^2",
-            lambda n: fleet.vehicles[n].max_acceleration_m_s2,
-            where,
+            acceleration_m_s2,
+            noun="acceleration",
+            unit="m/s^2",
+            bounds=[vehicle.max_acceleration_m_s2 for vehicle in vehicles],
+            where=where,
         ),
-        _most(
-            fleet,
+        _at_most(
             flown,
             _tilt_deg(fleet, flown),
-            "tilt",
-            "deg",
-            lambda n: fleet.vehicles[n].max_tilt_deg,
-            where,
+            noun="tilt",
+            unit="deg",
+            bounds=[vehicle.max_tilt_deg for vehicle in vehicles],
+            where=where,
         ),
-        _most(fleet, flown, speed[[0, -1]], "speed at the ends", "m/s", lambda _: _ENDS_M_S, where),
+        _at_most(
+            flown,
+            speed_m_s[[0, -1]],
+            noun="speed at the ends",
+            unit="m/s",
+            bounds=[_ENDS_M_S for _ in vehicles],
+            where=where,
+        ),
     ]
     findings += _room(fleet, flown, where)
     if len(paths) > 1:
@@ -202,95 +262,109 @@ def path_findings(fleet: FleetConfig, paths: Mapping[str, Path], where: str) -> 
     return findings
 
 
-def _most(
-    fleet: FleetConfig,
+def _at_most(
     flown: SampledPaths,
-    value: Array,
+    values: Array,
+    *,
     noun: str,
     unit: str,
-    bound: Callable[[str], float],
+    bounds: Sequence[float],
     where: str,
 ) -> Finding:
-    """Judge the vehicle whose value (T, N) exceeds its bound most."""
-    step, index = np.unravel_index(
-        (value / np.array([bound(name) for name in flown.names])).argmax(), value.shape
-    )
+    """Judge the vehicle whose value (T, N), or (2, N) at the ends, exceeds its bound (N) most."""
+    step, index = np.unravel_index((values / np.array(bounds)).argmax(), values.shape)
     name = flown.names[index]
-    time_s = flown.times_s[-1 if len(value) == 2 and step else step]
+    bound = bounds[index]
+    is_at_the_end = len(values) == 2 and step > 0
+    time_s = flown.times_s[-1] if is_at_the_end else flown.times_s[step]
+
     return at_most(
         f"path {noun}, {where}",
-        float(value[step, index]),
-        bound(name),
+        float(values[step, index]),
+        bound,
         unit,
-        f"{where[0].upper()}{where[1:]}: on {name}'s path {noun} is {{value}} at {time_s:.1f} s; {{relation}} "
-        "{bound} can be flown",
+        f"{where[0].upper()}{where[1:]}: on {name}'s path {noun} is {{value}} at {time_s:.1f} s; "
+        "{relation} {bound} can be flown",
         "Slow the path, or raise the vehicle's limit: 'covey import' slows a show by itself.",
-        refuse_above=1.01 * bound(name),
-        warn_above=1.01 * bound(name),
+        refuse_above=1.01 * bound,
+        warn_above=1.01 * bound,
     )
 
 
 def _tilt_deg(fleet: FleetConfig, flown: SampledPaths) -> Array:
     """Return the tilt (T, N) that the path takes, its drag included."""
-    drag = np.array([fleet.vehicles[name].drag_1_s for name in flown.names])[:, None]
-    push = flown.values[2, :, :, :3] + drag * flown.values[1, :, :, :3]
-    return np.asarray(
-        np.degrees(np.arctan2(np.hypot(push[..., 0], push[..., 1]), GRAVITY_M_S2 + push[..., 2]))
-    )
+    drag_1_s = np.array([fleet.vehicles[name].drag_1_s for name in flown.names])[:, None]
+    push_m_s2 = flown.values[2, :, :, :3] + drag_1_s * flown.values[1, :, :, :3]
+
+    sideways_m_s2 = np.hypot(push_m_s2[..., 0], push_m_s2[..., 1])
+    upwards_m_s2 = GRAVITY_M_S2 + push_m_s2[..., 2]
+    return np.asarray(np.degrees(np.arctan2(sideways_m_s2, upwards_m_s2)))
 
 
 def _room(fleet: FleetConfig, flown: SampledPaths, where: str) -> list[Finding]:
-    fence, p = fleet.fleet.geofence_m, flown.values[0]
-    sides = (
-        p[..., 0] - fence.x[0],
-        fence.x[1] - p[..., 0],
-        p[..., 1] - fence.y[0],
-        fence.y[1] - p[..., 1],
-    )
-    room = np.minimum.reduce([*sides, fence.z[1] - p[..., 2]])
-    out = []
-    for noun, value, bound in (
-        ("room to the fence", room, 0.15),
-        ("height", p[..., 2] - fence.z[0], LOWEST_M),
+    """Judge the distance to the fence's walls and top, and the height above its floor."""
+    fence = fleet.fleet.geofence_m
+    positions = flown.values[0]
+    x = positions[..., 0]
+    y = positions[..., 1]
+    z = positions[..., 2]
+    walls = (x - fence.x[0], fence.x[1] - x, y - fence.y[0], fence.y[1] - y)
+    to_fence_m = np.minimum.reduce([*walls, fence.z[1] - z])
+    height_m = z - fence.z[0]
+
+    findings = []
+    for noun, values, bound in (
+        ("room to the fence", to_fence_m, 0.15),
+        ("height", height_m, LOWEST_M),
     ):
-        step, index = np.unravel_index(value.argmin(), value.shape)
-        out.append(
+        step, index = np.unravel_index(values.argmin(), values.shape)
+        findings.append(
             at_least(
                 f"path {noun}, {where}",
-                float(value[step, index]),
+                float(values[step, index]),
                 bound,
                 "m",
-                f"{where[0].upper()}{where[1:]}: on {flown.names[index]}'s path {noun} is {{value}} at "
-                f"{flown.times_s[step]:.1f} s; {{relation}} {{bound}} is needed",
+                f"{where[0].upper()}{where[1:]}: on {flown.names[index]}'s path {noun} is "
+                f"{{value}} at {flown.times_s[step]:.1f} s; {{relation}} {{bound}} is needed",
                 "Move the path, or the fence of the fleet file.",
             )
         )
-    return out
+    return findings
 
 
 def _spacing(fleet: FleetConfig, flown: SampledPaths, where: str) -> Finding:
+    """Judge the smallest distance of all pairs."""
     least_m = bound_m(fleet)
     above = above_words(fleet)
     pairs = closest_pairs(flown, least_m, parking_height_share(fleet))
     listed = listed_words([pair_words(one) for one in pairs])
+
+    if above:
+        how = above
+        remedy = "Move these paths apart, in height or beside each other."
+    else:
+        how = ", horizontally at any height"
+        remedy = (
+            "Move these paths apart: there is no vertical separation, vehicles do not fly above "
+            "each other."
+        )
     return at_least(
         f"path spacing, {where}",
         pairs[0].distance_m,
         least_m,
         "m",
-        f"{where[0].upper()}{where[1:]}: the paths come to {{value}} ({listed}); the law '{fleet.law.name}' needs "
-        f"{{relation}} {{bound}}{above or ', horizontally at any height'}",
-        "Move these paths apart, in height or beside each other."
-        if above
-        else "Move these paths apart: there is no vertical separation, vehicles do not fly above each other.",
+        f"{where[0].upper()}{where[1:]}: the paths come to {{value}} ({listed}); the law "
+        f"'{fleet.law.name}' needs {{relation}} {{bound}}{how}",
+        remedy,
     )
 
 
 def refusals(findings: Sequence[Finding]) -> list[str]:
     """Return the sentences of what refuses the flight, the worst first."""
     refused = [finding for finding in findings if finding.status == "refused"]
-    return (
-        [worst(refused).sentence, *(f.sentence for f in refused if f is not worst(refused))]
-        if refused
-        else []
-    )
+    if not refused:
+        return []
+
+    first = worst(refused)
+    others = [finding for finding in refused if finding is not first]
+    return [finding.sentence for finding in (first, *others)]

@@ -27,7 +27,7 @@ from onboard.config.fleet import ConfigError
 from onboard.control.path import NUMBERS, Path, path_of
 
 MOST_LINES = 400_000
-_AXES = "x", "y", "z", "yaw"
+_AXES = ("x", "y", "z", "yaw")
 _PIECE_COLUMNS = ("duration", *(f"{axis}^{k}" for axis in _AXES for k in range(8)))
 _NAMES = {
     "time": "t",
@@ -44,7 +44,6 @@ _UNITS = {
     "cm": 0.01,
     "mm": 1e-3,
 }
-_COLOURS = "red", "green", "blue"
 
 
 def load_path(file: str | os.PathLike[str]) -> Path:
@@ -65,14 +64,15 @@ def load_path(file: str | os.PathLike[str]) -> Path:
         if columns == _PIECE_COLUMNS:
             return path_of(numbers.tolist())
         if columns[:4] == ("t", "x", "y", "z"):
-            return _timed(name, columns, numbers)
+            return _timed(columns, numbers)
         if columns[:4] == ("x", "y", "z", "speed"):
             return _waypoints(columns, numbers)
     except ValueError as error:
         raise ConfigError(f"{name}: {error}") from None
     raise ConfigError(
-        f"{name}: the columns {', '.join(columns[:6])} are no path. Name them t,x,y,z[,yaw] or x,y,z,speed[,yaw] in "
-        f"the first line, or write Crazyswarm's {NUMBERS} columns duration,x^0,...,yaw^7."
+        f"{name}: the columns {', '.join(columns[:6])} are no path. Name them t,x,y,z[,yaw] or "
+        f"x,y,z,speed[,yaw] in the first line, or write Crazyswarm's {NUMBERS} columns "
+        "duration,x^0,...,yaw^7."
     )
 
 
@@ -84,8 +84,10 @@ def write_path(file: str | os.PathLike[str], path: Path, comments: Sequence[str]
         path: of one vehicle.
         comments: for people.
     """
-    lines = [*(f"# {line}" for line in comments), ",".join(_PIECE_COLUMNS)]
-    lines += [",".join(f"{number:.9g}" for number in piece) for piece in path.pieces]
+    lines = [f"# {line}" for line in comments]
+    lines.append(",".join(_PIECE_COLUMNS))
+    for piece in path.pieces:
+        lines.append(",".join(f"{number:.9g}" for number in piece))
     FilePath(file).write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
@@ -101,11 +103,41 @@ def read_columns(name: str) -> tuple[tuple[str, ...], Array]:
     Raises:
         ConfigError: there is no such file, a unit is foreign, or a line is no list of numbers.
     """
+    lines = _lines_of(name)
+    if not 2 <= len(lines) <= MOST_LINES:
+        raise ConfigError(
+            f"{name}: {len(lines)} lines are no path; it has a line of names and 1 to "
+            f"{MOST_LINES} more."
+        )
+
+    first_line = lines[0][1]
+    delimiter = next((mark for mark in (";", "\t") if mark in first_line), ",")
+    rows = list(csv.reader((line for _, line in lines), delimiter=delimiter))
+    # Crazyswarm's own files end each line of names with a comma
+    if not rows[0][-1].strip():
+        rows = [row[:-1] if not row[-1].strip() else row for row in rows]
+
+    columns, factors = zip(*(_column(name, text) for text in rows[0]), strict=True)
+
+    numbers = []
+    for (line_number, _), row in zip(lines[1:], rows[1:], strict=False):
+        values = _numbers_of(name, line_number, row)
+        if len(values) != len(columns) or not all(map(math.isfinite, values)):
+            raise ConfigError(
+                f"{name}, line {line_number}: it must have {len(columns)} finite numbers, as the "
+                "first line says."
+            )
+        numbers.append(values)
+    return columns, np.array(numbers) * np.array(factors)
+
+
+def _lines_of(name: str) -> list[tuple[int, str]]:
+    """Return number and text of each line that is neither empty nor a comment."""
     try:
         with open(name, encoding="utf-8-sig", newline="") as stream:
-            lines = [
-                (k, line)
-                for k, line in enumerate(stream, 1)
+            return [
+                (number, line)
+                for number, line in enumerate(stream, 1)
                 if line.strip() and not line.startswith("#")
             ]
     except FileNotFoundError:
@@ -114,54 +146,47 @@ def read_columns(name: str) -> tuple[tuple[str, ...], Array]:
         ) from None
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigError(f"{name}: this file cannot be read as text ({error}).") from None
-    if not 2 <= len(lines) <= MOST_LINES:
+
+
+def _numbers_of(name: str, line_number: int, row: Sequence[str]) -> list[float]:
+    try:
+        return [float(text) for text in row]
+    except ValueError:
         raise ConfigError(
-            f"{name}: {len(lines)} lines are no path; it has a line of names and 1 to {MOST_LINES} more."
-        )
-    delimiter = ";" if ";" in lines[0][1] else "\t" if "\t" in lines[0][1] else ","
-    rows = list(csv.reader((line for _, line in lines), delimiter=delimiter))
-    if not rows[0][-1].strip():  # Crazyswarm's own files end each line of names with a comma
-        rows = [row[:-1] if not row[-1].strip() else row for row in rows]
-    columns, factors = zip(*(_column(name, text) for text in rows[0]), strict=True)
-    numbers = []
-    for (k, _), row in zip(lines[1:], rows[1:], strict=False):
-        try:
-            numbers.append([float(text) for text in row])
-        except ValueError:
-            raise ConfigError(
-                f"{name}, line {k}: '{','.join(row)[:60]}' is no list of numbers."
-            ) from None
-        if len(row) != len(columns) or not all(map(math.isfinite, numbers[-1])):
-            raise ConfigError(
-                f"{name}, line {k}: it must have {len(columns)} finite numbers, as the first line says."
-            )
-    return columns, np.array(numbers) * np.array(factors)
+            f"{name}, line {line_number}: '{','.join(row)[:60]}' is no list of numbers."
+        ) from None
 
 
 def _column(name: str, text: str) -> tuple[str, float]:
-    found = re.fullmatch(r"\s*([A-Za-z][\w^]*)\s*(?:[\[(]\s*([\w/]*)\s*[\])])?\s*", text)
-    if found is None:
+    """Return the name of a column, and what its numbers are multiplied with to be s, m or deg."""
+    match = re.fullmatch(r"\s*([A-Za-z][\w^]*)\s*(?:[\[(]\s*([\w/]*)\s*[\])])?\s*", text)
+    if match is None:
         raise ConfigError(
             f"{name}: the first line must name the columns, as t,x,y,z; '{text[:40]}' is no name."
         )
-    unit = (found[2] or "").lower()
+
+    unit = (match[2] or "").lower()
     if unit not in _UNITS:
         raise ConfigError(
             f"{name}: '{text.strip()[:40]}' is in a unit that is not known. Give metres and seconds."
         )
-    column = found[1].lower()
+
+    column = match[1].lower()
     return _NAMES.get(column, column), _UNITS[unit]
 
 
-def _timed(name: str, columns: Sequence[str], numbers: Array) -> Path:
+def _timed(columns: Sequence[str], numbers: Array) -> Path:
     times_s = numbers[:, 0]
-    late = np.flatnonzero(np.diff(times_s) <= 0.0)
     if len(times_s) < 2:
         raise ValueError("one position is no path: give at least two times.")
+
+    late = np.flatnonzero(np.diff(times_s) <= 0.0)
     if len(late):
         raise ValueError(
-            f"time does not rise after {times_s[late[0]]:g} s: sort the lines, keep one for each time."
+            f"time does not rise after {times_s[late[0]]:g} s: sort the lines, keep one for each "
+            "time."
         )
+
     return fitted(times_s - times_s[0], _values(columns, numbers[:, 1:4], numbers))
 
 
@@ -171,7 +196,7 @@ def _waypoints(columns: Sequence[str], numbers: Array) -> Path:
 
 def _values(columns: Sequence[str], points: Array, numbers: Array) -> Array:
     """Return x, y, z and yaw [rad] (T, 4)."""
-    yaw = (
-        np.radians(numbers[:, columns.index("yaw")]) if "yaw" in columns else np.zeros(len(numbers))
-    )
-    return np.column_stack([points, yaw])
+    yaw_rad = np.zeros(len(numbers))
+    if "yaw" in columns:
+        yaw_rad = np.radians(numbers[:, columns.index("yaw")])
+    return np.column_stack([points, yaw_rad])

@@ -33,21 +33,26 @@ def load_lights(file: str | os.PathLike[str]) -> tuple[Light, ...]:
         raise ConfigError(
             f"{name}: lights have the columns {','.join(_COLUMNS)} in the first line."
         )
-    if (
-        (numbers[1:, 0] < numbers[:-1, 0]).any()
-        or numbers[:, 1:].min() < 0
-        or numbers[:, 1:].max() > 255
-    ):
+
+    times_s = numbers[:, 0]
+    colours = numbers[:, 1:]
+    is_rising = (times_s[1:] >= times_s[:-1]).all()
+    is_colour = colours.min() >= 0 and colours.max() <= 255
+    if not (is_rising and is_colour):
         raise ConfigError(f"{name}: times must rise, and colours lie between 0 and 255.")
+
     return tuple((float(t), int(red), int(green), int(blue)) for t, red, green, blue in numbers)
 
 
 def colour_at(lights: Sequence[Light], time_s: float) -> Colour:
     """Return the colour at a time: before the first one the first, after the last one the last."""
     after = bisect_right(lights, time_s, key=lambda light: light[0])
-    one, other = lights[max(after - 1, 0)], lights[min(after, len(lights) - 1)]
-    share = (
-        (time_s - one[0]) / (other[0] - one[0]) if one[0] < time_s and other[0] > one[0] else 0.0
-    )
-    red, green, blue = (round(a + share * (b - a)) for a, b in zip(one[1:], other[1:], strict=True))
+    before_s, *before = lights[max(after - 1, 0)]
+    behind_s, *behind = lights[min(after, len(lights) - 1)]
+
+    share = 0.0
+    if before_s < time_s and behind_s > before_s:
+        share = (time_s - before_s) / (behind_s - before_s)
+
+    red, green, blue = (round(a + share * (b - a)) for a, b in zip(before, behind, strict=True))
     return red, green, blue

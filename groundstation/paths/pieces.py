@@ -28,18 +28,23 @@ def fitted(times_s: Array, values: Array) -> Path:
         times_s: (T,), rising.
         values: (T, 4) of x, y, z [m] and yaw [rad].
     """
-    is_dense = len(times_s) > 2 * _WINDOW and float(np.median(np.diff(times_s))) < _DENSE_S
     count = max(2, math.ceil((times_s[-1] - times_s[0]) / GRID_S) + 1)
-    grid = np.linspace(times_s[0], times_s[-1], count)
-    step_s = float(grid[1] - grid[0])
-    flat = values.copy()
-    flat[:, 3] = np.unwrap(values[:, 3])
+    grid_s = np.linspace(times_s[0], times_s[-1], count)
+    step_s = float(grid_s[1] - grid_s[0])
+
+    unwrapped = values.copy()
+    unwrapped[:, 3] = np.unwrap(values[:, 3])
+
+    is_dense = len(times_s) > 2 * _WINDOW and float(np.median(np.diff(times_s))) < _DENSE_S
     if is_dense:
-        p = np.stack([np.interp(grid, times_s, axis) for axis in flat.T], axis=-1)
+        on_grid = np.stack([np.interp(grid_s, times_s, axis) for axis in unwrapped.T], axis=-1)
     else:
-        p = _spline(times_s, flat, grid)
-    p = np.pad(p, ((_WINDOW, _WINDOW), (0, 0)), mode="edge")
-    return path_of(_merged(*_smoothed(p, step_s), step_s))
+        on_grid = _spline(times_s, unwrapped, grid_s)
+
+    # a quarter of a second of rest on either side
+    padded = np.pad(on_grid, ((_WINDOW, _WINDOW), (0, 0)), mode="edge")
+    p, v, a = _smoothed(padded, step_s)
+    return path_of(_merged(p, v, a, step_s))
 
 
 def through(points: Array, speeds_m_s: Array) -> Path:
@@ -52,32 +57,45 @@ def through(points: Array, speeds_m_s: Array) -> Path:
     Raises:
         ValueError: fewer than two waypoints, two in one spot, or a speed that is not positive.
     """
-    ways_m = np.sqrt((np.diff(points[:, :3], axis=0) ** 2).sum(-1))
-    if len(points) < 2 or (ways_m < 1e-3).any():
+    lengths_m = np.sqrt((np.diff(points[:, :3], axis=0) ** 2).sum(-1))
+    if len(points) < 2 or (lengths_m < 1e-3).any():
         raise ValueError("waypoints must be at least two, and each away from the one before.")
     if (speeds_m_s[1:-1] <= 0.0).any():
         raise ValueError("each waypoint between the first and the last needs a speed above 0.")
+
     speeds = speeds_m_s.copy()
     speeds[[0, -1]] = 0.0
     mean_m_s = 0.5 * (speeds[:-1] + speeds[1:])
+
+    # from rest to rest without a waypoint between: the mean of the two zeros would be no speed
     if len(points) == 2:
         mean_m_s[:] = 0.5 * max(speeds_m_s)
         if mean_m_s[0] <= 0.0:
             raise ValueError("two waypoints need a speed above 0.")
-    return fitted(np.concatenate([[0.0], np.cumsum(ways_m / mean_m_s)]), points)
+
+    times_s = np.concatenate([[0.0], np.cumsum(lengths_m / mean_m_s)])
+    return fitted(times_s, points)
 
 
 def quintic(duration_s: float, begin: Array, end: Array) -> Array:
     """Return the piece (33,) between two motions (3, 4) of value, first and second derivative."""
     t = duration_s
     out = np.zeros((4, 8))
-    out[:, 0], out[:, 1], out[:, 2] = begin[0], begin[1], 0.5 * begin[2]
+
+    # the motion at the begin gives the first three coefficients
+    out[:, 0] = begin[0]
+    out[:, 1] = begin[1]
+    out[:, 2] = 0.5 * begin[2]
+
+    # what these leave of value, first and second derivative at the end gives the other three
     p = end[0] - (begin[0] + t * begin[1] + 0.5 * t * t * begin[2])
     v = (end[1] - (begin[1] + t * begin[2])) * t
     a = (end[2] - begin[2]) * t * t
+
     out[:, 3] = (10.0 * p - 4.0 * v + 0.5 * a) / t**3
     out[:, 4] = (-15.0 * p + 7.0 * v - a) / t**4
     out[:, 5] = (6.0 * p - 3.0 * v + 0.5 * a) / t**5
+
     return np.concatenate([[t], out.reshape(-1)])
 
 
@@ -99,13 +117,13 @@ def slowed(path: Path, factor: float) -> Path:
 def backwards(path: Path) -> Path:
     """Return a path flown from its end to its begin."""
     signs = (-1.0) ** np.arange(8.0)
-    pieces = [
-        [
-            piece[0],
-            *(np.array(piece[1:]).reshape(4, 8) @ _shift(piece[0]) * signs).reshape(-1).tolist(),
-        ]
-        for piece in reversed(path.pieces)
-    ]
+
+    pieces = []
+    for piece in reversed(path.pieces):
+        duration_s = piece[0]
+        coefficients = np.array(piece[1:]).reshape(4, 8)
+        reversed_in_time = coefficients @ _shift(duration_s) * signs
+        pieces.append([duration_s, *reversed_in_time.reshape(-1).tolist()])
     return path_of(pieces)
 
 
@@ -113,11 +131,17 @@ def cut(path: Path, begin_s: float, end_s: float) -> Array:
     """Return the pieces (P, 33) between two times of a path."""
     out = []
     for piece, piece_end_s in zip(path.pieces, path.ends_s, strict=True):
-        piece_begin_s = piece_end_s - piece[0]
-        first_s, last_s = max(begin_s - piece_begin_s, 0.0), min(end_s - piece_begin_s, piece[0])
-        if last_s - first_s > 1e-6:
-            shifted = np.array(piece[1:]).reshape(4, 8) @ _shift(first_s)
-            out.append(np.concatenate([[last_s - first_s], shifted.reshape(-1)]))
+        duration_s = piece[0]
+        piece_begin_s = piece_end_s - duration_s
+
+        # the part of this piece that lies between the two times, counted from its own begin
+        first_s = max(begin_s - piece_begin_s, 0.0)
+        last_s = min(end_s - piece_begin_s, duration_s)
+        if last_s - first_s <= 1e-6:
+            continue
+
+        shifted = np.array(piece[1:]).reshape(4, 8) @ _shift(first_s)
+        out.append(np.concatenate([[last_s - first_s], shifted.reshape(-1)]))
     return np.array(out).reshape(-1, NUMBERS)
 
 
@@ -129,48 +153,60 @@ def moved(path: Path, by: Array) -> Path:
 
 
 def _shift(by_s: float) -> Array:
-    """Return the matrix (8, 8) that makes coefficients of t + by_s from those of t, applied from
-    the right.
+    """Return the matrix (8, 8), applied from the right, that shifts polynomials in time.
+
+    It makes the coefficients in t + by_s from those in t.
     """
     powers = np.array([[by_s ** max(k - i, 0) for k in range(8)] for i in range(8)])
     return np.asarray((_BINOMIALS * powers * np.triu(np.ones((8, 8)))).T)
 
 
 def _smoothed(padded: Array, step_s: float) -> tuple[Array, Array, Array]:
-    """Return value and derivatives (T, 4) by cubics fitted around each sample; at both ends it
-    rests exactly.
+    """Return value, first and second derivative (T, 4) by a cubic fitted around each sample.
+
+    At both ends the motion rests exactly.
     """
     offsets = step_s * np.arange(-_WINDOW, _WINDOW + 1)
+    # rows: value, slope and half the second derivative of the cubic of least squares at offset 0
     kernel = np.linalg.pinv(offsets[:, None] ** np.arange(4))[:3]
+
     held = np.pad(padded, ((_WINDOW, _WINDOW), (0, 0)), mode="edge")
     # (T, 4, 2 W + 1)
     windows = np.lib.stride_tricks.sliding_window_view(held, 2 * _WINDOW + 1, axis=0)
     p, v, a = (windows @ row for row in kernel)
     a = 2.0 * a
+
     for end in (0, -1):
-        p[end], v[end], a[end] = padded[end], 0.0, 0.0
+        p[end] = padded[end]
+        v[end] = 0.0
+        a[end] = 0.0
     return p, v, a
 
 
 def _merged(p: Array, v: Array, a: Array, step_s: float) -> list[list[float]]:
-    """Return few quintics through the motion on a grid, each as long as it stays within the
-    tolerance.
-    """
-    pieces, at, length = [], 0, 8
-    while at < len(p) - 1:
-        length = min(2 * length, _LONGEST_PIECE, len(p) - 1 - at)
+    """Return few quintics through the motion on a grid, each within the tolerance of it."""
+    pieces = []
+    first = 0  # sample at which the next piece begins
+    length = 8  # samples that it covers
+
+    while first < len(p) - 1:
+        # twice as long as the last one, then halved until it fits
+        length = min(2 * length, _LONGEST_PIECE, len(p) - 1 - first)
         while True:
-            end = at + length
+            last = first + length
             piece = quintic(
-                length * step_s, np.array([p[at], v[at], a[at]]), np.array([p[end], v[end], a[end]])
+                duration_s=length * step_s,
+                begin=np.array([p[first], v[first], a[first]]),
+                end=np.array([p[last], v[last], a[last]]),
             )
             powers = (step_s * np.arange(length + 1))[:, None] ** np.arange(8)
-            away = powers @ piece[1:].reshape(4, 8).T - p[at : end + 1]
-            if length == 1 or np.abs(away).max() < _TOLERANCE_M:
+            error_m = powers @ piece[1:].reshape(4, 8).T - p[first : last + 1]
+            if length == 1 or np.abs(error_m).max() < _TOLERANCE_M:
                 break
             length = max(1, length // 2)
+
         pieces.append(piece.tolist())
-        at = end
+        first = last
     return pieces
 
 
@@ -179,21 +215,31 @@ def _spline(times_s: Array, values: Array, grid: Array) -> Array:
     steps = np.diff(times_s)
     slopes = np.diff(values, axis=0) / steps[:, None]
     count = len(times_s)
-    # velocities, by elimination from the front
-    upper, right = np.zeros(count), np.zeros((count, 4))
+
+    # velocities at the samples, such that accelerations are continuous: a tridiagonal system,
+    # eliminated from the front
+    upper = np.zeros(count)
+    right = np.zeros((count, 4))
     for k in range(1, count - 1):
-        left, ahead = steps[k], steps[k - 1]
+        left = steps[k]
+        ahead = steps[k - 1]
         pivot = 2.0 * (left + ahead) - left * upper[k - 1]
         upper[k] = ahead / pivot
         right[k] = (3.0 * (left * slopes[k - 1] + ahead * slopes[k]) - left * right[k - 1]) / pivot
+
+    # and solved from the back; at both ends it rests
     velocity = np.zeros((count, 4))
     for k in range(count - 2, 0, -1):
         velocity[k] = right[k] - upper[k] * velocity[k + 1]
+
+    # Hermite's cubic between the two samples around each time of the grid
     index = np.clip(np.searchsorted(times_s, grid, side="right") - 1, 0, count - 2)
     h = steps[index][:, None]
     u = (grid - times_s[index])[:, None] / h
-    begin, end = values[index], values[index + 1]
-    rise_a, rise_b = velocity[index] * h, velocity[index + 1] * h
+    begin = values[index]
+    end = values[index + 1]
+    rise_a = velocity[index] * h
+    rise_b = velocity[index + 1] * h
     return np.asarray(
         begin * (1 + 2 * u) * (1 - u) ** 2
         + end * u * u * (3 - 2 * u)

@@ -15,8 +15,8 @@ import numpy as np
 
 from groundstation.formations.assignment import nearest_slots
 from groundstation.paths.checks import (
-    Closest,
-    Limits,
+    ClosestApproach,
+    FlightLimits,
     closest_pairs,
     listed_words,
     needed_slowing,
@@ -55,7 +55,7 @@ class Converted:
 def converted(
     show: Show,
     names: Mapping[str, str],
-    limits: Limits,
+    limits: FlightLimits,
     spacing_m: float,
     home_spacing_m: float,
     height_share: float = 0.0,
@@ -181,7 +181,7 @@ def _deal_homes(made: Converted) -> None:
             )
 
 
-def _slow_down(made: Converted, limits: Limits) -> None:
+def _slow_down(made: Converted, limits: FlightLimits) -> None:
     """Slow the whole show until every vehicle can fly its path."""
     factor, words = needed_slowing(sample(made.paths), limits)
     if factor <= 1.0:
@@ -232,7 +232,9 @@ def _spread_starts(made: Converted, spacing_m: float, height_share: float) -> No
             made.lights[name] = tuple((t + delay_s, r, g, b) for t, r, g, b in made.lights[name])
 
 
-def _too_near(paths: Mapping[str, Path], spacing_m: float, height_share: float) -> list[Closest]:
+def _too_near(
+    paths: Mapping[str, Path], spacing_m: float, height_share: float
+) -> list[ClosestApproach]:
     if len(paths) < 2:
         return []
     return [
