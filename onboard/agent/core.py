@@ -13,7 +13,7 @@ from typing import Any
 
 from msgspec.structs import replace
 
-from onboard.agent.control_step import ControlStep, PipelineInputs
+from onboard.agent.control_step import ControlStep, PipelineStep
 from onboard.agent.messages import AgentIdentity, TelemetrySources, TickResult
 from onboard.agent.order_gate import OrderGate
 from onboard.agent.order_intake import OrderIntake
@@ -43,7 +43,8 @@ from onboard.autopilot import Landed, Snapshot, Vec3
 from onboard.bus.schema import StateMessage
 from onboard.bus.topics import Topic
 from onboard.config.fleet import FleetConfig
-from onboard.control.pipeline import Phase, PipelineMemory, PipelineParams
+from onboard.control import pipeline
+from onboard.control.pipeline import Phase, PipelineParams
 from onboard.flight import state_machine
 from onboard.flight.context import FlightContext
 from onboard.flight.order_checks import OrderFacts
@@ -59,7 +60,7 @@ from onboard.safety.snapshot_check import nonsense
 from onboard.supervision.conditions import TickContext
 from onboard.supervision.failsafe_executor import FailsafeExecutor
 from onboard.supervision.model_mismatch_reporter import ModelMismatchReporter
-from onboard.types import TICK_S, State, Tick
+from onboard.types import TICK_S, State
 
 _SHORTEST_S, _LONGEST_S = 0.005, 0.1  # time that one tick integrates over
 _ZERO: Vec3 = (0.0, 0.0, 0.0)
@@ -74,6 +75,7 @@ class AgentCore:
         vehicle_name: one of its vehicles.
         boot_id: differs from one start of the process to the next.
         clock: seconds, by which a law of somebody's own is found slow; None in simulated time.
+        pipeline_step: ``pipeline.step``, or the same text compiled.
     """
 
     def __init__(
@@ -83,12 +85,13 @@ class AgentCore:
         *,
         boot_id: int,
         clock: Callable[[], float] | None = None,
+        pipeline_step: PipelineStep = pipeline.step,
     ) -> None:
         self.fleet, self.vehicle = fleet, fleet.vehicles[vehicle_name]
         self.own = OwnState(self.vehicle, fleet.fleet.global_origin)
         self.neighbours = NeighbourTable(fleet, vehicle_name)
         self.flight = FlightContext(fleet, self.vehicle)
-        self.control = ControlStep(fleet, vehicle_name, clock)
+        self.control = ControlStep(fleet, vehicle_name, clock=clock, pipeline_step=pipeline_step)
         self.failsafes = FailsafeExecutor(
             fleet, self.vehicle, self.own, self.neighbours, self.flight
         )
@@ -248,39 +251,33 @@ class AgentCore:
 
     def tick(self, now_ns: int) -> list[Command]:
         """Run one pass, 50 times a second; the commands are to be executed in their order."""
-        due = self.begin_tick(now_ns)
-        return self.end_tick(*self.control.run(due))
-
-    def begin_tick(self, now_ns: int) -> PipelineInputs:
-        """Run the first half of :meth:`tick`; a simulation of many agents then runs all their
-        pipelines at once.
-        """
         context, flight, control = self._context, self.flight, self.control
         before_ns = self._view.now_ns
         context.period_s = (now_ns - before_ns) * 1e-9 if before_ns else TICK_S
         if now_ns < before_ns:
             context.clock_jump_ns = now_ns
         dt_s = min(max(context.period_s, _SHORTEST_S), _LONGEST_S)
+
         on_ground = flight.step.phase is Phase.GROUND or flight.step is FlightStep.LIFTOFF
         thrust_frac = self._setpoints.sent_thrust_frac
         self.own.is_flown = flight.step.is_streaming
         self.own.update(now_ns, dt_s, self._snapshot, thrust_frac, control.hover_frac, on_ground)
-        state = self.own.state
-        self._view = self._new_view(now_ns, state)
-        self.neighbours.place_contradicted(self._view.position_enu_m, now_ns)
-        self._distances_m = self.neighbours.distances_m(self._view.position_enu_m, now_ns)
-        self._supervise()
-        state_machine.advance(flight, self._view)
-        return control.inputs(state, flight.goal, flight.step.phase, self.neighbours, now_ns, dt_s)
 
-    def end_tick(self, memory: PipelineMemory, tick: Tick) -> list[Command]:
-        """Run the second half of :meth:`tick`, with the result of the pipeline."""
-        control, view = self.control, self._view
-        control.accept(memory, tick)
+        state = self.own.state
+        view = self._new_view(now_ns, state)
+        self._view = view
+        self.neighbours.place_contradicted(view.position_enu_m, now_ns)
+        self._distances_m = self.neighbours.distances_m(view.position_enu_m, now_ns)
+
+        self._supervise()
+        state_machine.advance(flight, view)
+
+        neighbours = self.neighbours.snapshot(now_ns)
+        tick = control.run(state, flight.goal, flight.step.phase, neighbours, dt_s)
         if self.flight.step.phase is Phase.FLYING and self._mismatch.is_due():
             attitude = self.own.attitude_wxyz(self._snapshot)
             for code, sentence in self._mismatch.follow(
-                memory.observer, attitude, control.hover_frac
+                control.observer, attitude, control.hover_frac
             ):
                 self.flight.say(view, "warning", code, sentence)
         setpoint = self._setpoints.commands(view, control)

@@ -37,9 +37,7 @@ _LARGEST_INT = 1 << 62
 
 @dataclass(slots=True)
 class NeighbourArrays:
-    """Newest valid state of each of K neighbours; a simulation may let these be rows of common
-    arrays.
-    """
+    """Newest valid state of each of K neighbours."""
 
     numbers: Array  # (K, WIDTH), see COLUMNS
     stamp_ns: IntArray  # (K,) of the numbers, on our clock

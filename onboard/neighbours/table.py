@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 import math
 import operator
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -196,13 +195,6 @@ class NeighbourTable:
         self.watched.seen.discard(index)
         self.forget_ages()
         return True
-
-    def hear_telemetry(self, telemetries: Mapping[str, Telemetry], received_ns: int) -> None:
-        """Take the telemetry of several vehicles, by name; our own is ignored."""
-        if telemetries:
-            self.last_heard_ns = max(self.last_heard_ns, received_ns)
-            self._telemetry.update(telemetries)
-            self._telemetry.pop(self.own_name, None)
 
     def hear_pose(self, pose: MocapPose, received_ns: int) -> bool:
         """Take a neighbour's mocap pose; it counts only while the neighbour is silent."""

@@ -8,17 +8,12 @@ killed and started anew.
 
 from __future__ import annotations
 
-import itertools
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-
-import numpy as np
+from collections.abc import Callable
 
 from onboard import agent_commands, agent_inputs
-from onboard.agent.control_step import PipelineInputs
+from onboard.agent.control_step import PipelineStep
 from onboard.agent.core import AgentCore
-from onboard.arrays import BoolArray
 from onboard.bus.codec import Malformed
 from onboard.bus.protocol import UntrustedOrder
 from onboard.bus.schema import (
@@ -32,106 +27,42 @@ from onboard.bus.schema import (
 )
 from onboard.bus.topics import Topic
 from onboard.config.fleet import FleetConfig
-from onboard.control.pipeline import PipelineMemory
-from onboard.neighbours.subscription import is_slow
-from onboard.neighbours.table import NeighbourTable
-from onboard.rollout.rows import Rows
-from onboard.types import TICK_S, Tick
+from onboard.types import TICK_S
 from sitl.lockstep.bus import Node, SimBus
 from sitl.lockstep.link import EmulatedLink
-from sitl.lockstep.neighbour_tables import Round, Tables
 
 CONNECT_AFTER_NS = 1_000_000_000  # discovery and parameters of a real link
-BULK_FROM = 8  # vehicles, from which it is cheaper to take what the others say all at once
 _MAX_EVENTS = 2000
 _STATISTICS_TICKS = 25
+_TICK_NS = round(1e9 * TICK_S)
 _PERIOD_MS = 1e3 * TICK_S
 _LATE_MS = 5.0
-
-
-@dataclass(frozen=True, slots=True)
-class Arrivals:
-    """Messages that have arrived at one instant."""
-
-    received_ns: int
-    states: list[StateMessage]
-    telemetries: dict[str, Telemetry]
-    round: Round | None  # the states as arrays
-
-
-def by_arrival(
-    messages: Sequence[tuple[int, Message]], indices: Mapping[str, int]
-) -> list[Arrivals]:
-    """Return messages grouped by the time of arrival, with the states made into arrays once for all
-    receivers.
-    """
-    arrivals = []
-    for received_ns, group in itertools.groupby(messages, key=lambda one: one[0]):
-        both = [message for _, message in group]
-        states = [message for message in both if isinstance(message, StateMessage)]
-        telemetries = {
-            message.vehicle: message for message in both if isinstance(message, Telemetry)
-        }
-        arrivals.append(
-            Arrivals(
-                received_ns, states, telemetries, Round.of(states, indices) if states else None
-            )
-        )
-    return arrivals
-
-
-class FleetTables:
-    """All agents' tables of their neighbours in common arrays, so that what all hear is heard at
-    once.
-    """
-
-    def __init__(self, agents: Sequence[AgentShell]) -> None:
-        self._collect([agent.core.neighbours for agent in agents])
-
-    def _collect(self, tables: list[NeighbourTable]) -> None:
-        self.tables = Tables(tables)
-        self._rows = {id(table): row for row, table in enumerate(tables)}
-
-    def receive(
-        self, agents: Sequence[AgentShell], arrivals: Sequence[Arrivals], now_ns: int
-    ) -> None:
-        """Take the messages since the last tick in all agents' tables; an agent started anew has a
-        new table.
-        """
-        tables = [agent.core.neighbours for agent in agents]
-        if any(id(table) not in self._rows for table in tables):
-            self._collect(tables)
-        # an agent that has stood still has older messages waiting, and takes the newest after them
-        at_once = [agent.is_ticking and not agent.has_backlog for agent in agents]
-        is_listening = np.array(at_once)
-        for one in arrivals:
-            if one.round is not None:
-                self.tables.hear(one.round, one.received_ns, is_listening)
-            for agent, is_quick in zip(agents, at_once, strict=True):
-                if is_quick:
-                    agent.core.neighbours.hear_telemetry(one.telemetries, one.received_ns)
-                elif agent.is_running:
-                    agent.receive_later((one,))
-        self.tables.age(now_ns)
-
-    def snapshots(self, tables: Sequence[NeighbourTable], now_ns: int) -> tuple[Rows, BoolArray]:
-        """Return the snapshots of some of the tables (n, K) as rows of Neighbour, and which of them
-        are present.
-        """
-        return self.tables.snapshots([self._rows[id(table)] for table in tables], now_ns)
 
 
 class AgentShell:
     """One agent.
 
     Args:
-        link: its PX4; bus: where it becomes a node of the vehicle's name.
+        link: its PX4.
+        bus: where it becomes a node of the vehicle's name.
+        pipeline_step: how its passes are calculated.
     """
 
-    def __init__(self, fleet: FleetConfig, name: str, link: EmulatedLink, bus: SimBus) -> None:
-        self.fleet, self.name, self.link, self._bus = fleet, name, link, bus
-        self._reads_in_bulk = len(fleet.enabled_names) >= BULK_FROM
-        self.is_hung = self.is_running = self.has_backlog = False
+    def __init__(
+        self,
+        fleet: FleetConfig,
+        name: str,
+        *,
+        link: EmulatedLink,
+        bus: SimBus,
+        pipeline_step: PipelineStep,
+    ) -> None:
+        self.fleet = fleet
+        self.name = name
+        self.link = link
+        self._bus = bus
+        self._pipeline_step = pipeline_step
+        self.is_hung = self.is_running = False
         self._lives = 0
         self._inbox: deque[agent_inputs.AgentInput] = deque(maxlen=_MAX_EVENTS)
         self._orders: list[
@@ -150,7 +81,12 @@ class AgentShell:
             return
         self._lives += 1
         self.is_running, self.is_hung = True, False
-        self.core = AgentCore(self.fleet, self.name, boot_id=1000 * self._lives + self.index)
+        self.core = AgentCore(
+            self.fleet,
+            self.name,
+            boot_id=1000 * self._lives + self.index,
+            pipeline_step=self._pipeline_step,
+        )
         self.core.preflight.is_warm = True
         self._followed = self.core.neighbours.followed
         self._inbox.clear()
@@ -229,12 +165,9 @@ class AgentShell:
                 inbox.append(agent_inputs.AllPosesReceived(message.poses, now_ns()))
 
         self._on_neighbour, self._on_pose, node.is_interested = neighbour, pose, is_interested
-        if self._reads_in_bulk:
-            self._bus.subscribe_in_bulk(node, neighbour)
-        else:
-            node.subscribe(Topic.STATE, "*", neighbour)
-            node.subscribe(Topic.FAR, "*", neighbour)
-            node.subscribe(Topic.SLOW_TELEMETRY, "*", neighbour)
+        node.subscribe(Topic.STATE, "*", neighbour)
+        node.subscribe(Topic.FAR, "*", neighbour)
+        node.subscribe(Topic.SLOW_TELEMETRY, "*", neighbour)
         if vehicle.mocap_required and vehicle.body:
             node.subscribe(Topic.MOCAP, vehicle.body, pose)
         node.subscribe(Topic.ALL_POSES, "*", all_poses)
@@ -254,33 +187,25 @@ class AgentShell:
             self.core.handle(agent_inputs.SnapshotReceived(self.link.snapshot()), now_ns)
             self._execute(self.core.handle(agent_inputs.OrderReceived(message), now_ns))
 
-    def receive_later(self, arrivals: Sequence[Arrivals]) -> None:
-        """Put messages into the inbox one by one: they wait for a loop that stands still."""
-        self.has_backlog = True
-        for one in arrivals:
-            for state in one.states:
-                self._on_neighbour(Topic.STATE, state.vehicle, state)
-                if is_slow(state.sequence):
-                    self._on_neighbour(Topic.FAR, state.vehicle, state)
-            for telemetry in one.telemetries.values():
-                self._on_neighbour(Topic.SLOW_TELEMETRY, telemetry.vehicle, telemetry)
-
     # -- a tick ------------------------------------------------------------------------------------
 
-    def begin_tick(self, now_ns: int) -> PipelineInputs:
-        """Take what has arrived and the first half of the core's tick."""
-        inbox, handle = self._inbox, self.core.handle
-        self.has_backlog = False
+    def receive(self, now_ns: int) -> None:
+        """Hand what has arrived since the last tick to the core."""
+        inbox = self._inbox
+        handle = self.core.handle
         while inbox:
             commands = handle(inbox.popleft(), now_ns)
             if commands:
                 self._execute(commands)
         handle(agent_inputs.SnapshotReceived(self.link.snapshot()), now_ns)
-        return self.core.begin_tick(now_ns)
 
-    def end_tick(self, memory: PipelineMemory, tick: Tick, now_ns: int) -> None:
-        """The second half, with what the pipeline made of it."""
-        self._execute(self.core.end_tick(memory, tick))
+    def period_ns(self, now_ns: int) -> int:
+        """Return the time since its last tick; before the first one a whole period."""
+        return now_ns - self._last_ns if self._last_ns else _TICK_NS
+
+    def tick(self, now_ns: int) -> None:
+        """Run one tick of the core, and count it as the loop of a real agent does."""
+        self._execute(self.core.tick(now_ns))
         if self._last_ns:
             period_ms = (now_ns - self._last_ns) * 1e-6
             self._periods_ms.append(period_ms)

@@ -14,7 +14,7 @@ import math
 from collections import defaultdict
 from collections.abc import Callable, Iterable
 from heapq import heappop, heappush
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 
@@ -73,8 +73,6 @@ class SimBus:
         self.nodes: dict[str, Node] = {}
         self.subscribers: dict[tuple[Topic, str], list[tuple[Node, OnMessage]]] = defaultdict(list)
         self.lost = 0
-        self._readers: list[tuple[Node, OnMessage]] = []
-        self._bulk: list[tuple[int, Message]] = []
 
     def node(self, name: str) -> Node:
         """A new node; it takes part from its ``start`` on."""
@@ -198,41 +196,28 @@ class SimBus:
                 if node.name != sender and node.is_interested(args[0], args[1]):
                     self.send((sender, node.name), Delivery.LATEST, on_message, *args)
             return
-        due_ns, queue, count = self.now_ns() + self._delay_ns, self._queue, self._count
-        for node, on_message in receivers:
-            if node.name != sender:
-                heappush(queue, (due_ns, next(count), (sender, node.name), on_message, args))
+        self._push(
+            self.now_ns() + self._delay_ns,
+            (sender, ""),
+            self._fan_out,
+            (sender, tuple(receivers), args),
+        )
 
-    def subscribe_in_bulk(self, node: Node, on_message: OnMessage) -> None:
-        """Let a node hear what agents tell each other in bulk, by :meth:`take_bulk`; over a bad bus
-        one by one.
-
-        In a big fleet these are nearly all messages, and every node gets the same ones.
-        """
-        self._readers.append((node, on_message))
-
-    def take_bulk(self) -> list[tuple[int, Message]]:
-        """Return the messages that have arrived since the last call, for all that subscribe in
-        bulk.
-        """
-        bulk, self._bulk = self._bulk, []
-        return bulk
-
-    def post(self, sender: str, args: tuple[Topic, str, Message]) -> None:
-        """A message for all who read in bulk."""
-        if not self.is_quiet:
-            self.send_latest(sender, self._readers, args)
-        # whoever follows a vehicle slowly takes every tenth state
-        elif self._readers and args[0] is not Topic.FAR:
-            self._push(self.now_ns() + self._delay_ns, (sender, ""), self._arrive, (args[2],))
-
-    def _arrive(self, message: object) -> None:
-        self._bulk.append((self.now_ns(), cast(Message, message)))
+    def _fan_out(self, sender: object, receivers: object, args: object) -> None:
+        """Deliver a message that all receivers get at this instant."""
+        cut = self._cut
+        for node, on_message in cast(list[tuple[Node, OnMessage]], receivers):
+            if node.name == sender:
+                continue
+            pair = (cast(str, sender), node.name)
+            if cut and pair in cut:
+                self._held.append((self.now_ns(), pair, on_message, cast(Any, args)))
+            else:
+                on_message(*cast(Any, args))
 
     def leave(self, node: Node) -> None:
         """Forget a node."""
         self.nodes.pop(node.name, None)
-        self._readers = [entry for entry in self._readers if entry[0] is not node]
         for listeners in self.subscribers.values():
             listeners[:] = [entry for entry in listeners if entry[0] is not node]
 
@@ -317,8 +302,6 @@ class Node:
     def publish(self, topic: Topic, name: str, message: Message) -> None:
         """Send to all who subscribed."""
         delivery = TOPICS[topic].delivery
-        if topic in (Topic.STATE, Topic.FAR, Topic.SLOW_TELEMETRY):
-            self.bus.post(self.name, (topic, name, message))
         for key in ((topic, "*"), (topic, name)):
             receivers = self.bus.subscribers.get(key)
             if receivers and delivery is Delivery.LATEST:

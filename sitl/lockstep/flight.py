@@ -56,7 +56,7 @@ class Lockstep:
             capture.
         folder: where the record goes; none without.
         say: hears the progress in words.
-        is_batched: see :class:`Simulation`.
+        is_compiled: see :class:`Simulation`.
     """
 
     def __init__(
@@ -69,13 +69,15 @@ class Lockstep:
         mocap: MocapSettings | None = None,
         folder: Path | None = None,
         say: Callable[[str], None] = lambda line: None,
-        is_batched: bool = True,
+        is_compiled: bool = True,
     ) -> None:
         config = (fleet if isinstance(fleet, FleetConfig) else load_fleet(fleet)).with_law(law)
         self._collect_every = gc.get_threshold()
         gc.set_threshold(_COLLECT_EVERY, *self._collect_every[1:])
         self.config, self.folder = config, folder
-        self.simulation = Simulation(config, seed=seed, bus=bus, mocap=mocap, is_batched=is_batched)
+        self.simulation = Simulation(
+            config, seed=seed, bus=bus, mocap=mocap, is_compiled=is_compiled
+        )
         self.say = say
         self.client = FleetClient(
             config,

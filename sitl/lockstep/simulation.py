@@ -19,11 +19,11 @@ from onboard.bus.topics import Topic
 from onboard.config.fleet import FleetConfig
 from sitl.emulator.mocap import MocapSettings
 from sitl.faults.catalogue import Fault
-from sitl.lockstep.agent_batch import Batch
-from sitl.lockstep.agents import AgentShell, FleetTables, by_arrival
+from sitl.lockstep.agents import AgentShell
 from sitl.lockstep.bus import SimBus
 from sitl.lockstep.connections import BusSettings
 from sitl.lockstep.link import LinkBank
+from sitl.lockstep.pipeline_rows import CompiledPipeline
 from sitl.physics.vehicle import STEP_S
 from sitl.server import TRUTH_EVERY_STEPS, Broadcast, answer_fault, emulator_of
 
@@ -40,7 +40,7 @@ class Simulation:
         fleet: the fleet file; all its enabled vehicles fly.
         seed: of everything random.
         bus: quality of the connections; mocap: of the motion capture.
-        is_batched: compute the passes of all agents together; the result is the same.
+        is_compiled: compute the agents' passes by compiled code; the result differs by rounding.
     """
 
     def __init__(
@@ -50,7 +50,7 @@ class Simulation:
         seed: int = 0,
         bus: BusSettings | None = None,
         mocap: MocapSettings | None = None,
-        is_batched: bool = True,
+        is_compiled: bool = True,
     ) -> None:
         self.fleet, self.names = fleet, fleet.enabled_names
         vehicles = [fleet.vehicles[name] for name in self.names]
@@ -73,13 +73,13 @@ class Simulation:
         self._poses = PosePublisher(self._node)
         self._node.serve_faults(lambda order, reply: reply(answer_fault(self.emulator, order)))
         self.links = LinkBank(self.emulator, vehicles, self.clock_ns, seed=seed)
+        self._pipeline = CompiledPipeline(is_wanted=is_compiled)
         self.agents = {
-            name: AgentShell(fleet, name, link, self.bus)
+            name: AgentShell(
+                fleet, name, link=link, bus=self.bus, pipeline_step=self._pipeline.step
+            )
             for name, link in zip(self.names, self.links.links, strict=True)
         }
-        self._tables = FleetTables(list(self.agents.values()))
-        self._batch = Batch(self._tables if is_batched else None)
-        self._indices = {name: index for index, name in enumerate(fleet.vehicles)}
         self.emulator.outside = self._change_outside
         self._planned: list[tuple[int, int, Callable[[], object]]] = []
         self._count = itertools.count()
@@ -147,11 +147,19 @@ class Simulation:
             self._publish()
         self.bus.deliver()
         if steps % TICK_STEPS == 0:
-            arrivals = by_arrival(self.bus.take_bulk(), self._indices)
-            self._tables.receive(list(self.agents.values()), arrivals, self.now_ns)
-            self._batch.tick(
-                [agent for agent in self.agents.values() if agent.is_ticking], self.now_ns
-            )
+            self._tick_agents()
+
+    def _tick_agents(self) -> None:
+        """Let all agents receive, and then tick: what one publishes the others hear later."""
+        now_ns = self.now_ns
+        for agent in self.agents.values():
+            if agent.is_ticking:
+                agent.receive(now_ns)
+
+        ticking = [agent for agent in self.agents.values() if agent.is_ticking]
+        self._pipeline.begin_tick([agent.period_ns(now_ns) for agent in ticking])
+        for agent in ticking:
+            agent.tick(now_ns)
 
     def _publish(self) -> None:
         poses, truths = self._broadcast.messages()

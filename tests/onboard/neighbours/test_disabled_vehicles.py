@@ -11,7 +11,6 @@ from onboard.agent.core import AgentCore
 from onboard.bus.schema import StateMessage
 from onboard.config.fleet import FleetConfig
 from onboard.neighbours.table import NeighbourTable
-from sitl.lockstep.neighbour_tables import Round, Tables
 from tests.onboard.agent.rig import Rig, fleet
 from tests.onboard.state_messages import state_message
 
@@ -52,17 +51,6 @@ def test_a_disabled_vehicle_that_tells_a_state_is_an_obstacle_and_missed_when_it
     assert table.distances_m((0.0, 0.0, 1.0), 5 * S) == {"mav1": 0.9}
     assert table.silent(6 * S) == ("mav1",)
     assert "mav1" in (table.bodies_to_watch(6 * S, 0.02) or ())
-
-
-def test_tables_that_hear_together_hear_a_disabled_vehicle_too() -> None:
-    config = _fleet()
-    tables = [NeighbourTable(config, name) for name in config.enabled_names]
-    indices = {name: index for index, name in enumerate(config.vehicles)}
-    together = Tables(tables)
-    together.hear(Round.of([_state(5 * S)], indices), 5 * S, together.all_listening)
-    for table in tables:
-        assert [one.position_enu_m for one in table.snapshot(5 * S)] == [(0.9, 0.0, 1.0)]
-        assert table.silent(6 * S) == ("mav1",)
 
 
 def test_the_law_goes_aside_for_a_disabled_vehicle() -> None:

@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-import pytest
-
 from onboard.bus.schema import StateMessage
 from onboard.neighbours import subscription
 from onboard.neighbours.table import NeighbourTable
-from onboard.rollout.batch import NEIGHBOUR
-from sitl.lockstep.neighbour_tables import Round, Tables
 from tests.onboard.state_messages import state_message
 from tests.sitl.square_fleets import square_fleet
 
@@ -107,37 +103,3 @@ def test_who_stands_far_away_and_falls_silent_is_not_looked_for() -> None:
         table.select_followed(ZERO, S)
     near = [fleet.vehicles[name].body for name in table.names[:4]]
     assert table.bodies_to_watch(4 * S, 0.02) == tuple(near)
-
-
-@pytest.mark.parametrize("sequence", [11, 20])
-def test_many_tables_hear_at_once_what_each_would_hear_alone(sequence: int) -> None:
-    fleet = square_fleet(12)
-    names = fleet.enabled_names
-    places = {name: place for place, name in enumerate(names)}
-    apart, together = ([NeighbourTable(fleet, name) for name in names] for _ in range(2))
-    hall = Tables(together)
-    for stamp_ns, number in ((S, 10), (S + 20_000_000, sequence)):
-        said = [
-            _state(name, 2.0 * places[name], number, stamp_ns, is_valid=name != "mav7")
-            for name in names
-        ]
-        received_ns = stamp_ns + 1_000_000
-        hall.hear(Round.of(said, places), received_ns, hall.all_listening)
-        hall.age(received_ns)
-        for table, other in zip(apart, together, strict=True):
-            slow = number % subscription.FAR_PERIOD_TICKS == 0
-            for message in said:
-                if slow or message.vehicle in table.followed:
-                    table.hear(message, received_ns)
-            position = (2.0 * places[table.own_name], 0.0, 1.0)
-            assert table.distances_m(position, received_ns) == other.distances_m(
-                position, received_ns
-            )
-            assert table.followed_ages_s(received_ns) == other.followed_ages_s(received_ns)
-            assert table.snapshot(received_ns) == other.snapshot(received_ns)
-            assert table.counts == other.counts
-            assert table.select_followed(position, received_ns) == other.select_followed(
-                position, received_ns
-            )
-    rows, is_present = hall.snapshots([3, 5], S + 30_000_000)
-    assert NEIGHBOUR.values(rows[1][is_present[1]]) == apart[5].snapshot(S + 30_000_000)

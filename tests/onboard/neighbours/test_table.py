@@ -6,13 +6,10 @@ import math
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from onboard.bus.schema import MocapPose, StateMessage
 from onboard.neighbours.table import SILENT_S, NeighbourTable
 from onboard.safety.limits import LARGEST_POSITION_STD_M, LARGEST_VELOCITY_STD_M_S
-from sitl.lockstep.neighbour_tables import Round, Tables
 from tests.onboard.agent.rig import fleet
 from tests.onboard.state_messages import state_message
 
@@ -140,52 +137,6 @@ def test_a_message_that_was_held_up_is_as_old_as_it_is() -> None:
 
 def test_strangers_are_ignored() -> None:
     assert not _table().hear(_state(vehicle="stranger"), 5 * S)
-
-
-_NAMES = ("mav0", "mav1", "mav2")
-_MESSAGE = st.fixed_dictionaries(
-    {
-        "sequence": st.integers(0, 6),
-        "boot_id": st.integers(1, 2),
-        "age_ns": st.sampled_from([1_000_000, 3 * S, -S]),
-        "is_valid": st.booleans(),
-        "is_airborne": st.booleans(),
-        "is_cooperative": st.booleans(),
-        "position_enu_m": st.tuples(
-            st.floats(-50.0, 50.0) | st.just(math.nan), st.floats(-50.0, 50.0), st.just(1.0)
-        ),
-    }
-)
-_ROUNDS = st.lists(
-    st.tuples(st.dictionaries(st.sampled_from(_NAMES), _MESSAGE), st.integers(0, S)), max_size=12
-)
-
-
-@settings(max_examples=100, deadline=None)
-@given(_ROUNDS)
-def test_a_round_of_messages_is_heard_like_one_after_the_other(
-    rounds: list[tuple[dict[str, Any], int]],
-) -> None:
-    single, whole = (NeighbourTable(fleet(_NAMES), "mav1") for _ in range(2))
-    tables, now_ns = Tables([whole]), 5 * S
-    for changes, wait_ns in rounds:
-        messages = [
-            _state(vehicle=name, stamp_ns=now_ns - values.pop("age_ns"), **values)
-            for name, values in ((name, dict(values)) for name, values in changes.items())
-        ]
-        for message in messages:
-            single.hear(message, now_ns)
-        if messages:
-            indices = {name: index for index, name in enumerate(_NAMES)}
-            tables.hear(Round.of(messages, indices), now_ns, tables.all_listening)
-        now_ns += wait_ns
-        assert single.snapshot(now_ns) == whole.snapshot(now_ns)
-        assert single.silent(now_ns) == whole.silent(now_ns)
-        assert single.distances_m((0.0, 0.0, 0.0), now_ns) == whole.distances_m(
-            (0.0, 0.0, 0.0), now_ns
-        )
-        assert single.followed_ages_s(now_ns) == whole.followed_ages_s(now_ns)
-        assert (single.counts, single.last_heard_ns) == (whole.counts, whole.last_heard_ns)
 
 
 def test_who_is_seen_only_is_silent_also_while_poses_are_late() -> None:

@@ -19,9 +19,7 @@ from groundstation import cli
 from groundstation.commands.gallery.catalogue import GALLERY
 from groundstation.recording.reader import read
 from groundstation.verdict.verdict import Verdict
-from sitl.lockstep import agents
 from sitl.lockstep.flight import Lockstep
-from tests.sitl.square_fleets import block_mission, square_fleet
 
 ROOT = Path(__file__).resolve().parents[3]
 CONFIGS = ROOT / "configs"
@@ -95,23 +93,12 @@ def test_a_repeated_flight_over_a_bad_bus_has_the_same_record(lockstep, hop, tmp
     assert _hash(tmp_path / "one") == _hash(tmp_path / "two")
 
 
-def test_computing_each_agent_alone_changes_nothing(lockstep, hop, flown, tmp_path):
-    lockstep(hop.fleet, seed=3, folder=tmp_path, is_batched=False).fly(hop)
+def test_interpreted_and_pipeline_rowss_fly_the_same(lockstep, hop, flown, tmp_path):
+    lockstep(hop.fleet, seed=3, folder=tmp_path, is_compiled=False).fly(hop)
     for one, other in zip(_agents(flown), _agents(tmp_path), strict=True):
         assert one[:2] == other[:2]
         # which add up
         np.testing.assert_allclose(_flat(one[2]), _flat(other[2]), rtol=5e-10, atol=5e-10)
-
-
-def test_what_many_vehicles_say_may_be_heard_all_at_once(lockstep, tmp_path, monkeypatch):
-    fleet = square_fleet(4)
-    for name, bulk_from in (("bulk", 2), ("single", 99)):
-        monkeypatch.setattr(agents, "BULK_FROM", bulk_from)
-        flight = lockstep(fleet, seed=2, folder=tmp_path / name)
-        flight.at(6.0, flight.agents["mav2"].hang)
-        flight.at(6.2, flight.agents["mav2"].resume)
-        assert flight.fly(block_mission(fleet)).landed["mav2"]
-    assert _agents(tmp_path / "bulk") == _agents(tmp_path / "single")
 
 
 def test_the_fixture_takes_three_lines(lockstep):
