@@ -26,6 +26,10 @@ BENCHMARKS = {
     "agents": ("tests.bench.agents", "period, processor and memory of agents in flight"),
     "soak": ("tests.bench.soak", "memory, orders and late ticks of a long flight"),
     "tick": ("tests.bench.tick", "processor time of one control tick with 0 to 12 neighbours"),
+    "moves": (
+        "tests.bench.tick_moves",
+        "calls of one flying tick, and how often it goes from one module to another",
+    ),
     "gallery": ("tests.bench.gallery", "fly and draw the missions of the gallery"),
     "network": (
         "tests.bench.network.bench",
