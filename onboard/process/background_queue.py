@@ -1,5 +1,6 @@
-"""Work that may wait, done elsewhere in its order: by one thread, from a queue that never grows
-without bound.
+"""Work that may wait, done elsewhere in its order.
+
+One thread does it, from a queue that never grows without bound.
 """
 
 from __future__ import annotations
@@ -18,8 +19,8 @@ log = logging.getLogger("covey.agent")
 class BackgroundQueue:
     """One thread that calls what is submitted, one after the other.
 
-    When too much waits already, what comes next is dropped and counted: whoever submits is never
-    held up.
+    Whoever submits is never held up: when too much waits already, what comes next is dropped and
+    counted.
     """
 
     def __init__(self, name: str, most: int = MAX_WAITING) -> None:
@@ -28,12 +29,13 @@ class BackgroundQueue:
         self._worker = ThreadPoolExecutor(1, thread_name_prefix=name)
 
     def submit(self, function: Callable[..., object], *args: Any) -> bool:
-        """Call ``function(*args)`` soon; False when too much waits already."""
+        """Call ``function(*args)`` soon; return False when too much waits already."""
         if not self._room.acquire(blocking=False):
             self.dropped += 1
             if self.dropped == 1:
                 log.warning("too much waits to be sent on the bus: what comes now is dropped")
             return False
+
         self._worker.submit(function, *args).add_done_callback(self._done)
         return True
 

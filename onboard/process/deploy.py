@@ -1,5 +1,7 @@
-"""``covey agent deploy``: wheel, fleet file and service onto each companion computer, by plain ssh
-and scp.
+"""``covey agent deploy``: Covey onto each companion computer, by plain ssh and scp.
+
+It copies the wheel, the fleet file and the vehicle's keys, installs the wheel, and starts the
+agent's service.
 """
 
 from __future__ import annotations
@@ -25,8 +27,10 @@ def parser() -> argparse.ArgumentParser:
     """Return the command line of a deployment."""
     parser = argparse.ArgumentParser(
         prog="covey agent deploy",
-        description="Copy wheel and fleet file to each vehicle's companion computer, and start its agent's service.",
-        epilog="The computers are those of the fleet file's 'agent' endpoints. Exit status: 0 all; 1 none; 50 some.",
+        description="Copy wheel and fleet file to each vehicle's companion computer, "
+        "and start its agent's service.",
+        epilog="The computers are those of the fleet file's 'agent' endpoints. "
+        "Exit status: 0 all; 1 none; 50 some.",
     )
     parser.add_argument("--fleet", required=True, metavar="FILE", help="fleet file")
     parser.add_argument("--vehicles", metavar="NAMES", help="only these")
@@ -49,40 +53,49 @@ def parser() -> argparse.ArgumentParser:
 
 
 def main(words: Sequence[str]) -> int:
-    """Deploy to each vehicle in turn; the exit status."""
+    """Deploy to each vehicle in turn; return the exit status."""
     arguments = parser().parse_args(words)
     try:
         fleet = load_fleet(arguments.fleet)
         names = fleet.select(arguments.vehicles)
-        missing = [wheel for wheel in arguments.wheel if not Path(wheel).is_file()]
-        if missing:
-            raise ConfigError(
-                f"{missing[0]}: there is no such file. Make the wheel in a clone: make wheel"
-            )
+        for wheel in arguments.wheel:
+            if not Path(wheel).is_file():
+                raise ConfigError(
+                    f"{wheel}: there is no such file. Make the wheel in a clone: make wheel"
+                )
     except ConfigError as error:
         print(f"covey: {error}", file=sys.stderr)
         return EXIT_WRONG_INPUT
-    failed = []
-    for name in names:
-        commands = (
-            _status(fleet, name, arguments)
-            if arguments.status
-            else _deployment(fleet, name, arguments)
-        )
-        print(f"{name} on {fleet.vehicles[name].host}:", flush=True)
-        for command in commands:
-            if arguments.prints:
-                print(f"  {shlex.join(command)}")
-            elif subprocess.run(command, check=False).returncode != 0:
-                failed.append(name)
-                print(f"covey: {name}: this failed: {shlex.join(command)}", file=sys.stderr)
-                break
+
+    failed = [name for name in names if not _run(fleet, name, arguments)]
+
     if arguments.status and not arguments.prints:
         text = Path(fleet.path).read_bytes()
-        print(
-            f"The fleet file here is {hashlib.sha256(text).hexdigest()[:12]}: all must have the same."
-        )
-    return EXIT_OK if not failed else EXIT_FAILED if len(failed) == len(names) else EXIT_MIXED
+        fleet_hash = hashlib.sha256(text).hexdigest()[:12]
+        print(f"The fleet file here is {fleet_hash}: all must have the same.")
+
+    if not failed:
+        return EXIT_OK
+    if len(failed) == len(names):
+        return EXIT_FAILED
+    return EXIT_MIXED
+
+
+def _run(fleet: FleetConfig, name: str, arguments: argparse.Namespace) -> bool:
+    """Run the command lines for one companion, or print them; return whether all succeeded."""
+    if arguments.status:
+        commands = _status(fleet, name, arguments)
+    else:
+        commands = _deployment(fleet, name, arguments)
+
+    print(f"{name} on {fleet.vehicles[name].host}:", flush=True)
+    for command in commands:
+        if arguments.prints:
+            print(f"  {shlex.join(command)}")
+        elif subprocess.run(command, check=False).returncode != 0:
+            print(f"covey: {name}: this failed: {shlex.join(command)}", file=sys.stderr)
+            return False
+    return True
 
 
 def _ssh(fleet: FleetConfig, name: str, arguments: argparse.Namespace, line: str) -> list[str]:
@@ -95,33 +108,49 @@ def _target(fleet: FleetConfig, name: str, arguments: argparse.Namespace) -> str
 
 
 def _deployment(fleet: FleetConfig, name: str, arguments: argparse.Namespace) -> list[list[str]]:
-    """Command lines that bring one companion up to date."""
+    """Return the command lines that bring one companion up to date."""
     target = _target(fleet, name, arguments)
-    commands = [["ssh", "--", target, f"mkdir -p {_FOLDER}"]]
+
+    keys: list[str] = []
+    if fleet.has_keys:
+        keys.extend(files_of(name))
+    if fleet.vehicles[name].mavlink_signing:
+        keys.append(key_file(name))
+
+    make_folders = f"mkdir -p {_FOLDER}"
+    if keys:
+        make_folders += f" && mkdir -p -m 700 {_FOLDER}/{fleet.fleet.keys}"
+    commands = [["ssh", "--", target, make_folders]]
+
     commands.append(["scp", "--", fleet.path, f"{target}:{_FOLDER}/fleet.toml"])
-    files = [*(files_of(name) if fleet.has_keys else ())]
-    files += [key_file(name)] if fleet.vehicles[name].mavlink_signing else []
-    if files:
-        keys = [str(Path(fleet.keys_folder) / file) for file in files]
-        commands[0][-1] += f" && mkdir -p -m 700 {_FOLDER}/{fleet.fleet.keys}"
-        commands.append(["scp", "-p", "--", *keys, f"{target}:{_FOLDER}/{fleet.fleet.keys}/"])
+    if keys:
+        paths = [str(Path(fleet.keys_folder) / file) for file in keys]
+        commands.append(["scp", "-p", "--", *paths, f"{target}:{_FOLDER}/{fleet.fleet.keys}/"])
+
     if arguments.wheel:
         commands.append(["scp", "--", *arguments.wheel, f"{target}:{_FOLDER}/"])
-        wheel, pip = (
-            shlex.quote(f"./{Path(arguments.wheel[0]).name}"),
-            ".venv/bin/pip install -q --find-links .",
-        )
-        install = (
-            f"python3 -m venv .venv && {pip} {wheel} && {pip} --force-reinstall --no-deps {wheel}"
-        )
-        commands.append(_ssh(fleet, name, arguments, install))
-    sudo, options = ("", " --user") if arguments.user else ("sudo ", " --realtime")
+        commands.append(_ssh(fleet, name, arguments, _installation(arguments.wheel[0])))
+
+    sudo = "" if arguments.user else "sudo "
+    options = " --user" if arguments.user else " --realtime"
     service = f"{sudo}{_COVEY} agent install --fleet fleet.toml --vehicle {name}{options} --now"
-    return [*commands, _ssh(fleet, name, arguments, service)]
+    commands.append(_ssh(fleet, name, arguments, service))
+    return commands
+
+
+def _installation(wheel_path: str) -> str:
+    """Return the shell line that installs the copied wheel.
+
+    It installs once with the libraries, and once more by force without them: a wheel of the same
+    version is otherwise left as it is.
+    """
+    wheel = shlex.quote(f"./{Path(wheel_path).name}")
+    pip = ".venv/bin/pip install -q --find-links ."
+    return f"python3 -m venv .venv && {pip} {wheel} && {pip} --force-reinstall --no-deps {wheel}"
 
 
 def _status(fleet: FleetConfig, name: str, arguments: argparse.Namespace) -> list[list[str]]:
-    """Command lines that say what runs on one companion."""
+    """Return the command lines that say what runs on one companion."""
     version = ".venv/bin/pip show covey | grep Version"
     user = " --user" if arguments.user else ""
     agent = f"{_COVEY} agent status --fleet fleet.toml --vehicle {name}{user}"

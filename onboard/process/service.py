@@ -24,6 +24,23 @@ _MARK = "# Written by covey agent install"
 _SYSTEM_FOLDER = Path("/etc/systemd/system")
 SYSTEMD_RUNS = Path("/run/systemd/system")  # there when systemd booted this computer: sd_booted(3)
 
+# properties that the status is told from: systemctl(1), show
+_SHOWN = (
+    "LoadState",
+    "ActiveState",
+    "SubState",
+    "StatusText",
+    "NRestarts",
+    "Result",
+    "ExecMainStatus",
+    "MainPID",
+)
+_ENDED_BECAUSE = {
+    "watchdog": "its control loop hung",
+    "oom-kill": "it took too much memory",
+    "success": "it was stopped",
+}
+
 
 @dataclass(frozen=True, slots=True)
 class Service:
@@ -44,16 +61,18 @@ class Service:
         """Path of the unit."""
         if not self.is_user:
             return _SYSTEM_FOLDER / self.unit
+
         home = os.environ.get("XDG_CONFIG_HOME") or Path.home() / ".config"
         return Path(home) / "systemd" / "user" / self.unit
 
     def systemctl(self, *words: str) -> list[str]:
         """Return a systemctl command line for this manager."""
-        return ["systemctl", *(["--user"] if self.is_user else []), *words]
+        manager = ["--user"] if self.is_user else []
+        return ["systemctl", *manager, *words]
 
 
 def unit_text(service: Service, arguments: Sequence[str] = ()) -> str:
-    """Fill in the unit's template, with ``arguments`` for the agent."""
+    """Return the unit: its template, filled in, with ``arguments`` for the agent."""
     command = [
         sys.executable,
         "-m",
@@ -64,14 +83,18 @@ def unit_text(service: Service, arguments: Sequence[str] = ()) -> str:
         service.vehicle,
         *arguments,
     ]
-    system = _template("agent_system.conf").substitute(user=getpass.getuser())
+
+    for_system = ""
+    if not service.is_user:
+        for_system = _template("agent_system.conf").substitute(user=getpass.getuser())
+
     return _template("agent.service").substitute(
         vehicle=service.vehicle,
         fleet=service.fleet_name,
         command=" ".join(_quoted(word) for word in command),
         folder=_escaped(str(Path(service.fleet_path).parent)),
         name=service.unit.removesuffix(".service"),
-        system="" if service.is_user else system,
+        system=for_system,
         target="default" if service.is_user else "multi-user",
     )
 
@@ -87,105 +110,135 @@ def _escaped(text: str) -> str:
 def _quoted(word: str) -> str:
     """Return a word of ExecStart: systemd expands % and $, and splits at spaces."""
     safe = _escaped(word).replace("$", "$$")
-    return (
-        '"' + safe.replace("\\", "\\\\").replace('"', '\\"') + '"'
-        if shlex.quote(word) != word
-        else safe
-    )
+    if shlex.quote(word) == word:
+        return safe
+    inside = safe.replace("\\", "\\\\").replace('"', '\\"')
+    return f'"{inside}"'
+
+
+# -- install ---------------------------------------------------------------------------------------
 
 
 def install(service: Service, arguments: Sequence[str], *, prints: bool, starts: bool) -> int:
-    """Write the unit, verified by systemd where it is installed; return the exit status."""
+    """Write the unit, verified by systemd where it is installed; return the exit status.
+
+    Args:
+        service: what is installed.
+        arguments: for the agent.
+        prints: whether the unit is only shown.
+        starts: whether the service starts now and at every boot.
+    """
     text = unit_text(service, arguments)
     if prints:
         print(text, end="")
         return EXIT_OK
+
+    problem = _write_problem(service, text)
+    if problem:
+        return _fail(problem)
+    print(f"{service.path} is written.")
+
+    start = shlex.join(service.systemctl("enable", "--now", service.unit))
+    failure = _tell_systemd(service, starts=starts)
+    if failure:
+        return _fail(f"{failure} The unit stays; when systemd runs, type: {start}")
+
+    if starts:
+        print(f"{service.unit} runs, now and after every boot.")
+    else:
+        print(f"Start it, now and at every boot, with: {start}")
+    if service.is_user:
+        print(
+            "Without a login it starts at boot only after: "
+            f"sudo loginctl enable-linger {getpass.getuser()}"
+        )
+    return EXIT_OK
+
+
+def _write_problem(service: Service, text: str) -> str:
+    """Write the unit; return why that is not possible, or an empty text."""
     problems = verify(service, text)
     if problems:
-        return _fail(
+        return (
             f"systemd does not accept the unit: {problems} Nothing was written; please report this."
         )
+
     path = service.path
     try:
-        if path.is_symlink() or (
-            path.exists() and not path.read_text(encoding="utf-8").startswith(_MARK)
-        ):
-            return _fail(
+        if path.is_symlink() or (path.exists() and not _is_ours(path)):
+            return (
                 f"{path} was not written by covey agent install: move it away, or rename the fleet."
             )
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text, encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else str(error)
-        return _fail(
+        return (
             f"{path} cannot be written ({reason}): use sudo, or --user for a service of your own."
         )
-    print(f"{path} is written.")
-    start = shlex.join(service.systemctl("enable", "--now", service.unit))
-    failure = _run(service.systemctl("daemon-reload"))
-    if not failure and starts:
-        failure = _run(service.systemctl("enable", service.unit)) or _run(
-            service.systemctl("restart", service.unit)
-        )
-        if not failure:
-            print(f"{service.unit} runs, now and after every boot.")
-    if failure:
-        return _fail(f"{failure} The unit stays; when systemd runs, type: {start}")
-    if not starts:
-        print(f"Start it, now and at every boot, with: {start}")
-    if service.is_user:
-        print(
-            f"Without a login it starts at boot only after: sudo loginctl enable-linger {getpass.getuser()}"
-        )
-    return EXIT_OK
+    return ""
+
+
+def _is_ours(path: Path) -> bool:
+    return path.read_text(encoding="utf-8").startswith(_MARK)
+
+
+def _tell_systemd(service: Service, *, starts: bool) -> str:
+    """Have systemd read its units again, and start this one; return the first failure."""
+    commands = [service.systemctl("daemon-reload")]
+    if starts:
+        commands.append(service.systemctl("enable", service.unit))
+        commands.append(service.systemctl("restart", service.unit))
+
+    for command in commands:
+        failure = _run(command)
+        if failure:
+            return failure
+    return ""
+
+
+# -- status ----------------------------------------------------------------------------------------
 
 
 def status(service: Service) -> int:
     """Print in a sentence what systemd knows of the service; return the exit status."""
     if shutil.which("systemctl") is None:
         return _fail(
-            "This computer has no systemd (systemctl is not found): start the agent with covey agent."
+            "This computer has no systemd (systemctl is not found): "
+            "start the agent with covey agent."
         )
-    fields = (
-        "LoadState",
-        "ActiveState",
-        "SubState",
-        "StatusText",
-        "NRestarts",
-        "Result",
-        "ExecMainStatus",
-        "MainPID",
-    )
-    shown = subprocess.run(
-        [*service.systemctl("show", service.unit), *(f"--property={name}" for name in fields)],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+
+    properties = [f"--property={name}" for name in _SHOWN]
+    command = [*service.systemctl("show", service.unit), *properties]
+    shown = subprocess.run(command, capture_output=True, text=True, check=False)
     if shown.returncode != 0:
         return _fail(f"systemd does not answer ({_words(shown.stderr) or shown.returncode}).")
+
     values = dict(line.partition("=")[::2] for line in shown.stdout.splitlines())
     if values.get("LoadState") == "not-found":
         return _fail(
             f"{service.unit} is not installed: type covey agent install with the same options."
         )
+
     restarts = values.get("NRestarts", "0")
     again = f", restarted {restarts} times" if restarts not in ("", "0") else ""
+
     if values.get("ActiveState") == "active":
         text = values.get("StatusText") or "no status yet"
         print(f"{service.unit} runs (process {values.get('MainPID')}{again}): {text}.")
         return EXIT_OK
-    reasons = {
-        "watchdog": "its control loop hung",
-        "oom-kill": "it took too much memory",
-        "success": "it was stopped",
-    }
+
     result = values.get("Result", "")
-    reason = reasons.get(result, f"{result}, exit status {values.get('ExecMainStatus')}")
+    unknown = f"{result}, exit status {values.get('ExecMainStatus')}"
+    reason = _ENDED_BECAUSE.get(result, unknown)
     print(
-        f"{service.unit} does not run ({values.get('ActiveState')}{again}): {reason}. See covey agent logs."
+        f"{service.unit} does not run ({values.get('ActiveState')}{again}): {reason}. "
+        "See covey agent logs."
     )
     return EXIT_FAILED
+
+
+# -- logs ------------------------------------------------------------------------------------------
 
 
 def logs(service: Service, *, follows: bool, lines: int) -> int:
@@ -194,24 +247,32 @@ def logs(service: Service, *, follows: bool, lines: int) -> int:
         return _fail(
             "This computer has no journal (journalctl is not found): see the output of covey agent."
         )
+
     manager = ["--user"] if service.is_user else []
     command = ["journalctl", *manager, "--unit", service.unit, "--no-pager", "--lines"]
+
     probe = subprocess.run(
         [*command, "1", "--quiet", "--output=cat"], capture_output=True, text=True, check=False
     )
-    if probe.returncode == 0 and not probe.stdout.strip():
-        if not SYSTEMD_RUNS.is_dir():
-            return _fail(
-                f"systemd does not run on this computer, and the journal has nothing of {service.unit}: see where the "
-                "output of covey agent goes."
-            )
-        if not follows:
-            return _fail(
-                f"The journal has nothing of {service.unit}: see covey agent status, or use sudo if the journal is "
-                "not yours to read."
-            )
+    is_empty = probe.returncode == 0 and not probe.stdout.strip()
+    if is_empty and not SYSTEMD_RUNS.is_dir():
+        return _fail(
+            "systemd does not run on this computer, and the journal has nothing of "
+            f"{service.unit}: see where the output of covey agent goes."
+        )
+    if is_empty and not follows:
+        return _fail(
+            f"The journal has nothing of {service.unit}: see covey agent status, or use sudo if "
+            "the journal is not yours to read."
+        )
+
     command.append(str(lines))
-    return subprocess.run([*command, *(["--follow"] if follows else [])], check=False).returncode
+    if follows:
+        command.append("--follow")
+    return subprocess.run(command, check=False).returncode
+
+
+# -- systemd's own tools ---------------------------------------------------------------------------
 
 
 def verify(service: Service, text: str) -> str:
@@ -221,23 +282,24 @@ def verify(service: Service, text: str) -> str:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / service.unit
         path.write_text(text, encoding="utf-8")
-        # a user's units have the same syntax, and their manager need not run here
+
+        # A user's units have the same syntax, and their manager need not run here.
         command = ["systemd-analyze", "verify", "--man=no", "--recursive-errors=no", str(path)]
         verified = subprocess.run(command, capture_output=True, text=True, check=False)
-    # messages about other units, or about a manager that does not run, are not about this unit
+
+    # Messages about other units, or about a manager that does not run, are not about this unit.
     own = [line for line in verified.stderr.splitlines() if service.unit in line]
-    return " ".join(own).replace(f"{folder}/", "") if own else ""
+    return " ".join(own).replace(f"{folder}/", "")
 
 
 def _run(command: Sequence[str]) -> str:
+    """Run a command line; return its failure in a sentence, or an empty text."""
     if shutil.which(command[0]) is None:
         return f"This computer has no systemd ({command[0]} is not found)."
     ended = subprocess.run(command, capture_output=True, text=True, check=False)
-    return (
-        ""
-        if ended.returncode == 0
-        else f"{shlex.join(command)} failed: {_words(ended.stderr) or ended.returncode}."
-    )
+    if ended.returncode == 0:
+        return ""
+    return f"{shlex.join(command)} failed: {_words(ended.stderr) or ended.returncode}."
 
 
 def _words(text: str) -> str:
@@ -249,14 +311,19 @@ def _fail(sentence: str) -> int:
     return EXIT_WRONG_INPUT
 
 
-def main(argv: Sequence[str]) -> int:
-    """``install|status|logs`` and their options; the exit status."""
+# -- the command line ------------------------------------------------------------------------------
+
+
+def parser() -> argparse.ArgumentParser:
+    """Return the command line of the service."""
     parser = argparse.ArgumentParser(
         prog="covey agent",
         description="The agent as a systemd service: docs/deployment.md.",
-        epilog="Exit status: 0 done, or it runs; 1 it does not run; 2 wrong input, or systemd is not there.",
+        epilog="Exit status: 0 done, or it runs; 1 it does not run; "
+        "2 wrong input, or systemd is not there.",
     )
     commands = parser.add_subparsers(dest="verb", metavar="COMMAND", required=True)
+
     common = argparse.ArgumentParser(add_help=False)
     common.add_argument("--fleet", required=True, metavar="FILE", help="fleet file")
     common.add_argument(
@@ -265,22 +332,30 @@ def main(argv: Sequence[str]) -> int:
     common.add_argument(
         "--user", action="store_true", help="a service of your own, which needs no root"
     )
-    one = commands.add_parser("install", parents=[common], help="write the unit")
-    one.add_argument("--print", action="store_true", help="only show the unit")
-    one.add_argument("--now", action="store_true", help="start it too, now and at every boot")
-    one.add_argument(
+
+    install = commands.add_parser("install", parents=[common], help="write the unit")
+    install.add_argument("--print", action="store_true", help="only show the unit")
+    install.add_argument("--now", action="store_true", help="start it too, now and at every boot")
+    install.add_argument(
         "--apply-params", action="store_true", help="the agent sets PX4's required parameters"
     )
-    one.add_argument(
+    install.add_argument(
         "--realtime", action="store_true", help="the agent's control loop takes precedence"
     )
+
     commands.add_parser("status", parents=[common], help="whether it runs")
-    two = commands.add_parser("logs", parents=[common], help="what it wrote")
-    two.add_argument("--follow", action="store_true", help="go on as it writes")
-    two.add_argument(
+
+    logs = commands.add_parser("logs", parents=[common], help="what it wrote")
+    logs.add_argument("--follow", action="store_true", help="go on as it writes")
+    logs.add_argument(
         "--lines", type=int, default=100, metavar="N", help="so many of the newest (default 100)"
     )
-    options = parser.parse_args(argv)
+    return parser
+
+
+def main(argv: Sequence[str]) -> int:
+    """Install, show or read one service; return the exit status."""
+    options = parser().parse_args(argv)
     try:
         fleet = load_fleet(options.fleet)
         names = fleet.select(options.vehicle)
@@ -288,13 +363,15 @@ def main(argv: Sequence[str]) -> int:
         return _fail(str(error))
     if len(names) != 1:
         return _fail(f"--vehicle {options.vehicle} must name one vehicle.")
-    service = Service(str(Path(options.fleet).resolve()), fleet.fleet.name, names[0], options.user)
-    if options.verb == "install":
-        flags = {"--apply-params": options.apply_params, "--realtime": options.realtime}
-        set_flags = [flag for flag, is_set in flags.items() if is_set]
-        return install(service, set_flags, prints=options.print, starts=options.now)
-    return (
-        status(service)
-        if options.verb == "status"
-        else logs(service, follows=options.follow, lines=options.lines)
-    )
+
+    fleet_path = str(Path(options.fleet).resolve())
+    service = Service(fleet_path, fleet.fleet.name, names[0], options.user)
+    match options.verb:
+        case "install":
+            flags = {"--apply-params": options.apply_params, "--realtime": options.realtime}
+            arguments = [flag for flag, is_set in flags.items() if is_set]
+            return install(service, arguments, prints=options.print, starts=options.now)
+        case "status":
+            return status(service)
+        case _:
+            return logs(service, follows=options.follow, lines=options.lines)

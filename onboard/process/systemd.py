@@ -1,8 +1,7 @@
-"""Messages to systemd: READY once, WATCHDOG while the control loop ticks, STATUS in a word; nothing
-elsewhere.
+"""Messages to systemd: READY once, WATCHDOG while the control loop ticks, STATUS in a word.
 
-Only a live tick may call this: a loop that hangs sends nothing, and systemd ends and restarts the
-process.
+Only a live tick may call this. A loop that hangs sends nothing, and systemd ends and restarts the
+process. Where systemd has not started the process, nothing is sent: sd_notify(3).
 """
 
 from __future__ import annotations
@@ -11,28 +10,33 @@ import os
 import socket
 from collections.abc import Mapping
 
-_LONGEST_NS = 1_000_000_000
+_LONGEST_NS = 1_000_000_000  # from one message to the next
 
 
 class Notifier:
     """The datagram socket of ``NOTIFY_SOCKET``; without one every call does nothing.
 
     Args:
-        environ: for tests; NOTIFY_SOCKET, and WATCHDOG_USEC, the time within which a message is
-            due.
+        environ: NOTIFY_SOCKET, and WATCHDOG_USEC, the time within which a message is due. Tests
+            pass their own.
     """
 
     def __init__(self, environ: Mapping[str, str] = os.environ) -> None:
         path = environ.get("NOTIFY_SOCKET", "")
-        self._address = "\0" + path[1:] if path.startswith("@") else path
-        within = environ.get("WATCHDOG_USEC", "")
-        # a third of the time allowed: two may be lost
-        self._every_ns = (
-            min(_LONGEST_NS, int(within) * 1000 // 3) if within.isdigit() else _LONGEST_NS
-        )
-        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) if path else None
-        if self._socket is not None:
+        is_abstract = path.startswith("@")
+        self._address = "\0" + path[1:] if is_abstract else path
+
+        self._every_ns = _LONGEST_NS
+        watchdog_us = environ.get("WATCHDOG_USEC", "")
+        if watchdog_us.isdigit():
+            third_ns = int(watchdog_us) * 1000 // 3  # two messages may be lost
+            self._every_ns = min(_LONGEST_NS, third_ns)
+
+        self._socket: socket.socket | None = None
+        if path:
+            self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
             self._socket.setblocking(False)
+
         self._sent_ns: int | None = None
         self._status = ""
 
@@ -40,16 +44,19 @@ class Notifier:
         """Report a completed tick; ``status`` is the state of the flight."""
         if self._socket is None:
             return
-        is_first = self._sent_ns is None
-        if (
-            not is_first
-            and status == self._status
-            and now_ns - (self._sent_ns or 0) < self._every_ns
-        ):
-            return
-        lines = [*(["READY=1"] if is_first else []), "WATCHDOG=1", f"STATUS={status}"]
+
+        lines = ["WATCHDOG=1", f"STATUS={status}"]
+        if self._sent_ns is None:
+            lines.insert(0, "READY=1")
+        else:
+            is_due = now_ns - self._sent_ns >= self._every_ns
+            if not is_due and status == self._status:
+                return
+
         try:
             self._socket.sendto("\n".join(lines).encode(), self._address)
         except OSError:
             return  # its queue is full, or systemd is gone: the next tick tries again
-        self._sent_ns, self._status = now_ns, status
+
+        self._sent_ns = now_ns
+        self._status = status
