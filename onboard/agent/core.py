@@ -57,9 +57,9 @@ from onboard.preflight.preflight_reporter import PreflightReporter
 from onboard.safety.failsafe_table import Situation
 from onboard.safety.limits import POSITION_LOST_S
 from onboard.safety.snapshot_check import nonsense
-from onboard.supervision.conditions import TickContext
 from onboard.supervision.failsafe_executor import FailsafeExecutor
 from onboard.supervision.model_mismatch_reporter import ModelMismatchReporter
+from onboard.supervision.tick_context import TickContext
 from onboard.types import TICK_S, State
 
 _SHORTEST_S, _LONGEST_S = 0.005, 0.1  # time that one tick integrates over
@@ -348,7 +348,15 @@ class AgentCore:
             law = control.tick.law
             context.law_status, context.active_neighbour = law.status, law.active_neighbour
             context.below_m = control.tick.setpoint.position_enu_m.z - view.position_enu_m[2]
-        self.failsafes.tick(view, context)
+
+        decision = self.failsafes.decide(view, context, self.flight.step.situation)
+        for report in decision.reports:
+            self.flight.say(view, report.severity, report.code, report.sentence)
+        if decision.cause:
+            state_machine.begin_failsafe(
+                self.flight, view, decision.action, decision.cause, decision.outcome
+            )
+
         if self.flight.step.situation is Situation.GROUND:
             self.preflight.update(
                 view,

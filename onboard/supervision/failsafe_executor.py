@@ -1,5 +1,7 @@
-"""The failsafe part of a tick: check the conditions, decide by the table, execute the action and
-report it.
+"""The failsafe part of a tick: look, judge the conditions, decide by the table, and say what is
+reported and done.
+
+One value goes in, the facts of the tick, and one comes out, the decision. The flight carries it out.
 """
 
 from __future__ import annotations
@@ -9,7 +11,6 @@ from typing import NamedTuple
 from onboard.bus.schema import OrderOutcome, Severity
 from onboard.config.fleet import FleetConfig, Vehicle
 from onboard.flight.context import FlightContext
-from onboard.flight.state_machine import begin_failsafe
 from onboard.flight.types import FlightView
 from onboard.localization.own_state import OwnState
 from onboard.neighbours.table import NeighbourTable
@@ -24,21 +25,34 @@ from onboard.safety.failsafe_table import (
     latched,
     needs_level,
 )
-from onboard.supervision.conditions import ConditionMonitor, TickContext
+from onboard.supervision.condition_monitor import ConditionMonitor
+from onboard.supervision.condition_table import ROWS
+from onboard.supervision.tick_context import TickContext
+from onboard.supervision.tick_observer import TickObserver
 
-# conditions without an event of their own
-_QUIET = {Condition.LOOP_LATE, Condition.NOT_FINITE, Condition.SHUTDOWN}
-# conditions about other vehicles, reported again when they concern another one
-_NAMED = {
-    Condition.NEIGHBOUR_SILENT,
-    Condition.NEIGHBOUR_UNSEEN,
-    Condition.NEIGHBOUR_INVALID,
-    Condition.NEIGHBOUR_UNCOOPERATIVE,
-    Condition.NEIGHBOUR_IMPLAUSIBLE,
-    Condition.NEIGHBOUR_BACK,
-    Condition.CONFIG_DIFFERS,
-}
+_QUIET = frozenset(row.condition for row in ROWS if row.is_quiet)
+_NAMING = frozenset(row.condition for row in ROWS if row.names_vehicles)
 _PAUSE_NS = 3_000_000_000  # a condition that comes and goes within it is reported once
+
+
+class ConditionReport(NamedTuple):
+    """An event about a condition, for people and programs."""
+
+    severity: Severity
+    code: str
+    sentence: str
+
+
+class FailsafeDecision(NamedTuple):
+    """What follows from the conditions of one tick."""
+
+    action: Action = Action.GO_ON
+    cause: str = ""  # the condition that demands it, in a sentence; empty when none holds
+    outcome: OrderOutcome = "failed"  # of the order in progress, if the action ends it
+    reports: tuple[ConditionReport, ...] = ()
+
+
+_NOTHING = FailsafeDecision()
 
 
 class _Reported(NamedTuple):
@@ -50,7 +64,7 @@ class _Reported(NamedTuple):
 
 
 class FailsafeExecutor:
-    """Executes the failsafe table for one vehicle."""
+    """Applies the failsafe table to one vehicle; call :meth:`decide` at every tick."""
 
     def __init__(
         self,
@@ -60,32 +74,49 @@ class FailsafeExecutor:
         neighbours: NeighbourTable,
         flight: FlightContext,
     ) -> None:
-        self._flight = flight
-        self._monitor = ConditionMonitor(fleet, vehicle, own, flight, neighbours)
-        self.reports = self._monitor.reports  # of PX4, and which of them are believed
+        self._observer = TickObserver(fleet, vehicle, own, flight, neighbours)
+        self._monitor = ConditionMonitor(fleet.fleet)
+        self.reports = self._observer.reports  # of PX4, and which of them are believed
+
         self.conditions: set[Condition] = set()  # that hold as of the last tick
         # the strongest since the last order; on the ground the one of the last tick
         self.action = Action.GO_ON
         self.must_be_level = False  # the setpoint of this tick
+        self._details: dict[Condition, str] = {}  # of the conditions that hold
         self._reported: dict[Condition, _Reported] = {}
 
-    def tick(self, view: FlightView, context: TickContext) -> None:
-        """Check the conditions, decide by the table, and let the flight execute the action."""
-        flight = self._flight
-        self.conditions = self._monitor.conditions(view, context)
-        situation = flight.situation
+    def decide(
+        self, view: FlightView, context: TickContext, situation: Situation
+    ) -> FailsafeDecision:
+        """Return what follows from the conditions of this tick.
+
+        Args:
+            view: what the flight sees of its vehicle.
+            context: what the agent knows of itself.
+            situation: of the flight.
+        """
+        facts = self._observer.look(view, context)
+        self._details = self._monitor.look(facts)
+        self.conditions = set(self._details)
+
         demanded, condition = decide(situation, self.conditions)
         self.must_be_level = bool(self.conditions) and needs_level(situation, self.conditions)
         if situation is Situation.GROUND:
             self.action = demanded
             self._reported.clear()
-            return
+            return _NOTHING
+
         self.action = latched(self.action, demanded)
         if situation is Situation.SILENT:
-            return
-        self._report(view, situation)
-        if condition is not None:
-            self._execute(view, demanded, condition)
+            return _NOTHING
+
+        reports = self._due_reports(view.now_ns, situation)
+        if condition is None:
+            return FailsafeDecision(reports=reports)
+        outcome: OrderOutcome = "failed"
+        if condition is Condition.ORDER_OVERDUE:
+            outcome = "timed out"
+        return FailsafeDecision(demanded, self._sentence(condition, demanded), outcome, reports)
 
     @property
     def is_law_followed(self) -> bool:
@@ -103,45 +134,49 @@ class FailsafeExecutor:
         demanded, condition = decide(Situation.FLYING, self.conditions - {Condition.ORDER_OVERDUE})
         if condition is None or demanded < Action.HOLD:
             return None
-        return (
-            f"{self._sentence(condition, demanded)} Order it again when this condition has ended."
-        )
+        sentence = self._sentence(condition, demanded)
+        return f"{sentence} Order it again when this condition has ended."
 
     def in_words(self) -> tuple[tuple[str, ...], str]:
         """Return conditions and action in words, for telemetry."""
-        return tuple(condition.value for condition in in_order(self.conditions)), WORDS[self.action]
+        conditions = tuple(condition.value for condition in in_order(self.conditions))
+        return conditions, WORDS[self.action]
 
-    def _report(self, view: FlightView, situation: Situation) -> None:
-        """Report each condition once while it lasts; again for a stronger action or another
-        vehicle.
+    def _due_reports(self, now_ns: int, situation: Situation) -> tuple[ConditionReport, ...]:
+        """Return an event for each condition that is new, demands more than before, or is about
+        another vehicle.
         """
-        reported, details = self._reported, self._monitor.details
-        loud = self.conditions - _QUIET if self.conditions else self.conditions
-        if not loud and not reported:
-            return
-        for condition in in_order(loud):
-            detail, action = (
-                details.get(condition, "") if condition in _NAMED else "",
-                TABLE[situation, condition],
-            )
-            known = reported.get(condition)
-            reported[condition] = _Reported(
-                detail, action if known is None else max(action, known.action), view.now_ns
-            )
-            if known is not None and known.detail == detail and action <= known.action:
-                continue
-            severity: Severity = "critical" if action >= Action.LEVEL else "warning"
-            code = condition.name.lower().replace("_", "-")
-            self._flight.say(view, severity, code, self._sentence(condition, action))
-        for condition in reported.keys() - self.conditions:
-            if view.now_ns - reported[condition].held_ns > _PAUSE_NS:
-                del reported[condition]
+        reported = self._reported
+        if not self.conditions and not reported:
+            return ()
 
-    def _execute(self, view: FlightView, action: Action, condition: Condition) -> None:
-        outcome: OrderOutcome = "timed out" if condition is Condition.ORDER_OVERDUE else "failed"
-        begin_failsafe(self._flight, view, action, self._sentence(condition, action), outcome)
+        due = []
+        for condition in in_order(self.conditions - _QUIET):
+            detail = self._details[condition] if condition in _NAMING else ""
+            action = TABLE[situation, condition]
+            known = reported.get(condition)
+            strongest = action if known is None else max(action, known.action)
+            reported[condition] = _Reported(detail, strongest, now_ns)
+
+            is_known = known is not None and known.detail == detail and action <= known.action
+            if not is_known:
+                due.append(self._report(condition, action))
+
+        for condition in reported.keys() - self.conditions:
+            if now_ns - reported[condition].held_ns > _PAUSE_NS:
+                del reported[condition]
+        return tuple(due)
+
+    def _report(self, condition: Condition, action: Action) -> ConditionReport:
+        return ConditionReport(
+            severity="critical" if action >= Action.LEVEL else "warning",
+            code=condition.name.lower().replace("_", "-"),
+            sentence=self._sentence(condition, action),
+        )
 
     def _sentence(self, condition: Condition, action: Action) -> str:
         name = condition.value[0].upper() + condition.value[1:]
-        detail = self._monitor.details.get(condition)
-        return f"{name} ({detail}): {WORDS[action]}." if detail else f"{name}: {WORDS[action]}."
+        detail = self._details.get(condition)
+        if detail:
+            return f"{name} ({detail}): {WORDS[action]}."
+        return f"{name}: {WORDS[action]}."

@@ -14,6 +14,7 @@ DOCS = Path(__file__).parents[2] / "docs"
 
 PRINTED: dict[str, tuple[str, Callable[[], str]]] = {
     "failsafe": ("failsafe.md", tables.failsafes),
+    "conditions": ("failsafe.md", tables.conditions),
     "steps": ("flight.md", tables.steps),
     "flight": ("flight.md", tables.flight),
     "alarms": ("alarms.md", tables.alarms),

@@ -12,6 +12,7 @@ from onboard.px4 import required_params
 from onboard.safety import failsafe_table
 from onboard.safety.failsafe_table import Condition, Situation
 from onboard.security.node_roles import GRANTS, Grant, NodeRole
+from onboard.supervision import condition_table
 
 
 def failsafes() -> str:
@@ -24,6 +25,27 @@ def failsafes() -> str:
         actions = (failsafe_table.TABLE[situation, condition].name for situation in Situation)
         lines.append(_line(condition.value, *map(_words, actions)))
     return "\n".join(lines)
+
+
+def conditions() -> str:
+    """Return how long each condition has to last for docs/failsafe.md."""
+    lines = [_line("condition", "checked", "must hold for"), "|---" * 3 + "|"]
+    for row in condition_table.ROWS:
+        for cause in row.causes:
+            checked = "ten times a second" if cause.is_slow else "at every tick"
+            lines.append(_line(row.condition.value, checked, _duration(cause)))
+    return "\n".join(lines)
+
+
+def _duration(cause: condition_table.Cause) -> str:
+    words = []
+    if cause.checks > 1:
+        words.append(f"{cause.checks} checks in a row")
+    if isinstance(cause.over_s, str):
+        words.append(f"more than `{cause.over_s}`")
+    elif cause.over_s is not None:
+        words.append(f"more than {cause.over_s:g} s")
+    return " and ".join(words) or "one check"
 
 
 def steps() -> str:

@@ -11,7 +11,7 @@ from msgspec.structs import replace
 from onboard import agent_commands, agent_inputs
 from onboard.autopilot import Landed
 from onboard.flight.types import FlightStep
-from onboard.supervision.conditions import BUS_LOST_S
+from onboard.supervision.condition_table import BUS_LOST_S
 from onboard.types import AttitudeSetpoint
 from tests.onboard.agent.rig import HOVER, Rig
 

@@ -16,7 +16,7 @@ from onboard import agent_commands
 from onboard.flight.context import FlightContext
 from onboard.flight.types import FlightStep
 from onboard.safety.failsafe_table import TABLE, Action, Condition, Situation
-from onboard.supervision.conditions import ConditionMonitor
+from onboard.supervision.condition_monitor import ConditionMonitor
 from tests.onboard.agent.rig import Rig
 
 # what the table's actions leave of a flight, by rank; a vehicle that PX4 has landed has ended it
@@ -55,7 +55,7 @@ class Broken:
 
     def __init__(self, rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
         self.holds: set[Condition] = set()
-        monkeypatch.setattr(ConditionMonitor, "conditions", lambda *_: set(self.holds))
+        monkeypatch.setattr(ConditionMonitor, "look", lambda *_: dict.fromkeys(self.holds, ""))
         self.rig = rig
 
 

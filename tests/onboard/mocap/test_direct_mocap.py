@@ -10,7 +10,7 @@ import pytest
 from onboard import agent_inputs
 from onboard.agent.core import AgentCore
 from onboard.config.fleet import MocapConfig
-from onboard.supervision.conditions import BUS_LOST_S
+from onboard.supervision.condition_table import BUS_LOST_S
 from tests.onboard.agent.rig import Rig, fleet
 
 _DIRECT = MocapConfig(source="motioncapture", type="mock", direct=True)

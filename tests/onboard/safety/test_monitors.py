@@ -1,4 +1,4 @@
-"""The watches over PX4, the answer to commands, the battery, distances and promises, each with
+"""The monitors of the answer to commands, of the battery, of distances and of promises, each with
 made-up numbers.
 """
 
@@ -8,109 +8,12 @@ import math
 
 import pytest
 
-from onboard.safety.autopilot_monitor import AutopilotMonitor
 from onboard.safety.battery_monitor import BatteryMonitor
 from onboard.safety.separation_monitor import PredictionMonitor, smallest_distance_m
 from onboard.safety.tracking_monitor import TrackingMonitor
 
-TICK_NS = 20_000_000
 START_NS = 10**9
 LEVEL = (1.0, 0.0, 0.0, 0.0)
-
-
-class Px4:
-    """A PX4 that is monitored every tick; its clock and its packets can be stopped."""
-
-    def __init__(self) -> None:
-        self.monitor, self.now_ns, self.boot_ns = AutopilotMonitor(), START_NS, 5 * 10**9
-        self.packet_ns = self.attitude_ns = self.heartbeat_ns = START_NS
-
-    def run(
-        self, seconds: float, *, clock: float = 1.0, sends: bool = True, beats: bool = True
-    ) -> None:
-        for _ in range(round(seconds / 0.02)):
-            self.now_ns += TICK_NS
-            self.boot_ns += round(clock * TICK_NS)
-            if sends:
-                self.packet_ns = self.attitude_ns = self.now_ns
-                if beats and self.now_ns - self.heartbeat_ns >= 10**9:
-                    self.heartbeat_ns = self.now_ns
-                self.boot_ms = self.boot_ns // 10**6
-            self.monitor.update(
-                self.now_ns,
-                packet_ns=self.packet_ns,
-                attitude_ns=self.attitude_ns,
-                heartbeat_ns=self.heartbeat_ns,
-                boot_ms=self.boot_ms,
-            )
-
-    @property
-    def conditions(self) -> set[str]:
-        names = ("is_silent", "is_frozen", "is_heartbeat_lost", "is_rebooted", "is_back")
-        return {name for name in names if getattr(self.monitor, name)}
-
-
-def test_a_px4_whose_clock_drifts_is_well() -> None:
-    for clock in (0.85, 0.96, 1.0, 1.2):
-        px4 = Px4()
-        px4.run(60.0, clock=clock)
-        assert px4.conditions == set(), clock
-
-
-def test_a_silent_px4_is_detected_within_half_a_second() -> None:
-    px4 = Px4()
-    px4.run(2.0)
-    px4.run(0.30, sends=False)
-    assert px4.conditions == set()
-    px4.run(0.12, sends=False)
-    assert px4.conditions == {"is_silent"}
-    px4.run(0.02)
-    assert "is_silent" not in px4.conditions
-
-
-def test_packets_with_a_clock_that_stands_still_are_those_of_a_frozen_px4() -> None:
-    px4 = Px4()
-    px4.run(2.0)
-    px4.run(0.42, clock=0.0)
-    assert px4.conditions == {"is_frozen"}
-
-
-def test_a_px4_that_comes_back_after_a_short_standstill_is_noticed() -> None:
-    for sends in (True, False):
-        px4 = Px4()
-        px4.run(2.0)
-        px4.run(0.26, clock=0.0, sends=sends)
-        px4.run(0.12)
-        assert px4.conditions == {"is_back"}, sends
-        px4.run(3.0)
-        assert px4.conditions == set(), sends
-
-
-def test_packets_that_are_only_late_once_are_no_standstill() -> None:
-    px4 = Px4()
-    px4.run(2.0)
-    px4.run(0.26, sends=False)  # the clock goes on: afterwards its packets are as fresh as before
-    px4.run(1.0)
-    assert px4.conditions == set()
-
-
-def test_a_clock_that_begins_anew_is_a_reboot_and_nothing_else() -> None:
-    px4 = Px4()
-    px4.run(2.0)
-    px4.boot_ns = 0
-    px4.run(0.1)
-    assert px4.conditions == {"is_rebooted"}
-    px4.run(3.0)
-    assert px4.conditions == set()
-
-
-def test_a_missing_heartbeat_is_detected_although_everything_else_arrives() -> None:
-    px4 = Px4()
-    px4.run(2.0)
-    px4.run(3.0, beats=False)
-    assert px4.conditions == set()
-    px4.run(1.5, beats=False)
-    assert px4.conditions == {"is_heartbeat_lost"}
 
 
 def tilted(degrees: float) -> tuple[float, float, float, float]:

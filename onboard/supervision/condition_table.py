@@ -1,0 +1,363 @@
+"""The conditions of the failsafe table: what each one is, and how long it has to last. Pure data.
+
+Each condition has one row, and a row has one cause, or several of which any is enough. A cause is
+a predicate of the facts of a tick that has to hold for a number of checks in a row, for longer than
+a time, or both. docs/failsafe.md prints these numbers.
+
+A process that was not scheduled for a while finds every message old at its first tick, although
+nothing else is wrong. Therefore a silence counts only after several checks in a row have seen it.
+Conditions that can do harm within a tenth of a second are checked at every tick, the others ten
+times a second.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from operator import attrgetter
+
+from onboard.safety.failsafe_table import Condition
+from onboard.safety.limits import LARGEST_PX4_ACCURACY_M, POSITION_STALE_S, RECKONING_S
+from onboard.safety.report_confirmation import CONTRADICTED_LONG_S
+from onboard.supervision.tick_facts import ModeLoss, TickFacts
+from onboard.types import TICK_S
+
+# own position
+STALE_FOR_S = 0.4  # a position that stays this old is lost, however regularly it comes
+LOST_S = 0.58  # with the live checks: whoever has poses again after 0.6 s does not land
+JUMPS = 3  # impossible samples in a row
+SWAP_JUMPS = 2  # the same, where another vehicle is near the samples
+UNUSABLE_M = 3.0  # PX4's own accuracy, beyond which it flies level rather than after its position
+INACCURATE_S = 0.5
+
+# own process
+LATE_S = 0.005  # of a tick
+STALLED_S = 0.2
+STALLED_LONG_S = 0.3  # PX4 lands after COM_OF_LOSS_T = 0.3 s without setpoints
+NOT_FINITE_LONG_S = 0.5
+CLOCK_JUMP_REPORTED_S = 5.0
+
+# bus
+BUS_LOST_S = 1.0
+
+# space
+CLEARLY_UP_M = 0.5
+LANDED_WRONG_S = 0.5
+DOWN_HEIGHT_M = 0.12
+DOWN_LONG_S = 1.0
+FENCE_LONG_S = 2.0
+
+INFEASIBLE_S = 0.1
+BATTERY_UNKNOWN_S = 5.0  # and 5 s until a report counts as old
+
+LIVE_CHECKS = 5  # so many times a process that lives has seen it
+NEIGHBOUR_CHECKS = (
+    2  # states come at 50 Hz from several senders: the process itself is heard to live
+)
+STALE_CHECKS = 5
+PREDICTED_CHECKS = 2
+
+
+@dataclass(frozen=True, slots=True)
+class Cause:
+    """One cause of a condition."""
+
+    holds: Callable[[TickFacts], object]  # predicate; what is not false holds
+    checks: int = 1  # so many times in a row
+    # and for longer than this; a name is that of a key in [fleet]
+    over_s: float | str | None = None
+    # what else must be true when it has held so long
+    given: Callable[[TickFacts], object] | None = None
+    is_slow: bool = False  # checked ten times a second, and not at every tick
+    # words in brackets behind the condition, for people
+    detail: str | Callable[[TickFacts], str] = ""
+
+
+@dataclass(frozen=True, slots=True)
+class ConditionRow:
+    """All about how one condition is noticed and reported."""
+
+    condition: Condition
+    causes: tuple[Cause, ...]  # any of them is enough; the detail is that of the last that holds
+    is_quiet: bool = False  # without an event of its own
+    names_vehicles: bool = False  # reported again when its detail names another vehicle
+
+
+def _row(
+    condition: Condition, *causes: Cause, is_quiet: bool = False, names_vehicles: bool = False
+) -> ConditionRow:
+    return ConditionRow(condition, causes, is_quiet, names_vehicles)
+
+
+def _names(field: str) -> Callable[[TickFacts], str]:
+    """Return a detail that lists the vehicles of a fact."""
+    names_of = attrgetter(field)
+    return lambda facts: ", ".join(names_of(facts))
+
+
+def _is_lost(facts: TickFacts) -> bool:
+    return facts.position_age_s > LOST_S or facts.position_stale_s > STALE_FOR_S
+
+
+def _is_reckoned_for_too_long(facts: TickFacts) -> bool:
+    # on the ground PX4 would lift it off
+    return facts.position_age_s > RECKONING_S and not facts.is_in_contact
+
+
+def _is_accuracy_unusable(facts: TickFacts) -> bool:
+    is_without = facts.slow.px4_accuracy_m > UNUSABLE_M and not facts.mocap_required
+    return is_without and not facts.is_in_contact
+
+
+def _is_accuracy_not_covered(facts: TickFacts) -> bool:
+    # comparisons with what is no number are false
+    is_covered = 0.0 < facts.slow.px4_accuracy_m <= LARGEST_PX4_ACCURACY_M
+    return not is_covered and not facts.mocap_required
+
+
+def _accuracy(facts: TickFacts) -> str:
+    return f"PX4 says {facts.slow.px4_accuracy_m:.1f} m"
+
+
+def _accuracy_beside_the_covered(facts: TickFacts) -> str:
+    told = "PX4 does not say how accurate it is"
+    if facts.slow.px4_accuracy_m:
+        told = _accuracy(facts)
+    return f"{told}; distances cover {LARGEST_PX4_ACCURACY_M:.1f} m"
+
+
+def _has_lost_mode(loss: ModeLoss) -> Callable[[TickFacts], bool]:
+    return lambda facts: facts.mode_loss is loss
+
+
+def _is_reported_down_in_the_air(facts: TickFacts) -> bool:
+    is_up = facts.has_position and facts.height_m > CLEARLY_UP_M
+    return facts.is_flying and is_up and facts.is_on_ground
+
+
+def _is_down(facts: TickFacts) -> bool:
+    return facts.is_flying and facts.has_position and facts.height_enu_m < DOWN_HEIGHT_M
+
+
+def _is_late(facts: TickFacts) -> bool:
+    return facts.period_s > TICK_S + LATE_S
+
+
+def _is_bus_silent(facts: TickFacts) -> bool:
+    return facts.bus_age_s > BUS_LOST_S
+
+
+def _has_no_ground(facts: TickFacts) -> bool:
+    return not facts.has_ground
+
+
+def _is_not_finite(facts: TickFacts) -> bool:
+    return not facts.is_last_tick_finite
+
+
+def _has_clock_jumped(facts: TickFacts) -> bool:
+    jump_ns = facts.slow.clock_jump_ns
+    return jump_ns != 0 and facts.now_ns - jump_ns < CLOCK_JUMP_REPORTED_S * 1e9
+
+
+def _is_too_near(facts: TickFacts) -> bool:
+    return facts.nearest_m < facts.limits.safety_distance_m and facts.is_airborne
+
+
+def _is_beyond_the_fence(facts: TickFacts) -> bool:
+    return facts.is_outside or facts.is_above_ceiling
+
+
+def _battery_pct(facts: TickFacts) -> float:
+    return 100.0 * facts.slow.battery_frac
+
+
+_C = Condition
+_fact = attrgetter  # a predicate that is a fact by itself
+
+ROWS: tuple[ConditionRow, ...] = (
+    # -- own motion
+    _row(
+        _C.POSITION_STALE,
+        Cause(
+            lambda facts: facts.position_age_s > POSITION_STALE_S,
+            detail="it brakes and sinks by dead reckoning",
+        ),
+    ),
+    _row(_C.POSITION_LOST, Cause(_is_lost, checks=LIVE_CHECKS, detail="by dead reckoning")),
+    _row(
+        _C.POSITION_LOST_LONG,
+        Cause(_is_lost, checks=LIVE_CHECKS, given=_is_reckoned_for_too_long),
+        Cause(_is_accuracy_unusable, over_s=INACCURATE_S, is_slow=True, detail=_accuracy),
+    ),
+    _row(
+        _C.POSITION_JUMPED,
+        Cause(lambda facts: facts.jumps >= JUMPS and not facts.jumped_onto),
+    ),
+    _row(_C.MOCAP_SWAPPED, Cause(_fact("jumped_onto"), detail=_fact("jumped_onto"))),
+    _row(_C.MOCAP_FROZEN, Cause(_fact("is_mocap_frozen"))),
+    _row(_C.MOCAP_LATE, Cause(_fact("is_mocap_late"))),
+    _row(_C.SATELLITES_LOST, Cause(_fact("slow.has_lost_satellites"), is_slow=True)),
+    _row(
+        _C.POSITION_INACCURATE,
+        Cause(
+            _is_accuracy_not_covered,
+            over_s=INACCURATE_S,
+            is_slow=True,
+            detail=_accuracy_beside_the_covered,
+        ),
+    ),
+    # -- PX4
+    _row(
+        _C.LEFT_OFFBOARD,
+        Cause(_has_lost_mode(ModeLoss.LEFT), detail=lambda facts: f"now {facts.px4_mode}"),
+    ),
+    _row(
+        _C.PX4_FAILSAFE,
+        Cause(_has_lost_mode(ModeLoss.FAILSAFE), detail=lambda facts: f"now {facts.px4_mode}"),
+    ),
+    _row(_C.DISARMED, Cause(_has_lost_mode(ModeLoss.DISARMED))),
+    _row(_C.REBOOTED, Cause(_fact("is_px4_rebooted"))),
+    # silence and numbers that nobody can fly by look alike: what is sent decides between them
+    _row(
+        _C.AUTOPILOT_SILENT,
+        Cause(
+            _fact("is_px4_silent"), checks=LIVE_CHECKS, given=lambda facts: not facts.px4_nonsense
+        ),
+    ),
+    _row(
+        _C.AUTOPILOT_IMPOSSIBLE,
+        Cause(
+            _fact("is_px4_silent"),
+            checks=LIVE_CHECKS,
+            given=_fact("px4_nonsense"),
+            detail=lambda facts: facts.px4_nonsense.removesuffix("."),
+        ),
+    ),
+    _row(_C.AUTOPILOT_FROZEN, Cause(_fact("is_px4_frozen"), checks=LIVE_CHECKS)),
+    _row(_C.AUTOPILOT_BACK, Cause(_fact("is_px4_back"))),
+    _row(_C.HEARTBEAT_LOST, Cause(_fact("is_heartbeat_late"), checks=LIVE_CHECKS)),
+    _row(_C.REPORTS_CONTRADICT, Cause(_fact("contradicted_s"), detail=_fact("contradicted"))),
+    _row(
+        _C.REPORTS_CONTRADICT_LONG,
+        Cause(
+            lambda facts: facts.contradicted_s > CONTRADICTED_LONG_S, detail=_fact("contradicted")
+        ),
+    ),
+    _row(
+        _C.LANDED_UNKNOWN,
+        Cause(lambda facts: not facts.has_landed_report, checks=LIVE_CHECKS),
+    ),
+    _row(_C.LANDED_WRONG, Cause(_is_reported_down_in_the_air, over_s=LANDED_WRONG_S)),
+    _row(_C.ATTITUDE_NOT_FOLLOWED, Cause(_fact("is_attitude_lost"))),
+    _row(_C.THRUST_SATURATED, Cause(_fact("is_thrust_saturated"))),
+    _row(_C.NOT_CLIMBING, Cause(_fact("is_sinking"))),
+    _row(_C.FALLEN, Cause(_is_down, over_s=DOWN_LONG_S)),
+    # -- own process
+    _row(_C.LOOP_LATE, Cause(_is_late), is_quiet=True),
+    _row(_C.LOOP_STALLED, Cause(lambda facts: facts.period_s > STALLED_S)),
+    _row(_C.LOOP_STALLED_LONG, Cause(lambda facts: facts.period_s > STALLED_LONG_S)),
+    _row(_C.CLOCK_JUMPED, Cause(_has_clock_jumped, is_slow=True)),
+    _row(_C.NOT_FINITE, Cause(_is_not_finite), is_quiet=True),
+    _row(_C.NOT_FINITE_LONG, Cause(_is_not_finite, over_s=NOT_FINITE_LONG_S)),
+    _row(_C.OWN_LAW_REFUSED, Cause(_fact("law_refusal"), detail=_fact("law_refusal"))),
+    _row(_C.DISK_FULL, Cause(_fact("is_disk_full"))),
+    _row(_C.TWIN, Cause(_fact("has_duplicate"))),
+    _row(_C.SHUTDOWN, Cause(_fact("is_stopping")), is_quiet=True),
+    # -- bus and ground
+    _row(_C.BUS_LOST, Cause(_is_bus_silent, checks=LIVE_CHECKS)),
+    _row(
+        _C.BUS_LOST_LONG,
+        Cause(_is_bus_silent, checks=LIVE_CHECKS, over_s="bus_lost_land_s"),
+    ),
+    _row(_C.GROUND_LOST, Cause(_has_no_ground, checks=LIVE_CHECKS)),
+    _row(
+        _C.GROUND_LOST_LONG,
+        Cause(_has_no_ground, checks=LIVE_CHECKS, over_s="ground_lost_land_s"),
+    ),
+    _row(
+        _C.ORDER_OVERDUE,
+        Cause(lambda facts: facts.overdue is not None, detail=lambda facts: facts.overdue or ""),
+    ),
+    # -- other vehicles
+    _row(
+        _C.COLLISION_SUSPECTED,
+        Cause(lambda facts: facts.touched and _is_too_near(facts), detail=_fact("touched")),
+    ),
+    _row(_C.SEPARATION_BREACHED, Cause(_is_too_near)),
+    _row(
+        _C.SEPARATION_PREDICTED,
+        Cause(
+            _fact("slow.endangered"),
+            checks=PREDICTED_CHECKS,
+            is_slow=True,
+            detail=_names("slow.endangered"),
+        ),
+    ),
+    _row(
+        _C.LAW_INFEASIBLE,
+        Cause(lambda facts: facts.is_law_infeasible and facts.is_under_law, over_s=INFEASIBLE_S),
+    ),
+    _row(
+        _C.NEIGHBOUR_UNSEEN,
+        Cause(_fact("unseen"), checks=NEIGHBOUR_CHECKS, detail=_names("unseen")),
+        names_vehicles=True,
+    ),
+    _row(
+        _C.NEIGHBOUR_SILENT,
+        Cause(_fact("silent"), checks=NEIGHBOUR_CHECKS, detail=_names("silent")),
+        names_vehicles=True,
+    ),
+    _row(
+        _C.NEIGHBOUR_INVALID,
+        Cause(_fact("slow.without_position"), is_slow=True, detail=_names("slow.without_position")),
+        names_vehicles=True,
+    ),
+    _row(
+        _C.NEIGHBOUR_UNCOOPERATIVE,
+        Cause(_fact("slow.uncooperative"), is_slow=True, detail=_names("slow.uncooperative")),
+        names_vehicles=True,
+    ),
+    _row(
+        _C.NEIGHBOUR_IMPLAUSIBLE,
+        Cause(_fact("slow.implausible"), is_slow=True, detail=_names("slow.implausible")),
+        names_vehicles=True,
+    ),
+    _row(
+        _C.NEIGHBOUR_STALE,
+        Cause(_fact("slow.late"), checks=STALE_CHECKS, is_slow=True, detail=_names("slow.late")),
+    ),
+    _row(
+        _C.NEIGHBOUR_BACK,
+        Cause(_fact("heard_again"), detail=_names("heard_again")),
+        names_vehicles=True,
+    ),
+    _row(
+        _C.CONFIG_DIFFERS,
+        Cause(_fact("slow.other_files"), is_slow=True, detail=_names("slow.other_files")),
+        names_vehicles=True,
+    ),
+    # -- energy and space
+    _row(
+        _C.BATTERY_WARNING,
+        Cause(lambda facts: _battery_pct(facts) < facts.limits.battery_warning_pct, is_slow=True),
+    ),
+    _row(
+        _C.BATTERY_LOW,
+        Cause(lambda facts: _battery_pct(facts) < facts.limits.battery_land_pct, is_slow=True),
+    ),
+    _row(_C.BATTERY_FALLING, Cause(_fact("slow.is_battery_falling"), is_slow=True)),
+    _row(
+        _C.BATTERY_UNKNOWN,
+        Cause(
+            lambda facts: math.isnan(facts.slow.battery_frac),
+            over_s=BATTERY_UNKNOWN_S,
+            is_slow=True,
+        ),
+    ),
+    _row(_C.FENCE_NEAR, Cause(_fact("is_fence_near"))),
+    _row(_C.FENCE_BREACH, Cause(_fact("is_outside"))),
+    _row(_C.FENCE_BREACH_LONG, Cause(_is_beyond_the_fence, over_s=FENCE_LONG_S)),
+    _row(_C.CEILING, Cause(_fact("is_above_ceiling"))),
+)

@@ -1,0 +1,248 @@
+"""What is wrong with the other vehicles: silence, late messages, wrong predictions, and distances
+about to be lost.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Collection, Iterable
+from typing import NamedTuple
+
+from onboard.config.fleet import FleetConfig, Vec3, Vehicle
+from onboard.flight.context import FlightContext
+from onboard.flight.types import FlightView
+from onboard.neighbours.plausibility import PlausibilityMonitor
+from onboard.neighbours.state_arrays import NeighbourRow
+from onboard.neighbours.table import NeighbourTable
+from onboard.safety.held import Held
+from onboard.safety.separation_monitor import PredictionMonitor, smallest_distance_m
+from onboard.supervision.condition_table import NEIGHBOUR_CHECKS
+from onboard.types import GRAVITY_M_S2
+
+_BACK_NS = 2_000_000_000  # for so long it is said that a neighbour is heard again
+_NEAR_M = 5.0  # farther away no distance is about to be lost
+_CLIMB_S = 0.5  # for so long a climb or descent towards another is counted on
+_BRAKE_SHARE = 0.8
+_PREDICTED_SLACK_M = 0.03
+_KEPT_OFF_SHARE = 0.3  # of a leg's ticks in which the law avoided a neighbour, to be worth a word
+# whoever falls or is blown away may be faster than it flies
+_FASTEST_M_S = 15.0
+_FASTEST_SHARE = 3.0  # of its max_speed_m_s
+
+
+class Silence(NamedTuple):
+    """Neighbours that are not heard as they were."""
+
+    silent: tuple[str, ...]  # heard in the air, and not any more
+    unseen: tuple[str, ...]  # of those whose silence is confirmed, the ones without mocap poses
+    heard_again: tuple[str, ...]  # in the last seconds
+
+
+class SlowNeighbourFacts(NamedTuple):
+    """Neighbours with something wrong, as looked at ten times a second."""
+
+    without_position: tuple[str, ...]
+    late: tuple[str, ...]
+    other_files: tuple[str, ...]
+    implausible: tuple[str, ...]  # with the reason behind each name
+    uncooperative: tuple[str, ...]
+    endangered: tuple[str, ...]
+
+
+class NeighbourMonitor:
+    """Memory of the other vehicles as one agent sees them."""
+
+    def __init__(
+        self, fleet: FleetConfig, vehicle: Vehicle, table: NeighbourTable, flight: FlightContext
+    ) -> None:
+        self._limits = fleet.fleet
+        self._vehicle = vehicle
+        self._table = table
+        self._flight = flight
+        self._own_hash = fleet.config_hash
+        tilt_rad = math.radians(vehicle.max_tilt_deg)
+        self._braking_m_s2 = _BRAKE_SHARE * GRAVITY_M_S2 * math.tan(tilt_rad)
+        # without a vertical separation the distance is kept at all heights
+        self._vertical_m = math.inf
+        if fleet.fleet.vertical_separation_m is not None:
+            self._vertical_m = fleet.fleet.vertical_separation_m
+
+        self._predictions = {name: PredictionMonitor() for name in table.names}
+        self._plausibilities = {
+            name: PlausibilityMonitor(
+                max(_FASTEST_M_S, _FASTEST_SHARE * fleet.vehicles[name].max_speed_m_s)
+            )
+            for name in table.names
+        }
+
+        self._silence = Held()
+        self._silent: tuple[str, ...] = ()  # whose silence is confirmed
+        self._heard_again: tuple[str, ...] = ()
+        self._heard_again_ns = 0
+
+        # index -> ticks of this leg in which the law avoided it
+        self._kept_off: Counter[int] = Counter()
+        self._leg_ticks = 0
+        self._leg = -1
+
+    def look(self, now_ns: int) -> Silence:
+        """Return who is silent at this tick; call it at every one."""
+        silent = self._table.silent(now_ns)
+        self._silence.update(bool(silent), now_ns)
+
+        before = self._silent
+        unseen: tuple[str, ...] = ()
+        if self._silence.checks >= NEIGHBOUR_CHECKS:
+            self._silent = silent
+            unseen = self._table.unseen(now_ns)
+        else:
+            self._silent = ()
+
+        if before:
+            self._find_heard_again(before, now_ns)
+        is_said = self._heard_again_ns != 0 and now_ns - self._heard_again_ns < _BACK_NS
+        return Silence(silent, unseen, self._heard_again if is_said else ())
+
+    def _find_heard_again(self, before: Iterable[str], now_ns: int) -> None:
+        table = self._table
+        ages_s = dict(zip(table.names, table.heard_ages_s(now_ns).tolist(), strict=True))
+        heard_again = tuple(
+            name for name in before if name not in self._silent and ages_s[name] <= table.silent_s
+        )
+        if heard_again:
+            self._heard_again = heard_again
+            self._heard_again_ns = now_ns
+
+    def count_avoided(self, active_neighbour: int) -> None:
+        """Count the neighbour that the law avoids at this tick of a leg; -1 for none."""
+        if self._leg != self._flight.leg_count:
+            self._leg = self._flight.leg_count
+            self._leg_ticks = 0
+            self._kept_off.clear()
+
+        self._leg_ticks += 1
+        if active_neighbour >= 0:
+            self._kept_off[active_neighbour] += 1
+
+    def kept_off_by(self, goal_enu_m: Vec3, view: FlightView) -> str:
+        """Return in words how far the goal is, and the neighbours that the law avoided on the way."""
+        rest = f"still {math.dist(goal_enu_m, view.position_enu_m):.2f} m to go"
+
+        least = _KEPT_OFF_SHARE * self._leg_ticks
+        often = [index for index, count in self._kept_off.most_common(2) if count > least]
+        names = [self._table.names[index] for index in often if index < len(self._table.names)]
+        if not names:
+            return rest
+        return f"{rest}, kept off by {' and '.join(names)}"
+
+    def nearest_to(self, position_enu_m: Vec3, within_m: float, now_ns: int) -> str:
+        """Return the neighbour nearest to a point, as far as known and within a distance; empty for
+        none.
+        """
+        nearest_m = within_m
+        name = ""
+        for row in self._table.rows(now_ns):
+            if row.age_s >= self._table.silent_s:
+                continue
+            motion = zip(row.vector("position_enu_m"), row.vector("velocity_enu_m_s"), strict=True)
+            apart_m = math.dist(position_enu_m, [p + row.age_s * v for p, v in motion])
+            if apart_m < nearest_m:
+                nearest_m = apart_m
+                name = row.name
+        return name
+
+    def look_slowly(self, view: FlightView) -> SlowNeighbourFacts:
+        """Return who has something wrong, and tell the table of it; call it ten times a second."""
+        table, now_ns = self._table, view.now_ns
+        without_position = table.invalid()
+        late = table.stale(now_ns)
+        other_files = tuple(table.other_hashes(self._own_hash))
+
+        rows = table.rows(now_ns)
+        implausible = self._check_plausibility(rows, now_ns)
+        uncooperative = self._check_predictions(rows, {*other_files, *implausible})
+        endangered = self._check_distances(rows, view)
+        return SlowNeighbourFacts(
+            without_position=without_position,
+            late=late,
+            other_files=other_files,
+            implausible=tuple(f"{name} {reason}" for name, reason in implausible.items()),
+            uncooperative=uncooperative,
+            endangered=endangered,
+        )
+
+    def _check_plausibility(self, rows: Iterable[NeighbourRow], now_ns: int) -> dict[str, str]:
+        """Compare what each neighbour says with physics and the mocap; name -> contradiction."""
+        reasons = {}
+        for row in rows:
+            monitor = self._plausibilities[row.name]
+            claim, seen = self._table.claim(row.name)
+            if claim is not None:
+                monitor.look(claim, seen, now_ns)
+
+            index = self._table.indices[row.name]
+            is_contradicted = bool(monitor.reason)
+            self._table.judged.set_watched(index, monitor.is_watched)
+            self._table.judged.set_contradicted(index, is_contradicted)
+            if is_contradicted:
+                reasons[row.name] = monitor.reason
+        return reasons
+
+    def _check_predictions(
+        self, rows: Iterable[NeighbourRow], others: Collection[str]
+    ) -> tuple[str, ...]:
+        """Return who does not fly as it predicts; ``others`` are not counted on in any case."""
+        wrong = []
+        for row in rows:
+            monitor = self._predictions[row.name]
+            if row.is_cooperative and row.age_s < self._table.silent_s:
+                vx, vy, _ = row.vector("velocity_enu_m_s")
+                px, py, _ = row.vector("predicted_velocity_enu_m_s")
+                monitor.update(row.stamp_ns, (vx, vy), (px, py), row.value("lead_time_s"))
+            else:
+                monitor.reset()
+
+            if monitor.is_wrong:
+                wrong.append(row.name)
+            index = self._table.indices[row.name]
+            is_not_cooperating = monitor.is_wrong or row.name in others
+            self._table.judged.set_not_cooperating(index, is_not_cooperating)
+        return tuple(wrong)
+
+    def _check_distances(self, rows: Iterable[NeighbourRow], view: FlightView) -> tuple[str, ...]:
+        """Return the neighbours from which even hard braking will not keep the safety distance."""
+        if not self._flight.step.is_under_law or not view.has_position:
+            return ()
+        known = [row for row in rows if row.age_s < self._table.silent_s]
+        return tuple(row.name for row in known if self._is_endangered(row, view))
+
+    def _is_endangered(self, row: NeighbourRow, view: FlightView) -> bool:
+        x, y, z = view.position_enu_m
+        vx, vy, vz = view.velocity_enu_m_s
+        other_x, other_y, other_z = row.vector("position_enu_m")
+        other_vx, other_vy, other_vz = row.vector("velocity_enu_m_s")
+
+        apart_m = other_x - x, other_y - y
+        if max(map(abs, apart_m)) >= _NEAR_M:
+            return False
+
+        above_it_m = z - other_z
+        closing_m_s = (other_vz - vz) * math.copysign(1.0, above_it_m)
+        height_left_m = abs(above_it_m) - _CLIMB_S * max(closing_m_s, 0.0)
+        # one that is above and lands, falls or is silent claims the column below itself
+        claims_column = not row.is_cooperative and above_it_m < 0.0
+        if height_left_m >= self._vertical_m and not claims_column:
+            return False
+
+        # both brake, if the other cooperates
+        braking_share = 2.0 if row.is_cooperative else 1.0
+        left_m = smallest_distance_m(
+            apart_m,
+            (vx - other_vx, vy - other_vy),
+            reaction_s=self._vehicle.lag_s + row.age_s,
+            deceleration_m_s2=self._braking_m_s2 * braking_share,
+        )
+        limit_m = self._limits.safety_distance_m
+        # one that is nearer already is a breach, and none that is predicted
+        return left_m < limit_m - _PREDICTED_SLACK_M and math.hypot(*apart_m) > limit_m

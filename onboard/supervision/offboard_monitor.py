@@ -1,0 +1,61 @@
+"""Notices that PX4 has left the mode that the flight needs: OFFBOARD, or LAND while PX4 lands."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from onboard.autopilot import Snapshot
+from onboard.flight.context import FlightContext
+from onboard.flight.types import FlightStep
+from onboard.supervision.tick_facts import ModeLoss
+
+
+@dataclass(slots=True)
+class OffboardMonitor:
+    """Memory of the modes of one flight; call :meth:`update` every tick.
+
+    Only a heartbeat says which mode PX4 is in, and it comes once a second. So a heartbeat counts
+    only when it is newer than the step of the flight that needs the mode.
+    """
+
+    _not_needed_ns: int = 0  # last tick at which the flight did not need OFFBOARD
+    _has_landing_mode: bool = False  # PX4 has confirmed its landing
+
+    def update(
+        self, now_ns: int, snapshot: Snapshot, flight: FlightContext, *, is_on_ground: bool
+    ) -> ModeLoss:
+        """Take one tick; how PX4 has left the mode that the flight needs.
+
+        Args:
+            now_ns: our clock.
+            snapshot: of PX4.
+            flight: in progress.
+            is_on_ground: by a report of PX4 that is not old.
+        """
+        if flight.step is FlightStep.PX4_LANDING:
+            self._not_needed_ns = now_ns
+            return self._while_px4_lands(snapshot, is_on_ground=is_on_ground)
+
+        self._has_landing_mode = False
+        if not flight.must_be_offboard:
+            self._not_needed_ns = now_ns
+            return ModeLoss.NONE
+
+        if snapshot.heartbeat_ns <= self._not_needed_ns:
+            return ModeLoss.NONE
+        if not snapshot.is_armed and flight.must_be_armed:
+            return ModeLoss.DISARMED
+        if snapshot.is_offboard:
+            return ModeLoss.NONE
+        return ModeLoss.FAILSAFE if snapshot.is_failsafe else ModeLoss.LEFT
+
+    def _while_px4_lands(self, snapshot: Snapshot, *, is_on_ground: bool) -> ModeLoss:
+        is_landing = snapshot.mode == "LAND"
+        was_landing = self._has_landing_mode
+        self._has_landing_mode = was_landing or is_landing
+
+        # a failsafe's mode still lands it, and on the ground there is nothing left to take over
+        is_taken = was_landing and not is_landing
+        if is_taken and not is_on_ground and not snapshot.is_failsafe:
+            return ModeLoss.LEFT
+        return ModeLoss.NONE

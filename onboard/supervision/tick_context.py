@@ -1,0 +1,40 @@
+"""What the agent knows of itself at a tick, beside its estimate and its flight."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from onboard.autopilot import Vec4
+from onboard.types import TICK_S
+
+
+@dataclass(slots=True)
+class TickContext:
+    """State of the agent itself at one tick."""
+
+    # own process
+    period_s: float = TICK_S  # since the last tick
+    is_last_tick_finite: bool = True
+    law_refusal: str = ""  # why Covey's law flies in the place of the one that the fleet file names
+    is_stopping: bool = False  # the agent is asked to end
+    has_duplicate: bool = False  # another agent publishes for this vehicle
+    is_disk_full: bool = False
+    clock_jump_ns: int = 0  # time of the last jump of our clock; 0 never
+
+    # bus
+    has_ground: bool = False  # a ground station is on the bus
+    bus_age_s: float = 0.0  # since the last message of any neighbour
+
+    # the vehicle and the others
+    is_airborne: bool = False
+    # charge at which a simulated battery stops emptying; 0 for a real one
+    battery_floor_frac: float = 0.0
+    nearest_m: float = math.inf  # separation from the nearest vehicle
+
+    # the last pass of the pipeline
+    law_status: int = 0
+    active_neighbour: int = -1  # index of the neighbour that the law keeps it from; -1 for none
+    commanded_wxyz: Vec4 = (1.0, 0.0, 0.0, 0.0)  # attitude setpoint sent last, in the fleet frame
+    thrust_frac: float = 0.0  # throttle sent last
+    below_m: float = 0.0  # height of the trajectory above the vehicle

@@ -1,0 +1,272 @@
+"""Looks at all parts of an agent once a tick, and hands on what it saw as one value.
+
+What needs a memory to be seen at all (a PX4 whose clock stands still, a battery that falls, an
+attitude that does not follow) has a monitor of its own; this module asks each of them.
+"""
+
+from __future__ import annotations
+
+import math
+
+from onboard.config.fleet import FleetConfig, Vehicle
+from onboard.control.allocation import MAX_THRUST_FRAC
+from onboard.control.vertical import vertical_s
+from onboard.flight.context import FlightContext
+from onboard.flight.types import FlightStep, FlightView
+from onboard.localization.own_state import OwnState
+from onboard.neighbours.table import NeighbourTable
+from onboard.safety.autopilot_monitor import AutopilotMonitor
+from onboard.safety.battery_monitor import BatteryMonitor
+from onboard.safety.failsafe_table import Situation
+from onboard.safety.geofence import Fence, FenceStatus
+from onboard.safety.held import Held
+from onboard.safety.limits import POSITION_STALE_S
+from onboard.safety.report_confirmation import ReportConfirmation
+from onboard.safety.tracking_monitor import TrackingMonitor
+from onboard.supervision.condition_table import SWAP_JUMPS
+from onboard.supervision.neighbour_monitor import NeighbourMonitor
+from onboard.supervision.offboard_monitor import OffboardMonitor
+from onboard.supervision.tick_context import TickContext
+from onboard.supervision.tick_facts import SlowFacts, TickFacts
+from onboard.types import GRAVITY_M_S2, LawStatus
+
+_SLOW_TICKS = 5  # from one slow look to the next
+_SWAP_RADIUS_M = 0.3  # so near to another vehicle a jump is a swap of two bodies
+
+# below these heights the ground carries the vehicle, and it need not follow its commands
+_TRACKED_ABOVE_M = 0.2
+_TRACKED_BLIND_ABOVE_M = 0.5  # of a height that reads too high
+# in a landing: PX4's height by satellites errs by 0.7 m, and the ground comes early
+_TRACKED_SATELLITES_ABOVE_M = 1.0
+_LONGEST_TICK_S = 0.1  # that tracking integrates over
+
+_BRAKE_SHARE = 0.6  # of the acceleration at the largest tilt, assumed for braking before the fence
+_NOWHERE_NEAR = FenceStatus(is_near=False, is_outside=False, is_above=False)
+
+
+class TickObserver:
+    """The eyes of one vehicle's failsafes; call :meth:`look` at every tick.
+
+    Args:
+        fleet: the fleet file.
+        vehicle: of that file.
+        own: its estimate.
+        flight: its flight, which is only read.
+        neighbours: what the others published.
+    """
+
+    def __init__(
+        self,
+        fleet: FleetConfig,
+        vehicle: Vehicle,
+        own: OwnState,
+        flight: FlightContext,
+        neighbours: NeighbourTable,
+    ) -> None:
+        self.reports = ReportConfirmation()
+        self._limits = fleet.fleet
+        self._law_name = fleet.law.name
+        self._vehicle = vehicle
+        self._own = own
+        self._flight = flight
+        self._fence = _fence(fleet, vehicle)
+
+        self._stale = Held()
+        self._autopilot = AutopilotMonitor()
+        self._offboard = OffboardMonitor()
+        self._tracking = TrackingMonitor(vehicle.lag_s, MAX_THRUST_FRAC)
+        self._battery = BatteryMonitor()
+        self._neighbours = NeighbourMonitor(fleet, vehicle, neighbours, flight)
+
+        self._slow = SlowFacts()
+        self._tick_count = 0
+
+    def look(self, view: FlightView, context: TickContext) -> TickFacts:
+        """Return the facts of this tick."""
+        own, flight, neighbours = self._own, self._flight, self._neighbours
+        now_ns = view.now_ns
+        snapshot = view.snapshot
+        is_flying = flight.step.situation is Situation.FLYING
+        is_under_law = flight.step.is_under_law
+        height_m = view.position_enu_m[2] - flight.ground_z_m
+
+        position_age_s = own.age_s
+        self._stale.update(position_age_s > POSITION_STALE_S, now_ns)
+        jumps = own.jumps
+        jumped_onto = ""
+        if jumps >= SWAP_JUMPS:
+            jumped_onto = self._jumped_onto(now_ns)
+
+        self._autopilot.update(
+            now_ns,
+            packet_ns=snapshot.last_packet_ns,
+            attitude_ns=snapshot.attitude_ns,
+            heartbeat_ns=snapshot.heartbeat_ns,
+            boot_ms=snapshot.px4_boot_ms,
+        )
+        has_landed_report = view.has_landed_report
+        is_on_ground = has_landed_report and view.was_on_ground
+        mode_loss = self._offboard.update(now_ns, snapshot, flight, is_on_ground=is_on_ground)
+        self._follow_tracking(view, context, height_m, is_under_law=is_under_law)
+
+        fence = _NOWHERE_NEAR
+        if view.has_position:
+            fence = self._fence.status(view.position_enu_m, view.velocity_enu_m_s)
+
+        silence = neighbours.look(now_ns)
+        touched = self._touched(view, context)
+        overdue = flight.overdue(view)
+        if overdue == "":
+            overdue = neighbours.kept_off_by(flight.goal_position_enu_m, view)
+        if flight.step is FlightStep.LEG:
+            neighbours.count_avoided(context.active_neighbour)
+
+        law_refusal = ""
+        if context.law_refusal:
+            law_refusal = f"{self._law_name} {context.law_refusal}"
+
+        self._tick_count += 1
+        is_slow_tick = self._tick_count % _SLOW_TICKS == 0
+        if is_slow_tick:
+            self._slow = self._look_slowly(view, context, height_m)
+
+        return TickFacts(
+            now_ns=now_ns,
+            limits=self._limits,
+            is_slow_tick=is_slow_tick,
+            slow=self._slow,
+            # the flight
+            is_flying=is_flying,
+            is_under_law=is_under_law,
+            is_airborne=context.is_airborne,
+            is_in_contact=flight.step is FlightStep.CONTACT,
+            overdue=overdue,
+            # own motion
+            has_position=view.has_position,
+            position_age_s=position_age_s,
+            position_stale_s=self._stale.seconds(now_ns),
+            height_enu_m=view.position_enu_m[2],
+            height_m=height_m,
+            mocap_required=self._vehicle.mocap_required,
+            jumps=jumps,
+            jumped_onto=jumped_onto,
+            is_mocap_frozen=own.validator.is_frozen,
+            is_mocap_late=own.validator.is_late,
+            # PX4
+            is_px4_silent=self._autopilot.is_silent,
+            px4_nonsense=self.reports.impossible(now_ns),
+            is_px4_frozen=self._autopilot.is_frozen,
+            is_heartbeat_late=self._autopilot.is_heartbeat_late,
+            is_px4_rebooted=self._autopilot.is_rebooted,
+            is_px4_back=self._autopilot.is_back,
+            contradicted_s=self.reports.contradicted_s(now_ns),
+            contradicted=self.reports.contradicted,
+            has_landed_report=has_landed_report,
+            is_on_ground=is_on_ground,
+            mode_loss=mode_loss,
+            px4_mode=snapshot.mode,
+            is_attitude_lost=self._tracking.is_attitude_lost,
+            is_thrust_saturated=self._tracking.is_saturated,
+            is_sinking=self._tracking.is_sinking,
+            # own process
+            period_s=context.period_s,
+            is_last_tick_finite=context.is_last_tick_finite,
+            law_refusal=law_refusal,
+            is_stopping=context.is_stopping,
+            has_duplicate=context.has_duplicate,
+            is_disk_full=context.is_disk_full,
+            # bus and ground
+            bus_age_s=context.bus_age_s,
+            has_ground=context.has_ground,
+            # geofence
+            is_fence_near=fence.is_near,
+            is_outside=fence.is_outside,
+            is_above_ceiling=fence.is_above,
+            # other vehicles
+            nearest_m=context.nearest_m,
+            touched=touched,
+            is_law_infeasible=context.law_status == LawStatus.INFEASIBLE,
+            silent=silence.silent,
+            unseen=silence.unseen,
+            heard_again=silence.heard_again,
+        )
+
+    def _jumped_onto(self, now_ns: int) -> str:
+        """Return the vehicle near the newest impossible sample; empty for none."""
+        jumped_to_enu_m = self._own.jumped_to_enu_m
+        if jumped_to_enu_m is None:
+            return ""
+        return self._neighbours.nearest_to(jumped_to_enu_m, _SWAP_RADIUS_M, now_ns)
+
+    def _touched(self, view: FlightView, context: TickContext) -> str:
+        """Return the vehicle that is nearer than a body; empty for none."""
+        limits = self._limits
+        nearest_m = context.nearest_m
+        is_breached = context.is_airborne and nearest_m < limits.safety_distance_m
+        if not is_breached or nearest_m >= limits.body_diameter_m:
+            return ""
+        return self._neighbours.nearest_to(view.position_enu_m, limits.body_diameter_m, view.now_ns)
+
+    def _follow_tracking(
+        self, view: FlightView, context: TickContext, height_m: float, *, is_under_law: bool
+    ) -> None:
+        """Compare attitude and thrust with what was commanded, while nothing else carries it."""
+        step = self._flight.step
+        lowest_m = _TRACKED_BLIND_ABOVE_M if view.is_blind else _TRACKED_ABOVE_M
+        if step.situation is Situation.LANDING and not self._vehicle.mocap_required:
+            lowest_m = _TRACKED_SATELLITES_ABOVE_M
+
+        if not is_under_law or step is FlightStep.LIFTOFF or height_m < lowest_m:
+            self._tracking.reset()
+            return
+        self._tracking.update(
+            context.commanded_wxyz,
+            self._own.attitude_wxyz(view.snapshot),
+            context.thrust_frac,
+            below_m=context.below_m,
+            climb_m_s=view.velocity_enu_m_s[2],
+            dt_s=min(context.period_s, _LONGEST_TICK_S),
+        )
+
+    def _look_slowly(self, view: FlightView, context: TickContext, height_m: float) -> SlowFacts:
+        now_ns = view.now_ns
+        neighbours = self._neighbours.look_slowly(view)
+        battery_frac, battery_voltage_v = view.snapshot.battery(now_ns)
+
+        if self._flight.step.situation in (Situation.GROUND, Situation.ARMED):
+            self._battery.reset()
+        else:
+            self._battery.update(
+                now_ns * 1e-9,
+                battery_frac,
+                battery_voltage_v,
+                land_frac=0.01 * self._limits.battery_land_pct,
+                descent_s=vertical_s(height_m, self._vehicle.max_speed_m_s),
+                floor_frac=context.battery_floor_frac,
+            )
+
+        return SlowFacts(
+            px4_accuracy_m=view.snapshot.accuracy_m(now_ns),
+            has_lost_satellites=self._own.has_lost_satellites,
+            battery_frac=battery_frac,
+            is_battery_falling=self._battery.is_falling,
+            clock_jump_ns=max(self._own.validator.clock_jump_ns, context.clock_jump_ns),
+            without_position=neighbours.without_position,
+            late=neighbours.late,
+            other_files=neighbours.other_files,
+            implausible=neighbours.implausible,
+            uncooperative=neighbours.uncooperative,
+            endangered=neighbours.endangered,
+        )
+
+
+def _fence(fleet: FleetConfig, vehicle: Vehicle) -> Fence:
+    limits = fleet.fleet.geofence_m
+    tilt_rad = math.radians(vehicle.max_tilt_deg)
+    brake_m_s2 = _BRAKE_SHARE * GRAVITY_M_S2 * math.tan(tilt_rad)
+    return Fence(
+        low_enu_m=(limits.x[0], limits.y[0], limits.z[0]),
+        high_enu_m=(limits.x[1], limits.y[1], limits.z[1]),
+        brake_m_s2=(brake_m_s2, brake_m_s2, 0.5 * GRAVITY_M_S2),
+        reaction_s=vehicle.lag_s,
+    )

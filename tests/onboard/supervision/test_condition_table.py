@@ -1,0 +1,233 @@
+"""The condition table has a row for each condition, and a condition begins at the tick that its row
+says.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections import Counter
+from collections.abc import Callable, Iterable
+
+import pytest
+from msgspec.structs import replace
+
+from onboard.safety.failsafe_table import Condition
+from onboard.safety.held import Held
+from onboard.supervision.condition_monitor import ANY_TIME_S, ConditionMonitor, time_limit_s
+from onboard.supervision.condition_table import ROWS, Cause, ConditionRow
+from onboard.supervision.tick_facts import ModeLoss, SlowFacts, TickFacts
+from tests.onboard.supervision.limits import LIMITS
+
+TICK_NS = 20_000_000
+FINE = TickFacts(now_ns=0, limits=LIMITS, is_slow_tick=True)
+
+
+def ticks_with(
+    cause: Cause, seen: Iterable[bool], *, every_ns: int = TICK_NS, slow_every: int = 1
+) -> list[bool]:
+    """Return at which ticks a condition with this cause holds; ``seen`` is its predicate's word."""
+    row = ConditionRow(Condition.BUS_LOST, (cause,))
+    monitor = ConditionMonitor(LIMITS, [row])
+    holds = []
+    for tick, is_seen in enumerate(seen):
+        facts = replace(
+            FINE,
+            now_ns=tick * every_ns,
+            is_disk_full=is_seen,
+            is_slow_tick=tick % slow_every == 0,
+        )
+        holds.append(bool(monitor.look(facts)))
+    return holds
+
+
+def full(facts: TickFacts) -> bool:
+    return facts.is_disk_full
+
+
+# -- the table -------------------------------------------------------------------------------------
+
+
+def test_every_condition_has_exactly_one_row() -> None:
+    assert Counter(row.condition for row in ROWS) == Counter(Condition)
+
+
+def test_nothing_holds_for_a_vehicle_without_complaints() -> None:
+    monitor = ConditionMonitor(LIMITS)
+    for tick in range(200):
+        assert monitor.look(replace(FINE, now_ns=tick * TICK_NS)) == {}
+
+
+# facts that are wrong, for the condition or the conditions that they are a sign of
+WRONG: dict[Condition, TickFacts] = {
+    Condition.POSITION_STALE: replace(FINE, position_age_s=0.3),
+    Condition.POSITION_LOST: replace(FINE, position_age_s=0.6),
+    Condition.POSITION_LOST_LONG: replace(FINE, position_age_s=7.0),
+    Condition.POSITION_JUMPED: replace(FINE, jumps=3),
+    Condition.MOCAP_SWAPPED: replace(FINE, jumps=2, jumped_onto="mav1"),
+    Condition.MOCAP_FROZEN: replace(FINE, is_mocap_frozen=True),
+    Condition.MOCAP_LATE: replace(FINE, is_mocap_late=True),
+    Condition.SATELLITES_LOST: replace(FINE, slow=SlowFacts(has_lost_satellites=True)),
+    Condition.POSITION_INACCURATE: replace(
+        FINE, mocap_required=False, slow=SlowFacts(px4_accuracy_m=1.0)
+    ),
+    Condition.LEFT_OFFBOARD: replace(FINE, mode_loss=ModeLoss.LEFT, px4_mode="POSCTL"),
+    Condition.PX4_FAILSAFE: replace(FINE, mode_loss=ModeLoss.FAILSAFE),
+    Condition.DISARMED: replace(FINE, mode_loss=ModeLoss.DISARMED),
+    Condition.REBOOTED: replace(FINE, is_px4_rebooted=True),
+    Condition.AUTOPILOT_SILENT: replace(FINE, is_px4_silent=True),
+    Condition.AUTOPILOT_IMPOSSIBLE: replace(FINE, is_px4_silent=True, px4_nonsense="It lies."),
+    Condition.AUTOPILOT_FROZEN: replace(FINE, is_px4_frozen=True),
+    Condition.AUTOPILOT_BACK: replace(FINE, is_px4_back=True),
+    Condition.HEARTBEAT_LOST: replace(FINE, is_heartbeat_late=True),
+    Condition.REPORTS_CONTRADICT: replace(FINE, contradicted_s=0.1, contradicted="battery"),
+    Condition.REPORTS_CONTRADICT_LONG: replace(FINE, contradicted_s=2.1, contradicted="battery"),
+    Condition.LANDED_UNKNOWN: replace(FINE, has_landed_report=False),
+    Condition.LANDED_WRONG: replace(
+        FINE, is_flying=True, height_m=1.0, height_enu_m=1.0, is_on_ground=True
+    ),
+    Condition.ATTITUDE_NOT_FOLLOWED: replace(FINE, is_attitude_lost=True),
+    Condition.THRUST_SATURATED: replace(FINE, is_thrust_saturated=True),
+    Condition.NOT_CLIMBING: replace(FINE, is_sinking=True),
+    Condition.FALLEN: replace(FINE, is_flying=True, height_enu_m=0.1),
+    Condition.LOOP_LATE: replace(FINE, period_s=0.03),
+    Condition.LOOP_STALLED: replace(FINE, period_s=0.25),
+    Condition.LOOP_STALLED_LONG: replace(FINE, period_s=0.35),
+    Condition.CLOCK_JUMPED: replace(FINE, slow=SlowFacts(clock_jump_ns=1)),
+    Condition.NOT_FINITE: replace(FINE, is_last_tick_finite=False),
+    Condition.NOT_FINITE_LONG: replace(FINE, is_last_tick_finite=False),
+    Condition.OWN_LAW_REFUSED: replace(FINE, law_refusal="mine is slow"),
+    Condition.DISK_FULL: replace(FINE, is_disk_full=True),
+    Condition.TWIN: replace(FINE, has_duplicate=True),
+    Condition.SHUTDOWN: replace(FINE, is_stopping=True),
+    Condition.BUS_LOST: replace(FINE, bus_age_s=1.1),
+    Condition.BUS_LOST_LONG: replace(FINE, bus_age_s=1.1),
+    Condition.GROUND_LOST: replace(FINE, has_ground=False),
+    Condition.GROUND_LOST_LONG: replace(FINE, has_ground=False),
+    Condition.ORDER_OVERDUE: replace(FINE, overdue=""),
+    Condition.COLLISION_SUSPECTED: replace(FINE, is_airborne=True, nearest_m=0.1, touched="mav1"),
+    Condition.SEPARATION_BREACHED: replace(FINE, is_airborne=True, nearest_m=0.1),
+    Condition.SEPARATION_PREDICTED: replace(FINE, slow=SlowFacts(endangered=("mav1",))),
+    Condition.LAW_INFEASIBLE: replace(FINE, is_under_law=True, is_law_infeasible=True),
+    Condition.NEIGHBOUR_UNSEEN: replace(FINE, silent=("mav1",), unseen=("mav1",)),
+    Condition.NEIGHBOUR_SILENT: replace(FINE, silent=("mav1",)),
+    Condition.NEIGHBOUR_INVALID: replace(FINE, slow=SlowFacts(without_position=("mav1",))),
+    Condition.NEIGHBOUR_UNCOOPERATIVE: replace(FINE, slow=SlowFacts(uncooperative=("mav1",))),
+    Condition.NEIGHBOUR_IMPLAUSIBLE: replace(FINE, slow=SlowFacts(implausible=("mav1 jumps",))),
+    Condition.NEIGHBOUR_STALE: replace(FINE, slow=SlowFacts(late=("mav1",))),
+    Condition.NEIGHBOUR_BACK: replace(FINE, heard_again=("mav1",)),
+    Condition.CONFIG_DIFFERS: replace(FINE, slow=SlowFacts(other_files=("mav1",))),
+    Condition.BATTERY_WARNING: replace(FINE, slow=SlowFacts(battery_frac=0.1)),
+    Condition.BATTERY_LOW: replace(FINE, slow=SlowFacts(battery_frac=0.1)),
+    Condition.BATTERY_FALLING: replace(FINE, slow=SlowFacts(is_battery_falling=True)),
+    Condition.BATTERY_UNKNOWN: replace(FINE, slow=SlowFacts(battery_frac=float("nan"))),
+    Condition.FENCE_NEAR: replace(FINE, is_fence_near=True),
+    Condition.FENCE_BREACH: replace(FINE, is_outside=True),
+    Condition.FENCE_BREACH_LONG: replace(FINE, is_outside=True),
+    Condition.CEILING: replace(FINE, is_above_ceiling=True),
+}
+
+
+@pytest.mark.parametrize("row", ROWS, ids=lambda row: row.condition.name)
+def test_a_condition_begins_when_its_row_says_and_ends_with_its_facts(row: ConditionRow) -> None:
+    wrong = WRONG[row.condition]
+    # LOST_LONG has a second cause, for vehicles without a mocap
+    checks, over_s = row.causes[0].checks, time_limit_s(row.causes[0], LIMITS)
+
+    monitor = ConditionMonitor(LIMITS)
+    for tick in itertools.count(1):
+        is_expected = tick >= checks and (tick - 1) * TICK_NS * 1e-9 > over_s
+        holds = monitor.look(replace(wrong, now_ns=tick * TICK_NS))
+        assert (row.condition in holds) is is_expected, tick
+        if is_expected:
+            break
+
+    ended_ns = tick * TICK_NS + 6 * 10**9  # behind the time for which a jump of a clock is said
+    assert monitor.look(replace(FINE, now_ns=ended_ns)) == {}
+
+
+def test_a_vehicle_without_a_mocap_has_lost_its_position_for_long_when_px4_is_off_by_metres() -> (
+    None
+):
+    monitor = ConditionMonitor(LIMITS)
+    wrong = replace(FINE, mocap_required=False, slow=SlowFacts(px4_accuracy_m=3.1))
+    held = [monitor.look(replace(wrong, now_ns=tick * TICK_NS)) for tick in range(40)]
+    assert Condition.POSITION_LOST_LONG not in held[25]  # after 0.5 s
+    assert held[26][Condition.POSITION_LOST_LONG] == "PX4 says 3.1 m"
+
+
+def test_a_silent_px4_whose_numbers_are_impossible_is_not_called_silent_as_well() -> None:
+    monitor = ConditionMonitor(LIMITS)
+    for tick in range(4):
+        monitor.look(replace(FINE, now_ns=tick * TICK_NS, is_px4_silent=True))
+    # the silence has lasted, whatever is sent while it does
+    says = replace(FINE, now_ns=4 * TICK_NS, is_px4_silent=True, px4_nonsense="It lies.")
+    assert monitor.look(says) == {Condition.AUTOPILOT_IMPOSSIBLE: "It lies"}
+    says_nothing = replace(FINE, now_ns=5 * TICK_NS, is_px4_silent=True)
+    assert set(monitor.look(says_nothing)) == {Condition.AUTOPILOT_SILENT}
+
+
+# -- how long a cause has to hold ------------------------------------------------------------------
+
+
+def test_a_cause_counts_only_after_its_checks_in_a_row() -> None:
+    cause = Cause(full, checks=3)
+    assert ticks_with(cause, [True] * 4) == [False, False, True, True]
+    assert ticks_with(cause, [True, True, False, True, True, True]) == [False] * 5 + [True]
+    assert ticks_with(Cause(full), [False, True, False]) == [False, True, False]
+
+
+def test_a_cause_counts_only_when_it_has_held_for_longer_than_its_time() -> None:
+    cause = Cause(full, over_s=0.5)
+    quarters = 250_000_000
+    assert ticks_with(cause, [True] * 4, every_ns=quarters) == [False, False, False, True]
+    # a check that has not seen it begins the time anew
+    seen = [True] * 3 + [False] + [True] * 4
+    assert ticks_with(cause, seen, every_ns=quarters) == [False] * 7 + [True]
+
+
+def test_checks_and_time_must_both_have_passed() -> None:
+    cause = Cause(full, checks=5, over_s=0.02)
+    assert ticks_with(cause, [True] * 6) == [False] * 4 + [True] * 2
+    # a process that was not scheduled: much time, and few checks
+    assert ticks_with(cause, [True] * 5, every_ns=10**9) == [False] * 4 + [True]
+
+
+def test_a_slow_cause_counts_slow_ticks_and_holds_until_the_next_one() -> None:
+    cause = Cause(full, checks=2, is_slow=True)
+    holds = ticks_with(cause, [True] * 8 + [False] * 4, slow_every=5)
+    assert holds == [False] * 5 + [True] * 5 + [False] * 2
+
+
+def test_what_is_given_is_asked_for_only_when_the_cause_has_held_long_enough() -> None:
+    cause = Cause(full, checks=2, given=lambda facts: facts.now_ns >= 3 * TICK_NS)
+    assert ticks_with(cause, [True] * 5) == [False, False, False, True, True]
+
+
+def test_the_name_of_a_key_is_a_time_of_the_fleet_file() -> None:
+    assert time_limit_s(Cause(full, over_s="bus_lost_land_s"), LIMITS) == LIMITS.bus_lost_land_s
+    assert time_limit_s(Cause(full), LIMITS) == ANY_TIME_S
+
+
+def test_the_detail_is_that_of_the_last_cause_that_holds() -> None:
+    predicate: Callable[[TickFacts], bool] = full
+    row = ConditionRow(
+        Condition.BUS_LOST,
+        (Cause(predicate, detail="first"), Cause(predicate, checks=2, detail="second")),
+    )
+    monitor = ConditionMonitor(LIMITS, [row])
+    facts = replace(FINE, is_disk_full=True)
+    assert monitor.look(facts) == {Condition.BUS_LOST: "first"}
+    assert monitor.look(facts) == {Condition.BUS_LOST: "second"}
+
+
+def test_held_begins_at_its_first_check_and_ends_with_the_first_that_sees_nothing() -> None:
+    held = Held()
+    assert held.seconds(5) == 0.0
+    held.update(True, 10**9)
+    assert (held.checks, held.seconds(10**9)) == (1, 0.0)
+    held.update(True, 3 * 10**9)
+    assert (held.checks, held.seconds(3 * 10**9)) == (2, 2.0)
+    held.update(False, 4 * 10**9)
+    assert (held.checks, held.seconds(4 * 10**9)) == (0, 0.0)
+    held.update(True, 5 * 10**9)
+    assert held.seconds(6 * 10**9) == 1.0
