@@ -1,5 +1,8 @@
-"""A show made flyable: its take-off and landing cut off, slowed where it is too fast, starts spread
-where they collide.
+"""A show made flyable.
+
+Its own take-off and landing are cut off, since Covey flies these; homes are dealt out again where
+they are far from the paths; the whole show is slowed where it is too fast; vehicles whose paths
+come too near begin later.
 
 Nothing is changed silently: every change is a note, for one drone or for all, and import writes
 them into its files.
@@ -30,14 +33,19 @@ from onboard.arrays import Array
 from onboard.config.fleet import ConfigError, Vec3
 from onboard.control.path import Path, path_of, point_at, sampled
 
-_TAKEOFF_M, _LOWEST_TAKEOFF_M = 1.0, 0.5
+_TAKEOFF_M = 1.0
+_LOWEST_TAKEOFF_M = 0.5
 _JOIN_S = 1.0  # on either side of the height at which the show is taken over from the take-off
 _GRID_S = 0.05
-_STILL_M_S = 0.02
-_ROOM = 1.005
+_STILL_M_S = 0.02  # a path that is slower at its end needs no piece that brings it to rest
+_ROOM = 1.005  # by which a show is slowed beyond what is needed
 _SLOWEST = 4.0
-_DEAL_ABOVE_M = 0.5  # by which the longest way to the begin of a path must become shorter
-_SPREAD_STEP_S, _MOST_SPREAD_S, _SPREAD_ROUNDS = 0.5, 4.0, 24
+_DEAL_ABOVE_M = 0.5  # by which the longest distance from home to path must become shorter
+
+# starts are spread in steps, one vehicle a round
+_SPREAD_STEP_S = 0.5
+_MOST_SPREAD_S = 4.0
+_SPREAD_ROUNDS = 24
 
 
 @dataclass(slots=True)
@@ -76,109 +84,145 @@ def converted(
     Raises:
         ConfigError: homes or paths are too near to each other, or the show is far too fast.
     """
-    highest = {
-        one.name: float(sampled(one.path, _grid(one.path))[0][:, 2].max()) for one in show.drones
-    }
-    takeoff_m = min(_TAKEOFF_M, round(0.8 * min(highest.values()), 2))
-    if takeoff_m < _LOWEST_TAKEOFF_M:
-        low = [name for name, height_m in highest.items() if 0.8 * height_m < _LOWEST_TAKEOFF_M]
-        raise ConfigError(
-            f"{', '.join(low)}: the path stays on the ground. Take these drones out of the show."
-        )
+    takeoff_m = _takeoff_height_m(show)
     made = Converted(
-        takeoff_m, {names[one.name]: (*one.home_enu_m[:2], 0.0) for one in show.drones}, {}, {}
+        takeoff_m=takeoff_m,
+        homes={names[drone.name]: (*drone.home_enu_m[:2], 0.0) for drone in show.drones},
+        paths={},
+        lights={},
     )
-    made.own_notes = {
-        names[one.name]: [f"{one.name!r} of the show {show.title!r}"] for one in show.drones
-    }
+    for drone in show.drones:
+        made.own_notes[names[drone.name]] = [f"{drone.name!r} of the show {show.title!r}"]
     _check_homes(made.homes, home_spacing_m)
-    flown = {one.name: _flown(one, takeoff_m) for one in show.drones}
+
+    flown = {drone.name: _flown(drone, takeoff_m) for drone in show.drones}
     zero_s = min(begin_s for begin_s, _ in flown.values())
     made.notes.append(
-        f"take-off to {takeoff_m:g} m and landing are Covey's own; the show is flown above that height"
+        f"take-off to {takeoff_m:g} m and landing are Covey's own; the show is flown above that "
+        "height"
     )
-    for one in show.drones:
-        begin_s, pieces = flown[one.name]
+
+    for drone in show.drones:
+        begin_s, pieces = flown[drone.name]
         waiting_s = begin_s - zero_s
         if waiting_s > 1e-3:
             pieces = np.concatenate([[resting(waiting_s, pieces[0][1::8])], pieces])
-        made.paths[names[one.name]] = path_of(pieces.tolist())
-        made.lights[names[one.name]] = tuple(
-            (max(t - zero_s, 0.0), r, g, b) for t, r, g, b in one.lights
+        vehicle = names[drone.name]
+        made.paths[vehicle] = path_of(pieces.tolist())
+        made.lights[vehicle] = tuple(
+            (max(t - zero_s, 0.0), red, green, blue) for t, red, green, blue in drone.lights
         )
+
     _deal_homes(made)
     _slow_down(made, limits)
     _spread_starts(made, spacing_m, height_share)
     return made
 
 
+def _takeoff_height_m(show: Show) -> float:
+    """Return the height from which the show is flown: one that every path of it reaches."""
+    highest_m = {
+        drone.name: float(sampled(drone.path, _grid(drone.path))[0][:, 2].max())
+        for drone in show.drones
+    }
+    takeoff_m = min(_TAKEOFF_M, round(0.8 * min(highest_m.values()), 2))
+    if takeoff_m < _LOWEST_TAKEOFF_M:
+        low = [name for name, height_m in highest_m.items() if 0.8 * height_m < _LOWEST_TAKEOFF_M]
+        raise ConfigError(
+            f"{', '.join(low)}: the path stays on the ground. Take these drones out of the show."
+        )
+    return takeoff_m
+
+
 def _grid(path: Path) -> Array:
-    return np.linspace(0.0, path.duration_s, max(2, math.ceil(path.duration_s / _GRID_S) + 1))
+    """Return times from the begin to the end of a path."""
+    count = max(2, math.ceil(path.duration_s / _GRID_S) + 1)
+    return np.linspace(0.0, path.duration_s, count)
 
 
 def _flown(drone: Drone, takeoff_m: float) -> tuple[float, Array]:
-    """Return the part of a path above the take-off's height, from rest to rest, and when it begins
-    in the show.
+    """Return when the part of a path above the take-off's height begins in the show, and its pieces.
+
+    It begins and ends at rest; where the show is moving there, a piece is added that leads to or
+    from rest.
     """
     times_s = _grid(drone.path)
-    is_high = np.flatnonzero(sampled(drone.path, times_s)[0][:, 2] >= takeoff_m - 1e-3)
-    begin_s, end_s = float(times_s[is_high[0]]), float(times_s[is_high[-1]])
+    heights_m = sampled(drone.path, times_s)[0][:, 2]
+    high = np.flatnonzero(heights_m >= takeoff_m - 1e-3)
+    begin_s = float(times_s[high[0]])
+    end_s = float(times_s[high[-1]])
     if end_s - begin_s < 2.5 * _JOIN_S:
         raise ConfigError(
             f"'{drone.name}' is above {takeoff_m:g} m for less than {2.5 * _JOIN_S:g} s: no path."
         )
+
+    # (3, 4, 4): motion at the begin, after the first join, before the last one, and at the end
     at = sampled(drone.path, np.array([begin_s, begin_s + _JOIN_S, end_s - _JOIN_S, end_s]))
-    rest = np.zeros((3, 4))
-    first, last = [], []
-    if np.abs(at[1, 0]).max() > _STILL_M_S:
+    is_moving_first = np.abs(at[1, 0]).max() > _STILL_M_S
+    is_moving_last = np.abs(at[1, 3]).max() > _STILL_M_S
+    parts = []
+    starts_s = drone.begin_s + begin_s
+
+    if is_moving_first:
+        rest = np.zeros((3, 4))
         rest[0] = at[0, 0]
-        first = [quintic(2.0 * _JOIN_S, rest, at[:, 1])]
-    if np.abs(at[1, 3]).max() > _STILL_M_S:
-        last = [quintic(2.0 * _JOIN_S, at[:, 2], np.concatenate([at[:1, 3], np.zeros((2, 4))]))]
-    middle = cut(
-        drone.path, begin_s + _JOIN_S if first else begin_s, end_s - _JOIN_S if last else end_s
-    )
-    pieces = np.concatenate([*([first] if first else []), middle, *([last] if last else [])])
-    return drone.begin_s + begin_s - (_JOIN_S if first else 0.0), pieces
+        parts.append([quintic(2.0 * _JOIN_S, rest, at[:, 1])])
+        starts_s -= _JOIN_S
+        begin_s += _JOIN_S
+
+    last_part = []
+    if is_moving_last:
+        rest = np.concatenate([at[:1, 3], np.zeros((2, 4))])
+        last_part.append([quintic(2.0 * _JOIN_S, at[:, 2], rest)])
+        end_s -= _JOIN_S
+
+    return starts_s, np.concatenate([*parts, cut(drone.path, begin_s, end_s), *last_part])
 
 
 def _check_homes(homes: Mapping[str, Vec3], spacing_m: float) -> None:
-    names, spots = list(homes), np.array([home[:2] for home in homes.values()])
-    apart = np.sqrt(((spots[:, None] - spots[None]) ** 2).sum(-1))
-    near = [
-        (apart[i, j], names[i], names[j])
+    """Refuse homes that stand nearer than a distance."""
+    names = list(homes)
+    spots = np.array([home[:2] for home in homes.values()])
+    distances_m = np.sqrt(((spots[:, None] - spots[None]) ** 2).sum(-1))
+
+    pairs = sorted(
+        (distances_m[i, j], names[i], names[j])
         for i, j in zip(*np.triu_indices(len(names), 1), strict=True)
-    ]
+    )
     words = [
-        f"{first} and {second} {away:.2f} m"
-        for away, first, second in sorted(near)
-        if away < spacing_m - 1e-6
+        f"{first} and {second} {distance_m:.2f} m"
+        for distance_m, first, second in pairs
+        if distance_m < spacing_m - 1e-6
     ]
     if words:
         raise ConfigError(
-            f"The homes of {listed_words(words)} stand nearer than {spacing_m:.2f} m, which the law needs."
+            f"The homes of {listed_words(words)} stand nearer than {spacing_m:.2f} m, which the "
+            "law needs."
         )
 
 
 def _deal_homes(made: Converted) -> None:
     """Give each vehicle a home near the begin of its path, where the show's own are far from it."""
     begins = {name: point_at(path, 0.0).position_enu_m for name, path in made.paths.items()}
-    over = {name: (x, y, begins[name][2]) for name, (x, y, _) in made.homes.items()}
-    takes = nearest_slots(over, begins, (0.0, 0.0, 0.0))
-    before_m, after_m = (
-        {name: math.dist(over[taken], begins[name]) for name, taken in deal.items()}
-        for deal in ({name: name for name in over}, takes)
-    )
+    # each home, at the height at which its path begins
+    above_home = {name: (x, y, begins[name][2]) for name, (x, y, _) in made.homes.items()}
+    dealt = nearest_slots(above_home, begins, (0.0, 0.0, 0.0))
+
+    before_m = {name: math.dist(above_home[name], begins[name]) for name in above_home}
+    after_m = {name: math.dist(above_home[home], begins[name]) for name, home in dealt.items()}
     if max(before_m.values()) - max(after_m.values()) < _DEAL_ABOVE_M:
         return
+
     homes = dict(made.homes)
-    for name, taken in takes.items():
-        if name != taken:
-            made.homes[name] = homes[taken]
-            made.own_notes[name].append(
-                f"starts from {taken}'s home, {after_m[name]:.2f} m from the begin of its path instead of "
-                f"{before_m[name]:.2f} m: homes are dealt out such that the longest way to a path is short"
-            )
+    for name, home_of in dealt.items():
+        if name == home_of:
+            continue
+        made.homes[name] = homes[home_of]
+        made.own_notes[name].append(
+            f"starts from {home_of}'s home, {after_m[name]:.2f} m from the begin of its path "
+            f"instead of {before_m[name]:.2f} m: homes are dealt out such that the longest way to "
+            "a path is short"
+        )
 
 
 def _slow_down(made: Converted, limits: FlightLimits) -> None:
@@ -190,6 +234,7 @@ def _slow_down(made: Converted, limits: FlightLimits) -> None:
         raise ConfigError(
             f"The show would take {factor:.1f} times as long: {words}. Design it slower."
         )
+
     factor *= _ROOM
     made.notes.append(f"slowed to {factor:.3f} times its duration: {words}")
     made.paths = {name: slowed(path, factor) for name, path in made.paths.items()}
@@ -198,47 +243,58 @@ def _slow_down(made: Converted, limits: FlightLimits) -> None:
 
 
 def _spread_starts(made: Converted, spacing_m: float, height_share: float) -> None:
-    """Let vehicles that would come too near begin later, one after the other; refuse what that does
-    not mend.
+    """Let vehicles that would come too near begin later, one after the other.
+
+    Raises:
+        ConfigError: that does not keep them apart.
     """
     delays_s = dict.fromkeys(made.paths, 0.0)
     paths = dict(made.paths)
     pairs = _too_near(paths, spacing_m, height_share)
-    first_pairs, best = pairs, len(pairs)
-    for _ in range(_SPREAD_ROUNDS if 0 < best <= 2 * len(paths) else 0):
+    first_pairs = pairs
+
+    # a show in which everybody is near somebody is not mended by delays
+    can_be_mended = 0 < len(pairs) <= 2 * len(paths)
+    rounds = _SPREAD_ROUNDS if can_be_mended else 0
+    for _ in range(rounds):
         late = max((pairs[0].first, pairs[0].second), key=lambda name: (delays_s[name], name))
         delays_s[late] += _SPREAD_STEP_S
         if delays_s[late] > _MOST_SPREAD_S:
             break
+
         waiting = resting(delays_s[late], np.array(made.paths[late].pieces[0][1::8]))
         paths[late] = path_of([waiting.tolist(), *made.paths[late].pieces])
         pairs = _too_near(paths, spacing_m, height_share)
         if not pairs:
             break
+
     if pairs:
-        anyhow = (
-            "" if height_share else " at any height, since vehicles do not fly above each other"
-        )
+        anyhow = ""
+        if not height_share:
+            anyhow = " at any height, since vehicles do not fly above each other"
         listed = listed_words([pair_words(one) for one in first_pairs])
         raise ConfigError(
-            f"Paths come nearer than {spacing_m:.2f} m, which the law needs{anyhow}: {listed}. Move them apart."
+            f"Paths come nearer than {spacing_m:.2f} m, which the law needs{anyhow}: {listed}. "
+            "Move them apart."
         )
+
     made.paths = paths
     for name, delay_s in delays_s.items():
-        if delay_s:
-            made.own_notes[name].append(
-                f"begins {delay_s:g} s later, to keep {spacing_m:.2f} m from the others"
-            )
-            made.lights[name] = tuple((t + delay_s, r, g, b) for t, r, g, b in made.lights[name])
+        if not delay_s:
+            continue
+        made.own_notes[name].append(
+            f"begins {delay_s:g} s later, to keep {spacing_m:.2f} m from the others"
+        )
+        made.lights[name] = tuple(
+            (t + delay_s, red, green, blue) for t, red, green, blue in made.lights[name]
+        )
 
 
 def _too_near(
     paths: Mapping[str, Path], spacing_m: float, height_share: float
 ) -> list[ClosestApproach]:
+    """Return the pairs that come nearer than a distance, the nearest first."""
     if len(paths) < 2:
         return []
-    return [
-        one
-        for one in closest_pairs(sample(paths), spacing_m, height_share)
-        if one.distance_m < spacing_m
-    ]
+    pairs = closest_pairs(sample(paths), spacing_m, height_share)
+    return [pair for pair in pairs if pair.distance_m < spacing_m]

@@ -1,6 +1,4 @@
-"""Folders of CSVs, one for each drone, as show tools export them: times, positions, and colours
-where there are any.
-"""
+"""Folders of CSVs, one for each drone, as show tools export them: times, positions, colours."""
 
 from __future__ import annotations
 
@@ -13,7 +11,7 @@ from groundstation.shows.show import MOST_DRONES, Drone, Show
 from onboard.config.fleet import ConfigError
 from onboard.control.path import point_at
 
-_COLOURS = "red", "green", "blue"
+_COLOURS = ("red", "green", "blue")
 
 
 def read_folder(folder: FilePath) -> Show:
@@ -28,35 +26,52 @@ def read_folder(folder: FilePath) -> Show:
     Raises:
         ConfigError: there is none, or too many, or a file is no path.
     """
-    files = sorted((one for one in folder.glob("*.csv")), key=lambda one: _natural(one.stem))
+    files = sorted(folder.glob("*.csv"), key=lambda file: _natural(file.stem))
     if not 1 <= len(files) <= MOST_DRONES:
         raise ConfigError(
-            f"{folder}: it has {len(files)} CSVs; a show has 1 to {MOST_DRONES}, one for each drone."
+            f"{folder}: it has {len(files)} CSVs; a show has 1 to {MOST_DRONES}, one for each "
+            "drone."
         )
     return Show(folder.resolve().name, tuple(_drone(file) for file in files))
 
 
 def _natural(text: str) -> list[tuple[int, str]]:
     """Return a key that sorts drone10 after drone9."""
-    return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", text)]
+    key = []
+    for part in re.split(r"(\d+)", text):
+        if part.isdigit():
+            key.append((int(part), ""))
+        else:
+            key.append((-1, part))
+    return key
 
 
 def _drone(file: FilePath) -> Drone:
     path = load_path(file)
     x, y, z = point_at(path, 0.0).position_enu_m
-    return Drone(file.stem, (x, y, min(z, 0.0)), path, 0.0, _lights(file))
+    return Drone(
+        name=file.stem,
+        home_enu_m=(x, y, min(z, 0.0)),
+        path=path,
+        begin_s=0.0,
+        lights=_lights(file),
+    )
 
 
 def _lights(file: FilePath) -> tuple[Light, ...]:
+    """Return the colours of a CSV that has them, without those that only repeat the one before."""
     columns, numbers = read_columns(str(file))
     if columns[0] != "t" or not set(_COLOURS) <= set(columns):
         return ()
-    at = [columns.index(one) for one in _COLOURS]
-    begin_s = numbers[0, 0]
-    rows = [
-        (float(row[0] - begin_s), int(row[at[0]]), int(row[at[1]]), int(row[at[2]]))
-        for row in numbers
-    ]
-    return tuple(
-        row for k, row in enumerate(rows) if k in (0, len(rows) - 1) or row[1:] != rows[k - 1][1:]
-    )
+
+    times_s = numbers[:, 0] - numbers[0, 0]
+    colours = numbers[:, [columns.index(colour) for colour in _COLOURS]].astype(int)
+
+    lights: list[Light] = []
+    last = len(numbers) - 1
+    for k, (red, green, blue) in enumerate(colours.tolist()):
+        is_repeated = k > 0 and (colours[k] == colours[k - 1]).all()
+        if is_repeated and k != last:
+            continue
+        lights.append((float(times_s[k]), red, green, blue))
+    return tuple(lights)

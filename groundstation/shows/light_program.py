@@ -2,12 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 from groundstation.paths.lights import Light
 
 _FRAME_S = 0.02  # durations are frames of 50 a second
 _MOST = 100_000  # commands, with those of loops
-_END, _SLEEP, _WAIT, _LOOP, _LOOP_END = 0, 2, 3, 12, 13
-_SET, _FADE = range(4, 8), range(8, 12)  # colour, grey, black, white
+
+# commands
+_END = 0
+_NOTHING = 1
+_SLEEP = 2
+_WAIT = 3
+_SET = range(4, 8)  # to a colour, to grey, to black, to white
+_FADE = range(8, 12)  # the same
+_LOOP = 12
+_LOOP_END = 13
 _PYRO = (20, 21)
 
 
@@ -22,63 +32,84 @@ def colours(data: bytes) -> tuple[Light, ...]:
     """
     reader = _Reader(data)
     out: list[Light] = [(0.0, 0, 0, 0)]
-    loops: list[list[int]] = []  # where it begins, how often it still runs
+    loops: list[_Loop] = []
     now_s = 0.0
+
     for _ in range(_MOST):
         command = reader.byte() if reader.has_more else _END
         last = out[-1][1:]
+
         if command == _END:
             return tuple(out)
+
         if command in _SET or command in _FADE:
             colour = _colour(reader, command % 4)
-            out.append((now_s, *(colour if command in _SET else last)))
+            begins_with = colour if command in _SET else last
+            out.append((now_s, *begins_with))
             now_s += reader.frames() * _FRAME_S
             out.append((now_s, *colour))
+
         elif command == _SLEEP:
             now_s += reader.frames() * _FRAME_S
             out.append((now_s, *last))
+
         elif command == _WAIT:
             now_s = max(now_s, reader.frames() * _FRAME_S)
             out.append((now_s, *last))
+
         elif command == _LOOP:
-            loops.append([0, reader.byte()])
-            loops[-1][0] = reader.at
+            count = reader.byte()
+            loops.append(_Loop(begin=reader.position, left=count))
+
         elif command == _LOOP_END:
             if not loops:
                 raise ValueError("a loop ends that has not begun")
-            loops[-1][1] -= 1
-            if loops[-1][1] == 0:
+            loops[-1].left -= 1
+            if loops[-1].left == 0:
                 loops.pop()
             else:
-                reader.at = loops[-1][0]
+                reader.position = loops[-1].begin
+
         elif command in _PYRO:
             reader.byte()
-        elif command != 1:
+
+        elif command != _NOTHING:
             raise ValueError(f"its command {command} is not known")
+
     raise ValueError("it has no end")
+
+
+@dataclass(slots=True)
+class _Loop:
+    """A loop that runs."""
+
+    begin: int  # position of its first command
+    left: int  # how often it still runs
 
 
 class _Reader:
     """The bytes of a program, one after the other."""
 
     def __init__(self, data: bytes) -> None:
-        self._data, self.at = data, 0
+        self._data = data
+        self.position = 0  # of the next byte
 
     @property
     def has_more(self) -> bool:
         """Whether bytes are left."""
-        return self.at < len(self._data)
+        return self.position < len(self._data)
 
     def byte(self) -> int:
         """Return the next byte."""
         if not self.has_more:
             raise ValueError("it ends within a command")
-        self.at += 1
-        return self._data[self.at - 1]
+        self.position += 1
+        return self._data[self.position - 1]
 
     def frames(self) -> int:
         """Return a duration: seven bits in each byte, the lowest first."""
-        value, shift = 0, 0
+        value = 0
+        shift = 0
         while True:
             byte = self.byte()
             value |= (byte & 127) << shift
@@ -91,5 +122,11 @@ def _colour(reader: _Reader, kind: int) -> tuple[int, int, int]:
     """Return the colour of a command: 0 in full, 1 grey, 2 black, 3 white."""
     if kind == 0:
         return reader.byte(), reader.byte(), reader.byte()
-    grey = reader.byte() if kind == 1 else 0 if kind == 2 else 255
+
+    if kind == 1:
+        grey = reader.byte()
+    elif kind == 2:
+        grey = 0
+    else:
+        grey = 255
     return grey, grey, grey

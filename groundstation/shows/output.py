@@ -1,12 +1,13 @@
-"""The files of an imported show: a fleet, a mission, a path and the lights of each vehicle, with
-what was changed.
+"""The files of an imported show: a fleet, a mission, a path and the lights of each vehicle.
+
+Each begins with comments that say what was changed.
 """
 
 from __future__ import annotations
 
 import math
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from json import dumps
 from pathlib import Path as FilePath
 
@@ -14,6 +15,7 @@ import numpy as np
 
 from groundstation.paths.checks import bound_m, limits_of, sample
 from groundstation.paths.files import write_path
+from groundstation.paths.lights import Light
 from groundstation.processes.free_ports import in_another_folder, toml_text
 from groundstation.shows.conversion import Converted, converted
 from groundstation.shows.show import Show
@@ -28,8 +30,11 @@ from onboard.config.fleet import (
 from onboard.control.path import sampled
 
 DEFAULT_PROMISE_M = 0.8
-_ROOM_M, _ABOVE_M = 2.0, 1.5  # of the fence around the show
-_SPEEDS_M_S = 1.0, 1.5  # of a fleet made for the show; faster ones brake too late for each other
+_ROOM_M = 2.0  # of the fence around the show
+_ABOVE_M = 1.5  # of the fence above it
+# top speed of a fleet made for the show; faster ones brake too late for each other
+_SLOWEST_TOP_SPEED_M_S = 1.0
+_FASTEST_TOP_SPEED_M_S = 1.5
 _HOME_M = 0.10  # more than between paths: vehicles hover above their homes
 _NOWHERE = Origin(47.397742, 8.545594, 489.4)
 
@@ -57,42 +62,52 @@ def write_show(
         raise ConfigError(
             f"The show has {count} drones, {fleet.path} only {len(fleet.enabled_names)} vehicles."
         )
-    vehicles = (
-        [f"mav{k}" for k in range(count)] if fleet is None else list(fleet.enabled_names[:count])
-    )
+    if fleet is None:
+        vehicles = [f"mav{k}" for k in range(count)]
+    else:
+        vehicles = list(fleet.enabled_names[:count])
     names = {drone.name: vehicle for drone, vehicle in zip(show.drones, vehicles, strict=True)}
     if len(names) < count:
         raise ConfigError("Two drones of the show have one name. Give each its own.")
+
+    # the show is converted for the limits of a fleet whose homes and fence are not known yet
+    path = str(folder / "fleet.toml")
     draft_text = _fleet_text(show, fleet, vehicles, None, promise_m)
-    draft = fleet_from_mapping(tomllib.loads(draft_text), path=str(folder / "fleet.toml"))
+    draft = fleet_from_mapping(tomllib.loads(draft_text), path=path)
     made = converted(
         show,
         names,
         limits_of(draft, vehicles),
-        bound_m(draft),
-        bound_m(draft) + _HOME_M,
-        parking_height_share(draft),
+        spacing_m=bound_m(draft),
+        home_spacing_m=bound_m(draft) + _HOME_M,
+        height_share=parking_height_share(draft),
     )
+
     text = _fleet_text(show, fleet, vehicles, made, promise_m)
-    final = fleet_from_mapping(tomllib.loads(text), path=str(folder / "fleet.toml"), text=text)
+    final = fleet_from_mapping(tomllib.loads(text), path=path, text=text)
     head = [f"Made by covey import from {source}.", *made.notes]
     (folder / "paths").mkdir(parents=True, exist_ok=True)
-    (folder / "fleet.toml").write_text(_commented(head, text), encoding="utf-8")
-    (folder / "mission.toml").write_text(
-        _commented(head, _mission_text(made, final)), encoding="utf-8"
-    )
-    for name, path in made.paths.items():
-        write_path(folder / "paths" / f"{name}.csv", path, [*made.own_notes[name], *made.notes])
+    _write(folder / "fleet.toml", _commented(head, text))
+    _write(folder / "mission.toml", _commented(head, _mission_text(made, final)))
+
+    for name, vehicle_path in made.paths.items():
+        comments = [*made.own_notes[name], *made.notes]
+        write_path(folder / "paths" / f"{name}.csv", vehicle_path, comments)
         if made.lights[name]:
             (folder / "lights").mkdir(exist_ok=True)
-            lines = [
-                "t,red,green,blue",
-                *(f"{t:.2f},{r},{g},{b}" for t, r, g, b in made.lights[name]),
-            ]
-            (folder / "lights" / f"{name}.csv").write_text(
-                "\n".join(lines) + "\n", encoding="utf-8"
-            )
+            _write(folder / "lights" / f"{name}.csv", _lights_text(made.lights[name]))
     return made, final
+
+
+def _write(file: FilePath, text: str) -> None:
+    file.write_text(text, encoding="utf-8")
+
+
+def _lights_text(lights: Sequence[Light]) -> str:
+    lines = ["t,red,green,blue"]
+    for time_s, red, green, blue in lights:
+        lines.append(f"{time_s:.2f},{red},{green},{blue}")
+    return "\n".join(lines) + "\n"
 
 
 def _fleet_text(
@@ -102,38 +117,61 @@ def _fleet_text(
     made: Converted | None,
     promise_m: float | None,
 ) -> str:
-    """Return the fleet file; before the show is converted and its homes are checked, with spots far
-    from each other.
+    """Return the fleet file.
+
+    Before the show is converted and its homes are checked, spots far from each other stand there.
     """
-    homes = (
-        made.homes
-        if made is not None
-        else {name: (10.0 * k, 0.0, 0.0) for k, name in enumerate(vehicles)}
-    )
+    if made is None:
+        homes = {name: (10.0 * k, 0.0, 0.0) for k, name in enumerate(vehicles)}
+    else:
+        homes = made.homes
     spots = {name: [round(x, 3), round(y, 3), 0.0] for name, (x, y, _) in homes.items()}
+
     if fleet is not None:
-        data = in_another_folder(tomllib.loads(fleet.text), fleet)
-        for name in data["vehicles"]:
-            data["vehicles"][name]["start_enu_m"] = spots.get(
-                name, data["vehicles"][name].get("start_enu_m")
-            )
-            if name not in spots:
-                data["vehicles"][name]["enabled"] = False
-        data.pop("formations", None)  # of the vehicles' former spots
-        if made is None:
-            data["fleet"]["geofence_m"] = {"x": [-1e4, 1e4], "y": [-1e4, 1e4], "z": [-1.0, 1e4]}
-        if promise_m is not None:
-            data["fleet"]["safety_distance_m"] = promise_m
-        return toml_text(data, f"types, endpoints and promise of {fleet.path}")
+        return _changed_fleet_text(fleet, spots, has_show=made is not None, promise_m=promise_m)
+    return _new_fleet_text(show, spots, made, promise_m)
+
+
+def _changed_fleet_text(
+    fleet: FleetConfig,
+    spots: Mapping[str, list[float]],
+    *,
+    has_show: bool,
+    promise_m: float | None,
+) -> str:
+    """Return a fleet file of somebody's own with the homes of the show."""
+    data = in_another_folder(tomllib.loads(fleet.text), fleet)
+    for name, table in data["vehicles"].items():
+        table["start_enu_m"] = spots.get(name, table.get("start_enu_m"))
+        if name not in spots:
+            table["enabled"] = False
+
+    data.pop("formations", None)  # of the vehicles' former spots
+    if not has_show:
+        data["fleet"]["geofence_m"] = {"x": [-1e4, 1e4], "y": [-1e4, 1e4], "z": [-1.0, 1e4]}
+    if promise_m is not None:
+        data["fleet"]["safety_distance_m"] = promise_m
+    return toml_text(data, f"types, endpoints and promise of {fleet.path}")
+
+
+def _new_fleet_text(
+    show: Show,
+    spots: Mapping[str, list[float]],
+    made: Converted | None,
+    promise_m: float | None,
+) -> str:
+    """Return a fleet file made for the show, of emulated vehicles."""
+    if promise_m is None:
+        promise_m = DEFAULT_PROMISE_M
     answers = Answers(type="sih", position="gps" if show.is_outdoors else "bus")
-    speed = f"max_speed_m_s = {_top_speed_m_s(made):g}  # of the show"
+
     lines = [
         "schema = 1",
         "",
         "[fleet]",
         'name = "show"',
         *_origin(show),
-        f"safety_distance_m = {DEFAULT_PROMISE_M if promise_m is None else promise_m:g}",
+        f"safety_distance_m = {promise_m:g}",
         "body_diameter_m = 0.50",
         *_fence(show, made),
         "battery_warning_pct = 30",
@@ -143,11 +181,17 @@ def _fleet_text(
         'name = "covey"',
         *law_lines(answers),
         "",
-        *(speed if line.startswith("max_speed_m_s") else line for line in type_lines(answers)),
+    ]
+    for line in type_lines(answers):
+        if line.startswith("max_speed_m_s"):
+            line = f"max_speed_m_s = {_top_speed_m_s(made):g}  # of the show"
+        lines.append(line)
+    lines += [
         "",
         "[defaults]",
         'type = "sih"  # emulated: give --fleet for vehicles of your own',
     ]
+
     for k, (name, spot) in enumerate(spots.items()):
         lines += [
             "",
@@ -160,58 +204,63 @@ def _fleet_text(
 
 
 def _top_speed_m_s(made: Converted | None) -> float:
-    """Return the top speed that a fleet made for the show gets: the show's, within what its law can
-    brake.
-    """
-    slowest, fastest = _SPEEDS_M_S
+    """Return the top speed of a fleet made for the show: the show's, within what its law brakes."""
     if made is None:
-        return fastest
-    rates = sample(made.paths).values[1, :, :, :3]
-    return min(
-        max(slowest, math.ceil(100.0 * float(np.sqrt((rates**2).sum(-1)).max())) / 100.0), fastest
-    )
+        return _FASTEST_TOP_SPEED_M_S
+    velocity = sample(made.paths).values[1, :, :, :3]
+    top_m_s = float(np.sqrt((velocity**2).sum(-1)).max())
+    rounded_m_s = math.ceil(100.0 * top_m_s) / 100.0
+    return min(max(_SLOWEST_TOP_SPEED_M_S, rounded_m_s), _FASTEST_TOP_SPEED_M_S)
 
 
 def _origin(show: Show) -> list[str]:
     if not show.is_outdoors:
         return ['origin = "mocap"  # an indoor show']
-    origin, words = (
-        (show.origin, "the show's own")
-        if show.origin is not None
-        else (_NOWHERE, "PX4's simulator's")
-    )
+
+    if show.origin is not None:
+        origin = show.origin
+        whose = "the show's own"
+    else:
+        origin = _NOWHERE
+        whose = "PX4's simulator's"
     return [
         f"origin = {{ latitude_deg = {origin.latitude_deg}, longitude_deg = {origin.longitude_deg}, "
-        f"altitude_m = {origin.altitude_m} }}  # {words} place; x is flown to the east"
+        f"altitude_m = {origin.altitude_m} }}  # {whose} place; x is flown to the east"
     ]
 
 
 def _fence(show: Show, made: Converted | None) -> list[str]:
     if made is None:
         return ["geofence_m = { x = [-1e4, 1e4], y = [-1e4, 1e4], z = [-1.0, 1e4] }"]
-    points = [
-        sampled(path, np.linspace(0.0, path.duration_s, 500))[0][:, :3]
-        for path in made.paths.values()
-    ]
-    corners = np.concatenate([*points, np.array(list(made.homes.values()))])
-    low, high = corners.min(0) - _ROOM_M, corners.max(0) + _ROOM_M
+
+    points = [np.array(list(made.homes.values()))]
+    for path in made.paths.values():
+        times_s = np.linspace(0.0, path.duration_s, 500)
+        points.append(sampled(path, times_s)[0][:, :3])
+    corners = np.concatenate(points)
+
+    low = np.floor(corners.min(0) - _ROOM_M)
+    high = np.ceil(corners.max(0) + _ROOM_M)
+    x = [float(low[0]), float(high[0])]
+    y = [float(low[1]), float(high[1])]
     floor = -1.0 if show.is_outdoors else 0.0
-    x, y = ([float(np.floor(low[k])), float(np.ceil(high[k]))] for k in (0, 1))
     top = float(np.ceil(corners[:, 2].max() + _ABOVE_M))
     return [
-        f"geofence_m = {{ x = {x}, y = {y}, z = [{floor}, {top}] }}  # the show, and {_ROOM_M:g} m around it"
+        f"geofence_m = {{ x = {x}, y = {y}, z = [{floor}, {top}] }}  "
+        f"# the show, and {_ROOM_M:g} m around it"
     ]
 
 
 def _mission_text(made: Converted, fleet: FleetConfig) -> str:
     is_gps = not next(iter(fleet.vehicles.values())).mocap_required
     paths = "\n".join(f'{name} = "paths/{name}.csv"' for name in made.paths)
-    lit = [name for name, lights in made.lights.items() if lights]
-    lights = (
-        "\n".join(["", "[step.lights]", *(f'{name} = "lights/{name}.csv"' for name in lit)])
-        if lit
-        else ""
-    )
+
+    lights = ""
+    lit = [name for name, program in made.lights.items() if program]
+    if lit:
+        files = [f'{name} = "lights/{name}.csv"' for name in lit]
+        lights = "\n".join(["", "[step.lights]", *files])
+
     return f"""\
 schema = 1
 fleet = "fleet.toml"

@@ -13,7 +13,10 @@ from onboard.control.path import NUMBERS, Path, path_of, sampled
 
 MOST_DRONES = 200
 _KINK_M_S = 0.05  # a jump of the speed beyond it is smoothed away
-_FAR_M, _FAST_M_S = 2000.0, 40.0
+
+# beyond these the numbers are no metres and seconds
+_FAR_M = 2000.0
+_FAST_M_S = 40.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,20 +51,27 @@ def path_from_pieces(name: str, pieces: list[list[float]]) -> Path:
         path = path_of(pieces)
     except (ValueError, OverflowError) as error:
         raise ConfigError(f"{name}: its trajectory is no path: {error}") from None
-    ends = np.array(path.ends_s)
-    before, after = sampled(path, ends[:-1] - 1e-4), sampled(path, ends[:-1] + 1e-4)
-    if len(ends) > 1 and np.abs(after[1] - before[1]).max() > _KINK_M_S:
+
+    # speeds a moment before and after the end of each piece but the last
+    ends_s = np.array(path.ends_s)[:-1]
+    before = sampled(path, ends_s - 1e-4)
+    after = sampled(path, ends_s + 1e-4)
+    if len(ends_s) and np.abs(after[1] - before[1]).max() > _KINK_M_S:
         times_s = np.arange(0.0, path.duration_s, 0.05)
         path = fitted(times_s, sampled(path, times_s)[0])
+
     values, rates, _ = sampled(path, np.linspace(0.0, path.duration_s, 200))
-    if np.abs(values[:, :3]).max() > _FAR_M or np.abs(rates[:, :3]).max() > _FAST_M_S:
+    farthest = np.abs(values[:, :3]).max()
+    fastest = np.abs(rates[:, :3]).max()
+    if farthest > _FAR_M or fastest > _FAST_M_S:
         raise ConfigError(
-            f"{name}: its path reaches {np.abs(values[:, :3]).max():.0f} with up to {np.abs(rates[:, :3]).max():.0f} a "
-            "second: that is not metres. Export the show in metres and seconds."
+            f"{name}: its path reaches {farthest:.0f} with up to {fastest:.0f} a second: that is "
+            "not metres. Export the show in metres and seconds."
         )
     if np.median(values[:, 2]) < -0.5:
         raise ConfigError(
-            f"{name}: most of its path lies below 0: z points down there. Export the show with z up."
+            f"{name}: most of its path lies below 0: z points down there. Export the show with z "
+            "up."
         )
     return path
 
@@ -69,9 +79,14 @@ def path_from_pieces(name: str, pieces: list[list[float]]) -> Path:
 def bezier_piece(duration_s: float, points: list[list[float]]) -> list[float]:
     """Return the piece of a Bezier curve of first to third degree; points are x, y, z."""
     p = np.array(points, dtype=float)
-    rows = {2: [[1, 0], [-1, 1]], 3: [[1, 0, 0], [-2, 2, 0], [1, -2, 1]]}
+
+    # rows: what each power of the share of the duration takes of each control point
+    linear = [[1, 0], [-1, 1]]
+    quadratic = [[1, 0, 0], [-2, 2, 0], [1, -2, 1]]
     cubic = [[1, 0, 0, 0], [-3, 3, 0, 0], [3, -6, 3, 0], [-1, 3, -3, 1]]
+    rows = {2: linear, 3: quadratic}.get(len(p), cubic)
+
+    powers = np.array(rows, dtype=float) @ p
     coefficients = np.zeros((4, 8))
-    powers = np.array(rows.get(len(p), cubic), dtype=float) @ p
     coefficients[:3, : len(p)] = (powers / duration_s ** np.arange(len(p))[:, None]).T
     return [duration_s, *coefficients.reshape(NUMBERS - 1).tolist()]

@@ -1,5 +1,6 @@
-"""Skybrush's compiled shows, ``.skyc``: a zip with ``show.json`` and the members that its ``$ref``
-name.
+"""Skybrush's compiled shows, ``.skyc``.
+
+They are zips with ``show.json`` and the members that its ``$ref`` name.
 
 Lengths are metres with z up, times seconds, yaw degrees counterclockwise; a point's control points
 belong to the Bezier curve that ends at it.
@@ -15,7 +16,6 @@ import os
 import posixpath
 import zipfile
 import zlib
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -26,8 +26,9 @@ from groundstation.shows.show import MOST_DRONES, Drone, Show, bezier_piece, pat
 from onboard.config.fleet import ConfigError, Origin, Vec3
 from onboard.control.path import Path, path_of
 
-# unpacked, in the zip, of references within references
-_MOST_BYTES, _MOST_MEMBERS, _DEEPEST = 268_435_456, 20_000, 20
+_MOST_BYTES = 268_435_456  # unpacked, all members that are read together
+_MOST_MEMBERS = 20_000
+_DEEPEST = 20  # references within references
 
 
 def read_skyc(file: str | os.PathLike[str]) -> Show:
@@ -46,8 +47,9 @@ def read_skyc(file: str | os.PathLike[str]) -> Show:
     name = os.fspath(file)
     try:
         with zipfile.ZipFile(name) as archive:
-            if len(archive.infolist()) > _MOST_MEMBERS:
-                raise ConfigError(f"{name}: a zip of {len(archive.infolist())} members is no show.")
+            count = len(archive.infolist())
+            if count > _MOST_MEMBERS:
+                raise ConfigError(f"{name}: a zip of {count} members is no show.")
             return _show(name, _Members(name, archive).read("show.json"))
     except FileNotFoundError:
         raise ConfigError(
@@ -67,60 +69,78 @@ def read_skyc(file: str | os.PathLike[str]) -> Show:
 
 
 class _Members:
-    """JSON members of a zip, with references resolved, as long as all of them stay within the
-    limit.
-    """
+    """JSON members of a zip with their references resolved, within limits of size and depth."""
 
     def __init__(self, name: str, archive: zipfile.ZipFile) -> None:
-        self._name, self._archive, self._left = name, archive, _MOST_BYTES
+        self._name = name
+        self._archive = archive
+        self._bytes_left = _MOST_BYTES
         self._read: dict[str, Any] = {}
 
     def read(self, member: str, depth: int = 0) -> Any:
         """Return the content of a member."""
-        if member not in self._read:
-            try:
-                with self._archive.open(member) as stream:
-                    data = stream.read(self._left + 1)
-            except KeyError:
-                raise ConfigError(
-                    f"{self._name}: the show has no member '{member}'. Export it again."
-                ) from None
-            self._left -= len(data)
-            if self._left < 0:
-                raise ConfigError(
-                    f"{self._name}: it unpacks to more than {_MOST_BYTES >> 20} MB: that is no show."
-                )
-            try:
-                self._read[member] = self._resolved(
-                    json.loads(data), posixpath.dirname(member), depth
-                )
-            except (ValueError, RecursionError) as error:
-                raise ConfigError(
-                    f"{self._name}: '{member}' is no JSON ({error}). Export the show again."
-                ) from None
+        if member in self._read:
+            return self._read[member]
+
+        data = self._bytes_of(member)
+        folder = posixpath.dirname(member)
+        try:
+            self._read[member] = self._resolved(json.loads(data), folder, depth)
+        except (ValueError, RecursionError) as error:
+            raise ConfigError(
+                f"{self._name}: '{member}' is no JSON ({error}). Export the show again."
+            ) from None
         return self._read[member]
 
+    def _bytes_of(self, member: str) -> bytes:
+        try:
+            with self._archive.open(member) as stream:
+                data = stream.read(self._bytes_left + 1)
+        except KeyError:
+            raise ConfigError(
+                f"{self._name}: the show has no member '{member}'. Export it again."
+            ) from None
+
+        self._bytes_left -= len(data)
+        if self._bytes_left < 0:
+            raise ConfigError(
+                f"{self._name}: it unpacks to more than {_MOST_BYTES >> 20} MB: that is no show."
+            )
+        return data
+
     def _resolved(self, value: Any, folder: str, depth: int) -> Any:
+        """Return a value with what its references point at in their place."""
         if depth > _DEEPEST:
             raise ConfigError(
                 f"{self._name}: references within references without end. Export the show again."
             )
+
         if isinstance(value, dict):
             reference = value.get("$ref")
             if isinstance(reference, str):
-                member, _, pointer = reference.partition("#")
-                target = self.read(posixpath.normpath(posixpath.join(folder, member)), depth + 1)
-                for key in filter(None, pointer.split("/")):
-                    target = target[key] if isinstance(target, dict) and key in target else None
-                return target
-            return {key: self._resolved(one, folder, depth + 1) for key, one in value.items()}
-        if isinstance(value, list) and any(isinstance(one, dict) for one in value):
-            return [self._resolved(one, folder, depth + 1) for one in value]
+                return self._referenced(reference, folder, depth)
+            return {key: self._resolved(part, folder, depth + 1) for key, part in value.items()}
+
+        # lists of numbers are left as they are: a show has millions
+        if isinstance(value, list) and any(isinstance(part, dict) for part in value):
+            return [self._resolved(part, folder, depth + 1) for part in value]
         return value
+
+    def _referenced(self, reference: str, folder: str, depth: int) -> Any:
+        """Return what ``member#/key/key`` points at; None where there is no such key."""
+        member, _, pointer = reference.partition("#")
+        target = self.read(posixpath.normpath(posixpath.join(folder, member)), depth + 1)
+        for key in filter(None, pointer.split("/")):
+            if isinstance(target, dict) and key in target:
+                target = target[key]
+            else:
+                target = None
+        return target
 
 
 def _show(name: str, data: Any) -> Show:
-    data = data if isinstance(data, dict) else {}
+    if not isinstance(data, dict):
+        data = {}
     if data.get("version") != 1:
         raise ConfigError(
             f"{name}: show.json has version {data.get('version')!r}; version 1 can be read."
@@ -128,19 +148,29 @@ def _show(name: str, data: Any) -> Show:
     drones = _table(data, "swarm").get("drones")
     if not isinstance(drones, list) or not 1 <= len(drones) <= MOST_DRONES:
         raise ConfigError(f"{name}: 'swarm.drones' must list 1 to {MOST_DRONES} drones.")
+
     environment = _table(data, "environment")
-    read = tuple(_drone(name, index, _table(one, "settings")) for index, one in enumerate(drones))
+    title = _table(data, "meta").get("title")
+    if not title:
+        title = os.path.splitext(os.path.basename(name))[0]
     return Show(
-        str(_table(data, "meta").get("title") or os.path.splitext(os.path.basename(name))[0]),
-        read,
-        environment.get("type") == "outdoor",
-        _origin(_table(environment, "location")),
+        title=str(title),
+        drones=tuple(
+            _drone(name, index, _table(drone, "settings")) for index, drone in enumerate(drones)
+        ),
+        is_outdoors=environment.get("type") == "outdoor",
+        origin=_origin(_table(environment, "location")),
     )
 
 
 def _table(value: Any, key: str) -> dict[str, Any]:
-    part = value.get(key) if isinstance(value, dict) else None
-    return part if isinstance(part, dict) else {}
+    """Return a table within a table; an empty one where there is none."""
+    if not isinstance(value, dict):
+        return {}
+    part = value.get(key)
+    if not isinstance(part, dict):
+        return {}
+    return part
 
 
 def _origin(location: dict[str, Any]) -> Origin | None:
@@ -148,7 +178,8 @@ def _origin(location: dict[str, Any]) -> Origin | None:
         latitude, longitude, *altitude = (float(str(number)) for number in location["origin"])
     except (KeyError, TypeError, ValueError):
         return None
-    return Origin(latitude, longitude, altitude[0] if altitude else 0.0)
+    altitude_m = altitude[0] if altitude else 0.0
+    return Origin(latitude, longitude, altitude_m)
 
 
 def _drone(file: str, index: int, settings: dict[str, Any]) -> Drone:
@@ -157,40 +188,57 @@ def _drone(file: str, index: int, settings: dict[str, Any]) -> Drone:
     trajectory = _table(settings, "trajectory")
     if trajectory.get("version") != 1:
         raise ConfigError(
-            f"{where}: its trajectory has version {trajectory.get('version')!r}; version 1 can be read."
+            f"{where}: its trajectory has version {trajectory.get('version')!r}; version 1 can be "
+            "read."
         )
-    times_s, pieces, first = _pieces(where, trajectory.get("points"))
+
+    first_s, pieces, first = _pieces(where, trajectory.get("points"))
     path = path_from_pieces(where, pieces)
-    begin_s = times_s + _number(where, trajectory.get("takeoffTime", 0.0))
+    begin_s = first_s + _number(where, trajectory.get("takeoffTime", 0.0))
     path = _with_yaw(where, path, begin_s, _table(settings, "yawControl"))
-    home = settings.get("home")
-    x, y, z = _point(where, home) if home is not None else first
-    return Drone(name, (x, y, z), path, begin_s, _lights(where, _table(settings, "lights")))
+
+    home = first
+    if settings.get("home") is not None:
+        home = _point(where, settings["home"])
+    return Drone(
+        name=name,
+        home_enu_m=home,
+        path=path,
+        begin_s=begin_s,
+        lights=_lights(where, _table(settings, "lights")),
+    )
 
 
 def _pieces(where: str, points: Any) -> tuple[float, list[list[float]], Vec3]:
     """Return the time of the first point, the pieces after it, and where it is."""
     if not isinstance(points, list) or len(points) < 2:
         raise ConfigError(f"{where}: its trajectory has fewer than two points: it is no path.")
+
     pieces: list[list[float]] = []
-    last_s, last = math.nan, (0.0, 0.0, 0.0)
+    last_s = math.nan
+    last = (0.0, 0.0, 0.0)
     for k, keypoint in enumerate(points):
         if not isinstance(keypoint, list) or len(keypoint) < 2:
             raise ConfigError(f"{where}: points[{k}] is no [time, [x, y, z], [control points]].")
-        time_s, point = _number(where, keypoint[0]), _point(where, keypoint[1])
-        controls = [
-            _point(where, one) for one in (keypoint[2] if len(keypoint) > 2 and keypoint[2] else ())
-        ]
-        if k:
+        time_s = _number(where, keypoint[0])
+        point = _point(where, keypoint[1])
+        controls = []
+        if len(keypoint) > 2 and keypoint[2]:
+            controls = [_point(where, control) for control in keypoint[2]]
+
+        if k > 0:
             if not time_s > last_s or len(controls) > 2:
                 raise ConfigError(
-                    f"{where}: points[{k}]: time does not rise, or it has more than two control points."
+                    f"{where}: points[{k}]: time does not rise, or it has more than two control "
+                    "points."
                 )
-            pieces.append(
-                bezier_piece(time_s - last_s, [list(one) for one in (last, *controls, point)])
-            )
-        last_s, last = time_s, point
-    return _number(where, points[0][0]), pieces, _point(where, points[0][1])
+            curve = [list(corner) for corner in (last, *controls, point)]
+            pieces.append(bezier_piece(time_s - last_s, curve))
+        last_s = time_s
+        last = point
+
+    first = points[0]
+    return _number(where, first[0]), pieces, _point(where, first[1])
 
 
 def _with_yaw(where: str, path: Path, begin_s: float, control: dict[str, Any]) -> Path:
@@ -198,15 +246,21 @@ def _with_yaw(where: str, path: Path, begin_s: float, control: dict[str, Any]) -
     setpoints = control.get("setpoints")
     if not isinstance(setpoints, list) or not setpoints:
         return path
-    times_s = [_number(where, one[0]) for one in setpoints]
-    yaws = np.unwrap(np.radians([_number(where, one[1]) for one in setpoints]))
-    pieces, ends_s = np.array(path.pieces), np.array(path.ends_s)
-    at = np.interp(begin_s + np.concatenate([[0.0], ends_s]), times_s, yaws)
-    duration = pieces[:, 0]
+
+    times_s = [_number(where, setpoint[0]) for setpoint in setpoints]
+    yaws_rad = np.unwrap(np.radians([_number(where, setpoint[1]) for setpoint in setpoints]))
+
+    # yaw at the begin of the path and at the end of each piece
+    knots_s = begin_s + np.concatenate([[0.0], np.array(path.ends_s)])
+    knots_rad = np.interp(knots_s, times_s, yaws_rad)
+
+    pieces = np.array(path.pieces)
+    durations_s = pieces[:, 0]
     pieces[:, 25:33] = 0.0
-    pieces[:, 25] = at[:-1]
-    for power, share in ((3, 10.0), (4, -15.0), (5, 6.0)):  # from rest to rest within each piece
-        pieces[:, 25 + power] = share * np.diff(at) / duration**power
+    pieces[:, 25] = knots_rad[:-1]
+    # from rest to rest within each piece
+    for power, share in ((3, 10.0), (4, -15.0), (5, 6.0)):
+        pieces[:, 25 + power] = share * np.diff(knots_rad) / durations_s**power
     return path_of(pieces.tolist())
 
 
@@ -228,9 +282,5 @@ def _number(where: str, value: Any) -> float:
 def _point(where: str, value: Any) -> Vec3:
     if not isinstance(value, list) or len(value) != 3:
         raise ConfigError(f"{where}: {str(value)[:40]!r} stands where [x, y, z] is needed.")
-    x, y, z = _numbers(where, value)
+    x, y, z = (_number(where, number) for number in value)
     return x, y, z
-
-
-def _numbers(where: str, values: list[Any]) -> Iterator[float]:
-    return (_number(where, value) for value in values)
