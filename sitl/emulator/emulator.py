@@ -25,7 +25,8 @@ from sitl.physics.vehicle import STEP_S, VehicleProfile
 from sitl.physics.wind import WindSettings
 from sitl.px4 import setpoints
 from sitl.px4.commander import EmulatedPx4
-from sitl.px4.estimator import ESTIMATE_EVERY_STEPS, Estimator, Source, vision_level
+from sitl.px4.estimator import ESTIMATE_EVERY_STEPS, Estimator
+from sitl.px4.estimator_errors import Source, vision_level
 from sitl.px4.mode_control import TICK_S
 from sitl.px4.parameters import Parameters
 from sitl.px4.signals import Actuation, AutopilotInputs, Setpoint

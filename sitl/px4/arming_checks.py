@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from sitl.px4.battery import ChargeState
 from sitl.px4.modes import ModeCondition
 
-BOOT_S = 4.3
+BOOT_S = 4.3  # from the start of a PX4 until it can be armed
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,10 +19,9 @@ class Readiness:
     needs: ModeCondition  # of the mode that is to be armed in
     missing: ModeCondition  # those of them that are not there now
     battery: ChargeState  # how empty it is
-    # needs_ground, has_ground: whether a ground station has to be connected, and is
-    needs_ground: bool
-    has_ground: bool
-    has_attitude: bool  # the attitude is controlled
+    needs_ground: bool  # whether a ground station has to be connected
+    has_ground: bool  # whether one is
+    has_attitude: bool  # whether the attitude is controlled
     faults: tuple[str, ...]  # further reasons, as sentences
 
 
@@ -34,7 +33,7 @@ class ArmingCheck:
     fails: Callable[[Readiness], bool]
 
 
-CHECKS: tuple[ArmingCheck, ...] = (
+ARMING_CHECKS: tuple[ArmingCheck, ...] = (
     ArmingCheck("system is still starting", lambda r: r.since_boot_s < BOOT_S),
     ArmingCheck("no offboard setpoints", lambda r: ModeCondition.SETPOINTS in r.missing),
     ArmingCheck("no local position", lambda r: ModeCondition.LOCAL_POSITION in r.missing),
@@ -53,4 +52,5 @@ CHECKS: tuple[ArmingCheck, ...] = (
 
 def obstacles(readiness: Readiness) -> list[str]:
     """Return the reasons against arming now; empty when there are none."""
-    return [check.sentence for check in CHECKS if check.fails(readiness)] + list(readiness.faults)
+    sentences = [check.sentence for check in ARMING_CHECKS if check.fails(readiness)]
+    return sentences + list(readiness.faults)

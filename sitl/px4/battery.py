@@ -1,5 +1,7 @@
-"""PX4's simulated battery: it empties while armed, down to a floor, and fills again after
-disarming.
+"""PX4's simulated battery: it empties while armed, down to a floor, and fills when disarmed.
+
+SIM_BAT_DRAIN is the time in which a whole charge is used up; PX4's simulator was measured to take
+half of it for half a charge.
 """
 
 from __future__ import annotations
@@ -11,13 +13,11 @@ from sitl.px4.parameters import Parameters
 
 FULL_MV = 16200
 EMPTY_MV = 14400
-_REFILL_S = 4.0
-# SIM_BAT_DRAIN seconds are for a whole charge; PX4's simulator was measured to take half of it for
-# half a charge.
+_REFILL_S = 4.0  # for a whole charge
 
 
 class ChargeState(Enum):
-    """Stages of an emptying battery; the numbers are those of BATTERY_STATUS.charge_state."""
+    """How empty a battery is, with the numbers of BATTERY_STATUS.charge_state."""
 
     OK = 1
     LOW = 2
@@ -25,8 +25,8 @@ class ChargeState(Enum):
     EMERGENCY = 4
 
 
-# From the emptiest: parameter of the threshold, stage.
-STAGES: tuple[tuple[str, ChargeState], ...] = (
+# From the emptiest: parameter of the threshold, and the state below it.
+_THRESHOLDS: tuple[tuple[str, ChargeState], ...] = (
     ("BAT_EMERGEN_THR", ChargeState.EMERGENCY),
     ("BAT_CRIT_THR", ChargeState.CRITICAL),
     ("BAT_LOW_THR", ChargeState.LOW),
@@ -34,8 +34,8 @@ STAGES: tuple[tuple[str, ChargeState], ...] = (
 
 
 def charge_state_of(charge_frac: float, params: Parameters) -> ChargeState:
-    """The stage of a state of charge."""
-    for parameter, charge_state in STAGES:
+    """Return how empty a battery with this charge is."""
+    for parameter, charge_state in _THRESHOLDS:
         if charge_frac <= params[parameter]:
             return charge_state
     return ChargeState.OK
@@ -48,17 +48,23 @@ class Battery:
     remaining_frac: float = 1.0
 
     def step(self, dt_s: float, *, is_armed: bool, drain_s: float, floor_pct: float) -> None:
-        """Advance by `dt_s`: empty in `drain_s` for a whole charge while armed, not below
-        `floor_pct`.
+        """Advance by `dt_s`.
+
+        Args:
+            dt_s: time since the last step.
+            is_armed: an armed vehicle uses its charge, a disarmed one gets it back.
+            drain_s: in which a whole charge is used.
+            floor_pct: below which the charge does not fall.
         """
-        if is_armed:
-            floor_frac = min(1.0, max(0.0, floor_pct / 100.0))
-            if self.remaining_frac > floor_frac:
-                self.remaining_frac = max(
-                    floor_frac, self.remaining_frac - dt_s / max(drain_s, 1e-3)
-                )
-        else:
+        if not is_armed:
             self.remaining_frac = min(1.0, self.remaining_frac + dt_s / _REFILL_S)
+            return
+
+        # A charge that is below the floor already stays where it is.
+        floor_frac = min(1.0, max(0.0, floor_pct / 100.0))
+        if self.remaining_frac > floor_frac:
+            used_frac = dt_s / max(drain_s, 1e-3)
+            self.remaining_frac = max(floor_frac, self.remaining_frac - used_frac)
 
     @property
     def voltage_mv(self) -> int:

@@ -1,11 +1,19 @@
-"""One PX4 commander: arming, mode requests, failsafes, landing. Pure: time comes in, texts and
-events go out.
+"""One PX4 commander: arming, mode requests, failsafes, landing.
 
-The mode that was asked for (`intent`) and the mode that is flown (`mode`) are two things, as in
-PX4: a failsafe changes only the second, and when its cause is gone the first is flown again without
-being asked for. What each mode needs is in `modes.py`, what forbids arming in `arming_checks.py`,
-what takes a vehicle out of its mode in `failsafes.py`, how a mode is flown in `mode_control.py`,
-what is said in `journal.py`.
+Two modes are kept apart, as in PX4: `intent` is the mode that was requested, `mode` the one that is
+flown. A failsafe changes only the second; when its cause is gone, PX4 flies the first again without
+a new request.
+
+The commander decides, and asks its neighbours for all the rest:
+
+* `modes.py`: what each mode needs,
+* `arming_checks.py`: what forbids arming,
+* `failsafes.py`: what takes a vehicle out of its mode,
+* `mode_control.py`: how a mode is flown,
+* `land_detector.py`, `battery.py`, `sticks.py`: what the vehicle and its pilot do,
+* `journal.py`: what PX4 says about all this.
+
+It is pure: time comes in with each call, texts and events go out through the journal.
 """
 
 from __future__ import annotations
@@ -27,8 +35,8 @@ from sitl.px4.signals import Actuation, AutopilotInputs, Setpoint, SetpointKind
 from sitl.px4.sticks import Axes, Sticks
 from sitl.px4.versions import Version
 
-_FORCE_MAGIC = 21196.0
-_REFUSED_AGAIN_S = 1.0
+_FORCE_MAGIC = 21196.0  # parameter 2 of a command that disarms in any case
+_REFUSED_AGAIN_S = 1.0  # between two texts about refused modes
 _SAID_OF_BATTERY: dict[ChargeState, str] = {
     ChargeState.LOW: "battery low",
     ChargeState.CRITICAL: "battery critical",
@@ -43,10 +51,10 @@ class EmulatedPx4:
     params: Parameters = field(default_factory=Parameters)  # survive a restart
     boot_time_s: float = 0.0  # simulated time at which it started
     battery: Battery = field(default_factory=Battery)
-    intent: Mode = Mode.LOITER
-    mode: Mode = Mode.LOITER
+    intent: Mode = Mode.LOITER  # the mode that was requested
+    mode: Mode = Mode.LOITER  # the mode that is flown
     is_armed: bool = False
-    setpoint: Setpoint | None = None
+    setpoint: Setpoint | None = None  # the newest of OFFBOARD
     charge_state: ChargeState = ChargeState.OK
     # reasons against arming from outside, as sentences; a fault of the emulator writes here
     faults: list[str] = field(default_factory=list)
@@ -57,12 +65,12 @@ class EmulatedPx4:
     land_detector: LandDetector = field(default_factory=LandDetector)
     mode_control: ModeControl = field(default_factory=ModeControl)
     sticks: Sticks = field(default_factory=Sticks)
-    _after_disarm: Mode = Mode.LOITER
+    _after_disarm: Mode = Mode.LOITER  # the intent to go back to
     _armed_time_s: float = 0.0
     _refused_time_s: float = -math.inf  # when it last said that a mode is not available
     _tilted_since_s: float = math.inf
-    _has_failed: bool = False
-    _last: AutopilotInputs | None = None
+    _has_failed: bool = False  # the attitude, since arming
+    _last: AutopilotInputs | None = None  # None before the first tick
 
     def __post_init__(self) -> None:
         self.journal.severities = self.version.severities
@@ -77,8 +85,9 @@ class EmulatedPx4:
     @property
     def shown_mode(self) -> Mode:
         """The mode that HEARTBEAT shows."""
-        is_hidden = self.mode is Mode.TERMINATION and not self.version.shows_termination
-        return self.intent if is_hidden else self.mode
+        if self.mode is Mode.TERMINATION and not self.version.shows_termination:
+            return self.intent
+        return self.mode
 
     @property
     def landed(self) -> LandedState:
@@ -96,20 +105,22 @@ class EmulatedPx4:
         return self.is_armed and (self.failsafe.is_active or self.mode is not self.intent)
 
     def has_fresh_setpoint(self, now_s: float) -> bool:
-        """Whether OFFBOARD may be flown: the newest setpoint is younger than COM_OF_LOSS_T, and can
-        be followed.
-        """
-        if self.setpoint is None or now_s - self.setpoint.time_s > self.params["COM_OF_LOSS_T"]:
+        """Whether OFFBOARD may be flown: its newest setpoint is recent and can be followed."""
+        if self.setpoint is None:
             return False
-        return not self.setpoint.needs_position or (
-            self._last is not None and self._last.has_local_position
-        )
+        if now_s - self.setpoint.time_s > self.params["COM_OF_LOSS_T"]:
+            return False
+        return not self.setpoint.needs_position or self._has_local_position
 
     def arming_obstacles(self, now_s: float) -> list[str]:
         """Return the reasons against arming now; empty when there are none."""
+        since_boot_s = 0.0
+        if self._last is not None:
+            since_boot_s = now_s - self.boot_time_s
+
         needs = MODES[self.intent].needs
         readiness = Readiness(
-            since_boot_s=now_s - self.boot_time_s if self._last is not None else 0.0,
+            since_boot_s=since_boot_s,
             needs=needs,
             missing=needs & ~self._available(now_s),
             battery=charge_state_of(self.battery.remaining_frac, self.params),
@@ -122,35 +133,45 @@ class EmulatedPx4:
 
     def system_status(self, now_s: float) -> SystemStatus:
         """HEARTBEAT.system_status."""
+        if self.is_failsafe:
+            return SystemStatus.CRITICAL
         if self.is_armed:
-            return SystemStatus.CRITICAL if self.is_failsafe else SystemStatus.ACTIVE
-        return SystemStatus.UNINIT if self.arming_obstacles(now_s) else SystemStatus.STANDBY
+            return SystemStatus.ACTIVE
+        if self.arming_obstacles(now_s):
+            return SystemStatus.UNINIT
+        return SystemStatus.STANDBY
 
     def base_mode(self, now_s: float) -> int:
         """HEARTBEAT.base_mode."""
-        base = MODES[self.shown_mode].base_mode
+        base_mode = MODES[self.shown_mode].base_mode
+
         if self.shown_mode is Mode.OFFBOARD:
             if not self.has_fresh_setpoint(now_s):
-                base = modes.OFFBOARD_WITHOUT_SETPOINTS_BASE_MODE
+                base_mode = modes.OFFBOARD_WITHOUT_SETPOINTS_BASE_MODE
             elif self.setpoint and self.setpoint.kind is SetpointKind.RATE:
-                base = modes.OFFBOARD_RATES_BASE_MODE
-        return base | (modes.ARMED_BIT if self.is_armed else 0)
+                base_mode = modes.OFFBOARD_RATES_BASE_MODE
+
+        if self.is_armed:
+            base_mode |= modes.ARMED_BIT
+        return base_mode
 
     # -- requests ----------------------------------------------------------------------------------
 
     def request_arm(self, now_s: float, arm: bool, magic: float) -> CommandResult:
         """MAV_CMD_COMPONENT_ARM_DISARM.
 
-        The magic number forces disarming; for arming from outside PX4 ignores it.
+        The magic number forces disarming; PX4 ignores it when it comes with arming from outside.
         """
         if arm == self.is_armed:
             return CommandResult.ACCEPTED
+
         if arm:
             if self.arming_obstacles(now_s):
                 self.journal.say(now_s, "arm denied")
                 return CommandResult.TEMPORARILY_REJECTED
             self._arm(now_s)
             return CommandResult.ACCEPTED
+
         if self.landed is not LandedState.ON_GROUND and magic != _FORCE_MAGIC:
             self.journal.say(now_s, "disarm denied")
             return CommandResult.TEMPORARILY_REJECTED
@@ -158,12 +179,11 @@ class EmulatedPx4:
         return CommandResult.ACCEPTED
 
     def request_mode(self, now_s: float, main: int, sub: int, base_mode: int = 1) -> CommandResult:
-        """DO_SET_MODE or SET_MODE: the commander's own answer (the receiver's early one is the
-        link's).
-        """
+        """DO_SET_MODE or SET_MODE: the commander's answer, not the early one of its receiver."""
         mode = modes.mode_of(base_mode, main, sub)
         if mode is not None:
             return self.request(now_s, mode)
+
         # PX4 refuses an automatic mode that it does not have; any other number means nothing to it,
         # and passes.
         if main != modes.AUTO_MAIN:
@@ -172,52 +192,55 @@ class EmulatedPx4:
         return CommandResult.TEMPORARILY_REJECTED
 
     def request(self, now_s: float, mode: Mode, said: str | None = None) -> CommandResult:
-        """Ask for a mode. Disarmed, everything is taken; armed, only what can be flown now.
+        """Enter a mode. Disarmed, PX4 accepts every mode; armed, only one that can be flown now.
 
         Args:
             now_s: present time.
-            mode: what is asked for.
+            mode: the mode that is requested.
             said: what PX4 says when it accepts; by default what belongs to the mode.
         """
-        # A landing is always begun: without a position it becomes a level descent.
-        needs = (
-            ModeCondition.NOTHING
-            if mode is Mode.LAND
-            else MODES[mode].needs & ~ModeCondition.ARMING
-        )
+        needs = MODES[mode].needs & ~ModeCondition.ARMING
+        if mode is Mode.LAND:
+            # A landing is always begun: without a position it becomes a level descent.
+            needs = ModeCondition.NOTHING
+
         if self.is_armed and needs & ~self._available(now_s):
-            if now_s - self._refused_time_s > _REFUSED_AGAIN_S:
-                self._refused_time_s = now_s
-                name, number = modes.NAMES[mode]
-                self.journal.say(now_s, "mode refused", MODES[mode].custom_mode, number, mode=name)
+            self._say_mode_refused(now_s, mode)
             return CommandResult.TEMPORARILY_REJECTED
-        said = said or ("landing" if mode is Mode.LAND else None)
+
+        if said is None and mode is Mode.LAND:
+            said = "landing"
         if said is not None:
             self.journal.say(now_s, said)
+
         self._intend(mode)
         self.failsafe.commanded_mode()
         self._select_mode(now_s)
         return CommandResult.ACCEPTED
 
     def request_takeoff(self, now_s: float, height_m: float) -> CommandResult:
-        """MAV_CMD_NAV_TAKEOFF to a height above home; NaN for the default, which is also the least."""
+        """MAV_CMD_NAV_TAKEOFF to a height above home; NaN is the default, which is the least."""
         result = self.request(now_s, Mode.TAKEOFF)
-        if result is CommandResult.ACCEPTED:
-            self.mode_control.takeoff_height_m = height_m if math.isfinite(height_m) else None
-            if self.is_armed:
-                self._say_takeoff_height(now_s)
+        if result is not CommandResult.ACCEPTED:
+            return result
+
+        self.mode_control.takeoff_height_m = height_m if math.isfinite(height_m) else None
+        if self.is_armed:
+            self._say_takeoff_height(now_s)
         return result
 
     def play_tune(self) -> None:
-        """Play one; only its number is kept."""
+        """Play a tune; only their number is kept."""
         self.tunes += 1
 
     def request_termination(self, now_s: float) -> CommandResult:
-        """MAV_CMD_DO_FLIGHTTERMINATION: motors off, still armed, until somebody disarms or it lies
-        on the ground.
+        """MAV_CMD_DO_FLIGHTTERMINATION: stop the motors.
+
+        The vehicle stays armed until somebody disarms it or it lies on the ground.
         """
         if not self.is_armed:
             return CommandResult.DENIED
+
         self.intent = Mode.TERMINATION
         self._select_mode(now_s)
         self.mode_control.terminate()
@@ -230,65 +253,91 @@ class EmulatedPx4:
             self._follow(setpoint)
 
     def take_sticks(self, now_s: float, positions: Axes) -> None:
-        """MANUAL_CONTROL: a pilot who moves a stick takes over, if parameters and failsafes let
-        him.
+        """MANUAL_CONTROL: a pilot who moves a stick takes over from a program.
+
+        Parameters can forbid it, and a failsafe does.
         """
         self.sticks.take(now_s, positions)
-        is_of_a_program = self.mode is Mode.OFFBOARD or MODES[self.mode].main == modes.AUTO_MAIN
-        if not self.is_armed or not is_of_a_program or self.failsafe.is_active:
+
+        is_flown_by_program = self.mode is Mode.OFFBOARD or MODES[self.mode].main == modes.AUTO_MAIN
+        if not self.is_armed or not is_flown_by_program or self.failsafe.is_active:
             return
-        if self.sticks.is_moving(self.params.values.get("MAN_OVERRIDE_SPD", -1.0)):
-            has_position = self._last is not None and self._last.has_local_position
-            self.request(now_s, Mode.POSCTL if has_position else Mode.ALTCTL)
+
+        override_speed_1_s = self.params.values.get("MAN_OVERRIDE_SPD", -1.0)
+        if self.sticks.is_moving(override_speed_1_s):
+            self.request(now_s, Mode.POSCTL if self._has_local_position else Mode.ALTCTL)
 
     def _has_sticks(self, now_s: float) -> bool:
         return now_s - self.sticks.time_s <= self.params["COM_RC_LOSS_T"]
+
+    @property
+    def _has_local_position(self) -> bool:
+        return self._last is not None and self._last.has_local_position
 
     def _follow(self, setpoint: Setpoint) -> None:
         if not setpoint.is_rotation and not self.version.survives_no_rotation:
             self.mode_control.has_lost_attitude = True
         self.mode_control.take_setpoint(setpoint)
 
+    def _say_mode_refused(self, now_s: float, mode: Mode) -> None:
+        if now_s - self._refused_time_s <= _REFUSED_AGAIN_S:
+            return
+        self._refused_time_s = now_s
+
+        name, number = modes.NAMES[mode]
+        self.journal.say(now_s, "mode refused", MODES[mode].custom_mode, number, mode=name)
+
     # -- time --------------------------------------------------------------------------------------
 
     def tick(self, inputs: AutopilotInputs) -> None:
-        """Everything that happens at 50 Hz."""
-        now = inputs.time_s
+        """Do everything that happens at 50 Hz."""
+        now_s = inputs.time_s
         self._last = inputs
+
         self.battery.step(
             TICK_S,
             is_armed=self.is_armed,
             drain_s=self.params["SIM_BAT_DRAIN"],
             floor_pct=self.params["SIM_BAT_MIN_PCT"],
         )
+
         if not self.is_armed:
-            self._select_mode(now)
+            self._select_mode(now_s)
             return
-        self._watch_battery(now)
+
+        self._watch_battery(now_s)
         self._watch_attitude(inputs)
-        self._select_mode(now)
-        if not self.is_armed:
+        self._select_mode(now_s)
+        if not self.is_armed:  # a failsafe has just disarmed it
             return
+
         said = self.land_detector.step(inputs, self.mode, self.actuation.thrust_frac, self.params)
         if said is not None:
-            self.journal.say(now, said)
-        self._auto_disarm(now)
-        # A pilot's sticks are heard, their positions are not: who has taken a vehicle holds it.
-        flown = Mode.LOITER if self.mode is Mode.POSCTL and self._has_sticks(now) else self.mode
-        if self.is_armed and self.mode_control.step(
-            inputs, flown, self.landed, self.params, self.setpoint
-        ):
+            self.journal.say(now_s, said)
+        self._auto_disarm(now_s)
+        if not self.is_armed:
+            return
+
+        flown_mode = self.mode
+        if self.mode is Mode.POSCTL and self._has_sticks(now_s):
+            # The emulator knows that a pilot has taken over, not where the sticks stand: it holds.
+            flown_mode = Mode.LOITER
+
+        has_taken_off = self.mode_control.step(
+            inputs, flown_mode, self.landed, self.params, self.setpoint
+        )
+        if has_taken_off:
             self._intend(Mode.LOITER)
 
     def _available(self, now_s: float) -> ModeCondition:
-        have = ModeCondition.NOTHING
-        if self._last is not None and self._last.has_local_position:
-            have |= ModeCondition.LOCAL_POSITION
+        available = ModeCondition.NOTHING
+        if self._has_local_position:
+            available |= ModeCondition.LOCAL_POSITION
         if self._last is not None and self._last.has_global_position:
-            have |= ModeCondition.GLOBAL_POSITION
+            available |= ModeCondition.GLOBAL_POSITION
         if self.has_fresh_setpoint(now_s):
-            have |= ModeCondition.SETPOINTS
-        return have
+            available |= ModeCondition.SETPOINTS
+        return available
 
     def _intend(self, mode: Mode) -> None:
         self.intent = mode
@@ -305,16 +354,20 @@ class EmulatedPx4:
         self.failsafe.reset()
         self.land_detector.disarmed()
         self.mode_control.armed(now_s, self._last, self.params)
+
         why, number = REASONS["command"]
         self.journal.say(now_s, "armed", number, why=why)
         if self.intent is Mode.TAKEOFF:
             self._say_takeoff_height(now_s)
+
         self._select_mode(now_s)
         if self.mode is Mode.OFFBOARD and self.setpoint is not None:
             self._follow(self.setpoint)
 
     def _say_takeoff_height(self, now_s: float) -> None:
-        least_m, ordered_m = self.params["MIS_TAKEOFF_ALT"], self.mode_control.takeoff_height_m
+        least_m = self.params["MIS_TAKEOFF_ALT"]
+        ordered_m = self.mode_control.takeoff_height_m
+
         if ordered_m is None:
             self.journal.say(now_s, "takeoff height", height=least_m)
         elif ordered_m < least_m:
@@ -326,88 +379,116 @@ class EmulatedPx4:
         self.land_detector.disarmed()
         self.failsafe.reset()
         self.intent = self._after_disarm
+
         why, number = REASONS[reason]
         self.journal.say(now_s, "disarmed", number, why=why)
+
         self.mode_control.takeoff_height_m = None
         self._select_mode(now_s)
         self.mode_control.disarmed()
 
+    # -- which mode is flown -----------------------------------------------------------------------
+
     def _select_mode(self, now_s: float) -> None:
         mode = self.intent
+
         if self.is_armed:
-            self._watch(now_s)
+            self._step_failsafe(now_s)
             if self.failsafe.action is FailsafeAction.DISARM:
                 self._disarm(now_s, "failsafe")
                 return
+
             mode = ACTION_MODE.get(self.failsafe.action, mode)
             if self.intent is Mode.TERMINATION:
                 mode = Mode.TERMINATION
+
             flyable = self._flyable(mode)
             if flyable is not mode and flyable is not self.mode:
-                self.journal.say(now_s, "failsafe", MODES[flyable].custom_mode, FailsafeAction.LAND)
+                shown = MODES[flyable].custom_mode
+                self.journal.say(now_s, "failsafe", shown, FailsafeAction.LAND)
             mode = flyable
-        if mode is not self.mode:
-            self.mode = mode
-            self.mode_control.entered(self._last)
-            if mode is Mode.OFFBOARD and self.is_armed and self.setpoint is not None:
-                self._follow(self.setpoint)
+
+        if mode is self.mode:
+            return
+        self.mode = mode
+        self.mode_control.entered(self._last)
+        if mode is Mode.OFFBOARD and self.is_armed and self.setpoint is not None:
+            self._follow(self.setpoint)
 
     def _flyable(self, mode: Mode) -> Mode:
+        """Return a mode, or what it leads to when there is no position for it."""
+        if self._has_local_position:
+            return mode
         # POSCTL is left alone: without sticks it is a blind descent in any case, and PX4 shows it.
-        has_position = self._last is not None and self._last.has_local_position
-        while mode in modes.FALLBACK and mode is not Mode.POSCTL and not has_position:
+        while mode in modes.FALLBACK and mode is not Mode.POSCTL:
             mode = modes.FALLBACK[mode]
         return mode
 
-    def _watch(self, now_s: float) -> None:
-        facts = FailsafeInputs(
-            has_offboard_signal=self.intent is not Mode.OFFBOARD or self.has_fresh_setpoint(now_s),
+    def _step_failsafe(self, now_s: float) -> None:
+        needs_setpoints = self.intent is Mode.OFFBOARD
+        inputs = FailsafeInputs(
+            has_offboard_signal=not needs_setpoints or self.has_fresh_setpoint(now_s),
             battery=self.charge_state,
             attitude_failed=self._has_failed,
             from_home_m=self._from_home_m(),
             ground_silent_s=now_s - self.ground_time_s,
             has_sticks=self._has_sticks(now_s),
         )
-        if not self.failsafe.step(now_s, facts, self.params):
+        if not self.failsafe.step(now_s, inputs, self.params):
             return
+
         shown = MODES[ACTION_MODE.get(self.failsafe.action, self.intent)].custom_mode
-        if self.failsafe.delayed is not FailsafeAction.NONE:
-            seconds = self.params["COM_FAIL_ACT_T"]
-            shown_s = int(min(65535.0, max(0.0, seconds)))
-            self.journal.say(
-                now_s, "failsafe hold", shown, self.failsafe.delayed, shown_s, seconds=seconds
-            )
-        else:
+        if self.failsafe.delayed is FailsafeAction.NONE:
             self.journal.say(now_s, "failsafe", shown, self.failsafe.action)
+            return
+
+        hold_s = self.params["COM_FAIL_ACT_T"]
+        shown_s = int(min(65535.0, max(0.0, hold_s)))
+        self.journal.say(
+            now_s, "failsafe hold", shown, self.failsafe.delayed, shown_s, seconds=hold_s
+        )
 
     def _from_home_m(self) -> tuple[float, float]:
+        """Return the horizontal distance from home and the height above it."""
         if self._last is None:
             return 0.0, 0.0
         north, east, down = (self._last.position_ned_m - self.mode_control.home_ned_m).tolist()
         return math.hypot(north, east), -down
 
+    # -- what an armed PX4 watches -----------------------------------------------------------------
+
     def _watch_battery(self, now_s: float) -> None:
         charge_state = charge_state_of(self.battery.remaining_frac, self.params)
         # While armed a battery does not recover.
-        if charge_state.value > self.charge_state.value:
-            self.charge_state = charge_state
-            self.journal.say(now_s, _SAID_OF_BATTERY[charge_state])
-            if charge_state is ChargeState.EMERGENCY:
-                self.journal.say(now_s, "no shutdown")
+        if charge_state.value <= self.charge_state.value:
+            return
+
+        self.charge_state = charge_state
+        self.journal.say(now_s, _SAID_OF_BATTERY[charge_state])
+        if charge_state is ChargeState.EMERGENCY:
+            self.journal.say(now_s, "no shutdown")
 
     def _watch_attitude(self, inputs: AutopilotInputs) -> None:
         if self._has_failed or inputs.on_ground:
             return
-        limit_rad = math.radians(min(self.params["FD_FAIL_R"], self.params["FD_FAIL_P"]))
-        if uprightness(inputs.attitude) > math.cos(limit_rad):
+
+        roll_limit_deg = self.params["FD_FAIL_R"]
+        pitch_limit_deg = self.params["FD_FAIL_P"]
+
+        # The usual tick needs no angles: a tilt below both limits cannot hide a roll beyond one.
+        least_limit_rad = math.radians(min(roll_limit_deg, pitch_limit_deg))
+        if uprightness(inputs.attitude) > math.cos(least_limit_rad):
             self._tilted_since_s = math.inf
             return
+
         w, x, y, z = inputs.attitude.tolist()
-        roll, pitch, _ = euler((w, x, y, z))
-        is_roll = abs(roll) > math.radians(self.params["FD_FAIL_R"])
-        if not is_roll and abs(pitch) <= math.radians(self.params["FD_FAIL_P"]):
+        roll_rad, pitch_rad, _ = euler((w, x, y, z))
+        is_roll = abs(roll_rad) > math.radians(roll_limit_deg)
+        is_pitch = abs(pitch_rad) > math.radians(pitch_limit_deg)
+        if not is_roll and not is_pitch:
             self._tilted_since_s = math.inf
             return
+
         self._tilted_since_s = min(self._tilted_since_s, inputs.time_s)
         if inputs.time_s - self._tilted_since_s >= self.params["FD_FAIL_R_TTRI"]:
             self._has_failed = True
@@ -416,12 +497,14 @@ class EmulatedPx4:
     def _auto_disarm(self, now_s: float) -> None:
         if self.landed is not LandedState.ON_GROUND:
             return
-        after_landing, before_flight = (
-            self.params["COM_DISARM_LAND"],
-            self.params["COM_DISARM_PRFLT"],
-        )
+
         if self.land_detector.has_flown:
-            if after_landing > 0.0 and now_s - self.land_detector.landed_time_s >= after_landing:
+            after_landing_s = self.params["COM_DISARM_LAND"]
+            landed_for_s = now_s - self.land_detector.landed_time_s
+            if after_landing_s > 0.0 and landed_for_s >= after_landing_s:
                 self._disarm(now_s, "landing")
-        elif before_flight > 0.0 and now_s - self._armed_time_s >= before_flight:
-            self._disarm(now_s, "preflight")
+        else:
+            before_flight_s = self.params["COM_DISARM_PRFLT"]
+            armed_for_s = now_s - self._armed_time_s
+            if before_flight_s > 0.0 and armed_for_s >= before_flight_s:
+                self._disarm(now_s, "preflight")

@@ -1,11 +1,14 @@
-"""Errors of PX4's estimate, as measured on its simulator, and the random processes that reproduce
-them.
+"""Errors of PX4's estimate, measured on its simulator, and random processes that reproduce them.
 
 The velocity error is an Ornstein-Uhlenbeck process, e_v' = -e_v / tau + noise. The position error
-integrates it and is pulled back by the measurements, e_p' = e_v - e_p / T; T follows from the three
-measured numbers, since the variance of e_p is then sigma_v^2 T^2 tau / (T + tau). So both errors
-belong together, as a filter's do, and are slow: the correlation time, not the size, decides what an
-error costs in separation.
+integrates it, and the measurements pull it back: e_p' = e_v - e_p / T. T follows from the three
+measured numbers, since the variance of e_p is then sigma_v^2 T^2 tau / (T + tau).
+
+So both errors belong together, as a filter's do, and are slow. The correlation time, more than the
+size, decides what an error costs in separation.
+
+All processes run with unit variance and are multiplied by their present sizes, which change
+smoothly when the source of the estimate changes.
 """
 
 from __future__ import annotations
@@ -21,37 +24,47 @@ from sitl.physics.jit import Record, Records, compiled
 
 ERRORS = np.dtype(
     [
-        ("unit_velocity", "f8", 3),  # unit processes
+        # unit processes
+        ("unit_velocity", "f8", 3),
         ("unit_position", "f8", 3),
-        ("std_position", "f8", 3),  # present sizes, and those that they approach
+        # present sizes [m, m/s, m]
+        ("std_position", "f8", 3),
         ("std_velocity", "f8", 3),
         ("bias", "f8", 3),
+        # sizes that they approach
         ("std_position_goal", "f8", 3),
         ("std_velocity_goal", "f8", 3),
         ("bias_goal", "f8", 3),
-        ("ratio", "f8", 3),  # couplings of the unit processes
+        # couplings of the unit processes: sigma_v / sigma_p and 1 / T [1/s]
+        ("ratio", "f8", 3),
         ("pull", "f8", 3),
-        ("keep", "f8"),  # correlation of the velocity error over a step
-        ("offset", "f8", 3),  # of the local frame
-        ("drift_velocity", "f8", 3),  # of dead reckoning
+        # correlation of the velocity error over a step
+        ("keep", "f8"),
+        # of the local frame against the true motion since the start [m]
+        ("offset", "f8", 3),
+        # of dead reckoning [m/s, m/s^2]
+        ("drift_velocity", "f8", 3),
         ("drift_acceleration", "f8", 3),
-        (
-            "tilt_error",
-            "f8",
-            2,
-        ),  # error of the attitude: true turned by this about north and east [rad]
-        ("tilt_error_most", "f8", 2),  # up to which it grows while nothing aids the filter
-        ("base", "f8", 3),  # position without errors but those of the frame
-        ("position", "f8", 3),  # results
+        # turn about north and east that takes the believed attitude to the true one [rad], and the
+        # size up to which it grows while nothing aids the filter
+        ("tilt_error", "f8", 2),
+        ("tilt_error_most", "f8", 2),
+        # position without errors but those of the frame [m]
+        ("base", "f8", 3),
+        # results [m, m/s]
+        ("position", "f8", 3),
         ("velocity", "f8", 3),
-        ("yaw_unit", "f8"),  # error of the compass: unit process, smoothed, its size and mean
+        # error of the compass: unit process, smoothed process, size and mean [rad]
+        ("yaw_unit", "f8"),
         ("yaw_smooth", "f8"),
         ("yaw_std", "f8"),
         ("yaw_mean", "f8"),
-        ("yaw_share", "f8"),  # part of it that counts, and the part that this approaches
+        # share of the compass in the heading, and the share that this approaches
+        ("yaw_share", "f8"),
         ("yaw_share_goal", "f8"),
-        ("vision_yaw", "f8"),  # error of the vision's heading
-        ("yaw_error", "f8"),  # result
+        # error of the vision's heading, and of the heading in use [rad]
+        ("vision_yaw", "f8"),
+        ("yaw_error", "f8"),
         ("is_drifting", "?"),
         ("is_flying", "?"),
     ],
@@ -61,12 +74,15 @@ ERRORS = np.dtype(
 # Not measured. The error wanders in flight only, and smoothly, as the heading of a filter that
 # integrates a gyro does: white noise through two such lags.
 YAW_CORRELATION_S = 6.0
-BLEND_S = 0.5  # in which one kind of error gives way to another
-# Dead reckoning: the velocity's error, growing at first, is damped; that of height ends soon, at
-# another level. The attitude's begins with a quarter of its largest value, which it reaches after
-# 3.5 s.
+BLEND_S = 0.5  # time constant with which one kind of error gives way to another
+
+# Dead reckoning: the error of the velocity grows at first and is damped; that of the vertical
+# velocity ends soon, so that the height stays at another level.
 DRIFT_DAMPING_S = (4.0, 4.0, 0.5)
-TILT_ERROR_AT_FIRST, TILT_ERROR_GROWTH_S = 0.25, 3.5 / math.log(4.0)
+# The error of the attitude begins with a quarter of its largest value and reaches it after 3.5 s.
+TILT_ERROR_AT_FIRST = 0.25
+TILT_ERROR_GROWTH_S = 3.5 / math.log(4.0)
+
 _ROOT_TWO = math.sqrt(2.0)
 
 
@@ -82,40 +98,84 @@ class Source(Enum):
 class ErrorLevel:
     """Size and speed of the errors north, east and down."""
 
-    position_m: tuple[float, float, float]  # standard deviations
-    velocity_m_s: tuple[float, float, float]
-    correlation_s: float  # of the velocity error
-    # standard deviation, over vehicles, of a constant error
+    position_m: tuple[float, float, float]  # standard deviation
+    velocity_m_s: tuple[float, float, float]  # standard deviation
+    correlation_s: float  # tau of the velocity error
+    # standard deviation, over vehicles, of a constant error of the position
     bias_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     @property
     def pull_s(self) -> tuple[float, float, float]:
-        """Time T in which measurements pull the position error back, per axis [s]."""
+        """Time T in which measurements pull the position error back, per axis [s].
+
+        It solves sigma_p^2 = sigma_v^2 T^2 tau / (T + tau) for T, with r = (sigma_p / sigma_v)^2.
+        """
         tau = self.correlation_s
-        ratios = [(p / v) ** 2 for p, v in zip(self.position_m, self.velocity_m_s, strict=True)]
-        x, y, z = ((r + math.sqrt(r * r + 4.0 * tau * tau * r)) / (2.0 * tau) for r in ratios)
-        return x, y, z
+        pull_s: list[float] = []
+        for std_position_m, std_velocity_m_s in zip(
+            self.position_m, self.velocity_m_s, strict=True
+        ):
+            r = (std_position_m / std_velocity_m_s) ** 2
+            pull_s.append((r + math.sqrt(r * r + 4.0 * tau * tau * r)) / (2.0 * tau))
+
+        north_s, east_s, down_s = pull_s
+        return north_s, east_s, down_s
 
 
-RESTING = ErrorLevel((0.03, 0.03, 0.04), (0.015, 0.02, 0.02), 3.4)
-RESTING_WITH_VISION = ErrorLevel((0.0025, 0.0025, 0.0025), (0.014, 0.014, 0.014), 0.68)
-GPS = ErrorLevel((0.12, 0.20, 0.21), (0.16, 0.29, 0.10), 3.4, (0.09, 0.14, 0.18))
-VISION_DEFAULT = ErrorLevel((0.039, 0.10, 0.05), (0.07, 0.17, 0.07), 1.5)
-VISION_TRUSTED = ErrorLevel((0.016, 0.044, 0.02), (0.038, 0.106, 0.04), 0.68)
-VISION_TUNED = ErrorLevel((0.0035, 0.010, 0.005), (0.018, 0.053, 0.02), 0.20)
-VISION_TUNED_WITH_VELOCITY = ErrorLevel((0.003, 0.006, 0.004), (0.018, 0.039, 0.02), 0.09)
+RESTING = ErrorLevel(
+    position_m=(0.03, 0.03, 0.04),
+    velocity_m_s=(0.015, 0.02, 0.02),
+    correlation_s=3.4,
+)
+RESTING_WITH_VISION = ErrorLevel(
+    position_m=(0.0025, 0.0025, 0.0025),
+    velocity_m_s=(0.014, 0.014, 0.014),
+    correlation_s=0.68,
+)
+GPS = ErrorLevel(
+    position_m=(0.12, 0.20, 0.21),
+    velocity_m_s=(0.16, 0.29, 0.10),
+    correlation_s=3.4,
+    bias_m=(0.09, 0.14, 0.18),
+)
+VISION_DEFAULT = ErrorLevel(
+    position_m=(0.039, 0.10, 0.05),
+    velocity_m_s=(0.07, 0.17, 0.07),
+    correlation_s=1.5,
+)
+VISION_TRUSTED = ErrorLevel(
+    position_m=(0.016, 0.044, 0.02),
+    velocity_m_s=(0.038, 0.106, 0.04),
+    correlation_s=0.68,
+)
+VISION_TUNED = ErrorLevel(
+    position_m=(0.0035, 0.010, 0.005),
+    velocity_m_s=(0.018, 0.053, 0.02),
+    correlation_s=0.20,
+)
+VISION_TUNED_WITH_VELOCITY = ErrorLevel(
+    position_m=(0.003, 0.006, 0.004),
+    velocity_m_s=(0.018, 0.039, 0.02),
+    correlation_s=0.09,
+)
 
 
 def vision_level(evp_noise_m: float, tau_vel_s: float, *, has_velocity: bool = False) -> ErrorLevel:
-    """Error level with external vision for EKF2_EVP_NOISE, EKF2_TAU_VEL and a velocity in ODOMETRY.
+    """Return the error level with external vision.
 
-    The velocity helps only a filter that is tuned already, as measured.
+    Args:
+        evp_noise_m: EKF2_EVP_NOISE.
+        tau_vel_s: EKF2_TAU_VEL.
+        has_velocity: whether ODOMETRY brings a velocity; as measured it helps only a filter that is
+            tuned already.
     """
     if evp_noise_m > 0.03:
         return VISION_DEFAULT
     if tau_vel_s > 0.05:
         return VISION_TRUSTED
-    return VISION_TUNED_WITH_VELOCITY if has_velocity else VISION_TUNED
+    if has_velocity:
+        return VISION_TUNED_WITH_VELOCITY
+    return VISION_TUNED
 
 
 def set_level(error: Record, level: ErrorLevel, bias_draw: Array, dt_s: float) -> None:
@@ -131,29 +191,37 @@ def set_level(error: Record, level: ErrorLevel, bias_draw: Array, dt_s: float) -
 @compiled
 def _advance_motion(e: Record, draws: Array, dt_s: float, position: Array, velocity: Array) -> None:
     blend = dt_s / BLEND_S
-    spread = math.sqrt(1.0 - e.keep * e.keep)
+    spread = math.sqrt(1.0 - e.keep * e.keep)  # keeps the variance of the unit process at 1
+
     for k in range(3):
+        # the unit processes
         unit = e.keep * e.unit_velocity[k] + spread * draws[k]
         e.unit_velocity[k] = unit
         e.unit_position[k] += dt_s * (e.ratio[k] * unit - e.pull[k] * e.unit_position[k])
+
+        # their sizes
         e.std_position[k] += blend * (e.std_position_goal[k] - e.std_position[k])
         e.std_velocity[k] += blend * (e.std_velocity_goal[k] - e.std_velocity[k])
         e.bias[k] += blend * (e.bias_goal[k] - e.bias[k])
-        drift = (
-            e.drift_velocity[k] + dt_s * e.drift_acceleration[k] * e.is_flying
-            if e.is_drifting
-            else 0.0
-        )
-        drift -= dt_s / DRIFT_DAMPING_S[k] * e.is_flying * drift
+
+        # dead reckoning; on the ground the estimate wanders on as fast as it did
+        drift = 0.0
+        if e.is_drifting:
+            drift = e.drift_velocity[k]
+            if e.is_flying:
+                drift += dt_s * e.drift_acceleration[k]
+                drift -= dt_s / DRIFT_DAMPING_S[k] * drift
         e.drift_velocity[k] = drift
         e.offset[k] += dt_s * drift
+
+        # the estimates
         e.base[k] = position[k] + e.offset[k]
         e.position[k] = e.base[k] + e.bias[k] + e.std_position[k] * e.unit_position[k]
         e.velocity[k] = velocity[k] + drift + e.std_velocity[k] * unit
 
 
 @compiled
-def _advance_lean(e: Record, dt_s: float) -> None:
+def _advance_tilt(e: Record, dt_s: float) -> None:
     for k in range(2):
         if not e.is_drifting:
             e.tilt_error[k] -= dt_s / BLEND_S * e.tilt_error[k]
@@ -163,9 +231,15 @@ def _advance_lean(e: Record, dt_s: float) -> None:
 
 @compiled
 def _advance_heading(e: Record, draw: float, dt_s: float, yaw_keep: float) -> None:
-    lag = 1.0 - yaw_keep if e.is_flying else 0.0
+    # The compass's error wanders in flight only.
+    lag = 0.0
+    if e.is_flying:
+        lag = 1.0 - yaw_keep
+
     e.yaw_smooth += lag * (_ROOT_TWO * e.yaw_unit - e.yaw_smooth)
-    e.yaw_unit = (1.0 - lag) * e.yaw_unit + math.sqrt(1.0 - (1.0 - lag) * (1.0 - lag)) * draw
+    spread = math.sqrt(1.0 - (1.0 - lag) * (1.0 - lag))
+    e.yaw_unit = (1.0 - lag) * e.yaw_unit + spread * draw
+
     e.yaw_share += dt_s / BLEND_S * (e.yaw_share_goal - e.yaw_share)
     compass = e.yaw_mean + e.yaw_std * e.yaw_smooth
     e.yaw_error = e.yaw_share * compass + (1.0 - e.yaw_share) * e.vision_yaw
@@ -175,15 +249,17 @@ def _advance_heading(e: Record, draw: float, dt_s: float, yaw_keep: float) -> No
 def advance(
     errors: Records, draws: Array, dt_s: float, position: Array, velocity: Array, yaw_keep: float
 ) -> None:
-    """Advance all errors by `dt_s` and form the estimates from the true motion relative to the
-    origin.
+    """Advance all errors by `dt_s` and form the estimates from the true motion.
 
     Args:
-        errors: (n,) records ERRORS, updated. draws: (n, 4) standard normal numbers.
-        position, velocity: (n, 3) truth, NED, position relative to the origin of the local frame.
+        errors: (n,) records ERRORS, updated.
+        draws: (n, 4) standard normal numbers.
+        dt_s: time since the last step.
+        position: (n, 3) truth, NED, relative to the origin of the local frame.
+        velocity: (n, 3) truth, NED.
         yaw_keep: part of the compass's error that a lag keeps over a step.
     """
     for i in range(errors.shape[0]):
         _advance_motion(errors[i], draws[i], dt_s, position[i], velocity[i])
-        _advance_lean(errors[i], dt_s)
+        _advance_tilt(errors[i], dt_s)
         _advance_heading(errors[i], draws[i, 3], dt_s, yaw_keep)

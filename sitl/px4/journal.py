@@ -1,8 +1,7 @@
-"""Messages of a PX4 for people: STATUSTEXTs (for ground stations) and the EVENTs with the same
-content.
+"""What a PX4 says to people: STATUSTEXTs for ground stations, and EVENTs with the same content.
 
-PX4's texts end in a tab when an event says the same, so that a ground station that reads events can
-drop them.
+`journal.toml` lists everything that it can say. A text ends in a tab when an event says the same,
+so that a ground station that reads events can drop the text.
 """
 
 from __future__ import annotations
@@ -18,14 +17,12 @@ from sitl.px4.signals import StatusText
 
 _INFO = 6  # MAV_SEVERITY
 _AUTOPILOT_NAMESPACE = 1 << 24
-_KEPT = 100
+_KEPT = 100  # newest entries of each kind, at least
 Entry = TypeVar("Entry")
 
 
 def event_id(name: str) -> int:
-    """The number of an event: 24 bits of the FNV-1a hash of its name, within the autopilot's
-    namespace.
-    """
+    """Return the number of an event: 24 bits of the FNV-1a hash of its name, and the namespace."""
     value = 0x811C9DC5
     for byte in name.encode("ascii"):
         value = ((value ^ byte) * 0x01000193) & 0xFFFFFFFF
@@ -55,18 +52,18 @@ SAYINGS: dict[str, Saying] = {key: Saying(**values) for key, values in _TABLE.it
 
 
 class Px4Event(NamedTuple):
-    """One EVENT: when, its number in the vehicle's sequence, what, how loud, and its arguments."""
+    """One EVENT."""
 
     time_s: float
-    sequence: int
+    sequence: int  # number in the vehicle's sequence
     event_id: int
-    log_levels: int
+    log_levels: int  # internal level in the upper four bits, external level in the lower
     arguments: bytes
 
 
 @dataclass(slots=True)
 class EntryLog(Generic[Entry]):
-    """The newest entries of one kind; older ones are forgotten, their count is not."""
+    """The newest entries of one kind; of older ones only their number is kept."""
 
     newest: list[Entry] = field(default_factory=list)  # oldest first
     forgotten: int = 0
@@ -77,7 +74,7 @@ class EntryLog(Generic[Entry]):
         return self.forgotten + len(self.newest)
 
     def add(self, entry: Entry) -> None:
-        """Append one."""
+        """Append an entry."""
         if len(self.newest) >= 2 * _KEPT:
             del self.newest[:_KEPT]
             self.forgotten += _KEPT
@@ -94,7 +91,7 @@ class Journal:
 
     texts: EntryLog[StatusText] = field(default_factory=EntryLog)
     events: EntryLog[Px4Event] = field(default_factory=EntryLog)
-    # of texts, where not the table's; -1: not sent
+    # of texts for which the version has another one than the table; -1: the text is not sent
     severities: Mapping[str, int] = field(default_factory=dict)
 
     @property
@@ -112,11 +109,17 @@ class Journal:
             words: of the text.
         """
         saying = SAYINGS[what]
+
         severity = self.severities.get(what, saying.severity)
         if saying.text is not None and severity >= 0:
             self.texts.add(StatusText(now_s, severity, saying.text.format(**words)))
+
         if saying.event is not None:
-            packed = struct.pack("<" + saying.arguments, *arguments)
-            levels = saying.internal << 4 | saying.severity
-            sequence = (self.newest_sequence + 1) & 0xFFFF
-            self.events.add(Px4Event(now_s, sequence, event_id(saying.event), levels, packed))
+            event = Px4Event(
+                time_s=now_s,
+                sequence=(self.newest_sequence + 1) & 0xFFFF,
+                event_id=event_id(saying.event),
+                log_levels=saying.internal << 4 | saying.severity,
+                arguments=struct.pack("<" + saying.arguments, *arguments),
+            )
+            self.events.add(event)

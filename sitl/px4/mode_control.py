@@ -1,4 +1,9 @@
-"""Control of a PX4 in each of its own modes and in OFFBOARD: from a situation to an actuation."""
+"""Control of a PX4 in each of its own modes and in OFFBOARD: from its inputs to an actuation.
+
+Each of PX4's modes states a goal (a position, a speed, a heading), and `position_control.py` flies
+to it. An OFFBOARD setpoint of a position is such a goal, too; one of an attitude or of rates is
+flown as it is.
+"""
 
 from __future__ import annotations
 
@@ -18,19 +23,36 @@ from sitl.px4.position_control import PositionControl, PositionGoal, PositionLim
 from sitl.px4.signals import DRIFT_RAD_S, Actuation, AutopilotInputs, Setpoint, SetpointKind
 
 TICK_S = 0.02
-_SPOOL_S = 1.0
-_FIRST_SHARE = 0.25
-_TAKEOFF_REACHED_M, _TAKEOFF_NEAR_M = 0.1, 0.4
+_SPOOL_S = 1.0  # from arming until a take-off begins
+_FIRST_SHARE = 0.25  # of the climb speed, with which the ramp of a take-off begins
+
+# A take-off ends close to its height; after a while it ends also when it has come near.
+_TAKEOFF_REACHED_M = 0.1
+_TAKEOFF_NEAR_M = 0.4
 _TAKEOFF_PATIENCE_S = 6.5
-_RTL_NEAR_M = 0.5
-_HOVER_LEARN_S = 2.0
+
+_RTL_NEAR_M = 0.5  # from home, horizontally: there the return becomes a landing
+
+_HOVER_LEARN_S = 2.0  # time constant
+_HOVER_LEARN_BELOW_M_S = 0.5  # vertical speed
+
 _NOWHERE = np.full(3, math.nan)
 _STILL = np.zeros(3)
 
 
 def level(yaw_rad: float) -> Array:
-    """Attitude without tilt at a heading."""
+    """Return the attitude (4,) without tilt at a heading."""
     return np.array([math.cos(0.5 * yaw_rad), 0.0, 0.0, math.sin(0.5 * yaw_rad)])
+
+
+def _motors_off(attitude: Array) -> Actuation:
+    return Actuation(
+        attitude=attitude,
+        rate_rad_s=_STILL,
+        is_rate=False,
+        thrust_frac=0.0,
+        motors_on=False,
+    )
 
 
 @dataclass(slots=True)
@@ -39,22 +61,18 @@ class ModeControl:
 
     # the newest output
     actuation: Actuation = field(
-        default_factory=lambda: Actuation(
-            np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3), False, 0.0, False
-        )
+        default_factory=lambda: _motors_off(np.array([1.0, 0.0, 0.0, 0.0]))
     )
-    goal: PositionGoal | None = (
-        None  # where PX4's own control flies to; None while there is no such place
-    )
+    goal: PositionGoal | None = None  # where PX4's own control flies to; None while it does not
     home_ned_m: Array = field(default_factory=lambda: np.zeros(3))  # (3,) where it was armed
-    takeoff_height_m: float | None = None  # asked for by a command; None for MIS_TAKEOFF_ALT
+    takeoff_height_m: float | None = None  # requested by a command; None for MIS_TAKEOFF_ALT
     has_lost_attitude: bool = False  # the attitude control is broken until PX4 restarts
     _control: PositionControl = field(default_factory=PositionControl)
     _armed_time_s: float = 0.0
-    _entry: AutopilotInputs | None = None
-    _hold_ned_m: Array | None = None
-    _yaw_setpoint_rad: float | None = None
-    _hover_thrust_frac: float = 0.5
+    _entry: AutopilotInputs | None = None  # what was known when the mode began
+    _hold_ned_m: Array | None = None  # where Hold was sent to; None for where it began
+    _yaw_setpoint_rad: float | None = None  # None before the mode's first heading
+    _hover_thrust_frac: float = 0.5  # learnt in flight
 
     def armed(self, now_s: float, inputs: AutopilotInputs | None, params: Parameters) -> None:
         """Start afresh, with home here."""
@@ -66,48 +84,51 @@ class ModeControl:
         self.entered(inputs)
 
     def disarmed(self) -> None:
-        """Motors off."""
+        """Stop the motors."""
         self.goal = None
         self.terminate()
 
     def entered(self, inputs: AutopilotInputs | None) -> None:
-        """A mode begins here."""
+        """Begin a mode here."""
         self._entry = inputs
         self._hold_ned_m = None
         self._yaw_setpoint_rad = None
         self._control.forget_horizontal()
 
     def hold_at(self, position_ned_m: Array) -> None:
-        """Let Hold fly to another place (DO_REPOSITION); NaN keeps a coordinate."""
+        """Let Hold fly to another position (DO_REPOSITION); NaN keeps a coordinate."""
         self._hold_ned_m = position_ned_m
 
     def frame_jumped(self, shift_ned_m: Array) -> None:
-        """Move what is remembered along with a jump of the local frame, so that the vehicle stays
-        where it is.
+        """Move all remembered positions along with a jump of the local frame.
+
+        The vehicle stays where it is.
         """
         self.home_ned_m = self.home_ned_m + shift_ned_m
         if self._entry is not None:
-            self._entry = replace(
-                self._entry, position_ned_m=self._entry.position_ned_m + shift_ned_m
-            )
+            moved = self._entry.position_ned_m + shift_ned_m
+            self._entry = replace(self._entry, position_ned_m=moved)
         if self._hold_ned_m is not None:
             self._hold_ned_m = self._hold_ned_m + shift_ned_m
 
     def terminate(self) -> None:
-        """Motors off for good, though still armed."""
-        self.actuation = Actuation(self.actuation.attitude, _STILL, False, 0.0, False)
+        """Stop the motors for good, though the vehicle is still armed."""
+        self.actuation = _motors_off(self.actuation.attitude)
 
     def take_setpoint(self, setpoint: Setpoint) -> None:
-        """Attitude and rate setpoints act at once; positions wait for the next tick."""
+        """Act on an attitude or rate setpoint at once; positions wait for the next tick."""
         if setpoint.kind is SetpointKind.POSITION:
             return
-        attitude = self.actuation.attitude if setpoint.attitude is None else setpoint.attitude
+
+        attitude = setpoint.attitude
+        if attitude is None:
+            attitude = self.actuation.attitude
+        rate_rad_s = None
+        if setpoint.kind is SetpointKind.RATE:
+            rate_rad_s = setpoint.rate_rad_s
+
         self.goal = None
-        self._command(
-            attitude,
-            setpoint.thrust_frac,
-            setpoint.rate_rad_s if setpoint.kind is SetpointKind.RATE else None,
-        )
+        self._command(attitude, setpoint.thrust_frac, rate_rad_s)
 
     def step(
         self,
@@ -117,44 +138,54 @@ class ModeControl:
         params: Parameters,
         setpoint: Setpoint | None,
     ) -> bool:
-        """One tick of an armed vehicle; True when a take-off has reached its height."""
+        """Advance an armed vehicle by one tick; True when a take-off has reached its height."""
         self._learn_hover_thrust(inputs)
+
         if mode is Mode.OFFBOARD:
             if setpoint is not None and setpoint.goal is not None:
                 self._fly(inputs, setpoint.goal, params)
             return False
+
         if mode is Mode.TERMINATION:
             self.terminate()
             return False
-        rests = landed is LandedState.ON_GROUND
-        if mode is not Mode.TAKEOFF and (rests or (inputs.on_ground and mode is not Mode.LOITER)):
+
+        # On the ground only a take-off turns the motors; Hold goes on until the landing is
+        # detected, so that a touch of the ground does not drop a vehicle that hovers low.
+        has_landed = landed is LandedState.ON_GROUND
+        has_touched = inputs.on_ground and mode is not Mode.LOITER
+        if mode is not Mode.TAKEOFF and (has_landed or has_touched):
             self._idle(self._start(inputs).yaw_rad)
             return False
+
         _FLOWN[mode](self, inputs, params)
-        if mode is not Mode.TAKEOFF or rests:
+
+        if mode is not Mode.TAKEOFF or has_landed:
             return False
-        # The slow errors of the estimate keep the last centimetres away for seconds.
-        is_patient = inputs.time_s - self._armed_time_s < _TAKEOFF_PATIENCE_S
-        left_m = abs(float(inputs.position_ned_m[2]) - self._takeoff_down_m(params))
-        return left_m < (_TAKEOFF_REACHED_M if is_patient else _TAKEOFF_NEAR_M)
+        return self._has_reached_takeoff_height(inputs, params)
 
     # -- modes -------------------------------------------------------------------------------------
 
     def _take_off(self, inputs: AutopilotInputs, params: Parameters) -> None:
-        yaw = self._start(inputs).yaw_rad
+        yaw_rad = self._start(inputs).yaw_rad
         since_s = inputs.time_s - self._armed_time_s - _SPOOL_S
         if since_s < 0.0:
-            self._idle(yaw)
+            self._idle(yaw_rad)
             return
+
         position = np.array([self.home_ned_m[0], self.home_ned_m[1], self._takeoff_down_m(params)])
         # The climb begins gently, and from the ground at once.
         share = min(1.0, _FIRST_SHARE + since_s / max(params["MPC_TKO_RAMP_T"], 0.1))
-        self._fly(
-            inputs,
-            PositionGoal(position, _STILL, yaw),
-            params,
-            up_m_s=share * params["MPC_TKO_SPEED"],
-        )
+        up_m_s = share * params["MPC_TKO_SPEED"]
+        self._fly(inputs, PositionGoal(position, _STILL, yaw_rad), params, up_m_s=up_m_s)
+
+    def _has_reached_takeoff_height(self, inputs: AutopilotInputs, params: Parameters) -> bool:
+        left_m = abs(float(inputs.position_ned_m[2]) - self._takeoff_down_m(params))
+        # The slow errors of the estimate keep the last centimetres away for seconds.
+        is_patient = inputs.time_s - self._armed_time_s < _TAKEOFF_PATIENCE_S
+        if is_patient:
+            return left_m < _TAKEOFF_REACHED_M
+        return left_m < _TAKEOFF_NEAR_M
 
     def _hold(self, inputs: AutopilotInputs, params: Parameters) -> None:
         start = self._start(inputs)
@@ -177,33 +208,29 @@ class ModeControl:
 
     def _sink(self, inputs: AutopilotInputs, params: Parameters) -> None:
         # Level, whatever the position does: there is nobody at the sticks, or no position.
-        down = np.array([0.0, 0.0, params["MPC_LAND_SPEED"]])
-        self._fly(
-            inputs, PositionGoal(_NOWHERE, down, self._start(inputs).yaw_rad), params, is_level=True
-        )
+        velocity = np.array([0.0, 0.0, params["MPC_LAND_SPEED"]])
+        goal = PositionGoal(_NOWHERE, velocity, self._start(inputs).yaw_rad)
+        self._fly(inputs, goal, params, is_level=True)
 
     # -- parts -------------------------------------------------------------------------------------
 
     def _start(self, inputs: AutopilotInputs) -> AutopilotInputs:
+        """Return the inputs at the begin of the mode."""
         return self._entry or inputs
 
     def _takeoff_down_m(self, params: Parameters) -> float:
-        height_m = (
-            params["MIS_TAKEOFF_ALT"] if self.takeoff_height_m is None else self.takeoff_height_m
-        )
+        height_m = self.takeoff_height_m
+        if height_m is None:
+            height_m = params["MIS_TAKEOFF_ALT"]
         return float(self.home_ned_m[2]) - height_m
 
     def _descend(
         self, inputs: AutopilotInputs, at_ned_m: Array, yaw_rad: float, params: Parameters
     ) -> None:
         position = np.array([at_ned_m[0], at_ned_m[1], math.nan])
-        speed = np.array([0.0, 0.0, params["MPC_LAND_SPEED"]])
-        self._fly(
-            inputs,
-            PositionGoal(position, speed, yaw_rad),
-            params,
-            is_level=not inputs.has_local_position,
-        )
+        velocity = np.array([0.0, 0.0, params["MPC_LAND_SPEED"]])
+        goal = PositionGoal(position, velocity, yaw_rad)
+        self._fly(inputs, goal, params, is_level=not inputs.has_local_position)
 
     def _fly(
         self,
@@ -215,38 +242,49 @@ class ModeControl:
         is_level: bool = False,
     ) -> None:
         self.goal = goal
-        yaw = self._heading(goal, inputs)
-        attitude, thrust = self._control.step(
+        yaw_rad = self._heading(goal, inputs)
+
+        if up_m_s is None:
+            up_m_s = params["MPC_Z_VEL_MAX_UP"]
+        limits = PositionLimits(
+            speed_m_s=params["MPC_XY_CRUISE"],
+            up_m_s=up_m_s,
+            down_m_s=params["MPC_Z_VEL_MAX_DN"],
+            tilt_rad=math.radians(params["MPC_TILTMAX_AIR"]),
+        )
+
+        attitude, thrust_frac = self._control.step(
             goal,
             inputs.position_ned_m,
             inputs.velocity_ned_m_s,
             TICK_S,
             hover_thrust_frac=self._hover_thrust_frac,
-            limits=PositionLimits(
-                params["MPC_XY_CRUISE"],
-                params["MPC_Z_VEL_MAX_UP"] if up_m_s is None else up_m_s,
-                params["MPC_Z_VEL_MAX_DN"],
-                math.radians(params["MPC_TILTMAX_AIR"]),
-            ),
-            yaw_rad=yaw,
+            limits=limits,
+            yaw_rad=yaw_rad,
         )
-        self._command(level(yaw) if is_level else attitude, thrust)
+        if is_level:
+            attitude = level(yaw_rad)
+        self._command(attitude, thrust_frac)
 
     def _heading(self, goal: PositionGoal, inputs: AutopilotInputs) -> float:
-        # A heading that is not asked for stays where it was when it was last asked for, or at the
-        # mode's start.
+        """Return the heading to fly.
+
+        Without one in the goal the last one stays; a mode begins with the heading that it finds.
+        """
         if math.isfinite(goal.yaw_rad):
             self._yaw_setpoint_rad = goal.yaw_rad
-        elif self._yaw_setpoint_rad is None:
+            return self._yaw_setpoint_rad
+
+        if self._yaw_setpoint_rad is None:
             self._yaw_setpoint_rad = inputs.yaw_rad
-        if not math.isfinite(goal.yaw_rad) and math.isfinite(goal.yaw_rate_rad_s):
-            turned = self._yaw_setpoint_rad + TICK_S * max(
-                -math.pi, min(math.pi, goal.yaw_rate_rad_s)
-            )
-            self._yaw_setpoint_rad = math.remainder(turned, 2.0 * math.pi)
+        if math.isfinite(goal.yaw_rate_rad_s):
+            yaw_rate_rad_s = max(-math.pi, min(math.pi, goal.yaw_rate_rad_s))
+            turned_rad = self._yaw_setpoint_rad + TICK_S * yaw_rate_rad_s
+            self._yaw_setpoint_rad = math.remainder(turned_rad, 2.0 * math.pi)
         return self._yaw_setpoint_rad
 
     def _idle(self, yaw_rad: float) -> None:
+        """Turn the motors without lift."""
         self._control.reset()
         self.goal = None
         self._command(level(yaw_rad), 0.0)
@@ -256,21 +294,26 @@ class ModeControl:
     ) -> None:
         if self.has_lost_attitude:
             rate_rad_s = DRIFT_RAD_S
-        is_rate = rate_rad_s is not None
+
         self.actuation = Actuation(
-            attitude, _STILL if rate_rad_s is None else rate_rad_s, is_rate, thrust_frac, True
+            attitude=attitude,
+            rate_rad_s=_STILL if rate_rad_s is None else rate_rad_s,
+            is_rate=rate_rad_s is not None,
+            thrust_frac=thrust_frac,
+            motors_on=True,
         )
 
     def _learn_hover_thrust(self, inputs: AutopilotInputs) -> None:
         # PX4 estimates its hover thrust in flight; without that a heavy vehicle sinks when a
         # failsafe takes over.
-        if inputs.on_ground or abs(inputs.velocity_ned_m_s[2]) > 0.5:
+        is_level_flight = abs(inputs.velocity_ned_m_s[2]) <= _HOVER_LEARN_BELOW_M_S
+        if inputs.on_ground or not is_level_flight:
             return
-        lift = self.actuation.thrust_frac * frames.uprightness(inputs.attitude)
-        learned = self._hover_thrust_frac + TICK_S / _HOVER_LEARN_S * (
-            lift - self._hover_thrust_frac
-        )
-        self._hover_thrust_frac = min(0.9, max(0.1, learned))
+
+        lift_frac = self.actuation.thrust_frac * frames.uprightness(inputs.attitude)
+        error_frac = lift_frac - self._hover_thrust_frac
+        learnt_frac = self._hover_thrust_frac + TICK_S / _HOVER_LEARN_S * error_frac
+        self._hover_thrust_frac = min(0.9, max(0.1, learnt_frac))
 
 
 _FLOWN: dict[Mode, Callable[[ModeControl, AutopilotInputs, Parameters], None]] = {

@@ -66,10 +66,9 @@ class ModeCondition(Flag):
 class ModeRow:
     """MAVLink numbers of a mode, and its conditions."""
 
-    # main, sub: of HEARTBEAT.custom_mode
-    main: int
-    sub: int
-    base_mode: int  # without the armed bit
+    main: int  # main mode in HEARTBEAT.custom_mode
+    sub: int  # sub mode in HEARTBEAT.custom_mode
+    base_mode: int  # HEARTBEAT.base_mode without the armed bit
     standard_mode: int  # CURRENT_MODE.standard_mode (MAV_STANDARD_MODE)
     needs: ModeCondition  # to be armed in it, and to be changed to it
     is_selectable: bool = True  # whether somebody may ask for it
@@ -83,20 +82,95 @@ class ModeRow:
 _GLOBAL = ModeCondition.LOCAL_POSITION | ModeCondition.GLOBAL_POSITION
 
 MODES: dict[Mode, ModeRow] = {
-    Mode.MANUAL: ModeRow(1, 0, 65, 0, ModeCondition.NOTHING),
-    Mode.ALTCTL: ModeRow(2, 0, 81, 4, ModeCondition.NOTHING),
-    Mode.POSCTL: ModeRow(3, 0, 81, 1, ModeCondition.LOCAL_POSITION),
-    Mode.STABILIZED: ModeRow(7, 0, 81, 0, ModeCondition.NOTHING),
-    Mode.OFFBOARD: ModeRow(6, 0, 17, 0, ModeCondition.SETPOINTS),
-    Mode.TAKEOFF: ModeRow(4, 2, 29, 8, _GLOBAL),
-    Mode.LOITER: ModeRow(4, 3, 29, 0, _GLOBAL),
-    Mode.MISSION: ModeRow(4, 4, 29, 6, _GLOBAL | ModeCondition.MISSION),
-    Mode.RTL: ModeRow(4, 5, 29, 5, _GLOBAL | ModeCondition.ARMING),
-    Mode.LAND: ModeRow(4, 6, 29, 7, ModeCondition.LOCAL_POSITION | ModeCondition.ARMING),
+    Mode.MANUAL: ModeRow(
+        main=1,
+        sub=0,
+        base_mode=65,
+        standard_mode=0,
+        needs=ModeCondition.NOTHING,
+    ),
+    Mode.ALTCTL: ModeRow(
+        main=2,
+        sub=0,
+        base_mode=81,
+        standard_mode=4,
+        needs=ModeCondition.NOTHING,
+    ),
+    Mode.POSCTL: ModeRow(
+        main=3,
+        sub=0,
+        base_mode=81,
+        standard_mode=1,
+        needs=ModeCondition.LOCAL_POSITION,
+    ),
+    Mode.STABILIZED: ModeRow(
+        main=7,
+        sub=0,
+        base_mode=81,
+        standard_mode=0,
+        needs=ModeCondition.NOTHING,
+    ),
+    Mode.OFFBOARD: ModeRow(
+        main=6,
+        sub=0,
+        base_mode=17,
+        standard_mode=0,
+        needs=ModeCondition.SETPOINTS,
+    ),
+    Mode.TAKEOFF: ModeRow(
+        main=4,
+        sub=2,
+        base_mode=29,
+        standard_mode=8,
+        needs=_GLOBAL,
+    ),
+    Mode.LOITER: ModeRow(
+        main=4,
+        sub=3,
+        base_mode=29,
+        standard_mode=0,
+        needs=_GLOBAL,
+    ),
+    Mode.MISSION: ModeRow(
+        main=4,
+        sub=4,
+        base_mode=29,
+        standard_mode=6,
+        needs=_GLOBAL | ModeCondition.MISSION,
+    ),
+    Mode.RTL: ModeRow(
+        main=4,
+        sub=5,
+        base_mode=29,
+        standard_mode=5,
+        needs=_GLOBAL | ModeCondition.ARMING,
+    ),
+    Mode.LAND: ModeRow(
+        main=4,
+        sub=6,
+        base_mode=29,
+        standard_mode=7,
+        needs=ModeCondition.LOCAL_POSITION | ModeCondition.ARMING,
+    ),
     # PX4 shows a descent without position as AUTO.LAND, and a terminated flight as MANUAL.
-    Mode.DESCEND: ModeRow(4, 6, 29, 7, ModeCondition.ARMING, is_selectable=False),
-    Mode.TERMINATION: ModeRow(1, 0, 65, 0, ModeCondition.ARMING, is_selectable=False),
+    Mode.DESCEND: ModeRow(
+        main=4,
+        sub=6,
+        base_mode=29,
+        standard_mode=7,
+        needs=ModeCondition.ARMING,
+        is_selectable=False,
+    ),
+    Mode.TERMINATION: ModeRow(
+        main=1,
+        sub=0,
+        base_mode=65,
+        standard_mode=0,
+        needs=ModeCondition.ARMING,
+        is_selectable=False,
+    ),
 }
+
 # What PX4 calls a mode in a text, and its number in an event.
 NAMES: dict[Mode, tuple[str, int]] = {
     Mode.MANUAL: ("Manual", 0),
@@ -119,7 +193,12 @@ BY_NUMBERS: dict[tuple[int, int], Mode] = {
 }
 AUTO_MAIN = 4
 
-_IS_CUSTOM, _IS_AUTO, _IS_GUIDED, _IS_STABILIZED, _IS_MANUAL = 1, 4, 8, 16, 64
+# Bits of MAVLink's base_mode.
+_IS_CUSTOM = 1
+_IS_AUTO = 4
+_IS_GUIDED = 8
+_IS_STABILIZED = 16
+_IS_MANUAL = 64
 # What an old client means that knows only MAVLink's modes: the first row whose bits are all set.
 _BY_BASE_MODE: tuple[tuple[int, Mode], ...] = (
     (_IS_AUTO, Mode.MISSION),
@@ -128,8 +207,7 @@ _BY_BASE_MODE: tuple[tuple[int, Mode], ...] = (
     (_IS_MANUAL, Mode.MANUAL),
 )
 
-# What a mode leads to when it cannot be flown (no position): LAND too becomes a level, blind
-# descent.
+# What a mode leads to when there is no position for it; LAND becomes a level, blind descent.
 FALLBACK: dict[Mode, Mode] = {
     Mode.TAKEOFF: Mode.LAND,
     Mode.LOITER: Mode.LAND,
@@ -139,20 +217,24 @@ FALLBACK: dict[Mode, Mode] = {
     Mode.POSCTL: Mode.ALTCTL,
 }
 
-# Flown without sticks (there is no radio control) these are a level, blind descent.
+# Without sticks (there is no radio control) these modes are a level, blind descent.
 BLIND_DESCENT = frozenset({Mode.MANUAL, Mode.ALTCTL, Mode.POSCTL, Mode.STABILIZED, Mode.DESCEND})
 
 
 def mode_of(base_mode: int, main: int, sub: int) -> Mode | None:
-    """The mode that a DO_SET_MODE asks for; None for what PX4 does not know or the emulator does
-    not have.
+    """Return the mode that a DO_SET_MODE requests; None for one that the emulator does not have.
 
     Args:
         base_mode: bit 0 says that the other two count; without it MAVLink's own bits decide.
-        main, sub: as in custom_mode; AUTO without a sub mode is a mission.
+        main: main mode, as in custom_mode.
+        sub: sub mode; AUTO without one is a mission.
     """
     if not base_mode & _IS_CUSTOM:
-        return next((mode for bits, mode in _BY_BASE_MODE if base_mode & bits == bits), None)
+        for bits, mode in _BY_BASE_MODE:
+            if base_mode & bits == bits:
+                return mode
+        return None
+
     if main == AUTO_MAIN:
         return BY_NUMBERS.get((main, sub or 4))
     return BY_NUMBERS.get((main, 0))

@@ -1,5 +1,7 @@
-"""PX4's parameters that the emulator honours or that clients ask for, with PX4's names and
-defaults.
+"""PX4's parameters that the emulator honours or that clients ask for, with PX4's defaults.
+
+MAVLink carries every value in a float field. PX4 puts the bytes of an integer there and does not
+convert the number, so each value is encoded and decoded by the type of its parameter.
 """
 
 from __future__ import annotations
@@ -30,9 +32,10 @@ def _defaults(version: Version) -> dict[str, int | float]:
     return {name: value for name, value in sorted(named) if name not in version.parameters_gone}
 
 
+# of each version, in PX4's order
 DEFAULTS: dict[str, dict[str, int | float]] = {
     version.name: _defaults(version) for version in versions.VERSIONS.values()
-}  # of each version, in PX4's order
+}
 
 
 @dataclass(slots=True)
@@ -55,54 +58,54 @@ class Parameters:
         return self.values[name]
 
     def integer(self, name: str) -> int:
-        """A parameter that is a choice or a set of bits."""
+        """Return a parameter that is a choice or a set of bits."""
         return int(self.values[name])
 
     def names(self) -> list[str]:
-        """All names in PX4's order (alphabetical)."""
+        """Return all names in PX4's order, which is alphabetical."""
         return list(self.defaults)
 
     def index(self, name: str) -> int:
-        """Index of a known parameter in that order."""
+        """Return the index of a known parameter in that order."""
         return list(self.defaults).index(name)
 
     def kind(self, name: str) -> int:
-        """MAV_PARAM_TYPE of a known parameter."""
-        return (
-            MAV_PARAM_TYPE_INT32 if isinstance(self.defaults[name], int) else MAV_PARAM_TYPE_REAL32
-        )
+        """Return the MAV_PARAM_TYPE of a known parameter."""
+        if isinstance(self.defaults[name], int):
+            return MAV_PARAM_TYPE_INT32
+        return MAV_PARAM_TYPE_REAL32
 
     def encoded_value(self, name: str) -> float:
-        """The value as MAVLink's float field carries it: integers bytewise, not converted."""
+        """Return the value as MAVLink's float field carries it: the bytes of an integer."""
         value = self.values[name]
         if isinstance(self.defaults[name], int):
             return float(struct.unpack("<f", struct.pack("<i", int(value)))[0])
         return value
 
     def hash_value(self) -> float:
-        """Checksum of all names and values, as :data:`HASH_CHECK` carries it: an unsigned integer,
-        bytewise.
-        """
+        """Return the checksum of all names and values, as :data:`HASH_CHECK` carries it."""
         checksum = 0
         for name in self.defaults:
-            packed = struct.pack(
-                "<i" if isinstance(self.defaults[name], int) else "<f", self.values[name]
-            )
+            layout = "<i" if isinstance(self.defaults[name], int) else "<f"
+            packed = struct.pack(layout, self.values[name])
             checksum = zlib.crc32(name.encode("ascii") + packed, checksum)
-        # One bit is given away so that the four bytes are never a NaN, which does not survive being
-        # a float.
-        return float(struct.unpack("<f", struct.pack("<I", checksum & 0xBFFFFFFF))[0])
+
+        # One bit is given away, so that the four bytes are never those of a NaN: Python does not
+        # keep the bytes of a NaN when it is a float in between.
+        checksum &= 0xBFFFFFFF
+        return float(struct.unpack("<f", struct.pack("<I", checksum))[0])
 
     def set_encoded(self, name: str, encoded: float, kind: int) -> bool:
-        """Take a PARAM_SET; False when name or type is not one that PX4 would accept. NaN leaves
-        the value.
+        """Take a PARAM_SET; False when PX4 would not accept its name or type.
+
+        PX4 accepts a NaN, and the value stays what it was.
         """
         if name not in self.values or kind != self.kind(name):
             return False
+
         if kind == MAV_PARAM_TYPE_INT32:
             self.values[name] = int(struct.unpack("<i", struct.pack("<f", encoded))[0])
         elif math.isfinite(encoded):
-            self.values[name] = max(
-                float(encoded), self.version.parameters_least.get(name, -math.inf)
-            )
+            least = self.version.parameters_least.get(name, -math.inf)
+            self.values[name] = max(float(encoded), least)
         return True

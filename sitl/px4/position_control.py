@@ -1,8 +1,8 @@
-"""The position controller of PX4's own modes (take-off, hold, land, return) and of position
-setpoints in OFFBOARD.
+"""The position controller of PX4's own modes and of position setpoints in OFFBOARD.
 
-A plain cascade with integral action: these modes have to fly safely and about as fast as PX4, not
-exactly alike.
+A plain cascade: position to velocity, velocity with integral action to acceleration, acceleration
+to attitude and thrust. Take-off, hold, landing and return have to fly safely and about as fast as
+PX4, not exactly alike.
 """
 
 from __future__ import annotations
@@ -17,14 +17,18 @@ from sitl.physics.frames import Array
 from sitl.physics.vehicle import GRAVITY_M_S2
 
 _POSITION_GAIN_1_S = 0.95
+
+# For north, east, down.
 _VELOCITY_GAIN_1_S = (1.8, 1.8, 4.0)
 _INTEGRAL_GAIN_1_S2 = (0.4, 0.4, 2.0)
 _INTEGRAL_LIMIT_M_S2 = (2.0, 2.0, 8.0)
+
 _THRUST_MIN = 0.12
-_MOST_ACCELERATION_M_S2 = 20.0
+_LEAST_LIFT = 0.2  # of the weight: below that the tilt would have no meaning
+_MOST_ACCELERATION_M_S2 = 20.0  # that a setpoint can add, in each axis
 
 
-def _nothing() -> Array:
+def _unset() -> Array:
     return np.full(3, math.nan)
 
 
@@ -32,23 +36,22 @@ def _nothing() -> Array:
 class PositionGoal:
     """Goal of the position control, local NED.
 
-    NaN leaves an axis to the next quantity: position, then velocity, then acceleration.
+    NaN leaves an axis to the next quantity: position, then velocity, then acceleration. Where
+    several are given, the later ones are added to what the first requires.
     """
 
-    # position_ned_m, velocity_ned_m_s, acceleration_ned_m_s2: (3,) setpoints; where several are
-    # given, the later ones are added to what the first asks
-    position_ned_m: Array
-    velocity_ned_m_s: Array
+    position_ned_m: Array  # (3,)
+    velocity_ned_m_s: Array  # (3,)
     yaw_rad: float  # heading; NaN keeps the present one
-    acceleration_ned_m_s2: Array = field(default_factory=_nothing)
+    acceleration_ned_m_s2: Array = field(default_factory=_unset)  # (3,)
     yaw_rate_rad_s: float = math.nan  # how fast the heading turns on; NaN for not at all
 
 
 @dataclass(frozen=True, slots=True)
 class PositionLimits:
-    """Limits from the parameters: speeds [m/s] horizontally, up and down, and the tilt [rad]."""
+    """Limits from the parameters."""
 
-    speed_m_s: float
+    speed_m_s: float  # horizontally
     up_m_s: float
     down_m_s: float
     tilt_rad: float
@@ -79,62 +82,111 @@ class PositionControl:
         limits: PositionLimits,
         yaw_rad: float,
     ) -> tuple[Array, float]:
-        """One step at a heading.
+        """Advance by one step.
+
+        Args:
+            goal: where to fly.
+            position_ned_m: (3,) estimated.
+            velocity_ned_m_s: (3,) estimated.
+            dt_s: time since the last step.
+            hover_thrust_frac: thrust that carries the weight.
+            limits: of speed and tilt.
+            yaw_rad: heading of the attitude.
 
         Returns:
             attitude NED <- FRD (4,) and collective thrust in [0, 1].
         """
-        here, speed_now = position_ned_m.tolist(), velocity_ned_m_s.tolist()
-        wanted_speed = _velocity(goal, here, limits)
-        feed = goal.acceleration_ned_m_s2.tolist()
-        wanted = [0.0, 0.0, 0.0]
+        velocity_setpoint_m_s = _velocity_setpoint(goal, position_ned_m.tolist(), limits)
+        acceleration_m_s2 = self._acceleration(
+            velocity_setpoint_m_s,
+            velocity_ned_m_s.tolist(),
+            goal.acceleration_ned_m_s2.tolist(),
+            dt_s,
+        )
+
+        # Body z is opposite to the thrust, which carries the weight and accelerates besides.
+        north_m_s2, east_m_s2, down_m_s2 = acceleration_m_s2
+        lift_m_s2 = max(GRAVITY_M_S2 - down_m_s2, _LEAST_LIFT * GRAVITY_M_S2)
+        body_z_m_s2 = [-north_m_s2, -east_m_s2, lift_m_s2]
+
+        # The tilt is limited by less acceleration sideways, never by less lift.
+        horizontal_m_s2 = math.hypot(body_z_m_s2[0], body_z_m_s2[1])
+        most_m_s2 = math.tan(limits.tilt_rad) * lift_m_s2
+        if horizontal_m_s2 > most_m_s2:
+            body_z_m_s2[0] *= most_m_s2 / horizontal_m_s2
+            body_z_m_s2[1] *= most_m_s2 / horizontal_m_s2
+
+        thrust_frac = hover_thrust_frac * math.hypot(*body_z_m_s2) / GRAVITY_M_S2
+        attitude = attitude_for(np.array(body_z_m_s2), yaw_rad)
+        return attitude, min(1.0, max(_THRUST_MIN, thrust_frac))
+
+    def _acceleration(
+        self,
+        setpoint_m_s: list[float],
+        velocity_m_s: list[float],
+        feedforward_m_s2: list[float],
+        dt_s: float,
+    ) -> list[float]:
+        """Return the acceleration that follows the velocity setpoint, NED [m/s^2]."""
+        acceleration_m_s2 = [0.0, 0.0, 0.0]
+
         for axis in range(3):
-            if math.isfinite(wanted_speed[axis]):
-                error = wanted_speed[axis] - speed_now[axis]
-                limit = _INTEGRAL_LIMIT_M_S2[axis]
-                learnt = self.integral_m_s2[axis] + _INTEGRAL_GAIN_1_S2[axis] * error * dt_s
-                self.integral_m_s2[axis] = learnt = min(limit, max(-limit, learnt))
-                wanted[axis] = _VELOCITY_GAIN_1_S[axis] * error + learnt
-            if math.isfinite(feed[axis]):
-                wanted[axis] += min(
-                    _MOST_ACCELERATION_M_S2, max(-_MOST_ACCELERATION_M_S2, feed[axis])
-                )
-        # Body z is opposite to the thrust, which carries the weight and what is wanted besides.
-        down = [-wanted[0], -wanted[1], max(GRAVITY_M_S2 - wanted[2], 0.2 * GRAVITY_M_S2)]
-        horizontal = math.hypot(down[0], down[1])
-        most = math.tan(limits.tilt_rad) * down[2]
-        if horizontal > most:
-            down[0] *= most / horizontal
-            down[1] *= most / horizontal
-        thrust = hover_thrust_frac * math.hypot(*down) / GRAVITY_M_S2
-        return attitude_for(np.array(down), yaw_rad), min(1.0, max(_THRUST_MIN, thrust))
+            if math.isfinite(setpoint_m_s[axis]):
+                error_m_s = setpoint_m_s[axis] - velocity_m_s[axis]
+
+                limit_m_s2 = _INTEGRAL_LIMIT_M_S2[axis]
+                gain_1_s2 = _INTEGRAL_GAIN_1_S2[axis]
+                integral_m_s2 = self.integral_m_s2[axis] + gain_1_s2 * error_m_s * dt_s
+                integral_m_s2 = min(limit_m_s2, max(-limit_m_s2, integral_m_s2))
+
+                self.integral_m_s2[axis] = integral_m_s2
+                acceleration_m_s2[axis] = _VELOCITY_GAIN_1_S[axis] * error_m_s + integral_m_s2
+
+            if math.isfinite(feedforward_m_s2[axis]):
+                most_m_s2 = _MOST_ACCELERATION_M_S2
+                acceleration_m_s2[axis] += min(most_m_s2, max(-most_m_s2, feedforward_m_s2[axis]))
+
+        return acceleration_m_s2
 
 
-def _velocity(goal: PositionGoal, here: list[float], limits: PositionLimits) -> list[float]:
-    """Velocity that position and velocity ask for together, within the limits; NaN on axes without
-    either.
+def _velocity_setpoint(
+    goal: PositionGoal, position_ned_m: list[float], limits: PositionLimits
+) -> list[float]:
+    """Return the velocity for a goal's position and velocity together, within the limits.
+
+    It is NaN on the axes that have neither.
     """
-    out = [math.nan] * 3
-    for axis, (position, speed) in enumerate(
-        zip(goal.position_ned_m.tolist(), goal.velocity_ned_m_s.tolist(), strict=True)
-    ):
-        if math.isfinite(position):
-            out[axis] = _POSITION_GAIN_1_S * (position - here[axis]) + (
-                speed if math.isfinite(speed) else 0.0
-            )
-        elif math.isfinite(speed):
-            out[axis] = speed
-    horizontal = math.hypot(*(c for c in out[:2] if math.isfinite(c)))
-    if horizontal > limits.speed_m_s:
-        out[:2] = [c * limits.speed_m_s / horizontal for c in out[:2]]
-    if math.isfinite(out[2]):
-        out[2] = min(max(out[2], -limits.up_m_s), limits.down_m_s)
-    return out
+    velocity_m_s = [math.nan] * 3
+    goal_position_ned_m = goal.position_ned_m.tolist()
+    goal_velocity_ned_m_s = goal.velocity_ned_m_s.tolist()
+
+    for axis in range(3):
+        goal_position_m = goal_position_ned_m[axis]
+        goal_velocity_m_s = goal_velocity_ned_m_s[axis]
+
+        if math.isfinite(goal_position_m):
+            approach_m_s = _POSITION_GAIN_1_S * (goal_position_m - position_ned_m[axis])
+            added_m_s = goal_velocity_m_s if math.isfinite(goal_velocity_m_s) else 0.0
+            velocity_m_s[axis] = approach_m_s + added_m_s
+        elif math.isfinite(goal_velocity_m_s):
+            velocity_m_s[axis] = goal_velocity_m_s
+
+    horizontal_m_s = math.hypot(*(part for part in velocity_m_s[:2] if math.isfinite(part)))
+    if horizontal_m_s > limits.speed_m_s:
+        velocity_m_s[:2] = [part * limits.speed_m_s / horizontal_m_s for part in velocity_m_s[:2]]
+
+    if math.isfinite(velocity_m_s[2]):
+        velocity_m_s[2] = min(max(velocity_m_s[2], -limits.up_m_s), limits.down_m_s)
+    return velocity_m_s
 
 
 def attitude_for(down: Array, yaw_rad: float) -> Array:
-    """Attitude whose body z points along `down` (3,), at a heading."""
-    c, s = math.cos(yaw_rad), math.sin(yaw_rad)
+    """Return the attitude (4,) whose body z points along `down` (3,), at a heading."""
     unit = down / np.linalg.norm(down)
+
+    # turned into the heading, where the tilt is about body x and y
+    c = math.cos(yaw_rad)
+    s = math.sin(yaw_rad)
     from_heading = np.array([c * unit[0] + s * unit[1], -s * unit[0] + c * unit[1], unit[2]])
+
     return frames.from_yaw_and_tilt(np.float64(yaw_rad), frames.tilt_from_down(from_heading))  # type: ignore[arg-type]

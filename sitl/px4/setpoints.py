@@ -1,5 +1,7 @@
-"""OFFBOARD setpoints as PX4 takes them from MAVLink: no number is refused; odd ones become tame, or
-not.
+"""OFFBOARD setpoints as PX4 takes them from MAVLink.
+
+PX4 refuses no number. Odd ones become tame here (a thrust of NaN is none, a rate is limited), or
+they do what they do to a real PX4: an attitude of NaN makes the vehicle drift.
 """
 
 from __future__ import annotations
@@ -16,16 +18,32 @@ from sitl.px4.position_control import PositionGoal
 from sitl.px4.signals import DRIFT_RAD_S, Setpoint, SetpointKind
 from sitl.px4.versions import Version
 
-LOCAL_NED, BODY_NED = 1, 8
+# Frames of SET_POSITION_TARGET_LOCAL_NED.
+LOCAL_NED = 1
+BODY_NED = 8
 # Frames of SET_POSITION_TARGET_GLOBAL_INT: altitude above the sea, and above home.
-ABOVE_SEA, ABOVE_HOME = frozenset({0, 5}), frozenset({3, 6})
-_IGNORE_ROLL_RATE, _IGNORE_PITCH_RATE, _IGNORE_YAW_RATE = 1, 2, 4
-_IGNORE_THRUST, _IGNORE_ATTITUDE = 64, 128
-_IGNORE_YAW, _IGNORE_TURN, _IS_FORCE = 1024, 2048, 512
-# MC_ROLLRATE_MAX and MC_PITCHRATE_MAX 220 deg/s, MC_YAWRATE_MAX 200
-_MOST_RATE_RAD_S = (3.84, 3.84, 3.49)
-_SHORT = 1e-6
-_HUGE = 1e6
+ABOVE_SEA = frozenset({0, 5})
+ABOVE_HOME = frozenset({3, 6})
+
+# Bits of the type mask of SET_ATTITUDE_TARGET.
+_IGNORE_ROLL_RATE = 1
+_IGNORE_PITCH_RATE = 2
+_IGNORE_YAW_RATE = 4
+_IGNORE_THRUST = 64
+_IGNORE_ATTITUDE = 128
+
+# Bits of the type mask of the two position targets; 0 to 8 are the axes of each quantity.
+_IGNORE_YAW = 1024
+_IGNORE_TURN = 2048
+_IS_FORCE = 512
+
+_RATES: tuple[tuple[int, float], ...] = (  # bit that ignores it, limit [rad/s]
+    (_IGNORE_ROLL_RATE, 3.84),  # MC_ROLLRATE_MAX, 220 deg/s
+    (_IGNORE_PITCH_RATE, 3.84),  # MC_PITCHRATE_MAX, 220 deg/s
+    (_IGNORE_YAW_RATE, 3.49),  # MC_YAWRATE_MAX, 200 deg/s
+)
+_SHORT = 1e-6  # length of a quaternion that is taken for zero
+_HUGE = 1e6  # a number that no vehicle can mean
 
 
 def from_attitude(
@@ -38,51 +56,75 @@ def from_attitude(
     yaw_rad: float,
     version: Version,
 ) -> Setpoint | None:
-    """SET_ATTITUDE_TARGET; None for what PX4 does not count: neither attitude nor rates, in some
-    versions no thrust.
+    """Return the setpoint of a SET_ATTITUDE_TARGET; None for one that PX4 does not count.
+
+    PX4 does not count one with neither attitude nor rates; some versions none without thrust.
 
     Args:
-        attitude_wxyz, rate_rad_s, thrust_frac, type_mask: the message.
-        now_s: present time. yaw_rad: present heading, where an attitude without length points.
+        attitude_wxyz: of the message, NED <- FRD.
+        rate_rad_s: of the message, about the body's axes.
+        thrust_frac: of the message.
+        type_mask: of the message.
+        now_s: present time.
+        yaw_rad: present heading, for an attitude without length.
         version: of PX4.
     """
-    if type_mask & _IGNORE_THRUST and not version.counts_ignored_thrust:
+    ignores_thrust = bool(type_mask & _IGNORE_THRUST)
+    if ignores_thrust and not version.counts_ignored_thrust:
         return None
-    thrust = (
-        0.0
-        if type_mask & _IGNORE_THRUST or math.isnan(thrust_frac)
-        else min(1.0, max(0.0, thrust_frac))
-    )
+    if ignores_thrust or math.isnan(thrust_frac):
+        thrust_frac = 0.0
+    thrust_frac = min(1.0, max(0.0, thrust_frac))
+
     if type_mask & _IGNORE_ATTITUDE:
         if type_mask & _IGNORE_ROLL_RATE and type_mask & _IGNORE_PITCH_RATE:
             return None
-        ignored = (_IGNORE_ROLL_RATE, _IGNORE_PITCH_RATE, _IGNORE_YAW_RATE)
-        rate = np.array(
-            [
-                0.0
-                if type_mask & bit or math.isnan(commanded)
-                else min(most, max(-most, commanded))
-                for commanded, bit, most in zip(rate_rad_s, ignored, _MOST_RATE_RAD_S, strict=True)
-            ]
+        limited_rad_s = _limited_rates(rate_rad_s, type_mask)
+        return Setpoint(
+            kind=SetpointKind.RATE, time_s=now_s, rate_rad_s=limited_rad_s, thrust_frac=thrust_frac
         )
-        return Setpoint(SetpointKind.RATE, now_s, None, rate, thrust)
-    norm = (
-        math.sqrt(sum(c * c for c in attitude_wxyz))
-        if all(abs(c) < _HUGE for c in attitude_wxyz)
-        else math.nan
-    )
+
+    norm = math.nan
+    if all(abs(c) < _HUGE for c in attitude_wxyz):
+        norm = math.sqrt(sum(c * c for c in attitude_wxyz))
+
     if math.isnan(norm):
-        return Setpoint(SetpointKind.RATE, now_s, None, DRIFT_RAD_S, thrust, is_rotation=False)
+        return Setpoint(
+            kind=SetpointKind.RATE,
+            time_s=now_s,
+            rate_rad_s=DRIFT_RAD_S,
+            thrust_frac=thrust_frac,
+            is_rotation=False,
+        )
     if norm < _SHORT:
-        level = frames.yaw_quaternion(np.asarray(yaw_rad))
-        return Setpoint(SetpointKind.ATTITUDE, now_s, level, None, thrust, is_rotation=False)
-    attitude = np.array([c / norm for c in attitude_wxyz])
-    return Setpoint(SetpointKind.ATTITUDE, now_s, attitude, None, thrust)
+        return Setpoint(
+            kind=SetpointKind.ATTITUDE,
+            time_s=now_s,
+            attitude=frames.yaw_quaternion(np.asarray(yaw_rad)),
+            thrust_frac=thrust_frac,
+            is_rotation=False,
+        )
+    return Setpoint(
+        kind=SetpointKind.ATTITUDE,
+        time_s=now_s,
+        attitude=np.array([c / norm for c in attitude_wxyz]),
+        thrust_frac=thrust_frac,
+    )
+
+
+def _limited_rates(rate_rad_s: list[float], type_mask: int) -> Array:
+    """Return body rates (3,) within their limits; 0 where one is ignored or NaN."""
+    limited_rad_s: list[float] = []
+    for requested_rad_s, (ignore_bit, limit_rad_s) in zip(rate_rad_s, _RATES, strict=True):
+        if type_mask & ignore_bit or math.isnan(requested_rad_s):
+            limited_rad_s.append(0.0)
+        else:
+            limited_rad_s.append(min(limit_rad_s, max(-limit_rad_s, requested_rad_s)))
+    return np.array(limited_rad_s)
 
 
 def from_local(fields: Mapping[str, Any], *, now_s: float, yaw_rad: float) -> Setpoint | str:
-    """SET_POSITION_TARGET_LOCAL_NED in LOCAL_NED or BODY_NED; else the key of what PX4 says about
-    it.
+    """Return the setpoint of a SET_POSITION_TARGET_LOCAL_NED; else the key of what PX4 says to it.
 
     Ignored and NaN axes are left alone. In BODY_NED there are no positions, and velocities turn
     with the heading.
@@ -90,42 +132,54 @@ def from_local(fields: Mapping[str, Any], *, now_s: float, yaw_rad: float) -> Se
     frame = int(fields["coordinate_frame"])
     if frame not in (LOCAL_NED, BODY_NED):
         return "bad frame"
+
     mask = int(fields["type_mask"])
-    position, velocity, acceleration = (
-        _axes(fields, names, mask >> shift)
-        for names, shift in (
-            (("x", "y", "z"), 0),
-            (("vx", "vy", "vz"), 3),
-            (("afx", "afy", "afz"), 6),
-        )
-    )
+    position = _axes(fields, ("x", "y", "z"), mask)
+    velocity = _axes(fields, ("vx", "vy", "vz"), mask >> 3)
+    acceleration = _axes(fields, ("afx", "afy", "afz"), mask >> 6)
+
     if frame == BODY_NED:
         position = np.full(3, math.nan)
-        velocity, acceleration = _turned(velocity, yaw_rad), _turned(acceleration, yaw_rad)
+        velocity = _turned(velocity, yaw_rad)
+        acceleration = _turned(acceleration, yaw_rad)
     return _setpoint(fields, mask, position, velocity, acceleration, now_s)
 
 
 def from_global(
     fields: Mapping[str, Any], position_ned_m: tuple[float, float, float], *, now_s: float
 ) -> Setpoint | str:
-    """SET_POSITION_TARGET_GLOBAL_INT, its place already turned into the local frame by the caller."""
+    """Return the setpoint of a SET_POSITION_TARGET_GLOBAL_INT; else the key of what PX4 says to it.
+
+    Args:
+        fields: of the message.
+        position_ned_m: its position, which the caller has turned into the local frame.
+        now_s: present time.
+    """
     mask = int(fields["type_mask"])
-    local = {"x": position_ned_m[0], "y": position_ned_m[1], "z": position_ned_m[2]}
-    position = _axes(local, ("x", "y", "z"), mask)
+    north_m, east_m, down_m = position_ned_m
+    position = _axes({"x": north_m, "y": east_m, "z": down_m}, ("x", "y", "z"), mask)
     velocity = _axes(fields, ("vx", "vy", "vz"), mask >> 3)
-    return _setpoint(
-        fields, mask, position, velocity, _axes(fields, ("afx", "afy", "afz"), mask >> 6), now_s
-    )
+    acceleration = _axes(fields, ("afx", "afy", "afz"), mask >> 6)
+    return _setpoint(fields, mask, position, velocity, acceleration, now_s)
 
 
 def _axes(fields: Mapping[str, Any], names: tuple[str, str, str], mask: int) -> Array:
-    # Numbers that no vehicle can mean are taken for none, before they overflow anything.
-    values = [fields[name] if not mask >> bit & 1 else math.nan for bit, name in enumerate(names)]
-    return np.array([value if abs(value) < _HUGE else math.nan for value in values])
+    """Return one quantity (3,); NaN on the axes that the lowest three bits of the mask ignore."""
+    values: list[float] = []
+    for bit, name in enumerate(names):
+        is_ignored = bool(mask >> bit & 1)
+        # Numbers that no vehicle can mean are taken for none, before they overflow anything.
+        is_sound = abs(fields[name]) < _HUGE
+        if is_ignored or not is_sound:
+            values.append(math.nan)
+        else:
+            values.append(fields[name])
+    return np.array(values)
 
 
 def _turned(vector: Array, yaw_rad: float) -> Array:
-    c, s = math.cos(yaw_rad), math.sin(yaw_rad)
+    c = math.cos(yaw_rad)
+    s = math.sin(yaw_rad)
     return np.array([c * vector[0] - s * vector[1], s * vector[0] + c * vector[1], vector[2]])
 
 
@@ -137,14 +191,26 @@ def _setpoint(
     acceleration: Array,
     now_s: float,
 ) -> Setpoint | str:
+    has_position = bool(np.isfinite(position).any())
+    has_velocity = bool(np.isfinite(velocity).any())
     has_acceleration = bool(np.isfinite(acceleration).any())
-    if not (has_acceleration or np.isfinite(position).any() or np.isfinite(velocity).any()):
+    if not has_position and not has_velocity and not has_acceleration:
         return "empty setpoint"
     if has_acceleration and mask & _IS_FORCE:
         return "empty setpoint"
-    yaw, turn = (
-        math.nan if mask & bit or not abs(fields[name]) < _HUGE else float(fields[name])
-        for bit, name in ((_IGNORE_YAW, "yaw"), (_IGNORE_TURN, "yaw_rate"))
+
+    goal = PositionGoal(
+        position_ned_m=position,
+        velocity_ned_m_s=velocity,
+        yaw_rad=_angle(fields, "yaw", bool(mask & _IGNORE_YAW)),
+        acceleration_ned_m_s2=acceleration,
+        yaw_rate_rad_s=_angle(fields, "yaw_rate", bool(mask & _IGNORE_TURN)),
     )
-    goal = PositionGoal(position, velocity, yaw, acceleration, turn)
-    return Setpoint(SetpointKind.POSITION, now_s, goal=goal)
+    return Setpoint(kind=SetpointKind.POSITION, time_s=now_s, goal=goal)
+
+
+def _angle(fields: Mapping[str, Any], name: str, is_ignored: bool) -> float:
+    """Return a heading or its rate; NaN when it is ignored or makes no sense."""
+    if is_ignored or not abs(fields[name]) < _HUGE:
+        return math.nan
+    return float(fields[name])

@@ -1,4 +1,8 @@
-"""Values that flow between an emulated autopilot and the rest of the emulator, one direction each."""
+"""Values that flow between an emulated autopilot and the rest of the emulator.
+
+Each flows in one direction: `Setpoint` and `AutopilotInputs` into the autopilot, `Actuation` and
+`StatusText` out of it.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +15,7 @@ from msgspec import Struct
 from sitl.physics.frames import Array
 from sitl.px4.position_control import PositionGoal
 
-# body rates of a vehicle whose attitude PX4 does not control
+# Body rates of a vehicle whose attitude PX4 does not control.
 DRIFT_RAD_S = np.array([-0.12, 0.0, 0.0])
 
 
@@ -24,23 +28,15 @@ class SetpointKind(Enum):
 
 
 class Setpoint(Struct, frozen=True):
-    """Newest OFFBOARD setpoint, already reduced to what PX4 makes of it.
-
-    Attributes:
-        kind, time_s: what it asks for, and when it came.
-        attitude: (4,) NED <- FRD. rate_rad_s: (3,) body rates. thrust_frac: collective, in [0, 1].
-        goal: where to fly, for positions and velocities.
-        is_rotation: whether its attitude is one; zeros and NaN are none.
-        needs_position: whether PX4 needs a position estimate for it.
-    """
+    """Newest OFFBOARD setpoint, already reduced to what PX4 makes of it."""
 
     kind: SetpointKind
-    time_s: float
-    attitude: Array | None = None
-    rate_rad_s: Array | None = None
-    thrust_frac: float = 0.0
-    goal: PositionGoal | None = None
-    is_rotation: bool = True
+    time_s: float  # when it came
+    attitude: Array | None = None  # (4,) NED <- FRD
+    rate_rad_s: Array | None = None  # (3,) body rates
+    thrust_frac: float = 0.0  # collective thrust, in [0, 1]
+    goal: PositionGoal | None = None  # of positions and velocities
+    is_rotation: bool = True  # whether its attitude is a rotation; zeros and NaN are none
 
     @property
     def needs_position(self) -> bool:
@@ -49,25 +45,25 @@ class Setpoint(Struct, frozen=True):
 
 
 class AutopilotInputs(Struct, frozen=True):
-    """Knowledge of the autopilot about its vehicle at one tick, in its own local NED frame."""
+    """What the autopilot knows of its vehicle at one tick, in its own local NED frame."""
 
-    time_s: float
-    position_ned_m: Array
-    velocity_ned_m_s: Array
-    attitude: Array
-    yaw_rad: float
+    time_s: float  # by the autopilot's clock
+    position_ned_m: Array  # (3,) estimated
+    velocity_ned_m_s: Array  # (3,) estimated
+    attitude: Array  # (4,) NED <- FRD, with the heading that the autopilot believes in
+    yaw_rad: float  # that heading
     on_ground: bool
     has_global_position: bool
     has_local_position: bool
 
 
 class Actuation(Struct, frozen=True):
-    """Command to the vehicle at this tick; attitude in the frame that the autopilot believes in."""
+    """Command to the vehicle at this tick."""
 
-    attitude: Array
-    rate_rad_s: Array
-    is_rate: bool
-    thrust_frac: float
+    attitude: Array  # (4,) NED <- FRD, with the heading that the autopilot believes in
+    rate_rad_s: Array  # (3,) body rates
+    is_rate: bool  # whether the rates are flown, and not the attitude
+    thrust_frac: float  # collective thrust, in [0, 1]
     motors_on: bool
 
 
@@ -76,5 +72,5 @@ class StatusText:
     """One STATUSTEXT before it is cut into chunks."""
 
     time_s: float
-    severity: int
+    severity: int  # MAV_SEVERITY
     text: str

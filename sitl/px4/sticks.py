@@ -1,5 +1,6 @@
-"""Sticks of a joystick or a radio control (MANUAL_CONTROL): whether they are there, and whether the
-pilot moves one.
+"""Sticks of a joystick or a radio control (MANUAL_CONTROL).
+
+The emulator asks two things of them: whether they are there, and whether the pilot moves one.
 """
 
 from __future__ import annotations
@@ -9,16 +10,16 @@ from dataclasses import dataclass, field
 
 Axes = tuple[float, float, float, float]  # pitch, roll, throttle, yaw, each in [-1, 1]
 
-_FILTER_S = 0.05
+_FILTER_S = 0.05  # time constant of the low-pass on the speed of a stick
 _LEAST_SAMPLES = 3  # in the same direction: noise and a single step do not count
 
 
 @dataclass(slots=True)
 class _StickAxis:
-    position: float = math.nan
-    speed_1_s: float = 0.0
-    direction: int = 0
-    samples: int = 0
+    position: float = math.nan  # NaN before the first sample
+    speed_1_s: float = 0.0  # filtered
+    direction: int = 0  # of the newest movement: -1, 0 or 1
+    samples: int = 0  # one after the other in that direction
 
     def take(self, position: float, dt_s: float) -> None:
         """Follow the stick with a low-pass."""
@@ -26,17 +27,33 @@ class _StickAxis:
         self.position = position
         if math.isnan(speed_1_s):
             return
+
         self.speed_1_s += dt_s / (dt_s + _FILTER_S) * (speed_1_s - self.speed_1_s)
-        direction = (speed_1_s > 0.0) - (speed_1_s < 0.0)
-        self.samples = self.samples + 1 if direction == self.direction else 1
+
+        direction = 0
+        if speed_1_s > 0.0:
+            direction = 1
+        elif speed_1_s < 0.0:
+            direction = -1
+
+        if direction == self.direction:
+            self.samples += 1
+        else:
+            self.samples = 1
         self.direction = direction
+
+    def is_moving(self, faster_than_1_s: float) -> bool:
+        """Whether it has moved faster than this for several samples."""
+        is_fast = abs(self.speed_1_s) > faster_than_1_s
+        is_steady = self.samples >= _LEAST_SAMPLES and self.direction != 0
+        return is_fast and is_steady
 
 
 @dataclass(slots=True)
 class Sticks:
     """Memory of the newest positions."""
 
-    time_s: float = -math.inf
+    time_s: float = -math.inf  # of the newest sample
     _axes: tuple[_StickAxis, ...] = field(
         default_factory=lambda: tuple(_StickAxis() for _ in range(4))
     )
@@ -49,10 +66,7 @@ class Sticks:
             axis.take(position, dt_s)
 
     def is_moving(self, faster_than_1_s: float) -> bool:
-        """Whether a stick moves faster than this; a negative speed: never."""
-        return faster_than_1_s >= 0.0 and any(
-            abs(axis.speed_1_s) > faster_than_1_s
-            and axis.samples >= _LEAST_SAMPLES
-            and axis.direction
-            for axis in self._axes
-        )
+        """Whether a stick moves faster than this; never for a negative speed."""
+        if faster_than_1_s < 0.0:
+            return False
+        return any(axis.is_moving(faster_than_1_s) for axis in self._axes)

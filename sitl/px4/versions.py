@@ -1,4 +1,7 @@
-"""Differences between the versions of PX4 that the emulator can be, from one table."""
+"""Differences between the versions of PX4 that the emulator can be, from one table.
+
+The first version of `versions.toml` says everything; each later one says only what changes.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +14,7 @@ from typing import Any
 
 @dataclass(frozen=True, slots=True)
 class Version:
-    """Behaviour of one version of PX4; ``versions.toml`` explains each field."""
+    """Behaviour of one version of PX4; `versions.toml` explains each field."""
 
     name: str
     flight_sw_version: int
@@ -35,23 +38,26 @@ class Version:
     @property
     def number(self) -> tuple[int, int]:
         """Major and minor number, as AUTOPILOT_VERSION reports them."""
-        return self.flight_sw_version >> 24, self.flight_sw_version >> 16 & 0xFF
+        major = self.flight_sw_version >> 24
+        minor = self.flight_sw_version >> 16 & 0xFF
+        return major, minor
 
 
-# to those of the version before; all other values replace them
+# Entries of these fields are added to those of the version before; all other values replace it.
 _ADDED = ("parameters", "severities")
 _SETS = ("unsupported_commands", "silent_streams", "parameters_gone")
 
 
 def _versions(table: Mapping[str, Mapping[str, Any]]) -> dict[str, Version]:
     versions: dict[str, Version] = {}
-    values: dict[str, Any] = {}
+    values: dict[str, Any] = {}  # of the version before
+
     for name, changes in table.items():
         added = {key: {**values.get(key, {}), **changes.get(key, {})} for key in _ADDED}
         values = {**values, **changes, **added}
-        versions[name] = Version(
-            name, **{**values, **{key: frozenset(values[key]) for key in _SETS}}
-        )
+
+        sets = {key: frozenset(values[key]) for key in _SETS}
+        versions[name] = Version(name=name, **{**values, **sets})
     return versions
 
 

@@ -13,7 +13,8 @@ from sitl.emulator.emulator import Emulator, Environment, VehicleSpec
 from sitl.physics import frames
 from sitl.physics.frames import Array
 from sitl.physics.vehicle import GRAVITY_M_S2, STEP_S, Commands, VehicleProfile, Vehicles
-from sitl.px4.estimator import GPS, PERIOD_S, ErrorLevel, Estimator
+from sitl.px4.estimator import PERIOD_S, Estimator
+from sitl.px4.estimator_errors import GPS, ErrorLevel
 from sitl.px4.modes import Mode
 from sitl.px4.versions import VERSIONS
 

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from sitl.physics.vehicle import STEP_S
-from sitl.px4.estimator import (
+from sitl.px4.estimator_errors import (
     GPS,
     VISION_DEFAULT,
     VISION_TRUSTED,

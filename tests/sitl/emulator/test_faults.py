@@ -14,7 +14,7 @@ from sitl.emulator.emulator import Emulator
 from sitl.emulator.mocap import Mocap, MocapSettings, Pose
 from sitl.faults.catalogue import FAULT_KINDS, Fault, FaultError, check, listing, parse
 from sitl.physics.vehicle import STEP_S
-from sitl.px4.estimator import Source
+from sitl.px4.estimator_errors import Source
 from sitl.px4.modes import Mode
 from tests.sitl.sitl_flying import EAST_WXYZ, emulator, height_m, run_for, streamer, until
 

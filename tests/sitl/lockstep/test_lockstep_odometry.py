@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from sitl.faults.catalogue import Fault
-from sitl.px4.estimator import XY, Source
+from sitl.px4.estimator import XY
+from sitl.px4.estimator_errors import Source
 
 _HOLD, _LAND = (4, 3), (4, 6)  # PX4's main and sub modes
 

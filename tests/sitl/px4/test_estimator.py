@@ -9,21 +9,15 @@ import pytest
 
 from sitl.physics.vehicle import STEP_S
 from sitl.px4 import estimator_errors
-from sitl.px4.estimator import (
-    ESTIMATE_EVERY_STEPS,
+from sitl.px4.estimator import ESTIMATE_EVERY_STEPS, HEADING, VXY, VZ, XY, Estimator, Z
+from sitl.px4.estimator_errors import (
     GPS,
-    HEADING,
     VISION_DEFAULT,
     VISION_TRUSTED,
     VISION_TUNED,
     VISION_TUNED_WITH_VELOCITY,
-    VXY,
-    VZ,
-    XY,
     ErrorLevel,
-    Estimator,
     Source,
-    Z,
     vision_level,
 )
 from tests.oracles import emulated_vehicles
