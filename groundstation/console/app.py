@@ -1,5 +1,9 @@
-"""The console's app: owns the objects that do the work, gives each its keys, and refreshes eight
-times a second.
+"""The console's app: owns the objects that do the work, gives each its keys, draws what they say.
+
+The app itself decides little. Orders are taken by :class:`OrderEntry`, the mission is flown by
+:class:`MissionWorker`, leaving is the business of :class:`Shutdown`, and every panel draws itself.
+What stands here is which key means which of them, and the refresh eight times a second that passes
+the fleet's state on to all panels and to the screen in front.
 """
 
 from __future__ import annotations
@@ -15,6 +19,7 @@ from textual.app import App, ComposeResult
 from textual.binding import Binding, BindingType
 from textual.driver import Driver
 from textual.filter import LineFilter
+from textual.screen import ModalScreen
 from textual.widgets import Input
 from textual.worker import Worker
 
@@ -44,7 +49,8 @@ from onboard.bus.schema import LOCATE
 from onboard.config.fleet import FleetConfig
 
 REFRESH_S = 0.125
-# a thread that waits for Python's lock gets it soon: the emergency keys while the loop draws
+# A thread that waits for Python's lock gets it within this time: the thread that reads the
+# terminal sends the emergency orders, and must not wait until the loop has drawn.
 SWITCH_S = 0.0005
 
 
@@ -77,7 +83,9 @@ class ConsoleApp(App[int]):
         Binding("ctrl+backslash", "kill('ctrl+backslash')", "KILL", priority=True),
         Binding("ctrl+y", "answer_request('give')", "give control", priority=True),
         Binding("ctrl+n", "answer_request('keep')", "keep control", priority=True),
-        Binding("colon", "order_line", "order"),
+        # Priority, so that the line has the focus before the next key is read: without it the
+        # letters after a quickly typed colon would act as keys of the fleet table.
+        Binding("colon", "order_line", "order", priority=True),
         Binding("ctrl+c", "interrupt", "land and leave", priority=True),
         Binding("ctrl+q", "leave", "quit", priority=True),
         Binding("q", "leave", "quit"),
@@ -110,12 +118,17 @@ class ConsoleApp(App[int]):
         # Before Textual's own start, which takes the driver's class.
         self.terminal = TerminalHooks(on_key=lambda key: self.orders.send_urgent(key))
         super().__init__()
-        self.fleet, self.client, self.has_bell = fleet, client, has_bell
+
+        self.fleet = fleet
+        self.client = client
+        self.has_bell = has_bell
         self.fleet_title = title or fleet.fleet.name
+
         self.alarms = Alarms(fleet)
         self.history = History(fleet.fleet.battery_land_pct / 100.0)
         self.panels = Panels(fleet, self.history)
         self.filters = TerminalFilters()
+
         self.orders = OrderEntry(
             self, fleet, client, self.panels, forecaster=forecaster, refresh=self.refresh_fleet
         )
@@ -124,8 +137,15 @@ class ConsoleApp(App[int]):
         )
         self.orders.missions = MissionOrders(client, self.mission.begin)
         self.shutdown = Shutdown(
-            self, fleet, client, self.orders, self.mission, self.terminal, self._warn
+            app=self,
+            fleet=fleet,
+            client=client,
+            orders=self.orders,
+            mission=self.mission,
+            terminal=self.terminal,
+            warn=self._warn,
         )
+
         self._newest_event: LoggedEvent | None = None  # of those that stand in the log
 
     def compose(self) -> ComposeResult:
@@ -135,18 +155,23 @@ class ConsoleApp(App[int]):
     def on_mount(self) -> None:
         """Start refreshing, then the mission."""
         self.panels.table.focus()
-        self.panels.events.add(
-            f"Fleet '{self.fleet.fleet.name}': {len(self.fleet.enabled_names)} vehicles. Press ? for help."
-        )
+
+        name = self.fleet.fleet.name
+        count = len(self.fleet.enabled_names)
+        self.panels.events.add(f"Fleet '{name}': {count} vehicles. Press ? for help.")
+
         self.set_interval(REFRESH_S, self.refresh_fleet)
+
         if not self.is_headless:
             self.shutdown.catch_signals()
             self.orders.warm_up()
             sys.setswitchinterval(SWITCH_S)
+
+            # A collection of all that was loaded takes as long as a key may take to come to the
+            # screen, so what is alive now is collected once and then left out.
             gc.collect()
-            # a collection of all that was loaded takes as long as a key may take to come to the
-            # screen
             gc.freeze()
+
         self.mission.start()
 
     async def on_unmount(self) -> None:
@@ -182,17 +207,23 @@ class ConsoleApp(App[int]):
         self._arrange(*self.size, message.name)
 
     def _arrange(self, width: int, height: int, alone: str | None = None) -> None:
+        """Share the terminal among the panels; without ``alone`` the enlarged one stays so."""
         screen = self.screen_stack[0]
         if alone is None:
-            alone = next(
-                (name.removeprefix("only-") for name in screen.classes if name.startswith("only-")),
-                "",
-            )
+            alone = _enlarged_panel(screen.classes)
+
         screen.set_class(height < LOW, "low")
         screen.set_class(width < NARROW, "narrow")
-        count, fence = len(self.client.state.vehicles), self.fleet.fleet.geofence_m
-        table, plan = self.panels.table, self.panels.plan
-        table.styles.height, plan.styles.width = panel_sizes(width, height, count, fence, alone)
+
+        table_height, plan_width = panel_sizes(
+            width=width,
+            height=height,
+            vehicles=len(self.client.state.vehicles),
+            fence=self.fleet.fleet.geofence_m,
+            alone=alone,
+        )
+        self.panels.table.styles.height = table_height
+        self.panels.plan.styles.width = plan_width
 
     # -- the picture -------------------------------------------------------------------------------
 
@@ -200,54 +231,82 @@ class ConsoleApp(App[int]):
         """Draw the fleet as it is now."""
         if self.shutdown.is_hung_up:
             return
-        state, now_ns, panels = self.client.state, self.client.now_ns(), self.panels
+
+        state = self.client.state
+        now_ns = self.client.now_ns()
+        panels = self.panels
+
         self.history.add(state, now_ns)
         self._log_new_events(state)
+
         panels.table.show(state, now_ns)
         panels.plan.show(state, now_ns, panels.table.selected, panels.table.marked)
         panels.separation.show(state, now_ns)
-        heard = sum(view.is_fresh(now_ns) for view in state.vehicles.values())
-        right = self.shutdown.text or self.orders.short(
-            self.mission.text(self._flight_clock(now_ns))
-        )
-        panels.title.show(
-            self.fleet_title, heard, len(state.vehicles), len(state.airborne_names), right
-        )
+        self._show_title(state, now_ns)
+
         self.alarms.update(state, now_ns)
         if self.has_bell and self.alarms.has_new:
             self.bell()
+
         self.orders.update()
+
         front = self.screen_stack[-1] if self.screen_stack else None
         if isinstance(front, LiveScreen):
             front.show_fleet(state, now_ns)
-        for bar in (
-            panels.status,
-            *([front.status] if isinstance(front, LiveScreen | Dialog) else []),
-        ):
+
+        status_bars = [panels.status]
+        if isinstance(front, LiveScreen | Dialog):
+            status_bars.append(front.status)
+        for bar in status_bars:
             bar.show(self.alarms, now_ns, self.orders.armed_kill, can_order=self.orders.can_order)
+
         self.shutdown.update()
+
+    def _show_title(self, state: FleetState, now_ns: int) -> None:
+        right = self.shutdown.text
+        if not right:
+            right = self.orders.short(self.mission.text(self._flight_clock(now_ns)))
+
+        self.panels.title.show(
+            title=self.fleet_title,
+            fresh=sum(1 for view in state.vehicles.values() if view.is_fresh(now_ns)),
+            vehicles=len(state.vehicles),
+            flying=len(state.airborne_names),
+            right=right,
+        )
 
     def _flight_clock(self, now_ns: int) -> str:
         start_s = self.history.first_flight_s
-        return "" if start_s is None else f"  {now_ns * 1e-9 - start_s:.0f} s"
+        if start_s is None:
+            return ""
+        return f"  {now_ns * 1e-9 - start_s:.0f} s"
 
     def _log_new_events(self, state: FleetState) -> None:
         entries = []
         for logged in state.events_after(self._newest_event):
-            event = logged.event
-            if event.severity == "debug":
+            if logged.event.severity == "debug":
                 continue
-            if event.code in LOCATE:
-                self.panels.table.blink(event.vehicle)
-            sign = PHASE_SIGNS.get(event.order_outcome) or SEVERITY_SIGNS.get(
-                event.severity, SEVERITY_SIGNS["info"]
-            )
-            vehicle = "" if event.vehicle == "ground" else event.vehicle
-            sentence, stamp = self.orders.short(event.sentence), self.time_text(logged.received_ns)
-            entries.append(LogEntry.of(sentence, sign, vehicle=vehicle, stamp=stamp))
+            if logged.event.code in LOCATE:
+                self.panels.table.blink(logged.event.vehicle)
+            entries.append(self._log_entry(logged))
         self.panels.events.extend(entries)
+
         if state.events:
             self._newest_event = state.events[-1]
+
+    def _log_entry(self, logged: LoggedEvent) -> LogEntry:
+        event = logged.event
+
+        sign = PHASE_SIGNS.get(event.order_outcome)
+        if sign is None:
+            sign = SEVERITY_SIGNS.get(event.severity, SEVERITY_SIGNS["info"])
+
+        return LogEntry.of(
+            self.orders.short(event.sentence),
+            sign,
+            vehicle="" if event.vehicle == "ground" else event.vehicle,
+            stamp=self.time_text(logged.received_ns),
+        )
 
     def forget_events(self) -> None:
         """Empty the event log; events of the fleet's state come again."""
@@ -259,10 +318,21 @@ class ConsoleApp(App[int]):
 
     def time_text(self, received_ns: int) -> str:
         """Return the time of day at which something was received, for the event log."""
-        ago_s = (self.client.now_ns() - received_ns) * 1e-9
-        return time.strftime("%H:%M:%S", time.localtime(time.time() - ago_s))
+        age_s = (self.client.now_ns() - received_ns) * 1e-9
+        return time.strftime("%H:%M:%S", time.localtime(time.time() - age_s))
 
     # -- orders ------------------------------------------------------------------------------------
+
+    @property
+    def is_writing(self) -> bool:
+        """Whether words are being written, so that every letter belongs to them."""
+        return isinstance(self.focused, Input) or self.panels.table.is_writing
+
+    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
+        """Let a colon be a letter where words are written, and nothing while a dialog is open."""
+        if action == "order_line" and (self.is_writing or isinstance(self.screen, ModalScreen)):
+            return False
+        return super().check_action(action, parameters)
 
     async def on_input_submitted(self, message: Input.Submitted) -> None:
         """Carry out a written order."""
@@ -327,6 +397,7 @@ class ConsoleApp(App[int]):
     def action_theme(self) -> None:
         """Change between dark and light."""
         self.filters.is_light = not self.filters.is_light
+
         for screen in self.screen_stack:
             screen.refresh()
             for widget in screen.query("*"):
@@ -346,11 +417,14 @@ class ConsoleApp(App[int]):
         """Show everything about the vehicle under the cursor."""
         table = self.panels.table
         if table.selected is not None and len(self.screen_stack) == 1:
-            self.push_screen(
-                VehicleScreen(
-                    self.fleet, self.alarms, self.client.tick_stream, table, self.time_text
-                )
+            screen = VehicleScreen(
+                fleet=self.fleet,
+                alarms=self.alarms,
+                stream=self.client.tick_stream,
+                table=table,
+                time_text=self.time_text,
             )
+            self.push_screen(screen)
             self.refresh_fleet()
 
     async def action_back(self) -> None:
@@ -364,3 +438,11 @@ class ConsoleApp(App[int]):
     def action_scroll_events(self, pages: int) -> None:
         """Scroll the events by pages."""
         self.panels.events.scroll_pages(pages)
+
+
+def _enlarged_panel(classes: frozenset[str]) -> str:
+    """Return the id of the panel that has all the room, by the screen's classes; empty for none."""
+    for name in classes:
+        if name.startswith("only-"):
+            return name.removeprefix("only-")
+    return ""

@@ -1,7 +1,8 @@
 """The fleet table: a row per vehicle, sorted, filtered and marked.
 
-A ScrollView with its own ``render_line``: Textual's DataTable took 57 % of a core for 100 rows at
-10 Hz. Cursor and marks belong to vehicles and not to rows: a row that moves takes them along.
+It is a ScrollView with its own ``render_line``, because Textual's DataTable took 57 % of a core for
+100 rows at 10 Hz. Cursor and marks belong to vehicles and not to rows: a row that moves takes them
+along, so that an order never reaches the vehicle that has come to stand under the cursor.
 """
 
 from __future__ import annotations
@@ -28,13 +29,15 @@ from groundstation.console.widgets.lines import Lines
 from groundstation.fleet.state import FleetState, VehicleView
 from onboard.config.fleet import ConfigError, FleetConfig
 
-SORT_S = 1.0  # rows that change places many times a second cannot be read
-BLINK_S, BLINK_PERIOD_S = 4.0, 0.6
+SORT_S = 1.0  # between two sortings: rows that change places faster than this cannot be read
+BLINK_S = 4.0
+BLINK_PERIOD_S = 0.6
 
 
 class FleetTable(Lines, ScrollView, can_focus=True):
-    """One line for each vehicle; the kill key means the one under the cursor, order keys mean the
-    marked ones.
+    """One line for each vehicle.
+
+    The kill key means the vehicle under the cursor, order keys mean the marked ones.
     """
 
     BINDINGS: ClassVar[list[BindingType]] = [
@@ -57,18 +60,24 @@ class FleetTable(Lines, ScrollView, can_focus=True):
         self.fleet = fleet
         self.history = history or History()
         self.filter = ""
-        self.sort, self.is_reversed = "place", False
-        self._cursor = ""
+        self.sort = "place"
+        self.is_reversed = False
+
+        self._cursor = ""  # name of the vehicle
         self._marks = FleetMarks()
-        # "filter" or "mark"; its text; why it was refused
-        self._typing, self._typed, self._refusal = "", "", ""
+
+        self._typing = ""  # what is being written: "filter", "mark", or nothing
+        self._typed = ""  # its text so far
+        self._refusal = ""  # why the text was refused
+
         self._views: list[VehicleView] = [VehicleView(name) for name in fleet.enabled_names]
-        self._rows: list[VehicleView] = list(self._views)
+        self._rows: list[VehicleView] = list(self._views)  # filtered and sorted
         self._indices = {name: index for index, name in enumerate(fleet.enabled_names)}
-        self._sorted_s = -math.inf
-        self._has_nodes = False
+        self._sorted_s = -math.inf  # time of the last sorting
+        self._has_nodes = False  # whether the bus says which agents are on it
         self._now_ns = 0
-        self._titles = ("", "")
+
+        self._titles = ("", "")  # in the upper and in the lower border
         self._blink_until_s: dict[str, float] = {}
         self._update_titles()
 
@@ -80,7 +89,11 @@ class FleetTable(Lines, ScrollView, can_focus=True):
     def selected(self) -> str | None:
         """Name of the vehicle under the cursor; None when no row is shown."""
         names = [view.name for view in self._rows]
-        return self._cursor if self._cursor in names else names[0] if names else None
+        if self._cursor in names:
+            return self._cursor
+        if names:
+            return names[0]
+        return None
 
     @property
     def cursor(self) -> int:
@@ -113,14 +126,14 @@ class FleetTable(Lines, ScrollView, can_focus=True):
 
     def show(self, state: FleetState, now_ns: int) -> None:
         """Draw this state."""
-        self._views, self._now_ns, self._has_nodes = (
-            list(state.vehicles.values()),
-            now_ns,
-            bool(state.nodes),
-        )
+        self._views = list(state.vehicles.values())
+        self._now_ns = now_ns
+        self._has_nodes = bool(state.nodes)
         if list(self._indices) != list(state.vehicles):
             self._indices = {name: index for index, name in enumerate(state.vehicles)}
+
         self._marks.update(self._indices, self._now_s)
+
         if self.is_due(now_ns, [_urgent_values(view, now_ns) for view in self._views]):
             self._arrange()
             self._update_titles()
@@ -142,16 +155,22 @@ class FleetTable(Lines, ScrollView, can_focus=True):
     def action_mark_along(self, step: int) -> None:
         """Mark this row and the next one, and go there."""
         names = [view.name for view in self._rows]
-        if names:
-            here = self.cursor
-            there = max(0, min(len(names) - 1, here + step))
-            self._move_to(there)
-            self.mark(self._marks.names | {names[here], names[there]})
+        if not names:
+            return
+
+        this_row = self.cursor
+        next_row = max(0, min(len(names) - 1, this_row + step))
+        self._move_to(next_row)
+        self.mark(self._marks.names | {names[this_row], names[next_row]})
 
     def action_mark_all(self) -> None:
         """Mark all that are shown; when they are marked already, mark none."""
-        shown, marked = {view.name for view in self._rows}, self._marks.names
-        self.mark(() if shown <= marked else marked | shown)
+        shown = {view.name for view in self._rows}
+        marked = self._marks.names
+        if shown <= marked:
+            self.mark(())
+        else:
+            self.mark(marked | shown)
 
     def action_sort(self, step: int) -> None:
         """Sort by the next column."""
@@ -164,31 +183,43 @@ class FleetTable(Lines, ScrollView, can_focus=True):
         self._resort()
 
     def action_type(self, purpose: str) -> None:
-        """Write a ``filter``, or vehicles to ``mark``, into the table's own title; enter takes it,
-        escape leaves.
+        """Write a ``filter``, or vehicles to ``mark``, into the table's own title.
+
+        Enter takes what was written, escape leaves.
         """
-        self._typing, self._typed, self._refusal = (
-            purpose,
-            self.filter if purpose == "filter" else "",
-            "",
-        )
+        self._typing = purpose
+        self._typed = self.filter if purpose == "filter" else ""
+        self._refusal = ""
         self._update_titles()
 
     def on_key(self, event: events.Key) -> None:
         """Add a key to what is being written; a digit begins a list of vehicles to mark."""
         if not self._typing:
-            if event.character is None or not event.character.isdigit():
+            is_digit = event.character is not None and event.character.isdigit()
+            if not is_digit:
                 if event.key == "escape" and (self.filter or self._marks.names):
                     event.stop()
-                    self.filter = ""
-                    self.mark(())
-                    self._resort()
+                    self._show_all_unmarked()
                 return
             self.action_type("mark")
+
         event.stop()
         event.prevent_default()
+        self._write_key(event)
+        if self._typing == "filter":
+            self.filter = self._typed
+        self._resort()
+
+    def _show_all_unmarked(self) -> None:
+        self.filter = ""
+        self.mark(())
+        self._resort()
+
+    def _write_key(self, event: events.Key) -> None:
+        """Change what is being written by one key."""
         if event.key == "escape":
-            self.filter = "" if self._typing == "filter" else self.filter
+            if self._typing == "filter":
+                self.filter = ""
             self._typing = ""
         elif event.key == "enter":
             self._accept()
@@ -198,9 +229,6 @@ class FleetTable(Lines, ScrollView, can_focus=True):
             self._typed = ""
         elif event.is_printable and event.character is not None:
             self._typed = clean(self._typed + event.character, 60)
-        if self._typing == "filter":
-            self.filter = self._typed
-        self._resort()
 
     def on_click(self, event: events.Click) -> None:
         """Move the cursor to the vehicle."""
@@ -226,23 +254,28 @@ class FleetTable(Lines, ScrollView, can_focus=True):
             except ConfigError as error:
                 self._refusal = str(error)
                 return
+
             self._typing = ""
             self.mark(names)
-            marked = self._marks.names
-            self._move_to(
-                next(
-                    (row for row, view in enumerate(self._rows) if view.name in marked), self.cursor
-                )
-            )
+            self._move_to(self._first_marked_row())
         self._typing = ""
+
+    def _first_marked_row(self) -> int:
+        """Return the first marked row; the cursor's where no marked vehicle is shown."""
+        for row, view in enumerate(self._rows):
+            if view.name in self._marks.names:
+                return row
+        return self.cursor
 
     def _move_to(self, row: int) -> None:
         if not self._rows:
             return
+
         row = max(0, min(len(self._rows) - 1, row))
         self._cursor = self._rows[row].name
-        body = max(1, self.size.height - 1)  # the heading stays where it is
-        top = max(row - body + 1, min(row, round(self.scroll_offset.y)))
+
+        body_height = max(1, self.size.height - 1)  # the heading stays where it is
+        top = max(row - body_height + 1, min(row, round(self.scroll_offset.y)))
         self.scroll_to(y=top, animate=False, force=True)
         self.redraw()
 
@@ -259,16 +292,21 @@ class FleetTable(Lines, ScrollView, can_focus=True):
         by_name = {
             view.name: view for view in self._views if not self.filter or self._is_match(view)
         }
-        now_s = self._now_s
-        if now_s - self._sorted_s >= SORT_S or {view.name for view in self._rows} != by_name.keys():
-            self._sorted_s = now_s
+
+        is_sort_due = self._now_s - self._sorted_s >= SORT_S
+        has_changed = {view.name for view in self._rows} != by_name.keys()
+        if is_sort_due or has_changed:
+            self._sorted_s = self._now_s
             self._rows = sorted(by_name.values(), key=self._key)
         else:
             self._rows = [by_name[view.name] for view in self._rows]
+
         if self._cursor not in by_name:
-            self._cursor = (
-                self._rows[min(self.cursor, len(self._rows) - 1)].name if self._rows else ""
-            )
+            self._cursor = ""
+            if self._rows:
+                row = min(self.cursor, len(self._rows) - 1)
+                self._cursor = self._rows[row].name
+
         height = len(self._rows) + 1
         if self.virtual_size.height != height:
             self.virtual_size = Size(self.size.width, height)
@@ -277,69 +315,98 @@ class FleetTable(Lines, ScrollView, can_focus=True):
         return is_match(self._row(view), view.name, self._indices.get(view.name, 0), self.filter)
 
     def _key(self, view: VehicleView) -> tuple[bool, float, str, int]:
-        index = self._indices.get(view.name, 0)
-        return sort_key(self._row(view), view.name, index, self.sort, self.is_reversed)
+        return sort_key(
+            self._row(view),
+            name=view.name,
+            index=self._indices.get(view.name, 0),
+            sort=self.sort,
+            is_reversed=self.is_reversed,
+        )
 
     def _row(self, view: VehicleView) -> VehicleRow | None:
         if view.telemetry is None:
             return None
-        drain = self.history.drains.get(view.name)
-        is_stale = not view.is_fresh(self._now_ns)
         return VehicleRow(
-            view, view.telemetry, self.fleet, drain, view.age_s(self._now_ns), is_stale
+            view=view,
+            telemetry=view.telemetry,
+            fleet=self.fleet,
+            drain=self.history.drains.get(view.name),
+            age_s=view.age_s(self._now_ns),
+            is_stale=not view.is_fresh(self._now_ns),
         )
 
     def _update_titles(self) -> None:
         """Show in the border what is written, filtered, sorted and marked."""
-        title = "fleet" if len(self._views) < 10 else f"fleet of {len(self._views)}"
+        titles = (self._upper_title(), self._lower_title())
+        if self._titles != titles:
+            self._titles = titles
+            upper, lower = titles
+            self.border_title = upper.replace("[", "\\[")
+            self.border_subtitle = lower.replace("[", "\\[")
+
+    def _upper_title(self) -> str:
         if self._typing:
             title = f"{self._typing}: {self._typed}▏"
-            title += f" {self._refusal}" if self._refusal else ""
-        elif self.filter:
+            if self._refusal:
+                title += f" {self._refusal}"
+            return title
+
+        title = "fleet" if len(self._views) < 10 else f"fleet of {len(self._views)}"
+        if self.filter:
             title += f" · filter {self.filter}: {len(self._rows)} of {len(self._views)}"
-        below = self._marks.text(len(self._views), [view.name for view in self._rows], self._now_s)
+        return title
+
+    def _lower_title(self) -> str:
+        shown = [view.name for view in self._rows]
+        title = self._marks.text(len(self._views), shown, self._now_s)
+
         if self.sort != "place" or self.is_reversed:
-            below += f"{' · ' if below else ''}by {self.sort} {'↓' if self.is_reversed else '↑'}"
-        if self._titles != (title, below):
-            self._titles = title, below
-            self.border_title, self.border_subtitle = (
-                title.replace("[", "\\["),
-                below.replace("[", "\\["),
-            )
+            if title:
+                title += " · "
+            arrow = "↓" if self.is_reversed else "↑"
+            title += f"by {self.sort} {arrow}"
+        return title
 
     # -- drawing -----------------------------------------------------------------------------------
 
     def draw(self, width: int, height: int) -> list[Strip]:
         """Return the heading, which stays on the first line, and the rows in the window below it."""
         layout = RowLayout.of([view.name for view in self._views], width)
-        # A low terminal has no border to show what is written or marked.
-        is_bare = self.size == self.outer_size and (self._typing or self._marks.names)
-        heading = " ".join(reversed(self._titles)) if is_bare else layout.heading()
-        lines = [Strip([Segment(theme.fit(heading, width), theme.style(FAINT))], width)]
-        top, selected, now_s = round(self.scroll_offset.y), self.selected, self._now_s
+        lines = [self._heading(layout, width)]
+
+        selected = self.selected
+        now_s = self._now_s
         is_lit = int(now_s * 2.0 / BLINK_PERIOD_S) % 2 == 1
+
+        top = round(self.scroll_offset.y)
         for view in self._rows[top : top + height - 1]:
             name = view.name
-            is_blinking = is_lit and now_s < self._blink_until_s.get(name, -math.inf)
             marks = RowMarks(
-                name == selected,
-                name in self._marks.names,
-                is_blinking,
-                self.has_focus,
-                self._has_nodes,
+                has_cursor=name == selected,
+                is_marked=name in self._marks.names,
+                is_blinking=is_lit and now_s < self._blink_until_s.get(name, -math.inf),
+                has_focus=self.has_focus,
+                has_nodes=self._has_nodes,
             )
             segments = draw_row(layout, view, self._row(view), self._indices.get(name, 0), marks)
             lines.append(Strip(segments).adjust_cell_length(width))
+
         if not self._rows and height > 1:
-            empty = (
-                f"nobody matches '{clean(self.filter, 40)}'; esc shows all"
-                if self.filter
-                else "no vehicles"
-            )
-            lines.append(
-                Strip([Segment(theme.fit(f"    {empty}", width), theme.style(WARN))], width)
-            )
+            lines.append(self._empty_line(width))
         return lines
+
+    def _heading(self, layout: RowLayout, width: int) -> Strip:
+        # A low terminal has no border to show what is written or marked.
+        is_bare = self.size == self.outer_size and (self._typing or self._marks.names)
+        text = " ".join(reversed(self._titles)) if is_bare else layout.heading()
+        return Strip([Segment(theme.fit(text, width), theme.style(FAINT))], width)
+
+    def _empty_line(self, width: int) -> Strip:
+        if self.filter:
+            text = f"nobody matches '{clean(self.filter, 40)}'; esc shows all"
+        else:
+            text = "no vehicles"
+        return Strip([Segment(theme.fit(f"    {text}", width), theme.style(WARN))], width)
 
     def watch_scroll_y(self, old_value: float, new_value: float) -> None:
         """Draw the rows that have come into the window."""
@@ -349,10 +416,8 @@ class FleetTable(Lines, ScrollView, can_focus=True):
 
 def _urgent_values(view: VehicleView, now_ns: int) -> tuple[object, ...]:
     """Return the values whose change is drawn at once; numbers can wait a little."""
+    on_bus = (view.is_alive, view.is_fresh(now_ns))
     last = view.telemetry
-    values = (
-        ()
-        if last is None
-        else (last.state, last.order_phase, last.not_ready, view.is_disarmed_by_px4)
-    )
-    return view.is_alive, view.is_fresh(now_ns), *values
+    if last is None:
+        return on_bus
+    return (*on_bus, last.state, last.order_phase, last.not_ready, view.is_disarmed_by_px4)

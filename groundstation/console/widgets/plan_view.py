@@ -13,27 +13,30 @@ from groundstation.console.canvas import Canvas
 from groundstation.console.history import FAR_M, History
 from groundstation.console.plan_drawing import (
     PlanScene,
-    Spot,
+    PointEnu,
     Window,
     draw_background,
     draw_fleet,
-    spot_of,
+    drawn_position,
 )
 from groundstation.console.theme import clean
 from groundstation.console.widgets.lines import Lines
 from groundstation.fleet.state import FleetState, VehicleView
 from onboard.config.fleet import FleetConfig
 
-_Span = tuple[float, float]
-_ROUND_M = 1.0  # shown around the outermost vehicle
+_Span = tuple[float, float]  # least and greatest coordinate in metres
+_Middle = tuple[float, float]  # x and y in metres, ENU
+_MARGIN_M = 1.0  # shown around the outermost vehicle
+_LEAST_SPAN_M = 2.0
 _PAN = 0.15  # of the picture, a key press
+_WHOLE_FLEET = "*"
 
 
 class PlanView(Lines, can_focus=True):
-    """East to the right, north up. Circles have half the safety distance: where two touch, the
-    limit is reached.
+    """East to the right, north up.
 
-    Without keys it shows the part of the fence that the fleet uses.
+    Circles have half the safety distance: where two touch, the limit is reached. Without keys the
+    plan shows the part of the fence that the fleet uses.
     """
 
     BINDINGS: ClassVar[list[BindingType]] = [
@@ -52,21 +55,24 @@ class PlanView(Lines, can_focus=True):
         self.zoom = 1.0
         self.is_whole_fence = False
         self.follows = ""  # "*" the middle of the fleet, else the vehicle of this name
-        self._middle: tuple[float, float] | None = None
-        starts = [fleet.vehicles[name].start_enu_m for name in fleet.enabled_names] or [
-            (0.0, 0.0, 0.0)
-        ]
+
+        self._middle: _Middle | None = None  # chosen by panning or dragging
+        starts_enu_m = [fleet.vehicles[name].start_enu_m for name in fleet.enabled_names]
+        if not starts_enu_m:
+            starts_enu_m = [(0.0, 0.0, 0.0)]
+        # the part that the fleet uses, east and north
         self._spans = (
-            _around([start[0] for start in starts]),
-            _around([start[1] for start in starts]),
+            _around([start[0] for start in starts_enu_m]),
+            _around([start[1] for start in starts_enu_m]),
         )
+
         self._background_picture: tuple[Window, Canvas] | None = None
         self._views: list[VehicleView] = []
-        self._spots: dict[str, Spot] = {}
+        self._positions_enu_m: dict[str, PointEnu] = {}
         self._selected: str | None = None
         self._marked: tuple[str, ...] = ()
         self._now_ns = 0
-        self._titles = ("", "")
+        self._titles = ("", "")  # in the upper and in the lower border
 
     def show(
         self,
@@ -77,15 +83,21 @@ class PlanView(Lines, can_focus=True):
     ) -> None:
         """Draw this state; ``selected`` and ``marked`` are shown as such."""
         views = list(state.vehicles.values())
-        if not self.is_due(
-            now_ns,
-            (selected, marked, state.airborne_names, [view.is_fresh(now_ns) for view in views]),
-        ):
+        freshness = [view.is_fresh(now_ns) for view in views]
+        if not self.is_due(now_ns, (selected, marked, state.airborne_names, freshness)):
             return
-        self._views, self._now_ns, self._selected, self._marked = views, now_ns, selected, marked
-        self._spots = {
-            view.name: spot for view in views if (spot := spot_of(view, now_ns)) is not None
-        }
+
+        self._views = views
+        self._now_ns = now_ns
+        self._selected = selected
+        self._marked = marked
+
+        self._positions_enu_m = {}
+        for view in views:
+            position = drawn_position(view, now_ns)
+            if position is not None:
+                self._positions_enu_m[view.name] = position
+
         self._widen()
         self.redraw()
 
@@ -94,14 +106,18 @@ class PlanView(Lines, can_focus=True):
         self._update_titles(self._window(*self.size))
         super().redraw()
 
+    # -- keys and mouse ----------------------------------------------------------------------------
+
     def change_zoom(self, factor: float) -> None:
         """Zoom; 0 goes back to the fleet's part of the fence, and from there to all of it."""
         if factor == 0.0:
-            self.is_whole_fence = (
-                self.zoom == 1.0 and self._middle is None and not self.is_whole_fence
-            )
-            self._middle, self.follows = None, ""
-        self.zoom = 1.0 if factor == 0.0 else min(64.0, max(0.25, self.zoom * factor))
+            is_fleets_part = self.zoom == 1.0 and self._middle is None
+            self.is_whole_fence = is_fleets_part and not self.is_whole_fence
+            self._middle = None
+            self.follows = ""
+            self.zoom = 1.0
+        else:
+            self.zoom = min(64.0, max(0.25, self.zoom * factor))
         self.redraw()
 
     def action_whole(self) -> None:
@@ -112,18 +128,24 @@ class PlanView(Lines, can_focus=True):
         """Move the window east or north, and follow no vehicle."""
         window = self._window(*self.size)
         self.follows = ""
+
         step_m = _PAN * 2.0 * min(window.width, 2 * window.height) / window.scale
-        x_m, y_m = window.x_m + east * step_m, window.y_m + north * step_m
+        x_m = window.x_m + east * step_m
+        y_m = window.y_m + north * step_m
         fence = self.fleet.fleet.geofence_m
         self._middle = (_within(x_m, fence.x), _within(y_m, fence.y))
         self.redraw()
 
     def action_follow(self) -> None:
         """Follow the vehicle under the fleet's cursor; then the middle of the fleet; then none."""
-        name = self._selected or "*"
-        self.follows = (
-            name if self.follows not in (name, "*") else "*" if self.follows != "*" else ""
-        )
+        selected = self._selected or _WHOLE_FLEET
+        if self.follows == _WHOLE_FLEET:
+            self.follows = ""
+        elif self.follows == selected:
+            self.follows = _WHOLE_FLEET
+        else:
+            self.follows = selected
+
         self._middle = None
         self.redraw()
 
@@ -148,90 +170,121 @@ class PlanView(Lines, can_focus=True):
             )
             self.redraw()
 
+    # -- the picture -------------------------------------------------------------------------------
+
     def draw(self, width: int, height: int) -> list[Strip]:
         """Return the picture; the background is drawn once for each window."""
         if width < 1 or height < 1:
             return []
+
         window = self._window(width, height)
         if self._background_picture is None or self._background_picture[0] != window:
             self._background_picture = window, draw_background(window, self.fleet)
+
         canvas = self._background_picture[1].copy()
-        marked = frozenset(self._marked)
-        views, spots, now_ns = self._views, self._spots, self._now_ns
         scene = PlanScene(
-            window, self.fleet, self.history, views, spots, now_ns, self._selected, marked
+            window=window,
+            fleet=self.fleet,
+            history=self.history,
+            views=self._views,
+            positions_enu_m=self._positions_enu_m,
+            now_ns=self._now_ns,
+            selected=self._selected,
+            marked=frozenset(self._marked),
         )
         draw_fleet(canvas, scene)
         return canvas.strips()
 
     def _update_titles(self, window: Window) -> None:
-        title = "plan"
-        if self.follows:
-            title += f" · follows {'the fleet' if self.follows == '*' else clean(self.follows, 40)}"
+        upper = "plan"
+        if self.follows == _WHOLE_FLEET:
+            upper += " · follows the fleet"
+        elif self.follows:
+            upper += f" · follows {clean(self.follows, 40)}"
         if self.zoom != 1.0:
-            title += f" · {self.zoom:.2g}×"
+            upper += f" · {self.zoom:.2g}×"
+
         limit_m = self.fleet.fleet.safety_distance_m
-        touch = f"circles touch at {limit_m:.2f} m" if window.width >= 44 else f"○○ {limit_m:.2f} m"
-        titles = title, f"grid {window.step_m:g} m · {touch}"
-        if titles != self._titles:
-            self._titles = titles
-            self.border_title, self.border_subtitle = titles
+        touching = f"○○ {limit_m:.2f} m"
+        if window.width >= 44:
+            touching = f"circles touch at {limit_m:.2f} m"
+        lower = f"grid {window.step_m:g} m · {touching}"
+
+        if self._titles != (upper, lower):
+            self._titles = (upper, lower)
+            self.border_title = upper
+            self.border_subtitle = lower
 
     def _window(self, width: int, height: int) -> Window:
-        fence = self.fleet.fleet.geofence_m
-        box_x, box_y = (fence.x, fence.y) if self.is_whole_fence else self._spans
-        width, height = max(1, width), max(1, height)
-        scale = max(
-            1e-3,
-            min((2 * width - 3) / (box_x[1] - box_x[0]), (4 * height - 3) / (box_y[1] - box_y[0])),
+        """Return the visible part of the world in a picture of this size, in cells."""
+        width = max(1, width)
+        height = max(1, height)
+
+        span_x, span_y = self._spans
+        if self.is_whole_fence:
+            fence = self.fleet.fleet.geofence_m
+            span_x, span_y = fence.x, fence.y
+
+        scale_x = (2 * width - 3) / (span_x[1] - span_x[0])
+        scale_y = (4 * height - 3) / (span_y[1] - span_y[0])
+        scale = max(1e-3, min(scale_x, scale_y))
+
+        middle = self._middle or self._followed_point()
+        if middle is None:
+            middle = (sum(span_x) / 2.0, sum(span_y) / 2.0)
+        return Window(
+            x_m=middle[0], y_m=middle[1], scale=scale * self.zoom, width=width, height=height
         )
-        middle = self._middle or self._followed() or (sum(box_x) / 2.0, sum(box_y) / 2.0)
-        return Window(middle[0], middle[1], scale * self.zoom, width, height)
 
     def _widen(self) -> None:
-        """Widen the visible part (x, y in metres) to all vehicles and goals.
+        """Widen the visible part to all vehicles and goals.
 
         It only grows: a picture whose scale changes with every move cannot be read.
         """
-        fence = self.fleet.fleet.geofence_m
-        points: list[tuple[float, ...]] = [spot[:2] for spot in self._spots.values()]
-        points += [
-            view.telemetry.goal_position_enu_m[:2]
-            for view in self._views
-            if view.telemetry and view.is_airborne
-        ]
-        spans = []
-        for axis, limits in enumerate((fence.x, fence.y)):
-            values = [point[axis] for point in points if abs(point[axis]) < FAR_M] or [
-                sum(self._spans[axis]) / 2.0
-            ]
-            low, high = (
-                min(*values, self._spans[axis][0] + _ROUND_M),
-                max(*values, self._spans[axis][1] - _ROUND_M),
-            )
-            # Beyond the fence only what has strayed there widens the picture.
-            low, high = (
-                max(low - _ROUND_M, min(limits[0], low)),
-                min(high + _ROUND_M, max(limits[1], high)),
-            )
-            spans.append((low, max(high, low + 2.0)))
-        self._spans = (spans[0], spans[1])
+        points_enu_m: list[tuple[float, ...]] = list(self._positions_enu_m.values())
+        for view in self._views:
+            if view.telemetry and view.is_airborne:
+                points_enu_m.append(view.telemetry.goal_position_enu_m)
 
-    def _followed(self) -> tuple[float, float] | None:
-        """Return the followed point; zoomed in without a choice it is the middle of the fleet."""
-        if not (self.follows or self.zoom != 1.0) or not self._spots:
-            return None
-        one = self._spots.get(self.follows)
-        spots = list(self._spots.values()) if one is None else [one]
-        return (
-            math.fsum(spot[0] for spot in spots) / len(spots),
-            math.fsum(spot[1] for spot in spots) / len(spots),
+        fence = self.fleet.fleet.geofence_m
+        self._spans = (
+            _widened(self._spans[0], fence.x, [point[0] for point in points_enu_m]),
+            _widened(self._spans[1], fence.y, [point[1] for point in points_enu_m]),
         )
 
+    def _followed_point(self) -> _Middle | None:
+        """Return the followed point; zoomed in without a choice it is the middle of the fleet."""
+        is_following = self.follows or self.zoom != 1.0
+        if not is_following or not self._positions_enu_m:
+            return None
 
-def _around(values: list[float]) -> _Span:
-    return min(values) - _ROUND_M, max(values) + _ROUND_M
+        positions = list(self._positions_enu_m.values())
+        if self.follows in self._positions_enu_m:
+            positions = [self._positions_enu_m[self.follows]]
+
+        east_m = math.fsum(position[0] for position in positions) / len(positions)
+        north_m = math.fsum(position[1] for position in positions) / len(positions)
+        return east_m, north_m
 
 
-def _within(value: float, span: _Span) -> float:
-    return min(span[1], max(span[0], value))
+def _widened(span: _Span, fence: _Span, coordinates_m: list[float]) -> _Span:
+    """Return a span of one axis, widened to the plausible ones of these coordinates."""
+    values = [value for value in coordinates_m if abs(value) < FAR_M]
+    if not values:
+        values = [sum(span) / 2.0]
+
+    low_m = min(*values, span[0] + _MARGIN_M)
+    high_m = max(*values, span[1] - _MARGIN_M)
+
+    # Beyond the fence only what has strayed there widens the picture.
+    low_m = max(low_m - _MARGIN_M, min(fence[0], low_m))
+    high_m = min(high_m + _MARGIN_M, max(fence[1], high_m))
+    return low_m, max(high_m, low_m + _LEAST_SPAN_M)
+
+
+def _around(values_m: list[float]) -> _Span:
+    return min(values_m) - _MARGIN_M, max(values_m) + _MARGIN_M
+
+
+def _within(value_m: float, span: _Span) -> float:
+    return min(span[1], max(span[0], value_m))
