@@ -13,16 +13,23 @@ from numpy.typing import NDArray
 from groundstation.fleet.state import FleetState, VehicleView
 from onboard.config.pair_separation import separations_m
 
-TRAIL_LENGTH, _LEAST_TRAIL, _ALL_TRAILS = 600, 80, 12_000  # points of one, and of all together
-CHART_LENGTH = 3000
+# Points of one vehicle's trail at most, at least, and of all trails together.
+TRAIL_LENGTH = 600
+_LEAST_TRAIL = 80
+_ALL_TRAILS = 12_000
+_TRAIL_STEP_M = 0.03  # between two points of a trail
+
+CHART_LENGTH = 3000  # distances
+_TIMING_LENGTH = 600  # periods, and ages
 PAIRS = 40
-FAR_M = 1e6
-_TRAIL_STEP_M = 0.03
-_PACE_NS = 150_000_000
+FAR_M = 1e6  # a coordinate beyond this is no position
+_STILL_M2_S2 = 1e-4  # square of a relative speed below which two vehicles stay as they are
+
+_PACE_NS = 150_000_000  # between two comparisons of all pairs
 _SLOW_S = 1.0  # between samples of what changes slowly
 _BATTERY_SAMPLES = 180
 _TREND_S = 20.0  # a trend of less than this is a guess
-_REFILLED_FRAC = 0.03
+_REFILLED_FRAC = 0.03  # a charge that rises by more is another battery's
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,20 +63,23 @@ class History:
         # name -> (n, 2): last x, y [m] ENU, in no order, first nan
         self.trails: dict[str, NDArray[np.float64]] = {}
         self.pairs: list[ClosePair] = []  # the closest now, those with a vehicle in the air first
-        # [s], [m] of the closest flying pair
+        # time [s] and distance [m] of the closest flying pair
         self.distances: deque[tuple[float, float]] = deque(maxlen=CHART_LENGTH)
-        self.periods_ms: deque[float] = deque(maxlen=600)  # of the slowest control loop
-        self.ages_ms: deque[float] = deque(maxlen=600)  # of the oldest message between agents
-        self.slowest = self.oldest = ""  # vehicles that these last values are of
+        self.periods_ms: deque[float] = deque(maxlen=_TIMING_LENGTH)  # of the slowest control loop
+        self.ages_ms: deque[float] = deque(maxlen=_TIMING_LENGTH)  # of the oldest message
+        self.slowest = ""  # vehicle of the last period
+        self.oldest = ""  # vehicle of the last age
         self.drains: dict[str, Drain] = {}
         self.first_flight_s: float | None = None
+
         self._land_frac = land_frac
-        # points of a trail so far, and the last one
+        # name -> points of its trail so far, and x, y [m] of the last one
         self._ends: dict[str, tuple[int, float, float]] = {}
-        # boot, and charges with their times
+        # name -> boot of its agent, and its charges with their times [s]
         self._charges: dict[str, tuple[int, deque[tuple[float, float]]]] = {}
         self._sampled_s = -math.inf
-        self._added_ns, self._compared_ns = -1, -_PACE_NS
+        self._added_ns = -1
+        self._compared_ns = -_PACE_NS
 
     @property
     def now(self) -> ClosePair | None:
@@ -85,73 +95,106 @@ class History:
         if now_ns == self._added_ns:
             return
         self._added_ns = now_ns
-        now_s = now_ns * 1e-9
-        positions = {name: view.position_enu_m(now_ns) for name, view in state.vehicles.items()}
-        known = {
-            name: xyz
-            for name, xyz in positions.items()
-            if xyz and all(abs(axis) < FAR_M for axis in xyz)
-        }
+
+        known: dict[str, tuple[float, float, float]] = {}
+        for name, view in state.vehicles.items():
+            position = view.position_enu_m(now_ns)
+            if position and all(abs(axis) < FAR_M for axis in position):
+                known[name] = position
+
+        self._lengthen_trails(state, known)
+        if abs(now_ns - self._compared_ns) >= _PACE_NS:
+            self._compared_ns = now_ns
+            self._compare(state, known, now_ns * 1e-9)
+            self._sample_if_due(state, now_ns)
+
+    def _lengthen_trails(
+        self, state: FleetState, known: dict[str, tuple[float, float, float]]
+    ) -> None:
         for gone in self.trails.keys() - state.vehicles.keys():
             del self.trails[gone], self._ends[gone]
-        length = max(_LEAST_TRAIL, min(TRAIL_LENGTH, _ALL_TRAILS // max(1, len(positions))))
+
+        fair_share = _ALL_TRAILS // max(1, len(state.vehicles))
+        length = max(_LEAST_TRAIL, min(TRAIL_LENGTH, fair_share))
         for name, position in known.items():
             self._lengthen(name, position[0], position[1], length)
-        if abs(now_ns - self._compared_ns) < _PACE_NS:
-            return
-        self._compared_ns = now_ns
-        self.pairs = closest_pairs(
-            [(state.vehicles[name], position) for name, position in known.items()],
-            height_share=state.height_share,
-        )
-        if state.airborne_names:
-            self.first_flight_s = now_s if self.first_flight_s is None else self.first_flight_s
-            if self.pairs and self.pairs[0].is_flying:
-                self.distances.append((now_s, self.pairs[0].distance_m))
-        if now_s - self._sampled_s >= _SLOW_S or now_s < self._sampled_s:
-            self._sampled_s = now_s
-            self._sample(state, now_ns)
 
     def _lengthen(self, name: str, x_m: float, y_m: float, length: int) -> None:
         count, last_x_m, last_y_m = self._ends.get(name, (0, math.inf, math.inf))
         if math.hypot(x_m - last_x_m, y_m - last_y_m) <= _TRAIL_STEP_M:
             return
+
         if name not in self.trails:
             self.trails[name] = np.full((length, 2), np.nan)
-        self.trails[name][count % len(self.trails[name])] = x_m, y_m
+        trail = self.trails[name]
+        trail[count % len(trail)] = x_m, y_m
         self._ends[name] = count + 1, x_m, y_m
 
+    def _compare(
+        self, state: FleetState, known: dict[str, tuple[float, float, float]], now_s: float
+    ) -> None:
+        views = [(state.vehicles[name], position) for name, position in known.items()]
+        self.pairs = closest_pairs(views, height_share=state.height_share)
+
+        if state.airborne_names:
+            if self.first_flight_s is None:
+                self.first_flight_s = now_s
+            if self.pairs and self.pairs[0].is_flying:
+                self.distances.append((now_s, self.pairs[0].distance_m))
+
+    def _sample_if_due(self, state: FleetState, now_ns: int) -> None:
+        now_s = now_ns * 1e-9
+        if now_s - self._sampled_s >= _SLOW_S or now_s < self._sampled_s:
+            self._sampled_s = now_s
+            self._sample(state, now_ns)
+
     def _sample(self, state: FleetState, now_ns: int) -> None:
-        period_ms, age_ms = math.nan, math.nan
+        """Note the slowest loop, the oldest message and all charges."""
+        period_ms = math.nan
+        age_ms = math.nan
         for name, view in state.vehicles.items():
             last = view.telemetry
             if last is None or not view.is_fresh(now_ns):
                 continue
-            if math.isfinite(last.loop_period_p99_ms) and not last.loop_period_p99_ms <= period_ms:
-                period_ms, self.slowest = last.loop_period_p99_ms, name
-            if math.isfinite(last.neighbour_age_s) and not last.neighbour_age_s * 1e3 <= age_ms:
-                age_ms, self.oldest = last.neighbour_age_s * 1e3, name
+
+            own_period_ms = last.loop_period_p99_ms
+            # "not less or equal" is also true beside nan, which stands for no value yet
+            if math.isfinite(own_period_ms) and not own_period_ms <= period_ms:
+                period_ms = own_period_ms
+                self.slowest = name
+
+            own_age_ms = last.neighbour_age_s * 1e3
+            if math.isfinite(last.neighbour_age_s) and not own_age_ms <= age_ms:
+                age_ms = own_age_ms
+                self.oldest = name
+
             if math.isfinite(last.battery_frac) and last.battery_frac >= 0.0:
                 self._add_charge(name, last.boot_id, now_ns * 1e-9, last.battery_frac)
+
         self.periods_ms.append(period_ms)
         self.ages_ms.append(age_ms)
 
     def _add_charge(self, name: str, boot_id: int, now_s: float, charge_frac: float) -> None:
         boot, samples = self._charges.get(name, (boot_id, deque(maxlen=_BATTERY_SAMPLES)))
-        if boot != boot_id or (samples and charge_frac > samples[-1][1] + _REFILLED_FRAC):
+        is_refilled = bool(samples) and charge_frac > samples[-1][1] + _REFILLED_FRAC
+        if boot != boot_id or is_refilled:
             samples = deque(maxlen=_BATTERY_SAMPLES)  # the agent or the battery was changed
         samples.append((now_s, charge_frac))
         self._charges[name] = boot_id, samples
+
         self.drains.pop(name, None)
         if samples[-1][0] - samples[0][0] < _TREND_S:
             return
+
+        # the slope of a straight line through the samples (least squares)
         times_s, charges = np.array(samples).T
         times_s = times_s - times_s.mean()
-        per_min = 60.0 * float(times_s @ (charges - charges.mean()) / (times_s @ times_s))
-        left_min = (
-            max(0.0, charge_frac - self._land_frac) / -per_min if per_min < -1e-4 else math.inf
-        )
-        self.drains[name] = Drain(per_min, left_min)
+        per_min_frac = 60.0 * float(times_s @ (charges - charges.mean()) / (times_s @ times_s))
+
+        left_min = math.inf
+        if per_min_frac < -1e-4:
+            left_min = max(0.0, charge_frac - self._land_frac) / -per_min_frac
+        self.drains[name] = Drain(per_min_frac, left_min)
 
 
 def closest_pairs(
@@ -169,40 +212,57 @@ def closest_pairs(
     """
     if len(known) < 2:
         return []
-    points = np.array([position for _, position in known])
-    speeds = np.array(
-        [
-            view.telemetry.velocity_enu_m_s if view.telemetry else (0.0, 0.0, 0.0)
-            for view, _ in known
-        ]
-    )
-    flies = np.array([view.is_airborne for view, _ in known])
-    one, two = _pairs_of(len(known))
-    gap = points[two] - points[one]
-    distance = separations_m(gap, height_share)
-    any_flies = flies[one] | flies[two]
-    rank = np.where(any_flies, distance, distance + FAR_M * 4)
-    least = np.argpartition(rank, most)[:most] if len(rank) > most else np.arange(len(rank))
+
+    positions_m = np.array([position for _, position in known])
+    velocities_m_s = np.array([_velocity_m_s(view) for view, _ in known])
+    is_airborne = np.array([view.is_airborne for view, _ in known])
+
+    first, second = _pairs_of(len(known))
+    gaps_m = positions_m[second] - positions_m[first]
+    distances_m = separations_m(gaps_m, height_share)
+    is_flying = is_airborne[first] | is_airborne[second]
+
+    # Pairs on the ground rank behind all others by a distance that no pair in the air has.
+    ranks = np.where(is_flying, distances_m, distances_m + FAR_M * 4)
+    closest = np.arange(len(ranks))
+    if len(ranks) > most:
+        closest = np.argpartition(ranks, most)[:most]
+
     pairs = []
-    for index in least[np.argsort(rank[least], kind="stable")].tolist():
-        drift = speeds[two[index]] - speeds[one[index]]
-        speed_2 = float(drift[:2] @ drift[:2])
-        approach_s = (
-            -float(gap[index, :2] @ drift[:2]) / speed_2 if 1e-4 < speed_2 < FAR_M else -1.0
-        )
+    for index in closest[np.argsort(ranks[closest], kind="stable")].tolist():
+        drift_m_s = velocities_m_s[second[index]] - velocities_m_s[first[index]]
+        approach_s = _approach_s(gaps_m[index], drift_m_s)
         is_closing = approach_s > 0.0
-        ahead = gap[index] + (approach_s * drift if is_closing else 0.0)
-        pairs.append(
-            ClosePair(
-                known[one[index]][0].name,
-                known[two[index]][0].name,
-                float(distance[index]),
-                approach_s if is_closing else math.inf,
-                float(separations_m(ahead, height_share)),
-                bool(any_flies[index]),
-            )
+        gap_then_m = gaps_m[index] + (approach_s * drift_m_s if is_closing else 0.0)
+
+        pair = ClosePair(
+            first=known[first[index]][0].name,
+            second=known[second[index]][0].name,
+            distance_m=float(distances_m[index]),
+            approach_s=approach_s if is_closing else math.inf,
+            approach_m=float(separations_m(gap_then_m, height_share)),
+            is_flying=bool(is_flying[index]),
         )
+        pairs.append(pair)
     return pairs
+
+
+def _velocity_m_s(view: VehicleView) -> tuple[float, float, float]:
+    if view.telemetry is None:
+        return 0.0, 0.0, 0.0
+    return view.telemetry.velocity_enu_m_s
+
+
+def _approach_s(gap_m: NDArray[np.float64], drift_m_s: NDArray[np.float64]) -> float:
+    """Return the time until two vehicles are closest in the horizontal, by their velocities.
+
+    The square of the distance, |gap + t drift|^2, is smallest at t = -gap . drift / |drift|^2. It is
+    negative when they part, and -1 where their relative speed is none, or not plausible.
+    """
+    speed_m2_s2 = float(drift_m_s[:2] @ drift_m_s[:2])
+    if not _STILL_M2_S2 < speed_m2_s2 < FAR_M:
+        return -1.0
+    return -float(gap_m[:2] @ drift_m_s[:2]) / speed_m2_s2
 
 
 @lru_cache(4)

@@ -1,5 +1,13 @@
-"""Orders from the order line and the keys: parsed, previewed or sent at once, and each vehicle's
-answer shown.
+"""Orders from the order line and the keys: parsed, previewed or sent, their answers shown.
+
+Three kinds of order take three routes:
+
+* What makes things safer (land, hold) is sent at once, from every screen. LAND ALL and HOLD ALL even
+  leave on the thread that reads the terminal; the screen shows them when the key's turn comes.
+* What could go wrong (arm, take-off, move, formation) opens a preview first, and what the preview
+  checked is what is sent.
+* A kill needs the same key twice within a second, and a killed vehicle takes no orders until it is
+  reset.
 """
 
 from __future__ import annotations
@@ -28,9 +36,10 @@ from groundstation.orders.preview import PREVIEWED
 from groundstation.orders.result import OrderResult, VehicleResult
 from onboard.config.fleet import ConfigError, FleetConfig
 
-# for all vehicles
+# Orders for all vehicles that are sent on the thread that reads the terminal.
 _URGENT_KEYS: dict[str, Verb] = {"ctrl+l": "land", "f9": "land", "ctrl+o": "hold", "f8": "hold"}
 _ENTER = "enter"
+_TAKEOFF_HEIGHT_M = 1.0  # of the key; a written order names its own
 
 
 class OrderEntry:
@@ -52,22 +61,22 @@ class OrderEntry:
         forecaster: Forecaster | None,
         refresh: Callable[[], None],
     ) -> None:
-        self._app, self._fleet, self._client, self._panels, self._refresh = (
-            app,
-            fleet,
-            client,
-            panels,
-            refresh,
-        )
+        self._app = app
+        self._fleet = fleet
+        self._client = client
+        self._panels = panels
+        self._refresh = refresh
+
         self._ordering = client if isinstance(client, OrderingClient) else None
         self._forecaster = forecaster if self._ordering is not None else None
+        self._is_warm = False  # whether the forecaster's process was started
         self._everybody = ",".join(fleet.enabled_names)
-        self._is_warm = False
-        # by the thread that reads the keys; their turn comes
+
+        # Sent by the thread that reads the keys; shown when the turn of the key comes.
         self._sent_early: deque[OrderResult] = deque()
         self._latch = KillLatch()
-        self.missions: MissionOrders | None = None  # starts missions by written orders
         self._written = ""  # the order that is being taken from the order line
+        self.missions: MissionOrders | None = None  # starts missions by written orders
         self.newest: OrderResult | None = None  # the order whose results are shown
 
     @property
@@ -77,8 +86,9 @@ class OrderEntry:
 
     @property
     def is_operator(self) -> bool:
-        """Whether moves may be ordered from here; without it, leaving changes nothing for the
-        vehicles.
+        """Whether moves may be ordered from here.
+
+        Where they may not, leaving the console changes nothing for the vehicles.
         """
         return self._ordering is not None and self._ordering.control.refusal("move") is None
 
@@ -86,16 +96,22 @@ class OrderEntry:
     def armed_kill(self) -> str | None:
         """The vehicles that the next press of the kill key stops; None when it would only arm."""
         names = self._latch.armed(self._now_s)
-        return self.short(",".join(names)) if names else None
+        if not names:
+            return None
+        return self.short(",".join(names))
 
     @property
     def selected(self) -> tuple[str, ...]:
-        """The vehicles that keys mean: the marked ones, else the one under the cursor; on its page
-        the one shown.
+        """The vehicles that keys mean: the marked ones, else the one under the cursor.
+
+        On the page of one vehicle it is always the one shown.
         """
         table = self._panels.table
-        marked = () if isinstance(self._app.screen, VehicleScreen) else table.marked
-        return marked or ((table.selected,) if table.selected is not None else ())
+        if table.marked and not isinstance(self._app.screen, VehicleScreen):
+            return table.marked
+        if table.selected is not None:
+            return (table.selected,)
+        return ()
 
     @property
     def _now_s(self) -> float:
@@ -103,12 +119,14 @@ class OrderEntry:
 
     def short(self, text: str) -> str:
         """Return ``text`` with ``all`` for the list of all vehicles, as people write it."""
-        return text.replace(self._everybody, "all") if "," in self._everybody else text
+        is_list = "," in self._everybody
+        return text.replace(self._everybody, "all") if is_list else text
 
     def update(self) -> None:
         """Bring the notices up to date."""
-        control = None if self._ordering is None else self._ordering.control
-        if control is not None:
+        control = None
+        if self._ordering is not None:
+            control = self._ordering.control
             control.update(self._client.state)
         self._panels.notices.show(notices(self._latch.killed, control))
 
@@ -120,17 +138,20 @@ class OrderEntry:
     # -- written orders ----------------------------------------------------------------------------
 
     def open_line(self) -> None:
-        """Begin to write an order."""
-        self._panels.order_line.focus()
+        """Begin to write an order; the line has the focus when this returns."""
+        line = self._panels.order_line
+        line.screen.set_focus(line)
         self.warm_up()
 
     def show_usage(self, text: str) -> None:
         """Show the grammar of the order that is being written."""
-        verb = next((verb for verb in USAGE if text.lower().split()[:1] == [verb]), None)
-        if verb is not None:
-            self._panels.results.show_sentence(USAGE[verb], FAINT)
-        elif text.lower().split()[:1] == ["mission"]:
+        first_words = text.lower().split()[:1]
+        for verb, usage in USAGE.items():
+            if first_words == [verb]:
+                self._panels.results.show_sentence(usage, FAINT)
+        if first_words == ["mission"]:
             self._panels.results.show_sentence(mission_orders.USAGE, FAINT)
+
         if text.strip():
             self.warm_up()
 
@@ -138,11 +159,10 @@ class OrderEntry:
         """Carry out a written line; the order line gets it back when it is refused."""
         self._panels.order_line.action_leave()
         self._written = text
+
         words = text.split()
-        if (
-            words[:2] in (["take", "control"], ["give", "control"], ["keep", "control"])
-            and len(words) <= 3
-        ):
+        is_control = words[:2] in (["take", "control"], ["give", "control"], ["keep", "control"])
+        if is_control and len(words) <= 3:
             self._change_control(words[0], *words[2:])
         elif words[0] in mission_orders.WORDS and self.missions is not None:
             refusal = self.missions.take(words)
@@ -152,6 +172,7 @@ class OrderEntry:
             self._reset(" ".join(words[1:]))
         else:
             await self.order(text, is_written=True)
+
         self._written = ""
 
     def begin_line(self, verb: Verb) -> None:
@@ -159,52 +180,69 @@ class OrderEntry:
         names = self.short(",".join(self.selected))
         if verb == "formation":
             formation = default_formation(self._fleet) or ""
-            names = f"{formation} {names}" if len(self.selected) > 1 else formation
+            is_for_several = len(self.selected) > 1
+            names = f"{formation} {names}" if is_for_several else formation
+
         self._panels.order_line.write(f"{verb} {names} ")
         self._panels.table.keep_marks()
 
     def warm_up(self) -> None:
-        """Start the forecast's process before it is needed."""
+        """Start the forecast's process before it is required."""
         if self._forecaster is not None and not self._is_warm:
-            # once: a start that is cut short by the next key would leave a process behind
+            # Once: a start that is cut short by the next key would leave a process behind.
             self._is_warm = True
             self._app.run_worker(self._forecaster.start(), group="warm")
 
     # -- orders ------------------------------------------------------------------------------------
 
     async def order(self, order: Intent | str, *, is_written: bool = False) -> None:
-        """Preview an order where something could go wrong; send it at once where it makes things
-        safer.
-        """
-        try:
-            intent = parse(order, self._fleet) if isinstance(order, str) else order
-        except OrderError as error:
-            self._refuse(str(order), str(error))
+        """Preview an order where something could go wrong; send it at once where it is safer."""
+        if isinstance(order, str):
+            try:
+                intent = parse(order, self._fleet)
+            except OrderError as error:
+                self._refuse(order, str(error))
+                return
+        else:
+            intent = order
+
+        if intent.verb in PREVIEWED:
+            await self._order_with_preview(intent)
             return
-        is_previewed = intent.verb in PREVIEWED
+
+        is_written_kill = intent.verb == "kill" and is_written
+        if is_written_kill and not self._is_kill_confirmed(_ENTER, intent.vehicles):
+            self._panels.order_line.take_back(str(intent))
+            return
+        await self.send(intent)
+
+    async def _order_with_preview(self, intent: Intent) -> None:
         latched = sorted(self._latch.killed.intersection(intent.vehicles))
-        if is_previewed and latched:
-            names, it = ",".join(latched), "it" if len(latched) == 1 else "them"
+        if latched:
+            names = ",".join(latched)
+            it = "it" if len(latched) == 1 else "them"
             self._refuse(
                 str(intent), f"{names} was killed. Look at {it}, then write: reset {names}"
             )
-        elif (
-            intent.verb == "kill"
-            and is_written
-            and not self._is_kill_confirmed(_ENTER, intent.vehicles)
-        ):
-            self._panels.order_line.take_back(str(intent))
-        elif is_previewed and self._forecaster is not None and self._ordering is not None:
-            refusal = self._ordering.control.refusal(intent.verb)
-            if refusal is not None:
-                self._refuse(str(intent), refusal)
-                return
-            screen = PreviewScreen(
-                self._fleet, self._ordering, intent, self._forecaster, self.short
-            )
-            self._app.push_screen(screen, self._send_checked)
-        else:
+            return
+
+        if self._forecaster is None or self._ordering is None:
             await self.send(intent)
+            return
+
+        refusal = self._ordering.control.refusal(intent.verb)
+        if refusal is not None:
+            self._refuse(str(intent), refusal)
+            return
+
+        screen = PreviewScreen(
+            fleet=self._fleet,
+            client=self._ordering,
+            intent=intent,
+            forecaster=self._forecaster,
+            short=self.short,
+        )
+        self._app.push_screen(screen, self._send_checked)
 
     def _send_checked(self, planned: PlannedOrder | None) -> None:
         if planned is not None and self._ordering is not None:
@@ -213,19 +251,25 @@ class OrderEntry:
     async def send(self, order: Intent | str) -> None:
         """Send an order at once and show each vehicle's answer; a misspelt one is a sentence."""
         try:
-            self._follow(await self._client.submit(order))
-        # RuntimeError: the bus is not open yet, or not any more
+            sent = await self._client.submit(order)
+            self._follow(sent)
         except (OrderError, RuntimeError) as error:
+            # RuntimeError: the bus is not open yet, or not any more.
             self._refuse(str(order), str(error))
 
     def _follow(self, sent: OrderResult) -> None:
         """Show an order that has left, and its results as they come."""
         self.newest = sent
-        events, words = self._panels.events, self.short(str(sent.intent))
-        if sent.intent.verb == "kill" and sent.planned.orders:  # sent, whatever its results
-            events.add(f"KILL {','.join(sent.planned.orders)}", ("✖", KILL))
-            self._latch.add(sent.planned.orders)
+        events = self._panels.events
+        words = self.short(str(sent.intent))
+
+        # A kill that has left is latched, whatever its results.
+        killed = sent.planned.orders if sent.intent.verb == "kill" else ()
+        if killed:
+            events.add(f"KILL {','.join(killed)}", ("✖", KILL))
+            self._latch.add(killed)
             self.update()
+
         events.add(words, ("→", CALM))
         self._panels.results.show_order(sent, words)
         sent.add_listener(lambda result: self._show_result(sent, result))
@@ -245,42 +289,43 @@ class OrderEntry:
     def _show_result(self, sent: OrderResult, result: VehicleResult) -> None:
         if sent is self.newest and self._app.is_running:
             self._panels.results.show_order(sent, self.short(str(sent.intent)))
-        # the other ends come as the vehicle's own events
+
+        # The other ends come as the vehicle's own events.
         if result.phase in ("refused", "no answer", "direct"):
             self._log_result(result)
 
     def _log_result(self, result: VehicleResult) -> None:
-        self._panels.events.add(
-            result.sentence or result.phase, PHASE_SIGNS[result.phase], vehicle=result.vehicle
-        )
+        sentence = result.sentence or result.phase
+        self._panels.events.add(sentence, PHASE_SIGNS[result.phase], vehicle=result.vehicle)
 
     # -- keys --------------------------------------------------------------------------------------
 
     def send_urgent(self, key: str) -> None:
-        """Send the order of an emergency key, on the thread that reads the terminal; the key's turn
-        comes later.
+        """Send the order of an emergency key, on the thread that reads the terminal.
+
+        The key's turn in the event loop comes later, and shows what was sent here.
         """
         verb = _URGENT_KEYS.get(key)
         if verb is None or self._ordering is None or not self._fleet.enabled_names:
             return
-        with contextlib.suppress(OrderError, RuntimeError):  # shown when the key's turn comes
-            self._sent_early.append(
-                self._ordering.submit_now(Intent(verb, self._fleet.enabled_names))
-            )
+
+        # An order that fails here is sent again, and its error shown, when the key's turn comes.
+        with contextlib.suppress(OrderError, RuntimeError):
+            sent = self._ordering.submit_now(Intent(verb, self._fleet.enabled_names))
+            self._sent_early.append(sent)
 
     async def order_all(self, verb: Verb) -> None:
-        """Land or hold all vehicles, from every screen, without a question: it only makes things
-        safer.
-        """
+        """Land or hold all vehicles from every screen, without a question: it is only safer."""
         if self._sent_early:
             self._follow(self._sent_early.popleft())
         elif self._fleet.enabled_names:
             await self.send(Intent(verb, self._fleet.enabled_names))
         else:
-            self._refuse(
-                f"{verb} all", "This fleet has nobody to order: no vehicle is enabled in its file."
-            )
-        self._close_preview()  # only now: the order was not to wait for the screen
+            reason = "This fleet has nobody to order: no vehicle is enabled in its file."
+            self._refuse(f"{verb} all", reason)
+
+        # Only now: the order does not wait for the screen.
+        self._close_preview()
 
     async def order_selected(self, verb: Verb) -> None:
         """Order something for the selected vehicles."""
@@ -289,9 +334,11 @@ class OrderEntry:
             sentence = "No vehicle is selected: move the cursor to one, or mark some with space."
             self._panels.results.show_sentence(sentence)
             return
+
         if verb in ("land", "hold"):
             self._close_preview()
-        await self.order(Intent(verb, names, height_m=1.0 if verb == "takeoff" else None))
+        height_m = _TAKEOFF_HEIGHT_M if verb == "takeoff" else None
+        await self.order(Intent(verb, names, height_m=height_m))
 
     async def kill(self, key: str) -> None:
         """Arm the key for the vehicle under the cursor; the same key within a second kills it."""
@@ -303,10 +350,10 @@ class OrderEntry:
         if self._latch.press(key, names, self._now_s):
             self._close_preview()
             return True
+
         if key == _ENTER:
-            self._panels.results.show_sentence(
-                "Enter again within 1 s stops the motors: they fall.", KILL
-            )
+            sentence = "Enter again within 1 s stops the motors: they fall."
+            self._panels.results.show_sentence(sentence, KILL)
         self._refresh()
         return False
 
@@ -317,13 +364,18 @@ class OrderEntry:
             screen.action_drop()
 
     def _reset(self, names: str) -> None:
-        try:
-            vehicles = self._fleet.select(names) if names else self._latch.killed
-        except ConfigError as error:
-            self._refuse(f"reset {names}", str(error))
-            return
+        vehicles = self._latch.killed
+        if names:
+            try:
+                vehicles = frozenset(self._fleet.select(names))
+            except ConfigError as error:
+                self._refuse(f"reset {names}", str(error))
+                return
+
         freed = ", ".join(sorted(self._latch.reset(vehicles)))
-        sentence = f"{freed} may be ordered again." if freed else "No vehicle was killed from here."
+        sentence = "No vehicle was killed from here."
+        if freed:
+            sentence = f"{freed} may be ordered again."
         self._panels.results.show_sentence(sentence, FAINT)
         self.update()
 
@@ -338,17 +390,19 @@ class OrderEntry:
         if self._ordering is None:
             self._panels.results.show_sentence("There is nobody to control here.")
             return
-        if word not in ("", FORCE_WORD) or (word and verb != "take"):
+
+        is_known = word in ("", FORCE_WORD)
+        if not is_known or (word and verb != "take"):
             self._refuse(f"{verb} control {word}", f"Write one of: {', '.join(CONTROL_ORDERS)}.")
             return
+
         control = self._ordering.control
-        sentence = (
-            control.take(word)
-            if verb == "take"
-            else control.hand_over()
-            if verb == "give"
-            else control.keep()
-        )
+        if verb == "take":
+            sentence = control.take(word)
+        elif verb == "give":
+            sentence = control.hand_over()
+        else:
+            sentence = control.keep()
         self._panels.results.show_sentence(sentence, CALM)
         self._panels.events.add(sentence)
         self.update()

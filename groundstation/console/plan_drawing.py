@@ -258,7 +258,7 @@ class PlanScene:
     def too_close(self) -> set[str]:
         """Return the vehicles below the safety distance."""
         limit_m = self.fleet.fleet.safety_distance_m
-        names = set()
+        names: set[str] = set()
         for pair in self.history.pairs:
             if pair.is_flying and pair.distance_m < limit_m:
                 names.update((pair.first, pair.second))

@@ -9,6 +9,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable
+from typing import NamedTuple
 
 from rich.segment import Segment
 from textual.strip import Strip
@@ -24,36 +25,36 @@ from onboard.message_counts import in_words
 from onboard.safety.failsafe_table import WORDS, Action
 
 MAX_LOG = 40
+_MOST_NEIGHBOURS = 8
+_MOST_ORDERS = 8
 _SEVERITIES = (("…", CALM), ("▲", WARN), ("✖", BAD))
+
+Block = list[Text | Strip]  # lines, either as text or as a piece of a chart
 
 
 def heading(subject: VehicleSubject) -> Text:
     """Return the vehicle in one line."""
-    view, telemetry = subject.view, subject.telemetry
+    view = subject.view
+    telemetry = subject.telemetry
     name = (clean(view.name, 40), theme.vehicle_colour(subject.index))
     if telemetry is None:
         return [name, ("  nothing heard from its agent yet", FAINT)]
-    sign, colour = theme.STATE_SIGNS.get(telemetry.state, ("?", WARN))
+
+    state = clean(telemetry.state, 20)
     if not view.is_fresh(subject.now_ns):
         silence = number(view.age_s(subject.now_ns), 1, limit=1e6)
-        last = (
-            "PX4 says disarmed"
-            if view.is_disarmed_by_px4
-            else f"last heard: {clean(telemetry.state, 20)}"
-        )
+        last = "PX4 says disarmed" if view.is_disarmed_by_px4 else f"last heard: {state}"
         return [name, (f"  NO TELEM {silence} s", BAD), (f"  {last}", FAINT)]
+
+    sign, colour = theme.STATE_SIGNS.get(telemetry.state, ("?", WARN))
     armed = ("  ARMED", WARN) if view.is_armed else ("  disarmed", FAINT)
-    return [
-        name,
-        (f"  {sign} {clean(telemetry.state, 20)}", colour),
-        armed,
-        (f"  {clean(telemetry.mode, 16) or '-'}", TEXT),
-    ]
+    mode = clean(telemetry.mode, 16) or "-"
+    return [name, (f"  {sign} {state}", colour), armed, (f"  {mode}", TEXT)]
 
 
 def blocks(subject: VehicleSubject, width: int) -> list[list[Strip]]:
     """Return the page's blocks, each ``width`` cells wide."""
-    parts: tuple[tuple[str, Callable[[VehicleSubject, int], list[Text | Strip]]], ...] = (
+    parts: tuple[tuple[str, Callable[[VehicleSubject, int], Block]], ...] = (
         ("state", _state),
         ("go / no-go", _checks),
         ("neighbours", _neighbours),
@@ -62,204 +63,274 @@ def blocks(subject: VehicleSubject, width: int) -> list[list[Strip]]:
         ("orders", _orders),
         ("log", _log),
     )
-    lines = []
+
+    drawn = []
     for title, draw in parts:
         rule = [(f"── {title} ", FAINT), ("─" * max(0, width - len(title) - 4), RULE)]
-        lines.append(
-            [
-                _strip(rule, width),
-                *(_strip(line, width) for line in draw(subject, width)),
-                Strip.blank(width),
-            ]
-        )
-    return lines
+        lines = [_strip(rule, width)]
+        lines += [_strip(line, width) for line in draw(subject, width)]
+        lines.append(Strip.blank(width))
+        drawn.append(lines)
+    return drawn
 
 
 def _strip(line: Text | Strip, width: int) -> Strip:
-    if isinstance(line, Strip):
-        return line.adjust_cell_length(width)
-    return Strip([Segment(text, theme.style(colour)) for text, colour in line]).adjust_cell_length(
-        width
-    )
+    if not isinstance(line, Strip):
+        line = Strip([Segment(text, theme.style(colour)) for text, colour in line])
+    return line.adjust_cell_length(width)
 
 
-def _wrapped(head: Text, text: str, width: int, colour: str) -> list[Text | Strip]:
+def _wrapped(head: Text, text: str, width: int, colour: str) -> Block:
     """Return ``text`` beside ``head``, further lines below it."""
     indent = sum(len(piece) for piece, _ in head)
-    lines = theme.wrap(clean(text), max(8, width - indent), most=4)
-    return [
-        [*head, (lines[0], colour)],
-        *([(" " * indent, FAINT), (line, colour)] for line in lines[1:]),
-    ]
+    first, *others = theme.wrap(clean(text), max(8, width - indent), most=4)
+
+    lines: Block = [[*head, (first, colour)]]
+    for line in others:
+        lines.append([(" " * indent, FAINT), (line, colour)])
+    return lines
 
 
-# -- the blocks ------------------------------------------------------------------------------------
+# -- state -----------------------------------------------------------------------------------------
 
 
-def _state(subject: VehicleSubject, width: int) -> list[Text | Strip]:
+def _state(subject: VehicleSubject, width: int) -> Block:
     last = subject.telemetry
     if last is None:
         return [[(" Is its agent running? covey agent status says more.", FAINT)]]
-    lines: list[Text | Strip] = []
-    for line in subject.alarms:
-        sign, colour = _SEVERITIES[line.alarm.severity]
-        head: Text = [(f" {'✓' if line.is_acknowledged else sign} ", colour)]
-        lines += _wrapped(
-            head, line.text(subject.now_ns), width, FAINT if line.is_acknowledged else colour
-        )
+
+    lines = _alarms(subject, width)
+
     action = clean(last.action, 80)
     if action and action != WORDS[Action.GO_ON]:
         lines.append([(" failsafe   ", FAINT), (action, WARN)])
     if last.reason:
         lines += _wrapped([(" because    ", FAINT)], last.reason, width, TEXT)
+
     is_old = not subject.view.is_fresh(subject.now_ns)
     tint = FAINT if is_old else TEXT
-    if last.is_position_valid:
-        x, y, z = (number(axis, 2, sign=True) for axis in last.position_enu_m)
-        at = " was at     " if is_old else " at         "
-        lines.append(
-            [(at, FAINT), (f"{x} {y} {z} m", tint), (f"   yaw {number(last.yaw_deg, 0)}°", tint)]
-        )
-    else:
-        lines.append([(" at         ", FAINT), ("no valid position", WARN)])
-    goal = " ".join(number(axis, 2, sign=True) for axis in last.goal_position_enu_m)
-    lines.append(
-        [(" goes to    ", FAINT), (f"{goal} m" if subject.view.is_airborne else "·", tint)]
-    )
-    speed = math.sqrt(sum(axis * axis for axis in last.velocity_enu_m_s))
-    lines.append([(" speed      ", FAINT), (f"{number(speed, 2)} m/s", tint)])
-    battery = f"{number(last.battery_frac * 100.0, 0, limit=999)} %  {number(last.battery_voltage_v, 1, limit=999)} V"
-    low = last.battery_frac * 100.0 <= subject.fleet.fleet.battery_warning_pct
-    lines.append([(" battery    ", FAINT), (battery, WARN if low else tint)])
-    ages = (
-        (last.state_age_s, "own"),
-        (last.autopilot_age_s, "PX4"),
-        (last.neighbour_age_s, "neighbours"),
-    )
-    message_ages = "  ".join(
-        f"{label} {number(1e3 * age_s, 0, limit=1e6)}" for age_s, label in ages
-    )
-    lines.append([(" ages, ms   ", FAINT), (message_ages, tint)])
-    periods = (last.loop_period_p50_ms, last.loop_period_p99_ms, last.loop_period_max_ms)
-    loop = "/".join(number(value, 0, limit=1e6) for value in periods)
+    lines.append(_position(last, is_old=is_old, tint=tint))
+
+    goal = "·"
+    if subject.view.is_airborne:
+        axes = " ".join(number(axis, 2, sign=True) for axis in last.goal_position_enu_m)
+        goal = f"{axes} m"
+    lines.append([(" goes to    ", FAINT), (goal, tint)])
+
+    speed_m_s = math.sqrt(sum(axis * axis for axis in last.velocity_enu_m_s))
+    lines.append([(" speed      ", FAINT), (f"{number(speed_m_s, 2)} m/s", tint)])
+
+    charge_pct = last.battery_frac * 100.0
+    is_low = charge_pct <= subject.fleet.fleet.battery_warning_pct
+    charge = number(charge_pct, 0, limit=999)
+    voltage = number(last.battery_voltage_v, 1, limit=999)
+    lines.append([(" battery    ", FAINT), (f"{charge} %  {voltage} V", WARN if is_low else tint)])
+
+    lines.append([(" ages, ms   ", FAINT), (_message_ages(last), tint)])
+
+    periods_ms = (last.loop_period_p50_ms, last.loop_period_p99_ms, last.loop_period_max_ms)
+    loop = "/".join(number(period_ms, 0, limit=1e6) for period_ms in periods_ms)
     lines.append([(" loop, ms   ", FAINT), (f"p50/p99/max {loop}  late {last.late_ticks}", tint)])
+
     return lines + _counts(last, subject.state, tint)
 
 
-def _counts(last: Telemetry, ground: FleetState, tint: str) -> list[Text | Strip]:
-    """Messages that the vehicle and this ground did not use, since their start; no line where there
-    are none.
+def _alarms(subject: VehicleSubject, width: int) -> Block:
+    lines: Block = []
+    for line in subject.alarms:
+        sign, colour = _SEVERITIES[line.alarm.severity]
+        head: Text = [(f" {sign} ", colour)]
+        text_colour = colour
+        if line.is_acknowledged:
+            head = [(" ✓ ", colour)]
+            text_colour = FAINT
+        lines += _wrapped(head, line.text(subject.now_ns), width, text_colour)
+    return lines
+
+
+def _position(last: Telemetry, *, is_old: bool, tint: str) -> Text:
+    if not last.is_position_valid:
+        return [(" at         ", FAINT), ("no valid position", WARN)]
+
+    label = " was at     " if is_old else " at         "
+    x, y, z = (number(axis, 2, sign=True) for axis in last.position_enu_m)
+    yaw = number(last.yaw_deg, 0)
+    return [(label, FAINT), (f"{x} {y} {z} m", tint), (f"   yaw {yaw}°", tint)]
+
+
+def _message_ages(last: Telemetry) -> str:
+    ages_s = {
+        "own": last.state_age_s,
+        "PX4": last.autopilot_age_s,
+        "neighbours": last.neighbour_age_s,
+    }
+    words = [f"{label} {number(1e3 * age_s, 0, limit=1e6)}" for label, age_s in ages_s.items()]
+    return "  ".join(words)
+
+
+def _counts(last: Telemetry, ground: FleetState, tint: str) -> Block:
+    """Return the messages that the vehicle and this ground did not use, since their start.
+
+    A side that has used all of them has no line.
     """
     refused = last.refused_messages + sum(last.refused_orders.values())
     theirs = in_words(last.malformed_messages, refused, last.dropped_messages, last.late_messages)
     ours = in_words(ground.malformed, ground.refused, ground.dropped, ground.late)
-    rows = ((" not used   ", theirs), (" …this side ", ours))
-    return [[(label, FAINT), (text, tint)] for label, text in rows if text]
+
+    lines: Block = []
+    if theirs:
+        lines.append([(" not used   ", FAINT), (theirs, tint)])
+    if ours:
+        lines.append([(" …this side ", FAINT), (ours, tint)])
+    return lines
 
 
-def _checks(subject: VehicleSubject, width: int) -> list[Text | Strip]:
-    view, telemetry = subject.view, subject.telemetry
-    lines: list[Text | Strip] = []
+# -- go or no-go -----------------------------------------------------------------------------------
+
+
+class _Check(NamedTuple):
+    """One preflight check, in the order of the message's values."""
+
+    name: str
+    is_ok: bool
+    sentence: str
+    remedy: str  # advice where it is fine
+
+
+def _checks(subject: VehicleSubject, width: int) -> Block:
+    view = subject.view
+    telemetry = subject.telemetry
     if view.preflight is not None and view.has_preflight(subject.now_ns):
-        report = view.preflight
-        bad = [check for check in report.checks if not check[1]]
-        advice = [check for check in report.checks if check[1] and check[3]]
-        go = (
-            (" ✔ GO", GOOD)
-            if not bad
-            else (f" ✖ NO-GO: {len(bad)} of {len(report.checks)} refuse", BAD)
-        )
-        lines.append([go, (f"   {len(report.checks) - len(bad)} fine", FAINT)])
-        for (name, _, sentence, remedy), (sign, colour) in [
-            *((check, ("✖", BAD)) for check in bad),
-            *((check, ("▲", WARN)) for check in advice),
-        ]:
-            lines += _wrapped([(f" {sign} ", colour)], f"{name}: {sentence}", width, colour)
-            if remedy:
-                lines += _wrapped([("   → ", FAINT)], remedy, width, TEXT)
-        rest = [clean(name, 24) for name, is_ok, _, remedy in report.checks if is_ok and not remedy]
-        if rest:
-            lines += _wrapped([(" ✔ ", GOOD)], ", ".join(rest), width, FAINT)
-        return lines
+        return _preflight([_Check(*check) for check in view.preflight.checks], width)
     if telemetry is None:
         return [[(" not heard yet", FAINT)]]
+
+    lines: Block = []
     for reason in telemetry.not_ready[:8]:
         lines += _wrapped([(" ✖ ", BAD)], reason, width, WARN)
-    if not lines:
-        lines.append(
-            [
-                (
-                    " · checked on the ground, before it arms"
-                    if telemetry.is_airborne
-                    else " ✔ ready",
-                    FAINT,
-                )
-            ]
-        )
+    if lines:
+        return lines
+
+    if telemetry.is_airborne:
+        return [[(" · checked on the ground, before it arms", FAINT)]]
+    return [[(" ✔ ready", FAINT)]]
+
+
+def _preflight(checks: list[_Check], width: int) -> Block:
+    refusing = [check for check in checks if not check.is_ok]
+    advising = [check for check in checks if check.is_ok and check.remedy]
+    fine = [clean(check.name, 24) for check in checks if check.is_ok and not check.remedy]
+
+    verdict = (" ✔ GO", GOOD)
+    if refusing:
+        verdict = (f" ✖ NO-GO: {len(refusing)} of {len(checks)} refuse", BAD)
+    lines: Block = [[verdict, (f"   {len(checks) - len(refusing)} fine", FAINT)]]
+
+    for check in refusing:
+        lines += _check_lines(check, "✖", BAD, width)
+    for check in advising:
+        lines += _check_lines(check, "▲", WARN, width)
+    if fine:
+        lines += _wrapped([(" ✔ ", GOOD)], ", ".join(fine), width, FAINT)
     return lines
 
 
-def _neighbours(subject: VehicleSubject, width: int) -> list[Text | Strip]:
-    own = subject.view.position_enu_m(subject.now_ns)
-    tick = subject.tick
-    limit_m = subject.fleet.fleet.safety_distance_m
-    rows: list[tuple[float, str, float, float]] = []
-    for name, view in subject.state.vehicles.items():
-        if name == subject.view.name:
-            continue
-        spot = view.position_enu_m(subject.now_ns)
-        own_view_m = (
-            tick.neighbour_distances_m.get(name, math.nan) if tick is not None else math.nan
-        )
-        reported_m = math.nan
-        if own is not None and spot is not None:
-            reported_m = separation_m(own, spot, subject.state.height_share)
-        age_s = tick.neighbour_ages_s.get(name, math.nan) if tick is not None else math.nan
-        distance_m = reported_m if math.isfinite(reported_m) else own_view_m
-        rows.append(
-            (distance_m if math.isfinite(distance_m) else math.inf, name, own_view_m, age_s)
-        )
-    if not rows:
-        return [[(" none in this fleet", FAINT)]]
-    lines: list[Text | Strip] = [
-        [(f"   {'name':<14}{'m':>6}{'it sees m':>11}{'age ms':>8}", FAINT)]
+def _check_lines(check: _Check, sign: str, colour: str, width: int) -> Block:
+    lines = _wrapped([(f" {sign} ", colour)], f"{check.name}: {check.sentence}", width, colour)
+    if check.remedy:
+        lines += _wrapped([("   → ", FAINT)], check.remedy, width, TEXT)
+    return lines
+
+
+# -- neighbours ------------------------------------------------------------------------------------
+
+
+class _Neighbour(NamedTuple):
+    """A neighbour; sorted by the distance that is known best, then by name."""
+
+    sorting_m: float  # inf where no distance is known
+    name: str
+    own_view_m: float  # distance as the vehicle itself sees it; nan where it does not
+    age_s: float  # of the neighbour's state at the vehicle; nan where there is none
+
+
+def _neighbours(subject: VehicleSubject, width: int) -> Block:
+    neighbours = [
+        _neighbour(subject, name) for name in subject.state.vehicles if name != subject.view.name
     ]
-    for distance_m, name, own_view_m, age_s in sorted(rows)[:8]:
-        is_close = distance_m < limit_m and subject.view.is_airborne
-        colour = (
-            BAD
-            if is_close
-            else WARN
-            if distance_m < 1.25 * limit_m and subject.view.is_airborne
-            else TEXT
-        )
-        is_pushing = tick is not None and tick.active_neighbour == name
-        numbers = f"{number(distance_m, 2):>6}{number(own_view_m, 2):>11}{number(1e3 * age_s, 0, limit=1e6):>8}"
-        lines.append(
-            [
-                (" ◆ " if is_pushing else "   ", CALM),
-                (theme.fit_name(clean(name, 40), 14), TEXT),
-                (numbers, colour),
-                ("  avoided now" if is_pushing and width >= 56 else "", CALM),
-            ]
-        )
-    if len(rows) > 8:
-        lines.append([(f"   and {len(rows) - 8} further away", FAINT)])
+    if not neighbours:
+        return [[(" none in this fleet", FAINT)]]
+
+    lines: Block = [[(f"   {'name':<14}{'m':>6}{'it sees m':>11}{'age ms':>8}", FAINT)]]
+    for neighbour in sorted(neighbours)[:_MOST_NEIGHBOURS]:
+        lines.append(_neighbour_line(subject, neighbour, width))
+
+    hidden = len(neighbours) - _MOST_NEIGHBOURS
+    if hidden > 0:
+        lines.append([(f"   and {hidden} further away", FAINT)])
     return lines
 
 
-def _orders(subject: VehicleSubject, width: int) -> list[Text | Strip]:
+def _neighbour(subject: VehicleSubject, name: str) -> _Neighbour:
+    own_view_m = math.nan
+    age_s = math.nan
+    if subject.tick is not None:
+        own_view_m = subject.tick.neighbour_distances_m.get(name, math.nan)
+        age_s = subject.tick.neighbour_ages_s.get(name, math.nan)
+
+    reported_m = math.nan
+    own = subject.view.position_enu_m(subject.now_ns)
+    other = subject.state.vehicles[name].position_enu_m(subject.now_ns)
+    if own is not None and other is not None:
+        reported_m = separation_m(own, other, subject.state.height_share)
+
+    if math.isfinite(reported_m):
+        sorting_m = reported_m
+    elif math.isfinite(own_view_m):
+        sorting_m = own_view_m
+    else:
+        sorting_m = math.inf
+    return _Neighbour(sorting_m, name, own_view_m, age_s)
+
+
+def _neighbour_line(subject: VehicleSubject, neighbour: _Neighbour, width: int) -> Text:
+    limit_m = subject.fleet.fleet.safety_distance_m
+    colour = TEXT
+    if subject.view.is_airborne:
+        if neighbour.sorting_m < limit_m:
+            colour = BAD
+        elif neighbour.sorting_m < 1.25 * limit_m:
+            colour = WARN
+
+    tick = subject.tick
+    is_avoided = tick is not None and tick.active_neighbour == neighbour.name
+    distance = number(neighbour.sorting_m, 2)
+    own_view = number(neighbour.own_view_m, 2)
+    age = number(1e3 * neighbour.age_s, 0, limit=1e6)
+    return [
+        (" ◆ " if is_avoided else "   ", CALM),
+        (theme.fit_name(clean(neighbour.name, 40), 14), TEXT),
+        (f"{distance:>6}{own_view:>11}{age:>8}", colour),
+        ("  avoided now" if is_avoided and width >= 56 else "", CALM),
+    ]
+
+
+# -- orders and log --------------------------------------------------------------------------------
+
+
+def _orders(subject: VehicleSubject, width: int) -> Block:
+    lines: Block = []
     telemetry = subject.telemetry
-    lines: list[Text | Strip] = []
     if telemetry is not None and telemetry.order_kind:
-        lines.append(
-            [
-                (" now        ", FAINT),
-                (f"{clean(telemetry.order_kind, 16)} {clean(telemetry.order_phase, 30)}", TEXT),
-            ]
-        )
-    mine = [logged for logged in subject.state.events if logged.event.vehicle == subject.view.name]
-    for logged in [logged for logged in reversed(mine) if logged.event.order_outcome][:8]:
+        words = f"{clean(telemetry.order_kind, 16)} {clean(telemetry.order_phase, 30)}"
+        lines.append([(" now        ", FAINT), (words, TEXT)])
+
+    ended = [
+        logged
+        for logged in reversed(subject.state.events)
+        if logged.event.vehicle == subject.view.name and logged.event.order_outcome
+    ]
+    for logged in ended[:_MOST_ORDERS]:
         event = logged.event
         sign, colour = theme.PHASE_SIGNS.get(event.order_outcome, ("·", TEXT))
         kind = clean(event.code.removeprefix("order-"), 12)
@@ -267,19 +338,23 @@ def _orders(subject: VehicleSubject, width: int) -> list[Text | Strip]:
             (f" {subject.time_text(logged.received_ns)} ", FAINT),
             (f"{sign} {kind:<10} ", colour),
         ]
-        lines += _wrapped(head, f"{event.order_outcome}. {event.sentence}", width, colour)[:2]
+        sentence = f"{event.order_outcome}. {event.sentence}"
+        lines += _wrapped(head, sentence, width, colour)[:2]
+
     return lines or [[(" none yet", FAINT)]]
 
 
-def _log(subject: VehicleSubject, width: int) -> list[Text | Strip]:
-    mine = (
+def _log(subject: VehicleSubject, width: int) -> Block:
+    newest_first = (
         logged
         for logged in reversed(subject.state.events)
         if logged.event.vehicle == subject.view.name
     )
-    lines: list[Text | Strip] = []
-    for logged in itertools.islice(mine, MAX_LOG):
+
+    lines: Block = []
+    for logged in itertools.islice(newest_first, MAX_LOG):
         sign, colour = theme.SEVERITY_SIGNS.get(logged.event.severity, theme.SEVERITY_SIGNS["info"])
         head: Text = [(f" {subject.time_text(logged.received_ns)} ", FAINT), (f"{sign} ", colour)]
         lines += _wrapped(head, logged.event.sentence, width, colour)
+
     return lines or [[(" nothing yet", FAINT)]]

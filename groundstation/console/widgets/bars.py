@@ -4,24 +4,24 @@ from __future__ import annotations
 
 from rich.cells import cell_len
 from rich.segment import Segment
+from rich.style import Style
 from textual.strip import Strip
 from textual.widget import Widget
 
 from groundstation.alarms.alarm_table import Severity
-from groundstation.alarms.alarms import Alarms
+from groundstation.alarms.alarms import AlarmLine, Alarms
 from groundstation.console import theme
 from groundstation.console.panel_sizes import NARROW
 from groundstation.console.theme import BAD, CALM, FAINT, GOOD, KILL, TEXT, WARN, clean
 
-# The keys on the last line, as there is room for them: of a console, of a question, where nothing
-# can be ordered.
+# The keys on the last line, from a wide terminal to a narrow one.
 KEYS = (
     "ctrl+l LAND ALL   ctrl+o HOLD ALL   : order   ? help   q quit",
     "^l LAND ALL  ? help",
     "^l LAND ALL",
 )
-URGENT_KEYS = ("ctrl+l LAND ALL   ctrl+o HOLD ALL", "^l LAND ALL", "^l LAND ALL")
-VIEW_KEYS = ("? help   q quit", "? help", "? help")
+URGENT_KEYS = ("ctrl+l LAND ALL   ctrl+o HOLD ALL", "^l LAND ALL", "^l LAND ALL")  # of a question
+VIEW_KEYS = ("? help   q quit", "? help", "? help")  # where nothing can be ordered
 SEVERITY = {
     Severity.CRITICAL: ("✖", BAD),
     Severity.WARNING: ("▲", WARN),
@@ -44,29 +44,42 @@ class Bar(Widget):
 
     def render_line(self, y: int) -> Strip:
         """Return one line."""
-        line = Strip(self._lines[y] if y < len(self._lines) else []).adjust_cell_length(
-            self.size.width
-        )
+        segments = self._lines[y] if y < len(self._lines) else []
+        line = Strip(segments).adjust_cell_length(self.size.width)
         return line.apply_style(self.rich_style)
 
 
 class TitleBar(Bar):
-    """The fleet, its vehicles that are heard and that fly, and the mission."""
+    """The fleet, how many of its vehicles are heard and how many fly, and the mission."""
 
-    def show(self, title: str, heard: int, of: int, flying: int, right: str) -> None:
-        """Update the line."""
-        left = f" COVEY  {clean(title, 60)}"
-        missing = f"   waiting for {of} vehicles" if not heard else f"   {heard} of {of} heard"
-        middle = f"   {flying} of {of} fly" if heard == of else missing
-        room = self.size.width - cell_len(left) - cell_len(middle) - 1
-        self.put(
-            [
-                Segment(" COVEY ", theme.style(CALM, bold=True)),
-                Segment(left[7:], theme.style(TEXT, bold=True)),
-                Segment(middle, theme.style(GOOD if heard == of else WARN)),
-                Segment(theme.fit(f"  {clean(right, 120)} ", room, right=True), theme.style(TEXT)),
-            ]
-        )
+    def show(self, title: str, *, fresh: int, vehicles: int, flying: int, right: str) -> None:
+        """Update the line.
+
+        Args:
+            title: of the fleet.
+            fresh: vehicles whose telemetry is not silent.
+            vehicles: all that the fleet has.
+            flying: vehicles in the air.
+            right: what stands at the right end.
+        """
+        has_all = fresh == vehicles
+        if has_all:
+            middle = f"   {flying} of {vehicles} fly"
+        elif fresh:
+            middle = f"   {fresh} of {vehicles} heard"
+        else:
+            middle = f"   waiting for {vehicles} vehicles"
+
+        brand = " COVEY "
+        name = f" {clean(title, 60)}"
+        room = self.size.width - cell_len(brand) - cell_len(name) - cell_len(middle) - 1
+        segments = [
+            Segment(brand, theme.style(CALM, bold=True)),
+            Segment(name, theme.style(TEXT, bold=True)),
+            Segment(middle, theme.style(GOOD if has_all else WARN)),
+            Segment(theme.fit(f"  {clean(right, 120)} ", room, right=True), theme.style(TEXT)),
+        ]
+        self.put(segments)
 
 
 class StatusBar(Bar):
@@ -77,34 +90,62 @@ class StatusBar(Bar):
         self._keys = keys
 
     def show(self, alarms: Alarms, now_ns: int, kill: str | None, *, can_order: bool) -> None:
-        """Update the line; ``kill``, the vehicle that the next press of the kill key means, comes
-        before everything.
+        """Update the line.
+
+        Args:
+            kill: the vehicle that the next press of the kill key means; comes before everything.
+            can_order: whether there is a fleet that takes orders.
         """
         width = self.size.width
         if kill is not None:
             text = f" KILL {kill}? The same key again within 1 s stops its motors: it falls."
             self.put([Segment(theme.fit(text, width), theme.style(KILL, bold=True))])
             return
+
         lines = alarms.lines
         worst = lines[0] if lines else None
-        sign, colour = ("●", GOOD) if worst is None else SEVERITY[worst.alarm.severity]
-        is_pressing = worst is not None and not worst.is_acknowledged
+        text = f" {_sign(worst)} {clean(worst.text(now_ns)) if worst else 'all well'}"
         more = f" (+{len(lines) - 1}: A)" if len(lines) > 1 else ""
-        text = f" {sign} {clean(worst.text(now_ns)) if worst else 'all well'}"
-        has_two = self.size.height > 1  # a narrow terminal: the keys below the alarm
-        all_keys, some_keys, least_keys = self._keys if can_order else VIEW_KEYS
-        keys = (
-            all_keys if cell_len(text) + cell_len(more) + len(all_keys) + 2 <= width else some_keys
+
+        has_two_lines = self.size.height > 1  # a narrow terminal: the keys below the alarm
+        keys = self._fitting_keys(
+            cell_len(text) + cell_len(more), can_order=can_order, has_two_lines=has_two_lines
         )
-        if width < len(some_keys) + 2 or (width < NARROW and not has_two):
-            keys = least_keys
-        room = max(0, width - (0 if has_two else len(keys) + 2))
-        # how many more there are must stay in sight when the sentence is cut
+        room = width if has_two_lines else max(0, width - len(keys) - 2)
+
+        # How many more there are must stay in sight when the sentence is cut.
         text = theme.fit(text, min(cell_len(text), max(0, room - cell_len(more)))) + more
-        is_bold = is_pressing and worst is not None and worst.alarm.severity > Severity.NOTE
-        alarm = Segment(
-            theme.fit(text, room),
-            theme.style(colour if is_pressing or not worst else FAINT, bold=is_bold),
-        )
+        alarm = Segment(theme.fit(text, room), _alarm_style(worst))
         hint = Segment(f" {keys} ", theme.style(FAINT))
-        self.put(*([alarm], [hint]) if has_two else ([alarm, hint],))
+        if has_two_lines:
+            self.put([alarm], [hint])
+        else:
+            self.put([alarm, hint])
+
+    def _fitting_keys(self, text_width: int, *, can_order: bool, has_two_lines: bool) -> str:
+        """Return the keys that have room beside a text of this width."""
+        width = self.size.width
+        all_keys, some_keys, least_keys = self._keys if can_order else VIEW_KEYS
+        if width < len(some_keys) + 2:
+            return least_keys
+        if width < NARROW and not has_two_lines:
+            return least_keys
+        if text_width + len(all_keys) + 2 <= width:
+            return all_keys
+        return some_keys
+
+
+def _sign(worst: AlarmLine | None) -> str:
+    if worst is None:
+        return "●"
+    sign, _ = SEVERITY[worst.alarm.severity]
+    return sign
+
+
+def _alarm_style(worst: AlarmLine | None) -> Style:
+    if worst is None:
+        return theme.style(GOOD)
+    if worst.is_acknowledged:
+        return theme.style(FAINT)
+    _, colour = SEVERITY[worst.alarm.severity]
+    return theme.style(colour, bold=worst.alarm.severity > Severity.NOTE)

@@ -1,6 +1,4 @@
-"""Separation of the vehicles: the closest pairs, the smallest distance so far, a strip chart, the
-timing.
-"""
+"""Separation of the vehicles: the closest pairs, the smallest so far, a strip chart, the timing."""
 
 from __future__ import annotations
 
@@ -19,18 +17,21 @@ from groundstation.console.widgets.lines import Lines
 from groundstation.fleet.state import FleetState, Separation
 from onboard.config.fleet import FleetConfig
 
-WINDOW_S = 120.0
+WINDOW_S = 120.0  # of the chart
 SOON_S = 3.0
 _FORESIGHT_S = 10.0  # velocities do not stay as they are for longer
 _MARGIN = 5  # cells for the scale at the left
-_LEAST_CHART = 3
-# values that fill a spark: two periods, and a message that is too old
-_PERIOD_TOP_MS, _AGE_TOP_MS = 40.0, 200.0
+_LEAST_CHART = 3  # rows
+_JOINED_COLUMNS = 8  # two samples further apart are not joined by a line
+# Values that fill a spark: two periods of the control loop, and a message that is too old.
+_PERIOD_TOP_MS = 40.0
+_AGE_TOP_MS = 200.0
 
 
 class SeparationView(Lines, can_focus=True):
-    """Separations of pairs, in metres, as the vehicles report them, and the truth where it is
-    known.
+    """Separations of pairs, in metres, as the vehicles report them.
+
+    Where the truth is known, the smallest so far is the true one.
     """
 
     def __init__(self, fleet: FleetConfig, history: History) -> None:
@@ -39,113 +40,110 @@ class SeparationView(Lines, can_focus=True):
         self.history = history
         self._state: FleetState | None = None
         self._now_s = 0.0
+        # what it was drawn for (width, height, half seconds), and the picture
         self._chart: tuple[tuple[int, int, int], list[Strip]] | None = None
+
+        self.border_title = "separation"
         vertical_m = fleet.fleet.vertical_separation_m
-        height = (
-            f" ({vertical_m:g} m of height count {fleet.fleet.safety_distance_m:g})"
-            if vertical_m
-            else ""
-        )
-        self.border_title = f"separation{height}"
+        if vertical_m:
+            distance_m = fleet.fleet.safety_distance_m
+            self.border_title += f" ({vertical_m:g} m of height count {distance_m:g})"
 
     def show(self, state: FleetState, now_ns: int) -> None:
         """Draw this state."""
-        self._state, self._now_s = state, now_ns * 1e-9
+        self._state = state
+        self._now_s = now_ns * 1e-9
         if self.is_due(now_ns, (state.airborne_names, state.smallest, state.smallest_truth)):
             self.redraw()
 
     def draw(self, width: int, height: int) -> list[Strip]:
-        """Return the closest pair now and so far; further pairs, chart and timing as there is room."""
-        timing = self._timing(width) if height >= 2 + _LEAST_CHART + 3 else []
-        rest = height - 2 - len(timing)
-        pairs = self.history.pairs[1 : 1 + max(0, (rest - 5) // 2)]
+        """Return the closest pair now and so far; more pairs, chart and timing as there is room."""
+        timing = []
+        if height >= 2 + _LEAST_CHART + 3:
+            timing = self._timing(width)
+
+        left_rows = height - 2 - len(timing)
+        further_pairs = self.history.pairs[1 : 1 + max(0, (left_rows - 5) // 2)]
         lines = [
             self._line("now", self.history.now, width),
             self._line("least", self._smallest(), width),
         ]
-        lines += [self._line("", pair, width) for pair in pairs]
+        lines += [self._line("", pair, width) for pair in further_pairs]
         strips = [Strip(line).adjust_cell_length(width) for line in lines[:height]]
-        rows = rest - len(pairs)
-        if rows > 0:
-            strips += self._strip_chart(width, rows)
+
+        chart_rows = left_rows - len(further_pairs)
+        if chart_rows > 0:
+            strips += self._strip_chart(width, chart_rows)
         return strips + [Strip(line).adjust_cell_length(width) for line in timing]
 
     def _smallest(self) -> Separation | None:
-        return None if self._state is None else self._state.smallest_truth or self._state.smallest
+        if self._state is None:
+            return None
+        return self._state.smallest_truth or self._state.smallest
+
+    # -- pairs -------------------------------------------------------------------------------------
 
     def _line(self, label: str, pair: ClosePair | Separation | None, width: int) -> list[Segment]:
         start = Segment(f" {label:<6}", theme.style(FAINT))
         if pair is None or not math.isfinite(pair.distance_m):
-            return [
-                start,
-                Segment("-" if label == "now" else "- nobody has flown yet", theme.style(FAINT)),
-            ]
-        sign, colour = self._judge(pair.distance_m, isinstance(pair, Separation) or pair.is_flying)
+            text = "-" if label == "now" else "- nobody has flown yet"
+            return [start, Segment(text, theme.style(FAINT))]
+
+        is_flying = isinstance(pair, Separation) or pair.is_flying
+        sign, colour = self._judge(pair.distance_m, is_flying)
+        distance = f"{sign} {number(pair.distance_m, 2)} m "
+
         room = max(3, min(24, (width - 24) // 2))
-        names = " – ".join(
-            theme.fit_name(clean(name, 80), room).rstrip() for name in (pair.first, pair.second)
-        )
+        first = theme.fit_name(clean(pair.first, 80), room).rstrip()
+        second = theme.fit_name(clean(pair.second, 80), room).rstrip()
         segments = [
             start,
-            Segment(
-                f"{sign} {number(pair.distance_m, 2)} m ", theme.style(colour, bold=label != "")
-            ),
-            Segment(f" {names}", theme.style(TEXT)),
+            Segment(distance, theme.style(colour, bold=label != "")),
+            Segment(f" {first} – {second}", theme.style(TEXT)),
         ]
+
         if isinstance(pair, Separation):
-            return [
-                *segments,
-                Segment("  true" if pair.is_truth else "  reported", theme.style(FAINT)),
-            ]
+            source = "  true" if pair.is_truth else "  reported"
+            return [*segments, Segment(source, theme.style(FAINT))]
         return [*segments, *self._approach(pair)]
 
     def _approach(self, pair: ClosePair) -> list[Segment]:
         """Return time and distance of their closest approach at their present velocities."""
         if not pair.is_flying:
             return []
-        if not math.isfinite(pair.approach_s) or pair.approach_s > _FORESIGHT_S:
-            return [
-                Segment(
-                    "  parting" if math.isinf(pair.approach_s) else "  steady", theme.style(FAINT)
-                )
-            ]
-        is_soon = pair.approach_s < SOON_S and pair.approach_m < self.fleet.fleet.safety_distance_m
-        text = f"  {'▲ ' if is_soon else ''}{number(pair.approach_m, 2)} m in {number(pair.approach_s, 1)} s"
-        return [Segment(text, theme.style(WARN if is_soon else FAINT))]
+        if math.isinf(pair.approach_s):
+            return [Segment("  parting", theme.style(FAINT))]
+        if math.isnan(pair.approach_s) or pair.approach_s > _FORESIGHT_S:
+            return [Segment("  steady", theme.style(FAINT))]
+
+        text = f"{number(pair.approach_m, 2)} m in {number(pair.approach_s, 1)} s"
+        is_soon = pair.approach_s < SOON_S
+        if is_soon and pair.approach_m < self.fleet.fleet.safety_distance_m:
+            return [Segment(f"  ▲ {text}", theme.style(WARN))]
+        return [Segment(f"  {text}", theme.style(FAINT))]
 
     def _judge(self, distance_m: float, is_flying: bool) -> tuple[str, str]:
+        """Return sign and colour of a distance."""
         limit_m = self.fleet.fleet.safety_distance_m
         if not is_flying:
             return "○", TEXT
         if distance_m < limit_m:
             return "✖", BAD
-        return ("▲", WARN) if distance_m < 1.1 * limit_m else ("●", GOOD)
+        if distance_m < 1.1 * limit_m:
+            return "▲", WARN
+        return "●", GOOD
+
+    # -- timing ------------------------------------------------------------------------------------
 
     def _timing(self, width: int) -> list[list[Segment]]:
-        """Return the slowest control loop and the oldest message between agents, now and over the
-        last minutes.
-        """
-        lines = []
-        for label, values, name, top in (
-            ("loop p99", self.history.periods_ms, self.history.slowest, _PERIOD_TOP_MS),
-            ("bus age", self.history.ages_ms, self.history.oldest, _AGE_TOP_MS),
-        ):
-            newest = values[-1] if values else math.nan
-            is_high = math.isfinite(newest) and newest > top
-            text = f" {'▲' if is_high else ' '}{number(newest, 0, limit=99_999):>4} ms "
-            text += theme.fit_name(clean(name, 80), 12).rstrip() if math.isfinite(newest) else ""
-            room = max(0, width - 11 - len(text))
-            lines.append(
-                [
-                    Segment(f" {label:<9}", theme.style(FAINT)),
-                    Segment(
-                        theme.spark(list(values)[-room:] if room else [], room, top),
-                        theme.style(CALM),
-                    ),
-                    Segment(text, theme.style(WARN if is_high else TEXT)),
-                ]
-            )
-        return lines
+        """Return the slowest control loop and the oldest message between agents, over minutes."""
+        history = self.history
+        return [
+            _timing_line("loop p99", history.periods_ms, history.slowest, _PERIOD_TOP_MS, width),
+            _timing_line("bus age", history.ages_ms, history.oldest, _AGE_TOP_MS, width),
+        ]
+
+    # -- chart -------------------------------------------------------------------------------------
 
     def _strip_chart(self, width: int, height: int) -> list[Strip]:
         """Return the chart; drawn twice a second, since nothing in it moves faster."""
@@ -157,58 +155,79 @@ class SeparationView(Lines, can_focus=True):
     def _draw_chart(self, width: int, height: int) -> Canvas:
         canvas = Canvas(width, height)
         limit_m = self.fleet.fleet.safety_distance_m
-        columns = 2 * (canvas.width - _MARGIN)
-        has_axis = height >= 5
-        rows = 4 * (canvas.height - has_axis)
-        if columns < 4:
-            return canvas
-        points = [point for point in self.history.distances if point[0] >= self._now_s - WINDOW_S]
-        top_m = max(
-            2.5 * limit_m,
-            min(6.0 * limit_m, max((distance for _, distance in points), default=0.0)),
-        )
 
-        def row(distance_m: float) -> float:
-            return (rows - 1) * (1.0 - min(distance_m, top_m) / top_m)
+        has_axis = height >= 5
+        chart_height = canvas.height - 1 if has_axis else canvas.height
+        dot_columns = 2 * (canvas.width - _MARGIN)
+        dot_rows = 4 * chart_height
+        if dot_columns < 4:
+            return canvas
+
+        points = [point for point in self.history.distances if point[0] >= self._now_s - WINDOW_S]
+        furthest_m = max((distance_m for _, distance_m in points), default=0.0)
+        top_m = max(2.5 * limit_m, min(6.0 * limit_m, furthest_m))
+
+        def dot_row(distance_m: float) -> float:
+            return (dot_rows - 1) * (1.0 - min(distance_m, top_m) / top_m)
 
         left = 2 * _MARGIN
-        canvas.line((left, row(limit_m)), (2 * canvas.width - 1, row(limit_m)), BAD, gap=3)
+        limit_row = dot_row(limit_m)
+        canvas.line((left, limit_row), (2 * canvas.width - 1, limit_row), BAD, gap=3)
+
         previous: tuple[float, float] | None = None
-        for column, distance_m in enumerate(self._nearest(points, columns).tolist()):
+        for column, distance_m in enumerate(self._closest_by_column(points, dot_columns)):
             if not math.isfinite(distance_m):
                 continue
-            point = (float(left + column), row(distance_m))
-            near = previous is not None and point[0] - previous[0] < 8
-            canvas.line(
-                previous if near and previous else point,
-                point,
-                BAD if distance_m < limit_m else CALM,
-            )
+            point = (float(left + column), dot_row(distance_m))
+            if previous is None or point[0] - previous[0] >= _JOINED_COLUMNS:
+                previous = point
+            canvas.line(previous, point, BAD if distance_m < limit_m else CALM)
             previous = point
+
         for distance_m in {0.0, limit_m, top_m}:
-            text = f"{distance_m:.1f}" if distance_m != limit_m else f"{limit_m:.2f}"
-            canvas.text(
-                0, int(row(distance_m) // 4), f"{text:>4}", BAD if distance_m == limit_m else FAINT
-            )
+            row = int(dot_row(distance_m) // 4)
+            if distance_m == limit_m:
+                canvas.text(0, row, f"{f'{limit_m:.2f}':>4}", BAD)
+            else:
+                canvas.text(0, row, f"{f'{distance_m:.1f}':>4}", FAINT)
+
         if has_axis:
             canvas.text(_MARGIN, height - 1, f"{WINDOW_S / 60:g} min ago", FAINT)
             canvas.text(width - 4, height - 1, "now", FAINT)
         if not points:
-            canvas.text(
-                _MARGIN + 1,
-                max(0, (canvas.height - has_axis) // 2 - 1),
-                "drawn while they fly",
-                FAINT,
-            )
+            row = max(0, chart_height // 2 - 1)
+            canvas.text(_MARGIN + 1, row, "drawn while they fly", FAINT)
         return canvas
 
-    def _nearest(
+    def _closest_by_column(
         self, points: Sequence[tuple[float, float]], columns: int
-    ) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+    ) -> list[float]:
         """Return the closest sample of each column: a near miss must not fall between two dots."""
-        nearest = np.full(columns, np.inf)
+        closest_m = np.full(columns, np.inf)
         if points:
             times_s, distances_m = np.array(points).T
-            indices = ((1.0 - (self._now_s - times_s) / WINDOW_S) * (columns - 1)).astype(np.int64)
-            np.minimum.at(nearest, np.clip(indices, 0, columns - 1), distances_m)
-        return nearest
+            shares = 1.0 - (self._now_s - times_s) / WINDOW_S
+            indices = (shares * (columns - 1)).astype(np.int64)
+            np.minimum.at(closest_m, np.clip(indices, 0, columns - 1), distances_m)
+        return closest_m.tolist()
+
+
+def _timing_line(
+    label: str, values_ms: Sequence[float], name: str, top_ms: float, width: int
+) -> list[Segment]:
+    """Return a label, the values so far as a spark, and the newest with its vehicle."""
+    newest_ms = values_ms[-1] if values_ms else math.nan
+    is_known = math.isfinite(newest_ms)
+    is_high = is_known and newest_ms > top_ms
+
+    text = f" {'▲' if is_high else ' '}{number(newest_ms, 0, limit=99_999):>4} ms "
+    if is_known:
+        text += theme.fit_name(clean(name, 80), 12).rstrip()
+
+    room = max(0, width - 11 - len(text))
+    shown_ms = list(values_ms)[-room:] if room else []
+    return [
+        Segment(f" {label:<9}", theme.style(FAINT)),
+        Segment(theme.spark(shown_ms, room, top_ms), theme.style(CALM)),
+        Segment(text, theme.style(WARN if is_high else TEXT)),
+    ]
