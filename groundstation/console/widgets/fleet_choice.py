@@ -7,59 +7,74 @@ import re
 
 from groundstation.console.widgets.fleet_columns import COLUMNS, VehicleRow
 
+_LAST_CHARACTER = 0x10FFFF
+
 
 def is_match(row: VehicleRow | None, name: str, index: int, filter_text: str) -> bool:
-    """Whether every word of a filter fits: part of the name, a range of indices, a state, mode, or
-    a condition.
+    """Whether every word of a filter fits a vehicle.
 
-    ``silent``, ``waiting``, ``armed``, ``airborne``, ``unready`` and ``low`` are conditions; ``!``
-    negates a word.
+    A word is a part of its name, a range of indices, a state, a mode, or a condition: ``silent``,
+    ``waiting``, ``armed``, ``airborne``, ``unready`` or ``low``. ``!`` negates a word.
     """
     words = [name.lower()]
     if row is None:
         words.append("waiting")
     else:
-        telemetry = row.telemetry
-        holds = {
-            "silent": row.is_stale,
-            "armed": row.view.is_armed,
-            "airborne": row.view.is_airborne,
-            "unready": bool(telemetry.not_ready) and not telemetry.is_airborne,
-            "low": telemetry.battery_frac * 100.0 <= row.fleet.fleet.battery_warning_pct,
-        }
-        words += [
-            *telemetry.state.split(),
-            telemetry.mode.lower(),
-            *(word for word, is_so in holds.items() if is_so),
-        ]
+        words += row.telemetry.state.split()
+        words.append(row.telemetry.mode.lower())
+        words += _conditions(row)
     return all(_fits(term, words, index) for term in filter_text.lower().split())
 
 
-def sort_key(
-    row: VehicleRow | None, name: str, index: int, sort: str, is_reversed: bool
-) -> tuple[bool, float, str, int]:
-    """Return the key that sorts the table; vehicles without a value stand last, in either
-    direction.
-    """
-    turn = -1.0 if is_reversed else 1.0
-    if sort == "place":
-        return False, turn * index, "", index
-    if sort == "name":
-        return (
-            False,
-            0.0,
-            "".join(chr(0x10FFFF - ord(char)) for char in name) if is_reversed else name,
-            index,
-        )
-    column = next(column for column in COLUMNS if column.title == sort)
-    value = math.nan if row is None or column.sort is None else column.sort(row)
-    return math.isnan(value), 0.0 if math.isnan(value) else turn * value, "", index
+def _conditions(row: VehicleRow) -> list[str]:
+    telemetry = row.telemetry
+    charge_pct = telemetry.battery_frac * 100.0
+    holds = {
+        "silent": row.is_stale,
+        "armed": row.view.is_armed,
+        "airborne": row.view.is_airborne,
+        "unready": bool(telemetry.not_ready) and not telemetry.is_airborne,
+        "low": charge_pct <= row.fleet.fleet.battery_warning_pct,
+    }
+    return [word for word, is_true in holds.items() if is_true]
 
 
 def _fits(term: str, words: list[str], index: int) -> bool:
+    """Whether one word of a filter fits; the name comes first among the vehicle's words."""
     if term.startswith("!") and len(term) > 1:
         return not _fits(term[1:], words, index)
+
     span = re.fullmatch(r"([0-9]{1,6})-([0-9]{1,6})", term)
     if span:
         return int(span[1]) <= index <= int(span[2])
-    return term in words[0] or any(word.startswith(term) for word in words[1:])
+
+    name, *others = words
+    return term in name or any(word.startswith(term) for word in others)
+
+
+def sort_key(
+    row: VehicleRow | None, *, name: str, index: int, sort: str, is_reversed: bool
+) -> tuple[bool, float, str, int]:
+    """Return the key that sorts the table by a column, by ``name`` or by ``place`` in the file.
+
+    Vehicles without a value stand last, in either direction.
+    """
+    direction = -1.0 if is_reversed else 1.0
+    if sort == "place":
+        return False, direction * index, "", index
+    if sort == "name":
+        return False, 0.0, _turned(name) if is_reversed else name, index
+
+    column = next(column for column in COLUMNS if column.title == sort)
+    value = math.nan
+    if row is not None and column.sort is not None:
+        value = column.sort(row)
+
+    if math.isnan(value):
+        return True, 0.0, "", index
+    return False, direction * value, "", index
+
+
+def _turned(name: str) -> str:
+    """Return a text that sorts the other way round."""
+    return "".join(chr(_LAST_CHARACTER - ord(char)) for char in name)

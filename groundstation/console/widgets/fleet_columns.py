@@ -1,6 +1,4 @@
-"""The columns of the fleet table: their cells, and the columns that stay when the terminal is
-narrow. Pure.
-"""
+"""The columns of the fleet table: their cells, and which of them a narrow terminal keeps. Pure."""
 
 from __future__ import annotations
 
@@ -17,9 +15,13 @@ from onboard.config.fleet import FleetConfig
 
 Cell = tuple[str, str]  # text and colour
 _GRAVITY_M_S2 = 9.81
-_SLOW_LINK_S, _LOST_LINK_S = 0.3, 1.0  # between agent and PX4
-_SHORT_MIN = 2.0
+# Age of PX4's last message to the agent.
+_SLOW_LINK_S = 0.3
+_LOST_LINK_S = 1.0
+_SHORT_MIN = 2.0  # flight time left that is marked
 _LIVE_S = 0.3  # the exact age of younger telemetry would only flicker
+_STEADY_PER_MIN_PCT = 0.05  # a charge that changes by less is called steady
+_BAR_CELLS = 4  # of the law's intervention
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,8 +46,11 @@ class Column:
     cell: Callable[[VehicleRow], Cell]
     right: bool = False
     sort: Callable[[VehicleRow], float] | None = None  # smaller first, nan last
-    # on the ground a reason not to fly may cover it: 2 always, 1 where the reason has little room
+    # On the ground a reason not to fly may cover it: 2 always, 1 where the reason has little room.
     cover: int = 0
+
+
+# -- cells -----------------------------------------------------------------------------------------
 
 
 def _state(row: VehicleRow) -> Cell:
@@ -58,31 +63,26 @@ def _mode(row: VehicleRow) -> Cell:
 
 
 def _armed(row: VehicleRow) -> Cell:
-    return ("ARMED", WARN) if row.view.is_armed else ("·", FAINT)
+    if row.view.is_armed:
+        return "ARMED", WARN
+    return "·", FAINT
 
 
 def _position(row: VehicleRow) -> Cell:
     if not row.telemetry.is_position_valid:
         return "no position", WARN
     x_m, y_m, _ = row.telemetry.position_enu_m
-    return (
-        f"{number(x_m, 2, sign=True, limit=9999):>6} {number(y_m, 2, sign=True, limit=9999):>6}",
-        TEXT,
-    )
+    x = number(x_m, 2, sign=True, limit=9999)
+    y = number(y_m, 2, sign=True, limit=9999)
+    return f"{x:>6} {y:>6}", TEXT
 
 
 def _height(row: VehicleRow) -> Cell:
     if not row.telemetry.is_position_valid:
         return "-", WARN
     height_m = row.telemetry.position_enu_m[2]
-    return number(height_m, 2, limit=9999), theme.height_colour(
-        height_m, row.fleet.fleet.geofence_m.z
-    )
-
-
-def _speed_m_s(row: VehicleRow) -> float:
-    east, north, up = row.telemetry.velocity_enu_m_s
-    return math.hypot(east, north, up) if row.telemetry.is_position_valid else math.nan
+    colour = theme.height_colour(height_m, row.fleet.fleet.geofence_m.z)
+    return number(height_m, 2, limit=9999), colour
 
 
 def _speed(row: VehicleRow) -> Cell:
@@ -90,17 +90,15 @@ def _speed(row: VehicleRow) -> Cell:
 
 
 def _battery(row: VehicleRow) -> Cell:
-    percent = row.telemetry.battery_frac * 100.0
-    text = number(percent, 0, limit=999)
-    if text == "-" or percent < 0.0:
+    charge_pct = row.telemetry.battery_frac * 100.0
+    text = number(charge_pct, 0, limit=999)
+    if text == "-" or charge_pct < 0.0:
         return "  -", FAINT
-    if percent <= row.fleet.fleet.battery_land_pct:
+    if charge_pct <= row.fleet.fleet.battery_land_pct:
         return f"✖{text:>3}%", BAD
-    return (
-        (f"▲{text:>3}%", WARN)
-        if percent <= row.fleet.fleet.battery_warning_pct
-        else (f" {text:>3}%", TEXT)
-    )
+    if charge_pct <= row.fleet.fleet.battery_warning_pct:
+        return f"▲{text:>3}%", WARN
+    return f" {text:>3}%", TEXT
 
 
 def _voltage(row: VehicleRow) -> Cell:
@@ -110,18 +108,28 @@ def _voltage(row: VehicleRow) -> Cell:
 def _trend(row: VehicleRow) -> Cell:
     if row.drain is None:
         return "·", FAINT
-    per_min = 100.0 * row.drain.per_min_frac
-    sign = "↓" if per_min < -0.05 else "↑" if per_min > 0.05 else "→"
-    return f"{sign}{number(abs(per_min), 1, limit=99)}", TEXT
+    per_min_pct = 100.0 * row.drain.per_min_frac
+    if per_min_pct < -_STEADY_PER_MIN_PCT:
+        sign = "↓"
+    elif per_min_pct > _STEADY_PER_MIN_PCT:
+        sign = "↑"
+    else:
+        sign = "→"
+    return f"{sign}{number(abs(per_min_pct), 1, limit=99)}", TEXT
 
 
 def _left(row: VehicleRow) -> Cell:
-    left_min = math.inf if row.drain is None else row.drain.left_min
+    left_min = math.inf
+    if row.drain is not None:
+        left_min = row.drain.left_min
+
     if not math.isfinite(left_min):
         return "·", FAINT
     if left_min < _SHORT_MIN:
         return f"▲{60.0 * left_min:.0f} s", WARN
-    return ("> 99", TEXT) if left_min > 99.0 else (f"{left_min:.0f} min", TEXT)
+    if left_min > 99.0:
+        return "> 99", TEXT
+    return f"{left_min:.0f} min", TEXT
 
 
 def _link(row: VehicleRow) -> Cell:
@@ -130,27 +138,35 @@ def _link(row: VehicleRow) -> Cell:
         return "no PX4", WARN
     if age_s > _LOST_LINK_S:
         return f"✖{number(age_s, 1, limit=999)} s", BAD
-    return (f"▲{age_s:.1f} s", WARN) if age_s > _SLOW_LINK_S else ("ok", GOOD)
+    if age_s > _SLOW_LINK_S:
+        return f"▲{age_s:.1f} s", WARN
+    return "ok", GOOD
 
 
 def _age(row: VehicleRow) -> Cell:
-    return (f"<{_LIVE_S:g}" if row.age_s < _LIVE_S else number(row.age_s, 1, limit=9999)), FAINT
+    if row.age_s < _LIVE_S:
+        return f"<{_LIVE_S:g}", FAINT
+    return number(row.age_s, 1, limit=9999), FAINT
 
 
 def _near(row: VehicleRow) -> Cell:
-    telemetry, limit_m = row.telemetry, row.fleet.fleet.safety_distance_m
-    if not telemetry.nearest_vehicle or number(telemetry.nearest_distance_m, 2) == "-":
+    telemetry = row.telemetry
+    distance_m = telemetry.nearest_distance_m
+    distance = number(distance_m, 2)
+    if not telemetry.nearest_vehicle or distance == "-":
         return "-", FAINT
-    is_below, is_close = (
-        telemetry.nearest_distance_m < limit_m,
-        telemetry.nearest_distance_m < 1.1 * limit_m,
-    )
-    sign = " " if not telemetry.is_airborne else "✖" if is_below else "▲" if is_close else " "
-    colour = BAD if sign == "✖" else WARN if sign == "▲" else TEXT
-    return (
-        f"{sign}{number(telemetry.nearest_distance_m, 2):>5} {clean(telemetry.nearest_vehicle, 40)}",
-        colour,
-    )
+
+    limit_m = row.fleet.fleet.safety_distance_m
+    sign = " "
+    colour = TEXT
+    if telemetry.is_airborne:
+        if distance_m < limit_m:
+            sign = "✖"
+            colour = BAD
+        elif distance_m < 1.1 * limit_m:
+            sign = "▲"
+            colour = WARN
+    return f"{sign}{distance:>5} {clean(telemetry.nearest_vehicle, 40)}", colour
 
 
 def _oist(row: VehicleRow) -> Cell:
@@ -160,25 +176,37 @@ def _oist(row: VehicleRow) -> Cell:
     status = clean(telemetry.law_status, 12).lower()
     if status in ("", "inactive"):
         return "·", FAINT
-    authority_m_s2 = _GRAVITY_M_S2 * math.tan(math.radians(row.fleet.vehicles[row.view.name].max_tilt_deg)) if (
-        row.view.name in row.fleet.vehicles
-    ) else _GRAVITY_M_S2  # fmt: skip
-    share = (
-        telemetry.intervention_m_s2 / authority_m_s2
-        if math.isfinite(telemetry.intervention_m_s2)
-        else 1.0
-    )
-    bar = "▮" * min(4, max(1, math.ceil(4.0 * share)))
+
+    # the intervention as a share of the horizontal thrust that the largest tilt gives
+    share = 1.0
+    if math.isfinite(telemetry.intervention_m_s2):
+        share = telemetry.intervention_m_s2 / _most_horizontal_m_s2(row)
+    filled = min(_BAR_CELLS, max(1, math.ceil(_BAR_CELLS * share)))
+    bar = "▮" * filled
+
     if status == "saturated":
         return f"{bar:▯<4} {number(telemetry.intervention_m_s2)}", CALM
     return f"▲{bar:▯<4} {status}", WARN
 
 
+def _most_horizontal_m_s2(row: VehicleRow) -> float:
+    """Return the horizontal thrust at the vehicle's largest tilt while it keeps its height."""
+    vehicle = row.fleet.vehicles.get(row.view.name)
+    if vehicle is None:
+        return _GRAVITY_M_S2
+    return _GRAVITY_M_S2 * math.tan(math.radians(vehicle.max_tilt_deg))
+
+
 def _order(row: VehicleRow) -> Cell:
     if not row.telemetry.order_kind:
         return "·", FAINT
+
     phase = clean(row.telemetry.order_phase, 20)
-    colour = GOOD if phase == "done" else BAD if phase in ("failed", "refused") else TEXT
+    colour = TEXT
+    if phase == "done":
+        colour = GOOD
+    elif phase in ("failed", "refused"):
+        colour = BAD
     return f"{clean(row.telemetry.order_kind, 10)} {phase}".strip(), colour
 
 
@@ -186,26 +214,24 @@ def reason(row: VehicleRow) -> Cell:
     """Return the first reason why it is not ready, else the reason for its state."""
     telemetry = row.telemetry
     if telemetry.not_ready and not telemetry.is_airborne:
-        more = f" (+{len(telemetry.not_ready) - 1})" if len(telemetry.not_ready) > 1 else ""
-        return f"{clean(telemetry.not_ready[0], 160)}{more}", WARN
+        text = clean(telemetry.not_ready[0], 160)
+        hidden = len(telemetry.not_ready) - 1
+        if hidden > 0:
+            text += f" (+{hidden})"
+        return text, WARN
+
     if telemetry.show_id:
-        rate = (
-            f", clock at {telemetry.path_rate_frac:.0%}" if telemetry.path_rate_frac < 0.99 else ""
-        )
-        words = f"{number(telemetry.path_lag_m, 2)} m behind its path at {number(telemetry.path_time_s, 0)} s{rate}"
-        return words, WARN if telemetry.is_behind else FAINT
+        lag = number(telemetry.path_lag_m, 2)
+        time = number(telemetry.path_time_s, 0)
+        text = f"{lag} m behind its path at {time} s"
+        if telemetry.path_rate_frac < 0.99:
+            text += f", clock at {telemetry.path_rate_frac:.0%}"
+        return text, WARN if telemetry.is_behind else FAINT
+
     return clean(telemetry.reason, 160), BAD if telemetry.state == "failed" else FAINT
 
 
-def _position_in(order: tuple[str, ...]) -> Callable[[VehicleRow], float]:
-    return lambda row: (
-        float(order.index(row.telemetry.state)) if row.telemetry.state in order else -1.0
-    )
-
-
-def _near_m(row: VehicleRow) -> float:
-    return row.telemetry.nearest_distance_m if row.telemetry.nearest_vehicle else math.nan
-
+# -- what a column is sorted by --------------------------------------------------------------------
 
 _BY_URGENCY = (
     "failed",
@@ -218,29 +244,73 @@ _BY_URGENCY = (
     "ready",
     "landed",
 )
+
+
+def _urgency(row: VehicleRow) -> float:
+    """Return the position in the order of urgency; an unknown state comes first."""
+    if row.telemetry.state not in _BY_URGENCY:
+        return -1.0
+    return float(_BY_URGENCY.index(row.telemetry.state))
+
+
+def _speed_m_s(row: VehicleRow) -> float:
+    if not row.telemetry.is_position_valid:
+        return math.nan
+    return math.hypot(*row.telemetry.velocity_enu_m_s)
+
+
+def _left_min(row: VehicleRow) -> float:
+    return math.nan if row.drain is None else row.drain.left_min
+
+
+def _near_m(row: VehicleRow) -> float:
+    return row.telemetry.nearest_distance_m if row.telemetry.nearest_vehicle else math.nan
+
+
+# -- the table -------------------------------------------------------------------------------------
+
 COLUMNS = (
-    Column("state", 12, 0, _state, sort=_position_in(_BY_URGENCY)),
-    Column("mode", 9, 9, _mode),
-    Column("armed", 5, 7, _armed),
-    Column("x      y m", 13, 8, _position),
-    Column("z m", 5, 1, _height, True, sort=lambda row: -row.telemetry.position_enu_m[2]),
-    Column("m/s", 4, 5, _speed, True, sort=lambda row: -_speed_m_s(row)),
-    Column("bat", 5, 0, _battery, sort=lambda row: row.telemetry.battery_frac),
-    Column("volt", 4, 10, _voltage, True),
-    Column("%/min", 5, 11, _trend, True),
+    Column(title="state", width=12, rank=0, cell=_state, sort=_urgency),
+    Column(title="mode", width=9, rank=9, cell=_mode),
+    Column(title="armed", width=5, rank=7, cell=_armed),
+    Column(title="x      y m", width=13, rank=8, cell=_position),
     Column(
-        "left",
-        6,
-        6,
-        _left,
-        True,
-        sort=lambda row: row.drain.left_min if row.drain is not None else math.nan,
+        title="z m",
+        width=5,
+        rank=1,
+        cell=_height,
+        right=True,
+        sort=lambda row: -row.telemetry.position_enu_m[2],
     ),
-    Column("PX4", 6, 4, _link, True, cover=1),
-    Column("age s", 5, 2, _age, True, sort=lambda row: -row.age_s, cover=1),
-    Column("near m", 11, 1, _near, sort=_near_m, cover=2),
-    Column("OIST", 10, 3, _oist, sort=lambda row: -row.telemetry.intervention_m_s2, cover=2),
-    Column("order", 16, 3, _order, cover=2),
+    Column(
+        title="m/s", width=4, rank=5, cell=_speed, right=True, sort=lambda row: -_speed_m_s(row)
+    ),
+    Column(
+        title="bat", width=5, rank=0, cell=_battery, sort=lambda row: row.telemetry.battery_frac
+    ),
+    Column(title="volt", width=4, rank=10, cell=_voltage, right=True),
+    Column(title="%/min", width=5, rank=11, cell=_trend, right=True),
+    Column(title="left", width=6, rank=6, cell=_left, right=True, sort=_left_min),
+    Column(title="PX4", width=6, rank=4, cell=_link, right=True, cover=1),
+    Column(
+        title="age s",
+        width=5,
+        rank=2,
+        cell=_age,
+        right=True,
+        sort=lambda row: -row.age_s,
+        cover=1,
+    ),
+    Column(title="near m", width=11, rank=1, cell=_near, sort=_near_m, cover=2),
+    Column(
+        title="OIST",
+        width=10,
+        rank=3,
+        cell=_oist,
+        sort=lambda row: -row.telemetry.intervention_m_s2,
+        cover=2,
+    ),
+    Column(title="order", width=16, rank=3, cell=_order, cover=2),
 )
 SORTS = ("place", "name", *(column.title for column in COLUMNS if column.sort is not None))
 REASON_WIDTH = 24
@@ -248,13 +318,17 @@ WIDE_REASON_WIDTH = 48  # most reasons fit into it
 
 
 def fit_columns(width: int) -> tuple[tuple[Column, ...], int]:
-    """Return the columns that fit into ``width`` cells, a blank after each, and the cells left for
-    the reason, or 0.
+    """Return the columns that fit into ``width`` cells, and the cells left for the reason.
+
+    A blank stands after each column. A reason that would have too little room gets 0.
     """
-    left, kept = width, set[int]()
-    for index in sorted(range(len(COLUMNS)), key=lambda index: COLUMNS[index].rank):
-        if COLUMNS[index].width + 1 > left:
-            continue
-        kept.add(index)
-        left -= COLUMNS[index].width + 1
-    return tuple(COLUMNS[index] for index in sorted(kept)), left if left >= REASON_WIDTH else 0
+    left = width
+    kept = set()
+    for column in sorted(COLUMNS, key=lambda column: column.rank):
+        if column.width + 1 <= left:
+            kept.add(column.title)
+            left -= column.width + 1
+
+    columns = tuple(column for column in COLUMNS if column.title in kept)
+    reason_width = left if left >= REASON_WIDTH else 0
+    return columns, reason_width

@@ -23,8 +23,11 @@ from groundstation.fleet.state import VehicleView
 
 _SILENCE_WIDTH = 18
 _NO_SIGNS = str.maketrans("✖▲", "  ")
-_WIDE, _LONG_NAME, _SHORT_NAME = 150, 24, 16
+_WIDE = 150  # cells of a terminal that has room for long names
+_LONG_NAME = 24
+_SHORT_NAME = 16
 _FEW_COLUMNS = 10
+_NEVER_COVERED = 3  # above the ``cover`` of every column
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,20 +42,24 @@ class RowLayout:
     @classmethod
     def of(cls, names: Iterable[str], width: int) -> RowLayout:
         """Return the layout for these vehicles in a table of this width."""
-        cells = [cell_len(name) for name in names]
-        digits = max(2, len(str(max(0, len(cells) - 1))))
-        name_width = max(
-            4, min(_LONG_NAME if width >= _WIDE else _SHORT_NAME, max(cells, default=4))
-        )
-        return cls(digits, name_width, *fit_columns(width - digits - name_width - 4))
+        name_widths = [cell_len(name) for name in names]
+        last_index = max(0, len(name_widths) - 1)
+        digits = max(2, len(str(last_index)))
+
+        most = _LONG_NAME if width >= _WIDE else _SHORT_NAME
+        name_width = max(4, min(most, max(name_widths, default=4)))
+
+        columns, left = fit_columns(width - digits - name_width - 4)
+        return cls(digits, name_width, columns, left)
 
     def heading(self) -> str:
         """Return the titles above the columns."""
-        parts = [" " * (self.digits + 3) + theme.fit("name", self.name_width)]
-        parts += [
-            theme.fit(column.title, column.width, right=column.right) for column in self.columns
-        ]
-        return " ".join(parts) + (" why" if self.left else "")
+        titles = [" " * (self.digits + 3) + theme.fit("name", self.name_width)]
+        for column in self.columns:
+            titles.append(theme.fit(column.title, column.width, right=column.right))
+        if self.left:
+            titles.append("why")
+        return " ".join(titles)
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,52 +78,56 @@ def draw_row(
 ) -> list[Segment]:
     """Return one row; ``row`` is None where no telemetry was ever received."""
     tint = theme.style(theme.vehicle_colour(index), bold=True)
+    if marks.is_blinking:
+        tint += Style(reverse=True)
+    cursor_tint = theme.style(TEXT if marks.has_focus else FAINT, bold=True)
     name = theme.fit_name(clean(view.name, 80), layout.name_width)
+
     segments = [
-        Segment(
-            "▌" if marks.has_cursor else " ",
-            theme.style(TEXT if marks.has_focus else FAINT, bold=True),
-        ),
+        Segment("▌" if marks.has_cursor else " ", cursor_tint),
         Segment("✓" if marks.is_marked else " ", theme.style(CALM, bold=True)),
-        Segment(
-            f"{index:>{layout.digits}} {name} ",
-            tint + Style(reverse=True) if marks.is_blinking else tint,
-        ),
+        Segment(f"{index:>{layout.digits}} {name} ", tint),
     ]
+
     if row is None:
-        gone = "" if not marks.has_nodes or view.is_alive else " (not on the bus)"
-        return [
-            *segments,
-            Segment(f"… waiting: nothing heard from its agent yet{gone}", theme.style(FAINT)),
-        ]
-    return segments + (
-        _silent(layout, row, marks.has_nodes) if row.is_stale else _fresh(layout, row)
-    )
+        text = "… waiting: nothing heard from its agent yet"
+        if marks.has_nodes and not view.is_alive:
+            text += " (not on the bus)"
+        return [*segments, Segment(text, theme.style(FAINT))]
+    if row.is_stale:
+        return segments + _silent(layout, row, marks.has_nodes)
+    return segments + _fresh(layout, row)
 
 
 def _fresh(layout: RowLayout, row: VehicleRow) -> list[Segment]:
     """Current values; on the ground the reason not to fly may cover the columns about flying."""
     segments: list[Segment] = []
-    telemetry, left = row.telemetry, layout.left
-    is_refusing = (
-        bool(telemetry.not_ready or telemetry.state == "failed") and not telemetry.is_airborne
-    )
-    cover = (
-        3
-        if not is_refusing or left >= WIDE_REASON_WIDTH
-        else 1
-        if len(layout.columns) < _FEW_COLUMNS
-        else 2
-    )
-    for at, column in enumerate(layout.columns):
-        if column.cover >= cover:
-            left += sum(other.width + 1 for other in layout.columns[at:])
+    least_cover = _least_cover(layout, row)
+    reason_width = layout.left
+    for position, column in enumerate(layout.columns):
+        if column.cover >= least_cover:
+            covered = layout.columns[position:]
+            reason_width += sum(other.width + 1 for other in covered)
             break
         segments.append(_cell(column.cell(row), column))
-    if left:
+
+    if reason_width:
         text, colour = reason(row)
-        segments.append(Segment(theme.fit(text, left), theme.style(colour)))
+        segments.append(Segment(theme.fit(text, reason_width), theme.style(colour)))
     return segments
+
+
+def _least_cover(layout: RowLayout, row: VehicleRow) -> int:
+    """Return the ``cover`` from which on columns give their room to the reason."""
+    telemetry = row.telemetry
+    is_refusing = telemetry.not_ready or telemetry.state == "failed"
+    if telemetry.is_airborne or not is_refusing:
+        return _NEVER_COVERED
+    if layout.left >= WIDE_REASON_WIDTH:
+        return _NEVER_COVERED
+    if len(layout.columns) < _FEW_COLUMNS:
+        return 1
+    return 2
 
 
 def _silent(layout: RowLayout, row: VehicleRow, has_nodes: bool) -> list[Segment]:
@@ -127,39 +138,43 @@ def _silent(layout: RowLayout, row: VehicleRow, has_nodes: bool) -> list[Segment
     """
     silence = theme.fit(f"NO TELEM {number(row.age_s, 1, limit=99_999)} s", _SILENCE_WIDTH)
     segments = [Segment(f"{silence} ", theme.style(BAD, bold=True))]
-    agent = (
-        ""
-        if not has_nodes
-        else ", its agent is there"
-        if row.view.is_alive
-        else ", its agent has gone"
-    )
+
+    agent = ""
+    if has_nodes:
+        agent = ", its agent is there" if row.view.is_alive else ", its agent has gone"
+
     if row.view.is_disarmed_by_px4:
-        east_m, north_m, _ = row.telemetry.position_enu_m
-        position = f"{number(east_m, 2, sign=True, limit=9999)} {number(north_m, 2, sign=True, limit=9999)}"
-        last = f", last heard at {position}" if row.telemetry.is_position_valid else ""
-        return [*segments, Segment(f"PX4 says disarmed{last}{agent}", theme.style(TEXT))]
+        text = f"PX4 says disarmed{_last_position(row)}{agent}"
+        return [*segments, Segment(text, theme.style(TEXT))]
+
     end = 0
     for column in layout.columns:
-        begin, end = end, end + column.width + 1
+        begin = end
+        end = begin + column.width + 1
         if begin > _SILENCE_WIDTH:
             text, colour = column.cell(row)
-            segments.append(
-                _cell(
-                    ("?" if text == "ok" else text.translate(_NO_SIGNS), colour), column, dim=True
-                )
-            )
-        # begins below the silence: what is left of its width stays empty
+            text = "?" if text == "ok" else text.translate(_NO_SIGNS)
+            segments.append(_cell((text, colour), column, dim=True))
         elif end > _SILENCE_WIDTH + 1:
+            # begins below the silence: what is left of its width stays empty
             segments.append(Segment(" " * (end - _SILENCE_WIDTH - 1)))
+
     if layout.left:
         text = theme.fit(f"was {clean(row.telemetry.state, 20)}{agent}", layout.left)
         segments.append(Segment(text, theme.style(FAINT, dim=True)))
     return segments
 
 
+def _last_position(row: VehicleRow) -> str:
+    if not row.telemetry.is_position_valid:
+        return ""
+    east_m, north_m, _ = row.telemetry.position_enu_m
+    east = number(east_m, 2, sign=True, limit=9999)
+    north = number(north_m, 2, sign=True, limit=9999)
+    return f", last heard at {east} {north}"
+
+
 def _cell(cell: Cell, column: Column, *, dim: bool = False) -> Segment:
     text, colour = cell
-    return Segment(
-        f"{theme.fit(text, column.width, right=column.right)} ", theme.style(colour, dim=dim)
-    )
+    fitted = theme.fit(text, column.width, right=column.right)
+    return Segment(f"{fitted} ", theme.style(colour, dim=dim))
