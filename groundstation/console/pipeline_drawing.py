@@ -1,5 +1,6 @@
-"""Values of one vehicle's pipeline: thrust before and after OIST, attitude, both also as charts.
-Pure.
+"""Values of one vehicle's pipeline: thrust before and after OIST, and attitude. Pure.
+
+Each is drawn as numbers and as a chart over the last seconds.
 """
 
 from __future__ import annotations
@@ -18,6 +19,10 @@ from onboard.arrays import Array
 from onboard.bus.schema import TickSample, Vec3, Vec4
 
 CHART_S = 20.0
+_SCALE_TOPS = (1.0, 2.0, 5.0, 10.0, 15.0, 20.0, 30.0, 45.0, 90.0)
+_DIAL_WIDTH = 14  # cells
+_HELD_BACK_M_S2 = 0.01  # the least intervention that is one
+_SCALE_DOTS = 12  # left of a chart, for its scale
 
 
 def thrust_block(subject: VehicleSubject, width: int) -> list[Text | Strip]:
@@ -25,44 +30,58 @@ def thrust_block(subject: VehicleSubject, width: int) -> list[Text | Strip]:
     tick = subject.tick
     if tick is None:
         return [[(" no pipeline values heard yet", FAINT)]]
+
     lines: list[Text | Strip] = [
         [(" baseline   ", FAINT), (_vector(tick.thrust_baseline_enu_m_s2), WARN)],
         [(" safe       ", FAINT), (_vector(tick.thrust_safe_enu_m_s2), CALM)],
+        _held_back(tick),
     ]
-    held = tick.intervention_m_s2
-    is_held = math.isfinite(held) and held > 0.01
-    neighbour = f" for {clean(tick.active_neighbour, 24)}" if tick.active_neighbour else ""
-    words = (
-        f"{number(held, 2)}{neighbour}, {clean(tick.law_status, 16)}"
-        if is_held
-        else "nothing: it passes unchanged"
+
+    baseline_m_s2 = _horizontal_norms(
+        [each.thrust_baseline_enu_m_s2 for each in subject.tick_samples]
     )
-    lines.append([(" held back  ", FAINT), (words, CALM if is_held else FAINT)])
-    times = _times(subject.tick_samples)
-    nominal = np.array(
-        [each.thrust_baseline_enu_m_s2[:2] for each in subject.tick_samples], dtype=float
-    )
-    safe = np.array([each.thrust_safe_enu_m_s2[:2] for each in subject.tick_samples], dtype=float)
-    dial = 14 if width >= 52 else 0
-    chart_width = width - dial - 1
-    top = _top([np.hypot(nominal[:, 0], nominal[:, 1]), np.hypot(safe[:, 0], safe[:, 1])], 1.0)
+    safe_m_s2 = _horizontal_norms([each.thrust_safe_enu_m_s2 for each in subject.tick_samples])
+    top_m_s2 = _top([baseline_m_s2, safe_m_s2], 1.0)
+
+    dial_width = _DIAL_WIDTH if width >= 52 else 0
+    rows = subject.chart_rows + 1
     chart = _chart(
-        chart_width,
-        (0.0, top),
-        times,
-        ((np.hypot(nominal[:, 0], nominal[:, 1]), WARN), (np.hypot(safe[:, 0], safe[:, 1]), CALM)),
-        rows=subject.chart_rows + 1,
+        width - dial_width - 1,
+        (0.0, top_m_s2),
+        _times(subject.tick_samples),
+        ((baseline_m_s2, WARN), (safe_m_s2, CALM)),
+        rows=rows,
     )
-    if dial:
-        picture = _dial(tick, dial, subject.chart_rows + 1, top)
-        lines += [
-            Strip([*one, Segment(" "), *two]) for one, two in zip(picture, chart, strict=True)
-        ]
+    if dial_width:
+        dial = _dial(tick, dial_width, rows, top_m_s2)
+        for left, right in zip(dial, chart, strict=True):
+            lines.append(Strip([*left, Segment(" "), *right]))
     else:
         lines += chart
-    legend: Text = [(" " * dial, FAINT), ("  ▬ baseline", WARN), ("  ▬ safe", CALM)]
+
+    legend: Text = [(" " * dial_width, FAINT), ("  ▬ baseline", WARN), ("  ▬ safe", CALM)]
     lines.append([*legend, (f"  horizontal, last {CHART_S:.0f} s", FAINT)])
     return lines
+
+
+def _held_back(tick: TickSample) -> Text:
+    held_m_s2 = tick.intervention_m_s2
+    is_held = math.isfinite(held_m_s2) and held_m_s2 > _HELD_BACK_M_S2
+    if not is_held:
+        return [(" held back  ", FAINT), ("nothing: it passes unchanged", FAINT)]
+
+    neighbour = ""
+    if tick.active_neighbour:
+        neighbour = f" for {clean(tick.active_neighbour, 24)}"
+    words = f"{number(held_m_s2, 2)}{neighbour}, {clean(tick.law_status, 16)}"
+    return [(" held back  ", FAINT), (words, CALM)]
+
+
+def _horizontal_norms(vectors: Sequence[Vec3]) -> Array:
+    """Return the horizontal norm (n,) of each vector."""
+    horizontal = np.array([vector[:2] for vector in vectors], dtype=float)
+    norms: Array = np.hypot(horizontal[:, 0], horizontal[:, 1])
+    return norms
 
 
 def attitude_block(subject: VehicleSubject, width: int) -> list[Text | Strip]:
@@ -70,102 +89,99 @@ def attitude_block(subject: VehicleSubject, width: int) -> list[Text | Strip]:
     tick = subject.tick
     if tick is None:
         return [[(" no pipeline values heard yet", FAINT)]]
-    setpoint, measured = (
-        tick.setpoint_quaternion_enu_flu_wxyz,
-        tick.attitude_quaternion_enu_flu_wxyz,
-    )
+
+    thrust = f"{number(100 * tick.setpoint_thrust_frac, 0)} %"
+    hover_thrust = f"({number(100 * tick.hover_thrust_frac, 0)} % hovers)"
     lines: list[Text | Strip] = [
-        [(f"            {'roll':>7}{'pitch':>8}{'yaw':>8}{'thrust':>9}", FAINT)]
+        [(f"            {'roll':>7}{'pitch':>8}{'yaw':>8}{'thrust':>9}", FAINT)],
+        [
+            (" setpoint  ", FAINT),
+            (_angles(tick.setpoint_quaternion_enu_flu_wxyz), WARN),
+            (f"  {thrust}", TEXT),
+        ],
+        [
+            (" measured  ", FAINT),
+            (_angles(tick.attitude_quaternion_enu_flu_wxyz), CALM),
+            (f"  {hover_thrust}", TEXT),
+        ],
     ]
-    for label, quaternion, thrust, colour in (
-        ("setpoint", setpoint, f"{number(100 * tick.setpoint_thrust_frac, 0)} %", WARN),
-        ("measured", measured, f"({number(100 * tick.hover_thrust_frac, 0)} % hovers)", CALM),
-    ):
-        angles = "".join(f"{number(angle, 1, sign=True):>7}°" for angle in euler_deg(quaternion))
-        lines.append([(f" {label:<10}", FAINT), (angles, colour), (f"  {thrust}", TEXT)])
-    times = _times(subject.tick_samples)
-    series = [
-        (
-            np.array(
-                [euler_deg(each.setpoint_quaternion_enu_flu_wxyz) for each in subject.tick_samples]
-            ),
-            WARN,
-        ),
-        (
-            np.array(
-                [euler_deg(each.attitude_quaternion_enu_flu_wxyz) for each in subject.tick_samples]
-            ),
-            CALM,
-        ),
-    ]
-    top = _top([values[:, :2] for values, _ in series], 5.0)
-    is_beside = width >= 60
-    each_width = width // 2 if is_beside else width
-    charts = [
+
+    samples = subject.tick_samples
+    setpoints_deg = np.array([euler_deg(each.setpoint_quaternion_enu_flu_wxyz) for each in samples])
+    measured_deg = np.array([euler_deg(each.attitude_quaternion_enu_flu_wxyz) for each in samples])
+    top_deg = _top([setpoints_deg[:, :2], measured_deg[:, :2]], 5.0)
+
+    is_side_by_side = width >= 60
+    chart_width = width // 2 if is_side_by_side else width
+    roll_chart, pitch_chart = (
         _chart(
-            each_width,
-            (-top, top),
-            times,
-            [(values[:, axis], colour) for values, colour in series],
+            chart_width,
+            (-top_deg, top_deg),
+            _times(samples),
+            [(setpoints_deg[:, axis], WARN), (measured_deg[:, axis], CALM)],
             rows=subject.chart_rows,
         )
         for axis in (0, 1)
-    ]
-    if is_beside:
-        lines.append([(f" {'roll, °':<{each_width - 1}} pitch, °", FAINT)])
-        lines += [Strip([*one, *two]) for one, two in zip(*charts, strict=True)]
+    )
+
+    if is_side_by_side:
+        lines.append([(f" {'roll, °':<{chart_width - 1}} pitch, °", FAINT)])
+        for left, right in zip(roll_chart, pitch_chart, strict=True):
+            lines.append(Strip([*left, *right]))
     else:
-        for title, chart in zip(("roll", "pitch"), charts, strict=True):
-            lines += [[(f" {title}, °", FAINT)], *chart]
+        lines += [[(" roll, °", FAINT)], *roll_chart]
+        lines += [[(" pitch, °", FAINT)], *pitch_chart]
     return lines
 
 
 def euler_deg(quaternion_wxyz: Vec4) -> tuple[float, float, float]:
-    """Return roll, pitch and yaw in degrees of a rotation from body FLU to ENU; nan where there is
-    none.
+    """Return roll, pitch and yaw in degrees of a rotation from body FLU to ENU.
 
-    The rotation is yaw, then pitch, then roll.
+    The rotation is yaw, then pitch, then roll. All three are nan where there is no rotation.
     """
     w, x, y, z = quaternion_wxyz
     norm = math.sqrt(w * w + x * x + y * y + z * z)
     if not math.isfinite(norm) or norm < 1e-9:
         return (math.nan, math.nan, math.nan)
-    w, x, y, z = w / norm, x / norm, y / norm, z / norm
+    w /= norm
+    x /= norm
+    y /= norm
+    z /= norm
+
     roll = math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
     pitch = math.asin(max(-1.0, min(1.0, 2.0 * (w * y - z * x))))
     yaw = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
     return (math.degrees(roll), math.degrees(pitch), math.degrees(yaw))
 
 
+def _angles(quaternion_wxyz: Vec4) -> str:
+    return "".join(f"{number(angle, 1, sign=True):>7}°" for angle in euler_deg(quaternion_wxyz))
+
+
 def _vector(vector: Vec3) -> str:
+    axes = "  ".join(f"{number(axis, 2, sign=True, limit=999):>6}" for axis in vector)
     norm = math.sqrt(sum(axis * axis for axis in vector))
-    return (
-        "  ".join(f"{number(axis, 2, sign=True, limit=999):>6}" for axis in vector)
-        + f"   |{number(norm, 2)}|"
-    )
+    return f"{axes}   |{number(norm, 2)}|"
 
 
 def _times(ticks: Sequence[TickSample]) -> Array:
     """Return the seconds (n,) since the newest tick, all negative or 0."""
-    stamps = np.array([tick.stamp_ns for tick in ticks], dtype=np.int64)
-    seconds: Array = (stamps - stamps[-1]) * 1e-9
+    stamps_ns = np.array([tick.stamp_ns for tick in ticks], dtype=np.int64)
+    seconds: Array = (stamps_ns - stamps_ns[-1]) * 1e-9
     return seconds
 
 
 def _top(values: Sequence[Array], least: float) -> float:
     """Return a round top of the scale for all of these."""
-    most = max(
-        (float(np.nanmax(np.abs(array))) for array in values if np.isfinite(array).any()),
-        default=least,
-    )
-    return next(
-        (
-            step
-            for step in (1.0, 2.0, 5.0, 10.0, 15.0, 20.0, 30.0, 45.0, 90.0)
-            if step >= max(least, most)
-        ),
-        180.0,
-    )
+    most = least
+    finite = [array for array in values if np.isfinite(array).any()]
+    if finite:
+        most = max(float(np.nanmax(np.abs(array))) for array in finite)
+
+    for top in _SCALE_TOPS:
+        if top >= max(least, most):
+            return top
+    return 180.0
 
 
 def _chart(
@@ -176,42 +192,53 @@ def _chart(
     *,
     rows: int,
 ) -> list[Strip]:
-    """Return lines over the last CHART_S seconds, the last of ``series`` on top; the scale at the
-    left.
+    """Return lines over the last CHART_S seconds, with the scale at the left.
+
+    Args:
+        limits: least and greatest value of the scale.
+        times: seconds (n,) since the newest value.
+        series: values (n,) and colours; the last is drawn on top.
+        rows: height in cells.
     """
     canvas = Canvas(width, rows)
-    left, (low, high) = 12, limits
-    columns, height = 2 * width - left - 1, 4 * rows - 1
+    columns = 2 * width - _SCALE_DOTS - 1
+    height = 4 * rows - 1
     if columns < 8:
         return canvas.strips()
+
+    low, high = limits
     for value in {low, 0.0, high}:
         row = height * (high - value) / (high - low)
-        canvas.line((left, row), (2 * width, row), RULE, gap=4)
+        canvas.line((_SCALE_DOTS, row), (2 * width, row), RULE, gap=4)
         canvas.text(0, min(rows - 1, int(row // 4)), f"{value:>5.0f}", FAINT)
+
     is_shown = times >= -CHART_S
-    x = left + columns * (1.0 + times[is_shown] / CHART_S)
+    x = _SCALE_DOTS + columns * (1.0 + times[is_shown] / CHART_S)
+    if len(x) < 2:
+        return canvas.strips()
+
+    # Between two samples the line is filled up, so that steep changes do not fall apart into dots.
+    samples = np.arange(len(x))
+    fine = np.linspace(0, max(0, len(x) - 1), max(2, 4 * columns))
     for values, colour in series:
         y = height * (high - np.clip(values[is_shown], low, high)) / (high - low)
-        # Between two samples the line is filled up, so that steep changes do not fall apart into
-        # dots.
-        fine = np.linspace(0, max(0, len(x) - 1), max(2, 4 * columns))
-        if len(x) > 1:
-            canvas.dots(
-                np.interp(fine, np.arange(len(x)), x), np.interp(fine, np.arange(len(x)), y), colour
-            )
+        canvas.dots(np.interp(fine, samples, x), np.interp(fine, samples, y), colour)
     return canvas.strips()
 
 
-def _dial(tick: TickSample, width: int, rows: int, top: float) -> list[Strip]:
+def _dial(tick: TickSample, width: int, rows: int, top_m_s2: float) -> list[Strip]:
     """Return nominal and safe thrust from above: north is up, the ring is the top of the scale."""
     canvas = Canvas(width, rows)
     middle = (width - 1.0, 2.0 * rows - 0.5)
     radius = min(middle) - 0.5
     canvas.circles(np.array([middle]), radius, RULE, gap=2)
-    for vector, colour in (
+
+    vectors = (
         (tick.thrust_baseline_enu_m_s2, WARN),
         (tick.thrust_safe_enu_m_s2, CALM),
-    ):
-        end = (middle[0] + radius * vector[0] / top, middle[1] - radius * vector[1] / top)
-        canvas.line(middle, end, colour)
+    )
+    for vector, colour in vectors:
+        x = middle[0] + radius * vector[0] / top_m_s2
+        y = middle[1] - radius * vector[1] / top_m_s2
+        canvas.line(middle, (x, y), colour)
     return canvas.strips()

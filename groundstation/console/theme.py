@@ -69,13 +69,16 @@ PHASE_SIGNS: dict[str, tuple[str, str]] = {
     "unfinished": ("✖", WARN),
 }
 
-_DARK = 40
+_DARK = 40  # the brightest part of a light that counts as off
+_SPARK_STEPS = "▁▂▃▄▅▆▇█"
+_UNPRINTABLE = ("Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp")  # categories of Unicode
 _STYLES: dict[tuple[str, bool, bool], Style] = {}
 
 
 def style(colour: str = TEXT, *, bold: bool = False, dim: bool = False) -> Style:
-    """A cached style; ``dim`` swaps the colour for the faint one, since terminals disagree about
-    dim.
+    """Return a style, made once.
+
+    ``dim`` swaps the colour for the faint one in italics, since terminals disagree about dim.
     """
     key = (colour, bold, dim)
     if key not in _STYLES:
@@ -86,26 +89,45 @@ def style(colour: str = TEXT, *, bold: bool = False, dim: bool = False) -> Style
 @lru_cache(256)
 def faded(colour: str) -> str:
     """Return a colour half way to the ground, for the background."""
-    parts = (
-        round(0.45 * int(colour[i : i + 2], 16) + 0.55 * int(GROUND[i : i + 2], 16))
-        for i in (1, 3, 5)
-    )
-    return "#" + "".join(f"{part:02x}" for part in parts)
+    faded_parts = []
+    for start in (1, 3, 5):
+        own_part = int(colour[start : start + 2], 16)
+        ground_part = int(GROUND[start : start + 2], 16)
+        faded_parts.append(round(0.45 * own_part + 0.55 * ground_part))
+    return "#" + "".join(f"{part:02x}" for part in faded_parts)
 
 
 def light_colour(light: tuple[int, int, int]) -> str:
     """Return the colour of a light; one that is off is faint, and not invisible."""
-    return FAINT if max(light) < _DARK else "#{:02x}{:02x}{:02x}".format(*light)
+    if max(light) < _DARK:
+        return FAINT
+    red, green, blue = light
+    return f"#{red:02x}{green:02x}{blue:02x}"
 
 
 def vehicle_colour(index: int) -> str:
-    """Colour of the vehicle at this place of the fleet file."""
+    """Return the colour of the vehicle with this index in the fleet file."""
     return VEHICLE_COLOURS[index % len(VEHICLE_COLOURS)]
 
 
+def height_colour(height_m: float, span_m: tuple[float, float]) -> str:
+    """Return the colour of a height within the fence's heights (metres)."""
+    low_m, high_m = span_m
+    share = 0.0
+    if high_m > low_m and math.isfinite(height_m):
+        share = (height_m - low_m) / (high_m - low_m)
+
+    index = int(share * len(HEIGHT_COLOURS))
+    return HEIGHT_COLOURS[min(len(HEIGHT_COLOURS) - 1, max(0, index))]
+
+
+# -- text ------------------------------------------------------------------------------------------
+
+
 def clean(text: object, limit: int = 400) -> str:
-    """Text from outside as one printable line: no control characters, no escape sequences, no
-    endless strings.
+    """Return text from outside as one printable line.
+
+    Control characters and escape sequences are left out, and endless strings are cut.
     """
     return _cleaned(str(text)[:limit])
 
@@ -114,56 +136,66 @@ def clean(text: object, limit: int = 400) -> str:
 def _cleaned(line: str) -> str:
     if line.isascii() and line.isprintable():
         return line
-    spaced = (
-        " " if char in "\n\r\t" or unicodedata.category(char) == "Zs" else char for char in line
-    )
-    text = "".join(char for char in spaced if _is_printable(char))
-    if cell_len(text) != sum(map(get_character_cell_size, text)):
+
+    printable = []
+    for char in line:
+        if char in "\n\r\t" or unicodedata.category(char) == "Zs":
+            printable.append(" ")
+        elif unicodedata.category(char) not in _UNPRINTABLE:
+            printable.append(char)
+    text = "".join(printable)
+
+    width_by_signs = sum(get_character_cell_size(char) for char in text)
+    if cell_len(text) != width_by_signs:
         # Flags and joined signs: terminals disagree about their width, so each part stands for
         # itself.
-        text = "".join(
-            "?" if _joins(char) else char for char in text if get_character_cell_size(char)
-        )
+        parts = [char for char in text if get_character_cell_size(char)]
+        text = "".join("?" if _joins(char) else char for char in parts)
     return text
 
 
 def _joins(char: str) -> bool:
     """Whether signs melt into one with it: regional indicators and shades of skin."""
-    return "\U0001f1e6" <= char <= "\U0001f1ff" or "\U0001f3fb" <= char <= "\U0001f3ff"
+    is_regional = "\U0001f1e6" <= char <= "\U0001f1ff"
+    is_shade = "\U0001f3fb" <= char <= "\U0001f3ff"
+    return is_regional or is_shade
 
 
 def number(
     value: object, digits: int = 1, *, sign: bool = False, unit: str = "", limit: float = 99_999.0
 ) -> str:
     """Return a number as text, or ``-`` where it is not finite or not plausible; never ``-0.0``."""
-    if (
-        isinstance(value, bool)
-        or not isinstance(value, (int, float))
-        or not math.isfinite(value)
-        or abs(value) > limit
-    ):
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
         return "-"
-    rounded = round(float(value), digits) + 0.0
-    return f"{rounded:{'+' if sign else ''}.{digits}f}{unit}"
+    if not math.isfinite(value) or abs(value) > limit:
+        return "-"
+
+    rounded = round(float(value), digits) + 0.0  # the sum turns -0.0 into 0.0
+    if sign:
+        return f"{rounded:+.{digits}f}{unit}"
+    return f"{rounded:.{digits}f}{unit}"
 
 
 def fit(text: str, width: int, *, right: bool = False) -> str:
-    """``text`` in exactly ``width`` cells, cut with an ellipsis where it is too long."""
+    """Return ``text`` in exactly ``width`` cells, cut with an ellipsis where it is too long."""
     if width <= 0:
         return ""
     cells = cell_len(text)
     if cells > width:
         return set_cell_size(text, width - 1) + "…"
-    return " " * (width - cells) + text if right else text + " " * (width - cells)
+
+    blanks = " " * (width - cells)
+    return blanks + text if right else text + blanks
 
 
 def fit_name(name: str, width: int) -> str:
-    """A name in exactly ``width`` cells, cut in its middle where too long: names of a fleet differ
-    at their ends.
+    """Return a name in exactly ``width`` cells, cut in its middle where it is too long.
+
+    Names of a fleet differ at their ends.
     """
-    cells = cell_len(name)
-    if cells <= width or width < 4:
+    if cell_len(name) <= width or width < 4:
         return fit(name, width)
+
     tail = name[-1:]
     for start in range(len(name) - 1, 0, -1):
         if cell_len(name[start:]) > (width - 1) // 2:
@@ -174,27 +206,25 @@ def fit_name(name: str, width: int) -> str:
 
 def spark(values: Sequence[float], width: int, top: float) -> str:
     """Return the last ``width`` values as little columns, ``top`` filling a cell; nan is a gap."""
-    shown = [float(value) for value in values[-width:]] if width > 0 else []
-    steps = "▁▂▃▄▅▆▇█"
-    marks = (
-        steps[int(8 * min(0.999, max(0.0, value / top)))] if math.isfinite(value) else " "
-        for value in shown
-    )
+    marks = []
+    shown = values[-width:] if width > 0 else []
+    for value in shown:
+        if math.isfinite(value):
+            share = min(0.999, max(0.0, float(value) / top))
+            marks.append(_SPARK_STEPS[int(8 * share)])
+        else:
+            marks.append(" ")
     return "".join(marks).rjust(width)
 
 
-def height_colour(height_m: float, span_m: tuple[float, float]) -> str:
-    """Colour of a height within the fence's heights (metres)."""
-    low, high = span_m
-    share = (height_m - low) / (high - low) if high > low and math.isfinite(height_m) else 0.0
-    return HEIGHT_COLOURS[min(len(HEIGHT_COLOURS) - 1, max(0, int(share * len(HEIGHT_COLOURS))))]
-
-
 def wrap(text: str, width: int, most: int = 6) -> list[str]:
-    """``text`` broken at spaces into at most ``most`` lines of ``width`` cells; longer words are
-    cut.
+    """Return ``text`` broken at spaces into at most ``most`` lines of ``width`` cells.
+
+    Words that are longer than a line are cut, and so is the last line.
     """
-    cells = len if text.isascii() else cell_len  # of hundreds of events at once, most are plain
+    # of hundreds of events at once most are plain, and their cells are counted faster
+    cells = len if text.isascii() else cell_len
+
     lines: list[str] = []
     line = ""
     for word in text.split(" "):
@@ -206,10 +236,8 @@ def wrap(text: str, width: int, most: int = 6) -> list[str]:
             lines.append(line)
         line = word if cells(word) <= width else fit(word, max(1, width))
     lines.append(line)
+
     if len(lines) > most:
-        return [*lines[: most - 1], fit(" ".join(lines[most - 1 :]), max(1, width))]
+        rest = " ".join(lines[most - 1 :])
+        return [*lines[: most - 1], fit(rest, max(1, width))]
     return lines
-
-
-def _is_printable(char: str) -> bool:
-    return unicodedata.category(char) not in ("Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp")

@@ -1,5 +1,6 @@
-"""The line for written orders: history on the arrows, completion on tab; pasted text waits for
-Enter.
+"""The line for written orders: history on the arrows, completion on tab.
+
+Pasted text becomes one line and waits for Enter.
 """
 
 from __future__ import annotations
@@ -21,55 +22,75 @@ from onboard.config.fleet import FleetConfig
 
 CONTROL_ORDERS = ("take control", f"take control {FORCE_WORD}", "give control", "keep control")
 MAX_LENGTH = 200
-_KEPT = 200
+_KEPT = 200  # orders of the history
 _RESTING = "press :  and write an order, e.g. takeoff all 1.0"
 _WRITING = "now write: every key goes here, enter gives the order"
 
 
 def completions(text: str, fleet: FleetConfig) -> list[str]:
-    """Return whole lines that begin with ``text`` and complete its last word, or the last name of a
-    list of names.
+    """Return whole lines that begin with ``text`` and complete its last word.
+
+    In a list of names it is the last name that is completed.
     """
-    words = text.split(" ")
-    done, last = words[:-1], words[-1]
+    *done, last = text.split(" ")
     if not last:
         return []
     if not done:
-        rare = ["reset", *dict.fromkeys(order.partition(" ")[0] for order in CONTROL_ORDERS)]
-        verbs: list[str] = [verb for verb in VERBS if verb.startswith(last) and verb != last]
-        return verbs or [word for word in rare if word.startswith(last) and word != last]
+        return _verbs(last)
     if done[0] in ("take", "give", "keep"):
-        return [order for order in CONTROL_ORDERS if order.startswith(text) and order != text]
-    if done[0] == "formation" and len(done) == 1:
-        return [
-            f"formation {name}"
-            for name in formation_names(fleet)
-            if name.startswith(last) and name != last
-        ]
-    if len(done) != (2 if done[0] == "formation" else 1):
+        return [order for order in CONTROL_ORDERS if _continues(order, text)]
+
+    is_formation = done[0] == "formation"
+    if is_formation and len(done) == 1:
+        names = formation_names(fleet)
+        return [f"formation {name}" for name in names if _continues(name, last)]
+
+    vehicles_index = 2 if is_formation else 1
+    if len(done) != vehicles_index:
         return []
-    before, comma, start = last.rpartition(",")
+    return [" ".join([*done, names]) for names in _vehicles(last, fleet)]
+
+
+def _continues(word: str, start: str) -> bool:
+    return word.startswith(start) and word != start
+
+
+def _verbs(start: str) -> list[str]:
+    """Return the verbs with this start; the rare ones only when no other verb has it."""
+    verbs: list[str] = [verb for verb in VERBS if _continues(verb, start)]
+    if verbs:
+        return verbs
+
+    rare = ["reset"]
+    for order in CONTROL_ORDERS:
+        verb = order.partition(" ")[0]
+        if verb not in rare:
+            rare.append(verb)
+    return [verb for verb in rare if _continues(verb, start)]
+
+
+def _vehicles(text: str, fleet: FleetConfig) -> list[str]:
+    """Return lists of vehicles that complete the last name of such a list."""
+    before, comma, start = text.rpartition(",")
     names = fleet.enabled_names if comma else ("all", *fleet.enabled_names)
-    fits = [
-        name
+    already = before.split(",")
+    return [
+        f"{before}{comma}{name}"
         for name in names
-        if name.startswith(start) and name != start and name not in before.split(",")
+        if _continues(name, start) and name not in already
     ]
-    return [" ".join([*done, f"{before}{comma}{name}"]) for name in fits]
 
 
 def history_file() -> Path:
     """Return the file that keeps orders between runs: ``$XDG_STATE_HOME/covey/orders``."""
-    return (
-        Path(os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state")
-        / "covey"
-        / "orders"
-    )
+    state_home = os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state"
+    return Path(state_home) / "covey" / "orders"
 
 
 class OrderHistory:
-    """Orders that were written, oldest first, without repetitions in a row; kept in a file where
-    one can be written.
+    """Orders that were written, oldest first, without repetitions in a row.
+
+    They are kept in a file where one can be written.
     """
 
     def __init__(self, path: Path) -> None:
@@ -78,6 +99,8 @@ class OrderHistory:
             text = path.read_text(encoding="utf-8", errors="replace")
         except (OSError, RuntimeError):
             text = ""
+
+        # whatever else stands in the file was not written here
         lines = [
             line
             for line in text.splitlines()
@@ -89,6 +112,7 @@ class OrderHistory:
         """Remember a line; on a disk that is full or read-only for this run only."""
         if self.lines[-1:] == [line]:
             return
+
         self.lines = [*self.lines[1 - _KEPT :], line]
         try:
             self._path.parent.mkdir(parents=True, exist_ok=True)
@@ -124,7 +148,6 @@ class OrderLine(Input):
             self.words = words
 
     def __init__(self, fleet: FleetConfig) -> None:
-        self._hints = _RESTING, _WRITING
         super().__init__(
             placeholder=_RESTING,
             suggester=_OrderSuggester(fleet),
@@ -134,13 +157,18 @@ class OrderLine(Input):
             max_length=MAX_LENGTH,
         )
         self._fleet = fleet
-        self._history: OrderHistory | None = None
-        self._at = 0
-        self._draft = ""
+        # in the empty line: while keys go elsewhere, and while they go here
+        self._resting_hint = _RESTING
+        self._writing_hint = _WRITING
+
+        self._history: OrderHistory | None = None  # loaded with the first focus
+        self._position = 0  # in the history; its length stands for the line being written
+        self._draft = ""  # the line being written, while an earlier one is shown
 
     def disable(self, hint: str) -> None:
         """Say in the empty line that nothing can be ordered."""
-        self._hints = hint, hint
+        self._resting_hint = hint
+        self._writing_hint = hint
         self.placeholder = hint
 
     def on_focus(self) -> None:
@@ -154,14 +182,14 @@ class OrderLine(Input):
         self._show_writing(False)
 
     def _show_writing(self, is_writing: bool) -> None:
-        self.placeholder = self._hints[is_writing]
+        self.placeholder = self._writing_hint if is_writing else self._resting_hint
         if self.parent is not None:
             self.parent.set_class(is_writing, "writing")
 
     def _load(self) -> OrderHistory:
-        history = self._history = OrderHistory(history_file())
-        self._at = len(history.lines)
-        return history
+        self._history = OrderHistory(history_file())
+        self._position = len(self._history.lines)
+        return self._history
 
     def write(self, text: str) -> None:
         """Begin a line, for the operator to go on with."""
@@ -178,20 +206,27 @@ class OrderLine(Input):
         """Post the line and clear it, so that a second Enter sends it no second time."""
         # ":" opens the line; typed once more it means nothing
         text = self.value.strip().removeprefix(":").strip()
-        self.value = self._draft = ""
-        if text:
-            history = self._history or self._load()
-            history.add(text)
-            self._at = len(history.lines)
-            self.post_message(self.Submitted(self, text))
+        self.value = ""
+        self._draft = ""
+        if not text:
+            return
+
+        history = self._history or self._load()
+        history.add(text)
+        self._position = len(history.lines)
+        self.post_message(self.Submitted(self, text))
 
     def action_history(self, step: int) -> None:
-        """Show an earlier or later order; the line that was being written comes after the newest."""
+        """Show an earlier or later order; the line being written comes after the newest."""
         lines = self._history.lines if self._history is not None else []
-        if self._at >= len(lines):
+        if self._position >= len(lines):
             self._draft = self.value
-        self._at = max(0, min(len(lines), self._at + step))
-        self.value = lines[self._at] if self._at < len(lines) else self._draft
+
+        self._position = max(0, min(len(lines), self._position + step))
+        if self._position < len(lines):
+            self.value = lines[self._position]
+        else:
+            self.value = self._draft
         self.cursor_position = len(self.value)
 
     def action_complete(self) -> None:
@@ -201,12 +236,15 @@ class OrderLine(Input):
         if len(start) > len(self.value):
             self.value = start
             self.cursor_position = len(start)
+
         if len(lines) > 1:
-            self.post_message(self.Completions([line.rpartition(" ")[2] for line in lines]))
+            last_words = [line.rpartition(" ")[2] for line in lines]
+            self.post_message(self.Completions(last_words))
 
     def action_leave(self) -> None:
         """Drop the line and go back to the fleet."""
-        self.value = self._draft = ""
+        self.value = ""
+        self._draft = ""
         self.screen.set_focus(self.screen.query_one("#fleet"))
 
     def on_paste(self, event: events.Paste) -> None:
@@ -214,6 +252,5 @@ class OrderLine(Input):
         event.stop()
         event.prevent_default()
         text = " ".join(event.text.split())
-        self.insert_text_at_cursor(
-            "".join(char for char in text if char.isprintable())[:MAX_LENGTH]
-        )
+        printable = "".join(char for char in text if char.isprintable())
+        self.insert_text_at_cursor(printable[:MAX_LENGTH])
