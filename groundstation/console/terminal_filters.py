@@ -1,5 +1,4 @@
-"""The console on terminals of every kind: light or dark, with colour or without, in Unicode or in
-ASCII.
+"""The console on every kind of terminal: light or dark, with colour or without, in ASCII.
 
 Widgets draw one way only: dark, in colour, in Unicode. What a terminal needs otherwise is changed
 on the way out, line by line, so that no widget can forget it. Every sign keeps its width in cells,
@@ -37,35 +36,45 @@ _SIGNS = {
 def is_ascii_wanted(
     environ: Mapping[str, str], *, is_utf8_forced: bool = bool(sys.flags.utf8_mode)
 ) -> bool:
-    """Whether the terminal is to get ASCII only: set by COVEY_ASCII, or by a locale that is not
-    UTF-8.
+    """Whether the terminal is to get ASCII only: set by COVEY_ASCII, else by the locale.
 
-    Without any locale, as in many containers, Unicode is assumed. ``is_utf8_forced``: Python found
-    the plain C locale and wrote its own LC_CTYPE into the environment, which nobody has set.
+    Without any locale, as in many containers, Unicode is assumed.
+
+    Args:
+        environ: the process's environment.
+        is_utf8_forced: Python has taken the plain C locale for UTF-8, and wrote its own LC_CTYPE
+            into the environment, which nobody has set.
     """
     own_choice = environ.get("COVEY_ASCII", "").strip().lower()
     if own_choice:
         return own_choice not in ("0", "no", "off", "false")
-    is_pythons = is_utf8_forced and environ.get("LC_CTYPE", "").upper().replace("-", "") in (
-        "C.UTF8",
-        "UTF8",
-    )
-    named = (
-        environ.get("LC_ALL")
-        or ("" if is_pythons else environ.get("LC_CTYPE"))
-        or environ.get("LANG")
-        or ""
-    )
-    return bool(named) and "utf8" not in named.lower().replace("-", "")
+
+    locale = _locale(environ, is_utf8_forced=is_utf8_forced)
+    return bool(locale) and "utf8" not in locale.lower().replace("-", "")
+
+
+def _locale(environ: Mapping[str, str], *, is_utf8_forced: bool) -> str:
+    """Return the locale that decides about characters, by the rules of POSIX; empty for none."""
+    if environ.get("LC_ALL"):
+        return environ["LC_ALL"]
+
+    ctype = environ.get("LC_CTYPE", "")
+    is_pythons_own = is_utf8_forced and ctype.upper().replace("-", "") in ("C.UTF8", "UTF8")
+    if ctype and not is_pythons_own:
+        return ctype
+
+    return environ.get("LANG", "")
 
 
 def is_light_wanted(environ: Mapping[str, str]) -> bool:
-    """Whether the terminal's ground is light: set by COVEY_THEME, else by COLORFGBG
-    (``foreground;background``).
+    """Whether the terminal's ground is light: set by COVEY_THEME, else by COLORFGBG.
+
+    COLORFGBG is ``foreground;background``, in numbers of the ANSI colours.
     """
     own_choice = environ.get("COVEY_THEME", "").strip().lower()
     if own_choice in ("light", "dark"):
         return own_choice == "light"
+
     ground = environ.get("COLORFGBG", "").rpartition(";")[2]
     return ground in ("7", "15")
 
@@ -80,38 +89,38 @@ class Ascii(LineFilter):
 
     def apply(self, segments: list[Segment], background: Color) -> list[Segment]:
         """Return the same line in ASCII."""
-        return [
-            segment
-            if segment.text.isascii()
-            else Segment(to_ascii(segment.text), segment.style, segment.control)
-            for segment in segments
-        ]
+        plain = []
+        for segment in segments:
+            if not segment.text.isascii():
+                segment = Segment(to_ascii(segment.text), segment.style, segment.control)
+            plain.append(segment)
+        return plain
 
 
 class LightGround(LineFilter):
-    """Colours for a light ground: the console's own by a table, others with their lightness turned
-    around.
+    """Colours for a light ground.
+
+    The console's own are looked up in a table; others have their lightness turned around.
     """
 
     def apply(self, segments: list[Segment], background: Color) -> list[Segment]:
         """Return the same line in light colours."""
-        return [
-            Segment(
-                segment.text,
-                None if segment.style is None else _light(segment.style),
-                segment.control,
-            )
-            for segment in segments
-        ]
+        turned = []
+        for segment in segments:
+            style = None if segment.style is None else _light(segment.style)
+            turned.append(Segment(segment.text, style, segment.control))
+        return turned
 
 
 class TerminalFilters:
-    """The filters that this terminal needs, from its environment."""
+    """The filters that this terminal requires, from its environment."""
 
     def __init__(self, environ: Mapping[str, str] = os.environ) -> None:
         self.is_light = is_light_wanted(environ)
         self.is_ascii = is_ascii_wanted(environ)
-        self._light, self._ascii, self._no_colour = LightGround(), Ascii(), NoColor()
+        self._light = LightGround()
+        self._ascii = Ascii()
+        self._no_colour = NoColor()
 
     def active(self, *, has_colour: bool) -> Sequence[LineFilter]:
         """Return the filters that every line passes on its way out.
@@ -119,10 +128,14 @@ class TerminalFilters:
         Textual's own filters are not among them: they would cost a tenth of all drawing, and the
         console names no colour by its ANSI number.
         """
-        colour: list[LineFilter] = (
-            [self._no_colour] if not has_colour else [self._light] if self.is_light else []
-        )
-        return [*colour, self._ascii] if self.is_ascii else colour
+        filters: list[LineFilter] = []
+        if not has_colour:
+            filters.append(self._no_colour)
+        elif self.is_light:
+            filters.append(self._light)
+        if self.is_ascii:
+            filters.append(self._ascii)
+        return filters
 
 
 @lru_cache(4096)
@@ -134,56 +147,111 @@ def _light(style: Style) -> Style:
 def _light_colour(colour: RichColor | None) -> RichColor | None:
     if colour is None or colour.is_default or colour.triplet is None:
         return None
+
     own = LIGHT.get(colour.triplet.hex)
     if own is not None:
         return RichColor.parse(own)
+
     hue, lightness, saturation = colorsys.rgb_to_hls(*colour.triplet.normalized)
-    red, green, blue = (
-        round(255 * part) for part in colorsys.hls_to_rgb(hue, 1.0 - lightness, saturation)
-    )
+    parts = colorsys.hls_to_rgb(hue, 1.0 - lightness, saturation)
+    red, green, blue = (round(255 * part) for part in parts)
     return RichColor.from_rgb(red, green, blue)
 
 
+# -- characters ------------------------------------------------------------------------------------
+
+_BRAILLE = range(0x2800, 0x2900)
+_BOX_DRAWING = range(0x2500, 0x2580)
+_HORIZONTAL = "─━╌╍┄┅┈┉═╴╶╸╺"
+_VERTICAL = "│┃╎╏┆┇┊┋║╵╷╹╻"
+
+# Bits of a braille character, from the upper dot to the lower one (Unicode's own order).
+_LEFT_BITS = (0x01, 0x02, 0x04, 0x40)
+_RIGHT_BITS = (0x08, 0x10, 0x20, 0x80)
+
+
 class _Table(dict[int, str]):
-    """Grows with the characters that come: accents are dropped, a character without likeness
-    becomes question marks.
+    """The ASCII text for each character; grows with the characters that come.
+
+    Accents are dropped, and a character without likeness becomes question marks.
     """
 
     def __missing__(self, code: int) -> str:
         char = chr(code)
         if code < 0x80:
-            self[code] = char
-        elif 0x2800 <= code <= 0x28FF:
-            self[code] = _braille(code - 0x2800)
-        elif 0x2500 <= code <= 0x257F:
-            self[code] = "-" if char in "─━╌╍┄┅┈┉═╴╶╸╺" else "|" if char in "│┃╎╏┆┇┊┋║╵╷╹╻" else "+"
+            plain = char
+        elif code in _BRAILLE:
+            plain = _braille(code - _BRAILLE.start)
+        elif code in _BOX_DRAWING:
+            plain = _box_drawing(char)
         else:
-            width = get_character_cell_size(char)
-            plain = unicodedata.normalize("NFKD", char).encode("ascii", "ignore").decode()
-            self[code] = plain if len(plain) == width and plain.isprintable() else "?" * width
-        return self[code]
+            plain = _without_accents(char)
+        self[code] = plain
+        return plain
+
+
+def _box_drawing(char: str) -> str:
+    if char in _HORIZONTAL:
+        return "-"
+    if char in _VERTICAL:
+        return "|"
+    return "+"
+
+
+def _without_accents(char: str) -> str:
+    width = get_character_cell_size(char)
+    plain = unicodedata.normalize("NFKD", char).encode("ascii", "ignore").decode()
+    if len(plain) == width and plain.isprintable():
+        return plain
+    return "?" * width
 
 
 def _braille(bits: int) -> str:
-    """Return the ASCII character that is most like these dots (Unicode's order of bits)."""
-    left = [bool(bits & bit) for bit in (0x01, 0x02, 0x04, 0x40)]
-    right = [bool(bits & bit) for bit in (0x08, 0x10, 0x20, 0x80)]
-    count = sum(left) + sum(right)
-    upper, lower = any(left[:2] + right[:2]), any(left[2:] + right[2:])
+    """Return the ASCII character that is most like these dots."""
+    left = [bool(bits & bit) for bit in _LEFT_BITS]
+    right = [bool(bits & bit) for bit in _RIGHT_BITS]
+    upper_left = any(left[:2])
+    lower_left = any(left[2:])
+    upper_right = any(right[:2])
+    lower_right = any(right[2:])
+    has_upper = upper_left or upper_right
+    has_lower = lower_left or lower_right
+    has_both_sides = any(left) and any(right)
+    count = sum(1 for is_set in left + right if is_set)
+
     if count >= 6:
         return "#"
-    if count >= 3 and (not any(left) or not any(right)):
+    if count >= 3 and not has_both_sides:
         return "|"
-    if count <= 2 and not (upper and lower):
-        pair = any(left) and any(right)
-        return " " if not count else ("-" if pair and (left[1] or left[2]) else '"' if pair else "'") if upper else (
-            "_" if pair and left[3] else "-" if pair else "."
-        )  # fmt: skip
-    if not (upper and lower):
-        return "="
-    falls = any(left[:2]) and any(right[2:]) and not (any(left[2:]) or any(right[:2]))
-    rises = any(right[:2]) and any(left[2:]) and not (any(right[2:]) or any(left[:2]))
-    return "\\" if falls else "/" if rises else ":" if count <= 2 else "+"
+    if count == 0:
+        return " "
+
+    if not (has_upper and has_lower):
+        if count > 2:
+            return "="
+        if has_upper:
+            return _upper_dots(left, has_both_sides=has_both_sides)
+        return _lower_dots(left, has_both_sides=has_both_sides)
+
+    if upper_left and lower_right and not (lower_left or upper_right):
+        return "\\"
+    if upper_right and lower_left and not (lower_right or upper_left):
+        return "/"
+    return ":" if count <= 2 else "+"
+
+
+def _upper_dots(left: list[bool], *, has_both_sides: bool) -> str:
+    """Return a character for one or two dots in the upper half."""
+    if not has_both_sides:
+        return "'"
+    return "-" if left[1] else '"'
+
+
+def _lower_dots(left: list[bool], *, has_both_sides: bool) -> str:
+    """Return a character for one or two dots in the lower half."""
+    if not has_both_sides:
+        return "."
+    return "_" if left[3] else "-"
 
 
 _ASCII = _Table({ord(sign): plain for sign, plain in _SIGNS.items()})

@@ -1,9 +1,8 @@
-"""The question before arm, take-off, move and formation: paths, least distance and time. Enter
-sends, escape drops.
+"""The question before arm, take-off, move and formation: paths, least distance and time.
 
-The preview is computed again as soon as the fleet has moved, and only what was shown is sent: the
-order is planned when the question opens, checked against the fleet as it is at Enter, and what
-passed that check leaves.
+Enter sends, escape drops. The order is planned when the question opens, and computed again as soon
+as the fleet has moved. At Enter it is checked against the fleet as it is then, and what passed that
+check leaves: only what was shown is sent.
 """
 
 from __future__ import annotations
@@ -29,7 +28,7 @@ from groundstation.orders.preview import OrderPreview, changed, preview_order
 from onboard.config.fleet import FleetConfig
 
 CHECK_S = 0.2
-# a key that was meant for the order line must not answer the question that opened under it
+# A key that was meant for the order line must not answer the question that opened under it.
 SETTLE_S = 0.3
 _MOST_NAMED = 8
 
@@ -56,14 +55,20 @@ class PreviewScreen(Dialog[PlannedOrder | None]):
         short: Callable[[str], str],
     ) -> None:
         super().__init__()
-        self.fleet, self.client, self.intent = fleet, client, intent
-        self._forecaster, self._short = forecaster, short
+        self.fleet = fleet
+        self.client = client
+        self.intent = intent
+        self._forecaster = forecaster
+        self._short = short
+
         self.preview: OrderPreview | None = None
         self.forecast: Forecast | None = None
-        self.reasons: tuple[str, ...] = ()
+        self.reasons: tuple[str, ...] = ()  # against sending it
         self.is_computing = True
         self._note = ""  # why it was computed again
-        self._opened_ns = self._begun_ns = client.now_ns()
+        self._opened_ns = client.now_ns()
+        self._begun_ns = self._opened_ns  # when the computing began
+
         self._paths = PathPlan(fleet)
         self._vehicles = Static(id="vehicles", markup=False)
         self._answer = Static(id="answer", markup=False)
@@ -88,57 +93,68 @@ class PreviewScreen(Dialog[PlannedOrder | None]):
         """Whether Enter would send it now."""
         return not self.is_computing and not self.reasons and self.preview is not None
 
+    # -- computing and checking --------------------------------------------------------------------
+
     def _begin(self, note: str = "") -> None:
-        state, now_ns = self.client.state, self.client.now_ns()
+        """Plan the order for the fleet as it is now, and compute its paths."""
+        state = self.client.state
+        now_ns = self.client.now_ns()
         self._begun_ns = now_ns
+        self._note = note
+
         self.preview = preview_order(self.client.plan(self.intent), state, now_ns)
         self.intent = self.preview.intent  # from now on with the numbers that were left open
-        self.forecast, self.reasons, self.is_computing, self._note = (
-            None,
-            self.preview.reasons,
-            True,
-            note,
-        )
-        if self.reasons or self.intent.verb == "arm":
-            self.is_computing = False
-        else:
+        self.forecast = None
+        self.reasons = self.preview.reasons
+
+        self.is_computing = not self.reasons and self.intent.verb != "arm"
+        if self.is_computing:
             self.run_worker(self._compute(self.preview), group="forecast", exclusive=True)
         self._show()
 
     async def _compute(self, preview: OrderPreview) -> None:
+        is_takeoff = preview.intent.verb == "takeoff"
         try:
-            is_takeoff = preview.intent.verb == "takeoff"
             forecast = await self._forecaster.forecast(
                 self.fleet, preview.legs, is_takeoff=is_takeoff
             )
         except ForecastFailed as error:
-            self.reasons, self.is_computing = (str(error),), False
+            self.reasons = (str(error),)
+            self.is_computing = False
             self._show()
             return
+
         if preview is self.preview:
-            self.forecast, self.is_computing = forecast, False
+            self.forecast = forecast
+            self.is_computing = False
             self.reasons = (*preview.reasons, *objections(forecast, preview.intent, self.fleet))
             self._show()
 
     def _check(self) -> PlannedOrder | None:
-        """Check the shown order against the fleet as it is now; compute again when something has
-        changed.
+        """Check the shown order against the fleet as it is now.
+
+        Returns:
+            What passed the check; None when something has changed and it is computed again.
         """
         if self.preview is None:
             return None
+
         checked = self.client.check_again(self.preview.planned)
         change = changed(self.preview, checked, self.client.state, self.client.now_ns())
-        if change is None:
-            if self.is_computing:
-                self._show()  # counts the seconds
-            return checked
-        self._begin(f"{change}: computed again")
-        return None
+        if change is not None:
+            self._begin(f"{change}: computed again")
+            return None
+
+        if self.is_computing:
+            self._show()  # counts the seconds
+        return checked
 
     def action_send(self) -> None:
         """Send the order that is shown, if it still holds and nothing speaks against it."""
-        is_early = self.client.now_ns() - self._opened_ns < SETTLE_S * 1e9
-        checked = None if is_early else self._check()
+        if self.client.now_ns() - self._opened_ns < SETTLE_S * 1e9:
+            return
+
+        checked = self._check()
         if checked is not None and self.is_sendable:
             self.dismiss(checked)
 
@@ -146,63 +162,79 @@ class PreviewScreen(Dialog[PlannedOrder | None]):
         """Send nothing."""
         self.dismiss(None)
 
+    # -- what is shown -----------------------------------------------------------------------------
+
     def _show(self) -> None:
         preview = self.preview
         if preview is None or not self.is_running:
             return
+
         self._paths.show(preview, self.forecast)
-        lines = [
-            clean(line, 200)
-            for line in (*self._goals(preview), "", *self._figures(), *preview.notes, self._note)
-        ]
-        self._vehicles.update("\n".join(lines))
-        box = self._answer
-        box.set_class(bool(self.reasons), "bad")
+
+        lines = [*self._goals(preview), "", *self._figures(), *preview.notes, self._note]
+        self._vehicles.update("\n".join(clean(line, 200) for line in lines))
+
+        self._answer.set_class(bool(self.reasons), "bad")
+        self._answer.update(self._answer_text())
+
+    def _answer_text(self) -> str:
         if self.reasons:
-            text = (
-                "\n".join(f"✖ {clean(reason, 300)}" for reason in self.reasons[:4])
-                + "\nNot sent. esc drops it"
-            )
-        elif self.is_computing:
+            lines = [f"✖ {clean(reason, 300)}" for reason in self.reasons[:4]]
+            return "\n".join([*lines, "Not sent. esc drops it"])
+
+        if self.is_computing:
             waited_s = (self.client.now_ns() - self._begun_ns) * 1e-9
-            text = f"… flying it ahead, {waited_s:.0f} s: enter waits for the paths; esc drops it, ctrl+l lands all."
+            text = (
+                f"… flying it ahead, {waited_s:.0f} s: enter waits for the paths; "
+                "esc drops it, ctrl+l lands all."
+            )
             if waited_s > 5.0:
                 text += " The first one on a machine takes up to a minute."
-        else:
-            text = "✔ enter sends it    esc drops it"
-        box.update(text)
+            return text
+
+        return "✔ enter sends it    esc drops it"
 
     def _goals(self, preview: OrderPreview) -> list[str]:
+        """Return a line for each vehicle: its number in the fleet file, its name, its goal."""
         indices = {name: index for index, name in enumerate(self.fleet.enabled_names)}
+
         lines = []
         for name in preview.intent.vehicles[:_MOST_NAMED]:
-            leg = preview.legs.get(name)
             line = f"{indices.get(name, '?')} {name}"
+            leg = preview.legs.get(name)
             if leg is not None and leg.is_ordered:
-                x, y, z = leg.goal_enu_m
-                line += f"  → {x:.2f} {y:.2f} {z:.2f} m  ({math.dist(leg.start_enu_m, leg.goal_enu_m):.1f} m away)"
+                x_m, y_m, z_m = leg.goal_enu_m
+                distance_m = math.dist(leg.start_enu_m, leg.goal_enu_m)
+                line += f"  → {x_m:.2f} {y_m:.2f} {z_m:.2f} m  ({distance_m:.1f} m away)"
             lines.append(line)
+
         hidden = len(preview.intent.vehicles) - _MOST_NAMED
-        return [*lines, f"and {hidden} more"] if hidden > 0 else lines
+        if hidden > 0:
+            lines.append(f"and {hidden} more")
+        return lines
 
     def _figures(self) -> list[str]:
-        limit_m, forecast = self.fleet.fleet.safety_distance_m, self.forecast
         if self.intent.verb == "arm":
-            now = self.client.state.closest(self.client.now_ns())
-            near = (
-                ""
-                if now is None
-                else f"closest now: {now.distance_m:.2f} m, {now.first} and {now.second}"
-            )
-            return ["The propellers turn. Keep clear.", near]
+            return ["The propellers turn. Keep clear.", self._closest_now()]
+
+        forecast = self.forecast
         if forecast is None:
             return []
+
         lines = []
         if math.isfinite(forecast.closest_m):
-            lines.append(
-                f"closest: {forecast.closest_m:.2f} m, {' and '.join(forecast.pair)}, after {forecast.closest_s:.1f} s"
-            )
-            lines.append(f"limit:   {limit_m:.2f} m    now: {forecast.now_m:.2f} m")
+            pair = " and ".join(forecast.pair)
+            limit_m = self.fleet.fleet.safety_distance_m
+            lines += [
+                f"closest: {forecast.closest_m:.2f} m, {pair}, after {forecast.closest_s:.1f} s",
+                f"limit:   {limit_m:.2f} m    now: {forecast.now_m:.2f} m",
+            ]
         if math.isfinite(forecast.duration_s):
             lines.append(f"takes about {forecast.duration_s:.0f} s")
         return lines
+
+    def _closest_now(self) -> str:
+        now = self.client.state.closest(self.client.now_ns())
+        if now is None:
+            return ""
+        return f"closest now: {now.distance_m:.2f} m, {now.first} and {now.second}"
