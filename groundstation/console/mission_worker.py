@@ -12,7 +12,13 @@ from groundstation.console.panels import Panels
 from groundstation.console.theme import SEVERITY_SIGNS
 
 Mission = Callable[[], Awaitable[object]]
-_PASSED, _FAILED = "✔ mission passed", "✖ mission failed"
+_FLIES = "mission flies"
+_PASSED = "✔ mission passed"
+_FAILED = "✖ mission failed"
+
+# Exit statuses of what broke before there was a verdict.
+_STATUS_BROKEN = 1
+_STATUS_NO_CONNECTION = 2
 
 
 class MissionWorker:
@@ -34,8 +40,11 @@ class MissionWorker:
         connect: Mission | None = None,
         progress: Callable[[], str] | None = None,
     ) -> None:
-        self._app, self._panels, self._progress = app, panels, progress
-        self._mission, self._connect = mission, connect
+        self._app = app
+        self._panels = panels
+        self._progress = progress
+        self._mission = mission
+        self._connect = connect
         self._mission_worker: Worker[object] | None = None
         self._connect_worker: Worker[object] | None = None
         self._line = ""
@@ -44,9 +53,7 @@ class MissionWorker:
 
     @property
     def has_mission(self) -> bool:
-        """Whether this console flies a mission, so that its end is the end of what was started for
-        it.
-        """
+        """Whether this console flies a mission: its end is the end of what was started for it."""
         return self._mission is not None or self.is_running
 
     @property
@@ -57,14 +64,10 @@ class MissionWorker:
     def start(self) -> None:
         """Start both workers."""
         if self._connect is not None:
-            self._connect_worker = self._app.run_worker(
-                _awaited(self._connect), exit_on_error=False
-            )
+            connecting = _awaited(self._connect)
+            self._connect_worker = self._app.run_worker(connecting, exit_on_error=False)
         if self._mission is not None:
-            self._line = "mission flies"
-            self._mission_worker = self._app.run_worker(
-                self._fly(self._mission), exit_on_error=False
-            )
+            self._begin(self._mission)
 
     def begin(self, mission: Mission, progress: Callable[[], str]) -> bool:
         """Fly a mission that the operator has started here, unless one flies already.
@@ -78,9 +81,13 @@ class MissionWorker:
         """
         if self.is_running:
             return False
-        self._line, self._progress = "mission flies", progress
-        self._mission_worker = self._app.run_worker(self._fly(mission), exit_on_error=False)
+        self._progress = progress
+        self._begin(mission)
         return True
+
+    def _begin(self, mission: Mission) -> None:
+        self._line = _FLIES
+        self._mission_worker = self._app.run_worker(self._fly(mission), exit_on_error=False)
 
     def cancel(self) -> None:
         """End the mission without a verdict."""
@@ -91,25 +98,24 @@ class MissionWorker:
         """Return the mission's line for the title; ``clock`` is the time since take-off."""
         if self.is_running and self._progress is not None:
             return self._progress() or self._line
-        return f"{self._line}{clock if self._line == 'mission flies' else ''}"
+        if self._line == _FLIES:
+            return f"{self._line}{clock}"
+        return self._line
 
     def worker_changed(self, event: Worker.StateChanged) -> None:
-        """Turn a worker's error into a sentence; the vehicles are still under the operator's
-        orders.
-        """
+        """Turn a worker's error into a sentence; the vehicles still take the operator's orders."""
         if event.state is not WorkerState.ERROR:
             return
+
         error = event.worker.error
         if event.worker is self._mission_worker:
-            self.status = 1
-            self._show(
-                [f"The mission broke off: {type(error).__name__}: {error}", "Land with ctrl+l."]
-            )
+            self.status = _STATUS_BROKEN
+            reason = f"The mission broke off: {type(error).__name__}: {error}"
+            self._show([reason, "Land with ctrl+l."])
         elif event.worker is self._connect_worker:
-            self.status = 2
-            self._panels.events.add(
-                f"No connection: {error} Press q to quit.", SEVERITY_SIGNS["critical"]
-            )
+            self.status = _STATUS_NO_CONNECTION
+            sentence = f"No connection: {error} Press q to quit."
+            self._panels.events.add(sentence, SEVERITY_SIGNS["critical"])
 
     def toggle_verdict(self) -> None:
         """Hide or show the verdict."""
@@ -119,27 +125,39 @@ class MissionWorker:
     async def _fly(self, mission: Mission) -> object:
         verdict = await mission()
         sentences = getattr(verdict, "sentences", None) or str(verdict).splitlines()
-        is_passed = bool(getattr(verdict, "is_passed", getattr(verdict, "passed", True)))
-        status = getattr(verdict, "exit_status", None)
-        self.status = status if isinstance(status, int) else 0 if is_passed else 1
+        self.status = _exit_status(verdict)
         self._show([theme.clean(sentence) for sentence in sentences])
         return verdict
 
     def _show(self, sentences: Sequence[str]) -> None:
-        is_passed, box = self.status == 0, self._panels.verdict
+        is_passed = self.status == 0
         self.verdict = sentences
-        self._line = box.border_title = _PASSED if is_passed else _FAILED
+        self._line = _PASSED if is_passed else _FAILED
+
+        box = self._panels.verdict
+        box.border_title = self._line
         box.border_subtitle = "v hides · q quits"
         box.set_class(not is_passed, "bad")
         box.update("\n".join(sentences))
         self._open(True)
+
+        sign = SEVERITY_SIGNS["info" if is_passed else "warning"]
         for sentence in sentences:
-            self._panels.events.add(sentence, SEVERITY_SIGNS["info" if is_passed else "warning"])
+            self._panels.events.add(sentence, sign)
 
     def _open(self, is_open: bool) -> None:
         """Show it in place of the events, which say the same: the plan keeps its room."""
         self._panels.verdict.display = is_open
         self._app.screen_stack[0].set_class(is_open, "judged")
+
+
+def _exit_status(verdict: object) -> int:
+    """Return a verdict's own exit status, else 0 unless it says that the mission has failed."""
+    status = getattr(verdict, "exit_status", None)
+    if isinstance(status, int):
+        return status
+    is_passed = getattr(verdict, "is_passed", getattr(verdict, "passed", True))
+    return 0 if is_passed else 1
 
 
 async def _awaited(function: Mission) -> object:

@@ -9,10 +9,10 @@ from rich.cells import cell_len
 from rich.segment import Segment
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
-from textual.widgets import Input
 
 from groundstation.console import theme
 from groundstation.console.app import ConsoleApp
+from groundstation.console.screens.dialogs import REPLAY_HELP, HelpScreen
 from groundstation.console.theme import BAD, CALM, FAINT, GOOD, RULE, SEVERITY_SIGNS, TEXT, WARN
 from groundstation.console.widgets.bars import Bar
 from groundstation.recording.replay import Replay
@@ -20,8 +20,9 @@ from groundstation.recording.replay import Replay
 KEYS = "space play  , . step  ← → 5 s  n N event  < > speed"
 _SKIP_S = 5.0
 _STEP_S = 0.1
+_LEAST_TRACK = 24  # cells of the track beside which the keys still stand
 _ACTIONS = ("play_or_pause", "step", "skip", "jump", "speed", "go")
-_MARKS = {"warning": ("┃", WARN), "critical": ("┃", BAD)}
+_MARKS = {"warning": ("┃", WARN), "critical": ("┃", BAD)}  # of events; others mark the line itself
 
 
 class ReplayBar(Bar):
@@ -34,39 +35,61 @@ class ReplayBar(Bar):
     def show(self) -> None:
         """Update the line."""
         replay = self.replay
-        sign, colour = (
-            ("▶", GOOD) if replay.is_playing else ("■" if replay.is_at_end else "‖", WARN)
-        )
-        if replay.seeking is not None:
-            sign, colour = f"… {100.0 * replay.seeking:.0f} %", CALM
-        time_text = f"{clock(replay.position_s)} / {clock(replay.length_s)}"
+        sign, colour = self._sign()
+        position = f"{clock(replay.position_s)} / {clock(replay.length_s)}"
         cut = "  ✂ cut off" if replay.timeline.broken else ""
-        left = f" {sign} {replay.speed:g}×  {time_text}{cut}  "
-        keys = f"  {KEYS} " if self.size.width >= cell_len(left) + len(KEYS) + 24 else " "
+        left = f" {sign} {replay.speed:g}×  {position}{cut}  "
+
+        keys = " "
+        if self.size.width >= cell_len(left) + len(KEYS) + _LEAST_TRACK:
+            keys = f"  {KEYS} "
+
         room = max(0, self.size.width - cell_len(left) - cell_len(keys))
-        self.put(
-            [
-                Segment(left, theme.style(colour, bold=True)),
-                *self._track(room),
-                Segment(keys, theme.style(FAINT)),
-            ]
-        )
+        segments = [
+            Segment(left, theme.style(colour, bold=True)),
+            *self._track(room),
+            Segment(keys, theme.style(FAINT)),
+        ]
+        self.put(segments)
+
+    def _sign(self) -> tuple[str, str]:
+        """Return sign and colour of what the replay does now."""
+        replay = self.replay
+        if replay.seeking is not None:
+            return f"… {100.0 * replay.seeking:.0f} %", CALM
+        if replay.is_playing:
+            return "▶", GOOD
+        if replay.is_at_end:
+            return "■", WARN
+        return "‖", WARN
 
     def _track(self, width: int) -> list[Segment]:
+        """Return the line through the flight: its events, and the position now."""
         if width < 5:
             return []
+
         timeline = self.replay.timeline
-        per_ns = (width - 1) / max(1, timeline.end_ns - timeline.begin_ns)
-        here = max(0, min(width - 1, round((self.replay.now_ns() - timeline.begin_ns) * per_ns)))
-        cells = [("━", CALM) if column < here else ("─", RULE) for column in range(width)]
+        columns_per_ns = (width - 1) / max(1, timeline.end_ns - timeline.begin_ns)
+
+        def column_of(stamp_ns: int) -> int:
+            column = round((stamp_ns - timeline.begin_ns) * columns_per_ns)
+            return max(0, min(width - 1, column))
+
+        now_column = column_of(self.replay.now_ns())
+        cells = [("━", CALM) if column < now_column else ("─", RULE) for column in range(width)]
+
         for severity in ("info", "warning", "critical"):  # the worst of a cell stands there
             for stamp_ns, event in timeline.events:
-                if event.severity == severity:
-                    column = min(width - 1, max(0, round((stamp_ns - timeline.begin_ns) * per_ns)))
-                    cells[column] = _MARKS.get(
-                        severity, ("┿" if column < here else "┼", cells[column][1])
-                    )
-        cells[here] = ("●", TEXT)
+                if event.severity != severity:
+                    continue
+                column = column_of(stamp_ns)
+                if severity in _MARKS:
+                    cells[column] = _MARKS[severity]
+                else:
+                    _, colour = cells[column]
+                    cells[column] = ("┿" if column < now_column else "┼", colour)
+
+        cells[now_column] = ("●", TEXT)
         return [Segment(sign, theme.style(colour)) for sign, colour in cells]
 
 
@@ -91,8 +114,9 @@ class ReplayApp(ConsoleApp):
         super().__init__(replay.fleet, replay, title=title)
         self.replay = replay
         self.bar = ReplayBar(replay)
-        self._at_s = at_s
+        self._begin_s = at_s
         self._played_s = time.monotonic()  # up to which it was played
+
         self.panels.order_line.disable("a recorded flight: there is nobody to order")
         replay.add_listener(self.history.add, self._forget)
 
@@ -107,14 +131,16 @@ class ReplayApp(ConsoleApp):
         """Begin at the given time; Textual also calls the console's own ``on_mount``."""
         if self.replay.timeline.broken:
             self.panels.events.add(self.replay.timeline.broken, SEVERITY_SIGNS["warning"])
-        if self._at_s > 0.0:
-            self._seek(self._at_s)
+        if self._begin_s > 0.0:
+            self._seek(self._begin_s)
 
     def refresh_fleet(self) -> None:
         """Play on, then draw."""
         now_s = time.monotonic()
-        elapsed_s, self._played_s = now_s - self._played_s, now_s
+        elapsed_s = now_s - self._played_s
+        self._played_s = now_s
         self.replay.play(elapsed_s)
+
         super().refresh_fleet()
         self.bar.show()
 
@@ -124,8 +150,13 @@ class ReplayApp(ConsoleApp):
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """Let the keys of the replay be letters where words are written."""
-        is_writing = isinstance(self.focused, Input) or self.panels.table.is_writing
-        return not (is_writing and action in _ACTIONS) and super().check_action(action, parameters)
+        if self.is_writing and action in _ACTIONS:
+            return False
+        return super().check_action(action, parameters)
+
+    def action_help(self) -> None:
+        """Show the keys, those of the replay first."""
+        self.push_screen(HelpScreen(REPLAY_HELP))
 
     def action_play_or_pause(self) -> None:
         """Play, or pause; from the end it begins again."""
@@ -166,17 +197,17 @@ class ReplayApp(ConsoleApp):
         self.run_worker(self.replay.seek(position_s), group="seek")
 
     def _forget(self) -> None:
-        """Drop what the console remembers before the record is turned back: it lies in the future
-        then.
-        """
+        """Drop what the console remembers: the record is turned back, and it lies in the future."""
         self.history.clear()
         self.forget_events()
 
 
 def clock(seconds: float) -> str:
-    """Minutes and seconds as on a player."""
+    """Return minutes and seconds as on a player."""
     tenths = round(max(0.0, seconds) * 10)
-    minutes, rest = divmod(tenths, 600)
-    hours, minutes = divmod(minutes, 60)
-    text = f"{minutes:02d}:{rest / 10:04.1f}" if hours else f"{minutes}:{rest / 10:04.1f}"
-    return f"{hours}:{text}" if hours else text
+    all_minutes, tenths = divmod(tenths, 600)
+    hours, minutes = divmod(all_minutes, 60)
+
+    if hours:
+        return f"{hours}:{minutes:02d}:{tenths / 10:04.1f}"
+    return f"{minutes}:{tenths / 10:04.1f}"

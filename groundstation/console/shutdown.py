@@ -41,14 +41,13 @@ class Shutdown:
         terminal: TerminalHooks,
         warn: Callable[[str], None],
     ) -> None:
-        self._app, self._fleet, self._client, self._orders, self._mission = (
-            app,
-            fleet,
-            client,
-            orders,
-            mission,
-        )
-        self._terminal, self._warn = terminal, warn
+        self._app = app
+        self._fleet = fleet
+        self._client = client
+        self._orders = orders
+        self._mission = mission
+        self._terminal = terminal
+        self._warn = warn
         self._status: int | None = None  # to leave with when all are down
         self._deadline_ns = 0  # by which they are down, or are left
 
@@ -60,14 +59,12 @@ class Shutdown:
     @property
     def text(self) -> str:
         """The landing that is waited for before leaving; empty when none is."""
-        up = len(self._airborne)
-        return (
-            ""
-            if self._status is None
-            else f"landing, then leaving: {up} still up"
-            if up
-            else "leaving"
-        )
+        if self._status is None:
+            return ""
+        count = len(self._airborne)
+        if count:
+            return f"landing, then leaving: {count} still up"
+        return "leaving"
 
     @property
     def _airborne(self) -> tuple[str, ...]:
@@ -76,7 +73,8 @@ class Shutdown:
     @property
     def _may_leave(self) -> bool:
         """Whether nothing flies, or what flies is another ground's."""
-        return not self._airborne or not (self._orders.is_operator or self._mission.is_running)
+        is_ours = self._orders.is_operator or self._mission.is_running
+        return not self._airborne or not is_ours
 
     @property
     def _quit_status(self) -> int:
@@ -84,9 +82,10 @@ class Shutdown:
 
     def update(self) -> None:
         """Leave as soon as all are down, or do not come down in time; called at each refresh."""
-        if self._status is not None and (
-            not self._airborne or self._client.now_ns() >= self._deadline_ns
-        ):
+        if self._status is None:
+            return
+        is_late = self._client.now_ns() >= self._deadline_ns
+        if not self._airborne or is_late:
             self._app.exit(self._status)
 
     def quit(self) -> None:
@@ -114,17 +113,26 @@ class Shutdown:
     async def _land_and_leave(self, status: int) -> None:
         self._mission.cancel()
         wait_s = LAND_WAIT_S + longest_descent_s(self._fleet, self._client.state)
-        self._status, self._deadline_ns = status, self._client.now_ns() + int(wait_s * 1e9)
+        self._status = status
+        self._deadline_ns = self._client.now_ns() + int(wait_s * 1e9)
         await self._orders.order_all("land")
 
     # -- signals -----------------------------------------------------------------------------------
 
     def catch_signals(self) -> None:
         """Land and restore the terminal on SIGTERM, as on ctrl+c, and when the terminal closes."""
-        loop, run = asyncio.get_running_loop(), self._app.run_worker
+        loop = asyncio.get_running_loop()
+
+        def land_and_leave() -> None:
+            self._app.run_worker(self.interrupt(), group="signal")
+
+        def hang_up() -> None:
+            self._app.run_worker(self._hang_up(), group="signal")
+
+        # Only the main thread of a process may handle signals, and not on every system.
         with contextlib.suppress(RuntimeError, ValueError, NotImplementedError):
-            loop.add_signal_handler(signal.SIGTERM, lambda: run(self.interrupt(), group="signal"))
-            loop.add_signal_handler(signal.SIGHUP, lambda: run(self._hang_up(), group="signal"))
+            loop.add_signal_handler(signal.SIGTERM, land_and_leave)
+            loop.add_signal_handler(signal.SIGHUP, hang_up)
 
     def release_signals(self) -> None:
         """Leave the signals to the program that started the console."""
@@ -136,9 +144,12 @@ class Shutdown:
     async def _hang_up(self) -> None:
         """Land the vehicles that are ours, and end: the terminal is gone."""
         self._terminal.is_closed = True
+
+        # What still writes to the terminal writes to nowhere, and does not fail.
         nowhere = os.open(os.devnull, os.O_RDWR)
         for descriptor in (1, 2):
             os.dup2(nowhere, descriptor)
+
         if not self._may_leave:
             await self._orders.order_all("land")
             await asyncio.sleep(HANG_UP_S)

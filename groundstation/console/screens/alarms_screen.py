@@ -19,6 +19,8 @@ from groundstation.console.widgets.bars import SEVERITY
 from groundstation.fleet.state import FleetState
 
 _SINCE_WIDTH = 12
+_NO_ALARM = -1
+_Row = tuple[int, list[Segment]]  # index of the alarm, and one line of the screen
 
 
 class AlarmsScreen(LiveScreen):
@@ -34,7 +36,7 @@ class AlarmsScreen(LiveScreen):
         self._list = AlarmList(alarms)
 
     def body(self) -> Widget:
-        """The list."""
+        """Return the list."""
         return self._list
 
     def on_mount(self) -> None:
@@ -63,8 +65,7 @@ class AlarmList(ScrollView, can_focus=True):
         self.alarms = alarms
         self.cursor = 0
         self._holding: list[AlarmLine] = []
-        # index of the alarm (-1: none), one line of the screen
-        self._rows: list[tuple[int, list[Segment]]] = []
+        self._rows: list[_Row] = []
         self.border_title = "alarms"
         self.border_subtitle = "a acknowledges · esc back"
 
@@ -72,29 +73,40 @@ class AlarmList(ScrollView, can_focus=True):
         """Draw the alarms as they are now."""
         self._holding = self.alarms.lines
         self.cursor = max(0, min(self.cursor, len(self._holding) - 1))
-        open_count = sum(not line.is_acknowledged for line in self._holding)
-        self.border_title = (
-            f"alarms: {open_count} open, {len(self._holding) - open_count} acknowledged"
-        )
+
+        open_count = sum(1 for line in self._holding if not line.is_acknowledged)
+        acknowledged_count = len(self._holding) - open_count
+        self.border_title = f"alarms: {open_count} open, {acknowledged_count} acknowledged"
+
         width = max(20, self.size.width)
-        rows: list[tuple[int, list[Segment]]] = []
-        for index, line in enumerate(self._holding):
-            rows += [(index, segments) for segments in self._open_alarm(index, line, now_ns, width)]
-        if not self._holding:
-            rows.append((-1, [Segment("  ● all well", theme.style(GOOD))]))
-        over = self.alarms.over
-        if over:
-            rows += [(-1, []), (-1, [Segment("  over", theme.style(FAINT, bold=True))])]
-        for line in over:
-            ago = f"{lasting((now_ns - (line.over_ns or 0)) * 1e-9)} ago"
-            text = f"{clean(line.alarm.sentence)}, lasted {lasting(line.duration_s(now_ns))}"
-            rows += [
-                (-1, segments)
-                for segments in _wrapped(f"  · {ago:<{_SINCE_WIDTH}}", text, width, FAINT)
-            ]
-        self._rows = rows
-        self.virtual_size = Size(width, len(rows))
+        self._rows = self._holding_rows(now_ns, width) + self._past_rows(now_ns, width)
+        self.virtual_size = Size(width, len(self._rows))
         self.refresh()
+
+    def _holding_rows(self, now_ns: int, width: int) -> list[_Row]:
+        if not self._holding:
+            return [(_NO_ALARM, [Segment("  ● all well", theme.style(GOOD))])]
+
+        rows: list[_Row] = []
+        for index, line in enumerate(self._holding):
+            for segments in self._open_alarm(index, line, now_ns, width):
+                rows.append((index, segments))
+        return rows
+
+    def _past_rows(self, now_ns: int, width: int) -> list[_Row]:
+        over = self.alarms.over
+        if not over:
+            return []
+
+        heading = [Segment("  over", theme.style(FAINT, bold=True))]
+        rows: list[_Row] = [(_NO_ALARM, []), (_NO_ALARM, heading)]
+        for line in over:
+            ended_ago = f"{lasting((now_ns - (line.over_ns or 0)) * 1e-9)} ago"
+            duration = lasting(line.duration_s(now_ns))
+            text = f"{clean(line.alarm.sentence)}, lasted {duration}"
+            for segments in _wrapped(f"  · {ended_ago:<{_SINCE_WIDTH}}", text, width, FAINT):
+                rows.append((_NO_ALARM, segments))
+        return rows
 
     def acknowledge(self) -> None:
         """Acknowledge the alarm under the cursor."""
@@ -110,7 +122,7 @@ class AlarmList(ScrollView, can_focus=True):
         self.refresh()
 
     def render_line(self, y: int) -> Strip:
-        """One line of the list."""
+        """Return one line of the list."""
         row = y + self.scroll_offset.y
         segments = self._rows[row][1] if row < len(self._rows) else []
         return Strip(segments).adjust_cell_length(self.size.width).apply_style(self.rich_style)
@@ -118,26 +130,31 @@ class AlarmList(ScrollView, can_focus=True):
     def _open_alarm(
         self, index: int, line: AlarmLine, now_ns: int, width: int
     ) -> list[list[Segment]]:
+        """Return an alarm that holds, with its advice below."""
         sign, colour = SEVERITY[line.alarm.severity]
+        advice_colour = TEXT
         if line.is_acknowledged:
-            sign, colour = "✓", FAINT
+            sign = "✓"
+            colour = FAINT
+            advice_colour = FAINT
+
         mark = "▌" if index == self.cursor else " "
         head = f"{mark} {sign} {lasting(line.duration_s(now_ns)):<{_SINCE_WIDTH}}"
-        rows = _wrapped(
+        sentence = _wrapped(
             head, clean(line.alarm.sentence), width, colour, bold=not line.is_acknowledged
         )
-        advice = TEXT if not line.is_acknowledged else FAINT
-        return rows + _wrapped(" " * len(head), clean(line.alarm.advice), width, advice)
+        advice = _wrapped(" " * len(head), clean(line.alarm.advice), width, advice_colour)
+        return sentence + advice
 
 
 def _wrapped(
     head: str, text: str, width: int, colour: str, *, bold: bool = False
 ) -> list[list[Segment]]:
-    """``text`` beside ``head``, further lines below it."""
-    lines = theme.wrap(text, max(8, width - len(head)), most=6)
+    """Return ``text`` beside ``head``, further lines below it."""
     style = theme.style(colour, bold=bold)
-    heads = [head, *(" " * len(head) for _ in lines[1:])]
-    return [
-        [Segment(start, style), Segment(line, style)]
-        for start, line in zip(heads, lines, strict=True)
-    ]
+    start = head
+    rows = []
+    for line in theme.wrap(text, max(8, width - len(head)), most=6):
+        rows.append([Segment(start, style), Segment(line, style)])
+        start = " " * len(head)
+    return rows

@@ -13,27 +13,36 @@ from textual.widgets import Static
 from groundstation.console.screens.live import Dialog
 
 HELP = files(__package__).joinpath("help.txt").read_text(encoding="utf-8").rstrip()
+REPLAY_HELP = files(__package__).joinpath("replay_help.txt").read_text(encoding="utf-8").rstrip()
+_MOST_NAMED = 6
 
 
 class HelpScreen(Dialog[None]):
-    """All keys and orders."""
+    """Keys and orders.
+
+    Args:
+        text: in Textual's markup; by default all keys and orders of the console.
+    """
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("escape,q,question_mark,enter", "dismiss", "back", show=False)
     ]
+
+    def __init__(self, text: str = HELP) -> None:
+        super().__init__()
+        self._text = text
 
     def compose(self) -> ComposeResult:
         """One box."""
         with VerticalScroll(id="help") as box:
             box.border_title = "help"
             box.border_subtitle = "esc back"
-            yield Static(HELP)
+            yield Static(self._text)
         yield from super().compose()
 
 
 class QuitScreen(Dialog[str]):
-    """Asks before leaving while vehicles fly: ``land`` them and leave, ``leave`` them flying, or
-    stay.
+    """Asks before leaving while vehicles fly: ``land`` and leave, ``leave`` them flying, or stay.
 
     Args:
         can_stay_up: they fly on without this console, which has not started their agents.
@@ -47,29 +56,43 @@ class QuitScreen(Dialog[str]):
 
     def __init__(self, names: tuple[str, ...], *, can_stay_up: bool = False) -> None:
         super().__init__()
-        self._names, self._can_stay_up = names, can_stay_up
+        self._names = names
+        self._can_stay_up = can_stay_up
 
     def compose(self) -> ComposeResult:
         """One box."""
+        with VerticalScroll(id="question") as box:
+            box.border_title = "leave the fleet?"
+            yield Static("\n".join(self._lines()))
+        yield from super().compose()
+
+    def _lines(self) -> list[str]:
         count = len(self._names)
-        shown = ", ".join(self._names[:6]) + (" …" if count > 6 else "")
-        them = "it" if count == 1 else "them"
+        shown = ", ".join(self._names[:_MOST_NAMED])
+        if count > _MOST_NAMED:
+            shown += " …"
+
+        flies = "fly"
+        them = "them"
+        they_are = "they are"
+        if count == 1:
+            flies = "flies"
+            them = "it"
+            they_are = "it is"
+
         lines = [
-            f"{shown} {'flies' if count == 1 else 'fly'}.",
+            f"{shown} {flies}.",
             "",
-            f"[b]y[/b]    land {them} on the spot, wait until {'it is' if count == 1 else 'they are'} down, then quit",
+            f"[b]y[/b]    land {them} on the spot, wait until {they_are} down, then quit",
         ]
         if self._can_stay_up:
             lines.append(
                 f"[b]f[/b]    leave {them} flying and quit: each ends its order and stays there"
             )
-            ending = "ctrl+c twice leaves at once, with the landing under way"
+            twice = "ctrl+c twice leaves at once, with the landing under way"
         else:
-            ending = "ctrl+c twice leaves at once; what this console started lands or ends with it."
-        with VerticalScroll(id="question") as box:
-            box.border_title = "leave the fleet?"
-            yield Static("\n".join([*lines, "[b]esc[/b]  stay", "", ending]))
-        yield from super().compose()
+            twice = "ctrl+c twice leaves at once; what this console started lands or ends with it."
+        return [*lines, "[b]esc[/b]  stay", "", twice]
 
     def action_answer(self, answer: str) -> None:
         """Close with the answer."""

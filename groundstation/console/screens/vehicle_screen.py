@@ -1,5 +1,6 @@
-"""The page of one vehicle: the one under the fleet table's cursor, so that the kill key means the
-vehicle shown.
+"""The page of one vehicle.
+
+It shows the one under the fleet table's cursor, so that the kill key means the vehicle shown.
 """
 
 from __future__ import annotations
@@ -24,6 +25,9 @@ from groundstation.fleet.tick_stream import TickStream
 from onboard.config.fleet import FleetConfig
 
 _COLUMN_WIDTH = 58
+_GAP = 2  # cells between two columns
+_LOW_PAGE = 45  # rows of the page below which charts are low
+# By the number of columns: the blocks of each column, as :func:`blocks` counts them.
 _ORDERS = {
     1: ((0, 1, 2, 3, 4, 5, 6),),
     2: ((0, 1, 5, 6), (2, 3, 4)),
@@ -52,11 +56,12 @@ class VehicleScreen(LiveScreen):
         time_text: Callable[[int], str],
     ) -> None:
         super().__init__(alarms)
-        self._stream, self._table = stream, table
+        self._stream = stream
+        self._table = table
         self._page = VehicleBlocks(fleet, alarms, stream, time_text)
 
     def body(self) -> Widget:
-        """The page."""
+        """Return the page."""
         return self._page
 
     def on_mount(self) -> None:
@@ -101,47 +106,66 @@ class VehicleBlocks(Lines, ScrollView, can_focus=True):
         time_text: Callable[[int], str],
     ) -> None:
         super().__init__(id="vehicle")
-        self._fleet, self._alarms, self._stream, self._time_text = fleet, alarms, stream, time_text
+        self._fleet = fleet
+        self._alarms = alarms
+        self._stream = stream
+        self._time_text = time_text
         self._subject: VehicleSubject | None = None
 
     def show(self, name: str | None, state: FleetState, now_ns: int) -> None:
         """Draw this vehicle."""
         view = state.vehicles.get(name or "")
         if view is None:
-            self._subject, self.border_title = None, "no vehicle"
+            self._subject = None
+            self.border_title = "no vehicle"
         else:
-            index, samples = list(state.vehicles).index(view.name), list(self._stream.values)
-            alarms, rows = self._alarms.of(view.name), 5 if self.size.height < 45 else 9
             self._subject = VehicleSubject(
-                view, index, state, self._fleet, now_ns, samples, alarms, self._time_text, rows
+                view=view,
+                index=list(state.vehicles).index(view.name),
+                state=state,
+                fleet=self._fleet,
+                now_ns=now_ns,
+                tick_samples=list(self._stream.values),
+                alarms=self._alarms.of(view.name),
+                time_text=self._time_text,
+                chart_rows=5 if self.size.height < _LOW_PAGE else 9,
             )
-            self.border_title = "".join(text for text, _ in heading(self._subject)).replace(
-                "[", "("
-            )
+            title = "".join(text for text, _ in heading(self._subject))
+            self.border_title = title.replace("[", "(")
         self.redraw()
 
     def draw(self, width: int, height: int) -> list[Strip]:
         """Draw the whole page, and return the part in the window."""
         if self._subject is None:
             return []
-        count = max(1, min(3, width // _COLUMN_WIDTH))
-        each = (width - 2 * (count - 1)) // count
-        parts = blocks(self._subject, each)
-        columns = [[line for block in order for line in parts[block]] for order in _ORDERS[count]]
-        rows = []
-        for y in range(max(map(len, columns))):
-            cells = [column[y] if y < len(column) else Strip.blank(each) for column in columns]
-            gap = Strip.blank(2)
-            rows.append(
-                Strip.join(
-                    [part for cell in cells for part in (cell, gap)][:-1]
-                ).adjust_cell_length(width)
-            )
+
+        rows = self._all_rows(self._subject, width)
         self.virtual_size = Size(width, len(rows))
+
         top = min(self.scroll_offset.y, max(0, len(rows) - height))
         more = "↓ more · " if top + height < len(rows) else ""
-        self.border_subtitle = f"{more}[ ] other vehicle · esc back".replace("[ ]", r"\[ ]")
+        self.border_subtitle = rf"{more}\[ ] other vehicle · esc back"
         return rows[top : top + height]
+
+    def _all_rows(self, subject: VehicleSubject, width: int) -> list[Strip]:
+        """Return the whole page: the blocks in as many columns as there is room for."""
+        count = max(1, min(3, width // _COLUMN_WIDTH))
+        column_width = (width - _GAP * (count - 1)) // count
+        parts = blocks(subject, column_width)
+
+        columns = []
+        for order in _ORDERS[count]:
+            columns.append([line for block in order for line in parts[block]])
+
+        rows = []
+        for y in range(max(len(column) for column in columns)):
+            pieces: list[Strip] = []
+            for column in columns:
+                if pieces:
+                    pieces.append(Strip.blank(_GAP))
+                pieces.append(column[y] if y < len(column) else Strip.blank(column_width))
+            rows.append(Strip.join(pieces).adjust_cell_length(width))
+        return rows
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """Leave escape to the screen, which goes back: the page has all the room already."""
@@ -149,9 +173,8 @@ class VehicleBlocks(Lines, ScrollView, can_focus=True):
 
     def action_scroll_page(self, step: int, is_page: bool) -> None:
         """Scroll by lines or by pages."""
-        self.scroll_relative(
-            y=step * (max(1, self.size.height - 2) if is_page else 1), animate=False, force=True
-        )
+        lines = max(1, self.size.height - 2) if is_page else 1
+        self.scroll_relative(y=step * lines, animate=False, force=True)
 
     def watch_scroll_y(self, old_value: float, new_value: float) -> None:
         """Show another part of the page."""
