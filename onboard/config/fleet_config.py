@@ -86,7 +86,9 @@ class FleetSection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     bus_lost_land_s: float = 5.0  # a vehicle that hears nobody holds, and lands after so long
     # vehicles in flight land when nobody has been there to order for so long
     ground_lost_land_s: float = 60.0
-    keys: str = "keys"  # folder of the bus's keys, as seen from this file; docs/keys.md
+    # folder of the keys, beside this file or below it, of A-Z a-z 0-9 _ . / - without ..;
+    # docs/keys.md
+    keys: str = "keys"
     # endpoints of routers, quic/HOST:PORT: nodes then connect to the first that answers;
     # docs/network.md
     routers: tuple[str, ...] = ()

@@ -21,7 +21,8 @@ class LawConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     # "paper" and "off" are for simulation and for comparison; "module:function", or the name of an
     # entry point of the group covey.laws, is a law of your own: docs/own-law.md
     name: str = "covey"
-    # where the module of your own law is looked for first, as seen from this file
+    # where the module of your own law is looked for first: a folder beside this file or below it,
+    # of A-Z a-z 0-9 _ . / - without ..
     folder: str = "."
     # true: your own law may fly vehicles that are not emulated
     allow_own_law_on_real_vehicles: bool = False

@@ -10,7 +10,7 @@ import re
 from collections.abc import Iterator
 from typing import Any
 
-from onboard.config import formation_shape, obstacles
+from onboard.config import folders, formation_shape, obstacles
 from onboard.config import mocap as mocap_config
 from onboard.config import radio as radio_config
 from onboard.config import sitl as sitl_profile
@@ -97,6 +97,7 @@ def _fleet_section_problems(config: FleetConfig) -> Iterator[str]:
     fleet = config.fleet
     if not re.fullmatch(r"[A-Za-z0-9_-]{1,40}", fleet.name):
         yield f"'fleet.name' is {fleet.name!r}; it is part of the bus keys. Use 1 to 40 of A-Z a-z 0-9 _ -."
+    yield from folders.keys_problems(fleet.keys)
     if not config.vehicles:
         yield "'vehicles' is empty. Add at least one [vehicles.NAME]."
     for key, ends in FLEET_BOUNDS.items():
@@ -168,6 +169,7 @@ def law_bounds(key: str) -> tuple[float, float]:
 
 def _law_problems(config: FleetConfig) -> Iterator[str]:
     law = config.law
+    yield from folders.law_problems(law.folder)
     for key in LawConfig.__struct_fields__:
         value = getattr(law, key)
         if isinstance(value, (int, float)) and not isinstance(value, bool):

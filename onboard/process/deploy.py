@@ -12,7 +12,7 @@ import shlex
 import subprocess
 import sys
 from collections.abc import Sequence
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
 from onboard.exit_status import EXIT_FAILED, EXIT_MIXED, EXIT_OK, EXIT_WRONG_INPUT
@@ -58,6 +58,7 @@ def main(words: Sequence[str]) -> int:
     try:
         fleet = load_fleet(arguments.fleet)
         names = fleet.select(arguments.vehicles)
+        _check_keys_folder(fleet)
         for wheel in arguments.wheel:
             if not Path(wheel).is_file():
                 raise ConfigError(
@@ -81,12 +82,22 @@ def main(words: Sequence[str]) -> int:
     return EXIT_MIXED
 
 
+def _check_keys_folder(fleet: FleetConfig) -> None:
+    """Refuse a fleet file whose keys are found on this computer only."""
+    if PurePosixPath(fleet.fleet.keys).is_absolute():
+        raise ConfigError(
+            f"{fleet.path}: 'fleet.keys' is {fleet.fleet.keys!r}, a folder of this computer: no "
+            "companion would find its keys there. Deploy the fleet file that this one was made "
+            'from, or name a folder beside the fleet file, for instance keys = "keys".'
+        )
+
+
 def _run(fleet: FleetConfig, name: str, arguments: argparse.Namespace) -> bool:
     """Run the command lines for one companion, or print them; return whether all succeeded."""
     if arguments.status:
         commands = _status(fleet, name, arguments)
     else:
-        commands = _deployment(fleet, name, arguments)
+        commands = deployment(fleet, name, arguments)
 
     print(f"{name} on {fleet.vehicles[name].host}:", flush=True)
     for command in commands:
@@ -107,8 +118,11 @@ def _target(fleet: FleetConfig, name: str, arguments: argparse.Namespace) -> str
     return f"{arguments.login}@{host}" if arguments.login else host
 
 
-def _deployment(fleet: FleetConfig, name: str, arguments: argparse.Namespace) -> list[list[str]]:
-    """Return the command lines that bring one companion up to date."""
+def deployment(fleet: FleetConfig, name: str, arguments: argparse.Namespace) -> list[list[str]]:
+    """Return the command lines that bring one companion up to date.
+
+    What stands in the fleet file goes into the remote shell in quotes only.
+    """
     target = _target(fleet, name, arguments)
 
     keys: list[str] = []
@@ -117,15 +131,17 @@ def _deployment(fleet: FleetConfig, name: str, arguments: argparse.Namespace) ->
     if fleet.vehicles[name].mavlink_signing:
         keys.append(key_file(name))
 
+    keys_folder = shlex.quote(f"{_FOLDER}/{fleet.fleet.keys}")
     make_folders = f"mkdir -p {_FOLDER}"
     if keys:
-        make_folders += f" && mkdir -p -m 700 {_FOLDER}/{fleet.fleet.keys}"
+        make_folders += f" && mkdir -p -m 700 {keys_folder}"
     commands = [["ssh", "--", target, make_folders]]
 
     commands.append(["scp", "--", fleet.path, f"{target}:{_FOLDER}/fleet.toml"])
     if keys:
         paths = [str(Path(fleet.keys_folder) / file) for file in keys]
-        commands.append(["scp", "-p", "--", *paths, f"{target}:{_FOLDER}/{fleet.fleet.keys}/"])
+        # in quotes, because older versions of scp hand the remote path to a shell, too
+        commands.append(["scp", "-p", "--", *paths, f"{target}:{keys_folder}/"])
 
     if arguments.wheel:
         commands.append(["scp", "--", *arguments.wheel, f"{target}:{_FOLDER}/"])
@@ -133,7 +149,8 @@ def _deployment(fleet: FleetConfig, name: str, arguments: argparse.Namespace) ->
 
     sudo = "" if arguments.user else "sudo "
     options = " --user" if arguments.user else " --realtime"
-    service = f"{sudo}{_COVEY} agent install --fleet fleet.toml --vehicle {name}{options} --now"
+    vehicle = shlex.quote(name)
+    service = f"{sudo}{_COVEY} agent install --fleet fleet.toml --vehicle {vehicle}{options} --now"
     commands.append(_ssh(fleet, name, arguments, service))
     return commands
 
@@ -153,5 +170,5 @@ def _status(fleet: FleetConfig, name: str, arguments: argparse.Namespace) -> lis
     """Return the command lines that say what runs on one companion."""
     version = ".venv/bin/pip show covey | grep Version"
     user = " --user" if arguments.user else ""
-    agent = f"{_COVEY} agent status --fleet fleet.toml --vehicle {name}{user}"
+    agent = f"{_COVEY} agent status --fleet fleet.toml --vehicle {shlex.quote(name)}{user}"
     return [_ssh(fleet, name, arguments, f"{version}; sha256sum fleet.toml | cut -c1-12; {agent}")]

@@ -63,6 +63,17 @@ WRONG = [
     ("fleet.body_diameter_m", 2.0, "fleet.body_diameter_m"),
     ("types.ardrone.px4_version", "1.15", 'Write one of "1.16", "1.17", "1.18", in quotes'),
     ("vehicles.mav1.px4_version", 1.17, "'vehicles.mav1.px4_version' is 1.17. Write one of"),
+    ("fleet.keys", "keys; touch X #", "fleet.keys"),
+    ("fleet.keys", "$(touch X)", "has other characters than A-Z a-z 0-9 _ . / -"),
+    ("fleet.keys", "keys\n", "has other characters"),
+    ("fleet.keys", "", "has other characters"),
+    ("fleet.keys", "../../../etc", "leaves the folder of the fleet file with '..'. Name a folder"),
+    ("fleet.keys", "keys/../../etc", "leaves the folder"),
+    ("fleet.keys", "/etc", "is no path relative to the fleet file"),
+    ("fleet.keys", "-keys", 'for instance keys = "keys"'),
+    ("law.folder", "laws; touch X #", "law.folder"),
+    ("law.folder", "../laws", "leaves the folder of the fleet file"),
+    ("law.folder", "/no/such/folder", 'for instance folder = "laws"'),
     ("schema", 2, "schema"),
 ]
 
@@ -75,6 +86,26 @@ def test_a_wrong_value_is_refused_with_file_key_and_bound() -> None:
             fleet_from_mapping(data, path="my.toml")
         assert str(error.value).startswith("my.toml: "), f"{key} = {value}"
         assert words in str(error.value), f"{key} = {value}"
+
+
+def test_folders_below_the_fleet_file_are_taken_and_those_of_covey_s_own_copies(
+    tmp_path: Path,
+) -> None:
+    for keys, folder in (("keys", "."), ("safe/keys_2-a", "laws/mine"), ("./keys..old", "./laws")):
+        data = paper_data()
+        data["fleet"]["keys"] = keys
+        data.setdefault("law", {})["folder"] = folder
+        assert fleet_from_mapping(data).fleet.keys == keys
+
+    elsewhere = tmp_path / "a lab's keys"
+    elsewhere.mkdir()
+    data = paper_data()
+    data["fleet"]["keys"] = str(elsewhere)
+    data["law"]["folder"] = str(elsewhere)
+    with pytest.raises(ConfigError, match=r"fleet\.keys"):  # it holds no keys
+        fleet_from_mapping(data)
+    (elsewhere / "ca.pem").write_text("certificate")
+    assert fleet_from_mapping(data).keys_folder == str(elsewhere)
 
 
 def test_an_autopilot_s_endpoint_is_of_its_companion() -> None:

@@ -4,13 +4,18 @@ machine's own folders.
 
 from __future__ import annotations
 
+import datetime
 import os
+import shlex
 from pathlib import Path
 
 import pytest
+from msgspec.structs import replace
 
+from groundstation.keys.secured_fleet import secure_fleet
 from groundstation.starter.files import Answers, starter
 from onboard.agent.main import main
+from onboard.process.deploy import deployment, parser
 
 SSH = """#!/bin/sh
 while [ "$1" != -- ]; do shift; done
@@ -102,3 +107,34 @@ def test_print_runs_nothing_and_a_missing_wheel_is_a_sentence(
     assert not (lab / "log").exists()
     assert main(["deploy", "--fleet", "lab.toml", "--wheel", "none.whl"]) == 2
     assert "make wheel" in capfd.readouterr().err
+
+
+def test_a_fleet_file_runs_no_command_on_a_companion(
+    lab: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    written = (lab / "lab.toml").read_text().replace("tcp/", "quic/")
+    for folder in ("keys; touch X #", "$(touch X)", "../../../etc"):
+        (lab / "lab.toml").write_text(written.replace("[fleet]", f'[fleet]\nkeys = "{folder}"'))
+        assert main(["deploy", "--fleet", "lab.toml"]) == 2
+        assert "'fleet.keys' is " in capfd.readouterr().err
+    assert not (lab / "log").exists()
+
+
+def test_a_folder_of_keys_reaches_the_remote_shell_in_quotes(lab: Path) -> None:
+    fleet = secure_fleet("lab.toml", datetime.datetime.now(datetime.UTC))
+    hostile = replace(fleet, fleet=replace(fleet.fleet, keys="keys; touch X #"))  # past the loader
+    make_folder, _, copy_keys, *_ = deployment(
+        hostile, "mav0", parser().parse_args(["--fleet", "lab.toml"])
+    )
+    assert shlex.split(make_folder[-1])[-1] == "covey/keys; touch X #"
+    assert shlex.split(copy_keys[-1])[-1].endswith(":covey/keys; touch X #/")
+
+
+def test_keys_of_this_computer_only_are_not_deployed(
+    lab: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    secure_fleet("lab.toml", datetime.datetime.now(datetime.UTC))
+    text = (lab / "lab.toml").read_text()
+    (lab / "lab.toml").write_text(text.replace("[fleet]", f'[fleet]\nkeys = "{lab}/keys"'))
+    assert main(["deploy", "--fleet", "lab.toml"]) == 2
+    assert "a folder of this computer" in capfd.readouterr().err
