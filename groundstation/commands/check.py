@@ -29,9 +29,9 @@ from groundstation.missions.runner import load_function
 from onboard.config.endpoints import is_loopback
 from onboard.config.example_files import existing_file
 from onboard.config.fleet import ConfigError, FleetConfig, RadioConfig, load_fleet, read_toml
+from onboard.estimation.accuracies import ACCURACIES
 from onboard.exit_status import EXIT_FAILED, EXIT_OK, EXIT_WRONG_INPUT
 from onboard.feasibility.airtime import airtime_finding
-from onboard.feasibility.bounds import ACCURACIES
 from onboard.feasibility.finding import Finding, worst_first
 from onboard.feasibility.fleet_checks import (
     ErrorClass,

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from groundstation.identification.identify import Estimate, Identified
+from onboard.avoidance.prediction import LAG_ERROR_S
 from onboard.config.fleet import Vehicle
-from onboard.feasibility.bounds import LAG_ERROR_S
 
 _HOVER_SHARE = 0.05  # of the hover thrust: the observer compensates so much
 _DRAG_M_S2 = 0.15

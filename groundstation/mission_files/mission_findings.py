@@ -9,7 +9,7 @@ from groundstation.mission_files.loading import Mission
 from groundstation.mission_files.steps import HomeStep, LandStep, OrderStep
 from groundstation.paths.checks import path_findings
 from onboard.config.fleet import ConfigError
-from onboard.feasibility.bounds import ACCURACIES
+from onboard.estimation.accuracies import ACCURACIES
 from onboard.feasibility.finding import Finding, at_least, at_most, worst, worst_first
 from onboard.feasibility.fleet_checks import ErrorClass, error_class, fleet_findings, spot_findings
 

@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 
+from onboard.avoidance.own_law_runner import OwnLawRunner
 from onboard.avoidance.params import obstacles
 from onboard.config.fleet import FleetConfig
 from onboard.control import pipeline
-from onboard.control.own_law_pipeline import OwnLawPipeline
-from onboard.control.pipeline import Phase, PipelineMemory
+from onboard.control.control_mode import ControlMode
+from onboard.control.pipeline import PipelineMemory
 from onboard.estimation.disturbance_observer import ObserverMemory
 from onboard.safety.setpoint_check import is_sendable
 from onboard.types import AttitudeSetpoint, Goal, Neighbour, State, Tick
@@ -48,7 +49,7 @@ class ControlStep:
         self._start_enu_m = Vec3(*vehicle.start_enu_m)
         self._pipeline_step = pipeline_step
         self._memory = pipeline.initial(self.params, self._start_enu_m)
-        self._own_law = None if fleet.own_law is None else OwnLawPipeline(fleet.own_law, clock)
+        self._own_law = None if fleet.own_law is None else OwnLawRunner(fleet.own_law, clock)
 
     @property
     def law_refusal(self) -> str:
@@ -66,7 +67,7 @@ class ControlStep:
         self,
         state: State | None,
         goal: Goal,
-        phase: Phase,
+        mode: ControlMode,
         neighbours: Sequence[Neighbour],
         dt_s: float,
     ) -> Tick:
@@ -75,7 +76,7 @@ class ControlStep:
         Args:
             state: own estimate.
             goal: of the order being flown.
-            phase: of the flight, as far as the pipeline is concerned.
+            mode: of the flight, as far as the pipeline is concerned.
             neighbours: as of this tick.
             dt_s: time since the last pass.
         """
@@ -89,18 +90,42 @@ class ControlStep:
                 position_std_m=0.0,
                 velocity_std_m_s=0.0,
             )
-            phase = Phase.GROUND
+            mode = ControlMode.GROUND
 
-        step = self._pipeline_step if self._own_law is None else self._own_law.step
-        memory, tick = step(
-            self._memory, state, goal, neighbours, self.obstacles, phase, self.params, dt_s
-        )
+        memory, tick = self._pass(state, goal, mode, neighbours, dt_s)
 
         self._memory = memory
         self.tick = tick
         self.hover_frac = tick.hover_thrust_frac
         self.is_finite = tick.is_finite and is_sendable(tick.attitude, self._max_tilt_deg)
         return tick
+
+    def _pass(
+        self,
+        state: State,
+        goal: Goal,
+        mode: ControlMode,
+        neighbours: Sequence[Neighbour],
+        dt_s: float,
+    ) -> tuple[PipelineMemory, Tick]:
+        """Return the pipeline's memory and result after one pass, by whichever law flies."""
+        if self._own_law is None:
+            return self._pipeline_step(
+                self._memory, state, goal, neighbours, self.obstacles, mode, self.params, dt_s
+            )
+        if mode is ControlMode.GROUND:
+            self._own_law.begin_anew()
+        return pipeline.step(
+            self._memory,
+            state,
+            goal,
+            neighbours,
+            self.obstacles,
+            mode,
+            self.params,
+            dt_s,
+            law_step=self._own_law.step,
+        )
 
     def level(self) -> AttitudeSetpoint:
         """Return a level attitude at hover thrust."""

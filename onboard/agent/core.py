@@ -44,7 +44,8 @@ from onboard.bus.schema import StateMessage
 from onboard.bus.topics import Topic
 from onboard.config.fleet import FleetConfig
 from onboard.control import pipeline
-from onboard.control.pipeline import Phase, PipelineParams
+from onboard.control.control_mode import ControlMode
+from onboard.control.pipeline import PipelineParams
 from onboard.flight import state_machine
 from onboard.flight.context import FlightContext
 from onboard.flight.order_checks import OrderFacts
@@ -258,7 +259,9 @@ class AgentCore:
             context.clock_jump_ns = now_ns
         dt_s = min(max(context.period_s, _SHORTEST_S), _LONGEST_S)
 
-        on_ground = flight.step.phase is Phase.GROUND or flight.step is FlightStep.LIFTOFF
+        on_ground = (
+            flight.step.control_mode is ControlMode.GROUND or flight.step is FlightStep.LIFTOFF
+        )
         thrust_frac = self._setpoints.sent_thrust_frac
         self.own.is_flown = flight.step.is_streaming
         self.own.update(now_ns, dt_s, self._snapshot, thrust_frac, control.hover_frac, on_ground)
@@ -273,8 +276,8 @@ class AgentCore:
         state_machine.advance(flight, view)
 
         neighbours = self.neighbours.snapshot(now_ns)
-        tick = control.run(state, flight.goal, flight.step.phase, neighbours, dt_s)
-        if self.flight.step.phase is Phase.FLYING and self._mismatch.is_due():
+        tick = control.run(state, flight.goal, flight.step.control_mode, neighbours, dt_s)
+        if self.flight.step.control_mode is ControlMode.FLYING and self._mismatch.is_due():
             attitude = self.own.attitude_wxyz(self._snapshot)
             for code, sentence in self._mismatch.follow(
                 control.observer, attitude, control.hover_frac

@@ -8,7 +8,7 @@ from onboard.agent.control_step import ControlStep
 from onboard.agent_commands import Command, SendAttitude
 from onboard.autopilot import Vec4
 from onboard.config.fleet import Vehicle
-from onboard.control.pipeline import Phase
+from onboard.control.control_mode import ControlMode
 from onboard.flight import state_machine
 from onboard.flight.context import FlightContext
 from onboard.flight.types import FlightView
@@ -55,10 +55,12 @@ class SetpointOutput:
         must_be_level = self._failsafes.must_be_level or not control.is_finite
         setpoint = (
             control.level()
-            if flight.step.phase is not Phase.GROUND and must_be_level
+            if flight.step.control_mode is not ControlMode.GROUND and must_be_level
             else control.tick.attitude
         )
-        has_position = flight.step.phase is Phase.GROUND or self._own.age_s < _RECKONED_S
+        has_position = (
+            flight.step.control_mode is ControlMode.GROUND or self._own.age_s < _RECKONED_S
+        )
         is_fresh = has_position and now_ns - view.snapshot.last_packet_ns < _PX4_FRESH_NS
         for_px4 = self._own.to_px4(setpoint)
         # what leaves is checked: a quaternion of zeros ends the attitude control of PX4 v1.18 until

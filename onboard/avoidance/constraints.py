@@ -4,7 +4,7 @@ output.
 The paper constrains two outputs of a pair: the squared distance d_o,2 of (5), and the orthoradial
 velocity phi_perp of (6). It derives each until the input appears, (10), and bounds the input such
 that the output decays to its limit no faster than the kappas say, (17) and (18). The bounds are
-:func:`h_1` and :func:`h_2`. With e and w for position and velocity relative to the other one, ``u_1
+:func:`separating_bound` and :func:`h_2`. With e and w for position and velocity relative to the other one, ``u_1
 = 2 e . u`` and ``u_2 = e x u``, (15): so (17) and (18) are half-planes, with the normals e and e
 turned by 90 degrees. A row is divided by the distance to keep, so that its bound is in m/s^2.
 """
@@ -29,11 +29,11 @@ _CONFLICT_FADE, _CONFLICT_WIDTH = 0.2, 0.9  # times the distance to keep
 _CONFLICT_M_S = 0.3  # relative intent from which a conflict counts in full
 
 
-def h_1(e: Vec2, w: Vec2, d_m: float, kappa_1_1_s: float, kappa_2_1_s: float) -> float:
+def separating_bound(e: Vec2, w: Vec2, d_m: float, kappa_1_1_s: float, kappa_2_1_s: float) -> float:
     """Return half of the bound (20) [m^2/s^2], without the acceleration of the other one, which
     belongs to D_1.
 
-    ``e . (a_i - a_j) >= h_1`` keeps the squared distance, (5), above d^2, (7).
+    ``e . (a_i - a_j) >= separating_bound`` keeps the squared distance, (5), above d^2, (7).
 
     Args:
         e, w: relative position and velocity [m, m/s].
@@ -86,7 +86,7 @@ def distance_row(pair: NeighbourPair, params: LawParams) -> HalfPlane:
     Properties: rotation-equivariant; homogeneous.
     """
     e, d, gains = pair.e, pair.d_m, params.gains
-    needed = h_1(e, pair.w, d, gains.kappa_1_1_s, gains.kappa_2_1_s)
+    needed = separating_bound(e, pair.w, d, gains.kappa_1_1_s, gains.kappa_2_1_s)
     pulled = dot_2(e, pair.command_m_s2)
     responsibility = params.policies.responsibility
     if responsibility == RESPONSIBILITY_FULL or not pair.is_cooperative:
@@ -197,7 +197,7 @@ def obstacle_row(surface: Surface, gains: Gains) -> HalfPlane:
         gains: ``static_kappa_1_1_s`` in place of kappa_1.
     """
     e, d = surface.e, surface.d_m
-    bound = h_1(e, surface.w, d, gains.static_kappa_1_1_s, gains.kappa_2_1_s)
+    bound = separating_bound(e, surface.w, d, gains.static_kappa_1_1_s, gains.kappa_2_1_s)
     return HalfPlane(Vec2(e.x / d, e.y / d), bound / d)
 
 

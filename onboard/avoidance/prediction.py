@@ -23,6 +23,8 @@ MAX_MESSAGE_AGE_S = 0.30  # extrapolating a silent neighbour further than this g
 MAX_PREDICTION_AGE_S = 0.80
 MAX_COMMAND_AGE_S = 0.25  # a neighbour's last command says little about what it does later
 LONGEST_LEAD_S = 1.0
+# error with which the lag L must be known; twice that costs violations in every third flight
+LAG_ERROR_S = 0.04
 # positions, velocities and accelerations beyond this are clipped: squares must stay finite
 LARGEST = 1e5
 _LEAST_LEAD_S = 1e-3

@@ -13,8 +13,7 @@ down.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from enum import IntEnum
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 from onboard.avoidance import interface, oist
@@ -22,6 +21,7 @@ from onboard.avoidance.heights import INTENT_S
 from onboard.avoidance.params import Capsule
 from onboard.avoidance.prediction import Motion
 from onboard.control import allocation, backstepping, trajectory
+from onboard.control.control_mode import ControlMode
 from onboard.control.pipeline_numbers import PipelineParams as PipelineParams
 from onboard.control.pipeline_numbers import pipeline_params as pipeline_params
 from onboard.estimation import disturbance_observer, hover_thrust
@@ -46,14 +46,8 @@ _WEIGHT = Vec3(0.0, 0.0, -GRAVITY_M_S2)
 _LEVEL = Thrust(Vec3(0.0, 0.0, GRAVITY_M_S2))
 
 
-class Phase(IntEnum):
-    """Part of the flight, as far as the pipeline is concerned."""
-
-    GROUND = 0  # level at no thrust, memories kept reset
-    LIFTOFF = 1  # climbing off the ground: gentle horizontally, observers frozen
-    FLYING = 2
-    LANDING = 3  # as flying, but the hover thrust is not learned near the ground
-    BLIND = 4  # by dead reckoning: nothing is learned, and what was learned is replaced by its mean
+# arguments and results of :func:`onboard.avoidance.oist.step`
+LawStep = Callable[..., tuple[oist.LawMemory, LawOutput]]
 
 
 class PipelineMemory(NamedTuple):
@@ -111,9 +105,10 @@ def step(
     goal: Goal,
     neighbours: Sequence[Neighbour],
     obstacles: Sequence[Capsule],
-    phase: int,
+    mode: int,
     params: PipelineParams,
     dt_s: float,
+    law_step: LawStep = oist.step,
 ) -> tuple[PipelineMemory, Tick]:
     """One tick of one vehicle.
 
@@ -123,18 +118,19 @@ def step(
         goal: of the order being flown.
         neighbours: a snapshot of those that are known.
         obstacles: what stands still.
-        phase: a Phase.
+        mode: a ControlMode.
         params: of the vehicle.
         dt_s: length of the tick.
+        law_step: the avoidance law: ``oist.step``, or a function that takes and returns the same.
     Returns:
         Memory and Tick; ``is_finite`` is False where the input could not be used and the vehicle
         was levelled.
     Properties: equivariant under translation and turning about the vertical.
     """
-    if phase == Phase.GROUND:
+    if mode == ControlMode.GROUND:
         return _on_ground(state, params)
-    before = before_law(memory, state, goal, phase, params, dt_s)
-    law_memory, law = oist.step(
+    before = before_law(memory, state, goal, mode, params, dt_s)
+    law_memory, law = law_step(
         memory.law, before.baseline, before.motion, state, neighbours, obstacles, params.law, dt_s
     )
     return after_law(memory, before, law_memory, law, state, goal, params, dt_s)
@@ -144,7 +140,7 @@ def before_law(
     memory: PipelineMemory,
     state: State,
     goal: Goal,
-    phase: int,
+    mode: int,
     params: PipelineParams,
     dt_s: float,
 ) -> BeforeLaw:
@@ -154,7 +150,7 @@ def before_law(
         memory: of the last tick.
         state: own estimate.
         goal: of the order being flown.
-        phase: a Phase, not on the ground.
+        mode: a ControlMode, not on the ground.
         params: of the vehicle.
         dt_s: length of the tick.
     """
@@ -162,14 +158,14 @@ def before_law(
         state.velocity_enu_m_s
     )
     usable = state if is_usable else _at_rest(state, memory)
-    observer, lift = _observed(memory, usable, phase, params, dt_s)
+    observer, lift = _observed(memory, usable, mode, params, dt_s)
     predicted = oist.predict(memory.law, usable, params.law)
-    rate, leg, setpoint = _led(memory, predicted, goal, phase, params, dt_s)
+    rate, leg, setpoint = _led(memory, predicted, goal, mode, params, dt_s)
     share = oist.speed_share(memory.law, params.law)
-    thrust = _tracking(predicted, setpoint, share, phase == Phase.LIFTOFF, params)
+    thrust = _tracking(predicted, setpoint, share, mode == ControlMode.LIFTOFF, params)
     # line O: what drag and the observed disturbance take is added after the law, so that the law
     # commands net motion
-    known = observer.mean_enu_m_s2 if phase == Phase.BLIND else observer.disturbance_enu_m_s2
+    known = observer.mean_enu_m_s2 if mode == ControlMode.BLIND else observer.disturbance_enu_m_s2
     compensation = _compensation(predicted.velocity_enu_m_s, known, params)
     top_m_s = params.trajectory.max_speed_m_s
     baseline = interface.Baseline(
@@ -228,13 +224,13 @@ def _led(
     memory: PipelineMemory,
     predicted: Motion,
     goal: Goal,
-    phase: int,
+    mode: int,
     params: PipelineParams,
     dt_s: float,
 ) -> tuple[float, trajectory.TrajectoryMemory, TrajectorySetpoint]:
     """Return the rate of the trajectory's clock, the leg and the setpoint."""
     leg, bounds = memory.trajectory, params.trajectory
-    if phase == Phase.BLIND:  # its clock waits for nobody, because each second costs accuracy
+    if mode == ControlMode.BLIND:  # its clock waits for nobody, because each second costs accuracy
         if goal.sequence != leg.sequence:  # it brakes from where it is, and returns to no setpoint
             leg = trajectory.moving(predicted.position_enu_m, predicted.velocity_enu_m_s)
         top_m_s = _BLIND_SPEED * bounds.max_speed_m_s  # it sinks and brakes at the same time
@@ -247,7 +243,7 @@ def _led(
 
 
 def _observed(
-    memory: PipelineMemory, state: State, phase: int, params: PipelineParams, dt_s: float
+    memory: PipelineMemory, state: State, mode: int, params: PipelineParams, dt_s: float
 ) -> tuple[disturbance_observer.ObserverMemory, hover_thrust.HoverThrustMemory]:
     """Return what the state teaches about the disturbance and the hover thrust."""
     observer, _ = disturbance_observer.step(
@@ -256,7 +252,7 @@ def _observed(
         memory.sent_enu_m_s2,
         params.observer,
         dt_s,
-        phase == Phase.LIFTOFF or phase == Phase.BLIND,
+        mode == ControlMode.LIFTOFF or mode == ControlMode.BLIND,
     )
     lift, _ = hover_thrust.step(
         memory.hover_thrust,
@@ -266,7 +262,7 @@ def _observed(
         state.position_enu_m.z,
         params.hover_thrust,
         dt_s,
-        phase == Phase.FLYING,
+        mode == ControlMode.FLYING,
     )
     return observer, lift
 

@@ -12,38 +12,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from onboard.estimation.accuracies import Accuracy
 from onboard.types import GRAVITY_M_S2, TICK_S
 
-# error with which the lag must be known; twice that costs violations in every third flight
-LAG_ERROR_S = 0.04
 # older states than this need more margin, so much for each second
 USUAL_AGE_S, AGE_MARGIN_M_S = 0.16, 0.5
 MAX_THRUST_FRAC = 0.97  # largest throttle that is ever sent
 _SUBSTEPS = 4
 _MARGIN_FLOOR_M, _MARGIN_SIGMAS = 0.05, 4.5
-
-
-@dataclass(frozen=True, slots=True)
-class Accuracy:
-    """Error of a vehicle's own estimate per axis: standard deviation and correlation time of
-    position and velocity.
-    """
-
-    name: str
-    position_std_m: float
-    position_time_s: float
-    velocity_std_m_s: float
-    velocity_time_s: float
-    acceleration_std_m_s2: float = 0.1  # gusts, which accelerate one vehicle and not the other
-    acceleration_time_s: float = 1.5
-
-
-ACCURACIES = {
-    # the agent's own filter on 3 mm samples; PX4's estimate with external vision, and with GPS
-    "mocap": Accuracy("mocap", 0.003, 0.05, 0.03, 0.1),
-    "vision": Accuracy("vision", 0.05, 0.5, 0.12, 0.5),
-    "gps": Accuracy("gps", 0.2, 5.0, 0.2, 0.7),
-}
 
 
 def distance_spread_m(accuracy: Accuracy, kappa_1_1_s: float, kappa_2_1_s: float) -> float:

@@ -23,8 +23,8 @@ from onboard.config.fleet import (
     parking_height_share,
 )
 from onboard.config.pair_separation import separation_m
+from onboard.estimation.accuracies import ACCURACIES, Accuracy
 from onboard.feasibility import bounds, law_map
-from onboard.feasibility.bounds import ACCURACIES, Accuracy
 from onboard.feasibility.finding import Finding, at_least, worst, worst_first
 from onboard.feasibility.pair_checks import (
     crowding,

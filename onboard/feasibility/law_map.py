@@ -10,9 +10,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
+from onboard.avoidance.prediction import LAG_ERROR_S
 from onboard.config.fleet import ConfigError, FleetConfig
 from onboard.config.toml_reading import package_table
-from onboard.feasibility.bounds import LAG_ERROR_S, Accuracy
+from onboard.estimation.accuracies import Accuracy
 from onboard.feasibility.finding import Finding
 from onboard.feasibility.pair_checks import effective_margin_m
 

@@ -8,9 +8,11 @@ import math
 from dataclasses import replace
 
 from onboard.avoidance.heights import HEIGHT_SIGMAS
+from onboard.avoidance.prediction import LAG_ERROR_S
 from onboard.config.fleet import FleetConfig, Vehicle, parking_distance_m
+from onboard.estimation.accuracies import Accuracy
 from onboard.feasibility import bounds
-from onboard.feasibility.bounds import LAG_ERROR_S, Accuracy, Response
+from onboard.feasibility.bounds import Response
 from onboard.feasibility.finding import Finding, at_least, at_most, worst
 from onboard.feasibility.vehicle_checks import GUST_M_S2, available_m_s2
 from onboard.types import TICK_S

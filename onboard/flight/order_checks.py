@@ -16,7 +16,7 @@ from onboard.bus.codec import is_finite
 from onboard.bus.schema import LOCATE, Order, Telemetry
 from onboard.config.fleet import FleetConfig, FleetSection
 from onboard.config.pair_separation import separation_m
-from onboard.control.pipeline import Phase
+from onboard.control.control_mode import ControlMode
 from onboard.flight import path_flight, takeover
 from onboard.flight.context import FlightContext
 from onboard.flight.effects import takeoff_height_m
@@ -127,7 +127,7 @@ def _wrong_step(order: Order, flight: FlightContext) -> str:
             return f"No path begins while it is {doing}: order hold first."
         case "land":
             return f"The vehicle is not in the air (it is {doing})."
-        case _ if flight.step.phase is Phase.BLIND:
+        case _ if flight.step.control_mode is ControlMode.BLIND:
             return "The vehicle has lost its position: wait until it is back, or order land."
         case _:
             return f"The vehicle does not fly (it is {doing}): order take-off first."

@@ -29,7 +29,7 @@ from msgspec import Struct
 
 from onboard.autopilot import Landed, Snapshot, Vec3
 from onboard.bus.schema import AgentState
-from onboard.control.pipeline import Phase
+from onboard.control.control_mode import ControlMode
 from onboard.flight.path_flight import OtherClock
 from onboard.safety.failsafe_table import Situation
 from onboard.types import TICK_S
@@ -46,44 +46,79 @@ class FlightStep(Enum):
 
     __hash__ = object.__hash__  # Enum's own costs a call of Python for each look-up
 
-    WAITING = "waiting", "", Situation.GROUND, Phase.GROUND, False
-    READY = "ready", "", Situation.GROUND, Phase.GROUND, False
-    ARM_OFFBOARD = "ready", "waiting for OFFBOARD", Situation.ARMED, Phase.GROUND, True
-    ARM_ARMING = "ready", "waiting to be armed", Situation.ARMED, Phase.GROUND, True
-    ARMED = "armed", "", Situation.ARMED, Phase.GROUND, True
-    TAKEOFF_OFFBOARD = "taking off", "waiting for OFFBOARD", Situation.ARMED, Phase.GROUND, True
-    TAKEOFF_ARMING = "taking off", "waiting to be armed", Situation.ARMED, Phase.GROUND, True
-    LIFTOFF = "taking off", "lift-off", Situation.LIFTOFF, Phase.LIFTOFF, True
-    CLIMB = "taking off", "climb", Situation.FLYING, Phase.FLYING, True
-    LEG = "flying", "on the way", Situation.FLYING, Phase.FLYING, True
-    PATH = "flying", "on its path", Situation.FLYING, Phase.FLYING, True
-    ARRIVED = "flying", "arrived", Situation.FLYING, Phase.FLYING, True
-    HOLDING = "holding", "arrived", Situation.FLYING, Phase.FLYING, True
-    TAKEOVER = "holding", "taking over from PX4's hold", Situation.FLYING, Phase.FLYING, True
-    COASTING = "flying", "no pose: brakes and sinks", Situation.FLYING, Phase.BLIND, True
-    DESCENT = "landing", "descent", Situation.LANDING, Phase.LANDING, True
-    SINKING = "landing", "descent without poses", Situation.LANDING, Phase.BLIND, True
-    CONTACT = "landing", "on the ground, waiting for PX4", Situation.LANDING, Phase.GROUND, True
-    PX4_LANDING = "landing", "PX4 lands", Situation.PX4_LANDING, Phase.GROUND, False
-    LANDED = "landed", "", Situation.GROUND, Phase.GROUND, False
-    DISARMING = "armed", "waiting to be disarmed", Situation.ARMED, Phase.GROUND, False
-    DISARMED = "ready", "waiting for PX4 to confirm", Situation.GROUND, Phase.GROUND, False
-    FAILSAFE_DISARMING = "waiting", "waiting to be disarmed", Situation.GROUND, Phase.GROUND, False
-    FAILED = "failed", "", Situation.SILENT, Phase.GROUND, False
-    FAILED_DISARMING = "failed", "waiting to be disarmed", Situation.SILENT, Phase.GROUND, False
-    KILLING = "failed", "waiting for the motors to stop", Situation.SILENT, Phase.GROUND, False
+    WAITING = "waiting", "", Situation.GROUND, ControlMode.GROUND, False
+    READY = "ready", "", Situation.GROUND, ControlMode.GROUND, False
+    ARM_OFFBOARD = "ready", "waiting for OFFBOARD", Situation.ARMED, ControlMode.GROUND, True
+    ARM_ARMING = "ready", "waiting to be armed", Situation.ARMED, ControlMode.GROUND, True
+    ARMED = "armed", "", Situation.ARMED, ControlMode.GROUND, True
+    TAKEOFF_OFFBOARD = (
+        "taking off",
+        "waiting for OFFBOARD",
+        Situation.ARMED,
+        ControlMode.GROUND,
+        True,
+    )
+    TAKEOFF_ARMING = "taking off", "waiting to be armed", Situation.ARMED, ControlMode.GROUND, True
+    LIFTOFF = "taking off", "lift-off", Situation.LIFTOFF, ControlMode.LIFTOFF, True
+    CLIMB = "taking off", "climb", Situation.FLYING, ControlMode.FLYING, True
+    LEG = "flying", "on the way", Situation.FLYING, ControlMode.FLYING, True
+    PATH = "flying", "on its path", Situation.FLYING, ControlMode.FLYING, True
+    ARRIVED = "flying", "arrived", Situation.FLYING, ControlMode.FLYING, True
+    HOLDING = "holding", "arrived", Situation.FLYING, ControlMode.FLYING, True
+    TAKEOVER = "holding", "taking over from PX4's hold", Situation.FLYING, ControlMode.FLYING, True
+    COASTING = "flying", "no pose: brakes and sinks", Situation.FLYING, ControlMode.BLIND, True
+    DESCENT = "landing", "descent", Situation.LANDING, ControlMode.LANDING, True
+    SINKING = "landing", "descent without poses", Situation.LANDING, ControlMode.BLIND, True
+    CONTACT = (
+        "landing",
+        "on the ground, waiting for PX4",
+        Situation.LANDING,
+        ControlMode.GROUND,
+        True,
+    )
+    PX4_LANDING = "landing", "PX4 lands", Situation.PX4_LANDING, ControlMode.GROUND, False
+    LANDED = "landed", "", Situation.GROUND, ControlMode.GROUND, False
+    DISARMING = "armed", "waiting to be disarmed", Situation.ARMED, ControlMode.GROUND, False
+    DISARMED = "ready", "waiting for PX4 to confirm", Situation.GROUND, ControlMode.GROUND, False
+    FAILSAFE_DISARMING = (
+        "waiting",
+        "waiting to be disarmed",
+        Situation.GROUND,
+        ControlMode.GROUND,
+        False,
+    )
+    FAILED = "failed", "", Situation.SILENT, ControlMode.GROUND, False
+    FAILED_DISARMING = (
+        "failed",
+        "waiting to be disarmed",
+        Situation.SILENT,
+        ControlMode.GROUND,
+        False,
+    )
+    KILLING = (
+        "failed",
+        "waiting for the motors to stop",
+        Situation.SILENT,
+        ControlMode.GROUND,
+        False,
+    )
 
     def __init__(
-        self, state: AgentState, text: str, situation: Situation, phase: Phase, is_streaming: bool
+        self,
+        state: AgentState,
+        text: str,
+        situation: Situation,
+        control_mode: ControlMode,
+        is_streaming: bool,
     ) -> None:
         self.state = state
         self.text = text
         self.situation = situation
-        self.phase = phase
+        self.control_mode = control_mode
         self.is_streaming = is_streaming
 
         # what is flown is the pipeline's output
-        self.is_under_law = is_streaming and phase is not Phase.GROUND
+        self.is_under_law = is_streaming and control_mode is not ControlMode.GROUND
 
 
 class FlightEvent(Enum):

@@ -17,8 +17,8 @@ from onboard.bus.codec import is_finite
 from onboard.bus.schema import MocapPose
 from onboard.config.fleet import Origin, Vehicle
 from onboard.estimation import kalman
+from onboard.estimation.accuracies import ACCURACIES
 from onboard.estimation.kalman import KalmanParams
-from onboard.feasibility.bounds import ACCURACIES
 from onboard.frames import quaternion_from_yaw, quaternion_multiply, wrap_rad, yaw_from_quaternion
 from onboard.localization.dead_reckoning import DeadReckoning
 from onboard.localization.local_frame import LocalFrame

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from onboard.autopilot import MEASURED_VERSIONS, SIGNING_SINCE, Version, plausible_version
+from onboard.avoidance.prediction import LAG_ERROR_S
 from onboard.config.endpoints import host_of, is_on_network
 from onboard.config.fleet import FleetConfig, Vehicle
-from onboard.feasibility.bounds import LAG_ERROR_S
 from onboard.preflight.attitude_lag import lag_s
 from onboard.preflight.preflight_facts import HEARTBEAT_SILENT_S, PreflightFacts
 from onboard.preflight.preflight_rule import FINE, NO_PX4, OK, SKIP, Judgement, rules

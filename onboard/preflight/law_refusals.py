@@ -8,7 +8,7 @@ import math
 from collections.abc import Iterable
 
 from onboard.config.fleet import FleetConfig, Vec3
-from onboard.feasibility.bounds import ACCURACIES
+from onboard.estimation.accuracies import ACCURACIES
 from onboard.feasibility.finding import Finding
 from onboard.feasibility.fleet_checks import error_class, fleet_findings, start_finding
 from onboard.neighbours.table import NeighbourTable

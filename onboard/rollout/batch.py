@@ -35,6 +35,7 @@ from onboard.avoidance import (
 )
 from onboard.avoidance import params as law_params
 from onboard.control import allocation, backstepping, pipeline, trajectory
+from onboard.control.control_mode import ControlMode
 from onboard.estimation import disturbance_observer, hover_thrust, kalman
 from onboard.rollout.rows import Layout, Rows, floats, zero
 from onboard.types import GRAVITY_M_S2, Goal, Neighbour, State, Tick
@@ -96,7 +97,7 @@ class PassRows(NamedTuple):
     goals: Rows  # (..., N)
     neighbours: Rows  # (..., N, K)
     is_present: BoolArray  # (..., N, K)
-    phases: IntArray  # (..., N), of pipeline.Phase
+    modes: IntArray  # (..., N), of ControlMode
 
 
 class Controller(Protocol):
@@ -144,8 +145,8 @@ class FleetPipeline:
         self, states: Rows, goals: Rows, neighbours: Rows, is_present: BoolArray, dt_s: float
     ) -> Rows:
         """Return the ticks of all vehicles in flight, see :class:`Controller`."""
-        phases = np.full(states.shape, int(pipeline.Phase.FLYING))
-        inputs = PassRows(states, goals, neighbours, is_present, phases)
+        modes = np.full(states.shape, int(ControlMode.FLYING))
+        inputs = PassRows(states, goals, neighbours, is_present, modes)
         return step(self._memories, inputs, self._obstacles, self._params, dt_s)
 
     def keep(self, flights: IntArray) -> None:
@@ -227,7 +228,7 @@ def step(memories: Rows, inputs: PassRows, obstacles: Rows, params: Rows, dt_s: 
         # an array that may not be written is of another type, for which all would be compiled once
         # more
         np.require(inputs.is_present, requirements=["C", "W"]).reshape(size, most),
-        np.require(inputs.phases, np.int64, ["C", "W"]).reshape(size),
+        np.require(inputs.modes, np.int64, ["C", "W"]).reshape(size),
     )
     _loops()[0](_flat(memories), flat, floats(obstacles), floats(params), _flat(ticks), dt_s)
     return ticks
@@ -325,7 +326,7 @@ def _step_rows(
     memories: Any, inputs: Any, obstacles: Any, params: Any, ticks: Any, dt_s: float
 ) -> None:
     walls = [_read_obstacle(obstacles[k]) for k in range(obstacles.shape[0])]
-    states, goals, neighbours, is_present, phases = inputs
+    states, goals, neighbours, is_present, modes = inputs
     count = params.shape[0]
     for m in range(memories.shape[0]):
         near = [
@@ -339,7 +340,7 @@ def _step_rows(
             _read_goal(goals[m]),
             near,
             walls,
-            phases[m],
+            modes[m],
             _read_params(params[m % count]),
             dt_s,
         )

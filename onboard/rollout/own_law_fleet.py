@@ -7,10 +7,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from onboard.arrays import Array, BoolArray, IntArray
+from onboard.avoidance.own_law_runner import OwnLawRunner
 from onboard.avoidance.params import Capsule
 from onboard.config.fleet import OwnLaw
 from onboard.control import pipeline
-from onboard.control.own_law_pipeline import OwnLawPipeline
+from onboard.control.control_mode import ControlMode
 from onboard.rollout import batch
 from onboard.rollout.rows import Rows
 from onboard.vectors import Vec3
@@ -36,7 +37,7 @@ class OwnLawFleet:
         self._params, self._obstacles = params, tuple(obstacles)
         self._flights = [
             [
-                (OwnLawPipeline(law), pipeline.initial(own, Vec3(*spot)))
+                (OwnLawRunner(law), pipeline.initial(own, Vec3(*spot)))
                 for own, spot in zip(params, spots, strict=True)
             ]
             for spots in start_enu_m.tolist()
@@ -58,15 +59,17 @@ class OwnLawFleet:
             flight, vehicle = divmod(m, count)
             around = batch.NEIGHBOUR.values(near[m][present[m]])
             law, memory = self._flights[flight][vehicle]
-            inputs = (
+            memory, tick = pipeline.step(
+                memory,
                 state,
                 goal,
                 around,
                 self._obstacles,
-                pipeline.Phase.FLYING,
+                ControlMode.FLYING,
                 self._params[vehicle],
+                dt_s,
+                law_step=law.step,
             )
-            memory, tick = law.step(memory, *inputs, dt_s)
             self._flights[flight][vehicle] = law, memory
             ticks.append(tick)
             if law.refusal:

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.feasibility.bounds import LAG_ERROR_S
+from onboard.avoidance.prediction import LAG_ERROR_S
 from onboard.frames import Quaternion, body_up
 from onboard.types import GRAVITY_M_S2
 from onboard.vectors import Vec3

@@ -56,13 +56,13 @@ class CompiledPipeline:
         goal: Goal,
         neighbours: Sequence[Neighbour],
         obstacles: Sequence[Capsule],
-        phase: int,
+        mode: int,
         params: PipelineParams,
         dt_s: float,
     ) -> tuple[PipelineMemory, Tick]:
         """Return what :func:`onboard.control.pipeline.step` returns for the same arguments."""
         if not self._compiles_this_tick:
-            return pipeline.step(memory, state, goal, neighbours, obstacles, phase, params, dt_s)
+            return pipeline.step(memory, state, goal, neighbours, obstacles, mode, params, dt_s)
 
         memories = self._memory_row(memory)
         inputs = batch.PassRows(
@@ -70,7 +70,7 @@ class CompiledPipeline:
             goals=batch.GOAL.packed([goal]),
             neighbours=batch.NEIGHBOUR.packed(neighbours)[np.newaxis],
             is_present=np.ones((1, len(neighbours)), dtype=bool),
-            phases=np.array([int(phase)]),
+            modes=np.array([int(mode)]),
         )
         ticks = batch.step(
             memories, inputs, self._obstacle_rows(obstacles), self._params_row(params), dt_s

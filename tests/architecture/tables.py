@@ -62,7 +62,7 @@ def steps() -> str:
     ]
     lines.append("|---" * 6 + "|")
     for step in FlightStep:
-        streams, phase = "yes" if step.is_streaming else "no", step.phase.name.lower()
+        streams, phase = "yes" if step.is_streaming else "no", step.control_mode.name.lower()
         lines.append(
             _line(_words(step.name), step.state, step.text, step.situation.value, phase, streams)
         )

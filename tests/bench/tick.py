@@ -15,7 +15,7 @@ from collections.abc import Sequence
 
 from onboard.config.fleet import load_fleet
 from onboard.control import pipeline
-from onboard.control.pipeline import Phase
+from onboard.control.control_mode import ControlMode
 from onboard.estimation import kalman
 from onboard.types import Goal, Neighbour
 from onboard.vectors import ZERO_3, Vec3
@@ -50,7 +50,7 @@ def tick_times_s(count: int, ticks: int) -> list[float]:
         own = kalman.drive(own, LEVEL, 0.5, 0.5, filter_params, 0.02, False)
         own = kalman.correct(own, START, 0.02, filter_params)
         state = kalman.state(own, 0.0, 0.0, 0.0)
-        memory, _ = pipeline.step(memory, state, goal, around, (), Phase.FLYING, params, 0.02)
+        memory, _ = pipeline.step(memory, state, goal, around, (), ControlMode.FLYING, params, 0.02)
         times_s.append(time.process_time() - begin_s)
     return sorted(times_s)
 

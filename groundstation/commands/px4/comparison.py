@@ -13,9 +13,9 @@ from itertools import groupby
 from typing import Any
 
 from onboard.autopilot import Version
+from onboard.avoidance.prediction import LAG_ERROR_S
 from onboard.config.fleet import ConfigError, FleetConfig, Vehicle
 from onboard.config.toml_reading import package_table
-from onboard.feasibility.bounds import LAG_ERROR_S
 from onboard.preflight.attitude_lag import lag_s
 from onboard.px4.required_params import RequiredParam, Value, all_params
 from sitl.conformance.facts import VERSIONS, facts_of, nearest

@@ -9,8 +9,8 @@ from functools import cache
 from itertools import product
 
 from onboard.config.fleet import ConfigError, FleetConfig
+from onboard.estimation.accuracies import ACCURACIES
 from onboard.feasibility import bounds
-from onboard.feasibility.bounds import ACCURACIES
 from onboard.feasibility.pair_checks import (
     braking,
     effective_margin_m,

@@ -8,7 +8,7 @@ import json
 from collections.abc import Iterable, Mapping
 from typing import Literal
 
-from onboard.feasibility.bounds import ACCURACIES
+from onboard.estimation.accuracies import ACCURACIES
 from onboard.feasibility.law_map import SCHEMA, MapCell, values_of
 from onboard.feasibility.pair_checks import effective_margin_m
 from sitl.monte_carlo.law_map.cells import AXES, ERRORS, STAGES, Cell, changes

@@ -9,7 +9,7 @@ from onboard.avoidance import interface, oist
 from onboard.avoidance.params import Fence
 from onboard.config.fleet import load_fleet
 from onboard.control import pipeline
-from onboard.control.pipeline import Phase
+from onboard.control.control_mode import ControlMode
 from onboard.types import Goal, LawStatus, Neighbour, State, Thrust
 from onboard.vectors import ZERO_3, Vec3
 
@@ -77,7 +77,7 @@ def fly(neighbours, position=(0.0, 0.0, 1.0), velocity=(0.0, 0.0, 0.0)):
     ticks = []
     for _ in range(5):
         memory, tick = pipeline.step(
-            memory, state, goal, neighbours, (), Phase.FLYING, PARAMS, 0.02
+            memory, state, goal, neighbours, (), ControlMode.FLYING, PARAMS, 0.02
         )
         ticks.append(tick)
     return ticks

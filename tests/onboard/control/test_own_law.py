@@ -7,10 +7,11 @@ from dataclasses import dataclass
 
 import pytest
 
+from onboard.avoidance import oist
+from onboard.avoidance.own_law_runner import OwnLawRunner
 from onboard.config.fleet import OwnLaw
 from onboard.control import pipeline
-from onboard.control.own_law_pipeline import OwnLawPipeline
-from onboard.control.pipeline import Phase
+from onboard.control.control_mode import ControlMode
 from onboard.types import TICK_S, Goal, Thrust
 from onboard.vectors import Vec3
 from sitl.monte_carlo import settings
@@ -67,14 +68,16 @@ HOSTILE = {
 
 
 def own(function, clock=None):
-    return OwnLawPipeline(OwnLaw("mine:law", "mine.py", "0", function), clock)
+    return OwnLawRunner(OwnLaw("mine:law", "mine.py", "0", function), clock)
 
 
-def flown(step, ticks, memory=None):
-    memory = memory or pipeline.initial(PARAMS, Vec3(0.0, 0.0, 1.0))
+def flown(law_step, ticks):
+    """Return memory and tick after some ticks with a law in the pipeline."""
+    memory = pipeline.initial(PARAMS, Vec3(0.0, 0.0, 1.0))
+    state = state_of((0.0, 0.0, 1.0))
     for _ in range(ticks):
-        memory, tick = step(
-            memory, state_of((0.0, 0.0, 1.0)), GOAL, (), (), Phase.FLYING, PARAMS, TICK_S
+        memory, tick = pipeline.step(
+            memory, state, GOAL, (), (), ControlMode.FLYING, PARAMS, TICK_S, law_step=law_step
         )
     return memory, tick
 
@@ -82,7 +85,7 @@ def flown(step, ticks, memory=None):
 def test_a_law_that_flies_the_baseline_flies_as_coveys_does_alone_and_remembers():
     law = own(alone)
     memory, tick = flown(law.step, 5)
-    expected_memory, expected = flown(pipeline.step, 5)
+    expected_memory, expected = flown(oist.step, 5)
     assert law.refusal == ""
     assert tick.attitude == expected.attitude
     assert memory.law.commands == expected_memory.law.commands
@@ -102,12 +105,12 @@ def test_a_law_that_fails_is_flown_by_coveys_for_the_rest_of_the_flight(said):
 
     law = own(late)
     memory, tick = flown(law.step, 10)
-    expected_memory, expected = flown(pipeline.step, 10)
+    expected_memory, expected = flown(oist.step, 10)
     assert said in law.refusal
     assert len(calls) == 4
     assert tick == expected
     assert memory == expected_memory
-    law.step(memory, state_of((0.0, 0.0, 0.0)), GOAL, (), (), Phase.GROUND, PARAMS, TICK_S)
+    law.begin_anew()
     assert law.refusal == ""  # the next flight begins with it
 
 

@@ -1,4 +1,4 @@
-"""The pipeline as a whole: phases, anti-windup, symmetries and bad input."""
+"""The pipeline as a whole: modes, anti-windup, symmetries and bad input."""
 
 import math
 
@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from onboard.avoidance.params import OPEN_FENCE, Fence
 from onboard.config.fleet import load_fleet
 from onboard.control import pipeline
-from onboard.control.pipeline import Phase
+from onboard.control.control_mode import ControlMode
 from onboard.types import GRAVITY_M_S2, Goal, LawStatus, Neighbour, State
 from onboard.vectors import ZERO_3, Vec3
 
@@ -41,10 +41,10 @@ def neighbours_of(positions, velocities=None):
     ]  # fmt: skip
 
 
-def run(ticks, state, goal, neighbours=(), params=PARAMS, memory=None, phase=Phase.FLYING):
+def run(ticks, state, goal, neighbours=(), params=PARAMS, memory=None, mode=ControlMode.FLYING):
     memory = pipeline.initial(params, state.position_enu_m) if memory is None else memory
     for _ in range(ticks):
-        memory, tick = pipeline.step(memory, state, goal, neighbours, (), phase, params, 0.02)
+        memory, tick = pipeline.step(memory, state, goal, neighbours, (), mode, params, 0.02)
     return memory, tick
 
 
@@ -67,7 +67,11 @@ def test_goal_to_the_east_tilts_to_the_east():
 def test_on_the_ground_there_is_no_thrust_and_nothing_is_learned():
     memory, _ = run(50, state_of([0.0, 0.0, 0.0], [0.3, 0, 0]), goal_of([2.0, 0, 1.0]))
     memory, tick = run(
-        1, state_of([0.0, 0.0, 0.0]), goal_of([2.0, 0, 1.0]), memory=memory, phase=Phase.GROUND
+        1,
+        state_of([0.0, 0.0, 0.0]),
+        goal_of([2.0, 0, 1.0]),
+        memory=memory,
+        mode=ControlMode.GROUND,
     )
     assert tick.attitude.thrust_frac == 0.0
     np.testing.assert_array_equal(tick.attitude.quaternion_wxyz, [1, 0, 0, 0])
@@ -79,10 +83,10 @@ def test_lift_off_tilts_gently_and_keeps_the_observer_frozen():
     far = goal_of([0.0, 0.0, 1.0])
     pushed = state_of([1.0, 0.0, 0.0], [0.5, 0.0, 0.0])
     memory = pipeline.initial(PARAMS, ZERO_3)
-    memory, gentle = run(20, pushed, far, memory=memory, phase=Phase.LIFTOFF)
+    memory, gentle = run(20, pushed, far, memory=memory, mode=ControlMode.LIFTOFF)
     np.testing.assert_array_equal(memory.observer.disturbance_enu_m_s2, 0.0)
     assert np.hypot(*gentle.thrust_baseline.thrust_enu_m_s2[:2]) <= 1.0 + 1e-9
-    memory, _ = run(20, pushed, far, phase=Phase.FLYING)
+    memory, _ = run(20, pushed, far, mode=ControlMode.FLYING)
     assert abs(memory.observer.disturbance_enu_m_s2[0]) > 0.01
 
 

@@ -13,8 +13,9 @@ import numpy as np
 import pytest
 
 from onboard.config.fleet import ConfigError, FleetConfig, fleet_from_mapping
+from onboard.estimation.accuracies import ACCURACIES
 from onboard.feasibility import bounds
-from onboard.feasibility.bounds import ACCURACIES, Response
+from onboard.feasibility.bounds import Response
 from onboard.feasibility.finding import Finding
 from onboard.feasibility.fleet_checks import error_class, fleet_findings, spot_findings
 

@@ -4,7 +4,7 @@ import pytest
 
 from onboard.config.fleet import ConfigError, load_fleet
 from onboard.config.radio import RadioConfig
-from onboard.feasibility.bounds import ACCURACIES
+from onboard.estimation.accuracies import ACCURACIES
 from onboard.feasibility.law_map import LawMap, MapCell, law_map_of, map_finding, shipped
 from tests.onboard.feasibility.test_fleet_checks import fleet_with
 

@@ -60,7 +60,7 @@ def test_what_the_failsafe_table_asks_for_is_possible_or_done_already() -> None:
 def test_a_step_without_setpoints_is_never_flown_by_the_law() -> None:
     for step in FlightStep:
         if not step.is_streaming:
-            assert step.phase.name == "GROUND", step.name
+            assert step.control_mode.name == "GROUND", step.name
 
 
 def _stores(path: Path) -> Iterator[ast.Attribute]:

@@ -10,7 +10,7 @@ from msgspec.structs import replace
 from onboard.autopilot import Landed, Snapshot
 from onboard.bus.schema import MocapPose
 from onboard.config.fleet import Vehicle
-from onboard.feasibility.bounds import ACCURACIES
+from onboard.estimation.accuracies import ACCURACIES
 from onboard.localization.own_state import OwnState
 from tests.onboard.agent.rig import DT_NS, fleet
 

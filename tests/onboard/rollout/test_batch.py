@@ -14,7 +14,7 @@ import pytest
 from onboard.avoidance.params import obstacles
 from onboard.config.fleet import load_fleet
 from onboard.control import pipeline
-from onboard.control.pipeline import Phase
+from onboard.control.control_mode import ControlMode
 from onboard.estimation import kalman
 from onboard.rollout import batch
 from onboard.rollout.rows import Layout, floats, zero
@@ -42,7 +42,7 @@ def random_neighbours(rng: np.random.Generator) -> list[Neighbour]:
 
 
 def random_flight() -> tuple[
-    list[pipeline.PipelineParams], list[list[tuple[State, Goal, list[Neighbour], Phase]]]
+    list[pipeline.PipelineParams], list[list[tuple[State, Goal, list[Neighbour], ControlMode]]]
 ]:
     """Parameters of different vehicles under different laws, and inputs of each tick for each of
     them.
@@ -56,7 +56,13 @@ def random_flight() -> tuple[
     ]
     flight = []
     for tick in range(TICKS):
-        phase = Phase.GROUND if tick < 2 else Phase.LIFTOFF if tick < 6 else Phase.FLYING
+        mode = (
+            ControlMode.GROUND
+            if tick < 2
+            else ControlMode.LIFTOFF
+            if tick < 6
+            else ControlMode.FLYING
+        )
         flight.append(
             [
                 (
@@ -65,7 +71,7 @@ def random_flight() -> tuple[
                     ),
                     Goal(vector(rng, 3.0), 0.0, tick // 15),
                     random_neighbours(rng),
-                    phase,
+                    mode,
                 )
                 for _ in range(VEHICLES)
             ]
@@ -90,7 +96,7 @@ def flown_in_rows() -> np.ndarray:
             batch.GOAL.packed([goal for _, goal, _, _ in inputs]),
             neighbours,
             is_present,
-            np.array([int(phase) for _, _, _, phase in inputs]),
+            np.array([int(mode) for _, _, _, mode in inputs]),
         )
         ticks.append(floats(batch.step(memories, passes, walls, rows, 0.02)).copy())
     return np.array(ticks)
@@ -104,9 +110,9 @@ def flown_one_by_one() -> np.ndarray:
     ticks = []
     for inputs in flight:
         values = []
-        for m, (state, goal, near, phase) in enumerate(inputs):
+        for m, (state, goal, near, mode) in enumerate(inputs):
             memories[m], tick = pipeline.step(
-                memories[m], state, goal, near, walls, phase, params[m], 0.02
+                memories[m], state, goal, near, walls, mode, params[m], 0.02
             )
             values.append(tick)
         ticks.append(floats(batch.TICK.packed(values)).copy())

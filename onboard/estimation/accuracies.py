@@ -1,0 +1,50 @@
+"""How far estimates of a vehicle's motion err, by what they are made of.
+
+The agent publishes no smaller errors of an estimate than these, and the checks of a fleet judge
+with them whether its margins are wide enough.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class Accuracy:
+    """Errors of a vehicle's own estimate per axis: standard deviations and correlation times."""
+
+    name: str
+    position_std_m: float
+    position_time_s: float
+    velocity_std_m_s: float
+    velocity_time_s: float
+    acceleration_std_m_s2: float = 0.1  # gusts, which accelerate one vehicle and not the other
+    acceleration_time_s: float = 1.5
+
+
+ACCURACIES = {
+    # the agent's own filter on samples of 3 mm
+    "mocap": Accuracy(
+        name="mocap",
+        position_std_m=0.003,
+        position_time_s=0.05,
+        velocity_std_m_s=0.03,
+        velocity_time_s=0.1,
+    ),
+    # PX4's estimate with external vision
+    "vision": Accuracy(
+        name="vision",
+        position_std_m=0.05,
+        position_time_s=0.5,
+        velocity_std_m_s=0.12,
+        velocity_time_s=0.5,
+    ),
+    # PX4's estimate with GPS
+    "gps": Accuracy(
+        name="gps",
+        position_std_m=0.2,
+        position_time_s=5.0,
+        velocity_std_m_s=0.2,
+        velocity_time_s=0.7,
+    ),
+}
