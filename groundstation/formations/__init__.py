@@ -1,3 +1,4 @@
-"""Formations: slots from shapes, texts, images and files; who takes which slot; frames that move,
-turn and scale.
+"""Formations.
+
+Slots from shapes, texts, images and files; who takes which slot; frames that move, turn and scale.
 """

@@ -31,11 +31,15 @@ def nearest_slots(
     names = [name for name in slots if name in positions]
     if len(names) < 2:
         return {name: name for name in slots}
+
     goals = np.array([slots[name] for name in names]) + np.array(centre)
     starts = np.array([positions[name] for name in names])
     squares = ((starts[:, None] - goals[None]) ** 2).sum(-1)
-    places = least_sum(np.where(squares <= least_longest(squares) + 1e-9, squares, _FORBIDDEN))
-    taken = {name: names[place] for name, place in zip(names, places, strict=True)}
+
+    # no flight longer than the best assignment needs; among these the least sum
+    is_allowed = squares <= least_longest(squares) + 1e-9
+    columns = least_sum(np.where(is_allowed, squares, _FORBIDDEN))
+    taken = {name: names[column] for name, column in zip(names, columns, strict=True)}
     return {name: taken.get(name, name) for name in slots}
 
 
@@ -48,14 +52,15 @@ def least_longest(costs: Array) -> float:
         costs: (N, N), of row i in column j.
     """
     count = len(costs)
-    row_of = np.full(count, -1)
+    row_of = np.full(count, -1)  # of each column; -1: not taken
     largest = 0.0
+
     for row in range(count):
-        reach, came_from, is_open = (
-            costs[row].copy(),
-            np.full(count, -1),
-            np.ones(count, dtype=bool),
-        )
+        reach = costs[row].copy()  # worst cost of the chain that ends at each column
+        came_from = np.full(count, -1)  # the column before it in that chain
+        is_open = np.ones(count, dtype=bool)
+
+        # Dijkstra's search, with the worst cost of a chain in the place of its length
         while True:
             column = int(np.where(is_open, reach, np.inf).argmin())
             if row_of[column] < 0:
@@ -63,45 +68,63 @@ def least_longest(costs: Array) -> float:
             is_open[column] = False
             through = np.maximum(reach[column], costs[row_of[column]])
             is_better = is_open & (through < reach)
-            reach[is_better], came_from[is_better] = through[is_better], column
+            reach[is_better] = through[is_better]
+            came_from[is_better] = column
+
         largest = max(largest, float(reach[column]))
+
+        # each column of the chain gets the row of the one before it; the first one gets this row
         while came_from[column] >= 0:
-            row_of[column], column = row_of[came_from[column]], int(came_from[column])
+            before = int(came_from[column])
+            row_of[column] = row_of[before]
+            column = before
         row_of[column] = row
     return largest
 
 
 def least_sum(costs: Array) -> list[int]:
-    """Return the column of each row such that the sum of costs is least: the Hungarian method by
-    shortest chains.
+    """Return the column of each row such that the sum of costs is least.
+
+    The Hungarian method by shortest chains: rows and columns have prices, and costs less prices
+    are never negative.
 
     Args:
         costs: (N, N), of row i in column j.
     """
     count = len(costs)
-    row_of = np.full(count + 1, -1)  # the last column is where the row that is taken in begins
-    price_of_row, price_of_column = np.zeros(count), np.zeros(count + 1)
+    start = count  # a column more, where the row that is taken in begins
+    row_of = np.full(count + 1, -1)  # of each column; -1: not taken
+    price_of_row = np.zeros(count)
+    price_of_column = np.zeros(count + 1)
+
     for row in range(count):
-        row_of[count], column = row, count
-        reach, came_from, is_open = (
-            np.full(count, np.inf),
-            np.full(count, -1),
-            np.ones(count + 1, dtype=bool),
-        )
+        row_of[start] = row
+        column = start
+        reach = np.full(count, np.inf)  # length of the chain that ends at each column
+        came_from = np.full(count, -1)  # the column before it in that chain
+        is_open = np.ones(count + 1, dtype=bool)
+
         while row_of[column] >= 0:
             is_open[column] = False
             here = row_of[column]
             through = costs[here] - price_of_row[here] - price_of_column[:count]
             is_better = is_open[:count] & (through < reach)
-            reach[is_better], came_from[is_better] = through[is_better], column
+            reach[is_better] = through[is_better]
+            came_from[is_better] = column
+
             following = int(np.where(is_open[:count], reach, np.inf).argmin())
             step = reach[following]
             price_of_row[row_of[~is_open]] += step
             price_of_column[~is_open] -= step
             reach[is_open[:count]] -= step
             column = following
-        while column != count:
-            row_of[column], column = row_of[came_from[column]], int(came_from[column])
+
+        # each column of the chain gets the row of the one before it
+        while column != start:
+            before = int(came_from[column])
+            row_of[column] = row_of[before]
+            column = before
+
     columns = np.empty(count, dtype=np.int64)
     columns[row_of[:count]] = np.arange(count)
     return [int(column) for column in columns]

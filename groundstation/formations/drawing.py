@@ -1,9 +1,11 @@
-"""Slots that draw a text or an image: spread evenly over its dark part, so that thin strokes become
-lines.
+"""Slots that draw a text or an image.
+
+They are spread evenly over its dark part, so that thin strokes become lines.
 """
 
 from __future__ import annotations
 
+import math
 import os
 from typing import Any
 
@@ -39,12 +41,16 @@ def text_slots(text: str, font: str | None, count: int) -> Array:
     polygons = [matplotlib.path.Path(points) for points in outline.to_polygons()]
     if not polygons:
         raise ConfigError(f"The text {text!r} has no visible letter. Write another one.")
-    corners = np.concatenate([one.vertices for one in polygons])
-    low, high = np.floor(corners.min(0)), np.ceil(corners.max(0))
-    x, y = np.meshgrid(*(np.arange(low[k], high[k]) + 0.5 for k in (0, 1)))
+
+    # the middle of each pixel of the box around the text
+    corners = np.concatenate([polygon.vertices for polygon in polygons])
+    low = np.floor(corners.min(0))
+    high = np.ceil(corners.max(0))
+    x, y = np.meshgrid(np.arange(low[0], high[0]) + 0.5, np.arange(low[1], high[1]) + 0.5)
     pixels = np.column_stack([x.ravel(), y.ravel()])
-    # the hole of an O is a polygon
-    inside = np.logical_xor.reduce([one.contains_points(pixels) for one in polygons])
+
+    # exclusive or, since the hole of an O is a polygon
+    inside = np.logical_xor.reduce([polygon.contains_points(pixels) for polygon in polygons])
     return _spread(pixels[inside], count, f"The text {text!r}")
 
 
@@ -67,13 +73,22 @@ def image_slots(file: str, count: int) -> Array:
         ) from None
     except (OSError, ValueError, SyntaxError) as error:
         raise ConfigError(f"{file}: this image cannot be read ({error}). Give a PNG.") from None
-    pixels /= 255.0 if pixels.max() > 1.0 else 1.0
-    grey = pixels if pixels.ndim == 2 else pixels[..., :3].mean(-1)
+
+    if pixels.max() > 1.0:
+        pixels /= 255.0
+    if pixels.ndim == 2:
+        grey = pixels
+    else:
+        grey = pixels[..., :3].mean(-1)
     if pixels.ndim == 3 and pixels.shape[2] == 4:
-        grey = grey * pixels[..., 3] + 1.0 - pixels[..., 3]
-    step = -(-max(grey.shape) // _MOST_PX)
-    dark = grey[::step, ::step] < 0.5
-    rows, columns = np.nonzero(dark if dark.mean() <= 0.5 else ~dark)
+        opacity = pixels[..., 3]
+        grey = grey * opacity + 1.0 - opacity  # on white
+
+    step = math.ceil(max(grey.shape) / _MOST_PX)
+    is_drawn = grey[::step, ::step] < 0.5
+    if is_drawn.mean() > 0.5:
+        is_drawn = ~is_drawn  # light on dark
+    rows, columns = np.nonzero(is_drawn)
     return _spread(np.column_stack([columns, -rows]).astype(float), count, f"{file}")
 
 
@@ -85,35 +100,41 @@ def _matplotlib() -> Any:
         import matplotlib.textpath
     except ImportError:
         raise ConfigError(
-            "Formations from a text or an image need matplotlib, which is not installed here. Install Covey with [all]."
+            "Formations from a text or an image need matplotlib, which is not installed here. "
+            "Install Covey with [all]."
         ) from None
     return matplotlib
 
 
 def _spread(pixels: Array, count: int, what: str) -> Array:
-    """Return pixels (N, 3) of a drawing (P, 2), each in the middle of those that are nearest to it."""
+    """Return pixels (N, 3) of a drawing (P, 2), each in the middle of its nearest ones.
+
+    Lloyd's iteration (k-means), begun with pixels that are far from each other.
+    """
     if len(pixels) < count:
         raise ConfigError(
             f"{what} has {len(pixels)} dark pixels, too few for {count} slots. Draw it thicker."
         )
+
+    # the first in the west, each further one as far from all before it as possible
     centres = pixels[[int(np.argmin(pixels @ (1.0, -0.01)))]]
-    away = ((pixels - centres) ** 2).sum(-1)
-    for _ in range(1, count):  # the farthest from all so far
-        centres = np.concatenate([centres, pixels[[int(away.argmax())]]])
-        away = np.minimum(away, ((pixels - centres[-1]) ** 2).sum(-1))
+    distances = ((pixels - centres) ** 2).sum(-1)
+    for _ in range(1, count):
+        centres = np.concatenate([centres, pixels[[int(distances.argmax())]]])
+        distances = np.minimum(distances, ((pixels - centres[-1]) ** 2).sum(-1))
+
     for _ in range(_ROUNDS):
         nearest = ((pixels[:, None] - centres[None]) ** 2).sum(-1).argmin(-1)
         sizes = np.bincount(nearest, minlength=count)
-        moved = (
-            np.column_stack([np.bincount(nearest, axis, minlength=count) for axis in pixels.T])
-            / sizes[:, None]
-        )
-        if np.abs(moved - centres).max() < 1e-3:
+        sums = [np.bincount(nearest, axis, minlength=count) for axis in pixels.T]
+        means = np.column_stack(sums) / sizes[:, None]
+        if np.abs(means - centres).max() < 1e-3:
             break
-        centres = moved
+        centres = means
+
     drawn = pixels[((pixels[None] - centres[:, None]) ** 2).sum(-1).argmin(-1)]
-    order = np.lexsort((-drawn[:, 1], drawn[:, 0]))
-    return np.column_stack([drawn[order], np.zeros(count)])
+    from_the_west = np.lexsort((-drawn[:, 1], drawn[:, 0]))
+    return np.column_stack([drawn[from_the_west], np.zeros(count)])
 
 
 def beside(path: str, file: str) -> str:

@@ -1,6 +1,4 @@
-"""A frame that carries a formation: it moves, turns and stretches, and the shape changes on the
-way. Pure.
-"""
+"""A frame that carries a formation: it moves, turns and stretches, and the shape changes. Pure."""
 
 from __future__ import annotations
 
@@ -18,7 +16,8 @@ from onboard.arrays import Array
 from onboard.config.fleet import ConfigError, FleetConfig, Vec3
 from onboard.control.path import Path, sampled
 
-_SHARE, _ROOM = 0.6, 1.005  # of the top speed, where no duration is given; more than what is needed
+_SPEED_SHARE = 0.6  # of the top speed, where no duration is given
+_ROOM = 1.005  # by which paths are slowed beyond what is needed
 _LEAST_S = 2.0
 
 
@@ -49,8 +48,9 @@ def frame_paths(
     points: Sequence[FramePoint],
     positions: Mapping[str, Vec3] | None = None,
 ) -> dict[str, Path]:
-    """Return the path of each vehicle of a formation whose frame flies through points, from rest to
-    rest.
+    """Return the path of each vehicle of a formation whose frame flies through points.
+
+    All paths lead from rest to rest.
 
     Args:
         fleet: the fleet file.
@@ -67,92 +67,117 @@ def frame_paths(
     """
     if not points:
         raise ConfigError("A formation's way needs at least one point.")
+
+    is_dealt_out = positions is not None and begin.leader is None
     slots = _slots(fleet, begin.name, begin.spacing_m, begin.leader)
     names = list(slots)
-    if positions is not None and begin.leader is None:
+    if positions is not None and is_dealt_out:
         turned = stretched(slots, None, begin.rotation_deg)
-        takes = nearest_slots(turned, positions, begin.position_enu_m)
-        slots = {name: slots[takes[name]] for name in names}
-    name, spacing_m, angle, place = (
-        begin.name,
-        begin.spacing_m,
-        math.radians(begin.rotation_deg),
-        begin.position_enu_m,
-    )
-    own, centres, angles, times = [_array(slots, names)], [place], [angle], [0.0]
+        dealt = nearest_slots(turned, positions, begin.position_enu_m)
+        slots = {name: slots[dealt[name]] for name in names}
+
+    # the frame and the slots within it, at the begin and at each point
+    name = begin.name
+    spacing_m = begin.spacing_m
+    centres = [begin.position_enu_m]
+    angles_rad = [math.radians(begin.rotation_deg)]
+    offsets = [_array(slots, names)]
+    times_s = [0.0]
+    slowest_m_s = min(fleet.vehicles[one].max_speed_m_s for one in names)
+
     for point in points:
         if point.name is not None or point.spacing_m is not None:
-            name, spacing_m = (
-                point.name or name,
-                point.spacing_m or (None if point.name else spacing_m),
-            )
-            following = _slots(fleet, name, spacing_m, begin.leader)
-            if set(following) != set(names):
+            if point.spacing_m:
+                spacing_m = point.spacing_m
+            elif point.name:
+                spacing_m = None
+            name = point.name or name
+            slots = _slots(fleet, name, spacing_m, begin.leader)
+            if set(slots) != set(names):
                 raise ConfigError(
                     f"Formation '{name}' has slots for other vehicles than '{begin.name}'."
                 )
-            before = {one: _vec3(at) for one, at in zip(names, own[-1], strict=True)}
-            same = positions is None or begin.leader is not None
-            takes = (
-                {one: one for one in names}
-                if same
-                else nearest_slots(following, before, (0.0, 0.0, 0.0))
-            )
-            slots = {one: following[takes[one]] for one in names}
-        place, angle = point.position_enu_m or place, angle + math.radians(point.turn_deg)
-        own.append(_array(slots, names))
-        way_m = np.linalg.norm(own[-1] - own[-2], axis=-1) + math.dist(place, centres[-1])
-        way_m = way_m + abs(angle - angles[-1]) * np.hypot(own[-1][:, 0], own[-1][:, 1])
-        slowest_m_s = min(fleet.vehicles[one].max_speed_m_s for one in names)
-        duration_s = point.duration_s or max(_LEAST_S, float(way_m.max()) / (_SHARE * slowest_m_s))
-        centres, angles, times = (
-            [*centres, place],
-            [*angles, angle],
-            [*times, times[-1] + duration_s],
-        )
-    paths = _carried(names, np.array(times), np.array(centres), np.array(angles), np.array(own))
+            if is_dealt_out:
+                before = {one: _vec3(at) for one, at in zip(names, offsets[-1], strict=True)}
+                dealt = nearest_slots(slots, before, (0.0, 0.0, 0.0))
+                slots = {one: slots[dealt[one]] for one in names}
+
+        centre = point.position_enu_m or centres[-1]
+        angle_rad = angles_rad[-1] + math.radians(point.turn_deg)
+        offsets.append(_array(slots, names))
+
+        # at most as far as this: within the frame, with the frame, and around its centre
+        length_m = np.linalg.norm(offsets[-1] - offsets[-2], axis=-1)
+        length_m = length_m + math.dist(centre, centres[-1])
+        radius_m = np.hypot(offsets[-1][:, 0], offsets[-1][:, 1])
+        length_m = length_m + abs(angle_rad - angles_rad[-1]) * radius_m
+        duration_s = point.duration_s
+        if not duration_s:
+            duration_s = max(_LEAST_S, float(length_m.max()) / (_SPEED_SHARE * slowest_m_s))
+
+        centres.append(centre)
+        angles_rad.append(angle_rad)
+        times_s.append(times_s[-1] + duration_s)
+
+    paths = _carried(
+        names,
+        times_s=np.array(times_s),
+        centres=np.array(centres),
+        angles_rad=np.array(angles_rad),
+        offsets=np.array(offsets),
+    )
     if any(not point.duration_s for point in points):
         factor, _ = needed_slowing(sample(paths), limits_of(fleet, names))
-        paths = {one: slowed(path, _ROOM * max(factor, 1.0)) for one, path in paths.items()}
+        factor = _ROOM * max(factor, 1.0)
+        paths = {one: slowed(path, factor) for one, path in paths.items()}
     return paths
 
 
 def _carried(
-    names: Sequence[str], times_s: Array, centres: Array, angles: Array, own: Array
+    names: Sequence[str], *, times_s: Array, centres: Array, angles_rad: Array, offsets: Array
 ) -> dict[str, Path]:
-    """Return the paths of slots (K, N, 3) in a frame at (K, 3) with angles (K,)."""
-    grid = np.linspace(0.0, times_s[-1], max(2, math.ceil(times_s[-1] / GRID_S) + 1))
-    centre = _smooth(times_s, centres, grid)
-    angle = _smooth(times_s, np.column_stack([angles, np.zeros((len(angles), 2))]), grid)[:, 0]
-    c, s = np.cos(angle), np.sin(angle)
+    """Return the paths of offsets (K, N, 3) in a frame at centres (K, 3) with angles (K,)."""
+    count = max(2, math.ceil(times_s[-1] / GRID_S) + 1)
+    grid_s = np.linspace(0.0, times_s[-1], count)
+    centre = _smooth(times_s, centres, grid_s)
+    padded = np.column_stack([angles_rad, np.zeros((len(angles_rad), 2))])
+    angle_rad = _smooth(times_s, padded, grid_s)[:, 0]
+    c = np.cos(angle_rad)
+    s = np.sin(angle_rad)
+
     paths = {}
     for k, name in enumerate(names):
-        local = _smooth(times_s, own[:, k], grid)
-        x, y = c * local[:, 0] - s * local[:, 1], s * local[:, 0] + c * local[:, 1]
+        local = _smooth(times_s, offsets[:, k], grid_s)
+        x = c * local[:, 0] - s * local[:, 1]
+        y = s * local[:, 0] + c * local[:, 1]
         world = centre + np.column_stack([x, y, local[:, 2]])
-        paths[name] = fitted(grid, np.column_stack([world, np.zeros(len(grid))]))
+        paths[name] = fitted(grid_s, np.column_stack([world, np.zeros(len(grid_s))]))
     return paths
 
 
 def _smooth(times_s: Array, values: Array, grid: Array) -> Array:
     """Return values (K, 3) at times, joined smoothly, on a grid that is as long."""
     path = fitted(times_s, np.column_stack([values, np.zeros(len(values))]))
-    return np.asarray(sampled(path, grid * (path.duration_s / grid[-1]))[0][:, :3])
+    longer = path.duration_s / grid[-1]  # by the rests at both ends
+    return np.asarray(sampled(path, grid * longer)[0][:, :3])
 
 
 def _slots(
     fleet: FleetConfig, name: str, spacing_m: float | None, leader: str | None
 ) -> dict[str, Vec3]:
+    """Return the offsets of a formation, from its leader where it has one."""
     if name not in formation_names(fleet):
         known = ", ".join(formation_names(fleet)) or "none"
         raise ConfigError(
             f"'{name}' is no formation of fleet '{fleet.fleet.name}': it has {known}."
         )
+
     slots = stretched(formation_slots(fleet, name), spacing_m)
     if leader is None:
         return slots
     if leader not in slots:
         raise ConfigError(f"The leader '{leader}' has no slot in formation '{name}'.")
+
     return {one: _vec3(np.array(at) - np.array(slots[leader])) for one, at in slots.items()}
 
 

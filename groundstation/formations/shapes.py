@@ -1,7 +1,7 @@
-"""Slots of the shapes that a few numbers describe, of unit size; spacing and rotation come later.
-Pure.
+"""Slots of the shapes that a few numbers describe. Pure.
 
-North is ahead. Each function takes the number of slots and returns positions (N, 3).
+North is ahead. Each function takes the number of slots and returns positions (N, 3) of unit size;
+spacing and rotation come later.
 """
 
 from __future__ import annotations
@@ -28,26 +28,26 @@ def column(count: int) -> Array:
 
 def v(count: int, opening_deg: float) -> Array:
     """Return two arms behind the first slot, to its left and right in turn."""
-    half = math.radians(0.5 * opening_deg)
-    return _flat(
-        [
-            ((-1.0) ** k * math.sin(half) * ((k + 1) // 2), -math.cos(half) * ((k + 1) // 2))
-            for k in range(count)
-        ]
-    )
+    half_rad = math.radians(0.5 * opening_deg)
+    slots = []
+    for k in range(count):
+        row = (k + 1) // 2
+        side = (-1.0) ** k
+        slots.append((side * math.sin(half_rad) * row, -math.cos(half_rad) * row))
+    return _flat(slots)
 
 
 def wedge(count: int, opening_deg: float) -> Array:
     """Return a filled triangle: rows of 1, 2, 3 ... slots behind the first."""
-    half = math.radians(0.5 * opening_deg)
+    half_rad = math.radians(0.5 * opening_deg)
+    spacing = 2.0 * math.sin(half_rad)
     slots: list[tuple[float, float]] = []
+
     row = 0
     while len(slots) < count:
         in_row = min(row + 1, count - len(slots))
-        slots += [
-            (2.0 * math.sin(half) * (k - 0.5 * (in_row - 1)), -math.cos(half) * row)
-            for k in range(in_row)
-        ]
+        for k in range(in_row):
+            slots.append((spacing * (k - 0.5 * (in_row - 1)), -math.cos(half_rad) * row))
         row += 1
     return _flat(slots)
 
@@ -63,29 +63,30 @@ def grid(count: int, columns: int | None) -> Array:
     width = columns or math.ceil(math.sqrt(count))
     slots = []
     for k in range(count):
-        row, place = divmod(k, width)
+        row, index_in_row = divmod(k, width)
         in_row = min(width, count - row * width)
-        slots.append((place - 0.5 * (in_row - 1), -float(row)))
+        slots.append((index_in_row - 0.5 * (in_row - 1), -float(row)))
     return _flat(slots)
 
 
 def polygon(count: int, sides: int) -> Array:
     """Return slots evenly along the sides of a regular polygon, the first on its northern corner."""
     corners = circle(sides)
-    at = sides * np.arange(count) / count
-    side = np.floor(at + 1e-9).astype(np.int64) % sides
-    share = (at - np.floor(at + 1e-9))[:, None]
+
+    # how many sides lie before each slot, whole ones and the share of its own
+    sides_before = sides * np.arange(count) / count
+    whole = np.floor(sides_before + 1e-9)
+    side = whole.astype(np.int64) % sides
+    share = (sides_before - whole)[:, None]
     return np.asarray((1.0 - share) * corners[side] + share * corners[(side + 1) % sides])
 
 
 def sphere(count: int) -> Array:
-    """Return slots on a sphere, upper and lower half in turn, of which no two stand above each
-    other.
-    """
-    places = np.arange(count)
-    radius = np.sqrt((places + 0.5) / count)
-    angles = _GOLDEN_RAD * places
-    heights = (-1.0) ** places * np.sqrt(1.0 - radius**2)
+    """Return slots on a sphere, upper and lower half in turn; no two stand above each other."""
+    numbers = np.arange(count)
+    radius = np.sqrt((numbers + 0.5) / count)
+    angles = _GOLDEN_RAD * numbers
+    heights = (-1.0) ** numbers * np.sqrt(1.0 - radius**2)
     return np.column_stack([radius * np.sin(angles), radius * np.cos(angles), heights])
 
 
@@ -107,19 +108,21 @@ def layered(make: Array, layers: int, height_m: float, *, is_stacked: bool, coun
         is_stacked: the whole shape in every layer, else the slots take turns.
         count: of all slots.
     """
-    places = np.arange(count)
-    slots, layer = (
-        (make[places % len(make)], places // len(make))
-        if is_stacked
-        else (make.copy(), places % layers)
-    )
+    numbers = np.arange(count)
+    if is_stacked:
+        slots = make[numbers % len(make)]
+        layer = numbers // len(make)
+    else:
+        slots = make.copy()
+        layer = numbers % layers
     slots[:, 2] += height_m * layer
     return slots
 
 
 def turned(slots: Array, rotation_deg: float) -> Array:
     """Return slots (..., 3) turned about the vertical, counterclockwise seen from above."""
-    c, s = math.cos(math.radians(rotation_deg)), math.sin(math.radians(rotation_deg))
+    c = math.cos(math.radians(rotation_deg))
+    s = math.sin(math.radians(rotation_deg))
     return np.asarray(slots @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]))
 
 

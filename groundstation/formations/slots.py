@@ -16,6 +16,14 @@ from onboard.config.formation_shape import FormationShape
 
 _ROOM = 1.15  # of the spacing that is taken by default, times the law's least
 
+# shapes that need no more than the number of slots
+_PLAIN = {
+    "line": shapes.line,
+    "column": shapes.column,
+    "circle": shapes.circle,
+    "sphere": shapes.sphere,
+}
+
 
 def formation_names(fleet: FleetConfig) -> tuple[str, ...]:
     """Return the names of all formations, those with slots first."""
@@ -37,6 +45,7 @@ def formation_slots(fleet: FleetConfig, name: str) -> dict[str, Vec3]:
     """
     if name in fleet.formations:
         return fleet.formations[name]
+
     shape = fleet.shapes[name]
     key = f"'formations.{name}'"
     names = tuple(one for one in fleet.select(shape.vehicles) if one in fleet.enabled_names)
@@ -64,10 +73,11 @@ def stretched(
     """
     if not slots:
         return {}
-    points = np.array(list(slots.values()))
-    nearest_m = shapes.nearest_m(points)
     if spacing_m is None and not rotation_deg:
         return dict(slots)
+
+    points = np.array(list(slots.values()))
+    nearest_m = shapes.nearest_m(points)
     if spacing_m is not None and 0.0 < nearest_m < math.inf:
         points[:, :2] *= spacing_m / nearest_m
     if rotation_deg:
@@ -78,9 +88,13 @@ def stretched(
 @functools.lru_cache(maxsize=64)
 def _slots(shape: FormationShape, count: int, path: str, least_m: float) -> tuple[Vec3, ...]:
     """Return the slots of a shape for so many vehicles."""
-    per_layer = -(-count // shape.layers) if shape.stacked else count
-    points = _outline(shape, per_layer, path)
+    in_outline = count
+    if shape.stacked:
+        in_outline = math.ceil(count / shape.layers)
+    points = _outline(shape, in_outline, path)
     nearest_m = shapes.nearest_m(points)
+
+    # a file's own metres stay, unless it says otherwise
     spacing_m = shape.spacing_m
     if spacing_m is None and shape.shape != "csv":
         spacing_m = _ROOM * least_m
@@ -88,36 +102,39 @@ def _slots(shape: FormationShape, count: int, path: str, least_m: float) -> tupl
         if nearest_m < 1e-6:
             raise ConfigError("two of its slots are at one spot. Correct its shape or its file.")
         points = points * (spacing_m / nearest_m)
+
     points = shapes.layered(
         points, shape.layers, shape.layer_height_m, is_stacked=shape.stacked, count=count
     )
-    points = points if shape.shape == "csv" else shapes.centred(points)
+    if shape.shape != "csv":
+        points = shapes.centred(points)
     points = np.round(shapes.turned(points, shape.rotation_deg), 4)
     return tuple((x, y, z) for x, y, z in points.tolist())
 
 
 def _outline(shape: FormationShape, count: int, path: str) -> Array:
     """Return the slots of a shape before they are stretched, turned and layered."""
-    if shape.shape in ("line", "column", "circle", "sphere"):
-        makers = {
-            "line": shapes.line,
-            "column": shapes.column,
-            "circle": shapes.circle,
-            "sphere": shapes.sphere,
-        }
-        return makers[shape.shape](count)
-    if shape.shape in ("v", "wedge"):
-        return (shapes.v if shape.shape == "v" else shapes.wedge)(count, shape.opening_deg)
+    if shape.shape in _PLAIN:
+        return _PLAIN[shape.shape](count)
+    if shape.shape == "v":
+        return shapes.v(count, shape.opening_deg)
+    if shape.shape == "wedge":
+        return shapes.wedge(count, shape.opening_deg)
     if shape.shape == "grid":
         return shapes.grid(count, shape.columns)
     if shape.shape == "polygon":
         return shapes.polygon(count, shape.sides)
+
     if shape.shape == "text":
-        return drawing.text_slots(
-            shape.text, shape.font and drawing.beside(path, shape.font), count
-        )
+        font = None
+        if shape.font is not None:
+            font = drawing.beside(path, shape.font)
+        return drawing.text_slots(shape.text, font, count)
+
     file = drawing.beside(path, shape.file or "")
-    return drawing.image_slots(file, count) if shape.shape == "image" else _from_csv(file, count)
+    if shape.shape == "image":
+        return drawing.image_slots(file, count)
+    return _from_csv(file, count)
 
 
 def _from_csv(file: str, count: int) -> Array:
@@ -130,4 +147,6 @@ def _from_csv(file: str, count: int) -> Array:
         raise ConfigError(
             f"{file} has {len(numbers)} slots for {count} vehicles. Give each vehicle one line."
         )
-    return np.column_stack([numbers, np.zeros(count)]) if len(columns) == 2 else numbers
+    if len(columns) == 2:
+        return np.column_stack([numbers, np.zeros(count)])
+    return numbers
