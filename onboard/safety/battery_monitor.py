@@ -1,24 +1,31 @@
-"""Detects a battery that will not last until the vehicle is down, from the trend of PX4's reports.
-
-Pure.
-"""
+"""Detects a battery that will not last until the vehicle is down, from PX4's reports. Pure."""
 
 from __future__ import annotations
 
 import math
 from collections import deque
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
-_OVER_S = 10.0
-_LEAST_S = 1.0
-_RESERVE_S = 15.0
+_WINDOW_S = 10.0  # in which the battery's trend is measured
+_LEAST_S = 1.0  # of the window, before anything is said
+_LEAST_FALL_FRAC = 0.03  # of the charge within the window: one step of a percentage is no trend
+_RESERVE_S = 15.0  # after the descent
 _SAG_SHARE = 0.12  # of the voltage, lost within the window
+_LEAST_VOLTAGE_V = 1.0  # below it nothing is measured
+
+
+class _BatterySample(NamedTuple):
+    time_s: float
+    remaining_frac: float  # NaN while PX4 does not report it
+    voltage_v: float  # NaN while PX4 does not report it
 
 
 @dataclass(slots=True)
 class BatteryMonitor:
-    """Memory of one battery; call :meth:`update` some times a second in flight, :meth:`reset` on
-    the ground.
+    """Memory of one battery.
+
+    Call :meth:`update` some times a second in flight, :meth:`reset` on the ground.
 
     A percentage falls by about 0.2 % a second in ordinary flight. The battery is falling when, at
     the present rate, less than half of the landing level would be left after the descent and a
@@ -26,8 +33,8 @@ class BatteryMonitor:
     counts by that until less is left.
     """
 
-    is_falling: bool = False
-    _past: deque[tuple[float, float, float]] = field(default_factory=deque)  # time, share, voltage
+    is_falling: bool = False  # stays so until the reset
+    _past: deque[_BatterySample] = field(default_factory=deque)  # of the window, the oldest first
 
     def reset(self) -> None:
         """Begin anew; on the ground loads come and go."""
@@ -56,19 +63,27 @@ class BatteryMonitor:
                 0 for a real one.
         """
         past = self._past
-        past.append((time_s, remaining_frac, voltage_v))
-        while time_s - past[0][0] > _OVER_S:
+        past.append(_BatterySample(time_s, remaining_frac, voltage_v))
+        while time_s - past[0].time_s > _WINDOW_S:
             past.popleft()
-        begin_s, frac, voltage = past[0]
-        over_s = time_s - begin_s
+
+        oldest = past[0]
+        over_s = time_s - oldest.time_s
         if over_s < _LEAST_S:
             return
+
         # over a short window one step of a percentage would look like a steep fall
-        rate_1_s = (frac - remaining_frac) / max(over_s, 0.5 * _OVER_S)
+        fallen_frac = oldest.remaining_frac - remaining_frac
+        rate_1_s = fallen_frac / max(over_s, 0.5 * _WINDOW_S)
         left_frac = remaining_frac - rate_1_s * (descent_s + _RESERVE_S)
         if remaining_frac >= floor_frac:
             left_frac = max(left_frac, floor_frac)
-        runs_out = left_frac < 0.5 * land_frac
-        sags = math.isfinite(voltage) and voltage > 1.0 and voltage_v < (1.0 - _SAG_SHARE) * voltage
-        if (runs_out and frac - remaining_frac > 0.03) or sags:
+
+        runs_out = left_frac < 0.5 * land_frac and fallen_frac > _LEAST_FALL_FRAC
+        if runs_out or _sags(oldest.voltage_v, voltage_v):
             self.is_falling = True
+
+
+def _sags(before_v: float, now_v: float) -> bool:
+    is_measured = math.isfinite(before_v) and before_v > _LEAST_VOLTAGE_V
+    return is_measured and now_v < (1.0 - _SAG_SHARE) * before_v

@@ -1,16 +1,17 @@
-"""The failsafe table: the action for every pair of a situation and a condition, decided beforehand.
-Pure data.
+"""The failsafe table: the action for every pair of a situation and a condition. Pure data.
 
-Of all conditions that hold, the strongest action counts, and it is kept: an action ends only by a
-stronger one or by an operator's order (:func:`latched`).
+What the agent does when something fails is decided here, beforehand and for all cases, and not in
+the moment. Of all conditions that hold, the strongest action counts, and it is kept: an action ends
+only by a stronger one or by an operator's order (:func:`latched`).
 
 The rank of an action says how much of the flight it takes away from this agent: first the speed,
 then the goal, then the flight itself, then the controls. A higher rank is safer whenever something
-is in doubt on which the lower rank relies, and the table uses a rank only in such cases. It is no
-scale of comfort: PX4's landing does not avoid the others, and after silence PX4's own failsafe
-lands. Both stand above the landing under the law, for cases in which that landing cannot be
-trusted. LEVEL is a hold without a usable tick: while it lasts, setpoints are level; afterwards the
-vehicle holds.
+is in doubt on which the lower rank relies, and the table uses a rank only in such cases.
+
+The rank is no scale of comfort. PX4's landing does not avoid the others, and after silence PX4's
+own failsafe lands. Both stand above the landing under the law, for cases in which that landing
+cannot be trusted. LEVEL is a hold without a usable tick: while it lasts, setpoints are level;
+afterwards the vehicle holds.
 """
 
 from __future__ import annotations
@@ -34,13 +35,13 @@ class Situation(Enum):
 
 
 class Condition(Enum):
-    """Everything that can be wrong, in groups. Of two conditions with the same action the first one
-    is named.
+    """Everything that can be wrong, in groups.
 
-    The names are codes of events, the values are words of the telemetry and of docs/failsafe.md.
+    Of two conditions with the same action the first one is named. The names are codes of events,
+    the values are words of the telemetry and of docs/failsafe.md.
     """
 
-    __hash__ = object.__hash__
+    __hash__ = object.__hash__  # as above
 
     # own motion
     POSITION_STALE = "own position stale"
@@ -137,315 +138,213 @@ WORDS: dict[Action, str] = {
     Action.STOP: "no more setpoints are sent",
 }
 
-_C, _A = Condition, Action
+# short names, so that the table below reads as a table
+C = Condition
+GO_ON = Action.GO_ON
+REFUSE = Action.REFUSE
+SLOW = Action.SLOW
+HOLD = Action.HOLD
+LEVEL = Action.LEVEL
+LAND = Action.LAND
+PX4_LAND = Action.PX4_LAND
+DISARM = Action.DISARM
+STOP = Action.STOP
+
+# fmt: off
+_ROWS: dict[Condition, tuple[Action, ...]] = {
+    # situation:                GROUND   ARMED   LIFTOFF   FLYING    LANDING   PX4    SILENT
+    #                                                                          LANDING
+
+    # -- own motion
+    # Own dead reckoning is better than PX4's for some seconds, and the others hear where it leads.
+    # PX4's landing avoids nobody, was 1 to 2.3 m off after 4 s, and ended two flights of five in a
+    # collision. Whatever else holds, a flight without a position brakes and sinks (docs/flight.md).
+    # If the poses are back in time, its order goes on.
+    C.POSITION_STALE:          (REFUSE,  GO_ON,  GO_ON,    GO_ON,    GO_ON,    GO_ON, GO_ON),
+    C.POSITION_LOST:           (REFUSE,  DISARM, LAND,     LAND,     LAND,     GO_ON, GO_ON),
+    C.POSITION_LOST_LONG:      (REFUSE,  DISARM, PX4_LAND, PX4_LAND, PX4_LAND, GO_ON, GO_ON),
+    # On the ground it may be believed again: a vehicle can be carried there. Nobody starts from
+    # such a place. In the air, without these samples, the estimate continues on attitude and
+    # thrust, which is good enough for the 0.2 s until it counts as stale. Braking under the law is
+    # better than flying on.
+    C.POSITION_JUMPED:         (REFUSE,  DISARM, LAND,     HOLD,     GO_ON,    GO_ON, GO_ON),
+    C.MOCAP_SWAPPED:           (REFUSE,  DISARM, LAND,     HOLD,     GO_ON,    GO_ON, GO_ON),
+    C.MOCAP_FROZEN:            (REFUSE,  GO_ON,  LAND,     HOLD,     GO_ON,    GO_ON, GO_ON),
+    # The estimate compensates the age, but its error grows with the speed.
+    C.MOCAP_LATE:              (REFUSE,  GO_ON,  GO_ON,    SLOW,     GO_ON,    GO_ON, GO_ON),
+    # PX4's own position runs away from then on: down by dead reckoning, out of the others' heights.
+    C.SATELLITES_LOST:         (REFUSE,  DISARM, LAND,     LAND,     GO_ON,    GO_ON, GO_ON),
+    # No distance that the others keep covers the error. The vehicle lands before it is worse, under
+    # the law, by the position that it has.
+    C.POSITION_INACCURATE:     (REFUSE,  DISARM, LAND,     LAND,     GO_ON,    GO_ON, GO_ON),
+
+    # -- PX4
+    # Whoever took the controls flies it, also out of PX4's landing. That landing is not commanded
+    # again then.
+    C.LEFT_OFFBOARD:           (GO_ON,   DISARM, STOP,     STOP,     STOP,     STOP,  GO_ON),
+    C.PX4_FAILSAFE:            (GO_ON,   DISARM, STOP,     STOP,     STOP,     GO_ON, GO_ON),
+    # The kill switch was used: never arm again by itself. In a landing it is how the landing ends.
+    C.DISARMED:                (GO_ON,   GO_ON,  STOP,     STOP,     GO_ON,    GO_ON, GO_ON),
+    # It has forgotten modes, parameters that were not saved, and where its local origin was.
+    C.REBOOTED:                (REFUSE,  DISARM, STOP,     STOP,     STOP,     STOP,  GO_ON),
+    C.AUTOPILOT_SILENT:        (REFUSE,  STOP,   STOP,     STOP,     STOP,     STOP,  GO_ON),
+    # Nobody can fly by such numbers. As for a silent PX4, its own failsafe is what is left.
+    C.AUTOPILOT_IMPOSSIBLE:    (REFUSE,  STOP,   STOP,     STOP,     STOP,     STOP,  GO_ON),
+    # Setpoints sent to it now would be obeyed late, all at once.
+    C.AUTOPILOT_FROZEN:        (REFUSE,  STOP,   STOP,     STOP,     STOP,     STOP,  GO_ON),
+    # It flew on its last setpoint meanwhile, and its own failsafe is timed by the clock that stood
+    # still.
+    C.AUTOPILOT_BACK:          (GO_ON,   DISARM, LAND,     HOLD,     GO_ON,    GO_ON, GO_ON),
+    # Attitude still arrives, so it follows setpoints. But its mode is not known any more.
+    C.HEARTBEAT_LOST:          (REFUSE,  DISARM, LAND,     LAND,     GO_ON,    GO_ON, GO_ON),
+    # One wrong datagram ends no flight. From several on nobody knows which of two senders is PX4.
+    C.REPORTS_CONTRADICT:      (REFUSE,  DISARM, GO_ON,    GO_ON,    GO_ON,    GO_ON, GO_ON),
+    C.REPORTS_CONTRADICT_LONG: (REFUSE,  DISARM, LAND,     LAND,     GO_ON,    GO_ON, GO_ON),
+    # A landing under the law ends by its own signs of contact, and by PX4's word that it is
+    # disarmed.
+    C.LANDED_UNKNOWN:          (REFUSE,  DISARM, GO_ON,    GO_ON,    GO_ON,    GO_ON, GO_ON),
+    # A PX4 that believes to have landed disarms soon: the lower it is by then, the better.
+    C.LANDED_WRONG:            (GO_ON,   GO_ON,  GO_ON,    LAND,     GO_ON,    GO_ON, GO_ON),
+    # Our setpoints do not reach the motors. PX4's own landing does not depend on them.
+    C.ATTITUDE_NOT_FOLLOWED:   (GO_ON,   GO_ON,  PX4_LAND, PX4_LAND, PX4_LAND, GO_ON, GO_ON),
+    C.THRUST_SATURATED:        (GO_ON,   GO_ON,  GO_ON,    SLOW,     GO_ON,    GO_ON, GO_ON),
+    C.NOT_CLIMBING:            (GO_ON,   GO_ON,  GO_ON,    LAND,     GO_ON,    GO_ON, GO_ON),
+    # This is what a collision or a failed motor leaves. Thrust does not help, and PX4's failsafe
+    # for lost setpoints disarms.
+    C.FALLEN:                  (GO_ON,   GO_ON,  GO_ON,    STOP,     GO_ON,    GO_ON, GO_ON),
+
+    # -- own process
+    C.LOOP_LATE:               (GO_ON,   GO_ON,  GO_ON,    GO_ON,    GO_ON,    GO_ON, GO_ON),
+    C.LOOP_STALLED:            (GO_ON,   DISARM, LAND,     HOLD,     GO_ON,    GO_ON, GO_ON),
+    # PX4 has begun to land meanwhile: new setpoints would interrupt its landing.
+    C.LOOP_STALLED_LONG:       (GO_ON,   DISARM, PX4_LAND, PX4_LAND, PX4_LAND, GO_ON, GO_ON),
+    # Wrong ages have rows of their own. The jump itself changes nothing in flight.
+    C.CLOCK_JUMPED:            (REFUSE,  GO_ON,  GO_ON,    GO_ON,    GO_ON,    GO_ON, GO_ON),
+    C.NOT_FINITE:              (REFUSE,  GO_ON,  LAND,     LEVEL,    LEVEL,    GO_ON, GO_ON),
+    C.NOT_FINITE_LONG:         (REFUSE,  DISARM, PX4_LAND, PX4_LAND, PX4_LAND, GO_ON, GO_ON),
+    # Covey's law was computed beside it all the time, so nothing is missing. The next flight begins
+    # with the own law again.
+    C.OWN_LAW_REFUSED:         (GO_ON,   GO_ON,  GO_ON,    GO_ON,    GO_ON,    GO_ON, GO_ON),
+    # No flight begins without a record, and none ends because of it.
+    C.DISK_FULL:               (REFUSE,  GO_ON,  GO_ON,    GO_ON,    GO_ON,    GO_ON, GO_ON),
+    # On the ground neither flies. An agent in the air goes on, since the second one sends nothing.
+    C.TWIN:                    (REFUSE,  DISARM, LAND,     GO_ON,    GO_ON,    GO_ON, GO_ON),
+    C.SHUTDOWN:                (REFUSE,  DISARM, LAND,     LAND,     GO_ON,    GO_ON, GO_ON),
+
+    # -- bus and ground
+    C.BUS_LOST:                (REFUSE,  DISARM, LAND,     HOLD,     GO_ON,    GO_ON, GO_ON),
+    C.BUS_LOST_LONG:           (REFUSE,  DISARM, LAND,     LAND,     GO_ON,    GO_ON, GO_ON),
+    # No start is completed without anybody. In flight it is no emergency: the order is finished,
+    # and the vehicle holds.
+    C.GROUND_LOST:             (GO_ON,   DISARM, LAND,     GO_ON,    GO_ON,    GO_ON, GO_ON),
+    # Nobody comes back, and PX4's failsafe for an empty battery would land all at once, without
+    # avoidance.
+    C.GROUND_LOST_LONG:        (GO_ON,   DISARM, LAND,     LAND,     GO_ON,    GO_ON, GO_ON),
+    # A take-off has time limits of its own. A landing that does not come down is left to PX4.
+    C.ORDER_OVERDUE:           (GO_ON,   GO_ON,  GO_ON,    HOLD,     PX4_LAND, GO_ON, GO_ON),
+
+    # -- other vehicles
+    # It lands, but under the law: PX4's landing would not keep away from the other vehicle.
+    C.COLLISION_SUSPECTED:     (REFUSE,  DISARM, LAND,     LAND,     GO_ON,    GO_ON, GO_ON),
+    # The law already separates them as hard as it can: a stop would only interrupt that.
+    C.SEPARATION_BREACHED:     (REFUSE,  DISARM, GO_ON,    SLOW,     GO_ON,    GO_ON, GO_ON),
+    C.SEPARATION_PREDICTED:    (GO_ON,   GO_ON,  GO_ON,    SLOW,     GO_ON,    GO_ON, GO_ON),
+    # No goal is pursued without avoidance.
+    C.LAW_INFEASIBLE:          (GO_ON,   GO_ON,  LAND,     HOLD,     GO_ON,    GO_ON, GO_ON),
+    # Nobody knows where it is. A vehicle that holds is at least where the others expect it.
+    C.NEIGHBOUR_UNSEEN:        (REFUSE,  DISARM, LAND,     HOLD,     GO_ON,    GO_ON, GO_ON),
+    # It is avoided where the mocap measures it, with full responsibility on our side.
+    C.NEIGHBOUR_SILENT:        (REFUSE,  GO_ON,  GO_ON,    GO_ON,    GO_ON,    GO_ON, GO_ON),
+    # It is treated like a silent one.
+    C.NEIGHBOUR_INVALID:       (REFUSE,  GO_ON,  GO_ON,    GO_ON,    GO_ON,    GO_ON, GO_ON),
+    # The responsibility is ours as well, but its next motion cannot be predicted.
+    C.NEIGHBOUR_UNCOOPERATIVE: (REFUSE,  GO_ON,  GO_ON,    SLOW,     GO_ON,    GO_ON, GO_ON),
+    # The same, and it is avoided where it says or where the mocap sees it, whichever is nearer.
+    C.NEIGHBOUR_IMPLAUSIBLE:   (REFUSE,  DISARM, GO_ON,    SLOW,     GO_ON,    GO_ON, GO_ON),
+    C.NEIGHBOUR_STALE:         (GO_ON,   GO_ON,  GO_ON,    SLOW,     GO_ON,    GO_ON, GO_ON),
+    # Its newest message gives its position, so it is believed at once.
+    C.NEIGHBOUR_BACK:          (GO_ON,   GO_ON,  GO_ON,    GO_ON,    GO_ON,    GO_ON, GO_ON),
+    # It does not take off either. In flight nobody knows by which rules it avoids: all of the
+    # avoidance is left to us.
+    C.CONFIG_DIFFERS:          (REFUSE,  DISARM, GO_ON,    SLOW,     GO_ON,    GO_ON, GO_ON),
+
+    # -- energy and space
+    C.BATTERY_WARNING:         (REFUSE,  GO_ON,  GO_ON,    GO_ON,    GO_ON,    GO_ON, GO_ON),
+    C.BATTERY_LOW:             (REFUSE,  DISARM, LAND,     LAND,     GO_ON,    GO_ON, GO_ON),
+    # It would be empty before the vehicle is down, if the landing waited for the landing level.
+    C.BATTERY_FALLING:         (REFUSE,  DISARM, LAND,     LAND,     GO_ON,    GO_ON, GO_ON),
+    # No flight goes on whose end nobody can foresee.
+    C.BATTERY_UNKNOWN:         (REFUSE,  DISARM, LAND,     LAND,     GO_ON,    GO_ON, GO_ON),
+    C.FENCE_NEAR:              (GO_ON,   GO_ON,  GO_ON,    SLOW,     GO_ON,    GO_ON, GO_ON),
+    # The vehicle holds at a point inside.
+    C.FENCE_BREACH:            (REFUSE,  DISARM, LAND,     HOLD,     GO_ON,    GO_ON, GO_ON),
+    C.FENCE_BREACH_LONG:       (REFUSE,  DISARM, LAND,     LAND,     GO_ON,    GO_ON, GO_ON),
+    C.CEILING:                 (GO_ON,   GO_ON,  LAND,     HOLD,     GO_ON,    GO_ON, GO_ON),
+}
+# fmt: on
 
 TABLE: dict[tuple[Situation, Condition], Action] = {
     (situation, condition): action
-    for condition, row in {
-        # condition: GROUND, ARMED, LIFTOFF, FLYING, LANDING, PX4_LANDING, SILENT
-        # own dead reckoning is better than PX4's for some seconds, and the others hear where it
-        # leads; PX4's landing avoids nobody, was 1 to 2.3 m off after 4 s, and ended two flights of
-        # five in a collision. Whatever else holds, a flight without a position brakes and sinks
-        # (docs/flight.md); back in time, its order goes on
-        _C.POSITION_STALE: (_A.REFUSE, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON),
-        _C.POSITION_LOST: (_A.REFUSE, _A.DISARM, _A.LAND, _A.LAND, _A.LAND, _A.GO_ON, _A.GO_ON),
-        _C.POSITION_LOST_LONG: (
-            _A.REFUSE,
-            _A.DISARM,
-            _A.PX4_LAND,
-            _A.PX4_LAND,
-            _A.PX4_LAND,
-            _A.GO_ON,
-            _A.GO_ON,
-        ),
-        # on the ground it may be believed again: a vehicle can be carried there. Nobody starts from
-        # such a place. In the air, without these samples, the estimate continues on attitude and
-        # thrust, which is good enough for the 0.2 s until it counts as stale: braking under the law
-        # is better than flying on
-        _C.POSITION_JUMPED: (_A.REFUSE, _A.DISARM, _A.LAND, _A.HOLD, _A.GO_ON, _A.GO_ON, _A.GO_ON),
-        _C.MOCAP_SWAPPED: (_A.REFUSE, _A.DISARM, _A.LAND, _A.HOLD, _A.GO_ON, _A.GO_ON, _A.GO_ON),
-        _C.MOCAP_FROZEN: (_A.REFUSE, _A.GO_ON, _A.LAND, _A.HOLD, _A.GO_ON, _A.GO_ON, _A.GO_ON),
-        # the estimate compensates the age, but its error grows with the speed
-        _C.MOCAP_LATE: (_A.REFUSE, _A.GO_ON, _A.GO_ON, _A.SLOW, _A.GO_ON, _A.GO_ON, _A.GO_ON),
-        # PX4's own position runs away from then on: down by dead reckoning, out of the others'
-        # heights
-        _C.SATELLITES_LOST: (_A.REFUSE, _A.DISARM, _A.LAND, _A.LAND, _A.GO_ON, _A.GO_ON, _A.GO_ON),
-        # no distance that the others keep covers it: down before it is worse, under the law with
-        # what it has
-        _C.POSITION_INACCURATE: (
-            _A.REFUSE,
-            _A.DISARM,
-            _A.LAND,
-            _A.LAND,
-            _A.GO_ON,
-            _A.GO_ON,
-            _A.GO_ON,
-        ),
-        # whoever took the controls flies it, also out of PX4's landing, which is not commanded
-        # again then
-        _C.LEFT_OFFBOARD: (_A.GO_ON, _A.DISARM, _A.STOP, _A.STOP, _A.STOP, _A.STOP, _A.GO_ON),
-        _C.PX4_FAILSAFE: (_A.GO_ON, _A.DISARM, _A.STOP, _A.STOP, _A.STOP, _A.GO_ON, _A.GO_ON),
-        # the kill switch was used: never arm again by itself; in a landing it is how the landing
-        # ends
-        _C.DISARMED: (_A.GO_ON, _A.GO_ON, _A.STOP, _A.STOP, _A.GO_ON, _A.GO_ON, _A.GO_ON),
-        # it has forgotten modes, parameters that were not saved, and where its local origin was
-        _C.REBOOTED: (_A.REFUSE, _A.DISARM, _A.STOP, _A.STOP, _A.STOP, _A.STOP, _A.GO_ON),
-        _C.AUTOPILOT_SILENT: (_A.REFUSE, _A.STOP, _A.STOP, _A.STOP, _A.STOP, _A.STOP, _A.GO_ON),
-        # nobody can fly by them, and as for a silent one PX4's own failsafe is what is left
-        _C.AUTOPILOT_IMPOSSIBLE: (_A.REFUSE, _A.STOP, _A.STOP, _A.STOP, _A.STOP, _A.STOP, _A.GO_ON),
-        # setpoints sent to it now would be obeyed late, all at once
-        _C.AUTOPILOT_FROZEN: (_A.REFUSE, _A.STOP, _A.STOP, _A.STOP, _A.STOP, _A.STOP, _A.GO_ON),
-        # it flew on its last setpoint meanwhile, and its own failsafe is timed by the clock that
-        # stood still
-        _C.AUTOPILOT_BACK: (_A.GO_ON, _A.DISARM, _A.LAND, _A.HOLD, _A.GO_ON, _A.GO_ON, _A.GO_ON),
-        # attitude still arrives, so it follows setpoints; but its mode is not known any more
-        _C.HEARTBEAT_LOST: (_A.REFUSE, _A.DISARM, _A.LAND, _A.LAND, _A.GO_ON, _A.GO_ON, _A.GO_ON),
-        # one wrong datagram ends no flight; from several on nobody knows which of two senders is
-        # the PX4
-        _C.REPORTS_CONTRADICT: (
-            _A.REFUSE,
-            _A.DISARM,
-            _A.GO_ON,
-            _A.GO_ON,
-            _A.GO_ON,
-            _A.GO_ON,
-            _A.GO_ON,
-        ),
-        _C.REPORTS_CONTRADICT_LONG: (
-            _A.REFUSE,
-            _A.DISARM,
-            _A.LAND,
-            _A.LAND,
-            _A.GO_ON,
-            _A.GO_ON,
-            _A.GO_ON,
-        ),
-        # a landing under the law ends by its own signs of contact and by PX4's word that it is
-        # disarmed
-        _C.LANDED_UNKNOWN: (_A.REFUSE, _A.DISARM, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON),
-        # a PX4 that believes to have landed disarms soon: the lower it is by then, the better
-        _C.LANDED_WRONG: (_A.GO_ON, _A.GO_ON, _A.GO_ON, _A.LAND, _A.GO_ON, _A.GO_ON, _A.GO_ON),
-        # our setpoints do not reach the motors; PX4's own landing does not depend on them
-        _C.ATTITUDE_NOT_FOLLOWED: (
-            _A.GO_ON,
-            _A.GO_ON,
-            _A.PX4_LAND,
-            _A.PX4_LAND,
-            _A.PX4_LAND,
-            _A.GO_ON,
-            _A.GO_ON,
-        ),
-        _C.THRUST_SATURATED: (_A.GO_ON, _A.GO_ON, _A.GO_ON, _A.SLOW, _A.GO_ON, _A.GO_ON, _A.GO_ON),
-        _C.NOT_CLIMBING: (_A.GO_ON, _A.GO_ON, _A.GO_ON, _A.LAND, _A.GO_ON, _A.GO_ON, _A.GO_ON),
-        # after a collision or a failed motor: thrust does not help; PX4's failsafe for lost
-        # setpoints disarms
-        _C.FALLEN: (_A.GO_ON, _A.GO_ON, _A.GO_ON, _A.STOP, _A.GO_ON, _A.GO_ON, _A.GO_ON),
-        _C.LOOP_LATE: (_A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON),
-        _C.LOOP_STALLED: (_A.GO_ON, _A.DISARM, _A.LAND, _A.HOLD, _A.GO_ON, _A.GO_ON, _A.GO_ON),
-        # PX4 has begun to land meanwhile: new setpoints would interrupt its landing
-        _C.LOOP_STALLED_LONG: (
-            _A.GO_ON,
-            _A.DISARM,
-            _A.PX4_LAND,
-            _A.PX4_LAND,
-            _A.PX4_LAND,
-            _A.GO_ON,
-            _A.GO_ON,
-        ),
-        # wrong ages have rows of their own; the jump itself changes nothing in flight
-        _C.CLOCK_JUMPED: (_A.REFUSE, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON),
-        _C.NOT_FINITE: (_A.REFUSE, _A.GO_ON, _A.LAND, _A.LEVEL, _A.LEVEL, _A.GO_ON, _A.GO_ON),
-        _C.NOT_FINITE_LONG: (
-            _A.REFUSE,
-            _A.DISARM,
-            _A.PX4_LAND,
-            _A.PX4_LAND,
-            _A.PX4_LAND,
-            _A.GO_ON,
-            _A.GO_ON,
-        ),
-        # Covey's law was computed beside it all the time, so nothing is missing; the next flight
-        # begins with it again
-        _C.OWN_LAW_REFUSED: (_A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON),
-        # no flight begins without a record; none ends because of it
-        _C.DISK_FULL: (_A.REFUSE, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON),
-        # on the ground neither flies; an agent in the air goes on, since the second one sends
-        # nothing
-        _C.TWIN: (_A.REFUSE, _A.DISARM, _A.LAND, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON),
-        _C.SHUTDOWN: (_A.REFUSE, _A.DISARM, _A.LAND, _A.LAND, _A.GO_ON, _A.GO_ON, _A.GO_ON),
-        _C.BUS_LOST: (_A.REFUSE, _A.DISARM, _A.LAND, _A.HOLD, _A.GO_ON, _A.GO_ON, _A.GO_ON),
-        _C.BUS_LOST_LONG: (_A.REFUSE, _A.DISARM, _A.LAND, _A.LAND, _A.GO_ON, _A.GO_ON, _A.GO_ON),
-        # no start is completed without anybody; in flight it is no emergency: the order is
-        # finished, the vehicle holds
-        _C.GROUND_LOST: (_A.GO_ON, _A.DISARM, _A.LAND, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON),
-        # nobody comes back, and PX4's failsafe for an empty battery would land all at once, without
-        # avoidance
-        _C.GROUND_LOST_LONG: (_A.GO_ON, _A.DISARM, _A.LAND, _A.LAND, _A.GO_ON, _A.GO_ON, _A.GO_ON),
-        # a take-off has time limits of its own; a landing that does not come down is left to PX4
-        _C.ORDER_OVERDUE: (_A.GO_ON, _A.GO_ON, _A.GO_ON, _A.HOLD, _A.PX4_LAND, _A.GO_ON, _A.GO_ON),
-        # land, but under the law: PX4's landing would not keep away from the other vehicle
-        _C.COLLISION_SUSPECTED: (
-            _A.REFUSE,
-            _A.DISARM,
-            _A.LAND,
-            _A.LAND,
-            _A.GO_ON,
-            _A.GO_ON,
-            _A.GO_ON,
-        ),
-        # the law already separates them as hard as it can: stopping or landing would only interrupt
-        # that
-        _C.SEPARATION_BREACHED: (
-            _A.REFUSE,
-            _A.DISARM,
-            _A.GO_ON,
-            _A.SLOW,
-            _A.GO_ON,
-            _A.GO_ON,
-            _A.GO_ON,
-        ),
-        _C.SEPARATION_PREDICTED: (
-            _A.GO_ON,
-            _A.GO_ON,
-            _A.GO_ON,
-            _A.SLOW,
-            _A.GO_ON,
-            _A.GO_ON,
-            _A.GO_ON,
-        ),
-        # no goal is pursued without avoidance
-        _C.LAW_INFEASIBLE: (_A.GO_ON, _A.GO_ON, _A.LAND, _A.HOLD, _A.GO_ON, _A.GO_ON, _A.GO_ON),
-        # nobody knows where it is: a vehicle that holds is at least where the others expect it
-        _C.NEIGHBOUR_UNSEEN: (_A.REFUSE, _A.DISARM, _A.LAND, _A.HOLD, _A.GO_ON, _A.GO_ON, _A.GO_ON),
-        # avoided where the mocap measures it, with full responsibility on our side
-        _C.NEIGHBOUR_SILENT: (
-            _A.REFUSE,
-            _A.GO_ON,
-            _A.GO_ON,
-            _A.GO_ON,
-            _A.GO_ON,
-            _A.GO_ON,
-            _A.GO_ON,
-        ),
-        # like a silent one
-        _C.NEIGHBOUR_INVALID: (
-            _A.REFUSE,
-            _A.GO_ON,
-            _A.GO_ON,
-            _A.GO_ON,
-            _A.GO_ON,
-            _A.GO_ON,
-            _A.GO_ON,
-        ),
-        # with full responsibility on our side, too, but its next motion cannot be predicted
-        _C.NEIGHBOUR_UNCOOPERATIVE: (
-            _A.REFUSE,
-            _A.GO_ON,
-            _A.GO_ON,
-            _A.SLOW,
-            _A.GO_ON,
-            _A.GO_ON,
-            _A.GO_ON,
-        ),
-        # the same, and it is avoided where it says or where the mocap sees it, whichever is nearer
-        _C.NEIGHBOUR_IMPLAUSIBLE: (
-            _A.REFUSE,
-            _A.DISARM,
-            _A.GO_ON,
-            _A.SLOW,
-            _A.GO_ON,
-            _A.GO_ON,
-            _A.GO_ON,
-        ),
-        _C.NEIGHBOUR_STALE: (_A.GO_ON, _A.GO_ON, _A.GO_ON, _A.SLOW, _A.GO_ON, _A.GO_ON, _A.GO_ON),
-        # its newest message gives its position, so it is believed at once
-        _C.NEIGHBOUR_BACK: (_A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON),
-        # it does not take off either; in flight nobody knows by which rules it avoids: all of it is
-        # left to us
-        _C.CONFIG_DIFFERS: (_A.REFUSE, _A.DISARM, _A.GO_ON, _A.SLOW, _A.GO_ON, _A.GO_ON, _A.GO_ON),
-        _C.BATTERY_WARNING: (_A.REFUSE, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON),
-        _C.BATTERY_LOW: (_A.REFUSE, _A.DISARM, _A.LAND, _A.LAND, _A.GO_ON, _A.GO_ON, _A.GO_ON),
-        # it would be empty before the vehicle is down if that waited for the landing level
-        _C.BATTERY_FALLING: (_A.REFUSE, _A.DISARM, _A.LAND, _A.LAND, _A.GO_ON, _A.GO_ON, _A.GO_ON),
-        # no flight goes on whose end nobody can foresee
-        _C.BATTERY_UNKNOWN: (_A.REFUSE, _A.DISARM, _A.LAND, _A.LAND, _A.GO_ON, _A.GO_ON, _A.GO_ON),
-        _C.FENCE_NEAR: (_A.GO_ON, _A.GO_ON, _A.GO_ON, _A.SLOW, _A.GO_ON, _A.GO_ON, _A.GO_ON),
-        # the vehicle holds at a point inside
-        _C.FENCE_BREACH: (_A.REFUSE, _A.DISARM, _A.LAND, _A.HOLD, _A.GO_ON, _A.GO_ON, _A.GO_ON),
-        _C.FENCE_BREACH_LONG: (
-            _A.REFUSE,
-            _A.DISARM,
-            _A.LAND,
-            _A.LAND,
-            _A.GO_ON,
-            _A.GO_ON,
-            _A.GO_ON,
-        ),
-        _C.CEILING: (_A.GO_ON, _A.GO_ON, _A.LAND, _A.HOLD, _A.GO_ON, _A.GO_ON, _A.GO_ON),
-    }.items()
-    for situation, action in zip(Situation, row, strict=True)
+    for condition, actions in _ROWS.items()
+    for situation, action in zip(Situation, actions, strict=True)
 }
 
 _RANK = {condition: rank for rank, condition in enumerate(Condition)}
+# what is left of an action at the next tick: a level flight leaves a hold, since its order has
+# failed, and a refusal leaves nothing
+_LEFT = {Action.REFUSE: Action.GO_ON, Action.LEVEL: Action.HOLD}
 
 
 def decide(
     situation: Situation, conditions: Collection[Condition]
 ) -> tuple[Action, Condition | None]:
-    """Decide by the table.
+    """Return the strongest action, and the condition that demands it.
 
     Args:
         situation: of the vehicle.
         conditions: all that hold.
     Returns:
-        the strongest action, and the condition that demands it: of several the first one in
-            :class:`Condition`. Without
-        conditions GO_ON and None.
+        the action and the condition; of several conditions the first one in :class:`Condition`.
+        Without conditions GO_ON and None.
     """
     if not conditions:
         return Action.GO_ON, None
-    best: tuple[Action, Condition | None] = (Action.GO_ON, None)
+
+    strongest = Action.GO_ON
+    cause: Condition | None = None
     for condition in in_order(conditions):
         action = TABLE[situation, condition]
-        if best[1] is None or action > best[0]:
-            best = action, condition
-    return best
+        if cause is None or action > strongest:
+            strongest = action
+            cause = condition
+    return strongest, cause
 
 
 def needs_level(situation: Situation, conditions: Iterable[Condition]) -> bool:
-    """Whether the setpoint of this tick must be level, whatever else is done.
+    """Return whether the setpoint of this tick must be level, whatever else is done.
 
     Args:
         situation: of the vehicle.
         conditions: all that hold.
-    Returns:
-        True if any of them demands LEVEL.
     """
     return any(TABLE[situation, condition] is Action.LEVEL for condition in conditions)
-
-
-_KEPT = {Action.REFUSE: Action.GO_ON, Action.LEVEL: Action.HOLD}
 
 
 def latched(before: Action, demanded: Action) -> Action:
     """Return the action that follows another one without an order in between: never a weaker one.
 
     Args:
-        before: action of the last tick. A level flight leaves a hold, since its order has failed; a
-            refusal leaves nothing.
+        before: action of the last tick.
         demanded: by the conditions that hold now.
-    Returns:
-        the action of this tick.
     """
-    return max(_KEPT.get(before, before), demanded)
+    left = _LEFT.get(before, before)
+    return max(left, demanded)
 
 
 def in_order(conditions: Iterable[Condition]) -> list[Condition]:
-    """Sort conditions.
+    """Return conditions in the order of :class:`Condition`.
 
     Args:
         conditions: any.
-    Returns:
-        the same in the order of the table.
     """
     return sorted(conditions, key=_RANK.__getitem__)

@@ -1,7 +1,7 @@
-"""Geofence: whether a vehicle is outside, above it, or about to leave it. Pure, in plain floats,
-for every tick.
+"""Geofence: whether a vehicle is outside, above it, or about to leave it.
 
-The fence is a box in fleet ENU. Its floor does not count as a wall, since vehicles stand there.
+Pure, in plain floats, for every tick. The fence is a box in fleet ENU. Its floor does not count as
+a wall, since vehicles stand there.
 """
 
 from __future__ import annotations
@@ -23,16 +23,16 @@ class FenceStatus(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Fence:
-    """Box in fleet ENU [m], and how a vehicle brakes before it."""
+    """A box, and how a vehicle brakes before its walls."""
 
-    low_enu_m: Vec3
-    high_enu_m: Vec3
+    low_enu_m: Vec3  # west, south and floor
+    high_enu_m: Vec3  # east, north and top
     brake_m_s2: Vec3  # deceleration along each axis
     reaction_s: float  # for so long the vehicle goes on as it does now
     floor_tolerance_m: float = 0.5  # below the floor, where a landed vehicle may be measured
 
     def status(self, position_enu_m: Vec3, velocity_enu_m_s: Vec3) -> FenceStatus:
-        """Judge one vehicle. A position that is not finite counts as outside.
+        """Return where a vehicle is; a position that is not finite counts as outside.
 
         Args:
             position_enu_m: of the vehicle.
@@ -41,24 +41,28 @@ class Fence:
             its position relative to the fence.
         """
         if not math.isfinite(sum(position_enu_m)):
-            return FenceStatus(False, True, False)
-        (x, y, z), (west, south, floor), (east, north, top) = (
-            position_enu_m,
-            self.low_enu_m,
-            self.high_enu_m,
-        )
-        is_above = z > top
-        is_outside = (
-            not (west <= x <= east and south <= y <= north) or z < floor - self.floor_tolerance_m
-        )
-        (u, v, w), (brake_x, brake_y, brake_z) = velocity_enu_m_s, self.brake_m_s2
+            return FenceStatus(is_near=False, is_outside=True, is_above=False)
+
+        x, y, z = position_enu_m
+        west, south, floor = self.low_enu_m
+        east, north, top = self.high_enu_m
+        is_between_walls = west <= x <= east and south <= y <= north
+        is_below = z < floor - self.floor_tolerance_m
+
+        # distance to the wall ahead, along each axis
+        vx, vy, vz = velocity_enu_m_s
+        ahead_x_m = east - x if vx > 0.0 else x - west
+        ahead_y_m = north - y if vy > 0.0 else y - south
+        brake_x, brake_y, brake_z = self.brake_m_s2
         is_near = (
-            self._is_near(east - x if u > 0.0 else x - west, abs(u), brake_x)
-            or self._is_near(north - y if v > 0.0 else y - south, abs(v), brake_y)
-            or (w > 0.0 and self._is_near(top - z, w, brake_z))
+            self._is_near(ahead_x_m, abs(vx), brake_x)
+            or self._is_near(ahead_y_m, abs(vy), brake_y)
+            or (vz > 0.0 and self._is_near(top - z, vz, brake_z))
         )
-        return FenceStatus(is_near, is_outside, is_above)
+        return FenceStatus(
+            is_near=is_near, is_outside=not is_between_walls or is_below, is_above=z > top
+        )
 
     def _is_near(self, distance_m: float, speed_m_s: float, brake_m_s2: float) -> bool:
-        """Whether braking does not stop the vehicle before a wall at that distance."""
+        """Return whether braking does not stop the vehicle before a wall at that distance."""
         return 0.0 < distance_m < speed_m_s * (self.reaction_s + speed_m_s / (2.0 * brake_m_s2))

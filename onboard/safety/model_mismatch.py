@@ -1,10 +1,14 @@
 """Detects in flight a vehicle that responds otherwise than its file says: lag, static gain, tilt
-bias, hover throttle.
+bias, hover throttle. Pure.
 
-The disturbance observer has a model of the own commands after the configured lag. The measured
-attitude is regressed on that model: measured = gain (response - late rate) + bias, per axis, with
-``late`` the time by which the vehicle is slower than configured. The method is recursive least
-squares with a memory of half a minute; ten samples a second are enough. ``covey identify`` measures
+The disturbance observer has a model of the own commands after the configured lag: the acceleration
+that the vehicle should have by now. The measured attitude is regressed on that model,
+
+    measured = gain (response - late rate) + bias        for x and y, with one gain and one late,
+
+where ``rate`` is the derivative of the response and ``late`` the time by which the vehicle is
+slower than configured. The unknowns theta = (gain, gain late, bias_x, bias_y) come from recursive least
+squares with a memory of half a minute. Ten samples a second are enough. ``covey identify`` measures
 the same more accurately.
 """
 
@@ -21,20 +25,23 @@ from onboard.frames import Quaternion, body_up
 from onboard.types import GRAVITY_M_S2
 from onboard.vectors import Vec3
 
-_FORGET_S = 30.0
-_LEAST_S = 8.0
+_FORGET_S = 30.0  # time constant of the memory
+_LEAST_S = 8.0  # of flight, before anything is said
 _ATTITUDE_AGE_S = 0.012  # PX4's attitude at 50-100 Hz over a link, when it is used
 _HOVER_SHARE = 0.12
 _SURE_S = 0.008  # largest standard deviation of the lag's error with which it is believed
 _CORRELATED_S = 0.5  # correlation time of the residuals
+_LEAST_GAIN = 0.3  # below it the commands do not explain the motion
+_LEAST_UP = 0.3  # of the body's up along the vertical
+_LARGEST_CONDITION_NUMBER = 1e6
 
 
 class ResponseMemory(NamedTuple):
     """Sums of the regression over the past, forgotten exponentially."""
 
-    normal: Array  # (4, 4)
-    right: Array  # (4,)
-    energy: float  # of the measurement
+    normal: Array  # (4, 4), the normal equations' matrix
+    right: Array  # (4,), their right side
+    energy: float  # sum of the squared measurements
     time_s: float
 
 
@@ -50,7 +57,7 @@ def update(
     quaternion_wxyz: Quaternion,
     dt_s: float,
 ) -> ResponseMemory:
-    """Take one sample in free flight.
+    """Return the memory after one sample in free flight.
 
     Args:
         memory: of the last tick.
@@ -65,10 +72,15 @@ def update(
     a_x, a_y, _ = response_enu_m_s2
     r_x, r_y, _ = rate_enu_m_s3
     up = body_up(quaternion_wxyz)
-    if not (math.isfinite(a_x + a_y) and math.isfinite(r_x + r_y) and up.z > 0.3):
+    is_finite = math.isfinite(a_x + a_y) and math.isfinite(r_x + r_y)
+    if not (is_finite and up.z > _LEAST_UP):
         return memory
-    s_x, s_y = GRAVITY_M_S2 * up.x / up.z, GRAVITY_M_S2 * up.y / up.z
-    keep = math.exp(-dt_s / _FORGET_S)
+
+    # horizontal acceleration of a thrust along the body's up that carries the weight
+    s_x = GRAVITY_M_S2 * up.x / up.z
+    s_y = GRAVITY_M_S2 * up.y / up.z
+
+    # sum of both axes' rows (a, -r, 1, 0) and (a, -r, 0, 1), times themselves and the measurement
     mixed = -(a_x * r_x + a_y * r_y)
     normal = np.array(
         (
@@ -79,16 +91,18 @@ def update(
         )
     )
     right = np.array((a_x * s_x + a_y * s_y, -(r_x * s_x + r_y * s_y), s_x, s_y))
+
+    keep = math.exp(-dt_s / _FORGET_S)
     return ResponseMemory(
-        keep * memory.normal + normal,
-        keep * memory.right + right,
-        keep * memory.energy + s_x * s_x + s_y * s_y,
-        keep * memory.time_s + dt_s,
+        normal=keep * memory.normal + normal,
+        right=keep * memory.right + right,
+        energy=keep * memory.energy + s_x * s_x + s_y * s_y,
+        time_s=keep * memory.time_s + dt_s,
     )
 
 
 def late_s(memory: ResponseMemory) -> tuple[float, float]:
-    """Estimate by how much the vehicle is slower than configured.
+    """Return by how much the vehicle is slower than configured, and how sure that is.
 
     Args:
         memory: of the flight so far.
@@ -98,25 +112,33 @@ def late_s(memory: ResponseMemory) -> tuple[float, float]:
     """
     if memory.time_s < _LEAST_S:
         return 0.0, math.inf
+
+    # scaled to a unit diagonal, so that the condition number says whether the commands were rich
     scale = np.sqrt(np.maximum(np.diag(memory.normal), 1e-9))
-    normal = memory.normal / np.outer(scale, scale)
-    if np.linalg.cond(normal) > 1e6:
+    scales = np.outer(scale, scale)
+    normal = memory.normal / scales
+    if np.linalg.cond(normal) > _LARGEST_CONDITION_NUMBER:
         return 0.0, math.inf
-    inverse = np.linalg.inv(normal) / np.outer(scale, scale)
-    gain, lag, *_ = theta = inverse @ memory.right
-    if gain < 0.3:
+
+    inverse = np.linalg.inv(normal) / scales
+    theta = inverse @ memory.right
+    gain, gain_late = theta[0], theta[1]
+    if gain < _LEAST_GAIN:
         return 0.0, math.inf
+
+    # each sample has two measurements: normal[2, 2] and normal[3, 3] both count the samples
     count = memory.normal[2, 2] + memory.normal[3, 3]
     variance = max(memory.energy - float(theta @ memory.right), 1e-9) / count
-    alike = max(1.0, _CORRELATED_S * memory.normal[2, 2] / memory.time_s)  # correlated samples
-    std = math.sqrt(alike * variance * inverse[1, 1]) / gain
-    return float(lag / gain) - _ATTITUDE_AGE_S, std
+    # samples within the correlation time say the same: so many of them count as one
+    alike = max(1.0, _CORRELATED_S * memory.normal[2, 2] / memory.time_s)
+    std_s = math.sqrt(alike * variance * inverse[1, 1]) / gain
+    return float(gain_late / gain) - _ATTITUDE_AGE_S, std_s
 
 
 def differences(
     memory: ResponseMemory, lag_s: float, hover_frac: float, configured_hover_frac: float
 ) -> dict[str, str]:
-    """Compare the vehicle with its file.
+    """Return what differs from the vehicle's file by more than the law tolerates.
 
     Args:
         memory: of the flight so far.
@@ -124,19 +146,24 @@ def differences(
         hover_frac: hover throttle learned in flight.
         configured_hover_frac: hover throttle of the fleet file.
     Returns:
-        code -> sentence with the remedy, for everything that differs by more than the law
-        tolerates.
+        code -> sentence with the remedy, for everything that differs.
     """
     sentences: dict[str, str] = {}
-    late, std = late_s(memory)
-    if std < _SURE_S and abs(late) - 2.0 * std > LAG_ERROR_S:
+
+    slower_s, std_s = late_s(memory)
+    if std_s < _SURE_S and abs(slower_s) - 2.0 * std_s > LAG_ERROR_S:
+        direction = "later" if slower_s > 0.0 else "earlier"
         sentences["lag-differs"] = (
-            f"The attitude responds {1e3 * abs(late):.0f} ms {'later' if late > 0.0 else 'earlier'} than the fleet "
-            f"file's lag of {lag_s:.2f} s, so the safety distance is not certain. Land, and run covey identify."
+            f"The attitude responds {1e3 * abs(slower_s):.0f} ms {direction} than the fleet "
+            f"file's lag of {lag_s:.2f} s, so the safety distance is not certain. "
+            "Land, and run covey identify."
         )
-    if memory.time_s >= _LEAST_S and abs(hover_frac / configured_hover_frac - 1.0) > _HOVER_SHARE:
+
+    hover_share = hover_frac / configured_hover_frac
+    if memory.time_s >= _LEAST_S and abs(hover_share - 1.0) > _HOVER_SHARE:
         sentences["hover-differs"] = (
-            f"The vehicle hovers at {hover_frac:.2f} of its throttle, the fleet file says {configured_hover_frac:.2f}. "
+            f"The vehicle hovers at {hover_frac:.2f} of its throttle, "
+            f"the fleet file says {configured_hover_frac:.2f}. "
             "Check load, propellers and battery, or correct hover_thrust_frac."
         )
     return sentences

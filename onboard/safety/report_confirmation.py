@@ -4,6 +4,9 @@ MAVLink has no check of the source: whoever reaches the agent's port and knows t
 play its PX4. One datagram therefore decides nothing that cannot be taken back: while it waits for
 the next report of its kind, the one before it counts. A next report that does not agree contradicts
 it. What is true is never decided by a majority.
+
+There are three kinds of reports, in :data:`KINDS`: what belongs together, what surprises, and how
+many reports have to agree over what time.
 """
 
 from __future__ import annotations
@@ -18,15 +21,16 @@ from msgspec.structs import replace
 from onboard.autopilot import Landed, Snapshot
 
 CONTRADICTED_S = 2.0  # for so long a contradiction counts as a condition
-_IMPOSSIBLE_NS = 1_000_000_000
 CONTRADICTED_LONG_S = 2.0  # contradictions over so long a time are no single datagrams any more
 _ONE_RUN_S = 3.0  # contradictions no farther apart belong together
-_ASK_EVERY_NS = 60_000_000
-_CLOCK_MS = 500
-# of half the angle by which an attitude turns between two reports
-_SAME_TURN_COS = math.cos(math.radians(0.5 * 45.0))
+_IMPOSSIBLE_NS = 1_000_000_000  # for so long a dropped snapshot counts
+_ASK_EVERY_NS = 60_000_000  # for a heartbeat
+
+_CLOCK_MS = 500  # by which PX4's clock may differ from what time allows
+_SAME_TURN_COS = math.cos(math.radians(0.5 * 45.0))  # half the angle between two attitudes
 _TURN_WITHIN_NS = 100_000_000  # after a longer gap it may have turned by anything
-_BATTERY_FRAC, _BATTERY_VOLTAGE_SHARE = 0.10, 0.10
+_BATTERY_FRAC = 0.10
+_BATTERY_VOLTAGE_SHARE = 0.10
 
 
 class Expected(NamedTuple):
@@ -49,34 +53,44 @@ class Kind(NamedTuple):
 
 
 def _heartbeat_surprises(believed: Snapshot, new: Snapshot, expected: Expected) -> bool:
+    """Return whether it is disarmed in flight, or has left the mode of the flight."""
     if expected.is_armed and believed.is_armed and not new.is_armed:
         return True
+
+    has_left_mode = expected.mode != "" and believed.mode == expected.mode != new.mode
     has_landed = not new.is_armed and new.landed is Landed.ON_GROUND
-    return expected.mode != "" and believed.mode == expected.mode != new.mode and not has_landed
+    return has_left_mode and not has_landed
 
 
 def _heartbeat_agrees(first: Snapshot, new: Snapshot) -> bool:
-    return (first.is_armed, first.mode) == (new.is_armed, new.mode)
+    return first.is_armed == new.is_armed and first.mode == new.mode
 
 
-def _clock_error_ms(known: Snapshot, new: Snapshot) -> float:
-    """Return by how much PX4's clock is ahead of what time allows (positive), or has gone back
-    (negative).
-    """
-    moved_ms = new.px4_boot_ms - known.px4_boot_ms
-    return min(moved_ms, 0.0) or max(0.0, moved_ms - (new.attitude_ns - known.attitude_ns) * 1e-6)
+def _attitude_surprises(believed: Snapshot, new: Snapshot, _: Expected) -> bool:
+    return not _attitude_agrees(believed, new)
 
 
 def _attitude_agrees(known: Snapshot, new: Snapshot) -> bool:
     if abs(_clock_error_ms(known, new)) > _CLOCK_MS:
         return False
+
+    # the quaternions' product is the cosine of half the angle between them
     pairs = zip(known.quaternion_enu_flu_wxyz, new.quaternion_enu_flu_wxyz, strict=True)
     is_near = abs(sum(a * b for a, b in pairs)) > _SAME_TURN_COS
     return is_near or new.attitude_ns - known.attitude_ns > _TURN_WITHIN_NS
 
 
+def _clock_error_ms(known: Snapshot, new: Snapshot) -> float:
+    """Return by how much PX4's clock has gone back (negative) or is ahead of time (positive)."""
+    moved_ms = new.px4_boot_ms - known.px4_boot_ms
+    if moved_ms < 0:
+        return float(moved_ms)
+    passed_ms = (new.attitude_ns - known.attitude_ns) * 1e-6
+    return max(0.0, moved_ms - passed_ms)
+
+
 def _battery_surprises(believed: Snapshot, new: Snapshot, expected: Expected) -> bool:
-    """Whether it has changed at once.
+    """Return whether it has changed at once.
 
     On the ground after a flight it may be exchanged; a simulated one fills up.
     """
@@ -86,44 +100,48 @@ def _battery_surprises(believed: Snapshot, new: Snapshot, expected: Expected) ->
 
 def _battery_agrees(known: Snapshot, new: Snapshot) -> bool:
     voltage_v = max(abs(known.battery_voltage_v), abs(new.battery_voltage_v))
-    return _is_near(known.battery_frac, new.battery_frac, _BATTERY_FRAC) and _is_near(
+    is_charge_near = _is_near(known.battery_frac, new.battery_frac, _BATTERY_FRAC)
+    is_voltage_near = _is_near(
         known.battery_voltage_v, new.battery_voltage_v, _BATTERY_VOLTAGE_SHARE * voltage_v
     )
+    return is_charge_near and is_voltage_near
 
 
 def _is_near(a: float, b: float, limit: float) -> bool:
+    """Return whether two numbers are near, or both not known."""
     return abs(a - b) <= limit or (math.isnan(a) and math.isnan(b))
 
 
 KINDS = (
     Kind(
-        "heartbeat",
-        ("heartbeat_ns", "is_armed", "mode", "is_failsafe"),
-        "heartbeat_ns",
-        2,
-        100_000_000,
-        _heartbeat_surprises,
-        _heartbeat_agrees,
+        name="heartbeat",
+        fields=("heartbeat_ns", "is_armed", "mode", "is_failsafe"),
+        stamp="heartbeat_ns",
+        needed=2,
+        least_ns=100_000_000,
+        surprises=_heartbeat_surprises,
+        agrees=_heartbeat_agrees,
     ),
     Kind(
-        "attitude",
-        ("quaternion_enu_flu_wxyz", "attitude_ns", "px4_boot_ms"),
-        "attitude_ns",
-        5,
-        0,
-        lambda believed, new, _: not _attitude_agrees(believed, new),
-        _attitude_agrees,
+        name="attitude",
+        fields=("quaternion_enu_flu_wxyz", "attitude_ns", "px4_boot_ms"),
+        stamp="attitude_ns",
+        needed=5,
+        least_ns=0,
+        surprises=_attitude_surprises,
+        agrees=_attitude_agrees,
     ),
     Kind(
-        "battery",
-        ("battery_frac", "battery_voltage_v", "battery_ns"),
-        "battery_ns",
-        2,
-        300_000_000,
-        _battery_surprises,
-        _battery_agrees,
+        name="battery",
+        fields=("battery_frac", "battery_voltage_v", "battery_ns"),
+        stamp="battery_ns",
+        needed=2,
+        least_ns=300_000_000,
+        surprises=_battery_surprises,
+        agrees=_battery_agrees,
     ),
 )
+_HEARTBEAT = 0  # of KINDS
 
 
 @dataclass(slots=True)
@@ -132,8 +150,8 @@ class _Waiting:
 
     seen_ns: int = 0  # arrival of the newest that was looked at
     report: Snapshot | None = None  # the one that waits for others
-    first_ns: int = 0
-    count: int = 0
+    first_ns: int = 0  # arrival of the first that agrees with it
+    count: int = 0  # that agree
 
 
 @dataclass(slots=True)
@@ -141,16 +159,18 @@ class ReportConfirmation:
     """Memory of one PX4's reports; give it every snapshot."""
 
     contradicted: str = ""  # kind of report that was contradicted last
-    # what was wrong with the newest report that was dropped, and when it came
-    _impossible: tuple[str, int] = ("", 0)
     _believed: Snapshot = field(default_factory=Snapshot)
     _waiting: tuple[_Waiting, ...] = field(default_factory=lambda: tuple(_Waiting() for _ in KINDS))
-    _run_begin_ns: int = 0
-    _contradicted_ns: int = 0
-    _asked_ns: int = 0
+
+    _run_begin_ns: int = 0  # first of the contradictions that belong together
+    _contradicted_ns: int = 0  # the last one; 0 never
+    _asked_ns: int = 0  # for a heartbeat
+
+    _dropped_sentence: str = ""  # what was wrong with the newest snapshot that was dropped
+    _dropped_ns: int = 0
 
     def believe(self, snapshot: Snapshot, expected: Expected) -> Snapshot:
-        """Take the newest values.
+        """Return what is believed of the newest values.
 
         Args:
             snapshot: as the link has it.
@@ -163,9 +183,12 @@ class ReportConfirmation:
         for kind, waiting in zip(KINDS, self._waiting, strict=True):
             if self._is_withheld(kind, waiting, snapshot, expected):
                 withheld.update((name, getattr(self._believed, name)) for name in kind.fields)
+
+        # PX4 does not move its global origin in flight
         origin = self._believed.global_origin
         if expected.mode and origin is not None and snapshot.global_origin != origin:
-            withheld["global_origin"] = origin  # PX4 does not move it in flight
+            withheld["global_origin"] = origin
+
         self._believed = replace(snapshot, **withheld) if withheld else snapshot
         return self._believed
 
@@ -176,61 +199,74 @@ class ReportConfirmation:
             sentence: what is wrong with it.
             now_ns: our clock.
         """
-        self._impossible = (sentence, now_ns)
+        self._dropped_sentence = sentence
+        self._dropped_ns = now_ns
 
     def impossible(self, now_ns: int) -> str:
-        """Return what is wrong with PX4's newest numbers, as a sentence; empty when none was
-        dropped lately.
+        """Return what is wrong with PX4's newest numbers; empty when none was dropped lately.
 
         Args:
             now_ns: our clock.
+        Returns:
+            a sentence.
         """
-        sentence, dropped_ns = self._impossible
-        return sentence if now_ns - dropped_ns < _IMPOSSIBLE_NS else ""
+        is_recent = now_ns - self._dropped_ns < _IMPOSSIBLE_NS
+        return self._dropped_sentence if is_recent else ""
 
     def is_heartbeat_due(self, now_ns: int) -> bool:
-        """Whether PX4 is to be asked for a heartbeat now, since one waits for another that agrees.
+        """Return whether PX4 is to be asked for a heartbeat now, since one waits for another.
 
         Args:
             now_ns: our clock, at each tick.
         """
-        if self._waiting[0].report is None or now_ns - self._asked_ns < _ASK_EVERY_NS:
+        is_waiting = self._waiting[_HEARTBEAT].report is not None
+        if not is_waiting or now_ns - self._asked_ns < _ASK_EVERY_NS:
             return False
         self._asked_ns = now_ns
         return True
 
     def contradicted_s(self, now_ns: int) -> float:
-        """Return over how long a time reports have contradicted each other; 0 when they have not
-        lately.
+        """Return for how long reports have contradicted each other; 0 when not lately.
 
         Args:
             now_ns: our clock.
         """
         if not self._contradicted_ns or now_ns - self._contradicted_ns > 1e9 * CONTRADICTED_S:
             return 0.0
+        # one contradiction has no duration, and is one all the same
         return max(1e-9, (self._contradicted_ns - self._run_begin_ns) * 1e-9)
 
     def _is_withheld(
         self, kind: Kind, waiting: _Waiting, new: Snapshot, expected: Expected
     ) -> bool:
-        stamp_ns, first = getattr(new, kind.stamp), waiting.report
-        is_new, waiting.seen_ns = stamp_ns != waiting.seen_ns, stamp_ns
+        """Return whether the values before count, instead of the new report of this kind."""
+        stamp_ns = getattr(new, kind.stamp)
+        is_new = stamp_ns != waiting.seen_ns
+        waiting.seen_ns = stamp_ns
+        first = waiting.report
         if not is_new and first is None:
             return False
-        if not getattr(self._believed, kind.stamp) or not kind.surprises(
-            self._believed, new, expected
-        ):
+
+        is_first_ever = not getattr(self._believed, kind.stamp)
+        if is_first_ever or not kind.surprises(self._believed, new, expected):
+            # it says what is believed already: the one that waited was alone
             if is_new and first is not None and not kind.agrees(first, new):
                 self._contradict(kind.name, stamp_ns)
             waiting.report = None
             return False
+
         if not is_new:
             return True
-        if first is None or not kind.agrees(first, new):
-            if first is not None:
-                self._contradict(kind.name, stamp_ns)
-            waiting.first_ns, waiting.count = stamp_ns, 0
-        waiting.report, waiting.count = new, waiting.count + 1
+        if first is None:
+            waiting.first_ns = stamp_ns
+            waiting.count = 0
+        elif not kind.agrees(first, new):
+            self._contradict(kind.name, stamp_ns)
+            waiting.first_ns = stamp_ns
+            waiting.count = 0
+
+        waiting.report = new
+        waiting.count += 1
         if waiting.count < kind.needed or stamp_ns - waiting.first_ns < kind.least_ns:
             return True
         waiting.report = None
@@ -239,4 +275,5 @@ class ReportConfirmation:
     def _contradict(self, kind: str, now_ns: int) -> None:
         if not self._contradicted_ns or now_ns - self._contradicted_ns > 1e9 * _ONE_RUN_S:
             self._run_begin_ns = now_ns
-        self.contradicted, self._contradicted_ns = kind, now_ns
+        self._contradicted_ns = now_ns
+        self.contradicted = kind

@@ -1,4 +1,4 @@
-"""Predicts the smallest distance of two vehicles, and checks a neighbour's own predictions.
+"""The smallest distance of two vehicles that brake, and a neighbour's predictions checked.
 
 Pure, in plain floats.
 """
@@ -10,18 +10,19 @@ from dataclasses import dataclass
 
 Vec2 = tuple[float, float]
 
-_HORIZON_S = 2.0
-_COMPARE_EVERY_S = 0.25
-_MISS_SHARE = 0.35
-_MISS_M_S = 0.55
-_LONGEST_LEAD_S = 1.0
+_HORIZON_S = 2.0  # of two vehicles that pass each other
+_COMPARE_EVERY_S = 0.25  # a state that comes later than this is not of the predicted time
+_MISS_SHARE = 0.35  # of the newest comparison in the low-passed miss
+_MISS_M_S = 0.55  # low-passed, from which on predictions count as wrong
+_LONGEST_LEAD_S = 1.0  # of a prediction that is compared
 
 
 def smallest_distance_m(
     apart_m: Vec2, closing_velocity_m_s: Vec2, *, reaction_s: float, deceleration_m_s2: float
 ) -> float:
-    """Predict the distance that is left when both vehicles brake along their line of sight as hard
-    as they can.
+    """Return the distance that is left when both vehicles brake along their line of sight.
+
+    They go on as they do now while they react, and then brake as hard as they can.
 
     Args:
         apart_m: from us to the other, horizontal.
@@ -32,30 +33,37 @@ def smallest_distance_m(
         distance [m]: the present one if they do not come nearer, or the one at which they pass each
         other without braking if that is larger than the distance left.
     """
-    (x, y), (vx, vy) = apart_m, closing_velocity_m_s
-    distance = math.hypot(x, y)
-    if distance < 1e-6:
-        return distance
-    closing = (x * vx + y * vy) / distance
-    if closing <= 0.0:
-        return distance
-    left = distance - closing * reaction_s - closing * closing / (2.0 * deceleration_m_s2)
-    time_s = min((x * vx + y * vy) / (vx * vx + vy * vy), _HORIZON_S)
-    return max(left, math.hypot(x - time_s * vx, y - time_s * vy), 0.0)
+    x, y = apart_m
+    vx, vy = closing_velocity_m_s
+    distance_m = math.hypot(x, y)
+    if distance_m < 1e-6:
+        return distance_m
+
+    closing_m_s = (x * vx + y * vy) / distance_m
+    if closing_m_s <= 0.0:
+        return distance_m
+
+    braking_m = closing_m_s * closing_m_s / (2.0 * deceleration_m_s2)
+    left_m = distance_m - closing_m_s * reaction_s - braking_m
+
+    # without braking they are nearest when the line between them is at right angles to the velocity
+    passing_s = min((x * vx + y * vy) / (vx * vx + vy * vy), _HORIZON_S)
+    passing_m = math.hypot(x - passing_s * vx, y - passing_s * vy)
+    return max(left_m, passing_m, 0.0)
 
 
 @dataclass(slots=True)
 class PredictionMonitor:
-    """Compares a neighbour's velocity with the one that it had predicted for now, low-passed over
-    about a second.
+    """Compares a neighbour's velocity with the one that it had predicted for now.
 
     A vehicle's prediction contains the commands that it has sent already, so it comes true within
-    noise and gusts; for a vehicle that does not follow its own commands it does not.
+    noise and gusts. For a vehicle that does not follow its own commands it does not. The difference
+    is low-passed over about a second.
     """
 
-    miss_m_s: float = 0.0
+    miss_m_s: float = 0.0  # between velocity and prediction, low-passed
     _due_ns: int = 0  # when the prediction can be compared; 0 without one
-    _predicted_m_s: Vec2 = (0.0, 0.0)
+    _predicted_m_s: Vec2 = (0.0, 0.0)  # horizontal velocity at that time
 
     @property
     def is_wrong(self) -> bool:
@@ -64,7 +72,8 @@ class PredictionMonitor:
 
     def reset(self) -> None:
         """Begin anew: the neighbour predicts nothing."""
-        self.miss_m_s, self._due_ns = 0.0, 0
+        self.miss_m_s = 0.0
+        self._due_ns = 0
 
     def update(self, stamp_ns: int, velocity_m_s: Vec2, predicted_m_s: Vec2, lead_s: float) -> None:
         """Take one state of a neighbour that cooperates.
@@ -77,8 +86,12 @@ class PredictionMonitor:
         """
         if self._due_ns and stamp_ns >= self._due_ns:
             if stamp_ns - self._due_ns < _COMPARE_EVERY_S * 1e9:
-                (vx, vy), (px, py) = velocity_m_s, self._predicted_m_s
+                vx, vy = velocity_m_s
+                px, py = self._predicted_m_s
                 self.miss_m_s += _MISS_SHARE * (math.hypot(vx - px, vy - py) - self.miss_m_s)
             self._due_ns = 0
+
+        # one prediction at a time waits for its comparison
         if not self._due_ns and 0.0 < lead_s < _LONGEST_LEAD_S:
-            self._due_ns, self._predicted_m_s = stamp_ns + round(lead_s * 1e9), predicted_m_s
+            self._due_ns = stamp_ns + round(lead_s * 1e9)
+            self._predicted_m_s = predicted_m_s

@@ -1,5 +1,6 @@
-"""Last check of an attitude setpoint: PX4 accepts any setpoint, also one that makes the vehicle
-fall. Pure.
+"""The last check of an attitude setpoint. Pure.
+
+PX4 accepts any setpoint, also one that makes the vehicle fall.
 """
 
 from __future__ import annotations
@@ -8,22 +9,28 @@ import math
 
 from onboard.types import AttitudeSetpoint
 
-_TILT_SLACK_DEG = 1.0
+_TILT_SLACK_DEG = 1.0  # for rounding, beyond the tilt of the fleet file
+_UNIT_SLACK = 1e-3  # of the squared length of a unit quaternion
 
 
 def is_sendable(setpoint: AttitudeSetpoint, max_tilt_deg: float) -> bool:
-    """Whether a setpoint may be sent.
+    """Return whether a setpoint may be sent.
+
+    It may if all its numbers are finite, the quaternion is a unit one, the thrust lies in [0, 1],
+    and the tilt is within the limit.
 
     Args:
         setpoint: for one vehicle.
         max_tilt_deg: of that vehicle.
-    Returns:
-        True if all numbers are finite, the quaternion is a unit one, the thrust lies in [0, 1] and
-        the tilt in its limit.
     """
     w, x, y, z = setpoint.quaternion_wxyz
-    size = w * w + x * x + y * y + z * z
+    squared_length = w * w + x * x + y * y + z * z
+
     # comparisons with NaN are false
-    if not (abs(size - 1.0) < 1e-3 and 0.0 <= setpoint.thrust_frac <= 1.0):
+    is_unit = abs(squared_length - 1.0) < _UNIT_SLACK
+    is_thrust = 0.0 <= setpoint.thrust_frac <= 1.0
+    if not (is_unit and is_thrust):
         return False
-    return 1.0 - 2.0 * (x * x + y * y) >= math.cos(math.radians(max_tilt_deg + _TILT_SLACK_DEG))
+
+    cos_tilt = 1.0 - 2.0 * (x * x + y * y)  # third entry of the body's up, in ENU
+    return cos_tilt >= math.cos(math.radians(max_tilt_deg + _TILT_SLACK_DEG))

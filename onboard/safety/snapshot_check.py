@@ -1,4 +1,4 @@
-"""Whether what PX4 sends can be calculated with. Pure."""
+"""Whether the numbers that PX4 sends can be calculated with. Pure."""
 
 from __future__ import annotations
 
@@ -6,28 +6,27 @@ import math
 
 from onboard.autopilot import Snapshot
 
-_LARGEST_M, _LARGEST_M_S = 1e5, 1e3
+_LARGEST_M = 1e5
+_LARGEST_M_S = 1e3
 
 
 def nonsense(snapshot: Snapshot) -> str:
-    """Return what is wrong with attitude and motion of a snapshot, as a sentence; empty when
-    nothing is.
+    """Return what is wrong with attitude and motion of a snapshot; empty when nothing is.
 
     Args:
         snapshot: of one PX4.
-
     Returns:
-        The sentence.
+        a sentence.
     """
-    size = math.hypot(*snapshot.quaternion_enu_flu_wxyz)
-    away_m, speed_m_s = (
-        math.hypot(*snapshot.position_local_ned_m),
-        math.hypot(*snapshot.velocity_local_ned_m_s),
-    )
+    length = math.hypot(*snapshot.quaternion_enu_flu_wxyz)
+    away_m = math.hypot(*snapshot.position_local_ned_m)
+    speed_m_s = math.hypot(*snapshot.velocity_local_ned_m_s)
+
     # comparisons with what is no number are false
-    if not 0.95 < size < 1.05:
+    if not 0.95 < length < 1.05:
         return (
-            f"PX4 sends an attitude that is no rotation (its quaternion has the length {size:.3g})."
+            "PX4 sends an attitude that is no rotation "
+            f"(its quaternion has the length {length:.3g})."
         )
     if not away_m < _LARGEST_M:
         return f"PX4 says that it is {away_m * 1e-3:.0f} km from its origin."

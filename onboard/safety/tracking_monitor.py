@@ -12,29 +12,43 @@ from dataclasses import dataclass
 
 Vec4 = tuple[float, float, float, float]
 
-_MISS_TIME_S = 0.3
+_MISS_TIME_S = 0.3  # time constant of the low-pass
 _MISS_SIN = math.sin(math.radians(9.0))
 _MISS_FOR_S = 0.2
-_UPSET_COS = math.cos(math.radians(60.0))
+
+_UPSET_COS = math.cos(math.radians(60.0))  # of the tilt
 _UPSET_FOR_S = 0.1
+
 _FULL_SHARE = 0.99  # of the largest throttle that is ever sent
-_FULL_FOR_S, _SINKING_FOR_S = 0.5, 1.0
-_BELOW_M, _CLIMB_M_S = 0.15, 0.05
+_FULL_FOR_S = 0.5
+_BELOW_M = 0.15  # below the trajectory
+_CLIMB_M_S = 0.05  # less than that is no climb
+_SINKING_FOR_S = 1.0
+
+_SHORTEST_LAG_S = 0.02
 
 
 @dataclass(slots=True)
 class TrackingMonitor:
-    """Memory of one vehicle; call :meth:`update` every tick under the law, :meth:`reset` otherwise."""
+    """Memory of one vehicle.
+
+    Call :meth:`update` every tick under the law, :meth:`reset` otherwise.
+    """
 
     lag_s: float  # from attitude setpoint to attitude
     largest_frac: float  # throttle at which thrust is saturated
+
     is_attitude_lost: bool = False
     is_saturated: bool = False
     is_sinking: bool = False  # with full thrust
-    _commanded_x: float = 0.0  # horizontal part of the thrust's direction, after the lag
+
+    # horizontal part (east, north) of the direction of thrust
+    _commanded_x: float = 0.0  # as commanded, after the lag
     _commanded_y: float = 0.0
-    _miss_x: float = 0.0
+    _miss_x: float = 0.0  # measured minus commanded, low-passed
     _miss_y: float = 0.0
+
+    # for how long each sign has lasted
     _missed_s: float = 0.0
     _upset_s: float = 0.0
     _full_s: float = 0.0
@@ -42,9 +56,17 @@ class TrackingMonitor:
 
     def reset(self) -> None:
         """Begin anew: no setpoints are sent."""
-        self._commanded_x = self._commanded_y = self._miss_x = self._miss_y = 0.0
-        self._missed_s = self._upset_s = self._full_s = self._sinking_s = 0.0
-        self.is_attitude_lost = self.is_saturated = self.is_sinking = False
+        self._commanded_x = 0.0
+        self._commanded_y = 0.0
+        self._miss_x = 0.0
+        self._miss_y = 0.0
+        self._missed_s = 0.0
+        self._upset_s = 0.0
+        self._full_s = 0.0
+        self._sinking_s = 0.0
+        self.is_attitude_lost = False
+        self.is_saturated = False
+        self.is_sinking = False
 
     def update(
         self,
@@ -66,31 +88,31 @@ class TrackingMonitor:
             climb_m_s: vertical velocity, up.
             dt_s: since the last call.
         """
+        # the body's up in ENU is the last column of the rotation
         w, x, y, z = commanded_wxyz
-        keep = math.exp(-dt_s / max(self.lag_s, 0.02))
-        ux, uy = 2.0 * (x * z + w * y), 2.0 * (y * z - w * x)
-        self._commanded_x, self._commanded_y = (
-            ux + keep * (self._commanded_x - ux),
-            uy + keep * (self._commanded_y - uy),
-        )
+        up_x = 2.0 * (x * z + w * y)
+        up_y = 2.0 * (y * z - w * x)
+        keep = math.exp(-dt_s / max(self.lag_s, _SHORTEST_LAG_S))
+        self._commanded_x = up_x + keep * (self._commanded_x - up_x)
+        self._commanded_y = up_y + keep * (self._commanded_y - up_y)
+
         w, x, y, z = measured_wxyz
-        up = 1.0 - 2.0 * (x * x + y * y)
-        miss_x, miss_y = (
-            2.0 * (x * z + w * y) - self._commanded_x,
-            2.0 * (y * z - w * x) - self._commanded_y,
-        )
+        miss_x = 2.0 * (x * z + w * y) - self._commanded_x
+        miss_y = 2.0 * (y * z - w * x) - self._commanded_y
         share = dt_s / (_MISS_TIME_S + dt_s)
         self._miss_x += share * (miss_x - self._miss_x)
         self._miss_y += share * (miss_y - self._miss_y)
-        has_missed = (
-            self._miss_x * self._miss_x + self._miss_y * self._miss_y > _MISS_SIN * _MISS_SIN
-        )
-        self._missed_s = self._missed_s + dt_s if has_missed else 0.0
-        self._upset_s = self._upset_s + dt_s if up < _UPSET_COS else 0.0
+        squared_miss = self._miss_x * self._miss_x + self._miss_y * self._miss_y
+        cos_tilt = 1.0 - 2.0 * (x * x + y * y)
+
         is_full = thrust_frac >= _FULL_SHARE * self.largest_frac
-        self._full_s = self._full_s + dt_s if is_full else 0.0
         is_sinking = is_full and below_m > _BELOW_M and climb_m_s < _CLIMB_M_S
+        has_missed = squared_miss > _MISS_SIN * _MISS_SIN
+        self._missed_s = self._missed_s + dt_s if has_missed else 0.0
+        self._upset_s = self._upset_s + dt_s if cos_tilt < _UPSET_COS else 0.0
+        self._full_s = self._full_s + dt_s if is_full else 0.0
         self._sinking_s = self._sinking_s + dt_s if is_sinking else 0.0
+
         self.is_attitude_lost = self._missed_s > _MISS_FOR_S or self._upset_s > _UPSET_FOR_S
         self.is_saturated = self._full_s > _FULL_FOR_S
         self.is_sinking = self._sinking_s > _SINKING_FOR_S

@@ -1,1 +1,1 @@
-"""The rules of safety applied at each tick: which conditions hold now, and the action carried out."""
+"""The rules of safety applied at each tick: which conditions hold now, and what follows."""

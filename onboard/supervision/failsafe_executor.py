@@ -1,7 +1,8 @@
 """The failsafe part of a tick: look, judge the conditions, decide by the table, and say what is
 reported and done.
 
-One value goes in, the facts of the tick, and one comes out, the decision. The flight carries it out.
+One value goes in, the facts of the tick, and one comes out, the decision. The flight carries it
+out.
 """
 
 from __future__ import annotations

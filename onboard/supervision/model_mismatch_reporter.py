@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 from onboard.config.fleet import Vehicle
 from onboard.estimation.disturbance_observer import ObserverMemory
 from onboard.frames import Quaternion
 from onboard.safety import model_mismatch
 from onboard.types import TICK_S
 
-_SAMPLE_TICKS, _COMPARE_SAMPLES = 5, 10
+_SAMPLE_TICKS = 5  # from one sample to the next
+_COMPARE_SAMPLES = 10  # from one comparison with the fleet file to the next
 
 
 class ModelMismatchReporter:
@@ -19,19 +18,24 @@ class ModelMismatchReporter:
     def __init__(self, vehicle: Vehicle) -> None:
         self._vehicle = vehicle
         self._memory = model_mismatch.initial()
-        self._tick_count = self._samples = 0
+        self._tick_count = 0
+        self._sample_count = 0
         self._reported: set[str] = set()
 
     def is_due(self) -> bool:
-        """Whether this tick in free flight is to be followed; call it at every such tick."""
+        """Return whether this tick in free flight is a sample; call it at every such tick."""
         self._tick_count += 1
         return self._tick_count % _SAMPLE_TICKS == 0
 
     def follow(
         self, model: ObserverMemory, attitude_wxyz: Quaternion, hover_frac: float
-    ) -> Iterator[tuple[str, str]]:
-        """Take one sample in free flight; yield code and sentence of each difference that is not
-        reported yet.
+    ) -> list[tuple[str, str]]:
+        """Return code and sentence of each difference that is not reported yet.
+
+        Args:
+            model: of the response to the commands.
+            attitude_wxyz: measured, FLU to ENU.
+            hover_frac: hover throttle learned so far.
         """
         self._memory = model_mismatch.update(
             self._memory,
@@ -40,14 +44,13 @@ class ModelMismatchReporter:
             attitude_wxyz,
             _SAMPLE_TICKS * TICK_S,
         )
-        self._samples += 1
-        if self._samples % _COMPARE_SAMPLES:
-            return
-        vehicle = self._vehicle
+        self._sample_count += 1
+        if self._sample_count % _COMPARE_SAMPLES:
+            return []
+
         sentences = model_mismatch.differences(
-            self._memory, vehicle.lag_s, hover_frac, vehicle.hover_thrust_frac
+            self._memory, self._vehicle.lag_s, hover_frac, self._vehicle.hover_thrust_frac
         )
-        for code, sentence in sentences.items():
-            if code not in self._reported:
-                self._reported.add(code)
-                yield code, sentence
+        new = [(code, text) for code, text in sentences.items() if code not in self._reported]
+        self._reported.update(sentences)
+        return new

@@ -126,7 +126,7 @@ class NeighbourMonitor:
             self._kept_off[active_neighbour] += 1
 
     def kept_off_by(self, goal_enu_m: Vec3, view: FlightView) -> str:
-        """Return in words how far the goal is, and the neighbours that the law avoided on the way."""
+        """Return in words how far the goal is, and which neighbours the law avoided on the way."""
         rest = f"still {math.dist(goal_enu_m, view.position_enu_m):.2f} m to go"
 
         least = _KEPT_OFF_SHARE * self._leg_ticks
