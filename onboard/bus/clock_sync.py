@@ -1,5 +1,8 @@
-"""The clocks of the fleet for one process: it publishes its own, receives the others', and
-identifies its host.
+"""The clocks of the fleet for one process.
+
+It publishes its own clock, receives the others' (``clock_offsets.py`` compares them), and converts
+the stamps of messages to its own clock. It knows which other processes share its clock by the id of
+its host.
 """
 
 from __future__ import annotations
@@ -19,8 +22,8 @@ from onboard.bus.protocol import Bus
 from onboard.bus.schema import ClockMessage, Message, MocapPose, Order, StateMessage
 from onboard.bus.topics import Topic
 
-BEAT_S = 0.5
-_WARN_AFTER_NS = 5_000_000_000
+BEAT_S = 0.5  # from one clock message to the next
+_WARN_AFTER_NS = 5_000_000_000  # with poses that cannot be used
 
 log = logging.getLogger("covey.clock")
 
@@ -36,7 +39,8 @@ def host_id() -> int:
         namespace = os.stat("/proc/self/ns/time").st_ino
     except OSError:  # a kernel without time namespaces has one time
         namespace = 0
-    return int.from_bytes(hashlib.sha256(f"{boot}{namespace}".encode()).digest()[:6], "little")
+    digest = hashlib.sha256(f"{boot}{namespace}".encode()).digest()
+    return int.from_bytes(digest[:6], "little")
 
 
 class ClockNode:
@@ -49,9 +53,10 @@ class ClockNode:
     def __init__(self, bus: Bus) -> None:
         self._bus = bus
         self.clocks = Clocks(bus.node, host_id())
-        # source of poses that cannot be used yet -> since when
-        self._waiting_ns: dict[str, int] = {}
-        self._warned: set[str] = set()
+
+        # sources of poses that cannot be used, because their clock is not known: since when
+        self._unknown_since_ns: dict[str, int] = {}
+        self._warned: set[str] = set()  # those of them that the log has named
 
     def start(self) -> None:
         """Subscribe to the others' clocks; the bus must be open."""
@@ -68,7 +73,9 @@ class ClockNode:
             the same object where the clock is shared, else a changed copy.
         """
         stamp_ns = self.clocks.own_ns(node, message.stamp_ns, received_ns)
-        return message if stamp_ns == message.stamp_ns else replace(message, stamp_ns=stamp_ns)
+        if stamp_ns == message.stamp_ns:
+            return message
+        return replace(message, stamp_ns=stamp_ns)
 
     def pose(self, pose: MocapPose, received_ns: int) -> MocapPose | None:
         """Return a mocap pose with its stamp on our clock.
@@ -84,21 +91,26 @@ class ClockNode:
         if not self.clocks.is_measured(pose.source):
             self._warn_of_unknown_clock(pose.source, received_ns)
             return None
+
         stamp_ns = self.clocks.own_ns(pose.source, pose.stamp_ns, received_ns)
-        return pose if stamp_ns == pose.stamp_ns else replace(pose, stamp_ns=stamp_ns)
+        if stamp_ns == pose.stamp_ns:
+            return pose
+        return replace(pose, stamp_ns=stamp_ns)
 
     def _warn_of_unknown_clock(self, source: str, now_ns: int) -> None:
-        since_ns = self._waiting_ns.setdefault(source, now_ns)
-        if source not in self._warned and now_ns - since_ns > _WARN_AFTER_NS:
-            self._warned.add(source)
-            log.warning(
-                "Poses of node '%s' are not used, because it does not publish its clock. Let it publish its clock "
-                "(onboard/bus/clock_sync.py), or leave 'source' empty if it runs on this computer.",
-                source,
-            )
+        since_ns = self._unknown_since_ns.setdefault(source, now_ns)
+        if source in self._warned or now_ns - since_ns <= _WARN_AFTER_NS:
+            return
+        self._warned.add(source)
+        log.warning(
+            "Poses of node '%s' are not used, because it does not publish its clock. Let it "
+            "publish its clock (onboard/bus/clock_sync.py), or leave 'source' empty if it runs on "
+            "this computer.",
+            source,
+        )
 
     def order(self, order: Order, received_ns: int) -> Order:
-        """Return an order with its stamp and its deadline on our clock.
+        """Return an order with its stamp and its times on our clock.
 
         Args:
             order: as received.
@@ -110,8 +122,15 @@ class ClockNode:
         if stamp_ns == order.stamp_ns:
             return order
         offset_ns = stamp_ns - order.stamp_ns
-        deadline_ns = order.deadline_ns and order.deadline_ns + offset_ns
-        path = order.path and replace(order.path, start_ns=order.path.start_ns + offset_ns)
+
+        deadline_ns = order.deadline_ns
+        if deadline_ns != 0:  # 0 stands for none
+            deadline_ns += offset_ns
+
+        path = order.path
+        if path is not None:
+            path = replace(path, start_ns=path.start_ns + offset_ns)
+
         return replace(order, stamp_ns=stamp_ns, deadline_ns=deadline_ns, path=path)
 
     def beat(self) -> None:

@@ -12,10 +12,10 @@ from onboard.bus.schema import SCHEMA_VERSION, Message
 
 MessageT = TypeVar("MessageT", bound=Message)
 
-MAX_BYTES = 65_536
+MAX_BYTES = 65_536  # of one message
 
 _encoder = msgspec.msgpack.Encoder()
-_decoders: dict[type[Message], msgspec.msgpack.Decoder[Message]] = {}
+_decoders: dict[type[Message], msgspec.msgpack.Decoder[Message]] = {}  # made when first needed
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,13 +49,17 @@ def decode(data: bytes, kind: type[MessageT]) -> MessageT | Malformed:
     """
     if len(data) > MAX_BYTES:
         return Malformed("too large", len(data))
+
     decoder = _decoders.get(kind)
     if decoder is None:
-        decoder = _decoders[kind] = msgspec.msgpack.Decoder(kind)
+        decoder = msgspec.msgpack.Decoder(kind)
+        _decoders[kind] = decoder
+
     try:
         message = decoder.decode(data)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         return Malformed(str(error), len(data))
+
     if message.schema != SCHEMA_VERSION:
         return Malformed(
             f"schema version {message.schema}, this side reads {SCHEMA_VERSION}", len(data)

@@ -1,8 +1,7 @@
-"""Publishes the poses of a motion capture: each under its body's name, and all of them together,
-less often.
+"""Publishes the poses of a motion capture: each under its body's name, and all of them together.
 
-A vehicle subscribes to its own body. From the poses that come together it learns where the others
-really are.
+A vehicle subscribes to its own body. From the poses that come together, less often, it learns where
+the others really are.
 """
 
 from __future__ import annotations
@@ -11,7 +10,7 @@ from onboard.bus.protocol import Bus
 from onboard.bus.schema import MocapPose, MocapPoses
 from onboard.bus.topics import TOPICS, Topic
 
-_PERIOD_NS = round(1e9 / TOPICS[Topic.ALL_POSES].rate_hz)
+_PERIOD_NS = round(1e9 / TOPICS[Topic.ALL_POSES].rate_hz)  # of the poses together
 _MOST_TOGETHER = 10  # so many fit into one datagram
 
 
@@ -24,8 +23,8 @@ class PosePublisher:
 
     def __init__(self, bus: Bus) -> None:
         self._bus = bus
-        self._newest: dict[str, MocapPose] = {}  # since they were published together
-        self._due_ns = 0
+        self._newest: dict[str, MocapPose] = {}  # of each body, since they were published together
+        self._due_ns = 0  # when they are published together next
 
     def publish(self, pose: MocapPose) -> None:
         """Publish one pose; never blocks.
@@ -34,11 +33,18 @@ class PosePublisher:
             pose: as measured.
         """
         self._bus.publish(Topic.MOCAP, pose.body, pose)
-        if not 0 <= self._due_ns - pose.stamp_ns <= _PERIOD_NS:
+
+        # Stamps may also jump, back or far ahead; then the poses together are due at once.
+        until_due_ns = self._due_ns - pose.stamp_ns
+        if not 0 <= until_due_ns <= _PERIOD_NS:
             self._due_ns = pose.stamp_ns + _PERIOD_NS
-            poses = tuple(self._newest.values())
-            for begin in range(0, len(poses), _MOST_TOGETHER):
-                together = MocapPoses(poses=poses[begin : begin + _MOST_TOGETHER])
-                self._bus.publish(Topic.ALL_POSES, "all", together)
-            self._newest.clear()
+            self._publish_together()
+
         self._newest[pose.body] = pose
+
+    def _publish_together(self) -> None:
+        poses = tuple(self._newest.values())
+        for begin in range(0, len(poses), _MOST_TOGETHER):
+            together = MocapPoses(poses=poses[begin : begin + _MOST_TOGETHER])
+            self._bus.publish(Topic.ALL_POSES, "all", together)
+        self._newest.clear()

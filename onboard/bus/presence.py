@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from onboard.bus.protocol import OnAlive
 
-_MAX_TOKENS = 20_000
+_MAX_TOKENS = 20_000  # of all names together; those beyond it are ignored
 
 
 class Presence:
-    """Counts the nodes behind each name: a second node of a name does not take it along when it
-    leaves.
+    """Counts the nodes behind each name.
+
+    A second node of a name does not take the name along when it leaves.
 
     Args:
         on_alive: called with the name and whether it is there, only when that changes.
@@ -17,9 +18,8 @@ class Presence:
 
     def __init__(self, on_alive: OnAlive) -> None:
         self._on_alive = on_alive
-        # name -> what distinguishes the nodes that declare it
-        self._tokens: dict[str, set[str]] = {}
-        self._count = 0
+        self._instances: dict[str, set[str]] = {}  # name -> the nodes that declare it
+        self._count = 0  # of all of them
 
     def see(self, token: str, is_alive: bool) -> None:
         """Take a liveliness token that appeared or vanished.
@@ -29,21 +29,29 @@ class Presence:
             is_alive: whether it appeared; False when it vanished.
         """
         name, _, instance = token.partition("/")
-        known = self._tokens.get(name)
         if is_alive:
-            if self._count >= _MAX_TOKENS or (known is not None and instance in known):
-                return
-            self._count += 1
-            if known is not None:
-                known.add(instance)
-                return
-            self._tokens[name] = {instance}
-        elif known is None or instance not in known:
-            return
+            self._add(name, instance)
         else:
-            self._count -= 1
-            known.discard(instance)
-            if known:
-                return
-            del self._tokens[name]
-        self._on_alive(name, is_alive)
+            self._remove(name, instance)
+
+    def _add(self, name: str, instance: str) -> None:
+        instances = self._instances.get(name, set())
+        if instance in instances or self._count >= _MAX_TOKENS:
+            return
+
+        self._count += 1
+        instances.add(instance)
+        if len(instances) == 1:
+            self._instances[name] = instances
+            self._on_alive(name, True)
+
+    def _remove(self, name: str, instance: str) -> None:
+        instances = self._instances.get(name, set())
+        if instance not in instances:
+            return
+
+        self._count -= 1
+        instances.remove(instance)
+        if not instances:
+            del self._instances[name]
+            self._on_alive(name, False)

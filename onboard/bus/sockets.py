@@ -1,10 +1,11 @@
-"""Sockets that close at once. Zenoh gives each of its TCP sockets ten seconds to deliver what is
-left at its end.
+"""Sockets that close at once.
 
-For so long ``close()`` blocks the thread that calls it, and that is the thread of all network work:
-one peer that hangs, or whose cable is cut, would take the bus away from all others. Zenoh has no
-option for it, so it is changed from outside, on every socket of the process. The kernel then
-delivers what is left, and nobody waits.
+Zenoh gives each of its TCP sockets ten seconds to deliver what is left at its end. For so long
+``close()`` blocks the thread that calls it, and that is the thread of all network work: one peer
+that hangs, or whose cable is cut, would take the bus away from all others.
+
+Zenoh has no option for it, so it is changed from outside, on every socket of the process. The
+kernel then delivers what is left, and nobody waits.
 """
 
 from __future__ import annotations
@@ -14,8 +15,9 @@ import socket
 import struct
 import threading
 
-_LINGER = struct.Struct("ii")  # on or off, seconds
-# a peer is given up a second after it was heard last, hence later than its socket is seen here
+_LINGER = struct.Struct("ii")  # C's struct linger: on or off, seconds
+
+# A peer is given up a second after it was heard last, hence later than its socket is seen here.
 _PERIOD_S = 0.4
 
 
@@ -30,7 +32,7 @@ class PromptSockets:
         threading.Thread(target=self._run, name="bus-sockets", daemon=True).start()
 
     def stop(self) -> None:
-        """Change those that there are, and end."""
+        """Change the sockets that there are, and end."""
         self._ended.set()
         let_all_close_at_once()
 
@@ -51,15 +53,16 @@ def let_all_close_at_once() -> int:
             borrowed = socket.socket(socket.AF_INET, socket.SOCK_STREAM, 0, int(number))
         except OSError:
             continue
+
         try:
-            is_on, _ = _LINGER.unpack(
-                borrowed.getsockopt(socket.SOL_SOCKET, socket.SO_LINGER, _LINGER.size)
-            )
+            option = borrowed.getsockopt(socket.SOL_SOCKET, socket.SO_LINGER, _LINGER.size)
+            is_on, _ = _LINGER.unpack(option)
             if is_on:
                 borrowed.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, _LINGER.pack(0, 0))
                 changed += 1
         except OSError:
             continue  # no socket, or closed meanwhile
         finally:
-            borrowed.detach()
+            borrowed.detach()  # it stays zenoh's: it must not be closed here
+
     return changed

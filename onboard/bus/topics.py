@@ -15,21 +15,21 @@ from onboard.bus import schema
 class Topic(str, Enum):
     """Second last part of a key; the values are part of the format of the bus."""
 
-    STATE = "state"
-    FAR = "far"
-    TELEMETRY = "telemetry"
-    SLOW_TELEMETRY = "brief"
-    TICK = "tick"
-    EVENT = "event"
-    PREFLIGHT = "preflight"
+    STATE = "state"  # of a vehicle, for those near it
+    FAR = "far"  # the same, for those far away
+    TELEMETRY = "telemetry"  # of a vehicle, for people
+    SLOW_TELEMETRY = "brief"  # the same, for the other vehicles
+    TICK = "tick"  # every intermediate value of the pipeline
+    EVENT = "event"  # sentences, and ends of orders
+    PREFLIGHT = "preflight"  # go or no-go of a vehicle
     ORDER = "order"
-    MOCAP = "mocap"
-    ALL_POSES = "poses"
+    MOCAP = "mocap"  # pose of one body
+    ALL_POSES = "poses"  # poses of all bodies
     CLOCK = "clock"
-    TRUTH = "truth"
-    LIGHT = "light"
-    ALIVE = "alive"
-    SIM = "sim"
+    TRUTH = "truth"  # of the emulator
+    LIGHT = "light"  # colour of a vehicle in a show
+    ALIVE = "alive"  # which nodes there are
+    SIM = "sim"  # faults for the emulator
 
 
 class Delivery(Enum):
@@ -49,45 +49,115 @@ class TopicSpec:
     rate_hz: float  # 0: on event
     stale_after_s: float
     delivery: Delivery
-    from_to: str
+    from_to: str  # who sends it to whom, in words
 
 
 TOPICS: dict[Topic, TopicSpec] = {
     Topic.STATE: TopicSpec(
-        schema.StateMessage, 50.0, 0.3, Delivery.LATEST, "agent -> agents in range"
+        message=schema.StateMessage,
+        rate_hz=50.0,
+        stale_after_s=0.3,
+        delivery=Delivery.LATEST,
+        from_to="agent -> agents in range",
     ),
     Topic.FAR: TopicSpec(
-        schema.StateMessage, 5.0, 0.75, Delivery.LATEST, "agent -> agents out of reach"
+        message=schema.StateMessage,
+        rate_hz=5.0,
+        stale_after_s=0.75,
+        delivery=Delivery.LATEST,
+        from_to="agent -> agents out of reach",
     ),
-    Topic.TELEMETRY: TopicSpec(schema.Telemetry, 10.0, 1.0, Delivery.LATEST, "agent -> ground"),
+    Topic.TELEMETRY: TopicSpec(
+        message=schema.Telemetry,
+        rate_hz=10.0,
+        stale_after_s=1.0,
+        delivery=Delivery.LATEST,
+        from_to="agent -> ground",
+    ),
     Topic.SLOW_TELEMETRY: TopicSpec(
-        schema.Telemetry, 2.0, 1.5, Delivery.LATEST, "agent -> agents, changes at once"
+        message=schema.Telemetry,
+        rate_hz=2.0,
+        stale_after_s=1.5,
+        delivery=Delivery.LATEST,
+        from_to="agent -> agents, changes at once",
     ),
-    Topic.TICK: TopicSpec(schema.TickBatch, 5.0, 1.0, Delivery.LATEST, "agent -> recorder"),
+    Topic.TICK: TopicSpec(
+        message=schema.TickBatch,
+        rate_hz=5.0,
+        stale_after_s=1.0,
+        delivery=Delivery.LATEST,
+        from_to="agent -> recorder",
+    ),
     Topic.EVENT: TopicSpec(
-        schema.Event, 0.0, float("inf"), Delivery.RELIABLE, "agent -> ground, recorder"
+        message=schema.Event,
+        rate_hz=0.0,
+        stale_after_s=float("inf"),
+        delivery=Delivery.RELIABLE,
+        from_to="agent -> ground, recorder",
     ),
     Topic.PREFLIGHT: TopicSpec(
-        schema.PreflightReport, 1.0, 3.0, Delivery.LATEST, "agent on the ground -> ground"
+        message=schema.PreflightReport,
+        rate_hz=1.0,
+        stale_after_s=3.0,
+        delivery=Delivery.LATEST,
+        from_to="agent on the ground -> ground",
     ),
-    Topic.ORDER: TopicSpec(schema.Order, 0.0, 5.0, Delivery.QUERY, "ground -> agent, answered"),
-    Topic.MOCAP: TopicSpec(schema.MocapPose, 50.0, 0.2, Delivery.LATEST, "mocap relay -> agents"),
+    Topic.ORDER: TopicSpec(
+        message=schema.Order,
+        rate_hz=0.0,
+        stale_after_s=5.0,
+        delivery=Delivery.QUERY,
+        from_to="ground -> agent, answered",
+    ),
+    Topic.MOCAP: TopicSpec(
+        message=schema.MocapPose,
+        rate_hz=50.0,
+        stale_after_s=0.2,
+        delivery=Delivery.LATEST,
+        from_to="mocap relay -> agents",
+    ),
     Topic.ALL_POSES: TopicSpec(
-        schema.MocapPoses, 4.0, 1.0, Delivery.LATEST, "mocap relay -> agents, all bodies"
+        message=schema.MocapPoses,
+        rate_hz=4.0,
+        stale_after_s=1.0,
+        delivery=Delivery.LATEST,
+        from_to="mocap relay -> agents, all bodies",
     ),
     Topic.CLOCK: TopicSpec(
-        schema.ClockMessage, 2.0, 60.0, Delivery.LATEST, "agents, ground, relay <-> each other"
+        message=schema.ClockMessage,
+        rate_hz=2.0,
+        stale_after_s=60.0,
+        delivery=Delivery.LATEST,
+        from_to="agents, ground, relay <-> each other",
     ),
     Topic.TRUTH: TopicSpec(
-        schema.Truth, 50.0, 1.0, Delivery.LATEST, "emulator -> recorder, never an agent"
+        message=schema.Truth,
+        rate_hz=50.0,
+        stale_after_s=1.0,
+        delivery=Delivery.LATEST,
+        from_to="emulator -> recorder, never an agent",
     ),
     Topic.LIGHT: TopicSpec(
-        schema.Light, 5.0, 1.0, Delivery.LATEST, "ground -> its own console and record"
+        message=schema.Light,
+        rate_hz=5.0,
+        stale_after_s=1.0,
+        delivery=Delivery.LATEST,
+        from_to="ground -> its own console and record",
     ),
     Topic.SIM: TopicSpec(
-        schema.FaultOrder, 0.0, 5.0, Delivery.QUERY, "ground -> emulator, answered; never an agent"
+        message=schema.FaultOrder,
+        rate_hz=0.0,
+        stale_after_s=5.0,
+        delivery=Delivery.QUERY,
+        from_to="ground -> emulator, answered; never an agent",
     ),
-    Topic.ALIVE: TopicSpec(None, 0.0, 1.0, Delivery.TOKEN, "all -> all"),
+    Topic.ALIVE: TopicSpec(
+        message=None,
+        rate_hz=0.0,
+        stale_after_s=1.0,
+        delivery=Delivery.TOKEN,
+        from_to="all -> all",
+    ),
 }
 
 
@@ -113,11 +183,14 @@ def topic_and_name(namespace: str, key_expression: str) -> tuple[Topic, str] | N
     Returns:
         topic and name; None for a key that is not in the table.
     """
-    prefix = namespace + "/"
+    prefix = f"{namespace}/"
     if not key_expression.startswith(prefix):
         return None
-    topic, _, name = key_expression[len(prefix) :].partition("/")
+
+    topic, _, name = key_expression.removeprefix(prefix).partition("/")
+    if not name or "/" in name:
+        return None
     try:
-        return (Topic(topic), name) if name and "/" not in name else None
+        return Topic(topic), name
     except ValueError:
         return None
