@@ -1,10 +1,11 @@
-"""Dead reckoning of the own motion while no pose comes, by attitude and throttle; the height
-follows PX4's.
+"""Dead reckoning of the own motion while no pose comes.
 
-PX4's horizontal estimate is worth less: real ones were wrong by 1 to 2.3 m three to four seconds
-after their last pose, this by a tenth of a metre per second. What attitude and throttle do not
-explain (the bias) is taken as its mean over the last seconds: its newest value, up to 1.3 m/s^2 by
-noise, cost 1.5 m/s after two seconds.
+It goes on by attitude and throttle, and its height follows PX4's. PX4's horizontal estimate is
+worth less: real ones were wrong by 1 to 2.3 m three to four seconds after their last pose, this one
+by a tenth of a metre per second.
+
+What attitude and throttle do not explain (the bias) is taken as its mean over the last seconds. Its
+newest value, which noise takes up to 1.3 m/s^2, cost 1.5 m/s after two seconds.
 """
 
 from __future__ import annotations
@@ -16,7 +17,8 @@ from onboard.estimation.kalman import KalmanMemory
 from onboard.safety.limits import POSITION_STALE_S
 from onboard.vectors import ZERO_3, Vec3, add_scaled, bounded, subtract
 
-_MEAN_TIME_S, _LARGEST_MEAN_M_S2 = 2.0, 0.8
+_MEAN_TIME_S = 2.0  # time constant of the mean bias
+_LARGEST_MEAN_M_S2 = 0.8
 _HEIGHT_RAD_S = 3.0  # bandwidth of following PX4's height
 
 
@@ -25,16 +27,19 @@ class DeadReckoning:
     """Memory of one vehicle; :meth:`step` after the samples of each tick."""
 
     is_on: bool = False  # no sample for so long that the estimate rests on dead reckoning
-    # of position [m] and velocity [m/s] at the last sample. What is told stays there: grown with
-    # the time it made the law command 10 m/s^2, which did more harm than the error
+
+    # Standard deviations of position [m] and velocity [m/s] at the last sample. What is published
+    # stays there: grown with the time it made the law command 10 m/s^2, which did more harm than
+    # the error.
     std: tuple[float, float] = (0.0, 0.0)
+
     _mean_bias_m_s2: Vec3 = ZERO_3
     _age_s: float = math.inf  # of the newest sample at the last tick
 
     def step(
         self, memory: KalmanMemory, height_m: float | None, dt_s: float, is_on_ground: bool
     ) -> KalmanMemory:
-        """Return the filter's memory, without samples for long as dead reckoning has it.
+        """Return the filter's memory; without samples for long as dead reckoning has it.
 
         Args:
             memory: driven to now.
@@ -42,27 +47,40 @@ class DeadReckoning:
             dt_s: length of the tick.
             is_on_ground: whether the vehicle stands.
         """
-        mean, age_s = self._mean_bias_m_s2, memory.last_age_s
-        if age_s <= self._age_s:  # a sample has come
-            miss = subtract(bounded(memory.bias_enu_m_s2, _LARGEST_MEAN_M_S2), mean)
-            self._mean_bias_m_s2 = add_scaled(mean, dt_s / _MEAN_TIME_S, miss)
-            self.std = math.sqrt(memory.covariance.pp), math.sqrt(memory.covariance.vv)
+        mean_bias = self._mean_bias_m_s2
+        age_s = memory.last_age_s
+
+        has_new_sample = age_s <= self._age_s
+        if has_new_sample:
+            miss = subtract(bounded(memory.bias_enu_m_s2, _LARGEST_MEAN_M_S2), mean_bias)
+            self._mean_bias_m_s2 = add_scaled(mean_bias, dt_s / _MEAN_TIME_S, miss)
+            self.std = (math.sqrt(memory.covariance.pp), math.sqrt(memory.covariance.vv))
         self._age_s = age_s
+
         if age_s <= POSITION_STALE_S:
             self.is_on = False
             return memory
-        position, velocity = memory.position_enu_m, memory.velocity_enu_m_s
-        if not self.is_on:  # as if the mean had acted since the last sample
+
+        position = memory.position_enu_m
+        velocity = memory.velocity_enu_m_s
+
+        # At first, as if the mean had acted in place of the newest bias since the last sample.
+        if not self.is_on:
             self.is_on = True
-            change = subtract(mean, memory.bias_enu_m_s2)
+            change = subtract(mean_bias, memory.bias_enu_m_s2)
             position = add_scaled(position, 0.5 * age_s * age_s, change)
             velocity = add_scaled(velocity, age_s, change)
+
+        # Twice the gain in position: height and vertical speed follow PX4's height as a critically
+        # damped filter would.
         if height_m is not None:
             lift_m = _HEIGHT_RAD_S * dt_s * (height_m - position.z)
             position = Vec3(position.x, position.y, position.z + 2.0 * lift_m)
             velocity = Vec3(velocity.x, velocity.y, velocity.z + _HEIGHT_RAD_S * lift_m)
+
+        if is_on_ground:
+            velocity = ZERO_3
+
         return memory._replace(
-            position_enu_m=position,
-            velocity_enu_m_s=ZERO_3 if is_on_ground else velocity,
-            bias_enu_m_s2=mean,
+            position_enu_m=position, velocity_enu_m_s=velocity, bias_enu_m_s2=mean_bias
         )

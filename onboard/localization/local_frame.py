@@ -15,14 +15,27 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from onboard.autopilot import Landed, Snapshot
 from onboard.config.fleet import Origin, Vec3
 from onboard.frames import enu_from_ned
 
 _EARTH_RADIUS_M = 6_371_000.0  # of the sphere that PX4 projects its local frame from
-_JUMP_M, _JUMP_M_S2 = 0.3, 3.0
-_GIVE_BACK_M_S = 0.2
+
+# A jump is what is farther from the expected motion than this, and than an acceleration explains.
+_JUMP_M = 0.3
+_JUMP_M_S2 = 3.0
+
+_GIVE_BACK_M_S = 0.2  # speed at which a horizontal jump is given back
+
+
+class _LocalPosition(NamedTuple):
+    """A local position as PX4 sent it, in its own frame, ENU."""
+
+    stamp_ns: int
+    position_m: Vec3
+    velocity_m_s: Vec3
 
 
 @dataclass(slots=True)
@@ -31,78 +44,124 @@ class LocalFrame:
 
     start_enu_m: Vec3  # the vehicle's take-off spot in the fleet file
     origin: Origin | None  # of the fleet on Earth; None if only take-off spots are known
-    jumps: int = 0
-    _offset_enu_m: Vec3 | None = None
-    _last: tuple[int, Vec3, Vec3] | None = None
+    jumps: int = 0  # that were absorbed
+    _offset_enu_m: Vec3 | None = None  # fleet frame minus local frame; None while not known
+    _last: _LocalPosition | None = None
     _has_flown: bool = False
 
     def take(self, snapshot: Snapshot) -> Vec3 | None:
-        """Return the newest local position in the fleet frame; None while the local frame's offset
-        is not known.
+        """Return the newest local position in the fleet frame.
+
+        None while the local frame's offset is not known.
         """
-        local, velocity = (
+        local = _LocalPosition(
+            snapshot.local_position_ns,
             enu_from_ned(snapshot.position_local_ned_m),
             enu_from_ned(snapshot.velocity_local_ned_m_s),
         )
-        now_ns = snapshot.local_position_ns
-        last, self._last = self._last, (now_ns, local, velocity)
-        anchored = self._anchored_m(local, snapshot)
-        is_parked = not snapshot.is_armed and snapshot.landed is Landed.ON_GROUND
-        self._has_flown = self._has_flown or snapshot.is_armed
-        if anchored is None:
-            return None
-        if self._offset_enu_m is None or (
-            is_parked and (self.origin is not None or not self._has_flown)
-        ):
-            self._offset_enu_m = anchored
-        elif is_parked:
-            self._offset_enu_m = (self._offset_enu_m[0], self._offset_enu_m[1], anchored[2])
-        elif last is not None:
-            self._absorb(last, local, anchored, now_ns)
-        x, y, z = self._offset_enu_m
-        return local[0] + x, local[1] + y, local[2] + z
+        last = self._last
+        self._last = local
 
-    def _anchored_m(self, local: Vec3, snapshot: Snapshot) -> Vec3 | None:
-        """Return the offset while the vehicle stands on the ground."""
-        x, y, z = (start - here for start, here in zip(self.start_enu_m, local, strict=True))
+        self._has_flown = self._has_flown or snapshot.is_armed
+        is_parked = not snapshot.is_armed and snapshot.landed is Landed.ON_GROUND
+
+        anchored_m = self._anchored_offset_m(local.position_m, snapshot)
+        if anchored_m is None:
+            return None
+
+        is_horizontal_known = self.origin is not None or not self._has_flown
+        if self._offset_enu_m is None or (is_parked and is_horizontal_known):
+            self._offset_enu_m = anchored_m
+        elif is_parked:
+            # landed elsewhere than it started: only the height of the ground is known
+            self._offset_enu_m = (self._offset_enu_m[0], self._offset_enu_m[1], anchored_m[2])
+        elif last is not None:
+            self._offset_enu_m = self._absorbed_m(self._offset_enu_m, last, local, anchored_m)
+
+        x, y, z = self._offset_enu_m
+        return local.position_m[0] + x, local.position_m[1] + y, local.position_m[2] + z
+
+    def _anchored_offset_m(self, local_m: Vec3, snapshot: Snapshot) -> Vec3 | None:
+        """Return the offset that holds while the vehicle stands on the ground.
+
+        None while PX4 has sent no origin, where one is needed.
+        """
+        x, y, z = (start - here for start, here in zip(self.start_enu_m, local_m, strict=True))
         if self.origin is None:
             return x, y, z
+
         if snapshot.global_origin is None:
             return None
         east_m, north_m = _east_north_m(self.origin, snapshot.global_origin)
         return east_m, north_m, z
 
-    def _absorb(
-        self, last: tuple[int, Vec3, Vec3], local: Vec3, anchored: Vec3, now_ns: int
-    ) -> None:
-        assert self._offset_enu_m is not None
-        last_ns, before, velocity = last
-        dt_s = (now_ns - last_ns) * 1e-9
-        jump = tuple(p - b - v * dt_s for p, b, v in zip(local, before, velocity, strict=True))
-        x, y, z = self._offset_enu_m
-        if math.hypot(*jump) > _JUMP_M + _JUMP_M_S2 * dt_s * max(1.0, dt_s):
+    def _absorbed_m(
+        self, offset_m: Vec3, last: _LocalPosition, local: _LocalPosition, anchored_m: Vec3
+    ) -> Vec3:
+        """Return the offset after a sample in the air: without its jump, and nearer to the right one.
+
+        Args:
+            offset_m: present offset.
+            last: the local position before.
+            local: the newest one.
+            anchored_m: the offset by the origins on Earth, horizontally.
+        """
+        x, y, z = offset_m
+        dt_s = (local.stamp_ns - last.stamp_ns) * 1e-9
+
+        jump_m = tuple(
+            here - before - speed * dt_s
+            for here, before, speed in zip(
+                local.position_m, last.position_m, last.velocity_m_s, strict=True
+            )
+        )
+        # accelerated over one sample, or over the time that samples were missing
+        reach_m = _JUMP_M + _JUMP_M_S2 * dt_s * max(1.0, dt_s)
+        if math.hypot(*jump_m) > reach_m:
             self.jumps += 1
-            x, y, z = x - jump[0], y - jump[1], z - jump[2]
+            x = x - jump_m[0]
+            y = y - jump_m[1]
+            z = z - jump_m[2]
+
         if self.origin is not None:
-            miss = math.hypot(anchored[0] - x, anchored[1] - y)
-            share = min(1.0, _GIVE_BACK_M_S * dt_s / miss) if miss > 0.0 else 0.0
-            x, y = x + share * (anchored[0] - x), y + share * (anchored[1] - y)
-        self._offset_enu_m = x, y, z
+            miss_m = math.hypot(anchored_m[0] - x, anchored_m[1] - y)
+            share = 0.0
+            if miss_m > 0.0:
+                share = min(1.0, _GIVE_BACK_M_S * dt_s / miss_m)
+            x = x + share * (anchored_m[0] - x)
+            y = y + share * (anchored_m[1] - y)
+
+        return x, y, z
 
 
 def _east_north_m(origin: Origin, position: Vec3) -> tuple[float, float]:
-    """Return east and north [m] of a position (latitude deg, longitude deg, altitude m) from the
-    fleet's origin.
+    """Return east and north [m] of a position on Earth from the fleet's origin.
 
-    Azimuthal equidistant on PX4's sphere, the projection that PX4 uses for its local positions.
+    Azimuthal equidistant on PX4's sphere, the projection that PX4 uses for its local positions
+    (``MapProjection::project`` of its ``lib/geo``).
+
+    Args:
+        origin: of the fleet.
+        position: latitude [deg], longitude [deg], altitude [m].
     """
-    here, there = math.radians(origin.latitude_deg), math.radians(position[0])
+    origin_latitude = math.radians(origin.latitude_deg)
+    latitude = math.radians(position[0])
     turn = math.radians(position[1] - origin.longitude_deg)
-    cosine = math.sin(here) * math.sin(there) + math.cos(here) * math.cos(there) * math.cos(turn)
+
+    # angle between both, seen from the centre of the Earth
+    cosine = math.sin(origin_latitude) * math.sin(latitude) + math.cos(origin_latitude) * math.cos(
+        latitude
+    ) * math.cos(turn)
     angle = math.acos(min(1.0, max(-1.0, cosine)))
-    scale = _EARTH_RADIUS_M * (angle / math.sin(angle) if angle > 1e-7 else 1.0)
-    east = scale * math.cos(there) * math.sin(turn)
-    north = scale * (
-        math.cos(here) * math.sin(there) - math.sin(here) * math.cos(there) * math.cos(turn)
+
+    stretch = 1.0  # of the chord to the arc
+    if angle > 1e-7:
+        stretch = angle / math.sin(angle)
+    scale_m = _EARTH_RADIUS_M * stretch
+
+    east_m = scale_m * math.cos(latitude) * math.sin(turn)
+    north_m = scale_m * (
+        math.cos(origin_latitude) * math.sin(latitude)
+        - math.sin(origin_latitude) * math.cos(latitude) * math.cos(turn)
     )
-    return east, north
+    return east_m, north_m

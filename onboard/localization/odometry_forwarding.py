@@ -1,11 +1,12 @@
-"""Choice of the mocap poses that are sent to PX4's estimator, so that PX4's own hold and land work
-indoors. Pure.
+"""Choice of the mocap poses that are sent to PX4's estimator. Pure.
 
-Only believed poses are sent, 33 times a second, since PX4 follows any pose. When believed poses
-stop, nothing is sent, and PX4's estimator reports by itself that it has lost its position. When
-they come back, its estimate has drifted farther than its gate accepts: a new reset counter lets it
-restart at the pose. In the air the counter changes only near PX4's own position: at a pose that
-belongs to another body, PX4 would fly there.
+PX4 gets poses so that its own hold and land work indoors. Only believed poses are sent, 33 times a
+second, since PX4 follows any pose.
+
+When believed poses stop, nothing is sent, and PX4's estimator reports by itself that it has lost
+its position. When they come back, its estimate has drifted farther than its gate accepts: a new
+reset counter lets it restart at the pose. In the air the counter changes only near PX4's own
+position: at a pose that belongs to another body, PX4 would fly there.
 """
 
 from __future__ import annotations
@@ -18,16 +19,24 @@ from onboard.autopilot import Landed, Snapshot
 from onboard.bus.schema import MocapPose, Vec3
 from onboard.frames import enu_from_ned
 
-# PX4 requires 30 to 50 Hz, and each message passes MAVSDK as text, which is slow. A tick may be
-# early.
-_PERIOD_NS, _EARLY_NS = 30_000_000, 6_000_000
+# PX4 requires 30 to 50 Hz, and each message passes MAVSDK as text, which is slow.
+_PERIOD_NS = 30_000_000
+_EARLY_NS = 6_000_000  # a tick may be so early
+
+_STD_M = 0.01  # of a pose
+
 _GAP_NS = 300_000_000  # PX4 stops fusing after a second, but drifts a few decimetres before
-_STEP_M, _STEP_M_S = 0.2, 6.0  # a vehicle moves no farther than this between two samples
-_STD_M = 0.01
-# PX4 without a position drifts 0.5 to 1.3 m in six seconds; the limit excludes the position of
-# another vehicle
-_NEAR_M, _DRIFT_M_S, _FAR_M = 0.3, 0.15, 0.7
-_FRESH_NS = 300_000_000
+
+# A vehicle moves no farther than this between two samples: a part for each, and one for each second.
+_STEP_M = 0.2
+_STEP_M_S = 6.0
+
+# How far PX4's own position may be from a pose at which it restarts. PX4 without a position drifts
+# 0.5 to 1.3 m in six seconds; the limit excludes the position of another vehicle.
+_NEAR_M = 0.3
+_DRIFT_M_S = 0.15
+_FAR_M = 0.7
+_FRESH_NS = 300_000_000  # an older position of PX4 says nothing
 
 
 @dataclass(slots=True)
@@ -35,42 +44,60 @@ class OdometryForwarder:
     """Memory of the pose that was sent last."""
 
     resets: int = 0  # how often PX4 was to restart its estimate; MAVLink has eight bits for it
-    _sent_ns: int = 0
-    _due_ns: int = 0
-    _stamp_ns: int = 0
-    _position_enu_m: Vec3 | None = None
+    _sent_ns: int = 0  # when the last pose was sent
+    _due_ns: int = 0  # when the next one is due
+    _stamp_ns: int = 0  # of the last pose
+    _position_enu_m: Vec3 | None = None  # of the last pose; None before the first
 
     def take(self, pose: MocapPose, snapshot: Snapshot, now_ns: int) -> list[SendOdometry]:
         """Return the command that sends a believed pose, or none while it is not due."""
         if self._position_enu_m is not None:
             if now_ns < self._due_ns - _EARLY_NS:
                 return []
-            gap_ns = pose.stamp_ns - self._stamp_ns
-            reach_m = _STEP_M + _STEP_M_S * max(0, gap_ns) * 1e-9
-            if (
-                not 0 <= gap_ns <= _GAP_NS
-                or math.dist(pose.position_enu_m, self._position_enu_m) > reach_m
-            ):
-                if not _may_restart(pose.position_enu_m, snapshot, now_ns, now_ns - self._sent_ns):
+
+            if not self._continues(pose, self._position_enu_m):
+                silent_ns = now_ns - self._sent_ns
+                if not _may_restart(pose.position_enu_m, snapshot, now_ns, silent_ns):
                     return []
                 self.resets = (self.resets + 1) % 256
-        self._sent_ns, self._stamp_ns, self._position_enu_m = (
-            now_ns,
-            pose.stamp_ns,
-            pose.position_enu_m,
-        )
+
+        self._sent_ns = now_ns
+        self._stamp_ns = pose.stamp_ns
+        self._position_enu_m = pose.position_enu_m
         self._due_ns = max(self._due_ns, now_ns - _PERIOD_NS) + _PERIOD_NS
         return [
-            SendOdometry(pose.position_enu_m, pose.quaternion_enu_flu_wxyz, _STD_M, self.resets)
+            SendOdometry(
+                position_enu_m=pose.position_enu_m,
+                quaternion_enu_flu_wxyz=pose.quaternion_enu_flu_wxyz,
+                std_m=_STD_M,
+                reset_count=self.resets,
+            )
         ]
 
+    def _continues(self, pose: MocapPose, last_enu_m: Vec3) -> bool:
+        """Whether PX4's estimator can follow from the last pose that was sent to this one."""
+        gap_ns = pose.stamp_ns - self._stamp_ns
+        if not 0 <= gap_ns <= _GAP_NS:
+            return False
+        reach_m = _STEP_M + _STEP_M_S * max(0, gap_ns) * 1e-9
+        return math.dist(pose.position_enu_m, last_enu_m) <= reach_m
 
-def _may_restart(position_enu_m: Vec3, snapshot: Snapshot, now_ns: int, gap_ns: int) -> bool:
+
+def _may_restart(position_enu_m: Vec3, snapshot: Snapshot, now_ns: int, silent_ns: int) -> bool:
+    """Whether PX4 may restart its estimate at a pose.
+
+    Args:
+        position_enu_m: of the pose.
+        snapshot: newest of PX4.
+        now_ns: time of the tick.
+        silent_ns: time since the last pose was sent.
+    """
     if not snapshot.is_armed or snapshot.landed is Landed.ON_GROUND:
         return True
     if now_ns - snapshot.local_position_ns > _FRESH_NS:
         return False
+
     # in the fleet's frame, which PX4 has from these poses
     px4_enu_m = enu_from_ned(snapshot.position_local_ned_m)
-    near_m = min(_NEAR_M + _DRIFT_M_S * gap_ns * 1e-9, _FAR_M)
+    near_m = min(_NEAR_M + _DRIFT_M_S * silent_ns * 1e-9, _FAR_M)
     return math.dist(position_enu_m, px4_enu_m) <= near_m

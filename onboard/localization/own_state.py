@@ -1,5 +1,7 @@
-"""The own state: mocap samples, PX4's attitude and the own thrust through the estimator, and PX4's
-heading.
+"""The own state: mocap samples, PX4's attitude and the own thrust through the estimator.
+
+Samples wait in a queue until the next tick. The pose validator judges them first, then the Kalman
+filter. A vehicle without a mocap takes PX4's local position in their place.
 
 PX4's heading may be wrong by tens of degrees, since it has only its magnetometer. The difference to
 the mocap's heading, low-passed, converts PX4's attitude to the fleet frame, and the attitude
@@ -10,6 +12,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from onboard import vectors
 from onboard.autopilot import Snapshot, Vec3, Vec4
@@ -28,22 +31,31 @@ from onboard.message_counts import MessageCounts
 from onboard.safety.limits import LARGEST_POSITION_STD_M, LARGEST_VELOCITY_STD_M_S
 from onboard.types import AttitudeSetpoint, State
 
-_MAX_POSITION_M = 1e4
-_HEADING_TIME_S = 1.0
-_MAX_QUEUE = 8
-_FUTURE_NS = 5_000_000
-_REJECTED_TO_RESTART = 10
-_WITHOUT_FIX_NS = 500_000_000
-_BELIEVED_S = 0.1
+_MAX_POSITION_M = 1e4  # of a coordinate of a pose
+_MAX_QUEUE = 8  # samples between two ticks; of more, the newest
+_FUTURE_NS = 5_000_000  # a stamp may be so far ahead of its arrival
+_HEADING_TIME_S = 1.0  # time constant of the heading's offset
+_REJECTED_TO_RESTART = 10  # samples in a row, after which the filter restarts on the ground
+_WITHOUT_FIX_NS = 500_000_000  # after which satellites are lost
+_BELIEVED_S = 0.1  # age of a sample up to which the estimate is one of a pose
 _PX4_POSITION_STD_M = 0.05  # from one sample to the next; its slow error is larger, see ACCURACIES
 _ZERO: Vec3 = (0.0, 0.0, 0.0)
 _SQRT_HALF = math.sqrt(0.5)
 
 
+class _Sample(NamedTuple):
+    """A position that waits for the next tick."""
+
+    position_enu_m: vectors.Vec3
+    stamp_ns: int
+    yaw_rad: float
+
+
 @dataclass(slots=True)
 class OwnState:
-    """Estimate of one vehicle; :meth:`update` once a tick, :meth:`add_pose` whenever a sample
-    arrives.
+    """Estimate of one vehicle.
+
+    Call :meth:`update` once a tick, and :meth:`add_pose` whenever a sample arrives.
     """
 
     vehicle: Vehicle
@@ -56,18 +68,22 @@ class OwnState:
     has_lost_satellites: bool = False  # of vehicles without a mocap
     # by this agent's setpoints: else its thrust is not known while no sample comes
     is_flown: bool = False
-    _reckoning: DeadReckoning = field(default_factory=DeadReckoning)
+
     _params: KalmanParams = field(init=False)
-    _memory: kalman.KalmanMemory | None = None
-    _queue: list[tuple[vectors.Vec3, int, float]] = field(default_factory=list)
-    _newest_ns: int = 0  # stamp of the newest usable sample
-    _rejected_enu_m: Vec3 | None = None  # by the estimator
-    _has_heading: bool = False
-    _local_ns: int = 0
-    _fix_ns: int = 0
-    _local_frame: LocalFrame = field(init=False)
+    _memory: kalman.KalmanMemory | None = None  # of the filter; None before the first sample
+    _reckoning: DeadReckoning = field(default_factory=DeadReckoning)
     _least_std: tuple[float, float] = (0.0, 0.0)  # of position [m] and velocity [m/s]
-    _yaw_rad: float = 0.0
+
+    _queue: list[_Sample] = field(default_factory=list)
+    _newest_ns: int = 0  # stamp of the newest usable mocap sample
+    _rejected_enu_m: Vec3 | None = None  # position of the newest sample that the filter rejected
+
+    _has_heading: bool = False  # whether the heading's offset is known
+    _yaw_rad: float = 0.0  # of the newest sample
+
+    _local_frame: LocalFrame = field(init=False)
+    _local_ns: int = 0  # stamp of the newest local position of PX4
+    _fix_ns: int = 0  # when PX4 last saw satellites; 0 never
 
     def __post_init__(self) -> None:
         vehicle = self.vehicle
@@ -83,21 +99,20 @@ class OwnState:
         """Queue a mocap sample for the next update; False if it cannot be used or is not believed."""
         if not pose.is_tracked:
             return False
-        norm = math.hypot(*pose.quaternion_enu_flu_wxyz)
-        is_usable = (
-            is_finite(pose.position_enu_m, pose.quaternion_enu_flu_wxyz)
-            and max(map(abs, pose.position_enu_m)) < _MAX_POSITION_M
-            and 0.9 < norm < 1.1
-        )
+
+        if not _is_usable(pose):
+            self.counts.malformed += 1
+            return False
+
         # Stamps of all sources are on one clock: one that is not newer is out of order, or from
         # before a restart. Nothing else decides, since a false sequence number could exclude all
         # samples after it.
         is_new = self._newest_ns < pose.stamp_ns <= received_ns + _FUTURE_NS
-        if not (is_usable and is_new):
-            self.counts.malformed += not is_usable
-            self.counts.late += is_usable
+        if not is_new:
+            self.counts.late += 1
             return False
         self._newest_ns = pose.stamp_ns
+
         verdict = self.validator.judge(
             pose.position_enu_m,
             pose.quaternion_enu_flu_wxyz,
@@ -108,13 +123,9 @@ class OwnState:
         if verdict is not PoseVerdict.ACCEPTED:
             self.counts.refused += 1
             return False
-        self._queue.append(
-            (
-                vectors.Vec3(*pose.position_enu_m),
-                pose.stamp_ns,
-                yaw_from_quaternion(pose.quaternion_enu_flu_wxyz),
-            )
-        )
+
+        yaw_rad = yaw_from_quaternion(pose.quaternion_enu_flu_wxyz)
+        self._queue.append(_Sample(vectors.Vec3(*pose.position_enu_m), pose.stamp_ns, yaw_rad))
         del self._queue[:-_MAX_QUEUE]
         return True
 
@@ -127,12 +138,20 @@ class OwnState:
         hover_frac: float,
         is_on_ground: bool,
     ) -> None:
-        """Propagate to ``now_ns`` with measured attitude and the throttle sent last, then use the
-        queued samples.
+        """Propagate the estimate to now, then use the queued samples.
+
+        Args:
+            now_ns: time of the tick.
+            dt_s: length of the tick.
+            snapshot: newest of PX4, with its measured attitude.
+            thrust_frac: throttle that was sent last.
+            hover_frac: throttle that hovers.
+            is_on_ground: whether the vehicle stands.
         """
         if not self.vehicle.mocap_required:
             self._look_at_satellites(snapshot, now_ns)
             self._take_local_position(snapshot)
+
         if self._memory is not None:
             self._memory = kalman.drive(
                 self._memory,
@@ -143,41 +162,51 @@ class OwnState:
                 dt_s,
                 is_on_ground,
             )
-        for position, stamp_ns, yaw_rad in self._queue:
-            age_s = max(0.0, (now_ns - stamp_ns) * 1e-9)
-            if self._memory is None or (
-                is_on_ground and self._memory.rejected_count >= _REJECTED_TO_RESTART
-            ):
-                self._memory = kalman.initial(position, self._params)
-            before = self._memory.rejected_count
-            self._memory = kalman.correct(self._memory, position, age_s, self._params)
-            if self._memory.rejected_count > before:
-                self.counts.refused += 1
-                self._rejected_enu_m = position
-                continue
-            self._yaw_rad = yaw_rad
-            if self.vehicle.mocap_required:
-                self._follow_heading(yaw_rad, snapshot, dt_s)
+
+        for sample in self._queue:
+            self._use(sample, snapshot, now_ns, dt_s, is_on_ground)
         self._queue.clear()
+
         if self._memory is not None:
-            px4 = self.px4_check.motion(now_ns)
-            height_m = None if px4 is None else px4[0][2]
+            px4_motion = self.px4_check.motion(now_ns)
+            height_m = None if px4_motion is None else px4_motion[0][2]
             self._memory = self._reckoning.step(self._memory, height_m, dt_s, is_on_ground)
+
         if self.vehicle.mocap_required:
             is_believed = not self.jumps and self.age_s < _BELIEVED_S
             known_enu_m = self.position_enu_m if is_believed or self.is_reckoned else None
             self.px4_check.update(snapshot, known_enu_m, now_ns, is_reckoned=self.is_reckoned)
 
+    def _use(
+        self, sample: _Sample, snapshot: Snapshot, now_ns: int, dt_s: float, is_on_ground: bool
+    ) -> None:
+        """Correct the estimate by a queued sample, or begin anew with it."""
+        memory = self._memory
+        if memory is None or (is_on_ground and memory.rejected_count >= _REJECTED_TO_RESTART):
+            memory = kalman.initial(sample.position_enu_m, self._params)
+
+        age_s = max(0.0, (now_ns - sample.stamp_ns) * 1e-9)
+        self._memory = kalman.correct(memory, sample.position_enu_m, age_s, self._params)
+        if self._memory.rejected_count > memory.rejected_count:
+            self.counts.refused += 1
+            self._rejected_enu_m = sample.position_enu_m
+            return
+
+        self._yaw_rad = sample.yaw_rad
+        if self.vehicle.mocap_required:
+            self._follow_heading(sample.yaw_rad, snapshot, dt_s)
+
     def _follow_heading(self, yaw_rad: float, snapshot: Snapshot, dt_s: float) -> None:
+        """Follow the offset of PX4's heading; the first sample sets it."""
         if snapshot.attitude_ns == 0:
             return
-        miss = wrap_rad(
-            yaw_rad
-            - yaw_from_quaternion(snapshot.quaternion_enu_flu_wxyz)
-            - self.heading_offset_rad
-        )
-        share = 1.0 if not self._has_heading else min(1.0, dt_s / _HEADING_TIME_S)
-        self.heading_offset_rad = wrap_rad(self.heading_offset_rad + share * miss)
+
+        px4_yaw_rad = yaw_from_quaternion(snapshot.quaternion_enu_flu_wxyz)
+        miss_rad = wrap_rad(yaw_rad - px4_yaw_rad - self.heading_offset_rad)
+        share = 1.0
+        if self._has_heading:
+            share = min(1.0, dt_s / _HEADING_TIME_S)
+        self.heading_offset_rad = wrap_rad(self.heading_offset_rad + share * miss_rad)
         self._has_heading = True
 
     def _look_at_satellites(self, snapshot: Snapshot, now_ns: int) -> None:
@@ -187,24 +216,23 @@ class OwnState:
         """
         if snapshot.sees_satellites(now_ns):
             self._fix_ns = now_ns
-        self.has_lost_satellites = bool(self._fix_ns) and now_ns - self._fix_ns > _WITHOUT_FIX_NS
+        has_had_fix = self._fix_ns != 0
+        self.has_lost_satellites = has_had_fix and now_ns - self._fix_ns > _WITHOUT_FIX_NS
 
     def _take_local_position(self, snapshot: Snapshot) -> None:
+        """Queue PX4's local position, if there is a new one."""
         if snapshot.local_position_ns == self._local_ns or self.has_lost_satellites:
             return
         self._local_ns = snapshot.local_position_ns
+
         std_m = snapshot.position_accuracy_m * _SQRT_HALF  # PX4's value is of two axes together
         least = ACCURACIES[self.vehicle.px4_position]
-        self._least_std = max(least.position_std_m, std_m), least.velocity_std_m_s
-        position = self._local_frame.take(snapshot)
-        if position is not None:
-            self._queue.append(
-                (
-                    vectors.Vec3(*position),
-                    self._local_ns,
-                    yaw_from_quaternion(snapshot.quaternion_enu_flu_wxyz),
-                )
-            )
+        self._least_std = (max(least.position_std_m, std_m), least.velocity_std_m_s)
+
+        position_enu_m = self._local_frame.take(snapshot)
+        if position_enu_m is not None:
+            yaw_rad = yaw_from_quaternion(snapshot.quaternion_enu_flu_wxyz)
+            self._queue.append(_Sample(vectors.Vec3(*position_enu_m), self._local_ns, yaw_rad))
 
     def attitude_wxyz(self, snapshot: Snapshot) -> Vec4:
         """Return the attitude in the fleet frame."""
@@ -222,7 +250,9 @@ class OwnState:
     @property
     def jumps(self) -> int:
         """Number of impossible samples in a row."""
-        return max(self.validator.jumps, 0 if self._memory is None else self._memory.rejected_count)
+        if self._memory is None:
+            return self.validator.jumps
+        return max(self.validator.jumps, self._memory.rejected_count)
 
     @property
     def jumped_to_enu_m(self) -> Vec3 | None:
@@ -232,37 +262,55 @@ class OwnState:
     @property
     def age_s(self) -> float:
         """Age of the newest sample that was used, as of the last update; inf before the first."""
-        return math.inf if self._memory is None else self._memory.last_age_s
+        if self._memory is None:
+            return math.inf
+        return self._memory.last_age_s
 
     @property
     def is_reckoned(self) -> bool:
-        """Whether the estimate rests on dead reckoning, of which nothing is left while somebody
-        else flies it.
+        """Whether the estimate rests on dead reckoning.
+
+        Nothing is left of that while somebody else flies the vehicle.
         """
         return self._reckoning.is_on and self.is_flown
 
     @property
     def position_enu_m(self) -> Vec3:
         """Estimated position as of the last update; zero before the first sample."""
-        return _ZERO if self._memory is None else self._memory.position_enu_m
+        if self._memory is None:
+            return _ZERO
+        return self._memory.position_enu_m
 
     @property
     def velocity_enu_m_s(self) -> Vec3:
         """Estimated velocity as of the last update; zero before the first sample."""
-        return _ZERO if self._memory is None else self._memory.velocity_enu_m_s
+        if self._memory is None:
+            return _ZERO
+        return self._memory.velocity_enu_m_s
 
     @property
     def state(self) -> State | None:
         """Estimate as of the last update; None before the first sample."""
         if self._memory is None:
             return None
+
         state = kalman.state(self._memory, self._yaw_rad, *self._least_std)
-        std_m, std_m_s = (
-            self._reckoning.std
-            if self.is_reckoned
-            else (state.position_std_m, state.velocity_std_m_s)
-        )
+        position_std_m = state.position_std_m
+        velocity_std_m_s = state.velocity_std_m_s
+        if self.is_reckoned:
+            position_std_m, velocity_std_m_s = self._reckoning.std
+
         return state._replace(
-            position_std_m=min(std_m, LARGEST_POSITION_STD_M),
-            velocity_std_m_s=min(std_m_s, LARGEST_VELOCITY_STD_M_S),
+            position_std_m=min(position_std_m, LARGEST_POSITION_STD_M),
+            velocity_std_m_s=min(velocity_std_m_s, LARGEST_VELOCITY_STD_M_S),
         )
+
+
+def _is_usable(pose: MocapPose) -> bool:
+    """Whether the numbers of a pose are those of a position and of a rotation."""
+    norm = math.hypot(*pose.quaternion_enu_flu_wxyz)
+    return (
+        is_finite(pose.position_enu_m, pose.quaternion_enu_flu_wxyz)
+        and max(map(abs, pose.position_enu_m)) < _MAX_POSITION_M
+        and 0.9 < norm < 1.1
+    )

@@ -1,9 +1,8 @@
-"""Whether a body's stream of poses is believable: jumps, repetitions, lateness, clocks that jump.
-Pure.
+"""Whether a body's stream of poses is believable. Pure.
 
-The estimator has a gate of its own, wide enough for a stalled process. This validator is narrower:
-between two samples a vehicle moves only as far as it can accelerate. A rejected sample reaches
-neither the estimate nor PX4.
+It notices jumps, repetitions, lateness, and clocks that jump. The estimator has a gate of its own,
+wide enough for a stalled process. This validator is narrower: between two samples a vehicle moves
+only as far as it can accelerate. A rejected sample reaches neither the estimate nor PX4.
 """
 
 from __future__ import annotations
@@ -16,11 +15,19 @@ from operator import mul
 Vec3 = tuple[float, float, float]
 Vec4 = tuple[float, float, float, float]
 
-_LATE_SHARE = 0.2  # of a new sample in the low-passed delay: five samples
-_ON_PATH_M, _ON_PATH_S = 0.3, 0.5  # a single wild sample must not cost the good ones after it
+# Shares of a new sample in the low-passed values.
+_LATE_SHARE = 0.2  # of the delay: over five samples
 _NOISE_SHARE = 0.05
 _VELOCITY_SHARE = 0.3
-_NOISE_RAD = 0.3
+
+# So near to the expected path, and so soon, a sample is possible whatever came between: a single
+# wild sample must not cost the good ones after it.
+_ON_PATH_M = 0.3
+_ON_PATH_S = 0.5
+
+_NOISE_RAD = 0.3  # of the attitude
+_NOISES = 6.0  # a sample may lie so many times the noise beside the expected path
+_LEAST_SPEED_2_M2_S2 = 0.01  # below it a velocity has no direction; square of 0.1 m/s
 
 
 class PoseVerdict(IntEnum):
@@ -52,20 +59,24 @@ class PoseValidator:
     """Memory of one body; :meth:`judge` every usable sample in the order of their stamps."""
 
     bounds: PoseBounds = field(default_factory=PoseBounds)
+
     jumps: int = 0  # samples in a row that were no possible movement
     jumped_to_enu_m: Vec3 | None = None  # position of the last of them
     frozen_s: float = 0.0  # for so long the same numbers have come
     delay_s: float = 0.0  # mean time from measurement to arrival
     clock_jump_ns: int = 0  # when the delay changed so much that a clock must have jumped; 0 never
-    _position: Vec3 = (0.0, 0.0, 0.0)  # of the last accepted sample
+
+    # the last accepted sample; no stamp without one
+    _position: Vec3 = (0.0, 0.0, 0.0)
     _velocity: Vec3 = (0.0, 0.0, 0.0)
     _quaternion: Vec4 = (1.0, 0.0, 0.0, 0.0)
-    _stamp_ns: int = 0  # of the last accepted sample; 0 without one
+    _stamp_ns: int = 0
+
     _last: tuple[Vec3, Vec4] | None = None  # newest sample, accepted or not
-    _same_since_ns: int = 0
-    _usual_delay_s: float = 0.0
-    _unusual_since_ns: int = 0
-    _noise_m: float = 0.0
+    _same_since_ns: int = 0  # stamp of the first sample with these numbers
+    _usual_delay_s: float = 0.0  # of a sample, by the clocks as they are
+    _unusual_since_ns: int = 0  # when delays began that are far from it; 0 while they are near
+    _noise_m: float = 0.0  # learned, of a position
 
     @property
     def is_frozen(self) -> bool:
@@ -92,35 +103,59 @@ class PoseValidator:
         elsewhere after a gap is accepted again; after a jump only if PX4's own position does not
         contradict it (``is_contradicted``).
         """
-        if self._is_repetition(position_enu_m, quaternion_wxyz, stamp_ns, received_ns):
+        self._follow_delay(stamp_ns, received_ns)
+        self._follow_repetitions(position_enu_m, quaternion_wxyz, stamp_ns)
+        if self.is_frozen:
             return PoseVerdict.FROZEN
+
         gap_s = (stamp_ns - self._stamp_ns) * 1e-9
         if self._stamp_ns and gap_s <= 0.0:
             self._stamp_ns = 0  # another clock from here on: the expected motion is void
+
         if not self._stamp_ns:
             self._velocity = (0.0, 0.0, 0.0)
         elif not self._is_possible(position_enu_m, quaternion_wxyz, gap_s, is_contradicted):
             self.jumps += 1
             self.jumped_to_enu_m = position_enu_m
             return PoseVerdict.JUMPED
-        self._position, self._quaternion, self._stamp_ns = position_enu_m, quaternion_wxyz, stamp_ns
-        self.jumps, self.jumped_to_enu_m = 0, None
+
+        self._position = position_enu_m
+        self._quaternion = quaternion_wxyz
+        self._stamp_ns = stamp_ns
+        self.jumps = 0
+        self.jumped_to_enu_m = None
         return PoseVerdict.ACCEPTED
 
-    def _is_repetition(
-        self, position: Vec3, quaternion: Vec4, stamp_ns: int, received_ns: int
-    ) -> bool:
-        """Whether the same numbers have come for too long; follows the delay, too."""
+    def _follow_delay(self, stamp_ns: int, received_ns: int) -> None:
+        """Follow the delay of the samples, and notice a jump of a clock."""
         delay_s = (received_ns - stamp_ns) * 1e-9
         if self._last is None:
-            self._same_since_ns, self.delay_s, self._usual_delay_s = stamp_ns, delay_s, delay_s
-        self._follow_clock(delay_s, received_ns)
+            self.delay_s = delay_s
+            self._usual_delay_s = delay_s
+
+        self._notice_clock_jump(delay_s, received_ns)
         self.delay_s += _LATE_SHARE * (delay_s - self.delay_s)
-        if (position, quaternion) != self._last:
+
+    def _notice_clock_jump(self, delay_s: float, received_ns: int) -> None:
+        if abs(delay_s - self._usual_delay_s) <= self.bounds.clock_jump_s:
+            self._usual_delay_s = delay_s
+            self._unusual_since_ns = 0
+            return
+
+        if self._unusual_since_ns == 0:
+            self._unusual_since_ns = received_ns
+        if received_ns - self._unusual_since_ns >= self.bounds.clock_jump_lasts_s * 1e9:
+            self.clock_jump_ns = received_ns
+            self._usual_delay_s = delay_s
+            self._unusual_since_ns = 0
+
+    def _follow_repetitions(self, position: Vec3, quaternion: Vec4, stamp_ns: int) -> None:
+        """Follow for how long the same numbers have come."""
+        sample = (position, quaternion)
+        if sample != self._last:
             self._same_since_ns = stamp_ns
-        self._last = position, quaternion
+        self._last = sample
         self.frozen_s = (stamp_ns - self._same_since_ns) * 1e-9
-        return self.is_frozen
 
     def _is_possible(
         self, position: Vec3, quaternion: Vec4, gap_s: float, is_contradicted: bool
@@ -128,42 +163,42 @@ class PoseValidator:
         """Whether the vehicle can have moved so within ``gap_s``; learns velocity and noise if so."""
         bounds = self.bounds
         x, y, z = position
-        (px, py, pz), (vx, vy, vz) = self._position, self._velocity
-        dx, dy, dz = x - px, y - py, z - pz
+        last_x, last_y, last_z = self._position
+        vx, vy, vz = self._velocity
+        dx = x - last_x
+        dy = y - last_y
+        dz = z - last_z
+
+        # The expected path goes on at the last velocity. A vehicle that hits something stops at
+        # once: any point on the path is as possible as its end.
         speed_2 = vx * vx + vy * vy + vz * vz
-        along = (dx * vx + dy * vy + dz * vz) / (gap_s * speed_2) if speed_2 > 0.01 else 1.0
-        # a vehicle that hits something stops at once: any point on the expected path is as possible
-        # as its end
-        flown_s = gap_s * min(max(along, 0.0), 1.0)
+        share_of_path = 1.0
+        if speed_2 > _LEAST_SPEED_2_M2_S2:
+            share_of_path = (dx * vx + dy * vy + dz * vz) / (gap_s * speed_2)
+        flown_s = gap_s * min(max(share_of_path, 0.0), 1.0)
         miss_m = math.hypot(dx - flown_s * vx, dy - flown_s * vy, dz - flown_s * vz)
+
         noise_m = max(bounds.noise_m, self._noise_m)
-        reach_m = (
-            6.0 * noise_m
-            + min(0.5 * bounds.max_acceleration_m_s2 * gap_s, bounds.max_speed_m_s) * gap_s
-        )
-        cosine = abs(sum(map(mul, quaternion, self._quaternion)))  # of half the angle between both
-        turn_rad = min(_NOISE_RAD + bounds.max_turn_rad_s * gap_s, math.pi)
-        is_on_path = miss_m < _ON_PATH_M and gap_s < _ON_PATH_S
-        is_doubted = self.jumps > 0 and is_contradicted and not is_on_path
-        if is_doubted or miss_m > reach_m or cosine < math.cos(0.5 * turn_rad):
+        gained_m_s = min(0.5 * bounds.max_acceleration_m_s2 * gap_s, bounds.max_speed_m_s)
+        reach_m = _NOISES * noise_m + gained_m_s * gap_s
+        if miss_m > reach_m:
             return False
+
+        half_turn_cosine = abs(sum(map(mul, quaternion, self._quaternion)))
+        reach_rad = min(_NOISE_RAD + bounds.max_turn_rad_s * gap_s, math.pi)
+        if half_turn_cosine < math.cos(0.5 * reach_rad):
+            return False
+
+        # After a jump a sample within reach may still be of the wrong place: PX4 knows better,
+        # unless the sample continues the path from before the jump.
+        is_on_path = miss_m < _ON_PATH_M and gap_s < _ON_PATH_S
+        if self.jumps > 0 and is_contradicted and not is_on_path:
+            return False
+
         self._noise_m += _NOISE_SHARE * (miss_m - self._noise_m)
-        k = _VELOCITY_SHARE
         self._velocity = (
-            vx + k * (dx / gap_s - vx),
-            vy + k * (dy / gap_s - vy),
-            vz + k * (dz / gap_s - vz),
+            vx + _VELOCITY_SHARE * (dx / gap_s - vx),
+            vy + _VELOCITY_SHARE * (dy / gap_s - vy),
+            vz + _VELOCITY_SHARE * (dz / gap_s - vz),
         )
         return True
-
-    def _follow_clock(self, delay_s: float, received_ns: int) -> None:
-        if abs(delay_s - self._usual_delay_s) <= self.bounds.clock_jump_s:
-            self._usual_delay_s, self._unusual_since_ns = delay_s, 0
-            return
-        self._unusual_since_ns = self._unusual_since_ns or received_ns
-        if received_ns - self._unusual_since_ns >= self.bounds.clock_jump_lasts_s * 1e9:
-            self.clock_jump_ns, self._usual_delay_s, self._unusual_since_ns = (
-                received_ns,
-                delay_s,
-                0,
-            )
