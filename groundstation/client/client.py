@@ -24,11 +24,12 @@ from groundstation.fleet.control_authority import Control
 from groundstation.fleet.own_stall import AFTER_STALL_S, OwnStall, boot_clock_ns
 from groundstation.fleet.state import GROUND_STALLED, FleetState, Received, fold_batch, initial
 from groundstation.fleet.tick_stream import BusTickStream
-from groundstation.orders.grammar import Intent, PathVerb, default_formation, parse
+from groundstation.orders.grammar import default_formation, parse
+from groundstation.orders.held_formation import HeldFormation
+from groundstation.orders.intents import PATH_INTENTS, Intent, PathVerb
 from groundstation.orders.obstruction import explained
 from groundstation.orders.path_orders import path_orders
 from groundstation.orders.plan import (
-    HeldFormation,
     PlannedOrder,
     addressed,
     check_again,
@@ -197,7 +198,7 @@ class FleetClient:
         intent = parse(order, self.fleet) if isinstance(order, str) else order
         refusal = self.control.refusal(intent.verb)
         if refusal is not None:
-            return PlannedOrder(intent, {}, dict.fromkeys(intent.vehicles, refusal), self._held)
+            return PlannedOrder(intent, {}, dict.fromkeys(intent.names, refusal), self._held)
         return plan_order(
             intent,
             self.fleet,
@@ -219,7 +220,10 @@ class FleetClient:
         refusals = {} if refusal is None else dict.fromkeys(paths, refusal)
         return self.send(
             PlannedOrder(
-                Intent(kind, tuple(paths)), {} if refusals else orders, refusals, self._held
+                PATH_INTENTS[kind](vehicles=tuple(paths)),
+                {} if refusals else orders,
+                refusals,
+                self._held,
             )
         )
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 from groundstation.client.client import FleetClient
 from groundstation.fleet.state import FleetState
 from groundstation.fleet.tick_stream import TickStream
-from groundstation.orders.grammar import Intent, OrderError
+from groundstation.orders.grammar import OrderError
+from groundstation.orders.intents import Intent
 from groundstation.orders.result import OrderResult
 
 REFUSAL = (

@@ -26,7 +26,8 @@ from msgspec.structs import replace
 from groundstation.commands.fly import fly_mission
 from groundstation.commands.parameters import BusOptions, File, FlightOptions
 from groundstation.keys.secured_fleet import secure_fleet
-from groundstation.mission_files.loading import Mission, load_mission, with_fleet
+from groundstation.mission_files.loading import load_mission, with_fleet
+from groundstation.mission_files.mission import Mission
 from groundstation.processes.free_ports import in_another_folder, toml_text, with_free_ports
 from groundstation.processes.supervisor import most_agents
 from groundstation.starter.files import Answers, starter

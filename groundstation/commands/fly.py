@@ -21,7 +21,7 @@ from cyclopts import Parameter
 
 from groundstation.commands.parameters import BusOptions, FlightOptions
 from groundstation.commands.shared.flight import MissionFlight, clock_say, prepare
-from groundstation.mission_files.loading import Mission
+from groundstation.mission_files.mission import Mission
 from onboard.config.fleet import ConfigError
 
 _OPTIONS, _BUS = FlightOptions(), BusOptions()

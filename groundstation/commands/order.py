@@ -26,7 +26,8 @@ from cyclopts import Parameter
 from groundstation.client.client import FleetClient
 from groundstation.commands.parameters import FleetFile, Seconds
 from groundstation.fleet.state import FleetState
-from groundstation.orders.grammar import Intent, parse
+from groundstation.orders.grammar import parse
+from groundstation.orders.intents import Intent
 from groundstation.orders.result import VehicleResult
 from onboard.bus.control_token import EMERGENCY
 from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
@@ -74,7 +75,7 @@ async def send(fleet: FleetConfig, intent: Intent, timeout_s: float) -> dict[str
     try:
 
         def is_heard(state: FleetState) -> bool:
-            views = [state.vehicles[name] for name in intent.vehicles if name in state.vehicles]
+            views = [state.vehicles[name] for name in intent.names if name in state.vehicles]
             knows_operator = (
                 client.control.is_operator or client.control.refusal(intent.verb) is not None
             )

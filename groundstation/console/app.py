@@ -44,7 +44,7 @@ from groundstation.console.widgets.lines import Lines
 from groundstation.console.widgets.order_line import OrderLine
 from groundstation.fleet.state import FleetState, LoggedEvent
 from groundstation.orders.forecast_process import Forecaster
-from groundstation.orders.grammar import Verb
+from groundstation.orders.intents import Verb
 from onboard.bus.schema import LOCATE
 from onboard.config.fleet import FleetConfig
 

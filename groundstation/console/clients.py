@@ -9,7 +9,7 @@ from typing import Protocol, runtime_checkable
 from groundstation.fleet.control_authority import Control
 from groundstation.fleet.state import FleetState
 from groundstation.fleet.tick_stream import TickStream
-from groundstation.orders.grammar import Intent
+from groundstation.orders.intents import Intent
 from groundstation.orders.plan import PlannedOrder
 from groundstation.orders.result import OrderResult
 

@@ -30,16 +30,15 @@ from groundstation.console.widgets.notices import notices
 from groundstation.console.widgets.order_line import CONTROL_ORDERS
 from groundstation.fleet.control_authority import FORCE_WORD
 from groundstation.orders.forecast_process import Forecaster
-from groundstation.orders.grammar import USAGE, Intent, OrderError, Verb, default_formation, parse
+from groundstation.orders.grammar import OrderError, default_formation, parse
+from groundstation.orders.intents import INTENTS, Intent, Kill, Verb
 from groundstation.orders.plan import PlannedOrder
-from groundstation.orders.preview import PREVIEWED
 from groundstation.orders.result import OrderResult, VehicleResult
 from onboard.config.fleet import ConfigError, FleetConfig
 
 # Orders for all vehicles that are sent on the thread that reads the terminal.
 _URGENT_KEYS: dict[str, Verb] = {"ctrl+l": "land", "f9": "land", "ctrl+o": "hold", "f8": "hold"}
 _ENTER = "enter"
-_TAKEOFF_HEIGHT_M = 1.0  # of the key; a written order names its own
 
 
 class OrderEntry:
@@ -146,9 +145,9 @@ class OrderEntry:
     def show_usage(self, text: str) -> None:
         """Show the grammar of the order that is being written."""
         first_words = text.lower().split()[:1]
-        for verb, usage in USAGE.items():
+        for verb, kind in INTENTS.items():
             if first_words == [verb]:
-                self._panels.results.show_sentence(usage, FAINT)
+                self._panels.results.show_sentence(kind.usage, FAINT)
         if first_words == ["mission"]:
             self._panels.results.show_sentence(mission_orders.USAGE, FAINT)
 
@@ -206,18 +205,18 @@ class OrderEntry:
         else:
             intent = order
 
-        if intent.verb in PREVIEWED:
+        if intent.is_previewed:
             await self._order_with_preview(intent)
             return
 
         is_written_kill = intent.verb == "kill" and is_written
-        if is_written_kill and not self._is_kill_confirmed(_ENTER, intent.vehicles):
+        if is_written_kill and not self._is_kill_confirmed(_ENTER, intent.names):
             self._panels.order_line.take_back(str(intent))
             return
         await self.send(intent)
 
     async def _order_with_preview(self, intent: Intent) -> None:
-        latched = sorted(self._latch.killed.intersection(intent.vehicles))
+        latched = sorted(self._latch.killed.intersection(intent.names))
         if latched:
             names = ",".join(latched)
             it = "it" if len(latched) == 1 else "them"
@@ -311,7 +310,7 @@ class OrderEntry:
 
         # An order that fails here is sent again, and its error shown, when the key's turn comes.
         with contextlib.suppress(OrderError, RuntimeError):
-            sent = self._ordering.submit_now(Intent(verb, self._fleet.enabled_names))
+            sent = self._ordering.submit_now(INTENTS[verb](vehicles=self._fleet.enabled_names))
             self._sent_early.append(sent)
 
     async def order_all(self, verb: Verb) -> None:
@@ -319,7 +318,7 @@ class OrderEntry:
         if self._sent_early:
             self._follow(self._sent_early.popleft())
         elif self._fleet.enabled_names:
-            await self.send(Intent(verb, self._fleet.enabled_names))
+            await self.send(INTENTS[verb](vehicles=self._fleet.enabled_names))
         else:
             reason = "This fleet has nobody to order: no vehicle is enabled in its file."
             self._refuse(f"{verb} all", reason)
@@ -337,14 +336,13 @@ class OrderEntry:
 
         if verb in ("land", "hold"):
             self._close_preview()
-        height_m = _TAKEOFF_HEIGHT_M if verb == "takeoff" else None
-        await self.order(Intent(verb, names, height_m=height_m))
+        await self.order(INTENTS[verb](vehicles=names))
 
     async def kill(self, key: str) -> None:
         """Arm the key for the vehicle under the cursor; the same key within a second kills it."""
         name = self._panels.table.selected
         if name is not None and self._is_kill_confirmed(key, (name,)):
-            await self.send(Intent("kill", (name,)))
+            await self.send(Kill(vehicles=(name,)))
 
     def _is_kill_confirmed(self, key: str, names: tuple[str, ...]) -> bool:
         if self._latch.press(key, names, self._now_s):

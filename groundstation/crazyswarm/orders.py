@@ -14,7 +14,8 @@ from msgspec import structs
 
 from groundstation.missions.api import Fleet
 from groundstation.missions.blocking import BlockingFleet
-from groundstation.orders.grammar import Intent, OrderError
+from groundstation.orders.grammar import OrderError
+from groundstation.orders.intents import Goto
 from groundstation.orders.plan import PlannedOrder
 from groundstation.orders.result import OrderFailed
 from groundstation.paths.checks import path_findings, refusals
@@ -186,9 +187,8 @@ class ScriptOrders:
             self._begin("takeoff", own, fleet.takeoff(height_m, list(own), timeout_s=_TAKEOFF_S))
         if batch.goals:
             durations_s = {name: duration_s for name, (_, _, duration_s) in batch.goals.items()}
-            intent = Intent(
-                "goto",
-                tuple(batch.goals),
+            intent = Goto(
+                vehicles=tuple(batch.goals),
                 goals={name: goal for name, (goal, _, _) in batch.goals.items()},
             )
 

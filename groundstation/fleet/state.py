@@ -184,6 +184,20 @@ class FleetState(Struct, frozen=True):
         )
         return min(pairs, key=lambda pair: pair.distance_m, default=None)
 
+    def is_landed(self, name: str) -> bool:
+        """Whether a vehicle is landed and disarmed, by its last telemetry.
+
+        PX4's own heartbeat on the direct path counts too, if it came after the agent's last
+        telemetry.
+        """
+        view = self.vehicles.get(name)
+        if view is None or view.telemetry is None:
+            return False
+
+        if not view.telemetry.is_airborne and not view.telemetry.is_armed:
+            return True
+        return view.is_disarmed_by_px4
+
     @property
     def is_simulated(self) -> bool:
         """Whether the ground truth of every vehicle was received; no real vehicle tells its own."""

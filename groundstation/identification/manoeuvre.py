@@ -63,7 +63,7 @@ def mission_text(fleet_path: Path, name: str, steps: Sequence[tuple[Vec3, float]
     return f'''"""Identification of {name}: quick and slow moves about its start."""
 
 from groundstation.missions.api import OrderFailed
-from groundstation.orders.grammar import Intent
+from groundstation.orders.intents import Move
 
 FLEET = {str(fleet_path)!r}
 EXPECT = {{"all_landed": True}}
@@ -75,7 +75,7 @@ async def mission(fleet):
     vehicle = fleet[{name!r}]
     await vehicle.takeoff({height_m!r})
     for goal, duration_s in STEPS:
-        intent = Intent("move", (vehicle.name,), position_enu_m=goal, duration_s=duration_s)
+        intent = Move(vehicles=(vehicle.name,), position_enu_m=goal, duration_s=duration_s)
         fleet.say(str(intent))
         begin_ns = fleet.client.now_ns()
         results = await (await fleet.client.submit(intent)).wait({_MOVE_TIMEOUT_S!r})

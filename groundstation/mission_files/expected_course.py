@@ -1,5 +1,10 @@
-"""The course of a mission before it flies: each step with its order, from where to where, and its
-duration. Pure.
+"""The course of a mission before it flies: each step with its order, its goals and its duration.
+
+The course is walked through with the fleet as the steps before would leave it: where each vehicle
+is, whether it flies, and which formation holds. Checks refuse an order that makes no sense there,
+findings judge the time that a step gives, and the runner says how long the rest takes. Pure.
+
+What the law does on the way is not foreseen: durations are those of vehicles that fly alone.
 """
 
 from __future__ import annotations
@@ -7,9 +12,9 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import cast
 
 import numpy as np
+from msgspec import structs
 
 from groundstation.formations.assignment import nearest_slots
 from groundstation.formations.frame import Begin, frame_paths
@@ -18,37 +23,44 @@ from groundstation.mission_files.steps import (
     BlockStep,
     FlyFormationStep,
     FollowPathStep,
-    FormationStep,
-    GotoStep,
-    HomeStep,
-    LandStep,
     MissionStep,
-    MoveStep,
-    OrderStep,
     ParallelStep,
     ReactStep,
     RepeatStep,
-    RotateStep,
-    TakeoffStep,
     WaitStep,
-    YawStep,
 )
-from groundstation.orders.grammar import Intent, Verb, default_formation
-from groundstation.orders.plan import HeldFormation, PlannedOrder, held_slots, plan_order, slots_of
+from groundstation.orders.grammar import default_formation
+from groundstation.orders.held_formation import HeldFormation, held_slots, slots_of
+from groundstation.orders.intents import (
+    Formation,
+    GoalIntent,
+    Goto,
+    Home,
+    Intent,
+    Land,
+    Rotate,
+    Takeoff,
+)
+from groundstation.orders.plan import PlannedOrder, plan_order
 from onboard.config.fleet import ConfigError, FleetConfig, Vec3
 from onboard.control.path import Path, point_at
 from onboard.control.trajectory import TrajectoryParams, shortest_duration_s
 from onboard.control.vertical import vertical_s
 
-_START_S, _SETTLE_S = 3.0, 1.0
-_PEAK = 1.875  # of a move's speed, times its mean
-_GROUND = TakeoffStep | LandStep | HomeStep
+_START_S = 3.0  # arming and spinning up, before a climb
+_SETTLE_S = 1.0  # until a vehicle counts as arrived
+_PATH_SETTLE_S = 5.0  # between the arrival at the begins of paths and their start
+_SHORT_ORDER_S = 1.0  # an order that leads nowhere
+_PEAK_OF_MEAN = 1.875  # of a move's speed: its peak over its mean
+_LONGEST_MOVE_S = 600.0
+_LEAST_HEIGHT_M = 1.0  # that a climb or a descent is taken to have
+_VERTICAL = Takeoff | Land | Home  # orders with a climb or a descent
 
 PathsOf = Callable[[FollowPathStep], Mapping[str, Path]]
 
 
 @dataclass(frozen=True, slots=True)
-class Stage:
+class CourseStep:
     """One step of a mission as it is expected to be flown."""
 
     key: str  # of the step in the file: step[2].steps[0]
@@ -66,8 +78,8 @@ class Stage:
 
 
 @dataclass(slots=True)
-class _Fleet:
-    """Where the vehicles are at one time of the course."""
+class _FleetThen:
+    """The fleet at one time of the course."""
 
     positions: dict[str, Vec3]
     held: HeldFormation
@@ -77,9 +89,10 @@ class _Fleet:
 
 def course(
     fleet: FleetConfig, steps: Sequence[MissionStep], paths_of: PathsOf, path: str
-) -> Iterator[Stage]:
-    """Yield the stages of a mission in the order in which they are flown; branches side by side
-    come one by one.
+) -> Iterator[CourseStep]:
+    """Yield the steps of a mission in the order in which they are flown.
+
+    Branches that are flown side by side come one by one.
 
     Args:
         fleet: the fleet file.
@@ -91,78 +104,58 @@ def course(
         ConfigError: a step names a vehicle or a formation that does not exist.
     """
     starts = {name: fleet.vehicles[name].start_enu_m for name in fleet.enabled_names}
-    now = _Fleet(starts, HeldFormation(default_formation(fleet)))
+    then = _FleetThen(starts, HeldFormation(default_formation(fleet)))
     for index, step in enumerate(steps):
-        yield from _stages(fleet, step, f"step[{index}]", now, paths_of, path)
+        yield from _course_steps(fleet, step, f"step[{index}]", then, paths_of, path)
 
 
-def intent_of(step: OrderStep, fleet: FleetConfig) -> Intent:
-    """Return the order that a step gives.
+def resolved(intent: Intent, fleet: FleetConfig) -> Intent:
+    """Return the order that a step gives to one fleet: with the names of its vehicles.
 
     Args:
-        step: of a mission file.
+        intent: as the mission file has it.
         fleet: the fleet file.
-
-    Returns:
-        Its intent; a speed is not in it.
 
     Raises:
         ConfigError: a vehicle or a formation is unknown.
     """
-    names = fleet.select(step.vehicles)
-    if isinstance(step, TakeoffStep | HomeStep):
-        intent = Intent(
-            "home" if isinstance(step, HomeStep) else "takeoff", names, height_m=step.height_m
-        )
-        return replace(intent, duration_s=step.duration_s) if isinstance(step, HomeStep) else intent
-    if isinstance(step, RotateStep):
-        return Intent("rotate", names, rotation_deg=step.angle_deg, duration_s=step.duration_s)
-    if isinstance(step, YawStep):
-        return Intent("yaw", names, yaw_deg=step.yaw_deg)
-    if isinstance(step, GotoStep):
-        own = fleet.select(list(step.goals))
-        goals = dict(zip(own, step.goals.values(), strict=True))
-        return Intent("goto", own, goals=goals, duration_s=step.duration_s, yaw_deg=step.yaw_deg)
-    if isinstance(step, MoveStep):
-        intent = Intent("move", names, position_enu_m=step.position_enu_m)
-        return replace(intent, duration_s=step.duration_s, yaw_deg=step.yaw_deg)
-    if isinstance(step, FormationStep):
-        if step.name not in formation_names(fleet):
+    names = fleet.select(intent.vehicles)
+
+    if isinstance(intent, Goto):
+        own_names = fleet.select(list(intent.goals))
+        goals = dict(zip(own_names, intent.goals.values(), strict=True))
+        return structs.replace(intent, vehicles=own_names, goals=goals)
+
+    if isinstance(intent, Formation):
+        if intent.name not in formation_names(fleet):
             known = ", ".join(formation_names(fleet)) or "it has none"
             raise ConfigError(
-                f"'{step.name}' is no formation of fleet '{fleet.fleet.name}': {known}. Correct 'name'."
+                f"'{intent.name}' is no formation of fleet '{fleet.fleet.name}': {known}. "
+                "Correct 'name'."
             )
-        if step.vehicles in ("all", ["all"]):
-            names = tuple(name for name in names if name in formation_slots(fleet, step.name))
-        return Intent(
-            "formation",
-            names,
-            position_enu_m=step.position_enu_m,
-            formation=step.name,
-            duration_s=step.duration_s,
-            spacing_m=step.spacing_m,
-            yaw_deg=step.yaw_deg,
-            rotation_deg=step.rotation_deg or None,
-            is_nearest=step.assign == "nearest",
-        )
-    return Intent(cast(Verb, step.do), names)
+        if intent.vehicles in ("all", ("all",)):
+            slots = formation_slots(fleet, intent.name)
+            names = tuple(name for name in names if name in slots)
+
+    return structs.replace(intent, vehicles=names)
 
 
-def with_speed(
-    intent: Intent, speed_m_s: float | None, goals: Mapping[str, Vec3], spots: Mapping[str, Vec3]
-) -> Intent:
-    """Return a move that takes as long as its longest way at this speed.
+def with_speed(intent: Intent, goals: Mapping[str, Vec3], spots: Mapping[str, Vec3]) -> Intent:
+    """Return an order with the duration that its speed means: that of the longest way.
 
     Args:
-        intent: a move.
-        speed_m_s: the most on that way [m/s]; None leaves the intent as it is.
+        intent: an order; one without a speed stays as it is.
         goals: of the vehicles [m].
         spots: where they are [m].
     """
-    ways_m = [math.dist(goals[name], spots[name]) for name in goals if name in spots]
-    if speed_m_s is None or not ways_m:
+    if not isinstance(intent, GoalIntent) or intent.speed_m_s is None:
         return intent
-    return replace(intent, duration_s=min(600.0, _PEAK * max(ways_m) / speed_m_s))
+    distances_m = [math.dist(goals[name], spots[name]) for name in goals if name in spots]
+    if not distances_m:
+        return intent
+
+    duration_s = min(_LONGEST_MOVE_S, _PEAK_OF_MEAN * max(distances_m) / intent.speed_m_s)
+    return structs.replace(intent, duration_s=duration_s)
 
 
 def formation_paths(
@@ -188,134 +181,203 @@ def formation_paths(
     return frame_paths(fleet, begin, step.to, positions if step.assign == "nearest" else None)
 
 
-def _stages(
+# -- one step after the other ----------------------------------------------------------------------
+
+
+def _course_steps(
     fleet: FleetConfig,
     step: MissionStep,
     key: str,
-    now: _Fleet,
+    then: _FleetThen,
     paths_of: PathsOf,
     path: str,
     times: int = 1,
-) -> Iterator[Stage]:
+) -> Iterator[CourseStep]:
+    """Yield a step, or the steps that it holds, and leave the fleet as it is after them."""
     if isinstance(step, BlockStep):
         for inner, inner_key, count in _inner(step, key):
-            yield from _stages(fleet, inner, inner_key, now, paths_of, path, times * count)
-        now.is_known = now.is_known and not isinstance(step, ReactStep)
+            yield from _course_steps(fleet, inner, inner_key, then, paths_of, path, times * count)
+        if isinstance(step, ReactStep):
+            then.is_known = False
         return
+
     try:
-        stage = _stage(fleet, step, key, now, paths_of)
+        course_step = _course_step(fleet, step, key, then, paths_of)
     except ConfigError as error:
         raise ConfigError(f"{path}: '{key}' ({step.do}): {error}") from None
-    yield replace(stage, times=times)
-    now.positions.update(stage.goals)
-    if stage.planned is not None:
-        now.held = stage.planned.held
-    if isinstance(step, TakeoffStep):
-        now.flying.update(stage.goals)
-    elif isinstance(step, LandStep | HomeStep):
-        now.flying.difference_update(stage.goals)
-    now.is_known = now.is_known and step.do != "fault"
+    yield replace(course_step, times=times)
+
+    then.positions.update(course_step.goals)
+    if course_step.planned is not None:
+        then.held = course_step.planned.held
+    if isinstance(step, Takeoff):
+        then.flying.update(course_step.goals)
+    elif isinstance(step, Land | Home):
+        then.flying.difference_update(course_step.goals)
+    elif step.do == "fault":
+        then.is_known = False
 
 
 def _inner(step: BlockStep, key: str) -> Iterator[tuple[MissionStep, str, int]]:
-    """Yield the steps within a step with their keys; of repetitions the first, and the second for
-    all others.
+    """Yield the steps within a step with their keys and how often they are flown.
+
+    Of repetitions come the first, and the second for all others.
     """
     if isinstance(step, RepeatStep):
-        for count in (1, step.times - 1) if step.times > 1 else (1,):
-            yield from ((inner, f"{key}.steps[{k}]", count) for k, inner in enumerate(step.steps))
+        counts = [1]
+        if step.times > 1:
+            counts.append(step.times - 1)
+        for count in counts:
+            for index, inner in enumerate(step.steps):
+                yield inner, f"{key}.steps[{index}]", count
+
     elif isinstance(step, ParallelStep):
-        for j, branch in enumerate(step.branches):
-            yield from ((inner, f"{key}.branches[{j}][{k}]", 1) for k, inner in enumerate(branch))
+        for branch_index, branch in enumerate(step.branches):
+            for index, inner in enumerate(branch):
+                yield inner, f"{key}.branches[{branch_index}][{index}]", 1
+
     else:
-        yield from ((inner, f"{key}.steps[{k}]", 1) for k, inner in enumerate(step.steps))
-        yield from ((inner, f"{key}.then[{k}]", 1) for k, inner in enumerate(step.then))
+        for index, inner in enumerate(step.steps):
+            yield inner, f"{key}.steps[{index}]", 1
+        for index, inner in enumerate(step.then):
+            yield inner, f"{key}.then[{index}]", 1
 
 
-def _stage(
-    fleet: FleetConfig, step: MissionStep, key: str, now: _Fleet, paths_of: PathsOf
-) -> Stage:
-    stage = Stage(key, step, dict(now.positions), frozenset(now.flying), now.is_known)
-    if isinstance(step, FollowPathStep | FlyFormationStep):
-        is_own = isinstance(step, FollowPathStep)
-        paths = paths_of(step) if is_own else formation_paths(step, fleet, now.positions)  # type: ignore[arg-type]
-        if not paths or not set(paths) <= set(fleet.enabled_names):
-            return replace(stage, paths=paths)
-        begins, ends = (
-            {name: _point(one, time_s) for name, one in paths.items()} for time_s in (0.0, math.inf)
-        )
-        there_s = max(
-            _move_s(fleet, name, now.positions[name], begins[name], 0.0) for name in paths
-        )
-        longest_s = max(one.duration_s for one in paths.values())
-        return replace(stage, paths=paths, goals=ends, expected_s=there_s + 5.0 + longest_s)
+def _course_step(
+    fleet: FleetConfig, step: MissionStep, key: str, then: _FleetThen, paths_of: PathsOf
+) -> CourseStep:
+    """Return one step as it is expected to be flown."""
+    course_step = CourseStep(
+        key=key,
+        step=step,
+        positions=dict(then.positions),
+        flying=frozenset(then.flying),
+        is_known=then.is_known,
+    )
+
+    if isinstance(step, FollowPathStep):
+        return _with_paths(course_step, fleet, paths_of(step))
+    if isinstance(step, FlyFormationStep):
+        return _with_paths(course_step, fleet, formation_paths(step, fleet, then.positions))
     if isinstance(step, WaitStep):
-        return replace(stage, expected_s=step.duration_s)
-    if not isinstance(step, OrderStep):
-        return stage
-    intent = _filled(intent_of(step, fleet), fleet, now)
-    planned = plan_order(intent, fleet, None, held=now.held, author="check", now_ns=0)
+        return replace(course_step, expected_s=step.duration_s)
+    if isinstance(step, Intent):
+        return _with_order(course_step, step, fleet, then)
+    return course_step
+
+
+def _with_paths(
+    course_step: CourseStep, fleet: FleetConfig, paths: Mapping[str, Path]
+) -> CourseStep:
+    """Return a step with its paths: where they end, and how long they take with the way there."""
+    course_step = replace(course_step, paths=paths)
+    if not paths or not set(paths) <= set(fleet.enabled_names):
+        return course_step
+
+    ends = {name: _point(path, math.inf) for name, path in paths.items()}
+    to_begins_s = max(
+        _move_s(fleet, name, course_step.positions[name], _point(path, 0.0), 0.0)
+        for name, path in paths.items()
+    )
+    longest_s = max(path.duration_s for path in paths.values())
+    return replace(course_step, goals=ends, expected_s=to_begins_s + _PATH_SETTLE_S + longest_s)
+
+
+def _with_order(
+    course_step: CourseStep, step: Intent, fleet: FleetConfig, then: _FleetThen
+) -> CourseStep:
+    """Return a step with its order: its goals, and how long each vehicle needs alone."""
+    intent = _filled(resolved(step, fleet), fleet, then)
+    planned = plan_order(intent, fleet, None, held=then.held, author="check", now_ns=0)
     goals = {
-        name: _goal(step, now.positions[name], order.position_enu_m)
+        name: _goal(step, then.positions[name], order.position_enu_m)
         for name, order in planned.orders.items()
     }
-    if not isinstance(step, MoveStep | GotoStep | FormationStep | RotateStep | _GROUND):
-        return replace(stage, planned=planned, expected_s=1.0)
-    intent = with_speed(intent, getattr(step, "speed_m_s", None), goals, now.positions)
+    course_step = replace(course_step, planned=planned)
+    if not isinstance(step, GoalIntent | Rotate | _VERTICAL):
+        return replace(course_step, expected_s=_SHORT_ORDER_S)
+
+    intent = with_speed(intent, goals, then.positions)
+    duration_s = intent.message_values().duration_s
     alone_s = {}
     for name, goal in goals.items():
-        before = now.positions[name]
-        above_m = max(before[2], goal[2], 1.0) if isinstance(step, _GROUND) else 0.0
-        across = (before[0], before[1], goal[2]) if above_m else before
-        alone_s[name] = (
-            _move_s(fleet, name, across, goal, intent.duration_s) if across != goal else 0.0
-        )
-        alone_s[name] += (
-            _START_S + vertical_s(above_m, fleet.vehicles[name].max_speed_m_s) if above_m else 0.0
-        )
+        position = then.positions[name]
+        if isinstance(step, _VERTICAL):
+            alone_s[name] = _vertical_order_s(fleet, name, position, goal, duration_s)
+        else:
+            alone_s[name] = _move_or_stay_s(fleet, name, position, goal, duration_s)
+
     return replace(
-        stage,
-        planned=planned,
+        course_step,
         goals=goals,
         alone_s=alone_s,
         expected_s=max(alone_s.values(), default=0.0) + _SETTLE_S,
     )
 
 
-def _filled(intent: Intent, fleet: FleetConfig, now: _Fleet) -> Intent:
+def _filled(intent: Intent, fleet: FleetConfig, then: _FleetThen) -> Intent:
     """Return the intent with what a flight would take from where the vehicles are then."""
-    spots = {name: now.positions[name] for name in intent.vehicles if name in now.positions}
-    position = intent.position_enu_m
-    if intent.is_nearest and position is not None:
-        slots = slots_of(
-            fleet, intent.formation or "", intent.spacing_m, intent.rotation_deg or 0.0
-        )
-        wanted = {name: slots[name] for name in intent.vehicles if name in slots}
-        return replace(intent, takes=nearest_slots(wanted, spots, position))
-    if intent.verb == "rotate":
-        slots = held_slots(fleet, now.held)
-        known = [np.array(spots[name]) - np.array(slots[name]) for name in spots if name in slots]
-        if known:
-            x, y, z = np.mean(known, axis=0).tolist()
-            return replace(intent, position_enu_m=(x, y, z))
+    spots = {name: then.positions[name] for name in intent.names if name in then.positions}
+
+    if isinstance(intent, Formation):
+        if intent.assign != "nearest" or intent.position_enu_m is None:
+            return intent
+        slots = slots_of(fleet, intent.name, intent.spacing_m, intent.rotation_deg)
+        slots_dealt = {name: slots[name] for name in intent.names if name in slots}
+        takes = nearest_slots(slots_dealt, spots, intent.position_enu_m)
+        return structs.replace(intent, takes=takes)
+
+    if isinstance(intent, Rotate):
+        slots = held_slots(fleet, then.held)
+        centers = [np.array(spots[name]) - np.array(slots[name]) for name in spots if name in slots]
+        if centers:
+            x, y, z = np.mean(centers, axis=0).tolist()
+            return structs.replace(intent, center_enu_m=(x, y, z))
+
     return intent
 
 
-def _goal(step: OrderStep, position: Vec3, ordered: Vec3 | None) -> Vec3:
-    if isinstance(step, TakeoffStep):
+def _goal(step: Intent, position: Vec3, ordered: Vec3 | None) -> Vec3:
+    """Return where a vehicle is after an order."""
+    if isinstance(step, Takeoff):
         return (position[0], position[1], step.height_m)
-    if isinstance(step, LandStep | HomeStep):
-        x, y, _ = ordered or position
-        return (x, y, 0.0)
-    return ordered or position
+
+    goal = position if ordered is None else ordered
+    if isinstance(step, Land | Home):
+        return (goal[0], goal[1], 0.0)
+    return goal
+
+
+# -- durations -------------------------------------------------------------------------------------
+
+
+def _vertical_order_s(
+    fleet: FleetConfig, name: str, position: Vec3, goal: Vec3, duration_s: float
+) -> float:
+    """Return how long an order with a climb or a descent takes: across, and up or down."""
+    height_m = max(position[2], goal[2], _LEAST_HEIGHT_M)
+    across_s = _move_or_stay_s(fleet, name, (position[0], position[1], goal[2]), goal, duration_s)
+    return across_s + (_START_S + vertical_s(height_m, fleet.vehicles[name].max_speed_m_s))
+
+
+def _move_or_stay_s(
+    fleet: FleetConfig, name: str, position: Vec3, goal: Vec3, duration_s: float
+) -> float:
+    """Return how long a vehicle needs to a goal; nothing where it is there already."""
+    if position == goal:
+        return 0.0
+    return _move_s(fleet, name, position, goal, duration_s)
 
 
 def _move_s(fleet: FleetConfig, name: str, position: Vec3, goal: Vec3, duration_s: float) -> float:
+    """Return how long a vehicle needs to a goal."""
     vehicle = fleet.vehicles[name]
     bounds = TrajectoryParams(vehicle.max_speed_m_s, vehicle.max_acceleration_m_s2)
-    return _SETTLE_S + max(shortest_duration_s(math.dist(position, goal), bounds), duration_s)
+    shortest_s = shortest_duration_s(math.dist(position, goal), bounds)
+    return _SETTLE_S + max(shortest_s, duration_s)
 
 
 def _point(path: Path, time_s: float) -> Vec3:
+    """Return the position of a path at a time; its end at infinity."""
     x, y, z = point_at(path, time_s).position_enu_m
     return (x, y, z)

@@ -5,59 +5,40 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
-from groundstation.mission_files.loading import Mission
-from groundstation.mission_files.steps import HomeStep, LandStep, OrderStep
+from groundstation.mission_files.expected_course import CourseStep
+from groundstation.mission_files.mission import Mission
+from groundstation.orders.intents import Home, Intent, Land
 from groundstation.paths.checks import path_findings
 from onboard.config.fleet import ConfigError
 from onboard.estimation.accuracies import ACCURACIES
 from onboard.feasibility.finding import Finding, at_least, at_most, worst, worst_first
 from onboard.feasibility.fleet_checks import ErrorClass, error_class, fleet_findings, spot_findings
 
-# findings that are no promise of the law's
+# Findings with these names are about the mission, and no promise of the law's.
 _OF_THE_MISSION = ("time", "expectation", "arrival", "ending")
-_SPARE_PCT = 10.0
+_SPARE_PCT = 10.0  # of a battery, above the level at which a vehicle lands by itself
 _ROOM_FOR_DETOURS = 1.7  # times the straight way's duration
+_ARRIVAL_M = 0.05  # error of an arrival with a perfect position
 
 
 def mission_findings(mission: Mission, errors: ErrorClass | None = None) -> tuple[Finding, ...]:
-    """Findings about a mission's steps: spacing and room of each constellation, time for each leg,
-    expectations.
+    """Return findings about a mission: room in each constellation, time for legs, expectations.
 
     Of equal findings of several steps only the worst is listed. A Python mission's steps are not
     known before it flies.
+
+    Args:
+        mission: loaded and checked.
+        errors: accuracy of positions; None: as the fleet file says.
     """
     groups: dict[str, list[Finding]] = {}
     for finding in _step_findings(mission, errors):
-        groups.setdefault(finding.name.partition(",")[0], []).append(finding)
-    expected = mission.expect.min_separation_m
-    if expected is not None and mission.fleet.law.built_in != "off":
-        promise_m = mission.fleet.fleet.safety_distance_m
-        groups["expectation"] = [
-            at_most(
-                "expectation",
-                expected,
-                promise_m,
-                "m",
-                "The mission expects vehicles to stay {value} apart; fleet.safety_distance_m promises {bound}",
-                "Lower expect.min_separation_m, or raise fleet.safety_distance_m.",
-            )
-        ]
+        groups.setdefault(_name_of(finding), []).append(finding)
+
+    groups["expectation"] = list(_separation_expectation(mission))
     groups["endurance"] = list(_endurance(mission))
-    near_m = mission.expect.arrived_within_m
-    if near_m is not None:
-        accuracy = ACCURACIES[errors or error_class(mission.fleet)]
-        groups["arrival"] = [
-            at_least(
-                "arrival",
-                near_m,
-                0.05 + 2.0 * accuracy.position_std_m,
-                "m",
-                f"The mission expects arrivals within {{value}}; with the accuracy of '{accuracy.name}' {{relation}} "
-                "{bound} comes true nearly always",
-                "Raise expect.arrived_within_m by {difference}, or fly on a better position.",
-                refuse_below=0.0,
-            )
-        ]
+    groups["arrival"] = list(_arrival_expectation(mission, errors))
+
     return worst_first(worst(group) for group in groups.values() if group)
 
 
@@ -69,20 +50,23 @@ def refused_findings(mission: Mission, is_simulated: bool) -> list[Finding]:
         is_simulated: whether the flight is simulated: other laws than Covey's may then be flown.
     """
     fleet = mission.fleet
-    if not fleet.enabled_names or (is_simulated and fleet.law.built_in != "covey"):
+    if not fleet.enabled_names:
         return []
+    if is_simulated and fleet.law.built_in != "covey":
+        return []
+
     return [
         finding
         for finding in (*mission_findings(mission), *fleet_findings(fleet))
-        if finding.status == "refused" and finding.name.partition(",")[0] not in _OF_THE_MISSION
+        if finding.status == "refused" and _name_of(finding) not in _OF_THE_MISSION
     ]
 
 
 def refuse_unflyable(mission: Mission, is_simulated: bool) -> None:
-    """Refuse a mission that the law cannot fly: vehicles too near to each other, a fleet that is
-    too large.
+    """Refuse a mission that the law cannot fly.
 
-    Findings about time do not refuse it. Other laws than Covey's may be flown in simulation.
+    Its vehicles are too near to each other, or its fleet is too large. Findings about time do not
+    refuse a mission. Other laws than Covey's may be flown in simulation.
 
     Args:
         mission: loaded and checked.
@@ -92,35 +76,47 @@ def refuse_unflyable(mission: Mission, is_simulated: bool) -> None:
         ConfigError: the mission cannot be flown.
     """
     refused = refused_findings(mission, is_simulated)
-    if refused:
-        more = f" ({len(refused)} findings are against it)" if len(refused) > 1 else ""
-        raise ConfigError(
-            f"{mission.path}: the law says that this cannot be flown{more}. {refused[0].sentence} "
-            f"'covey check {mission.path}' tells all."
-        )
+    if not refused:
+        return
+
+    more = ""
+    if len(refused) > 1:
+        more = f" ({len(refused)} findings are against it)"
+    raise ConfigError(
+        f"{mission.path}: the law says that this cannot be flown{more}. {refused[0].sentence} "
+        f"'covey check {mission.path}' tells all."
+    )
+
+
+def _name_of(finding: Finding) -> str:
+    """Return a finding's name without the step that it is about."""
+    return finding.name.partition(",")[0]
 
 
 def _step_findings(mission: Mission, errors: ErrorClass | None) -> Iterator[Finding]:
+    """Yield findings about the steps in their order, and about the end."""
     fleet = mission.fleet
     flying: set[str] = set()
-    for stage in mission.course():
-        step, where = stage.step, f"{stage.key} ({stage.step.do})"
-        if stage.paths:
-            yield from path_findings(fleet, stage.paths, where)
-        if not stage.alone_s or not isinstance(step, OrderStep):
+
+    for course_step in mission.course():
+        step = course_step.step
+        where = f"{course_step.key} ({step.do})"
+        if course_step.paths:
+            yield from path_findings(fleet, course_step.paths, where)
+        if not course_step.alone_s or not isinstance(step, Intent):
             continue
+
         yield worst(
-            _time(step.timeout_s, name, alone_s, where) for name, alone_s in stage.alone_s.items()
+            _time(step.timeout_s, name, alone_s, where)
+            for name, alone_s in course_step.alone_s.items()
         )
-        flying = set(stage.flying)
-        if isinstance(step, LandStep | HomeStep):
-            flying.difference_update(stage.goals)
-        else:
-            flying.update(stage.goals)
-            positions = {**stage.positions, **stage.goals}
-            yield from spot_findings(
-                fleet, {name: positions[name] for name in flying}, where, errors=errors
-            )
+
+        flying = _flying_after(course_step)
+        if not isinstance(step, Land | Home):
+            positions = {**course_step.positions, **course_step.goals}
+            spots = {name: positions[name] for name in flying}
+            yield from spot_findings(fleet, spots, where, errors=errors)
+
     if flying and mission.expect.all_landed is not False:
         yield at_most(
             "ending",
@@ -133,33 +129,82 @@ def _step_findings(mission: Mission, errors: ErrorClass | None) -> Iterator[Find
         )
 
 
-def _endurance(mission: Mission) -> Iterator[Finding]:
-    """Judge what is left in each battery at the end, where the fleet file says how long one lasts."""
-    fleet = mission.fleet
-    lasting = {name: fleet.vehicles[name].hover_time_s for name in fleet.enabled_names}
-    needed_s = sum(stage.times * stage.expected_s for stage in mission.course())
-    for name, hover_s in lasting.items():
-        if hover_s is not None and needed_s:
-            yield at_least(
-                "endurance",
-                100.0 * (1.0 - needed_s / hover_s),
-                fleet.fleet.battery_land_pct + _SPARE_PCT,
-                "%",
-                f"The mission takes about {needed_s:.0f} s, after which {name}'s battery of {hover_s:.0f} s has "
-                "{value} left; {relation} {bound} is the level at which it lands by itself, and some to spare",
-                "Make the mission shorter, or split it.",
-                refuse_below=fleet.fleet.battery_land_pct,
-            )
+def _flying_after(course_step: CourseStep) -> set[str]:
+    """Return the vehicles that fly after an order."""
+    if isinstance(course_step.step, Land | Home):
+        return set(course_step.flying).difference(course_step.goals)
+    return set(course_step.flying).union(course_step.goals)
 
 
 def _time(timeout_s: float, name: str, alone_s: float, where: str) -> Finding:
+    """Return the finding about the time that a step gives to one vehicle."""
     return at_least(
         f"time, {where}",
         timeout_s,
         _ROOM_FOR_DETOURS * alone_s,
         "s",
-        f"{where[0].upper()}{where[1:]}: timeout_s is {{value}}; {name} needs {alone_s:.1f} s alone, so "
-        "{relation} {bound} leaves room for detours",
+        f"{where[0].upper()}{where[1:]}: timeout_s is {{value}}; {name} needs {alone_s:.1f} s "
+        "alone, so {relation} {bound} leaves room for detours",
         "Raise its timeout_s by {difference}.",
         refuse_below=alone_s,
     )
+
+
+def _separation_expectation(mission: Mission) -> Iterator[Finding]:
+    """Yield the finding about a separation that the mission expects and the law does not promise."""
+    expected_m = mission.expect.min_separation_m
+    if expected_m is None or mission.fleet.law.built_in == "off":
+        return
+
+    yield at_most(
+        "expectation",
+        expected_m,
+        mission.fleet.fleet.safety_distance_m,
+        "m",
+        "The mission expects vehicles to stay {value} apart; fleet.safety_distance_m promises "
+        "{bound}",
+        "Lower expect.min_separation_m, or raise fleet.safety_distance_m.",
+    )
+
+
+def _arrival_expectation(mission: Mission, errors: ErrorClass | None) -> Iterator[Finding]:
+    """Yield the finding about arrivals that are expected nearer than positions are known."""
+    within_m = mission.expect.arrived_within_m
+    if within_m is None:
+        return
+
+    accuracy = ACCURACIES[errors or error_class(mission.fleet)]
+    yield at_least(
+        "arrival",
+        within_m,
+        _ARRIVAL_M + 2.0 * accuracy.position_std_m,
+        "m",
+        f"The mission expects arrivals within {{value}}; with the accuracy of '{accuracy.name}' "
+        "{relation} {bound} comes true nearly always",
+        "Raise expect.arrived_within_m by {difference}, or fly on a better position.",
+        refuse_below=0.0,
+    )
+
+
+def _endurance(mission: Mission) -> Iterator[Finding]:
+    """Yield what is left in each battery at the end, where the fleet file says how long it lasts."""
+    fleet = mission.fleet
+    needed_s = sum(course_step.times * course_step.expected_s for course_step in mission.course())
+    if not needed_s:
+        return
+
+    for name in fleet.enabled_names:
+        hover_s = fleet.vehicles[name].hover_time_s
+        if hover_s is None:
+            continue
+        yield at_least(
+            "endurance",
+            100.0 * (1.0 - needed_s / hover_s),
+            fleet.fleet.battery_land_pct + _SPARE_PCT,
+            "%",
+            f"The mission takes about {needed_s:.0f} s, after which {name}'s battery of "
+            f"{hover_s:.0f} s has {{value}} left; {{relation}} {{bound}} is the level at which it "
+            "lands by itself, and some to spare",
+            "Make the mission shorter, or split it.",
+            refuse_below=fleet.fleet.battery_land_pct,
+        )

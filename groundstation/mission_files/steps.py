@@ -1,5 +1,10 @@
-"""The steps of a mission file, its expectations, and its reaction to a failure: keys, defaults and
-meanings.
+"""The steps of a mission file and its reaction to a failure: keys, defaults and meanings.
+
+A step that gives an order is an intent of `groundstation/orders/intents.py`: a new verb is a step
+without a line here. This module adds the steps that no operator types: those that follow paths,
+wait, hold other steps, judge, and break something.
+
+docs/mission-file.md is printed from these classes and from the comments beside their fields.
 """
 
 from __future__ import annotations
@@ -9,82 +14,24 @@ from typing import Any, Literal
 import msgspec
 
 from groundstation.formations.frame import FramePoint
+from groundstation.orders.intents import INTENTS, Formation, Intent, Names
 from groundstation.orders.path_orders import OnLag
 from groundstation.verdict.expectations import Expect
 from onboard.config.fleet import Vec3
 
-Names = str | list[str]
+
+class FormationStep(Formation, frozen=True, kw_only=True):
+    """Take up a formation at a position."""
+
+    position_enu_m: Vec3  # of the formation: its offsets come on top
 
 
 class _Step(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     do: str
 
 
-class _OrderStep(_Step, frozen=True, kw_only=True):
-    vehicles: Names = "all"  # "all", a name, "0-2", "a,b" or a list
-    timeout_s: float = 40.0  # the step fails when it is not done within
-
-
-class ArmStep(_OrderStep, frozen=True, kw_only=True):
-    """Arm on the ground."""
-
-    timeout_s: float = 15.0
-
-
-class TakeoffStep(_OrderStep, frozen=True, kw_only=True):
-    """Climb to a height above the fleet's origin."""
-
-    height_m: float = 1.0  # above the fleet's origin
-
-
-class _GoalStep(_OrderStep, frozen=True, kw_only=True):
-    duration_s: float = 0.0  # slower than the limits allow; 0: as fast as they allow
-    speed_m_s: float | None = None  # instead of a duration: the most of whoever has the longest way
-    # heading to turn to, counterclockwise from east; by default as it is
-    yaw_deg: float | None = None
-
-
-class MoveStep(_GoalStep, frozen=True, kw_only=True):
-    """One vehicle: its own goal. Several: the position of the formation that holds."""
-
-    position_enu_m: Vec3  # east, north, up in the fleet frame
-
-
-class GotoStep(_GoalStep, frozen=True, kw_only=True):
-    """Each vehicle to its own goal, judged together: they may change places."""
-
-    goals: dict[str, Vec3]  # vehicle -> east, north, up in the fleet frame
-
-
-class FormationStep(_GoalStep, frozen=True, kw_only=True):
-    """Take up a formation at a position."""
-
-    name: str  # a table [formations.NAME] of the mission or of the fleet file
-    position_enu_m: Vec3  # of the formation: its offsets come on top
-    spacing_m: float | None = None  # stretches it until its two nearest slots are so far apart
-    rotation_deg: float = 0.0  # turns it, counterclockwise
-    # each its own slot; nearest: such that the longest flight is short
-    assign: Literal["ids", "nearest"] = "ids"
-
-
-class RotateStep(_OrderStep, frozen=True, kw_only=True):
-    """Turn the formation that holds about its position, each vehicle straight to its new slot."""
-
-    angle_deg: float  # counterclockwise, from how it is turned now
-    duration_s: float = 0.0  # as for move
-
-
-class YawStep(_OrderStep, frozen=True, kw_only=True):
-    """Turn to a heading on the spot."""
-
-    yaw_deg: float  # counterclockwise from east
-    timeout_s: float = 15.0
-
-
 class FlyFormationStep(_Step, frozen=True, kw_only=True):
-    """A formation flies through points without stopping, turns, stretches and becomes another one
-    on the way.
-    """
+    """A formation flies through points without stopping; it turns, stretches and changes on the way."""
 
     name: str  # of the formation at the begin, which all go to first
     position_enu_m: Vec3  # of the formation there, or of its leader
@@ -98,38 +45,12 @@ class FlyFormationStep(_Step, frozen=True, kw_only=True):
 
 
 class FollowPathStep(_Step, frozen=True, kw_only=True):
-    """Each vehicle follows its own path, all from one instant on; they go to the begins of their
-    paths first.
-    """
+    """Each vehicle goes to the begin of its path; then all follow their paths from one instant on."""
 
     paths: dict[str, str]  # vehicle -> file of its path, relative to the mission's
     lights: dict[str, str] = {}  # vehicle -> file of its colours, shown and recorded
     on_lag: OnLag = "land"  # what a vehicle does that falls behind for too long
-    timeout_s: float | None = None  # None: as long as the paths take, and a minute
-
-
-class HoldStep(_OrderStep, frozen=True, kw_only=True):
-    """Stop at the present spot."""
-
-    timeout_s: float = 15.0
-
-
-class HomeStep(_OrderStep, frozen=True, kw_only=True):
-    """Back over the take-off spots of the fleet file, and land there."""
-
-    height_m: float | None = None  # of the way back; by default each at its own
-    duration_s: float = 0.0  # of the way back, as for move
-    timeout_s: float = 90.0
-
-
-class LandStep(_OrderStep, frozen=True, kw_only=True):
-    """Land and disarm."""
-
-
-class DisarmStep(_OrderStep, frozen=True, kw_only=True):
-    """Disarm on the ground."""
-
-    timeout_s: float = 15.0
+    timeout_s: float | None = None  # by default as long as the paths take, and a minute
 
 
 class FaultStep(_Step, frozen=True, kw_only=True):
@@ -145,7 +66,7 @@ class FaultStep(_Step, frozen=True, kw_only=True):
 class Until(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """A condition: all that is given must hold at once."""
 
-    vehicles: Names | None = None  # whom battery, failure and event are about; by default anybody
+    vehicles: Names | None = None  # that battery, failure and event are about; by default any
     reached: dict[str, Vec3] = {}  # these vehicles are at these positions
     within_m: float = 0.15  # so near
     separation_above_m: float | None = None  # no two that fly are nearer
@@ -179,9 +100,7 @@ class ParallelStep(_Step, frozen=True, kw_only=True):
 
 
 class ReactStep(_Step, frozen=True, kw_only=True):
-    """Do steps; as soon as a condition holds, leave the rest of them out and do others. Then the
-    mission goes on.
-    """
+    """Do steps; once a condition holds, do others instead of the rest; then the mission goes on."""
 
     when: Until  # the condition, the keys below
     steps: tuple[Any, ...]  # [[step.steps]]
@@ -202,45 +121,27 @@ class OnFailure(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     do: Literal["land", "hold", "home", "go_on"] = "land"
 
 
-GoalStep = MoveStep | GotoStep | FormationStep
-BLOCK_KEYS = "steps", "then", "branches"  # of steps that hold others
-OrderStep = (
-    ArmStep
-    | TakeoffStep
-    | GoalStep
-    | RotateStep
-    | YawStep
-    | HoldStep
-    | HomeStep
-    | LandStep
-    | DisarmStep
-)
+BLOCK_KEYS = ("steps", "then", "branches")  # of steps that hold others
 BlockStep = RepeatStep | ParallelStep | ReactStep
 MissionStep = (
-    OrderStep | FollowPathStep | FlyFormationStep | WaitStep | ExpectStep | FaultStep | BlockStep
+    Intent | FollowPathStep | FlyFormationStep | WaitStep | ExpectStep | FaultStep | BlockStep
 )
+
+ORDER_STEPS: dict[str, type[MissionStep]] = {
+    verb: intent for verb, intent in INTENTS.items() if intent.is_mission_step
+}
 STEPS: dict[str, type[MissionStep]] = {
-    "arm": ArmStep,
-    "takeoff": TakeoffStep,
-    "move": MoveStep,
-    "goto": GotoStep,
+    **ORDER_STEPS,
     "formation": FormationStep,
     "fly_formation": FlyFormationStep,
-    "rotate": RotateStep,
-    "yaw": YawStep,
     "follow_path": FollowPathStep,
-    "hold": HoldStep,
     "wait": WaitStep,
     "repeat": RepeatStep,
     "parallel": ParallelStep,
     "react": ReactStep,
-    "home": HomeStep,
-    "land": LandStep,
-    "disarm": DisarmStep,
     "expect": ExpectStep,
     "fault": FaultStep,
 }
-
 
 STEP_BOUNDS = {
     "timeout_s": (0.1, 3600.0),
@@ -253,3 +154,11 @@ STEP_BOUNDS = {
     "yaw_deg": (-360.0, 360.0),
     "times": (1, 100),
 }
+
+
+def file_keys(kind: type[MissionStep]) -> tuple[str, ...]:
+    """Return the keys that a step of a file may have, besides `do`."""
+    planned_fields = getattr(kind, "planned_fields", ())
+    return tuple(
+        name for name in kind.__struct_fields__ if name != "do" and name not in planned_fields
+    )

@@ -16,7 +16,7 @@ from groundstation.missions.landing import land_all
 from groundstation.missions.readiness import NotReady as NotReady  # missions import it from here
 from groundstation.missions.readiness import is_ready, not_ready
 from groundstation.missions.vehicle import MissionVehicle
-from groundstation.orders.grammar import Intent
+from groundstation.orders.intents import Hold, Home
 from groundstation.orders.result import OrderFailed as OrderFailed
 from groundstation.verdict.verdict import Arrival, FlightObservations, StepResult
 from onboard.bus.schema import Event
@@ -102,10 +102,10 @@ class Fleet(Group):
         """
         up = tuple(name for name in self._names if self.state.vehicles[name].is_airborne)
         if at_end == "hold" and up:
-            await self.client.order(Intent("hold", up), 15.0)
+            await self.client.order(Hold(vehicles=up), 15.0)
         elif at_end != "hold":
             if at_end == "home" and up:
-                await self.client.order(Intent("home", up), _HOME_S)
+                await self.client.order(Home(vehicles=up), _HOME_S)
             await self.land_all()
 
     @property

@@ -9,7 +9,6 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 from groundstation.fleet.state import FleetState, VehicleView
-from groundstation.verdict.verdict import is_landed
 from onboard.config.fleet import Vec3
 from onboard.config.pair_separation import separation_m
 
@@ -117,7 +116,7 @@ def landed(vehicles: Sequence[str] | str | None = None) -> WaitCondition:
         vehicles: names, or one; None: all.
     """
 
-    return _of_all(vehicles, "landed", "not", lambda moment, name: is_landed(moment.state, name))
+    return _of_all(vehicles, "landed", "not", lambda moment, name: moment.state.is_landed(name))
 
 
 def flying(vehicles: Sequence[str] | str | None = None) -> WaitCondition:

@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 
 from groundstation.client.client import FleetClient
 from groundstation.missions.ground import MissionGround
-from groundstation.orders.grammar import Intent
+from groundstation.orders.intents import Goto, Hold
 from groundstation.orders.result import OrderFailed, Results
 from groundstation.paths.checks import LOWEST_M
 from onboard.bus.schema import Vec3
@@ -49,7 +49,7 @@ async def follow(
         while client.now_ns() < end_ns:
             goals = _goals(client, leader, offsets)
             if not last or any(math.dist(goals[name], last[name]) > _MOVED_M for name in goals):
-                order = await client.submit(Intent("goto", tuple(goals), goals=goals))
+                order = await client.submit(Goto(vehicles=tuple(goals), goals=goals))
                 if order.planned.refusals:
                     if client.now_ns() - good_ns > _REFUSED_S * 1e9:
                         raise OrderFailed(order.intent, dict(order.results))
@@ -59,7 +59,7 @@ async def follow(
                 good_ns = client.now_ns()
             await asyncio.sleep(_PERIOD_S)
     finally:
-        results = await ground.order(Intent("hold", tuple(offsets)), 15.0)
+        results = await ground.order(Hold(vehicles=tuple(offsets)), 15.0)
     return results
 
 

@@ -6,14 +6,12 @@ import asyncio
 from collections.abc import Callable
 
 from groundstation.client.client import FleetClient
-from groundstation.orders.grammar import Intent
+from groundstation.orders.intents import Intent
 from groundstation.orders.obstruction import explained
 from groundstation.orders.plan import PlannedOrder
 from groundstation.orders.result import OrderFailed, Results
 from groundstation.verdict.verdict import Arrival, StepResult, arrival_of, smallest
 from onboard.config.fleet import Vec3
-
-_WAITS_FOR_STEP = ("arm", "takeoff", "move", "goto", "formation", "rotate", "yaw")
 
 
 class MissionGround:
@@ -57,7 +55,7 @@ class MissionGround:
             ConfigError: the order is none.
             OrderFailed: a vehicle did not do it, and the mission does not go on without it.
         """
-        if self._is_stepping and intent.verb in _WAITS_FOR_STEP:
+        if self._is_stepping and intent.waits_for_step:
             self._next.clear()
             self.say(f"Waits before: {intent}")
             await self._next.wait()

@@ -1,5 +1,8 @@
-"""Verbs for one, some or all vehicles of a fleet, each with results per vehicle; and waiting for
-conditions.
+"""Verbs for one, some or all vehicles of a fleet, each with results per vehicle; and waiting.
+
+Each verb of `groundstation/orders/intents.py` is a method here, with the intent's fields as its
+arguments. The methods below them are no single orders: they follow paths or another vehicle, wait
+for conditions and react to them.
 """
 
 from __future__ import annotations
@@ -8,7 +11,6 @@ import asyncio
 import contextlib
 import math
 from collections.abc import AsyncIterator, Awaitable, Callable, Mapping, Sequence
-from typing import Literal
 
 import numpy as np
 
@@ -19,7 +21,25 @@ from groundstation.missions.conditions import ConditionTimeout, Moment, WaitCond
 from groundstation.missions.following import follow, present_offsets
 from groundstation.missions.ground import MissionGround
 from groundstation.missions.path_following import Lights, Paths, follow_paths
-from groundstation.orders.grammar import DEFAULT_HEIGHT_M, Intent, OrderError
+from groundstation.orders.grammar import OrderError
+from groundstation.orders.intents import (
+    DEFAULT_HEIGHT_M,
+    Arm,
+    Assign,
+    Disarm,
+    Formation,
+    Goto,
+    Hold,
+    Home,
+    Intent,
+    Kill,
+    Land,
+    Locate,
+    Move,
+    Rotate,
+    Takeoff,
+    Yaw,
+)
 from groundstation.orders.path_orders import OnLag
 from groundstation.orders.result import Results
 from groundstation.paths.checks import path_findings, refusals
@@ -28,13 +48,13 @@ from onboard.bus.schema import Vec3
 from onboard.config.fleet import ConfigError, FleetConfig
 
 Vehicles = str | Sequence[str]  # "all", names or indices: "mav0,mav2", "0-1", or a list of names
-Assign = Literal["ids", "nearest"]
 Goals = Vec3 | Mapping[str, Vec3]
+
+_EVER_S = 1e9  # a wait that ends only with its condition
 
 
 class Group:
-    """Vehicles of a fleet. Every verb waits for the end of its order and returns one result per
-    vehicle.
+    """Vehicles of a fleet. Every verb waits for the end of its order and returns one result each.
 
     Each raises ``OrderFailed``, with the results, when a vehicle did not do it; and ``ConfigError``
     when the order makes no sense. ``vehicles`` narrows the group down; ``timeout_s`` is the longest
@@ -80,25 +100,27 @@ class Group:
         """
         if vehicles in ("all", ["all"]):
             return self.names
-        chosen = self.config.select(vehicles)
-        strange = [name for name in chosen if name not in self._names]
-        if strange:
+
+        selected = self.config.select(vehicles)
+        not_in_group = [name for name in selected if name not in self._names]
+        if not_in_group:
             raise ConfigError(
-                f"{', '.join(strange)} is not among {', '.join(self._names)}. Order the whole fleet."
+                f"{', '.join(not_in_group)} is not among {', '.join(self._names)}. "
+                "Order the whole fleet."
             )
-        return chosen
+        return selected
 
     async def arm(self, vehicles: Vehicles = "all", *, timeout_s: float = 15.0) -> Results:
         """Arm on the ground."""
-        return await self.order(Intent("arm", self.select(vehicles)), timeout_s)
+        return await self.order(Arm(vehicles=self.select(vehicles)), timeout_s)
 
     async def disarm(self, vehicles: Vehicles = "all", *, timeout_s: float = 15.0) -> Results:
         """Disarm on the ground."""
-        return await self.order(Intent("disarm", self.select(vehicles)), timeout_s)
+        return await self.order(Disarm(vehicles=self.select(vehicles)), timeout_s)
 
     async def locate(self, vehicles: Vehicles = "all", *, timeout_s: float = 5.0) -> Results:
         """Play a tune, so that an operator sees which vehicles these are."""
-        return await self.order(Intent("locate", self.select(vehicles)), timeout_s)
+        return await self.order(Locate(vehicles=self.select(vehicles)), timeout_s)
 
     async def takeoff(
         self,
@@ -114,9 +136,8 @@ class Group:
             vehicles: to order.
             timeout_s: longest wait [s].
         """
-        return await self.order(
-            Intent("takeoff", self.select(vehicles), height_m=height_m), timeout_s
-        )
+        intent = Takeoff(vehicles=self.select(vehicles), height_m=height_m)
+        return await self.order(intent, timeout_s)
 
     async def move(
         self,
@@ -136,9 +157,11 @@ class Group:
             duration_s: of the move [s]; 0 leaves it to the vehicles' limits.
             timeout_s: longest wait [s].
         """
-        names = self.select(vehicles)
-        intent = Intent(
-            "move", names, position_enu_m=position_enu_m, yaw_deg=yaw_deg, duration_s=duration_s
+        intent = Move(
+            vehicles=self.select(vehicles),
+            position_enu_m=position_enu_m,
+            yaw_deg=yaw_deg,
+            duration_s=duration_s,
         )
         return await self.order(intent, timeout_s)
 
@@ -150,8 +173,9 @@ class Group:
         duration_s: float = 0.0,
         timeout_s: float = 40.0,
     ) -> Results:
-        """Go to a goal, or each vehicle to its own: one order, judged together, so that vehicles
-        may change places.
+        """Go to a goal, or each vehicle to its own: one order, judged together.
+
+        Vehicles may change places.
 
         Args:
             goals: a position [m], ENU, for a group of one; or a position for each name.
@@ -168,8 +192,13 @@ class Group:
                     "Several vehicles cannot share one goal: give each its own, {name: (x, y, z)}."
                 )
             goals = {self.names[0]: goals}
-        names = self.select(list(goals))
-        intent = Intent("goto", names, goals=dict(goals), yaw_deg=yaw_deg, duration_s=duration_s)
+
+        intent = Goto(
+            vehicles=self.select(list(goals)),
+            goals=dict(goals),
+            yaw_deg=yaw_deg,
+            duration_s=duration_s,
+        )
         return await self.order(intent, timeout_s)
 
     async def formation(
@@ -206,21 +235,21 @@ class Group:
         if name not in formation_names(self.config):
             known = ", ".join(formation_names(self.config)) or "none"
             raise ConfigError(f"'{name}' is no formation of this fleet; it has {known}.")
+
         names = self.select(vehicles)
         if vehicles == "all":
-            names = tuple(
-                vehicle for vehicle in names if vehicle in formation_slots(self.config, name)
-            )
-        intent = Intent(
-            "formation",
-            names,
+            slots = formation_slots(self.config, name)
+            names = tuple(vehicle for vehicle in names if vehicle in slots)
+
+        intent = Formation(
+            vehicles=names,
+            name=name,
             position_enu_m=position_enu_m,
-            formation=name,
-            duration_s=duration_s,
             spacing_m=spacing_m,
+            rotation_deg=rotation_deg,
             yaw_deg=yaw_deg,
-            is_nearest=assign == "nearest",
-            rotation_deg=rotation_deg or None,
+            assign=assign,
+            duration_s=duration_s,
         )
         return await self.order(intent, timeout_s)
 
@@ -240,9 +269,7 @@ class Group:
             duration_s: of the move [s]; 0 leaves it to the vehicles' limits.
             timeout_s: longest wait [s].
         """
-        intent = Intent(
-            "rotate", self.select(vehicles), rotation_deg=angle_deg, duration_s=duration_s
-        )
+        intent = Rotate(vehicles=self.select(vehicles), angle_deg=angle_deg, duration_s=duration_s)
         return await self.order(intent, timeout_s)
 
     async def yaw(
@@ -255,7 +282,7 @@ class Group:
             vehicles: to order.
             timeout_s: longest wait [s].
         """
-        return await self.order(Intent("yaw", self.select(vehicles), yaw_deg=yaw_deg), timeout_s)
+        return await self.order(Yaw(vehicles=self.select(vehicles), yaw_deg=yaw_deg), timeout_s)
 
     async def home(
         self,
@@ -265,8 +292,9 @@ class Group:
         duration_s: float = 0.0,
         timeout_s: float = 90.0,
     ) -> Results:
-        """Fly back over the take-off spots of the fleet file, land there and disarm: one order,
-        judged together.
+        """Fly back over the take-off spots of the fleet file, land there and disarm.
+
+        This is one order, judged together.
 
         Args:
             vehicles: to order.
@@ -274,7 +302,7 @@ class Group:
             duration_s: of the way back [s]; 0 leaves it to the vehicles' limits.
             timeout_s: longest wait [s].
         """
-        intent = Intent("home", self.select(vehicles), height_m=height_m, duration_s=duration_s)
+        intent = Home(vehicles=self.select(vehicles), height_m=height_m, duration_s=duration_s)
         return await self.order(intent, timeout_s)
 
     async def follow_path(
@@ -285,8 +313,9 @@ class Group:
         on_lag: OnLag = "land",
         timeout_s: float | None = None,
     ) -> Results:
-        """Have each vehicle follow its own path, all from one instant on. They go to the begins of
-        their paths first.
+        """Have each vehicle follow its own path, all from one instant on.
+
+        They go to the begins of their paths first.
 
         Args:
             paths: of vehicles, see :func:`groundstation.paths.files.load_path`.
@@ -295,11 +324,14 @@ class Group:
             timeout_s: longest flight along the paths [s]; None: their own duration, and a minute.
         """
         self.select(list(paths))
-        # what simulation may try
-        if not (self.state.is_simulated and self.config.law.built_in != "covey"):
+
+        # Without Covey's law simulation may try what the law would refuse.
+        is_other_law = self.config.law.built_in != "covey"
+        if not (self.state.is_simulated and is_other_law):
             refused = refusals(path_findings(self.config, paths, "follow_path"))
             if refused:
                 raise ConfigError(refused[0])
+
         return await follow_paths(
             self.ground, paths, lights=lights or {}, on_lag=on_lag, timeout_s=timeout_s
         )
@@ -307,8 +339,7 @@ class Group:
     async def fly_through(
         self, waypoints: Mapping[str, Sequence[Vec3]], *, speed_m_s: float, on_lag: OnLag = "land"
     ) -> Results:
-        """Fly through waypoints without stopping, from where the vehicles are, and stop at the last
-        ones.
+        """Fly through waypoints without stopping, from where the vehicles are to the last ones.
 
         Args:
             waypoints: of each vehicle [m], ENU.
@@ -323,21 +354,23 @@ class Group:
             telemetry = self.state.vehicles[name].telemetry
             if telemetry is None or not telemetry.is_airborne:
                 raise ConfigError(f"{name} does not fly: order take-off first.")
+
             points = np.array([telemetry.goal_position_enu_m, *waypoints[name]], dtype=float)
             yaw_rad = np.full(len(points), math.radians(telemetry.yaw_deg))
+            speeds_m_s = np.full(len(points), speed_m_s)
             try:
-                paths[name] = through(
-                    np.column_stack([points, yaw_rad]), np.full(len(points), speed_m_s)
-                )
+                paths[name] = through(np.column_stack([points, yaw_rad]), speeds_m_s)
             except ValueError as error:
                 raise ConfigError(f"{name}: {error}") from None
+
         return await self.follow_path(paths, on_lag=on_lag)
 
     async def follow(
         self, leader: str, duration_s: float, *, offsets: Mapping[str, Vec3] | None = None
     ) -> Results:
-        """Follow another vehicle for a time, each at its offset; then, and also when this is
-        cancelled, hold.
+        """Follow another vehicle for a time, each at its offset; then hold.
+
+        They hold also when this is cancelled.
 
         Args:
             leader: the vehicle that is followed.
@@ -350,18 +383,18 @@ class Group:
         """
         if offsets is None:
             offsets = present_offsets(self.client, leader, self.names)
+
         followers = self.select(list(offsets))
-        return await follow(
-            self.ground, leader, {name: offsets[name] for name in followers}, duration_s
-        )
+        follower_offsets = {name: offsets[name] for name in followers}
+        return await follow(self.ground, leader, follower_offsets, duration_s)
 
     async def hold(self, vehicles: Vehicles = "all", *, timeout_s: float = 15.0) -> Results:
         """Hold the present position."""
-        return await self.order(Intent("hold", self.select(vehicles)), timeout_s)
+        return await self.order(Hold(vehicles=self.select(vehicles)), timeout_s)
 
     async def land(self, vehicles: Vehicles = "all", *, timeout_s: float = 40.0) -> Results:
         """Land and disarm."""
-        return await self.order(Intent("land", self.select(vehicles)), timeout_s)
+        return await self.order(Land(vehicles=self.select(vehicles)), timeout_s)
 
     async def kill(self, vehicles: Vehicles, *, timeout_s: float = 5.0) -> Results:
         """Stop the motors at once, also in the air: the vehicles fall. They have to be named.
@@ -370,7 +403,7 @@ class Group:
             vehicles: to order.
             timeout_s: longest wait [s].
         """
-        return await self.order(Intent("kill", self.select(vehicles)), timeout_s)
+        return await self.order(Kill(vehicles=self.select(vehicles)), timeout_s)
 
     async def order(self, intent: Intent, timeout_s: float) -> Results:
         """Give an order, wait for its end and log the results.
@@ -399,12 +432,16 @@ class Group:
         Raises:
             ConditionTimeout: it does not hold in time.
         """
-        client, begin_ns = self.client, self.client.now_ns()
+        client = self.client
+        begin_ns = client.now_ns()
 
         def moment(state: FleetState) -> Moment:
             return Moment(state, client.now_ns(), begin_ns)
 
-        if not await client.wait_for(lambda state: condition.holds(moment(state)), timeout_s):
+        def holds(state: FleetState) -> bool:
+            return condition.holds(moment(state))
+
+        if not await client.wait_for(holds, timeout_s):
             value = condition.value(moment(client.state))
             raise ConditionTimeout(f"Not {condition.words} within {timeout_s:g} s: {value}.")
 
@@ -424,14 +461,16 @@ class Group:
                 exception ends both.
             ends: break the block off first; the mission goes on after it.
         """
-        body, has_begun = asyncio.current_task(), False
+        body = asyncio.current_task()
         assert body is not None
+        has_begun = False
 
         async def watch() -> None:
             nonlocal has_begun
             await self.until(condition, _EVER_S)
             has_begun = True
             self.ground.say(f"{condition.words[0].upper()}{condition.words[1:]}.")
+
             if ends:
                 body.cancel()
             else:
@@ -442,13 +481,14 @@ class Group:
             try:
                 yield
             except asyncio.CancelledError:
-                if not (ends and has_begun) or body.uncancel() > 0:
+                # The watch has cancelled the block, and nobody else has: that is no cancellation.
+                was_broken_off = ends and has_begun
+                if not was_broken_off or body.uncancel() > 0:
                     raise
             finally:
+                # A reaction that has begun is not cut short by the end of the block.
                 if not has_begun:
                     watching.cancel()
+
         if ends and has_begun:
             await reaction()
-
-
-_EVER_S = 1e9

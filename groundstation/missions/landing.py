@@ -7,9 +7,8 @@ from collections.abc import Callable, Sequence
 from groundstation.client.client import FleetClient
 from groundstation.fleet.descent import longest_descent_s
 from groundstation.fleet.state import FleetState
-from groundstation.orders.grammar import Intent
+from groundstation.orders.intents import Land
 from groundstation.orders.result import OrderResult
-from groundstation.verdict.verdict import is_landed
 
 LAND_AGAIN_S = 6.0
 _PATIENCE = 2.0  # times the descent: who lands waits for others below, and goes aside for others
@@ -56,7 +55,7 @@ async def land_all(
             left = tuple(name for name in left if not _is_down(client, name))
             continue
         say_once(f"Landing {', '.join(ordered)}.")
-        order = await client.submit(Intent("land", ordered))
+        order = await client.submit(Land(vehicles=ordered))
         await client.wait_for(_has_ended(client, order), (end_ns - client.now_ns()) * 1e-9)
         # An order can end before the vehicle is down: when a failsafe has taken over, PX4 lands by
         # itself. A vehicle that PX4 itself reports as disarmed, on the direct path, has no agent
@@ -107,7 +106,7 @@ def _all_down(client: FleetClient, names: Sequence[str]) -> Callable[[FleetState
 
 def _is_down(client: FleetClient, name: str) -> bool:
     """Whether it is landed and nothing may take it up again."""
-    return is_landed(client.state, name) and not client.may_start(name)
+    return client.state.is_landed(name) and not client.may_start(name)
 
 
 def _may_fly(client: FleetClient, name: str) -> bool:

@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Protocol
 
 from groundstation.client.client import FleetClient
-from groundstation.orders.grammar import Intent
+from groundstation.orders.intents import FollowPath, Goto, Hold, Intent
 from groundstation.orders.path_orders import OnLag, parts_of, starts_of
 from groundstation.orders.result import OrderFailed, OrderResult, Results
 from groundstation.paths.lights import Colour, Light, colour_at
@@ -69,7 +69,7 @@ async def follow_paths(
     """
     await _load(fleet, paths)
     begins = {name: point_at(path, 0.0).position_enu_m for name, path in paths.items()}
-    await fleet.order(Intent("goto", tuple(paths), goals=begins), _LATE_S)
+    await fleet.order(Goto(vehicles=tuple(paths), goals=begins), _LATE_S)
     longest_s = max(path.duration_s for path in paths.values())
     order = await _start(fleet, paths, on_lag)
     fleet.say(f"follow_path {','.join(paths)}: {longest_s:.0f} s, from {AHEAD_S:g} s from now on")
@@ -120,7 +120,7 @@ async def _start(fleet: Fleet, paths: Paths, on_lag: OnLag) -> OrderResult:
     if any(result.phase != "accepted" for result in order.results.values()):
         results = dict(order.results)
         # also those whose reply may have been lost
-        await client.order(Intent("hold", tuple(paths)), AHEAD_S)
+        await client.order(Hold(vehicles=tuple(paths)), AHEAD_S)
         _require(fleet, results, "follow_path")
     return order
 
@@ -129,7 +129,7 @@ def _require(fleet: Fleet, results: Results, verb: str) -> None:
     if all(result.is_done for result in results.values()):
         return
     fleet.steps.append(_step_result(verb, 0.0, results))
-    raise OrderFailed(Intent("follow_path", tuple(results)), dict(results))
+    raise OrderFailed(FollowPath(vehicles=tuple(results)), dict(results))
 
 
 def _step_result(verb: str, duration_s: float, results: Results) -> StepResult:

@@ -15,13 +15,13 @@ from groundstation.client.client import FleetClient
 from groundstation.client.fault_orders import FaultRefused
 from groundstation.client.preflight_page import advice_of
 from groundstation.fleet.state import FleetState
-from groundstation.mission_files.loading import Mission, with_shapes
+from groundstation.mission_files.mission import Mission, with_shapes
 from groundstation.mission_files.python_file import arguments_of
 from groundstation.missions.api import Fleet, NotReady, OrderFailed
 from groundstation.missions.landing import SILENT_S, silent_in_flight
 from groundstation.missions.step_runner import MissionFailed, StepRunner
-from groundstation.orders.grammar import Intent
-from groundstation.verdict.verdict import FlightObservations, Verdict, is_landed, judge
+from groundstation.orders.intents import Home
+from groundstation.verdict.verdict import FlightObservations, Verdict, judge
 from onboard.config.fleet import ConfigError
 
 LAND_TIMEOUT_S = 40.0
@@ -156,7 +156,7 @@ class MissionRun:
 
     def _is_at_rest(self, state: FleetState) -> bool:
         return all(
-            is_landed(state, name) or state.vehicles[name].is_airborne for name in self.fleet.names
+            state.is_landed(name) or state.vehicles[name].is_airborne for name in self.fleet.names
         )
 
     def flown(self) -> FlightObservations:
@@ -194,7 +194,7 @@ class MissionRun:
                 name for name in self.fleet.names if self.client.state.vehicles[name].is_airborne
             )
             if up:
-                await (await self.client.submit(Intent("home", up))).wait(HOME_TIMEOUT_S)
+                await (await self.client.submit(Home(vehicles=up))).wait(HOME_TIMEOUT_S)
         await self.fleet.land_all(LAND_TIMEOUT_S)
 
 

@@ -1,28 +1,28 @@
-"""The steps of a mission file, done one after the other, side by side, again, or until a condition
-holds.
+"""The steps of a mission file in flight: one after the other, side by side, again, or until.
+
+Keys of a step, as ``step[2].branches[0][1]``, are those of the mission file: sentences name them.
 """
 
 from __future__ import annotations
 
 import asyncio
 from collections.abc import Sequence
-from dataclasses import replace
+
+from msgspec.structs import replace
 
 from groundstation.mission_files.expected_course import (
-    Stage,
+    CourseStep,
     formation_paths,
-    intent_of,
+    resolved,
     with_speed,
 )
-from groundstation.mission_files.loading import Mission
+from groundstation.mission_files.mission import Mission
 from groundstation.mission_files.steps import (
     ExpectStep,
     FaultStep,
     FlyFormationStep,
     FollowPathStep,
-    GoalStep,
     MissionStep,
-    OrderStep,
     ParallelStep,
     ReactStep,
     RepeatStep,
@@ -32,8 +32,8 @@ from groundstation.mission_files.steps import (
 from groundstation.missions import conditions
 from groundstation.missions.api import Fleet
 from groundstation.missions.conditions import WaitCondition
-from groundstation.orders.grammar import Intent
-from groundstation.verdict.verdict import check, is_landed, smallest
+from groundstation.orders.intents import GoalIntent, Goto, Intent, Names
+from groundstation.verdict.verdict import check, smallest
 from onboard.config.fleet import FleetConfig, Vec3
 
 
@@ -54,50 +54,58 @@ class StepRunner:
         self._fleet = fleet
 
     async def run(self) -> None:
-        """Do all steps, and say before each of several which one it is and how long the rest takes."""
+        """Do all steps, and say before each one which it is and how long the rest takes."""
         steps = self._mission.steps
-        stages = list(self._mission.course())
+        course = list(self._mission.course())
+
         for index, step in enumerate(steps):
-            left_s = sum(one.times * one.expected_s for one in stages if _index(one) >= index)
+            left_s = sum(one.times * one.expected_s for one in course if _index(one) >= index)
             self._fleet.say(f"[{index + 1}/{len(steps)}] {step.do}; about {left_s:.0f} s left")
             await self._do(step, f"step[{index}]")
 
     async def rehearse_faults(self, steps: Sequence[MissionStep] | None = None) -> None:
         """Check every fault before the take-off.
 
+        Args:
+            steps: to check, with those within them; None: all.
+
         Raises:
             FaultRefused: one will be impossible.
         """
-        for step in self._mission.steps if steps is None else steps:
+        if steps is None:
+            steps = self._mission.steps
+
+        for step in steps:
             if isinstance(step, FaultStep):
                 await self._fault(step, is_rehearsal=True)
-            for inner in _blocks(step):
-                await self.rehearse_faults(inner)
+            for inner_steps in _blocks(step):
+                await self.rehearse_faults(inner_steps)
 
     async def _all(self, steps: Sequence[MissionStep], key: str) -> None:
+        """Do steps one after the other."""
         for index, step in enumerate(steps):
             await self._do(step, f"{key}[{index}]")
 
     async def _do(self, step: MissionStep, key: str) -> None:
-        fleet = self._fleet
-        if isinstance(step, OrderStep):
+        """Do one step."""
+        if isinstance(step, Intent):
             await self._order(step)
         elif isinstance(step, WaitStep):
-            await fleet.wait(step.duration_s)
-            if step.until is not None:
-                await fleet.until(condition(step.until, fleet.config), step.timeout_s)
+            await self._wait(step)
         elif isinstance(step, FaultStep):
             await self._fault(step)
         elif isinstance(step, ExpectStep):
             self._expect_now(key, step)
         elif isinstance(step, FollowPathStep):
-            paths, lights = self._mission.paths_of(step), self._mission.lights_of(step)
-            await fleet.follow_path(
-                paths, lights=lights, on_lag=step.on_lag, timeout_s=step.timeout_s
+            await self._fleet.follow_path(
+                self._mission.paths_of(step),
+                lights=self._mission.lights_of(step),
+                on_lag=step.on_lag,
+                timeout_s=step.timeout_s,
             )
         elif isinstance(step, FlyFormationStep):
-            paths = formation_paths(step, fleet.config, self._spots())
-            await fleet.follow_path(paths, on_lag=step.on_lag, timeout_s=step.timeout_s)
+            paths = formation_paths(step, self._fleet.config, self._spots())
+            await self._fleet.follow_path(paths, on_lag=step.on_lag, timeout_s=step.timeout_s)
         elif isinstance(step, RepeatStep):
             for _ in range(step.times):
                 await self._all(step.steps, f"{key}.steps")
@@ -106,23 +114,29 @@ class StepRunner:
         else:
             await self._react(step, key)
 
-    async def _order(self, step: OrderStep) -> None:
+    async def _order(self, step: Intent) -> None:
+        """Give a step's order to those of its vehicles that still take part."""
         fleet = self._fleet
-        intent = intent_of(step, fleet.config)
-        intent = _without(intent, fleet.ground.left_out)
-        if not intent.vehicles:
+        intent = _without(resolved(step, fleet.config), fleet.ground.left_out)
+        if not intent.names:
             return
-        if isinstance(step, GoalStep) and step.speed_m_s is not None:
-            orders = fleet.client.plan(intent).orders
-            goals = {
-                name: one.position_enu_m
-                for name, one in orders.items()
-                if one.position_enu_m is not None
-            }
-            intent = with_speed(intent, step.speed_m_s, goals, self._spots())
+
+        if isinstance(intent, GoalIntent) and intent.speed_m_s is not None:
+            goals = {}
+            for name, order in fleet.client.plan(intent).orders.items():
+                if order.position_enu_m is not None:
+                    goals[name] = order.position_enu_m
+            intent = with_speed(intent, goals, self._spots())
+
         await fleet.order(intent, step.timeout_s)
 
+    async def _wait(self, step: WaitStep) -> None:
+        await self._fleet.wait(step.duration_s)
+        if step.until is not None:
+            await self._fleet.until(condition(step.until, self._fleet.config), step.timeout_s)
+
     async def _side_by_side(self, step: ParallelStep, key: str) -> None:
+        """Do branches at the same time; the first failure ends all."""
         try:
             async with asyncio.TaskGroup() as group:
                 for index, branch in enumerate(step.branches):
@@ -131,13 +145,14 @@ class StepRunner:
             raise _first(failures) from None
 
     async def _react(self, step: ReactStep, key: str) -> None:
+        """Do steps until a condition holds, then others."""
+
         async def then() -> None:
             await self._all(step.then, f"{key}.then")
 
+        when = condition(step.when, self._fleet.config)
         try:
-            async with self._fleet.reacting(
-                condition(step.when, self._fleet.config), then, ends=True
-            ):
+            async with self._fleet.reacting(when, then, ends=True):
                 await self._all(step.steps, f"{key}.steps")
         except BaseExceptionGroup as failures:
             raise _first(failures) from None
@@ -153,17 +168,25 @@ class StepRunner:
         )
 
     def _expect_now(self, key: str, step: ExpectStep) -> None:
-        state = self._fleet.state
-        landed = {name: is_landed(state, name) for name in self._fleet.names}
-        for one in check(step, self._mission.fleet, smallest(state), self._fleet.arrivals, landed):
-            self._fleet.say(f"  {one.sentence}")
-            if not one.has_come_true:
-                raise MissionFailed(f"{key} expected: {one.sentence}")
+        """Judge the flight so far; the first expectation that is not met ends the mission."""
+        fleet = self._fleet
+        landed = {name: fleet.state.is_landed(name) for name in fleet.names}
+        results = check(step, self._mission.fleet, smallest(fleet.state), fleet.arrivals, landed)
+
+        for result in results:
+            fleet.say(f"  {result.sentence}")
+            if not result.has_come_true:
+                raise MissionFailed(f"{key} expected: {result.sentence}")
 
     def _spots(self) -> dict[str, Vec3]:
-        now_ns, views = self._fleet.client.now_ns(), self._fleet.state.vehicles
-        spots = {name: views[name].position_enu_m(now_ns) for name in self._fleet.names}
-        return {name: spot for name, spot in spots.items() if spot is not None}
+        """Return where the vehicles are that report it."""
+        now_ns = self._fleet.client.now_ns()
+        spots = {}
+        for name in self._fleet.names:
+            position_enu_m = self._fleet.state.vehicles[name].position_enu_m(now_ns)
+            if position_enu_m is not None:
+                spots[name] = position_enu_m
+        return spots
 
 
 def condition(until: Until, fleet: FleetConfig) -> WaitCondition:
@@ -177,50 +200,63 @@ def condition(until: Until, fleet: FleetConfig) -> WaitCondition:
         ConfigError: a vehicle is unknown.
     """
 
-    def names(vehicles: str | list[str] | None) -> tuple[str, ...] | None:
+    def select(vehicles: Names | None) -> tuple[str, ...] | None:
         return None if vehicles is None else fleet.select(vehicles)
 
-    about = names(until.vehicles)
-    all_ = []
+    about = select(until.vehicles)
+    parts = []
     if until.reached:
-        goals = dict(zip(fleet.select(list(until.reached)), until.reached.values(), strict=True))
-        all_.append(conditions.reached(goals, until.within_m))
+        names = fleet.select(list(until.reached))
+        goals = dict(zip(names, until.reached.values(), strict=True))
+        parts.append(conditions.reached(goals, until.within_m))
     if until.separation_above_m is not None:
-        all_.append(conditions.separation_above(until.separation_above_m))
+        parts.append(conditions.separation_above(until.separation_above_m))
     if until.separation_below_m is not None:
-        all_.append(conditions.separation_below(until.separation_below_m))
+        parts.append(conditions.separation_below(until.separation_below_m))
     if until.battery_below_pct is not None:
-        all_.append(conditions.battery_below(until.battery_below_pct, about))
+        parts.append(conditions.battery_below(until.battery_below_pct, about))
     if until.landed is not None:
-        all_.append(conditions.landed(names(until.landed)))
+        parts.append(conditions.landed(select(until.landed)))
     if until.flying is not None:
-        all_.append(conditions.flying(names(until.flying)))
+        parts.append(conditions.flying(select(until.flying)))
     if until.fails:
-        all_.append(conditions.fails(about))
+        parts.append(conditions.fails(about))
     if until.event is not None:
-        all_.append(conditions.event(until.event, about))
-    return all_[0] if len(all_) == 1 else conditions.all_of(*all_)
+        parts.append(conditions.event(until.event, about))
+
+    if len(parts) == 1:
+        return parts[0]
+    return conditions.all_of(*parts)
 
 
 def _without(intent: Intent, left_out: set[str]) -> Intent:
-    names = tuple(name for name in intent.vehicles if name not in left_out)
-    goals = None if intent.goals is None else {name: intent.goals[name] for name in names}
-    return replace(intent, vehicles=names, goals=goals)
+    """Return an order without the vehicles that the mission goes on without."""
+    names = tuple(name for name in intent.names if name not in left_out)
+    if isinstance(intent, Goto):
+        goals = {name: intent.goals[name] for name in names}
+        return replace(intent, vehicles=names, goals=goals)
+    return replace(intent, vehicles=names)
 
 
 def _blocks(step: MissionStep) -> tuple[Sequence[MissionStep], ...]:
+    """Return the lists of steps that a step holds."""
     if isinstance(step, ParallelStep):
         return step.branches
-    return (
-        (step.steps, getattr(step, "then", ())) if isinstance(step, RepeatStep | ReactStep) else ()
-    )
+    if isinstance(step, ReactStep):
+        return (step.steps, step.then)
+    if isinstance(step, RepeatStep):
+        return (step.steps,)
+    return ()
 
 
-def _index(stage: Stage) -> int:
-    return int(stage.key.removeprefix("step[").partition("]")[0])
+def _index(course_step: CourseStep) -> int:
+    """Return which of the mission's outermost steps a step belongs to."""
+    return int(course_step.key.removeprefix("step[").partition("]")[0])
 
 
 def _first(failures: BaseExceptionGroup[BaseException]) -> BaseException:
     """Return the first exception of a group, which the others followed."""
     first = failures.exceptions[0]
-    return _first(first) if isinstance(first, BaseExceptionGroup) else first
+    if isinstance(first, BaseExceptionGroup):
+        return _first(first)
+    return first

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from groundstation.orders.grammar import Intent
+from groundstation.orders.intents import Intent
 from onboard.arrays import Array
 from onboard.bus.schema import Vec3
 from onboard.config.fleet import FleetConfig

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Literal
 
-from groundstation.orders.grammar import PathVerb
+from groundstation.orders.intents import PathVerb
 from groundstation.orders.plan import ORDER_LIFE_S
 from onboard.bus.schema import Order, PathOrder
 from onboard.control.path import PART_BYTES, Path, path_id, to_bytes

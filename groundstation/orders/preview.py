@@ -1,25 +1,29 @@
-"""Preview of an order: the legs of all vehicles, reasons not to send it, and whether it still
-holds. Pure.
+"""Preview of an order: where all vehicles go, reasons not to send it, and whether it still holds.
+
+The preview is made of one moment of the fleet. While it is shown the fleet moves on: `changed`
+says whether something that matters is different by now. Pure.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+
+from msgspec.structs import replace
 
 from groundstation.fleet.state import FleetState, VehicleView
 from groundstation.orders.forecast import Leg
-from groundstation.orders.grammar import Intent
+from groundstation.orders.intents import Intent, Takeoff
 from groundstation.orders.plan import PlannedOrder
 from onboard.bus.schema import Order, Telemetry, Vec3
 
-PREVIEWED = ("arm", "takeoff", "move", "goto", "formation", "rotate", "home")
-_STARTS = ("arm", "takeoff")
 _CAN_START = ("waiting", "ready", "landed", "armed")
-_CAN_MOVE = _HAS_GOAL = ("flying", "holding", "taking off")
-# a start may drift by so much, and by so many seconds of its speed, while it is shown
-_DRIFT_M, _DRIFT_S = 0.3, 1.0
+_CAN_MOVE = ("flying", "holding", "taking off")
+_HAS_GOAL = _CAN_MOVE
+# A start may drift by so much, and by so many seconds of its speed, while the preview is shown.
+_DRIFT_M = 0.3
+_DRIFT_S = 1.0
 _MOVING_M_S = 0.4
 
 
@@ -46,7 +50,7 @@ class OrderPreview:
 
 
 def preview_order(planned: PlannedOrder, state: FleetState, now_ns: int) -> OrderPreview:
-    """Work out what a planned order would do to the fleet as it is now.
+    """Return what a planned order would do to the fleet as it is now.
 
     Args:
         planned: the order.
@@ -61,32 +65,43 @@ def preview_order(planned: PlannedOrder, state: FleetState, now_ns: int) -> Orde
     notes = []
     silent: set[str] = set()
     unfit: dict[str, str] = {}
+
     for name, view in state.vehicles.items():
         order = planned.orders.get(name)
-        telemetry = view.telemetry
         if order is not None:
             reason = _unfit(intent, view, now_ns)
             if reason is not None:
                 unfit[name] = reason
+
+        telemetry = view.telemetry
         position = view.position_enu_m(now_ns)
         if position is None and view.is_airborne and telemetry is not None:
             silent.add(name)
             notes.append(
                 f"{name} flies and its position is not known now: computed from its last one."
             )
-            position = telemetry.position_enu_m if telemetry.is_position_valid else None
+            if telemetry.is_position_valid:
+                position = telemetry.position_enu_m
         if position is None or telemetry is None:
             continue
+
         legs[name] = _leg(intent, telemetry, position, order)
         if telemetry.is_airborne and math.hypot(*telemetry.velocity_enu_m_s) > _MOVING_M_S:
             notes.append(f"{name} moves: computed as if it began from a standstill.")
+
     reasons = [*dict.fromkeys(planned.refusals.values()), *unfit.values()]
-    rest = tuple(name for name in planned.orders if name not in unfit)
-    if unfit and rest and not planned.refusals:
-        others = replace(intent, vehicles=rest)
-        reasons.append(f"Without {'it' if len(unfit) == 1 else 'them'}: {others}")
+    fit = tuple(name for name in planned.orders if name not in unfit)
+    if unfit and fit and not planned.refusals:
+        them = "it" if len(unfit) == 1 else "them"
+        reasons.append(f"Without {them}: {replace(intent, vehicles=fit)}")
+
     return OrderPreview(
-        planned, legs, tuple(reasons), tuple(notes), frozenset(unfit), frozenset(silent)
+        planned=planned,
+        legs=legs,
+        reasons=tuple(reasons),
+        notes=tuple(notes),
+        unfit=frozenset(unfit),
+        silent=frozenset(silent),
     )
 
 
@@ -106,71 +121,90 @@ def changed(
     """
     if checked.orders.keys() != preview.planned.orders.keys():
         return "the vehicles that can be ordered have changed"
-    return next(
-        (
-            words
-            for view in state.vehicles.values()
-            if (words := _difference(preview, view, now_ns)) is not None
-        ),
-        None,
-    )
+
+    for view in state.vehicles.values():
+        words = _difference(preview, view, now_ns)
+        if words is not None:
+            return words
+    return None
 
 
 def _difference(preview: OrderPreview, view: VehicleView, now_ns: int) -> str | None:
-    name, telemetry, position = view.name, view.telemetry, view.position_enu_m(now_ns)
-    leg, is_silent = preview.legs.get(name), name in preview.silent
+    """Return what is different about one vehicle, in words; None when nothing matters."""
+    name = view.name
+    telemetry = view.telemetry
+    position = view.position_enu_m(now_ns)
+    leg = preview.legs.get(name)
+    was_silent = name in preview.silent
+
     if leg is None:
         return None if position is None else f"{name} has appeared"
+
     if telemetry is None or position is None:
-        return (
-            f"{name} is silent" if not is_silent and (not leg.is_parked or leg.is_ordered) else None
-        )
-    if is_silent:
+        matters = leg.is_ordered or not leg.is_parked
+        return f"{name} is silent" if matters and not was_silent else None
+    if was_silent:
         return f"{name} is heard again"
-    if telemetry.is_airborne == leg.is_parked and not leg.is_ordered:
-        return f"{name} has {'taken off' if telemetry.is_airborne else 'landed'}"
+
+    if not leg.is_ordered and telemetry.is_airborne == leg.is_parked:
+        return f"{name} has taken off" if telemetry.is_airborne else f"{name} has landed"
+
     is_unfit = name in preview.planned.orders and _unfit(preview.intent, view, now_ns) is not None
     if is_unfit != (name in preview.unfit):
         return f"{name}'s readiness has changed"
+
     speed_m_s = math.hypot(*telemetry.velocity_enu_m_s)
     if math.dist(position, leg.start_enu_m) > _DRIFT_M + _DRIFT_S * speed_m_s:
         return f"{name} has moved"
-    is_other = not leg.is_ordered and telemetry.is_airborne
-    if is_other and math.dist(_goal(telemetry, position), leg.goal_enu_m) > _DRIFT_M:
-        return f"{name} goes elsewhere"
+
+    if not leg.is_ordered and telemetry.is_airborne:
+        goal_change_m = math.dist(_goal(telemetry, position), leg.goal_enu_m)
+        if goal_change_m > _DRIFT_M:
+            return f"{name} goes elsewhere"
     return None
 
 
 def _unfit(intent: Intent, view: VehicleView, now_ns: int) -> str | None:
-    """Reason for which this vehicle would refuse the order now, as far as telemetry shows it; None
-    without one.
-    """
+    """Return why this vehicle would refuse the order now, as far as telemetry shows it."""
     telemetry = view.telemetry
-    if telemetry is None or not view.is_fresh(now_ns):
-        return f"{view.name} is not heard{'' if telemetry is None else ' any more'}: is its agent running?"
-    if intent.verb in _STARTS:
-        if telemetry.state not in _CAN_START or (
-            intent.verb == "arm" and telemetry.state == "armed"
-        ):
+    if telemetry is None:
+        return f"{view.name} is not heard: is its agent running?"
+    if not view.is_fresh(now_ns):
+        return f"{view.name} is not heard any more: is its agent running?"
+
+    if intent.is_start:
+        is_armed_already = intent.verb == "arm" and telemetry.state == "armed"
+        if telemetry.state not in _CAN_START or is_armed_already:
             return f"{view.name} cannot start: it is {telemetry.state}."
         if telemetry.not_ready:
             return f"{view.name} is not ready: {telemetry.not_ready[0]}"
     elif telemetry.state not in _CAN_MOVE:
         return f"{view.name} does not fly (it is {telemetry.state}): order take-off first."
+
     if not telemetry.is_position_valid:
         return f"{view.name} does not know its position."
     return None
 
 
 def _leg(intent: Intent, telemetry: Telemetry, position: Vec3, order: Order | None) -> Leg:
+    """Return a vehicle's straight way: by this order, by an earlier one, or none on the ground."""
     if order is None or intent.verb == "arm":
         is_parked = not telemetry.is_airborne
         goal = position if is_parked else _goal(telemetry, position)
         return Leg(position, goal, is_ordered=False, is_parked=is_parked)
-    above = (position[0], position[1], intent.height_m or position[2])
-    return Leg(position, order.position_enu_m or above, order.duration_s)
+
+    if order.position_enu_m is not None:
+        return Leg(position, order.position_enu_m, order.duration_s)
+
+    height_m = position[2]
+    if isinstance(intent, Takeoff) and intent.height_m:
+        height_m = intent.height_m
+    return Leg(position, (position[0], position[1], height_m), order.duration_s)
 
 
 def _goal(telemetry: Telemetry, position: Vec3) -> Vec3:
-    is_finite = all(map(math.isfinite, telemetry.goal_position_enu_m))
-    return telemetry.goal_position_enu_m if telemetry.state in _HAS_GOAL and is_finite else position
+    """Return the goal that a vehicle has announced; where it is without one."""
+    goal_enu_m = telemetry.goal_position_enu_m
+    if telemetry.state in _HAS_GOAL and all(map(math.isfinite, goal_enu_m)):
+        return goal_enu_m
+    return position

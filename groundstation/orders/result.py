@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from groundstation.orders.grammar import Intent
+from groundstation.orders.intents import Intent
 from groundstation.orders.plan import PlannedOrder
 
 Phase = Literal[
@@ -38,7 +38,7 @@ class VehicleResult:
     phase: Phase
     sentence: str  # reason, by the agent, PX4 or the ground
     is_silent: bool = False  # neither the agent nor, on the direct path, PX4 has answered
-    place: int = 0  # vehicles whose order had ended before
+    ended_before: int = 0  # number of vehicles whose order had ended before
 
     @property
     def is_final(self) -> bool:
@@ -63,9 +63,10 @@ class OrderFailed(RuntimeError):
 
     def __init__(self, intent: Intent, results: Results) -> None:
         self.results = results
+
         missing = [result for result in results.values() if not result.is_done]
-        # the first one may be the cause of the others
-        missing.sort(key=lambda result: result.place)
+        # The first order that ended may be the cause of the others' ends.
+        missing.sort(key=lambda result: result.ended_before)
         reasons = [f"{result.vehicle} {result.phase}: {result.sentence}" for result in missing]
         super().__init__(f"'{intent}' failed. {' '.join(reasons)}")
 
@@ -79,12 +80,15 @@ class OrderResult:
 
     def __init__(self, planned: PlannedOrder) -> None:
         self.planned = planned
-        self.results: dict[str, VehicleResult] = {
-            name: VehicleResult(name, planned.orders[name].order_id, "sent", "")
-            if name in planned.orders
-            else VehicleResult(name, "", "refused", planned.refusals.get(name, ""))
-            for name in planned.intent.vehicles
-        }
+        self.results: Results = {}
+        for name in planned.intent.names:
+            order = planned.orders.get(name)
+            if order is not None:
+                result = VehicleResult(name, order.order_id, "sent", "")
+            else:
+                result = VehicleResult(name, "", "refused", planned.refusals.get(name, ""))
+            self.results[name] = result
+
         self._changed = asyncio.Event()
         self._listeners: list[Callable[[VehicleResult], None]] = []
 
@@ -108,8 +112,9 @@ class OrderResult:
         self._listeners.append(listener)
 
     def update(self, vehicle: str, phase: Phase, sentence: str, *, is_silent: bool = False) -> None:
-        """Set a vehicle's phase. An end stays, except that a late reply of the agent replaces ``no
-        answer``.
+        """Set a vehicle's phase.
+
+        An end stays, except that a late reply of the agent replaces ``no answer``.
 
         Args:
             vehicle: its name.
@@ -117,21 +122,26 @@ class OrderResult:
             sentence: the reason.
             is_silent: neither the agent nor PX4 has answered.
         """
-        old = self.results[vehicle]
-        if old.is_final and old.phase != "no answer":
+        before = self.results[vehicle]
+        if before.is_final and before.phase != "no answer":
             return
-        if phase == "accepted" and old.phase == "direct":
+        if phase == "accepted" and before.phase == "direct":
             return
-        place = sum(one.is_final for one in self.results.values())
+
         result = VehicleResult(
-            vehicle, old.order_id, phase, sentence, is_silent or phase == "no answer", place
+            vehicle=vehicle,
+            order_id=before.order_id,
+            phase=phase,
+            sentence=sentence,
+            is_silent=is_silent or phase == "no answer",
+            ended_before=sum(1 for other in self.results.values() if other.is_final),
         )
         self.results[vehicle] = result
         self._changed.set()
         for listener in self._listeners:
             listener(result)
 
-    async def wait(self, timeout_s: float | None = None) -> dict[str, VehicleResult]:
+    async def wait(self, timeout_s: float | None = None) -> Results:
         """Wait until every vehicle's order has ended.
 
         Args:
@@ -146,13 +156,20 @@ class OrderResult:
                     self._changed.clear()
                     await self._changed.wait()
         except TimeoutError:
-            limit = f"not finished within {timeout_s:g} s"
             return {
-                name: result
-                if result.is_final
-                else VehicleResult(
-                    name, result.order_id, "unfinished", f"{name}: {limit} ({result.phase})."
-                )
+                name: _unfinished(result, f"not finished within {timeout_s:g} s")
                 for name, result in self.results.items()
             }
         return dict(self.results)
+
+
+def _unfinished(result: VehicleResult, limit: str) -> VehicleResult:
+    """Return the result of an order whose end was not waited for any longer."""
+    if result.is_final:
+        return result
+    return VehicleResult(
+        vehicle=result.vehicle,
+        order_id=result.order_id,
+        phase="unfinished",
+        sentence=f"{result.vehicle}: {limit} ({result.phase}).",
+    )

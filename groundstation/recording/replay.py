@@ -22,7 +22,8 @@ from groundstation.alarms.alarms import plain
 from groundstation.fleet import state as fleet_state
 from groundstation.fleet.state import FleetState
 from groundstation.fleet.tick_stream import KEPT
-from groundstation.orders.grammar import Intent, OrderError
+from groundstation.orders.grammar import OrderError
+from groundstation.orders.intents import Intent
 from groundstation.orders.result import OrderResult
 from groundstation.recording.channels import as_mapping
 from groundstation.recording.timeline import Reading, RecordedMessage, Timeline

@@ -14,7 +14,8 @@ from dataclasses import dataclass
 from json import dumps
 from typing import Literal, get_args
 
-from groundstation.mission_files.loading import Mission, mission_from_mapping
+from groundstation.mission_files.loading import mission_from_mapping
+from groundstation.mission_files.mission import Mission
 from groundstation.mission_files.mission_findings import refuse_unflyable
 from groundstation.starter.layout import Plan, grid, half_width_m, ring
 from onboard.config.example_files import EXAMPLES

@@ -122,19 +122,6 @@ class FlightObservations:
     is_interrupted: bool = False
 
 
-def is_landed(state: FleetState, name: str) -> bool:
-    """Whether a vehicle is landed and disarmed, by its last telemetry.
-
-    PX4's own heartbeat on the direct path counts too, if it came after the agent's last telemetry.
-    """
-    view = state.vehicles.get(name)
-    if view is None or view.telemetry is None:
-        return False
-    if not view.telemetry.is_airborne and not view.telemetry.is_armed:
-        return True
-    return view.is_disarmed_by_px4
-
-
 def flown_law(state: FleetState, fleet: FleetConfig) -> str:
     """Return the law that the agents report; that of the fleet file as long as none has reported."""
     vehicles_by_law: dict[str, list[str]] = {}
@@ -153,7 +140,7 @@ def _still_up(state: FleetState, expect: Expect) -> str:
         for name, view in state.vehicles.items()
         if view.telemetry is not None
         and (view.is_airborne or view.telemetry.is_armed)
-        and not is_landed(state, name)
+        and not state.is_landed(name)
     ]
     if not up or expect.all_landed is not None:
         return ""
@@ -264,7 +251,7 @@ def judge(
         if view.truth is not None and view.truth.is_collided
     }
     collided = sorted(touched.union(report.collided if report is not None else ()))
-    landed = {name: is_landed(state, name) for name in fleet.enabled_names}
+    landed = {name: state.is_landed(name) for name in fleet.enabled_names}
     checks = check(expect, fleet, closest, flown.arrivals, landed, collided)
     is_collision = bool(collided)
     # with heights only the emulator knows

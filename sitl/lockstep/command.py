@@ -8,7 +8,7 @@ import signal
 import time
 from pathlib import Path
 
-from groundstation.mission_files.loading import Mission
+from groundstation.mission_files.mission import Mission
 from onboard.bus.schema import Event
 from sitl.lockstep.connections import BusSettings
 from sitl.lockstep.flight import Lockstep

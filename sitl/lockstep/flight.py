@@ -17,7 +17,8 @@ from msgspec.structs import replace
 from groundstation.client.client import FleetClient
 from groundstation.client.direct_mavlink import DirectKind, DirectResult
 from groundstation.fleet.state import FleetState
-from groundstation.mission_files.loading import Mission, load_mission
+from groundstation.mission_files.loading import load_mission
+from groundstation.mission_files.mission import Mission
 from groundstation.missions.api import Fleet
 from groundstation.missions.connection import hosted, run_script
 from groundstation.missions.runner import READY_TIMEOUT_SIM_S, MissionRun

@@ -161,14 +161,18 @@ def fleet_file() -> str:
 
 def mission_file() -> str:
     """Print the reference of mission files."""
+    from groundstation.orders.intents import Assign
     from groundstation.orders.path_orders import OnLag
 
+    _LITERALS["Assign"] = _of(Assign)
     _LITERALS["OnLag"] = _of(OnLag)
     most: dict[str, Ends] = {key: (0.0, high) for key, high in EXPECT_MOST_M.items()}
     steps = []
     for name, kind in STEPS.items():
         summary = " ".join(str(inspect.getdoc(kind)).partition("\n\n")[0].split())
-        body = _table(kind, {**STEP_BOUNDS, **most}, ("do",))
+        body = _table(
+            kind, {**STEP_BOUNDS, **most}, leave=("do", *getattr(kind, "planned_fields", ()))
+        )
         steps.append(
             f'### `do = "{name}"`\n\n{summary}' + (f"\n\n{body}" if body.count("\n") > 1 else "")
         )

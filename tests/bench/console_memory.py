@@ -20,7 +20,8 @@ from groundstation.console.app import ConsoleApp
 from groundstation.fleet import state as fleet_state
 from groundstation.fleet.state import FleetState
 from groundstation.fleet.tick_stream import KEPT
-from groundstation.orders.grammar import Intent, OrderError
+from groundstation.orders.grammar import OrderError
+from groundstation.orders.intents import Intent
 from groundstation.orders.result import OrderResult
 from onboard.bus.schema import Event, TickSample
 from onboard.config.fleet import FleetConfig, fleet_from_mapping

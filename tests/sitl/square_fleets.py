@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from groundstation.mission_files.loading import Mission, mission_from_mapping
+from groundstation.mission_files.loading import mission_from_mapping
+from groundstation.mission_files.mission import Mission
 from onboard.config.fleet import FleetConfig, fleet_from_mapping
 
 _SPACING_M = 1.7

@@ -6,7 +6,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from groundstation.mission_files.loading import Mission, load_mission
+from groundstation.mission_files.loading import load_mission
+from groundstation.mission_files.mission import Mission
 from groundstation.shows.output import write_show
 from groundstation.shows.skyc import read_skyc
 from onboard.config.example_files import EXAMPLES

@@ -18,7 +18,8 @@ from msgspec.structs import replace
 
 from groundstation.client.client import FleetClient
 from groundstation.commands.shared.interruption import listen, listen_no_more
-from groundstation.mission_files.loading import Mission, load_mission, with_fleet
+from groundstation.mission_files.loading import load_mission, with_fleet
+from groundstation.mission_files.mission import Mission
 from groundstation.mission_files.mission_findings import refuse_unflyable
 from groundstation.missions.runner import READY_TIMEOUT_SIM_S, MissionRun, load_function
 from groundstation.processes.free_ports import (

@@ -22,7 +22,7 @@ from groundstation.console.theme import clean
 from groundstation.console.widgets.path_plan import PathPlan
 from groundstation.orders.forecast import Forecast, objections
 from groundstation.orders.forecast_process import Forecaster, ForecastFailed
-from groundstation.orders.grammar import Intent
+from groundstation.orders.intents import Intent
 from groundstation.orders.plan import PlannedOrder
 from groundstation.orders.preview import OrderPreview, changed, preview_order
 from onboard.config.fleet import FleetConfig
@@ -199,7 +199,7 @@ class PreviewScreen(Dialog[PlannedOrder | None]):
         indices = {name: index for index, name in enumerate(self.fleet.enabled_names)}
 
         lines = []
-        for name in preview.intent.vehicles[:_MOST_NAMED]:
+        for name in preview.intent.names[:_MOST_NAMED]:
             line = f"{indices.get(name, '?')} {name}"
             leg = preview.legs.get(name)
             if leg is not None and leg.is_ordered:
@@ -208,7 +208,7 @@ class PreviewScreen(Dialog[PlannedOrder | None]):
                 line += f"  → {x_m:.2f} {y_m:.2f} {z_m:.2f} m  ({distance_m:.1f} m away)"
             lines.append(line)
 
-        hidden = len(preview.intent.vehicles) - _MOST_NAMED
+        hidden = len(preview.intent.names) - _MOST_NAMED
         if hidden > 0:
             lines.append(f"and {hidden} more")
         return lines

@@ -17,7 +17,7 @@ from textual.widgets import Input
 
 from groundstation.fleet.control_authority import FORCE_WORD
 from groundstation.formations.slots import formation_names
-from groundstation.orders.grammar import VERBS
+from groundstation.orders.intents import INTENTS
 from onboard.config.fleet import FleetConfig
 
 CONTROL_ORDERS = ("take control", f"take control {FORCE_WORD}", "give control", "keep control")
@@ -57,7 +57,7 @@ def _continues(word: str, start: str) -> bool:
 
 def _verbs(start: str) -> list[str]:
     """Return the verbs with this start; the rare ones only when no other verb has it."""
-    verbs: list[str] = [verb for verb in VERBS if _continues(verb, start)]
+    verbs: list[str] = [verb for verb in INTENTS if _continues(verb, start)]
     if verbs:
         return verbs
 

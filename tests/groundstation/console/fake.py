@@ -11,6 +11,8 @@ import msgspec
 from groundstation.fleet import state as fleet_state
 from groundstation.fleet.control_authority import Control
 from groundstation.orders import grammar, plan
+from groundstation.orders.held_formation import HeldFormation
+from groundstation.orders.intents import Intent
 from groundstation.orders.result import OrderResult
 from onboard.bus.control_token import ControlTokens
 from onboard.bus.schema import Event, Telemetry, TickSample
@@ -96,9 +98,9 @@ class FakeClient:
                       order_id="1" if outcome else "", order_outcome=outcome)  # fmt: skip
         self.state = fleet_state.fold(self.state, event, self.now_ns())
 
-    def plan(self, order: grammar.Intent | str) -> plan.PlannedOrder:
+    def plan(self, order: Intent | str) -> plan.PlannedOrder:
         intent = grammar.parse(order, self.fleet) if isinstance(order, str) else order
-        held = plan.HeldFormation(grammar.default_formation(self.fleet))
+        held = HeldFormation(grammar.default_formation(self.fleet))
         return plan.plan_order(
             intent, self.fleet, self.state, held=held, author="test", now_ns=self.now_ns()
         )
@@ -110,10 +112,10 @@ class FakeClient:
         self.handles.append(OrderResult(planned))
         return self.handles[-1]
 
-    async def submit(self, order: grammar.Intent | str) -> OrderResult:
+    async def submit(self, order: Intent | str) -> OrderResult:
         return self.submit_now(order)
 
-    def submit_now(self, order: grammar.Intent | str) -> OrderResult:
+    def submit_now(self, order: Intent | str) -> OrderResult:
         return self.send(self.plan(order))
 
     @property

@@ -9,7 +9,8 @@ from groundstation.console.widgets.event_log import EventLog
 from groundstation.console.widgets.notices import NoticeLines
 from groundstation.console.widgets.result_lines import ResultLines
 from groundstation.fleet import state as fleet_state
-from groundstation.orders.grammar import Intent, OrderError
+from groundstation.orders.grammar import OrderError
+from groundstation.orders.intents import Intent
 from groundstation.orders.result import OrderResult
 from onboard.bus.schema import Event
 from onboard.config.fleet import FleetConfig

@@ -10,8 +10,9 @@ import pytest
 from groundstation.alarms.alarm_table import GroundCondition
 from groundstation.alarms.alarms import conditions
 from groundstation.fleet import state as fleet_state
-from groundstation.orders.grammar import Intent
-from groundstation.orders.plan import HeldFormation, plan_order
+from groundstation.orders.held_formation import HeldFormation
+from groundstation.orders.intents import INTENTS
+from groundstation.orders.plan import plan_order
 from onboard.config.fleet import FleetConfig, load_fleet
 from tests.groundstation.console.fake import telemetry
 
@@ -54,7 +55,7 @@ def test_it_may_be_brought_down_and_not_flown() -> None:
         ("takeoff", False),
         ("arm", False),
     ):
-        intent = Intent(verb, ("mav2",), height_m=1.0)  # type: ignore[arg-type]
+        intent = INTENTS[verb](vehicles=("mav2",))
         planned = plan_order(intent, fleet, None, held=HeldFormation(None), author="me", now_ns=1)
         assert ("mav2" in planned.orders) is is_sent, verb
         assert ("mav2" in planned.refusals) is not is_sent, verb

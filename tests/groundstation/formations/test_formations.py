@@ -17,7 +17,9 @@ from groundstation.formations import drawing, shapes
 from groundstation.formations.assignment import least_longest, least_sum
 from groundstation.formations.slots import formation_slots
 from groundstation.orders.grammar import OrderError, parse
-from groundstation.orders.plan import HeldFormation, PlannedOrder, plan_order
+from groundstation.orders.held_formation import HeldFormation
+from groundstation.orders.intents import Formation
+from groundstation.orders.plan import PlannedOrder, plan_order
 from groundstation.starter.files import Answers, starter
 from onboard.config.fleet import ConfigError, FleetConfig, fleet_from_mapping, parking_distance_m
 
@@ -203,4 +205,8 @@ def test_nearest_keeps_the_slots_shortens_the_longest_flight_and_lasts_for_the_n
         was = dealt.orders[name].position_enu_m
         assert was is not None
         assert order.position_enu_m == pytest.approx((was[0] + 1.0, was[1], was[2]))
-    assert parse(str(parse("formation it 0 0 1 nearest turned 30", fleet)), fleet).is_nearest
+
+    intent = parse("formation it 0 0 1 nearest turned 30", fleet)
+    assert isinstance(intent, Formation)
+    assert intent.assign == "nearest"
+    assert parse(str(intent), fleet) == intent

@@ -9,7 +9,8 @@ from typing import Any
 import msgspec
 import pytest
 
-from groundstation.mission_files.loading import Mission, mission_from_mapping
+from groundstation.mission_files.loading import mission_from_mapping
+from groundstation.mission_files.mission import Mission
 from groundstation.mission_files.mission_findings import mission_findings
 from groundstation.missions.runner import MissionRun
 from onboard.config.fleet import ConfigError, FleetConfig

@@ -18,10 +18,10 @@ import pytest
 
 from groundstation.orders.forecast import Leg, forecast, objections
 from groundstation.orders.forecast_process import Forecaster, ForecastFailed
-from groundstation.orders.grammar import Intent
+from groundstation.orders.intents import Move, Takeoff
 from onboard.config.fleet import FleetConfig
 
-MOVE = Intent("move", ("mav0", "mav1"), position_enu_m=(0.0, 0.0, 1.0))
+MOVE = Move(vehicles=("mav0", "mav1"), position_enu_m=(0.0, 0.0, 1.0))
 SWAP = {
     "mav0": Leg((-1.2, 0.0, 1.0), (1.2, 0.0, 1.0)),
     "mav1": Leg((1.2, 0.0, 1.0), (-1.2, 0.0, 1.0)),
@@ -66,7 +66,7 @@ def test_a_take_off_takes_longer_than_its_climb_and_an_arming_has_no_paths(
     alone = forecast(fleet, legs, is_takeoff=True)
     assert alone.duration_s > 3.0 + 1.0
     assert alone.closest_m == float("inf")
-    assert objections(alone, Intent("takeoff", ("mav0",), height_m=1.0), fleet) == ()
+    assert objections(alone, Takeoff(vehicles=("mav0",), height_m=1.0), fleet) == ()
     assert (
         forecast(
             fleet, {"mav0": Leg((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), is_ordered=False)}

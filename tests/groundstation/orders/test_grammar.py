@@ -9,8 +9,25 @@ from typing import Any
 import pytest
 
 from groundstation.fleet.state import FleetState, fold, initial
-from groundstation.orders.grammar import Intent, OrderError, parse
-from groundstation.orders.plan import HeldFormation, PlannedOrder, check_again, plan_order, slots_of
+from groundstation.orders.grammar import OrderError, parse
+from groundstation.orders.held_formation import HeldFormation, slots_of
+from groundstation.orders.intents import (
+    Arm,
+    Disarm,
+    Formation,
+    Goto,
+    Hold,
+    Home,
+    Intent,
+    Kill,
+    Land,
+    Locate,
+    Move,
+    Rotate,
+    Takeoff,
+    Yaw,
+)
+from groundstation.orders.plan import PlannedOrder, check_again, plan_order
 from onboard.config.fleet import FleetConfig
 from tests.groundstation.conftest import telemetry
 
@@ -35,31 +52,30 @@ def flying_at(fleet: FleetConfig, spots: dict[str, Any]) -> FleetState:
 
 
 WELL_FORMED = [
-    ("takeoff all 1.0", Intent("takeoff", ALL, height_m=1.0)),
-    ("takeoff", Intent("takeoff", ALL, height_m=1.0)),
-    ("takeoff 1.5", Intent("takeoff", ALL, height_m=1.5)),
-    ("takeoff 1", Intent("takeoff", ("mav1",), height_m=1.0)),
-    ("takeoff 1-2 1.2", Intent("takeoff", ("mav1", "mav2"), height_m=1.2)),
-    ("TAKEOFF mav0,mav2 2", Intent("takeoff", ("mav0", "mav2"), height_m=2.0)),
-    ("move all 2 0 1.2", Intent("move", ALL, position_enu_m=(2.0, 0.0, 1.2))),
+    ("takeoff all 1.0", Takeoff(vehicles=ALL, height_m=1.0)),
+    ("takeoff", Takeoff(vehicles=ALL, height_m=1.0)),
+    ("takeoff 1.5", Takeoff(vehicles=ALL, height_m=1.5)),
+    ("takeoff 1", Takeoff(vehicles=("mav1",), height_m=1.0)),
+    ("takeoff 1-2 1.2", Takeoff(vehicles=("mav1", "mav2"), height_m=1.2)),
+    ("TAKEOFF mav0,mav2 2", Takeoff(vehicles=("mav0", "mav2"), height_m=2.0)),
+    ("move all 2 0 1.2", Move(vehicles=ALL, position_enu_m=(2.0, 0.0, 1.2))),
     (
         "move mav1 2 -1 1.2 in 8",
-        Intent("move", ("mav1",), position_enu_m=(2.0, -1.0, 1.2), duration_s=8.0),
+        Move(vehicles=("mav1",), position_enu_m=(2.0, -1.0, 1.2), duration_s=8.0),
     ),
     (
         "formation triangle 0 1.2 1.0",
-        Intent("formation", ALL, position_enu_m=(0.0, 1.2, 1.0), formation="triangle"),
+        Formation(vehicles=ALL, position_enu_m=(0.0, 1.2, 1.0), name="triangle"),
     ),
-    ("formation triangle", Intent("formation", ALL, formation="triangle")),
+    ("formation triangle", Formation(vehicles=ALL, name="triangle")),
     (
         "formation triangle 0-1 0 1 1",
-        Intent("formation", ("mav0", "mav1"), position_enu_m=(0.0, 1.0, 1.0), formation="triangle"),
+        Formation(vehicles=("mav0", "mav1"), position_enu_m=(0.0, 1.0, 1.0), name="triangle"),
     ),
     (
         "goto mav0 2 0 1 1 0 2 1 yaw -90 in 8 s",
-        Intent(
-            "goto",
-            ("mav0", "mav1"),
+        Goto(
+            vehicles=("mav0", "mav1"),
             goals={"mav0": (2, 0, 1), "mav1": (0, 2, 1)},
             yaw_deg=-90.0,
             duration_s=8.0,
@@ -67,27 +83,26 @@ WELL_FORMED = [
     ),
     (
         "formation triangle 1.6 0 1 1 turned 30 yaw 90",
-        Intent(
-            "formation",
-            ALL,
+        Formation(
+            vehicles=ALL,
             position_enu_m=(0.0, 1.0, 1.0),
-            formation="triangle",
+            name="triangle",
             spacing_m=1.6,
             rotation_deg=30.0,
             yaw_deg=90.0,
         ),
     ),
-    ("rotate 90", Intent("rotate", ALL, rotation_deg=90.0)),
-    ("rotate 0-1 -45 in 5", Intent("rotate", ("mav0", "mav1"), rotation_deg=-45.0, duration_s=5.0)),
-    ("yaw mav1 -90", Intent("yaw", ("mav1",), yaw_deg=-90.0)),
-    ("home", Intent("home", ALL)),
-    ("home 0,2 1.5", Intent("home", ("mav0", "mav2"), height_m=1.5)),
-    ("land mav2", Intent("land", ("mav2",))),
-    ("hold", Intent("hold", ALL)),
-    ("arm", Intent("arm", ALL)),
-    ("disarm 0", Intent("disarm", ("mav0",))),
-    ("kill mav1", Intent("kill", ("mav1",))),
-    ("  land   all ", Intent("land", ALL)),
+    ("rotate 90", Rotate(vehicles=ALL, angle_deg=90.0)),
+    ("rotate 0-1 -45 in 5", Rotate(vehicles=("mav0", "mav1"), angle_deg=-45.0, duration_s=5.0)),
+    ("yaw mav1 -90", Yaw(vehicles=("mav1",), yaw_deg=-90.0)),
+    ("home", Home(vehicles=ALL)),
+    ("home 0,2 1.5", Home(vehicles=("mav0", "mav2"), height_m=1.5)),
+    ("land mav2", Land(vehicles=("mav2",))),
+    ("hold", Hold(vehicles=ALL)),
+    ("arm", Arm(vehicles=ALL)),
+    ("disarm 0", Disarm(vehicles=("mav0",))),
+    ("kill mav1", Kill(vehicles=("mav1",))),
+    ("  land   all ", Land(vehicles=ALL)),
 ]
 
 
@@ -159,7 +174,8 @@ def test_goals_of_one_order_are_judged_together_and_the_way_home_leads_over_the_
     )
     swap = planned(parse("goto mav0 1.5 0 1 mav1 0 0 1", fleet), fleet, state)
     assert not swap.refusals
-    assert {name: order.position_enu_m for name, order in swap.orders.items()} == swap.intent.goals
+    assert swap.orders["mav0"].position_enu_m == (1.5, 0.0, 1.0)
+    assert swap.orders["mav1"].position_enu_m == (0.0, 0.0, 1.0)
     alone = planned(parse("goto mav0 1.5 0 1", fleet), fleet, state)
     assert "mav1's goal" in alone.refusals["mav0"]
     close = planned(parse("goto mav0 1 0 1 mav1 1.2 0 1", fleet), fleet, state)
@@ -238,9 +254,9 @@ def test_numbers_that_are_not_finite_are_refused_also_without_the_parser(
     fleet: FleetConfig,
 ) -> None:
     for intent in (
-        Intent("move", ("mav0",), position_enu_m=(math.nan, 0.0, 1.0)),
-        Intent("takeoff", ("mav0",), height_m=math.inf),
-        Intent("move", ("mav0",), position_enu_m=(0.0, 0.0, 1.0), duration_s=math.nan),
+        Move(vehicles=("mav0",), position_enu_m=(math.nan, 0.0, 1.0)),
+        Takeoff(vehicles=("mav0",), height_m=math.inf),
+        Move(vehicles=("mav0",), position_enu_m=(0.0, 0.0, 1.0), duration_s=math.nan),
     ):
         done = planned(intent, fleet)
         assert not done.orders
@@ -248,7 +264,7 @@ def test_numbers_that_are_not_finite_are_refused_also_without_the_parser(
 
 
 def test_unknown_vehicles_are_refused_one_by_one(fleet: FleetConfig) -> None:
-    done = planned(Intent("land", ("mav0", "ghost")), fleet)
+    done = planned(Land(vehicles=("mav0", "ghost")), fleet)
     assert set(done.orders) == {"mav0"}
     assert "not a vehicle" in done.refusals["ghost"]
 
@@ -305,24 +321,23 @@ def test_a_formation_without_position_stays_where_the_vehicles_are(
 @pytest.mark.parametrize(
     ("text", "intent"),
     [
-        ("formation triangle 1.6", Intent("formation", ALL, formation="triangle", spacing_m=1.6)),
+        ("formation triangle 1.6", Formation(vehicles=ALL, name="triangle", spacing_m=1.6)),
         (
             "formation triangle 1.8 0 1.2 1.0 in 8",
-            Intent(
-                "formation",
-                ALL,
+            Formation(
+                vehicles=ALL,
                 position_enu_m=(0.0, 1.2, 1.0),
-                formation="triangle",
+                name="triangle",
                 spacing_m=1.8,
                 duration_s=8.0,
             ),
         ),
         (
             "formation triangle 0-1 2.0",
-            Intent("formation", ("mav0", "mav1"), formation="triangle", spacing_m=2.0),
+            Formation(vehicles=("mav0", "mav1"), name="triangle", spacing_m=2.0),
         ),
-        ("formation triangle 1", Intent("formation", ("mav1",), formation="triangle")),
-        ("locate mav2", Intent("locate", ("mav2",))),
+        ("formation triangle 1", Formation(vehicles=("mav1",), name="triangle")),
+        ("locate mav2", Locate(vehicles=("mav2",))),
     ],
 )
 def test_a_formation_may_be_stretched_and_vehicles_located(

@@ -1,7 +1,8 @@
 """Goals above each other: which are refused, and in what words."""
 
 from groundstation.orders.grammar import parse
-from groundstation.orders.plan import HeldFormation, plan_order
+from groundstation.orders.held_formation import HeldFormation
+from groundstation.orders.plan import plan_order
 from onboard.config.fleet import load_fleet
 
 

@@ -10,7 +10,8 @@ from pathlib import Path
 import pytest
 
 from groundstation.cli import main
-from groundstation.mission_files.loading import Mission, load_mission
+from groundstation.mission_files.loading import load_mission
+from groundstation.mission_files.mission import Mission
 from groundstation.mission_files.mission_findings import mission_findings
 from groundstation.mission_files.steps import FollowPathStep
 from groundstation.shows.csv_folder import read_folder

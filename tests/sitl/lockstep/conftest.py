@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from groundstation.mission_files.loading import Mission, mission_from_mapping
+from groundstation.mission_files.loading import mission_from_mapping
+from groundstation.mission_files.mission import Mission
 from onboard.config.fleet import FleetConfig, load_fleet
 from sitl.lockstep.testing import lockstep as lockstep
 

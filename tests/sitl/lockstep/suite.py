@@ -22,7 +22,8 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from groundstation.mission_files.loading import Mission, mission_from_mapping
+from groundstation.mission_files.loading import mission_from_mapping
+from groundstation.mission_files.mission import Mission
 from groundstation.missions.api import OrderFailed
 from onboard.bus.schema import Truth
 from onboard.bus.topics import Topic

@@ -9,7 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from groundstation.mission_files.loading import Mission, mission_from_mapping
+from groundstation.mission_files.loading import mission_from_mapping
+from groundstation.mission_files.mission import Mission
 from groundstation.mission_files.mission_findings import mission_findings
 from onboard.config.fleet import FleetConfig
 from sitl.lockstep.flight import Lockstep

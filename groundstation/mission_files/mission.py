@@ -1,0 +1,59 @@
+"""A mission as it is loaded: its steps, its fleet, and the files that its steps name."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path as FilePath
+
+import msgspec
+
+from groundstation.mission_files.expected_course import CourseStep, course
+from groundstation.mission_files.steps import FollowPathStep, MissionStep, OnFailure
+from groundstation.paths.lights import Light, load_lights
+from groundstation.verdict.expectations import Expect
+from onboard.config.fleet import FleetConfig
+from onboard.config.formation_shape import FormationShape
+from onboard.control.path import Path
+
+
+class Mission(msgspec.Struct, frozen=True):
+    """A mission file, resolved.
+
+    ``steps`` is empty for a Python mission, whose function runs instead.
+    """
+
+    path: str
+    fleet: FleetConfig  # with the mission's own formations
+    steps: tuple[MissionStep, ...]
+    expect: Expect
+    on_failure: OnFailure
+    text: str  # of the file
+    is_python: bool = False
+    arguments: Mapping[str, str] = {}  # of a Python mission's function, as they were written
+    paths: Mapping[str, Path] = {}  # by the files that the steps name
+    shapes: Mapping[str, FormationShape] = {}  # formations of the mission's own
+
+    def course(self) -> Iterator[CourseStep]:
+        """Yield the steps of the mission as it is expected to be flown; none of a Python one."""
+        return course(self.fleet, self.steps, self.paths_of, self.path)
+
+    def paths_of(self, step: FollowPathStep) -> dict[str, Path]:
+        """Return the path of each vehicle of a step."""
+        return {vehicle: self.paths[file] for vehicle, file in step.paths.items()}
+
+    def lights_of(self, step: FollowPathStep) -> dict[str, tuple[Light, ...]]:
+        """Return the colours of each vehicle of a step that has some."""
+        folder = FilePath(self.path).parent
+        return {vehicle: load_lights(folder / file) for vehicle, file in step.lights.items()}
+
+    @property
+    def name(self) -> str:
+        """File name without its ending."""
+        return FilePath(self.path).stem
+
+
+def with_shapes(fleet: FleetConfig, shapes: Mapping[str, FormationShape]) -> FleetConfig:
+    """Return the fleet with a mission's own formations as well."""
+    if not shapes:
+        return fleet
+    return msgspec.structs.replace(fleet, shapes={**fleet.shapes, **shapes})

@@ -1,0 +1,126 @@
+"""Checks of a mission's steps with its fleet, so that no mission starts that must fail later.
+
+Every order is checked as if it were given at its place in the expected course. After a fault or a
+reaction it is not known which vehicles fly; then only the fleet file refuses something.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+
+from groundstation.mission_files.expected_course import CourseStep
+from groundstation.mission_files.mission import Mission
+from groundstation.mission_files.steps import (
+    FaultStep,
+    FlyFormationStep,
+    FollowPathStep,
+    MissionStep,
+    ReactStep,
+    Until,
+    WaitStep,
+)
+from groundstation.orders.intents import Intent
+from onboard.config.fleet import ConfigError, FleetConfig
+
+
+def check_steps(mission: Mission) -> None:
+    """Refuse a mission with a step that its fleet cannot do.
+
+    Raises:
+        ConfigError: unknown vehicle or formation, goal outside the fence, order out of turn ...
+    """
+    for course_step in mission.course():
+        _check_course_step(course_step, mission)
+
+    for index, step in enumerate(mission.steps):
+        if isinstance(step, ReactStep):
+            _check_until(step.when, mission.fleet, f"{mission.path}: 'step[{index}].when'")
+
+
+def _check_course_step(course_step: CourseStep, mission: Mission) -> None:
+    fleet = mission.fleet
+    step = course_step.step
+    where = f"{mission.path}: '{course_step.key}"
+
+    may_fly: Collection[str] = fleet.enabled_names
+    if course_step.is_known:
+        may_fly = course_step.flying
+
+    if isinstance(step, FaultStep):
+        _check_fault(step, fleet, where)
+    elif isinstance(step, WaitStep):
+        _check_until(step.until, fleet, f"{where}.until'")
+    elif isinstance(step, FollowPathStep):
+        mission.lights_of(step)  # files that cannot be read are refused before take-off
+        _check_paths((*step.paths, *step.lights), fleet, may_fly, f"{where}.paths'")
+    elif isinstance(step, FlyFormationStep):
+        _check_paths(tuple(course_step.paths), fleet, may_fly, f"{where}.name'")
+
+    if course_step.planned is None:
+        return
+    reason = next(iter(course_step.planned.refusals.values()), "")
+    if not reason and course_step.is_known:
+        reason = _out_of_order(step, course_step.planned.intent.names, course_step.flying)
+    if reason:
+        raise ConfigError(f"{where}' ({step.do}): {reason}")
+
+
+def _out_of_order(step: MissionStep, names: Sequence[str], flying: Collection[str]) -> str:
+    """Return a sentence on a step that comes too early or too late; empty for all others."""
+    if not isinstance(step, Intent):
+        return ""
+
+    on_ground = ", ".join(name for name in names if name not in flying)
+    if step.begins == "in air" and on_ground:
+        return (
+            f'{on_ground} would be on the ground at this step. Put a step do = "takeoff" before it.'
+        )
+
+    in_air = ", ".join(name for name in names if name in flying)
+    if step.begins == "on ground" and in_air:
+        return (
+            f"{in_air} would fly already at this step. "
+            'Put a step do = "land" before it, or remove it.'
+        )
+    return ""
+
+
+def _check_paths(
+    names: Sequence[str], fleet: FleetConfig, flying: Collection[str], where: str
+) -> None:
+    """Refuse paths of vehicles that do not fly; the findings of a mission check the paths."""
+    wrong = [name for name in names if name not in fleet.enabled_names or name not in flying]
+    if wrong or not names:
+        raise ConfigError(
+            f"{where} must name vehicles that fly at this step, each with a file; "
+            f"it has {', '.join(wrong) or 'none'}."
+        )
+
+
+def _check_until(until: Until | None, fleet: FleetConfig, where: str) -> None:
+    """Refuse a condition about unknown vehicles."""
+    if until is None:
+        return
+
+    try:
+        for vehicles in (until.vehicles, until.landed, until.flying, list(until.reached)):
+            fleet.select(vehicles)
+    except ConfigError as error:
+        raise ConfigError(f"{where}: {error}") from None
+
+
+def _check_fault(step: FaultStep, fleet: FleetConfig, where: str) -> None:
+    """Refuse a fault that is written wrongly.
+
+    The emulator checks the rest before the mission's first step.
+    """
+    misplaced = set(step.parameters) & set(FaultStep.__struct_fields__)
+    if misplaced:
+        raise ConfigError(
+            f"{where}.parameters' has '{min(misplaced)}', which is a key of the step. Move it up."
+        )
+
+    try:
+        fleet.select(step.vehicles)
+    except ConfigError as error:
+        raise ConfigError(f"{where}.vehicles': {error}") from None

@@ -1,0 +1,252 @@
+"""The goal of each vehicle, for each order that sends vehicles to goals. Pure.
+
+Some orders leave something open that only the fleet's present state decides: where a formation is
+that gets no position, about which point a rotation turns, who takes which slot of the nearest.
+These values are filled into the intent, so that a preview shows them and a second planning of the
+same order keeps them.
+
+Without a state an order is judged against the fleet file alone, as a mission is before it flies.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
+
+from msgspec.structs import replace
+
+from groundstation.fleet.state import FleetState, VehicleView
+from groundstation.formations.assignment import nearest_slots
+from groundstation.orders.held_formation import (
+    HeldFormation,
+    formation_position,
+    held_after,
+    held_slots,
+)
+from groundstation.orders.intents import (
+    DEFAULT_HEIGHT_M,
+    INTENTS,
+    Formation,
+    Goto,
+    Home,
+    Intent,
+    Move,
+    Rotate,
+    Yaw,
+)
+from onboard.bus.schema import Vec3
+from onboard.config.fleet import FleetConfig
+
+
+class Situation(NamedTuple):
+    """What the goals of an order follow from, besides the order."""
+
+    fleet: FleetConfig
+    state: FleetState | None  # None: judged against the fleet file alone
+    held: HeldFormation  # before the order
+    names: list[str]  # vehicles of the order that may be ordered
+
+
+class Goals(NamedTuple):
+    """The goals of one order."""
+
+    intent: Intent  # with the values filled in that the order leaves open
+    goals: Mapping[str, Vec3] = {}  # none where they are known only when the order is flown
+    refusals: Mapping[str, str] = {}  # vehicle -> sentence
+
+
+def goals_of(intent: Intent, situation: Situation) -> Goals:
+    """Return the goals of an order, or the reasons why it has none.
+
+    Args:
+        intent: of a verb that has goals.
+        situation: the fleet, and the vehicles that may be ordered.
+
+    Raises:
+        ConfigError: a formation cannot be made.
+    """
+    goals_of_kind = _GOALS_BY_KIND[INTENTS[intent.verb]]
+    return goals_of_kind(intent, situation)
+
+
+# -- each vehicle has a goal of its own ------------------------------------------------------------
+
+
+def _goto(intent: Goto, situation: Situation) -> Goals:
+    goals = {}
+    refusals = {}
+    for name in situation.names:
+        if name in intent.goals:
+            goals[name] = intent.goals[name]
+        else:
+            refusals[name] = f"{name}: this order has no goal for it."
+    return Goals(intent, goals, refusals)
+
+
+def _yaw(intent: Yaw, situation: Situation) -> Goals:
+    """Return the spots where the vehicles are or go to: they turn there."""
+    if situation.state is None:
+        return Goals(intent)
+
+    spots = known_spots(situation.names, situation.state)
+    if len(spots) < len(situation.names):
+        return Goals(intent, {}, _no_position(situation.names, spots))
+    return Goals(intent, spots)
+
+
+def _home(intent: Home, situation: Situation) -> Goals:
+    """Return points above the take-off spots, at the ordered height or at each vehicle's own."""
+    if situation.state is None:
+        spots = dict.fromkeys(situation.names, (0.0, 0.0, DEFAULT_HEIGHT_M))
+    else:
+        spots = known_spots(situation.names, situation.state)
+    if len(spots) < len(situation.names):
+        return Goals(intent, {}, _no_position(situation.names, spots))
+
+    goals = {}
+    for name in situation.names:
+        x, y, _ = situation.fleet.vehicles[name].start_enu_m
+        height_m = intent.height_m
+        if height_m is None:
+            height_m = spots[name][2]
+        goals[name] = (x, y, height_m)
+    return Goals(intent, goals)
+
+
+# -- the formation's position, and a slot for each vehicle -----------------------------------------
+
+
+def _move(intent: Move, situation: Situation) -> Goals:
+    """Return the position itself for one vehicle, slots of the formation that holds for several."""
+    names = situation.names
+    if len(names) == 1:
+        return Goals(intent, {names[0]: intent.position_enu_m})
+
+    held = situation.held
+    slots = held_slots(situation.fleet, held)
+    return _slot_goals(intent, situation, held, intent.position_enu_m, slots)
+
+
+def _formation(intent: Formation, situation: Situation) -> Goals:
+    held = held_after(intent, situation.held)
+    slots = held_slots(situation.fleet, held)
+
+    position_enu_m = intent.position_enu_m
+    if position_enu_m is None and situation.state is not None:
+        position_enu_m = formation_position(slots, situation.state, situation.names)
+    if position_enu_m is None:
+        return _no_formation_position(intent, situation)
+    intent = replace(intent, position_enu_m=position_enu_m)
+
+    if intent.assign == "nearest" and intent.takes is None:
+        spots = _spots_or_starts(situation)
+        slots_dealt = {name: slots[name] for name in situation.names if name in slots}
+        takes = nearest_slots(slots_dealt, spots, position_enu_m)
+        intent = replace(intent, takes=takes)
+        slots = {name: slots[taken] for name, taken in takes.items()}
+
+    return _slot_goals(intent, situation, held, position_enu_m, slots)
+
+
+def _rotate(intent: Rotate, situation: Situation) -> Goals:
+    """Return the slots of the formation that holds, turned further about its present position."""
+    center_enu_m = intent.center_enu_m
+    if center_enu_m is None:
+        if situation.state is None:
+            return Goals(intent)
+        slots_before = held_slots(situation.fleet, situation.held)
+        center_enu_m = formation_position(slots_before, situation.state, situation.names)
+    if center_enu_m is None:
+        return _no_formation_position(intent, situation)
+    intent = replace(intent, center_enu_m=center_enu_m)
+
+    held = held_after(intent, situation.held)
+    slots = held_slots(situation.fleet, held)
+    return _slot_goals(intent, situation, held, center_enu_m, slots)
+
+
+def _slot_goals(
+    intent: Intent,
+    situation: Situation,
+    held: HeldFormation,
+    position_enu_m: Vec3,
+    slots: Mapping[str, Vec3],
+) -> Goals:
+    """Return the slot of each vehicle about the formation's position."""
+    if held.name is None:
+        reason = (
+            "this fleet file has no formation, so give each vehicle its own goal: "
+            f"{INTENTS['goto'].usage}"
+        )
+        return Goals(intent, {}, dict.fromkeys(situation.names, reason))
+
+    goals = {}
+    refusals = {}
+    for name in situation.names:
+        if name not in slots:
+            known = ", ".join(slots) or "none"
+            refusals[name] = f"{name} has no slot in formation '{held.name}' (slots: {known})."
+            continue
+
+        offset = slots[name]
+        goals[name] = (
+            position_enu_m[0] + offset[0],
+            position_enu_m[1] + offset[1],
+            position_enu_m[2] + offset[2],
+        )
+    return Goals(intent, goals, refusals)
+
+
+def _no_formation_position(intent: Intent, situation: Situation) -> Goals:
+    reason = (
+        "the formation's position is not known, because no vehicle reports one. "
+        f"Write it: {INTENTS['formation'].usage}"
+    )
+    return Goals(intent, {}, dict.fromkeys(situation.names, reason))
+
+
+# -- where vehicles are ----------------------------------------------------------------------------
+
+
+def known_spots(names: list[str], state: FleetState) -> dict[str, Vec3]:
+    """Return where vehicles go to, or else where they are; without those that report nothing."""
+    spots = {}
+    for name in names:
+        spot = _spot(state.vehicles.get(name))
+        if spot is not None:
+            spots[name] = spot
+    return spots
+
+
+def _spots_or_starts(situation: Situation) -> dict[str, Vec3]:
+    """Return the known spots; without a state the take-off spots of the fleet file."""
+    if situation.state is not None:
+        return known_spots(situation.names, situation.state)
+    return {name: situation.fleet.vehicles[name].start_enu_m for name in situation.names}
+
+
+def _spot(view: VehicleView | None) -> Vec3 | None:
+    """Return where a vehicle goes to, or else where it is."""
+    telemetry = None if view is None else view.telemetry
+    if telemetry is None or not telemetry.is_position_valid:
+        return None
+
+    goal_enu_m = telemetry.goal_position_enu_m
+    if telemetry.state in ("flying", "holding") and all(map(math.isfinite, goal_enu_m)):
+        return goal_enu_m
+    return telemetry.position_enu_m
+
+
+def _no_position(names: list[str], spots: Mapping[str, Vec3]) -> dict[str, str]:
+    return {name: f"{name} does not report where it is." for name in names if name not in spots}
+
+
+_GOALS_BY_KIND: dict[type[Intent], Callable[[Any, Situation], Goals]] = {
+    Goto: _goto,
+    Yaw: _yaw,
+    Home: _home,
+    Move: _move,
+    Formation: _formation,
+    Rotate: _rotate,
+}

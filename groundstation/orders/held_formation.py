@@ -1,0 +1,122 @@
+"""The formation that holds: what the next ``move`` of several vehicles keeps. Pure.
+
+Orders to take up a formation and to rotate one change it; it holds as soon as such an order is
+sent. A formation is a name, a spacing, a rotation, and which vehicle has which slot.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from groundstation.fleet.state import FleetState
+from groundstation.formations.slots import formation_slots, stretched
+from groundstation.orders.intents import Formation, Intent, Rotate
+from onboard.bus.schema import Vec3
+from onboard.config.fleet import FleetConfig
+
+
+@dataclass(frozen=True, slots=True)
+class HeldFormation:
+    """The formation that moves of several vehicles keep."""
+
+    name: str | None  # in the fleet file; None when it has none
+    spacing_m: float | None = None  # distance of its two nearest slots; None: as in the fleet file
+    rotation_deg: float = 0.0  # against the fleet file, counterclockwise
+    takes: Mapping[str, str] | None = None  # vehicle -> the one whose slot it has; None: its own
+
+
+def held_after(intent: Intent, held: HeldFormation) -> HeldFormation:
+    """Return the formation that holds once an order is sent.
+
+    Args:
+        intent: the order.
+        held: the formation that holds before it.
+    """
+    if isinstance(intent, Rotate):
+        rotation_deg = math.remainder(held.rotation_deg + intent.angle_deg, 360.0)
+        return replace(held, rotation_deg=rotation_deg)
+
+    if isinstance(intent, Formation):
+        return HeldFormation(
+            name=intent.name,
+            spacing_m=intent.spacing_m,
+            rotation_deg=intent.rotation_deg,
+            takes=intent.takes,
+        )
+
+    return held
+
+
+def held_slots(fleet: FleetConfig, held: HeldFormation) -> dict[str, Vec3]:
+    """Return the offsets of the vehicles in the formation that holds.
+
+    Args:
+        fleet: the fleet file.
+        held: its name, spacing, rotation, and who has whose slot.
+
+    Returns:
+        Offset of each vehicle from the formation's position, metres ENU.
+    """
+    if held.name is None:
+        return {}
+
+    slots = slots_of(fleet, held.name, held.spacing_m, held.rotation_deg)
+    if held.takes is None:
+        return slots
+    return {name: slots[taken] for name, taken in held.takes.items()}
+
+
+def slots_of(
+    fleet: FleetConfig, formation: str, spacing_m: float | None = None, rotation_deg: float = 0.0
+) -> dict[str, Vec3]:
+    """Return the offsets of a formation, stretched and turned in the plane.
+
+    Args:
+        fleet: the fleet file.
+        formation: its name.
+        spacing_m: distance [m] of its two nearest slots; None leaves the formation as it is.
+        rotation_deg: counterclockwise.
+
+    Returns:
+        Offset of each vehicle from the formation's position, metres ENU.
+    """
+    return stretched(formation_slots(fleet, formation), spacing_m, rotation_deg)
+
+
+def formation_position(
+    slots: Mapping[str, Vec3], state: FleetState, names: Sequence[str]
+) -> Vec3 | None:
+    """Return the position of a formation: the mean of its vehicles' positions minus their slots.
+
+    Args:
+        slots: offset of each vehicle, metres ENU.
+        state: the fleet as known now.
+        names: vehicles to average over.
+
+    Returns:
+        Position in metres ENU; None when no vehicle reports one.
+    """
+    positions = []
+    for name in names:
+        view = state.vehicles.get(name)
+        if view is None or view.telemetry is None or name not in slots:
+            continue
+        if not view.telemetry.is_position_valid:
+            continue
+
+        vehicle_position = view.telemetry.position_enu_m
+        offset = slots[name]
+        positions.append(
+            (
+                vehicle_position[0] - offset[0],
+                vehicle_position[1] - offset[1],
+                vehicle_position[2] - offset[2],
+            )
+        )
+
+    if not positions:
+        return None
+    x, y, z = (sum(axis) / len(positions) for axis in zip(*positions, strict=True))
+    return (x, y, z)

@@ -1,0 +1,526 @@
+"""What can be ordered: one class for each verb, in which the verb stands once.
+
+An order is written in three ways: as a line in the console, as a step of a mission file, and as a
+call in Python::
+
+    takeoff 0-1 1.2
+    do = "takeoff", vehicles = "0-1", height_m = 1.2
+    await fleet.takeoff(1.2, "0-1")
+
+All three make the same intent, ``Takeoff(vehicles=("mav0", "mav1"), height_m=1.2)``. The fields of
+an intent are the keys of the step and the arguments of the method; their comments are the meanings
+in docs/mission-file.md. `usage` is what the console shows, `from_line` reads the console's words,
+and `str(intent)` writes them again: for previews, for results and for logs.
+
+An intent is not checked yet. `groundstation/orders/plan.py` checks it against the fleet and makes
+one message for each vehicle.
+
+A new verb is a class here and an entry in `INTENTS`. A verb that sends vehicles to goals says in
+`groundstation/orders/goals.py` to which ones. Positions are in metres in the fleet frame, ENU.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import ClassVar, Literal, NamedTuple, Self
+
+import msgspec
+
+from onboard.bus.schema import OrderKind, Vec3
+
+DEFAULT_HEIGHT_M = 1.0
+
+# "all", names or indices: "mav0,mav2", "0-1"; or a list of names
+Names = str | tuple[str, ...]
+Assign = Literal["ids", "nearest"]
+
+Verb = Literal[
+    "arm",
+    "disarm",
+    "takeoff",
+    "move",
+    "goto",
+    "formation",
+    "rotate",
+    "yaw",
+    "home",
+    "land",
+    "hold",
+    "kill",
+    "locate",
+]
+PathVerb = Literal["load_path", "follow_path"]  # of programs and missions; nobody types a path
+
+
+class OrderLine(NamedTuple):
+    """The words of a line behind its verb, as `groundstation/orders/grammar.py` has read them."""
+
+    vehicles: tuple[str, ...]
+    numbers: tuple[float, ...] = ()  # as many as one of the verb's `number_counts`
+    options: Mapping[str, float] = {}  # the numbers behind "in", "yaw" and "turned"
+    goals: Mapping[str, Vec3] = {}  # of goto
+    formation: str = ""
+    is_nearest: bool = False
+
+    @property
+    def duration_s(self) -> float:
+        """Return the number behind "in" [s]; 0 without one."""
+        return self.options.get("in", 0.0)
+
+    @property
+    def yaw_deg(self) -> float | None:
+        """Return the number behind "yaw"; None without one."""
+        return self.options.get("yaw")
+
+
+class MessageValues(NamedTuple):
+    """What an intent says in the message to each vehicle, besides the goal: fields of `Order`."""
+
+    height_m: float | None = None
+    duration_s: float = 0.0
+    yaw_deg: float | None = None
+    then_land: bool = False
+
+
+class Intent(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """One order as it was written, before it is checked."""
+
+    verb: ClassVar[Verb | PathVerb]
+    kind: ClassVar[OrderKind]  # of the message to each vehicle
+
+    # How the console writes it.
+    usage: ClassVar[str] = ""  # the line, shown when a line is not understood
+    number_counts: ClassVar[tuple[int, ...]] = (0,)  # how many numbers may follow the vehicles
+    options: ClassVar[tuple[str, ...]] = ()  # words that a number may follow, at the line's end
+    must_name_vehicles: ClassVar[bool] = False  # otherwise a line without names means all
+    # Without names, a first number without a point is a vehicle's index: "takeoff 1" means mav1.
+    first_number_is_vehicle: ClassVar[bool] = True
+
+    # Where else it is written, and how it is judged.
+    is_mission_step: ClassVar[bool] = True  # `do` of a mission file may be this verb
+    is_previewed: ClassVar[bool] = False  # the console shows a preview before it sends it
+    is_joint: ClassVar[bool] = False  # when one vehicle is refused, nothing is sent to the others
+    has_goals: ClassVar[bool] = False  # each vehicle gets a position: see goals.py
+    is_start: ClassVar[bool] = False  # the motors may begin to turn: preflight must allow it
+    waits_for_step: ClassVar[bool] = False  # a mission that is flown in steps stops before it
+    brings_down: ClassVar[bool] = False  # open to vehicles that the fleet file disables
+    begins: ClassVar[Literal["on ground", "in air", "anywhere"]] = "anywhere"
+
+    # Planning fills these fields in. They are no keys of a mission file.
+    planned_fields: ClassVar[tuple[str, ...]] = ()
+
+    vehicles: Names = "all"  # "all", a name, "0-2", "a,b" or a list
+    timeout_s: float = 40.0  # the step fails when it is not done within
+
+    @classmethod
+    def from_line(cls, line: OrderLine) -> Self:
+        """Return the intent of a line of the console."""
+        return cls(vehicles=line.vehicles)
+
+    @property
+    def do(self) -> str:
+        """The verb, under the name that it has in a mission file."""
+        return self.verb
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the vehicles, once the words for them have been resolved for a fleet."""
+        assert not isinstance(self.vehicles, str), f"'{self.vehicles}' is not resolved"
+        return self.vehicles
+
+    def message_values(self) -> MessageValues:
+        """Return what the message to each vehicle says."""
+        return MessageValues()
+
+    def __str__(self) -> str:
+        return " ".join((self.verb, ",".join(self.names), *self._words()))
+
+    def _words(self) -> list[str]:
+        """Return the line's words behind the vehicles."""
+        return []
+
+
+class Arm(Intent, frozen=True, kw_only=True):
+    """Arm on the ground."""
+
+    verb = "arm"
+    kind = "arm"
+    usage = "arm [WHO]"
+    is_previewed = True
+    is_start = True
+    waits_for_step = True
+    begins = "on ground"
+
+    timeout_s: float = 15.0
+
+
+class Disarm(Intent, frozen=True, kw_only=True):
+    """Disarm on the ground."""
+
+    verb = "disarm"
+    kind = "disarm"
+    usage = "disarm [WHO]"
+    brings_down = True
+    begins = "on ground"
+
+    timeout_s: float = 15.0
+
+
+class Takeoff(Intent, frozen=True, kw_only=True):
+    """Climb to a height above the fleet's origin."""
+
+    verb = "takeoff"
+    kind = "takeoff"
+    usage = "takeoff [WHO] [HEIGHT], for instance: takeoff all 1.0"
+    number_counts = (0, 1)
+    is_previewed = True
+    is_joint = True
+    is_start = True
+    waits_for_step = True
+    begins = "on ground"
+
+    height_m: float = 1.0  # above the fleet's origin
+
+    @classmethod
+    def from_line(cls, line: OrderLine) -> Self:
+        if line.numbers:
+            return cls(vehicles=line.vehicles, height_m=line.numbers[0])
+        return cls(vehicles=line.vehicles)
+
+    def message_values(self) -> MessageValues:
+        return MessageValues(height_m=self.height_m)
+
+    def _words(self) -> list[str]:
+        return [f"{self.height_m:g}"]
+
+
+class GoalIntent(Intent, frozen=True, kw_only=True):
+    """An order to goals, as fast as the limits allow or slower."""
+
+    kind = "move"
+    is_previewed = True
+    is_joint = True
+    has_goals = True
+    waits_for_step = True
+    begins = "in air"
+
+    duration_s: float = 0.0  # slower than the limits allow; 0: as fast as they allow
+    # instead of a duration: the highest speed of the vehicle with the longest way
+    speed_m_s: float | None = None
+    # heading to turn to, counterclockwise from east; by default as it is
+    yaw_deg: float | None = None
+
+    def message_values(self) -> MessageValues:
+        return MessageValues(duration_s=self.duration_s, yaw_deg=self.yaw_deg)
+
+    def _words(self) -> list[str]:
+        yaw_words = []
+        if self.yaw_deg is not None:
+            yaw_words = [f"yaw {self.yaw_deg:g}"]
+
+        return [*yaw_words, *_duration_words(self.duration_s)]
+
+
+class Move(GoalIntent, frozen=True, kw_only=True):
+    """One vehicle: its own goal. Several: the position of the formation that holds."""
+
+    verb = "move"
+    usage = "move WHO X Y Z [yaw DEG] [in SECONDS], for instance: move all 2 0 1.2"
+    number_counts = (3,)
+    options = ("in", "yaw")
+    must_name_vehicles = True
+
+    position_enu_m: Vec3  # east, north, up in the fleet frame
+
+    @classmethod
+    def from_line(cls, line: OrderLine) -> Self:
+        x, y, z = line.numbers
+        return cls(
+            vehicles=line.vehicles,
+            position_enu_m=(x, y, z),
+            duration_s=line.duration_s,
+            yaw_deg=line.yaw_deg,
+        )
+
+    def _words(self) -> list[str]:
+        return [*_number_words(self.position_enu_m), *super()._words()]
+
+
+class Goto(GoalIntent, frozen=True, kw_only=True):
+    """Each vehicle to its own goal, judged together: they may change places."""
+
+    verb = "goto"
+    usage = (
+        "goto NAME X Y Z [NAME X Y Z ...] [yaw DEG] [in SECONDS], "
+        "for instance: goto mav0 2 0 1 mav1 0 2 1"
+    )
+    options = ("in", "yaw")
+
+    goals: Mapping[str, Vec3]  # vehicle -> east, north, up in the fleet frame
+
+    @classmethod
+    def from_line(cls, line: OrderLine) -> Self:
+        return cls(
+            vehicles=line.vehicles,
+            goals=dict(line.goals),
+            duration_s=line.duration_s,
+            yaw_deg=line.yaw_deg,
+        )
+
+    def __str__(self) -> str:
+        goal_words = [
+            f"{name} {' '.join(_number_words(goal))}" for name, goal in self.goals.items()
+        ]
+        return " ".join((self.verb, *goal_words, *self._words()))
+
+
+class Formation(GoalIntent, frozen=True, kw_only=True):
+    """Take up a formation at a position."""
+
+    verb = "formation"
+    usage = (
+        "formation NAME [WHO] [SPACING] [X Y Z] [nearest] [turned DEG] [yaw DEG] [in SECONDS], "
+        "for instance: formation triangle 1.6 0 1.2 1.0"
+    )
+    number_counts = (0, 1, 3, 4)
+    options = ("in", "yaw", "turned")
+    planned_fields = ("takes",)
+
+    name: str  # a table [formations.NAME] of the mission or of the fleet file
+    position_enu_m: Vec3 | None = None  # of the formation; None: where it is on average
+    spacing_m: float | None = None  # stretches it until its two nearest slots are so far apart
+    rotation_deg: float = 0.0  # turns it, counterclockwise
+    # each its own slot; nearest: such that the longest flight is short
+    assign: Assign = "ids"
+    takes: Mapping[str, str] | None = None  # for each vehicle the one whose slot it takes
+
+    @classmethod
+    def from_line(cls, line: OrderLine) -> Self:
+        numbers = list(line.numbers)
+
+        spacing_m = None
+        if len(numbers) in (1, 4):
+            spacing_m = numbers.pop(0)
+
+        position_enu_m = None
+        if numbers:
+            position_enu_m = (numbers[0], numbers[1], numbers[2])
+
+        return cls(
+            vehicles=line.vehicles,
+            name=line.formation,
+            position_enu_m=position_enu_m,
+            spacing_m=spacing_m,
+            rotation_deg=line.options.get("turned", 0.0),
+            assign="nearest" if line.is_nearest else "ids",
+            duration_s=line.duration_s,
+            yaw_deg=line.yaw_deg,
+        )
+
+    def __str__(self) -> str:
+        return " ".join((self.verb, self.name, ",".join(self.names), *self._words()))
+
+    def _words(self) -> list[str]:
+        words = []
+        if self.spacing_m is not None:
+            words.append(f"{self.spacing_m:g}")
+        if self.position_enu_m is not None:
+            words += _number_words(self.position_enu_m)
+        if self.assign == "nearest":
+            words.append("nearest")
+        if self.rotation_deg:
+            words.append(f"turned {self.rotation_deg:g}")
+        return [*words, *super()._words()]
+
+
+class Rotate(Intent, frozen=True, kw_only=True):
+    """Turn the formation that holds about its position, each vehicle straight to its new slot."""
+
+    verb = "rotate"
+    kind = "move"
+    usage = "rotate [WHO] DEG [in SECONDS], for instance: rotate all 90"
+    number_counts = (1,)
+    first_number_is_vehicle = False
+    options = ("in",)
+    is_previewed = True
+    is_joint = True
+    has_goals = True
+    waits_for_step = True
+    begins = "in air"
+    planned_fields = ("center_enu_m",)
+
+    angle_deg: float  # counterclockwise, from how it is turned now
+    duration_s: float = 0.0  # as for move
+    center_enu_m: Vec3 | None = None  # the formation's position, about which it turns
+
+    @classmethod
+    def from_line(cls, line: OrderLine) -> Self:
+        return cls(
+            vehicles=line.vehicles,
+            angle_deg=line.numbers[0],
+            duration_s=line.duration_s,
+        )
+
+    def message_values(self) -> MessageValues:
+        return MessageValues(duration_s=self.duration_s)
+
+    def _words(self) -> list[str]:
+        center_words = []
+        if self.center_enu_m is not None:
+            center_words = _number_words(self.center_enu_m)
+
+        return [*center_words, f"{self.angle_deg:g}", *_duration_words(self.duration_s)]
+
+
+class Yaw(Intent, frozen=True, kw_only=True):
+    """Turn to a heading on the spot."""
+
+    verb = "yaw"
+    kind = "move"
+    usage = "yaw [WHO] DEG, for instance: yaw mav1 -90"
+    number_counts = (1,)
+    first_number_is_vehicle = False
+    is_joint = True
+    has_goals = True
+    waits_for_step = True
+    begins = "in air"
+
+    yaw_deg: float  # counterclockwise from east
+    timeout_s: float = 15.0
+
+    @classmethod
+    def from_line(cls, line: OrderLine) -> Self:
+        return cls(vehicles=line.vehicles, yaw_deg=line.numbers[0])
+
+    def message_values(self) -> MessageValues:
+        return MessageValues(yaw_deg=self.yaw_deg)
+
+    def _words(self) -> list[str]:
+        return [f"{self.yaw_deg:g}"]
+
+
+class Hold(Intent, frozen=True, kw_only=True):
+    """Stop at the present spot."""
+
+    verb = "hold"
+    kind = "hold"
+    usage = "hold [WHO]"
+    brings_down = True
+    begins = "in air"
+
+    timeout_s: float = 15.0
+
+
+class Home(Intent, frozen=True, kw_only=True):
+    """Back over the take-off spots of the fleet file, and land there."""
+
+    verb = "home"
+    kind = "move"
+    usage = "home [WHO] [HEIGHT] [in SECONDS], for instance: home all"
+    number_counts = (0, 1)
+    options = ("in",)
+    is_previewed = True
+    is_joint = True
+    has_goals = True
+    begins = "in air"
+
+    height_m: float | None = None  # of the way back; by default each at its own
+    duration_s: float = 0.0  # of the way back, as for move
+    timeout_s: float = 90.0
+
+    @classmethod
+    def from_line(cls, line: OrderLine) -> Self:
+        height_m = None
+        if line.numbers:
+            height_m = line.numbers[0]
+
+        return cls(vehicles=line.vehicles, height_m=height_m, duration_s=line.duration_s)
+
+    def message_values(self) -> MessageValues:
+        return MessageValues(duration_s=self.duration_s, then_land=True)
+
+    def _words(self) -> list[str]:
+        height_words = []
+        if self.height_m is not None:
+            height_words = [f"{self.height_m:g}"]
+
+        return [*height_words, *_duration_words(self.duration_s)]
+
+
+class Land(Intent, frozen=True, kw_only=True):
+    """Land and disarm."""
+
+    verb = "land"
+    kind = "land"
+    usage = "land [WHO]"
+    brings_down = True
+
+
+class Kill(Intent, frozen=True, kw_only=True):
+    """Stop the motors at once, also in the air: the vehicles fall."""
+
+    verb = "kill"
+    kind = "kill"
+    usage = "kill WHO, for instance: kill mav1"
+    must_name_vehicles = True
+    is_mission_step = False
+    brings_down = True
+
+
+class Locate(Intent, frozen=True, kw_only=True):
+    """Play a tune, so that an operator sees which vehicles these are."""
+
+    verb = "locate"
+    kind = "locate"
+    usage = "locate WHO, for instance: locate mav1"
+    must_name_vehicles = True
+    is_mission_step = False
+    brings_down = True
+
+
+class LoadPath(Intent, frozen=True, kw_only=True):
+    """Bring each vehicle a part of its path."""
+
+    verb = "load_path"
+    kind = "load_path"
+    is_mission_step = False
+
+
+class FollowPath(Intent, frozen=True, kw_only=True):
+    """Follow the loaded paths from one instant on."""
+
+    verb = "follow_path"
+    kind = "follow_path"
+    is_mission_step = False
+
+
+# The verbs that an operator types, in the order in which they are listed.
+INTENTS: dict[str, type[Intent]] = {
+    intent.verb: intent
+    for intent in (
+        Arm,
+        Disarm,
+        Takeoff,
+        Move,
+        Goto,
+        Formation,
+        Rotate,
+        Yaw,
+        Home,
+        Land,
+        Hold,
+        Kill,
+        Locate,
+    )
+}
+PATH_INTENTS: dict[PathVerb, type[Intent]] = {"load_path": LoadPath, "follow_path": FollowPath}
+
+
+def _number_words(values: Vec3) -> list[str]:
+    return [f"{value:g}" for value in values]
+
+
+def _duration_words(duration_s: float) -> list[str]:
+    if not duration_s:
+        return []
+    return [f"in {duration_s:g} s"]
