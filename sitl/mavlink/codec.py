@@ -1,9 +1,13 @@
-"""MAVLink 2 bytes to messages and back, on pymavlink's tables. The only file of the emulator that
-imports pymavlink.
+"""MAVLink 2 bytes to messages and back, on pymavlink's tables.
 
-pymavlink's message objects cost several microseconds each; here a message is a tuple in wire order,
-packed by the message's own struct, which gives the same bytes. What pymavlink's dialects lack
-(events, link node status, ...) is declared in `extra_dialect.py`.
+This is the only file of the emulator that imports pymavlink. pymavlink's message objects cost
+several microseconds each; here a message is a tuple in wire order, packed by the message's own
+struct, which gives the same bytes. What pymavlink's dialects lack (events, link node status, ...)
+is declared in `extra_dialect.py`.
+
+A frame of MAVLink 2 is: magic, length, two bytes of flags, sequence, system, component, three bytes
+of message id, payload, two bytes of checksum, and 13 bytes of signature if the flags say so. In
+MAVLink 1 the flags are missing and the message id has one byte.
 """
 
 from __future__ import annotations
@@ -20,27 +24,31 @@ from sitl.mavlink.extra_dialect import EXTRA, MessageLayout
 
 _MAGIC_V2 = 0xFD
 _MAGIC_V1 = 0xFE
-_SIGNED = 0x01
+_HEADER_V2_BYTES = 10
+_HEADER_V1_BYTES = 6
+_CHECKSUM_BYTES = 2
 _SIGNATURE_BYTES = 13
+_SIGNED = 0x01  # flag: a signature follows the checksum
+
+
+def _field_type(entry: Any, field_name: str) -> str:
+    return str(entry.fieldtypes[entry.fieldnames.index(field_name)])
 
 
 def _layout(message_id: int, entry: Any) -> MessageLayout:
-    # Character arrays are one value of the struct; number arrays are as many values as they are
-    # long.
-    counts = [
-        array if array and kind != "char" else 0
-        for array, kind in zip(
-            entry.array_lengths,
-            (entry.fieldtypes[entry.fieldnames.index(name)] for name in entry.ordered_fieldnames),
-            strict=True,
-        )
-    ]
+    """Return the layout of one of pymavlink's messages."""
+    fields: list[tuple[str, int]] = []
+    for name, array_length in zip(entry.ordered_fieldnames, entry.array_lengths, strict=True):
+        # A character array is one value of the struct, an array of numbers as many as it is long.
+        is_text = _field_type(entry, name) == "char"
+        fields.append((name, 0 if is_text else array_length))
+
     return MessageLayout(
-        message_id,
-        entry.msgname,
-        struct.Struct(entry.unpacker.format),
-        entry.crc_extra,
-        tuple(zip(entry.ordered_fieldnames, counts, strict=True)),
+        message_id=message_id,
+        name=entry.msgname,
+        packer=struct.Struct(entry.unpacker.format),
+        crc_extra=entry.crc_extra,
+        fields=tuple(fields),
     )
 
 
@@ -50,12 +58,14 @@ LAYOUTS: dict[int, MessageLayout] = {
 
 
 def _zero(layout: MessageLayout, field_name: str) -> int | bytes:
-    kinds = common.mavlink_map.get(layout.message_id)
-    if kinds is None:
-        return 0
-    return b"" if kinds.fieldtypes[kinds.fieldnames.index(field_name)] == "char" else 0
+    """Return the value of a field that is left out."""
+    entry = common.mavlink_map.get(layout.message_id)
+    if entry is not None and _field_type(entry, field_name) == "char":
+        return b""
+    return 0
 
 
+# Name, count and zero of each field of each message.
 _ZEROS: dict[str, tuple[tuple[str, int, Any], ...]] = {
     layout.name: tuple(
         (name, count, [0] * count if count else _zero(layout, name))
@@ -75,83 +85,105 @@ ID_BY_NAME: dict[str, int] = {layout.name: number for number, layout in LAYOUTS.
 
 @dataclass(frozen=True, slots=True)
 class MavlinkMessage:
-    """One received message; `fields` holds numbers, lists of numbers, and bytes for texts."""
+    """One received message."""
 
     name: str
     message_id: int
-    system_id: int
-    component_id: int
-    fields: dict[str, Any]
+    system_id: int  # of the sender
+    component_id: int  # of the sender
+    fields: dict[str, Any]  # numbers, lists of numbers, and bytes for texts
 
 
 @dataclass(slots=True)
 class Decoder:
-    """Datagrams to messages. What is not MAVLink is counted, never raised.
-
-    takes: whether a message is listened to, by its bytes and whether it is signed; None: all are.
-    """
+    """Datagrams to messages; what is not MAVLink is counted, never raised."""
 
     malformed: int = 0
+    # whether a message is listened to, by its bytes and whether it is signed; None: all are
     takes: Callable[[MavlinkMessage, bytes, bool], bool] | None = None
 
     def decode(self, datagram: bytes) -> list[MavlinkMessage]:
-        """All messages of one datagram; the rest of a broken one is dropped and counted once."""
+        """Return all messages of a datagram; the rest of a broken one is dropped, counted once."""
         messages: list[MavlinkMessage] = []
-        start, end = 0, len(datagram)
-        while start < end:
+        start = 0
+        while start < len(datagram):
             frame = _frame(datagram, start)
             if frame is None:
                 self.malformed += 1
                 break
-            begin, (message, start) = start, frame
-            if message is not None and (
-                self.takes is None or self._is_taken(message, datagram[begin:start])
-            ):
+
+            message, end = frame
+            if message is not None and self._is_taken(message, datagram[start:end]):
                 messages.append(message)
+            start = end
         return messages
 
     def _is_taken(self, message: MavlinkMessage, frame: bytes) -> bool:
+        if self.takes is None:
+            return True
         is_signed = frame[0] == _MAGIC_V2 and bool(frame[2] & _SIGNED)
-        return self.takes is None or self.takes(message, frame, is_signed)
+        return self.takes(message, frame, is_signed)
 
 
 def _frame(data: bytes, start: int) -> tuple[MavlinkMessage | None, int] | None:
-    """Message at `start` and where the next one begins; (None, next) for an unknown id; None for
-    what is no frame.
+    """Return the message that starts here and where the next frame does.
+
+    The message is None when its id is unknown. The result is None when there is no frame, or one
+    that ends too early or has a wrong checksum.
     """
-    magic, left = data[start], len(data) - start
-    if magic == _MAGIC_V2 and left >= 12:
-        length, incompat = data[start + 1], data[start + 2]
-        system_id, component_id = data[start + 5], data[start + 6]
+    magic = data[start]
+    left = len(data) - start
+    if magic == _MAGIC_V2 and left >= _HEADER_V2_BYTES + _CHECKSUM_BYTES:
+        length = data[start + 1]
+        incompat_flags = data[start + 2]
+        system_id = data[start + 5]
+        component_id = data[start + 6]
         message_id = data[start + 7] | data[start + 8] << 8 | data[start + 9] << 16
-        header = 10
-    elif magic == _MAGIC_V1 and left >= 8:
-        length, incompat = data[start + 1], 0
-        system_id, component_id, message_id = data[start + 3], data[start + 4], data[start + 5]
-        header = 6
+        body = start + _HEADER_V2_BYTES
+    elif magic == _MAGIC_V1 and left >= _HEADER_V1_BYTES + _CHECKSUM_BYTES:
+        length = data[start + 1]
+        incompat_flags = 0
+        system_id = data[start + 3]
+        component_id = data[start + 4]
+        message_id = data[start + 5]
+        body = start + _HEADER_V1_BYTES
     else:
         return None
-    if incompat & ~_SIGNED:
+
+    if incompat_flags & ~_SIGNED:
         return None
-    body = start + header
-    total = header + length + 2 + (_SIGNATURE_BYTES if incompat & _SIGNED else 0)
-    if left < total:
+    end = body + length + _CHECKSUM_BYTES
+    if incompat_flags & _SIGNED:
+        end += _SIGNATURE_BYTES
+    if end > len(data):
         return None
+
     layout = LAYOUTS.get(message_id)
     if layout is None:
-        return None, start + total
-    payload = data[body : body + length]
+        return None, end
+
+    # The checksum covers all but the magic byte, and a seed of the message that is not sent.
     checksum = mcrf4xx(data[start + 1 : body + length] + bytes((layout.crc_extra,)))
     if checksum != data[body + length] | data[body + length + 1] << 8:
         return None
+
+    # Zeros at the end of a payload are not sent.
+    payload = data[body : body + length]
     size = layout.packer.size
     values = layout.packer.unpack(payload.ljust(size, b"\0")[:size])
-    return MavlinkMessage(
-        layout.name, message_id, system_id, component_id, _named(layout, values)
-    ), start + total
+
+    message = MavlinkMessage(
+        name=layout.name,
+        message_id=message_id,
+        system_id=system_id,
+        component_id=component_id,
+        fields=_named(layout, values),
+    )
+    return message, end
 
 
 def _named(layout: MessageLayout, values: tuple[Any, ...]) -> dict[str, Any]:
+    """Return values in wire order by the names of their fields."""
     named: dict[str, Any] = {}
     position = 0
     for name, count in layout.fields:
@@ -165,7 +197,7 @@ def _named(layout: MessageLayout, values: tuple[Any, ...]) -> dict[str, Any]:
 
 
 def text_of(raw: bytes) -> str:
-    """A MAVLink character array as text."""
+    """Return a MAVLink character array as text."""
     return raw.split(b"\0", 1)[0].decode("ascii", "replace")
 
 
@@ -180,28 +212,29 @@ class Encoder:
     is_signed: bool = False
 
     def encode(self, message_id: int, *values: Any) -> bytes:
-        """Bytes of a message from its values in wire order (arrays flattened), trailing zeros cut
-        as MAVLink 2 does.
-        """
-        packer, id_low, id_high, extra = _ENCODED[message_id]
+        """Return the bytes of a message from its values in wire order, arrays flattened."""
+        packer, id_low, id_high, crc_extra = _ENCODED[message_id]
+        # MAVLink 2 cuts the zeros at the end, all but one.
         payload = packer.pack(*values).rstrip(b"\0") or b"\0"
+
         sequence = self.sequence
         self.sequence = (sequence + 1) & 0xFF
         flags = _SIGNED if self.is_signed else 0
         head = _HEAD.pack(
             len(payload), flags, sequence, self.system_id, self.component_id, id_low, id_high
         )
+
         # The magic byte is not part of the checksum; the seed of the message is, and is not sent.
         body = head + payload
-        return b"\xfd" + body + _CHECKSUM.pack(mcrf4xx(body + extra))
+        return b"\xfd" + body + _CHECKSUM.pack(mcrf4xx(body + crc_extra))
 
     def encode_named(self, name: str, **fields: Any) -> bytes:
-        """As :meth:`encode`, from names; fields that are left out are zero."""
+        """Return the bytes of a message from named fields; those that are left out are zero."""
         return self.encode(ID_BY_NAME[name], *self.values(name, **fields))
 
     @staticmethod
     def values(name: str, **fields: Any) -> tuple[Any, ...]:
-        """Values in wire order from names; fields that are left out are zero."""
+        """Return values in wire order from named fields; those that are left out are zero."""
         values: list[Any] = []
         for field_name, count, zero in _ZEROS[name]:
             value = fields.pop(field_name, zero)
@@ -209,6 +242,7 @@ class Encoder:
                 values.extend(value)
             else:
                 values.append(value)
+
         if fields:
             raise KeyError(f"{name} has no field {', '.join(fields)}")
         return tuple(values)

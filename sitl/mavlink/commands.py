@@ -1,4 +1,8 @@
-"""MAVLink commands (COMMAND_LONG, COMMAND_INT) as a table: number, what is done, and the answer."""
+"""MAVLink commands (COMMAND_LONG, COMMAND_INT) as a table: number, what is done, and the answer.
+
+The table is at the end of the file. Each handler does what the command says and returns the result
+for the acknowledgement, and messages to be sent after it.
+"""
 
 from __future__ import annotations
 
@@ -17,11 +21,14 @@ from sitl.px4.commander import EmulatedPx4
 from sitl.px4.modes import CommandResult, Mode
 
 _DO_SET_MODE = 176
-_REQUEST_MESSAGE, _REQUEST_PROTOCOL_VERSION = 512, 519
+_REQUEST_MESSAGE = 512
+_REQUEST_PROTOCOL_VERSION = 519
 # Answered also when they are sent to everybody, and to any component.
 FOR_EVERYBODY = frozenset({_REQUEST_MESSAGE, _REQUEST_PROTOCOL_VERSION})
-_LARGEST = 2**31
-_HIGHEST_M = 1e5
+
+_LARGEST = 2**31  # a parameter that is larger is no whole number
+_HIGHEST_M = 1e5  # an altitude that is higher is none
+_FARTHEST_M = 1e4  # from the local origin; a position that is farther is none
 
 
 class CommandedLink(Protocol):
@@ -50,15 +57,15 @@ class ReceivedCommand:
 
     # the seven parameters; NaN, which clients send for what they do not use, is kept
     numbers: tuple[float, ...]
-    is_integer: bool  # whether places are degrees times 1e7 (COMMAND_INT)
+    is_integer: bool  # whether coordinates are degrees times 1e7 (COMMAND_INT)
 
     def __getitem__(self, index: int) -> float:
-        """Parameter 1 to 7; 0 for NaN and infinity."""
+        """Return parameter 1 to 7; 0 for NaN and infinity."""
         value = self.numbers[index - 1]
         return value if math.isfinite(value) else 0.0
 
     def integer(self, index: int) -> int:
-        """Parameter 1 to 7 as the nearest whole number, -1 when it is too large to be one."""
+        """Return parameter 1 to 7 as the nearest whole number; -1 when it is too large."""
         value = self[index]
         return round(value) if abs(value) < _LARGEST else -1
 
@@ -68,150 +75,183 @@ Handler = Callable[[CommandedLink, ReceivedCommand], Answer]
 
 
 def handle(link: CommandedLink, message: MavlinkMessage) -> list[bytes]:
-    """Everything that is sent back for a command."""
-    f = message.fields
-    number = f["command"]
-    is_integer = message.name == "COMMAND_INT"
-    last = (
-        (float(f["x"]), float(f["y"]), f["z"])
-        if is_integer
-        else (f["param5"], f["param6"], f["param7"])
-    )
-    command = ReceivedCommand(
-        (f["param1"], f["param2"], f["param3"], f["param4"], *last), is_integer
-    )
+    """Carry out a command; return everything that is sent back."""
+    number = message.fields["command"]
     handler = _COMMANDS.get(number)
     version = link.autopilot.version
     if handler is None or number in version.unsupported_commands:
         return [link.ack(message, number, CommandResult.UNSUPPORTED)]
-    result, extra = handler(link, command)
+
+    result, messages = handler(link, _received(message))
     answers = [link.ack(message, number, result)]
     if number == _DO_SET_MODE and version.mode_acks > 1:
         # Its receiver answers at once and always yes, then its commander with the truth.
         answers.insert(0, link.ack(message, number, CommandResult.ACCEPTED))
-    return answers + extra
+    return answers + messages
+
+
+def _received(message: MavlinkMessage) -> ReceivedCommand:
+    fields = message.fields
+    is_integer = message.name == "COMMAND_INT"
+
+    first = (fields["param1"], fields["param2"], fields["param3"], fields["param4"])
+    if is_integer:
+        last = (float(fields["x"]), float(fields["y"]), fields["z"])
+    else:
+        last = (fields["param5"], fields["param6"], fields["param7"])
+    return ReceivedCommand(numbers=(*first, *last), is_integer=is_integer)
+
+
+# -- flying ----------------------------------------------------------------------------------------
 
 
 def _enter(mode: Mode, said: str | None = None) -> Handler:
+    """Return the handler of a command that enters a mode."""
+
     def handler(link: CommandedLink, command: ReceivedCommand) -> Answer:
         return link.autopilot.request(link.view.now_s, mode, said), []
 
     return handler
 
 
-def _accept(link: CommandedLink, command: ReceivedCommand) -> Answer:
-    return CommandResult.ACCEPTED, []
-
-
 def _take_off(link: CommandedLink, command: ReceivedCommand) -> Answer:
-    above_sea_m = command.numbers[6]  # as PX4 takes it, whatever the frame
-    height_m = above_sea_m - HOME_ALTITUDE_M if abs(above_sea_m) < _HIGHEST_M else math.nan
+    altitude_m = command.numbers[6]  # above the sea, as PX4 takes it, whatever the frame
+    height_m = math.nan
+    if abs(altitude_m) < _HIGHEST_M:
+        height_m = altitude_m - HOME_ALTITUDE_M
     return link.autopilot.request_takeoff(link.view.now_s, height_m), []
 
 
 def _arm(link: CommandedLink, command: ReceivedCommand) -> Answer:
-    wanted = command.integer(1)
-    if wanted not in (0, 1):
+    requested = command.integer(1)
+    if requested not in (0, 1):
         value = command[1]
         link.autopilot.journal.say(link.view.now_s, "bad arm", value, value=value)
         return CommandResult.UNSUPPORTED, []
-    return link.autopilot.request_arm(link.view.now_s, wanted == 1, command[2]), []
+
+    is_arming = requested == 1
+    return link.autopilot.request_arm(link.view.now_s, is_arming, magic=command[2]), []
 
 
 def _set_mode(link: CommandedLink, command: ReceivedCommand) -> Answer:
-    base, main, sub = (
-        command.integer(1) & 0xFF,
-        command.integer(2) & 0xFF,
-        command.integer(3) & 0xFF,
+    result = link.autopilot.request_mode(
+        link.view.now_s,
+        main=command.integer(2) & 0xFF,
+        sub=command.integer(3) & 0xFF,
+        base_mode=command.integer(1) & 0xFF,
     )
-    return link.autopilot.request_mode(link.view.now_s, main, sub, base), []
+    return result, []
 
 
 def _terminate(link: CommandedLink, command: ReceivedCommand) -> Answer:
-    if command[1] <= 0.5:
+    is_termination = command[1] > 0.5
+    if not is_termination:
         return CommandResult.DENIED, []
     return link.autopilot.request_termination(link.view.now_s), []
 
 
 def _reposition(link: CommandedLink, command: ReceivedCommand) -> Answer:
-    if command.integer(2) != 1:
+    changes_mode = command.integer(2) == 1
+    if not changes_mode:
         return CommandResult.UNSUPPORTED, []
+
     result = link.autopilot.request(link.view.now_s, Mode.LOITER)
-    if result is CommandResult.ACCEPTED:
-        scale = 1e-7 if command.is_integer else 1.0
-        latitude, longitude, altitude_m = (
-            command.numbers[i] * s for i, s in ((4, scale), (5, scale), (6, 1.0))
-        )
-        position = np.array(link.view.to_local(latitude, longitude, altitude_m))
-        # No coordinate, or one that is on another continent: stay.
-        link.autopilot.mode_control.hold_at(np.where(np.abs(position) < 1e4, position, math.nan))
+    if result is not CommandResult.ACCEPTED:
+        return result, []
+
+    scale = 1e-7 if command.is_integer else 1.0
+    latitude_deg = command.numbers[4] * scale
+    longitude_deg = command.numbers[5] * scale
+    altitude_m = command.numbers[6]
+    position = np.array(link.view.to_local(latitude_deg, longitude_deg, altitude_m))
+
+    # No coordinate, or one that is on another continent: stay.
+    is_near = np.abs(position) < _FARTHEST_M
+    link.autopilot.mode_control.hold_at(np.where(is_near, position, math.nan))
     return result, []
 
 
 def _change_speed(link: CommandedLink, command: ReceivedCommand) -> Answer:
     speed_m_s = command[2]
     if speed_m_s > 0.0:
-        limit = link.autopilot.params["MPC_XY_VEL_MAX"]
-        link.autopilot.params.values["MPC_XY_CRUISE"] = min(speed_m_s, limit)
+        params = link.autopilot.params
+        params.values["MPC_XY_CRUISE"] = min(speed_m_s, params["MPC_XY_VEL_MAX"])
     return CommandResult.ACCEPTED, []
 
 
 def _set_home(link: CommandedLink, command: ReceivedCommand) -> Answer:
     # Home is where the vehicle was armed; only "here" can be said, as ground stations do.
-    if command[1] <= 0.5:
+    is_here = command[1] > 0.5
+    if not is_here:
         return CommandResult.DENIED, []
-    return (
-        CommandResult.ACCEPTED if link.view.has_origin else CommandResult.TEMPORARILY_REJECTED
-    ), []
+    if not link.view.has_origin:
+        return CommandResult.TEMPORARILY_REJECTED, []
+    return CommandResult.ACCEPTED, []
 
 
 def _start_mission(link: CommandedLink, command: ReceivedCommand) -> Answer:
     return CommandResult.DENIED, []  # there is none
 
 
+# -- everything else -------------------------------------------------------------------------------
+
+
+def _accept(link: CommandedLink, command: ReceivedCommand) -> Answer:
+    return CommandResult.ACCEPTED, []
+
+
 def _store(link: CommandedLink, command: ReceivedCommand) -> Answer:
-    return (
-        CommandResult.TEMPORARILY_REJECTED if link.autopilot.is_armed else CommandResult.ACCEPTED
-    ), []
+    if link.autopilot.is_armed:
+        return CommandResult.TEMPORARILY_REJECTED, []
+    return CommandResult.ACCEPTED, []
 
 
 def _reboot(link: CommandedLink, command: ReceivedCommand) -> Answer:
-    wanted = command.integer(1)
-    if wanted == 0:
+    nothing = 0
+    reboot = 1
+    requested = command.integer(1)
+    if requested == nothing:
         return CommandResult.ACCEPTED, []
-    if wanted != 1 or link.autopilot.is_armed:
+    if requested != reboot or link.autopilot.is_armed:
         return CommandResult.DENIED, []
+
     link.emulator.reboot(link.index)
     return CommandResult.ACCEPTED, []
 
 
 def _set_interval(link: CommandedLink, command: ReceivedCommand) -> Answer:
-    done = link.schedule.set_interval(command.integer(1), command[2], link.view.now_s)
-    return (CommandResult.ACCEPTED if done else CommandResult.FAILED), []
+    is_set = link.schedule.set_interval(command.integer(1), command[2], link.view.now_s)
+    return CommandResult.ACCEPTED if is_set else CommandResult.FAILED, []
 
 
 def _get_interval(link: CommandedLink, command: ReceivedCommand) -> Answer:
-    wanted = command.integer(1) & 0xFFFF
-    interval_us = link.schedule.interval_us(wanted)
-    return CommandResult.ACCEPTED, [
-        link.encoder.encode_named("MESSAGE_INTERVAL", message_id=wanted, interval_us=interval_us)
-    ]
-
-
-def _send(link: CommandedLink, message_id: int) -> Answer:
-    answer = link.build(message_id)
-    return (CommandResult.DENIED, []) if answer is None else (CommandResult.ACCEPTED, [answer])
+    message_id = command.integer(1) & 0xFFFF
+    interval_us = link.schedule.interval_us(message_id)
+    answer = link.encoder.encode_named(
+        "MESSAGE_INTERVAL", message_id=message_id, interval_us=interval_us
+    )
+    return CommandResult.ACCEPTED, [answer]
 
 
 def _request_message(link: CommandedLink, command: ReceivedCommand) -> Answer:
-    wanted = command.integer(1)
-    return _send(link, wanted) if wanted in BUILDERS else (CommandResult.DENIED, [])
+    message_id = command.integer(1)
+    if message_id not in BUILDERS:
+        return CommandResult.DENIED, []
+
+    message = link.build(message_id)
+    if message is None:
+        return CommandResult.DENIED, []
+    return CommandResult.ACCEPTED, [message]
 
 
 def _request(name: str) -> Handler:
+    """Return the handler of a command that requests one message, and is accepted in any case."""
+
     def handler(link: CommandedLink, command: ReceivedCommand) -> Answer:
-        _, answer = _send(link, ID_BY_NAME[name])
-        return CommandResult.ACCEPTED, answer
+        message = link.build(ID_BY_NAME[name])
+        if message is None:
+            return CommandResult.ACCEPTED, []
+        return CommandResult.ACCEPTED, [message]
 
     return handler
 

@@ -1,8 +1,11 @@
-"""One MAVLink link of one emulated PX4: what it answers and what it streams. Bytes in, bytes out;
-no sockets.
+"""One MAVLink link of one emulated PX4: what it answers and what it streams.
+
+Bytes come in with `receive` and go out with `receive` and `poll`; there are no sockets here. Which
+message is answered by what, and to whom it has to be addressed, is a table at the end of the file.
+Commands have a table of their own in `commands.py`, streams one in `streams.py`.
 
 Whatever a client sends, nothing here raises: unknown messages are ignored, broken ones counted, odd
-numbers tamed. Commands are in `commands.py`.
+numbers tamed.
 """
 
 from __future__ import annotations
@@ -32,28 +35,41 @@ _PARAM_VALUE = ID_BY_NAME["PARAM_VALUE"]
 _STATUSTEXT = ID_BY_NAME["STATUSTEXT"]
 _EVENT = ID_BY_NAME["EVENT"]
 _ORIGIN = ID_BY_NAME["GPS_GLOBAL_ORIGIN"]
+
 _AUTOPILOT_COMPONENT = 1
 _MAV_TYPE_GCS = 6
-_GCS_TIMEOUT_S = 3.0
-_TEXT_BACKLOG_S = 5.0
-_TEXT_CHUNK = 50
-_PARAMS_PER_POLL = 4
-_LOCAL_NED, _LOCAL_FRD = 1, 20
-_MAX_POSITION_M = 1e4
 _DO_SET_MODE = 176
+_HASH_INDEX = 0xFFFF  # -1 as param_index
+
+_GCS_TIMEOUT_S = 3.0  # without a heartbeat, after which a ground station is gone
+_TEXT_BACKLOG_S = 5.0  # age of the texts that a new ground station still gets
+_TEXT_CHUNK = 50  # characters in one STATUSTEXT
+_PARAMS_PER_POLL = 4
+
+# Frames of ODOMETRY that are fused.
+_LOCAL_NED = 1
+_LOCAL_FRD = 20
+
+_MAX_POSITION_M = 1e4  # of an external position; a larger one is no position
 _FULL_STICK = 1000.0
-_HASH_INDEX = 0xFFFF  # -1
+
 # MAVLink's file transfer: operation codes, and the errors of a server without files.
-_FTP_TERMINATE, _FTP_RESET, _FTP_ACK, _FTP_NAK = 1, 2, 128, 129
-_FTP_OPEN, _FTP_LIST = 4, 3
-_FTP_FAIL, _FTP_NOT_FOUND = 1, 10
+_FTP_TERMINATE = 1
+_FTP_RESET = 2
+_FTP_LIST = 3
+_FTP_OPEN = 4
+_FTP_ACK = 128
+_FTP_NAK = 129
+_FTP_FAIL = 1
+_FTP_NOT_FOUND = 10
 
 
 class Link:
     """A MAVLink channel of one vehicle.
 
     Args:
-        emulator, index: the vehicle.
+        emulator: with the vehicle.
+        index: of the vehicle.
         rates_hz: default rate of each message it can stream.
         link_id: PX4's number of the link: 0 the ground's, 1 the companion's.
     """
@@ -67,15 +83,17 @@ class Link:
         self.encoder = Encoder(self.view.system_id)
         self.schedule = schedule_of(self.autopilot.version, rates_hz)
         self.schedule.start(self.view.now_s, boot_s=self.autopilot.boot_time_s, phase=index)
+
         self._decoder = Decoder()
         self._key = LinkKey(emulator.key_stores[index], link_id, self.encoder, self._decoder)
+
         self._params_to_send: deque[str] = deque()
         self._texts_sent = 0
         self._events_sent = self.autopilot.journal.events.count
         self._text_id = -1
-        self._gcs_time_s = -math.inf
+        self._gcs_time_s = -math.inf  # of the newest heartbeat of a ground station on this link
         self._has_gcs = False
-        self._is_origin_sent: object = None
+        self._sent_origin: object = None  # the origin that the client knows
 
     @property
     def autopilot(self) -> EmulatedPx4:
@@ -89,13 +107,14 @@ class Link:
 
     @property
     def malformed(self) -> int:
-        """Datagrams that were no MAVLink."""
+        """Number of datagrams that were no MAVLink."""
         return self._decoder.malformed
 
     def receive(self, datagram: bytes) -> list[bytes]:
-        """Take one datagram; what is answered at once."""
-        answers: list[bytes] = []
+        """Take one datagram; return what is answered at once."""
         self._key.follow()
+
+        answers: list[bytes] = []
         for message in self._decoder.decode(datagram):
             reaction = _REACTIONS.get(message.name)
             if reaction is not None and reaction.is_meant(self, message):
@@ -103,130 +122,179 @@ class Link:
         return self._key.signed(answers)
 
     def poll(self) -> list[bytes]:
-        """Everything that is due at the emulator's present time."""
-        now = self.view.now_s
+        """Return everything that is due at the emulator's present time."""
+        now_s = self.view.now_s
         self._key.follow()
-        out: list[bytes] = []
-        for message_id in self.schedule.pop_due(now):
+
+        frames = self._streamed(now_s)
+        for _ in range(min(_PARAMS_PER_POLL, len(self._params_to_send))):
+            frames.append(self._param_value(self._params_to_send.popleft()))
+
+        journal = self.autopilot.journal
+        if journal.events.count != self._events_sent:
+            frames.extend(self._event(event) for event in journal.events.since(self._events_sent))
+            self._events_sent = journal.events.count
+        if journal.texts.count != self._texts_sent or now_s - self._gcs_time_s < _GCS_TIMEOUT_S:
+            frames.extend(self._texts(now_s))
+
+        return self._key.signed(frames)
+
+    def _streamed(self, now_s: float) -> list[bytes]:
+        """Return the streamed messages that are due."""
+        frames: list[bytes] = []
+        for message_id in self.schedule.pop_due(now_s):
             values = BUILDERS[message_id](self.view)
             if values is None:
                 continue
+
             if message_id == _ORIGIN:
-                # Streamed, but only when it is news for this link.
-                if values[:3] == self._is_origin_sent:
+                # PX4 sends the origin only when it has changed since it last sent it on this link.
+                origin = values[:3]
+                if origin == self._sent_origin:
                     continue
-                self._is_origin_sent = values[:3]
-            out.append(self.encoder.encode(message_id, *values))
-        if self._params_to_send:
-            for _ in range(min(_PARAMS_PER_POLL, len(self._params_to_send))):
-                out.append(self._param_value(self._params_to_send.popleft()))
-        journal = self.autopilot.journal
-        if journal.events.count != self._events_sent:
-            out.extend(self._event(event) for event in journal.events.since(self._events_sent))
-            self._events_sent = journal.events.count
-        if journal.texts.count != self._texts_sent or now - self._gcs_time_s < _GCS_TIMEOUT_S:
-            out.extend(self._texts(now))
-        return self._key.signed(out)
+                self._sent_origin = origin
+            frames.append(self.encoder.encode(message_id, *values))
+        return frames
 
     def build(self, message_id: int) -> bytes | None:
-        """One message that can be streamed, now; None when PX4 has nothing to say."""
-        builder = None if message_id in self.schedule.silent else BUILDERS.get(message_id)
-        values = None if builder is None else builder(self.view)
-        return None if values is None else self.encoder.encode(message_id, *values)
+        """Return one message that can be streamed, now; None when PX4 has nothing to say."""
+        if message_id in self.schedule.silent or message_id not in BUILDERS:
+            return None
+        values = BUILDERS[message_id](self.view)
+        if values is None:
+            return None
+        return self.encoder.encode(message_id, *values)
 
     def ack(self, message: MavlinkMessage, command: int, result: CommandResult) -> bytes:
-        """COMMAND_ACK to the sender of a message."""
+        """Return the COMMAND_ACK to the sender of a message."""
+        progress = 0
+        result_param2 = 0
         return self.encoder.encode(
-            _ACK, command, int(result), 0, 0, message.system_id, message.component_id
+            _ACK,
+            command,
+            int(result),
+            progress,
+            result_param2,
+            message.system_id,
+            message.component_id,
         )
 
     # -- texts, events, parameters -----------------------------------------------------------------
 
     def _texts(self, now_s: float) -> list[bytes]:
-        # PX4 tells a link its texts only while a ground station's heartbeat arrives on that very
-        # link.
+        """Return the STATUSTEXTs that are new for this link.
+
+        PX4 sends its texts to a link only while a ground station's heartbeat arrives on that very
+        link.
+        """
         journal = self.autopilot.journal
         new = journal.texts.since(self._texts_sent)
         self._texts_sent = journal.texts.count
+
         if now_s - self._gcs_time_s >= _GCS_TIMEOUT_S:
             self._has_gcs = False
             return []
+
         if not self._has_gcs:
             self._has_gcs = True
             new = [text for text in journal.texts.newest if now_s - text.time_s < _TEXT_BACKLOG_S]
         return [chunk for text in new for chunk in self._chunks(text)]
 
     def _chunks(self, text: StatusText) -> list[bytes]:
-        raw = text.text.encode("ascii", "replace")
-        # PX4 begins with 0, and counts short texts too
+        """Return a text as STATUSTEXTs."""
+        # PX4 begins with 0, and counts short texts too.
         self._text_id = (self._text_id + 1) & 0xFFFF
+
+        raw = text.text.encode("ascii", "replace")
         pieces = [raw[start : start + _TEXT_CHUNK] for start in range(0, len(raw), _TEXT_CHUNK)]
         return [
-            self.encoder.encode(_STATUSTEXT, text.severity, piece, self._text_id, index)
-            for index, piece in enumerate(pieces)
+            self.encoder.encode(_STATUSTEXT, text.severity, piece, self._text_id, chunk)
+            for chunk, piece in enumerate(pieces)
         ]
 
     def _event(self, event: Px4Event) -> bytes:
         time_ms = round((event.time_s - self.autopilot.boot_time_s) * 1e3) & 0xFFFFFFFF
+        destination = (0, 0)  # every component of every system
         arguments = event.arguments.ljust(40, b"\0")
         return self.encoder.encode(
-            _EVENT, event.event_id, time_ms, event.sequence, 0, 0, event.log_levels, *arguments
+            _EVENT,
+            event.event_id,
+            time_ms,
+            event.sequence,
+            *destination,
+            event.log_levels,
+            *arguments,
         )
 
     def _param_value(self, name: str) -> bytes:
         params = self.autopilot.params
         if name == HASH_CHECK:
-            value, index, kind = params.hash_value(), _HASH_INDEX, MAV_PARAM_TYPE_UINT32
+            value = params.hash_value()
+            index = _HASH_INDEX
+            kind = MAV_PARAM_TYPE_UINT32
         else:
-            value, index, kind = params.encoded_value(name), params.index(name), params.kind(name)
+            value = params.encoded_value(name)
+            index = params.index(name)
+            kind = params.kind(name)
         return self.encoder.encode(
             _PARAM_VALUE, value, len(params.values), index, name.encode("ascii"), kind
         )
 
     # -- for whom a message is ---------------------------------------------------------------------
 
-    def _is_heard(self, message: MavlinkMessage) -> bool:
+    def _is_for_vehicle(self, message: MavlinkMessage) -> bool:
         """Whether it is for this vehicle, or for all."""
         return message.fields.get("target_system", 0) in (0, self.view.system_id)
 
     def _is_for_autopilot(self, message: MavlinkMessage) -> bool:
         """Whether it is for this vehicle's autopilot, or for all."""
-        return self._is_heard(message) and message.fields["target_component"] in (
-            0,
-            _AUTOPILOT_COMPONENT,
-        )
+        if not self._is_for_vehicle(message):
+            return False
+        return message.fields["target_component"] in (0, _AUTOPILOT_COMPONENT)
 
-    def _is_ours(self, message: MavlinkMessage) -> bool:
-        """Whether it is for this very vehicle's autopilot: parameters and commands are not taken
-        from broadcasts.
-        """
-        return message.fields["target_system"] == self.view.system_id and self._is_for_autopilot(
-            message
-        )
+    def _is_for_autopilot_alone(self, message: MavlinkMessage) -> bool:
+        """Whether it names this very vehicle: PX4 takes no parameter or command from a broadcast."""
+        is_named = message.fields["target_system"] == self.view.system_id
+        return is_named and self._is_for_autopilot(message)
 
     def _is_command_for_us(self, message: MavlinkMessage) -> bool:
         """Whether a command is for this autopilot; some are answered by everybody."""
-        is_for_everybody = message.fields["command"] in commands.FOR_EVERYBODY
-        return self._is_heard(message) if is_for_everybody else self._is_ours(message)
+        if message.fields["command"] in commands.FOR_EVERYBODY:
+            return self._is_for_vehicle(message)
+        return self._is_for_autopilot_alone(message)
+
+    def _is_for_anybody(self, message: MavlinkMessage) -> bool:
+        """Whether it is taken, whatever system it is addressed to."""
+        return True
 
     # -- messages ----------------------------------------------------------------------------------
 
     def _heartbeat(self, message: MavlinkMessage) -> None:
         if message.fields["type"] == _MAV_TYPE_GCS:
-            self._gcs_time_s = self.autopilot.ground_time_s = self.view.now_s
+            self._gcs_time_s = self.view.now_s
+            self.autopilot.ground_time_s = self.view.now_s
 
     def _timesync(self, message: MavlinkMessage) -> list[bytes]:
-        if message.fields["tc1"] != 0:
+        is_answer = message.fields["tc1"] != 0
+        if is_answer:
             return []
-        answer = (self.view.boot_us * 1000, message.fields["ts1"])
-        return [self.encoder.encode(message.message_id, *answer)]
+        boot_ns = self.view.boot_us * 1000
+        return [self.encoder.encode(message.message_id, boot_ns, message.fields["ts1"])]
 
     def _ping(self, message: MavlinkMessage) -> list[bytes]:
-        f = message.fields
-        if f["target_system"] != 0 or f["target_component"] != 0:
+        fields = message.fields
+        is_answer = fields["target_system"] != 0 or fields["target_component"] != 0
+        if is_answer:
             return []
-        answer = (f["time_usec"], f["seq"], message.system_id, message.component_id)
-        return [self.encoder.encode(message.message_id, *answer)]
+        return [
+            self.encoder.encode(
+                message.message_id,
+                fields["time_usec"],
+                fields["seq"],
+                message.system_id,
+                message.component_id,
+            )
+        ]
 
     def _param_list(self, message: MavlinkMessage) -> None:
         # The checksum comes first, so that a ground station can use what it remembers.
@@ -236,96 +304,120 @@ class Link:
     def _param_read(self, message: MavlinkMessage) -> list[bytes]:
         names = self.autopilot.params.names()
         index = message.fields["param_index"]
-        name = (
-            text_of(message.fields["param_id"])
-            if index < 0
-            else names[index]
-            if index < len(names)
-            else ""
-        )
-        is_known = name in self.autopilot.params.values or name == HASH_CHECK
-        return [self._param_value(name)] if is_known else []
+
+        name = ""
+        if index < 0:
+            name = text_of(message.fields["param_id"])
+        elif index < len(names):
+            name = names[index]
+
+        if name in self.autopilot.params.values or name == HASH_CHECK:
+            return [self._param_value(name)]
+        return []
 
     def _param_set(self, message: MavlinkMessage) -> list[bytes]:
-        f = message.fields
-        name = text_of(f["param_id"])
+        fields = message.fields
+        name = text_of(fields["param_id"])
         if name == HASH_CHECK:
             self._params_to_send.clear()  # the ground station knows them all
             return []
+
         # An unknown name and a wrong type are met with silence: PX4 only writes them to its
         # console.
-        if not self.autopilot.params.set_encoded(name, f["param_value"], f["param_type"]):
+        is_set = self.autopilot.params.set_encoded(
+            name, fields["param_value"], fields["param_type"]
+        )
+        if not is_set:
             return []
         self.emulator.parameters_changed(self.index)
         return [self._param_value(name)]
 
     def _attitude_target(self, message: MavlinkMessage) -> None:
-        f = message.fields
-        rates = [f["body_roll_rate"], f["body_pitch_rate"], f["body_yaw_rate"]]
-        self.emulator.attitude_setpoint(self.index, f["q"], rates, f["thrust"], f["type_mask"])
+        fields = message.fields
+        rate_rad_s = [fields["body_roll_rate"], fields["body_pitch_rate"], fields["body_yaw_rate"]]
+        self.emulator.attitude_setpoint(
+            self.index,
+            attitude_wxyz=fields["q"],
+            rate_rad_s=rate_rad_s,
+            thrust_frac=fields["thrust"],
+            type_mask=fields["type_mask"],
+        )
 
     def _sticks(self, message: MavlinkMessage) -> None:
-        f = message.fields
-        if f["target"] == self.view.system_id and all(
-            abs(f[axis]) <= _FULL_STICK for axis in "xyzr"
-        ):
-            x, y, z, r = (f[axis] / _FULL_STICK for axis in "xyzr")
-            self.autopilot.take_sticks(self.view.now_s, (x, y, z, r))
+        fields = message.fields
+        if fields["target"] != self.view.system_id:
+            return
+        if not all(abs(fields[axis]) <= _FULL_STICK for axis in "xyzr"):
+            return
+
+        pitch, roll, throttle, yaw = (fields[axis] / _FULL_STICK for axis in "xyzr")
+        self.autopilot.take_sticks(self.view.now_s, (pitch, roll, throttle, yaw))
 
     def _position_target(self, message: MavlinkMessage) -> None:
         self.emulator.position_setpoint(self.index, message.fields)
 
     def _global_target(self, message: MavlinkMessage) -> None:
-        f = message.fields
-        frame = f["coordinate_frame"]
+        fields = message.fields
+        frame = fields["coordinate_frame"]
         is_known = frame in setpoints.ABOVE_SEA or frame in setpoints.ABOVE_HOME
         if not is_known or not self.view.has_origin:
             return
-        above_sea_m = f["alt"] + (
-            self.view.home_altitude_m if frame in setpoints.ABOVE_HOME else 0.0
+
+        altitude_m = fields["alt"]
+        if frame in setpoints.ABOVE_HOME:
+            altitude_m = altitude_m + self.view.home_altitude_m
+        position = self.view.to_local(
+            fields["lat_int"] * 1e-7, fields["lon_int"] * 1e-7, altitude_m
         )
-        position = self.view.to_local(f["lat_int"] * 1e-7, f["lon_int"] * 1e-7, above_sea_m)
-        setpoint = setpoints.from_global(f, position, now_s=self.view.now_s)
+
+        setpoint = setpoints.from_global(fields, position, now_s=self.view.now_s)
         if isinstance(setpoint, Setpoint):
             self.emulator.accept_setpoint(self.index, setpoint)
 
     def _odometry(self, message: MavlinkMessage) -> None:
-        f = message.fields
-        if f["frame_id"] in (_LOCAL_NED, _LOCAL_FRD):
-            w, x, y, z = f["q"]
+        fields = message.fields
+        if fields["frame_id"] not in (_LOCAL_NED, _LOCAL_FRD):
+            return
+
+        w, x, y, z = fields["q"]
+        yaw_rad = math.nan
+        if abs(w) + abs(x) + abs(y) + abs(z) > 0.0:
             yaw_rad = math.atan2(2.0 * (w * z + x * y), w * w + x * x - y * y - z * z)
-            has_velocity = math.isfinite(f["vx"] + f["vy"] + f["vz"])
-            self._take_vision(
-                message,
-                yaw_rad if abs(w) + abs(x) + abs(y) + abs(z) > 0.0 else math.nan,
-                has_velocity,
-            )
+
+        has_velocity = math.isfinite(fields["vx"] + fields["vy"] + fields["vz"])
+        self._take_vision(message, yaw_rad, has_velocity=has_velocity)
 
     def _vision(self, message: MavlinkMessage) -> None:
-        self._take_vision(message, message.fields["yaw"], False)
+        self._take_vision(message, message.fields["yaw"], has_velocity=False)
 
-    def _take_vision(self, message: MavlinkMessage, yaw_rad: float, has_velocity: bool) -> None:
-        f = message.fields
-        position = (f["x"], f["y"], f["z"])
-        if all(abs(c) < _MAX_POSITION_M for c in position):
-            yaw_rad = yaw_rad if abs(yaw_rad) < _MAX_POSITION_M else math.nan
-            self.emulator.vision(
-                self.index,
-                np.array(position),
-                yaw_rad=yaw_rad,
-                has_velocity=has_velocity,
-                reset_count=f["reset_counter"],
-            )
+    def _take_vision(self, message: MavlinkMessage, yaw_rad: float, *, has_velocity: bool) -> None:
+        """Take an external position; a heading that makes no sense is left out."""
+        fields = message.fields
+        position = (fields["x"], fields["y"], fields["z"])
+        if not all(abs(c) < _MAX_POSITION_M for c in position):
+            return
+
+        if not abs(yaw_rad) < _MAX_POSITION_M:
+            yaw_rad = math.nan
+        self.emulator.vision(
+            self.index,
+            np.array(position),
+            yaw_rad=yaw_rad,
+            has_velocity=has_velocity,
+            reset_count=fields["reset_counter"],
+        )
 
     def _set_origin(self, message: MavlinkMessage) -> None:
         self.emulator.has_global_origin[self.index] = True
         self.emulator.estimator.set_origin_altitude(self.index, message.fields["altitude"] * 1e-3)
 
     def _set_mode(self, message: MavlinkMessage) -> list[bytes]:
-        f = message.fields
-        custom = f["custom_mode"]
+        custom_mode = message.fields["custom_mode"]
         result = self.autopilot.request_mode(
-            self.view.now_s, custom >> 16 & 0xFF, custom >> 24 & 0xFF, f["base_mode"]
+            self.view.now_s,
+            main=custom_mode >> 16 & 0xFF,
+            sub=custom_mode >> 24 & 0xFF,
+            base_mode=message.fields["base_mode"],
         )
         return [self.ack(message, _DO_SET_MODE, result)]
 
@@ -336,14 +428,16 @@ class Link:
         self.autopilot.play_tune()  # PX4 acknowledges no tune
 
     def _request_event(self, message: MavlinkMessage) -> list[bytes]:
-        f = message.fields
-        first, last = f["first_sequence"], f["last_sequence"]
-        events = self.autopilot.journal.events.newest
+        first = message.fields["first_sequence"]
+        last = message.fields["last_sequence"]
         span = (last - first) & 0xFFFF
-        found = [event for event in events if (event.sequence - first) & 0xFFFF <= span]
-        if found:
-            return [self._event(event) for event in found]
-        oldest = events[0].sequence if events else 0
+
+        kept = self.autopilot.journal.events.newest
+        requested = [event for event in kept if (event.sequence - first) & 0xFFFF <= span]
+        if requested:
+            return [self._event(event) for event in requested]
+
+        oldest = kept[0].sequence if kept else 0
         return [
             self.encoder.encode_named(
                 "RESPONSE_EVENT_ERROR",
@@ -360,12 +454,10 @@ class Link:
         return [self._to_sender("MISSION_COUNT", message)]
 
     def _mission_upload(self, message: MavlinkMessage) -> list[bytes]:
+        accepted = 0  # an empty mission
         unsupported = 3
-        return [
-            self._to_sender(
-                "MISSION_ACK", message, type=0 if message.fields["count"] == 0 else unsupported
-            )
-        ]
+        result = accepted if message.fields["count"] == 0 else unsupported
+        return [self._to_sender("MISSION_ACK", message, type=result)]
 
     def _mission_clear(self, message: MavlinkMessage) -> list[bytes]:
         return [self._to_sender("MISSION_ACK", message)]
@@ -375,30 +467,43 @@ class Link:
         return [self._to_sender("MISSION_ACK", message, type=invalid_sequence)]
 
     def _to_sender(self, name: str, message: MavlinkMessage, **fields: int) -> bytes:
-        kind = message.fields.get("mission_type", 0)
-        to = {"target_system": message.system_id, "target_component": message.component_id}
-        return self.encoder.encode_named(name, **to, mission_type=kind, **fields)
+        """Return a message about missions to the sender of another."""
+        return self.encoder.encode_named(
+            name,
+            target_system=message.system_id,
+            target_component=message.component_id,
+            mission_type=message.fields.get("mission_type", 0),
+            **fields,
+        )
 
     def _log_list(self, message: MavlinkMessage) -> list[bytes]:
         return [self.encoder.encode_named("LOG_ENTRY")]  # there are none
 
     def _file_transfer(self, message: MavlinkMessage) -> list[bytes]:
-        f = message.fields
-        asked = bytes(f["payload"])
-        sequence, session, operation = asked[0] | asked[1] << 8, asked[2], asked[3]
+        # Layout of both payloads: sequence (2 bytes), session, operation, size, operation that is
+        # answered, two bytes of burst and padding, offset (4 bytes), data.
+        request = bytes(message.fields["payload"])
+        sequence = request[0] | request[1] << 8
+        session = request[2]
+        operation = request[3]
         if operation in (_FTP_ACK, _FTP_NAK):
             return []
+
         answer = bytearray(251)
         answer[0:2] = ((sequence + 1) & 0xFFFF).to_bytes(2, "little")
-        answer[2], answer[5] = session, operation
+        answer[2] = session
+        answer[5] = operation
         if operation in (_FTP_TERMINATE, _FTP_RESET):
             answer[3] = _FTP_ACK
         else:
-            answer[3], answer[4] = _FTP_NAK, 1
+            answer[3] = _FTP_NAK
+            answer[4] = 1  # one byte of data: the error
             answer[12] = _FTP_NOT_FOUND if operation in (_FTP_OPEN, _FTP_LIST) else _FTP_FAIL
+
+        network = 0
         return [
             self.encoder.encode(
-                message.message_id, 0, message.system_id, message.component_id, *answer
+                message.message_id, network, message.system_id, message.component_id, *answer
             )
         ]
 
@@ -407,21 +512,20 @@ class Reaction(NamedTuple):
     """Handler of one message, and whether a link takes the message for its own."""
 
     handler: Callable[[Link, MavlinkMessage], list[bytes] | None]
-    is_meant: Callable[[Link, MavlinkMessage], bool] = Link._is_heard
+    is_meant: Callable[[Link, MavlinkMessage], bool] = Link._is_for_vehicle
 
 
 _REACTIONS: dict[str, Reaction] = {
     "HEARTBEAT": Reaction(Link._heartbeat),
     "TIMESYNC": Reaction(Link._timesync),
     "PING": Reaction(Link._ping),
-    "PARAM_REQUEST_LIST": Reaction(Link._param_list, Link._is_ours),
-    "PARAM_REQUEST_READ": Reaction(Link._param_read, Link._is_ours),
-    "PARAM_SET": Reaction(Link._param_set, Link._is_ours),
+    "PARAM_REQUEST_LIST": Reaction(Link._param_list, Link._is_for_autopilot_alone),
+    "PARAM_REQUEST_READ": Reaction(Link._param_read, Link._is_for_autopilot_alone),
+    "PARAM_SET": Reaction(Link._param_set, Link._is_for_autopilot_alone),
     "COMMAND_LONG": Reaction(commands.handle, Link._is_command_for_us),
     "COMMAND_INT": Reaction(commands.handle, Link._is_command_for_us),
     "SET_MODE": Reaction(Link._set_mode),
-    # whatever system it is addressed to
-    "SETUP_SIGNING": Reaction(Link._setup_signing, lambda *_: True),
+    "SETUP_SIGNING": Reaction(Link._setup_signing, Link._is_for_anybody),
     "SET_GPS_GLOBAL_ORIGIN": Reaction(Link._set_origin),
     "SET_ATTITUDE_TARGET": Reaction(Link._attitude_target, Link._is_for_autopilot),
     "SET_POSITION_TARGET_LOCAL_NED": Reaction(Link._position_target, Link._is_for_autopilot),
