@@ -1,8 +1,7 @@
-"""Sockets of the emulator: where each link of each vehicle is bound, whom it streams to, and who
-has locked it.
+"""Sockets of the emulator: where each link of each vehicle is bound, and to whom it streams.
 
-PX4 starts to stream to a fixed port before it has heard anything. The first datagram that arrives,
-whatever it holds, decides whom it talks to from then on, for good.
+PX4 starts to stream to a fixed port before it has received anything. The first datagram that
+arrives, whatever it holds, decides to whom it talks from then on, for good.
 """
 
 from __future__ import annotations
@@ -26,11 +25,14 @@ _LAYOUT: tuple[tuple[int, int, range], ...] = (
     (14540, 18570, range(10)),
     (15540, 19570, range(10, 255)),
 )
-# SIH's link: instance N binds the one + N and sends to the other + N; from here on the two would
-# meet
-SIMULATOR_PORT, VIEWER_PORT, SIMULATOR_INSTANCES = 19450, 19410, 40
-_ENDPOINT = re.compile(r"(udpin|udpout)://([^:/]*|\[[^\]]*\]):(\d{1,5})")
-_MOST_READ_AT_ONCE = 64
+# SIH's link: instance N binds the first port + N and sends to the second + N. From the fortieth on
+# the two would meet.
+SIMULATOR_PORT = 19450
+VIEWER_PORT = 19410
+SIMULATOR_INSTANCES = 40
+
+_ENDPOINT = re.compile(r"(udpin|udpout)://([^:/]*|\[[^\]]*\]):(\d{1,5})")  # scheme, host, port
+_MOST_READ_AT_ONCE = 64  # datagrams at one socket
 _LARGEST_DATAGRAM = 65535
 _RECEIVE_BUFFER_BYTES = 1 << 20
 
@@ -48,72 +50,84 @@ class Ports:
 
 
 def onboard_ports(autopilot: str, key: str) -> Ports:
-    """The companion link: PX4 sends at once to where the agent listens, from its own port 40
-    higher.
+    """Return the addresses of the companion link.
+
+    PX4 sends at once to where the agent listens, from a port of its own that is 40 higher.
     """
     scheme, host, port = _parse(autopilot, key)
     if scheme == "udpout":
-        return Ports((host, port), None)
-    return Ports(
-        (host, port + ONBOARD_PORT_OFFSET), ("127.0.0.1" if host == "0.0.0.0" else host, port)
-    )
+        return Ports(bind=(host, port), peer=None)
+
+    peer_host = "127.0.0.1" if host == "0.0.0.0" else host
+    return Ports(bind=(host, port + ONBOARD_PORT_OFFSET), peer=(peer_host, port))
 
 
 def ground_ports(
     autopilot: str, direct: str | None, key: str, station: Address | None
 ) -> Ports | None:
-    """The ground station's link: the fleet file's `direct` endpoint, or what PX4's layout of ports
-    says.
+    """Return the addresses of the ground station's link; None when there is no such link.
+
+    They are the fleet file's `direct` endpoint, or what PX4's layout of ports says.
 
     Args:
-        autopilot, direct: endpoints of the vehicle in the fleet file.
-        key: where they stand, for messages.
-        station: whom to stream to; None answers only who speaks first.
+        autopilot: the companion's endpoint in the fleet file.
+        direct: the ground's endpoint in the fleet file.
+        key: where both stand there, for messages.
+        station: to whom to stream; None answers only whoever speaks first.
     """
     if direct is not None:
         _, host, port = _parse(direct, f"{key}.direct")
-        return Ports((host, port), station)
+        return Ports(bind=(host, port), peer=station)
     if station is None:
         return None
-    # Outside of PX4's layout any free port will do: a ground station answers where it is spoken to
-    # from.
-    return Ports(("127.0.0.1", ground_port_of(autopilot) or 0), station)
+
+    # Outside of PX4's layout any free port will do: a ground station answers to the port that a
+    # datagram came from.
+    port = ground_port_of(autopilot) or 0
+    return Ports(bind=("127.0.0.1", port), peer=station)
 
 
 def ground_port_of(autopilot: str) -> int | None:
-    """The port of PX4's ground link that belongs to a companion endpoint in PX4's layout; None
-    outside of it.
-    """
-    found = _instance(autopilot)
-    return None if found is None else sum(found)
+    """Return the port of the ground link beside a companion endpoint; None outside PX4's layout."""
+    instance = _instance(autopilot)
+    if instance is None:
+        return None
+    first_port, number = instance
+    return first_port + number
 
 
 def simulator_ports(autopilot: str) -> Ports | None:
-    """The link on which PX4's simulator SIH shows its true state to viewers; None outside of PX4's
-    layout of ports.
+    """Return the addresses of the link on which SIH shows its true state to viewers.
+
+    None outside PX4's layout of ports, and from the instance on whose ports would meet.
     """
-    _, instance = _instance(autopilot) or (0, SIMULATOR_INSTANCES)
-    if instance >= SIMULATOR_INSTANCES:
+    instance = _instance(autopilot)
+    if instance is None:
         return None
-    return Ports(("127.0.0.1", SIMULATOR_PORT + instance), ("127.0.0.1", VIEWER_PORT + instance))
+
+    _, number = instance
+    if number >= SIMULATOR_INSTANCES:
+        return None
+    return Ports(
+        bind=("127.0.0.1", SIMULATOR_PORT + number), peer=("127.0.0.1", VIEWER_PORT + number)
+    )
 
 
 def _instance(autopilot: str) -> tuple[int, int] | None:
-    """First port of the ground links, and the instance of PX4, of a companion endpoint in PX4's
-    layout.
-    """
+    """Return the first port of the ground links, and PX4's instance, of a companion endpoint."""
     match = _ENDPOINT.fullmatch(autopilot)
     if match is None or match[1] != "udpin":
         return None
-    for companion, ground, instances in _LAYOUT:
-        instance = int(match[3]) - companion
-        if instance in instances:
-            return ground, instance
+
+    for first_companion_port, first_ground_port, instances in _LAYOUT:
+        number = int(match[3]) - first_companion_port
+        if number in instances:
+            return first_ground_port, number
     return None
 
 
 def station_of(text: str) -> Address:
-    """`HOST:PORT` of a ground station as an address."""
+    """Return `HOST:PORT` of a ground station as an address."""
     host, _, port = text.rpartition(":")
     if not port.isdigit() or not 0 < int(port) < 65536:
         raise StartError(
@@ -126,13 +140,14 @@ def _parse(endpoint: str, key: str) -> tuple[str, str, int]:
     match = _ENDPOINT.fullmatch(endpoint)
     if match is None or not 0 < int(match[3]) < 65536 - ONBOARD_PORT_OFFSET:
         raise StartError(
-            f"'{key}' is {endpoint!r}, which cannot be emulated. Use udpin://127.0.0.1:14540 (PX4's layout) or udpout://."
+            f"'{key}' is {endpoint!r}, which cannot be emulated. "
+            "Use udpin://127.0.0.1:14540 (PX4's layout) or udpout://."
         )
     return match[1], match[2] or "0.0.0.0", int(match[3])
 
 
 def bind(ports: Ports, what: str) -> socket.socket:
-    """A bound socket that never blocks.
+    """Return a bound socket that never blocks.
 
     Raises:
         StartError: the port is taken, in words.
@@ -142,11 +157,13 @@ def bind(ports: Ports, what: str) -> socket.socket:
         sock.bind(ports.bind)
     except (OSError, OverflowError) as error:
         sock.close()
+        host, port = ports.bind
         reason = getattr(error, "strerror", None) or error
         raise StartError(
-            f"{what} needs UDP port {ports.bind[1]} on {ports.bind[0]}, which cannot be bound ({reason}). "
+            f"{what} needs UDP port {port} on {host}, which cannot be bound ({reason}). "
             "Is another emulator or a PX4 running? Stop it, or change the port in the fleet file."
         ) from None
+
     sock.setblocking(False)
     sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER_BYTES)
     return sock
@@ -162,20 +179,20 @@ class EndpointLink(Protocol):
 
 
 class Endpoint:
-    """One link and whom it talks to. Pure: datagrams come in with their sender and leave through
-    `send`.
+    """One link and its peer. Pure: datagrams come in with their sender and leave through `send`.
 
     Args:
         link: what is said.
         peer: to whom, until somebody has spoken.
-        send: puts a datagram on its way to an address.
+        send: sends a datagram to an address.
     """
 
     def __init__(
         self, link: EndpointLink, peer: Address | None, send: Callable[[bytes, Address], object]
     ) -> None:
         self.link = link
-        self.peer = self._first_peer = peer
+        self.peer = peer
+        self._first_peer = peer
         self._boot = link.boot
         self._send = send
         self._is_locked = False
@@ -183,25 +200,29 @@ class Endpoint:
     def receive(self, datagram: bytes, sender: Address) -> None:
         """Take a datagram, and answer the peer."""
         if datagram and not self._is_locked:
-            self._is_locked, self.peer = True, sender
+            self._is_locked = True
+            self.peer = sender
         for answer in self.link.receive(datagram):
-            self._tell(answer)
+            self._send_to_peer(answer)
 
     def poll(self) -> None:
         """Send what is due; without a peer it is built all the same, and dropped."""
         for datagram in self.link.poll():
-            self._tell(datagram)
-        if self.link.boot != self._boot:
-            # Only a restart of PX4 lets go of whom it talks to.
-            self._boot, self.peer, self._is_locked = self.link.boot, self._first_peer, False
+            self._send_to_peer(datagram)
 
-    def _tell(self, datagram: bytes) -> None:
+        if self.link.boot != self._boot:
+            # Only a restart of PX4 lets go of its peer.
+            self._boot = self.link.boot
+            self.peer = self._first_peer
+            self._is_locked = False
+
+    def _send_to_peer(self, datagram: bytes) -> None:
         if self.peer is not None:
             self._send(datagram, self.peer)
 
 
 class Socket:
-    """A bound socket that reads for an endpoint when it is asked to, and sends for it."""
+    """A bound socket that reads for an endpoint and sends for it."""
 
     def __init__(self, sock: socket.socket, link: EndpointLink, peer: Address | None) -> None:
         self._sock = sock
@@ -234,7 +255,10 @@ class Socket:
 
 
 def read_all(ready: selectors.BaseSelector) -> None:
-    """Take what has arrived at any open socket. Once a step is enough, for nothing acts before the
-    step; to wake up for each datagram by itself would cost as much as all the rest."""
+    """Take what has arrived at any open socket.
+
+    Once in a step of the physics is enough, for nothing acts before the step. To wake up for each
+    datagram would cost as much as all the rest.
+    """
     for key, _ in ready.select(0):
         key.data()

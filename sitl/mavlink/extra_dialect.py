@@ -1,7 +1,7 @@
-"""Messages that PX4 sends or reads and pymavlink's common dialect does not know, declared by their
-fields in a table.
+"""Messages that PX4 sends or reads and pymavlink's common dialect does not know.
 
-The checksum seed follows from the declaration, as MAVLink's generators compute it.
+`extra_dialect.toml` declares them by their fields. The checksum seed follows from the declaration,
+as MAVLink's generators compute it.
 """
 
 from __future__ import annotations
@@ -17,14 +17,13 @@ from fastcrc.crc16 import mcrf4xx
 
 @dataclass(frozen=True, slots=True)
 class MessageLayout:
-    """Encoding of one message: struct, checksum seed, and (name, count) of each field in the order
-    of the encoding.
-    """
+    """Encoding of one message."""
 
     message_id: int
     name: str
     packer: struct.Struct
-    crc_extra: int
+    crc_extra: int  # seed of the checksum
+    # name and count of each field, in the order of the encoding; count 0 for what is no array
     fields: tuple[tuple[str, int], ...]
 
 
@@ -40,21 +39,34 @@ _CODES = {
 
 
 def declare(message_id: int, name: str, fields: Sequence[str]) -> MessageLayout:
-    """Layout of a message from its fields in wire order (largest first): ``type name`` or ``type
-    name[count]``.
+    """Return the layout of a message.
+
+    Args:
+        message_id: of the message.
+        name: of the message.
+        fields: in wire order (largest first), as `type name` or `type name[count]`.
     """
-    parsed: list[tuple[str, str, int]] = []
+    named: list[tuple[str, int]] = []
+    codes = "<"
+    seed = mcrf4xx(f"{name} ".encode())
+
     for entry in fields:
         kind, _, rest = entry.partition(" ")
-        label, _, count = rest.rstrip("]").partition("[")
-        parsed.append((kind, label, int(count or 0)))
-    seed = mcrf4xx(f"{name} ".encode())
-    for kind, label, length in parsed:
-        seed = mcrf4xx(f"{kind} {label} ".encode() + (bytes((length,)) if length else b""), seed)
-    codes = "".join(f"{count or 1}{_CODES[kind]}" for kind, _, count in parsed)
-    named = tuple((label, count) for _, label, count in parsed)
+        label, _, count_text = rest.rstrip("]").partition("[")
+        count = int(count_text or 0)
+
+        named.append((label, count))
+        codes += f"{count or 1}{_CODES[kind]}"
+        seed = mcrf4xx(f"{kind} {label} ".encode(), seed)
+        if count:
+            seed = mcrf4xx(bytes((count,)), seed)
+
     return MessageLayout(
-        message_id, name, struct.Struct("<" + codes), (seed & 0xFF) ^ (seed >> 8), named
+        message_id=message_id,
+        name=name,
+        packer=struct.Struct(codes),
+        crc_extra=(seed & 0xFF) ^ (seed >> 8),
+        fields=tuple(named),
     )
 
 

@@ -1,6 +1,4 @@
-"""The key of MAVLink signing at one link: when its messages are signed and checked, and
-SETUP_SIGNING.
-"""
+"""The key of MAVLink signing at one link: when messages are signed and checked, SETUP_SIGNING."""
 
 from __future__ import annotations
 
@@ -20,8 +18,10 @@ class LinkKey:
     """
 
     def __init__(self, store: KeyStore, link_id: int, encoder: Encoder, decoder: Decoder) -> None:
-        self._store, self._signing = store, LinkSigning(store, link_id)
-        self._encoder, self._decoder = encoder, decoder
+        self._store = store
+        self._signing = LinkSigning(store, link_id)
+        self._encoder = encoder
+        self._decoder = decoder
         self.follow()
 
     def follow(self) -> None:
@@ -32,12 +32,15 @@ class LinkKey:
 
     def signed(self, frames: list[bytes]) -> list[bytes]:
         """Return frames as they leave, in this order."""
-        # one that was made before a key came or went says so itself
-        return (
-            [self._signing.sign(frame) if frame[2] & 1 else frame for frame in frames]
-            if self._store.key
-            else frames
-        )
+        if not self._store.key:
+            return frames
+
+        leaving: list[bytes] = []
+        for frame in frames:
+            # The flag of a frame says whether there was a key when it was made.
+            needs_signature = bool(frame[2] & 1)
+            leaving.append(self._signing.sign(frame) if needs_signature else frame)
+        return leaving
 
     def set_up(self, px4: EmulatedPx4, now_s: float, message: MavlinkMessage) -> None:
         """Take a key, or none, as SETUP_SIGNING says."""
@@ -46,6 +49,7 @@ class LinkKey:
         if px4.is_armed:
             px4.journal.say(now_s, "signing refused")
             return
+
         self._store.put(bytes(message.fields["secret_key"]), message.fields["initial_timestamp"])
         px4.journal.say(now_s, "signing accepted" if self._store.key else "signing disabled")
         self.follow()

@@ -1,7 +1,9 @@
-"""Contents of the streamed messages of a PX4: one builder each, from a view of the vehicle to
-values in field order.
+"""Contents of the streamed messages of a PX4, one builder for each message.
 
-A builder returns None while PX4 has nothing to say.
+A builder takes a view of the vehicle and returns the message's values in wire order, or None while
+PX4 has nothing to say. Most are plain tuples, since they are built some thousand times a second;
+a comment behind a value names its field where the value does not. Where a message has many fields
+that stay zero, `_ordered` puts the others into wire order by their names.
 """
 
 from __future__ import annotations
@@ -15,19 +17,27 @@ from sitl.mavlink.codec import Encoder
 from sitl.mavlink.view import HOME_ALTITUDE_M, View
 from sitl.physics import frames
 from sitl.px4.battery import EMPTY_MV
-from sitl.px4.modes import MODES, Mode
+from sitl.px4.modes import AUTO_MAIN, MODES, LandedState, Mode
 from sitl.px4.signals import SetpointKind
 
 _MAV_TYPE_QUADROTOR = 2
 _MAV_AUTOPILOT_PX4 = 12
+_MAVLINK_VERSION = 3
+_LOCAL_NED = 1
+_GLOBAL_INT = 5
+
 _PREARM_BIT = 0x10000000
 # Gyro, accelerometer, magnetometer, pressure, GPS, rate and attitude control, motors, AHRS,
 # battery.
 _SENSOR_BITS = 0x1 | 0x2 | 0x4 | 0x8 | 0x20 | 0x400 | 0x800 | 0x8000 | 0x200000 | 0x2000000
 _GPS_BIT = 0x20
 _EXTENSION_BIT = 0x80000000  # there are further sensor bits in extension fields; always set
+
 _NAN = math.nan
 _UINT16_MAX = 65535
+_INT32_MIN = -(2**31)
+_INT32_MAX = 2**31 - 1
+
 # Upper triangle of a 6x6 covariance, row by row.
 _DIAGONAL = frozenset({0, 6, 11, 15, 18, 20})
 # MAVLink's capability bits that PX4 shows: mission float and int, parameters float and bytewise,
@@ -47,99 +57,111 @@ def _ordered(name: str, **fields: Any) -> Values:
 
 
 def _clip(value: float, low: int, high: int) -> int:
-    return max(low, min(high, round(value))) if math.isfinite(value) else 0
-
-
-def _degrees_and_mm(
-    latitude_deg: float, longitude_deg: float, altitude_m: float
-) -> tuple[int, int, int]:
-    """Return a place as MAVLink's integers: degrees times 1e7, and millimetres."""
-    latitude, longitude, altitude = (
-        _clip(value, -(2**31), 2**31 - 1)
-        for value in (latitude_deg * 1e7, longitude_deg * 1e7, altitude_m * 1e3)
-    )
-    return latitude, longitude, altitude
+    """Return a value as an integer within bounds; 0 for NaN and infinity."""
+    if not math.isfinite(value):
+        return 0
+    return max(low, min(high, round(value)))
 
 
 def _int16(value: float) -> int:
     return _clip(value, -32768, 32767)
 
 
+def _int32(value: float) -> int:
+    return _clip(value, _INT32_MIN, _INT32_MAX)
+
+
+def _degrees_and_mm(
+    latitude_deg: float, longitude_deg: float, altitude_m: float
+) -> tuple[int, int, int]:
+    """Return a global position as MAVLink's integers: degrees times 1e7, and millimetres."""
+    return _int32(latitude_deg * 1e7), _int32(longitude_deg * 1e7), _int32(altitude_m * 1e3)
+
+
+def _heading_cdeg(v: View) -> int:
+    return round(math.degrees(v.yaw_rad) * 100.0) % 36000
+
+
 # -- state of the autopilot ------------------------------------------------------------------------
 
 
 def heartbeat(v: View) -> Values:
-    a, now = v.autopilot, v.now_s
-    custom = MODES[a.shown_mode].custom_mode
+    px4 = v.autopilot
+    now_s = v.now_s
     return (
-        custom,
+        MODES[px4.shown_mode].custom_mode,
         _MAV_TYPE_QUADROTOR,
         _MAV_AUTOPILOT_PX4,
-        a.base_mode(now),
-        int(a.system_status(now)),
-        3,
+        px4.base_mode(now_s),
+        int(px4.system_status(now_s)),
+        _MAVLINK_VERSION,
     )
 
 
 def current_mode(v: View) -> Values:
-    mode = v.autopilot.shown_mode
-    return (
-        MODES[mode].custom_mode,
-        MODES[v.autopilot.intent].custom_mode,
-        MODES[mode].standard_mode,
-    )
+    px4 = v.autopilot
+    shown = MODES[px4.shown_mode]
+    intended = MODES[px4.intent]
+    return (shown.custom_mode, intended.custom_mode, shown.standard_mode)
 
 
 def sys_status(v: View) -> Values:
-    autopilot = v.autopilot
-    estimator, i = v.emulator.estimator, v.index
-    hears_satellites = estimator.has_gps[i] and not estimator.gps_blocked[i]
-    health = _SENSOR_BITS if hears_satellites else _SENSOR_BITS & ~_GPS_BIT
-    if autopilot.is_armed or not autopilot.arming_obstacles(v.now_s):
-        health |= _PREARM_BIT
+    px4 = v.autopilot
+    estimator = v.emulator.estimator
     present = _SENSOR_BITS | _PREARM_BIT | _EXTENSION_BIT
-    health |= _EXTENSION_BIT
-    battery = autopilot.battery
-    current_ca = autopilot.version.no_current_ca
+
+    health = _SENSOR_BITS | _EXTENSION_BIT
+    receives_satellites = estimator.has_gps[v.index] and not estimator.gps_blocked[v.index]
+    if not receives_satellites:
+        health &= ~_GPS_BIT
+    if px4.is_armed or not px4.arming_obstacles(v.now_s):
+        health |= _PREARM_BIT
+
     return (
         present,
-        present,
+        present,  # enabled
         health,
-        100,
-        battery.voltage_mv,
-        current_ca,
-        *[0] * 6,
-        battery.remaining_pct,
-        0,
-        0,
-        0,
+        100,  # load of the processor
+        px4.battery.voltage_mv,
+        px4.version.no_current_ca,
+        *[0] * 6,  # errors
+        px4.battery.remaining_pct,
+        *[0] * 3,  # further sensor bits
     )
 
 
 def battery_status(v: View) -> Values:
-    autopilot = v.autopilot
+    px4 = v.autopilot
     return _ordered(
         "BATTERY_STATUS",
         current_consumed=0,
         energy_consumed=-1,
         temperature=32767,
-        voltages=[max(EMPTY_MV, autopilot.battery.voltage_mv)] + [_UINT16_MAX] * 9,
-        current_battery=autopilot.version.no_current_ca,
+        voltages=[max(EMPTY_MV, px4.battery.voltage_mv)] + [_UINT16_MAX] * 9,
+        current_battery=px4.version.no_current_ca,
         id=0,
         type=1,
-        battery_remaining=autopilot.battery.remaining_pct,
-        charge_state=autopilot.charge_state.value,
+        battery_remaining=px4.battery.remaining_pct,
+        charge_state=px4.charge_state.value,
     )
 
 
 def extended_sys_state(v: View) -> Values:
-    return (0, int(v.autopilot.landed))
+    vtol_state = 0
+    return (vtol_state, int(v.autopilot.landed))
 
 
 def estimator_status(v: View) -> Values:
-    estimator, i, now_s = v.emulator.estimator, v.index, v.emulator.time_s
-    accuracy_m = estimator.accuracy_m(i, now_s)
-    return (v.boot_us, *((0.1,) * 6), accuracy_m, accuracy_m, estimator.flags(i, now_s))
+    estimator = v.emulator.estimator
+    now_s = v.emulator.time_s
+    accuracy_m = estimator.accuracy_m(v.index, now_s)
+    return (
+        v.boot_us,
+        *[0.1] * 6,  # test ratios
+        accuracy_m,  # horizontal
+        accuracy_m,  # vertical
+        estimator.flags(v.index, now_s),
+    )
 
 
 def mission_current(v: View) -> Values:
@@ -147,25 +169,34 @@ def mission_current(v: View) -> Values:
 
 
 def current_event_sequence(v: View) -> Values:
-    return (v.autopilot.journal.newest_sequence, 0)
+    flags = 0
+    return (v.autopilot.journal.newest_sequence, flags)
 
 
 def time_estimate_to_target(v: View) -> Values:
-    return (-1, -1, -1, -1, -1)
+    unknown = -1
+    return (unknown,) * 5
 
 
 def link_node_status(v: View) -> Values:
-    return (v.boot_us, 24_000, 0, 0, 0, 0, 0, 0, 0, 100, 100)
+    return (
+        v.boot_us,
+        24_000,  # sent [bytes/s]
+        0,  # received [bytes/s]
+        *[0] * 6,  # messages and errors
+        100,  # free part of the buffers [%]: sending
+        100,  # receiving
+    )
 
 
 def autopilot_version(v: View) -> Values:
-    version = v.autopilot.version.flight_sw_version
+    flight_sw_version = v.autopilot.version.flight_sw_version
     return _ordered(
         "AUTOPILOT_VERSION",
         capabilities=_CAPABILITIES,
         uid=_SIMULATION_UID + v.system_id - 1,
-        flight_sw_version=version,
-        middleware_sw_version=version,
+        flight_sw_version=flight_sw_version,
+        middleware_sw_version=flight_sw_version,
         os_sw_version=0x060000FF,
         board_version=1,
         uid2=[v.system_id - 1] + [0] * 17,
@@ -173,11 +204,14 @@ def autopilot_version(v: View) -> Values:
 
 
 def protocol_version(v: View) -> Values:
-    return (200, 100, 200, *((0,) * 16))
+    present = 200
+    least = 100
+    most = 200
+    return (present, least, most, *[0] * 16)
 
 
 def flight_information(v: View) -> Values:
-    return (0, 0, 0, v.boot_ms, 0)
+    return _ordered("FLIGHT_INFORMATION", time_boot_ms=v.boot_ms)
 
 
 # -- attitude and position -------------------------------------------------------------------------
@@ -188,7 +222,8 @@ def attitude(v: View) -> Values:
 
 
 def attitude_quaternion(v: View) -> Values:
-    return (v.boot_ms, *v.sensed.attitude, *v.sensed.rates_rad_s, 0.0, 0.0, 0.0, 0.0)
+    no_offset = (0.0, 0.0, 0.0, 0.0)
+    return (v.boot_ms, *v.sensed.attitude, *v.sensed.rates_rad_s, *no_offset)
 
 
 def local_position_ned(v: View) -> Values:
@@ -208,57 +243,98 @@ def odometry(v: View) -> Values:
         *v.sensed.attitude,
         *v.sensed.velocity_ned_m_s,
         *v.sensed.rates_rad_s,
-        *covariance,
-        *covariance,
-        1,  # local NED, also for the velocity
-        1,
+        *covariance,  # of the pose
+        *covariance,  # of the velocity
+        _LOCAL_NED,  # frame
+        _LOCAL_NED,  # frame of the velocity
         v.reset_counter,
         8,  # estimated by the autopilot
-        0,
+        0,  # quality
     )
 
 
 def global_position_int(v: View) -> Values:
-    place = v.global_position
-    above_home = _clip((place[2] - v.home_altitude_m) * 1e3, -(2**31), 2**31 - 1)
-    speed = (_int16(100.0 * c) for c in v.sensed.velocity_ned_m_s)
-    heading = round(math.degrees(v.yaw_rad) * 100.0) % 36000
-    return (v.boot_ms, *_degrees_and_mm(*place), above_home, *speed, heading)
+    latitude_deg, longitude_deg, altitude_m = v.global_position
+    vx, vy, vz = v.sensed.velocity_ned_m_s
+    return (
+        v.boot_ms,
+        *_degrees_and_mm(latitude_deg, longitude_deg, altitude_m),
+        _int32((altitude_m - v.home_altitude_m) * 1e3),
+        _int16(100.0 * vx),
+        _int16(100.0 * vy),
+        _int16(100.0 * vz),
+        _heading_cdeg(v),
+    )
 
 
 def gps_raw_int(v: View) -> Values:
-    fix, satellites = (3, 10) if v.has_fix else (0, 0)
-    lat, lon, alt = _degrees_and_mm(*v.global_position)
+    fix_type = 0
+    satellites = 0
+    if v.has_fix:
+        fix_type = 3  # in three dimensions
+        satellites = 10
+
+    latitude, longitude, altitude_mm = _degrees_and_mm(*v.global_position)
     vx, vy, _ = v.sensed.velocity_ned_m_s
-    speed, course = math.hypot(vx, vy), math.degrees(math.atan2(vy, vx)) % 360.0
-    cm_s, cdeg = _clip(100.0 * speed, 0, _UINT16_MAX), _clip(100.0 * course, 0, 35999)
-    return (v.boot_us, lat, lon, alt, 90, 90, cm_s, cdeg, fix, satellites, alt, 900, 1780, 0, 0, 0)
+    speed_m_s = math.hypot(vx, vy)
+    course_deg = math.degrees(math.atan2(vy, vx)) % 360.0
+    return (
+        v.boot_us,
+        latitude,
+        longitude,
+        altitude_mm,
+        90,  # dilution of precision, horizontal
+        90,  # and vertical
+        _clip(100.0 * speed_m_s, 0, _UINT16_MAX),
+        _clip(100.0 * course_deg, 0, 35999),
+        fix_type,
+        satellites,
+        altitude_mm,  # above the ellipsoid
+        900,  # accuracy, horizontal [mm]
+        1780,  # and vertical
+        0,  # accuracy of the speed
+        0,  # and of the heading
+        0,  # yaw: not known
+    )
 
 
 def altitude(v: View) -> Values:
-    height = -v.sensed.position_ned_m[2]
-    above_home = height + HOME_ALTITUDE_M - v.home_altitude_m
-    return (v.boot_us, HOME_ALTITUDE_M, HOME_ALTITUDE_M + height, height, above_home, _NAN, _NAN)
+    height_m = -v.sensed.position_ned_m[2]
+    return (
+        v.boot_us,
+        HOME_ALTITUDE_M,  # monotonic
+        HOME_ALTITUDE_M + height_m,  # above the sea
+        height_m,  # in the local frame
+        height_m + HOME_ALTITUDE_M - v.home_altitude_m,  # above home
+        _NAN,  # above the terrain
+        _NAN,  # below the vehicle
+    )
 
 
 def vfr_hud(v: View) -> Values:
     vx, vy, vz = v.sensed.velocity_ned_m_s
-    speed = math.hypot(vx, vy)
-    heading = int(math.degrees(v.yaw_rad) % 360.0)
-    throttle = round(100.0 * v.autopilot.actuation.thrust_frac)
-    return (speed, speed, HOME_ALTITUDE_M - v.sensed.position_ned_m[2], -vz, heading, throttle)
+    speed_m_s = math.hypot(vx, vy)
+    return (
+        speed_m_s,  # in the air
+        speed_m_s,  # over the ground
+        HOME_ALTITUDE_M - v.sensed.position_ned_m[2],
+        -vz,
+        int(math.degrees(v.yaw_rad) % 360.0),
+        round(100.0 * v.autopilot.actuation.thrust_frac),
+    )
 
 
 def home_position(v: View) -> Values | None:
     if not v.has_origin:
         return None
+
     north, east, down = v.home_ned_m
-    latitude, longitude, altitude = _degrees_and_mm(*v.to_global(v.home_ned_m))
+    latitude, longitude, altitude_mm = _degrees_and_mm(*v.to_global(v.home_ned_m))
     return _ordered(
         "HOME_POSITION",
         latitude=latitude,
         longitude=longitude,
-        altitude=altitude,
+        altitude=altitude_mm,
         x=north,
         y=east,
         z=down,
@@ -281,41 +357,62 @@ def gps_global_origin(v: View) -> Values | None:
 
 def attitude_target(v: View) -> Values:
     actuation = v.autopilot.actuation
+    type_mask = 0
     return (
         v.boot_ms,
         *actuation.attitude.tolist(),
         *actuation.rate_rad_s.tolist(),
         actuation.thrust_frac,
-        0,
+        type_mask,
     )
 
 
 def position_target_local_ned(v: View) -> Values | None:
-    a = v.autopilot
-    if (
-        a.mode is Mode.OFFBOARD
-        and a.setpoint is not None
-        and a.setpoint.kind is not SetpointKind.POSITION
-    ):
+    px4 = v.autopilot
+    setpoint = px4.setpoint if px4.mode is Mode.OFFBOARD else None
+    if setpoint is not None and setpoint.kind is not SetpointKind.POSITION:
         return None
-    goal = a.mode_control.goal
+
+    type_mask = 0
+    goal = px4.mode_control.goal
     if goal is None:
-        return (v.boot_ms, *((_NAN,) * 11), 0, 1)
-    position, speed = goal.position_ned_m.tolist(), goal.velocity_ned_m_s.tolist()
-    return (v.boot_ms, *position, *speed, _NAN, _NAN, _NAN, goal.yaw_rad, _NAN, 0, 1)
+        return (v.boot_ms, *[_NAN] * 11, type_mask, _LOCAL_NED)
+    return (
+        v.boot_ms,
+        *goal.position_ned_m.tolist(),
+        *goal.velocity_ned_m_s.tolist(),
+        *[_NAN] * 3,  # acceleration
+        goal.yaw_rad,
+        _NAN,  # yaw rate
+        type_mask,
+        _LOCAL_NED,
+    )
 
 
 def position_target_global_int(v: View) -> Values | None:
-    a = v.autopilot
-    if not a.is_armed or a.mode_control.goal is None or MODES[a.mode].main != 4:
+    px4 = v.autopilot
+    goal = px4.mode_control.goal
+    if not px4.is_armed or goal is None or MODES[px4.mode].main != AUTO_MAIN:
         return None
-    north, east, down = a.mode_control.goal.position_ned_m.tolist()
-    here = v.sensed.position_ned_m
-    position = tuple(
-        g if math.isfinite(g) else h for g, h in zip((north, east, down), here, strict=True)
+
+    # An axis without a position has the vehicle's own.
+    position_ned_m = list(v.sensed.position_ned_m)
+    for axis, goal_m in enumerate(goal.position_ned_m.tolist()):
+        if math.isfinite(goal_m):
+            position_ned_m[axis] = goal_m
+    north, east, down = position_ned_m
+    latitude_deg, longitude_deg, altitude_m = v.to_global((north, east, down))
+
+    type_mask = 0
+    return (
+        v.boot_ms,
+        round(latitude_deg * 1e7),
+        round(longitude_deg * 1e7),
+        altitude_m,
+        *[0.0] * 8,  # velocity, acceleration, yaw and its rate
+        type_mask,
+        _GLOBAL_INT,
     )
-    latitude, longitude, height = v.to_global((position[0], position[1], position[2]))
-    return (v.boot_ms, round(latitude * 1e7), round(longitude * 1e7), height, *((0.0,) * 8), 0, 5)
 
 
 def _commanded_thrust(v: View) -> float:
@@ -324,98 +421,105 @@ def _commanded_thrust(v: View) -> float:
     return actuation.thrust_frac if actuation.motors_on else 0.0
 
 
-def _pulse(v: View) -> int:
-    return round(1000.0 + 1000.0 * _commanded_thrust(v)) if v.autopilot.is_armed else 900
+def _pulse_us(v: View) -> int:
+    """Return the length of the pulse to each motor."""
+    if not v.autopilot.is_armed:
+        return 900
+    return round(1000.0 + 1000.0 * _commanded_thrust(v))
 
 
 def servo_output_raw(v: View) -> Values:
-    pulse = _pulse(v)
+    port = 0
     return (
         v.boot_us & 0xFFFFFFFF,
-        pulse,
-        pulse,
-        pulse,
-        pulse,
-        0,
-        0,
-        0,
-        0,
-        0,
-        0,
-        0,
-        0,
-        0,
-        0,
-        0,
-        0,
-        0,
+        *[_pulse_us(v)] * 4,
+        *[0] * 4,  # outputs 5 to 8
+        port,
+        *[0] * 8,  # outputs 9 to 16
     )
 
 
 def actuator_output_status(v: View) -> Values:
-    return (v.boot_us, 4, *((float(_pulse(v)),) * 4), *((0.0,) * 28))
+    active = 4
+    return (v.boot_us, active, *[float(_pulse_us(v))] * 4, *[0.0] * 28)
 
 
 def hil_actuator_controls(v: View) -> Values:
-    thrust = _commanded_thrust(v)
-    return (v.boot_us, 0, *((thrust,) * 4), *((0.0,) * 12), 129 if v.autopilot.is_armed else 1)
+    flags = 0
+    mode = 129 if v.autopilot.is_armed else 1
+    return (v.boot_us, flags, *[_commanded_thrust(v)] * 4, *[0.0] * 12, mode)
 
 
 # -- sensors ---------------------------------------------------------------------------------------
 
 
 def highres_imu(v: View) -> Values:
-    height = HOME_ALTITUDE_M - v.sensed.position_ned_m[2]
-    magnetometer, pressure_hpa = (0.21, 0.0, 0.43), 955.0
+    sensed = v.sensed  # before the accelerometer: both draw their noise from one generator
     return (
         v.boot_us,
         *v.accelerometer(),
-        *v.sensed.rates_rad_s,
-        *magnetometer,
-        pressure_hpa,
-        0.0,
-        height,
-        25.0,
-        7167,
-        0,
+        *sensed.rates_rad_s,
+        *(0.21, 0.0, 0.43),  # magnetometer [gauss]
+        955.0,  # pressure [hPa]
+        0.0,  # pressure of the airflow
+        HOME_ALTITUDE_M - sensed.position_ned_m[2],  # altitude by the pressure
+        25.0,  # temperature [deg C]
+        7167,  # which of these are new
+        0,  # id
     )
 
 
 def scaled_pressure(v: View) -> Values:
-    return (v.boot_ms, 955.0, 0.0, 2500, 0)
+    return _ordered("SCALED_PRESSURE", time_boot_ms=v.boot_ms, press_abs=955.0, temperature=2500)
 
 
 def distance_sensor(v: View) -> Values | None:
     height_m = -float(v.emulator.world.vehicles.states.position_ned_m[v.index, 2])
-    centimetres = _clip(100.0 * height_m, 0, _UINT16_MAX)
-    return (v.boot_ms, 0, 10_000, centimetres, 0, 0, 25, 0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0)
+    return _ordered(
+        "DISTANCE_SENSOR",
+        time_boot_ms=v.boot_ms,
+        max_distance=10_000,
+        current_distance=_clip(100.0 * height_m, 0, _UINT16_MAX),
+        orientation=25,  # down
+    )
 
 
 def vibration(v: View) -> Values:
-    level = 0.002 if v.autopilot.landed == 1 else 0.02
-    return (v.boot_us, level, level, level, 0, 0, 0)
+    level = 0.002 if v.autopilot.landed is LandedState.ON_GROUND else 0.02
+    clippings = (0, 0, 0)
+    return (v.boot_us, level, level, level, *clippings)
 
 
 def hil_state_quaternion(v: View) -> Values:
-    """Ground truth, as the simulator's own link of PX4 has it: its time stamp is zero."""
-    states, i = v.emulator.world.vehicles.states, v.index
-    north, east, down = states.position_ned_m[i].tolist()
-    start_east, start_north, start_up = v.emulator.specs[i].start_enu_m
-    position = _degrees_and_mm(
-        *v.to_global((north - start_north, east - start_east, down + start_up))
+    """Return ground truth, as the simulator's own link of PX4 has it: its time stamp is zero."""
+    states = v.emulator.world.vehicles.states
+    index = v.index
+
+    # The local frame begins at the vehicle's start.
+    north, east, down = states.position_ned_m[index].tolist()
+    start_east, start_north, start_up = v.emulator.specs[index].start_enu_m
+    local_ned_m = (north - start_north, east - start_east, down + start_up)
+
+    specific_force_mg = [_int16(c / 9.80665e-3) for c in v.accelerometer()]
+    return (
+        0,  # time
+        *states.attitude[index].tolist(),
+        *states.tilt_rate_rad_s[index].tolist(),
+        float(states.yaw_rate_rad_s[index]),
+        *_degrees_and_mm(*v.to_global(local_ned_m)),
+        *[_int16(100.0 * c) for c in states.velocity_ned_m_s[index].tolist()],
+        0,  # airspeed, indicated
+        0,  # and true
+        *specific_force_mg,
     )
-    speed = [_int16(100.0 * c) for c in states.velocity_ned_m_s[i].tolist()]
-    p, q = states.tilt_rate_rad_s[i].tolist()
-    attitude_wxyz = states.attitude[i].tolist()
-    mg = [_int16(c / 9.80665e-3) for c in v.accelerometer()]
-    return (0, *attitude_wxyz, p, q, float(states.yaw_rate_rad_s[i]), *position, *speed, 0, 0, *mg)
 
 
 # -- time, identity --------------------------------------------------------------------------------
 
 
 def timesync(v: View) -> Values:
-    return (0, v.boot_us * 1000)
+    is_request = 0
+    return (is_request, v.boot_us * 1000)
 
 
 def system_time(v: View) -> Values:
@@ -423,35 +527,40 @@ def system_time(v: View) -> Values:
 
 
 def ping(v: View) -> Values:
-    return (v.boot_us, 0, 0, 0)
+    sequence = 0
+    everybody = (0, 0)
+    return (v.boot_us, sequence, *everybody)
 
 
 def open_drone_id_location(v: View) -> Values:
-    height = v.global_position[2]
-    latitude, longitude, _ = _degrees_and_mm(*v.global_position)
-    flies = v.autopilot.landed != 1
+    latitude_deg, longitude_deg, altitude_m = v.global_position
+    latitude, longitude, _ = _degrees_and_mm(latitude_deg, longitude_deg, altitude_m)
     vx, vy, vz = v.sensed.velocity_ned_m_s
+
+    on_ground = 1
+    airborne = 2
+    is_flying = v.autopilot.landed is not LandedState.ON_GROUND
     return _ordered(
         "OPEN_DRONE_ID_LOCATION",
         latitude=latitude,
         longitude=longitude,
-        altitude_barometric=height,
-        altitude_geodetic=height,
-        height=height - HOME_ALTITUDE_M,
+        altitude_barometric=altitude_m,
+        altitude_geodetic=altitude_m,
+        height=altitude_m - HOME_ALTITUDE_M,
         timestamp=65535.0,
-        direction=round(math.degrees(v.yaw_rad) * 100.0) % 36000,
+        direction=_heading_cdeg(v),
         speed_horizontal=_clip(100.0 * math.hypot(vx, vy), 0, 25425),
         speed_vertical=_clip(-100.0 * vz, -6200, 6200),
-        status=2 if flies else 1,
+        status=airborne if is_flying else on_ground,
     )
 
 
 def open_drone_id_system(v: View) -> Values:
-    latitude, longitude = v.origin_deg
+    latitude_deg, longitude_deg = v.origin_deg
     return _ordered(
         "OPEN_DRONE_ID_SYSTEM",
-        operator_latitude=round(latitude * 1e7),
-        operator_longitude=round(longitude * 1e7),
+        operator_latitude=round(latitude_deg * 1e7),
+        operator_longitude=round(longitude_deg * 1e7),
         area_ceiling=-1000.0,
         area_floor=-1000.0,
         operator_altitude_geo=HOME_ALTITUDE_M,

@@ -1,4 +1,4 @@
-"""Contents of messages that only some versions of PX4 stream: ``px4/versions.toml`` says which."""
+"""Contents of messages that only some versions of PX4 stream: `px4/versions.toml` says which."""
 
 from __future__ import annotations
 
@@ -8,32 +8,45 @@ from sitl.mavlink.messages import Values
 from sitl.mavlink.view import View
 
 _FULL_RPM = 10_000
-_NOT_MEASURED, _UNKNOWN = 32767, 255
+_NOT_MEASURED = 32767
+_UNKNOWN = 255
 
 
 def esc_info(v: View) -> Values:
     return (
         v.boot_us,
-        *(0,) * 4,
-        v.boot_ms // 100 & 0xFFFF,
-        *(0,) * 4,
-        *(_NOT_MEASURED,) * 4,
-        0,
-        4,
-        0,
-        0b1111,
+        *[0] * 4,  # errors
+        v.boot_ms // 100 & 0xFFFF,  # counter
+        *[0] * 4,  # failures
+        *[_NOT_MEASURED] * 4,  # temperature
+        0,  # index of the first
+        4,  # how many
+        0,  # kind of connection
+        0b1111,  # which are online
     )
 
 
 def esc_status(v: View) -> Values:
     actuation = v.autopilot.actuation
-    rpm = round(_FULL_RPM * actuation.thrust_frac) if actuation.motors_on else 0
-    return (v.boot_us, *(rpm,) * 4, *(0.0,) * 8, 0)
+    rpm = 0
+    if actuation.motors_on:
+        rpm = round(_FULL_RPM * actuation.thrust_frac)
+
+    first_index = 0
+    return (
+        v.boot_us,
+        *[rpm] * 4,
+        *[0.0] * 8,  # voltages and currents
+        first_index,
+    )
 
 
 def estimator_sensor_fusion_status(v: View) -> Values:
-    return (*(math.nan,) * 9, *(0,) * 18)
+    return (
+        *[math.nan] * 9,  # test ratios
+        *[0] * 18,  # which sources are intended, and which active
+    )
 
 
 def gnss_integrity(v: View) -> Values:
-    return (*(0,) * 8, *(_UNKNOWN,) * 4)
+    return (*[0] * 8, *[_UNKNOWN] * 4)

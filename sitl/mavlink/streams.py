@@ -1,4 +1,9 @@
-"""Messages that a link streams by itself, their rates, and the time at which each is due."""
+"""Messages that a link streams by itself, their rates, and the time at which each is due.
+
+`streams.toml` lists for each message its rate on the companion's link and on the ground's, and,
+where PX4 has one, the highest rate that can be requested. The builder of a message is the function
+of `messages.py` or `messages_of_versions.py` that bears its name.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +21,6 @@ from sitl.px4.versions import Version
 
 FASTEST_HZ = 250.0  # the loop of PX4's simulator
 
-
 _TABLE = tomllib.loads(files(__package__).joinpath("streams.toml").read_text())
 _RATES: dict[int, list[float]] = {
     ID_BY_NAME[name]: rates for name, rates in _TABLE["rates_hz"].items()
@@ -25,14 +29,16 @@ _BY_NAME = {**vars(messages), **vars(messages_of_versions)}
 BUILDERS: dict[int, Builder] = {
     ID_BY_NAME[name]: _BY_NAME[name.lower()] for name in _TABLE["rates_hz"]
 }
+
 ONBOARD_RATES_HZ: dict[int, float] = {message_id: rates[0] for message_id, rates in _RATES.items()}
 GCS_RATES_HZ: dict[int, float] = {message_id: rates[1] for message_id, rates in _RATES.items()}
 SIMULATOR_RATES_HZ: dict[int, float] = {
     ID_BY_NAME[name]: rate for name, rate in _TABLE["simulator_hz"].items()
 }
 _CEILINGS_HZ: dict[int, float] = {
-    message_id: (*rates, FASTEST_HZ)[2] for message_id, rates in _RATES.items()
+    message_id: rates[2] if len(rates) > 2 else FASTEST_HZ for message_id, rates in _RATES.items()
 }
+# Their rate can be set, and PX4 sends nothing.
 SILENT: frozenset[int] = frozenset(
     ID_BY_NAME[name] for name in _TABLE["silent"]["names"] if name in ID_BY_NAME
 )
@@ -46,8 +52,13 @@ _FIRST_S: dict[int, float] = {
     ID_BY_NAME["ATTITUDE"]: 1.35,
     ID_BY_NAME["ATTITUDE_QUATERNION"]: 1.35,
 }
+# The streams of a link begin spread over so many steps of the physics.
 _STEP_S = 0.004
 _SPREAD_STEPS = 25
+
+_LARGEST_INTERVAL_US = 2**31 - 1
+_FIRST_INTERVAL_S = 1.0  # most that passes before the first message at a new rate
+_LATE_S = 0.1  # by which a message may be late before its schedule begins anew
 
 
 def schedule_of(version: Version, rates_hz: Mapping[int, float]) -> Schedule:
@@ -58,9 +69,10 @@ def schedule_of(version: Version, rates_hz: Mapping[int, float]) -> Schedule:
         rates_hz: default rate of each message that some version streams.
     """
     silent = {ID_BY_NAME[name] for name in version.silent_streams}
-    return Schedule(
-        {key: rate for key, rate in rates_hz.items() if key not in silent}, SILENT | silent
-    )
+    default_hz = {
+        message_id: rate_hz for message_id, rate_hz in rates_hz.items() if message_id not in silent
+    }
+    return Schedule(default_hz=default_hz, silent=SILENT | silent)
 
 
 @dataclass(slots=True)
@@ -69,64 +81,75 @@ class Schedule:
 
     default_hz: Mapping[int, float]  # rate of each message that the link can stream
     silent: frozenset[int] = SILENT  # those whose rate can be set, and nothing comes
-    _interval_s: dict[int, float] = field(default_factory=dict)
-    _due: list[tuple[float, int]] = field(default_factory=list)
+    _interval_s: dict[int, float] = field(default_factory=dict)  # of those that are streamed
+    _due: list[tuple[float, int]] = field(default_factory=list)  # heap of times and ids
 
     def start(self, now_s: float, *, boot_s: float = 0.0, phase: int = 0) -> None:
-        """Schedule everything at its default rate, spread out so that neither all messages nor all
-        vehicles coincide.
+        """Schedule everything at its default rate.
+
+        The times are spread out, so that neither all messages nor all vehicles coincide.
 
         Args:
-            now_s, boot_s: present time and when the autopilot started.
+            now_s: present time.
+            boot_s: when the autopilot started.
             phase: any number that differs between vehicles.
         """
         for index, (message_id, rate_hz) in enumerate(self.default_hz.items()):
-            if rate_hz > 0.0:
-                earliest_s = boot_s + _FIRST_S.get(message_id, _FIRST_PACKET_S)
-                spread_s = ((index * 7 + phase * 3) % _SPREAD_STEPS) * _STEP_S
-                self._interval_s[message_id] = 1.0 / rate_hz
-                heapq.heappush(self._due, (max(now_s, earliest_s) + spread_s, message_id))
+            if rate_hz <= 0.0:
+                continue
+            self._interval_s[message_id] = 1.0 / rate_hz
+
+            earliest_s = boot_s + _FIRST_S.get(message_id, _FIRST_PACKET_S)
+            spread_s = ((index * 7 + phase * 3) % _SPREAD_STEPS) * _STEP_S
+            heapq.heappush(self._due, (max(now_s, earliest_s) + spread_s, message_id))
 
     def set_interval(self, message_id: int, interval_us: float, now_s: float) -> bool:
-        """MAV_CMD_SET_MESSAGE_INTERVAL: below zero stops, zero is the default; False for what
-        cannot be set.
+        """MAV_CMD_SET_MESSAGE_INTERVAL; False for a message whose rate cannot be set.
+
+        Args:
+            message_id: of the message.
+            interval_us: zero is the default, a negative one stops the stream.
+            now_s: present time.
         """
         if message_id in self.silent:
             return True
-        if (
-            message_id not in self.default_hz
-            or message_id == _HEARTBEAT
-            or not math.isfinite(interval_us)
-        ):
+        if message_id not in self.default_hz or message_id == _HEARTBEAT:
             return False
+        if not math.isfinite(interval_us):
+            return False
+
+        default_hz = self.default_hz[message_id]
+        interval_s = 0.0
         if interval_us > 0.0:
             interval_s = max(interval_us * 1e-6, 1.0 / _CEILINGS_HZ[message_id])
-        else:
-            default_hz = self.default_hz[message_id]
-            interval_s = 1.0 / default_hz if interval_us == 0.0 and default_hz > 0.0 else 0.0
+        elif interval_us == 0.0 and default_hz > 0.0:
+            interval_s = 1.0 / default_hz
+
         self._due = [entry for entry in self._due if entry[1] != message_id]
         heapq.heapify(self._due)
         self._interval_s.pop(message_id, None)
         if interval_s > 0.0:
             self._interval_s[message_id] = interval_s
-            heapq.heappush(self._due, (now_s + min(interval_s, 1.0), message_id))
+            heapq.heappush(self._due, (now_s + min(interval_s, _FIRST_INTERVAL_S), message_id))
         return True
 
     def interval_us(self, message_id: int) -> int:
         """MESSAGE_INTERVAL.interval_us: -1 when not streamed, 0 when unknown."""
         if message_id not in self.default_hz and message_id not in self.silent:
             return 0
+
         interval_s = self._interval_s.get(message_id)
-        return -1 if interval_s is None else min(round(interval_s * 1e6), 2**31 - 1)
+        if interval_s is None:
+            return -1
+        return min(round(interval_s * 1e6), _LARGEST_INTERVAL_US)
 
     def pop_due(self, now_s: float) -> list[int]:
-        """Ids that are due now; each is scheduled again."""
+        """Return the ids that are due now; each is scheduled again."""
         due: list[int] = []
-        heap, limit_s = self._due, now_s + 1e-6
-        while heap and heap[0][0] <= limit_s:
-            at_s, message_id = heap[0]
+        limit_s = now_s + 1e-6
+        while self._due and self._due[0][0] <= limit_s:
+            due_s, message_id = self._due[0]
             due.append(message_id)
-            heapq.heapreplace(
-                heap, (max(at_s, now_s - 0.1) + self._interval_s[message_id], message_id)
-            )
+            next_s = max(due_s, now_s - _LATE_S) + self._interval_s[message_id]
+            heapq.heapreplace(self._due, (next_s, message_id))
         return due

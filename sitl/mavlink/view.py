@@ -1,5 +1,6 @@
-"""One vehicle as its messages show it: estimate and sensors, in PX4's frames, computed once per
-step and kept.
+"""One vehicle as its messages show it: estimate and sensors, in PX4's frames.
+
+All is computed at most once in a step of the physics, however many messages show it.
 """
 
 from __future__ import annotations
@@ -15,16 +16,20 @@ from sitl.physics import frames
 from sitl.px4.commander import EmulatedPx4
 from sitl.px4.estimator import HOME_ALTITUDE_M as HOME_ALTITUDE_M
 
-HOME_LATITUDE_DEG, HOME_LONGITUDE_DEG = 47.397742, 8.545594
+# Where simulated vehicles start, and a flat Earth around it.
+HOME_LATITUDE_DEG = 47.397742
+HOME_LONGITUDE_DEG = 8.545594
 METRES_PER_DEGREE = 111_319.49
 METRES_PER_DEGREE_EAST = METRES_PER_DEGREE * math.cos(math.radians(HOME_LATITUDE_DEG))
-# of roll, pitch and yaw
+
+# Half the standard deviation of roll, pitch and yaw, as quaternions need it.
 HALF_NOISE_RAD = tuple(0.5 * math.radians(std_deg) for std_deg in (0.06, 0.06, 0.11))
 _GYRO_NOISE_RAD_S = math.radians(0.33)
 # Accelerometer noise of PX4's simulator per sample, and the little that is left on the ground.
 _ACCEL_NOISE_M_S2 = (0.5, 1.7, 1.4)
 _ACCEL_NOISE_RESTING_M_S2 = 0.05
-_NOISE_BLOCK = 4096
+_GRAVITY_M_S2 = 9.80665
+_NOISE_BLOCK = 4096  # random numbers are drawn for so many uses at once
 
 Vector = tuple[float, float, float]
 Quaternion = frames.Quaternion
@@ -42,11 +47,12 @@ class Sensed(NamedTuple):
 class View:
     """Values that the streams of one vehicle carry.
 
-    Sensor noise has a generator of its own, so that who listens, and to what, does not change how
-    the vehicle flies.
+    Sensor noise has a generator of its own, so that the streams that somebody requests do not
+    change how the vehicle flies.
 
     Args:
-        emulator, index: the vehicle.
+        emulator: with the vehicle.
+        index: of the vehicle.
         seed: of the sensor noise.
     """
 
@@ -56,13 +62,14 @@ class View:
         self.system_id = emulator.specs[index].system_id
         self._rng = np.random.default_rng([seed, 7, index])
         self._noise: list[float] = []
-        self._step = self._clock_step = -1
+        self._clock_step = -1  # of the physics, at which the clock was read
         self._clock_s = 0.0
+        self._sensed_step = -1  # of the physics, at which the values were computed
         self._sensed: Sensed | None = None
 
     @property
     def autopilot(self) -> EmulatedPx4:
-        """The vehicle's PX4; asked for anew each time, since a restart makes a new one."""
+        """The vehicle's PX4, which a restart replaces by a new one."""
         return self.emulator.autopilots[self.index]
 
     @property
@@ -70,7 +77,8 @@ class View:
         """The autopilot's clock: simulated time, unless a fault lets it drift."""
         step = self.emulator.world.vehicles.steps
         if step != self._clock_step:
-            self._clock_step, self._clock_s = step, self.emulator.clock_s(self.index)
+            self._clock_step = step
+            self._clock_s = self.emulator.clock_s(self.index)
         return self._clock_s
 
     @property
@@ -101,15 +109,16 @@ class View:
 
     @property
     def home_altitude_m(self) -> float:
-        """Altitude of that place."""
+        """Altitude of home above the sea."""
         return HOME_ALTITUDE_M - float(self.autopilot.mode_control.home_ned_m[2])
 
     @property
     def sensed(self) -> Sensed:
-        """Values of the present step, the same for all who ask within it."""
+        """Values of the present step, the same within it."""
         step = self.emulator.world.vehicles.steps
-        if self._sensed is None or step != self._step:
-            self._step, self._sensed = step, self._sense()
+        if self._sensed is None or step != self._sensed_step:
+            self._sensed_step = step
+            self._sensed = self._sense()
         return self._sensed
 
     @property
@@ -132,21 +141,21 @@ class View:
         return self.to_global(self.sensed.position_ned_m)
 
     def to_global(self, position_ned_m: Vector) -> Vector:
-        """Latitude [deg], longitude [deg], altitude [m] of a place in the local frame."""
-        latitude, longitude = self.origin_deg
+        """Return latitude [deg], longitude [deg], altitude [m] of a position in the local frame."""
+        origin_latitude_deg, origin_longitude_deg = self.origin_deg
         north, east, down = position_ned_m
         return (
-            latitude + north / METRES_PER_DEGREE,
-            longitude + east / METRES_PER_DEGREE_EAST,
+            origin_latitude_deg + north / METRES_PER_DEGREE,
+            origin_longitude_deg + east / METRES_PER_DEGREE_EAST,
             HOME_ALTITUDE_M - down,
         )
 
     def to_local(self, latitude_deg: float, longitude_deg: float, altitude_m: float) -> Vector:
-        """The inverse of :meth:`to_global`."""
-        latitude, longitude = self.origin_deg
+        """Return a global position in the local frame, NED [m]."""
+        origin_latitude_deg, origin_longitude_deg = self.origin_deg
         return (
-            (latitude_deg - latitude) * METRES_PER_DEGREE,
-            (longitude_deg - longitude) * METRES_PER_DEGREE_EAST,
+            (latitude_deg - origin_latitude_deg) * METRES_PER_DEGREE,
+            (longitude_deg - origin_longitude_deg) * METRES_PER_DEGREE_EAST,
             HOME_ALTITUDE_M - altitude_m,
         )
 
@@ -157,50 +166,64 @@ class View:
 
     @property
     def has_origin(self) -> bool:
-        """Whether PX4 knows where on earth its local frame is: from satellites, or because somebody
-        said so.
-        """
+        """Whether PX4 knows where on Earth its local frame is: by satellites, or as somebody said."""
         return self.has_fix or self.emulator.has_global_origin[self.index]
 
     @property
     def origin_altitude_m(self) -> float:
-        """Of the local frame's origin above the sea."""
-        known = self.emulator.estimator.origin_altitude_m[self.index]
-        return HOME_ALTITUDE_M if known is None else known
+        """Altitude of the local frame's origin above the sea."""
+        altitude_m = self.emulator.estimator.origin_altitude_m[self.index]
+        return HOME_ALTITUDE_M if altitude_m is None else altitude_m
 
     @property
     def reset_counter(self) -> int:
-        """Number of jumps of the estimate, modulo 256; PX4's filter has jumped a dozen times before
-        it rests.
-        """
+        """Number of jumps of the estimate, modulo 256; PX4's filter begins with a dozen."""
         return self.emulator.estimator.reset_counter(self.index)
 
     def accelerometer(self) -> Vector:
-        """One sample of the specific force in the body frame [m/s^2]."""
+        """Draw one sample of the specific force in the body frame [m/s^2]."""
         states = self.emulator.world.vehicles.states
-        a, b, c = self._draw(), self._draw(), self._draw()
+        noise_x = self._draw()
+        noise_y = self._draw()
+        noise_z = self._draw()
+
         if states.on_ground[self.index]:
-            s = _ACCEL_NOISE_RESTING_M_S2
-            return s * a, s * b, s * c - 9.80665
-        lift = 9.80665 * float(states.thrust_frac[self.index])
-        lift /= self.emulator.specs[self.index].profile.hover_thrust_frac
-        x, y, z = _ACCEL_NOISE_M_S2
-        return x * a, y * b, z * c - lift
+            std = _ACCEL_NOISE_RESTING_M_S2
+            return std * noise_x, std * noise_y, std * noise_z - _GRAVITY_M_S2
+
+        lift_m_s2 = _GRAVITY_M_S2 * float(states.thrust_frac[self.index])
+        lift_m_s2 /= self.emulator.specs[self.index].profile.hover_thrust_frac
+        std_x, std_y, std_z = _ACCEL_NOISE_M_S2
+        return std_x * noise_x, std_y * noise_y, std_z * noise_z - lift_m_s2
 
     def _sense(self) -> Sensed:
-        i, states = self.index, self.emulator.world.vehicles.states
-        yaw_error_rad = float(self.emulator.estimator.yaw_error_rad[i])
-        noise = [half_rad * self._draw() for half_rad in HALF_NOISE_RAD]
-        tilt_error_rad = self.emulator.estimator.tilt_error_rad[i].tolist()
+        states = self.emulator.world.vehicles.states
+        estimator = self.emulator.estimator
+        index = self.index
+
+        half_noise_rad = [half_rad * self._draw() for half_rad in HALF_NOISE_RAD]
         attitude = measured_attitude(
-            states.attitude[i].tolist(), yaw_error_rad, noise, tilt_error_rad
+            states.attitude[index].tolist(),
+            float(estimator.yaw_error_rad[index]),
+            half_noise_rad,
+            estimator.tilt_error_rad[index].tolist(),
         )
-        p, q = states.tilt_rate_rad_s[i].tolist()
-        r = float(states.yaw_rate_rad_s[i])
-        std = _GYRO_NOISE_RAD_S
-        rates = (p + std * self._draw(), q + std * self._draw(), r + std * self._draw())
-        local = self.emulator.estimator.local(i)
-        return Sensed(attitude, rates, local.position_ned_m, local.velocity_ned_m_s)
+
+        roll_rate, pitch_rate = states.tilt_rate_rad_s[index].tolist()
+        yaw_rate = float(states.yaw_rate_rad_s[index])
+        rates_rad_s = (
+            roll_rate + _GYRO_NOISE_RAD_S * self._draw(),
+            pitch_rate + _GYRO_NOISE_RAD_S * self._draw(),
+            yaw_rate + _GYRO_NOISE_RAD_S * self._draw(),
+        )
+
+        local = estimator.local(index)
+        return Sensed(
+            attitude=attitude,
+            rates_rad_s=rates_rad_s,
+            position_ned_m=local.position_ned_m,
+            velocity_ned_m_s=local.velocity_ned_m_s,
+        )
 
     def _draw(self) -> float:
         if not self._noise:
@@ -216,19 +239,22 @@ def measured_attitude(
 ) -> Quaternion:
     """Return the attitude NED <- FRD that an autopilot believes in, with a sample of noise.
 
-    The compass's error turns it about the vertical, the filter's about north and east; the noise is
-    small enough for a linear turn.
+    Args:
+        attitude: true one, wxyz.
+        yaw_error_rad: the compass's error, which turns it about the vertical.
+        half_noise_rad: about the body's axes; small enough for a linear turn.
+        tilt_error_rad: the filter's error, which turns it about north and east.
     """
     w, x, y, z = attitude
-    w, x, y, z = frames.turned(
-        frames.tilted((w, x, y, z), -tilt_error_rad[0], -tilt_error_rad[1]), yaw_error_rad
-    )
+    level = frames.tilted((w, x, y, z), -tilt_error_rad[0], -tilt_error_rad[1])
+    w, x, y, z = frames.turned(level, yaw_error_rad)
+
+    # the product with the quaternion (1, a, b, d)
     a, b, d = half_noise_rad
-    w, x, y, z = (
-        w - x * a - y * b - z * d,
-        x + w * a + y * d - z * b,
-        y + w * b + z * a - x * d,
-        z + w * d + x * b - y * a,
-    )
-    size = math.sqrt(w * w + x * x + y * y + z * z)
-    return w / size, x / size, y / size, z / size
+    noisy_w = w - x * a - y * b - z * d
+    noisy_x = x + w * a + y * d - z * b
+    noisy_y = y + w * b + z * a - x * d
+    noisy_z = z + w * d + x * b - y * a
+
+    size = math.sqrt(noisy_w * noisy_w + noisy_x * noisy_x + noisy_y * noisy_y + noisy_z * noisy_z)
+    return noisy_w / size, noisy_x / size, noisy_y / size, noisy_z / size
