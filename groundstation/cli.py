@@ -1,13 +1,12 @@
-"""The ``covey`` command: the list of commands, and errors as sentences. A command is imported when
-it is called.
+"""The ``covey`` command: the list of commands, and errors as sentences.
 
-Start with: covey demo
-Shell completion: covey --install-completion
-ASCII instead of line drawings: covey --ascii COMMAND, or COVEY_ASCII=1
+A command is a function in ``groundstation/commands``; :data:`COMMANDS` says which one. Its module is
+imported when the command is called, so that a help page or an agent needs no library of the others.
+A command may have parts: ``covey check`` is a command, and ``covey check vehicles`` is a part of it.
+Commands that became a part keep working under their old word, :data:`FORMER`.
 
-Exit status: 0 all came true; 1 an expectation failed; 2 wrong input, nothing started; 10 nobody
-answered; 50 mixed results per vehicle; 130 interrupted. Ctrl-C lands; a second one ends the
-processes that were started.
+Everything that can be wrong with what was typed, or with a file, ends here as one sentence on
+standard error and an exit status.
 """
 
 from __future__ import annotations
@@ -17,8 +16,6 @@ import os
 import sys
 from collections.abc import Callable, Sequence
 from contextlib import redirect_stderr, redirect_stdout
-from functools import cache
-from keyword import iskeyword
 from types import ModuleType
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -28,97 +25,157 @@ from onboard.exit_status import EXIT_INTERRUPTED, EXIT_NO_ANSWER, EXIT_OK, EXIT_
 from onboard.plain_text import PlainStream, drawing
 
 if TYPE_CHECKING:
-    from cyclopts import App, Group
+    from cyclopts import App
 
 
 class Command(NamedTuple):
-    """One line of ``covey --help``.
+    """One command, or a part of one."""
 
-    The command is the function or App of the same name in its module.
-    """
+    name: str  # as it is typed
+    help: str  # one sentence
+    target: str  # module:function, or module:App, in groundstation.commands
+    parts: tuple[Command, ...] = ()
 
-    name: str
-    group: str
-    help: str
-    file: str = ""  # where it stands in another command's file
-
-    @property
-    def module(self) -> str:
-        """Module of the command."""
-        return f"groundstation.commands.{self.file or self.function}"
+    def load(self) -> tuple[ModuleType, object]:
+        """Import the module of the command; return it and the function or App."""
+        name, _, attribute = self.path.partition(":")
+        module = importlib.import_module(name)
+        return module, getattr(module, attribute)
 
     @property
-    def function(self) -> str:
-        """Name of the function or App in the module."""
-        return self.name.replace("-", "_") + ("_" if iskeyword(self.name) else "")
+    def path(self) -> str:
+        """Where the function or App is, from the root of the project."""
+        return f"groundstation.commands.{self.target}"
 
 
-_GROUPS = (
-    "Fly and operate",
-    "Before a flight",
-    "After a flight",
-    "Simulation",
-    "On a drone, in a lab",
-    "Help",
-)
-_FLY, _BEFORE, _AFTER, _SIMULATION, _DRONE, _HELP = _GROUPS
-COMMANDS = (
-    Command("demo", _FLY, "the paper's experiment in simulation, on free ports"),
-    Command("fly", _FLY, "fly a mission, TOML or Python"),
-    Command("run", _FLY, "a Python script that connects with a fleet, also one of Crazyswarm"),
-    Command("gallery", _FLY, "missions worth flying, each in seconds of simulated time"),
-    Command("tui", _FLY, "the console, attached to a fleet"),
-    Command("web", _FLY, "the console in a browser of this machine"),
-    Command("order", _FLY, "one order to a flying fleet, from a shell or a script"),
-    Command("init", _BEFORE, "a commented fleet file and a first mission, from a few questions"),
-    Command("import", _BEFORE, "a show of Skybrush, or CSVs, made into a mission"),
-    Command("check", _BEFORE, "whether fleet or mission files are right and can be flown"),
-    Command("preflight", _BEFORE, "go or no-go of every vehicle, check by check"),
-    Command(
-        "secure",
-        _BEFORE,
-        "lock a fleet's bus: keys for every node, endpoints that use them",
-        "keys",
+# What people want, and the commands for it, in the order of ``covey --help``. That page fits a screen
+# of 24 lines of 80 characters, also with four commands more: a sentence has at most 57 characters.
+COMMANDS: dict[str, tuple[Command, ...]] = {
+    "See": (
+        Command("tui", "the console, attached to a fleet", "tui:tui"),
+        Command("web", "the console in a browser of this computer", "web:web"),
+        Command("replay", "a recorded flight in the console", "replay:replay"),
+        Command("plot", "figures of a recorded flight", "plot:plot"),
     ),
-    Command("keys", _BEFORE, "the keys of a fleet's bus: issued, listed, renewed, replaced"),
-    Command(
-        "doctor", _BEFORE, "whether this computer and the fleet's network are fit", "network.doctor"
+    "Fly": (
+        Command(
+            "demo",
+            "the paper's experiment in simulation; demo gallery: more",
+            "demo:demo",
+            parts=(
+                Command(
+                    "gallery",
+                    "missions worth flying, each in seconds of simulated time",
+                    "gallery:gallery",
+                ),
+            ),
+        ),
+        Command(
+            "fly",
+            "fly a mission, TOML or Python; fly script: any script",
+            "fly:fly",
+            parts=(
+                Command(
+                    "script",
+                    "a Python script that connects with a fleet, also one of Crazyswarm",
+                    "run:run",
+                ),
+            ),
+        ),
+        Command("order", "one order to a flying fleet, from a shell or a script", "order:order"),
     ),
-    Command(
-        "attack",
-        _BEFORE,
-        "what gets into an emulated copy of a fleet, by whom it is tried",
-        "network.attack",
+    "Prepare": (
+        Command("init", "a commented fleet file and a first mission", "init:init"),
+        Command("import", "a show of Skybrush, or CSVs, made into a mission", "import_:import_"),
     ),
-    Command("px4", _BEFORE, "PX4's parameters and state, and what another version of it changes"),
-    Command("replay", _AFTER, "a recorded flight in the console"),
-    Command("plot", _AFTER, "figures of a recorded flight"),
-    Command(
-        "identify",
-        _AFTER,
-        "a vehicle's lag, drag, hover throttle and tilt error, flown or from a record",
+    "Check": (
+        Command(
+            "check",
+            "is it right: files, vehicles, computer, network, keys?",
+            "check:check",
+            parts=(
+                Command(
+                    "vehicles",
+                    "go or no-go of every vehicle, check by check",
+                    "preflight:preflight",
+                ),
+                Command(
+                    "computer",
+                    "whether this computer and the fleet's network are fit",
+                    "doctor:doctor",
+                ),
+                Command(
+                    "attack",
+                    "what gets into an emulated copy of a fleet, and by whom it is tried",
+                    "attack:attack",
+                ),
+                Command(
+                    "endpoint",
+                    "whether a MAVLink endpoint behaves as a real PX4",
+                    "sitl_check:sitl_check",
+                ),
+            ),
+        ),
     ),
-    Command("simulate", _SIMULATION, "the law over many perturbed flights, seeded"),
-    Command("sitl", _SIMULATION, "emulated PX4s for a fleet file"),
-    Command("sitl-check", _SIMULATION, "whether a MAVLink endpoint behaves as a real PX4"),
-    Command("sitl-truth", _SIMULATION, "ground truth of real PX4s with SIH, for verdicts"),
-    Command("agent", _DRONE, "one vehicle's agent, also as a service of systemd"),
-    Command(
-        "router",
-        _DRONE,
-        "a router of the fleet's bus, for fleets on several networks",
-        "network.router",
+    "Vehicles": (
+        Command("agent", "one vehicle's agent, also as a service of systemd", "agent:agent"),
+        Command("px4", "PX4's parameters and state; what a version changes", "px4:px4"),
+        Command(
+            "identify", "lag, drag, hover throttle and tilt error of a vehicle", "identify:identify"
+        ),
     ),
-    Command("mocap", _DRONE, "the relay from a motion capture to the fleet's bus"),
-)
+    "Network": (
+        Command("keys", "lock a fleet's bus; its keys issued, listed, renewed", "keys:keys"),
+        Command("router", "a router of the bus, for fleets on several networks", "router:router"),
+        Command("mocap", "the relay from a motion capture to the fleet's bus", "mocap:mocap"),
+    ),
+    "Simulation": (
+        Command(
+            "sitl",
+            "emulated PX4s for a fleet file",
+            "sitl:sitl",
+            parts=(
+                Command(
+                    "truth",
+                    "ground truth of real PX4s with SIH, for verdicts",
+                    "sitl_truth:sitl_truth",
+                ),
+            ),
+        ),
+        Command("simulate", "the law over many perturbed flights, seeded", "simulate:simulate"),
+    ),
+}
+
+# Commands that became a part of another one: the old word, and the words that replace it.
+FORMER: dict[str, tuple[str, ...]] = {
+    "attack": ("check", "attack"),
+    "doctor": ("check", "computer"),
+    "gallery": ("demo", "gallery"),
+    "preflight": ("check", "vehicles"),
+    "run": ("fly", "script"),
+    "secure": ("keys", "secure"),
+    "sitl-check": ("check", "endpoint"),
+    "sitl-truth": ("sitl", "truth"),
+}
+
+_HELP_WORDS = ("--help", "-h")
+_COMPLETION_WORD = "--install-completion"
+_FOOTER = f"More: covey COMMAND --help. Shell completion: covey {_COMPLETION_WORD}"
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run one command; the exit status."""
+    """Run one command; return the exit status.
+
+    Args:
+        argv: the words behind ``covey``; without them those of the process.
+    """
     words = list(sys.argv[1:] if argv is None else argv)
-    if "--ascii" in words:  # wherever it stands: every command that has a console understands it
+
+    # Wherever it stands: every command that has a console understands it.
+    if "--ascii" in words:
         words.remove("--ascii")
         os.environ["COVEY_ASCII"] = "1"
+
     with redirect_stdout(PlainStream(sys.stdout)), redirect_stderr(PlainStream(sys.stderr)):
         return _run_in_sentences(words)
 
@@ -130,67 +187,147 @@ def _run_in_sentences(words: list[str]) -> int:
     except NoRouterError as error:
         _refuse(str(error))
         return EXIT_NO_ANSWER
-    # what was written or configured is wrong, or an endpoint is taken
     except (ConfigError, BusError) as error:
+        # What was written or configured is wrong, or an endpoint is taken.
         return _refuse(str(error))
     except ImportError as error:
-        # The front page's library wraps the error of a command's module.
-        missing = error if isinstance(error, ModuleNotFoundError) else error.__cause__
-        name = missing.name or "" if isinstance(missing, ModuleNotFoundError) else ""
-        if not name or name.partition(".")[0] in ("onboard", "groundstation", "sitl"):
+        library = _missing_library(error)
+        if library is None:
             raise
         wheel = f"covey-{_version().split()[1]}-py3-none-any.whl"
         return _refuse(
-            f"this command needs '{name}'. Install the wheel with all of it: pip install '{wheel}[all]'"
+            f"this command needs '{library}'. Install the wheel with all of it:"
+            f" pip install '{wheel}[all]'"
         )
     except KeyboardInterrupt:
         return EXIT_INTERRUPTED
-    except BrokenPipeError:  # the reader has read enough, as in `covey check FILE | head`
+    except BrokenPipeError:
+        # The reader has read enough, as in `covey check FILE | head`.
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
         return EXIT_OK
 
 
+def _missing_library(error: ImportError) -> str | None:
+    """Return the library that is not installed; None when a module of the project is missing."""
+    # The library of the front page wraps the error of a command's module.
+    missing = error if isinstance(error, ModuleNotFoundError) else error.__cause__
+    if not isinstance(missing, ModuleNotFoundError) or not missing.name:
+        return None
+    if missing.name.partition(".")[0] in ("onboard", "groundstation", "sitl"):
+        return None
+    return missing.name
+
+
 def _run(words: list[str]) -> int:
-    if words[:1] == ["agent"]:  # a drone's computer has the base libraries only
+    words = current_words(words, says_so=True)
+    first = words[0] if words else ""
+
+    if not words or first in _HELP_WORDS:
+        print(front_text())
+        return EXIT_OK if words else EXIT_WRONG_INPUT
+    if first == "agent":
+        # A drone's computer has the base libraries only, so this does without the front page's.
         agent: Callable[[list[str]], int] = importlib.import_module("onboard.agent.main").main
         return agent(words[1:])
-    if words[:1] == ["bench"]:
-        arguments = f' ARGS="{" ".join(words[2:])}"' if words[2:] else ""
-        return _refuse(
-            f"benchmarks are no part of the product. In a clone, type: make bench-{words[1] if words[1:] else 'NAME'}"
-            f"{arguments}"
-        )
+    if first == "bench":
+        return _refuse_bench(words[1:])
+
     from cyclopts import CycloptsError
 
-    app = front_page(words[0] if words else "")
+    app = front_page(words)
     try:
         status = app(words)
     except CycloptsError as error:
-        return _refuse(f"{error} '{' '.join(['covey', *_path(words)])} --help' says more.")
-    if status is None:  # a page of help, or a command group without its command
-        return EXIT_OK if any(word.startswith("-") for word in words) else EXIT_WRONG_INPUT
+        called = " ".join(["covey", *command_words(words)])
+        return _refuse(f"{error} '{called} --help' says more.")
+
+    if status is None:  # a page of help, or a command without its part
+        is_asked = any(word.startswith("-") for word in words)
+        return EXIT_OK if is_asked else EXIT_WRONG_INPUT
     return int(status)
 
 
-def _path(words: list[str]) -> list[str]:
-    """The command that was meant, if there is one of that name."""
-    return words[:1] if words and any(command.name == words[0] for command in COMMANDS) else []
+def _refuse_bench(words: list[str]) -> int:
+    name = words[0] if words else "NAME"
+    options = words[1:]
+    arguments = f' ARGS="{" ".join(options)}"' if options else ""
+    return _refuse(
+        f"benchmarks are no part of the product. In a clone, type: make bench-{name}{arguments}"
+    )
 
 
-def front_page(called: str) -> App:
-    """All commands, of which only the one ``called`` is imported now; the others when their help is
-    asked for.
+def current_words(words: list[str], *, says_so: bool = False) -> list[str]:
+    """Return a command line with the words of today.
+
+    Args:
+        words: behind ``covey``.
+        says_so: whether a line on standard error names the new words.
+    """
+    if not words or words[0] not in FORMER:
+        return words
+
+    new = FORMER[words[0]]
+    if says_so:
+        sentence = (
+            f"'covey {words[0]}' is 'covey {' '.join(new)}' now; the old word goes on working."
+        )
+        print(f"covey: {sentence}", file=sys.stderr)
+    return [*new, *words[1:]]
+
+
+def find_command(name: str) -> Command | None:
+    """Return the command of a name, if there is one."""
+    for commands in COMMANDS.values():
+        for command in commands:
+            if command.name == name:
+                return command
+    return None
+
+
+def command_words(words: list[str]) -> list[str]:
+    """Return those of the words that name a command or a part of one."""
+    command = find_command(words[0]) if words else None
+    if command is None:
+        return []
+    if len(words) > 1 and any(part.name == words[1] for part in command.parts):
+        return words[:2]
+    return words[:1]
+
+
+def front_text() -> str:
+    """Return the page of ``covey --help``: a line for each command, on one screen."""
+    lines = ["covey COMMAND: a ground station for PX4 multirotors that fly close together", ""]
+    for group, commands in COMMANDS.items():
+        title = group
+        for command in commands:
+            lines.append(f"{title:<12}{command.name:<10}{command.help}")
+            title = ""
+    lines += ["", _FOOTER]
+    return "\n".join(lines)
+
+
+def front_page(words: Sequence[str] = (), *, is_whole: bool = False) -> App:
+    """Return all commands, of which only the called one is imported now.
+
+    Args:
+        words: the command line; its first words are the command that is called.
+        is_whole: import all of them, for the completion of a shell or for a document.
     """
     from cyclopts import App, Parameter
     from rich.console import Console
 
-    app = App(
+    class FrontPage(App):
+        """The commands; bash goes on completing the names of files where no option fits."""
+
+        def generate_completion(self, **options: object) -> str:
+            script = super().generate_completion(**options)  # type: ignore[arg-type]
+            return script.replace("\ncomplete -F ", "\ncomplete -o default -F ")
+
+    app = FrontPage(
         name="covey",
         help="Fleet ground station for PX4 multirotors that fly close together.",
         help_format="plaintext",
-        help_epilogue=_epilogue(sys.modules[__name__]),
         version=_version,
-        group_commands=_group(_HELP),
         default_parameter=Parameter(negative="", show_default=_default),
         result_action="return_value",
         exit_on_error=False,
@@ -198,44 +335,66 @@ def front_page(called: str) -> App:
         suppress_keyboard_interrupt=False,
         console=Console(file=drawing(sys.stdout)),
     )
-    for command in COMMANDS:
-        if command.name != called:
-            path = f"{command.module}:{command.function}"
-            app.command(path, name=command.name, group=_group(command.group), help=command.help)
-            continue
-        module = importlib.import_module(command.module)
-        target = getattr(module, command.function)
-        if isinstance(target, App):
-            target.help_epilogue = _epilogue(module)
-            app.command(target)
-        else:
-            app.command(target, name=command.name, help_epilogue=_epilogue(module))
+    called = list(words[:2])
+    is_whole = is_whole or called[:1] == [_COMPLETION_WORD]
+    for commands in COMMANDS.values():
+        for command in commands:
+            if is_whole or called[:1] == [command.name]:
+                _add_with_parts(app, command, called[1:], is_whole=is_whole)
+            else:
+                app.command(command.path, name=command.name, help=command.help)
     app.register_install_completion_command()
     return app
 
 
+def _add_with_parts(app: App, command: Command, called: list[str], *, is_whole: bool) -> None:
+    """Add an imported command, and its parts, of which only the called one is imported."""
+    from cyclopts import App
+
+    if not command.parts:
+        _add(app, command)
+        return
+
+    own = App(name=command.name, help_epilogue=None)
+    module, function = command.load()
+    own.help_epilogue = _epilogue(module)
+    own.default(function)  # type: ignore[call-overload]
+    for part in command.parts:
+        if is_whole or called == [part.name]:
+            _add(own, part)
+        else:
+            own.command(part.path, name=part.name, help=part.help)
+    app.command(own)
+
+
+def _add(app: App, command: Command) -> None:
+    """Add a command that is a function, or an App with commands of its own."""
+    from cyclopts import App
+
+    module, target = command.load()
+    if isinstance(target, App):
+        target.help_epilogue = _epilogue(module)
+        app.command(target)
+    else:
+        app.command(target, name=command.name, help_epilogue=_epilogue(module))  # type: ignore[call-overload]
+
+
 def _epilogue(module: ModuleType) -> str:
-    """Return what stands below the options: the end of a module's docstring, and what it computes."""
-    text = (module.__doc__ or "").partition("\n\n")[2].strip()
-    return "\n\n".join(filter(None, (text, getattr(module, "MORE_HELP", ""))))
-
-
-@cache
-def _group(name: str) -> Group:
-    from cyclopts import Group
-
-    return Group(name, sort_key=_GROUPS.index(name))
+    """Return what stands below the options: the rest of a module's docstring, and its MORE_HELP."""
+    texts = [
+        (module.__doc__ or "").partition("\n\n")[2].strip(),
+        getattr(module, "MORE_HELP", ""),
+    ]
+    return "\n\n".join(text for text in texts if text)
 
 
 def _default(value: object) -> str | None:
     """Return a default as the help shows it; flags, lists and what is left open have none."""
-    return (
-        None
-        if isinstance(value, bool | tuple | None)
-        else f"{value:g}"
-        if isinstance(value, float)
-        else str(value)
-    )
+    if isinstance(value, bool | tuple | None):
+        return None
+    if isinstance(value, float):
+        return f"{value:g}"
+    return str(value)
 
 
 def _version() -> str:

@@ -30,10 +30,10 @@ _REAL_TIME = (
 )
 _ONE_IN_REAL_TIME = (  # one emulated vehicle or one server each
     "clients",
-    "groundstation/commands/network/test_attack.py",
-    "groundstation/commands/network/test_doctor_links.py",
-    "groundstation/commands/test_px4.py",
-    "groundstation/commands/test_px4_signing.py",
+    "groundstation/network/test_attack.py",
+    "groundstation/network/test_doctor_links.py",
+    "groundstation/px4/test_px4.py",
+    "groundstation/px4/test_px4_signing.py",
     "groundstation/web",
     "onboard/px4",
     "sitl/conformance/test_fuzz.py",

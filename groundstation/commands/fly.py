@@ -2,29 +2,30 @@
 
 Examples:
   covey fly my_mission.py --sitl
-  covey fly configs/missions/paper.toml --fleet fleet.toml --headless --record flights/first
-  covey fly configs/missions/paper.toml --lockstep --law off
+  covey fly paper --fleet fleet.toml --headless --record flights/first
+  covey fly paper --lockstep --law off
   covey fly my_mission.py --lockstep --arg height_m=1.5
 
-Exit status: 0 all that the mission declares came true; 1 something did not; 2 wrong input, nothing
-started; 130 interrupted. Ctrl-C lands; a second one ends the processes that were started.
+Exit status: 0 all that the mission declares came true; 1 something did not;
+2 wrong input, nothing started; 130 interrupted. Ctrl-C lands; a second one ends
+the processes that were started.
 """
 
 from __future__ import annotations
 
 import asyncio
-import datetime
-from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
 
-from groundstation.commands.parameters import BusOptions, FlightOptions
-from groundstation.commands.shared.flight import MissionFlight, clock_say, prepare
-from groundstation.mission_files.mission import Mission
+from groundstation.commands.parameters import BusOptions, FlightOptions, refuse_wrong_seed
+from groundstation.flights.flight_settings import new_folder, prepare
+from groundstation.flights.mission_flight import MissionFlight, clock_say
+from groundstation.mission_files.loading import Mission
 from onboard.config.fleet import ConfigError
 
-_OPTIONS, _BUS = FlightOptions(), BusOptions()
+_NO_OPTIONS = FlightOptions()
+_NO_BUS_OPTIONS = BusOptions()
 
 
 def fly(
@@ -32,13 +33,13 @@ def fly(
     /,
     *,
     sitl: bool = False,
-    options: FlightOptions = _OPTIONS,
-    bus: BusOptions = _BUS,
+    options: FlightOptions = _NO_OPTIONS,
+    bus: BusOptions = _NO_BUS_OPTIONS,
 ) -> int:
     """Fly a mission, TOML or Python, and say whether all came true that it declares.
 
     Args:
-        mission: mission file
+        mission: mission file, or the name of an example
         sitl: start the emulator and the agents too, on the file's ports
     """
     return fly_mission(mission, options, bus, is_simulated=sitl, has_free_ports=False)
@@ -52,21 +53,26 @@ def fly_mission(
     is_simulated: bool,
     has_free_ports: bool,
 ) -> int:
-    """Fly a mission as the options say; the exit status.
+    """Fly a mission as the options say; return the exit status.
+
+    Args:
+        mission: as it was read, or its path.
+        options: of all commands that fly a mission.
+        bus: delays and losses of the simulated bus.
+        is_simulated: whether emulator and agents are started, also without --lockstep.
+        has_free_ports: whether a simulated fleet gets ports that nobody else uses.
 
     Raises:
         ConfigError: wrong input; nothing was started.
     """
-    if options.seed < 0:
-        raise ConfigError(f"--seed is {options.seed}; it must be 0 or more.")
+    refuse_wrong_seed(options.seed)
     if bus.given and not options.lockstep:
-        raise ConfigError(
-            f"--bus-{next(iter(bus.given)).replace('_', '-')} is for flights in lockstep. Add --lockstep."
-        )
-    folder = options.record or new_folder()
+        first = next(iter(bus.given)).replace("_", "-")
+        raise ConfigError(f"--bus-{first} is for flights in lockstep. Add --lockstep.")
+
     settings = prepare(
         mission,
-        folder if options.record else folder.absolute(),
+        options.record or new_folder().absolute(),
         fleet_path=options.fleet,
         law=options.law,
         is_simulated=is_simulated or options.lockstep,
@@ -78,6 +84,8 @@ def fly_mission(
     )
     if not options.lockstep:
         return asyncio.run(MissionFlight(settings, say=clock_say()).fly())
+
+    # Imported here: a flight with real agents needs nothing of the simulation.
     from sitl.lockstep.command import fly_mission as fly_in_lockstep
     from sitl.lockstep.connections import BusSettings
 
@@ -87,7 +95,7 @@ def fly_mission(
 
 
 def _arguments(written: tuple[str, ...]) -> dict[str, str]:
-    """Return NAME=VALUE by name."""
+    """Return the value of each NAME=VALUE by its name."""
     arguments: dict[str, str] = {}
     for word in written:
         name, sign, value = word.partition("=")
@@ -95,8 +103,3 @@ def _arguments(written: tuple[str, ...]) -> dict[str, str]:
             raise ConfigError(f"--arg {word}: write each argument once, as NAME=VALUE.")
         arguments[name] = value
     return arguments
-
-
-def new_folder() -> Path:
-    """Return the folder of a flight that begins now."""
-    return Path("flights") / datetime.datetime.now().strftime("%Y%m%d-%H%M%S")

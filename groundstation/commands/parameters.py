@@ -1,4 +1,8 @@
-"""Types of options that several commands share, with the words that their help shows."""
+"""Types of options that several commands share, with the words that their help shows.
+
+A command declares ``fleet: FleetFile`` or ``options: FlightOptions``; name, placeholder and sentence
+of the option are then the same everywhere.
+"""
 
 from __future__ import annotations
 
@@ -8,10 +12,12 @@ from typing import Annotated
 
 from cyclopts import Group, Parameter
 
+from onboard.config.fleet import ConfigError
+
 File = Annotated[str, Parameter(metavar="FILE")]
 FleetFile = Annotated[str, Parameter(metavar="FILE", help="fleet file")]
 Folder = Annotated[Path, Parameter(metavar="DIR")]
-Names = Annotated[str, Parameter(metavar="NAMES")]
+Names = Annotated[str, Parameter(metavar="NAMES")]  # of vehicles: names or indices
 Seconds = Annotated[float, Parameter(metavar="S")]
 # covey, paper, off, or a law of one's own
 LawName = Annotated[str | None, Parameter(metavar="NAME")]
@@ -43,10 +49,12 @@ class BusOptions:
     @property
     def given(self) -> dict[str, float]:
         """The options that were given, by the names of the lockstep bus's settings."""
-        values = {
-            field.name.removeprefix("bus_"): getattr(self, field.name) for field in fields(self)
-        }
-        return {name: value for name, value in values.items() if value is not None}
+        values = {}
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if value is not None:
+                values[field.name.removeprefix("bus_")] = value
+        return values
 
 
 @Parameter(name="*")
@@ -72,3 +80,13 @@ class FlightOptions:
     seed: int = 0
     lockstep: bool = False
     arg: Annotated[tuple[str, ...], Parameter(metavar="NAME=VALUE")] = ()
+
+
+def refuse_wrong_seed(seed: int) -> None:
+    """Refuse a seed below 0.
+
+    Raises:
+        ConfigError: it is negative.
+    """
+    if seed < 0:
+        raise ConfigError(f"--seed is {seed}; it must be 0 or more.")

@@ -9,9 +9,9 @@ import re
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from groundstation.commands.gallery.catalogue import GALLERY, sentence_of
 from groundstation.formations.frame import FramePoint
 from groundstation.mission_files.steps import STEP_BOUNDS, STEPS, OnFailure, Until
+from groundstation.shows.gallery import GALLERY, sentence_of
 from groundstation.verdict.expectations import EXPECT_MOST_M, Expect
 from onboard.config import formation_shape, mocap, radio, sitl
 from onboard.config.fleet_config import FleetSection, Geofence, Origin, Vehicle

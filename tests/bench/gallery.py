@@ -13,10 +13,10 @@ from pathlib import Path
 
 import numpy as np
 
-from groundstation.commands.gallery.catalogue import GALLERY, SHOW, gallery_mission, sentence_of
 from groundstation.figures.data import TOPICS, FlightData, from_samples
 from groundstation.figures.style import LIMIT, SOFT, colour, new_figure, styled
 from groundstation.recording.reader import read, record_path
+from groundstation.shows.gallery import GALLERY, SHOW, gallery_mission, sentence_of
 from sitl.lockstep.flight import Lockstep
 from tests.groundstation.shows.made_shows import eased, write_skyc
 

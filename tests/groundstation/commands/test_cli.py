@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from groundstation import cli
-from groundstation.commands.shared.flight import prepare
+from groundstation.flights.flight_settings import prepare
 from onboard.config.fleet import ConfigError
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -80,7 +80,8 @@ def test_a_wrong_command_line_is_a_sentence_that_names_the_page_of_help(
         (["dance"], "covey", "dance"),
         (["demo", "--seed", "none"], "covey demo", "--seed"),
         (["demo", "--sead", "3"], "covey demo", "--seed"),
-        (["check"], "covey check", "FLEET|MISSION"),
+        (["check", "--errors", "none"], "covey check", "--errors"),
+        (["check", "vehicles"], "covey check vehicles", "--fleet"),
         (["tui"], "covey tui", "--fleet"),
         (["px4", "parms"], "covey px4", "params"),
         (["simulate", "--jobs", "two", "form3"], "covey simulate", "two"),
@@ -93,25 +94,79 @@ def test_a_wrong_command_line_is_a_sentence_that_names_the_page_of_help(
         assert f"'{command} --help' says more." in captured.err, words
 
 
-def test_every_command_has_a_page_of_help_with_an_example_and_its_exit_statuses(
+def test_the_list_of_commands_fits_a_screen_and_has_room_for_four_more(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     assert cli.main(["--help"]) == 0
-    front = capsys.readouterr().out
-    for command in cli.COMMANDS:
-        assert f"\u2502 {command.name} " in front, command.name
-        assert command.group in front
-        if command.name == "agent":  # the drone's own command line: tests/onboard/agent
-            continue
-        assert (
-            cli.main(
-                ["px4", "params", "--help"] if command.name == "px4" else [command.name, "--help"]
-            )
-            == 0
-        )
-        page = capsys.readouterr().out
-        assert f"covey {command.name}" in page, command.name
-        assert "xit status" in page, command.name
+    lines = capsys.readouterr().out.splitlines()
+    rows = [command for commands in cli.COMMANDS.values() for command in commands]
+    assert len(rows) <= 18
+    assert len(lines) + 4 - 2 <= 24, "the blank lines go when the four commands come"
+    assert max(len(line) for line in lines) <= 79
+    for group in cli.COMMANDS:
+        assert any(line.startswith(f"{group} ") for line in lines)
+    for command in rows:
+        assert any(command.name in line.split()[:2] for line in lines), command.name
+
+
+def all_commands() -> list[list[str]]:
+    """The words of every command and of its parts."""
+    words = []
+    for commands in cli.COMMANDS.values():
+        for command in commands:
+            words.append([command.name])
+            words += [[command.name, part.name] for part in command.parts]
+    return words
+
+
+@pytest.mark.parametrize("words", all_commands(), ids=" ".join)
+def test_every_command_has_a_page_of_help_with_an_example_and_its_exit_statuses(
+    words: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    if words == ["agent"]:  # the drone's own command line: tests/onboard/agent
+        return
+    page_words = ["px4", "params"] if words == ["px4"] else words
+    assert cli.main([*page_words, "--help"]) == 0
+    page = capsys.readouterr().out
+    assert f"covey {' '.join(words)}" in page
+    assert "xit status" in page
+
+
+@pytest.mark.parametrize("old", sorted(cli.FORMER))
+def test_a_former_command_works_on_and_names_its_new_words_on_standard_error(
+    old: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    new = " ".join(cli.FORMER[old])
+    assert cli.main([old, "--help"]) == 0
+    page = capsys.readouterr()
+    assert page.err == f"covey: 'covey {old}' is 'covey {new}' now; the old word goes on working.\n"
+    assert cli.main([*cli.FORMER[old], "--help"]) == 0
+    assert capsys.readouterr().out == page.out
+    assert old not in [words[0] for words in all_commands()]
+
+
+def test_a_former_command_keeps_its_exit_status_and_its_json(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    outputs = []
+    for words in (["sitl-check"], ["check", "endpoint"]):
+        assert cli.main([*words, "--list"]) == 0
+        outputs.append(capsys.readouterr().out)
+    assert outputs[0] == outputs[1] != ""
+    assert cli.main(["doctor", str(tmp_path / "absent.toml"), "--json"]) == 2
+    assert cli.main(["check", "computer", str(tmp_path / "absent.toml"), "--json"]) == 2
+
+
+def test_check_without_a_file_says_which_command_answers_which_question(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert cli.main(["check"]) == 2
+    lines = capsys.readouterr().out.splitlines()
+    named = [line.split()[1:3] for line in lines if line.startswith("  covey ")]
+    parts = [["check", part] for part in ("vehicles", "computer", "attack", "endpoint")]
+    for words in [*parts, ["px4", "params"], ["px4", "compare"], ["keys", "list"]]:
+        assert words in named
+    assert max(len(line) for line in lines) <= 80
 
 
 def test_without_a_command_the_list_is_shown_and_nothing_came_true(
@@ -126,9 +181,15 @@ def test_without_a_command_the_list_is_shown_and_nothing_came_true(
 
 def test_the_shell_completes_commands_and_options() -> None:
     for shell in ("bash", "zsh", "fish"):
-        script = cli.front_page("").generate_completion(shell=shell)
-        assert "sitl-check" in script, shell
+        script = cli.front_page(is_whole=True).generate_completion(shell=shell)
+        assert "simulate" in script, shell
         assert "headless" in script, shell
+        assert "endpoint" in script, shell
+
+
+def test_bash_goes_on_completing_the_names_of_files() -> None:
+    script = cli.front_page(["--install-completion"]).generate_completion(shell="bash")
+    assert "complete -o default -F _covey covey" in script
 
 
 def test_an_agent_and_the_list_of_commands_need_no_library_of_the_ground() -> None:

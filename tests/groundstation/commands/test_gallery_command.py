@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from groundstation.cli import main
-from groundstation.commands.gallery.catalogue import GALLERY
+from groundstation.shows.gallery import GALLERY
 
 
 def test_all_are_listed_with_what_they_show(capsys: pytest.CaptureFixture[str]) -> None:

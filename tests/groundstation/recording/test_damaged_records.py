@@ -10,9 +10,9 @@ import msgspec
 import pytest
 
 from groundstation.client.preflight_page import PageLine, VehiclePage, as_text
-from groundstation.commands.plot import draw
-from groundstation.commands.shared.flight import clock_say
 from groundstation.figures.data import TOPICS, from_samples
+from groundstation.figures.record_figures import draw_record
+from groundstation.flights.mission_flight import clock_say
 from groundstation.recording.flight_report import report
 from groundstation.recording.reader import read
 from groundstation.recording.writer import MAX_CHANNELS, RecordFiles, RecordWriter
@@ -101,7 +101,7 @@ def test_one_absurd_stamp_does_not_stretch_the_flight(tmp_path: Path) -> None:
         flight = from_samples(read(folder, TOPICS), title="x", safety_distance_m=0.8)
         assert flight is not None
         assert len(flight.grid_s) < 1000
-    assert draw(folder)[1]
+    assert draw_record(folder)[1]
 
 
 def shifted(message: Message) -> Message:

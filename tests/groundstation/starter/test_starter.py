@@ -12,7 +12,7 @@ from typing import get_args
 import pytest
 
 from groundstation import cli
-from groundstation.commands.check import examine
+from groundstation.file_checks.examination import examine
 from groundstation.processes.supervisor import most_agents
 from groundstation.starter.files import Answers, Position, companion_addresses, starter
 from onboard.config.fleet import ConfigError, parking_distance_m

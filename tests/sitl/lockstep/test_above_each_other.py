@@ -6,8 +6,8 @@ import itertools
 
 import numpy as np
 
-from groundstation.commands.gallery.catalogue import gallery_mission
 from groundstation.recording.reader import read
+from groundstation.shows.gallery import gallery_mission
 
 GRID_S = 0.02
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from groundstation.commands.check import examine
+from groundstation.file_checks.examination import examine
 from groundstation.processes.free_ports import toml_text
 from onboard.config.fleet import ConfigError, RadioConfig, fleet_from_mapping
 from onboard.feasibility.airtime import OFDM, OVERHEAD_BYTES, airtime_finding, turn_s

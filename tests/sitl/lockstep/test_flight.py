@@ -16,8 +16,8 @@ import numpy as np
 import pytest
 
 from groundstation import cli
-from groundstation.commands.gallery.catalogue import GALLERY
 from groundstation.recording.reader import read
+from groundstation.shows.gallery import GALLERY
 from groundstation.verdict.verdict import Verdict
 from sitl.lockstep.flight import Lockstep
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from groundstation.commands.gallery.catalogue import GALLERY, gallery_mission, sentence_of
+from groundstation.shows.gallery import GALLERY, gallery_mission, sentence_of
 from sitl.lockstep.flight import Lockstep
 
 ROOT = Path(__file__).parents[3]

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from groundstation import cli
-from groundstation.commands.check import examine
+from groundstation.file_checks.examination import examine
 from groundstation.mission_files.loading import load_mission
 from onboard.config.fleet import load_fleet
 from sitl.monte_carlo import batch, settings

@@ -1,0 +1,53 @@
+"""``covey check attack``: what gets into an emulated copy of a fleet that flies meanwhile.
+
+Examples:
+  covey check attack fleet.toml
+  covey check attack paper --long
+  covey check attack fleet.toml --json
+
+The copy has ports, a folder and keys of its own; whatever runs already is left
+alone. Each try is made twice: on a copy with keys, and on one without any,
+where it has to get in. docs/threats.md says what is not tried. Exit status: 0
+nothing got in; 1 something did, or a try proved nothing; 2 wrong input; 130
+interrupted.
+"""
+
+from __future__ import annotations
+
+from json import dumps
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from groundstation.network.attack import attack_copies
+from onboard.config.fleet import load_fleet
+from onboard.exit_status import EXIT_FAILED, EXIT_OK
+
+
+def attack(
+    fleet: Annotated[str, Parameter(name="FLEET")],
+    /,
+    *,
+    long: bool = False,
+    json: bool = False,
+) -> int:
+    """Try to get into an emulated copy of a fleet, from outside and inside; say what got in.
+
+    The copy flies meanwhile.
+
+    Args:
+        fleet: the fleet file
+        long: floods and bad frames for minutes instead of seconds
+        json: one object instead of lines
+    """
+
+    def say(line: str) -> None:
+        if not json:
+            print(line, flush=True)
+
+    report = attack_copies(load_fleet(fleet), is_long=long, say=say)
+    if json:
+        print(dumps(report.as_mapping(), indent=2))
+    else:
+        print(report.as_text())
+    return EXIT_OK if report.is_right else EXIT_FAILED

@@ -1,0 +1,65 @@
+"""``covey demo gallery``: missions worth flying, with what each one shows.
+
+Examples:
+  covey demo gallery
+  covey demo gallery swap
+  covey demo gallery thirty --record flights/thirty
+  covey fly search --sitl
+
+They are flown in lockstep, each in seconds. Exit status: 0 all that the mission
+declares came true; 1 something did not; 2 wrong input, nothing started; 130
+interrupted.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from groundstation.commands.fly import fly_mission
+from groundstation.commands.parameters import BusOptions, FlightOptions, LawName
+from groundstation.flights.flight_settings import new_folder
+from groundstation.shows.gallery import GALLERY, gallery_mission, sentence_of
+from onboard.exit_status import EXIT_OK
+
+
+def gallery(
+    name: str | None = None,
+    /,
+    *,
+    record: Annotated[Path | None, Parameter(metavar="DIR")] = None,
+    law: LawName = None,
+    seed: int = 0,
+) -> int:
+    """List the missions of the gallery, or fly one of them in lockstep.
+
+    Args:
+        name: of the mission; without it all are listed
+        record: flight folder (default: flights/<time>)
+        law: avoidance law instead of the fleet file's
+        seed: seed of everything random in the emulator
+    """
+    if name is None:
+        _print_list()
+        return EXIT_OK
+
+    folder = record or new_folder()
+    return fly_mission(
+        gallery_mission(name, folder),
+        FlightOptions(record=folder, law=law, seed=seed, lockstep=True),
+        BusOptions(),
+        is_simulated=True,
+        has_free_ports=False,
+    )
+
+
+def _print_list() -> None:
+    width = max(len(name) for name in GALLERY)
+    for name in GALLERY:
+        print(f"  {name:<{width}}  {sentence_of(name)}")
+    print(
+        "Fly one in simulated time: covey demo gallery NAME."
+        " With console and real processes: covey fly NAME --sitl."
+    )

@@ -1,0 +1,194 @@
+"""``covey keys``: lock a fleet's bus; its authority, and the certificates of its nodes.
+
+Examples:
+  covey keys secure fleet.toml
+  covey keys secure fleet.toml --mavlink
+  covey keys list fleet.toml
+  covey keys list fleet.toml --running
+  covey keys issue fleet.toml mav3
+  covey keys renew fleet.toml
+  covey keys init fleet.toml --force
+
+covey keys secure makes what is missing in keys/ beside the fleet file, and turns
+its endpoints into quic/; a second call changes nothing. docs/keys.md says more.
+Exit status: 0 all right; 1 list found what is wrong; 2 wrong input.
+"""
+
+from __future__ import annotations
+
+import datetime
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import App, Parameter
+
+from groundstation.keys.authority import folder_of, load_authority, make_authority, nodes_of
+from groundstation.keys.mavlink_keys import sign_mavlink
+from groundstation.keys.running import keep_former, running_authorities
+from groundstation.keys.secured_fleet import issue_all, refuse_example, secure_fleet
+from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
+from onboard.exit_status import EXIT_FAILED, EXIT_OK
+from onboard.security.certificates import read_certificate
+from onboard.security.credentials import credentials_of, files_of, hosts_of
+from onboard.security.mavlink_key import key_file
+from onboard.security.node_roles import ROUTER, NodeRole
+
+_RUNNING = {
+    "present": "runs with the present authority",
+    "former": "RUNS ON with a former authority, and hears nobody of the others: copy its files, and start it anew",
+    "": "does not answer: it is off, not reached, or has keys that this computer does not know",
+}
+
+keys = App(name="keys", help="The keys of a fleet's bus.")
+Fleet = Annotated[str, Parameter(name="FLEET")]
+Node = Annotated[str, Parameter(name="NODE")]
+
+
+@keys.command
+def secure(fleet: Fleet, /, *, mavlink: bool = False) -> int:
+    """Make keys for every node of a fleet, and turn its endpoints into endpoints with keys.
+
+    Args:
+        fleet: the fleet file; its folder gets a folder keys/
+        mavlink: make the keys of MAVLink signing instead, between each vehicle's PX4 and all that
+            speak to it
+    """
+    if mavlink:
+        return _sign_mavlink(fleet)
+    secured = secure_fleet(fleet, _now())
+    file = Path(secured.path).name
+    print(
+        f"{secured.path}: every link of the bus is encrypted now, and both its ends prove who they are. Copy:"
+    )
+    for name, vehicle in secured.vehicles.items():
+        print(f"  to {vehicle.host}: {file}, {_files(secured, name)}")
+    print(f"  to your ground: {file}, {_files(secured, NodeRole.GROUND)}")
+    for host in hosts_of(secured, ROUTER):
+        print(f"  to {host}, for covey router: {file}, {_files(secured, ROUTER)}")
+    print(
+        "  to whoever only watches: the same with viewer; to the relay of a motion capture: with mocap"
+    )
+    print(f"{folder_of(secured) / 'ca.key'} makes new nodes: it stays here.")
+    return EXIT_OK
+
+
+def _sign_mavlink(path: str) -> int:
+    signed = sign_mavlink(path)
+    print(f"{signed.path}: the vehicles sign their MAVLink now. Copy:")
+    for name, vehicle in signed.vehicles.items():
+        print(
+            f"  to {vehicle.host}: {Path(signed.path).name}, {signed.fleet.keys}/{key_file(name)}"
+        )
+    print("  to a ground that orders: all of them, for land and kill past an agent")
+    print(f"Give each PX4 its key, with its agent stopped: covey px4 signing --set --fleet {path}")
+    return EXIT_OK
+
+
+@keys.command
+def init(fleet: Fleet, /, *, force: bool = False) -> int:
+    """Make a new authority and issue all nodes anew: whoever holds an older key is locked out.
+
+    Args:
+        fleet: the fleet file
+        force: replace an authority that is there
+    """
+    config = _loaded(fleet)
+    folder, now = folder_of(config), _now()
+    if (folder / "ca.pem").exists() and not force:
+        raise ConfigError(
+            f"{folder / 'ca.pem'} exists. A new authority locks out every node until it has its new files: --force"
+        )
+    keep_former(config)
+    issue_all(config, make_authority(folder, config.fleet.name, now), nodes_of(config), now)
+    print(
+        f"New authority in {folder}, {len(nodes_of(config))} nodes issued. With all vehicles on the ground copy each"
+    )
+    print("node's files to its computer and start it anew: a node with older files finds nobody.")
+    return EXIT_OK
+
+
+@keys.command
+def issue(fleet: Fleet, /, *nodes: Node) -> int:
+    """Issue key and certificate of a node; its former ones stay valid until they expire.
+
+    Args:
+        fleet: the fleet file
+        nodes: vehicles, ground, viewer, mocap, sitl or router
+    """
+    config = _loaded(fleet)
+    if not nodes:
+        raise ConfigError(f"Which nodes? {', '.join(nodes_of(config))}.")
+    return _issue(config, nodes)
+
+
+@keys.command
+def renew(fleet: Fleet, /) -> int:
+    """Issue the certificates of all nodes anew, by the same authority: before they expire, or after
+    hosts changed.
+
+    Args:
+        fleet: the fleet file
+    """
+    config = _loaded(fleet)
+    return _issue(config, nodes_of(config))
+
+
+@keys.command(name="list")
+def list_(fleet: Fleet, /, *, running: bool = False) -> int:
+    """List the nodes: until when their certificates are valid, and what is wrong.
+
+    Args:
+        fleet: the fleet file
+        running: ask those that run with which authority they do: who was forgotten when it was
+            replaced?
+    """
+    config = load_fleet(fleet)
+    if not config.has_keys:
+        raise ConfigError(
+            f"{config.path}: the bus of this fleet has no keys. Lock it: covey keys secure {config.path}"
+        )
+    folder, is_wrong = folder_of(config), False
+    for node in nodes_of(config):
+        _, certificate, key = (folder / name for name in files_of(node))
+        if not certificate.exists():
+            print(f"{node:12s} not on this computer")
+            continue
+        try:
+            if key.exists():
+                credentials_of(config, node, _now())
+            elsewhere = "" if key.exists() else "; its key is not on this computer"
+            until = read_certificate(str(certificate)).not_valid_after_utc
+            print(f"{node:12s} valid until {until:%Y-%m-%d}{elsewhere}")
+        except ConfigError as error:
+            is_wrong = True
+            print(f"{node:12s} {error}")
+    if running:
+        found = running_authorities(config)
+        for name in (
+            *config.enabled_names,
+            *(node for node in found if node not in config.vehicles),
+        ):
+            print(f"{name:12s} {_RUNNING[found.get(name, '')]}")
+        is_wrong = is_wrong or "former" in found.values()
+    return EXIT_FAILED if is_wrong else EXIT_OK
+
+
+def _issue(config: FleetConfig, nodes: Sequence[str]) -> int:
+    issue_all(config, load_authority(folder_of(config)), nodes, _now())
+    print(f"Issued in {folder_of(config)}: {', '.join(nodes)}.")
+    return EXIT_OK
+
+
+def _files(config: FleetConfig, node: str) -> str:
+    return ", ".join(f"{config.fleet.keys}/{file}" for file in files_of(node))
+
+
+def _loaded(fleet: str) -> FleetConfig:
+    config = load_fleet(fleet)
+    refuse_example(config)
+    return config
+
+
+def _now() -> datetime.datetime:
+    return datetime.datetime.now(datetime.UTC)

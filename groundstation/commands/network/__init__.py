@@ -1,1 +1,0 @@
-"""Commands about the network that a fleet flies over."""

@@ -1,0 +1,80 @@
+"""All figures of a recorded flight: the paper's Figs. 2 and 4-6, as PNG and SVG."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+
+from groundstation.figures import attitude, avoidance, plan_figure, tracking
+from groundstation.figures.data import TOPICS, from_samples
+from groundstation.figures.style import save, styled
+from groundstation.recording.reader import read, record_path
+from onboard.config.fleet import ConfigError, load_fleet
+
+_MCAP_MAGIC = b"\x89MCAP0\r\n"  # at the begin and at the end of a complete file
+_DEFAULT_SAFETY_DISTANCE_M = 0.80  # the paper's
+_FIGURES = {
+    "fig2_attitude": attitude,
+    "fig4_plan": plan_figure,
+    "fig5_tracking": tracking,
+    "fig6_avoidance": avoidance,
+}
+
+
+def draw_record(folder: Path, out: Path | None = None) -> tuple[list[Path], bool]:
+    """Write all figures; return their paths and whether the record was complete.
+
+    Args:
+        folder: flight folder, or its MCAP file.
+        out: folder of the figures; without it ``figures`` in the flight folder.
+
+    Raises:
+        ConfigError: no record, or none with a flight in it.
+        OSError: the figures cannot be written.
+    """
+    path = record_path(folder)
+    flight_folder = folder if folder.is_dir() else folder.parent
+
+    title = flight_folder.resolve().name
+    flight = from_samples(read(path, TOPICS), title=title, **_limits(flight_folder))
+    if flight is None:
+        raise ConfigError(
+            f"{path}: no vehicle's ticks are in this record, so there is nothing to draw. It was"
+            " cut off at its beginning, or no agent ran. Record a flight with `covey demo --record"
+            " DIR`."
+        )
+
+    target = out or flight_folder / "figures"
+    target.mkdir(parents=True, exist_ok=True)
+    paths: list[Path] = []
+    with styled():
+        for name, module in _FIGURES.items():
+            paths += save(module.draw(flight), target, name)
+    return paths, is_complete(path)
+
+
+def is_complete(path: Path) -> bool:
+    """Whether an MCAP file ends as it should."""
+    with path.open("rb") as file:
+        file.seek(0, 2)
+        size = file.tell()
+        file.seek(max(0, size - len(_MCAP_MAGIC)))
+        return size > 2 * len(_MCAP_MAGIC) and file.read() == _MCAP_MAGIC
+
+
+def _limits(flight_folder: Path) -> dict[str, float]:
+    """Return the distances from the fleet file in the flight folder; the paper's without one."""
+    for path in sorted(flight_folder.glob("*.toml")):
+        try:
+            with path.open("rb") as file:
+                is_fleet = "vehicles" in tomllib.load(file)
+            if not is_fleet:
+                continue
+            fleet = load_fleet(path).fleet
+        except (ConfigError, tomllib.TOMLDecodeError, UnicodeDecodeError):
+            continue
+        return {
+            "safety_distance_m": fleet.safety_distance_m,
+            "height_share": fleet.height_share,
+        }
+    return {"safety_distance_m": _DEFAULT_SAFETY_DISTANCE_M}

@@ -1,0 +1,95 @@
+"""A fleet or mission file -> what it is, and all that is to be said about flying it."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from groundstation.formations.slots import formation_slots
+from groundstation.mission_files.loading import load_mission
+from groundstation.mission_files.mission_findings import mission_findings
+from groundstation.missions.runner import load_function
+from groundstation.network.bus_findings import bus_findings
+from onboard.config.example_files import existing_file
+from onboard.config.fleet import FleetConfig, load_fleet, read_toml
+from onboard.feasibility.bounds import ACCURACIES
+from onboard.feasibility.finding import Finding, worst_first
+from onboard.feasibility.fleet_checks import (
+    ErrorClass,
+    error_class,
+    fleet_findings,
+    spacing_finding,
+)
+
+
+class ExaminedFile(NamedTuple):
+    """One file that is right, and whether it can be flown."""
+
+    headline: str  # what it is, in a sentence
+    fleet: FleetConfig  # its own, or the one that the mission flies with
+    findings: tuple[Finding, ...]  # the worst first
+
+
+def examine(
+    path: str, fleet_path: str | None = None, errors: ErrorClass | None = None
+) -> ExaminedFile:
+    """Examine a fleet or mission file.
+
+    Args:
+        path: of the file, or the name of an example.
+        fleet_path: fleet file instead of the mission's.
+        errors: accuracy of the position; without it as the fleet file declares.
+
+    Raises:
+        ConfigError: the file is wrong.
+    """
+    path = existing_file(path, "fleet or mission file")
+    is_mission = path.endswith(".py") or "step" in read_toml(path, "fleet or mission file")[0]
+    if is_mission:
+        return _examine_mission(path, fleet_path, errors)
+    return _examine_fleet(path, errors)
+
+
+def _examine_mission(path: str, fleet_path: str | None, errors: ErrorClass | None) -> ExaminedFile:
+    mission = load_mission(path, fleet_path)
+    fleet = mission.fleet
+    what = f"{len(mission.steps)} steps"
+    if mission.is_python:
+        load_function(mission)  # a mistake in it is found now
+        what = "Python"
+
+    findings = [
+        *mission_findings(mission, errors),
+        *fleet_findings(fleet, errors=errors),
+        *bus_findings(fleet),
+    ]
+    headline = f"{path}: a valid mission, {what}, for fleet '{fleet.fleet.name}' ({fleet.path})."
+    return ExaminedFile(headline, fleet, worst_first(findings))
+
+
+def _examine_fleet(path: str, errors: ErrorClass | None) -> ExaminedFile:
+    fleet = load_fleet(path)
+    findings = [*fleet_findings(fleet, errors=errors), *bus_findings(fleet)]
+    if len(fleet.enabled_names) > 1:
+        findings += _spacing_findings(fleet, errors)
+
+    names = ", ".join(fleet.enabled_names)
+    count = len(fleet.enabled_names)
+    headline = f"{path}: a valid fleet, {count} vehicles ({names}), law '{fleet.law.name}'."
+    return ExaminedFile(headline, fleet, worst_first(findings))
+
+
+def _spacing_findings(fleet: FleetConfig, errors: ErrorClass | None) -> list[Finding]:
+    """Return whether all can hover above their starts, and in each formation that is a shape."""
+    accuracy = ACCURACIES[errors or error_class(fleet)]
+    findings = []
+
+    starts = {name: fleet.vehicles[name].start_enu_m for name in fleet.enabled_names}
+    take_off = spacing_finding(fleet, starts, "a take-off of all", accuracy)
+    if take_off.status != "ok":
+        findings.append(take_off)
+
+    for name in fleet.shapes:
+        slots = formation_slots(fleet, name)
+        if len(slots) > 1:
+            findings.append(spacing_finding(fleet, slots, f"formation '{name}'", accuracy))
+    return findings

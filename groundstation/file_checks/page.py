@@ -1,0 +1,49 @@
+"""The findings about one file, as a page for people."""
+
+from __future__ import annotations
+
+import shutil
+import textwrap
+
+from groundstation.file_checks.examination import ExaminedFile
+from groundstation.network.bus_findings import numbered
+from onboard.feasibility.fleet_checks import ErrorClass, error_class
+
+_NARROWEST = 60
+_WIDEST = 120
+_MARKS = {"refused": "REFUSED", "warning": "warning", "ok": "ok"}
+_MARK_WIDTH = 9  # with the space behind it
+
+
+def page(examined: ExaminedFile, errors: ErrorClass | None) -> str:
+    """Return the findings as a list, the worst first, and the verdict.
+
+    Args:
+        examined: the file.
+        errors: accuracy of the position that was asked for.
+    """
+    columns = shutil.get_terminal_size((_WIDEST, 24)).columns
+    width = max(_NARROWEST, min(columns, _WIDEST))
+    name_width = max((len(finding.name) for finding in examined.findings), default=0)
+    indent = " " * (_MARK_WIDTH + name_width + 2)
+
+    lines = [examined.headline]
+    for finding in examined.findings:
+        head = f"{_MARKS[finding.status]:<8} {finding.name:<{name_width}}  "
+        lines += textwrap.wrap(
+            finding.sentence, width, initial_indent=head, subsequent_indent=indent
+        )
+    lines.append(_verdict(examined, errors))
+    return "\n".join(lines)
+
+
+def _verdict(examined: ExaminedFile, errors: ErrorClass | None) -> str:
+    refused = sum(1 for finding in examined.findings if finding.status == "refused")
+    warnings = sum(1 for finding in examined.findings if finding.status == "warning")
+    accuracy = f"with the accuracy of '{errors or error_class(examined.fleet)}'"
+
+    if refused:
+        return f"Do not fly this, {accuracy}: {numbered(refused, 'finding')} against it."
+    if warnings:
+        return f"This can be flown, {accuracy}, with {numbered(warnings, 'warning')}."
+    return f"This can be flown, {accuracy}."

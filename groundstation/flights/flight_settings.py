@@ -1,0 +1,201 @@
+"""What a flight needs before it starts: its files checked, its ports free, its folder made.
+
+Everything that can be wrong is found here. When :func:`prepare` returns, nothing has been started
+yet, and the flight's folder holds the very files that will be flown.
+"""
+
+from __future__ import annotations
+
+import datetime
+import sys
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+
+from msgspec.structs import replace
+
+from groundstation.mission_files.loading import Mission, load_mission, with_fleet
+from groundstation.mission_files.mission_findings import refuse_unflyable
+from groundstation.missions.runner import load_function
+from groundstation.processes.free_ports import (
+    busy_ports,
+    in_another_folder,
+    is_local,
+    toml_text,
+    with_free_ports,
+)
+from groundstation.recording.writer import RECORD_NAME
+from onboard.config.fleet import ConfigError, FleetConfig, fleet_from_mapping
+
+
+@dataclass(frozen=True, slots=True)
+class FlightSettings:
+    """A flight that has been checked and can start."""
+
+    mission: Mission
+    folder: Path  # gets the record, the logs and the verdict
+    is_simulated: bool  # whether the flight starts emulator and agents itself
+    is_headless: bool  # whether it runs without the console
+    seed: int  # of everything random in the emulator
+
+
+def prepare(
+    mission: Mission | str,
+    folder: Path,
+    *,
+    fleet_path: str | None,
+    law: str | None,
+    is_simulated: bool,
+    has_free_ports: bool,
+    is_headless: bool,
+    seed: int,
+    needs_ports: bool = True,
+    arguments: Mapping[str, str] = MappingProxyType({}),
+) -> FlightSettings:
+    """Check everything before anything starts, and write the files that are flown into the folder.
+
+    Args:
+        mission: as it was read, or its path.
+        folder: of the flight; made.
+        fleet_path: fleet file instead of the mission's.
+        law: avoidance law instead of the fleet file's; for simulated flights only.
+        is_simulated: whether the flight starts emulator and agents itself.
+        has_free_ports: whether a simulated fleet gets ports that nobody else uses.
+        is_headless: whether the flight runs without the console.
+        seed: seed of everything random in the emulator.
+        needs_ports: False for a flight without sockets.
+        arguments: of a Python mission, as they were written.
+
+    Raises:
+        ConfigError: wrong files, wrong combination, ports in use, no terminal, a folder that cannot
+            be used.
+    """
+    refuse_law_of_real_flight(law, is_simulated=is_simulated)
+
+    if isinstance(mission, str):
+        mission = load_mission(mission, fleet_path)
+    if arguments and not mission.is_python:
+        raise ConfigError(f"{mission.path}: only Python missions have arguments. Leave --arg out.")
+    mission = replace(mission, arguments=arguments)
+
+    if mission.is_python:
+        load_function(mission)  # a mistake in it is found before anything starts
+
+    if is_simulated:
+        fleet = simulated_fleet(
+            mission.fleet, folder, law=law, has_free_ports=has_free_ports, needs_ports=needs_ports
+        )
+        mission = with_fleet(mission, fleet)
+
+    refuse_unflyable(mission, is_simulated)
+
+    mission_name = f"mission{Path(mission.path).suffix}"
+    files = {"fleet.toml": mission.fleet.text, mission_name: mission.text}
+    open_folder(folder, files, is_headless=is_headless)
+    return FlightSettings(
+        mission=mission,
+        folder=folder,
+        is_simulated=is_simulated,
+        is_headless=is_headless,
+        seed=seed,
+    )
+
+
+def refuse_law_of_real_flight(law: str | None, *, is_simulated: bool) -> None:
+    """Refuse --law where the agents run already: they fly the law of their own fleet file.
+
+    Raises:
+        ConfigError: a law is given for a flight that is not simulated.
+    """
+    if law is not None and not is_simulated:
+        raise ConfigError(
+            "--law is for simulated flights: agents that run already fly the law of their fleet"
+            " file."
+        )
+
+
+def new_folder() -> Path:
+    """Return the folder of a flight that begins now."""
+    return Path("flights") / datetime.datetime.now().strftime("%Y%m%d-%H%M%S")
+
+
+def open_folder(folder: Path, files: Mapping[str, str], *, is_headless: bool) -> None:
+    """Make the folder of a new flight with the files that it is flown from.
+
+    Args:
+        folder: of the flight.
+        files: name of each file, and its text.
+        is_headless: whether the flight runs without the console.
+
+    Raises:
+        ConfigError: there is no terminal for the console, or the folder cannot take a flight.
+    """
+    if not is_headless and not sys.stdout.isatty():
+        raise ConfigError("The console needs a terminal, and this output is none. Add --headless.")
+
+    if (folder / RECORD_NAME).exists():
+        raise ConfigError(
+            f"{folder}: this folder holds a flight already. Choose another with --record."
+        )
+
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for name, text in files.items():
+            (folder / name).write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise ConfigError(
+            f"{folder}: cannot be written ({error.strerror}). Choose another with --record."
+        ) from None
+
+
+def simulated_fleet(
+    fleet: FleetConfig, folder: Path, *, law: str | None, has_free_ports: bool, needs_ports: bool
+) -> FleetConfig:
+    """Return the fleet of a simulated flight, with this law, and on ports of this machine.
+
+    Args:
+        fleet: as its file says.
+        folder: of the flight.
+        law: avoidance law instead of the fleet file's.
+        has_free_ports: whether it gets ports that nobody else uses.
+        needs_ports: False for a flight without sockets.
+
+    Raises:
+        ConfigError: ports are in use.
+    """
+    # Endpoints on other computers cannot be listened at here.
+    is_elsewhere = needs_ports and not is_local(fleet)
+    fleet = _fleet_of_flight(fleet, folder, law, has_free_ports=has_free_ports or is_elsewhere)
+    if not needs_ports:
+        return fleet
+
+    busy = busy_ports(fleet)
+    if busy:
+        more = f" ({len(busy)} ports are in use)" if len(busy) > 1 else ""
+        raise ConfigError(
+            f"{fleet.path}: {busy[0]}{more} Another emulator or fleet runs here: stop it, change"
+            " the endpoints, or fly with covey demo, which picks free ones."
+        )
+    return fleet
+
+
+def _fleet_of_flight(
+    fleet: FleetConfig, folder: Path, law: str | None, *, has_free_ports: bool
+) -> FleetConfig:
+    """Return the fleet as its copy in the flight's folder says."""
+    data = tomllib.loads(fleet.text)
+
+    for vehicle in data["vehicles"].values():
+        vehicle.pop("emulated", None)  # in a simulated flight all are emulated
+    if law is not None:
+        data["law"] = {**data.get("law", {}), "name": law}
+
+    data = in_another_folder(data, fleet)
+    if has_free_ports:
+        data = with_free_ports(data, fleet)
+
+    path = f"{folder}/fleet.toml"
+    comment = f"Made from {fleet.path} for this flight; attach with: covey tui --fleet {path}"
+    return fleet_from_mapping(data, path=str(folder / "fleet.toml"), text=toml_text(data, comment))

@@ -1,0 +1,66 @@
+"""Interruption of Python missions that block the event loop.
+
+``time.sleep`` in a mission holds up the loop, and with it the handlers of its signals. So each
+signal is handled twice. asyncio's handler runs as soon as the loop is free. Python's own handler
+runs between two steps of the interpreter, wherever it is: when the mission's file is being executed
+there, it ends that code as if its task was cancelled.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import signal
+import time
+from collections.abc import Callable
+from pathlib import Path
+from types import FrameType
+
+SIGNALS = (signal.SIGINT, signal.SIGTERM)
+_PROJECT_ROOT = os.path.realpath(Path(__file__).parents[2]) + os.sep
+# The loop may have been blocked while several signals came. Those that it then handles within this
+# time count as one.
+_TOGETHER_S = 0.3
+
+
+def listen(mission_path: str, on_signal: Callable[[], None]) -> None:
+    """Call a function on the event loop for each signal, and end a mission that blocks the loop.
+
+    Args:
+        mission_path: file of the mission. Its code ends as if its task was cancelled, so that
+            vehicles land at once.
+        on_signal: called on the running event loop; once for signals that came while it was
+            blocked.
+    """
+    loop = asyncio.get_running_loop()
+    mission_file = os.path.realpath(mission_path)
+    last_signal_s = float("-inf")
+
+    def handle_on_loop() -> None:
+        nonlocal last_signal_s
+        now_s = time.monotonic()
+        if now_s - last_signal_s > _TOGETHER_S:
+            last_signal_s = now_s
+            on_signal()
+
+    def end_blocking_code(_: int, frame: FrameType | None) -> None:
+        # From the innermost call outwards, until the first one of this project.
+        while frame is not None:
+            file = frame.f_code.co_filename
+            if file.startswith(_PROJECT_ROOT):
+                return
+            if os.path.realpath(file) == mission_file:
+                raise asyncio.CancelledError
+            frame = frame.f_back
+
+    for number in SIGNALS:
+        loop.add_signal_handler(number, handle_on_loop)
+        # asyncio has been given the signal; this handler comes in addition.
+        signal.signal(number, end_blocking_code)
+
+
+def listen_no_more() -> None:
+    """Leave the signals as they were."""
+    loop = asyncio.get_running_loop()
+    for number in SIGNALS:
+        loop.remove_signal_handler(number)

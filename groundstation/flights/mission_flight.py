@@ -1,0 +1,260 @@
+"""One flight from the command line: processes, client, record, mission, verdict; then all end.
+
+:class:`MissionFlight` composes what other rooms do. In this order:
+
+1. the record opens, and in a simulated flight emulator and agents start,
+2. the client connects with the fleet, and the mission runs, with the console or without,
+3. the record closes, and the verdict is computed from it,
+4. all processes end, whatever has happened before.
+
+The first interrupt lands the vehicles. The second one ends everything at once. A process that ends
+by itself, or a fleet that falls silent, aborts the mission.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import time
+from collections.abc import AsyncIterator, Callable, Sequence
+from pathlib import Path
+
+from groundstation.client.client import FleetClient
+from groundstation.flights.flight_settings import FlightSettings
+from groundstation.flights.interruption import listen, listen_no_more
+from groundstation.missions.runner import READY_TIMEOUT_SIM_S, MissionRun
+from groundstation.processes.fleet_processes import EMULATOR, start_fleet
+from groundstation.processes.supervisor import ProcessError, Processes
+from groundstation.recording.channels import RECORDED
+from groundstation.recording.writer import FLUSH_PERIOD_S, RecordWriter
+from groundstation.verdict.final_verdict import final_verdict
+from groundstation.verdict.verdict import Verdict
+from onboard.bus.schema import Event
+from onboard.exit_status import EXIT_FAILED, EXIT_INTERRUPTED, EXIT_WRONG_INPUT
+from onboard.plain_text import plain_line, plain_lines
+
+READY_TIMEOUT_S = 10.0  # until agents that run already are ready
+_PROCESS_CHECK_PERIOD_S = 0.2
+_FLUSH_MARGIN_S = 0.3  # beyond a flush period, until the last message is in the file
+
+Say = Callable[[str], None]
+
+
+class MissionFlight:
+    """A flight under way; :meth:`fly` is the one thing to call."""
+
+    def __init__(self, settings: FlightSettings, *, say: Say) -> None:
+        self.settings = settings
+        self._fleet = settings.mission.fleet
+        self._print = say
+        self._last_line = ""  # of progress, for the console
+        self._processes = Processes(settings.folder)
+        self._client: FleetClient | None = None
+        self._record: RecordWriter | None = None
+        self._run: MissionRun | None = None
+        self._main: asyncio.Task[int] | None = None
+        self._signals = 0  # interrupts so far
+
+    async def fly(self) -> int:
+        """Fly from the first process to the verdict; return the exit status."""
+        self._main = asyncio.current_task()
+        self._listen()
+        try:
+            return await self._fly()
+        except ProcessError as error:
+            self._print(str(error))
+            return EXIT_WRONG_INPUT if self._run is None else EXIT_FAILED
+        except asyncio.CancelledError:
+            if self._signals < 2:
+                raise
+            self._print("Ended at once; no process is left.")
+            return EXIT_INTERRUPTED
+        finally:
+            listen_no_more()
+
+    async def _fly(self) -> int:
+        ready_timeout_s = READY_TIMEOUT_S
+        if self.settings.is_simulated:
+            ready_timeout_s = READY_TIMEOUT_SIM_S
+
+        async with self._open() as client:
+            run = MissionRun(
+                self.settings.mission, client, say=self._say, ready_timeout_s=ready_timeout_s
+            )
+            self._run = run
+            if self._signals:
+                run.interrupt()
+
+            watch = asyncio.create_task(self._watch_processes(run))
+            try:
+                if self.settings.is_headless:
+                    return await self._fly_headless(client)
+                return await self._fly_in_console(client)
+            finally:
+                watch.cancel()
+
+    async def _fly_headless(self, client: FleetClient) -> int:
+        client.add_event_listener(self._print_event)
+        verdict = await self._mission()
+        for line in verdict.sentences:
+            self._print(line)
+        return verdict.exit_status
+
+    async def _fly_in_console(self, client: FleetClient) -> int:
+        # Imported here: a headless flight needs no textual.
+        from groundstation.console.app import ConsoleApp
+        from groundstation.orders.forecast_process import Forecaster
+
+        title = self.settings.mission.name
+        if self.settings.is_simulated:  # agents that run already fly a law of their own
+            title = f"{title} - law {self._fleet.law.name}"
+
+        try:
+            console = ConsoleApp(
+                self._fleet,
+                client,
+                mission=self._mission,
+                title=title,
+                progress=lambda: self._last_line,
+                forecaster=Forecaster(),
+            )
+            status = await console.run_to_end()
+            self._print_end(console.mission.verdict)
+            return status
+        finally:
+            self._listen()  # until now the console has listened
+
+    def _print_end(self, sentences: Sequence[str]) -> None:
+        """Print the verdict and what to type next, when the console has left the terminal."""
+        if not sentences:
+            sentences = ["The console was left before the end of the mission: there is no verdict."]
+        for line in sentences:
+            self._print(plain_lines(line))
+
+        folder = self.settings.folder
+        mission = folder / f"mission{Path(self.settings.mission.path).suffix}"
+        self._print(f"Record, events, logs and verdict: {folder}")
+        for command, what in (
+            (f"covey replay {folder}", "see it again"),
+            (f"covey plot {folder}", "draw it"),
+            (f"covey check {mission} --fleet {folder}/fleet.toml", "how closely this can be flown"),
+        ):
+            self._print(f"  {command:<50} {what}")
+
+    @contextlib.asynccontextmanager
+    async def _open(self) -> AsyncIterator[FleetClient]:
+        """Open the record, start the processes and connect; close all of it at the end."""
+        client = FleetClient(self._fleet, extra_topics=RECORDED)
+        record = RecordWriter(
+            self.settings.folder,
+            on_failure=self._record_failed,
+            on_warning=lambda sentence: client.publish_event("warning", "record_full", sentence),
+        )
+        self._client = client
+        self._record = record
+
+        try:
+            record.start()
+            client.add_sink(record.put)
+
+            if self.settings.is_simulated:
+                count = len(self._fleet.enabled_names)
+                folder = self.settings.folder
+                self._say(f"Starting the emulator and {count} agents; everything goes to {folder}.")
+                start_fleet(self._fleet, folder, self.settings.seed, self._processes)
+
+            await client.start()
+            client.announce_recording(record.failure is None)
+            yield client
+        finally:
+            # Whatever interrupts the clearing up, the processes end: kill() runs even if an await
+            # here is cancelled.
+            try:
+                await self._processes.stop()
+                await client.stop()
+                await asyncio.to_thread(record.stop)
+            finally:
+                self._processes.kill()
+
+    def _record_failed(self, sentence: str) -> None:
+        if self._client is None:
+            return
+        self._client.publish_event("critical", "record_failed", sentence)
+        if self._client.is_started:
+            self._client.announce_recording(False)
+
+    async def _mission(self) -> Verdict:
+        """Run the mission to its end; return the verdict on the record."""
+        assert self._run is not None
+        assert self._record is not None
+        await self._run.run()
+
+        if self.settings.is_headless and self._client is not None:
+            await asyncio.to_thread(self._record.stop)
+        else:
+            # In the console the record goes on until the operator leaves. The verdict needs only
+            # what was written until now.
+            await asyncio.sleep(FLUSH_PERIOD_S + _FLUSH_MARGIN_S)
+
+        return await asyncio.to_thread(
+            final_verdict,
+            self._run.flown(),
+            self.settings.mission.expect,
+            self.settings.folder,
+            begin_ns=self._record.begin_ns,
+            record_failure=self._record.failure,
+        )
+
+    async def _watch_processes(self, run: MissionRun) -> None:
+        """Abort the mission when a process has ended, or when nobody of the fleet is heard."""
+        while True:  # asyncio cannot wait for the end of these children, so it looks at intervals
+            await asyncio.sleep(_PROCESS_CHECK_PERIOD_S)
+
+            dead = self._processes.dead()
+            if dead:
+                reason = ". ".join(process.ending.removesuffix(".") for process in dead)
+                if self._client is not None:
+                    self._client.publish_event("critical", "process_ended", reason)
+
+                names = [process.name for process in dead]
+                run.abort(reason, can_land=EMULATOR not in names)
+                return
+
+            if run.abort_if_silent():
+                return
+
+    def _listen(self) -> None:
+        listen(self.settings.mission.path, self._on_signal)
+
+    def _on_signal(self) -> None:
+        self._signals += 1
+        if self._signals == 1:
+            self._print("Interrupt again to end at once, without waiting for a landing.")
+            if self._run is not None:
+                self._run.interrupt()
+        else:
+            self._processes.kill()
+            if self._main is not None:
+                self._main.cancel()
+
+    def _say(self, line: str) -> None:
+        """Tell the progress: to the console or the output, and to all who are connected."""
+        self._last_line = line.strip()
+        if self.settings.is_headless:
+            self._print(line)
+        if self._client is not None:
+            self._client.publish_event("info", "mission", line.strip())
+
+    def _print_event(self, event: Event) -> None:
+        if event.severity in ("warning", "critical"):
+            self._print(f"  [{event.vehicle}] {event.severity}: {plain_line(event.sentence)}")
+
+
+def clock_say() -> Say:
+    """Return a function that prints lines with the seconds since now."""
+    begin_s = time.monotonic()
+
+    def say(line: str) -> None:
+        print(f"{time.monotonic() - begin_s:6.1f} s  {plain_lines(line)}", flush=True)
+
+    return say

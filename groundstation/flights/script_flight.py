@@ -1,0 +1,176 @@
+"""One flight of a script: a Python program that connects with a fleet by itself.
+
+A mission is called with a connected fleet. A script is a program that connects when it wants to,
+with groundstation.Fleet, groundstation.BlockingFleet or groundstation.crazyswarm. It may fail in any
+way, or leave without landing; the verdict says what became of the fleet.
+"""
+
+from __future__ import annotations
+
+import ast
+import asyncio
+import sys
+import traceback
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from groundstation.flights.mission_flight import clock_say
+from groundstation.missions.connection import Host, RealTime, run_script
+from groundstation.missions.readiness import NotReady
+from groundstation.missions.runner import READY_TIMEOUT_SIM_S
+from groundstation.orders.result import OrderFailed
+from groundstation.processes.fleet_processes import start_fleet
+from groundstation.processes.supervisor import Processes
+from groundstation.verdict.expectations import Expect
+from groundstation.verdict.final_verdict import final_verdict
+from onboard.config.fleet import ConfigError, FleetConfig
+from onboard.exit_status import EXIT_FAILED, EXIT_INTERRUPTED, EXIT_OK
+from onboard.plain_text import plain_lines
+
+
+class _ScriptEnd(NamedTuple):
+    """How a script ended."""
+
+    status: int
+    failure: str  # a sentence; empty when nothing went wrong
+
+
+def refuse_what_is_no_script(path: str) -> None:
+    """Refuse a file that cannot be run, before anything starts.
+
+    Raises:
+        ConfigError: it cannot be read, is not Python, or is a mission.
+    """
+    try:
+        tree = ast.parse(Path(path).read_text(encoding="utf-8"), path)
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(
+            f"{path}: this script cannot be read ({error}). Check the path."
+        ) from None
+    except (SyntaxError, ValueError) as error:
+        raise ConfigError(f"{path}: not valid Python: {error}. Correct that line.") from None
+
+    for node in tree.body:
+        if isinstance(node, ast.AsyncFunctionDef) and node.name == "mission":
+            raise ConfigError(
+                f"{path} is a mission, 'async def mission(fleet)'. Fly it with: covey fly {path}"
+            )
+
+
+def fly_script_in_real_time(
+    script: str, arguments: Sequence[str], fleet: FleetConfig, folder: Path
+) -> int:
+    """Run a script with the agents that run already; return the exit status.
+
+    Args:
+        script: path of the Python file.
+        arguments: for the script.
+        fleet: to connect with.
+        folder: of the flight, with its files.
+    """
+    host = RealTime(fleet, folder=folder, say=clock_say())
+    return fly_script(script, arguments, host, folder)
+
+
+def fly_script_emulated(
+    script: str, arguments: Sequence[str], fleet: FleetConfig, folder: Path, seed: int
+) -> int:
+    """Start emulator and agents, run a script with them, and end them; return the exit status.
+
+    Args:
+        script: path of the Python file.
+        arguments: for the script.
+        fleet: of the file ``fleet.toml`` in the folder.
+        folder: of the flight, with its files.
+        seed: seed of everything random in the emulator.
+    """
+    host = RealTime(fleet, folder=folder, say=clock_say())
+    host.ready_timeout_s = READY_TIMEOUT_SIM_S
+    processes = Processes(folder)
+    try:
+        start_fleet(fleet, folder, seed, processes)
+        return fly_script(script, arguments, host, folder)
+    finally:
+        asyncio.run(processes.stop())
+
+
+def fly_script(
+    script: str,
+    arguments: Sequence[str],
+    host: Host,
+    folder: Path,
+    run_it: Callable[..., None] | None = None,
+) -> int:
+    """Run a script, print the verdict and the folder; return the exit status.
+
+    Args:
+        script: path of the Python file.
+        arguments: for the script.
+        host: to which the script connects.
+        folder: of the flight.
+        run_it: runs the script with its arguments, where time is simulated.
+    """
+    end = _run_to_end(script, arguments, host, run_it)
+
+    if host.flown is None:
+        sentence = end.failure
+        if not sentence:
+            sentence = "The script has connected with no fleet: groundstation.Fleet.connect() does."
+        print(plain_lines(f"{script}: {sentence}"), file=sys.stderr)
+        return end.status or EXIT_FAILED
+
+    host.flown.failure = end.failure
+    host.flown.is_interrupted = end.status == EXIT_INTERRUPTED
+
+    # Whoever flies on has to be declared: a script says so with the state in which it leaves.
+    is_up = any(view.is_airborne for view in host.flown.state.vehicles.values())
+    may_stay_up = is_up and host.at_end == "hold"
+    begin_ns, record_failure = host.end_record()
+    verdict = final_verdict(
+        host.flown,
+        Expect(all_landed=not may_stay_up),
+        folder,
+        begin_ns=begin_ns,
+        record_failure=record_failure,
+    )
+
+    for line in verdict.sentences:
+        print(plain_lines(line), flush=True)
+    print(f"See it again: covey replay {folder}", flush=True)
+    return end.status or verdict.exit_status
+
+
+def _run_to_end(
+    script: str, arguments: Sequence[str], host: Host, run_it: Callable[..., None] | None
+) -> _ScriptEnd:
+    """Run a script; whatever it raises becomes an exit status and a sentence."""
+    try:
+        if run_it is None:
+            run_script(script, arguments, host)
+        else:
+            run_it(script, *arguments)
+    except (KeyboardInterrupt, asyncio.CancelledError):
+        return _ScriptEnd(EXIT_INTERRUPTED, "")
+    except SystemExit as error:
+        return _end_by_exit(error.code)
+    except (ConfigError, NotReady, OrderFailed, TimeoutError) as error:
+        return _ScriptEnd(EXIT_FAILED, str(error))
+    except Exception as error:  # noqa: BLE001 - the script's author sees it; the fleet has been left
+        traceback.print_exc()
+        return _ScriptEnd(EXIT_FAILED, f"{type(error).__name__}: {error}")
+    return _ScriptEnd(EXIT_OK, "")
+
+
+def _end_by_exit(code: object) -> _ScriptEnd:
+    """Return the end of a script that has called sys.exit(code)."""
+    if isinstance(code, int):
+        status = int(code)
+    elif code is None:
+        status = EXIT_OK
+    else:  # Python takes any other value as a message
+        status = EXIT_FAILED
+
+    if status == EXIT_OK:
+        return _ScriptEnd(EXIT_OK, "")
+    return _ScriptEnd(status, f"The script has ended with status {code}.")

@@ -1,0 +1,63 @@
+"""A recorded flight -> what can be identified of each vehicle that flew in it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from groundstation.identification.flight_log import TooLittleFlown
+from groundstation.identification.identify import identify
+from groundstation.identification.record import logs_of
+from groundstation.identification.report import IdentifiedVehicle
+from groundstation.recording.reader import record_path
+from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
+
+
+@dataclass(slots=True)
+class IdentifiedFlight:
+    """What a record says about the vehicles in it."""
+
+    vehicles: list[IdentifiedVehicle] = field(default_factory=list)
+    # name of a vehicle that was not identified -> a sentence that says why
+    refusals: dict[str, str] = field(default_factory=dict)
+
+
+def identify_flight(folder: Path, fleet_path: str | None, name: str | None) -> IdentifiedFlight:
+    """Identify everybody who flew in a record, or one of them.
+
+    Args:
+        folder: of the flight, or its MCAP file.
+        fleet_path: fleet file; without it the one beside the record.
+        name: of the vehicle to identify; without it all.
+
+    Raises:
+        ConfigError: there is no record, no fleet file, or no such vehicle.
+    """
+    path = record_path(folder)
+    fleet = load_fleet(fleet_path or path.parent / "fleet.toml")
+    names = _names(fleet, name)
+    logs = logs_of(path, fleet, names)
+
+    result = IdentifiedFlight()
+    for one in names:
+        if one in logs:
+            try:
+                identified = identify(logs[one])
+            except TooLittleFlown as error:
+                result.refusals[one] = str(error)
+            else:
+                result.vehicles.append(IdentifiedVehicle(fleet.vehicles[one], identified))
+        elif name is not None or not logs:
+            # A vehicle that stayed down is worth a word only if it was meant, or if nobody flew.
+            result.refusals[one] = "it did not fly in this record."
+    return result
+
+
+def _names(fleet: FleetConfig, name: str | None) -> Sequence[str]:
+    if name is None:
+        return fleet.enabled_names
+    if name not in fleet.vehicles:
+        known = ", ".join(fleet.vehicles)
+        raise ConfigError(f"'{name}' is no vehicle of fleet '{fleet.fleet.name}': {known}.")
+    return (name,)

@@ -1,0 +1,208 @@
+"""An attack on an emulated copy of a fleet, made twice, and what it shows.
+
+Every attempt is made on a copy without keys, where it has to get in, and on a copy with keys, where
+it has to be stopped. An attempt that is stopped in both cases proves nothing about the keys. Both
+copies fly meanwhile, and the one with keys has to keep its distances and its timing.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import tempfile
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from groundstation.network.attempts import AttackContext, NoProofError, attempts, spare_vehicle
+from groundstation.network.fleet_copy import CopyFlight, copy_of, flying
+from groundstation.network.intruder import Intruders
+from groundstation.processes.supervisor import ProcessError
+from onboard.config.fleet import ConfigError, FleetConfig
+
+_LATE_MS = 25.0  # p99 of a loop's period; it is 20 ms
+_WORDS = {True: "GOT IN", False: "stopped"}
+
+# Whether an attempt got in, or a sentence that says why it proves nothing.
+Outcome = bool | str
+Say = Callable[[str], None]
+
+
+@dataclass(frozen=True, slots=True)
+class AttemptResult:
+    """One attempt, with and without keys; None where it could not be made."""
+
+    name: str
+    with_keys: bool | None
+    without_keys: bool | None
+    is_right: bool  # it was stopped by the keys, and by nothing else
+    remark: str = ""  # why it proves nothing
+
+
+@dataclass(frozen=True, slots=True)
+class FlightFigures:
+    """How the copy with keys flew while it was attacked."""
+
+    separation_m: float  # smallest distance of two vehicles
+    safety_distance_m: float
+    loop_p99_ms: float  # of the period of the slowest loop
+    neighbour_age_ms: float  # of the oldest state of a neighbour
+    is_right: bool  # distances and timing were kept
+
+
+@dataclass(frozen=True, slots=True)
+class AttackReport:
+    """All attempts, and the flight meanwhile."""
+
+    results: list[AttemptResult]
+    figures: FlightFigures
+
+    @property
+    def is_right(self) -> bool:
+        """Whether nothing got in, every attempt proves something, and the fleet flew on."""
+        return all(result.is_right for result in self.results) and self.figures.is_right
+
+    def as_mapping(self) -> dict[str, object]:
+        """Return the report for programs."""
+        return {"tries": [asdict(result) for result in self.results], **asdict(self.figures)}
+
+    def as_text(self) -> str:
+        """Return the report for people."""
+        lines = ["", f"{'with keys':10s} {'without':10s} try"]
+        for result in self.results:
+            with_keys = _column(result.with_keys)
+            without_keys = _column(result.without_keys)
+            remark = f": {result.remark}" if result.remark else ""
+            lines.append(f"{with_keys} {without_keys} {result.name}{remark}")
+
+        stopped = sum(1 for result in self.results if result.is_right)
+        lines.append(f"\n{stopped} of {len(self.results)} tries were stopped.")
+
+        figures = self.figures
+        lines.append(
+            f"Meanwhile the fleet with keys flew: smallest distance {figures.separation_m} m "
+            f"(safety distance {figures.safety_distance_m} m), "
+            f"loops' period {figures.loop_p99_ms} ms (p99), "
+            f"oldest state of a neighbour {figures.neighbour_age_ms} ms."
+        )
+        return "\n".join(lines)
+
+
+def _column(value: bool | None) -> str:
+    word = "-" if value is None else _WORDS[value]
+    return f"{word:10s}"
+
+
+def attack_copies(fleet: FleetConfig, *, is_long: bool, say: Say) -> AttackReport:
+    """Attack a copy of a fleet without keys and one with keys, while they fly.
+
+    Args:
+        fleet: to be copied; whatever of it runs is left alone.
+        is_long: floods and bad frames for minutes instead of seconds.
+        say: gets the progress, a line each.
+
+    Raises:
+        ConfigError: the fleet has too few vehicles, or its copy does not fly.
+    """
+    if len(fleet.enabled_names) < 2:
+        raise ConfigError(
+            f"{fleet.path}: an attack needs two vehicles, one of which loses its key."
+            " Enable another."
+        )
+    if not fleet.has_keys:
+        say(
+            f"{fleet.path} itself has no keys: whoever reaches its bus gets in."
+            f" Lock it: covey keys secure {fleet.path}"
+        )
+
+    with tempfile.TemporaryDirectory(prefix="covey-attack-") as folder:
+        try:
+            return asyncio.run(_attack_both(fleet, Path(folder), is_long=is_long, say=say))
+        except ProcessError as error:
+            raise ConfigError(f"The copy of the fleet does not fly: {error}") from None
+
+
+async def _attack_both(
+    fleet: FleetConfig, folder: Path, *, is_long: bool, say: Say
+) -> AttackReport:
+    open_copy = copy_of(fleet, folder / "open", is_locked=False)
+    say(f"\nA copy of {len(open_copy.enabled_names)} vehicles without keys takes off.")
+    async with flying(open_copy) as flight:
+        without_keys = await _attempt_all(flight, folder, is_long=is_long, say=say)
+
+    locked_copy = copy_of(fleet, folder / "locked", is_locked=True)
+    say(f"\nA copy of {len(locked_copy.enabled_names)} vehicles with keys takes off.")
+    async with flying(locked_copy) as flight:
+        with_keys = await _attempt_all(flight, folder, is_long=is_long, say=say)
+        flight.measure()
+        figures = _figures(flight)
+
+    results = [
+        _result(name, outcome, without_keys.get(name)) for name, outcome in with_keys.items()
+    ]
+    return AttackReport(results, figures)
+
+
+async def _attempt_all(
+    flight: CopyFlight, folder: Path, *, is_long: bool, say: Say
+) -> dict[str, Outcome]:
+    """Make all attempts on one copy; return the outcome of each by its name."""
+    context = AttackContext(flight, Intruders(flight.fleet, folder), is_long)
+    outcomes: dict[str, Outcome] = {}
+
+    # Attempts block: each runs in a thread, so that the client of the flight is served.
+    spare = await asyncio.to_thread(spare_vehicle, context)
+    try:
+        for attempt in attempts(flight.names):
+            if attempt.is_stopped_without_keys and not context.has_keys:
+                continue
+            try:
+                got_in = await asyncio.to_thread(attempt.gets_in, context)
+            except NoProofError as error:
+                outcomes[attempt.name] = str(error)
+                say(f"  NO PROOF  {attempt.name}")
+            else:
+                outcomes[attempt.name] = got_in
+                say(f"  {_WORDS[got_in]}  {attempt.name}")
+    finally:
+        await asyncio.to_thread(spare.stop)
+    return outcomes
+
+
+def _result(name: str, with_keys: Outcome, without_keys: Outcome | None) -> AttemptResult:
+    """Return what both outcomes of one attempt show together.
+
+    Args:
+        name: of the attempt.
+        with_keys: its outcome on the copy with keys.
+        without_keys: on the copy without; None where it was not made, because something else than
+            keys stops it.
+    """
+    remark = ""
+    if without_keys is False:
+        remark = "it does not get in without keys either: this try proves nothing"
+    elif isinstance(with_keys, str):
+        remark = with_keys
+    elif isinstance(without_keys, str):
+        remark = without_keys
+
+    return AttemptResult(
+        name=name,
+        with_keys=with_keys if isinstance(with_keys, bool) else None,
+        without_keys=without_keys if isinstance(without_keys, bool) else None,
+        is_right=with_keys is False and (without_keys is True or without_keys is None),
+        remark=remark,
+    )
+
+
+def _figures(flight: CopyFlight) -> FlightFigures:
+    safety_distance_m = flight.fleet.fleet.safety_distance_m
+    loop_ms = max(flight.worst_loop_ms.values(), default=0.0)
+    is_apart = flight.separation_m >= safety_distance_m
+    is_in_time = loop_ms <= _LATE_MS
+    return FlightFigures(
+        separation_m=round(flight.separation_m, 3),
+        safety_distance_m=safety_distance_m,
+        loop_p99_ms=round(loop_ms, 1),
+        neighbour_age_ms=round(flight.worst_age_ms, 1),
+        is_right=is_apart and is_in_time,
+    )

@@ -1,0 +1,92 @@
+"""What a fleet file says about its bus: is the radio enough, who reaches it, what if a router dies."""
+
+from __future__ import annotations
+
+from onboard.config.endpoints import is_loopback
+from onboard.config.fleet import FleetConfig, RadioConfig
+from onboard.feasibility.airtime import airtime_finding
+from onboard.feasibility.finding import Finding
+from onboard.neighbours.subscription import most_near
+from onboard.safety.limits import POSITION_LOST_S
+
+_ROUTER_GAP_S = 1.0  # measured with QUIC, docs/network.md
+
+
+def bus_findings(fleet: FleetConfig) -> list[Finding]:
+    """Return what the radio has to carry, and warnings about routers and missing keys."""
+    findings = []
+
+    # Vehicles that other computers reach.
+    reached = [name for name in fleet.enabled_names if not is_loopback(fleet.vehicles[name].host)]
+    if len(fleet.enabled_names) > 1 and (fleet.radio is not None or reached):
+        radio = fleet.radio or RadioConfig()
+        findings.append(airtime_finding(fleet, radio, _most_near(fleet)))
+
+    # Vehicles whose poses come over the bus alone.
+    dependent = [
+        name
+        for name in fleet.enabled_names
+        if fleet.vehicles[name].mocap_required and not fleet.mocap.direct
+    ]
+    if fleet.fleet.routers and dependent:
+        findings.append(_router_finding(len(dependent)))
+
+    if reached and not fleet.has_keys:
+        findings.append(_keys_finding(fleet, len(reached)))
+    return findings
+
+
+def _most_near(fleet: FleetConfig) -> int:
+    """Return how many neighbours are near the one that has most, at the starts or in a formation."""
+    starts = {name: fleet.vehicles[name].start_enu_m for name in fleet.enabled_names}
+    most = 0
+    for positions_enu_m in (starts, *fleet.formations.values()):
+        if len(positions_enu_m) > 1:
+            most = max(most, most_near(fleet, positions_enu_m))
+    return most
+
+
+def _router_finding(count: int) -> Finding:
+    remedy = (
+        "Let each vehicle read the motion capture itself ([mocap] direct = true), or fly without"
+        " routers."
+    )
+    sentence = (
+        f"The poses of {numbered(count, 'vehicle')} come over routers. When one dies, nothing comes"
+        f" for up to {_ROUTER_GAP_S:g} s, and who has no poses for {POSITION_LOST_S:g} s lands."
+        f" {remedy}"
+    )
+    return Finding(
+        name="poses over routers",
+        status="warning",
+        value=_ROUTER_GAP_S,
+        bound=POSITION_LOST_S,
+        unit="s",
+        relation="at most",
+        sentence=sentence,
+        remedy=remedy,
+    )
+
+
+def _keys_finding(fleet: FleetConfig, reached_count: int) -> Finding:
+    remedy = f"Lock the bus: covey keys secure {fleet.path} (docs/keys.md)."
+    sentence = (
+        f"The bus has no keys, and {numbered(reached_count, 'vehicle')} can be reached from other"
+        " computers: whoever reaches one of them orders, kills, and reads everything."
+        f" {remedy}"
+    )
+    return Finding(
+        name="keys of the bus",
+        status="warning",
+        value=reached_count,
+        bound=0.0,
+        unit="vehicles",
+        relation="at most",
+        sentence=sentence,
+        remedy=remedy,
+    )
+
+
+def numbered(count: int, noun: str) -> str:
+    """Return a count with its noun, as "1 vehicle" or "2 vehicles"."""
+    return f"{count} {noun}{'' if count == 1 else 's'}"

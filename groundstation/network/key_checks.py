@@ -1,0 +1,72 @@
+"""Whether the keys of a fleet's bus fit: those on this computer, and those that nodes run with."""
+
+from __future__ import annotations
+
+import datetime
+
+from groundstation.keys.authority import folder_of, nodes_of
+from groundstation.keys.running import running_authorities
+from groundstation.network.diagnosis import Diagnosis, Grade, graded
+from onboard.security.certificates import read_certificate
+from onboard.security.credentials import credentials_of, files_of
+from onboard.config.fleet import ConfigError, FleetConfig
+
+_SOON = datetime.timedelta(days=30)  # a certificate that expires within this time is to be renewed
+
+
+def key_checks(fleet: FleetConfig) -> list[Diagnosis]:
+    """Return whether the keys that are on this computer fit."""
+    if not fleet.has_keys:
+        return [
+            Diagnosis(
+                "keys",
+                Grade.OK,
+                "This fleet's bus has none. On one computer it needs none.",
+                "On a network: covey keys secure FLEET",
+            )
+        ]
+
+    now = datetime.datetime.now(datetime.UTC)
+    folder = folder_of(fleet)
+    found = []
+    expiry: dict[str, datetime.datetime] = {}  # of each node whose key is here and good
+    for node in nodes_of(fleet):
+        _, certificate, key = (folder / name for name in files_of(node))
+        if not key.exists():
+            continue
+        try:
+            credentials_of(fleet, node, now)
+            expiry[node] = read_certificate(str(certificate)).not_valid_after_utc
+        except ConfigError as error:
+            found.append(Diagnosis(f"keys of {node}", Grade.FAIL, str(error)))
+
+    if not expiry:
+        sentence = f"No key in {folder} is good."
+        found.append(Diagnosis("keys", Grade.FAIL, sentence, "Copy this node's: docs/keys.md"))
+        return found
+
+    first = min(expiry, key=expiry.__getitem__)
+    found.append(
+        graded(
+            "keys",
+            expiry[first] - now > _SOON,
+            f"Of {', '.join(expiry)}; the first to expire is {first}'s, {expiry[first]:%Y-%m-%d}.",
+            "covey keys renew FLEET, and copy them",
+        )
+    )
+    return found
+
+
+def authority_check(fleet: FleetConfig) -> Diagnosis:
+    """Return which nodes run on with an authority that was replaced."""
+    former = [
+        node for node, authority in running_authorities(fleet).items() if authority == "former"
+    ]
+    names = ", ".join(former) or "none of those that answer"
+    return graded(
+        "authority",
+        not former,
+        f"Run on with a former authority: {names}.",
+        "Copy their new files, and start them anew: docs/keys.md",
+        bad=Grade.FAIL,
+    )

@@ -1,0 +1,73 @@
+"""The missions of the gallery by name: files of configs/missions, and one imported show."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from groundstation.mission_files.loading import load_mission
+from groundstation.mission_files.mission import Mission
+from groundstation.shows.output import write_show
+from groundstation.shows.skyc import read_skyc
+from onboard.config.example_files import EXAMPLES
+from onboard.config.fleet import ConfigError
+
+SHOW = "thirty"  # a file of Skybrush, imported before it flies
+GALLERY = (
+    "paper",
+    "swap",
+    "dense-swap",
+    "square-dance",
+    "layers",
+    "above",
+    "leader",
+    "circle",
+    "search",
+    "escort",
+    "evacuation",
+    "intruder",
+    "mocap-lost",
+    SHOW,
+)
+_SHOW_SENTENCE = (
+    "Show of thirty: a show of another program, imported: five rows of six turn with a wave"
+    " through them."
+)
+
+
+def gallery_mission(name: str, folder: Path) -> Mission:
+    """Return a mission of the gallery; the show is imported first.
+
+    Args:
+        name: one of GALLERY.
+        folder: of the flight, for the imported show.
+
+    Raises:
+        ConfigError: there is no such mission.
+    """
+    if name not in GALLERY:
+        raise ConfigError(f"'{name}' is no mission of the gallery: it has {', '.join(GALLERY)}.")
+    if name != SHOW:
+        return load_mission(_file(name))
+
+    source = Path(EXAMPLES) / "shows" / f"{SHOW}.skyc"
+    show_folder = folder / "show"
+    show_folder.mkdir(parents=True, exist_ok=True)
+    write_show(read_skyc(source), show_folder, source.name, None, None)
+    return load_mission(show_folder / "mission.toml")
+
+
+def sentence_of(name: str) -> str:
+    """Return what a mission shows: the comment at its begin."""
+    if name == SHOW:
+        return _SHOW_SENTENCE
+
+    lines = []
+    for line in _file(name).read_text(encoding="utf-8").splitlines():
+        if not line.startswith("# "):
+            break
+        lines.append(line.removeprefix("# "))
+    return " ".join(lines)
+
+
+def _file(name: str) -> Path:
+    return Path(EXAMPLES) / "missions" / f"{name}.toml"

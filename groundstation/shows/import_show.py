@@ -1,0 +1,66 @@
+"""A show of another program, read, made flyable, judged as it will be flown, and only then written."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from pathlib import Path
+
+from groundstation.mission_files.loading import load_mission
+from groundstation.mission_files.mission_findings import refused_findings
+from groundstation.shows.conversion import Converted
+from groundstation.shows.csv_folder import read_folder
+from groundstation.shows.output import write_show
+from groundstation.shows.show import Show
+from groundstation.shows.skyc import read_skyc
+from onboard.config.fleet import ConfigError, FleetConfig
+
+
+def read_show(path: Path) -> Show:
+    """Return a show as its program wrote it.
+
+    Args:
+        path: a .skyc of Skybrush, or a folder with a CSV for each drone.
+
+    Raises:
+        ConfigError: it cannot be read.
+    """
+    if path.suffix.lower() == ".vviz":
+        raise ConfigError(
+            f"{path}: VVIZ is for pictures of shows, not for flights. Export .skyc or CSVs."
+        )
+    if path.is_dir():
+        return read_folder(path)
+    return read_skyc(path)
+
+
+def import_show(
+    show: Show, folder: Path, source: str, fleet: FleetConfig | None, promise_m: float | None
+) -> Converted:
+    """Write a show's files; what cannot be flown leaves no file behind.
+
+    Args:
+        show: as it was read.
+        folder: for the files.
+        source: where the show was read from.
+        fleet: whose types, endpoints and promise are taken; None makes one.
+        promise_m: distance that the fleet promises [m]; None: the fleet's, or the default.
+
+    Raises:
+        ConfigError: the show cannot be flown.
+    """
+    with tempfile.TemporaryDirectory(prefix="covey-import-") as name:
+        draft = Path(name) / "show"
+        try:
+            made, _ = write_show(show, draft, source, fleet, promise_m)
+            refused = refused_findings(load_mission(draft / "mission.toml"), is_simulated=False)
+        except ConfigError as error:
+            raise ConfigError(str(error).replace(str(draft), str(folder))) from None
+
+        if refused:
+            reasons = " ".join(finding.sentence for finding in refused)
+            raise ConfigError(
+                f"{source}: the law says that this cannot be flown; nothing is written. {reasons}"
+            )
+        shutil.copytree(draft, folder, dirs_exist_ok=True)
+    return made

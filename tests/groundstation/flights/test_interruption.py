@@ -1,0 +1,66 @@
+"""Interruption of a Python mission that blocks the event loop."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from groundstation.client.client import FleetClient
+from groundstation.flights.interruption import listen, listen_no_more
+from groundstation.mission_files.loading import load_mission
+from groundstation.missions.runner import MissionRun
+from onboard.config.fleet import FleetConfig
+
+MISSION = """
+import time
+
+async def mission(fleet):
+    await fleet.takeoff(1.0)
+    fleet.say("blocks")
+    {blocks}
+"""
+
+
+def press_twice() -> None:
+    for _ in range(2):
+        os.kill(os.getpid(), signal.SIGINT)
+
+
+@pytest.mark.parametrize("blocks", ["time.sleep(60.0)", "while True: pass"])
+async def test_two_interrupts_of_a_mission_that_blocks_land_the_vehicles_at_once(
+    fleet: FleetConfig, bus: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, blocks: str
+) -> None:
+    (tmp_path / "blocking.py").write_text(MISSION.format(blocks=blocks), encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    client = FleetClient(fleet, bus=bus)
+    await client.start()
+
+    def say(line: str) -> None:
+        if line == "blocks":
+            threading.Timer(0.3, press_twice).start()
+
+    run = MissionRun(load_mission("blocking.py", fleet), client, say=say)
+    heard: list[float] = []
+
+    def on_signal() -> None:
+        heard.append(time.monotonic())
+        run.interrupt()
+
+    for name in fleet.enabled_names:
+        bus.tell(name)
+    listen(run.mission.path, on_signal)
+    try:
+        verdict = await run.run()
+    finally:
+        listen_no_more()
+        await client.stop()
+    assert len(heard) == 1, "two presses while the loop was blocked are one"
+    assert verdict.exit_status == 130
+    assert {order.kind for _, order in bus.orders[-3:]} == {"land"}
+    assert not client.state.airborne_names

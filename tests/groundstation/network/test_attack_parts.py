@@ -1,0 +1,90 @@
+"""The copy of a fleet that is attacked, the packets of the attackers, and what is refused before
+anything starts.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from pymavlink.dialects.v20 import common
+
+from groundstation.cli import main
+from groundstation.network.fleet_copy import SPARE, copy_of
+from groundstation.network.mavlink_frames import (
+    HEARTBEAT,
+    SETUP_SIGNING,
+    disarmed,
+    packet,
+    signing_key,
+)
+from groundstation.processes.free_ports import is_local
+from onboard.config.fleet import load_fleet
+
+PAPER = Path(__file__).parents[3] / "configs" / "fleets" / "paper.toml"
+
+
+def test_a_fleet_file_that_is_not_there_is_said(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["attack", "nowhere.toml"]) == 2
+    assert "nowhere.toml" in capsys.readouterr().err
+
+
+def test_a_fleet_of_one_vehicle_has_nobody_whose_key_could_be_lost(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = PAPER.read_text(encoding="utf-8")
+    for name in ("mav1", "mav2"):
+        text = text.replace(f"[vehicles.{name}]", f"[vehicles.{name}]\nenabled = false")
+    (tmp_path / "one.toml").write_text(text, encoding="utf-8")
+    assert main(["attack", str(tmp_path / "one.toml")]) == 2
+    assert "needs two vehicles" in capsys.readouterr().err
+
+
+def test_fleets_are_copied_with_a_vehicle_more_and_without_what_is_not_here(tmp_path: Path) -> None:
+    for number, name in enumerate(("paper", "mixed", "twelve", "px4-sitl")):
+        original = load_fleet(name)
+        copy = copy_of(original, tmp_path / str(number), is_locked=name == "paper")
+        assert copy.enabled_names == original.enabled_names[:6]
+        assert SPARE in copy.vehicles
+        assert copy.has_keys is (name == "paper")
+        assert not copy.emulated_names or copy.emulated_names == original.emulated_names
+        assert all("127.0.0.1" in vehicle.agent for vehicle in copy.vehicles.values())
+
+
+@pytest.mark.parametrize(
+    "endpoint", ["quic/127.0.0.1:74{}", "tls/192.168.1.1{}:7447", "udp/127.0.0.1:74{}"]
+)
+def test_a_fleet_of_any_endpoints_is_copied(endpoint: str, tmp_path: Path) -> None:
+    text = PAPER.read_text(encoding="utf-8")
+    for number in range(3):
+        text = text.replace(f"tcp/127.0.0.1:{7460 + number}", endpoint.format(60 + number))
+    if "192.168" in endpoint:
+        text = text.replace(
+            "[fleet]", '[fleet]\nrouters = ["tls/192.168.1.2:7447", "tls/192.168.1.3:7447"]'
+        )
+    path = tmp_path / "fleet.toml"
+    path.write_text(text, encoding="utf-8")
+    original = load_fleet(path)
+    assert original.vehicles["mav1"].agent == endpoint.format(61)
+    for is_locked in (False, True):
+        copy = copy_of(original, tmp_path / f"copy{is_locked}", is_locked=is_locked)
+        assert is_local(copy)
+        assert copy.has_keys is is_locked
+
+
+@pytest.mark.parametrize("position", ["gps", "bus", "optitrack"])
+def test_a_fleet_of_real_companions_is_copied(position: str, tmp_path: Path) -> None:
+    options = ["--vehicles", "3", "--position", position, "--companions", "192.168.7.11"]
+    assert main(["init", str(tmp_path / "lab"), *options]) == 0
+    assert main(["secure", str(tmp_path / "lab" / "fleet.toml")]) == 0
+    copy = copy_of(load_fleet(tmp_path / "lab" / "fleet.toml"), tmp_path / "copy", is_locked=True)
+    assert is_local(copy)
+
+
+def test_the_packets_of_an_attack_are_packets_of_mavlink() -> None:
+    reader = common.MAVLink(None)
+    kinds = [
+        reader.parse_char(packet(number, payload, 7, 1)).get_type()
+        for number, payload in ((HEARTBEAT, disarmed()), (SETUP_SIGNING, signing_key(7)))
+    ]
+    assert kinds == ["HEARTBEAT", "SETUP_SIGNING"]

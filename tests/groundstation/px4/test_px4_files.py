@@ -1,0 +1,139 @@
+"""Files of parameters, and the comparison of versions, without any PX4."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from groundstation.cli import main
+from groundstation.px4 import comparison
+from groundstation.px4.parameter_file import read_file, write_file
+from groundstation.px4.parameter_sets import differences
+from onboard.config.fleet import ConfigError, fleet_from_mapping, load_fleet
+
+
+def test_a_file_keeps_every_value_of_every_vehicle(tmp_path: Path) -> None:
+    sets = {
+        1: {"A": -1, "B": 0.1, "C": 1e-30, "D": 2147483647},
+        20: {"A": 0, "B": -123456.78, "D": 3},
+    }
+    path = tmp_path / "all.params"
+    write_file(path, {number: (f"mav{number}", values) for number, values in sets.items()})
+    read = read_file(path)
+    assert read.keys() == sets.keys()
+    for number, values in sets.items():
+        assert read[number] == pytest.approx(values, rel=1e-8)
+        assert all(type(read[number][name]) is type(value) for name, value in values.items())
+    with pytest.raises(ConfigError, match="exists already"):
+        write_file(path, {})
+    with pytest.raises(ConfigError, match="cannot be written"):
+        write_file(tmp_path / "nowhere" / "all.params", {})
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "holds no parameters"),
+        ("# a remark only\n", "holds no parameters"),
+        ("1\t1\tA\t0.5\n", "line 1"),
+        ("1\t1\tA\t0.5\t9\n1\t1\tA\tnan\t9\n", "line 2"),
+        ("1\t1\tA\t0.5\t6\n", "line 1"),
+        ("1\t1\tA\t1\t2\n", "line 1"),
+        ("1\t1\ta name\t1\t6\n", "line 1"),
+        ("1\t1\tA\t1\t6\n1\t1\tA\t2\t6\n", "has two values"),
+        ("\x00\x01", "is no parameter"),
+    ],
+)
+def test_another_file_is_refused_with_its_line(tmp_path: Path, text: str, words: str) -> None:
+    path = tmp_path / "bad.params"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(ConfigError, match=words):
+        read_file(path)
+    path.write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(ConfigError, match="cannot be read"):
+        read_file(path)
+
+
+def test_values_of_one_vehicle_alone_are_no_difference() -> None:
+    rows, left_out = differences(
+        {"MAV_SYS_ID": 1, "CAL_ACC0_ID": 7, "A": 0.1, "B": 1, "NEW": 2.0},
+        {"MAV_SYS_ID": 2, "A": 0.1 + 1e-8, "B": 2, "OLD": 3.0},
+    )
+    assert [row.split() for row in rows] == [
+        ["B", "1,", "there", "2"],
+        ["NEW", "2,", "there", "not", "known"],
+        ["OLD", "not", "known,", "there", "3"],
+    ]
+    assert left_out == 2
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["--dump", "a", "--apply"],
+        ["--diff", "mav0", "--restore", "a"],
+        ["--backup", "a"],
+        ["--diff", "nobody"],
+        ["--diff", "all"],
+    ],
+)
+def test_options_that_contradict_each_other_are_refused(words: list[str], tmp_path: Path) -> None:
+    assert main(["px4", "params", "--fleet", "paper", *words]) == 2
+
+
+def test_what_a_version_changes_is_said_for_this_fleet(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["px4", "compare", "1.16", "1.18", "--fleet", "sih"]) == 0
+    text = capsys.readouterr().out
+    assert "COM_RC_OVERRIDE = 0 is demanded no more." in text
+    assert "MAN_OVERRIDE_SPD = -1 is demanded from now on" in text
+    assert "MC_ROLL_P comes as 4 instead of 6.5; the fleet demands 6.5, so nothing changes." in text
+    assert "stick.fast: OFFBOARD -> POSCTL" in text
+    assert main(["px4", "compare", "1.16", "1.18", "--fleet", "paper", "--json"]) == 0
+    said = json.loads(capsys.readouterr().out)
+    concerns = {fact["name"]: fact["concerns"] for fact in said["facts"]}
+    assert concerns["loss.mode-after"] == []  # the fleet demands another action
+    assert concerns["step.roll-10-t63"] == ["mav0", "mav1", "mav2"]
+    assert "MC_ROLL_P comes as 4 instead of 6.5." in said["parameters"]
+
+
+def test_a_vehicle_that_demands_otherwise_is_concerned_and_a_parameter_that_is_gone_is_named() -> (
+    None
+):
+    fleet = load_fleet("sih")
+    own = {"COM_OBL_RC_ACT": 0, "EKF2_GPS_DELAY": 120.0}
+    import tomllib
+
+    data = tomllib.loads(fleet.text)
+    data["vehicles"]["mav1"]["px4_params"] = own
+    found = comparison.compare(fleet_from_mapping(data), "v1.17", "1.18.0")
+    by_name = {fact.name: fact for fact in found.facts}
+    assert by_name["loss.action-0"].concerns == ("mav1",)
+    assert any(
+        row.startswith("mav1: EKF2_GPS_DELAY") and "gone in v1.18" in row
+        for row in found.parameters
+    )
+    back = comparison.compare(fleet, "1.18", "1.16")
+    assert any(row.startswith("MC_ROLL_P comes as 6.5 instead of 4") for row in back.parameters)
+    same = comparison.compare(fleet, "1.17", "1.17")
+    assert not same.parameters
+    assert not same.facts
+    assert "nothing changes." in comparison.as_text(same)
+
+
+def test_versions_that_nobody_measured_are_named_and_nonsense_is_refused() -> None:
+    fleet = load_fleet("sih")
+    assert (
+        "V1.19 was never measured: it is judged as v1.18."
+        in comparison.compare(fleet, "1.18", "1.19").notes
+    )
+    for version in ("main", "1", "1.16-", ""):
+        with pytest.raises(ConfigError, match="is no version of PX4"):
+            comparison.compare(fleet, version, "1.18")
+
+
+def test_every_changed_fact_has_a_meaning_and_every_row_a_group() -> None:
+    found = comparison.compare(load_fleet("sih"), "1.16", "1.18")
+    assert {fact.meaning for fact in found.facts if fact.meaning == "other behaviour"} == set()
+    assert {fact.group for fact in found.facts} == {"failsafe", "attitude", "link"}
