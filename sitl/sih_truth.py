@@ -1,4 +1,4 @@
-"""The command ``covey sitl-truth``: ground truth of real PX4s with their built-in simulator (SIH),
+"""The command ``covey sitl truth``: ground truth of real PX4s with their built-in simulator (SIH),
 put on the bus.
 
 PX4's SIH tells its true state on a link of its own (19450+N to 19410+N, N = system id - 1). As

@@ -35,13 +35,13 @@ What do you want to know?
 
   covey check FLEET|MISSION...       are these files right, can they be flown?
   covey check vehicles --fleet FILE  may every vehicle take off now?
-  covey check computer [FLEET]       is this computer fit? with --network the links
+  covey check computer [FLEET]       is this computer fit? --network: the links
   covey check attack FLEET           who gets into the fleet's bus?
   covey check endpoint ENDPOINT      does it behave as a real PX4?
-  covey px4 params --fleet FILE      does every PX4 have the parameters it needs?
+  covey px4 params --fleet FILE      has every PX4 the parameters it needs?
   covey px4 compare OLD NEW ...      what does another version of PX4 change?
-  covey keys list FLEET              are the keys of the bus good, and until when?
-  covey mocap --fleet FILE --check   does the motion capture give each its own pose?
+  covey keys list FLEET              are the keys of the bus good, until when?
+  covey mocap --fleet FILE --check   has each vehicle its own body and axes?
 
 Each of them says more with --help."""
 

@@ -7,8 +7,9 @@ Examples:
   covey check computer fleet.toml --network --json
 
 It changes nothing and orders nothing. Whether a fleet can fly as its file says:
-covey check FLEET; whether each vehicle may take off: covey check vehicles. Exit
-status: 0 no FAIL; 1 at least one; 2 wrong input; 10 nobody answered.
+covey check FLEET; whether each vehicle may take off: covey check vehicles.
+
+Exit status: 0 no FAIL; 1 at least one; 2 wrong input; 10 nobody answered.
 """
 
 from __future__ import annotations

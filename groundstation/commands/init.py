@@ -105,7 +105,7 @@ def init(
         (f"covey fly {mission_path} --lockstep", "the flight in simulated time: seconds"),
         (f"covey fly {mission_path} --sitl", "the same with console, agents and emulated PX4s"),
         (
-            f"covey preflight --fleet {fleet_path}",
+            f"covey check vehicles --fleet {fleet_path}",
             "the real vehicles; first read docs/deployment.md",
         ),
     ):

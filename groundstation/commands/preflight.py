@@ -1,9 +1,9 @@
-"""``covey preflight``: go or no-go of every vehicle, check by check.
+"""``covey check vehicles``: go or no-go of every vehicle, check by check.
 
 Examples:
-  covey preflight --fleet fleet.toml
-  covey preflight --fleet fleet.toml --vehicles mav0,mav2 --json
-  covey preflight --fleet fleet.toml --wait 20 && covey fly mission.toml --fleet fleet.toml
+  covey check vehicles --fleet fleet.toml
+  covey check vehicles --fleet fleet.toml --vehicles mav0,mav2 --json
+  covey check vehicles --fleet fleet.toml --wait 20 && covey fly mission.toml --fleet fleet.toml
 
 Exit status: 0 all are go; 1 at least one is not; 2 wrong input; 10 nobody answered.
 docs/preflight.md explains each check.

@@ -1,5 +1,4 @@
-"""``covey px4``: each PX4's parameters and state, past the agents, and what another version changes
-for a fleet.
+"""``covey px4``: each PX4's parameters and state, past the agents.
 
 Examples:
   covey px4 params --fleet fleet.toml
@@ -11,8 +10,8 @@ Examples:
   covey px4 signing --fleet fleet.toml --set
   covey px4 compare 1.16 1.18 --fleet fleet.toml
 
-Exit status: 0 all are as needed; 1 none is; 2 wrong input; 10 nobody answered; 50 some are.
-docs/px4.md says more.
+Exit status: 0 all are as needed; 1 none is; 2 wrong input; 10 nobody answered;
+50 some are. docs/px4.md says more.
 """
 
 from __future__ import annotations
@@ -34,27 +33,15 @@ from groundstation.px4 import (
     vehicle_parameters,
 )
 from groundstation.px4.parameter_file import default_backup
-from groundstation.px4.vehicle_links import for_each, opened
+from groundstation.px4.vehicle_links import VehicleLink, for_each, opened
 from onboard.config.fleet import ConfigError, FleetConfig, Vehicle, load_fleet
+from onboard.security.mavlink_key import mavlink_key, read_key
+from onboard.config.toml_reading import package_table
 from onboard.exit_status import EXIT_OK
 from onboard.security.mavlink_key import mavlink_key, read_key
 
 px4 = App(name="px4", help="PX4 itself, past the agents.")
 _File = Annotated[Path | None, Parameter(metavar="FILE")]
-
-
-def _selected(fleet: FleetConfig, vehicles: str | None, exclude: str | None) -> list[Vehicle]:
-    names = fleet.select(vehicles, exclude)
-    if not names:
-        raise ConfigError(
-            "No vehicle is selected. Set enabled = true for one, or change --vehicles and --exclude."
-        )
-    return [fleet.vehicles[name] for name in names]
-
-
-def _keys(fleet: FleetConfig, vehicles: Sequence[Vehicle]) -> dict[str, bytes]:
-    keys = {vehicle.name: mavlink_key(fleet, vehicle.name) for vehicle in vehicles}
-    return {name: key for name, key in keys.items() if key is not None}
 
 
 @px4.command
@@ -70,8 +57,7 @@ def params(
     backup: _File = None,
     json: bool = False,
 ) -> int:
-    """Read from every PX4 the parameters that this fleet needs; set them, save all, compare all,
-    write all back.
+    """Read from every PX4 the parameters that this fleet needs; set, save, compare or restore them.
 
     Args:
         vehicles: only these: names or indices, a,b or 0-2 (default all)
@@ -86,7 +72,8 @@ def params(
         json: one object instead of the list
     """
     config = load_fleet(fleet)
-    if sum(map(bool, (apply, dump, diff, restore))) > 1:
+    actions = [action for action in (apply, dump, diff, restore) if action]
+    if len(actions) > 1:
         raise ConfigError(
             "--apply, --dump, --diff and --restore exclude each other. Give one of them."
         )
@@ -94,6 +81,7 @@ def params(
         raise ConfigError(
             "--backup belongs to --apply and --restore. To save parameters, give --dump FILE."
         )
+
     chosen = _selected(config, vehicles, exclude)
     backup = backup or default_backup(config)
     if diff is not None:
@@ -101,39 +89,53 @@ def params(
     for path in (dump, backup):
         if path is not None and path.exists():
             raise ConfigError(f"{path} exists already. Give another name, or remove it.")
+
     with opened(chosen, _keys(config, chosen)) as links:
-        if dump or diff or restore:
-            if dump:
-                reports = parameter_sets.dump(links, dump)
-            elif diff:
-                reports = parameter_sets.diff(links, config, diff)
-            else:
-                assert restore is not None
-                reports = parameter_sets.restore(links, restore, backup)
-            _print(
-                parameter_sets.as_mapping(reports) if json else parameter_sets.as_text(reports),
-                backup,
-                is_json=json,
-            )
-            return parameter_sets.exit_status(reports)
-        states: Sequence[vehicle_parameters.VehicleParams] = for_each(
-            vehicle_parameters.read_one, links
-        )
-        if apply:
-            states = vehicle_parameters.set_all(links, states, backup)
-    _print(
-        vehicle_parameters.as_mapping(states) if json else vehicle_parameters.as_text(states),
-        backup,
-        is_json=json,
+        if dump:
+            return _print_reports(parameter_sets.dump(links, dump), backup, is_json=json)
+        if diff:
+            return _print_reports(parameter_sets.diff(links, config, diff), backup, is_json=json)
+        if restore:
+            reports = parameter_sets.restore(links, restore, backup)
+            return _print_reports(reports, backup, is_json=json)
+        return _print_needed(links, backup, is_set=apply, is_json=json)
+
+
+def _print_reports(
+    reports: Sequence[parameter_sets.VehicleReport], backup: Path, *, is_json: bool
+) -> int:
+    """Print what was done with all parameters; return the exit status."""
+    if is_json:
+        print(dumps(parameter_sets.as_mapping(reports), indent=2))
+    else:
+        print(parameter_sets.as_text(reports))
+    _print_backup(backup, is_json=is_json)
+    return parameter_sets.exit_status(reports)
+
+
+def _print_needed(
+    links: Sequence[VehicleLink], backup: Path, *, is_set: bool, is_json: bool
+) -> int:
+    """Read the parameters that the fleet needs, set them if wanted, print; return the exit status."""
+    states: Sequence[vehicle_parameters.VehicleParams] = for_each(
+        vehicle_parameters.read_one, links
     )
+    if is_set:
+        states = vehicle_parameters.set_all(links, states, backup)
+
+    if is_json:
+        print(dumps(vehicle_parameters.as_mapping(states), indent=2))
+    else:
+        print(vehicle_parameters.as_text(states))
+    _print_backup(backup, is_json=is_json)
     return vehicle_parameters.exit_status(states)
 
 
-def _print(content: object, backup: Path, *, is_json: bool) -> None:
-    print(dumps(content, indent=2) if is_json else content)
+def _print_backup(backup: Path, *, is_json: bool) -> None:
+    """Name the backup, if parameters were changed and one was written."""
     if backup.exists():
-        says = f"All parameters before: {backup}. Write them back with --restore {backup}."
-        print(says, file=sys.stderr if is_json else sys.stdout)
+        sentence = f"All parameters before: {backup}. Write them back with --restore {backup}."
+        print(sentence, file=sys.stderr if is_json else sys.stdout)
 
 
 def _with_reference(fleet: FleetConfig, chosen: list[Vehicle], diff: str) -> list[Vehicle]:
@@ -143,10 +145,15 @@ def _with_reference(fleet: FleetConfig, chosen: list[Vehicle], diff: str) -> lis
     try:
         (name,) = fleet.select(diff)
     except (ConfigError, ValueError):
+        known = ", ".join(fleet.vehicles)
         raise ConfigError(
-            f"--diff {diff}: neither a file nor one vehicle of this fleet ({', '.join(fleet.vehicles)})."
+            f"--diff {diff}: neither a file nor one vehicle of this fleet ({known})."
         ) from None
-    return chosen if fleet.vehicles[name] in chosen else [*chosen, fleet.vehicles[name]]
+
+    reference = fleet.vehicles[name]
+    if reference in chosen:
+        return chosen
+    return [*chosen, reference]
 
 
 @px4.command
@@ -169,7 +176,11 @@ def info(
     keys = _keys(config, chosen)
     with opened(chosen, keys) as links:
         found = for_each(lambda link: vehicle_info.ask(link, keys.get(link.vehicle.name)), links)
-    print(dumps(vehicle_info.as_mapping(found), indent=2) if json else vehicle_info.as_text(found))
+
+    if json:
+        print(dumps(vehicle_info.as_mapping(found), indent=2))
+    else:
+        print(vehicle_info.as_text(found))
     return vehicle_info.exit_status(found)
 
 
@@ -199,18 +210,25 @@ def signing(
         raise ConfigError("--set and --remove exclude each other. Give one of them.")
     if old is not None and not set:
         raise ConfigError("--old belongs to --set: it is the key that PX4 has before.")
+
     chosen = _selected(config, vehicles, exclude)
     keys = signing_keys.keys_of(config, chosen, is_changed=set or remove)
-    old_key = None if old is None else read_key(str(old), config.path)
+    old_key = None
+    if old is not None:
+        old_key = read_key(str(old), config.path)
+
+    action: signing_keys.Action = "look"
+    if set:
+        action = "set"
+    elif remove:
+        action = "remove"
     with opened(chosen, keys, hears_all=True) as links:
-        reports = signing_keys.run(
-            links, keys, "set" if set else "remove" if remove else "look", old_key
-        )
-    print(
-        dumps(parameter_sets.as_mapping(reports), indent=2)
-        if json
-        else parameter_sets.as_text(reports)
-    )
+        reports = signing_keys.run(links, keys, action, old_key)
+
+    if json:
+        print(dumps(parameter_sets.as_mapping(reports), indent=2))
+    else:
+        print(parameter_sets.as_text(reports))
     return parameter_sets.exit_status(reports)
 
 
@@ -223,14 +241,52 @@ def compare(
     fleet: FleetFile,
     json: bool = False,
 ) -> int:
-    """Say what another version of PX4 changes for this fleet: demanded parameters, failsafes, and
-    other facts.
+    """Say what another version of PX4 changes for this fleet.
+
+    It compares demanded parameters, defaults, failsafes, and all else that was measured.
 
     Args:
         old: version that flies now, for instance 1.16
         new: version to fly, for instance 1.18
         json: one object instead of the list
     """
-    found = comparison.compare(load_fleet(fleet), old, new)
-    print(dumps(comparison.as_mapping(found), indent=2) if json else comparison.as_text(found))
+    found = comparison.compare(load_fleet(fleet), old, new, measured_px4())
+    if json:
+        print(dumps(comparison.as_mapping(found), indent=2))
+    else:
+        print(comparison.as_text(found))
     return EXIT_OK
+
+
+def measured_px4() -> comparison.MeasuredPx4:
+    """Return what the conformance suite knows of the versions of PX4."""
+    # Imported here: all else of this command needs nothing of the simulation.
+    from sitl.conformance.facts import VERSIONS, facts_of, nearest
+    from sitl.conformance.suite import FACTS
+
+    return comparison.MeasuredPx4(
+        versions=VERSIONS,
+        nearest=nearest,
+        facts_of=lambda version: facts_of(version, FACTS),
+        parameters=package_table("sitl.conformance", "parameters.toml"),
+    )
+
+
+def _selected(fleet: FleetConfig, vehicles: str | None, exclude: str | None) -> list[Vehicle]:
+    names = fleet.select(vehicles, exclude)
+    if not names:
+        raise ConfigError(
+            "No vehicle is selected. Set enabled = true for one,"
+            " or change --vehicles and --exclude."
+        )
+    return [fleet.vehicles[name] for name in names]
+
+
+def _keys(fleet: FleetConfig, vehicles: Sequence[Vehicle]) -> dict[str, bytes]:
+    """Return the keys of MAVLink signing of those vehicles that have one."""
+    keys = {}
+    for vehicle in vehicles:
+        key = mavlink_key(fleet, vehicle.name)
+        if key is not None:
+            keys[vehicle.name] = key
+    return keys

@@ -1,9 +1,9 @@
-"""``covey run``: a Python script that connects with a fleet, emulated or real.
+"""``covey fly script``: a Python script that connects with a fleet, emulated or real.
 
 Examples:
-  covey run script.py --fleet fleet.toml --lockstep
-  covey run script.py --fleet fleet.toml --sitl -- --height 1.5
-  covey run script.py --fleet fleet.toml --record flights/first
+  covey fly script script.py --fleet fleet.toml --lockstep
+  covey fly script script.py --fleet fleet.toml --sitl -- --height 1.5
+  covey fly script script.py --fleet fleet.toml --record flights/first
 
 The script uses groundstation.Fleet, groundstation.BlockingFleet or
 groundstation.crazyswarm: docs/python-api.md. Without --lockstep and --sitl it

@@ -1,9 +1,9 @@
-"""``covey sitl-check``: does a MAVLink endpoint behave as a real PX4, fact by fact?
+"""``covey check endpoint``: does a MAVLink endpoint behave as a real PX4, fact by fact?
 
 Examples:
-  covey sitl-check udpin://127.0.0.1:14540
-  covey sitl-check udpin://127.0.0.1:14540 --only quirk.heartbeat 'param.*' --json
-  covey sitl-check --list
+  covey check endpoint udpin://127.0.0.1:14540
+  covey check endpoint udpin://127.0.0.1:14540 --only quirk.heartbeat 'param.*' --json
+  covey check endpoint --list
 
 Exit status: 0 all agree; 1 some differ; 2 wrong input; 10 nobody answered; 130 interrupted. Boot
 facts need a vehicle that is started while the check already waits.
@@ -159,8 +159,9 @@ def _check(
         client = check(port, ground, report, terms, lambda phase: say(f"-- {phase}"), simulator)
     except NobodyAnsweredError:
         say(
-            f"covey sitl-check: nobody answered at {endpoint} within {terms.wait_s:g} s. Is the vehicle running, and "
-            "did another client speak to it before? PX4 stays with its first client until it restarts."
+            f"covey check endpoint: nobody answered at {endpoint} within {terms.wait_s:g} s. Is the"
+            " vehicle running, and did another client speak to it before?"
+            " PX4 stays with its first client until it restarts."
         )
         return EXIT_NO_ANSWER
     except KeyboardInterrupt:

@@ -1,8 +1,8 @@
-"""``covey sitl-truth``: ground truth of real PX4s with their built-in simulator (SIH) on the
+"""``covey sitl truth``: ground truth of real PX4s with their built-in simulator (SIH) on the
 fleet's bus.
 
 Example:
-  covey sitl-truth --fleet configs/fleets/px4-sitl.toml
+  covey sitl truth --fleet configs/fleets/px4-sitl.toml
 
 Exit status: 0 ended by an interrupt; 2 wrong input or a port in use. docs/px4-sitl.md says more.
 """

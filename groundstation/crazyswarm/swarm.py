@@ -37,11 +37,11 @@ class Crazyswarm:
     """The fleet under Crazyswarm's names.
 
     Args:
-        crazyflies_yaml: a fleet file (``.toml``); Crazyswarm's own file is not read: ``covey run
+        crazyflies_yaml: a fleet file (``.toml``); Crazyswarm's own file is not read: ``covey fly script
             --fleet`` names one.
         parent_parser: not used.
         args: not used.
-        fleet: a fleet file or its path; None: that of ``covey run``.
+        fleet: a fleet file or its path; None: that of ``covey fly script``.
 
     Raises:
         ConfigError: no fleet file, or a wrong one.
@@ -245,7 +245,7 @@ class Crazyflie:
         """Do nothing: the law is on; its distance is ``safety_distance_m`` of the fleet file."""
 
     def disableCollisionAvoidance(self) -> None:
-        """Do nothing: the law stays on; simulated flights may do without, with ``covey run --law
+        """Do nothing: the law stays on; simulated flights may do without, with ``covey fly script --law
         off``.
         """
 

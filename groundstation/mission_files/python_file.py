@@ -38,7 +38,7 @@ def read_python(name: str) -> tuple[str, dict[str, Any]]:
     ):
         raise ConfigError(
             f"{name}: a Python mission needs 'async def mission(fleet):' at its top level. Add it; "
-            f"or start a script that connects by itself with: covey run {name} --fleet FILE"
+            f"or start a script that connects by itself with: covey fly script {name} --fleet FILE"
         )
     constants: dict[str, Any] = {}
     for node in tree.body:

@@ -48,14 +48,14 @@ class Fleet(Group):
         at_end: AtEnd = "land",
         ready_timeout_s: float | None = None,
     ) -> AsyncIterator[Fleet]:
-        """Connect with a fleet: its real agents, or the flight of ``covey run`` and of the lockstep
+        """Connect with a fleet: its real agents, or the flight of ``covey fly script`` and of the lockstep
         fixture.
 
         However the block ends, by its last line, an exception, a cancellation or Ctrl-C, vehicles
         that still fly are left in the declared state.
 
         Args:
-            fleet: a fleet file or its path; None: that of ``covey run``.
+            fleet: a fleet file or its path; None: that of ``covey fly script``.
             at_end: state in which it leaves vehicles that still fly.
             ready_timeout_s: longest wait for the vehicles [s]; 0: wait for nobody; None: as the
                 flight needs.

@@ -50,7 +50,7 @@ class BlockingFleet(_Blocking):
     the end of the program is its end.
 
     Args:
-        fleet: a fleet file or its path; None: that of ``covey run``.
+        fleet: a fleet file or its path; None: that of ``covey fly script``.
         at_end: state in which it leaves vehicles that still fly.
         ready_timeout_s: longest wait for the vehicles [s]; 0: wait for nobody; None: as the flight
             needs.

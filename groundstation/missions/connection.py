@@ -1,7 +1,7 @@
 """Where a script's fleet flies: real vehicles and agents by default, a simulated flight when a host
 has been set.
 
-``covey run`` and the lockstep fixture set the host, so that one script flies in simulated time,
+``covey fly script`` and the lockstep fixture set the host, so that one script flies in simulated time,
 with emulated PX4s or with hardware unchanged.
 """
 
@@ -114,7 +114,7 @@ def host_of(fleet: FleetConfig | str | Path | None) -> Host:
         return _hosts[-1]
     if fleet is None:
         raise ConfigError(
-            "Which fleet? Name its file in the script, or start it: covey run SCRIPT --fleet FILE"
+            "Which fleet? Name its file in the script, or start it: covey fly script SCRIPT --fleet FILE"
         )
     return RealTime(fleet if isinstance(fleet, FleetConfig) else load_fleet(fleet))
 

@@ -1,4 +1,4 @@
-"""The tries of covey attack: each is one way in, and says whether it got in.
+"""The tries of covey check attack: each is one way in, and says whether it got in.
 
 A try runs twice: against a copy of the fleet with keys, and against one without any, where it has
 to get in. Otherwise that it was stopped would prove nothing.

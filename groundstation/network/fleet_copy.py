@@ -64,7 +64,9 @@ def copy_of(fleet: FleetConfig, folder: Path, *, is_locked: bool) -> FleetConfig
     )
     folder.mkdir()
     file = folder / "fleet.toml"
-    file.write_text(toml_text(data, "An emulated copy, made by covey attack"), encoding="utf-8")
+    file.write_text(
+        toml_text(data, "An emulated copy, made by covey check attack"), encoding="utf-8"
+    )
     return (
         secure_fleet(str(file), datetime.datetime.now(datetime.UTC))
         if is_locked

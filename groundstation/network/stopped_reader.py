@@ -1,5 +1,5 @@
 """A viewer in a process of its own that hears everything, to be stopped: ``python -m ... FLEET``,
-for covey attack.
+for covey check attack.
 """
 
 from __future__ import annotations

@@ -1,16 +1,20 @@
-"""What another version of PX4 changes for a fleet: demanded parameters, defaults, failsafes, other
-measured facts.
+"""What another version of PX4 changes for a fleet.
+
+Four things can change: which parameters the fleet demands, which parameters and defaults PX4 has,
+how a vehicle's attitude lags, and what else was measured of PX4, such as its failsafes. What was
+measured comes from outside (:class:`MeasuredPx4`); the table ``comparison.toml`` says what each
+measured fact means for a fleet, and which vehicles it concerns.
 """
 
 from __future__ import annotations
 
 import re
 import textwrap
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
 from fnmatch import fnmatchcase
 from itertools import groupby
-from typing import Any
+from typing import Any, NamedTuple, Protocol
 
 from onboard.autopilot import Version
 from onboard.avoidance.prediction import LAG_ERROR_S
@@ -18,17 +22,39 @@ from onboard.config.fleet import ConfigError, FleetConfig, Vehicle
 from onboard.config.toml_reading import package_table
 from onboard.preflight.attitude_lag import lag_s
 from onboard.px4.required_params import RequiredParam, Value, all_params
-from sitl.conformance.facts import VERSIONS, facts_of, nearest
-from sitl.conformance.suite import FACTS
 
-_WIDTH, _SHOWN = 118, 8
+_WIDTH = 118
+_MOST_SHOWN = 8  # facts of one meaning in the text; --json has all
 _ROWS: list[dict[str, Any]] = package_table(__package__, "comparison.toml")["row"]
-_PARAMETERS = package_table("sitl.conformance", "parameters.toml")
 _GROUPS = {
     "failsafe": "Failsafes",
     "attitude": "Attitude",
     "link": "Messages, answers and other behaviour",
 }
+
+
+class MeasuredFact(Protocol):
+    """One fact about one version of PX4."""
+
+    @property
+    def says(self) -> str:
+        """What was measured, in words."""
+
+    @property
+    def expected(self) -> str:
+        """What came out."""
+
+
+class MeasuredPx4(NamedTuple):
+    """What was measured of the versions of PX4."""
+
+    versions: tuple[str, ...]  # that were measured, the oldest first
+    # any version -> the measured one to judge by, and a sentence when it is another one
+    nearest: Callable[[Version], tuple[str, str]]
+    # measured version -> name of each fact, and the fact
+    facts_of: Callable[[str], Mapping[str, MeasuredFact]]
+    # measured version -> parameters that are gone, and defaults before and after
+    parameters: Mapping[str, Mapping[str, Any]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +66,7 @@ class ChangedFact:
     group: str
     before: str
     after: str
-    meaning: str
+    meaning: str  # for a fleet
     concerns: tuple[str, ...]  # vehicles that it matters to
 
 
@@ -53,158 +79,211 @@ class Comparison:
     vehicles: tuple[str, ...]
     notes: tuple[str, ...]  # versions that nobody measured, and other remarks
     parameters: tuple[str, ...]  # sentences
-    facts: tuple[ChangedFact, ...] = field(default=())
+    facts: tuple[ChangedFact, ...]
 
 
-def compare(fleet: FleetConfig, old: str, new: str) -> Comparison:
+def compare(fleet: FleetConfig, old: str, new: str, measured: MeasuredPx4) -> Comparison:
     """Compare two versions for all enabled vehicles.
 
     Args:
         fleet: the fleet file.
         old: version that flies now.
         new: version to fly.
+        measured: what is known about them.
 
     Raises:
         ConfigError: one is no version.
     """
-    first, second = _version(old), _version(new)
-    (old_name, old_note), (new_name, new_note) = nearest(first), nearest(second)
+    old_version = _version(old, measured)
+    new_version = _version(new, measured)
+    old_name, old_note = measured.nearest(old_version)
+    new_name, new_note = measured.nearest(new_version)
     vehicles = [fleet.vehicles[name] for name in fleet.enabled_names]
+
     notes = [note[0].upper() + note[1:] + "." for note in (old_note, new_note) if note]
-    passed = _versions_between(old_name, new_name)
+    notes += _lag_notes(vehicles, new_name, measured)
+
+    passed = _versions_between(old_name, new_name, measured)
+    is_back = old_version > new_version
     parameters = [
-        *_demands(vehicles, first, second),
-        *_gone(vehicles, passed, second),
-        *_defaults(vehicles, passed, second, is_back=first > second),
+        *_changed_demands(vehicles, old_version, new_version),
+        *_gone_parameters(vehicles, passed, measured),
+        *_changed_defaults(vehicles, passed, new_version, measured, is_back=is_back),
     ]
-    notes += _identified(vehicles, new_name)
-    facts = _facts(vehicles, old_name, new_name, second)
-    return Comparison(old, new, fleet.enabled_names, tuple(notes), tuple(parameters), tuple(facts))
+    return Comparison(
+        old=old,
+        new=new,
+        vehicles=fleet.enabled_names,
+        notes=tuple(notes),
+        parameters=tuple(parameters),
+        facts=tuple(_changed_facts(vehicles, old_name, new_name, new_version, measured)),
+    )
 
 
-def _version(text: str) -> Version:
+def _version(text: str, measured: MeasuredPx4) -> Version:
     match = re.fullmatch(r"v?(\d{1,2})\.(\d{1,3})(\.\d+.*)?", text)
     if match is None:
-        raise ConfigError(
-            f"'{text}' is no version of PX4. Write it as 1.16; measured are {', '.join(VERSIONS)}."
-        )
+        known = ", ".join(measured.versions)
+        raise ConfigError(f"'{text}' is no version of PX4. Write it as 1.16; measured are {known}.")
     return int(match[1]), int(match[2])
 
 
-def _versions_between(old: str, new: str) -> list[str]:
+def _versions_between(old: str, new: str, measured: MeasuredPx4) -> tuple[str, ...]:
     """Return the versions whose changes lie between two, the older one left out."""
-    first, last = sorted((VERSIONS.index(old), VERSIONS.index(new)))
-    return list(VERSIONS[first + 1 : last + 1])
+    first, last = sorted((measured.versions.index(old), measured.versions.index(new)))
+    return measured.versions[first + 1 : last + 1]
 
 
 def _by_vehicle(
-    vehicles: Sequence[Vehicle], rows_of: Callable[[Vehicle], Iterable[str]]
+    vehicles: Sequence[Vehicle], sentences_of: Callable[[Vehicle], Iterable[str]]
 ) -> list[str]:
     """Return each sentence once, with the vehicles that it holds for unless it holds for all."""
     names: dict[str, list[str]] = {}
     for vehicle in vehicles:
-        for sentence in rows_of(vehicle):
+        for sentence in sentences_of(vehicle):
             names.setdefault(sentence, []).append(vehicle.name)
-    return [
-        sentence if len(of) == len(vehicles) else f"{', '.join(of)}: {sentence}"
-        for sentence, of in names.items()
-    ]
+
+    result = []
+    for sentence, concerned in names.items():
+        if len(concerned) == len(vehicles):
+            result.append(sentence)
+        else:
+            result.append(f"{', '.join(concerned)}: {sentence}")
+    return result
 
 
 def _demanded(vehicle: Vehicle, version: Version) -> dict[str, RequiredParam]:
     return {demand.name: demand for demand in all_params(vehicle, version)}
 
 
-def _demands(vehicles: Sequence[Vehicle], old: Version, new: Version) -> list[str]:
-    def rows(vehicle: Vehicle) -> Iterable[str]:
-        before, after = _demanded(vehicle, old), _demanded(vehicle, new)
+def _changed_demands(vehicles: Sequence[Vehicle], old: Version, new: Version) -> list[str]:
+    """Return sentences on parameters that are demanded with one version only."""
+
+    def sentences(vehicle: Vehicle) -> Iterator[str]:
+        before = _demanded(vehicle, old)
+        after = _demanded(vehicle, new)
         for name in before.keys() - after.keys():
             yield f"{name} = {before[name].value:g} is demanded no more."
         for name in after.keys() - before.keys():
             yield f"{name} = {after[name].value:g} is demanded from now on: {after[name].reason}."
 
-    return _by_vehicle(vehicles, rows)
+    return _by_vehicle(vehicles, sentences)
 
 
-def _gone(vehicles: Sequence[Vehicle], passed: Sequence[str], new: Version) -> list[str]:
-    gone = {
-        name: version for version in passed for name in _PARAMETERS.get(version, {}).get("gone", ())
-    }
-
-    def rows(vehicle: Vehicle) -> Iterable[str]:
-        for name in vehicle.px4_params:
-            if name in gone:
-                yield f"{name} of the fleet file's px4_params is gone in v{gone[name]}: take-off would be refused."
-
-    return _by_vehicle(vehicles, rows)
-
-
-def _defaults(
-    vehicles: Sequence[Vehicle], passed: Sequence[str], new: Version, *, is_back: bool
+def _gone_parameters(
+    vehicles: Sequence[Vehicle], passed: Sequence[str], measured: MeasuredPx4
 ) -> list[str]:
+    """Return sentences on parameters of the fleet file that PX4 does not have any more."""
+    gone_with = {}
+    for version in passed:
+        for name in measured.parameters.get(version, {}).get("gone", ()):
+            gone_with[name] = version
+
+    def sentences(vehicle: Vehicle) -> Iterator[str]:
+        for name in vehicle.px4_params:
+            if name in gone_with:
+                yield (
+                    f"{name} of the fleet file's px4_params is gone in v{gone_with[name]}:"
+                    " take-off would be refused."
+                )
+
+    return _by_vehicle(vehicles, sentences)
+
+
+def _changed_defaults(
+    vehicles: Sequence[Vehicle],
+    passed: Sequence[str],
+    new: Version,
+    measured: MeasuredPx4,
+    *,
+    is_back: bool,
+) -> list[str]:
+    """Return sentences on defaults of PX4 that differ.
+
+    Args:
+        vehicles: of the fleet.
+        passed: versions whose changes lie between the two, the older one left out.
+        new: version to fly.
+        measured: what is known about them.
+        is_back: whether the new version is the older one.
+    """
+    # Over several versions only the first value and the last one count.
     changed: dict[str, tuple[Value, Value]] = {}
     for version in passed:
-        for name, (before, after) in _PARAMETERS.get(version, {}).get("defaults", {}).items():
-            changed[name] = (changed[name][0] if name in changed else before, after)
+        defaults = measured.parameters.get(version, {}).get("defaults", {})
+        for name, (older, newer) in defaults.items():
+            if name in changed:
+                older = changed[name][0]
+            changed[name] = (older, newer)
 
-    def rows(vehicle: Vehicle) -> Iterable[str]:
+    def sentences(vehicle: Vehicle) -> Iterator[str]:
         demanded = _demanded(vehicle, new)
-        for name, values in changed.items():
-            before, after = reversed(values) if is_back else values
-            kept = (
-                f"; the fleet demands {demanded[name].value:g}, so nothing changes"
-                if name in demanded
-                else ""
-            )
-            yield f"{name} comes as {after:g} instead of {before:g}{kept}."
+        for name, (older, newer) in changed.items():
+            before, after = (newer, older) if is_back else (older, newer)
+            effect = ""
+            if name in demanded:
+                effect = f"; the fleet demands {demanded[name].value:g}, so nothing changes"
+            yield f"{name} comes as {after:g} instead of {before:g}{effect}."
 
-    return _by_vehicle(vehicles, rows)
+    return _by_vehicle(vehicles, sentences)
 
 
-def _identified(vehicles: Sequence[Vehicle], new: str) -> list[str]:
-    """Sentences on attitude values that were identified with another version."""
+def _lag_notes(vehicles: Sequence[Vehicle], new: str, measured: MeasuredPx4) -> list[str]:
+    """Return sentences on attitude values that were identified with another version."""
 
-    def rows(vehicle: Vehicle) -> Iterable[str]:
-        if vehicle.px4_version == new:
+    def sentences(vehicle: Vehicle) -> Iterator[str]:
+        identified = vehicle.px4_version
+        if identified == new:
             return
-        before_s, after_s = (
-            lag_s(_version(name), vehicle.px4_params) for name in (vehicle.px4_version, new)
-        )
-        head = f"The attitude values of type '{vehicle.type}' were identified with v{vehicle.px4_version}. "
+        before_s = lag_s(_version(identified, measured), vehicle.px4_params)
+        after_s = lag_s(_version(new, measured), vehicle.px4_params)
+
+        head = f"The attitude values of type '{vehicle.type}' were identified with v{identified}."
         if abs(after_s - before_s) > LAG_ERROR_S:
             yield (
-                f"{head}With v{new} the attitude lags by {after_s:.2f} s instead of {before_s:.2f} s and take-off is "
-                "refused: identify the vehicle anew (covey identify), and set px4_version."
+                f"{head} With v{new} the attitude lags by {after_s:.2f} s instead of"
+                f" {before_s:.2f} s and take-off is refused: identify the vehicle anew"
+                " (covey identify), and set px4_version."
             )
         else:
-            yield f"{head}With v{new} the attitude lags alike ({after_s:.2f} s): set px4_version."
+            yield f"{head} With v{new} the attitude lags alike ({after_s:.2f} s): set px4_version."
 
-    return _by_vehicle(vehicles, rows)
+    return _by_vehicle(vehicles, sentences)
 
 
-def _facts(
-    vehicles: Sequence[Vehicle], old: str, new: str, version: Version
-) -> Iterable[ChangedFact]:
-    before, after = facts_of(old, FACTS), facts_of(new, FACTS)
-    for name, fact in after.items():
-        if fact.expected == before[name].expected:
+def _changed_facts(
+    vehicles: Sequence[Vehicle], old: str, new: str, version: Version, measured: MeasuredPx4
+) -> Iterator[ChangedFact]:
+    """Yield the measured facts that differ, with what they mean for the fleet."""
+    facts_before = measured.facts_of(old)
+    for name, fact in measured.facts_of(new).items():
+        before = facts_before[name].expected
+        if fact.expected == before:
             continue
-        row = next(
-            row for row in _ROWS if any(fnmatchcase(name, pattern) for pattern in row["facts"])
-        )
-        concerns = tuple(vehicle.name for vehicle in vehicles if _concerns(row, vehicle, version))
+
+        row = _row_of(name)
+        concerned = [vehicle.name for vehicle in vehicles if _concerns(row, vehicle, version)]
         yield ChangedFact(
-            name,
-            fact.says,
-            row["group"],
-            _shown(before[name].expected),
-            _shown(fact.expected),
-            row["says"],
-            concerns,
+            name=name,
+            says=fact.says,
+            group=row["group"],
+            before=_shown(before),
+            after=_shown(fact.expected),
+            meaning=row["says"],
+            concerns=tuple(concerned),
         )
+
+
+def _row_of(fact_name: str) -> dict[str, Any]:
+    """Return the first row of the table that has a pattern for a fact; each fact has one."""
+    for row in _ROWS:
+        if any(fnmatchcase(fact_name, pattern) for pattern in row["facts"]):
+            return row
+    raise LookupError(f"comparison.toml has no row for {fact_name}")
 
 
 def _concerns(row: dict[str, Any], vehicle: Vehicle, version: Version) -> bool:
+    """Whether a change matters to a vehicle: not where a demanded value keeps it from happening."""
     if row.get("is_harmless", False):
         return False
     demand = _demanded(vehicle, version).get(row.get("parameter", ""))
@@ -216,63 +295,62 @@ def _shown(expected: str) -> str:
 
 
 def as_text(found: Comparison) -> str:
-    """The comparison for people."""
-    lines = [
-        f"PX4 v{found.old.removeprefix('v')} to v{found.new.removeprefix('v')}, for {', '.join(found.vehicles)}."
-    ]
+    """Return the comparison for people."""
+    old = found.old.removeprefix("v")
+    new = found.new.removeprefix("v")
+    lines = [f"PX4 v{old} to v{new}, for {', '.join(found.vehicles)}."]
     lines += _wrapped(found.notes, "  ! ")
+
     lines.append("Parameters")
     lines += _wrapped(found.parameters or ("nothing changes.",), "  ")
+
     for group, title in _GROUPS.items():
         lines.append(title)
         facts = [fact for fact in found.facts if fact.group == group]
-        facts.sort(key=lambda fact: (not fact.concerns, fact.meaning))
-        if not facts:
+        if facts:
+            lines += _fact_lines(facts, found.vehicles)
+        else:
             lines.append("  nothing changes.")
-        for (meaning, concerns), of_meaning in groupby(
-            facts, key=lambda fact: (fact.meaning, fact.concerns)
-        ):
-            whom = "concerns " + ("all" if concerns == found.vehicles else ", ".join(concerns))
-            lines += _wrapped(
-                [f"{meaning} ({whom if concerns else 'does not concern this fleet'}):"], "  "
-            )
-            rows = [
-                f"{fact.name}: {fact.before} -> {fact.after} ({fact.says})" for fact in of_meaning
-            ]
-            more = (
-                [f"and {len(rows) - _SHOWN} more: --json lists them"] if len(rows) > _SHOWN else []
-            )
-            lines += _wrapped([*rows[:_SHOWN], *more], "    ")
     return "\n".join(lines)
 
 
+def _fact_lines(facts: Sequence[ChangedFact], vehicles: tuple[str, ...]) -> list[str]:
+    """Return the facts of one group: those that concern the fleet first, by what they mean."""
+    ordered = sorted(facts, key=lambda fact: (not fact.concerns, fact.meaning))
+    lines = []
+    for (meaning, concerned), of_meaning in groupby(
+        ordered, key=lambda fact: (fact.meaning, fact.concerns)
+    ):
+        if not concerned:
+            scope = "does not concern this fleet"
+        elif concerned == vehicles:
+            scope = "concerns all"
+        else:
+            scope = f"concerns {', '.join(concerned)}"
+        lines += _wrapped([f"{meaning} ({scope}):"], "  ")
+
+        rows = [f"{fact.name}: {fact.before} -> {fact.after} ({fact.says})" for fact in of_meaning]
+        shown = rows[:_MOST_SHOWN]
+        if len(rows) > _MOST_SHOWN:
+            shown.append(f"and {len(rows) - _MOST_SHOWN} more: --json lists them")
+        lines += _wrapped(shown, "    ")
+    return lines
+
+
 def _wrapped(sentences: Iterable[str], indent: str) -> list[str]:
-    return [
-        line
-        for sentence in sentences
-        for line in textwrap.wrap(
-            sentence, _WIDTH, initial_indent=indent, subsequent_indent=" " * (len(indent) + 2)
-        )
-    ]
+    hanging = " " * (len(indent) + 2)
+    lines = []
+    for sentence in sentences:
+        lines += textwrap.wrap(sentence, _WIDTH, initial_indent=indent, subsequent_indent=hanging)
+    return lines
 
 
 def as_mapping(found: Comparison) -> dict[str, Any]:
-    """The same for programs."""
+    """Return the comparison for programs."""
     return {
         "old": found.old,
         "new": found.new,
         "notes": list(found.notes),
         "parameters": list(found.parameters),
-        "facts": [
-            {
-                "name": fact.name,
-                "says": fact.says,
-                "group": fact.group,
-                "before": fact.before,
-                "after": fact.after,
-                "meaning": fact.meaning,
-                "concerns": list(fact.concerns),
-            }
-            for fact in found.facts
-        ],
+        "facts": [{**asdict(fact), "concerns": list(fact.concerns)} for fact in found.facts],
     }

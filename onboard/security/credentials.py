@@ -2,7 +2,7 @@
 
 ``ca.pem`` is the certificate of the fleet's own certificate authority, ``NODE.pem`` a node's
 certificate, and ``NODE.key`` its private key, which never leaves the computer of that node.
-``covey secure`` makes them. They are checked before the bus is opened: whoever opens a node of the
+``covey keys secure`` makes them. They are checked before the bus is opened: whoever opens a node of the
 bus hands it the credentials that are made here.
 """
 
@@ -69,7 +69,7 @@ def credentials_of(
         if not os.path.isfile(path):
             raise ConfigError(
                 f"{path} is missing: {_description(node)} cannot join this fleet's bus. "
-                f"Make what is missing with: covey secure {fleet.path}"
+                f"Make what is missing with: covey keys secure {fleet.path}"
             )
 
     mode = stat.S_IMODE(os.stat(key).st_mode)

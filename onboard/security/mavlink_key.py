@@ -87,7 +87,7 @@ def read_key(path: str, fleet_path: str) -> bytes:
         raise ConfigError(
             f"{path} cannot be read ({error.strerror}): it is the key of a vehicle whose MAVLink "
             "is signed. Copy it from the computer that has it, or make a new key there: "
-            f"covey secure {fleet_path} --mavlink"
+            f"covey keys secure {fleet_path} --mavlink"
         ) from None
 
     if mode & _OPEN_TO_OTHERS:

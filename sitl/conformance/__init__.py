@@ -1,3 +1,3 @@
-"""Behaviour of a real PX4 as checks of any endpoint: ``covey sitl-check``. Shares no code with the
+"""Behaviour of a real PX4 as checks of any endpoint: ``covey check endpoint``. Shares no code with the
 emulator.
 """

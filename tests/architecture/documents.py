@@ -8,11 +8,12 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-from tests.architecture import api_reference, reference, tables
+from tests.architecture import api_reference, commands, reference, tables
 
 DOCS = Path(__file__).parents[2] / "docs"
 
 PRINTED: dict[str, tuple[str, Callable[[], str]]] = {
+    "commands": ("commands.md", commands.commands),
     "failsafe": ("failsafe.md", tables.failsafes),
     "conditions": ("failsafe.md", tables.conditions),
     "steps": ("flight.md", tables.steps),

@@ -191,7 +191,9 @@ def gallery() -> str:
     parts = []
     for name in GALLERY:
         title, _, words = sentence_of(name).partition(": ")
-        parts.append(f"## {title}\n\n{words[0].upper()}{words[1:]}\n\n    covey gallery {name}\n")
+        parts.append(
+            f"## {title}\n\n{words[0].upper()}{words[1:]}\n\n    covey demo gallery {name}\n"
+        )
         parts.append(
             f"![{title}: the ways from above, and the closest pair](figures/gallery-{name}.png)\n"
         )

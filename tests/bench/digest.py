@@ -7,7 +7,7 @@ differs.
 
 Three kinds of flights are flown, all in simulated time and all with fixed seeds:
 
-* every mission of the gallery, through ``covey gallery``;
+* every mission of the gallery, through ``covey demo gallery``;
 * the cross-section of the fault suite that the daily tests fly;
 * a campaign of 500 flights, through ``covey simulate --json``.
 

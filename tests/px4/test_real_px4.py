@@ -77,7 +77,9 @@ def test_px4_is_as_its_version_was_measured(build: Px4Build, table: Table, tmp_p
         check.kill()
     different = re.findall(r"^X DIFFERS (\S+)", output, re.MULTILINE)
     counts = output.strip().rpartition("\n")[2]
-    table.add("`covey sitl-check`", f"{counts}{': ' + ', '.join(different) if different else ''}")
+    table.add(
+        "`covey check endpoint`", f"{counts}{': ' + ', '.join(different) if different else ''}"
+    )
     assert check.returncode in (0, 1), output
     assert len(different) <= 3, output  # on a busy machine a fact of time scatters
 

@@ -1,4 +1,4 @@
-"""``covey preflight``, and what a mission makes of go or no-go and of the law's findings before it
+"""``covey check vehicles``, and what a mission makes of go or no-go and of the law's findings before it
 starts.
 """
 

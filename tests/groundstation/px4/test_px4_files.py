@@ -8,10 +8,15 @@ from pathlib import Path
 import pytest
 
 from groundstation.cli import main
+from groundstation.commands.px4 import measured_px4
 from groundstation.px4 import comparison
 from groundstation.px4.parameter_file import read_file, write_file
 from groundstation.px4.parameter_sets import differences
-from onboard.config.fleet import ConfigError, fleet_from_mapping, load_fleet
+from onboard.config.fleet import ConfigError, FleetConfig, fleet_from_mapping, load_fleet
+
+
+def compared(fleet: FleetConfig, old: str, new: str) -> comparison.Comparison:
+    return comparison.compare(fleet, old, new, measured_px4())
 
 
 def test_a_file_keeps_every_value_of_every_vehicle(tmp_path: Path) -> None:
@@ -107,16 +112,16 @@ def test_a_vehicle_that_demands_otherwise_is_concerned_and_a_parameter_that_is_g
 
     data = tomllib.loads(fleet.text)
     data["vehicles"]["mav1"]["px4_params"] = own
-    found = comparison.compare(fleet_from_mapping(data), "v1.17", "1.18.0")
+    found = compared(fleet_from_mapping(data), "v1.17", "1.18.0")
     by_name = {fact.name: fact for fact in found.facts}
     assert by_name["loss.action-0"].concerns == ("mav1",)
     assert any(
         row.startswith("mav1: EKF2_GPS_DELAY") and "gone in v1.18" in row
         for row in found.parameters
     )
-    back = comparison.compare(fleet, "1.18", "1.16")
+    back = compared(fleet, "1.18", "1.16")
     assert any(row.startswith("MC_ROLL_P comes as 6.5 instead of 4") for row in back.parameters)
-    same = comparison.compare(fleet, "1.17", "1.17")
+    same = compared(fleet, "1.17", "1.17")
     assert not same.parameters
     assert not same.facts
     assert "nothing changes." in comparison.as_text(same)
@@ -125,15 +130,14 @@ def test_a_vehicle_that_demands_otherwise_is_concerned_and_a_parameter_that_is_g
 def test_versions_that_nobody_measured_are_named_and_nonsense_is_refused() -> None:
     fleet = load_fleet("sih")
     assert (
-        "V1.19 was never measured: it is judged as v1.18."
-        in comparison.compare(fleet, "1.18", "1.19").notes
+        "V1.19 was never measured: it is judged as v1.18." in compared(fleet, "1.18", "1.19").notes
     )
     for version in ("main", "1", "1.16-", ""):
         with pytest.raises(ConfigError, match="is no version of PX4"):
-            comparison.compare(fleet, version, "1.18")
+            compared(fleet, version, "1.18")
 
 
 def test_every_changed_fact_has_a_meaning_and_every_row_a_group() -> None:
-    found = comparison.compare(load_fleet("sih"), "1.16", "1.18")
+    found = compared(load_fleet("sih"), "1.16", "1.18")
     assert {fact.meaning for fact in found.facts if fact.meaning == "other behaviour"} == set()
     assert {fact.group for fact in found.facts} == {"failsafe", "attitude", "link"}

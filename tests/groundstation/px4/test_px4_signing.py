@@ -108,7 +108,7 @@ def test_a_key_that_is_missing_readable_or_none_and_a_version_that_cannot_sign_a
         (lambda: file.chmod(0o644), "can be read by other users.* chmod 600"),
         (lambda: (file.chmod(0o600), file.write_bytes(key[:31])), "holds no key"),
         (lambda: file.write_bytes(bytes(KEY_BYTES)), "holds no key"),
-        (file.unlink, "cannot be read.*covey secure .* --mavlink"),
+        (file.unlink, "cannot be read.*covey keys secure .* --mavlink"),
     ):
         change()
         with pytest.raises(ConfigError, match=words):

@@ -1,4 +1,4 @@
-"""``covey sitl-check`` over UDP: a running emulator, and nobody at all."""
+"""``covey check endpoint`` over UDP: a running emulator, and nobody at all."""
 
 from __future__ import annotations
 

@@ -216,4 +216,4 @@ def test_a_mission_and_a_script_are_told_apart(
     assert "covey fly" in capsys.readouterr().err
     script = _script(tmp_path, BLOCKING)
     assert main(["fly", script, "--lockstep"]) == 2
-    assert "covey run" in capsys.readouterr().err
+    assert "covey fly script" in capsys.readouterr().err
