@@ -44,7 +44,7 @@ class Command(NamedTuple):
 
     @property
     def path(self) -> str:
-        """Where the function or App is, from the root of the project."""
+        """Module and name of the function or App, from the root of the project."""
         return f"groundstation.commands.{self.target}"
 
 

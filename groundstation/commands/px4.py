@@ -35,7 +35,6 @@ from groundstation.px4 import (
 from groundstation.px4.parameter_file import default_backup
 from groundstation.px4.vehicle_links import VehicleLink, for_each, opened
 from onboard.config.fleet import ConfigError, FleetConfig, Vehicle, load_fleet
-from onboard.security.mavlink_key import mavlink_key, read_key
 from onboard.config.toml_reading import package_table
 from onboard.exit_status import EXIT_OK
 from onboard.security.mavlink_key import mavlink_key, read_key

@@ -30,7 +30,7 @@ from onboard.plain_text import plain_lines
 
 
 class _ScriptEnd(NamedTuple):
-    """How a script ended."""
+    """The end of a script."""
 
     status: int
     failure: str  # a sentence; empty when nothing went wrong

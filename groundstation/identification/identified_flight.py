@@ -16,7 +16,7 @@ from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
 
 @dataclass(slots=True)
 class IdentifiedFlight:
-    """What a record says about the vehicles in it."""
+    """The identified vehicles of a record, and those that could not be identified."""
 
     vehicles: list[IdentifiedVehicle] = field(default_factory=list)
     # name of a vehicle that was not identified -> a sentence that says why

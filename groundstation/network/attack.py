@@ -40,7 +40,7 @@ class AttemptResult:
 
 @dataclass(frozen=True, slots=True)
 class FlightFigures:
-    """How the copy with keys flew while it was attacked."""
+    """Figures of the flight of the copy with keys, while it was attacked."""
 
     separation_m: float  # smallest distance of two vehicles
     safety_distance_m: float

@@ -7,9 +7,9 @@ import datetime
 from groundstation.keys.authority import folder_of, nodes_of
 from groundstation.keys.running import running_authorities
 from groundstation.network.diagnosis import Diagnosis, Grade, graded
+from onboard.config.fleet import ConfigError, FleetConfig
 from onboard.security.certificates import read_certificate
 from onboard.security.credentials import credentials_of, files_of
-from onboard.config.fleet import ConfigError, FleetConfig
 
 _SOON = datetime.timedelta(days=30)  # a certificate that expires within this time is to be renewed
 

@@ -12,7 +12,6 @@ from dataclasses import dataclass, field
 from groundstation.client.ground_node import session
 from groundstation.keys.listeners import is_listening
 from groundstation.network.diagnosis import Diagnosis, Grade, graded
-from onboard.bus.control_token import WATCHER
 from onboard.bus.clock_sync import BEAT_S, ClockNode
 from onboard.bus.codec import Malformed
 from onboard.bus.control_token import WATCHER

@@ -38,15 +38,15 @@ class MeasuredFact(Protocol):
 
     @property
     def says(self) -> str:
-        """What was measured, in words."""
+        """The subject of the measurement, in words."""
 
     @property
     def expected(self) -> str:
-        """What came out."""
+        """The outcome of the measurement."""
 
 
 class MeasuredPx4(NamedTuple):
-    """What was measured of the versions of PX4."""
+    """Measurements of the versions of PX4."""
 
     versions: tuple[str, ...]  # that were measured, the oldest first
     # any version -> the measured one to judge by, and a sentence when it is another one

@@ -27,7 +27,8 @@ _HEAD = """# What PX4 does, and what the emulator does
 Facts of PX4 v1.16, v1.17 and v1.18 (SITL with its built-in SIH quadrotor, default parameters), as
 `covey check endpoint` demands them of any MAVLink endpoint, and what the emulator answered as each of
 them (`covey sitl --px4 1.18`). `covey check endpoint udpin://127.0.0.1:14540` asks yours, and
-judges it by the version that it reports (`--px4` says another); it turns the motors only of a vehicle that knows its own ground truth, which only a simulated one does.
+judges it by the version that it reports (`--px4` says another); it
+turns the motors only of a vehicle that knows its own ground truth, which only a simulated one does.
 
 All were measured with the command, on v1.16.0, on the branch of release 1.17 of October 2025 (v1.17.0-alpha1) and on
 that of release 1.18 of August 2026 (v1.18.0-rc1); nothing here was only read in PX4's source. An empty place under a
