@@ -11,7 +11,7 @@ from groundstation.missions.runner import load_function
 from groundstation.network.bus_findings import bus_findings
 from onboard.config.example_files import existing_file
 from onboard.config.fleet import FleetConfig, load_fleet, read_toml
-from onboard.feasibility.bounds import ACCURACIES
+from onboard.estimation.accuracies import ACCURACIES
 from onboard.feasibility.finding import Finding, worst_first
 from onboard.feasibility.fleet_checks import (
     ErrorClass,
