@@ -24,7 +24,8 @@ from cyclopts import Parameter
 from groundstation.commands.fly import fly_mission
 from groundstation.commands.parameters import BusOptions, File, FlightOptions
 from groundstation.flights.demo_missions import locked_copy, mission_of_ring
-from groundstation.mission_files.loading import Mission, load_mission
+from groundstation.mission_files.loading import load_mission
+from groundstation.mission_files.mission import Mission
 from groundstation.processes.supervisor import most_agents
 from onboard.config.fleet import ConfigError, load_fleet
 

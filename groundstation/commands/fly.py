@@ -21,7 +21,7 @@ from cyclopts import Parameter
 from groundstation.commands.parameters import BusOptions, FlightOptions, refuse_wrong_seed
 from groundstation.flights.flight_settings import new_folder, prepare
 from groundstation.flights.mission_flight import MissionFlight, clock_say
-from groundstation.mission_files.loading import Mission
+from groundstation.mission_files.mission import Mission
 from onboard.config.fleet import ConfigError
 
 _NO_OPTIONS = FlightOptions()

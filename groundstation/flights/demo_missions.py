@@ -9,7 +9,8 @@ from pathlib import Path
 from msgspec.structs import replace
 
 from groundstation.keys.secured_fleet import secure_fleet
-from groundstation.mission_files.loading import Mission, with_fleet
+from groundstation.mission_files.loading import with_fleet
+from groundstation.mission_files.mission import Mission
 from groundstation.processes.free_ports import in_another_folder, toml_text, with_free_ports
 from groundstation.starter.files import Answers, starter
 
