@@ -22,14 +22,12 @@ RULES: tuple[PreflightRule, ...] = (*AUTOPILOT_RULES, *POSITION_RULES, *FLIGHT_R
 def checks(
     facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle
 ) -> tuple[PreflightCheck, ...]:
-    """Judge all rules.
+    """Return the answers of all rules, in the order of the table.
 
     Args:
         facts: about the vehicle, at one tick.
         fleet: the fleet file.
         vehicle: the vehicle of that file.
-    Returns:
-        all answers, in the order of the table.
     """
     return tuple(rule.check(facts, fleet, vehicle) for rule in RULES)
 
@@ -37,7 +35,7 @@ def checks(
 def reasons(
     facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle, only: Collection[str] | None = None
 ) -> tuple[str, ...]:
-    """Judge the rules and keep what refuses take-off.
+    """Return what refuses take-off.
 
     Args:
         facts: about the vehicle, at one tick.
@@ -51,6 +49,8 @@ def reasons(
     for rule in RULES:
         if only is not None and rule.name not in only:
             continue
+
+        # the words are put together only where they are needed: this is judged ten times a second
         key, _ = rule.judge(facts, fleet, vehicle)
         if key not in (OK, SKIP) and not rule.faults[key].is_advice:
             check = rule.check(facts, fleet, vehicle)

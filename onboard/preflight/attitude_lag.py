@@ -1,5 +1,6 @@
-"""Lag of the attitude by PX4's version and parameters: whether the values of a fleet file hold for
-this PX4. Pure.
+"""Lag of the attitude by PX4's version and parameters. Pure.
+
+It says whether the attitude values of a fleet file hold for the PX4 that flies.
 """
 
 from __future__ import annotations
@@ -8,23 +9,34 @@ from collections.abc import Mapping
 
 from onboard.autopilot import Version
 
-_DEFAULT_P_1_S = ((1, 17), 6.5, 4.0)  # MC_ROLL_P and MC_PITCH_P before this version, and from it on
-_FILTERED_SINCE: Version = (1, 18)
-_FILTER_RAD_S = 50.0  # MC_REF_W_N: critically damped filter of attitude setpoints
-_FILTER_RAD = 2.2  # measured: its delay times its natural frequency
 GAINS = ("MC_ROLL_P", "MC_PITCH_P")
+# default of the gains [1/s]: before PX4 1.17, and from it on
+_DEFAULT_CHANGED_SINCE: Version = (1, 17)
+_DEFAULT_BEFORE_1_S = 6.5
+_DEFAULT_SINCE_1_S = 4.0
+_LEAST_GAIN_1_S = 0.1
+
+# critically damped filter of attitude setpoints
+_FILTERED_SINCE: Version = (1, 18)
+_FILTER_RAD_S = 50.0  # default of MC_REF_W_N
+_FILTER_RAD = 2.2  # measured: the filter's delay times its natural frequency
+_LEAST_FILTER_RAD_S = 1.0
 
 
 def lag_s(version: Version, px4_params: Mapping[str, float]) -> float:
-    """Return the lag of the slower of roll and pitch [s], as far as PX4's attitude control makes
-    it.
+    """Return the lag [s] of the slower of roll and pitch that PX4's attitude control makes.
 
     Args:
         version: of PX4.
         px4_params: values that are known; the others count as PX4's defaults.
     """
-    since, before, after = _DEFAULT_P_1_S
-    default_1_s = before if version < since else after
-    slowest_1_s = max(0.1, min(float(px4_params.get(name, default_1_s)) for name in GAINS))
-    filter_rad_s = max(1.0, float(px4_params.get("MC_REF_W_N", _FILTER_RAD_S)))
-    return 1.0 / slowest_1_s + (_FILTER_RAD / filter_rad_s if version >= _FILTERED_SINCE else 0.0)
+    default_1_s = _DEFAULT_SINCE_1_S
+    if version < _DEFAULT_CHANGED_SINCE:
+        default_1_s = _DEFAULT_BEFORE_1_S
+    slowest_1_s = min(float(px4_params.get(name, default_1_s)) for name in GAINS)
+    control_s = 1.0 / max(_LEAST_GAIN_1_S, slowest_1_s)
+    if version < _FILTERED_SINCE:
+        return control_s
+
+    filter_rad_s = float(px4_params.get("MC_REF_W_N", _FILTER_RAD_S))
+    return control_s + _FILTER_RAD / max(_LEAST_FILTER_RAD_S, filter_rad_s)

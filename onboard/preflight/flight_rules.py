@@ -1,5 +1,6 @@
-"""Rules of preflight about the flight to come: neighbours, fleet file, law, throttle, battery,
-loop, record. Pure.
+"""Rules of preflight about the flight to come. Pure.
+
+They are about neighbours, fleet file, law, throttle, battery, loop and record.
 """
 
 from __future__ import annotations
@@ -10,31 +11,35 @@ from onboard.config.fleet import FleetConfig, Vehicle
 from onboard.preflight.preflight_facts import PreflightFacts
 from onboard.preflight.preflight_rule import FINE, NO_PX4, OK, Judgement, rules
 
-HOVER_SHARE, HOVER_ADVICE_SHARE = 0.25, 0.10
+HOVER_SHARE = 0.25  # by which the hover throttle may differ
+HOVER_ADVICE_SHARE = 0.10
 LOWEST_VOLTAGE_V = 2.5
 LATE_LOOP_MS = 30.0
-# states are sampled at ticks and sent at ticks, and a hundred samples tell a loss by a tenth
-DELAY_ALLOWANCE_S, LOSS_ALLOWANCE = 0.04, 0.10
+
+# States are sampled at ticks and sent at ticks, and a hundred samples tell a loss by a tenth.
+DELAY_ALLOWANCE_S = 0.04
+LOSS_ALLOWANCE = 0.10
 
 
 def _neighbours(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgement:
     missing = facts.missing_neighbours
     if not missing:
         return _radio(facts, fleet)
-    several = len(missing) > 1
-    words = {
-        "names": ", ".join(missing),
-        "are": "are" if several else "is",
-        "agents": "agents" if several else "agent",
-    }
-    return "missing", words
+
+    names = ", ".join(missing)
+    if len(missing) == 1:
+        return "missing", {"names": names, "are": "is", "agents": "agent"}
+    return "missing", {"names": names, "are": "are", "agents": "agents"}
 
 
 def _radio(facts: PreflightFacts, fleet: FleetConfig) -> Judgement:
-    """Compare the delay and the loss with what the fleet file expects."""
-    expected, measured, count = fleet.expected_radio, facts.radio, len(fleet.enabled_names) - 1
+    """Judge delay and loss by what the fleet file expects."""
+    expected = fleet.expected_radio
+    measured = facts.radio
+    count = len(fleet.enabled_names) - 1
     if measured is None:
         return OK, {"count": count}
+
     words = {
         "delayed": measured.delayed,
         "delay": 1e3 * measured.delay_s,
@@ -44,74 +49,98 @@ def _radio(facts: PreflightFacts, fleet: FleetConfig) -> Judgement:
         "expected_loss": 100.0 * expected.expected_loss_frac,
         "count": count,
     }
-    is_late = measured.delay_s > expected.expected_delay_s + DELAY_ALLOWANCE_S
-    is_lossy = measured.loss_frac > expected.expected_loss_frac + LOSS_ALLOWANCE
-    return ("late" if is_late else "lossy" if is_lossy else OK), words
+    if measured.delay_s > expected.expected_delay_s + DELAY_ALLOWANCE_S:
+        return "late", words
+    if measured.loss_frac > expected.expected_loss_frac + LOSS_ALLOWANCE:
+        return "lossy", words
+    return OK, words
 
 
 def _configuration(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgement:
     words = {"hash": facts.config_hash}
     if vehicle.enabled is False:
         return "disabled", words
-    if facts.other_hashes:
-        name, other = next(iter(facts.other_hashes.items()))
-        more = f" (and {len(facts.other_hashes) - 1} more)" if len(facts.other_hashes) > 1 else ""
-        return "differs", {**words, "names": f"{name}{more}", "other": other}
-    return OK, words
+    if not facts.other_hashes:
+        return OK, words
+
+    names, other_hash = next(iter(facts.other_hashes.items()))
+    if len(facts.other_hashes) > 1:
+        names = f"{names} (and {len(facts.other_hashes) - 1} more)"
+    return "differs", {**words, "names": names, "other": other_hash}
 
 
 def _law(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgement:
     # of a fleet that marks none, covey sitl plays all vehicles
     is_emulated = vehicle.emulated or (facts.has_emulator and not fleet.emulated_names)
-    if fleet.law.is_own and not is_emulated and not fleet.law.allow_own_law_on_real_vehicles:
+    may_fly_own = is_emulated or fleet.law.allow_own_law_on_real_vehicles
+    if fleet.law.is_own and not may_fly_own:
         return "own", {"law": fleet.law.name, "name": vehicle.name}
+
     # the report is part of the record: so the record tells which source flew
     if not facts.law_refusals:
-        source = "" if fleet.own_law is None else f" (source {fleet.own_law.source_hash})"
-        return OK, {"law": f"{facts.law}{source}"}
+        if fleet.own_law is None:
+            return OK, {"law": facts.law}
+        return OK, {"law": f"{facts.law} (source {fleet.own_law.source_hash})"}
+
     _, sentence, remedy = facts.law_refusals[0]
     words = {"law": facts.law, "finding": sentence, "change": remedy}
-    return ("refused" if facts.law not in ("paper", "off") else "baseline"), words
+    if facts.law in ("paper", "off"):
+        return "baseline", words
+    return "refused", words
 
 
 def _hover(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgement:
-    words = {"learned": facts.hover_frac, "file": vehicle.hover_thrust_frac}
-    if not math.isfinite(facts.hover_frac):
-        return OK, {**words, "learned": vehicle.hover_thrust_frac}
-    share = abs(facts.hover_frac / vehicle.hover_thrust_frac - 1.0)
-    return ("far" if share > HOVER_SHARE else "off" if share > HOVER_ADVICE_SHARE else OK), words
+    learned_frac = facts.hover_frac
+    file_frac = vehicle.hover_thrust_frac
+    if not math.isfinite(learned_frac):
+        return OK, {"learned": file_frac, "file": file_frac}
+
+    words = {"learned": learned_frac, "file": file_frac}
+    share = abs(learned_frac / file_frac - 1.0)
+    if share > HOVER_SHARE:
+        return "far", words
+    if share > HOVER_ADVICE_SHARE:
+        return "off", words
+    return OK, words
 
 
 def _battery(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgement:
     if not facts.has_autopilot:
         return NO_PX4
+
+    level_pct = 100.0 * facts.battery_frac
     required_pct = fleet.fleet.battery_warning_pct
-    words = {
-        "level": 100.0 * facts.battery_frac,
-        "volts": facts.battery_voltage_v,
-        "required": required_pct,
-    }
+    words = {"level": level_pct, "volts": facts.battery_voltage_v, "required": required_pct}
     if not math.isfinite(facts.battery_frac):
         return "unknown", words
     if not 0.0 <= facts.battery_frac <= 1.0 or facts.battery_voltage_v < LOWEST_VOLTAGE_V:
         return "implausible", words
-    return ("low" if words["level"] < required_pct else OK), words
+    if level_pct < required_pct:
+        return "low", words
+    return OK, words
 
 
 def _loop(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgement:
     if not facts.is_law_warm:
         return "warming", {}
-    return ("late" if facts.loop_p99_ms > LATE_LOOP_MS else OK), {"p99": facts.loop_p99_ms}
+    words = {"p99": facts.loop_p99_ms}
+    if facts.loop_p99_ms > LATE_LOOP_MS:
+        return "late", words
+    return OK, words
 
 
 def _record(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgement:
-    return FINE if facts.has_recorder else ("none", {})
+    if facts.has_recorder:
+        return FINE
+    return "none", {}
 
 
 def _kill_switch(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgement:
+    if facts.has_rc is None:
+        return "unknown", {}
     if facts.has_rc:
         return "heard", {}
-    return ("unknown" if facts.has_rc is None else "unheard"), {}
+    return "unheard", {}
 
 
 FLIGHT_RULES = rules(

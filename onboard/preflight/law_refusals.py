@@ -1,6 +1,4 @@
-"""Findings of feasibility that refuse take-off: of the fleet file, and of the spots where vehicles
-stand.
-"""
+"""Findings of feasibility that refuse take-off: of the fleet file, and of where vehicles stand."""
 
 from __future__ import annotations
 
@@ -23,24 +21,23 @@ class LawRefusals:
 
     def __init__(self, fleet: FleetConfig, vehicle: str, neighbours: NeighbourTable) -> None:
         self._fleet = fleet
-        self._vehicle, self._neighbours = vehicle, neighbours
-        self._of_fleet: tuple[Refusal, ...] | None = None
+        self._vehicle = vehicle
+        self._neighbours = neighbours
+        self._of_fleet: tuple[Refusal, ...] | None = None  # None: not judged yet
         self._of_spots: tuple[Refusal, ...] = ()
 
     @property
     def current(self) -> tuple[Refusal, ...]:
         """Name, sentence and remedy of each finding that refuses."""
         if self._of_fleet is None:
-            key = self._fleet.config_hash
-            if key not in _judged:
-                _judged.clear()  # agents of one process fly one fleet
-                _judged[key] = _refusals(fleet_findings(self._fleet))
-            self._of_fleet = _judged[key]
+            self._of_fleet = _refusals_of_fleet(self._fleet)
         return self._of_fleet + self._of_spots
 
     def judge_spot(self, position_enu_m: Vec3 | None) -> None:
-        """Judge the distance from where the vehicle stands to the nearest other one on the ground;
-        None: unknown.
+        """Judge the distance from here to the nearest other vehicle on the ground.
+
+        Args:
+            position_enu_m: where the vehicle stands; None while that is not known.
         """
         self._of_spots = ()
         others = {
@@ -50,17 +47,26 @@ class LawRefusals:
         }
         if position_enu_m is None or not others:
             return
-        own = position_enu_m
-        nearest = min(others, key=lambda name: math.dist(own[:2], others[name][:2]))
-        spots = {self._vehicle: own, nearest: others[nearest]}
-        self._of_spots = _refusals(
-            (start_finding(self._fleet, spots, ACCURACIES[error_class(self._fleet)]),)
-        )
+
+        own_x_y_m = position_enu_m[:2]
+        nearest = min(others, key=lambda name: math.dist(own_x_y_m, others[name][:2]))
+        spots = {self._vehicle: position_enu_m, nearest: others[nearest]}
+        accuracy = ACCURACIES[error_class(self._fleet)]
+        self._of_spots = _refusals([start_finding(self._fleet, spots, accuracy)])
+
+
+def _refusals_of_fleet(fleet: FleetConfig) -> tuple[Refusal, ...]:
+    key = fleet.config_hash
+    if key not in _judged:
+        _judged.clear()  # agents of one process fly one fleet
+        _judged[key] = _refusals(fleet_findings(fleet))
+    return _judged[key]
 
 
 def _refusals(findings: Iterable[Finding]) -> tuple[Refusal, ...]:
+    """Return the findings that refuse, with the remedy apart from the sentence."""
     return tuple(
-        (f.name, f.sentence.removesuffix(f" {f.remedy}"), f.remedy)
-        for f in findings
-        if f.status == "refused"
+        (finding.name, finding.sentence.removesuffix(f" {finding.remedy}"), finding.remedy)
+        for finding in findings
+        if finding.status == "refused"
     )

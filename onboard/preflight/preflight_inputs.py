@@ -18,14 +18,14 @@ from onboard.agent_inputs import (
 )
 from onboard.autopilot import Snapshot, Vec4
 from onboard.bus.control_token import GROUND, WATCHER
-from onboard.bus.schema import MocapPose, Telemetry
+from onboard.bus.schema import MocapPose, StateMessage, Telemetry
 from onboard.neighbours.duplicate_agents import DuplicateAgents
 from onboard.security.node_roles import NodeRole
 
 RECORDER = "recorder"  # first word of the bus node of a recorder
 EMULATOR = NodeRole.EMULATOR.value  # the same of an emulator
 _DUPLICATE_FOR_NS = 3_000_000_000
-_POSE_SOURCE_NS = 500_000_000
+_POSE_SOURCE_NS = 500_000_000  # a program that has sent no pose for so long is no source
 
 
 class MocapSample(NamedTuple):
@@ -38,11 +38,12 @@ class MocapSample(NamedTuple):
 
 @dataclass(slots=True)
 class PreflightInputs:
-    """Newest input of each kind; ``hear`` every event of the agent."""
+    """Newest input of each kind; :meth:`hear` every input of the agent."""
 
     vehicle: str
     body: str | None  # mocap body of this vehicle
     boot_id: int  # of this agent
+
     sample: MocapSample | None = None
     param_problems: tuple[str, ...] | None = None  # None until PX4's parameters are read
     dropped: Snapshot = field(default_factory=Snapshot)  # newest of PX4 that was nonsense
@@ -51,10 +52,11 @@ class PreflightInputs:
     # node on another host -> error of its clock
     clock_bounds_s: dict[str, float] = field(default_factory=dict)
     duplicates: DuplicateAgents = field(default_factory=DuplicateAgents)
+
     # sender's boot id -> arrival of its last pose here
     _pose_sources: dict[int, int] = field(default_factory=dict)
     _nodes: set[str] = field(default_factory=set)  # on the bus
-    _duplicate_ns: int | None = None
+    _duplicate_ns: int | None = None  # when another agent was last heard for this vehicle
 
     @property
     def has_recorder(self) -> bool:
@@ -70,33 +72,34 @@ class PreflightInputs:
         return any(node.partition("-")[0] == role for node in self._nodes)
 
     def pose_sources(self, now_ns: int) -> int:
-        """Number of programs that have sent poses of the own body lately."""
-        return sum(now_ns - heard_ns < _POSE_SOURCE_NS for heard_ns in self._pose_sources.values())
+        """Return the number of programs that have sent poses of the own body lately."""
+        return sum(
+            1 for heard_ns in self._pose_sources.values() if now_ns - heard_ns < _POSE_SOURCE_NS
+        )
 
     def has_duplicate(self, now_ns: int) -> bool:
-        """Whether another agent has published for this vehicle in the last seconds."""
+        """Return whether another agent has published for this vehicle in the last seconds."""
         return self._duplicate_ns is not None and now_ns - self._duplicate_ns < _DUPLICATE_FOR_NS
 
     def hear(self, event: AgentInput) -> None:
-        """Take an event; most kinds change nothing here."""
+        """Take an input; most kinds change nothing here."""
         match event:
-            case PoseReceived(pose, received_ns) if pose.body == self.body and pose.is_tracked:
-                self._take_pose(pose, received_ns)
-            case NeighbourReceived(message, received_ns) if message.vehicle == self.vehicle:
-                if message.boot_id != self.boot_id:
-                    self._duplicate_ns = received_ns
-            case NeighbourReceived(Telemetry() as message, received_ns):
-                self.duplicates.hear(message.vehicle, message.boot_id, received_ns)
-                if self.vehicle in message.doubles:
-                    self._duplicate_ns = received_ns
+            case PoseReceived(pose, received_ns):
+                if pose.body == self.body and pose.is_tracked:
+                    self._take_pose(pose, received_ns)
+            case NeighbourReceived(message, received_ns):
+                self._take_message(message, received_ns)
             case ClocksCompared(bounds_s):
                 self.clock_bounds_s = {
-                    node: bound
-                    for node, bound in bounds_s.items()
+                    node: bound_s
+                    for node, bound_s in bounds_s.items()
                     if not node.startswith((GROUND, WATCHER))
                 }
             case NodeChanged(node, is_alive):
-                (self._nodes.add if is_alive else self._nodes.discard)(node)
+                if is_alive:
+                    self._nodes.add(node)
+                else:
+                    self._nodes.discard(node)
             case ParamsRead(problems):
                 self.param_problems = problems
             case SnapshotReceived(snapshot):
@@ -106,13 +109,30 @@ class PreflightInputs:
             case MocapProblemChanged(sentence):
                 self.source_problem = sentence
 
+    def _take_message(self, message: StateMessage | Telemetry, received_ns: int) -> None:
+        """Look whether two agents publish for one vehicle, for this one or another."""
+        if message.vehicle == self.vehicle:
+            if message.boot_id != self.boot_id:
+                self._duplicate_ns = received_ns
+            return
+
+        if isinstance(message, Telemetry):
+            self.duplicates.hear(message.vehicle, message.boot_id, received_ns)
+            if self.vehicle in message.doubles:
+                self._duplicate_ns = received_ns
+
     def _take_pose(self, pose: MocapPose, received_ns: int) -> None:
         """Keep the newest sample, and who has sent one lately."""
-        delay_s = (received_ns - pose.stamp_ns) * 1e-9
-        self.sample = MocapSample(pose.quaternion_enu_flu_wxyz, received_ns, delay_s)
+        self.sample = MocapSample(
+            quaternion_enu_flu_wxyz=pose.quaternion_enu_flu_wxyz,
+            received_ns=received_ns,
+            delay_s=(received_ns - pose.stamp_ns) * 1e-9,
+        )
+
         recent = {
-            sender: ns
-            for sender, ns in self._pose_sources.items()
-            if received_ns - ns < _POSE_SOURCE_NS
+            sender: heard_ns
+            for sender, heard_ns in self._pose_sources.items()
+            if received_ns - heard_ns < _POSE_SOURCE_NS
         }
-        self._pose_sources = recent | {pose.boot_id: received_ns}
+        recent[pose.boot_id] = received_ns
+        self._pose_sources = recent

@@ -1,6 +1,4 @@
-"""Go or no-go of one vehicle on the ground: gathers the facts, keeps the judgement, and reports it
-once a second.
-"""
+"""Go or no-go of one vehicle on the ground: its facts, their judgement, a report once a second."""
 
 from __future__ import annotations
 
@@ -33,6 +31,7 @@ from onboard.types import TICK_S
 _REPORT_EVERY_NS = 1_000_000_000
 _JUDGE_EVERY_NS = 90_000_000  # every fifth tick: one judgement takes 0.1 ms
 _AT_REST_NS = 1_000_000_000
+_DROPPED_LATELY_S = 1.0
 
 
 class PreflightReporter:
@@ -48,22 +47,31 @@ class PreflightReporter:
         neighbours: NeighbourTable,
         flight: FlightContext,
     ) -> None:
-        self._fleet, self._vehicle = fleet, vehicle
-        self._own, self._neighbours, self._flight = own, neighbours, flight
+        self._fleet = fleet
+        self._vehicle = vehicle
+        self._own = own
+        self._neighbours = neighbours
+        self._flight = flight
         self._config_hash = fleet.config_hash
-        self._fused = (
-            int(required_params(vehicle).get("EKF2_EV_CTRL", 0)) if vehicle.mocap_required else 0
-        )
+        self._fused = 0  # bits of EKF2_EV_CTRL: what PX4 takes of the mocap
+        if vehicle.mocap_required:
+            self._fused = int(required_params(vehicle).get("EKF2_EV_CTRL", 0))
+
         self._inputs = PreflightInputs(vehicle.name, vehicle.body, boot_id)
-        self._attitude, self._tilt = AttitudeRate(), TiltComparison()
+        self._attitude = AttitudeRate()
+        self._tilt = TiltComparison()
         self._refusals = LawRefusals(fleet, vehicle.name, neighbours)
+        self._state_ages = StateAges(fleet.state_ticks * TICK_S)
+
         self.not_ready: tuple[str, ...] = ()  # sentences that refuse take-off now
         self.is_warm = False  # set by the shell when it has run the pipeline once
         self._facts: PreflightFacts | None = None  # of this tick, not yet reported
         self._has_flown = False
-        self._fastest = (0.0, 0)  # highest speed [m/s] of the last second, and when that was
-        self._state_ages = StateAges(fleet.state_ticks * TICK_S)
-        self._sequence = self._reported_ns = self._judged_ns = 0
+        self._fastest_m_s = 0.0  # highest speed of the last second
+        self._fastest_ns = 0  # when that was
+        self._sequence = 0
+        self._reported_ns = 0
+        self._judged_ns = 0
 
     @property
     def duplicates(self) -> DuplicateAgents:
@@ -71,11 +79,11 @@ class PreflightReporter:
         return self._inputs.duplicates
 
     def hear(self, event: AgentInput) -> None:
-        """Take an event of the agent, of whatever kind."""
+        """Take an input of the agent, of whatever kind."""
         self._inputs.hear(event)
 
     def has_duplicate(self, now_ns: int) -> bool:
-        """Whether another agent has published for this vehicle in the last seconds."""
+        """Return whether another agent has published for this vehicle in the last seconds."""
         return self._inputs.has_duplicate(now_ns)
 
     def update(
@@ -87,27 +95,42 @@ class PreflightReporter:
         hover_frac: float,
         conditions: Iterable[Condition] = (),
     ) -> tuple[str, ...]:
-        """Judge one tick on the ground; ``conditions`` are those of the failsafe table that hold.
+        """Judge one tick on the ground.
 
+        Args:
+            view: what the flight sees of its vehicle.
+            dt_s: since the last tick.
+            is_airborne: by PX4, or by the flight.
+            hover_frac: hover throttle learned so far.
+            conditions: of the failsafe table that hold.
         Returns:
             the sentences that refuse take-off.
         """
-        self._attitude.update(view.now_ns, view.snapshot.attitude_ns)
-        speed_m_s = math.hypot(*view.velocity_enu_m_s)
-        if speed_m_s >= self._fastest[0] or view.now_ns - self._fastest[1] > _AT_REST_NS:
-            self._fastest = speed_m_s, view.now_ns
-        if self._inputs.sample is not None:
-            self._tilt.update(self._inputs.sample.quaternion_enu_flu_wxyz, view.snapshot, dt_s)
-        self._has_flown |= self._flight.state == "landed"
-        if 0 <= view.now_ns - self._judged_ns < _JUDGE_EVERY_NS:
+        self._observe(view, dt_s)
+        now_ns = view.now_ns
+        if 0 <= now_ns - self._judged_ns < _JUDGE_EVERY_NS:
             return self.not_ready
-        self._judged_ns = view.now_ns
-        self._state_ages.update(self._neighbours.followed_ages_s(view.now_ns))
-        self._facts = replace(
-            self._gather(view, is_airborne, hover_frac), conditions=frozenset(conditions)
-        )
+
+        self._judged_ns = now_ns
+        self._state_ages.update(self._neighbours.followed_ages_s(now_ns))
+        facts = self._gather(view, is_airborne, hover_frac)
+        self._facts = replace(facts, conditions=frozenset(conditions))
         self.not_ready = all_rules.reasons(self._facts, self._fleet, self._vehicle)
         return self.not_ready
+
+    def _observe(self, view: FlightView, dt_s: float) -> None:
+        """Take what has to be seen at every tick."""
+        now_ns = view.now_ns
+        self._attitude.update(now_ns, view.snapshot.attitude_ns)
+        if self._inputs.sample is not None:
+            self._tilt.update(self._inputs.sample.quaternion_enu_flu_wxyz, view.snapshot, dt_s)
+
+        speed_m_s = math.hypot(*view.velocity_enu_m_s)
+        if speed_m_s >= self._fastest_m_s or now_ns - self._fastest_ns > _AT_REST_NS:
+            self._fastest_m_s = speed_m_s
+            self._fastest_ns = now_ns
+        if self._flight.state == "landed":
+            self._has_flown = True
 
     def reasons_in_air(self, view: FlightView, hover_frac: float) -> tuple[str, ...]:
         """Return the sentences that refuse to take over a flying vehicle."""
@@ -116,15 +139,16 @@ class PreflightReporter:
 
     def due(self, now_ns: int) -> PreflightReport | None:
         """Return the report once a second, while :meth:`update` is called."""
-        facts, self._facts = self._facts, None
+        facts = self._facts
+        self._facts = None
         if facts is None or now_ns - self._reported_ns < _REPORT_EVERY_NS:
             return None
+
         self._reported_ns = now_ns
         self._sequence += 1
         self._refusals.judge_spot(facts.position_enu_m if facts.has_position else None)
-        checks = all_rules.checks(
-            replace(facts, law_refusals=self._refusals.current), self._fleet, self._vehicle
-        )
+        facts = replace(facts, law_refusals=self._refusals.current)
+        checks = all_rules.checks(facts, self._fleet, self._vehicle)
         return PreflightReport(
             vehicle=self._vehicle.name,
             boot_id=self._inputs.boot_id,
@@ -137,15 +161,30 @@ class PreflightReporter:
         )
 
     def _gather(self, view: FlightView, is_airborne: bool, hover_frac: float) -> PreflightFacts:
-        now_ns, snapshot, own, inputs = view.now_ns, view.snapshot, self._own, self._inputs
-        sample = inputs.sample
+        now_ns = view.now_ns
+        snapshot = view.snapshot
+        own, inputs, neighbours = self._own, self._inputs, self._neighbours
+
+        px4_nonsense = ""
+        if _age_s(now_ns, inputs.dropped.last_packet_ns) < _DROPPED_LATELY_S:
+            px4_nonsense = nonsense(inputs.dropped)
+        px4_position_enu_m = None
+        if snapshot.local_position_ns:
+            px4_position_enu_m = enu_from_ned(snapshot.position_local_ned_m)
+        battery_frac, battery_voltage_v = snapshot.battery(now_ns)
+
+        sample_delay_s = None
+        sample_age_s = math.inf
+        if inputs.sample is not None:
+            sample_delay_s = inputs.sample.delay_s
+            sample_age_s = _age_s(now_ns, inputs.sample.received_ns)
+
         return PreflightFacts(
+            # PX4
             autopilot_age_s=_age_s(now_ns, snapshot.last_packet_ns),
-            px4_version=snapshot.px4_version,
-            px4_nonsense=nonsense(inputs.dropped)
-            if _age_s(now_ns, inputs.dropped.last_packet_ns) < 1.0
-            else "",
             heartbeat_age_s=_age_s(now_ns, snapshot.heartbeat_ns),
+            px4_version=snapshot.px4_version,
+            px4_nonsense=px4_nonsense,
             refused=snapshot.refused,
             refused_age_s=_age_s(now_ns, snapshot.refused.newest_ns),
             is_signed=snapshot.is_signed,
@@ -154,43 +193,46 @@ class PreflightReporter:
             is_landed_told=view.has_landed_report,
             is_armed=snapshot.is_armed,
             is_failsafe=snapshot.is_failsafe,
-            is_airborne=is_airborne,
             unhealthy=unhealthy(snapshot, self._vehicle.mocap_required),
             has_rc=has_rc(snapshot),
-            has_duplicate=self.has_duplicate(now_ns),
+            battery_frac=battery_frac,
+            battery_voltage_v=battery_voltage_v,
+            px4_position_enu_m=px4_position_enu_m,
+            fuses_position=bool(self._fused & FUSES_POSITION),
+            fuses_heading=bool(self._fused & FUSES_HEADING),
+            param_problems=inputs.param_problems,
+            # own position
             position_age_s=own.age_s,
             position_enu_m=view.position_enu_m,
-            speed_m_s=self._fastest[0],
-            sample_delay_s=None if sample is None else sample.delay_s,
-            sample_age_s=math.inf if sample is None else _age_s(now_ns, sample.received_ns),
+            speed_m_s=self._fastest_m_s,
+            sample_delay_s=sample_delay_s,
+            sample_age_s=sample_age_s,
             source_problem=inputs.source_problem,
             pose_sources=inputs.pose_sources(now_ns),
-            px4_position_enu_m=enu_from_ned(snapshot.position_local_ned_m)
-            if snapshot.local_position_ns
-            else None,
             heading_miss_rad=own.heading_offset_rad,
             tilt_miss_rad=self._tilt.difference_rad,
             has_wrong_tilt=self._tilt.has_wrong_tilt,
-            fuses_position=bool(self._fused & FUSES_POSITION),
-            fuses_heading=bool(self._fused & FUSES_HEADING),
+            # the flight
+            is_airborne=is_airborne,
             has_flown=self._has_flown,
             hover_frac=hover_frac if self._has_flown else math.nan,
-            battery_frac=snapshot.battery(now_ns)[0],
-            battery_voltage_v=snapshot.battery(now_ns)[1],
-            missing_neighbours=self._neighbours.missing(now_ns),
+            # bus and other vehicles
+            has_duplicate=self.has_duplicate(now_ns),
+            missing_neighbours=neighbours.missing(now_ns),
             radio=self._state_ages.measured,
             clock_bounds_s=inputs.clock_bounds_s,
-            other_hashes=self._neighbours.other_hashes(self._config_hash),
+            other_hashes=neighbours.other_hashes(self._config_hash),
             config_hash=self._config_hash,
-            param_problems=inputs.param_problems,
+            has_recorder=inputs.has_recorder,
+            has_emulator=inputs.has_emulator,
+            # law and loop
             law=self._fleet.law.name,
             law_refusals=self._refusals.current,
             is_law_warm=self.is_warm,
             loop_p99_ms=inputs.loop_p99_ms,
-            has_recorder=inputs.has_recorder,
-            has_emulator=inputs.has_emulator,
         )
 
 
 def _age_s(now_ns: int, then_ns: int) -> float:
+    """Return the age of what came then; infinite when nothing came yet (0)."""
     return (now_ns - then_ns) * 1e-9 if then_ns else math.inf

@@ -9,11 +9,16 @@ from onboard.config.fleet import FleetConfig, Vec3, Vehicle
 from onboard.config.toml_reading import package_table
 from onboard.preflight.preflight_facts import PreflightFacts
 
-OK, SKIP = "ok", "skip"
+_WORDS = package_table("onboard.preflight", "preflight.toml")
+
+# keys of results that are no fault
+OK = "ok"
+SKIP = "skip"
+
 # OK, SKIP or the key of a fault; and the numbers for its sentence
 Judgement = tuple[str, Mapping[str, object]]
 Judge = Callable[[PreflightFacts, FleetConfig, Vehicle], Judgement]
-_WORDS = package_table("onboard.preflight", "preflight.toml")
+
 FINE: Judgement = (OK, {})
 NO_PX4: Judgement = (SKIP, {"reason": "while PX4 is silent"})
 NO_POSITION: Judgement = (SKIP, {"reason": "without a fresh position"})
@@ -46,67 +51,70 @@ class PreflightRule:
     name: str
     demand: str  # what must be true, for docs/preflight.md
     passes: str  # sentence when it is true, as a template
-    faults: Mapping[str, RuleFault]
+    faults: Mapping[str, RuleFault]  # by the keys of the judgement
     judge: Judge
 
     def check(self, facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> PreflightCheck:
-        """Judge the facts and put the result into words.
+        """Return the rule's answer: its judgement of the facts, in words.
 
         Args:
             facts: about the vehicle, at one tick.
             fleet: the fleet file.
             vehicle: the vehicle of that file.
-        Returns:
-            the answer.
         """
-        key, words = self.judge(facts, fleet, vehicle)
+        key, numbers = self.judge(facts, fleet, vehicle)
         words = {
             "name": vehicle.name,
             "autopilot": vehicle.autopilot,
             "body": vehicle.body,
-            **words,
+            **numbers,
         }
         if key == OK:
             return PreflightCheck(self.name, True, self.passes.format(**words))
         if key == SKIP:
             return PreflightCheck(self.name, True, "Not judged {reason}.".format(**words))
+
         fault = self.faults[key]
         return PreflightCheck(
-            self.name, fault.is_advice, fault.sentence.format(**words), fault.remedy.format(**words)
+            name=self.name,
+            is_ok=fault.is_advice,
+            sentence=fault.sentence.format(**words),
+            remedy=fault.remedy.format(**words),
         )
 
 
 def coordinates(position: Vec3) -> str:
-    """Write a position for a sentence.
+    """Return a position for a sentence, for instance "(1.00, 2.00, 0.00) m".
 
     Args:
         position: ENU [m].
-    Returns:
-        for instance "(1.00, 2.00, 0.00) m".
     """
     return "(" + ", ".join(f"{value:.2f}" for value in position) + ") m"
 
 
 def rules(judges: Mapping[str, Judge], **constants: float) -> tuple[PreflightRule, ...]:
-    """Make rules with their words of preflight.toml.
+    """Return rules with their words of preflight.toml.
 
     Args:
         judges: by the rule's name, in the order of the page.
         constants: bounds that the demands name.
-    Returns:
-        the rules.
     """
     made = []
     for name, judge in judges.items():
         row = _WORDS[name]
-        faults = {
-            key: RuleFault(says, remedy) for key, (says, remedy) in row.get("refuses", {}).items()
-        }
-        faults |= {
-            key: RuleFault(says, remedy, True)
-            for key, (says, remedy) in row.get("advises", {}).items()
-        }
+        faults = {}
+        for key, (sentence, remedy) in row.get("refuses", {}).items():
+            faults[key] = RuleFault(sentence, remedy)
+        for key, (sentence, remedy) in row.get("advises", {}).items():
+            faults[key] = RuleFault(sentence, remedy, is_advice=True)
+
         made.append(
-            PreflightRule(name, row["demand"].format(**constants), row["passes"], faults, judge)
+            PreflightRule(
+                name=name,
+                demand=row["demand"].format(**constants),
+                passes=row["passes"],
+                faults=faults,
+                judge=judge,
+            )
         )
     return tuple(made)

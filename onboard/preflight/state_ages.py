@@ -7,8 +7,11 @@ from collections.abc import Mapping
 
 from onboard.preflight.preflight_facts import RadioMeasured
 
-_SAMPLES, _LEAST_SAMPLES = 120, 60  # for each neighbour; eleven a second
+# for each neighbour; there are eleven a second
+_SAMPLES = 120
+_LEAST_SAMPLES = 60
 _LEFT_S = 1.0  # a neighbour that is silent for so long is missing, and no matter of the radio
+_LATE_PERIODS = 0.99  # beyond the delay: one state has been lost, or is late
 
 
 class StateAges:
@@ -30,22 +33,24 @@ class StateAges:
     def measured(self) -> RadioMeasured | None:
         """The worst of all neighbours; None until there are enough samples.
 
-        The youngest age of a neighbour is its delay; where the newest state is older than that by a
+        The youngest age of a neighbour is its delay. Where the newest state is older than that by a
         period or more, one has been lost or is late.
         """
-        full = {
-            name: ages_s for name, ages_s in self._ages_s.items() if len(ages_s) >= _LEAST_SAMPLES
-        }
-        if not full:
+        delays_s: dict[str, float] = {}
+        losses: dict[str, float] = {}
+        for name, ages_s in self._ages_s.items():
+            if len(ages_s) < _LEAST_SAMPLES:
+                continue
+            delay_s = min(ages_s)
+            late_s = delay_s + _LATE_PERIODS * self._period_s
+            late_count = sum(1 for age_s in ages_s if age_s > late_s)
+            delays_s[name] = delay_s
+            losses[name] = late_count / len(ages_s)
+
+        if not delays_s:
             return None
-        delays_s = {name: min(ages_s) for name, ages_s in full.items()}
-        losses = {
-            name: sum(age_s > delays_s[name] + 0.99 * self._period_s for age_s in ages_s)
-            / len(ages_s)
-            for name, ages_s in full.items()
-        }
-        delayed, lossy = (
-            max(delays_s, key=delays_s.__getitem__),
-            max(losses, key=losses.__getitem__),
+        delayed = max(delays_s, key=delays_s.__getitem__)
+        lossy = max(losses, key=losses.__getitem__)
+        return RadioMeasured(
+            delay_s=delays_s[delayed], delayed=delayed, loss_frac=losses[lossy], lossy=lossy
         )
-        return RadioMeasured(delays_s[delayed], delayed, losses[lossy], lossy)
