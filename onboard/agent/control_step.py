@@ -41,22 +41,21 @@ class ControlStep:
         vehicle = fleet.vehicles[vehicle_name]
         self.params = pipeline.pipeline_params(fleet, vehicle_name)
         self.obstacles = obstacles(fleet)
+
         self.tick: Tick | None = None  # newest result
         self.is_finite = True  # whether the newest result can be flown
         self.hover_frac = vehicle.hover_thrust_frac  # learned in flight
+        # why Covey's law flies instead of the one that the fleet file names; empty: it does not
+        self.law_refusal = ""
+
         self._configured_hover_frac = vehicle.hover_thrust_frac
         self._max_tilt_deg = vehicle.max_tilt_deg
         self._start_enu_m = Vec3(*vehicle.start_enu_m)
         self._pipeline_step = pipeline_step
         self._memory = pipeline.initial(self.params, self._start_enu_m)
-        self._own_law = None if fleet.own_law is None else OwnLawRunner(fleet.own_law, clock)
-
-    @property
-    def law_refusal(self) -> str:
-        """Why Covey's law flies in the place of the one that the fleet file names; empty while it
-        does not.
-        """
-        return "" if self._own_law is None else self._own_law.refusal
+        self._own_law: OwnLawRunner | None = None
+        if fleet.own_law is not None:
+            self._own_law = OwnLawRunner(fleet.own_law, clock)
 
     @property
     def observer(self) -> ObserverMemory:
@@ -113,9 +112,10 @@ class ControlStep:
             return self._pipeline_step(
                 self._memory, state, goal, neighbours, self.obstacles, mode, self.params, dt_s
             )
+
         if mode is ControlMode.GROUND:
             self._own_law.begin_anew()
-        return pipeline.step(
+        memory_and_tick = pipeline.step(
             self._memory,
             state,
             goal,
@@ -126,10 +126,12 @@ class ControlStep:
             dt_s,
             law_step=self._own_law.step,
         )
+        self.law_refusal = self._own_law.refusal
+        return memory_and_tick
 
     def level(self) -> AttitudeSetpoint:
         """Return a level attitude at hover thrust."""
-        hover_frac = (
-            self.hover_frac if math.isfinite(self.hover_frac) else self._configured_hover_frac
-        )
+        hover_frac = self.hover_frac
+        if not math.isfinite(hover_frac):
+            hover_frac = self._configured_hover_frac
         return AttitudeSetpoint((1.0, 0.0, 0.0, 0.0), hover_frac)

@@ -1,8 +1,18 @@
-"""The agent without I/O: events in, commands out, time passed in. The shell in loop.py moves bytes
-and time.
+"""The agent without I/O: inputs and time come in, commands go out.
 
-One tick: estimate, conditions, failsafe, state machine, pipeline, the last check before the wire,
-messages.
+The shell in loop.py moves bytes and time. It hands over every input as it comes (``handle``), and
+calls ``tick`` 50 times a second. A tick asks, in this order:
+
+    Where are we?          localization: mocap samples, attitude and thrust -> State
+    Where are the others?  neighbours: their newest states as of now, and their distances
+    What is wrong?         supervision: conditions, and the failsafe table's action
+    What do we do?         flight: the step of the flight, and the goal of its order
+    How do we fly that?    control: the pipeline, with the avoidance law -> attitude setpoint
+    May that leave?        the last check before the wire
+    Who needs to know?     state for the neighbours, telemetry for people, samples for the record
+
+Every vehicle decides for itself by what it sees at this tick. Nothing here waits: what takes longer
+than a tick is asked for by a command, and its result comes back as a later input.
 """
 
 from __future__ import annotations
@@ -39,7 +49,7 @@ from onboard.agent_inputs import (
     SnapshotReceived,
     TickFailed,
 )
-from onboard.autopilot import Landed, Snapshot, Vec3
+from onboard.autopilot import Landed, Snapshot
 from onboard.bus.schema import StateMessage
 from onboard.bus.topics import Topic
 from onboard.config.fleet import FleetConfig
@@ -61,11 +71,13 @@ from onboard.safety.snapshot_check import nonsense
 from onboard.supervision.failsafe_executor import FailsafeExecutor
 from onboard.supervision.model_mismatch_reporter import ModelMismatchReporter
 from onboard.supervision.tick_context import TickContext
-from onboard.types import TICK_S, State
+from onboard.types import TICK_S, State, Tick
 
-_SHORTEST_S, _LONGEST_S = 0.005, 0.1  # time that one tick integrates over
-_ZERO: Vec3 = (0.0, 0.0, 0.0)
+_SHORTEST_S = 0.005  # time that one tick integrates over
+_LONGEST_S = 0.1
+_STILL_M_S = (0.0, 0.0, 0.0)
 _IN_AIR = (Landed.IN_AIR, Landed.TAKING_OFF, Landed.LANDING)
+_MAY_END = (Situation.GROUND, Situation.SILENT)
 
 
 class AgentCore:
@@ -88,47 +100,58 @@ class AgentCore:
         clock: Callable[[], float] | None = None,
         pipeline_step: PipelineStep = pipeline.step,
     ) -> None:
-        self.fleet, self.vehicle = fleet, fleet.vehicles[vehicle_name]
-        self.own = OwnState(self.vehicle, fleet.fleet.global_origin)
+        vehicle = fleet.vehicles[vehicle_name]
+        self.fleet = fleet
+        self.vehicle = vehicle
+        self.identity = AgentIdentity(vehicle, boot_id, fleet.config_hash, fleet.law.name)
+
+        # what the agent knows
+        self.own = OwnState(vehicle, fleet.fleet.global_origin)
         self.neighbours = NeighbourTable(fleet, vehicle_name)
-        self.flight = FlightContext(fleet, self.vehicle)
+        self.nodes = BusNodes(fleet, vehicle_name)
+        self._snapshot = Snapshot()  # of PX4, as far as it is believed
+
+        # what it decides
+        self.flight = FlightContext(fleet, vehicle)
         self.control = ControlStep(fleet, vehicle_name, clock=clock, pipeline_step=pipeline_step)
-        self.failsafes = FailsafeExecutor(
-            fleet, self.vehicle, self.own, self.neighbours, self.flight
-        )
+        self.failsafes = FailsafeExecutor(fleet, vehicle, self.own, self.neighbours, self.flight)
         self.preflight = PreflightReporter(
             fleet,
-            self.vehicle,
+            vehicle,
             boot_id=boot_id,
             own=self.own,
             neighbours=self.neighbours,
             flight=self.flight,
         )
-        self.nodes = BusNodes(fleet, vehicle_name)
-        self.identity = AgentIdentity(self.vehicle, boot_id, fleet.config_hash, fleet.law.name)
         gate = OrderGate(boot_id) if fleet.has_keys else None
         self._orders = OrderIntake(self.flight, self.failsafes, self.nodes.roles, gate)
-        self._setpoints = SetpointOutput(self.vehicle, self.own, self.flight, self.failsafes)
-        self._publisher = TelemetryPublisher(
-            self.identity,
-            TelemetrySources(
-                self.own,
-                self.neighbours,
-                self.flight,
-                self.failsafes,
-                self.nodes.roles,
-                self.preflight.duplicates,
-                self._orders.refused,
-            ),
-            fleet.state_ticks,
-        )
-        self._follower = NeighbourFollower(self.neighbours)
+        self._mismatch = ModelMismatchReporter(vehicle)
+
+        # what leaves it
         self.odometry = OdometryForwarder()
-        self._mismatch = ModelMismatchReporter(self.vehicle)
+        self._setpoints = SetpointOutput(vehicle, self.own, self.flight, self.failsafes)
+        self._follower = NeighbourFollower(self.neighbours)
+        sources = TelemetrySources(
+            own=self.own,
+            neighbours=self.neighbours,
+            flight=self.flight,
+            failsafes=self.failsafes,
+            roles=self.nodes.roles,
+            duplicates=self.preflight.duplicates,
+            refused_orders=self._orders.refused,
+        )
+        self._publisher = TelemetryPublisher(self.identity, sources, fleet.state_ticks)
+
+        # of the newest tick
         self._context = TickContext()
-        self._snapshot = Snapshot()
-        self._view = FlightView(0, _ZERO, _ZERO, False, self._snapshot)
-        self._distances_m: dict[str, float] = {}
+        self._distances_m: dict[str, float] = {}  # separations from the neighbours
+        self._view = FlightView(
+            now_ns=0,
+            position_enu_m=_STILL_M_S,
+            velocity_enu_m_s=_STILL_M_S,
+            has_position=False,
+            snapshot=self._snapshot,
+        )
 
     @property
     def boot_id(self) -> int:
@@ -145,252 +168,336 @@ class AgentCore:
         """Whether somebody has asked this agent to end."""
         return self._context.is_stopping
 
-    # -- events ------------------------------------------------------------------------------------
-
-    def handle(self, event: AgentInput, now_ns: int) -> list[Command]:
-        """Take one event; only orders and poses answer at once."""
-        return _RECEIVERS[type(event)](self, event, now_ns)
-
-    def _snapshot_received(self, event: SnapshotReceived, now_ns: int) -> list[Command]:
-        sentence = nonsense(event.snapshot)
-        if not sentence:
-            self._snapshot = self.failsafes.reports.believe(event.snapshot, self.flight.expected)
-        else:
-            self._publisher.counts.malformed += 1
-            self.failsafes.reports.drop(sentence, now_ns)
-            self.preflight.hear(event)
-        return []
-
-    def _neighbour_received(self, event: NeighbourReceived, now_ns: int) -> list[Command]:
-        message = event.message
-        if not isinstance(message, StateMessage) or message.vehicle == self.vehicle.name:
-            # under our own name it is another agent's; states of the others come too often
-            self.preflight.hear(event)
-        self.neighbours.hear(message, event.received_ns)
-        return []
-
-    def _pose_received(self, event: PoseReceived, now_ns: int) -> list[Command]:
-        pose, received_ns = event.pose, event.received_ns
-        self.preflight.hear(event)
-        if pose.body != self.vehicle.body:
-            self.neighbours.hear_pose(pose, received_ns)
-            return []
-        if not self.own.add_pose(pose, received_ns):
-            return []
-        if not self.fleet.mocap.direct:  # a mocap that is read directly says nothing of the bus
-            self.neighbours.last_heard_ns = max(self.neighbours.last_heard_ns, received_ns)
-        return list(self.odometry.take(pose, self._snapshot, now_ns))
-
-    def _all_poses_received(self, event: AllPosesReceived, now_ns: int) -> list[Command]:
-        for pose in event.poses:
-            self.neighbours.hear_other_pose(pose, event.received_ns)
-        return []
-
-    def _order_received(self, event: OrderReceived, now_ns: int) -> list[Command]:
-        view = replace(self._view, now_ns=now_ns, snapshot=self._snapshot)
-        facts = OrderFacts(
-            view,
-            self.fleet,
-            self.neighbours.telemetries(),
-            self._distances_m,
-            self.preflight.not_ready,
-            lambda: self.preflight.reasons_in_air(view, self.control.hover_frac),
-        )
-        reply = self._orders.take(event.order, facts, is_stopping=self._context.is_stopping)
-        return [Reply(reply), *self.nodes.lost_ends.pass_on(self.flight.take_commands(), now_ns)]
-
-    def _order_untrusted(self, event: OrderUntrusted, now_ns: int) -> list[Command]:
-        reply = self._orders.refuse(event.order, replace(self._view, now_ns=now_ns))
-        answers = [Reply(reply)] if event.order.is_answered else []
-        return [*answers, *self.flight.take_commands()]
-
-    def _node_changed(self, event: NodeChanged, now_ns: int) -> list[Command]:
-        self.preflight.hear(event)
-        self.nodes.update(event.node, event.is_alive, now_ns)
-        return []
-
-    def _loop_timed(self, event: LoopTimed, now_ns: int) -> list[Command]:
-        self.preflight.hear(event)
-        self._publisher.loop = event
-        return []
-
-    def _preflight_input(self, event: AgentInput, now_ns: int) -> list[Command]:
-        self.preflight.hear(event)
-        return []
-
-    def _params_read(self, event: ParamsRead, now_ns: int) -> list[Command]:
-        self._context.battery_floor_frac = event.battery_floor_frac
-        return self._preflight_input(event, now_ns)
-
-    def _disk_checked(self, event: DiskChecked, now_ns: int) -> list[Command]:
-        self._context.is_disk_full = event.is_full
-        return []
-
-    def _messages_counted(self, event: MessagesCounted, now_ns: int) -> list[Command]:
-        counts = self._publisher.counts
-        counts.malformed += event.malformed
-        counts.refused += event.refused
-        counts.dropped += event.dropped
-        return []
-
-    def _tick_failed(self, event: TickFailed, now_ns: int) -> list[Command]:
-        self.control.is_finite = False
-        self.flight.say(self._view, "critical", "tick-failed", event.sentence)
-        return []
-
-    def _mocap_problem(self, event: MocapProblemChanged, now_ns: int) -> list[Command]:
-        self.preflight.hear(event)
-        if event.sentence:
-            self.flight.say(self._view, "warning", "mocap-source", event.sentence)
-        return []
-
-    def _stop_requested(self, event: ShutdownRequested, now_ns: int) -> list[Command]:
-        self._context.is_stopping = True
-        return []
-
     # -- a tick ------------------------------------------------------------------------------------
 
     def tick(self, now_ns: int) -> list[Command]:
-        """Run one pass, 50 times a second; the commands are to be executed in their order."""
-        context, flight, control = self._context, self.flight, self.control
+        """Run one pass; return its commands in the order in which they are to be executed."""
+        dt_s = self._measure_period(now_ns)
+
+        # Where are we?
+        state = self._estimate(now_ns, dt_s)
+        view = self._look(now_ns, state)
+
+        # Where are the others?
+        self.neighbours.place_contradicted(view.position_enu_m, now_ns)
+        self._distances_m = self.neighbours.distances_m(view.position_enu_m, now_ns)
+
+        # What is wrong? On the ground also: may we take off?
+        self._supervise(view)
+        was_on_ground = self.flight.step.situation is Situation.GROUND
+        if was_on_ground:
+            self._check_preflight(view)
+
+        # What do we do?
+        state_machine.advance(self.flight, view)
+
+        # How do we fly that?
+        neighbours = self.neighbours.snapshot(now_ns)
+        flight = self.flight
+        tick = self.control.run(state, flight.goal, flight.step.control_mode, neighbours, dt_s)
+        if flight.step.control_mode is ControlMode.FLYING and self._mismatch.is_due():
+            self._report_mismatch(view)
+
+        # May that leave?
+        setpoint = self._setpoints.commands(view, self.control)
+        self._orders.check_conflict(view, self.neighbours.telemetries)
+
+        # Who needs to know?
+        messages = self._publisher.publish(self._result(tick, view))
+        events = self.nodes.lost_ends.pass_on(flight.take_commands(), now_ns)
+        requests = self._requests(view, was_on_ground=was_on_ground)
+        return [*messages.telemetry, *events, *setpoint, *messages.others, *requests]
+
+    def _measure_period(self, now_ns: int) -> float:
+        """Note the time since the last tick; return the part of it that a tick integrates over."""
+        context = self._context
         before_ns = self._view.now_ns
         context.period_s = (now_ns - before_ns) * 1e-9 if before_ns else TICK_S
         if now_ns < before_ns:
             context.clock_jump_ns = now_ns
-        dt_s = min(max(context.period_s, _SHORTEST_S), _LONGEST_S)
+        return min(max(context.period_s, _SHORTEST_S), _LONGEST_S)
 
-        on_ground = (
-            flight.step.control_mode is ControlMode.GROUND or flight.step is FlightStep.LIFTOFF
+    def _estimate(self, now_ns: int, dt_s: float) -> State | None:
+        """Return the own state as of now; None before the first usable sample."""
+        step = self.flight.step
+        is_on_ground = step.control_mode is ControlMode.GROUND or step is FlightStep.LIFTOFF
+
+        self.own.is_flown = step.is_streaming
+        self.own.update(
+            now_ns=now_ns,
+            dt_s=dt_s,
+            snapshot=self._snapshot,
+            thrust_frac=self._setpoints.sent_thrust_frac,
+            hover_frac=self.control.hover_frac,
+            is_on_ground=is_on_ground,
         )
-        thrust_frac = self._setpoints.sent_thrust_frac
-        self.own.is_flown = flight.step.is_streaming
-        self.own.update(now_ns, dt_s, self._snapshot, thrust_frac, control.hover_frac, on_ground)
+        return self.own.state
 
-        state = self.own.state
-        view = self._new_view(now_ns, state)
-        self._view = view
-        self.neighbours.place_contradicted(view.position_enu_m, now_ns)
-        self._distances_m = self.neighbours.distances_m(view.position_enu_m, now_ns)
-
-        self._supervise()
-        state_machine.advance(flight, view)
-
-        neighbours = self.neighbours.snapshot(now_ns)
-        tick = control.run(state, flight.goal, flight.step.control_mode, neighbours, dt_s)
-        if self.flight.step.control_mode is ControlMode.FLYING and self._mismatch.is_due():
-            attitude = self.own.attitude_wxyz(self._snapshot)
-            for code, sentence in self._mismatch.follow(
-                control.observer, attitude, control.hover_frac
-            ):
-                self.flight.say(view, "warning", code, sentence)
-        setpoint = self._setpoints.commands(view, control)
-        self._orders.check_conflict(view, self.neighbours.telemetries)
-        result = TickResult(
-            tick,
-            view,
-            self._context.period_s,
-            self._is_airborne,
-            self._distances_m,
-            self.preflight.not_ready,
-        )
-        messages = self._publisher.every_tick(result)
-        told = self.nodes.lost_ends.pass_on(self.flight.take_commands(), view.now_ns)
-        out = [*self._publisher.telemetry(result), *told, *setpoint, *messages]
-        out.extend(
-            self._follower.due(view.position_enu_m if view.has_position else None, view.now_ns)
-        )
-        bodies = self.neighbours.bodies_to_watch(view.now_ns, self.own.age_s)
-        if bodies is not None:
-            out.append(WatchBodies(bodies))
-        if self.failsafes.reports.is_heartbeat_due(view.now_ns):
-            out.append(RequestHeartbeat())
-        report = self.preflight.due(view.now_ns)
-        if report is not None:
-            out.append(Publish(Topic.PREFLIGHT, report))
-        if self.is_stopping and self.flight.step.situation in (Situation.GROUND, Situation.SILENT):
-            out.append(Exit())
-        return out
-
-    def _new_view(self, now_ns: int, state: State | None) -> FlightView:
-        if state is None:
-            return FlightView(now_ns, self._view.position_enu_m, _ZERO, False, self._snapshot)
+    def _look(self, now_ns: int, state: State | None) -> FlightView:
+        """Keep and return the facts that everything at this tick is decided by."""
         own = self.own
-        has_position = own.age_s < POSITION_LOST_S or own.is_reckoned
-        thrust_share = self._setpoints.sent_thrust_frac / self.control.hover_frac
-        return FlightView(
-            now_ns,
-            own.position_enu_m,
-            own.velocity_enu_m_s,
-            has_position,
-            self._snapshot,
-            thrust_share,
-            self._other_clocks(now_ns),
-            self._context.period_s,
-            own.is_reckoned,
-            state.yaw_rad,
-        )
+        position_age_s = own.age_s
+        is_reckoned = own.is_reckoned
+        attitude_wxyz = own.attitude_wxyz(self._snapshot)
+
+        if state is None:
+            self._view = FlightView(
+                now_ns=now_ns,
+                position_enu_m=self._view.position_enu_m,
+                velocity_enu_m_s=_STILL_M_S,
+                has_position=False,
+                snapshot=self._snapshot,
+                position_age_s=position_age_s,
+                attitude_wxyz=attitude_wxyz,
+            )
+        else:
+            self._view = FlightView(
+                now_ns=now_ns,
+                position_enu_m=state.position_enu_m,
+                velocity_enu_m_s=state.velocity_enu_m_s,
+                has_position=position_age_s < POSITION_LOST_S or is_reckoned,
+                snapshot=self._snapshot,
+                thrust_share=self._setpoints.sent_thrust_frac / self.control.hover_frac,
+                other_clocks=self._other_clocks(now_ns),
+                period_s=self._context.period_s,
+                is_blind=is_reckoned,
+                yaw_rad=state.yaw_rad,
+                position_age_s=position_age_s,
+                attitude_wxyz=attitude_wxyz,
+            )
+        return self._view
 
     def _other_clocks(self, now_ns: int) -> tuple[OtherClock, ...] | None:
+        """Return the clocks of the others that fly the same show, when they are to be compared."""
         path = self.flight.path
         if not path.show_id or now_ns < path.compare_ns:
             return None
-        return tuple(other_clocks(self.neighbours.telemetries().values(), path.show_id, now_ns))
+        telemetries = self.neighbours.telemetries().values()
+        return tuple(other_clocks(telemetries, path.show_id, now_ns))
 
-    def _supervise(self) -> None:
-        """Let the failsafes and, on the ground, the preflight check decide."""
-        context, view, control = self._context, self._view, self.control
-        context.is_last_tick_finite, context.law_refusal = control.is_finite, control.law_refusal
+    def _supervise(self, view: FlightView) -> None:
+        """Find the conditions that hold, and let the failsafe table's action begin."""
+        context = self._context
+        control = self.control
+
+        context.is_last_tick_finite = control.is_finite
+        context.law_refusal = control.law_refusal
         context.bus_age_s = self.nodes.silence_s(self.neighbours.last_heard_ns, view.now_ns)
         context.has_ground = self.nodes.has_ground
-        context.is_airborne = self._is_airborne
+        context.is_airborne = self._is_airborne()
         context.nearest_m = min(self._distances_m.values(), default=math.inf)
         context.has_duplicate = self.preflight.has_duplicate(view.now_ns)
         context.commanded_wxyz = self._setpoints.quaternion_wxyz
         context.thrust_frac = self._setpoints.sent_thrust_frac
-        if control.tick is not None:
-            law = control.tick.law
-            context.law_status, context.active_neighbour = law.status, law.active_neighbour
-            context.below_m = control.tick.setpoint.position_enu_m.z - view.position_enu_m[2]
 
-        decision = self.failsafes.decide(view, context, self.flight.step.situation)
+        last = control.tick
+        if last is not None:
+            context.law_status = last.law.status
+            context.active_neighbour = last.law.active_neighbour
+            context.below_m = last.setpoint.position_enu_m.z - view.position_enu_m[2]
+
+        flight = self.flight
+        decision = self.failsafes.decide(view, context, flight.step.situation)
         for report in decision.reports:
-            self.flight.say(view, report.severity, report.code, report.sentence)
+            flight.say(view, report.severity, report.code, report.sentence)
         if decision.cause:
             state_machine.begin_failsafe(
-                self.flight, view, decision.action, decision.cause, decision.outcome
+                flight, view, decision.action, decision.cause, decision.outcome
             )
 
-        if self.flight.step.situation is Situation.GROUND:
-            self.preflight.update(
-                view,
-                context.period_s,
-                is_airborne=self._is_airborne,
-                hover_frac=control.hover_frac,
-                conditions=self.failsafes.conditions,
-            )
-            state_machine.preflight_checked(self.flight, view, not self.preflight.not_ready)
+    def _check_preflight(self, view: FlightView) -> None:
+        self.preflight.update(
+            view,
+            self._context.period_s,
+            is_airborne=self._is_airborne(),
+            hover_frac=self.control.hover_frac,
+            conditions=self.failsafes.conditions,
+        )
+        state_machine.preflight_checked(self.flight, view, not self.preflight.not_ready)
 
-    @property
+    def _report_mismatch(self, view: FlightView) -> None:
+        """Report a vehicle that flies otherwise than its parameters say."""
+        warnings = self._mismatch.follow(
+            self.control.observer, view.attitude_wxyz, self.control.hover_frac
+        )
+        for code, sentence in warnings:
+            self.flight.say(view, "warning", code, sentence)
+
+    def _result(self, tick: Tick, view: FlightView) -> TickResult:
+        return TickResult(
+            tick=tick,
+            view=view,
+            period_s=self._context.period_s,
+            is_airborne=self._is_airborne(),
+            distances_m=self._distances_m,
+            not_ready=self.preflight.not_ready,
+        )
+
+    def _requests(self, view: FlightView, *, was_on_ground: bool) -> list[Command]:
+        """Return what is asked for from time to time, behind everything that cannot wait."""
+        requests: list[Command] = []
+
+        position_enu_m = view.position_enu_m if view.has_position else None
+        requests.extend(self._follower.due(position_enu_m, view.now_ns))
+
+        bodies = self.neighbours.bodies_to_watch(view.now_ns, view.position_age_s)
+        if bodies is not None:
+            requests.append(WatchBodies(bodies))
+
+        if self.failsafes.reports.is_heartbeat_due(view.now_ns):
+            requests.append(RequestHeartbeat())
+
+        if was_on_ground:
+            report = self.preflight.due(view.now_ns)
+            if report is not None:
+                requests.append(Publish(Topic.PREFLIGHT, report))
+
+        if self._context.is_stopping and self.flight.step.situation in _MAY_END:
+            requests.append(Exit())
+
+        return requests
+
     def _is_airborne(self) -> bool:
-        snapshot, flight = self._snapshot, self.flight
-        is_reported = snapshot.is_armed and snapshot.landed in _IN_AIR
-        return is_reported or (flight.step.is_under_law and flight.step is not FlightStep.LIFTOFF)
+        """Return whether the others have to reckon with this vehicle in the air."""
+        snapshot = self._snapshot
+        if snapshot.is_armed and snapshot.landed in _IN_AIR:
+            return True
+        step = self.flight.step
+        return step.is_under_law and step is not FlightStep.LIFTOFF
+
+    # -- inputs ------------------------------------------------------------------------------------
+
+    def handle(self, agent_input: AgentInput, now_ns: int) -> list[Command]:
+        """Take one input; only orders and poses are answered at once, all others by a later tick."""
+        return _RECEIVERS[type(agent_input)](self, agent_input, now_ns)
+
+    def _snapshot_received(self, received: SnapshotReceived, now_ns: int) -> list[Command]:
+        problem = nonsense(received.snapshot)
+        if problem:
+            self._publisher.counts.malformed += 1
+            self.failsafes.reports.drop(problem, now_ns)
+            self.preflight.hear(received)
+            return []
+
+        reports = self.failsafes.reports
+        self._snapshot = reports.believe(received.snapshot, self.flight.expected)
+        return []
+
+    def _neighbour_received(self, received: NeighbourReceived, now_ns: int) -> list[Command]:
+        message = received.message
+
+        # Under our own name it is another agent's. States of the others come too often for a check
+        # on the ground.
+        is_own_name = message.vehicle == self.vehicle.name
+        if is_own_name or not isinstance(message, StateMessage):
+            self.preflight.hear(received)
+
+        self.neighbours.hear(message, received.received_ns)
+        return []
+
+    def _pose_received(self, received: PoseReceived, now_ns: int) -> list[Command]:
+        pose = received.pose
+        self.preflight.hear(received)
+        if pose.body != self.vehicle.body:
+            self.neighbours.hear_pose(pose, received.received_ns)
+            return []
+
+        if not self.own.add_pose(pose, received.received_ns):
+            return []
+
+        # A mocap that is read directly says nothing of the bus.
+        if not self.fleet.mocap.direct:
+            last_heard_ns = max(self.neighbours.last_heard_ns, received.received_ns)
+            self.neighbours.last_heard_ns = last_heard_ns
+        return list(self.odometry.take(pose, self._snapshot, now_ns))
+
+    def _all_poses_received(self, received: AllPosesReceived, now_ns: int) -> list[Command]:
+        for pose in received.poses:
+            self.neighbours.hear_other_pose(pose, received.received_ns)
+        return []
+
+    def _order_received(self, received: OrderReceived, now_ns: int) -> list[Command]:
+        view = replace(self._view, now_ns=now_ns, snapshot=self._snapshot)
+        facts = OrderFacts(
+            view=view,
+            fleet=self.fleet,
+            others=self.neighbours.telemetries(),
+            distances_m=self._distances_m,
+            not_ready=self.preflight.not_ready,
+            not_ready_in_air=lambda: self.preflight.reasons_in_air(view, self.control.hover_frac),
+        )
+        reply = self._orders.take(received.order, facts, is_stopping=self._context.is_stopping)
+        events = self.nodes.lost_ends.pass_on(self.flight.take_commands(), now_ns)
+        return [Reply(reply), *events]
+
+    def _order_untrusted(self, received: OrderUntrusted, now_ns: int) -> list[Command]:
+        commands: list[Command] = []
+        reply = self._orders.refuse(received.order, replace(self._view, now_ns=now_ns))
+        if received.order.is_answered:
+            commands.append(Reply(reply))
+        commands.extend(self.flight.take_commands())
+        return commands
+
+    def _node_changed(self, received: NodeChanged, now_ns: int) -> list[Command]:
+        self.preflight.hear(received)
+        self.nodes.update(received.node, received.is_alive, now_ns)
+        return []
+
+    def _params_read(self, received: ParamsRead, now_ns: int) -> list[Command]:
+        self.preflight.hear(received)
+        self._context.battery_floor_frac = received.battery_floor_frac
+        return []
+
+    def _clocks_compared(self, received: ClocksCompared, now_ns: int) -> list[Command]:
+        self.preflight.hear(received)
+        return []
+
+    def _loop_timed(self, received: LoopTimed, now_ns: int) -> list[Command]:
+        self.preflight.hear(received)
+        self._publisher.loop = received
+        return []
+
+    def _messages_counted(self, received: MessagesCounted, now_ns: int) -> list[Command]:
+        counts = self._publisher.counts
+        counts.malformed += received.malformed
+        counts.refused += received.refused
+        counts.dropped += received.dropped
+        return []
+
+    def _disk_checked(self, received: DiskChecked, now_ns: int) -> list[Command]:
+        self._context.is_disk_full = received.is_full
+        return []
+
+    def _mocap_problem_changed(self, received: MocapProblemChanged, now_ns: int) -> list[Command]:
+        self.preflight.hear(received)
+        if received.sentence:
+            self.flight.say(self._view, "warning", "mocap-source", received.sentence)
+        return []
+
+    def _tick_failed(self, received: TickFailed, now_ns: int) -> list[Command]:
+        self.control.is_finite = False
+        self.flight.say(self._view, "critical", "tick-failed", received.sentence)
+        return []
+
+    def _shutdown_requested(self, received: ShutdownRequested, now_ns: int) -> list[Command]:
+        self._context.is_stopping = True
+        return []
 
 
 _RECEIVERS: dict[type, Callable[[AgentCore, Any, int], list[Command]]] = {
     SnapshotReceived: AgentCore._snapshot_received,
     NeighbourReceived: AgentCore._neighbour_received,
     PoseReceived: AgentCore._pose_received,
-    OrderUntrusted: AgentCore._order_untrusted,
     AllPosesReceived: AgentCore._all_poses_received,
     OrderReceived: AgentCore._order_received,
+    OrderUntrusted: AgentCore._order_untrusted,
     NodeChanged: AgentCore._node_changed,
-    LoopTimed: AgentCore._loop_timed,
     ParamsRead: AgentCore._params_read,
-    ClocksCompared: AgentCore._preflight_input,
-    DiskChecked: AgentCore._disk_checked,
+    ClocksCompared: AgentCore._clocks_compared,
+    LoopTimed: AgentCore._loop_timed,
     MessagesCounted: AgentCore._messages_counted,
+    DiskChecked: AgentCore._disk_checked,
+    MocapProblemChanged: AgentCore._mocap_problem_changed,
     TickFailed: AgentCore._tick_failed,
-    MocapProblemChanged: AgentCore._mocap_problem,
-    ShutdownRequested: AgentCore._stop_requested,
+    ShutdownRequested: AgentCore._shutdown_requested,
 }

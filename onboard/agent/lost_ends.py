@@ -1,4 +1,8 @@
-"""Ends of orders that a ground missed while it was cut off: told again when it is back. Pure."""
+"""Ends of orders that a ground has missed while it was cut off, reported again. Pure.
+
+An order ends with an event. A ground whose link breaks does not hear it, and would wait for it
+forever. So the newest ends are kept, and published again when the ground is back.
+"""
 
 from __future__ import annotations
 
@@ -10,43 +14,56 @@ from onboard.bus.schema import Event
 
 _NOTICED_NS = 1_500_000_000  # a ground that is cut off counts as there for so long
 _WAIT_NS = 1_000_000_000  # until a ground that is back hears events, too
-_MOST_ENDS, _MOST_GROUNDS = 8, 16
+_MOST_ENDS = 8
+_MOST_GROUNDS = 16
 
 
 class LostEnds:
     """Memory of the newest ends of orders, and of the grounds that were lost."""
 
     def __init__(self) -> None:
-        self._ends: deque[tuple[int, Publish]] = deque(maxlen=_MOST_ENDS)
+        self._ends: deque[tuple[int, Publish]] = deque(maxlen=_MOST_ENDS)  # stamp [ns], event
         self._lost_ns: dict[str, int] = {}  # ground -> when it was lost
-        self._from_ns = 0  # ends from then on are told again
-        self._tell_ns = 0  # when; 0: nobody is back
+        self._from_ns = 0  # ends from then on are published again
+        self._repeat_ns = 0  # when; 0: no ground is back
 
     def see(self, ground: str, is_alive: bool, now_ns: int) -> None:
         """Take a ground's appearance or end."""
+        is_repeat_pending = self._repeat_ns != 0
+
         if not is_alive:
             if len(self._lost_ns) >= _MOST_GROUNDS:
-                self._lost_ns.pop(next(iter(self._lost_ns)))
-            # lost again before anything was told: what it missed before is still to be told
-            self._lost_ns[ground] = (
-                min(now_ns, self._from_ns + _NOTICED_NS) if self._tell_ns else now_ns
-            )
+                oldest = next(iter(self._lost_ns))
+                self._lost_ns.pop(oldest)
+
+            lost_ns = now_ns
+            if is_repeat_pending:
+                # Lost again before anything was repeated: what it missed before counts still.
+                lost_ns = min(now_ns, self._from_ns + _NOTICED_NS)
+            self._lost_ns[ground] = lost_ns
+
         elif ground in self._lost_ns:
-            lost_ns = self._lost_ns.pop(ground) - _NOTICED_NS
-            self._from_ns = min(self._from_ns, lost_ns) if self._tell_ns else lost_ns
-            self._tell_ns = now_ns + _WAIT_NS
+            from_ns = self._lost_ns.pop(ground) - _NOTICED_NS
+            if is_repeat_pending:
+                from_ns = min(self._from_ns, from_ns)
+            self._from_ns = from_ns
+            self._repeat_ns = now_ns + _WAIT_NS
 
     def pass_on(self, commands: Iterable[Command], now_ns: int) -> list[Command]:
-        """Return commands of a tick, with the ends that are to be told again."""
+        """Return commands of a tick, with the ends that are to be published again."""
         out = list(commands)
-        if self._tell_ns and now_ns >= self._tell_ns:
-            self._tell_ns = 0
-            out += [command for stamp_ns, command in self._ends if stamp_ns >= self._from_ns]
+        if self._repeat_ns and now_ns >= self._repeat_ns:
+            self._repeat_ns = 0
+            out.extend(end for stamp_ns, end in self._ends if stamp_ns >= self._from_ns)
+
         for command in out:
-            if not isinstance(command, Publish) or not isinstance(command.message, Event):
-                continue
-            message = command.message
-            end = message.stamp_ns, command
-            if message.order_outcome and message.severity != "debug" and end not in self._ends:
-                self._ends.append(end)
+            if isinstance(command, Publish) and isinstance(command.message, Event):
+                self._keep(command, command.message)
         return out
+
+    def _keep(self, command: Publish, event: Event) -> None:
+        """Remember the event if it ends an order that somebody waits for."""
+        end = (event.stamp_ns, command)
+        is_end = event.order_outcome and event.severity != "debug"
+        if is_end and end not in self._ends:
+            self._ends.append(end)

@@ -160,7 +160,7 @@ def tick_sample(result: TickResult, state: StateMessage, sources: TelemetrySourc
         neighbour_ages_s=sources.neighbours.followed_ages_s(view.now_ns),
         setpoint_quaternion_enu_flu_wxyz=tick.attitude.quaternion_wxyz,
         setpoint_thrust_frac=tick.attitude.thrust_frac,
-        attitude_quaternion_enu_flu_wxyz=sources.own.attitude_wxyz(snapshot),
+        attitude_quaternion_enu_flu_wxyz=view.attitude_wxyz,
         hover_thrust_frac=tick.hover_thrust_frac,
         attitude_age_s=(view.now_ns - snapshot.attitude_ns) * 1e-9 if snapshot.attitude_ns else 0.0,
     )
@@ -205,7 +205,7 @@ def telemetry(
         order_id=order.order_id if order is not None else "",
         order_kind=order.kind if order is not None else "",
         order_phase=flight.step.text,
-        state_age_s=own.age_s,
+        state_age_s=view.position_age_s,
         mocap_delay_s=own.validator.delay_s,
         autopilot_age_s=(now_ns - snapshot.last_packet_ns) * 1e-9
         if snapshot.last_packet_ns

@@ -1,6 +1,4 @@
-"""The other nodes of the bus: grounds and their roles, and the neighbours that are followed at full
-rate.
-"""
+"""The other nodes of the bus: grounds with their roles, and the neighbours that are followed."""
 
 from __future__ import annotations
 
@@ -23,39 +21,45 @@ class BusNodes:
     def __init__(self, fleet: FleetConfig, vehicle_name: str) -> None:
         self.roles = ControlTokens()
         self.lost_ends = LostEnds()
-        self._has_peers = (
-            len(fleet.enabled_names) > 1 or fleet.vehicles[vehicle_name].mocap_required
-        )
-        self._grounds: set[str] = set()
+        self.has_ground = False  # a ground is on the bus
 
-    @property
-    def has_ground(self) -> bool:
-        """Whether a ground is on the bus."""
-        return bool(self._grounds)
+        is_alone = len(fleet.enabled_names) <= 1
+        self._has_peers = not is_alone or fleet.vehicles[vehicle_name].mocap_required
+        self._grounds: set[str] = set()
 
     def update(self, node: str, is_alive: bool, now_ns: int) -> None:
         """Take a node's appearance or end."""
-        # whoever may order, operator or not; who only watches has another name
-        if node.startswith(GROUND):
-            # its link broke and is back: the end in between was not noticed
-            if is_alive and node in self._grounds:
-                self.lost_ends.see(node, False, now_ns)
-            self.lost_ends.see(node, is_alive, now_ns)
-            (self._grounds.add if is_alive else self._grounds.discard)(node)
-        else:
+        # Grounds may order, operator or not; who only watches has another name.
+        if not node.startswith(GROUND):
             self.roles.see(node, is_alive)
+            return
+
+        # The link of a ground that appears twice broke and is back; nobody noticed the end.
+        if is_alive and node in self._grounds:
+            self.lost_ends.see(node, False, now_ns)
+        self.lost_ends.see(node, is_alive, now_ns)
+
+        if is_alive:
+            self._grounds.add(node)
+        else:
+            self._grounds.discard(node)
+        self.has_ground = bool(self._grounds)
 
     def silence_s(self, last_heard_ns: int, now_ns: int) -> float:
-        """Return the time [s] since anything was heard on the bus; 0 while that says nothing about
-        it.
+        """Return the time [s] since anything was heard on the bus.
+
+        It is 0 while silence says nothing: nothing was heard yet, nobody is to be heard, or a ground
+        is there.
         """
-        is_meaningful = last_heard_ns and self._has_peers and not self.has_ground
-        return (now_ns - last_heard_ns) * 1e-9 if is_meaningful else 0.0
+        if not last_heard_ns or not self._has_peers or self.has_ground:
+            return 0.0
+        return (now_ns - last_heard_ns) * 1e-9
 
 
 class NeighbourFollower:
-    """Chooses from time to time the neighbours that are heard at full rate; in a large fleet nobody
-    at first.
+    """Chooses from time to time the neighbours whose states are received at full rate.
+
+    In a large fleet these are none at first.
     """
 
     def __init__(self, table: NeighbourTable) -> None:
@@ -63,10 +67,17 @@ class NeighbourFollower:
         self._ticks_left = 0
 
     def due(self, position_enu_m: Vec3 | None, now_ns: int) -> list[Follow]:
-        """Return the change at this tick, if there is one."""
+        """Return the change at this tick, if there is one; the first choice is always one."""
         self._ticks_left -= 1
         if self._ticks_left > 0:
             return []
-        is_first, self._ticks_left = self._ticks_left < 0, SELECT_TICKS
-        is_new = position_enu_m is not None and self._table.select_followed(position_enu_m, now_ns)
-        return [Follow(self._table.followed)] if is_new or is_first else []
+        is_first_choice = self._ticks_left < 0
+        self._ticks_left = SELECT_TICKS
+
+        has_changed = False
+        if position_enu_m is not None:
+            has_changed = self._table.select_followed(position_enu_m, now_ns)
+
+        if is_first_choice or has_changed:
+            return [Follow(self._table.followed)]
+        return []

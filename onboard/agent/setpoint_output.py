@@ -1,5 +1,7 @@
-"""The last check before a setpoint leaves: finite, bounded, and from a position and an attitude
-that are known now.
+"""The last check before a setpoint leaves.
+
+A setpoint leaves only if it is finite and bounded, and follows from a position and an attitude that
+are known now. Where one of these is missing, PX4 sees silence, and lands after COM_OF_LOSS_T.
 """
 
 from __future__ import annotations
@@ -11,7 +13,7 @@ from onboard.config.fleet import Vehicle
 from onboard.control.control_mode import ControlMode
 from onboard.flight import state_machine
 from onboard.flight.context import FlightContext
-from onboard.flight.types import FlightView
+from onboard.flight.types import MUST_BE_OFFBOARD, FlightView
 from onboard.localization.own_state import OwnState
 from onboard.px4.required_params import required_params
 from onboard.safety.failsafe_table import Action
@@ -19,10 +21,11 @@ from onboard.safety.limits import RECKONING_S
 from onboard.safety.setpoint_check import is_sendable
 from onboard.supervision.failsafe_executor import FailsafeExecutor
 
-# PX4 speaks at least every 30 ms: setpoints are for an attitude that is known now, and a thread
-# that hangs is not known
+# PX4 speaks at least every 30 ms. A setpoint is for an attitude that is known now; the attitude of a
+# PX4 or a thread that hangs is not.
 _PX4_FRESH_NS = 80_000_000
 _RECKONED_S = RECKONING_S + 0.2
+_PX4_LANDS_AFTER_S = 0.3  # without setpoints, unless the fleet file sets COM_OF_LOSS_T
 
 
 class SetpointOutput:
@@ -33,40 +36,55 @@ class SetpointOutput:
     ) -> None:
         self.quaternion_wxyz: Vec4 = (1.0, 0.0, 0.0, 0.0)  # sent last, in the fleet frame
         self.sent_thrust_frac = 0.0  # sent last; 0 while nothing is sent
-        self._own, self._flight, self._failsafes = own, flight, failsafes
+        self._own = own
+        self._flight = flight
+        self._failsafes = failsafes
         self._max_tilt_deg = vehicle.max_tilt_deg
-        self._loss_ns = round(1e9 * float(required_params(vehicle).get("COM_OF_LOSS_T", 0.3)))
-        self._sent_ns = 0
+        loss_s = required_params(vehicle).get("COM_OF_LOSS_T", _PX4_LANDS_AFTER_S)
+        self._loss_ns = round(1e9 * float(loss_s))
+        self._sent_ns = 0  # 0 while nothing is sent
 
     def commands(self, view: FlightView, control: ControlStep) -> list[Command]:
         """Return the setpoint of this tick, or nothing: then PX4 sees silence."""
-        flight, now_ns = self._flight, view.now_ns
-        if not flight.step.is_streaming or control.tick is None:
-            self.sent_thrust_frac, self._sent_ns = 0.0, 0
+        step = self._flight.step
+        if not step.is_streaming or control.tick is None:
+            self.sent_thrust_frac = 0.0
+            self._sent_ns = 0
             return []
-        if flight.must_be_offboard and self._sent_ns and now_ns - self._sent_ns > self._loss_ns:
-            # PX4 has begun to land meanwhile: setpoints that come back now would take the vehicle
-            # from it
-            sentence = f"No setpoint has left for {self._loss_ns * 1e-9:.1f} s: PX4 lands."
-            flight.say(view, "critical", "setpoints-interrupted", sentence)
-            state_machine.begin_failsafe(flight, view, Action.PX4_LAND, sentence)
-            self._failsafes.action = max(self._failsafes.action, Action.PX4_LAND)
+
+        silence_ns = view.now_ns - self._sent_ns if self._sent_ns else 0
+        if silence_ns > self._loss_ns and step in MUST_BE_OFFBOARD:
+            self._let_px4_land(view)
             return []
+
+        is_on_ground = step.control_mode is ControlMode.GROUND
+        setpoint = control.tick.attitude
         must_be_level = self._failsafes.must_be_level or not control.is_finite
-        setpoint = (
-            control.level()
-            if flight.step.control_mode is not ControlMode.GROUND and must_be_level
-            else control.tick.attitude
-        )
-        has_position = (
-            flight.step.control_mode is ControlMode.GROUND or self._own.age_s < _RECKONED_S
-        )
-        is_fresh = has_position and now_ns - view.snapshot.last_packet_ns < _PX4_FRESH_NS
-        for_px4 = self._own.to_px4(setpoint)
-        # what leaves is checked: a quaternion of zeros ends the attitude control of PX4 v1.18 until
-        # it restarts
-        if not is_fresh or not is_sendable(for_px4, self._max_tilt_deg):
+        if must_be_level and not is_on_ground:
+            setpoint = control.level()
+
+        has_position = is_on_ground or view.position_age_s < _RECKONED_S
+        has_attitude = view.now_ns - view.snapshot.last_packet_ns < _PX4_FRESH_NS
+        if not has_position or not has_attitude:
             return []
-        self._sent_ns = now_ns
-        self.quaternion_wxyz, self.sent_thrust_frac = setpoint.quaternion_wxyz, setpoint.thrust_frac
+
+        # What leaves is checked, as it leaves: a quaternion of zeros ends the attitude control of
+        # PX4 v1.18 until it restarts.
+        for_px4 = self._own.to_px4(setpoint)
+        if not is_sendable(for_px4, self._max_tilt_deg):
+            return []
+
+        self._sent_ns = view.now_ns
+        self.quaternion_wxyz = setpoint.quaternion_wxyz
+        self.sent_thrust_frac = setpoint.thrust_frac
         return [SendAttitude(for_px4)]
+
+    def _let_px4_land(self, view: FlightView) -> None:
+        """Leave the vehicle to PX4, which has begun to land it for want of setpoints.
+
+        Setpoints that came back now would take the vehicle from it.
+        """
+        sentence = f"No setpoint has left for {self._loss_ns * 1e-9:.1f} s: PX4 lands."
+        self._flight.say(view, "critical", "setpoints-interrupted", sentence)
+        state_machine.begin_failsafe(self._flight, view, Action.PX4_LAND, sentence)
+        self._failsafes.action = max(self._failsafes.action, Action.PX4_LAND)

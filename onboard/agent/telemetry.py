@@ -1,8 +1,12 @@
-"""Messages of every tick: the state for the neighbours, samples for the record, telemetry for
-people.
+"""Messages of every tick.
+
+The neighbours take the state, people look at the telemetry, and the record keeps a sample of every
+tick, in batches.
 """
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 from onboard.agent import messages
 from onboard.agent.messages import AgentIdentity, RunCounters, TelemetrySources, TickResult
@@ -18,6 +22,15 @@ _TELEMETRY_TICKS = 5
 _BATCH_TICKS = 10
 
 
+class TickMessages(NamedTuple):
+    """Messages of one tick, in two parts with a place of their own among its commands."""
+
+    # Before the events of the same tick: a receiver of an order's end then finds the state that the
+    # order led to.
+    telemetry: list[Command]
+    others: list[Command]  # behind the setpoint
+
+
 class TelemetryPublisher:
     """Counts and batches the messages of one run of an agent."""
 
@@ -27,57 +40,42 @@ class TelemetryPublisher:
         self.loop = LoopTimed(0.0, 0.0, 0.0, 0)  # newest statistics of the loop
         # of messages that reached neither the neighbours' table nor the own state
         self.counts = MessageCounts()
-        self._identity, self._sources = identity, sources
+
+        self._identity = identity
+        self._sources = sources
         self._state_ticks = state_ticks  # from one state for the near neighbours to the next
         self._decimation = TelemetryDecimation()
         self._samples: list[TickSample] = []
         self._sequence = 0
         self._published_step = sources.flight.step
 
-    def every_tick(self, result: TickResult) -> list[Command]:
-        """Return the messages of this tick but the telemetry."""
+    def publish(self, result: TickResult) -> TickMessages:
+        """Return the messages of this tick."""
         self._sequence += 1
         state = self._state(result)
-        commands: list[Command] = []
-        if self._sequence % self._state_ticks == 0:
-            commands.append(Publish(Topic.STATE, state))
-        if is_slow(self._sequence):
-            commands.append(Publish(Topic.FAR, state))
         self._samples.append(messages.tick_sample(result, state, self._sources))
+
+        others: list[Command] = []
+        if self._sequence % self._state_ticks == 0:
+            others.append(Publish(Topic.STATE, state))
+        if is_slow(self._sequence):
+            others.append(Publish(Topic.FAR, state))
         if len(self._samples) >= _BATCH_TICKS:
-            identity = self._identity
-            batch = TickBatch(
-                vehicle=identity.vehicle.name,
-                boot_id=identity.boot_id,
-                sequence=self._sequence,
-                ticks=tuple(self._samples),
-            )
-            self._samples.clear()
-            commands.append(Publish(Topic.TICK, batch))
-        return commands
+            others.append(Publish(Topic.TICK, self._batch()))
 
-    def telemetry(self, result: TickResult) -> list[Command]:
-        """Return the telemetry when it is due: ten times a second, and at once when the step has
-        changed.
-
-        It is to be sent before the events of the same tick, so that a receiver of an order's end
-        finds the state that the order led to.
-        """
+        # ten times a second, and at once when the step has changed
+        telemetry: list[Command] = []
         step = self._sources.flight.step
-        if self._sequence % _TELEMETRY_TICKS and step is self._published_step:
-            return []
-        self._published_step = step
-        sources = self._sources
-        counts = total((self.counts, sources.neighbours.counts, sources.own.counts))
-        counters = RunCounters(self._sequence, self.loop, counts)
-        telemetry = messages.telemetry(self._identity, result, sources, counters)
-        commands: list[Command] = [Publish(Topic.TELEMETRY, telemetry)]
-        if self._decimation.is_due(telemetry):
-            commands.append(Publish(Topic.SLOW_TELEMETRY, telemetry))
-        return commands
+        if self._sequence % _TELEMETRY_TICKS == 0 or step is not self._published_step:
+            self._published_step = step
+            telemetry = self._telemetry(result)
+
+        return TickMessages(telemetry, others)
 
     def _state(self, result: TickResult) -> StateMessage:
-        view, sources = result.view, self._sources
+        view = result.view
+        sources = self._sources
+
         is_avoiding = (
             view.has_position
             and sources.flight.is_avoiding(view)
@@ -88,5 +86,31 @@ class TelemetryPublisher:
         )
         if view.has_position:
             return state
-        last_known = sources.own.px4_check.motion(view.now_ns)
-        return state if last_known is None else messages.px4_state_message(state, *last_known)
+
+        px4_motion = sources.own.px4_check.motion(view.now_ns)
+        if px4_motion is None:
+            return state
+        position_enu_m, velocity_enu_m_s = px4_motion
+        return messages.px4_state_message(state, position_enu_m, velocity_enu_m_s)
+
+    def _batch(self) -> TickBatch:
+        """Return the samples since the last batch."""
+        batch = TickBatch(
+            vehicle=self._identity.vehicle.name,
+            boot_id=self._identity.boot_id,
+            sequence=self._sequence,
+            ticks=tuple(self._samples),
+        )
+        self._samples.clear()
+        return batch
+
+    def _telemetry(self, result: TickResult) -> list[Command]:
+        sources = self._sources
+        counts = total((self.counts, sources.neighbours.counts, sources.own.counts))
+        counters = RunCounters(self._sequence, self.loop, counts)
+        telemetry = messages.telemetry(self._identity, result, sources, counters)
+
+        commands: list[Command] = [Publish(Topic.TELEMETRY, telemetry)]
+        if self._decimation.is_due(telemetry):
+            commands.append(Publish(Topic.SLOW_TELEMETRY, telemetry))
+        return commands

@@ -17,7 +17,7 @@ from onboard.config.fleet import FleetConfig, Vehicle
 from onboard.control import path
 from onboard.flight.contact import ContactSigns
 from onboard.flight.path_flight import PathFlight
-from onboard.flight.types import FlightStep, FlightView
+from onboard.flight.types import MUST_BE_ARMED, MUST_BE_OFFBOARD, FlightStep, FlightView
 from onboard.safety.failsafe_table import Situation
 from onboard.safety.report_confirmation import Expected
 from onboard.types import Goal
@@ -34,16 +34,6 @@ _CONTACT_LIMIT_S = 8.0
 _RISEN_M = 0.5
 _PX4_HEIGHT_RISEN_M = 1.5
 
-_NOT_YET_OFFBOARD = {FlightStep.ARM_OFFBOARD, FlightStep.TAKEOFF_OFFBOARD, FlightStep.TAKEOVER}
-_IN_FREE_FLIGHT = {
-    FlightStep.LIFTOFF,
-    FlightStep.CLIMB,
-    FlightStep.LEG,
-    FlightStep.PATH,
-    FlightStep.ARRIVED,
-    FlightStep.HOLDING,
-    FlightStep.COASTING,
-}
 _NEAR_THE_GROUND = (FlightStep.LIFTOFF, FlightStep.DESCENT, FlightStep.SINKING)
 _NO_GOAL = Goal(ZERO_3, 0.0, 0)
 
@@ -88,29 +78,14 @@ class FlightContext:
         return self.step.situation
 
     @property
-    def is_under_law(self) -> bool:
-        """Whether what is flown is the pipeline's output."""
-        return self.step.is_under_law
-
-    @property
-    def must_be_offboard(self) -> bool:
-        """Whether a heartbeat with another mode shows that somebody took the vehicle away."""
-        return self.step.is_streaming and self.step not in _NOT_YET_OFFBOARD
-
-    @property
-    def must_be_armed(self) -> bool:
-        """Whether a heartbeat without the armed flag shows motors that were stopped in the air."""
-        return self.step in _IN_FREE_FLIGHT
-
-    @property
     def expected(self) -> Expected:
         """Reports that PX4 sends while nobody takes the vehicle away."""
         mode = ""
-        if self.must_be_offboard:
+        if self.step in MUST_BE_OFFBOARD:
             mode = "OFFBOARD"
         elif self.step is FlightStep.PX4_LANDING:
             mode = "LAND"
-        return Expected(self.must_be_armed, mode)
+        return Expected(self.step in MUST_BE_ARMED, mode)
 
     @property
     def goal_position_enu_m(self) -> Vec3:

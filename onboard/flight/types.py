@@ -27,11 +27,13 @@ from enum import Enum
 
 from msgspec import Struct
 
-from onboard.autopilot import Landed, Snapshot, Vec3
+from onboard.autopilot import Landed, Snapshot, Vec3, Vec4
 from onboard.bus.schema import AgentState
 from onboard.control.control_mode import ControlMode
+from onboard.control.control_mode import ControlMode as M
 from onboard.flight.path_flight import OtherClock
 from onboard.safety.failsafe_table import Situation
+from onboard.safety.failsafe_table import Situation as S
 from onboard.types import TICK_S
 
 _LANDED_FRESH_NS = 1_500_000_000  # PX4 reports it 5 to 10 times a second
@@ -46,62 +48,32 @@ class FlightStep(Enum):
 
     __hash__ = object.__hash__  # Enum's own costs a call of Python for each look-up
 
-    WAITING = "waiting", "", Situation.GROUND, ControlMode.GROUND, False
-    READY = "ready", "", Situation.GROUND, ControlMode.GROUND, False
-    ARM_OFFBOARD = "ready", "waiting for OFFBOARD", Situation.ARMED, ControlMode.GROUND, True
-    ARM_ARMING = "ready", "waiting to be armed", Situation.ARMED, ControlMode.GROUND, True
-    ARMED = "armed", "", Situation.ARMED, ControlMode.GROUND, True
-    TAKEOFF_OFFBOARD = (
-        "taking off",
-        "waiting for OFFBOARD",
-        Situation.ARMED,
-        ControlMode.GROUND,
-        True,
-    )
-    TAKEOFF_ARMING = "taking off", "waiting to be armed", Situation.ARMED, ControlMode.GROUND, True
-    LIFTOFF = "taking off", "lift-off", Situation.LIFTOFF, ControlMode.LIFTOFF, True
-    CLIMB = "taking off", "climb", Situation.FLYING, ControlMode.FLYING, True
-    LEG = "flying", "on the way", Situation.FLYING, ControlMode.FLYING, True
-    PATH = "flying", "on its path", Situation.FLYING, ControlMode.FLYING, True
-    ARRIVED = "flying", "arrived", Situation.FLYING, ControlMode.FLYING, True
-    HOLDING = "holding", "arrived", Situation.FLYING, ControlMode.FLYING, True
-    TAKEOVER = "holding", "taking over from PX4's hold", Situation.FLYING, ControlMode.FLYING, True
-    COASTING = "flying", "no pose: brakes and sinks", Situation.FLYING, ControlMode.BLIND, True
-    DESCENT = "landing", "descent", Situation.LANDING, ControlMode.LANDING, True
-    SINKING = "landing", "descent without poses", Situation.LANDING, ControlMode.BLIND, True
-    CONTACT = (
-        "landing",
-        "on the ground, waiting for PX4",
-        Situation.LANDING,
-        ControlMode.GROUND,
-        True,
-    )
-    PX4_LANDING = "landing", "PX4 lands", Situation.PX4_LANDING, ControlMode.GROUND, False
-    LANDED = "landed", "", Situation.GROUND, ControlMode.GROUND, False
-    DISARMING = "armed", "waiting to be disarmed", Situation.ARMED, ControlMode.GROUND, False
-    DISARMED = "ready", "waiting for PX4 to confirm", Situation.GROUND, ControlMode.GROUND, False
-    FAILSAFE_DISARMING = (
-        "waiting",
-        "waiting to be disarmed",
-        Situation.GROUND,
-        ControlMode.GROUND,
-        False,
-    )
-    FAILED = "failed", "", Situation.SILENT, ControlMode.GROUND, False
-    FAILED_DISARMING = (
-        "failed",
-        "waiting to be disarmed",
-        Situation.SILENT,
-        ControlMode.GROUND,
-        False,
-    )
-    KILLING = (
-        "failed",
-        "waiting for the motors to stop",
-        Situation.SILENT,
-        ControlMode.GROUND,
-        False,
-    )
+    WAITING = "waiting", "", S.GROUND, M.GROUND, False
+    READY = "ready", "", S.GROUND, M.GROUND, False
+    ARM_OFFBOARD = "ready", "waiting for OFFBOARD", S.ARMED, M.GROUND, True
+    ARM_ARMING = "ready", "waiting to be armed", S.ARMED, M.GROUND, True
+    ARMED = "armed", "", S.ARMED, M.GROUND, True
+    TAKEOFF_OFFBOARD = "taking off", "waiting for OFFBOARD", S.ARMED, M.GROUND, True
+    TAKEOFF_ARMING = "taking off", "waiting to be armed", S.ARMED, M.GROUND, True
+    LIFTOFF = "taking off", "lift-off", S.LIFTOFF, M.LIFTOFF, True
+    CLIMB = "taking off", "climb", S.FLYING, M.FLYING, True
+    LEG = "flying", "on the way", S.FLYING, M.FLYING, True
+    PATH = "flying", "on its path", S.FLYING, M.FLYING, True
+    ARRIVED = "flying", "arrived", S.FLYING, M.FLYING, True
+    HOLDING = "holding", "arrived", S.FLYING, M.FLYING, True
+    TAKEOVER = "holding", "taking over from PX4's hold", S.FLYING, M.FLYING, True
+    COASTING = "flying", "no pose: brakes and sinks", S.FLYING, M.BLIND, True
+    DESCENT = "landing", "descent", S.LANDING, M.LANDING, True
+    SINKING = "landing", "descent without poses", S.LANDING, M.BLIND, True
+    CONTACT = "landing", "on the ground, waiting for PX4", S.LANDING, M.GROUND, True
+    PX4_LANDING = "landing", "PX4 lands", S.PX4_LANDING, M.GROUND, False
+    LANDED = "landed", "", S.GROUND, M.GROUND, False
+    DISARMING = "armed", "waiting to be disarmed", S.ARMED, M.GROUND, False
+    DISARMED = "ready", "waiting for PX4 to confirm", S.GROUND, M.GROUND, False
+    FAILSAFE_DISARMING = "waiting", "waiting to be disarmed", S.GROUND, M.GROUND, False
+    FAILED = "failed", "", S.SILENT, M.GROUND, False
+    FAILED_DISARMING = "failed", "waiting to be disarmed", S.SILENT, M.GROUND, False
+    KILLING = "failed", "waiting for the motors to stop", S.SILENT, M.GROUND, False
 
     def __init__(
         self,
@@ -119,6 +91,23 @@ class FlightStep(Enum):
 
         # what is flown is the pipeline's output
         self.is_under_law = is_streaming and control_mode is not ControlMode.GROUND
+
+
+_NOT_YET_OFFBOARD = {FlightStep.ARM_OFFBOARD, FlightStep.TAKEOFF_OFFBOARD, FlightStep.TAKEOVER}
+
+# Steps in which a heartbeat with another mode shows that somebody took the vehicle away.
+MUST_BE_OFFBOARD = {step for step in FlightStep if step.is_streaming} - _NOT_YET_OFFBOARD
+
+# Steps in which a heartbeat without the armed flag shows motors that were stopped in the air.
+MUST_BE_ARMED = {
+    FlightStep.LIFTOFF,
+    FlightStep.CLIMB,
+    FlightStep.LEG,
+    FlightStep.PATH,
+    FlightStep.ARRIVED,
+    FlightStep.HOLDING,
+    FlightStep.COASTING,
+}
 
 
 class FlightEvent(Enum):
@@ -159,6 +148,8 @@ class FlightView(Struct, frozen=True):
     period_s: float = TICK_S  # since the last tick
     is_blind: bool = False  # position and velocity come from dead reckoning
     yaw_rad: float = math.nan  # heading, counterclockwise from east; NaN: not known
+    position_age_s: float = math.inf  # age of the newest sample that the estimate has used
+    attitude_wxyz: Vec4 = (1.0, 0.0, 0.0, 0.0)  # in the fleet's frame
 
     @property
     def has_landed_report(self) -> bool:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from onboard.autopilot import Snapshot
 from onboard.flight.context import FlightContext
-from onboard.flight.types import FlightStep
+from onboard.flight.types import MUST_BE_ARMED, MUST_BE_OFFBOARD, FlightStep
 from onboard.supervision.tick_facts import ModeLoss
 
 
@@ -37,13 +37,13 @@ class OffboardMonitor:
             return self._while_px4_lands(snapshot, is_on_ground=is_on_ground)
 
         self._has_landing_mode = False
-        if not flight.must_be_offboard:
+        if flight.step not in MUST_BE_OFFBOARD:
             self._not_needed_ns = now_ns
             return ModeLoss.NONE
 
         if snapshot.heartbeat_ns <= self._not_needed_ns:
             return ModeLoss.NONE
-        if not snapshot.is_armed and flight.must_be_armed:
+        if not snapshot.is_armed and flight.step in MUST_BE_ARMED:
             return ModeLoss.DISARMED
         if snapshot.is_offboard:
             return ModeLoss.NONE
