@@ -1,5 +1,6 @@
-"""A drawing surface of braille dots on numpy: 2 x 4 dots and one colour per terminal cell, with
-text on top.
+"""A drawing surface of braille dots on numpy: 2 x 4 dots and one colour per terminal cell.
+
+Text stands on top of the dots. A cell has one colour only, that of what was drawn last in it.
 """
 
 from __future__ import annotations
@@ -18,8 +19,9 @@ from onboard.arrays import Array
 
 # Bit of each dot within a cell, by row and column (the Unicode braille block's own order).
 _BITS = np.array([[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x80]], np.uint8)
-_MAX_STEPS = 4000
-_SPACE, _BRAILLE = 0x20, 0x2800
+_MAX_STEPS = 4000  # dots of one line or circle
+_SPACE = 0x20
+_BRAILLE = 0x2800
 _TAIL = 0x10FFFF  # second cell of a wide character: taken, and not written
 
 
@@ -30,145 +32,154 @@ class Canvas:
     """
 
     def __init__(self, width: int, height: int) -> None:
-        self.width, self.height = max(1, width), max(1, height)
-        self.cells = np.zeros((self.height, self.width), np.uint8)
-        self.colours = np.zeros((self.height, self.width), np.int32)
-        self._chars = np.zeros((self.height, self.width), np.uint32)  # 0: no text here
-
-    def dots(self, x: Array, y: Array, colour: str) -> None:
-        """Set dots x, y (n,); dots outside and not finite ones are left out. The last colour of a
-        cell wins.
-        """
-        with np.errstate(invalid="ignore"):
-            # false for nan
-            fits = (x >= 0) & (x < 2 * self.width) & (y >= 0) & (y < 4 * self.height)
-        columns, rows = x[fits].astype(np.int64), y[fits].astype(np.int64)
-        np.bitwise_or.at(self.cells, (rows >> 2, columns >> 1), _BITS[rows & 3, columns & 1])
-        self.colours[rows >> 2, columns >> 1] = _index(colour, False)
-
-    def line(
-        self, start: tuple[float, float], end: tuple[float, float], colour: str, gap: int = 1
-    ) -> None:
-        """A straight line of dots; with ``gap`` n only every n-th dot is set."""
-        if not np.isfinite([*start, *end]).all():
-            return
-        steps = int(min(_MAX_STEPS, max(abs(end[0] - start[0]), abs(end[1] - start[1]))))
-        along = np.linspace(0.0, 1.0, steps + 1)[::gap]
-        self.dots(
-            start[0] + along * (end[0] - start[0]), start[1] + along * (end[1] - start[1]), colour
-        )
-
-    def lines(self, starts: Array, ends: Array, colour: str, gap: int = 1) -> None:
-        """Straight lines of dots between points (n, 2) and (n, 2), all in one go."""
-        along = ends - starts
-        reach = np.abs(along).max(axis=1, initial=0.0)
-        fits = reach < _MAX_STEPS
-        if fits.any():
-            longest = int(reach[fits].max()) + 1
-            points = (
-                starts[fits, None]
-                + along[fits, None] * (np.arange(0, longest + 1, gap) / longest)[:, None]
-            )
-            self.dots(points[..., 0].ravel(), points[..., 1].ravel(), colour)
-
-    def circles(self, centres: Array, radius: float, colour: str, gap: int = 1) -> None:
-        """Circles of dots about centres (n, 2), radius in dots; with ``gap`` n only every n-th dot
-        is set.
-        """
-        if 0.0 < radius < 1e4 and len(centres):
-            x, y = _round(max(12, min(_MAX_STEPS, int(8 * radius))) // gap)
-            self.dots(
-                (centres[:, :1] + radius * x).ravel(), (centres[:, 1:] + radius * y).ravel(), colour
-            )
+        self.width = max(1, width)
+        self.height = max(1, height)
+        shape = (self.height, self.width)
+        self.cells = np.zeros(shape, np.uint8)  # the dots of each cell, as bits
+        self.colours = np.zeros(shape, np.int32)  # of :func:`_index`
+        self._chars = np.zeros(shape, np.uint32)  # code of a character; 0: no text in this cell
 
     def copy(self) -> Canvas:
         """Return a copy to draw on."""
         twin = Canvas(self.width, self.height)
-        twin.cells, twin.colours, twin._chars = (
-            self.cells.copy(),
-            self.colours.copy(),
-            self._chars.copy(),
-        )
+        twin.cells = self.cells.copy()
+        twin.colours = self.colours.copy()
+        twin._chars = self._chars.copy()
         return twin
 
+    def dots(self, x: Array, y: Array, colour: str) -> None:
+        """Set dots x, y (n,); the last colour of a cell wins.
+
+        Dots outside and not finite ones are left out.
+        """
+        with np.errstate(invalid="ignore"):
+            # false for nan
+            is_inside = (x >= 0) & (x < 2 * self.width) & (y >= 0) & (y < 4 * self.height)
+        dot_columns = x[is_inside].astype(np.int64)
+        dot_rows = y[is_inside].astype(np.int64)
+
+        cells = (dot_rows >> 2, dot_columns >> 1)
+        np.bitwise_or.at(self.cells, cells, _BITS[dot_rows & 3, dot_columns & 1])
+        self.colours[cells] = _index(colour, False)
+
+    def line(
+        self, start: tuple[float, float], end: tuple[float, float], colour: str, gap: int = 1
+    ) -> None:
+        """Draw a straight line of dots; with ``gap`` n only every n-th dot is set."""
+        if not np.isfinite([*start, *end]).all():
+            return
+
+        along_x = end[0] - start[0]
+        along_y = end[1] - start[1]
+        steps = int(min(_MAX_STEPS, max(abs(along_x), abs(along_y))))
+        shares = np.linspace(0.0, 1.0, steps + 1)[::gap]
+        self.dots(start[0] + shares * along_x, start[1] + shares * along_y, colour)
+
+    def lines(self, starts: Array, ends: Array, colour: str, gap: int = 1) -> None:
+        """Draw straight lines of dots between points (n, 2) and (n, 2), all in one go."""
+        along = ends - starts
+        lengths = np.abs(along).max(axis=1, initial=0.0)
+        is_drawable = lengths < _MAX_STEPS
+        if not is_drawable.any():
+            return
+
+        longest = int(lengths[is_drawable].max()) + 1
+        shares = (np.arange(0, longest + 1, gap) / longest)[:, None]
+        points = starts[is_drawable, None] + along[is_drawable, None] * shares
+        self.dots(points[..., 0].ravel(), points[..., 1].ravel(), colour)
+
+    def circles(self, centres: Array, radius: float, colour: str, gap: int = 1) -> None:
+        """Draw circles of dots about centres (n, 2), radius in dots.
+
+        With ``gap`` n only every n-th dot is set.
+        """
+        if not 0.0 < radius < 1e4 or not len(centres):
+            return
+
+        dot_count = max(12, min(_MAX_STEPS, int(8 * radius)))
+        unit_x, unit_y = _unit_circle(dot_count // gap)
+        x = centres[:, :1] + radius * unit_x
+        y = centres[:, 1:] + radius * unit_y
+        self.dots(x.ravel(), y.ravel(), colour)
+
     def text(self, column: int, row: int, text: str, colour: str, bold: bool = False) -> None:
-        """Text from a cell on; wide characters take two cells; text outside is left out."""
+        """Write text from a cell on; wide characters take two cells; text outside is left out."""
         if not 0 <= row < self.height:
             return
+
         kind = _index(colour, bold)
         line = self._chars[row]
         for char in text:
             width = get_character_cell_size(char)
             if width and column >= 0 and column + width <= self.width:
-                if line[column] == _TAIL:  # half of a wide character would be left
+                # Half of a wide character, before or behind this one, would be left.
+                if line[column] == _TAIL:
                     line[column - 1] = _SPACE
                 if column + width < self.width and line[column + width] == _TAIL:
                     line[column + width] = _SPACE
+
                 line[column : column + width] = [ord(char), _TAIL][:width]
                 self.colours[row, column : column + width] = kind
             column += width
 
     def is_free(self, column: int, row: int, width: int) -> bool:
-        """Whether text of this width has room here without covering other text or leaving the
-        picture.
-        """
+        """Whether text of this width fits into the picture here without covering other text."""
         is_inside = 0 <= row < self.height and column >= 0 and column + width <= self.width
         return is_inside and not self._chars[row, column : column + width].any()
 
     def strips(self) -> list[Strip]:
         """Return the picture, line by line."""
-        chars = np.where(
-            self._chars > 0,
-            self._chars,
-            np.where(self.cells > 0, np.uint32(_BRAILLE) + self.cells, np.uint32(_SPACE)),
-        )
+        chars = np.where(self.cells > 0, np.uint32(_BRAILLE) + self.cells, np.uint32(_SPACE))
+        chars = np.where(self._chars > 0, self._chars, chars)
+        text = chars.astype("<u4").tobytes().decode("utf-32-le")
+
         # A blank takes the colour of its left neighbour: fewer pieces to write.
-        is_blank = chars == _SPACE
-        columns = np.where(is_blank, 0, np.arange(self.width))
+        columns = np.where(chars == _SPACE, 0, np.arange(self.width))
         colours = np.take_along_axis(self.colours, np.maximum.accumulate(columns, axis=1), axis=1)
-        # in one go: row by row it costs most of a picture
+
+        # The columns at which a new colour begins, of all rows in one go: row by row it costs most
+        # of a picture.
         rows, breaks = np.nonzero(colours[:, 1:] != colours[:, :-1])
-        edges, kinds = (breaks + 1).tolist(), colours[rows, breaks + 1].tolist()
-        begins, first_kinds = (
-            np.searchsorted(rows, np.arange(self.height + 1)).tolist(),
-            colours[:, 0].tolist(),
-        )
-        lines = chars.astype("<u4").tobytes().decode("utf-32-le")
+        starts = (breaks + 1).tolist()
+        kinds = colours[rows, breaks + 1].tolist()
+        first_kinds = colours[:, 0].tolist()
+        row_begins = np.searchsorted(rows, np.arange(self.height + 1)).tolist()
+
         strips = []
-        for row, (begin, end) in enumerate(itertools.pairwise(begins)):
-            line = lines[row * self.width : (row + 1) * self.width]
-            ends = [*edges[begin:end], self.width]
-            segments = [
-                Segment(line[left:right], _STYLES[kind])
-                for left, right, kind in zip(
-                    [0, *ends[:-1]], ends, [first_kinds[row], *kinds[begin:end]], strict=True
-                )
-            ]
-            strip = Strip(segments, self.width)
-            if chr(_TAIL) in line:
-                whole = [
-                    Segment(part.text.replace(chr(_TAIL), ""), part.style) for part in segments
-                ]
-                strip = Strip(whole).adjust_cell_length(self.width)
-            strips.append(strip)
+        for row, (begin, end) in enumerate(itertools.pairwise(row_begins)):
+            line = text[row * self.width : (row + 1) * self.width]
+            edges = [0, *starts[begin:end], self.width]
+            pieces = zip(
+                itertools.pairwise(edges), [first_kinds[row], *kinds[begin:end]], strict=True
+            )
+            segments = [Segment(line[left:right], _STYLES[kind]) for (left, right), kind in pieces]
+            strips.append(self._strip(segments, has_wide=chr(_TAIL) in line))
         return strips
 
+    def _strip(self, segments: list[Segment], *, has_wide: bool) -> Strip:
+        """Return a line of these segments; the second cells of wide characters are left out."""
+        if not has_wide:
+            return Strip(segments, self.width)
+        whole = [Segment(part.text.replace(chr(_TAIL), ""), part.style) for part in segments]
+        return Strip(whole).adjust_cell_length(self.width)
 
-_KINDS: dict[tuple[str, bool], int] = {(TEXT, False): 0}  # also of cells in which nothing was drawn
+
+# Index of each colour and weight; 0 also of cells in which nothing was drawn.
+_KINDS: dict[tuple[str, bool], int] = {(TEXT, False): 0}
 _STYLES: list[Style] = [style(TEXT)]
 
 
 def _index(colour: str, bold: bool) -> int:
     """Return a small number for a colour, the same in every picture."""
-    kind = _KINDS.get((colour, bold))
-    if kind is None:
-        kind = _KINDS[(colour, bold)] = len(_STYLES)
+    key = (colour, bold)
+    if key not in _KINDS:
+        _KINDS[key] = len(_STYLES)
         _STYLES.append(style(colour, bold=bold))
-    return kind
+    return _KINDS[key]
 
 
 @lru_cache(256)
-def _round(count: int) -> tuple[Array, Array]:
+def _unit_circle(count: int) -> tuple[Array, Array]:
     """Return points x, y (count,) of the unit circle."""
     angle = np.linspace(0.0, 2.0 * np.pi, max(4, count), endpoint=False)
     return np.cos(angle), np.sin(angle)

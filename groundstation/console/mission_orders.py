@@ -17,8 +17,12 @@ from groundstation.verdict.verdict import Verdict
 from onboard.config.fleet import ConfigError
 
 WORDS = ("mission", "step", "continue", "stop")
-USAGE = "mission FILE [stepping] [NAME=VALUE ...]; then: step (the next order), continue (all), stop (lands all)"
-_READY_S, _WATCH_S = 10.0, 0.2
+USAGE = (
+    "mission FILE [stepping] [NAME=VALUE ...]; "
+    "then: step (the next order), continue (all), stop (lands all)"
+)
+_READY_S = 10.0  # within which all vehicles are ready
+_WATCH_S = 0.2  # between two looks for silent vehicles
 
 
 class MissionOrders:
@@ -26,16 +30,17 @@ class MissionOrders:
 
     Args:
         client: of the fleet; only one that may order flies missions.
-        begin: flies a mission in a worker, unless one flies already; with the function of its line
-            for the title.
+        begin: flies a mission in a worker, unless one flies already. Takes the mission, and the
+            function that returns its line for the title.
     """
 
     def __init__(
         self, client: ConsoleClient, begin: Callable[[Mission, Callable[[], str]], bool]
     ) -> None:
-        self._client, self._begin = client, begin
+        self._client = client
+        self._begin = begin
         self._run: MissionRun | None = None
-        self._line = ""
+        self._line = ""  # what the mission said last
 
     def take(self, words: Sequence[str]) -> str:
         """Carry out an order.
@@ -48,9 +53,11 @@ class MissionOrders:
         """
         if words[0] == "mission":
             return self._start(words[1:])
+
         run = self._run
         if run is None or run.is_over:
             return f"No mission flies that was started here. Write: {USAGE}"
+
         if words[0] == "stop":
             run.interrupt()
         else:
@@ -58,29 +65,34 @@ class MissionOrders:
         return ""
 
     def _start(self, words: Sequence[str]) -> str:
+        """Start a mission; returns a sentence when it is refused, or else nothing."""
         client = self._client
         if not isinstance(client, FleetClient):
             return "This console only watches: attach one that may order."
         refusal = client.control.refusal("takeoff")
         if refusal is not None:
             return refusal
-        names = [word for word in words if "=" not in word and word != "stepping"]
-        if len(names) != 1:
+
+        files = [word for word in words if "=" not in word and word != "stepping"]
+        if len(files) != 1:
             return f"Which mission? Write: {USAGE}"
+        arguments = dict(word.split("=", 1) for word in words if "=" in word)
+
         try:
-            mission = load_mission(names[0], client.fleet)
-            arguments = dict(word.split("=", 1) for word in words if "=" in word)
+            mission = load_mission(files[0], client.fleet)
             if arguments and not mission.is_python:
-                return f"{names[0]}: only Python missions have arguments."
+                return f"{files[0]}: only Python missions have arguments."
             mission = replace(mission, arguments=arguments)
             if mission.is_python:
                 load_function(mission)
             refuse_unflyable(mission, client.state.is_simulated)
         except ConfigError as error:
             return str(error)
+
         run = MissionRun(mission, client, say=self._say, ready_timeout_s=_READY_S)
         if "stepping" in words:
             run.fleet.ground.go_on(is_stepping=True)
+
         if not self._begin(lambda: self._fly(run), lambda: self._line):
             return "A mission flies already. Write: stop"
         self._run = run

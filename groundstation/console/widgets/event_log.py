@@ -1,7 +1,8 @@
 """The events, newest at the bottom: Textual's RichLog with sign, time and a hanging indent.
 
-Lines are broken here and written as segments, a refresh at a time: 30 us an event, where RichLog
-takes 140 us to break and measure a rich text. So 500 events at once hold up a key by 15 ms.
+Lines are broken here and written as segments, all those of a refresh at once. That takes 30 us an
+event, where RichLog takes 140 us to break and measure a rich text: 500 events at once hold up a key
+by 15 ms.
 """
 
 from __future__ import annotations
@@ -18,8 +19,13 @@ from textual.widgets import RichLog
 from groundstation.console import theme
 from groundstation.console.theme import FAINT, SEVERITY_SIGNS, clean
 
-MAX_ENTRIES, MAX_LINES = 500, 2000
+MAX_ENTRIES = 500
+MAX_LINES = 2000
 _TIME_WIDTH = 46  # cells from which on there is room for the time
+
+# Cells before the sentence, with the time and without it.
+_WIDE_INDENT = 12
+_NARROW_INDENT = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,8 +42,9 @@ class LogEntry:
     ) -> LogEntry:
         """Return an entry that names its vehicle, if it does not do so already."""
         text = clean(sentence)
-        named = text if not vehicle or text.startswith(vehicle) else f"{clean(vehicle, 40)}: {text}"
-        return cls(named, sign, stamp or time.strftime("%H:%M:%S"))
+        if vehicle and not text.startswith(vehicle):
+            text = f"{clean(vehicle, 40)}: {text}"
+        return cls(text, sign, stamp or time.strftime("%H:%M:%S"))
 
 
 class EventLog(RichLog, can_focus=False):
@@ -91,16 +98,22 @@ class EventLog(RichLog, can_focus=False):
         self.border_subtitle = f"{below} lines below" if below > 0 else ""
 
     def _write(self, entries: Iterable[LogEntry], *, is_end: bool) -> None:
+        """Write entries; with ``is_end`` the log goes on showing its end."""
+        has_time = self._width >= _TIME_WIDTH
+        indent = _WIDE_INDENT if has_time else _NARROW_INDENT
+        text_width = max(8, self._width - indent - 1)
+
         segments: list[Segment] = []
-        indent = 12 if self._width >= _TIME_WIDTH else 3
         for entry in entries:
-            (sign, colour), stamp = entry.sign, f" {entry.stamp} " if indent == 12 else " "
+            sign, colour = entry.sign
+            stamp = f" {entry.stamp} " if has_time else " "
             head = [
                 Segment(stamp, theme.style(FAINT)),
                 Segment(f"{sign} ", theme.style(colour, bold=True)),
             ]
-            for line in theme.wrap(entry.sentence, max(8, self._width - indent - 1), most=12):
+            for line in theme.wrap(entry.sentence, text_width, most=12):
                 segments += [*head, Segment(line, theme.style(colour)), Segment.line()]
                 head = [Segment(" " * indent)]
+
         if segments:
             self.write(Segments(segments), width=self._width, scroll_end=is_end)

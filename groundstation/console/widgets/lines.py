@@ -30,17 +30,17 @@ class Lines(Widget):
     _background: Style | None = None  # costs too much to look up for every line
 
     def draw(self, width: int, height: int) -> list[Strip]:
-        """Return the lines of a picture of this size, each ``width`` cells long; missing lines stay
-        empty.
+        """Return the lines of a picture of this size, each ``width`` cells long.
+
+        Missing lines stay empty.
         """
         raise NotImplementedError
 
     def is_due(self, now_ns: int, urgent: object) -> bool:
-        """Whether to draw again: five times a second, and at once when the ``urgent`` values have
-        changed.
-        """
-        last_ns, last = self._shown
-        if 0 < now_ns - last_ns < _PACE_NS and urgent == last:
+        """Whether to draw again: five times a second, and at once for changed ``urgent`` values."""
+        last_ns, last_urgent = self._shown
+        is_early = 0 < now_ns - last_ns < _PACE_NS
+        if is_early and urgent == last_urgent:
             return False
         self._shown = now_ns, urgent
         return True
@@ -56,9 +56,9 @@ class Lines(Widget):
         """Give this panel all the room, or give it back."""
         own = f"only-{self.id}"
         is_alone = self.screen.has_class(own)
-        self.screen.remove_class(
-            *(name for name in self.screen.classes if name.startswith("only-"))
-        )
+
+        enlarged = [name for name in self.screen.classes if name.startswith("only-")]
+        self.screen.remove_class(*enlarged)
         self.screen.set_class(not is_alone, own)
         self.post_message(self.Alone("" if is_alone else str(self.id)))
 
@@ -74,35 +74,51 @@ class Lines(Widget):
         size = self.size
         if not size.width or not size.height or not self.is_mounted:
             return
+
         before = self._lines if self._drawn_size == size else []
-        self._lines, self._drawn_size = self.draw(size.width, size.height), size
+        self._lines = self.draw(size.width, size.height)
+        self._drawn_size = size
         if not before:
             self.refresh()
             return
+
         changed = [y for y in range(size.height) if _line(before, y) != _line(self._lines, y)]
-        # Whole lines with the border: a part would be cut out line by line, which costs more.
-        left, width = -self.gutter.left, size.width + self.gutter.width
-        regions: list[Region] = []
-        for y in changed:
-            if regions and regions[-1].bottom == y:
-                regions[-1] = Region(left, regions[-1].y, width, regions[-1].height + 1)
-            else:
-                regions.append(Region(left, y, width, 1))
+        regions = self._whole_lines(changed)
         if regions:
             self.refresh(*regions)
+
+    def _whole_lines(self, rows: list[int]) -> list[Region]:
+        """Return the regions of these rows; rows that follow each other share one.
+
+        A region is as wide as the widget with its border: a part would be cut out line by line,
+        which costs more.
+        """
+        left = -self.gutter.left
+        width = self.size.width + self.gutter.width
+
+        regions: list[Region] = []
+        for y in rows:
+            if regions and regions[-1].bottom == y:
+                above = regions[-1]
+                regions[-1] = Region(left, above.y, width, above.height + 1)
+            else:
+                regions.append(Region(left, y, width, 1))
+        return regions
 
     def render_line(self, y: int) -> Strip:
         """Return one line, ``y`` counted from the top of the window."""
         if self._drawn_size != self.size:
-            self._lines, self._drawn_size = self.draw(*self.size), self.size
+            self._lines = self.draw(*self.size)
+            self._drawn_size = self.size
         if self._background is None:
-            self._background, self._styles = self.rich_style, {}
+            self._background = self.rich_style
+            self._styles = {}
+
         line = _line(self._lines, y)
         if line is None:
             return Strip.blank(self.size.width, self._background)
-        return Strip(
-            [Segment(text, self._on_background(style)) for text, style, _ in line], line.cell_length
-        )
+        segments = [Segment(text, self._on_background(style)) for text, style, _ in line]
+        return Strip(segments, line.cell_length)
 
     def forget_picture(self) -> None:
         """Draw all lines anew at the next chance."""
@@ -110,13 +126,13 @@ class Lines(Widget):
         self.refresh()
 
     def _on_background(self, style: Style | None) -> Style:
-        """Return a style on this widget's background; kept, since adding styles costs most of a
-        line.
+        """Return a style on this widget's background.
+
+        It is kept, since adding styles costs most of a line.
         """
-        full = self._styles.get(style)
-        if full is None:
-            full = self._styles[style] = (self._background or Style.null()) + style
-        return full
+        if style not in self._styles:
+            self._styles[style] = (self._background or Style.null()) + style
+        return self._styles[style]
 
     def notify_style_update(self) -> None:
         """Look the background up again."""
@@ -125,4 +141,6 @@ class Lines(Widget):
 
 
 def _line(lines: list[Strip], y: int) -> Strip | None:
-    return lines[y] if 0 <= y < len(lines) else None
+    if 0 <= y < len(lines):
+        return lines[y]
+    return None
