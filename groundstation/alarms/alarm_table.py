@@ -52,14 +52,23 @@ class AlarmRow:
 _FILE = tomllib.loads(files(__package__).joinpath("table.toml").read_text(encoding="utf-8"))
 _KINDS: dict[str, Kind] = {kind.name: kind for kind in (*Condition, *GroundCondition)}
 
-TABLE: dict[Kind, AlarmRow] = {
-    _KINDS[name]: AlarmRow(
-        Severity[in_flight.upper()], Severity[on_ground.upper()], sentence, advice
+
+def _row(in_flight: str, on_ground: str, sentence: str, advice: str) -> AlarmRow:
+    """Return one row of the file."""
+    return AlarmRow(
+        in_flight=Severity[in_flight.upper()],
+        on_ground=Severity[on_ground.upper()],
+        sentence=sentence,
+        advice=advice,
     )
-    for name, (in_flight, on_ground, sentence, advice) in _FILE["alarms"].items()
-}
+
+
+TABLE: dict[Kind, AlarmRow] = {_KINDS[name]: _row(*row) for name, row in _FILE["alarms"].items()}
+# The most urgent first, as in the file.
 RANKS = {kind: rank for rank, kind in enumerate(TABLE)}
+# The text by which a vehicle reports a condition.
 BY_TEXT = {condition.value: condition for condition in Condition}
+# An alarm that is not shown beside a worse one of the same vehicle, which says as much.
 COVERED: dict[Kind, Kind] = {
     _KINDS[name]: _KINDS[worse] for name, worse in _FILE["covered_by"].items()
 }

@@ -1,8 +1,12 @@
 """Alarms: the rows of the alarm table that hold now, and since when. Pure.
 
 :func:`conditions` returns the alarms of this moment. :class:`Alarms` keeps their begin, whether
-they were acknowledged, and the past ones. A lasting alarm is one line with a duration, and so is
-one that flickers or that many vehicles have.
+they were acknowledged, and the past ones.
+
+An operator reads lines, not events. So a lasting alarm is one line with a duration, and so is one
+that flickers: it ends only when it has not held for some seconds. The same alarm of many vehicles
+is one line as well. What the ground learns from a single event, as that a vehicle was killed, stays
+until it is acknowledged, since nothing says later that it is over.
 """
 
 from __future__ import annotations
@@ -34,18 +38,26 @@ from onboard.safety.failsafe_table import Condition
 LINGER_S = 3.0  # an alarm that comes back within this time has lasted
 MAX_OVER = 100
 _GROUPED = 4  # so many vehicles with the same alarm share a line
-_SHOWN = 3
+_SHOWN = 3  # names in a shared line
+_MOST_UNKNOWN = 3  # texts of one vehicle that the alarm table does not have
+_AND = " – "  # between the names of a pair
 
-
-_C, _G = Condition, GroundCondition
+# Alarms whose sentence has a number: a shared line shows the lowest one.
 _NUMBERED = frozenset(
-    (_G.CLOSE, _C.BATTERY_LOW, _C.BATTERY_WARNING, _C.LEFT_OFFBOARD)
-)  # a shared line shows the lowest number
+    (
+        GroundCondition.CLOSE,
+        Condition.BATTERY_LOW,
+        Condition.BATTERY_WARNING,
+        Condition.LEFT_OFFBOARD,
+    )
+)
 _EVENT_KINDS: dict[str, Kind] = {
-    "record_failed": _G.RECORD_ENDED,
-    "process_ended": _G.PROCESS_ENDED,
-    "killed": _G.KILLED,
+    "record_failed": GroundCondition.RECORD_ENDED,
+    "process_ended": GroundCondition.PROCESS_ENDED,
+    "killed": GroundCondition.KILLED,
 }
+# Reported once by an event: they stay until they are acknowledged.
+_LATCHED = frozenset(_EVENT_KINDS.values())
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,15 +85,192 @@ class AlarmLine:
 
     def duration_s(self, now_ns: int) -> float:
         """Return its duration [s], until now or until its end."""
-        return max(0.0, ((now_ns if self.over_ns is None else self.over_ns) - self.since_ns) * 1e-9)
+        end_ns = now_ns if self.over_ns is None else self.over_ns
+        return max(0.0, (end_ns - self.since_ns) * 1e-9)
 
     def text(self, now_ns: int) -> str:
         """Return one line for people: sentence, duration, advice."""
         length = lasting(self.duration_s(now_ns))
-        ended = (
-            "" if self.over_ns is None else f", over for {lasting((now_ns - self.over_ns) * 1e-9)}"
-        )
-        return f"{self.alarm.sentence} ({length}{ended}). {self.alarm.advice}"
+        if self.over_ns is not None:
+            length += f", over for {lasting((now_ns - self.over_ns) * 1e-9)}"
+        return f"{self.alarm.sentence} ({length}). {self.alarm.advice}"
+
+
+# -- alarms over time ------------------------------------------------------------------------------
+
+_Key = tuple[Kind, str]  # kind and subject
+
+
+class Alarms:
+    """Alarms over time; call :meth:`update` several times a second. Memory is bounded.
+
+    Args:
+        fleet: the fleet file.
+    """
+
+    def __init__(self, fleet: FleetConfig) -> None:
+        self.fleet = fleet
+        self.has_new = False  # the last update brought an alarm above NOTE
+        self._lines: dict[_Key, AlarmLine] = {}  # that hold, or held a moment ago
+        self._last_ns: dict[_Key, int] = {}  # when each of them held last
+        self._over: deque[AlarmLine] = deque(maxlen=MAX_OVER)
+        self._last_event: LoggedEvent | None = None
+        self._now_ns = 0
+
+    def update(self, state: FleetState, now_ns: int) -> None:
+        """Take over the fleet as it is now.
+
+        Args:
+            state: the fleet as known now.
+            now_ns: the clock of the state [ns]; going back forgets everything.
+        """
+        is_turned_back = now_ns < self._now_ns  # a replay
+        if is_turned_back:
+            self._lines.clear()
+            self._over.clear()
+            self._last_event = None
+        self._now_ns = now_ns
+
+        severities_before = {key: line.alarm.severity for key, line in self._lines.items()}
+
+        present: dict[_Key, Alarm] = {}
+        for alarm in conditions(state, self.fleet, now_ns):
+            present[alarm.kind, alarm.subject] = alarm
+        for alarm in self._of_events(state):
+            present[alarm.kind, alarm.subject] = alarm
+
+        for key, alarm in present.items():
+            self._begin_or_go_on(key, alarm, now_ns)
+        for key in [key for key in self._lines if key not in present]:
+            self._end_if_over(key, now_ns)
+
+        self.has_new = False
+        for key, line in self._lines.items():
+            severity_before = severities_before.get(key, Severity.NOTE)
+            if line.alarm.severity > severity_before:
+                self.has_new = True
+
+    def _begin_or_go_on(self, key: _Key, alarm: Alarm, now_ns: int) -> None:
+        self._last_ns[key] = now_ns
+        line = self._lines.get(key)
+        if line is None:
+            since_ns = now_ns if alarm.since_ns is None else alarm.since_ns
+            self._lines[key] = AlarmLine(alarm, since_ns)
+            return
+
+        # An alarm that got worse has to be acknowledged again.
+        is_worse = alarm.severity > line.alarm.severity
+        is_acknowledged = line.is_acknowledged and not is_worse
+        self._lines[key] = dataclasses.replace(line, alarm=alarm, is_acknowledged=is_acknowledged)
+
+    def _end_if_over(self, key: _Key, now_ns: int) -> None:
+        """End an alarm that does not hold now, unless it may only flicker."""
+        line = self._lines[key]
+        last_ns = self._last_ns[key]
+        if line.alarm.kind in _LATCHED:
+            if line.is_acknowledged:
+                self._end(key, now_ns)
+        elif now_ns - last_ns > LINGER_S * 1e9:
+            self._end(key, last_ns)
+
+    def _end(self, key: _Key, over_ns: int) -> None:
+        line = self._lines.pop(key)
+        self._over.append(dataclasses.replace(line, over_ns=over_ns))
+        self._last_ns.pop(key, None)
+
+    def _of_events(self, state: FleetState) -> Iterator[Alarm]:
+        for logged in state.events_after(self._last_event):
+            kind = _EVENT_KINDS.get(logged.event.code)
+            if kind is not None:
+                is_flying = bool(state.airborne_names)
+                what = plain(logged.event.sentence)
+                yield _alarm(kind, logged.event.vehicle, is_flying=is_flying, what=what)
+
+        if state.events:
+            self._last_event = state.events[-1]
+
+    @property
+    def lines(self) -> list[AlarmLine]:
+        """Present alarms: open before acknowledged, the worst first.
+
+        The same alarm of many vehicles is one line.
+        """
+        groups: dict[tuple[Kind, Severity, bool], list[AlarmLine]] = {}
+        for line in self._lines.values():
+            group = (line.alarm.kind, line.alarm.severity, line.is_acknowledged)
+            groups.setdefault(group, []).append(line)
+
+        shown: list[AlarmLine] = []
+        for lines in groups.values():
+            if len(lines) < _GROUPED:
+                shown += lines
+            else:
+                shown.append(_together(lines))
+        return sorted(shown, key=lambda line: (line.is_acknowledged, *_urgency(line.alarm)))
+
+    @property
+    def over(self) -> list[AlarmLine]:
+        """Past alarms, the newest first."""
+        return list(reversed(self._over))
+
+    @property
+    def worst(self) -> AlarmLine | None:
+        """The line that every screen shows; an acknowledged one only when no other holds."""
+        return next(iter(self.lines), None)
+
+    def of(self, vehicle: str) -> list[AlarmLine]:
+        """Return the alarms of one vehicle, the worst first."""
+        own = [line for line in self._lines.values() if vehicle in line.alarm.subject.split(_AND)]
+        return sorted(own, key=lambda line: _urgency(line.alarm))
+
+    def acknowledge(self, line: AlarmLine | None = None) -> int:
+        """Acknowledge one alarm, or all; they stay in the list.
+
+        Args:
+            line: as shown, also of many vehicles; None for all.
+
+        Returns:
+            The number of alarms that were open.
+        """
+        count = 0
+        for key, own in self._lines.items():
+            is_meant = line is None or _is_part_of(own, line)
+            if is_meant and not own.is_acknowledged:
+                self._lines[key] = dataclasses.replace(own, is_acknowledged=True)
+                count += 1
+        return count
+
+
+def _is_part_of(own: AlarmLine, shown: AlarmLine) -> bool:
+    """Whether a shown line, maybe of many vehicles, contains an alarm."""
+    is_same = own.alarm.kind == shown.alarm.kind and own.alarm.severity == shown.alarm.severity
+    is_shared = shown.count > 1
+    return is_same and (is_shared or own.alarm.subject == shown.alarm.subject)
+
+
+def _urgency(alarm: Alarm) -> tuple[int, int, str]:
+    return -alarm.severity, RANKS[alarm.kind], alarm.subject
+
+
+def _together(lines: list[AlarmLine]) -> AlarmLine:
+    """Return one line for the same alarm of many vehicles; it lasts as long as the oldest of them."""
+    oldest = min(lines, key=lambda line: (line.since_ns, line.alarm.subject))
+    kind = oldest.alarm.kind
+
+    names = sorted(line.alarm.subject for line in lines)
+    listed = ", ".join(names[:_SHOWN])
+    vehicles = f"{len(lines)} of them: {listed} and {len(names) - _SHOWN} more"
+
+    what = "each for its own reason"
+    if kind in _NUMBERED:
+        what = min(line.alarm.what for line in lines)
+
+    sentence = TABLE[kind].sentence.format(who=vehicles, what=what)
+    alarm = dataclasses.replace(oldest.alarm, subject=_AND.join(names), sentence=sentence)
+    return dataclasses.replace(oldest, alarm=alarm, count=len(lines))
+
+
+# -- alarms of this moment -------------------------------------------------------------------------
 
 
 def conditions(state: FleetState, fleet: FleetConfig, now_ns: int) -> list[Alarm]:
@@ -102,284 +291,158 @@ def conditions(state: FleetState, fleet: FleetConfig, now_ns: int) -> list[Alarm
     return sorted(alarms, key=_urgency)
 
 
-class Alarms:
-    """Alarms over time; call :meth:`update` several times a second. Memory is bounded.
-
-    Args:
-        fleet: the fleet file.
-    """
-
-    def __init__(self, fleet: FleetConfig) -> None:
-        self.fleet = fleet
-        self.has_new = False  # the last update brought an alarm above NOTE
-        self._lines: dict[tuple[Kind, str], AlarmLine] = {}
-        self._last_ns: dict[tuple[Kind, str], int] = {}
-        self._over: deque[AlarmLine] = deque(maxlen=MAX_OVER)
-        self._last_event: LoggedEvent | None = None
-        self._now_ns = 0
-
-    def update(self, state: FleetState, now_ns: int) -> None:
-        """Take over the fleet as it is now.
-
-        Args:
-            state: the fleet as known now.
-            now_ns: the clock of the state [ns]; going back forgets everything.
-        """
-        if now_ns < self._now_ns:  # a replay that was turned back
-            self._lines.clear()
-            self._over.clear()
-            self._last_event = None
-        self._now_ns = now_ns
-        before = {key: line.alarm.severity for key, line in self._lines.items()}
-        present = {
-            (alarm.kind, alarm.subject): alarm for alarm in conditions(state, self.fleet, now_ns)
-        }
-        present.update({(alarm.kind, alarm.subject): alarm for alarm in self._of_events(state)})
-        for key, alarm in present.items():
-            old = self._lines.get(key)
-            if old is None:
-                self._lines[key] = AlarmLine(
-                    alarm, now_ns if alarm.since_ns is None else alarm.since_ns
-                )
-            else:
-                # an alarm that got worse has to be acknowledged again
-                is_known = old.is_acknowledged and alarm.severity <= old.alarm.severity
-                self._lines[key] = dataclasses.replace(old, alarm=alarm, is_acknowledged=is_known)
-            self._last_ns[key] = now_ns
-        for key in [key for key in self._lines if key not in present]:
-            line = self._lines[key]
-            if line.alarm.kind in _LATCHED:
-                if line.is_acknowledged:
-                    self._end(key, now_ns)
-            elif now_ns - self._last_ns[key] > LINGER_S * 1e9:
-                self._end(key, self._last_ns[key])
-        self.has_new = any(
-            line.alarm.severity > max(Severity.NOTE, before.get(key, Severity.NOTE))
-            for key, line in self._lines.items()
-        )
-
-    @property
-    def lines(self) -> list[AlarmLine]:
-        """Present alarms: open before acknowledged, the worst first, the same alarm of many
-        vehicles as one line.
-        """
-        shown: list[AlarmLine] = []
-        groups: dict[tuple[Kind, Severity, bool], list[AlarmLine]] = {}
-        for line in self._lines.values():
-            groups.setdefault(
-                (line.alarm.kind, line.alarm.severity, line.is_acknowledged), []
-            ).append(line)
-        for lines in groups.values():
-            shown.extend(lines if len(lines) < _GROUPED else [_together(lines)])
-        return sorted(shown, key=lambda line: (line.is_acknowledged, *_urgency(line.alarm)))
-
-    @property
-    def over(self) -> list[AlarmLine]:
-        """Past alarms, the newest first."""
-        return list(reversed(self._over))
-
-    @property
-    def worst(self) -> AlarmLine | None:
-        """The line that every screen shows; an acknowledged one only when no other holds."""
-        return next(iter(self.lines), None)
-
-    def of(self, vehicle: str) -> list[AlarmLine]:
-        """Return the alarms of one vehicle, the worst first."""
-        mine = [line for line in self._lines.values() if vehicle in line.alarm.subject.split(_AND)]
-        return sorted(mine, key=lambda line: _urgency(line.alarm))
-
-    def acknowledge(self, line: AlarmLine | None = None) -> int:
-        """Acknowledge one alarm, or all; they stay in the list.
-
-        Args:
-            line: as shown, also of many vehicles; None for all.
-
-        Returns:
-            The number of alarms that were open.
-        """
-        count = 0
-        for key, own in self._lines.items():
-            is_meant = line is None or (
-                own.alarm.kind == line.alarm.kind
-                and own.alarm.severity == line.alarm.severity
-                and (line.count > 1 or own.alarm.subject == line.alarm.subject)
-            )
-            if is_meant and not own.is_acknowledged:
-                self._lines[key] = dataclasses.replace(own, is_acknowledged=True)
-                count += 1
-        return count
-
-    def _end(self, key: tuple[Kind, str], over_ns: int) -> None:
-        self._over.append(dataclasses.replace(self._lines.pop(key), over_ns=over_ns))
-        self._last_ns.pop(key, None)
-
-    def _of_events(self, state: FleetState) -> Iterator[Alarm]:
-        for logged in state.events_after(self._last_event):
-            kind = _EVENT_KINDS.get(logged.event.code)
-            if kind is not None:
-                is_flying = bool(state.airborne_names)
-                yield _alarm(
-                    kind,
-                    logged.event.vehicle,
-                    is_flying=is_flying,
-                    what=plain(logged.event.sentence),
-                )
-        if state.events:
-            self._last_event = state.events[-1]
-
-
-_AND = " – "
-# reported once by an event: they stay until acknowledged
-_LATCHED = frozenset(_EVENT_KINDS.values())
-
-
-def lasting(seconds: float) -> str:
-    """Return a duration in few characters: ``4 s``, ``3 min 20 s``, ``2 h 5 min``."""
-    whole = int(seconds)
-    if whole < 60:
-        return f"{whole} s"
-    minutes, rest = divmod(whole, 60)
-    if minutes < 60:
-        return f"{minutes} min {rest} s"
-    return f"{minutes // 60} h {minutes % 60} min"
-
-
-def plain(text: str, limit: int = 160) -> str:
-    """Return text from outside as one line without control characters."""
-    return plain_line(text[:limit]).rstrip(".")
-
-
-def _urgency(alarm: Alarm) -> tuple[int, int, str]:
-    return -alarm.severity, RANKS[alarm.kind], alarm.subject
-
-
 def _alarm(kind: Kind, subject: str, *, is_flying: bool, what: str = "", names: str = "") -> Alarm:
     row = TABLE[kind]
-    severity = row.in_flight if is_flying else row.on_ground
     return Alarm(
-        kind,
-        subject,
-        severity,
-        row.sentence.format(who=names or subject, what=what),
-        row.advice,
-        what,
+        kind=kind,
+        subject=subject,
+        severity=row.in_flight if is_flying else row.on_ground,
+        sentence=row.sentence.format(who=names or subject, what=what),
+        advice=row.advice,
+        what=what,
     )
 
 
-def _together(lines: list[AlarmLine]) -> AlarmLine:
-    """One line for the same alarm of many vehicles; it lasts as long as the oldest of them."""
-    first = min(lines, key=lambda line: (line.since_ns, line.alarm.subject))
-    names = sorted(line.alarm.subject for line in lines)
-    shown = f"{len(lines)} of them: {', '.join(names[:_SHOWN])} and {len(names) - _SHOWN} more"
-    what = (
-        min(line.alarm.what for line in lines)
-        if first.alarm.kind in _NUMBERED
-        else "each for its own reason"
-    )
-    sentence = TABLE[first.alarm.kind].sentence.format(who=shown, what=what)
-    return dataclasses.replace(
-        first,
-        alarm=dataclasses.replace(first.alarm, subject=_AND.join(names), sentence=sentence),
-        count=len(lines),
-    )
+def _of_fleet(state: FleetState, fleet: FleetConfig, now_ns: int) -> Iterator[Alarm]:
+    yield from _close_pairs(state, fleet.fleet.safety_distance_m, now_ns)
+
+    for name in state.disabled:
+        view = state.vehicles.get(name)
+        if view is not None and view.is_armed and view.is_fresh(now_ns):
+            yield _alarm(GroundCondition.DISABLED_FLIES, view.name, is_flying=view.is_airborne)
+
+    silent = [name for name, view in state.vehicles.items() if view.telemetry is None]
+    if silent:
+        names = ", ".join(silent[:_GROUPED])
+        if len(silent) > _GROUPED:
+            names += f" and {len(silent) - _GROUPED} more"
+        yield _alarm(GroundCondition.WAITING, "", is_flying=False, names=names)
+
+    hashes = {
+        view.telemetry.config_hash for view in state.vehicles.values() if view.telemetry is not None
+    }
+    if len(hashes) > 1:
+        yield _alarm(GroundCondition.FILES_DIFFER, "", is_flying=bool(state.airborne_names))
+
+
+def _close_pairs(state: FleetState, limit_m: float, now_ns: int) -> Iterator[Alarm]:
+    """Yield every pair below the limit of which at least one flies."""
+    positions_enu_m = {}
+    for name, view in state.vehicles.items():
+        position = view.position_enu_m(now_ns)
+        if position is not None:
+            positions_enu_m[name] = position
+    if len(positions_enu_m) < 2:
+        return
+
+    names = list(positions_enu_m)
+    points_enu_m = np.array(list(positions_enu_m.values()))
+    is_flying = np.array([state.vehicles[name].is_airborne for name in names])
+
+    distances_m = separations_m(points_enu_m[:, None] - points_enu_m[None], state.height_share)
+    is_close = (distances_m < limit_m) & (is_flying[:, None] | is_flying[None])
+    for first, second in np.argwhere(np.triu(is_close, 1)):
+        subject = _AND.join((names[first], names[second]))
+        what = f"{distances_m[first, second]:.2f} m apart, limit {limit_m:.2f} m"
+        yield _alarm(GroundCondition.CLOSE, subject, is_flying=True, what=what)
 
 
 def _of_vehicle(
     view: VehicleView, fleet: FleetConfig, now_ns: int, is_after_stall: bool
 ) -> Iterator[Alarm]:
-    telemetry, name = view.telemetry, view.name
+    """Yield the alarms of one vehicle.
+
+    Args:
+        is_after_stall: this program has just stood still itself, so that silence means nothing.
+    """
+    name = view.name
+    telemetry = view.telemetry
     if view.truth is not None and view.truth.is_collided and view.has_truth(now_ns):
-        yield _alarm(_G.COLLIDED, name, is_flying=True)
+        yield _alarm(GroundCondition.COLLIDED, name, is_flying=True)
     if telemetry is None:
         return
+
     is_flying = view.is_airborne
     if not view.is_fresh(now_ns):
-        if is_after_stall:
-            return
-        yield dataclasses.replace(
-            _alarm(_G.SILENT, name, is_flying=is_flying), since_ns=view.received_ns
-        )
+        if not is_after_stall:
+            alarm = _alarm(GroundCondition.SILENT, name, is_flying=is_flying)
+            yield dataclasses.replace(alarm, since_ns=view.received_ns)
         return
+
     if telemetry.state == "failed":
-        yield _alarm(
-            _G.FAILED,
-            name,
-            is_flying=is_flying,
-            what=plain(telemetry.reason) or "it does not say why",
-        )
-    held, unknown = _reported(telemetry)
-    held |= _measured(telemetry, fleet)
-    if len(held) > 1:
-        held -= {covered for covered, by in COVERED.items() if by in held}
-    for kind in held:
+        why = plain(telemetry.reason) or "it does not say why"
+        yield _alarm(GroundCondition.FAILED, name, is_flying=is_flying, what=why)
+
+    reported, unknown = _reported(telemetry)
+    kinds = reported | _measured(telemetry, fleet)
+    if len(kinds) > 1:
+        kinds -= {covered for covered, by in COVERED.items() if by in kinds}
+    for kind in kinds:
         yield _alarm(kind, name, is_flying=is_flying, what=_what(kind, telemetry))
     for text in unknown:
-        yield _alarm(_G.UNKNOWN, name, is_flying=is_flying, what=plain(text))
-    if telemetry.law == "off" and is_flying:
-        yield _alarm(_G.LAW_OFF, name, is_flying=True)
-    elif telemetry.law_status.lower() in ("relaxed", "infeasible") and is_flying:
-        yield _alarm(_G.LAW_STRAINED, name, is_flying=True)
+        yield _alarm(GroundCondition.UNKNOWN, name, is_flying=is_flying, what=plain(text))
+
+    if is_flying and telemetry.law == "off":
+        yield _alarm(GroundCondition.LAW_OFF, name, is_flying=True)
+    elif is_flying and telemetry.law_status.lower() in ("relaxed", "infeasible"):
+        yield _alarm(GroundCondition.LAW_STRAINED, name, is_flying=True)
 
 
 def _reported(telemetry: Telemetry) -> tuple[set[Kind], list[str]]:
-    """Conditions that the vehicle reports itself, and texts that this table does not have."""
+    """Return the conditions that the vehicle reports, and texts that the table does not have."""
     texts = telemetry.conditions
     if not texts:  # nearly always; this runs ten times a second for a hundred vehicles
         return set(), []
+
     known: set[Kind] = {BY_TEXT[text] for text in texts if text in BY_TEXT}
-    return known, [text for text in texts if text not in BY_TEXT][:3]
+    unknown = [text for text in texts if text not in BY_TEXT]
+    return known, unknown[:_MOST_UNKNOWN]
 
 
 def _measured(telemetry: Telemetry, fleet: FleetConfig) -> set[Kind]:
-    """Conditions that the numbers of its telemetry show, reported or not."""
+    """Return the conditions that the numbers of its telemetry show, reported or not."""
     kinds: set[Kind] = set()
-    percent = telemetry.battery_frac * 100.0
-    if math.isfinite(percent) and percent >= 0.0:
-        if telemetry.is_airborne and percent <= fleet.fleet.battery_land_pct:
-            kinds.add(_C.BATTERY_LOW)
-        elif percent <= fleet.fleet.battery_warning_pct:
-            kinds.add(_C.BATTERY_WARNING)
-    if telemetry.is_airborne and not telemetry.is_position_valid:
-        kinds.add(_C.POSITION_LOST)
-    elif telemetry.is_airborne and not fleet.fleet.geofence_m.contains(telemetry.position_enu_m):
-        kinds.add(_C.FENCE_BREACH)
+
+    charge_pct = telemetry.battery_frac * 100.0
+    if math.isfinite(charge_pct) and charge_pct >= 0.0:
+        if telemetry.is_airborne and charge_pct <= fleet.fleet.battery_land_pct:
+            kinds.add(Condition.BATTERY_LOW)
+        elif charge_pct <= fleet.fleet.battery_warning_pct:
+            kinds.add(Condition.BATTERY_WARNING)
+
+    if telemetry.is_airborne:
+        if not telemetry.is_position_valid:
+            kinds.add(Condition.POSITION_LOST)
+        elif not fleet.fleet.geofence_m.contains(telemetry.position_enu_m):
+            kinds.add(Condition.FENCE_BREACH)
     return kinds
 
 
 def _what(kind: Kind, telemetry: Telemetry) -> str:
-    if kind in (_C.BATTERY_LOW, _C.BATTERY_WARNING) and math.isfinite(telemetry.battery_frac):
+    """Return the number or name that the sentence of a condition has."""
+    is_battery = kind in (Condition.BATTERY_LOW, Condition.BATTERY_WARNING)
+    if is_battery and math.isfinite(telemetry.battery_frac):
         return f", {telemetry.battery_frac * 100.0:.0f} %"
-    if kind is _C.LEFT_OFFBOARD and telemetry.mode:
+    if kind is Condition.LEFT_OFFBOARD and telemetry.mode:
         return f" for {plain(telemetry.mode, 20)}"
     return ""
 
 
-def _of_fleet(state: FleetState, fleet: FleetConfig, now_ns: int) -> Iterator[Alarm]:
-    yield from _close_pairs(state, fleet.fleet.safety_distance_m, now_ns)
-    for view in (state.vehicles[name] for name in state.disabled if name in state.vehicles):
-        if view.is_armed and view.is_fresh(now_ns):
-            yield _alarm(_G.DISABLED_FLIES, view.name, is_flying=view.is_airborne)
-    silent = [name for name, view in state.vehicles.items() if view.telemetry is None]
-    if silent:
-        more = f" and {len(silent) - _GROUPED} more" if len(silent) > _GROUPED else ""
-        yield _alarm(_G.WAITING, "", is_flying=False, names=", ".join(silent[:_GROUPED]) + more)
-    hashes = {
-        view.telemetry.config_hash for view in state.vehicles.values() if view.telemetry is not None
-    }
-    if len(hashes) > 1:
-        yield _alarm(_G.FILES_DIFFER, "", is_flying=bool(state.airborne_names))
+# -- words -----------------------------------------------------------------------------------------
 
 
-def _close_pairs(state: FleetState, limit_m: float, now_ns: int) -> Iterator[Alarm]:
-    """Every pair below the limit of which at least one flies."""
-    positions = {name: view.position_enu_m(now_ns) for name, view in state.vehicles.items()}
-    names = [name for name, position in positions.items() if position is not None]
-    if len(names) < 2:
-        return
-    spots = np.array([position for position in positions.values() if position is not None])
-    is_flying = np.array([state.vehicles[name].is_airborne for name in names])
-    distance_m = separations_m(spots[:, None] - spots[None], state.height_share)
-    is_close = (distance_m < limit_m) & (is_flying[:, None] | is_flying[None])
-    for one, two in np.argwhere(np.triu(is_close, 1)):
-        what = f"{distance_m[one, two]:.2f} m apart, limit {limit_m:.2f} m"
-        yield _alarm(_G.CLOSE, _AND.join((names[one], names[two])), is_flying=True, what=what)
+def lasting(seconds: float) -> str:
+    """Return a duration in few characters: ``4 s``, ``3 min 20 s``, ``2 h 5 min``."""
+    all_seconds = int(seconds)
+    if all_seconds < 60:
+        return f"{all_seconds} s"
+    all_minutes, rest_s = divmod(all_seconds, 60)
+    if all_minutes < 60:
+        return f"{all_minutes} min {rest_s} s"
+    hours, minutes = divmod(all_minutes, 60)
+    return f"{hours} h {minutes} min"
+
+
+def plain(text: str, limit: int = 160) -> str:
+    """Return text from outside as one line without control characters."""
+    return plain_line(text[:limit]).rstrip(".")

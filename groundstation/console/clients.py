@@ -1,6 +1,4 @@
-"""The clients that a console works with: of a fleet, of a record, and of a fleet that may only be
-watched.
-"""
+"""The clients that a console works with: of a fleet, of a record, of a fleet to watch only."""
 
 from __future__ import annotations
 
@@ -15,8 +13,9 @@ from groundstation.orders.result import OrderResult
 
 
 class ConsoleClient(Protocol):
-    """The part of :class:`groundstation.client.client.FleetClient` that every console needs; a
-    record has it too.
+    """The part of :class:`groundstation.client.client.FleetClient` that every console uses.
+
+    A record has it too.
     """
 
     @property

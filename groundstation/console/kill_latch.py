@@ -1,38 +1,54 @@
-"""Killing needs the same key twice within a second; a killed vehicle takes no orders until it is
-reset. Pure.
+"""Killing takes the same key twice within a second. Pure.
+
+A killed vehicle takes no orders until it is reset.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import NamedTuple
 
 KILL_WINDOW_S = 1.0
 
 
+class _Press(NamedTuple):
+    """The first press of a kill key."""
+
+    key: str
+    vehicles: tuple[str, ...]
+    time_s: float
+
+
 class KillLatch:
-    """Remembers the first press of a kill key, and the vehicles that were killed from this console."""
+    """Remembers the first press of a kill key, and the vehicles that this console has killed."""
 
     def __init__(self) -> None:
         self.killed: frozenset[str] = frozenset()
-        # key, vehicles, time in s
-        self._first_press: tuple[str, tuple[str, ...], float] | None = None
+        self._first_press: _Press | None = None
 
     def armed(self, now_s: float) -> tuple[str, ...]:
-        """Return the vehicles that the next press of the same key stops; none when that press would
-        only arm.
+        """Return the vehicles that the next press of the same key stops.
+
+        There are none when that press would only arm.
         """
-        if self._first_press is not None and now_s - self._first_press[2] > KILL_WINDOW_S:
+        first = self._first_press
+        if first is None:
+            return ()
+        if now_s - first.time_s > KILL_WINDOW_S:
             self._first_press = None
-        return () if self._first_press is None else self._first_press[1]
+            return ()
+        return first.vehicles
 
     def press(self, key: str, vehicles: tuple[str, ...], now_s: float) -> bool:
         """Return whether this press is the second one of the same key for the same vehicles."""
         self.armed(now_s)  # drops a first press that is too old
-        first, self._first_press = self._first_press, (key, vehicles, now_s)
-        is_second = first is not None and first[:2] == (key, vehicles)
-        if is_second:
+        first = self._first_press
+        if first is not None and (first.key, first.vehicles) == (key, vehicles):
             self._first_press = None
-        return is_second
+            return True
+
+        self._first_press = _Press(key, vehicles, now_s)
+        return False
 
     def add(self, vehicles: Iterable[str]) -> None:
         """Latch vehicles whose kill was sent."""

@@ -19,8 +19,10 @@ from onboard.config.fleet import FleetConfig
 
 
 class Panels:
-    """Made once and kept: a timer may still fire while the screen is taken apart, when a query
-    would find nothing.
+    """All widgets of the main screen.
+
+    They are made once and kept: a timer may still fire while the screen is taken apart, when a
+    query would find nothing.
     """
 
     def __init__(self, fleet: FleetConfig, history: History) -> None:
@@ -36,8 +38,9 @@ class Panels:
         self.status = StatusBar("status")
 
     def compose(self) -> ComposeResult:
-        """Title, fleet, plan beside separation and events (or the verdict), notices, results, order
-        line, status.
+        """Yield the widgets from the top to the bottom.
+
+        Beside the plan stand the separation and the events, or the verdict in place of these.
         """
         yield self.title
         yield self.table

@@ -15,8 +15,9 @@ from textual.message import Message
 class TerminalHooks:
     """Hooks of the console in Textual's driver."""
 
-    on_key: Callable[[str], None]  # called with each key, on the thread that reads the terminal
-    # the terminal is gone: what is written is dropped, so that nobody waits for it
+    # Called with each key, on the thread that reads the terminal.
+    on_key: Callable[[str], None]
+    # The terminal is gone: what is written is dropped, so that nobody waits for it.
     is_closed: bool = False
 
 

@@ -25,7 +25,7 @@ class VehicleSubject:
     now_ns: int
     tick_samples: Sequence[TickSample]  # of its pipeline, oldest first
     alarms: Sequence[AlarmLine] = ()
-    # of the time at which something was received
+    # Words for the time at which something was received, in nanoseconds.
     time_text: Callable[[int], str] = field(default=str)
     chart_rows: int = 5  # height of a chart
 
@@ -37,5 +37,7 @@ class VehicleSubject:
     @property
     def tick(self) -> TickSample | None:
         """The newest tick; None once the vehicle has fallen silent."""
-        is_old = self.telemetry is None or self.view.age_s(self.now_ns) > _FRESH_S
-        return self.tick_samples[-1] if self.tick_samples and not is_old else None
+        is_silent = self.telemetry is None or self.view.age_s(self.now_ns) > _FRESH_S
+        if is_silent or not self.tick_samples:
+            return None
+        return self.tick_samples[-1]

@@ -18,7 +18,7 @@ Answer = TypeVar("Answer")
 class Dialog(ModalScreen[Answer]):
     """A box over the console.
 
-    The console below is not drawn: to shade it costs as much as to draw it, and an emergency key
+    The console below is not drawn: shading it costs as much as drawing it, and an emergency key
     would wait for that.
     """
 

@@ -13,18 +13,21 @@ class FleetMarks:
 
     def __init__(self) -> None:
         self.names: frozenset[str] = frozenset()
-        self._until_s = math.inf
+        self._until_s = math.inf  # when the marks end by themselves
 
     def set(self, names: Iterable[str], known: Collection[str], now_s: float) -> None:
         """Mark these of the ``known`` vehicles and no others."""
         self.names = frozenset(names).intersection(known)
         is_all = len(self.names) > 1 and len(self.names) == len(known)
-        self._until_s = now_s + ALL_MARKED_S if is_all else math.inf
+        self._until_s = math.inf
+        if is_all:
+            self._until_s = now_s + ALL_MARKED_S
 
     def update(self, known: Collection[str], now_s: float) -> None:
         """Drop marks that have ended, and those of vehicles that have vanished."""
         if now_s >= self._until_s:
-            self.names, self._until_s = frozenset(), math.inf
+            self.names = frozenset()
+            self._until_s = math.inf
         self.names = self.names.intersection(known)
 
     def keep(self, now_s: float) -> None:
@@ -36,9 +39,16 @@ class FleetMarks:
         """Return a few words for the border; ``count``: vehicles of the fleet."""
         if not self.names:
             return ""
+
         marked = len(self.names)
-        words = f"{marked} marked" if marked < count or marked < 2 else "ALL marked"
+        is_all = marked >= count and marked >= 2
+        words = "ALL marked" if is_all else f"{marked} marked"
+
         hidden = len(self.names.difference(shown))
-        words += f", {hidden} hidden by the filter" if hidden else ""
+        if hidden:
+            words += f", {hidden} hidden by the filter"
+
         left_s = self._until_s - now_s
-        return words + (f", {math.ceil(max(0.0, left_s))} s" if math.isfinite(left_s) else "")
+        if math.isfinite(left_s):
+            words += f", {math.ceil(max(0.0, left_s))} s"
+        return words

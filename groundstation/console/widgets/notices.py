@@ -18,33 +18,34 @@ def notices(killed: Collection[str], control: Control | None) -> list[Notice]:
     """Return the lines, the most urgent first."""
     lines = []
     if killed:
-        names = sorted(killed)
-        text = (
-            f"✖ KILLED {', '.join(names)}. Latched: look at it, then write: reset {','.join(names)}"
-        )
-        lines.append((text, KILL))
-    if control is None:
-        return lines
+        lines.append(_killed(sorted(killed)))
+    if control is not None:
+        lines += _control(control)
+    return lines
+
+
+def _killed(names: list[str]) -> Notice:
+    listed = ", ".join(names)
+    text = f"✖ KILLED {listed}. Latched: look at it, then write: reset {','.join(names)}"
+    return text, KILL
+
+
+def _control(control: Control) -> list[Notice]:
+    lines = []
     if control.requester is not None and control.is_operator:
-        lines.append(
-            (
-                f"▲ {control.requester.label} asks for control: ctrl+y gives it, ctrl+n keeps it",
-                WARN,
-            )
-        )
+        label = control.requester.label
+        lines.append((f"▲ {label} asks for control: ctrl+y gives it, ctrl+n keeps it", WARN))
+
     if control.is_waiting and control.holder is not None:
+        author = control.holder.author
         silence = f"No answer for {SILENCE_S:.0f} s? Write: take control {FORCE_WORD}"
-        lines.append((f"… asking {control.holder.author} for control. {silence}", WARN))
+        lines.append((f"… asking {author} for control. {silence}", WARN))
     elif not control.is_operator and control.refusal("move") is not None:
-        operator = (
-            f"{control.holder.label} operates" if control.holder is not None else "nobody operates"
-        )
-        lines.append(
-            (
-                f"· You watch; to order, write: take control. {operator}. Land, hold and kill work",
-                CALM,
-            )
-        )
+        operator = "nobody operates"
+        if control.holder is not None:
+            operator = f"{control.holder.label} operates"
+        text = f"· You watch; to order, write: take control. {operator}. Land, hold and kill work"
+        lines.append((text, CALM))
     return lines
 
 
@@ -57,13 +58,15 @@ class NoticeLines(Static):
 
     def show(self, lines: list[Notice]) -> None:
         """Show these; nothing is drawn when nothing changed."""
-        if lines != self._notices:
-            self._notices = lines
-            self.display = bool(lines)
-            parts = [
-                (f" {clean(text, 200)}", theme.style(colour, bold=True)) for text, colour in lines
-            ]
-            self.update(Text("\n").join(Text(text, style) for text, style in parts))
+        if lines == self._notices:
+            return
+
+        self._notices = lines
+        self.display = bool(lines)
+        parts = [
+            Text(f" {clean(text, 200)}", theme.style(colour, bold=True)) for text, colour in lines
+        ]
+        self.update(Text("\n").join(parts))
 
     @property
     def sentences(self) -> list[str]:

@@ -14,6 +14,7 @@ from groundstation.console.theme import FAINT
 from groundstation.console.widgets.lines import Lines
 from groundstation.orders.forecast import Forecast
 from groundstation.orders.preview import OrderPreview
+from onboard.arrays import Array
 from onboard.config.fleet import FleetConfig
 
 _MARGIN_M = 0.7  # around the outermost points
@@ -30,7 +31,8 @@ class PathPlan(Lines):
 
     def show(self, preview: OrderPreview | None, forecast: Forecast | None) -> None:
         """Draw these."""
-        self._preview, self._forecast = preview, forecast
+        self._preview = preview
+        self._forecast = forecast
         self.redraw()
 
     def draw(self, width: int, height: int) -> list[Strip]:
@@ -39,37 +41,59 @@ class PathPlan(Lines):
         preview = self._preview
         if preview is None or not preview.legs:
             return canvas.strips()
-        paths = {
+
+        goals_enu_m = {
+            name: np.array([leg.goal_enu_m])[:, :2] for name, leg in preview.legs.items()
+        }
+        paths_enu_m = self._paths(preview)
+        points_enu_m = np.concatenate([*paths_enu_m.values(), *goals_enu_m.values()])
+        window = _window_around(points_enu_m, canvas)
+
+        indices = {name: index for index, name in enumerate(self.fleet.enabled_names)}
+        colours = {
+            name: theme.vehicle_colour(indices.get(name, 0))
+            for name in paths_enu_m.keys() | preview.legs.keys()
+        }
+
+        radius = self.fleet.fleet.safety_distance_m / 2.0 * window.scale
+        for name, path_enu_m in paths_enu_m.items():
+            colour = colours[name] if preview.legs[name].is_ordered else FAINT
+            dots = window.dots(path_enu_m)
+            for start, end in itertools.pairwise(dots):
+                canvas.line((start[0], start[1]), (end[0], end[1]), colour)
+            canvas.circles(window.dots(goals_enu_m[name]), radius, colour, gap=2)
+
+        for name, leg in preview.legs.items():
+            if leg.is_ordered:
+                column, row = window.cell(*leg.goal_enu_m[:2])
+                canvas.text(column, row, "✛", colours[name], bold=True)
+            column, row = window.cell(*leg.start_enu_m[:2])
+            canvas.text(column, row, str(indices.get(name, "?")), colours[name], bold=True)
+        return canvas.strips()
+
+    def _paths(self, preview: OrderPreview) -> dict[str, Array]:
+        """Return the predicted paths (n, 2) [m]; straight lines while there are none."""
+        if self._forecast is not None and self._forecast.paths_enu_m:
+            forecast = self._forecast.paths_enu_m
+            return {name: np.array(points)[:, :2] for name, points in forecast.items()}
+        return {
             name: np.array([leg.start_enu_m, leg.goal_enu_m])[:, :2]
             for name, leg in preview.legs.items()
         }
-        if self._forecast is not None and self._forecast.paths_enu_m:
-            paths = {
-                name: np.array(points)[:, :2] for name, points in self._forecast.paths_enu_m.items()
-            }
-        ends = np.concatenate(
-            [*paths.values(), *(np.array([leg.goal_enu_m])[:, :2] for leg in preview.legs.values())]
-        )
-        low, high = ends.min(axis=0) - _MARGIN_M, ends.max(axis=0) + _MARGIN_M
-        scale = float(min(2 * width / (high[0] - low[0]), 4 * height / (high[1] - low[1])))
-        middle = (low + high) / 2.0
-        window = Window(float(middle[0]), float(middle[1]), scale, canvas.width, canvas.height)
-        indices = {name: index for index, name in enumerate(self.fleet.enabled_names)}
-        radius = self.fleet.fleet.safety_distance_m / 2.0 * scale
-        for name, path in paths.items():
-            leg, colour = preview.legs[name], theme.vehicle_colour(indices.get(name, 0))
-            dots = window.dots(path)
-            for start, end in itertools.pairwise(dots):
-                canvas.line(
-                    (start[0], start[1]), (end[0], end[1]), colour if leg.is_ordered else FAINT
-                )
-            goal = window.dots(np.array([leg.goal_enu_m])[:, :2])
-            canvas.circles(goal, radius, colour if leg.is_ordered else FAINT, gap=2)
-        for name, leg in preview.legs.items():
-            colour = theme.vehicle_colour(indices.get(name, 0))
-            if leg.is_ordered:
-                canvas.text(*window.cell(*leg.goal_enu_m[:2]), "✛", colour, bold=True)
-            canvas.text(
-                *window.cell(*leg.start_enu_m[:2]), str(indices.get(name, "?")), colour, bold=True
-            )
-        return canvas.strips()
+
+
+def _window_around(points_enu_m: Array, canvas: Canvas) -> Window:
+    """Return the window that shows all points (n, 2) [m] with a margin."""
+    low_m = points_enu_m.min(axis=0) - _MARGIN_M
+    high_m = points_enu_m.max(axis=0) + _MARGIN_M
+    middle_m = (low_m + high_m) / 2.0
+
+    scale_x = 2 * canvas.width / (high_m[0] - low_m[0])
+    scale_y = 4 * canvas.height / (high_m[1] - low_m[1])
+    return Window(
+        x_m=float(middle_m[0]),
+        y_m=float(middle_m[1]),
+        scale=float(min(scale_x, scale_y)),
+        width=canvas.width,
+        height=canvas.height,
+    )

@@ -222,8 +222,8 @@ class PlanView(Lines, can_focus=True):
 
         span_x, span_y = self._spans
         if self.is_whole_fence:
-            fence = self.fleet.fleet.geofence_m
-            span_x, span_y = fence.x, fence.y
+            span_x = self.fleet.fleet.geofence_m.x
+            span_y = self.fleet.fleet.geofence_m.y
 
         scale_x = (2 * width - 3) / (span_x[1] - span_x[0])
         scale_y = (4 * height - 3) / (span_y[1] - span_y[0])

@@ -1,5 +1,6 @@
-"""The last order with each vehicle's answer as it comes in; a failure says why, and what can be
-done.
+"""The last order with each vehicle's answer as it comes in.
+
+A failure says why, and what can be done.
 """
 
 from __future__ import annotations
@@ -34,22 +35,19 @@ class ResultLines(Static):
     def show_order(self, order: OrderResult, text: str) -> None:
         """Show the order's words and the results as they stand."""
         words = clean(text, 60)
-        line = Text.assemble(
-            (f" {theme.fit(words, min(34, cell_len(words)))} ", theme.style(TEXT, bold=True))
-        )
-        results = order.results
+        title = theme.fit(words, min(34, cell_len(words)))
+        line = Text.assemble((f" {title} ", theme.style(TEXT, bold=True)))
+
         width = (self.size.width or 80) - line.cell_len
-        parts = [(f"{name} {{}} {one.phase}", str(one.phase)) for name, one in results.items()]
-        if sum(cell_len(words) + 1 for words, _ in parts) > width:
-            # Many vehicles: the phases are counted, so that failures stay in sight.
-            counts = Counter(str(one.phase) for one in results.values())
-            parts = [(f"{{}} {count} {phase}", phase) for phase, count in counts.items()]
-        for words, phase in parts:
-            sign, colour = theme.PHASE_SIGNS.get(phase, ("?", WARN))
-            line.append(f"  {words.format(sign)}", theme.style(colour))
-        failed = [one for one in results.values() if one.phase in _ADVICE]
+        for words, colour in _answers(order, width):
+            line.append(f"  {words}", theme.style(colour))
+
+        failed = [result for result in order.results.values() if result.phase in _ADVICE]
+        lines = [line]
+        for result in failed[:_MOST_FAILED]:
+            lines.append(_failure(result))
+
         hidden = len(failed) - _MOST_FAILED
-        lines = [line, *map(_failure, failed[:_MOST_FAILED])]
         if hidden > 0:
             lines[-1].append(f" (+{hidden} more: see the events)", theme.style(FAINT))
         self._put(Text("\n").join(lines))
@@ -63,9 +61,36 @@ class ResultLines(Static):
         self.update(text)
 
 
+def _answers(order: OrderResult, width: int) -> list[tuple[str, str]]:
+    """Return words and colour of each vehicle's answer.
+
+    Where all of them do not fit into ``width`` cells the answers are counted, so that failures stay
+    in sight.
+    """
+    each = []
+    cells = 0
+    for name, result in order.results.items():
+        sign, colour = theme.PHASE_SIGNS.get(result.phase, ("?", WARN))
+        words = f"{name} {sign} {result.phase}"
+        each.append((words, colour))
+        cells += cell_len(words) + 2  # two blanks before each
+    if cells <= width:
+        return each
+
+    counted = []
+    for phase, count in Counter(str(result.phase) for result in order.results.values()).items():
+        sign, colour = theme.PHASE_SIGNS.get(phase, ("?", WARN))
+        counted.append((f"{sign} {count} {phase}", colour))
+    return counted
+
+
 def _failure(result: VehicleResult) -> Text:
     sign, colour = theme.PHASE_SIGNS.get(result.phase, ("?", WARN))
+
     reason = clean(result.sentence, 200) or result.phase
-    name = "" if reason.startswith(result.vehicle) else f"{result.vehicle}: "
-    words = (f"   {sign} {name}{reason} ", theme.style(colour))
-    return Text.assemble(words, (_ADVICE[result.phase], theme.style(FAINT)))
+    if not reason.startswith(result.vehicle):
+        reason = f"{result.vehicle}: {reason}"
+
+    words = (f"   {sign} {reason} ", theme.style(colour))
+    advice = (_ADVICE[result.phase], theme.style(FAINT))
+    return Text.assemble(words, advice)
