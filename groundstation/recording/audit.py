@@ -1,6 +1,4 @@
-"""The orders of a recorded flight: who gave which, when, what the vehicle answered, and how it
-ended.
-"""
+"""The orders of a recorded flight: who gave which, when, the vehicle's answer, and how it ended."""
 
 from __future__ import annotations
 
@@ -11,9 +9,10 @@ from onboard.bus.schema import Event, Order, OrderReply
 from onboard.plain_text import plain_line
 
 _TOPICS = frozenset(("order", "reply", "event"))
-# of events in which a vehicle says itself what it was ordered: also by grounds other than the one
-# that recorded
-_ANSWERED, _NOT_BELIEVED = "order", "order-refused"
+# Codes of events in which a vehicle says itself what it was ordered, also by grounds other than the
+# one that recorded: an order that it answered, and one that it took for forged.
+_ANSWERED = "order"
+_NOT_BELIEVED = "order-refused"
 
 
 @dataclass(slots=True)
@@ -27,6 +26,41 @@ class OrderTrace:
     end: str = ""
 
 
+class _Trail:
+    """Collects the orders of a record, message by message."""
+
+    def __init__(self) -> None:
+        self.traces: list[OrderTrace] = []
+        # by vehicle and order id: those of the ground that recorded
+        self._own: dict[tuple[str, str], OrderTrace] = {}
+
+    def add(self, at_s: float, vehicle: str, message: object) -> None:
+        """Take in one message about a vehicle."""
+        if isinstance(message, Order):
+            trace = OrderTrace(at_s, vehicle, message.text)
+            self._own[vehicle, message.order_id] = trace
+            self.traces.append(trace)
+        elif isinstance(message, OrderReply):
+            own = self._own.get((vehicle, message.order_id))
+            if own is not None:
+                own.answer = "accepted" if message.is_accepted else f"refused: {message.reason}"
+        elif isinstance(message, Event):
+            self._add_event(at_s, vehicle, message)
+
+    def _add_event(self, at_s: float, vehicle: str, event: Event) -> None:
+        own = self._own.get((vehicle, event.order_id))
+        # an end is repeated after a cut of the link: only its first report counts
+        if own is not None and event.order_outcome and not own.end:
+            own.end = f"{event.order_outcome} at {at_s:.1f} s: {event.sentence}"
+        elif event.code == _NOT_BELIEVED:
+            self.traces.append(OrderTrace(at_s, vehicle, event.sentence, "not believed"))
+        elif event.code == _ANSWERED:
+            order_id, _, sentence = event.sentence.partition(" ")
+            if (vehicle, order_id) not in self._own:
+                answer = f"as {vehicle} tells; id {order_id}"
+                self.traces.append(OrderTrace(at_s, vehicle, sentence, answer))
+
+
 def trail(timeline: Timeline) -> list[OrderTrace]:
     """List the orders of a record in the order in which they were given.
 
@@ -37,39 +71,21 @@ def trail(timeline: Timeline) -> list[OrderTrace]:
         Orders of the ground that recorded, with answer and end; and those of others as their
         vehicles tell of them.
     """
-    traces: list[OrderTrace] = []
-    own: dict[tuple[str, str], OrderTrace] = {}  # (vehicle, order id) of the ground that recorded
+    collected = _Trail()
     for one in timeline.read(timeline.begin_ns - 1, _TOPICS).until(timeline.end_ns):
-        at_s, message = (one.stamp_ns - timeline.begin_ns) * 1e-9, one.message
-        if isinstance(message, Order):
-            trace = own[one.name, message.order_id] = OrderTrace(at_s, one.name, message.text)
-            traces.append(trace)
-        elif isinstance(message, OrderReply):
-            known = own.get((one.name, message.order_id))
-            if known is not None:
-                known.answer = "accepted" if message.is_accepted else f"refused: {message.reason}"
-        elif isinstance(message, Event):
-            known = own.get((one.name, message.order_id))
-            # ends are told again after a cut
-            if known is not None and message.order_outcome and not known.end:
-                known.end = f"{message.order_outcome} at {at_s:.1f} s: {message.sentence}"
-            elif message.code == _NOT_BELIEVED:
-                traces.append(OrderTrace(at_s, one.name, message.sentence, "not believed"))
-            elif (
-                message.code == _ANSWERED
-                and (one.name, message.sentence.partition(" ")[0]) not in own
-            ):
-                order_id, _, sentence = message.sentence.partition(" ")
-                traces.append(
-                    OrderTrace(at_s, one.name, sentence, f"as {one.name} tells; id {order_id}")
-                )
-    return traces
+        at_s = (one.stamp_ns - timeline.begin_ns) * 1e-9
+        collected.add(at_s, one.name, one.message)
+    return collected.traces
 
 
 def trail_lines(traces: list[OrderTrace]) -> list[str]:
     """Return the orders as lines of text."""
+    if not traces:
+        return ["No orders are in this record."]
+
     lines = []
-    for one in traces:
-        result = "; ".join(filter(None, (one.answer, one.end)))
-        lines.append(f"{one.at_s:8.1f} s  {one.vehicle:10s} {plain_line(f'{one.text} - {result}')}")
-    return lines or ["No orders are in this record."]
+    for trace in traces:
+        result = "; ".join(part for part in (trace.answer, trace.end) if part)
+        text = plain_line(f"{trace.text} - {result}")
+        lines.append(f"{trace.at_s:8.1f} s  {trace.vehicle:10s} {text}")
+    return lines

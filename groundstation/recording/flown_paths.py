@@ -1,5 +1,6 @@
-"""Positions of a recorded flight at even times: by ground truth where there is one, else as the
-vehicles knew them.
+"""Positions of a recorded flight at even times.
+
+They are the ground truth where there is one, else what the vehicles took for their position.
 """
 
 from __future__ import annotations
@@ -22,16 +23,19 @@ def flown_paths(folder: Path, rate_hz: float) -> dict[str, list[str]]:
     Raises:
         ConfigError: there is no record.
     """
-    samples: dict[str, dict[str, list[Sample]]] = {}
+    samples: dict[str, dict[str, list[Sample]]] = {}  # vehicle -> topic -> samples
     for sample in read(folder, ("truth", "tick")):
         if is_vector(sample.values.get("position_enu_m"), 3):
             samples.setdefault(sample.name, {}).setdefault(sample.topic, []).append(sample)
-    flown = {
-        name: of_one_flight(topics.get("truth") or topics["tick"])
-        for name, topics in sorted(samples.items())
-    }
-    begin_ns = min((one.stamp_ns for rows in flown.values() for one in rows), default=0)
-    return {name: _lines(rows, begin_ns, round(1e9 / rate_hz)) for name, rows in flown.items()}
+
+    flown = {}
+    for name, topics in sorted(samples.items()):
+        flown[name] = of_one_flight(topics.get("truth") or topics["tick"])
+
+    stamps_ns = [sample.stamp_ns for path in flown.values() for sample in path]
+    begin_ns = min(stamps_ns, default=0)
+    period_ns = round(1e9 / rate_hz)
+    return {name: _lines(path, begin_ns, period_ns) for name, path in flown.items()}
 
 
 def write_csvs(folder: Path, out: Path, rate_hz: float = 10.0) -> list[Path]:
@@ -43,29 +47,39 @@ def write_csvs(folder: Path, out: Path, rate_hz: float = 10.0) -> list[Path]:
     flown = flown_paths(folder, rate_hz)
     if not flown:
         raise ConfigError(f"{folder}: the record has no positions.")
+
     out.mkdir(parents=True, exist_ok=True)
+    paths = []
     for name, lines in flown.items():
-        (out / f"{name}.csv").write_text(
-            "t,x,y,z,yaw\n" + "\n".join(lines) + "\n", encoding="utf-8"
-        )
-    return [out / f"{name}.csv" for name in flown]
+        path = out / f"{name}.csv"
+        path.write_text("\n".join(["t,x,y,z,yaw", *lines]) + "\n", encoding="utf-8")
+        paths.append(path)
+    return paths
 
 
-def _lines(rows: list[Sample], begin_ns: int, period_ns: int) -> list[str]:
-    lines, due_ns = [], begin_ns
-    for row in sorted(rows, key=lambda one: one.stamp_ns):
-        if row.stamp_ns >= due_ns:
-            due_ns = row.stamp_ns - (row.stamp_ns - begin_ns) % period_ns + period_ns
-            x, y, z = row.values["position_enu_m"]
-            lines.append(
-                f"{(row.stamp_ns - begin_ns) * 1e-9:.3f},{x:.4f},{y:.4f},{z:.4f},{_yaw_deg(row):.1f}"
-            )
+def _lines(samples: list[Sample], begin_ns: int, period_ns: int) -> list[str]:
+    """Return a line for the first sample of each period."""
+    lines = []
+    due_ns = begin_ns
+    for sample in sorted(samples, key=lambda sample: sample.stamp_ns):
+        if sample.stamp_ns < due_ns:
+            continue
+        since_begin_ns = sample.stamp_ns - begin_ns
+        due_ns = sample.stamp_ns - since_begin_ns % period_ns + period_ns
+
+        x, y, z = sample.values["position_enu_m"]
+        time_s = since_begin_ns * 1e-9
+        lines.append(f"{time_s:.3f},{x:.4f},{y:.4f},{z:.4f},{_yaw_deg(sample):.1f}")
     return lines
 
 
-def _yaw_deg(row: Sample) -> float:
-    quaternion, yaw_rad = row.values.get("quaternion_enu_flu_wxyz"), row.values.get("yaw_rad")
+def _yaw_deg(sample: Sample) -> float:
+    quaternion = sample.values.get("quaternion_enu_flu_wxyz")
     if isinstance(quaternion, list) and is_vector(quaternion, 4):
         w, x, y, z = quaternion
         return math.degrees(yaw_from_quaternion((w, x, y, z)))
-    return math.degrees(yaw_rad) if isinstance(yaw_rad, float) and is_number(yaw_rad) else 0.0
+
+    yaw_rad = sample.values.get("yaw_rad")
+    if isinstance(yaw_rad, float) and is_number(yaw_rad):
+        return math.degrees(yaw_rad)
+    return 0.0

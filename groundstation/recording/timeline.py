@@ -2,7 +2,7 @@
 
 The index has a row per chunk, read from the heads of the file's records. So a record that was cut
 off opens as far as it goes, and memory does not grow with the messages. The ``mcap`` library
-decodes the chunks; its seeking reader needs the summary at the end, which a record cut by SIGKILL
+decodes the chunks; its seeking reader takes the summary at the end, which a record cut by SIGKILL
 does not have, and ends at the first damaged chunk.
 
 Hosts have clocks of their own: a sender whose stamps are far from the others' is shifted onto the
@@ -34,13 +34,21 @@ from onboard.bus.schema import Event, Message
 from onboard.config.fleet import ConfigError
 
 MAX_EVENTS = 20_000
-# stamps further apart than that within one second of writing are of two clocks
+# Stamps further apart than this within one second of writing are of two clocks.
 CLOCK_APART_NS = 5_000_000_000
-MAX_CHUNK_NS = 3_600_000_000_000  # a chunk is written within seconds; a stamp further away is wrong
+# A chunk is written within seconds; a stamp further away is wrong.
+MAX_CHUNK_NS = 3_600_000_000_000
 _MAGIC = b"\x89MCAP0\r\n"
+_GROUND = "ground"
+
+# Parts of an MCAP file, little-endian: the head of a record (opcode, length), the first two fields
+# of a chunk (first and last stamp), the head of a message index (channel, length of its entries),
+# and a stamp in it. An entry is a stamp and an offset of eight bytes each.
 _HEAD = struct.Struct("<BQ")
 _CHUNK_TIMES = struct.Struct("<QQ")
-_GROUND = "ground"
+_INDEX_HEAD = struct.Struct("<HI")
+_STAMP = struct.Struct("<Q")
+_INDEX_ENTRY_BYTES = 16
 
 
 class RecordedMessage(NamedTuple):
@@ -54,15 +62,19 @@ class RecordedMessage(NamedTuple):
 
 @dataclass(slots=True)
 class _Chunk:
-    offset: int
+    """One chunk of the file."""
+
+    offset: int  # of its content in the file
     size: int
     begin_ns: int = 0
     end_ns: int = 0
-    shifts_ns: dict[str, int] = field(default_factory=dict)
+    shifts_ns: dict[str, int] = field(default_factory=dict)  # of each clock from the common one
 
 
 @dataclass(frozen=True, slots=True)
 class _RecordChannel:
+    """One channel of the file."""
+
     topic: str
     name: str
     kind: type[Message]
@@ -72,7 +84,9 @@ class _RecordChannel:
         """The clock of its stamps: of a vehicle, the ground, the emulator or the mocap."""
         if self.topic in ("truth", "mocap"):
             return self.topic
-        return _GROUND if self.topic in ("order", REPLY) else self.name
+        if self.topic in ("order", REPLY):
+            return _GROUND
+        return self.name
 
 
 class Timeline:
@@ -93,6 +107,7 @@ class Timeline:
         self._channels: dict[int, _RecordChannel] = {}
         self._schemas: dict[int, str] = {}
         self._chunks: list[_Chunk] = []
+
         self._stream = self.path.open("rb")
         try:
             self._scan()
@@ -100,17 +115,19 @@ class Timeline:
             self.broken = f"{self.path.name} cannot be read further ({error})."
         if not self._chunks:
             self._stream.close()
-            raise ConfigError(
-                f"{self.path}: nothing of a flight can be read. {self.broken or 'The record is empty.'}".strip()
-            )
-        self.begin_ns = min(chunk.begin_ns for chunk in self._chunks)
-        self.end_ns = max(chunk.end_ns for chunk in self._chunks)
-        # the latest stamp up to each chunk, and the earliest from each chunk on
-        self._latest = list(accumulate((chunk.end_ns for chunk in self._chunks), max))
-        self._earliest = list(
-            accumulate((chunk.begin_ns for chunk in reversed(self._chunks)), min)
-        )[::-1]
+            reason = self.broken or "The record is empty."
+            raise ConfigError(f"{self.path}: nothing of a flight can be read. {reason}".strip())
+
         self.events.sort(key=lambda pair: pair[0])
+        begins_ns = [chunk.begin_ns for chunk in self._chunks]
+        ends_ns = [chunk.end_ns for chunk in self._chunks]
+        self.begin_ns = min(begins_ns)
+        self.end_ns = max(ends_ns)
+
+        # The latest stamp up to each chunk, and the earliest from each chunk on.
+        self._latest = list(accumulate(ends_ns, max))
+        self._earliest = list(accumulate(reversed(begins_ns), min))
+        self._earliest.reverse()
 
     @property
     def length_s(self) -> float:
@@ -136,6 +153,7 @@ class Timeline:
     # -- the index ---------------------------------------------------------------------------------
 
     def _scan(self) -> None:
+        """Index the file from its begin to where it ends or breaks off."""
         stream = self._stream
         size = stream.seek(0, 2)
         stream.seek(0)
@@ -143,7 +161,9 @@ class Timeline:
             raise ConfigError(
                 f"{self.path}: this is no MCAP file. Give the folder of a recorded flight."
             )
-        offset, stamps = len(_MAGIC), _Stamps()
+
+        stamps = _Stamps()
+        offset = len(_MAGIC)
         while True:
             head = stream.read(_HEAD.size)
             if len(head) < _HEAD.size:
@@ -151,6 +171,7 @@ class Timeline:
                 break
             opcode, length = _HEAD.unpack(head)
             offset += _HEAD.size
+
             if opcode == Opcode.DATA_END:
                 stream.seek(max(0, size - len(_MAGIC)))
                 if stream.read() != _MAGIC:
@@ -163,41 +184,49 @@ class Timeline:
                     "The record was cut off in the middle of a piece; what was before it is shown."
                 )
                 break
+
             if opcode == Opcode.CHUNK:
-                self._chunks.append(_Chunk(offset, length))
-                times = _CHUNK_TIMES.unpack(stream.read(_CHUNK_TIMES.size))
-                self._chunks[-1].begin_ns, self._chunks[-1].end_ns = times
+                chunk = _Chunk(offset, length)
+                self._chunks.append(chunk)
+                times = stream.read(_CHUNK_TIMES.size)
+                chunk.begin_ns, chunk.end_ns = _CHUNK_TIMES.unpack(times)
                 stamps.begin()
             elif opcode == Opcode.MESSAGE_INDEX and self._chunks:
                 self._index(stream.read(length), stamps)
+
             offset += length
             stream.seek(offset)
         self._settle(stamps)
 
     def _settle(self, stamps: _Stamps) -> None:
         """Put all chunks on one clock, and read the events."""
-        for number, (chunk, settled) in enumerate(zip(self._chunks, stamps.settled(), strict=True)):
+        settled_chunks = list(stamps.settled())
+        for number, (chunk, settled) in enumerate(zip(self._chunks, settled_chunks, strict=True)):
             if settled.end_ns >= settled.begin_ns:
-                chunk.begin_ns, chunk.end_ns = settled.begin_ns, settled.end_ns
+                chunk.begin_ns = settled.begin_ns
+                chunk.end_ns = settled.end_ns
             elif not self._channels:
                 self._learn(chunk)
+
             chunk.shifts_ns = settled.shifts_ns
             if settled.has_events:
                 self._read_events(number)
 
     def _index(self, data: bytes, stamps: _Stamps) -> None:
-        channel_id, length = struct.unpack_from("<HI", data)
-        if length < 16 or len(data) < 6 + length:
+        """Take the first and the last stamp out of a channel's index of the newest chunk."""
+        channel_id, length = _INDEX_HEAD.unpack_from(data)
+        if length < _INDEX_ENTRY_BYTES or len(data) < _INDEX_HEAD.size + length:
             return
+
         if channel_id not in self._channels:
             self._learn(self._chunks[-1])
         channel = self._channels.get(channel_id)
         if channel is None:
             return
-        first_ns, last_ns = (
-            struct.unpack_from("<Q", data, 6)[0],
-            struct.unpack_from("<Q", data, length - 10)[0],
-        )
+
+        last_entry = _INDEX_HEAD.size + length - _INDEX_ENTRY_BYTES
+        (first_ns,) = _STAMP.unpack_from(data, _INDEX_HEAD.size)
+        (last_ns,) = _STAMP.unpack_from(data, last_entry)
         stamps.add(
             channel.clock,
             min(first_ns, last_ns),
@@ -206,13 +235,15 @@ class Timeline:
         )
 
     def _learn(self, chunk: _Chunk) -> None:
+        """Read the channels that a chunk begins, and return to the present position of the file."""
         position = self._stream.tell()
         for record in self._records(chunk):
             if isinstance(record, Schema):
                 self._schemas[record.id] = record.name
             elif isinstance(record, Channel):
                 topic, _, name = record.topic.partition("/")
-                kind = KINDS.get(self._schemas.get(record.schema_id, "").removeprefix("covey."))
+                schema = self._schemas.get(record.schema_id, "")
+                kind = KINDS.get(schema.removeprefix("covey."))
                 if kind is not None:
                     self._channels[record.id] = _RecordChannel(topic, name, kind)
         self._stream.seek(position)
@@ -230,7 +261,9 @@ class Timeline:
 
     def may_begin_ns(self, number: int) -> float:
         """Return the earliest stamp of this chunk and all later ones; infinite after the last."""
-        return self._earliest[number] if number < len(self._chunks) else math.inf
+        if number >= len(self._chunks):
+            return math.inf
+        return self._earliest[number]
 
     def messages(self, number: int, topics: frozenset[str]) -> Iterator[RecordedMessage]:
         """Decode one chunk.
@@ -249,6 +282,7 @@ class Timeline:
             channel = self._channels.get(record.channel_id)
             if channel is None or channel.topic not in topics:
                 continue
+
             message = from_json(channel.kind, record.data)
             if message is None:
                 self.malformed += 1
@@ -257,23 +291,26 @@ class Timeline:
             yield RecordedMessage(stamp_ns, channel.topic, channel.name, message)
 
     def _records(self, chunk: _Chunk) -> list[McapRecord]:
-        """The chunk's records; none of a damaged chunk."""
+        """Return the chunk's records; none of a damaged chunk."""
         self._stream.seek(chunk.offset)
+        data = self._stream.read(chunk.size)
         try:
-            records = chunk_records(
-                Chunk.read(ReadDataStream(BytesIO(self._stream.read(chunk.size))))
-            )
+            records = chunk_records(Chunk.read(ReadDataStream(BytesIO(data))))
         except DAMAGED:
             records = None
+
         if records is None:
-            self.broken = (
-                self.broken or "A piece of the record is damaged; the flight jumps over it."
-            )
-        return records or []
+            if not self.broken:
+                self.broken = "A piece of the record is damaged; the flight jumps over it."
+            return []
+        return records
 
 
 class Reading:
     """Messages in the order of their stamps, up to a time that only moves forward.
+
+    A chunk is decoded as soon as it may hold the next message, and a heap puts the messages of the
+    decoded chunks in order.
 
     Args:
         timeline: the record.
@@ -282,8 +319,11 @@ class Reading:
     """
 
     def __init__(self, timeline: Timeline, after_ns: int, topics: frozenset[str]) -> None:
-        self._timeline, self._after_ns, self._topics = timeline, after_ns, topics
-        self._next = timeline.first_chunk(after_ns)
+        self._timeline = timeline
+        self._after_ns = after_ns
+        self._topics = topics
+        self._next_chunk = timeline.first_chunk(after_ns)
+        # stamp, order in the file among equal stamps, message
         self._heap: list[tuple[int, int, RecordedMessage]] = []
         self._count = 0
 
@@ -295,20 +335,26 @@ class Reading:
     def until(self, until_ns: int) -> Iterator[RecordedMessage]:
         """Yield the messages not yet yielded, with stamps up to and including ``until_ns``."""
         while True:
-            while self._timeline.may_begin_ns(self._next) <= until_ns and (
-                not self._heap or self._timeline.may_begin_ns(self._next) <= self._heap[0][0]
-            ):
+            while self._timeline.may_begin_ns(self._next_chunk) <= self._next_stamp_ns(until_ns):
                 self._load()
+
             if not self._heap or self._heap[0][0] > until_ns:
                 return
-            yield heapq.heappop(self._heap)[2]
+            _, _, message = heapq.heappop(self._heap)
+            yield message
+
+    def _next_stamp_ns(self, until_ns: int) -> int:
+        """Return the stamp of the next decoded message, or ``until_ns`` if that is earlier."""
+        if not self._heap:
+            return until_ns
+        return min(until_ns, self._heap[0][0])
 
     def _load(self) -> None:
-        for one in self._timeline.messages(self._next, self._topics):
+        for one in self._timeline.messages(self._next_chunk, self._topics):
             if one.stamp_ns > self._after_ns:
                 self._count += 1
                 heapq.heappush(self._heap, (one.stamp_ns, self._count, one))
-        self._next += 1
+        self._next_chunk += 1
 
 
 class _Settled(NamedTuple):
@@ -321,13 +367,14 @@ class _Settled(NamedTuple):
 
 
 class _Stamps:
-    """First and last stamps of every clock in every chunk, and the shift of each clock from the
-    common one.
+    """First and last stamps of every clock in every chunk.
+
+    From them follows the shift of each clock from the common one.
     """
 
     def __init__(self) -> None:
-        self._chunks: list[dict[str, tuple[int, int]]] = []
-        self._with_events: set[int] = set()
+        self._chunks: list[dict[str, tuple[int, int]]] = []  # clock -> first and last stamp
+        self._with_events: set[int] = set()  # numbers of chunks
 
     def begin(self) -> None:
         """Begin the next chunk."""
@@ -337,30 +384,45 @@ class _Stamps:
         """Add the stamps of one channel of the present chunk."""
         if last_ns - first_ns > MAX_CHUNK_NS:
             last_ns = first_ns
-        old = self._chunks[-1].get(clock, (first_ns, last_ns))
-        self._chunks[-1][clock] = (min(old[0], first_ns), max(old[1], last_ns))
+
+        spans = self._chunks[-1]
+        if clock in spans:
+            first_ns = min(spans[clock][0], first_ns)
+            last_ns = max(spans[clock][1], last_ns)
+        spans[clock] = (first_ns, last_ns)
+
         if is_event:
             self._with_events.add(len(self._chunks) - 1)
 
     def settled(self) -> Iterator[_Settled]:
         """Yield all chunks, put on the clock that is in most of them."""
-        counts = Counter(clock for spans in self._chunks for clock in spans)
-        common = max(counts, key=lambda clock: (counts[clock], clock == _GROUND), default=_GROUND)
+        common = self._common_clock()
         now_ns = next((spans[common][0] for spans in self._chunks if common in spans), 0)
-        shifts: dict[str, int] = {}
+
+        shifts_ns: dict[str, int] = {}
         for number, spans in enumerate(self._chunks):
-            now_ns = spans[common][0] if common in spans else now_ns
+            if common in spans:
+                now_ns = spans[common][0]
+
             for clock, (first_ns, _) in spans.items():
-                if (
-                    clock != common
-                    and abs(first_ns - shifts.get(clock, 0) - now_ns) > CLOCK_APART_NS
-                ):
+                off_ns = first_ns - shifts_ns.get(clock, 0) - now_ns
+                if clock != common and abs(off_ns) > CLOCK_APART_NS:
                     apart_ns = first_ns - now_ns
-                    shifts = {**shifts, clock: apart_ns if abs(apart_ns) > CLOCK_APART_NS else 0}
-            begin_ns = min(
-                (span[0] - shifts.get(clock, 0) for clock, span in spans.items()), default=0
+                    is_apart = abs(apart_ns) > CLOCK_APART_NS
+                    # a new mapping: earlier chunks keep the shifts of their time
+                    shifts_ns = {**shifts_ns, clock: apart_ns if is_apart else 0}
+
+            begins_ns = [first - shifts_ns.get(clock, 0) for clock, (first, _) in spans.items()]
+            ends_ns = [last - shifts_ns.get(clock, 0) for clock, (_, last) in spans.items()]
+            yield _Settled(
+                begin_ns=min(begins_ns, default=0),
+                end_ns=max(ends_ns, default=-1),
+                shifts_ns=shifts_ns,
+                # a chunk without an index may hold events
+                has_events=not spans or number in self._with_events,
             )
-            end_ns = max(
-                (span[1] - shifts.get(clock, 0) for clock, span in spans.items()), default=-1
-            )
-            yield _Settled(begin_ns, end_ns, shifts, not spans or number in self._with_events)
+
+    def _common_clock(self) -> str:
+        """Return the clock that is in most chunks; of several the ground's."""
+        counts = Counter(clock for spans in self._chunks for clock in spans)
+        return max(counts, key=lambda clock: (counts[clock], clock == _GROUND), default=_GROUND)
