@@ -1,5 +1,6 @@
-"""Messages of the bus as JSON channels of the record: same names, same fields, and a schema for
-each kind. Pure.
+"""Messages of the bus as JSON channels of the record. Pure.
+
+Channels and fields have the names that they have on the bus, and each kind of message has a schema.
 """
 
 from __future__ import annotations
@@ -15,9 +16,9 @@ from onboard.bus.topics import Topic
 
 MAX_STAMP_NS = (1 << 63) - 1
 REPLY = "reply"
+RECORDED = (Topic.STATE, Topic.TICK, Topic.MOCAP)  # beside what the ground listens to anyhow
 _encode = msgspec.json.Encoder().encode
 _decode = msgspec.json.Decoder(dict[str, Any]).decode
-RECORDED = (Topic.STATE, Topic.TICK, Topic.MOCAP)  # beside what the ground listens to anyhow
 
 
 class ChannelRow(NamedTuple):
@@ -30,8 +31,9 @@ class ChannelRow(NamedTuple):
 
 
 def rows(topic: Topic, name: str, message: Message, received_ns: int) -> list[ChannelRow]:
-    """Convert one message of the bus: a batch of ticks into a row for each, any other message into
-    one row.
+    """Convert one message of the bus into rows of the record.
+
+    A batch of ticks becomes a row for each, any other message one row.
 
     The log time is the sample's own stamp; messages without one, or with an impossible one, take
     the reception's.
@@ -52,8 +54,16 @@ def rows(topic: Topic, name: str, message: Message, received_ns: int) -> list[Ch
 
 
 def as_mapping(message: Message) -> dict[str, Any]:
-    """Return field names and values; on the bus the same message travels without its names."""
+    """Return field names and values; on the bus the message travels without its field names."""
     return msgspec.structs.asdict(message)
+
+
+class _Field(NamedTuple):
+    """One field of a message."""
+
+    name: str
+    default: Any  # msgspec.NODEFAULT for none
+    is_number: bool  # null stands for NaN
 
 
 KINDS: dict[str, type[Message]] = {
@@ -61,8 +71,9 @@ KINDS: dict[str, type[Message]] = {
     for name, kind in vars(schema_).items()
     if isinstance(kind, type) and issubclass(kind, Message)
 }
-_FIELDS: dict[type[Message], tuple[tuple[str, Any, bool], ...]] = {}
-# the same kinds, but encoded with their names
+# Fields of each kind; found once.
+_FIELDS: dict[type[Message], tuple[_Field, ...]] = {}
+# The same kinds, but encoded with the names of their fields.
 _NAMED: dict[type[Message], type[msgspec.Struct]] = {}
 
 
@@ -81,7 +92,8 @@ def from_json(kind: type[Message], data: bytes) -> Message | None:
     """
     try:
         values = _decode(data)
-        return msgspec.convert([_value(values, *field) for field in _fields(kind)], kind)
+        own_values = [_value(values, field) for field in _fields(kind)]
+        return msgspec.convert(own_values, kind)
     except (
         msgspec.DecodeError,
         msgspec.ValidationError,
@@ -92,28 +104,34 @@ def from_json(kind: type[Message], data: bytes) -> Message | None:
         return None
 
 
-def _fields(kind: type[Message]) -> tuple[tuple[str, Any, bool], ...]:
-    """Name, default and whether null stands for NaN, of each field."""
+def _fields(kind: type[Message]) -> tuple[_Field, ...]:
     if kind not in _FIELDS:
         fields = []
         for field in msgspec.structs.fields(kind):
             is_number = "float" in str(field.type) and "None" not in str(field.type)
-            fields.append((field.name, field.default, is_number))
+            fields.append(_Field(field.name, field.default, is_number))
         _FIELDS[kind] = tuple(fields)
     return _FIELDS[kind]
 
 
-def _value(values: dict[str, Any], name: str, default: Any, is_number: bool) -> Any:
-    value = values[name] if default is msgspec.NODEFAULT else values.get(name, default)
-    if not is_number:
+def _value(values: dict[str, Any], field: _Field) -> Any:
+    """Return the value of one field; KeyError where it is missing and has no default."""
+    if field.default is msgspec.NODEFAULT:
+        value = values[field.name]
+    else:
+        value = values.get(field.name, field.default)
+
+    if not field.is_number:
         return value
-    if value is None:
-        return math.nan
     if isinstance(value, list):
-        return [math.nan if part is None else part for part in value]
+        return [_nan_for_null(part) for part in value]
     if isinstance(value, dict):
-        return {key: math.nan if part is None else part for key, part in value.items()}
-    return value
+        return {key: _nan_for_null(part) for key, part in value.items()}
+    return _nan_for_null(value)
+
+
+def _nan_for_null(value: Any) -> Any:
+    return math.nan if value is None else value
 
 
 def json_schema(kind: type[Message]) -> bytes:
@@ -130,11 +148,12 @@ def _row(channel: str, message: Message, received_ns: int) -> ChannelRow:
     stamp_ns = getattr(message, "stamp_ns", received_ns)
     if not 0 <= stamp_ns <= MAX_STAMP_NS:
         stamp_ns = received_ns
+
     kind = type(message)
-    named = _NAMED.get(kind)
-    if named is None:
-        named = _NAMED[kind] = msgspec.defstruct(kind.__name__, kind.__struct_fields__, gc=False)
-    return ChannelRow(channel, kind, stamp_ns, _encode(named(*msgspec.structs.astuple(message))))
+    if kind not in _NAMED:
+        _NAMED[kind] = msgspec.defstruct(kind.__name__, kind.__struct_fields__, gc=False)
+    named = _NAMED[kind](*msgspec.structs.astuple(message))
+    return ChannelRow(channel, kind, stamp_ns, _encode(named))
 
 
 def _flat(schema: dict[str, Any]) -> dict[str, Any]:

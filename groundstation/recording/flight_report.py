@@ -16,7 +16,7 @@ from groundstation.fleet.state import Separation
 from groundstation.recording.reader import Sample, is_vector, of_one_flight, read
 from onboard.config.pair_separation import separations_m
 
-MAX_GAP_S = 0.25
+MAX_GAP_S = 0.25  # between two samples of truth, in which a distance is not evaluated
 PERIOD_NOMINAL_MS = 20.0
 
 
@@ -67,45 +67,52 @@ def report(folder: Path, height_share: float = 0.0) -> FlightReport:
     truths: dict[str, list[Sample]] = defaultdict(list)
     periods_ms: dict[str, list[float]] = defaultdict(list)
     for sample in read(folder, ("truth", "tick")):
-        values = sample.values
         if sample.topic == "tick":
-            period_s = values.get("period_s")
+            period_s = sample.values.get("period_s")
             if isinstance(period_s, float) and 0.0 < period_s < math.inf:
                 periods_ms[sample.name].append(1e3 * period_s)
-        elif is_vector(values.get("position_enu_m"), 3):
+        elif is_vector(sample.values.get("position_enu_m"), 3):
             truths[sample.name].append(sample)
-    tracks = {
-        name: track([_row(one) for one in of_one_flight(samples)])
-        for name, samples in truths.items()
-    }
+
+    tracks = {}
+    for name, samples in truths.items():
+        tracks[name] = track([_row(sample) for sample in of_one_flight(samples)])
+    begin_ns = min((int(motion.stamp_ns[0]) for motion in tracks.values()), default=0)
+    end_ns = max((int(motion.stamp_ns[-1]) for motion in tracks.values()), default=0)
+
     pairs = separations(tracks, height_share)
-    stamps = [value.stamp_ns for value in tracks.values()]
-    begin_ns = min((int(value[0]) for value in stamps), default=0)
-    end_ns = max((int(value[-1]) for value in stamps), default=0)
+    collided = sorted(name for name, motion in tracks.items() if motion.is_collided)
     return FlightReport(
         smallest=min(pairs.values(), key=lambda pair: pair.distance_m, default=None),
         pairs=pairs,
-        collided=tuple(sorted(name for name, value in tracks.items() if value.is_collided)),
+        collided=tuple(collided),
         loops={name: loop_timing(values) for name, values in sorted(periods_ms.items())},
         begin_ns=begin_ns,
         duration_s=(end_ns - begin_ns) * 1e-9,
     )
 
 
-def _row(truth: Sample) -> tuple[int, list[float], bool, bool]:
+_Row = tuple[int, list[float], bool, bool]  # stamp, position, is on the ground, is collided
+
+
+def _row(truth: Sample) -> _Row:
     values = truth.values
-    is_on_ground, is_collided = bool(values.get("is_on_ground")), bool(values.get("is_collided"))
+    is_on_ground = bool(values.get("is_on_ground"))
+    is_collided = bool(values.get("is_collided"))
     return truth.stamp_ns, values["position_enu_m"], is_on_ground, is_collided
 
 
-def track(rows: list[tuple[int, list[float], bool, bool]]) -> TrueMotion:
+def track(rows: list[_Row]) -> TrueMotion:
     """Sort rows (stamp, position, on ground, collided) of one vehicle by stamp, each stamp once."""
-    stamps, first = np.unique(np.array([row[0] for row in rows], dtype=np.int64), return_index=True)
+    all_stamps_ns = np.array([row[0] for row in rows], dtype=np.int64)
+    stamps_ns, first = np.unique(all_stamps_ns, return_index=True)
+
+    positions_enu_m = np.array([rows[index][1] for index in first], dtype=np.float64)
     return TrueMotion(
-        stamps,
-        np.array([rows[index][1] for index in first], dtype=np.float64).reshape(-1, 3),
-        np.array([rows[index][2] for index in first], dtype=np.bool_),
-        any(row[3] for row in rows),
+        stamp_ns=stamps_ns,
+        position_enu_m=positions_enu_m.reshape(-1, 3),
+        is_on_ground=np.array([rows[index][2] for index in first], dtype=np.bool_),
+        is_collided=any(row[3] for row in rows),
     )
 
 
@@ -123,54 +130,80 @@ def separations(tracks: dict[str, TrueMotion], height_share: float = 0.0) -> dic
         Smallest separations by "FIRST-SECOND".
     """
     closest = {}
-    for one, two in itertools.combinations(sorted(tracks), 2):
-        first, second = tracks[one], tracks[two]
-        stamps = np.union1d(first.stamp_ns, second.stamp_ns)
-        stamps = stamps[
-            (stamps >= max(first.stamp_ns[0], second.stamp_ns[0]))
-            & (stamps <= min(first.stamp_ns[-1], second.stamp_ns[-1]))
-        ]
+    for first_name, second_name in itertools.combinations(sorted(tracks), 2):
+        first = tracks[first_name]
+        second = tracks[second_name]
+        stamps = _common_stamps(first, second)
+
         is_valid = _covered(first, stamps) & _covered(second, stamps)
         is_flying = ~(_on_ground(first, stamps) & _on_ground(second, stamps))
         stamps = stamps[is_valid & is_flying]
-        if stamps.size:
-            distance_m = separations_m(_at(first, stamps) - _at(second, stamps), height_share)
-            index = int(np.argmin(distance_m))
-            smallest_m, stamp_ns = float(distance_m[index]), int(stamps[index])
-            closest[f"{one}-{two}"] = Separation(one, two, smallest_m, stamp_ns, is_truth=True)
+        if not stamps.size:
+            continue
+
+        gaps_enu_m = _at(first, stamps) - _at(second, stamps)
+        distances_m = separations_m(gaps_enu_m, height_share)
+        index = int(np.argmin(distances_m))
+        closest[f"{first_name}-{second_name}"] = Separation(
+            first=first_name,
+            second=second_name,
+            distance_m=float(distances_m[index]),
+            stamp_ns=int(stamps[index]),
+            is_truth=True,
+        )
     return closest
+
+
+def _common_stamps(first: TrueMotion, second: TrueMotion) -> NDArray[np.int64]:
+    """Return the stamps of both, as long as both are known."""
+    stamps = np.union1d(first.stamp_ns, second.stamp_ns)
+    begin_ns = max(first.stamp_ns[0], second.stamp_ns[0])
+    end_ns = min(first.stamp_ns[-1], second.stamp_ns[-1])
+    common: NDArray[np.int64] = stamps[(stamps >= begin_ns) & (stamps <= end_ns)]
+    return common
 
 
 def loop_timing(periods_ms: list[float]) -> LoopTiming:
     """Return percentiles of the periods of one loop."""
-    values = np.array(periods_ms)
-    if not values.size:
+    values_ms = np.array(periods_ms)
+    if not values_ms.size:
         return LoopTiming(math.nan, math.nan, math.nan, 0)
-    p50, p99 = np.percentile(values, [50, 99])
+
+    p50_ms, p99_ms = np.percentile(values_ms, [50, 99])
     return LoopTiming(
-        round(float(p50), 3), round(float(p99), 3), round(float(values.max()), 3), int(values.size)
+        period_p50_ms=round(float(p50_ms), 3),
+        period_p99_ms=round(float(p99_ms), 3),
+        period_max_ms=round(float(values_ms.max()), 3),
+        ticks=int(values_ms.size),
     )
 
 
-def _at(value: TrueMotion, stamps: NDArray[np.int64]) -> NDArray[np.float64]:
-    origin = value.stamp_ns[0]  # int64 nanoseconds do not fit into a double; differences do
-    times, known = (
-        (stamps - origin).astype(np.float64),
-        (value.stamp_ns - origin).astype(np.float64),
-    )
-    return np.stack(
-        [np.interp(times, known, value.position_enu_m[:, axis]) for axis in (0, 1, 2)], axis=-1
-    )
+def _at(motion: TrueMotion, stamps: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Return the positions (n, 3) at these stamps, between two samples on a straight line."""
+    # int64 nanoseconds do not fit into a double; their differences do
+    origin_ns = motion.stamp_ns[0]
+    times = (stamps - origin_ns).astype(np.float64)
+    known_times = (motion.stamp_ns - origin_ns).astype(np.float64)
+
+    axes = [np.interp(times, known_times, motion.position_enu_m[:, axis]) for axis in (0, 1, 2)]
+    return np.stack(axes, axis=-1)
 
 
-def _on_ground(value: TrueMotion, stamps: NDArray[np.int64]) -> NDArray[np.bool_]:
-    index = np.clip(np.searchsorted(value.stamp_ns, stamps, side="right") - 1, 0, None)
-    return np.asarray(value.is_on_ground[index])
+def _on_ground(motion: TrueMotion, stamps: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Whether the last sample up to each stamp was on the ground."""
+    return np.asarray(motion.is_on_ground[_last_before(motion, stamps)])
 
 
-def _covered(value: TrueMotion, stamps: NDArray[np.int64]) -> NDArray[np.bool_]:
-    before = np.clip(np.searchsorted(value.stamp_ns, stamps, side="right") - 1, 0, None)
-    after = np.clip(
-        np.searchsorted(value.stamp_ns, stamps, side="left"), None, value.stamp_ns.size - 1
-    )
-    return np.asarray(value.stamp_ns[after] - value.stamp_ns[before] <= MAX_GAP_S * 1e9)
+def _covered(motion: TrueMotion, stamps: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Whether each stamp lies between two samples that are not too far apart."""
+    before = _last_before(motion, stamps)
+    after = np.searchsorted(motion.stamp_ns, stamps, side="left")
+    after = np.clip(after, None, motion.stamp_ns.size - 1)
+    gaps_ns = motion.stamp_ns[after] - motion.stamp_ns[before]
+    return np.asarray(gaps_ns <= MAX_GAP_S * 1e9)
+
+
+def _last_before(motion: TrueMotion, stamps: NDArray[np.int64]) -> NDArray[np.intp]:
+    """Return the index of the last sample up to each stamp; 0 before the first."""
+    index = np.searchsorted(motion.stamp_ns, stamps, side="right") - 1
+    return np.clip(index, 0, None)

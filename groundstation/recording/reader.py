@@ -18,8 +18,8 @@ from groundstation.recording.writer import RECORD_NAME
 from onboard.config.fleet import ConfigError
 
 MAX_CHUNK_BYTES = 256 * 1024 * 1024
-MAX_FLIGHT_NS = 86_400_000_000_000  # stamps further from the others are of no flight
-# exceptions of mcap on damaged bytes
+MAX_FLIGHT_NS = 86_400_000_000_000  # a day: stamps further from the others are of no flight
+# Exceptions of mcap on damaged bytes.
 DAMAGED = (McapError, ZstdError, EOFError, ValueError, struct.error)
 _MAX_NUMBER = 1e300
 _MAX_STAMP_NS = (1 << 63) - 1
@@ -59,8 +59,9 @@ def record_path(folder: Path) -> Path:
 
 
 def read(folder: Path, topics: Sequence[str] = ()) -> Iterator[Sample]:
-    """Read a record from its beginning. A record that breaks off ends there, and what is damaged is
-    left out.
+    """Read a record from its beginning.
+
+    A record that breaks off ends there, and what is damaged is left out.
 
     Args:
         folder: flight folder, or the MCAP file itself.
@@ -78,16 +79,27 @@ def read(folder: Path, topics: Sequence[str] = ()) -> Iterator[Sample]:
             if isinstance(record, Channel):
                 channels[record.id] = record.topic
             elif isinstance(record, Message):
-                channel = channels.get(record.channel_id, "")
-                if channel and (not topics or channel.partition("/")[0] in topics):
-                    values = _values(record.data)
-                    if values is not None and record.log_time <= _MAX_STAMP_NS:
-                        yield Sample(channel, record.log_time, values)
+                sample = _sample(record, channels.get(record.channel_id, ""), topics)
+                if sample is not None:
+                    yield sample
+
+
+def _sample(message: Message, channel: str, topics: Sequence[str]) -> Sample | None:
+    """Return a message of the file; None when it is damaged or of none of the topics."""
+    is_wanted = not topics or channel.partition("/")[0] in topics
+    if not channel or not is_wanted or message.log_time > _MAX_STAMP_NS:
+        return None
+
+    values = _values(message.data)
+    if values is None:
+        return None
+    return Sample(channel, message.log_time, values)
 
 
 def of_one_flight(samples: Sequence[Sample]) -> list[Sample]:
-    """Return the samples without those whose stamp is impossible: more than MAX_FLIGHT_NS from the
-    middle one.
+    """Return the samples without those whose stamp is impossible.
+
+    Such a stamp is more than MAX_FLIGHT_NS from the middle one.
 
     Args:
         samples: of one channel.
@@ -97,15 +109,16 @@ def of_one_flight(samples: Sequence[Sample]) -> list[Sample]:
     """
     if not samples:
         return []
-    middle_ns = sorted(sample.stamp_ns for sample in samples)[(len(samples) - 1) // 2]
+    stamps_ns = sorted(sample.stamp_ns for sample in samples)
+    middle_ns = stamps_ns[(len(stamps_ns) - 1) // 2]
     return [sample for sample in samples if abs(sample.stamp_ns - middle_ns) <= MAX_FLIGHT_NS]
 
 
 def is_vector(value: object, size: int) -> bool:
     """Whether a value of a record is a list of so many numbers that a float can hold."""
-    return (
-        isinstance(value, list) and len(value) == size and all(is_number(entry) for entry in value)
-    )
+    if not isinstance(value, list) or len(value) != size:
+        return False
+    return all(is_number(entry) for entry in value)
 
 
 def is_number(value: object) -> bool:
@@ -123,20 +136,23 @@ def chunk_records(chunk: Chunk) -> list[McapRecord] | None:
         Its records; None when it is damaged or would not fit into memory.
     """
     try:
-        size = (
-            frame_content_size(chunk.data)
-            if chunk.compression == "zstd"
-            else chunk.uncompressed_size
-        )
-        if max(size, chunk.uncompressed_size) <= MAX_CHUNK_BYTES:
-            return breakup_chunk(chunk, validate_crc=True)
+        # The chunk tells its size, and so does the compressed content: neither is trusted alone.
+        size_bytes = chunk.uncompressed_size
+        if chunk.compression == "zstd":
+            size_bytes = max(size_bytes, frame_content_size(chunk.data))
+
+        if size_bytes > MAX_CHUNK_BYTES:
+            return None
+        return breakup_chunk(chunk, validate_crc=True)
     except DAMAGED:
-        pass
-    return None
+        return None
 
 
 def _records(stream: IO[bytes]) -> Iterator[McapRecord]:
-    """Records of the file; a damaged chunk is left out, and a damaged frame of the file ends it."""
+    """Yield the records of the file.
+
+    A damaged chunk is left out, and a damaged frame of the file ends it.
+    """
     records = StreamReader(stream, emit_chunks=True, record_size_limit=MAX_CHUNK_BYTES).records
     while True:
         try:

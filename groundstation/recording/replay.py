@@ -1,9 +1,8 @@
-"""A recorded flight as if it were flying: the fleet's state at any time of the record; orders are
-refused.
+"""A recorded flight as if it were flying: the fleet's state at any time of the record.
 
-:class:`Replay` has the methods that the console uses of a client. It folds the record by the same
-code as live, on the record's own clock. Every two seconds it keeps the state, so that going back is
-quick.
+:class:`Replay` has the methods that the console uses of a client; orders are refused. It folds the
+record by the same code as live, on the record's own clock. Every two seconds it keeps the state, so
+that going back is quick.
 """
 
 from __future__ import annotations
@@ -15,6 +14,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import msgspec
 
@@ -33,13 +33,14 @@ from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
 
 SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
 STEP_NS = 100_000_000  # the console's own period
-KEYFRAME_NS = 2_000_000_000
-# replayed before the time of a seek back, so that trails and charts are there
-MEMORY_NS = 60_000_000_000
-TICKS_NS = 20_000_000_000  # of the pipeline, shown at once when another vehicle is followed
+KEYFRAME_NS = 2_000_000_000  # between two states that are kept
 MAX_KEYFRAMES = 20_000
+# Replayed before the time of a seek back, so that trails and charts are there.
+MEMORY_NS = 60_000_000_000
+# Ticks of the pipeline that are shown at once when another vehicle is followed.
+TICKS_NS = 20_000_000_000
 _SLICE_S = 0.02  # of work at a time; the console is drawn in between
-_BACK_NS = 1_000_000_000
+_BACK_NS = 1_000_000_000  # a jump back skips an event that has just been passed
 _FOLDED = frozenset(("telemetry", "truth", "event", "preflight"))
 _WITH_TICKS = _FOLDED | {"tick"}
 REFUSAL = (
@@ -85,13 +86,15 @@ class Replay:
         self.speed = speed
         self.tick_stream = RecordedTickStream(self._read_again)
         self.seeking: float | None = None  # progress of a seek, 0 to 1; None when none is under way
+
         self._listeners: list[OnStep] = []
         self._resets: list[Callable[[], None]] = []
-        self._keyframes: list[tuple[int, FleetState]] = [
-            (timeline.begin_ns - 1, fleet_state.initial(fleet))
-        ]
-        self._state, self._now_ns = self._keyframes[0][1], self._keyframes[0][0]
+
+        self._now_ns = timeline.begin_ns - 1
+        self._state = fleet_state.initial(fleet)
+        self._keyframes = [(self._now_ns, self._state)]
         self._reading = self._read_on()
+
         self._event_stamps = [
             stamp_ns for stamp_ns, event in timeline.events if event.severity != "debug"
         ]
@@ -137,8 +140,11 @@ class Replay:
         return self._now_ns >= self.timeline.end_ns
 
     def add_listener(self, on_step: OnStep, on_reset: Callable[[], None]) -> None:
-        """Call ``on_step(state, now_ns)`` ten times per second of the record, ``on_reset()`` before
-        going back.
+        """Add functions that follow the record.
+
+        Args:
+            on_step: called with state and time [ns], ten times per second of the record.
+            on_reset: called before going back.
         """
         self._listeners.append(on_step)
         self._resets.append(on_reset)
@@ -151,11 +157,13 @@ class Replay:
         """
         if not self.is_playing or self.seeking is not None:
             return
+
         until_ns = self._now_ns + int(min(elapsed_s, 1.0) * self.speed * 1e9)
         begin_s = time.perf_counter()
         for _ in self._steps(min(until_ns, self.timeline.end_ns)):
             if time.perf_counter() - begin_s > 4.0 * _SLICE_S:
                 break  # a fleet too large for this speed plays as fast as it can
+
         if self.is_at_end:
             self.is_playing = False
 
@@ -170,15 +178,17 @@ class Replay:
         Args:
             position_s: seconds since the begin of the record.
         """
-        limit_ns = self.timeline.end_ns
-        chosen_ns = self.timeline.begin_ns + int(max(0.0, min(position_s, self.length_s)) * 1e9)
-        self._target_ns = min(chosen_ns, limit_ns)
+        within_s = max(0.0, min(position_s, self.length_s))
+        chosen_ns = self.timeline.begin_ns + int(within_s * 1e9)
+        self._target_ns = min(chosen_ns, self.timeline.end_ns)
         if self.seeking is not None:
             return  # the seek under way takes over the new target
+
         self.seeking = 0.0
         try:
             while self._target_ns is not None:
-                target_ns, self._target_ns = self._target_ns, None
+                target_ns = self._target_ns
+                self._target_ns = None
                 await self._go(target_ns)
         finally:
             self.seeking = None
@@ -188,19 +198,29 @@ class Replay:
         stamps = self._event_stamps
         if direction > 0:
             index = bisect.bisect_right(stamps, self._now_ns)
-        else:  # while playing, the event just passed is skipped
-            index = (
-                bisect.bisect_left(stamps, self._now_ns - (_BACK_NS if self.is_playing else 0)) - 1
-            )
+        else:
+            before_ns = self._now_ns
+            if self.is_playing:
+                before_ns -= _BACK_NS
+            index = bisect.bisect_left(stamps, before_ns) - 1
+
         if 0 <= index < len(stamps):
             await self.seek((stamps[index] - self.timeline.begin_ns) * 1e-9)
+        elif direction > 0:
+            await self.seek(self.length_s)
         else:
-            await self.seek(self.length_s if direction > 0 else 0.0)
+            await self.seek(0.0)
 
     async def _go(self, target_ns: int) -> None:
+        """Fold the record on to a time, from a kept state if the time lies behind.
+
+        The event loop gets its turn in between; a newer target ends this one.
+        """
         if target_ns < self._now_ns:
             self._turn_back(target_ns - MEMORY_NS)
-        start_ns, begin_s = self._now_ns, time.perf_counter()
+
+        start_ns = self._now_ns
+        begin_s = time.perf_counter()
         for _ in self._steps(target_ns):
             if time.perf_counter() - begin_s > _SLICE_S:
                 self.seeking = (self._now_ns - start_ns) / max(1, target_ns - start_ns)
@@ -210,10 +230,10 @@ class Replay:
                     return
 
     def _turn_back(self, before_ns: int) -> None:
-        index = max(
-            0, bisect.bisect_right(self._keyframes, before_ns, key=lambda pair: pair[0]) - 1
-        )
-        self._now_ns, self._state = self._keyframes[index]
+        """Go back to the newest state that was kept up to a time."""
+        newer = bisect.bisect_right(self._keyframes, before_ns, key=lambda pair: pair[0])
+        self._now_ns, self._state = self._keyframes[max(0, newer - 1)]
+
         self.tick_stream.values.clear()
         self._reading = self._read_on()
         for reset in self._resets:
@@ -222,57 +242,68 @@ class Replay:
     def _read_again(self) -> None:
         """Begin with the last ticks of the vehicle that is followed now."""
         self._reading = self._read_on()
-        if self.tick_stream.vehicle is not None:
-            for one in self.timeline.read(self._now_ns - TICKS_NS, frozenset(("tick",))).until(
-                self._now_ns
-            ):
-                if isinstance(one.message, TickSample) and one.name == self.tick_stream.vehicle:
-                    self.tick_stream.values.append(one.message)
+        if self.tick_stream.vehicle is None:
+            return
+
+        ticks = self.timeline.read(self._now_ns - TICKS_NS, frozenset(("tick",)))
+        for one in ticks.until(self._now_ns):
+            if isinstance(one.message, TickSample) and one.name == self.tick_stream.vehicle:
+                self.tick_stream.values.append(one.message)
 
     def _read_on(self) -> Reading:
-        return self.timeline.read(
-            self._now_ns, _FOLDED if self.tick_stream.vehicle is None else _WITH_TICKS
-        )
+        """Begin to read what comes after this time; ticks only when a vehicle is followed."""
+        has_ticks = self.tick_stream.vehicle is not None
+        return self.timeline.read(self._now_ns, _WITH_TICKS if has_ticks else _FOLDED)
 
     def _steps(self, until_ns: int) -> Iterator[None]:
         """Fold the record on to ``until_ns``, and pause after every step."""
         while self._now_ns < until_ns:
-            now_ns = min(until_ns, (self._now_ns // STEP_NS + 1) * STEP_NS)
+            next_step_ns = (self._now_ns // STEP_NS + 1) * STEP_NS
+            now_ns = min(until_ns, next_step_ns)
             self._state = self._folded(list(self._reading.until(now_ns)))
             self._now_ns = now_ns
-            if (
-                now_ns - self._keyframes[-1][0] >= KEYFRAME_NS
-                and len(self._keyframes) < MAX_KEYFRAMES
-            ):
+
+            newest_kept_ns, _ = self._keyframes[-1]
+            is_due = now_ns - newest_kept_ns >= KEYFRAME_NS
+            if is_due and len(self._keyframes) < MAX_KEYFRAMES:
                 self._keyframes.append((now_ns, self._state))
+
             for listener in self._listeners:
                 listener(self._state, now_ns)
             yield
 
     def _folded(self, messages: list[RecordedMessage]) -> FleetState:
+        """Return the state after these messages; neighbours of one topic are folded together."""
         state = self._state
         for topic, group in itertools.groupby(messages, key=lambda one: one.topic):
-            some = list(group)
+            same_topic = list(group)
             if topic == "truth":
-                for _, moment in itertools.groupby(some, key=lambda one: one.stamp_ns):
-                    together = list(moment)
-                    truths = [one.message for one in together if isinstance(one.message, Truth)]
-                    state = fleet_state.fold_truths(state, truths, together[-1].stamp_ns)
+                state = _fold_truths(state, same_topic)
             elif topic == "tick":
-                own = [one.message for one in some if one.name == self.tick_stream.vehicle]
-                self.tick_stream.values.extend(
-                    sample for sample in own if isinstance(sample, TickSample)
-                )
+                for one in same_topic:
+                    if one.name == self.tick_stream.vehicle and isinstance(one.message, TickSample):
+                        self.tick_stream.values.append(one.message)
             else:
-                state = _fold(state, some)
+                state = _fold(state, same_topic)
         return state
 
 
-def _fold(state: FleetState, some: list[RecordedMessage]) -> FleetState:
+def _fold_truths(state: FleetState, messages: list[RecordedMessage]) -> FleetState:
+    """Fold the truth, all vehicles of one moment together."""
+    for stamp_ns, moment in itertools.groupby(messages, key=lambda one: one.stamp_ns):
+        truths = [one.message for one in moment if isinstance(one.message, Truth)]
+        state = fleet_state.fold_truths(state, truths, stamp_ns)
+    return state
+
+
+def _fold(state: FleetState, messages: list[RecordedMessage]) -> FleetState:
     """Fold messages of vehicles; a vehicle that sends is alive."""
-    telemetry = [(one.message, one.stamp_ns) for one in some if isinstance(one.message, Telemetry)]
+    telemetry = [
+        (one.message, one.stamp_ns) for one in messages if isinstance(one.message, Telemetry)
+    ]
     state = fleet_state.fold_telemetry(state, telemetry)
-    for one in some:
+
+    for one in messages:
         if not isinstance(one.message, Telemetry):
             state = fleet_state.fold(state, one.message, one.stamp_ns)
         view = state.vehicles.get(one.name)
@@ -301,8 +332,10 @@ def open_flight(folder: Path, fleet_path: str | None = None) -> tuple[FleetConfi
         raise ConfigError(
             f"{timeline.path}: there is no fleet.toml beside it. Give the fleet file with --fleet."
         )
-    # a record may come from anybody: code that its fleet file names is not run
-    return load_fleet(fleet_path or str(beside), imports_law=False), timeline
+
+    # A record may come from anybody: code that its fleet file names is not run.
+    fleet = load_fleet(fleet_path or str(beside), imports_law=False)
+    return fleet, timeline
 
 
 async def story(replay: Replay, *, is_json: bool) -> str:
@@ -316,40 +349,64 @@ async def story(replay: Replay, *, is_json: bool) -> str:
         The text.
     """
     await replay.seek(replay.length_s)
-    timeline, state = replay.timeline, replay.state
-    events = [((stamp_ns - timeline.begin_ns) * 1e-9, event) for stamp_ns, event in timeline.events]
-    pair = state.smallest_truth or state.smallest
     if is_json:
-        smallest = None
-        if pair is not None:
-            smallest = {
-                "pair": [pair.first, pair.second],
-                "distance_m": pair.distance_m,
-                "is_truth": pair.is_truth,
-            }
-        summary = {
-            "record": str(timeline.path),
-            "length_s": round(timeline.length_s, 3),
-            "is_whole": not timeline.broken,
-            "note": timeline.broken,
-            "vehicles": [
-                name for name, view in state.vehicles.items() if view.telemetry is not None
-            ],
-            "smallest": smallest,
-            "malformed": timeline.malformed + state.malformed,
-            "events": [{"at_s": round(at_s, 3), **as_mapping(event)} for at_s, event in events],
-        }
+        summary = _summary(replay)
         return msgspec.json.format(msgspec.json.encode(summary), indent=2).decode()
-    lines = [
-        f"{at_s:8.1f} s  {plain(event_line(event), 400)}"
-        for at_s, event in events
-        if event.severity != "debug"
-    ]
+    return "\n".join(_summary_lines(replay))
+
+
+def _summary(replay: Replay) -> dict[str, Any]:
+    timeline = replay.timeline
+    state = replay.state
+
+    smallest = None
+    pair = state.smallest_truth or state.smallest
+    if pair is not None:
+        smallest = {
+            "pair": [pair.first, pair.second],
+            "distance_m": pair.distance_m,
+            "is_truth": pair.is_truth,
+        }
+
+    events = []
+    for stamp_ns, event in timeline.events:
+        at_s = (stamp_ns - timeline.begin_ns) * 1e-9
+        events.append({"at_s": round(at_s, 3), **as_mapping(event)})
+
+    return {
+        "record": str(timeline.path),
+        "length_s": round(timeline.length_s, 3),
+        "is_whole": not timeline.broken,
+        "note": timeline.broken,
+        "vehicles": _vehicles_with_telemetry(state),
+        "smallest": smallest,
+        "malformed": timeline.malformed + state.malformed,
+        "events": events,
+    }
+
+
+def _summary_lines(replay: Replay) -> list[str]:
+    timeline = replay.timeline
+    state = replay.state
+
+    lines = []
+    for stamp_ns, event in timeline.events:
+        if event.severity != "debug":
+            at_s = (stamp_ns - timeline.begin_ns) * 1e-9
+            lines.append(f"{at_s:8.1f} s  {plain(event_line(event), 400)}")
+
+    pair = state.smallest_truth or state.smallest
     if pair is not None:
         source = "ground truth" if pair.is_truth else "telemetry"
-        lines.append(
-            f"Closest: {pair.first} and {pair.second}, {pair.distance_m:.2f} m, by {source}."
-        )
-    heard = sum(view.telemetry is not None for view in state.vehicles.values())
-    lines.append(f"{timeline.length_s:.1f} s of {heard} vehicles in {timeline.path}.")
-    return "\n".join([*lines, timeline.broken] if timeline.broken else lines)
+        names = f"{pair.first} and {pair.second}"
+        lines.append(f"Closest: {names}, {pair.distance_m:.2f} m, by {source}.")
+
+    count = len(_vehicles_with_telemetry(state))
+    lines.append(f"{timeline.length_s:.1f} s of {count} vehicles in {timeline.path}.")
+    if timeline.broken:
+        lines.append(timeline.broken)
+    return lines
+
+
+def _vehicles_with_telemetry(state: FleetState) -> list[str]:
+    return [name for name, view in state.vehicles.items() if view.telemetry is not None]

@@ -1,8 +1,8 @@
 """The flight record: every message of the bus, in one folder, without holding up the flight.
 
-A sink only appends to a bounded queue. A thread encodes it ten times a second and writes a chunk
-once a second, so a crash costs at most one second. A full disk ends the record with an event, never
-the flight.
+Whoever puts a message only appends to a bounded queue. A thread encodes it ten times a second and
+writes a chunk once a second, so a crash costs at most one second. A full disk ends the record with
+an event, never the flight.
 """
 
 from __future__ import annotations
@@ -26,13 +26,14 @@ from onboard.bus.schema import Event, Message, Order, OrderReply
 from onboard.bus.topics import Topic
 from onboard.plain_text import plain_line
 
-WRITE_PERIOD_S, FLUSH_PERIOD_S = 0.1, 1.0
+WRITE_PERIOD_S = 0.1
+FLUSH_PERIOD_S = 1.0
 MAX_QUEUED = 20_000
 RECORD_NAME = "flight.mcap"
 MAX_CHANNELS = 4_000  # a hundred vehicles have a thousand; MCAP cannot number more than 65,535
 _CHUNK_BYTES = 512 * 1024  # each chunk has an index entry per channel
 
-_Item = tuple[Topic, str, Message, int]
+_Item = tuple[Topic, str, Message, int]  # topic, name, message, time of its reception [ns]
 
 
 class RecordWriter:
@@ -55,12 +56,13 @@ class RecordWriter:
         open_file: Callable[[Path], IO[bytes]] = lambda path: path.open("wb"),
     ) -> None:
         self.folder = folder
-        self.dropped = 0
-        self.failure: str | None = None
+        self.dropped = 0  # messages that the full queue did not take
+        self.failure: str | None = None  # why the record had to end
         self.begin_ns = 0  # zero of the record's seconds, on the ground's clock
-        self.on_failure, self._on_warning = on_failure, on_warning
+        self.on_failure = on_failure
+        self._on_warning = on_warning
         self._open_file = open_file
-        self._waiting: deque[_Item] = deque()
+        self._queue: deque[_Item] = deque()
         self._is_ended = threading.Event()
         self._thread: threading.Thread | None = None
 
@@ -72,6 +74,7 @@ class RecordWriter:
         """
         if self._thread is not None:
             return
+
         self.folder.mkdir(parents=True, exist_ok=True)
         begin = datetime.datetime.now().astimezone().isoformat(timespec="seconds")
         stream = self._open_file(self.folder / RECORD_NAME)
@@ -79,27 +82,31 @@ class RecordWriter:
         files = RecordFiles(
             self.folder, stream, begin_ns=self.begin_ns, begin=begin, on_warning=self._on_warning
         )
+
         self._thread = threading.Thread(target=self._run, args=(files,), name="record", daemon=True)
         self._thread.start()
 
     def put(self, topic: Topic, name: str, message: Message, received_ns: int) -> None:
-        """Queue one message, from any thread; it is dropped and counted when the writer is far
-        behind.
+        """Queue one message, from any thread.
+
+        When the writer is far behind the message is dropped and counted.
         """
         if self.failure is not None or self._thread is None:
             return
-        if len(self._waiting) < MAX_QUEUED:
-            self._waiting.append((topic, name, message, received_ns))
+        if len(self._queue) < MAX_QUEUED:
+            self._queue.append((topic, name, message, received_ns))
         else:
             self.dropped += 1
 
     def stop(self, timeout_s: float = 10.0) -> None:
         """Write the rest and finish the files; a second call does nothing."""
-        thread, self._thread = self._thread, None
+        thread = self._thread
+        self._thread = None
         if thread is None:
             return
+
         self._is_ended.set()
-        # a disk that hangs does not hold up the exit: the thread is a daemon
+        # A disk that hangs does not hold up the exit: the thread is a daemon.
         thread.join(timeout_s)
 
     def _run(self, files: RecordFiles) -> None:
@@ -111,13 +118,14 @@ class RecordWriter:
                 if time.monotonic() >= next_flush_s:
                     files.flush()
                     next_flush_s = time.monotonic() + FLUSH_PERIOD_S
+
             self._write(files)
             files.finish()
             is_finished = True
         except OSError as error:
             self._fail(failure_sentence(self.folder, error))
         finally:
-            # our own mistake: its trace goes to the log
+            # Our own mistake: its trace goes to the log.
             if not is_finished and self.failure is None:
                 self._fail(
                     "The record ended by a mistake of Covey's own. The flight goes on without it."
@@ -129,8 +137,8 @@ class RecordWriter:
         self.on_failure(sentence)
 
     def _write(self, files: RecordFiles) -> None:
-        for _ in range(len(self._waiting)):
-            files.write(*self._waiting.popleft())
+        for _ in range(len(self._queue)):
+            files.write(*self._queue.popleft())
 
 
 class RecordFiles:
@@ -153,64 +161,67 @@ class RecordFiles:
         begin: str,
         on_warning: Callable[[str], None] = lambda sentence: None,
     ) -> None:
+        self._begin_ns = begin_ns
+        self._on_warning = on_warning
+
         self._stream = stream
         self._mcap = Writer(stream, chunk_size=_CHUNK_BYTES)
         self._mcap.start(library="covey")
-        self._schemas: dict[type[Message], int] = {}
-        self._channels: dict[str, int] = {}
-        self._sequences: Counter[int] = Counter()  # next of each channel
-        self._begin_ns, self._on_warning = begin_ns, on_warning
-        self._is_full = False
-        head = f"# seconds since {begin}\n"
+        self._schemas: dict[type[Message], int] = {}  # kind -> its number in the file
+        self._channels: dict[str, int] = {}  # name -> its number in the file
+        self._sequences: Counter[int] = Counter()  # number of a channel -> its next sequence number
+        self._is_full = False  # no new channels any more
+
         self._texts: dict[str, TextIO] = {}
         for name in ("events.txt", "orders.txt"):
             self._texts[name] = (folder / name).open("w", encoding="utf-8")
-            self._texts[name].write(head)
+            self._texts[name].write(f"# seconds since {begin}\n")
 
     def write(self, topic: Topic, name: str, message: Message, received_ns: int) -> None:
         """Write one message of the bus."""
         for channel, kind, stamp_ns, data in rows(topic, name, message, received_ns):
             self.add_raw(channel, kind, stamp_ns, data)
+
         if isinstance(message, Event):
             self._line("events.txt", received_ns, event_line(message))
             if message.order_id:
                 outcome = message.order_outcome or message.code
-                self._line(
-                    "orders.txt",
-                    received_ns,
-                    f"{name} {message.order_id} {outcome}: {message.sentence}",
-                )
+                text = f"{name} {message.order_id} {outcome}: {message.sentence}"
+                self._line("orders.txt", received_ns, text)
         elif isinstance(message, Order):
             self._line("orders.txt", received_ns, order_line(name, message))
         elif isinstance(message, OrderReply):
             answer = "accepted" if message.is_accepted else "refused"
-            self._line(
-                "orders.txt", received_ns, f"{name} {message.order_id} {answer}: {message.reason}"
-            )
+            text = f"{name} {message.order_id} {answer}: {message.reason}"
+            self._line("orders.txt", received_ns, text)
 
     def add_raw(self, channel: str, kind: type[Message], stamp_ns: int, data: bytes) -> None:
-        """Write one row of the record; beyond MAX_CHANNELS rows of new channels are left out, which
-        is said once.
+        """Write one row of the record.
+
+        Beyond MAX_CHANNELS rows of new channels are left out, which is said once.
         """
         number = self._channels.get(channel)
         if number is None:
             if len(self._channels) >= MAX_CHANNELS:
-                if not self._is_full:
-                    self._is_full = True
-                    self._on_warning(
-                        f"The record has {MAX_CHANNELS} channels and takes no new names, for instance "
-                        f"{plain_line(channel)[:60]}. Somebody floods the bus with names: find out who."
-                    )
+                self._warn_once_that_it_is_full(channel)
                 return
             number = self._register(channel, kind)
+
         self._mcap.add_message(number, stamp_ns, data, stamp_ns, self._sequences[number])
         self._sequences[number] += 1
 
+    def _warn_once_that_it_is_full(self, channel: str) -> None:
+        if self._is_full:
+            return
+        self._is_full = True
+        self._on_warning(
+            f"The record has {MAX_CHANNELS} channels and takes no new names, for instance "
+            f"{plain_line(channel)[:60]}. Somebody floods the bus with names: find out who."
+        )
+
     def flush(self) -> None:
-        """Bring everything so far to the disk itself: after a power cut at most a second is
-        missing.
-        """
-        # also a chunk that is not full: a quiet flight would stay in memory for a minute
+        """Bring everything so far to the disk: after a power cut at most a second is missing."""
+        # Also a chunk that is not full: a quiet flight would stay in memory for a minute.
         self._mcap.flush()  # type: ignore[no-untyped-call]
         for file in self._files():
             file.flush()
@@ -228,18 +239,18 @@ class RecordFiles:
 
     def close(self) -> None:
         """Close everything, finished or not."""
-        for close in (self._stream.close, *(text.close for text in self._texts.values())):
+        for file in self._files():
             with contextlib.suppress(OSError):  # the failure itself has been reported
-                close()
+                file.close()
 
     def _register(self, name: str, kind: type[Message]) -> int:
-        schema = self._schemas.get(kind)
-        if schema is None:
-            schema = self._schemas[kind] = self._mcap.register_schema(
+        """Begin a channel; returns its number."""
+        if kind not in self._schemas:
+            self._schemas[kind] = self._mcap.register_schema(
                 f"covey.{kind.__name__}", "jsonschema", json_schema(kind)
             )
-        number = self._channels[name] = self._mcap.register_channel(name, "json", schema)
-        return number
+        self._channels[name] = self._mcap.register_channel(name, "json", self._schemas[kind])
+        return self._channels[name]
 
     def _line(self, name: str, received_ns: int, text: str) -> None:
         seconds = (received_ns - self._begin_ns) * 1e-9
@@ -248,9 +259,10 @@ class RecordFiles:
 
 def failure_sentence(folder: Path, error: OSError) -> str:
     """Return a sentence about a disk that refuses the record."""
+    reason = error.strerror or error
     return (
-        f"The record ended: {folder} cannot be written ({error.strerror or error}). The flight goes on without it. "
-        "Free some space before the next one."
+        f"The record ended: {folder} cannot be written ({reason}). "
+        "The flight goes on without it. Free some space before the next one."
     )
 
 
@@ -261,14 +273,15 @@ def event_line(event: Event) -> str:
 
 def order_line(vehicle: str, order: Order) -> str:
     """Return an order as one line of text."""
-    numbers = (
-        ""
-        if order.position_enu_m is None
-        else " to " + " ".join(f"{value:.3f}" for value in order.position_enu_m)
-    )
-    height = "" if order.height_m is None else f" to {order.height_m:.2f} m"
-    duration = f" in {order.duration_s:g} s" if order.duration_s else ""
-    return f"{vehicle} {order.order_id} ordered by {order.author}: {order.kind}{numbers}{height}{duration}"
+    text = f"{vehicle} {order.order_id} ordered by {order.author}: {order.kind}"
+    if order.position_enu_m is not None:
+        axes = " ".join(f"{axis_m:.3f}" for axis_m in order.position_enu_m)
+        text += f" to {axes}"
+    if order.height_m is not None:
+        text += f" to {order.height_m:.2f} m"
+    if order.duration_s:
+        text += f" in {order.duration_s:g} s"
+    return text
 
 
 def write_json(path: Path, value: object) -> str | None:
@@ -281,11 +294,12 @@ def write_json(path: Path, value: object) -> str | None:
     Returns:
         None, or a sentence when the disk refuses.
     """
-    whole = path.with_suffix(".part")
+    part = path.with_suffix(".part")
+    text = msgspec.json.format(msgspec.json.encode(value), indent=2) + b"\n"
     try:
-        whole.write_bytes(msgspec.json.format(msgspec.json.encode(value), indent=2) + b"\n")
-        whole.replace(path)
+        part.write_bytes(text)
+        part.replace(path)
     except OSError as error:
-        whole.unlink(missing_ok=True)
+        part.unlink(missing_ok=True)
         return f"{path} cannot be written ({error.strerror or error})."
     return None
