@@ -15,7 +15,9 @@ def draw(flight: FlightData) -> Any:
     rows = len(flight.tracks)
     figure = new_figure(11.0, 1.2 + 2.1 * rows, f"Commanded and flown attitude: {flight.title}")
     axes = figure.subplots(rows, 2, sharex=True, sharey=True, squeeze=False)
+
     for index, track in enumerate(flight.tracks):
+        tint = colour(index)
         for column, angle in enumerate(("roll", "pitch")):
             ax = axes[index, column]
             ax.plot(
@@ -25,20 +27,31 @@ def draw(flight: FlightData) -> Any:
                 linewidth=1.0,
                 label="commanded (setpoint)",
             )
-            ax.plot(track.time_s, track.flown_deg[:, column], color=colour(index), label="flown")
-            ax.set_title(f"{track.name} {angle}", loc="left", color=colour(index))
-            ax.set_xlim(flight.grid_s[0], max(flight.grid_s[-1], flight.grid_s[0] + 0.1))
+            ax.plot(track.time_s, track.flown_deg[:, column], color=tint, label="flown")
             ax.axhline(0.0, color="#c5ccd2", linewidth=0.8, zorder=0)
+
+            ax.set_title(f"{track.name} {angle}", loc="left", color=tint)
+            ax.set_xlim(flight.grid_s[0], max(flight.grid_s[-1], flight.grid_s[0] + 0.1))
             if column == 0:
                 ax.set_ylabel("angle [deg]")
             if index == rows - 1:
                 ax.set_xlabel("time since take-off [s]")
-    angles = np.concatenate(
-        [np.concatenate([track.commanded_deg, track.flown_deg]).ravel() for track in flight.tracks]
-    )
-    angles = np.abs(angles[np.isfinite(angles)])
-    # one spike on the ground must not flatten the flight
-    limit_deg = max(2.0, 1.2 * float(np.percentile(angles, 99.8))) if angles.size else 2.0
+
+    limit_deg = _limit_deg(flight)
     axes[0, 0].set_ylim(-limit_deg, limit_deg)
     axes[0, 0].legend(loc="upper right", ncols=2, fontsize=9)
     return figure
+
+
+def _limit_deg(flight: FlightData) -> float:
+    """Return the scale for nearly all angles: one spike on the ground must not flatten the flight."""
+    parts = []
+    for track in flight.tracks:
+        parts.append(track.commanded_deg.ravel())
+        parts.append(track.flown_deg.ravel())
+    angles_deg = np.concatenate(parts)
+    angles_deg = np.abs(angles_deg[np.isfinite(angles_deg)])
+
+    if not angles_deg.size:
+        return 2.0
+    return max(2.0, 1.2 * float(np.percentile(angles_deg, 99.8)))

@@ -1,7 +1,4 @@
-"""Fig.
-
-6: thrust before and after OIST, x and y per vehicle, and the distances of all pairs with the limit.
-"""
+"""Fig. 6: thrust before and after OIST, and the distances of all pairs with the limit."""
 
 from __future__ import annotations
 
@@ -9,34 +6,29 @@ from typing import Any
 
 import numpy as np
 
-from groundstation.figures.data import FlightData, PairSeparation
+from groundstation.figures.data import FlightData, PairSeparation, Track
 from groundstation.figures.style import LIMIT, SOFT, colour, new_figure
 from onboard.arrays import Array
 
-MAX_PAIRS = 10
+MAX_PAIRS = 10  # with more of them each vehicle gets one line, to its nearest neighbour
+_FAR_M = 10.0  # a line that is further from all others has room enough for its name
 
 
 def draw(flight: FlightData) -> Any:
     """Draw thrust on top, with the law's change shaded, and distances below over the full width."""
     columns = len(flight.tracks)
-    figure = new_figure(
-        max(6.0, 3.7 * columns), 9.2, f"Thrust before and after OIST, and distances: {flight.title}"
-    )
+    title = f"Thrust before and after OIST, and distances: {flight.title}"
+    figure = new_figure(max(6.0, 3.7 * columns), 9.2, title)
     grid = figure.add_gridspec(3, columns, height_ratios=(1.0, 1.0, 1.5))
-    first: list[Any] = [None, None]
+
+    first: Any = None  # all others share its axes
     for index, track in enumerate(flight.tracks):
         for row, axis in enumerate("xy"):
-            ax = figure.add_subplot(grid[row, index], sharex=first[0], sharey=first[0])
-            first[0] = first[0] or ax
-            before, after = (
-                track.thrust_baseline_enu_m_s2[:, row],
-                track.thrust_safe_enu_m_s2[:, row],
-            )
-            ax.fill_between(
-                track.time_s, before, after, color=colour(index), alpha=0.22, linewidth=0
-            )
-            ax.plot(track.time_s, before, color=SOFT, linewidth=1.0, label="before OIST")
-            ax.plot(track.time_s, after, color=colour(index), linewidth=1.3, label="after OIST")
+            ax = figure.add_subplot(grid[row, index], sharex=first, sharey=first)
+            if first is None:
+                first = ax
+            _draw_thrust(ax, track, row, colour(index))
+
             if row == 0:
                 ax.set_title(track.name, loc="left", color=colour(index))
                 ax.legend(loc="upper right", fontsize=8.5, ncols=2)
@@ -44,71 +36,45 @@ def draw(flight: FlightData) -> Any:
                 ax.set_xlabel("time since take-off [s]")
             if index == 0:
                 ax.set_ylabel(f"thrust {axis} [m/s²]")
-    first[0].set_xlim(flight.grid_s[0], max(flight.grid_s[-1], flight.grid_s[0] + 0.1))
-    _limit_thrust(first[0], flight)
-    _draw_distances(figure.add_subplot(grid[2, :], sharex=first[0]), flight)
+
+    first.set_xlim(flight.grid_s[0], max(flight.grid_s[-1], flight.grid_s[0] + 0.1))
+    _limit_thrust(first, flight)
+    _draw_distances(figure.add_subplot(grid[2, :], sharex=first), flight)
     return figure
 
 
+def _draw_thrust(ax: Any, track: Track, axis: int, tint: str) -> None:
+    before = track.thrust_baseline_enu_m_s2[:, axis]
+    after = track.thrust_safe_enu_m_s2[:, axis]
+    ax.fill_between(track.time_s, before, after, color=tint, alpha=0.22, linewidth=0)
+    ax.plot(track.time_s, before, color=SOFT, linewidth=1.0, label="before OIST")
+    ax.plot(track.time_s, after, color=tint, linewidth=1.3, label="after OIST")
+
+
 def _limit_thrust(ax: Any, flight: FlightData) -> None:
-    values = np.concatenate(
-        [
-            np.concatenate(
-                [track.thrust_baseline_enu_m_s2[:, :2], track.thrust_safe_enu_m_s2[:, :2]]
-            ).ravel()
-            for track in flight.tracks
-        ]
-    )
-    values = np.abs(values[np.isfinite(values)])
-    limit = max(0.5, 1.25 * float(np.percentile(values, 99.8))) if values.size else 1.0
-    ax.set_ylim(-limit, limit)
+    """Scale the axis to nearly all values: one spike must not flatten the flight."""
+    parts = []
+    for track in flight.tracks:
+        parts.append(track.thrust_baseline_enu_m_s2[:, :2].ravel())
+        parts.append(track.thrust_safe_enu_m_s2[:, :2].ravel())
+    values_m_s2 = np.concatenate(parts)
+    values_m_s2 = np.abs(values_m_s2[np.isfinite(values_m_s2)])
+
+    limit_m_s2 = 1.0
+    if values_m_s2.size:
+        limit_m_s2 = max(0.5, 1.25 * float(np.percentile(values_m_s2, 99.8)))
+    ax.set_ylim(-limit_m_s2, limit_m_s2)
 
 
 def _draw_distances(ax: Any, flight: FlightData) -> None:
-    indices = {track.name: index for index, track in enumerate(flight.tracks)}
     if len(flight.pairs) <= MAX_PAIRS:
-        for pair in flight.pairs:
-            # one line in both vehicles' colours: solid in the first's, dashed over it in the
-            # second's
-            ax.plot(
-                flight.grid_s, pair.distance_m, color=colour(indices[pair.first]), linewidth=2.2
-            )
-            ax.plot(
-                flight.grid_s,
-                pair.distance_m,
-                color=colour(indices[pair.second]),
-                linewidth=2.2,
-                linestyle=(0, (3, 3)),
-            )
-        if flight.pairs:
-            _name_lines(ax, flight.grid_s, flight.pairs)
+        _draw_pairs(ax, flight)
     else:
-        for name, index in indices.items():
-            own = [pair.distance_m for pair in flight.pairs if name in (pair.first, pair.second)]
-            ax.plot(
-                flight.grid_s, np.fmin.reduce(own), color=colour(index), linewidth=1.2, label=name
-            )
-        ax.legend(loc="upper right", ncols=5, fontsize=8, title="distance to the nearest")
-    limit_m = flight.safety_distance_m
-    ax.axhline(limit_m, color=LIMIT, linewidth=1.6, linestyle=(0, (6, 2)))
-    ax.annotate(
-        f"safety distance {limit_m:.2f} m", (0.005, limit_m), (0, -11), xycoords=("axes fraction", "data"),
-        textcoords="offset points", color=LIMIT, fontsize=9,
-    )  # fmt: skip
-    closest = flight.closest()
-    if closest is not None:
-        pair, at = closest
-        time_s, distance_m = flight.grid_s[at], pair.distance_m[at]
-        ax.plot(time_s, distance_m, "o", color="black", markersize=5)
-        ax.annotate(
-            f"{distance_m:.2f} m",
-            (time_s, distance_m),
-            (6, -14),
-            textcoords="offset points",
-            weight="bold",
-            fontsize=9.5,
-        )
+        _draw_nearest(ax, flight)
+    _draw_limit(ax, flight.safety_distance_m)
+    _draw_closest(ax, flight)
     ax.set_ylim(0.0, 1.08 * ax.get_ylim()[1])
+
     what = "horizontal distance between centres"
     if flight.height_share > 0.0:
         what = f"separation (a metre of height counts {flight.height_share:.2f} m)"
@@ -117,19 +83,87 @@ def _draw_distances(ax: Any, flight: FlightData) -> None:
     ax.set_xlabel("time since take-off [s]")
 
 
+def _draw_pairs(ax: Any, flight: FlightData) -> None:
+    """Draw a line for each pair, in both vehicles' colours.
+
+    It is solid in the first's colour, and dashed over it in the second's.
+    """
+    tints = {track.name: colour(index) for index, track in enumerate(flight.tracks)}
+    for pair in flight.pairs:
+        ax.plot(flight.grid_s, pair.distance_m, color=tints[pair.first], linewidth=2.2)
+        ax.plot(
+            flight.grid_s,
+            pair.distance_m,
+            color=tints[pair.second],
+            linewidth=2.2,
+            linestyle=(0, (3, 3)),
+        )
+    if flight.pairs:
+        _name_lines(ax, flight.grid_s, flight.pairs)
+
+
+def _draw_nearest(ax: Any, flight: FlightData) -> None:
+    """Draw a line for each vehicle: the distance to its nearest neighbour."""
+    for index, track in enumerate(flight.tracks):
+        name = track.name
+        own = [pair.distance_m for pair in flight.pairs if name in (pair.first, pair.second)]
+        nearest_m = np.fmin.reduce(own)
+        ax.plot(flight.grid_s, nearest_m, color=colour(index), linewidth=1.2, label=name)
+    ax.legend(loc="upper right", ncols=5, fontsize=8, title="distance to the nearest")
+
+
+def _draw_limit(ax: Any, limit_m: float) -> None:
+    ax.axhline(limit_m, color=LIMIT, linewidth=1.6, linestyle=(0, (6, 2)))
+    ax.annotate(
+        f"safety distance {limit_m:.2f} m",
+        (0.005, limit_m),
+        (0, -11),
+        xycoords=("axes fraction", "data"),
+        textcoords="offset points",
+        color=LIMIT,
+        fontsize=9,
+    )
+
+
+def _draw_closest(ax: Any, flight: FlightData) -> None:
+    closest = flight.closest()
+    if closest is None:
+        return
+
+    pair, grid_index = closest
+    time_s = flight.grid_s[grid_index]
+    distance_m = pair.distance_m[grid_index]
+    ax.plot(time_s, distance_m, "o", color="black", markersize=5)
+    ax.annotate(
+        f"{distance_m:.2f} m",
+        (time_s, distance_m),
+        (6, -14),
+        textcoords="offset points",
+        weight="bold",
+        fontsize=9.5,
+    )
+
+
 def _name_lines(ax: Any, grid_s: Array, pairs: tuple[PairSeparation, ...]) -> None:
     """Write each name where its line is furthest from the others."""
-    lines = np.stack([pair.distance_m for pair in pairs])
-    margin = len(grid_s) // 20
+    lines_m = np.stack([pair.distance_m for pair in pairs])
+    margin = len(grid_s) // 20  # no name at the very begin or end
+
     for index, pair in enumerate(pairs):
-        others = np.abs(np.delete(lines, index, axis=0) - pair.distance_m)
-        room = np.fmin.reduce(np.vstack([others, np.full(len(grid_s), 10.0)]))
-        room[~np.isfinite(pair.distance_m)] = -1.0
-        inner = room[margin : len(room) - margin]
-        if inner.size == 0 or inner.max() < 0.0:
+        gaps_m = np.abs(np.delete(lines_m, index, axis=0) - pair.distance_m)
+        room_m = np.fmin.reduce(np.vstack([gaps_m, np.full(len(grid_s), _FAR_M)]))
+        room_m[~np.isfinite(pair.distance_m)] = -1.0
+        inner_m = room_m[margin : len(room_m) - margin]
+        if inner_m.size == 0 or inner_m.max() < 0.0:
             continue
-        at = margin + int(np.argmax(inner))
+
+        grid_index = margin + int(np.argmax(inner_m))
         ax.annotate(
-            f"{pair.first} – {pair.second}", (grid_s[at], pair.distance_m[at]), (0, 6), textcoords="offset points",
-            fontsize=9, ha="center", color="#333c44",
-        )  # fmt: skip
+            f"{pair.first} – {pair.second}",
+            (grid_s[grid_index], pair.distance_m[grid_index]),
+            (0, 6),
+            textcoords="offset points",
+            fontsize=9,
+            ha="center",
+            color="#333c44",
+        )

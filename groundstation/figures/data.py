@@ -1,5 +1,6 @@
-"""A flight record as arrays per vehicle, on one time axis that starts when the first of them leaves
-the ground.
+"""A flight record as arrays per vehicle, on one time axis.
+
+The axis starts when the first vehicle leaves the ground.
 """
 
 from __future__ import annotations
@@ -23,9 +24,9 @@ from onboard.config.pair_separation import separations_m
 TOPICS = ("truth", "tick", "telemetry")
 GRID_S = 0.02
 _AIRBORNE_Z_M = 0.12
-_LEAD_S = 1.0
+_LEAD_S = 1.0  # shown before the start
 _LIFTED_M = 0.05  # above where it stood
-_SLOT_STEP_M = 0.05
+_SLOT_STEP_M = 0.05  # a goal further from the one before is another slot
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,13 +48,11 @@ class Track:
 
     def path_at(self, time_s: Array) -> Array:
         """Return positions (n, 3) at these times, NaN outside the record."""
-        return np.stack(
-            [
-                np.interp(time_s, self.path_time_s, self.path_enu_m[:, axis], np.nan, np.nan)
-                for axis in range(3)
-            ],
-            -1,
-        )
+        axes = [
+            np.interp(time_s, self.path_time_s, self.path_enu_m[:, axis], np.nan, np.nan)
+            for axis in range(3)
+        ]
+        return np.stack(axes, -1)
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,27 +73,26 @@ class FlightData:
     safety_distance_m: float
     grid_s: Array  # (n,): common time axis
     pairs: tuple[PairSeparation, ...]
-    # zero of all times here, in the record's own seconds, as replay and verdict count
+    # Zero of all times here, in the record's own seconds, as replay and verdict count.
     take_off_s: float
     height_share: float = 0.0  # what a metre of height counts in a separation
 
     @property
     def source(self) -> str:
         """Source of the paths, in words."""
-        return (
-            "ground truth"
-            if all(track.is_truth for track in self.tracks)
-            else "the vehicles' estimates"
-        )
+        if all(track.is_truth for track in self.tracks):
+            return "ground truth"
+        return "the vehicles' estimates"
 
     def closest(self) -> tuple[PairSeparation, int] | None:
-        """Return the pair with the smallest distance and its index on the grid; None when no
-        vehicle flew.
+        """Return the pair with the smallest distance and its index on the grid.
+
+        There is none when no vehicle flew.
         """
         known = [pair for pair in self.pairs if np.isfinite(pair.distance_m).any()]
         if not known:
             return None
-        pair = min(known, key=lambda item: float(np.nanmin(item.distance_m)))
+        pair = min(known, key=lambda pair: float(np.nanmin(pair.distance_m)))
         return pair, int(np.nanargmin(pair.distance_m))
 
 
@@ -112,63 +110,98 @@ def from_samples(
     Returns:
         The flight; None when no vehicle has two ticks.
     """
-    rows: dict[str, dict[str, list[Sample]]] = {topic: {} for topic in TOPICS}
-    for sample in samples:
-        if sample.topic in rows:
-            rows[sample.topic].setdefault(sample.name, []).append(sample)
-    for kinds in rows.values():
-        for name, own in kinds.items():
-            kinds[name] = sorted(of_one_flight(own), key=lambda sample: sample.stamp_ns)
-    names = sorted(name for name, ticks in rows["tick"].items() if len(ticks) > 1)
-    if not names:
+    by_topic = _sorted_samples(samples)
+    ticks = {name: own for name, own in sorted(by_topic["tick"].items()) if len(own) > 1}
+    if not ticks:
         return None
-    start_ns = _start_ns(
-        {name: rows["truth"].get(name, []) for name in names}, {n: rows["tick"][n] for n in names}
-    )
+    truths = {name: by_topic["truth"].get(name, []) for name in ticks}
+
+    start_ns = _start_ns(truths, ticks)
     tracks = tuple(
         _track(
             name,
-            rows["tick"][name],
-            rows["truth"].get(name, []),
-            rows["telemetry"].get(name, []),
-            start_ns,
+            ticks=ticks[name],
+            truth=truths[name],
+            telemetry=by_topic["telemetry"].get(name, []),
+            start_ns=start_ns,
         )
-        for name in names
+        for name in ticks
     )
-    end_s = max(float(track.path_time_s[-1]) for track in tracks)
+    grid_s = _grid(tracks)
+
+    first_stamps_ns = [
+        own[0].stamp_ns for by_name in by_topic.values() for own in by_name.values() if own
+    ]
+    take_off_s = (start_ns - min(first_stamps_ns)) * 1e-9
+    return FlightData(
+        title=f"{title} (take-off at {take_off_s:.1f} s of the record)",
+        tracks=tracks,
+        safety_distance_m=safety_distance_m,
+        grid_s=grid_s,
+        pairs=_pairs(tracks, grid_s, height_share),
+        take_off_s=take_off_s,
+        height_share=height_share,
+    )
+
+
+def _sorted_samples(samples: Iterable[Sample]) -> dict[str, dict[str, list[Sample]]]:
+    """Return the samples of one flight by topic and vehicle, sorted by stamp."""
+    by_topic: dict[str, dict[str, list[Sample]]] = {topic: {} for topic in TOPICS}
+    for sample in samples:
+        if sample.topic in by_topic:
+            by_topic[sample.topic].setdefault(sample.name, []).append(sample)
+
+    for by_name in by_topic.values():
+        for name, own in by_name.items():
+            by_name[name] = sorted(of_one_flight(own), key=lambda sample: sample.stamp_ns)
+    return by_topic
+
+
+def _grid(tracks: tuple[Track, ...]) -> Array:
+    """Return the common time axis (n,) [s]: from a little before the start to the last path's end."""
     begin_s = max(-_LEAD_S, min(float(track.path_time_s[0]) for track in tracks))
+    end_s = max(float(track.path_time_s[-1]) for track in tracks)
     end_s = min(end_s, begin_s + MAX_FLIGHT_NS * 1e-9)  # vehicles' clocks may be far apart
-    grid_s = np.arange(begin_s, end_s, GRID_S) if end_s > begin_s else np.array([begin_s])
-    record_ns = min(own[0].stamp_ns for kinds in rows.values() for own in kinds.values() if own)
-    take_off_s = (start_ns - record_ns) * 1e-9
-    title = f"{title} (take-off at {take_off_s:.1f} s of the record)"
-    pairs = _pairs(tracks, grid_s, height_share)
-    return FlightData(title, tracks, safety_distance_m, grid_s, pairs, take_off_s, height_share)
+    if end_s <= begin_s:
+        return np.array([begin_s])
+    return np.arange(begin_s, end_s, GRID_S)
 
 
-def _start_ns(truth: dict[str, list[Sample]], ticks: dict[str, list[Sample]]) -> int:
-    """The stamp at which the first vehicle leaves the ground; "taking off" begins earlier, when the
-    motors start.
+def _start_ns(truths: dict[str, list[Sample]], ticks: dict[str, list[Sample]]) -> int:
+    """Return the stamp at which the first vehicle leaves the ground.
+
+    The state "taking off" begins earlier, when the motors start. Where no vehicle leaves the ground
+    it is the first tick.
     """
-    lifted = []
-    for name, flown in ticks.items():
-        path = truth[name] if len(truth[name]) > 1 else flown
+    lifted_ns = []
+    for name, own_ticks in ticks.items():
+        path = truths[name] if len(truths[name]) > 1 else own_ticks
         height_m = _vectors(path, "position_enu_m", 3)[:, 2]
-        known = height_m[np.isfinite(height_m)]
-        up = np.flatnonzero(height_m > known[0] + _LIFTED_M) if known.size else known
+        known_m = height_m[np.isfinite(height_m)]
+        if not known_m.size:
+            continue
+        up = np.flatnonzero(height_m > known_m[0] + _LIFTED_M)
         if up.size:
-            lifted.append(path[int(up[0])].stamp_ns)
-    return min(lifted, default=min(flown[0].stamp_ns for flown in ticks.values()))
+            lifted_ns.append(path[int(up[0])].stamp_ns)
+
+    if lifted_ns:
+        return min(lifted_ns)
+    return min(own_ticks[0].stamp_ns for own_ticks in ticks.values())
 
 
 def _track(
-    name: str, ticks: list[Sample], truth: list[Sample], telemetry: list[Sample], start_ns: int
+    name: str,
+    *,
+    ticks: list[Sample],
+    truth: list[Sample],
+    telemetry: list[Sample],
+    start_ns: int,
 ) -> Track:
-    time_s = _times(ticks, start_ns)
-    path = truth if len(truth) > 1 else ticks
+    has_truth = len(truth) > 1
+    path = truth if has_truth else ticks
     return Track(
         name=name,
-        time_s=time_s,
+        time_s=_times(ticks, start_ns),
         position_enu_m=_vectors(ticks, "position_enu_m", 3),
         setpoint_position_enu_m=_vectors(ticks, "setpoint_position_enu_m", 3),
         thrust_baseline_enu_m_s2=_vectors(ticks, "thrust_baseline_enu_m_s2", 3),
@@ -177,7 +210,7 @@ def _track(
         flown_deg=_roll_pitch_deg(_vectors(ticks, "attitude_quaternion_enu_flu_wxyz", 4)),
         path_time_s=_times(path, start_ns),
         path_enu_m=_vectors(path, "position_enu_m", 3),
-        is_truth=path is truth,
+        is_truth=has_truth,
         slots_enu_m=_slots(telemetry),
     )
 
@@ -187,7 +220,7 @@ def _times(samples: list[Sample], start_ns: int) -> Array:
 
 
 def _vectors(samples: list[Sample], field: str, size: int) -> Array:
-    """The field (n, size); NaN where it is missing, of another shape, or null."""
+    """Return a field (n, size); NaN where it is missing, of another shape, or null."""
     vectors = np.full((len(samples), size), np.nan)
     for index, sample in enumerate(samples):
         value = sample.values.get(field)
@@ -205,29 +238,33 @@ def _roll_pitch_deg(quaternion_wxyz: Array) -> Array:
 
 
 def _slots(telemetry: list[Sample]) -> Array:
-    slots: list[list[float]] = []
+    """Return the goals (k, 3) of moves, in the order they were ordered."""
+    slots_enu_m: list[list[float]] = []
     for sample in telemetry:
-        goal = sample.values.get("goal_position_enu_m")
-        if (
-            sample.values.get("state") not in ("flying", "holding")
-            or sample.values.get("order_kind") != "move"
-        ):
+        is_flying = sample.values.get("state") in ("flying", "holding")
+        if not is_flying or sample.values.get("order_kind") != "move":
             continue
+
+        goal = sample.values.get("goal_position_enu_m")
         if not isinstance(goal, list) or not is_vector(goal, 3):
             continue
-        if not slots or np.linalg.norm(np.subtract(slots[-1], goal)) > _SLOT_STEP_M:
-            slots.append([float(value) for value in goal])
-    return np.array(slots, np.float64).reshape(-1, 3)
+
+        is_first = not slots_enu_m
+        if is_first or np.linalg.norm(np.subtract(slots_enu_m[-1], goal)) > _SLOT_STEP_M:
+            slots_enu_m.append([float(axis_m) for axis_m in goal])
+    return np.array(slots_enu_m, np.float64).reshape(-1, 3)
 
 
 def _pairs(
     tracks: tuple[Track, ...], grid_s: Array, height_share: float
 ) -> tuple[PairSeparation, ...]:
-    paths = {track.name: track.path_at(grid_s) for track in tracks}
+    paths_enu_m = {track.name: track.path_at(grid_s) for track in tracks}
+
     pairs = []
-    for first, second in itertools.combinations(paths, 2):
-        one, two = paths[first], paths[second]
-        distance_m = separations_m(one - two, height_share)
-        in_air = (one[:, 2] > _AIRBORNE_Z_M) | (two[:, 2] > _AIRBORNE_Z_M)
+    for first, second in itertools.combinations(paths_enu_m, 2):
+        first_enu_m = paths_enu_m[first]
+        second_enu_m = paths_enu_m[second]
+        distance_m = separations_m(first_enu_m - second_enu_m, height_share)
+        in_air = (first_enu_m[:, 2] > _AIRBORNE_Z_M) | (second_enu_m[:, 2] > _AIRBORNE_Z_M)
         pairs.append(PairSeparation(first, second, np.where(in_air, distance_m, np.nan)))
     return tuple(pairs)

@@ -1,96 +1,168 @@
-"""Fig.
+"""Fig. 4: trajectories from above.
 
-4: trajectories from above with time marks, starts, slots and the safety circles at the closest
-approach.
+They have time marks, starts and slots, and the safety circles at the closest approach.
 """
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.patches import Circle
 
-from groundstation.figures.data import FlightData
+from groundstation.figures.data import FlightData, Track
 from groundstation.figures.style import LIMIT, SOFT, colour, new_figure
 from onboard.arrays import Array
 
-_SAME_M = 0.05
+_SAME_M = 0.05  # slots that are nearer to each other are one
+_DASHED = (0, (4, 3))
+# Sides of a slot on which its number may stand, x and y, in half widths and heights of the number.
 _SIDES = np.array(
     [[1, -1], [-1, -1], [-1, 1], [1, 1], [0, -1.3], [0, 1.3], [-1.3, 0], [1.3, 0]], np.float64
 )
-_STEPS_S = (1.0, 2.0, 5.0, 10.0, 20.0, 30.0, 60.0, 120.0, 300.0)
+_STEPS_S = (1.0, 2.0, 5.0, 10.0, 20.0, 30.0, 60.0, 120.0, 300.0)  # between two time marks
+_MOST_STEPS = 14.0  # over a flight
+_TIME_SHIFT_PT = (9.0, 8.0)  # from a mark to the middle of its time
+_SLOT_SHIFT_PT = (8.0, 7.0)  # from a slot to the edge of its number
+_ENOUGH_ROOM_PT = 40.0  # more room makes a number no better to read
+
+
+class _SlotLabel(NamedTuple):
+    """The numbers of the orders that went to one slot."""
+
+    position_m: Array  # (2,)
+    text: str
+    tint: str
 
 
 def draw(flight: FlightData) -> Any:
     """Draw east to the right and north up, on one scale."""
     figure = new_figure(9.0, 8.6, f"Trajectories from above: {flight.title}")
     ax = figure.subplots()
-    length_s = float(flight.grid_s[-1] - flight.grid_s[0])
-    step_s = next((step for step in _STEPS_S if length_s / step <= 14.0), _STEPS_S[-1])
-    marks_s = np.arange(0.0, flight.grid_s[-1], step_s)
-    taken: list[Array] = []
-    labels: list[tuple[Array, str, str]] = []
+
+    step_s = _step_s(float(flight.grid_s[-1] - flight.grid_s[0]))
+    mark_times_s = np.arange(0.0, flight.grid_s[-1], step_s)
+
+    marks_m: list[Array] = []
+    labels: list[_SlotLabel] = []
     for index, track in enumerate(flight.tracks):
-        tint, path = colour(index), track.path_enu_m
-        flying = track.path_time_s >= flight.grid_s[0]
-        setpoint = track.setpoint_position_enu_m[track.time_s >= 0.0]
-        ax.plot(setpoint[:, 0], setpoint[:, 1], color=SOFT, linewidth=0.9, linestyle=(0, (4, 3)))
-        ax.plot(path[flying, 0], path[flying, 1], color=tint, linewidth=2.0, label=track.name)
-        marks = track.path_at(marks_s)
-        ax.plot(marks[:, 0], marks[:, 1], "o", color="white", markeredgecolor=tint, markersize=5.5)
-        taken.append(marks[np.isfinite(marks).all(-1)][:, :2])
-        written: list[Array] = []
-        for time_s, mark in zip(marks_s, marks, strict=True):
-            if all(np.hypot(*(mark[:2] - other)) > _SAME_M * 3 for other in written):
-                ax.annotate(
-                    f"{time_s:g}",
-                    mark[:2],
-                    (4, 4),
-                    textcoords="offset points",
-                    fontsize=8,
-                    color=tint,
-                )
-                written.append(mark[:2])
-        known = path[np.isfinite(path).all(-1)]
-        if len(known):
-            ax.plot(*known[0, :2], "s", color=tint, markersize=9, markeredgecolor="white")
-        for slot, orders in _slots(track.slots_enu_m):
-            ax.plot(slot[0], slot[1], "+", color=tint, markersize=15, markeredgewidth=2.2)
-            labels.append((slot[:2], orders, tint))
+        tint = colour(index)
+        _draw_path(ax, flight, track, tint)
+        marks_m.append(_draw_time_marks(ax, track, mark_times_s, tint))
+        _draw_start(ax, track, tint)
+        for slot_m, orders in _slots(track.slots_enu_m):
+            ax.plot(slot_m[0], slot_m[1], "+", color=tint, markersize=15, markeredgewidth=2.2)
+            labels.append(_SlotLabel(slot_m[:2], orders, tint))
+
+    _draw_closest(ax, flight)
+    _draw_frame(ax, step_s, vehicles=len(flight.tracks))
+    _write_slot_labels(figure, ax, labels, np.concatenate([np.zeros((0, 2)), *marks_m]))
+    return figure
+
+
+def _step_s(length_s: float) -> float:
+    """Return the time between two marks of a flight."""
+    for step_s in _STEPS_S:
+        if length_s / step_s <= _MOST_STEPS:
+            return step_s
+    return _STEPS_S[-1]
+
+
+def _draw_path(ax: Any, flight: FlightData, track: Track, tint: str) -> None:
+    setpoint_m = track.setpoint_position_enu_m[track.time_s >= 0.0]
+    ax.plot(setpoint_m[:, 0], setpoint_m[:, 1], color=SOFT, linewidth=0.9, linestyle=_DASHED)
+
+    flown_m = track.path_enu_m[track.path_time_s >= flight.grid_s[0]]
+    ax.plot(flown_m[:, 0], flown_m[:, 1], color=tint, linewidth=2.0, label=track.name)
+
+
+def _draw_time_marks(ax: Any, track: Track, times_s: Array, tint: str) -> Array:
+    """Draw a mark at each time, and the time where no other stands; returns the marks (n, 2) [m]."""
+    marks_m = track.path_at(times_s)
+    ax.plot(marks_m[:, 0], marks_m[:, 1], "o", color="white", markeredgecolor=tint, markersize=5.5)
+
+    written_m: list[Array] = []
+    for time_s, mark_m in zip(times_s, marks_m, strict=True):
+        position_m = mark_m[:2]
+        is_free = all(np.hypot(*(position_m - other)) > _SAME_M * 3 for other in written_m)
+        if is_free:
+            ax.annotate(
+                f"{time_s:g}",
+                position_m,
+                (4, 4),
+                textcoords="offset points",
+                fontsize=8,
+                color=tint,
+            )
+            written_m.append(position_m)
+
+    return marks_m[np.isfinite(marks_m).all(-1)][:, :2]
+
+
+def _draw_start(ax: Any, track: Track, tint: str) -> None:
+    known_m = track.path_enu_m[np.isfinite(track.path_enu_m).all(-1)]
+    if len(known_m):
+        ax.plot(*known_m[0, :2], "s", color=tint, markersize=9, markeredgecolor="white")
+
+
+def _slots(slots_enu_m: Array) -> list[tuple[Array, str]]:
+    """Return slots and the numbers of the orders that went there, those to one slot together."""
+    slots: list[tuple[Array, str]] = []
+    for number, slot_m in enumerate(slots_enu_m, start=1):
+        for index, (other_m, orders) in enumerate(slots):
+            if np.hypot(*(other_m[:2] - slot_m[:2])) < _SAME_M:
+                slots[index] = (other_m, f"{orders}, {number}")
+                break
+        else:
+            slots.append((slot_m, str(number)))
+    return slots
+
+
+def _draw_closest(ax: Any, flight: FlightData) -> None:
+    """Draw the two vehicles that came closest to each other, as they were then."""
     closest = flight.closest()
-    if closest is not None:
-        pair, at = closest
-        positions = {
-            track.name: track.path_at(flight.grid_s[at : at + 1])[0, :2] for track in flight.tracks
-        }
-        for index, track in enumerate(flight.tracks):
-            if track.name in (pair.first, pair.second):
-                x_m, y_m = positions[track.name]
-                ring = Circle(
-                    (float(x_m), float(y_m)),
-                    flight.safety_distance_m,
-                    fill=False,
-                    color=colour(index),
-                    lw=1.2,
-                    alpha=0.75,
-                )
-                ax.add_patch(ring)
-                ax.plot(*positions[track.name], "o", color=colour(index), markersize=7)
-        ends = np.array([positions[pair.first], positions[pair.second]])
-        ax.plot(ends[:, 0], ends[:, 1], color=LIMIT, linewidth=1.2)
-        ax.set_title(
-            f"closest: {pair.first} and {pair.second}, {pair.distance_m[at]:.2f} m at "
-            f"{flight.take_off_s + flight.grid_s[at]:.1f} s of the record; "
-            f"circles of {flight.safety_distance_m:.2f} m around both (by {flight.source})",
-            loc="left",
-            fontsize=9.5,
-            fontweight="normal",
+    if closest is None:
+        return
+    pair, grid_index = closest
+
+    positions_m = {}
+    for index, track in enumerate(flight.tracks):
+        if track.name not in (pair.first, pair.second):
+            continue
+        position_m = track.path_at(flight.grid_s[grid_index : grid_index + 1])[0, :2]
+        positions_m[track.name] = position_m
+        ring = Circle(
+            (float(position_m[0]), float(position_m[1])),
+            flight.safety_distance_m,
+            fill=False,
+            color=colour(index),
+            lw=1.2,
+            alpha=0.75,
         )
+        ax.add_patch(ring)
+        ax.plot(*position_m, "o", color=colour(index), markersize=7)
+
+    ends_m = np.array([positions_m[pair.first], positions_m[pair.second]])
+    ax.plot(ends_m[:, 0], ends_m[:, 1], color=LIMIT, linewidth=1.2)
+
+    record_s = flight.take_off_s + flight.grid_s[grid_index]
+    ax.set_title(
+        f"closest: {pair.first} and {pair.second}, {pair.distance_m[grid_index]:.2f} m at "
+        f"{record_s:.1f} s of the record; "
+        f"circles of {flight.safety_distance_m:.2f} m around both (by {flight.source})",
+        loc="left",
+        fontsize=9.5,
+        fontweight="normal",
+    )
+
+
+def _draw_frame(ax: Any, step_s: float, *, vehicles: int) -> None:
+    """Draw the legend and the names of the axes."""
     ax.plot([], [], "s", color=SOFT, label="start")
     ax.plot([], [], "+", color=SOFT, markersize=12, markeredgewidth=2, label="slot, in order")
-    ax.plot([], [], color=SOFT, linewidth=0.9, linestyle=(0, (4, 3)), label="setpoint")
+    ax.plot([], [], color=SOFT, linewidth=0.9, linestyle=_DASHED, label="setpoint")
     ax.plot([], [], "o", color="white", markeredgecolor=SOFT, label=f"every {step_s:g} s")
+
     ax.set_aspect("equal", adjustable="datalim")
     ax.margins(0.06)
     ax.set_xlabel("x, east [m]")
@@ -98,66 +170,60 @@ def draw(flight: FlightData) -> Any:
     ax.legend(
         loc="upper center",
         bbox_to_anchor=(0.5, -0.07),
-        ncols=min(8, len(flight.tracks) + 4),
+        ncols=min(8, vehicles + 4),
         fontsize=9,
     )
-    _write(figure, ax, labels, np.concatenate([np.zeros((0, 2)), *taken]))
-    return figure
 
 
-def _write(figure: Any, ax: Any, labels: list[tuple[Array, str, str]], taken: Array) -> None:
-    """Write the slots' numbers beside them, each where most room is between marks, slots and other
-    numbers.
+def _write_slot_labels(figure: Any, ax: Any, labels: list[_SlotLabel], marks_m: Array) -> None:
+    """Write the slots' numbers beside them.
+
+    Each stands on the side with the most room between marks, slots and other numbers.
 
     Args:
         figure: of the axes.
         ax: axes in metres.
-        labels: position (2,) [m], text and colour.
-        taken: marks (n, 2) [m].
+        labels: of the slots.
+        marks_m: time marks (n, 2).
     """
     figure.canvas.draw()  # fixes the positions of everything
     per_point = figure.dpi / 72.0
-    slots = [position for position, _, _ in labels]
-    marks = ax.transData.transform(np.concatenate([taken, np.reshape(slots, (-1, 2))])) / per_point
-    # the times stand at the upper right of their marks
-    busy = [*marks, *np.add(marks[: len(taken)], (9.0, 8.0))]
-    for position, text, tint in labels:
-        here = ax.transData.transform(position) / per_point
-        size = np.array([5.0 * len(text) + 2.0, 9.0])
-        others = np.array([other for other in busy if np.hypot(*(other - here)) > 0.5]).reshape(
-            -1, 2
-        )
 
-        def room(
-            shift: Array, here: Array = here, others: Array = others, size: Array = size
-        ) -> float:
-            gap = np.maximum(np.abs(others - (here + shift)) - size / 2.0, 0.0)
-            return float(np.min(np.hypot(gap[:, 0], gap[:, 1]), initial=40.0))
+    slots_m = np.reshape([label.position_m for label in labels], (-1, 2))
+    points = ax.transData.transform(np.concatenate([marks_m, slots_m])) / per_point
+    times = np.add(points[: len(marks_m)], _TIME_SHIFT_PT)  # at the upper right of their marks
+    busy = [*points, *times]
 
-        shifts = [(size / 2.0 + (8.0, 7.0)) * side for side in _SIDES]
-        best = max(shifts, key=room)
+    for label in labels:
+        own_point = ax.transData.transform(label.position_m) / per_point
+        size = np.array([5.0 * len(label.text) + 2.0, 9.0])
+        others = [other for other in busy if np.hypot(*(other - own_point)) > 0.5]
+
+        best_shift = np.zeros(2)
+        best_room = -1.0
+        for side in _SIDES:
+            shift = (size / 2.0 + _SLOT_SHIFT_PT) * side
+            room = _room(own_point + shift, size, np.array(others).reshape(-1, 2))
+            if room > best_room:
+                best_shift = shift
+                best_room = room
+
         ax.annotate(
-            text,
-            position,
-            tuple(best),
+            label.text,
+            label.position_m,
+            tuple(best_shift),
             textcoords="offset points",
             fontsize=8.5,
             weight="bold",
-            color=tint,
+            color=label.tint,
             ha="center",
             va="center",
         )
-        busy.append(here + best)
+        busy.append(own_point + best_shift)
 
 
-def _slots(slots_enu_m: Array) -> list[tuple[Array, str]]:
-    """Slots and the numbers of the orders that went there, those to one slot together."""
-    slots: list[tuple[Array, str]] = []
-    for number, slot in enumerate(slots_enu_m, start=1):
-        for index, (other, orders) in enumerate(slots):
-            if np.hypot(*(other[:2] - slot[:2])) < _SAME_M:
-                slots[index] = (other, f"{orders}, {number}")
-                break
-        else:
-            slots.append((slot, str(number)))
-    return slots
+def _room(middle: Array, size: Array, others: Array) -> float:
+    """Return the distance from a text's box to the nearest of the others (n, 2), in points."""
+    gaps = np.maximum(np.abs(others - middle) - size / 2.0, 0.0)
+    distances = np.hypot(gaps[:, 0], gaps[:, 1])
+    return float(np.min(distances, initial=_ENOUGH_ROOM_PT))

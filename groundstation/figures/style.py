@@ -21,7 +21,7 @@ def colour(index: int) -> str:
 
 
 def styled() -> AbstractContextManager[None]:
-    """Return a context with the style's settings; outside of it matplotlib's own stay as they were."""
+    """Return a context with the style's settings; outside of it matplotlib's own stay."""
     return matplotlib.rc_context(fname=_SETTINGS)
 
 
@@ -34,9 +34,11 @@ def new_figure(width_in: float, height_in: float, title: str) -> Any:
 
 def save(figure: Any, folder: Path, name: str) -> list[Path]:
     """Write PNG and SVG, and return their paths."""
-    paths = [folder / f"{name}.png", folder / f"{name}.svg"]
-    figure.savefig(paths[0])
-    # everything has its place now; to find it again takes as long as to draw
+    png = folder / f"{name}.png"
+    figure.savefig(png)
+
+    # Everything is laid out now; laying it out once more would take as long as the drawing.
     figure.set_layout_engine("none")
-    figure.savefig(paths[1], metadata={"Date": None})
-    return paths
+    svg = folder / f"{name}.svg"
+    figure.savefig(svg, metadata={"Date": None})
+    return [png, svg]

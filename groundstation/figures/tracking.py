@@ -14,10 +14,10 @@ def draw(flight: FlightData) -> Any:
     Where a vehicle leaves its setpoint, the law held it off or it could not follow.
     """
     columns = len(flight.tracks)
-    figure = new_figure(
-        max(5.0, 3.7 * columns), 7.4, f"Position and trajectory setpoint: {flight.title}"
-    )
+    title = f"Position and trajectory setpoint: {flight.title}"
+    figure = new_figure(max(5.0, 3.7 * columns), 7.4, title)
     axes = figure.subplots(3, columns, sharex=True, sharey="row", squeeze=False)
+
     for index, track in enumerate(flight.tracks):
         for row, axis in enumerate("xyz"):
             ax = axes[row, index]
@@ -25,6 +25,7 @@ def draw(flight: FlightData) -> Any:
             ax.plot(track.time_s, setpoint, color=SOFT, linestyle=(0, (4, 2)), label="setpoint")
             ax.plot(track.path_time_s, track.path_enu_m[:, row], color=colour(index), label="flown")
             ax.set_xlim(flight.grid_s[0], max(flight.grid_s[-1], flight.grid_s[0] + 0.1))
+
             if row == 0:
                 ax.set_title(track.name, loc="left", color=colour(index))
                 ax.legend(loc="best", fontsize=8.5)
