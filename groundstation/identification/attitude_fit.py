@@ -1,5 +1,8 @@
-"""Attitude of the identification: commanded tilt through dead time, second order, static gain and
-constant error.
+"""The attitude's part of the identification.
+
+The measured tilt is explained by the commanded one: through a dead time and a second-order
+response, times a static gain, plus a constant error. The fit is Gauss-Newton with damping
+(Levenberg and Marquardt), begun at the best point of a coarse grid.
 """
 
 from __future__ import annotations
@@ -9,17 +12,28 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from groundstation.identification.flight_log import MEMORY_S, Fit, Log, jackknife, tilt_vector_rad
+from groundstation.identification.flight_log import (
+    MEMORY_S,
+    LeastSquares,
+    Log,
+    jackknife,
+    tilt_vector_rad,
+)
 from onboard.arrays import Array
 
 _CLUSTER_S = 1.0
 _GRID_DELAYS_S = (0.0, 0.03, 0.06, 0.1, 0.15, 0.2)
 _GRID_WN = (4.0, 6.0, 9.0, 14.0, 22.0)
 _OUTLIER = 6.0  # times the median
+# half steps of the numeric slopes over delay, wn and zeta
 _STEPS = np.array([1e-3, 1e-2, 1e-3])
+_LEAST = [-0.02, 1.5, 0.15]  # delay, wn, zeta
+_MOST = [0.5, 60.0, 3.0]
+_ROUNDS = 25
+_MOST_DAMPING = 1e6
 
 
-def fit_attitude(log: Log, begin_s: float, end_s: float) -> Fit:
+def fit_attitude(log: Log, begin_s: float, end_s: float) -> LeastSquares:
     """Fit the attitude's response to the commanded tilt: Gauss-Newton from the best of a grid.
 
     Args:
@@ -34,12 +48,13 @@ def fit_attitude(log: Log, begin_s: float, end_s: float) -> Fit:
     time_s = log.attitude_time_s[used]
     measured = tilt_vector_rad(log.attitude_quaternion_wxyz[used])
     commands = commanded_tilt(log, time_s)
-    rough = CommandedTilt(commands.ago_s[::4], commands.change[::4], commands.oldest[::4])
-    cluster = np.repeat((time_s / _CLUSTER_S).astype(np.int64), 2)
+    every_fourth = CommandedTilt(
+        ago_s=commands.ago_s[::4], change=commands.change[::4], oldest=commands.oldest[::4]
+    )
 
     def linear(theta: Array) -> tuple[Array, Array]:
         """Fit gain and errors, and return them with the model's tilt, on every fourth sample."""
-        shape = response(rough, theta)
+        shape = response(every_fourth, theta)
         centred = shape - shape.mean(0)
         gain = float((centred * measured[::4]).sum() / max(float((centred * centred).sum()), 1e-12))
         error = (measured[::4] - gain * shape).mean(0)
@@ -48,9 +63,8 @@ def fit_attitude(log: Log, begin_s: float, end_s: float) -> Fit:
     def cost(theta: Array) -> float:
         return float(((measured[::4] - linear(theta)[1]) ** 2).sum())
 
-    best = min(
-        (np.array([delay, wn, 0.7]) for delay in _GRID_DELAYS_S for wn in _GRID_WN), key=cost
-    )
+    grid = [np.array([delay, wn, 0.7]) for delay in _GRID_DELAYS_S for wn in _GRID_WN]
+    best = min(grid, key=cost)
     theta = np.concatenate([best, linear(best)[0]])
 
     def shape_at(values: Array) -> Array:
@@ -60,44 +74,51 @@ def fit_attitude(log: Log, begin_s: float, end_s: float) -> Fit:
         return np.asarray((measured - values[3] * shape - values[4:6]).ravel())
 
     def slopes(values: Array, shape: Array) -> Array:
-        columns = [
-            values[3]
-            * (shape_at(values[:3] + one) - shape_at(values[:3] - one)).ravel()
-            / (2.0 * one.sum())
-            for one in np.diag(_STEPS)
-        ]
+        columns = []
+        for step in np.diag(_STEPS):
+            difference = shape_at(values[:3] + step) - shape_at(values[:3] - step)
+            columns.append(values[3] * difference.ravel() / (2.0 * step.sum()))
         errors = np.tile(np.eye(2), (time_s.size, 1))
         return np.stack([*columns, shape.ravel(), errors[:, 0], errors[:, 1]], axis=1)
 
-    damping, shape = 1e-3, shape_at(theta)
+    damping = 1e-3
+    shape = shape_at(theta)
     residual = residuals(theta, shape)
     jacobian = slopes(theta, shape)
-    for _ in range(25):
+    for _ in range(_ROUNDS):
         normal = jacobian.T @ jacobian
-        move = np.linalg.solve(
-            normal + damping * np.diag(np.diag(normal) + 1e-12), jacobian.T @ residual
-        )
-        moved = theta + move
-        moved[:3] = np.clip(moved[:3], [-0.02, 1.5, 0.15], [0.5, 60.0, 3.0])
+        damped = normal + damping * np.diag(np.diag(normal) + 1e-12)
+        moved = theta + np.linalg.solve(damped, jacobian.T @ residual)
+        moved[:3] = np.clip(moved[:3], _LEAST, _MOST)
+
         shape = shape_at(moved)
-        left = residuals(moved, shape)
-        if left @ left >= residual @ residual:
+        residual_there = residuals(moved, shape)
+        is_better = residual_there @ residual_there < residual @ residual
+        if not is_better:
             damping *= 10.0
-            if damping > 1e6:
+            if damping > _MOST_DAMPING:
                 break
             continue
+
         is_done = bool(np.all(np.abs(moved - theta) < 1e-5 * (1.0 + np.abs(theta))))
-        theta, residual, damping = moved, left, max(0.2 * damping, 1e-9)
+        theta = moved
+        residual = residual_there
+        damping = max(0.2 * damping, 1e-9)
         jacobian = slopes(theta, shape)
         if is_done:
             break
+
+    # both axes of a sample belong to the cluster of its second
+    cluster = np.repeat((time_s / _CLUSTER_S).astype(np.int64), 2)
     std, clusters = jackknife(jacobian, residual, cluster)
-    return Fit(theta, std, float(np.sqrt(np.mean(residual**2))), clusters)
+    rms = float(np.sqrt(np.mean(residual**2)))
+    return LeastSquares(theta=theta, std=std, rms=rms, clusters=clusters)
 
 
-def unexplained_times_s(log: Log, fit: Fit, begin_s: float, end_s: float) -> Array:
-    """Find the times at which the attitude did not follow the log's commands: a failsafe, a push, a
-    fall.
+def unexplained_times_s(log: Log, fit: LeastSquares, begin_s: float, end_s: float) -> Array:
+    """Return the times at which the attitude did not follow the log's commands.
+
+    A failsafe, a push or a fall moved it.
 
     Args:
         log: one stretch in the air.
@@ -110,9 +131,13 @@ def unexplained_times_s(log: Log, fit: Fit, begin_s: float, end_s: float) -> Arr
     """
     used = (log.attitude_time_s >= begin_s) & (log.attitude_time_s <= end_s)
     time_s = log.attitude_time_s[used]
-    modelled = fit.theta[3] * response(commanded_tilt(log, time_s), fit.theta) + fit.theta[4:6]
-    off = np.abs(tilt_vector_rad(log.attitude_quaternion_wxyz[used]) - modelled).max(-1)
-    return np.asarray(time_s[off > _OUTLIER * np.median(off)])
+    measured = tilt_vector_rad(log.attitude_quaternion_wxyz[used])
+
+    gain = fit.theta[3]
+    error = fit.theta[4:6]
+    modelled = gain * response(commanded_tilt(log, time_s), fit.theta) + error
+    difference = np.abs(measured - modelled).max(-1)
+    return np.asarray(time_s[difference > _OUTLIER * np.median(difference)])
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,13 +153,18 @@ def commanded_tilt(log: Log, time_s: Array) -> CommandedTilt:
     """Collect the commands that the attitude still remembers at each time (m,)."""
     command = tilt_vector_rad(log.command_quaternion_wxyz)
     width = math.ceil(MEMORY_S / float(np.median(np.diff(log.command_time_s))))
+
+    # for each time the indices of the last commands before it, the oldest first
     newest = np.searchsorted(log.command_time_s, time_s)
     index = newest[:, None] - np.arange(width, 0, -1)
     is_known = index > 0
     index = np.maximum(index, 1)
-    change = np.diff(command, axis=0)[index - 1] * is_known[..., None]
-    oldest = command[np.maximum(newest - width - 1, 0)]
-    return CommandedTilt(time_s[:, None] - log.command_time_s[index], change, oldest)
+
+    return CommandedTilt(
+        ago_s=time_s[:, None] - log.command_time_s[index],
+        change=np.diff(command, axis=0)[index - 1] * is_known[..., None],
+        oldest=command[np.maximum(newest - width - 1, 0)],
+    )
 
 
 def response(commands: CommandedTilt, theta: Array) -> Array:
@@ -145,11 +175,15 @@ def response(commands: CommandedTilt, theta: Array) -> Array:
 
 
 def step_response(time_s: Array, wn_rad_s: float, zeta: float) -> Array:
-    """Return the response (...) of a second-order system to a step at time 0, from a table in steps
-    of 0.5 ms.
+    """Return the response (...) of a second-order system to a step at time 0.
+
+    It is looked up in a table in steps of 0.5 ms.
     """
+    # the two poles; the small number keeps them apart at critical damping
     root = np.sqrt(complex(zeta * zeta - 1.0)) + 1e-9
-    fast, slow = wn_rad_s * (-zeta - root), wn_rad_s * (-zeta + root)
+    fast = wn_rad_s * (-zeta - root)
+    slow = wn_rad_s * (-zeta + root)
+
     late = np.arange(0.0, MEMORY_S + 0.3, 0.0005)
     answer = 1.0 + (slow * np.exp(fast * late) - fast * np.exp(slow * late)) / (fast - slow)
     return np.asarray(np.interp(time_s, late, answer.real, left=0.0))

@@ -1,5 +1,7 @@
-"""Input of the identification: one logged stretch in the air; and least squares for correlated
-residuals.
+"""Input of the identification, one logged stretch in the air, and its least squares.
+
+Residuals are correlated (gusts, thrust noise, model error), so that the textbook's standard
+deviations would be too small: see :func:`jackknife`.
 """
 
 from __future__ import annotations
@@ -34,7 +36,7 @@ class Log:
 
 
 @dataclass(frozen=True, slots=True)
-class Fit:
+class LeastSquares:
     """Result of a least-squares fit."""
 
     theta: Array  # (p,)
@@ -44,32 +46,37 @@ class Fit:
 
 
 def tilt_vector_rad(quaternion_wxyz: Array) -> Array:
-    """Return the tilt of the thrust (..., 2): angle from the vertical times its horizontal
-    direction in ENU.
-    """
+    """Return the tilt of the thrust (..., 2): its angle [rad] times its horizontal direction, ENU."""
     w, x, y, z = np.moveaxis(quaternion_wxyz, -1, 0)
+
     # horizontal part of the body's z axis
     up = np.stack([2.0 * (x * z + w * y), 2.0 * (y * z - w * x)], axis=-1)
     horizontal = np.hypot(up[..., 0], up[..., 1])
     angle = np.arctan2(horizontal, 1.0 - 2.0 * (x * x + y * y))
-    return np.asarray(
-        up * np.where(horizontal > 1e-9, angle / np.maximum(horizontal, 1e-9), 1.0)[..., None]
-    )
+
+    # near the vertical, angle and sine are equal
+    share = np.where(horizontal > 1e-9, angle / np.maximum(horizontal, 1e-9), 1.0)
+    return np.asarray(up * share[..., None])
 
 
 def jackknife(jacobian: Array, residual: Array, cluster: IntArray) -> tuple[Array, int]:
-    """Compute standard deviations (p,) by the jackknife over clusters (r,), and the number of
-    clusters.
+    """Return standard deviations (p,) by the jackknife over clusters (r,), and their number.
 
     Residuals may be correlated within a cluster, and between neighbours (numbers that differ by
     one), which enter with half their product. Leaving out whole clusters stays correct where few of
     them carry most of the information.
     """
     names, index = np.unique(cluster, return_inverse=True)
-    count, size = names.size, jacobian.shape[1]
-    scores, weights = np.zeros((count, size)), np.zeros((count, size, size))
+    count = names.size
+    size = jacobian.shape[1]
+
+    # sums over the samples of each cluster
+    scores = np.zeros((count, size))
+    weights = np.zeros((count, size, size))
     np.add.at(scores, index, jacobian * residual[:, None])
     np.add.at(weights, index, jacobian[:, :, None] * jacobian[:, None, :])
+
+    # how far the result moves when a cluster is left out
     moved = (np.linalg.pinv(weights.sum(0) - weights) @ scores[..., None])[..., 0]
     own = np.einsum("ci,ci->i", moved, moved)
     is_next = np.diff(names) == 1

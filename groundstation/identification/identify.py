@@ -1,5 +1,4 @@
-"""Parameters of a vehicle from a short flight: hover thrust, tilt error, drag and lag, with
-uncertainties. Pure.
+"""Parameters of a vehicle from a short flight: hover thrust, tilt error, drag and lag. Pure.
 
 Two fits. The attitude: commanded tilt through a dead time and a second-order response, times a
 static gain, plus a constant error, against the measured attitude (Gauss-Newton from the best of a
@@ -81,34 +80,43 @@ def identify(log: Log) -> Identified:
         TooLittleFlown: the log is too short, or hardly anything moves in it.
     """
     begin_s, end_s = _span(log)
+
+    # twice, the second time without what the commands do not explain
     attitude = fit_attitude(log, begin_s, end_s)
     bad_s = unexplained_times_s(log, attitude, begin_s, end_s)
     if bad_s.size:
         log = _without(log, bad_s)
         attitude = fit_attitude(log, begin_s, end_s)
+
     scale, scale_std = fit_vertical(log, attitude, begin_s, end_s)
     if not scale > GRAVITY_M_S2:
         raise TooLittleFlown(
-            "Throttle and height do not belong together in this log: full throttle would not lift the vehicle. "
-            "Check that commands and positions are of one vehicle and of one time."
+            "Throttle and height do not belong together in this log: full throttle would not lift "
+            "the vehicle. Check that commands and positions are of one vehicle and of one time."
         )
     motion = fit_horizontal(log, attitude, scale, begin_s, end_s)
-    delay_s, wn, zeta = attitude.theta[:3]
-    delay_s += motion.theta[1]
-    degree = math.degrees(1.0)
-    factor = _student(motion.clusters)
+
     hover = GRAVITY_M_S2 / scale
     hover_std = math.hypot(hover * scale_std / scale, _FLOOR["hover"] * hover)
+
+    # the motion says how old the attitude's stamps were, which is no part of the vehicle's lag
+    delay_s, wn, zeta = attitude.theta[:3]
+    delay_s += motion.theta[1]
     lag_std = math.hypot(motion.std[1], _FLOOR["lag"])
     part_std = np.hypot(attitude.std[:3], [lag_std, 0.0, 0.0])
+
+    # constant errors of the attitude's measurement and of the thrust against it
+    degree = math.degrees(1.0)
     tilt = attitude.theta[4:6] + motion.theta[2:4] / GRAVITY_M_S2
-    tilt_std = np.hypot(
-        np.hypot(attitude.std[4:6], motion.std[2:4] / GRAVITY_M_S2), _FLOOR["tilt_deg"] / degree
-    )
+    tilt_std = np.hypot(attitude.std[4:6], motion.std[2:4] / GRAVITY_M_S2)
+    tilt_std = np.hypot(tilt_std, _FLOOR["tilt_deg"] / degree)
+
+    factor = _student(motion.clusters)
 
     def estimate(value: float, std: float, scaled: float = 1.0) -> Estimate:
-        value, std = float(value) * scaled, float(std) * scaled
-        return Estimate(value, std, value - factor * std, value + factor * std)
+        value = float(value) * scaled
+        std = float(std) * scaled
+        return Estimate(value=value, std=std, low=value - factor * std, high=value + factor * std)
 
     return Identified(
         hover_thrust_frac=estimate(hover, hover_std),
@@ -127,7 +135,7 @@ def identify(log: Log) -> Identified:
 
 
 def _without(log: Log, bad_s: Array) -> Log:
-    """The log without the times that its commands do not explain, unless those are most of it.
+    """Return the log without the times that its commands do not explain, unless they are most.
 
     A position counts until a whole window later, since the model of its window has integrated over
     the bad time.
@@ -138,7 +146,8 @@ def _without(log: Log, bad_s: Array) -> Log:
         last = np.where(index > 0, bad_s[np.maximum(index - 1, 0)], -np.inf)
         return np.asarray(time_s - last > after_s)
 
-    attitude, position = is_kept(log.attitude_time_s, 0.4), is_kept(log.position_time_s, WINDOW_S)
+    attitude = is_kept(log.attitude_time_s, 0.4)
+    position = is_kept(log.position_time_s, WINDOW_S)
     if min(attitude.mean(), position.mean()) < 0.5:
         return log
     return replace(
@@ -151,22 +160,28 @@ def _without(log: Log, bad_s: Array) -> Log:
 
 
 def _span(log: Log) -> tuple[float, float]:
+    """Return the first and the last time that can be used; refuse a log that says too little."""
     times = (log.command_time_s, log.attitude_time_s, log.position_time_s)
     if min(time.size for time in times) < 100:
         raise TooLittleFlown(
-            "There are fewer than 100 samples of commands, attitude or position in the air. Fly longer."
+            "There are fewer than 100 samples of commands, attitude or position in the air. Fly "
+            "longer."
         )
-    begin_s, end_s = max(time[0] for time in times) + MEMORY_S, min(time[-1] for time in times)
+
+    begin_s = max(time[0] for time in times) + MEMORY_S
+    end_s = min(time[-1] for time in times)
     if end_s - begin_s < MIN_DURATION_S:
         raise TooLittleFlown(
-            f"Only {max(0.0, end_s - begin_s):.1f} s in the air are of use, {MIN_DURATION_S:g} s are needed. Fly on."
+            f"Only {max(0.0, end_s - begin_s):.1f} s in the air are of use, {MIN_DURATION_S:g} s "
+            "are needed. Fly on."
         )
+
     tilt_deg = np.degrees(tilt_vector_rad(log.command_quaternion_wxyz))
     moved_deg = float(np.sqrt(np.var(tilt_deg, axis=0).sum()))
     if not moved_deg >= MIN_TILT_RMS_DEG:
         raise TooLittleFlown(
-            f"The commanded tilt varied by {moved_deg:.2f} deg only, {MIN_TILT_RMS_DEG:g} deg are needed to see lag "
-            "and drag. Fly some quick moves, or let covey identify fly them."
+            f"The commanded tilt varied by {moved_deg:.2f} deg only, {MIN_TILT_RMS_DEG:g} deg are "
+            "needed to see lag and drag. Fly some quick moves, or let covey identify fly them."
         )
     return float(begin_s), float(end_s)
 

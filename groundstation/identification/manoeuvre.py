@@ -1,6 +1,4 @@
-"""The manoeuvre from which a vehicle is identified: a zig-zag of quick and slow moves in a box
-about its start.
-"""
+"""The manoeuvre from which a vehicle is identified: quick and slow moves in a box about its start."""
 
 from __future__ import annotations
 
@@ -12,8 +10,11 @@ import numpy as np
 
 from onboard.config.fleet import ConfigError, FleetConfig, Vec3, parking_distance_m
 
-BOX_M, HEIGHT_M, MOVES = 0.6, 1.0, 14
-_MOVE_TIMEOUT_S, _LEG_S = 8.0, 2.2
+BOX_M = 0.6  # to each side
+HEIGHT_M = 1.0
+MOVES = 14
+_MOVE_TIMEOUT_S = 8.0
+_LEG_S = 2.2  # each move is flown at least this long
 
 
 def manoeuvre(
@@ -24,42 +25,60 @@ def manoeuvre(
     height_m: float = HEIGHT_M,
     seed: int = 0,
 ) -> tuple[tuple[Vec3, float], ...]:
-    """Goals and durations (0: as quick as the limits allow) of a zig-zag in a box about the
-    vehicle's start.
+    """Return goals and durations of a zig-zag in a box about the vehicle's start.
 
-    The box keeps clear of the fence and of the places where the others stand.
+    The box keeps clear of the fence and of where the others stand. A duration of 0 is as quick as
+    the limits allow.
 
     Raises:
         ConfigError: there is no room for a box of 0.25 m to each side.
     """
     x, y, _ = fleet.vehicles[name].start_enu_m
     fence = fleet.fleet.geofence_m
+
     others = [fleet.vehicles[other].start_enu_m for other in fleet.enabled_names if other != name]
     apart_m = min((math.dist((x, y), other[:2]) for other in others), default=math.inf)
     apart_m -= parking_distance_m(fleet) + fleet.law.uncooperative_margin_m
+
     room_m = min(x - fence.x[0], fence.x[1] - x, y - fence.y[0], fence.y[1] - y) - 0.4
     half_m = min(half_m, room_m, apart_m)
     if not half_m >= 0.25:
         raise ConfigError(
-            f"{fleet.path}: around the start of {name} there are {max(0.0, half_m):.2f} m to each side, the manoeuvre "
-            "needs 0.25 m beside fence and neighbours. Move the start, or widen the fence."
+            f"{fleet.path}: around the start of {name} there are {max(0.0, half_m):.2f} m to each "
+            "side, the manoeuvre needs 0.25 m beside fence and neighbours. Move the start, or "
+            "widen the fence."
         )
+
     height_m = min(height_m, fence.z[1] - 0.3)
     rng = np.random.default_rng(seed)
     steps: list[tuple[Vec3, float]] = []
     for index in range(MOVES):
-        reach = half_m * float(rng.uniform(0.7, 1.0)) * (1.0 if index % 2 == 0 else -1.0)
-        along_x = (index // 2) % 2 == 0
-        goal = (round(x + reach * along_x, 3), round(y + reach * (not along_x), 3), height_m)
-        steps.append((goal, 3.5 if index % 3 == 2 else 0.0))
+        reach_m = half_m * float(rng.uniform(0.7, 1.0))
+        if index % 2 == 1:
+            reach_m = -reach_m
+
+        # two moves along x, then two along y
+        goal_x = x
+        goal_y = y
+        if (index // 2) % 2 == 0:
+            goal_x += reach_m
+        else:
+            goal_y += reach_m
+
+        is_slow = index % 3 == 2
+        duration_s = 3.5 if is_slow else 0.0
+        steps.append(((round(goal_x, 3), round(goal_y, 3), height_m), duration_s))
     return tuple(steps)
 
 
 def mission_text(fleet_path: Path, name: str, steps: Sequence[tuple[Vec3, float]]) -> str:
-    """The manoeuvre as a mission file in Python: a goal that is not reached in time is no failure,
-    but the next one.
+    """Return the manoeuvre as a mission file in Python.
+
+    A goal that is not reached in time is no failure: the next one follows.
     """
-    height_m, listed = steps[0][0][2], "".join(f"    {step!r},\n" for step in steps)
+    first_goal, _ = steps[0]
+    height_m = first_goal[2]
+    listed = "".join(f"    {step!r},\n" for step in steps)
     return f'''"""Identification of {name}: quick and slow moves about its start."""
 
 from groundstation.missions.api import OrderFailed

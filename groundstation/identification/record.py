@@ -1,6 +1,4 @@
-"""A record as input of the identification: commands, attitudes and positions of each vehicle in the
-air.
-"""
+"""A record as input of the identification: what each vehicle was commanded and did in the air."""
 
 from __future__ import annotations
 
@@ -18,7 +16,9 @@ from onboard.config.fleet import FleetConfig
 _LOW_M = 0.3  # below, the ground bears part of the weight
 _GAP_S = 0.1
 # PX4's attitude comes at 50-100 Hz over a link: half a period and the transmission
-_LINK_AGE_S, _LINK_AGE_STD_S = 0.012, 0.008
+_LINK_AGE_S = 0.012
+_LINK_AGE_STD_S = 0.008
+_QUATERNIONS = ("setpoint_quaternion_enu_flu_wxyz", "attitude_quaternion_enu_flu_wxyz")
 
 
 def logs_of(path: Path, fleet: FleetConfig, names: Sequence[str]) -> dict[str, Log]:
@@ -51,47 +51,53 @@ def logs_of(path: Path, fleet: FleetConfig, names: Sequence[str]) -> dict[str, L
 
 
 def _log(ticks: list[Sample], poses: list[Sample]) -> Log | None:
+    """Return the longest stretch in the air of one vehicle; None if it has hardly flown."""
     air = _longest_stretch([tick for tick in ticks if _is_flying(tick)])
     if len(air) < 2:
         return None
-    origin_ns, last_ns = air[0].stamp_ns, air[-1].stamp_ns
-    fields = (
-        "setpoint_quaternion_enu_flu_wxyz",
-        "attitude_quaternion_enu_flu_wxyz",
-        "position_enu_m",
+
+    origin_ns = air[0].stamp_ns
+    last_ns = air[-1].stamp_ns
+    time_s, (command, attitude, position) = _series(
+        air, origin_ns, (*_QUATERNIONS, "position_enu_m")
     )
-    time_s, (command, attitude, position) = _series(air, origin_ns, fields)
     thrust = np.array([tick.values["setpoint_thrust_frac"] for tick in air], np.float64)
+
     tracked = [pose for pose in poses if origin_ns <= pose.stamp_ns <= last_ns]
     if len(tracked) < 0.5 * len(air):
         return Log(
-            time_s,
-            command,
-            thrust,
-            time_s,
-            attitude,
-            time_s,
-            position,
-            _LINK_AGE_S,
-            _LINK_AGE_STD_S,
+            command_time_s=time_s,
+            command_quaternion_wxyz=command,
+            thrust_frac=thrust,
+            attitude_time_s=time_s,
+            attitude_quaternion_wxyz=attitude,
+            position_time_s=time_s,
+            position_enu_m=position,
+            attitude_age_s=_LINK_AGE_S,
+            attitude_age_std_s=_LINK_AGE_STD_S,
         )
+
     pose_s, (rotation, path) = _series(
         tracked, origin_ns, ("quaternion_enu_flu_wxyz", "position_enu_m")
     )
-    return Log(time_s, command, thrust, pose_s, rotation, pose_s, path)
+    return Log(
+        command_time_s=time_s,
+        command_quaternion_wxyz=command,
+        thrust_frac=thrust,
+        attitude_time_s=pose_s,
+        attitude_quaternion_wxyz=rotation,
+        position_time_s=pose_s,
+        position_enu_m=path,
+    )
 
 
 def _is_flying(tick: Sample) -> bool:
-    values, quaternions = (
-        tick.values,
-        ("setpoint_quaternion_enu_flu_wxyz", "attitude_quaternion_enu_flu_wxyz"),
-    )
-    if not _are_numbers(values, "position_enu_m", *quaternions, "setpoint_thrust_frac", count=12):
+    values = tick.values
+    fields = ("position_enu_m", *_QUATERNIONS, "setpoint_thrust_frac")
+    if not _are_numbers(values, *fields, count=12):
         return False
-    return (
-        values.get("state") in ("flying", "holding", "taking off")
-        and values["position_enu_m"][2] > _LOW_M
-    )
+    is_up = bool(values["position_enu_m"][2] > _LOW_M)
+    return is_up and values.get("state") in ("flying", "holding", "taking off")
 
 
 def _is_tracked(pose: Sample) -> bool:
@@ -100,13 +106,17 @@ def _is_tracked(pose: Sample) -> bool:
 
 
 def _are_numbers(values: Mapping[str, Any], *fields: str, count: int) -> bool:
-    """Whether the fields hold so many numbers together; a number that is not finite is null in a
-    record.
+    """Whether the fields hold so many numbers together.
+
+    A number that is not finite is null in a record.
     """
     numbers: list[Any] = []
     for field in fields:
         value = values.get(field)
-        numbers += value if isinstance(value, list) else [value]
+        if isinstance(value, list):
+            numbers += value
+        else:
+            numbers.append(value)
     return len(numbers) == count and all(isinstance(number, int | float) for number in numbers)
 
 
@@ -118,14 +128,15 @@ def _longest_stretch(ticks: list[Sample]) -> list[Sample]:
         if stretch and not 0 < tick.stamp_ns - stretch[-1].stamp_ns < _GAP_S * 1e9:
             stretch = []
         stretch.append(tick)
-        best = stretch if len(stretch) > len(best) else best
+        if len(stretch) > len(best):
+            best = stretch
     return best
 
 
 def _series(
     samples: list[Sample], origin_ns: int, fields: Sequence[str]
 ) -> tuple[Array, list[Array]]:
-    """Times (n,) since the origin, increasing, and the fields (n, ...)."""
+    """Return times (n,) since the origin, increasing, and the fields (n, ...)."""
     stamps, first = np.unique([sample.stamp_ns for sample in samples], return_index=True)
     columns = [
         np.array([samples[index].values[field] for index in first], np.float64) for field in fields

@@ -1,5 +1,7 @@
-"""Report of ``covey identify``: a table beside the fleet file, differences that matter, and TOML
-for the fleet file.
+"""The report of ``covey identify``.
+
+A table of what flew beside what the fleet file says, which differences matter, and TOML for the
+fleet file.
 """
 
 from __future__ import annotations
@@ -15,7 +17,8 @@ from onboard.config.fleet import Vehicle
 
 _HOVER_SHARE = 0.05  # of the hover thrust: the observer compensates so much
 _DRAG_M_S2 = 0.15
-_TILT_DEG, _GAIN = 2.0, 0.15
+_TILT_DEG = 2.0
+_GAIN = 0.15
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,67 +38,74 @@ def rows(flown: IdentifiedVehicle) -> list[dict[str, Any]]:
     Returns:
         A row for each parameter, with a verdict in words.
     """
-    vehicle, identified = flown.vehicle, flown.identified
-    tilt = math.hypot(identified.tilt_error_x_deg.value, identified.tilt_error_y_deg.value)
-    parameters = (
-        (
+    vehicle = flown.vehicle
+    identified = flown.identified
+    east_deg = identified.tilt_error_x_deg
+    north_deg = identified.tilt_error_y_deg
+
+    table = [
+        _row(
             "hover_thrust_frac",
-            vehicle.hover_thrust_frac,
-            identified.hover_thrust_frac,
-            _HOVER_SHARE * vehicle.hover_thrust_frac,
-            "take-off and height start off wrong until it is learned",
+            configured=vehicle.hover_thrust_frac,
+            flown=identified.hover_thrust_frac,
+            harmless=_HOVER_SHARE * vehicle.hover_thrust_frac,
+            reason="take-off and height start off wrong until it is learned",
         ),
-        (
+        _row(
             "lag L [s]",
-            vehicle.lag_s,
-            identified.lag_s,
-            LAG_ERROR_S,
-            f"the law predicts over L and needs it to {1e3 * LAG_ERROR_S:.0f} ms to keep its distance",
+            configured=vehicle.lag_s,
+            flown=identified.lag_s,
+            harmless=LAG_ERROR_S,
+            reason=f"the law predicts over L and needs it to {1e3 * LAG_ERROR_S:.0f} ms to keep "
+            "its distance",
         ),
-        (
+        _row(
             "drag_1_s",
-            vehicle.drag_1_s,
-            identified.drag_1_s,
-            _DRAG_M_S2 / vehicle.max_speed_m_s,
-            "the vehicle brakes later or earlier than the law believes",
+            configured=vehicle.drag_1_s,
+            flown=identified.drag_1_s,
+            harmless=_DRAG_M_S2 / vehicle.max_speed_m_s,
+            reason="the vehicle brakes later or earlier than the law believes",
         ),
-        (
+        _row(
             "tilt error, east [deg]",
-            0.0,
-            identified.tilt_error_x_deg,
-            _TILT_DEG,
-            "trim the vehicle or level its autopilot",
+            configured=0.0,
+            flown=east_deg,
+            harmless=_TILT_DEG,
+            reason="trim the vehicle or level its autopilot",
         ),
-        (
+        _row(
             "tilt error, north [deg]",
-            0.0,
-            identified.tilt_error_y_deg,
-            _TILT_DEG,
-            "trim the vehicle or level its autopilot",
+            configured=0.0,
+            flown=north_deg,
+            harmless=_TILT_DEG,
+            reason="trim the vehicle or level its autopilot",
         ),
-        (
+        _row(
             "static gain",
-            1.0,
-            identified.static_gain,
-            _GAIN,
-            "the attitude loop is too weak: tune it",
+            configured=1.0,
+            flown=identified.static_gain,
+            harmless=_GAIN,
+            reason="the attitude loop is too weak: tune it",
         ),
-    )
-    return [_row(*one, tilt) for one in parameters]
+    ]
+
+    tilt_deg = math.hypot(east_deg.value, north_deg.value)
+    for row in table:
+        if row["name"].startswith("tilt") and row["verdict"].startswith("differs"):
+            row["verdict"] = f"tilted by {tilt_deg:.1f} deg in all; the observer compensates it"
+    return table
 
 
 def _row(
-    name: str, configured: float, flown: Estimate, harmless: float, reason: str, tilt_deg: float
+    name: str, *, configured: float, flown: Estimate, harmless: float, reason: str
 ) -> dict[str, Any]:
-    off = abs(flown.value - configured)
+    """Compare one parameter; a difference up to ``harmless`` has no effect that anybody notices."""
     if flown.low <= configured <= flown.high:
         word = "agrees"
-    elif off <= harmless:
+    elif abs(flown.value - configured) <= harmless:
         word = "differs, harmless"
     else:
         word = f"matters: {reason}"
-    if name.startswith("tilt") and word.startswith("differs"):
-        word = f"tilted by {tilt_deg:.1f} deg in all; the observer compensates it"
     return {
         "name": name,
         "fleet_file": round(configured, 4),
@@ -111,17 +121,19 @@ def page(flown: Sequence[IdentifiedVehicle]) -> str:
     """Return tables of all vehicles, and TOML for each type."""
     lines: list[str] = []
     for one in flown:
-        vehicle, flown_as = one.vehicle, one.identified
+        vehicle = one.vehicle
+        flown_as = one.identified
         lines.append(
-            f"{vehicle.name} (type {vehicle.type or 'none'}), {flown_as.duration_s:.0f} s in the air; attitude "
-            f"explained to {flown_as.attitude_rms_deg:.2f} deg, position to {1e3 * flown_as.position_rms_m:.1f} mm rms"
+            f"{vehicle.name} (type {vehicle.type or 'none'}), {flown_as.duration_s:.0f} s in the "
+            f"air; attitude explained to {flown_as.attitude_rms_deg:.2f} deg, position to "
+            f"{1e3 * flown_as.position_rms_m:.1f} mm rms"
         )
         lines.append(f"  {'':<24} {'fleet file':>10} {'flown':>9} {'1 sigma':>8}   95 % interval")
         for row in rows(one):
             interval = f"{row['low']:.3f} to {row['high']:.3f}"
             lines.append(
-                f"  {row['name']:<24} {row['fleet_file']:>10.3f} {row['value']:>9.3f} {row['std']:>8.3f}   "
-                f"{interval:<18} {row['verdict']}"
+                f"  {row['name']:<24} {row['fleet_file']:>10.3f} {row['value']:>9.3f} "
+                f"{row['std']:>8.3f}   {interval:<18} {row['verdict']}"
             )
         lines.append("")
     return "\n".join([*lines, "\n\n".join(toml_of_types(flown).values())])
@@ -136,27 +148,27 @@ def toml_of_types(flown: Sequence[IdentifiedVehicle]) -> dict[str, str]:
 
 
 def type_toml(kind: str, members: Sequence[IdentifiedVehicle]) -> str:
-    """Return TOML for ``[types.KIND]``: means over the vehicles of the type, with their intervals
-    as comments.
-    """
+    """Return TOML for ``[types.KIND]``: means over its vehicles, their intervals as comments."""
     names = ", ".join(one.vehicle.name for one in members)
     table = f"types.{kind}" if kind else "defaults"
     flown = [one.identified for one in members]
     lag_s = _mean([one.lag_s for one in flown])
-    wn, zeta = _mean([one.wn_rad_s for one in flown]), _mean([one.zeta for one in flown])
-    delay_s = lag_s.value - 2.0 * zeta.value / wn.value
-    wn_rad_s = wn.value
-    # the response is quicker than its own shape says: keep L, which is what the law uses
-    if delay_s < 0.0:
-        delay_s, wn_rad_s = 0.0, 2.0 * zeta.value / max(lag_s.value, 0.01)
-    hover, drag = (
-        _mean([one.hover_thrust_frac for one in flown]),
-        _mean([one.drag_1_s for one in flown]),
-    )
+    wn = _mean([one.wn_rad_s for one in flown])
+    zeta = _mean([one.zeta for one in flown])
+    hover = _mean([one.hover_thrust_frac for one in flown])
+    drag = _mean([one.drag_1_s for one in flown])
     gain = _mean([one.static_gain for one in flown])
     tilt_deg = max(
         max(abs(one.tilt_error_x_deg.value), abs(one.tilt_error_y_deg.value)) for one in flown
     )
+
+    delay_s = lag_s.value - 2.0 * zeta.value / wn.value
+    wn_rad_s = wn.value
+    # the response is quicker than its own shape says: keep L, which is what the law uses
+    if delay_s < 0.0:
+        delay_s = 0.0
+        wn_rad_s = 2.0 * zeta.value / max(lag_s.value, 0.01)
+
     lines = [
         f"# identified from {names}; 95 % intervals of the mean",
         f"[{table}]",
@@ -171,21 +183,26 @@ def type_toml(kind: str, members: Sequence[IdentifiedVehicle]) -> str:
         f"static_gain = {gain.value:.3f}  # {gain.low:.3f} to {gain.high:.3f}",
         f"tilt_bias_deg = {tilt_deg:.1f}",
     ]
-    spread = [one.lag_s.value for one in flown]
-    if max(spread) - min(spread) > LAG_ERROR_S:
+
+    lags_s = [one.lag_s.value for one in flown]
+    if max(lags_s) - min(lags_s) > LAG_ERROR_S:
         lines.insert(
             1,
-            "# their lags differ by more than the law tolerates: give each vehicle its own values instead",
+            "# their lags differ by more than the law tolerates: give each vehicle its own values "
+            "instead",
         )
     return "\n".join(lines)
 
 
 def _mean(estimates: Sequence[Estimate]) -> Estimate:
-    """Mean over vehicles; its interval covers the intervals' own width and the vehicles' spread."""
+    """Return the mean over vehicles.
+
+    Its interval covers the width of their own intervals, and how far they lie apart.
+    """
     count = len(estimates)
     value = sum(one.value for one in estimates) / count
     own = math.sqrt(sum(one.std**2 for one in estimates)) / count
     spread = math.sqrt(sum((one.value - value) ** 2 for one in estimates) / count)
     std = math.hypot(own, spread)
     half = std * max((one.high - one.value) / one.std for one in estimates)
-    return Estimate(value, std, value - half, value + half)
+    return Estimate(value=value, std=std, low=value - half, high=value + half)
