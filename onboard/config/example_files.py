@@ -1,5 +1,6 @@
-"""The example fleets and missions of ``configs/``, which are installed with the product and known
-by name.
+"""The example fleets and missions of ``configs/``.
+
+They are installed with the product and known by name.
 """
 
 from __future__ import annotations
@@ -10,11 +11,16 @@ from onboard.config.config_error import ConfigError
 
 # in the repository a link to configs/
 EXAMPLES = os.path.join(os.path.dirname(os.path.realpath(__file__)), "examples")
+
+# kind of file -> folders of the examples, in the order in which they are searched
 _FOLDERS = {
     "fleet file": ("fleets",),
     "mission file": ("missions",),
     "fleet or mission file": ("missions", "fleets"),
 }
+
+
+_ENDINGS = (".toml", ".py")
 
 
 def example_names(kind: str) -> list[str]:
@@ -25,12 +31,13 @@ def example_names(kind: str) -> list[str]:
     Returns:
         names without ending, sorted.
     """
-    files = [
-        file for folder in _FOLDERS[kind] for file in os.listdir(os.path.join(EXAMPLES, folder))
-    ]
-    return sorted(
-        {stem for stem, ending in map(os.path.splitext, files) if ending in (".toml", ".py")}
-    )
+    names: set[str] = set()
+    for folder in _FOLDERS[kind]:
+        for file in os.listdir(os.path.join(EXAMPLES, folder)):
+            stem, ending = os.path.splitext(file)
+            if ending in _ENDINGS:
+                names.add(stem)
+    return sorted(names)
 
 
 def existing_file(path: str | os.PathLike[str], kind: str) -> str:
@@ -47,22 +54,23 @@ def existing_file(path: str | os.PathLike[str], kind: str) -> str:
     name = os.fspath(path)
     if os.path.isfile(name):
         return name
+
     parent, file = os.path.split(name)
     for folder in _FOLDERS[kind]:
-        endings = (
-            ("", ".toml", ".py")
-            if not parent
-            else ("",)
-            if parent == os.path.join("configs", folder)
-            else ()
-        )
+        endings: tuple[str, ...] = ()
+        if not parent:
+            endings = ("", *_ENDINGS)  # a name, with or without its ending
+        elif parent == os.path.join("configs", folder):
+            endings = ("",)
+
         for ending in endings:
             example = os.path.join(EXAMPLES, folder, file + ending)
             if os.path.isfile(example):
                 return example
+
     if os.path.exists(name):  # a folder: whoever reads it says so
         return name
     raise ConfigError(
-        f"{name}: there is no such {kind}. Give the path of an existing one, or the name of an example: "
-        f"{', '.join(example_names(kind))}."
+        f"{name}: there is no such {kind}. Give the path of an existing one, or the name of an "
+        f"example: {', '.join(example_names(kind))}."
     )

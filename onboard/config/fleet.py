@@ -34,6 +34,19 @@ from onboard.config.toml_reading import table, tables
 from onboard.config.validation import check_fleet
 from onboard.config.vehicle_tables import vehicle_from_tables
 
+_KNOWN_KEYS = (
+    "defaults",
+    "fleet",
+    "formations",
+    "law",
+    "mocap",
+    "obstacles",
+    "radio",
+    "schema",
+    "types",
+    "vehicles",
+)
+
 
 def load_fleet(path: str | os.PathLike[str], *, imports_law: bool = True) -> FleetConfig:
     """Read and validate a fleet file.
@@ -70,43 +83,51 @@ def fleet_from_mapping(
     check_schema(data, path)
     if "step" in data:
         raise ConfigError(
-            f"{path} is a mission file, not a fleet file. Name its fleet, or fly it: covey fly {path}"
+            f"{path} is a mission file, not a fleet file. Name its fleet, or fly it: "
+            f"covey fly {path}"
         )
-    known = {
-        "schema",
-        "fleet",
-        "law",
-        "formations",
-        "mocap",
-        "obstacles",
-        "radio",
-        "types",
-        "defaults",
-        "vehicles",
-    }
     for key in data:
-        if key not in known:
+        if key not in _KNOWN_KEYS:
             raise ConfigError(
-                f"{path}: unknown key '{key}'. Known keys here: {', '.join(sorted(known))}."
+                f"{path}: unknown key '{key}'. Known keys here: {', '.join(_KNOWN_KEYS)}."
             )
     for key in ("fleet", "vehicles"):
         if key not in data:
             raise ConfigError(f"{path}: the table '{key}' is missing. Add [{key}].")
+
     fleet = convert(data["fleet"], FleetSection, path, "fleet")
     law = convert(data.get("law", {}), LawConfig, path, "law")
-    slots, shapes = formation_shape.split(
-        table(data.get("formations", {}), path, "formations"), path
-    )
+
+    written_formations = table(data.get("formations", {}), path, "formations")
+    slots, shapes = formation_shape.split(written_formations, path)
     formations = convert(slots, dict[str, dict[str, Vec3]], path, "formations")
+
     fixed = convert(data.get("obstacles", []), tuple[obstacles.Obstacle, ...], path, "obstacles")
     mocap = convert(data.get("mocap", {}), MocapConfig, path, "mocap")
-    radio = convert(data["radio"], RadioConfig, path, "radio") if "radio" in data else None
+    radio: RadioConfig | None = None
+    if "radio" in data:
+        radio = convert(data["radio"], RadioConfig, path, "radio")
+
     types = tables(data.get("types", {}), path, "types")
     defaults = table(data.get("defaults", {}), path, "defaults")
-    vehicles = {
-        name: vehicle_from_tables(name, index, own, types, defaults, path)
-        for index, (name, own) in enumerate(tables(data["vehicles"], path, "vehicles").items())
-    }
-    config = FleetConfig(path, fleet, law, formations, vehicles, text, fixed, mocap, shapes, radio)
+    vehicles: dict[str, Vehicle] = {}
+    for index, (name, own) in enumerate(tables(data["vehicles"], path, "vehicles").items()):
+        vehicles[name] = vehicle_from_tables(name, index, own, types, defaults, path)
+
+    config = FleetConfig(
+        path=path,
+        fleet=fleet,
+        law=law,
+        formations=formations,
+        vehicles=vehicles,
+        text=text,
+        obstacles=fixed,
+        mocap=mocap,
+        shapes=shapes,
+        radio=radio,
+    )
     check_fleet(config)
-    return config.with_own_law() if imports_law else config
+
+    if imports_law:
+        return config.with_own_law()
+    return config

@@ -24,6 +24,11 @@ from onboard.config.toml_reading import ConfigError
 Vec3 = tuple[float, float, float]
 PX4_VERSIONS = ("1.16", "1.17", "1.18")  # that Covey was measured with
 
+_TICKS_PER_S = 50  # of the control loop
+_BELOW_FLOOR_M = 0.5  # measured heights on the ground may lie so far below the floor of the fence
+_BELOW_SEPARATION_M = 0.25  # the law acts 0.20 m early, and heights are held to some 0.05 m
+_PARKING_MARGIN_M = 0.10  # measured: slots nearer than that are reached late or never
+
 
 class Origin(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Global origin of the fleet frame outdoors."""
@@ -49,8 +54,8 @@ class Geofence(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             True inside; below the floor there is a tolerance of 0.5 m.
         """
         x, y, z = position_enu_m
-        in_plan = self.x[0] <= x <= self.x[1] and self.y[0] <= y <= self.y[1]
-        return in_plan and self.z[0] - 0.5 <= z <= self.z[1]
+        is_in_plan = self.x[0] <= x <= self.x[1] and self.y[0] <= y <= self.y[1]
+        return is_in_plan and self.z[0] - _BELOW_FLOOR_M <= z <= self.z[1]
 
     def nearest_inside(self, position_enu_m: Vec3, inside_m: float) -> Vec3:
         """Return the nearest point that is so far inside every wall.
@@ -59,13 +64,12 @@ class Geofence(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             position_enu_m: any point.
             inside_m: distance to the walls [m].
         """
-        x, y, z = (
-            min(max(value_m, low_m + inside_m), high_m - inside_m)
-            for value_m, (low_m, high_m) in zip(
-                position_enu_m, (self.x, self.y, self.z), strict=True
-            )
+        x, y, z = position_enu_m
+        return (
+            min(max(x, self.x[0] + inside_m), self.x[1] - inside_m),
+            min(max(y, self.y[0] + inside_m), self.y[1] - inside_m),
+            min(max(z, self.z[0] + inside_m), self.z[1] - inside_m),
         )
-        return x, y, z
 
 
 class FleetSection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -98,16 +102,16 @@ class FleetSection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     @property
     def height_share(self) -> float:
         """Metres of separation that a metre of height counts: 0 without a vertical separation."""
-        return (
-            0.0
-            if self.vertical_separation_m is None
-            else self.safety_distance_m / self.vertical_separation_m
-        )
+        if self.vertical_separation_m is None:
+            return 0.0
+        return self.safety_distance_m / self.vertical_separation_m
 
     @property
     def global_origin(self) -> Origin | None:
         """Position of the fleet frame on Earth; None where the file does not give one."""
-        return self.origin if isinstance(self.origin, Origin) else None
+        if isinstance(self.origin, Origin):
+            return self.origin
+        return None
 
 
 class Vehicle(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -162,23 +166,30 @@ class Vehicle(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     @property
     def body(self) -> str | None:
         """Name of this vehicle's mocap body; None if it flies without a mocap."""
-        return self.mocap_body or (self.name if self.mocap_required else None)
+        if self.mocap_body:
+            return self.mocap_body
+        if self.mocap_required:
+            return self.name
+        return None
 
     @property
     def lag_s(self) -> float:
-        """Time over which the law predicts: dead time plus 2 zeta / wn of the attitude response."""
+        """Time over which the law predicts: dead time plus 2 zeta / wn of the attitude response.
+
+        A response of second order follows a ramp late by 2 zeta / wn.
+        """
         return self.attitude_delay_s + 2.0 * self.attitude_zeta / self.attitude_wn_rad_s
 
 
 class FleetConfig(msgspec.Struct, frozen=True):
     """A whole fleet file, resolved."""
 
-    path: str
+    path: str  # of the file
     fleet: FleetSection
     law: LawConfig
-    formations: dict[str, dict[str, Vec3]]
-    vehicles: dict[str, Vehicle]
-    text: str
+    formations: dict[str, dict[str, Vec3]]  # formation -> vehicle -> its slot
+    vehicles: dict[str, Vehicle]  # by name, in the order of the file
+    text: str  # of the file
     obstacles: tuple[obstacles.Obstacle, ...] = ()
     mocap: MocapConfig = MocapConfig()
     # further formations; slots are the ground's matter, so not in the hash
@@ -200,18 +211,18 @@ class FleetConfig(msgspec.Struct, frozen=True):
         """
         if name is None:
             return self
-        return msgspec.structs.replace(
-            self, law=msgspec.structs.replace(self.law, name=name)
-        ).with_own_law()
+        law = msgspec.structs.replace(self.law, name=name)
+        return msgspec.structs.replace(self, law=law).with_own_law()
 
     def with_own_law(self) -> FleetConfig:
-        """Return the same fleet with the law that its file names, imported if it is none of
-        Covey's.
+        """Return the same fleet with the law that its file names.
+
+        It is imported if it is none of Covey's.
 
         Raises:
             ConfigError: there is no such law, or it cannot be imported.
         """
-        own_law = None
+        own_law: OwnLaw | None = None
         if self.law.is_own:
             folder = os.path.join(os.path.dirname(os.path.abspath(self.path)), self.law.folder)
             own_law = load_own_law(self.law.name, (folder, os.getcwd()), self.path)
@@ -219,14 +230,18 @@ class FleetConfig(msgspec.Struct, frozen=True):
 
     @property
     def config_hash(self) -> str:
-        """Hash of all values: equal on all vehicles that read the same ones; differing hashes
-        refuse take-off.
+        """Hash of all values: equal on all vehicles that read the same ones.
+
+        Preflight refuses to take off beside a vehicle with another hash.
         """
         # where keys and laws lie, and which router is nearest, may differ from computer to computer
         fleet = msgspec.structs.replace(self.fleet, keys="keys", routers=())
-        late_s = self.expected_radio.lateness_s  # by which a vehicle counts as silent later
         law = msgspec.structs.replace(self.law, folder=".")
         source = "" if self.own_law is None else self.own_law.source_hash
+
+        # of the radio only the time by which a vehicle counts as silent later
+        late_s = self.expected_radio.lateness_s
+
         parts = [
             fleet,
             law,
@@ -248,7 +263,9 @@ class FleetConfig(msgspec.Struct, frozen=True):
     @property
     def state_ticks(self) -> int:
         """Ticks of the control loop from one state for the near neighbours to the next."""
-        return 1 if self.radio is None else 50 // self.radio.states_hz
+        if self.radio is None:
+            return 1
+        return _TICKS_PER_S // self.radio.states_hz
 
     @property
     def has_keys(self) -> bool:
@@ -271,11 +288,13 @@ class FleetConfig(msgspec.Struct, frozen=True):
 
     @property
     def simulator_endpoint(self) -> str:
-        """Endpoint at which an emulator listens on the bus; by default the port below the lowest
-        agent's.
+        """Endpoint at which an emulator listens on the bus.
+
+        By default it is the port below the lowest agent's.
         """
         if self.fleet.simulator:
             return self.fleet.simulator
+
         ports = [int(vehicle.agent.rsplit(":", 1)[1]) for vehicle in self.vehicles.values()]
         scheme = "quic" if self.has_keys else "tcp"
         return f"{scheme}/127.0.0.1:{min(ports) - 1}"
@@ -287,9 +306,11 @@ class FleetConfig(msgspec.Struct, frozen=True):
 
     @property
     def pose_endpoints(self) -> tuple[str, str]:
-        """Endpoints at which poses and truth are offered: by a relay or the emulator of a whole
-        fleet, and, at the port below it, by an emulator of a part of the fleet, whose other part
-        has a relay."""
+        """Endpoints at which poses and truth are offered.
+
+        At the first one a relay offers them, or the emulator of a whole fleet. At the port below it
+        does the emulator of a part of the fleet, whose other part has a relay.
+        """
         host, _, port = self.simulator_endpoint.rpartition(":")
         return self.simulator_endpoint, f"{host}:{int(port) - 1}"
 
@@ -308,52 +329,67 @@ class FleetConfig(msgspec.Struct, frozen=True):
             ConfigError: an unknown name or index.
         """
         text = vehicles if isinstance(vehicles, str) else ",".join(vehicles or ())
-        selected = self.enabled_names if text in ("", "all") else self._names(text)
-        excluded = self._names(exclude) if exclude else ()
+        selected = self.enabled_names
+        if text not in ("", "all"):
+            selected = self._names(text)
+
+        excluded: tuple[str, ...] = ()
+        if exclude:
+            excluded = self._names(exclude)
+
         return tuple(name for name in selected if name not in excluded)
 
     def _names(self, text: str) -> tuple[str, ...]:
-        order = list(self.vehicles)
+        """Return the names of a selection such as ``mav0,3-5``, without doubles."""
         names: list[str] = []
-        for part in (piece.strip() for piece in text.split(",")):
-            span = re.fullmatch(r"(\d+)(?:-(\d+))?", part)
+        for piece in text.split(","):
+            part = piece.strip()
             if part in self.vehicles:
                 names.append(part)
             elif part == "all":
                 names.extend(self.enabled_names)
-            elif span:
-                first, last = int(span[1]), int(span[2] or span[1])
-                if first > last or last >= len(order):
-                    raise ConfigError(
-                        f"'{part}' selects no vehicle: vehicles are counted from 0 to {len(order) - 1}, lower first."
-                    )
-                names.extend(order[first : last + 1])
             else:
-                raise ConfigError(
-                    f"'{part}' is not a vehicle of fleet '{self.fleet.name}': it has {', '.join(order)}."
-                )
+                names.extend(self._names_of_span(part))
         return tuple(dict.fromkeys(names))
+
+    def _names_of_span(self, part: str) -> list[str]:
+        """Return the names of an index, ``3``, or of several, ``3-5``."""
+        order = list(self.vehicles)
+        span = re.fullmatch(r"(\d+)(?:-(\d+))?", part)
+        if span is None:
+            raise ConfigError(
+                f"'{part}' is not a vehicle of fleet '{self.fleet.name}': it has {', '.join(order)}."
+            )
+
+        first = int(span[1])
+        last = int(span[2] or span[1])
+        if first > last or last >= len(order):
+            raise ConfigError(
+                f"'{part}' selects no vehicle: vehicles are counted from 0 to {len(order) - 1}, "
+                "lower first."
+            )
+        return order[first : last + 1]
 
 
 def above_words(config: FleetConfig) -> str:
-    """Return in words which height difference does instead of a horizontal distance; empty where
-    none does.
+    """Return in words which height difference does instead of a horizontal distance.
 
     Args:
         config: the fleet.
+    Returns:
+        the end of a sentence; empty where no height does.
     """
     share = parking_height_share(config)
-    return (
-        f", or {parking_distance_m(config) / share:.2f} m above each other" if share > 0.0 else ""
-    )
+    if share <= 0.0:
+        return ""
+    return f", or {parking_distance_m(config) / share:.2f} m above each other"
 
 
 def parking_height_share(config: FleetConfig, accuracy_m: float = 0.0) -> float:
-    """Metres of :func:`parking_distance_m` that a metre of height counts where vehicles hover above
-    each other.
+    """Return how many metres of :func:`parking_distance_m` a metre of height counts.
 
-    The law begins to act 0.20 m before the vertical separation, and vehicles hold their heights to
-    some 5 cm.
+    It is that of vehicles that hover above each other. The law begins to act 0.20 m before the
+    vertical separation, and vehicles hold their heights to some 5 cm.
 
     Args:
         config: the fleet.
@@ -361,27 +397,29 @@ def parking_height_share(config: FleetConfig, accuracy_m: float = 0.0) -> float:
             positions.
     """
     vertical_m = config.fleet.vertical_separation_m
-    return (
-        0.0 if vertical_m is None else parking_distance_m(config) / (vertical_m + 0.25 + accuracy_m)
-    )
+    if vertical_m is None:
+        return 0.0
+    return parking_distance_m(config) / (vertical_m + _BELOW_SEPARATION_M + accuracy_m)
 
 
 def parking_distance_m(config: FleetConfig) -> float:
-    """Smallest spacing at which two vehicles can hover next to each other under the configured law.
+    """Return the smallest spacing at which two vehicles can hover under the configured law.
 
     Paper-exact law: sqrt(d_inf^2 + d_inf v_perp / kappa_3), since (8) forbids to hover closer.
-    Covey's law: the design distance plus 0.10 m (measured: slots nearer than that are reached late
-    or never).
+    Covey's law: the design distance plus 0.10 m.
 
     Args:
         config: the fleet.
     Returns:
         horizontal distance [m] between centres.
     """
-    law, d_inf = config.law, config.fleet.safety_distance_m
+    law = config.law
+    d_inf = config.fleet.safety_distance_m
+
     if law.built_in == "paper":
         return math.sqrt(d_inf**2 + d_inf * law.paper_v_perp_m_s / law.paper_kappa_3_1_s)
     if law.built_in == "off":
         return config.fleet.body_diameter_m
-    slowest_s = max((vehicle.lag_s for vehicle in config.vehicles.values()), default=0.0)
-    return d_inf + law.margin_m(slowest_s) + 0.10
+
+    longest_lag_s = max((vehicle.lag_s for vehicle in config.vehicles.values()), default=0.0)
+    return d_inf + law.margin_m(longest_lag_s) + _PARKING_MARGIN_M

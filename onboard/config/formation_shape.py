@@ -1,5 +1,6 @@
-"""Formations that are given by a shape instead of a slot for each vehicle: the values; the ground
-makes the slots.
+"""Formations that are given by a shape instead of a slot for each vehicle.
+
+Here are the values only; the ground makes the slots.
 """
 
 from __future__ import annotations
@@ -26,8 +27,9 @@ BOUNDS: dict[str, tuple[float, float]] = {
 
 
 class FormationShape(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """``[formations.NAME]`` with a ``shape``: north is ahead, the position is its middle and its
-    lowest slot.
+    """``[formations.NAME]`` with a ``shape``.
+
+    North is ahead; the position is its middle and its lowest slot.
     """
 
     # line: abreast, column: one behind the other, v and wedge: the tip ahead (wedge is filled),
@@ -63,13 +65,14 @@ def split(data: dict[str, Any], path: str) -> tuple[dict[str, Any], dict[str, Fo
     Raises:
         ConfigError: a wrong key or value of a shape.
     """
-    is_shape = {name: isinstance(one, dict) and "shape" in one for name, one in data.items()}
-    shapes = {
-        name: convert(one, FormationShape, path, f"formations.{name}")
-        for name, one in data.items()
-        if is_shape[name]
-    }
-    return {name: one for name, one in data.items() if not is_shape[name]}, shapes
+    slots: dict[str, Any] = {}
+    shapes: dict[str, FormationShape] = {}
+    for name, formation in data.items():
+        if isinstance(formation, dict) and "shape" in formation:
+            shapes[name] = convert(formation, FormationShape, path, f"formations.{name}")
+        else:
+            slots[name] = formation
+    return slots, shapes
 
 
 def problems(shapes: dict[str, FormationShape]) -> Iterator[str]:
@@ -80,6 +83,7 @@ def problems(shapes: dict[str, FormationShape]) -> Iterator[str]:
             value = getattr(shape, field)
             if value is not None:
                 yield from bound_problems(f"{key}.{field}", value, low, high)
+
         if shape.shape == "text" and not 0 < len(shape.text.strip()) <= 100:
             yield f"'{key}.text' is {shape.text!r}; a text formation needs 1 to 100 letters."
         if shape.shape in ("image", "csv") and not shape.file:

@@ -1,5 +1,6 @@
-"""The avoidance law's values and policies, as a fleet file's ``[law]`` gives them: the one place of
-their defaults.
+"""The avoidance law's values and policies, as a fleet file's ``[law]`` gives them.
+
+It is the one place of their defaults.
 """
 
 from __future__ import annotations
@@ -10,13 +11,11 @@ import msgspec
 
 BuiltInLaw = Literal["covey", "paper", "off"]
 BUILT_IN: tuple[BuiltInLaw, ...] = ("covey", "paper", "off")
-QUICK_LAG_S = 0.15
+QUICK_LAG_S = 0.15  # of a vehicle that needs no more margin than design_margin_m
 
 
 class LawConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """``[law]``: the avoidance law's values and policies; onboard/avoidance/README.md explains each
-    one.
-    """
+    """``[law]``: the avoidance law's values and policies; see onboard/avoidance/README.md."""
 
     # "paper" and "off" are for simulation and for comparison; "module:function", or the name of an
     # entry point of the group covey.laws, is a law of your own: docs/own-law.md
@@ -79,10 +78,14 @@ class LawConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def built_in(self) -> BuiltInLaw:
-        """Covey's law of that name; beside a law of somebody's own Covey's is computed, and takes
-        over from it.
+        """Covey's law of that name.
+
+        Beside a law of somebody's own, Covey's is computed, and takes over from it.
         """
-        return next((name for name in BUILT_IN if name == self.name), "covey")
+        for name in BUILT_IN:
+            if name == self.name:
+                return name
+        return "covey"
 
     def margin_m(self, lag_s: float) -> float:
         """Margin above the safety distance that a vehicle keeps while estimates are good.

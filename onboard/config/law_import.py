@@ -1,5 +1,4 @@
-"""A law of somebody's own: found by the name that a fleet file gives it, imported, and told apart
-by its source.
+"""A law of somebody's own: found by its name in a fleet file, imported, and told apart by its source.
 
 The protocol is in docs/own-law.md. This code runs with the rights of whoever loads the fleet file.
 """
@@ -23,7 +22,8 @@ from onboard.config.law import BUILT_IN
 from onboard.config.toml_reading import ConfigError
 
 GROUP = "covey.laws"  # of entry points
-# (file, hash) -> what was made of it, once in a process
+
+# (file, hash of its source) -> what was made of it, once in a process
 _modules: dict[tuple[str, str], ModuleType] = {}
 
 
@@ -33,7 +33,7 @@ class OwnLaw(msgspec.Struct, frozen=True):
     name: str  # as the fleet file has it
     source: str  # file of its module
     source_hash: str  # of that file, or of all of its package
-    function: Callable[[Any, Any], Any]
+    function: Callable[[Any, Any], Any]  # law(memory, inputs)
 
 
 def load_own_law(name: str, folders: Sequence[str], path: str) -> OwnLaw:
@@ -51,76 +51,95 @@ def load_own_law(name: str, folders: Sequence[str], path: str) -> OwnLaw:
     """
     where = f"{path}: 'law.name' is {name!r}"
     module_name, _, function_name = _target(name, where).partition(":")
-    files = [os.path.join(os.path.abspath(folder), f"{module_name}.py") for folder in folders]
-    file = next((file for file in files if os.path.isfile(file)), None)
+    file = _file_of(module_name, folders)
+
     # what a law imports may lie beside it; after all installed, so that it hides nothing
     for folder in folders:
         if folder not in sys.path:
             sys.path.append(folder)
+
     try:
-        module = _import_module(module_name) if file is None else _import_file(module_name, file)
+        if file is None:
+            module = _import_module(module_name)
+        else:
+            module = _import_file(module_name, file)
     except ModuleNotFoundError as error:
-        looked = " or ".join(dict.fromkeys(os.path.abspath(folder) for folder in folders))
+        searched = " or ".join(dict.fromkeys(os.path.abspath(folder) for folder in folders))
         remedy = f"Put {module_name}.py there, correct law.name, or install its package."
         if error.name not in (module_name, module_name.partition(".")[0]):
             remedy = f"It imports {error.name}: install that package into the Python of Covey."
         raise ConfigError(
-            f"{where}: the module {module_name} cannot be imported ({error}), neither from {looked} nor as an "
-            f"installed one. {remedy}"
+            f"{where}: the module {module_name} cannot be imported ({error}), neither from "
+            f"{searched} nor as an installed one. {remedy}"
         ) from None
     except (Exception, SystemExit) as error:  # noqa: BLE001 - whatever somebody's module does
         raise ConfigError(
-            f"{where}: the module {module_name} cannot be imported ({type(error).__name__}: {error}). Correct it; "
-            f"try it alone with: python {file or f'-m {module_name}'}"
+            f"{where}: the module {module_name} cannot be imported ({type(error).__name__}: "
+            f"{error}). Correct it; try it alone with: python {file or f'-m {module_name}'}"
         ) from None
+
     function = getattr(module, function_name, None)
     if not callable(function):
-        what = (
-            "has no such name"
-            if function is None
-            else f"has it as {type(function).__name__}, which is no function"
-        )
+        fault = "has no such name"
+        if function is not None:
+            fault = f"has it as {type(function).__name__}, which is no function"
         raise ConfigError(
-            f"{where}: {module_name} {what}. Name a function law(memory, inputs) of that module."
+            f"{where}: {module_name} {fault}. Name a function law(memory, inputs) of that module."
         )
     _check_signature(function, where)
+
     source = str(getattr(module, "__file__", None) or "")
-    return OwnLaw(name, source, _source_hash(source, is_in_package="." in module_name), function)
+    source_hash = _source_hash(source, is_in_package="." in module_name)
+    return OwnLaw(name, source, source_hash, function)
+
+
+def _file_of(module_name: str, folders: Sequence[str]) -> str | None:
+    """Return the file of a module in the first folder that has it."""
+    for folder in folders:
+        file = os.path.join(os.path.abspath(folder), f"{module_name}.py")
+        if os.path.isfile(file):
+            return file
+    return None
 
 
 def _target(name: str, where: str) -> str:
-    """Return module and function of a name."""
-    if (
-        all(part and part.replace(".", "_").isidentifier() for part in name.split(":"))
-        and name.count(":") == 1
-    ):
+    """Return module and function of a name, as ``module:function``."""
+    parts = name.split(":")
+    if len(parts) == 2 and all(part.replace(".", "_").isidentifier() for part in parts):
         return name
+
     known = {entry.name: entry.value for entry in entry_points(group=GROUP)}
     if name in known:
         return known[name]
+
     laws = ", ".join((*BUILT_IN, *sorted(known)))
     raise ConfigError(
-        f"{where}, but there are only {laws}. Name one of these, or a law of your own as module:function "
-        "(docs/own-law.md)."
+        f"{where}, but there are only {laws}. Name one of these, or a law of your own as "
+        "module:function (docs/own-law.md)."
     )
 
 
 def _import_file(name: str, file: str) -> ModuleType:
     """Import a file by itself: another fleet's file of the same name is another module."""
-    key = os.path.realpath(file), _source_hash(file)
-    if key not in _modules:
-        spec = importlib.util.spec_from_file_location(f"{name}_{key[1]}", file)
-        if spec is None or spec.loader is None:
-            raise ImportError(f"{file} is no Python module")
-        module = importlib.util.module_from_spec(spec)
-        sys.modules[module.__name__] = module  # dataclasses look themselves up there
-        try:
-            spec.loader.exec_module(module)
-        except BaseException:
-            del sys.modules[module.__name__]
-            raise
-        _modules[key] = module
-    return _modules[key]
+    source_hash = _source_hash(file)
+    key = (os.path.realpath(file), source_hash)
+    if key in _modules:
+        return _modules[key]
+
+    spec = importlib.util.spec_from_file_location(f"{name}_{source_hash}", file)
+    if spec is None or spec.loader is None:
+        raise ImportError(f"{file} is no Python module")
+    module = importlib.util.module_from_spec(spec)
+
+    sys.modules[module.__name__] = module  # dataclasses look themselves up there
+    try:
+        spec.loader.exec_module(module)
+    except BaseException:
+        del sys.modules[module.__name__]
+        raise
+
+    _modules[key] = module
+    return module
 
 
 def _import_module(name: str) -> ModuleType:
@@ -137,20 +156,27 @@ def _check_signature(function: Callable[..., Any], where: str) -> None:
         signature.bind(None, None)
     except TypeError:
         raise ConfigError(
-            f"{where}, which takes {signature}. A law is called as law(memory, inputs): give it these two arguments."
+            f"{where}, which takes {signature}. A law is called as law(memory, inputs): give it "
+            "these two arguments."
         ) from None
 
 
 def _source_hash(source: str, *, is_in_package: bool = False) -> str:
     """Return the hash of a module's source: of its file, or of all Python files of its package."""
     folder = os.path.dirname(source)
-    files = [source] if source else []
+    files: list[str] = []
     if is_in_package or os.path.basename(source) == "__init__.py":
-        files = sorted(os.path.join(at, name) for at, _, names in os.walk(folder) for name in names)
+        for inner, _, names in os.walk(folder):
+            files += [os.path.join(inner, name) for name in names]
+        files.sort()
+    elif source:
+        files = [source]
+
     digest = hashlib.sha256()
     for file in files:
-        if file.endswith(".py"):
-            with open(file, "rb") as stream:
-                text = stream.read()
-            digest.update(f"{os.path.relpath(file, folder)} {len(text)}\n".encode() + text)
+        if not file.endswith(".py"):
+            continue
+        with open(file, "rb") as stream:
+            text = stream.read()
+        digest.update(f"{os.path.relpath(file, folder)} {len(text)}\n".encode() + text)
     return digest.hexdigest()[:12]

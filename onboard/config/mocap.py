@@ -1,6 +1,4 @@
-"""``[mocap]`` of a fleet file: which motion capture, who reads it, how its frame lies in the
-fleet's.
-"""
+"""``[mocap]`` of a fleet file: which motion capture, who reads it, and how its frame lies."""
 
 from __future__ import annotations
 
@@ -20,6 +18,8 @@ BOUNDS: dict[str, tuple[float, float]] = {
     "latency_s": (0.0, 0.5),
     "max_rate_hz": (20.0, 1000.0),
 }
+
+# Keys that say how a system is read; for poses from the bus they mean nothing.
 _OF_A_SYSTEM = ("type", "hostname", "options", "direct", "up", "yaw_deg", "offset_m")
 
 
@@ -53,35 +53,53 @@ def problems(mocap: MocapConfig, bodies: Mapping[str, str | None]) -> Iterator[s
     Yields:
         a sentence for each mistake.
     """
-    default = MocapConfig()
+    yield from _system_problems(mocap)
+
+    for key, (low, high) in BOUNDS.items():
+        value = getattr(mocap, key)
+        if isinstance(value, tuple):
+            for axis, number in enumerate(value):
+                yield from bound_problems(f"mocap.{key}[{axis}]", number, low, high)
+        else:
+            yield from bound_problems(f"mocap.{key}", value, low, high)
+
+    yield from _body_problems(bodies)
+
+
+def _system_problems(mocap: MocapConfig) -> Iterator[str]:
+    """Yield a sentence about a system that is half described, or described for nothing."""
     if mocap.source == "bus":
+        default = MocapConfig()
         for key in _OF_A_SYSTEM:
             if getattr(mocap, key) != getattr(default, key):
                 yield (
-                    f"'mocap.{key}' is given, but 'mocap.source' is 'bus', where poses come in the fleet's frame "
-                    'already. Set mocap.source = "motioncapture", or remove the key.'
+                    f"'mocap.{key}' is given, but 'mocap.source' is 'bus', where poses come in the "
+                    'fleet\'s frame already. Set mocap.source = "motioncapture", or remove the key.'
                 )
     elif mocap.type is None:
         yield f"'mocap.type' is missing: one of {', '.join(get_args(SystemType))}."
     elif mocap.type != "mock" and not mocap.hostname:
-        yield f"'mocap.hostname' is missing: the name or address of the computer on which {mocap.type} runs."
-    for key, (low, high) in BOUNDS.items():
-        value = getattr(mocap, key)
-        for axis, number in enumerate(value if isinstance(value, tuple) else (value,)):
-            name = f"{key}[{axis}]" if isinstance(value, tuple) else key
-            yield from bound_problems(f"mocap.{name}", number, low, high)
-    owners: dict[str, str] = {}
+        yield (
+            "'mocap.hostname' is missing: the name or address of the computer on which "
+            f"{mocap.type} runs."
+        )
+
+
+def _body_problems(bodies: Mapping[str, str | None]) -> Iterator[str]:
+    """Yield a sentence about each body that is not a vehicle's own, or has no proper name."""
+    owners: dict[str, str] = {}  # body -> vehicle
     for vehicle, body in bodies.items():
         if body is None:
             continue
+
         owner = owners.setdefault(body, vehicle)
         if owner != vehicle:
             yield (
-                f"'vehicles.{vehicle}' and 'vehicles.{owner}' have the same mocap body {body!r} (without mocap_body it "
-                "is the vehicle's name). Give each vehicle its own."
+                f"'vehicles.{vehicle}' and 'vehicles.{owner}' have the same mocap body {body!r} "
+                "(without mocap_body it is the vehicle's name). Give each vehicle its own."
             )
         if not re.fullmatch(BODY_NAME, body):
             yield (
-                f"'vehicles.{vehicle}.mocap_body' is {body!r}; a body has 1 to 60 of A-Z a-z 0-9 _ . : - as its name. "
-                "Rename it in the mocap's software and here."
+                f"'vehicles.{vehicle}.mocap_body' is {body!r}; a body has 1 to 60 of "
+                "A-Z a-z 0-9 _ . : - as its name. Rename it in the mocap's software and here."
             )

@@ -1,6 +1,4 @@
-"""Static obstacles of a fleet file: circles and polygons that stand still, of any height. A leaf,
-like config.
-"""
+"""Static obstacles of a fleet file: circles and polygons that stand still, of any height."""
 
 from __future__ import annotations
 
@@ -9,8 +7,8 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import msgspec
 
-Capsule = tuple[float, float, float, float, float]
-_LARGEST_M = 1e4
+Capsule = tuple[float, float, float, float, float]  # x1, y1, x2, y2, radius [m]: a thick segment
+_LARGEST_M = 1e4  # of a coordinate or a radius
 
 
 class Circle(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -34,32 +32,42 @@ class Obstacle(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         if self.circle is not None:
             x, y = self.circle.center_enu_m
             return ((x, y, x, y, self.circle.radius_m),)
+
         corners = self.polygon_enu_m or ()
         ends = (*corners[1:], *corners[:1])
         return tuple((*begin, *end, 0.0) for begin, end in zip(corners, ends, strict=True))
 
     def distance_m(self, position_enu_m: Sequence[float]) -> float:
-        """Distance from a position to the outline.
+        """Return the distance from a position to the outline.
 
         Args:
             position_enu_m: at least x and y.
         Returns:
             horizontal distance [m]; negative inside.
         """
-        x, y = position_enu_m[0], position_enu_m[1]
-        nearest, is_inside = math.inf, False
-        for x1, y1, x2, y2, radius in self.capsules_enu_m:
+        x = position_enu_m[0]
+        y = position_enu_m[1]
+        nearest_m = math.inf
+        is_inside = False
+
+        for x1, y1, x2, y2, radius_m in self.capsules_enu_m:
+            # nearest point of the segment, as a share of its length
             length_2 = (x2 - x1) ** 2 + (y2 - y1) ** 2
-            share = (
-                ((x - x1) * (x2 - x1) + (y - y1) * (y2 - y1)) / length_2 if length_2 > 0.0 else 0.0
-            )
+            share = 0.0
+            if length_2 > 0.0:
+                share = ((x - x1) * (x2 - x1) + (y - y1) * (y2 - y1)) / length_2
             share = min(1.0, max(0.0, share))
-            nearest = min(
-                nearest, math.hypot(x - x1 - share * (x2 - x1), y - y1 - share * (y2 - y1)) - radius
-            )
-            if (y1 > y) != (y2 > y) and x < x1 + (y - y1) / (y2 - y1) * (x2 - x1):
-                is_inside = not is_inside  # the ray to the east crosses this edge
-        return -nearest if is_inside else nearest
+
+            to_east_m = x - x1 - share * (x2 - x1)
+            to_north_m = y - y1 - share * (y2 - y1)
+            nearest_m = min(nearest_m, math.hypot(to_east_m, to_north_m) - radius_m)
+
+            # a ray to the east leaves a polygon once more often than it enters it
+            crosses_height = (y1 > y) != (y2 > y)
+            if crosses_height and x < x1 + (y - y1) / (y2 - y1) * (x2 - x1):
+                is_inside = not is_inside
+
+        return -nearest_m if is_inside else nearest_m
 
 
 def problems(
@@ -76,27 +84,52 @@ def problems(
     """
     names: set[str] = set()
     for index, obstacle in enumerate(obstacles):
-        key, corners = f"obstacles[{index}]", obstacle.polygon_enu_m
+        key = f"obstacles[{index}]"
         if not obstacle.name or obstacle.name in names:
             yield f"'{key}.name' is {obstacle.name!r}. Give each obstacle a name of its own."
         names.add(obstacle.name)
-        if (obstacle.circle is None) == (corners is None):
-            yield (
-                f"'{key}' ({obstacle.name}) needs exactly one shape. Write either circle = {{ center_enu_m = [x, y], "
-                "radius_m = r } or polygon_enu_m = [[x, y], [x, y], [x, y]]."
-            )
-        elif corners is not None and len(corners) < 3:
-            yield f"'{key}.polygon_enu_m' has {len(corners)} corners; a polygon has at least 3. Add the others."
-        elif obstacle.circle is not None and not 0.0 <= obstacle.circle.radius_m <= _LARGEST_M:
-            yield f"'{key}.circle.radius_m' is {obstacle.circle.radius_m}; it must lie between 0 and {_LARGEST_M:g}."
-        elif not all(
-            abs(value) <= _LARGEST_M for capsule in obstacle.capsules_enu_m for value in capsule
-        ):
-            yield f"'{key}' ({obstacle.name}) has a coordinate beyond {_LARGEST_M:g} m, or not finite. Correct it."
-        else:
-            for vehicle, start in starts_enu_m.items():
-                if (gap := obstacle.distance_m(start)) < clearance_m:
-                    yield (
-                        f"'vehicles.{vehicle}.start_enu_m' is {gap:.2f} m from obstacle '{obstacle.name}'; half a body "
-                        f"and law.obstacle_margin_m need {clearance_m:.2f} m. Move the start."
-                    )
+
+        fault = _shape_fault(obstacle, key)
+        if fault is not None:
+            yield fault
+            continue
+
+        for vehicle, start_enu_m in starts_enu_m.items():
+            distance_m = obstacle.distance_m(start_enu_m)
+            if distance_m < clearance_m:
+                yield (
+                    f"'vehicles.{vehicle}.start_enu_m' is {distance_m:.2f} m from obstacle "
+                    f"'{obstacle.name}'; half a body and law.obstacle_margin_m need "
+                    f"{clearance_m:.2f} m. Move the start."
+                )
+
+
+def _shape_fault(obstacle: Obstacle, key: str) -> str | None:
+    """Return a sentence about an obstacle whose shape is none; None for a shape."""
+    corners = obstacle.polygon_enu_m
+    if (obstacle.circle is None) == (corners is None):
+        return (
+            f"'{key}' ({obstacle.name}) needs exactly one shape. Write either circle = "
+            "{ center_enu_m = [x, y], radius_m = r } or "
+            "polygon_enu_m = [[x, y], [x, y], [x, y]]."
+        )
+
+    if corners is not None and len(corners) < 3:
+        return (
+            f"'{key}.polygon_enu_m' has {len(corners)} corners; a polygon has at least 3. Add the "
+            "others."
+        )
+    if obstacle.circle is not None and not 0.0 <= obstacle.circle.radius_m <= _LARGEST_M:
+        return (
+            f"'{key}.circle.radius_m' is {obstacle.circle.radius_m}; it must lie between 0 and "
+            f"{_LARGEST_M:g}."
+        )
+
+    for capsule in obstacle.capsules_enu_m:
+        for value in capsule:
+            if not abs(value) <= _LARGEST_M:  # not finite, either
+                return (
+                    f"'{key}' ({obstacle.name}) has a coordinate beyond {_LARGEST_M:g} m, or not "
+                    "finite. Correct it."
+                )
+    return None

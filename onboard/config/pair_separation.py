@@ -1,5 +1,6 @@
-"""The separation of a pair, as everything in Covey judges it: law, checks, alarms, verdict,
-console. Pure.
+"""The separation of a pair, as everything in Covey judges it. Pure.
+
+Law, checks, alarms, verdict and console use it.
 
 Vehicles are apart when their horizontal distance is at least ``safety_distance_m``, or their
 heights differ by ``vertical_separation_m``. One number says both: the larger of the horizontal
@@ -25,7 +26,8 @@ def separation_m(
     """Return the separation of two vehicles [m].
 
     Args:
-        one_enu_m, other_enu_m: their positions [m], ENU.
+        one_enu_m: position of the one [m], ENU.
+        other_enu_m: position of the other [m], ENU.
         height_share: what a metre of height counts, ``FleetSection.height_share``.
     """
     horizontal_m = math.dist(one_enu_m[:2], other_enu_m[:2])

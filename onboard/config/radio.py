@@ -1,5 +1,6 @@
-"""``[radio]`` of a fleet file: the one channel that all share, for ``covey check`` and for flights
-in lockstep.
+"""``[radio]`` of a fleet file: the one channel that all share.
+
+``covey check`` and flights in lockstep use it.
 """
 
 from __future__ import annotations
@@ -14,8 +15,8 @@ from onboard.config.toml_reading import bound_problems
 
 _STATES_S = 0.02  # period of the states; fewer of them do not make a fleet wait longer
 _RARE_LOSS = 0.01  # a run of lost messages that is rarer than this is not planned for
-# the age by the defaults; neighbours are silent after 0.25 s more or less
-_USUAL_AGE_S, _MOST_LATENESS_S = 0.08, 0.45
+_USUAL_AGE_S = 0.08  # age of a state by the defaults; neighbours are silent after some 0.25 s
+_MOST_LATENESS_S = 0.45  # neighbours never count as silent later than that much
 
 BOUNDS: dict[str, tuple[float, float]] = {
     "rate_mbit_s": (6.0, 1000.0),
@@ -56,8 +57,9 @@ class RadioConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     expected_loss_frac: float = 0.10
 
     def state_age_s(self, period_s: float) -> float:
-        """Return the age that a neighbour's newest state reaches: the delay, a period, the messages
-        lost in a row.
+        """Return the age that a neighbour's newest state reaches.
+
+        It is the delay, and a period for each state that may be lost in a row.
 
         Args:
             period_s: between two states.
@@ -65,15 +67,16 @@ class RadioConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             age [s] that is exceeded in one of a hundred cases.
         """
         loss = self.expected_loss_frac
-        periods = math.log(_RARE_LOSS) / math.log(loss) if loss > 0.0 else 1.0
+        periods = 1.0
+        if loss > 0.0:  # loss**periods is as rare as _RARE_LOSS
+            periods = math.log(_RARE_LOSS) / math.log(loss)
         return self.expected_delay_s + period_s * max(1, math.ceil(periods - 1e-9))
 
     @property
     def lateness_s(self) -> float:
-        """Time by which a neighbour is silent for longer before it counts as silent: 0 with the
-        defaults.
-        """
-        return min(max(self.state_age_s(_STATES_S) - _USUAL_AGE_S, 0.0), _MOST_LATENESS_S)
+        """Time by which a neighbour counts as silent later than by the defaults; 0 with them."""
+        older_s = self.state_age_s(_STATES_S) - _USUAL_AGE_S
+        return min(max(older_s, 0.0), _MOST_LATENESS_S)
 
 
 def problems(radio: RadioConfig | None) -> Iterator[str]:
@@ -84,5 +87,7 @@ def problems(radio: RadioConfig | None) -> Iterator[str]:
     Yields:
         a sentence for each mistake.
     """
-    for key, (low, high) in BOUNDS.items() if radio is not None else ():
+    if radio is None:
+        return
+    for key, (low, high) in BOUNDS.items():
         yield from bound_problems(f"radio.{key}", getattr(radio, key), low, high)

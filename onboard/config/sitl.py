@@ -6,8 +6,9 @@ import msgspec
 
 
 class SitlProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Values that the control does not know; the defaults are PX4's SIH quadrotor. sitl/README.md
-    explains them.
+    """Values that the control does not know; the defaults are PX4's SIH quadrotor.
+
+    sitl/README.md explains them.
     """
 
     static_gain: float = 1.0  # of the attitude: tilt that is reached of the tilt that is commanded

@@ -1,5 +1,6 @@
-"""TOML files as typed values; everything wrong with one is a ConfigError that names file, key and
-remedy.
+"""TOML files as typed values.
+
+Everything wrong with one is a ConfigError that names file, key and remedy.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ import msgspec
 from onboard.config.config_error import ConfigError as ConfigError
 from onboard.config.example_files import existing_file
 
-SCHEMA = 1
+SCHEMA = 1  # version of the format that is read
 
 
 def read_toml(path: str | os.PathLike[str], kind: str) -> tuple[dict[str, Any], str, str]:
@@ -66,8 +67,9 @@ def check_schema(data: Mapping[str, Any], path: str) -> None:
         ConfigError: another version, or none.
     """
     if data.get("schema") != SCHEMA:
+        schema = data.get("schema", "missing")
         raise ConfigError(
-            f"{path}: schema is {data.get('schema', 'missing')!r}, this version reads schema = {SCHEMA}. "
+            f"{path}: schema is {schema!r}, this version reads schema = {SCHEMA}. "
             f"Put 'schema = {SCHEMA}' on the first line."
         )
 
@@ -88,24 +90,35 @@ def convert(value: Any, kind: Any, path: str, key: str) -> Any:
     try:
         return msgspec.convert(value, kind)
     except msgspec.ValidationError as error:
-        message, _, position = str(error).partition(" - at `")
-        unknown = re.search(r"unknown field `(.+?)`", message)
-        tail = position.rstrip("`").lstrip("$")
-        if unknown:
-            full = f"{key}{tail}.{unknown[1]}"
-            inner = (
-                kind
-                if not tail
-                else next(iter(get_args(kind)), None)
-                if re.fullmatch(r"\[\d+\]", tail)
-                else None
-            )
-            names = ", ".join(getattr(inner, "__struct_fields__", ()))
-            known = f" Known keys here: {names}." if names else ""
-            raise ConfigError(
-                f"{path}: unknown key '{full}'.{known} Remove or correct it."
-            ) from None
-        raise ConfigError(f"{path}: '{key}{tail}': {message}. Correct the value.") from None
+        raise ConfigError(_sentence(str(error), kind, path, key)) from None
+
+
+def _sentence(text: str, kind: Any, path: str, key: str) -> str:
+    """Return a sentence about what msgspec says of a value.
+
+    Its texts end with the position in the value: "... - at `$.circle.radius_m`".
+    """
+    message, _, position = text.partition(" - at `")
+    tail = position.rstrip("`").lstrip("$")
+
+    unknown = re.search(r"unknown field `(.+?)`", message)
+    if unknown is None:
+        return f"{path}: '{key}{tail}': {message}. Correct the value."
+
+    names = ", ".join(_known_keys(kind, tail))
+    known = f" Known keys here: {names}." if names else ""
+    return f"{path}: unknown key '{key}{tail}.{unknown[1]}'.{known} Remove or correct it."
+
+
+def _known_keys(kind: Any, tail: str) -> tuple[str, ...]:
+    """Return the keys of a struct, or of the structs of a list; none for what lies deeper."""
+    if not tail:
+        struct = kind
+    elif re.fullmatch(r"\[\d+\]", tail):
+        struct = next(iter(get_args(kind)), None)
+    else:
+        return ()
+    return getattr(struct, "__struct_fields__", ())
 
 
 def table(value: Any, path: str, key: str) -> dict[str, Any]:

@@ -1,5 +1,7 @@
-"""Checks of a whole fleet file: bounds, names, endpoints, doubles and spacing. A mistake raises
-ConfigError.
+"""Checks of a whole fleet file: bounds, names, endpoints, doubles and spacing.
+
+A mistake raises ConfigError. Each check yields sentences without the name of the file; a check may
+rely on those before it, so only the first sentence counts.
 """
 
 from __future__ import annotations
@@ -26,7 +28,8 @@ from onboard.config.law import LawConfig
 from onboard.config.pair_separation import separation_m
 from onboard.config.toml_reading import ConfigError, bound_problems
 
-FLEET_BOUNDS: dict[str, tuple[float | str, float | str]] = {  # a word names another key
+# Bounds of numbers; a word names another key, whose value is the bound.
+FLEET_BOUNDS: dict[str, tuple[float | str, float | str]] = {
     "safety_distance_m": (0.1, 50.0),
     "vertical_separation_m": (0.04, 50.0),
     "body_diameter_m": (0.02, "safety_distance_m"),
@@ -49,15 +52,20 @@ VEHICLE_BOUNDS: dict[str, tuple[float, float]] = {
     "max_acceleration_m_s2": (0.1, 10.0),
     "system_id": (1, 255),
 }
-# bodies between two heights: a vehicle one body above pushes with 8 % of the weight, one two bodies
-# above with 3 %
+# Bodies between two heights: a vehicle one body above pushes with 8 % of the weight, one two bodies
+# above with 3 %.
 _LEAST_HEIGHT_BODIES = 2.0
+
 _AGENT_ENDPOINT = re.compile(r"(tcp|quic|tls|udp)/[A-Za-z0-9_.:\[\]-]+:\d{1,5}")
-_KEYED = ("quic/", "tls/")
-# of keys beside the vehicles' own
-_NODE_NAMES = ("ground", "viewer", "mocap", "sitl", "router", "ca")
-_WITHOUT_SIGNING = ("1.16", "1.17")
 _AUTOPILOT_ENDPOINT = re.compile(r"(udpin|udpout|serial)://.+")
+_ALL_NETWORKS = re.compile(r"[a-z]+/(0\.0\.0\.0|\[::\]):")
+_KEYED = ("quic/", "tls/")  # begins of endpoints whose links have keys
+
+# Names of keys beside the vehicles' own: common names of certificates, and the certificate
+# authority's file.
+_NODE_NAMES = ("ground", "viewer", "mocap", "sitl", "router", "ca")
+
+_WITHOUT_SIGNING = ("1.16", "1.17")  # versions of PX4 that do not sign MAVLink
 
 
 def check_fleet(config: FleetConfig) -> None:
@@ -73,21 +81,20 @@ def check_fleet(config: FleetConfig) -> None:
 
 
 def _problems(config: FleetConfig) -> Iterator[str]:
-    """Sentences about the mistakes; a check may rely on those before it, so only the first sentence
-    counts.
-    """
     yield from _fleet_section_problems(config)
     yield from _law_problems(config)
     for vehicle in config.vehicles.values():
         yield from _vehicle_problems(config, vehicle)
     yield from _double_problems(config)
-    yield from mocap_config.problems(
-        config.mocap, {name: v.body for name, v in config.vehicles.items()}
-    )
+
+    bodies = {name: vehicle.body for name, vehicle in config.vehicles.items()}
+    yield from mocap_config.problems(config.mocap, bodies)
     yield from radio_config.problems(config.radio)
+
     clearance_m = 0.5 * config.fleet.body_diameter_m + config.law.obstacle_margin_m
-    starts = {name: vehicle.start_enu_m for name, vehicle in config.vehicles.items()}
-    yield from obstacles.problems(config.obstacles, starts, clearance_m)
+    starts_enu_m = {name: vehicle.start_enu_m for name, vehicle in config.vehicles.items()}
+    yield from obstacles.problems(config.obstacles, starts_enu_m, clearance_m)
+
     yield from _start_problems(config)
     yield from _formation_problems(config)
     yield from _bus_problems(config)
@@ -96,35 +103,52 @@ def _problems(config: FleetConfig) -> Iterator[str]:
 def _fleet_section_problems(config: FleetConfig) -> Iterator[str]:
     fleet = config.fleet
     if not re.fullmatch(r"[A-Za-z0-9_-]{1,40}", fleet.name):
-        yield f"'fleet.name' is {fleet.name!r}; it is part of the bus keys. Use 1 to 40 of A-Z a-z 0-9 _ -."
+        yield (
+            f"'fleet.name' is {fleet.name!r}; it is part of the bus keys. "
+            "Use 1 to 40 of A-Z a-z 0-9 _ -."
+        )
     yield from folders.keys_problems(fleet.keys)
     if not config.vehicles:
         yield "'vehicles' is empty. Add at least one [vehicles.NAME]."
-    for key, ends in FLEET_BOUNDS.items():
-        low, high = (getattr(fleet, end) if isinstance(end, str) else end for end in ends)
+
+    for key, (lowest, highest) in FLEET_BOUNDS.items():
         value = getattr(fleet, key)
-        yield from () if value is None else bound_problems(f"fleet.{key}", value, low, high)
+        if value is not None:
+            low = _bound(fleet, lowest)
+            high = _bound(fleet, highest)
+            yield from bound_problems(f"fleet.{key}", value, low, high)
+
     yield from _vertical_problems(fleet, config.law)
+
     for axis in ("x", "y", "z"):
         low, high = getattr(fleet.geofence_m, axis)
         if not (math.isfinite(low) and math.isfinite(high) and low < high):
             yield f"'fleet.geofence_m.{axis}' is [{low}, {high}]; give [low, high] with low < high."
 
 
+def _bound(fleet: FleetSection, bound: float | str) -> float:
+    """Return a bound, which may be the value of another key."""
+    if isinstance(bound, str):
+        return float(getattr(fleet, bound))
+    return bound
+
+
 def _vertical_problems(fleet: FleetSection, law: LawConfig) -> Iterator[str]:
     if fleet.vertical_separation_m is None:
         return
+
     least_m = _LEAST_HEIGHT_BODIES * fleet.body_diameter_m
     if fleet.vertical_separation_m < least_m:
         yield (
-            f"'fleet.vertical_separation_m' is {fleet.vertical_separation_m:g} m; a vehicle of fleet.body_diameter_m = "
-            f"{fleet.body_diameter_m:g} m blows down on whoever flies less than {least_m:g} m below it: a body's "
-            "height, and the reach of its downwash. Write that or more, or remove the key."
+            f"'fleet.vertical_separation_m' is {fleet.vertical_separation_m:g} m; a vehicle of "
+            f"fleet.body_diameter_m = {fleet.body_diameter_m:g} m blows down on whoever flies less "
+            f"than {least_m:g} m below it: a body's height, and the reach of its downwash. Write "
+            "that or more, or remove the key."
         )
     if law.built_in == "paper":
         yield (
-            "'fleet.vertical_separation_m' is given, and 'law.name' is 'paper', which knows no heights. Remove "
-            "vertical_separation_m, or fly law.name = 'covey'."
+            "'fleet.vertical_separation_m' is given, and 'law.name' is 'paper', which knows no "
+            "heights. Remove vertical_separation_m, or fly law.name = 'covey'."
         )
 
 
@@ -133,27 +157,43 @@ def _bus_problems(config: FleetConfig) -> Iterator[str]:
         f"vehicles.{name}.agent": vehicle.agent for name, vehicle in config.vehicles.items()
     }
     endpoints["fleet.simulator"] = config.simulator_endpoint
-    endpoints |= {
-        f"fleet.routers[{number}]": endpoint for number, endpoint in enumerate(config.fleet.routers)
-    }
-    owners: dict[str, str] = {}
+    for number, endpoint in enumerate(config.fleet.routers):
+        endpoints[f"fleet.routers[{number}]"] = endpoint
+
+    owners: dict[str, str] = {}  # address and port -> key
     for key, endpoint in endpoints.items():
         if not _AGENT_ENDPOINT.fullmatch(endpoint):
             yield f"'{key}' is {endpoint!r}; write it as quic/10.0.0.5:7447."
-        place = endpoint.partition("/")[2]
-        if owners.setdefault(place, key) != key:
-            yield f"'{key}' and '{owners[place]}' are both at {place}. Only one can listen there: change one of them."
-        if re.match(r"[a-z]+/(0\.0\.0\.0|\[::\]):", endpoint):
+
+        address = endpoint.partition("/")[2]
+        owner = owners.setdefault(address, key)
+        if owner != key:
             yield (
-                f"'{key}' is {endpoint!r}. The others connect to this address: name the one at which they reach this "
-                "computer. With all networks at once nodes find each other one by one, in minutes."
+                f"'{key}' and '{owner}' are both at {address}. Only one can listen there: change "
+                "one of them."
             )
-    keyed = {key for key, endpoint in endpoints.items() if endpoint.startswith(_KEYED)}
-    if keyed and len(keyed) < len(endpoints):
-        open_ones = ", ".join(f"'{key}'" for key in endpoints if key not in keyed)
-        yield f"{open_ones} is without keys (tcp/ or udp/) among endpoints with keys. Use quic/ for all, or for none."
-    if keyed and (clash := sorted(set(_NODE_NAMES) & config.vehicles.keys())):
-        yield f"A vehicle is named '{clash[0]}', which is the name of another node's key. Give it another name."
+        if _ALL_NETWORKS.match(endpoint):
+            yield (
+                f"'{key}' is {endpoint!r}. The others connect to this address: name the one at "
+                "which they reach this computer. With all networks at once nodes find each other "
+                "one by one, in minutes."
+            )
+
+    without_keys = [key for key, endpoint in endpoints.items() if not endpoint.startswith(_KEYED)]
+    if len(without_keys) == len(endpoints):
+        return
+    if without_keys:
+        names = ", ".join(f"'{key}'" for key in without_keys)
+        yield (
+            f"{names} is without keys (tcp/ or udp/) among endpoints with keys. Use quic/ for all, "
+            "or for none."
+        )
+    clashes = sorted(set(_NODE_NAMES) & config.vehicles.keys())
+    if clashes:
+        yield (
+            f"A vehicle is named '{clashes[0]}', which is the name of another node's key. Give it "
+            "another name."
+        )
 
 
 def law_bounds(key: str) -> tuple[float, float]:
@@ -164,7 +204,8 @@ def law_bounds(key: str) -> tuple[float, float]:
     Returns:
         least and largest value.
     """
-    return (0.0 if "margin" in key or "gain" in key else 1e-3, 100.0)
+    may_be_zero = "margin" in key or "gain" in key
+    return (0.0 if may_be_zero else 1e-3, 100.0)
 
 
 def _law_problems(config: FleetConfig) -> Iterator[str]:
@@ -174,11 +215,14 @@ def _law_problems(config: FleetConfig) -> Iterator[str]:
         value = getattr(law, key)
         if isinstance(value, (int, float)) and not isinstance(value, bool):
             yield from bound_problems(f"law.{key}", value, *law_bounds(key))
-    if law.built_in == "paper" and len(config.enabled_names) > 3 and not law.paper_force_ring:
+
+    is_large = len(config.enabled_names) > 3
+    if law.built_in == "paper" and is_large and not law.paper_force_ring:
         yield (
-            f"'law.name' is 'paper' for {len(config.enabled_names)} vehicles. In the paper's ring each vehicle "
-            "avoids only the next one, so with more than 3 some pairs do not avoid each other. Use law.name = 'covey', "
-            "or set law.paper_force_ring = true to fly it all the same, in simulation."
+            f"'law.name' is 'paper' for {len(config.enabled_names)} vehicles. In the paper's ring "
+            "each vehicle avoids only the next one, so with more than 3 some pairs do not avoid "
+            "each other. Use law.name = 'covey', or set law.paper_force_ring = true to fly it all "
+            "the same, in simulation."
         )
 
 
@@ -186,64 +230,78 @@ def _vehicle_problems(config: FleetConfig, vehicle: Vehicle) -> Iterator[str]:
     name = vehicle.name
     for key, (low, high) in VEHICLE_BOUNDS.items():
         value = getattr(vehicle, key)
-        yield from (
-            () if value is None else bound_problems(f"vehicles.{name}.{key}", value, low, high)
-        )
+        if value is not None:
+            yield from bound_problems(f"vehicles.{name}.{key}", value, low, high)
+
     for key, (low, high) in sitl_profile.BOUNDS.items():
         value = getattr(vehicle.sitl, key)
-        for number in value if isinstance(value, tuple) else (value,):
+        numbers = value if isinstance(value, tuple) else (value,)
+        for number in numbers:
             yield from bound_problems(f"vehicles.{name}.sitl.{key}", number, low, high)
+
     if not _AGENT_ENDPOINT.fullmatch(vehicle.agent):
         yield f"'vehicles.{name}.agent' is {vehicle.agent!r}; write it as tcp/127.0.0.1:7460."
     if not _AUTOPILOT_ENDPOINT.fullmatch(vehicle.autopilot):
-        yield f"'vehicles.{name}.autopilot' is {vehicle.autopilot!r}; write it as udpin://127.0.0.1:14540."
+        yield (
+            f"'vehicles.{name}.autopilot' is {vehicle.autopilot!r}; write it as "
+            "udpin://127.0.0.1:14540."
+        )
     if vehicle.mavlink_signing and vehicle.px4_version in _WITHOUT_SIGNING:
         yield (
-            f"'vehicles.{name}.mavlink_signing' is true, but PX4 v{vehicle.px4_version} ('px4_version') can neither "
-            'sign nor check. Fly v1.18 and write px4_version = "1.18", or remove mavlink_signing.'
+            f"'vehicles.{name}.mavlink_signing' is true, but PX4 v{vehicle.px4_version} "
+            "('px4_version') can neither sign nor check. Fly v1.18 and write "
+            'px4_version = "1.18", or remove mavlink_signing.'
         )
+
     if not all(math.isfinite(value) for value in vehicle.start_enu_m):
         yield f"'vehicles.{name}.start_enu_m' must be three finite numbers in metres."
     if not config.fleet.geofence_m.contains(vehicle.start_enu_m):
         yield (
-            f"'vehicles.{name}.start_enu_m' {list(vehicle.start_enu_m)} lies outside fleet.geofence_m. "
-            "Move the start or widen the fence."
+            f"'vehicles.{name}.start_enu_m' {list(vehicle.start_enu_m)} lies outside "
+            "fleet.geofence_m. Move the start or widen the fence."
         )
 
 
 def _double_problems(config: FleetConfig) -> Iterator[str]:
-    owners: dict[tuple[str, Any, str], str] = {}
+    """Yield a sentence about each value that only one vehicle can have, and two do."""
+    owners: dict[tuple[str, Any, str], str] = {}  # key, value and computer -> vehicle
     for name, vehicle in config.vehicles.items():
         for key in ("system_id", "agent", "autopilot", "direct", "mocap_body"):
             value = getattr(vehicle, key)
             if value is None:
                 continue
+
             # a port of a companion is its own: each has its /dev/ttyAMA0
             is_of_the_host = key == "autopilot" and not value.startswith("udpout://")
-            other = owners.setdefault((key, value, vehicle.host if is_of_the_host else ""), name)
-            if other != name:
+            host = vehicle.host if is_of_the_host else ""
+            owner = owners.setdefault((key, value, host), name)
+            if owner != name:
+                where = f", on the same computer, {host}" if is_of_the_host else ""
                 yield (
-                    f"'vehicles.{name}.{key}' is {value!r}, which 'vehicles.{other}.{key}' has too"
-                    f"{f', on the same computer, {vehicle.host}' if is_of_the_host else ''}. Give each vehicle its own."
+                    f"'vehicles.{name}.{key}' is {value!r}, which 'vehicles.{owner}.{key}' has too"
+                    f"{where}. Give each vehicle its own."
                 )
 
 
 def _start_problems(config: FleetConfig) -> Iterator[str]:
-    fleet = config.fleet
+    safety_m = config.fleet.safety_distance_m
     for first, second in itertools.combinations(config.enabled_names, 2):
-        spacing = math.dist(
-            config.vehicles[first].start_enu_m[:2], config.vehicles[second].start_enu_m[:2]
-        )
-        if spacing < fleet.safety_distance_m:
+        first_enu_m = config.vehicles[first].start_enu_m
+        second_enu_m = config.vehicles[second].start_enu_m
+        spacing_m = math.dist(first_enu_m[:2], second_enu_m[:2])
+        if spacing_m < safety_m:
             yield (
-                f"'vehicles.{first}.start_enu_m' and 'vehicles.{second}.start_enu_m' are {spacing:.2f} m "
-                f"apart; at least fleet.safety_distance_m = {fleet.safety_distance_m:.2f} m is needed. Move them apart."
+                f"'vehicles.{first}.start_enu_m' and 'vehicles.{second}.start_enu_m' are "
+                f"{spacing_m:.2f} m apart; at least fleet.safety_distance_m = {safety_m:.2f} m is "
+                "needed. Move them apart."
             )
 
 
 def _formation_problems(config: FleetConfig) -> Iterator[str]:
     yield from formation_shape.problems(config.shapes)
-    parking, above = parking_distance_m(config), above_words(config)
+
+    parking_m = parking_distance_m(config)
+    above = above_words(config)
     for formation, slots in config.formations.items():
         for name in slots:
             if name not in config.vehicles:
@@ -251,10 +309,12 @@ def _formation_problems(config: FleetConfig) -> Iterator[str]:
                     f"'formations.{formation}.{name}' names no vehicle of this fleet "
                     f"({', '.join(config.vehicles)}). Correct the name."
                 )
+
         for first, second in itertools.combinations(slots, 2):
-            spacing = separation_m(slots[first], slots[second], parking_height_share(config))
-            if spacing < parking:
+            spacing_m = separation_m(slots[first], slots[second], parking_height_share(config))
+            if spacing_m < parking_m:
                 yield (
-                    f"slots 'formations.{formation}.{first}' and '.{second}' are {spacing:.2f} m apart; the "
-                    f"law '{config.law.name}' can park vehicles at {parking:.2f} m or more{above}. Spread the slots."
+                    f"slots 'formations.{formation}.{first}' and '.{second}' are {spacing_m:.2f} m "
+                    f"apart; the law '{config.law.name}' can park vehicles at {parking_m:.2f} m or "
+                    f"more{above}. Spread the slots."
                 )

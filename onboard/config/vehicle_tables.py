@@ -9,6 +9,7 @@ from onboard.config.fleet_config import PX4_VERSIONS, Vehicle
 from onboard.config.sitl import SitlProfile
 from onboard.config.toml_reading import ConfigError, convert
 
+# Keys that stand in a vehicle's own table only, not in its type's or in the defaults.
 _VEHICLE_ONLY = {
     "system_id",
     "start_enu_m",
@@ -18,7 +19,9 @@ _VEHICLE_ONLY = {
     "mocap_body",
     "emulated",
 }
-_DERIVED = {"name", "index"}
+_REQUIRED = ("system_id", "start_enu_m", "agent", "autopilot")
+_DERIVED = {"name", "index"}  # fields of a vehicle that are no keys
+_MERGED = ("px4_params", "sitl")  # tables whose own keys are merged one by one
 
 
 def vehicle_from_tables(
@@ -46,8 +49,10 @@ def vehicle_from_tables(
     key = f"vehicles.{name}"
     if not re.fullmatch(r"[A-Za-z0-9_-]{1,40}", name):
         raise ConfigError(
-            f"{path}: '{key}': a name has 1 to 40 of the characters A-Z a-z 0-9 _ -. Rename the vehicle."
+            f"{path}: '{key}': a name has 1 to 40 of the characters A-Z a-z 0-9 _ -. Rename the "
+            "vehicle."
         )
+
     type_name = own.get("type", defaults.get("type", ""))
     if type_name and type_name not in types:
         raise ConfigError(
@@ -55,36 +60,46 @@ def vehicle_from_tables(
             f"Types of this file: {', '.join(types) or 'none'}."
         )
     type_table = types.get(type_name, {})
+
     known = set(Vehicle.__struct_fields__) - _DERIVED
-    for prefix, table, allowed in (
-        ("defaults", defaults, known - _VEHICLE_ONLY),
-        (f"types.{type_name}", type_table, known - _VEHICLE_ONLY - {"type"}),
-        (key, own, known),
-    ):
-        for entry in table:
-            if entry not in allowed:
-                raise ConfigError(
-                    f"{path}: unknown key '{prefix}.{entry}'. Known keys here: {', '.join(sorted(allowed))}."
-                )
-    for entry in ("system_id", "start_enu_m", "agent", "autopilot"):
+    shared = known - _VEHICLE_ONLY
+    _check_keys(defaults, "defaults", shared, path)
+    _check_keys(type_table, f"types.{type_name}", shared - {"type"}, path)
+    _check_keys(own, key, known, path)
+
+    for entry in _REQUIRED:
         if entry not in own:
             raise ConfigError(
                 f"{path}: '{key}.{entry}' is missing. Every vehicle needs one of its own."
             )
+
     merged: dict[str, Any] = {"type": type_name}
     for table in (defaults, type_table, own):
         for entry, value in table.items():
-            nested = entry in ("px4_params", "sitl") and isinstance(value, dict)
-            merged[entry] = {**merged.get(entry, {}), **value} if nested else value
+            if entry in _MERGED and isinstance(value, dict):
+                merged[entry] = {**merged.get(entry, {}), **value}
+            else:
+                merged[entry] = value
+
     _check_px4_version(merged.get("px4_version", PX4_VERSIONS[0]), f"{path}: '{key}.px4_version'")
-    # names the keys that are known there
+    # by itself first, because its sentence then names the keys that are known there
     convert(merged.get("sitl", {}), SitlProfile, path, f"{key}.sitl")
     return convert({**merged, "name": name, "index": index}, Vehicle, path, key)  # type: ignore[no-any-return]
+
+
+def _check_keys(table: dict[str, Any], prefix: str, allowed: set[str], path: str) -> None:
+    for entry in table:
+        if entry not in allowed:
+            raise ConfigError(
+                f"{path}: unknown key '{prefix}.{entry}'. "
+                f"Known keys here: {', '.join(sorted(allowed))}."
+            )
 
 
 def _check_px4_version(version: object, where: str) -> None:
     if version not in PX4_VERSIONS:
         known = ", ".join(f'"{each}"' for each in PX4_VERSIONS)
         raise ConfigError(
-            f"{where} is {version!r}. Write one of {known}, in quotes; for another PX4 the nearest one."
+            f"{where} is {version!r}. Write one of {known}, in quotes; for another PX4 the nearest "
+            "one."
         )
