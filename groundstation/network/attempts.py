@@ -1,7 +1,11 @@
-"""The tries of covey check attack: each is one way in, and says whether it got in.
+"""The attempts of an attack: each is one way into a fleet, and says whether it got in.
 
-A try runs twice: against a copy of the fleet with keys, and against one without any, where it has
-to get in. Otherwise that it was stopped would prove nothing.
+An attempt runs twice: against a copy of the fleet with keys, and against one without any, where it
+has to get in. Otherwise it would prove nothing about the keys that it was stopped.
+
+Some attempts publish or order, and look at what arrives. What arrives is counted at a spare vehicle
+(:func:`spare_vehicle`), which nobody flies. Other attempts only disturb: floods, junk, lies. They got
+in when the fleet does not fly on, or when two vehicles came closer than the safety distance.
 """
 
 from __future__ import annotations
@@ -18,7 +22,6 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any
 
 from msgspec.structs import replace
 
@@ -48,25 +51,37 @@ from onboard.bus.topics import TOPICS, Delivery, Topic
 from onboard.security.credentials import credentials_of
 from onboard.security.node_roles import GRANTS, NodeRole
 
-OUTSIDERS = (NOBODY, FOREIGN, EXPIRED)
+OUTSIDERS = (NOBODY, FOREIGN, EXPIRED)  # they have no key of this fleet that is good
+
+_UNKNOWN_NODE = "stranger"  # name of a node that no fleet file has
+_AUTHOR = "intruder"  # of the orders of an attempt
+
+# Topics that are published; the others are asked.
 _SAMPLES = tuple(
     topic for topic, spec in TOPICS.items() if spec.delivery in (Delivery.LATEST, Delivery.RELIABLE)
 )
-# no message of any other topic: counted, never used
-_PROBE = Light(vehicle="intruder", stamp_ns=0, colour=(1, 2, 3))
-_ARRIVAL_S, _EFFECT_S = 1.0, 2.5
-_FLOOD_HZ, _BURST = 10_000, 100
+# A light is no message of any other topic: a receiver counts it, and never uses it.
+_PROBE = Light(vehicle=_AUTHOR, stamp_ns=0, colour=(1, 2, 3))
+
+_ARRIVAL_S = 1.0  # in which something published arrives, if it may
+_EFFECT_S = 2.5  # in which an effect is seen, or a disturbed fleet flies on
+_PERIOD_S = 0.05  # of what is published or sent again and again
+
+_FLOOD_HZ = 10_000
+_FLOOD_BURST = 100  # messages between two looks at the clock
+_GROUND_SYSTEM_ID = 255  # of a ground station in MAVLink
 
 
 @dataclass(slots=True)
 class AttackContext:
-    """One flying copy of the fleet, and what its tries need."""
+    """One flying copy of the fleet, and what its attempts need."""
 
     flight: CopyFlight
     intruders: Intruders
-    is_long: bool
-    arrived: set[tuple[Topic, str]] = field(default_factory=set)  # at the spare vehicle
-    # authors of those that arrived at the spare vehicle
+    is_long: bool  # floods and bad frames for minutes instead of seconds
+    # topic and name of all that arrived at the spare vehicle
+    arrived: set[tuple[Topic, str]] = field(default_factory=set)
+    # authors of the orders that arrived at the spare vehicle
     orders: list[str] = field(default_factory=list)
 
     @property
@@ -81,25 +96,39 @@ class AttackContext:
             raise NoProofError(f"{name} is not heard")
         return last
 
+    def duration_s(self, short_s: float, long_s: float) -> float:
+        """Return how long something is done, in a short or a long attack."""
+        return long_s if self.is_long else short_s
+
     @contextmanager
-    def joined(self, who: str, node_name: str, *vehicles: str) -> Iterator[BusSession]:
-        """Open an intruder's node that is connected; from outside one only tries, where there are
-        keys.
+    def joined(self, identity: str, node_name: str, *vehicles: str) -> Iterator[BusSession]:
+        """Open a node of an intruder, connected to some vehicles.
+
+        Outsiders of a fleet with keys go on without a connection: they only try.
+
+        Args:
+            identity: one of OUTSIDERS, a role, or a vehicle whose key was taken.
+            node_name: name of the node on the bus.
+            vehicles: to connect to.
+
+        Raises:
+            NoProofError: somebody who should be connected is not.
         """
-        with self.intruders.node(who, node_name, *vehicles) as node:
-            is_in = is_connected(node)
-            if not is_in and not (self.has_keys and who in OUTSIDERS):
-                raise NoProofError(f"{who} was not connected")
+        with self.intruders.node(identity, node_name, *vehicles) as node:
+            may_be_refused = self.has_keys and identity in OUTSIDERS
+            if not is_connected(node) and not may_be_refused:
+                raise NoProofError(f"{identity} was not connected")
             yield node
 
     def is_disturbed(self) -> bool:
         """Whether the fleet does not fly on, or came too close."""
-        limit_m = self.flight.fleet.fleet.safety_distance_m
-        return not until(self.flight.is_flying, _EFFECT_S) or self.flight.separation_m < limit_m
+        if not until(self.flight.is_flying, _EFFECT_S):
+            return True
+        return self.flight.separation_m < self.flight.fleet.fleet.safety_distance_m
 
 
 class NoProofError(Exception):
-    """A try could not be made, so that whether it got in says nothing."""
+    """An attempt could not be made, so that whether it got in says nothing."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,144 +136,194 @@ class Attempt:
     """One way in."""
 
     name: str
-    gets_in: Callable[[AttackContext], bool]
-    is_stopped_without_keys: bool = False  # by something else than keys: it proves nothing of them
+    gets_in: Callable[[AttackContext], bool]  # makes the attempt
+    # Something else than keys stops it: on a copy without keys it proves nothing.
+    is_stopped_without_keys: bool = False
 
 
 def spare_vehicle(context: AttackContext) -> BusSession:
-    """Return the node of the vehicle that nobody flies, opened: it keeps what arrives."""
+    """Return the opened node of the vehicle that nobody flies; it keeps what arrives."""
     fleet = context.flight.fleet
-    credentials = credentials_of(fleet, SPARE)
-    endpoint = fleet.vehicles[SPARE].agent
     node = BusSession(
-        namespace=fleet.namespace, node=SPARE, listen=[endpoint], credentials=credentials
+        namespace=fleet.namespace,
+        node=SPARE,
+        listen=[fleet.vehicles[SPARE].agent],
+        credentials=credentials_of(fleet, SPARE),
     )
     node.start()
 
-    def keep(topic: Topic, name: str, _message: Message | Malformed) -> None:
+    def keep_sample(topic: Topic, name: str, _message: Message | Malformed) -> None:
         context.arrived.add((topic, name))
 
-    def take(order: object, _reply: object) -> None:
+    def keep_order(order: object, _reply: object) -> None:
         context.orders.append(order.author if isinstance(order, Order) else "")
 
     for topic in _SAMPLES:
-        node.subscribe(topic, "*", keep)
-    node.serve_orders(SPARE, take)
+        node.subscribe(topic, "*", keep_sample)
+    node.serve_orders(SPARE, keep_order)
     return node
 
 
 def attempts(names: Sequence[str]) -> Iterator[Attempt]:
-    """Yield all tries against a fleet of these vehicles; those that may end a flight come last."""
-    first, last = names[0], names[-1]
-    for who in OUTSIDERS:
+    """Yield all attempts against a fleet of these vehicles.
+
+    The key of the last vehicle is taken. Attempts that may end a flight come last.
+    """
+    first = names[0]
+    last = names[-1]
+    yield from _attempts_with_keys(first, last)
+    yield from _attempts_to_disturb(first, last)
+
+
+def _attempts_with_keys(first: str, last: str) -> Iterator[Attempt]:
+    """Yield what only keys and roles stop."""
+    for outsider in OUTSIDERS:
         yield Attempt(
-            f"{who}: orders hold", partial(_orders, who=who, node_name="stranger", vehicle=first)
+            f"{outsider}: orders hold",
+            partial(_orders, identity=outsider, node_name=_UNKNOWN_NODE, vehicle=first),
         )
-        yield Attempt(f"{who}: publishes a vehicle's state", partial(_publishes, who=who))
-        yield Attempt(f"{who}: reads states", partial(_reads, who=who, vehicle=first))
+        yield Attempt(
+            f"{outsider}: publishes a vehicle's state", partial(_publishes, identity=outsider)
+        )
+        yield Attempt(
+            f"{outsider}: reads states", partial(_reads, identity=outsider, vehicle=first)
+        )
+
     for role in (NodeRole.VIEWER, NodeRole.MOCAP, NodeRole.EMULATOR):
-        name = f"a {role.value}'s key: orders hold"
-        yield Attempt(name, partial(_orders, who=role, node_name=NODES[role], vehicle=first))
+        yield Attempt(
+            f"a {role.value}'s key: orders hold",
+            partial(_orders, identity=role, node_name=NODES[role], vehicle=first),
+        )
     yield Attempt(
-        f"{last}'s key: orders hold", partial(_orders, who=last, node_name=last, vehicle=first)
+        f"{last}'s key: orders hold",
+        partial(_orders, identity=last, node_name=last, vehicle=first),
     )
-    for who in (last, *NODES):
-        yield Attempt(f"{who}'s key: publishes what its role may not", partial(_table, who=who))
+
+    for identity in (last, *NODES):
+        yield Attempt(
+            f"{identity}'s key: publishes what its role may not",
+            partial(_exceeds_role, identity=identity),
+        )
     yield Attempt("a recorded order, sent again", partial(_replays, vehicle=first))
+
+
+def _attempts_to_disturb(first: str, last: str) -> Iterator[Attempt]:
+    """Yield what is stopped by something else than keys."""
     for name, gets_in in (
         (
             f"{last}'s key: {first}'s telemetry under its own name",
-            partial(_other_inside, who=last, other=first),
+            partial(_names_another, identity=last, other=first),
         ),
         ("a viewer's key: 10,000 messages a second", _floods),
-        (f"{last}'s key: frames that are no messages", partial(_malformed, who=last)),
-        ("bytes at the agents' ports", _noise),
+        (
+            f"{last}'s key: frames that are no messages",
+            partial(_sends_malformed, identity=last),
+        ),
+        ("bytes at the agents' ports", _sends_noise),
         ("a viewer that stops reading", _stops_reading),
-        ("MAVLink: junk at the agent's port", partial(_junk, vehicle=first)),
-        ("MAVLink: another system says disarmed", partial(_plays_px4, vehicle=first, other=17)),
+        ("MAVLink: junk at the agent's port", partial(_sends_mavlink_junk, vehicle=first)),
+        (
+            "MAVLink: another system says disarmed",
+            partial(_plays_px4, vehicle=first, id_offset=17),
+        ),
         (
             "MAVLink: PX4's own id from elsewhere says disarmed",
-            partial(_plays_px4, vehicle=first, other=0),
+            partial(_plays_px4, vehicle=first, id_offset=0),
         ),
-        ("MAVLink: SETUP_SIGNING in flight", partial(_signing, vehicle=first)),
-        # the last: whoever finds a liar where it is itself lands, since the two may have touched
-        (f"{last}'s key: forged states of itself", partial(_lies, who=last)),
+        ("MAVLink: SETUP_SIGNING in flight", partial(_sets_signing_key, vehicle=first)),
+        # This one is the last: a vehicle that is said to be where another one is makes that one
+        # land, since the two may have touched.
+        (f"{last}'s key: forged states of itself", partial(_lies, identity=last)),
     ):
         yield Attempt(name, gets_in, is_stopped_without_keys=True)
 
 
-def _orders(context: AttackContext, who: str, node_name: str, vehicle: str) -> bool:
-    with context.joined(who, node_name, vehicle) as node:
-        return is_obeyed(node, vehicle, order_of(node, "hold", context.telemetry(vehicle)))
+def _orders(context: AttackContext, identity: str, node_name: str, vehicle: str) -> bool:
+    with context.joined(identity, node_name, vehicle) as node:
+        order = order_of(node, "hold", context.telemetry(vehicle))
+        return is_obeyed(node, vehicle, order)
 
 
-def _publishes(context: AttackContext, who: str) -> bool:
-    with context.joined(who, "stranger", SPARE) as node:
-        return bool(_told(context, node, [(Topic.STATE, "attacked")]))
+def _publishes(context: AttackContext, identity: str) -> bool:
+    with context.joined(identity, _UNKNOWN_NODE, SPARE) as node:
+        return bool(_arrivals(context, node, [(Topic.STATE, "attacked")]))
 
 
-def _told(
+def _arrivals(
     context: AttackContext, node: BusSession, keys: Sequence[tuple[Topic, str]]
 ) -> set[tuple[Topic, str]]:
     """Publish on some keys for a while; return those that arrived at the spare vehicle."""
     context.arrived.difference_update(keys)
+
     end_s = time.monotonic() + _ARRIVAL_S
     while time.monotonic() < end_s:
         for topic, name in keys:
             node.publish(topic, name, _PROBE)
-        time.sleep(0.05)
+        time.sleep(_PERIOD_S)
     return context.arrived.intersection(keys)
 
 
-def _reads(context: AttackContext, who: str, vehicle: str) -> bool:
-    heard: list[str] = []
-    with context.joined(who, "stranger", vehicle) as node:
-        node.subscribe(Topic.STATE, "*", lambda _topic, name, _message: heard.append(name))
-        return until(lambda: bool(heard), 2.0 * _ARRIVAL_S)
+def _reads(context: AttackContext, identity: str, vehicle: str) -> bool:
+    senders: list[str] = []
+
+    def keep(_topic: Topic, name: str, _message: Message | Malformed) -> None:
+        senders.append(name)
+
+    with context.joined(identity, _UNKNOWN_NODE, vehicle) as node:
+        node.subscribe(Topic.STATE, "*", keep)
+        return until(lambda: bool(senders), 2.0 * _ARRIVAL_S)
 
 
-def _table(context: AttackContext, who: str) -> bool:
-    """Attempt every topic under the own name and others' names; only what the table of roles grants may
-    arrive.
+def _exceeds_role(context: AttackContext, identity: str) -> bool:
+    """Publish every topic under the own name and another one, and order; see what arrives.
+
+    Only what the table of roles grants may arrive.
     """
-    role = NodeRole(who) if who in set(NodeRole) else NodeRole.VEHICLE
-    own = NODES.get(role, who)
-    grant = GRANTS[role]
-    with context.joined(who, own, SPARE) as node:
-        arrived = _told(
-            context, node, [(topic, name) for topic in _SAMPLES for name in (own, "attacked")]
-        )
+    role = NodeRole(identity) if identity in set(NodeRole) else NodeRole.VEHICLE
+    own_name = NODES.get(role, identity)
+    names = (own_name, "attacked")
+
+    with context.joined(identity, own_name, SPARE) as node:
+        keys = [(topic, name) for topic in _SAMPLES for name in names]
+        arrived = _arrivals(context, node, keys)
         is_obeyed(node, SPARE, order_of(node, "land"), _ARRIVAL_S)
-    granted = {
-        (topic, name)
-        for topic, patterns in grant.publishes.items()
-        for pattern in patterns
-        for name in (own, "attacked")
-        if fnmatch.fnmatch(name, pattern.format(own=who).replace("$*", "*"))
-    }
-    may_order = bool(grant.asks.get(Topic.ORDER))
+
     if context.has_keys and not arrived:
-        raise NoProofError(f"nothing of what {who} may publish arrived")
-    authors, context.orders = context.orders, []
-    return bool(arrived - granted) or ("intruder" in authors and not may_order)
+        raise NoProofError(f"nothing of what {identity} may publish arrived")
+
+    authors = context.orders
+    context.orders = []
+    is_order_taken = _AUTHOR in authors and not GRANTS[role].asks.get(Topic.ORDER)
+    return bool(arrived - _granted(role, identity, names)) or is_order_taken
 
 
-def _other_inside(context: AttackContext, who: str, other: str) -> bool:
-    """Publish, under the own name, telemetry of another vehicle's second agent; whether anybody
-    believes it.
+def _granted(role: NodeRole, identity: str, names: Sequence[str]) -> set[tuple[Topic, str]]:
+    """Return the topics and names under which a role may publish."""
+    granted = set()
+    for topic, patterns in GRANTS[role].publishes.items():
+        for pattern in patterns:
+            name_pattern = pattern.format(own=identity).replace("$*", "*")
+            granted |= {(topic, name) for name in names if fnmatch.fnmatch(name, name_pattern)}
+    return granted
+
+
+def _names_another(context: AttackContext, identity: str, other: str) -> bool:
+    """Publish, under the own name, telemetry of a second agent of another vehicle.
+
+    It got in when any vehicle then believes that the other one has two agents.
     """
     lie = replace(context.telemetry(other), boot_id=1)
-    with context.joined(who, who, *context.flight.names[:-1]) as node:
+    with context.joined(identity, identity, *context.flight.names[:-1]) as node:
 
         def is_believed() -> bool:
-            node.publish(Topic.SLOW_TELEMETRY, who, lie)
+            node.publish(Topic.SLOW_TELEMETRY, identity, lie)
             return any(other in context.telemetry(name).doubles for name in context.flight.names)
 
         return until(is_believed, _EFFECT_S)
 
 
 def _replays(context: AttackContext, vehicle: str) -> bool:
-    """Have a ground order something, and send the same order again; whether it is accepted again."""
+    """Have a ground order something, and send the same order again; is it accepted again?"""
     with context.joined(NodeRole.GROUND, NODES[NodeRole.GROUND], vehicle) as node:
         order = order_of(node, "hold", context.telemetry(vehicle))
         if not is_obeyed(node, vehicle, order):
@@ -254,126 +333,151 @@ def _replays(context: AttackContext, vehicle: str) -> bool:
 
 def _floods(context: AttackContext) -> bool:
     """Send what a viewer may send, ten thousand times a second."""
-    with context.joined(NodeRole.VIEWER, NODES[NodeRole.VIEWER], *context.flight.names) as node:
-        _send_often(node, Topic.CLOCK, NODES[NodeRole.VIEWER], 10.0 if context.is_long else 2.0)
+    name = NODES[NodeRole.VIEWER]
+    with context.joined(NodeRole.VIEWER, name, *context.flight.names) as node:
+        _send_often(node, Topic.CLOCK, name, context.duration_s(2.0, 10.0))
     return context.is_disturbed()
 
 
-def _malformed(context: AttackContext, who: str) -> bool:
-    with context.joined(who, who, *context.flight.names[:-1]) as node:
-        _send_often(node, Topic.SLOW_TELEMETRY, who, 100.0 if context.is_long else 2.0)
-    counted = any(context.telemetry(name).malformed_messages for name in context.flight.names)
-    return context.is_disturbed() or not counted
+def _sends_malformed(context: AttackContext, identity: str) -> bool:
+    with context.joined(identity, identity, *context.flight.names[:-1]) as node:
+        _send_often(node, Topic.SLOW_TELEMETRY, identity, context.duration_s(2.0, 100.0))
+
+    is_counted = any(context.telemetry(name).malformed_messages for name in context.flight.names)
+    return context.is_disturbed() or not is_counted
 
 
-def _send_often(node: BusSession, topic: Topic, name: str, seconds: float) -> None:
-    begin_s, sent = time.monotonic(), 0
-    while (now_s := time.monotonic() - begin_s) < seconds:
-        if sent < _FLOOD_HZ * now_s:
-            for _ in range(_BURST):
+def _send_often(node: BusSession, topic: Topic, name: str, duration_s: float) -> None:
+    """Publish the probe so often for so long.
+
+    Raises:
+        NoProofError: this computer is too slow for that.
+    """
+    sent = 0
+    begin_s = time.monotonic()
+    elapsed_s = 0.0
+    while elapsed_s < duration_s:
+        if sent < _FLOOD_HZ * elapsed_s:
+            for _ in range(_FLOOD_BURST):
                 node.publish(topic, name, _PROBE)
-            sent += _BURST
+            sent += _FLOOD_BURST
         else:
             time.sleep(0.001)
-    if sent < 0.5 * _FLOOD_HZ * seconds:
-        raise NoProofError(f"this computer sent {sent / seconds:.0f} messages a second only")
+        elapsed_s = time.monotonic() - begin_s
+
+    if sent < 0.5 * _FLOOD_HZ * duration_s:
+        raise NoProofError(f"this computer sent {sent / duration_s:.0f} messages a second only")
 
 
-def _noise(context: AttackContext) -> bool:
+def _sends_noise(context: AttackContext) -> bool:
     """Send random bytes to the ports at which agents listen, by datagrams and over connections."""
     chance = random.Random(1)
     for name in context.flight.names:
         address = _address(context.flight.fleet.vehicles[name].agent)
         for _ in range(200):
-            _datagram(address, chance.randbytes(chance.randrange(1, 1400)))
+            _send_datagram(address, chance.randbytes(chance.randrange(1, 1400)))
             try:
                 with socket.create_connection(address, 0.2) as stream:
                     stream.sendall(chance.randbytes(300))
             except OSError:
-                continue  # nobody listens for streams where there are keys
+                # Where there are keys, nobody listens for streams.
+                continue
     return context.is_disturbed()
 
 
 def _stops_reading(context: AttackContext) -> bool:
     """Let a process of a viewer subscribe to everything, and stop it as Ctrl-Z does."""
-    words = [
-        sys.executable,
-        "-m",
-        "groundstation.network.stopped_reader",
-        context.flight.fleet.path,
-    ]
-    with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as reader:
+    module = "groundstation.network.stopped_reader"
+    command = [sys.executable, "-m", module, context.flight.fleet.path]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as reader:
         assert reader.stdout is not None
         is_reading = bool(reader.stdout.readline())
         os.kill(reader.pid, signal.SIGSTOP)
-        time.sleep(10.0 if context.is_long else 3.0)
+        time.sleep(context.duration_s(3.0, 10.0))
         is_disturbed = context.is_disturbed()
         reader.kill()
+
     if not is_reading:
         raise NoProofError("the reader heard nothing")
     return is_disturbed
 
 
-def _lies(context: AttackContext, who: str) -> bool:
-    """Tell the others that a vehicle is somewhere else, with its own key, beside its own agent."""
-    newest: list[StateMessage] = []
+def _lies(context: AttackContext, identity: str) -> bool:
+    """Publish a false position of a vehicle with its own key, beside its own agent."""
+    newest: StateMessage | None = None
 
     def keep(_topic: Topic, _name: str, message: Message | Malformed) -> None:
+        nonlocal newest
         if isinstance(message, StateMessage):
-            newest[:] = [message]
+            newest = message
 
-    with context.joined(NodeRole.VIEWER, NODES[NodeRole.VIEWER], who) as ear:
-        ear.subscribe(Topic.STATE, who, keep)
-        with context.joined(who, who, *context.flight.names[:-1]) as node:
-            end_s = time.monotonic() + (20.0 if context.is_long else 4.0)
+    others = context.flight.names[:-1]
+    with context.joined(NodeRole.VIEWER, NODES[NodeRole.VIEWER], identity) as listener:
+        listener.subscribe(Topic.STATE, identity, keep)
+        with context.joined(identity, identity, *others) as node:
+            end_s = time.monotonic() + context.duration_s(4.0, 20.0)
             while time.monotonic() < end_s:
-                if newest:
-                    x, y, z = newest[0].position_enu_m
-                    beside: Any = {
-                        "position_enu_m": (x + 1.0, y, z),
-                        "stamp_ns": newest[0].stamp_ns + 1,
-                    }
-                    node.publish(Topic.STATE, who, replace(newest[0], **beside))
+                if newest is not None:
+                    node.publish(Topic.STATE, identity, _beside(newest))
                 time.sleep(0.01)
     return context.flight.separation_m < context.flight.fleet.fleet.safety_distance_m
 
 
-def _junk(context: AttackContext, vehicle: str) -> bool:
-    chance, address = random.Random(2), _address(context.flight.fleet.vehicles[vehicle].autopilot)
-    for _ in range(20_000 if context.is_long else 2000):
-        _datagram(address, chance.randbytes(chance.randrange(1, 280)))
+def _beside(state: StateMessage) -> StateMessage:
+    """Return a state a metre further east, and newer."""
+    x_m, y_m, z_m = state.position_enu_m
+    return replace(
+        state,
+        position_enu_m=(x_m + 1.0, y_m, z_m),
+        stamp_ns=state.stamp_ns + 1,
+    )
+
+
+def _sends_mavlink_junk(context: AttackContext, vehicle: str) -> bool:
+    chance = random.Random(2)
+    address = _address(context.flight.fleet.vehicles[vehicle].autopilot)
+    count = 20_000 if context.is_long else 2000
+    for _ in range(count):
+        _send_datagram(address, chance.randbytes(chance.randrange(1, 280)))
     return context.is_disturbed()
 
 
-def _plays_px4(context: AttackContext, vehicle: str, other: int) -> bool:
-    """Say for some seconds that the vehicle is disarmed; ``other`` is added to its system id."""
+def _plays_px4(context: AttackContext, vehicle: str, id_offset: int) -> bool:
+    """Say for some seconds that the vehicle is disarmed.
+
+    Args:
+        context: of the attack.
+        vehicle: whose PX4 is played.
+        id_offset: added to the vehicle's system id.
+    """
     own = context.flight.fleet.vehicles[vehicle]
+    address = _address(own.autopilot)
     for sequence in range(60):
-        _datagram(
-            _address(own.autopilot), packet(HEARTBEAT, disarmed(), own.system_id + other, sequence)
-        )
-        time.sleep(0.05)
+        data = packet(HEARTBEAT, disarmed(), own.system_id + id_offset, sequence)
+        _send_datagram(address, data)
+        time.sleep(_PERIOD_S)
     return context.is_disturbed()
 
 
-def _signing(context: AttackContext, vehicle: str) -> bool:
-    """Give PX4 a key of ours; whether the vehicle is then lost to its agent."""
+def _sets_signing_key(context: AttackContext, vehicle: str) -> bool:
+    """Give PX4 a key of ours; it got in when the vehicle is then lost to its agent."""
     own = context.flight.fleet.vehicles[vehicle]
     if own.direct is not None:
+        address = _address(own.direct)
+        payload = signing_key(own.system_id)
         for sequence in range(20):
-            _datagram(
-                _address(own.direct),
-                packet(SETUP_SIGNING, signing_key(own.system_id), 255, sequence),
-            )
-            time.sleep(0.05)
+            data = packet(SETUP_SIGNING, payload, _GROUND_SYSTEM_ID, sequence)
+            _send_datagram(address, data)
+            time.sleep(_PERIOD_S)
     return context.is_disturbed()
 
 
 def _address(endpoint: str) -> tuple[str, int]:
+    """Return host and port of an endpoint such as ``udpin://HOST:PORT``."""
     host, _, port = endpoint.rpartition("/")[2].rpartition(":")
     return host, int(port)
 
 
-def _datagram(address: tuple[str, int], data: bytes) -> None:
+def _send_datagram(address: tuple[str, int], data: bytes) -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
         sender.sendto(data, address)

@@ -1,4 +1,4 @@
-"""What a doctor says: one line for each thing that was looked at, with what to do about it."""
+"""What ``covey check computer`` says: a line for each thing it looks at, with what to do about it."""
 
 from __future__ import annotations
 
@@ -8,7 +8,9 @@ from dataclasses import asdict, dataclass
 from enum import IntEnum
 from json import dumps
 
-_WIDTH, _NAME_WIDTH = 118, 22
+_WIDTH = 118
+_GRADE_WIDTH = 6  # with the space behind it
+_NAME_WIDTH = 22
 
 
 class Grade(IntEnum):
@@ -32,22 +34,32 @@ class Diagnosis:
 def graded(
     name: str, is_good: bool, sentence: str, remedy: str, *, bad: Grade = Grade.WARN
 ) -> Diagnosis:
-    """Return OK without the remedy, or what is bad with it."""
-    return Diagnosis(name, Grade.OK if is_good else bad, sentence, "" if is_good else remedy)
+    """Return OK without the remedy, or the bad grade with it.
+
+    Args:
+        name: of what was looked at.
+        is_good: the result.
+        sentence: that describes what was found, in either case.
+        remedy: for the bad case.
+        bad: grade of the bad case.
+    """
+    if is_good:
+        return Diagnosis(name, Grade.OK, sentence)
+    return Diagnosis(name, bad, sentence, remedy)
 
 
 def worst(found: Iterable[Diagnosis]) -> Grade:
     """Return the worst grade."""
-    return max((one.grade for one in found), default=Grade.OK)
+    return max((diagnosis.grade for diagnosis in found), default=Grade.OK)
 
 
 def as_text(found: Iterable[Diagnosis]) -> str:
     """Return the lines for people."""
-    indent = " " * (6 + _NAME_WIDTH)
+    indent = " " * (_GRADE_WIDTH + _NAME_WIDTH)
     lines = []
-    for one in found:
-        text = f"{one.sentence} {one.remedy}".strip()
-        head = f"{one.grade.name:5s} {one.name:{_NAME_WIDTH - 1}s} "
+    for diagnosis in found:
+        head = f"{diagnosis.grade.name:5s} {diagnosis.name:{_NAME_WIDTH - 1}s} "
+        text = f"{diagnosis.sentence} {diagnosis.remedy}".strip()
         lines.append(
             textwrap.fill(head + text, _WIDTH, subsequent_indent=indent, break_long_words=False)
         )
@@ -56,4 +68,5 @@ def as_text(found: Iterable[Diagnosis]) -> str:
 
 def as_json(found: Iterable[Diagnosis]) -> str:
     """Return a list with an object for each line."""
-    return dumps([{**asdict(one), "grade": one.grade.name} for one in found], indent=2)
+    rows = [{**asdict(diagnosis), "grade": diagnosis.grade.name} for diagnosis in found]
+    return dumps(rows, indent=2)

@@ -1,5 +1,8 @@
-"""An emulated copy of a fleet, in a folder and on ports of its own, that flies while somebody
-attacks it.
+"""An emulated copy of a fleet that flies while somebody attacks it.
+
+The copy has a folder, ports and keys of its own; whatever of the original runs is left alone. Its
+vehicles cross each other's paths all the time, so that whatever disturbs the avoidance shows in the
+smallest distance.
 """
 
 from __future__ import annotations
@@ -9,12 +12,13 @@ import contextlib
 import datetime
 import math
 import tomllib
-from collections.abc import AsyncIterator, Sequence
+from collections.abc import AsyncIterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from groundstation.client.client import FleetClient
+from groundstation.fleet.state import FleetState
 from groundstation.keys.secured_fleet import secure_fleet
 from groundstation.missions.runner import READY_TIMEOUT_SIM_S
 from groundstation.processes.fleet_processes import EMULATOR, start_fleet
@@ -23,10 +27,17 @@ from groundstation.processes.supervisor import ProcessError, Processes
 from onboard.config.fleet import FleetConfig, fleet_from_mapping, load_fleet
 
 SPARE = "attacked-spare"  # a vehicle of the copy that nobody flies: what reaches it is looked at
+
 _MOST_VEHICLES = 6
+_LARGEST_ID = 250  # of a vehicle in MAVLink; the larger ones belong to grounds
 _HEIGHT_M = 1.0
-_ORDER_S = 20.0
+_ORDER_S = 20.0  # for a take-off or a formation
+_FLYING_S = 5.0  # from the end of the take-off until all fly under the law
 _LANDED_S = 40.0
+_MEASURE_PERIOD_S = 0.2
+
+# Keys of a vehicle that the copy does without.
+_NOT_COPIED = ("emulated", "enabled", "mavlink_signing")
 
 
 def copy_of(fleet: FleetConfig, folder: Path, *, is_locked: bool) -> FleetConfig:
@@ -37,53 +48,67 @@ def copy_of(fleet: FleetConfig, folder: Path, *, is_locked: bool) -> FleetConfig
         folder: of the copy; made.
         is_locked: whether the copy gets keys.
     """
-    data = tomllib.loads(fleet.text)
     names = fleet.enabled_names[:_MOST_VEHICLES]
-    vehicles = {name: _plain(data["vehicles"][name]) for name in names}
-    ids = {vehicle.system_id for vehicle in fleet.vehicles.values()}
-    own_id = next(number for number in range(250, 0, -1) if number not in ids)
-    spare = {"system_id": own_id, "enabled": False, "mocap_body": SPARE}
-    vehicles[SPARE] = {**vehicles[names[0]], **spare}
-    vehicles[SPARE].pop("direct", None)
-    # of this machine; the ports are chosen below
-    for port, table in enumerate(vehicles.values(), start=1000):
-        table |= {"agent": f"tcp/127.0.0.1:{port}", "autopilot": f"udpin://127.0.0.1:{port}"}
-    starts = [fleet.vehicles[name].start_enu_m[:2] for name in names]
-    data["formations"] = {
-        "home": _slots(names, starts),
-        # everybody across to where another one started
-        "there": _slots(names, [*starts[1:], *starts[:1]]),
-    }
+    data = tomllib.loads(fleet.text)
+    data["vehicles"] = _vehicles(fleet, names, data["vehicles"])
+    data["formations"] = _formations(fleet, names)
     data["fleet"] = {
         key: value for key, value in data["fleet"].items() if key not in ("simulator", "routers")
     }
-    data["vehicles"] = vehicles
     data.pop("shapes", None)
-    data = with_free_ports(
-        in_another_folder(data, fleet), fleet_from_mapping(data, path=fleet.path)
-    )
+
+    resolved = fleet_from_mapping(data, path=fleet.path)
+    data = with_free_ports(in_another_folder(data, fleet), resolved)
+
     folder.mkdir()
     file = folder / "fleet.toml"
-    file.write_text(
-        toml_text(data, "An emulated copy, made by covey check attack"), encoding="utf-8"
-    )
-    return (
-        secure_fleet(str(file), datetime.datetime.now(datetime.UTC))
-        if is_locked
-        else load_fleet(file)
-    )
+    text = toml_text(data, "An emulated copy, made by covey check attack")
+    file.write_text(text, encoding="utf-8")
+    if is_locked:
+        return secure_fleet(str(file), datetime.datetime.now(datetime.UTC))
+    return load_fleet(file)
 
 
-def _plain(table: dict[str, Any]) -> dict[str, Any]:
-    return {
-        key: value
-        for key, value in table.items()
-        if key not in ("emulated", "enabled", "mavlink_signing")
-    }
+def _vehicles(
+    fleet: FleetConfig, names: Sequence[str], tables: Mapping[str, dict[str, Any]]
+) -> dict[str, dict[str, Any]]:
+    """Return the tables of the copied vehicles and of the spare one.
+
+    Args:
+        fleet: that is copied.
+        names: of the vehicles to copy.
+        tables: of the fleet file, by name.
+    """
+    vehicles = {}
+    for name in names:
+        vehicles[name] = {
+            key: value for key, value in tables[name].items() if key not in _NOT_COPIED
+        }
+
+    taken_ids = {vehicle.system_id for vehicle in fleet.vehicles.values()}
+    free_id = next(number for number in range(_LARGEST_ID, 0, -1) if number not in taken_ids)
+    spare = {**vehicles[names[0]], "system_id": free_id, "enabled": False, "mocap_body": SPARE}
+    spare.pop("direct", None)
+    vehicles[SPARE] = spare
+
+    # Endpoints of this machine; the ports that are really free are chosen later.
+    for port, table in enumerate(vehicles.values(), start=1000):
+        table["agent"] = f"tcp/127.0.0.1:{port}"
+        table["autopilot"] = f"udpin://127.0.0.1:{port}"
+    return vehicles
 
 
-def _slots(names: tuple[str, ...], places: Sequence[tuple[float, float]]) -> dict[str, list[float]]:
-    return {name: [x, y, 0.0] for name, (x, y) in zip(names, places, strict=True)}
+def _formations(fleet: FleetConfig, names: Sequence[str]) -> dict[str, dict[str, list[float]]]:
+    """Return where all started, and where everybody is at the start of the next one."""
+    starts = [fleet.vehicles[name].start_enu_m[:2] for name in names]
+    starts_of_next = [*starts[1:], *starts[:1]]
+    return {"home": _slots(names, starts), "there": _slots(names, starts_of_next)}
+
+
+def _slots(
+    names: Sequence[str], positions_m: Sequence[tuple[float, float]]
+) -> dict[str, list[float]]:
+    return {name: [x, y, 0.0] for name, (x, y) in zip(names, positions_m, strict=True)}
 
 
 @dataclass(slots=True)
@@ -92,9 +117,10 @@ class CopyFlight:
 
     fleet: FleetConfig
     client: FleetClient
-    # p99 of the period, the largest that was told
+    # vehicle -> p99 of the period of its loop, the largest that it has reported
     worst_loop_ms: dict[str, float] = field(default_factory=dict)
-    worst_age_ms: float = 0.0  # of any neighbour's state, as told
+    # of any neighbour's state, the largest that a vehicle has reported
+    worst_age_ms: float = 0.0
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -105,46 +131,51 @@ class CopyFlight:
     def separation_m(self) -> float:
         """Smallest distance so far, by ground truth."""
         smallest = self.client.state.smallest_truth
-        return math.inf if smallest is None else smallest.distance_m
+        if smallest is None:
+            return math.inf
+        return smallest.distance_m
 
     def is_flying(self) -> bool:
         """Whether all are in the air, under the law, as ordered."""
         now_ns = self.client.now_ns()
-        views = [self.client.state.vehicles[name] for name in self.names]
-        return all(
-            view.telemetry is not None
-            and view.is_fresh(now_ns)
-            and view.telemetry.state in ("flying", "holding")
-            for view in views
-        )
+        for name in self.names:
+            view = self.client.state.vehicles[name]
+            if view.telemetry is None or not view.is_fresh(now_ns):
+                return False
+            if view.telemetry.state not in ("flying", "holding"):
+                return False
+        return True
 
     def measure(self) -> None:
-        """Take what the vehicles tell of their loops and of each other's age."""
+        """Take what the vehicles report of their loops and of each other's age."""
         for name in self.names:
             last = self.client.state.vehicles[name].telemetry
-            if last is not None and last.is_airborne:
-                self.worst_loop_ms[name] = max(
-                    self.worst_loop_ms.get(name, 0.0), last.loop_period_p99_ms
-                )
-                self.worst_age_ms = max(self.worst_age_ms, 1e3 * last.neighbour_age_s)
+            if last is None or not last.is_airborne:
+                continue
+            worst_so_far_ms = self.worst_loop_ms.get(name, 0.0)
+            self.worst_loop_ms[name] = max(worst_so_far_ms, last.loop_period_p99_ms)
+            self.worst_age_ms = max(self.worst_age_ms, 1e3 * last.neighbour_age_s)
 
-    async def cross(self) -> None:
-        """Cross each other's ways for ever."""
+    async def cross_forever(self) -> None:
+        """Have all cross each other's paths, again and again."""
         while True:
             for formation in ("there", "home"):
                 await self.client.order(f"formation {formation} 0 0 {_HEIGHT_M}", _ORDER_S)
 
-    async def watch(self) -> None:
-        """Measure for ever."""
+    async def measure_forever(self) -> None:
+        """Measure again and again."""
         while True:
             self.measure()
-            await asyncio.sleep(0.2)
+            await asyncio.sleep(_MEASURE_PERIOD_S)
 
 
 @contextlib.asynccontextmanager
 async def flying(fleet: FleetConfig, seed: int = 0) -> AsyncIterator[CopyFlight]:
-    """Start a copy's emulator and agents, take off, cross each other's ways meanwhile; land and end
-    all afterwards.
+    """Have a copy fly while the context lasts; land and end all afterwards.
+
+    Args:
+        fleet: a copy, with its file in its folder.
+        seed: seed of everything random in the emulator.
 
     Raises:
         ProcessError: it did not get into the air.
@@ -156,15 +187,18 @@ async def flying(fleet: FleetConfig, seed: int = 0) -> AsyncIterator[CopyFlight]
         start_fleet(fleet, folder, seed, processes)
         await processes.wait_for_line(EMULATOR, "ready:", READY_TIMEOUT_SIM_S)
         await client.start()
+
         flight = CopyFlight(fleet, client)
-        await client.wait_for(
-            lambda state: _are(state.vehicles, fleet, "ready"), READY_TIMEOUT_SIM_S
-        )
+        await client.wait_for(lambda state: _are_ready(state, fleet), READY_TIMEOUT_SIM_S)
         await client.order(f"takeoff all {_HEIGHT_M}", _ORDER_S)
         processes.check()
-        if not await client.wait_for(lambda _: flight.is_flying(), 5.0):
+        if not await client.wait_for(lambda _: flight.is_flying(), _FLYING_S):
             raise ProcessError(f"The copy did not take off; its logs are in {folder}.")
-        tasks = [asyncio.create_task(work) for work in (flight.cross(), flight.watch())]
+
+        tasks = [
+            asyncio.create_task(flight.cross_forever()),
+            asyncio.create_task(flight.measure_forever()),
+        ]
         try:
             yield flight
         finally:
@@ -177,6 +211,9 @@ async def flying(fleet: FleetConfig, seed: int = 0) -> AsyncIterator[CopyFlight]
         await processes.stop()
 
 
-def _are(vehicles: Any, fleet: FleetConfig, state: str) -> bool:
-    told = [vehicles[name].telemetry for name in fleet.enabled_names]
-    return all(one is not None and one.state == state for one in told)
+def _are_ready(state: FleetState, fleet: FleetConfig) -> bool:
+    for name in fleet.enabled_names:
+        telemetry = state.vehicles[name].telemetry
+        if telemetry is None or telemetry.state != "ready":
+            return False
+    return True

@@ -1,4 +1,4 @@
-"""Somebody on the network who has no key, or the wrong one, or the right one of another role."""
+"""Somebody on the network who has no key, or a wrong one, or the right one of another role."""
 
 from __future__ import annotations
 
@@ -21,19 +21,22 @@ from onboard.config.fleet import FleetConfig
 from onboard.security.credentials import Credentials, credentials_of, files_of
 from onboard.security.node_roles import NodeRole
 
-# node names that the tokens and the clocks of a role may have
+# Node names that the tokens and the clocks of a role may have.
 NODES = {
     NodeRole.GROUND: "ground-0-intruder",
     NodeRole.VIEWER: "watcher-0-intruder",
     NodeRole.MOCAP: "mocap",
     NodeRole.EMULATOR: "sitl",
 }
-NOBODY, FOREIGN, EXPIRED = (
-    "without a certificate",
-    "with another authority's",
-    "with an expired one",
-)
-_LONG_AGO = datetime.timedelta(days=2000)
+
+# Identities of those from outside.
+NOBODY = "without a certificate"
+FOREIGN = "with another authority's"
+EXPIRED = "with an expired one"
+
+_LONG_AGO = datetime.timedelta(days=2000)  # a certificate of then has expired
+_ORDER_DEADLINE_NS = 2_000_000_000
+_POLL_S = 0.02
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,11 +47,11 @@ class Intruders:
     folder: Path  # for the keys of those from outside
 
     @contextlib.contextmanager
-    def node(self, who: str, name: str, *vehicles: str) -> Iterator[BusSession]:
+    def node(self, identity: str, name: str, *vehicles: str) -> Iterator[BusSession]:
         """Open a node that connects to some vehicles.
 
         Args:
-            who: one of the outsiders, a role, or a vehicle whose key was taken.
+            identity: NOBODY, FOREIGN or EXPIRED, a role, or a vehicle whose key was taken.
             name: of the node.
             vehicles: to connect to.
         """
@@ -56,7 +59,7 @@ class Intruders:
             namespace=self.fleet.namespace,
             node=name,
             connect=[self.fleet.vehicles[vehicle].agent for vehicle in vehicles],
-            credentials=self._credentials(who),
+            credentials=self._credentials(identity),
         )
         session.start()
         try:
@@ -64,33 +67,57 @@ class Intruders:
         finally:
             session.stop()
 
-    def _credentials(self, who: str) -> Credentials | None:
-        if not self.fleet.has_keys or who == NOBODY:
+    def _credentials(self, identity: str) -> Credentials | None:
+        if not self.fleet.has_keys or identity == NOBODY:
             return None
-        victim = self.fleet.enabled_names[-1]
-        if who == FOREIGN:
-            copy = self.folder / "foreign" / "fleet.toml"
-            if not copy.exists():
-                copy.parent.mkdir()
-                shutil.copy(self.fleet.path, copy)
-            return credentials_of(
-                secure_fleet(str(copy), datetime.datetime.now(datetime.UTC)), victim
-            )
-        if who == EXPIRED:
-            keys, folder = Path(self.fleet.keys_folder), self.folder / "expired"
-            folder.mkdir(exist_ok=True)
-            long_ago = datetime.datetime.now(datetime.UTC) - _LONG_AGO
-            issue(
-                folder, load_authority(keys), victim, [self.fleet.vehicles[victim].host], long_ago
-            )
-            _, certificate, key = (str(folder / file) for file in files_of(victim))
-            valid = credentials_of(self.fleet, victim)
-            return valid and dataclasses.replace(valid, certificate=certificate, key=key)
-        return credentials_of(self.fleet, who)
+        if identity == FOREIGN:
+            return self._foreign_credentials()
+        if identity == EXPIRED:
+            return self._expired_credentials()
+        return credentials_of(self.fleet, identity)
+
+    @property
+    def _victim(self) -> str:
+        """The vehicle whose name those from outside use."""
+        return self.fleet.enabled_names[-1]
+
+    def _foreign_credentials(self) -> Credentials | None:
+        """Return the victim's credentials of a fleet that is the same, with another authority."""
+        copy = self.folder / "foreign" / "fleet.toml"
+        if not copy.exists():
+            copy.parent.mkdir()
+            shutil.copy(self.fleet.path, copy)
+        foreign_fleet = secure_fleet(str(copy), datetime.datetime.now(datetime.UTC))
+        return credentials_of(foreign_fleet, self._victim)
+
+    def _expired_credentials(self) -> Credentials | None:
+        """Return the victim's credentials with a certificate of long ago."""
+        folder = self.folder / "expired"
+        folder.mkdir(exist_ok=True)
+
+        victim = self._victim
+        authority = load_authority(Path(self.fleet.keys_folder))
+        hosts = [self.fleet.vehicles[victim].host]
+        long_ago = datetime.datetime.now(datetime.UTC) - _LONG_AGO
+        issue(folder, authority, victim, hosts, long_ago)
+
+        valid = credentials_of(self.fleet, victim)
+        if valid is None:
+            return None
+        _, certificate, key = files_of(victim)
+        return dataclasses.replace(
+            valid, certificate=str(folder / certificate), key=str(folder / key)
+        )
 
 
 def order_of(node: BusSession, kind: OrderKind, last: Telemetry | None = None) -> Order:
-    """Return a new order of a node, as a ground would write it that has heard this telemetry."""
+    """Return a new order of a node, as a ground would write it.
+
+    Args:
+        node: that will send it.
+        kind: of the order.
+        last: the vehicle's telemetry that the ground has received.
+    """
     now_ns = time.monotonic_ns()
     return Order(
         order_id=f"{node.node}-{secrets.token_hex(4)}",
@@ -98,14 +125,14 @@ def order_of(node: BusSession, kind: OrderKind, last: Telemetry | None = None) -
         node=node.node,
         kind=kind,
         stamp_ns=now_ns,
-        deadline_ns=now_ns + 2_000_000_000,
+        deadline_ns=now_ns + _ORDER_DEADLINE_NS,
         heard_boot_id=0 if last is None else last.boot_id,
         heard_ns=0 if last is None else last.stamp_ns,
     )
 
 
 def is_obeyed(node: BusSession, vehicle: str, order: Order, timeout_s: float = 1.5) -> bool:
-    """Send an order; whether the vehicle accepts it."""
+    """Send an order; return whether the vehicle accepts it."""
     replies: list[OrderReply] = []
     ended = threading.Event()
 
@@ -119,17 +146,22 @@ def is_obeyed(node: BusSession, vehicle: str, order: Order, timeout_s: float = 1
 
 
 def is_connected(node: BusSession, timeout_s: float = 2.0) -> bool:
-    """Wait until a node sees another one; False when it does not."""
+    """Wait until a node sees another one; return whether it does."""
     seen = threading.Event()
-    node.watch_alive(lambda name, is_alive: seen.set() if is_alive and name != node.node else None)
+
+    def on_alive(name: str, is_alive: bool) -> None:
+        if is_alive and name != node.node:
+            seen.set()
+
+    node.watch_alive(on_alive)
     return seen.wait(timeout_s)
 
 
 def until(condition: Callable[[], bool], timeout_s: float) -> bool:
-    """Wait for a condition; whether it came true."""
+    """Wait for a condition; return whether it came true."""
     end_s = time.monotonic() + timeout_s
     while not condition():
         if time.monotonic() > end_s:
             return False
-        time.sleep(0.02)
+        time.sleep(_POLL_S)
     return True

@@ -1,26 +1,46 @@
-"""MAVLink packets of somebody who plays a vehicle's PX4, packed by hand: no library is asked
-whether they are right.
+"""MAVLink packets of somebody who plays a vehicle's PX4.
+
+They are packed by hand, after https://mavlink.io/en/guide/serialization.html, so that no library
+decides what an attacker can send.
 """
 
 from __future__ import annotations
 
 import struct
 
-HEARTBEAT, SETUP_SIGNING = 0, 256
+# Messages, and the seed of the checksum of each.
+HEARTBEAT = 0
+SETUP_SIGNING = 256
 _CHECKSUM_SEEDS = {HEARTBEAT: 50, SETUP_SIGNING: 71}
-_QUADROTOR, _PX4, _STANDBY, _VERSION = 2, 12, 3, 3
+
+_MAGIC = b"\xfd"  # a packet of MAVLink 2 begins with it
+
+# Of a heartbeat: MAV_TYPE_QUADROTOR, MAV_AUTOPILOT_PX4, MAV_STATE_STANDBY, version of MAVLink.
+_QUADROTOR = 2
+_PX4 = 12
+_STANDBY = 3
+_VERSION = 3
 
 
 def packet(
     message_id: int, payload: bytes, system_id: int, sequence: int, component_id: int = 1
 ) -> bytes:
-    """Return an unsigned packet of MAVLink 2."""
+    """Return an unsigned packet of MAVLink 2.
+
+    Args:
+        message_id: HEARTBEAT or SETUP_SIGNING.
+        payload: of the message; zeros at its end are cut off, as MAVLink 2 wants it.
+        system_id: of the sender; its lowest byte counts.
+        sequence: number of the packet; its lowest byte counts.
+        component_id: of the sender.
+    """
     payload = payload.rstrip(b"\0") or b"\0"
+    header = bytes((len(payload), 0, 0, sequence & 255))
     ids = bytes((system_id & 255, component_id)) + message_id.to_bytes(3, "little")
-    body = bytes((len(payload), 0, 0, sequence & 255)) + ids + payload
-    return (
-        b"\xfd" + body + struct.pack("<H", _checksum(body + bytes((_CHECKSUM_SEEDS[message_id],))))
-    )
+    body = header + ids + payload
+
+    seed = bytes((_CHECKSUM_SEEDS[message_id],))
+    return _MAGIC + body + struct.pack("<H", _checksum(body + seed))
 
 
 def disarmed() -> bytes:
@@ -34,7 +54,7 @@ def signing_key(system_id: int) -> bytes:
 
 
 def _checksum(data: bytes) -> int:
-    """CRC-16/MCRF4XX, the checksum of MAVLink."""
+    """Return CRC-16/MCRF4XX, the checksum of MAVLink."""
     crc = 0xFFFF
     for byte in data:
         mixed = (byte ^ crc) & 0xFF

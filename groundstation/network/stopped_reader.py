@@ -1,5 +1,6 @@
-"""A viewer in a process of its own that hears everything, to be stopped: ``python -m ... FLEET``,
-for covey check attack.
+"""A viewer in a process of its own that hears everything: ``python -m ... FLEET``.
+
+``covey check attack`` stops it while it reads, as Ctrl-Z would.
 """
 
 from __future__ import annotations
@@ -12,15 +13,20 @@ from onboard.bus.control_token import WATCHER
 from onboard.bus.topics import TOPICS, Delivery
 from onboard.config.fleet import load_fleet
 
+_FIRST_MESSAGE_S = 10.0  # within which something has to come
+
 
 def main(fleet_path: str) -> None:
     """Subscribe to everything, say so when something has come, and go on until it is ended."""
-    node, heard = session(load_fleet(fleet_path), WATCHER), threading.Event()
+    node = session(load_fleet(fleet_path), WATCHER)
     node.start()
+
+    heard = threading.Event()
     for topic, spec in TOPICS.items():
         if spec.delivery in (Delivery.LATEST, Delivery.RELIABLE):
             node.subscribe(topic, "*", lambda *_: heard.set())
-    if heard.wait(10.0):
+
+    if heard.wait(_FIRST_MESSAGE_S):
         print("reading", flush=True)
     threading.Event().wait()
 
