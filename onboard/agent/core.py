@@ -368,7 +368,7 @@ class AgentCore:
     # -- inputs ------------------------------------------------------------------------------------
 
     def handle(self, agent_input: AgentInput, now_ns: int) -> list[Command]:
-        """Take one input; only orders and poses are answered at once, all others by a later tick."""
+        """Take one input; only orders and poses lead to commands at once, the others at a tick."""
         return _RECEIVERS[type(agent_input)](self, agent_input, now_ns)
 
     def _snapshot_received(self, received: SnapshotReceived, now_ns: int) -> list[Command]:

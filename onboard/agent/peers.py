@@ -48,8 +48,8 @@ class BusNodes:
     def silence_s(self, last_heard_ns: int, now_ns: int) -> float:
         """Return the time [s] since anything was heard on the bus.
 
-        It is 0 while silence says nothing: nothing was heard yet, nobody is to be heard, or a ground
-        is there.
+        It is 0 while silence says nothing: nothing was heard yet, nobody is to be heard, or a
+        ground is there.
         """
         if not last_heard_ns or not self._has_peers or self.has_ground:
             return 0.0

@@ -21,8 +21,8 @@ from onboard.safety.limits import RECKONING_S
 from onboard.safety.setpoint_check import is_sendable
 from onboard.supervision.failsafe_executor import FailsafeExecutor
 
-# PX4 speaks at least every 30 ms. A setpoint is for an attitude that is known now; the attitude of a
-# PX4 or a thread that hangs is not.
+# PX4 speaks at least every 30 ms. A setpoint is for an attitude that is known now; when PX4 or a
+# thread hangs, it is not.
 _PX4_FRESH_NS = 80_000_000
 _RECKONED_S = RECKONING_S + 0.2
 _PX4_LANDS_AFTER_S = 0.3  # without setpoints, unless the fleet file sets COM_OF_LOSS_T

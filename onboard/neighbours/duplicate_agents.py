@@ -20,17 +20,18 @@ class DuplicateAgents:
 
     _newest: dict[str, int] = field(default_factory=dict)
     _before: dict[str, list[int]] = field(default_factory=dict)
-    # when an earlier boot id was heard again
-    _doubled_ns: dict[str, int] = field(default_factory=dict)
+    _doubled_ns: dict[str, int] = field(default_factory=dict)  # when an earlier one was heard again
 
     def hear(self, name: str, boot_id: int, received_ns: int) -> None:
         """Take the boot id of a message."""
         newest = self._newest.get(name)
         if boot_id == newest:
             return
+
         self._newest[name] = boot_id
         if newest is None:
             return
+
         before = self._before.setdefault(name, [])
         if boot_id in before:
             self._doubled_ns[name] = received_ns  # the earlier agent publishes again: both run
@@ -39,11 +40,9 @@ class DuplicateAgents:
             del before[:-_MAX_BOOT_IDS]
 
     def doubled(self, now_ns: int) -> tuple[str, ...]:
-        """Return the names that two agents use at present."""
-        if not self._doubled_ns:
-            return ()
-        return tuple(
-            sorted(
-                name for name, at_ns in self._doubled_ns.items() if now_ns - at_ns < _DOUBLED_FOR_NS
-            )
-        )
+        """Return the names that two agents use at present, sorted."""
+        names = []
+        for name, doubled_ns in self._doubled_ns.items():
+            if now_ns - doubled_ns < _DOUBLED_FOR_NS:
+                names.append(name)
+        return tuple(sorted(names))

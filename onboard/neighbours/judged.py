@@ -11,9 +11,9 @@ its own on how the neighbour is avoided:
                      or where the mocap sees it, whichever is nearer to us, as airborne and without
                      any promise.
 
-    not cooperating  its announcement that it cooperates does not count, so we go aside alone. That
-                     is also the state of a neighbour that flies otherwise than it predicts, or whose
-                     configuration differs from ours.
+    not cooperating  its announcement that it cooperates does not count, so we go aside alone. In
+                     this state is whoever is contradicted, flies otherwise than it predicts, or
+                     has another configuration than we.
 
 Nobody knows which of two contradicting sources is wrong: a vehicle lies or is mistaken, or the
 motion capture takes a body for another. Whoever keeps away from the nearer of both positions keeps

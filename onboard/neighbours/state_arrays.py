@@ -1,4 +1,9 @@
-"""Newest states of all neighbours as arrays, so that one call serves all of them."""
+"""Newest states of all neighbours as arrays, so that one call serves all of them.
+
+A state is a row of numbers: its vectors one behind the other, then its scalars, as COLUMNS and
+COLUMNS_1 say. The row of a neighbour that is silent, or contradicted, may come from the motion
+capture instead of its own message.
+"""
 
 from __future__ import annotations
 
@@ -28,23 +33,26 @@ _SCALARS = ("position_std_m", "crowd_count", "lead_time_s", "velocity_std_m_s")
 COLUMNS = {name: slice(3 * index, 3 * index + 3) for index, name in enumerate(_VECTORS)}
 COLUMNS_1 = {name: 3 * len(_VECTORS) + index for index, name in enumerate(_SCALARS)}
 WIDTH = 3 * len(_VECTORS) + len(_SCALARS)
+
 # rows of NeighbourArrays.flags
-KNOWN, AIRBORNE, COOPERATIVE, ANNOUNCED = range(4)
-_vectors_of, _scalars_of = attrgetter(*_VECTORS), attrgetter(*_SCALARS)
+KNOWN = 0  # anything is known
+AIRBORNE = 1
+COOPERATIVE = 2  # counts as cooperative
+ANNOUNCED = 3  # announces that it cooperates
+
 _LARGEST = 1e4
 _LARGEST_INT = 1 << 62
 
 
 @dataclass(slots=True)
 class NeighbourArrays:
-    """Newest valid state of each of K neighbours."""
+    """Newest valid state of each of K neighbours; times are on our clock."""
 
     numbers: Array  # (K, WIDTH), see COLUMNS
-    stamp_ns: IntArray  # (K,) of the numbers, on our clock
-    heard_ns: IntArray  # (K,) stamp of the newest valid message, on our clock; 0 never
-    newest_ns: IntArray  # (K,) stamp of the newest message, valid or not, on our clock; -1 never
-    # (4, K): is anything known, airborne, counts as cooperative, announces that it cooperates
-    flags: BoolArray
+    stamp_ns: IntArray  # (K,) of the numbers
+    heard_ns: IntArray  # (K,) stamp of the newest valid message; 0 never
+    newest_ns: IntArray  # (K,) stamp of the newest message, valid or not; -1 never
+    flags: BoolArray  # (4, K) KNOWN, AIRBORNE, COOPERATIVE, ANNOUNCED
     is_lost: BoolArray  # (K,) the newest message says that it knows no position
     is_followed: BoolArray  # (K,) its state is received at full rate
     silent_after_s: Array  # (K,) age from which on it counts as silent
@@ -52,12 +60,17 @@ class NeighbourArrays:
     def set_state(
         self, index: int, stamp_ns: int, numbers: tuple[float, ...], flags: tuple[bool, bool, bool]
     ) -> None:
-        """Store a state; ``flags`` say airborne, counts as cooperative, announces that it
-        cooperates.
+        """Store a state.
+
+        Args:
+            index: of the neighbour.
+            stamp_ns: of the state, on our clock.
+            numbers: in the order of the columns.
+            flags: airborne, counts as cooperative, announces that it cooperates.
         """
         self.numbers[index] = numbers
         self.stamp_ns[index] = stamp_ns
-        self.flags[:, index] = True, *flags
+        self.flags[:, index] = (True, *flags)
 
 
 def empty(count: int, silent_after_s: float) -> NeighbourArrays:
@@ -92,79 +105,103 @@ class NeighbourRow(NamedTuple):
         return self.numbers[COLUMNS[name]]
 
 
+_vectors_of = attrgetter(*_VECTORS)
+
+
 def numbers_of(message: StateMessage) -> tuple[float, ...]:
-    """Return the numbers of a message in the order of the columns; its accuracy is bounded as its
-    sender's is.
+    """Return the numbers of a message in the order of the columns.
+
+    Its accuracy is bounded as a sender bounds its own: no vehicle would publish a larger one.
     """
-    p, v, a, pp, pv, c, i = _vectors_of(message)
-    std_m, crowd_count, lead_s, std_m_s = _scalars_of(message)
-    std_m, std_m_s = (
-        _believed(std_m, LARGEST_POSITION_STD_M),
-        _believed(std_m_s, LARGEST_VELOCITY_STD_M_S),
-    )
-    return (*p, *v, *a, *pp, *pv, *c, *i, std_m, crowd_count, lead_s, std_m_s)
+    numbers: list[float] = []
+    for vector in _vectors_of(message):
+        numbers.extend(vector)
+
+    numbers.append(_bounded(message.position_std_m, LARGEST_POSITION_STD_M))
+    numbers.append(message.crowd_count)
+    numbers.append(message.lead_time_s)
+    numbers.append(_bounded(message.velocity_std_m_s, LARGEST_VELOCITY_STD_M_S))
+    return tuple(numbers)
 
 
-def _believed(std: float, largest: float) -> float:
-    return min(abs(std), largest) if math.isfinite(std) else std
+def _bounded(std: float, largest: float) -> float:
+    """Return a standard deviation within its bounds; one that is not finite stays as it is."""
+    if not math.isfinite(std):
+        return std
+    return min(abs(std), largest)
 
 
 def is_usable(message: StateMessage, numbers: tuple[float, ...]) -> bool:
-    """Whether all numbers of a message are finite and small enough for the arrays."""
-    return (
-        math.isfinite(sum(numbers))
-        and min(numbers) > -_LARGEST
-        and max(numbers) < _LARGEST
-        and 0 <= message.stamp_ns < _LARGEST_INT
-    )
+    """Return whether all numbers of a message are finite and small enough for the arrays."""
+    if not 0 <= message.stamp_ns < _LARGEST_INT:
+        return False
+    return math.isfinite(sum(numbers)) and min(numbers) > -_LARGEST and max(numbers) < _LARGEST
 
 
 def is_plausible(*vectors: Vec3 | tuple[float, ...]) -> bool:
-    """Whether all numbers are finite and small enough to calculate with."""
+    """Return whether all numbers are finite and small enough to calculate with."""
     return all(abs(value) < _LARGEST for vector in vectors for value in vector)
 
 
 def neighbours(
     arrays: NeighbourArrays, ages_s: list[float], is_successor: BoolArray
 ) -> list[Neighbour]:
-    """Return the values for the law of all neighbours that are known; a silent or grounded one does
-    not cooperate.
+    """Return the values for the law of all neighbours that are known.
+
+    A silent neighbour does not cooperate.
+
+    Args:
+        arrays: of all K neighbours.
+        ages_s: of their states.
+        is_successor: (K,) whether one is the next of the fleet file, the paper's obstacle.
     """
     is_cooperative = arrays.flags[COOPERATIVE] & (ages_s <= arrays.silent_after_s)
-    columns = (
+    rows = zip(
+        arrays.flags[KNOWN].tolist(),
         arrays.numbers.tolist(),
         ages_s,
-        arrays.flags[KNOWN].tolist(),
         is_cooperative.tolist(),
         is_successor.tolist(),
+        strict=True,
     )
-    return [
-        _neighbour(index, numbers, age_s, cooperates, follows)
-        for index, (numbers, age_s, is_known, cooperates, follows) in enumerate(
-            zip(*columns, strict=True)
-        )
-        if is_known
-    ]
+
+    known = []
+    for index, (is_known, numbers, age_s, cooperates, is_paper_obstacle) in enumerate(rows):
+        if is_known:
+            neighbour = _neighbour(
+                numbers,
+                age_s=age_s,
+                is_cooperative=cooperates,
+                is_paper_obstacle=is_paper_obstacle,
+                index=index,
+            )
+            known.append(neighbour)
+    return known
 
 
 def _neighbour(
-    index: int, numbers: list[float], age_s: float, is_cooperative: bool, is_paper_obstacle: bool
+    numbers: list[float],
+    *,
+    age_s: float,
+    is_cooperative: bool,
+    is_paper_obstacle: bool,
+    index: int,
 ) -> Neighbour:
     position_std_m, crowd_count, lead_time_s, velocity_std_m_s = numbers[21:]
     return Neighbour(
-        Vec3(*numbers[0:3]),
-        Vec3(*numbers[3:6]),
-        Vec3(*numbers[6:9]),
-        Vec3(*numbers[9:12]),
-        Vec3(*numbers[12:15]),
-        Vec3(*numbers[15:18]),
-        Vec3(*numbers[18:21]),
-        age_s,
-        lead_time_s,
-        position_std_m,
-        velocity_std_m_s,
-        crowd_count,
-        is_cooperative,
-        is_paper_obstacle,
-        index,
+        position_enu_m=Vec3(*numbers[0:3]),
+        velocity_enu_m_s=Vec3(*numbers[3:6]),
+        acceleration_enu_m_s2=Vec3(*numbers[6:9]),
+        predicted_position_enu_m=Vec3(*numbers[9:12]),
+        predicted_velocity_enu_m_s=Vec3(*numbers[12:15]),
+        commanded_acceleration_enu_m_s2=Vec3(*numbers[15:18]),
+        intent_enu_m_s=Vec3(*numbers[18:21]),
+        age_s=age_s,
+        lead_time_s=lead_time_s,
+        position_std_m=position_std_m,
+        velocity_std_m_s=velocity_std_m_s,
+        crowd_count=crowd_count,
+        is_cooperative=is_cooperative,
+        is_paper_obstacle=is_paper_obstacle,
+        table_index=index,
     )
