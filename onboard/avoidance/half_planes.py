@@ -49,13 +49,13 @@ def into_disc(u: Vec2, radius: float) -> Vec2:
     size = length_2(u)
     if size <= radius:
         return u
+
     share = radius / max(size, 1e-12)
     return Vec2(share * u.x, share * u.y)
 
 
 def largest_violation(u: Vec2, rows: list[HalfPlane]) -> float:
-    """Return by how much a point misses the row that it misses most; negative where it satisfies
-    all.
+    """Return by how much a point misses the row that it misses most; negative inside all rows.
 
     Args:
         u: point.
@@ -80,15 +80,14 @@ def foot(u: Vec2, row: HalfPlane) -> Vec2:
 
 
 def on_circle(row: HalfPlane, radius: float, side: float) -> Vec2:
-    """Return the point, on the side +1 or -1, where the edge of a half-plane of unit length meets
-    the circle.
+    """Return the point where the edge of a half-plane of unit length meets the circle.
 
     Where they do not meet it is the edge's nearest point to the origin, outside the disc.
 
     Args:
         row: of unit length.
         radius: of the circle about the origin.
-        side: +1 or -1.
+        side: +1 or -1, for one of the two points.
     """
     normal, bound = row
     half = side * math.sqrt(max(0.0, radius * radius - bound * bound))
@@ -106,6 +105,7 @@ def corner(one: HalfPlane, two: HalfPlane) -> Vec2:
     det = n_x * m_y - n_y * m_x
     if abs(det) <= EXACT:
         return Vec2(math.nan, math.nan)
+
     return Vec2((b * m_y - c * n_y) / det, (n_x * c - m_x * b) / det)
 
 

@@ -71,7 +71,7 @@ from onboard.avoidance.prediction import (
     predict_own,
     remembered,
 )
-from onboard.avoidance.projection import INACTIVE, RELAXED, Projection, fit, relaxed_in_order
+from onboard.avoidance.projection import INACTIVE, RELAXED, Projection, project, relaxed_in_order
 from onboard.types import LawOutput, Neighbour, State
 from onboard.vectors import ZERO_2, dot_2, length_2
 
@@ -246,7 +246,7 @@ def nearest_thrust(
             compensated(speed_row(own.velocity_m_s, params.top_speed_m_s), own.compensation_m_s2)
         )
     static = [row for row in rows[len(pairs) :] if can_bind(row, own.radius_m_s2)]
-    found = fit(own.thrust_m_s2, kept + static, soft, own.radius_m_s2)
+    found = project(own.thrust_m_s2, kept + static, soft, own.radius_m_s2)
     if found.status != RELAXED:
         return found
     promises = [compensated(promised_row(pair, params), own.compensation_m_s2) for pair in pairs]

@@ -12,6 +12,8 @@ import msgspec
 BuiltInLaw = Literal["covey", "paper", "off"]
 BUILT_IN: tuple[BuiltInLaw, ...] = ("covey", "paper", "off")
 QUICK_LAG_S = 0.15  # of a vehicle that needs no more margin than design_margin_m
+# variants of Covey's law, for comparison in simulation: real vehicles fly the defaults
+POLICIES = ("responsibility", "prediction", "margin", "rotation", "direction", "jam")
 
 
 class LawConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -25,7 +27,7 @@ class LawConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     folder: str = "."
     # true: your own law may fly vehicles that are not emulated
     allow_own_law_on_real_vehicles: bool = False
-    # policies: each a small function chosen by name
+    # policies, each chosen by name; real vehicles take off only with all six at their defaults
 
     # what share of a correction a vehicle takes
     responsibility: Literal["shortfall", "half", "full"] = "shortfall"
@@ -86,6 +88,12 @@ class LawConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             if name == self.name:
                 return name
         return "covey"
+
+    @property
+    def changed_policies(self) -> tuple[str, ...]:
+        """Names of the policies that are not at their defaults: a variant for simulation only."""
+        default = LawConfig()
+        return tuple(name for name in POLICIES if getattr(self, name) != getattr(default, name))
 
     def margin_m(self, lag_s: float) -> float:
         """Margin above the safety distance that a vehicle keeps while estimates are good.

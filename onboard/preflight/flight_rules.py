@@ -75,6 +75,9 @@ def _law(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgeme
     may_fly_own = is_emulated or fleet.law.allow_own_law_on_real_vehicles
     if fleet.law.is_own and not may_fly_own:
         return "own", {"law": fleet.law.name, "name": vehicle.name}
+    if fleet.law.changed_policies and not is_emulated:
+        keys = ", ".join(f"law.{name}" for name in fleet.law.changed_policies)
+        return "variant", {"keys": keys, "name": vehicle.name}
 
     # the report is part of the record: so the record tells which source flew
     if not facts.law_refusals:

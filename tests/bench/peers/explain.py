@@ -14,7 +14,6 @@ import numpy as np
 from onboard.avoidance.constraints import distance_row
 from onboard.avoidance.pairs import NeighbourPair
 from onboard.avoidance.params import params_of
-from onboard.avoidance.projection import project
 from onboard.config.fleet import load_fleet
 from onboard.config.law import LawConfig
 from onboard.vectors import ZERO_2, Vec2
@@ -22,6 +21,7 @@ from tests.bench.peers import arena, ideal_ring, pictures
 from tests.bench.peers.ablation import VARIANTS
 from tests.bench.peers.contestants import COVEY, PEERS, Contestant
 from tests.bench.peers.encounter import Array, length
+from tests.onboard.avoidance.law_cases import nearest_thrust
 
 _FLEET = Path(__file__).parents[3] / "configs/fleets/paper.toml"
 WEAK = "ardrone"
@@ -60,7 +60,7 @@ def half_planes(path: Path) -> None:
         for e, w in zip(gaps, closing, strict=True)
     ]
     radius, wanted = 4.5, Vec2(3.5, -1.9)
-    found = np.array(project(wanted, rows, [], radius).point)
+    found = np.array(nearest_thrust(wanted, rows, [], radius).point)
     normals, bounds = (
         np.array([row.normal for row in rows]),
         np.array([row.bound_m_s2 for row in rows]),

@@ -17,7 +17,6 @@ import numpy as np
 import pyrvo
 
 from onboard.avoidance.half_planes import HalfPlane
-from onboard.avoidance.projection import project
 from onboard.vectors import Vec2
 from tests.bench.peers.encounter import (
     Array,
@@ -27,6 +26,7 @@ from tests.bench.peers.encounter import (
     keep_right,
     preferred_velocity,
 )
+from tests.onboard.avoidance.law_cases import nearest_thrust
 
 NEIGHBOURS = 12  # the nearest so many count, for every method
 _OWN_RADIUS_M = 0.4  # of a design distance; the neighbour is drawn as large as the rest of it
@@ -103,7 +103,7 @@ def in_cell(point: Array, normals: Array, bounds: Array, reach: float = 100.0) -
         HalfPlane(Vec2(*normal), bound)
         for normal, bound in zip(normals.tolist(), bounds.tolist(), strict=True)
     ]
-    return np.array(project(Vec2(*point.tolist()), rows, [], reach).point)
+    return np.array(nearest_thrust(Vec2(*point.tolist()), rows, [], reach).point)
 
 
 def certificate_rows(encounter: Encounter, values: Mapping[str, float]) -> tuple[Array, Array]:

@@ -7,7 +7,9 @@ import math
 import numpy as np
 
 from onboard.avoidance import interface, oist
+from onboard.avoidance.half_planes import HalfPlane
 from onboard.avoidance.params import Capsule, VehicleLimits, params_of
+from onboard.avoidance.projection import RELAXED, Projection, project, relaxed_in_order
 from onboard.config.law import LawConfig
 from onboard.types import GRAVITY_M_S2, Neighbour, State, Thrust
 from onboard.vectors import ZERO_3, Vec2, Vec3
@@ -21,6 +23,16 @@ CAPSULES = tuple(
         ((0.0, -2.0), (2.0, -2.0), 0.0),
     )
 )
+
+
+def nearest_thrust(
+    u: Vec2, rows: list[HalfPlane], soft: list[HalfPlane], radius: float
+) -> Projection:
+    """Return what the law flies where all hard rows give way by one common slack."""
+    projection = project(u, rows, soft, radius)
+    if projection.status != RELAXED:
+        return projection
+    return relaxed_in_order(u, rows, [], radius)
 
 
 def vec(values):

@@ -10,10 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from onboard.avoidance.half_planes import HalfPlane
-from onboard.avoidance.projection import project
+from onboard.avoidance.projection import project, relaxed_in_order
 from onboard.avoidance.relaxation import least_slack
 from onboard.types import LawStatus
 from onboard.vectors import Vec2
+from tests.onboard.avoidance.law_cases import nearest_thrust
 from tests.oracles.half_planes import least_common_slack, nearest_in_rows_and_disc
 
 
@@ -22,7 +23,7 @@ def rows_of(normals, bounds):
 
 
 def projected(u, normals, bounds, radius, soft=()):
-    return project(Vec2(*map(float, u)), rows_of(normals, bounds), list(soft), float(radius))
+    return nearest_thrust(Vec2(*map(float, u)), rows_of(normals, bounds), list(soft), float(radius))
 
 
 def random_rows(rng, count, height, spread=2.0):
@@ -148,6 +149,64 @@ def test_slack_of_contradicting_rows_is_the_smallest_there_is():
             assert (bounds[k] - normals[k] @ result.point).max() <= result.slack + 1e-5
             assert np.hypot(*result.point) <= radius[k] * (1 + 1e-9)
     assert checked > 50
+
+
+def test_project_leaves_contradicting_rows_to_whoever_knows_which_of_them_yield():
+    rows = rows_of([[1.0, 0.0], [-1.0, 0.0]], [2.0, 4.0])
+    result = project(Vec2(0.5, 0.0), rows, [], 10.0)
+    assert result == (Vec2(0.5, 0.0), LawStatus.RELAXED, 0.0)
+
+
+def test_yielding_rows_give_way_by_the_smallest_slack_that_leaves_the_firm_ones_whole():
+    """The oracle shrinks the yielding rows by bisection, with the firm ones as they are."""
+    rng = np.random.default_rng(5)
+    yielding_normals, yielding_bounds = random_rows(rng, 300, 3, spread=4.0)
+    firm_normals, firm_bounds = random_rows(rng, 300, 2, spread=1.0)
+    radius, u0 = rng.uniform(2.0, 5.0, 300), rng.normal(size=(300, 2))
+    firm_held = firm_relaxed = 0
+    for k in range(300):
+        yielding = rows_of(yielding_normals[k], yielding_bounds[k])
+        firm = rows_of(firm_normals[k], firm_bounds[k])
+        if project(Vec2(*u0[k]), yielding + firm, [], radius[k]).status != LawStatus.RELAXED:
+            continue
+
+        result = relaxed_in_order(Vec2(*u0[k]), yielding, firm, radius[k])
+        missed_firm = (firm_bounds[k] - firm_normals[k] @ result.point).max()
+        assert result.status == LawStatus.RELAXED
+        assert np.hypot(*result.point) <= radius[k] * (1 + 1e-9)
+
+        if nearest_in_rows_and_disc(u0[k], firm_normals[k], firm_bounds[k], radius[k]) is None:
+            firm_relaxed += 1
+            least = least_common_slack(firm_normals[k], firm_bounds[k], radius[k])
+            assert result.slack == pytest.approx(least, abs=1e-7)
+            assert missed_firm <= least + 1e-5
+        else:
+            firm_held += 1
+            least = least_slack_beside(
+                yielding_normals[k], yielding_bounds[k], firm_normals[k], firm_bounds[k], radius[k]
+            )
+            missed = (yielding_bounds[k] - yielding_normals[k] @ result.point).max()
+            assert missed_firm <= 0.001 * result.slack + 1e-6  # a thousand times stiffer
+            assert missed <= least + 1e-5
+            assert result.slack >= 0.98 * least - 1e-5
+    assert firm_held > 50
+    assert firm_relaxed > 10
+
+
+def least_slack_beside(normals, bounds, firm_normals, firm_bounds, radius):
+    """Return the smallest slack of the rows that leaves a point for them and the firm rows."""
+    low, high = 0.0, 100.0
+    for _ in range(50):
+        middle = 0.5 * (low + high)
+        point = nearest_in_rows_and_disc(
+            np.zeros(2),
+            np.concatenate([normals, firm_normals]),
+            np.concatenate([bounds - middle, firm_bounds]),
+            radius,
+            1e-12,
+        )
+        low, high = (low, middle) if point is not None else (middle, high)
+    return high
 
 
 def test_soft_rows_are_dropped_last_first_and_never_cost_a_hard_row():

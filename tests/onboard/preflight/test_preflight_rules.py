@@ -10,6 +10,7 @@ import re
 from typing import Any
 
 import msgspec
+import pytest
 
 from onboard.autopilot import Refused
 from onboard.config.fleet import FleetConfig, load_fleet
@@ -54,6 +55,9 @@ FINE = PreflightFacts(
     has_recorder=True,
 )
 OWN_LAW = msgspec.structs.replace(FLEET, law=msgspec.structs.replace(FLEET.law, name="mine:law"))
+VARIANT = msgspec.structs.replace(
+    FLEET, law=msgspec.structs.replace(FLEET.law, rotation="violated")
+)
 FINDING = ("spacing", "mav1 and mav2 are 0.4 m apart.", "Spread the places by 0.65 m.")
 SPOT_OF_MAV2 = (1.5, -1.4, 0.0)
 # rule and fault -> what is wrong, and words that its sentence has
@@ -219,6 +223,10 @@ CASES: dict[tuple[str, str], tuple[dict[str, Any], str]] = {
         {"fleet": OWN_LAW},
         "Law 'mine:law' is none of Covey's, and mav1 is a real vehicle",
     ),
+    ("law", "variant"): (
+        {"fleet": VARIANT},
+        "The fleet file sets law.rotation, and mav1 is a real vehicle",
+    ),
     ("law", "baseline"): ({"law_refusals": (FINDING,), "law": "paper"}, "0.4 m apart"),
     ("hover thrust", "far"): (
         {"hover_frac": 0.45},
@@ -285,6 +293,26 @@ def test_a_law_of_somebodys_own_flies_emulated_vehicles_and_real_ones_only_where
         (real, {}, True),
     ):
         assert {check.name: check.is_ok for check in judged(fleet, **changes)}["law"] is is_ok
+
+
+@pytest.mark.parametrize(
+    "policy",
+    [
+        {"responsibility": "half"},
+        {"prediction": "none"},
+        {"margin": "fixed"},
+        {"rotation": "always"},
+        {"direction": "pair"},
+        {"jam": "ignore"},
+    ],
+)
+def test_a_variant_of_the_law_is_refused_by_a_real_vehicle_and_flown_by_an_emulated_one(policy):
+    variant = msgspec.structs.replace(FLEET, law=msgspec.structs.replace(FLEET.law, **policy))
+    (name,) = policy
+    real = {check.name: check for check in judged(variant)}["law"]
+    assert not real.is_ok
+    assert f"law.{name}" in real.sentence
+    assert {check.name: check for check in judged(variant, has_emulator=True)}["law"].is_ok
 
 
 def test_a_version_refuses_where_its_attitude_lags_by_more_than_the_law_tolerates_and_nowhere_else() -> (
