@@ -75,9 +75,13 @@ from onboard.avoidance.projection import INACTIVE, RELAXED, Projection, project,
 from onboard.types import LawOutput, Neighbour, State
 from onboard.vectors import ZERO_2, dot_2, length_2
 
-HELD_S, ROUNDABOUT_S = 3.0, 5.0  # held so long, a vehicle calls for a roundabout, for so long
+HELD_S = 3.0  # held so long, a vehicle calls for a roundabout
+ROUNDABOUT_S = 5.0  # for so long
+
 # held: intends to go, and gets on with less than this share of it
-_HELD_INTENT_2_M2_S2, _HELD_FRAC = 0.04, 0.2
+_HELD_INTENT_2_M2_S2 = 0.04
+_HELD_FRAC = 0.2
+
 _VIOLATED_M_S2 = 1e-10
 _STANDING_M_S = 1e-6
 _NO_ROW = HalfPlane(ZERO_2, -math.inf)
@@ -105,7 +109,7 @@ class Constraint(NamedTuple):
 
 def initial() -> LawMemory:
     """Return the memory before the first command."""
-    return LawMemory(no_commands(), 0.0, 0.0, 1.0)
+    return LawMemory(commands=no_commands(), relaxed_share=0.0, held_s=0.0, climb_share=1.0)
 
 
 def predict(memory: LawMemory, state: State, params: LawParams) -> Motion:
@@ -120,13 +124,18 @@ def predict(memory: LawMemory, state: State, params: LawParams) -> Motion:
     now = Motion(state.position_enu_m, state.velocity_enu_m_s)
     if params.law == PAPER or params.policies.prediction == PREDICTION_NONE:
         return now
-    age_s = 0.0 if math.isnan(state.age_s) else min(max(state.age_s, 0.0), MAX_MESSAGE_AGE_S)
+
+    age_s = 0.0
+    if not math.isnan(state.age_s):
+        age_s = min(max(state.age_s, 0.0), MAX_MESSAGE_AGE_S)
+
     return predict_own(memory.commands, now, params.lag_s + age_s, params.vertical_lag_s + age_s)
 
 
 def speed_share(memory: LawMemory, params: LawParams) -> float:
-    """Return the share of the speed limit that is left in a jam (line G): relaxed rows slow the
-    pursuit, by policy.
+    """Return the share of the speed limit that is left in a jam (line G).
+
+    Relaxed rows slow the pursuit, by policy.
 
     Args:
         memory: holds the share of relaxed ticks.
@@ -169,19 +178,27 @@ def step(
     neighbours' order.
     """
     own = own_at(baseline, predicted, state, params)
+
+    climb = 1.0
     if params.law == COVEY:
-        answer = saturate(own, neighbours, obstacles, memory.held_s < 0.0, params)
+        calls_for_roundabout = memory.held_s < 0.0
+        answer = saturate(own, neighbours, obstacles, calls_for_roundabout, params)
+        climb = climb_share(own, neighbours, params)
     elif params.law == PAPER:
         answer = oist_paper.saturate_pair(own, state, neighbours, params)
     else:
-        answer = Answer(own.thrust_m_s2, INACTIVE, 0.0, 0.0, NOBODY)
+        answer = unchanged_thrust(own, INACTIVE, 0.0)
+
     output = output_of(answer, own, baseline, predicted, params)
-    relaxed = 1.0 if output.status == RELAXED else 0.0
-    relaxed_share = memory.relaxed_share + relaxed_blend(dt_s) * (relaxed - memory.relaxed_share)
-    held_s = held(memory.held_s, own, output.active_neighbour >= 0, dt_s)
-    commands = remembered(memory.commands, output.commanded_acceleration_enu_m_s2, dt_s)
-    climb = climb_share(own, neighbours, params) if params.law == COVEY else 1.0
-    return LawMemory(commands, relaxed_share, held_s, climb), output
+
+    is_held_by_neighbour = output.active_neighbour >= 0
+    after = LawMemory(
+        commands=remembered(memory.commands, output.commanded_acceleration_enu_m_s2, dt_s),
+        relaxed_share=relaxed_share(memory.relaxed_share, output.status, dt_s),
+        held_s=held(memory.held_s, own, is_held_by_neighbour, dt_s),
+        climb_share=climb,
+    )
+    return after, output
 
 
 def saturate(
@@ -191,35 +208,76 @@ def saturate(
     is_roundabout: bool,
     params: LawParams,
 ) -> Answer:
-    """Return the thrust nearest to the baseline's that satisfies the rows of all neighbours,
-    obstacles and walls.
+    """Return the thrust nearest to the baseline's that satisfies the rows of everything around.
 
-    Implements: (22) for N neighbours; lines P3, D, R and Q. DEVIATION D8, D13.
+    Implements: (22) for N neighbours, obstacles and walls; lines P3, D, R and Q. DEVIATION D8, D13.
 
     Args:
         own: this vehicle at t + L.
+        neighbours: as received.
+        obstacles: static ones.
         is_roundabout: whether this vehicle has been held for long and calls for a roundabout.
     """
     pairs, crowd_count, are_sound = nearest_pairs(own, neighbours, params)
     if is_roundabout:
         crowd_count = max(crowd_count, float(params.gains.crowd_count))
+
+    # rows of neighbours, obstacles and walls, in this order
     constraints = [neighbour_constraint(own, pair, crowd_count, params) for pair in pairs]
+
     surfaces = nearest_surfaces(own, obstacles, params.spacing.clearance_m)
     constraints.extend([obstacle_constraint(own, surface, params) for surface in surfaces])
+
     walls = fence_rows(own.position_m, own.velocity_m_s, params.fence, params.gains)
     constraints.extend([wall_constraint(own, wall) for wall in walls])
-    worst, active = _VIOLATED_M_S2, NOBODY
-    for constraint in constraints:
-        if constraint.violation_m_s2 > worst:
-            worst, active = constraint.violation_m_s2, constraint.table_index
+
+    active = most_violating(constraints)
     turns = [c.turn for c in constraints if c.is_turning]  # the last one is dropped first
+
     if active == NOBODY and len(turns) == 0:
         status = INACTIVE if are_sound else INFEASIBLE
-        return Answer(own.thrust_m_s2, status, 0.0, crowd_count, NOBODY)
-    found = nearest_thrust(own, pairs, [c.row for c in constraints], turns, params)
+        return unchanged_thrust(own, status, crowd_count)
+
+    safe = nearest_thrust(own, pairs, [c.row for c in constraints], turns, params)
     return Answer(
-        found.point, found.status if are_sound else INFEASIBLE, found.slack, crowd_count, active
+        thrust_m_s2=safe.point,
+        status=safe.status if are_sound else INFEASIBLE,
+        slack_m_s2=safe.slack,
+        crowd_count=crowd_count,
+        active=active,
     )
+
+
+def unchanged_thrust(own: Own, status: int, crowd_count: float) -> Answer:
+    """Return the answer that flies the baseline's thrust.
+
+    Args:
+        own: this vehicle at t + L.
+        status: a LawStatus.
+        crowd_count: number of near neighbours.
+    """
+    return Answer(
+        thrust_m_s2=own.thrust_m_s2,
+        status=status,
+        slack_m_s2=0.0,
+        crowd_count=crowd_count,
+        active=NOBODY,
+    )
+
+
+def most_violating(constraints: list[Constraint]) -> int:
+    """Return the table index of the constraint that the baseline violates most, or NOBODY.
+
+    Args:
+        constraints: of everything around.
+    """
+    worst_m_s2 = _VIOLATED_M_S2
+    active = NOBODY
+    for constraint in constraints:
+        if constraint.violation_m_s2 > worst_m_s2:
+            worst_m_s2 = constraint.violation_m_s2
+            active = constraint.table_index
+    return active
 
 
 def nearest_thrust(
@@ -229,10 +287,9 @@ def nearest_thrust(
     soft: list[HalfPlane],
     params: LawParams,
 ) -> Projection:
-    """Return the nearest thrust for all rows; where none fits, margins and speed give way before
-    promises and walls.
+    """Return the nearest thrust for all rows (line Q).
 
-    Implements: line Q.
+    Where none fits, margins and speed give way before promised distances, obstacles and walls.
 
     Args:
         own: this vehicle at t + L.
@@ -240,65 +297,72 @@ def nearest_thrust(
         rows: of these pairs in their order, then of obstacles and walls.
         soft: rows in order of importance; the last is dropped first.
     """
-    kept = [row for row in rows[: len(pairs)] if can_bind(row, own.radius_m_s2)]
+    radius = own.radius_m_s2
+    with_margins = [row for row in rows[: len(pairs)] if can_bind(row, radius)]
+    static = [row for row in rows[len(pairs) :] if can_bind(row, radius)]
+
     if length_2(own.velocity_m_s) > _STANDING_M_S and not is_fleeing(own, pairs, rows):
-        kept.append(
-            compensated(speed_row(own.velocity_m_s, params.top_speed_m_s), own.compensation_m_s2)
-        )
-    static = [row for row in rows[len(pairs) :] if can_bind(row, own.radius_m_s2)]
-    found = project(own.thrust_m_s2, kept + static, soft, own.radius_m_s2)
-    if found.status != RELAXED:
-        return found
+        speed = speed_row(own.velocity_m_s, params.top_speed_m_s)
+        with_margins.append(compensated(speed, own.compensation_m_s2))
+
+    safe = project(own.thrust_m_s2, with_margins + static, soft, radius)
+    if safe.status != RELAXED:
+        return safe
+
     promises = [compensated(promised_row(pair, params), own.compensation_m_s2) for pair in pairs]
-    firm = [row for row in promises if can_bind(row, own.radius_m_s2)] + static
-    return relaxed_in_order(own.thrust_m_s2, kept, firm, own.radius_m_s2)
+    firm = [row for row in promises if can_bind(row, radius)] + static
+    return relaxed_in_order(own.thrust_m_s2, with_margins, firm, radius)
 
 
 def is_fleeing(own: Own, pairs: list[NeighbourPair], rows: list[HalfPlane]) -> bool:
-    """Whether a neighbour that does not cooperate is near enough to matter: then no speed is too
-    high.
+    """Whether a neighbour that does not cooperate is near enough to matter: no speed is too high.
 
     Args:
         own: this vehicle at t + L.
         pairs: with the neighbours that count.
         rows: that keep their distance, in the same order.
     """
-    strangers = [
-        k
-        for k in range(len(pairs))
-        if not pairs[k].is_cooperative and can_bind(rows[k], own.radius_m_s2)
-    ]
-    return len(strangers) > 0
+    for k in range(len(pairs)):  # noqa: SIM110 - numba compiles no generators
+        if not pairs[k].is_cooperative and can_bind(rows[k], own.radius_m_s2):
+            return True
+    return False
 
 
 def neighbour_constraint(
     own: Own, pair: NeighbourPair, crowd_count: float, params: LawParams
 ) -> Constraint:
-    """Return the rows of one neighbour: its distance (line D), and turning as far as it is asked
-    for (line R).
+    """Return the rows of one neighbour: its distance (line D), and turning about it (line R).
 
     Args:
         own: this vehicle at t + L.
+        pair: with the neighbour.
         crowd_count: of this vehicle.
     """
     row = compensated(distance_row(pair, params), own.compensation_m_s2)
-    missing = violation(row, own.thrust_m_s2)
-    strength = turning_strength(missing, pair, params)
+    missing_m_s2 = violation(row, own.thrust_m_s2)
+
+    strength = turning_strength(missing_m_s2, pair, params)
     if strength <= 0.0:
-        return Constraint(row, _NO_ROW, False, missing, pair.table_index)
+        return hard_constraint(row, missing_m_s2, pair.table_index)
+
     is_crowded = max(crowd_count, pair.crowd_count) >= params.gains.crowd_count
-    turn = compensated(
+    full_turn = compensated(
         rotation_row(pair, own.velocity_m_s, is_crowded, params), own.compensation_m_s2
     )
-    return Constraint(row, faded(turn, own.thrust_m_s2, strength), True, missing, pair.table_index)
+    return Constraint(
+        row=row,
+        turn=faded(full_turn, own.thrust_m_s2, strength),
+        is_turning=True,
+        violation_m_s2=missing_m_s2,
+        table_index=pair.table_index,
+    )
 
 
 def turning_strength(violation_m_s2: float, pair: NeighbourPair, params: LawParams) -> float:
-    """Return how much of a neighbour's rotation row counts, from 0 to 1, by policy. DEVIATION D4,
-    D15.
+    """Return how much of a neighbour's rotation row counts, from 0 to 1, by policy.
 
     ahead: with the violation, and before it as far as the ways that both intend come too near;
-    violated: with the violation alone.
+    violated: with the violation alone. DEVIATION D4, D15.
 
     Args:
         violation_m_s2: of the distance row by the baseline.
@@ -307,11 +371,10 @@ def turning_strength(violation_m_s2: float, pair: NeighbourPair, params: LawPara
     rotation = params.policies.rotation
     if rotation == ROTATION_ALWAYS:
         return 1.0
-    strength = (
-        violation_m_s2 / params.gains.rotation_fade_m_s2
-        if is_turning(violation_m_s2, rotation)
-        else 0.0
-    )
+
+    strength = 0.0
+    if is_turning(violation_m_s2, rotation):
+        strength = violation_m_s2 / params.gains.rotation_fade_m_s2
     if rotation == ROTATION_AHEAD:
         strength = max(strength, conflict(pair.e, pair.intent_m_s, pair.d_m))
     return min(strength, 1.0)
@@ -325,11 +388,18 @@ def obstacle_constraint(own: Own, surface: Surface, params: LawParams) -> Constr
         surface: the obstacle's nearest point.
     """
     row = compensated(obstacle_row(surface, params.gains), own.compensation_m_s2)
-    missing = violation(row, own.thrust_m_s2)
-    if not is_turning(missing, params.policies.rotation):
-        return Constraint(row, _NO_ROW, False, missing, NOT_A_VEHICLE)
+    missing_m_s2 = violation(row, own.thrust_m_s2)
+    if not is_turning(missing_m_s2, params.policies.rotation):
+        return hard_constraint(row, missing_m_s2, NOT_A_VEHICLE)
+
     turn = obstacle_rotation_row(surface, own.velocity_m_s, own.intent_m_s, params)
-    return Constraint(row, compensated(turn, own.compensation_m_s2), True, missing, NOT_A_VEHICLE)
+    return Constraint(
+        row=row,
+        turn=compensated(turn, own.compensation_m_s2),
+        is_turning=True,
+        violation_m_s2=missing_m_s2,
+        table_index=NOT_A_VEHICLE,
+    )
 
 
 def wall_constraint(own: Own, wall: HalfPlane) -> Constraint:
@@ -340,43 +410,76 @@ def wall_constraint(own: Own, wall: HalfPlane) -> Constraint:
         wall: one of :func:`fence_rows`.
     """
     row = compensated(wall, own.compensation_m_s2)
-    return Constraint(row, _NO_ROW, False, violation(row, own.thrust_m_s2), NOT_A_VEHICLE)
+    return hard_constraint(row, violation(row, own.thrust_m_s2), NOT_A_VEHICLE)
+
+
+def hard_constraint(row: HalfPlane, violation_m_s2: float, table_index: int) -> Constraint:
+    """Return a constraint of a hard row alone.
+
+    Args:
+        row: keeps the distance.
+        violation_m_s2: of that row by the baseline.
+        table_index: of the neighbour, or NOT_A_VEHICLE.
+    """
+    return Constraint(
+        row=row,
+        turn=_NO_ROW,
+        is_turning=False,
+        violation_m_s2=violation_m_s2,
+        table_index=table_index,
+    )
 
 
 def is_turning(violation_m_s2: float, rotation: int) -> bool:
-    """Whether the policy asks for a rotation row because of the violation of the distance row
-    alone.
+    """Whether the policy asks for a rotation row because of the violation alone.
 
     Args:
         violation_m_s2: of the distance row by the baseline.
         rotation: the policy.
     """
-    return rotation == ROTATION_ALWAYS or (
-        rotation != ROTATION_NEVER and violation_m_s2 > _VIOLATED_M_S2
-    )
+    if rotation == ROTATION_ALWAYS:
+        return True
+    return rotation != ROTATION_NEVER and violation_m_s2 > _VIOLATED_M_S2
 
 
 def held(held_s: float, own: Own, is_active: bool, dt_s: float) -> float:
-    """Return the next ``LawMemory.held_s``: it counts while the law keeps a vehicle that intends to
-    go from getting on.
+    """Return the next ``LawMemory.held_s``.
 
-    Two parked neighbours with a gap too narrow between them hold a vehicle for ever: each row asks
-    for a turn that the other forbids. Held for HELD_S it calls for a roundabout, which leads around
-    both, for ROUNDABOUT_S. DEVIATION D4.
+    It counts while the law keeps a vehicle that intends to go from getting on. Two parked
+    neighbours with a gap too narrow between them hold a vehicle for ever: each row asks for a turn
+    that the other forbids. Held for HELD_S it calls for a roundabout, which leads around both, for
+    ROUNDABOUT_S. DEVIATION D4.
 
     Args:
         held_s: of the last tick.
         own: velocity and intent count.
         is_active: whether the row of a neighbour changes the baseline.
+        dt_s: length of the tick.
     """
-    intent_2, along = dot_2(own.intent_m_s, own.intent_m_s), dot_2(own.velocity_m_s, own.intent_m_s)
     if held_s < 0.0:
-        count_s = min(held_s + dt_s, 0.0)
-    elif is_active and intent_2 > _HELD_INTENT_2_M2_S2 and along < _HELD_FRAC * intent_2:
-        count_s = held_s + dt_s
-    else:
-        count_s = 0.0
+        return min(held_s + dt_s, 0.0)  # the roundabout goes on
+
+    intent_2 = dot_2(own.intent_m_s, own.intent_m_s)
+    along = dot_2(own.velocity_m_s, own.intent_m_s)
+    intends_to_go = intent_2 > _HELD_INTENT_2_M2_S2
+    gets_on = along >= _HELD_FRAC * intent_2
+    if not is_active or not intends_to_go or gets_on:
+        return 0.0
+
+    count_s = held_s + dt_s
     return -ROUNDABOUT_S if count_s >= HELD_S else count_s
+
+
+def relaxed_share(share: float, status: int, dt_s: float) -> float:
+    """Return the next ``LawMemory.relaxed_share`` (line G).
+
+    Args:
+        share: of the last tick.
+        status: of the law at this tick.
+        dt_s: length of the tick.
+    """
+    relaxed = 1.0 if status == RELAXED else 0.0
+    return share + relaxed_blend(dt_s) * (relaxed - share)
 
 
 def relaxed_blend(dt_s: float) -> float:
