@@ -25,25 +25,27 @@ from onboard.avoidance.params import (
 from onboard.vectors import Vec2, cross_2, dot_2, length_2
 
 SPEED_GAIN_1_S = 4.0
-_CONFLICT_FADE, _CONFLICT_WIDTH = 0.2, 0.9  # times the distance to keep
+_CONFLICT_FADE = 0.2  # times the distance to keep: over which a conflict grows to its full strength
+_CONFLICT_WIDTH = 0.9  # times the distance to keep: ways that pass nearer than this conflict
 _CONFLICT_M_S = 0.3  # relative intent from which a conflict counts in full
 
 
 def separating_bound(e: Vec2, w: Vec2, d_m: float, kappa_1_1_s: float, kappa_2_1_s: float) -> float:
-    """Return half of the bound (20) [m^2/s^2], without the acceleration of the other one, which
-    belongs to D_1.
+    """Return the bound [m^2/s^2] of ``e . (a_i - a_j)`` that keeps a pair apart.
 
-    ``e . (a_i - a_j) >= separating_bound`` keeps the squared distance, (5), above d^2, (7).
+    It keeps the squared distance, (5), above d^2, (7). This is half of h_1 of (20) without the
+    acceleration of the other one, which the paper has in D_1.
 
     Args:
         e, w: relative position and velocity [m, m/s].
         d_m: distance to keep.
+        kappa_1_1_s, kappa_2_1_s: decay of the constraint.
     """
-    closing = dot_2(e, w)  # half of the rate of d_o,2
+    half_rate = dot_2(e, w)  # half of the rate of d_o,2
     outside = dot_2(e, e) - d_m * d_m
     return (
         -dot_2(w, w)
-        - (kappa_1_1_s + kappa_2_1_s) * closing
+        - (kappa_1_1_s + kappa_2_1_s) * half_rate
         - 0.5 * kappa_1_1_s * kappa_2_1_s * outside
     )
 
@@ -62,13 +64,40 @@ def h_2(
         d_m: distance to keep.
         v_perp_m_s: v_perp^#.
         sign: +1 counter-clockwise, -1 clockwise.
+        gains: kappa_3 and kappa_4.
     """
-    d_2 = sign * cross_2(w, v)  # (14)
+    kappa_3 = gains.kappa_3_1_s
+    kappa_4 = gains.kappa_4_1_s
+
     phi_perp = sign * cross_2(e, v)  # (6)
+    d_2 = sign * cross_2(w, v)  # (14)
     d_o2_rate = 2.0 * dot_2(e, w)
     outside = dot_2(e, e) - d_m * d_m
-    kappa_3, kappa_4 = gains.kappa_3_1_s, gains.kappa_4_1_s
+
     return -d_2 - kappa_3 * d_o2_rate - kappa_4 * (phi_perp - d_m * v_perp_m_s + kappa_3 * outside)
+
+
+def radial(e: Vec2, bound_m2_s2: float, d_m: float) -> HalfPlane:
+    """Return the row ``e . u >= bound``, divided by the distance to keep.
+
+    Args:
+        e: relative position [m].
+        bound_m2_s2: of the undivided row.
+        d_m: distance to keep.
+    """
+    return HalfPlane(Vec2(e.x / d_m, e.y / d_m), bound_m2_s2 / d_m)
+
+
+def orthoradial(e: Vec2, sign: float, bound_m2_s2: float, d_m: float) -> HalfPlane:
+    """Return the row ``sign (e x u) >= bound``, divided by the distance to keep.
+
+    Args:
+        e: relative position [m].
+        sign: +1 counter-clockwise, -1 clockwise.
+        bound_m2_s2: of the undivided row.
+        d_m: distance to keep.
+    """
+    return HalfPlane(Vec2(-e.y * sign / d_m, e.x * sign / d_m), bound_m2_s2 / d_m)
 
 
 def distance_row(pair: NeighbourPair, params: LawParams) -> HalfPlane:
@@ -85,40 +114,42 @@ def distance_row(pair: NeighbourPair, params: LawParams) -> HalfPlane:
         normal [-] and bound [m/s^2].
     Properties: rotation-equivariant; homogeneous.
     """
-    e, d, gains = pair.e, pair.d_m, params.gains
-    needed = separating_bound(e, pair.w, d, gains.kappa_1_1_s, gains.kappa_2_1_s)
-    pulled = dot_2(e, pair.command_m_s2)
+    return distance_row_at(pair, pair.d_m, params)
+
+
+def promised_row(pair: NeighbourPair, params: LawParams) -> HalfPlane:
+    """Return the half-plane of the promised distance alone, without any margin (line Q).
+
+    It is given up last.
+
+    Args:
+        pair: this vehicle and the neighbour at t + L.
+    """
+    promised_m = min(pair.d_m, params.spacing.safety_distance_m)
+    return distance_row_at(pair, promised_m, params)
+
+
+def distance_row_at(pair: NeighbourPair, d_m: float, params: LawParams) -> HalfPlane:
+    """Return the half-plane of :func:`distance_row` for a distance of its own.
+
+    Args:
+        pair: this vehicle and the neighbour at t + L.
+        d_m: distance to keep.
+    """
+    gains = params.gains
+    needed = separating_bound(pair.e, pair.w, d_m, gains.kappa_1_1_s, gains.kappa_2_1_s)
+    pulled = dot_2(pair.e, pair.command_m_s2)  # by the neighbour's command, towards it
+
     responsibility = params.policies.responsibility
     if responsibility == RESPONSIBILITY_FULL or not pair.is_cooperative:
         bound = needed + pulled
     elif responsibility == RESPONSIBILITY_HALF:
         bound = 0.5 * needed
     else:
-        bound = 0.5 * needed + gains.shortfall_gain * max(0.0, 0.5 * needed + pulled)
-    return HalfPlane(Vec2(e.x / d, e.y / d), bound / d)
+        shortfall = max(0.0, 0.5 * needed + pulled)
+        bound = 0.5 * needed + gains.shortfall_gain * shortfall
 
-
-def promised_row(pair: NeighbourPair, params: LawParams) -> HalfPlane:
-    """Return the half-plane of the promised distance alone, without any margin: given up last (line
-    Q).
-
-    Args:
-        pair: this vehicle and the neighbour at t + L.
-    """
-    promised_m = min(pair.d_m, params.spacing.safety_distance_m)
-    bare = NeighbourPair(
-        pair.e,
-        pair.w,
-        pair.command_m_s2,
-        pair.intent_m_s,
-        promised_m,
-        pair.distance_2_m2,
-        pair.crowd_count,
-        pair.is_near,
-        pair.is_cooperative,
-        pair.table_index,
-    )
-    return distance_row(bare, params)
+    return radial(pair.e, bound, d_m)
 
 
 def rotation_row(
@@ -138,22 +169,31 @@ def rotation_row(
         normal [-] and bound [m/s^2].
     Properties: rotation-equivariant; homogeneous.
     """
-    e, w, d, gains, policies = pair.e, pair.w, pair.d_m, params.gains, params.policies
+    e = pair.e
+    w = pair.w
+    d = pair.d_m
+    gains = params.gains
+    policies = params.policies
+
     sign = turn_sign(e, pair.intent_m_s, d, is_crowded, policies.direction)
-    is_fast = is_crowded and policies.direction >= DIRECTION_CROWD
-    v_perp = gains.v_perp_crowd_m_s if is_fast else gains.v_perp_m_s
+
+    v_perp = gains.v_perp_m_s
+    if is_crowded and policies.direction >= DIRECTION_CROWD:
+        v_perp = gains.v_perp_crowd_m_s
+
     if policies.responsibility == RESPONSIBILITY_FULL:
         bound = h_2(e, w, own_velocity_m_s, d, v_perp, sign, gains)
     elif not pair.is_cooperative:
         bound = h_2(e, w, w, d, v_perp, sign, gains)
-    else:  # both turn with v_perp, so that the relative velocity is twice that
+    else:
+        # both turn with v_perp, so that the relative velocity is twice that
         bound = 0.5 * h_2(e, w, w, d, 2.0 * v_perp, sign, gains)
-    return HalfPlane(Vec2(-e.y * sign / d, e.x * sign / d), bound / d)
+
+    return orthoradial(e, sign, bound, d)
 
 
 def conflict(e: Vec2, intent_m_s: Vec2, d_m: float) -> float:
-    """Return how far the straight ways that both intend come too near to each other, from 0 to 1.
-    DEVIATION D4.
+    """Return how far the straight ways that both intend come too near, from 0 to 1. DEVIATION D4.
 
     Args:
         e: relative position [m].
@@ -161,77 +201,83 @@ def conflict(e: Vec2, intent_m_s: Vec2, d_m: float) -> float:
         d_m: distance to keep.
     Properties: rotation-equivariant; the same for both vehicles.
     """
-    speed = length_2(intent_m_s)
-    if speed < 1e-6 or dot_2(e, intent_m_s) >= 0.0:
-        return 0.0
-    miss_m = abs(cross_2(e, intent_m_s)) / speed
-    share = min(max((_CONFLICT_WIDTH * d_m - miss_m) / (_CONFLICT_FADE * d_m), 0.0), 1.0)
-    return share * min(speed / _CONFLICT_M_S, 1.0)
+    speed_m_s = length_2(intent_m_s)
+    if speed_m_s < 1e-6 or dot_2(e, intent_m_s) >= 0.0:
+        return 0.0  # they part
+
+    miss_m = abs(cross_2(e, intent_m_s)) / speed_m_s
+    nearness = (_CONFLICT_WIDTH * d_m - miss_m) / (_CONFLICT_FADE * d_m)
+    share = min(max(nearness, 0.0), 1.0)
+    return share * min(speed_m_s / _CONFLICT_M_S, 1.0)
 
 
 def turn_sign(e: Vec2, intent_m_s: Vec2, d_m: float, is_crowded: bool, direction: int) -> float:
-    """Return the side of a turn: +1 counter-clockwise, (8), or -1 clockwise, (9); by policy.
-    DEVIATION D4, D14.
+    """Return the side of a turn by policy: +1 counter-clockwise, (8), or -1 clockwise, (9).
 
     fixed: always +1. pair: as the relative velocity already turns the pair, which both see alike;
     +1 if undecided. crowd: a crowded pair always +1, so that all of a crowd go round the same way.
     intent: as crowd, but by the relative velocity that both intend, which does not keep a circling
-    pair circling.
+    pair circling. DEVIATION D4, D14.
 
     Args:
         e: relative position [m].
         intent_m_s: relative velocity that decides.
         d_m: distance to keep.
+        is_crowded: whether the pair is part of a crowd.
+        direction: the policy.
     """
     if direction == DIRECTION_FIXED or (is_crowded and direction >= DIRECTION_CROWD):
         return 1.0
-    return -1.0 if cross_2(e, intent_m_s) < -0.25 * d_m * max(length_2(intent_m_s), 0.1) else 1.0
+
+    clearly_clockwise = -0.25 * d_m * max(length_2(intent_m_s), 0.1)
+    return -1.0 if cross_2(e, intent_m_s) < clearly_clockwise else 1.0
 
 
 def obstacle_row(surface: Surface, gains: Gains) -> HalfPlane:
-    """Return the half-plane that keeps a static obstacle at its distance: (17) with all of the
-    bound. DEVIATION D13.
+    """Return the half-plane that keeps a static obstacle at its distance: (17). DEVIATION D13.
 
     Args:
-        surface: the obstacle's nearest point.
+        surface: the obstacle's nearest point; this vehicle takes all of the bound.
         gains: ``static_kappa_1_1_s`` in place of kappa_1.
     """
-    e, d = surface.e, surface.d_m
-    bound = separating_bound(e, surface.w, d, gains.static_kappa_1_1_s, gains.kappa_2_1_s)
-    return HalfPlane(Vec2(e.x / d, e.y / d), bound / d)
+    bound = separating_bound(
+        surface.e, surface.w, surface.d_m, gains.static_kappa_1_1_s, gains.kappa_2_1_s
+    )
+    return radial(surface.e, bound, surface.d_m)
 
 
 def obstacle_rotation_row(
     surface: Surface, velocity_m_s: Vec2, intent_m_s: Vec2, params: LawParams
 ) -> HalfPlane:
-    """Return the soft half-plane that turns the vehicle about a static obstacle: (18). DEVIATION
-    D13.
+    """Return the soft half-plane that turns the vehicle about an obstacle: (18). DEVIATION D13.
 
     Args:
         surface: the obstacle's nearest point.
         velocity_m_s, intent_m_s: own, horizontal, at t + L.
     """
-    e, d, gains = surface.e, surface.d_m, params.gains
+    e = surface.e
+    d = surface.d_m
+    gains = params.gains
     sign = turn_sign(e, intent_m_s, d, False, params.policies.direction)
     bound = h_2(e, surface.w, velocity_m_s, d, gains.v_perp_m_s, sign, gains)
-    return HalfPlane(Vec2(-e.y * sign / d, e.x * sign / d), bound / d)
+    return orthoradial(e, sign, bound, d)
 
 
 def fence_rows(position_m: Vec2, velocity_m_s: Vec2, fence: Fence, gains: Gains) -> list[HalfPlane]:
-    """Return the half-planes of the four walls, with bound -inf for an open side: (17) for the
-    distance from a line.
+    """Return the half-planes of the four walls: (17) for the distance from a line. DEVIATION D13.
 
-    With the distance h and the inward normal n: ``n . u >= -(k_1 + k_2) n . v - k_1 k_2 h``.
-    DEVIATION D13.
+    With the distance h and the inward normal n: ``n . u >= -(k_1 + k_2) n . v - k_1 k_2 h``. The
+    bound of an open side is -inf.
 
     Args:
         position_m, velocity_m_s: own, horizontal, at t + L.
+        fence: the walls.
+        gains: kappas for what stands still.
     """
-    rate, stiffness = (
-        gains.static_kappa_1_1_s + gains.kappa_2_1_s,
-        gains.static_kappa_1_1_s * gains.kappa_2_1_s,
-    )
-    p, v = position_m, velocity_m_s
+    p = position_m
+    v = velocity_m_s
+    rate = gains.static_kappa_1_1_s + gains.kappa_2_1_s
+    stiffness = gains.static_kappa_1_1_s * gains.kappa_2_1_s
     return [
         HalfPlane(Vec2(1.0, 0.0), -rate * v.x - stiffness * (p.x - fence.low_x_m)),
         HalfPlane(Vec2(0.0, 1.0), -rate * v.y - stiffness * (p.y - fence.low_y_m)),
@@ -241,19 +287,21 @@ def fence_rows(position_m: Vec2, velocity_m_s: Vec2, fence: Fence, gains: Gains)
 
 
 def speed_row(velocity_m_s: Vec2, top_speed_m_s: float) -> HalfPlane:
-    """Return the soft half-plane that lets the speed approach its limit only slowly. DEVIATION D13.
+    """Return the half-plane that lets the speed approach its limit only slowly. DEVIATION D13.
 
     Args:
         velocity_m_s: own, horizontal, not zero.
+        top_speed_m_s: while avoiding.
     """
     speed = length_2(velocity_m_s)
-    normal = Vec2(-velocity_m_s.x / speed, -velocity_m_s.y / speed)
-    return HalfPlane(normal, -SPEED_GAIN_1_S * (top_speed_m_s - speed))
+    backwards = Vec2(-velocity_m_s.x / speed, -velocity_m_s.y / speed)
+    return HalfPlane(backwards, -SPEED_GAIN_1_S * (top_speed_m_s - speed))
 
 
 def compensated(row: HalfPlane, compensation_m_s2: Vec2) -> HalfPlane:
-    """Return the row for the thrust with its compensation; rows constrain the net motion, which is
-    without it.
+    """Return the row for the thrust with its compensation.
+
+    Rows constrain the net motion, which is without it.
 
     Args:
         row: of the net motion.
@@ -283,15 +331,15 @@ def can_bind(row: HalfPlane, radius_m_s2: float) -> bool:
 
 
 def faded(row: HalfPlane, thrust_m_s2: Vec2, strength: float) -> HalfPlane:
-    """Return the row between what the thrust gives already, for strength 0, and its own bound, for
-    1. DEVIATION D15.
+    """Return the row between what the thrust gives already and its own bound. DEVIATION D15.
 
     Args:
         row: half-plane.
         thrust_m_s2: of the baseline.
-        strength: from 0 to 1.
+        strength: 0 asks for no more than the thrust gives, 1 for the whole row.
     """
     if strength >= 1.0:
         return row
+
     given = dot_2(row.normal, thrust_m_s2)
     return HalfPlane(row.normal, given + strength * (row.bound_m_s2 - given))

@@ -25,45 +25,54 @@ _PARALLEL = 1e-12
 
 
 def least_slack(rows: list[HalfPlane], radius: float) -> tuple[float, Vec2]:
-    """Return ``min t >= 0`` such that a point of the disc satisfies ``n . u >= b - t`` for all
-    rows; and that point.
+    """Return the smallest common slack with which a point of the disc satisfies all rows; and it.
+
+    That is ``min t >= 0`` such that a point u of the disc has ``n . u >= b - t`` for all rows.
 
     Args:
         rows: at least one, of any length: the slack is in the units of their bounds.
         radius: of the disc about the origin.
     """
-    scale, first = 0.0, 0
+    scale = 0.0
+    first = 0
     for k in range(len(rows)):
         scale = max(scale, abs(rows[k].bound_m_s2))
         if rows[k].bound_m_s2 > rows[first].bound_m_s2:
             first = k
+
     taken = [rows[first]]
     while True:
         slack, u = least_slack_of(taken, radius)
-        worst, most = -1, slack + EXACT * (1.0 + scale)
+
+        worst = -1
+        most = slack + EXACT * (1.0 + scale)
         for k in range(len(rows)):
             missing = rows[k].bound_m_s2 - rows[k].normal.x * u.x - rows[k].normal.y * u.y
             if missing > most:
-                worst, most = k, missing
+                worst = k
+                most = missing
+
         if worst < 0 or rows[worst] in taken:
             return max(0.0, slack), u
         taken.append(rows[worst])
 
 
 def least_slack_of(rows: list[HalfPlane], radius: float) -> tuple[float, Vec2]:
-    """Return the smallest common slack of a few rows over the disc, and its point, by trying all
-    candidates.
+    """Return the smallest common slack of a few rows over the disc, and its point.
 
     Args:
         rows: of any length.
         radius: of the disc.
     """
-    best, u = math.inf, Vec2(0.0, 0.0)
+    best = math.inf
+    u = Vec2(0.0, 0.0)
     for point in candidates(rows, radius):
-        if in_disc(point, radius):
-            slack = largest_violation(point, rows)
-            if slack < best:
-                best, u = slack, point
+        if not in_disc(point, radius):
+            continue
+        slack = largest_violation(point, rows)
+        if slack < best:
+            best = slack
+            u = point
     return best, u
 
 
@@ -76,19 +85,24 @@ def candidates(rows: list[HalfPlane], radius: float) -> list[Vec2]:
     """
     points = [Vec2(0.0, 0.0)]
     for i in range(len(rows)):
+        # on the circle, in the direction of one row
         normal = rows[i].normal
         share = radius / max(length_2(normal), 1e-300)
         points.append(Vec2(share * normal.x, share * normal.y))
+
         for j in range(i):
-            line = difference(rows[j], rows[i])
-            size = length_2(line.normal)
+            equal = difference(rows[j], rows[i])
+            size = length_2(equal.normal)
             if size <= _PARALLEL:
                 continue
-            unit = HalfPlane(
-                Vec2(line.normal.x / size, line.normal.y / size), line.bound_m_s2 / size
-            )
+
+            # on the circle, where two rows are missed equally
+            unit_normal = Vec2(equal.normal.x / size, equal.normal.y / size)
+            unit = HalfPlane(unit_normal, equal.bound_m_s2 / size)
             points.append(on_circle(unit, radius, 1.0))
             points.append(on_circle(unit, radius, -1.0))
+
+            # where three rows are missed equally
             for k in range(j):
-                points.append(corner(line, difference(rows[k], rows[i])))
+                points.append(corner(equal, difference(rows[k], rows[i])))
     return points

@@ -40,7 +40,16 @@ ROOT = Path(__file__).parents[2]
 
 TOPICS = ("truth", "tick", "telemetry", "event", "order")
 NAMES_OF_VERSIONS = frozenset(
-    ["boot_id", "config_hash", "fleet_hash", "law_hash", "law_version", "version", "versions", "record"]
+    [
+        "boot_id",
+        "config_hash",
+        "fleet_hash",
+        "law_hash",
+        "law_version",
+        "version",
+        "versions",
+        "record",
+    ]
 )
 NAMES_OF_WORDS = frozenset(
     {"sentence", "sentences", "reason", "reasons", "not_ready", "summary", "text"}
