@@ -163,7 +163,9 @@ class PreflightReporter:
     def _gather(self, view: FlightView, is_airborne: bool, hover_frac: float) -> PreflightFacts:
         now_ns = view.now_ns
         snapshot = view.snapshot
-        own, inputs, neighbours = self._own, self._inputs, self._neighbours
+        own = self._own
+        inputs = self._inputs
+        neighbours = self._neighbours
 
         px4_nonsense = ""
         if _age_s(now_ns, inputs.dropped.last_packet_ns) < _DROPPED_LATELY_S:

@@ -84,14 +84,17 @@ class AutopilotMonitor:
             self._offset_ns += _CREEP * (now_ns - self._moved_ns)
 
         shift_ns = offset_ns - self._offset_ns
-        self._shifted.update(abs(shift_ns) > STANDSTILL_S * 1e9, now_ns)
+        if abs(shift_ns) <= STANDSTILL_S * 1e9:
+            self._shifted.checks = 0
+            self._offset_ns = min(self._offset_ns, offset_ns)
+            return
+
+        self._shifted.see(now_ns)
         if self._shifted.checks >= _AGREEING_ATTITUDES:
             if shift_ns > 0.0:
                 self._back_ns = now_ns
             self._offset_ns = offset_ns
             self._shifted.checks = 0
-        elif self._shifted.checks == 0:
-            self._offset_ns = min(self._offset_ns, offset_ns)
 
 
 def _is_recent(then_ns: int, now_ns: int) -> bool:

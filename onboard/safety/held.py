@@ -2,8 +2,8 @@
 
 This is the one way in which safety waits before it believes. A process that was not scheduled for a
 while finds every message old at its first tick, although nothing else is wrong: so a silence counts
-only after several checks in a row have seen it. What may come and go for a moment, as a thrust at
-its limit, counts only after some time.
+only after several checks in a row have seen it. What may come and go for a moment counts only after
+some time.
 """
 
 from __future__ import annotations
@@ -13,25 +13,27 @@ from dataclasses import dataclass
 
 @dataclass(slots=True)
 class Held:
-    """Memory of one thing that may hold; call :meth:`update` at every check."""
+    """Memory of one thing that may hold.
+
+    Call :meth:`see` at every check that sees it, :meth:`end` at every other one.
+    """
 
     checks: int = 0  # in a row that have seen it; 0 while it does not hold
     since_ns: int = 0  # the first of them
 
-    def update(self, holds: bool, now_ns: int) -> None:
-        """Take one check.
+    def see(self, now_ns: int) -> None:
+        """Take a check that has seen it.
 
         Args:
-            holds: what this check has seen.
             now_ns: our clock.
         """
-        if not holds:
-            self.checks = 0
-            return
-
         if self.checks == 0:
             self.since_ns = now_ns
         self.checks += 1
+
+    def end(self) -> None:
+        """Take a check that has not seen it."""
+        self.checks = 0
 
     def seconds(self, now_ns: int) -> float:
         """Return the time since the first check that saw it [s]; 0 while it does not hold.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 from onboard.config.fleet import FleetSection
 from onboard.safety.failsafe_table import Condition
@@ -14,16 +14,16 @@ from onboard.supervision.tick_facts import TickFacts
 ANY_TIME_S = -math.inf  # of a cause that need not last
 
 
-class _WatchedCause:
-    """One cause of a condition, and for how long it has held."""
+class _Watched:
+    """A predicate of the table, for how long it has held, and the causes that wait for it."""
 
-    __slots__ = ("cause", "condition", "held", "over_s")
+    __slots__ = ("causes", "held", "holds")
 
-    def __init__(self, condition: Condition, cause: Cause, limits: FleetSection) -> None:
-        self.condition = condition
-        self.cause = cause
-        self.over_s = time_limit_s(cause, limits)
+    def __init__(self, holds: Callable[[TickFacts], object]) -> None:
+        self.holds = holds
         self.held = Held()
+        # condition, cause, and the time for longer than which the predicate has to hold [s]
+        self.causes: list[tuple[Condition, Cause, float]] = []
 
 
 class ConditionMonitor:
@@ -35,11 +35,11 @@ class ConditionMonitor:
     """
 
     def __init__(self, limits: FleetSection, rows: Iterable[ConditionRow] = ROWS) -> None:
-        watched = [
-            _WatchedCause(row.condition, cause, limits) for row in rows for cause in row.causes
-        ]
-        self._at_each_tick = [one for one in watched if not one.cause.is_slow]
-        self._at_slow_ticks = [one for one in watched if one.cause.is_slow]
+        causes = [(row.condition, cause) for row in rows for cause in row.causes]
+        at_each_tick = [one for one in causes if not one[1].is_slow]
+        at_slow_ticks = [one for one in causes if one[1].is_slow]
+        self._at_each_tick = _watched(at_each_tick, limits)
+        self._at_slow_ticks = _watched(at_slow_ticks, limits)
         self._slow: dict[Condition, str] = {}  # that hold as of the last slow tick
 
     def look(self, facts: TickFacts) -> dict[Condition, str]:
@@ -62,19 +62,31 @@ def time_limit_s(cause: Cause, limits: FleetSection) -> float:
     return cause.over_s
 
 
-def _holding(watched: list[_WatchedCause], facts: TickFacts) -> dict[Condition, str]:
+def _watched(
+    causes: Iterable[tuple[Condition, Cause]], limits: FleetSection
+) -> tuple[_Watched, ...]:
+    """Return each predicate once, with its causes: a bus that is silent, and is so for long."""
+    watched: dict[Callable[[TickFacts], object], _Watched] = {}
+    for condition, cause in causes:
+        one = watched.setdefault(cause.holds, _Watched(cause.holds))
+        one.causes.append((condition, cause, time_limit_s(cause, limits)))
+    return tuple(watched.values())
+
+
+def _holding(watched: Iterable[_Watched], facts: TickFacts) -> dict[Condition, str]:
     active: dict[Condition, str] = {}
     for one in watched:
-        cause, held = one.cause, one.held
-
-        if not cause.holds(facts):
-            held.checks = 0  # as Held.update does; nearly all of them, at every tick
+        held = one.held
+        if not one.holds(facts):
+            held.checks = 0  # as Held.end does; for nearly all of them, at every tick
             continue
 
-        held.update(True, facts.now_ns)
-        has_held_long = held.checks >= cause.checks and held.seconds(facts.now_ns) > one.over_s
-        if has_held_long and (cause.given is None or cause.given(facts)):
-            active[one.condition] = _detail(cause, facts)
+        held.see(facts.now_ns)
+        held_s = held.seconds(facts.now_ns)
+        for condition, cause, over_s in one.causes:
+            has_held_long = held.checks >= cause.checks and held_s > over_s
+            if has_held_long and (cause.given is None or cause.given(facts)):
+                active[condition] = _detail(cause, facts)
     return active
 
 

@@ -89,7 +89,10 @@ class NeighbourMonitor:
     def look(self, now_ns: int) -> Silence:
         """Return who is silent at this tick; call it at every one."""
         silent = self._table.silent(now_ns)
-        self._silence.update(bool(silent), now_ns)
+        if silent:
+            self._silence.see(now_ns)
+        else:
+            self._silence.checks = 0
 
         before = self._silent
         unseen: tuple[str, ...] = ()
@@ -154,7 +157,8 @@ class NeighbourMonitor:
 
     def look_slowly(self, view: FlightView) -> SlowNeighbourFacts:
         """Return who has something wrong, and tell the table of it; call it ten times a second."""
-        table, now_ns = self._table, view.now_ns
+        now_ns = view.now_ns
+        table = self._table
         without_position = table.invalid()
         late = table.stale(now_ns)
         other_files = tuple(table.other_hashes(self._own_hash))

@@ -70,6 +70,8 @@ class TickObserver:
         self._own = own
         self._flight = flight
         self._fence = _fence(fleet, vehicle)
+        # so near to another, two bodies touch; and only a breach of the safety distance is asked for
+        self._touching_m = min(fleet.fleet.body_diameter_m, fleet.fleet.safety_distance_m)
 
         self._stale = Held()
         self._autopilot = AutopilotMonitor()
@@ -83,20 +85,38 @@ class TickObserver:
 
     def look(self, view: FlightView, context: TickContext) -> TickFacts:
         """Return the facts of this tick."""
-        own, flight, neighbours = self._own, self._flight, self._neighbours
         now_ns = view.now_ns
         snapshot = view.snapshot
-        is_flying = flight.step.situation is Situation.FLYING
-        is_under_law = flight.step.is_under_law
+        own = self._own
+        neighbours = self._neighbours
+        flight = self._flight
+        step = flight.step
         height_m = view.position_enu_m[2] - flight.ground_z_m
 
+        # own motion
         position_age_s = own.age_s
-        self._stale.update(position_age_s > POSITION_STALE_S, now_ns)
+        if position_age_s > POSITION_STALE_S:
+            self._stale.see(now_ns)
+        else:
+            self._stale.checks = 0
         jumps = own.jumps
         jumped_onto = ""
         if jumps >= SWAP_JUMPS:
             jumped_onto = self._jumped_onto(now_ns)
+        is_tracked = step.is_under_law and step is not FlightStep.LIFTOFF
+        if is_tracked and height_m >= self._tracked_above_m(view):
+            self._tracking.update(
+                context.commanded_wxyz,
+                own.attitude_wxyz(snapshot),
+                context.thrust_frac,
+                below_m=context.below_m,
+                climb_m_s=view.velocity_enu_m_s[2],
+                dt_s=min(context.period_s, _LONGEST_TICK_S),
+            )
+        else:
+            self._tracking.reset()
 
+        # PX4
         self._autopilot.update(
             now_ns,
             packet_ns=snapshot.last_packet_ns,
@@ -107,19 +127,24 @@ class TickObserver:
         has_landed_report = view.has_landed_report
         is_on_ground = has_landed_report and view.was_on_ground
         mode_loss = self._offboard.update(now_ns, snapshot, flight, is_on_ground=is_on_ground)
-        self._follow_tracking(view, context, height_m, is_under_law=is_under_law)
 
+        # geofence
         fence = _NOWHERE_NEAR
         if view.has_position:
             fence = self._fence.status(view.position_enu_m, view.velocity_enu_m_s)
 
-        silence = neighbours.look(now_ns)
-        touched = self._touched(view, context)
+        # the order, and the other vehicles
         overdue = flight.overdue(view)
         if overdue == "":
             overdue = neighbours.kept_off_by(flight.goal_position_enu_m, view)
-        if flight.step is FlightStep.LEG:
+        if step is FlightStep.LEG:
             neighbours.count_avoided(context.active_neighbour)
+        silence = neighbours.look(now_ns)
+        touched = ""
+        if context.is_airborne and context.nearest_m < self._touching_m:
+            touched = neighbours.nearest_to(
+                view.position_enu_m, self._limits.body_diameter_m, now_ns
+            )
 
         law_refusal = ""
         if context.law_refusal:
@@ -136,10 +161,10 @@ class TickObserver:
             is_slow_tick=is_slow_tick,
             slow=self._slow,
             # the flight
-            is_flying=is_flying,
-            is_under_law=is_under_law,
+            is_flying=step.situation is Situation.FLYING,
+            is_under_law=step.is_under_law,
             is_airborne=context.is_airborne,
-            is_in_contact=flight.step is FlightStep.CONTACT,
+            is_in_contact=step is FlightStep.CONTACT,
             overdue=overdue,
             # own motion
             has_position=view.has_position,
@@ -198,35 +223,14 @@ class TickObserver:
             return ""
         return self._neighbours.nearest_to(jumped_to_enu_m, _SWAP_RADIUS_M, now_ns)
 
-    def _touched(self, view: FlightView, context: TickContext) -> str:
-        """Return the vehicle that is nearer than a body; empty for none."""
-        limits = self._limits
-        nearest_m = context.nearest_m
-        is_breached = context.is_airborne and nearest_m < limits.safety_distance_m
-        if not is_breached or nearest_m >= limits.body_diameter_m:
-            return ""
-        return self._neighbours.nearest_to(view.position_enu_m, limits.body_diameter_m, view.now_ns)
-
-    def _follow_tracking(
-        self, view: FlightView, context: TickContext, height_m: float, *, is_under_law: bool
-    ) -> None:
-        """Compare attitude and thrust with what was commanded, while nothing else carries it."""
-        step = self._flight.step
-        lowest_m = _TRACKED_BLIND_ABOVE_M if view.is_blind else _TRACKED_ABOVE_M
-        if step.situation is Situation.LANDING and not self._vehicle.mocap_required:
-            lowest_m = _TRACKED_SATELLITES_ABOVE_M
-
-        if not is_under_law or step is FlightStep.LIFTOFF or height_m < lowest_m:
-            self._tracking.reset()
-            return
-        self._tracking.update(
-            context.commanded_wxyz,
-            self._own.attitude_wxyz(view.snapshot),
-            context.thrust_frac,
-            below_m=context.below_m,
-            climb_m_s=view.velocity_enu_m_s[2],
-            dt_s=min(context.period_s, _LONGEST_TICK_S),
-        )
+    def _tracked_above_m(self, view: FlightView) -> float:
+        """Return the height below which the ground may carry the vehicle [m]."""
+        is_landing = self._flight.step.situation is Situation.LANDING
+        if is_landing and not self._vehicle.mocap_required:
+            return _TRACKED_SATELLITES_ABOVE_M
+        if view.is_blind:
+            return _TRACKED_BLIND_ABOVE_M
+        return _TRACKED_ABOVE_M
 
     def _look_slowly(self, view: FlightView, context: TickContext, height_m: float) -> SlowFacts:
         now_ns = view.now_ns

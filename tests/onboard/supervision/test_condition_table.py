@@ -223,11 +223,11 @@ def test_the_detail_is_that_of_the_last_cause_that_holds() -> None:
 def test_held_begins_at_its_first_check_and_ends_with_the_first_that_sees_nothing() -> None:
     held = Held()
     assert held.seconds(5) == 0.0
-    held.update(True, 10**9)
+    held.see(10**9)
     assert (held.checks, held.seconds(10**9)) == (1, 0.0)
-    held.update(True, 3 * 10**9)
+    held.see(3 * 10**9)
     assert (held.checks, held.seconds(3 * 10**9)) == (2, 2.0)
-    held.update(False, 4 * 10**9)
+    held.end()
     assert (held.checks, held.seconds(4 * 10**9)) == (0, 0.0)
-    held.update(True, 5 * 10**9)
+    held.see(5 * 10**9)
     assert held.seconds(6 * 10**9) == 1.0
