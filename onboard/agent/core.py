@@ -68,7 +68,7 @@ from onboard.preflight.preflight_reporter import PreflightReporter
 from onboard.safety.failsafe_table import Situation
 from onboard.safety.limits import POSITION_LOST_S
 from onboard.safety.snapshot_check import nonsense
-from onboard.supervision.failsafe_executor import FailsafeExecutor
+from onboard.supervision.failsafe_supervisor import FailsafeSupervisor
 from onboard.supervision.model_mismatch_reporter import ModelMismatchReporter
 from onboard.supervision.tick_context import TickContext
 from onboard.types import TICK_S, State, Tick
@@ -114,7 +114,7 @@ class AgentCore:
         # what it decides
         self.flight = FlightContext(fleet, vehicle)
         self.control = ControlStep(fleet, vehicle_name, clock=clock, pipeline_step=pipeline_step)
-        self.failsafes = FailsafeExecutor(fleet, vehicle, self.own, self.neighbours, self.flight)
+        self.failsafes = FailsafeSupervisor(fleet, vehicle, self.own, self.neighbours, self.flight)
         self.preflight = PreflightReporter(
             fleet,
             vehicle,

@@ -23,7 +23,7 @@ from onboard.message_counts import MessageCounts
 from onboard.neighbours.duplicate_agents import DuplicateAgents
 from onboard.neighbours.table import NeighbourTable
 from onboard.safety.failsafe_table import Situation
-from onboard.supervision.failsafe_executor import FailsafeExecutor
+from onboard.supervision.failsafe_supervisor import FailsafeSupervisor
 from onboard.types import LawStatus, Tick
 
 
@@ -42,7 +42,7 @@ class TelemetrySources(Struct, frozen=True):
     own: OwnState
     neighbours: NeighbourTable
     flight: FlightContext
-    failsafes: FailsafeExecutor
+    failsafes: FailsafeSupervisor
     roles: ControlTokens
     duplicates: DuplicateAgents
     refused_orders: Mapping[str, int]  # that were not believed -> how many

@@ -16,7 +16,7 @@ from onboard.flight.context import FlightContext
 from onboard.flight.order_checks import OrderFacts
 from onboard.flight.types import FlightStep, FlightView
 from onboard.safety.failsafe_table import Action
-from onboard.supervision.failsafe_executor import FailsafeExecutor
+from onboard.supervision.failsafe_supervisor import FailsafeSupervisor
 
 _MOST_REPLIES = 200
 # until then all vehicles of the same order have announced their goals
@@ -37,7 +37,7 @@ class OrderIntake:
     def __init__(
         self,
         flight: FlightContext,
-        failsafes: FailsafeExecutor,
+        failsafes: FailsafeSupervisor,
         roles: ControlTokens,
         gate: OrderGate | None = None,
     ) -> None:

@@ -19,7 +19,7 @@ from onboard.px4.required_params import required_params
 from onboard.safety.failsafe_table import Action
 from onboard.safety.limits import RECKONING_S
 from onboard.safety.setpoint_check import is_sendable
-from onboard.supervision.failsafe_executor import FailsafeExecutor
+from onboard.supervision.failsafe_supervisor import FailsafeSupervisor
 
 # PX4 speaks at least every 30 ms. A setpoint is for an attitude that is known now; when PX4 or a
 # thread hangs, it is not.
@@ -32,7 +32,7 @@ class SetpointOutput:
     """Decides at every tick which setpoint leaves, if any."""
 
     def __init__(
-        self, vehicle: Vehicle, own: OwnState, flight: FlightContext, failsafes: FailsafeExecutor
+        self, vehicle: Vehicle, own: OwnState, flight: FlightContext, failsafes: FailsafeSupervisor
     ) -> None:
         self.quaternion_wxyz: Vec4 = (1.0, 0.0, 0.0, 0.0)  # sent last, in the fleet frame
         self.sent_thrust_frac = 0.0  # sent last; 0 while nothing is sent

@@ -94,7 +94,7 @@ class TickObserver:
         height_m = view.position_enu_m[2] - flight.ground_z_m
 
         # own motion
-        position_age_s = own.age_s
+        position_age_s = view.position_age_s
         if position_age_s > POSITION_STALE_S:
             self._stale.see(now_ns)
         else:
@@ -107,7 +107,7 @@ class TickObserver:
         if is_tracked and height_m >= self._tracked_above_m(view):
             self._tracking.update(
                 context.commanded_wxyz,
-                own.attitude_wxyz(snapshot),
+                view.attitude_wxyz,
                 context.thrust_frac,
                 below_m=context.below_m,
                 climb_m_s=view.velocity_enu_m_s[2],

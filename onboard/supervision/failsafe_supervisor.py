@@ -64,7 +64,7 @@ class _Reported(NamedTuple):
     held_ns: int  # when the condition held last
 
 
-class FailsafeExecutor:
+class FailsafeSupervisor:
     """Applies the failsafe table to one vehicle; call :meth:`decide` at every tick."""
 
     def __init__(
