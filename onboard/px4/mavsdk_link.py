@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from mavsdk import ComponentType
@@ -35,28 +35,69 @@ from onboard.security.mavlink_key import AGENT_LINK_ID
 from onboard.types import AttitudeSetpoint
 
 _COMPONENT_ID = 191  # MAV_COMP_ID_ONBOARD_COMPUTER
-# two links that start at once in one process crash MAVSDK 4.1 now and then
+
+# Two links that start at once in one process crash MAVSDK 4.1 now and then.
 _ONE_AT_A_TIME = threading.Lock()
-_TYPE_MASK_ATTITUDE_AND_THRUST = 7
-_FRAME_LOCAL_NED, _FRAME_LOCAL_FRD_VELOCITY = 1, 12
-_ESTIMATOR_TYPE_VISION = 2
-_GPS_RAW_INT, _LOCAL_POSITION_NED = 24, 32
-# ATTITUDE_QUATERNION, EXTENDED_SYS_STATE, BATTERY_STATUS, ESTIMATOR_STATUS
-_RATES_HZ = {31: 50.0, 245: 10.0, 147: 2.0, 230: 5.0}
+
+# Numbers of messages.
+_HEARTBEAT = 0
+_GPS_RAW_INT = 24
+_ATTITUDE_QUATERNION = 31
+_LOCAL_POSITION_NED = 32
+_GPS_GLOBAL_ORIGIN = 49
+_BATTERY_STATUS = 147
+_AUTOPILOT_VERSION = 148
+_ESTIMATOR_STATUS = 230
+_EXTENDED_SYS_STATE = 245
+
+_RATES_HZ = {
+    _ATTITUDE_QUATERNION: 50.0,
+    _EXTENDED_SYS_STATE: 10.0,
+    _BATTERY_STATUS: 2.0,
+    _ESTIMATOR_STATUS: 5.0,
+}
+
 # Two thirds of the messages that PX4 sends to a companion by itself are not used, and each costs
 # time: ATTITUDE, GLOBAL_POSITION_INT, SERVO_OUTPUT_RAW, VFR_HUD, targets, HIGHRES_IMU,
-# DISTANCE_SENSOR, ALTITUDE, ODOMETRY
+# DISTANCE_SENSOR, ALTITUDE, ODOMETRY.
 _UNUSED = (30, 33, 36, 74, 83, 85, 87, 105, 132, 141, 331)
-_STOP_US = -1.0
+_STOP_US = -1.0  # interval of a message that is not to be sent
+
+# Values of fields of SET_ATTITUDE_TARGET and ODOMETRY.
+_TYPE_MASK_ATTITUDE_AND_THRUST = 7  # ignore all rates
+_FRAME_LOCAL_NED = 1
+_FRAME_LOCAL_FRD_VELOCITY = 12
+_ESTIMATOR_TYPE_VISION = 2
+_QUALITY_PERCENT = 100
+_ATTITUDE_VARIANCE_RAD2 = 1e-4  # of roll, pitch and yaw each
+
 _TUNE = "MFT180O4L8CEGO5CP4O4CEGO5C"  # up a chord, twice; at most 29 characters
-_HEARTBEAT, _GPS_GLOBAL_ORIGIN, _AUTOPILOT_VERSION = 0, 49, 148
+
 # Indoors any position will do: only PX4's global frame depends on it. Its altitude must be 0: PX4
 # takes heights of a mocap for altitudes, and its local height would be wrong by the altitude of the
 # origin.
-_ORIGIN = (47.397742, 8.545594, 0.0)
-_ORIGIN_TOLERANCE_M, _PAUSE_NS = 0.01, 1_000_000_000
+_ORIGIN = (47.397742, 8.545594, 0.0)  # latitude [deg], longitude [deg], altitude [m]
+_ORIGIN_TOLERANCE_M = 0.01  # of its altitude, as PX4 confirms it
+_PAUSE_NS = 1_000_000_000  # without poses, before an origin is set
+
 _NAN = math.nan
-_UNKNOWN = (_NAN,) * 21
+_UNKNOWN_VELOCITY = (_NAN,) * 6  # linear and angular
+_UNKNOWN_COVARIANCE = (_NAN,) * 21  # upper triangle of 6 x 6
+_ATTEMPTS = 2  # to set a parameter
+
+
+def _pose_covariance(std_m: float) -> list[float]:
+    """Return the upper triangle of the covariance of north, east, down, roll, pitch and yaw."""
+    variance_m2 = std_m**2
+    diagonal = {
+        0: variance_m2,
+        6: variance_m2,
+        11: variance_m2,
+        15: _ATTITUDE_VARIANCE_RAD2,
+        18: _ATTITUDE_VARIANCE_RAD2,
+        20: _ATTITUDE_VARIANCE_RAD2,
+    }
+    return [diagonal.get(index, 0.0) for index in range(21)]
 
 
 def _silent(*_: Any) -> bool:
@@ -85,22 +126,30 @@ class Px4Link:
         satellites_hz: float = 0.0,
         key: bytes | None = None,
     ) -> None:
-        self.endpoint, self.system_id = endpoint, system_id
+        self.endpoint = endpoint
+        self.system_id = system_id
         self._rates_hz = {
             **_RATES_HZ,
             _LOCAL_POSITION_NED: position_hz,
             _GPS_RAW_INT: satellites_hz,
         }
+
+        signer: Signer | None = None
+        if key is not None:
+            signer = Signer(key, AGENT_LINK_ID)
         self._port = PortClaim(endpoint)
-        signer = Signer(key, AGENT_LINK_ID) if key is not None else None
         self._relay = MavlinkRelay(endpoint, Ids(system_id, _COMPONENT_ID), signer, self._receive)
-        self._mavsdk: Mavsdk | None = None
-        self._system: Any = None
-        self._param: Param | None = None
+
+        self._mavsdk: Mavsdk | None = None  # while the link is open
+        self._system: Any = None  # MAVSDK's, once PX4 has been heard
+        self._param: Param | None = None  # the same
+
         # newest message of each kind, not yet parsed: bytes, arrival
         self._unread: dict[str, tuple[bytes, int]] = {}
-        self._lock = threading.Lock()
-        self._slot = Snapshot()
+        self._lock = threading.Lock()  # of the newest values
+        self._newest = Snapshot()
+
+        # covariance of poses for the standard deviation that was sent last
         self._covariance: tuple[float, list[float]] = (math.nan, [])
         self._start_ns = 0
         self._poses_ns = 0  # last pose sent to PX4, by this program or one before it
@@ -117,49 +166,69 @@ class Px4Link:
         if self._mavsdk is not None:
             return
         self._port.take()
+
         configuration = Configuration.create_with_component_type(ComponentType.COMPANION_COMPUTER)
-        configuration.system_id, configuration.component_id = self.system_id, _COMPONENT_ID
+        configuration.system_id = self.system_id
+        configuration.component_id = _COMPONENT_ID
         with _ONE_AT_A_TIME:
             mavsdk_logging.log_subscribe(_silent)
             mavsdk = Mavsdk(configuration)
             mavsdk.add_any_connection("raw://")
             mavsdk.subscribe_raw_bytes_to_be_sent(self._send_for_mavsdk)
         self._mavsdk = mavsdk
+
         try:
             self._relay.start()
         except LinkError:
             self.stop()
             raise
-        self._start_ns = self._poses_ns = time.monotonic_ns()
+        self._start_ns = time.monotonic_ns()
+        self._poses_ns = self._start_ns
 
     def connect(self, timeout_s: float) -> bool:
-        """Wait (blocking: for an executor) until PX4 has been heard, then subscribe to all that the
-        agent needs.
+        """Wait until PX4 has been heard, then request all that the agent needs.
 
+        It blocks: call it on an executor.
+
+        Args:
+            timeout_s: for which it waits.
+        Returns:
+            Whether PX4 has been heard, now or before.
         Raises:
             LinkError: another system id answers.
         """
-        if self._mavsdk is None or self._param is not None:
-            return self._param is not None
+        if self._param is not None:
+            return True
+        if self._mavsdk is None:
+            return False
+
         system = self._mavsdk.first_autopilot(timeout_s)
         if system is not None:
-            self._system, self._param = system, Param(system)
+            self._system = system
+            self._param = Param(system)
             self.request_rates()
             return True
-        if self._relay.other_system_id is not None:
+
+        other_system_id = self._relay.other_system_id
+        if other_system_id is not None:
             raise LinkError(
-                f"The PX4 at {self.endpoint} has MAVLink system id {self._relay.other_system_id}, but the fleet file "
-                f"says {self.system_id}. Correct 'system_id' or 'autopilot' of this vehicle, or MAV_SYS_ID of this PX4."
+                f"The PX4 at {self.endpoint} has MAVLink system id {other_system_id}, but the "
+                f"fleet file says {self.system_id}. Correct 'system_id' or 'autopilot' of this "
+                "vehicle, or MAV_SYS_ID of this PX4."
             )
         return False
 
     def stop(self) -> None:
-        """Close the link; a second call does nothing. No call to this object may be under way in
-        another thread.
+        """Close the link; a second call does nothing.
+
+        No call to this object may be under way in another thread.
         """
-        mavsdk, self._mavsdk = self._mavsdk, None
+        mavsdk = self._mavsdk
+        self._mavsdk = None
+
         self._relay.stop()
-        self._param = self._system = None
+        self._param = None
+        self._system = None
         if mavsdk is not None:
             mavsdk.destroy()
         self._port.release()
@@ -169,17 +238,16 @@ class Px4Link:
     def snapshot(self) -> Snapshot:
         """Return the newest values; safe from any thread."""
         relay = self._relay
-        if self._unread or relay.refused is not self._slot.refused:
+        if self._unread or relay.refused is not self._newest.refused:
             with self._lock:
-                self._slot = self._read(
-                    replace(
-                        self._slot,
-                        refused=relay.refused,
-                        is_signed=relay.is_signed,
-                        has_wrong_clock=relay.has_wrong_clock,
-                    )
+                known = replace(
+                    self._newest,
+                    refused=relay.refused,
+                    is_signed=relay.is_signed,
+                    has_wrong_clock=relay.has_wrong_clock,
                 )
-        return self._slot
+                self._newest = self._read(known)
+        return self._newest
 
     def _receive(self, packet: Packet) -> None:
         """Keep a message on the relay's thread; :meth:`snapshot` parses it.
@@ -188,12 +256,14 @@ class Px4Link:
         """
         name = NAMES.get(packet.number)
         if name is not None:
-            self._unread[name] = packet.payload, time.monotonic_ns()
+            self._unread[name] = (packet.payload, time.monotonic_ns())
+
         mavsdk = self._mavsdk
         if packet.number in MAVSDK_READS and mavsdk is not None:
             mavsdk.pass_received_raw_bytes(packet.data)
 
     def _read(self, known: Snapshot) -> Snapshot:
+        """Return the values after the messages that have come since."""
         changes: dict[str, Any] = {}
         newest_ns = 0
         while self._unread:
@@ -203,7 +273,8 @@ class Px4Link:
             except ValueError:
                 continue
             newest_ns = max(newest_ns, arrived_ns)
-        if not newest_ns:
+
+        if newest_ns == 0:
             return known
         return replace(known, last_packet_ns=newest_ns, system_id=self.system_id, **changes)
 
@@ -211,13 +282,12 @@ class Px4Link:
 
     def send_attitude(self, setpoint: AttitudeSetpoint) -> None:
         """SET_ATTITUDE_TARGET with attitude and thrust, ENU/FLU in, NED/FRD on the wire."""
+        rates_rad_s = (0.0, 0.0, 0.0)  # ignored
         self._send(
             "SET_ATTITUDE_TARGET",
             self._boot_ms(),
             *ned_frd_from_enu_flu(setpoint.quaternion_wxyz),
-            0.0,
-            0.0,
-            0.0,
+            *rates_rad_s,
             setpoint.thrust_frac,
             self.system_id,
             AUTOPILOT_COMPONENT,
@@ -270,33 +340,34 @@ class Px4Link:
         if self.withholds_poses and not self.snapshot().is_armed:
             return
         self._poses_ns = time.monotonic_ns()
-        north, east, down = ned_from_enu(position_enu_m)
-        w, x, y, z = quaternion_enu_flu_wxyz
+
         # PX4 ignores the heading of a quaternion whose norm is not 1 to five digits
+        w, x, y, z = quaternion_enu_flu_wxyz
         norm = math.hypot(w, x, y, z)
+        unit_quaternion = (w / norm, x / norm, y / norm, z / norm)
+
         if std_m != self._covariance[0]:
-            diagonal = {0: std_m**2, 6: std_m**2, 11: std_m**2, 15: 1e-4, 18: 1e-4, 20: 1e-4}
-            self._covariance = std_m, [diagonal.get(index, 0.0) for index in range(21)]
+            self._covariance = (std_m, _pose_covariance(std_m))
+
         self._send(
             "ODOMETRY",
             time.monotonic_ns() // 1000,
-            north,
-            east,
-            down,
-            *ned_frd_from_enu_flu((w / norm, x / norm, y / norm, z / norm)),
-            *_UNKNOWN[:6],
+            *ned_from_enu(position_enu_m),
+            *ned_frd_from_enu_flu(unit_quaternion),
+            *_UNKNOWN_VELOCITY,
             *self._covariance[1],
-            *_UNKNOWN,
+            *_UNKNOWN_COVARIANCE,
             _FRAME_LOCAL_NED,
             _FRAME_LOCAL_FRD_VELOCITY,
             reset_count,
             _ESTIMATOR_TYPE_VISION,
-            100,
+            _QUALITY_PERCENT,
         )
 
     def set_global_origin(self) -> None:
-        """Give PX4 a global origin: without one it refuses its position modes, its hold and land
-        among them.
+        """Give PX4 a global origin.
+
+        Without one it refuses its position modes, its hold and land among them.
         """
         latitude_deg, longitude_deg, altitude_m = _ORIGIN
         self._send(
@@ -309,8 +380,9 @@ class Px4Link:
         )
 
     def settle_global_origin(self, *, sets_ours: bool) -> bool:
-        """Request PX4's global origin, and set ours until PX4 confirms it; call it once a second on
-        the ground.
+        """Request PX4's global origin, and set ours until PX4 confirms it.
+
+        Call it once a second on the ground.
 
         PX4 sends its origin by itself only when it sets it, and a datagram may be lost. An origin
         that comes while PX4 v1.18 fuses poses moves its local position by thousands of kilometres
@@ -324,10 +396,14 @@ class Px4Link:
             Whether PX4 has an origin, ours if it is to have ours.
         """
         known = self.snapshot().global_origin
-        is_settled = known is not None and (
-            not sets_ours or abs(known[2] - _ORIGIN[2]) <= _ORIGIN_TOLERANCE_M
-        )
+        if known is None:
+            is_settled = False
+        elif sets_ours:
+            is_settled = abs(known[2] - _ORIGIN[2]) <= _ORIGIN_TOLERANCE_M
+        else:
+            is_settled = True
         self.withholds_poses = sets_ours and not is_settled
+
         if known is None:
             self._command(modes.CMD_REQUEST_MESSAGE, float(_GPS_GLOBAL_ORIGIN))
         if self.withholds_poses and time.monotonic_ns() - self._poses_ns > _PAUSE_NS:
@@ -337,18 +413,22 @@ class Px4Link:
     def forget_global_origin(self) -> None:
         """PX4 has restarted: it has no origin any more."""
         with self._lock:
-            self._slot = replace(self._slot, global_origin=None)
+            self._newest = replace(self._newest, global_origin=None)
 
     def request_rates(self) -> None:
-        """Request PX4's version, and rates of what the agent reads: PX4's defaults are too slow for
-        close flight.
+        """Request rates of what the agent reads, and PX4's version.
+
+        PX4's default rates are too slow for close flight.
         """
-        interval_by_id_us = {
-            number: 1e6 / rate_hz if rate_hz else _STOP_US
-            for number, rate_hz in self._rates_hz.items()
-        }
-        for number, interval_us in (interval_by_id_us | dict.fromkeys(_UNUSED, _STOP_US)).items():
+        for number, rate_hz in self._rates_hz.items():
+            interval_us = _STOP_US
+            if rate_hz:
+                interval_us = 1e6 / rate_hz
             self._command(modes.CMD_SET_MESSAGE_INTERVAL, float(number), interval_us)
+
+        for number in _UNUSED:
+            self._command(modes.CMD_SET_MESSAGE_INTERVAL, float(number), _STOP_US)
+
         self.request_version()
 
     def request_version(self) -> None:
@@ -358,8 +438,12 @@ class Px4Link:
     # -- parameters: blocking, for an executor -----------------------------------------------------
 
     def read_params(self, names: Mapping[str, float | int]) -> dict[str, float | int | None]:
-        """Read parameters: name -> any value of the parameter's type. None where PX4 did not
-        answer.
+        """Read parameters.
+
+        Args:
+            names: name -> any value of the parameter's type.
+        Returns:
+            name -> value; None where PX4 did not answer.
         """
         return {name: self._read_param(name, like) for name, like in names.items()}
 
@@ -368,26 +452,41 @@ class Px4Link:
         if self._param is None:
             return
         for name, value in values.items():
-            for _ in range(2):
+            for _ in range(_ATTEMPTS):
                 try:
-                    if isinstance(self._read_param(name, value), int):
-                        self._param.set_param_int(name, int(value))
-                    else:
-                        self._param.set_param_float(name, float(value))
+                    self._set_param(self._param, name, value)
                 except ParamError:
                     continue
                 break
 
+    def _set_param(self, param: Param, name: str, value: float | int) -> None:
+        """Set a parameter as the type that PX4 has it in."""
+        if isinstance(self._read_param(name, value), int):
+            param.set_param_int(name, int(value))
+        else:
+            param.set_param_float(name, float(value))
+
     def _read_param(self, name: str, like: float | int) -> float | int | None:
-        if self._param is None:
+        """Return a parameter, asked for as the type of ``like`` first; None without an answer."""
+        param = self._param
+        if param is None:
             return None
-        readers = [self._param.get_param_int, self._param.get_param_float]
-        for read in readers if isinstance(like, int) else readers[::-1]:
+
+        def read_int() -> int:
+            return int(param.get_param_int(name))
+
+        def read_float() -> float:
+            return float(param.get_param_float(name))
+
+        readers: list[Callable[[], float | int]] = [read_float, read_int]
+        if isinstance(like, int):
+            readers.reverse()
+
+        for read in readers:
             try:
-                value = read(name)
+                return read()
             except ParamError:
                 continue
-            return int(value) if read == self._param.get_param_int else float(value)
         return None
 
     # -- wire --------------------------------------------------------------------------------------
@@ -396,17 +495,23 @@ class Px4Link:
         return (time.monotonic_ns() - self._start_ns) // 1_000_000 & 0xFFFFFFFF
 
     def _command(self, command: int, param1: float = 0.0, param2: float = 0.0) -> None:
-        rest = _NAN if command == modes.CMD_LAND else 0.0  # not a number: keep heading and place
+        """Send a command, without waiting for its answer."""
+        param3 = 0.0
+        params4_to_7 = (0.0,) * 4
+        if command == modes.CMD_LAND:
+            params4_to_7 = (_NAN,) * 4  # keep heading and position
+        confirmation = 0
+
         self._send(
             "COMMAND_LONG",
             param1,
             param2,
-            0.0,
-            *(rest,) * 4,
+            param3,
+            *params4_to_7,
             command,
             self.system_id,
             AUTOPILOT_COMPONENT,
-            0,
+            confirmation,
         )
 
     def _send(self, name: str, *values: float | bytes) -> None:

@@ -1,5 +1,7 @@
-"""Parsers of PX4's messages: from JSON fields and arrival to fields of
-:class:`onboard.autopilot.Snapshot`.
+"""Parsers of PX4's messages: fields of a message and its arrival -> fields of a snapshot.
+
+A parser returns the fields of :class:`onboard.autopilot.Snapshot` that the message changes; none
+where its numbers mean nothing.
 """
 
 from __future__ import annotations
@@ -13,32 +15,31 @@ from onboard.frames import enu_flu_from_ned_frd
 from onboard.px4 import modes
 
 # AUTOPILOT_VERSION.uid of a PX4 that was built for simulation: this number, counted up by the
-# system id less one from SIMULATIONID0000, BOARD_OVERRIDE_UUID of PX4's board px4_sitl
+# system id less one from SIMULATIONID0000, BOARD_OVERRIDE_UUID of PX4's board px4_sitl.
 _SIMULATION_UID = 0x4954414C44494E4F
 _MOST_SYSTEM_IDS = 255
 _FIX_3D = 3  # GPS_FIX_TYPE; more is better
+_NO_CELL_MV = 65535  # voltage of a cell that is not there
 
 
 def _attitude(fields: dict[str, Any], arrival_ns: int) -> dict[str, Any]:
-    q = enu_flu_from_ned_frd((fields["q1"], fields["q2"], fields["q3"], fields["q4"]))
-    if not math.isfinite(sum(q)):
+    ned_frd_wxyz = (fields["q1"], fields["q2"], fields["q3"], fields["q4"])
+    enu_flu_wxyz = enu_flu_from_ned_frd(ned_frd_wxyz)
+    if not math.isfinite(sum(enu_flu_wxyz)):
         return {}
     return {
-        "quaternion_enu_flu_wxyz": q,
+        "quaternion_enu_flu_wxyz": enu_flu_wxyz,
         "attitude_ns": arrival_ns,
         "px4_boot_ms": int(fields["time_boot_ms"]),
     }
 
 
 def _local_position(fields: dict[str, Any], arrival_ns: int) -> dict[str, Any]:
-    position, velocity = (
-        (fields["x"], fields["y"], fields["z"]),
-        (fields["vx"], fields["vy"], fields["vz"]),
-    )
-    if not all(
-        isinstance(value, float) and math.isfinite(value) for value in (*position, *velocity)
-    ):
-        return {}
+    position = (fields["x"], fields["y"], fields["z"])
+    velocity = (fields["vx"], fields["vy"], fields["vz"])
+    for value in (*position, *velocity):
+        if not (isinstance(value, float) and math.isfinite(value)):
+            return {}
     return {
         "position_local_ned_m": position,
         "velocity_local_ned_m_s": velocity,
@@ -83,10 +84,15 @@ def _extended_state(fields: dict[str, Any], arrival_ns: int) -> dict[str, Any]:
 
 
 def _battery(fields: dict[str, Any], arrival_ns: int) -> dict[str, Any]:
-    remaining, voltages = int(fields["battery_remaining"]), fields["voltages"]
+    remaining_percent = int(fields["battery_remaining"])
+    remaining_frac = math.nan
+    if remaining_percent >= 0:  # -1: PX4 does not know it
+        remaining_frac = remaining_percent / 100.0
+
+    voltage_mv = sum(cell_mv for cell_mv in fields["voltages"] if cell_mv < _NO_CELL_MV)
     return {
-        "battery_frac": remaining / 100.0 if remaining >= 0 else math.nan,
-        "battery_voltage_v": sum(v for v in voltages if v < 65535) / 1000.0,
+        "battery_frac": remaining_frac,
+        "battery_voltage_v": voltage_mv / 1000.0,
         "battery_ns": arrival_ns,
     }
 
@@ -108,8 +114,11 @@ def _sys_status(fields: dict[str, Any], arrival_ns: int) -> dict[str, Any]:
 
 def _version(fields: dict[str, Any], _: int) -> dict[str, Any]:
     number = int(fields["flight_sw_version"])
+    version: tuple[int, int] | None = None
+    if number != 0:
+        version = (number >> 24 & 0xFF, number >> 16 & 0xFF)
     return {
-        "px4_version": (number >> 24 & 0xFF, number >> 16 & 0xFF) if number else None,
+        "px4_version": version,
         "is_simulated": 0 <= int(fields["uid"]) - _SIMULATION_UID < _MOST_SYSTEM_IDS,
     }
 

@@ -1,17 +1,25 @@
-"""PX4's modes as HEARTBEAT carries them, and the numbers of the commands that the link uses."""
+"""PX4's modes as HEARTBEAT carries them, and the numbers of the commands that the link uses.
+
+The numbers are those of MAVLink's common.xml and of PX4's ``px4_custom_mode.h``.
+"""
 
 from __future__ import annotations
 
+# MAV_CMD
+CMD_LAND = 21
 CMD_SET_MODE = 176
 CMD_ARM = 400
-CMD_LAND = 21
 CMD_SET_MESSAGE_INTERVAL = 511
 CMD_REQUEST_MESSAGE = 512
-FORCE_DISARM_MAGIC = 21196.0
-BASE_MODE_ARMED = 0x80
+
+FORCE_DISARM_MAGIC = 21196.0  # second parameter of CMD_ARM, which disarms in the air, too
+
+# bits of base_mode
 BASE_MODE_CUSTOM_ENABLED = 1
+BASE_MODE_ARMED = 0x80
+
 MAIN_MODE_OFFBOARD = 6
-STATUS_CRITICAL = 5
+STATUS_CRITICAL = 5  # MAV_STATE: PX4 is in a failsafe
 
 _MAIN = {
     1: "MANUAL",
@@ -22,6 +30,7 @@ _MAIN = {
     7: "STABILIZED",
     8: "RATTITUDE",
 }
+_AUTO_MAIN = 4  # main mode whose submodes are these
 _AUTO = {
     1: "READY",
     2: "TAKEOFF",
@@ -32,12 +41,15 @@ _AUTO = {
     8: "FOLLOW",
     9: "PRECLAND",
 }
-_AUTO_MAIN = 4
 
 
 def mode_name(custom_mode: int) -> str:
-    """Return PX4's custom mode in words: main mode in bits 16-23, AUTO's submode in bits 24-31."""
-    main, sub = custom_mode >> 16 & 0xFF, custom_mode >> 24 & 0xFF
-    if main == _AUTO_MAIN:
-        return _AUTO.get(sub, f"AUTO {sub}")
-    return _MAIN.get(main, f"MODE {main}")
+    """Return PX4's custom mode in words.
+
+    The main mode is in bits 16 to 23, the submode of AUTO in bits 24 to 31.
+    """
+    main_mode = custom_mode >> 16 & 0xFF
+    sub_mode = custom_mode >> 24 & 0xFF
+    if main_mode == _AUTO_MAIN:
+        return _AUTO.get(sub_mode, f"AUTO {sub_mode}")
+    return _MAIN.get(main_mode, f"MODE {main_mode}")
