@@ -1,5 +1,7 @@
-"""MAVLink packets as bytes: headers, checksums, and the messages that the agent reads and writes.
-Pure.
+"""MAVLink packets as bytes: headers, checksums, and the messages that the agent reads. Pure.
+
+The format: https://mavlink.io/en/guide/serialization.html. Fields stand in the order of the wire,
+the largest types first, and not in the order of MAVLink's XML files.
 """
 
 from __future__ import annotations
@@ -9,36 +11,50 @@ from binascii import crc_hqx
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
-_MAGIC_1, _MAGIC_2 = 0xFE, 0xFD
-_SIGNED = 0x01
+_MAGIC_1 = 0xFE  # first byte of a packet of MAVLink 1
+_MAGIC_2 = 0xFD  # first byte of a packet of MAVLink 2
+_SIGNED = 0x01  # flag of a packet with a signature
+
+_HEADER_1_BYTES = 6
+_HEADER_2_BYTES = 10
+_CHECKSUM_BYTES = 2
 SIGNATURE_BYTES = 13
-_HEADER_1, _HEADER_2, _CHECKSUM = 6, 10, 2
-_REVERSED = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
+
+_REVERSED = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))  # bits of each byte mirrored
+
 # magic, length, two bytes of flags, sequence, system, component, id in two parts
 _HEAD = struct.Struct("<BBBBBBBHB")
 
 
 class MessageLayout(NamedTuple):
-    """One kind of message: its fields in the order of the wire, without extensions that are not
-    used.
-    """
+    """One kind of message, without extensions that are not used."""
 
-    number: int
-    checksum_seed: int
-    layout: struct.Struct
-    fields: tuple[tuple[str, int, int], ...]  # name, place of the first value, number of values
+    number: int  # id of the kind
+    checksum_seed: int  # CRC_EXTRA of the kind
+    layout: struct.Struct  # of its values, in the order of the wire
+    fields: tuple[tuple[str, int, int], ...]  # name, index of the first value, number of values
 
 
 def _message(number: int, seed: int, layout: str, fields: str = "") -> MessageLayout:
-    places: list[tuple[str, int, int]] = []
-    place = 0
+    """Return a kind of message from its row.
+
+    Args:
+        number: id of the kind.
+        seed: CRC_EXTRA of the kind.
+        layout: of its values, as :mod:`struct` writes it.
+        fields: names in the order of the wire; ``NAME*10`` for an array of ten values.
+    """
+    indexed: list[tuple[str, int, int]] = []
+    index = 0
     for word in fields.split():
-        name, _, count = word.partition("*")
-        places.append((name, place, int(count or 1)))
-        place += int(count or 1)
-    return MessageLayout(number, seed, struct.Struct(f"<{layout}"), tuple(places))
+        name, _, written_count = word.partition("*")
+        count = int(written_count or 1)
+        indexed.append((name, index, count))
+        index += count
+    return MessageLayout(number, seed, struct.Struct(f"<{layout}"), tuple(indexed))
 
 
+# Messages that the agent reads.
 READ = {
     "HEARTBEAT": _message(
         0, 50, "IBBBBB", "custom_mode type autopilot base_mode system_status mavlink_version"
@@ -47,7 +63,8 @@ READ = {
         1,
         124,
         "III",
-        "onboard_control_sensors_present onboard_control_sensors_enabled onboard_control_sensors_health",
+        "onboard_control_sensors_present onboard_control_sensors_enabled "
+        "onboard_control_sensors_health",
     ),
     "GPS_RAW_INT": _message(24, 24, "QiiiHHHHB", "time_usec lat lon alt eph epv vel cog fix_type"),
     "ATTITUDE_QUATERNION": _message(31, 246, "I4f", "time_boot_ms q1 q2 q3 q4"),
@@ -57,19 +74,22 @@ READ = {
         147,
         154,
         "iih10HhBBBb",
-        "current_consumed energy_consumed temperature voltages*10 current_battery id battery_function type "
-        "battery_remaining",
+        "current_consumed energy_consumed temperature voltages*10 current_battery id "
+        "battery_function type battery_remaining",
     ),
     "AUTOPILOT_VERSION": _message(148, 178, "QQI", "capabilities uid flight_sw_version"),
     "ESTIMATOR_STATUS": _message(
         230,
         163,
         "Q7f",
-        "time_usec vel_ratio pos_horiz_ratio pos_vert_ratio mag_ratio hagl_ratio tas_ratio pos_horiz_accuracy",
+        "time_usec vel_ratio pos_horiz_ratio pos_vert_ratio mag_ratio hagl_ratio tas_ratio "
+        "pos_horiz_accuracy",
     ),
     "EXTENDED_SYS_STATE": _message(245, 130, "BB", "vtol_state landed_state"),
     "STATUSTEXT": _message(253, 83, "B50s", "severity text"),
 }
+
+# Messages that the agent writes; what is packed stands above each.
 SENT = {
     # latitude, longitude, altitude, system, time
     "SET_GPS_GLOBAL_ORIGIN": _message(48, 41, "iiiBQ"),
@@ -81,16 +101,22 @@ SENT = {
     # time, position, q, velocity, rates, two covariances, two frames, resets, estimator, quality
     "ODOMETRY": _message(331, 91, "Q55fBBBBb"),
 }
-# What MAVSDK needs besides, and what it may send: nothing else of it leaves.
-# HEARTBEAT, PARAM_VALUE, COMMAND_ACK, AUTOPILOT_VERSION
-MAVSDK_READS = {0: 50, 22: 220, 77: 143, 148: 178}
+
+# What MAVSDK needs besides, and what it may send; nothing else of it leaves. Number -> seed.
+MAVSDK_READS = {
+    0: 50,  # HEARTBEAT
+    22: 220,  # PARAM_VALUE
+    77: 143,  # COMMAND_ACK
+    148: 178,  # AUTOPILOT_VERSION
+}
 MAVSDK_SENDS = {
-    0: 50,
-    20: 214,
-    21: 159,
-    23: 168,
-    76: 152,
-}  # HEARTBEAT, PARAM_REQUEST_READ, _LIST, PARAM_SET, COMMAND_LONG
+    0: 50,  # HEARTBEAT
+    20: 214,  # PARAM_REQUEST_READ
+    21: 159,  # PARAM_REQUEST_LIST
+    23: 168,  # PARAM_SET
+    76: 152,  # COMMAND_LONG
+}
+
 NAMES = {message.number: name for name, message in READ.items()}
 _SEEDS = {message.number: message.checksum_seed for message in (*READ.values(), *SENT.values())}
 _SEEDS |= MAVSDK_READS | MAVSDK_SENDS
@@ -99,21 +125,24 @@ _SEEDS |= MAVSDK_READS | MAVSDK_SENDS
 class Packet(NamedTuple):
     """One packet: sender, kind, payload, and its bytes."""
 
-    system_id: int
-    component_id: int
-    number: int
+    system_id: int  # of the sender
+    component_id: int  # of the sender
+    number: int  # kind of the message
     payload: bytes
     is_signed: bool
-    data: bytes
+    data: bytes  # all of the packet
 
     @property
     def is_right(self) -> bool:
-        """Whether the checksum is; never for a kind that nobody here reads or sends."""
+        """Whether the checksum is right; never for a kind that nobody here reads or sends."""
         seed = _SEEDS.get(self.number)
         if seed is None:
             return False
-        end = len(self.data) - (SIGNATURE_BYTES if self.is_signed else 0) - _CHECKSUM
-        return checksum(self.data[1:end], seed) == self.data[end : end + _CHECKSUM]
+
+        end = len(self.data) - _CHECKSUM_BYTES  # of what the checksum covers
+        if self.is_signed:
+            end -= SIGNATURE_BYTES
+        return checksum(self.data[1:end], seed) == self.data[end : end + _CHECKSUM_BYTES]
 
 
 def is_read(number: int) -> bool:
@@ -122,8 +151,10 @@ def is_read(number: int) -> bool:
 
 
 def checksum(data: bytes, seed: int) -> bytes:
-    """Return the two bytes of MAVLink's checksum: CRC-16/MCRF4XX, by the standard library's
-    mirrored form.
+    """Return the two bytes of MAVLink's checksum.
+
+    It is CRC-16/MCRF4XX. The standard library has its mirrored form, which is fed with mirrored
+    bytes.
 
     Args:
         data: packet without its first byte.
@@ -142,35 +173,44 @@ def cut(data: bytes) -> Iterator[Packet | int]:
         each packet; last the number of bytes at the end that are no whole packet, negative when
         they never become one.
     """
-    start, end = 0, len(data)
-    while start < end:
-        magic, left = data[start], end - start
-        if magic not in (_MAGIC_1, _MAGIC_2):
-            yield start - end
+    start = 0
+    while start < len(data):
+        magic = data[start]
+        if magic == _MAGIC_1:
+            header_bytes = _HEADER_1_BYTES
+        elif magic == _MAGIC_2:
+            header_bytes = _HEADER_2_BYTES
+        else:
+            yield start - len(data)
             return
-        is_2 = magic == _MAGIC_2
-        header = _HEADER_2 if is_2 else _HEADER_1
-        if left < header:
+
+        header = data[start : start + header_bytes]
+        if len(header) < header_bytes:
             break
-        is_signed = is_2 and bool(data[start + 2] & _SIGNED)
-        body = start + header
-        length = data[start + 1]
-        size = header + length + _CHECKSUM + (SIGNATURE_BYTES if is_signed else 0)
-        if left < size:
+
+        is_signed = magic == _MAGIC_2 and bool(header[2] & _SIGNED)
+        payload_bytes = header[1]
+        size = header_bytes + payload_bytes + _CHECKSUM_BYTES
+        if is_signed:
+            size += SIGNATURE_BYTES
+
+        whole = data[start : start + size]
+        if len(whole) < size:
             break
-        ids = data[start + 5 : start + 10] if is_2 else data[start + 3 : start + 6]
-        number = int.from_bytes(ids[2:], "little")
+
+        ids = header[5:] if magic == _MAGIC_2 else header[3:]  # system, component, number
         yield Packet(
-            ids[0],
-            ids[1],
-            number,
-            data[body : body + length],
-            is_signed,
-            data[start : start + size],
+            system_id=ids[0],
+            component_id=ids[1],
+            number=int.from_bytes(ids[2:], "little"),
+            payload=whole[header_bytes : header_bytes + payload_bytes],
+            is_signed=is_signed,
+            data=whole,
         )
         start += size
-    if start < end:
-        yield end - start
+
+    if start < len(data):
+        yield len(data) - start
 
 
 def fields_of(name: str, payload: bytes) -> dict[str, Any]:
@@ -180,12 +220,16 @@ def fields_of(name: str, payload: bytes) -> dict[str, Any]:
         name: one of :data:`READ`.
         payload: as it came, with or without the zeros and the extensions at its end.
     """
-    _, _, layout, places = READ[name]
+    layout = READ[name].layout
     values = layout.unpack(payload.ljust(layout.size, b"\0")[: layout.size])
-    return {
-        name: values[place] if count == 1 else values[place : place + count]
-        for name, place, count in places
-    }
+
+    fields: dict[str, Any] = {}
+    for field, index, count in READ[name].fields:
+        if count == 1:
+            fields[field] = values[index]
+        else:
+            fields[field] = values[index : index + count]
+    return fields
 
 
 def packed(
@@ -208,12 +252,13 @@ def packed(
         is_signed: whether a signature follows.
     """
     payload = payload.rstrip(b"\0") or b"\0"
-    flags = _SIGNED if is_signed else 0
+    incompatible_flags = _SIGNED if is_signed else 0
+    compatible_flags = 0
     head = _HEAD.pack(
         _MAGIC_2,
         len(payload),
-        flags,
-        0,
+        incompatible_flags,
+        compatible_flags,
         sequence,
         system_id,
         component_id,

@@ -1,5 +1,6 @@
-"""One agent per autopilot: MAVSDK binds a port in use without an error, and then each client gets
-some packets only.
+"""One agent per autopilot.
+
+Two programs at one port, or at one serial device, would get some of its packets each.
 """
 
 from __future__ import annotations
@@ -15,26 +16,26 @@ from onboard.autopilot import LinkError
 
 
 class PortClaim:
-    """An autopilot's endpoint that only this process uses, held by a file lock until
-    :meth:`release`.
+    """An autopilot's endpoint that only this process uses, until :meth:`release`.
 
-    The lock excludes other agents, whose MAVSDK would share the port; binding the UDP port once
-    finds other programs.
+    A file lock excludes other agents; binding the UDP port once finds other programs.
     """
 
     def __init__(self, endpoint: str) -> None:
         self.endpoint = endpoint
-        self._lock_fd: int | None = None
+        self._lock_fd: int | None = None  # descriptor of the locked file; None without a claim
 
     def take(self) -> None:
-        """Claim the UDP port, the remote port or the serial device of the endpoint; a second call
-        does nothing.
+        """Claim the UDP port, the remote port or the serial device of the endpoint.
+
+        A second call does nothing.
 
         Raises:
             LinkError: another process has it.
         """
         if self._lock_fd is not None:
             return
+
         udp = re.fullmatch(r"udpin://(.+):(\d+)", self.endpoint)
         path = Path(tempfile.gettempdir()) / f"covey-{os.getuid()}-{_key(self.endpoint)}.lock"
         fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
@@ -45,23 +46,27 @@ class PortClaim:
                     probe.bind((udp[1], int(udp[2])))
         except OSError as error:
             os.close(fd)
-            name = f"UDP port {udp[2]} of {self.endpoint}" if udp is not None else self.endpoint
+            name = self.endpoint
+            if udp is not None:
+                name = f"UDP port {udp[2]} of {self.endpoint}"
             raise LinkError(
-                f"{name} is in use ({error.strerror}). Another agent or ground station is connected to this autopilot: "
-                "stop it, or change 'autopilot' of this vehicle in the fleet file."
+                f"{name} is in use ({error.strerror}). Another agent or ground station is "
+                "connected to this autopilot: stop it, or change 'autopilot' of this vehicle in "
+                "the fleet file."
             ) from None
         self._lock_fd = fd
 
     def release(self) -> None:
         """Release the port; a second call does nothing."""
-        fd, self._lock_fd = self._lock_fd, None
-        if fd is not None:
-            os.close(fd)
+        if self._lock_fd is not None:
+            os.close(self._lock_fd)
+            self._lock_fd = None
 
 
 def _key(endpoint: str) -> str:
-    """Return a file name for the resource: a local port, a remote endpoint, or a device whatever
-    its baud rate.
+    """Return a file name for the resource.
+
+    It is a local port, a remote endpoint, or a device whatever its baud rate.
     """
     kind, _, address = endpoint.partition("://")
     if kind == "udpin":

@@ -1,7 +1,6 @@
-"""The relay between an agent and its PX4: signs what leaves, and lets in what this PX4 has sent and
-nobody else.
+"""The relay between an agent and its PX4.
 
-A thread receives; it stands in the agent's process and ends with it. Nothing is kept to be sent
+It signs what leaves, and lets in what this PX4 has sent and nobody else. A thread receives; it stands in the agent's process and ends with it. Nothing is kept to be sent
 later or once more: a packet leaves in the call that made it, or never.
 """
 
@@ -23,8 +22,10 @@ from onboard.security.mavlink_key import signing_time
 
 _HEARTBEAT = 0
 _ANOTHER_NS = 3_000_000_000  # PX4's address is another one only after so long a silence
-_GREET_NS = 900_000_000
+_GREET_NS = 900_000_000  # at least, between two greetings
 _GREETING = bytes((0, 0, 0, 0, 18, 8, 0, 4, 3))  # HEARTBEAT of an onboard controller
+
+# what is counted for a signature that is not right: a field of ``Refused``
 _BY_VERDICT = {
     SignatureVerdict.UNSIGNED: "unsigned",
     SignatureVerdict.FORGED: "forged",
@@ -54,18 +55,25 @@ class MavlinkRelay:
     def __init__(
         self, endpoint: str, ids: Ids, signer: Signer | None, on_packet: Callable[[Packet], None]
     ) -> None:
-        self._endpoint, self._ids, self._signer, self._on_packet = endpoint, ids, signer, on_packet
-        self._transport: Transport | None = None
+        self._endpoint = endpoint
+        self._ids = ids
+        self._signer = signer
+        self._on_packet = on_packet
+
+        self._transport: Transport | None = None  # while it is open
         self._thread: threading.Thread | None = None
-        self._sending = threading.Lock()
-        self._sequence = 0
+        self._sending = threading.Lock()  # several threads send
+        self._sequence = 0  # of the packets sent
+
         self._rest = b""  # of a serial device: the begin of a packet
-        self._peer: Address | None = None
-        self._peer_ns = self._greeted_ns = 0
+        self._peer: Address | None = None  # where PX4 sends from
+        self._peer_ns = 0  # when it last did
+        self._greeted_ns = 0
+
         self.other_system_id: int | None = None  # of another autopilot that is heard here
-        self.refused = Refused()
+        self.refused = Refused()  # what was not let in
         self.is_signed = False  # whether the newest packet that was let in had a signature
-        self.has_wrong_clock = False
+        self.has_wrong_clock = False  # PX4's timestamps are far ahead of this computer's clock
 
     def start(self) -> None:
         """Open the endpoint, and receive from now on.
@@ -77,8 +85,10 @@ class MavlinkRelay:
             self._transport = open_transport(self._endpoint)
         except (OSError, ValueError) as error:
             raise LinkError(
-                f"{self._endpoint} cannot be opened ({error}). Correct 'autopilot' of this vehicle in the fleet file."
+                f"{self._endpoint} cannot be opened ({error}). Correct 'autopilot' of this vehicle "
+                "in the fleet file."
             ) from None
+
         self._thread = threading.Thread(
             target=self._run, args=(self._transport,), name="link", daemon=True
         )
@@ -86,7 +96,8 @@ class MavlinkRelay:
 
     def stop(self) -> None:
         """Close the endpoint; a second call does nothing."""
-        transport, self._transport = self._transport, None
+        transport = self._transport
+        self._transport = None
         if transport is not None and self._thread is not None:
             transport.stop()
             self._thread.join()
@@ -105,10 +116,12 @@ class MavlinkRelay:
             transport = self._transport
             if transport is None:
                 return
+
             signer = self._signer
             data = packed(number, payload, self._sequence, *self._ids, is_signed=signer is not None)
             if signer is not None:
                 data = signer.sign(data, signing_time(time.time_ns()))
+
             self._sequence = (self._sequence + 1) & 0xFF
             transport.send(data, address)
 
@@ -123,34 +136,40 @@ class MavlinkRelay:
                 self._greet(self._peer)
 
     def _take(self, data: bytes, address: Address | None) -> None:
-        whole, self._rest = self._rest + data, b""
+        """Take a datagram, or what came over a cable, where packets may be cut anywhere."""
+        is_cable = address is None
+        whole = self._rest + data
+        self._rest = b""
+
         while whole:
-            left = 0  # bytes at the end that are no whole packet
+            left = 0  # bytes at the end that are no whole packet; negative if they never become one
             for packet in cut(whole):
                 if isinstance(packet, Packet):
                     self._judge(packet, address)
                 else:
                     left = packet
-            if left > 0 and address is None:
-                self._rest = whole[-left:]
-            elif left:
-                self._refuse("malformed", address)
-            whole = self._next(whole[left:]) if left < 0 and address is None else b""
 
-    @staticmethod
-    def _next(data: bytes) -> bytes:
-        """Return what may begin with a packet, of bytes that do not."""
-        begins = [place for place in (data.find(b"\xfd", 1), data.find(b"\xfe", 1)) if place > 0]
-        return data[min(begins) :] if begins else b""
+            if left > 0 and is_cable:
+                self._rest = whole[-left:]
+            elif left != 0:
+                self._refuse("malformed", address)
+
+            if left < 0 and is_cable:
+                whole = _from_next_magic(whole[left:])
+            else:
+                whole = b""
 
     def _judge(self, packet: Packet, address: Address | None) -> None:
+        """Let a packet in, or count it."""
         if not is_read(packet.number):
             return
+
         if packet.component_id != AUTOPILOT_COMPONENT or packet.system_id != self._ids.system:
             if packet.number == _HEARTBEAT and packet.component_id == AUTOPILOT_COMPONENT:
                 self.other_system_id = packet.system_id
             self.refused = replace(self.refused, others=self.refused.others + 1)
             return
+
         now_ns = time.monotonic_ns()
         is_peer = address == self._peer or now_ns - self._peer_ns > _ANOTHER_NS
         if not packet.is_right:
@@ -160,18 +179,22 @@ class MavlinkRelay:
         elif self._is_fresh(packet, address):
             if address != self._peer:
                 log.info("PX4 sends from %s", _words(address) or self._endpoint)
-            self._peer, self._peer_ns = address, now_ns
+            self._peer = address
+            self._peer_ns = now_ns
             self.is_signed = packet.is_signed
             self._on_packet(packet)
 
     def _is_fresh(self, packet: Packet, address: Address | None) -> bool:
+        """Whether the signature is right, where packets are signed; counts a packet if it is not."""
         if self._signer is None:
             return True
+
         with self._sending:
             verdict = self._signer.check(packet, signing_time(time.time_ns()))
             self.has_wrong_clock = self._signer.has_wrong_clock
         if verdict is SignatureVerdict.FRESH:
             return True
+
         self._refuse(_BY_VERDICT[verdict], address)
         # after its start PX4's timestamps are old until it has heard somebody's
         if verdict is SignatureVerdict.OLD:
@@ -179,6 +202,7 @@ class MavlinkRelay:
         return False
 
     def _greet(self, address: Address | None) -> None:
+        """Send a heartbeat, unless one was sent lately."""
         now_ns = time.monotonic_ns()
         if now_ns - self._greeted_ns > _GREET_NS:
             self._greeted_ns = now_ns
@@ -195,5 +219,16 @@ class MavlinkRelay:
         )
 
 
+def _from_next_magic(data: bytes) -> bytes:
+    """Return what may begin with a packet, of bytes that do not."""
+    indices = (data.find(b"\xfd", 1), data.find(b"\xfe", 1))
+    begins = [index for index in indices if index > 0]
+    if not begins:
+        return b""
+    return data[min(begins) :]
+
+
 def _words(address: Address | None) -> str:
-    return f"{address[0]} port {address[1]}" if address else ""
+    if address is None:
+        return ""
+    return f"{address[0]} port {address[1]}"

@@ -1,6 +1,4 @@
-"""PX4 parameters that close flight requires, the reason for each, and a vehicle's differences from
-them.
-"""
+"""PX4 parameters that close flight requires, the reason for each, and a vehicle's differences."""
 
 from __future__ import annotations
 
@@ -12,8 +10,12 @@ from onboard.autopilot import Version, plausible_version
 from onboard.config.fleet import Vehicle
 
 Value = float | int
-FUSES_POSITION, FUSES_HEADING = 1, 8  # bits of EKF2_EV_CTRL
-# charge at which PX4's simulated battery stops emptying [%]; required of nobody
+
+# Bits of EKF2_EV_CTRL.
+FUSES_POSITION = 1
+FUSES_HEADING = 8
+
+# Charge at which PX4's simulated battery stops emptying [%]; required of nobody.
 BATTERY_FLOOR = "SIM_BAT_MIN_PCT"
 
 
@@ -21,9 +23,9 @@ BATTERY_FLOOR = "SIM_BAT_MIN_PCT"
 class RequiredParam:
     """One required parameter."""
 
-    name: str
-    value: Value
-    reason: str
+    name: str  # as PX4 has it
+    value: Value  # that PX4 must have
+    reason: str  # what follows from the value
     needs_restart: bool = False  # PX4 reads it only when it starts
     # another value costs quality, not safety: it refuses nothing, and only covey px4 params --apply
     # sets it
@@ -72,18 +74,21 @@ _FAILSAFE = (
     RequiredParam(
         "MAN_OVERRIDE_SPD",
         -1.0,
-        "a bumped stick takes no vehicle out of OFFBOARD (-1); the pilot takes it with the mode switch",
+        "a bumped stick takes no vehicle out of OFFBOARD (-1); the pilot takes it with the mode "
+        "switch",
         since=(1, 18),
     ),
     # 0 or 1: never in OFFBOARD (2), whatever PX4's own modes do
     RequiredParam(
         "COM_RC_OVERRIDE",
         0,
-        "a bumped stick takes no vehicle out of OFFBOARD (0 or 1); the pilot takes it with the mode switch",
+        "a bumped stick takes no vehicle out of OFFBOARD (0 or 1); the pilot takes it with the "
+        "mode switch",
         tolerance=1.0,
         before=(1, 18),
     ),
 )
+
 _MOCAP = (
     RequiredParam(
         "EKF2_EV_CTRL",
@@ -95,66 +100,76 @@ _MOCAP = (
     RequiredParam(
         "EKF2_MAG_TYPE",
         5,
-        "PX4's heading comes from the mocap, not from a compass near motors and steel (5: no compass)",
+        "PX4's heading comes from the mocap, not from a compass near motors and steel (5: no "
+        "compass)",
         needs_restart=True,
     ),
 )
+
 _MOCAP_ADVICE = (
     RequiredParam(
         "EKF2_EVP_NOISE",
         0.01,
         "a mocap is accurate to a centimetre [m]: PX4's own hold and land stay in position",
-        False,
-        True,
+        is_advice=True,
     ),
-    RequiredParam("EKF2_TAU_VEL", 0.02, "PX4's output follows its filter at once [s]", False, True),
-    RequiredParam("EKF2_TAU_POS", 0.1, "PX4's output follows its filter at once [s]", False, True),
+    RequiredParam(
+        "EKF2_TAU_VEL", 0.02, "PX4's output follows its filter at once [s]", is_advice=True
+    ),
+    RequiredParam(
+        "EKF2_TAU_POS", 0.1, "PX4's output follows its filter at once [s]", is_advice=True
+    ),
     # PX4 raises it to the largest delay of any sensor, used or not: 110 ms for satellites in v1.16,
     # 100 ms for airspeed
     RequiredParam(
-        "EKF2_DELAY_MAX", 100.0, "PX4's filter lags no further than it must [ms]", True, True, 80.0
+        "EKF2_DELAY_MAX",
+        100.0,
+        "PX4's filter lags no further than it must [ms]",
+        needs_restart=True,
+        is_advice=True,
+        tolerance=80.0,
     ),
 )
-# of a vehicle with a mocap; docs/deployment.md lists them
+
+# Of a vehicle with a mocap; docs/deployment.md lists them.
 BUILT_IN = (*_FAILSAFE, *_MOCAP, *_MOCAP_ADVICE)
 _TOLERANCES = {param.name: param.tolerance for param in BUILT_IN}
 
 
 def all_params(vehicle: Vehicle, version: Version | None = None) -> tuple[RequiredParam, ...]:
-    """Return all values that this vehicle's PX4 should have; the fleet file's ``px4_params``
-    replace built-in ones.
+    """Return all values that this vehicle's PX4 should have.
+
+    The fleet file's ``px4_params`` replace built-in ones.
 
     Args:
         vehicle: of the fleet file.
         version: of its PX4, as reported; None when it is not known.
     """
     version = plausible_version(version)
-    hover = min(max(vehicle.hover_thrust_frac, 0.1), 0.8)
-    built_in = (
-        *(BUILT_IN if vehicle.mocap_required else _FAILSAFE),
-        RequiredParam(
-            "MPC_THR_HOVER",
-            hover,
-            "PX4's own hold and land begin with this throttle",
-            False,
-            True,
-            0.1,
-        ),
+    hover_throttle = RequiredParam(
+        "MPC_THR_HOVER",
+        min(max(vehicle.hover_thrust_frac, 0.1), 0.8),
+        "PX4's own hold and land begin with this throttle",
+        is_advice=True,
+        tolerance=0.1,
     )
+    built_in = BUILT_IN if vehicle.mocap_required else _FAILSAFE
     own = vehicle.px4_params
-    of_file = tuple(
-        RequiredParam(name, value, "the fleet file's px4_params require it")
-        for name, value in own.items()
-    )
-    return (
-        *(param for param in built_in if param.name not in own and param.is_for(version)),
-        *of_file,
-    )
+
+    params = [
+        param
+        for param in (*built_in, hover_throttle)
+        if param.name not in own and param.is_for(version)
+    ]
+    for name, value in own.items():
+        params.append(RequiredParam(name, value, "the fleet file's px4_params require it"))
+    return tuple(params)
 
 
 def required_params(vehicle: Vehicle, version: Version | None = None) -> dict[str, Value]:
-    """Return the parameters without which take-off is refused: the built-in ones and the fleet
-    file's own.
+    """Return the parameters without which take-off is refused.
+
+    They are the built-in ones and the fleet file's own.
     """
     return {
         param.name: param.value for param in all_params(vehicle, version) if not param.is_advice
@@ -164,19 +179,23 @@ def required_params(vehicle: Vehicle, version: Version | None = None) -> dict[st
 def differences(
     required: Mapping[str, Value], actual: Mapping[str, Value | None]
 ) -> tuple[str, ...]:
-    """Return a sentence for each parameter that is not as required; None means that PX4 did not
-    send it.
+    """Return a sentence for each parameter that is not as required.
+
+    Args:
+        required: name -> value.
+        actual: name -> PX4's value; None where PX4 did not send it.
     """
-    sentences = []
+    sentences: list[str] = []
     for name, value_required in required.items():
         value = actual.get(name)
         if value is None:
             sentences.append(
                 f"PX4 did not send its parameter {name}: check the link and PX4's version."
             )
-        elif not RequiredParam(
-            name, value_required, "", tolerance=_TOLERANCES.get(name, 0.0)
-        ).is_met(value):
+            continue
+
+        param = RequiredParam(name, value_required, "", tolerance=_TOLERANCES.get(name, 0.0))
+        if not param.is_met(value):
             sentences.append(
                 f"PX4 parameter {name} is {value:g}, this fleet requires {value_required:g}."
             )

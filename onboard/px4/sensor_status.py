@@ -5,6 +5,7 @@ from __future__ import annotations
 from onboard.autopilot import Snapshot
 
 _RC_RECEIVER = 0x10000
+
 # MAV_SYS_STATUS_SENSOR: bit, name, required for flight with a mocap (None: not reported), and
 # without one. The prearm bit is left out: in HOLD without satellites PX4 keeps it low and arms all
 # the same when setpoints arrive.
@@ -27,28 +28,37 @@ _SENSORS: tuple[tuple[int, str, bool | None, bool], ...] = (
 
 
 def unhealthy(snapshot: Snapshot, has_mocap: bool) -> tuple[tuple[str, bool], ...]:
-    """Return the name of each sensor that is enabled and not healthy, and whether this flight
-    requires it.
+    """Return the sensors that are enabled and not healthy.
+
+    Args:
+        snapshot: newest of PX4.
+        has_mocap: whether the vehicle flies by a mocap.
+    Returns:
+        name of each, and whether this flight requires it.
     """
-    if not snapshot.sensors_ns:
+    if snapshot.sensors_ns == 0:
         return ()
-    bad = snapshot.sensors_enabled & ~snapshot.sensors_healthy
-    sensors = (
-        (name, with_mocap if has_mocap else bare)
-        for bit, name, with_mocap, bare in _SENSORS
-        if bad & bit
-    )
-    return tuple((name, is_required) for name, is_required in sensors if is_required is not None)
+
+    unhealthy_bits = snapshot.sensors_enabled & ~snapshot.sensors_healthy
+    reported: list[tuple[str, bool]] = []
+    for bit, name, with_mocap, without_mocap in _SENSORS:
+        is_required = with_mocap if has_mocap else without_mocap
+        if unhealthy_bits & bit and is_required is not None:
+            reported.append((name, is_required))
+    return tuple(reported)
 
 
 def sensors(snapshot: Snapshot) -> tuple[tuple[str, bool], ...]:
     """Return the name of each sensor that is enabled, and whether it is healthy."""
-    enabled, healthy = snapshot.sensors_enabled, snapshot.sensors_healthy
-    return tuple((name, bool(healthy & bit)) for bit, name, _, _ in _SENSORS if enabled & bit)
+    return tuple(
+        (name, bool(snapshot.sensors_healthy & bit))
+        for bit, name, _, _ in _SENSORS
+        if snapshot.sensors_enabled & bit
+    )
 
 
 def has_rc(snapshot: Snapshot) -> bool | None:
     """Whether PX4 hears a radio control; None before the first SYS_STATUS."""
-    if not snapshot.sensors_ns:
+    if snapshot.sensors_ns == 0:
         return None
     return bool(snapshot.sensors_enabled & snapshot.sensors_healthy & _RC_RECEIVER)

@@ -1,5 +1,7 @@
-"""Signatures of MAVLink 2 packets: made, and checked as MAVLink's standard says. Pure; the caller
-has the clock.
+"""Signatures of MAVLink 2 packets: made, and checked as MAVLink's standard says. Pure.
+
+The caller has the clock. The standard: https://mavlink.io/en/guide/message_signing.html. A
+signature is a link id, a timestamp [10 us since 2015], and the first bytes of a SHA-256.
 """
 
 from __future__ import annotations
@@ -12,8 +14,9 @@ from onboard.px4.packets import SIGNATURE_BYTES, Packet
 
 _DIGEST_BYTES = 6
 _STAMP_BYTES = 6
-_NEW_STREAM = 60 * 100_000  # a sender that was not heard before may be a minute behind
-_OFF_STEPS = 60 * 100_000
+_MINUTE_STEPS = 60 * 100_000  # in steps of 10 us
+_NEW_STREAM_STEPS = _MINUTE_STEPS  # a sender that was not heard before may be so far behind
+_WRONG_CLOCK_STEPS = _MINUTE_STEPS
 
 
 class SignatureVerdict(Enum):
@@ -37,8 +40,11 @@ class Signer:
     """
 
     def __init__(self, key: bytes, link_id: int) -> None:
-        self._key, self._link_id = key, link_id
+        self._key = key
+        self._link_id = link_id
         self._newest = 0  # timestamp of this sender and of all that it has checked
+
+        # newest timestamp of each sender: system, component, link id
         self._streams: dict[tuple[int, int, int], int] = {}
         self.behind = 0  # steps by which the clock was behind another sender's at last
 
@@ -62,16 +68,25 @@ class Signer:
         """
         if not packet.is_signed:
             return SignatureVerdict.UNSIGNED
-        data = packet.data
-        if not hmac.compare_digest(self._digest(data[:-_DIGEST_BYTES]), data[-_DIGEST_BYTES:]):
+
+        signed = packet.data[:-_DIGEST_BYTES]
+        digest = packet.data[-_DIGEST_BYTES:]
+        if not hmac.compare_digest(self._digest(signed), digest):
             return SignatureVerdict.FORGED
-        signature = data[-SIGNATURE_BYTES:]
+
+        signature = packet.data[-SIGNATURE_BYTES:]
+        link_id = signature[0]
         stamp = int.from_bytes(signature[1 : 1 + _STAMP_BYTES], "little")
-        stream = packet.system_id, packet.component_id, signature[0]
+
+        stream = (packet.system_id, packet.component_id, link_id)
         last = self._streams.get(stream)
-        oldest = max(clock, self._newest) - _NEW_STREAM if last is None else last + 1
+        if last is None:
+            oldest = max(clock, self._newest) - _NEW_STREAM_STEPS
+        else:
+            oldest = last + 1
         if stamp < oldest:
             return SignatureVerdict.OLD
+
         self._streams[stream] = stamp
         self._newest = max(self._newest, stamp)
         self.behind = stamp - clock
@@ -80,7 +95,7 @@ class Signer:
     @property
     def has_wrong_clock(self) -> bool:
         """Whether another sender's clock is a minute ahead of this computer's."""
-        return self.behind > _OFF_STEPS
+        return self.behind > _WRONG_CLOCK_STEPS
 
     def _digest(self, data: bytes) -> bytes:
         return sha256(self._key + data).digest()[:_DIGEST_BYTES]

@@ -1,5 +1,6 @@
-"""The way to one autopilot: a UDP socket or a serial device. Sending never waits; what cannot leave
-at once is lost.
+"""The transport to one autopilot: a UDP socket or a serial device.
+
+Sending never waits; what cannot leave at once is lost.
 """
 
 from __future__ import annotations
@@ -15,23 +16,28 @@ from typing import Protocol
 
 from onboard.serial_device import open_serial
 
-Address = tuple[str, int]
-_LARGEST = 65_535
-_WAIT_MS = 200  # a serial device wakes nobody when it is closed
-_WAIT = struct.pack("ll", 1, 0)  # s, us
+Address = tuple[str, int]  # host and port
+_LARGEST = 65_535  # bytes that are received at once
+_SOCKET_WAIT = struct.pack("ll", 1, 0)  # C's struct timeval: s, us
+_SERIAL_WAIT_MS = 200  # short, because a serial device wakes nobody when it is closed
 
 
 class Transport(Protocol):
     """Bytes to and from an autopilot."""
 
     def receive(self) -> tuple[bytes, Address | None]:
-        """Wait for bytes; where they come from, if the transport tells. None come within a second,
-        and after stop.
+        """Wait for bytes.
+
+        Returns:
+            the bytes, none after a second without any and after :meth:`stop`; and the address that
+            they come from, if the transport tells.
         """
 
     def send(self, data: bytes, address: Address | None) -> bool:
-        """Send bytes at once, to an address where the transport has several; False when they are
-        lost.
+        """Send bytes at once, to an address where the transport has several.
+
+        Returns:
+            False when they are lost.
         """
 
     def stop(self) -> None:
@@ -50,10 +56,14 @@ def open_transport(endpoint: str) -> Transport:
     match = re.fullmatch(r"(udpin|udpout)://(.+):(\d{1,5})", endpoint)
     if match is None:
         return _Serial(endpoint)
-    return _Datagrams((match[2].strip("[]"), int(match[3])), listens=match[1] == "udpin")
+
+    address = (match[2].strip("[]"), int(match[3]))
+    return _Datagrams(address, listens=match[1] == "udpin")
 
 
 class _Datagrams:
+    """A UDP socket, which listens for anybody, or is connected with one address."""
+
     def __init__(self, address: Address, *, listens: bool) -> None:
         family, _, _, _, resolved = socket.getaddrinfo(*address, type=socket.SOCK_DGRAM)[0]
         self._socket = socket.socket(family, socket.SOCK_DGRAM)
@@ -63,7 +73,7 @@ class _Datagrams:
                 self._socket.bind(resolved)
             else:
                 self._socket.connect(resolved)  # the kernel then drops what others send
-            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, _WAIT)
+            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, _SOCKET_WAIT)
         except OSError:
             self._socket.close()
             raise
@@ -73,7 +83,9 @@ class _Datagrams:
             data, address = self._socket.recvfrom(_LARGEST)
         except OSError:  # nothing came, or nobody is there (ICMP), or it was closed
             return b"", None
-        return data, address[:2] if address and not self._is_connected else None
+        if self._is_connected or not address:
+            return data, None
+        return data, address[:2]
 
     def send(self, data: bytes, address: Address | None) -> bool:
         if address is None and not self._is_connected:
@@ -94,6 +106,8 @@ class _Datagrams:
 
 
 class _Serial:
+    """A serial device."""
+
     def __init__(self, endpoint: str) -> None:
         self._descriptor = open_serial(endpoint)
         self._poll = select.poll()
@@ -101,11 +115,11 @@ class _Serial:
 
     def receive(self) -> tuple[bytes, Address | None]:
         try:
-            data = os.read(self._descriptor, _LARGEST) if self._poll.poll(_WAIT_MS) else b""
+            if self._poll.poll(_SERIAL_WAIT_MS):
+                return os.read(self._descriptor, _LARGEST), None
         except OSError:  # closed, or unplugged
-            time.sleep(_WAIT_MS * 1e-3)
-            data = b""
-        return data, None
+            time.sleep(_SERIAL_WAIT_MS * 1e-3)
+        return b"", None
 
     def send(self, data: bytes, address: Address | None) -> bool:
         try:
