@@ -1,7 +1,6 @@
-"""The room that the vehicles share: wind, the air that a vehicle pushes down on another, and
-collisions.
+"""The room that the vehicles share: wind, downwash on a vehicle below another, and collisions.
 
-Also where ground truth is read, and never written.
+Ground truth is read here, and never written.
 """
 
 from __future__ import annotations
@@ -32,12 +31,12 @@ class SpawnError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class Collision:
-    """Two vehicles met: their indices, when, and how far their centres were apart horizontally."""
+    """Two vehicles met."""
 
-    first: int
-    second: int
+    first: int  # index of one
+    second: int  # and of the other
     time_s: float
-    distance_m: float
+    distance_m: float  # between their centres, horizontally
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,10 +44,11 @@ class Downwash:
     """Push on a vehicle below another, a jet that widens and slows down.
 
     With a gap h in height, a horizontal offset r and a body diameter D the lower one is pushed down
-    by ``push_m_s2 L (D / (D + h))^2 exp(-(r / (D / 2 + spread h))^2)``, L the upper one's lift over
-    its weight; the push sets in over the first half diameter of height. The values are of the size
-    that is reported for small quadrotors, 8 % of the weight one diameter below; they are not
-    measured on any of ours.
+    by ``push_m_s2 L (D / (D + h))^2 exp(-(r / (D / 2 + spread h))^2)``, where L is the upper one's
+    lift over its weight. The push sets in over the first half diameter of height.
+
+    The values are of the size that is reported for small quadrotors, 8 % of the weight one diameter
+    below; they are not measured on any of ours.
     """
 
     push_m_s2: float = 3.0
@@ -63,7 +63,8 @@ class World:
         start_enu_m: (n, 3) start positions in the fleet frame [m].
         body_diameter_m: below this horizontal distance between centres two vehicles touch.
         seed: of every random number of the physics.
-        wind, downwash: what the air does.
+        wind: calm by default.
+        downwash: of each vehicle.
         names: for the sentence when two start inside each other.
     """
 
@@ -80,10 +81,12 @@ class World:
     ) -> None:
         n = len(profiles)
         _check_spawn(start_enu_m, body_diameter_m, names or [f"vehicle {i}" for i in range(n)])
+
         # Body x along fleet x, which is east: a quarter turn in PX4's north-based heading.
         yaw_rad = np.full(n, 0.5 * np.pi)
         self.vehicles = Vehicles(profiles, frames.swap_enu_ned(start_enu_m), yaw_rad, seed=seed)
         self.commands = Commands.level(yaw_rad)
+
         self.collisions: list[Collision] = []
         self.wind = Wind(n, wind or WindSettings(), seed=seed)
         self._downwash = downwash or Downwash()
@@ -97,27 +100,26 @@ class World:
         return self.vehicles.steps * STEP_S
 
     def step(self) -> list[Collision]:
-        """Advance by one physics step; returns the collisions that happened in it."""
+        """Advance by one physics step; return the collisions that happened in it."""
         if not self.wind.is_calm:
             self.vehicles.air_ned_m_s[:] = self.wind.step()
         self.vehicles.step(self.commands)
         return self._interact()
 
     def truth_enu(self) -> tuple[Array, Array, Array]:
-        """Positions (n, 3) [m], velocities (n, 3) [m/s] and attitudes ENU <- FLU (n, 4) as they
-        really are.
-        """
-        s = self.vehicles.states
+        """Return true positions (n, 3) [m], velocities (n, 3) [m/s], attitudes ENU <- FLU (n, 4)."""
+        states = self.vehicles.states
         return (
-            frames.swap_enu_ned(s.position_ned_m),
-            frames.swap_enu_ned(s.velocity_ned_m_s),
-            frames.enu_flu_from_ned_frd(s.attitude),
+            frames.swap_enu_ned(states.position_ned_m),
+            frames.swap_enu_ned(states.velocity_ned_m_s),
+            frames.enu_flu_from_ned_frd(states.attitude),
         )
 
     def _interact(self) -> list[Collision]:
-        s = self.vehicles.states
-        if s.on_ground.shape[0] < 2 or s.on_ground.all():
+        states = self.vehicles.states
+        if states.on_ground.shape[0] < 2 or states.on_ground.all():
             return []
+
         count = meet(
             self.vehicles.motion,
             self._touched,
@@ -127,15 +129,18 @@ class World:
             self.vehicles.push_ned_m_s2,
             self._pairs,
         )
-        if count == 0:
-            return []
-        collisions = []
+
+        collisions: list[Collision] = []
         for first, second in self._pairs[: min(count, _MOST_AT_ONCE)].tolist():
-            offset = s.position_ned_m[first] - s.position_ned_m[second]
-            collisions.append(
-                Collision(first, second, self.time_s, math.hypot(offset[0], offset[1]))
+            offset = states.position_ned_m[first] - states.position_ned_m[second]
+            collision = Collision(
+                first=first,
+                second=second,
+                time_s=self.time_s,
+                distance_m=math.hypot(offset[0], offset[1]),
             )
-            s.motors_dead[[first, second]] = True
+            collisions.append(collision)
+            states.motors_dead[[first, second]] = True
         self.collisions.extend(collisions)
         return collisions
 
@@ -144,16 +149,20 @@ class World:
 def pushed_down_m_s2(
     square_m2: float, gap_m: float, diameter_m: float, wash_m_s2: float, wash_spread: float
 ) -> float:
-    """Acceleration downwards of a vehicle below one that hovers, see :class:`Downwash`.
+    """Return the acceleration downwards of a vehicle below one that hovers, see :class:`Downwash`.
 
     Args:
-        square_m2: of the horizontal offset. gap_m: height of the upper one above the lower one.
-            diameter_m: of a body.
-        wash_m_s2, wash_spread: see :class:`Downwash`.
+        square_m2: square of the horizontal offset.
+        gap_m: height of the upper one above the lower one.
+        diameter_m: of a body.
+        wash_m_s2: `Downwash.push_m_s2`.
+        wash_spread: `Downwash.spread`.
     """
     radius = 0.5 * diameter_m + wash_spread * gap_m
+    # Beyond three radii less than 0.02 % is left.
     if gap_m <= 0.0 or square_m2 > 9.0 * radius * radius:
         return 0.0
+
     onset = min(1.0, gap_m / (HEIGHT_OF_DIAMETER * diameter_m))
     fade = diameter_m / (diameter_m + gap_m)
     return wash_m_s2 * onset * fade * fade * math.exp(-square_m2 / (radius * radius))
@@ -161,21 +170,23 @@ def pushed_down_m_s2(
 
 @compiled
 def pushed_down_each(
-    place_ned_m: Array, diameter_m: float, wash_m_s2: float, wash_spread: float
+    position_ned_m: Array, diameter_m: float, wash_m_s2: float, wash_spread: float
 ) -> Array:
-    """Accelerations downwards (F, N) of all vehicles of many flights by those above them, all of
-    which hover.
+    """Return the accelerations downwards (F, N) of the vehicles of many flights, all of which hover.
 
     Args:
-        place_ned_m: (F, N, 3). diameter_m: of a body.
-        wash_m_s2, wash_spread: see :class:`Downwash`.
+        position_ned_m: (F, N, 3) of N vehicles in each of F flights.
+        diameter_m: of a body.
+        wash_m_s2: `Downwash.push_m_s2`.
+        wash_spread: `Downwash.spread`.
     """
-    flights, count = place_ned_m.shape[:2]
+    flights, count = position_ned_m.shape[:2]
     push = np.zeros((flights, count))
     for f in range(flights):
         for i in range(count):
             for j in range(count):
-                north, east, gap = place_ned_m[f, i] - place_ned_m[f, j]
+                # positive where j flies above i
+                north, east, gap = position_ned_m[f, i] - position_ned_m[f, j]
                 square = north * north + east * east
                 push[f, i] += pushed_down_m_s2(square, gap, diameter_m, wash_m_s2, wash_spread)
     return push
@@ -191,32 +202,53 @@ def meet(
     push: Array,
     pairs: NDArray[np.int64],
 ) -> int:
-    """Collisions and downwash of all pairs.
+    """Find the collisions and the downwash of all pairs.
 
     Args:
-        motion: (n,) records MOTION. touched: (n, n), updated: pairs that have met. diameter_m: of a
-            body.
-        wash_m_s2, wash_spread: see :class:`Downwash`.
-        push: (n, 3) acceleration, written. pairs: (m, 2) indices of new collisions, written.
+        motion: (n,) records MOTION.
+        touched: (n, n) pairs that have met, updated.
+        diameter_m: of a body.
+        wash_m_s2: `Downwash.push_m_s2`.
+        wash_spread: `Downwash.spread`.
+        push: (n, 3) acceleration by the downwash, written.
+        pairs: (m, 2) indices of new collisions, written.
+
     Returns:
         number of new collisions.
     """
-    n, count, half_height_m = motion.shape[0], 0, HEIGHT_OF_DIAMETER * diameter_m
+    n = motion.shape[0]
+    height_m = HEIGHT_OF_DIAMETER * diameter_m
+    count = 0
     push[:] = 0.0
+
     for i in range(n):
         for j in range(i + 1, n):
-            a, b = motion[i], motion[j]
+            a = motion[i]
+            b = motion[j]
             if a.on_ground and b.on_ground:
                 continue
-            dn, de = a.position[0] - b.position[0], a.position[1] - b.position[1]
-            dd = a.position[2] - b.position[2]
-            square = dn * dn + de * de
-            if square < diameter_m * diameter_m and abs(dd) < half_height_m and not touched[i, j]:
+
+            north = a.position[0] - b.position[0]
+            east = a.position[1] - b.position[1]
+            down = a.position[2] - b.position[2]
+            square = north * north + east * east
+
+            meets = square < diameter_m * diameter_m and abs(down) < height_m
+            if meets and not touched[i, j]:
                 touched[i, j] = True
                 if count < pairs.shape[0]:
-                    pairs[count, 0], pairs[count, 1] = i, j
+                    pairs[count, 0] = i
+                    pairs[count, 1] = j
                 count += 1
-            upper, lower, gap = (i, j, -dd) if dd < 0.0 else (j, i, dd)
+
+            if down < 0.0:
+                upper = i
+                lower = j
+                gap = -down
+            else:
+                upper = j
+                lower = i
+                gap = down
             lift_share = motion[upper].lift_share
             if lift_share != 0.0:
                 push[lower, 2] += lift_share * pushed_down_m_s2(
@@ -226,11 +258,13 @@ def meet(
 
 
 def _check_spawn(start_enu_m: Array, body_diameter_m: float, names: Sequence[str]) -> None:
+    """Refuse starts inside each other."""
     for (i, first), (j, second) in itertools.combinations(enumerate(names), 2):
-        a, b = start_enu_m[i], start_enu_m[j]
-        distance_m, height_m = math.hypot(a[0] - b[0], a[1] - b[1]), abs(float(a[2] - b[2]))
-        if distance_m < body_diameter_m and height_m < HEIGHT_OF_DIAMETER * body_diameter_m:
+        east, north, up = (start_enu_m[i] - start_enu_m[j]).tolist()
+        distance_m = math.hypot(east, north)
+        if distance_m < body_diameter_m and abs(up) < HEIGHT_OF_DIAMETER * body_diameter_m:
             raise SpawnError(
-                f"{first} and {second} would start inside each other: {distance_m:.2f} m between centres, and a body "
-                f"measures {body_diameter_m:.2f} m. Move one of their starts (start_enu_m)."
+                f"{first} and {second} would start inside each other: "
+                f"{distance_m:.2f} m between centres, and a body measures "
+                f"{body_diameter_m:.2f} m. Move one of their starts (start_enu_m)."
             )

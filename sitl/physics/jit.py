@@ -1,7 +1,7 @@
-"""The only place of the emulator that knows numba: loops over vehicles run compiled where it is
-installed.
+"""The only place of the emulator that knows numba.
 
-Without numba the same functions are interpreted: right, and some hundred times slower.
+Loops over vehicles run compiled where it is installed. Without numba the same functions are
+interpreted: right, and some hundred times slower.
 """
 
 from __future__ import annotations
@@ -28,13 +28,14 @@ except ImportError:
 
 
 def compiled(function: Function) -> Function:
-    """Compile at the first call and keep the result on disk; without numba return the function as
-    it is.
+    """Compile a function at its first call; without numba return it as it is.
 
-    The copy on disk is renewed when the function's file changes, so a compiled function calls only
-    those of its file.
+    The result is kept on disk and renewed when the function's file changes, so a compiled function
+    calls only those of its file.
     """
-    return cast(Function, njit(cache=True)(function)) if HAS_NUMBA else function
+    if not HAS_NUMBA:
+        return function
+    return cast(Function, njit(cache=True)(function))
 
 
 def records(shape: int | tuple[int, ...], dtype: np.dtype[np.void]) -> Records:

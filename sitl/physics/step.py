@@ -1,14 +1,16 @@
-"""One 4-ms step of all vehicles: the records that describe a vehicle, and its equations in plain
-floats.
+"""One step of 4 ms of all vehicles: the records that describe a vehicle, and its equations.
 
-numba compiles these functions where it is installed (:mod:`sitl.physics.jit`). Frames: NED world,
-FRD body, ground at z = 0.
+numba compiles these functions where it is installed (`jit.py`). Frames: NED world, FRD body, ground
+at z = 0.
 
-Roll and pitch: dead time, then the exact transition of a second-order system in the tilt vector,
-limited in rate. Heading: PX4's own cascade, fitted to its measured steps: a rate limited to
-MC_YAWRATE_MAX is commanded in proportion to the error; a rate loop with integral commands a torque,
-which is limited, filtered, and opposed by the air. Body rates: after a dead time for the switch of
-controllers the rates follow with a short lag.
+PX4's inner loops are not computed; their measured responses are:
+
+* Roll and pitch: a dead time, then the exact transition of a second-order system in the tilt
+  vector, limited in rate.
+* Heading: PX4's own cascade, fitted to its measured steps. A rate limited to MC_YAWRATE_MAX is
+  commanded in proportion to the error; a rate loop with integral commands a torque, which is
+  limited, filtered, and opposed by the air.
+* Body rates: after a dead time for the switch of controllers the rates follow with a short lag.
 """
 
 from __future__ import annotations
@@ -31,23 +33,23 @@ LARGEST_TUMBLE_RAD_S = 15.0
 MOTION = np.dtype(
     [
         ("position", "f8", 3),  # NED [m]
-        ("velocity", "f8", 3),
-        ("acceleration", "f8", 3),
+        ("velocity", "f8", 3),  # NED [m/s]
+        ("acceleration", "f8", 3),  # NED [m/s^2]
         ("tilt", "f8", 2),  # rotation vector about body x and y [rad]
-        ("tilt_rate", "f8", 2),
-        ("yaw", "f8"),
-        ("yaw_rate", "f8"),
+        ("tilt_rate", "f8", 2),  # [rad/s]
+        ("yaw", "f8"),  # [rad]
+        ("yaw_rate", "f8"),  # [rad/s]
         ("yaw_torque", "f8"),  # filtered, over the inertia [rad/s^2]
-        ("yaw_integral", "f8"),
+        ("yaw_integral", "f8"),  # of the rate loop [rad/s^2]
         ("thrust", "f8"),  # normalised, after the motors' lag
         ("attitude", "f8", 4),  # quaternion NED <- FRD, wxyz
-        ("thrust_noise", "f8"),
-        ("gust", "f8", 2),
+        ("thrust_noise", "f8"),  # unit process
+        ("gust", "f8", 2),  # unit processes, north and east
         # error of the attitude that its loop has not yet integrated away [rad]
         ("tilt_offset", "f8", 2),
         ("lift_share", "f8"),  # lift in units of the weight
         ("lift_scale", "f8"),  # share of the lift that the motors still have
-        ("lift_cap", "f8"),  # largest lift that they still have
+        ("lift_cap", "f8"),  # largest lift that they still have, over full lift
         # turning by a dead motor about body x and y, per lift [rad/s^2 per m/s^2]
         ("tumble", "f8", 2),
         ("rate_steps", "i8"),  # steps since body rates are commanded
@@ -64,39 +66,41 @@ RESPONSE = np.dtype(  # constants of one vehicle, from its profile
         ("tilt_by_rate", "f8", 2),
         ("rate_by_tilt", "f8", 2),
         ("rate_by_rate", "f8", 2),
-        ("gain", "f8"),
-        ("bias", "f8", 2),
+        ("gain", "f8"),  # tilt reached over tilt commanded
+        ("bias", "f8", 2),  # constant error of the tilt [rad]
         ("full_lift", "f8"),  # acceleration at full thrust [m/s^2]
-        ("curve", "f8"),
-        ("drag", "f8"),
-        ("motor_blend", "f8"),
-        ("thrust_noise_std", "f8"),
-        ("gust_std", "f8"),
-        ("max_tilt_rate", "f8"),
-        ("max_yaw_rate", "f8"),
-        ("yaw_p", "f8"),
-        ("yaw_rate_p", "f8"),
-        ("yaw_rate_i", "f8"),
+        ("curve", "f8"),  # 0 for a linear thrust, 1 for a quadratic one
+        ("drag", "f8"),  # linear, over mass [1/s]
+        ("motor_blend", "f8"),  # part of the way to the commanded thrust in one step
+        ("thrust_noise_std", "f8"),  # of the relative error
+        ("gust_std", "f8"),  # [m/s^2]
+        ("max_tilt_rate", "f8"),  # [rad/s]
+        ("max_yaw_rate", "f8"),  # [rad/s]
+        # cascade of the heading: gain to the rate, gains of the rate loop, its filter, limits
+        ("yaw_p", "f8"),  # [1/s]
+        ("yaw_rate_p", "f8"),  # [1/s]
+        ("yaw_rate_i", "f8"),  # [1/s^2]
         ("yaw_blend", "f8"),
-        ("max_yaw_torque", "f8"),
-        ("yaw_drag", "f8"),
-        ("rate_blend", "f8"),
-        ("offset_keep", "f8"),
-        ("tilt_delay", "i8"),  # dead times in steps
+        ("max_yaw_torque", "f8"),  # [rad/s^2]
+        ("yaw_drag", "f8"),  # [1/s]
+        ("rate_blend", "f8"),  # part of the way to commanded body rates in one step
+        ("offset_keep", "f8"),  # part of a tilt offset that is left after one step
+        # dead times in steps
+        ("tilt_delay", "i8"),
         ("yaw_delay", "i8"),
         ("rate_delay", "i8"),
         ("thrust_delay", "i8"),
-        ("switch_steps", "i8"),
+        ("switch_steps", "i8"),  # from attitudes to body rates
     ],
     align=True,
 )
 
 COMMAND = np.dtype(
     [
-        ("attitude", "f8", 4),
-        ("rate", "f8", 3),
-        ("thrust", "f8"),
-        ("is_rate", "?"),
+        ("attitude", "f8", 4),  # quaternion NED <- FRD, wxyz
+        ("rate", "f8", 3),  # of the body [rad/s]
+        ("thrust", "f8"),  # normalised
+        ("is_rate", "?"),  # the rates are flown, and not the attitude
         ("motors_on", "?"),
     ],
     align=True,
@@ -122,39 +126,54 @@ def _within(value: float, limit: float) -> float:
 
 @compiled
 def _commanded_tilt(q: Array, yaw: float) -> tuple[float, float]:
-    """Tilt about body x and y of an attitude, seen from the heading that the vehicle really has.
+    """Return the tilt about body x and y of an attitude, seen from the vehicle's true heading.
 
     The direction of the thrust has priority over the heading, as in PX4.
     """
+    # body z in the world
     north = 2.0 * (q[1] * q[3] + q[0] * q[2])
     east = 2.0 * (q[2] * q[3] - q[0] * q[1])
     down = 1.0 - 2.0 * (q[1] * q[1] + q[2] * q[2])
-    cos_yaw, sin_yaw = math.cos(yaw), math.sin(yaw)
-    ahead, right = cos_yaw * north + sin_yaw * east, -sin_yaw * north + cos_yaw * east
+
+    # and in the heading
+    cos_yaw = math.cos(yaw)
+    sin_yaw = math.sin(yaw)
+    ahead = cos_yaw * north + sin_yaw * east
+    right = -sin_yaw * north + cos_yaw * east
+
+    # angle of the tilt over its sine
     horizontal = math.sqrt(ahead * ahead + right * right)
-    scale = math.atan2(horizontal, down) / horizontal if horizontal > 1e-9 else 1.0
+    scale = 1.0
+    if horizontal > 1e-9:
+        scale = math.atan2(horizontal, down) / horizontal
     return -right * scale, ahead * scale
 
 
 @compiled
 def _tilt_axis(r: Record, axis: int, tilt: float, rate: float, goal: float) -> tuple[float, float]:
-    """Tilt and its rate about body x (0) or y (1), one step later."""
-    error, limit = tilt - goal, r.max_tilt_rate
-    moved = _within(
-        goal + r.tilt_by_tilt[axis] * error + r.tilt_by_rate[axis] * rate - tilt, STEP_S * limit
-    )
-    return tilt + moved, _within(r.rate_by_tilt[axis] * error + r.rate_by_rate[axis] * rate, limit)
+    """Return the tilt and its rate about body x (0) or y (1), one step later."""
+    error = tilt - goal
+    next_tilt = goal + r.tilt_by_tilt[axis] * error + r.tilt_by_rate[axis] * rate
+    next_rate = r.rate_by_tilt[axis] * error + r.rate_by_rate[axis] * rate
+
+    moved = _within(next_tilt - tilt, STEP_S * r.max_tilt_rate)
+    return tilt + moved, _within(next_rate, r.max_tilt_rate)
 
 
 @compiled
 def _heading(m: Record, r: Record, q: Array) -> tuple[float, float, float, float]:
-    """Heading, its rate, the filtered torque and the integral, one step later."""
-    miss = _wrap(2.0 * math.atan2(q[3], q[0]) - m.yaw)
-    rate_error = _within(r.yaw_p * miss, r.max_yaw_rate) - m.yaw_rate
+    """Return the heading, its rate, the filtered torque and the integral, one step later."""
+    # the error of the heading commands a rate
+    error = _wrap(2.0 * math.atan2(q[3], q[0]) - m.yaw)
+    rate_error = _within(r.yaw_p * error, r.max_yaw_rate) - m.yaw_rate
+
+    # the error of the rate commands a torque; at its limit nothing is integrated
     torque = r.yaw_rate_p * rate_error + m.yaw_integral
     integral = m.yaw_integral
     if abs(torque) < r.max_yaw_torque:
         integral += STEP_S * r.yaw_rate_i * rate_error
+
+    # the torque is filtered, and the air opposes it
     filtered = m.yaw_torque + r.yaw_blend * (_within(torque, r.max_yaw_torque) - m.yaw_torque)
     rate = m.yaw_rate + STEP_S * (filtered - r.yaw_drag * m.yaw_rate)
     return m.yaw + STEP_S * rate, rate, filtered, integral
@@ -162,11 +181,15 @@ def _heading(m: Record, r: Record, q: Array) -> tuple[float, float, float, float
 
 @compiled
 def _lift(m: Record, r: Record, thrust_frac: float, is_turning: bool, draw: float) -> float:
-    """Acceleration by the motors [m/s^2]; updates thrust, its noise and the lift."""
-    thrust = m.thrust + r.motor_blend * (thrust_frac - m.thrust) if is_turning else 0.0
+    """Return the acceleration by the motors [m/s^2]; update thrust, its noise and the lift."""
+    thrust = 0.0
+    if is_turning:
+        thrust = m.thrust + r.motor_blend * (thrust_frac - m.thrust)
     m.thrust = thrust
     m.thrust_noise = (1.0 - _NOISE_BLEND) * m.thrust_noise + _NOISE_SPREAD * draw
-    share = min(m.lift_scale * ((1.0 - r.curve) * thrust + r.curve * thrust * thrust), m.lift_cap)
+
+    healthy_share = (1.0 - r.curve) * thrust + r.curve * thrust * thrust
+    share = min(m.lift_scale * healthy_share, m.lift_cap)
     lift = share * r.full_lift * (1.0 + r.thrust_noise_std * m.thrust_noise)
     m.lift_share = lift / GRAVITY_M_S2
     return float(lift)
@@ -176,21 +199,37 @@ def _lift(m: Record, r: Record, thrust_frac: float, is_turning: bool, draw: floa
 def _turned(
     q: Array, roll_rate: float, pitch_rate: float, yaw_rate: float
 ) -> tuple[float, float, float]:
-    """Tilt about body x and y, and heading, of an attitude after one step of body rates."""
-    hp, hq, hr = 0.5 * STEP_S * roll_rate, 0.5 * STEP_S * pitch_rate, 0.5 * STEP_S * yaw_rate
+    """Return tilt about body x and y, and heading, of an attitude after one step of body rates."""
+    # the attitude times the small turn (1, hp, hq, hr)
+    hp = 0.5 * STEP_S * roll_rate
+    hq = 0.5 * STEP_S * pitch_rate
+    hr = 0.5 * STEP_S * yaw_rate
     bw, bx, by, bz = q[0], q[1], q[2], q[3]
     w = bw - bx * hp - by * hq - bz * hr
     x = bw * hp + bx + by * hr - bz * hq
     y = bw * hq - bx * hr + by + bz * hp
     z = bw * hr + bx * hq - by * hp + bz
+
     norm = math.sqrt(w * w + x * x + y * y + z * z)
-    w, x, y, z = w / norm, x / norm, y / norm, z / norm
+    w /= norm
+    x /= norm
+    y /= norm
+    z /= norm
+
+    # without the heading, what is left is the tilt
     yaw = 2.0 * math.atan2(z, w)
-    cos_half, sin_half = math.cos(0.5 * yaw), math.sin(0.5 * yaw)
-    w, x, y = cos_half * w + sin_half * z, cos_half * x + sin_half * y, cos_half * y - sin_half * x
-    sine = math.sqrt(x * x + y * y)
-    scale = 2.0 * math.atan2(sine, w) / sine if sine > 1e-9 else 2.0
-    return scale * x, scale * y, yaw
+    cos_half = math.cos(0.5 * yaw)
+    sin_half = math.sin(0.5 * yaw)
+    tilt_w = cos_half * w + sin_half * z
+    tilt_x = cos_half * x + sin_half * y
+    tilt_y = cos_half * y - sin_half * x
+
+    # angle of the tilt over the sine of its half
+    sine = math.sqrt(tilt_x * tilt_x + tilt_y * tilt_y)
+    scale = 2.0
+    if sine > 1e-9:
+        scale = 2.0 * math.atan2(sine, tilt_w) / sine
+    return scale * tilt_x, scale * tilt_y, yaw
 
 
 @compiled
@@ -198,42 +237,67 @@ def _rotate(
     m: Record, r: Record, by_attitude: Array, by_heading: Array, rate: Array, lift: float
 ) -> None:
     """Advance tilt, heading and their rates, by attitude or by body rates, commanded or suffered."""
-    goal_x, goal_y = _commanded_tilt(by_attitude, m.yaw)
+    # by attitude
+    commanded_x, commanded_y = _commanded_tilt(by_attitude, m.yaw)
     m.tilt_offset[0] *= r.offset_keep
     m.tilt_offset[1] *= r.offset_keep
-    roll, p = _tilt_axis(
-        r, 0, m.tilt[0], m.tilt_rate[0], r.gain * goal_x + r.bias[0] + m.tilt_offset[0]
-    )
-    pitch, q = _tilt_axis(
-        r, 1, m.tilt[1], m.tilt_rate[1], r.gain * goal_y + r.bias[1] + m.tilt_offset[1]
-    )
+    goal_x = r.gain * commanded_x + r.bias[0] + m.tilt_offset[0]
+    goal_y = r.gain * commanded_y + r.bias[1] + m.tilt_offset[1]
+    roll, roll_rate = _tilt_axis(r, 0, m.tilt[0], m.tilt_rate[0], goal_x)
+    pitch, pitch_rate = _tilt_axis(r, 1, m.tilt[1], m.tilt_rate[1], goal_y)
     yaw, yaw_rate, torque, integral = _heading(m, r, by_heading)
+
+    # by body rates: those that a dead motor causes, or those that are commanded
     is_tumbling = m.tumble[0] != 0.0 or m.tumble[1] != 0.0
     if is_tumbling or m.rate_steps > r.switch_steps:
-        p, q, yaw_rate = m.tilt_rate[0], m.tilt_rate[1], m.yaw_rate
+        roll_rate = m.tilt_rate[0]
+        pitch_rate = m.tilt_rate[1]
+        yaw_rate = m.yaw_rate
         if is_tumbling:
-            p = _within(p + STEP_S * lift * m.tumble[0], LARGEST_TUMBLE_RAD_S)
-            q = _within(q + STEP_S * lift * m.tumble[1], LARGEST_TUMBLE_RAD_S)
+            roll_rate = _within(roll_rate + STEP_S * lift * m.tumble[0], LARGEST_TUMBLE_RAD_S)
+            pitch_rate = _within(pitch_rate + STEP_S * lift * m.tumble[1], LARGEST_TUMBLE_RAD_S)
         else:
-            p, q = p + r.rate_blend * (rate[0] - p), q + r.rate_blend * (rate[1] - q)
-            yaw_rate = yaw_rate + r.rate_blend * (rate[2] - yaw_rate)
-        roll, pitch, yaw = _turned(m.attitude, p, q, yaw_rate)
-        torque = integral = 0.0
-    if m.on_ground:  # a vehicle on its feet does not turn, whatever is commanded
-        roll = pitch = p = q = yaw_rate = torque = integral = 0.0
-    else:
-        m.yaw = _wrap(yaw)
-    m.tilt[0], m.tilt[1], m.tilt_rate[0], m.tilt_rate[1] = roll, pitch, p, q
-    m.yaw_rate, m.yaw_torque, m.yaw_integral = yaw_rate, torque, integral
+            roll_rate += r.rate_blend * (rate[0] - roll_rate)
+            pitch_rate += r.rate_blend * (rate[1] - pitch_rate)
+            yaw_rate += r.rate_blend * (rate[2] - yaw_rate)
+        roll, pitch, yaw = _turned(m.attitude, roll_rate, pitch_rate, yaw_rate)
+        torque = 0.0
+        integral = 0.0
+
+    # A vehicle on its feet does not turn, whatever is commanded.
+    if m.on_ground:
+        m.tilt[:] = 0.0
+        m.tilt_rate[:] = 0.0
+        m.yaw_rate = 0.0
+        m.yaw_torque = 0.0
+        m.yaw_integral = 0.0
+        return
+
+    m.tilt[0] = roll
+    m.tilt[1] = pitch
+    m.tilt_rate[0] = roll_rate
+    m.tilt_rate[1] = pitch_rate
+    m.yaw = _wrap(yaw)
+    m.yaw_rate = yaw_rate
+    m.yaw_torque = torque
+    m.yaw_integral = integral
 
 
 @compiled
 def _attitude(roll: float, pitch: float, yaw: float) -> _Quaternion:
-    """Attitude NED <- FRD that turns by a heading, then tilts about a horizontal body axis."""
+    """Return the attitude that turns by a heading, then tilts about a horizontal body axis."""
+    # the tilt
     angle = math.sqrt(roll * roll + pitch * pitch)
-    scale = math.sin(0.5 * angle) / angle if angle > 1e-9 else 0.5
-    w, x, y = math.cos(0.5 * angle), scale * roll, scale * pitch
-    cy, sy = math.cos(0.5 * yaw), math.sin(0.5 * yaw)
+    scale = 0.5
+    if angle > 1e-9:
+        scale = math.sin(0.5 * angle) / angle
+    w = math.cos(0.5 * angle)
+    x = scale * roll
+    y = scale * pitch
+
+    # the heading times the tilt
+    cy = math.cos(0.5 * yaw)
+    sy = math.sin(0.5 * yaw)
     return cy * w, cy * x - sy * y, cy * y + sy * x, sy * w
 
 
@@ -241,31 +305,50 @@ def _attitude(roll: float, pitch: float, yaw: float) -> _Quaternion:
 def _move(m: Record, r: Record, lift: float, air: Array, push: Array, draws: Array) -> None:
     """Advance attitude, position and velocity; meet the ground."""
     w, x, y, z = _attitude(m.tilt[0], m.tilt[1], m.yaw)
-    m.attitude[0], m.attitude[1], m.attitude[2], m.attitude[3] = w, x, y, z
+    m.attitude[0] = w
+    m.attitude[1] = x
+    m.attitude[2] = y
+    m.attitude[3] = z
+
     m.gust[0] = (1.0 - _GUST_BLEND) * m.gust[0] + _GUST_SPREAD * draws[1]
     m.gust[1] = (1.0 - _GUST_BLEND) * m.gust[1] + _GUST_SPREAD * draws[2]
+
+    # lift against body z, drag of the air, gusts and gravity; NED
     v = m.velocity
-    down_d = 1.0 - 2.0 * (x * x + y * y)
+    tilt_cos = 1.0 - 2.0 * (x * x + y * y)
     an = -lift * 2.0 * (x * z + w * y) + r.drag * (air[0] - v[0]) + push[0]
     ae = -lift * 2.0 * (y * z - w * x) + r.drag * (air[1] - v[1]) + push[1]
-    ad = -lift * down_d + r.drag * (air[2] - v[2]) + push[2] + GRAVITY_M_S2
+    ad = -lift * tilt_cos + r.drag * (air[2] - v[2]) + push[2] + GRAVITY_M_S2
     an += r.gust_std * m.gust[0]
     ae += r.gust_std * m.gust[1]
-    vn, ve, vd = v[0] + STEP_S * an, v[1] + STEP_S * ae, v[2] + STEP_S * ad
-    height = m.position[2] + STEP_S * vd
-    touches = height >= 0.0
-    # feet grip: on the ground nothing slides, and a climb begins vertically
-    if not (touches and m.on_ground):
+
+    vn = v[0] + STEP_S * an
+    ve = v[1] + STEP_S * ae
+    vd = v[2] + STEP_S * ad
+    down = m.position[2] + STEP_S * vd
+    touches = down >= 0.0
+
+    # Feet grip: on the ground nothing slides, and a climb begins vertically.
+    rests = touches and m.on_ground
+    if not rests:
         m.position[0] += STEP_S * vn
         m.position[1] += STEP_S * ve
-        m.position[2] = 0.0 if touches else height
-        if touches and down_d < CRASH_TILT_COS:
+        m.position[2] = 0.0 if touches else down
+        if touches and tilt_cos < CRASH_TILT_COS:
             m.motors_dead = True
-    if touches:
-        vn = ve = vd = an = ae = ad = 0.0
-    m.velocity[0], m.velocity[1], m.velocity[2] = vn, ve, vd
-    m.acceleration[0], m.acceleration[1], m.acceleration[2] = an, ae, ad
+
     m.on_ground = touches
+    if touches:
+        m.velocity[:] = 0.0
+        m.acceleration[:] = 0.0
+        return
+
+    m.velocity[0] = vn
+    m.velocity[1] = ve
+    m.velocity[2] = vd
+    m.acceleration[0] = an
+    m.acceleration[1] = ae
+    m.acceleration[2] = ad
 
 
 @compiled
@@ -281,21 +364,32 @@ def step(
     """Advance all vehicles in place by `STEP_S`.
 
     Args:
-        motion, response: (n,) records MOTION and RESPONSE.
-        commanded: ring (depth, n) of records COMMAND. newest: index in the ring of the present
-            commands.
-        air: (n, 3) velocity of the air, NED [m/s]. push: (n, 3) any other acceleration, NED
-            [m/s^2].
+        motion: (n,) records MOTION, updated.
+        response: (n,) records RESPONSE.
+        commanded: ring (depth, n) of records COMMAND.
+        newest: index in the ring of the present commands.
+        air: (n, 3) velocity of the air, NED [m/s].
+        push: (n, 3) any other acceleration, NED [m/s^2].
         draws: (n, 3) standard normal numbers: thrust, two gusts.
     """
     depth = commanded.shape[0]
     for i in range(motion.shape[0]):
-        m, r, now = motion[i], response[i], commanded[newest, i]
+        m = motion[i]
+        r = response[i]
+
+        # what was commanded one dead time ago
+        now = commanded[newest, i]
         by_tilt = commanded[(newest - r.tilt_delay) % depth, i]
         by_heading = commanded[(newest - r.yaw_delay) % depth, i]
         by_rate = commanded[(newest - r.rate_delay) % depth, i]
         by_thrust = commanded[(newest - r.thrust_delay) % depth, i]
-        lift = _lift(m, r, by_thrust.thrust, now.motors_on and not m.motors_dead, draws[i, 0])
-        m.rate_steps = m.rate_steps + 1 if now.is_rate else 0
+
+        is_turning = now.motors_on and not m.motors_dead
+        lift = _lift(m, r, by_thrust.thrust, is_turning, draws[i, 0])
+
+        if now.is_rate:
+            m.rate_steps += 1
+        else:
+            m.rate_steps = 0
         _rotate(m, r, by_tilt.attitude, by_heading.attitude, by_rate.rate, lift)
         _move(m, r, lift, air[i], push[i], draws[i])

@@ -1,9 +1,8 @@
-"""Rigid vehicles that fly the commands of an autopilot: profiles as data, commands in, true states
-out. Seeded.
+"""Rigid vehicles that fly the commands of an autopilot: commands in, true states out.
 
-The inner loops of PX4 are not computed; their measured responses are (`step.py`). A weak loop
-additionally has a gain below one and a constant tilt bias. Frames: NED world, FRD body, ground at z
-= 0.
+What differs between vehicles is data, a `VehicleProfile`. The inner loops of PX4 are not computed;
+their measured responses are (`step.py`). A weak loop additionally has a gain below one and a
+constant tilt bias. Everything random is seeded. Frames: NED world, FRD body, ground at z = 0.
 """
 
 from __future__ import annotations
@@ -30,38 +29,48 @@ __all__ = [
     "second_order_step",
 ]
 
-# PX4's cascade for the heading, fitted to its measured steps of 30, 90 and 170 deg; scaled by
-# yaw_wn_rad_s / 3.
-_YAW_DELAY_S, _YAW_P_1_S, _YAW_RATE_P_1_S, _YAW_RATE_I_1_S2 = 0.024, 2.857, 3.044, 2.51
-_YAW_FILTER_S, _YAW_DRAG_1_S, _YAW_TORQUE_RAD_S2, _YAW_WN_RAD_S = 0.156, 1.243, 7.72, 3.0
-_RATE_LAG_S = 0.03
+# PX4's cascade for the heading, fitted to its measured steps of 30, 90 and 170 deg. All of it is
+# scaled by yaw_wn_rad_s / 3.
+_YAW_DELAY_S = 0.024
+_YAW_P_1_S = 2.857
+_YAW_RATE_P_1_S = 3.044
+_YAW_RATE_I_1_S2 = 2.51
+_YAW_FILTER_S = 0.156
+_YAW_DRAG_1_S = 1.243
+_YAW_TORQUE_RAD_S2 = 7.72
+_YAW_WN_RAD_S = 3.0
+
+_RATE_LAG_S = 0.03  # with which body rates follow their setpoint
 _TRANSITION = ("tilt_by_tilt", "tilt_by_rate", "rate_by_tilt", "rate_by_rate")  # names in RESPONSE
 _BLOCK = 64  # random numbers are drawn for so many steps at once
+
+# Positions of PX4's motors 1 to 4 of a quadrotor X, forward and to the right, in units of
+# arm / sqrt(2).
 _MOTORS = 4
-# Where PX4's motors 1 to 4 of a quadrotor X sit: forward and to the right, in units of arm /
-# sqrt(2).
 _MOTOR_POSITION = np.array([[1.0, 1.0], [-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0]])
-_LARGEST_OFFSET_RAD = 0.15
+_DEAD_BELOW = 0.1  # effectiveness of a motor
 _UNCONTROLLED = 0.3  # of the torque of a dead motor: the rest is what the opposite motor gives back
-_DEAD_BELOW = 0.1
+_LARGEST_OFFSET_RAD = 0.15  # of the tilt, when a motor becomes weak
+
 _LONGEST_FILTER_S = 0.2  # delay of PX4's filter of attitude setpoints, at most
 _FILTER_RAD = 2.2  # its delay times its natural frequency: 2 by theory, and one step of PX4's loop
-_RATIO_BOUNDS, _LEAST_ZETA = (0.1, 10.0), 0.05
-_LAG_POWER = 0.9
+
+# Damping under other gains than those of the measurement.
+_LEAST_RATIO = 0.1  # of the gains
+_MOST_RATIO = 10.0
+_LAG_POWER = 0.9  # with which the lag falls with that ratio
+_LEAST_ZETA = 0.05
 
 
 @dataclass(frozen=True, slots=True)
 class VehicleProfile:
-    """Differences between one kind of vehicle and another; the defaults are PX4's SIH quadrotor as
-    measured.
-    """
+    """Differences between kinds of vehicles; by default PX4's SIH quadrotor as measured."""
 
     mass_kg: float = 1.0
     hover_thrust_frac: float = 0.49  # normalised thrust that carries the weight
-    # response of roll and pitch: dead time, natural frequency, damping
-    attitude_delay_s: float = 0.04
-    attitude_wn_rad_s: float = 11.0
-    attitude_zeta: float = 0.6
+    attitude_delay_s: float = 0.04  # of roll and pitch: dead time
+    attitude_wn_rad_s: float = 11.0  # natural frequency
+    attitude_zeta: float = 0.6  # damping
     drag_1_s: float = 1.0  # linear drag over mass
     static_gain: float = 1.0  # tilt reached over tilt commanded
     # largest constant tilt error per axis; the actual one is drawn from the seed
@@ -75,7 +84,7 @@ class VehicleProfile:
     gust_std_m_s2: float = 0.0
     max_tilt_rate_deg_s: float = 220.0  # MC_ROLLRATE_MAX, MC_PITCHRATE_MAX
     max_yaw_rate_deg_s: float = 200.0  # MC_YAWRATE_MAX
-    # with the arm: effect of a failing motor
+    # the effect of a failing motor follows from inertia and arm
     inertia_kg_m2: tuple[float, float, float] = (0.025, 0.025, 0.03)
     arm_m: float = 0.2
     # PX4's THR_MDL_FAC, 0 for a linear thrust, 1 for a quadratic one
@@ -83,32 +92,34 @@ class VehicleProfile:
     # time in which the attitude loop removes a constant torque; 0: never
     attitude_integral_s: float = 0.5
     rate_switch_s: float = 0.26  # dead time before body rates are followed after attitudes
-    # the response above was measured with these: MC_ROLL_P and MC_PITCH_P [1/s], MC_REF_W_N (0: PX4
-    # has no such filter)
-    attitude_p_1_s: tuple[float, float] = (6.5, 6.5)
-    setpoint_filter_rad_s: float = 0.0
+    # The response above was measured with these.
+    attitude_p_1_s: tuple[float, float] = (6.5, 6.5)  # MC_ROLL_P and MC_PITCH_P
+    setpoint_filter_rad_s: float = 0.0  # MC_REF_W_N; 0: PX4 has no such filter
 
     def damping(self, axis: int, attitude_p_1_s: float) -> float:
-        """Damping about body x (0) or y (1) under another gain than the response was measured with.
+        """Return the damping under another gain than the response was measured with.
 
         The lag behind a tilt that moves at a constant rate, delay + 2 zeta / wn, goes with a power
-        of the gain that was measured on SIH; delay and natural frequency, which PX4's rate control
-        and the motors make, stay.
+        of the gain that was measured on SIH. Delay and natural frequency stay: PX4's rate control
+        and the motors make them.
+
+        Args:
+            axis: body x (0) or y (1).
+            attitude_p_1_s: the gain.
         """
-        if attitude_p_1_s == self.attitude_p_1_s[axis]:
+        measured_p_1_s = self.attitude_p_1_s[axis]
+        if attitude_p_1_s == measured_p_1_s:
             return self.attitude_zeta
-        low, high = _RATIO_BOUNDS
-        ratio = min(high, max(low, attitude_p_1_s / self.attitude_p_1_s[axis]))
-        lag_s = (self.attitude_delay_s + 2.0 * self.attitude_zeta / self.attitude_wn_rad_s) / float(
-            ratio**_LAG_POWER
-        )
+
+        ratio = min(_MOST_RATIO, max(_LEAST_RATIO, attitude_p_1_s / measured_p_1_s))
+        measured_lag_s = self.attitude_delay_s + 2.0 * self.attitude_zeta / self.attitude_wn_rad_s
+        lag_s = measured_lag_s / float(ratio**_LAG_POWER)
         return max(_LEAST_ZETA, 0.5 * self.attitude_wn_rad_s * (lag_s - self.attitude_delay_s))
 
     def filter_delay_s(self, setpoint_filter_rad_s: float) -> float:
-        """Delay by another filter of attitude setpoints than the response was measured with; 0
-        rad/s: none.
+        """Return the delay by another filter of setpoints than the response was measured with.
 
-        The filter is of second order and critically damped.
+        The filter is of second order and critically damped; 0 rad/s is none.
         """
         return _filter_s(setpoint_filter_rad_s) - _filter_s(self.setpoint_filter_rad_s)
 
@@ -118,18 +129,15 @@ class VehicleProfile:
         return _YAW_DELAY_S * _YAW_WN_RAD_S / self.yaw_wn_rad_s
 
     def lift_share(self, thrust_frac: float) -> float:
-        """Share of the largest lift at a normalised thrust."""
-        return (
-            1.0 - self.thrust_curve_frac
-        ) * thrust_frac + self.thrust_curve_frac * thrust_frac * thrust_frac
+        """Return the share of the largest lift at a normalised thrust."""
+        curve = self.thrust_curve_frac
+        return (1.0 - curve) * thrust_frac + curve * thrust_frac * thrust_frac
 
 
 def _filter_s(natural_frequency_rad_s: float) -> float:
-    return (
-        min(_LONGEST_FILTER_S, _FILTER_RAD / natural_frequency_rad_s)
-        if natural_frequency_rad_s > 0.0
-        else 0.0
-    )
+    if natural_frequency_rad_s <= 0.0:
+        return 0.0
+    return min(_LONGEST_FILTER_S, _FILTER_RAD / natural_frequency_rad_s)
 
 
 @dataclass(slots=True)
@@ -144,7 +152,7 @@ class Commands:
 
     @classmethod
     def level(cls, yaw_rad: Array) -> Commands:
-        """Motors off, level, each at its heading."""
+        """Return the commands of motors that are off: level, each at its heading."""
         n = yaw_rad.shape[0]
         return cls(
             attitude=frames.yaw_quaternion(yaw_rad),
@@ -158,7 +166,7 @@ class Commands:
 def second_order_step(
     wn_rad_s: Array, zeta: Array, dt_s: float
 ) -> tuple[Array, Array, Array, Array]:
-    """Exact transition of x'' = -wn^2 x - 2 zeta wn x' over one step, for any damping.
+    """Return the exact transition of x'' = -wn^2 x - 2 zeta wn x' over a step, for any damping.
 
     The Taylor series of the matrix exponential converges to rounding, since wn dt is far below one.
 
@@ -170,34 +178,35 @@ def second_order_step(
     generator[:, 0, 1] = 1.0
     generator[:, 1, 0] = -(wn_rad_s**2)
     generator[:, 1, 1] = -2.0 * zeta * wn_rad_s
+
     term = np.broadcast_to(np.eye(2), (n, 2, 2)).copy()
     total = term.copy()
     for order in range(1, 20):
         term = term @ generator * (dt_s / order)
         total += term
+
     return total[:, 0, 0], total[:, 0, 1], total[:, 1, 0], total[:, 1, 1]
 
 
 @dataclass(frozen=True, slots=True)
 class VehicleStates:
-    """Truth, one row per vehicle: NED [m, m/s], tilt vector and heading [rad], their rates, thrust
-    [-].
+    """Truth, one row per vehicle.
 
     All of them are windows on the same records and change when time goes on: copy values to keep
     them, write in place.
     """
 
-    position_ned_m: Array
-    velocity_ned_m_s: Array
-    acceleration_ned_m_s2: Array
-    tilt_rad: Array
-    tilt_rate_rad_s: Array
-    yaw_rad: Array
-    yaw_rate_rad_s: Array
-    thrust_frac: Array
-    attitude: Array
-    on_ground: NDArray[np.bool_]
-    motors_dead: NDArray[np.bool_]
+    position_ned_m: Array  # (n, 3)
+    velocity_ned_m_s: Array  # (n, 3)
+    acceleration_ned_m_s2: Array  # (n, 3)
+    tilt_rad: Array  # (n, 2) rotation vector about body x and y
+    tilt_rate_rad_s: Array  # (n, 2)
+    yaw_rad: Array  # (n,)
+    yaw_rate_rad_s: Array  # (n,)
+    thrust_frac: Array  # (n,) after the motors' lag
+    attitude: Array  # (n, 4) NED <- FRD, wxyz
+    on_ground: NDArray[np.bool_]  # (n,)
+    motors_dead: NDArray[np.bool_]  # (n,)
 
 
 class Vehicles:
@@ -205,7 +214,8 @@ class Vehicles:
 
     Args:
         profiles: one per vehicle.
-        position_ned_m: (n, 3) start. yaw_rad: (n,) headings.
+        position_ned_m: (n, 3) start.
+        yaw_rad: (n,) headings.
         seed: of noise, gusts and biases.
     """
 
@@ -214,30 +224,39 @@ class Vehicles:
     ) -> None:
         n = len(profiles)
         self.profiles = list(profiles)
-        self._rng = np.random.default_rng([seed, 1])
-        self._response = _response(profiles)
-        largest_rad = np.radians([p.tilt_bias_deg for p in profiles])[:, None]
-        self._response["bias"] = largest_rad * self._rng.uniform(-1.0, 1.0, (n, 2))
         self.motor_effectiveness = np.ones((n, _MOTORS))
-        delays = (
-            self._response[name].max(initial=0)
-            for name in ("tilt_delay", "yaw_delay", "thrust_delay")
-        )
-        depth = int(max(delays)) + 1 + round(_LONGEST_FILTER_S / STEP_S)
-        yaw = np.array(yaw_rad, dtype=np.float64)
-        attitude = frames.yaw_quaternion(yaw)
-        self._commanded = records((depth, n), physics.COMMAND)
-        self._commanded["attitude"] = attitude
-        self._draws = np.zeros((_BLOCK, n, 3))
-        self._is_noisy = any(p.thrust_noise_frac > 0.0 or p.gust_std_m_s2 > 0.0 for p in profiles)
         self.air_ned_m_s = np.zeros((n, 3))
         self.push_ned_m_s2 = np.zeros((n, 3))
         self.steps = 0
+
+        self._rng = np.random.default_rng([seed, 1])
+        self._draws = np.zeros((_BLOCK, n, 3))
+        self._is_noisy = any(p.thrust_noise_frac > 0.0 or p.gust_std_m_s2 > 0.0 for p in profiles)
+
+        self._response = _response(profiles)
+        largest_bias_rad = np.radians([p.tilt_bias_deg for p in profiles])[:, None]
+        self._response["bias"] = largest_bias_rad * self._rng.uniform(-1.0, 1.0, (n, 2))
+
+        # A ring of commands, as deep as the longest dead time that parameters can make.
+        yaw = np.array(yaw_rad, dtype=np.float64)
+        attitude = frames.yaw_quaternion(yaw)
+        longest_delay = max(
+            self._response[name].max(initial=0)
+            for name in ("tilt_delay", "yaw_delay", "thrust_delay")
+        )
+        depth = int(longest_delay) + 1 + round(_LONGEST_FILTER_S / STEP_S)
+        self._commanded = records((depth, n), physics.COMMAND)
+        self._commanded["attitude"] = attitude
+        self._ring = [
+            self._commanded[name] for name in ("attitude", "rate", "thrust", "is_rate", "motors_on")
+        ]
+
         self.motion = records(n, physics.MOTION)
         self.motion["position"] = position_ned_m
         self.motion["yaw"] = yaw
         self.motion["attitude"] = attitude
-        self.motion["lift_scale"] = self.motion["lift_cap"] = 1.0
+        self.motion["lift_scale"] = 1.0
+        self.motion["lift_cap"] = 1.0
         self.motion["on_ground"] = self.motion["position"][:, 2] >= 0.0
         self.states = VehicleStates(
             position_ned_m=self.motion["position"],
@@ -252,9 +271,6 @@ class Vehicles:
             on_ground=self.motion["on_ground"],
             motors_dead=self.motion["motors_dead"],
         )
-        self._ring = [
-            self._commanded[name] for name in ("attitude", "rate", "thrust", "is_rate", "motors_on")
-        ]
 
     @property
     def tilt_bias_rad(self) -> Array:
@@ -267,18 +283,21 @@ class Vehicles:
 
     def step(self, commands: Commands) -> None:
         """Advance all vehicles by `STEP_S` under `commands`."""
-        newest, block = self.steps % self._commanded.shape[0], self.steps % _BLOCK
+        newest = self.steps % self._commanded.shape[0]
         attitudes, rates, thrusts, is_rate, motors_on = self._ring
         attitudes[newest] = commands.attitude
         rates[newest] = commands.rate_rad_s
-        if self.steps == 0:
-            # a vehicle that begins in the air has been commanded before
-            thrusts[:] = commands.thrust_frac
         thrusts[newest] = commands.thrust_frac
         is_rate[newest] = commands.is_rate
         motors_on[newest] = commands.motors_on
+        if self.steps == 0:
+            # a vehicle that begins in the air has been commanded before
+            thrusts[:] = commands.thrust_frac
+
+        block = self.steps % _BLOCK
         if block == 0 and self._is_noisy:
             self._rng.standard_normal(out=self._draws)
+
         physics.step(
             self.motion,
             self._response,
@@ -293,27 +312,29 @@ class Vehicles:
     def set_attitude_control(
         self, index: int, attitude_p_1_s: tuple[float, float], setpoint_filter_rad_s: float
     ) -> None:
-        """Let a vehicle respond from now on as under these gains of roll and pitch, and this filter
-        of setpoints.
+        """Let a vehicle respond from now on as under other parameters.
+
+        Args:
+            index: of the vehicle.
+            attitude_p_1_s: gains of roll and pitch.
+            setpoint_filter_rad_s: natural frequency of the filter of setpoints; 0: none.
         """
-        profile, response = self.profiles[index], self._response[index]
+        profile = self.profiles[index]
+        response = self._response[index]
+
         wn = np.full(2, profile.attitude_wn_rad_s)
         zeta = np.array([profile.damping(axis, gain) for axis, gain in enumerate(attitude_p_1_s)])
         transition = second_order_step(wn, zeta, STEP_S)
         for name, entry in zip(_TRANSITION, transition, strict=True):
             response[name] = entry
-        late_s = profile.filter_delay_s(setpoint_filter_rad_s)
-        for name, delay_s in (
-            ("tilt_delay", profile.attitude_delay_s),
-            ("yaw_delay", profile.yaw_delay_s),
-        ):
-            response[name] = round(max(0.0, delay_s + late_s) / STEP_S)
+
+        filter_s = profile.filter_delay_s(setpoint_filter_rad_s)
+        response["tilt_delay"] = round(max(0.0, profile.attitude_delay_s + filter_s) / STEP_S)
+        response["yaw_delay"] = round(max(0.0, profile.yaw_delay_s + filter_s) / STEP_S)
 
     @property
     def lift_share(self) -> Array:
-        """Lift of every vehicle (n,) in units of its weight, since the last step: a window, not a
-        copy.
-        """
+        """Lift of every vehicle (n,) in units of its weight: a window, not a copy."""
         return self.motion["lift_share"]
 
     def set_motor(self, index: int, motor: int, effectiveness: float) -> None:
@@ -321,44 +342,53 @@ class Vehicles:
 
         The loop shares the work anew: with motors e_k the lift is the harmonic mean of the e_k, at
         most what the weakest allows with all torques in balance. Until its integral has learnt the
-        missing torque (never, for a weak loop) the vehicle leans towards that motor. A dead motor
+        missing torque (never, for a weak loop) the vehicle tilts towards that motor. A dead motor
         cannot be balanced: the vehicle turns over and falls.
         """
-        profile, effective = self.profiles[index], self.motor_effectiveness[index]
+        profile = self.profiles[index]
+        motion = self.motion[index]
+
+        effective = self.motor_effectiveness[index]
         lost = effective[motor - 1] - effectiveness
         effective[motor - 1] = effectiveness
-        lever_m = profile.arm_m / math.sqrt(2.0)
-        # What a motor lifts on the right pushes the left side down; forward and right are x and y
-        # of the body.
-        turn = np.array([1.0, -1.0]) * _MOTOR_POSITION[motor - 1][::-1]
-        per_lift = (
-            turn * profile.mass_kg * lever_m / (_MOTORS * np.array(profile.inertia_kg_m2[:2]))
-        )
-        motion = self.motion[index]
+
+        # lift
         alive = effective[effective >= _DEAD_BELOW]
         has_dead = alive.size < _MOTORS
-        motion["lift_scale"] = (
-            float(effective.mean()) if has_dead else _MOTORS / float((1.0 / alive).sum())
-        )
-        motion["lift_cap"] = motion["lift_scale"] if has_dead else float(alive.min())
+        if has_dead:
+            motion["lift_scale"] = float(effective.mean())
+            motion["lift_cap"] = motion["lift_scale"]
+        else:
+            motion["lift_scale"] = _MOTORS / float((1.0 / alive).sum())
+            motion["lift_cap"] = float(alive.min())
+
+        # Torque: what a motor lifts on the right pushes the left side down; forward and right are x
+        # and y of the body.
+        lever_m = profile.arm_m / math.sqrt(2.0)
+        turn = np.array([1.0, -1.0]) * _MOTOR_POSITION[motor - 1][::-1]
+        inertia_kg_m2 = np.array(profile.inertia_kg_m2[:2])
+        per_lift = turn * profile.mass_kg * lever_m / (_MOTORS * inertia_kg_m2)
+
         if effectiveness < _DEAD_BELOW:
             motion["tumble"] += _UNCONTROLLED * per_lift
         elif not has_dead:
             motion["tumble"] = 0.0
-        offset = lost * GRAVITY_M_S2 * per_lift / profile.attitude_wn_rad_s**2
-        motion["tilt_offset"] += np.clip(offset, -_LARGEST_OFFSET_RAD, _LARGEST_OFFSET_RAD)
+
+        offset_rad = lost * GRAVITY_M_S2 * per_lift / profile.attitude_wn_rad_s**2
+        motion["tilt_offset"] += np.clip(offset_rad, -_LARGEST_OFFSET_RAD, _LARGEST_OFFSET_RAD)
 
 
 def _response(profiles: list[VehicleProfile]) -> Records:
-    """One record RESPONSE per profile; the biases are filled in by the caller."""
-    out = records(len(profiles), physics.RESPONSE)
+    """Return one record RESPONSE per profile; the caller adds the biases."""
+    responses = records(len(profiles), physics.RESPONSE)
+
     wn = np.array([p.attitude_wn_rad_s for p in profiles], dtype=np.float64)
     zeta = np.array([p.attitude_zeta for p in profiles], dtype=np.float64)
     transition = second_order_step(wn, zeta, STEP_S)
     for name, entry in zip(_TRANSITION, transition, strict=True):
-        out[name] = entry[:, None]
-    for r, p in zip(out, profiles, strict=True):
-        quick = p.yaw_wn_rad_s / _YAW_WN_RAD_S
+        responses[name] = entry[:, None]
+
+    for r, p in zip(responses, profiles, strict=True):
         r["gain"] = p.static_gain
         r["full_lift"] = GRAVITY_M_S2 / p.lift_share(p.hover_thrust_frac)
         r["curve"] = p.thrust_curve_frac
@@ -368,18 +398,23 @@ def _response(profiles: list[VehicleProfile]) -> Records:
         r["gust_std"] = p.gust_std_m_s2
         r["max_tilt_rate"] = math.radians(p.max_tilt_rate_deg_s)
         r["max_yaw_rate"] = math.radians(p.max_yaw_rate_deg_s)
+
+        quick = p.yaw_wn_rad_s / _YAW_WN_RAD_S
         r["yaw_p"] = _YAW_P_1_S * quick
         r["yaw_rate_p"] = _YAW_RATE_P_1_S * quick
         r["yaw_rate_i"] = _YAW_RATE_I_1_S2 * quick * quick
         r["yaw_blend"] = 1.0 - math.exp(-STEP_S * quick / _YAW_FILTER_S)
         r["max_yaw_torque"] = _YAW_TORQUE_RAD_S2 * quick * quick
         r["yaw_drag"] = _YAW_DRAG_1_S * quick
+
         r["rate_blend"] = 1.0 - math.exp(-STEP_S / _RATE_LAG_S)
-        r["offset_keep"] = (
-            math.exp(-STEP_S / p.attitude_integral_s) if p.attitude_integral_s > 0.0 else 1.0
-        )
-        r["tilt_delay"] = r["rate_delay"] = round(p.attitude_delay_s / STEP_S)
+        r["offset_keep"] = 1.0
+        if p.attitude_integral_s > 0.0:
+            r["offset_keep"] = math.exp(-STEP_S / p.attitude_integral_s)
+
+        r["tilt_delay"] = round(p.attitude_delay_s / STEP_S)
+        r["rate_delay"] = r["tilt_delay"]
         r["yaw_delay"] = round(p.yaw_delay_s / STEP_S)
         r["thrust_delay"] = round(p.thrust_delay_s / STEP_S)
         r["switch_steps"] = round(p.rate_switch_s / STEP_S)
-    return out
+    return responses

@@ -15,8 +15,8 @@ import numpy as np
 from sitl.physics.frames import Array
 from sitl.physics.step import STEP_S
 
-_VERTICAL_SHARE = 0.5
-_BLOCK = 64
+_VERTICAL_SHARE = 0.5  # of the horizontal gusts
+_BLOCK = 64  # random numbers are drawn for so many steps at once
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,25 +34,36 @@ class WindSettings:
 class Wind:
     """Velocity of the air at each vehicle, one sample per physics step.
 
-    is_calm: whether the air does not move.
+    Args:
+        count: of vehicles.
+        settings: the weather.
+        seed: of the gusts.
+
+    Attributes:
+        is_calm: whether the air does not move.
     """
 
     def __init__(self, count: int, settings: WindSettings, *, seed: int) -> None:
+        gusts = 1 if settings.is_common else count
         self._rng = np.random.default_rng([seed, 4])
-        self._gust = np.zeros((1 if settings.is_common else count, 3))
-        self._draws = np.zeros((_BLOCK, *self._gust.shape))
+        self._gust = np.zeros((gusts, 3))
+        self._draws = np.zeros((_BLOCK, gusts, 3))
         self._block_row = 0
         self._count = count
+
         east, north, up = settings.mean_enu_m_s
         self._mean_ned = np.array([north, east, -up])
+
+        # of the Ornstein-Uhlenbeck process: part that is kept over a step, and size of what is new
         self._keep = math.exp(-STEP_S / max(settings.gust_time_s, STEP_S))
-        std = settings.gust_std_m_s * np.array([1.0, 1.0, _VERTICAL_SHARE])
-        self._spread = std * math.sqrt(1.0 - self._keep**2)
+        std_m_s = settings.gust_std_m_s * np.array([1.0, 1.0, _VERTICAL_SHARE])
+        self._spread = std_m_s * math.sqrt(1.0 - self._keep**2)
+
         # read at every step of the physics
         self.is_calm = settings.gust_std_m_s == 0.0 and not self._mean_ned.any()
 
     def step(self) -> Array:
-        """Velocity of the air (n, 3) NED [m/s], one physics step later."""
+        """Return the velocity of the air (n, 3) NED [m/s], one physics step later."""
         if self._block_row == 0:
             self._rng.standard_normal(out=self._draws)
         self._gust = self._keep * self._gust + self._spread * self._draws[self._block_row]
