@@ -1,8 +1,7 @@
-"""Emulated PX4s in real time: one process, one UDP socket per link as PX4 lays them out, poses and
-truth on the bus.
+"""Emulated PX4s in real time: one process, one UDP socket per link as PX4 lays them out.
 
-The one door of the emulator to the rest of the project: fleet files and the bus. Nothing is read
-from the bus.
+This is the one door of the emulator to the rest of the project: it reads fleet files and publishes
+poses and ground truth on the bus. From the bus it takes faults to inject, and nothing else.
 """
 
 from __future__ import annotations
@@ -16,6 +15,7 @@ import signal
 import socket
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 from msgspec.structs import asdict
 
@@ -30,7 +30,7 @@ from onboard.security.credentials import credentials_of
 from onboard.security.mavlink_key import mavlink_key
 from onboard.security.node_roles import NodeRole
 from sitl.emulator.emulator import Emulator, Environment, VehicleSpec
-from sitl.emulator.mocap import Mocap, MocapSettings
+from sitl.emulator.mocap import Mocap, MocapSettings, Pose
 from sitl.faults.catalogue import Fault, FaultError
 from sitl.mavlink.endpoints import (
     Address,
@@ -55,18 +55,15 @@ from sitl.px4.versions import VERSIONS
 _LARGEST_BACKLOG_STEPS = 70
 TRUTH_EVERY_STEPS = 5
 _REALTIME_PRIORITY = 5  # below that of the loops of agents, which they may ask for
+_LONGEST_WAIT_S = 1e6  # before a fault that is ordered
 
 
 def profile_of(vehicle: Vehicle) -> VehicleProfile:
-    """The emulator's profile of a vehicle of the fleet file."""
-    own, default = vehicle.px4_params, DEFAULTS[vehicle.px4_version]
-    roll_p, pitch_p, filter_rad_s = (
-        float(own.get(name, default.get(name, 0.0)))
-        for name in ("MC_ROLL_P", "MC_PITCH_P", "MC_REF_W_N")
-    )
+    """Return the emulator's profile of a vehicle of the fleet file."""
+    params = {**DEFAULTS[vehicle.px4_version], **vehicle.px4_params}
     return VehicleProfile(
-        attitude_p_1_s=(roll_p, pitch_p),
-        setpoint_filter_rad_s=filter_rad_s,
+        attitude_p_1_s=(float(params.get("MC_ROLL_P", 0.0)), float(params.get("MC_PITCH_P", 0.0))),
+        setpoint_filter_rad_s=float(params.get("MC_REF_W_N", 0.0)),
         mass_kg=vehicle.mass_kg,
         hover_thrust_frac=vehicle.hover_thrust_frac,
         attitude_delay_s=vehicle.attitude_delay_s,
@@ -85,14 +82,24 @@ def emulator_of(
     environment: Environment | None = None,
     px4: str | None = None,
 ) -> Emulator:
-    """Return the emulator of some vehicles of a fleet file, each as the version that it names, or
-    all as `px4`.
+    """Return the emulator of some vehicles of a fleet file.
+
+    Args:
+        fleet: the fleet file.
+        vehicles: those to emulate.
+        seed: of everything random.
+        environment: wind, downwash and errors.
+        px4: version of all their PX4s; None: the one that the fleet file names for each.
     """
     specs = [
         VehicleSpec(
-            v.name, v.system_id, profile_of(v), v.start_enu_m, VERSIONS[px4 or v.px4_version]
+            name=vehicle.name,
+            system_id=vehicle.system_id,
+            profile=profile_of(vehicle),
+            start_enu_m=vehicle.start_enu_m,
+            px4=VERSIONS[px4 or vehicle.px4_version],
         )
-        for v in vehicles
+        for vehicle in vehicles
     ]
     return Emulator(
         specs, body_diameter_m=fleet.fleet.body_diameter_m, environment=environment, seed=seed
@@ -100,28 +107,32 @@ def emulator_of(
 
 
 def answer_fault(emulator: Emulator, order: FaultOrder | Malformed) -> OrderReply:
-    """Plan the fault that a ground asks for, or say why not."""
+    """Plan the fault that a ground orders, or say why not."""
     if isinstance(order, Malformed):
         return OrderReply(
             order_id="", vehicle="", is_accepted=False, reason=f"This is no fault: {order.reason}."
         )
+
     fault = Fault(
-        order.fault,
-        order.vehicle,
-        emulator.time_s + order.after_s,
-        order.duration_s,
-        order.parameters,
+        name=order.fault,
+        vehicle=order.vehicle,
+        at_s=emulator.time_s + order.after_s,
+        duration_s=order.duration_s,
+        parameters=order.parameters,
     )
     try:
-        if not 0.0 <= order.after_s <= 1e6:
+        if not 0.0 <= order.after_s <= _LONGEST_WAIT_S:
             raise FaultError(f"{order.fault}: after_s is {order.after_s:g}; it must be 0 or more.")
-        taken = emulator.check(fault) if order.is_rehearsal else emulator.inject(fault)
+        if order.is_rehearsal:
+            accepted = emulator.check(fault)
+        else:
+            accepted = emulator.inject(fault)
     except FaultError as error:
         return OrderReply(
             order_id=order.order_id, vehicle=order.vehicle, is_accepted=False, reason=str(error)
         )
     return OrderReply(
-        order_id=order.order_id, vehicle=order.vehicle, is_accepted=True, reason=taken.sentence
+        order_id=order.order_id, vehicle=order.vehicle, is_accepted=True, reason=accepted.sentence
     )
 
 
@@ -129,10 +140,13 @@ class Broadcast:
     """Poses of an emulated motion capture and ground truth, as messages of the bus.
 
     Args:
+        emulator: whose truth it is.
         vehicles: those of the emulator, in its order.
-        mocap: quality of the motion capture. seed: of its noise.
-        boot_id: of the sender. source: its node, where receivers have other clocks than it.
+        mocap: quality of the motion capture.
+        seed: of its noise.
+        boot_id: of the sender.
         stamp_ns: turns simulated seconds into the stamp of a message.
+        source: node of the sender, where receivers have other clocks than it.
         truth_offset_m: added to the true positions, to prove that no flight depends on them.
     """
 
@@ -148,52 +162,63 @@ class Broadcast:
         source: str = "",
         truth_offset_m: float = 0.0,
     ) -> None:
-        self._emulator, self._names = emulator, [v.name for v in vehicles]
-        self._bodies = [v.mocap_body or v.name for v in vehicles]
+        self._emulator = emulator
+        self._names = [vehicle.name for vehicle in vehicles]
+        self._bodies = [vehicle.mocap_body or vehicle.name for vehicle in vehicles]
         self._mocap = Mocap(len(vehicles), mocap, seed=seed, faults=emulator.disturbances.mocap)
-        self._boot_id, self._source, self._stamp_ns = boot_id, source, stamp_ns
+        self._boot_id = boot_id
+        self._stamp_ns = stamp_ns
+        self._source = source
         self._truth_offset_m = truth_offset_m
         self._sequence = 0
 
     def messages(self) -> tuple[list[MocapPose], list[Truth]]:
         """Return the poses that the motion capture delivers now, and the truth of every vehicle."""
-        emulator, states = self._emulator, self._emulator.world.vehicles.states
+        emulator = self._emulator
         position, velocity, attitude = emulator.world.truth_enu()
-        poses: list[MocapPose] = []
-        for pose in self._mocap.step(emulator.time_s, position, attitude):
-            self._sequence += 1
-            message = MocapPose(
-                body=self._bodies[pose.index],
-                boot_id=self._boot_id,
-                sequence=self._sequence,
-                stamp_ns=self._stamp_ns(pose.time_s),
-                is_tracked=pose.is_tracked,
-                position_enu_m=pose.position_enu_m,
-                quaternion_enu_flu_wxyz=pose.quaternion_enu_flu_wxyz,
-                source=self._source,
-            )
-            poses.append(message)
-        stamp_ns, shown = self._stamp_ns(emulator.time_s), position + self._truth_offset_m
-        rows = (
-            self._names,
-            *(
-                v.tolist()
-                for v in (shown, velocity, attitude, states.on_ground, states.motors_dead)
-            ),
-        )
+        delivered = self._mocap.step(emulator.time_s, position, attitude)
+        poses = [self._pose_message(pose) for pose in delivered]
+
+        states = emulator.world.vehicles.states
+        stamp_ns = self._stamp_ns(emulator.time_s)
+        shown_position = position + self._truth_offset_m
         truths = [
             Truth(
                 vehicle=name,
                 stamp_ns=stamp_ns,
-                position_enu_m=tuple(p),
-                velocity_enu_m_s=tuple(v),
-                quaternion_enu_flu_wxyz=tuple(q),
-                is_on_ground=on_ground,
-                is_collided=is_dead,
+                position_enu_m=tuple(shown_position[index].tolist()),
+                velocity_enu_m_s=tuple(velocity[index].tolist()),
+                quaternion_enu_flu_wxyz=tuple(attitude[index].tolist()),
+                is_on_ground=bool(states.on_ground[index]),
+                is_collided=bool(states.motors_dead[index]),
             )
-            for name, p, v, q, on_ground, is_dead in zip(*rows, strict=True)
+            for index, name in enumerate(self._names)
         ]
         return poses, truths
+
+    def _pose_message(self, pose: Pose) -> MocapPose:
+        self._sequence += 1
+        return MocapPose(
+            body=self._bodies[pose.index],
+            boot_id=self._boot_id,
+            sequence=self._sequence,
+            stamp_ns=self._stamp_ns(pose.time_s),
+            is_tracked=pose.is_tracked,
+            position_enu_m=pose.position_enu_m,
+            quaternion_enu_flu_wxyz=pose.quaternion_enu_flu_wxyz,
+            source=self._source,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class _LinkPlan:
+    """One link that is to be opened."""
+
+    index: int  # of the vehicle
+    ports: Ports
+    rates_hz: dict[int, float]
+    name: str  # as :class:`LossyLink` calls it
+    what: str  # for people
 
 
 class Server:
@@ -232,13 +257,10 @@ class Server:
             fleet, self._vehicles, seed=seed, environment=environment, px4=px4
         )
         self.emulator.unix_start_s = time.time()
-        for vehicle, px4_of, store in zip(
-            self._vehicles, self.emulator.autopilots, self.emulator.key_stores, strict=True
-        ):
-            if px4_of.version.knows_signing:  # as if the key had been set before
-                store.put(mavlink_key(fleet, vehicle.name) or b"", 0)
+        self._put_keys(fleet)
         for fault in injected:
             self.emulator.inject(fault)
+
         self.bus = bus
         self._poses = None if bus is None else PosePublisher(bus)
         self._broadcast = Broadcast(
@@ -255,104 +277,144 @@ class Server:
         )
         self._sockets: list[Socket] = []
         self._ready = selectors.DefaultSelector()
-        self._epoch_s = 0.0
+        self._epoch_s = 0.0  # the event loop's time at which simulated time began
+
+    def _put_keys(self, fleet: FleetConfig) -> None:
+        """Give each PX4 that knows signing its key, as if it had been set before."""
+        for vehicle, px4, store in zip(
+            self._vehicles, self.emulator.autopilots, self.emulator.key_stores, strict=True
+        ):
+            if px4.version.knows_signing:
+                store.put(mavlink_key(fleet, vehicle.name) or b"", 0)
 
     async def start(self) -> list[str]:
-        """Bind every port; returns a line per link. Refuses all when one is taken.
+        """Bind every port, or none when one is taken; return a line per link.
 
         Raises:
             StartError: a port is taken or an endpoint cannot be emulated.
         """
-        wanted: list[tuple[int, Ports, dict[int, float], str, str]] = []
-        for index, vehicle in enumerate(self._vehicles):
-            key = f"vehicles.{vehicle.name}"
-            onboard = onboard_ports(vehicle.autopilot, f"{key}.autopilot")
-            wanted.append(
-                (
-                    index,
-                    onboard,
-                    ONBOARD_RATES_HZ,
-                    "companion",
-                    f"The companion link of {vehicle.name}",
-                )
-            )
-            ground = ground_ports(vehicle.autopilot, vehicle.direct, key, self._station)
-            if ground is not None:
-                wanted.append(
-                    (index, ground, GCS_RATES_HZ, "ground", f"The ground link of {vehicle.name}")
-                )
-            viewers = simulator_ports(vehicle.autopilot)
-            if viewers is not None:
-                what = f"The simulator's link of {vehicle.name}"
-                wanted.append((index, viewers, SIMULATOR_RATES_HZ, "simulator", what))
+        plans = self._links()
+
         sockets: list[socket.socket] = []
         try:
-            for _, ports, _, _, what in wanted:
-                sockets.append(bind(ports, what))
+            for plan in plans:
+                sockets.append(bind(plan.ports, plan.what))
         except StartError:
             for sock in sockets:
                 sock.close()
             raise
+
         lines: list[str] = []
-        for sock, (index, ports, rates_hz, name, _) in zip(sockets, wanted, strict=True):
-            opened = Socket(sock, LossyLink(self.emulator, index, rates_hz, name), ports.peer)
+        for sock, plan in zip(sockets, plans, strict=True):
+            link = LossyLink(self.emulator, plan.index, plan.rates_hz, plan.name)
+            opened = Socket(sock, link, plan.ports.peer)
             opened.open(self._ready)
             self._sockets.append(opened)
-            target = f" -> {ports.peer[1]}" if ports.peer else ""
-            lines.append(f"{self._vehicles[index].name} {ports.bind[1]}{target}")
+
+            line = f"{self._vehicles[plan.index].name} {plan.ports.bind[1]}"
+            if plan.ports.peer is not None:
+                line += f" -> {plan.ports.peer[1]}"
+            lines.append(line)
         return lines
+
+    def _links(self) -> list[_LinkPlan]:
+        """Return the links of all vehicles."""
+        plans: list[_LinkPlan] = []
+        for index, vehicle in enumerate(self._vehicles):
+            key = f"vehicles.{vehicle.name}"
+            companion = _LinkPlan(
+                index=index,
+                ports=onboard_ports(vehicle.autopilot, f"{key}.autopilot"),
+                rates_hz=ONBOARD_RATES_HZ,
+                name="companion",
+                what=f"The companion link of {vehicle.name}",
+            )
+            plans.append(companion)
+
+            ports = ground_ports(vehicle.autopilot, vehicle.direct, key, self._station)
+            if ports is not None:
+                ground = _LinkPlan(
+                    index=index,
+                    ports=ports,
+                    rates_hz=GCS_RATES_HZ,
+                    name="ground",
+                    what=f"The ground link of {vehicle.name}",
+                )
+                plans.append(ground)
+
+            ports = simulator_ports(vehicle.autopilot)
+            if ports is not None:
+                simulator = _LinkPlan(
+                    index=index,
+                    ports=ports,
+                    rates_hz=SIMULATOR_RATES_HZ,
+                    name="simulator",
+                    what=f"The simulator's link of {vehicle.name}",
+                )
+                plans.append(simulator)
+        return plans
 
     async def run(self, stopped: asyncio.Event, say: Callable[[str], None]) -> None:
         """Fly in real time, on an absolute schedule, until `stopped`."""
         loop = asyncio.get_running_loop()
         self._epoch_s = loop.time() - self.emulator.time_s
+
         while not stopped.is_set():
-            due = int((loop.time() - self._epoch_s) / STEP_S) - self.emulator.world.vehicles.steps
-            if due > _LARGEST_BACKLOG_STEPS:
+            elapsed_steps = int((loop.time() - self._epoch_s) / STEP_S)
+            due_steps = elapsed_steps - self.emulator.world.vehicles.steps
+            if due_steps > _LARGEST_BACKLOG_STEPS:
                 # The machine slept: simulated time stands still meanwhile, as PX4's does, rather
                 # than racing after.
-                self._epoch_s += (due - 1) * STEP_S
-                due = 1
-            for _ in range(due):
+                self._epoch_s += (due_steps - 1) * STEP_S
+                due_steps = 1
+
+            for _ in range(due_steps):
                 self._step(say)
+
             wake_s = self._epoch_s + (self.emulator.world.vehicles.steps + 1) * STEP_S
             await asyncio.sleep(max(0.0, wake_s - loop.time()))
 
     def stop(self) -> None:
         """Close all sockets; a second call does nothing."""
-        for each in self._sockets:
-            each.close(self._ready)
+        for opened in self._sockets:
+            opened.close(self._ready)
         self._sockets.clear()
 
     def _step(self, say: Callable[[str], None]) -> None:
+        """Read, advance by one step, and send."""
         read_all(self._ready)
+
         for collision in self.emulator.step():
-            first, second = (
-                self._vehicles[collision.first].name,
-                self._vehicles[collision.second].name,
-            )
+            first = self._vehicles[collision.first].name
+            second = self._vehicles[collision.second].name
             say(
                 f"collision: {first} and {second} touched at {collision.time_s:.2f} s "
                 f"({collision.distance_m:.2f} m between centres); both fall"
             )
         for notice in self.emulator.disturbances.take_notices():
             say(f"{notice} ({self.emulator.time_s:.2f} s)")
-        for each in self._sockets:
-            each.endpoint.poll()
-        is_due = self.emulator.world.vehicles.steps % TRUTH_EVERY_STEPS == 0
-        if self.bus is not None and self._poses is not None and is_due:
-            poses, truths = self._broadcast.messages()
-            for pose in poses:
-                self._poses.publish(pose)
-            for truth in truths:
-                self.bus.publish(Topic.TRUTH, truth.vehicle, truth)
+
+        for opened in self._sockets:
+            opened.endpoint.poll()
+        if self.emulator.world.vehicles.steps % TRUTH_EVERY_STEPS == 0:
+            self._publish()
+
+    def _publish(self) -> None:
+        if self.bus is None or self._poses is None:
+            return
+        poses, truths = self._broadcast.messages()
+        for pose in poses:
+            self._poses.publish(pose)
+        for truth in truths:
+            self.bus.publish(Topic.TRUTH, truth.vehicle, truth)
 
 
 def simulator_bus(
     fleet: FleetConfig, node: str = "sitl", *, is_partial: bool = False
 ) -> BusSession:
-    """Return the node of an emulator or of a relay of truth on a fleet's bus, connected to its
-    agents.
+    """Return the node of an emulator, or of a relay of truth, on a fleet's bus.
+
+    It connects to the agents.
 
     Args:
         fleet: the fleet file.
@@ -387,6 +449,7 @@ async def _serve(server: Server) -> None:
     for number in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(number, stopped.set)
     take_precedence()
+
     try:
         lines = await server.start()
         if bus is not None:
@@ -399,10 +462,12 @@ async def _serve(server: Server) -> None:
 
             bus.serve_faults(take_fault)
             clock = loop.create_task(ClockNode(bus).keep())  # agents may run on other hosts
+
         # A full collection would stop every vehicle at once; nothing that exists now will ever be
         # garbage.
         gc.collect()
         gc.freeze()
+
         print(f"ready: {', '.join(lines)}", flush=True)
         await server.run(stopped, _say)
     finally:
@@ -414,10 +479,10 @@ async def _serve(server: Server) -> None:
 
 
 def take_precedence() -> None:
-    """Run before other processes, as real vehicles wait for no computer; without permission do
-    nothing.
+    """Run before other processes, if this is permitted: real vehicles wait for no computer.
+
+    It holds for this thread and those that it will start.
     """
-    # for this thread, and those that it will start
     with contextlib.suppress(OSError, AttributeError):
         os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(_REALTIME_PRIORITY))
 

@@ -1,10 +1,11 @@
-"""The command ``covey sitl truth``: ground truth of real PX4s with their built-in simulator (SIH),
-put on the bus.
+"""Ground truth of real PX4s with their built-in simulator (SIH), put on the bus.
 
-PX4's SIH tells its true state on a link of its own (19450+N to 19410+N, N = system id - 1). As
-truth it lets a flight of real PX4s be judged as one of emulated ones is; as motion capture
-(``--mocap``) it feeds agents that need one. This stands where `server.py` stands in an emulated
-flight: same node, same topics, and no emulator.
+PX4's SIH sends its true state on a link of its own, from port 19450 + N to 19410 + N, where N is
+the system id - 1. As truth it lets a flight of real PX4s be judged as one of emulated ones is; as
+motion capture (`--mocap`) it feeds agents that need one.
+
+This is the command `covey sitl truth`. It stands where `server.py` stands in an emulated flight:
+same node, same topics, and no emulator.
 """
 
 from __future__ import annotations
@@ -30,30 +31,38 @@ from sitl.physics.frames import enu_flu_from_ned_frd
 from sitl.server import simulator_bus, take_precedence
 
 _FIRST_PORT = 19410
-_STATE, _ACTUATORS = "HIL_STATE_QUATERNION", "HIL_ACTUATOR_CONTROLS"
+_STATE = "HIL_STATE_QUATERNION"
+_ACTUATORS = "HIL_ACTUATOR_CONTROLS"
 _SET_MESSAGE_INTERVAL = 511
-_PERIOD_US = 10_000.0  # PX4 makes 99 Hz of that
-_ASK_AGAIN_S = 2.0
+_PERIOD_US = 10_000.0  # of the states; PX4 makes 99 Hz of that
+_ASK_AGAIN_S = 2.0  # for the states
+_SHOW_S = 2.0  # between looks at who is heard
+
 _MOCAP_PERIOD_S = 0.019
 _MOCAP_NOISE_M = 0.002
-_EARTH_RADIUS_M = 6_371_000.0
-_GROUND_M, _STILL_M_S = 0.10, 0.10
+
+# A vehicle that is lower and slower than this counts as being on the ground.
+_GROUND_M = 0.10
+_STILL_M_S = 0.10
 
 HOME_PARAMS = ("SIH_LOC_LAT0", "SIH_LOC_LON0", "SIH_LOC_H0")
-_HOME_WITHIN_S, _HOME_AGAIN_S = 3.0, 0.3
+_HOME_AGAIN_S = 0.3  # between requests for them
+_HOME_WITHIN_S = 3.0  # after which they are no longer waited for
+
+_EARTH_RADIUS_M = 6_371_000.0
 
 Vec3 = tuple[float, float, float]
 
 
 def east_north_m(origin: tuple[float, float], position: tuple[float, float]) -> tuple[float, float]:
-    """East and north from one place on Earth to another, latitude and longitude in degrees; for a
-    few kilometres.
+    """Return how far one position on Earth lies east and north of another.
+
+    Both are latitude and longitude in degrees. It holds for a few kilometres.
     """
-    north = math.radians(position[0] - origin[0])
-    middle = math.radians(0.5 * (position[0] + origin[0]))
-    return _EARTH_RADIUS_M * math.radians(position[1] - origin[1]) * math.cos(
-        middle
-    ), _EARTH_RADIUS_M * north
+    north_rad = math.radians(position[0] - origin[0])
+    east_rad = math.radians(position[1] - origin[1])
+    middle_rad = math.radians(0.5 * (position[0] + origin[0]))
+    return _EARTH_RADIUS_M * east_rad * math.cos(middle_rad), _EARTH_RADIUS_M * north_rad
 
 
 @dataclass(slots=True)
@@ -63,98 +72,129 @@ class Body:
     Zero is where PX4's simulator began, by PX4's parameters (:data:`HOME_PARAMS`): the same
     whenever this program starts, also in flight, and however far a vehicle has sunk into the
     ground. Without a global origin of the fleet it counts as the vehicle's start of the fleet file:
-    simulated vehicles may then all begin at the same place on Earth.
+    simulated vehicles may then all begin at the same position on Earth.
     """
 
     vehicle: Vehicle
-    origin: Origin | None
+    origin: Origin | None  # of the fleet
     home: dict[str, float] = field(default_factory=dict)  # values of HOME_PARAMS that PX4 has sent
-    _begin: tuple[float, float, float] | None = field(default=None)
+    # where the simulator began: latitude [deg], longitude [deg], altitude [m]
+    _begin: Vec3 | None = field(default=None)
 
     def missing(self) -> tuple[str, ...]:
         """Return the parameters that PX4 has yet to send."""
         return tuple(name for name in HOME_PARAMS if name not in self.home)
 
     def truth(self, state: dict[str, Any], stamp_ns: int) -> Truth:
-        """From the fields of HIL_STATE_QUATERNION."""
-        at = (state["lat"] * 1e-7, state["lon"] * 1e-7, state["alt"] * 1e-3)
-        if self._begin is None:  # a PX4 that does not send its parameters: the first place counts
-            self._begin = (
-                at if self.missing() else cast(Vec3, tuple(self.home[name] for name in HOME_PARAMS))
-            )
-        start = self.vehicle.start_enu_m
+        """Return the truth from the fields of HIL_STATE_QUATERNION."""
+        position = (state["lat"] * 1e-7, state["lon"] * 1e-7, state["alt"] * 1e-3)
+        if self._begin is None:
+            self._begin = self._began_at(position)
+
+        start_east, start_north, start_up = self.vehicle.start_enu_m
         if self.origin is None:
-            east, north = east_north_m(self._begin[:2], at[:2])
-            east, north = east + start[0], north + start[1]
+            east, north = east_north_m(self._begin[:2], position[:2])
+            east += start_east
+            north += start_north
         else:
-            east, north = east_north_m(
-                (self.origin.latitude_deg, self.origin.longitude_deg), at[:2]
-            )
-        height = at[2] - self._begin[2] + start[2]
-        w, x, y, z = enu_flu_from_ned_frd(
-            np.array(state["attitude_quaternion"], dtype=np.float64)
-        ).tolist()
+            origin = (self.origin.latitude_deg, self.origin.longitude_deg)
+            east, north = east_north_m(origin, position[:2])
+        up = position[2] - self._begin[2] + start_up
+
         velocity = (0.01 * state["vy"], 0.01 * state["vx"], -0.01 * state["vz"])
+        attitude_ned_frd = np.array(state["attitude_quaternion"], dtype=np.float64)
+        w, x, y, z = enu_flu_from_ned_frd(attitude_ned_frd).tolist()
+
+        is_low = up - start_up < _GROUND_M
+        is_still = math.hypot(*velocity) < _STILL_M_S
         return Truth(
             vehicle=self.vehicle.name,
             stamp_ns=stamp_ns,
-            position_enu_m=(east, north, height),
+            position_enu_m=(east, north, up),
             velocity_enu_m_s=velocity,
             quaternion_enu_flu_wxyz=(w, x, y, z),
-            is_on_ground=height - start[2] < _GROUND_M and math.hypot(*velocity) < _STILL_M_S,
+            is_on_ground=is_low and is_still,
             is_collided=False,  # vehicles of different PX4s fly through each other
         )
 
+    def _began_at(self, position: Vec3) -> Vec3:
+        """Return where the simulator began: here, if PX4 does not send its parameters."""
+        if self.missing():
+            return position
+        return cast(Vec3, tuple(self.home[name] for name in HOME_PARAMS))
+
 
 class Listener(asyncio.DatagramProtocol):
-    """One PX4's truth link: asks for the rate it needs, hands every state on.
+    """One PX4's truth link: requests the rate it needs, hands every state on.
 
-    heard: how many states have come.
+    Args:
+        system_id: of the PX4.
+        take: takes the fields of a state and when it came [ns].
+        body: whose home is to be known before its states pass; None: no home is requested.
+
+    Attributes:
+        heard: how many states have come.
     """
 
     def __init__(
         self, system_id: int, take: Callable[[dict[str, Any], int], None], body: Body | None = None
     ) -> None:
         self.heard = 0
+        self._system_id = system_id
+        self._take = take
         self._body = body
-        self._first_ns, self._home_asked_ns = 0, 0
-        self._system_id, self._take = system_id, take
-        self._decoder, self._encoder = Decoder(), Encoder(system_id=255, component_id=190)
-        self._requested_s = -math.inf
+        self._decoder = Decoder()
+        self._encoder = Encoder(system_id=255, component_id=190)
+        self._first_ns = 0  # when the first state came
+        self._home_requested_ns = 0
+        self._requested_s = -math.inf  # when the rate was last requested
         self._transport: asyncio.DatagramTransport | None = None
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Keep the socket, to ask PX4."""
+        """Keep the socket, to send to PX4."""
         self._transport = cast(asyncio.DatagramTransport, transport)
 
     def datagram_received(self, data: bytes, addr: tuple[str | Any, int]) -> None:
-        """One datagram of PX4."""
+        """Take one datagram of PX4."""
         now_ns = time.monotonic_ns()
         for message in self._decoder.decode(data):
             if message.system_id != self._system_id:
                 continue
+
             if message.name == _STATE:
-                self.heard += 1
-                self._first_ns = self._first_ns or now_ns
-                if self._has_home(addr, now_ns):
-                    self._take(message.fields, now_ns)
+                self._take_state(message.fields, addr, now_ns)
             elif message.name == "PARAM_VALUE" and self._body is not None:
                 name = text_of(message.fields["param_id"])
                 if name in HOME_PARAMS:
                     self._body.home[name] = message.fields["param_value"]
-            elif message.name == _ACTUATORS and now_ns * 1e-9 - self._requested_s > _ASK_AGAIN_S:
-                # what PX4 sends here unasked: it has just started, or has not heard us yet
-                self._requested_s = now_ns * 1e-9
-                self._ask(addr, ID_BY_NAME[_STATE], _PERIOD_US)
-                self._ask(addr, ID_BY_NAME[_ACTUATORS], -1.0)
+            elif message.name == _ACTUATORS:
+                # PX4 sends this here by default: it has just started, or has not received our
+                # request yet.
+                self._request_rates(addr, now_ns)
+
+    def _take_state(self, fields: dict[str, Any], addr: tuple[str | Any, int], now_ns: int) -> None:
+        self.heard += 1
+        if self._first_ns == 0:
+            self._first_ns = now_ns
+        if self._has_home(addr, now_ns):
+            self._take(fields, now_ns)
+
+    def _request_rates(self, addr: tuple[str | Any, int], now_ns: int) -> None:
+        if now_ns * 1e-9 - self._requested_s <= _ASK_AGAIN_S:
+            return
+        self._requested_s = now_ns * 1e-9
+        self._set_interval(addr, ID_BY_NAME[_STATE], _PERIOD_US)
+        self._set_interval(addr, ID_BY_NAME[_ACTUATORS], -1.0)
 
     def _has_home(self, addr: tuple[str | Any, int], now_ns: int) -> bool:
-        """Whether states may pass: home is known, or was asked for in vain for too long."""
+        """Whether states may pass: home is known, or has been requested in vain for too long."""
         missing = () if self._body is None else self._body.missing()
         if not missing or now_ns - self._first_ns > _HOME_WITHIN_S * 1e9:
             return True
-        if now_ns - self._home_asked_ns > _HOME_AGAIN_S * 1e9 and self._transport is not None:
-            self._home_asked_ns = now_ns
+
+        is_due = now_ns - self._home_requested_ns > _HOME_AGAIN_S * 1e9
+        if is_due and self._transport is not None:
+            self._home_requested_ns = now_ns
             for name in missing:
                 request = self._encoder.encode_named(
                     "PARAM_REQUEST_READ",
@@ -166,7 +206,7 @@ class Listener(asyncio.DatagramProtocol):
                 self._transport.sendto(request, addr)
         return False
 
-    def _ask(self, addr: tuple[str | Any, int], message_id: int, period_us: float) -> None:
+    def _set_interval(self, addr: tuple[str | Any, int], message_id: int, period_us: float) -> None:
         assert self._transport is not None
         command = self._encoder.encode_named(
             "COMMAND_LONG",
@@ -181,7 +221,7 @@ class Listener(asyncio.DatagramProtocol):
 
 @dataclass(slots=True)
 class TruthRelay:
-    """Truth, and poses if wanted, of one vehicle onto the bus."""
+    """Truth of one vehicle onto the bus, and poses of a motion capture if requested."""
 
     bus: BusSession
     body: Body
@@ -200,16 +240,18 @@ class TruthRelay:
         truth = self.body.truth(state, stamp_ns)
         vehicle = self.body.vehicle
         self.bus.publish(Topic.TRUTH, vehicle.name, truth)
-        if not self.with_mocap or stamp_ns * 1e-9 - self._pose_s < _MOCAP_PERIOD_S:
+
+        now_s = stamp_ns * 1e-9
+        if not self.with_mocap or now_s - self._pose_s < _MOCAP_PERIOD_S:
             return
-        self._pose_s = stamp_ns * 1e-9
+        self._pose_s = now_s
         self._sequence += 1
-        name = vehicle.mocap_body or vehicle.name
-        # no camera is that still: agents take poses that are the same to the last bit for frozen
-        # ones
+
+        # No camera is that still: agents take poses that are the same to the last bit for frozen
+        # ones.
         x, y, z = (truth.position_enu_m + self.noise.normal(0.0, _MOCAP_NOISE_M, 3)).tolist()
         pose = MocapPose(
-            body=name,
+            body=vehicle.mocap_body or vehicle.name,
             boot_id=self.boot_id,
             sequence=self._sequence,
             stamp_ns=stamp_ns,
@@ -224,19 +266,23 @@ async def serve(
     fleet: FleetConfig, names: Sequence[str], bus: BusSession, *, with_mocap: bool
 ) -> None:
     """Relay the truth of these vehicles onto a bus until SIGINT or SIGTERM; see :func:`run`."""
-    loop, stopped = asyncio.get_running_loop(), asyncio.Event()
+    loop = asyncio.get_running_loop()
+    stopped = asyncio.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(number, stopped.set)
+
     boot_id = time.time_ns() & 0x7FFFFFFF
+    ports = {name: _FIRST_PORT + fleet.vehicles[name].system_id - 1 for name in names}
     listeners: dict[str, Listener] = {}
     transports = []
+
     bus.start()
     try:
-        for name in names:
+        for name, port in ports.items():
             vehicle = fleet.vehicles[name]
-            relay = TruthRelay(bus, Body(vehicle, fleet.fleet.global_origin), with_mocap, boot_id)
-            port = _FIRST_PORT + vehicle.system_id - 1
-            listener = Listener(vehicle.system_id, relay.take, relay.body)
+            body = Body(vehicle, fleet.fleet.global_origin)
+            relay = TruthRelay(bus, body, with_mocap, boot_id)
+            listener = Listener(vehicle.system_id, relay.take, body)
             try:
                 transport, _ = await loop.create_datagram_endpoint(
                     lambda listener=listener: listener,  # type: ignore[misc]
@@ -244,29 +290,34 @@ async def serve(
                 )
             except OSError as error:
                 raise StartError(
-                    f"UDP port {port} of {name} is taken ({error.strerror}). Stop the program that listens there."
+                    f"UDP port {port} of {name} is taken ({error.strerror}). "
+                    "Stop the program that listens there."
                 ) from None
             listeners[name] = listener
             transports.append(transport)
-        ports = ", ".join(
-            f"{name} at {_FIRST_PORT + fleet.vehicles[name].system_id - 1}" for name in names
-        )
-        print(f"listening: {ports}", flush=True)
-        before = dict.fromkeys(names, False)
-        while not stopped.is_set():
-            counts = {name: listener.heard for name, listener in listeners.items()}
-            try:
-                await asyncio.wait_for(stopped.wait(), 2.0)
-            except TimeoutError:
-                for name, listener in listeners.items():
-                    is_heard = listener.heard > counts[name]
-                    if is_heard != before[name]:
-                        before[name] = is_heard
-                        print(f"{name}: {'heard' if is_heard else 'silent'}", flush=True)
+
+        listening = ", ".join(f"{name} at {port}" for name, port in ports.items())
+        print(f"listening: {listening}", flush=True)
+        await _show_silence(listeners, stopped)
     finally:
         for transport in transports:
             transport.close()
         bus.stop()
+
+
+async def _show_silence(listeners: dict[str, Listener], stopped: asyncio.Event) -> None:
+    """Say of each vehicle when it falls silent and when it is heard again, until stopped."""
+    was_heard = dict.fromkeys(listeners, False)
+    while not stopped.is_set():
+        counts = {name: listener.heard for name, listener in listeners.items()}
+        try:
+            await asyncio.wait_for(stopped.wait(), _SHOW_S)
+        except TimeoutError:
+            for name, listener in listeners.items():
+                is_heard = listener.heard > counts[name]
+                if is_heard != was_heard[name]:
+                    was_heard[name] = is_heard
+                    print(f"{name}: {'heard' if is_heard else 'silent'}", flush=True)
 
 
 def run(fleet: FleetConfig, names: Sequence[str], *, with_mocap: bool) -> None:

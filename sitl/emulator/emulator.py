@@ -1,8 +1,7 @@
-"""Vehicles, estimates and autopilots in one world, advanced step by step. No sockets, no clock:
-time is counted.
+"""Vehicles, estimates and autopilots in one world, advanced step by step.
 
-Truth flows one way: world -> estimator -> autopilot -> world. What is published as ground truth is
-a copy.
+Truth flows in a circle: world -> estimator -> autopilot -> world. What is published as ground truth
+is a copy. There are no sockets and no clock: time is counted.
 """
 
 from __future__ import annotations
@@ -34,8 +33,13 @@ from sitl.px4.signing import KeyStore
 from sitl.px4.versions import DEFAULT, Version
 
 _TICK_STEPS = round(TICK_S / STEP_S)
-
 _SOME_DATE_S = 1.7e9
+_NOW_S = 1e-9  # by which times may differ that are meant to be the same
+
+# Bits of EKF2_EV_CTRL and EKF2_GPS_CTRL.
+_USES_POSITION = 1
+_USES_VELOCITY = 4
+_USES_YAW = 8
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,12 +57,10 @@ class VehicleSpec:
 class Environment:
     """Wind and errors that act on all vehicles."""
 
-    # wind, downwash: see :class:`World`
     wind: WindSettings = field(default_factory=WindSettings)
     downwash: Downwash = field(default_factory=Downwash)
-    # has_common_errors, error_scale: of the estimates, see :class:`Estimator`
-    has_common_errors: bool = False
-    error_scale: float = 1.0
+    has_common_errors: bool = False  # all estimates err alike, see :class:`Estimator`
+    error_scale: float = 1.0  # of the random errors of the estimates
 
 
 class Emulator:
@@ -72,8 +74,11 @@ class Emulator:
 
     Attributes:
         disturbances: faults, present and to come; see :meth:`inject`.
-        unix_start_s: the date at the start, as PX4 knows it from its computer; any fixed one where
-            nobody asks.
+        has_global_origin: per vehicle, somebody has said where on Earth its local frame lies.
+        key_stores: per vehicle, the key of MAVLink signing.
+        outside: begins and ends faults of bus and agents; None where there are none.
+        unix_start_s: the date at the start, as PX4 knows it from its computer; by default any fixed
+            one.
     """
 
     def __init__(
@@ -85,40 +90,42 @@ class Emulator:
         seed: int = 0,
     ) -> None:
         _compile_loops()
-        around = environment or Environment()
+        environment = environment or Environment()
         self.specs = list(specs)
-        # begins and ends faults of bus and agents
-        self.outside: Callable[[Fault, bool], None] | None = None
-        start_enu_m = np.array([spec.start_enu_m for spec in specs], dtype=np.float64).reshape(
-            -1, 3
-        )
+        names = [spec.name for spec in specs]
+        starts = [spec.start_enu_m for spec in specs]
+
         self.world = World(
-            [s.profile for s in specs],
-            start_enu_m,
+            [spec.profile for spec in specs],
+            np.array(starts, dtype=np.float64).reshape(-1, 3),
             body_diameter_m=body_diameter_m,
             seed=seed,
-            wind=around.wind,
-            downwash=around.downwash,
-            names=[s.name for s in specs],
+            wind=environment.wind,
+            downwash=environment.downwash,
+            names=names,
         )
         self.estimator = Estimator(
             self.world.vehicles.states.position_ned_m,
             seed=seed,
-            is_common=around.has_common_errors,
-            scale=around.error_scale,
+            is_common=environment.has_common_errors,
+            scale=environment.error_scale,
         )
-        self.disturbances = Disturbances([spec.name for spec in specs], seed=seed)
-        self._shown = np.zeros((len(specs), 4))  # newest external position and heading of each
-        self._shown_resets = [0] * len(specs)
-        self._late_vision: list[tuple[float, int, Array]] = []
         self.autopilots = [
             EmulatedPx4(Parameters(spec.px4, {"MAV_SYS_ID": spec.system_id})) for spec in specs
         ]
         for index in range(len(specs)):
             self._attitude_control_changed(index)
+
+        self.disturbances = Disturbances(names, seed=seed)
+        self.outside: Callable[[Fault, bool], None] | None = None
         self.key_stores = [KeyStore() for _ in specs]
         self.has_global_origin = [False] * len(specs)
         self.unix_start_s = _SOME_DATE_S
+
+        self._shown = np.zeros((len(specs), 4))  # newest external position and heading of each
+        self._shown_resets = [0] * len(specs)  # newest reset counter of each
+        # external positions that a fault delays: when they arrive, of which vehicle, what
+        self._late_vision: list[tuple[float, int, Array]] = []
         self._applied: list[Actuation | None] = [None] * len(specs)
         self._estimate()
 
@@ -132,8 +139,9 @@ class Emulator:
         return self.disturbances.clocks[index].at(self.time_s)
 
     def inject(self, fault: Fault) -> Fault:
-        """Plan a fault; what should have begun already begins with the next step. The fault with
-        its defaults.
+        """Plan a fault; return it with its defaults.
+
+        A fault that should have begun already begins with the next step.
 
         Raises:
             FaultError: unknown, out of bounds, or in contradiction to another one.
@@ -150,20 +158,21 @@ class Emulator:
         checked = check(fault, [spec.name for spec in self.specs])
         if FAULT_KINDS[fault.name].is_outside and self.outside is None:
             raise FaultError(
-                f"{fault.name} is a fault of the bus or of an agent, which this flight does not simulate: fly it in "
-                "lockstep, or remove the fault."
+                f"{fault.name} is a fault of the bus or of an agent, which this flight does not "
+                "simulate: fly it in lockstep, or remove the fault."
             )
         return checked
 
     def reboot(self, index: int) -> None:
-        """Start an autopilot anew, wherever its vehicle is: parameters and battery stay, all else
-        is forgotten.
+        """Start an autopilot anew, wherever its vehicle is.
+
+        Parameters and battery stay, all else is forgotten.
         """
-        old, now_s = self.autopilots[index], self.clock_s(index)
-        self.autopilots[index] = EmulatedPx4(
-            params=old.params, boot_time_s=now_s, battery=old.battery
-        )
-        self.autopilots[index].faults.extend(old.faults)
+        old = self.autopilots[index]
+        new = EmulatedPx4(params=old.params, boot_time_s=self.clock_s(index), battery=old.battery)
+        new.faults.extend(old.faults)
+        self.autopilots[index] = new
+
         self.has_global_origin[index] = False
         self.estimator.restart(index, self.time_s, self.world.vehicles.states.position_ned_m[index])
         self.key_stores[index].restart()
@@ -171,44 +180,46 @@ class Emulator:
 
     def step(self) -> list[Collision]:
         """Advance everything by 4 ms."""
-        steps = self.world.vehicles.steps
-        if self.time_s + 1e-9 >= self.disturbances.plan.next_s:
+        if self.time_s + _NOW_S >= self.disturbances.plan.next_s:
             self.disturbances.advance(self)
         if self._late_vision:
-            self._fuse_what_is_late()
-        if steps % _TICK_STEPS == 0:
+            self._fuse_late_vision()
+
+        if self.world.vehicles.steps % _TICK_STEPS == 0:
             self._tick()
         for index, autopilot in enumerate(self.autopilots):
             if autopilot.actuation is not self._applied[index]:
                 self._apply(index, autopilot.actuation)
+
         collisions = self.world.step()
         if self.world.vehicles.steps % ESTIMATE_EVERY_STEPS == 0:
             self._estimate()
         return collisions
 
     def _tick(self) -> None:
-        states = self.world.vehicles.states
+        """Let every autopilot act on what it knows."""
         for index, shift_ned_m in self.estimator.jumps:
             self.autopilots[index].mode_control.frame_jumped(shift_ned_m)
         self.estimator.jumps.clear()
-        positions, velocities = (
-            self.estimator.position_ned_m.copy(),
-            self.estimator.velocity_ned_m_s.copy(),
-        )
-        yaws = frames.wrap(states.yaw_rad + self.estimator.yaw_error_rad)
-        attitudes = frames.from_yaw_and_tilt(yaws, states.tilt_rad)
-        for index, (autopilot, yaw_rad) in enumerate(
-            zip(self.autopilots, yaws.tolist(), strict=True)
-        ):
+
+        # Inputs are kept by the autopilots: copies, not windows.
+        states = self.world.vehicles.states
+        positions = self.estimator.position_ned_m.copy()
+        velocities = self.estimator.velocity_ned_m_s.copy()
+        yaws_rad = frames.wrap(states.yaw_rad + self.estimator.yaw_error_rad)
+        attitudes = frames.from_yaw_and_tilt(yaws_rad, states.tilt_rad)
+
+        for index, autopilot in enumerate(self.autopilots):
             if self.disturbances.is_hung[index]:
                 continue
+
             source = self.estimator.source[index]
             inputs = AutopilotInputs(
                 time_s=self.clock_s(index),
                 position_ned_m=positions[index],
                 velocity_ned_m_s=velocities[index],
                 attitude=attitudes[index],
-                yaw_rad=yaw_rad,
+                yaw_rad=float(yaws_rad[index]),
                 on_ground=bool(states.on_ground[index]),
                 has_global_position=self._has_global_position(index, source),
                 has_local_position=source is not Source.NONE,
@@ -218,14 +229,14 @@ class Emulator:
     def _has_global_position(self, index: int, source: Source) -> bool:
         # Satellites give it by themselves; a local position becomes one when somebody has said
         # where its origin is.
-        by_satellites = self.estimator.sees_satellites(index, self.time_s)
-        return by_satellites or (source is Source.VISION and self.has_global_origin[index])
+        if self.estimator.sees_satellites(index, self.time_s):
+            return True
+        return source is Source.VISION and self.has_global_origin[index]
 
     def believed_yaw_rad(self, index: int) -> float:
-        """Heading with the compass's error [rad]."""
-        yaw_rad = float(self.world.vehicles.states.yaw_rad[index]) + float(
-            self.estimator.yaw_error_rad[index]
-        )
+        """Return the heading with the compass's error [rad]."""
+        true_yaw_rad = float(self.world.vehicles.states.yaw_rad[index])
+        yaw_rad = true_yaw_rad + float(self.estimator.yaw_error_rad[index])
         return math.pi - (math.pi - yaw_rad) % (2.0 * math.pi)
 
     def attitude_setpoint(
@@ -236,39 +247,43 @@ class Emulator:
         thrust_frac: float,
         type_mask: int,
     ) -> None:
-        """SET_ATTITUDE_TARGET as PX4 takes it."""
-        yaw_rad = self.believed_yaw_rad(index)
+        """Take a SET_ATTITUDE_TARGET as PX4 does."""
         setpoint = setpoints.from_attitude(
             attitude_wxyz,
             rate_rad_s,
             thrust_frac,
             type_mask,
             now_s=self.clock_s(index),
-            yaw_rad=yaw_rad,
+            yaw_rad=self.believed_yaw_rad(index),
             version=self.autopilots[index].version,
         )
         if setpoint is not None:
             self.accept_setpoint(index, setpoint)
 
     def position_setpoint(self, index: int, fields: Mapping[str, Any]) -> None:
-        """SET_POSITION_TARGET_LOCAL_NED by MAVLink's field names."""
-        yaw_rad = self.believed_yaw_rad(index)
-        setpoint = setpoints.from_local(fields, now_s=self.clock_s(index), yaw_rad=yaw_rad)
+        """Take a SET_POSITION_TARGET_LOCAL_NED by MAVLink's field names."""
+        now_s = self.clock_s(index)
+        setpoint = setpoints.from_local(fields, now_s=now_s, yaw_rad=self.believed_yaw_rad(index))
         if isinstance(setpoint, Setpoint):
             self.accept_setpoint(index, setpoint)
-        elif setpoint == "bad frame":
+            return
+
+        journal = self.autopilots[index].journal
+        if setpoint == "bad frame":
             frame = int(fields["coordinate_frame"])
-            self.autopilots[index].journal.say(self.clock_s(index), setpoint, frame, frame=frame)
+            journal.say(now_s, setpoint, frame, frame=frame)
         else:
-            self.autopilots[index].journal.say(self.clock_s(index), setpoint)
+            journal.say(now_s, setpoint)
 
     def accept_setpoint(self, index: int, setpoint: Setpoint) -> None:
-        """Hand a setpoint to its autopilot; a hung one does not hear it, a faulty one hears it and
-        does nothing.
+        """Hand a setpoint to its autopilot.
+
+        A hung autopilot does not receive it; one with a fault receives it and does nothing.
         """
-        autopilot = self.autopilots[index]
         if self.disturbances.is_hung[index]:
             return
+
+        autopilot = self.autopilots[index]
         if self.disturbances.ignores_setpoints[index] and autopilot.setpoint is not None:
             setpoint = replace(autopilot.setpoint, time_s=setpoint.time_s)
         autopilot.accept_setpoint(setpoint)
@@ -282,68 +297,79 @@ class Emulator:
         has_velocity: bool = False,
         reset_count: int = 0,
     ) -> None:
-        """One external position (ODOMETRY, VISION_POSITION_ESTIMATE), fused if the parameters say
-        so.
+        """Take an external position (ODOMETRY, VISION_POSITION_ESTIMATE) if the parameters say so.
 
         Args:
-            index, position_ned_m: the vehicle and where it is said to be.
+            index: of the vehicle.
+            position_ned_m: (3,) where it is said to be.
             yaw_rad: its heading as said with it; NaN for the true one.
             has_velocity: whether a velocity came with it.
-            reset_count: another one than before tells the estimator to begin anew there.
+            reset_count: another one than before lets the estimator begin anew there.
         """
-        params, faults = self.autopilots[index].params, self.disturbances.vision
-        if not int(params["EKF2_EV_CTRL"]) & 1 or self.disturbances.is_hung[index]:
+        is_used = bool(self.autopilots[index].params.integer("EKF2_EV_CTRL") & _USES_POSITION)
+        if not is_used or self.disturbances.is_hung[index]:
             return
+
         if math.isnan(yaw_rad):
             yaw_rad = float(self.world.vehicles.states.yaw_rad[index])
-        self._uses_velocity(index, has_velocity)
+        self._set_vision_level(index, has_velocity=has_velocity)
+
         self._shown[index, :3] = position_ned_m
         self._shown[index, 3] = yaw_rad
         if reset_count != self._shown_resets[index]:
             self._shown_resets[index] = reset_count
             self.estimator.begin_vision_anew(index)
+
+        faults = self.disturbances.vision
         if faults.is_clear:
             self._fuse(index, self._shown[index])
-        elif not faults.is_lost(index):
-            shown = faults.apply(self._shown, index)[index]
-            late_s = faults.delay_s(index)
-            if late_s > 0.0:
-                self._late_vision.append((self.time_s + late_s, index, shown))
-            else:
-                self._fuse(index, shown)
+            return
+        if faults.is_lost(index):
+            return
+
+        shown = faults.apply(self._shown, index)[index]
+        delay_s = faults.delay_s(index)
+        if delay_s > 0.0:
+            self._late_vision.append((self.time_s + delay_s, index, shown))
+        else:
+            self._fuse(index, shown)
 
     def _fuse(self, index: int, shown: Array) -> None:
+        """Fuse an external position and heading (4,)."""
         delay_s = self.autopilots[index].params["EKF2_EV_DELAY"] / 1000.0
         yaw_error_rad = float(shown[3]) - float(self.world.vehicles.states.yaw_rad[index])
         self.estimator.fuse_vision(
             index, self.time_s, shown[:3], delay_s=delay_s, yaw_error_rad=yaw_error_rad
         )
 
-    def _fuse_what_is_late(self) -> None:
-        due = [entry for entry in self._late_vision if entry[0] <= self.time_s + 1e-9]
-        self._late_vision = [entry for entry in self._late_vision if entry[0] > self.time_s + 1e-9]
-        for _, index, shown in due:
-            if not self.disturbances.is_hung[index]:
+    def _fuse_late_vision(self) -> None:
+        late = self._late_vision
+        self._late_vision = [entry for entry in late if entry[0] > self.time_s + _NOW_S]
+        for arrival_s, index, shown in late:
+            has_arrived = arrival_s <= self.time_s + _NOW_S
+            if has_arrived and not self.disturbances.is_hung[index]:
                 self._fuse(index, shown)
 
-    def _uses_velocity(self, index: int, has_velocity: bool) -> None:
+    def _set_vision_level(self, index: int, *, has_velocity: bool) -> None:
         params = self.autopilots[index].params
-        level = vision_level(
+        uses_velocity = bool(params.integer("EKF2_EV_CTRL") & _USES_VELOCITY)
+        self.estimator.vision_levels[index] = vision_level(
             params["EKF2_EVP_NOISE"],
             params["EKF2_TAU_VEL"],
-            has_velocity=has_velocity and bool(int(params["EKF2_EV_CTRL"]) & 4),
+            has_velocity=has_velocity and uses_velocity,
         )
-        self.estimator.vision_levels[index] = level
 
     def parameters_changed(self, index: int) -> None:
         """Carry parameters over to where they act."""
         params = self.autopilots[index].params
-        self.estimator.has_gps[index] = (
-            int(params["EKF2_GPS_CTRL"]) & 1 == 1 and int(params["SYS_HAS_GPS"]) != 0
-        )
-        self.estimator.uses_vision_yaw[index] = bool(int(params["EKF2_EV_CTRL"]) & 8)
+        uses_satellites = bool(params.integer("EKF2_GPS_CTRL") & _USES_POSITION)
+        has_receiver = params.integer("SYS_HAS_GPS") != 0
+        uses_vision_yaw = bool(params.integer("EKF2_EV_CTRL") & _USES_YAW)
+
+        self.estimator.has_gps[index] = uses_satellites and has_receiver
+        self.estimator.uses_vision_yaw[index] = uses_vision_yaw
         self.estimator.vision_noise_m[index] = params["EKF2_EVP_NOISE"]
-        self._uses_velocity(index, has_velocity=False)
+        self._set_vision_level(index, has_velocity=False)
         self._attitude_control_changed(index)
 
     def _attitude_control_changed(self, index: int) -> None:
@@ -358,15 +384,18 @@ class Emulator:
         )
 
     def _apply(self, index: int, actuation: Actuation) -> None:
-        commands = self.world.commands
-        # The autopilot steers in the heading and the level it believes in; the vehicle turns in
-        # those it has.
-        north, east = self.estimator.tilt_error_rad[index].tolist()
+        """Command an actuation to a vehicle.
+
+        The autopilot steers in the heading and the level it believes in; the vehicle turns in those
+        it has.
+        """
         w, x, y, z = actuation.attitude.tolist()
-        heading_rad = -float(self.estimator.yaw_error_rad[index])
-        commands.attitude[index] = frames.tilted(
-            frames.turned((w, x, y, z), heading_rad), north, east
-        )
+        yaw_error_rad = float(self.estimator.yaw_error_rad[index])
+        north_rad, east_rad = self.estimator.tilt_error_rad[index].tolist()
+        headed = frames.turned((w, x, y, z), -yaw_error_rad)
+
+        commands = self.world.commands
+        commands.attitude[index] = frames.tilted(headed, north_rad, east_rad)
         commands.rate_rad_s[index] = actuation.rate_rad_s
         commands.is_rate[index] = actuation.is_rate
         commands.thrust_frac[index] = actuation.thrust_frac
@@ -376,9 +405,7 @@ class Emulator:
 
 @functools.cache
 def _compile_loops() -> None:
-    """Have every compiled loop ready before time runs: the first start on a machine takes seconds,
-    later ones none.
-    """
+    """Compile every loop before time runs: the first start on a machine takes seconds."""
     profile = VehicleProfile()
     world = World([profile, profile], np.array([[0.0, 0.0, 5.0], [3.0, 0.0, 5.0]]))
     world.step()

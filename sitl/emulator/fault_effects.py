@@ -1,5 +1,7 @@
-"""Effects of each fault of the catalogue on the emulator: applied at its begin and undone at its
-end.
+"""Effects of each fault of the catalogue on the emulator.
+
+Each is applied when the fault begins and undone when it ends. The table of effects is at the end of
+the file.
 """
 
 from __future__ import annotations
@@ -16,7 +18,8 @@ from sitl.physics.contacts import World
 from sitl.px4.commander import EmulatedPx4
 from sitl.px4.estimator import Estimator
 
-LINKS, DIRECTIONS = ("companion", "ground"), ("in", "out")
+LINKS = ("companion", "ground")
+DIRECTIONS = ("in", "out")
 SIMULATOR_LINK = "simulator"  # to viewers of the truth; no fault is of it
 _REFUSES = "a fault forbids it"
 
@@ -42,8 +45,8 @@ class FaultyEmulator(Protocol):
 class Clock:
     """An autopilot's own time: it can drift, and stand still."""
 
-    shown_s: float = 0.0
-    since_s: float = 0.0
+    shown_s: float = 0.0  # the time that it showed when it last changed
+    since_s: float = 0.0  # simulated time of that
     rate: float = 1.0
     is_stopped: bool = False
 
@@ -56,10 +59,13 @@ class Clock:
     def change(
         self, time_s: float, *, rate: float | None = None, is_stopped: bool | None = None
     ) -> None:
-        """Go on at another rate, stop, or go on."""
-        self.shown_s, self.since_s = self.at(time_s), time_s
-        self.rate = self.rate if rate is None else rate
-        self.is_stopped = self.is_stopped if is_stopped is None else is_stopped
+        """Go on at another rate, stop, or go on; None: as before."""
+        self.shown_s = self.at(time_s)
+        self.since_s = time_s
+        if rate is not None:
+            self.rate = rate
+        if is_stopped is not None:
+            self.is_stopped = is_stopped
 
 
 class Disturbances:
@@ -68,10 +74,11 @@ class Disturbances:
     Attributes:
         plan: what is to come.
         wires: of each vehicle, by link and direction.
-        mocap, vision: faults of the poses that the motion capture gives out, and that the
-            autopilots are told.
+        mocap: faults of the poses that the motion capture gives out.
+        vision: faults of the poses that the autopilots receive.
         clocks: of the autopilots.
-        is_hung, ignores_setpoints: per vehicle.
+        is_hung: per vehicle, the autopilot stands still.
+        ignores_setpoints: per vehicle.
         boots: how often each autopilot has started anew.
         notices: sentences about what began and ended, until somebody takes them.
     """
@@ -80,16 +87,9 @@ class Disturbances:
         n = len(names)
         self.names = names
         self.plan = FaultPlan(names)
-        self.wires: list[dict[tuple[str, str], LossyChannel[bytes]]] = [
-            {
-                (link, direction): LossyChannel([seed, 6, index, number])
-                for number, (link, direction) in enumerate(
-                    product((*LINKS, SIMULATOR_LINK), DIRECTIONS)
-                )
-            }
-            for index in range(n)
-        ]
-        self.mocap, self.vision = PoseFaults(n), PoseFaults(n)
+        self.wires = [_wires(seed, index) for index in range(n)]
+        self.mocap = PoseFaults(n)
+        self.vision = PoseFaults(n)
         self.clocks = [Clock() for _ in range(n)]
         self.is_hung = [False] * n
         self.ignores_setpoints = [False] * n
@@ -98,8 +98,7 @@ class Disturbances:
 
     def advance(self, emulator: FaultyEmulator) -> None:
         """Begin and end what is due."""
-        now_s = emulator.time_s
-        begins, ends = self.plan.advance(now_s)
+        begins, ends = self.plan.advance(emulator.time_s)
         for fault in ends:
             _apply(emulator, fault, is_on=False)
             self.notices.append(f"fault over: {fault.sentence}")
@@ -109,16 +108,26 @@ class Disturbances:
 
     def take_notices(self) -> list[str]:
         """Return a sentence for each fault that began or ended since the last call."""
-        notices, self.notices = self.notices, []
+        notices = self.notices
+        self.notices = []
         return notices
 
 
+def _wires(seed: int, index: int) -> dict[tuple[str, str], LossyChannel[bytes]]:
+    """Return the wires of one vehicle by link and direction, each with its own random numbers."""
+    names = product((*LINKS, SIMULATOR_LINK), DIRECTIONS)
+    return {name: LossyChannel([seed, 6, index, number]) for number, name in enumerate(names)}
+
+
 def _apply(emulator: FaultyEmulator, fault: Fault, *, is_on: bool) -> None:
+    """Begin or end a fault."""
     index = emulator.disturbances.names.index(fault.vehicle)
     family, _, kind = fault.name.partition("_")
+
     if family in ("mocap", "vision"):
+        pose_fault = _pose_fault(emulator, fault, family, kind) if is_on else None
         faults: PoseFaults = getattr(emulator.disturbances, family)
-        faults.set(index, _pose_fault(emulator, fault, family, kind) if is_on else None)
+        faults.set(index, pose_fault)
     elif family == "link":
         _disturb_wires(emulator, index, fault, kind, is_on=is_on)
     else:
@@ -127,13 +136,21 @@ def _apply(emulator: FaultyEmulator, fault: Fault, *, is_on: bool) -> None:
 
 def _pose_fault(emulator: FaultyEmulator, fault: Fault, family: str, kind: str) -> PoseFault:
     if kind == "swapped":
-        return PoseFault(kind, other=emulator.disturbances.names.index(fault.word("other")))
+        other = emulator.disturbances.names.index(fault.word("other"))
+        return PoseFault(kind, other=other)
+
     if kind == "jump":
-        east_m, north_m, up_m = (fault.number(name) for name in ("east_m", "north_m", "up_m"))
-        # The motion capture measures in the fleet's ENU, an autopilot is told in NED.
-        shift_m = (east_m, north_m, up_m) if family == "mocap" else (north_m, east_m, -up_m)
-        return PoseFault(kind, shift_m=shift_m)
-    return PoseFault(kind, delay_s=fault.number("delay_s") if kind == "late" else 0.0)
+        east_m = fault.number("east_m")
+        north_m = fault.number("north_m")
+        up_m = fault.number("up_m")
+        # The motion capture measures in the fleet's ENU, an autopilot receives NED.
+        if family == "mocap":
+            return PoseFault(kind, shift_m=(east_m, north_m, up_m))
+        return PoseFault(kind, shift_m=(north_m, east_m, -up_m))
+
+    if kind == "late":
+        return PoseFault(kind, delay_s=fault.number("delay_s"))
+    return PoseFault(kind)
 
 
 def _disturb_wires(
@@ -141,7 +158,8 @@ def _disturb_wires(
 ) -> None:
     links = LINKS if fault.word("link") == "both" else (fault.word("link"),)
     directions = DIRECTIONS if fault.word("direction") == "both" else (fault.word("direction"),)
-    values: dict[str, float]
+
+    values: dict[str, float]  # fields of the channel's faults
     if kind == "delay":
         values = {"delay_s": fault.number("delay_s"), "jitter_s": fault.number("jitter_s")}
     elif kind == "reorder":
@@ -150,6 +168,7 @@ def _disturb_wires(
         values = {kind: fault.number("share")}
     if not is_on:
         values = {name: getattr(NO_FAULTS, name) for name in values}
+
     for link in links:
         for direction in directions:
             channel = emulator.disturbances.wires[index][link, direction]
@@ -158,8 +177,10 @@ def _disturb_wires(
 
 
 def _motor(emulator: FaultyEmulator, index: int, fault: Fault, is_on: bool) -> None:
-    share = fault.number("effectiveness") if fault.name == "motor_weak" else 0.0
-    emulator.world.vehicles.set_motor(index, int(fault.number("motor")), share if is_on else 1.0)
+    effectiveness = 1.0
+    if is_on:
+        effectiveness = fault.number("effectiveness") if fault.name == "motor_weak" else 0.0
+    emulator.world.vehicles.set_motor(index, int(fault.number("motor")), effectiveness)
 
 
 def _battery_cell(emulator: FaultyEmulator, index: int, fault: Fault, is_on: bool) -> None:
@@ -185,7 +206,9 @@ def _reboot(emulator: FaultyEmulator, index: int, fault: Fault, is_on: bool) -> 
 
 
 def _clock_drift(emulator: FaultyEmulator, index: int, fault: Fault, is_on: bool) -> None:
-    rate = 1.0 + 1e-3 * fault.number("ms_per_s") if is_on else 1.0
+    rate = 1.0
+    if is_on:
+        rate = 1.0 + 1e-3 * fault.number("ms_per_s")
     emulator.disturbances.clocks[index].change(emulator.time_s, rate=rate)
 
 

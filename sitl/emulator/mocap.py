@@ -1,5 +1,6 @@
-"""A motion-capture system as its clients see it: poses at a fixed rate, a bit wrong, a bit late,
-sometimes lost.
+"""A motion-capture system as its clients see it: poses at a fixed rate.
+
+The poses are a bit wrong, a bit late, and sometimes lost.
 """
 
 from __future__ import annotations
@@ -15,6 +16,8 @@ from sitl.physics import frames
 from sitl.physics.frames import Array
 
 _ATTITUDE_NOISE_RAD = math.radians(0.15)
+_NOW_S = 1e-9  # by which times may differ that are meant to be the same
+_LARGEST_LAG_S = 0.1  # by which frames may be late before their schedule begins anew
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,20 +33,22 @@ class MocapSettings:
 
 @dataclass(frozen=True, slots=True)
 class Pose:
-    """One body in one frame, fleet ENU; not tracked means that the numbers are the last ones seen."""
+    """One body in one frame, fleet ENU."""
 
     index: int
     time_s: float
-    is_tracked: bool
+    is_tracked: bool  # False: the numbers are the last ones seen
     position_enu_m: tuple[float, float, float]
     quaternion_enu_flu_wxyz: tuple[float, float, float, float]
 
 
 class Mocap:
-    """Measures all bodies; `measure` on the frame's time, `deliver` when the latency has passed.
+    """Measures all bodies at the time of a frame, and delivers them when the latency has passed.
 
     Args:
-        count: bodies. settings: quality. seed: of noise and losses.
+        count: bodies.
+        settings: quality.
+        seed: of noise and losses.
         faults: what is wrong with the poses of single bodies; those of an emulator are in its
             `disturbances`.
     """
@@ -60,50 +65,77 @@ class Mocap:
         self._faults = faults or PoseFaults(count)
         self._rng = np.random.default_rng([seed, 3])
         self._lost_until_s = np.full(count, -math.inf)
-        self._next_s = 0.0
+        self._next_s = 0.0  # of the next frame
+        # heap of arrival time, number and pose
         self._in_transit: list[tuple[float, int, Pose]] = []
         self._sent = 0
-        self._last: list[Pose | None] = [None] * count
+        self._last: list[Pose | None] = [None] * count  # newest tracked pose of each
 
     def step(self, time_s: float, position_enu_m: Array, attitude_enu_flu: Array) -> list[Pose]:
         """Expose a frame if one is due; return the poses that arrive now, oldest first."""
-        if time_s + 1e-9 >= self._next_s:
-            self._next_s = max(self._next_s, time_s - 0.1) + 1.0 / self.settings.rate_hz
+        if time_s + _NOW_S >= self._next_s:
+            self._next_s = max(self._next_s, time_s - _LARGEST_LAG_S) + 1.0 / self.settings.rate_hz
             for pose in self._measure(time_s, position_enu_m, attitude_enu_flu):
                 arrival_s = time_s + self.settings.latency_s + self._faults.delay_s(pose.index)
                 self._sent += 1
                 heapq.heappush(self._in_transit, (arrival_s, self._sent, pose))
+
         arrived: list[Pose] = []
-        while self._in_transit and self._in_transit[0][0] <= time_s + 1e-9:
-            arrived.append(heapq.heappop(self._in_transit)[2])
+        while self._in_transit and self._in_transit[0][0] <= time_s + _NOW_S:
+            _, _, pose = heapq.heappop(self._in_transit)
+            arrived.append(pose)
         return arrived
 
     def _measure(self, time_s: float, position_enu_m: Array, attitude_enu_flu: Array) -> list[Pose]:
-        s = self.settings
+        settings = self.settings
         count = position_enu_m.shape[0]
-        chance = s.dropout_per_s / s.rate_hz
-        self._lost_until_s = np.where(
-            self._rng.random(count) < chance, time_s + s.dropout_s, self._lost_until_s
-        )
-        measured, small = np.empty((count, 7)), np.ones((count, 4))
-        measured[:, :3] = position_enu_m + s.noise_m * self._rng.standard_normal((count, 3))
-        small[:, 1:] = 0.5 * _ATTITUDE_NOISE_RAD * self._rng.standard_normal((count, 3))
-        small /= np.sqrt((small * small).sum(axis=1, keepdims=True))
-        measured[:, 3:] = frames.multiply(attitude_enu_flu, small)
+
+        loss_chance = settings.dropout_per_s / settings.rate_hz
+        is_lost_now = self._rng.random(count) < loss_chance
+        self._lost_until_s = np.where(is_lost_now, time_s + settings.dropout_s, self._lost_until_s)
+
+        # Columns: position (3), quaternion (4), each with noise.
+        measured = np.empty((count, 7))
+        position_noise_m = settings.noise_m * self._rng.standard_normal((count, 3))
+        measured[:, :3] = position_enu_m + position_noise_m
+
+        turns = np.ones((count, 4))
+        turns[:, 1:] = 0.5 * _ATTITUDE_NOISE_RAD * self._rng.standard_normal((count, 3))
+        turns /= np.sqrt((turns * turns).sum(axis=1, keepdims=True))
+        measured[:, 3:] = frames.multiply(attitude_enu_flu, turns)
+
         if not self._faults.is_clear:
             measured = self._faults.apply(measured)
+
         poses: list[Pose] = []
         is_out = (time_s < self._lost_until_s).tolist()
         for index, (x, y, z, qw, qx, qy, qz) in enumerate(measured.tolist()):
             if is_out[index] or self._faults.is_lost(index):
-                last = self._last[index]
-                if last is not None:
-                    lost = Pose(
-                        index, time_s, False, last.position_enu_m, last.quaternion_enu_flu_wxyz
-                    )
+                lost = self._lost(index, time_s)
+                if lost is not None:
                     poses.append(lost)
                 continue
-            pose = Pose(index, time_s, True, (x, y, z), (qw, qx, qy, qz))
+
+            pose = Pose(
+                index=index,
+                time_s=time_s,
+                is_tracked=True,
+                position_enu_m=(x, y, z),
+                quaternion_enu_flu_wxyz=(qw, qx, qy, qz),
+            )
             self._last[index] = pose
             poses.append(pose)
         return poses
+
+    def _lost(self, index: int, time_s: float) -> Pose | None:
+        """Return the last pose of a body that is not seen; None before its first."""
+        last = self._last[index]
+        if last is None:
+            return None
+        return Pose(
+            index=index,
+            time_s=time_s,
+            is_tracked=False,
+            position_enu_m=last.position_enu_m,
+            quaternion_enu_flu_wxyz=last.quaternion_enu_flu_wxyz,
+        )

@@ -1,6 +1,8 @@
-"""Faults of the emulator as a table (catalogue.toml): names, parameters, bounds and contradictions.
+"""Faults of the emulator as a table (`catalogue.toml`): names, parameters, bounds, contradictions.
 
-A fault is one line, for instance ``mav1 motor_weak at=20 duration=5 motor=2 effectiveness=0.6``.
+A fault is one line, for instance ``mav1 motor_weak at=20 duration=5 motor=2 effectiveness=0.6``. It
+is parsed, checked against the table, and waits in a plan until its time has come.
+
 Its effect stands in `sitl/emulator/fault_effects.py`; that of a fault of poses in `pose_faults.py`,
 of a link in `lossy_channel.py`.
 """
@@ -10,7 +12,7 @@ from __future__ import annotations
 import math
 import tomllib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from importlib.resources import files
 from typing import Any
 
@@ -23,15 +25,13 @@ class FaultError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class FaultParameter:
-    """One parameter of a kind of fault: a number within bounds, or one of some words; no words:
-    another vehicle.
-    """
+    """One parameter of a kind of fault: a number within bounds, or a word."""
 
     name: str
-    default: Value | None = None
+    default: Value | None = None  # None: it has to be given
     low: float = -math.inf
     high: float = math.inf
-    words: Sequence[str] | None = None
+    words: Sequence[str] | None = None  # None: a number; empty: the name of another vehicle
     is_whole: bool = False
 
 
@@ -57,7 +57,13 @@ _TABLE = tomllib.loads(files(__package__).joinpath("catalogue.toml").read_text()
 FAULT_KINDS: dict[str, FaultKind] = {
     name: _kind(**{"parameters": {}, **row}) for name, row in _TABLE.items()
 }
+
 _LONGEST_S = 1e6
+_NOW_S = 1e-9  # by which times may differ that are meant to be the same
+
+# Which links and directions a fault of links can name, besides "both".
+_LINKS = ("companion", "ground")
+_DIRECTIONS = ("in", "out")
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,28 +82,31 @@ class Fault:
         """Time of its end; its beginning for a fault that happens once."""
         if FAULT_KINDS[self.name].is_instant:
             return self.at_s
-        return self.at_s + self.duration_s if self.duration_s > 0.0 else math.inf
+        if self.duration_s > 0.0:
+            return self.at_s + self.duration_s
+        return math.inf
 
     @property
     def sentence(self) -> str:
         """A sentence that names the effect and the vehicle."""
-        values = {
-            key: f"{value:g}" if isinstance(value, float) else value
-            for key, value in self.parameters.items()
-        }
+        values: dict[str, str] = {}
+        for key, value in self.parameters.items():
+            values[key] = f"{value:g}" if isinstance(value, float) else value
         return f"{self.vehicle}: {FAULT_KINDS[self.name].sentence.format(**values)}"
 
     def number(self, name: str) -> float:
-        """A numeric parameter of a checked fault."""
+        """Return a numeric parameter of a checked fault."""
         return float(self.parameters[name])
 
     def word(self, name: str) -> str:
-        """A parameter of a checked fault that is a word."""
+        """Return a parameter of a checked fault that is a word."""
         return str(self.parameters[name])
 
 
 def parse(line: str) -> Fault:
-    """``VEHICLE NAME [at=S] [duration=S] [parameter=value ...]``, not yet checked.
+    """Return the fault of a line, not yet checked.
+
+    A line is ``VEHICLE NAME [at=S] [duration=S] [parameter=value ...]``.
 
     Raises:
         FaultError: not of that form.
@@ -105,9 +114,11 @@ def parse(line: str) -> Fault:
     words = line.split()
     if len(words) < 2 or "=" in words[0] or "=" in words[1]:
         raise FaultError(
-            f"'{line}' is no fault. Write VEHICLE NAME [at=SECONDS] [duration=SECONDS] [parameter=value ...], for "
-            "instance 'mav1 motor_dead at=20 motor=2'."
+            f"'{line}' is no fault. Write VEHICLE NAME [at=SECONDS] [duration=SECONDS] "
+            "[parameter=value ...], for instance 'mav1 motor_dead at=20 motor=2'."
         )
+    vehicle, name = words[:2]
+
     values: dict[str, Value] = {}
     for word in words[2:]:
         key, sign, text = word.partition("=")
@@ -119,17 +130,22 @@ def parse(line: str) -> Fault:
             values[key] = float(text)
         except ValueError:
             values[key] = text
-    times: list[float] = []
-    for key in ("at", "duration"):
-        value = values.pop(key, 0.0)
-        if isinstance(value, str):
-            raise FaultError(f"'{line}': {key} is '{value}'; give a number of seconds.")
-        times.append(value)
-    return Fault(words[1], words[0], times[0], times[1], values)
+
+    at_s = _seconds(line, values, "at")
+    duration_s = _seconds(line, values, "duration")
+    return Fault(name=name, vehicle=vehicle, at_s=at_s, duration_s=duration_s, parameters=values)
+
+
+def _seconds(line: str, values: dict[str, Value], key: str) -> float:
+    """Take a time out of the values of a line; 0 when it is not there."""
+    value = values.pop(key, 0.0)
+    if isinstance(value, str):
+        raise FaultError(f"'{line}': {key} is '{value}'; give a number of seconds.")
+    return value
 
 
 def check(fault: Fault, vehicles: Sequence[str]) -> Fault:
-    """The fault with its defaults filled in.
+    """Return the fault with its defaults filled in.
 
     Raises:
         FaultError: unknown name, vehicle or parameter; a value out of its bounds.
@@ -138,42 +154,53 @@ def check(fault: Fault, vehicles: Sequence[str]) -> Fault:
     if kind is None:
         raise FaultError(f"there is no fault '{fault.name}'. Known: {', '.join(FAULT_KINDS)}.")
     if fault.vehicle not in vehicles:
+        there = ", ".join(vehicles)
         raise FaultError(
-            f"{fault.name}: '{fault.vehicle}' is not emulated here; there are {', '.join(vehicles)}."
+            f"{fault.name}: '{fault.vehicle}' is not emulated here; there are {there}."
         )
-    if not (0.0 <= fault.at_s <= _LONGEST_S and 0.0 <= fault.duration_s <= _LONGEST_S):
+
+    has_times = 0.0 <= fault.at_s <= _LONGEST_S and 0.0 <= fault.duration_s <= _LONGEST_S
+    if not has_times:
         raise FaultError(
-            f"{fault.name}: at is {fault.at_s:g} s and duration {fault.duration_s:g} s; both are seconds, 0 or more "
-            "(a duration of 0 means until the end)."
+            f"{fault.name}: at is {fault.at_s:g} s and duration {fault.duration_s:g} s; "
+            "both are seconds, 0 or more (a duration of 0 means until the end)."
         )
     if kind.is_instant and fault.duration_s > 0.0:
         raise FaultError(f"{fault.name} happens once and has no duration. Leave it out.")
+
     known = {parameter.name: parameter for parameter in kind.parameters}
     for key in fault.parameters:
         if key not in known:
-            raise FaultError(
-                f"{fault.name} has no parameter '{key}'; it has {', '.join(known) or 'none'}."
-            )
+            names = ", ".join(known) or "none"
+            raise FaultError(f"{fault.name} has no parameter '{key}'; it has {names}.")
+
     values: dict[str, Value] = {}
     for key, parameter in known.items():
         value = fault.parameters.get(key, parameter.default)
         if value is None:
             raise FaultError(f"{fault.name} needs the parameter '{key}'. Add {key}=...")
         values[key] = _checked(fault, parameter, value, vehicles)
-    return Fault(fault.name, fault.vehicle, float(fault.at_s), float(fault.duration_s), values)
+    return Fault(
+        name=fault.name,
+        vehicle=fault.vehicle,
+        at_s=float(fault.at_s),
+        duration_s=float(fault.duration_s),
+        parameters=values,
+    )
 
 
 def _checked(
     fault: Fault, parameter: FaultParameter, value: Value, vehicles: Sequence[str]
 ) -> Value:
+    """Return the value of a parameter, which has to be within its bounds."""
     what = f"{fault.name}: {parameter.name} is {value!r}"
     if parameter.words is not None:
         words = parameter.words or [name for name in vehicles if name != fault.vehicle]
         if value not in words:
-            raise FaultError(
-                f"{what}; it must be one of {', '.join(words) or 'other vehicles, and there is none'}."
-            )
+            allowed = ", ".join(words) or "other vehicles, and there is none"
+            raise FaultError(f"{what}; it must be one of {allowed}.")
         return value
+
     if isinstance(value, (str, bool)) or not parameter.low <= value <= parameter.high:
         raise FaultError(f"{what}; it must lie between {parameter.low:g} and {parameter.high:g}.")
     if parameter.is_whole and value != int(value):
@@ -182,35 +209,45 @@ def _checked(
 
 
 def refuse_contradiction(fault: Fault, others: Sequence[Fault]) -> None:
-    """FaultError when a checked fault acts on the same thing at the same time as one of the others."""
+    """Refuse a checked fault that acts on the same thing at the same time as another.
+
+    Raises:
+        FaultError: it does.
+    """
     for other in others:
         both = _targets(fault) & _targets(other)
-        overlaps = fault.at_s == other.at_s or (
-            fault.at_s < other.end_s and other.at_s < fault.end_s
-        )
-        if both and overlaps:
+        begins_together = fault.at_s == other.at_s
+        overlaps = fault.at_s < other.end_s and other.at_s < fault.end_s
+        if both and (begins_together or overlaps):
             vehicle, thing = min(both)
             raise FaultError(
-                f"{fault.name} at {fault.at_s:g} s and {other.name} at {other.at_s:g} s contradict each other: both "
-                f"act on the {thing} of {vehicle} at the same time. Let one end (duration=...) before the other begins."
+                f"{fault.name} at {fault.at_s:g} s and {other.name} at {other.at_s:g} s contradict "
+                f"each other: both act on the {thing} of {vehicle} at the same time. "
+                "Let one end (duration=...) before the other begins."
             )
 
 
 def _targets(fault: Fault) -> set[tuple[str, str]]:
+    """Return what a fault acts on: vehicles and things."""
     acts_on = FAULT_KINDS[fault.name].acts_on
     values = dict(fault.parameters)
+
+    if "link" in values:
+        links = _LINKS if values["link"] == "both" else (str(values["link"]),)
+        directions = _DIRECTIONS if values["direction"] == "both" else (str(values["direction"]),)
+        return {
+            (fault.vehicle, f"{acts_on.format(link=link)} ({direction})")
+            for link in links
+            for direction in directions
+        }
+
     if "motor" in values:
         values["motor"] = int(fault.number("motor"))
-    vehicles = {fault.vehicle} | ({fault.word("other")} if "other" in values else set())
-    if "link" not in values:
-        return {(vehicle, acts_on.format(**values)) for vehicle in vehicles}
-    links = ("companion", "ground") if values["link"] == "both" else (str(values["link"]),)
-    directions = ("in", "out") if values["direction"] == "both" else (str(values["direction"]),)
-    return {
-        (fault.vehicle, f"{acts_on.format(link=link)} ({direction})")
-        for link in links
-        for direction in directions
-    }
+    thing = acts_on.format(**values)
+    targets = {(fault.vehicle, thing)}
+    if "other" in values:
+        targets.add((fault.word("other"), thing))
+    return targets
 
 
 class FaultPlan:
@@ -227,31 +264,31 @@ class FaultPlan:
         self.next_s = math.inf
 
     def add(self, fault: Fault, now_s: float) -> Fault:
-        """Take a fault; what is due in the past begins now.
+        """Plan a fault; one that is due in the past begins now.
 
         Raises:
             FaultError: see :func:`check` and :func:`refuse_contradiction`.
         """
         checked = check(fault, self._vehicles)
         if checked.at_s < now_s:
-            checked = Fault(
-                checked.name, checked.vehicle, now_s, checked.duration_s, checked.parameters
-            )
+            checked = replace(checked, at_s=now_s)
         refuse_contradiction(checked, [*self._waiting, *self._acting])
+
         self._waiting.append(checked)
         self._waiting.sort(key=lambda other: other.at_s)
         self._set_next()
         return checked
 
     def advance(self, now_s: float) -> tuple[list[Fault], list[Fault]]:
-        """Those that begin and those that end, up to now."""
-        ending = [fault for fault in self._acting if fault.end_s <= now_s + 1e-9]
-        begins = [fault for fault in self._waiting if fault.at_s <= now_s + 1e-9]
-        self._acting = [fault for fault in self._acting if fault not in ending]
-        self._acting += [fault for fault in begins if not FAULT_KINDS[fault.name].is_instant]
+        """Return the faults that begin and those that end, up to now."""
+        begins = [fault for fault in self._waiting if fault.at_s <= now_s + _NOW_S]
+        ends = [fault for fault in self._acting if fault.end_s <= now_s + _NOW_S]
+        lasting = [fault for fault in begins if not FAULT_KINDS[fault.name].is_instant]
+
         self._waiting = [fault for fault in self._waiting if fault not in begins]
+        self._acting = [fault for fault in self._acting if fault not in ends] + lasting
         self._set_next()
-        return begins, ending
+        return begins, ends
 
     def _set_next(self) -> None:
         times = [fault.at_s for fault in self._waiting] + [fault.end_s for fault in self._acting]
@@ -259,11 +296,12 @@ class FaultPlan:
 
 
 def listing() -> str:
-    """The table for people: one line per kind."""
-    lines = []
+    """Return the table for people: one line per kind."""
+    lines: list[str] = []
     for name, kind in FAULT_KINDS.items():
-        values = " ".join(
-            f"{p.name}={'...' if p.default is None else p.default}" for p in kind.parameters
-        )
-        lines.append(f"  {f'{name} {values}'.rstrip():<58} {kind.sentence}")
+        words = [name]
+        for parameter in kind.parameters:
+            default = "..." if parameter.default is None else parameter.default
+            words.append(f"{parameter.name}={default}")
+        lines.append(f"  {' '.join(words):<58} {kind.sentence}")
     return "\n".join(lines)

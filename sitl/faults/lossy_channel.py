@@ -1,8 +1,7 @@
-"""One direction of a link with its faults: what goes in comes out lost, late, twice or in another
-order. Pure, seeded.
+"""One direction of a link with its faults: what goes in is lost, late, twice or in another order.
 
 Anything can travel: a datagram, or in lockstep a call. Without a fault what goes in comes out at
-once.
+once. The channel is pure and seeded.
 """
 
 from __future__ import annotations
@@ -39,6 +38,10 @@ class LossyChannel(Generic[Load]):
 
     Args:
         seed: of chance; give each wire its own.
+
+    Attributes:
+        faults: those of now.
+        is_held: nothing comes out.
     """
 
     def __init__(self, seed: int | list[int] = 0) -> None:
@@ -56,31 +59,41 @@ class LossyChannel(Generic[Load]):
 
     def push(self, now_s: float, load: Load) -> None:
         """Send; :meth:`pop` gives it out when it arrives."""
-        f = self.faults
-        if f.loss > 0.0 and self._rng.random() < f.loss:
+        faults = self.faults
+        if self._happens(faults.loss):
             return
-        copies = 2 if f.duplicate > 0.0 and self._rng.random() < f.duplicate else 1
+
+        copies = 2 if self._happens(faults.duplicate) else 1
         for _ in range(copies):
             if len(self._in_transit) >= _MOST_IN_TRANSIT:
                 return
-            late_s = f.delay_s + (
-                f.jitter_s * float(self._rng.random()) if f.jitter_s > 0.0 else 0.0
-            )
-            arrival_s = now_s + late_s
-            if f.reorder > 0.0 and self._rng.random() < f.reorder:
-                arrival_s += f.reorder_s
+
+            jitter_s = 0.0
+            if faults.jitter_s > 0.0:
+                jitter_s = faults.jitter_s * float(self._rng.random())
+            arrival_s = now_s + (faults.delay_s + jitter_s)
+
+            if self._happens(faults.reorder):
+                arrival_s += faults.reorder_s
             else:
-                arrival_s = self._newest_s = max(
-                    arrival_s, self._newest_s if f.jitter_s > 0.0 else -math.inf
-                )
+                if faults.jitter_s > 0.0:  # the order is kept
+                    arrival_s = max(arrival_s, self._newest_s)
+                self._newest_s = arrival_s
+
             self._count += 1
             heapq.heappush(self._in_transit, (arrival_s, self._count, load))
 
+    def _happens(self, share: float) -> bool:
+        """Whether chance chooses the next; it is not asked where the share is 0."""
+        return share > 0.0 and self._rng.random() < share
+
     def pop(self, now_s: float) -> list[Load]:
-        """Return the items that arrive up to now, in order of arrival; nothing while the channel is
-        held.
-        """
-        out: list[Load] = []
-        while not self.is_held and self._in_transit and self._in_transit[0][0] <= now_s + 1e-9:
-            out.append(heapq.heappop(self._in_transit)[2])
-        return out
+        """Return what arrives up to now, in order of arrival; nothing while the channel is held."""
+        if self.is_held:
+            return []
+
+        arrived: list[Load] = []
+        while self._in_transit and self._in_transit[0][0] <= now_s + 1e-9:
+            _, _, load = heapq.heappop(self._in_transit)
+            arrived.append(load)
+        return arrived

@@ -1,6 +1,4 @@
-"""Faults of measured poses, the same for a motion capture and for what an autopilot is told from
-outside.
-"""
+"""Faults of measured poses: of a motion capture's, and of those that an autopilot receives."""
 
 from __future__ import annotations
 
@@ -22,7 +20,11 @@ class PoseFault:
 
 
 class PoseFaults:
-    """The faults of all bodies."""
+    """The faults of all bodies.
+
+    Args:
+        count: bodies.
+    """
 
     def __init__(self, count: int) -> None:
         self._faults: list[PoseFault | None] = [None] * count
@@ -38,6 +40,7 @@ class PoseFaults:
         before = self._faults[index]
         if before is not None and before.kind == "swapped":
             self._faults[before.other] = None
+
         self._faults[index] = fault
         self._frozen.pop(index, None)
         if fault is not None and fault.kind == "swapped":
@@ -49,22 +52,26 @@ class PoseFaults:
         return fault is not None and fault.kind == "lost"
 
     def delay_s(self, index: int) -> float:
-        """Additional delay of its pose [s]."""
+        """Return the additional delay of its pose [s]."""
         fault = self._faults[index]
         return 0.0 if fault is None else fault.delay_s
 
     def apply(self, poses: Array, index: int | None = None) -> Array:
-        """Poses (n, k), position first, as they are measured with the faults; of one body only with
-        `index`.
+        """Return poses as they are measured with the faults.
+
+        Args:
+            poses: (n, k), position first.
+            index: of the only body that is measured now; None: all are.
         """
-        out = poses.copy()
+        measured = poses.copy()
         for i, fault in enumerate(self._faults):
             if fault is None or (index is not None and i != index):
                 continue
+
             if fault.kind == "swapped":
-                out[i] = poses[fault.other]
+                measured[i] = poses[fault.other]
             elif fault.kind == "jump":
-                out[i, :3] += fault.shift_m
+                measured[i, :3] += fault.shift_m
             elif fault.kind == "frozen":
-                out[i] = self._frozen.setdefault(i, poses[i].copy())
-        return np.asarray(out)
+                measured[i] = self._frozen.setdefault(i, poses[i].copy())
+        return np.asarray(measured)
