@@ -11,8 +11,11 @@ from typing import Protocol
 from groundstation.client.autopilot_link import LinkSilentError
 from onboard.px4.required_params import RequiredParam, Value
 
-_STORE_S, _SECOND_WRITE_S = 5.0, 0.5
-_ACCEPTED = 0
+_STORE_S = 5.0  # within which PX4 confirms that it has stored
+_STORE_ANSWER_S = 0.5  # within which it answers one request
+_STORE_PAUSE_S = 0.1  # between two requests
+_SECOND_WRITE_S = 0.5  # for the writing that the second request has begun
+_ACCEPTED = 0  # MAV_RESULT_ACCEPTED
 
 
 class Outcome(Enum):
@@ -59,49 +62,72 @@ def write_all(
     changes: list[Change] = []
     is_silent = False
     for demand in required:
-        name, value = demand.name, demand.value
-        after, outcome = before.get(name), Outcome.UNTOUCHED
-        if not is_silent:
-            try:
-                after = link.write(name, value)
-                outcome = (
-                    Outcome.UNKNOWN
-                    if after is None
-                    else Outcome.SET
-                    if demand.is_met(after)
-                    else Outcome.REFUSED
-                )
-            except LinkSilentError:
-                is_silent, after, outcome = True, None, Outcome.LOST
-        changes.append(Change(name, before.get(name), value, after, outcome))
+        old_value = before.get(demand.name)
+        if is_silent:
+            after, outcome = old_value, Outcome.UNTOUCHED
+        else:
+            after, outcome = _write(link, demand)
+            is_silent = outcome is Outcome.LOST
+        changes.append(
+            Change(
+                name=demand.name,
+                before=old_value,
+                required=demand.value,
+                after=after,
+                outcome=outcome,
+            )
+        )
+
     has_set = any(change.outcome is Outcome.SET for change in changes)
-    is_stored = not is_silent and has_set and store(link.request_storage, _STORE_S)
-    return changes, _trouble(changes, is_silent=is_silent, is_stored=is_stored or not has_set)
+    is_stored = True  # there is nothing to store
+    if has_set:
+        is_stored = not is_silent and store(link.request_storage, _STORE_S)
+    return changes, _trouble(changes, is_silent=is_silent, is_stored=is_stored)
+
+
+def _write(link: ParameterLink, demand: RequiredParam) -> tuple[Value | None, Outcome]:
+    """Set one parameter; return the value that PX4 then has, and what became of it."""
+    try:
+        after = link.write(demand.name, demand.value)
+    except LinkSilentError:
+        return None, Outcome.LOST
+
+    if after is None:
+        return None, Outcome.UNKNOWN
+    if demand.is_met(after):
+        return after, Outcome.SET
+    return after, Outcome.REFUSED
 
 
 def _trouble(changes: Sequence[Change], *, is_silent: bool, is_stored: bool) -> str:
-    names = {
-        outcome: ", ".join(change.name for change in changes if change.outcome is outcome) or "none"
-        for outcome in Outcome
-    }
+    """Return what went wrong, in sentences."""
+    names: dict[Outcome, list[str]] = {outcome: [] for outcome in Outcome}
+    for change in changes:
+        names[change.outcome].append(change.name)
+
     sentences = []
     if is_silent:
         sentences.append(
-            f"PX4 fell silent in the middle. Set and read back: {names[Outcome.SET]}. Sent and not confirmed: "
-            f"{names[Outcome.LOST]}. Not sent: {names[Outcome.UNTOUCHED]}. PX4 has stored nothing for sure. Run "
-            "this once more when it is heard again."
+            f"PX4 fell silent in the middle. Set and read back: {_listed(names[Outcome.SET])}."
+            f" Sent and not confirmed: {_listed(names[Outcome.LOST])}."
+            f" Not sent: {_listed(names[Outcome.UNTOUCHED])}. PX4 has stored nothing for sure."
+            " Run this once more when it is heard again."
         )
-    if names[Outcome.REFUSED] != "none":
-        sentences.append(
-            f"PX4 did not take {names[Outcome.REFUSED]}: read-only, or out of its range."
-        )
-    if names[Outcome.UNKNOWN] != "none":
-        sentences.append(f"This PX4 does not know {names[Outcome.UNKNOWN]}.")
+    if names[Outcome.REFUSED]:
+        refused = _listed(names[Outcome.REFUSED])
+        sentences.append(f"PX4 did not take {refused}: read-only, or out of its range.")
+    if names[Outcome.UNKNOWN]:
+        sentences.append(f"This PX4 does not know {_listed(names[Outcome.UNKNOWN])}.")
     if not is_stored and not is_silent:
         sentences.append(
-            "PX4 did not confirm that it stored them: a restart may lose them. Run this once more before a restart."
+            "PX4 did not confirm that it stored them: a restart may lose them."
+            " Run this once more before a restart."
         )
     return " ".join(sentences)
+
+
+def _listed(names: Sequence[str]) -> str:
+    return ", ".join(names) or "none"
 
 
 def store(
@@ -109,19 +135,26 @@ def store(
     timeout_s: float,
     sleep: Callable[[float], None] = time.sleep,
 ) -> bool:
-    """Have PX4 write its parameters, and wait until it has; False when that was not confirmed in
-    time.
+    """Have PX4 write its parameters, and wait until it has; return whether it confirmed in time.
 
     PX4 writes changed parameters by itself up to 3.5 s later, and a restart before that loses them.
     PREFLIGHT_STORAGE writes at once, but is accepted before the writing. While PX4 writes it
     rejects another one: so the next acceptance shows that the first writing has ended. The second
     has nothing new to write.
+
+    Args:
+        request: sends PREFLIGHT_STORAGE, waits so long for the answer, and returns it.
+        timeout_s: for all of it.
+        sleep: waits between two requests.
     """
     end_s = time.monotonic() + timeout_s
     accepted = 0
     while accepted < 2 and time.monotonic() < end_s:
-        accepted += request(0.5) == _ACCEPTED
-        sleep(0.1)
-    if accepted == 2:
-        sleep(_SECOND_WRITE_S)
-    return accepted == 2
+        if request(_STORE_ANSWER_S) == _ACCEPTED:
+            accepted += 1
+        sleep(_STORE_PAUSE_S)
+
+    if accepted < 2:
+        return False
+    sleep(_SECOND_WRITE_S)
+    return True

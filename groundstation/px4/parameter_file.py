@@ -1,7 +1,7 @@
-"""Files of parameters, as QGroundControl writes and reads them: rows of vehicle id, component id,
-name, value and type.
+"""Files of parameters, as QGroundControl writes and reads them.
 
-One file holds all parameters of one vehicle or of several, which their MAVLink ids tell apart.
+A row holds vehicle id, component id, name, value and type, with tabs between them. One file holds
+all parameters of one vehicle or of several, which their MAVLink ids tell apart.
 """
 
 from __future__ import annotations
@@ -12,13 +12,19 @@ import time
 from collections.abc import Mapping
 from fnmatch import fnmatchcase
 from pathlib import Path
+from typing import NamedTuple
 
 from onboard.config.fleet import ConfigError, FleetConfig
 from onboard.px4.required_params import Value
 
-_INT32, _REAL32 = 6, 9
-_AUTOPILOT = 1
-# of one vehicle by nature: its id, its calibration, its statistics
+# Types of MAV_PARAM_TYPE: PX4 has no others.
+_INT32 = 6
+_REAL32 = 9
+
+_AUTOPILOT = 1  # component id
+_COLUMNS = 5
+
+# Parameters that belong to one vehicle by nature: its id, its calibration, its statistics.
 OWN = (
     "MAV_SYS_ID",
     "UXRCE_DDS_KEY",
@@ -29,6 +35,14 @@ OWN = (
     "SENS_BOARD_?_OFF",
 )
 STATISTICS = ("COM_FLIGHT_UUID", "LND_FLIGHT_T_*")  # PX4 counts them itself
+
+
+class _Row(NamedTuple):
+    """One parameter of a file."""
+
+    system_id: int
+    name: str
+    value: Value
 
 
 def is_one_of(name: str, patterns: tuple[str, ...]) -> bool:
@@ -52,19 +66,16 @@ def write_file(path: Path, vehicles: Mapping[int, tuple[str, Mapping[str, Value]
         ConfigError: it exists, or cannot be written.
     """
     lines = [
-        "# Parameters of PX4: covey px4 params --restore writes them back, QGroundControl reads them",
+        "# Parameters of PX4: covey px4 params --restore writes them back,"
+        " QGroundControl reads them",
         "#",
     ]
     for system_id, (remark, values) in vehicles.items():
-        lines += [
-            f"# Vehicle {system_id}: {remark}",
-            "# Vehicle-Id\tComponent-Id\tName\tValue\tType",
-        ]
+        lines.append(f"# Vehicle {system_id}: {remark}")
+        lines.append("# Vehicle-Id\tComponent-Id\tName\tValue\tType")
         for name, value in sorted(values.items()):
-            kind, text = (
-                (_INT32, f"{value}") if isinstance(value, int) else (_REAL32, f"{value:.9g}")
-            )
-            lines.append(f"{system_id}\t{_AUTOPILOT}\t{name}\t{text}\t{kind}")
+            lines.append(f"{system_id}\t{_AUTOPILOT}\t{name}\t{_value_and_type(value)}")
+
     try:
         with path.open("x", encoding="utf-8") as file:
             file.write("\n".join(lines) + "\n")
@@ -74,6 +85,12 @@ def write_file(path: Path, vehicles: Mapping[int, tuple[str, Mapping[str, Value]
         raise ConfigError(
             f"{path} cannot be written ({error.strerror}). Give another name."
         ) from None
+
+
+def _value_and_type(value: Value) -> str:
+    if isinstance(value, int):
+        return f"{value}\t{_INT32}"
+    return f"{value:.9g}\t{_REAL32}"
 
 
 def read_file(path: Path) -> dict[int, dict[str, Value]]:
@@ -94,37 +111,53 @@ def read_file(path: Path) -> dict[int, dict[str, Value]]:
         raise ConfigError(
             f"{path} cannot be read ({error}). Give a file of covey px4 params --dump."
         ) from None
+
     vehicles: dict[int, dict[str, Value]] = {}
     for number, line in enumerate(text.splitlines(), 1):
         if not line.strip() or line.startswith("#"):
             continue
+
         row = _row(line)
         if row is None:
             raise ConfigError(
-                f"{path}: line {number}: {line[:60]!r} is no parameter. It has vehicle id, component id, name, "
-                f"value and type ({_INT32} whole number, {_REAL32} number), with tabs between them."
+                f"{path}: line {number}: {line[:60]!r} is no parameter. It has vehicle id,"
+                f" component id, name, value and type ({_INT32} whole number, {_REAL32} number),"
+                " with tabs between them."
             )
-        system_id, name, value = row
-        if vehicles.setdefault(system_id, {}).setdefault(name, value) != value:
+
+        values = vehicles.setdefault(row.system_id, {})
+        if values.setdefault(row.name, row.value) != row.value:
             raise ConfigError(
-                f"{path}: line {number}: {name} of vehicle {system_id} has two values. Remove one."
+                f"{path}: line {number}: {row.name} of vehicle {row.system_id} has two values."
+                " Remove one."
             )
+
     if not vehicles:
         raise ConfigError(f"{path} holds no parameters. Give a file of covey px4 params --dump.")
     return vehicles
 
 
-def _row(line: str) -> tuple[int, str, Value] | None:
-    fields = line.split("\t")
-    if (
-        len(fields) != 5
-        or not re.fullmatch(r"\d{1,3}", fields[0])
-        or not re.fullmatch(r"[A-Z0-9_]{1,16}", fields[2])
-    ):
+def _row(line: str) -> _Row | None:
+    """Return the parameter of a line; None when the line is none."""
+    columns = line.split("\t")
+    if len(columns) != _COLUMNS:
         return None
+
+    system_id, _, name, value_text, kind = columns
+    kind = kind.strip()
+    if not re.fullmatch(r"\d{1,3}", system_id) or not re.fullmatch(r"[A-Z0-9_]{1,16}", name):
+        return None
+    if kind not in (str(_INT32), str(_REAL32)):
+        return None
+
+    value: Value
     try:
-        value = int(fields[3]) if fields[4].strip() == str(_INT32) else float(fields[3])
+        if kind == str(_INT32):
+            value = int(value_text)
+        else:
+            value = float(value_text)
     except ValueError:
         return None
-    is_known = fields[4].strip() in (str(_INT32), str(_REAL32))
-    return (int(fields[0]), fields[2], value) if is_known and math.isfinite(value) else None
+    if not math.isfinite(value):
+        return None
+    return _Row(int(system_id), name, value)

@@ -1,13 +1,11 @@
-"""All parameters of vehicles: into a file, beside another vehicle's or a file's, and back from a
-file.
-"""
+"""All parameters of vehicles: into a file, beside another vehicle's or a file's, back from a file."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from groundstation.px4.parameter_changes import Change, Outcome, write_all
 from groundstation.px4.parameter_file import OWN, STATISTICS, is_one_of, read_file
@@ -16,6 +14,9 @@ from groundstation.px4.vehicle_parameters import ARMED, read_whole, save, status
 from onboard.config.fleet import ConfigError, FleetConfig
 from onboard.exit_status import EXIT_NO_ANSWER
 from onboard.px4.required_params import RequiredParam, Value
+
+# All parameters of a vehicle, or a sentence on why they are not known.
+_Parameters = Mapping[str, Value] | str
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,25 +27,34 @@ class VehicleReport:
     is_fine: bool
     headline: str
     lines: tuple[str, ...] = ()
-    answers: bool = True
+    answers: bool = True  # whether its PX4 is heard
+
+
+class Differences(NamedTuple):
+    """Two sets of parameters, one beside the other."""
+
+    rows: list[str]  # one for each that differs
+    left_out: int  # number of those that are each vehicle's own
 
 
 def exit_status(reports: Sequence[VehicleReport]) -> int:
-    """0 all are fine; 1 none is; 10 nobody answered; 50 some are."""
+    """Return 0 all are fine; 1 none is; 10 nobody answered; 50 some are."""
     if not any(report.answers for report in reports):
         return EXIT_NO_ANSWER
     return status_of([report.is_fine for report in reports])
 
 
 def as_text(reports: Sequence[VehicleReport]) -> str:
-    """The reports for people."""
-    return "\n".join(
-        "\n  ".join((f"{report.name}: {report.headline}", *report.lines)) for report in reports
-    )
+    """Return the reports for people."""
+    texts = []
+    for report in reports:
+        lines = [f"{report.name}: {report.headline}", *report.lines]
+        texts.append("\n  ".join(lines))
+    return "\n".join(texts)
 
 
 def as_mapping(reports: Sequence[VehicleReport]) -> dict[str, Any]:
-    """The same for programs."""
+    """Return the same for programs."""
     return {
         report.name: {
             "answers": report.answers,
@@ -59,20 +69,25 @@ def as_mapping(reports: Sequence[VehicleReport]) -> dict[str, Any]:
 def dump(links: Sequence[VehicleLink], path: Path) -> list[VehicleReport]:
     """Write all parameters of the vehicles that answer to a new file.
 
+    Args:
+        links: to the vehicles.
+        path: of the file.
+
     Raises:
         ConfigError: the file cannot be written.
     """
     troubles, counts = save(links, path)
-    return [
-        VehicleReport(
-            name, False, f"not in {path}: {trouble}", answers=links[index].link is not None
-        )
-        if trouble
-        else VehicleReport(
-            name, True, f"{counts[name]} parameters of {links[index].version_text} are in {path}."
-        )
-        for index, (name, trouble) in enumerate(troubles.items())
-    ]
+    reports = []
+    for link in links:
+        name = link.vehicle.name
+        if troubles[name]:
+            headline = f"not in {path}: {troubles[name]}"
+            is_heard = link.link is not None
+            reports.append(VehicleReport(name, False, headline, answers=is_heard))
+        else:
+            headline = f"{counts[name]} parameters of {link.version_text} are in {path}."
+            reports.append(VehicleReport(name, True, headline))
+    return reports
 
 
 def diff(links: Sequence[VehicleLink], fleet: FleetConfig, reference: str) -> list[VehicleReport]:
@@ -86,68 +101,99 @@ def diff(links: Sequence[VehicleLink], fleet: FleetConfig, reference: str) -> li
     Raises:
         ConfigError: the file holds nothing about a vehicle.
     """
-    whole = dict(
-        zip((link.vehicle.name for link in links), for_each(read_whole, links), strict=True)
-    )
-    name = "" if Path(reference).is_file() else fleet.select(reference)[0]
-    sets = {} if name else read_file(Path(reference))
+    parameters: dict[str, _Parameters] = {}
+    for link, values in zip(links, for_each(read_whole, links), strict=True):
+        parameters[link.vehicle.name] = values
+
+    if Path(reference).is_file():
+        sets = read_file(Path(reference))
+        return [
+            _compared(link, parameters[link.vehicle.name], _of_file(sets, link), reference)
+            for link in links
+        ]
+
+    reference_name = fleet.select(reference)[0]
     reports = []
     for link in links:
-        values = whole[link.vehicle.name]
-        other: Mapping[str, Value] | str = whole[name] if name else _of_file(sets, link)
-        if link.vehicle.name == name and not isinstance(values, str):
-            continue
-        if isinstance(values, str) or isinstance(other, str):
-            why = (
-                values if isinstance(values, str) else f"there is nothing to compare with: {other}"
-            )
-            reports.append(
-                VehicleReport(link.vehicle.name, False, why, answers=link.link is not None)
-            )
-            continue
-        rows, left_out = differences(values, other)
-        own = (
-            f"; {left_out} more that are each vehicle's own ({', '.join(OWN[:3])}, ...)"
-            if left_out
-            else ""
-        )
-        headline = f"{len(rows)} of {len(values)} differ from {reference}{own}."
-        reports.append(VehicleReport(link.vehicle.name, not rows, headline, tuple(rows)))
+        name = link.vehicle.name
+        is_reference = name == reference_name
+        # The reference itself is worth a line only when it could not be read.
+        if not is_reference or isinstance(parameters[name], str):
+            reports.append(_compared(link, parameters[name], parameters[reference_name], reference))
     return reports
 
 
-def _of_file(
-    sets: Mapping[int, Mapping[str, Value]], link: VehicleLink
-) -> Mapping[str, Value] | str:
+def _compared(
+    link: VehicleLink, values: _Parameters, other: _Parameters, reference: str
+) -> VehicleReport:
+    """Return how a vehicle's parameters differ from others."""
+    name = link.vehicle.name
+    is_heard = link.link is not None
+    if isinstance(values, str):
+        return VehicleReport(name, False, values, answers=is_heard)
+    if isinstance(other, str):
+        headline = f"there is nothing to compare with: {other}"
+        return VehicleReport(name, False, headline, answers=is_heard)
+
+    found = differences(values, other)
+    own = ""
+    if found.left_out:
+        own = f"; {found.left_out} more that are each vehicle's own ({', '.join(OWN[:3])}, ...)"
+    headline = f"{len(found.rows)} of {len(values)} differ from {reference}{own}."
+    return VehicleReport(name, not found.rows, headline, tuple(found.rows))
+
+
+def _of_file(sets: Mapping[int, Mapping[str, Value]], link: VehicleLink) -> _Parameters:
     """Return the vehicle's own parameters of a file, or those of the one vehicle that it holds."""
-    if link.vehicle.system_id in sets:
-        return sets[link.vehicle.system_id]
+    system_id = link.vehicle.system_id
+    if system_id in sets:
+        return sets[system_id]
     if len(sets) == 1:
         return next(iter(sets.values()))
-    return f"the file holds vehicles {', '.join(map(str, sorted(sets)))} and not {link.vehicle.system_id}."
+    return f"the file holds vehicles {_listed(sets)} and not {system_id}."
 
 
-def differences(values: Mapping[str, Value], other: Mapping[str, Value]) -> tuple[list[str], int]:
-    """Return a row for each parameter that differs, and how many that are each vehicle's own were
-    left out.
+def differences(values: Mapping[str, Value], other: Mapping[str, Value]) -> Differences:
+    """Return what differs between two sets of parameters.
+
+    Args:
+        values: parameter -> value here.
+        other: parameter -> value there.
     """
-    rows, left_out = [], 0
+    rows = []
+    left_out = 0
     for name in sorted(values.keys() | other.keys()):
-        here, there = values.get(name), other.get(name)
-        if here is not None and there is not None and RequiredParam(name, there, "").is_met(here):
+        here = values.get(name)
+        there = other.get(name)
+        if here is not None and there is not None and _is_same(name, here, there):
             continue
         if is_one_of(name, OWN):
             left_out += 1
             continue
-        here_text, there_text = (
-            "not known" if value is None else f"{value:g}" for value in (here, there)
-        )
-        rows.append(f"{name:<16} {here_text}, there {there_text}")
-    return rows, left_out
+        rows.append(f"{name:<16} {_shown(here, 'not known')}, there {_shown(there, 'not known')}")
+    return Differences(rows, left_out)
+
+
+def _is_same(name: str, value: Value | None, required: Value) -> bool:
+    """Whether a value is as good as the required one."""
+    return RequiredParam(name, required, "").is_met(value)
+
+
+def _shown(value: Value | None, missing: str) -> str:
+    return missing if value is None else f"{value:g}"
+
+
+def _listed(sets: Mapping[int, object]) -> str:
+    return ", ".join(str(system_id) for system_id in sorted(sets))
 
 
 def restore(links: Sequence[VehicleLink], path: Path, backup: Path) -> list[VehicleReport]:
     """Write a file's parameters back, each vehicle its own, after a backup of what is there now.
+
+    Args:
+        links: to the vehicles.
+        path: of the file.
+        backup: file to write.
 
     Raises:
         ConfigError: the file holds none of these vehicles, or the backup cannot be written; nothing
@@ -156,51 +202,56 @@ def restore(links: Sequence[VehicleLink], path: Path, backup: Path) -> list[Vehi
     sets = read_file(path)
     if not any(link.vehicle.system_id in sets for link in links):
         raise ConfigError(
-            f"{path} holds vehicles {', '.join(map(str, sorted(sets)))}, by MAV_SYS_ID, and none of those selected. "
-            "Select others with --vehicles, or give their own file."
+            f"{path} holds vehicles {_listed(sets)}, by MAV_SYS_ID, and none of those selected."
+            " Select others with --vehicles, or give their own file."
         )
+
     concerned = [link for link in links if link.vehicle.system_id in sets and not link.is_armed]
     troubles, _ = save(concerned, backup)
 
     def restore_one(link: VehicleLink) -> VehicleReport:
-        name, answers = link.vehicle.name, link.link is not None
-        if link.vehicle.system_id not in sets:
-            return VehicleReport(
-                name,
-                False,
-                f"{path} holds nothing of vehicle {link.vehicle.system_id}.",
-                answers=answers,
-            )
+        name = link.vehicle.name
+        system_id = link.vehicle.system_id
+        is_heard = link.link is not None
+        if system_id not in sets:
+            headline = f"{path} holds nothing of vehicle {system_id}."
+            return VehicleReport(name, False, headline, answers=is_heard)
         if link.is_armed:
             return VehicleReport(name, False, f"nothing was changed. {ARMED}")
-        if link.link is None or troubles[name]:
-            return VehicleReport(
-                name, False, f"nothing was changed. {troubles[name]}", answers=answers
-            )
-        before = read_whole(link)
-        if isinstance(before, str):
-            return VehicleReport(name, False, f"nothing was changed. {before}")
-        required = [
-            RequiredParam(parameter, value, "")
-            for parameter, value in sets[link.vehicle.system_id].items()
-            if not is_one_of(parameter, STATISTICS)
-            and not RequiredParam(parameter, value, "").is_met(before.get(parameter))
-        ]
-        changes, trouble = write_all(link.link, required, before)
-        count = sum(change.outcome is Outcome.SET for change in changes)
-        stored = "; PX4 has stored them" if count and not trouble else ""
-        headline = (
-            f"{count} of {len(changes)} that differed were written back{stored}. {trouble}".strip()
-        )
-        return VehicleReport(name, not trouble, headline, tuple(_row(change) for change in changes))
+        if not is_heard or troubles[name]:
+            headline = f"nothing was changed. {troubles[name]}"
+            return VehicleReport(name, False, headline, answers=is_heard)
+        return _restore(link, sets[system_id])
 
     return for_each(restore_one, links)
 
 
+def _restore(link: VehicleLink, values: Mapping[str, Value]) -> VehicleReport:
+    """Write back what differs from a file's values."""
+    assert link.link is not None
+    name = link.vehicle.name
+    before = read_whole(link)
+    if isinstance(before, str):
+        return VehicleReport(name, False, f"nothing was changed. {before}")
+
+    required = []
+    for parameter, value in values.items():
+        is_same = _is_same(parameter, before.get(parameter), value)
+        if not is_same and not is_one_of(parameter, STATISTICS):
+            required.append(RequiredParam(parameter, value, ""))
+
+    changes, trouble = write_all(link.link, required, before)
+    count = sum(1 for change in changes if change.outcome is Outcome.SET)
+    stored = ""
+    if count and not trouble:
+        stored = "; PX4 has stored them"
+    headline = f"{count} of {len(changes)} that differed were written back{stored}. {trouble}"
+    rows = tuple(_row(change) for change in changes)
+    return VehicleReport(name, not trouble, headline.strip(), rows)
+
+
 def _row(change: Change) -> str:
-    before, after = (
-        "unknown" if value is None else f"{value:g}" for value in (change.before, change.after)
-    )
-    return (
-        f"{change.outcome.value:<14}{change.name:<16} {before} -> {change.required:g}, now {after}"
-    )
+    before = _shown(change.before, "unknown")
+    after = _shown(change.after, "unknown")
+    outcome = change.outcome.value
+    return f"{outcome:<14}{change.name:<16} {before} -> {change.required:g}, now {after}"

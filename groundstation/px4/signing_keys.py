@@ -1,5 +1,4 @@
-"""Keys of MAVLink signing: what each PX4 does with its messages, and giving it a key or taking it
-away.
+"""Keys of MAVLink signing: what each PX4 does with its messages; giving it a key, or taking it away.
 
 PX4 acknowledges no key. So what it does afterwards is looked at: whether it signs with the key, and
 whether it still answers what is not signed.
@@ -20,9 +19,9 @@ from onboard.config.fleet import FleetConfig, Vehicle
 from onboard.security.mavlink_key import key_file, read_key
 
 _LISTEN_S = 0.5
-_AUTOPILOT_VERSION = 148
+_AUTOPILOT_VERSION = 148  # a message that PX4 sends when it is asked
 _ATTEMPTS = 3
-_SINCE = ".".join(map(str, SIGNING_SINCE))
+_SINCE = ".".join(str(number) for number in SIGNING_SINCE)
 Action = Literal["look", "set", "remove"]
 
 
@@ -44,8 +43,10 @@ def keys_of(
         vehicles: whose.
         is_changed: whether PX4 is to be given a key, or to lose it: then each vehicle must have one
             here.
+
     Returns:
         vehicle -> key.
+
     Raises:
         ConfigError: a key is missing that is needed, or is none.
     """
@@ -68,106 +69,145 @@ def run(
         action: what to do.
         old_key: that they have now, where it is another one.
     """
-    return for_each(lambda link: _one(link, keys.get(link.vehicle.name), action, old_key), links)
+
+    def run_one(link: VehicleLink) -> VehicleReport:
+        return _run_one(link, keys.get(link.vehicle.name), action, old_key)
+
+    return for_each(run_one, links)
 
 
-def _one(
+def _run_one(
     link: VehicleLink, key: bytes | None, action: Action, old_key: bytes | None
 ) -> VehicleReport:
+    name = link.vehicle.name
     if link.link is None:
-        return VehicleReport(link.vehicle.name, False, link.trouble, answers=False)
+        return VehicleReport(name, False, link.trouble, answers=False)
+
     found = _state(link.link, key)
     if action == "look":
-        return _looked(link, found, key)
-    trouble = _refusal(link, found, action, old_key)
-    is_there = found is (Signs.OURS if action == "set" else Signs.NOTHING)
-    if trouble or is_there:
-        words = trouble or f"nothing was changed: {_words(link, found)} already."
-        return VehicleReport(link.vehicle.name, is_there, words)
-    present = old_key if found is Signs.OTHER else key if found is Signs.OURS else None
+        return _looked_at(link, found)
+
+    wanted = Signs.OURS if action == "set" else Signs.NOTHING
+    refusal = _refusal(link, found, action, old_key)
+    if refusal:
+        return VehicleReport(name, found is wanted, refusal)
+    if found is wanted:
+        headline = f"nothing was changed: {_words(link, found)} already."
+        return VehicleReport(name, True, headline)
+
+    present_key = None  # that PX4 demands of the message which changes it
+    if found is Signs.OTHER:
+        present_key = old_key
+    elif found is Signs.OURS:
+        present_key = key
+    new_key = key if action == "set" else None
+
+    # The message may be lost, and PX4 does not answer it.
     for _ in range(_ATTEMPTS):
-        link.link.sign(present)
-        link.link.set_key(key if action == "set" else None)
+        link.link.sign(present_key)
+        link.link.set_key(new_key)
         found = _state(link.link, key)
-        if found is (Signs.OURS if action == "set" else Signs.NOTHING):
+        if found is wanted:
             break
-    return _changed(link, found, key, action)
+
+    if action == "remove":
+        return _removed(link, found)
+    return _set(link, found)
 
 
 def _refusal(link: VehicleLink, found: Signs, action: Action, old_key: bytes | None) -> str:
-    """Why nothing can be changed; empty when it can."""
+    """Return why nothing can be changed; empty when it can."""
     assert link.link is not None
     if not link.link.is_own:
-        return (
-            "nothing was changed: a key is set over the vehicle's own link only. Stop its agent; on a companion "
-            f"computer run this command there. {' '.join(link.silent_links)}".rstrip()
+        refusal = (
+            "nothing was changed: a key is set over the vehicle's own link only. Stop its agent;"
+            " on a companion computer run this command there."
         )
+        return f"{refusal} {' '.join(link.silent_links)}".rstrip()
+
     if link.is_armed:
         return "nothing was changed: it is armed, and PX4 takes no key then. Land and disarm it."
-    version = plausible_version(link.version)
-    if action == "set" and version is not None and version < SIGNING_SINCE:
+
+    if action == "set" and _is_too_old(link):
         return f"nothing was changed: {link.version_text} knows no signing, v{_SINCE} and later do."
+
     if found is Signs.OTHER and (action == "remove" or old_key is None):
         return (
-            f"nothing was changed: PX4 {found.value}. Give the key that it has with --set --old FILE; if nobody has "
-            "it, docs/mavlink-signing.md says how to get rid of it."
+            f"nothing was changed: PX4 {found.value}. Give the key that it has with --set --old"
+            " FILE; if nobody has it, docs/mavlink-signing.md says how to get rid of it."
         )
     return ""
 
 
-def _changed(link: VehicleLink, found: Signs, key: bytes | None, action: Action) -> VehicleReport:
+def _is_too_old(link: VehicleLink) -> bool:
+    """Whether a PX4 is known to be older than signing."""
+    version = plausible_version(link.version)
+    return version is not None and version < SIGNING_SINCE
+
+
+def _removed(link: VehicleLink, found: Signs) -> VehicleReport:
+    """Return what became of a PX4 that was to lose its key."""
+    is_gone = found is Signs.NOTHING
+    result = " any more" if is_gone else ": it kept its key"
+    hint = ""
+    if link.vehicle.mavlink_signing:
+        hint = " Write mavlink_signing = false for it in the fleet file."
+    return VehicleReport(link.vehicle.name, is_gone, f"PX4 {found.value}{result}.{hint}")
+
+
+def _set(link: VehicleLink, found: Signs) -> VehicleReport:
+    """Return what became of a PX4 that was to get a key."""
     name = link.vehicle.name
-    if action == "remove":
-        is_gone = found is Signs.NOTHING
-        hint = (
-            " Write mavlink_signing = false for it in the fleet file."
-            if link.vehicle.mavlink_signing
-            else ""
-        )
-        return VehicleReport(
-            name,
-            is_gone,
-            f"PX4 {found.value}{' any more' if is_gone else ': it kept its key'}.{hint}",
-        )
     if found is not Signs.OURS:
-        return VehicleReport(
-            name, False, f"PX4 took no key: it {found.value}. Restart it, and try once more."
-        )
-    is_deaf = not _answers_unsigned(link.link)
-    hint = (
-        ""
-        if link.vehicle.mavlink_signing
-        else " Write mavlink_signing = true for it, or its agent is not heard."
-    )
-    ignores = "ignores what is not signed" if is_deaf else "STILL ANSWERS what is not signed"
-    return VehicleReport(name, is_deaf, f"the key is set: PX4 signs with it and {ignores}.{hint}")
+        headline = f"PX4 took no key: it {found.value}. Restart it, and try once more."
+        return VehicleReport(name, False, headline)
+
+    ignores_unsigned = not _answers_unsigned(link.link)
+    result = "STILL ANSWERS what is not signed"
+    if ignores_unsigned:
+        result = "ignores what is not signed"
+    hint = ""
+    if not link.vehicle.mavlink_signing:
+        hint = " Write mavlink_signing = true for it, or its agent is not heard."
+    headline = f"the key is set: PX4 signs with it and {result}.{hint}"
+    return VehicleReport(name, ignores_unsigned, headline)
 
 
-def _looked(link: VehicleLink, found: Signs, key: bytes | None) -> VehicleReport:
-    demanded = link.vehicle.mavlink_signing
-    is_fine = found is (Signs.OURS if demanded else Signs.NOTHING)
-    demand = "" if is_fine else f" The fleet file says mavlink_signing = {str(demanded).lower()}."
+def _looked_at(link: VehicleLink, found: Signs) -> VehicleReport:
+    """Return whether a PX4 does as the fleet file demands."""
+    is_demanded = link.vehicle.mavlink_signing
+    is_fine = found is (Signs.OURS if is_demanded else Signs.NOTHING)
+    demand = ""
+    if not is_fine:
+        demand = f" The fleet file says mavlink_signing = {str(is_demanded).lower()}."
     return VehicleReport(link.vehicle.name, is_fine, f"{_words(link, found)}.{demand}")
 
 
 def _words(link: VehicleLink, found: Signs) -> str:
-    version = plausible_version(link.version)
-    cannot = (
-        f" (before v{_SINCE} none can)" if version is not None and version < SIGNING_SINCE else ""
-    )
-    return f"{link.version_text} {found.value}{cannot}"
+    reason = ""
+    if _is_too_old(link):
+        reason = f" (before v{_SINCE} none can)"
+    return f"{link.version_text} {found.value}{reason}"
 
 
 def _state(link: AutopilotLink, key: bytes | None) -> Signs:
-    """Listen for a moment; sent is what is signed with the key, so that PX4's timestamps catch up."""
+    """Listen for a moment, and say what PX4 does with its messages.
+
+    What is sent meanwhile is signed with the key, so that PX4's timestamps catch up.
+    """
     signing = link.sign(key)
-    # what it had sent before is no sign of what it does now
+
+    # What PX4 had sent before is no sign of what it does now.
     link.listen(_LISTEN_S, [_AUTOPILOT_VERSION])
-    seen, good = signing.sig_count, signing.goodsig_count
+    signed_before = signing.sig_count
+    good_before = signing.goodsig_count
+
     link.listen(_LISTEN_S)
-    if signing.goodsig_count > good:
+    if signing.goodsig_count > good_before:
         return Signs.OURS
-    return Signs.OTHER if signing.sig_count > seen else Signs.NOTHING
+    if signing.sig_count > signed_before:
+        return Signs.OTHER
+    return Signs.NOTHING
 
 
 def _answers_unsigned(link: AutopilotLink | None) -> bool:

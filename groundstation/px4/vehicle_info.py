@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -18,9 +18,13 @@ from onboard.px4.message_parsers import PARSERS
 from onboard.px4.sensor_status import sensors
 
 _LISTEN_S = 2.5
-_AUTOPILOT_VERSION = 148
+_AUTOPILOT_VERSION = 148  # a message that PX4 sends when it is asked
 _WIDTH = 118
+
+# FIRMWARE_VERSION_TYPE of MAVLink.
 _KINDS = {0: "development", 64: "alpha", 128: "beta", 192: "release candidate", 255: "release"}
+
+# GPS_FIX_TYPE of MAVLink.
 _FIXES = {
     0: "no receiver",
     1: "no fix",
@@ -31,14 +35,17 @@ _FIXES = {
     6: "RTK",
 }
 
+# Name of each message that was heard, and the newest one.
+_Messages = Mapping[str, Any]
+
 
 @dataclass(frozen=True, slots=True)
 class VehicleInfo:
-    """Facts about one vehicle, by subject; ``trouble`` when nothing was heard."""
+    """Facts about one vehicle."""
 
     name: str
-    facts: dict[str, str] = field(default_factory=dict)
-    trouble: str = ""
+    facts: dict[str, str] = field(default_factory=dict)  # by subject
+    trouble: str = ""  # why nothing was heard
 
 
 @dataclass(slots=True)
@@ -50,7 +57,8 @@ class _Traffic:
 
     def take(self, message: Any) -> None:
         self.count += 1
-        self.is_signed |= bool(message.get_signed())
+        if message.get_signed():
+            self.is_signed = True
 
 
 def ask(link: VehicleLink, key: bytes | None = None) -> VehicleInfo:
@@ -62,6 +70,7 @@ def ask(link: VehicleLink, key: bytes | None = None) -> VehicleInfo:
     """
     if link.link is None:
         return VehicleInfo(link.vehicle.name, trouble=link.trouble)
+
     traffic = _Traffic()
     heard = link.link.listen(_LISTEN_S, [_AUTOPILOT_VERSION], take=traffic.take)
     facts = {
@@ -77,46 +86,56 @@ def ask(link: VehicleLink, key: bytes | None = None) -> VehicleInfo:
         facts["signing"] = "it signs with the key of this vehicle, and so does Covey."
     elif traffic.is_signed:
         facts["signing"] = (
-            "it has a key of MAVLink signing and ignores what is not signed, and mavlink_signing is not true in the "
-            "fleet file: Covey cannot fly it."
+            "it has a key of MAVLink signing and ignores what is not signed, and mavlink_signing"
+            " is not true in the fleet file: Covey cannot fly it."
         )
     return VehicleInfo(link.vehicle.name, facts)
 
 
-def _version(link: VehicleLink, heard: dict[str, Any]) -> str:
-    message, version = heard.get("AUTOPILOT_VERSION"), link.version
+def _version(link: VehicleLink, heard: _Messages) -> str:
+    message = heard.get("AUTOPILOT_VERSION")
+    version = link.version
     if message is None or version is None:
         return "PX4 does not say its version"
     if plausible_version(version) is None:
         return link.version_text
+
+    # Four bytes: major, minor, patch, and the kind of firmware.
     number = message.flight_sw_version
-    commit = bytes(message.flight_custom_version)[::-1].hex()
-    oldest, newest = MEASURED_VERSIONS
-    known = "" if oldest <= version <= newest else ", never measured with Covey"
+    patch = number >> 8 & 0xFF
     kind = _KINDS.get(number & 0xFF, f"type {number & 0xFF}")
-    return f"{link.version_text}.{number >> 8 & 0xFF}, {kind}, commit {commit}{known}"
+    commit = bytes(message.flight_custom_version)[::-1].hex()
+
+    oldest, newest = MEASURED_VERSIONS
+    remark = ""
+    if not oldest <= version <= newest:
+        remark = ", never measured with Covey"
+    return f"{link.version_text}.{patch}, {kind}, commit {commit}{remark}"
 
 
-def _board(heard: dict[str, Any]) -> str:
+def _board(heard: _Messages) -> str:
     message = heard.get("AUTOPILOT_VERSION")
     if message is None:
         return "not said"
     return (
-        f"type {message.board_version >> 16}, vendor {message.vendor_id:04x}, product {message.product_id:04x}, "
-        f"serial {message.uid:016x}"
+        f"type {message.board_version >> 16}, vendor {message.vendor_id:04x},"
+        f" product {message.product_id:04x}, serial {message.uid:016x}"
     )
 
 
-def _uptime(heard: dict[str, Any]) -> str:
-    times = [message.time_boot_ms for message in heard.values() if hasattr(message, "time_boot_ms")]
-    if not times:
+def _uptime(heard: _Messages) -> str:
+    times_ms = [
+        message.time_boot_ms for message in heard.values() if hasattr(message, "time_boot_ms")
+    ]
+    if not times_ms:
         return "not said"
-    minutes, seconds = divmod(max(times) // 1000, 60)
+    minutes, seconds = divmod(max(times_ms) // 1000, 60)
     hours, minutes = divmod(minutes, 60)
     return f"{hours} h {minutes} min {seconds} s"
 
 
-def _snapshot(heard: dict[str, Any], *names: str) -> Snapshot:
+def _snapshot(heard: _Messages, *names: str) -> Snapshot:
+    """Return what some messages say, read as an agent reads them."""
     changes: dict[str, Any] = {}
     for name in names:
         if name in heard:
@@ -124,7 +143,7 @@ def _snapshot(heard: dict[str, Any], *names: str) -> Snapshot:
     return Snapshot(**changes)
 
 
-def _state(heard: dict[str, Any]) -> str:
+def _state(heard: _Messages) -> str:
     known = _snapshot(heard, "HEARTBEAT", "EXTENDED_SYS_STATE", "BATTERY_STATUS")
     words = ["armed" if known.is_armed else "disarmed", known.mode or "mode not said"]
     if known.landed is not Landed.UNKNOWN:
@@ -136,73 +155,79 @@ def _state(heard: dict[str, Any]) -> str:
     return ", ".join(words)
 
 
-def _sensors(heard: dict[str, Any]) -> str:
+def _sensors(heard: _Messages) -> str:
     if "SYS_STATUS" not in heard:
         return "not said"
     known = sensors(_snapshot(heard, "SYS_STATUS"))
-    unhealthy = ", ".join(name for name, is_healthy in known if not is_healthy)
     healthy = ", ".join(name for name, is_healthy in known if is_healthy)
+    unhealthy = ", ".join(name for name, is_healthy in known if not is_healthy)
     return f"healthy: {healthy or 'none'}; unhealthy: {unhealthy or 'none'}"
 
 
-def _satellites(heard: dict[str, Any]) -> str:
+def _satellites(heard: _Messages) -> str:
     message = heard.get("GPS_RAW_INT")
     if message is None:
         return "no receiver reports"
-    return f"{_FIXES.get(message.fix_type, f'fix {message.fix_type}')}, {message.satellites_visible} satellites"
+    fix = _FIXES.get(message.fix_type, f"fix {message.fix_type}")
+    return f"{fix}, {message.satellites_visible} satellites"
 
 
 def _links(link: VehicleLink, traffic: _Traffic, key: bytes | None) -> str:
-    assert link.link is not None
-    vehicle = link.vehicle
     parts = [f"{link.endpoint}: {traffic.count / _LISTEN_S:.0f} messages/s"]
-    if link.endpoint == vehicle.autopilot:
-        parts.append(_direct(vehicle, key))
+    if link.endpoint == link.vehicle.autopilot:
+        parts.append(_direct_link(link.vehicle, key))
     else:
         parts += link.silent_links
     return "; ".join(part.rstrip(".") for part in parts)
 
 
-def _direct(vehicle: Vehicle, key: bytes | None) -> str:
+def _direct_link(vehicle: Vehicle, key: bytes | None) -> str:
+    """Return whether PX4 answers at its ground link too."""
     if vehicle.direct is None:
         return "no direct link in the fleet file"
     try:
         ground = AutopilotLink(vehicle.direct, vehicle.system_id, key=key)
     except (OSError, ValueError) as error:
         return f"{vehicle.direct}: {error}"
+
     try:
-        return f"{vehicle.direct}: {'answers' if ground.is_armed() is not None else 'silent'}"
+        is_heard = ground.is_armed() is not None
+        return f"{vehicle.direct}: {'answers' if is_heard else 'silent'}"
     finally:
         ground.stop()
 
 
 def exit_status(found: Sequence[VehicleInfo]) -> int:
-    """0 all answered; 10 nobody; 50 some."""
-    if all(one.trouble for one in found):
+    """Return 0 all answered; 10 nobody; 50 some."""
+    if all(vehicle.trouble for vehicle in found):
         return EXIT_NO_ANSWER
-    return status_of([not one.trouble for one in found])
+    return status_of([not vehicle.trouble for vehicle in found])
 
 
 def as_text(found: Sequence[VehicleInfo]) -> str:
-    """The list for people."""
+    """Return the list for people."""
     lines: list[str] = []
-    for one in found:
-        if one.trouble:
-            lines += textwrap.wrap(
-                f"{one.name}: no answer. {one.trouble}", _WIDTH, subsequent_indent="  "
-            )
+    for vehicle in found:
+        if vehicle.trouble:
+            text = f"{vehicle.name}: no answer. {vehicle.trouble}"
+            lines += textwrap.wrap(text, _WIDTH, subsequent_indent="  ")
             continue
-        lines.append(f"{one.name}:")
-        for subject, text in one.facts.items():
-            first = f"  {subject:<11}"
-            lines += textwrap.wrap(
-                text, _WIDTH, initial_indent=first, subsequent_indent=" " * len(first)
-            )
+
+        lines.append(f"{vehicle.name}:")
+        for subject, text in vehicle.facts.items():
+            head = f"  {subject:<11}"
+            indent = " " * len(head)
+            lines += textwrap.wrap(text, _WIDTH, initial_indent=head, subsequent_indent=indent)
     return "\n".join(lines)
 
 
 def as_mapping(found: Sequence[VehicleInfo]) -> dict[str, Any]:
-    """The same for programs."""
+    """Return the same for programs."""
     return {
-        one.name: {"answers": not one.trouble, "trouble": one.trouble, **one.facts} for one in found
+        vehicle.name: {
+            "answers": not vehicle.trouble,
+            "trouble": vehicle.trouble,
+            **vehicle.facts,
+        }
+        for vehicle in found
     }

@@ -1,5 +1,4 @@
-"""Each vehicle's PX4 past its agent: the link that answers, and the same work done for several at a
-time.
+"""Links to each vehicle's PX4 past its agent, and the same work done for several at a time.
 
 The vehicle's own link is used when no agent holds it, else PX4's ground link (``direct``): PX4
 answers on a link only the program that it heard there first, so nothing may push in between an
@@ -19,8 +18,8 @@ from onboard.autopilot import LinkError, Version, plausible_version
 from onboard.config.fleet import Vehicle
 from onboard.px4.port_lock import PortClaim
 
-_ANSWER_S = 4.0
-_LARGEST_BATCH = 8
+_ANSWER_S = 4.0  # within which a PX4 is heard
+_LARGEST_BATCH = 8  # vehicles at a time
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
@@ -38,27 +37,27 @@ class VehicleLink:
 
     @property
     def endpoint(self) -> str:
-        """Where PX4 answers; empty when it does not."""
-        return self.link.endpoint if self.link is not None else ""
+        """The endpoint at which PX4 answers; empty when it does not."""
+        if self.link is None:
+            return ""
+        return self.link.endpoint
 
     @property
     def version_text(self) -> str:
         """The reported version in words."""
         if self.version is None:
             return "an unknown version of PX4"
-        dotted = ".".join(map(str, self.version))
-        return (
-            f"PX4 v{dotted}"
-            if plausible_version(self.version)
-            else f"version {dotted}, which no PX4 has"
-        )
+        dotted = ".".join(str(number) for number in self.version)
+        if plausible_version(self.version):
+            return f"PX4 v{dotted}"
+        return f"version {dotted}, which no PX4 has"
 
 
 @contextlib.contextmanager
 def opened(
     vehicles: Sequence[Vehicle], keys: Mapping[str, bytes], *, hears_all: bool = False
 ) -> Iterator[list[VehicleLink]]:
-    """Links to several vehicles, closed with the block.
+    """Open links to several vehicles, closed with the block.
 
     Args:
         vehicles: whose.
@@ -66,9 +65,11 @@ def opened(
         hears_all: whether PX4 is heard whatever it signs with.
     """
     with contextlib.ExitStack() as stack:
-        yield for_each(
-            lambda vehicle: _open(vehicle, stack, keys.get(vehicle.name), hears_all), vehicles
-        )
+
+        def open_one(vehicle: Vehicle) -> VehicleLink:
+            return _open(vehicle, stack, keys.get(vehicle.name), hears_all=hears_all)
+
+        yield for_each(open_one, vehicles)
 
 
 def for_each(function: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
@@ -78,10 +79,22 @@ def for_each(function: Callable[[Item], Result], items: Sequence[Item]) -> list[
 
 
 def _open(
-    vehicle: Vehicle, stack: contextlib.ExitStack, key: bytes | None, hears_all: bool
+    vehicle: Vehicle, stack: contextlib.ExitStack, key: bytes | None, *, hears_all: bool
 ) -> VehicleLink:
+    """Open the first link at which a vehicle's PX4 is heard.
+
+    Args:
+        vehicle: whose.
+        stack: closes the link.
+        key: of its MAVLink signing.
+        hears_all: whether PX4 is heard whatever it signs with.
+    """
+    # Each endpoint, and whether it is the vehicle's own link, which an agent may hold.
+    endpoints = [(vehicle.autopilot, True)]
+    if vehicle.direct:
+        endpoints.append((vehicle.direct, False))
+
     troubles: list[str] = []
-    endpoints = [(vehicle.autopilot, True)] + ([(vehicle.direct, False)] if vehicle.direct else [])
     for endpoint, is_own in endpoints:
         claim = PortClaim(endpoint)
         try:
@@ -94,20 +107,28 @@ def _open(
             claim.release()
             troubles.append(str(error))
             continue
+
         is_armed = link.is_armed(_ANSWER_S)
-        if is_armed is not None:
-            stack.callback(claim.release)
-            stack.callback(link.stop)
-            return VehicleLink(
-                vehicle, link, is_armed, link.version(), silent_links=tuple(troubles)
-            )
-        link.stop()
-        claim.release()
-        troubles.append(_silence(link, vehicle, is_signed=key is not None))
+        if is_armed is None:
+            link.stop()
+            claim.release()
+            troubles.append(_silence(link, vehicle, is_signed=key is not None))
+            continue
+
+        stack.callback(claim.release)
+        stack.callback(link.stop)
+        return VehicleLink(
+            vehicle=vehicle,
+            link=link,
+            is_armed=is_armed,
+            version=link.version(),
+            silent_links=tuple(troubles),
+        )
+
     if vehicle.direct is None:
         troubles.append(
-            f"The fleet file gives no direct endpoint: stop its agent, or set vehicles.{vehicle.name}.direct to PX4's "
-            "ground link."
+            "The fleet file gives no direct endpoint: stop its agent, or set"
+            f" vehicles.{vehicle.name}.direct to PX4's ground link."
         )
     else:
         troubles.append("Start PX4, or check cable and ports.")
@@ -115,14 +136,15 @@ def _open(
 
 
 def _silence(link: AutopilotLink, vehicle: Vehicle, *, is_signed: bool) -> str:
-    if link.other_system_id is None:
-        with_key = (
-            f" that is signed with the key of {vehicle.name} (covey px4 signing says more)"
-            if is_signed
-            else ""
+    """Return a sentence on a link at which this vehicle's PX4 is not heard."""
+    if link.other_system_id is not None:
+        return (
+            f"The PX4 at {link.endpoint} has MAVLink system id {link.other_system_id}, but the"
+            f" fleet file says {vehicle.system_id}. Correct 'system_id' or the endpoint of this"
+            " vehicle, or MAV_SYS_ID of this PX4."
         )
-        return f"Nothing is heard from PX4 at {link.endpoint}{with_key}."
-    return (
-        f"The PX4 at {link.endpoint} has MAVLink system id {link.other_system_id}, but the fleet file says "
-        f"{vehicle.system_id}. Correct 'system_id' or the endpoint of this vehicle, or MAV_SYS_ID of this PX4."
-    )
+
+    with_key = ""
+    if is_signed:
+        with_key = f" that is signed with the key of {vehicle.name} (covey px4 signing says more)"
+    return f"Nothing is heard from PX4 at {link.endpoint}{with_key}."

@@ -1,5 +1,6 @@
-"""Parameters of each vehicle's PX4 beside those that close flight needs; setting them, and reading
-them back.
+"""The parameters that close flight needs: what each PX4 has instead, setting them, reading them back.
+
+Before anything is set, all parameters of the vehicles concerned are saved to a file.
 """
 
 from __future__ import annotations
@@ -42,12 +43,12 @@ class ParameterState:
 
 @dataclass(frozen=True, slots=True)
 class VehicleParams:
-    """Parameters of one vehicle, read at one endpoint; ``trouble``: why there are no more."""
+    """Parameters of one vehicle."""
 
     name: str
-    endpoint: str
+    endpoint: str  # at which they were read
     rows: tuple[ParameterState, ...]
-    trouble: str = ""
+    trouble: str = ""  # why there are no more
     version: str = ""  # of its PX4, in words
     is_stored: bool = False  # PX4 has written them: a restart keeps them
     is_armed: bool = False
@@ -75,7 +76,9 @@ def read_one(link: VehicleLink) -> VehicleParams:
     demands = all_params(link.vehicle, link.version)
     values: dict[str, Value | None] = {}
     trouble = link.trouble
+    version = ""
     if link.link is not None:
+        version = link.version_text
         try:
             for demand in demands:
                 values[demand.name] = link.link.read(demand.name)
@@ -83,10 +86,14 @@ def read_one(link: VehicleLink) -> VehicleParams:
             trouble = (
                 f"{error} {len(values)} of {len(demands)} parameters were read. Run this once more."
             )
-    rows = tuple(ParameterState(demand, values.get(demand.name)) for demand in demands)
-    version = link.version_text if link.link is not None else ""
+
     return VehicleParams(
-        link.vehicle.name, link.endpoint, rows, trouble, version, is_armed=link.is_armed
+        name=link.vehicle.name,
+        endpoint=link.endpoint,
+        rows=tuple(ParameterState(demand, values.get(demand.name)) for demand in demands),
+        trouble=trouble,
+        version=version,
+        is_armed=link.is_armed,
     )
 
 
@@ -97,51 +104,65 @@ def set_all(
 
     Args:
         links: to the vehicles.
-        states: as they were read.
+        states: of the same vehicles, as they were read.
         backup: file to write, if anything is to be set.
 
     Raises:
         ConfigError: the backup cannot be written; nothing was changed.
     """
-    needed = {
-        state.name: [row.demand for row in state.rows if not row.is_met and row.value is not None]
-        for state in states
-    }
-    concerned = [
-        link
-        for link, state in zip(links, states, strict=True)
-        if needed[state.name] and not state.trouble and not state.is_armed
-    ]
+    state_of = {state.name: state for state in states}
+    required = {state.name: _to_be_set(state) for state in states}
+
+    concerned = []
+    for link, state in zip(links, states, strict=True):
+        if required[state.name] and not state.trouble and not state.is_armed:
+            concerned.append(link)
     saved, _ = save(concerned, backup)
 
     def set_one(link: VehicleLink) -> VehicleParams:
-        state = next(state for state in states if state.name == link.vehicle.name)
-        if state.is_armed and needed[state.name]:
+        state = state_of[link.vehicle.name]
+        if state.is_armed and required[state.name]:
             return replace(state, trouble=ARMED)
         if link not in concerned:
             return state
         if saved[state.name]:
-            return replace(
-                state,
-                trouble=f"Nothing was changed, since it could not be saved: {saved[state.name]}",
-            )
-        assert link.link is not None
-        before = {row.demand.name: row.value for row in state.rows}
-        changes, trouble = write_all(link.link, needed[state.name], before)
-        of_name = {change.name: change for change in changes}
-        rows = tuple(
-            replace(row, value=of_name[row.demand.name].after, change=of_name[row.demand.name])
-            if row.demand.name in of_name
-            else row
-            for row in state.rows
-        )
-        return replace(state, rows=rows, trouble=trouble, is_stored=not trouble)
+            trouble = f"Nothing was changed, since it could not be saved: {saved[state.name]}"
+            return replace(state, trouble=trouble)
+        return _set(link, state, required[state.name])
 
     return for_each(set_one, links)
 
 
+def _to_be_set(state: VehicleParams) -> list[RequiredParam]:
+    """Return what differs; a parameter that PX4 did not send cannot be set."""
+    return [row.demand for row in state.rows if not row.is_met and row.value is not None]
+
+
+def _set(
+    link: VehicleLink, state: VehicleParams, required: Sequence[RequiredParam]
+) -> VehicleParams:
+    """Set parameters of one vehicle; return its state afterwards."""
+    assert link.link is not None
+    before = {row.demand.name: row.value for row in state.rows}
+    changes, trouble = write_all(link.link, required, before)
+
+    change_of = {change.name: change for change in changes}
+    rows = []
+    for row in state.rows:
+        change = change_of.get(row.demand.name)
+        if change is None:
+            rows.append(row)
+        else:
+            rows.append(replace(row, value=change.after, change=change))
+    return replace(state, rows=tuple(rows), trouble=trouble, is_stored=not trouble)
+
+
 def save(links: Sequence[VehicleLink], path: Path) -> tuple[dict[str, str], dict[str, int]]:
     """Write all parameters of vehicles to one file.
+
+    Args:
+        links: to the vehicles.
+        path: of the file.
 
     Returns:
         Vehicle -> why it is not in the file, empty when it is; vehicle -> number of its parameters.
@@ -149,17 +170,21 @@ def save(links: Sequence[VehicleLink], path: Path) -> tuple[dict[str, str], dict
     Raises:
         ConfigError: the file cannot be written.
     """
-    read = for_each(read_whole, links)
-    whole = {
-        link.vehicle.system_id: (f"{link.vehicle.name}, {link.version_text}", values)
-        for link, values in zip(links, read, strict=True)
-        if not isinstance(values, str)
-    }
-    if whole:
-        write_file(path, whole)
-    of_name = dict(zip((link.vehicle.name for link in links), read, strict=True))
-    troubles = {name: values if isinstance(values, str) else "" for name, values in of_name.items()}
-    return troubles, {name: len(values) for name, values in of_name.items()}
+    troubles: dict[str, str] = {}
+    counts: dict[str, int] = {}
+    contents = {}
+    for link, values in zip(links, for_each(read_whole, links), strict=True):
+        name = link.vehicle.name
+        counts[name] = len(values)
+        if isinstance(values, str):
+            troubles[name] = values
+        else:
+            troubles[name] = ""
+            contents[link.vehicle.system_id] = (f"{name}, {link.version_text}", values)
+
+    if contents:
+        write_file(path, contents)
+    return troubles, counts
 
 
 def read_whole(link: VehicleLink) -> dict[str, Value] | str:
@@ -173,92 +198,110 @@ def read_whole(link: VehicleLink) -> dict[str, Value] | str:
 
 
 def exit_status(answers: Sequence[VehicleParams]) -> int:
-    """0 all are as needed; 1 none is; 10 nobody answered; 50 some are and some are not."""
+    """Return 0 all are as needed; 1 none is; 10 nobody answered; 50 some are and some are not."""
     if not any(answer.answers for answer in answers):
         return EXIT_NO_ANSWER
     return status_of([answer.is_fine for answer in answers])
 
 
 def status_of(fine: Sequence[bool]) -> int:
-    """0 all are fine; 1 none is; 50 some are."""
-    return EXIT_OK if all(fine) else EXIT_MIXED if any(fine) else EXIT_FAILED
+    """Return 0 all are fine; 1 none is; 50 some are."""
+    if all(fine):
+        return EXIT_OK
+    if any(fine):
+        return EXIT_MIXED
+    return EXIT_FAILED
 
 
 def as_text(answers: Sequence[VehicleParams]) -> str:
-    """The list for people."""
+    """Return the list for people."""
     lines: list[str] = []
     for answer in answers:
-        off = sum(not row.is_met for row in answer.rows)
-        if not answer.answers:
-            lines += textwrap.wrap(
-                f"{answer.name}: no answer. {answer.trouble}", _WIDTH, subsequent_indent="  "
-            )
-            continue
-        state = (
-            f"{off} of {len(answer.rows)} differ"
-            if off
-            else f"all {len(answer.rows)} are as they should be"
-        )
-        lines.append(f"{answer.name}, {answer.version}, read at {answer.endpoint}: {state}.")
-        for row in answer.rows:
-            lines += textwrap.wrap(
-                _line(row, answer), _WIDTH, subsequent_indent=" " * 10, initial_indent="  "
-            )
-        lines += textwrap.wrap(answer.trouble, _WIDTH, initial_indent="  ", subsequent_indent="  ")
-        if answer.is_stored:
-            lines.append("  Stored: PX4 keeps them over a restart.")
-        if answer.restarts_for:
-            lines.append(
-                f"  Restart PX4: it reads {', '.join(answer.restarts_for)} only when it starts."
-            )
+        if answer.answers:
+            lines += _vehicle_lines(answer)
+        else:
+            text = f"{answer.name}: no answer. {answer.trouble}"
+            lines += textwrap.wrap(text, _WIDTH, subsequent_indent="  ")
+
     versions = {answer.version for answer in answers if answer.version}
     if len(versions) > 1:
         lines.append(
-            f"Not all are of one version ({', '.join(sorted(versions))}): each was asked for what its own needs."
+            f"Not all are of one version ({', '.join(sorted(versions))}):"
+            " each was asked for what its own needs."
         )
     return "\n".join(lines)
 
 
-def _line(row: ParameterState, of: VehicleParams) -> str:
-    demand, change = row.demand, row.change
-    missing = "not read" if of.trouble else f"unknown to {of.version}"
-    value = missing if row.value is None else f"{row.value:g}"
-    if change is not None and row.was_set:
-        return (
-            f"{'set':<8}{demand.name:<16} {change.before:g} -> {value}, read back: {demand.reason}"
+def _vehicle_lines(answer: VehicleParams) -> list[str]:
+    off = sum(1 for row in answer.rows if not row.is_met)
+    summary = f"all {len(answer.rows)} are as they should be"
+    if off:
+        summary = f"{off} of {len(answer.rows)} differ"
+
+    lines = [f"{answer.name}, {answer.version}, read at {answer.endpoint}: {summary}."]
+    for row in answer.rows:
+        lines += textwrap.wrap(
+            _line(row, answer), _WIDTH, subsequent_indent=" " * 10, initial_indent="  "
         )
+    lines += textwrap.wrap(answer.trouble, _WIDTH, initial_indent="  ", subsequent_indent="  ")
+
+    if answer.is_stored:
+        lines.append("  Stored: PX4 keeps them over a restart.")
+    if answer.restarts_for:
+        names = ", ".join(answer.restarts_for)
+        lines.append(f"  Restart PX4: it reads {names} only when it starts.")
+    return lines
+
+
+def _line(row: ParameterState, answer: VehicleParams) -> str:
+    """Return the line of one parameter."""
+    demand = row.demand
+    if row.value is not None:
+        value = f"{row.value:g}"
+    elif answer.trouble:
+        value = "not read"
+    else:
+        value = f"unknown to {answer.version}"
+
+    if row.change is not None and row.was_set:
+        before = f"{row.change.before:g}"
+        return f"{'set':<8}{demand.name:<16} {before} -> {value}, read back: {demand.reason}"
     if row.is_met:
         return f"{'ok':<8}{demand.name:<16} {value}"
+
     mark = "better" if demand.is_advice else "WRONG"
-    became = f" ({change.outcome.value})" if change is not None else ""
-    return (
-        f"{mark:<8}{demand.name:<16} {value}{became}, should be {demand.value:g}: {demand.reason}"
-    )
+    outcome = ""
+    if row.change is not None:
+        outcome = f" ({row.change.outcome.value})"
+    required = f"should be {demand.value:g}: {demand.reason}"
+    return f"{mark:<8}{demand.name:<16} {value}{outcome}, {required}"
 
 
 def as_mapping(answers: Sequence[VehicleParams]) -> dict[str, Any]:
-    """The same for programs."""
+    """Return the same for programs."""
+    return {answer.name: _vehicle_mapping(answer) for answer in answers}
+
+
+def _vehicle_mapping(answer: VehicleParams) -> dict[str, Any]:
     return {
-        answer.name: {
-            "answers": answer.answers,
-            "is_fine": answer.is_fine,
-            "version": answer.version,
-            "asked_at": answer.endpoint,
-            "trouble": answer.trouble,
-            "is_stored": answer.is_stored,
-            "restart_for": list(answer.restarts_for),
-            "params": {
-                row.demand.name: {
-                    "is": row.value,
-                    "should": row.demand.value,
-                    "why": row.demand.reason,
-                    "is_met": row.is_met,
-                    "is_required": not row.demand.is_advice,
-                    "was_set": row.was_set,
-                    "outcome": row.change.outcome.value if row.change is not None else "",
-                }
-                for row in answer.rows
-            },
-        }
-        for answer in answers
+        "answers": answer.answers,
+        "is_fine": answer.is_fine,
+        "version": answer.version,
+        "asked_at": answer.endpoint,
+        "trouble": answer.trouble,
+        "is_stored": answer.is_stored,
+        "restart_for": list(answer.restarts_for),
+        "params": {row.demand.name: _row_mapping(row) for row in answer.rows},
+    }
+
+
+def _row_mapping(row: ParameterState) -> dict[str, Any]:
+    return {
+        "is": row.value,
+        "should": row.demand.value,
+        "why": row.demand.reason,
+        "is_met": row.is_met,
+        "is_required": not row.demand.is_advice,
+        "was_set": row.was_set,
+        "outcome": "" if row.change is None else row.change.outcome.value,
     }
