@@ -7,9 +7,9 @@ that the vehicle should have by now. The measured attitude is regressed on that 
     measured = gain (response - late rate) + bias        for x and y, with one gain and one late,
 
 where ``rate`` is the derivative of the response and ``late`` the time by which the vehicle is
-slower than configured. The unknowns theta = (gain, gain late, bias_x, bias_y) come from recursive least
-squares with a memory of half a minute. Ten samples a second are enough. ``covey identify`` measures
-the same more accurately.
+slower than configured. The unknowns theta = (gain, gain late, bias_x, bias_y) come from recursive
+least squares with a memory of half a minute. Ten samples a second are enough. ``covey identify``
+measures the same more accurately.
 """
 
 from __future__ import annotations
@@ -122,7 +122,8 @@ def late_s(memory: ResponseMemory) -> tuple[float, float]:
 
     inverse = np.linalg.inv(normal) / scales
     theta = inverse @ memory.right
-    gain, gain_late = theta[0], theta[1]
+    gain = theta[0]
+    gain_late = theta[1]
     if gain < _LEAST_GAIN:
         return 0.0, math.inf
 

@@ -75,7 +75,9 @@ class FailsafeSupervisor:
         neighbours: NeighbourTable,
         flight: FlightContext,
     ) -> None:
-        self._observer = TickObserver(fleet, vehicle, own, flight, neighbours)
+        self._observer = TickObserver(
+            fleet=fleet, vehicle=vehicle, own=own, flight=flight, neighbours=neighbours
+        )
         self._monitor = ConditionMonitor(fleet.fleet)
         self.reports = self._observer.reports  # of PX4, and which of them are believed
 

@@ -70,7 +70,7 @@ class TickObserver:
         self._own = own
         self._flight = flight
         self._fence = _fence(fleet, vehicle)
-        # so near to another, two bodies touch; and only a breach of the safety distance is asked for
+        # nearer than this two bodies touch; it is part of a breach of the safety distance
         self._touching_m = min(fleet.fleet.body_diameter_m, fleet.fleet.safety_distance_m)
 
         self._stale = Held()

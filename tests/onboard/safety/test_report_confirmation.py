@@ -1,4 +1,4 @@
-"""A report that surprises is believed when others of its kind agree over time, and never by itself."""
+"""A report that surprises is believed when others of its kind agree, and never by itself."""
 
 from __future__ import annotations
 
