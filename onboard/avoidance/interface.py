@@ -1,5 +1,6 @@
-"""From the pipeline's values to those of the law, and back: every number that enters the law is
-finite.
+"""From the pipeline's values to those of the law, and back.
+
+Every number that enters the law is finite.
 """
 
 from __future__ import annotations
@@ -16,7 +17,10 @@ from onboard.avoidance.projection import INACTIVE
 from onboard.types import GRAVITY_M_S2, LawOutput, LawStatus, State, Thrust
 from onboard.vectors import ZERO_2, Vec2, Vec3, horizontal, length_2
 
-NOBODY, NOT_A_VEHICLE = -1, -2  # in place of the index of a neighbour
+# in place of the index of a neighbour
+NOBODY = -1
+NOT_A_VEHICLE = -2
+
 INFEASIBLE = int(LawStatus.INFEASIBLE)
 _LEVEL = Vec3(0.0, 0.0, GRAVITY_M_S2)
 _UNKNOWN = Vec3(math.nan, math.nan, math.nan)
@@ -49,27 +53,32 @@ def own_at(baseline: Baseline, predicted: Motion, state: State, params: LawParam
         predicted: own motion from :func:`predict`.
         state: its standard deviations count.
     """
-    f, compensation = baseline.thrust.thrust_enu_m_s2, baseline.compensation_enu_m_s2
+    f = baseline.thrust.thrust_enu_m_s2
     if not is_sound(baseline, predicted):
         f = _LEVEL
-    s = horizontal(compensation) if is_plausible(compensation) else ZERO_2
-    radius = horizontal_limit(f.z, params)
+
+    s = ZERO_2
+    if is_plausible(baseline.compensation_enu_m_s2):
+        s = horizontal(baseline.compensation_enu_m_s2)
+
+    radius_m_s2 = horizontal_limit(f.z, params)
+    climb = Climb(
+        height_m=state.position_enu_m.z,
+        ahead_m=predicted.position_enu_m.z,
+        velocity_m_s=predicted.velocity_enu_m_s.z,
+        way_m=INTENT_S * baseline.intent_enu_m_s.z,
+        position_std_m=state.position_std_m,
+    )
     return Own(
-        clipped(predicted.position_enu_m),
-        clipped(predicted.velocity_enu_m_s),
-        clipped(baseline.intent_enu_m_s),
-        margin_2(state.position_std_m, state.velocity_std_m_s, params.spacing),
-        into_disc(Vec2(f.x + s.x, f.y + s.y), radius),
-        f.z,
-        s,
-        radius,
-        Climb(
-            state.position_enu_m.z,
-            predicted.position_enu_m.z,
-            predicted.velocity_enu_m_s.z,
-            INTENT_S * baseline.intent_enu_m_s.z,
-            state.position_std_m,
-        ),
+        position_m=clipped(predicted.position_enu_m),
+        velocity_m_s=clipped(predicted.velocity_enu_m_s),
+        intent_m_s=clipped(baseline.intent_enu_m_s),
+        margin_2_m2=margin_2(state.position_std_m, state.velocity_std_m_s, params.spacing),
+        thrust_m_s2=into_disc(Vec2(f.x + s.x, f.y + s.y), radius_m_s2),
+        thrust_z_m_s2=f.z,
+        compensation_m_s2=s,
+        radius_m_s2=radius_m_s2,
+        climb=climb,
     )
 
 
@@ -83,22 +92,26 @@ def output_of(
         own: of this tick.
         baseline, predicted: as they came in.
     """
-    u, s = answer.thrust_m_s2, own.compensation_m_s2
+    u = answer.thrust_m_s2
+    s = own.compensation_m_s2
     command = Vec3(u.x - s.x, u.y - s.y, own.thrust_z_m_s2 - GRAVITY_M_S2)
+
     has_motion = is_sound(baseline, predicted)
     is_usable = has_motion and is_plausible(baseline.compensation_enu_m_s2)
+    change = Vec2(u.x - own.thrust_m_s2.x, u.y - own.thrust_m_s2.y)
+
     return LawOutput(
-        Thrust(Vec3(command.x, command.y, own.thrust_z_m_s2)),
-        predicted.position_enu_m if has_motion else _UNKNOWN,
-        predicted.velocity_enu_m_s if has_motion else _UNKNOWN,
-        command,
-        answer.status if is_usable else INFEASIBLE,
-        length_2(Vec2(u.x - own.thrust_m_s2.x, u.y - own.thrust_m_s2.y)),
-        answer.slack_m_s2,
-        answer.crowd_count,
-        answer.active,
-        params.lead_time_s,
-        Vec3(own.intent_m_s.x, own.intent_m_s.y, bounded(baseline.intent_enu_m_s.z)),
+        thrust=Thrust(Vec3(command.x, command.y, own.thrust_z_m_s2)),
+        predicted_position_enu_m=predicted.position_enu_m if has_motion else _UNKNOWN,
+        predicted_velocity_enu_m_s=predicted.velocity_enu_m_s if has_motion else _UNKNOWN,
+        commanded_acceleration_enu_m_s2=command,
+        status=answer.status if is_usable else INFEASIBLE,
+        intervention_m_s2=length_2(change),
+        slack_m_s2=answer.slack_m_s2,
+        crowd_count=answer.crowd_count,
+        active_neighbour=answer.active,
+        lead_time_s=params.lead_time_s,
+        intent_enu_m_s=Vec3(own.intent_m_s.x, own.intent_m_s.y, bounded(baseline.intent_enu_m_s.z)),
     )
 
 
@@ -127,27 +140,25 @@ def unchanged(
         intent_enu_m_s: published as it is.
     """
     f = thrust.thrust_enu_m_s2
-    command = Vec3(f.x, f.y, f.z - GRAVITY_M_S2)
     return LawOutput(
-        thrust,
-        predicted.position_enu_m,
-        predicted.velocity_enu_m_s,
-        command,
-        INACTIVE,
-        0.0,
-        0.0,
-        0.0,
-        NOBODY,
-        params.lead_time_s,
-        intent_enu_m_s,
+        thrust=thrust,
+        predicted_position_enu_m=predicted.position_enu_m,
+        predicted_velocity_enu_m_s=predicted.velocity_enu_m_s,
+        commanded_acceleration_enu_m_s2=Vec3(f.x, f.y, f.z - GRAVITY_M_S2),
+        status=INACTIVE,
+        intervention_m_s2=0.0,
+        slack_m_s2=0.0,
+        crowd_count=0.0,
+        active_neighbour=NOBODY,
+        lead_time_s=params.lead_time_s,
+        intent_enu_m_s=intent_enu_m_s,
     )
 
 
 def horizontal_limit(thrust_z_m_s2: float, params: LawParams) -> float:
-    """Return the largest horizontal thrust [m/s^2] that leaves the vertical one as it is, by tilt
-    and by full throttle.
+    """Return the largest horizontal thrust [m/s^2] that leaves the vertical one as it is.
 
-    DEVIATION D8.
+    Tilt and full throttle limit it. DEVIATION D8.
 
     Args:
         thrust_z_m_s2: vertical thrust.

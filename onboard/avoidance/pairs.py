@@ -22,8 +22,8 @@ LARGEST_MARGIN_M = 5.0
 COINCIDENT_M = 1e-6
 SETTLED_M_S = 0.1  # a vehicle that intends to go no faster than this is no part of a crowd
 _LARGEST_STD = 1e3
-# of the distance to keep: below the one a climb waits, from the other on it goes
-_WAITS_FRAC, _GOES_FRAC = 0.5, 0.9
+_WAITS_FRAC = 0.5  # of the distance to keep: nearer than this, a climb waits
+_GOES_FRAC = 0.9  # of the distance to keep: from here on a climb goes on at full speed
 _LEAST_DISTANCE_M = 0.01  # rows are divided by the distance to keep
 
 
@@ -75,37 +75,44 @@ class Surface(NamedTuple):
 
 
 def nearest_pairs(own: Own, neighbours: Sequence[Neighbour], params: LawParams) -> Pairs:
-    """Return the pairs with the nearest neighbours within range, and how crowded it is (lines P3
-    and D).
+    """Return the pairs with the nearest neighbours within range, and the crowd (lines P3 and D).
 
     Args:
         own: this vehicle at t + L.
         neighbours: as received, in any order.
     Properties: independent of the neighbours' order.
     """
+    spacing = params.spacing
+    range_2_m2 = spacing.range_m * spacing.range_m
+
     pairs: list[NeighbourPair] = []
-    crowd_count, is_sound = 0.0, True
-    range_2 = params.spacing.range_m * params.spacing.range_m
+    crowd_count = 0.0
+    is_sound = True
     for neighbour in neighbours:
         other = receive(neighbour, params.lead_time_s)
         if not other.is_usable:
             is_sound = False
             continue
+
         e = Vec2(own.position_m.x - other.position_m.x, own.position_m.y - other.position_m.y)
-        distance_2 = dot_2(e, e)
-        if not distance_2 <= range_2:
+        distance_2_m2 = dot_2(e, e)
+        if not distance_2_m2 <= range_2_m2:
             continue
-        share = share_of(own.climb, neighbour, params.lead_time_s, params.spacing)
+
+        share = share_of(own.climb, neighbour, params.lead_time_s, spacing)
         if share <= 0.0:
-            continue
-        if distance_2 < COINCIDENT_M * COINCIDENT_M:
+            continue  # one passes above the other
+
+        if distance_2_m2 < COINCIDENT_M * COINCIDENT_M:
             is_sound = False
+
         pair = _pair(own, neighbour, other, e, share, params)
         if pair.is_near:
             crowd_count += 1.0
         pairs.append(pair)
+
     order = ascending([pair.distance_2_m2 for pair in pairs])
-    nearest = [pairs[k] for k in order[: params.spacing.max_neighbours]]
+    nearest = [pairs[k] for k in order[: spacing.max_neighbours]]
     return Pairs(nearest, crowd_count, is_sound)
 
 
@@ -113,76 +120,95 @@ def _pair(
     own: Own, neighbour: Neighbour, other: Received, e: Vec2, share: float, params: LawParams
 ) -> NeighbourPair:
     w = Vec2(own.velocity_m_s.x - other.velocity_m_s.x, own.velocity_m_s.y - other.velocity_m_s.y)
-    distance_2 = dot_2(e, e)
-    d = max(share * design_distance(own.margin_2_m2, neighbour, params.spacing), _LEAST_DISTANCE_M)
-    intent, is_settled = w, False
-    if params.policies.direction == DIRECTION_INTENT and not neighbour.is_cooperative:
-        theirs = other.velocity_m_s  # whoever does not cooperate goes on as it flies
-        intent = Vec2(own.intent_m_s.x - theirs.x, own.intent_m_s.y - theirs.y)
-    elif params.policies.direction == DIRECTION_INTENT and is_finite(neighbour.intent_enu_m_s):
-        theirs = clipped(neighbour.intent_enu_m_s)
-        intent = Vec2(own.intent_m_s.x - theirs.x, own.intent_m_s.y - theirs.y)
-        is_settled = dot_2(theirs, theirs) <= SETTLED_M_S * SETTLED_M_S
+    distance_2_m2 = dot_2(e, e)
+
+    whole_m = design_distance(own.margin_2_m2, neighbour, params.spacing)
+    d_m = max(share * whole_m, _LEAST_DISTANCE_M)
+
+    intent_m_s = w
+    is_settled = False
+    if params.policies.direction == DIRECTION_INTENT:
+        if not neighbour.is_cooperative:
+            theirs = other.velocity_m_s  # whoever does not cooperate goes on as it flies
+            intent_m_s = Vec2(own.intent_m_s.x - theirs.x, own.intent_m_s.y - theirs.y)
+        elif is_finite(neighbour.intent_enu_m_s):
+            theirs = clipped(neighbour.intent_enu_m_s)
+            intent_m_s = Vec2(own.intent_m_s.x - theirs.x, own.intent_m_s.y - theirs.y)
+            is_settled = dot_2(theirs, theirs) <= SETTLED_M_S * SETTLED_M_S
+
+    crowd_count = 0.0
+    if math.isfinite(neighbour.crowd_count):
+        crowd_count = neighbour.crowd_count
+
     return NeighbourPair(
-        separated(e, w),
-        w,
-        other.command_m_s2,
-        intent,
-        d,
-        distance_2,
-        neighbour.crowd_count if math.isfinite(neighbour.crowd_count) else 0.0,
-        distance_2 < 4.0 * d * d and not is_settled,
-        neighbour.is_cooperative,
-        neighbour.table_index,
+        e=separated(e, w),
+        w=w,
+        command_m_s2=other.command_m_s2,
+        intent_m_s=intent_m_s,
+        d_m=d_m,
+        distance_2_m2=distance_2_m2,
+        crowd_count=crowd_count,
+        is_near=distance_2_m2 < 4.0 * d_m * d_m and not is_settled,
+        is_cooperative=neighbour.is_cooperative,
+        table_index=neighbour.table_index,
     )
 
 
 def climb_share(own: Own, neighbours: Sequence[Neighbour], params: LawParams) -> float:
-    """Return how fast a climb or descent may go on, from 0 to 1: it waits until those whom it will
-    meet are aside.
+    """Return how fast a climb or descent may go on, from 0 to 1. DEVIATION D16.
 
-    DEVIATION D16.
+    It waits until those whom the vehicle will meet are aside.
 
     Args:
         own: this vehicle at t + L.
         neighbours: as received, in any order.
     """
-    if math.isinf(params.spacing.vertical_separation_m):
+    spacing = params.spacing
+    lead_s = params.lead_time_s
+    if math.isinf(spacing.vertical_separation_m):
         return 1.0
-    least, lead_s = 1.0, params.lead_time_s
+
+    least = 1.0
     for neighbour in neighbours:
-        share = share_of(own.climb, neighbour, lead_s, params.spacing)
-        if share > 0.0 and is_ahead(own.climb, neighbour, lead_s, params.spacing):
-            other = receive(neighbour, lead_s).position_m
-            away_m = length_2(Vec2(own.position_m.x - other.x, own.position_m.y - other.y))
-            d = share * design_distance(own.margin_2_m2, neighbour, params.spacing)
-            least = min(least, max(away_m / d - _WAITS_FRAC, 0.0) / (_GOES_FRAC - _WAITS_FRAC))
+        share = share_of(own.climb, neighbour, lead_s, spacing)
+        if share <= 0.0 or not is_ahead(own.climb, neighbour, lead_s, spacing):
+            continue
+
+        other = receive(neighbour, lead_s).position_m
+        away_m = length_2(Vec2(own.position_m.x - other.x, own.position_m.y - other.y))
+        d_m = share * design_distance(own.margin_2_m2, neighbour, spacing)
+        goes = max(away_m / d_m - _WAITS_FRAC, 0.0) / (_GOES_FRAC - _WAITS_FRAC)
+        least = min(least, goes)
     return least
 
 
 def design_distance(own_margin_2_m2: float, neighbour: Neighbour, spacing: Spacing) -> float:
-    """Return the distance d [m] to keep from a neighbour, more where the estimates are worse than a
-    mocap's.
+    """Return the distance d [m] to keep from a neighbour. DEVIATION D5, D12.
 
-    DEVIATION D5, D12.
+    It is larger where the estimates are worse than a mocap's.
 
     Args:
         own_margin_2_m2: :func:`margin_2` of this vehicle.
         neighbour: its published standard deviations count.
+        spacing: distances and margins.
     """
     margin_m = spacing.margin_m
+
     if spacing.sigma_position > 0.0:
         theirs = margin_2(neighbour.position_std_m, neighbour.velocity_std_m_s, spacing)
         accuracy_m = spacing.margin_floor_m + math.sqrt(own_margin_2_m2 + theirs)
         margin_m = min(max(margin_m, accuracy_m), LARGEST_MARGIN_M)
+
     if not neighbour.is_cooperative:
         margin_m += spacing.uncooperative_margin_m
+
     return spacing.safety_distance_m + margin_m
 
 
 def margin_2(position_std_m: float, velocity_std_m_s: float, spacing: Spacing) -> float:
-    """Return one vehicle's part of the square of the accuracy margin [m^2]: the parts of two
-    vehicles add.
+    """Return one vehicle's part of the square of the accuracy margin [m^2].
+
+    The parts of two vehicles add.
 
     Args:
         position_std_m, velocity_std_m_s: standard deviations per axis, as published.
@@ -203,8 +229,9 @@ def known(std: float) -> float:
 
 
 def nearest_surfaces(own: Own, obstacles: Sequence[Capsule], clearance_m: float) -> list[Surface]:
-    """Return the nearest points of the MAX_OBSTACLES nearest obstacles, nearest first. DEVIATION
-    D13.
+    """Return the nearest points of the MAX_OBSTACLES nearest obstacles, nearest first.
+
+    DEVIATION D13.
 
     Args:
         own: this vehicle at t + L.
@@ -231,19 +258,26 @@ def surface_of(
         position_m, velocity_m_s: own, horizontal, at t + L.
         clearance_m: kept from the outline by the vehicle's centre.
     """
-    begin, end = capsule.begin_enu_m, capsule.end_enu_m
+    begin = capsule.begin_enu_m
+    end = capsule.end_enu_m
     segment = Vec2(end.x - begin.x, end.y - begin.y)
     offset = Vec2(position_m.x - begin.x, position_m.y - begin.y)
+
+    # where the nearest point lies on the segment, from 0 to 1
     segment_2 = dot_2(segment, segment)
-    along = dot_2(offset, segment) / (segment_2 if segment_2 > 0.0 else 1.0)
+    divisor = segment_2 if segment_2 > 0.0 else 1.0  # a circle's segment is a point
+    along = dot_2(offset, segment) / divisor
     share = min(max(along, 0.0), 1.0)
+
     e = Vec2(offset.x - share * segment.x, offset.y - share * segment.y)
     gap_m = length_2(e) - capsule.radius_m
     e = separated(e, velocity_m_s)
+
     w = velocity_m_s
     if 0.0 < along < 1.0:
         towards = dot_2(e, w) / dot_2(e, e)
         w = Vec2(towards * e.x, towards * e.y)
+
     return Surface(e, w, capsule.radius_m + clearance_m, gap_m)
 
 
@@ -255,9 +289,10 @@ def separated(e: Vec2, w: Vec2) -> Vec2:
     """
     if dot_2(e, e) >= COINCIDENT_M * COINCIDENT_M:
         return e
-    speed = length_2(w)
-    if speed > 1e-6:
-        return Vec2(COINCIDENT_M * (w.x / speed), COINCIDENT_M * (w.y / speed))
+
+    speed_m_s = length_2(w)
+    if speed_m_s > 1e-6:
+        return Vec2(COINCIDENT_M * (w.x / speed_m_s), COINCIDENT_M * (w.y / speed_m_s))
     return Vec2(COINCIDENT_M, 0.0)
 
 
@@ -272,9 +307,9 @@ def ascending(keys: list[float]) -> list[int]:
     order: list[int] = []
     for k in range(len(keys)):
         order.append(k)
-        place = k
-        while place > 0 and keys[order[place - 1]] > keys[k]:
-            order[place] = order[place - 1]
-            place -= 1
-        order[place] = k
+        slot = k
+        while slot > 0 and keys[order[slot - 1]] > keys[k]:
+            order[slot] = order[slot - 1]
+            slot -= 1
+        order[slot] = k
     return order

@@ -64,8 +64,9 @@ def no_commands() -> list[PastCommand]:
 def remembered(
     commands: list[PastCommand], acceleration_enu_m_s2: Vec3, duration_s: float
 ) -> list[PastCommand]:
-    """Return the history, newest first, after one more command; a command that is not finite counts
-    as zero.
+    """Return the history, newest first, after one more command.
+
+    A component of a command that is not finite counts as zero.
 
     Args:
         commands: the last SLOTS commands, newest first.
@@ -74,19 +75,18 @@ def remembered(
     """
     a = acceleration_enu_m_s2
     if not is_finite(a):
-        a = Vec3(
-            a.x if math.isfinite(a.x) else 0.0,
-            a.y if math.isfinite(a.y) else 0.0,
-            a.z if math.isfinite(a.z) else 0.0,
-        )
+        a = Vec3(_finite_or_zero(a.x), _finite_or_zero(a.y), _finite_or_zero(a.z))
     return [PastCommand(a, duration_s), *commands[:-1]]
+
+
+def _finite_or_zero(value: float) -> float:
+    return value if math.isfinite(value) else 0.0
 
 
 def predict_own(
     commands: list[PastCommand], now: Motion, window_s: float, window_z_s: float
 ) -> Motion:
-    """Return the own motion after ``window_s``, under the commands of the last ``window_s`` seconds
-    (line P1).
+    """Return the own motion after ``window_s``, under the commands of the last ``window_s`` (P1).
 
     ``P = p + W v + sum u_k l_k (r_k + l_k / 2)`` and ``V = v + sum u_k l_k``: l_k is the part of
     command k inside the window W and r_k the time left after it. The vertical axis obeys the motors
@@ -102,75 +102,100 @@ def predict_own(
     gives the same.
     """
     (p_x, p_y, p_z), (v_x, v_y, v_z) = now
-    p_x, p_y, p_z = p_x + window_s * v_x, p_y + window_s * v_y, p_z + window_z_s * v_z
-    left = 0.0
+    p_x = p_x + window_s * v_x
+    p_y = p_y + window_s * v_y
+    p_z = p_z + window_z_s * v_z
+
+    left_s = 0.0  # r_k
     for (u_x, u_y, u_z), duration_s in commands:
-        if left >= window_s:
+        if left_s >= window_s:
             break
-        inside = min(window_s - left, duration_s)
-        weight = inside * (left + 0.5 * inside)
-        v_x, p_x = v_x + inside * u_x, p_x + weight * u_x
-        v_y, p_y = v_y + inside * u_y, p_y + weight * u_y
-        inside = min(max(window_z_s - left, 0.0), duration_s)
-        weight = inside * (left + 0.5 * inside)
-        v_z, p_z = v_z + inside * u_z, p_z + weight * u_z
-        left += duration_s
+
+        inside_s = min(window_s - left_s, duration_s)  # l_k
+        weight_s2 = inside_s * (left_s + 0.5 * inside_s)
+        v_x = v_x + inside_s * u_x
+        v_y = v_y + inside_s * u_y
+        p_x = p_x + weight_s2 * u_x
+        p_y = p_y + weight_s2 * u_y
+
+        inside_z_s = min(max(window_z_s - left_s, 0.0), duration_s)
+        weight_z_s2 = inside_z_s * (left_s + 0.5 * inside_z_s)
+        v_z = v_z + inside_z_s * u_z
+        p_z = p_z + weight_z_s2 * u_z
+
+        left_s += duration_s
+
     p_z = p_z + (window_s - window_z_s) * v_z
     return Motion(Vec3(p_x, p_y, p_z), Vec3(v_x, v_y, v_z))
 
 
 def receive(neighbour: Neighbour, own_lead_s: float) -> Received:
-    """Return a neighbour's horizontal motion at the own time t + L (line P3).
+    """Return a neighbour's horizontal motion at the own time t + L (line P3). DEVIATION D3.
 
     A neighbour that cooperates says where it will be at the end of its own lag. For any other the
     plain estimate is carried on with its acceleration, of which at most 1 g is believed, as long as
-    that says something, then straight on. DEVIATION D3.
+    that says something, then straight on.
 
     Args:
         neighbour: as received.
         own_lead_s: how far ahead of now the own rows are evaluated.
     """
     age_s = message_age(neighbour)
-    is_predicted = neighbour.is_cooperative and is_finite(neighbour.predicted_position_enu_m)
-    is_predicted = is_predicted and is_finite(neighbour.predicted_velocity_enu_m_s)
-    if is_predicted and is_finite(neighbour.commanded_acceleration_enu_m_s2):
+    if has_prediction(neighbour):
         lead_s = lead_time(neighbour.lead_time_s, own_lead_s)
         return _carried(neighbour, lead_s, age_s + (own_lead_s - lead_s))
+
     is_usable = is_finite(neighbour.position_enu_m) and is_finite(neighbour.velocity_enu_m_s)
-    p, v = clipped(neighbour.position_enu_m), clipped(neighbour.velocity_enu_m_s)
-    ahead_s = age_s + own_lead_s
+    p = clipped(neighbour.position_enu_m)
+    v = clipped(neighbour.velocity_enu_m_s)
     a = into_disc(clipped(neighbour.acceleration_enu_m_s2), GRAVITY_M_S2)
-    held_s = min(ahead_s, MAX_COMMAND_AGE_S)
-    weight = held_s * (ahead_s - 0.5 * held_s)
-    position = Vec2(p.x + ahead_s * v.x + weight * a.x, p.y + ahead_s * v.y + weight * a.y)
-    return Received(
-        is_usable, position, Vec2(v.x + held_s * a.x, v.y + held_s * a.y), Vec2(0.0, 0.0)
+    nothing = Vec2(0.0, 0.0)
+    return _flown_on(is_usable, p, v, a, age_s + own_lead_s, nothing)
+
+
+def has_prediction(neighbour: Neighbour) -> bool:
+    """Whether a neighbour cooperates and says where it will be.
+
+    Args:
+        neighbour: as received.
+    """
+    return (
+        neighbour.is_cooperative
+        and is_finite(neighbour.predicted_position_enu_m)
+        and is_finite(neighbour.predicted_velocity_enu_m_s)
+        and is_finite(neighbour.commanded_acceleration_enu_m_s2)
     )
 
 
 def _carried(neighbour: Neighbour, lead_s: float, ahead_s: float) -> Received:
-    """Return the predicted state of a neighbour, carried on by ``ahead_s``, or back where this is
-    negative.
+    """Return a neighbour's predicted state, carried on by ``ahead_s``, or back where negative.
 
     Onwards it flies its command, as long as that says something, then straight on. A neighbour that
     leads by more than we do is taken back along the way that it predicts from its plain velocity.
     DEVIATION D11.
     """
-    p, v = (
-        clipped(neighbour.predicted_position_enu_m),
-        clipped(neighbour.predicted_velocity_enu_m_s),
-    )
+    p = clipped(neighbour.predicted_position_enu_m)
+    v = clipped(neighbour.predicted_velocity_enu_m_s)
     u = clipped(neighbour.commanded_acceleration_enu_m_s2)
-    a, held_s = u, min(ahead_s, MAX_COMMAND_AGE_S)
+
+    a = u
     if ahead_s < 0.0:
-        plain, share = (
-            clipped(neighbour.velocity_enu_m_s),
-            1.0 / lead_s if lead_s > _LEAST_LEAD_S else 0.0,
-        )
-        a = Vec2(share * (v.x - plain.x), share * (v.y - plain.y))
-    weight = held_s * (ahead_s - 0.5 * held_s)
-    position = Vec2(p.x + ahead_s * v.x + weight * a.x, p.y + ahead_s * v.y + weight * a.y)
-    return Received(True, position, Vec2(v.x + held_s * a.x, v.y + held_s * a.y), u)
+        plain = clipped(neighbour.velocity_enu_m_s)
+        share_1_s = 1.0 / lead_s if lead_s > _LEAST_LEAD_S else 0.0
+        a = Vec2(share_1_s * (v.x - plain.x), share_1_s * (v.y - plain.y))
+
+    return _flown_on(True, p, v, a, ahead_s, u)
+
+
+def _flown_on(
+    is_usable: bool, p: Vec2, v: Vec2, a: Vec2, ahead_s: float, command_m_s2: Vec2
+) -> Received:
+    """Return the motion after ``ahead_s``: accelerated for MAX_COMMAND_AGE_S, then straight on."""
+    held_s = min(ahead_s, MAX_COMMAND_AGE_S)
+    weight_s2 = held_s * (ahead_s - 0.5 * held_s)
+    position = Vec2(p.x + ahead_s * v.x + weight_s2 * a.x, p.y + ahead_s * v.y + weight_s2 * a.y)
+    velocity = Vec2(v.x + held_s * a.x, v.y + held_s * a.y)
+    return Received(is_usable, position, velocity, command_m_s2)
 
 
 def message_age(neighbour: Neighbour) -> float:
@@ -181,9 +206,12 @@ def message_age(neighbour: Neighbour) -> float:
     """
     age_s = neighbour.age_s
     most_s = MAX_PREDICTION_AGE_S if neighbour.is_cooperative else MAX_MESSAGE_AGE_S
+
     if 0.0 <= age_s <= most_s:
         return age_s
-    return 0.0 if age_s < 0.0 and math.isfinite(age_s) else most_s
+    if age_s < 0.0 and math.isfinite(age_s):
+        return 0.0
+    return most_s
 
 
 def lead_time(lead_s: float, own_lead_s: float) -> float:
@@ -199,8 +227,7 @@ def lead_time(lead_s: float, own_lead_s: float) -> float:
 
 
 def clipped(a: Vec3) -> Vec2:
-    """Return the horizontal part with both components bounded, so that squares stay finite; 0 for
-    NaN.
+    """Return the horizontal part with both components bounded: squares stay finite; 0 for NaN.
 
     Args:
         a: of any components.
