@@ -1,11 +1,11 @@
-"""A commented fleet file and a first mission, written from a few answers; both are checked before
-they are used.
+"""A commented fleet file and a first mission, written from a few answers.
+
+Both are checked as if they were flown now, before anybody gets them.
 """
 
 from __future__ import annotations
 
 import ipaddress
-import itertools
 import math
 import re
 import tomllib
@@ -26,11 +26,12 @@ Position = Literal["optitrack", "vicon", "qualisys", "vrpn", "motionanalysis", "
 HERE = "here"
 MOST = 200  # of MAVLink's 255 system ids; some are other programs'
 _MOST_AT_50_HZ = 8  # vehicles that send all their states over one channel
-_FIRST_PORT, _FIRST_DIRECT = 7460, 18570
-_LAYOUT, _LAYOUT_FROM_TEN = (
-    (14540, 18570),
-    (15540, 19570),
-)  # of instance 0; PX4's own ports collide from the eleventh on
+_FIRST_PORT = 7460  # of agents
+_FIRST_DIRECT = 18570
+
+# ports of PX4's instance 0: to its companion, and direct; PX4's own collide from the eleventh on
+_PORTS = (14540, 18570)
+_PORTS_FROM_TEN = (15540, 19570)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -76,25 +77,32 @@ def starter(answers: Answers) -> Starter:
     """
     if not 1 <= answers.vehicles <= MOST:
         raise ConfigError(f"--vehicles is {answers.vehicles}; it must lie between 1 and {MOST}.")
-    if answers.spacing_m is not None and not (
-        math.isfinite(answers.spacing_m) and 0.1 <= answers.spacing_m <= 100.0
-    ):
+    if answers.spacing_m is not None and not 0.1 <= answers.spacing_m <= 100.0:
         raise ConfigError(f"--spacing is {answers.spacing_m:g}; it must lie between 0.1 and 100 m.")
     if not re.fullmatch(r"[A-Za-z0-9_-]{1,40}", answers.type):
         raise ConfigError(
             f"--type is {answers.type!r}; a type has 1 to 40 of A-Z a-z 0-9 _ - as its name."
         )
-    spacing_m = answers.spacing_m or (4.0 if answers.is_outdoors else 1.6)
+
+    # satellites err by metres where a motion capture errs by millimetres
+    default_spacing_m = 1.6
+    wider_in_ring = 1.1
+    if answers.is_outdoors:
+        default_spacing_m = 4.0
+        wider_in_ring = 1.3
+    spacing_m = answers.spacing_m or default_spacing_m
+
     names = [f"mav{index}" for index in range(answers.vehicles)]
     spots = grid(answers.vehicles, spacing_m)
-    slots = ring(answers.vehicles, (1.3 if answers.is_outdoors else 1.1) * spacing_m, spots)
+    slots = ring(answers.vehicles, wider_in_ring * spacing_m, spots)
     fleet_text = _fleet_text(answers, names, spots, slots, spacing_m)
     fleet = fleet_from_mapping(tomllib.loads(fleet_text), path="fleet.toml", text=fleet_text)
     mission_text = _mission_text(answers, fleet, _seconds(spots, slots, answers))
-    data = tomllib.loads(mission_text)
-    mission = mission_from_mapping(data, path="mission.toml", text=mission_text, fleet=fleet)
+    mission = mission_from_mapping(
+        tomllib.loads(mission_text), path="mission.toml", text=mission_text, fleet=fleet
+    )
     refuse_unflyable(mission, is_simulated=False)
-    return Starter(fleet_text, mission_text, fleet, mission)
+    return Starter(fleet_text=fleet_text, mission_text=mission_text, fleet=fleet, mission=mission)
 
 
 def type_names() -> list[str]:
@@ -103,28 +111,40 @@ def type_names() -> list[str]:
 
 
 def _example_types() -> dict[str, dict[str, object]]:
-    data = [
-        read_toml(f"{EXAMPLES}/fleets/{name}.toml", "fleet file")[0] for name in ("sih", "paper")
-    ]
-    return {name: table for each in data for name, table in each["types"].items()}
+    types: dict[str, dict[str, object]] = {}
+    for name in ("sih", "paper"):
+        data, *_ = read_toml(f"{EXAMPLES}/fleets/{name}.toml", "fleet file")
+        types |= data["types"]
+    return types
 
 
 def _fleet_text(
     answers: Answers, names: Sequence[str], spots: list[Plan], slots: list[Plan], spacing_m: float
 ) -> str:
-    half_m = half_width_m([*spots, *slots], 2.0 * spacing_m if answers.is_outdoors else 1.5)
-    low_m, high_m = (-1.0, 10.0) if answers.is_outdoors else (0.0, 3.0)
-    parts = [
-        "# Written by covey init. docs/fleet-file.md explains every key; covey check says whether it can be flown.",
+    if answers.is_outdoors:
+        room_m = 2.0 * spacing_m
+        heights_m = [-1.0, 10.0]
+        promise_m = 1.2
+    else:
+        room_m = 1.5
+        heights_m = [0.0, 3.0]
+        promise_m = 0.8
+    half_m = half_width_m([*spots, *slots], room_m)
+    side = [-half_m, half_m]
+
+    lines = [
+        "# Written by covey init. docs/fleet-file.md explains every key; covey check says whether "
+        "it can be flown.",
         "schema = 1",
         "",
         "[fleet]",
-        f"name = {dumps(answers.name)}  # a part of the names on the bus: one for each fleet of your network",
+        f"name = {dumps(answers.name)}  # a part of the names on the bus: one for each fleet of "
+        "your network",
         *_origin(answers),
-        f"safety_distance_m = {1.2 if answers.is_outdoors else 0.8:.2f}  # centres are never nearer",
+        f"safety_distance_m = {promise_m:.2f}  # centres are never nearer",
         "body_diameter_m = 0.50  # from propeller tip to propeller tip: measure yours",
         "# the box that nobody leaves, fleet frame: x east, y north, z up. Measure your net",
-        f"geofence_m = {{ x = [{-half_m}, {half_m}], y = [{-half_m}, {half_m}], z = [{low_m}, {high_m}] }}",
+        f"geofence_m = {{ x = {side}, y = {side}, z = {heights_m} }}",
         "battery_warning_pct = 30",
         "battery_land_pct = 20  # a vehicle below it lands by itself",
         "",
@@ -135,15 +155,14 @@ def _fleet_text(
         *_radio(answers),
         "",
         "[formations.ring]  # offsets from the formation's position: east, north, up",
-        *(f"{name} = [{x}, {y}, 0.0]" for name, (x, y) in zip(names, slots, strict=True)),
-        "",
-        *type_lines(answers),
-        "",
-        "[defaults]",
-        f'type = "{answers.type}"',
-        *itertools.chain.from_iterable(_vehicles(answers, names, spots)),
     ]
-    return "\n".join(parts) + "\n"
+    for name, (x, y) in zip(names, slots, strict=True):
+        lines.append(f"{name} = [{x}, {y}, 0.0]")
+
+    lines += ["", *type_lines(answers), "", "[defaults]", f'type = "{answers.type}"']
+    for table in _vehicles(answers, names, spots):
+        lines += table
+    return "\n".join(lines) + "\n"
 
 
 def _radio(answers: Answers) -> list[str]:
@@ -163,12 +182,14 @@ def _origin(answers: Answers) -> list[str]:
         latitude, longitude, altitude = (float(part) for part in answers.origin.split(","))
     except ValueError:
         raise ConfigError(
-            f"--origin is '{answers.origin}'; write LATITUDE,LONGITUDE,ALTITUDE in degrees and metres, such as "
-            "47.397742,8.545594,489.4."
+            f"--origin is '{answers.origin}'; write LATITUDE,LONGITUDE,ALTITUDE in degrees and "
+            "metres, such as 47.397742,8.545594,489.4."
         ) from None
     return [
-        "# the point of the Earth that is 0, 0, 0 of the fleet frame: the same in every vehicle's file",
-        f"origin = {{ latitude_deg = {latitude}, longitude_deg = {longitude}, altitude_m = {altitude} }}",
+        "# the point of the Earth that is 0, 0, 0 of the fleet frame: the same in every vehicle's "
+        "file",
+        f"origin = {{ latitude_deg = {latitude}, longitude_deg = {longitude}, "
+        f"altitude_m = {altitude} }}",
     ]
 
 
@@ -191,11 +212,18 @@ def _mocap(answers: Answers, names: Sequence[str]) -> list[str]:
     if answers.position == "bus":
         return [
             "",
-            "# No [mocap]: somebody publishes each vehicle's pose on the bus. In simulation covey sitl does",
+            "# No [mocap]: somebody publishes each vehicle's pose on the bus. In simulation covey "
+            "sitl does",
         ]
     if answers.position not in get_args(SystemType):
         return []
-    up = "y" if answers.position in ("optitrack", "motionanalysis") else "z"
+
+    up = "z"
+    if answers.position in ("optitrack", "motionanalysis"):
+        up = "y"
+    listed = ", ".join(names[:3])
+    if len(names) > 3:
+        listed += ", ..."
     return [
         "",
         "[mocap]  # docs/mocap.md",
@@ -205,37 +233,45 @@ def _mocap(answers: Answers, names: Sequence[str]) -> list[str]:
         f'up = "{up}"  # the axis that points up, as that program streams it: look there',
         "yaw_deg = 0.0  # then turn about up until its x axis is the fleet's east",
         "latency_s = 0.010  # covey mocap --check measures it",
-        f"# name the bodies there {', '.join(names[:3])}{', ...' if len(names) > 3 else ''}, nose along x, z up",
+        f"# name the bodies there {listed}, nose along x, z up",
     ]
 
 
 def type_lines(answers: Answers) -> list[str]:
     """Return the table of the answers' type, with that of the emulator."""
+    if answers.is_outdoors:
+        position = [
+            "mocap_required = false",
+            'px4_position = "gps"',
+            "# satellites for place and speed, not for height, which wanders by a metre with them",
+            "px4_params = { EKF2_GPS_CTRL = 5 }",
+        ]
+    else:
+        position = ["mocap_required = true"]
+
+    head = f"[types.{answers.type}]"
     known = _example_types().get(answers.type)
-    head = [f"[types.{answers.type}]"]
-    position = (
-        'mocap_required = false\npx4_position = "gps"\n'
-        "# satellites for place and speed, not for height, which wanders by a metre with them\n"
-        "px4_params = { EKF2_GPS_CTRL = 5 }"
-        if answers.is_outdoors
-        else "mocap_required = true"
-    )
     if known is not None:
-        lines = [f"{key} = {value}" for key, value in known.items() if isinstance(value, float)]
-        sitl = known.get("sitl")
-        more = [f"{key} = {value}" for key, value in sitl.items()] if isinstance(sitl, dict) else []
+        values = [f"{key} = {value}" for key, value in known.items() if isinstance(value, float)]
+        emulated = known.get("sitl")
+        emulated_values = []
+        if isinstance(emulated, dict):
+            emulated_values = [f"{key} = {value}" for key, value in emulated.items()]
         return [
-            *head,
-            *lines,
-            position,
+            head,
+            *values,
+            *position,
             "",
             f"[types.{answers.type}.sitl]  # of the emulator only",
-            *more,
+            *emulated_values,
         ]
+
+    top_speed_m_s = 1.3 if answers.is_outdoors else 1.0
     return [
-        *head,
+        head,
         f"mass_kg = {answers.mass_kg}  # with battery",
-        "# The next five are cautious values of a quadrotor of 0.3 to 3 kg. Fly one vehicle alone with them,",
+        "# The next five are cautious values of a quadrotor of 0.3 to 3 kg. Fly one vehicle alone "
+        "with them,",
         "# then put in what covey identify measures.",
         "hover_thrust_frac = 0.5  # the throttle that hovers: MPC_THR_HOVER of a tuned PX4",
         "attitude_delay_s = 0.04",
@@ -243,8 +279,8 @@ def type_lines(answers: Answers) -> list[str]:
         "attitude_zeta = 0.7",
         "drag_1_s = 0.3",
         "max_tilt_deg = 25.0",
-        f"max_speed_m_s = {1.3 if answers.is_outdoors else 1.0}",
-        position,
+        f"max_speed_m_s = {top_speed_m_s}",
+        *position,
     ]
 
 
@@ -252,9 +288,12 @@ def _vehicles(answers: Answers, names: Sequence[str], spots: list[Plan]) -> list
     hosts = companion_addresses(answers.companions, len(names))
     tables = []
     for index, (name, host, (x, y)) in enumerate(zip(names, hosts, spots, strict=True)):
-        lines = ["", f"[vehicles.{name}]"]
-        lines.append(f"system_id = {index + 1}  # MAV_SYS_ID of its PX4")
-        lines.append(f"start_enu_m = [{x}, {y}, 0.0]")
+        lines = [
+            "",
+            f"[vehicles.{name}]",
+            f"system_id = {index + 1}  # MAV_SYS_ID of its PX4",
+            f"start_enu_m = [{x}, {y}, 0.0]",
+        ]
         if answers.companions == HERE:
             lines += endpoint_lines(index)
         else:
@@ -273,7 +312,9 @@ def endpoint_lines(index: int) -> list[str]:
     Args:
         index: number of PX4's instance, from 0.
     """
-    onboard, direct = _LAYOUT if index < 10 else _LAYOUT_FROM_TEN
+    onboard, direct = _PORTS
+    if index >= 10:
+        onboard, direct = _PORTS_FROM_TEN
     return [
         f'agent = "tcp/127.0.0.1:{_FIRST_PORT + index}"',
         f'autopilot = "udpin://127.0.0.1:{onboard + index}"',
@@ -293,9 +334,10 @@ def companion_addresses(words: str, count: int) -> list[str]:
     Raises:
         ConfigError: too few or too many addresses, or no address to count from.
     """
-    given = [word.strip() for word in words.split(",")]
     if words == HERE:
         return ["127.0.0.1"] * count
+
+    given = [word.strip() for word in words.split(",")]
     if len(given) == count:
         return given
     try:
@@ -305,22 +347,28 @@ def companion_addresses(words: str, count: int) -> list[str]:
     except ValueError:
         pass
     raise ConfigError(
-        f"--companions is '{words}'; give '{HERE}', the first address (192.168.1.11), from which is counted up, or "
-        f"all {count} with commas between."
+        f"--companions is '{words}'; give '{HERE}', the first address (192.168.1.11), from which "
+        f"is counted up, or all {count} with commas between."
     )
 
 
 def _seconds(spots: list[Plan], slots: list[Plan], answers: Answers) -> int:
-    """Time for a change of formation, with room for detours."""
+    """Return the time for a change of formation, with room for detours."""
     longest_m = max(math.dist(spot, slot) for spot, slot in zip(spots, slots, strict=True))
     return 30 + 10 * math.ceil(0.5 * longest_m + 0.1 * answers.vehicles)
 
 
 def _mission_text(answers: Answers, fleet: FleetConfig, seconds: int) -> str:
-    height_m, near_m = (2.5, 1.5) if answers.is_outdoors else (1.0, 0.15)
+    height_m = 1.0
+    near_m = 0.15
+    if answers.is_outdoors:
+        height_m = 2.5
+        near_m = 1.5
     return f"""\
-# A first mission, written by covey init: take off, form a ring, move it, land. docs/mission-file.md explains every key.
-# Simulated: covey fly mission.toml --lockstep, or with console and real processes: covey fly mission.toml --sitl
+# A first mission, written by covey init: take off, form a ring, move it, land.
+# docs/mission-file.md explains every key.
+# Simulated: covey fly mission.toml --lockstep, or with console and real processes:
+# covey fly mission.toml --sitl
 schema = 1
 fleet = "fleet.toml"
 

@@ -1,5 +1,6 @@
-"""A law of somebody's own to begin with: its module, its test, and the line of the fleet file that
-names it.
+"""A law of somebody's own to begin with.
+
+Its module, its test, and the line of the fleet file that names it.
 """
 
 from __future__ import annotations
@@ -37,7 +38,8 @@ def law_module(name: str) -> str:
     Raises:
         ConfigError: Python could not import it.
     """
-    if not (name.isidentifier() and name.isascii()) or keyword.iskeyword(name):
+    is_module_name = name.isidentifier() and name.isascii() and not keyword.iskeyword(name)
+    if not is_module_name:
         raise ConfigError(
             f"--law is {name!r}; it becomes a module, so write letters, digits and _, as in my_law."
         )
@@ -46,9 +48,8 @@ def law_module(name: str) -> str:
 
 def own_law_texts() -> tuple[str, str]:
     """Return the law's module and its test."""
-    return files("groundstation.starter").joinpath("own_law_template.py").read_text(
-        encoding="utf-8"
-    ), _TEST
+    template = files("groundstation.starter").joinpath("own_law_template.py")
+    return template.read_text(encoding="utf-8"), _TEST
 
 
 def with_own_law(fleet_text: str, name: str) -> str:

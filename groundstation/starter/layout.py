@@ -19,14 +19,18 @@ def grid(count: int, spacing_m: float) -> list[Plan]:
     Returns:
         east and north of each vehicle [m].
     """
-    columns = count if count <= 4 else math.ceil(math.sqrt(count))
+    columns = count
+    if count > 4:
+        columns = math.ceil(math.sqrt(count))
     rows = math.ceil(count / columns)
+
     spots = []
     for index in range(count):
         row, column = divmod(index, columns)
         in_row = min(columns, count - row * columns)
         x = (column - 0.5 * (in_row - 1)) * spacing_m
-        spots.append((round(x, 2), round((row - 0.5 * (rows - 1)) * spacing_m, 2)))
+        y = (row - 0.5 * (rows - 1)) * spacing_m
+        spots.append((round(x, 2), round(y, 2)))
     return spots
 
 
@@ -42,28 +46,39 @@ def ring(count: int, spacing_m: float, starts: list[Plan]) -> list[Plan]:
     """
     if count == 1:
         return [(0.0, 0.0)]
+
     # the rounding below must not bring them nearer
     radius_m = 0.5 * spacing_m / math.sin(math.pi / count) + 0.01
-    angles = [2.0 * math.pi * slot / count for slot in range(count)]
-    slots = [(round(radius_m * math.cos(a), 2), round(radius_m * math.sin(a), 2)) for a in angles]
-    in_turn = sorted(range(count), key=lambda index: math.atan2(starts[index][1], starts[index][0]))
+    slots = []
+    for slot in range(count):
+        angle_rad = 2.0 * math.pi * slot / count
+        x = round(radius_m * math.cos(angle_rad), 2)
+        y = round(radius_m * math.sin(angle_rad), 2)
+        slots.append((x, y))
 
-    def way_2(turn: int) -> float:
-        pairs = (
-            (starts[index], slots[(place + turn) % count]) for place, index in enumerate(in_turn)
+    # vehicles in the order of their directions from the centre take slots in the order of theirs
+    def direction_rad(index: int) -> float:
+        x, y = starts[index]
+        return math.atan2(y, x)
+
+    in_turn = sorted(range(count), key=direction_rad)
+
+    def sum_of_squares(offset: int) -> float:
+        """Return the sum of squared distances with the slots counted on by ``offset``."""
+        return sum(
+            math.dist(starts[index], slots[(position + offset) % count]) ** 2
+            for position, index in enumerate(in_turn)
         )
-        return sum(math.dist(start, slot) ** 2 for start, slot in pairs)
 
-    turn = min(range(count), key=way_2)
+    offset = min(range(count), key=sum_of_squares)
     result = [(0.0, 0.0)] * count
-    for place, index in enumerate(in_turn):
-        result[index] = slots[(place + turn) % count]
+    for position, index in enumerate(in_turn):
+        result[index] = slots[(position + offset) % count]
     return result
 
 
 def half_width_m(points: list[Plan], room_m: float) -> float:
-    """Return half the width of a square fence around the origin that holds all points with room
-    beside them.
+    """Return half the width of a square fence around the origin with room beside all points.
 
     Args:
         points: east and north [m].
@@ -71,4 +86,5 @@ def half_width_m(points: list[Plan], room_m: float) -> float:
     Returns:
         half width [m], a multiple of half a metre.
     """
-    return math.ceil(2.0 * (max(max(abs(x), abs(y)) for x, y in points) + room_m)) / 2.0
+    farthest_m = max(max(abs(x), abs(y)) for x, y in points)
+    return math.ceil(2.0 * (farthest_m + room_m)) / 2.0
