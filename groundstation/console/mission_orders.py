@@ -12,7 +12,8 @@ from groundstation.console.clients import ConsoleClient
 from groundstation.console.mission_worker import Mission
 from groundstation.mission_files.loading import load_mission
 from groundstation.mission_files.mission_findings import refuse_unflyable
-from groundstation.missions.runner import MissionRun, load_function
+from groundstation.mission_files.python_file import load_function
+from groundstation.missions.runner import MissionRun
 from groundstation.verdict.verdict import Verdict
 from onboard.config.fleet import ConfigError
 

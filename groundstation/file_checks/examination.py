@@ -7,7 +7,7 @@ from typing import NamedTuple
 from groundstation.formations.slots import formation_slots
 from groundstation.mission_files.loading import load_mission
 from groundstation.mission_files.mission_findings import mission_findings
-from groundstation.missions.runner import load_function
+from groundstation.mission_files.python_file import load_function
 from groundstation.network.bus_findings import bus_findings
 from onboard.config.example_files import existing_file
 from onboard.config.fleet import FleetConfig, load_fleet, read_toml

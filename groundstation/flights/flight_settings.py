@@ -19,7 +19,7 @@ from msgspec.structs import replace
 from groundstation.mission_files.loading import load_mission, with_fleet
 from groundstation.mission_files.mission import Mission
 from groundstation.mission_files.mission_findings import refuse_unflyable
-from groundstation.missions.runner import load_function
+from groundstation.mission_files.python_file import load_function
 from groundstation.processes.free_ports import (
     busy_ports,
     in_another_folder,

@@ -1,19 +1,34 @@
-"""Python missions as text: read without being run."""
+"""Python missions: read as text without being run, and later loaded with their arguments."""
 
 from __future__ import annotations
 
 import ast
+import importlib.util
 import inspect
-from collections.abc import Callable, Mapping
+from collections.abc import Awaitable, Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+from groundstation.mission_files.mission import Mission
 from onboard.config.fleet import ConfigError
+
+MissionFunction = Callable[
+    [Any], Awaitable[None]
+]  # called with the fleet of groundstation.missions
+
+_CONSTANTS = ("FLEET", "EXPECT", "FORMATIONS")
+_TRUTH_WORDS = {
+    "true": True,
+    "yes": True,
+    "on": True,
+    "false": False,
+    "no": False,
+    "off": False,
+}
 
 
 def read_python(name: str) -> tuple[str, dict[str, Any]]:
-    """Read a Python mission: ``async def mission(fleet)``, and the literals ``FLEET``, ``EXPECT``,
-    ``FORMATIONS``.
+    """Read a Python mission: its text, and the literals ``FLEET``, ``EXPECT``, ``FORMATIONS``.
 
     Args:
         name: path of the file.
@@ -22,7 +37,7 @@ def read_python(name: str) -> tuple[str, dict[str, Any]]:
         Its text and its literals by name.
 
     Raises:
-        ConfigError: it cannot be read, is not Python, or has no such coroutine.
+        ConfigError: it cannot be read, is not Python, or has no ``async def mission(fleet)``.
     """
     try:
         text = Path(name).read_text(encoding="utf-8")
@@ -33,29 +48,60 @@ def read_python(name: str) -> tuple[str, dict[str, Any]]:
         ) from None
     except (SyntaxError, ValueError) as error:
         raise ConfigError(f"{name}: not valid Python: {error}. Correct that line.") from None
-    if not any(
-        isinstance(node, ast.AsyncFunctionDef) and node.name == "mission" for node in tree.body
-    ):
+
+    if not any(_is_mission(node) for node in tree.body):
         raise ConfigError(
             f"{name}: a Python mission needs 'async def mission(fleet):' at its top level. Add it; "
             f"or start a script that connects by itself with: covey fly script {name} --fleet FILE"
         )
+
     constants: dict[str, Any] = {}
     for node in tree.body:
-        if (
-            isinstance(node, ast.Assign)
-            and len(node.targets) == 1
-            and isinstance(node.targets[0], ast.Name)
-        ):
-            target = node.targets[0].id
-            if target in ("FLEET", "EXPECT", "FORMATIONS"):
-                try:
-                    constants[target] = ast.literal_eval(node.value)
-                except ValueError:
-                    raise ConfigError(
-                        f"{name}: '{target}' must be a plain literal. Write its value out."
-                    ) from None
+        if not isinstance(node, ast.Assign) or len(node.targets) != 1:
+            continue
+        target = node.targets[0]
+        if not isinstance(target, ast.Name) or target.id not in _CONSTANTS:
+            continue
+        try:
+            constants[target.id] = ast.literal_eval(node.value)
+        except ValueError:
+            raise ConfigError(
+                f"{name}: '{target.id}' must be a plain literal. Write its value out."
+            ) from None
     return text, constants
+
+
+def load_function(mission: Mission) -> MissionFunction:
+    """Load the coroutine function ``mission`` of a Python mission.
+
+    Args:
+        mission: loaded and checked.
+
+    Returns:
+        The function, with the mission's arguments.
+
+    Raises:
+        ConfigError: its module cannot be run, or it does not take these arguments.
+    """
+    spec = importlib.util.spec_from_file_location(f"covey_mission_{mission.name}", mission.path)
+    if spec is None or spec.loader is None:
+        raise ConfigError(f"{mission.path}: this file cannot be loaded as a Python module.")
+
+    module = importlib.util.module_from_spec(spec)
+    try:
+        spec.loader.exec_module(module)
+    except (ImportError, NameError, TypeError, ValueError, AttributeError, OSError) as error:
+        raise ConfigError(
+            f"{mission.path}: running it failed: {type(error).__name__}: {error}."
+        ) from error
+
+    function = module.mission
+    if not inspect.iscoroutinefunction(function):
+        raise ConfigError(
+            f"{mission.path}: 'mission' must be written as 'async def mission(fleet):'."
+        )
+    arguments = arguments_of(function, mission.arguments, mission.path)
+    return lambda fleet: function(fleet, **arguments)
 
 
 def arguments_of(
@@ -75,45 +121,56 @@ def arguments_of(
         ConfigError: it has no such argument, a value is of another kind, or one that has no default
             is missing.
     """
-    known = dict(list(inspect.signature(function).parameters.items())[1:])
+    parameters = list(inspect.signature(function).parameters.items())
+    known = dict(parameters[1:])  # the first one is the fleet
+
     for name in given:
         if name not in known:
             raise ConfigError(
                 f"{where}: 'mission' has no argument '{name}'; it has {', '.join(known) or 'none'}."
             )
-    missing = [
-        name for name, one in known.items() if one.default is one.empty and name not in given
-    ]
-    if missing:
-        raise ConfigError(
-            f"{where}: 'mission' needs {missing[0]}. Give it: --arg {missing[0]}=VALUE"
-        )
+    for name, parameter in known.items():
+        if parameter.default is parameter.empty and name not in given:
+            raise ConfigError(f"{where}: 'mission' needs {name}. Give it: --arg {name}=VALUE")
+
     return {
         name: _value(text, known[name].default, f"{where}: '{name}'")
         for name, text in given.items()
     }
 
 
+def _is_mission(node: ast.stmt) -> bool:
+    """Whether a statement is ``async def mission``."""
+    return isinstance(node, ast.AsyncFunctionDef) and node.name == "mission"
+
+
 def _value(text: str, default: Any, where: str) -> Any:
-    """Return a written value as the kind of its default; without a default as a number, or else as
-    text.
+    """Return a written value as the kind of its default.
+
+    Without a default it is a number, or else a text.
     """
     if isinstance(default, str):
         return text
-    words = {"true": True, "yes": True, "on": True, "false": False, "no": False, "off": False}
+
     if isinstance(default, bool):
-        if text.lower() not in words:
+        if text.lower() not in _TRUTH_WORDS:
             raise ConfigError(f"{where} is {text!r}; it must be true or false.")
-        return words[text.lower()]
+        return _TRUTH_WORDS[text.lower()]
+
     try:
         value = ast.literal_eval(text)
     except (ValueError, SyntaxError):
         value = text
-    is_number = isinstance(default, int | float)
-    if is_number and (
-        isinstance(value, bool)
-        or not isinstance(value, int if isinstance(default, int) else int | float)
-    ):
-        kind = "a whole number" if isinstance(default, int) else "a number"
+
+    if isinstance(default, int):
+        is_good = isinstance(value, int) and not isinstance(value, bool)
+        kind = "a whole number"
+    elif isinstance(default, float):
+        is_good = isinstance(value, int | float) and not isinstance(value, bool)
+        kind = "a number"
+    else:
+        return value
+
+    if not is_good:
         raise ConfigError(f"{where} is {text!r}; it must be {kind}, as its default {default!r} is.")
     return value

@@ -18,12 +18,14 @@ from groundstation.missions.readiness import is_ready, not_ready
 from groundstation.missions.vehicle import MissionVehicle
 from groundstation.orders.intents import Hold, Home
 from groundstation.orders.result import OrderFailed as OrderFailed
-from groundstation.verdict.verdict import Arrival, FlightObservations, StepResult
+from groundstation.verdict.observations import Arrival, FlightObservations, StepResult
 from onboard.bus.schema import Event
 from onboard.config.fleet import ConfigError, FleetConfig
 
-_HOME_S = 90.0
 AtEnd = Literal["land", "hold", "home"]
+
+_HOLD_S = 15.0
+_HOME_S = 90.0
 
 
 class Fleet(Group):
@@ -48,8 +50,7 @@ class Fleet(Group):
         at_end: AtEnd = "land",
         ready_timeout_s: float | None = None,
     ) -> AsyncIterator[Fleet]:
-        """Connect with a fleet: its real agents, or the flight of ``covey fly script`` and of the lockstep
-        fixture.
+        """Connect with a fleet: its real agents, or the flight of ``covey fly script`` and of lockstep.
 
         However the block ends, by its last line, an exception, a cancellation or Ctrl-C, vehicles
         that still fly are left in the declared state.
@@ -69,29 +70,31 @@ class Fleet(Group):
         """
         host = host_of(fleet)
         host.at_end = at_end
+        if ready_timeout_s is None:
+            ready_timeout_s = host.ready_timeout_s
+
         async with host.opened() as client:
 
             def say(line: str) -> None:
                 host.say(line)
                 client.publish_event("info", "mission", line.strip())
 
-            flown, begin_ns = cls(client, say=say), client.now_ns()
+            flown = cls(client, say=say)
+            begin_ns = client.now_ns()
             try:
                 if ready_timeout_s != 0.0:
-                    await flown.ready(
-                        host.ready_timeout_s if ready_timeout_s is None else ready_timeout_s
-                    )
+                    await flown.ready(ready_timeout_s)
                 yield flown
             finally:
                 await flown.leave(at_end)
                 host.flown = FlightObservations(
-                    "script",
-                    client.fleet,
-                    client.state,
-                    flown.steps,
-                    flown.arrivals,
-                    begin_ns,
-                    client.now_ns(),
+                    mission="script",
+                    fleet=client.fleet,
+                    state=client.state,
+                    steps=flown.steps,
+                    arrivals=flown.arrivals,
+                    begin_ns=begin_ns,
+                    end_ns=client.now_ns(),
                 )
 
     async def leave(self, at_end: AtEnd) -> None:
@@ -101,12 +104,15 @@ class Fleet(Group):
             at_end: land them where they are, at their take-off spots, or have them hold.
         """
         up = tuple(name for name in self._names if self.state.vehicles[name].is_airborne)
-        if at_end == "hold" and up:
-            await self.client.order(Hold(vehicles=up), 15.0)
-        elif at_end != "hold":
-            if at_end == "home" and up:
-                await self.client.order(Home(vehicles=up), _HOME_S)
-            await self.land_all()
+
+        if at_end == "hold":
+            if up:
+                await self.client.order(Hold(vehicles=up), _HOLD_S)
+            return
+
+        if at_end == "home" and up:
+            await self.client.order(Home(vehicles=up), _HOME_S)
+        await self.land_all()
 
     @property
     def say(self) -> Callable[[str], None]:
@@ -136,7 +142,8 @@ class Fleet(Group):
     def __getitem__(self, name: str) -> MissionVehicle:
         if name not in self._names:
             raise ConfigError(
-                f"'{name}' is not a vehicle of fleet '{self.config.fleet.name}': {', '.join(self._names)}."
+                f"'{name}' is not a vehicle of fleet '{self.config.fleet.name}': "
+                f"{', '.join(self._names)}."
             )
         return MissionVehicle(self.ground, (name,))
 
@@ -166,13 +173,13 @@ class Fleet(Group):
 
         if not await self.client.wait_for(are_ready, timeout_s):
             raise not_ready(self.state, self.names, self.client.now_ns(), timeout_s)
+
         refusal = self.client.control.refusal("takeoff")
         if refusal is not None:
             raise NotReady(refusal, True)
 
     def leave_out(self, *names: str) -> None:
-        """Go on without these vehicles: "all" does not mean them any more, and their results fail
-        nothing.
+        """Go on without these vehicles: "all" does not mean them any more, and they fail nothing.
 
         Args:
             names: of vehicles. They do what their last order or their failsafe says, and land with
@@ -203,6 +210,10 @@ class Fleet(Group):
         Raises:
             FaultRefused: the fault is impossible, or this flight is not simulated.
         """
+        when = ""
+        if after_s > 0.0:
+            when = f" in {after_s:g} s"
+
         for vehicle in self.config.select(vehicles):
             sentence = await self.client.fault(
                 name,
@@ -213,12 +224,12 @@ class Fleet(Group):
                 is_rehearsal=is_rehearsal,
             )
             if not is_rehearsal:
-                when = f" in {after_s:g} s" if after_s > 0.0 else ""
                 self.say(f"fault{when}: {sentence}")
 
     async def land_all(self, timeout_s: float = 40.0) -> bool:
-        """Land all vehicles that are not down yet. A landing under way goes on: no new order
-        replaces an operator's.
+        """Land all vehicles that are not down yet.
+
+        A landing under way goes on: no new order replaces an operator's.
 
         Args:
             timeout_s: longest wait beyond twice the time that the descent from their heights takes
@@ -227,6 +238,8 @@ class Fleet(Group):
         Returns:
             Whether all are landed and disarmed.
         """
-        last = self.steps[-1].vehicles if self.steps else {}
-        superseded = [name for name, phase in last.items() if phase == "superseded"]
+        superseded = []
+        if self.steps:
+            last_phases = self.steps[-1].vehicles
+            superseded = [name for name, phase in last_phases.items() if phase == "superseded"]
         return await land_all(self.client, superseded, timeout_s, say=self.say)

@@ -1,4 +1,8 @@
-"""A fleet for plain scripts and notebooks: the same verbs without ``await``."""
+"""A fleet for plain scripts and notebooks: the same verbs without ``await``.
+
+The asynchronous fleet runs in its host's loop: in a thread of its own for real vehicles, in the
+flight's own time in lockstep. A call from the script hands the coroutine over and waits.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +29,8 @@ class _Blocking:
     """Stands for an object whose coroutines are run to their end when they are called."""
 
     def __init__(self, host: Host, target: Group) -> None:
-        self._host, self._target = host, target
+        self._host = host
+        self._target = target
 
     def __getattr__(self, name: str) -> Any:
         value = getattr(self._target, name)
@@ -37,17 +42,19 @@ class _Blocking:
             result = value(*args, **options)
             if inspect.iscoroutine(result):
                 return self._host.call(result)
-            return _Blocking(self._host, result) if isinstance(result, Group) else result
+            if isinstance(result, Group):
+                return _Blocking(self._host, result)
+            return result
 
         return call
 
 
 class BlockingFleet(_Blocking):
-    """All vehicles of a fleet, for scripts that are no coroutines; every verb of :class:`Fleet`
-    blocks until its end.
+    """All vehicles of a fleet, for scripts that are no coroutines.
 
-    Use it as ``with BlockingFleet("fleet.toml") as fleet: fleet.takeoff(1.0)``. Without ``with``
-    the end of the program is its end.
+    Every verb of :class:`Fleet` blocks until its end. Use it as
+    ``with BlockingFleet("fleet.toml") as fleet: fleet.takeoff(1.0)``. Without ``with`` the end of
+    the program is its end.
 
     Args:
         fleet: a fleet file or its path; None: that of ``covey fly script``.
@@ -70,10 +77,10 @@ class BlockingFleet(_Blocking):
         ready_timeout_s: float | None = None,
     ) -> None:
         host = host_of(fleet)
-        self._ready: asyncio.Future[Fleet] | None = None
-        self._end: asyncio.Event | None = None
-        self._task: asyncio.Task[None] | None = None
+        self._end: asyncio.Event | None = None  # set to end the connection
+        self._task: asyncio.Task[None] | None = None  # holds the connection open
         self._is_open = True
+
         close_at_end(self.close)
         _end_as_an_exception_does()
         super().__init__(host, host.call(self._begin(fleet, at_end, ready_timeout_s)))
@@ -104,8 +111,9 @@ class BlockingFleet(_Blocking):
         return self._host.call(function(self._target))
 
     def close(self) -> None:
-        """Leave the fleet in the declared state and close the connection; a second call does
-        nothing.
+        """Leave the fleet in the declared state and close the connection.
+
+        A second call does nothing.
         """
         if self._is_open and self._task is not None:
             self._is_open = False
@@ -113,10 +121,11 @@ class BlockingFleet(_Blocking):
             self._host.end_calls()
 
     async def _begin(self, fleet: FleetFile, at_end: AtEnd, ready_timeout_s: float | None) -> Fleet:
+        """Open the connection in a task of its own, which holds it open until the end."""
         ready: asyncio.Future[Fleet] = asyncio.get_running_loop().create_future()
         end = self._end = asyncio.Event()
 
-        async def connected() -> None:
+        async def hold_open() -> None:
             try:
                 async with Fleet.connect(
                     fleet, at_end=at_end, ready_timeout_s=ready_timeout_s
@@ -128,7 +137,7 @@ class BlockingFleet(_Blocking):
                     raise
                 ready.set_exception(error)
 
-        self._task = asyncio.create_task(connected())
+        self._task = asyncio.create_task(hold_open())
         return await ready
 
     async def _finish(self) -> None:
@@ -138,9 +147,7 @@ class BlockingFleet(_Blocking):
 
 
 def _end_as_an_exception_does() -> None:
-    """Let SIGTERM end the program as an exception does, so that the fleet is left in the declared
-    state.
-    """
+    """Let SIGTERM end the program as an exception does: the fleet is left in the declared state."""
     try:
         if signal.getsignal(signal.SIGTERM) is signal.SIG_DFL:
             signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))

@@ -1,14 +1,17 @@
 """Conditions that a mission waits for or reacts to: predicates of the fleet's state, with words.
-Pure.
+
+Each function returns a `WaitCondition`: whether it holds, what it is called, and what is the case
+instead, for the sentence about a wait that was too short. Pure.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
-from groundstation.fleet.state import FleetState, VehicleView
+from groundstation.fleet.state import FleetState, LoggedEvent, VehicleView
 from onboard.config.fleet import Vec3
 from onboard.config.pair_separation import separation_m
 
@@ -45,24 +48,29 @@ def reached(goals: Mapping[str, Vec3], within_m: float = ARRIVED_M) -> WaitCondi
     """
 
     def distances_m(moment: Moment) -> dict[str, float]:
-        known = {name: moment.state.vehicles[name].position_enu_m(moment.now_ns) for name in goals}
-        return {
-            name: math.inf if at is None else math.dist(at, goals[name])
-            for name, at in known.items()
-        }
+        """Return the distance of each vehicle; infinite where its position is not known."""
+        distances = {}
+        for name, goal in goals.items():
+            position_enu_m = moment.state.vehicles[name].position_enu_m(moment.now_ns)
+            if position_enu_m is None:
+                distances[name] = math.inf
+            else:
+                distances[name] = math.dist(position_enu_m, goal)
+        return distances
 
-    return WaitCondition(
-        f"{', '.join(goals)} within {within_m:g} m of their goals",
-        lambda moment: all(away_m <= within_m for away_m in distances_m(moment).values()),
-        lambda moment: ", ".join(
-            f"{name} {away_m:.2f} m away" for name, away_m in distances_m(moment).items()
-        ),
-    )
+    def holds(moment: Moment) -> bool:
+        return all(distance_m <= within_m for distance_m in distances_m(moment).values())
+
+    def value(moment: Moment) -> str:
+        return ", ".join(
+            f"{name} {distance_m:.2f} m away" for name, distance_m in distances_m(moment).items()
+        )
+
+    return WaitCondition(f"{', '.join(goals)} within {within_m:g} m of their goals", holds, value)
 
 
 def separation_above(distance_m: float) -> WaitCondition:
-    """No two vehicles of which one flies are nearer to each other than this, by telemetry: their
-    separation.
+    """No two vehicles of which one flies have a smaller separation than this, by telemetry.
 
     Args:
         distance_m: between centres [m].
@@ -70,13 +78,12 @@ def separation_above(distance_m: float) -> WaitCondition:
     return WaitCondition(
         f"all more than {distance_m:g} m apart",
         lambda moment: _closest_m(moment) > distance_m,
-        lambda moment: f"the closest pair is {_closest_m(moment):.2f} m apart",
+        _closest_words,
     )
 
 
 def separation_below(distance_m: float) -> WaitCondition:
-    """Two vehicles of which one flies are nearer to each other than this, by telemetry: their
-    separation.
+    """Two vehicles of which one flies have a smaller separation than this, by telemetry.
 
     Args:
         distance_m: between centres [m].
@@ -84,7 +91,7 @@ def separation_below(distance_m: float) -> WaitCondition:
     return WaitCondition(
         f"two less than {distance_m:g} m apart",
         lambda moment: _closest_m(moment) < distance_m,
-        lambda moment: f"the closest pair is {_closest_m(moment):.2f} m apart",
+        _closest_words,
     )
 
 
@@ -96,16 +103,18 @@ def battery_below(percent: float, vehicles: Sequence[str] | str | None = None) -
         vehicles: names, or one; None: anybody.
     """
 
-    def least(moment: Moment) -> float:
-        views = _views(moment, vehicles).values()
-        return 100.0 * min(
-            (one.telemetry.battery_frac for one in views if one.telemetry is not None), default=1.0
-        )
+    def least_pct(moment: Moment) -> float:
+        """Return the least charge; a full battery while nobody reports."""
+        least_frac = 1.0
+        for view in _views(moment, vehicles).values():
+            if view.telemetry is not None:
+                least_frac = min(least_frac, view.telemetry.battery_frac)
+        return 100.0 * least_frac
 
     return WaitCondition(
-        f"{_who(vehicles)} below {percent:g} % of battery",
-        lambda moment: least(moment) < percent,
-        lambda moment: f"the least is {least(moment):.0f} %",
+        f"{_vehicle_words(vehicles)} below {percent:g} % of battery",
+        lambda moment: least_pct(moment) < percent,
+        lambda moment: f"the least is {least_pct(moment):.0f} %",
     )
 
 
@@ -116,7 +125,10 @@ def landed(vehicles: Sequence[str] | str | None = None) -> WaitCondition:
         vehicles: names, or one; None: all.
     """
 
-    return _of_all(vehicles, "landed", "not", lambda moment, name: moment.state.is_landed(name))
+    def is_landed(moment: Moment, name: str) -> bool:
+        return moment.state.is_landed(name)
+
+    return _each(vehicles, is_landed, words="landed", otherwise="not")
 
 
 def flying(vehicles: Sequence[str] | str | None = None) -> WaitCondition:
@@ -126,12 +138,10 @@ def flying(vehicles: Sequence[str] | str | None = None) -> WaitCondition:
         vehicles: names, or one; None: all.
     """
 
-    return _of_all(
-        vehicles,
-        "in the air",
-        "on the ground:",
-        lambda moment, name: moment.state.vehicles[name].is_airborne,
-    )
+    def is_flying(moment: Moment, name: str) -> bool:
+        return moment.state.vehicles[name].is_airborne
+
+    return _each(vehicles, is_flying, words="in the air", otherwise="on the ground:")
 
 
 def fails(vehicles: Sequence[str] | str | None = None) -> WaitCondition:
@@ -149,7 +159,7 @@ def fails(vehicles: Sequence[str] | str | None = None) -> WaitCondition:
         ]
 
     return WaitCondition(
-        f"{_who(vehicles)} failing",
+        f"{_vehicle_words(vehicles)} failing",
         lambda moment: bool(failed(moment)),
         lambda moment: ", ".join(failed(moment)) or "none",
     )
@@ -163,95 +173,110 @@ def event(code: str, vehicles: Sequence[str] | str | None = None) -> WaitConditi
         vehicles: that it is about, or one; None: anybody's, the ground's included.
     """
 
+    def is_meant(logged: LoggedEvent) -> bool:
+        is_warning = logged.event.severity in ("warning", "critical")
+        if logged.event.code != code and not (code == "*" and is_warning):
+            return False
+        return vehicles is None or logged.event.vehicle in _names(vehicles)
+
     def has_come(moment: Moment) -> bool:
-        names = None if vehicles is None else _names(vehicles)
         return any(
-            logged.received_ns >= moment.begin_ns
-            and (
-                logged.event.code == code
-                or (code == "*" and logged.event.severity in ("warning", "critical"))
-            )
-            and (names is None or logged.event.vehicle in names)
+            logged.received_ns >= moment.begin_ns and is_meant(logged)
             for logged in moment.state.events
         )
 
-    return WaitCondition(f"event '{code}' of {_who(vehicles)}", has_come, lambda _: "none has come")
+    return WaitCondition(
+        f"event '{code}' of {_vehicle_words(vehicles)}", has_come, lambda _: "none has come"
+    )
 
 
 def any_of(*conditions: WaitCondition) -> WaitCondition:
     """At least one of these conditions holds."""
     return WaitCondition(
-        " or ".join(one.words for one in conditions),
-        lambda moment: any(one.holds(moment) for one in conditions),
-        lambda moment: "; ".join(one.value(moment) for one in conditions),
+        " or ".join(condition.words for condition in conditions),
+        lambda moment: any(condition.holds(moment) for condition in conditions),
+        lambda moment: "; ".join(condition.value(moment) for condition in conditions),
     )
 
 
 def all_of(*conditions: WaitCondition) -> WaitCondition:
     """All of these conditions hold at once."""
+
+    def value(moment: Moment) -> str:
+        missing = [condition for condition in conditions if not condition.holds(moment)]
+        return "; ".join(condition.value(moment) for condition in missing)
+
     return WaitCondition(
-        " and ".join(one.words for one in conditions),
-        lambda moment: all(one.holds(moment) for one in conditions),
-        lambda moment: "; ".join(one.value(moment) for one in conditions if not one.holds(moment)),
+        " and ".join(condition.words for condition in conditions),
+        lambda moment: all(condition.holds(moment) for condition in conditions),
+        value,
     )
 
 
-def _closest_m(moment: Moment) -> float:
-    known = [(view, view.position_enu_m(moment.now_ns)) for view in moment.state.vehicles.values()]
-    spots = [(view.is_airborne, at) for view, at in known if at is not None]
-    return min(
-        (
-            separation_m(one, other, moment.state.height_share)
-            for k, (flies, one) in enumerate(spots)
-            for other_flies, other in spots[:k]
-            if flies or other_flies
-        ),
-        default=math.inf,
-    )
-
-
-def _names(vehicles: Sequence[str] | str) -> list[str]:
-    return (
-        [word.strip() for word in vehicles.split(",")]
-        if isinstance(vehicles, str)
-        else list(vehicles)
-    )
-
-
-def _views(moment: Moment, vehicles: Sequence[str] | str | None) -> dict[str, VehicleView]:
-    if vehicles is None:
-        return {
-            name: view
-            for name, view in moment.state.vehicles.items()
-            if name not in moment.state.disabled
-        }
-    return {name: moment.state.vehicles[name] for name in _names(vehicles)}
-
-
-def _of_all(
+def _each(
     vehicles: Sequence[str] | str | None,
-    what: str,
-    otherwise: str,
     holds: Callable[[Moment, str], bool],
+    *,
+    words: str,
+    otherwise: str,
 ) -> WaitCondition:
+    """Return the condition that something holds for each of these vehicles."""
+
     def others(moment: Moment) -> list[str]:
         return [name for name in _views(moment, vehicles) if not holds(moment, name)]
 
     return WaitCondition(
-        f"{_who(vehicles, 'all')} {what}",
+        f"{_vehicle_words(vehicles, everybody='all')} {words}",
         lambda moment: not others(moment),
         lambda moment: f"{otherwise} {', '.join(others(moment))}",
     )
 
 
-def _who(vehicles: Sequence[str] | str | None, everybody: str = "anybody") -> str:
-    return everybody if vehicles is None else ", ".join(_names(vehicles))
+def _closest_m(moment: Moment) -> float:
+    """Return the smallest separation of two vehicles of which one flies; infinite without two."""
+    spots = []
+    for view in moment.state.vehicles.values():
+        position_enu_m = view.position_enu_m(moment.now_ns)
+        if position_enu_m is not None:
+            spots.append((view.is_airborne, position_enu_m))
+
+    closest_m = math.inf
+    for (flies, position), (other_flies, other) in itertools.combinations(spots, 2):
+        if flies or other_flies:
+            distance_m = separation_m(other, position, moment.state.height_share)
+            closest_m = min(closest_m, distance_m)
+    return closest_m
+
+
+def _closest_words(moment: Moment) -> str:
+    return f"the closest pair is {_closest_m(moment):.2f} m apart"
 
 
 def _has_failed(view: VehicleView, now_ns: int) -> bool:
+    """Whether a vehicle is lost: failed, silent in flight, or landing without an order."""
     telemetry = view.telemetry
     if telemetry is None:
         return False
-    if telemetry.state == "failed" or (telemetry.is_armed and not view.is_fresh(now_ns)):
+    if telemetry.state == "failed":
+        return True
+    if telemetry.is_armed and not view.is_fresh(now_ns):
         return True
     return telemetry.state == "landing" and not telemetry.order_id
+
+
+def _views(moment: Moment, vehicles: Sequence[str] | str | None) -> dict[str, VehicleView]:
+    """Return the vehicles that a condition is about; those that take part when it names none."""
+    state = moment.state
+    if vehicles is None:
+        return {name: view for name, view in state.vehicles.items() if name not in state.disabled}
+    return {name: state.vehicles[name] for name in _names(vehicles)}
+
+
+def _names(vehicles: Sequence[str] | str) -> list[str]:
+    if isinstance(vehicles, str):
+        return [word.strip() for word in vehicles.split(",")]
+    return list(vehicles)
+
+
+def _vehicle_words(vehicles: Sequence[str] | str | None, everybody: str = "anybody") -> str:
+    return everybody if vehicles is None else ", ".join(_names(vehicles))

@@ -1,5 +1,4 @@
-"""Where a script's fleet flies: real vehicles and agents by default, a simulated flight when a host
-has been set.
+"""Where a script's fleet flies: real vehicles by default, another flight when a host is set.
 
 ``covey fly script`` and the lockstep fixture set the host, so that one script flies in simulated time,
 with emulated PX4s or with hardware unchanged.
@@ -22,10 +21,11 @@ from typing import Any, Protocol, TypeVar
 from groundstation.client.client import FleetClient
 from groundstation.recording.channels import RECORDED
 from groundstation.recording.writer import RecordWriter
-from groundstation.verdict.verdict import FlightObservations
+from groundstation.verdict.observations import FlightObservations
 from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
 
 READY_TIMEOUT_S = 30.0
+_THREAD_END_S = 5.0
 T = TypeVar("T")
 
 
@@ -48,8 +48,10 @@ class Host(Protocol):
         """End what :meth:`call` needs; a second call does nothing."""
 
     def end_record(self) -> tuple[int, str | None]:
-        """Finish the record; return its begin on the ground's clock [ns], and a sentence when it
-        ended early.
+        """Finish the record.
+
+        Returns:
+            Its begin on the ground's clock [ns], and a sentence when it ended early.
         """
 
 
@@ -65,9 +67,10 @@ def close_at_end(close: Callable[[], None]) -> None:
 
 
 def close_all() -> None:
-    """Close the connections of blocking scripts that are still open; a second call does nothing."""
+    """Close the connections of blocking scripts that are still open; again, it does nothing."""
     while _to_close:
-        _to_close.pop()()
+        close = _to_close.pop()
+        close()
 
 
 def run_script(path: str | Path, arguments: Sequence[str], host: Host) -> None:
@@ -78,7 +81,8 @@ def run_script(path: str | Path, arguments: Sequence[str], host: Host) -> None:
         arguments: for its ``sys.argv``.
         host: the flight.
     """
-    before = sys.argv, list(sys.path)
+    argv_before = sys.argv
+    path_before = list(sys.path)
     sys.argv = [str(path), *arguments]
     sys.path.insert(0, str(Path(path).resolve().parent))
     try:
@@ -88,7 +92,8 @@ def run_script(path: str | Path, arguments: Sequence[str], host: Host) -> None:
             finally:
                 close_all()
     finally:
-        sys.argv, sys.path[:] = before
+        sys.argv = argv_before
+        sys.path[:] = path_before
 
 
 @contextlib.contextmanager
@@ -112,11 +117,14 @@ def host_of(fleet: FleetConfig | str | Path | None) -> Host:
     """
     if _hosts:
         return _hosts[-1]
+
     if fleet is None:
         raise ConfigError(
             "Which fleet? Name its file in the script, or start it: covey fly script SCRIPT --fleet FILE"
         )
-    return RealTime(fleet if isinstance(fleet, FleetConfig) else load_fleet(fleet))
+    if not isinstance(fleet, FleetConfig):
+        fleet = load_fleet(fleet)
+    return RealTime(fleet)
 
 
 class RealTime:
@@ -137,54 +145,59 @@ class RealTime:
         ready_timeout_s: float = READY_TIMEOUT_S,
         say: Callable[[str], None] = print,
     ) -> None:
-        self.config, self.folder, self.ready_timeout_s, self.say = (
-            config,
-            folder,
-            ready_timeout_s,
-            say,
-        )
+        self.config = config
+        self.folder = folder
+        self.ready_timeout_s = ready_timeout_s
+        self.say = say
         self.flown: FlightObservations | None = None
         self.at_end = "land"
         self._record: RecordWriter | None = None
-        self._loop: asyncio.AbstractEventLoop | None = None
-        self._thread: threading.Thread | None = None
+        self._loop: asyncio.AbstractEventLoop | None = None  # of blocking scripts
+        self._thread: threading.Thread | None = None  # that runs it
 
     @contextlib.asynccontextmanager
     async def opened(self) -> AsyncIterator[FleetClient]:
-        """Open the bus, and the record where there is a folder; SIGTERM ends the script as Ctrl-C
-        does.
+        """Open the bus, and the record where there is a folder.
+
+        SIGTERM ends the script as Ctrl-C does.
         """
         client = FleetClient(self.config, extra_topics=RECORDED if self.folder is not None else ())
-        record = self._record = None
-        if self.folder is not None:
-            record = self._record = RecordWriter(
-                self.folder,
-                on_failure=lambda sentence: client.publish_event(
-                    "critical", "record_failed", sentence
-                ),
-                on_warning=lambda sentence: client.publish_event(
-                    "warning", "record_full", sentence
-                ),
-            )
-            record.start()
-            client.add_sink(record.put)
-        loop, task = asyncio.get_running_loop(), asyncio.current_task()
+        record = self._record = self._begin_record(client)
+        is_main_thread = threading.current_thread() is threading.main_thread()
+        loop = asyncio.get_running_loop()
+        task = asyncio.current_task()
+
         try:
             await client.start()
             client.announce_recording(record is not None and record.failure is None)
-            if threading.current_thread() is threading.main_thread() and task is not None:
+            if is_main_thread and task is not None:
                 loop.add_signal_handler(signal.SIGTERM, task.cancel)
             yield client
         finally:
-            if threading.current_thread() is threading.main_thread():
+            if is_main_thread:
                 loop.remove_signal_handler(signal.SIGTERM)
             await client.stop()
             if record is not None:
                 await asyncio.to_thread(record.stop)
 
+    def _begin_record(self, client: FleetClient) -> RecordWriter | None:
+        """Start the record of what a client receives and orders; None without a folder."""
+        if self.folder is None:
+            return None
+
+        record = RecordWriter(
+            self.folder,
+            on_failure=lambda sentence: client.publish_event("critical", "record_failed", sentence),
+            on_warning=lambda sentence: client.publish_event("warning", "record_full", sentence),
+        )
+        record.start()
+        client.add_sink(record.put)
+        return record
+
     def call(self, coroutine: Coroutine[Any, Any, T]) -> T:
-        """Run a coroutine in a thread of its own, where the bus is read while the script computes
-        or waits.
+        """Run a coroutine in a thread of its own.
+
+        There the bus is read while the script computes or waits.
         """
         if self._loop is None:
             self._loop = _ThreadLoop()
@@ -192,6 +205,7 @@ class RealTime:
                 target=self._loop.run_forever, name="fleet", daemon=True
             )
             self._thread.start()
+
         future = asyncio.run_coroutine_threadsafe(coroutine, self._loop)
         try:
             return future.result()
@@ -200,22 +214,27 @@ class RealTime:
             raise
 
     def end_record(self) -> tuple[int, str | None]:
-        """Return the begin of the record, which has ended with the connection, and why it ended
-        early.
+        """Return the begin of the record, and why it ended early.
+
+        It has ended with the connection.
         """
-        return (0, None) if self._record is None else (self._record.begin_ns, self._record.failure)
+        if self._record is None:
+            return (0, None)
+        return (self._record.begin_ns, self._record.failure)
 
     def end_calls(self) -> None:
         """End the thread; a second call does nothing."""
-        loop, self._loop = self._loop, None
+        loop = self._loop
+        self._loop = None
         if loop is not None and self._thread is not None:
             loop.call_soon_threadsafe(loop.stop)
-            self._thread.join(5.0)
+            self._thread.join(_THREAD_END_S)
 
 
 class _ThreadLoop(asyncio.SelectorEventLoop):
-    """A loop that still closes the bus while the interpreter ends, when no further thread may
-    begin.
+    """A loop that still closes the bus while the interpreter ends.
+
+    No further thread may begin then; what would run in one runs here.
     """
 
     def run_in_executor(  # type: ignore[override]

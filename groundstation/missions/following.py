@@ -1,5 +1,7 @@
-"""Vehicles that follow another one at an offset: a new goal for each, twice a second, judged
-together every time.
+"""Vehicles that follow another one at an offset.
+
+Each gets a new goal twice a second, where its offset will be when the leader has flown on for a
+second. The goals of one moment are one order, judged together.
 """
 
 from __future__ import annotations
@@ -16,17 +18,18 @@ from groundstation.paths.checks import LOWEST_M
 from onboard.bus.schema import Vec3
 from onboard.config.fleet import ConfigError, FleetConfig
 
-_PERIOD_S, _AHEAD_S = 0.5, 1.0  # a new leg takes about that long to get under way
-_MOVED_M = 0.1
-_REFUSED_S = 5.0
-_INSIDE_M = 0.1
+_PERIOD_S = 0.5
+_AHEAD_S = 1.0  # a new leg takes about that long to get under way
+_MOVED_M = 0.1  # a goal that has moved less is not ordered anew
+_REFUSED_S = 5.0  # for which goals may be refused on end
+_INSIDE_M = 0.1  # the fence
+_HOLD_S = 15.0
 
 
 async def follow(
     ground: MissionGround, leader: str, offsets: Mapping[str, Vec3], duration_s: float
 ) -> Results:
-    """Have vehicles follow another one for a time; then, and also when this is cancelled, they
-    hold.
+    """Have vehicles follow another one for a time; then they hold, also when this is cancelled.
 
     Args:
         ground: of the flight.
@@ -41,25 +44,28 @@ async def follow(
         ConfigError: the leader does not report where it is.
         OrderFailed: the goals are refused for five seconds on end, or a follower does not hold.
     """
-    client, last = ground.client, dict[str, Vec3]()
+    client = ground.client
     client.fleet.select([leader])
-    end_ns, good_ns = client.now_ns() + int(duration_s * 1e9), client.now_ns()
     ground.say(f"{', '.join(offsets)} follow {leader} for {duration_s:g} s")
+
+    last_goals: dict[str, Vec3] = {}
+    end_ns = client.now_ns() + int(duration_s * 1e9)
+    last_good_ns = client.now_ns()
     try:
         while client.now_ns() < end_ns:
             goals = _goals(client, leader, offsets)
-            if not last or any(math.dist(goals[name], last[name]) > _MOVED_M for name in goals):
-                order = await client.submit(Goto(vehicles=tuple(goals), goals=goals))
-                if order.planned.refusals:
-                    if client.now_ns() - good_ns > _REFUSED_S * 1e9:
-                        raise OrderFailed(order.intent, dict(order.results))
-                else:
-                    last, good_ns = goals, client.now_ns()
+            if not _have_moved(goals, last_goals):
+                last_good_ns = client.now_ns()
             else:
-                good_ns = client.now_ns()
+                order = await client.submit(Goto(vehicles=tuple(goals), goals=goals))
+                if not order.planned.refusals:
+                    last_goals = goals
+                    last_good_ns = client.now_ns()
+                elif client.now_ns() - last_good_ns > _REFUSED_S * 1e9:
+                    raise OrderFailed(order.intent, dict(order.results))
             await asyncio.sleep(_PERIOD_S)
     finally:
-        results = await ground.order(Hold(vehicles=tuple(offsets)), 15.0)
+        results = await ground.order(Hold(vehicles=tuple(offsets)), _HOLD_S)
     return results
 
 
@@ -75,35 +81,53 @@ def present_offsets(client: FleetClient, leader: str, names: Sequence[str]) -> d
         ConfigError: somebody does not report where it is.
     """
     client.fleet.select([leader])
-    spots = {
-        name: client.state.vehicles[name].position_enu_m(client.now_ns())
-        for name in (leader, *names)
-    }
-    unknown = [name for name, spot in spots.items() if spot is None]
+
+    spots: dict[str, Vec3] = {}
+    unknown = []
+    for name in dict.fromkeys((leader, *names)):
+        position_enu_m = client.state.vehicles[name].position_enu_m(client.now_ns())
+        if position_enu_m is None:
+            unknown.append(name)
+        else:
+            spots[name] = position_enu_m
     if unknown:
         raise ConfigError(
             f"{', '.join(unknown)} does not report where it is, so nobody can follow."
         )
-    known = {name: spot for name, spot in spots.items() if spot is not None}
-    x, y, z = known.pop(leader)
-    return {name: (spot[0] - x, spot[1] - y, spot[2] - z) for name, spot in known.items()}
+
+    x, y, z = spots.pop(leader)
+    return {name: (spot[0] - x, spot[1] - y, spot[2] - z) for name, spot in spots.items()}
+
+
+def _have_moved(goals: Mapping[str, Vec3], last_goals: Mapping[str, Vec3]) -> bool:
+    """Whether goals are to be ordered: the first ones, and those that have moved."""
+    if not last_goals:
+        return True
+    return any(math.dist(goals[name], last_goals[name]) > _MOVED_M for name in goals)
 
 
 def _goals(client: FleetClient, leader: str, offsets: Mapping[str, Vec3]) -> dict[str, Vec3]:
+    """Return the followers' goals, ahead of the leader's present position and inside the fence."""
     view = client.state.vehicles[leader]
-    at = view.position_enu_m(client.now_ns())
-    if at is None or view.telemetry is None:
+    position_enu_m = view.position_enu_m(client.now_ns())
+    if position_enu_m is None or view.telemetry is None:
         raise ConfigError(f"{leader} does not report where it is, so nobody can follow it.")
-    v = view.telemetry.velocity_enu_m_s
-    ahead = [value + _AHEAD_S * speed for value, speed in zip(at, v, strict=True)]
-    return {
-        name: _inside(client.fleet, (ahead[0] + x, ahead[1] + y, ahead[2] + z))
-        for name, (x, y, z) in offsets.items()
-    }
+
+    velocity_enu_m_s = view.telemetry.velocity_enu_m_s
+    ahead_enu_m = [
+        value + _AHEAD_S * speed_m_s
+        for value, speed_m_s in zip(position_enu_m, velocity_enu_m_s, strict=True)
+    ]
+
+    goals = {}
+    for name, (x, y, z) in offsets.items():
+        goal = (ahead_enu_m[0] + x, ahead_enu_m[1] + y, ahead_enu_m[2] + z)
+        goals[name] = _inside(client.fleet, goal)
+    return goals
 
 
 def _inside(fleet: FleetConfig, goal: Vec3) -> Vec3:
     """Return the nearest point inside the fence, a little above its floor."""
     fence = fleet.fleet.geofence_m
     x, y, z = fence.nearest_inside(goal, _INSIDE_M)
-    return x, y, max(z, fence.z[0] + LOWEST_M)
+    return (x, y, max(z, fence.z[0] + LOWEST_M))

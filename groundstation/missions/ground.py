@@ -1,4 +1,4 @@
-"""The ground of one flight, as its mission sees it: the client, what was ordered, and how it went."""
+"""The ground of one flight, as its mission sees it: the client, what was ordered, how it went."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from groundstation.orders.intents import Intent
 from groundstation.orders.obstruction import explained
 from groundstation.orders.plan import PlannedOrder
 from groundstation.orders.result import OrderFailed, Results
-from groundstation.verdict.verdict import Arrival, StepResult, arrival_of, smallest
+from groundstation.verdict.observations import Arrival, StepResult, arrival_of, smallest
 from onboard.config.fleet import Vec3
 
 
@@ -32,7 +32,7 @@ class MissionGround:
         self.left_out: set[str] = set()  # vehicles that the mission goes on without
         self.goes_on_without = False  # a vehicle that fails is left out; the others go on
         self._is_stepping = False
-        self._next = asyncio.Event()
+        self._next = asyncio.Event()  # set by `go_on`
 
     async def order(
         self,
@@ -59,38 +59,25 @@ class MissionGround:
             self._next.clear()
             self.say(f"Waits before: {intent}")
             await self._next.wait()
+
         self.say(f"{intent}")
         client = self.client
         begin_ns = client.now_ns()
         planned = client.plan(intent)
-        order = client.send(planned if change is None else change(planned))
+        if change is not None:
+            planned = change(planned)
+        order = client.send(planned)
         ended = await order.wait(timeout_s)
         results = explained(ended, order.planned, client.fleet, client.state, client.now_ns())
+
         for name, message in order.planned.orders.items():
             goal = message.position_enu_m
             if goal is not None and not message.then_land:
-                self.add_arrival(str(intent.verb), name, goal)
-        step = StepResult(
-            step=str(intent),
-            duration_s=round((client.now_ns() - begin_ns) * 1e-9, 2),
-            vehicles={name: result.phase for name, result in results.items()},
-            sentences={name: result.sentence for name, result in results.items()},
-        )
-        self.steps.append(step)
-        if step.is_done:
-            self.say(f"  done in {step.duration_s:.1f} s{self._closest_words()}")
-        for name, result in results.items():
-            if not result.is_done:
-                self.say(f"  {name} {result.phase}: {result.sentence}")
-        missing = [
-            name
-            for name, result in results.items()
-            if not result.is_done and name not in self.left_out
-        ]
-        if missing and self.goes_on_without and len(missing) < len(results):
-            self.leave_out(*missing)
-        elif missing:
-            raise OrderFailed(intent, results)
+                self.add_arrival(intent.verb, name, goal)
+        duration_s = (client.now_ns() - begin_ns) * 1e-9
+        self._log(step_result(str(intent), duration_s, results), results)
+
+        self._go_on_or_fail(intent, results)
         return results
 
     def go_on(self, *, is_stepping: bool) -> None:
@@ -104,28 +91,69 @@ class MissionGround:
         self._next.set()
 
     def leave_out(self, *names: str) -> None:
-        """Go on without these vehicles: "all" does not mean them any more, and their results fail
-        nothing.
+        """Go on without these vehicles.
+
+        "all" does not mean them any more, and their results fail nothing.
 
         Args:
             names: of vehicles. They do what their last order or their failsafe says, and land with
                 the mission's end.
         """
         new = [name for name in names if name not in self.left_out]
+        if not new:
+            return
+
         self.left_out.update(new)
-        if new:
-            self.say(f"The mission goes on without {', '.join(new)}.")
+        self.say(f"The mission goes on without {', '.join(new)}.")
 
     def add_arrival(self, step: str, name: str, goal: Vec3) -> None:
         """Note how far a vehicle is from its goal now."""
-        self.arrivals.append(
-            arrival_of(step, self.client.state.vehicles[name], goal, self.client.now_ns())
-        )
+        view = self.client.state.vehicles[name]
+        self.arrivals.append(arrival_of(step, view, goal, self.client.now_ns()))
+
+    def _log(self, step: StepResult, results: Results) -> None:
+        """Keep the result of an order, and say it."""
+        self.steps.append(step)
+        if step.is_done:
+            self.say(f"  done in {step.duration_s:.1f} s{self._closest_words()}")
+
+        for name, result in results.items():
+            if not result.is_done:
+                self.say(f"  {name} {result.phase}: {result.sentence}")
+
+    def _go_on_or_fail(self, intent: Intent, results: Results) -> None:
+        """Leave vehicles out that have failed, where others have not; else the order has failed."""
+        missing = [
+            name
+            for name, result in results.items()
+            if not result.is_done and name not in self.left_out
+        ]
+        if not missing:
+            return
+
+        if self.goes_on_without and len(missing) < len(results):
+            self.leave_out(*missing)
+        else:
+            raise OrderFailed(intent, results)
 
     def _closest_words(self) -> str:
         near = smallest(self.client.state)
-        return (
-            ""
-            if near is None
-            else f"; smallest distance so far {near.distance_m:.2f} m ({near.first}, {near.second})"
-        )
+        if near is None:
+            return ""
+        return f"; smallest distance so far {near.distance_m:.2f} m ({near.first}, {near.second})"
+
+
+def step_result(step: str, duration_s: float, results: Results) -> StepResult:
+    """Return the results of an order as the verdict keeps them.
+
+    Args:
+        step: the order in words.
+        duration_s: that it took [s].
+        results: one per vehicle.
+    """
+    return StepResult(
+        step=step,
+        duration_s=round(duration_s, 2),
+        vehicles={name: result.phase for name, result in results.items()},
+        sentences={name: result.sentence for name, result in results.items()},
+    )

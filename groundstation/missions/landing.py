@@ -1,4 +1,9 @@
-"""Landing of all vehicles at the end of a mission, whatever has happened before."""
+"""Landing of all vehicles at the end of a mission, whatever has happened before.
+
+An order to land can end before its vehicle is down: a failsafe may have taken over, a link may have
+broken, PX4 may have landed by itself. So this asks the vehicles, not the orders: whoever is not
+down, and does not land, is ordered to land again, until all are down or the time is over.
+"""
 
 from __future__ import annotations
 
@@ -8,19 +13,23 @@ from groundstation.client.client import FleetClient
 from groundstation.fleet.descent import longest_descent_s
 from groundstation.fleet.state import FleetState
 from groundstation.orders.intents import Land
-from groundstation.orders.result import OrderResult
+from groundstation.orders.result import OrderResult, Results
 
 LAND_AGAIN_S = 6.0
-_PATIENCE = 2.0  # times the descent: who lands waits for others below, and goes aside for others
 TELEMETRY_WITHIN_S = 0.3
 SILENT_S = 2.0  # in the air: the agent hangs, or is cut off
+_LAST_TELEMETRY_S = 1.0  # after the end of the last order
+# Times the descent: a vehicle that lands waits for others below, and goes aside for others.
+_PATIENCE = 2.0
+_MAY_FLY_STATES = ("armed", "taking off", "flying", "holding", "landing")
 
 
 async def land_all(
     client: FleetClient, superseded: Sequence[str], timeout_s: float, *, say: Callable[[str], None]
 ) -> bool:
-    """Land all vehicles that are not down yet. A landing under way goes on: no new order replaces
-    an operator's.
+    """Land all vehicles that are not down yet.
+
+    A landing under way goes on: no new order replaces an operator's.
 
     Args:
         client: started.
@@ -35,11 +44,13 @@ async def land_all(
     up = tuple(name for name in client.fleet.enabled_names if _may_fly(client, name))
     descent_s = longest_descent_s(client.fleet, client.state)
     end_ns = client.now_ns() + int((timeout_s + _PATIENCE * descent_s) * 1e9)
-    if superseded:  # the next telemetry shows whether the new order is to land
+
+    if superseded:
+        # The next telemetry shows whether the new order is to land.
         await client.wait_for(
             lambda _: all(_is_landing(client, name) for name in superseded), TELEMETRY_WITHIN_S
         )
-    left = up
+
     said: set[str] = set()
 
     def say_once(line: str) -> None:
@@ -47,6 +58,7 @@ async def land_all(
             said.add(line)
             say(line)
 
+    left = up
     while left and client.now_ns() < end_ns:
         ordered = tuple(name for name in left if not _is_landing(client, name))
         if not ordered:
@@ -54,48 +66,69 @@ async def land_all(
                 return True
             left = tuple(name for name in left if not _is_down(client, name))
             continue
+
         say_once(f"Landing {', '.join(ordered)}.")
         order = await client.submit(Land(vehicles=ordered))
         await client.wait_for(_has_ended(client, order), (end_ns - client.now_ns()) * 1e-9)
+
         # An order can end before the vehicle is down: when a failsafe has taken over, PX4 lands by
         # itself. A vehicle that PX4 itself reports as disarmed, on the direct path, has no agent
         # left to send telemetry.
-        down = {name for name, result in order.results.items() if result.is_done}
-        left = tuple(name for name in left if name not in down)
-        if await client.wait_for(_all_down(client, up), LAND_AGAIN_S if left else 1.0):
+        left = tuple(
+            name for name in left if name not in order.results or not order.results[name].is_done
+        )
+        if await client.wait_for(
+            _all_down(client, up), LAND_AGAIN_S if left else _LAST_TELEMETRY_S
+        ):
             return True
-        silent = silent_in_flight(client)
-        for name, result in order.results.items():
-            if result.phase == "accepted" and name in silent:
-                say_once(
-                    f"  {name} accepted it, and fell silent. Landing it again, straight by PX4 if need be."
-                )
-            elif result.sentence and not result.is_done:
-                say_once(f"  {name} {result.phase}: {result.sentence}")
+
+        _say_failures(client, order.results, say_once)
         left = tuple(name for name in left if not _is_down(client, name))
+
     return not left
 
 
 def silent_in_flight(client: FleetClient) -> list[str]:
-    """Return the vehicles whose last telemetry was armed and is older than SILENT_S, unless this
-    ground has stalled.
+    """Return the vehicles whose last telemetry was armed and is older than SILENT_S.
+
+    There are none after a stall of this ground itself.
     """
     now_ns = client.now_ns()
     if client.state.is_after_stall(now_ns):
         return []
-    return [
-        name
-        for name, view in client.state.vehicles.items()
-        if view.telemetry is not None and view.telemetry.is_armed and view.age_s(now_ns) > SILENT_S
-    ]
+
+    silent = []
+    for name, view in client.state.vehicles.items():
+        if view.telemetry is None or not view.telemetry.is_armed:
+            continue
+        if view.age_s(now_ns) > SILENT_S:
+            silent.append(name)
+    return silent
+
+
+def _say_failures(client: FleetClient, results: Results, say: Callable[[str], None]) -> None:
+    """Say which vehicles have not landed by the last order, and why."""
+    silent = silent_in_flight(client)
+    for name, result in results.items():
+        if result.phase == "accepted" and name in silent:
+            say(
+                f"  {name} accepted it, and fell silent. "
+                "Landing it again, straight by PX4 if need be."
+            )
+        elif result.sentence and not result.is_done:
+            say(f"  {name} {result.phase}: {result.sentence}")
 
 
 def _has_ended(client: FleetClient, order: OrderResult) -> Callable[[FleetState], bool]:
-    """Whether an order has ended, or an agent has accepted it and fallen silent."""
+    """Return whether an order has ended, or an agent has accepted it and fallen silent."""
 
     def has_ended(_: FleetState) -> bool:
-        accepted = {name for name, result in order.results.items() if result.phase == "accepted"}
-        return order.is_final or not accepted.isdisjoint(silent_in_flight(client))
+        if order.is_final:
+            return True
+        silent = silent_in_flight(client)
+        return any(
+            result.phase == "accepted" and name in silent for name, result in order.results.items()
+        )
 
     return has_ended
 
@@ -114,19 +147,11 @@ def _may_fly(client: FleetClient, name: str) -> bool:
     telemetry = client.state.vehicles[name].telemetry
     if telemetry is None:
         return client.may_start(name)
-    return not _is_down(client, name) or telemetry.state in (
-        "armed",
-        "taking off",
-        "flying",
-        "holding",
-        "landing",
-    )
+    return not _is_down(client, name) or telemetry.state in _MAY_FLY_STATES
 
 
 def _is_landing(client: FleetClient, name: str) -> bool:
     view = client.state.vehicles[name]
-    return (
-        view.telemetry is not None
-        and view.is_fresh(client.now_ns())
-        and view.telemetry.state == "landing"
-    )
+    if view.telemetry is None or not view.is_fresh(client.now_ns()):
+        return False
+    return view.telemetry.state == "landing"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from groundstation.fleet.state import FleetState
+from groundstation.fleet.state import FleetState, VehicleView
 
 READY_STATES = ("ready", "landed", "armed", "flying", "holding")
 
@@ -21,12 +21,9 @@ def is_ready(state: FleetState, name: str, now_ns: int) -> bool:
     """Whether a vehicle reports that it may fly."""
     view = state.vehicles[name]
     telemetry = view.telemetry
-    return (
-        telemetry is not None
-        and view.is_fresh(now_ns)
-        and telemetry.state in READY_STATES
-        and not telemetry.not_ready
-    )
+    if telemetry is None or not view.is_fresh(now_ns):
+        return False
+    return telemetry.state in READY_STATES and not telemetry.not_ready
 
 
 def not_ready(state: FleetState, names: Sequence[str], now_ns: int, timeout_s: float) -> NotReady:
@@ -41,16 +38,23 @@ def not_ready(state: FleetState, names: Sequence[str], now_ns: int, timeout_s: f
     Returns:
         The exception, to be raised.
     """
-    reasons, heard = [], False
+    reasons = []
+    heard = False
     for name in names:
         view = state.vehicles[name]
-        if view.telemetry is None or not view.is_fresh(now_ns):
-            reasons.append(f"{name} does not answer.")
-            continue
-        heard = True
+        if view.is_fresh(now_ns):
+            heard = True
         if not is_ready(state, name, now_ns):
-            reason = (
-                " ".join(view.telemetry.not_ready) or view.telemetry.reason or "it gives no reason."
-            )
-            reasons.append(f"{name} is {view.telemetry.state}: {reason.rstrip('.')}.")
+            reasons.append(_reason(view, now_ns))
+
     return NotReady(f"Not ready within {timeout_s:g} s. {' '.join(reasons)}", heard)
+
+
+def _reason(view: VehicleView, now_ns: int) -> str:
+    """Return why a vehicle is not ready."""
+    telemetry = view.telemetry
+    if telemetry is None or not view.is_fresh(now_ns):
+        return f"{view.name} does not answer."
+
+    reason = " ".join(telemetry.not_ready) or telemetry.reason or "it gives no reason."
+    return f"{view.name} is {telemetry.state}: {reason.rstrip('.')}."

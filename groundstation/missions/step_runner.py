@@ -33,7 +33,8 @@ from groundstation.missions import conditions
 from groundstation.missions.api import Fleet
 from groundstation.missions.conditions import WaitCondition
 from groundstation.orders.intents import GoalIntent, Goto, Intent, Names
-from groundstation.verdict.verdict import check, smallest
+from groundstation.verdict.expectations import check
+from groundstation.verdict.observations import smallest
 from onboard.config.fleet import FleetConfig, Vec3
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from groundstation.fleet.state import VehicleView
+from groundstation.fleet.state import FleetState, VehicleView
 from groundstation.missions.conditions import ARRIVED_M, Moment, reached
 from groundstation.missions.group import Group
 from onboard.bus.schema import Telemetry, Vec3
@@ -47,11 +47,9 @@ class MissionVehicle(Group):
     def velocity_enu_m_s(self) -> Vec3 | None:
         """Its reported velocity; None without fresh telemetry."""
         view = self.view
-        return (
-            None
-            if view.telemetry is None or not view.is_fresh(self.client.now_ns())
-            else view.telemetry.velocity_enu_m_s
-        )
+        if view.telemetry is None or not view.is_fresh(self.client.now_ns()):
+            return None
+        return view.telemetry.velocity_enu_m_s
 
     @property
     def yaw_deg(self) -> float | None:
@@ -71,26 +69,31 @@ class MissionVehicle(Group):
     @property
     def law(self) -> LawValues | None:
         """Values of its avoidance law; None before the first telemetry."""
-        own = self.telemetry
-        return (
-            None
-            if own is None
-            else LawValues(own.law, own.law_status, own.intervention_m_s2, own.avoids)
+        telemetry = self.telemetry
+        if telemetry is None:
+            return None
+
+        return LawValues(
+            law=telemetry.law,
+            status=telemetry.law_status,
+            intervention_m_s2=telemetry.intervention_m_s2,
+            avoids=telemetry.avoids,
         )
 
     @property
     def neighbours(self) -> dict[str, float]:
         """Horizontal distances [m] to the others whose positions are known, the nearest first."""
-        own, now_ns = self.position_enu_m, self.client.now_ns()
-        if own is None:
+        own_position = self.position_enu_m
+        if own_position is None:
             return {}
-        known = {
-            name: view.position_enu_m(now_ns)
-            for name, view in self.state.vehicles.items()
-            if name != self.name
-        }
-        away = {name: math.dist(own[:2], at[:2]) for name, at in known.items() if at is not None}
-        return dict(sorted(away.items(), key=lambda one: one[1]))
+
+        now_ns = self.client.now_ns()
+        distances_m = {}
+        for name, view in self.state.vehicles.items():
+            position = view.position_enu_m(now_ns)
+            if name != self.name and position is not None:
+                distances_m[name] = math.dist(own_position[:2], position[:2])
+        return dict(sorted(distances_m.items(), key=lambda item: item[1]))
 
     async def reached(
         self, position_enu_m: Vec3, within_m: float = ARRIVED_M, timeout_s: float = 40.0
@@ -105,7 +108,10 @@ class MissionVehicle(Group):
         Returns:
             Whether it was there in time.
         """
-        client, condition = self.client, reached({self.name: position_enu_m}, within_m)
-        return await client.wait_for(
-            lambda state: condition.holds(Moment(state, client.now_ns(), 0)), timeout_s
-        )
+        client = self.client
+        condition = reached({self.name: position_enu_m}, within_m)
+
+        def is_there(state: FleetState) -> bool:
+            return condition.holds(Moment(state, client.now_ns(), begin_ns=0))
+
+        return await client.wait_for(is_there, timeout_s)

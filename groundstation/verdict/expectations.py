@@ -1,8 +1,22 @@
-"""What a mission declares about its flight: in ``[expect]``, in a step ``do = "expect"``, in ``EXPECT`` of a script."""
+"""What a mission declares about its flight, and the comparison with what was observed. Pure.
+
+Expectations stand in ``[expect]`` of a mission file, in a step ``do = "expect"``, and in ``EXPECT``
+of a Python mission.
+"""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping, Sequence
+
 import msgspec
+
+from groundstation.fleet.state import Separation
+from groundstation.verdict.observations import Arrival
+from onboard.config.fleet import FleetConfig
+
+# An expectation above these bounds is a mistake, of the unit for instance.
+EXPECT_MOST_M = {"min_separation_m": 100.0, "arrived_within_m": 10.0}
 
 
 class Expect(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -18,5 +32,97 @@ class Expect(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     all_landed: bool | None = None
 
 
-# Expectations above these bounds are mistakes of unit.
-EXPECT_MOST_M = {"min_separation_m": 100.0, "arrived_within_m": 10.0}
+class ExpectationResult(msgspec.Struct, frozen=True):
+    """One expectation and whether it came true."""
+
+    name: str
+    has_come_true: bool
+    sentence: str
+
+
+def check(
+    expect: Expect,
+    fleet: FleetConfig,
+    closest: Separation | None,
+    arrivals: Sequence[Arrival],
+    landed: Mapping[str, bool],
+    collided: Sequence[str] = (),
+) -> list[ExpectationResult]:
+    """Compare each declared expectation with the flight.
+
+    Args:
+        expect: the expectations.
+        fleet: the fleet file.
+        closest: smallest separation; None when none was measured.
+        arrivals: distances from goals at the end of orders.
+        landed: whether each vehicle is landed and disarmed.
+        collided: vehicles that touched something.
+
+    Returns:
+        One result for each declared expectation.
+    """
+    results = []
+    if expect.min_separation_m is not None:
+        results.append(_check_separation(expect.min_separation_m, fleet, closest, collided))
+    if expect.arrived_within_m is not None:
+        results.append(_check_arrivals(expect.arrived_within_m, arrivals))
+    if expect.all_landed is not None:
+        results.append(_check_landed(expect.all_landed, fleet, landed))
+    return results
+
+
+def _check_separation(
+    limit_m: float, fleet: FleetConfig, closest: Separation | None, collided: Sequence[str]
+) -> ExpectationResult:
+    if closest is not None:
+        is_met = closest.distance_m >= limit_m and not collided
+        outcome = f"{closest.first} and {closest.second} came to {closest.distance_m:.3f} m"
+        if collided:
+            outcome += f". {' and '.join(collided)} collided"
+    elif len(fleet.enabled_names) < 2:
+        is_met = True
+        outcome = "there is only one vehicle"
+    else:
+        is_met = False
+        outcome = "no separation was measured"
+
+    sentence = f"At least {limit_m:.2f} m between all: {outcome}."
+    return ExpectationResult("min_separation_m", is_met, sentence)
+
+
+def _check_arrivals(limit_m: float, arrivals: Sequence[Arrival]) -> ExpectationResult:
+    """Compare distances from goals; a mission that flew to none has not met this expectation."""
+    within_count = sum(1 for arrival in arrivals if arrival.distance_m <= limit_m)
+    is_met = 0 < within_count == len(arrivals)
+
+    outcome = "no goal was flown to"
+    worst = max(arrivals, key=lambda arrival: arrival.distance_m, default=None)
+    if worst is not None:
+        outcome = (
+            f"{within_count} of {len(arrivals)}; furthest off was {worst.vehicle}, "
+            f"{metres(worst.distance_m)} at '{worst.step}'"
+        )
+
+    sentence = f"Goals reached within {limit_m:.2f} m: {outcome}."
+    return ExpectationResult("arrived_within_m", is_met, sentence)
+
+
+def _check_landed(
+    is_expected: bool, fleet: FleetConfig, landed: Mapping[str, bool]
+) -> ExpectationResult:
+    flying = [name for name in fleet.enabled_names if not landed.get(name, False)]
+    are_landed = not flying
+
+    outcome = "all"
+    if flying:
+        outcome = f"not {', '.join(flying)}"
+    return ExpectationResult(
+        "all_landed", are_landed == is_expected, f"Landed and disarmed: {outcome}."
+    )
+
+
+def metres(value: float) -> str:
+    """Return a distance in words."""
+    if not math.isfinite(value):
+        return "an unknown distance"
+    return f"{value:.3f} m"

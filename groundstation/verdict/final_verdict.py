@@ -1,5 +1,6 @@
-"""The verdict at the end of a recorded flight: the record is judged too, and the verdict is written
-beside it.
+"""The verdict at the end of a recorded flight.
+
+The record is judged too, and the verdict is written beside it.
 """
 
 from __future__ import annotations
@@ -10,7 +11,8 @@ from pathlib import Path
 from groundstation.recording.flight_report import FlightReport, report
 from groundstation.recording.writer import write_json
 from groundstation.verdict.expectations import Expect
-from groundstation.verdict.verdict import FlightObservations, Verdict, judge
+from groundstation.verdict.observations import FlightObservations
+from groundstation.verdict.verdict import Verdict, judge
 from onboard.config.fleet import ConfigError
 
 
@@ -37,10 +39,17 @@ def final_verdict(
     record: FlightReport | None = None
     with contextlib.suppress(ConfigError):
         record = report(folder, flown.fleet.fleet.height_share)
-    name = str(folder) if record is not None else ""
-    verdict = judge(flown, expect, record, name, begin_ns=begin_ns, record_failure=record_failure)
-    failure = write_json(folder / "verdict.json", verdict)
-    if failure is None:
+    record_name = ""
+    if record is not None:
+        record_name = str(folder)
+
+    def verdict_with(failure: str | None) -> Verdict:
+        return judge(flown, expect, record, record_name, begin_ns=begin_ns, record_failure=failure)
+
+    verdict = verdict_with(record_failure)
+    write_failure = write_json(folder / "verdict.json", verdict)
+    if write_failure is None:
         return verdict
-    sentences = " ".join(sentence for sentence in (record_failure, failure) if sentence)
-    return judge(flown, expect, record, name, begin_ns=begin_ns, record_failure=sentences)
+    if record_failure:
+        write_failure = f"{record_failure} {write_failure}"
+    return verdict_with(write_failure)

@@ -1,17 +1,26 @@
-"""The verdict on a flight: each expectation and its outcome, in numbers and in words. Pure."""
+"""The verdict on a flight: each expectation and its outcome, in numbers and in words. Pure.
+
+A mission has passed when everything that it declares came true, every step was done by every
+vehicle that took part, and nothing was left in the air without being declared. The exit status
+follows from the same facts; where several hold, the first one of `_exit_status` counts.
+"""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 
 import msgspec
 
-from groundstation.fleet.state import FleetState, Separation, VehicleView
+from groundstation.fleet.state import FleetState, Separation
 from groundstation.recording.flight_report import PERIOD_NOMINAL_MS, FlightReport, LoopTiming
-from groundstation.verdict.expectations import Expect
-from onboard.config.fleet import FleetConfig, Vec3
+from groundstation.verdict.expectations import Expect, ExpectationResult, check, metres
+from groundstation.verdict.observations import (
+    Arrival,
+    FlightObservations,
+    StepResult,
+    flown_law,
+    smallest,
+)
 from onboard.exit_status import (
     EXIT_FAILED,
     EXIT_INTERRUPTED,
@@ -24,54 +33,14 @@ from onboard.exit_status import (
 _LAW_REFUSED = "own-law-refused"  # code of the agents' event
 
 
-class ExpectationResult(msgspec.Struct, frozen=True):
-    """One expectation and whether it came true."""
-
-    name: str
-    has_come_true: bool
-    sentence: str
-
-
-class Arrival(msgspec.Struct, frozen=True):
-    """Distance of a vehicle from its goal when its order was done."""
-
-    step: str
-    vehicle: str
-    distance_m: float
-    is_truth: bool  # by ground truth, otherwise by telemetry
-
-
-def arrival_of(step: str, view: VehicleView, goal: Vec3, now_ns: int) -> Arrival:
-    """Return the distance of a vehicle from its goal now, by ground truth where there is one."""
-    if view.truth is not None and view.has_truth(now_ns):
-        return Arrival(step, view.name, round(math.dist(view.truth.position_enu_m, goal), 4), True)
-    position = view.position_enu_m(now_ns)
-    distance_m = math.inf if position is None else round(math.dist(position, goal), 4)
-    return Arrival(step, view.name, distance_m, False)
-
-
-class StepResult(msgspec.Struct, frozen=True):
-    """One step of the mission, with each vehicle's phase and sentence."""
-
-    step: str
-    duration_s: float
-    vehicles: dict[str, str]
-    sentences: dict[str, str]
-
-    @property
-    def is_done(self) -> bool:
-        """Whether every vehicle did it."""
-        return all(phase == "done" for phase in self.vehicles.values())
-
-
-class Closest(msgspec.Struct, frozen=True):
+class SmallestSeparation(msgspec.Struct, frozen=True):
     """The smallest separation of the flight."""
 
     first: str
     second: str
     distance_m: float
-    time_s: float
-    source: str
+    time_s: float  # since the flight's begin
+    source: str  # truth or telemetry
 
 
 class Verdict(msgspec.Struct, frozen=True):
@@ -85,7 +54,7 @@ class Verdict(msgspec.Struct, frozen=True):
     law: str
     checks: list[ExpectationResult]
     steps: list[StepResult]
-    closest: Closest | None
+    closest: SmallestSeparation | None
     is_collision: bool
     arrivals: list[Arrival]
     worst_arrival_m: float | None
@@ -102,112 +71,6 @@ class Verdict(msgspec.Struct, frozen=True):
     def sentences(self) -> list[str]:
         """The verdict in words, one sentence a line."""
         return [*describe(self), self.summary]
-
-
-@dataclass(slots=True)
-class FlightObservations:
-    """Observations of a mission's runner, which writes them; the input of :func:`judge`."""
-
-    mission: str
-    fleet: FleetConfig
-    state: FleetState  # at the end
-    steps: list[StepResult]
-    arrivals: list[Arrival]
-    begin_ns: int
-    end_ns: int
-    left_out: Collection[str] = ()  # vehicles that the mission went on without
-    failure: str = ""  # sentence that ended the mission
-    nobody: bool = False  # no vehicle answered
-    is_wrong_input: bool = False
-    is_interrupted: bool = False
-
-
-def flown_law(state: FleetState, fleet: FleetConfig) -> str:
-    """Return the law that the agents report; that of the fleet file as long as none has reported."""
-    vehicles_by_law: dict[str, list[str]] = {}
-    for name, view in state.vehicles.items():
-        if view.telemetry is not None:
-            vehicles_by_law.setdefault(view.telemetry.law, []).append(name)
-    if len(vehicles_by_law) > 1:
-        return ", ".join(f"{law} ({', '.join(names)})" for law, names in vehicles_by_law.items())
-    return next(iter(vehicles_by_law), fleet.law.name)
-
-
-def _still_up(state: FleetState, expect: Expect) -> str:
-    """A sentence about vehicles that a mission has left armed or in the air without declaring it."""
-    up = [
-        name
-        for name, view in state.vehicles.items()
-        if view.telemetry is not None
-        and (view.is_airborne or view.telemetry.is_armed)
-        and not state.is_landed(name)
-    ]
-    if not up or expect.all_landed is not None:
-        return ""
-    return (
-        f"The mission has ended and {', '.join(up)} {'is' if len(up) == 1 else 'are'} not down. End it with a step "
-        "'land', or declare expect.all_landed = false."
-    )
-
-
-def smallest(state: FleetState) -> Separation | None:
-    """Return the smallest separation so far, by ground truth where there is one."""
-    return state.smallest_truth or state.smallest
-
-
-def check(
-    expect: Expect,
-    fleet: FleetConfig,
-    closest: Separation | None,
-    arrivals: Sequence[Arrival],
-    landed: Mapping[str, bool],
-    collided: Sequence[str] = (),
-) -> list[ExpectationResult]:
-    """Compare each declared expectation with the flight.
-
-    Args:
-        expect: the expectations.
-        fleet: the fleet file.
-        closest: smallest separation; None when none was measured.
-        arrivals: distances from goals at the end of orders.
-        landed: whether each vehicle is landed and disarmed.
-        collided: vehicles that touched something.
-
-    Returns:
-        One result for each declared expectation.
-    """
-    checks: list[ExpectationResult] = []
-    limit = expect.min_separation_m
-    if limit is not None:
-        is_met, outcome = len(fleet.enabled_names) < 2, "no separation was measured"
-        if closest is not None:
-            is_met = closest.distance_m >= limit and not collided
-            touched = f". {' and '.join(collided)} collided" if collided else ""
-            outcome = (
-                f"{closest.first} and {closest.second} came to {closest.distance_m:.3f} m{touched}"
-            )
-        elif is_met:
-            outcome = "there is only one vehicle"
-        sentence = f"At least {limit:.2f} m between all: {outcome}."
-        checks.append(ExpectationResult("min_separation_m", is_met, sentence))
-    limit = expect.arrived_within_m
-    if limit is not None:
-        worst = max(arrivals, key=lambda arrival: arrival.distance_m, default=None)
-        near = [arrival for arrival in arrivals if arrival.distance_m <= limit]
-        outcome = "no goal was flown to"
-        if worst is not None:
-            outcome = f"{len(near)} of {len(arrivals)}; furthest off was {worst.vehicle}, "
-            outcome += f"{_metres(worst.distance_m)} at '{worst.step}'"
-        sentence = f"Goals reached within {limit:.2f} m: {outcome}."
-        checks.append(
-            ExpectationResult("arrived_within_m", 0 < len(near) == len(arrivals), sentence)
-        )
-    if expect.all_landed is not None:
-        flying = [name for name in fleet.enabled_names if not landed.get(name, False)]
-        outcome = f"not {', '.join(flying)}" if flying else "all"
-        sentence = f"Landed and disarmed: {outcome}."
-        checks.append(ExpectationResult("all_landed", (not flying) == expect.all_landed, sentence))
-    return checks
 
 
 def judge(
@@ -233,70 +96,36 @@ def judge(
     Returns:
         The verdict with its exit status.
     """
-    state, fleet = flown.state, flown.fleet
-    closest = smallest(state)
-    if (
-        report is not None
-        and report.smallest is not None
-        and (
-            closest is None
-            or not closest.is_truth
-            or report.smallest.distance_m < closest.distance_m
-        )
-    ):
-        closest = report.smallest
-    touched = {
-        name
-        for name, view in state.vehicles.items()
-        if view.truth is not None and view.truth.is_collided
-    }
-    collided = sorted(touched.union(report.collided if report is not None else ()))
+    state = flown.state
+    fleet = flown.fleet
+    if begin_ns is None:
+        begin_ns = flown.begin_ns
+
+    closest = _smallest_of_all(state, report)
+    collided = _collided(state, report)
     landed = {name: state.is_landed(name) for name in fleet.enabled_names}
     checks = check(expect, fleet, closest, flown.arrivals, landed, collided)
+
     is_collision = bool(collided)
-    # with heights only the emulator knows
     if closest is not None and fleet.fleet.vertical_separation_m is None:
+        # With a vertical separation a small distance may be one above the other: then only the
+        # emulator knows who has touched whom.
         is_collision = is_collision or closest.distance_m < fleet.fleet.body_diameter_m
-    broken = " ".join(filter(None, (flown.failure, _still_up(state, expect), record_failure)))
-    lost = [
-        {name: step.vehicles[name] for name in step.vehicles if name not in flown.left_out}
-        for step in flown.steps
-    ]
-    failed = [step for step in lost if any(phase != "done" for phase in step.values())]
-    is_mixed = any(len(set(step.values())) > 1 for step in failed)
-    statuses = (
-        (flown.is_interrupted, EXIT_INTERRUPTED),
-        (flown.nobody, EXIT_NO_ANSWER),
-        (flown.is_wrong_input, EXIT_WRONG_INPUT),
-        (not all(one.has_come_true for one in checks), EXIT_FAILED),
-        (is_mixed, EXIT_MIXED),
-        (bool(failed or broken), EXIT_FAILED),
-    )
-    exit_status = next((status for is_so, status in statuses if is_so), EXIT_OK)
-    law = flown_law(state, fleet)
-    refused = {one.event.vehicle for one in state.events if one.event.code == _LAW_REFUSED}
-    taken_over = f" (Covey's in its place on {', '.join(sorted(refused))})" if refused else ""
-    summary = _summary(flown, f"'{law}'{taken_over}", checks, broken, exit_status)
+
+    failures = (flown.failure, _still_up(state, expect), record_failure)
+    failure = " ".join(sentence for sentence in failures if sentence)
+    exit_status = _exit_status(flown, checks, failure)
+
     return Verdict(
         passed=exit_status == EXIT_OK,
         exit_status=exit_status,
-        summary=summary,
+        summary=_summary(flown, checks, failure, exit_status),
         mission=flown.mission,
         fleet=fleet.fleet.name,
-        law=law,
+        law=flown_law(state, fleet),
         checks=checks,
         steps=flown.steps,
-        closest=None
-        if closest is None
-        else Closest(
-            closest.first,
-            closest.second,
-            round(closest.distance_m, 4),
-            round(
-                (closest.stamp_ns - (flown.begin_ns if begin_ns is None else begin_ns)) * 1e-9, 2
-            ),
-            "truth" if closest.is_truth else "telemetry",
-        ),
+        closest=_rounded(closest, begin_ns),
         is_collision=is_collision,
         arrivals=flown.arrivals,
         worst_arrival_m=max((arrival.distance_m for arrival in flown.arrivals), default=None),
@@ -313,68 +142,186 @@ def describe(verdict: Verdict) -> list[str]:
     """Return distance, arrival, landing and timing in words, one sentence a line."""
     lines = []
     if verdict.closest is not None:
-        near = verdict.closest
-        by = "" if near.source == "truth" else ", by telemetry"
-        height_m = verdict.vertical_separation_m
-        measure = (
-            f"apart ({height_m:g} m of height count as the safety distance)"
-            if height_m
-            else "between centres"
-        )
-        touch = ": THEY COLLIDED" if verdict.is_collision else ""
-        lines.append(
-            f"Closest: {near.first} and {near.second}, {near.distance_m:.2f} m {measure}, "
-            f"at {near.time_s:.1f} s{by}{touch}."
-        )
+        lines.append(_closest_sentence(verdict.closest, verdict))
+
     if verdict.arrivals:
-        within = next(
-            (one.sentence for one in verdict.checks if one.name == "arrived_within_m"), ""
-        )
-        lines.append(
-            within or f"Furthest from a goal on arrival: {_metres(verdict.worst_arrival_m or 0.0)}."
-        )
+        sentence = f"Furthest from a goal on arrival: {metres(verdict.worst_arrival_m or 0.0)}."
+        for result in verdict.checks:
+            if result.name == "arrived_within_m":
+                sentence = result.sentence
+        lines.append(sentence)
+
     down = [name for name, has_landed in verdict.landed.items() if has_landed]
     up = [name for name, has_landed in verdict.landed.items() if not has_landed]
-    lines.append(
-        f"Landed and disarmed: {', '.join(down) or 'nobody'}"
-        + (f"; NOT: {', '.join(up)}." if up else ".")
-    )
+    landed_sentence = f"Landed and disarmed: {', '.join(down) or 'nobody'}"
+    if up:
+        landed_sentence += f"; NOT: {', '.join(up)}"
+    lines.append(f"{landed_sentence}.")
+
     if verdict.loop:
-        parts = (f"{name} {loop.period_p99_ms:.1f} ms" for name, loop in verdict.loop.items())
+        periods = [f"{name} {loop.period_p99_ms:.1f} ms" for name, loop in verdict.loop.items()]
         lines.append(
-            f"Loop period, 99th percentile (nominal {PERIOD_NOMINAL_MS:.0f} ms): {', '.join(parts)}."
+            f"Loop period, 99th percentile (nominal {PERIOD_NOMINAL_MS:.0f} ms): "
+            f"{', '.join(periods)}."
         )
     return lines
 
 
+def _closest_sentence(closest: SmallestSeparation, verdict: Verdict) -> str:
+    measure = "between centres"
+    if verdict.vertical_separation_m:
+        height_m = verdict.vertical_separation_m
+        measure = f"apart ({height_m:g} m of height count as the safety distance)"
+
+    source = ""
+    if closest.source != "truth":
+        source = ", by telemetry"
+
+    collision = ""
+    if verdict.is_collision:
+        collision = ": THEY COLLIDED"
+
+    return (
+        f"Closest: {closest.first} and {closest.second}, {closest.distance_m:.2f} m {measure}, "
+        f"at {closest.time_s:.1f} s{source}{collision}."
+    )
+
+
+# -- parts of the judgement ------------------------------------------------------------------------
+
+
+def _smallest_of_all(state: FleetState, report: FlightReport | None) -> Separation | None:
+    """Return the smallest separation by the live state or by the record.
+
+    The record has every sample of truth; so it counts where the live state has none of truth, or a
+    larger one.
+    """
+    live = smallest(state)
+    if report is None or report.smallest is None:
+        return live
+
+    recorded = report.smallest
+    if live is None or not live.is_truth or recorded.distance_m < live.distance_m:
+        return recorded
+    return live
+
+
+def _collided(state: FleetState, report: FlightReport | None) -> list[str]:
+    """Return the vehicles that touched something, by ground truth."""
+    names = set()
+    for name, view in state.vehicles.items():
+        if view.truth is not None and view.truth.is_collided:
+            names.add(name)
+    if report is not None:
+        names.update(report.collided)
+    return sorted(names)
+
+
+def _still_up(state: FleetState, expect: Expect) -> str:
+    """Return a sentence about vehicles that a mission has left in the air, or armed, undeclared."""
+    if expect.all_landed is not None:
+        return ""
+
+    up = []
+    for name, view in state.vehicles.items():
+        if view.telemetry is None or state.is_landed(name):
+            continue
+        if view.is_airborne or view.telemetry.is_armed:
+            up.append(name)
+    if not up:
+        return ""
+
+    are = "is" if len(up) == 1 else "are"
+    return (
+        f"The mission has ended and {', '.join(up)} {are} not down. End it with a step "
+        "'land', or declare expect.all_landed = false."
+    )
+
+
+def _exit_status(
+    flown: FlightObservations, checks: Sequence[ExpectationResult], failure: str
+) -> int:
+    """Return the exit status of a mission.
+
+    Vehicles that the mission went on without fail nothing.
+    """
+    failed_steps: list[Mapping[str, str]] = []
+    for step in flown.steps:
+        phases = {
+            name: phase for name, phase in step.vehicles.items() if name not in flown.left_out
+        }
+        if any(phase != "done" for phase in phases.values()):
+            failed_steps.append(phases)
+
+    if flown.is_interrupted:
+        return EXIT_INTERRUPTED
+    if flown.nobody:
+        return EXIT_NO_ANSWER
+    if flown.is_wrong_input:
+        return EXIT_WRONG_INPUT
+    if not all(result.has_come_true for result in checks):
+        return EXIT_FAILED
+    if any(len(set(phases.values())) > 1 for phases in failed_steps):
+        return EXIT_MIXED
+    if failed_steps or failure:
+        return EXIT_FAILED
+    return EXIT_OK
+
+
 def _summary(
     flown: FlightObservations,
-    law: str,
     checks: Sequence[ExpectationResult],
     failure: str,
     exit_status: int,
 ) -> str:
+    """Return the verdict's last sentence: passed, interrupted or failed, and why."""
+    if exit_status == EXIT_INTERRUPTED:
+        return f"INTERRUPTED: mission '{flown.mission}' was ended by the operator."
+
+    law = f"'{flown_law(flown.state, flown.fleet)}'"
+    refused = {
+        logged.event.vehicle for logged in flown.state.events if logged.event.code == _LAW_REFUSED
+    }
+    if refused:
+        law += f" (Covey's in its place on {', '.join(sorted(refused))})"
+
     if exit_status == EXIT_OK:
         return (
             f"PASSED: mission '{flown.mission}' with law {law}: everything it declares came true."
         )
-    if exit_status == EXIT_INTERRUPTED:
-        return f"INTERRUPTED: mission '{flown.mission}' was ended by the operator."
-    broken = [one.sentence for one in checks if not one.has_come_true]
-    return (
-        f"FAILED: mission '{flown.mission}' with law {law}. {' '.join([*broken, failure])}".strip()
+    broken = [result.sentence for result in checks if not result.has_come_true]
+    reasons = " ".join([*broken, failure])
+    return f"FAILED: mission '{flown.mission}' with law {law}. {reasons}".strip()
+
+
+def _rounded(closest: Separation | None, begin_ns: int) -> SmallestSeparation | None:
+    """Return a separation as the verdict writes it."""
+    if closest is None:
+        return None
+
+    return SmallestSeparation(
+        first=closest.first,
+        second=closest.second,
+        distance_m=round(closest.distance_m, 4),
+        time_s=round((closest.stamp_ns - begin_ns) * 1e-9, 2),
+        source="truth" if closest.is_truth else "telemetry",
     )
 
 
 def _loops(state: FleetState, report: FlightReport | None) -> dict[str, LoopTiming]:
+    """Return the timing of each agent's loop, by the record or else by the last telemetry."""
     if report is not None and report.loops:
         return report.loops
-    return {
-        name: LoopTiming(one.loop_period_p50_ms, one.loop_period_p99_ms, one.loop_period_max_ms, 0)
-        for name, view in state.vehicles.items()
-        if (one := view.telemetry) is not None
-    }
 
-
-def _metres(value: float) -> str:
-    return f"{value:.3f} m" if math.isfinite(value) else "an unknown distance"
+    loops = {}
+    for name, view in state.vehicles.items():
+        telemetry = view.telemetry
+        if telemetry is None:
+            continue
+        loops[name] = LoopTiming(
+            period_p50_ms=telemetry.loop_period_p50_ms,
+            period_p99_ms=telemetry.loop_period_p99_ms,
+            period_max_ms=telemetry.loop_period_max_ms,
+            ticks=0,
+        )
+    return loops

@@ -25,7 +25,8 @@ from groundstation.missions.runner import READY_TIMEOUT_SIM_S, MissionRun
 from groundstation.orders.result import VehicleResult
 from groundstation.recording.channels import RECORDED
 from groundstation.verdict.final_verdict import final_verdict
-from groundstation.verdict.verdict import FlightObservations, Verdict
+from groundstation.verdict.observations import FlightObservations
+from groundstation.verdict.verdict import Verdict
 from onboard.bus.schema import Event
 from onboard.config.fleet import FleetConfig, load_fleet
 from sitl.emulator.mocap import MocapSettings

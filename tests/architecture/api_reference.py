@@ -26,7 +26,7 @@ def _words(docstring: str, section: str = "") -> str:
         if not section
         else dict(zip(parts[1::2], parts[2::2], strict=True)).get(section, "")
     )
-    lines = [line.strip() for line in text.strip().splitlines()]
+    lines = [line.strip() for line in text.strip().splitlines() if line.strip()]
     joined = ""
     for line in lines:
         starts_anew = section and re.match(r"\w+: ", line)

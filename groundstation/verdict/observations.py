@@ -1,0 +1,94 @@
+"""What was observed of a flight: the results of its steps, arrivals, and the fleet at its end.
+
+The mission's runner, or the host of a script, writes these values while the vehicles fly. The
+verdict is made of them and of the record. Pure.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection
+from dataclasses import dataclass
+
+import msgspec
+
+from groundstation.fleet.state import FleetState, Separation, VehicleView
+from onboard.config.fleet import FleetConfig, Vec3
+
+
+class Arrival(msgspec.Struct, frozen=True):
+    """Distance of a vehicle from its goal when its order was done."""
+
+    step: str
+    vehicle: str
+    distance_m: float
+    is_truth: bool  # by ground truth, otherwise by telemetry
+
+
+class StepResult(msgspec.Struct, frozen=True):
+    """One step of the mission, with each vehicle's phase and sentence."""
+
+    step: str
+    duration_s: float
+    vehicles: dict[str, str]  # vehicle -> phase
+    sentences: dict[str, str]  # vehicle -> sentence
+
+    @property
+    def is_done(self) -> bool:
+        """Whether every vehicle did it."""
+        return all(phase == "done" for phase in self.vehicles.values())
+
+
+@dataclass(slots=True)
+class FlightObservations:
+    """Observations of one flight, the input of :func:`groundstation.verdict.verdict.judge`."""
+
+    mission: str
+    fleet: FleetConfig
+    state: FleetState  # at the end
+    steps: list[StepResult]
+    arrivals: list[Arrival]
+    begin_ns: int  # of the first step, on the ground's monotonic clock
+    end_ns: int
+    left_out: Collection[str] = ()  # vehicles that the mission went on without
+    failure: str = ""  # sentence that ended the mission
+    nobody: bool = False  # no vehicle answered
+    is_wrong_input: bool = False
+    is_interrupted: bool = False
+
+
+def arrival_of(step: str, view: VehicleView, goal: Vec3, now_ns: int) -> Arrival:
+    """Return the distance of a vehicle from its goal now, by ground truth where there is one.
+
+    Args:
+        step: name of the order.
+        view: the vehicle as known now.
+        goal: of the order [m], ENU.
+        now_ns: the ground's monotonic clock [ns].
+    """
+    if view.truth is not None and view.has_truth(now_ns):
+        true_distance_m = round(math.dist(view.truth.position_enu_m, goal), 4)
+        return Arrival(step, view.name, true_distance_m, is_truth=True)
+
+    distance_m = math.inf
+    position_enu_m = view.position_enu_m(now_ns)
+    if position_enu_m is not None:
+        distance_m = round(math.dist(position_enu_m, goal), 4)
+    return Arrival(step, view.name, distance_m, is_truth=False)
+
+
+def smallest(state: FleetState) -> Separation | None:
+    """Return the smallest separation so far, by ground truth where there is one."""
+    return state.smallest_truth or state.smallest
+
+
+def flown_law(state: FleetState, fleet: FleetConfig) -> str:
+    """Return the law that the agents report; the fleet file's as long as none has reported."""
+    vehicles_by_law: dict[str, list[str]] = {}
+    for name, view in state.vehicles.items():
+        if view.telemetry is not None:
+            vehicles_by_law.setdefault(view.telemetry.law, []).append(name)
+
+    if len(vehicles_by_law) > 1:
+        return ", ".join(f"{law} ({', '.join(names)})" for law, names in vehicles_by_law.items())
+    return next(iter(vehicles_by_law), fleet.law.name)
