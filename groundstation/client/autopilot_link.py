@@ -25,11 +25,21 @@ from groundstation.client.mavlink_port import (
 from onboard.security.mavlink_key import KEY_BYTES, TOOL_LINK_ID, signing_time
 
 Value = float | int
-_REQUEST_MESSAGE, _PREFLIGHT_STORAGE = 512, 245
-_AUTOPILOT_VERSION = 148
-_PARAM_INT32, _PARAM_REAL32 = 6, 9
-_ANSWER_S, _ATTEMPTS = 0.4, 4
-_LIST_SILENT_S, _LIST_S = 1.5, 60.0
+
+# MAV_CMD
+_REQUEST_MESSAGE = 512
+_PREFLIGHT_STORAGE = 245
+
+_AUTOPILOT_VERSION = 148  # number of the message
+
+# MAV_PARAM_TYPE
+_PARAM_INT32 = 6
+_PARAM_REAL32 = 9
+
+_ANSWER_S = 0.4
+_ATTEMPTS = 4
+_LIST_SILENT_S = 1.5  # within a list of parameters, after which what is missing is requested
+_LIST_S = 60.0
 _MOST_AT_ONCE = 20
 _HEARTBEAT_S = 2.5
 
@@ -55,12 +65,16 @@ class AutopilotLink:
     def __init__(
         self, endpoint: str, system_id: int, *, is_own: bool = False, key: bytes | None = None
     ) -> None:
-        self.endpoint, self.system_id, self.is_own = endpoint, system_id, is_own
-        self._link = (
-            open_as_companion(endpoint, system_id, key) if is_own else take_link(endpoint, key)
-        )
-        self._kinds: dict[str, int] = {}
+        self.endpoint = endpoint
+        self.system_id = system_id
+        self.is_own = is_own
         self.other_system_id: int | None = None  # of another autopilot that is heard here instead
+        self._kinds: dict[str, int] = {}  # MAV_PARAM_TYPE of each parameter that was heard
+
+        if is_own:
+            self._link = open_as_companion(endpoint, system_id, key)
+        else:
+            self._link = take_link(endpoint, key)
 
     def stop(self) -> None:
         """Close the vehicle's own link; keep the ground's for the next command."""
@@ -90,7 +104,7 @@ class AutopilotLink:
         return None
 
     def version(self, timeout_s: float = 1.0) -> tuple[int, int] | None:
-        """Ask for PX4's version.
+        """Request PX4's version.
 
         Args:
             timeout_s: longest wait [s].
@@ -99,12 +113,17 @@ class AutopilotLink:
             Major and minor number; None when PX4 does not answer or does not know.
         """
         heard = self.listen(timeout_s, [_AUTOPILOT_VERSION], until="AUTOPILOT_VERSION")
-        number = heard["AUTOPILOT_VERSION"].flight_sw_version if "AUTOPILOT_VERSION" in heard else 0
-        return (number >> 24 & 0xFF, number >> 16 & 0xFF) if number else None
+        message = heard.get("AUTOPILOT_VERSION")
+        if message is None or not message.flight_sw_version:
+            return None
+
+        number = message.flight_sw_version
+        return (number >> 24 & 0xFF, number >> 16 & 0xFF)
 
     def sign(self, key: bytes | None) -> Signing:
-        """Sign from now on with a key, but hear also what is not signed with it: to see what PX4
-        does.
+        """Sign from now on with a key, but hear also what is not signed with it.
+
+        So one sees what PX4 does.
 
         Args:
             key: None to send unsigned.
@@ -122,10 +141,11 @@ class AutopilotLink:
         Args:
             key: None to have PX4 forget the one it has.
         """
-        stamp = 0 if key is None else signing_time(time.time_ns())
-        self._link.mav.setup_signing_send(
-            self.system_id, AUTOPILOT, list(key or bytes(KEY_BYTES)), stamp
-        )
+        stamp = 0
+        if key is not None:
+            stamp = signing_time(time.time_ns())
+        key_bytes = list(key or bytes(KEY_BYTES))
+        self._link.mav.setup_signing_send(self.system_id, AUTOPILOT, key_bytes, stamp)
 
     def listen(
         self,
@@ -145,15 +165,23 @@ class AutopilotLink:
         """
         for number in requested:
             self.command(_REQUEST_MESSAGE, float(number))
+
         heard: dict[str, Any] = {}
         end_s = time.monotonic() + seconds
-        while (left_s := end_s - time.monotonic()) > 0.0 and until not in heard:
+        while until not in heard:
+            left_s = end_s - time.monotonic()
+            if left_s <= 0.0:
+                break
+
             message = self._link.recv_match(blocking=True, timeout=min(left_s, 0.2))
-            if message is not None and message.get_srcSystem() == self.system_id:
-                take(message)
-                if message.get_srcComponent() == AUTOPILOT:
-                    heard[message.get_type()] = message
+            if message is None or message.get_srcSystem() != self.system_id:
+                continue
+            take(message)
+            if message.get_srcComponent() == AUTOPILOT:
+                heard[message.get_type()] = message
         return heard
+
+    # -- parameters --------------------------------------------------------------------------------
 
     def read(self, name: str) -> Value | None:
         """Read a parameter.
@@ -182,20 +210,24 @@ class AutopilotLink:
         Raises:
             LinkSilentError: PX4 is not heard any more, or does not send them all.
         """
-        values: dict[int, tuple[str, Value]] = {}
-        count = 0
+        values: dict[int, tuple[str, Value]] = {}  # index -> name and value
+        count = 0  # that PX4 has; 0 until it has said so
         self._link.mav.param_request_list_send(self.system_id, AUTOPILOT)
+
         end_s = time.monotonic() + _LIST_S
-        while time.monotonic() < end_s and not (count and len(values) == count):
-            reply = self._next_value(_LIST_SILENT_S)
-            # not the hash, nor an answer by name
-            if reply is not None and reply.param_index < reply.param_count:
-                count = reply.param_count
-                values[reply.param_index] = reply.param_id, self._value(reply)
-            elif reply is None and self.is_armed() is None:
+        while time.monotonic() < end_s:
+            if count and len(values) == count:
                 break
-            elif reply is None:
+
+            reply = self._next_value(_LIST_SILENT_S)
+            if reply is None:
+                if self.is_armed() is None:
+                    break
                 self._request_missing([index for index in range(count) if index not in values])
+            elif reply.param_index < reply.param_count:  # not the hash, nor an answer by name
+                count = reply.param_count
+                values[reply.param_index] = (reply.param_id, self._value(reply))
+
         if not count or len(values) < count:
             raise LinkSilentError(f"PX4 sent {len(values)} of {count or 'its'} parameters.")
         return dict(values.values())
@@ -222,20 +254,19 @@ class AutopilotLink:
         """
         if name not in self._kinds and self.read(name) is None:
             return None
+
         kind = self._kinds[name]
-        # PX4 puts whole numbers bit by bit into the field of a float
-        sent = (
-            struct.unpack("<f", struct.pack("<i", round(value)))[0]
-            if kind == _PARAM_INT32
-            else float(value)
-        )
-        told = self._value_after(
-            name,
-            lambda: self._link.mav.param_set_send(
-                self.system_id, AUTOPILOT, name.encode(), sent, kind
-            ),
-        )
-        return told if told is not None else self.read(name)
+        sent = float(value)
+        if kind == _PARAM_INT32:
+            sent = _int_as_float(round(value))
+
+        def send() -> None:
+            self._link.mav.param_set_send(self.system_id, AUTOPILOT, name.encode(), sent, kind)
+
+        answered = self._value_after(name, send)
+        if answered is not None:
+            return answered
+        return self.read(name)
 
     def request_storage(self, timeout_s: float) -> int | None:
         """Have PX4 write its parameters to its storage.
@@ -250,11 +281,9 @@ class AutopilotLink:
         end_s = time.monotonic() + timeout_s
         while time.monotonic() < end_s:
             ack = self._link.recv_match(type="COMMAND_ACK", blocking=True, timeout=0.05)
-            if (
-                ack is not None
-                and ack.get_srcSystem() == self.system_id
-                and ack.command == _PREFLIGHT_STORAGE
-            ):
+            if ack is None or ack.get_srcSystem() != self.system_id:
+                continue
+            if ack.command == _PREFLIGHT_STORAGE:
                 return int(ack.result)
         return None
 
@@ -265,38 +294,61 @@ class AutopilotLink:
             command: MAV_CMD.
             param1: its first parameter; the others are 0.
         """
-        self._link.mav.command_long_send(self.system_id, AUTOPILOT, command, 0, param1, *(0.0,) * 6)
+        others = (0.0,) * 6
+        self._link.mav.command_long_send(self.system_id, AUTOPILOT, command, 0, param1, *others)
 
     def _request(self, name: str) -> None:
         self._link.mav.param_request_read_send(self.system_id, AUTOPILOT, name.encode(), -1)
 
     def _value_after(self, name: str, send: Callable[[], object]) -> Value | None:
-        """Return the value in PX4's reply to what ``send`` sends; None when PX4 lives and does not
-        reply.
+        """Return the value in PX4's reply to what ``send`` sends.
+
+        Returns:
+            None when PX4 lives and does not reply.
         """
         for _ in range(_ATTEMPTS):
             send()
             end_s = time.monotonic() + _ANSWER_S
-            while (left_s := end_s - time.monotonic()) > 0.0:
+            while True:
+                left_s = end_s - time.monotonic()
+                if left_s <= 0.0:
+                    break
                 reply = self._next_value(left_s)
                 if reply is not None and reply.param_id == name:
                     return self._value(reply)
+
         if self.is_armed() is None:
             raise LinkSilentError(f"PX4 fell silent at {self.endpoint}.")
         return None
 
     def _next_value(self, timeout_s: float) -> Any:
+        """Return the next value that PX4 sends; None when none comes in time."""
         end_s = time.monotonic() + timeout_s
-        while (left_s := end_s - time.monotonic()) > 0.0:
+        while True:
+            left_s = end_s - time.monotonic()
+            if left_s <= 0.0:
+                return None
+
             reply = self._link.recv_match(type="PARAM_VALUE", blocking=True, timeout=left_s)
             if reply is None or not is_of_autopilot(reply, self.system_id):
                 continue
             if reply.param_type in (_PARAM_INT32, _PARAM_REAL32):
                 self._kinds[reply.param_id] = int(reply.param_type)
                 return reply
-        return None
 
     def _value(self, reply: Any) -> Value:
         if reply.param_type == _PARAM_INT32:
-            return int(struct.unpack("<i", struct.pack("<f", reply.param_value))[0])
+            return _float_as_int(reply.param_value)
         return float(reply.param_value)
+
+
+def _int_as_float(value: int) -> float:
+    """Return a whole number bit by bit in the field of a float, as PX4 sends it."""
+    (sent,) = struct.unpack("<f", struct.pack("<i", value))
+    return float(sent)
+
+
+def _float_as_int(sent: float) -> int:
+    """Return the whole number that PX4 has put bit by bit into the field of a float."""
+    (value,) = struct.unpack("<i", struct.pack("<f", sent))
+    return int(value)

@@ -22,6 +22,7 @@ MAX_QUEUED = 20_000
 DELIVERY_PERIOD_S = 0.02
 # topics that the fleet's state is made of
 FOLDED = (Topic.TELEMETRY, Topic.EVENT, Topic.TRUTH, Topic.PREFLIGHT)
+# topics with many messages, which wait on the bus
 _COLLECTED = (Topic.TELEMETRY, Topic.TRUTH, Topic.STATE, Topic.TICK, Topic.MOCAP)
 
 Sink = Callable[[Topic, str, Message, int], None]
@@ -50,14 +51,17 @@ class BusFeed:
         self.bus = bus
         self._on_batch = on_batch
         self._topics = (*FOLDED, *(topic for topic in recorded if topic not in FOLDED))
-        self._clock_ns, self._on_delivery = clock_ns, on_delivery
+        self._clock_ns = clock_ns
+        self._on_delivery = on_delivery
+        self._sinks: list[Sink] = []
+
         self._queue: deque[Received] = deque(maxlen=MAX_QUEUED)
         self._dropped = 0  # pushed out of the queue since the last batch
-        self._is_scheduled = False
-        self._loop: asyncio.AbstractEventLoop | None = None
+        self._is_scheduled = False  # the loop has been woken up for the queue
+
+        self._loop: asyncio.AbstractEventLoop | None = None  # None while the bus is closed
         self._delivery: asyncio.TimerHandle | None = None
         self._clock: asyncio.Task[None] | None = None
-        self._sinks: list[Sink] = []
 
     @property
     def is_started(self) -> bool:
@@ -76,6 +80,7 @@ class BusFeed:
         """
         if self._loop is not None:
             return
+
         self._loop = asyncio.get_running_loop()
         await asyncio.to_thread(self._open)
         if not self.bus.is_simulated:
@@ -87,6 +92,7 @@ class BusFeed:
         """Leave the bus; a second call does nothing."""
         if self._loop is None:
             return
+
         if self._clock is not None:
             self._clock.cancel()
             await asyncio.gather(self._clock, return_exceptions=True)
@@ -121,26 +127,31 @@ class BusFeed:
         Args:
             item: a message, a liveliness token, or a count.
         """
-        self._dropped += len(self._queue) == MAX_QUEUED  # the oldest makes room
+        if len(self._queue) == MAX_QUEUED:
+            self._dropped += 1  # the oldest makes room
         self._queue.append((item, self._clock_ns()))
+
         if self._loop is not None and not self._is_scheduled:
             self._is_scheduled = True
             self.call(self._drain)
 
     def call(self, function: Callable[..., None], *args: object) -> None:
-        """Call a function on the event loop; callable from any thread. Nothing is called after the
-        loop has ended.
+        """Call a function on the event loop; callable from any thread.
+
+        Nothing is called after the loop has ended.
 
         Args:
             function: to call soon.
             args: its arguments.
         """
         loop = self._loop
-        if loop is not None and not loop.is_closed():
-            try:
-                loop.call_soon_threadsafe(function, *args)
-            except RuntimeError:
-                return  # the loop closed between the two lines
+        if loop is None or loop.is_closed():
+            return
+
+        try:
+            loop.call_soon_threadsafe(function, *args)
+        except RuntimeError:
+            return  # the loop closed between the two lines
 
     # -- threads of the bus ------------------------------------------------------------------------
 
@@ -154,6 +165,7 @@ class BusFeed:
         self.bus.watch_alive(lambda node, is_alive: self.put(NodeSeen(node, is_alive)))
 
     def _receive(self, topic: Topic, name: str, message: Message | Malformed) -> None:
+        """Take a message; one that names another vehicle than its topic is refused."""
         if isinstance(message, Malformed):
             self.put(message)
         elif getattr(message, "vehicle", name) != name:
@@ -171,8 +183,10 @@ class BusFeed:
         self.bus.deliver()
 
     def _drain(self) -> None:
-        # a listener that hears of an order's end finds the telemetry of that time in the state
+        """Hand everything in the queue over as one batch."""
+        # A listener that hears of an order's end needs the telemetry of that time in the state.
         self.bus.deliver()
+
         self._is_scheduled = False
         batch = [self._queue.popleft() for _ in range(len(self._queue))]
         if self._dropped:

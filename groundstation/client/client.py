@@ -1,5 +1,4 @@
-"""The ground's end of the bus: messages in, :class:`FleetState` out, orders with one result per
-vehicle.
+"""The ground's end of the bus: messages in, :class:`FleetState` out, orders with their results.
 
 All public methods are for the event loop's thread, except where "callable from any thread" is
 written.
@@ -29,13 +28,8 @@ from groundstation.orders.held_formation import HeldFormation
 from groundstation.orders.intents import PATH_INTENTS, Intent, PathVerb
 from groundstation.orders.obstruction import explained
 from groundstation.orders.path_orders import path_orders
-from groundstation.orders.plan import (
-    PlannedOrder,
-    addressed,
-    check_again,
-    plan_order,
-)
-from groundstation.orders.result import OrderResult, VehicleResult
+from groundstation.orders.plan import PlannedOrder, addressed, check_again, plan_order
+from groundstation.orders.result import OrderResult, Results
 from onboard.bus.protocol import Bus
 from onboard.bus.schema import Event, FaultOrder, Message, PathOrder
 from onboard.bus.topics import Topic
@@ -44,7 +38,7 @@ from onboard.message_counts import in_words
 from onboard.security.mavlink_key import mavlink_keys
 
 CONTROL_PERIOD_NS = 100_000_000
-_STARTS = ("arm", "takeoff")
+_STARTS = ("arm", "takeoff")  # kinds of orders after which a vehicle may fly
 _AGE_PERIOD_S = 0.2  # ages change the state without any message
 
 
@@ -78,6 +72,12 @@ class FleetClient:
         self.author = author or user_name()
         self._clock_ns = clock_ns
         bus = bus or session(fleet)
+
+        # The state, and those who follow it.
+        self._state = initial(fleet)
+        self._changed = asyncio.Event()
+        self._listeners: list[Callable[[FleetState], None]] = []
+        self._event_listeners: list[Callable[[Event], None]] = []
         stall_clock_ns = clock_ns if bus.is_simulated else boot_clock_ns
         self._stall = OwnStall(stall_clock_ns)
         self._feed = BusFeed(
@@ -87,6 +87,9 @@ class FleetClient:
             clock_ns=clock_ns,
             on_delivery=self.notice_own_stall,
         )
+        self.tick_stream = BusTickStream(bus)
+
+        # Orders, and the right to give them.
         self._orders = OpenOrders(
             fleet,
             self._feed,
@@ -98,19 +101,14 @@ class FleetClient:
         )
         self._order_count = itertools.count(1)
         self._held = HeldFormation(default_formation(fleet))
-        self._state = initial(fleet)
-        self._changed = asyncio.Event()
-        self._listeners: list[Callable[[FleetState], None]] = []
-        self._event_listeners: list[Callable[[Event], None]] = []
         self._control_due_ns = 0
         self.control = Control(
-            self._feed.bus,
+            bus,
             self.author,
             takes_control=operates,
             say=lambda severity, sentence: self.publish_event(severity, "operator", sentence),
             clock_ns=clock_ns,
         )
-        self.tick_stream = BusTickStream(self._feed.bus)
 
     @property
     def state(self) -> FleetState:
@@ -160,31 +158,42 @@ class FleetClient:
 
     async def stop(self) -> None:
         """Leave the bus; open orders get no more replies. A second call does nothing."""
-        if self._feed.is_started:
-            state = self._state
-            words = in_words(state.malformed, state.refused, state.dropped, state.late)
-            if words:
-                self.publish_event(
-                    "info", "messages", f"Messages that this ground did not use: {words}."
-                )
-            await self._orders.stop()
-            self.tick_stream.stop()
-            await self._feed.stop()
+        if not self._feed.is_started:
+            return
+
+        state = self._state
+        words = in_words(state.malformed, state.refused, state.dropped, state.late)
+        if words:
+            sentence = f"Messages that this ground did not use: {words}."
+            self.publish_event("info", "messages", sentence)
+
+        await self._orders.stop()
+        self.tick_stream.stop()
+        await self._feed.stop()
 
     def announce_recording(self, is_on: bool) -> None:
-        """Let the vehicles' preflight see whether this ground records; callable from any thread
-        while the bus is open.
+        """Let the vehicles' preflight see whether this ground records.
+
+        Callable from any thread while the bus is open.
 
         Args:
             is_on: whether it records now.
         """
         self.is_recording = is_on
+
         bus = self._feed.bus
-        (bus.claim if is_on else bus.release)(f"recorder-{bus.node}")
+        token = f"recorder-{bus.node}"
+        if is_on:
+            bus.claim(token)
+        else:
+            bus.release(token)
+
+    # -- orders ------------------------------------------------------------------------------------
 
     def plan(self, order: Intent | str) -> PlannedOrder:
-        """Plan an order and check it against the fleet as known now; nothing is sent. Callable from
-        any thread.
+        """Plan an order and check it against the fleet as known now; nothing is sent.
+
+        Callable from any thread.
 
         Args:
             order: an intent, or a line of the orders' grammar.
@@ -196,9 +205,12 @@ class FleetClient:
             OrderError: the line is no order.
         """
         intent = parse(order, self.fleet) if isinstance(order, str) else order
+
         refusal = self.control.refusal(intent.verb)
         if refusal is not None:
-            return PlannedOrder(intent, {}, dict.fromkeys(intent.names, refusal), self._held)
+            refusals = dict.fromkeys(intent.names, refusal)
+            return PlannedOrder(intent, orders={}, refusals=refusals, held=self._held)
+
         return plan_order(
             intent,
             self.fleet,
@@ -211,25 +223,31 @@ class FleetClient:
         )
 
     def order_paths(self, kind: PathVerb, paths: Mapping[str, PathOrder]) -> OrderResult:
-        """Send each vehicle a part of its path, or the start of it: see
-        :mod:`groundstation.orders.path_orders`.
+        """Send each vehicle a part of its path, or the start of it.
+
+        Args:
+            kind: whether the paths are loaded or started.
+            paths: of each vehicle, see :mod:`groundstation.orders.path_orders`.
+
+        Returns:
+            The results, which fill in on the event loop.
         """
-        refusal, node = self.control.refusal("move"), self._feed.bus.node
+        intent = PATH_INTENTS[kind](vehicles=tuple(paths))
+
+        refusal = self.control.refusal("move")
+        if refusal is not None:
+            refusals = dict.fromkeys(paths, refusal)
+            return self.send(PlannedOrder(intent, orders={}, refusals=refusals, held=self._held))
+
+        node = self._feed.bus.node
         orders = path_orders(kind, paths, self.new_order_id, self.author, node, self._clock_ns())
         orders = addressed(orders, self._state)
-        refusals = {} if refusal is None else dict.fromkeys(paths, refusal)
-        return self.send(
-            PlannedOrder(
-                PATH_INTENTS[kind](vehicles=tuple(paths)),
-                {} if refusals else orders,
-                refusals,
-                self._held,
-            )
-        )
+        return self.send(PlannedOrder(intent, orders=orders, refusals={}, held=self._held))
 
     def check_again(self, planned: PlannedOrder) -> PlannedOrder:
-        """Check a planned order against the fleet as it is now, and stamp it anew: the fleet may
-        have moved meanwhile.
+        """Check a planned order against the fleet as it is now, and stamp it anew.
+
+        The fleet may have moved since it was planned.
 
         Args:
             planned: of :meth:`plan`.
@@ -239,11 +257,8 @@ class FleetClient:
         """
         refusal = self.control.refusal(planned.intent.verb)
         if refusal is not None:
-            return replace(
-                planned,
-                orders={},
-                refusals={**dict.fromkeys(planned.orders, refusal), **planned.refusals},
-            )
+            refusals = {**dict.fromkeys(planned.orders, refusal), **planned.refusals}
+            return replace(planned, orders={}, refusals=refusals)
         return check_again(planned, self.fleet, self._state, self._clock_ns())
 
     def send(self, planned: PlannedOrder) -> OrderResult:
@@ -258,34 +273,19 @@ class FleetClient:
         self._held = planned.held
         return self._orders.send(planned)
 
-    def notice_own_stall(self) -> None:
-        """Say so when this ground itself stood still, and note it in the state.
-
-        Call it several times a second.
-        """
-        gap_s = self._stall.look()
-        if gap_s:
-            sentence = (
-                f"This ground itself stood still for {gap_s:.1f} s: the record has a gap, and the smallest distance of "
-                f"that time is not known. Silent vehicles are waited for, {AFTER_STALL_S:g} s."
-            )
-            self._state = structs.replace(self._state, stalled_ns=self._clock_ns())
-            self.publish_event("warning", GROUND_STALLED, sentence)
-
     def may_start(self, vehicle: str) -> bool:
-        """Whether a vehicle may be starting: an order of this client to arm or take off goes on, or
-        it reports one.
+        """Whether a vehicle may be starting.
+
+        An order of this client to arm or take off goes on, or the vehicle reports one.
 
         Args:
             vehicle: its name.
         """
         view = self._state.vehicles[vehicle]
-        kind = (
-            view.telemetry.order_kind
-            if view.telemetry is not None and view.is_fresh(self._clock_ns())
-            else ""
-        )
-        return kind in _STARTS or self._orders.has_open(vehicle, _STARTS)
+        telemetry = view.telemetry if view.is_fresh(self._clock_ns()) else None
+        if telemetry is not None and telemetry.order_kind in _STARTS:
+            return True
+        return self._orders.has_open(vehicle, _STARTS)
 
     async def submit(self, order: Intent | str) -> OrderResult:
         """Plan an order and send it at once.
@@ -302,8 +302,9 @@ class FleetClient:
         return self.submit_now(order)
 
     def submit_now(self, order: Intent | str) -> OrderResult:
-        """Plan an order and send it at once; callable from any thread, also while the event loop is
-        busy.
+        """Plan an order and send it at once.
+
+        Callable from any thread, also while the event loop is busy.
 
         Args:
             order: an intent, or a line of the orders' grammar.
@@ -316,9 +317,7 @@ class FleetClient:
         """
         return self.send(self.plan(order))
 
-    async def order(
-        self, order: Intent | str, timeout_s: float | None = None
-    ) -> dict[str, VehicleResult]:
+    async def order(self, order: Intent | str, timeout_s: float | None = None) -> Results:
         """Submit an order and wait for its end.
 
         Args:
@@ -378,6 +377,13 @@ class FleetClient:
             self.publish_event("warning", "fault", f"Fault ordered: {sentence}.", vehicle)
         return sentence
 
+    def new_order_id(self) -> str:
+        """Return an id that no other order has."""
+        # no other ground has this node's name
+        return f"{self._feed.bus.node}-{next(self._order_count)}"
+
+    # -- the state ---------------------------------------------------------------------------------
+
     async def wait_for(self, condition: Callable[[FleetState], bool], timeout_s: float) -> bool:
         """Wait until the state meets a condition.
 
@@ -401,11 +407,29 @@ class FleetClient:
             return condition(self._state)
         return True
 
+    def notice_own_stall(self) -> None:
+        """Say so when this ground itself stood still, and note it in the state.
+
+        Call it several times a second.
+        """
+        gap_s = self._stall.look()
+        if not gap_s:
+            return
+
+        sentence = (
+            f"This ground itself stood still for {gap_s:.1f} s: the record has a gap, and the "
+            "smallest distance of that time is not known. Silent vehicles are waited for, "
+            f"{AFTER_STALL_S:g} s."
+        )
+        self._state = structs.replace(self._state, stalled_ns=self._clock_ns())
+        self.publish_event("warning", GROUND_STALLED, sentence)
+
     def publish_event(
         self, severity: str, code: str, sentence: str, vehicle: str = "ground"
     ) -> None:
-        """Put an event of the ground itself into the state, the log and the record; callable from
-        any thread.
+        """Put an event of the ground itself into the state, the log and the record.
+
+        Callable from any thread.
 
         Args:
             severity: debug, info, warning or critical.
@@ -423,23 +447,21 @@ class FleetClient:
         self.tell(Topic.EVENT, vehicle, event)
 
     def tell(self, topic: Topic, vehicle: str, message: Message) -> None:
-        """Put a message of the ground itself into the state and the record; callable from any
-        thread.
+        """Put a message of the ground itself into the state and the record.
+
+        Callable from any thread.
         """
         self._feed.tell_sinks(topic, vehicle, message)
         self._feed.put(message)
 
-    def new_order_id(self) -> str:
-        """Return an id that no other order has."""
-        # no other ground has this node's name
-        return f"{self._feed.bus.node}-{next(self._order_count)}"
-
     def _take_batch(self, batch: Sequence[Received]) -> None:
+        """Fold a batch into the state, and call those who follow it."""
         now_ns = self._clock_ns()
         state = self._state = fold_batch(self._state, batch, now_ns)
         if now_ns >= self._control_due_ns:
             self._control_due_ns = now_ns + CONTROL_PERIOD_NS
             self.control.update(state)
+
         self._changed.set()
         for item, _ in batch:
             if isinstance(item, Event):

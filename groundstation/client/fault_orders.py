@@ -39,11 +39,13 @@ async def order_fault(feed: BusFeed, order: FaultOrder) -> str:
         order, timeout_s=_TIMEOUT_S, on_reply=on_reply, on_end=lambda: feed.call(replied.set)
     )
     await replied.wait()
+
     reply = next((reply for reply in replies if isinstance(reply, OrderReply)), None)
     if reply is None:
         raise FaultRefused(
-            f"{order.vehicle}: no emulator answers on the bus, so '{order.fault}' was not injected. Faults are for "
-            "simulated flights only: fly with --sitl or in lockstep, or remove the fault from the mission."
+            f"{order.vehicle}: no emulator answers on the bus, so '{order.fault}' was not "
+            "injected. Faults are for simulated flights only: fly with --sitl or in lockstep, or "
+            "remove the fault from the mission."
         )
     if not reply.is_accepted:
         raise FaultRefused(f"{order.vehicle}: {reply.reason}")

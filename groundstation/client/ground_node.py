@@ -20,8 +20,9 @@ def session(fleet: FleetConfig, role: str = GROUND) -> BusSession:
         fleet: its agents are connected to.
         role: whether the node may order, or only watches: without one that may, vehicles land after
             a while.
+
     Returns:
-        the node, not started.
+        The node, not started.
     """
     return BusSession(
         namespace=fleet.namespace,
@@ -34,8 +35,10 @@ def session(fleet: FleetConfig, role: str = GROUND) -> BusSession:
 
 def _key_of(fleet: FleetConfig, role: str) -> NodeRole:
     """Return whose key this ground uses; who may order may watch as well, with one key."""
-    may_watch = os.path.exists(os.path.join(fleet.keys_folder, files_of(NodeRole.VIEWER)[1]))
-    return NodeRole.VIEWER if role != GROUND and may_watch else NodeRole.GROUND
+    viewer_key = os.path.join(fleet.keys_folder, files_of(NodeRole.VIEWER)[1])
+    if role != GROUND and os.path.exists(viewer_key):
+        return NodeRole.VIEWER
+    return NodeRole.GROUND
 
 
 def user_name() -> str:

@@ -18,16 +18,27 @@ from typing import Any
 from onboard.security.mavlink_key import TOOL_LINK_ID, ground_link_id, signing_time
 from onboard.serial_device import open_serial
 
-GCS_SYSTEM, GCS_COMPONENT, AUTOPILOT = 255, 190, 1
+# system and components
+GCS_SYSTEM = 255
+GCS_COMPONENT = 190
+AUTOPILOT = 1
 _COMPANION_COMPONENT = 191
-ARMED_FLAG = 128
-_GCS, _ONBOARD_CONTROLLER, _NO_AUTOPILOT = 6, 18, 8
+
+ARMED_FLAG = 128  # of HEARTBEAT.base_mode
+
+# MAV_TYPE, and MAV_AUTOPILOT of what is none
+_GCS = 6
+_ONBOARD_CONTROLLER = 18
+_NO_AUTOPILOT = 8
+
 _MAX_DATAGRAM = 65_535
 
 # PX4 answers for ever to the address that sent to it first. So a link is kept for the next command,
 # and every process of this computer sends from the same port, which follows from PX4's; of several
 # processes the newest gets the answers.
-_FIRST_PORT, _PORTS = 10_000, 4_000
+_FIRST_PORT = 10_000
+_PORTS = 4_000
+
 _idle_links: dict[str, Any] = {}
 _opening = threading.Lock()  # pymavlink keeps its dialect in a module
 
@@ -58,14 +69,17 @@ def is_of_autopilot(message: Any, system_id: int) -> bool:
 
 
 def send_heartbeat(link: Any) -> None:
-    """Send a heartbeat: of a ground station, or of a companion computer on the vehicle's own link."""
-    is_ground = link.source_system == GCS_SYSTEM
-    link.mav.heartbeat_send(_GCS if is_ground else _ONBOARD_CONTROLLER, _NO_AUTOPILOT, 0, 0, 0)
+    """Send a heartbeat: of a ground station, or of a companion on the vehicle's own link."""
+    kind = _ONBOARD_CONTROLLER
+    if link.source_system == GCS_SYSTEM:
+        kind = _GCS
+    link.mav.heartbeat_send(kind, _NO_AUTOPILOT, 0, 0, 0)
 
 
 class Signing:
-    """Signing of one link, in the shape that pymavlink expects: timestamps follow the clock and
-    never go back.
+    """Signing of one link, in the shape that pymavlink expects.
+
+    Timestamps follow the clock and never go back.
 
     Several programs of this computer send under the same link id, and PX4 refuses what is older
     than the newest of them: a timestamp that only counts on would be refused for ever.
@@ -77,13 +91,21 @@ class Signing:
     """
 
     def __init__(self, key: bytes | None, link_id: int, *, hears_all: bool = False) -> None:
-        self.secret_key, self.link_id, self.sign_outgoing = key, link_id, key is not None
+        self.secret_key = key
+        self.link_id = link_id
+        self.sign_outgoing = key is not None
         self.allow_unsigned_callback = self._other
         self.stream_timestamps: dict[tuple[int, int, int], int] = {}
-        self.sig_count = self.badsig_count = self.goodsig_count = self.unsigned_count = (
-            self.reject_count
-        ) = 0
-        self._hears_all, self._newest = hears_all, 0
+
+        # pymavlink counts what it has heard
+        self.sig_count = 0
+        self.badsig_count = 0
+        self.goodsig_count = 0
+        self.unsigned_count = 0
+        self.reject_count = 0
+
+        self._hears_all = hears_all
+        self._newest = 0  # timestamp
 
     @property
     def timestamp(self) -> int:
@@ -116,17 +138,27 @@ def take_link(endpoint: str, key: bytes | None = None) -> Any:
     """
     link = _idle_links.pop(endpoint, None)
     if link is None:
-        address = mavutil_address(endpoint)
-        link = _connection(address, GCS_SYSTEM, GCS_COMPONENT)
-        if address.startswith("udpout:"):
-            link.port.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            with contextlib.suppress(OSError):  # taken by something else: any port then
-                link.port.bind(("", _FIRST_PORT + int(address.rpartition(":")[2]) % _PORTS))
-            _receive_from_px4_only(link)
+        link = _new_link(endpoint)
+
     if link.mav.signing.secret_key != key:
         sign(link, Signing(key, ground_link_id(socket.gethostname())))
     while link.recv_match(blocking=False) is not None:
         pass
+    return link
+
+
+def _new_link(endpoint: str) -> Any:
+    """Open the ground's link to an endpoint, from the port that follows from PX4's."""
+    address = mavutil_address(endpoint)
+    link = _connection(address, GCS_SYSTEM, GCS_COMPONENT)
+    if not address.startswith("udpout:"):
+        return link
+
+    px4_port = int(address.rpartition(":")[2])
+    link.port.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    with contextlib.suppress(OSError):  # taken by something else: any port then
+        link.port.bind(("", _FIRST_PORT + px4_port % _PORTS))
+    _receive_from_px4_only(link)
     return link
 
 
@@ -156,9 +188,8 @@ def open_as_companion(endpoint: str, system_id: int, key: bytes | None = None) -
 
 
 def _mavutil() -> Any:
-    os.environ["MAVLINK20"] = (
-        "1"  # else pymavlink begins with MAVLink 1, and forgets a key when it changes to MAVLink 2
-    )
+    # Else pymavlink begins with MAVLink 1, and forgets a key when it changes to MAVLink 2.
+    os.environ["MAVLINK20"] = "1"
     from pymavlink import mavutil
 
     return mavutil
@@ -167,18 +198,17 @@ def _mavutil() -> Any:
 def _connection(address: str, system_id: int, component_id: int) -> Any:
     with _opening:
         mavutil = _mavutil()
-
         return mavutil.mavlink_connection(
             address, source_system=system_id, source_component=component_id, dialect="common"
         )
 
 
 def _serial(endpoint: str, system_id: int) -> Any:
-    """A serial device without pyserial, which the ground does not have."""
+    """Open a serial device without pyserial, which the ground does not have."""
     with _opening:
         mavutil = _mavutil()
-
         mavutil.set_dialect("common")
+
     descriptor = open_serial(endpoint)
     link = mavutil.mavfile(
         descriptor, endpoint, source_system=system_id, source_component=_COMPANION_COMPONENT
@@ -190,14 +220,16 @@ def _serial(endpoint: str, system_id: int) -> Any:
         except BlockingIOError:
             return b""
 
-    link.recv, link.write = receive, lambda data: os.write(descriptor, data)
+    link.recv = receive
+    link.write = lambda data: os.write(descriptor, data)
     link.close = lambda: os.close(descriptor)
     return link
 
 
 def _receive_from_px4_only(link: Any) -> None:
-    """Drop datagrams of any other address: the port is predictable, and anybody could play the
-    autopilot there.
+    """Drop datagrams of any other address.
+
+    The port is predictable, and anybody could play the autopilot there.
     """
     host, port = link.destination_addr
     px4 = (socket.gethostbyname(host), port)

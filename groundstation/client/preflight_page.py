@@ -1,5 +1,7 @@
-"""The preflight page: go or no-go of every vehicle as its agent judges it, and what only the ground
-can see.
+"""The preflight page: go or no-go of every vehicle, and what only the ground can see.
+
+The checks are the agents' own. The ground adds what no agent knows: whether both have the same
+fleet file, whether the direct path exists, whether all fly the same version of PX4.
 """
 
 from __future__ import annotations
@@ -33,7 +35,11 @@ class PageLine:
     @property
     def status(self) -> str:
         """ok, advice or no-go."""
-        return "no-go" if not self.is_ok else "advice" if self.remedy else "ok"
+        if not self.is_ok:
+            return "no-go"
+        if self.remedy:
+            return "advice"
+        return "ok"
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,89 +56,92 @@ class VehiclePage:
         return self.answers and all(line.is_ok for line in self.lines)
 
 
-def _of_files(name: str, telemetry: Telemetry, fleet: FleetConfig) -> list[PageLine]:
-    # a law that the ground's file does not name is nobody's to import because a message names it
-    is_known = telemetry.law in BUILT_IN and telemetry.law != fleet.law.name
-    own_hash = (fleet.with_law(telemetry.law) if is_known else fleet).config_hash
-    if telemetry.config_hash != own_hash:
-        said = f"{name} flies with another fleet file than {fleet.path} ({telemetry.config_hash}, here {own_hash})."
-        remedy = "Give the vehicle's computer this file and restart its agent, or give this command the vehicle's file."
-        return [PageLine("ground's file", False, said, remedy)]
-    if telemetry.law != fleet.law.name:
-        said = f"{name} flies the law '{telemetry.law}' instead of the file's '{fleet.law.name}'."
-        return [
-            PageLine(
-                "ground's file", True, said, "Restart its agent without --law to fly the file's."
-            )
-        ]
-    return []
-
-
 def page_of(view: VehicleView, fleet: FleetConfig, now_ns: int) -> VehiclePage:
-    """Make the page of one vehicle.
+    """Return the page of one vehicle.
 
     Args:
         view: the vehicle as known now.
         fleet: the fleet file.
         now_ns: the ground's monotonic clock [ns].
-
-    Returns:
-        Its lines.
     """
-    vehicle, telemetry = fleet.vehicles[view.name], view.telemetry
+    telemetry = view.telemetry
     if telemetry is None or not view.is_fresh(now_ns):
         silent = PageLine(
             "agent", False, f"{view.name}'s agent does not answer.", "Start it: covey agent."
         )
         return VehiclePage(view.name, False, (silent,))
-    lines = _of_files(view.name, telemetry, fleet)
-    if (
-        view.preflight is not None
-        and view.has_preflight(now_ns)
-        and view.preflight.boot_id == telemetry.boot_id
-    ):
-        lines += [PageLine(*check) for check in view.preflight.checks]
-    else:
-        lines.append(
-            PageLine(
-                "report",
-                False,
-                f"It is {telemetry.state}, where no preflight check is made.",
-                "Wait until it has landed.",
-            )
-            if telemetry.is_airborne or telemetry.is_armed
-            else PageLine(
-                "report",
-                False,
-                "Its agent sends no report.",
-                "Restart it with this version of Covey.",
-            )
-        )
-    if vehicle.direct is None:
-        lines.append(
-            PageLine(
-                "direct path",
-                True,
-                "The fleet file gives no direct endpoint: kill and land end with the agent.",
-                f"Set vehicles.{view.name}.direct to PX4's ground link.",
-            )
-        )
-    else:
-        lines.append(
-            PageLine(
-                "direct path",
-                True,
-                f"Kill and land can go straight to PX4 at {vehicle.direct}.",
-                "",
-            )
-        )
+
+    lines = [
+        *_of_files(view.name, telemetry, fleet),
+        *_of_report(view, telemetry, now_ns),
+        _of_direct_path(view.name, fleet),
+    ]
     return VehiclePage(view.name, True, tuple(lines))
+
+
+def _of_files(name: str, telemetry: Telemetry, fleet: FleetConfig) -> list[PageLine]:
+    """Return a line when a vehicle flies with another fleet file or another law, else none."""
+    # A law that the ground's file does not name is not imported because a message names it.
+    is_known = telemetry.law in BUILT_IN and telemetry.law != fleet.law.name
+    own_hash = (fleet.with_law(telemetry.law) if is_known else fleet).config_hash
+
+    if telemetry.config_hash != own_hash:
+        sentence = (
+            f"{name} flies with another fleet file than {fleet.path} "
+            f"({telemetry.config_hash}, here {own_hash})."
+        )
+        remedy = (
+            "Give the vehicle's computer this file and restart its agent, "
+            "or give this command the vehicle's file."
+        )
+        return [PageLine("ground's file", False, sentence, remedy)]
+
+    if telemetry.law != fleet.law.name:
+        sentence = (
+            f"{name} flies the law '{telemetry.law}' instead of the file's '{fleet.law.name}'."
+        )
+        remedy = "Restart its agent without --law to fly the file's."
+        return [PageLine("ground's file", True, sentence, remedy)]
+
+    return []
+
+
+def _of_report(view: VehicleView, telemetry: Telemetry, now_ns: int) -> list[PageLine]:
+    """Return the agent's own checks, or a line about why there are none."""
+    report = view.preflight
+    if report is not None and view.has_preflight(now_ns) and report.boot_id == telemetry.boot_id:
+        return [PageLine(*check) for check in report.checks]
+
+    if telemetry.is_airborne or telemetry.is_armed:
+        sentence = f"It is {telemetry.state}, where no preflight check is made."
+        return [PageLine("report", False, sentence, "Wait until it has landed.")]
+    return [
+        PageLine(
+            "report",
+            False,
+            "Its agent sends no report.",
+            "Restart it with this version of Covey.",
+        )
+    ]
+
+
+def _of_direct_path(name: str, fleet: FleetConfig) -> PageLine:
+    """Return the line about the way of kill and land past the agent."""
+    direct = fleet.vehicles[name].direct
+    if direct is None:
+        return PageLine(
+            "direct path",
+            True,
+            "The fleet file gives no direct endpoint: kill and land end with the agent.",
+            f"Set vehicles.{name}.direct to PX4's ground link.",
+        )
+    return PageLine("direct path", True, f"Kill and land can go straight to PX4 at {direct}.", "")
 
 
 def pages_of(
     state: FleetState, fleet: FleetConfig, names: Sequence[str], now_ns: int
 ) -> tuple[VehiclePage, ...]:
-    """Make the pages of several vehicles.
+    """Return the pages of several vehicles.
 
     Args:
         state: the fleet as known now.
@@ -143,11 +152,15 @@ def pages_of(
     Returns:
         A page for each, as :func:`page_of` makes it.
     """
-    pages = (page_of(state.vehicles[name], fleet, now_ns) for name in names)
     versions = _versions(state, fleet, names)
-    return tuple(
-        replace(page, lines=(*page.lines, *versions)) if page.answers else page for page in pages
-    )
+
+    pages = []
+    for name in names:
+        page = page_of(state.vehicles[name], fleet, now_ns)
+        if page.answers:
+            page = replace(page, lines=(*page.lines, *versions))
+        pages.append(page)
+    return tuple(pages)
 
 
 def _versions(state: FleetState, fleet: FleetConfig, names: Sequence[str]) -> list[PageLine]:
@@ -159,21 +172,19 @@ def _versions(state: FleetState, fleet: FleetConfig, names: Sequence[str]) -> li
             vehicles.setdefault(report.px4_version, []).append(name)
     if len(vehicles) < 2:
         return []
+
     words = {version: ".".join(map(str, version)) for version in sorted(vehicles)}
     listed = "; ".join(
         f"v{word}: {', '.join(vehicles[version])}" for version, word in words.items()
     )
+    sentence = f"This fleet has {len(vehicles)} versions of PX4: {listed}."
+
     first, *_, last = words.values()
-    said = f"This fleet has {len(vehicles)} versions of PX4: {listed}."
-    remedy = "Each is asked for the parameters of its own version. What else differs: "
-    return [
-        PageLine(
-            "versions",
-            True,
-            said,
-            f"{remedy}covey px4 compare {first} {last} --fleet {fleet.path}.",
-        )
-    ]
+    remedy = (
+        "Each is asked for the parameters of its own version. What else differs: "
+        f"covey px4 compare {first} {last} --fleet {fleet.path}."
+    )
+    return [PageLine("versions", True, sentence, remedy)]
 
 
 def has_reported(state: FleetState, names: Sequence[str], now_ns: int) -> bool:
@@ -184,17 +195,20 @@ def has_reported(state: FleetState, names: Sequence[str], now_ns: int) -> bool:
         names: vehicles.
         now_ns: the ground's monotonic clock [ns].
     """
-    views = [state.vehicles[name] for name in names]
-    return all(
-        view.has_preflight(now_ns) or (view.is_fresh(now_ns) and view.is_airborne) for view in views
-    )
+    for name in names:
+        view = state.vehicles[name]
+        is_flying = view.is_fresh(now_ns) and view.is_airborne
+        if not view.has_preflight(now_ns) and not is_flying:
+            return False
+    return True
 
 
 def advice_of(
     state: FleetState, names: Sequence[str], *, is_recording: bool = False
 ) -> dict[str, list[str]]:
-    """Collect the advice of the newest reports. A vehicle whose truth is known is simulated and
-    needs no kill switch.
+    """Return the advice of the newest reports.
+
+    A vehicle whose truth is known is simulated and needs no kill switch.
 
     Args:
         state: the fleet as known now.
@@ -207,9 +221,12 @@ def advice_of(
     advice: dict[str, list[str]] = {}
     for name in names:
         view = state.vehicles[name]
-        skipped = {"kill switch": view.truth is not None, "record": is_recording}
         report = view.preflight
-        for check, is_ok, sentence, remedy in report.checks if report is not None else ():
+        if report is None:
+            continue
+
+        skipped = {"kill switch": view.truth is not None, "record": is_recording}
+        for check, is_ok, sentence, remedy in report.checks:
             if is_ok and remedy and not skipped.get(check):
                 advice.setdefault(f"{sentence} {remedy}", []).append(name)
     return advice
@@ -219,13 +236,16 @@ def exit_status(pages: Sequence[VehiclePage]) -> int:
     """Return the exit status: 0 when all are go, 10 when nobody answered, else 1."""
     if not any(page.answers for page in pages):
         return EXIT_NO_ANSWER
-    return EXIT_OK if all(page.is_go for page in pages) else EXIT_FAILED
+    if not all(page.is_go for page in pages):
+        return EXIT_FAILED
+    return EXIT_OK
 
 
 def as_text(pages: Sequence[VehiclePage]) -> str:
     """Return the pages for people."""
     width = max((len(line.name) for page in pages for line in page.lines), default=0)
     rows: list[str] = []
+
     for page in pages:
         rows.append(f"{page.name}: {'go' if page.is_go else 'NO-GO'}")
         for line in page.lines:
@@ -234,13 +254,17 @@ def as_text(pages: Sequence[VehiclePage]) -> str:
             rows += textwrap.wrap(
                 text, _WIDTH, initial_indent=first, subsequent_indent=" " * len(first)
             )
-    against = [
-        f"{page.name} ({', '.join(plain_line(line.name) for line in page.lines if not line.is_ok)})"
-        for page in pages
-        if not page.is_go
-    ]
-    names = ", ".join(page.name for page in pages)
-    rows.append(f"Do not fly: {'; '.join(against)}." if against else f"Go: {names}.")
+
+    against = []
+    for page in pages:
+        if not page.is_go:
+            failed = [plain_line(line.name) for line in page.lines if not line.is_ok]
+            against.append(f"{page.name} ({', '.join(failed)})")
+
+    if against:
+        rows.append(f"Do not fly: {'; '.join(against)}.")
+    else:
+        rows.append(f"Go: {', '.join(page.name for page in pages)}.")
     return "\n".join(rows)
 
 

@@ -1,5 +1,6 @@
-"""Crazyswarm's names for Covey's fleet: change the import line of a script, and it flies;
-docs/crazyswarm.md.
+"""Crazyswarm's names for Covey's fleet: change a script's import line, and it flies.
+
+docs/crazyswarm.md says how.
 """
 
 from groundstation.crazyswarm.swarm import Crazyswarm as Crazyswarm

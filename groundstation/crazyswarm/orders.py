@@ -1,14 +1,19 @@
-"""Orders of a Crazyswarm script: collected between two sleeps, sent together, waited for when they
-are due.
+"""Orders of a Crazyswarm script: collected between two sleeps, sent together, then waited for.
+
+A Crazyswarm command returns at once, and the script says by its sleeps when it should have ended.
+So what is ordered between two sleeps is one batch. Each order of it has a time at which it is due,
+on the script's clock; a sleep that ends later than that waits for it. The script's clock stands
+meanwhile: it is the fleet's time without what vehicles were late.
 """
 
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import math
 from collections.abc import Coroutine
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Literal, NamedTuple
 
 from msgspec import structs
 
@@ -24,8 +29,27 @@ from onboard.bus.schema import Vec3
 from onboard.config.fleet import ConfigError
 from onboard.control.path import Path
 
-_TIMESCALES = (1.25, 1.5, 2.0, 2.5, 3.0, 4.0)
-_TAKEOFF_S, _LAND_S, _MOVE_S = 60.0, 60.0, 40.0  # longest waits; of a move, beyond its own duration
+_TIMESCALES = (1.25, 1.5, 2.0, 2.5, 3.0, 4.0)  # that a refused trajectory is tried with
+# longest waits; of a move, beyond its own duration
+_TAKEOFF_S = 60.0
+_LAND_S = 60.0
+_MOVE_S = 40.0
+_SAME_TIME_S = 1e-6
+_SMALL_YAW_DEG = 1.0  # a heading that is taken for none
+_UNKNOWN: Vec3 = (math.nan, math.nan, math.nan)
+
+Kind = Literal["takeoff", "land", "path", "goto"]
+
+
+class _Takeoff(NamedTuple):
+    height_m: float
+    duration_s: float
+
+
+class _Move(NamedTuple):
+    goal_enu_m: Vec3
+    yaw_deg: float
+    duration_s: float
 
 
 @dataclass(slots=True)
@@ -33,7 +57,7 @@ class _Open:
     """An order that has been sent."""
 
     task: asyncio.Task[None]
-    kind: str
+    kind: Kind
     names: tuple[str, ...]
     due_s: float  # on the script's clock
 
@@ -42,18 +66,18 @@ class _Open:
 class _Batch:
     """Orders since the last sleep; of one vehicle's the last counts."""
 
-    # height [m], duration [s]
-    takeoffs: dict[str, tuple[float, float]] = field(default_factory=dict)
-    # goal, yaw [deg], duration [s]
-    goals: dict[str, tuple[Vec3, float, float]] = field(default_factory=dict)
+    takeoffs: dict[str, _Takeoff] = field(default_factory=dict)
+    moves: dict[str, _Move] = field(default_factory=dict)
     paths: dict[str, Path] = field(default_factory=dict)
     landings: dict[str, float] = field(default_factory=dict)  # duration [s]
     stops: list[str] = field(default_factory=list)
 
     def forget(self, name: str) -> None:
         """Let a new order of a vehicle replace those of the same moment."""
-        for orders in (self.takeoffs, self.goals, self.paths, self.landings):
-            orders.pop(name, None)
+        self.takeoffs.pop(name, None)
+        self.moves.pop(name, None)
+        self.paths.pop(name, None)
+        self.landings.pop(name, None)
 
 
 class ScriptOrders:
@@ -71,17 +95,19 @@ class ScriptOrders:
         self._failure: BaseException | None = None
         self._has_failed = asyncio.Event()
         self._begin_ns = self.fleet.client.now_ns()
-        self._late_s = 0.0
+        self._late_s = 0.0  # by which vehicles were late so far
 
     @property
     def time_s(self) -> float:
         """Time since the begin, without what vehicles were late."""
         return (self.fleet.client.now_ns() - self._begin_ns) * 1e-9 - self._late_s
 
+    # -- the script orders -------------------------------------------------------------------------
+
     def takeoff(self, name: str, height_m: float, duration_s: float) -> None:
         """Have a vehicle take off."""
         self._batch.forget(name)
-        self._batch.takeoffs[name] = height_m, duration_s
+        self._batch.takeoffs[name] = _Takeoff(height_m, duration_s)
 
     def land(self, name: str, duration_s: float) -> None:
         """Have a vehicle land."""
@@ -91,7 +117,7 @@ class ScriptOrders:
     def go_to(self, name: str, goal: Vec3, yaw_deg: float, duration_s: float) -> None:
         """Have a vehicle go to a goal."""
         self._batch.forget(name)
-        self._batch.goals[name] = goal, yaw_deg, duration_s
+        self._batch.moves[name] = _Move(goal, yaw_deg, duration_s)
 
     def follow(self, name: str, path: Path) -> None:
         """Have a vehicle follow a path."""
@@ -110,25 +136,32 @@ class ScriptOrders:
         """Stop all motors now."""
         self._blocking.run(lambda fleet: fleet.kill(fleet.names))
 
+    # -- the script reads --------------------------------------------------------------------------
+
     def spot(self, name: str) -> tuple[Vec3, float]:
-        """Return where a vehicle is going to, with its heading [deg]: what relative goals count
-        from.
-        """
-        if name in self._batch.goals:
-            goal, yaw_deg, _ = self._batch.goals[name]
-            return goal, yaw_deg
+        """Return where a vehicle goes to, and its heading [deg]: relative goals begin there."""
+        if name in self._batch.moves:
+            move = self._batch.moves[name]
+            return move.goal_enu_m, move.yaw_deg
+
         telemetry = self.fleet[name].telemetry
         if telemetry is None:
             raise OrderError(f"{name} does not report where it is.")
-        goal, is_flying = telemetry.goal_position_enu_m, telemetry.state in ("flying", "holding")
-        yaw_deg = 0.0 if abs(telemetry.yaw_deg) < 1.0 else telemetry.yaw_deg
-        return (
-            goal if is_flying and all(map(math.isfinite, goal)) else telemetry.position_enu_m
-        ), yaw_deg
+
+        yaw_deg = telemetry.yaw_deg
+        if abs(yaw_deg) < _SMALL_YAW_DEG:
+            yaw_deg = 0.0
+
+        goal_enu_m = telemetry.goal_position_enu_m
+        if telemetry.state in ("flying", "holding") and all(map(math.isfinite, goal_enu_m)):
+            return goal_enu_m, yaw_deg
+        return telemetry.position_enu_m, yaw_deg
 
     def position(self, name: str) -> Vec3:
         """Return the reported position; not a number where it is not known."""
-        return self.fleet[name].position_enu_m or (math.nan, math.nan, math.nan)
+        return self.fleet[name].position_enu_m or _UNKNOWN
+
+    # -- time passes -------------------------------------------------------------------------------
 
     def pass_time(self, duration_s: float, *, waits_for_moves: bool) -> None:
         """Send what was ordered since the last call, and let time pass.
@@ -141,118 +174,147 @@ class ScriptOrders:
         Raises:
             OrderFailed: a vehicle did not do what was ordered.
         """
-        batch, self._batch = self._batch, _Batch()
+        batch = self._batch
+        self._batch = _Batch()
         self._blocking.run(lambda _: self._pass(batch, duration_s, waits_for_moves))
-        if self._failure is not None:
-            failure, self._failure = self._failure, None
+
+        failure = self._failure
+        if failure is not None:
+            self._failure = None
             self._has_failed.clear()
             raise failure
 
     async def _pass(self, batch: _Batch, duration_s: float, waits_for_moves: bool) -> None:
+        """Send a batch, let time pass unless an order fails, and wait for what is due."""
         await self._send(batch)
-        try:
+        with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(duration_s):
                 await self._has_failed.wait()
-        except TimeoutError:
-            pass
-        kinds = (
-            ("takeoff", "land", "path", "goto") if waits_for_moves else ("takeoff", "land", "path")
-        )
-        late = [
-            one.task for one in self._open if one.kind in kinds and one.due_s <= self.time_s + 1e-6
-        ]
+
+        late = []
+        for order in self._open:
+            is_waited_for = waits_for_moves or order.kind != "goto"
+            if is_waited_for and order.due_s <= self.time_s + _SAME_TIME_S:
+                late.append(order.task)
         await self._wait(late)
-        self._open = [one for one in self._open if not one.task.done()]
+        self._open = [order for order in self._open if not order.task.done()]
 
     async def _wait(self, tasks: list[asyncio.Task[None]]) -> None:
         """Wait for tasks while the script's clock stands."""
         left = [task for task in tasks if not task.done()]
-        if left:
-            begin_s = self.time_s
-            await asyncio.wait(left)
-            self._late_s += self.time_s - begin_s
+        if not left:
+            return
+
+        begin_s = self.time_s
+        await asyncio.wait(left)
+        self._late_s += self.time_s - begin_s
+
+    # -- orders leave ------------------------------------------------------------------------------
 
     async def _send(self, batch: _Batch) -> None:
-        starting = {*batch.goals, *batch.paths, *batch.landings}
+        """Send the orders of a batch: all take-offs of one height, all goals ... as one order."""
+        # What begins in the air waits until its vehicles are up.
+        in_air = {*batch.moves, *batch.paths, *batch.landings}
         await self._wait(
             [
-                one.task
-                for one in self._open
-                if one.kind == "takeoff" and starting.intersection(one.names)
+                order.task
+                for order in self._open
+                if order.kind == "takeoff" and in_air.intersection(order.names)
             ]
         )
-        ground, fleet = self.fleet.ground, self.fleet
-        for height_m in sorted({height_m for height_m, _ in batch.takeoffs.values()}):
-            own = {name: one[1] for name, one in batch.takeoffs.items() if one[0] == height_m}
-            self._begin("takeoff", own, fleet.takeoff(height_m, list(own), timeout_s=_TAKEOFF_S))
-        if batch.goals:
-            durations_s = {name: duration_s for name, (_, _, duration_s) in batch.goals.items()}
-            intent = Goto(
-                vehicles=tuple(batch.goals),
-                goals={name: goal for name, (goal, _, _) in batch.goals.items()},
-            )
 
-            def with_own(planned: PlannedOrder) -> PlannedOrder:
-                orders = {
-                    name: structs.replace(
-                        order, duration_s=durations_s[name], yaw_deg=batch.goals[name][1]
-                    )
-                    for name, order in planned.orders.items()
-                }
-                return replace(planned, orders=orders)
-
-            timeout_s = max(durations_s.values()) + _MOVE_S
-            self._begin("goto", durations_s, ground.order(intent, timeout_s, change=with_own))
+        self._send_takeoffs(batch.takeoffs)
+        if batch.moves:
+            self._send_moves(batch.moves)
         if batch.paths:
             durations_s = {name: path.duration_s for name, path in batch.paths.items()}
             self._begin("path", durations_s, self._follow(batch.paths))
         if batch.landings:
-            self._begin("land", batch.landings, fleet.land(list(batch.landings), timeout_s=_LAND_S))
-        stopped = [
-            name for name in batch.stops if name not in batch.landings and not fleet[name].is_flying
-        ]
-        if any(fleet[name].view.is_armed for name in stopped):
-            self._begin("land", dict.fromkeys(stopped, 0.0), fleet.disarm(stopped))
+            landing = self.fleet.land(list(batch.landings), timeout_s=_LAND_S)
+            self._begin("land", batch.landings, landing)
+        self._send_stops([name for name in batch.stops if name not in batch.landings])
+
         await asyncio.sleep(0.0)  # lets the orders leave
 
+    def _send_takeoffs(self, takeoffs: dict[str, _Takeoff]) -> None:
+        for height_m in sorted({takeoff.height_m for takeoff in takeoffs.values()}):
+            durations_s = {
+                name: takeoff.duration_s
+                for name, takeoff in takeoffs.items()
+                if takeoff.height_m == height_m
+            }
+            order = self.fleet.takeoff(height_m, list(durations_s), timeout_s=_TAKEOFF_S)
+            self._begin("takeoff", durations_s, order)
+
+    def _send_moves(self, moves: dict[str, _Move]) -> None:
+        """Send goals as one order, judged together; durations and headings are each vehicle's."""
+        intent = Goto(
+            vehicles=tuple(moves),
+            goals={name: move.goal_enu_m for name, move in moves.items()},
+        )
+
+        def with_own_values(planned: PlannedOrder) -> PlannedOrder:
+            orders = {
+                name: structs.replace(
+                    order, duration_s=moves[name].duration_s, yaw_deg=moves[name].yaw_deg
+                )
+                for name, order in planned.orders.items()
+            }
+            return replace(planned, orders=orders)
+
+        durations_s = {name: move.duration_s for name, move in moves.items()}
+        timeout_s = max(durations_s.values()) + _MOVE_S
+        order = self.fleet.ground.order(intent, timeout_s, change=with_own_values)
+        self._begin("goto", durations_s, order)
+
+    def _send_stops(self, names: list[str]) -> None:
+        """Disarm vehicles on the ground, where one of them is armed."""
+        stopped = [name for name in names if not self.fleet[name].is_flying]
+        if any(self.fleet[name].view.is_armed for name in stopped):
+            self._begin("land", dict.fromkeys(stopped, 0.0), self.fleet.disarm(stopped))
+
     async def _follow(self, paths: dict[str, Path]) -> None:
+        """Follow paths; a refusal says which timescale would do."""
         try:
             await self.fleet.follow_path(paths)
         except ConfigError as error:
-            config = self.fleet.config
             for factor in _TIMESCALES:
                 slower = {name: slowed(path, factor) for name, path in paths.items()}
-                if not refusals(path_findings(config, slower, "follow_path")):
+                if not refusals(path_findings(self.fleet.config, slower, "follow_path")):
                     raise ConfigError(
                         f"{error} A timescale that is {factor:g} times as long would do."
                     ) from None
             raise
 
-    def _take_failure(self, task: asyncio.Task[None]) -> None:
-        error = None if task.cancelled() else task.exception()
-        if error is not None:
-            self._failure = self._failure or error
-            self._has_failed.set()
-
     def _begin(
-        self, kind: str, durations_s: dict[str, float], order: Coroutine[Any, Any, Any]
+        self, kind: Kind, durations_s: dict[str, float], order: Coroutine[Any, Any, Any]
     ) -> None:
-        async def follow() -> None:
-            try:
-                await order
-            except OrderFailed as error:
-                if any(
-                    not one.is_done and one.phase != "superseded" for one in error.results.values()
-                ):
-                    raise
-                # the script itself has ordered something else, which is no failure
-                steps = self.fleet.steps
-                steps[:] = [step for step in steps if "superseded" not in step.vehicles.values()]
-
+        """Follow an order in a task of its own."""
         due_s = self.time_s + max(durations_s.values())
-        task = asyncio.create_task(follow())
+        task = asyncio.create_task(self._until_its_end(order))
         task.add_done_callback(self._take_failure)
-        self._open.append(_Open(task, kind, tuple(durations_s), due_s))
+        self._open.append(_Open(task=task, kind=kind, names=tuple(durations_s), due_s=due_s))
+
+    async def _until_its_end(self, order: Coroutine[Any, Any, Any]) -> None:
+        """Wait for an order; that the script itself has ordered something else is no failure."""
+        try:
+            await order
+        except OrderFailed as error:
+            phases = {result.phase for result in error.results.values()}
+            if not phases <= {"done", "superseded"}:
+                raise
+            steps = self.fleet.steps
+            steps[:] = [step for step in steps if "superseded" not in step.vehicles.values()]
+
+    def _take_failure(self, task: asyncio.Task[None]) -> None:
+        """Keep the first failure, and end the sleep that runs."""
+        error = None if task.cancelled() else task.exception()
+        if error is None:
+            return
+
+        if self._failure is None:
+            self._failure = error
+        self._has_failed.set()
 
 
 async def _itself(fleet: Fleet) -> Fleet:

@@ -1,5 +1,4 @@
-"""Crazyswarm's blocking script interface: commands return at once, and ``timeHelper.sleep`` lets
-time pass.
+"""Crazyswarm's blocking script interface: commands return at once, ``timeHelper.sleep`` waits.
 
 What is ordered between two sleeps is one order: several ``goTo`` are judged together, so that
 vehicles may change places. The script's clock stands while a vehicle is late: a take-off or a
@@ -30,7 +29,6 @@ from onboard.config.fleet import FleetConfig, Vehicle
 from onboard.control.path import Path, point_at
 
 _PRESSED_AFTER_S = 2.0  # where nobody can press a button
-_MOST_PIECES = 64
 
 
 class Crazyswarm:
@@ -56,12 +54,10 @@ class Crazyswarm:
         *,
         fleet: FleetConfig | str | FilePath | None = None,
     ) -> None:
-        given = (
-            crazyflies_yaml
-            if crazyflies_yaml is not None and crazyflies_yaml.endswith(".toml")
-            else None
-        )
-        orders = ScriptOrders(BlockingFleet(fleet or given))
+        if not fleet and crazyflies_yaml is not None and crazyflies_yaml.endswith(".toml"):
+            fleet = crazyflies_yaml
+
+        orders = ScriptOrders(BlockingFleet(fleet or None))
         self.timeHelper = TimeHelper(orders)
         self.allcfs = CrazyflieServer(orders)
         self.input = Buttons(self.timeHelper)
@@ -102,25 +98,30 @@ class TimeHelper:
 
 
 class Buttons:
-    """``swarm.input``: Enter, in the terminal; without a terminal it is pressed after two seconds."""
+    """``swarm.input``: Enter; without a terminal it counts as pressed after two seconds."""
 
     def __init__(self, clock: TimeHelper) -> None:
-        self._clock, self._since_s = clock, math.nan
+        self._clock = clock
+        self._since_s = math.nan  # of the first question since the last press
         self._has_terminal = sys.stdin is not None and sys.stdin.isatty()
 
     def checkIfButtonIsPressed(self) -> bool:
         """Whether Enter has been pressed."""
         self._clock.sleep(0.0)
+
         if self._has_terminal:
-            is_pressed = bool(select.select([sys.stdin], [], [], 0.0)[0])
-            if is_pressed:
-                sys.stdin.readline()
-            return is_pressed
+            readable, _, _ = select.select([sys.stdin], [], [], 0.0)
+            if not readable:
+                return False
+            sys.stdin.readline()
+            return True
+
         if math.isnan(self._since_s):
             self._since_s = self._clock.time()
-        is_pressed = self._clock.time() - self._since_s >= _PRESSED_AFTER_S
-        self._since_s = math.nan if is_pressed else self._since_s
-        return is_pressed
+        if self._clock.time() - self._since_s < _PRESSED_AFTER_S:
+            return False
+        self._since_s = math.nan
+        return True
 
     def waitUntilButtonPressed(self) -> None:
         """Wait for Enter."""
@@ -135,7 +136,8 @@ class Crazyflie:
     """One vehicle under Crazyswarm's names; lengths in metres, times in seconds, yaw in radians."""
 
     def __init__(self, orders: ScriptOrders, vehicle: Vehicle) -> None:
-        self._orders, self._name = orders, vehicle.name
+        self._orders = orders
+        self._name = vehicle.name
         self.id: int = vehicle.system_id
         self.name = vehicle.name
         self.initialPosition: Array = np.array(vehicle.start_enu_m)
@@ -176,11 +178,15 @@ class Crazyflie:
         """Go to a goal; with the others' goals of the same moment it is judged together."""
         if not self._is_meant(groupMask):
             return
+
         x, y, z = (float(value) for value in goal)
         yaw_deg = math.degrees(float(yaw))
         if relative:
-            (own_x, own_y, own_z), own_yaw_deg = self._orders.spot(self._name)
-            x, y, z, yaw_deg = own_x + x, own_y + y, own_z + z, own_yaw_deg + yaw_deg
+            spot, spot_yaw_deg = self._orders.spot(self._name)
+            x = spot[0] + x
+            y = spot[1] + y
+            z = spot[2] + z
+            yaw_deg = spot_yaw_deg + yaw_deg
         self._orders.go_to(self._name, (x, y, z), yaw_deg, float(duration))
 
     def uploadTrajectory(self, trajectoryId: int, pieceOffset: int, trajectory: Any) -> None:
@@ -195,8 +201,7 @@ class Crazyflie:
         relative: bool = True,
         groupMask: int = 0,
     ) -> None:
-        """Follow a trajectory; with those of the others of the same moment it begins at one
-        instant.
+        """Follow a trajectory; those of one moment begin at one instant.
 
         Raises:
             OrderError: there is no such trajectory.
@@ -208,13 +213,15 @@ class Crazyflie:
             raise OrderError(
                 f"{self._name} has no trajectory {trajectoryId}; it has {known}. Upload it first."
             )
+
         path = slowed(self._trajectories[trajectoryId], float(timescale))
-        path = backwards(path) if reverse else path
+        if reverse:
+            path = backwards(path)
         if relative:
-            begin, (spot, _) = point_at(path, 0.0).position_enu_m, self._orders.spot(self._name)
-            path = moved(
-                path, np.array([*(to - at for to, at in zip(spot, begin, strict=True)), 0.0])
-            )
+            begin = point_at(path, 0.0).position_enu_m
+            spot, _ = self._orders.spot(self._name)
+            offset_m = [to - at for to, at in zip(spot, begin, strict=True)]
+            path = moved(path, np.array([*offset_m, 0.0]))  # its yaw stays
         self._orders.follow(self._name, path)
 
     def position(self) -> Array:
@@ -222,10 +229,13 @@ class Crazyflie:
         return np.array(self._orders.position(self._name))
 
     def setLEDColor(self, r: float, g: float, b: float) -> None:
-        """Show and record a colour, each share from 0 to 1; PX4 has no lamp that this would reach."""
-        red, green, blue = (round(255 * min(max(float(share), 0.0), 1.0)) for share in (r, g, b))
+        """Show and record a colour, each share from 0 to 1; PX4 has no lamp that it would reach."""
         client = self._orders.fleet.client
-        message = Light(vehicle=self._name, stamp_ns=client.now_ns(), colour=(red, green, blue))
+        message = Light(
+            vehicle=self._name,
+            stamp_ns=client.now_ns(),
+            colour=(_colour_byte(r), _colour_byte(g), _colour_byte(b)),
+        )
         client.tell(Topic.LIGHT, self._name, message)
 
     def setParam(self, name: str, value: float) -> None:
@@ -236,7 +246,8 @@ class Crazyflie:
     def getParam(self, name: str) -> NoReturn:
         """Refuse."""
         raise OrderError(
-            f"'{name}' is a parameter of a Crazyflie; PX4's are read with: covey px4 params --fleet FILE"
+            f"'{name}' is a parameter of a Crazyflie; PX4's are read with: "
+            "covey px4 params --fleet FILE"
         )
 
     def enableCollisionAvoidance(
@@ -245,9 +256,7 @@ class Crazyflie:
         """Do nothing: the law is on; its distance is ``safety_distance_m`` of the fleet file."""
 
     def disableCollisionAvoidance(self) -> None:
-        """Do nothing: the law stays on; simulated flights may do without, with ``covey fly script --law
-        off``.
-        """
+        """Do nothing: the law stays on; in simulation ``--law off`` flies without."""
 
     def notifySetpointsStop(self, remainValidMillisecs: float = 100, groupMask: int = 0) -> None:
         """Do nothing: no setpoints are streamed."""
@@ -255,15 +264,20 @@ class Crazyflie:
     def _refuse_stream(self, *_: object, **__: object) -> NoReturn:
         """Refuse commands that stream setpoints from the ground."""
         raise OrderError(
-            f"{self._name}: commands that stream setpoints (cmdFullState, cmdVelocityWorld, cmdPosition, cmdVel, "
-            "cmdStop) are not flown: they pass by the law, and when the program hangs the vehicle flies on with the "
-            "last one. Use goTo, or a trajectory."
+            f"{self._name}: commands that stream setpoints (cmdFullState, cmdVelocityWorld, "
+            "cmdPosition, cmdVel, cmdStop) are not flown: they pass by the law, and when the "
+            "program hangs the vehicle flies on with the last one. Use goTo, or a trajectory."
         )
 
     cmdFullState = cmdVelocityWorld = cmdPosition = cmdVel = cmdStop = cmdHover = _refuse_stream
 
     def _is_meant(self, group_mask: int) -> bool:
         return group_mask == 0 or bool(group_mask & self.groupMask)
+
+
+def _colour_byte(share: float) -> int:
+    """Return a colour's share from 0 to 1 as a byte."""
+    return round(255 * min(max(float(share), 0.0), 1.0))
 
 
 class CrazyflieServer:

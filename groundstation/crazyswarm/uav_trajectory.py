@@ -58,22 +58,18 @@ class Trajectory:
             ConfigError: it cannot be read.
         """
         path = load_path(filename)
-        rows = [np.array(piece) for piece in path.pieces]
-        self.polynomials = [
-            Polynomial4D(
-                float(row[0]), *(Polynomial(row[1 + 8 * axis : 9 + 8 * axis]) for axis in range(4))
-            )
-            for row in rows
-        ]
+        self.polynomials = [_polynomials(np.array(piece)) for piece in path.pieces]
         self.duration = path.duration_s
 
     def eval(self, t: float) -> TrajectoryOutput:
         """Return the motion at a time [s]."""
         point = point_at(path_of_trajectory(self), t)
-        pos, vel, acc = map(
-            np.array, (point.position_enu_m, point.velocity_enu_m_s, point.acceleration_enu_m_s2)
+        return TrajectoryOutput(
+            pos=np.array(point.position_enu_m),
+            vel=np.array(point.velocity_enu_m_s),
+            acc=np.array(point.acceleration_enu_m_s2),
+            yaw=point.yaw_rad,
         )
-        return TrajectoryOutput(pos, vel, acc, point.yaw_rad)
 
 
 def path_of_trajectory(trajectory: Any) -> Path:
@@ -85,15 +81,23 @@ def path_of_trajectory(trajectory: Any) -> Path:
     pieces = trajectory.polynomials or ()
     if not pieces:
         raise ValueError("This trajectory is empty: read a file with loadcsv first.")
-    axes = ("px", "py", "pz", "pyaw")
-    return path_of(
-        [
-            [one.duration, *(float(c) for axis in axes for c in _eight(getattr(one, axis).p))]
-            for one in pieces
-        ]
-    )
+
+    rows = []
+    for piece in pieces:
+        row = [piece.duration]
+        for polynomial in (piece.px, piece.py, piece.pz, piece.pyaw):
+            row += _eight(polynomial.p)
+        rows.append(row)
+    return path_of(rows)
+
+
+def _polynomials(row: Array) -> Polynomial4D:
+    """Return one row of a file, (33,): a duration, and eight coefficients for each axis."""
+    x, y, z, yaw = (Polynomial(row[begin : begin + 8]) for begin in (1, 9, 17, 25))
+    return Polynomial4D(duration=float(row[0]), px=x, py=y, pz=z, pyaw=yaw)
 
 
 def _eight(coefficients: Any) -> list[float]:
+    """Return the coefficients of a seventh order; those that are left out are 0."""
     values = [float(value) for value in coefficients]
     return values + [0.0] * (8 - len(values))

@@ -1,13 +1,15 @@
-"""Control authority of this ground: it takes control of a free fleet, requests it, hands it over
-and gives way.
+"""Control of a fleet by this ground: taken when it is free, requested, handed over, given way.
 
 Grounds do not see each other: each learns the control tokens of the others from the vehicles'
 telemetry. The rules are those of onboard/bus/control_token.py.
+
+A ground claims up to three kinds of tokens: `operator` for the control that it has, `asks` for a
+request, and `keeps` for the refusal of another ground's request.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from typing import Protocol
 
 from groundstation.fleet.state import FleetState
@@ -18,6 +20,7 @@ from onboard.bus.control_token import (
     next_term,
     parse_control_token,
 )
+from onboard.bus.schema import Telemetry
 
 SETTLE_S = 0.5  # until every vehicle has sent the operator's name
 SILENCE_S = 10.0  # without an answer, after which control may be taken by force
@@ -34,7 +37,7 @@ class TokenBus(Protocol):
 
 
 class Control:
-    """Control authority of one ground.
+    """Control of one ground.
 
     Args:
         bus: tokens are claimed there; open before :meth:`update` is called.
@@ -53,21 +56,24 @@ class Control:
         say: Callable[[str, str], None],
         clock_ns: Callable[[], int],
     ) -> None:
-        self._bus, self._author, self._say, self._clock_ns = bus, author, say, clock_ns
+        self._bus = bus
+        self._author = author
         self._takes_control = takes_control
+        self._say = say
+        self._clock_ns = clock_ns
         self._own: dict[ControlClaim, ControlToken] = {}
         # begin of the present wait: for the first telemetry, an own claim, an answer
         self._since_ns = 0
-        self._announced: ControlToken | None = None  # the last holder that was told by say
+        self._announced: ControlToken | None = None  # the last holder that was said
         self.holder: ControlToken | None = None  # the operator, by the vehicles' telemetry
         self.requester: ControlToken | None = None  # another ground that requests control
 
     @property
     def is_operator(self) -> bool:
         """Whether this ground has control, by the vehicles' telemetry."""
-        return "operator" in self._own and (
-            self.holder is None or self.holder == self._own["operator"]
-        )
+        if "operator" not in self._own:
+            return False
+        return self.holder is None or self.holder == self._own["operator"]
 
     @property
     def is_waiting(self) -> bool:
@@ -79,22 +85,24 @@ class Control:
         """The operator, in a few words."""
         if self.is_operator:
             return "you operate"
-        if self.is_waiting and self.holder is not None:
+        if self.holder is None:
+            return "nobody operates"
+        if self.is_waiting:
             return f"asking {self.holder.author} for control"
-        return f"{self.holder.label} operates" if self.holder is not None else "nobody operates"
+        return f"{self.holder.label} operates"
 
     def refusal(self, kind: str) -> str | None:
-        """Check whether this ground may order.
+        """Return why this ground may not order; None when it may.
 
         Args:
             kind: of the order; emergencies always may.
-
-        Returns:
-            The reason why not; None when it may.
         """
-        if kind in EMERGENCY or self.is_operator or (self._takes_control and self.holder is None):
+        if kind in EMERGENCY or self.is_operator:
             return None
+
         if self.holder is None:
+            if self._takes_control:
+                return None
             return "This ground only watches, and nobody operates. To order, write: take control."
         return (
             f"{self.holder.label} operates this fleet; here only land, hold and kill are open. "
@@ -108,47 +116,25 @@ class Control:
             state: the fleet as known now.
         """
         now_ns = self._clock_ns()
-        reports = [
-            view.telemetry
-            for view in state.vehicles.values()
-            if view.telemetry is not None and view.is_fresh(now_ns)
-        ]
+        reports = []
+        for view in state.vehicles.values():
+            if view.telemetry is not None and view.is_fresh(now_ns):
+                reports.append(view.telemetry)
         if not reports:
             return
         if self._since_ns == 0:
             self._since_ns = now_ns
-        # nearly always all vehicles report the same: each name is parsed once
-        holders = [
-            token
-            for name in {one.operator for one in reports}
-            if (token := parse_control_token(name)) is not None
-        ]
-        names = {name for roles in {one.roles for one in reports} for name in roles}
-        others = {token for name in names if (token := parse_control_token(name)) is not None}
-        own = self._own.get("operator")
-        rivals = [token for token in holders if token != own]
-        self.holder = (
-            own if own is not None and own in holders else min(rivals, key=_rank, default=None)
-        )
         is_settled = (now_ns - self._since_ns) * 1e-9 >= SETTLE_S
-        if (
-            own is not None
-            and rivals
-            and (any(r.beats(own) for r in rivals) if own in holders else is_settled)
-        ):
-            self._drop("operator")
-            self.holder = min(rivals, key=_rank)
-        if rivals and "operator" not in self._own:
-            # once another ground operates, only an operator's command takes control
-            self._takes_control = False
-        self.requester = next(
-            (
-                one
-                for one in sorted(others, key=str)
-                if one.claim == "asks" and one.node != self._bus.node
-            ),
-            None,
-        )
+
+        holders, others = _tokens_of(reports)
+        self._give_way(holders, is_settled=is_settled)
+
+        self.requester = None
+        for token in sorted(others, key=str):
+            if token.claim == "asks" and token.node != self._bus.node:
+                self.requester = token
+                break
+
         self._announce()
         self._answer(others, has_holder=bool(holders), is_settled=is_settled)
 
@@ -168,18 +154,20 @@ class Control:
         if holder is None:
             self._claim(1)
             return "You take control."
+
         if word != FORCE_WORD:
             if not self.is_waiting:
-                self._hold(ControlToken("asks", holder.term, self._bus.node, self._author))
+                self._hold(self._token("asks", holder.term, self._bus.node))
                 self._since_ns = self._clock_ns()
             return f"Asking {holder.label} for control."
-        waited_s = (self._clock_ns() - self._since_ns) * 1e-9
+
         if not self.is_waiting:
             return f"Ask {holder.author} first, with: take control."
+        waited_s = (self._clock_ns() - self._since_ns) * 1e-9
         if waited_s < SILENCE_S:
             return (
-                f"{holder.author} was asked {waited_s:.0f} s ago. Wait until {SILENCE_S:.0f} s have passed without an "
-                "answer."
+                f"{holder.author} was asked {waited_s:.0f} s ago. "
+                f"Wait until {SILENCE_S:.0f} s have passed without an answer."
             )
         self._drop("asks")
         self._claim(next_term(holder.term))
@@ -197,14 +185,13 @@ class Control:
         """
         if not self.is_operator:
             return "You do not have control."
+
         self._drop("operator")
         self._takes_control = False
         self.holder = None
-        return (
-            f"Control goes to {self.requester.label}."
-            if self.requester is not None
-            else "You gave up control."
-        )
+        if self.requester is None:
+            return "You gave up control."
+        return f"Control goes to {self.requester.label}."
 
     def keep(self) -> str:
         """Refuse the request for control.
@@ -214,50 +201,96 @@ class Control:
         """
         if self.requester is None or not self.is_operator:
             return "Nobody asks for control."
-        self._hold(ControlToken("keeps", self.requester.term, self.requester.node, self._author))
+
+        self._hold(self._token("keeps", self.requester.term, self.requester.node))
         return f"You keep control; {self.requester.author} is told."
 
-    def _answer(self, others: set[ControlToken], *, has_holder: bool, is_settled: bool) -> None:
-        """React to the others' tokens: claim free control, take note of a refusal, forget an
-        answered request.
+    # -- what the vehicles report ------------------------------------------------------------------
+
+    def _give_way(self, holders: Sequence[ControlToken], *, is_settled: bool) -> None:
+        """Take over who operates, and give the own claim up where another one counts more.
+
+        While vehicles still report two holders, the token with the higher rank counts. An own claim
+        that no vehicle reports gives way once all have had the time to report it.
         """
-        kept = any(one.claim == "keeps" and one.node == self._bus.node for one in others)
-        if self.is_waiting and kept:
+        own = self._own.get("operator")
+        rivals = [token for token in holders if token != own]
+
+        if own is not None and own in holders:
+            self.holder = own
+            has_lost = any(rival.beats(own) for rival in rivals)
+        else:
+            self.holder = min(rivals, key=_rank, default=None)
+            has_lost = own is not None and bool(rivals) and is_settled
+        if has_lost:
+            self._drop("operator")
+            self.holder = min(rivals, key=_rank)
+
+        if rivals and "operator" not in self._own:
+            # once another ground operates, only an operator's command takes control
+            self._takes_control = False
+
+    def _answer(self, others: set[ControlToken], *, has_holder: bool, is_settled: bool) -> None:
+        """React to the others' tokens.
+
+        Free control is claimed, a refusal is noted, and an answered request is forgotten.
+        """
+        is_refused = any(
+            token.claim == "keeps" and token.node == self._bus.node for token in others
+        )
+        if self.is_waiting and is_refused:
             self._drop("asks")
-            self._say(
-                "warning", f"{self.holder.author if self.holder else 'The operator'} keeps control."
-            )
+            author = "The operator" if self.holder is None else self.holder.author
+            self._say("warning", f"{author} keeps control.")
         elif not has_holder and "operator" not in self._own:
-            first = min((one for one in others if one.claim == "asks"), key=str, default=None)
-            if self.is_waiting and first == self._own["asks"]:
-                self._drop("asks")
-                self._claim(1)
-            elif self._takes_control and is_settled and first is None:
-                self._claim(1)
-        answer = self._own.get("keeps")
-        if answer is not None and (self.requester is None or self.requester.node != answer.node):
+            self._claim_free_control(others, is_settled=is_settled)
+
+        refused = self._own.get("keeps")
+        requesting_node = None if self.requester is None else self.requester.node
+        if refused is not None and requesting_node != refused.node:
             self._drop("keeps")
 
+    def _claim_free_control(self, others: set[ControlToken], *, is_settled: bool) -> None:
+        """Claim control that nobody has: the first request counts, then who takes it by itself."""
+        requests = [token for token in others if token.claim == "asks"]
+        first = min(requests, key=str, default=None)
+
+        if self.is_waiting and first == self._own["asks"]:
+            self._drop("asks")
+            self._claim(1)
+        elif self._takes_control and is_settled and first is None:
+            self._claim(1)
+
     def _announce(self) -> None:
+        """Say who operates, when that has changed."""
         holder = self.holder
-        if holder == self._announced:
+        before = self._announced
+        if holder == before:
             return
-        before, self._announced = self._announced, holder
-        if holder is None and before is not None:
-            self._say("warning", f"{before.label} does not operate any more: nobody does.")
-        elif holder is not None and holder == self._own.get("operator"):
+
+        self._announced = holder
+        if holder is None:
+            if before is not None:
+                self._say("warning", f"{before.label} does not operate any more: nobody does.")
+        elif holder == self._own.get("operator"):
             self._say("info", "You operate this fleet.")
-        elif holder is not None:
-            self._say(
-                "warning" if before is not None else "info", f"{holder.label} operates this fleet."
-            )
+        else:
+            severity = "info" if before is None else "warning"
+            self._say(severity, f"{holder.label} operates this fleet.")
+
+    # -- own tokens --------------------------------------------------------------------------------
 
     def _claim(self, term: int) -> None:
+        """Claim control; the vehicles' telemetry shows whether it is granted."""
         self._takes_control = True
-        self._hold(ControlToken("operator", term, self._bus.node, self._author))
+        self._hold(self._token("operator", term, self._bus.node))
         self._since_ns = self._clock_ns()
 
+    def _token(self, claim: ControlClaim, term: int, node: str) -> ControlToken:
+        return ControlToken(claim, term, node, self._author)
+
     def _hold(self, token: ControlToken) -> None:
+        """Claim a token on the bus, instead of an own one of the same claim."""
         self._drop(token.claim)
         parsed = parse_control_token(str(token))
         assert parsed is not None
@@ -265,9 +298,31 @@ class Control:
         self._bus.claim(str(parsed))
 
     def _drop(self, claim: ControlClaim) -> None:
+        """Release an own token, where there is one."""
         token = self._own.pop(claim, None)
         if token is not None:
             self._bus.release(str(token))
+
+
+def _tokens_of(reports: Sequence[Telemetry]) -> tuple[list[ControlToken], set[ControlToken]]:
+    """Return the holders of control that vehicles report, and all tokens that they hear.
+
+    Nearly always all vehicles report the same: each name is parsed once.
+    """
+    holder_names = {report.operator for report in reports}
+    token_lists = {report.roles for report in reports}
+    token_names = {name for names in token_lists for name in names}
+    return _parsed(holder_names), set(_parsed(token_names))
+
+
+def _parsed(names: Iterable[str]) -> list[ControlToken]:
+    """Return the tokens of these names; names that are no tokens are left out."""
+    tokens = []
+    for name in names:
+        token = parse_control_token(name)
+        if token is not None:
+            tokens.append(token)
+    return tokens
 
 
 def _rank(token: ControlToken) -> tuple[int, str]:

@@ -18,10 +18,12 @@ def descent_s(vehicle: Vehicle, view: VehicleView) -> float:
         Time [s], without braking and disarming; 0 for one that does not fly or whose position is
         not known.
     """
-    told = view.telemetry
-    if told is None or not view.is_airborne or not told.is_position_valid:
+    telemetry = view.telemetry
+    if telemetry is None or not view.is_airborne or not telemetry.is_position_valid:
         return 0.0
-    return vertical_s(told.position_enu_m[2] - vehicle.start_enu_m[2], vehicle.max_speed_m_s)
+
+    height_m = telemetry.position_enu_m[2] - vehicle.start_enu_m[2]
+    return vertical_s(height_m, vehicle.max_speed_m_s)
 
 
 def longest_descent_s(fleet: FleetConfig, state: FleetState) -> float:
@@ -34,5 +36,5 @@ def longest_descent_s(fleet: FleetConfig, state: FleetState) -> float:
     Returns:
         Time [s]; 0 when nobody flies.
     """
-    times_s = (descent_s(fleet.vehicles[name], view) for name, view in state.vehicles.items())
+    times_s = [descent_s(fleet.vehicles[name], view) for name, view in state.vehicles.items()]
     return max(times_s, default=0.0)

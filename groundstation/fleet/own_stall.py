@@ -26,10 +26,12 @@ class OwnStall:
 
     def __init__(self, clock_ns: Callable[[], int]) -> None:
         self._clock_ns = clock_ns
-        self._look_ns: int | None = None  # last look
+        self._last_look_ns: int | None = None
 
     def look(self, waited_s: float = 0.0) -> float:
-        """Look whether a stall has just ended. Call it several times a second, or after each wait.
+        """Return the length of a stall that has just ended.
+
+        Call it several times a second, or after each wait.
 
         Args:
             waited_s: time that was meant to pass since the last look [s].
@@ -37,7 +39,13 @@ class OwnStall:
         Returns:
             Length of the stall [s]; 0 without one, and at the first look.
         """
-        now_ns, last_ns = self._clock_ns(), self._look_ns
-        self._look_ns = now_ns
-        gap_s = 0.0 if last_ns is None else (now_ns - last_ns) * 1e-9 - waited_s
-        return gap_s if gap_s > OWN_STALL_S else 0.0
+        last_look_ns = self._last_look_ns
+        now_ns = self._clock_ns()
+        self._last_look_ns = now_ns
+        if last_look_ns is None:
+            return 0.0
+
+        gap_s = (now_ns - last_look_ns) * 1e-9 - waited_s
+        if gap_s <= OWN_STALL_S:
+            return 0.0
+        return gap_s

@@ -15,7 +15,7 @@ def closest_pair(
     below_m: float,
     height_share: float,
 ) -> tuple[int, int, float] | None:
-    """Find the closest two vehicles, one of which flies and one of which was just updated.
+    """Return the closest two vehicles, one of which flies and one of which was just updated.
 
     Only the rows of updated vehicles are compared: the pairs of a large fleet are many.
 
@@ -32,10 +32,14 @@ def closest_pair(
     rows = np.flatnonzero(is_updated)
     if not len(rows) or not is_up.any():
         return None
-    offset = position_enu_m[rows, None] - position_enu_m[None]
-    distance_m = separations_m(offset, height_share)
-    distance_m[~(is_up[rows, None] | is_up[None])] = np.inf
-    distance_m[np.arange(len(rows)), rows] = np.inf
-    row, other = divmod(int(distance_m.argmin()), len(position_enu_m))
-    smallest_m = float(distance_m[row, other])
-    return (int(rows[row]), other, smallest_m) if smallest_m < below_m else None
+
+    offsets = position_enu_m[rows, None] - position_enu_m[None]  # (updated, n, 3)
+    distances_m = separations_m(offsets, height_share)
+    distances_m[~(is_up[rows, None] | is_up[None])] = np.inf  # both stand on the ground
+    distances_m[np.arange(len(rows)), rows] = np.inf  # a vehicle and itself
+
+    row, other = divmod(int(distances_m.argmin()), len(position_enu_m))
+    smallest_m = float(distances_m[row, other])
+    if smallest_m >= below_m:
+        return None
+    return int(rows[row]), other, smallest_m

@@ -35,7 +35,8 @@ TRUTH_STALE_NS = int(TOPICS[Topic.TRUTH].stale_after_s * 1e9)
 _NEVER = -(1 << 62)
 # So far back a message may have been overtaken. One message with a false, high number excludes no
 # more than these.
-_REORDERED_TICKS, _REORDERED_REPORTS = 50, 2
+_REORDERED_TICKS = 50
+_REORDERED_REPORTS = 2
 
 
 class NodeSeen(NamedTuple):
@@ -88,16 +89,19 @@ class VehicleView(Struct, frozen=True):
     direct_disarmed_ns: int = _NEVER
 
     def has_preflight(self, now_ns: int) -> bool:
-        """Whether the last go/no-go report may be shown as the present; a flying vehicle sends
-        none.
+        """Whether the last go/no-go report may be shown as the present.
+
+        A flying vehicle sends none.
         """
-        return (
-            self.preflight is not None and now_ns - self.preflight_received_ns <= PREFLIGHT_STALE_NS
-        )
+        if self.preflight is None:
+            return False
+        return now_ns - self.preflight_received_ns <= PREFLIGHT_STALE_NS
 
     def age_s(self, now_ns: int) -> float:
         """Seconds since telemetry came in; infinite when none ever did."""
-        return math.inf if self.telemetry is None else max(0.0, (now_ns - self.received_ns) * 1e-9)
+        if self.telemetry is None:
+            return math.inf
+        return max(0.0, (now_ns - self.received_ns) * 1e-9)
 
     def is_fresh(self, now_ns: int) -> bool:
         """Whether the telemetry may be shown as the present."""
@@ -108,12 +112,18 @@ class VehicleView(Struct, frozen=True):
         return self.truth is not None and now_ns - self.truth_received_ns <= TRUTH_STALE_NS
 
     def position_enu_m(self, now_ns: int) -> Vec3 | None:
-        """Return the last reported position, carried to now with its velocity; None without a fresh
-        valid one.
+        """Return the last reported position, carried to now with its velocity.
+
+        Args:
+            now_ns: the ground's monotonic clock [ns].
+
+        Returns:
+            Metres ENU; None without a fresh valid one.
         """
         message = self.telemetry
         if message is None or not self.is_fresh(now_ns) or not message.is_position_valid:
             return None
+
         ahead_s = max(0.0, (now_ns - self.received_ns) * 1e-9)
         return _along(message.position_enu_m, message.velocity_enu_m_s, ahead_s)
 
@@ -124,23 +134,23 @@ class VehicleView(Struct, frozen=True):
 
     @property
     def is_armed(self) -> bool:
-        """Whether it is armed by the last telemetry, unless PX4 has reported otherwise on the
-        direct path since.
+        """Whether it is armed by the last telemetry.
+
+        PX4's own report on the direct path counts, if it came later.
         """
-        return (
-            self.telemetry is not None and self.telemetry.is_armed and not self.is_disarmed_by_px4
-        )
+        if self.telemetry is None or self.is_disarmed_by_px4:
+            return False
+        return self.telemetry.is_armed
 
     @property
     def is_airborne(self) -> bool:
-        """Whether it flies by the last telemetry, unless PX4 has since reported that it is
-        disarmed.
+        """Whether it flies by the last telemetry.
+
+        It does not, if PX4 has reported since that it is disarmed.
         """
-        return (
-            self.telemetry is not None
-            and self.telemetry.is_airborne
-            and not self.is_disarmed_by_px4
-        )
+        if self.telemetry is None or self.is_disarmed_by_px4:
+            return False
+        return self.telemetry.is_airborne
 
 
 class FleetState(Struct, frozen=True):
@@ -162,26 +172,38 @@ class FleetState(Struct, frozen=True):
     stalled_ns: int = _NEVER  # this ground itself stood still until then
 
     def is_after_stall(self, now_ns: int) -> bool:
-        """Whether this ground itself stood still just now: silence is then no sign of a lost
-        vehicle.
+        """Whether this ground itself stood still just now.
+
+        Silence is then no sign of a lost vehicle.
         """
         return now_ns - self.stalled_ns < AFTER_STALL_S * 1e9
 
     def events_after(self, last: LoggedEvent | None) -> list[LoggedEvent]:
-        """Return the events after one of them, oldest first; all events if it is not among them any
-        more.
+        """Return the events after one of them, oldest first.
+
+        Args:
+            last: the event; if it is not among them any more, all are returned.
         """
-        newer = list(itertools.takewhile(lambda logged: logged is not last, reversed(self.events)))
-        return newer[::-1]
+        newer = []
+        for logged in reversed(self.events):
+            if logged is last:
+                break
+            newer.append(logged)
+        newer.reverse()
+        return newer
 
     def closest(self, now_ns: int) -> Separation | None:
         """Return the closest pair now, by fresh telemetry; None with fewer than two positions."""
-        positions = [(name, view.position_enu_m(now_ns)) for name, view in self.vehicles.items()]
-        known = [(name, position) for name, position in positions if position is not None]
-        pairs = (
-            Separation(one, two, separation_m(p, q, self.height_share), now_ns)
-            for (one, p), (two, q) in itertools.combinations(known, 2)
-        )
+        positions = []
+        for name, view in self.vehicles.items():
+            position_enu_m = view.position_enu_m(now_ns)
+            if position_enu_m is not None:
+                positions.append((name, position_enu_m))
+
+        pairs = []
+        for (first, position), (second, other) in itertools.combinations(positions, 2):
+            distance_m = separation_m(position, other, self.height_share)
+            pairs.append(Separation(first, second, distance_m, now_ns))
         return min(pairs, key=lambda pair: pair.distance_m, default=None)
 
     def is_landed(self, name: str) -> bool:
@@ -212,12 +234,14 @@ class FleetState(Struct, frozen=True):
 def initial(fleet: FleetConfig) -> FleetState:
     """Return the state before the first message."""
     enabled = fleet.enabled_names
-    vehicles = MappingProxyType({name: VehicleView(name) for name in enabled})
     return FleetState(
-        vehicles,
+        vehicles=MappingProxyType({name: VehicleView(name) for name in enabled}),
         disabled=frozenset(fleet.vehicles) - {*enabled},
         height_share=fleet.fleet.height_share,
     )
+
+
+# -- one message -----------------------------------------------------------------------------------
 
 
 def fold(state: FleetState, message: Message, now_ns: int) -> FleetState:
@@ -241,17 +265,41 @@ def fold(state: FleetState, message: Message, now_ns: int) -> FleetState:
     if isinstance(message, PreflightReport):
         return _fold_preflight(state, message, now_ns)
     if isinstance(message, Light):
-        lit = state.vehicles.get(message.vehicle)
-        return state if lit is None else _with(state, replace(lit, light=message.colour))
+        return _fold_light(state, message)
     if isinstance(message, Event):
-        events = (*state.events[-(MAX_EVENTS - 1) :], LoggedEvent(now_ns, message))
-        state = replace(state, events=events)
-        view = state.vehicles.get(message.vehicle)
-        if view is None:
-            return state
-        disarmed_ns = now_ns if message.code == DIRECT_DISARMED else view.direct_disarmed_ns
-        return _with(state, replace(view, direct_disarmed_ns=disarmed_ns))
+        return _fold_event(state, message, now_ns)
     return state
+
+
+def _fold_preflight(state: FleetState, message: PreflightReport, now_ns: int) -> FleetState:
+    view = state.vehicles.get(message.vehicle)
+    if view is None or _is_repeated(view.preflight, message, _REORDERED_REPORTS):
+        return state
+    return _with(state, replace(view, preflight=message, preflight_received_ns=now_ns))
+
+
+def _fold_light(state: FleetState, message: Light) -> FleetState:
+    view = state.vehicles.get(message.vehicle)
+    if view is None:
+        return state
+    return _with(state, replace(view, light=message.colour))
+
+
+def _fold_event(state: FleetState, message: Event, now_ns: int) -> FleetState:
+    """Keep an event; one of the ground may say that PX4 itself reports a disarmed vehicle."""
+    kept = state.events[-(MAX_EVENTS - 1) :]
+    state = replace(state, events=(*kept, LoggedEvent(now_ns, message)))
+
+    view = state.vehicles.get(message.vehicle)
+    if view is None:
+        return state
+    disarmed_ns = view.direct_disarmed_ns
+    if message.code == DIRECT_DISARMED:
+        disarmed_ns = now_ns
+    return _with(state, replace(view, direct_disarmed_ns=disarmed_ns))
+
+
+# -- many messages ---------------------------------------------------------------------------------
 
 
 def fold_batch(state: FleetState, batch: Sequence[Received], now_ns: int) -> FleetState:
@@ -271,6 +319,7 @@ def fold_batch(state: FleetState, batch: Sequence[Received], now_ns: int) -> Fle
     telemetry: list[tuple[Telemetry, int]] = []
     truths: list[Truth] = []
     nodes: list[NodeSeen] = []
+
     for item, received_ns in batch:
         if isinstance(item, Telemetry):
             telemetry.append((item, received_ns))
@@ -282,24 +331,35 @@ def fold_batch(state: FleetState, batch: Sequence[Received], now_ns: int) -> Fle
             state = replace(state, malformed=state.malformed + 1)
         elif isinstance(item, NotUsed):
             state = replace(
-                state, refused=state.refused + item.refused, dropped=state.dropped + item.dropped
+                state,
+                refused=state.refused + item.refused,
+                dropped=state.dropped + item.dropped,
             )
         else:
             state = fold(state, item, received_ns)
+
     if nodes:
         state = fold_nodes(state, nodes)
     if telemetry:
         state = fold_telemetry(state, telemetry)
-    return fold_truths(state, truths, now_ns) if truths else state
+    if truths:
+        state = fold_truths(state, truths, now_ns)
+    return state
 
 
 def fold_nodes(state: FleetState, seen: Sequence[NodeSeen]) -> FleetState:
     """Fold names of the bus that appeared or vanished, all at once: there may be thousands."""
-    nodes, vehicles = set(state.nodes), dict(state.vehicles)
+    nodes = set(state.nodes)
+    vehicles = dict(state.vehicles)
+
     for node, is_alive in seen:
-        (nodes.add if is_alive else nodes.discard)(node)
+        if is_alive:
+            nodes.add(node)
+        else:
+            nodes.discard(node)
         if node in vehicles:
             vehicles[node] = replace(vehicles[node], is_alive=is_alive)
+
     return replace(state, nodes=frozenset(nodes), vehicles=MappingProxyType(vehicles))
 
 
@@ -315,13 +375,12 @@ def fold_telemetry(state: FleetState, received: Sequence[tuple[Telemetry, int]])
     Returns:
         The state after the messages.
     """
-    vehicles, updated, now_ns, malformed, late = (
-        dict(state.vehicles),
-        set[str](),
-        0,
-        state.malformed,
-        state.late,
-    )
+    vehicles = dict(state.vehicles)
+    updated: set[str] = set()  # vehicles that are not compared yet
+    malformed = state.malformed
+    late = state.late
+    now_ns = 0
+
     for message, now_ns in received:
         view = vehicles.get(message.vehicle)
         if view is None and message.vehicle in state.disabled:
@@ -331,54 +390,56 @@ def fold_telemetry(state: FleetState, received: Sequence[tuple[Telemetry, int]])
         if _is_repeated(view.telemetry, message, _REORDERED_TICKS):
             late += 1
             continue
+
         if view.name in updated:
-            state = _compared(
-                replace(state, vehicles=MappingProxyType(dict(vehicles))), updated, now_ns
-            )
+            state = replace(state, vehicles=MappingProxyType(dict(vehicles)))
+            state = _compared(state, updated, now_ns)
             updated.clear()
+
         if not _finite(message.position_enu_m) or not _finite(message.velocity_enu_m_s):
             malformed += 1
             message = _without_position(message)
         vehicles[view.name] = replace(view, telemetry=message, received_ns=now_ns)
         updated.add(view.name)
+
     if not updated:
-        return replace(state, late=late) if late != state.late else state
+        if late == state.late:
+            return state
+        return replace(state, late=late)
+
     state = replace(state, vehicles=MappingProxyType(vehicles), malformed=malformed, late=late)
     return _compared(state, updated, now_ns)
 
 
 def _compared(state: FleetState, updated: Set[str], now_ns: int) -> FleetState:
-    """The state with the smallest separation between the vehicles just ``updated`` and all
-    vehicles.
-    """
+    """Return the state with the smallest separation between ``updated`` and all vehicles."""
     if not any(view.is_airborne for view in state.vehicles.values()):
         return state
-    known = [
-        (view, at)
-        for view in state.vehicles.values()
-        if (at := view.position_enu_m(now_ns)) is not None
-    ]
+
+    known = []
+    positions = []
+    for view in state.vehicles.values():
+        position_enu_m = view.position_enu_m(now_ns)
+        if position_enu_m is not None:
+            known.append(view)
+            positions.append(position_enu_m)
+
+    smallest_m = math.inf
+    if state.smallest is not None:
+        smallest_m = state.smallest.distance_m
     pair = closest_pair(
-        np.array([position for _, position in known]),
-        np.array([view.is_airborne for view, _ in known]),
-        np.array([view.name in updated for view, _ in known]),
-        math.inf if state.smallest is None else state.smallest.distance_m,
-        state.height_share,
+        np.array(positions),
+        np.array([view.is_airborne for view in known]),
+        np.array([view.name in updated for view in known]),
+        below_m=smallest_m,
+        height_share=state.height_share,
     )
     if pair is None:
         return state
-    one, two, distance_m = pair
-    names = known[one][0].name, known[two][0].name
+
+    first, second, distance_m = pair
+    names = (known[first].name, known[second].name)
     return replace(state, smallest=_separation(*names, distance_m, now_ns, is_truth=False))
-
-
-def _fold_preflight(state: FleetState, message: PreflightReport, now_ns: int) -> FleetState:
-    view = state.vehicles.get(message.vehicle)
-    if view is None:
-        return state
-    if _is_repeated(view.preflight, message, _REORDERED_REPORTS):
-        return state
-    return _with(state, replace(view, preflight=message, preflight_received_ns=now_ns))
 
 
 def fold_truths(state: FleetState, messages: Sequence[Truth], now_ns: int) -> FleetState:
@@ -396,51 +457,72 @@ def fold_truths(state: FleetState, messages: Sequence[Truth], now_ns: int) -> Fl
     updated = set()
     for message in messages:
         view = vehicles.get(message.vehicle)
-        if view is None or not (
-            _finite(message.position_enu_m) and _finite(message.velocity_enu_m_s)
-        ):
+        if view is None:
             continue
-        if (
-            view.truth is not None
-            and message.stamp_ns <= view.truth.stamp_ns
-            and view.has_truth(now_ns)
-        ):
+        if not _finite(message.position_enu_m) or not _finite(message.velocity_enu_m_s):
             continue
+        is_newer = view.truth is None or message.stamp_ns > view.truth.stamp_ns
+        if not is_newer and view.has_truth(now_ns):
+            continue
+
         vehicles[view.name] = replace(view, truth=message, truth_received_ns=now_ns)
         updated.add(view.name)
+
     if not updated:
         return state
     state = replace(state, vehicles=MappingProxyType(vehicles))
-    known = [
-        view.truth
-        for view in vehicles.values()
-        if view.truth is not None and view.has_truth(now_ns)
-    ]
-    newest_ns = max([truth.stamp_ns for truth in known])  # older samples are carried to it
-    position_enu_m = np.array([t.position_enu_m for t in known])
+    return _compared_by_truth(state, updated, now_ns)
+
+
+def _compared_by_truth(state: FleetState, updated: Set[str], now_ns: int) -> FleetState:
+    """Return the state with the smallest true separation between ``updated`` and all vehicles.
+
+    Samples that are older than the newest one are carried to it.
+    """
+    known = []
+    for view in state.vehicles.values():
+        if view.truth is not None and view.has_truth(now_ns):
+            known.append(view.truth)
+
+    newest_ns = max([truth.stamp_ns for truth in known])
+    position_enu_m = np.array([truth.position_enu_m for truth in known])
     if any(truth.stamp_ns != newest_ns for truth in known):
         ahead_s = np.array([(newest_ns - truth.stamp_ns) * 1e-9 for truth in known])
-        position_enu_m = position_enu_m + ahead_s[:, None] * np.array(
-            [t.velocity_enu_m_s for t in known]
-        )
+        velocity_enu_m_s = np.array([truth.velocity_enu_m_s for truth in known])
+        position_enu_m = position_enu_m + ahead_s[:, None] * velocity_enu_m_s
+
+    smallest_m = math.inf
+    if state.smallest_truth is not None:
+        smallest_m = state.smallest_truth.distance_m
     pair = closest_pair(
         position_enu_m,
         np.array([not truth.is_on_ground for truth in known]),
         np.array([truth.vehicle in updated for truth in known]),
-        math.inf if state.smallest_truth is None else state.smallest_truth.distance_m,
-        state.height_share,
+        below_m=smallest_m,
+        height_share=state.height_share,
     )
     if pair is None:
         return state
-    one, two, distance_m = pair
-    names = known[one].vehicle, known[two].vehicle
+
+    first, second, distance_m = pair
+    names = (known[first].vehicle, known[second].vehicle)
     return replace(state, smallest_truth=_separation(*names, distance_m, newest_ns, is_truth=True))
 
 
+# -- parts -----------------------------------------------------------------------------------------
+
+
 def _separation(
-    one: str, two: str, distance_m: float, stamp_ns: int, *, is_truth: bool
+    one: str, other: str, distance_m: float, stamp_ns: int, *, is_truth: bool
 ) -> Separation:
-    return Separation(min(one, two), max(one, two), distance_m, stamp_ns, is_truth)
+    """Return the separation of two vehicles, whose names come in alphabetical order."""
+    return Separation(
+        first=min(one, other),
+        second=max(one, other),
+        distance_m=distance_m,
+        stamp_ns=stamp_ns,
+        is_truth=is_truth,
+    )
 
 
 def _is_repeated(
@@ -448,8 +530,9 @@ def _is_repeated(
     message: Telemetry | PreflightReport,
     most_reordered: int,
 ) -> bool:
-    """Whether a message is the last one again, or was overtaken by it; farther back, the last one
-    was false.
+    """Whether a message is the last one again, or was overtaken by it.
+
+    Where it is farther back, the last one's number was false.
     """
     if last is None or last.boot_id != message.boot_id:
         return False
@@ -457,6 +540,7 @@ def _is_repeated(
 
 
 def _with(state: FleetState, view: VehicleView) -> FleetState:
+    """Return the state with another view of one vehicle."""
     return replace(state, vehicles=MappingProxyType({**state.vehicles, view.name: view}))
 
 

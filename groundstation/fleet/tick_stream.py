@@ -24,8 +24,9 @@ class TickStream(Protocol):
 
 
 class BusTickStream:
-    """Ticks over the bus. A change of the followed vehicle may wait for peers, so a thread of its
-    own declares it.
+    """Ticks over the bus.
+
+    A change of the followed vehicle may wait for peers, so a thread of its own declares it.
 
     Args:
         bus: open before :meth:`follow` is called.
@@ -41,13 +42,16 @@ class BusTickStream:
         """Keep the ticks of this vehicle from now on; None keeps none."""
         if vehicle == self._vehicle:
             return
+
         self._vehicle = vehicle
         self.values.clear()
+
+        names: tuple[str, ...] = ()
+        if vehicle is not None:
+            names = (vehicle,)
         if self._declarer is None:
             self._declarer = ThreadPoolExecutor(1, "tick-stream")
-        self._declarer.submit(
-            self._bus.follow, Topic.TICK, () if vehicle is None else (vehicle,), self._receive
-        )
+        self._declarer.submit(self._bus.follow, Topic.TICK, names, self._receive)
 
     def stop(self) -> None:
         """Change the followed vehicle no more."""

@@ -1,1 +1,1 @@
-"""Mission files, TOML and Python: their steps, how they are read and checked, and their expected course."""
+"""Mission files, TOML and Python: their steps, reading, checks, and expected course."""

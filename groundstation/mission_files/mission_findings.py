@@ -151,7 +151,7 @@ def _time(timeout_s: float, name: str, alone_s: float, where: str) -> Finding:
 
 
 def _separation_expectation(mission: Mission) -> Iterator[Finding]:
-    """Yield the finding about a separation that the mission expects and the law does not promise."""
+    """Yield the finding about a separation that the mission expects of the law."""
     expected_m = mission.expect.min_separation_m
     if expected_m is None or mission.fleet.law.built_in == "off":
         return
@@ -187,7 +187,7 @@ def _arrival_expectation(mission: Mission, errors: ErrorClass | None) -> Iterato
 
 
 def _endurance(mission: Mission) -> Iterator[Finding]:
-    """Yield what is left in each battery at the end, where the fleet file says how long it lasts."""
+    """Yield what is left in each battery at the end, where its hover time is in the fleet file."""
     fleet = mission.fleet
     needed_s = sum(course_step.times * course_step.expected_s for course_step in mission.course())
     if not needed_s:

@@ -31,7 +31,7 @@ class _Step(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
 
 
 class FlyFormationStep(_Step, frozen=True, kw_only=True):
-    """A formation flies through points without stopping; it turns, stretches and changes on the way."""
+    """A formation flies through points without a stop; it turns, stretches, changes on the way."""
 
     name: str  # of the formation at the begin, which all go to first
     position_enu_m: Vec3  # of the formation there, or of its leader
@@ -45,7 +45,7 @@ class FlyFormationStep(_Step, frozen=True, kw_only=True):
 
 
 class FollowPathStep(_Step, frozen=True, kw_only=True):
-    """Each vehicle goes to the begin of its path; then all follow their paths from one instant on."""
+    """Each vehicle goes to the begin of its path; then all follow theirs from one instant on."""
 
     paths: dict[str, str]  # vehicle -> file of its path, relative to the mission's
     lights: dict[str, str] = {}  # vehicle -> file of its colours, shown and recorded
@@ -54,7 +54,7 @@ class FollowPathStep(_Step, frozen=True, kw_only=True):
 
 
 class FaultStep(_Step, frozen=True, kw_only=True):
-    """Inject a fault into the emulator; `covey sitl --faults` lists them. Simulated flights only."""
+    """Inject a fault into the emulator, in simulated flights (`covey sitl --faults` lists them)."""
 
     vehicles: Names  # as above
     name: str  # of the fault: covey sitl --faults lists them

@@ -1,4 +1,4 @@
-"""A mission's view of the fleet: ``await fleet.takeoff()``, ``await fleet["mav1"].reached(...)``."""
+"""A mission's view of the fleet: ``fleet.takeoff()``, ``fleet["mav1"].reached(...)``."""
 
 from __future__ import annotations
 

@@ -143,7 +143,7 @@ def _is_down(client: FleetClient, name: str) -> bool:
 
 
 def _may_fly(client: FleetClient, name: str) -> bool:
-    """Whether it flies or is about to: an order to take off precedes the telemetry that shows it."""
+    """Whether it flies or is about to: an order to take off comes before its telemetry."""
     telemetry = client.state.vehicles[name].telemetry
     if telemetry is None:
         return client.may_start(name)

@@ -1,5 +1,4 @@
-"""Forecast of an order: all vehicles' paths, smallest distance and time, by the rollout of the
-control code.
+"""Forecast of an order: paths, smallest distance and time, by the rollout of the control code.
 
 Pure. A process of its own computes it (:mod:`groundstation.orders.forecast_process`), so that
 nothing else has to wait. A vehicle that moves is computed from a standstill at its present
@@ -23,12 +22,15 @@ from onboard.rollout.closed_loop import Scenario, fleet_model, fly
 from onboard.rollout.vehicle_model import Perturbation
 from onboard.types import TICK_S
 
-SEEDS = (0, 1, 2, 3)
+SEEDS = (0, 1, 2, 3)  # one flight for each, with different errors
 ARRIVED_M = 0.15
 TAKEOFF_START_S = 3.0  # OFFBOARD, arming and spinning up come before the climb
-_PATH_POINTS = 80
-_MANY = 20  # vehicles, above which one flight has to do
-_ROOM_S, _MOST_S = 10.0, 90.0
+_PATH_POINTS = 80  # at most so many of each path are drawn
+_MANY_VEHICLES = 20  # above which one flight has to do
+_SPARE_S = 10.0  # beyond the expected duration of a flight
+_LONGEST_S = 90.0
+_DETOUR = 4.0  # times the duration of the longest way at top speed
+_CLOSER_M = 0.02  # than now, from which on an order is blamed for a small distance
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,8 +59,7 @@ class Forecast:
 
 
 def forecast(fleet: FleetConfig, legs: Mapping[str, Leg], *, is_takeoff: bool = False) -> Forecast:
-    """Fly the legs several times with different errors, and keep the flight with the smallest
-    distance.
+    """Fly the legs several times with different errors, and keep the worst flight.
 
     Args:
         fleet: the fleet file.
@@ -66,60 +67,55 @@ def forecast(fleet: FleetConfig, legs: Mapping[str, Leg], *, is_takeoff: bool = 
         is_takeoff: add the time that arming and spinning up take.
 
     Returns:
-        The worst of the flights.
+        The flight with the smallest distance.
     """
-    names = tuple(legs)
     if not any(leg.is_ordered for leg in legs.values()):
         return Forecast()
-    start = np.array([legs[name].start_enu_m for name in names])
-    goal = np.array([legs[name].goal_enu_m for name in names])
-    longest_m = float(np.linalg.norm(goal - start, axis=-1).max())
-    slowest_m_s = min(fleet.vehicles[name].max_speed_m_s for name in names)
+
+    names = tuple(legs)
+    start_enu_m = np.array([legs[name].start_enu_m for name in names])
+    goal_enu_m = np.array([legs[name].goal_enu_m for name in names])
     ordered_s = max(leg.duration_s for leg in legs.values())
-    seeds = SEEDS if len(names) <= _MANY else SEEDS[:1]
-    count = len(seeds)
-    flight = fly(
-        Scenario(
-            np.repeat(start[None], count, axis=0),
-            np.repeat(goal[None, None], count, axis=0),
-            np.array([ordered_s]),
-            timeout_s=min(_MOST_S, _ROOM_S + max(ordered_s, 4.0 * longest_m / slowest_m_s)),
-            is_parked=tuple(leg.is_parked for leg in legs.values()),
-            arrival_m=ARRIVED_M,
-        ),
-        fleet_model(fleet, names),
-        seeds,
-        Perturbation(start_m=0.0),
+
+    longest_m = float(np.linalg.norm(goal_enu_m - start_enu_m, axis=-1).max())
+    slowest_m_s = min(fleet.vehicles[name].max_speed_m_s for name in names)
+    expected_s = max(ordered_s, _DETOUR * longest_m / slowest_m_s)
+
+    seeds: Sequence[int] = SEEDS
+    if len(names) > _MANY_VEHICLES:
+        seeds = SEEDS[:1]
+    scenario = Scenario(
+        np.repeat(start_enu_m[None], len(seeds), axis=0),
+        np.repeat(goal_enu_m[None, None], len(seeds), axis=0),
+        np.array([ordered_s]),
+        timeout_s=min(_LONGEST_S, _SPARE_S + expected_s),
+        is_parked=tuple(leg.is_parked for leg in legs.values()),
+        arrival_m=ARRIVED_M,
     )
-    worst = (
-        int(flight.min_separation_m.argmin())
-        if len(names) > 1
-        else int(flight.arrival_s[:, 0].argmax())
-    )
-    trace = flight.trace_enu_m[:, worst]
-    closest_m, pair, closest_s = _closest(trace, names, fleet.fleet.height_share)
-    now_m, _, _ = _closest(start[None], names, fleet.fleet.height_share)
-    arrival_s = float(flight.arrival_s.max())
-    fence = fleet.fleet.geofence_m
-    low, high = np.array([[axis[side] for axis in (fence.x, fence.y, fence.z)] for side in (0, 1)])
-    low[2] = -math.inf  # what stands on the floor is not outside
-    is_out = ((trace < low) | (trace > high)).any(-1).any(0)
-    step = max(1, len(trace) // _PATH_POINTS)
-    points = np.concatenate([start[None], trace[::step], trace[-1:]])
+    flight = fly(scenario, fleet_model(fleet, names), seeds, Perturbation(start_m=0.0))
+
+    if len(names) > 1:
+        worst = int(flight.min_separation_m.argmin())
+    else:
+        worst = int(flight.arrival_s[:, 0].argmax())
+    trace_enu_m = flight.trace_enu_m[:, worst]
+
+    height_share = fleet.fleet.height_share
+    closest_m, pair, closest_s = _closest(trace_enu_m, names, height_share)
+    now_m, _, _ = _closest(start_enu_m[None], names, height_share)
+
+    duration_s = float(flight.arrival_s.max())
+    if is_takeoff:
+        duration_s += TAKEOFF_START_S
+
     return Forecast(
-        paths_enu_m={
-            name: [_vec3(point) for point in points[:, index]] for index, name in enumerate(names)
-        },
+        paths_enu_m=_paths(start_enu_m, trace_enu_m, names),
         closest_m=closest_m,
         pair=pair,
         closest_s=closest_s,
         now_m=now_m,
-        duration_s=arrival_s + (TAKEOFF_START_S if is_takeoff else 0.0),
-        outside=tuple(
-            name
-            for name, out in zip(names, is_out, strict=True)
-            if out and not legs[name].is_parked
-        ),
+        duration_s=duration_s,
+        outside=_outside(fleet, legs, trace_enu_m),
     )
 
 
@@ -134,35 +130,68 @@ def objections(predicted: Forecast, intent: Intent, fleet: FleetConfig) -> tuple
     Returns:
         Sentences; none when the forecast gives no reason.
     """
-    limit_m = fleet.fleet.safety_distance_m
     reasons = []
-    if predicted.closest_m < limit_m and predicted.closest_m < predicted.now_m - 0.02:
+
+    limit_m = fleet.fleet.safety_distance_m
+    comes_closer = predicted.closest_m < predicted.now_m - _CLOSER_M
+    if predicted.closest_m < limit_m and comes_closer:
         reasons.append(
-            f"{' and '.join(predicted.pair)} would come within {predicted.closest_m:.2f} m, below the safety distance "
-            f"of {limit_m:.2f} m. Move them one after the other, or choose another goal."
+            f"{' and '.join(predicted.pair)} would come within {predicted.closest_m:.2f} m, below "
+            f"the safety distance of {limit_m:.2f} m. Move them one after the other, or choose "
+            "another goal."
         )
     if predicted.outside:
         reasons.append(
-            f"{', '.join(predicted.outside)} would leave the fence on the way. Choose a goal further inside."
+            f"{', '.join(predicted.outside)} would leave the fence on the way. "
+            "Choose a goal further inside."
         )
     if not math.isfinite(predicted.duration_s):
         reasons.append(
-            f"A vehicle would not arrive within {ARRIVED_M:g} m in time: the others block it. Spread the goals, "
-            f"or {intent.verb} fewer vehicles at once."
+            f"A vehicle would not arrive within {ARRIVED_M:g} m in time: the others block it. "
+            f"Spread the goals, or {intent.verb} fewer vehicles at once."
         )
     return tuple(reasons)
 
 
 def _closest(
-    trace: Array, names: Sequence[str], height_share: float
+    trace_enu_m: Array, names: Sequence[str], height_share: float
 ) -> tuple[float, tuple[str, str], float]:
-    """Smallest separation over a trace (T, N, 3), its pair, and its time [s]."""
+    """Return the smallest separation over a trace (T, N, 3), its pair, and its time [s]."""
     first, second = np.triu_indices(len(names), 1)
-    if not len(first) or not len(trace):
+    if not len(first) or not len(trace_enu_m):
         return math.inf, ("", ""), 0.0
-    gap_m = separations_m(trace[:, first] - trace[:, second], height_share)
-    step, index = divmod(int(gap_m.argmin()), len(first))
-    return float(gap_m[step, index]), (names[first[index]], names[second[index]]), step * TICK_S
+
+    gaps_m = separations_m(trace_enu_m[:, first] - trace_enu_m[:, second], height_share)
+    step, index = divmod(int(gaps_m.argmin()), len(first))
+    pair = (names[first[index]], names[second[index]])
+    return float(gaps_m[step, index]), pair, step * TICK_S
+
+
+def _outside(fleet: FleetConfig, legs: Mapping[str, Leg], trace_enu_m: Array) -> tuple[str, ...]:
+    """Return the vehicles that leave the fence on a trace (T, N, 3)."""
+    fence = fleet.fleet.geofence_m
+    low = np.array([fence.x[0], fence.y[0], -math.inf])  # what stands on the floor is inside
+    high = np.array([fence.x[1], fence.y[1], fence.z[1]])
+    is_outside = np.any((trace_enu_m < low) | (trace_enu_m > high), axis=(0, 2))
+
+    return tuple(
+        name
+        for name, leaves in zip(legs, is_outside.tolist(), strict=True)
+        if leaves and not legs[name].is_parked
+    )
+
+
+def _paths(
+    start_enu_m: Array, trace_enu_m: Array, names: Sequence[str]
+) -> dict[str, Sequence[Vec3]]:
+    """Return the path of each vehicle on a trace (T, N, 3), of a few points."""
+    step = max(1, len(trace_enu_m) // _PATH_POINTS)
+    points = np.concatenate([start_enu_m[None], trace_enu_m[::step], trace_enu_m[-1:]])
+
+    paths: dict[str, Sequence[Vec3]] = {}
+    for index, name in enumerate(names):
+        paths[name] = [_vec3(point) for point in points[:, index]]
+    return paths
 
 
 def _vec3(point: Array) -> Vec3:

@@ -1,8 +1,8 @@
-"""A process that computes forecasts, one after the other; the console's own process only waits for
-the result.
+"""A process that computes forecasts; the console's own process only waits for the result.
 
-Requests and results are pickled between a parent and the child that it started itself. The child
-ends with its input, so that none is left behind whatever happens to the parent.
+Requests and results are pickled between a parent and the child that it started itself, each behind
+its length. The child answers one request after the other and ends with its input, so that none is
+left behind whatever happens to the parent.
 
 This is no process pool of the standard library, for two measured reasons (Python 3.11): its workers
 cannot be cancelled, so a new forecast waits for the old one to end, and a worker lives on when its
@@ -38,7 +38,7 @@ class Forecaster:
 
     def __init__(self) -> None:
         self._process: asyncio.subprocess.Process | None = None
-        self._turn = asyncio.Lock()
+        self._turn = asyncio.Lock()  # one request at a time
 
     @property
     def pid(self) -> int | None:
@@ -53,8 +53,9 @@ class Forecaster:
     async def forecast(
         self, fleet: FleetConfig, legs: Mapping[str, Leg], *, is_takeoff: bool = False
     ) -> Forecast:
-        """Compute a forecast in the child; a cancellation kills the child, and the next request
-        starts anew.
+        """Compute a forecast in the child.
+
+        A cancellation kills the child, and the next request starts anew.
 
         Args:
             fleet: the fleet file.
@@ -67,26 +68,23 @@ class Forecaster:
         Raises:
             ForecastFailed: the child ended or did not answer.
         """
+        request = pickle.dumps((fleet, dict(legs), is_takeoff))
+
         async with self._turn:
             process = await self._started()
-            assert process.stdin is not None
-            assert process.stdout is not None
-            request = pickle.dumps((fleet, dict(legs), is_takeoff))
             is_answered = False
             try:
-                process.stdin.write(_LENGTH.pack(len(request)) + request)
-                async with asyncio.timeout(_LIMIT_S):
-                    (length,) = _LENGTH.unpack(await process.stdout.readexactly(_LENGTH.size))
-                    answer = pickle.loads(await process.stdout.readexactly(length))
+                answer = await _answer_of(process, request)
                 is_answered = True
             except (OSError, EOFError, TimeoutError) as error:
                 raise ForecastFailed(
-                    f"The forecast could not be computed ({type(error).__name__}). Try again, or start the console "
-                    "with --no-preview and watch closely."
+                    f"The forecast could not be computed ({type(error).__name__}). Try again, or "
+                    "start the console with --no-preview and watch closely."
                 ) from None
             finally:
                 if not is_answered:
                     self._kill()
+
         if isinstance(answer, str):
             raise ForecastFailed(f"The forecast could not be computed: {answer}")
         assert isinstance(answer, Forecast)
@@ -100,43 +98,68 @@ class Forecaster:
             await process.wait()
 
     async def _started(self) -> asyncio.subprocess.Process:
-        if self._process is None or self._process.returncode is not None:
-            pipe = asyncio.subprocess.PIPE
-            self._process = await asyncio.create_subprocess_exec(
-                sys.executable,
-                "-m",
-                "groundstation.orders.forecast_process",
-                stdin=pipe,
-                stdout=pipe,
-                stderr=asyncio.subprocess.DEVNULL,  # the terminal is the console's
-                start_new_session=True,  # a Ctrl-C at the terminal is the console's, too
-            )
+        """Return the child, started anew where it has ended."""
+        if self._process is not None and self._process.returncode is None:
+            return self._process
+
+        self._process = await asyncio.create_subprocess_exec(
+            sys.executable,
+            "-m",
+            "groundstation.orders.forecast_process",
+            stdin=asyncio.subprocess.PIPE,
+            stdout=asyncio.subprocess.PIPE,
+            stderr=asyncio.subprocess.DEVNULL,  # the terminal is the console's
+            start_new_session=True,  # a Ctrl-C at the terminal is the console's, too
+        )
         return self._process
 
     def _kill(self) -> None:
-        process, self._process = self._process, None
+        process = self._process
+        self._process = None
         if process is not None and process.returncode is None:
             with contextlib.suppress(ProcessLookupError):
                 process.kill()
+
+
+async def _answer_of(process: asyncio.subprocess.Process, request: bytes) -> object:
+    """Send a request to the child and return its answer.
+
+    Raises:
+        OSError, EOFError, TimeoutError: the child ended or did not answer.
+    """
+    assert process.stdin is not None
+    assert process.stdout is not None
+
+    process.stdin.write(_LENGTH.pack(len(request)) + request)
+    async with asyncio.timeout(_LIMIT_S):
+        (length,) = _LENGTH.unpack(await process.stdout.readexactly(_LENGTH.size))
+        return pickle.loads(await process.stdout.readexactly(length))
 
 
 def main() -> int:
     """Answer requests until the input ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     os.nice(_NICENESS)
-    source, sink = sys.stdin.buffer, sys.stdout.buffer
     batch.warm_up()
-    while len(head := source.read(_LENGTH.size)) == _LENGTH.size:
-        fleet, legs, is_takeoff = pickle.loads(source.read(*_LENGTH.unpack(head)))
+
+    source = sys.stdin.buffer
+    sink = sys.stdout.buffer
+    while True:
+        head = source.read(_LENGTH.size)
+        if len(head) < _LENGTH.size:
+            return 0
+        (length,) = _LENGTH.unpack(head)
+        fleet, legs, is_takeoff = pickle.loads(source.read(length))
+
         answer: Forecast | str
         try:
             answer = forecast(fleet, legs, is_takeoff=is_takeoff)
         except (ArithmeticError, ValueError, IndexError) as error:
             answer = f"{type(error).__name__}: {error}"
+
         data = pickle.dumps(answer)
         sink.write(_LENGTH.pack(len(data)) + data)
         sink.flush()
-    return 0
 
 
 if __name__ == "__main__":

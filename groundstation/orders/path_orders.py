@@ -1,4 +1,4 @@
-"""Orders about paths: the parts that a path is loaded in, and the start at a common instant. Pure."""
+"""Orders about paths: the parts that a path is loaded in, and the common start. Pure."""
 
 from __future__ import annotations
 
@@ -21,7 +21,16 @@ def path_orders(
     node: str,
     now_ns: int,
 ) -> dict[str, Order]:
-    """Return the messages that bring each vehicle its part of an order."""
+    """Return the messages that bring each vehicle its part of an order.
+
+    Args:
+        kind: whether they bring a part of a path, or start it.
+        paths: the part, or the start, of each vehicle.
+        new_id: makes the orders' ids.
+        author: person or program that orders.
+        node: the ground's name on the bus.
+        now_ns: the ground's monotonic clock [ns].
+    """
     deadline_ns = now_ns + int(ORDER_LIFE_S * 1e9)
     return {
         name: Order(
@@ -40,11 +49,11 @@ def path_orders(
 def parts_of(path: Path) -> list[PathOrder]:
     """Return the parts of a path, in their order."""
     data = to_bytes(path)
-    chunks = [data[at : at + PART_BYTES] for at in range(0, len(data), PART_BYTES)]
     own_id = path_id(data)
+    chunks = [data[begin : begin + PART_BYTES] for begin in range(0, len(data), PART_BYTES)]
     return [
-        PathOrder(path_id=own_id, part=k, parts=len(chunks), data=chunk)
-        for k, chunk in enumerate(chunks)
+        PathOrder(path_id=own_id, part=index, parts=len(chunks), data=chunk)
+        for index, chunk in enumerate(chunks)
     ]
 
 
@@ -55,7 +64,7 @@ def starts_of(
 
     Args:
         paths: of the vehicles.
-        show_id: of this flight: whoever has the same id waits for each other.
+        show_id: of this flight: vehicles with the same id wait for each other.
         start_ns: time 0 of the paths, on this ground's monotonic clock.
         on_lag: what a vehicle does that falls behind for too long.
     """

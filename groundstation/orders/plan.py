@@ -266,7 +266,7 @@ def _numbers(intent: Intent) -> Iterator[float]:
 def _goal_refusals(
     goals_enu_m: Mapping[str, Vec3], fleet: FleetConfig, state: FleetState | None, now_ns: int
 ) -> dict[str, str]:
-    """Return a refusal for each goal outside the fence, or too near to where another one will be."""
+    """Return a refusal for each goal outside the fence, or too near to another vehicle's."""
     refusals: dict[str, str] = {}
 
     fence = fleet.fleet.geofence_m
