@@ -35,8 +35,8 @@ class Crazyswarm:
     """The fleet under Crazyswarm's names.
 
     Args:
-        crazyflies_yaml: a fleet file (``.toml``); Crazyswarm's own file is not read: ``covey fly script
-            --fleet`` names one.
+        crazyflies_yaml: a fleet file (``.toml``); Crazyswarm's own file is not read: ``covey fly
+            script --fleet`` names one.
         parent_parser: not used.
         args: not used.
         fleet: a fleet file or its path; None: that of ``covey fly script``.

@@ -50,7 +50,7 @@ class Fleet(Group):
         at_end: AtEnd = "land",
         ready_timeout_s: float | None = None,
     ) -> AsyncIterator[Fleet]:
-        """Connect with a fleet: its real agents, or the flight of ``covey fly script`` and of lockstep.
+        """Connect with a fleet: its real agents, or those of ``covey fly script`` and of lockstep.
 
         However the block ends, by its last line, an exception, a cancellation or Ctrl-C, vehicles
         that still fly are left in the declared state.

@@ -1,7 +1,7 @@
 """Where a script's fleet flies: real vehicles by default, another flight when a host is set.
 
-``covey fly script`` and the lockstep fixture set the host, so that one script flies in simulated time,
-with emulated PX4s or with hardware unchanged.
+``covey fly script`` and the lockstep fixture set the host, so that one script flies in simulated
+time, with emulated PX4s or with hardware unchanged.
 """
 
 from __future__ import annotations
@@ -120,7 +120,8 @@ def host_of(fleet: FleetConfig | str | Path | None) -> Host:
 
     if fleet is None:
         raise ConfigError(
-            "Which fleet? Name its file in the script, or start it: covey fly script SCRIPT --fleet FILE"
+            "Which fleet? Name its file in the script, or start it: "
+            "covey fly script SCRIPT --fleet FILE"
         )
     if not isinstance(fleet, FleetConfig):
         fleet = load_fleet(fleet)

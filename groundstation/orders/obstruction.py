@@ -106,7 +106,7 @@ def _walls(fleet: FleetConfig, position: Vec3, goal: Vec3) -> Iterator[tuple[flo
     room_m = _NEAR_WALL_M + 0.5 * fleet.fleet.body_diameter_m
 
     shares = [k / _STEPS for k in range(_STEPS + 1)]
-    way = [
+    route = [
         (
             position[0] + share * (goal[0] - position[0]),
             position[1] + share * (goal[1] - position[1]),
@@ -114,7 +114,7 @@ def _walls(fleet: FleetConfig, position: Vec3, goal: Vec3) -> Iterator[tuple[flo
         for share in shares
     ]
     for obstacle in fleet.obstacles:
-        if min(obstacle.distance_m(point) for point in way) < room_m:
+        if min(obstacle.distance_m(point) for point in route) < room_m:
             away_m = obstacle.distance_m(position)
             yield away_m, f"obstacle '{obstacle.name}', {away_m:.2f} m from it"
 
@@ -128,9 +128,9 @@ def _walls(fleet: FleetConfig, position: Vec3, goal: Vec3) -> Iterator[tuple[flo
 
 def _distance_m(point: Vec3, begin: Vec3, end: Vec3, height_share: float) -> float:
     """Return the separation of a point from the straight way between two others."""
-    way = (end[0] - begin[0], end[1] - begin[1])
-    length_squared_m2 = way[0] ** 2 + way[1] ** 2
-    along = (point[0] - begin[0]) * way[0] + (point[1] - begin[1]) * way[1]
+    route = (end[0] - begin[0], end[1] - begin[1])
+    length_squared_m2 = route[0] ** 2 + route[1] ** 2
+    along = (point[0] - begin[0]) * route[0] + (point[1] - begin[1]) * route[1]
 
     share = 0.0
     if length_squared_m2 > 0.0:
@@ -138,8 +138,8 @@ def _distance_m(point: Vec3, begin: Vec3, end: Vec3, height_share: float) -> flo
 
     low, high = sorted((begin[2], end[2]))  # at some time on the way it has each height between
     nearest = (
-        begin[0] + share * way[0],
-        begin[1] + share * way[1],
+        begin[0] + share * route[0],
+        begin[1] + share * route[1],
         min(max(point[2], low), high),
     )
     return separation_m(point, nearest, height_share)

@@ -13,8 +13,10 @@ from pymavlink.dialects.v20 import common
 
 from groundstation.client.direct_mavlink import send_direct
 
-ARMED, LANDING = 128, 4 << 16 | 6 << 24
-KILL, NAV_LAND = 400, 21
+ARMED = 128
+LANDING = 4 << 16 | 6 << 24
+KILL = 400
+NAV_LAND = 21
 OURS = (255, 190)
 
 
@@ -32,7 +34,9 @@ class Autopilot(threading.Thread):
         self.socket.settimeout(0.05)
         self.port = self.socket.getsockname()[1]
         self.mav = common.MAVLink(None, srcSystem=system, srcComponent=component)
-        self.answer, self.count, self.is_ended = answer, 0, threading.Event()
+        self.answer = answer
+        self.count = 0
+        self.is_ended = threading.Event()
         self.client: tuple[str, int] = ("", 0)
 
     def run(self) -> None:

@@ -1,6 +1,4 @@
-"""``covey check vehicles``, and what a mission makes of go or no-go and of the law's findings before it
-starts.
-"""
+"""The preflight page, and what a mission makes of it and of the law's findings."""
 
 from __future__ import annotations
 

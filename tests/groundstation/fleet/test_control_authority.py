@@ -110,9 +110,12 @@ class Pair:
 
     def ground(self, node: str, author: str, *, operates: bool = True) -> FleetClient:
         client = FleetClient(
-            self.flight.config, author=author, operates=operates, bus=self.flight.simulation.bus.node(node),
+            self.flight.config,
+            author=author,
+            operates=operates,
+            bus=self.flight.simulation.bus.node(node),
             clock_ns=lambda: self.flight.simulation.now_ns,
-        )  # fmt: skip
+        )
         self.flight.wait_for(client.start())
         self.flight.run(1.5)
         return client
@@ -258,10 +261,8 @@ async def test_two_consoles_over_zenoh_share_one_token_and_a_crash_frees_it(
     few = msgspec.structs.replace(fleet, vehicles=vehicles, formations={}, path="two")
     agents = []
     for name in names:
-        session, roles = (
-            BusSession(namespace=few.namespace, node=name, listen=[vehicles[name].agent]),
-            ControlTokens(),
-        )
+        session = BusSession(namespace=few.namespace, node=name, listen=[vehicles[name].agent])
+        roles = ControlTokens()
         session.start()
         session.watch_alive(roles.see)
 
@@ -294,7 +295,8 @@ async def test_two_consoles_over_zenoh_share_one_token_and_a_crash_frees_it(
             await asyncio.sleep(0.05)
 
     beating = asyncio.create_task(beat())
-    alice, bob = FleetClient(few, author="alice"), FleetClient(few, author="bob")
+    alice = FleetClient(few, author="alice")
+    bob = FleetClient(few, author="bob")
     try:
         await alice.start()
         await until(lambda: alice.control.is_operator and alice.control.holder is not None)

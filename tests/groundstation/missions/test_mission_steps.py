@@ -1,6 +1,4 @@
-"""Steps that hold others, that wait, that carry formations; and what is wrong with them, in words
-with the key.
-"""
+"""Steps that hold others, wait or carry formations, and sentences about wrong ones."""
 
 from __future__ import annotations
 
@@ -106,7 +104,8 @@ def test_paths_of_a_formation_are_judged_before_the_flight(fleet: FleetConfig) -
 
 
 def test_a_mission_that_outlasts_a_battery_is_refused(fleet: FleetConfig) -> None:
-    long, home = {"do": "wait", "duration_s": 400.0}, {"do": "land"}
+    long = {"do": "wait", "duration_s": 400.0}
+    home = {"do": "land"}
     vehicles = {
         name: msgspec.structs.replace(one, hover_time_s=480.0)
         for name, one in fleet.vehicles.items()
@@ -138,16 +137,20 @@ async def test_blocks_are_flown_in_their_order_and_said_with_the_time_left(
     fleet: FleetConfig, client: Any
 ) -> None:
     lines: list[str] = []
+    corners = {"mav0": [-2, -2, 1], "mav1": [0, 2.5, 1], "mav2": [2, -2, 1]}
+    branches = [
+        [{"do": "move", "vehicles": name, "position_enu_m": corner}]
+        for name, corner in corners.items()
+    ]
     mission = make(
         fleet,
         UP,
         {"do": "repeat", "times": 2, "steps": [SWAP, TO_RING]},
-        {"do": "parallel", "branches": [[{"do": "move", "vehicles": n, "position_enu_m": p}] for n, p in
-                                        (("mav0", [-2, -2, 1]), ("mav1", [0, 2.5, 1]), ("mav2", [2, -2, 1]))]},
+        {"do": "parallel", "branches": branches},
         {"do": "wait", "until": {"reached": {"mav1": [0, 2.5, 1]}, "separation_above_m": 1.0}},
         {"do": "react", "when": {"flying": "all"}, "steps": [LONG], "then": [{"do": "land"}]},
         expect={"min_separation_m": 0.8, "all_landed": True},
-    )  # fmt: skip
+    )
     verdict = await MissionRun(mission, client, say=lines.append).run()
     assert verdict.exit_status == 0, verdict.sentences
     verbs = [step.step.partition(" ")[0] for step in verdict.steps]

@@ -106,7 +106,8 @@ def test_the_papers_paths_cross_so_that_they_collide_without_the_law() -> None:
     mission = load_mission(ROOT / "configs/missions/paper.toml")
     fleet = mission.fleet
     step = next(step for step in mission.steps if step.do == "formation")
-    slots, centre = fleet.formations[step.name], np.array(step.position_enu_m)
+    slots = fleet.formations[step.name]
+    centre = np.array(step.position_enu_m)
     tracks = {}
     time_s = np.linspace(0.0, 12.0, 2400)[:, None]
     for name in fleet.enabled_names:
@@ -291,7 +292,9 @@ async def test_a_flight_without_its_whole_record_or_its_verdict_has_not_passed(
 ) -> None:
     run = MissionRun(make(fleet, [*HOP, {"do": "land"}], expect=EXPECT), client)
     assert (await run.run()).passed
-    flown, expect = run.flown(), run.mission.expect
+
+    flown = run.flown()
+    expect = run.mission.expect
     whole = final_verdict(flown, expect, tmp_path, begin_ns=0, record_failure=None)
     assert whole.passed, whole.summary
     assert whole.closest is not None
@@ -427,7 +430,7 @@ def test_the_examples_are_known_by_name_and_by_their_path_in_the_repository(
     assert load_mission("mine.py").fleet.fleet.name == "sih"
 
 
-def test_a_fleet_file_instead_of_a_mission_and_the_other_way_round_is_said_with_the_words_to_type() -> (
+def test_a_fleet_file_given_as_a_mission_and_a_mission_as_a_fleet_are_refused_with_a_command() -> (
     None
 ):
     with pytest.raises(ConfigError, match=r"is a fleet file.*covey fly MISSION --fleet"):

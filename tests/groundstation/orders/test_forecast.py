@@ -49,13 +49,15 @@ def test_the_same_question_has_the_same_answer(fleet: FleetConfig) -> None:
     assert forecast(fleet, SWAP) == forecast(fleet, SWAP)
 
 
-def test_who_stands_on_the_ground_stays_there_and_is_flown_around(fleet: FleetConfig) -> None:
-    legs = {"mav0": Leg((-1.5, 0.0, 1.0), (1.5, 0.1, 1.0)),
-            "mav2": Leg((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), is_ordered=False, is_parked=True)}  # fmt: skip
-    found = forecast(fleet, legs)
-    assert set(found.paths_enu_m["mav2"]) == {(0.0, 0.0, 0.0)}
-    assert found.closest_m >= fleet.fleet.safety_distance_m - 0.05
-    assert found.duration_s < 30.0
+def test_a_vehicle_on_the_ground_stays_there_and_is_flown_around(fleet: FleetConfig) -> None:
+    flying = Leg((-1.5, 0.0, 1.0), (1.5, 0.1, 1.0))
+    parked = Leg((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), is_ordered=False, is_parked=True)
+    legs = {"mav0": flying, "mav2": parked}
+
+    predicted = forecast(fleet, legs)
+    assert set(predicted.paths_enu_m["mav2"]) == {(0.0, 0.0, 0.0)}
+    assert predicted.closest_m >= fleet.fleet.safety_distance_m - 0.05
+    assert predicted.duration_s < 30.0
     assert forecast(without_law(fleet), legs).closest_m < 0.2
 
 

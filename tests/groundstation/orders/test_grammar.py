@@ -384,8 +384,13 @@ def test_the_spacing_is_that_of_the_nearest_slots_and_lasts_for_the_next_move(
     then = plan_order(
         parse("move all 0 0.5 1", fleet), fleet, None, held=first.held, author="x", now_ns=0
     )
-    shift = [then.orders[n].position_enu_m[1] - first.orders[n].position_enu_m[1] for n in ALL]  # type: ignore[index]
-    assert shift == pytest.approx([0.5] * 3)
+
+    for name in ALL:
+        before = first.orders[name].position_enu_m
+        after = then.orders[name].position_enu_m
+        assert before is not None
+        assert after is not None
+        assert after[1] - before[1] == pytest.approx(0.5)
     assert then.held.spacing_m == 2.0
 
 

@@ -49,7 +49,9 @@ METHODS = {verb: verb for verb in INTENTS} | {"goto": "go_to"}
 
 def step_of(table: dict[str, Any], fleet: FleetConfig) -> Intent:
     """Return the order of a step, flown when its vehicles can do it."""
-    before = [] if table["do"] in ("arm", "takeoff", "disarm") else [{"do": "takeoff"}]
+    before = [{"do": "takeoff"}]
+    if table["do"] in ("arm", "takeoff", "disarm"):
+        before = []
     data = {"schema": 1, "step": [*before, table]}
     step = mission_from_mapping(data, path="test.toml", fleet=fleet).steps[-1]
     assert isinstance(step, Intent)
