@@ -43,7 +43,9 @@ FIX_KNOWN_NS = 1_500_000_000  # PX4 tells of it five times a second, as long as 
 
 def plausible_version(version: Version | None) -> Version | None:
     """Return a reported version, or None for one that no PX4 can have."""
-    return version if version is not None and 1 <= version[0] <= _LARGEST_MAJOR else None
+    if version is None or not 1 <= version[0] <= _LARGEST_MAJOR:
+        return None
+    return version
 
 
 class Refused(Struct, frozen=True):
@@ -52,7 +54,7 @@ class Refused(Struct, frozen=True):
     malformed: int = 0  # no MAVLink, or a wrong checksum
     # of other systems and components, for instance a ground station's that PX4 forwards
     others: int = 0
-    strangers: int = 0  # under the autopilot's ids, but from another address than the autopilot's
+    other_address: int = 0  # under the autopilot's ids, but not from its address
     unsigned: int = 0  # not signed, where this vehicle signs
     forged: int = 0  # signed with another key
     old: int = 0  # signed, but replayed, or by a clock that went back
@@ -62,8 +64,8 @@ class Refused(Struct, frozen=True):
 
     @property
     def count(self) -> int:
-        """All of them but those of others, which are no trouble."""
-        return self.malformed + self.strangers + self.unsigned + self.forged + self.old
+        """Number of all packets but those of others, which are no trouble."""
+        return self.malformed + self.other_address + self.unsigned + self.forged + self.old
 
 
 NOTHING_REFUSED = Refused()
@@ -109,22 +111,19 @@ class Snapshot(Struct, frozen=True):
     has_wrong_clock: bool = False  # this computer's is a minute behind another one that signs
 
     def battery(self, now_ns: int) -> tuple[float, float]:
-        """Return charge [0 to 1] and voltage [V] as far as they are known now: NaN once PX4's
-        report is 5 s old.
-        """
+        """Return charge [0 to 1] and voltage [V]; NaN once PX4's report is 5 s old."""
         if self.battery_ns and now_ns - self.battery_ns > BATTERY_KNOWN_NS:
             return float("nan"), float("nan")
         return self.battery_frac, self.battery_voltage_v
 
     def accuracy_m(self, now_ns: int) -> float:
-        """Return PX4's accuracy as far as it is known now: 0 before it tells, and once its report
-        is 5 s old.
-        """
-        is_known = now_ns - self.position_accuracy_ns <= ACCURACY_KNOWN_NS
-        return self.position_accuracy_m if is_known else 0.0
+        """Return PX4's accuracy; 0 before the first report, and once that is 5 s old."""
+        if now_ns - self.position_accuracy_ns > ACCURACY_KNOWN_NS:
+            return 0.0
+        return self.position_accuracy_m
 
     def sees_satellites(self, now_ns: int) -> bool:
-        """Return whether PX4 has a fix, and has said so lately."""
+        """Return whether PX4 has reported a fix lately."""
         return self.has_fix and now_ns - self.fix_ns <= FIX_KNOWN_NS
 
     @property
@@ -173,6 +172,7 @@ class Autopilot(Protocol):
         std_m: float,
         reset_count: int = 0,
     ) -> None:
-        """Send a mocap pose to PX4's estimator, for its own hold and land; a new count lets it
-        restart there.
+        """Send a mocap pose to PX4's estimator, for its own hold and land.
+
+        A new count lets the estimator begin anew at this pose.
         """

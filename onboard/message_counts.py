@@ -23,8 +23,13 @@ class MessageCounts:
 
 def total(counts: Iterable[MessageCounts]) -> MessageCounts:
     """Return the sum of several counts."""
-    rows = [(one.malformed, one.refused, one.dropped, one.late) for one in counts]
-    return MessageCounts(*map(sum, zip(*rows, strict=True)))
+    sums = MessageCounts()
+    for one in counts:
+        sums.malformed += one.malformed
+        sums.refused += one.refused
+        sums.dropped += one.dropped
+        sums.late += one.late
+    return sums
 
 
 def in_words(malformed: int, refused: int, dropped: int, late: int) -> str:

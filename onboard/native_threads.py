@@ -9,14 +9,15 @@ _known = threading.local()
 
 
 def keep_thread_state() -> None:
-    """Keep Python's state of the calling thread until the process ends; call it first in a
-    callback.
+    """Keep Python's state of the calling thread until the process ends.
 
-    Otherwise every callback of a foreign thread creates that state and deletes it again: 16 KiB are
-    mapped and unmapped each time, which interrupts all processors. A call of ``PyGILState_Ensure``
-    without its counterpart keeps the state, about a kilobyte per thread. The owner of the thread
-    must end it, or its callbacks, before the interpreter ends; the links and the bus do so when
-    they stop.
+    Every callback calls this first. Otherwise each callback of a foreign thread creates that state
+    and deletes it again: 16 KiB are mapped and unmapped each time, which interrupts all processors.
+    A call of ``PyGILState_Ensure`` without its counterpart keeps the state, about a kilobyte per
+    thread.
+
+    The owner of the thread must end it, or its callbacks, before the interpreter ends; the links
+    and the bus do so when they stop.
     """
     if not hasattr(_known, "is_kept"):
         _known.is_kept = True

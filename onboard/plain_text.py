@@ -1,5 +1,7 @@
-"""Text from outside, for terminals and text files: an escape sequence in it would command the
-terminal.
+"""Text from outside, for terminals and text files.
+
+An escape sequence in it would command the terminal. So every character that cannot be printed
+becomes a space.
 """
 
 from __future__ import annotations
@@ -20,8 +22,7 @@ def plain_line(text: str) -> str:
 
 
 def plain_lines(text: str) -> str:
-    """Return text from outside without control characters, but with its lines and their
-    indentation.
+    """Return text from outside without control characters; its lines and indentation stay.
 
     Args:
         text: of several lines, as a trace.
@@ -32,14 +33,17 @@ def plain_lines(text: str) -> str:
     lines = text.split("\n")
     if all(map(str.isprintable, lines)):
         return text
-    return "\n".join(
-        "".join(char if char.isprintable() else " " for char in line) for line in lines
-    )
+    return "\n".join(map(_printable, lines))
+
+
+def _printable(line: str) -> str:
+    return "".join(char if char.isprintable() else " " for char in line)
 
 
 class PlainStream:
-    """Output of a process whose lines may contain text from outside: no line can forget to clean
-    it.
+    """Output of a process whose lines may contain text from outside.
+
+    It cleans every text, so that no caller can forget to.
 
     Args:
         stream: where the lines go, as ``sys.stdout``.
@@ -63,8 +67,7 @@ class PlainStream:
 
 
 def drawing(stream: TextIO) -> TextIO:
-    """Return the stream below a :class:`PlainStream`, for what draws with escape sequences, as
-    coloured tables.
+    """Return the stream below a :class:`PlainStream`, for what draws with escape sequences.
 
     Args:
         stream: ``sys.stdout`` or ``sys.stderr``.

@@ -18,20 +18,23 @@ def open_serial(endpoint: str) -> int:
         its file descriptor.
     Raises:
         ValueError: it is written wrongly.
-        OSError: there is no such device, or it is none, or it may not be used.
+        OSError: there is no such file, or it is no serial device, or it may not be used.
     """
     device, _, baud = endpoint.removeprefix(_PREFIX).rpartition(":")
-    speed = getattr(termios, f"B{baud}", None)
+    speed = getattr(termios, f"B{baud}", None)  # a constant for each speed that the system knows
     if not endpoint.startswith(_PREFIX) or not device or speed is None:
         raise ValueError(
             f"'{endpoint}' is no serial endpoint; write it as serial:///dev/ttyAMA0:921600"
         )
+
     descriptor = os.open(device, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK | os.O_CLOEXEC)
     try:
         tty.setraw(descriptor)
         attributes = termios.tcgetattr(descriptor)
+        # control flags, input speed, output speed: termios(3)
         attributes[2] = attributes[2] & ~termios.CRTSCTS | termios.CLOCAL | termios.CREAD
-        attributes[4] = attributes[5] = speed
+        attributes[4] = speed
+        attributes[5] = speed
         termios.tcsetattr(descriptor, termios.TCSANOW, attributes)
     except termios.error as error:
         os.close(descriptor)

@@ -17,7 +17,8 @@ def parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="covey agent",
         description="Fly one vehicle of a fleet.",
-        epilog="As a service of systemd: covey agent install, status or logs, with --fleet, --vehicle and --help. "
+        epilog="As a service of systemd: covey agent install, status or logs, "
+        "with --fleet, --vehicle and --help. "
         "Onto all companions: covey agent deploy --help.",
     )
     parser.add_argument("--fleet", required=True, metavar="FILE", help="fleet file")
@@ -44,12 +45,13 @@ def parser() -> argparse.ArgumentParser:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run an agent, or manage its service; the exit status is 2 when the input is wrong."""
+    """Run an agent, or manage its service; return the exit status, 2 when the input is wrong."""
     words = list(sys.argv[1:] if argv is None else argv)
     if words and words[0] in service.VERBS:
         return service.main(words)
     if words[:1] == ["deploy"]:
         return deploy.main(words[1:])
+
     arguments = parser().parse_args(words)
     try:
         fleet = load_fleet(arguments.fleet).with_law(arguments.law)
@@ -60,6 +62,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except ValueError:
         print(f"agent: --vehicle {arguments.vehicle} must name one vehicle.", file=sys.stderr)
         return EXIT_WRONG_INPUT
+
     return run_agent(
         fleet,
         name,

@@ -71,7 +71,8 @@ def state_message(
     identity: AgentIdentity, result: TickResult, sequence: int, *, is_cooperative: bool
 ) -> StateMessage:
     """Return the message that the neighbours take 50 times a second."""
-    state, law = result.tick.state, result.tick.law
+    state = result.tick.state
+    law = result.tick.law
     return StateMessage(
         vehicle=identity.vehicle.name,
         boot_id=identity.boot_id,
@@ -97,10 +98,11 @@ def state_message(
 def px4_state_message(
     state: StateMessage, position_enu_m: Vec3, velocity_enu_m_s: Vec3
 ) -> StateMessage:
-    """Return the state of a vehicle without a pose that its PX4 lands: where PX4 believes to be,
-    and no promise.
+    """Return the state of a vehicle without a pose that its PX4 lands.
+
+    It is where PX4 believes to be, and promises nothing.
     """
-    still = 0.0, 0.0, 0.0
+    still = (0.0, 0.0, 0.0)
     return replace(
         state,
         is_valid=True,
@@ -126,16 +128,28 @@ def law_status(tick: Tick) -> str:
 
 def active_neighbour(tick: Tick, neighbours: NeighbourTable) -> str:
     """Return the name of the neighbour for whose sake the law holds back most; "" for none."""
-    index, names = tick.law.active_neighbour, neighbours.names
-    return names[index] if 0 <= index < len(names) else ""
+    index = tick.law.active_neighbour
+    if not 0 <= index < len(neighbours.names):
+        return ""
+    return neighbours.names[index]
 
 
 def tick_sample(result: TickResult, state: StateMessage, sources: TelemetrySources) -> TickSample:
-    """Return every intermediate value of one pass, for the record; ``state`` is what the neighbours
-    received of it.
+    """Return every intermediate value of one pass, for the record.
+
+    Args:
+        result: of the pass.
+        state: what the neighbours received of it.
+        sources: parts of the agent.
     """
-    tick, view = result.tick, result.view
-    law, snapshot = tick.law, view.snapshot
+    tick = result.tick
+    law = tick.law
+    view = result.view
+
+    attitude_age_s = 0.0
+    if view.snapshot.attitude_ns:
+        attitude_age_s = (view.now_ns - view.snapshot.attitude_ns) * 1e-9
+
     return TickSample(
         stamp_ns=state.stamp_ns,
         period_s=result.period_s,
@@ -162,7 +176,7 @@ def tick_sample(result: TickResult, state: StateMessage, sources: TelemetrySourc
         setpoint_thrust_frac=tick.attitude.thrust_frac,
         attitude_quaternion_enu_flu_wxyz=view.attitude_wxyz,
         hover_thrust_frac=tick.hover_thrust_frac,
-        attitude_age_s=(view.now_ns - snapshot.attitude_ns) * 1e-9 if snapshot.attitude_ns else 0.0,
+        attitude_age_s=attitude_age_s,
     )
 
 
@@ -170,12 +184,24 @@ def telemetry(
     identity: AgentIdentity, result: TickResult, sources: TelemetrySources, counters: RunCounters
 ) -> Telemetry:
     """Return everything that a person looks at."""
-    tick, view, own, flight = result.tick, result.view, sources.own, sources.flight
-    snapshot, order, now_ns = view.snapshot, flight.order, view.now_ns
+    tick = result.tick
+    view = result.view
+    now_ns = view.now_ns
+    snapshot = view.snapshot
+    flight = sources.flight
+    order = flight.order
+
+    autopilot_age_s = math.inf
+    if snapshot.last_packet_ns:
+        autopilot_age_s = (now_ns - snapshot.last_packet_ns) * 1e-9
+
+    goal_enu_m = flight.goal_position_enu_m if flight.step.is_under_law else view.position_enu_m
+    is_on_ground = flight.step.situation is Situation.GROUND
     nearest = min(result.distances_m, key=result.distances_m.__getitem__, default="")
     conditions, action = sources.failsafes.in_words()
     battery_frac, battery_voltage_v = snapshot.battery(now_ns)
     loop = counters.loop
+
     return Telemetry(
         vehicle=identity.vehicle.name,
         boot_id=identity.boot_id,
@@ -183,7 +209,7 @@ def telemetry(
         stamp_ns=now_ns,
         state=flight.state,
         reason=flight.reason,
-        not_ready=result.not_ready if flight.step.situation is Situation.GROUND else (),
+        not_ready=result.not_ready if is_on_ground else (),
         is_armed=snapshot.is_armed,
         is_airborne=result.is_airborne,
         mode=snapshot.mode,
@@ -192,9 +218,7 @@ def telemetry(
         yaw_deg=math.degrees(tick.state.yaw_rad),
         is_position_valid=view.has_position,
         setpoint_position_enu_m=tick.setpoint.position_enu_m,
-        goal_position_enu_m=flight.goal_position_enu_m
-        if flight.step.is_under_law
-        else view.position_enu_m,
+        goal_position_enu_m=goal_enu_m,
         battery_frac=battery_frac,
         battery_voltage_v=battery_voltage_v,
         law=identity.law,
@@ -202,14 +226,12 @@ def telemetry(
         intervention_m_s2=float(tick.law.intervention_m_s2),
         nearest_vehicle=nearest,
         nearest_distance_m=result.distances_m.get(nearest, math.inf),
-        order_id=order.order_id if order is not None else "",
-        order_kind=order.kind if order is not None else "",
+        order_id="" if order is None else order.order_id,
+        order_kind="" if order is None else order.kind,
         order_phase=flight.step.text,
         state_age_s=view.position_age_s,
-        mocap_delay_s=own.validator.delay_s,
-        autopilot_age_s=(now_ns - snapshot.last_packet_ns) * 1e-9
-        if snapshot.last_packet_ns
-        else math.inf,
+        mocap_delay_s=sources.own.validator.delay_s,
+        autopilot_age_s=autopilot_age_s,
         neighbour_age_s=sources.neighbours.oldest_age_s(now_ns),
         loop_period_p50_ms=loop.p50_ms,
         loop_period_p99_ms=loop.p99_ms,

@@ -1,9 +1,9 @@
 """Whether an order of a fleet with keys is new. Pure.
 
-Its signature says who has given it, not when. So an order repeats the stamp of the newest telemetry
-that its sender had of this vehicle. That stamp is of this agent's own clock and start, nobody can
-know one before its time, and it is signed along: an order that was held back, kept for a later
-flight, or sent twice is found out by no other clock.
+The signature of an order says who has given it, not when. So an order repeats the stamp of the
+newest telemetry that its sender had of this vehicle. That stamp is of this agent's own clock and
+start, nobody can know one before its time, and it is signed with the order. It shows, without any
+other clock, that an order was held back, kept for a later flight, or sent twice.
 """
 
 from __future__ import annotations
@@ -14,7 +14,8 @@ from onboard.bus.schema import Order
 from onboard.flight.order_checks import late_sentence
 
 FRESH_S = 5.0  # longest time from that telemetry to the order's arrival
-# the same of land, hold and kill: in need the ground may have heard nothing for a while
+
+# The same for land, hold and kill: in an emergency the ground may have heard nothing for a while.
 FRESH_EMERGENCY_S = 30.0
 _MAX_SEEN = 10_000
 
@@ -39,29 +40,34 @@ class OrderGate:
         Returns:
             None for a new order; otherwise what is wrong.
         """
-        what, own_id = f"Order {order.text}", order.order_id
         if order.heard_boot_id != self._boot_id:
-            return UntrustedOrder(
-                "other start", f"{what} is not for this start of the agent: send it again.", own_id
-            )
+            sentence = f"Order {order.text} is not for this start of the agent: send it again."
+            return UntrustedOrder("other start", sentence, order.order_id)
+
         age_s = 1e-9 * (now_ns - order.heard_ns)
-        if not 0.0 <= age_s <= (FRESH_EMERGENCY_S if order.kind in EMERGENCY else FRESH_S):
-            return UntrustedOrder(
-                "late", f"{what} was given {age_s:.1f} s ago: send it again.", own_id
-            )
-        late = None if order.kind == "kill" else late_sentence(order, now_ns)
-        if late is not None:
-            return UntrustedOrder("late", late, own_id)
-        while self._seen and (
-            len(self._seen) >= _MAX_SEEN or self._oldest_s(now_ns) > FRESH_EMERGENCY_S
-        ):
-            del self._seen[next(iter(self._seen))]
+        limit_s = FRESH_EMERGENCY_S if order.kind in EMERGENCY else FRESH_S
+        if not 0.0 <= age_s <= limit_s:
+            sentence = f"Order {order.text} was given {age_s:.1f} s ago: send it again."
+            return UntrustedOrder("late", sentence, order.order_id)
+
+        if order.kind != "kill":
+            late = late_sentence(order, now_ns)
+            if late is not None:
+                return UntrustedOrder("late", late, order.order_id)
+
+        self._forget_old(now_ns)
         if order.order_id in self._seen:
-            return UntrustedOrder(
-                "replayed", f"{what} was received before, and is obeyed once.", own_id
-            )
+            sentence = f"Order {order.text} was received before, and is obeyed once."
+            return UntrustedOrder("replayed", sentence, order.order_id)
+
         self._seen[order.order_id] = now_ns
         return None
 
-    def _oldest_s(self, now_ns: int) -> float:
-        return 1e-9 * (now_ns - self._seen[next(iter(self._seen))])
+    def _forget_old(self, now_ns: int) -> None:
+        """Forget what is too old to be sent again, and the oldest when there are too many."""
+        while self._seen:
+            oldest_id, seen_ns = next(iter(self._seen.items()))
+            is_old = 1e-9 * (now_ns - seen_ns) > FRESH_EMERGENCY_S
+            if not is_old and len(self._seen) < _MAX_SEEN:
+                return
+            del self._seen[oldest_id]

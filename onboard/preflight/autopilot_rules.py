@@ -19,7 +19,7 @@ USUAL_ATTITUDE_HZ = 35.0
 _OF_SIGNING = ("unsigned", "forged", "old")
 _REASONS = {
     "malformed": "no MAVLink",
-    "strangers": "under PX4's ids, from another address",
+    "other_address": "under PX4's ids, from another address",
     "unsigned": "not signed",
     "forged": "signed with another key",
     "old": "signed, but older than others: a replay",

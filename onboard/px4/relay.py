@@ -175,7 +175,7 @@ class MavlinkRelay:
         if not packet.is_right:
             self._refuse("malformed", address)
         elif not is_peer:
-            self._refuse("strangers", address)
+            self._refuse("other_address", address)
         elif self._is_fresh(packet, address):
             if address != self._peer:
                 log.info("PX4 sends from %s", _words(address) or self._endpoint)

@@ -98,7 +98,7 @@ CASES: dict[tuple[str, str], tuple[dict[str, Any], str]] = {
     ),
     ("port", "others"): (
         {
-            "refused": Refused(strangers=7, newest="strangers", source="10.0.0.9 port 5"),
+            "refused": Refused(other_address=7, newest="other_address", source="10.0.0.9 port 5"),
             "refused_age_s": 1.0,
         },
         "7 packets were not let in, the newest from 10.0.0.9 port 5 (under PX4's ids, from another address)",

@@ -119,7 +119,7 @@ def test_only_the_first_autopilot_with_the_right_ids_is_heard_and_all_else_is_co
     good = bytearray(stranger.beat())
     good[12] ^= 1
     px4.send(bytes(good))
-    until(lambda: relay.refused.strangers == 4 and relay.refused.malformed == 2)
+    until(lambda: relay.refused.other_address == 4 and relay.refused.malformed == 2)
     assert relay.refused.newest == "malformed"
     px4.beat()
     until(lambda: len(bench.let_in) == 2)
