@@ -1,5 +1,6 @@
-"""Execution of the core's commands: setpoints and requests to PX4, messages, replies and
-subscriptions to the bus.
+"""Execution of the core's commands, in their order.
+
+Setpoints and requests go to PX4; messages, replies and subscriptions go to the bus.
 
 What may block (reliable messages, subscriptions) has threads of its own, so that nothing can stand
 between a tick and the setpoint.
@@ -20,8 +21,8 @@ from onboard.bus.schema import OrderReply
 from onboard.bus.topics import TOPICS, Delivery, Topic
 from onboard.process.background_queue import BackgroundQueue
 
-# A setpoint that comes later than this after its tick began was held up on the way: PX4 is not to
-# have it.
+# A setpoint that comes later than this after its tick began was held up on the way: it does not
+# leave for PX4.
 _SETPOINT_NS = 60_000_000
 
 log = logging.getLogger("covey.agent")
@@ -51,10 +52,14 @@ class CommandExecutor:
         on_exit: Callable[[], None],
     ) -> None:
         self.tick_ns = 0  # begin of the tick
-        self.reliable, self._subscriptions = BackgroundQueue("bus"), BackgroundQueue("interest")
-        self._name, self._names = name, {name, *others}
-        self._link, self._bus, self._inbox = link, bus, inbox
-        self._replies: dict[str, OnReply] = {}
+        self.reliable = BackgroundQueue("bus")  # messages that must arrive
+        self._subscriptions = BackgroundQueue("interest")
+        self._name = name
+        self._names = {name, *others}
+        self._link = link
+        self._bus = bus
+        self._inbox = inbox
+        self._replies: dict[str, OnReply] = {}  # order id -> way back to its sender
         self._actions: dict[type, Callable[[Any], object]] = {
             agent_commands.SendAttitude: self._send_attitude,
             agent_commands.Publish: self._publish,
@@ -73,7 +78,7 @@ class CommandExecutor:
         }
 
     def start_threads(self) -> None:
-        """Start the threads now, so that they have their part in the precedence of the process."""
+        """Start the threads now, so that they get their part in the precedence of the process."""
         self.reliable.submit(int)
         self._subscriptions.submit(int)
 
@@ -83,7 +88,7 @@ class CommandExecutor:
         self.reliable.stop()
 
     def expect_reply(self, order_id: str, reply: OnReply) -> None:
-        """Keep the way back to whoever sent an order."""
+        """Keep the way back to the sender of an order."""
         self._replies[order_id] = reply
 
     def execute(self, commands: Iterable[agent_commands.Command]) -> None:
@@ -96,7 +101,8 @@ class CommandExecutor:
             self._link.send_attitude(command.setpoint)
 
     def _publish(self, command: agent_commands.Publish) -> None:
-        topic, message = command.topic, command.message
+        topic = command.topic
+        message = command.message
         if TOPICS[topic].delivery is Delivery.RELIABLE:
             log.info("%s", getattr(message, "sentence", topic.value))
             self.reliable.submit(self._bus.publish, topic, self._name, message)
@@ -122,6 +128,7 @@ class CommandExecutor:
     def _follow(self, command: agent_commands.Follow) -> None:
         on_message = self._inbox.neighbour_received
         self._subscriptions.submit(self._bus.follow, Topic.STATE, command.names, on_message)
-        # under its own name it would hear another agent for the same vehicle
+
+        # Under its own name it would hear another agent for the same vehicle.
         slowly = self._names - command.names | {self._name}
         self._subscriptions.submit(self._bus.follow, Topic.FAR, slowly, on_message)

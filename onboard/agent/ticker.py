@@ -1,5 +1,6 @@
-"""A timer on an absolute schedule that asyncio can watch: timerfd, or asyncio's own clock where
-there is none.
+"""A timer on an absolute schedule that asyncio can watch.
+
+It is Linux's timerfd, or asyncio's own clock where there is none.
 """
 
 from __future__ import annotations
@@ -12,7 +13,11 @@ import time
 from collections import deque
 from collections.abc import Callable
 
-_CLOCK_MONOTONIC, _TFD_FLAGS, _TFD_TIMER_ABSTIME = 1, os.O_NONBLOCK | os.O_CLOEXEC, 1
+# timerfd_create(2)
+_CLOCK_MONOTONIC = 1
+_TFD_FLAGS = os.O_NONBLOCK | os.O_CLOEXEC
+_TFD_TIMER_ABSTIME = 1
+
 _WINDOW = 500  # ten seconds at 50 Hz
 
 
@@ -31,63 +36,59 @@ class Ticker:
         offset_ns: int = 0,
         late_ns: int = 5_000_000,
     ) -> None:
-        self._period_ns, self._on_tick, self._offset_ns, self._late_ns = (
-            period_ns,
-            on_tick,
-            offset_ns,
-            late_ns,
-        )
-        self._fd: int | None = None
-        self._handle: asyncio.TimerHandle | None = None
+        self.late_ticks = 0
+        self.missed_ticks = 0
+        self._period_ns = period_ns
+        self._on_tick = on_tick
+        self._offset_ns = offset_ns
+        self._late_ns = late_ns
+        self._fd: int | None = None  # of the timerfd
+        self._handle: asyncio.TimerHandle | None = None  # where there is no timerfd
+        self._first_ns = 0  # first tick by the schedule
+        self._last_ns = 0  # begin of the tick before; 0 without one
         self._periods_ms: deque[float] = deque(maxlen=_WINDOW)
         self._lateness_ms: deque[float] = deque(maxlen=_WINDOW)
-        self._last_ns = self._first_ns = 0
-        self.late_ticks = self.missed_ticks = 0
 
     def start(self, loop: asyncio.AbstractEventLoop) -> None:
         """Begin to tick."""
         now_ns = time.monotonic_ns()
-        first_ns = self._first_ns = (
-            now_ns // self._period_ns + 1
-        ) * self._period_ns + self._offset_ns
+        next_multiple = now_ns // self._period_ns + 1
+        self._first_ns = next_multiple * self._period_ns + self._offset_ns
         self._last_ns = 0
         self._loop = loop
-        libc = ctypes.CDLL(None, use_errno=True)
-        if hasattr(libc, "timerfd_create"):
-            fd = libc.timerfd_create(_CLOCK_MONOTONIC, _TFD_FLAGS)
-            if fd >= 0:
-                spec = struct.pack(
-                    "qqqq", *divmod(self._period_ns, 10**9), *divmod(first_ns, 10**9)
-                )
-                libc.timerfd_settime(fd, _TFD_TIMER_ABSTIME, spec, None)
-                self._fd = fd
-                loop.add_reader(fd, self._readable)
-                return
-        self._next_ns = first_ns
-        self._handle = loop.call_at(first_ns * 1e-9, self._timed)
+
+        self._fd = _timerfd(self._period_ns, self._first_ns)
+        if self._fd is not None:
+            loop.add_reader(self._fd, self._readable)
+        else:
+            self._next_ns = self._first_ns
+            self._handle = loop.call_at(self._first_ns * 1e-9, self._timed)
 
     def stop(self) -> None:
         """Tick no more; a second call does nothing."""
-        fd, self._fd = self._fd, None
-        if fd is not None:
-            self._loop.remove_reader(fd)
-            os.close(fd)
+        if self._fd is not None:
+            self._loop.remove_reader(self._fd)
+            os.close(self._fd)
+            self._fd = None
         if self._handle is not None:
             self._handle.cancel()
             self._handle = None
 
     def statistics_ms(self) -> tuple[float, float, float]:
-        """Median, 99th percentile and maximum of the period over the last ten seconds."""
+        """Return median, 99th percentile and maximum of the period over the last ten seconds."""
         ordered = sorted(self._periods_ms)
         if not ordered:
             return 0.0, 0.0, 0.0
+
         last = len(ordered) - 1
         return ordered[last // 2], ordered[round(0.99 * last)], ordered[-1]
 
     def lateness_p99_ms(self) -> float:
-        """99th percentile of how far behind the schedule the ticks of the last ten seconds began."""
+        """Return the 99th percentile of how far behind the schedule the ticks began."""
         ordered = sorted(self._lateness_ms)
-        return ordered[round(0.99 * (len(ordered) - 1))] if ordered else 0.0
+        if not ordered:
+            return 0.0
+        return ordered[round(0.99 * (len(ordered) - 1))]
 
     def _readable(self) -> None:
         if self._fd is None:
@@ -96,6 +97,7 @@ class Ticker:
             (expired,) = struct.unpack("q", os.read(self._fd, 8))
         except BlockingIOError:
             return
+
         self.missed_ticks += expired - 1
         self._run()
 
@@ -112,7 +114,25 @@ class Ticker:
         if self._last_ns:
             period_ns = now_ns - self._last_ns
             self._periods_ms.append(period_ns * 1e-6)
-            self.late_ticks += period_ns > self._period_ns + self._late_ns
-        self._lateness_ms.append((now_ns - self._first_ns) % self._period_ns * 1e-6)
+            if period_ns > self._period_ns + self._late_ns:
+                self.late_ticks += 1
+
+        lateness_ns = (now_ns - self._first_ns) % self._period_ns
+        self._lateness_ms.append(lateness_ns * 1e-6)
         self._last_ns = now_ns
         self._on_tick()
+
+
+def _timerfd(period_ns: int, first_ns: int) -> int | None:
+    """Return a timerfd that expires every period from a time on; None where there is none."""
+    libc = ctypes.CDLL(None, use_errno=True)
+    if not hasattr(libc, "timerfd_create"):
+        return None
+    fd: int = libc.timerfd_create(_CLOCK_MONOTONIC, _TFD_FLAGS)
+    if fd < 0:
+        return None
+
+    # struct itimerspec: seconds and nanoseconds of the interval, then of the first expiry
+    spec = struct.pack("qqqq", *divmod(period_ns, 10**9), *divmod(first_ns, 10**9))
+    libc.timerfd_settime(fd, _TFD_TIMER_ABSTIME, spec, None)
+    return fd

@@ -17,13 +17,15 @@ from onboard.preflight.preflight_inputs import EMULATOR
 from onboard.safety.failsafe_table import Situation
 from onboard.types import TICK_S
 
-_START_NS, _PERIOD_NS = 1_000_000_000, round(TICK_S * 1e9)
-_MOST_TICKS, _FLYING_TICKS = 250, 50
+_START_NS = 1_000_000_000
+_PERIOD_NS = round(TICK_S * 1e9)
+_MOST_TICKS = 250
+_FLYING_TICKS = 50
 _CLIMB_M_S = 0.4
 
 
 def warm_up(fleet: FleetConfig, name: str) -> bool:
-    """Fly a core that has nobody else in its fleet; whether it got into the air.
+    """Fly a core that has nobody else in its fleet; return whether it got into the air.
 
     A vehicle that no preflight check would let start (outside its fence, for instance) stays on the
     ground here too.
@@ -31,44 +33,50 @@ def warm_up(fleet: FleetConfig, name: str) -> bool:
     core = AgentCore(replace(fleet, vehicles={name: fleet.vehicles[name]}), name, boot_id=0)
     core.preflight.is_warm = True
     core.handle(agent_inputs.ParamsRead(()), _START_NS)
-    # a law of somebody's own would not start without an emulator
+    # A law of somebody's own would not start without an emulator.
     for node in ("ground-1", EMULATOR):
         core.handle(agent_inputs.NodeChanged(node, True), _START_NS)
+
     vehicle = _MadeUpVehicle(core)
-    flying_ticks = count = 0
-    while flying_ticks < _FLYING_TICKS and count < _MOST_TICKS:
-        count += 1
+    flying_ticks = 0
+    for count in range(1, _MOST_TICKS + 1):
         vehicle.tick(_START_NS + count * _PERIOD_NS)
-        flying_ticks += core.flight.step.situation is Situation.FLYING
+        if core.flight.step.situation is Situation.FLYING:
+            flying_ticks += 1
+        if flying_ticks == _FLYING_TICKS:
+            break
     return flying_ticks > 0
 
 
 class _MadeUpVehicle:
-    """A PX4 that confirms at once, in a vehicle that climbs at a constant speed as soon as it is
-    armed.
-    """
+    """A PX4 that confirms at once, in a vehicle that climbs at constant speed once it is armed."""
 
     def __init__(self, core: AgentCore) -> None:
-        self._core, self._vehicle = core, core.vehicle
+        self._core = core
+        self._vehicle = core.vehicle
+        self._height_m = 0.0  # above the start
+        self._count = 0  # ticks
+
+        global_origin = None
         origin = core.fleet.fleet.global_origin
+        if origin is not None:
+            global_origin = (origin.latitude_deg, origin.longitude_deg, origin.altitude_m)
         self._snapshot = Snapshot(
             battery_frac=1.0,
             battery_voltage_v=16.0,
             landed=Landed.ON_GROUND,
-            global_origin=None
-            if origin is None
-            else (origin.latitude_deg, origin.longitude_deg, origin.altitude_m),
+            global_origin=global_origin,
         )
-        self._height_m, self._count = 0.0, 0
 
     def tick(self, now_ns: int) -> None:
-        """Let the core hear of the vehicle, order the take-off as soon as it is ready, and obey it."""
+        """Report the vehicle, order the take-off as soon as the core is ready, and obey it."""
         core = self._core
         self._count += 1
+
         if self._snapshot.is_armed:
             self._height_m += _CLIMB_M_S * _PERIOD_NS * 1e-9
         x, y, ground_m = self._vehicle.start_enu_m
-        # a body that is tracked is never quite still
+        # A body that is tracked is never quite still.
         z = ground_m + self._height_m + 1e-6 * (self._count % 2)
         self._snapshot = replace(
             self._snapshot,
@@ -83,6 +91,7 @@ class _MadeUpVehicle:
         core.handle(agent_inputs.SnapshotReceived(self._snapshot), now_ns)
         if self._vehicle.body:
             core.handle(agent_inputs.PoseReceived(self._pose((x, y, z), now_ns), now_ns), now_ns)
+
         if core.flight.state == "ready" and core.flight.order is None:
             order = Order(
                 order_id="warm-up",
@@ -93,6 +102,7 @@ class _MadeUpVehicle:
                 height_m=z + 1.0,
             )
             core.handle(agent_inputs.OrderReceived(order), now_ns)
+
         for command in core.tick(now_ns):
             match command:
                 case agent_commands.SetOffboard():

@@ -1,7 +1,8 @@
 """The relay between an agent and its PX4.
 
-It signs what leaves, and lets in what this PX4 has sent and nobody else. A thread receives; it stands in the agent's process and ends with it. Nothing is kept to be sent
-later or once more: a packet leaves in the call that made it, or never.
+It signs what leaves, and lets in what this PX4 has sent and nobody else. A thread receives; it
+stands in the agent's process and ends with it. Nothing is kept to be sent later or once more: a
+packet leaves in the call that made it, or never.
 """
 
 from __future__ import annotations
