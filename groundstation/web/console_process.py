@@ -1,8 +1,7 @@
-"""One console for one page: a process that draws into a pipe, and that nothing lets outlive its
-page or its server.
+"""One console for one page: a process that draws into a pipe.
 
-Its protocol is that of Textual's web driver: packets of one letter (D for data, M for a message in
-JSON), a length of four bytes, and so many bytes.
+It never outlives its page or its server. Its protocol is that of Textual's web driver: packets of
+one letter (D for data, M for a message in JSON), a length of four bytes, and so many bytes.
 """
 
 from __future__ import annotations
@@ -19,9 +18,11 @@ from typing import Literal
 END_TIMEOUT_S = 3.0
 _PRELUDE = b"__GANGLION__\n"  # of Textual's web driver; lines before it are no packets
 _PRELUDE_LINES = 10
+_HEAD_BYTES = 5  # of a packet: its letter and its length
 _INPUT_LIMIT_BYTES = 65_536
-# The kernel ends the console when its server is gone, however that ended. A console cannot see to
-# it by itself while it starts, so a small interpreter asks for it and then becomes the console.
+
+# The kernel ends the console when its server is gone, however that ended. A console cannot request
+# this by itself while it starts, so a small interpreter requests it and then becomes the console.
 _END_WITH_SERVER = (
     "import ctypes, os, signal, sys\n"
     "ctypes.CDLL(None).prctl(1, signal.SIGKILL)\n"  # PR_SET_PDEATHSIG
@@ -49,21 +50,21 @@ class ConsoleProcess:
 
     async def start(self, width: int, height: int) -> None:
         """Start the console with a size in cells."""
-        pipe = asyncio.subprocess.PIPE
+        environment = {
+            **os.environ,
+            "TEXTUAL_DRIVER": "textual.drivers.web_driver:WebDriver",
+            "TEXTUAL_FPS": "60",
+            "TEXTUAL_COLOR_SYSTEM": "truecolor",
+            "TERM_PROGRAM": "textual",
+            "COLUMNS": str(width),
+            "ROWS": str(height),
+        }
         self._process = await asyncio.create_subprocess_exec(
             *self._command,
-            stdin=pipe,
-            stdout=pipe,
+            stdin=asyncio.subprocess.PIPE,
+            stdout=asyncio.subprocess.PIPE,
             process_group=0,  # a Ctrl-C at the server's terminal is the server's
-            env={
-                **os.environ,
-                "TEXTUAL_DRIVER": "textual.drivers.web_driver:WebDriver",
-                "TEXTUAL_FPS": "60",
-                "TEXTUAL_COLOR_SYSTEM": "truecolor",
-                "TERM_PROGRAM": "textual",
-                "COLUMNS": str(width),
-                "ROWS": str(height),
-            },
+            env=environment,
         )
 
     async def drawings(self) -> AsyncIterator[bytes]:
@@ -71,26 +72,32 @@ class ConsoleProcess:
         assert self._process is not None
         output = self._process.stdout
         assert output is not None
+
         for _ in range(_PRELUDE_LINES):
             if await output.readline() == _PRELUDE:
                 break
-        with contextlib.suppress(asyncio.IncompleteReadError, ConnectionError):
+
+        with contextlib.suppress(asyncio.IncompleteReadError, ConnectionError):  # it has ended
             while True:
-                head = await output.readexactly(5)
+                head = await output.readexactly(_HEAD_BYTES)
+                kind = head[:1]
                 payload = await output.readexactly(int.from_bytes(head[1:], "big"))
-                if head[:1] == b"D":
+                if kind == b"D":
                     yield payload
-                elif head[:1] == b"M" and b'"exit"' in payload:
+                elif kind == b"M" and b'"exit"' in payload:
                     return
 
     def send(self, kind: Literal["D", "M"], payload: bytes) -> None:
-        """Send one packet to the console; one that has ended, or has not read for long, gets
-        nothing.
+        """Send one packet to the console.
+
+        One that has ended, or has not read for long, gets nothing.
         """
         assert self._process is not None
         pipe = self._process.stdin
         assert pipe is not None
-        if not pipe.is_closing() and pipe.transport.get_write_buffer_size() < _INPUT_LIMIT_BYTES:
+
+        has_room = pipe.transport.get_write_buffer_size() < _INPUT_LIMIT_BYTES
+        if not pipe.is_closing() and has_room:
             pipe.write(kind.encode() + len(payload).to_bytes(4, "big") + payload)
 
     def send_message(self, message: Mapping[str, object]) -> None:
@@ -104,10 +111,12 @@ class ConsoleProcess:
         """
         if self._process is None:
             return
+
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(END_TIMEOUT_S):
                 self.send_message({"type": "quit"})
                 await self._wait()
+
         self.kill()
         await self._wait()
 
@@ -119,8 +128,9 @@ class ConsoleProcess:
                 os.killpg(process.pid, signal.SIGKILL)
 
     async def _wait(self) -> None:
-        """Wait for the end of the process, and read its output meanwhile: what cannot write cannot
-        leave.
+        """Wait for the end of the process.
+
+        Its output is read meanwhile: a process that cannot write cannot leave.
         """
         assert self._process is not None
         assert self._process.stdout is not None

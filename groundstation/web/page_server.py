@@ -1,11 +1,11 @@
-"""Serves the console over a web page: one process of the console for each page that is open, all on
-loopback.
+"""Serves the console over a web page: one process of the console for each page that is open.
 
-The terminal in the page is textual-serve's; the page around it is ours: nothing is loaded from
-elsewhere. Another site's page in the same browser must not reach the fleet: names other than
-loopback and foreign origins are refused. Pages that can order stand behind a key, which is the
-first part of every path. A cookie would be no place for it: browsers send the cookies of one port
-of this machine to all others.
+The terminal in the page is textual-serve's; the page around it is ours, and nothing is loaded from
+elsewhere. All of it is on loopback, and another site's page in the same browser must not reach the
+fleet: names other than loopback and foreign origins are refused.
+
+Pages that can order stand behind a key, which is the first part of every path. A cookie would not
+keep it safe: browsers send the cookies of one port of this machine to all others.
 """
 
 from __future__ import annotations
@@ -28,8 +28,10 @@ from onboard.config.endpoints import is_loopback
 from onboard.config.fleet import ConfigError
 
 MAX_PAGES = 12
-MAX_CELLS = 1000
-_HERE = Path(__file__).parent
+MAX_CELLS = 1000  # of a terminal, in each direction
+_FONT_SIZES = (6, 60)  # least and most
+_DEFAULT_FONT_SIZE = "16"
+_FOLDER = Path(__file__).parent
 _STATIC = Path(textual_serve.__file__).parent / "static"
 _TYPES = {"page.css": "text/css", "page.js": "text/javascript"}
 _HEADERS = {
@@ -51,8 +53,9 @@ def require_loopback(host: str) -> str:
     if is_loopback(host):
         return host
     raise ConfigError(
-        f"--host {host}: the console in the browser is for this machine only, since whoever opens the page sees the "
-        "fleet. Leave --host out, and from another machine go through ssh: ssh -L 8000:127.0.0.1:8000 here."
+        f"--host {host}: the console in the browser is for this machine only, since whoever opens "
+        "the page sees the fleet. Leave --host out, and from another machine go through ssh: "
+        "ssh -L 8000:127.0.0.1:8000 here."
     )
 
 
@@ -67,9 +70,11 @@ class ConsoleServer:
     """
 
     def __init__(self, command: list[str], *, title: str, ended: str, key: str = "") -> None:
-        self._command, self._key = command, key
-        self._title, self._ended = title, ended
-        # with the tasks that serve their pages
+        self._command = command
+        self._title = title
+        self._ended = ended
+        self._key = key
+        # The consoles of the open pages, with the tasks that serve these.
         self._open: dict[ConsoleProcess, asyncio.Task[object]] = {}
         self._runner: web.AppRunner | None = None
         self._is_stopping = False
@@ -85,7 +90,14 @@ class ConsoleServer:
         return frozenset(console.pid for console in self._open if console.pid is not None)
 
     async def start(self, host: str, port: int) -> str:
-        """Begin to serve; the address. ConfigError when the port is taken."""
+        """Begin to serve.
+
+        Returns:
+            The address of the page.
+
+        Raises:
+            ConfigError: the port is taken.
+        """
         base = f"/{self._key}" if self._key else ""
         app = web.Application(middlewares=[self._admit])
         app.router.add_get(f"{base}/", self._page)
@@ -93,89 +105,92 @@ class ConsoleServer:
         for name in _TYPES:
             app.router.add_get(f"{base}/{name}", _file)
         app.router.add_static(f"{base}/static", _STATIC, show_index=False)
-        runner = self._runner = web.AppRunner(app, access_log=None, shutdown_timeout=END_TIMEOUT_S)
+
+        runner = web.AppRunner(app, access_log=None, shutdown_timeout=END_TIMEOUT_S)
+        self._runner = runner
         await runner.setup()
         try:
             await web.TCPSite(runner, host.strip("[]"), port).start()
         except OSError as error:
             await self.stop()
+            reason = error.strerror or error
             raise ConfigError(
-                f"--port {port}: {error.strerror or error}. Choose another, or 0 for any that is free."
+                f"--port {port}: {reason}. Choose another, or 0 for any that is free."
             ) from None
-        address = runner.addresses[0]
-        name = f"[{address[0]}]" if ":" in str(address[0]) else address[0]
-        return f"http://{name}:{address[1]}{base}/"
+
+        own_host, own_port, *_ = runner.addresses[0]
+        if ":" in str(own_host):  # IPv6
+            own_host = f"[{own_host}]"
+        return f"http://{own_host}:{own_port}{base}/"
 
     async def stop(self) -> None:
         """End all pages and their consoles; none of them is left afterwards."""
         self._is_stopping = True
+
         tasks = list(self._open.values())
         for task in tasks:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
+
         if self._runner is not None:
             await self._runner.cleanup()
 
     async def _page(self, request: web.Request) -> web.Response:
-        size = request.query.get("fontsize", "")
         values = {
             "title": html.escape(self._title),
             "ended": html.escape(self._ended),
             "socket": html.escape(f"ws://{request.host}{request.path}ws"),
-            "font_size": str(min(60, max(6, int(size))))
-            if size.isdecimal() and len(size) < 4
-            else "16",
+            "font_size": _font_size(request.query.get("fontsize", "")),
         }
-        text = Template((_HERE / "page.html").read_text(encoding="utf-8")).substitute(values)
-        return web.Response(text=text, content_type="text/html")
+        page = Template((_FOLDER / "page.html").read_text(encoding="utf-8"))
+        return web.Response(text=page.substitute(values), content_type="text/html")
 
     async def _socket(self, request: web.Request) -> web.StreamResponse:
-        pipe = web.WebSocketResponse(timeout=END_TIMEOUT_S, heartbeat=15.0, max_msg_size=65_536)
-        await pipe.prepare(request)
+        """Serve one page: a console of its own, for as long as the page is open."""
+        socket = web.WebSocketResponse(timeout=END_TIMEOUT_S, heartbeat=15.0, max_msg_size=65_536)
+        await socket.prepare(request)
         if self._is_stopping or len(self._open) >= MAX_PAGES:
-            await pipe.close(code=WSCloseCode.TRY_AGAIN_LATER, message=b"too many pages are open")
-            return pipe
-        console, task = ConsoleProcess(self._command), asyncio.current_task()
+            await socket.close(code=WSCloseCode.TRY_AGAIN_LATER, message=b"too many pages are open")
+            return socket
+
+        console = ConsoleProcess(self._command)
+        task = asyncio.current_task()
         assert task is not None
         self._open[console] = task
         try:
-            await console.start(
-                _cells(request.query.get("width"), 80), _cells(request.query.get("height"), 24)
-            )
-            async with asyncio.TaskGroup() as tasks:
-                drawing = tasks.create_task(_draw(console, pipe))
-                async for message in pipe:
-                    if message.type is WSMsgType.TEXT:
-                        await _pass_on(message.data, console, pipe)
-                drawing.cancel()
+            width = _cells(request.query.get("width"), 80)
+            height = _cells(request.query.get("height"), 24)
+            await console.start(width, height)
+            await _connect(console, socket)
         finally:
+            # A second cancellation must not leave a console behind.
             try:
                 await asyncio.shield(console.end())
             finally:
                 console.kill()
                 del self._open[console]
-        return pipe
+        return socket
 
     @web.middleware
     async def _admit(self, request: web.Request, handler: Handler) -> web.StreamResponse:
-        """Refuse another name for this machine, a script of another page, and whatever comes
-        without the key.
-        """
+        """Refuse foreign names, scripts of other pages, and whatever comes without the key."""
         name = urlsplit(f"//{request.host}").hostname or ""
-        origin = request.headers.get("Origin")
         if not is_loopback(name):
             raise web.HTTPForbidden(
                 text="This page is served to this machine only: open it at 127.0.0.1 or localhost."
             )
+
+        origin = request.headers.get("Origin")
         if origin is not None and urlsplit(origin).netloc != request.host:
             raise web.HTTPForbidden(text="This console takes nothing from other pages.")
-        given = request.path.lstrip("/").partition("/")[0]
-        if self._key and not hmac.compare_digest(
-            given.encode("utf-8", "replace"), self._key.encode()
-        ):
+
+        key = request.path.lstrip("/").partition("/")[0].encode("utf-8", "replace")
+        if self._key and not hmac.compare_digest(key, self._key.encode()):
             raise web.HTTPForbidden(
-                text="These pages give orders, so they have a key: open the whole address that covey web has printed."
+                text="These pages give orders, so they have a key: "
+                "open the whole address that covey web has printed."
             )
+
         response = await handler(request)
         if not response.prepared:
             for header, value in _HEADERS.items():
@@ -183,22 +198,32 @@ class ConsoleServer:
         return response
 
 
+async def _connect(console: ConsoleProcess, socket: web.WebSocketResponse) -> None:
+    """Carry a console's drawings to its page and the page's keys back, until the page closes."""
+    async with asyncio.TaskGroup() as tasks:
+        drawing = tasks.create_task(_draw(console, socket))
+        async for message in socket:
+            if message.type is WSMsgType.TEXT:
+                await _pass_on(message.data, console, socket)
+        drawing.cancel()
+
+
 async def _file(request: web.Request) -> web.Response:
     name = request.path.rpartition("/")[2]
-    return web.Response(text=(_HERE / name).read_text(encoding="utf-8"), content_type=_TYPES[name])
+    return web.Response(
+        text=(_FOLDER / name).read_text(encoding="utf-8"), content_type=_TYPES[name]
+    )
 
 
-async def _draw(console: ConsoleProcess, pipe: web.WebSocketResponse) -> None:
-    """Pass the console's output on to its page, and close the page after it; a page that has gone
-    ends that.
-    """
-    with contextlib.suppress(ConnectionError):
+async def _draw(console: ConsoleProcess, socket: web.WebSocketResponse) -> None:
+    """Pass the console's output on to its page, and close the page after it."""
+    with contextlib.suppress(ConnectionError):  # the page has gone
         async for data in console.drawings():
-            await pipe.send_bytes(data)
-    await pipe.close()
+            await socket.send_bytes(data)
+    await socket.close()
 
 
-async def _pass_on(text: str, console: ConsoleProcess, pipe: web.WebSocketResponse) -> None:
+async def _pass_on(text: str, console: ConsoleProcess, socket: web.WebSocketResponse) -> None:
     """Pass on one message of the terminal in the page; a malformed one is left out."""
     try:
         match json.loads(text):
@@ -208,7 +233,7 @@ async def _pass_on(text: str, console: ConsoleProcess, pipe: web.WebSocketRespon
                 size = {"width": _cells(width, 80), "height": _cells(height, 24)}
                 console.send_message({"type": "resize", **size})
             case ["ping", data]:
-                await pipe.send_json(["pong", data])
+                await socket.send_json(["pong", data])
             case ["blur" | "focus" as kind, *_]:
                 console.send_message({"type": kind})
     except (ValueError, ConnectionError):
@@ -216,5 +241,16 @@ async def _pass_on(text: str, console: ConsoleProcess, pipe: web.WebSocketRespon
 
 
 def _cells(value: object, default: int) -> int:
+    """Return a size of the terminal from outside, within its limits."""
     text = str(value)
-    return min(MAX_CELLS, max(1, int(text))) if text.isdecimal() and len(text) < 6 else default
+    if not text.isdecimal() or len(text) > 5:
+        return default
+    return min(MAX_CELLS, max(1, int(text)))
+
+
+def _font_size(text: str) -> str:
+    """Return a font size from outside, within its limits."""
+    if not text.isdecimal() or len(text) > 3:
+        return _DEFAULT_FONT_SIZE
+    least, most = _FONT_SIZES
+    return str(min(most, max(least, int(text))))
