@@ -253,7 +253,7 @@ def _urgency(alarm: Alarm) -> tuple[int, int, str]:
 
 
 def _together(lines: list[AlarmLine]) -> AlarmLine:
-    """Return one line for the same alarm of many vehicles; it lasts as long as the oldest of them."""
+    """Return one line for the same alarm of many vehicles; it lasts as long as their oldest."""
     oldest = min(lines, key=lambda line: (line.since_ns, line.alarm.subject))
     kind = oldest.alarm.kind
 

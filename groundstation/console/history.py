@@ -256,8 +256,11 @@ def _velocity_m_s(view: VehicleView) -> tuple[float, float, float]:
 def _approach_s(gap_m: NDArray[np.float64], drift_m_s: NDArray[np.float64]) -> float:
     """Return the time until two vehicles are closest in the horizontal, by their velocities.
 
-    The square of the distance, |gap + t drift|^2, is smallest at t = -gap . drift / |drift|^2. It is
-    negative when they part, and -1 where their relative speed is none, or not plausible.
+    The square of the distance, |gap + t drift|^2, is smallest at t = -gap . drift / |drift|^2.
+
+    Returns:
+        The time [s]; negative when they part, -1 where their relative speed is none or not
+        plausible.
     """
     speed_m2_s2 = float(drift_m_s[:2] @ drift_m_s[:2])
     if not _STILL_M2_S2 < speed_m2_s2 < FAR_M:

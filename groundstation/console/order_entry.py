@@ -2,8 +2,8 @@
 
 Three kinds of order take three routes:
 
-* What makes things safer (land, hold) is sent at once, from every screen. LAND ALL and HOLD ALL even
-  leave on the thread that reads the terminal; the screen shows them when the key's turn comes.
+* What makes things safer (land, hold) is sent at once, from every screen. LAND ALL and HOLD ALL
+  even leave on the thread that reads the terminal; the screen shows them when the key's turn comes.
 * What could go wrong (arm, take-off, move, formation) opens a preview first, and what the preview
   checked is what is sent.
 * A kill needs the same key twice within a second, and a killed vehicle takes no orders until it is

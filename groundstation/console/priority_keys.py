@@ -1,4 +1,7 @@
-"""A terminal driver that passes each key on at once, and writes nothing once the terminal is gone."""
+"""A terminal driver that passes each key on at once.
+
+It writes nothing once the terminal is gone.
+"""
 
 from __future__ import annotations
 
@@ -37,7 +40,8 @@ class _HookedDriver(Driver):
         event loop.
         """
         if not self.hooks.is_closed:
-            super().write(data)  # type: ignore[safe-super]  # of the driver that this class is mixed into
+            # of the driver that this class is mixed into
+            super().write(data)  # type: ignore[safe-super]
 
 
 def with_hooks(driver: type[Driver], hooks: TerminalHooks) -> type[Driver]:

@@ -32,10 +32,11 @@ HEIGHT_COLOURS = ("#6c7fd8", "#7ba6c9", "#a9b7a0", "#d3c46a", "#f7e03c")
 
 # Every colour that is drawn, and its counterpart on a light ground.
 LIGHT = {
-    GROUND: "#f8fafc", TEXT: "#17202a", FAINT: "#596673", RULE: "#c5ced7", GOOD: "#00734f", WARN: "#8f5a00",
-    BAD: "#b93a06", KILL: "#9c2a73", CALM: "#0a5f9e", "#f0e442": "#6a6400", "#8f9df5": "#4347bd", "#c3c9d0": "#4d5863",
-    "#6c7fd8": "#2b3f9e", "#7ba6c9": "#2c6489", "#a9b7a0": "#4f6147", "#d3c46a": "#746200", "#f7e03c": "#8a4a00",
-    "#1b2530": "#e3e9ef", "#151c24": "#edf1f5", "#1d2833": "#dfe6ec", "#131a22": "#ffffff", "#4b6173": "#6f8292",
+    GROUND: "#f8fafc", TEXT: "#17202a", FAINT: "#596673", RULE: "#c5ced7", GOOD: "#00734f",
+    WARN: "#8f5a00", BAD: "#b93a06", KILL: "#9c2a73", CALM: "#0a5f9e", "#f0e442": "#6a6400",
+    "#8f9df5": "#4347bd", "#c3c9d0": "#4d5863", "#6c7fd8": "#2b3f9e", "#7ba6c9": "#2c6489",
+    "#a9b7a0": "#4f6147", "#d3c46a": "#746200", "#f7e03c": "#8a4a00", "#1b2530": "#e3e9ef",
+    "#151c24": "#edf1f5", "#1d2833": "#dfe6ec", "#131a22": "#ffffff", "#4b6173": "#6f8292",
     "#56636f": "#6d7a86",
 }  # fmt: skip
 

@@ -158,7 +158,7 @@ def _sorted_samples(samples: Iterable[Sample]) -> dict[str, dict[str, list[Sampl
 
 
 def _grid(tracks: tuple[Track, ...]) -> Array:
-    """Return the common time axis (n,) [s]: from a little before the start to the last path's end."""
+    """Return the common time axis (n,) [s], from before the start to the last path's end."""
     begin_s = max(-_LEAD_S, min(float(track.path_time_s[0]) for track in tracks))
     end_s = max(float(track.path_time_s[-1]) for track in tracks)
     end_s = min(end_s, begin_s + MAX_FLIGHT_NS * 1e-9)  # vehicles' clocks may be far apart

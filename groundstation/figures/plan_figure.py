@@ -77,7 +77,7 @@ def _draw_path(ax: Any, flight: FlightData, track: Track, tint: str) -> None:
 
 
 def _draw_time_marks(ax: Any, track: Track, times_s: Array, tint: str) -> Array:
-    """Draw a mark at each time, and the time where no other stands; returns the marks (n, 2) [m]."""
+    """Draw a mark at each time, with the time where no other stands; return marks (n, 2) [m]."""
     marks_m = track.path_at(times_s)
     ax.plot(marks_m[:, 0], marks_m[:, 1], "o", color="white", markeredgecolor=tint, markersize=5.5)
 

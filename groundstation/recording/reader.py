@@ -1,4 +1,7 @@
-"""Read a flight folder: its messages as they stand in the file, also of a record that was cut off."""
+"""Read a flight folder: its messages as they stand in the file.
+
+A record that was cut off is read as far as it goes.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Bases of the screens and dialogs over the console: the worst alarm is on the last line of each."""
+"""Bases of the screens and dialogs over the console.
+
+The worst alarm is on the last line of each.
+"""
 
 from __future__ import annotations
 

@@ -370,7 +370,7 @@ class FleetTable(Lines, ScrollView, can_focus=True):
     # -- drawing -----------------------------------------------------------------------------------
 
     def draw(self, width: int, height: int) -> list[Strip]:
-        """Return the heading, which stays on the first line, and the rows in the window below it."""
+        """Return the heading, which stays on the first line, and the rows in the window below."""
         layout = RowLayout.of([view.name for view in self._views], width)
         lines = [self._heading(layout, width)]
 

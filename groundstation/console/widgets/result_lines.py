@@ -19,7 +19,9 @@ _MOST_FAILED = 3
 _ADVICE = {
     "no answer": "Is its agent running? ctrl+l lands everybody, past silent agents too.",
     "failed": "Look at it; hold (F6) or land (F7) it, or give the order again.",
-    "timed out": "It is still where it stopped: hold (F6) or land (F7) it, or give the order again.",
+    "timed out": (
+        "It is still where it stopped: hold (F6) or land (F7) it, or give the order again."
+    ),
     "unfinished": "Watch it; hold (F6) or land (F7) it.",
     "refused": "Nothing was changed. Correct this, and give the order again.",
     "direct": "Watch it come down; RC switch ready.",

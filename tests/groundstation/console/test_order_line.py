@@ -33,7 +33,45 @@ async def test_pasted_lines_become_one_that_only_enter_sends(rig: Rig) -> None:
         assert rig.client.ordered == ["land mav1"]
 
 
-async def test_who_has_given_an_order_has_left_the_order_line(rig: Rig) -> None:
+async def test_letters_typed_right_after_the_colon_are_written_and_are_no_keys(rig: Rig) -> None:
+    async with rig.app.run_test(size=(80, 24)) as pilot:
+        rig.hover()
+        line = rig.app.panels.order_line
+        table = rig.app.panels.table
+
+        # All keys wait in the terminal already: none of them waits for the line to have the focus.
+        rig.app.post_message(events.Key("colon", ":"))
+        for char in "land 3":
+            rig.app.post_message(events.Key("space" if char == " " else char, char))
+        await pilot.pause(0.05)
+
+        assert line.value == "land 3"
+        assert table.marked == ()
+        assert not table.is_writing
+
+
+async def test_a_colon_is_a_letter_where_words_are_written(rig: Rig) -> None:
+    async with rig.app.run_test(size=(80, 24)) as pilot:
+        rig.hover()
+        line = rig.app.panels.order_line
+
+        await pilot.press("slash", "colon", "a")
+        assert rig.app.panels.table.filter == ":a"
+        assert rig.app.focused is rig.app.panels.table
+
+        await pilot.press("escape", "colon", *"a:b")
+        assert line.value == "a:b"
+
+
+async def test_a_colon_opens_no_order_line_behind_a_dialog(rig: Rig) -> None:
+    async with rig.app.run_test(size=(80, 24)) as pilot:
+        rig.hover()
+        await pilot.press("question_mark", "colon", "escape", "space")
+        assert rig.app.focused is rig.app.panels.table
+        assert rig.app.panels.table.marked == ("mav0",)
+
+
+async def test_an_operator_who_has_given_an_order_has_left_the_order_line(rig: Rig) -> None:
     async with rig.app.run_test(size=(80, 24)) as pilot:
         rig.hover()
         line, table = rig.app.panels.order_line, rig.app.panels.table

@@ -345,6 +345,18 @@ async def test_nothing_can_be_ordered_in_a_replay_and_letters_are_letters_on_the
     assert app.return_value == 0
 
 
+async def test_the_help_of_a_replay_shows_the_keys_of_the_replay(flight: Path) -> None:
+    app = ReplayApp(replayed(flight), title="keys")
+    async with app.run_test(size=(80, 40)) as pilot:
+        await pilot.press("question_mark")
+        await pilot.pause(0.1)
+        shown = "\n".join(screen_text(app))
+        assert "play, or pause" in shown
+        assert "slower, faster" in shown
+        assert "KILL" not in shown
+        assert "take off" not in shown
+
+
 async def test_a_record_that_was_cut_off_says_so_in_the_console(
     flight: Path, tmp_path: Path
 ) -> None:
