@@ -301,12 +301,12 @@ class ConsoleApp(App[int]):
         if sign is None:
             sign = SEVERITY_SIGNS.get(event.severity, SEVERITY_SIGNS["info"])
 
-        return LogEntry.of(
-            self.orders.short(event.sentence),
-            sign,
-            vehicle="" if event.vehicle == "ground" else event.vehicle,
-            stamp=self.time_text(logged.received_ns),
-        )
+        vehicle = event.vehicle
+        if vehicle == "ground":
+            vehicle = ""  # its own sentences stand without a name
+        sentence = self.orders.short(event.sentence)
+        stamp = self.time_text(logged.received_ns)
+        return LogEntry.of(sentence, sign, vehicle=vehicle, stamp=stamp)
 
     def forget_events(self) -> None:
         """Empty the event log; events of the fleet's state come again."""

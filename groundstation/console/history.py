@@ -232,15 +232,18 @@ def closest_pairs(
     for index in closest[np.argsort(ranks[closest], kind="stable")].tolist():
         drift_m_s = velocities_m_s[second[index]] - velocities_m_s[first[index]]
         approach_s = _approach_s(gaps_m[index], drift_m_s)
-        is_closing = approach_s > 0.0
-        gap_then_m = gaps_m[index] + (approach_s * drift_m_s if is_closing else 0.0)
+        closest_gap_m = gaps_m[index]
+        if approach_s > 0.0:
+            closest_gap_m = closest_gap_m + approach_s * drift_m_s
+        else:
+            approach_s = math.inf  # they part
 
         pair = ClosePair(
             first=known[first[index]][0].name,
             second=known[second[index]][0].name,
             distance_m=float(distances_m[index]),
-            approach_s=approach_s if is_closing else math.inf,
-            approach_m=float(separations_m(gap_then_m, height_share)),
+            approach_s=approach_s,
+            approach_m=float(separations_m(closest_gap_m, height_share)),
             is_flying=bool(is_flying[index]),
         )
         pairs.append(pair)

@@ -157,7 +157,9 @@ def _exit_status(verdict: object) -> int:
     if isinstance(status, int):
         return status
     is_passed = getattr(verdict, "is_passed", getattr(verdict, "passed", True))
-    return 0 if is_passed else 1
+    if is_passed:
+        return 0
+    return 1
 
 
 async def _awaited(function: Mission) -> object:

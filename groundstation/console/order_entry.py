@@ -119,7 +119,9 @@ class OrderEntry:
     def short(self, text: str) -> str:
         """Return ``text`` with ``all`` for the list of all vehicles, as people write it."""
         is_list = "," in self._everybody
-        return text.replace(self._everybody, "all") if is_list else text
+        if not is_list:
+            return text
+        return text.replace(self._everybody, "all")
 
     def update(self) -> None:
         """Bring the notices up to date."""

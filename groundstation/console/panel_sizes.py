@@ -43,7 +43,8 @@ def panel_sizes(
     fence_width = math.ceil(2 * plan_rows * proportion) + 6
     plan_width = max(10, round(_PLAN_LEAST * width), min(fence_width, round(_PLAN_SHARE * width)))
 
-    return (
-        "1fr" if alone == "fleet" else table_height,
-        "1fr" if alone == "plan" else plan_width,
-    )
+    if alone == "fleet":
+        return "1fr", plan_width
+    if alone == "plan":
+        return table_height, "1fr"
+    return table_height, plan_width

@@ -78,7 +78,9 @@ class Shutdown:
 
     @property
     def _quit_status(self) -> int:
-        return INTERRUPTED if self._mission.is_running else self._mission.status
+        if self._mission.is_running:
+            return INTERRUPTED
+        return self._mission.status
 
     def update(self) -> None:
         """Leave as soon as all are down, or do not come down in time; called at each refresh."""

@@ -83,7 +83,9 @@ def is_light_wanted(environ: Mapping[str, str]) -> bool:
 
 def to_ascii(text: str) -> str:
     """Return ``text`` in printable ASCII, with the same number of cells."""
-    return text if text.isascii() else text.translate(_ASCII)
+    if text.isascii():
+        return text
+    return text.translate(_ASCII)
 
 
 class Ascii(LineFilter):

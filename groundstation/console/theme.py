@@ -186,7 +186,9 @@ def fit(text: str, width: int, *, right: bool = False) -> str:
         return set_cell_size(text, width - 1) + "…"
 
     blanks = " " * (width - cells)
-    return blanks + text if right else text + blanks
+    if right:
+        return blanks + text
+    return text + blanks
 
 
 def fit_name(name: str, width: int) -> str:
@@ -207,9 +209,11 @@ def fit_name(name: str, width: int) -> str:
 
 def spark(values: Sequence[float], width: int, top: float) -> str:
     """Return the last ``width`` values as little columns, ``top`` filling a cell; nan is a gap."""
+    if width <= 0:
+        return ""
+
     marks = []
-    shown = values[-width:] if width > 0 else []
-    for value in shown:
+    for value in values[-width:]:
         if math.isfinite(value):
             share = min(0.999, max(0.0, float(value) / top))
             marks.append(_SPARK_STEPS[int(8 * share)])
@@ -233,9 +237,12 @@ def wrap(text: str, width: int, most: int = 6) -> list[str]:
         if cells(joined) <= width:
             line = joined
             continue
+
         if line:
             lines.append(line)
-        line = word if cells(word) <= width else fit(word, max(1, width))
+        line = word
+        if cells(word) > width:
+            line = fit(word, max(1, width))
     lines.append(line)
 
     if len(lines) > most:

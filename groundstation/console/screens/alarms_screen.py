@@ -124,7 +124,9 @@ class AlarmList(ScrollView, can_focus=True):
     def render_line(self, y: int) -> Strip:
         """Return one line of the list."""
         row = y + self.scroll_offset.y
-        segments = self._rows[row][1] if row < len(self._rows) else []
+        segments: list[Segment] = []
+        if row < len(self._rows):
+            _, segments = self._rows[row]
         return Strip(segments).adjust_cell_length(self.size.width).apply_style(self.rich_style)
 
     def _open_alarm(

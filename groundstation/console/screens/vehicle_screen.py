@@ -5,6 +5,7 @@ It shows the one under the fleet table's cursor, so that the kill key means the 
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from typing import ClassVar
 
@@ -119,6 +120,7 @@ class VehicleBlocks(Lines, ScrollView, can_focus=True):
             self._subject = None
             self.border_title = "no vehicle"
         else:
+            is_low = self.size.height < _LOW_PAGE
             self._subject = VehicleSubject(
                 view=view,
                 index=list(state.vehicles).index(view.name),
@@ -128,7 +130,7 @@ class VehicleBlocks(Lines, ScrollView, can_focus=True):
                 tick_samples=list(self._stream.values),
                 alarms=self._alarms.of(view.name),
                 time_text=self._time_text,
-                chart_rows=5 if self.size.height < _LOW_PAGE else 9,
+                chart_rows=5 if is_low else 9,
             )
             title = "".join(text for text, _ in heading(self._subject))
             self.border_title = title.replace("[", "(")
@@ -157,13 +159,13 @@ class VehicleBlocks(Lines, ScrollView, can_focus=True):
         for order in _ORDERS[count]:
             columns.append([line for block in order for line in parts[block]])
 
+        # Missing lines of a short column are blank.
+        blank = Strip.blank(column_width)
         rows = []
-        for y in range(max(len(column) for column in columns)):
-            pieces: list[Strip] = []
-            for column in columns:
-                if pieces:
-                    pieces.append(Strip.blank(_GAP))
-                pieces.append(column[y] if y < len(column) else Strip.blank(column_width))
+        for cells in itertools.zip_longest(*columns, fillvalue=blank):
+            pieces = [cells[0]]
+            for cell in cells[1:]:
+                pieces += [Strip.blank(_GAP), cell]
             rows.append(Strip.join(pieces).adjust_cell_length(width))
         return rows
 

@@ -44,7 +44,9 @@ class Bar(Widget):
 
     def render_line(self, y: int) -> Strip:
         """Return one line."""
-        segments = self._lines[y] if y < len(self._lines) else []
+        segments: list[Segment] = []
+        if y < len(self._lines):
+            segments = self._lines[y]
         line = Strip(segments).adjust_cell_length(self.size.width)
         return line.apply_style(self.rich_style)
 
@@ -62,9 +64,10 @@ class TitleBar(Bar):
             flying: vehicles in the air.
             right: what stands at the right end.
         """
-        has_all = fresh == vehicles
-        if has_all:
+        colour = WARN
+        if fresh == vehicles:
             middle = f"   {flying} of {vehicles} fly"
+            colour = GOOD
         elif fresh:
             middle = f"   {fresh} of {vehicles} heard"
         else:
@@ -76,7 +79,7 @@ class TitleBar(Bar):
         segments = [
             Segment(brand, theme.style(CALM, bold=True)),
             Segment(name, theme.style(TEXT, bold=True)),
-            Segment(middle, theme.style(GOOD if has_all else WARN)),
+            Segment(middle, theme.style(colour)),
             Segment(theme.fit(f"  {clean(right, 120)} ", room, right=True), theme.style(TEXT)),
         ]
         self.put(segments)
@@ -103,15 +106,23 @@ class StatusBar(Bar):
             return
 
         lines = alarms.lines
-        worst = lines[0] if lines else None
-        text = f" {_sign(worst)} {clean(worst.text(now_ns)) if worst else 'all well'}"
-        more = f" (+{len(lines) - 1}: A)" if len(lines) > 1 else ""
+        worst = None
+        text = " ● all well"
+        more = ""
+        if lines:
+            worst = lines[0]
+            sign, _ = SEVERITY[worst.alarm.severity]
+            text = f" {sign} {clean(worst.text(now_ns))}"
+        if len(lines) > 1:
+            more = f" (+{len(lines) - 1}: A)"
 
         has_two_lines = self.size.height > 1  # a narrow terminal: the keys below the alarm
         keys = self._fitting_keys(
             cell_len(text) + cell_len(more), can_order=can_order, has_two_lines=has_two_lines
         )
-        room = width if has_two_lines else max(0, width - len(keys) - 2)
+        room = width
+        if not has_two_lines:
+            room = max(0, width - len(keys) - 2)
 
         # How many more there are must stay in sight when the sentence is cut.
         text = theme.fit(text, min(cell_len(text), max(0, room - cell_len(more)))) + more
@@ -133,13 +144,6 @@ class StatusBar(Bar):
         if text_width + len(all_keys) + 2 <= width:
             return all_keys
         return some_keys
-
-
-def _sign(worst: AlarmLine | None) -> str:
-    if worst is None:
-        return "●"
-    sign, _ = SEVERITY[worst.alarm.severity]
-    return sign
 
 
 def _alarm_style(worst: AlarmLine | None) -> Style:

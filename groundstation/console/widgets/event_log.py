@@ -95,12 +95,16 @@ class EventLog(RichLog, can_focus=False):
         """Say how much lies below."""
         super().watch_scroll_y(old_value, new_value)
         below = self.max_scroll_y - round(new_value)
-        self.border_subtitle = f"{below} lines below" if below > 0 else ""
+        self.border_subtitle = ""
+        if below > 0:
+            self.border_subtitle = f"{below} lines below"
 
     def _write(self, entries: Iterable[LogEntry], *, is_end: bool) -> None:
         """Write entries; with ``is_end`` the log goes on showing its end."""
         has_time = self._width >= _TIME_WIDTH
-        indent = _WIDE_INDENT if has_time else _NARROW_INDENT
+        indent = _NARROW_INDENT
+        if has_time:
+            indent = _WIDE_INDENT
         text_width = max(8, self._width - indent - 1)
 
         segments: list[Segment] = []

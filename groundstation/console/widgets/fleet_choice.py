@@ -63,7 +63,8 @@ def sort_key(
     if sort == "place":
         return False, direction * index, "", index
     if sort == "name":
-        return False, 0.0, _turned(name) if is_reversed else name, index
+        text = _turned(name) if is_reversed else name
+        return False, 0.0, text, index
 
     column = next(column for column in COLUMNS if column.title == sort)
     value = math.nan

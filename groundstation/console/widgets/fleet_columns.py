@@ -226,9 +226,14 @@ def reason(row: VehicleRow) -> Cell:
         text = f"{lag} m behind its path at {time} s"
         if telemetry.path_rate_frac < 0.99:
             text += f", clock at {telemetry.path_rate_frac:.0%}"
-        return text, WARN if telemetry.is_behind else FAINT
+        if telemetry.is_behind:
+            return text, WARN
+        return text, FAINT
 
-    return clean(telemetry.reason, 160), BAD if telemetry.state == "failed" else FAINT
+    text = clean(telemetry.reason, 160)
+    if telemetry.state == "failed":
+        return text, BAD
+    return text, FAINT
 
 
 # -- what a column is sorted by --------------------------------------------------------------------
@@ -260,11 +265,15 @@ def _speed_m_s(row: VehicleRow) -> float:
 
 
 def _left_min(row: VehicleRow) -> float:
-    return math.nan if row.drain is None else row.drain.left_min
+    if row.drain is None:
+        return math.nan
+    return row.drain.left_min
 
 
 def _near_m(row: VehicleRow) -> float:
-    return row.telemetry.nearest_distance_m if row.telemetry.nearest_vehicle else math.nan
+    if not row.telemetry.nearest_vehicle:
+        return math.nan
+    return row.telemetry.nearest_distance_m
 
 
 # -- the table -------------------------------------------------------------------------------------
@@ -330,5 +339,6 @@ def fit_columns(width: int) -> tuple[tuple[Column, ...], int]:
             left -= column.width + 1
 
     columns = tuple(column for column in COLUMNS if column.title in kept)
-    reason_width = left if left >= REASON_WIDTH else 0
-    return columns, reason_width
+    if left < REASON_WIDTH:
+        return columns, 0
+    return columns, left

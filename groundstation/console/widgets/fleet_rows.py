@@ -153,7 +153,9 @@ def _silent(layout: RowLayout, row: VehicleRow, has_nodes: bool) -> list[Segment
         end = begin + column.width + 1
         if begin > _SILENCE_WIDTH:
             text, colour = column.cell(row)
-            text = "?" if text == "ok" else text.translate(_NO_SIGNS)
+            text = text.translate(_NO_SIGNS)
+            if text == "ok":
+                text = "?"
             segments.append(_cell((text, colour), column, dim=True))
         elif end > _SILENCE_WIDTH + 1:
             # begins below the silence: what is left of its width stays empty

@@ -351,7 +351,9 @@ class FleetTable(Lines, ScrollView, can_focus=True):
                 title += f" {self._refusal}"
             return title
 
-        title = "fleet" if len(self._views) < 10 else f"fleet of {len(self._views)}"
+        title = "fleet"
+        if len(self._views) >= 10:
+            title += f" of {len(self._views)}"
         if self.filter:
             title += f" · filter {self.filter}: {len(self._rows)} of {len(self._views)}"
         return title

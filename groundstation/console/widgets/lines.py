@@ -75,7 +75,9 @@ class Lines(Widget):
         if not size.width or not size.height or not self.is_mounted:
             return
 
-        before = self._lines if self._drawn_size == size else []
+        before: list[Strip] = []
+        if self._drawn_size == size:
+            before = self._lines
         self._lines = self.draw(size.width, size.height)
         self._drawn_size = size
         if not before:

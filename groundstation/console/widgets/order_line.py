@@ -45,8 +45,10 @@ def completions(text: str, fleet: FleetConfig) -> list[str]:
         names = formation_names(fleet)
         return [f"formation {name}" for name in names if _continues(name, last)]
 
-    vehicles_index = 2 if is_formation else 1
-    if len(done) != vehicles_index:
+    words_before_vehicles = 1
+    if is_formation:
+        words_before_vehicles = 2  # with the formation's name
+    if len(done) != words_before_vehicles:
         return []
     return [" ".join([*done, names]) for names in _vehicles(last, fleet)]
 
@@ -218,7 +220,7 @@ class OrderLine(Input):
 
     def action_history(self, step: int) -> None:
         """Show an earlier or later order; the line being written comes after the newest."""
-        lines = self._history.lines if self._history is not None else []
+        lines = (self._history or self._load()).lines
         if self._position >= len(lines):
             self._draft = self.value
 

@@ -86,7 +86,9 @@ class SeparationView(Lines, can_focus=True):
     def _line(self, label: str, pair: ClosePair | Separation | None, width: int) -> list[Segment]:
         start = Segment(f" {label:<6}", theme.style(FAINT))
         if pair is None or not math.isfinite(pair.distance_m):
-            text = "-" if label == "now" else "- nobody has flown yet"
+            text = "-"
+            if label != "now":
+                text = "- nobody has flown yet"
             return [start, Segment(text, theme.style(FAINT))]
 
         is_flying = isinstance(pair, Separation) or pair.is_flying
@@ -157,7 +159,9 @@ class SeparationView(Lines, can_focus=True):
         limit_m = self.fleet.fleet.safety_distance_m
 
         has_axis = height >= 5
-        chart_height = canvas.height - 1 if has_axis else canvas.height
+        chart_height = canvas.height
+        if has_axis:
+            chart_height -= 1
         dot_columns = 2 * (canvas.width - _MARGIN)
         dot_rows = 4 * chart_height
         if dot_columns < 4:
@@ -181,7 +185,8 @@ class SeparationView(Lines, can_focus=True):
             point = (float(left + column), dot_row(distance_m))
             if previous is None or point[0] - previous[0] >= _JOINED_COLUMNS:
                 previous = point
-            canvas.line(previous, point, BAD if distance_m < limit_m else CALM)
+            colour = BAD if distance_m < limit_m else CALM
+            canvas.line(previous, point, colour)
             previous = point
 
         for distance_m in {0.0, limit_m, top_m}:
@@ -220,7 +225,12 @@ def _timing_line(
     is_known = math.isfinite(newest_ms)
     is_high = is_known and newest_ms > top_ms
 
-    text = f" {'▲' if is_high else ' '}{number(newest_ms, 0, limit=99_999):>4} ms "
+    sign = " "
+    colour = TEXT
+    if is_high:
+        sign = "▲"
+        colour = WARN
+    text = f" {sign}{number(newest_ms, 0, limit=99_999):>4} ms "
     if is_known:
         text += theme.fit_name(clean(name, 80), 12).rstrip()
 
@@ -229,5 +239,5 @@ def _timing_line(
     return [
         Segment(f" {label:<9}", theme.style(FAINT)),
         Segment(theme.spark(shown_ms, room, top_ms), theme.style(CALM)),
-        Segment(text, theme.style(WARN if is_high else TEXT)),
+        Segment(text, theme.style(colour)),
     ]
