@@ -74,7 +74,7 @@ def test_every_row_of_the_table_can_be_written_as_a_sentence() -> None:
         assert "{" not in row.sentence.format(who="mav0", what="3")
 
 
-def test_a_condition_that_this_console_does_not_know_is_told_in_its_own_words(
+def test_a_condition_that_this_console_does_not_know_is_shown_in_the_vehicles_words(
     ground: Ground3,
 ) -> None:
     ground.all_hear()
@@ -89,7 +89,7 @@ def test_all_well_is_no_alarm(ground: Ground3) -> None:
     assert ground.kinds() == []
 
 
-def test_what_numbers_show_is_an_alarm_even_if_the_vehicle_does_not_report_it(
+def test_a_bad_number_is_an_alarm_even_if_the_vehicle_reports_no_condition(
     ground: Ground3,
 ) -> None:
     ground.all_hear()
@@ -103,7 +103,7 @@ def test_what_numbers_show_is_an_alarm_even_if_the_vehicle_does_not_report_it(
     }
 
 
-def test_of_two_that_say_the_same_only_the_worse_is_told(ground: Ground3) -> None:
+def test_of_two_alarms_that_say_the_same_only_the_worse_is_shown(ground: Ground3) -> None:
     ground.all_hear()
     both = (Condition.BUS_LOST.value, Condition.BUS_LOST_LONG.value)
     ground.hear("mav0", conditions=both)
@@ -121,7 +121,7 @@ def test_silence_is_critical_in_the_air_and_a_warning_on_the_ground(ground: Grou
     assert found == {"mav0": Severity.CRITICAL, "mav1": Severity.WARNING, "mav2": Severity.CRITICAL}
 
 
-def test_a_silence_counts_from_the_last_word(ground: Ground3) -> None:
+def test_a_silence_counts_from_the_last_telemetry(ground: Ground3) -> None:
     ground.all_hear()
     ground.wait(7.0)
     ground.update()
@@ -205,7 +205,7 @@ def test_an_acknowledged_alarm_stays_in_sight_behind_the_open_ones(ground: Groun
     assert ground.alarms.acknowledge() == 1
 
 
-def test_what_gets_worse_after_it_was_acknowledged_presses_and_rings_again(ground: Ground3) -> None:
+def test_an_acknowledged_alarm_that_gets_worse_is_open_and_rings_again(ground: Ground3) -> None:
     ground.all_hear(is_airborne=False)
     ground.hear("mav0", is_airborne=False, conditions=(Condition.POSITION_LOST.value,))
     ground.update()

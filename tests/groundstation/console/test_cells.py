@@ -27,7 +27,7 @@ def test_text_is_fitted_into_exactly_its_width(text: str, width: int, right: boo
 
 @SOME
 @given(TEXT)
-def test_ascii_takes_the_cells_of_what_it_stands_for(text: str) -> None:
+def test_an_ascii_text_has_as_many_cells_as_the_text_it_replaces(text: str) -> None:
     clean = theme.clean(text)
     plain = to_ascii(clean)
     assert plain.isascii()
@@ -39,7 +39,7 @@ def test_ascii_takes_the_cells_of_what_it_stands_for(text: str) -> None:
     st.lists(st.tuples(st.integers(-9, 29), st.integers(-2, 6), TEXT), max_size=6),
     st.integers(1, 24),
 )
-def test_a_picture_is_as_wide_as_it_is_whatever_is_written_on_it(
+def test_a_picture_keeps_its_width_whatever_text_is_written_on_it(
     texts: list[tuple[int, int, str]], width: int
 ) -> None:
     canvas = Canvas(width, 4)
@@ -54,7 +54,7 @@ def test_a_picture_is_as_wide_as_it_is_whatever_is_written_on_it(
 
 
 @pytest.mark.parametrize("place", [0, 1])
-def test_half_of_a_wide_character_is_not_left_beside_what_covers_the_other(place: int) -> None:
+def test_covering_half_of_a_wide_character_removes_its_other_half(place: int) -> None:
     canvas = Canvas(4, 1)
     canvas.text(0, 0, "\u4e2d\u4e2d", theme.TEXT)
     canvas.text(1 + place, 0, "x", theme.TEXT)
@@ -63,5 +63,5 @@ def test_half_of_a_wide_character_is_not_left_beside_what_covers_the_other(place
 
 @SOME
 @given(st.lists(st.floats(), max_size=40), st.integers(0, 30), st.floats(0.1, 1e6))
-def test_sparks_take_any_number(values: list[float], width: int, top: float) -> None:
+def test_a_spark_is_drawn_for_any_number(values: list[float], width: int, top: float) -> None:
     assert cell_len(theme.spark(values, width, top)) == width

@@ -26,7 +26,9 @@ def shown(app: ConsoleApp, kind: type[Widget]) -> str:
     return "\n".join(lines(app, kind))
 
 
-async def test_before_anybody_answers_it_says_whom_it_waits_for(fleet: FleetConfig) -> None:
+async def test_before_the_first_answer_the_console_names_the_vehicles_it_waits_for(
+    fleet: FleetConfig,
+) -> None:
     app = ConsoleApp(fleet, FakeClient(fleet), title="first flight")
     async with app.run_test(size=(80, 24)) as pilot:
         await see(app, pilot)

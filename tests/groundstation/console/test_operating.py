@@ -17,7 +17,9 @@ from tests.groundstation.console.rig import Rig
 from tests.groundstation.console.seeing import see
 
 
-async def test_who_watches_may_only_make_things_safer(rig: Rig) -> None:
+async def test_a_console_without_control_may_only_give_orders_that_make_things_safer(
+    rig: Rig,
+) -> None:
     async with rig.app.run_test(size=(120, 30)) as pilot:
         rig.client.tokens.roles.see("operator.1.ground-9.alice", True)
         rig.hover()
@@ -33,7 +35,7 @@ async def test_who_watches_may_only_make_things_safer(rig: Rig) -> None:
     assert len(rig.client.ordered) == 3
 
 
-async def test_control_is_asked_for_and_taken_by_force_after_silence(rig: Rig) -> None:
+async def test_control_is_requested_and_taken_by_force_after_silence(rig: Rig) -> None:
     async with rig.app.run_test(size=(120, 30)) as pilot:
         rig.client.tokens.roles.see("operator.1.ground-9.alice", True)
         rig.hover()

@@ -107,7 +107,7 @@ async def test_the_plan_is_north_up_and_zooms_pans_and_follows(fleet: FleetConfi
         assert app.is_running
 
 
-async def test_the_plan_tells_silence_nearness_and_avoidance_by_signs(fleet: FleetConfig) -> None:
+async def test_the_plan_shows_silence_nearness_and_avoidance_by_signs(fleet: FleetConfig) -> None:
     client = SteadyClient(fleet)
     app = ConsoleApp(fleet, client)
     async with app.run_test(size=(120, 40)) as pilot:
@@ -155,7 +155,9 @@ async def test_an_obstacle_stands_in_the_plan_with_its_name() -> None:
         assert table_of(app).has_focus
 
 
-async def test_what_stands_still_is_not_drawn_again(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_a_picture_that_has_not_changed_is_not_drawn_again(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     client = SteadyClient(crowd(30))
     fly(client, 0.0)
     app = ConsoleApp(client.fleet, client)

@@ -86,7 +86,7 @@ async def test_vehicles_too_close_already_may_be_moved_apart(fleet: FleetConfig)
         assert len(rig.client.ordered) == 1
 
 
-async def test_who_is_not_ready_is_named_and_the_others_are_offered(rig: Rig) -> None:
+async def test_vehicles_that_are_not_ready_are_named_and_the_others_are_offered(rig: Rig) -> None:
     async with rig.app.run_test(size=(100, 30)) as pilot:
         rig.stand()
         rig.client.hear(
@@ -143,7 +143,9 @@ async def test_a_fleet_that_moved_meanwhile_is_computed_again_before_anything_is
         assert len(rig.client.ordered) == 1
 
 
-async def test_a_formation_without_a_place_is_sent_with_the_place_that_was_shown(rig: Rig) -> None:
+async def test_a_formation_without_a_position_is_sent_with_the_position_that_was_shown(
+    rig: Rig,
+) -> None:
     async with rig.app.run_test(size=(100, 30)) as pilot:
         rig.hover()
         screen = await rig.preview(pilot, "formation triangle 1.8")
@@ -162,7 +164,7 @@ async def test_a_second_enter_of_the_order_line_does_not_answer_the_question(rig
         assert rig.client.ordered == []
 
 
-async def test_who_stands_in_the_room_is_part_of_the_forecast(rig: Rig) -> None:
+async def test_vehicles_that_are_not_ordered_are_part_of_the_forecast(rig: Rig) -> None:
     async with rig.app.run_test(size=(80, 24)) as pilot:
         rig.hover()
         rig.client.hear("mav2", state="landed", is_airborne=False, position_enu_m=(1.5, 0.0, 0.0))

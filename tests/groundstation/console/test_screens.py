@@ -146,7 +146,7 @@ async def test_everything_about_one_vehicle_is_on_its_page_at_every_size(
         await until(pilot, lambda: client.tick_stream.followed is None)
 
 
-async def test_why_it_cannot_fly_is_told_with_what_to_do(fleet: FleetConfig) -> None:
+async def test_the_page_says_why_a_vehicle_cannot_fly_and_what_to_do(fleet: FleetConfig) -> None:
     client = SteadyClient(fleet)
     client.hear("mav0", is_airborne=False, is_armed=False, not_ready=("no mocap",))
     app = ConsoleApp(fleet, client)

@@ -126,7 +126,7 @@ async def test_a_wrong_range_marks_nobody_and_says_why() -> None:
         assert app.is_running
 
 
-async def test_what_is_written_into_the_table_is_no_order_and_no_command() -> None:
+async def test_letters_of_a_filter_or_of_marks_are_no_orders_and_no_commands() -> None:
     client = SteadyClient(crowd(8))
     fly(client, 0.0)
     app = ConsoleApp(client.fleet, client)
@@ -233,7 +233,7 @@ async def test_a_battery_says_how_long_it_lasts_until_it_has_to_land() -> None:
 
 
 @pytest.mark.parametrize("size", [(80, 24), (160, 40)])
-async def test_what_px4_says_past_a_silent_agent_stands_in_place_of_what_was_heard_in_the_air(
+async def test_px4s_own_disarmed_report_replaces_the_old_values_of_a_silent_agent(
     fleet: FleetConfig, size: tuple[int, int]
 ) -> None:
     client = SteadyClient(fleet)

@@ -62,11 +62,13 @@ async def test_on_a_terminal_without_unicode_every_character_is_ascii_in_its_pla
         ({"COVEY_ASCII": "0", "LANG": "C"}, False),
     ],
 )
-def test_ascii_follows_the_locale_unless_asked_for(environ: dict[str, str], is_ascii: bool) -> None:
+def test_ascii_follows_the_locale_unless_covey_ascii_is_set(
+    environ: dict[str, str], is_ascii: bool
+) -> None:
     assert is_ascii_wanted(environ, is_utf8_forced=False) == is_ascii
 
 
-def test_a_locale_that_python_wrote_itself_is_nobodys_wish() -> None:
+def test_a_locale_that_python_has_set_itself_does_not_count() -> None:
     assert is_ascii_wanted({"LANG": "C", "LC_CTYPE": "C.UTF-8"}, is_utf8_forced=True)
     assert not is_ascii_wanted({"LC_CTYPE": "C.UTF-8"}, is_utf8_forced=True)
 
@@ -121,7 +123,7 @@ def test_every_colour_is_read_on_its_ground_dark_and_light() -> None:
      ({"COLORFGBG": "0;15", "COVEY_THEME": "dark"}, False), ({"COVEY_THEME": "light"}, True),
      ({"COLORFGBG": ";"}, False)],
 )  # fmt: skip
-def test_the_ground_of_the_terminal_is_told_by_its_environment(
+def test_a_light_ground_is_known_from_the_environment(
     environ: dict[str, str], is_light: bool
 ) -> None:
     assert is_light_wanted(environ) == is_light
@@ -153,7 +155,7 @@ async def test_t_changes_between_dark_and_light(
         assert max(map(_luminance, grounds())) < 0.1
 
 
-def test_the_process_environment_is_what_an_app_looks_at(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_app_reads_the_environment_of_its_process(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(os.environ, "COVEY_ASCII", "1")
     assert TerminalFilters().is_ascii
 

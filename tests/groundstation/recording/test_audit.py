@@ -24,7 +24,7 @@ def _event(at_s: int, code: str, sentence: str, **fields: object) -> Event:
     )  # type: ignore[arg-type]
 
 
-def test_the_trail_of_a_flight_tells_of_every_order(
+def test_the_trail_of_a_flight_lists_every_order(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder = record(tmp_path / "flight", 1.0)

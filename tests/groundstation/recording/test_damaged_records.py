@@ -109,7 +109,9 @@ def shifted(message: Message) -> Message:
     return msgspec.structs.replace(message, stamp_ns=message.stamp_ns + 10 * 86_400 * SECOND)  # type: ignore[attr-defined]
 
 
-def test_a_flood_of_names_is_said_and_the_flight_goes_on_being_recorded(tmp_path: Path) -> None:
+def test_a_flood_of_names_causes_a_warning_and_the_flight_goes_on_being_recorded(
+    tmp_path: Path,
+) -> None:
     sentences: list[str] = []
     writer = RecordWriter(tmp_path, on_failure=sentences.append, on_warning=sentences.append)
     writer.start()
@@ -124,7 +126,7 @@ def test_a_flood_of_names_is_said_and_the_flight_goes_on_being_recorded(tmp_path
     assert [one.stamp_ns for one in read(tmp_path) if one.name == "mav0"] == [1, 2]
 
 
-def test_the_record_of_a_simulated_flight_says_it_as_well(
+def test_the_record_of_a_simulated_flight_warns_of_a_flood_of_names_as_well(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("groundstation.recording.writer.MAX_CHANNELS", 5)

@@ -37,7 +37,7 @@ def opened(folder: Path) -> Replay:
     return Replay(fleet, timeline)
 
 
-def test_a_law_that_the_record_of_somebody_names_is_not_run(flight: Path, tmp_path: Path) -> None:
+def test_a_law_that_a_foreign_record_names_is_not_run(flight: Path, tmp_path: Path) -> None:
     folder = Path(shutil.copytree(flight, tmp_path / "theirs"))
     text = (folder / "fleet.toml").read_text(encoding="utf-8")
     (folder / "fleet.toml").write_text(
@@ -233,7 +233,7 @@ def test_flipped_bits_anywhere_end_in_a_shorter_flight_or_in_a_sentence(
 @pytest.mark.parametrize(
     "content", [b"", b"\x89MCAP0\r\n", b"PK\x03\x04" + bytes(500), b"\x89MCAP0\r\n" + b"\xff" * 900]
 )
-def test_what_is_no_record_is_a_sentence(tmp_path: Path, content: bytes) -> None:
+def test_a_file_that_is_no_record_is_refused_in_a_sentence(tmp_path: Path, content: bytes) -> None:
     (tmp_path / "flight.mcap").write_bytes(content)
     with pytest.raises(ConfigError):
         Timeline(tmp_path)

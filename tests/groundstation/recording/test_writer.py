@@ -123,7 +123,7 @@ def test_orders_answers_and_events_are_readable_text_too(tmp_path: Path) -> None
     assert {sample.topic for sample in read(tmp_path)} == {"order", "reply", "event"}
 
 
-def test_what_was_received_comes_to_the_disk_without_stopping(tmp_path: Path) -> None:
+def test_received_messages_come_to_the_disk_while_recording_goes_on(tmp_path: Path) -> None:
     writer = RecordWriter(tmp_path)
     writer.start()
     writer.put(Topic.TRUTH, "mav0", truth("mav0", 1, 0.0), 0)
@@ -206,7 +206,9 @@ def test_the_report_interpolates_between_samples_and_counts_only_flight(tmp_path
     assert found.loops["mav0"].ticks == 100
 
 
-def test_both_on_the_ground_is_no_separation_and_no_record_is_a_sentence(tmp_path: Path) -> None:
+def test_two_vehicles_on_the_ground_have_no_separation_and_a_missing_record_is_a_sentence(
+    tmp_path: Path,
+) -> None:
     record(
         tmp_path,
         [(Topic.TRUTH, name, truth(name, 1, 0.0, on_ground=True)) for name in ("mav0", "mav1")],

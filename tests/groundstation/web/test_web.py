@@ -267,7 +267,7 @@ async def test_other_pages_and_other_names_are_refused(
     assert server.pages == 0
 
 
-async def test_more_pages_than_the_machine_bears_are_turned_away(
+async def test_pages_beyond_the_limit_are_turned_away(
     served: tuple[ConsoleServer, str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     server, address = served
