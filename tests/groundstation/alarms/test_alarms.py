@@ -23,13 +23,16 @@ class Ground3:
         self.fleet: FleetConfig = load_fleet("configs/fleets/paper.toml")
         self.state: FleetState = fleet_state.initial(self.fleet)
         self.alarms = Alarms(self.fleet)
-        self.now_ns, self.sequence = 100 * SECOND, 0
+        self.now_ns = 100 * SECOND
+        self.sequence = 0
 
     def hear(self, vehicle: str = "mav0", **changes: object) -> None:
         self.sequence += 1
-        place = {"position_enu_m": (2.0 * self.fleet.enabled_names.index(vehicle) - 1.5, 0.0, 1.0)}
-        told = telemetry(vehicle, sequence=self.sequence, **{**place, **changes})
-        self.state = fleet_state.fold(self.state, told, self.now_ns)
+        standing = {
+            "position_enu_m": (2.0 * self.fleet.enabled_names.index(vehicle) - 1.5, 0.0, 1.0)
+        }
+        heard = telemetry(vehicle, sequence=self.sequence, **{**standing, **changes})
+        self.state = fleet_state.fold(self.state, heard, self.now_ns)
 
     def all_hear(self, **changes: object) -> None:
         for name in self.fleet.enabled_names:
@@ -62,9 +65,9 @@ def test_every_failsafe_condition_has_an_alarm_with_a_sentence_and_advice(
     assert TABLE[condition].in_flight > Severity.NOTE
     ground.all_hear()
     ground.hear("mav1", conditions=(condition.value,))
-    found = conditions(ground.state, ground.fleet, ground.now_ns)
-    assert [(alarm.kind, alarm.subject) for alarm in found] == [(condition, "mav1")]
-    assert "mav1" in found[0].sentence
+    alarms = conditions(ground.state, ground.fleet, ground.now_ns)
+    assert [(alarm.kind, alarm.subject) for alarm in alarms] == [(condition, "mav1")]
+    assert "mav1" in alarms[0].sentence
 
 
 def test_every_row_of_the_table_can_be_written_as_a_sentence() -> None:
@@ -114,11 +117,15 @@ def test_silence_is_critical_in_the_air_and_a_warning_on_the_ground(ground: Grou
     ground.all_hear()
     ground.hear("mav1", is_airborne=False, position_enu_m=(0.5, 0.0, 0.0))
     ground.wait(5.0)
-    found = {
+    alarms = {
         alarm.subject: alarm.severity
         for alarm in conditions(ground.state, ground.fleet, ground.now_ns)
     }
-    assert found == {"mav0": Severity.CRITICAL, "mav1": Severity.WARNING, "mav2": Severity.CRITICAL}
+    assert alarms == {
+        "mav0": Severity.CRITICAL,
+        "mav1": Severity.WARNING,
+        "mav2": Severity.CRITICAL,
+    }
 
 
 def test_a_silence_counts_from_the_last_telemetry(ground: Ground3) -> None:
@@ -132,16 +139,23 @@ def test_every_pair_below_the_limit_is_named_with_its_distance(ground: Ground3) 
     ground.hear("mav0", position_enu_m=(0.0, 0.0, 1.0), velocity_enu_m_s=(0.0, 0.0, 0.0))
     ground.hear("mav1", position_enu_m=(0.3, 0.0, 1.0), velocity_enu_m_s=(0.0, 0.0, 0.0))
     ground.hear("mav2", position_enu_m=(0.6, 0.0, 1.0), velocity_enu_m_s=(0.0, 0.0, 0.0))
-    found = conditions(ground.state, ground.fleet, ground.now_ns)
-    assert [alarm.subject for alarm in found] == ["mav0 – mav1", "mav0 – mav2", "mav1 – mav2"]
-    assert "0.30 m apart" in found[0].sentence
+    alarms = conditions(ground.state, ground.fleet, ground.now_ns)
+    assert [alarm.subject for alarm in alarms] == ["mav0 – mav1", "mav0 – mav2", "mav1 – mav2"]
+    assert "0.30 m apart" in alarms[0].sentence
 
 
 def test_a_collision_by_ground_truth_is_the_worst_of_all(ground: Ground3) -> None:
     ground.all_hear(battery_frac=0.01)
     zero = (0.0, 0.0, 0.0)
-    truth = Truth(vehicle="mav2", stamp_ns=1, position_enu_m=zero, velocity_enu_m_s=zero,
-                  quaternion_enu_flu_wxyz=(1.0, 0.0, 0.0, 0.0), is_on_ground=False, is_collided=True)  # fmt: skip
+    truth = Truth(
+        vehicle="mav2",
+        stamp_ns=1,
+        position_enu_m=zero,
+        velocity_enu_m_s=zero,
+        quaternion_enu_flu_wxyz=(1.0, 0.0, 0.0, 0.0),
+        is_on_ground=False,
+        is_collided=True,
+    )
     ground.state = fleet_state.fold(ground.state, truth, ground.now_ns)
     ground.update()
     assert ground.alarms.worst is not None
@@ -225,10 +239,10 @@ def test_the_same_alarm_of_many_vehicles_is_one_line_and_acknowledged_together(
     views = {name: fleet_state.VehicleView(name) for name in names}
     state = fleet_state.FleetState(views)
     for index, name in enumerate(names):
-        told = telemetry(
+        heard = telemetry(
             name, position_enu_m=(0.2 * index, 0.0, 0.0), is_airborne=False, battery_frac=0.1
         )
-        state = fleet_state.fold(state, told, ground.now_ns)
+        state = fleet_state.fold(state, heard, ground.now_ns)
     ground.alarms.update(state, ground.now_ns)
     (line,) = ground.alarms.lines
     assert line.count == 8

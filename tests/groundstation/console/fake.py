@@ -21,17 +21,46 @@ from onboard.config.fleet import FleetConfig
 
 def telemetry(vehicle: str = "mav0", **changes: object) -> Telemetry:
     zero = (0.0, 0.0, 0.0)
-    told = Telemetry(
-        vehicle=vehicle, boot_id=1, sequence=1, stamp_ns=1, state="flying", reason="", not_ready=(), is_armed=True,
-        is_airborne=True, mode="OFFBOARD", position_enu_m=(0.0, 0.0, 1.0), velocity_enu_m_s=(0.1, 0.0, 0.0),
+    usual = Telemetry(
+        vehicle=vehicle,
+        boot_id=1,
+        sequence=1,
+        stamp_ns=1,
+        state="flying",
+        reason="",
+        not_ready=(),
+        is_armed=True,
+        is_airborne=True,
+        mode="OFFBOARD",
+        position_enu_m=(0.0, 0.0, 1.0),
+        velocity_enu_m_s=(0.1, 0.0, 0.0),
         yaw_deg=0.0,
-        is_position_valid=True, setpoint_position_enu_m=zero, goal_position_enu_m=(0.0, 1.0, 1.0), battery_frac=0.83,
-        battery_voltage_v=11.6, law="covey", law_status="inactive", intervention_m_s2=0.0, nearest_vehicle="mav1",
-        nearest_distance_m=1.4, order_id="", order_kind="", order_phase="", state_age_s=0.01, autopilot_age_s=0.02,
-        neighbour_age_s=0.02, loop_period_p50_ms=20.0, loop_period_p99_ms=21.0, loop_period_max_ms=23.0, late_ticks=0,
-        malformed_messages=0, hover_thrust_frac=0.75, config_hash="x", system_id=1,
-    )  # fmt: skip
-    return msgspec.structs.replace(told, **changes)
+        is_position_valid=True,
+        setpoint_position_enu_m=zero,
+        goal_position_enu_m=(0.0, 1.0, 1.0),
+        battery_frac=0.83,
+        battery_voltage_v=11.6,
+        law="covey",
+        law_status="inactive",
+        intervention_m_s2=0.0,
+        nearest_vehicle="mav1",
+        nearest_distance_m=1.4,
+        order_id="",
+        order_kind="",
+        order_phase="",
+        state_age_s=0.01,
+        autopilot_age_s=0.02,
+        neighbour_age_s=0.02,
+        loop_period_p50_ms=20.0,
+        loop_period_p99_ms=21.0,
+        loop_period_max_ms=23.0,
+        late_ticks=0,
+        malformed_messages=0,
+        hover_thrust_frac=0.75,
+        config_hash="x",
+        system_id=1,
+    )
+    return msgspec.structs.replace(usual, **changes)
 
 
 class FakeTokens:
@@ -86,16 +115,23 @@ class FakeClient:
     def hear(self, vehicle: str, **changes: object) -> None:
         self._sequence += 1
         roles = self.tokens.roles
-        told = telemetry(
+        heard = telemetry(
             vehicle, sequence=self._sequence, operator=roles.operator, roles=roles.others, **changes
         )
-        self.state = fleet_state.fold(self.state, told, self.now_ns())
+        self.state = fleet_state.fold(self.state, heard, self.now_ns())
 
     def say(
         self, sentence: str, severity: str = "info", vehicle: str = "mav0", outcome: str = ""
     ) -> None:
-        event = Event(vehicle=vehicle, stamp_ns=1, severity=severity, code="x", sentence=sentence,
-                      order_id="1" if outcome else "", order_outcome=outcome)  # fmt: skip
+        event = Event(
+            vehicle=vehicle,
+            stamp_ns=1,
+            severity=severity,
+            code="x",
+            sentence=sentence,
+            order_id="1" if outcome else "",
+            order_outcome=outcome,
+        )
         self.state = fleet_state.fold(self.state, event, self.now_ns())
 
     def plan(self, order: Intent | str) -> plan.PlannedOrder:
@@ -128,13 +164,24 @@ class FakeClient:
         names = self.fleet.enabled_names
         for index, name in enumerate(names):
             angle = 0.25 * time_s + 2.0 * math.pi * index / len(names)
-            spot = (radius * math.cos(angle), 0.6 + radius * math.sin(angle), 1.0 + 0.1 * index)
+            position = (radius * math.cos(angle), 0.6 + radius * math.sin(angle), 1.0 + 0.1 * index)
             gap_m = radius * 2.0 * math.sin(math.pi / len(names))
             self.hear(
-                name, position_enu_m=spot,
+                name,
+                position_enu_m=position,
                 goal_position_enu_m=((0.0, 2.1, 1.0), (-0.8, 0.7, 1.0), (0.8, 0.7, 1.0))[index % 3],
-                velocity_enu_m_s=(-0.25 * radius * math.sin(angle), 0.25 * radius * math.cos(angle), 0.0),
-                nearest_vehicle=names[(index + 1) % len(names)], nearest_distance_m=gap_m, order_kind="move",
-                order_phase="under way", law_status="saturated" if gap_m < 1.3 else "inactive", state="flying",
-                intervention_m_s2=max(0.0, 1.6 - gap_m) * 3, battery_frac=0.9 - 0.3 * index, system_id=index + 1,
-            )  # fmt: skip
+                velocity_enu_m_s=(
+                    -0.25 * radius * math.sin(angle),
+                    0.25 * radius * math.cos(angle),
+                    0.0,
+                ),
+                nearest_vehicle=names[(index + 1) % len(names)],
+                nearest_distance_m=gap_m,
+                order_kind="move",
+                order_phase="under way",
+                law_status="saturated" if gap_m < 1.3 else "inactive",
+                state="flying",
+                intervention_m_s2=max(0.0, 1.6 - gap_m) * 3,
+                battery_frac=0.9 - 0.3 * index,
+                system_id=index + 1,
+            )

@@ -27,7 +27,7 @@ class Oracle(Forecaster):
     def __init__(self, answer: Forecast | None = FINE) -> None:
         super().__init__()
         self.answer = answer
-        self.asked: list[dict[str, Leg]] = []
+        self.requested: list[dict[str, Leg]] = []
 
     async def start(self) -> None:
         return
@@ -35,7 +35,7 @@ class Oracle(Forecaster):
     async def forecast(
         self, fleet: FleetConfig, legs: Mapping[str, Leg], *, is_takeoff: bool = False
     ) -> Forecast:
-        self.asked.append(dict(legs))
+        self.requested.append(dict(legs))
         while self.answer is None:  # noqa: ASYNC110 - tests set it from outside
             await asyncio.sleep(0.01)
         return self.answer
@@ -60,8 +60,16 @@ class Rig:
 
     def stand(self, **changes: Any) -> None:
         """Everybody on the ground and ready."""
-        self._hear({"state": "ready", "is_airborne": False, "is_armed": False, "velocity_enu_m_s": (0.0, 0.0, 0.0)},
-                   0.0, changes)  # fmt: skip
+        self._hear(
+            {
+                "state": "ready",
+                "is_airborne": False,
+                "is_armed": False,
+                "velocity_enu_m_s": (0.0, 0.0, 0.0),
+            },
+            0.0,
+            changes,
+        )
 
     def hover(self, **changes: Any) -> None:
         """Everybody in the air, in a row."""
@@ -69,9 +77,10 @@ class Rig:
 
     def _hear(self, base: dict[str, Any], height_m: float, changes: dict[str, Any]) -> None:
         for name, (x, y, _) in SLOTS.items():
-            spot = (x, y, height_m)
+            position = (x, y, height_m)
             self.client.hear(
-                name, **{**base, "position_enu_m": spot, "goal_position_enu_m": spot, **changes}
+                name,
+                **{**base, "position_enu_m": position, "goal_position_enu_m": position, **changes},
             )
 
     def line(self, kind: type) -> str:

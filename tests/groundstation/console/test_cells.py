@@ -53,12 +53,12 @@ def test_a_picture_keeps_its_width_whatever_text_is_written_on_it(
     assert [cell_len(strip.text) for strip in canvas.strips()] == [width] * 4
 
 
-@pytest.mark.parametrize("place", [0, 1])
-def test_covering_half_of_a_wide_character_removes_its_other_half(place: int) -> None:
+@pytest.mark.parametrize("half", [0, 1])
+def test_covering_half_of_a_wide_character_removes_its_other_half(half: int) -> None:
     canvas = Canvas(4, 1)
     canvas.text(0, 0, "\u4e2d\u4e2d", theme.TEXT)
-    canvas.text(1 + place, 0, "x", theme.TEXT)
-    assert canvas.strips()[0].text == (" x\u4e2d", "\u4e2dx ")[place]
+    canvas.text(1 + half, 0, "x", theme.TEXT)
+    assert canvas.strips()[0].text == (" x\u4e2d", "\u4e2dx ")[half]
 
 
 @SOME

@@ -199,7 +199,8 @@ async def test_a_mission_that_breaks_is_a_sentence(fleet: FleetConfig) -> None:
     assert app.return_value == 1
 
 
-NAN, INF = float("nan"), float("inf")
+NAN = float("nan")
+INF = float("inf")
 STRANGE: list[dict[str, object]] = [
     {"position_enu_m": (NAN, 0.0, 0.0)},
     {"position_enu_m": (1e300, -1e300, 1e9)},

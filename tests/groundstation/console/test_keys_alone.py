@@ -1,4 +1,7 @@
-"""A whole flight by keys alone, on the simulated fleet with its real agents, client and forecasts."""
+"""A whole flight by keys alone.
+
+The fleet is simulated; its agents, client and forecasts are the real ones.
+"""
 
 from __future__ import annotations
 

@@ -38,7 +38,8 @@ class Worker:
 async def test_a_mission_is_stepped_through_and_judged(
     client: Any, bus: Any, tmp_path: Path
 ) -> None:
-    path, worker = tmp_path / "m.toml", Worker()
+    worker = Worker()
+    path = tmp_path / "m.toml"
     path.write_text(MISSION, encoding="utf-8")
     orders = MissionOrders(client, worker.begin)
     assert "No mission flies" in orders.take(["step"])
@@ -70,7 +71,8 @@ async def test_a_mission_is_stepped_through_and_judged(
 
 
 async def test_a_mission_that_is_stopped_lands_all(client: Any, bus: Any, tmp_path: Path) -> None:
-    path, worker = tmp_path / "m.toml", Worker()
+    worker = Worker()
+    path = tmp_path / "m.toml"
     path.write_text(
         MISSION.replace('do = "land"', 'do = "wait"\nduration_s = 600'), encoding="utf-8"
     )

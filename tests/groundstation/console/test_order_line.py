@@ -74,7 +74,8 @@ async def test_a_colon_opens_no_order_line_behind_a_dialog(rig: Rig) -> None:
 async def test_an_operator_who_has_given_an_order_has_left_the_order_line(rig: Rig) -> None:
     async with rig.app.run_test(size=(80, 24)) as pilot:
         rig.hover()
-        line, table = rig.app.panels.order_line, rig.app.panels.table
+        line = rig.app.panels.order_line
+        table = rig.app.panels.table
         assert "press :" in rig.screen_text
         assert "esc leaves" not in rig.screen_text
         await pilot.press("colon")
@@ -100,8 +101,14 @@ async def test_a_refused_order_stays_to_be_corrected_below_the_sentence_that_say
         rig.hover()
         line = rig.app.panels.order_line
         for order in (
-            "lnad all", "takeoff nobody", "land 2-0", "land 9", "take control now", "reset nobody", "move all nan 0 1",
-        ):  # fmt: skip
+            "lnad all",
+            "takeoff nobody",
+            "land 2-0",
+            "land 9",
+            "take control now",
+            "reset nobody",
+            "move all nan 0 1",
+        ):
             await pilot.press("escape", "colon")
             line.value = order
             await pilot.press("enter")
@@ -172,8 +179,29 @@ def test_completion_knows_lists_formations_and_control(fleet: FleetConfig) -> No
 
 async def test_garbage_never_orders_and_never_breaks(rig: Rig) -> None:
     chance = random.Random(5)
-    words = ["all", "mav0", "mav9", "9-1", "2-0", "0-", "-1", "1e999", "nan", "in", "triangle", "", "\t", "é" * 20,
-             "[/b]", "take", "control", "reset", "1,,2", "force", "\x1b[2J"]  # fmt: skip
+    words = [
+        "all",
+        "mav0",
+        "mav9",
+        "9-1",
+        "2-0",
+        "0-",
+        "-1",
+        "1e999",
+        "nan",
+        "in",
+        "triangle",
+        "",
+        "\t",
+        "é" * 20,
+        "[/b]",
+        "take",
+        "control",
+        "reset",
+        "1,,2",
+        "force",
+        "\x1b[2J",
+    ]
     async with rig.app.run_test(size=(80, 24)) as pilot:
         for _ in range(60):
             line = " ".join(chance.choices(words, k=chance.randint(1, 5)))

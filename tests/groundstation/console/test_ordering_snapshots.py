@@ -18,12 +18,17 @@ GOALS = {"mav0": (0.0, 2.12, 1.0), "mav1": (-0.8, 0.74, 1.0), "mav2": (0.8, 0.74
 STARTS = {"mav0": (-1.5, 0.0, 1.0), "mav1": (0.0, 0.0, 1.0), "mav2": (1.5, 0.0, 1.0)}
 
 
-def told(closest_m: float) -> Forecast:
-    paths = {
-        name: [STARTS[name], (0.0, 0.6, 1.0) if name == "mav0" else STARTS[name], GOALS[name]]
-        for name in GOALS
-    }
-    return Forecast(paths, closest_m, ("mav0", "mav1"), 2.7, 1.5, 7.2)
+def forecast(closest_m: float) -> Forecast:
+    paths = {name: [STARTS[name], STARTS[name], GOALS[name]] for name in GOALS}
+    paths["mav0"][1] = (0.0, 0.6, 1.0)  # a detour
+    return Forecast(
+        paths_enu_m=paths,
+        closest_m=closest_m,
+        pair=("mav0", "mav1"),
+        closest_s=2.7,
+        now_m=1.5,
+        duration_s=7.2,
+    )
 
 
 def after(rig: Rig, *keys: str) -> Callable[[Pilot[int]], Awaitable[None]]:
@@ -42,7 +47,7 @@ def after(rig: Rig, *keys: str) -> Callable[[Pilot[int]], Awaitable[None]]:
 def test_an_order_lies_before_the_operator(
     snap_compare: Compare, fleet: FleetConfig, size: tuple[int, int], closest_m: float
 ) -> None:
-    rig = Rig(fleet, told(closest_m))
+    rig = Rig(fleet, forecast(closest_m))
     keys = ("colon", *"formation triangle 1.6 0 1.2 1.0", "enter")
     assert snap_compare(rig.app, terminal_size=size, run_before=after(rig, *keys))
 

@@ -24,9 +24,13 @@ def test_the_closest_pairs_are_those_of_a_plain_search_and_say_when_they_meet() 
     rng = np.random.default_rng(5)
     known = []
     for index in range(30):
-        told = telemetry(f"v{index:02d}", is_airborne=bool(index % 3), position_enu_m=tuple(rng.uniform(-9, 9, 3)),
-                         velocity_enu_m_s=tuple(rng.uniform(-1, 1, 3)))  # fmt: skip
-        known.append((VehicleView(told.vehicle, told, 0), told.position_enu_m))
+        heard = telemetry(
+            f"v{index:02d}",
+            is_airborne=bool(index % 3),
+            position_enu_m=tuple(rng.uniform(-9, 9, 3)),
+            velocity_enu_m_s=tuple(rng.uniform(-1, 1, 3)),
+        )
+        known.append((VehicleView(heard.vehicle, heard, 0), heard.position_enu_m))
     pairs = closest_pairs(known, most=10)
     plain = sorted(
         math.dist(p[:2], q[:2])
@@ -36,7 +40,8 @@ def test_the_closest_pairs_are_those_of_a_plain_search_and_say_when_they_meet() 
     assert [pair.distance_m for pair in pairs] == pytest.approx(plain[:10])
     views = {view.name: view.telemetry for view, _ in known}
     for pair in pairs:
-        one, two = views[pair.first], views[pair.second]
+        one = views[pair.first]
+        two = views[pair.second]
         assert one is not None
         assert two is not None
         gap = np.subtract(two.position_enu_m, one.position_enu_m)[:2]
@@ -73,7 +78,7 @@ async def test_the_plan_is_north_up_and_zooms_pans_and_follows(fleet: FleetConfi
     client = SteadyClient(fleet)
     app = ConsoleApp(fleet, client)
 
-    def place(digit: str) -> tuple[int, int]:
+    def cell_of(digit: str) -> tuple[int, int]:
         return next(
             (y, line.index(digit)) for y, line in enumerate(lines(app, PlanView)) if digit in line
         )
@@ -82,21 +87,21 @@ async def test_the_plan_is_north_up_and_zooms_pans_and_follows(fleet: FleetConfi
         client.hear("mav0", position_enu_m=(-2.0, -2.0, 1.0))
         client.hear("mav1", position_enu_m=(2.0, 2.0, 2.5))
         await see(app, pilot)
-        assert place("2.5m")[0] < place("1.0m")[0]
-        assert place("2.5m")[1] > place("1.0m")[1]
-        before = place("2.5m")
+        assert cell_of("2.5m")[0] < cell_of("1.0m")[0]
+        assert cell_of("2.5m")[1] > cell_of("1.0m")[1]
+        before = cell_of("2.5m")
         plan_of(app).focus()
         await pilot.press("up")
-        assert place("2.5m")[0] > before[0]
+        assert cell_of("2.5m")[0] > before[0]
         await pilot.press("right")
-        assert place("2.5m")[1] < before[1]
+        assert cell_of("2.5m")[1] < before[1]
         await pilot.press("f")
         assert "follows mav0" in str(plan_of(app).border_title)
-        spot = place("[0]")
+        before_zoom = cell_of("[0]")
         client.hear("mav0", position_enu_m=(1.0, 1.0, 1.0))
         client.clock_ns += 200_000_000
         await see(app, pilot)
-        assert place("[0]") == spot
+        assert cell_of("[0]") == before_zoom
         await pilot.press("f")
         assert "follows the fleet" in str(plan_of(app).border_title)
         await pilot.press("0")

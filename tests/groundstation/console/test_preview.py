@@ -96,7 +96,7 @@ async def test_vehicles_that_are_not_ready_are_named_and_the_others_are_offered(
         answer = words(rig.app, "answer")
         assert "mav1 is not ready: The battery is at 12 %." in answer
         assert "takeoff mav0,mav2 1" in answer
-        assert rig.oracle.asked == []
+        assert rig.oracle.requested == []
         await pilot.press("enter")
         assert rig.client.ordered == []
 
@@ -138,7 +138,7 @@ async def test_a_fleet_that_moved_meanwhile_is_computed_again_before_anything_is
         assert "mav1 has moved: computed again" in words(rig.app, "vehicles")
         rig.oracle.answer = FINE
         await pilot.pause(0.2)
-        assert rig.oracle.asked[-1]["mav1"].start_enu_m[1] == pytest.approx(0.9, abs=0.02)
+        assert rig.oracle.requested[-1]["mav1"].start_enu_m[1] == pytest.approx(0.9, abs=0.02)
         await pilot.press("enter")
         assert len(rig.client.ordered) == 1
 
@@ -169,7 +169,7 @@ async def test_vehicles_that_are_not_ordered_are_part_of_the_forecast(rig: Rig) 
         rig.hover()
         rig.client.hear("mav2", state="landed", is_airborne=False, position_enu_m=(1.5, 0.0, 0.0))
         await rig.preview(pilot, "move mav0 0 1.5 1")
-        legs = rig.oracle.asked[0]
+        legs = rig.oracle.requested[0]
         assert (legs["mav0"].is_ordered, legs["mav1"].is_ordered, legs["mav2"].is_parked) == (
             True,
             False,

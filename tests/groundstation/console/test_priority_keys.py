@@ -1,4 +1,4 @@
-"""An emergency key's order leaves while the console is busy with something else, and leaves once."""
+"""The order of an emergency key leaves while the console is busy, and leaves once."""
 
 from __future__ import annotations
 

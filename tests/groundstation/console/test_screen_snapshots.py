@@ -31,22 +31,42 @@ def watched(fleet: FleetConfig) -> tuple[SteadyClient, ConsoleApp]:
     client = SteadyClient(fleet)
     client.circle(3.0)
     client.hear(
-        "mav0", position_enu_m=(-1.2, 0.4, 1.0), action="landing", state="landing", reason="bus lost for long",
-        conditions=(Condition.BUS_LOST_LONG.value, Condition.BATTERY_WARNING.value), battery_frac=0.24,
+        "mav0",
+        position_enu_m=(-1.2, 0.4, 1.0),
+        action="landing",
+        state="landing",
+        reason="bus lost for long",
+        conditions=(Condition.BUS_LOST_LONG.value, Condition.BATTERY_WARNING.value),
+        battery_frac=0.24,
         order_kind="land",
-    )  # fmt: skip
+    )
     client.hear(
-        "mav2", position_enu_m=(1.5, -1.5, 0.0), is_airborne=False, is_armed=False, state="waiting", mode="HOLD",
+        "mav2",
+        position_enu_m=(1.5, -1.5, 0.0),
+        is_airborne=False,
+        is_armed=False,
+        state="waiting",
+        mode="HOLD",
         not_ready=("no pose",),
-    )  # fmt: skip
+    )
     report = PreflightReport(
-        vehicle="mav2", boot_id=1, sequence=1, stamp_ns=1,
+        vehicle="mav2",
+        boot_id=1,
+        sequence=1,
+        stamp_ns=1,
         checks=(
-            ("position", False, "The last pose is 3.1 s old.", "Look whether motion capture sees the body."),
-            ("battery", True, "87 %", ""), ("link", True, "PX4 answers", ""), ("fence", True, "inside", ""),
+            (
+                "position",
+                False,
+                "The last pose is 3.1 s old.",
+                "Look whether motion capture sees the body.",
+            ),
+            ("battery", True, "87 %", ""),
+            ("link", True, "PX4 answers", ""),
+            ("fence", True, "inside", ""),
             ("clock", True, "Its clock is 40 ms off.", "Run chrony on its computer."),
         ),
-    )  # fmt: skip
+    )
     client.state = fleet_state.fold(client.state, report, client.now_ns())
     client.say("takeoff: 1.00 m reached.", "info", "mav1", "done")
     client.say("Formation left: hold.", "warning", "mav1")

@@ -93,7 +93,8 @@ async def test_the_bell_rings_once_for_each_new_alarm_and_only_when_wanted(
     fleet: FleetConfig,
 ) -> None:
     for wanted in (True, False):
-        client, rung = alarmed(fleet), []
+        client = alarmed(fleet)
+        rung: list[int] = []
         app = ConsoleApp(fleet, client, has_bell=wanted)
         app.bell = lambda rung=rung: rung.append(1)  # type: ignore[method-assign]
         async with app.run_test(size=(100, 30)) as pilot:
@@ -122,9 +123,12 @@ async def test_everything_about_one_vehicle_is_on_its_page_at_every_size(
     client = alarmed(fleet)
     client.say("mav0 had a thought", vehicle="mav0")
     client.hear(
-        "mav0", position_enu_m=(0.0, 0.0, 1.0), conditions=(Condition.GROUND_LOST.value,), action="landing",
+        "mav0",
+        position_enu_m=(0.0, 0.0, 1.0),
+        conditions=(Condition.GROUND_LOST.value,),
+        action="landing",
         reason="the ground is silent",
-    )  # fmt: skip
+    )
     client.tick_stream.values.extend(tick(step * SECOND // 50) for step in range(600))
     app = ConsoleApp(fleet, client)
     async with app.run_test(size=size) as pilot:
@@ -139,8 +143,17 @@ async def test_everything_about_one_vehicle_is_on_its_page_at_every_size(
             await pilot.press("pagedown")
             await pilot.pause(0.2)
             text += lines(app.screen, VehicleBlocks)
-        for words in ("does not hear the ground", "landing", "the ground is silent", "avoided", "1.00 for mav1",
-                      "baseline", "measured", "mav2", "had a thought"):  # fmt: skip
+        for words in (
+            "does not hear the ground",
+            "landing",
+            "the ground is silent",
+            "avoided",
+            "1.00 for mav1",
+            "baseline",
+            "measured",
+            "mav2",
+            "had a thought",
+        ):
             assert words in text, words
         await pilot.press("escape")
         await until(pilot, lambda: client.tick_stream.followed is None)
@@ -157,10 +170,16 @@ async def test_the_page_says_why_a_vehicle_cannot_fly_and_what_to_do(fleet: Flee
         from groundstation.fleet import state as fleet_state
 
         report = PreflightReport(
-            vehicle="mav0", boot_id=1, sequence=1, stamp_ns=1,
-            checks=(("position", False, "no pose since 3 s", "Look whether mocap sees the body."),
-                    ("battery", True, "87 %", ""), ("clock", True, "off by 40 ms", "Run chrony.")),
-        )  # fmt: skip
+            vehicle="mav0",
+            boot_id=1,
+            sequence=1,
+            stamp_ns=1,
+            checks=(
+                ("position", False, "no pose since 3 s", "Look whether mocap sees the body."),
+                ("battery", True, "87 %", ""),
+                ("clock", True, "off by 40 ms", "Run chrony."),
+            ),
+        )
         client.state = fleet_state.fold(client.state, report, client.now_ns())
         app.refresh_fleet()
         await pilot.pause(0.2)
@@ -220,13 +239,26 @@ async def test_a_silent_vehicles_page_claims_nothing_of_the_present(fleet: Fleet
 async def test_strange_values_and_sizes_give_a_page_and_never_a_traceback(
     fleet: FleetConfig, size: tuple[int, int]
 ) -> None:
-    client, nan = SteadyClient(fleet), math.nan
-    client.hear("mav0", position_enu_m=(nan, 1e300, -1e300), yaw_deg=nan, battery_frac=nan, reason="\x1b[2J" * 99,
-                action="\n", order_kind="x" * 999, velocity_enu_m_s=(1e200, nan, 0.0))  # fmt: skip
+    client = SteadyClient(fleet)
+    nan = math.nan
+    client.hear(
+        "mav0",
+        position_enu_m=(nan, 1e300, -1e300),
+        yaw_deg=nan,
+        battery_frac=nan,
+        reason="\x1b[2J" * 99,
+        action="\n",
+        order_kind="x" * 999,
+        velocity_enu_m_s=(1e200, nan, 0.0),
+    )
     strange = tick(0)
     for field in ("thrust_baseline_enu_m_s2", "thrust_safe_enu_m_s2"):
-        strange = type(strange)(**{**{name: getattr(strange, name) for name in strange.__struct_fields__},
-                                   field: (nan, math.inf, 1e200)})  # fmt: skip
+        strange = type(strange)(
+            **{
+                **{name: getattr(strange, name) for name in strange.__struct_fields__},
+                field: (nan, math.inf, 1e200),
+            }
+        )
     client.tick_stream.values.extend([tick(0), strange, tick(1 << 62)])
     app = ConsoleApp(fleet, client)
     async with app.run_test(size=size) as pilot:
@@ -397,5 +429,9 @@ async def test_the_vehicle_page_shows_a_recorded_pipeline_at_once(tmp_path: Path
 
 def test_a_players_clock_reads_as_one() -> None:
     assert [clock(value) for value in (0.0, 59.96, 61.23, 3661.0, -3.0)] == [
-        "0:00.0", "1:00.0", "1:01.2", "1:01:01.0", "0:00.0",
-    ]  # fmt: skip
+        "0:00.0",
+        "1:00.0",
+        "1:01.2",
+        "1:01:01.0",
+        "0:00.0",
+    ]

@@ -27,7 +27,7 @@ from tests.groundstation.console.scenes import (
 TAKEN_WITH = "8.2"
 pytestmark = pytest.mark.skipif(
     not version("textual").startswith(TAKEN_WITH),
-    reason=f"the pictures were drawn by Textual {TAKEN_WITH}; another one draws its own parts otherwise",
+    reason=f"the pictures were drawn by Textual {TAKEN_WITH}; another draws its parts otherwise",
 )
 SIZES = [(80, 24), (120, 40), (200, 60)]
 Compare = Callable[..., bool]

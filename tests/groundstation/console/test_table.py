@@ -68,8 +68,11 @@ async def test_a_filter_knows_names_numbers_states_and_conditions() -> None:
     for name in client.fleet.enabled_names[:5]:
         last = client.state.vehicles[name].telemetry
         assert last is not None
-        fields = {key: getattr(last, key) for key in last.__struct_fields__ if key not in ("sequence", "operator",
-                  "roles", "vehicle", "schema")}  # fmt: skip
+        fields = {
+            key: getattr(last, key)
+            for key in last.__struct_fields__
+            if key not in ("sequence", "operator", "roles", "vehicle", "schema")
+        }
         client.hear(name, **fields)
     app = ConsoleApp(client.fleet, client)
     async with app.run_test(size=(120, 40)) as pilot:
@@ -175,10 +178,15 @@ async def test_long_and_foreign_names_keep_the_columns_and_stay_apart(
         "無人機三號",
         "דרון",
     ]
-    client.state = msgspec.structs.replace(client.state, vehicles=MappingProxyType({
-        name: msgspec.structs.replace(view, name=name)
-        for name, view in zip(names, client.state.vehicles.values(), strict=True)
-    }))  # fmt: skip
+    client.state = msgspec.structs.replace(
+        client.state,
+        vehicles=MappingProxyType(
+            {
+                name: msgspec.structs.replace(view, name=name)
+                for name, view in zip(names, client.state.vehicles.values(), strict=True)
+            }
+        ),
+    )
     app = ConsoleApp(client.fleet, client)
     async with app.run_test(size=size) as pilot:
         await see(app, pilot)
@@ -243,14 +251,14 @@ async def test_px4s_own_disarmed_report_replaces_the_old_values_of_a_silent_agen
         client.clock_ns += int(3e9)
         await see(app, pilot)
         assert "NO TELEM 3.0 s" in lines(app, FleetTable)[1]
-        told = Event(
+        disarmed = Event(
             vehicle="mav0",
             stamp_ns=1,
             severity="warning",
             code=DIRECT_DISARMED,
             sentence="It is disarmed.",
         )
-        client.state = fold(client.state, told, client.now_ns())
+        client.state = fold(client.state, disarmed, client.now_ns())
         await see(app, pilot)
         row = lines(app, FleetTable)[1]
         assert "NO TELEM 3.0 s" in row

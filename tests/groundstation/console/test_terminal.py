@@ -1,4 +1,4 @@
-"""A real process on a real pseudo-terminal: whatever ends the console, the terminal is as it was."""
+"""A real process on a pseudo-terminal: whatever ends the console, the terminal is as before."""
 
 from __future__ import annotations
 

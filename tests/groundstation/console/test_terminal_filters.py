@@ -119,10 +119,16 @@ def test_every_colour_is_read_on_its_ground_dark_and_light() -> None:
 
 @pytest.mark.parametrize(
     ("environ", "is_light"),
-    [({}, False), ({"COLORFGBG": "0;15"}, True), ({"COLORFGBG": "15;0"}, False), ({"COLORFGBG": "0;default;15"}, True),
-     ({"COLORFGBG": "0;15", "COVEY_THEME": "dark"}, False), ({"COVEY_THEME": "light"}, True),
-     ({"COLORFGBG": ";"}, False)],
-)  # fmt: skip
+    [
+        ({}, False),
+        ({"COLORFGBG": "0;15"}, True),
+        ({"COLORFGBG": "15;0"}, False),
+        ({"COLORFGBG": "0;default;15"}, True),
+        ({"COLORFGBG": "0;15", "COVEY_THEME": "dark"}, False),
+        ({"COVEY_THEME": "light"}, True),
+        ({"COLORFGBG": ";"}, False),
+    ],
+)
 def test_a_light_ground_is_known_from_the_environment(
     environ: dict[str, str], is_light: bool
 ) -> None:

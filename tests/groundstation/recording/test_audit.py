@@ -36,7 +36,7 @@ def test_the_trail_of_a_flight_lists_every_order(
         deadline_ns=8 * SECOND,
         node="g",
     )
-    told: list[tuple[int, Topic, Message]] = [
+    messages: list[tuple[int, Topic, Message]] = [
         (6, Topic.ORDER, land),
         (6, Topic.ORDER, OrderReply(order_id="g-1", vehicle="mav1", is_accepted=True, reason="")),
         (6, Topic.EVENT, _event(6, "order", "g-1 land of ann (from g) accepted.")),
@@ -47,7 +47,7 @@ def test_the_trail_of_a_flight_lists_every_order(
     files = RecordFiles(
         folder, (folder / "flight.mcap").open("wb"), begin_ns=5 * SECOND, begin="a test"
     )
-    for at_s, topic, message in told:
+    for at_s, topic, message in messages:
         files.write(topic, "mav1", message, at_s * SECOND)
     files.finish()
     files.close()

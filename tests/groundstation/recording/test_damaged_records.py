@@ -26,9 +26,14 @@ UPRIGHT = (1.0, 0.0, 0.0, 0.0)
 
 def truth(name: str, stamp_ns: int, x: float = 0.0) -> Truth:
     return Truth(
-        vehicle=name, stamp_ns=stamp_ns, position_enu_m=(x, 0.0, 1.0), velocity_enu_m_s=(0.0, 0.0, 0.0),
-        quaternion_enu_flu_wxyz=UPRIGHT, is_on_ground=False, is_collided=False,
-    )  # fmt: skip
+        vehicle=name,
+        stamp_ns=stamp_ns,
+        position_enu_m=(x, 0.0, 1.0),
+        velocity_enu_m_s=(0.0, 0.0, 0.0),
+        quaternion_enu_flu_wxyz=UPRIGHT,
+        is_on_ground=False,
+        is_collided=False,
+    )
 
 
 def write(folder: Path, messages: list[tuple[Topic, str, Message]]) -> None:
@@ -106,7 +111,9 @@ def test_one_absurd_stamp_does_not_stretch_the_flight(tmp_path: Path) -> None:
 
 def shifted(message: Message) -> Message:
     """The same message of a host that has run for ten days."""
-    return msgspec.structs.replace(message, stamp_ns=message.stamp_ns + 10 * 86_400 * SECOND)  # type: ignore[attr-defined]
+    ten_days_ns = 10 * 86_400 * SECOND
+    stamp_ns = message.stamp_ns + ten_days_ns  # type: ignore[attr-defined]
+    return msgspec.structs.replace(message, stamp_ns=stamp_ns)
 
 
 def test_a_flood_of_names_causes_a_warning_and_the_flight_goes_on_being_recorded(

@@ -1,4 +1,4 @@
-"""A record walked about in: the same states as live, at any time, also of a record that breaks off."""
+"""A replay has the same states as the flight, at any time, also of a record that breaks off."""
 
 from __future__ import annotations
 
@@ -80,30 +80,31 @@ def _any_value(hint: object) -> object:
         return _any_value(parts[0])
     if isinstance(hint, type) and issubclass(hint, msgspec.Struct):
         return [_any_value(part) for part in typing.get_type_hints(hint).values()]
-    return {bool: True, int: 3, float: 0.25, str: "text", bytes: "cGF0aA=="}[hint]  # type: ignore[index]
+    values = {bool: True, int: 3, float: 0.25, str: "text", bytes: "cGF0aA=="}
+    return values[hint]  # type: ignore[index]
 
 
 def test_numbers_that_were_not_finite_come_back_as_nan_and_garbage_as_nothing() -> None:
-    told = telemetry("mav0", battery_frac=math.nan, position_enu_m=(math.nan, math.inf, 1.0))
-    (row,) = rows(Topic.TELEMETRY, "mav0", told, 7)
-    back = from_json(type(told), row.data)
+    recorded = telemetry("mav0", battery_frac=math.nan, position_enu_m=(math.nan, math.inf, 1.0))
+    (row,) = rows(Topic.TELEMETRY, "mav0", recorded, 7)
+    back = from_json(type(recorded), row.data)
     assert back is not None
     assert math.isnan(back.battery_frac)
     assert math.isnan(back.position_enu_m[0])
-    assert from_json(type(told), b"{]") is None
-    assert from_json(type(told), b"[1]") is None
-    assert from_json(type(told), row.data.replace(b'"flying"', b'"upside down"')) is None
+    assert from_json(type(recorded), b"{]") is None
+    assert from_json(type(recorded), b"[1]") is None
+    assert from_json(type(recorded), row.data.replace(b'"flying"', b'"upside down"')) is None
 
 
 def test_a_record_of_an_older_version_without_the_newest_fields_is_read_with_their_defaults() -> (
     None
 ):
-    told = telemetry("mav0")
-    (row,) = rows(Topic.TELEMETRY, "mav0", told, 7)
+    recorded = telemetry("mav0")
+    (row,) = rows(Topic.TELEMETRY, "mav0", recorded, 7)
     older = json.loads(row.data)
     del older["conditions"], older["action"]
     older["a_field_of_the_future"] = 1
-    assert from_json(type(told), json.dumps(older).encode()) == told
+    assert from_json(type(recorded), json.dumps(older).encode()) == recorded
 
 
 async def test_the_state_at_any_time_is_what_was_folded_until_then(flight: Path) -> None:
@@ -280,14 +281,22 @@ def test_memory_does_not_follow_the_length_of_the_record(tmp_path: Path) -> None
     folder.mkdir()
     files = RecordFiles(folder, (folder / "flight.mcap").open("wb"), begin_ns=0, begin="a test")
     for step in range(60_000):
-        pose = MocapPose(body="mav0", boot_id=1, sequence=step, stamp_ns=step * 1_000_000, is_tracked=True,
-                         position_enu_m=ZERO, quaternion_enu_flu_wxyz=LEVEL)  # fmt: skip
+        pose = MocapPose(
+            body="mav0",
+            boot_id=1,
+            sequence=step,
+            stamp_ns=step * 1_000_000,
+            is_tracked=True,
+            position_enu_m=ZERO,
+            quaternion_enu_flu_wxyz=LEVEL,
+        )
         files.write(Topic.MOCAP, "mav0", pose, pose.stamp_ns)
     files.finish()
     files.close()
     timeline = Timeline(folder)
     reading = timeline.read(-1, frozenset(("mocap",)))
-    count, most = 0, 0
+    count = 0
+    most = 0
     for second in range(61):
         for _ in reading.until(second * SECOND):
             count += 1
@@ -304,10 +313,10 @@ def test_the_story_is_printed_for_people_and_for_programs(
     assert "    10.0 s  mav1 info x: mav1 at 10 s" in text
     assert "Closest: mav0 and mav1, 1.00 m, by ground truth." in text
     assert main(["replay", str(flight / "flight.mcap"), "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told["is_whole"]
-    assert told["smallest"]["pair"] == ["mav0", "mav1"]
-    assert len(told["events"]) == 24
+    story = json.loads(capsys.readouterr().out)
+    assert story["is_whole"]
+    assert story["smallest"]["pair"] == ["mav0", "mav1"]
+    assert len(story["events"]) == 24
 
 
 def test_a_record_without_its_fleet_file_asks_for_it(

@@ -100,13 +100,13 @@ async def test_everything_that_the_page_loads_comes_from_this_server(
                 link = next((group for group in groups if group), "")
                 if not link or link.startswith("data:"):
                     continue
-                found = urljoin(url, link)
-                assert urlsplit(found).netloc == urlsplit(address).netloc, (
-                    f"{url} refers to {found}"
+                target = urljoin(url, link)
+                assert urlsplit(target).netloc == urlsplit(address).netloc, (
+                    f"{url} refers to {target}"
                 )
-                if found not in seen and not found.startswith("ws:"):
-                    seen.add(found)
-                    todo.append(found)
+                if target not in seen and not target.startswith("ws:"):
+                    seen.add(target)
+                    todo.append(target)
         async with session.get(address) as response:
             text = await response.text()
     assert "a &lt;b&gt;&quot;flight&quot;" in text
@@ -175,9 +175,16 @@ async def test_a_console_whose_page_was_closed_while_it_opened_ends_without_its_
 async def test_no_console_outlives_covey_web(number: signal.Signals, tmp_path: Path) -> None:
     folder = record(tmp_path / "flight", 3.0)
     process = await asyncio.create_subprocess_exec(
-        sys.executable, "-m", "groundstation", "web", "--replay", str(folder), "--port", "0",
+        sys.executable,
+        "-m",
+        "groundstation",
+        "web",
+        "--replay",
+        str(folder),
+        "--port",
+        "0",
         stdout=asyncio.subprocess.PIPE,
-    )  # fmt: skip
+    )
     try:
         assert process.stdout is not None
         address = re.search(r"http://\S+", (await process.stdout.readline()).decode())
@@ -233,9 +240,17 @@ async def test_the_address_that_covey_web_prints_has_a_key_exactly_when_its_page
 ):
     for words in ([], ["--operate"]):
         process = await asyncio.create_subprocess_exec(
-            sys.executable, "-m", "groundstation", "web", "--fleet", str(FLEET), "--port", "0", *words,
+            sys.executable,
+            "-m",
+            "groundstation",
+            "web",
+            "--fleet",
+            str(FLEET),
+            "--port",
+            "0",
+            *words,
             stdout=asyncio.subprocess.PIPE,
-        )  # fmt: skip
+        )
         assert process.stdout is not None
         address = re.search(r"http://\S+", (await process.stdout.readline()).decode())
         process.terminate()
@@ -309,9 +324,18 @@ async def test_a_port_that_is_taken_is_a_sentence(served: tuple[ConsoleServer, s
 
 @pytest.mark.parametrize(
     ("host", "is_ours"),
-    [("127.0.0.1", True), ("127.9.9.9", True), ("[::1]", True), ("localhost", True), ("::", False), ("10.0.0.1", False),
-     ("127.0.0.1.example.org", False), ("", False), ("0", False)],
-)  # fmt: skip
+    [
+        ("127.0.0.1", True),
+        ("127.9.9.9", True),
+        ("[::1]", True),
+        ("localhost", True),
+        ("::", False),
+        ("10.0.0.1", False),
+        ("127.0.0.1.example.org", False),
+        ("", False),
+        ("0", False),
+    ],
+)
 def test_only_loopback_counts_as_this_machine(host: str, is_ours: bool) -> None:
     assert is_loopback(host) is is_ours
 
