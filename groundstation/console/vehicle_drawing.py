@@ -307,14 +307,18 @@ def _neighbour_line(subject: VehicleSubject, neighbour: _Neighbour, width: int) 
     distance = number(neighbour.sorting_m, 2)
     own_view = number(neighbour.own_view_m, 2)
     age = number(1e3 * neighbour.age_s, 0, limit=1e6)
-    line = [
-        (" ◆ " if is_avoided else "   ", CALM),
+    sign = "   "
+    remark = ""
+    if is_avoided:
+        sign = " ◆ "
+    if is_avoided and width >= 56:
+        remark = "  avoided now"
+    return [
+        (sign, CALM),
         (theme.fit_name(clean(neighbour.name, 40), 14), TEXT),
         (f"{distance:>6}{own_view:>11}{age:>8}", colour),
+        (remark, CALM),
     ]
-    if is_avoided and width >= 56:
-        line.append(("  avoided now", CALM))
-    return line
 
 
 # -- orders and log --------------------------------------------------------------------------------

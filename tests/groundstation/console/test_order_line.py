@@ -23,6 +23,7 @@ async def test_pasted_lines_become_one_that_only_enter_sends(rig: Rig) -> None:
         await pilot.pause(0.05)
         assert rig.app.panels.order_line.value == "land mav1 kill all"
         assert rig.client.ordered == []
+
         await pilot.press("enter")
         assert rig.client.ordered == []
         await pilot.press("ctrl+u")
@@ -78,17 +79,21 @@ async def test_an_operator_who_has_given_an_order_has_left_the_order_line(rig: R
         table = rig.app.panels.table
         assert "press :" in rig.screen_text
         assert "esc leaves" not in rig.screen_text
+
         await pilot.press("colon")
         assert "now write" in rig.screen_text
         assert "esc leaves" in rig.screen_text
+
         await pilot.press(*"land mav1", "enter")
         await pilot.pause()
         assert rig.client.ordered == ["land mav1"]
         assert (rig.app.focused, line.value) == (table, "")
         assert "press :" in rig.screen_text
         assert "esc leaves" not in rig.screen_text
+
         await pilot.press("down", "f12", "f12")  # in a hurry: keys are keys again
         assert rig.client.ordered[1:] == ["kill mav1"]
+
         await rig.preview(pilot, "move mav0 0 1.5 1")
         await pilot.press("escape")
         assert (rig.app.focused, line.value) == (table, "")
@@ -117,6 +122,7 @@ async def test_a_refused_order_stays_to_be_corrected_below_the_sentence_that_say
             assert "esc leaves" in rig.screen_text
             reason = rig.line(ResultLines).strip()
             assert reason[:40] in rig.said, order
+
         await pilot.press("x", "backspace")
         assert line.value == order
         await pilot.press("ctrl+u", *"hold all", "enter")

@@ -65,25 +65,30 @@ async def test_an_alarm_is_acknowledged_and_stays_in_the_list_until_it_is_over(
         listed = lines(app.screen, AlarmList)
         assert listed.index("mav1: PX4 left OFFBOARD") < listed.index("mav2: its loop is late")
         assert "Ask the RC pilot" in listed
+
         await pilot.press("j", "a")
         await pilot.pause(0.3)
         assert "1 acknowledged" in str(app.screen.query_one(AlarmList).border_title)
         assert "✓" in lines(app.screen, AlarmList)
+
         await pilot.press("escape", "a")
         await pilot.pause(0.3)
         assert all(line.is_acknowledged for line in app.alarms.lines)
         assert "mav1: PX4 left OFFBOARD" in lines(app.screen, StatusBar)
+
         client.skew_ns += 100_000_000
         for name in fleet.enabled_names:
             client.hear(
                 name, position_enu_m=(3.0 * fleet.enabled_names.index(name) - 3.0, 0.0, 1.0)
             )
         app.refresh_fleet()
+
         client.skew_ns += 3_200_000_000
         for name in fleet.enabled_names:
             client.hear(
                 name, position_enu_m=(3.0 * fleet.enabled_names.index(name) - 3.0, 0.0, 1.0)
             )
+
         await pilot.press("A")
         await pilot.pause(0.3)
         assert "over" in lines(app.screen, AlarmList)
@@ -138,6 +143,7 @@ async def test_everything_about_one_vehicle_is_on_its_page_at_every_size(
         assert client.tick_stream.followed == "mav0"
         page = app.screen.query_one(VehicleBlocks)
         assert "mav0" in str(page.border_title)
+
         text = lines(app.screen, VehicleBlocks)
         for _ in range(5):
             await pilot.press("pagedown")
@@ -155,6 +161,7 @@ async def test_everything_about_one_vehicle_is_on_its_page_at_every_size(
             "had a thought",
         ):
             assert words in text, words
+
         await pilot.press("escape")
         await until(pilot, lambda: client.tick_stream.followed is None)
 
@@ -167,6 +174,7 @@ async def test_the_page_says_why_a_vehicle_cannot_fly_and_what_to_do(fleet: Flee
         await pilot.press("enter")
         await pilot.pause(0.3)
         assert "no mocap" in lines(app.screen, VehicleBlocks)
+
         from groundstation.fleet import state as fleet_state
 
         report = PreflightReport(
@@ -206,16 +214,20 @@ async def test_the_page_goes_to_the_next_vehicle_and_keys_mean_the_one_that_is_s
         await pilot.pause(0.3)
         assert "mav2" in str(app.screen.query_one(VehicleBlocks).border_title)
         assert app.orders.selected == ("mav2",)
+
         await pilot.press("left_square_bracket")
         await pilot.pause(0.3)
         assert "mav1" in str(app.screen.query_one(VehicleBlocks).border_title)
+
         await pilot.press("f7")
         assert client.ordered == ["land mav1"]
+
         await pilot.press("f12")
         await pilot.pause(0.3)
         assert "KILL mav1?" in lines(app.screen, StatusBar)
         await pilot.press("f12")
         await until(pilot, lambda: client.ordered[-1] == "kill mav1")
+
         await pilot.press("ctrl+l")
         assert client.ordered[-1].startswith("land mav0,mav1,mav2")
 

@@ -28,8 +28,10 @@ async def test_the_cursor_stays_on_its_vehicle_when_sorting_moves_the_rows() -> 
     async with app.run_test(size=(120, 40)) as pilot:
         await pilot.press("down", "down")
         assert table_of(app).selected == "v002"
+
         while table_of(app).sort != "bat":
             await pilot.press("s")
+
         client.hear("v002", battery_frac=0.01, boot_id=8)
         client.clock_ns += 2_000_000_000
         for name in client.fleet.enabled_names[:2]:
@@ -37,6 +39,7 @@ async def test_the_cursor_stays_on_its_vehicle_when_sorting_moves_the_rows() -> 
         await see(app, pilot)
         assert table_of(app).selected == "v002"
         assert table_of(app).cursor == 0
+
         await pilot.press("S")
         assert table_of(app).selected == "v002"
         assert table_of(app).cursor == 5
@@ -56,6 +59,7 @@ async def test_a_filter_shows_some_and_says_what_it_hides_of_the_marked() -> Non
         await pilot.press("escape")
         assert table_of(app).marked == ()
         assert sum("● flying" in line for line in lines(app, FleetTable)) == 12
+
         await pilot.press("slash", *"nobody", "enter")
         assert any("nobody matches" in line for line in lines(app, FleetTable))
         assert table_of(app).selected is None
@@ -74,6 +78,7 @@ async def test_a_filter_knows_names_numbers_states_and_conditions() -> None:
             if key not in ("sequence", "operator", "roles", "vehicle", "schema")
         }
         client.hear(name, **fields)
+
     app = ConsoleApp(client.fleet, client)
     async with app.run_test(size=(120, 40)) as pilot:
         for filter_text, names in [
@@ -99,17 +104,22 @@ async def test_marks_come_by_space_by_range_and_all_at_once() -> None:
         table = table_of(app)
         await pilot.press("space", "down", "space")
         assert table.marked == ("v000", "v002")
+
         await pilot.press("J", "J")
         assert table.marked == ("v000", "v002", "v003", "v004", "v005")
+
         await pilot.press(*"3-4,v007", "enter")
         assert table.marked == ("v003", "v004", "v007")
         assert table.selected == "v003"
+
         await pilot.press("asterisk")
         assert len(table.marked) == 8
         assert "ALL marked" in str(table.border_subtitle)
+
         client.clock_ns += 4_000_000_000
         await see(app, pilot)
         assert len(table.marked) == 8
+
         client.clock_ns += 1_100_000_000
         await see(app, pilot)
         assert table.marked == ()
@@ -153,12 +163,14 @@ async def test_vehicles_that_vanish_and_come_back_leave_no_mark_and_no_ghost() -
         await pilot.press("down", "space", "up")
         assert table_of(app).marked == ("v001",)
         assert table_of(app).selected == "v001"
+
         some = {name: view for name, view in whole.vehicles.items() if name != "v001"}
         client.state = msgspec.structs.replace(whole, vehicles=MappingProxyType(some))
         await see(app, pilot)
         assert table_of(app).marked == ()
         assert table_of(app).selected != "v001"
         assert not any("v001" in line[:12] for line in lines(app, FleetTable))
+
         client.state = whole
         client.hear("v001", boot_id=99)
         await see(app, pilot)
@@ -193,6 +205,7 @@ async def test_long_and_foreign_names_keep_the_columns_and_stay_apart(
         table = lines(app, FleetTable)
         assert {cell_len(line) for line in table} <= {table_of(app).size.width}
         assert {cell_len(line) for line in lines(app, PlanView)} <= {plan_of(app).size.width}
+
         if size[0] >= 80:
             assert any("_07" in line for line in table)
             assert any("_08" in line for line in table)
@@ -220,6 +233,7 @@ async def test_the_reason_why_a_vehicle_is_not_ready_is_read_at_every_size() -> 
 def test_all_columns_have_room_at_200_and_the_vital_ones_at_60() -> None:
     assert fit_columns(198 - 30)[0] == COLUMNS
     assert fit_columns(198 - 30)[1] >= 24
+
     vital = {column.title for column in fit_columns(60 - 12)[0]}
     assert {"state", "bat", "z m", "near m"} <= vital
     assert fit_columns(0) == ((), 0)
@@ -232,8 +246,10 @@ async def test_a_battery_says_how_long_it_lasts_until_it_has_to_land() -> None:
         client.clock_ns += 1_000_000_000
         client.hear("v000", battery_frac=0.8 - 0.1 * second / 60.0, boot_id=3)
         history.add(client.state, client.now_ns())
+
     assert history.drains["v000"].per_min_frac == pytest.approx(-0.1, rel=0.02)
     assert history.drains["v000"].left_min == pytest.approx((0.7 - 0.2) / 0.1, rel=0.05)
+
     client.clock_ns += 1_000_000_000
     client.hear("v000", battery_frac=1.0, boot_id=3)
     history.add(client.state, client.now_ns())
@@ -251,6 +267,7 @@ async def test_px4s_own_disarmed_report_replaces_the_old_values_of_a_silent_agen
         client.clock_ns += int(3e9)
         await see(app, pilot)
         assert "NO TELEM 3.0 s" in lines(app, FleetTable)[1]
+
         disarmed = Event(
             vehicle="mav0",
             stamp_ns=1,
@@ -260,19 +277,23 @@ async def test_px4s_own_disarmed_report_replaces_the_old_values_of_a_silent_agen
         )
         client.state = fold(client.state, disarmed, client.now_ns())
         await see(app, pilot)
+
         row = lines(app, FleetTable)[1]
         assert "NO TELEM 3.0 s" in row
         assert "PX4 says disarmed, last heard at +0.40 -0.30" in row
         assert "ARMED" not in row
         assert "1.23" not in row
+
         await pilot.press("enter")
         await pilot.pause()
         page = app.screen.query_one(VehicleBlocks)
         assert "PX4 says disarmed" in str(page.border_title)
         assert "ARMED" not in "".join(page.render_line(y).text for y in range(page.size.height))
+
         await pilot.press("escape", "slash", *"armed", "enter")
         await see(app, pilot)
         assert "nobody matches" in lines(app, FleetTable)[1]
+
         client.hear("mav0", state="flying", is_armed=True)
         await see(app, pilot)
         assert "flying" in lines(app, FleetTable)[1], "the agent is back, and knows better"
@@ -290,6 +311,7 @@ async def test_a_hundred_rows_scroll_and_the_heading_stays() -> None:
             table = lines(app, FleetTable)
             assert "state" in table[0]
             assert any(line.startswith("▌") and name in line for line in table)
+
         table_of(app).action_cursor(30)
         await pilot.pause()
         assert any(line.startswith("▌") and "v030" in line for line in lines(app, FleetTable))
