@@ -1,6 +1,6 @@
-"""Events that wait for the next tick, and the bus and mocap callbacks that put them there.
+"""Inputs that wait for the next tick, and the callbacks of bus and mocap that put them there.
 
-The callbacks come on threads of the bus and of the mocap: they only append, and a deque is safe for
+The callbacks come on threads of the bus and of the mocap. They only append, and a deque is safe for
 that.
 """
 
@@ -44,13 +44,16 @@ class Inbox:
         self, vehicle: Vehicle, boot_id: int, bus: Bus, mocap: MocapConfig, state_ticks: int = 1
     ) -> None:
         self.clock = ClockNode(bus)
-        # few, and the others must push none of them out
+        # Few, and the others must push none of them out.
         self.notices: deque[agent_inputs.AgentInput] = deque(maxlen=_MOST_EVENTS)
         self.events: deque[agent_inputs.AgentInput] = deque(
             maxlen=_MOST_EVENTS
         )  # the newest matter
         self._nodes: dict[str, bool] = {}  # node whose presence has changed -> whether it is there
-        self._vehicle, self._boot_id, self._bus, self._mocap_config = vehicle, boot_id, bus, mocap
+        self._vehicle = vehicle
+        self._boot_id = boot_id
+        self._bus = bus
+        self._mocap_config = mocap
         self._state_ticks = state_ticks
         self._mocap: MocapSource | None = None
         self._others = BusMocap(bus, "*", self._pose_received, self._malformed_received)
@@ -76,7 +79,8 @@ class Inbox:
 
     def take_counts(self) -> agent_inputs.MessagesCounted:
         """Return how many messages were not passed on since the last call."""
-        counts, self._counts = self._counts, MessageCounts()
+        counts = self._counts
+        self._counts = MessageCounts()
         return agent_inputs.MessagesCounted(counts.malformed, counts.refused, counts.dropped)
 
     def nodes_changed(self) -> list[agent_inputs.NodeChanged]:
@@ -90,26 +94,34 @@ class Inbox:
         """Take a state or a telemetry; under our own name it is another agent's."""
         if not isinstance(message, (StateMessage, Telemetry)):
             self._malformed_received()
-        # who may publish under a name is checked; what stands in the message is not
-        elif message.vehicle != name:
-            self._counts.refused += 1
-        else:
-            self._take_neighbour(topic, name, message)
+            return
 
-    def _take_neighbour(self, topic: Topic, name: str, message: StateMessage | Telemetry) -> None:
-        if topic is Topic.STATE:  # every one is sent here: the missing ones are lost
-            ticks = message.sequence - self._sequences.get(
-                name, message.sequence - self._state_ticks
-            )
-            missing = ticks // self._state_ticks - 1
-            self._counts.dropped += missing if 0 < missing < _MOST_MISSING else 0
-            if not -_MOST_MISSING < missing < 0:  # newer, or counted anew
-                self._sequences[name] = message.sequence
-        if name != self._vehicle.name or message.boot_id != self._boot_id:
-            now_ns = time.monotonic_ns()
-            if isinstance(message, StateMessage):
-                message = self.clock.state(name, message, now_ns)
-            self._append(agent_inputs.NeighbourReceived(message, now_ns))
+        # The bus checks who may publish under a name, but not what stands in the message.
+        if message.vehicle != name:
+            self._counts.refused += 1
+            return
+
+        if topic is Topic.STATE:
+            self._count_missing(name, message.sequence)
+
+        is_own = name == self._vehicle.name and message.boot_id == self._boot_id
+        if is_own:
+            return
+        now_ns = time.monotonic_ns()
+        if isinstance(message, StateMessage):
+            message = self.clock.state(name, message, now_ns)
+        self._append(agent_inputs.NeighbourReceived(message, now_ns))
+
+    def _count_missing(self, name: str, sequence: int) -> None:
+        """Count the states that were lost: to a follower every one is sent."""
+        before = self._sequences.get(name, sequence - self._state_ticks)
+        missing = (sequence - before) // self._state_ticks - 1
+        if 0 < missing < _MOST_MISSING:
+            self._counts.dropped += missing
+
+        is_overtaken = -_MOST_MISSING < missing < 0
+        if not is_overtaken:  # newer, or counted anew
+            self._sequences[name] = sequence
 
     def source(self, body: str) -> MocapSource:
         """Return a source of one body's poses, not yet started."""
@@ -118,8 +130,9 @@ class Inbox:
         )
 
     def watch_bodies(self, bodies: tuple[str, ...]) -> None:
-        """Receive the poses of exactly these other bodies; a mocap that is read directly sends
-        those of all anyway.
+        """Receive the poses of exactly these other bodies.
+
+        A mocap that is read directly sends those of all bodies anyway.
         """
         if not self._mocap_config.direct:
             self._bus.follow(Topic.MOCAP, bodies, self._others.receive)
@@ -157,5 +170,6 @@ class Inbox:
         self._counts.malformed += 1
 
     def _append(self, event: agent_inputs.AgentInput) -> None:
-        self._counts.dropped += len(self.events) == _MOST_EVENTS  # the oldest makes room
+        if len(self.events) == _MOST_EVENTS:
+            self._counts.dropped += 1  # the oldest makes room
         self.events.append(event)

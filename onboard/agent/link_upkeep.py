@@ -1,4 +1,7 @@
-"""Upkeep of the link to PX4: discovery, rates, origin and parameters, again whenever PX4 restarts."""
+"""Upkeep of the link to PX4: discovery, rates, origin and parameters.
+
+All of it is done again whenever PX4 restarts.
+"""
 
 from __future__ import annotations
 
@@ -18,10 +21,14 @@ from onboard.px4.mavsdk_link import Px4Link
 from onboard.px4.required_params import BATTERY_FLOOR, differences, required_params
 from onboard.safety.failsafe_table import Situation
 
-_REPEAT_S, _LOOK_S = 5.0, 1.0
+_REPEAT_S = 5.0
+_LOOK_S = 1.0
 _READ_AGAIN_NS = 15_000_000_000  # somebody may have set a parameter meanwhile
 _RESTARTED_MS = 1000
-_NO_ORIGIN = "PX4 has no global origin yet, and gets no poses until it has: wait 3 s, and restart PX4 if that stays so."
+_NO_ORIGIN = (
+    "PX4 has no global origin yet, and gets no poses until it has: "
+    "wait 3 s, and restart PX4 if that stays so."
+)
 
 log = logging.getLogger("covey.agent")
 
@@ -46,8 +53,12 @@ class LinkUpkeep:
         *,
         applies_params: bool,
     ) -> None:
-        self._vehicle, self._link, self._flight, self._notify = vehicle, link, flight, notify
-        self._applies_params, self._required = applies_params, required_params(vehicle)
+        self._vehicle = vehicle
+        self._link = link
+        self._flight = flight
+        self._notify = notify
+        self._applies_params = applies_params
+        self._required = required_params(vehicle)
         self._blocking = ThreadPoolExecutor(1, thread_name_prefix="link")
         self._task: asyncio.Task[None] | None = None
 
@@ -90,7 +101,8 @@ class LinkUpkeep:
         self._link.withholds_poses = self._vehicle.mocap_required
         self._link.request_rates()
         requested_ns = time.monotonic_ns()
-        while self._link.snapshot().heartbeat_ns < requested_ns:  # noqa: ASYNC110 - MAVSDK's threads set no Event
+        # MAVSDK's threads set no Event to wait for.
+        while self._link.snapshot().heartbeat_ns < requested_ns:  # noqa: ASYNC110
             await asyncio.sleep(0.1)
         # by an earlier run of this agent, or a pilot: nothing is changed under way
         if self._link.snapshot().is_armed:
@@ -102,37 +114,51 @@ class LinkUpkeep:
 
     async def _watch_until_restart(self) -> None:
         """Check parameters, origin and disk from time to time, until PX4's clock begins anew."""
-        problems: tuple[str, ...] | None = None
-        read_ns, boot_ms, has_origin = 0, self._link.snapshot().px4_boot_ms, True
+        problems: tuple[str, ...] | None = None  # None: not read yet
+        read_ns = 0
         read_for: Version | None = None
+        has_origin = True
+        boot_ms = self._link.snapshot().px4_boot_ms
+
         while True:
+            # What is required depends on the version, whose only message may have got lost.
             version = self._link.snapshot().px4_version
-            if version is None:  # its only message got lost: what is demanded depends on it
+            if version is None:
                 self._link.request_version()
+
+            is_old = time.monotonic_ns() - read_ns > _READ_AGAIN_NS
+            is_due = problems or version != read_for or is_old
             is_on_ground = self._flight.step.situation is Situation.GROUND
-            is_due = (
-                problems or version != read_for or time.monotonic_ns() - read_ns > _READ_AGAIN_NS
-            )
             if is_on_ground:
                 has_origin = self._link.settle_global_origin(sets_ours=self._vehicle.mocap_required)
+
             if problems is None or (is_due and is_on_ground):
-                read_ns, read_for = time.monotonic_ns(), version
+                read_ns = time.monotonic_ns()
+                read_for = version
                 problems = await self._read_params(has_origin)
+
             await asyncio.sleep(_REPEAT_S if problems and has_origin else _LOOK_S)
-            self._notify(agent_inputs.DiskChecked(await self._in_thread(realtime.is_disk_full)))
-            before_ms, boot_ms = boot_ms, self._link.snapshot().px4_boot_ms
+            is_full = await self._in_thread(realtime.is_disk_full)
+            self._notify(agent_inputs.DiskChecked(is_full))
+
+            before_ms = boot_ms
+            boot_ms = self._link.snapshot().px4_boot_ms
             if boot_ms + _RESTARTED_MS < before_ms:
                 return
 
     async def _read_params(self, has_origin: bool) -> tuple[str, ...]:
         px4 = self._link.snapshot()
         self._required = required_params(self._vehicle, px4.px4_version)
-        floor = {BATTERY_FLOOR: 0.0} if px4.is_simulated else {}
-        actual = await self._in_thread(self._link.read_params, self._required | floor)
-        problems = differences(self._required, actual) + (() if has_origin else (_NO_ORIGIN,))
-        self._notify(
-            agent_inputs.ParamsRead(problems, 0.01 * float(actual.get(BATTERY_FLOOR) or 0.0))
-        )
+        read = dict(self._required)
+        if px4.is_simulated:
+            read[BATTERY_FLOOR] = 0.0
+        actual = await self._in_thread(self._link.read_params, read)
+
+        problems = differences(self._required, actual)
+        if not has_origin:
+            problems = (*problems, _NO_ORIGIN)
+        battery_floor_pct = float(actual.get(BATTERY_FLOOR) or 0.0)
+        self._notify(agent_inputs.ParamsRead(problems, 0.01 * battery_floor_pct))
         for sentence in problems:
             log.warning("%s", sentence)
         return problems

@@ -38,7 +38,8 @@ from onboard.security.mavlink_key import mavlink_key
 from onboard.types import TICK_S
 
 PERIOD_NS = round(TICK_S * 1e9)
-_CHECKED_POSITION_HZ, _SATELLITES_HZ = 10.0, 5.0
+_CHECKED_POSITION_HZ = 10.0
+_SATELLITES_HZ = 5.0
 _STATISTICS_TICKS = 25
 _FAILED_TICKS_TO_LAND = 25
 _TIDY_TICKS = 500  # on the ground
@@ -59,7 +60,9 @@ class AgentProcess:
         is_realtime: bool = False,
         has_bus_mocap: bool = False,
     ) -> None:
-        self._fleet, self._name, self._is_realtime = fleet, name, is_realtime
+        self._fleet = fleet
+        self._name = name
+        self._is_realtime = is_realtime
         vehicle = fleet.vehicles[name]
         self._core = AgentCore(
             fleet, name, boot_id=time.time_ns() & 0x7FFFFFFF, clock=time.perf_counter
@@ -102,11 +105,13 @@ class AgentProcess:
         self._ticker = Ticker(PERIOD_NS, self._tick, offset_ns=offset_ns)
         self._notifier = Notifier()
         self._ended: asyncio.Future[int] | None = None
-        self._ticks = self._failed_ticks = self._signals = 0
+        self._ticks = 0
+        self._failed_ticks = 0  # in a row
+        self._signals = 0
         self._was_ready = False
 
     async def run(self) -> int:
-        """Fly until the process is to end; the exit status."""
+        """Fly until the process is to end; return the exit status."""
         loop = asyncio.get_running_loop()
         self._ended = loop.create_future()
         # first of all: a request to stop may come early
@@ -139,22 +144,23 @@ class AgentProcess:
             self._link.stop()
 
     async def _join_bus(self) -> bool:
-        """Open the bus, and wait for a router where the fleet has routers; False when asked to stop
-        before that.
+        """Open the bus; return False when asked to stop before that.
+
+        Where the fleet has routers, it waits for one.
         """
-        is_told = False
+        is_reported = False
         while not self._signals:
             try:
                 self._bus.start()
                 return True
             except NoRouterError as error:
-                if not is_told:
+                if not is_reported:
                     print(
                         f"agent {self._name}: {error} It goes on looking.",
                         file=sys.stderr,
                         flush=True,
                     )
-                is_told = True
+                is_reported = True
                 await asyncio.sleep(0.0)  # signals
         return False
 
@@ -193,7 +199,8 @@ class AgentProcess:
         if self._signals > 1:
             os.write(
                 2,
-                b"second request to stop: ending at once; in the air PX4's own failsafe lands the vehicle\n",
+                b"second request to stop: ending at once; "
+                b"in the air PX4's own failsafe lands the vehicle\n",
             )
             os._exit(EXIT_INTERRUPTED)
         else:
@@ -207,7 +214,8 @@ class AgentProcess:
     # -- tick --------------------------------------------------------------------------------------
 
     def _tick(self) -> None:
-        now_ns = self._executor.tick_ns = time.monotonic_ns()
+        now_ns = time.monotonic_ns()
+        self._executor.tick_ns = now_ns
         try:
             self._run_core(now_ns)
             self._failed_ticks = 0
@@ -220,32 +228,40 @@ class AgentProcess:
             )
             if self._failed_ticks == _FAILED_TICKS_TO_LAND:
                 self._link.land()
+
         self._ticks += 1
         if self._ticks % _STATISTICS_TICKS == 0:
             self._report_loop(now_ns)
+
         flight = self._core.flight
         if self._ticks % _TIDY_TICKS == 0 and flight.step.situation is Situation.GROUND:
             realtime.tidy()
+
         if not self._was_ready and flight.state == "ready":
             self._was_ready = self._executor.reliable.submit(
                 lambda: print(f"agent {self._name}: ready", flush=True)
             )
 
     def _run_core(self, now_ns: int) -> None:
-        core, inbox, execute = self._core, self._inbox, self._executor.execute
+        core = self._core
+        inbox = self._inbox
+        execute = self._executor.execute
+
         while inbox.notices:
             execute(core.handle(inbox.notices.popleft(), now_ns))
         for node in inbox.nodes_changed():
             execute(core.handle(node, now_ns))
         self._bus.deliver()
-        for_px4: list[
-            agent_commands.Command
-        ] = []  # poses, which may wait until the setpoint is out
+
+        # Poses go to PX4 behind the setpoint, which may not wait for them.
+        for_px4: list[agent_commands.Command] = []
         while inbox.events:
             for_px4 += core.handle(inbox.events.popleft(), now_ns)
         core.handle(agent_inputs.SnapshotReceived(self._link.snapshot()), now_ns)
+
         execute(core.tick(now_ns))
         execute(for_px4)
+
         if self._ticks % _STATISTICS_TICKS == 0:
             inbox.clock.beat()
             core.handle(inbox.take_counts(), now_ns)
@@ -256,11 +272,14 @@ class AgentProcess:
 
     def _report_loop(self, now_ns: int) -> None:
         ticker = self._ticker
+        p50_ms, p99_ms, max_ms = ticker.statistics_ms()
         timed = agent_inputs.LoopTimed(
-            *ticker.statistics_ms(),
-            ticker.late_ticks,
-            ticker.lateness_p99_ms(),
-            ticker.missed_ticks,
+            p50_ms=p50_ms,
+            p99_ms=p99_ms,
+            max_ms=max_ms,
+            late_ticks=ticker.late_ticks,
+            lateness_p99_ms=ticker.lateness_p99_ms(),
+            missed_ticks=ticker.missed_ticks,
         )
         self._core.handle(timed, now_ns)
 
