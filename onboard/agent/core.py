@@ -142,8 +142,14 @@ class AgentCore:
         )
         self._publisher = TelemetryPublisher(self.identity, sources, fleet.state_ticks)
 
+        # as the inputs have said last
+        self._is_stopping = False  # the agent is asked to end
+        self._is_disk_full = False
+        self._battery_floor_frac = 0.0  # charge at which a simulated battery stops emptying
+        self._clock_jump_ns = 0  # when our clock jumped last; 0 never
+
         # of the newest tick
-        self._context = TickContext()
+        self._period_s = TICK_S  # since the tick before
         self._distances_m: dict[str, float] = {}  # separations from the neighbours
         self._view = FlightView(
             now_ns=0,
@@ -166,7 +172,7 @@ class AgentCore:
     @property
     def is_stopping(self) -> bool:
         """Whether somebody has asked this agent to end."""
-        return self._context.is_stopping
+        return self._is_stopping
 
     # -- a tick ------------------------------------------------------------------------------------
 
@@ -210,12 +216,11 @@ class AgentCore:
 
     def _measure_period(self, now_ns: int) -> float:
         """Note the time since the last tick; return the part of it that a tick integrates over."""
-        context = self._context
         before_ns = self._view.now_ns
-        context.period_s = (now_ns - before_ns) * 1e-9 if before_ns else TICK_S
+        self._period_s = (now_ns - before_ns) * 1e-9 if before_ns else TICK_S
         if now_ns < before_ns:
-            context.clock_jump_ns = now_ns
-        return min(max(context.period_s, _SHORTEST_S), _LONGEST_S)
+            self._clock_jump_ns = now_ns
+        return min(max(self._period_s, _SHORTEST_S), _LONGEST_S)
 
     def _estimate(self, now_ns: int, dt_s: float) -> State | None:
         """Return the own state as of now; None before the first usable sample."""
@@ -259,7 +264,7 @@ class AgentCore:
                 snapshot=self._snapshot,
                 thrust_share=self._setpoints.sent_thrust_frac / self.control.hover_frac,
                 other_clocks=self._other_clocks(now_ns),
-                period_s=self._context.period_s,
+                period_s=self._period_s,
                 is_blind=is_reckoned,
                 yaw_rad=state.yaw_rad,
                 position_age_s=position_age_s,
@@ -277,25 +282,7 @@ class AgentCore:
 
     def _supervise(self, view: FlightView) -> None:
         """Find the conditions that hold, and let the failsafe table's action begin."""
-        context = self._context
-        control = self.control
-
-        context.is_last_tick_finite = control.is_finite
-        context.law_refusal = control.law_refusal
-        context.bus_age_s = self.nodes.silence_s(self.neighbours.last_heard_ns, view.now_ns)
-        context.has_ground = self.nodes.has_ground
-        context.is_airborne = self._is_airborne()
-        context.nearest_m = min(self._distances_m.values(), default=math.inf)
-        context.has_duplicate = self.preflight.has_duplicate(view.now_ns)
-        context.commanded_wxyz = self._setpoints.quaternion_wxyz
-        context.thrust_frac = self._setpoints.sent_thrust_frac
-
-        last = control.tick
-        if last is not None:
-            context.law_status = last.law.status
-            context.active_neighbour = last.law.active_neighbour
-            context.below_m = last.setpoint.position_enu_m.z - view.position_enu_m[2]
-
+        context = self._tick_context(view)
         flight = self.flight
         decision = self.failsafes.decide(view, context, flight.step.situation)
         for report in decision.reports:
@@ -305,10 +292,46 @@ class AgentCore:
                 flight, view, decision.action, decision.cause, decision.outcome
             )
 
+    def _tick_context(self, view: FlightView) -> TickContext:
+        """Return what the failsafes have to know, beside the view and the flight."""
+        control = self.control
+        law_status = 0
+        active_neighbour = -1
+        below_m = 0.0
+        last = control.tick
+        if last is not None:
+            law_status = last.law.status
+            active_neighbour = last.law.active_neighbour
+            below_m = last.setpoint.position_enu_m.z - view.position_enu_m[2]
+
+        return TickContext(
+            # own process
+            period_s=self._period_s,
+            is_last_tick_finite=control.is_finite,
+            law_refusal=control.law_refusal,
+            is_stopping=self._is_stopping,
+            has_duplicate=self.preflight.has_duplicate(view.now_ns),
+            is_disk_full=self._is_disk_full,
+            clock_jump_ns=self._clock_jump_ns,
+            # bus
+            has_ground=self.nodes.has_ground,
+            bus_age_s=self.nodes.silence_s(self.neighbours.last_heard_ns, view.now_ns),
+            # the vehicle and the others
+            is_airborne=self._is_airborne(),
+            battery_floor_frac=self._battery_floor_frac,
+            nearest_m=min(self._distances_m.values(), default=math.inf),
+            # the last pass of the pipeline
+            law_status=law_status,
+            active_neighbour=active_neighbour,
+            commanded_wxyz=self._setpoints.quaternion_wxyz,
+            thrust_frac=self._setpoints.sent_thrust_frac,
+            below_m=below_m,
+        )
+
     def _check_preflight(self, view: FlightView) -> None:
         self.preflight.update(
             view,
-            self._context.period_s,
+            self._period_s,
             is_airborne=self._is_airborne(),
             hover_frac=self.control.hover_frac,
             conditions=self.failsafes.conditions,
@@ -327,7 +350,7 @@ class AgentCore:
         return TickResult(
             tick=tick,
             view=view,
-            period_s=self._context.period_s,
+            period_s=self._period_s,
             is_airborne=self._is_airborne(),
             distances_m=self._distances_m,
             not_ready=self.preflight.not_ready,
@@ -352,7 +375,7 @@ class AgentCore:
             if report is not None:
                 requests.append(Publish(Topic.PREFLIGHT, report))
 
-        if self._context.is_stopping and self.flight.step.situation in _MAY_END:
+        if self._is_stopping and self.flight.step.situation in _MAY_END:
             requests.append(Exit())
 
         return requests
@@ -426,7 +449,7 @@ class AgentCore:
             not_ready=self.preflight.not_ready,
             not_ready_in_air=lambda: self.preflight.reasons_in_air(view, self.control.hover_frac),
         )
-        reply = self._orders.take(received.order, facts, is_stopping=self._context.is_stopping)
+        reply = self._orders.take(received.order, facts, is_stopping=self._is_stopping)
         events = self.nodes.lost_ends.pass_on(self.flight.take_commands(), now_ns)
         return [Reply(reply), *events]
 
@@ -445,7 +468,7 @@ class AgentCore:
 
     def _params_read(self, received: ParamsRead, now_ns: int) -> list[Command]:
         self.preflight.hear(received)
-        self._context.battery_floor_frac = received.battery_floor_frac
+        self._battery_floor_frac = received.battery_floor_frac
         return []
 
     def _clocks_compared(self, received: ClocksCompared, now_ns: int) -> list[Command]:
@@ -465,7 +488,7 @@ class AgentCore:
         return []
 
     def _disk_checked(self, received: DiskChecked, now_ns: int) -> list[Command]:
-        self._context.is_disk_full = received.is_full
+        self._is_disk_full = received.is_full
         return []
 
     def _mocap_problem_changed(self, received: MocapProblemChanged, now_ns: int) -> list[Command]:
@@ -480,7 +503,7 @@ class AgentCore:
         return []
 
     def _shutdown_requested(self, received: ShutdownRequested, now_ns: int) -> list[Command]:
-        self._context.is_stopping = True
+        self._is_stopping = True
         return []
 
 

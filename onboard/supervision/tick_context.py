@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+
+from msgspec import Struct
 
 from onboard.autopilot import Vec4
 from onboard.types import TICK_S
 
 
-@dataclass(slots=True)
-class TickContext:
+class TickContext(Struct, frozen=True, kw_only=True):
     """State of the agent itself at one tick."""
 
     # own process
