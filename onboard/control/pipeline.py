@@ -1,8 +1,13 @@
-"""The order of the stages, and nothing else: one call per tick, every intermediate value in the
-returned Tick.
+"""The order of the stages, and nothing else: one call per tick.
 
-    predict own state to t + L -> trajectory for t + L -> backstepping there (baseline) -> law -> +
-    drag, - disturbance -> allocation
+Every intermediate value is in the returned Tick.
+
+    predict the own state to t + L
+    -> trajectory for t + L
+    -> backstepping there: the baseline
+    -> law: Covey's, or one of somebody's own
+    -> + drag, - disturbance
+    -> allocation
 
 While the law holds a vehicle back, its trajectory would run away and the baseline would wind up:
 the trajectory's clock slows with the lag behind the setpoint, but only as far as the law is really
@@ -86,16 +91,16 @@ def initial(params: PipelineParams, position_enu_m: Vec3) -> PipelineMemory:
         position_enu_m: [m], ENU.
     """
     return PipelineMemory(
-        trajectory.initial(position_enu_m),
-        oist.initial(),
-        disturbance_observer.initial(ZERO_3),
-        hover_thrust.initial(params.hover_thrust),
-        ZERO_3,
-        1.0,
-        0.0,
-        params.yaw_rad,
-        0.0,
-        1.0,
+        trajectory=trajectory.initial(position_enu_m),
+        law=oist.initial(),
+        observer=disturbance_observer.initial(ZERO_3),
+        hover_thrust=hover_thrust.initial(params.hover_thrust),
+        sent_enu_m_s2=ZERO_3,
+        clock_rate=1.0,
+        activity=0.0,
+        yaw_rad=params.yaw_rad,
+        thrust_frac=0.0,
+        cos_tilt=1.0,
     )
 
 
@@ -129,6 +134,7 @@ def step(
     """
     if mode == ControlMode.GROUND:
         return _on_ground(state, params)
+
     before = before_law(memory, state, goal, mode, params, dt_s)
     law_memory, law = law_step(
         memory.law, before.baseline, before.motion, state, neighbours, obstacles, params.law, dt_s
@@ -159,21 +165,35 @@ def before_law(
     )
     usable = state if is_usable else _at_rest(state, memory)
     observer, lift = _observed(memory, usable, mode, params, dt_s)
+
     predicted = oist.predict(memory.law, usable, params.law)
     rate, leg, setpoint = _led(memory, predicted, goal, mode, params, dt_s)
+
     share = oist.speed_share(memory.law, params.law)
     thrust = _tracking(predicted, setpoint, share, mode == ControlMode.LIFTOFF, params)
+
     # line O: what drag and the observed disturbance take is added after the law, so that the law
     # commands net motion
-    known = observer.mean_enu_m_s2 if mode == ControlMode.BLIND else observer.disturbance_enu_m_s2
-    compensation = _compensation(predicted.velocity_enu_m_s, known, params)
+    disturbance = observer.disturbance_enu_m_s2
+    if mode == ControlMode.BLIND:
+        disturbance = observer.mean_enu_m_s2
+    compensation = _compensation(predicted.velocity_enu_m_s, disturbance, params)
+
     top_m_s = params.trajectory.max_speed_m_s
     baseline = interface.Baseline(
         thrust, compensation, intent(predicted.position_enu_m, goal, top_m_s)
     )
-    # the law must know, level out, and publish no state that is not known
-    motion = predicted if is_usable else Motion(_NOWHERE, _NOWHERE)
-    return BeforeLaw(observer, lift, rate, leg, setpoint, baseline, motion, is_usable)
+    return BeforeLaw(
+        observer=observer,
+        lift=lift,
+        clock_rate=rate,
+        trajectory=leg,
+        setpoint=setpoint,
+        baseline=baseline,
+        # the law must know, level out, and publish no state that is not known
+        motion=predicted if is_usable else Motion(_NOWHERE, _NOWHERE),
+        is_usable=is_usable,
+    )
 
 
 def after_law(
@@ -197,27 +217,37 @@ def after_law(
         params: of the vehicle.
         dt_s: length of the tick.
     """
-    thrust, compensation = before.baseline.thrust, before.baseline.compensation_enu_m_s2
+    thrust = before.baseline.thrust
+    compensation = before.baseline.compensation_enu_m_s2
     hover_frac = before.lift.hover_thrust_frac
-    sent = allocation.limit(
-        Thrust(add(law.thrust.thrust_enu_m_s2, compensation)), hover_frac, params.allocation
-    )
+
+    required = Thrust(add(law.thrust.thrust_enu_m_s2, compensation))
+    sent = allocation.limit(required, hover_frac, params.allocation)
     yaw_rad = _turned(memory.yaw_rad, goal, params, dt_s)
     attitude = allocation.allocate(sent, yaw_rad, hover_frac, params.allocation)
+
     after = PipelineMemory(
-        before.trajectory,
-        law_memory,
-        before.observer,
-        before.lift,
-        add(sent.thrust_enu_m_s2, _WEIGHT),
-        before.clock_rate,
-        _activity(memory.activity, law.intervention_m_s2, params, dt_s),
-        yaw_rad,
-        attitude.thrust_frac,
-        sent.thrust_enu_m_s2.z / max(length(sent.thrust_enu_m_s2), 1e-9),
+        trajectory=before.trajectory,
+        law=law_memory,
+        observer=before.observer,
+        hover_thrust=before.lift,
+        sent_enu_m_s2=add(sent.thrust_enu_m_s2, _WEIGHT),
+        clock_rate=before.clock_rate,
+        activity=_activity(memory.activity, law.intervention_m_s2, params, dt_s),
+        yaw_rad=yaw_rad,
+        thrust_frac=attitude.thrust_frac,
+        cos_tilt=sent.thrust_enu_m_s2.z / max(length(sent.thrust_enu_m_s2), 1e-9),
     )
-    is_sound = before.is_usable and is_finite(thrust.thrust_enu_m_s2)
-    return after, Tick(state, before.setpoint, thrust, law, attitude, hover_frac, is_sound)
+    tick = Tick(
+        state=state,
+        setpoint=before.setpoint,
+        thrust_baseline=thrust,
+        law=law,
+        attitude=attitude,
+        hover_thrust_frac=hover_frac,
+        is_finite=before.is_usable and is_finite(thrust.thrust_enu_m_s2),
+    )
+    return after, tick
 
 
 def _led(
@@ -229,14 +259,20 @@ def _led(
     dt_s: float,
 ) -> tuple[float, trajectory.TrajectoryMemory, TrajectorySetpoint]:
     """Return the rate of the trajectory's clock, the leg and the setpoint."""
-    leg, bounds = memory.trajectory, params.trajectory
-    if mode == ControlMode.BLIND:  # its clock waits for nobody, because each second costs accuracy
-        if goal.sequence != leg.sequence:  # it brakes from where it is, and returns to no setpoint
+    leg = memory.trajectory
+    bounds = params.trajectory
+
+    if mode == ControlMode.BLIND:
+        # it brakes from where it is, and returns to no setpoint
+        if goal.sequence != leg.sequence:
             leg = trajectory.moving(predicted.position_enu_m, predicted.velocity_enu_m_s)
-        top_m_s = _BLIND_SPEED * bounds.max_speed_m_s  # it sinks and brakes at the same time
+
+        # it sinks and brakes at the same time, and waits for nobody: each second costs accuracy
+        top_m_s = _BLIND_SPEED * bounds.max_speed_m_s
         wider = trajectory.TrajectoryParams(top_m_s, bounds.max_acceleration_m_s2, bounds.lead_s)
         leg, setpoint = trajectory.step(leg, goal, wider, dt_s, 1.0)
         return 1.0, leg, setpoint
+
     rate = clock_rate(memory, predicted.position_enu_m, goal, params, dt_s)
     leg, setpoint = trajectory.step(leg, goal, bounds, dt_s, rate)
     return rate, leg, setpoint
@@ -274,9 +310,7 @@ def _tracking(
     is_gentle: bool,
     params: PipelineParams,
 ) -> Thrust:
-    """Return the baseline thrust; in a jam the setpoint's motion and the pursuit are scaled by
-    ``share`` (line G).
-    """
+    """Return the baseline thrust, in a jam for a motion scaled by ``share`` (line G)."""
     slowed = TrajectorySetpoint(
         setpoint.position_enu_m,
         scaled(share, setpoint.velocity_enu_m_s),
@@ -287,27 +321,25 @@ def _tracking(
 
 
 def _at_rest(state: State, memory: PipelineMemory) -> State:
-    """Return a state that cannot be used as one at rest on the setpoint, so that no stage computes
-    with garbage.
-    """
+    """Return a state at rest on the setpoint, in place of one that no stage can compute with."""
     return State(
-        trajectory.setpoint_position(memory.trajectory),
-        ZERO_3,
-        _NOWHERE,  # freezes the hover estimate
-        state.yaw_rad,
-        state.age_s,
-        state.position_std_m,
-        state.velocity_std_m_s,
+        position_enu_m=trajectory.setpoint_position(memory.trajectory),
+        velocity_enu_m_s=ZERO_3,
+        acceleration_enu_m_s2=_NOWHERE,  # freezes the hover estimate
+        yaw_rad=state.yaw_rad,
+        age_s=state.age_s,
+        position_std_m=state.position_std_m,
+        velocity_std_m_s=state.velocity_std_m_s,
     )
 
 
 def clock_rate(
     memory: PipelineMemory, position_enu_m: Vec3, goal: Goal, params: PipelineParams, dt_s: float
 ) -> float:
-    """Return the rate of the trajectory's clock: 1, or less while the law is active and the vehicle
-    lags behind.
+    """Return the rate of the trajectory's clock, from 0 to 1.
 
-    It stands still while the vehicle climbs or sinks towards others that are not aside yet.
+    It is less than 1 while the law is active and the vehicle lags behind, and 0 while the vehicle
+    climbs or sinks towards others that are not aside yet.
 
     The lag is counted along the way to the goal only: a vehicle pushed aside or ahead waits for
     nothing. DEVIATION D7. The clock of a path is common to all that fly it, and not slowed here.
@@ -321,42 +353,46 @@ def clock_rate(
     """
     if goal.is_on_path:
         return goal.clock_rate_frac
+
     ahead = trajectory.setpoint_position(memory.trajectory)
-    to_goal_x, to_goal_y = goal.position_enu_m.x - ahead.x, goal.position_enu_m.y - ahead.y
-    lag = (ahead.x - position_enu_m.x) * to_goal_x + (ahead.y - position_enu_m.y) * to_goal_y
-    lag = lag / max(math.sqrt(to_goal_x * to_goal_x + to_goal_y * to_goal_y), 1e-6)
-    share = (lag - params.clock_slack_m) / (params.clock_stop_m - params.clock_slack_m)
-    share = min(max(share, 0.0), 1.0) if math.isfinite(share) else 0.0
-    target = min(1.0 - min(max(2.0 * memory.activity, 0.0), 1.0) * share, memory.law.climb_share)
-    return memory.clock_rate + (1.0 - math.exp(-dt_s / params.clock_time_s)) * (
-        target - memory.clock_rate
-    )
+    to_goal_x = goal.position_enu_m.x - ahead.x
+    to_goal_y = goal.position_enu_m.y - ahead.y
+    lag_m2 = (ahead.x - position_enu_m.x) * to_goal_x + (ahead.y - position_enu_m.y) * to_goal_y
+    lag_m = lag_m2 / max(math.sqrt(to_goal_x * to_goal_x + to_goal_y * to_goal_y), 1e-6)
+
+    lag_share = (lag_m - params.clock_slack_m) / (params.clock_stop_m - params.clock_slack_m)
+    if math.isfinite(lag_share):
+        lag_share = min(max(lag_share, 0.0), 1.0)
+    else:
+        lag_share = 0.0
+
+    active_share = min(max(2.0 * memory.activity, 0.0), 1.0)
+    target = min(1.0 - active_share * lag_share, memory.law.climb_share)
+    blend = 1.0 - math.exp(-dt_s / params.clock_time_s)
+    return memory.clock_rate + blend * (target - memory.clock_rate)
 
 
 def intent(position_enu_m: Vec3, goal: Goal, max_speed_m_s: float) -> Vec3:
-    """Return the velocity that would lead straight to the goal or along the path, at most the top
-    speed.
+    """Return the velocity that would lead straight to the goal or along the path.
 
-    Its vertical part is slower, and as far as it goes in ``INTENT_S`` is the way that is left: by
-    it the others know where a climb ends.
+    It is at most the top speed. Its vertical part is slower, and as far as it goes in ``INTENT_S``
+    is the way that is left: by it the others know where a climb ends.
 
     Args:
         position_enu_m: predicted [m], ENU.
         goal: of the order being flown.
         max_speed_m_s: of the vehicle.
     """
-    x = (
-        _INTENT_1_S * (goal.position_enu_m.x - position_enu_m.x)
-        + goal.clock_rate_frac * goal.velocity_enu_m_s.x
-    )
-    y = (
-        _INTENT_1_S * (goal.position_enu_m.y - position_enu_m.y)
-        + goal.clock_rate_frac * goal.velocity_enu_m_s.y
-    )
+    p = position_enu_m
+    to = goal.position_enu_m
+    v = goal.velocity_enu_m_s  # of the path
+    rate = goal.clock_rate_frac
+
+    x = _INTENT_1_S * (to.x - p.x) + rate * v.x
+    y = _INTENT_1_S * (to.y - p.y) + rate * v.y
+    z = (to.z - p.z) / INTENT_S + rate * v.z
+
     share = max_speed_m_s / max(math.sqrt(x * x + y * y), max_speed_m_s)
-    z = (
-        goal.position_enu_m.z - position_enu_m.z
-    ) / INTENT_S + goal.clock_rate_frac * goal.velocity_enu_m_s.z
     return Vec3(share * x, share * y, min(max(z, -max_speed_m_s), max_speed_m_s))
 
 
@@ -369,13 +405,13 @@ def _activity(
 
 
 def _turned(yaw_rad: float, goal: Goal, params: PipelineParams, dt_s: float) -> float:
-    """Return the heading to hold after this tick: it turns towards that of the goal, the shorter
-    way, not too fast.
-    """
+    """Return the heading to hold after this tick; it turns to the goal's the shorter way."""
     if not math.isfinite(goal.yaw_rad):
         return yaw_rad
+
     left_rad = goal.yaw_rad - yaw_rad
     left_rad -= 2.0 * math.pi * math.floor(left_rad / (2.0 * math.pi) + 0.5)
+
     most_rad = params.max_yaw_rate_rad_s * dt_s
     return yaw_rad + min(max(left_rad, -most_rad), most_rad)
 
@@ -383,23 +419,25 @@ def _turned(yaw_rad: float, goal: Goal, params: PipelineParams, dt_s: float) -> 
 def _pursuit(
     setpoint: TrajectorySetpoint, share: float, is_gentle: bool, params: PipelineParams
 ) -> backstepping.BacksteppingParams:
-    """Return the backstepping whose error clamp keeps setpoint speed plus pursuit below the limit."""
+    """Return the backstepping whose error clamp keeps setpoint speed plus pursuit in the limit."""
     base = params.backstepping
-    room = (params.pursuit_speed_m_s - length(setpoint.velocity_enu_m_s)) / base.position_gain_1_s
-    clamp, largest = (
-        min(max(room, 0.15), base.max_position_error_m) * share,
-        base.max_acceleration_m_s2,
-    )
+    speed_m_s = length(setpoint.velocity_enu_m_s)
+    room_m = (params.pursuit_speed_m_s - speed_m_s) / base.position_gain_1_s
+    clamp_m = min(max(room_m, 0.15), base.max_position_error_m) * share
+    largest_m_s2 = base.max_acceleration_m_s2
+
     # while a leg still touches the ground, tilt turns the vehicle over instead of moving it
     if is_gentle:
-        clamp, largest = min(clamp, 0.1), 1.0
+        clamp_m = min(clamp_m, 0.1)
+        largest_m_s2 = 1.0
+
     return backstepping.BacksteppingParams(
-        base.position_gain_1_s,
-        base.velocity_gain_1_s,
-        base.coupling_1_s2,
-        clamp,
-        largest,
-        base.max_vertical_acceleration_m_s2,
+        position_gain_1_s=base.position_gain_1_s,
+        velocity_gain_1_s=base.velocity_gain_1_s,
+        coupling_1_s2=base.coupling_1_s2,
+        max_position_error_m=clamp_m,
+        max_acceleration_m_s2=largest_m_s2,
+        max_vertical_acceleration_m_s2=base.max_vertical_acceleration_m_s2,
     )
 
 
@@ -420,15 +458,20 @@ def _or_zero(value: float) -> float:
 
 
 def _on_ground(state: State, params: PipelineParams) -> tuple[PipelineMemory, Tick]:
-    """No thrust, level, and memories as at the start, so that nothing learned on the ground is
-    flown with.
-    """
+    """Return no thrust, level, and memories as at the start: nothing of the ground is flown with."""
     given = state.position_enu_m
     position = Vec3(_or_zero(given.x), _or_zero(given.y), _or_zero(given.z))
     memory = initial(params, position)
-    law = interface.unchanged(_LEVEL, Motion(position, ZERO_3), ZERO_3, params.law)
+
     hover_frac = memory.hover_thrust.hover_thrust_frac
     flat = allocation.allocate(_LEVEL, params.yaw_rad, hover_frac, params.allocation)
-    attitude = AttitudeSetpoint(flat.quaternion_wxyz, 0.0)
-    setpoint = TrajectorySetpoint(position, ZERO_3, ZERO_3)
-    return memory, Tick(state, setpoint, _LEVEL, law, attitude, hover_frac, is_finite(given))
+    tick = Tick(
+        state=state,
+        setpoint=TrajectorySetpoint(position, ZERO_3, ZERO_3),
+        thrust_baseline=_LEVEL,
+        law=interface.unchanged(_LEVEL, Motion(position, ZERO_3), ZERO_3, params.law),
+        attitude=AttitudeSetpoint(flat.quaternion_wxyz, 0.0),
+        hover_thrust_frac=hover_frac,
+        is_finite=is_finite(given),
+    )
+    return memory, tick

@@ -1,5 +1,4 @@
-"""Trajectories to a goal, without regard to obstacles: quintics with bounded speed and
-acceleration.
+"""Trajectories to a goal, regardless of obstacles: quintics of bounded speed and acceleration.
 
 A leg is one quintic per axis from the present setpoint (position, velocity, acceleration, so that
 the new leg continues the old one) to rest at the goal. A quintic that starts with acceleration
@@ -76,16 +75,34 @@ class _Quintic(NamedTuple):
 
 def initial(position_enu_m: Vec3) -> TrajectoryMemory:
     """Return the memory at rest at a position [m], ENU, without a leg: any goal is planned next."""
-    p = position_enu_m
-    return TrajectoryMemory(p, ZERO_3, ZERO_3, p, p, 0.0, 0.0, 0.0, 1.0, _NO_SEQUENCE)
+    return TrajectoryMemory(
+        start_position_enu_m=position_enu_m,
+        start_velocity_enu_m_s=ZERO_3,
+        start_acceleration_enu_m_s2=ZERO_3,
+        via_position_enu_m=position_enu_m,
+        goal_position_enu_m=position_enu_m,
+        first_duration_s=0.0,
+        second_duration_s=0.0,
+        elapsed_s=0.0,
+        clock_rate=1.0,
+        sequence=_NO_SEQUENCE,
+    )
 
 
 def moving(position_enu_m: Vec3, velocity_enu_m_s: Vec3) -> TrajectoryMemory:
-    """Return the memory in motion, ENU [m, m/s], without a leg: any goal is planned next, and
-    begins with that.
-    """
-    p = position_enu_m
-    return TrajectoryMemory(p, velocity_enu_m_s, ZERO_3, p, p, 1.0, 0.0, 0.0, 1.0, _NO_SEQUENCE)
+    """Return the memory in motion, ENU [m, m/s], without a leg: the next goal begins with that."""
+    return TrajectoryMemory(
+        start_position_enu_m=position_enu_m,
+        start_velocity_enu_m_s=velocity_enu_m_s,
+        start_acceleration_enu_m_s2=ZERO_3,
+        via_position_enu_m=position_enu_m,
+        goal_position_enu_m=position_enu_m,
+        first_duration_s=1.0,
+        second_duration_s=0.0,
+        elapsed_s=0.0,
+        clock_rate=1.0,
+        sequence=_NO_SEQUENCE,
+    )
 
 
 def step(
@@ -110,33 +127,44 @@ def step(
     """
     if goal.is_on_path:
         return _on_path(goal)
-    if (
-        goal.sequence != memory.sequence
-        and is_finite(goal.position_enu_m)
-        and math.isfinite(goal.duration_s)
-    ):
+
+    is_new = goal.sequence != memory.sequence
+    if is_new and is_finite(goal.position_enu_m) and math.isfinite(goal.duration_s):
         memory = _planned(memory, goal, params)
-    rate = min(max(clock_rate, 0.0), 1.0) if math.isfinite(clock_rate) else 1.0
-    memory = TrajectoryMemory(
-        memory.start_position_enu_m,
-        memory.start_velocity_enu_m_s,
-        memory.start_acceleration_enu_m_s2,
-        memory.via_position_enu_m,
-        memory.goal_position_enu_m,
-        memory.first_duration_s,
-        memory.second_duration_s,
-        min(memory.elapsed_s + rate * dt_s, duration_s(memory)),
-        rate,
-        memory.sequence,
+
+    rate = 1.0
+    if math.isfinite(clock_rate):
+        rate = min(max(clock_rate, 0.0), 1.0)
+
+    after = TrajectoryMemory(
+        start_position_enu_m=memory.start_position_enu_m,
+        start_velocity_enu_m_s=memory.start_velocity_enu_m_s,
+        start_acceleration_enu_m_s2=memory.start_acceleration_enu_m_s2,
+        via_position_enu_m=memory.via_position_enu_m,
+        goal_position_enu_m=memory.goal_position_enu_m,
+        first_duration_s=memory.first_duration_s,
+        second_duration_s=memory.second_duration_s,
+        elapsed_s=min(memory.elapsed_s + rate * dt_s, duration_s(memory)),
+        clock_rate=rate,
+        sequence=memory.sequence,
     )
-    return memory, setpoint(memory)
+    return after, setpoint(after)
 
 
 def _on_path(goal: Goal) -> tuple[TrajectoryMemory, TrajectorySetpoint]:
     """Return the path's motion as the begin of a leg of which no time has passed."""
-    p, rate = goal.position_enu_m, min(max(goal.clock_rate_frac, 0.0), 1.0)
-    v, a = goal.velocity_enu_m_s, goal.acceleration_enu_m_s2
-    memory = TrajectoryMemory(p, v, a, p, p, 1.0, 0.0, 0.0, rate, goal.sequence)
+    memory = TrajectoryMemory(
+        start_position_enu_m=goal.position_enu_m,
+        start_velocity_enu_m_s=goal.velocity_enu_m_s,
+        start_acceleration_enu_m_s2=goal.acceleration_enu_m_s2,
+        via_position_enu_m=goal.position_enu_m,
+        goal_position_enu_m=goal.position_enu_m,
+        first_duration_s=1.0,
+        second_duration_s=0.0,
+        elapsed_s=0.0,
+        clock_rate=min(max(goal.clock_rate_frac, 0.0), 1.0),
+        sequence=goal.sequence,
+    )
     return memory, setpoint(memory)
 
 
@@ -159,23 +187,27 @@ def setpoint_position(memory: TrajectoryMemory) -> Vec3:
 
 def _present(memory: TrajectoryMemory) -> tuple[_Quintic, float]:
     """Return the quintic being flown and the share of its duration that has passed."""
-    elapsed = memory.elapsed_s
-    if elapsed < memory.first_duration_s:
+    elapsed_s = memory.elapsed_s
+    if elapsed_s < memory.first_duration_s:
         leg = _Quintic(
-            memory.start_position_enu_m,
-            memory.start_velocity_enu_m_s,
-            memory.start_acceleration_enu_m_s2,
-            memory.via_position_enu_m,
-            memory.first_duration_s,
+            begin_m=memory.start_position_enu_m,
+            velocity_m_s=memory.start_velocity_enu_m_s,
+            acceleration_m_s2=memory.start_acceleration_enu_m_s2,
+            end_m=memory.via_position_enu_m,
+            duration_s=memory.first_duration_s,
         )
     else:
-        elapsed -= memory.first_duration_s
+        elapsed_s -= memory.first_duration_s
         # a leg without duration goes nowhere: any value will do
-        duration = memory.second_duration_s if memory.second_duration_s > 0.0 else 1.0
+        second_s = memory.second_duration_s if memory.second_duration_s > 0.0 else 1.0
         leg = _Quintic(
-            memory.via_position_enu_m, ZERO_3, ZERO_3, memory.goal_position_enu_m, duration
+            begin_m=memory.via_position_enu_m,
+            velocity_m_s=ZERO_3,
+            acceleration_m_s2=ZERO_3,
+            end_m=memory.goal_position_enu_m,
+            duration_s=second_s,
         )
-    return leg, min(elapsed / leg.duration_s, 1.0)
+    return leg, min(elapsed_s / leg.duration_s, 1.0)
 
 
 def duration_s(memory: TrajectoryMemory) -> float:
@@ -184,62 +216,69 @@ def duration_s(memory: TrajectoryMemory) -> float:
 
 
 def shortest_duration_s(distance_m: float, params: TrajectoryParams) -> float:
-    """Return the duration of a leg from rest to rest over a distance at the bounds [s]; of a tiny
-    one it is longer.
+    """Return the duration [s] of a leg from rest to rest at the bounds; of a tiny one it is longer.
+
+    Args:
+        distance_m: from begin to end.
+        params: bounds.
     """
-    by_speed = _SPEED_FACTOR * distance_m / params.max_speed_m_s
-    by_acceleration = math.sqrt(_ACCELERATION_FACTOR * distance_m / params.max_acceleration_m_s2)
-    return max(
-        by_speed,
-        by_acceleration,
-        _LEAST_SHARE * params.max_speed_m_s / params.max_acceleration_m_s2,
-    )
+    speed_m_s = params.max_speed_m_s
+    acceleration_m_s2 = params.max_acceleration_m_s2
+    by_speed_s = _SPEED_FACTOR * distance_m / speed_m_s
+    by_acceleration_s = math.sqrt(_ACCELERATION_FACTOR * distance_m / acceleration_m_s2)
+    least_s = _LEAST_SHARE * speed_m_s / acceleration_m_s2
+    return max(by_speed_s, by_acceleration_s, least_s)
 
 
-# the quintic at tau = t/duration in [0, 1]; seen from the end, with r = 1 - tau, the three
-# polynomials of displacement, initial velocity and initial acceleration have short forms
+# The quintic at tau = t/duration in [0, 1]. Seen from the end, with r = 1 - tau, the polynomials of
+# displacement, initial velocity and initial acceleration have short forms.
 
 
 def _position(leg: _Quintic, tau: float) -> Vec3:
-    r, t = 1.0 - tau, leg.duration_s
-    r_3, tau_2 = r * r * r, tau * tau
+    t = leg.duration_s
+    r = 1.0 - tau
+    r_3 = r * r * r
+    tau_2 = tau * tau
+
     along = tau_2 * tau * (10.0 - 15.0 * tau + 6.0 * tau_2)
-    by_velocity, by_acceleration = t * (tau * r_3 * (1.0 + 3.0 * tau)), t * t * (0.5 * tau_2 * r_3)
+    by_velocity = t * (tau * r_3 * (1.0 + 3.0 * tau))
+    by_acceleration = t * t * (0.5 * tau_2 * r_3)
+
     position = add_scaled(leg.begin_m, along, subtract(leg.end_m, leg.begin_m))
-    return add_scaled(
-        add_scaled(position, by_velocity, leg.velocity_m_s), by_acceleration, leg.acceleration_m_s2
-    )
+    position = add_scaled(position, by_velocity, leg.velocity_m_s)
+    return add_scaled(position, by_acceleration, leg.acceleration_m_s2)
 
 
 def _velocity(leg: _Quintic, tau: float) -> Vec3:
-    r, t = 1.0 - tau, leg.duration_s
-    r_2, tau_2 = r * r, tau * tau
+    t = leg.duration_s
+    r = 1.0 - tau
+    r_2 = r * r
+    tau_2 = tau * tau
+
     along = 30.0 * tau_2 * r_2 / t
     by_velocity = r_2 * (1.0 + 2.0 * tau - 15.0 * tau_2)
     by_acceleration = t * (0.5 * tau * r_2 * (2.0 - 5.0 * tau))
+
     velocity = scaled(along, subtract(leg.end_m, leg.begin_m))
-    return add_scaled(
-        add_scaled(velocity, by_velocity, leg.velocity_m_s), by_acceleration, leg.acceleration_m_s2
-    )
+    velocity = add_scaled(velocity, by_velocity, leg.velocity_m_s)
+    return add_scaled(velocity, by_acceleration, leg.acceleration_m_s2)
 
 
 def _acceleration(leg: _Quintic, tau: float) -> Vec3:
-    r, t = 1.0 - tau, leg.duration_s
+    t = leg.duration_s
+    r = 1.0 - tau
+
     along = 60.0 * tau * r * (1.0 - 2.0 * tau) / (t * t)
     by_velocity = tau * r * (60.0 * tau - 36.0) / t
     by_acceleration = r * (1.0 - 8.0 * tau + 10.0 * tau * tau)
+
     acceleration = scaled(along, subtract(leg.end_m, leg.begin_m))
-    return add_scaled(
-        add_scaled(acceleration, by_velocity, leg.velocity_m_s),
-        by_acceleration,
-        leg.acceleration_m_s2,
-    )
+    acceleration = add_scaled(acceleration, by_velocity, leg.velocity_m_s)
+    return add_scaled(acceleration, by_acceleration, leg.acceleration_m_s2)
 
 
 def _excess(leg: _Quintic, params: TrajectoryParams, enough: float) -> float:
-    """Return the largest of speed/bound and acceleration/bound over the quintic, or a value beyond
-    ``enough``.
-    """
+    """Return the largest of speed/bound and acceleration/bound, or a value beyond ``enough``."""
     excess = 0.0
     for k in range(_SAMPLES + 1):
         tau = k / _SAMPLES
@@ -253,35 +292,63 @@ def _excess(leg: _Quintic, params: TrajectoryParams, enough: float) -> float:
 def _planned(memory: TrajectoryMemory, goal: Goal, params: TrajectoryParams) -> TrajectoryMemory:
     """Return the memory with a new leg from the present setpoint."""
     now = setpoint(memory)
-    p, v, a = now.position_enu_m, now.velocity_enu_m_s, now.acceleration_enu_m_s2
+    p = now.position_enu_m
+    v = now.velocity_enu_m_s
+    a = now.acceleration_enu_m_s2
     target = goal.position_enu_m
+
+    # a climb or a descent that leads past the goal ends at once
     if _leads_past(p.z, v.z, target.z, params):
         now_m = p.z - params.lead_s * v.z
         p = Vec3(p.x, p.y, min(max(target.z, min(now_m, p.z)), max(now_m, p.z)))
-        v, a = Vec3(v.x, v.y, 0.0), Vec3(a.x, a.y, 0.0)
-    ordered_s = max(goal.duration_s - params.lead_s, 0.0) if goal.duration_s > 0.0 else 0.0
-    top, push = params.max_speed_m_s, params.max_acceleration_m_s2
-    via, first_s = p, 0.0
-    is_at_rest = length(v) <= 1e-9 * top and length(a) <= 1e-9 * push
-    scale_s = max(length(v), _LEAST_SHARE * top) / push
+        v = Vec3(v.x, v.y, 0.0)
+        a = Vec3(a.x, a.y, 0.0)
+
+    ordered_s = 0.0
+    if goal.duration_s > 0.0:
+        ordered_s = max(goal.duration_s - params.lead_s, 0.0)
+
+    # brake to rest, as far as there is motion
+    top_m_s = params.max_speed_m_s
+    push_m_s2 = params.max_acceleration_m_s2
+    is_at_rest = length(v) <= 1e-9 * top_m_s and length(a) <= 1e-9 * push_m_s2
+    scale_s = max(length(v), _LEAST_SHARE * top_m_s) / push_m_s2
+    via = p
+    first_s = 0.0
     if not is_at_rest:
         first_s = _brake_duration_s(p, v, a, scale_s, params)
         via = _stop(p, v, a, first_s)
+
+    # then from rest to the goal
     second_s = 0.0
     if via != target:
-        second_s = max(
-            shortest_duration_s(length(subtract(target, via)), params), ordered_s - first_s, 0.0
-        )
+        from_rest_s = shortest_duration_s(length(subtract(target, via)), params)
+        second_s = max(from_rest_s, ordered_s - first_s, 0.0)
+
+    # straight to the goal where that is sooner
     if not is_at_rest:
         guess_s = max(shortest_duration_s(length(subtract(target, p)), params), scale_s)
         longest_s = max(first_s + second_s, ordered_s)
-        direct_s = _direct_duration_s(
-            _Quintic(p, v, a, target, guess_s), ordered_s, longest_s, params
+        guess = _Quintic(
+            begin_m=p, velocity_m_s=v, acceleration_m_s2=a, end_m=target, duration_s=guess_s
         )
+        direct_s = _direct_duration_s(guess, ordered_s, longest_s, params)
         if direct_s > 0.0:
-            via, first_s, second_s = target, direct_s, 0.0
+            via = target
+            first_s = direct_s
+            second_s = 0.0
+
     return TrajectoryMemory(
-        p, v, a, via, target, first_s, second_s, 0.0, memory.clock_rate, goal.sequence
+        start_position_enu_m=p,
+        start_velocity_enu_m_s=v,
+        start_acceleration_enu_m_s2=a,
+        via_position_enu_m=via,
+        goal_position_enu_m=target,
+        first_duration_s=first_s,
+        second_duration_s=second_s,
+        elapsed_s=0.0,
+        clock_rate=memory.clock_rate,
+        sequence=goal.sequence,
     )
 
 
@@ -296,32 +363,51 @@ def _stop(p: Vec3, v: Vec3, a: Vec3, duration: float) -> Vec3:
     return add_scaled(add_scaled(p, duration / 2.0, v), duration * duration / 12.0, a)
 
 
+def _brake(p: Vec3, v: Vec3, a: Vec3, duration: float) -> _Quintic:
+    """Return the brake of the lowest degree from a motion to rest."""
+    return _Quintic(
+        begin_m=p,
+        velocity_m_s=v,
+        acceleration_m_s2=a,
+        end_m=_stop(p, v, a, duration),
+        duration_s=duration,
+    )
+
+
 def _brake_duration_s(p: Vec3, v: Vec3, a: Vec3, scale_s: float, params: TrajectoryParams) -> float:
     """Return the shortest brake that keeps the bounds, or the one that exceeds them least."""
     for factor in _BRAKE_FACTORS:
         t = factor * scale_s
-        if _excess(_Quintic(p, v, a, _stop(p, v, a, t), t), params, _FITS) <= _FITS:
+        if _excess(_brake(p, v, a, t), params, _FITS) <= _FITS:
             return t
-    best, least = 0.0, math.inf
+
+    best_s = 0.0
+    least = math.inf
     for factor in _BRAKE_FACTORS:
         t = factor * scale_s
-        excess = _excess(_Quintic(p, v, a, _stop(p, v, a, t), t), params, least)
+        excess = _excess(_brake(p, v, a, t), params, least)
         if excess < least:
-            best, least = t, excess
-    return best
+            best_s = t
+            least = excess
+    return best_s
 
 
 def _direct_duration_s(
     guess: _Quintic, ordered_s: float, longest_s: float, params: TrajectoryParams
 ) -> float:
-    """Return the shortest duration of one quintic straight to the goal within the bounds; 0 when it
-    is too long.
-    """
+    """Return the shortest quintic straight to the goal in the bounds [s]; 0 when it is too long."""
     for factor in _DIRECT_FACTORS:
         t = max(factor * guess.duration_s, ordered_s)
         if t > longest_s:
             return 0.0
-        leg = _Quintic(guess.begin_m, guess.velocity_m_s, guess.acceleration_m_s2, guess.end_m, t)
+
+        leg = _Quintic(
+            begin_m=guess.begin_m,
+            velocity_m_s=guess.velocity_m_s,
+            acceleration_m_s2=guess.acceleration_m_s2,
+            end_m=guess.end_m,
+            duration_s=t,
+        )
         if _excess(leg, params, _FITS) <= _FITS:
             return t
     return 0.0
