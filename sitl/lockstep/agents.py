@@ -1,5 +1,6 @@
-"""An agent's shell in simulated time: calls do what ``onboard.agent.loop`` does with threads and
-sockets.
+"""An agent's shell in simulated time.
+
+Calls do what ``onboard.agent.loop`` does with threads and sockets.
 
 The core is the real one. Between two ticks messages wait in the inbox, orders are answered at once,
 and commands are executed in their order. The process around the core can be stopped, continued,
@@ -209,7 +210,8 @@ class AgentShell:
         if self._last_ns:
             period_ms = (now_ns - self._last_ns) * 1e-6
             self._periods_ms.append(period_ms)
-            self._late += period_ms > _PERIOD_MS + _LATE_MS
+            if period_ms > _PERIOD_MS + _LATE_MS:
+                self._late += 1
         self._last_ns = now_ns
         self._ticks += 1
         if self._ticks % _STATISTICS_TICKS == 0:

@@ -114,21 +114,27 @@ class Simulation:
         """Begin or end a fault of the bus or of an agent."""
         if fault.name in ("agent_dead", "agent_hang"):
             agent = self.agents[fault.vehicle]
-            change = (
-                (agent.kill, agent.start)
-                if fault.name == "agent_dead"
-                else (agent.hang, agent.resume)
-            )
-            change[not is_on]()
+            if fault.name == "agent_dead":
+                begin, end = agent.kill, agent.start
+            else:
+                begin, end = agent.hang, agent.resume
+            if is_on:
+                begin()
+            else:
+                end()
             return
+
         which = fault.word("others") if fault.name == "bus_cut" else "all"
-        for other in [name for name in self.bus.nodes if name not in (fault.vehicle, _SIMULATOR)]:
-            if which != "all" and (which == "vehicles") != (other in self.agents):
+        others = [name for name in self.bus.nodes if name not in (fault.vehicle, _SIMULATOR)]
+        for other in others:
+            is_meant = which == "all" or (which == "vehicles") == (other in self.agents)
+            if not is_meant:
                 continue
-            if fault.name == "bus_cut":
-                self.bus.cut(fault.vehicle, other) if is_on else self.bus.heal(
-                    (fault.vehicle, other)
-                )
+
+            if fault.name == "bus_cut" and is_on:
+                self.bus.cut(fault.vehicle, other)
+            elif fault.name == "bus_cut":
+                self.bus.heal((fault.vehicle, other))
             elif is_on:
                 quality = replace(self.bus.settings, loss=fault.number("share"))
                 quality = replace(quality, delay_s=quality.delay_s + fault.number("delay_s"))
