@@ -24,7 +24,7 @@ _REAL_TIME = (
     "groundstation/keys/test_running.py",
     "groundstation/processes/test_supervisor.py",
     "onboard/bus",
-    "onboard/mocap/test_relay.py",
+    "onboard/mocap/test_mocap_relay.py",
     "onboard/mocap/test_sdk_source.py",
     "onboard/process",
 )

@@ -22,7 +22,7 @@ from groundstation.commands.parameters import FleetFile, Seconds
 from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
 from onboard.config.mocap import SystemType, problems
 from onboard.mocap.relay.check import MocapCheck
-from onboard.mocap.relay.relay import Relay, with_source
+from onboard.mocap.relay.mocap_relay import MocapRelay, with_source
 
 
 def mocap(
@@ -53,7 +53,7 @@ def mocap(
     return runner.run(seconds=seconds, every_s=every_s, stopped=stopped)
 
 
-def _relay(fleet: FleetConfig, source: SystemType | None, hostname: str | None) -> Relay:
+def _relay(fleet: FleetConfig, source: SystemType | None, hostname: str | None) -> MocapRelay:
     config = with_source(fleet, type_=source, hostname=hostname)
     for sentence in problems(config.mocap, {}):
         raise ConfigError(f"{fleet.path}: {sentence}")
@@ -62,7 +62,7 @@ def _relay(fleet: FleetConfig, source: SystemType | None, hostname: str | None) 
             f"{fleet.path}: there is no motion capture to read: mocap.source is 'bus'. Add a table [mocap] with "
             'source = "motioncapture", type and hostname (docs/mocap.md), or give --source and --hostname.'
         )
-    return Relay(config, _print)
+    return MocapRelay(config, _print)
 
 
 def _print(line: str) -> None:

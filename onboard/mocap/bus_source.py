@@ -20,11 +20,13 @@ class BusMocap:
         on_malformed: called for bytes that are no pose.
     """
 
-    problem = ""
+    problem = ""  # nothing is known to be wrong: the relay reports its own problems
 
     def __init__(self, bus: Bus, body: str, on_pose: OnPose, on_malformed: OnMalformed) -> None:
-        self._bus, self._body = bus, body
-        self._on_pose, self._on_malformed = on_pose, on_malformed
+        self._bus = bus
+        self._body = body
+        self._on_pose = on_pose
+        self._on_malformed = on_malformed
 
     def start(self) -> None:
         """Subscribe; the bus must be open."""

@@ -12,7 +12,9 @@ from onboard.mocap.source import MocapSource, OnMalformed, OnPose
 def source_of(
     mocap: MocapConfig, bus: Bus, body: str, on_pose: OnPose, on_malformed: OnMalformed
 ) -> MocapSource:
-    """Return the system itself with ``mocap.direct``, else the bus, on which a relay or an emulator
+    """Return the source of an agent's poses.
+
+    With ``mocap.direct`` it is the system itself, else the bus, on which a relay or an emulator
     publishes.
     """
     if mocap.direct:

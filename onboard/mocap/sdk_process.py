@@ -1,10 +1,10 @@
-"""The process that reads a motion capture with the package ``motioncapture`` and writes its frames
-to a pipe.
+"""The process that reads a motion capture and writes its frames to a pipe.
 
-It is a process of its own, because the package may stop the whole interpreter: it holds Python's
-lock while it connects, for ever if nobody answers, and it may end the process when the system sends
-unknown data. Neither may happen to an agent. Run as ``python -m onboard.mocap.sdk_process
-SETTINGS`` by :mod:`onboard.mocap.sdk_source`.
+It reads with the package ``motioncapture``. It is a process of its own, because the package may
+stop the whole interpreter: it holds Python's lock while it connects, for ever if nobody answers,
+and it may end the process when the system sends unknown data. Neither may happen to an agent.
+
+Run as ``python -m onboard.mocap.sdk_process SETTINGS`` by :mod:`onboard.mocap.sdk_source`.
 """
 
 from __future__ import annotations
@@ -23,15 +23,15 @@ import msgspec
 from onboard.bus.schema import Vec3, Vec4
 from onboard.exit_status import EXIT_OK, EXIT_WRONG_INPUT
 
-_PR_SET_PDEATHSIG = 1
+_PR_SET_PDEATHSIG = 1  # of prctl(2)
 _NUMERIC_ONLY = {"optitrack"}  # the package needs an address here, not a name
 
 
 class Settings(msgspec.Struct, frozen=True):
     """Settings for the package."""
 
-    type: str
-    options: dict[str, str]
+    type: str  # of the system
+    options: dict[str, str]  # hostname, and what the system has of its own
 
 
 class RawFrame(msgspec.Struct, frozen=True, array_like=True):
@@ -46,8 +46,9 @@ _encoder = msgspec.msgpack.Encoder()
 
 
 def write_frame(pipe: int, frame: RawFrame) -> None:
-    """Write one frame after its length; it is smaller than a pipe's atomic size, so it arrives
-    whole or not at all.
+    """Write one frame after its length.
+
+    It is smaller than a pipe's atomic size, so it arrives whole or not at all.
     """
     data = _encoder.encode(frame)
     os.write(pipe, len(data).to_bytes(4, "little") + data)
@@ -60,8 +61,10 @@ def main(argv: list[str]) -> int:
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
     for number in (signal.SIGINT, signal.SIGTERM):  # the agent lands first, by these poses
         signal.signal(number, signal.SIG_IGN)
+
     pipe = os.dup(1)
     os.dup2(2, 1)  # the package prints on stdout, which is the pipe
+
     settings = msgspec.json.decode(argv[0], type=Settings)
     try:
         _read(settings, pipe)
@@ -75,19 +78,22 @@ def main(argv: list[str]) -> int:
 
 
 NOT_INSTALLED = (
-    "The package 'motioncapture' is not installed: pip install 'motioncapture>=1.1,<2'. If there is no wheel for this "
-    "computer, run 'covey mocap' on another one and set mocap.direct = false."
+    "The package 'motioncapture' is not installed: pip install 'motioncapture>=1.1,<2'. If there "
+    "is no wheel for this computer, run 'covey mocap' on another one and set mocap.direct = false."
 )
 
 
 def _read(settings: Settings, pipe: int) -> None:
+    """Connect with the system, and write its frames until the pipe is closed."""
     # otherwise the first position would import it, while frames wait
     importlib.import_module("numpy")
     package: Any = importlib.import_module("motioncapture")
+
     options = dict(settings.options)
     if settings.type in _NUMERIC_ONLY and "hostname" in options:
         options["hostname"] = socket.gethostbyname(options["hostname"])
     system = package.connect(settings.type, options)
+
     while True:
         system.waitForNextFrame()
         arrived_ns = time.monotonic_ns()
@@ -95,7 +101,7 @@ def _read(settings: Settings, pipe: int) -> None:
         for name, body in system.rigidBodies.items():
             x, y, z = body.position.tolist()
             q = body.rotation
-            bodies[name] = (x, y, z), (q.w, q.x, q.y, q.z)
+            bodies[name] = ((x, y, z), (q.w, q.x, q.y, q.z))
         write_frame(pipe, RawFrame(arrived_ns, bodies))
 
 
@@ -103,12 +109,13 @@ def _sentence(settings: Settings, error: Exception) -> str:
     host = settings.options.get("hostname", "this computer")
     if "Unknown motion capture type" in str(error):
         return (
-            f"The installed package 'motioncapture' cannot read {settings.type}: it was built without that system. Its "
-            "wheel on PyPI reads optitrack, vicon, qualisys, vrpn and mock; build it from source for others."
+            f"The installed package 'motioncapture' cannot read {settings.type}: it was built "
+            "without that system. Its wheel on PyPI reads optitrack, vicon, qualisys, vrpn and "
+            "mock; build it from source for others."
         )
     return (
-        f"{settings.type} at {host} cannot be read: {error}. Check mocap.hostname, that the system streams, and the "
-        "firewall of its computer."
+        f"{settings.type} at {host} cannot be read: {error}. Check mocap.hostname, that the system "
+        "streams, and the firewall of its computer."
     )
 
 

@@ -1,9 +1,9 @@
-"""Mocap poses from a motion-capture system, read by another process: see
-:mod:`onboard.mocap.sdk_process`.
+"""Mocap poses from a motion-capture system that another process reads.
 
-A thread starts the reading process, converts its frames to poses in the fleet's frame, and starts
-it again when it has ended or sent nothing for a while. A body that is missing in the frames is
-passed on as not tracked, so that a lost body differs from a dead source.
+That process is :mod:`onboard.mocap.sdk_process`. A thread starts it, converts its frames to poses
+in the fleet's frame, and starts it again when it has ended or sent nothing for a while. A body that
+is missing in the frames is passed on as not tracked, so that a lost body differs from a dead
+source.
 """
 
 from __future__ import annotations
@@ -21,16 +21,18 @@ import msgspec
 
 from onboard.bus.schema import MocapPose
 from onboard.config.mocap import MocapConfig
-from onboard.mocap.frame import Frame
+from onboard.mocap.mocap_frame import MocapFrame
 from onboard.mocap.sdk_process import RawFrame, Settings
 from onboard.mocap.source import OnMalformed, OnPose
 
-_LOST_NS = 100_000_000
-_FORGOTTEN_NS = 10_000_000_000
+_LOST_NS = 100_000_000  # a body that is missing for so long is passed on as not tracked,
+_FORGOTTEN_NS = 10_000_000_000  # and after so long not at all
 QUIET_S = 2.0  # without frames, before the reading process is started again
 CONNECT_S = 5.0  # the same before the first frame
-_AGAIN_S = 1.0
-_LARGEST_FRAME = 1 << 20
+_AGAIN_S = 1.0  # before the reading process is started again
+_POLL_MS = 100  # after which a stop is noticed
+_LENGTH_BYTES = 4  # before each frame in the pipe
+_LARGEST_FRAME = 1 << 20  # bytes
 
 log = logging.getLogger("covey.mocap")
 _decoder = msgspec.msgpack.Decoder(RawFrame)
@@ -41,30 +43,34 @@ class PoseConverter:
     """Converts frames to poses: frame, stamps, sequence, lost bodies. No I/O."""
 
     mocap: MocapConfig
-    boot_id: int
+    boot_id: int  # of this source
     source: str = ""  # node whose clock stamps the poses
-    sequence: int = 0
-    _next_ns: int = 0
-    _frame: Frame = field(init=False)
+    sequence: int = 0  # of the frames that were converted
+    _next_ns: int = 0  # when the next frame is due, at the largest rate
+    _frame: MocapFrame = field(init=False)
     _latency_ns: int = field(init=False)
-    _period_ns: int = field(init=False)
-    _last: dict[str, MocapPose] = field(default_factory=dict)
+    _period_ns: int = field(init=False)  # at the largest rate
+    _last: dict[str, MocapPose] = field(default_factory=dict)  # body -> its last tracked pose
 
     def __post_init__(self) -> None:
-        self._frame, self._latency_ns = Frame.of(self.mocap), int(self.mocap.latency_s * 1e9)
+        self._frame = MocapFrame.of(self.mocap)
+        self._latency_ns = int(self.mocap.latency_s * 1e9)
         self._period_ns = int(1e9 / self.mocap.max_rate_hz)
 
     def poses(self, raw: RawFrame) -> list[MocapPose]:
-        """Return the poses of one frame; a body lost for 0.1 s is returned as not tracked, for 10
-        s.
+        """Return the poses of one frame; none for a frame beyond the configured rate.
+
+        A body lost for 0.1 s is returned as not tracked, for 10 s.
         """
-        # beyond the configured rate; a bit early is allowed
-        if raw.arrived_ns < self._next_ns - self._period_ns // 10:
+        earliest_ns = self._next_ns - self._period_ns // 10  # a bit early is allowed
+        if raw.arrived_ns < earliest_ns:
             return []
+
         self._next_ns = max(self._next_ns, raw.arrived_ns - self._period_ns) + self._period_ns
         self.sequence += 1
         stamp_ns = raw.arrived_ns - self._latency_ns
-        poses = []
+
+        poses: list[MocapPose] = []
         for body, (position, quaternion) in raw.bodies.items():
             pose = MocapPose(
                 body=body,
@@ -78,16 +84,18 @@ class PoseConverter:
             )
             self._last[body] = pose
             poses.append(pose)
-        for body in [body for body in self._last if body not in raw.bodies]:
+
+        missing = [body for body in self._last if body not in raw.bodies]
+        for body in missing:
             last = self._last[body]
-            if stamp_ns - last.stamp_ns > _FORGOTTEN_NS:
+            lost_ns = stamp_ns - last.stamp_ns
+            if lost_ns > _FORGOTTEN_NS:
                 del self._last[body]
-            elif stamp_ns - last.stamp_ns > _LOST_NS:
-                poses.append(
-                    msgspec.structs.replace(
-                        last, sequence=self.sequence, stamp_ns=stamp_ns, is_tracked=False
-                    )
+            elif lost_ns > _LOST_NS:
+                pose = msgspec.structs.replace(
+                    last, sequence=self.sequence, stamp_ns=stamp_ns, is_tracked=False
                 )
+                poses.append(pose)
         return poses
 
 
@@ -113,14 +121,20 @@ class SdkMocap:
         node: str = "",
         default_options: dict[str, str] | None = None,
     ) -> None:
-        self._body, self._on_pose, self._on_malformed = body, on_pose, on_malformed
-        self._converter = PoseConverter(
-            mocap, boot_id=int.from_bytes(os.urandom(4), "little") & 0x7FFFFFFF, source=node
-        )
-        options = {key: _text(value) for key, value in mocap.options.items()}
-        host = {"hostname": mocap.hostname} if mocap.hostname else {}
-        self._settings = Settings(mocap.type or "", {**(default_options or {}), **host, **options})
+        self._body = body
+        self._on_pose = on_pose
+        self._on_malformed = on_malformed
+        boot_id = int.from_bytes(os.urandom(4), "little") & 0x7FFFFFFF
+        self._converter = PoseConverter(mocap, boot_id=boot_id, source=node)
+
+        options = dict(default_options or {})
+        if mocap.hostname:
+            options["hostname"] = mocap.hostname
+        for key, value in mocap.options.items():
+            options[key] = _text(value)
+        self._settings = Settings(mocap.type or "", options)
         self._system = f"{mocap.type} at {mocap.hostname or 'this computer'}"
+
         self._stopped = threading.Event()
         self._thread: threading.Thread | None = None
         self._process: subprocess.Popen[bytes] | None = None
@@ -140,7 +154,9 @@ class SdkMocap:
     def reader_pid(self) -> int | None:
         """Process id of the reading process; None while there is none."""
         process = self._process
-        return process.pid if process is not None else None
+        if process is None:
+            return None
+        return process.pid
 
     def start(self) -> None:
         """Start reading; a second call does nothing."""
@@ -150,18 +166,16 @@ class SdkMocap:
 
     def stop(self) -> None:
         """End the reading process and the thread."""
-        thread, self._thread = self._thread, None
+        thread = self._thread
+        self._thread = None
         self._stopped.set()
         if thread is not None:
             thread.join()
 
     def _run(self) -> None:
-        command = [
-            sys.executable,
-            "-m",
-            "onboard.mocap.sdk_process",
-            msgspec.json.encode(self._settings).decode(),
-        ]
+        """Run the reading process, again and again, until :meth:`stop`."""
+        settings = msgspec.json.encode(self._settings).decode()
+        command = [sys.executable, "-m", "onboard.mocap.sdk_process", settings]
         while not self._stopped.is_set():
             # the process ends with this thread, as it requests from the kernel; this thread lives
             # until `stop`
@@ -177,29 +191,35 @@ class SdkMocap:
             self._stopped.wait(_AGAIN_S)
 
     def _take_frames(self, process: subprocess.Popen[bytes]) -> None:
+        """Pass on the frames of one reading process, until it has to be started again."""
         assert process.stdout is not None
-        pipe, pending = process.stdout.fileno(), bytearray()
+        pipe = process.stdout.fileno()
         poller = select.poll()  # select.select knows no descriptors above 1023
         poller.register(pipe, select.POLLIN)
-        heard_s, patience_s = time.monotonic(), CONNECT_S
+
+        pending = bytearray()
+        has_frames = False
+        last_frame_s = time.monotonic()
         while not self._stopped.is_set():
-            if not poller.poll(100):
-                if time.monotonic() - heard_s > patience_s:
-                    since = "anything" if patience_s == CONNECT_S else "more"
+            if not poller.poll(_POLL_MS):
+                patience_s = QUIET_S if has_frames else CONNECT_S
+                if time.monotonic() - last_frame_s > patience_s:
+                    missing = "more" if has_frames else "anything"
                     self._say(
-                        f"{self._system} did not send {since} for {patience_s:.0f} s. Check that it streams, "
-                        "mocap.hostname and the network. The reading process starts again now."
+                        f"{self._system} did not send {missing} for {patience_s:.0f} s. Check that "
+                        "it streams, mocap.hostname and the network. The reading process starts "
+                        "again now."
                     )
                     return
                 continue
+
             data = os.read(pipe, 1 << 16)
             if not data:
-                self._say(
-                    self._problem
-                    or f"The process that reads {self._system} ended; starting it again."
-                )
+                if not self._problem:
+                    self._say(f"The process that reads {self._system} ended; starting it again.")
                 return
             pending += data
+
             while (frame := next_frame(pending)) is not None:
                 if isinstance(frame, str):
                     self._on_malformed()
@@ -208,26 +228,36 @@ class SdkMocap:
                 if frame.problem:
                     self._say(frame.problem)
                     continue
+
                 self._say("")
-                heard_s, patience_s = time.monotonic(), QUIET_S
-                for pose in self._converter.poses(frame):
-                    if self._body in ("*", pose.body):
-                        self._on_pose(pose, frame.arrived_ns)
+                has_frames = True
+                last_frame_s = time.monotonic()
+                self._pass_on(frame)
+
+    def _pass_on(self, frame: RawFrame) -> None:
+        for pose in self._converter.poses(frame):
+            if self._body in ("*", pose.body):
+                self._on_pose(pose, frame.arrived_ns)
 
 
 def next_frame(pending: bytearray) -> RawFrame | str | None:
-    """Take the first frame off ``pending``: a text if it is invalid, None if it is not complete
-    yet.
+    """Take the first frame off ``pending``.
+
+    Returns:
+        the frame; a text if it is invalid; None if it is not complete yet.
     """
-    if len(pending) < 4:
+    if len(pending) < _LENGTH_BYTES:
         return None
-    size = int.from_bytes(pending[:4], "little")
+
+    size = int.from_bytes(pending[:_LENGTH_BYTES], "little")
     if size > _LARGEST_FRAME:
         return f"{size} bytes announced"
-    if len(pending) < 4 + size:
+    end = _LENGTH_BYTES + size
+    if len(pending) < end:
         return None
-    data = bytes(pending[4 : 4 + size])
-    del pending[: 4 + size]
+
+    data = bytes(pending[_LENGTH_BYTES:end])
+    del pending[:end]
     try:
         return _decoder.decode(data)
     except msgspec.DecodeError as error:
@@ -235,4 +265,7 @@ def next_frame(pending: bytearray) -> RawFrame | str | None:
 
 
 def _text(value: str | int | float | bool) -> str:
-    return str(value).lower() if isinstance(value, bool) else str(value)
+    """Return a value as the package reads it."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    return str(value)

@@ -12,14 +12,12 @@ from typing import Protocol
 
 from onboard.bus.schema import MocapPose
 
-OnPose = Callable[[MocapPose, int], None]
+OnPose = Callable[[MocapPose, int], None]  # pose, its arrival on this host's monotonic clock [ns]
 OnMalformed = Callable[[], None]
 
 
 class MocapSource(Protocol):
-    """A source of poses; ``on_pose`` gets each with its arrival on this host's monotonic clock
-    [ns].
-    """
+    """A source of poses."""
 
     def start(self) -> None:
         """Start; the system need not be there yet."""

@@ -26,10 +26,10 @@ from onboard.autopilot import AUTOPILOT_COMPONENT, LinkError, Snapshot, Vec3, Ve
 from onboard.frames import ned_frd_from_enu_flu, ned_from_enu
 from onboard.native_threads import keep_thread_state
 from onboard.px4 import modes
+from onboard.px4.mavlink_relay import Ids, MavlinkRelay
 from onboard.px4.message_parsers import PARSERS
 from onboard.px4.packets import MAVSDK_READS, MAVSDK_SENDS, NAMES, SENT, Packet, cut, fields_of
 from onboard.px4.port_lock import PortClaim
-from onboard.px4.relay import Ids, MavlinkRelay
 from onboard.px4.signing import Signer
 from onboard.security.mavlink_key import AGENT_LINK_ID
 from onboard.types import AttitudeSetpoint

@@ -1,5 +1,4 @@
-"""``covey mocap --check``: whether each vehicle has its own body, axes and stamps, by tilting it.
-Listens only.
+"""``covey mocap --check``: whether each vehicle has its own body, axes and stamps. Listens only.
 
 A vehicle that is tilted by hand, propellers off, tilts twice: in its PX4 and in one body. Agents
 and the mocap's source must run.
@@ -25,14 +24,14 @@ from onboard.bus.topics import Topic
 from onboard.config.fleet import FleetConfig
 from onboard.exit_status import EXIT_FAILED, EXIT_NO_ANSWER, EXIT_OK
 from onboard.mocap.relay import latency
-from onboard.mocap.relay.relay import bodies_of, report_times
+from onboard.mocap.relay.mocap_relay import bodies_of, report_times
 from onboard.mocap.relay.statistics import MocapStatistics
 from onboard.security.credentials import credentials_of
 from onboard.security.node_roles import NodeRole
 
-GOOD_LAG_S = 0.015
-_MAX_SAMPLES = 6000
-_QUARTERS = (90, 180, 270)
+GOOD_LAG_S = 0.015  # of stamps that need no correction
+_MAX_SAMPLES = 6000  # of a body or a vehicle; of more, the newest
+_QUARTERS_DEG = (90, 180, 270)  # turns of a body's axes that are tried
 
 Samples = deque[tuple[float, Vec4]]  # time [s] on our clock, quaternion
 Curve = tuple[Array, Array]  # times (n,) [s], and latency.gravity (n, 2) at them
@@ -74,97 +73,115 @@ def _judge_one(
     vehicle: str, body: str, curves: Mapping[str, Curve], px4: Curve, latency_s: float
 ) -> tuple[bool | None, str]:
     """Return ``is_ok`` and sentence of the finding."""
-    fits = {
-        name: fit
-        for name, curve in curves.items()
-        if (fit := latency.fit(*curve, *px4)) is not None
-    }
-    if not px4[0].size:
+    if px4[0].size == 0:
         return None, "its agent publishes no attitude. Start the agent, with its PX4."
+
+    fits: dict[str, latency.TiltFit] = {}
+    for name, curve in curves.items():
+        fit = latency.fit(*curve, *px4)
+        if fit is not None:
+            fits[name] = fit
     if not fits:
-        tilting = (
-            "Take the propellers off and tilt it by hand by 20° in all directions for some seconds."
+        return None, (
+            "not tilted yet. Take the propellers off and tilt it by hand by 20° in all directions "
+            "for some seconds."
         )
-        return None, f"not tilted yet. {tilting}"
+
     best = max(fits, key=lambda name: fits[name].correlation)
     if best != body and fits[best].is_same:
         return False, (
-            f"its PX4 tilts as body '{best}' does, not as '{body}'. Exchange the names in the mocap's software, or set "
-            f'vehicles.{vehicle}.mocap_body = "{best}".'
+            f"its PX4 tilts as body '{best}' does, not as '{body}'. Exchange the names in the "
+            f'mocap\'s software, or set vehicles.{vehicle}.mocap_body = "{best}".'
         )
+
     own = fits.get(body)
     if own is None:
-        return (
-            False,
-            f"body '{body}' was not tracked while the vehicle tilted. Check that the cameras see its markers.",
+        return False, (
+            f"body '{body}' was not tracked while the vehicle tilted. Check that the cameras see "
+            "its markers."
         )
     if not own.is_same:
-        quarter = _turned(curves[body], px4)
-        if quarter is not None:
-            return False, (
-                f"the axes of body '{body}' are turned by about {quarter}° against the vehicle. Point its nose along "
-                "the mocap's x axis and reset the body's orientation in the mocap's software."
-            )
-        return False, (
-            f"body '{body}' does not tilt as its PX4 does, nor does any other (correlation {own.correlation:.2f}). "
-            "Check the body's z axis, mocap.up, and that the markers are fixed to the frame."
-        )
+        return False, _sentence_of_axes(body, curves[body], px4, own)
+
     lag_ms = 1e3 * own.lag_s
     if abs(own.lag_s) > GOOD_LAG_S:
         return False, (
-            f"body '{body}' is right, but its stamps are {lag_ms:+.0f} ms off the motion. Set mocap.latency_s = "
-            f"{max(0.0, latency_s + own.lag_s):.3f} (now {latency_s:.3f})."
+            f"body '{body}' is right, but its stamps are {lag_ms:+.0f} ms off the motion. Set "
+            f"mocap.latency_s = {max(0.0, latency_s + own.lag_s):.3f} (now {latency_s:.3f})."
         )
-    return (
-        True,
-        f"body '{body}' tilts as its PX4 does, and its stamps are right to {lag_ms:+.0f} ms.",
+    return True, (
+        f"body '{body}' tilts as its PX4 does, and its stamps are right to {lag_ms:+.0f} ms."
     )
 
 
-def _turned(body: Curve, px4: Curve) -> int | None:
-    """Return by how many degrees the body's axes are turned about up; None if that is not the only
-    fault.
+def _sentence_of_axes(body: str, curve: Curve, px4: Curve, own: latency.TiltFit) -> str:
+    """Return what is wrong with a body that does not tilt as its PX4 does."""
+    quarter_deg = _turned_deg(curve, px4)
+    if quarter_deg is not None:
+        return (
+            f"the axes of body '{body}' are turned by about {quarter_deg}° against the vehicle. "
+            "Point its nose along the mocap's x axis and reset the body's orientation in the "
+            "mocap's software."
+        )
+    return (
+        f"body '{body}' does not tilt as its PX4 does, nor does any other (correlation "
+        f"{own.correlation:.2f}). Check the body's z axis, mocap.up, and that the markers are "
+        "fixed to the frame."
+    )
+
+
+def _turned_deg(body: Curve, px4: Curve) -> int | None:
+    """Return by how many degrees the body's axes are turned about up.
+
+    None if that is not the only fault.
     """
-    for degrees in _QUARTERS:
-        c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
-        fit = latency.fit(body[0], body[1] @ np.array([[c, s], [-s, c]]), *px4)
+    times_s, gravity = body
+    for degrees in _QUARTERS_DEG:
+        c = np.cos(np.radians(degrees))
+        s = np.sin(np.radians(degrees))
+        turned = gravity @ np.array([[c, s], [-s, c]])
+        fit = latency.fit(times_s, turned, *px4)
         if fit is not None and fit.is_same:
             return degrees
     return None
 
 
 def _curve(samples: Samples) -> Curve:
+    """Return samples as a curve of tilt, in the order of their times, each time once."""
     rows = sorted(samples)
-    times = np.array([time_s for time_s, _ in rows], dtype=np.float64)
-    keep = np.diff(times, prepend=-np.inf) > 0.0
-    return times[keep], latency.gravity([quaternion for _, quaternion in rows])[keep]
+    times_s = np.array([time_s for time_s, _ in rows], dtype=np.float64)
+    gravity = latency.gravity([quaternion for _, quaternion in rows])
+    is_later = np.diff(times_s, prepend=-np.inf) > 0.0
+    return times_s[is_later], gravity[is_later]
 
 
 class MocapCheck:
     """One run of the check on the bus of a fleet."""
 
     def __init__(self, fleet: FleetConfig, say: Callable[[str], None]) -> None:
-        self.fleet, self.say = fleet, say
+        self.fleet = fleet
+        self.say = say
         self.statistics = MocapStatistics(bodies_of(fleet))
-        endpoints = [
-            *(fleet.vehicles[name].agent for name in fleet.enabled_names),
-            *fleet.pose_endpoints,
-        ]
+
+        agents = [fleet.vehicles[name].agent for name in fleet.enabled_names]
         self._bus = BusSession(
             namespace=fleet.namespace,
             node=f"mocap-check-{os.getpid()}",
-            connect=endpoints,
+            connect=[*agents, *fleet.pose_endpoints],
             credentials=credentials_of(fleet, NodeRole.MOCAP),
             routers=fleet.fleet.routers,
         )
         self._clock = ClockNode(self._bus)
-        self._bodies: dict[str, Samples] = {}
-        self._px4s: dict[str, Samples] = {}
-        self._lock = threading.Lock()
+
+        self._lock = threading.Lock()  # of all below, which the bus's threads fill
+        self._bodies: dict[str, Samples] = {}  # body -> its attitudes
+        self._px4s: dict[str, Samples] = {}  # vehicle -> its attitudes
 
     def run(self, *, seconds: float | None, every_s: float, stopped: threading.Event) -> int:
-        """Listen until everything is right, ``stopped``, or for ``seconds``; return the exit
-        status.
+        """Listen until everything is right, ``stopped``, or for ``seconds``.
+
+        Returns:
+            the exit status.
         """
         self._bus.start()
         status = EXIT_NO_ANSWER
@@ -181,24 +198,30 @@ class MocapCheck:
         return status
 
     def _print(self) -> int:
+        """Print the findings; return the exit status that they mean."""
         with self._lock:
             self.statistics.close_window(time.monotonic_ns())
             bodies = {name: samples.copy() for name, samples in self._bodies.items()}
             px4s = {name: samples.copy() for name, samples in self._px4s.items()}
-            wrong = list(self.statistics.findings())
-        latency_s = (
-            self.fleet.mocap.latency_s if self.fleet.mocap.source == "motioncapture" else 0.0
-        )
+            faults = list(self.statistics.findings())
+
+        latency_s = 0.0
+        if self.fleet.mocap.source == "motioncapture":
+            latency_s = self.fleet.mocap.latency_s
         findings = list(judge(self.statistics.vehicles, bodies, px4s, latency_s=latency_s))
+
         self.say(time.strftime("%H:%M:%S"))
         for finding in findings:
             mark = {True: "ok", False: "WRONG", None: "..."}[finding.is_ok]
             self.say(f"  {mark:<5} {finding.vehicle}: {finding.sentence}")
-        for sentence in wrong:
+        for sentence in faults:
             self.say(f"  ! {sentence}")
+
         if not bodies:
             return EXIT_NO_ANSWER
-        return EXIT_OK if all(finding.is_ok for finding in findings) and not wrong else EXIT_FAILED
+        if faults or not all(finding.is_ok for finding in findings):
+            return EXIT_FAILED
+        return EXIT_OK
 
     def _hear_pose(self, _topic: Topic, _name: str, message: Message | Malformed) -> None:
         if not isinstance(message, MocapPose):
@@ -218,13 +241,15 @@ class MocapCheck:
             for tick in message.ticks:
                 own_s = self._own_s(name, tick.stamp_ns)
                 if own_s is not None:
-                    samples.append(
-                        (own_s - tick.attitude_age_s, tick.attitude_quaternion_enu_flu_wxyz)
-                    )
+                    measured_s = own_s - tick.attitude_age_s
+                    samples.append((measured_s, tick.attitude_quaternion_enu_flu_wxyz))
 
     def _own_s(self, node: str, stamp_ns: int) -> float | None:
         """Return a stamp on our clock, in the middle of its bounds; None while they are not known."""
         if not node:
             return stamp_ns * 1e-9
         offset = self._clock.clocks.offset_s(node, time.monotonic_ns())
-        return None if offset is None else stamp_ns * 1e-9 - offset[0]
+        if offset is None:
+            return None
+        ahead_s, _ = offset
+        return stamp_ns * 1e-9 - ahead_s

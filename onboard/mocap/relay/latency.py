@@ -1,5 +1,4 @@
-"""Lag of a body's stamps behind its motion, and the vehicle of a body: its tilt compared with PX4's
-attitude.
+"""The tilt of a body compared with PX4's attitude: whose body it is, and how late its stamps are.
 
 PX4 measures with a gyroscope, so its attitude is right in time except for a few milliseconds of
 link. Both measure the direction of gravity in the body's own axes, which depends neither on a
@@ -17,15 +16,17 @@ import numpy as np
 from onboard.arrays import Array
 from onboard.bus.schema import Vec4
 
-_STEP_S = 0.004
-_EARLIEST_S, _LATEST_S = -0.1, 0.3
-_SHORTEST_S = 2.0
+_STEP_S = 0.004  # between two samples of a curve, and between two lags that are tried
+_EARLIEST_S = -0.1  # least lag that is tried
+_LATEST_S = 0.3  # largest lag that is tried
+_SHORTEST_S = 2.0  # of the time in which both curves have samples
+_FEWEST_SAMPLES = 10  # of a curve
 _SMALLEST_TILT_RAD = 0.008  # half a degree: ten times the noise of a mocap
-_FITS = 0.85
+_SAME_CORRELATION = 0.85  # from which on two curves are of one body
 
 
 @dataclass(frozen=True, slots=True)
-class Fit:
+class TiltFit:
     """Best fit of two curves of tilt."""
 
     lag_s: float  # time shift of the best fit
@@ -34,7 +35,7 @@ class Fit:
     @property
     def is_same(self) -> bool:
         """Whether both belong to one body."""
-        return self.correlation >= _FITS
+        return self.correlation >= _SAME_CORRELATION
 
 
 def gravity(quaternions_wxyz: Sequence[Vec4]) -> Array:
@@ -43,7 +44,7 @@ def gravity(quaternions_wxyz: Sequence[Vec4]) -> Array:
     return np.stack([2.0 * (x * z - w * y), 2.0 * (y * z + w * x)], axis=-1)
 
 
-def fit(body_s: Array, body: Array, px4_s: Array, px4: Array) -> Fit | None:
+def fit(body_s: Array, body: Array, px4_s: Array, px4: Array) -> TiltFit | None:
     """Fit a body's tilt to PX4's.
 
     Args:
@@ -54,39 +55,43 @@ def fit(body_s: Array, body: Array, px4_s: Array, px4: Array) -> Fit | None:
     Returns:
         the best fit; None if there is too little motion.
     """
-    if body_s.size < 10 or px4_s.size < 10:
+    if body_s.size < _FEWEST_SAMPLES or px4_s.size < _FEWEST_SAMPLES:
         return None
-    begin, end = (
-        max(body_s[0] - _EARLIEST_S, px4_s[0] + _LATEST_S),
-        min(body_s[-1] - _LATEST_S, px4_s[-1]),
-    )
-    if end - begin < _SHORTEST_S:
+
+    # the time in which both have samples, whatever the lag is
+    begin_s = max(body_s[0] - _EARLIEST_S, px4_s[0] + _LATEST_S)
+    end_s = min(body_s[-1] - _LATEST_S, px4_s[-1])
+    if end_s - begin_s < _SHORTEST_S:
         return None
-    times_s = np.arange(begin, end, _STEP_S)
-    lags_s = np.arange(_EARLIEST_S, _LATEST_S + 0.5 * _STEP_S, _STEP_S)
+
+    times_s = np.arange(begin_s, end_s, _STEP_S)
     reference = _at(times_s, px4_s, px4)
-    if float(np.sqrt(np.square(reference).mean())) < _SMALLEST_TILT_RAD:
+    tilt_rad = float(np.sqrt(np.square(reference).mean()))
+    if tilt_rad < _SMALLEST_TILT_RAD:
         return None
+
+    lags_s = np.arange(_EARLIEST_S, _LATEST_S + 0.5 * _STEP_S, _STEP_S)
     correlations = np.array(
         [_correlation(_at(times_s + lag_s, body_s, body), reference) for lag_s in lags_s]
     )
     best = int(correlations.argmax())
-    return Fit(
-        float(lags_s[best]) + _STEP_S * _vertex(correlations, best), float(correlations[best])
-    )
+    lag_s = float(lags_s[best]) + _STEP_S * _vertex(correlations, best)
+    return TiltFit(lag_s, float(correlations[best]))
 
 
 def _at(times_s: Array, samples_s: Array, samples: Array) -> Array:
-    values = np.stack(
-        [np.interp(times_s, samples_s, samples[:, axis]) for axis in range(2)], axis=-1
-    )
+    """Return a curve at other times, without its mean."""
+    columns = [np.interp(times_s, samples_s, samples[:, axis]) for axis in range(2)]
+    values = np.stack(columns, axis=-1)
     # markers are never exactly level with the autopilot
     return np.asarray(values - values.mean(axis=0))
 
 
 def _correlation(one: Array, other: Array) -> float:
     size = float(np.sqrt(np.square(one).sum() * np.square(other).sum()))
-    return float((one * other).sum()) / size if size > 0.0 else 0.0
+    if size <= 0.0:
+        return 0.0
+    return float((one * other).sum()) / size
 
 
 def _vertex(values: Array, index: int) -> float:
@@ -95,4 +100,7 @@ def _vertex(values: Array, index: int) -> float:
         return 0.0
     before, top, after = values[index - 1 : index + 2].tolist()
     bend = before - 2.0 * top + after
-    return 0.5 * (before - after) / bend if bend < 0.0 else 0.0
+    if bend >= 0.0:  # no maximum
+        return 0.0
+    offset: float = 0.5 * (before - after) / bend
+    return offset

@@ -8,10 +8,14 @@ from dataclasses import dataclass, field
 
 from onboard.bus.schema import MocapPose, Vec3, Vec4
 
-_JUMP_M_S, _NOISE_M = 10.0, 0.05
-_FLIP_RAD_S, _FLIP_RAD = 12.0, 0.5
-_STILL_S = 1.0
-_GONE_S = 1.0
+# Faster than this a body jumps or flips: a part for each sample, and one for each second.
+_NOISE_M = 0.05
+_JUMP_M_S = 10.0
+_FLIP_RAD = 0.5
+_FLIP_RAD_S = 12.0
+
+_STILL_S = 1.0  # with the same numbers, after which they are reported
+_GONE_S = 1.0  # without a pose, after which a body is not tracked
 
 
 @dataclass(slots=True)
@@ -23,52 +27,70 @@ class BodyStatistics:
     heading_deg: float = math.nan
     rate_hz: float = 0.0  # in the last finished window
     samples: int = 0
-    jumps: int = 0
+    jumps: int = 0  # steps longer than a vehicle's
     # turns faster than a vehicle's, caused by markers that look alike from several sides
     flips: int = 0
-    losses: int = 0
-    longest_gap_s: float = 0.0
-    age_s: float = 0.0
+    losses: int = 0  # how often it was not tracked any more
+    longest_gap_s: float = 0.0  # between two samples
+    age_s: float = 0.0  # of the newest sample, at the end of the last window
     # for so long the same numbers have come; a body that is measured always has noise
     still_s: float = 0.0
     is_tracked: bool = False
     _quaternion: Vec4 = (0.0, 0.0, 0.0, 0.0)
-    _stamp_ns: int = 0
-    _changed_ns: int = 0
-    _in_window: int = 0
+    _stamp_ns: int = 0  # of the newest sample
+    _changed_ns: int = 0  # stamp of the first sample with the present numbers
+    _in_window: int = 0  # samples
 
     def add(self, pose: MocapPose) -> None:
         """Count a pose."""
         if not pose.is_tracked:
-            self.losses += int(self.is_tracked)
+            if self.is_tracked:
+                self.losses += 1
             self.is_tracked = False
             return
-        gap_s = (pose.stamp_ns - self._stamp_ns) * 1e-9 if self.samples else 0.0
-        step_m = math.dist(pose.position_enu_m, self.position_enu_m) if self.samples else 0.0
-        # a value that is not finite is a jump as well
-        self.jumps += int(not step_m <= _NOISE_M + _JUMP_M_S * gap_s)
-        cosine = abs(
-            sum(a * b for a, b in zip(pose.quaternion_enu_flu_wxyz, self._quaternion, strict=True))
-        )
-        turn_rad = 2.0 * math.acos(min(1.0, cosine)) if self.samples else 0.0
-        self.flips += int(turn_rad > min(_FLIP_RAD + _FLIP_RAD_S * gap_s, math.pi))
-        self.longest_gap_s = max(self.longest_gap_s, gap_s)
+
+        if self.samples > 0:
+            self._compare_with_last(pose)
+
         if pose.position_enu_m != self.position_enu_m:
             self._changed_ns = pose.stamp_ns
         self.still_s = (pose.stamp_ns - self._changed_ns) * 1e-9
+
         w, x, y, z = pose.quaternion_enu_flu_wxyz
-        self.heading_deg = math.degrees(
-            math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
-        )
-        self.position_enu_m, self._quaternion = pose.position_enu_m, pose.quaternion_enu_flu_wxyz
-        self._stamp_ns, self.is_tracked = pose.stamp_ns, True
+        heading_rad = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+        self.heading_deg = math.degrees(heading_rad)
+
+        self.position_enu_m = pose.position_enu_m
+        self._quaternion = pose.quaternion_enu_flu_wxyz
+        self._stamp_ns = pose.stamp_ns
+        self.is_tracked = True
         self.samples += 1
         self._in_window += 1
 
+    def _compare_with_last(self, pose: MocapPose) -> None:
+        """Count a step or a turn that no vehicle makes within the time since the last sample."""
+        gap_s = (pose.stamp_ns - self._stamp_ns) * 1e-9
+        self.longest_gap_s = max(self.longest_gap_s, gap_s)
+
+        step_m = math.dist(pose.position_enu_m, self.position_enu_m)
+        is_possible = step_m <= _NOISE_M + _JUMP_M_S * gap_s
+        if not is_possible:  # nor is a step that is not finite
+            self.jumps += 1
+
+        pairs = zip(pose.quaternion_enu_flu_wxyz, self._quaternion, strict=True)
+        half_turn_cosine = abs(sum(a * b for a, b in pairs))
+        turn_rad = 2.0 * math.acos(min(1.0, half_turn_cosine))
+        if turn_rad > min(_FLIP_RAD + _FLIP_RAD_S * gap_s, math.pi):
+            self.flips += 1
+
     def close_window(self, now_ns: int, window_s: float) -> None:
         """Finish a window of counting."""
-        self.rate_hz, self._in_window = self._in_window / window_s, 0
-        self.age_s = (now_ns - self._stamp_ns) * 1e-9 if self._stamp_ns else math.inf
+        self.rate_hz = self._in_window / window_s
+        self._in_window = 0
+
+        self.age_s = math.inf
+        if self._stamp_ns != 0:
+            self.age_s = (now_ns - self._stamp_ns) * 1e-9
 
 
 @dataclass(slots=True)
@@ -77,13 +99,14 @@ class MocapStatistics:
 
     vehicles: Mapping[str, str]  # vehicle -> its body, for those that require a mocap
     bodies: dict[str, BodyStatistics] = field(default_factory=dict)
-    _window_ns: int = 0
+    _window_ns: int = 0  # begin of the present window
 
     def add(self, pose: MocapPose) -> None:
         """Count a pose of any body."""
         body = self.bodies.get(pose.body)
         if body is None:
-            body = self.bodies[pose.body] = BodyStatistics(pose.body)
+            body = BodyStatistics(pose.body)
+            self.bodies[pose.body] = body
         body.add(pose)
 
     def close_window(self, now_ns: int) -> None:
@@ -96,44 +119,60 @@ class MocapStatistics:
     @property
     def is_complete(self) -> bool:
         """Whether every vehicle's body is tracked now."""
-        bodies = [self.bodies.get(body) for body in self.vehicles.values()]
-        return all(body is not None and body.is_tracked and body.age_s < _GONE_S for body in bodies)
+        for name in self.vehicles.values():
+            body = self.bodies.get(name)
+            if body is None or not body.is_tracked or body.age_s >= _GONE_S:
+                return False
+        return True
 
     def rows(self) -> Iterator[str]:
         """Yield a line for each body, vehicles first, and one for each finding."""
         owner = {body: vehicle for vehicle, body in self.vehicles.items()}
         for name in sorted(self.bodies, key=lambda name: (name not in owner, name)):
+            label = name
+            if owner.get(name, name) != name:
+                label = f"{name} ({owner[name]})"
+            remark = "" if name in owner else " – no vehicle of the fleet"
+
             body = self.bodies[name]
             x, y, z = body.position_enu_m
-            label = f"{name} ({owner[name]})" if name in owner and owner[name] != name else name
             yield (
-                f"  {label:<18} {body.rate_hz:5.1f} Hz  at ({x:+.2f}, {y:+.2f}, {z:+.2f}) m, heading "
-                f"{body.heading_deg:+.0f}°  jumps {body.jumps}, flips {body.flips}, lost {body.losses}, longest gap "
-                f"{1e3 * body.longest_gap_s:.0f} ms{'' if name in owner else ' – no vehicle of the fleet'}"
+                f"  {label:<18} {body.rate_hz:5.1f} Hz  at ({x:+.2f}, {y:+.2f}, {z:+.2f}) m, "
+                f"heading {body.heading_deg:+.0f}°  jumps {body.jumps}, flips {body.flips}, "
+                f"lost {body.losses}, longest gap {1e3 * body.longest_gap_s:.0f} ms{remark}"
             )
-        yield from (f"  ! {sentence}" for sentence in self.findings())
+
+        for sentence in self.findings():
+            yield f"  ! {sentence}"
 
     def findings(self) -> Iterator[str]:
         """Yield a sentence for each fault."""
         for flipped in self.bodies.values():
             if flipped.flips:
                 yield (
-                    f"body '{flipped.name}' turned {flipped.flips} times faster than a vehicle can: its markers look "
-                    "alike from several sides. Move one marker, so that all distances between markers differ."
+                    f"body '{flipped.name}' turned {flipped.flips} times faster than a vehicle can: "
+                    "its markers look alike from several sides. Move one marker, so that all "
+                    "distances between markers differ."
                 )
+
         others = sorted(set(self.bodies) - set(self.vehicles.values()))
         for vehicle, name in self.vehicles.items():
             body = self.bodies.get(name)
             if body is None:
-                known = f" Bodies that are no vehicle here: {', '.join(others)}." if others else ""
+                known = ""
+                if others:
+                    known = f" Bodies that are no vehicle here: {', '.join(others)}."
                 yield (
-                    f"{vehicle}: the mocap has sent no body '{name}' yet.{known} Switch it on in the mocap's "
-                    f"software, rename it, or set vehicles.{vehicle}.mocap_body."
+                    f"{vehicle}: the mocap has sent no body '{name}' yet.{known} Switch it on in "
+                    f"the mocap's software, rename it, or set vehicles.{vehicle}.mocap_body."
                 )
             elif not body.is_tracked or body.age_s > _GONE_S:
-                yield f"{vehicle}: body '{name}' is not tracked now. Check that the cameras see its markers."
+                yield (
+                    f"{vehicle}: body '{name}' is not tracked now. Check that the cameras see its "
+                    "markers."
+                )
             elif body.still_s > _STILL_S:
                 yield (
-                    f"{vehicle}: body '{name}' has sent the same numbers for {body.still_s:.0f} s. A measured body "
-                    "has noise, so agents will reject it."
+                    f"{vehicle}: body '{name}' has sent the same numbers for {body.still_s:.0f} s. "
+                    "A measured body has noise, so agents will reject it."
                 )

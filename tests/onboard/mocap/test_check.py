@@ -13,7 +13,7 @@ import pytest
 from onboard.mocap.relay.check import BodyFinding, Samples, judge
 from onboard.mocap.relay.statistics import MocapStatistics
 from tests.onboard.mocap.test_latency import quaternions, smooth
-from tests.onboard.mocap.test_relay import body_pose
+from tests.onboard.mocap.test_mocap_relay import body_pose
 
 _VEHICLES = {"mav0": "a", "mav1": "b"}
 

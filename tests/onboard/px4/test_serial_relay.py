@@ -13,12 +13,12 @@ import pytest
 os.environ["MAVLINK20"] = "1"
 from pymavlink.dialects.v20 import common as mavlink
 
+from onboard.px4.mavlink_relay import Ids, MavlinkRelay
 from onboard.px4.packets import SENT, Packet
-from onboard.px4.relay import Ids, MavlinkRelay
 from onboard.px4.signing import Signer
 from onboard.security.mavlink_key import AGENT_LINK_ID
+from tests.onboard.px4.test_mavlink_relay import SYSTEM, now, until
 from tests.onboard.px4.test_packets_and_signing import KEY
-from tests.onboard.px4.test_relay import SYSTEM, now, until
 
 
 class Line:

@@ -22,7 +22,7 @@ from onboard.bus.session import BusSession
 from onboard.bus.topics import Topic
 from onboard.config.fleet import FleetConfig, fleet_from_mapping, load_fleet
 from onboard.exit_status import EXIT_FAILED, EXIT_OK
-from onboard.mocap.relay.relay import Relay
+from onboard.mocap.relay.mocap_relay import MocapRelay
 from onboard.mocap.relay.statistics import MocapStatistics
 from tests.onboard.mocap.natnet import NatNetServer, Pose
 
@@ -161,7 +161,7 @@ def test_unknown_missing_unnameable_and_emulated_bodies_are_reported_and_the_res
         table["options"] = {"port_command": server.port}
         fleet = load_fleet(_fleet_file(tmp_path, table, emulated=["mav2"], mav2="third"))
         lines: list[str] = []
-        relay = Relay(fleet, lines.append)
+        relay = MocapRelay(fleet, lines.append)
         with _Ear(fleet) as ear:
             status = relay.run(seconds=3.0, every_s=0.5, stopped=threading.Event())
     text = "\n".join(lines)

@@ -1,5 +1,4 @@
-"""``covey mocap``: one process that reads the motion capture and publishes all its bodies on the
-fleet's bus.
+"""``covey mocap``: one process that reads the motion capture and publishes its bodies on the bus.
 
 All bodies are published, vehicles or not; agents listen to those of the fleet file only. The relay
 does not judge poses; the agents do. It listens at the emulator's endpoint, so that there can only
@@ -32,34 +31,42 @@ NODE = "mocap"
 
 def bodies_of(fleet: FleetConfig) -> dict[str, str]:
     """Return vehicle -> body, for all that take part and require a mocap."""
-    bodies = {name: fleet.vehicles[name].body for name in fleet.enabled_names}
-    return {
-        name: body
-        for name, body in bodies.items()
-        if body is not None and fleet.vehicles[name].mocap_required
-    }
+    bodies: dict[str, str] = {}
+    for name in fleet.enabled_names:
+        vehicle = fleet.vehicles[name]
+        if vehicle.mocap_required and vehicle.body is not None:
+            bodies[name] = vehicle.body
+    return bodies
 
 
 def mock_options(fleet: FleetConfig) -> dict[str, str]:
-    """Return options for the type ``mock``: a body for each vehicle, standing still at its take-off
-    spot.
+    """Return options for the type ``mock``; none for others.
+
+    Each vehicle has a body, which stands still at its take-off spot.
     """
-    rows = [
-        f"{body}({','.join(f'{value:g}' for value in fleet.vehicles[name].start_enu_m)},1,0,0,0)"
-        for name, body in bodies_of(fleet).items()
-    ]
-    return (
-        {"rigid_bodies": ";".join(rows), "frequency": "100"} if fleet.mocap.type == "mock" else {}
-    )
+    if fleet.mocap.type != "mock":
+        return {}
+
+    rows: list[str] = []
+    for name, body in bodies_of(fleet).items():
+        position = ",".join(f"{value:g}" for value in fleet.vehicles[name].start_enu_m)
+        rows.append(f"{body}({position},1,0,0,0)")
+    return {"rigid_bodies": ";".join(rows), "frequency": "100"}
 
 
 def report_times(
     clock: ClockNode, *, seconds: float | None, every_s: float, stopped: threading.Event
 ) -> Iterator[None]:
-    """Publish the clock until ``stopped`` or for ``seconds``, and yield whenever a report is due,
-    at the end too.
+    """Yield whenever a report is due, and at the end; publish the clock meanwhile.
+
+    Args:
+        clock: of the node.
+        seconds: after which it ends; None for never.
+        every_s: from one report to the next.
+        stopped: ends it at once.
     """
-    began_s = reported_s = time.monotonic()
+    began_s = time.monotonic()
+    reported_s = began_s
     while not stopped.wait(min(BEAT_S, every_s)):
         clock.beat()
         now_s = time.monotonic()
@@ -71,7 +78,7 @@ def report_times(
             return
 
 
-class Relay:
+class MocapRelay:
     """One run of the relay.
 
     Args:
@@ -80,10 +87,14 @@ class Relay:
     """
 
     def __init__(self, fleet: FleetConfig, say: Callable[[str], None]) -> None:
-        self.fleet, self.say = fleet, say
-        emulated = {fleet.vehicles[name].body for name in fleet.emulated_names}
-        bodies = {name: body for name, body in bodies_of(fleet).items() if body not in emulated}
-        self.statistics = MocapStatistics(bodies)
+        self.fleet = fleet
+        self.say = say
+
+        self._emulated = {fleet.vehicles[name].body for name in fleet.emulated_names}
+        self.statistics = MocapStatistics(
+            {name: body for name, body in bodies_of(fleet).items() if body not in self._emulated}
+        )
+
         agents = [fleet.vehicles[name].agent for name in fleet.enabled_names]
         self._bus = BusSession(
             namespace=fleet.namespace,
@@ -93,32 +104,41 @@ class Relay:
             credentials=credentials_of(fleet, NodeRole.MOCAP),
             routers=fleet.fleet.routers,
         )
-        self._clock, self._publisher = ClockNode(self._bus), PosePublisher(self._bus)
-        options = mock_options(fleet)
+        self._clock = ClockNode(self._bus)
+        self._publisher = PosePublisher(self._bus)
         self._source = SdkMocap(
-            fleet.mocap, "*", self._pass_on, lambda: None, node=NODE, default_options=options
+            fleet.mocap,
+            "*",
+            self._pass_on,
+            lambda: None,
+            node=NODE,
+            default_options=mock_options(fleet),
         )
-        self._lock = threading.Lock()
-        self._unnameable: set[str] = set()
-        self._emulated = emulated
-        self._withheld: set[str] = set()
+
+        self._lock = threading.Lock()  # of the statistics, which the source's thread counts
+        self._unnameable: set[str] = set()  # bodies whose names cannot be keys
+        self._withheld: set[str] = set()  # bodies that the emulator sends
 
     def run(self, *, seconds: float | None, every_s: float, stopped: threading.Event) -> int:
-        """Relay until ``stopped`` or for ``seconds``; return the exit status.
+        """MocapRelay until ``stopped`` or for ``seconds``; return the exit status.
 
         Raises:
             BusError: another relay or an emulator listens at the endpoint.
         """
         self._bus.start()
+
         mocap = self.fleet.mocap
         self.say(
-            f"mocap: {mocap.type} at {mocap.hostname or 'this computer'} -> bus {self.fleet.namespace}/mocap/*, "
-            f"{mocap.latency_s * 1e3:.0f} ms subtracted from each stamp. Ctrl-C ends."
+            f"mocap: {mocap.type} at {mocap.hostname or 'this computer'} -> bus "
+            f"{self.fleet.namespace}/mocap/*, {mocap.latency_s * 1e3:.0f} ms subtracted from each "
+            "stamp. Ctrl-C ends."
         )
         if mocap.direct:
             self.say(
-                "  ! mocap.direct is true: the agents read the system themselves and do not listen to this relay."
+                "  ! mocap.direct is true: the agents read the system themselves and do not "
+                "listen to this relay."
             )
+
         was_complete = False
         try:
             self._clock.start()
@@ -129,34 +149,41 @@ class Relay:
         finally:
             self._source.stop()
             self._bus.stop()
+
         if not self.statistics.bodies:
             return EXIT_NO_ANSWER
-        return EXIT_OK if seconds is None or self.statistics.is_complete else EXIT_FAILED
+        if seconds is None or self.statistics.is_complete:
+            return EXIT_OK
+        return EXIT_FAILED
 
     def _print(self, was_complete: bool) -> bool:
+        """Print a report; return whether every vehicle's body is tracked."""
         with self._lock:
             self.statistics.close_window(time.monotonic_ns())
-            rows = (
-                list(self.statistics.rows())
-                if self.statistics.bodies
-                else ["  no pose has arrived yet"]
-            )
+            rows = list(self.statistics.rows())
             is_complete = self.statistics.is_complete
-            bad, withheld = sorted(self._unnameable), sorted(self._withheld)
-        here, all_ = len(self.statistics.bodies), len(self.statistics.vehicles)
-        self.say(f"{time.strftime('%H:%M:%S')} {here} bodies, {all_} vehicles")
+            unnameable = sorted(self._unnameable)
+            withheld = sorted(self._withheld)
+            body_count = len(self.statistics.bodies)
+
+        vehicle_count = len(self.statistics.vehicles)
+        self.say(f"{time.strftime('%H:%M:%S')} {body_count} bodies, {vehicle_count} vehicles")
+        if body_count == 0:
+            rows = ["  no pose has arrived yet"]
         for row in rows:
             self.say(row)
-        if bad:
-            names = ", ".join(map(repr, bad))
+
+        if unnameable:
+            names = ", ".join(map(repr, unnameable))
             self.say(
-                f"  ! Not published, because these names cannot be keys on the bus: {names}. Rename them."
+                "  ! Not published, because these names cannot be keys on the bus: "
+                f"{names}. Rename them."
             )
         if withheld:
             names = ", ".join(map(repr, withheld))
             self.say(
-                f"  ! Not published, because the emulator sends the poses of these bodies: {names}. Switch them off in "
-                "the mocap's software, or remove emulated = true."
+                "  ! Not published, because the emulator sends the poses of these bodies: "
+                f"{names}. Switch them off in the mocap's software, or remove emulated = true."
             )
         if self._source.problem:
             self.say(f"  ! {self._source.problem}")
@@ -171,6 +198,7 @@ class Relay:
         if pose.body in self._emulated:  # a body has one source
             self._withheld.add(pose.body)
             return
+
         self._publisher.publish(pose)
         with self._lock:
             self.statistics.add(pose)

@@ -1,0 +1,69 @@
+"""Conversion from a motion capture's frame to the fleet's.
+
+It is written in plain floats, because it runs for every body of every frame.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from onboard.bus.schema import Vec3, Vec4
+from onboard.config.mocap import MocapConfig
+
+
+@dataclass(frozen=True, slots=True)
+class MocapFrame:
+    """The mocap's frame in the fleet's: up axis, then a turn about up, then a shift.
+
+    With y up the mocap's z axis points along the fleet's -y, for the room and for the bodies in it
+    alike.
+    """
+
+    is_y_up: bool = False  # else z is up
+    yaw_rad: float = 0.0  # of the turn about up, counterclockwise
+    offset_enu_m: Vec3 = (0.0, 0.0, 0.0)  # the mocap's origin in the fleet's frame
+
+    @classmethod
+    def of(cls, mocap: MocapConfig) -> MocapFrame:
+        """Return the frame that the fleet file describes."""
+        return cls(mocap.up == "y", math.radians(mocap.yaw_deg), mocap.offset_m)
+
+    def position_enu_m(self, position_m: Vec3) -> Vec3:
+        """Convert a position."""
+        x, y, z = position_m
+        if self.is_y_up:
+            y, z = -z, y
+
+        cosine = math.cos(self.yaw_rad)
+        sine = math.sin(self.yaw_rad)
+        east, north, up = self.offset_enu_m
+        return (
+            cosine * x - sine * y + east,
+            sine * x + cosine * y + north,
+            z + up,
+        )
+
+    def quaternion_enu_flu_wxyz(self, quaternion_wxyz: Vec4) -> Vec4:
+        """Convert a rotation from body to mocap into one from body FLU to fleet ENU.
+
+        It is normalised unless it is zero.
+        """
+        w, x, y, z = quaternion_wxyz
+        if self.is_y_up:  # the same rotation, its axis seen in the turned frame
+            y, z = -z, y
+
+        # product of the turn about up, (c, 0, 0, s), and the rotation
+        c = math.cos(0.5 * self.yaw_rad)
+        s = math.sin(0.5 * self.yaw_rad)
+        turned_w = c * w - s * z
+        turned_x = c * x - s * y
+        turned_y = c * y + s * x
+        turned_z = c * z + s * w
+
+        norm = math.sqrt(
+            turned_w * turned_w + turned_x * turned_x + turned_y * turned_y + turned_z * turned_z
+        )
+        if norm <= 0.0:
+            return turned_w, turned_x, turned_y, turned_z
+        return turned_w / norm, turned_x / norm, turned_y / norm, turned_z / norm
