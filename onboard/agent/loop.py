@@ -90,9 +90,20 @@ class AgentProcess:
             router_timeout_s=_ROUTER_S,
         )
         mocap = MocapConfig() if has_bus_mocap or vehicle.emulated else fleet.mocap
-        self._inbox = Inbox(vehicle, self._core.boot_id, self._bus, mocap, fleet.state_ticks)
+        self._inbox = Inbox(
+            vehicle=vehicle,
+            boot_id=self._core.boot_id,
+            bus=self._bus,
+            mocap=mocap,
+            state_ticks=fleet.state_ticks,
+        )
         self._executor = CommandExecutor(
-            name, others, self._link, self._bus, self._inbox, self._exit
+            name=name,
+            others=others,
+            link=self._link,
+            bus=self._bus,
+            inbox=self._inbox,
+            on_exit=self._exit,
         )
         self._upkeep = LinkUpkeep(
             vehicle,
