@@ -1,4 +1,4 @@
-"""A stretch of a check: the facts it settles and how it settles them."""
+"""A group of facts: what it settles, and how."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from sitl.conformance.vehicle_client import VehicleClient
 
 @dataclass(frozen=True, slots=True)
 class FactGroup:
-    """One stretch."""
+    """Facts that are settled together, in one go with one vehicle."""
 
     name: str  # for people
-    facts: tuple[Fact, ...]  # settled here; those that were asked for decide whether it runs at all
+    facts: tuple[Fact, ...]  # the group runs when one of them was requested
     run: Callable[[VehicleClient, FactReport], None]  # measures and reports
     turns_motors: bool = True  # motors spin; only done with a vehicle that is simulated

@@ -1,4 +1,4 @@
-"""A crude position hold by attitude setpoints, and the flights every phase begins or ends with."""
+"""A crude position hold by attitude setpoints, and the flights that groups begin or end with."""
 
 from __future__ import annotations
 
@@ -15,8 +15,13 @@ from sitl.conformance.vehicle_client import (
 )
 
 _GRAVITY = 9.81
-_PERIOD_S, _LEARN_BELOW_M_S, _LEARN_1_M = 0.02, 0.4, 0.04
-_CLIMB_LIMIT, _SINK_LIMIT, _SPEED_LIMIT, _ACCEL_LIMIT = 2.5, 1.5, 1.5, 3.0
+_PERIOD_S = 0.02
+_CLIMB_LIMIT = 2.5  # [m/s]
+_SINK_LIMIT = 1.5  # [m/s]
+_SPEED_LIMIT = 1.5  # horizontally [m/s]
+_ACCEL_LIMIT = 3.0  # horizontally [m/s^2]
+_LEARN_BELOW_M_S = 0.4  # vertical speed at which the thrust is learnt
+_LEARN_1_M = 0.04  # thrust per second, for each m/s of error
 _RATES_HZ = {
     "LOCAL_POSITION_NED": 100.0,
     "ATTITUDE": 250.0,
@@ -26,7 +31,7 @@ _RATES_HZ = {
 
 
 class Hover:
-    """Holds a place and a height; callable as a setpoint stream.
+    """Holds a position and a height; callable as a setpoint stream.
 
     Attributes:
         goal: north, east, down in the vehicle's local frame [m].
@@ -51,12 +56,12 @@ class Hover:
         return self.ground_z - float(self._client.newest("LOCAL_POSITION_NED").z)
 
     def to_height(self, height_m: float) -> None:
-        """New height above the ground."""
+        """Fly to a height above the ground."""
         self.goal[2] = self.ground_z - height_m
         self.is_resting = False
 
     def here(self) -> None:
-        """Hold the present place."""
+        """Hold the present position."""
         position = self._client.newest("LOCAL_POSITION_NED")
         self.goal[:2] = [float(position.x), float(position.y)]
         self.tilt = None
@@ -65,22 +70,27 @@ class Hover:
         self._client.attitude(*self.output())
 
     def output(self) -> tuple[Quaternion, float]:
-        """Attitude and thrust now."""
+        """Return attitude and thrust for now."""
         if self.is_resting:
             return quaternion(0.0, 0.0, self.yaw_rad), 0.0
+
         position = self._client.newest("LOCAL_POSITION_NED")
+        roll, pitch = self.tilt or self._tilt(position)
+
+        # the height: error to speed, speed to lift
         down = _clip(self.goal[2] - position.z, _CLIMB_LIMIT, _SINK_LIMIT)
         lift = _GRAVITY + 3.0 * (position.vz - down)
-        roll, pitch = self.tilt or self._tilt(position)
         if abs(position.vz) < _LEARN_BELOW_M_S:
             learnt = self.thrust + _LEARN_1_M * _PERIOD_S * (position.vz - down)
             self.thrust = min(0.8, max(0.2, learnt))
+
         thrust = self.thrust * lift / _GRAVITY / (math.cos(roll) * math.cos(pitch))
         return quaternion(roll, pitch, self.yaw_rad), min(1.0, max(0.12, thrust))
 
     def _tilt(self, position: object) -> tuple[float, float]:
         north = self._acceleration(self.goal[0] - position.x, position.vx)  # type: ignore[attr-defined]
         east = self._acceleration(self.goal[1] - position.y, position.vy)  # type: ignore[attr-defined]
+
         # In the heading that the vehicle has, not the one it is turning to.
         yaw = self._client.euler()[2]
         forward = math.cos(yaw) * north + math.sin(yaw) * east
@@ -89,8 +99,9 @@ class Hover:
 
     @staticmethod
     def _acceleration(error_m: float, speed_m_s: float) -> float:
-        wanted = _clip(0.7 * error_m, _SPEED_LIMIT, _SPEED_LIMIT)
-        return _clip(1.5 * (wanted - speed_m_s) + speed_m_s, _ACCEL_LIMIT, _ACCEL_LIMIT)
+        setpoint_m_s = _clip(0.7 * error_m, _SPEED_LIMIT, _SPEED_LIMIT)
+        drag = speed_m_s  # about 1 / s times the speed
+        return _clip(1.5 * (setpoint_m_s - speed_m_s) + drag, _ACCEL_LIMIT, _ACCEL_LIMIT)
 
 
 def _clip(value: float, below: float, above: float) -> float:
@@ -98,14 +109,16 @@ def _clip(value: float, below: float, above: float) -> float:
 
 
 def airborne(client: VehicleClient, height_m: float) -> Hover:
-    """Fly in OFFBOARD by attitude setpoints at a height, from wherever the vehicle is; calm when it
-    returns.
+    """Fly in OFFBOARD by attitude setpoints at a height; return the hold when it is calm there.
+
+    It begins wherever the vehicle is.
 
     Raises:
         Stuck: it cannot be armed or does not get there.
     """
     hover = client.setpoint_duty.act
-    if not isinstance(hover, Hover) or not client.is_armed or client.mode != "OFFBOARD":
+    is_flying = client.is_armed and client.mode == "OFFBOARD"
+    if not isinstance(hover, Hover) or not is_flying:
         grounded(client)
         fast_streams(client)
         hover = Hover(client)
@@ -115,6 +128,7 @@ def airborne(client: VehicleClient, height_m: float) -> Hover:
         answer = client.command(ARM, 1.0)
         if not answer.startswith("ACCEPTED"):
             raise Stuck(f"arming was answered with {answer}")
+
     hover.tilt = None
     hover.to_height(height_m)
     settle(client, hover)
@@ -144,20 +158,21 @@ def settle(client: VehicleClient, hover: Hover, timeout_s: float = 14.0) -> None
 
 
 def fast_streams(client: VehicleClient) -> None:
-    """Ask for what flying and measuring need."""
+    """Request the rates that flying and measuring need."""
     for name, hz in _RATES_HZ.items():
         client.interval(name, hz)
 
 
 def default_streams(client: VehicleClient) -> None:
-    """Back to the default rates."""
+    """Request the default rates."""
     for name in _RATES_HZ:
         client.interval(name, 0.0)
 
 
 def grounded(client: VehicleClient) -> None:
-    """On the ground, disarmed, in AUTO.LOITER, nothing streaming: where every phase on the ground
-    begins.
+    """Bring the vehicle to where every group on the ground begins.
+
+    It then stands on the ground, disarmed, in AUTO.LOITER, and no setpoint is sent.
 
     Raises:
         Stuck: it cannot be brought there.
@@ -174,6 +189,7 @@ def grounded(client: VehicleClient) -> None:
             client.command(ARM, 0.0, FORCE)
             client.next_heartbeat()
     client.stream(None)
+
     if client.mode != "AUTO.LOITER":
         client.set_mode("AUTO.LOITER")
         client.next_heartbeat(2)

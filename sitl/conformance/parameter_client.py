@@ -9,7 +9,9 @@ from pymavlink.dialects.v20 import common
 
 from sitl.conformance.endpoint import ReceivedPacket, Recording, VehicleClock
 
+# Struct of each MAV_PARAM_TYPE that is a whole number.
 _TYPES = {1: "<B", 2: "<b", 3: "<H", 4: "<h", 5: "<I", 6: "<i"}
+_MAV_PARAM_TYPE_REAL32 = 9
 _PARAM_VALUE = int(common.MAVLink_param_value_message.id)
 
 
@@ -40,12 +42,14 @@ class ParameterClient:
         return None if answer is None else answer[0]
 
     def set(self, name: str, value: float) -> float | None:
-        """Set one and remember its value before; returns the value that the vehicle answers with."""
+        """Set a parameter and remember its value before; return the value that is answered."""
         before = self._read(name)
         if before is None:
             return None
+
         self._originals.setdefault(name, before)
-        return self._write(name, value, before[1])
+        _, kind = before
+        return self._write(name, value, kind)
 
     def restore(self) -> None:
         """Put back all that were changed."""
@@ -69,18 +73,18 @@ class ParameterClient:
         return None
 
     def _write(self, name: str, value: float, kind: int) -> float | None:
-        raw = (
-            value
-            if kind == 9
-            else struct.unpack("<f", struct.pack(_TYPES[kind], int(value)).ljust(4, b"\0"))[0]
-        )
+        encoded = value
+        if kind != _MAV_PARAM_TYPE_REAL32:
+            packed = struct.pack(_TYPES[kind], int(value)).ljust(4, b"\0")
+            encoded = struct.unpack("<f", packed)[0]
+
         count = len(self._values)
         self._client.send(
             "PARAM_SET",
             target_system=self._client.system_id,
             target_component=1,
             param_id=name.encode("ascii"),
-            param_value=raw,
+            param_value=encoded,
             param_type=kind,
         )
         answer = self._answer(name, count)
@@ -105,9 +109,11 @@ class ParameterClient:
 
 
 def parameter_value(message: Any) -> tuple[float, int]:
-    """Value and type of a PARAM_VALUE: whole numbers lie bytewise in the float."""
+    """Return value and type of a PARAM_VALUE; the bytes of whole numbers lie in the float."""
     kind = int(message.param_type)
     if kind not in _TYPES:
         return float(message.param_value), kind
+
     layout = struct.Struct(_TYPES[kind])
-    return float(layout.unpack(struct.pack("<f", message.param_value)[: layout.size])[0]), kind
+    packed = struct.pack("<f", message.param_value)
+    return float(layout.unpack(packed[: layout.size])[0]), kind

@@ -1,4 +1,9 @@
-"""All phases in order, on one vehicle, and how a check begins and ends."""
+"""All groups of facts in order, on one vehicle, and how a check begins and ends.
+
+A check begins with silence: what a vehicle sends by itself is seen only before somebody speaks. Then
+it runs the groups that settle what was requested, and in the end it puts the vehicle down, its
+parameters and its streams back, also when somebody interrupts it.
+"""
 
 from __future__ import annotations
 
@@ -51,16 +56,16 @@ LINKS: tuple[tuple[FactGroup, str], ...] = (
     (link_facts.SIMULATOR_LINK, "--sih"),
 )
 FACTS: tuple[Fact, ...] = tuple(
-    fact for phase in (*FACT_GROUPS, *(phase for phase, _ in LINKS)) for fact in phase.facts
+    fact for group in (*FACT_GROUPS, *(group for group, _ in LINKS)) for fact in group.facts
 )
 
+_SILENT_GROUPS = (stream_facts.FACT_GROUP, sender_facts.FACT_GROUP)  # begin before anybody speaks
 _NOT_SIMULATED = (
-    "it does not look simulated (no ground truth comes by HIL_STATE_QUATERNION), and this turns motors: "
-    "see --i-have-removed-the-propellers"
+    "it does not look simulated (no ground truth comes by HIL_STATE_QUATERNION), and this turns "
+    "motors: see --i-have-removed-the-propellers"
 )
-
-
-_READY_S = 8.0
+_READY_S = 8.0  # of the vehicle's time, after which it is no longer waited for
+_MAV_AUTOPILOT_PX4 = 12
 
 
 class NobodyAnsweredError(RuntimeError):
@@ -85,7 +90,15 @@ def check(
     say: Callable[[str], None],
     simulator_port: Port | None = None,
 ) -> VehicleClient:
-    """Settle every fact of `report`; the client knows pace and system id.
+    """Settle every fact of a report; return the client, which knows pace and system id.
+
+    Args:
+        port: the companion's link.
+        ground_port: the ground station's link, if it is to be checked.
+        report: with the facts that were requested.
+        terms: what is permitted.
+        say: takes a line for people.
+        simulator_port: the simulator's link, if it is to be checked.
 
     Raises:
         NobodyAnsweredError: no heartbeat of a PX4 within the time.
@@ -94,123 +107,153 @@ def check(
     client.moves_first_sender = terms.from_elsewhere
     client.signature = _signature(terms)
     _meet(client, terms)
+
     try:
-        _fly(client, report, terms, say)
+        _settle_all(client, report, terms, say)
     except Gone:
         report.fail(report.facts.values(), "it fell silent")
         return client
-    for (phase, option), other_port in zip(LINKS, (ground_port, simulator_port), strict=True):
+
+    other_ports = (ground_port, simulator_port)
+    for (group, option), other_port in zip(LINKS, other_ports, strict=True):
         if other_port is None:
-            report.skip(phase.facts, f"no {option} endpoint was given")
-        elif _is_wanted(phase, report):
-            while other_port.receive(0.0):
-                pass  # what came while nobody read
-            other = VehicleClient(other_port)
-            other.system_id, other.signature = client.system_id, _signature(terms)
+            report.skip(group.facts, f"no {option} endpoint was given")
+        elif _is_requested(group, report):
+            other = _client_of_link(other_port, client, terms)
             try:
-                _settle(phase, other, report, say)
+                _settle(group, other, report, say)
             except Gone:
-                report.fail(phase.facts, "it fell silent")
+                report.fail(group.facts, "it fell silent")
     return client
 
 
+def _client_of_link(port: Port, client: VehicleClient, terms: Terms) -> VehicleClient:
+    """Return a client of the same vehicle on another link."""
+    while port.receive(0.0):
+        pass  # what came while nobody read
+
+    other = VehicleClient(port)
+    other.system_id = client.system_id
+    other.signature = _signature(terms)
+    return other
+
+
 def _signature(terms: Terms) -> Signature | None:
-    return (
-        None
-        if terms.key is None
-        else Signature(terms.key, sender_facts.LINK_ID, sender_facts.signing_time())
-    )
+    if terms.key is None:
+        return None
+    return Signature(terms.key, sender_facts.LINK_ID, sender_facts.signing_time())
 
 
 def is_simulated(client: VehicleClient) -> bool:
     """Whether it knows its own true state, which only a simulated vehicle can."""
     client.interval("HIL_STATE_QUATERNION", 20.0)
-    found = client.spend(2.0, lambda: client.received.newest("HIL_STATE_QUATERNION") is not None)
+    has_truth = client.spend(
+        2.0, lambda: client.received.newest("HIL_STATE_QUATERNION") is not None
+    )
     client.interval("HIL_STATE_QUATERNION", 0.0)
-    return found
+    return has_truth
 
 
 def _meet(client: VehicleClient, terms: Terms) -> None:
-    def met() -> bool:
-        beats = client.received.of("HEARTBEAT")
-        return any(beat.component_id == 1 and beat.message.autopilot == 12 for beat in beats)
-
+    """Wait for a PX4, and take its system id."""
     if not client.listen(terms.wait_s, lambda: client.received.datagrams > 0):
         # A link that speaks only when spoken to.
         client.system_id = 1
         client.send_heartbeat()
-    if not client.listen(3.0, met):
+
+    def has_met() -> bool:
+        beats = client.received.of("HEARTBEAT")
+        return any(
+            beat.component_id == 1 and beat.message.autopilot == _MAV_AUTOPILOT_PX4
+            for beat in beats
+        )
+
+    if not client.listen(3.0, has_met):
         raise NobodyAnsweredError
-    client.system_id = next(
-        beat for beat in client.received.of("HEARTBEAT") if beat.component_id == 1
-    ).system_id
+    beats = client.received.of("HEARTBEAT")
+    client.system_id = next(beat for beat in beats if beat.component_id == 1).system_id
 
 
-def _is_wanted(phase: FactGroup, report: FactReport) -> bool:
-    return any(fact.name in report.facts for fact in phase.facts)
+def _is_requested(group: FactGroup, report: FactReport) -> bool:
+    return any(fact.name in report.facts for fact in group.facts)
 
 
-def _fly(
+def _settle_all(
     client: VehicleClient, report: FactReport, terms: Terms, say: Callable[[str], None]
 ) -> None:
-    may_turn_motors: bool | None = True if terms.may_turn_motors else None
+    """Settle the groups on the companion's link, one after the other."""
+    may_turn_motors: bool | None = True if terms.may_turn_motors else None  # None: not known yet
     try:
-        for phase in FACT_GROUPS:
-            if not _is_wanted(phase, report):
+        for group in FACT_GROUPS:
+            if not _is_requested(group, report):
                 continue
-            if (
-                phase not in (stream_facts.FACT_GROUP, sender_facts.FACT_GROUP)
-                and client.heartbeat_duty.act is None
-            ):
-                client.greet(as_ground_station=False)
-                client.spend(0.5)
-            if client.heartbeat_duty.act is not None:
+
+            if group not in _SILENT_GROUPS:
+                _greet_once(client)
+            if _has_greeted(client):
                 _judge_by_version(client, report, say)
-            if phase.turns_motors and may_turn_motors is None:
+
+            if not group.turns_motors:
+                _settle(group, client, report, say)
+                continue
+
+            if may_turn_motors is None:
                 may_turn_motors = is_simulated(client)
-            if phase.turns_motors and may_turn_motors:
+            if may_turn_motors:
                 # With vision only it never says so on the ground: then on without.
                 client.spend(_READY_S - min(_READY_S, client.now_s), client.shows_ready)
-            if phase.turns_motors and not may_turn_motors:
-                report.skip(phase.facts, _NOT_SIMULATED)
+                _settle(group, client, report, say)
             else:
-                _settle(phase, client, report, say)
+                report.skip(group.facts, _NOT_SIMULATED)
         _judge_by_version(client, report, say)
     finally:
         # Also when somebody interrupts: nothing is left in the air or changed.
         client.params.restore()
         if may_turn_motors:
             _put_down(client, say)
-        if client.heartbeat_duty.act is not None:
+        if _has_greeted(client):
             default_streams(client)
+
+
+def _has_greeted(client: VehicleClient) -> bool:
+    return client.heartbeat_duty.act is not None
+
+
+def _greet_once(client: VehicleClient) -> None:
+    """Send heartbeats from now on, unless they are sent already."""
+    if not _has_greeted(client):
+        client.greet(as_ground_station=False)
+        client.spend(0.5)
 
 
 def _judge_by_version(
     client: VehicleClient, report: FactReport, say: Callable[[str], None]
 ) -> None:
-    if not report.is_version_known:
-        if client.heartbeat_duty.act is None:
-            client.greet(as_ground_station=False)
-            client.spend(0.5)
-        version, trouble = nearest(client.reported_version())
-        say(trouble or f"it is PX4 v{version}")
-        report.expect(facts_of(version, FACTS))
+    """Judge by the facts of the version that the vehicle reports, if none was requested."""
+    if report.is_version_known:
+        return
+    _greet_once(client)
+    version, trouble = nearest(client.reported_version())
+    say(trouble or f"it is PX4 v{version}")
+    report.expect(facts_of(version, FACTS))
 
 
 def _settle(
-    phase: FactGroup, client: VehicleClient, report: FactReport, say: Callable[[str], None]
+    group: FactGroup, client: VehicleClient, report: FactReport, say: Callable[[str], None]
 ) -> None:
-    # A phase may leave the vehicle in the air: the next one goes on from there or brings it down
-    # first.
-    say(phase.name)
+    """Run one group.
+
+    It may leave the vehicle in the air: the next one goes on from there or brings it down first.
+    """
+    say(group.name)
     reason = "not seen"
     try:
-        phase.run(client, report)
+        group.run(client, report)
     except Stuck as error:
         reason = str(error)
     client.vision_duty.act = None
     client.params.restore()
-    report.fail(phase.facts, reason)
+    report.fail(group.facts, reason)
 
 
 def _put_down(client: VehicleClient, say: Callable[[str], None]) -> None:

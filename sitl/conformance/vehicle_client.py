@@ -34,16 +34,30 @@ def _words(enum: str) -> dict[int, str]:
     }
 
 
-STATUS, RESULTS, LANDED = _words("MAV_STATE"), _words("MAV_RESULT"), _words("MAV_LANDED_STATE")
-ARMED = 0x80
-SILENCE = "silence"
-ARM, LAND, TAKEOFF, SET_MODE, SET_INTERVAL, REQUEST = 400, 21, 22, 176, 511, 512
-FORCE = 21196.0
-ATTITUDE_AND_THRUST = 7
-_GCS, _COMPANION = (245, 190, 6), (0, 195, 18)
-_PREARM = 0x10000000
-_SILENT_S = 5.0
-_ANSWER_S = 0.3
+STATUS = _words("MAV_STATE")
+RESULTS = _words("MAV_RESULT")
+LANDED = _words("MAV_LANDED_STATE")
+
+# Numbers of commands.
+LAND = 21
+TAKEOFF = 22
+SET_MODE = 176
+ARM = 400
+SET_INTERVAL = 511
+REQUEST = 512
+
+ARMED = 0x80  # bit of HEARTBEAT.base_mode
+FORCE = 21196.0  # parameter 2 of ARM that disarms in any case
+ATTITUDE_AND_THRUST = 7  # type mask: body rates are ignored
+SILENCE = "silence"  # instead of an acknowledgement
+
+# System, component and MAV_TYPE of what the client is; a companion has the vehicle's system.
+_GCS = (245, 190, 6)
+_COMPANION = (0, 195, 18)
+
+_PREARM = 0x10000000  # bit of SYS_STATUS
+_SILENT_S = 5.0  # after which a vehicle is gone
+_ANSWER_S = 0.3  # for which acknowledgements are waited for
 # Rounding a wait down to nothing would make the loop spin; rounding it up would make setpoints
 # late.
 _SHORTEST_WAIT_S = 0.0002
@@ -79,10 +93,13 @@ class Duty:
 
 
 def quaternion(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Quaternion:
-    """NED <- FRD, wxyz, from roll, pitch, yaw (z-y'-x'')."""
-    cr, sr = math.cos(roll_rad / 2), math.sin(roll_rad / 2)
-    cp, sp = math.cos(pitch_rad / 2), math.sin(pitch_rad / 2)
-    cy, sy = math.cos(yaw_rad / 2), math.sin(yaw_rad / 2)
+    """Return the attitude NED <- FRD, wxyz, from roll, pitch, yaw (z-y'-x'')."""
+    cr = math.cos(roll_rad / 2)
+    sr = math.sin(roll_rad / 2)
+    cp = math.cos(pitch_rad / 2)
+    sp = math.sin(pitch_rad / 2)
+    cy = math.cos(yaw_rad / 2)
+    sy = math.sin(yaw_rad / 2)
     return (
         cr * cp * cy + sr * sp * sy,
         sr * cp * cy - cr * sp * sy,
@@ -92,16 +109,26 @@ def quaternion(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Quaternion:
 
 
 def wrap(angle_rad: float) -> float:
-    """Into (-pi, pi]."""
+    """Return an angle in (-pi, pi]."""
     return math.atan2(math.sin(angle_rad), math.cos(angle_rad))
 
 
 class VehicleClient:
-    """Flies one vehicle and sends requests. Times are the vehicle's own, whatever pace its
-    simulator runs at.
+    """Flies one vehicle and sends requests.
+
+    Times are the vehicle's own, whatever pace its simulator runs at.
 
     Args:
         port: datagrams to and from the vehicle.
+
+    Attributes:
+        is_ground_station: what it says that it is; otherwise a companion.
+        moves_first_sender: whether the first sender may be another port than the one listened on.
+        signature: signs what it sends; None: nothing does.
+        heartbeat_duty: sends heartbeats.
+        setpoint_duty: sends setpoints.
+        vision_duty: sends external positions, or a pilot's sticks.
+        params: reads and sets parameters.
     """
 
     def __init__(self, port: Port) -> None:
@@ -127,7 +154,10 @@ class VehicleClient:
         return self.clock.now_s(self.port.now_s())
 
     def listen(self, timeout_s: float, until: Callable[[], bool]) -> bool:
-        """Only receive, by the port's clock: before the vehicle's own is known."""
+        """Only receive, by the port's clock: before the vehicle's own is known.
+
+        Return whether the condition holds before the time is over.
+        """
         end_s = self.port.now_s() + timeout_s
         while not until():
             if self.port.now_s() >= end_s:
@@ -137,7 +167,10 @@ class VehicleClient:
         return True
 
     def spend(self, duration_s: float, until: Callable[[], bool] | None = None) -> bool:
-        """Let time pass while duties are done, at most until a condition holds; whether it did.
+        """Let time pass while duties are done, at most until a condition holds.
+
+        Returns:
+            whether the condition holds.
 
         Raises:
             Gone: the vehicle fell silent.
@@ -150,6 +183,7 @@ class VehicleClient:
             now_s = self.now_s
             if now_s >= end_s:
                 return False
+
             wake_s = end_s
             for duty in duties:
                 if duty.act is None:
@@ -158,6 +192,7 @@ class VehicleClient:
                     duty.act()
                     duty.due_s = max(duty.due_s + duty.period_s, now_s)
                 wake_s = min(wake_s, duty.due_s)
+
             self._receive(max(_SHORTEST_WAIT_S, (wake_s - now_s) / self.clock.pace))
 
     def _receive(self, timeout_s: float) -> None:
@@ -173,7 +208,7 @@ class VehicleClient:
     # -- state of the vehicle ----------------------------------------------------------------------
 
     def newest(self, name: str) -> Any:
-        """Newest message of a kind.
+        """Return the newest message of a kind.
 
         Raises:
             Stuck: none has come yet.
@@ -212,13 +247,14 @@ class VehicleClient:
 
     def next_heartbeat(self, count: int = 1) -> None:
         """Wait for heartbeats that are newer than now."""
-        since_s, wanted = self.now_s, count
-        self.spend(1.4 * count, lambda: len(self.received.of("HEARTBEAT", since_s)) >= wanted)
+        since_s = self.now_s
+        self.spend(1.4 * count, lambda: len(self.received.of("HEARTBEAT", since_s)) >= count)
 
     def texts(self, since_s: float) -> list[tuple[float, int, str, int]]:
-        """STATUSTEXTs: time of the first piece, severity, whole text, pieces."""
+        """Return the texts since a time: time of the first piece, severity, whole text, pieces."""
         texts: list[tuple[float, int, str, int]] = []
-        pieces: dict[int, int] = {}
+        pieces: dict[int, int] = {}  # id of a text -> its index in the list
+
         for packet in self.received.of("STATUSTEXT", since_s):
             message = packet.message
             # PX4's first text has the id 0 and may have pieces too
@@ -226,9 +262,9 @@ class VehicleClient:
                 index = pieces[message.id]
                 at_s, severity, text, count = texts[index]
                 texts[index] = (at_s, severity, text + message.text, count + 1)
-                continue
-            pieces[message.id] = len(texts)
-            texts.append((packet.at_s, message.severity, message.text, 1))
+            else:
+                pieces[message.id] = len(texts)
+                texts.append((packet.at_s, message.severity, message.text, 1))
         return texts
 
     def text(
@@ -236,11 +272,15 @@ class VehicleClient:
     ) -> tuple[float, int, str, int] | None:
         """Return the first text that begins so; wait for it at most so long."""
 
-        def heard() -> tuple[float, int, str, int] | None:
-            return next((text for text in self.texts(since_s) if text[2].startswith(start)), None)
+        def first() -> tuple[float, int, str, int] | None:
+            for text in self.texts(since_s):
+                _, _, words, _ = text
+                if words.startswith(start):
+                    return text
+            return None
 
-        self.spend(wait_s, lambda: heard() is not None)
-        return heard()
+        self.spend(wait_s, lambda: first() is not None)
+        return first()
 
     def quote(self, start: str, since_s: float) -> str:
         """Return the whole text that begins so, in quotes; "none" when it did not come."""
@@ -266,36 +306,38 @@ class VehicleClient:
         return system or self.system_id, component
 
     def pack(self, name: str, **fields: Any) -> bytes:
-        """Bytes of a message; numbers that are not given are 0."""
-        system, component = self.identity
+        """Return the bytes of a message; numbers that are not given are 0."""
         kind = _CLASSES[name]
         zeros = {
             field: 0
             for field, length in zip(kind.ordered_fieldnames, kind.array_lengths, strict=True)
             if not length
         }
+        message = kind(**(zeros | fields))
+
+        system, component = self.identity
+        self._sequence = (self._sequence + 1) & 0xFF
         mav = common.MAVLink(None, srcSystem=system, srcComponent=component)
-        mav.seq = self._sequence = (self._sequence + 1) & 0xFF
+        mav.seq = self._sequence
         if self.signature is not None:
-            mav.signing.secret_key, mav.signing.sign_outgoing = self.signature.key, True
-            mav.signing.link_id, mav.signing.timestamp = (
-                self.signature.link_id,
-                self.signature.timestamp,
-            )
+            mav.signing.secret_key = self.signature.key
+            mav.signing.sign_outgoing = True
+            mav.signing.link_id = self.signature.link_id
+            mav.signing.timestamp = self.signature.timestamp
             self.signature.timestamp += 1
-        return bytes(kind(**(zeros | fields)).pack(mav))
+        return bytes(message.pack(mav))
 
     def send(self, name: str, **fields: Any) -> None:
         """Send one message."""
         self.port.send(self.pack(name, **fields))
 
     def pack_heartbeat(self) -> bytes:
-        """A heartbeat of the present identity."""
-        kind = (_GCS if self.is_ground_station else _COMPANION)[2]
+        """Return a heartbeat of the present identity."""
+        _, _, kind = _GCS if self.is_ground_station else _COMPANION
         return self.pack("HEARTBEAT", type=kind, autopilot=8, system_status=4, mavlink_version=3)
 
     def send_heartbeat(self) -> None:
-        """One heartbeat of the present identity."""
+        """Send one heartbeat of the present identity."""
         self.port.send(self.pack_heartbeat())
 
     def greet(self, *, as_ground_station: bool) -> None:
@@ -307,26 +349,33 @@ class VehicleClient:
     def command(
         self, number: int, *params: float, target: int | None = None, within_s: float = _ANSWER_S
     ) -> str:
-        """COMMAND_LONG; its acknowledgements in words, in order."""
+        """Send a COMMAND_LONG; return its acknowledgements in words, in order."""
         since_s = self.now_s
         self.send_command(number, *params, target=target)
         return self.acks(number, since_s, within_s)
 
     def send_command(self, number: int, *params: float, target: int | None = None) -> None:
-        """COMMAND_LONG, without waiting."""
+        """Send a COMMAND_LONG without waiting."""
         named = {f"param{index}": value for index, value in enumerate(params, start=1)}
-        wanted = self.system_id if target is None else target
-        self.send("COMMAND_LONG", target_system=wanted, target_component=1, command=number, **named)
+        self.send(
+            "COMMAND_LONG",
+            target_system=self.system_id if target is None else target,
+            target_component=1,
+            command=number,
+            **named,
+        )
 
     def acks(self, number: int, since_s: float, within_s: float = _ANSWER_S) -> str:
-        """Wait, then the acknowledgements of a command since a time."""
+        """Wait, then return the acknowledgements of a command since a time."""
         # Never less than what an answer takes on a busy machine, however fast the vehicle's time
         # runs.
         self.spend(max(within_s, 0.12 * self.clock.pace))
-        answers = [packet.message for packet in self.received.of("COMMAND_ACK", since_s)]
-        results = [
-            RESULTS.get(ack.result, str(ack.result)) for ack in answers if ack.command == number
-        ]
+
+        results: list[str] = []
+        for packet in self.received.of("COMMAND_ACK", since_s):
+            ack = packet.message
+            if ack.command == number:
+                results.append(RESULTS.get(ack.result, str(ack.result)))
         return ", ".join(results) or SILENCE
 
     def reported_version(self) -> tuple[int, int] | None:
@@ -342,12 +391,12 @@ class VehicleClient:
         return None
 
     def set_mode(self, mode: str) -> str:
-        """DO_SET_MODE; both acknowledgements."""
+        """Send a DO_SET_MODE; return its acknowledgements."""
         number = MODE_NUMBERS[mode]
         return self.command(SET_MODE, 1.0, float(number >> 16 & 0xFF), float(number >> 24 & 0xFF))
 
     def interval(self, name_or_id: str | int, hz: float) -> str:
-        """SET_MESSAGE_INTERVAL; 0 Hz is the default rate."""
+        """Send a SET_MESSAGE_INTERVAL; 0 Hz is the default rate. Return its acknowledgements."""
         number = common_id(name_or_id) if isinstance(name_or_id, str) else name_or_id
         return self.command(SET_INTERVAL, float(number), 1e6 / hz if hz else 0.0, within_s=0.1)
 
@@ -362,7 +411,7 @@ class VehicleClient:
         rates: tuple[float, float, float] = (0.0, 0.0, 0.0),
         target: int | None = None,
     ) -> None:
-        """SET_ATTITUDE_TARGET, once."""
+        """Send one SET_ATTITUDE_TARGET."""
         self.send(
             "SET_ATTITUDE_TARGET",
             target_system=self.system_id if target is None else target,
@@ -377,18 +426,16 @@ class VehicleClient:
 
     def stream(self, act: Callable[[], None] | None, hz: float = 50.0) -> None:
         """Send this setpoint again and again from now on; None stops."""
-        self.setpoint_duty.act, self.setpoint_duty.period_s, self.setpoint_duty.due_s = (
-            act,
-            1.0 / hz,
-            0.0,
-        )
+        self.setpoint_duty.act = act
+        self.setpoint_duty.period_s = 1.0 / hz
+        self.setpoint_duty.due_s = 0.0
 
     def euler(self) -> tuple[float, float, float]:
-        """Newest roll, pitch, yaw [rad]."""
+        """Return the newest roll, pitch, yaw [rad]."""
         message = self.newest("ATTITUDE")
         return message.roll, message.pitch, message.yaw
 
 
 def common_id(name: str) -> int:
-    """Number of a message."""
+    """Return the number of a message."""
     return int(_CLASSES[name].id)
