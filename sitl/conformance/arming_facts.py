@@ -1,4 +1,4 @@
-"""On the ground: what is told to whom, modes that are asked for, arming, the motors' first seconds."""
+"""On the ground: texts and their receivers, mode requests, arming, the motors' first seconds."""
 
 from __future__ import annotations
 
@@ -30,17 +30,20 @@ def _refusals(client: VehicleClient, report: FactReport) -> None:
     client.greet(as_ground_station=False)
     # Until older texts and the last ground station are forgotten.
     client.spend(5.2 if was_ground_station else 0.5)
+
     report.add("mode.two-acks", client.set_mode("OFFBOARD"))
     client.next_heartbeat()
     beat = client.newest("HEARTBEAT")
     report.add("mode.offboard-disarmed", client.mode)
     report.add("mode.offboard-disarmed-base", str(beat.base_mode))
     report.add("mode.offboard-disarmed-status", client.status)
+
     since_s = client.now_s
     report.add("arm.denied", client.command(ARM, 1.0))
     client.spend(0.5)
     report.add("event.denied", "sent" if client.received.of("EVENT", since_s) else "not sent")
     report.add("text.none-for-companion", client.said(since_s))
+
     if report.wants("text.backlog", "text.denied*", "text.chunks", "text.stops"):
         client.greet(as_ground_station=True)
         client.text("Arming denied", since_s, wait_s=1.5)
@@ -51,6 +54,7 @@ def _refusals(client: VehicleClient, report: FactReport) -> None:
         report.add("text.denied", repr(words))
         report.add("text.denied-severity", str(severity))
         report.add("text.chunks", str(pieces))
+
     if report.wants("text.stops"):
         client.greet(as_ground_station=False)
         client.spend(5.0)
@@ -58,16 +62,17 @@ def _refusals(client: VehicleClient, report: FactReport) -> None:
         client.command(ARM, 1.0)
         client.spend(0.5)
         report.add("text.stops", client.said(since_s))
+
     if report.wants("mode.set-mode-message"):
         since_s = client.now_s
         loiter = MODE_NUMBERS["AUTO.LOITER"]
         client.send("SET_MODE", target_system=client.system_id, base_mode=1, custom_mode=loiter)
         # Which command an acknowledgement of this message names is not known to us.
         client.acks(SET_MODE, since_s)
-        answers = [
-            "ACCEPTED" if p.message.result == 0 else "refused"
-            for p in client.received.of("COMMAND_ACK", since_s)
-        ]
+        answers: list[str] = []
+        for packet in client.received.of("COMMAND_ACK", since_s):
+            is_accepted = packet.message.result == 0
+            answers.append("ACCEPTED" if is_accepted else "refused")
         report.add("mode.set-mode-message", ", ".join(answers) or SILENCE)
     grounded(client)
 
@@ -77,6 +82,7 @@ def _armed(client: VehicleClient, report: FactReport) -> None:
     client.greet(as_ground_station=True)
     client.spend(1.2)
     report.add("arm.disarm-disarmed", client.command(ARM, 0.0))
+
     # Half way between two heartbeats, where one that is sent because of the change would be seen as
     # such.
     client.next_heartbeat()
@@ -87,21 +93,20 @@ def _armed(client: VehicleClient, report: FactReport) -> None:
     beats = [packet.at_s for packet in client.received.of("HEARTBEAT", armed_s - 2.0)]
     gaps = [after - before for before, after in itertools.pairwise(beats)]
     report.add("heartbeat.not-on-change", min(gaps, default=math.nan))
+
     report.add("arm.status", client.status)
     report.add("arm.base-mode", str(client.newest("HEARTBEAT").base_mode))
     report.add("arm.text", client.quote("Armed by", armed_s))
     report.add("arm.servo", float(client.newest("SERVO_OUTPUT_RAW").servo1_raw))
+
     again_s = client.now_s
     report.add("arm.again", client.command(ARM, 1.0))
     report.add("arm.again-text", client.said(again_s))
+
     if not report.wants("arm.auto-disarm*"):
         return
-    at_s, severity, words, _ = client.text("Disarmed by", armed_s, wait_s=14.0) or (
-        math.inf,
-        -1,
-        "",
-        0,
-    )
+    text = client.text("Disarmed by", armed_s, wait_s=14.0)
+    at_s, severity, words, _ = text or (math.inf, -1, "", 0)
     report.add("arm.auto-disarm", at_s - armed_s)
     report.add("arm.auto-disarm-text", repr(words))
     report.add("arm.auto-disarm-severity", str(severity))

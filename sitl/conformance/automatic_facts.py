@@ -1,4 +1,4 @@
-"""Take-off and landing by PX4 itself, as any ground station would ask for them."""
+"""Take-off and landing by PX4 itself, as any ground station would request them."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ DOWN = facts("automatic", "down")
 
 
 def run(client: VehicleClient, report: FactReport) -> None:
-    """Up, wait, down."""
+    """Take off, wait, land."""
     client.greet(as_ground_station=True)
     grounded(client)
     client.spend(1.2)
     client.interval("EXTENDED_SYS_STATE", 20.0)
     ground_z = client.newest("LOCAL_POSITION_NED").z
-    report.add(
-        "takeoff.accepted",
-        client.command(TAKEOFF, math.nan, 0.0, 0.0, math.nan, math.nan, math.nan, math.nan),
-    )
+
+    default = math.nan
+    answer = client.command(TAKEOFF, default, 0.0, 0.0, default, default, default, default)
+    report.add("takeoff.accepted", answer)
     client.next_heartbeat(2)
     report.add("takeoff.waits", f"{client.mode} {'armed' if client.is_armed else 'disarmed'}")
     armed_s = client.now_s
@@ -35,6 +35,7 @@ def run(client: VehicleClient, report: FactReport) -> None:
     report.add("takeoff.detected", client.delay_s("Takeoff detected", armed_s))
     report.add("takeoff.state", _since(client, "TAKEOFF", armed_s))
     report.add("takeoff.in-air", _since(client, "IN_AIR", armed_s))
+
     since_s = client.now_s
     client.next_heartbeat(2)
     report.add("takeoff.then", client.mode)
@@ -71,17 +72,18 @@ def _land(client: VehicleClient, report: FactReport, ground_z: float) -> None:
         if 0.5 < ground_z - packet.message.z < 1.3
     ]
     report.add("land.speed", statistics.fmean(low) if low else math.nan)
+
     detected = client.text("Landing detected", since_s)
-    down_s = _since(client, "ON_GROUND", since_s) + since_s
+    on_ground_s = _since(client, "ON_GROUND", since_s) + since_s
     if detected is None or disarmed is None:
         return
-    report.add(
-        "land.detected",
-        "yes" if abs(down_s - detected[0]) < 0.3 else f"{down_s - detected[0]:+.1f} s apart",
-    )
-    report.add("land.disarm", disarmed[0] - detected[0])
-    report.add("land.disarm-text", repr(disarmed[2]))
-    report.add("land.duration", disarmed[0] - since_s)
+    detected_s, _, _, _ = detected
+    disarmed_s, _, words, _ = disarmed
+    apart_s = on_ground_s - detected_s
+    report.add("land.detected", "yes" if abs(apart_s) < 0.3 else f"{apart_s:+.1f} s apart")
+    report.add("land.disarm", disarmed_s - detected_s)
+    report.add("land.disarm-text", repr(words))
+    report.add("land.duration", disarmed_s - since_s)
     client.next_heartbeat(2)
     report.add("land.mode-after", client.mode)
 

@@ -28,8 +28,12 @@ IDS |= {
 NAMES = {number: name for name, number in IDS.items()}
 _EVENT = struct.Struct("<IIHBBB")
 _ATTITUDE = IDS["ATTITUDE"]
-_PACE_AFTER_S = 1.0
-_MAGIC_V2, _MAGIC_V1 = 0xFD, 0xFE
+_PACE_AFTER_S = 1.0  # between the first stamp and the first estimate of the pace
+_MAGIC_V2 = 0xFD
+_MAGIC_V1 = 0xFE
+_SHORTEST_V2 = 12  # bytes of a frame without payload
+_SHORTEST_V1 = 8
+_SIGNATURE_BYTES = 13
 
 
 class Port(Protocol):
@@ -140,15 +144,13 @@ class ReceivedPacket:
 
 @dataclass(slots=True)
 class VehicleClock:
-    """The vehicle's time between the stamps it sends: `time_boot_ms`, carried on at the measured
-    pace.
-    """
+    """The vehicle's time: the stamps it sends (`time_boot_ms`), carried on at the measured pace."""
 
-    pace: float = 1.0
-    boot_s: float = 0.0
-    _port_s: float = 0.0
-    _first: tuple[float, float] | None = None
-    _shown_s: float = 0.0
+    pace: float = 1.0  # vehicle's time over the port's
+    boot_s: float = 0.0  # newest stamp
+    _port_s: float = 0.0  # port's time of it
+    _first: tuple[float, float] | None = None  # port's time and stamp of the first
+    _shown_s: float = 0.0  # newest time that somebody has read
 
     @property
     def is_known(self) -> bool:
@@ -156,16 +158,22 @@ class VehicleClock:
         return self._first is not None
 
     def stamp(self, port_s: float, boot_s: float) -> None:
-        """A stamp arrived."""
-        if self._first is None or boot_s < self.boot_s - 0.5:
-            self._first, self._shown_s = (port_s, boot_s), 0.0
-        elapsed = port_s - self._first[0]
-        if elapsed > _PACE_AFTER_S:
-            self.pace = min(50.0, max(0.05, (boot_s - self._first[1]) / elapsed))
-        self.boot_s, self._port_s = boot_s, port_s
+        """Take a stamp that arrived."""
+        has_restarted = boot_s < self.boot_s - 0.5
+        if self._first is None or has_restarted:
+            self._first = (port_s, boot_s)
+            self._shown_s = 0.0
+
+        first_port_s, first_boot_s = self._first
+        elapsed_s = port_s - first_port_s
+        if elapsed_s > _PACE_AFTER_S:
+            self.pace = min(50.0, max(0.05, (boot_s - first_boot_s) / elapsed_s))
+
+        self.boot_s = boot_s
+        self._port_s = port_s
 
     def now_s(self, port_s: float) -> float:
-        """Vehicle's time, never backwards."""
+        """Return the vehicle's time, which never goes backwards."""
         if self._first is None:
             return 0.0
         self._shown_s = max(self._shown_s, self.boot_s + (port_s - self._port_s) * self.pace)
@@ -188,34 +196,43 @@ class Recording:
         """File the frames of a datagram."""
         self.datagrams += 1
         self.octets += len(datagram)
+
         start = 0
         while start < len(datagram):
-            is_v1 = datagram[start] == _MAGIC_V1
-            left = len(datagram) - start
-            if (not is_v1 and datagram[start] != _MAGIC_V2) or left < (8 if is_v1 else 12):
+            frame = _frame(datagram, start)
+            if frame is None:
                 return
-            length = datagram[start + 1] + (8 if is_v1 else 12 + 13 * (datagram[start + 2] & 1))
-            frame = datagram[start : start + length]
-            message_id = frame[5] if is_v1 else int.from_bytes(frame[7:10], "little")
-            if message_id == _ATTITUDE:
-                stamp = frame[6:10] if is_v1 else frame[10 : min(14, 10 + frame[1])]
-                clock.stamp(port_s, int.from_bytes(stamp, "little") * 1e-3)
-            self.frames += 1
-            self.v1_frames += is_v1
-            packet = ReceivedPacket(clock.now_s(port_s), message_id, is_v1, frame)
-            self.packets[message_id].append(packet)
-            if not clock.is_known:
-                self._undated.append((packet, port_s))
-            start += length
+            self._file(frame, clock, port_s)
+            start += len(frame)
+
         if clock.is_known and self._undated:
             for packet, came_s in self._undated:
                 packet.at_s = max(0.0, clock.boot_s - (port_s - came_s))
             self._undated.clear()
 
+    def _file(self, frame: bytes, clock: VehicleClock, port_s: float) -> None:
+        is_v1 = frame[0] == _MAGIC_V1
+        self.frames += 1
+        if is_v1:
+            self.v1_frames += 1
+
+        message_id = frame[5] if is_v1 else int.from_bytes(frame[7:10], "little")
+        if message_id == _ATTITUDE:
+            # Its first field is time_boot_ms; zeros at the end of a payload are not sent.
+            payload = frame[6:] if is_v1 else frame[10 : 10 + frame[1]]
+            clock.stamp(port_s, int.from_bytes(payload[:4], "little") * 1e-3)
+
+        packet = ReceivedPacket(
+            at_s=clock.now_s(port_s), message_id=message_id, is_v1=is_v1, frame=frame
+        )
+        self.packets[message_id].append(packet)
+        if not clock.is_known:
+            self._undated.append((packet, port_s))
+
     def of(
         self, name: str, since_s: float = 0.0, until_s: float = float("inf")
     ) -> list[ReceivedPacket]:
-        """Packets of one message that came within a stretch of vehicle's time."""
+        """Return the packets of one message that came within a stretch of vehicle's time."""
         packets = self.packets.get(IDS[name], [])
         first = len(packets)
         while first and packets[first - 1].at_s >= since_s:
@@ -223,6 +240,20 @@ class Recording:
         return [packet for packet in packets[first:] if packet.at_s < until_s]
 
     def newest(self, name: str) -> ReceivedPacket | None:
-        """Last packet of one message."""
+        """Return the newest packet of one message."""
         packets = self.packets.get(IDS[name])
         return packets[-1] if packets else None
+
+
+def _frame(datagram: bytes, start: int) -> bytes | None:
+    """Return the frame that starts here; None when there is none."""
+    left = len(datagram) - start
+    if datagram[start] == _MAGIC_V1 and left >= _SHORTEST_V1:
+        length = datagram[start + 1] + _SHORTEST_V1
+    elif datagram[start] == _MAGIC_V2 and left >= _SHORTEST_V2:
+        length = datagram[start + 1] + _SHORTEST_V2
+        if datagram[start + 2] & 1:
+            length += _SIGNATURE_BYTES
+    else:
+        return None
+    return datagram[start : start + length]

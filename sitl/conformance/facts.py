@@ -23,14 +23,15 @@ class FactVerdict(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Fact:
-    """One thing that a real PX4 does, as it was measured on v1.16.0; `versions.toml` says what
-    others do.
+    """One thing that a real PX4 does, as it was measured on v1.16.0.
+
+    `versions.toml` says what other versions do.
     """
 
     name: str  # topic, dot, detail
     section: str  # of the list of measured facts
     says: str  # the fact in words
-    # low, high, unit: bounds of a number; wide enough for the scatter of a real PX4
+    # bounds of a number, wide enough for the scatter of a real PX4, and its unit
     low: float = math.nan
     high: float = math.nan
     unit: str = ""
@@ -47,40 +48,43 @@ class Fact:
         """The accepted values, in words."""
         if self.allowed:
             return " or ".join(self.allowed)
-        unit = f" {self.unit}" if self.unit else ""
-        return (
-            f"{self.low:g}{unit}"
-            if self.low == self.high
-            else f"{self.low:g} to {self.high:g}{unit}"
-        )
+        if self.low == self.high:
+            return self._with_unit(f"{self.low:g}")
+        return self._with_unit(f"{self.low:g} to {self.high:g}")
 
     def show(self, measured: Measured) -> str:
-        """A measurement in words."""
+        """Return a measurement in words."""
         if isinstance(measured, str):
             return measured
-        unit = f" {self.unit}" if self.unit else ""
-        return "nothing" if math.isnan(measured) else f"{measured:.4g}{unit}"
+        if math.isnan(measured):
+            return "nothing"
+        return self._with_unit(f"{measured:.4g}")
+
+    def _with_unit(self, text: str) -> str:
+        return f"{text} {self.unit}" if self.unit else text
 
 
 def word(name: str, section: str, says: str, *allowed: str) -> Fact:
-    """A fact that is a word."""
-    return Fact(name, section, says, allowed=allowed)
+    """Return a fact that is a word."""
+    return Fact(name=name, section=section, says=says, allowed=allowed)
 
 
 def number(name: str, section: str, says: str, low: float, high: float, unit: str = "") -> Fact:
-    """A fact that is a number within bounds."""
-    return Fact(name, section, says, low, high, unit)
+    """Return a fact that is a number within bounds."""
+    return Fact(name=name, section=section, says=says, low=low, high=high, unit=unit)
 
 
 _TABLE = tomllib.loads(files(__package__).joinpath("facts.toml").read_text(encoding="utf-8"))
 
 
-def facts(phase: str, group: str) -> tuple[Fact, ...]:
-    """One group of facts of `facts.toml`: words, or numbers within bounds."""
-    return tuple(
-        (word if isinstance(values[0], str) else number)(name, section, says, *values)
-        for name, (section, says, *values) in _TABLE[phase][group].items()
-    )
+def facts(group: str, part: str) -> tuple[Fact, ...]:
+    """Return one part of a group of facts in `facts.toml`: words, or numbers within bounds."""
+    listed: list[Fact] = []
+    for name, (section, says, *values) in _TABLE[group][part].items():
+        is_word = isinstance(values[0], str)
+        make = word if is_word else number
+        listed.append(make(name, section, says, *values))
+    return tuple(listed)
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,7 +97,7 @@ class FactResult:
     reason: str = ""
 
     def as_json(self) -> dict[str, str]:
-        """Plain values."""
+        """Return plain values."""
         return {
             "name": self.fact.name,
             "section": self.fact.section,
@@ -107,11 +111,12 @@ class FactResult:
 
 @dataclass(slots=True)
 class FactReport:
-    """Collects results and shows each at once; what is measured before the version is known waits
-    for it.
+    """Collects results and shows each at once.
+
+    What is measured before the version is known waits for it.
     """
 
-    facts: dict[str, Fact]  # those that were asked for, by name
+    facts: dict[str, Fact]  # those that were requested, by name
     show: Callable[[FactResult], None] = lambda result: None  # called with every result
     results: dict[str, FactResult] = field(default_factory=dict)
     is_version_known: bool = True
@@ -121,44 +126,48 @@ class FactReport:
         """Judge by these facts from now on, and what has waited."""
         self.facts = {name: facts[name] for name in self.facts}
         self.is_version_known = True
-        waiting, self._waiting = self._waiting, {}
+
+        waiting = self._waiting
+        self._waiting = {}
         for name, measured in waiting.items():
             self.add(name, measured)
 
     def wants(self, *patterns: str) -> bool:
-        """Whether one of the facts named (shell patterns) was asked for: what nobody asked for is
-        not flown.
+        """Whether a fact that matches one of these shell patterns was requested.
+
+        What nobody requested is not flown.
         """
         return any(fnmatchcase(name, pattern) for name in self.facts for pattern in patterns)
 
     def add(self, name: str, measured: Measured) -> None:
-        """Judge one measurement; what was not asked for is dropped."""
+        """Judge one measurement; one of a fact that was not requested is dropped."""
         fact = self.facts.get(name)
-        if fact is not None and not self.is_version_known:
+        if fact is None:
+            return
+        if not self.is_version_known:
             self._waiting[name] = measured
-        elif fact is not None:
-            verdict = FactVerdict.AGREES if fact.accepts(measured) else FactVerdict.DIFFERS
-            self._file(FactResult(fact, verdict, fact.show(measured)))
+            return
+
+        verdict = FactVerdict.AGREES if fact.accepts(measured) else FactVerdict.DIFFERS
+        self._file(FactResult(fact, verdict, fact.show(measured)))
 
     def skip(self, facts: Iterable[Fact], reason: str) -> None:
-        """Leave out, for a reason that is not the vehicle's."""
+        """Leave facts out, for a reason that is not the vehicle's."""
         self._unmeasured(facts, FactVerdict.SKIPPED, reason)
 
     def fail(self, facts: Iterable[Fact], reason: str) -> None:
-        """The vehicle did something that left these unmeasured: they differ."""
+        """Let facts differ that the vehicle has left unmeasured."""
         self._unmeasured(facts, FactVerdict.DIFFERS, reason)
 
     def count(self, verdict: FactVerdict) -> int:
         """Return the number of results with this verdict."""
-        return sum(result.verdict is verdict for result in self.results.values())
+        return sum(1 for result in self.results.values() if result.verdict is verdict)
 
     def _unmeasured(self, facts: Iterable[Fact], verdict: FactVerdict, reason: str) -> None:
         for fact in facts:
-            if (
-                fact.name in self.facts
-                and fact.name not in self.results
-                and fact.name not in self._waiting
-            ):
+            is_requested = fact.name in self.facts
+            is_measured = fact.name in self.results or fact.name in self._waiting
+            if is_requested and not is_measured:
                 self._file(FactResult(fact, verdict, "nothing", reason))
 
     def _file(self, result: FactResult) -> None:
@@ -167,8 +176,9 @@ class FactReport:
 
 
 def matching(facts: Iterable[Fact], patterns: Sequence[str]) -> dict[str, Fact]:
-    """Facts whose name, or the topic before its dot, matches one of the patterns; all without
-    patterns.
+    """Return the facts whose name, or the topic before its dot, matches one of the patterns.
+
+    Without patterns they are all.
 
     Raises:
         KeyError: a pattern that matches nothing, as its argument.
@@ -176,16 +186,18 @@ def matching(facts: Iterable[Fact], patterns: Sequence[str]) -> dict[str, Fact]:
     facts = tuple(facts)
     if not patterns:
         return {fact.name: fact for fact in facts}
+
     names: set[str] = set()
     for pattern in patterns:
-        of_pattern = [
-            f.name
-            for f in facts
-            if fnmatchcase(f.name, pattern) or f.name.partition(".")[0] == pattern
-        ]
-        if not of_pattern:
+        matched: list[str] = []
+        for fact in facts:
+            topic, _, _ = fact.name.partition(".")
+            if fnmatchcase(fact.name, pattern) or topic == pattern:
+                matched.append(fact.name)
+        if not matched:
             raise KeyError(pattern)
-        names.update(of_pattern)
+        names.update(matched)
+
     return {fact.name: fact for fact in facts if fact.name in names}
 
 
@@ -220,15 +232,16 @@ def nearest(reported: tuple[int, int] | None) -> tuple[str, str]:
     Args:
         reported: major and minor number of AUTOPILOT_VERSION; None when nothing was reported.
     """
-    known = [tuple(int(part) for part in version.split(".")) for version in VERSIONS]
+    oldest = VERSIONS[0]
     if reported is None:
-        return VERSIONS[
-            0
-        ], f"it reports no version and is judged as v{VERSIONS[0]}: --px4 says another"
-    older = [index for index, version in enumerate(known) if version <= reported]
-    version = VERSIONS[older[-1] if older else 0]
+        return oldest, f"it reports no version and is judged as v{oldest}: --px4 says another"
+
+    version = oldest
+    for candidate in VERSIONS:
+        if tuple(int(part) for part in candidate.split(".")) <= reported:
+            version = candidate
+
     name = f"{reported[0]}.{reported[1]}"
-    return (
-        version,
-        "" if name == version else f"v{name} was never measured: it is judged as v{version}",
-    )
+    if name == version:
+        return version, ""
+    return version, f"v{name} was never measured: it is judged as v{version}"

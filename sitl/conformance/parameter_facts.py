@@ -55,27 +55,45 @@ def run(client: VehicleClient, report: FactReport) -> None:
     """Read the defaults, then set one of each kind and put it back."""
     for name, value in _DEFAULTS.items():
         if report.wants(f"param.{name}"):
-            read = client.params.read(name)
-            # Floats travel with 24 bits.
-            close = read is not None and math.isclose(read, value, rel_tol=1e-6, abs_tol=1e-9)
-            report.add(f"param.{name}", value if close else math.nan if read is None else read)
+            report.add(f"param.{name}", _default(client, name, value))
     if not report.wants(*(fact.name for fact in ACCESS)):
         return
-    for fact, name, value in (
-        ("param.set-float", "COM_DISARM_LAND", 0.75),
-        ("param.set-integer", "COM_OBL_RC_ACT", 4.0),
-    ):
-        answer = client.params.set(name, value)
-        read = client.params.read(name)
-        report.add(fact, " and ".join("nothing" if v is None else f"{v:g}" for v in (answer, read)))
-        kinds = [
-            p.message.param_type
-            for p in client.received.of("PARAM_VALUE")
-            if p.message.param_id == name
-        ]
-        kind_fact = "param.float-type" if value == 0.75 else "param.integer-type"
-        report.add(kind_fact, str(kinds[-1]) if kinds else "nothing")
+
+    report.add("param.set-float", _set(client, "COM_DISARM_LAND", 0.75))
+    report.add("param.float-type", _type(client, "COM_DISARM_LAND"))
+    report.add("param.set-integer", _set(client, "COM_OBL_RC_ACT", 4.0))
+    report.add("param.integer-type", _type(client, "COM_OBL_RC_ACT"))
     client.params.restore()
+
+
+def _default(client: VehicleClient, name: str, expected: float) -> float:
+    """Return a parameter; NaN when it is not answered."""
+    read = client.params.read(name)
+    if read is None:
+        return math.nan
+    # Floats travel with 24 bits.
+    is_same = math.isclose(read, expected, rel_tol=1e-6, abs_tol=1e-9)
+    return expected if is_same else read
+
+
+def _set(client: VehicleClient, name: str, value: float) -> str:
+    """Set a parameter; return what was answered to that, and what is read afterwards."""
+    answer = client.params.set(name, value)
+    read = client.params.read(name)
+    return f"{_shown(answer)} and {_shown(read)}"
+
+
+def _shown(value: float | None) -> str:
+    return "nothing" if value is None else f"{value:g}"
+
+
+def _type(client: VehicleClient, name: str) -> str:
+    """Return the newest MAV_PARAM_TYPE of a parameter."""
+    newest = "nothing"
+    for packet in client.received.of("PARAM_VALUE"):
+        if packet.message.param_id == name:
+            newest = str(packet.message.param_type)
+    return newest
 
 
 FACT_GROUP = FactGroup("parameters", (*DEFAULTS, *ACCESS), run, turns_motors=False)

@@ -14,7 +14,7 @@ from sitl.conformance.vehicle_client import REQUEST, SET_INTERVAL, VehicleClient
 _WATCH_S = 3.0
 _GET_INTERVAL = 510
 _UNKNOWN_COMMAND, _UNKNOWN_MESSAGE = 31999, 60000
-# Fact, message, asked for [Hz]; two rounds, so that a link is not asked for everything at once.
+# Fact, message, requested rate [Hz]; two rounds, so that not everything is requested at once.
 _ROUNDS = (
     (
         ("rate.attitude", "ATTITUDE", 250.0),
@@ -36,7 +36,7 @@ ANSWERS = facts("requests", "answers")
 
 
 def run(client: VehicleClient, report: FactReport) -> None:
-    """Raise rates and put them back, then ask this and that."""
+    """Raise rates and put them back, then request messages."""
     if report.wants("rate.*", "truth.*"):
         _rates(client, report)
     _answers(client, report)
@@ -51,32 +51,36 @@ def _rates(client: VehicleClient, report: FactReport) -> None:
         ]
         if not matching:
             continue
-        answers = {
-            client.interval(message, hz)
-            for _, message, hz in matching
-            if message != "HIL_STATE_QUATERNION"
-        }
-        if any(message == "HIL_STATE_QUATERNION" for _, message, _ in matching):
+        messages = [message for _, message, _ in matching]
+
+        answers: set[str] = set()
+        for _, message, hz in matching:
+            if message != "HIL_STATE_QUATERNION":
+                answers.add(client.interval(message, hz))
+        if "HIL_STATE_QUATERNION" in messages:
             client.interval("HIL_STATE_QUATERNION", 100.0)
         report.add("rate.acknowledged", ", ".join(sorted(answers)))
-        if any(message == "ATTITUDE" for _, message, _ in matching):
+        if "ATTITUDE" in messages:
             report.add("rate.get", _get_interval(client))
+
         since_s = client.now_s
         client.spend(_WATCH_S)
         elapsed_s = client.now_s - since_s
         for fact, message, _ in matching:
             report.add(fact, len(client.received.of(message, since_s)) / elapsed_s)
-        for _, message, _ in matching:
+        for message in messages:
             client.interval(message, 0.0)
+
     truth = client.received.newest("HIL_STATE_QUATERNION")
     report.add("truth.time", str(truth.message.time_usec) if truth else "no HIL_STATE_QUATERNION")
+
     if report.wants("rate.default-again"):
         since_s = client.now_s
         client.spend(1.5)
-        report.add(
-            "rate.default-again",
-            len(client.received.of("ATTITUDE", since_s)) / (client.now_s - since_s),
-        )
+        elapsed_s = client.now_s - since_s
+        count = len(client.received.of("ATTITUDE", since_s))
+        report.add("rate.default-again", count / elapsed_s)
+
     report.add("rate.heartbeat-fixed", client.interval("HEARTBEAT", 5.0))
     report.add("rate.unknown-message", client.interval(_UNKNOWN_MESSAGE, 5.0))
 
@@ -93,14 +97,16 @@ def _get_interval(client: VehicleClient) -> float:
 def _requested(client: VehicleClient, name: str) -> str:
     since_s = client.now_s
     answer = client.command(REQUEST, float(common_id(name)))
-    return f"{answer} and {'sent' if client.received.of(name, since_s) else 'not sent'}"
+    is_sent = bool(client.received.of(name, since_s))
+    return f"{answer} and {'sent' if is_sent else 'not sent'}"
 
 
 def _answers(client: VehicleClient, report: FactReport) -> None:
     if report.wants("request.autopilot-version"):
         report.add("request.autopilot-version", _requested(client, "AUTOPILOT_VERSION"))
     if report.wants("request.version"):
-        report.add("request.version", ".".join(map(str, client.reported_version() or ())) or "none")
+        version = client.reported_version()
+        report.add("request.version", ".".join(map(str, version)) if version else "none")
     if report.wants("request.global-origin"):
         report.add("request.global-origin", _requested(client, "GPS_GLOBAL_ORIGIN"))
     if report.wants("ack.unknown-command"):
@@ -116,18 +122,24 @@ def _latency(client: VehicleClient, report: FactReport) -> None:
     times_ms: list[float] = []
     targets: set[tuple[int, int]] = set()
     acks = client.received.packets[common_id("COMMAND_ACK")]
+
     for _ in range(15):
-        sent_s, before = client.port.now_s(), len(acks)
+        before = len(acks)
+        sent_s = client.port.now_s()
         client.send_command(SET_INTERVAL, float(common_id("SYS_STATUS")), 0.0)
-        answered = client.spend(max(0.3, 0.2 * client.clock.pace), partial(_longer, acks, before))
-        times_ms.append((client.port.now_s() - sent_s) * 1e3 if answered else math.inf)
-        targets |= {
-            (ack.message.target_system, ack.message.target_component) for ack in acks[before:]
-        }
+        is_answered = client.spend(
+            max(0.3, 0.2 * client.clock.pace), partial(_longer, acks, before)
+        )
+        if is_answered:
+            times_ms.append((client.port.now_s() - sent_s) * 1e3)
+        else:
+            times_ms.append(math.inf)
+        for ack in acks[before:]:
+            targets.add((ack.message.target_system, ack.message.target_component))
         client.spend(0.02)
-    report.add(
-        "ack.target", "yes" if targets == {client.identity} else f"it names {sorted(targets)}"
-    )
+
+    is_named = targets == {client.identity}
+    report.add("ack.target", "yes" if is_named else f"it names {sorted(targets)}")
     report.add("ack.latency", statistics.median(times_ms))
 
 

@@ -1,6 +1,4 @@
-"""Who is listened to: the first sender for good, and with a key of MAVLink signing only what is
-signed.
-"""
+"""Senders that a vehicle listens to: the first for good, and with a key only those who sign."""
 
 from __future__ import annotations
 
@@ -14,10 +12,13 @@ from sitl.conformance.vehicle_client import REQUEST, Signature, VehicleClient
 
 FACTS = facts("senders", "facts")
 SIGNING_FACTS = facts("signing", "facts")
-_KEY, _OTHER_KEY = bytes(range(1, 33)), bytes(range(2, 34))
-LINK_ID, _OTHER_LINK_ID = 12, 13
-_BEGIN_S, _STEPS_PER_S = 1_420_070_400, 100_000
-_HEARTBEAT = 0.0
+_KEY = bytes(range(1, 33))
+_OTHER_KEY = bytes(range(2, 34))
+LINK_ID = 12
+_OTHER_LINK_ID = 13
+_BEGIN_S = 1_420_070_400  # of 2015
+_STEPS_PER_S = 100_000
+_HEARTBEAT = 0.0  # message id, as a parameter
 
 
 def run(client: VehicleClient, report: FactReport) -> None:
@@ -25,47 +26,54 @@ def run(client: VehicleClient, report: FactReport) -> None:
     if client.moves_first_sender:
         _from_elsewhere(client, report)
         return
+
     report.skip(
         FACTS[1:], "it leaves the vehicle locked to a port that is gone: see --from-elsewhere"
     )
     client.greet(as_ground_station=False)
     client.spend(0.5)
-    another_sender = client.port.another_sender()
+
+    second = client.port.another_sender()
     try:
         for _ in range(3):
-            another_sender.send(client.pack_heartbeat())
+            second.send(client.pack_heartbeat())
             client.spend(0.3)
-        got = another_sender.receive(0.0)
+        streamed_before = second.receive(0.0)
         client.spend(0.3)
-        report.add("link.second-sender", "moves" if got or another_sender.receive(0.0) else "stays")
+        has_moved = bool(streamed_before) or bool(second.receive(0.0))
+        report.add("link.second-sender", "moves" if has_moved else "stays")
     finally:
-        another_sender.close()
+        second.close()
 
 
 def _from_elsewhere(client: VehicleClient, report: FactReport) -> None:
-    listener, another_sender = client.port, client.port.another_sender()
-    client.port = another_sender
+    listener = client.port
+    first = client.port.another_sender()
+    client.port = first
     client.greet(as_ground_station=False)
     client.spend(0.6)
     listener.receive(0.0)
     client.spend(0.4)
-    moved = not listener.receive(0.0)
-    report.add("link.first-sender", "moves there" if moved else "stays")
+    has_moved = not listener.receive(0.0)
+    report.add("link.first-sender", "moves there" if has_moved else "stays")
+
     for _ in range(3):
         listener.send(client.pack_heartbeat())
         client.spend(0.3)
-    got = listener.receive(0.0)
-    report.add("link.listening-port", "stays" if moved and not got else "comes back")
+    comes_back = bool(listener.receive(0.0))
+    stays = has_moved and not comes_back
+    report.add("link.listening-port", "stays" if stays else "comes back")
     report.skip(FACTS[:1], "the first sender was another port")
-    if moved:
+
+    if has_moved:
         listener.close()
     else:
         client.port = listener
-        another_sender.close()
+        first.close()
 
 
 def signing_time() -> int:
-    """Timestamp of now [10 us since 2015]."""
+    """Return the timestamp of now [10 us since 2015]."""
     return int((time.time() - _BEGIN_S) * _STEPS_PER_S)
 
 
@@ -75,24 +83,32 @@ def run_signing(client: VehicleClient, report: FactReport) -> None:
         report.skip(SIGNING_FACTS, "it has a key already")
         return
     grounded(client)
+
     client.signature = Signature(_KEY, LINK_ID, signing_time())
     report.add("signing.before", client.command(REQUEST, _HEARTBEAT))
+
     client.signature = None
     _set_key(client, _KEY, signing_time())
     report.add("signing.messages", _messages(client))
     report.add("signing.unsigned", client.command(REQUEST, _HEARTBEAT))
+
     now = signing_time()
     client.signature = Signature(_KEY, LINK_ID, now)
     report.add("signing.signed", client.command(REQUEST, _HEARTBEAT))
+
     client.signature = Signature(_KEY, LINK_ID, now - 10 * _STEPS_PER_S)
     report.add("signing.older", client.command(REQUEST, _HEARTBEAT))
+
     client.signature = Signature(_KEY, _OTHER_LINK_ID, now - 90 * _STEPS_PER_S)
     report.add("signing.other-sender", client.command(REQUEST, _HEARTBEAT))
+
     client.signature = Signature(_OTHER_KEY, LINK_ID, now + _STEPS_PER_S)
     report.add("signing.other-key", client.command(REQUEST, _HEARTBEAT))
+
     _set_key(client, _OTHER_KEY, signing_time())
     client.signature = Signature(_KEY, LINK_ID, now + 2 * _STEPS_PER_S)
     report.add("signing.kept", client.command(REQUEST, _HEARTBEAT))
+
     _set_key(client, bytes(32), 0)
     client.signature = None
     report.add("signing.removed", _messages(client))
@@ -115,7 +131,11 @@ def _messages(client: VehicleClient) -> str:
     client.spend(0.5)
     packets = [packet for packet in client.received.of("ATTITUDE", since_s) if not packet.is_v1]
     kinds = {is_signed(packet.frame) for packet in packets}
-    return "signed" if kinds == {True} else "unsigned" if kinds == {False} else "both"
+    if kinds == {True}:
+        return "signed"
+    if kinds == {False}:
+        return "unsigned"
+    return "both"
 
 
 FACT_GROUP = FactGroup("first and second sender", FACTS, run, turns_motors=False)

@@ -19,15 +19,24 @@ from sitl.conformance.vehicle_client import (
     quaternion,
 )
 
-_HEIGHT_M, _LOWEST_M = 8.0, 5.5
+_HEIGHT_M = 8.0
+_LOWEST_M = 5.5  # from which a fall does not end on the ground
 _BREAKING_HEIGHT_M = 5.0
-_BAD_S = 0.6
-_IGNORE_THRUST, _RATES = 64, 128
-_IGNORE_ALL_BUT_POSITION, _IGNORE_ALL_BUT_VELOCITY = 0b0000_1001_1111_1000, 0b0000_1001_1100_0111
-_LOCAL_NED = 1
 _STICKS_HEIGHT_M = 3.0
-_FULL_STICK, _STICKS_HZ = 1000.0, 20.0
-_FAST_1_S, _SLOW_1_S = 3.0, 0.5
+_BAD_S = 0.6  # for which an odd setpoint is sent
+
+# Type masks.
+_IGNORE_THRUST = 64
+_RATES = 128
+_IGNORE_ALL_BUT_POSITION = 0b0000_1001_1111_1000
+_IGNORE_ALL_BUT_VELOCITY = 0b0000_1001_1100_0111
+_LOCAL_NED = 1
+
+_FULL_STICK = 1000.0
+_STICKS_HZ = 20.0
+_FAST_1_S = 3.0
+_SLOW_1_S = 0.5
+
 FACTS = facts("setpoints", "facts")
 
 STICKS = facts("setpoints", "sticks")
@@ -36,41 +45,17 @@ BREAKING = facts("setpoints", "breaking")
 
 
 def run(client: VehicleClient, report: FactReport) -> None:
-    """Each for a moment, with calm after it."""
+    """Send each for a moment, with calm after it."""
     client.greet(as_ground_station=True)
     hover = airborne(client, _HEIGHT_M)
     since_s = client.now_s
-    level = quaternion(0.0, 0.0, hover.yaw_rad)
-    tilted = quaternion(math.radians(10.0), 0.0, hover.yaw_rad)
-    tripled = (3.0 * tilted[0], 3.0 * tilted[1], 3.0 * tilted[2], 3.0 * tilted[3])
-    for name, thrust, mask in (
-        ("setpoint.nan-thrust", math.nan, ATTITUDE_AND_THRUST),
-        ("setpoint.ignored-thrust", hover.thrust, ATTITUDE_AND_THRUST | _IGNORE_THRUST),
-        ("setpoint.negative-thrust", -0.5, ATTITUDE_AND_THRUST),
-    ):
-        if report.wants(name):
-            report.add(name, _falls(client, hover, level, thrust, mask))
-    if report.wants("setpoint.thrust-above-one"):
-        client.interval("SERVO_OUTPUT_RAW", 50.0)
-        _for_a_moment(client, partial(client.attitude, level, 1.5), _BAD_S)
-        report.add("setpoint.thrust-above-one", float(client.newest("SERVO_OUTPUT_RAW").servo1_raw))
-        client.interval("SERVO_OUTPUT_RAW", 0.0)
-        _recover(client, hover)
-    for name, q, mask in (
-        ("setpoint.scaled-quaternion", tripled, ATTITUDE_AND_THRUST),
-        ("setpoint.mask-zero", tilted, 0),
-    ):
-        if report.wants(name):
-            _for_a_moment(client, partial(client.attitude, q, hover.thrust, mask=mask), _BAD_S)
-            report.add(name, math.degrees(client.euler()[0]))
-            if name == "setpoint.mask-zero":
-                echoed = client.newest("ATTITUDE_TARGET").q
-                cosine = min(1.0, abs(sum(a * b for a, b in zip(echoed, q, strict=True))))
-                report.add("setpoint.echo", math.degrees(2.0 * math.acos(cosine)))
-            _recover(client, hover)
+
+    _thrusts(client, report, hover)
+    _attitudes(client, report, hover)
     client.next_heartbeat()
     report.add("setpoint.mode-kept", client.mode)
     report.add("setpoint.silent", client.said(since_s))
+
     if report.wants("setpoint.rates*"):
         _rates(client, report, hover)
     if report.wants("setpoint.any-sender"):
@@ -79,6 +64,42 @@ def run(client: VehicleClient, report: FactReport) -> None:
         _positions(client, report, hover)
     if report.wants("setpoint.steep*"):
         _steep(client, report, hover)
+
+
+def _thrusts(client: VehicleClient, report: FactReport, hover: Hover) -> None:
+    level = quaternion(0.0, 0.0, hover.yaw_rad)
+    for name, thrust, mask in (
+        ("setpoint.nan-thrust", math.nan, ATTITUDE_AND_THRUST),
+        ("setpoint.ignored-thrust", hover.thrust, ATTITUDE_AND_THRUST | _IGNORE_THRUST),
+        ("setpoint.negative-thrust", -0.5, ATTITUDE_AND_THRUST),
+    ):
+        if report.wants(name):
+            report.add(name, _falls(client, hover, level, thrust, mask))
+
+    if report.wants("setpoint.thrust-above-one"):
+        client.interval("SERVO_OUTPUT_RAW", 50.0)
+        _for_a_moment(client, partial(client.attitude, level, 1.5), _BAD_S)
+        report.add("setpoint.thrust-above-one", float(client.newest("SERVO_OUTPUT_RAW").servo1_raw))
+        client.interval("SERVO_OUTPUT_RAW", 0.0)
+        _recover(client, hover)
+
+
+def _attitudes(client: VehicleClient, report: FactReport, hover: Hover) -> None:
+    tilted = quaternion(math.radians(10.0), 0.0, hover.yaw_rad)
+    tripled = (3.0 * tilted[0], 3.0 * tilted[1], 3.0 * tilted[2], 3.0 * tilted[3])
+
+    if report.wants("setpoint.scaled-quaternion"):
+        _for_a_moment(client, partial(client.attitude, tripled, hover.thrust), _BAD_S)
+        report.add("setpoint.scaled-quaternion", math.degrees(client.euler()[0]))
+        _recover(client, hover)
+
+    if report.wants("setpoint.mask-zero"):
+        _for_a_moment(client, partial(client.attitude, tilted, hover.thrust, mask=0), _BAD_S)
+        report.add("setpoint.mask-zero", math.degrees(client.euler()[0]))
+        echoed = client.newest("ATTITUDE_TARGET").q
+        cosine = min(1.0, abs(sum(a * b for a, b in zip(echoed, tilted, strict=True))))
+        report.add("setpoint.echo", math.degrees(2.0 * math.acos(cosine)))
+        _recover(client, hover)
 
 
 def _for_a_moment(client: VehicleClient, send: Callable[[], None], for_s: float) -> None:
@@ -121,7 +142,8 @@ def _rates(client: VehicleClient, report: FactReport, hover: Hover) -> None:
 
 
 def _other_sender(client: VehicleClient, report: FactReport, hover: Hover) -> None:
-    was_ground_station, client.is_ground_station = client.is_ground_station, False
+    was_ground_station = client.is_ground_station
+    client.is_ground_station = False
     client.heartbeat_duty.act = None
     client.spend(2.2)
     report.add("setpoint.any-sender", client.mode)
@@ -130,8 +152,11 @@ def _other_sender(client: VehicleClient, report: FactReport, hover: Hover) -> No
 
 def _positions(client: VehicleClient, report: FactReport, hover: Hover) -> None:
     start = client.newest("LOCAL_POSITION_NED")
-    # Both are cut off from the hold's own wishes: only what is asked for here is flown.
-    x, y, z, yaw = start.x + 1.0, start.y, hover.goal[2], hover.yaw_rad
+    # The hold does not take part: only these setpoints are flown.
+    x = start.x + 1.0
+    y = start.y
+    z = hover.goal[2]
+    yaw = hover.yaw_rad
 
     def target(mask: int, velocity_east: float = 0.0) -> Callable[[], None]:
         return lambda: client.send(
@@ -186,14 +211,15 @@ def run_sticks(client: VehicleClient, report: FactReport) -> None:
         if not report.wants(name):
             continue
         hover = airborne(client, _STICKS_HEIGHT_M)
-        client.vision_duty.act, client.vision_duty.period_s = (
-            _sticks(client, client.now_s + 2.0, rate_1_s),
-            1.0 / _STICKS_HZ,
-        )
+
+        client.vision_duty.act = _sticks(client, client.now_s + 2.0, rate_1_s)
+        client.vision_duty.period_s = 1.0 / _STICKS_HZ
         client.spend(3.2)
         client.next_heartbeat()
         report.add(name, client.mode)
-        client.vision_duty.act, client.vision_duty.period_s = None, 0.02
+
+        client.vision_duty.act = None
+        client.vision_duty.period_s = 0.02
         if client.mode != "OFFBOARD":
             client.set_mode("OFFBOARD")
             client.next_heartbeat()
@@ -235,11 +261,14 @@ def run_breaking(client: VehicleClient, report: FactReport) -> None:
         _for_a_moment(client, partial(client.attitude, (part,) * 4, hover.thrust), _BAD_S)
         report.add(name, math.degrees(math.hypot(*client.euler()[:2])))
         hover.here()
+
         follows = True
         for sign in (1.0, -1.0):  # one that drifts may pass by one of them
             tilted = quaternion(sign * math.radians(10.0), 0.0, hover.yaw_rad)
             _for_a_moment(client, partial(client.attitude, tilted, hover.thrust), _BAD_S)
-            follows &= 5.0 < sign * math.degrees(client.euler()[0]) < 15.0
+            roll_deg = sign * math.degrees(client.euler()[0])
+            if not 5.0 < roll_deg < 15.0:
+                follows = False
         report.add(f"{name}-after", "follows" if follows else "lost")
         if follows:
             _recover(client, hover)

@@ -1,6 +1,4 @@
-"""Start, streams and field quirks: what a vehicle on its pad sends by itself, while nobody says a
-word.
-"""
+"""Start, streams and field quirks: what a resting vehicle sends by itself, while nobody speaks."""
 
 from __future__ import annotations
 
@@ -86,15 +84,22 @@ def run(client: VehicleClient, report: FactReport) -> None:
         "stream.*", "wire.*", "clock.*", "heartbeat.*", "pad.*", "quirk.*", "text.silent-alone"
     ):
         return
+
     if client.now_s < _READY_S:
         client.spend(_READY_S - client.now_s)
-    since_s, before = client.now_s, (client.received.datagrams, client.received.octets)
+    since_s = client.now_s
+    datagrams_before = client.received.datagrams
+    octets_before = client.received.octets
+
     client.spend(_WATCH_S)
     until_s = client.now_s
-    _streams(client, report, since_s, until_s)
     elapsed_s = until_s - since_s
-    report.add("wire.datagrams", (client.received.datagrams - before[0]) / elapsed_s)
-    report.add("wire.bytes", (client.received.octets - before[1]) / elapsed_s / 1e3)
+    datagrams = client.received.datagrams - datagrams_before
+    octets = client.received.octets - octets_before
+
+    _streams(client, report, since_s, until_s)
+    report.add("wire.datagrams", datagrams / elapsed_s)
+    report.add("wire.bytes", octets / elapsed_s / 1e3)
     _message_layout(client, report, since_s)
     _quirks(client, report)
     _noise(client, report, since_s)
@@ -115,65 +120,80 @@ def _boot(client: VehicleClient, report: FactReport) -> None:
     if not report.wants("boot.*"):
         return
 
-    def fixed() -> list[ReceivedPacket]:
-        return [packet for packet in received.of("GPS_RAW_INT") if packet.message.fix_type >= 3]
-
     client.spend(1.0)
     is_armable = client.spend(_READY_S, client.shows_ready)
     armable_s = client.now_s
     if is_armable and armable_s < 1.3:
         armable_s = received.of("SYS_STATUS")[0].at_s
     client.spend(1.0)
-    heartbeats, homes, fixes = received.of("HEARTBEAT"), received.of("HOME_POSITION"), fixed()
-    report.add("boot.heartbeat", heartbeats[0].at_s if heartbeats else math.nan)
-    report.add(
-        "boot.heartbeat-status",
-        STATUS.get(heartbeats[0].message.system_status, "?") if heartbeats else "none",
-    )
-    report.add("boot.gps", fixes[0].at_s if fixes else math.nan)
-    report.add("boot.home", homes[0].at_s if homes else math.nan)
+
+    heartbeats = received.of("HEARTBEAT")
+    first_status = "none"
+    if heartbeats:
+        first_status = STATUS.get(heartbeats[0].message.system_status, "?")
+    fixes = [packet for packet in received.of("GPS_RAW_INT") if packet.message.fix_type >= 3]
+
+    report.add("boot.heartbeat", _first_s(heartbeats))
+    report.add("boot.heartbeat-status", first_status)
+    report.add("boot.gps", _first_s(fixes))
+    report.add("boot.home", _first_s(received.of("HOME_POSITION")))
     report.add("boot.armable", armable_s if is_armable else math.nan)
+
+
+def _first_s(packets: list[ReceivedPacket]) -> float:
+    """Return when the first of some packets came; NaN when none did."""
+    return packets[0].at_s if packets else math.nan
 
 
 def _streams(client: VehicleClient, report: FactReport, since_s: float, until_s: float) -> None:
     for message in _RATES_HZ:
         count = len(client.received.of(message, since_s, until_s))
         report.add(_stream_name(message), count / (until_s - since_s))
-    others = [
-        NAMES.get(number, str(number))
-        for number, packets in client.received.packets.items()
-        if packets
-        and packets[-1].at_s >= since_s
-        and NAMES.get(number) not in (*_RATES_HZ, *_EVENTS_ONLY)
-    ]
+
+    others: list[str] = []
+    for message_id, packets in client.received.packets.items():
+        is_recent = bool(packets) and packets[-1].at_s >= since_s
+        is_known = NAMES.get(message_id) in (*_RATES_HZ, *_EVENTS_ONLY)
+        if is_recent and not is_known:
+            others.append(NAMES.get(message_id, str(message_id)))
     report.add("wire.unasked-others", ", ".join(sorted(others)) or "nothing")
 
 
 def _message_layout(client: VehicleClient, report: FactReport, since_s: float) -> None:
     received = client.received
-    report.add(
-        "wire.version",
-        "MAVLink 2" if not received.v1_frames else f"{received.v1_frames} frames of MAVLink 1",
-    )
+    version = "MAVLink 2"
+    if received.v1_frames:
+        version = f"{received.v1_frames} frames of MAVLink 1"
+    report.add("wire.version", version)
     report.add("wire.messages-per-datagram", received.frames / max(1, received.datagrams))
     report.add("wire.checksums", _checksums(client))
     report.add("wire.component", str(received.of("HEARTBEAT")[-1].component_id))
-    rc = sum(bool(received.of(name)) for name in ("RC_CHANNELS", "RC_CHANNELS_RAW"))
-    report.add("wire.no-rc", "none" if not rc else "streamed")
+    has_rc = bool(received.of("RC_CHANNELS")) or bool(received.of("RC_CHANNELS_RAW"))
+    report.add("wire.no-rc", "streamed" if has_rc else "none")
     texts = len(received.of("STATUSTEXT"))
-    report.add("text.silent-alone", "none" if not texts else f"{texts} texts")
+    report.add("text.silent-alone", f"{texts} texts" if texts else "none")
+
+    _clock(client, report, since_s)
+    _heartbeats(client, report, since_s)
+
+
+def _clock(client: VehicleClient, report: FactReport, since_s: float) -> None:
     if 0.9 < client.clock.pace < 1.1:
         report.add("clock.pace", client.clock.pace)
     else:
         pace = f"it runs at {client.clock.pace:.1f} times real time"
         report.skip([fact for fact in MESSAGE_LAYOUT if fact.name == "clock.pace"], pace)
-    stamps = [packet.message.time_boot_ms for packet in received.of("ATTITUDE", since_s)]
-    gaps = [after - before for before, after in itertools.pairwise(stamps)]
-    report.add("clock.gap-mean", statistics.fmean(gaps) if gaps else math.nan)
-    # A stamp is rounded to a millisecond.
-    whole = [gap for gap in gaps if min(gap % 4, 4 - gap % 4) <= 1 and gap >= 3]
-    report.add("clock.gap-steps", len(whole) / len(gaps) if gaps else math.nan)
-    beats = [packet.at_s for packet in received.of("HEARTBEAT", since_s)]
+
+    stamps_ms = [packet.message.time_boot_ms for packet in client.received.of("ATTITUDE", since_s)]
+    gaps_ms = [after - before for before, after in itertools.pairwise(stamps_ms)]
+    report.add("clock.gap-mean", statistics.fmean(gaps_ms) if gaps_ms else math.nan)
+    # Whole steps of 4 ms; a stamp is rounded to a millisecond.
+    whole = [gap for gap in gaps_ms if min(gap % 4, 4 - gap % 4) <= 1 and gap >= 3]
+    report.add("clock.gap-steps", len(whole) / len(gaps_ms) if gaps_ms else math.nan)
+
+
+def _heartbeats(client: VehicleClient, report: FactReport, since_s: float) -> None:
+    beats = [packet.at_s for packet in client.received.of("HEARTBEAT", since_s)]
     between = [after - before for before, after in itertools.pairwise(beats)]
     slack = 0.02 * max(0.0, client.clock.pace - 1.0)  # arrival is seen by the wall clock
     report.add("heartbeat.interval-min", min(1.0, min(between) + slack) if between else math.nan)

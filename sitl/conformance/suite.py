@@ -50,7 +50,7 @@ FACT_GROUPS: tuple[FactGroup, ...] = (
     sender_facts.SIGNING_GROUP,
     setpoint_facts.BREAKING_GROUP,
 )
-# Each on a port of its own, and the option of sitl-check that names it.
+# Each on a port of its own, and the option of `covey check endpoint` that names it.
 LINKS: tuple[tuple[FactGroup, str], ...] = (
     (link_facts.GROUND_LINK, "--gcs"),
     (link_facts.SIMULATOR_LINK, "--sih"),
