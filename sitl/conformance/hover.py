@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 from sitl.conformance.vehicle_client import (
     ARM,
@@ -87,9 +88,10 @@ class Hover:
         thrust = self.thrust * lift / _GRAVITY / (math.cos(roll) * math.cos(pitch))
         return quaternion(roll, pitch, self.yaw_rad), min(1.0, max(0.12, thrust))
 
-    def _tilt(self, position: object) -> tuple[float, float]:
-        north = self._acceleration(self.goal[0] - position.x, position.vx)  # type: ignore[attr-defined]
-        east = self._acceleration(self.goal[1] - position.y, position.vy)  # type: ignore[attr-defined]
+    def _tilt(self, position: Any) -> tuple[float, float]:
+        """Return roll and pitch that lead to the goal, from a LOCAL_POSITION_NED."""
+        north = self._acceleration(self.goal[0] - position.x, position.vx)
+        east = self._acceleration(self.goal[1] - position.y, position.vy)
 
         # In the heading that the vehicle has, not the one it is turning to.
         yaw = self._client.euler()[2]

@@ -1,6 +1,4 @@
-"""Links on sockets of their own: the ground station's, and the one on which PX4's simulator shows
-viewers the truth.
-"""
+"""Links on sockets of their own: the ground station's, and the simulator's for viewers."""
 
 from __future__ import annotations
 
@@ -19,30 +17,32 @@ _NOW_AND_THEN = ("EVENT", "PARAM_VALUE")  # when something happens
 
 def run_ground_link(client: VehicleClient, report: FactReport) -> None:
     """Listen, then be a ground station."""
-    wanted = client.system_id
+    system_id = client.system_id
     if not client.listen(3.0, lambda: client.received.newest("HEARTBEAT") is not None):
         client.send_heartbeat()
         if not client.listen(5.0, lambda: client.received.newest("HEARTBEAT") is not None):
             report.fail(FACTS, "nobody is heard there")
             return
     client.spend(4.2)
+
     everybody = client.received.of("HEARTBEAT")
-    others = sorted(
-        {packet.system_id for packet in everybody if packet.component_id == 1} - {wanted}
-    )
-    if others and any(packet.system_id == wanted for packet in everybody):
+    beats = [packet for packet in everybody if packet.system_id == system_id]
+    autopilots = {packet.system_id for packet in everybody if packet.component_id == 1}
+    others = sorted(autopilots - {system_id})
+    if others and beats:
+        systems = ", ".join(map(str, others))
         report.skip(
             FACTS,
-            f"other autopilots send to this port as well (system {', '.join(map(str, others))}): stop them",
+            f"other autopilots send to this port as well (system {systems}): stop them",
         )
         return
-    beats = [packet for packet in everybody if packet.system_id == wanted]
+
     report.add("gcs.system", "yes" if beats else "no")
     span_s = beats[-1].at_s - beats[0].at_s if len(beats) > 1 else math.nan
     report.add("gcs.heartbeat", (len(beats) - 1) / span_s)
-    report.add(
-        "gcs.version", "MAVLink 2" if not client.received.v1_frames else "MAVLink 1 among them"
-    )
+    has_v1 = client.received.v1_frames > 0
+    report.add("gcs.version", "MAVLink 1 among them" if has_v1 else "MAVLink 2")
+
     client.greet(as_ground_station=True)
     client.spend(1.2)
     report.add("gcs.answers", client.set_mode("OFFBOARD").partition(",")[0])
@@ -59,16 +59,17 @@ def run_simulator_link(client: VehicleClient, report: FactReport) -> None:
     if not client.listen(3.0, lambda: client.received.newest("HIL_STATE_QUATERNION") is not None):
         report.fail(SIMULATOR_FACTS, "no HIL_STATE_QUATERNION comes there")
         return
+
     before = _counts(client)
     client.listen(_WATCH_S, lambda: False)  # by our clock: nothing here shows the vehicle's
     counts = {name: count - before.get(name, 0) for name, count in _counts(client).items()}
     report.add("sih.state", counts["HIL_STATE_QUATERNION"] / _WATCH_S)
     report.add("sih.actuators", counts.get("HIL_ACTUATOR_CONTROLS", 0) / _WATCH_S)
     report.add("sih.heartbeat", counts.get("HEARTBEAT", 0) / _WATCH_S)
-    others = sorted(
-        set(counts) - {"HIL_STATE_QUATERNION", "HIL_ACTUATOR_CONTROLS", "HEARTBEAT", *_NOW_AND_THEN}
-    )
+    expected = {"HIL_STATE_QUATERNION", "HIL_ACTUATOR_CONTROLS", "HEARTBEAT", *_NOW_AND_THEN}
+    others = sorted(set(counts) - expected)
     report.add("sih.others", ", ".join(others) or "nothing")
+
     state = client.newest("HIL_STATE_QUATERNION")
     senders = {packet.system_id for packet in client.received.of("HIL_STATE_QUATERNION")}
     report.add("sih.system", "yes" if senders == {client.system_id} else "no")

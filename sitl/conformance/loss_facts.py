@@ -1,6 +1,4 @@
-"""Setpoints stop: how long nothing happens, what happens then for every COM_OBL_RC_ACT, and what
-when they return.
-"""
+"""Setpoints stop: how long nothing happens, what each COM_OBL_RC_ACT does, what a return does."""
 
 from __future__ import annotations
 
@@ -72,12 +70,14 @@ def _in_the_air(client: VehicleClient, report: FactReport, hover: Hover) -> None
         client.spend(0.8)
         _resume(client, hover)
         client.next_heartbeat(2)
-        quiet = client.text(_TEXT, since_s) is None and client.mode == "OFFBOARD"
-        report.add("loss.short-gap", "nothing" if quiet else f"failsafe, {client.mode}")
+        is_quiet = client.text(_TEXT, since_s) is None and client.mode == "OFFBOARD"
+        report.add("loss.short-gap", "nothing" if is_quiet else f"failsafe, {client.mode}")
+
     for action in _ACTIONS:
         also = _TEXTS if action == 0 else ()
         if report.wants(f"loss.action-{action}*", *also):
             _act(client, report, hover, action)
+
     if report.wants("loss.timeout-follows"):
         client.params.set("COM_OF_LOSS_T", 0.5)
         report.add("loss.timeout-follows", _until_failsafe(client, _stop(client, hover)))
@@ -85,6 +85,7 @@ def _in_the_air(client: VehicleClient, report: FactReport, hover: Hover) -> None
         client.params.restore()
         client.next_heartbeat()
         settle(client, hover)
+
     if report.wants("loss.wrong-target"):
         since_s = _stop(client, hover)
         wrong = client.system_id % 250 + 3
@@ -97,7 +98,7 @@ def _in_the_air(client: VehicleClient, report: FactReport, hover: Hover) -> None
 
 
 def _stop(client: VehicleClient, hover: Hover) -> float:
-    """Stop sending; when the last setpoint went out. It is a level one: it is held."""
+    """Stop sending; return when the last setpoint went out, a level one, which PX4 holds."""
     level = quaternion(0.0, 0.0, hover.yaw_rad)
     client.attitude(level, hover.thrust)
     client.stream(None)
@@ -121,17 +122,18 @@ def _act(client: VehicleClient, report: FactReport, hover: Hover, action: int) -
     report.add(f"loss.action-{action}", client.mode)
     if action == 0:
         text = client.text(_TEXT, since_s)
+        has_event = bool(client.received.of("EVENT", since_s + 0.9))
         report.add("loss.status", client.status)
         report.add("loss.base-mode", str(client.newest("HEARTBEAT").base_mode))
         report.add("loss.text", client.quote(_TEXT, since_s))
         report.add("loss.severity", str(text[1]) if text else "none")
-        report.add(
-            "loss.event", "sent" if client.received.of("EVENT", since_s + 0.9) else "not sent"
-        )
+        report.add("loss.event", "sent" if has_event else "not sent")
+
     _resume(client, hover)
     client.spend(0.1)
     client.next_heartbeat()
     report.add(f"loss.action-{action}-return", client.mode)
+
     if client.mode != "OFFBOARD":
         client.set_mode("OFFBOARD")
         client.next_heartbeat()

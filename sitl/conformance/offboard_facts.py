@@ -18,11 +18,12 @@ END = facts("offboard", "end")
 
 
 def run(client: VehicleClient, report: FactReport) -> None:
-    """Start, fly, ask for the impossible, put down."""
+    """Start, fly, request the impossible, put down."""
     client.greet(as_ground_station=True)
     grounded(client)
     client.spend(1.0)
     hover = _start(client, report)
+
     if report.wants("hover.*", "offboard.no-position-target"):
         _hover(client, report)
     if report.wants("quirk.odometry-velocity"):
@@ -30,18 +31,23 @@ def run(client: VehicleClient, report: FactReport) -> None:
     if report.wants("offboard.two-hertz"):
         _slowly(client, report, hover)
     if report.wants("offboard.disarm-*"):
-        since_s = client.now_s
-        report.add("offboard.disarm-in-air", client.command(ARM, 0.0))
-        client.spend(0.3)
-        _, severity, words, _ = client.text("Disarming denied", since_s) or (0.0, -1, "", 0)
-        report.add("offboard.disarm-text", repr(words))
-        report.add("offboard.disarm-severity", str(severity))
+        _disarm(client, report)
     if report.wants("offboard.hold*", "offboard.refused*", "offboard.again"):
         _hold(client, report, hover)
     if report.wants("offboard.cut-disarm"):
         _cut(client, report, hover)
     if report.wants("offboard.forced*"):
         _forced(client, report)
+
+
+def _disarm(client: VehicleClient, report: FactReport) -> None:
+    since_s = client.now_s
+    report.add("offboard.disarm-in-air", client.command(ARM, 0.0))
+    client.spend(0.3)
+    text = client.text("Disarming denied", since_s)
+    _, severity, words, _ = text or (0.0, -1, "", 0)
+    report.add("offboard.disarm-text", repr(words))
+    report.add("offboard.disarm-severity", str(severity))
 
 
 def _start(client: VehicleClient, report: FactReport) -> Hover:
@@ -55,6 +61,7 @@ def _start(client: VehicleClient, report: FactReport) -> Hover:
     client.next_heartbeat()
     report.add("offboard.streamed-status", client.status)
     report.add("offboard.base-mode", str(client.newest("HEARTBEAT").base_mode))
+
     armed_s = client.now_s
     client.send_command(ARM, 1.0)
     client.spend(0.7)
@@ -62,13 +69,14 @@ def _start(client: VehicleClient, report: FactReport) -> Hover:
     if not answers or answers[0].message.result:
         client.interval("SERVO_OUTPUT_RAW", 0.0)
         raise Stuck("it did not arm in OFFBOARD")
+    acked_s = answers[0].at_s
     client.stream(hover)
     hover.to_height(_HEIGHT_M)
-    acked_s = answers[0].at_s
+
     turning = [
-        p.at_s
-        for p in client.received.of("SERVO_OUTPUT_RAW", armed_s)
-        if p.message.servo1_raw > 1500
+        packet.at_s
+        for packet in client.received.of("SERVO_OUTPUT_RAW", armed_s)
+        if packet.message.servo1_raw > 1500
     ]
     report.add("offboard.no-spool", max(0.0, turning[0] - acked_s) if turning else math.nan)
     climbing = [
@@ -77,6 +85,7 @@ def _start(client: VehicleClient, report: FactReport) -> Hover:
         if abs(packet.at_s - acked_s - 0.44) < 0.06
     ]
     report.add("offboard.early-climb", -statistics.fmean(climbing) if climbing else math.nan)
+
     client.spend(0.5)
     takeoff_s = client.delay_s("Takeoff detected", armed_s) + armed_s
     report.add("offboard.takeoff-text", max(takeoff_s - acked_s, 0.0))
@@ -91,15 +100,17 @@ def _hover(client: VehicleClient, report: FactReport) -> None:
     client.interval("SERVO_OUTPUT_RAW", 50.0)
     since_s = client.now_s
     client.spend(4.0)
+
     thrusts = [packet.message.thrust for packet in client.received.of("ATTITUDE_TARGET", since_s)]
-    servos = [
-        statistics.fmean((m.servo1_raw, m.servo2_raw, m.servo3_raw, m.servo4_raw))
-        for m in (packet.message for packet in client.received.of("SERVO_OUTPUT_RAW", since_s))
-    ]
+    servos: list[float] = []
+    for packet in client.received.of("SERVO_OUTPUT_RAW", since_s):
+        m = packet.message
+        servos.append(statistics.fmean((m.servo1_raw, m.servo2_raw, m.servo3_raw, m.servo4_raw)))
     targets = len(client.received.of("POSITION_TARGET_LOCAL_NED", since_s + 1.0))
+
     report.add("hover.thrust", statistics.fmean(thrusts) if thrusts else math.nan)
     report.add("hover.servo", statistics.fmean(servos) if servos else math.nan)
-    report.add("offboard.no-position-target", "none" if not targets else f"{targets} in 3 s")
+    report.add("offboard.no-position-target", f"{targets} in 3 s" if targets else "none")
     client.interval("SERVO_OUTPUT_RAW", 0.0)
 
 
@@ -110,18 +121,23 @@ def _odometry(client: VehicleClient, report: FactReport, hover: Hover) -> None:
     hover.goal[1] += 2.0
     since_s = client.now_s
     client.spend(1.8)
+
+    # Which velocity does ODOMETRY come nearer to: in NED, or along the body?
     yaw = client.euler()[2]
-    turned, straight = [], []
+    from_ned: list[float] = []
+    from_body: list[float] = []
     positions = client.received.of("LOCAL_POSITION_NED", since_s)
     for packet in client.received.of("ODOMETRY", since_s):
         o = packet.message
         v = min(positions, key=lambda position: abs(position.at_s - packet.at_s)).message
-        straight.append(math.hypot(o.vx - v.vx, o.vy - v.vy))
+        from_ned.append(math.hypot(o.vx - v.vx, o.vy - v.vy))
+
         forward = math.cos(yaw) * v.vx + math.sin(yaw) * v.vy
         right = -math.sin(yaw) * v.vx + math.cos(yaw) * v.vy
-        turned.append(math.hypot(o.vx - forward, o.vy - right))
-    if straight:
-        is_ned = statistics.fmean(straight) < statistics.fmean(turned)
+        from_body.append(math.hypot(o.vx - forward, o.vy - right))
+
+    if from_ned:
+        is_ned = statistics.fmean(from_ned) < statistics.fmean(from_body)
         report.add("quirk.odometry-velocity", "NED" if is_ned else "along the body")
     hover.here()
     settle(client, hover)

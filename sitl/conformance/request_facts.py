@@ -13,7 +13,8 @@ from sitl.conformance.vehicle_client import REQUEST, SET_INTERVAL, VehicleClient
 
 _WATCH_S = 3.0
 _GET_INTERVAL = 510
-_UNKNOWN_COMMAND, _UNKNOWN_MESSAGE = 31999, 60000
+_UNKNOWN_COMMAND = 31999
+_UNKNOWN_MESSAGE = 60000
 # Fact, message, requested rate [Hz]; two rounds, so that not everything is requested at once.
 _ROUNDS = (
     (

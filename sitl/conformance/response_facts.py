@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -29,18 +30,16 @@ _PEAK_RATES = {10: 58.0, 20: 123.0, 30: 160.0}
 
 
 def _tilt_facts(axis: str, step_deg: int) -> tuple[Fact, ...]:
-    name, says = f"step.{axis}-{step_deg}", f"{axis} step of {step_deg} deg"
-    times = tuple(
-        number(
-            f"{name}-{part}",
-            "8",
-            f"{says}, {part[1:]} % after",
-            low - _wide(low),
-            high + _wide(high),
-            "s",
-        )
-        for part, (low, high) in _TILT_TIMES.items()
-    )
+    name = f"step.{axis}-{step_deg}"
+    says = f"{axis} step of {step_deg} deg"
+
+    times: list[Fact] = []
+    for part, (low_s, high_s) in _TILT_TIMES.items():
+        least_s = low_s - _slack_s(low_s)
+        most_s = high_s + _slack_s(high_s)
+        words = f"{says}, {part[1:]} % after"
+        times.append(number(f"{name}-{part}", "8", words, least_s, most_s, "s"))
+
     rate = _PEAK_RATES[step_deg]
     return (
         *times,
@@ -50,31 +49,25 @@ def _tilt_facts(axis: str, step_deg: int) -> tuple[Fact, ...]:
     )
 
 
-def _wide(time_s: float) -> float:
+def _slack_s(time_s: float) -> float:
     return max(_SLACK_S, 0.12 * time_s)
 
 
 def _yaw_facts(step_deg: int) -> tuple[Fact, ...]:
-    times, overshoot = _YAW[step_deg]
-    name, says = f"step.yaw-{step_deg}", f"yaw step of {step_deg} deg"
-    # A degree of drift of the compass is most of the first 5 %.
-    slack = {part: 0.09 if part == "t5" else _wide(t) for part, t in times.items()}
-    return (
-        *(
-            number(
-                f"{name}-{part}",
-                "8",
-                f"{says}, {part[1:]} % after",
-                t - slack[part],
-                t + slack[part],
-                "s",
-            )
-            for part, t in times.items()
-        ),
-        number(
-            f"{name}-overshoot", "8", f"{says}, overshoot", 0.65 * overshoot, 1.35 * overshoot, "%"
-        ),
-    )
+    name = f"step.yaw-{step_deg}"
+    says = f"yaw step of {step_deg} deg"
+    times_s, overshoot = _YAW[step_deg]
+
+    times: list[Fact] = []
+    for part, time_s in times_s.items():
+        # A degree of drift of the compass is most of the first 5 %.
+        slack_s = 0.09 if part == "t5" else _slack_s(time_s)
+        words = f"{says}, {part[1:]} % after"
+        times.append(number(f"{name}-{part}", "8", words, time_s - slack_s, time_s + slack_s, "s"))
+
+    least = 0.65 * overshoot
+    most = 1.35 * overshoot
+    return (*times, number(f"{name}-overshoot", "8", f"{says}, overshoot", least, most, "%"))
 
 
 _TILTS = (("roll", 10), ("roll", 20), ("roll", 30), ("pitch", 10), ("pitch", 30))
@@ -89,19 +82,16 @@ FACTS = (
 
 @dataclass(frozen=True, slots=True)
 class MeasuredResponse:
-    """One step response: times [s] since the step was sent, fraction of the step, rate [deg/s]."""
+    """One step response."""
 
-    times_s: list[float]
-    parts: list[float]
+    times_s: list[float]  # since the step was sent
+    parts: list[float]  # fraction of the step, at each of them
     largest_rate_deg_s: float
 
     def reaches(self, part: float) -> float:
-        """Time at which it first reaches a fraction, interpolated between samples."""
-        for (t0, p0), (t1, p1) in zip(
-            zip(self.times_s, self.parts, strict=True),
-            zip(self.times_s[1:], self.parts[1:], strict=True),
-            strict=False,
-        ):
+        """Return when it first reaches a fraction, interpolated between samples."""
+        samples = zip(self.times_s, self.parts, strict=True)
+        for (t0, p0), (t1, p1) in itertools.pairwise(samples):
             if t0 >= 0.0 and p0 < part <= p1:
                 return t0 + (t1 - t0) * (part - p0) / (p1 - p0)
         return math.nan
@@ -179,34 +169,39 @@ def _yaw(client: VehicleClient, report: FactReport, hover: Hover, step_deg: int)
 def _record(
     client: VehicleClient, axis: str, step_rad: float, go: Callable[[], None], for_s: float
 ) -> MeasuredResponse:
-    """Do it, and read what ATTITUDE shows; time zero is when ATTITUDE_TARGET echoes the new
-    setpoint.
+    """Send a step, and return what ATTITUDE shows.
+
+    Time zero is when ATTITUDE_TARGET echoes the new setpoint.
     """
     begin_s = client.now_s
-    before = [p.message for p in client.received.of("ATTITUDE", begin_s - 0.15)]
-    start = before[0]
-    mean = math.atan2(
-        sum(math.sin(getattr(m, axis)) for m in before),
-        sum(math.cos(getattr(m, axis)) for m in before),
+    before = [packet.message for packet in client.received.of("ATTITUDE", begin_s - 0.15)]
+    start_rad = math.atan2(
+        sum(math.sin(getattr(message, axis)) for message in before),
+        sum(math.cos(getattr(message, axis)) for message in before),
     )
-    echoed = client.newest("ATTITUDE_TARGET").q
+    echoed_before = client.newest("ATTITUDE_TARGET").q
+
     go()
     client.setpoint_duty.due_s = 0.0
     client.spend(for_s)
-    changed = [
-        p.message.time_boot_ms
-        for p in client.received.of("ATTITUDE_TARGET", begin_s)
-        if math.dist(p.message.q, echoed) > 0.25 * abs(step_rad) / 2
-    ]
-    zero_ms = changed[0] if changed else start.time_boot_ms + 150.0
-    samples = [packet.message for packet in client.received.of("ATTITUDE", begin_s)]
-    times = [(m.time_boot_ms - zero_ms) * 1e-3 for m in samples]
+
+    zero_ms = before[0].time_boot_ms + 150.0
+    for packet in client.received.of("ATTITUDE_TARGET", begin_s):
+        if math.dist(packet.message.q, echoed_before) > 0.25 * abs(step_rad) / 2:
+            zero_ms = packet.message.time_boot_ms
+            break
+
     # Counted from the middle of the step, so that what overshoots 180 deg does not appear on the
     # other side.
-    middle = mean + 0.5 * step_rad
-    parts = [wrap(getattr(m, axis) - middle) / step_rad + 0.5 for m in samples]
-    rates = [abs(math.degrees(getattr(m, f"{axis}speed"))) for m in samples]
-    return MeasuredResponse(times, parts, max(rates))
+    middle_rad = start_rad + 0.5 * step_rad
+    samples = [packet.message for packet in client.received.of("ATTITUDE", begin_s)]
+    return MeasuredResponse(
+        times_s=[(message.time_boot_ms - zero_ms) * 1e-3 for message in samples],
+        parts=[wrap(getattr(message, axis) - middle_rad) / step_rad + 0.5 for message in samples],
+        largest_rate_deg_s=max(
+            abs(math.degrees(getattr(message, f"{axis}speed"))) for message in samples
+        ),
+    )
 
 
 def _thrust(client: VehicleClient, report: FactReport, hover: Hover) -> None:

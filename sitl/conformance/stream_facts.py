@@ -232,7 +232,9 @@ def _quirks(client: VehicleClient, report: FactReport) -> None:
     shown("quirk.battery-charge-state", "BATTERY_STATUS", "charge_state")
     shown("quirk.servo-disarmed", "SERVO_OUTPUT_RAW", "servo1_raw")
     shown("quirk.attitude-target-mask", "ATTITUDE_TARGET", "type_mask")
-    odometry, battery = client.newest("ODOMETRY"), client.newest("BATTERY_STATUS")
+
+    odometry = client.newest("ODOMETRY")
+    battery = client.newest("BATTERY_STATUS")
     report.add("quirk.odometry-frames", f"{odometry.frame_id} and {odometry.child_frame_id}")
     # The upper triangle of a 6 x 6 matrix, row by row; its diagonal lies at 0, 6, 11, 15, 18, 20.
     off_diagonal = [

@@ -1,8 +1,8 @@
 """All groups of facts in order, on one vehicle, and how a check begins and ends.
 
-A check begins with silence: what a vehicle sends by itself is seen only before somebody speaks. Then
-it runs the groups that settle what was requested, and in the end it puts the vehicle down, its
-parameters and its streams back, also when somebody interrupts it.
+A check begins with silence: what a vehicle sends by itself is seen only before somebody speaks.
+Then it runs the groups that settle what was requested. In the end, also when somebody interrupts
+it, it lands the vehicle and puts parameters and streams back.
 """
 
 from __future__ import annotations

@@ -23,20 +23,22 @@ _SETTLE_S = 4.0
 _NO_GPS_S = 7.0  # PX4 takes its position for valid up to 5 s after the last satellites
 _GOOD = 0x1FF
 _ORIGIN_M = 100.0
-_LATITUDE_1E7, _LONGITUDE_1E7 = 473977420, 85455940
+_LATITUDE_1E7 = 473977420
+_LONGITUDE_1E7 = 85455940
 FUSED = facts("vision", "fused")
 LOST = facts("vision", "lost")
 _SECTION = (*FUSED, *LOST)
 
 
 def run(client: VehicleClient, report: FactReport) -> None:
-    """Take GPS away, give positions in three ways, take them away again."""
+    """Switch satellites off, send positions as three messages, then stop."""
     client.greet(as_ground_station=True)
     grounded(client)
     client.interval("ESTIMATOR_STATUS", 5.0)
     for name, value in _PARAMETERS.items():
         client.params.set(name, value)
     _set_origin(client, 0.0)  # satellites have set one where they saw the vehicle
+
     if report.wants("vision.before-*"):
         client.spend(_NO_GPS_S)
         report.add("vision.before-streams", _streams(client))
@@ -61,6 +63,7 @@ def _fused(client: VehicleClient, report: FactReport) -> None:
     client.spend(_SETTLE_S)
     report.add("vision.estimate", _apart(client, position))
     report.add("vision.flags", float(client.newest("ESTIMATOR_STATUS").flags))
+
     if report.wants("vision.jump"):
         position[0] += _JUMP_M
         client.spend(2.0)
@@ -80,21 +83,24 @@ def _fused(client: VehicleClient, report: FactReport) -> None:
         report.add("vision.origin-height", _apart(client, position))
         _set_origin(client, 0.0)
         client.spend(_SETTLE_S)
-    answers = client.received.of("COMMAND_ACK", since_s)
-    report.add("vision.silent", "none" if not answers else f"{len(answers)} acknowledgements")
+
+    answers = len(client.received.of("COMMAND_ACK", since_s))
+    report.add("vision.silent", f"{answers} acknowledgements" if answers else "none")
 
 
 def _lost(client: VehicleClient, report: FactReport) -> None:
     if client.vision_duty.act is None:
         client.vision_duty.act = _vision(client, list(_POSITION))
         client.spend(_SETTLE_S)
+
     # Poses that are not fused are as good as none.
-    client.vision_duty.act = (
-        _mocap(client, list(_POSITION)) if report.wants("vision.mocap-ignored") else None
-    )
+    client.vision_duty.act = None
+    if report.wants("vision.mocap-ignored"):
+        client.vision_duty.act = _mocap(client, list(_POSITION))
     since_s = client.now_s
     client.spend(8.0)
     report.add("vision.lost-streams", _streams(client))
+
     flags: list[str] = []
     for packet in client.received.of("ESTIMATOR_STATUS", since_s):
         shown = hex(packet.message.flags)
@@ -102,8 +108,10 @@ def _lost(client: VehicleClient, report: FactReport) -> None:
             flags.append(shown)
     report.add("vision.lost-flags", " ".join(flags))
     report.add("vision.mocap-ignored", flags[-1] if flags else "none")
+
     client.vision_duty.act = None
     report.add("vision.lost-arming", client.command(ARM, 1.0))
+
     if report.wants("vision.offboard-*"):
         hover = Hover(client)
         client.stream(hover)
@@ -118,12 +126,11 @@ def _lost(client: VehicleClient, report: FactReport) -> None:
 
 
 def _apart(client: VehicleClient, position: list[float], axes: int = 3) -> float:
-    newest = [
-        packet.message for packet in client.received.of("LOCAL_POSITION_NED", client.now_s - 1.0)
-    ]
-    if not newest:
+    """Return how far the mean estimate of the last second is from a position."""
+    packets = client.received.of("LOCAL_POSITION_NED", client.now_s - 1.0)
+    if not packets:
         return math.nan
-    mean = [statistics.fmean(getattr(m, axis) for m in newest) for axis in "xyz"]
+    mean = [statistics.fmean(getattr(packet.message, axis) for packet in packets) for axis in "xyz"]
     return math.dist(mean[:axes], position[:axes])
 
 

@@ -253,7 +253,7 @@ class Link:
         return message.fields["target_component"] in (0, _AUTOPILOT_COMPONENT)
 
     def _is_for_autopilot_alone(self, message: MavlinkMessage) -> bool:
-        """Whether it names this very vehicle: PX4 takes no parameter or command from a broadcast."""
+        """Whether it names this very vehicle: PX4 takes no command from a broadcast."""
         is_named = message.fields["target_system"] == self.view.system_id
         return is_named and self._is_for_autopilot(message)
 

@@ -166,7 +166,7 @@ class View:
 
     @property
     def has_origin(self) -> bool:
-        """Whether PX4 knows where on Earth its local frame is: by satellites, or as somebody said."""
+        """Whether PX4 knows where on Earth its local frame is: by satellites or by a message."""
         return self.has_fix or self.emulator.has_global_origin[self.index]
 
     @property

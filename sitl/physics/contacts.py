@@ -107,7 +107,7 @@ class World:
         return self._interact()
 
     def truth_enu(self) -> tuple[Array, Array, Array]:
-        """Return true positions (n, 3) [m], velocities (n, 3) [m/s], attitudes ENU <- FLU (n, 4)."""
+        """Return true positions (n, 3), velocities (n, 3) and attitudes ENU <- FLU (n, 4)."""
         states = self.vehicles.states
         return (
             frames.swap_enu_ned(states.position_ned_m),
@@ -172,7 +172,7 @@ def pushed_down_m_s2(
 def pushed_down_each(
     position_ned_m: Array, diameter_m: float, wash_m_s2: float, wash_spread: float
 ) -> Array:
-    """Return the accelerations downwards (F, N) of the vehicles of many flights, all of which hover.
+    """Return the accelerations downwards (F, N) of the vehicles of many flights, which all hover.
 
     Args:
         position_ned_m: (F, N, 3) of N vehicles in each of F flights.

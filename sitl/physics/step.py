@@ -236,7 +236,7 @@ def _turned(
 def _rotate(
     m: Record, r: Record, by_attitude: Array, by_heading: Array, rate: Array, lift: float
 ) -> None:
-    """Advance tilt, heading and their rates, by attitude or by body rates, commanded or suffered."""
+    """Advance tilt, heading and their rates, by an attitude or by body rates."""
     # by attitude
     commanded_x, commanded_y = _commanded_tilt(by_attitude, m.yaw)
     m.tilt_offset[0] *= r.offset_keep

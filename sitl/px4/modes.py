@@ -52,7 +52,7 @@ class CommandResult(IntEnum):
 
 
 class ModeCondition(Flag):
-    """Conditions of a mode: all to be armed in it, all but ARMING to be changed to it in the air."""
+    """Conditions of a mode: all to be armed in it, all but ARMING to change to it in the air."""
 
     NOTHING = 0
     LOCAL_POSITION = auto()

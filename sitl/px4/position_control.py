@@ -189,4 +189,5 @@ def attitude_for(down: Array, yaw_rad: float) -> Array:
     s = math.sin(yaw_rad)
     from_heading = np.array([c * unit[0] + s * unit[1], -s * unit[0] + c * unit[1], unit[2]])
 
-    return frames.from_yaw_and_tilt(np.float64(yaw_rad), frames.tilt_from_down(from_heading))  # type: ignore[arg-type]
+    tilt_rad = frames.tilt_from_down(from_heading)
+    return frames.from_yaw_and_tilt(np.float64(yaw_rad), tilt_rad)  # type: ignore[arg-type]
