@@ -1,6 +1,4 @@
-"""Copies of a fleet file, in another folder or on ports of their own that meet nothing else on the
-machine.
-"""
+"""Copies of a fleet file: in another folder, or on ports that nothing else on the machine uses."""
 
 from __future__ import annotations
 
@@ -8,7 +6,7 @@ import os
 import random
 import socket
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, NamedTuple
 
 import tomli_w
 
@@ -18,7 +16,18 @@ from onboard.config.fleet import ConfigError, FleetConfig
 # Below the kernel's own range for outgoing connections, so that nobody is handed one of these by
 # accident.
 PORT_RANGE = (20_000, 30_000)
-PX4_OFFSET = 40
+PX4_OFFSET = 40  # an emulated PX4 binds a port so far above its endpoint's
+
+_STREAMS = ("tcp/", "tls/")  # the other protocols of the bus use datagrams
+
+
+class _UsedPort(NamedTuple):
+    """One port that a fleet needs on this machine."""
+
+    key: str  # of the fleet file
+    endpoint: str
+    offset: int  # from the endpoint's port to this one
+    kind: socket.SocketKind
 
 
 def is_free(port: int, kind: socket.SocketKind) -> bool:
@@ -37,34 +46,42 @@ def is_free(port: int, kind: socket.SocketKind) -> bool:
 
 def is_free_endpoint(endpoint: str) -> bool:
     """Whether an endpoint of the bus on this machine can be listened at now."""
-    kind = socket.SOCK_STREAM if endpoint.startswith(("tcp/", "tls/")) else socket.SOCK_DGRAM
-    return is_free(int(endpoint.rsplit(":", 1)[-1]), kind)
+    port = int(endpoint.rsplit(":", 1)[-1])
+    return is_free(port, _kind_of(endpoint))
+
+
+def _kind_of(endpoint: str) -> socket.SocketKind:
+    if endpoint.startswith(_STREAMS):
+        return socket.SOCK_STREAM
+    return socket.SOCK_DGRAM
 
 
 def with_free_ports(data: dict[str, Any], fleet: FleetConfig) -> dict[str, Any]:
-    """Return the fleet file's data with every endpoint on a free loopback port, without keys; all
-    else stays as it is.
+    """Return the fleet file's data with every endpoint on a free loopback port, without keys.
+
+    All else stays as it is.
 
     Args:
         data: the file's content; not changed.
         fleet: the same, resolved.
+
     Raises:
         ConfigError: no free ports.
     """
     ports = _free_ports()
     vehicles = {}
     for name, table in data["vehicles"].items():
-        own = {
-            **table,
-            "agent": f"tcp/127.0.0.1:{_next(ports)}",
-            "autopilot": f"udpin://127.0.0.1:{_next(ports)}",
-        }
+        own = dict(table)
+        own["agent"] = f"tcp/127.0.0.1:{_next(ports)}"
+        own["autopilot"] = f"udpin://127.0.0.1:{_next(ports)}"
         if fleet.vehicles[name].mavlink_signing:
             own["mavlink_signing"] = False  # the keys belong to the real vehicles
         if fleet.vehicles[name].direct is not None:
             own["direct"] = f"udpout://127.0.0.1:{_next(ports)}"
         vehicles[name] = own
-    section = {**data["fleet"], "simulator": f"tcp/127.0.0.1:{_next(ports)}"}
+
+    section = dict(data["fleet"])
+    section["simulator"] = f"tcp/127.0.0.1:{_next(ports)}"
     if fleet.fleet.routers:
         section["routers"] = [f"tcp/127.0.0.1:{_next(ports)}" for _ in fleet.fleet.routers]
     section.pop("keys", None)
@@ -72,8 +89,9 @@ def with_free_ports(data: dict[str, Any], fleet: FleetConfig) -> dict[str, Any]:
 
 
 def in_another_folder(data: dict[str, Any], fleet: FleetConfig) -> dict[str, Any]:
-    """Return the data of a fleet file for a copy elsewhere: a law of somebody's own and the keys
-    stay where they are.
+    """Return the data of a fleet file for a copy elsewhere.
+
+    A law of somebody's own and the keys stay where they are: the copy names their folders.
 
     Args:
         data: the file's content; not changed.
@@ -81,61 +99,63 @@ def in_another_folder(data: dict[str, Any], fleet: FleetConfig) -> dict[str, Any
     """
     copied = dict(data)
     if "law" in data:
-        folder = os.path.join(
-            os.path.dirname(os.path.abspath(fleet.path)), data["law"].get("folder", ".")
-        )
-        copied["law"] = {**data["law"], "folder": folder}
-    if fleet.has_keys or any(vehicle.mavlink_signing for vehicle in fleet.vehicles.values()):
+        fleet_folder = os.path.dirname(os.path.abspath(fleet.path))
+        law_folder = os.path.join(fleet_folder, data["law"].get("folder", "."))
+        copied["law"] = {**data["law"], "folder": law_folder}
+
+    has_signing = any(vehicle.mavlink_signing for vehicle in fleet.vehicles.values())
+    if fleet.has_keys or has_signing:
         copied["fleet"] = {**data["fleet"], "keys": fleet.keys_folder}
     return copied
 
 
 def is_local(fleet: FleetConfig) -> bool:
-    """Whether every endpoint of a fleet file is of this machine alone, so that a simulated flight
-    may use it.
+    """Whether every endpoint of a fleet file is of this machine alone.
+
+    Only then may a simulated flight use them.
     """
     endpoints = [fleet.simulator_endpoint, *fleet.fleet.routers]
     for vehicle in fleet.vehicles.values():
-        endpoints += [
-            vehicle.agent,
-            vehicle.autopilot,
-            *([] if vehicle.direct is None else [vehicle.direct]),
-        ]
+        endpoints += [vehicle.agent, vehicle.autopilot]
+        if vehicle.direct is not None:
+            endpoints.append(vehicle.direct)
     return all(is_loopback(host_of(endpoint)) for endpoint in endpoints)
 
 
 def busy_ports(fleet: FleetConfig) -> list[str]:
     """Return a sentence for each endpoint of a fleet file on this machine that is in use."""
-    bus = (
-        socket.SOCK_STREAM
-        if fleet.simulator_endpoint.startswith(("tcp/", "tls/"))
-        else socket.SOCK_DGRAM
-    )
-    endpoints = [("fleet.simulator", fleet.simulator_endpoint, 0, bus)]
-    for name in fleet.enabled_names:
-        vehicle = fleet.vehicles[name]
-        endpoints.append((f"vehicles.{name}.agent", vehicle.agent, 0, bus))
-        for offset in (0, PX4_OFFSET):
-            endpoints.append(
-                (f"vehicles.{name}.autopilot", vehicle.autopilot, offset, socket.SOCK_DGRAM)
-            )
-        if vehicle.direct is not None:
-            endpoints.append((f"vehicles.{name}.direct", vehicle.direct, 0, socket.SOCK_DGRAM))
     busy = []
-    for key, endpoint, offset, kind in endpoints:
-        port = endpoint.rsplit(":", 1)[-1]
-        if port.isdigit() and not is_free(int(port) + offset, kind):
-            protocol = "TCP" if kind == socket.SOCK_STREAM else "UDP"
+    for used in _used_ports(fleet):
+        port_text = used.endpoint.rsplit(":", 1)[-1]
+        if not port_text.isdigit():
+            continue
+        port = int(port_text) + used.offset
+        if not is_free(port, used.kind):
+            protocol = "TCP" if used.kind == socket.SOCK_STREAM else "UDP"
             busy.append(
-                f"'{key}' ({endpoint}) needs {protocol} port {int(port) + offset}, which is in use."
+                f"'{used.key}' ({used.endpoint}) needs {protocol} port {port}, which is in use."
             )
     return busy
 
 
+def _used_ports(fleet: FleetConfig) -> list[_UsedPort]:
+    """Return all ports that the enabled vehicles and the simulator need."""
+    bus = _kind_of(fleet.simulator_endpoint)
+    udp = socket.SOCK_DGRAM
+
+    used = [_UsedPort("fleet.simulator", fleet.simulator_endpoint, 0, bus)]
+    for name in fleet.enabled_names:
+        vehicle = fleet.vehicles[name]
+        used.append(_UsedPort(f"vehicles.{name}.agent", vehicle.agent, 0, bus))
+        for offset in (0, PX4_OFFSET):
+            used.append(_UsedPort(f"vehicles.{name}.autopilot", vehicle.autopilot, offset, udp))
+        if vehicle.direct is not None:
+            used.append(_UsedPort(f"vehicles.{name}.direct", vehicle.direct, 0, udp))
+    return used
+
+
 def _free_ports() -> Iterator[int]:
-    """Yield ports that are free for TCP and UDP, together with the one that an emulated PX4 binds
-    beside them.
-    """
+    """Yield ports that are free for TCP and UDP, and whose emulated PX4's port is free as well."""
     low, high = PORT_RANGE
     step = 2 * PX4_OFFSET
     starts = list(range(low, high - step, step))

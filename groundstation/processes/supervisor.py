@@ -4,6 +4,9 @@ A group keeps a Ctrl-C at the terminal away from them. A session for each would 
 kernel gives every session of a busy machine the same share (autogroups), and a thread of one whose
 other threads run elsewhere then waits for up to half a second: ten agents that fill two cores fell
 out of the air, and fly when they share one session.
+
+Each process dies with this one, even when this one is killed: the kernel sends it SIGKILL then
+(Linux), and on a normal end ``atexit`` does.
 """
 
 from __future__ import annotations
@@ -20,26 +23,37 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-_PR_SET_PDEATHSIG = 1
+_PR_SET_PDEATHSIG = 1  # of prctl(2)
 _LIBC = ctypes.CDLL(None) if sys.platform.startswith("linux") else None
-STOP_TIMEOUT_S = 4.0
-_LOOPS_PER_CORE = 5
-_MOST_PER_CORE = 6.5  # flights of 13 on two cores kept their time, of 20 did not: docs/processes.md
+
+STOP_TIMEOUT_S = 4.0  # for a process that got SIGTERM
+_KILL_TIMEOUT_S = 2.0  # for one that got SIGKILL
+_LINE_POLL_S = 0.05
+_END_POLL_S = 0.02
 LOG_TAIL_LINES = 6
+
+# Loops of agents that may go first on a core; more would leave nothing for network and ground.
+_LOOPS_PER_CORE = 5
+# Flights of 13 on two cores kept their time, of 20 did not: docs/processes.md.
+_MOST_PER_CORE = 6.5
 
 
 def agent_command(path: str, name: str, *, is_realtime: bool = True) -> list[str]:
-    """Return the words after ``python -m`` that start the agent of vehicle ``name`` of the fleet
-    file at ``path``.
+    """Return the words after ``python -m`` that start one vehicle's agent.
+
+    Args:
+        path: of the fleet file.
+        name: of the vehicle.
+        is_realtime: whether its loop goes first on the machine.
     """
     words = ["onboard", "--fleet", path, "--vehicle", name, "--apply-params", "--mocap", "bus"]
-    return [*words, "--realtime"] if is_realtime else words
+    if is_realtime:
+        words.append("--realtime")
+    return words
 
 
 def leaves_room(count: int) -> bool:
-    """Whether so many loops may go first on this machine: more of them would leave nothing for
-    network and ground.
-    """
+    """Whether so many loops may go first on this machine, and leave room for network and ground."""
     return count <= _LOOPS_PER_CORE * (os.cpu_count() or 1)
 
 
@@ -53,12 +67,17 @@ class ProcessError(RuntimeError):
 
 
 @dataclass(frozen=True, slots=True)
-class Started:
-    """One process and where its output goes."""
+class StartedProcess:
+    """One process and its log."""
 
     name: str
     process: subprocess.Popen[bytes]
-    log: Path
+    log: Path  # gets its output
+
+    @property
+    def has_ended(self) -> bool:
+        """Whether it runs no more."""
+        return self.process.poll() is not None
 
     @property
     def tail(self) -> str:
@@ -71,20 +90,20 @@ class Started:
 
     @property
     def ending(self) -> str:
-        """A sentence on its end: by a signal from elsewhere, or by itself with the last line of its
-        log.
-        """
+        """A sentence on its end, by a signal from elsewhere or by itself."""
         status = self.process.returncode
-        # the last line of its log was written in good health: no reason
         if status is not None and status < 0:
-            return f"{self.name} was ended by signal {-status} ({_signal_name(-status)}), see {self.log}"
+            # The last line of its log was written in good health: it gives no reason.
+            name = _signal_name(-status)
+            return f"{self.name} was ended by signal {-status} ({name}), see {self.log}"
+
         last_line = self.tail.rpartition("\n")[2]
         complaint = f": {last_line}" if last_line else ""
         return f"{self.name} ended by itself (status {status}), see {self.log}{complaint}"
 
 
 def _signal_name(number: int) -> str:
-    """SIGKILL for 9; signals without a name of their own are real-time signals."""
+    """Return SIGKILL for 9; signals without a name of their own are real-time signals."""
     try:
         return signal.Signals(number).name
     except ValueError:
@@ -92,26 +111,34 @@ def _signal_name(number: int) -> str:
 
 
 class Processes:
-    """Start, watch and stop; :meth:`kill` may be called from anywhere, any number of times."""
+    """Starts, watches and stops; :meth:`kill` may be called from anywhere, any number of times."""
 
     def __init__(self, log_folder: Path) -> None:
         self._folder = log_folder
-        self._started: list[Started] = []
+        self._started: list[StartedProcess] = []
         self._is_stopping = False
         atexit.register(self.kill)
 
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the processes in the order of their start."""
-        return tuple(one.name for one in self._started)
+        return tuple(started.name for started in self._started)
 
     @property
     def pids(self) -> dict[str, int]:
         """Process ids by name, of those that have ended too."""
-        return {one.name: one.process.pid for one in self._started}
+        return {started.name: started.process.pid for started in self._started}
 
     def start(self, name: str, arguments: Sequence[str]) -> None:
-        """Start ``python -m ...`` with its output in ``<name>.log``; ProcessError when that fails."""
+        """Start ``python -m ...`` with its output in ``<name>.log``.
+
+        Args:
+            name: of the process.
+            arguments: behind ``python -m``.
+
+        Raises:
+            ProcessError: it cannot be started.
+        """
         log = self._folder / f"{name}.log"
         environment = {**os.environ, "PYTHONUNBUFFERED": "1"}
         try:
@@ -121,78 +148,96 @@ class Processes:
                     stdin=subprocess.DEVNULL,
                     stdout=file,
                     stderr=subprocess.STDOUT,
-                    process_group=0,  # not a session: see above
+                    process_group=0,  # a session of its own would be slower: see above
                     env=environment,
-                    preexec_fn=_die_with_parent,  # started before this process has threads
+                    preexec_fn=_die_with_parent,  # safe: this process has no threads yet
                 )
         except OSError as error:
             raise ProcessError(
                 f"{name} cannot be started ({error}). Is there disk space and memory left?"
             ) from None
-        self._started.append(Started(name, process, log))
+        self._started.append(StartedProcess(name, process, log))
 
-    def dead(self) -> list[Started]:
-        """Processes that ended although nobody stopped them."""
+    def dead(self) -> list[StartedProcess]:
+        """Return the processes that ended although nobody stopped them."""
         if self._is_stopping:
             return []
-        return [one for one in self._started if one.process.poll() is not None]
+        return [started for started in self._started if started.has_ended]
 
     def check(self) -> None:
-        """ProcessError when one of them ended."""
-        for one in self.dead():
-            raise ProcessError(f"{one.ending}\nThe end of its log:\n{one.tail}")
+        """Look whether all run.
+
+        Raises:
+            ProcessError: one of them ended.
+        """
+        for started in self.dead():
+            raise ProcessError(f"{started.ending}\nThe end of its log:\n{started.tail}")
 
     async def wait_for_line(self, name: str, text: str, timeout_s: float) -> None:
-        """Wait until a process has written a line that begins with ``text``; ProcessError when it
-        does not.
+        """Wait until a process has written a line that begins with a text.
+
+        Args:
+            name: of the process.
+            text: begin of the line.
+            timeout_s: for the line.
+
+        Raises:
+            ProcessError: it did not write one in time, or a process ended.
         """
-        one = next(one for one in self._started if one.name == name)
+        started = next(started for started in self._started if started.name == name)
         try:
             async with asyncio.timeout(timeout_s):
-                while not any(
-                    line.startswith(text)
-                    for line in one.log.read_text(errors="replace").splitlines()
-                ):
+                while not _has_line(started.log, text):
                     self.check()
-                    await asyncio.sleep(0.05)
+                    await asyncio.sleep(_LINE_POLL_S)
         except TimeoutError:
             raise ProcessError(
-                f"{name} was not ready within {timeout_s:g} s. The end of {one.log}:\n{one.tail}"
+                f"{name} was not ready within {timeout_s:g} s."
+                f" The end of {started.log}:\n{started.tail}"
             ) from None
 
     async def stop(self, timeout_s: float = STOP_TIMEOUT_S) -> list[str]:
-        """End them with SIGTERM and then SIGKILL; returns who had to be killed.
+        """End them with SIGTERM and then SIGKILL; return the names of those that had to be killed.
 
         The one started first, the emulator, ends last: an agent in the air lands before it goes,
         and needs it for that.
+
+        Args:
+            timeout_s: for the end after SIGTERM.
         """
         self._is_stopping = True
         killed = []
         for group in (self._started[1:], self._started[:1]):
-            for one in group:
-                _signal_group(one.process, signal.SIGTERM)
+            for started in group:
+                _signal_group(started.process, signal.SIGTERM)
             try:
                 async with asyncio.timeout(timeout_s):
-                    while any(one.process.poll() is None for one in group):  # noqa: ASYNC110 - no Event for a child's end
-                        await asyncio.sleep(0.02)
+                    while not all(started.has_ended for started in group):  # noqa: ASYNC110 - a child's end sets no Event
+                        await asyncio.sleep(_END_POLL_S)
             except TimeoutError:
-                killed += [one.name for one in group if one.process.poll() is None]
+                killed += [started.name for started in group if not started.has_ended]
         self.kill()
         return killed
 
     def kill(self) -> None:
         """End everything at once."""
         self._is_stopping = True
-        for one in self._started:
-            _signal_group(one.process, signal.SIGKILL)
-        for one in self._started:
+        for started in self._started:
+            _signal_group(started.process, signal.SIGKILL)
+        for started in self._started:
             with contextlib.suppress(subprocess.TimeoutExpired):
-                one.process.wait(2.0)
+                started.process.wait(_KILL_TIMEOUT_S)
         atexit.unregister(self.kill)
 
 
+def _has_line(log: Path, text: str) -> bool:
+    lines = log.read_text(errors="replace").splitlines()
+    return any(line.startswith(text) for line in lines)
+
+
 def _signal_group(process: subprocess.Popen[bytes], number: signal.Signals) -> None:
-    if process.poll() is None:  # an ended process's number may belong to somebody else by now
+    # The number of a process that has ended may belong to somebody else by now.
+    if process.poll() is None:
         with contextlib.suppress(ProcessLookupError, PermissionError):
             os.killpg(process.pid, number)
 
