@@ -24,13 +24,16 @@ from onboard.config.fleet import ConfigError, FleetConfig
 from onboard.security.certificates import read_certificate
 from onboard.security.node_roles import NODES, ROUTER
 
-AUTHORITY_DAYS, NODE_DAYS = 3650, 825
+# Validity of certificates.
+AUTHORITY_DAYS = 3650
+NODE_DAYS = 825
+
 _Key = ec.EllipticCurvePrivateKey | ed25519.Ed25519PrivateKey
 _EARLIER = datetime.timedelta(days=1)  # clocks of companions without a network are behind
 
 
 @dataclass(frozen=True, slots=True)
-class Authority:
+class CertificateAuthority:
     """A fleet's authority: whoever holds its key makes nodes."""
 
     certificate: x509.Certificate
@@ -44,14 +47,13 @@ def folder_of(fleet: FleetConfig) -> Path:
 
 def nodes_of(fleet: FleetConfig) -> list[str]:
     """Return the names of all nodes that have a certificate."""
-    return [
-        *fleet.vehicles,
-        *(role.value for role in NODES),
-        *([ROUTER] if fleet.fleet.routers else []),
-    ]
+    nodes = [*fleet.vehicles, *(role.value for role in NODES)]
+    if fleet.fleet.routers:
+        nodes.append(ROUTER)
+    return nodes
 
 
-def make_authority(folder: Path, fleet_name: str, now: datetime.datetime) -> Authority:
+def make_authority(folder: Path, fleet_name: str, now: datetime.datetime) -> CertificateAuthority:
     """Make a new authority and write it.
 
     Args:
@@ -61,50 +63,55 @@ def make_authority(folder: Path, fleet_name: str, now: datetime.datetime) -> Aut
     """
     key = ec.generate_private_key(ec.SECP256R1())
     name = _name(f"{fleet_name} authority")
-    certificate = (
-        _builder(name, name, key, now, AUTHORITY_DAYS)
-        .add_extension(x509.BasicConstraints(ca=True, path_length=0), critical=True)
-        .sign(key, hashes.SHA256())
-    )
+    builder = _builder(name, name, key, now, AUTHORITY_DAYS)
+    # It signs nodes, and no other authority.
+    constraints = x509.BasicConstraints(ca=True, path_length=0)
+    certificate = builder.add_extension(constraints, critical=True).sign(key, hashes.SHA256())
+
     folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     _write(folder / "ca.pem", certificate)
     _write_key(folder / "ca.key", key)
-    return Authority(certificate, key)
+    return CertificateAuthority(certificate, key)
 
 
-def load_authority(folder: Path) -> Authority:
+def load_authority(folder: Path) -> CertificateAuthority:
     """Read the authority.
 
     Args:
         folder: of the keys.
+
     Raises:
         ConfigError: it is not on this computer, or damaged.
     """
     path = folder / "ca.key"
     if not path.exists():
         raise ConfigError(
-            f"{path} is not on this computer. Certificates are issued where the fleet was prepared; or begin anew: "
-            "covey keys init FLEET --force"
+            f"{path} is not on this computer. Certificates are issued where the fleet was"
+            " prepared; or begin anew: covey keys init FLEET --force"
         )
+
     try:
         key = load_pem_private_key(path.read_bytes(), None)
     except (OSError, ValueError, TypeError):
         raise ConfigError(
             f"{path} is no private key, or was cut off. Begin anew: covey keys init FLEET --force"
         ) from None
+
     certificate = read_certificate(str(folder / "ca.pem"))
-    if (
-        not isinstance(key, ec.EllipticCurvePrivateKey)
-        or key.public_key() != certificate.public_key()
-    ):
-        raise ConfigError(
-            f"{path} does not belong to {folder / 'ca.pem'}. Copy both together, or begin anew."
-        )
-    return Authority(certificate, key)
+    is_of_certificate = key.public_key() == certificate.public_key()
+    if isinstance(key, ec.EllipticCurvePrivateKey) and is_of_certificate:
+        return CertificateAuthority(certificate, key)
+    raise ConfigError(
+        f"{path} does not belong to {folder / 'ca.pem'}. Copy both together, or begin anew."
+    )
 
 
 def issue(
-    folder: Path, authority: Authority, node: str, hosts: Iterable[str], now: datetime.datetime
+    folder: Path,
+    authority: CertificateAuthority,
+    node: str,
+    hosts: Iterable[str],
+    now: datetime.datetime,
 ) -> None:
     """Make a node's key and certificate and write them.
 
@@ -116,16 +123,18 @@ def issue(
         now: begin of its validity.
     """
     key = ed25519.Ed25519PrivateKey.generate()
-    builder = _builder(_name(node), authority.certificate.subject, key, now, NODE_DAYS)
+    constraints = x509.BasicConstraints(ca=False, path_length=None)
     usages = x509.ExtendedKeyUsage(
         [ExtendedKeyUsageOID.SERVER_AUTH, ExtendedKeyUsageOID.CLIENT_AUTH]
     )
+    addresses = [_address(host) for host in hosts]
+    names = x509.SubjectAlternativeName([*addresses, x509.DNSName(node)])
+
+    builder = _builder(_name(node), authority.certificate.subject, key, now, NODE_DAYS)
     certificate = (
-        builder.add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
+        builder.add_extension(constraints, critical=True)
         .add_extension(usages, critical=False)
-        .add_extension(
-            x509.SubjectAlternativeName([*map(_address, hosts), x509.DNSName(node)]), critical=False
-        )
+        .add_extension(names, critical=False)
         .sign(authority.key, hashes.SHA256())
     )
     _write(folder / f"{node}.pem", certificate)
@@ -163,13 +172,12 @@ def _write(path: Path, certificate: x509.Certificate) -> None:
 
 def _write_key(path: Path, key: _Key) -> None:
     """Write a private key that nobody else on this computer can read, not even for a moment."""
+    pem = key.private_bytes(
+        serialization.Encoding.PEM,
+        serialization.PrivateFormat.PKCS8,
+        serialization.NoEncryption(),
+    )
     path.unlink(missing_ok=True)
     descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
     with os.fdopen(descriptor, "wb") as file:
-        file.write(
-            key.private_bytes(
-                serialization.Encoding.PEM,
-                serialization.PrivateFormat.PKCS8,
-                serialization.NoEncryption(),
-            )
-        )
+        file.write(pem)

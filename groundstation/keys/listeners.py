@@ -1,5 +1,6 @@
-"""Whether somebody listens at an endpoint at all, whatever keys it has: who does, and takes no
-link, has other ones.
+"""Whether somebody listens at an endpoint at all, whatever keys it has.
+
+Somebody who listens, and takes no link, has other keys.
 """
 
 from __future__ import annotations
@@ -7,10 +8,14 @@ from __future__ import annotations
 import socket
 
 _TIMEOUT_S = 1.0
-# RFC 9000, 15: one that no QUIC ever has, to which each names those that it has
+
+# A version that no QUIC ever has: whoever speaks QUIC answers it with the versions that it has
+# (RFC 9000, section 15; the answer: section 17.2.1).
 _NO_VERSION = 0x1A2A3A4A
+_LONG_HEADER = 0x80  # bit of the first byte
 _LEAST_BYTES = 1200  # of a first packet of QUIC; a shorter one is not answered
-_IDS = b"\x08doctor--\x08--covey-"
+_CONNECTION_IDS = b"\x08doctor--\x08--covey-"  # each behind its length
+_LARGEST_ANSWER = 2048
 
 
 def is_listening(endpoint: str) -> bool:
@@ -21,20 +26,26 @@ def is_listening(endpoint: str) -> bool:
     """
     protocol, _, address = endpoint.partition("/")
     host, _, port = address.rpartition(":")
+    host = host.strip("[]")
     try:
-        if protocol != "quic":
-            with socket.create_connection((host.strip("[]"), int(port)), _TIMEOUT_S):
-                return True
-        return _speaks_quic(host.strip("[]"), int(port))
+        if protocol == "quic":
+            return _speaks_quic(host, int(port))
+        with socket.create_connection((host, int(port)), _TIMEOUT_S):
+            return True
     except OSError:
         return False
 
 
 def _speaks_quic(host: str, port: int) -> bool:
+    """Whether somebody answers a packet of an unknown version with the versions of its own."""
+    question = b"\xc3" + _NO_VERSION.to_bytes(4, "big") + _CONNECTION_IDS
     family, kind, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
-    with socket.socket(family, kind) as asking:
-        asking.settimeout(_TIMEOUT_S)
-        asking.connect(address)  # so that a port that is closed is heard of
-        asking.send((b"\xc3" + _NO_VERSION.to_bytes(4, "big") + _IDS).ljust(_LEAST_BYTES, b"\0"))
-        answer = asking.recv(2048)
-    return len(answer) > 5 and bool(answer[0] & 0x80) and answer[1:5] == bytes(4)
+    with socket.socket(family, kind) as probe:
+        probe.settimeout(_TIMEOUT_S)
+        probe.connect(address)  # so that the kernel reports a port that is closed
+        probe.send(question.ljust(_LEAST_BYTES, b"\0"))
+        answer = probe.recv(_LARGEST_ANSWER)
+
+    # The answer names version 0, behind a first byte of a long header.
+    is_long_header = len(answer) > 5 and bool(answer[0] & _LONG_HEADER)
+    return is_long_header and answer[1:5] == bytes(4)

@@ -1,5 +1,6 @@
-"""Keys of MAVLink signing, one for each vehicle: what is missing is made, and the fleet file
-demands signing.
+"""Keys of MAVLink signing, one for each vehicle.
+
+What is missing is made, and the fleet file demands signing.
 """
 
 from __future__ import annotations
@@ -15,38 +16,44 @@ from onboard.security.mavlink_key import KEY_BYTES, key_file, read_key
 
 
 def sign_mavlink(path: str) -> FleetConfig:
-    """Make the keys that are missing, and have the fleet file demand signing; a second call changes
-    nothing.
+    """Make the keys that are missing, and have the fleet file demand signing.
+
+    A second call changes nothing.
 
     Args:
         path: of a fleet file, which is changed; its comments stay.
+
     Returns:
         the fleet as it is now.
+
     Raises:
         ConfigError: the fleet file is wrong, or an example, or names a PX4 that cannot sign.
     """
     fleet = load_fleet(path)
     refuse_example(fleet)
-    unsigned = [name for name, vehicle in fleet.vehicles.items() if not vehicle.mavlink_signing]
+
     folder = Path(fleet.keys_folder)
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     except OSError as error:
         raise ConfigError(f"{folder} cannot be made ({error.strerror}).") from None
+
+    unsigned = [name for name, vehicle in fleet.vehicles.items() if not vehicle.mavlink_signing]
     if unsigned:
-        write_changes(
-            Path(fleet.path), {"vehicles": {name: {"mavlink_signing": True} for name in unsigned}}
-        )
+        tables = {name: {"mavlink_signing": True} for name in unsigned}
+        write_changes(Path(fleet.path), {"vehicles": tables})
+
     for name in fleet.vehicles:
         file = folder / key_file(name)
         if file.exists():
-            read_key(str(file), fleet.path)
+            read_key(str(file), fleet.path)  # refuses a file that is no key
         else:
             _write(file, secrets.token_bytes(KEY_BYTES))
     return load_fleet(path)
 
 
 def _write(file: Path, key: bytes) -> None:
+    """Write a key that nobody else on this computer can read, not even for a moment."""
     try:
         descriptor = os.open(file, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
     except OSError as error:

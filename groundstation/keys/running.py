@@ -1,9 +1,9 @@
-"""Which nodes run with which authority: asked over links, because what lies on a disk says nothing
-of what runs.
+"""Which nodes run with which authority.
 
-A node that was forgotten when the authority was replaced opens no link with the present keys. So
-the certificate of a viewer of each former authority is kept, beside the keys, and used for nothing
-but to look who still takes it.
+This is asked over links, because what lies on a disk says nothing of what runs. A node that was
+forgotten when the authority was replaced opens no link with the present keys. So the certificate of
+a viewer of each former authority is kept, beside the keys, and used for nothing but to look who
+still takes it.
 """
 
 from __future__ import annotations
@@ -28,14 +28,14 @@ _POLL_S = 0.05
 
 
 def keep_former(fleet: FleetConfig) -> None:
-    """Keep what is needed to find nodes that run on with the authority that is about to be
-    replaced.
-    """
-    folder, former = folder_of(fleet), _former_folder(fleet)
+    """Keep what finds nodes that run on with the authority that is about to be replaced."""
+    folder = folder_of(fleet)
     files = [folder / name for name in files_of(NodeRole.VIEWER)]
     if not all(file.exists() for file in files):
         return
-    kept = former / f"{len(_formers(fleet)) + 1}"
+
+    number = len(_former_authorities(fleet)) + 1
+    kept = _former_folder(fleet) / str(number)
     kept.mkdir(mode=0o700, parents=True, exist_ok=True)
     for file in files:
         shutil.copy2(file, kept / file.name)  # with its mode
@@ -51,48 +51,49 @@ def running_authorities(fleet: FleetConfig, wait_s: float = WAIT_S) -> dict[str,
 
     Returns:
         "present" or "former" for each node that answers: vehicles, and the relay or the emulator.
-        Who is missing is off, not reached, or has keys that this computer has never had.
+        A node that is missing is off, not reached, or has keys that this computer has never had.
 
     Raises:
         ConfigError: this computer's own keys do not fit.
     """
     has_viewer = (folder_of(fleet) / files_of(NodeRole.VIEWER)[1]).exists()
     present = credentials_of(fleet, NodeRole.VIEWER if has_viewer else NodeRole.GROUND)
+
+    # The first authority with which a node answers counts: the present one is tried first.
     seen: dict[str, str] = {}
     with contextlib.ExitStack() as stack:
-        for kept in (None, *_formers(fleet)):
-            bus = _watcher(
-                fleet, present if kept is None else _kept_credentials(kept, fleet), wait_s
-            )
-            try:
-                bus.start()
-            except NoRouterError:
-                continue
-            stack.callback(bus.stop)
-            bus.watch_alive(_note(seen, "present" if kept is None else "former"))
+        _watch(fleet, present, "present", seen, stack, wait_s)
+        for kept in _former_authorities(fleet):
+            _watch(fleet, _kept_credentials(kept, fleet), "former", seen, stack, wait_s)
+
         deadline_s = time.monotonic() + wait_s
-        while time.monotonic() < deadline_s and not seen.keys() >= set(fleet.enabled_names):
+        vehicles = set(fleet.enabled_names)
+        while time.monotonic() < deadline_s and not seen.keys() >= vehicles:
             time.sleep(_POLL_S)
+
     nodes = (*fleet.vehicles, NodeRole.MOCAP.value, NodeRole.EMULATOR.value)
     return {node: seen[node] for node in nodes if node in seen}
 
 
-def _note(seen: dict[str, str], state: str) -> OnAlive:
-    def on_alive(node: str, is_alive: bool) -> None:
-        if is_alive:
-            seen.setdefault(node, state)
+def _watch(
+    fleet: FleetConfig,
+    credentials: Credentials | None,
+    authority: str,
+    seen: dict[str, str],
+    stack: contextlib.ExitStack,
+    wait_s: float,
+) -> None:
+    """Open a link with the keys of one authority, and note who answers.
 
-    return on_alive
-
-
-def _kept_credentials(kept: Path, fleet: FleetConfig) -> Credentials:
-    authority, certificate, key = (str(kept / name) for name in files_of(NodeRole.VIEWER))
-    access = access_control({fleet.namespace: fleet.vehicles}, has_router=bool(fleet.fleet.routers))
-    return Credentials(authority, certificate, key, access)
-
-
-def _watcher(fleet: FleetConfig, credentials: Credentials | None, wait_s: float) -> BusSession:
-    return BusSession(
+    Args:
+        fleet: whose nodes.
+        credentials: of the authority.
+        authority: "present" or "former".
+        seen: gets the nodes that answer.
+        stack: closes the link.
+        wait_s: time for a router to answer.
+    """
+    bus = BusSession(
         namespace=fleet.namespace,
         node=f"{WATCHER}-{os.getpid()}",
         connect=[*(vehicle.agent for vehicle in fleet.vehicles.values()), *fleet.pose_endpoints],
@@ -100,14 +101,34 @@ def _watcher(fleet: FleetConfig, credentials: Credentials | None, wait_s: float)
         routers=fleet.fleet.routers,
         router_timeout_s=wait_s,
     )
+    try:
+        bus.start()
+    except NoRouterError:
+        return
+    stack.callback(bus.stop)
+    bus.watch_alive(_noted(seen, authority))
+
+
+def _noted(seen: dict[str, str], authority: str) -> OnAlive:
+    def on_alive(node: str, is_alive: bool) -> None:
+        if is_alive:
+            seen.setdefault(node, authority)
+
+    return on_alive
+
+
+def _kept_credentials(kept: Path, fleet: FleetConfig) -> Credentials:
+    """Return the credentials of a viewer of a former authority."""
+    authority, certificate, key = (str(kept / name) for name in files_of(NodeRole.VIEWER))
+    access = access_control({fleet.namespace: fleet.vehicles}, has_router=bool(fleet.fleet.routers))
+    return Credentials(authority, certificate, key, access)
 
 
 def _former_folder(fleet: FleetConfig) -> Path:
     return Path(f"{fleet.keys_folder}-former")
 
 
-def _formers(fleet: FleetConfig) -> list[Path]:
+def _former_authorities(fleet: FleetConfig) -> list[Path]:
     """Return the folders of former authorities, the newest first."""
-    return sorted(
-        _former_folder(fleet).glob("[0-9]*"), key=lambda path: int(path.name), reverse=True
-    )
+    folders = _former_folder(fleet).glob("[0-9]*")
+    return sorted(folders, key=lambda path: int(path.name), reverse=True)

@@ -1,5 +1,7 @@
-"""Turn a fleet's bus into one with keys: what is missing is made, the fleet file's endpoints say
-quic/.
+"""Turn a fleet's bus into one with keys.
+
+What is missing is made: the authority, the certificates of the nodes, and the endpoints of the fleet
+file, which then say quic/.
 """
 
 from __future__ import annotations
@@ -11,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from groundstation.keys.authority import (
-    Authority,
+    CertificateAuthority,
     folder_of,
     issue,
     load_authority,
@@ -23,47 +25,60 @@ from onboard.config.example_files import EXAMPLES
 from onboard.config.fleet import ConfigError, FleetConfig, fleet_from_mapping, load_fleet
 from onboard.security.credentials import hosts_of
 
-_PLAIN = ("tcp/", "udp/")
+_PLAIN = ("tcp/", "udp/")  # protocols without keys
 
 
 def secure_fleet(path: str, now: datetime.datetime) -> FleetConfig:
-    """Make the authority, the certificates and the endpoints that are missing; a second call
-    changes nothing.
+    """Make what is missing; a second call changes nothing.
 
     Args:
         path: of a fleet file, which is changed; its comments stay.
         now: begin of the certificates' validity.
+
     Returns:
         the fleet as it is now.
+
     Raises:
         ConfigError: the fleet file is wrong, or an example, or cannot be written.
     """
     plain = load_fleet(path)
     refuse_example(plain)
+
     changes = _changes(plain)
     text = edited(plain.text, changes)
     secured = fleet_from_mapping(tomllib.loads(text), path=plain.path, text=text)
-    folder = folder_of(secured)
-    has_authority = (folder / "ca.pem").exists()
-    missing = [
-        node
-        for node in nodes_of(secured)
-        if not ((folder / f"{node}.pem").exists() and (folder / f"{node}.key").exists())
-    ]
-    if missing:
-        authority = (
-            load_authority(folder)
-            if has_authority
-            else make_authority(folder, plain.fleet.name, now)
-        )
-        issue_all(secured, authority, missing if has_authority else nodes_of(secured), now)
+
+    _issue_missing(secured, now)
     if changes:
         write_changes(Path(plain.path), changes)
     return secured
 
 
+def _issue_missing(fleet: FleetConfig, now: datetime.datetime) -> None:
+    """Issue the certificates that are not there; with a new authority, all."""
+    folder = folder_of(fleet)
+    has_authority = (folder / "ca.pem").exists()
+    missing = []
+    for node in nodes_of(fleet):
+        has_certificate = (folder / f"{node}.pem").exists()
+        has_key = (folder / f"{node}.key").exists()
+        if not (has_certificate and has_key):
+            missing.append(node)
+    if not missing:
+        return
+
+    if has_authority:
+        issue_all(fleet, load_authority(folder), missing, now)
+    else:
+        authority = make_authority(folder, fleet.fleet.name, now)
+        issue_all(fleet, authority, nodes_of(fleet), now)
+
+
 def issue_all(
-    fleet: FleetConfig, authority: Authority, nodes: Sequence[str], now: datetime.datetime
+    fleet: FleetConfig,
+    authority: CertificateAuthority,
+    nodes: Sequence[str],
+    now: datetime.datetime,
 ) -> None:
     """Issue the certificates of some nodes.
 
@@ -72,8 +87,9 @@ def issue_all(
         authority: signs them.
         nodes: vehicles and roles.
         now: begin of their validity.
+
     Raises:
-        ConfigError: there is no such node.
+        ConfigError: there is no such node; none was issued.
     """
     known = nodes_of(fleet)
     for node in nodes:
@@ -93,22 +109,31 @@ def refuse_example(fleet: FleetConfig) -> None:
     """
     if Path(fleet.path).resolve().is_relative_to(Path(EXAMPLES).resolve()):
         raise ConfigError(
-            f"{fleet.path} is an example that is installed with Covey. Copy it, and secure the copy."
+            f"{fleet.path} is an example that is installed with Covey."
+            " Copy it, and secure the copy."
         )
 
 
 def _changes(fleet: FleetConfig) -> dict[str, Any]:
+    """Return the keys of the fleet file that change, with their values."""
     changes: dict[str, Any] = {}
+
     agents = {name: _with_keys(vehicle.agent) for name, vehicle in fleet.vehicles.items()}
     if any(endpoint != fleet.vehicles[name].agent for name, endpoint in agents.items()):
         changes["vehicles"] = {name: {"agent": endpoint} for name, endpoint in agents.items()}
+
     section: dict[str, Any] = {}
-    if fleet.fleet.simulator is not None and fleet.fleet.simulator.startswith(_PLAIN):
-        section["simulator"] = _with_keys(fleet.fleet.simulator)
+    simulator = fleet.fleet.simulator
+    if simulator is not None and simulator.startswith(_PLAIN):
+        section["simulator"] = _with_keys(simulator)
     if any(endpoint.startswith(_PLAIN) for endpoint in fleet.fleet.routers):
         section["routers"] = [_with_keys(endpoint) for endpoint in fleet.fleet.routers]
-    return {**changes, "fleet": section} if section else changes
+    if section:
+        changes["fleet"] = section
+    return changes
 
 
 def _with_keys(endpoint: str) -> str:
-    return f"quic/{endpoint.partition('/')[2]}" if endpoint.startswith(_PLAIN) else endpoint
+    if not endpoint.startswith(_PLAIN):
+        return endpoint
+    return f"quic/{endpoint.partition('/')[2]}"
