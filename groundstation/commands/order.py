@@ -1,5 +1,4 @@
-"""``covey order``: one order from a shell or a script, one line per vehicle, an exit status. No
-questions are asked.
+"""``covey order``: one order from a shell or a script, one line per vehicle, an exit status.
 
 Examples, with the orders of the console:
   covey order --fleet fleet.toml takeoff all 1.0
@@ -8,10 +7,12 @@ Examples, with the orders of the console:
   covey order --fleet fleet.toml locate mav1
   covey order --fleet fleet.toml land all --json
 
-Nothing is shown ahead: covey check and the console do that. Land, hold and kill go at once, whoever
-operates; other orders need control, which is taken when nobody has it and given back at the end.
-Exit status: 0 every vehicle did it; 1 none did; 2 wrong input, nothing sent; 10 nobody answered; 50
-some did; 130 interrupted.
+No questions are asked, and nothing is shown ahead: covey check and the console
+do that. Land, hold and kill go at once, whoever operates; other orders need
+control, which is taken when nobody has it and given back at the end.
+
+Exit status: 0 every vehicle did it; 1 none did; 2 wrong input, nothing sent; 10
+nobody answered; 50 some did; 130 interrupted.
 """
 
 from __future__ import annotations
@@ -34,7 +35,8 @@ from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
 from onboard.exit_status import EXIT_FAILED, EXIT_MIXED, EXIT_NO_ANSWER, EXIT_OK
 from onboard.plain_text import plain_line
 
-CONNECT_S = 3.0
+CONNECT_S = 3.0  # until the vehicles are heard
+_LONGEST_S = 3600.0
 
 
 def order(
@@ -52,37 +54,55 @@ def order(
     """
     config = load_fleet(fleet)
     intent = parse(" ".join(words), config)
-    if not 0.0 < timeout <= 3600.0:
+    if not 0.0 < timeout <= _LONGEST_S:
         raise ConfigError(f"--timeout is {timeout:g}; give seconds between 0 and 3600.")
+
     results = asyncio.run(send(config, intent, timeout))
     if json:
-        rows = [
-            {"vehicle": one.vehicle, "phase": one.phase, "sentence": one.sentence}
-            for one in results.values()
-        ]
-        print(dumps(rows, indent=2))
-        return exit_status(results)
-    for one in results.values():
-        line = f"{one.vehicle}: {one.phase}. {one.sentence}".rstrip()
-        print(plain_line(line), file=sys.stdout if one.is_done else sys.stderr)
+        _print_json(results)
+    else:
+        _print_lines(results)
     return exit_status(results)
 
 
+def _print_json(results: dict[str, VehicleResult]) -> None:
+    rows = [
+        {"vehicle": result.vehicle, "phase": result.phase, "sentence": result.sentence}
+        for result in results.values()
+    ]
+    print(dumps(rows, indent=2))
+
+
+def _print_lines(results: dict[str, VehicleResult]) -> None:
+    for result in results.values():
+        line = f"{result.vehicle}: {result.phase}. {result.sentence}".rstrip()
+        print(plain_line(line), file=sys.stdout if result.is_done else sys.stderr)
+
+
 async def send(fleet: FleetConfig, intent: Intent, timeout_s: float) -> dict[str, VehicleResult]:
-    """Connect, send the order and wait for its end."""
+    """Connect, send the order and wait for its end.
+
+    Args:
+        fleet: to connect with.
+        intent: the order.
+        timeout_s: wait so long for its end.
+
+    Returns:
+        vehicle -> its result.
+    """
     client = FleetClient(fleet)
+
+    def is_heard(state: FleetState) -> bool:
+        """Whether the vehicles are heard, and it is known who operates, where that matters."""
+        for name in intent.names:
+            if name in state.vehicles and state.vehicles[name].telemetry is None:
+                return False
+        if intent.verb in EMERGENCY or client.control.is_operator:
+            return True
+        return client.control.refusal(intent.verb) is not None
+
     await client.start()
     try:
-
-        def is_heard(state: FleetState) -> bool:
-            views = [state.vehicles[name] for name in intent.names if name in state.vehicles]
-            knows_operator = (
-                client.control.is_operator or client.control.refusal(intent.verb) is not None
-            )
-            return all(view.telemetry is not None for view in views) and (
-                intent.verb in EMERGENCY or knows_operator
-            )
-
         await client.wait_for(is_heard, CONNECT_S)
         return await client.order(intent, timeout_s)
     finally:
@@ -91,9 +111,11 @@ async def send(fleet: FleetConfig, intent: Intent, timeout_s: float) -> dict[str
 
 def exit_status(results: dict[str, VehicleResult]) -> int:
     """Return 0 when all vehicles did it, 50 when some did, 10 when nobody answered, else 1."""
-    done = sum(one.is_done for one in results.values())
-    if done == len(results):
+    done = [result for result in results.values() if result.is_done]
+    if len(done) == len(results):
         return EXIT_OK
     if done:
         return EXIT_MIXED
-    return EXIT_NO_ANSWER if all(one.is_silent for one in results.values()) else EXIT_FAILED
+    if all(result.is_silent for result in results.values()):
+        return EXIT_NO_ANSWER
+    return EXIT_FAILED

@@ -7,8 +7,10 @@ Examples:
   covey replay flights/first --csv flown
   covey replay flights/first --orders
 
-Keys: space play or pause; , and . one step; left and right 5 s; n and N next event and the one
-before; < and > speed; home and end. Exit status: 0; 2 when there is no record to open.
+Keys: space play or pause; , and . one step; left and right 5 s; n and N next
+event and the one before; < and > speed; home and end.
+
+Exit status: 0; 2 when there is no record to open.
 """
 
 from __future__ import annotations
@@ -27,6 +29,8 @@ from groundstation.recording.flown_paths import write_csvs
 from groundstation.recording.replay import SPEEDS, Replay, open_flight, story
 from onboard.config.fleet import ConfigError
 from onboard.exit_status import EXIT_OK
+
+_LATEST_S = 1e9
 
 
 def replay(
@@ -55,24 +59,29 @@ def replay(
             them again
     """
     if csv is not None:
-        print(*write_csvs(flight, Path(csv)), sep="\n")
+        print("\n".join(str(path) for path in write_csvs(flight, Path(csv))))
         return EXIT_OK
-    if not SPEEDS[0] <= speed <= SPEEDS[-1]:
-        raise ConfigError(
-            f"--speed is {speed:g}; it must lie between {SPEEDS[0]:g} and {SPEEDS[-1]:g}."
-        )
-    if not 0.0 <= at < 1e9:
+
+    slowest, fastest = SPEEDS[0], SPEEDS[-1]
+    if not slowest <= speed <= fastest:
+        raise ConfigError(f"--speed is {speed:g}; it must lie between {slowest:g} and {fastest:g}.")
+    if not 0.0 <= at < _LATEST_S:
         raise ConfigError(f"--at is {at:g}; it must be a number of seconds, 0 or more.")
+
     config, timeline = open_flight(flight, fleet)
     with contextlib.closing(timeline):
         if orders:
-            print(*trail_lines(trail(timeline)), sep="\n")
+            print("\n".join(trail_lines(trail(timeline))))
             return EXIT_OK
+
         shown = Replay(config, timeline, speed=speed)
         if headless or json:
             print(asyncio.run(story(shown, is_json=json)))
             return EXIT_OK
+
         require_terminal("Add --headless.")
+        # Imported here: what is only printed needs no textual.
         from groundstation.console.replay_app import ReplayApp
 
-        return asyncio.run(ReplayApp(shown, title=f"replay of {flight.name}", at_s=at).run_to_end())
+        app = ReplayApp(shown, title=f"replay of {flight.name}", at_s=at)
+        return asyncio.run(app.run_to_end())

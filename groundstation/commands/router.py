@@ -1,5 +1,4 @@
-"""``covey router``: a router of the fleet's bus, with the endpoints, the keys and the table of
-roles of the fleet file.
+"""``covey router``: a router of the fleet's bus, with the endpoints and keys of the fleet file.
 
 Examples:
   covey router fleet.toml
@@ -7,8 +6,9 @@ Examples:
   covey router north.toml south.toml
   covey router fleet.toml --print-config > router.json5 && zenohd --config router.json5
 
-It runs until Ctrl-C. Exit status: 0 stopped; 2 wrong input. docs/network.md says when a fleet wants
-routers.
+It runs until Ctrl-C. docs/network.md says when a fleet wants routers.
+
+Exit status: 0 stopped; 2 wrong input.
 """
 
 from __future__ import annotations
@@ -45,22 +45,24 @@ def router(
     if print_config:
         print(dumps(nested(settings), indent=2))
         return EXIT_OK
+
     stopped = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):  # a clean end
         signal.signal(number, lambda *_: stopped.set())
+
     node = Router(settings)
     node.start()
     known = dict(settings)
+    own = _bare(known["listen/endpoints"])[0]
     others = ", ".join(_bare(known["connect/endpoints"])) or "no other"
-    print(
-        f"router: {_bare(known['listen/endpoints'])[0]} for {', '.join(fleet.fleet.name for fleet in loaded)}; other "
-        f"routers: {others}. Ctrl-C ends.",
-        flush=True,
-    )
+    names = ", ".join(fleet.fleet.name for fleet in loaded)
+    print(f"router: {own} for {names}; other routers: {others}. Ctrl-C ends.", flush=True)
+
     stopped.wait()
     node.stop()
     return EXIT_OK
 
 
 def _bare(endpoints: list[str]) -> list[str]:
+    """Return endpoints without the settings of their links."""
     return [endpoint.partition("?")[0] for endpoint in endpoints]

@@ -29,7 +29,7 @@ from sitl.physics.contacts import SpawnError
 from sitl.physics.wind import WindSettings
 from sitl.server import Server, run, simulator_bus
 
-_LARGEST = 30.0
+_LARGEST = 30.0  # of wind, gusts and scales
 
 
 def sitl(
@@ -86,33 +86,39 @@ def sitl(
     if faults:
         print(catalogue.listing())
         return EXIT_OK
+
     if fleet is None:
         raise ConfigError("--fleet FILE is missing: the fleet whose PX4s are emulated.")
     if gcs is not None and no_gcs:
         raise ConfigError("--gcs and --no-gcs exclude each other. Give one of them.")
+
     config = load_fleet(fleet)
     names = _select(config, vehicles, exclude, has_poses=not no_bus)
     if not names or seed < 0:
         raise ConfigError(
             "there is nothing to emulate: select at least one vehicle, and a seed of 0 or more."
         )
+
     wind = WindSettings(_wind(wind_m_s), gust_m_s, gust_s, common_gusts)
     if not all(0.0 <= value <= _LARGEST for value in (gust_m_s, gust_s, error_scale)):
         raise ConfigError("--gust-m-s, --gust-s and --error-scale must lie between 0 and 30.")
+
+    mocap = MocapSettings(
+        noise_m=mocap_noise_m,
+        latency_s=mocap_latency_s,
+        dropout_per_s=mocap_dropouts_per_s,
+        dropout_s=mocap_dropout_s,
+    )
     try:
+        bus = None
+        if not no_bus:
+            bus = simulator_bus(config, is_partial=set(names) != set(config.enabled_names))
         server = Server(
             config,
             names,
             seed=seed,
-            mocap=MocapSettings(
-                noise_m=mocap_noise_m,
-                latency_s=mocap_latency_s,
-                dropout_per_s=mocap_dropouts_per_s,
-                dropout_s=mocap_dropout_s,
-            ),
-            bus=None
-            if no_bus
-            else simulator_bus(config, is_partial=set(names) != set(config.enabled_names)),
+            mocap=mocap,
+            bus=bus,
             truth_offset_m=truth_offset_m,
             station=_station(config, names, gcs, is_silent=no_gcs),
             environment=Environment(wind, has_common_errors=common_errors, error_scale=error_scale),
@@ -131,11 +137,14 @@ def _select(
     """Return the vehicles to emulate: no body may get poses from two sources."""
     marked = fleet.emulated_names
     names = fleet.select(vehicles or marked, exclude)
+
+    # Where some are marked as emulated, all others are real.
     real = [name for name in names if marked and name not in marked]
     if real and has_poses:
         raise ConfigError(
-            f"{', '.join(real)}: real by {fleet.path}, which marks {', '.join(marked)} with emulated = true. A body "
-            "may get its poses from one source only. Mark it too, or give --no-bus to emulate its PX4 without poses."
+            f"{', '.join(real)}: real by {fleet.path}, which marks {', '.join(marked)} with"
+            " emulated = true. A body may get its poses from one source only. Mark it too, or give"
+            " --no-bus to emulate its PX4 without poses."
         )
     return names
 
@@ -153,10 +162,14 @@ def _wind(text: str) -> tuple[float, float, float]:
 def _station(
     fleet: FleetConfig, names: Sequence[str], endpoint: str | None, *, is_silent: bool
 ) -> Address | None:
-    """Return the ground station to stream to: the given one, or PX4's own where the fleet uses
-    PX4's ports.
+    """Return the ground station to stream to.
+
+    It is the given one, or PX4's own where the fleet uses PX4's ports.
     """
     if endpoint is not None:
         return station_of(endpoint)
+    if is_silent:
+        return None
+
     has_layout = any(ground_port_of(fleet.vehicles[name].autopilot) is not None for name in names)
-    return GROUND_STATION if has_layout and not is_silent else None
+    return GROUND_STATION if has_layout else None

@@ -11,6 +11,7 @@ facts need a vehicle that is started while the check already waits.
 
 from __future__ import annotations
 
+import contextlib
 import re
 import sys
 from json import dumps
@@ -86,28 +87,33 @@ def sitl_check(
             print(f"{fact.name:38} {fact.says}: {fact.expected}")
         print(f"{len(facts)} facts")
         return EXIT_OK
+
     if endpoint is None:
         raise ConfigError(
             "which endpoint? For instance udpin://127.0.0.1:14540, PX4's first onboard link."
         )
-    port = _open(endpoint)
-    ground = simulator = None
-    try:
-        ground = _open(gcs) if gcs else None
-        simulator = _open(sih) if sih else None
-        own_key = None if key is None else read_key(str(key), "FLEET")
+    with contextlib.ExitStack() as stack:
+        port = stack.enter_context(contextlib.closing(_open(endpoint)))
+        ground = None
+        if gcs:
+            ground = stack.enter_context(contextlib.closing(_open(gcs)))
+        simulator = None
+        if sih:
+            simulator = stack.enter_context(contextlib.closing(_open(sih)))
+
+        own_key = None
+        if key is not None:
+            own_key = read_key(str(key), "FLEET")
         terms = Terms(i_have_removed_the_propellers, wait, from_elsewhere, own_key)
         report = FactReport(facts, is_version_known=px4 != "auto")
         return _check(endpoint, report, (port, ground, simulator), terms, is_json=json)
-    finally:
-        for each in (port, ground, simulator):
-            if each is not None:
-                each.close()
 
 
 def _facts(patterns: tuple[str, ...], px4: str) -> dict[str, Fact]:
+    """Return the facts to check, as they hold for a version, by name."""
+    version = VERSIONS[0] if px4 == "auto" else px4
     try:
-        return matching(facts_of(VERSIONS[0] if px4 == "auto" else px4, FACTS).values(), patterns)
+        return matching(facts_of(version, FACTS).values(), patterns)
     except KeyError as error:
         topics = ", ".join(sorted({fact.name.partition(".")[0] for fact in FACTS}))
         raise ConfigError(

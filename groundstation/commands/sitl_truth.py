@@ -1,10 +1,10 @@
-"""``covey sitl truth``: ground truth of real PX4s with their built-in simulator (SIH) on the
-fleet's bus.
+"""``covey sitl truth``: ground truth of real PX4s with their built-in simulator (SIH) on the bus.
 
 Example:
   covey sitl truth --fleet configs/fleets/px4-sitl.toml
 
-Exit status: 0 ended by an interrupt; 2 wrong input or a port in use. docs/px4-sitl.md says more.
+Exit status: 0 ended by an interrupt; 2 wrong input or a port in use.
+docs/px4-sitl.md says more.
 """
 
 from __future__ import annotations
@@ -17,8 +17,7 @@ from sitl.sih_truth import run
 
 
 def sitl_truth(*, fleet: FleetFile, vehicles: Names | None = None, mocap: bool = False) -> int:
-    """Put the ground truth of real PX4s (SITL with SIH) on the fleet's bus, for verdicts and
-    records.
+    """Put the ground truth of real PX4s (SITL with SIH) on the bus, for verdicts and records.
 
     Args:
         vehicles: names or indices (default: all enabled that are not emulated)
@@ -26,12 +25,15 @@ def sitl_truth(*, fleet: FleetFile, vehicles: Names | None = None, mocap: bool =
     """
     config = load_fleet(fleet)
     emulated = config.emulated_names
-    names = config.select(vehicles, None if vehicles else ",".join(emulated))
+    exclude = None if vehicles else ",".join(emulated)
+    names = config.select(vehicles, exclude)
+
     both = [name for name in names if name in emulated]
     if both or not names:
         raise ConfigError(
-            f"{', '.join(both or emulated)}: emulated = true in {config.path}. The emulator tells their truth and "
-            "their poses; a body may get them from one source only. Name the others, or remove the key."
+            f"{', '.join(both or emulated)}: emulated = true in {config.path}. The emulator tells"
+            " their truth and their poses; a body may get them from one source only. Name the"
+            " others, or remove the key."
         )
     try:
         run(config, names, with_mocap=mocap)
