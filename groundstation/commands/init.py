@@ -2,13 +2,14 @@
 
 Examples:
   covey init lab
-  covey init lab --vehicles 4 --position optitrack --mocap-host 192.168.1.2 --companions
-  192.168.1.11 covey init field --vehicles 3 --position gps --origin 47.3977,8.5456,489.4
-  --companions 10.0.0.11,10.0.0.12,10.0.0.20 covey init mine --law my_law covey init sandbox
-  --vehicles 6 --companions here --type ardrone
+  covey init lab --vehicles 4 --position optitrack --mocap-host 192.168.1.2
+  covey init field --vehicles 3 --position gps --origin 47.3977,8.5456,489.4
+  covey init mine --law my_law
+  covey init sandbox --vehicles 6 --companions here --type ardrone
 
-In a terminal it asks for what no option says; elsewhere it takes the defaults. Exit status: 0
-written; 2 wrong input, nothing written.
+In a terminal it asks for what no option says; elsewhere it takes the defaults.
+
+Exit status: 0 written; 2 wrong input, nothing written.
 """
 
 from __future__ import annotations
