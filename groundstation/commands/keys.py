@@ -94,7 +94,8 @@ def init(fleet: Fleet, /, *, force: bool = False) -> int:
         force: replace an authority that is there
     """
     config = _loaded(fleet)
-    folder, now = folder_of(config), _now()
+    folder = folder_of(config)
+    now = _now()
     if (folder / "ca.pem").exists() and not force:
         raise ConfigError(
             f"{folder / 'ca.pem'} exists. A new authority locks out every node until it has its new files: --force"
@@ -148,30 +149,41 @@ def list_(fleet: Fleet, /, *, running: bool = False) -> int:
         raise ConfigError(
             f"{config.path}: the bus of this fleet has no keys. Lock it: covey keys secure {config.path}"
         )
-    folder, is_wrong = folder_of(config), False
+    is_right = True
     for node in nodes_of(config):
-        _, certificate, key = (folder / name for name in files_of(node))
-        if not certificate.exists():
-            print(f"{node:12s} not on this computer")
-            continue
         try:
-            if key.exists():
-                credentials_of(config, node, _now())
-            elsewhere = "" if key.exists() else "; its key is not on this computer"
-            until = read_certificate(str(certificate)).not_valid_after_utc
-            print(f"{node:12s} valid until {until:%Y-%m-%d}{elsewhere}")
+            print(f"{node:12s} {_validity(config, node)}")
         except ConfigError as error:
-            is_wrong = True
+            is_right = False
             print(f"{node:12s} {error}")
+
     if running:
-        found = running_authorities(config)
-        for name in (
-            *config.enabled_names,
-            *(node for node in found if node not in config.vehicles),
-        ):
-            print(f"{name:12s} {_RUNNING[found.get(name, '')]}")
-        is_wrong = is_wrong or "former" in found.values()
-    return EXIT_FAILED if is_wrong else EXIT_OK
+        authorities = running_authorities(config)
+        others = [node for node in authorities if node not in config.vehicles]
+        for name in (*config.enabled_names, *others):
+            print(f"{name:12s} {_RUNNING[authorities.get(name, '')]}")
+        if "former" in authorities.values():
+            is_right = False
+    return EXIT_OK if is_right else EXIT_FAILED
+
+
+def _validity(config: FleetConfig, node: str) -> str:
+    """Return until when a node's certificate is valid.
+
+    Raises:
+        ConfigError: certificate or key is not good.
+    """
+    folder = folder_of(config)
+    _, certificate, key = (folder / name for name in files_of(node))
+    if not certificate.exists():
+        return "not on this computer"
+
+    remark = "; its key is not on this computer"
+    if key.exists():
+        remark = ""
+        credentials_of(config, node, _now())
+    until = read_certificate(str(certificate)).not_valid_after_utc
+    return f"valid until {until:%Y-%m-%d}{remark}"
 
 
 def _issue(config: FleetConfig, nodes: Sequence[str]) -> int:
