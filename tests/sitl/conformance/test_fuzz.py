@@ -110,7 +110,7 @@ def test_well_formed_nonsense_raises_nothing_and_the_link_answers_after_it(
 
 
 @pytest.mark.parametrize("count", [_FEW, pytest.param(100_000, marks=pytest.mark.long)])
-def test_a_stranger_flooding_the_socket_does_not_disturb_the_client(
+def test_a_second_sender_that_floods_the_socket_does_not_disturb_the_client(
     emulator: Running, count: int
 ) -> None:
     target = ("127.0.0.1", emulator.companion + 40)

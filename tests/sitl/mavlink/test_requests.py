@@ -175,7 +175,7 @@ def test_missions_logs_files_and_the_shell_are_refused_or_empty_at_once() -> Non
 
 
 @pytest.mark.parametrize("number", [521, 530, 1000, 2000, 2500, 31010])
-def test_cameras_gimbals_and_strangers_commands_are_unsupported(number: int) -> None:
+def test_commands_for_cameras_and_gimbals_and_unknown_ones_are_unsupported(number: int) -> None:
     assert Client(emulator()).command(number, math.nan, 1.0) == [UNSUPPORTED]
 
 

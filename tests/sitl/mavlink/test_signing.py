@@ -58,7 +58,7 @@ def test_before_v1_18_a_key_is_ignored_and_signatures_are_not_looked_at() -> Non
         assert own.receive(Sender(OTHER_KEY).request())
 
 
-def test_a_stranger_on_any_link_gives_a_key_to_a_px4_without_one_and_all_links_have_it() -> None:
+def test_any_sender_sets_the_key_of_a_px4_without_one_for_all_its_links() -> None:
     _, own, ground = vehicle()
     assert own.receive(Sender(KEY).request())  # not looked at before
     ground.receive(Sender().key(KEY, system=99))
