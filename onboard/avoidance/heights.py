@@ -1,5 +1,4 @@
-"""How much of the distance to a neighbour counts, by the heights of the two: all of it, a part, or
-none. Pure.
+"""How much of the distance to a neighbour counts, by the heights of the two: all, a part, or none.
 
 Unset, vehicles are endless vertical cylinders. With ``vertical_separation_m`` a pair that is
 farther apart in height, now and in what both are about to do, does not constrain each other at all.
@@ -16,16 +15,20 @@ from onboard.avoidance.params import Spacing
 from onboard.avoidance.prediction import lead_time, message_age
 from onboard.types import Neighbour
 
-INTENT_S = (
-    # an intended vertical velocity times this is the way left to the goal, or as far as it goes in
-    # that time
-    2.0
-)
-# beyond the vertical separation, over which the distance grows where nobody moves
+# An intended vertical velocity is the height left to the goal divided by this time, so that the
+# product of both is that height, or what the vehicle climbs in this time.
+INTENT_S = 2.0
+
+# A climb goes on for so long, whatever is intended: longer than it takes to brake.
+_MOTION_S = 0.4
+
+# Beyond the vertical separation, the height over which the distance grows where nobody moves.
 TRANSITION_M = 0.2
-_MOTION_S = 0.4  # a climb goes on for so long, whatever is intended: longer than it takes to brake
-# of the way that both go, over which the distance grows: the rest is flown at the whole of it
+
+# The share of the height that both are about to lose over which the distance grows. The rest of it
+# is flown at the whole distance.
 _GROWTH_SHARE = 0.5
+
 HEIGHT_SIGMAS = 4.5  # of both positions
 _LARGEST_STD_M = 1e3
 _STALE_S = 0.25  # a message of this age says nothing about heights any more
@@ -35,15 +38,16 @@ class Climb(NamedTuple):
     """Vertical motion of one vehicle; NaN: not known."""
 
     height_m: float  # now
-    ahead_m: float  # at the own t + L
+    ahead_m: float  # height at the own t + L
     velocity_m_s: float
-    way_m: float  # that it intends to go from there within INTENT_S, upwards
+    intended_climb_m: float  # from there on, within INTENT_S; negative: it descends
     position_std_m: float
 
 
 def share_of(own: Climb, neighbour: Neighbour, own_lead_s: float, spacing: Spacing) -> float:
-    """Return the share of the distance to a neighbour that counts, from 0 (none) to 1 (as for
-    cylinders).
+    """Return the share of the distance to a neighbour that counts.
+
+    It goes from 0 (none) to 1 (as for cylinders).
 
     Args:
         own: this vehicle.
@@ -56,25 +60,39 @@ def share_of(own: Climb, neighbour: Neighbour, own_lead_s: float, spacing: Spaci
     """
     if math.isinf(spacing.vertical_separation_m):
         return 1.0
+
     other = climb_of(neighbour, own_lead_s)
-    gap_now, gap_ahead = own.height_m - other.height_m, own.ahead_m - other.ahead_m
-    sigma_m = HEIGHT_SIGMAS * math.hypot(_known(own.position_std_m), _known(other.position_std_m))
-    near = spacing.vertical_separation_m + sigma_m
-    side = 1.0 if gap_ahead >= 0.0 else -1.0  # whether this vehicle is above
+    gap_now_m = own.height_m - other.height_m
+    gap_ahead_m = own.ahead_m - other.ahead_m
+    side = 1.0 if gap_ahead_m >= 0.0 else -1.0  # +1: this vehicle is above
+
     closing_m_s = -side * (own.velocity_m_s - other.velocity_m_s)
-    towards_m = max(0.0, _MOTION_S * closing_m_s, -side * (own.way_m - other.way_m))
-    claims_column = not neighbour.is_cooperative and side < 0.0
-    is_known = math.isfinite(gap_now + gap_ahead + closing_m_s + own.way_m + other.way_m)
-    if claims_column or not is_known or message_age(neighbour) > _STALE_S:
+    intended_closing_m = -side * (own.intended_climb_m - other.intended_climb_m)
+
+    # a sum is finite only where all of its terms are
+    known = gap_now_m + gap_ahead_m + closing_m_s + own.intended_climb_m + other.intended_climb_m
+    if not math.isfinite(known):
         return 1.0
-    smallest = min(side * gap_now, abs(gap_ahead))
-    left = near + TRANSITION_M + towards_m - smallest
-    return min(max(left / (TRANSITION_M + _GROWTH_SHARE * towards_m), 0.0), 1.0)
+    if message_age(neighbour) > _STALE_S:
+        return 1.0
+    if not neighbour.is_cooperative and side < 0.0:
+        return 1.0  # it claims the column below itself
+
+    # the distance begins to grow at this gap, the earlier the more of it the two are about to close
+    sigma_m = HEIGHT_SIGMAS * math.hypot(_known(own.position_std_m), _known(other.position_std_m))
+    near_m = spacing.vertical_separation_m + sigma_m
+    towards_m = max(0.0, _MOTION_S * closing_m_s, intended_closing_m)
+    smallest_gap_m = min(side * gap_now_m, abs(gap_ahead_m))
+    inside_m = near_m + TRANSITION_M + towards_m - smallest_gap_m
+
+    growth_m = TRANSITION_M + _GROWTH_SHARE * towards_m
+    return min(max(inside_m / growth_m, 0.0), 1.0)
 
 
 def is_ahead(own: Climb, neighbour: Neighbour, own_lead_s: float, spacing: Spacing) -> bool:
-    """Whether this vehicle climbs or sinks towards a neighbour that is still a vertical separation
-    away.
+    """Whether this vehicle climbs or sinks towards a neighbour that it is still well apart from.
+
+    That is, by at least the vertical separation.
 
     Args:
         own: this vehicle.
@@ -83,35 +101,47 @@ def is_ahead(own: Climb, neighbour: Neighbour, own_lead_s: float, spacing: Spaci
         spacing: holds the vertical separation.
     """
     gap_m = own.ahead_m - climb_of(neighbour, own_lead_s).ahead_m
-    towards_m = -own.way_m if gap_m >= 0.0 else own.way_m
+    towards_m = -own.intended_climb_m if gap_m >= 0.0 else own.intended_climb_m
     return abs(gap_m) >= spacing.vertical_separation_m and towards_m > TRANSITION_M
 
 
 def climb_of(neighbour: Neighbour, own_lead_s: float) -> Climb:
-    """Return a neighbour's vertical motion at the own time; straight on from its plain estimate if
-    it tells no more.
+    """Return a neighbour's vertical motion at the own time.
+
+    One that does not cooperate is carried straight on from its plain estimate, because what it
+    announces does not count.
 
     Args:
         neighbour: as received.
         own_lead_s: from now to the own t + L.
     """
     age_s = message_age(neighbour)
-    z, v_z = neighbour.position_enu_m.z, neighbour.velocity_enu_m_s.z
-    now_m, std_m = z + age_s * v_z, neighbour.position_std_m
+    velocity_m_s = neighbour.velocity_enu_m_s.z
+    now_m = neighbour.position_enu_m.z + age_s * velocity_m_s
+
     if not neighbour.is_cooperative:
-        return Climb(now_m, now_m + own_lead_s * v_z, v_z, INTENT_S * v_z, std_m)
+        return Climb(
+            height_m=now_m,
+            ahead_m=now_m + own_lead_s * velocity_m_s,
+            velocity_m_s=velocity_m_s,
+            intended_climb_m=INTENT_S * velocity_m_s,
+            position_std_m=neighbour.position_std_m,
+        )
+
+    predicted_m = neighbour.predicted_position_enu_m.z
+    predicted_m_s = neighbour.predicted_velocity_enu_m_s.z
     ahead_s = age_s + own_lead_s - lead_time(neighbour.lead_time_s, own_lead_s)
-    ahead_m = (
-        neighbour.predicted_position_enu_m.z + ahead_s * neighbour.predicted_velocity_enu_m_s.z
-    )
     return Climb(
-        now_m,
-        ahead_m,
-        neighbour.predicted_velocity_enu_m_s.z,
-        INTENT_S * neighbour.intent_enu_m_s.z,
-        std_m,
+        height_m=now_m,
+        ahead_m=predicted_m + ahead_s * predicted_m_s,
+        velocity_m_s=predicted_m_s,
+        intended_climb_m=INTENT_S * neighbour.intent_enu_m_s.z,
+        position_std_m=neighbour.position_std_m,
     )
 
 
 def _known(std_m: float) -> float:
-    return min(abs(std_m), _LARGEST_STD_M) if math.isfinite(std_m) else 0.0
+    """Return a standard deviation within bounds; 0 where it is not known."""
+    if not math.isfinite(std_m):
+        return 0.0
+    return min(abs(std_m), _LARGEST_STD_M)

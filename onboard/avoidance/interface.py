@@ -66,7 +66,7 @@ def own_at(baseline: Baseline, predicted: Motion, state: State, params: LawParam
         height_m=state.position_enu_m.z,
         ahead_m=predicted.position_enu_m.z,
         velocity_m_s=predicted.velocity_enu_m_s.z,
-        way_m=INTENT_S * baseline.intent_enu_m_s.z,
+        intended_climb_m=INTENT_S * baseline.intent_enu_m_s.z,
         position_std_m=state.position_std_m,
     )
     return Own(

@@ -1,5 +1,4 @@
-"""The paper's law for one moving obstacle, equations (5) to (22), with the turn direction of (8) or
-(9).
+"""The paper's law for one moving obstacle: equations (5) to (22), turning as (8) or (9) says.
 
 Everything is per unit of mass: F / m instead of F, so that M_o of (11) is twice a scaled rotation
 and m cancels. Planar: only x and y are used. Positions, velocities and accelerations are in fleet
@@ -55,17 +54,22 @@ def saturate_thrust(
         Thrust. Where the vehicles coincide M_o has no inverse, (11), and the thrust is unchanged.
     Properties: rotation- and translation-equivariant; homogeneous; idempotent.
     """
-    p, v, a_o = params, own.velocity_m_s, obstacle.acceleration_m_s2
+    p = params
+    v = own.velocity_m_s
+    a_o = obstacle.acceleration_m_s2
     e = Vec2(own.position_m.x - obstacle.position_m.x, own.position_m.y - obstacle.position_m.y)
     w = Vec2(v.x - obstacle.velocity_m_s.x, v.y - obstacle.velocity_m_s.y)
+
+    # the outputs and what their derivatives hold beside the input
     d_o2 = dot_2(e, e)  # (5)
     d_o2_rate = 2.0 * dot_2(e, w)
     phi_perp = p.turn_sign * cross_2(e, v)  # (6)
     d_1 = 2.0 * dot_2(w, w) - 2.0 * dot_2(e, a_o)  # (13)
     d_2 = p.turn_sign * cross_2(w, v)  # (14)
+
+    # the bounds of the input
     outside = d_o2 - p.d_inf_m * p.d_inf_m
-    # (20)
-    h_1 = (
+    h_1 = (  # (20)
         -d_1 - (p.kappa_1_1_s + p.kappa_2_1_s) * d_o2_rate - p.kappa_1_1_s * p.kappa_2_1_s * outside
     )
     h_2 = (  # (21)
@@ -75,25 +79,33 @@ def saturate_thrust(
         - p.kappa_3_1_s * p.kappa_4_1_s * outside
     )
     if not (d_o2 > 1e-12 and math.isfinite(h_1) and math.isfinite(h_2)):
-        return PaperResult(thrust_m_s2, False, False)
-    u_1 = 2.0 * dot_2(e, thrust_m_s2)  # (15)
+        return PaperResult(thrust_m_s2, is_changed=False, is_usable=False)
+
+    # the input (15), and by how much Sat, (4), raises it in (19)
+    u_1 = 2.0 * dot_2(e, thrust_m_s2)
     u_2 = p.turn_sign * cross_2(e, thrust_m_s2)
-    # by how much Sat, (4), raises u_1 and u_2 in (19)
-    more_1, more_2 = max(0.0, h_1 - u_1), max(0.0, h_2 - u_2)
-    # M_o^-1 = M_o^T / (4 d_o2): only what the saturations add is transformed back, so that inactive
-    # ones change no bit
-    along, across = 0.5 * more_1 / d_o2, p.turn_sign * more_2 / d_o2
-    x, y = along * e.x - across * e.y, along * e.y + across * e.x
+    more_1 = max(0.0, h_1 - u_1)
+    more_2 = max(0.0, h_2 - u_2)
+
+    # (22) with M_o^-1 = M_o^T / (4 d_o2). Only what the saturations add is transformed back, so
+    # that inactive ones change no bit.
+    along = 0.5 * more_1 / d_o2
+    across = p.turn_sign * more_2 / d_o2
+    added_x = along * e.x - across * e.y
+    added_y = along * e.y + across * e.x
     return PaperResult(
-        Vec2(thrust_m_s2.x + x, thrust_m_s2.y + y), more_1 > 0.0 or more_2 > 0.0, True
+        thrust_m_s2=Vec2(thrust_m_s2.x + added_x, thrust_m_s2.y + added_y),
+        is_changed=more_1 > 0.0 or more_2 > 0.0,
+        is_usable=True,
     )
 
 
 def saturate_pair(
     own: Own, state: State, neighbours: Sequence[Neighbour], params: LawParams
 ) -> Answer:
-    """Return the paper's thrust (22) against the ring's successor, on plain estimates and within
-    the radius.
+    """Return the paper's thrust (22) against the ring's successor.
+
+    The law takes plain estimates, and its thrust is cut to what tilt and motors can deliver.
 
     Args:
         own: this vehicle; the thrust counts.
@@ -102,26 +114,64 @@ def saturate_pair(
     """
     for neighbour in neighbours:
         if neighbour.is_paper_obstacle:
-            return _saturate_pair(own, state, neighbour, params)
-    return Answer(own.thrust_m_s2, INACTIVE, 0.0, 0.0, NOBODY)
+            return _saturate_against(neighbour, own, state, params)
+    return _answer(own.thrust_m_s2, INACTIVE, NOBODY)
 
 
-def _saturate_pair(own: Own, state: State, neighbour: Neighbour, params: LawParams) -> Answer:
+def _saturate_against(neighbour: Neighbour, own: Own, state: State, params: LawParams) -> Answer:
+    """Return the paper's thrust (22) against one neighbour."""
+    if not _is_known(neighbour):
+        return _answer(own.thrust_m_s2, INFEASIBLE, NOBODY)
+
+    # the paper's thrust knows no compensation (line O)
     s = own.compensation_m_s2
-    p, v, a = neighbour.position_enu_m, neighbour.velocity_enu_m_s, neighbour.acceleration_enu_m_s2
-    is_known = (
-        math.isfinite(p.x) and math.isfinite(p.y) and math.isfinite(v.x) and math.isfinite(v.y)
-    )
-    is_known = is_known and math.isfinite(a.x) and math.isfinite(a.y)
+    thrust = Vec2(own.thrust_m_s2.x - s.x, own.thrust_m_s2.y - s.y)
+
     result = saturate_thrust(
-        PlanarState(clipped(state.position_enu_m), clipped(state.velocity_enu_m_s), ZERO_2),
-        Vec2(own.thrust_m_s2.x - s.x, own.thrust_m_s2.y - s.y),
-        PlanarState(clipped(p), clipped(v), clipped(a)),
+        PlanarState(
+            position_m=clipped(state.position_enu_m),
+            velocity_m_s=clipped(state.velocity_enu_m_s),
+            acceleration_m_s2=ZERO_2,
+        ),
+        thrust,
+        PlanarState(
+            position_m=clipped(neighbour.position_enu_m),
+            velocity_m_s=clipped(neighbour.velocity_enu_m_s),
+            acceleration_m_s2=clipped(neighbour.acceleration_enu_m_s2),
+        ),
         params.paper,
     )
-    if not is_known or not result.is_usable:
-        return Answer(own.thrust_m_s2, INFEASIBLE, 0.0, 0.0, NOBODY)
+    if not result.is_usable:
+        return _answer(own.thrust_m_s2, INFEASIBLE, NOBODY)
     if not result.is_changed:
-        return Answer(own.thrust_m_s2, INACTIVE, 0.0, 0.0, NOBODY)
-    safe = into_disc(Vec2(result.thrust_m_s2.x + s.x, result.thrust_m_s2.y + s.y), own.radius_m_s2)
-    return Answer(safe, SATURATED, 0.0, 0.0, neighbour.table_index)
+        return _answer(own.thrust_m_s2, INACTIVE, NOBODY)
+
+    compensated = Vec2(result.thrust_m_s2.x + s.x, result.thrust_m_s2.y + s.y)
+    safe = into_disc(compensated, own.radius_m_s2)
+    return _answer(safe, SATURATED, neighbour.table_index)
+
+
+def _is_known(neighbour: Neighbour) -> bool:
+    """Whether the neighbour's plain horizontal motion is finite."""
+    p = neighbour.position_enu_m
+    v = neighbour.velocity_enu_m_s
+    a = neighbour.acceleration_enu_m_s2
+    return (
+        math.isfinite(p.x)
+        and math.isfinite(p.y)
+        and math.isfinite(v.x)
+        and math.isfinite(v.y)
+        and math.isfinite(a.x)
+        and math.isfinite(a.y)
+    )
+
+
+def _answer(thrust_m_s2: Vec2, status: int, active: int) -> Answer:
+    """Return an answer of the paper's law, which knows neither slack nor crowds."""
+    return Answer(
+        thrust_m_s2=thrust_m_s2,
+        status=status,
+        slack_m_s2=0.0,
+        crowd_count=0.0,
+        active=active,
+    )

@@ -1,5 +1,4 @@
-"""A law of somebody's own in the place of Covey's: what it is given, and what of its answer can be
-flown.
+"""A law of somebody's own in the place of Covey's: its inputs, and what of its answer can be flown.
 
 The page for its authors is docs/own-law.md. Such a law is interpreted; nothing here is compiled.
 """
@@ -25,8 +24,9 @@ _CHANGED_M_S2 = 1e-9
 
 
 class LawNeighbour(NamedTuple):
-    """One neighbour as Covey's law takes it: horizontal, at t + L, when a command of now takes
-    effect.
+    """One neighbour as Covey's law takes it: horizontal, at t + L.
+
+    That is the time at which a command of now takes effect.
     """
 
     e_m: Vec2  # own position minus the neighbour's
@@ -45,18 +45,21 @@ class LawInputs(NamedTuple):
     baseline: Thrust
     compensation_enu_m_s2: Vec3  # is added to the answer against drag and wind
     intent_enu_m_s: Vec3  # velocity straight to the goal
+
     neighbours: tuple[LawNeighbour, ...]  # the nearest within range, nearest first
     received: tuple[Neighbour, ...]  # all neighbours as they were heard
     obstacles: tuple[Capsule, ...]  # what stands still
     fence: Fence  # walls
+
     # horizontal thrust, with its compensation, at the baseline's vertical thrust
     largest_m_s2: float
     vehicle: LawParams  # numbers of the vehicle and of the file's [law]; lead_time_s is L
     dt_s: float  # since the last tick
 
     def limited(self, x_m_s2: float, y_m_s2: float) -> Thrust:
-        """Return the thrust nearest to a horizontal one that can be flown, with the baseline's
-        vertical thrust.
+        """Return the thrust nearest to a horizontal one that can be flown.
+
+        The vertical thrust is the baseline's.
 
         Args:
             x_m_s2, y_m_s2: east and north.
@@ -87,24 +90,33 @@ def law_inputs(
         dt_s: since the last tick.
     """
     own = own_at(baseline, predicted, state, params)
-    u, s = own.thrust_m_s2, own.compensation_m_s2
-    pairs = nearest_pairs(own, neighbours, params).pairs
+    u = own.thrust_m_s2
+    s = own.compensation_m_s2
+
+    near = []
+    for pair in nearest_pairs(own, neighbours, params).pairs:
+        neighbour = LawNeighbour(
+            e_m=pair.e,
+            w_m_s=pair.w,
+            d_m=pair.d_m,
+            is_cooperative=pair.is_cooperative,
+            table_index=pair.table_index,
+        )
+        near.append(neighbour)
+
     return LawInputs(
-        state,
-        predicted,
-        Thrust(Vec3(u.x - s.x, u.y - s.y, own.thrust_z_m_s2)),
-        Vec3(s.x, s.y, baseline.compensation_enu_m_s2.z),
-        baseline.intent_enu_m_s,
-        tuple(
-            LawNeighbour(pair.e, pair.w, pair.d_m, pair.is_cooperative, pair.table_index)
-            for pair in pairs
-        ),
-        tuple(neighbours),
-        tuple(obstacles),
-        params.fence,
-        own.radius_m_s2,
-        params,
-        dt_s,
+        state=state,
+        predicted=predicted,
+        baseline=Thrust(Vec3(u.x - s.x, u.y - s.y, own.thrust_z_m_s2)),
+        compensation_enu_m_s2=Vec3(s.x, s.y, baseline.compensation_enu_m_s2.z),
+        intent_enu_m_s=baseline.intent_enu_m_s,
+        neighbours=tuple(near),
+        received=tuple(neighbours),
+        obstacles=tuple(obstacles),
+        fence=params.fence,
+        largest_m_s2=own.radius_m_s2,
+        vehicle=params,
+        dt_s=dt_s,
     )
 
 
@@ -117,18 +129,27 @@ def judged(answer: Any, inputs: LawInputs) -> tuple[Any, Vec3, str]:
     Returns:
         memory, thrust per mass [m/s^2] in ENU, and the end of the sentence "the law ...".
     """
-    nothing = None, inputs.baseline.thrust_enu_m_s2
+    baseline = inputs.baseline.thrust_enu_m_s2
     if not isinstance(answer, tuple) or len(answer) != 2:
-        return *nothing, f"returned {_named(answer)} instead of the pair (memory, thrust)"
+        refusal = f"returned {_named(answer)} instead of the pair (memory, thrust)"
+        return None, baseline, refusal
+
     memory, given = answer
     numbers = given.thrust_enu_m_s2 if isinstance(given, Thrust) else given
     try:
-        if isinstance(numbers, str | bytes | dict):
-            raise TypeError
-        thrust = Vec3(*(float(number) for number in numbers))
+        thrust = _three_numbers(numbers)
     except Exception:  # noqa: BLE001 - of whatever type the law returned
-        return *nothing, f"returned {_named(given)} instead of a thrust of three numbers"
+        refusal = f"returned {_named(given)} instead of a thrust of three numbers"
+        return None, baseline, refusal
+
     return memory, thrust, _excess(thrust, inputs)
+
+
+def _three_numbers(numbers: Any) -> Vec3:
+    """Return a vector of whatever a law returned; raises where that is no three numbers."""
+    if isinstance(numbers, str | bytes | dict):
+        raise TypeError  # their characters or keys might pass for numbers
+    return Vec3(*(float(number) for number in numbers))
 
 
 def _named(value: Any) -> str:
@@ -139,19 +160,30 @@ def _excess(thrust: Vec3, inputs: LawInputs) -> str:
     """Return which limit a thrust does not keep; empty if it keeps all."""
     if not all(math.isfinite(number) for number in thrust):
         return f"returned a thrust that is not finite: ({thrust.x:g}, {thrust.y:g}, {thrust.z:g})"
-    limits, s = inputs.vehicle, inputs.compensation_enu_m_s2
-    if not LEAST_THRUST_G * GRAVITY_M_S2 <= thrust.z <= limits.max_thrust_m_s2:
+
+    limits = inputs.vehicle
+    least_m_s2 = LEAST_THRUST_G * GRAVITY_M_S2
+    if not least_m_s2 <= thrust.z <= limits.max_thrust_m_s2:
         return (
             f"asked for a vertical thrust of {thrust.z:.3g} m/s^2, and a vehicle flies with "
-            f"{LEAST_THRUST_G * GRAVITY_M_S2:.1f} to {limits.max_thrust_m_s2:.1f} m/s^2"
+            f"{least_m_s2:.1f} to {limits.max_thrust_m_s2:.1f} m/s^2"
         )
+
+    # the compensation is flown as well
+    s = inputs.compensation_enu_m_s2
     across = math.hypot(thrust.x + s.x, thrust.y + s.y)
-    tilt = math.atan2(across, thrust.z)
-    if tilt > limits.max_tilt_rad + _TILT_SLACK_RAD:
-        most = math.degrees(limits.max_tilt_rad)
-        return f"tilted by {math.degrees(tilt):.0f} degrees, and max_tilt_deg is {most:.0f}"
-    if across > horizontal_limit(thrust.z, limits) + math.tan(_TILT_SLACK_RAD) * thrust.z:
-        return f"asked for {math.hypot(across, thrust.z):.3g} m/s^2, and the motors give {limits.max_thrust_m_s2:.1f}"
+    tilt_rad = math.atan2(across, thrust.z)
+    if tilt_rad > limits.max_tilt_rad + _TILT_SLACK_RAD:
+        max_tilt_deg = math.degrees(limits.max_tilt_rad)
+        return (
+            f"tilted by {math.degrees(tilt_rad):.0f} degrees, and max_tilt_deg is "
+            f"{max_tilt_deg:.0f}"
+        )
+
+    slack_m_s2 = math.tan(_TILT_SLACK_RAD) * thrust.z
+    if across > horizontal_limit(thrust.z, limits) + slack_m_s2:
+        total_m_s2 = math.hypot(across, thrust.z)
+        return f"asked for {total_m_s2:.3g} m/s^2, and the motors give {limits.max_thrust_m_s2:.1f}"
     return ""
 
 
@@ -163,18 +195,25 @@ def flown_instead(
     Args:
         thrust: that is flown.
         covey: output of Covey's law at the same tick.
-        memory: of Covey's law after that; before: of the last tick.
+        memory: of Covey's law after that tick.
+        before: memory of Covey's law after the last tick.
         inputs: of the tick.
     """
     command = Vec3(thrust.x, thrust.y, thrust.z - GRAVITY_M_S2)
     x, y, z = inputs.baseline.thrust_enu_m_s2
-    change = math.hypot(thrust.x - x, thrust.y - y, thrust.z - z)
+    change_m_s2 = math.hypot(thrust.x - x, thrust.y - y, thrust.z - z)
+
+    status = LawStatus.INACTIVE
+    if change_m_s2 > _CHANGED_M_S2:
+        status = LawStatus.SATURATED
+
     output = covey._replace(
         thrust=Thrust(thrust),
         commanded_acceleration_enu_m_s2=command,
-        status=int(LawStatus.SATURATED if change > _CHANGED_M_S2 else LawStatus.INACTIVE),
-        intervention_m_s2=change,
+        status=int(status),
+        intervention_m_s2=change_m_s2,
         slack_m_s2=0.0,
         active_neighbour=NOBODY,
     )
-    return memory._replace(commands=remembered(before.commands, command, inputs.dt_s)), output
+    after = memory._replace(commands=remembered(before.commands, command, inputs.dt_s))
+    return after, output

@@ -18,23 +18,40 @@ from onboard.vectors import Vec2
 
 OPEN_FENCE = (-math.inf, math.inf, -math.inf, math.inf)
 _BRAKE_SHARE = 0.6  # of the horizontal acceleration, for stopping before what stands still
-# fitted over simulated flights: the floor covers lag errors and gusts
-_MARGIN_FLOOR_M, _MARGIN_SIGMAS = 0.05, 4.5
+# both fitted over simulated flights; the floor covers lag errors and gusts
+_MARGIN_FLOOR_M = 0.05
+_MARGIN_SIGMAS = 4.5
 
-# the policies of LawConfig by number
-OFF, PAPER, COVEY = 0, 1, 2  # name
-RESPONSIBILITY_HALF, RESPONSIBILITY_SHORTFALL, RESPONSIBILITY_FULL = 0, 1, 2
-PREDICTION_NONE, PREDICTION_LAG = 0, 1
-ROTATION_NEVER, ROTATION_VIOLATED, ROTATION_ALWAYS, ROTATION_AHEAD = 0, 1, 2, 3
-DIRECTION_FIXED, DIRECTION_PAIR, DIRECTION_CROWD, DIRECTION_INTENT = 0, 1, 2, 3
-JAM_IGNORE, JAM_SLOW = 0, 1
+# The law and the policies of LawConfig: the name of each number is at its index.
+LAW_NAMES: tuple[BuiltInLaw, ...] = ("off", "paper", "covey")
+OFF = 0
+PAPER = 1
+COVEY = 2
 
-LAW_NAMES: tuple[BuiltInLaw, ...] = ("off", "paper", "covey")  # the name of each number
 _RESPONSIBILITIES = ("half", "shortfall", "full")
+RESPONSIBILITY_HALF = 0
+RESPONSIBILITY_SHORTFALL = 1
+RESPONSIBILITY_FULL = 2
+
 _PREDICTIONS = ("none", "lag")
+PREDICTION_NONE = 0
+PREDICTION_LAG = 1
+
 _ROTATIONS = ("never", "violated", "always", "ahead")
+ROTATION_NEVER = 0
+ROTATION_VIOLATED = 1
+ROTATION_ALWAYS = 2
+ROTATION_AHEAD = 3
+
 _DIRECTIONS = ("fixed", "pair", "crowd", "intent")
+DIRECTION_FIXED = 0
+DIRECTION_PAIR = 1
+DIRECTION_CROWD = 2
+DIRECTION_INTENT = 3
+
 _JAMS = ("ignore", "slow")
+JAM_IGNORE = 0
+JAM_SLOW = 1
 
 
 class Capsule(NamedTuple):
@@ -73,13 +90,15 @@ class Spacing(NamedTuple):
     safety_distance_m: float  # d_inf
     # farther apart in height a pair does not count; infinite: it always does
     vertical_separation_m: float
+
     margin_m: float  # design margin while estimates are good
     uncooperative_margin_m: float  # more for a neighbour that does not cooperate
-    # part of the margin that does not depend on the accuracy; 0 under the fixed policy
-    margin_floor_m: float
-    # margin per metre of a vehicle's std of position; 0 under the fixed policy
-    sigma_position: float
-    sigma_velocity_s: float  # margin per m/s of its std of velocity; 0 under the fixed policy
+
+    # the margin under the accuracy policy; all three are 0 under the fixed policy
+    margin_floor_m: float  # the part that does not depend on the accuracy
+    sigma_position: float  # per metre of a vehicle's standard deviation of position
+    sigma_velocity_s: float  # per m/s of its standard deviation of velocity
+
     clearance_m: float  # kept from an obstacle's outline by the vehicle's centre
     max_neighbours: int  # only so many of the nearest count
     range_m: float  # and only within this range
@@ -156,18 +175,17 @@ def law_params(fleet: FleetConfig, vehicle_name: str, law: str | None = None) ->
     """
     config = fleet.law
     if law is not None:
-        if law not in LAW_NAMES:
-            raise ValueError(
-                f"law is '{law}', but there are only {', '.join(LAW_NAMES)}. Name one of these."
-            )
-        config = msgspec.structs.replace(config, name=LAW_NAMES[LAW_NAMES.index(law)])
+        config = _with_law(config, law)
+
+    vertical_separation_m = math.inf
+    if fleet.fleet.vertical_separation_m is not None:
+        vertical_separation_m = fleet.fleet.vertical_separation_m
+
     vehicle = fleet.vehicles[vehicle_name]
     limits = VehicleLimits(
         lag_s=vehicle.lag_s,
         safety_distance_m=fleet.fleet.safety_distance_m,
-        vertical_separation_m=math.inf
-        if fleet.fleet.vertical_separation_m is None
-        else fleet.fleet.vertical_separation_m,
+        vertical_separation_m=vertical_separation_m,
         body_radius_m=0.5 * fleet.fleet.body_diameter_m,
         max_speed_m_s=vehicle.max_speed_m_s,
         max_tilt_rad=math.radians(vehicle.max_tilt_deg),
@@ -177,76 +195,112 @@ def law_params(fleet: FleetConfig, vehicle_name: str, law: str | None = None) ->
     return params_of(config, limits)
 
 
+def _with_law(config: LawConfig, law: str) -> LawConfig:
+    """Return the values of ``[law]`` with another built-in law."""
+    if law not in LAW_NAMES:
+        raise ValueError(
+            f"law is '{law}', but there are only {', '.join(LAW_NAMES)}. Name one of these."
+        )
+    return msgspec.structs.replace(config, name=LAW_NAMES[LAW_NAMES.index(law)])
+
+
 def obstacles(fleet: FleetConfig) -> tuple[Capsule, ...]:
     """Return the static obstacles of a fleet as the law takes them.
 
     Args:
         fleet: checked configuration.
     """
-    return tuple(
-        Capsule(Vec2(float(x1), float(y1)), Vec2(float(x2), float(y2)), float(radius))
-        for obstacle in fleet.obstacles
-        for x1, y1, x2, y2, radius in obstacle.capsules_enu_m
-    )
+    capsules = []
+    for obstacle in fleet.obstacles:
+        for begin_x, begin_y, end_x, end_y, radius in obstacle.capsules_enu_m:
+            begin = Vec2(float(begin_x), float(begin_y))
+            end = Vec2(float(end_x), float(end_y))
+            capsules.append(Capsule(begin, end, float(radius)))
+    return tuple(capsules)
 
 
 def params_of(config: LawConfig, limits: VehicleLimits = QUICK_VEHICLE) -> LawParams:
     """Return the law's numbers for values of ``[law]`` and a vehicle.
 
-    A fleet file may say 1 for 1.0, but compiled code is made for kinds of numbers: all are
-    converted here.
+    A fleet file may say 1 for 1.0, but code is compiled for types of numbers: all are converted
+    here.
 
     Args:
         config: values and policies of ``[law]``.
         limits: of the vehicle and its room.
     """
-    low_x, high_x, low_y, high_y = limits.fence_enu_m
-    fence_margin_m = config.fence_margin_m
-    has_prediction = config.prediction == "lag" and config.built_in != "paper"
+    lead_time_s = 0.0
+    if config.prediction == "lag" and config.built_in != "paper":
+        lead_time_s = float(limits.lag_s)
+
     return LawParams(
         law=LAW_NAMES.index(config.built_in),
-        policies=Policies(
-            _RESPONSIBILITIES.index(config.responsibility),
-            _PREDICTIONS.index(config.prediction),
-            _ROTATIONS.index(config.rotation),
-            _DIRECTIONS.index(config.direction),
-            _JAMS.index(config.jam),
-        ),
+        policies=_policies(config),
         lag_s=float(limits.lag_s),
         vertical_lag_s=float(min(limits.vertical_lag_s, limits.lag_s)),
-        lead_time_s=float(limits.lag_s) if has_prediction else 0.0,
+        lead_time_s=lead_time_s,
         spacing=_spacing(config, limits),
         gains=_gains(config, limits),
         max_speed_m_s=float(limits.max_speed_m_s),
         top_speed_m_s=float(config.avoid_speed_frac * limits.max_speed_m_s),
         max_tilt_rad=float(limits.max_tilt_rad),
         max_thrust_m_s2=float(limits.max_thrust_m_s2),
-        fence=Fence(
-            float(low_x + fence_margin_m),
-            float(high_x - fence_margin_m),
-            float(low_y + fence_margin_m),
-            float(high_y - fence_margin_m),
-        ),
-        paper=PaperParams(
-            kappa_1_1_s=float(config.paper_kappa_1_1_s),
-            kappa_2_1_s=float(config.paper_kappa_2_1_s),
-            kappa_3_1_s=float(config.paper_kappa_3_1_s),
-            kappa_4_1_s=float(config.paper_kappa_4_1_s),
-            v_perp_m_s=float(config.paper_v_perp_m_s),
-            d_inf_m=float(limits.safety_distance_m),
-            turn_sign=1.0 if config.paper_turn == "eq8" else -1.0,
-        ),
+        fence=_fence(config, limits),
+        paper=_paper(config, limits),
+    )
+
+
+def _policies(config: LawConfig) -> Policies:
+    """Return the policies by their numbers."""
+    return Policies(
+        responsibility=_RESPONSIBILITIES.index(config.responsibility),
+        prediction=_PREDICTIONS.index(config.prediction),
+        rotation=_ROTATIONS.index(config.rotation),
+        direction=_DIRECTIONS.index(config.direction),
+        jam=_JAMS.index(config.jam),
+    )
+
+
+def _fence(config: LawConfig, limits: VehicleLimits) -> Fence:
+    """Return the walls, moved inwards by the margin."""
+    low_x_m, high_x_m, low_y_m, high_y_m = limits.fence_enu_m
+    margin_m = config.fence_margin_m
+    return Fence(
+        low_x_m=float(low_x_m + margin_m),
+        high_x_m=float(high_x_m - margin_m),
+        low_y_m=float(low_y_m + margin_m),
+        high_y_m=float(high_y_m - margin_m),
+    )
+
+
+def _paper(config: LawConfig, limits: VehicleLimits) -> PaperParams:
+    """Return the tuning of the paper's own law."""
+    return PaperParams(
+        kappa_1_1_s=float(config.paper_kappa_1_1_s),
+        kappa_2_1_s=float(config.paper_kappa_2_1_s),
+        kappa_3_1_s=float(config.paper_kappa_3_1_s),
+        kappa_4_1_s=float(config.paper_kappa_4_1_s),
+        v_perp_m_s=float(config.paper_v_perp_m_s),
+        d_inf_m=float(limits.safety_distance_m),
+        turn_sign=1.0 if config.paper_turn == "eq8" else -1.0,
     )
 
 
 def _spacing(config: LawConfig, limits: VehicleLimits) -> Spacing:
-    sigma_position, sigma_velocity_s = _sigmas(config)
+    """Return the distances to keep; the margin by the policy of ``margin``."""
+    margin_floor_m = 0.0
+    sigma_position = 0.0
+    sigma_velocity_s = 0.0
+    if config.margin == "accuracy":
+        margin_floor_m = _MARGIN_FLOOR_M
+        sigma_position, sigma_velocity_s = _sigmas(config)
+
     return Spacing(
         safety_distance_m=float(limits.safety_distance_m),
         vertical_separation_m=float(limits.vertical_separation_m),
         margin_m=float(config.margin_m(limits.lag_s)),
         uncooperative_margin_m=float(config.uncooperative_margin_m),
-        margin_floor_m=_MARGIN_FLOOR_M if config.margin == "accuracy" else 0.0,
+        margin_floor_m=margin_floor_m,
         sigma_position=sigma_position,
         sigma_velocity_s=sigma_velocity_s,
         clearance_m=float(limits.body_radius_m + config.obstacle_margin_m),
@@ -256,16 +310,19 @@ def _spacing(config: LawConfig, limits: VehicleLimits) -> Spacing:
 
 
 def _gains(config: LawConfig, limits: VehicleLimits) -> Gains:
+    """Return the tuning of the rows."""
+    # The row of an obstacle lets a vehicle close at kappa_1 times its distance. That must not ask
+    # for more braking than there is.
     brake_m_s2 = _BRAKE_SHARE * GRAVITY_M_S2 * math.tan(limits.max_tilt_rad)
     top_speed_m_s = config.avoid_speed_frac * limits.max_speed_m_s
+    static_kappa_1_1_s = min(config.kappa_1_1_s, brake_m_s2 / top_speed_m_s)
+
     return Gains(
         kappa_1_1_s=float(config.kappa_1_1_s),
         kappa_2_1_s=float(config.kappa_2_1_s),
         kappa_3_1_s=float(config.kappa_3_1_s),
         kappa_4_1_s=float(config.kappa_4_1_s),
-        # the row lets a vehicle close at kappa_1 times its distance, which must not ask for more
-        # braking than there is
-        static_kappa_1_1_s=float(min(config.kappa_1_1_s, brake_m_s2 / top_speed_m_s)),
+        static_kappa_1_1_s=float(static_kappa_1_1_s),
         shortfall_gain=float(config.shortfall_gain),
         v_perp_m_s=float(config.v_perp_m_s),
         v_perp_crowd_m_s=float(config.v_perp_crowd_m_s),
@@ -274,19 +331,20 @@ def _gains(config: LawConfig, limits: VehicleLimits) -> Gains:
     )
 
 
-def _sigmas(c: LawConfig) -> tuple[float, float]:
-    """Margin per metre and per m/s of one vehicle's standard deviation under the accuracy policy,
-    else 0.
+def _sigmas(config: LawConfig) -> tuple[float, float]:
+    """Return the margin per metre and per m/s of one vehicle's standard deviations.
 
-    An error with correlation time tau passes the distance row's filter with the power Phi(tau); the
-    two vehicles' add.
+    With the sum a_1 and the product a_0 of the kappas, the distance row multiplies an error of
+    position by a_0 and one of velocity by a_1, and the distance answers through the filter
+    1 / (s^2 + a_1 s + a_0). An error with the correlation time tau passes it with the power
+    Phi(tau). The powers of the two vehicles add.
     """
-    if c.margin == "fixed":
-        return 0.0, 0.0
-    a_1, a_0, rate = (
-        c.kappa_1_1_s + c.kappa_2_1_s,
-        c.kappa_1_1_s * c.kappa_2_1_s,
-        1.0 / c.accuracy_time_s,
-    )
-    phi = (a_1 + rate) / (a_0 * a_1 * (rate * rate + a_1 * rate + a_0))
-    return _MARGIN_SIGMAS * a_0 * math.sqrt(phi), _MARGIN_SIGMAS * a_1 * math.sqrt(phi)
+    a_1 = config.kappa_1_1_s + config.kappa_2_1_s
+    a_0 = config.kappa_1_1_s * config.kappa_2_1_s
+
+    rate_1_s = 1.0 / config.accuracy_time_s  # 1 / tau
+    phi = (a_1 + rate_1_s) / (a_0 * a_1 * (rate_1_s * rate_1_s + a_1 * rate_1_s + a_0))
+
+    sigma_position = _MARGIN_SIGMAS * a_0 * math.sqrt(phi)
+    sigma_velocity_s = _MARGIN_SIGMAS * a_1 * math.sqrt(phi)
+    return sigma_position, sigma_velocity_s

@@ -19,17 +19,23 @@ from tests.onboard.avoidance.law_cases import (
     run,
 )
 
-APART_M, LEAD_S = 1.2, 0.15
+APART_M = 1.2
+LEAD_S = 0.15
 LAW = law_of({"vertical_separation_m": APART_M})
 HOVERING = {"intent_enu_m_s": ZERO_3}
 
 
-def share(height_m, *, climb=0.0, way_m=0.0, std_m=0.0, **neighbour):
-    """Of a vehicle so far above a neighbour that hovers at 1 m."""
-    own = Climb(1.0 + height_m, 1.0 + height_m, climb, way_m, std_m)
-    return share_of(
-        own, neighbour_of((0.3, 0.0, 1.0), **{**HOVERING, **neighbour}), LEAD_S, LAW.spacing
+def share(height_m, *, climb=0.0, intended_climb_m=0.0, std_m=0.0, **changes):
+    """Return the share for a vehicle so far above a neighbour that hovers at 1 m."""
+    own = Climb(
+        height_m=1.0 + height_m,
+        ahead_m=1.0 + height_m,
+        velocity_m_s=climb,
+        intended_climb_m=intended_climb_m,
+        position_std_m=std_m,
     )
+    neighbour = neighbour_of((0.3, 0.0, 1.0), **{**HOVERING, **changes})
+    return share_of(own, neighbour, LEAD_S, LAW.spacing)
 
 
 def test_a_pair_counts_in_full_up_to_the_vertical_separation_and_not_at_all_a_little_beyond():
@@ -43,7 +49,13 @@ def test_a_pair_counts_in_full_up_to_the_vertical_separation_and_not_at_all_a_li
 
 
 def test_without_a_vertical_separation_every_height_counts():
-    own = Climb(9.0, 9.0, 0.0, 0.0, 0.0)
+    own = Climb(
+        height_m=9.0,
+        ahead_m=9.0,
+        velocity_m_s=0.0,
+        intended_climb_m=0.0,
+        position_std_m=0.0,
+    )
     assert share_of(own, neighbour_of((0.3, 0.0, 1.0)), LEAD_S, law_of().spacing) == 1.0
 
 
@@ -52,11 +64,11 @@ def test_a_climb_or_descent_towards_the_other_counts_before_the_heights_are_near
     changed = {
         "own descent": {"climb": -1.5},
         "its climb": {"predicted_velocity_enu_m_s": Vec3(0.0, 0.0, 1.5)},
-        "own intent": {"way_m": -2.0},
+        "own intent": {"intended_climb_m": -2.0},
         "its intent": {"intent_enu_m_s": Vec3(0.0, 0.0, 1.0)},
     }[who]
     assert share(1.6) == 0.0 < share(1.6, **changed)
-    assert share(1.6, climb=1.5, way_m=2.0) == 0.0  # away from it
+    assert share(1.6, climb=1.5, intended_climb_m=2.0) == 0.0  # away from it
 
 
 def test_an_intent_that_ends_far_enough_away_does_not_count():
@@ -83,7 +95,9 @@ def test_both_accuracies_widen_the_vertical_separation():
 def test_unknown_heights_count_in_full(field):
     assert share(3.0, **{field: Vec3(0.3, 0.0, math.nan)}) == 1.0
     assert share(3.0, intent_enu_m_s=Vec3(math.nan, math.nan, math.nan)) == 1.0
-    assert share(math.nan) == share(3.0, climb=math.nan) == share(3.0, way_m=math.nan) == 1.0
+    assert share(math.nan) == 1.0
+    assert share(3.0, climb=math.nan) == 1.0
+    assert share(3.0, intended_climb_m=math.nan) == 1.0
 
 
 def test_vehicles_exactly_above_each_other_are_no_case_of_coinciding_ones():
