@@ -1,5 +1,4 @@
-"""How much of a radio channel's time a fleet takes: packets, the time of each in the air, and the
-finding. Pure.
+"""How much of a radio channel's time a fleet takes: packets, the air time of each, the finding.
 
 Small packets take a channel's time, not its bits: most of what a frame of 802.11 takes is waiting,
 preamble and acknowledgement. So stations of 802.11n and later send what waits for one receiver in
@@ -10,6 +9,8 @@ of the first contention window, the frame, SIFS and the acknowledgement. For 802
 throughputs that Cisco publishes for its wireless phones ("Maximum Throughput Calculations for
 802.11b WLAN", table I-2). The values of OFDM are those of IEEE 802.11: slot 9 us, SIFS 16 us,
 symbols of 4 us, preamble and header 36 us in 802.11n, 20 us of an acknowledgement.
+
+Pure.
 """
 
 from __future__ import annotations
@@ -22,11 +23,24 @@ from onboard.config.fleet import FleetConfig
 from onboard.config.radio import RadioConfig
 from onboard.feasibility.finding import Finding, at_most
 
-STATE_BYTES, POSE_BYTES, TELEMETRY_BYTES, CLOCK_BYTES = 270, 110, 450, 60
-TICK_PACKETS, TICK_BYTES = 5, 1200  # a batch of ten ticks is cut into packets
+# encoded messages of the bus
+STATE_BYTES = 270
+POSE_BYTES = 110
+TELEMETRY_BYTES = 450
+CLOCK_BYTES = 60
+
+# a batch of ten ticks is cut into packets
+TICK_PACKETS = 5
+TICK_BYTES = 1200
+
 OVERHEAD_BYTES = 130  # of IP, UDP, QUIC and Zenoh, and of the frame beyond its first 28 bytes
 MOST_IN_TURN = 32  # packets of one aggregate
-_MAC_BYTES, _ACK_BYTES, _DELIMITER_BYTES = 28, 14, 6
+
+# of IEEE 802.11
+_MAC_BYTES = 28
+_ACK_BYTES = 14
+_DELIMITER_BYTES = 6  # between the packets of an aggregate
+
 _MOST_BYTES = 1400  # of one packet
 
 
@@ -43,8 +57,29 @@ class Phy(NamedTuple):
     ack_rates_mbit_s: tuple[float, ...]  # of acknowledgements; empty: as fast as the frame
 
 
-OFDM = Phy(9.0, 16.0, 36.0, 20.0, 4.0, 22.0, 7.5, (6.0, 12.0, 24.0))
-DSSS_SHORT = Phy(20.0, 10.0, 96.0, 96.0, 0.0, 0.0, 16.0, ())  # 802.11b with short preambles
+# 802.11n
+OFDM = Phy(
+    slot_us=9.0,
+    sifs_us=16.0,
+    header_us=36.0,
+    ack_header_us=20.0,
+    symbol_us=4.0,
+    extra_bits=22.0,
+    backoff_slots=7.5,
+    ack_rates_mbit_s=(6.0, 12.0, 24.0),
+)
+
+# 802.11b with short preambles
+DSSS_SHORT = Phy(
+    slot_us=20.0,
+    sifs_us=10.0,
+    header_us=96.0,
+    ack_header_us=96.0,
+    symbol_us=0.0,
+    extra_bits=0.0,
+    backoff_slots=16.0,
+    ack_rates_mbit_s=(),
+)
 
 
 def frame_s(packet_bytes: float, rate_mbit_s: float, phy: Phy = OFDM) -> float:
@@ -55,16 +90,20 @@ def frame_s(packet_bytes: float, rate_mbit_s: float, phy: Phy = OFDM) -> float:
         rate_mbit_s: of the data.
         phy: times of the physical layer.
     """
-    ack_mbit_s = max(
-        (rate for rate in phy.ack_rates_mbit_s if rate <= rate_mbit_s), default=rate_mbit_s
-    )
+    # a receiver acknowledges at the fastest of the basic rates that is no faster than the frame
+    possible_rates = [rate for rate in phy.ack_rates_mbit_s if rate <= rate_mbit_s]
+    ack_mbit_s = max(possible_rates, default=rate_mbit_s)
+
+    # DIFS, which is SIFS and two slots, then the backoff
     waiting_us = phy.sifs_us + 2.0 * phy.slot_us + phy.backoff_slots * phy.slot_us
     frame_us = phy.header_us + _data_us(packet_bytes + _MAC_BYTES, rate_mbit_s, phy)
     ack_us = phy.ack_header_us + _data_us(_ACK_BYTES, ack_mbit_s, phy)
+
     return 1e-6 * (waiting_us + frame_us + phy.sifs_us + ack_us)
 
 
 def _data_us(frame_bytes: float, rate_mbit_s: float, phy: Phy) -> float:
+    """Return the time [us] of the data of one frame."""
     data_us = (phy.extra_bits + 8.0 * frame_bytes) / rate_mbit_s
     if phy.symbol_us > 0.0:
         data_us = phy.symbol_us * math.ceil(data_us / phy.symbol_us - 1e-9)
@@ -72,8 +111,7 @@ def _data_us(frame_bytes: float, rate_mbit_s: float, phy: Phy) -> float:
 
 
 def turn_s(packets: int, size_bytes: float, rate_mbit_s: float, phy: Phy = OFDM) -> float:
-    """Return the time [s] of one turn of a station: packets for one receiver in one aggregate,
-    answered by one frame.
+    """Return the time [s] of one turn of a station: an aggregate for one receiver, and its answer.
 
     Args:
         packets: of the aggregate.
@@ -81,7 +119,9 @@ def turn_s(packets: int, size_bytes: float, rate_mbit_s: float, phy: Phy = OFDM)
         rate_mbit_s: of the data.
         phy: times of the physical layer.
     """
-    return frame_s(size_bytes + (packets - 1) * (_MAC_BYTES + _DELIMITER_BYTES), rate_mbit_s, phy)
+    # frame_s adds the header of the first packet
+    further_headers_bytes = (packets - 1) * (_MAC_BYTES + _DELIMITER_BYTES)
+    return frame_s(size_bytes + further_headers_bytes, rate_mbit_s, phy)
 
 
 def message_packets(message_bytes: int) -> int:
@@ -96,15 +136,14 @@ def message_packets(message_bytes: int) -> int:
 class Flow(NamedTuple):
     """Packets of one kind, of one vehicle."""
 
-    what: str
+    what: str  # in words
     packets_1_s: float
-    message_bytes: int
+    message_bytes: int  # of each packet
     is_to_vehicles: bool  # or between a vehicle and the wired end of an access point
 
 
 def flows(count: int, near: int, states_hz: float, has_mocap: bool) -> list[Flow]:
-    """Return the packets that the radio of one vehicle sends in a second, and the poses that it
-    receives.
+    """Return the packets of one vehicle's radio in a second: those it sends, and its poses.
 
     Args:
         count: vehicles of the fleet.
@@ -112,21 +151,32 @@ def flows(count: int, near: int, states_hz: float, has_mocap: bool) -> list[Flow
         states_hz: that rate.
         has_mocap: whether poses come over the radio.
     """
-    rate = {topic: spec.rate_hz for topic, spec in TOPICS.items()}
+    rate_hz = {topic: spec.rate_hz for topic, spec in TOPICS.items()}
     others = count - 1
-    return [
+    far = others - near
+
+    own_poses_1_s = 0.0
+    all_poses_1_s = 0.0
+    if has_mocap:
+        own_poses_1_s = rate_hz[Topic.MOCAP]
+        all_poses_1_s = rate_hz[Topic.ALL_POSES]
+
+    to_vehicles = [
         Flow("states to near vehicles", near * states_hz, STATE_BYTES, True),
-        Flow("states to far vehicles", (others - near) * rate[Topic.FAR], STATE_BYTES, True),
-        Flow("telemetry to vehicles", others * rate[Topic.SLOW_TELEMETRY], TELEMETRY_BYTES, True),
-        Flow("clock to vehicles", others * rate[Topic.CLOCK], CLOCK_BYTES, True),
-        Flow("states to the record", states_hz, STATE_BYTES, False),
-        Flow("ticks to the record", TICK_PACKETS * rate[Topic.TICK], TICK_BYTES, False),
-        Flow("telemetry to the ground", rate[Topic.TELEMETRY], TELEMETRY_BYTES, False),
-        Flow("own poses", rate[Topic.MOCAP] if has_mocap else 0.0, POSE_BYTES, False),
+        Flow("states to far vehicles", far * rate_hz[Topic.FAR], STATE_BYTES, True),
         Flow(
-            "poses of all", rate[Topic.ALL_POSES] if has_mocap else 0.0, count * POSE_BYTES, False
+            "telemetry to vehicles", others * rate_hz[Topic.SLOW_TELEMETRY], TELEMETRY_BYTES, True
         ),
+        Flow("clock to vehicles", others * rate_hz[Topic.CLOCK], CLOCK_BYTES, True),
     ]
+    with_the_ground = [
+        Flow("states to the record", states_hz, STATE_BYTES, False),
+        Flow("ticks to the record", TICK_PACKETS * rate_hz[Topic.TICK], TICK_BYTES, False),
+        Flow("telemetry to the ground", rate_hz[Topic.TELEMETRY], TELEMETRY_BYTES, False),
+        Flow("own poses", own_poses_1_s, POSE_BYTES, False),
+        Flow("poses of all", all_poses_1_s, count * POSE_BYTES, False),
+    ]
+    return to_vehicles + with_the_ground
 
 
 def airtime_finding(fleet: FleetConfig, radio: RadioConfig, near: int) -> Finding:
@@ -144,30 +194,59 @@ def airtime_finding(fleet: FleetConfig, radio: RadioConfig, near: int) -> Findin
         the finding: a warning beyond ``usable_frac`` of the channel's time, a refusal where there
             is not enough of it.
     """
-    names, has_access_point = fleet.enabled_names, radio.link == "access point"
-    hops, turns = (2, 2) if has_access_point else (1, near)
-    packets_1_s = bits_1_s = turns_1_s = 0.0
+    names = fleet.enabled_names
+    count = len(names)
+
+    if radio.link == "access point":
+        hops_between_vehicles = 2
+        turns_for_a_state = 2
+        means = "an access point"
+        twice = ", which sends what goes between vehicles twice,"
+    else:
+        hops_between_vehicles = 1
+        turns_for_a_state = near
+        means = "direct links"
+        twice = ""
+
+    packets_1_s = 0.0
+    bits_1_s = 0.0
+    turns_1_s = 0.0
     for name in names:
         has_mocap = fleet.vehicles[name].mocap_required and not fleet.mocap.direct
-        for flow in flows(len(names), near, radio.states_hz, has_mocap):
+
+        for flow in flows(count, near, radio.states_hz, has_mocap):
+            hops = 1
+            if flow.is_to_vehicles:
+                hops = hops_between_vehicles
+            frames_1_s = flow.packets_1_s * hops
+
             packets_1_s += flow.packets_1_s
-            frames_1_s = flow.packets_1_s * (hops if flow.is_to_vehicles else 1)
             bits_1_s += frames_1_s * 8.0 * (flow.message_bytes + OVERHEAD_BYTES)
-        turns_1_s += turns * radio.states_hz + (TOPICS[Topic.MOCAP].rate_hz if has_mocap else 0.0)
+
+        poses_1_s = 0.0
+        if has_mocap:
+            poses_1_s = TOPICS[Topic.MOCAP].rate_hz
+        turns_1_s += turns_for_a_state * radio.states_hz + poses_1_s
+
+    # an empty frame costs what each turn costs beside its bits
     busy_frac = turns_1_s * frame_s(0.0, radio.rate_mbit_s) + bits_1_s * 1e-6 / radio.rate_mbit_s
-    twice = ", which sends what goes between vehicles twice," if has_access_point else ""
-    means = "an access point" if has_access_point else "direct links"
+
     return at_most(
-        "airtime",
-        100.0 * busy_frac,
-        100.0 * radio.usable_frac,
-        "%",
-        f"The radio carries up to {packets_1_s / len(names):.0f} packets/s for each vehicle (states at "
-        f"{radio.states_hz} Hz to {near} near ones, the record included), {packets_1_s:.0f} in all. Over {means} at "
-        f"{radio.rate_mbit_s:g} Mbit/s{twice} they take {{value}} of one channel's time, of which the fleet may take "
-        "{bound}",
-        "Lower [radio] states_hz or law.max_neighbours, stand farther apart, use a faster radio ([radio] rate_mbit_s), "
-        "or spread the fleet over several channels. States are up to 0.1 s old on a channel so full: declare it "
-        "([radio] expected_delay_s = 0.1). See docs/network.md.",
+        name="airtime",
+        value=100.0 * busy_frac,
+        bound=100.0 * radio.usable_frac,
+        unit="%",
+        sentence=(
+            f"The radio carries up to {packets_1_s / count:.0f} packets/s for each vehicle (states "
+            f"at {radio.states_hz} Hz to {near} near ones, the record included), "
+            f"{packets_1_s:.0f} in all. Over {means} at {radio.rate_mbit_s:g} Mbit/s{twice} they "
+            "take {value} of one channel's time, of which the fleet may take {bound}"
+        ),
+        remedy=(
+            "Lower [radio] states_hz or law.max_neighbours, stand farther apart, use a faster "
+            "radio ([radio] rate_mbit_s), or spread the fleet over several channels. States are up "
+            "to 0.1 s old on a channel so full: declare it ([radio] expected_delay_s = 0.1). See "
+            "docs/network.md."
+        ),
         refuse_above=100.0,
     )

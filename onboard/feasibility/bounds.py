@@ -15,11 +15,19 @@ import numpy as np
 from onboard.estimation.accuracies import Accuracy
 from onboard.types import GRAVITY_M_S2, TICK_S
 
-# older states than this need more margin, so much for each second
-USUAL_AGE_S, AGE_MARGIN_M_S = 0.16, 0.5
-MAX_THRUST_FRAC = 0.97  # largest throttle that is ever sent
+# states that are older than the first require the second for each further second of age
+USUAL_AGE_S = 0.16
+AGE_MARGIN_M_S = 0.5
+
+# largest throttle that is ever sent
+MAX_THRUST_FRAC = 0.97
+
+# the fit of the margin: floor + sigmas * sigma_d
+_MARGIN_FLOOR_M = 0.05
+_MARGIN_SIGMAS = 4.5
+
+# Euler steps of the vehicle's response in one tick
 _SUBSTEPS = 4
-_MARGIN_FLOOR_M, _MARGIN_SIGMAS = 0.05, 4.5
 
 
 def distance_spread_m(accuracy: Accuracy, kappa_1_1_s: float, kappa_2_1_s: float) -> float:
@@ -35,17 +43,21 @@ def distance_spread_m(accuracy: Accuracy, kappa_1_1_s: float, kappa_2_1_s: float
     Returns:
         sigma_d [m].
     """
-    a_1, a_0 = kappa_1_1_s + kappa_2_1_s, kappa_1_1_s * kappa_2_1_s
+    # the row's characteristic polynomial is s^2 + a_1 s + a_0
+    a_1 = kappa_1_1_s + kappa_2_1_s
+    a_0 = kappa_1_1_s * kappa_2_1_s
 
     def _phi(time_s: float) -> float:
         return (a_1 + 1.0 / time_s) / (a_0 * a_1 * (1.0 / time_s**2 + a_1 / time_s + a_0))
 
-    variance = (
+    variance_m2 = (
         (a_1 * accuracy.velocity_std_m_s) ** 2 * _phi(accuracy.velocity_time_s)
         + (a_0 * accuracy.position_std_m) ** 2 * _phi(accuracy.position_time_s)
         + accuracy.acceleration_std_m_s2**2 * _phi(accuracy.acceleration_time_s)
     )
-    return math.sqrt(2.0 * variance)
+
+    # the errors of the two vehicles are independent
+    return math.sqrt(2.0 * variance_m2)
 
 
 def required_margin_m(accuracy: Accuracy, kappa_1_1_s: float, kappa_2_1_s: float) -> float:
@@ -74,16 +86,20 @@ def row_range_m(
     Returns:
         distance between centres [m]; each must know of the other by then.
     """
-    s, q, v = kappa_1_1_s + kappa_2_1_s, kappa_1_1_s * kappa_2_1_s, closing_speed_m_s
-    root = max(0.0, s * s * v * v - q * (2.0 * v * v - q * distance_m**2))
-    return (s * v + math.sqrt(root)) / q
+    v = closing_speed_m_s
+    s = kappa_1_1_s + kappa_2_1_s
+    q = kappa_1_1_s * kappa_2_1_s
+
+    discriminant = s * s * v * v - q * (2.0 * v * v - q * distance_m**2)
+    return (s * v + math.sqrt(max(0.0, discriminant))) / q
 
 
 def braking_m_s2(
     closing_speed_m_s: float, distance_m: float, kappa_1_1_s: float, kappa_2_1_s: float
 ) -> float:
-    """Return the largest acceleration of each of two vehicles that meet head-on and share the
-    braking.
+    """Return the largest acceleration of two vehicles that meet head-on and share the braking.
+
+    The two are simulated from the distance at which the row begins to brake until they rest.
 
     Args:
         closing_speed_m_s: of both together.
@@ -93,27 +109,33 @@ def braking_m_s2(
     Returns:
         acceleration [m/s^2] of one vehicle.
     """
-    s, q = kappa_1_1_s + kappa_2_1_s, kappa_1_1_s * kappa_2_1_s
-    gap, rate = (
-        row_range_m(closing_speed_m_s, distance_m, kappa_1_1_s, kappa_2_1_s),
-        -closing_speed_m_s,
-    )
-    largest, dt_s = 0.0, 0.002
+    s = kappa_1_1_s + kappa_2_1_s
+    q = kappa_1_1_s * kappa_2_1_s
+
+    gap_m = row_range_m(closing_speed_m_s, distance_m, kappa_1_1_s, kappa_2_1_s)
+    gap_rate_m_s = -closing_speed_m_s
+
+    dt_s = 0.002
+    largest_m_s2 = 0.0
     for _ in range(2000):
-        required = max(
-            0.0, (-rate * rate - s * gap * rate - 0.5 * q * (gap * gap - distance_m**2)) / gap
+        missing = (
+            -gap_rate_m_s * gap_rate_m_s
+            - s * gap_m * gap_rate_m_s
+            - 0.5 * q * (gap_m * gap_m - distance_m**2)
         )
-        largest = max(largest, required)
-        rate += dt_s * required
-        gap += dt_s * rate
-        if rate > -0.01:
+        required_m_s2 = max(0.0, missing / gap_m)
+        largest_m_s2 = max(largest_m_s2, required_m_s2)
+
+        gap_rate_m_s += dt_s * required_m_s2
+        gap_m += dt_s * gap_rate_m_s
+        if gap_rate_m_s > -0.01:
             break
-    return 0.5 * largest
+
+    return 0.5 * largest_m_s2
 
 
 def largest_equal_kappa_1_s(lag_s: float) -> float:
-    """Return the largest kappa_1 = kappa_2 whose loop does not overshoot behind a lag without
-    prediction.
+    """Return the largest kappa_1 = kappa_2 that does not overshoot behind an unpredicted lag.
 
     Args:
         lag_s: from command to acceleration.
@@ -127,9 +149,9 @@ def largest_equal_kappa_1_s(lag_s: float) -> float:
 class Response:
     """Response from a command to the acceleration: dead time, then second order."""
 
-    delay_s: float
-    wn_rad_s: float
-    zeta: float
+    delay_s: float  # dead time
+    wn_rad_s: float  # natural frequency of the second order
+    zeta: float  # its damping ratio
 
     @property
     def lag_s(self) -> float:
@@ -148,7 +170,9 @@ def loop_growth_1_s(
     """Return the growth rate of the slowest-dying motion of a distance row that is always active.
 
     Model: one axis, sampled at 50 Hz; the row is evaluated at the state predicted over L with the
-    own past commands, and the acceleration follows through dead time and second order.
+    own past commands, and the acceleration follows through dead time and second order. The matrix
+    of one tick is found by flying each unit state for one tick; its largest eigenvalue is the
+    growth in that tick.
 
     Args:
         response: of the vehicle, as configured.
@@ -159,28 +183,48 @@ def loop_growth_1_s(
     Returns:
         growth rate [1/s]; negative if every motion dies out.
     """
+    # the real vehicle: the configured response, stretched in time
     stretch = max(0.05, (response.lag_s + lag_error_s) / response.lag_s)
-    delay_s, wn = response.delay_s * stretch, response.wn_rad_s / stretch
-    window_s = response.lag_s if is_predicted else 0.0
+    delay_s = response.delay_s * stretch
+    wn = response.wn_rad_s / stretch
+
+    # the law predicts over the configured lag, not over the real one
+    window_s = 0.0
+    if is_predicted:
+        window_s = response.lag_s
     slots = math.ceil(max(window_s, delay_s) / TICK_S) + 2
+
     # one row per unit state: distance, rate, acceleration, its rate, commands newest first
     state = np.eye(4 + slots)
-    y, v, a, jerk, past = state[:, 0], state[:, 1], state[:, 2], state[:, 3], state[:, 4:]
-    left = TICK_S * np.arange(slots)
-    inside = np.clip(window_s - left, 0.0, TICK_S)
-    ahead_v = v + past @ inside
-    ahead_y = y + window_s * v + past @ (inside * (left + 0.5 * inside))
+    y = state[:, 0]
+    v = state[:, 1]
+    a = state[:, 2]
+    jerk = state[:, 3]
+    past = state[:, 4:]
+
+    # the prediction: each past command acts for the part of its tick that lies in the window
+    left_s = TICK_S * np.arange(slots)
+    inside_s = np.clip(window_s - left_s, 0.0, TICK_S)
+    ahead_v = v + past @ inside_s
+    ahead_y = y + window_s * v + past @ (inside_s * (left_s + 0.5 * inside_s))
+
+    # the row at the predicted state
     command = -(kappa_1_1_s + kappa_2_1_s) * ahead_v - kappa_1_1_s * kappa_2_1_s * ahead_y
     past = np.concatenate([command[:, None], past], axis=1)
+
+    # the vehicle follows for one tick
     step_s = TICK_S / _SUBSTEPS
     for index in range(_SUBSTEPS):
-        delayed = past[:, max(0, math.ceil((delay_s - index * step_s) / TICK_S - 1e-9))]
+        slot = max(0, math.ceil((delay_s - index * step_s) / TICK_S - 1e-9))
+        delayed = past[:, slot]
         jerk = jerk + step_s * (wn * wn * (delayed - a) - 2.0 * response.zeta * wn * jerk)
         a = a + step_s * jerk
         y = y + step_s * v + 0.5 * step_s * step_s * a
         v = v + step_s * a
+
     after = np.concatenate([np.stack([y, v, a, jerk], axis=1), past[:, :slots]], axis=1)
-    return math.log(max(float(np.abs(np.linalg.eigvals(after)).max()), 1e-9)) / TICK_S
+    growth_of_a_tick = float(np.abs(np.linalg.eigvals(after)).max())
+    return math.log(max(growth_of_a_tick, 1e-9)) / TICK_S
 
 
 def available_acceleration_m_s2(max_tilt_deg: float, hover_thrust_frac: float) -> float:
@@ -192,9 +236,13 @@ def available_acceleration_m_s2(max_tilt_deg: float, hover_thrust_frac: float) -
     Returns:
         acceleration [m/s^2], limited by tilt or by the throttle left beside the weight.
     """
-    by_tilt = GRAVITY_M_S2 * math.tan(math.radians(max_tilt_deg))
+    by_tilt_m_s2 = GRAVITY_M_S2 * math.tan(math.radians(max_tilt_deg))
+
+    # the full thrust is the hypotenuse, the weight its vertical part
     ratio = MAX_THRUST_FRAC / hover_thrust_frac
-    return min(by_tilt, GRAVITY_M_S2 * math.sqrt(max(0.0, ratio * ratio - 1.0)))
+    by_throttle_m_s2 = GRAVITY_M_S2 * math.sqrt(max(0.0, ratio * ratio - 1.0))
+
+    return min(by_tilt_m_s2, by_throttle_m_s2)
 
 
 def delay_margin_m(age_s: float) -> float:
@@ -221,4 +269,6 @@ def stopping_distance_m(speed_m_s: float, acceleration_m_s2: float, reaction_s: 
     Returns:
         distance [m].
     """
-    return speed_m_s * reaction_s + speed_m_s**2 / (2.0 * max(acceleration_m_s2, 1e-6))
+    reaction_m = speed_m_s * reaction_s
+    braking_m = speed_m_s**2 / (2.0 * max(acceleration_m_s2, 1e-6))
+    return reaction_m + braking_m

@@ -1,4 +1,9 @@
-"""Findings of feasibility checks: one quantity, its bound, a status, a sentence and a remedy. Pure."""
+"""Findings of feasibility checks: a quantity, its bound, a status, a sentence and a remedy. Pure.
+
+A check computes one quantity of a fleet and hands it to :func:`at_least` or :func:`at_most` with
+the bound that the quantity must keep. They decide the status and write the numbers into the
+sentence.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +13,12 @@ from typing import Literal
 
 Status = Literal["ok", "warning", "refused"]
 Relation = Literal["at least", "at most"]
+
+# the worst status first
 ORDER: tuple[Status, ...] = ("refused", "warning", "ok")
+
+# a value that misses its bound only by rounding keeps it
+_ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,7 +29,7 @@ class Finding:
     status: Status
     value: float
     bound: float
-    unit: str
+    unit: str  # of value and bound
     relation: Relation
     sentence: str  # with value and bound; ends with the remedy unless the status is ok
     remedy: str
@@ -44,7 +54,6 @@ def worst(findings: Iterable[Finding]) -> Finding:
     Returns:
         the one nearest to its bound or farthest beyond it.
     """
-
     return min(findings, key=_margin)
 
 
@@ -74,14 +83,27 @@ def at_least(
     Returns:
         the finding.
     """
-    refuse, warn = (
-        bound if refuse_below is None else refuse_below,
-        bound if warn_below is None else warn_below,
+    if refuse_below is None:
+        refuse_below = bound
+    if warn_below is None:
+        warn_below = bound
+
+    status: Status = "ok"
+    if value < refuse_below - _ROUNDING:
+        status = "refused"
+    elif value < warn_below - _ROUNDING:
+        status = "warning"
+
+    return _finding(
+        name=name,
+        status=status,
+        value=value,
+        bound=bound,
+        unit=unit,
+        relation="at least",
+        sentence=sentence,
+        remedy=remedy,
     )
-    status: Status = (
-        "refused" if value < refuse - 1e-9 else "warning" if value < warn - 1e-9 else "ok"
-    )
-    return _finding(name, status, (value, bound), unit, "at least", (sentence, remedy))
 
 
 def at_most(
@@ -109,40 +131,70 @@ def at_most(
     Returns:
         the finding.
     """
-    refuse, warn = (
-        bound if refuse_above is None else refuse_above,
-        bound if warn_above is None else warn_above,
+    if refuse_above is None:
+        refuse_above = bound
+    if warn_above is None:
+        warn_above = bound
+
+    status: Status = "ok"
+    if value > refuse_above + _ROUNDING:
+        status = "refused"
+    elif value > warn_above + _ROUNDING:
+        status = "warning"
+
+    return _finding(
+        name=name,
+        status=status,
+        value=value,
+        bound=bound,
+        unit=unit,
+        relation="at most",
+        sentence=sentence,
+        remedy=remedy,
     )
-    status: Status = (
-        "refused" if value > refuse + 1e-9 else "warning" if value > warn + 1e-9 else "ok"
-    )
-    return _finding(name, status, (value, bound), unit, "at most", (sentence, remedy))
 
 
 def _finding(
+    *,
     name: str,
     status: Status,
-    numbers: tuple[float, float],
+    value: float,
+    bound: float,
     unit: str,
     relation: Relation,
-    texts: tuple[str, str],
+    sentence: str,
+    remedy: str,
 ) -> Finding:
-    value, bound = numbers
-    words = {
+    """Return a finding whose templates are filled in."""
+    numbers = {
         "value": f"{value:.3g} {unit}".strip(),
         "bound": f"{bound:.3g} {unit}".strip(),
         "relation": relation,
         "difference": f"{abs(bound - value):.2f} {unit}".strip(),
     }
-    sentence, remedy = (text.format(**words) for text in texts)
-    sentence = f"{sentence}."
+    full_sentence = f"{sentence.format(**numbers)}."
+    full_remedy = remedy.format(**numbers)
+
     if status == "ok":
-        remedy = "Nothing to do."
+        full_remedy = "Nothing to do."
     else:
-        sentence = f"{sentence} {remedy}"
-    return Finding(name, status, round(value, 4), round(bound, 4), unit, relation, sentence, remedy)
+        full_sentence = f"{full_sentence} {full_remedy}"
+
+    return Finding(
+        name=name,
+        status=status,
+        value=round(value, 4),
+        bound=round(bound, 4),
+        unit=unit,
+        relation=relation,
+        sentence=full_sentence,
+        remedy=full_remedy,
+    )
 
 
 def _margin(finding: Finding) -> tuple[int, float]:
-    sign = 1.0 if finding.relation == "at least" else -1.0
-    return ORDER.index(finding.status), sign * (finding.value - finding.bound)
+    """Return a key that is the smaller, the worse a finding is."""
+    kept_by = finding.value - finding.bound
+    if finding.relation == "at most":
+        kept_by = -kept_by
+    return ORDER.index(finding.status), kept_by

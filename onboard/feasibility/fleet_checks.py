@@ -46,6 +46,7 @@ from onboard.types import TICK_S
 
 ErrorClass = Literal["mocap", "vision", "gps"]
 
+# nearer to the fence than this, a spot is refused
 _FENCE_M = 0.15
 
 
@@ -60,48 +61,83 @@ def fleet_findings(fleet: FleetConfig, *, errors: ErrorClass | None = None) -> t
     """
     vehicles = [fleet.vehicles[name] for name in fleet.enabled_names]
     if not vehicles:
-        remedy = "Set enabled = true for the vehicles that shall fly."
-        sentence = f"No vehicle of the fleet '{fleet.fleet.name}' is enabled. {remedy}"
-        return (Finding("vehicles", "refused", 0.0, 1.0, "", "at least", sentence, remedy),)
+        return (_nobody(fleet),)
+
     kinds = distinct(vehicles)
+    starts = {vehicle.name: vehicle.start_enu_m for vehicle in vehicles}
     accuracy = ACCURACIES[errors or error_class(fleet)]
-    findings = [] if fleet.own_law is None else [_own_law(fleet, fleet.own_law)]
+
+    findings = []
+    if fleet.own_law is not None:
+        findings.append(_own_law(fleet, fleet.own_law))
+
     if len(vehicles) > 1:
         findings += pair_findings(fleet, kinds, accuracy)
-        starts = {vehicle.name: vehicle.start_enu_m for vehicle in vehicles}
         findings.append(start_finding(fleet, starts, accuracy))
-        for name, slots in fleet.formations.items():
-            flown = {vehicle: slot for vehicle, slot in slots.items() if vehicle in starts}
-            if len(flown) > 1:
-                findings.append(spacing_finding(fleet, flown, f"formation '{name}'", accuracy))
+        findings += _formation_findings(fleet, accuracy)
         findings.append(crowding(fleet, vehicles))
         if fleet.law.name == "covey":
             findings.append(law_map.map_finding(fleet, accuracy, law_map.shipped()))
-    findings.append(
-        fence_finding(
-            fleet, {vehicle.name: vehicle.start_enu_m for vehicle in vehicles}, "take-off spots"
-        )
-    )
+
+    findings.append(fence_finding(fleet, starts, "take-off spots"))
     for judge in (height_at_tilt, thrust_reserve, gust_reserve, battery, silence):
         findings.append(worst(judge(fleet, vehicle) for vehicle in kinds))
+
     return worst_first(findings)
+
+
+def _nobody(fleet: FleetConfig) -> Finding:
+    """Return the refusal of a fleet without vehicles."""
+    remedy = "Set enabled = true for the vehicles that shall fly."
+    return Finding(
+        name="vehicles",
+        status="refused",
+        value=0.0,
+        bound=1.0,
+        unit="",
+        relation="at least",
+        sentence=f"No vehicle of the fleet '{fleet.fleet.name}' is enabled. {remedy}",
+        remedy=remedy,
+    )
 
 
 def _own_law(fleet: FleetConfig, law: OwnLaw) -> Finding:
     """Return the warning that a fleet file brings code along."""
-    real = "may fly" if fleet.law.allow_own_law_on_real_vehicles else "does not take off"
+    real = "does not take off"
+    if fleet.law.allow_own_law_on_real_vehicles:
+        real = "may fly"
+
     remedy = "Read its source before you run it."
     sentence = (
-        f"The law '{law.name}' (source {law.source_hash}) is code of {law.source} that this fleet file names: it runs "
-        f"in every agent and here, with your rights. On real vehicles it {real}. Preview and these findings are of "
-        f"Covey's law, which takes over where it fails. {remedy}"
+        f"The law '{law.name}' (source {law.source_hash}) is code of {law.source} that this fleet "
+        "file names: it runs in every agent and here, with your rights. On real vehicles it "
+        f"{real}. Preview and these findings are of Covey's law, which takes over where it fails. "
+        f"{remedy}"
     )
-    return Finding("own law", "warning", 1.0, 0.0, "", "at most", sentence, remedy)
+    return Finding(
+        name="own law",
+        status="warning",
+        value=1.0,
+        bound=0.0,
+        unit="",
+        relation="at most",
+        sentence=sentence,
+        remedy=remedy,
+    )
+
+
+def _formation_findings(fleet: FleetConfig, accuracy: Accuracy) -> list[Finding]:
+    """Return the spacing of each formation that two or more of the enabled vehicles fly."""
+    findings = []
+    for name, slots in fleet.formations.items():
+        flown = {vehicle: slot for vehicle, slot in slots.items() if vehicle in fleet.enabled_names}
+        if len(flown) > 1:
+            findings.append(spacing_finding(fleet, flown, f"formation '{name}'", accuracy))
+    return findings
 
 
 def distinct(vehicles: Iterable[Vehicle]) -> list[Vehicle]:
-    """Return one vehicle of each kind, so that vehicles without a relevant difference are judged
-    once.
+    """Return one vehicle of each kind: alike vehicles are judged once.
 
     Args:
         vehicles: any.
@@ -110,15 +146,18 @@ def distinct(vehicles: Iterable[Vehicle]) -> list[Vehicle]:
     """
     kinds: dict[object, Vehicle] = {}
     for vehicle in vehicles:
-        own = {
-            "name": "",
-            "index": 0,
-            "system_id": 0,
-            "start_enu_m": (0.0, 0.0, 0.0),
-            "agent": "",
-            "autopilot": "",
-        }
-        alike = msgspec.structs.replace(vehicle, **own, direct=None, mocap_body=None)
+        # without the values that each vehicle has of its own and no check asks for
+        alike = msgspec.structs.replace(
+            vehicle,
+            name="",
+            index=0,
+            system_id=0,
+            start_enu_m=(0.0, 0.0, 0.0),
+            agent="",
+            autopilot="",
+            direct=None,
+            mocap_body=None,
+        )
         kinds.setdefault(msgspec.json.encode(alike), vehicle)
     return list(kinds.values())
 
@@ -136,13 +175,16 @@ def spot_findings(
     Returns:
         all findings, the worst first.
     """
-    findings = [fence_finding(fleet, spots, label)] if spots else []
+    findings = []
+
+    if spots:
+        findings.append(fence_finding(fleet, spots, label))
     if spots and fleet.obstacles:
         findings.append(obstacle_finding(fleet, spots, label))
     if len(spots) > 1:
-        findings.append(
-            spacing_finding(fleet, spots, label, ACCURACIES[errors or error_class(fleet)])
-        )
+        accuracy = ACCURACIES[errors or error_class(fleet)]
+        findings.append(spacing_finding(fleet, spots, label, accuracy))
+
     return worst_first(findings)
 
 
@@ -155,9 +197,19 @@ def error_class(fleet: FleetConfig) -> ErrorClass:
         the least accurate of the vehicles that take part: ``mocap`` with ``mocap_required``, else
             ``px4_position``.
     """
-    vehicles = [fleet.vehicles[name] for name in fleet.enabled_names]
-    sources = {"mocap" if vehicle.mocap_required else vehicle.px4_position for vehicle in vehicles}
-    return "gps" if "gps" in sources else "vision" if "vision" in sources else "mocap"
+    sources = set()
+    for name in fleet.enabled_names:
+        vehicle = fleet.vehicles[name]
+        if vehicle.mocap_required:
+            sources.add("mocap")
+        else:
+            sources.add(vehicle.px4_position)
+
+    if "gps" in sources:
+        return "gps"
+    if "vision" in sources:
+        return "vision"
+    return "mocap"
 
 
 def start_finding(fleet: FleetConfig, spots: Mapping[str, Vec3], accuracy: Accuracy) -> Finding:
@@ -176,24 +228,31 @@ def start_finding(fleet: FleetConfig, spots: Mapping[str, Vec3], accuracy: Accur
     Returns:
         the finding.
     """
-    spacing_m, pair = _closest(spots, 0.0)  # all of them take off from below
+    # all of them take off from below, so a difference in height does not count
+    spacing_m, pair = _closest(spots, 0.0)
+
+    safety_distance_m = fleet.fleet.safety_distance_m
     if fleet.law.built_in == "paper":
-        bound_m, reason = parking_distance_m(fleet), "(8) of the paper at rest"
+        bound_m = parking_distance_m(fleet)
+        reason = "(8) of the paper at rest"
     elif fleet.law.built_in == "covey":
-        bound_m = fleet.fleet.safety_distance_m + max(
-            effective_margin_m(fleet, accuracy), least_margin_m(fleet, accuracy)
-        )
+        margin_m = max(effective_margin_m(fleet, accuracy), least_margin_m(fleet, accuracy))
+        bound_m = safety_distance_m + margin_m
         reason = f"the design distance for '{accuracy.name}'"
     else:
-        bound_m, reason = fleet.fleet.safety_distance_m, "the safety distance"
+        bound_m = safety_distance_m
+        reason = "the safety distance"
+
     return at_least(
-        "initial conditions",
-        spacing_m,
-        parking_m(fleet, accuracy),
-        "m",
-        f"Take-off spots: {pair} stand {{value}} apart. The law's initial conditions require {bound_m:.2f} m "
-        f"({reason}), and hovering side by side requires {{bound}}",
-        f"Move the spots of {pair} apart by {{difference}}.",
+        name="initial conditions",
+        value=spacing_m,
+        bound=parking_m(fleet, accuracy),
+        unit="m",
+        sentence=(
+            f"Take-off spots: {pair} stand {{value}} apart. The law's initial conditions require "
+            f"{bound_m:.2f} m ({reason}), and hovering side by side requires {{bound}}"
+        ),
+        remedy=f"Move the spots of {pair} apart by {{difference}}.",
         refuse_below=bound_m,
     )
 
@@ -201,8 +260,7 @@ def start_finding(fleet: FleetConfig, spots: Mapping[str, Vec3], accuracy: Accur
 def spacing_finding(
     fleet: FleetConfig, spots: Mapping[str, Vec3], label: str, accuracy: Accuracy
 ) -> Finding:
-    """Check the closest pair of a constellation against the distance at which two vehicles can
-    hover side by side.
+    """Check that the closest pair of a constellation can hover side by side.
 
     Args:
         fleet: the fleet file.
@@ -212,15 +270,20 @@ def spacing_finding(
     Returns:
         the finding.
     """
-    spacing_m, pair = _closest(spots, parking_height_share(fleet, height_accuracy_m(accuracy)))
+    height_share = parking_height_share(fleet, height_accuracy_m(accuracy))
+    spacing_m, pair = _closest(spots, height_share)
+
     return at_least(
-        f"spacing, {label}",
-        spacing_m,
-        parking_m(fleet, accuracy),
-        "m",
-        f"{label[0].upper()}{label[1:]}: {pair} are {{value}} apart; the law '{fleet.law.name}' can park "
-        f"vehicles, with estimates as accurate as '{accuracy.name}', {{relation}} {{bound}} apart{above_words(fleet)}",
-        "Move the spots {difference} farther apart, or fly with a more accurate position.",
+        name=f"spacing, {label}",
+        value=spacing_m,
+        bound=parking_m(fleet, accuracy),
+        unit="m",
+        sentence=(
+            f"{_capitalized(label)}: {pair} are {{value}} apart; the law '{fleet.law.name}' can "
+            f"park vehicles, with estimates as accurate as '{accuracy.name}', {{relation}} "
+            f"{{bound}} apart{above_words(fleet)}"
+        ),
+        remedy="Move the spots {difference} farther apart, or fly with a more accurate position.",
     )
 
 
@@ -234,31 +297,40 @@ def fence_finding(fleet: FleetConfig, spots: Mapping[str, Vec3], label: str) -> 
     Returns:
         the finding.
     """
+    return worst(_fence_finding(fleet, name, spot, label) for name, spot in spots.items())
 
-    def _judge(name: str) -> Finding:
-        vehicle, fence = fleet.vehicles[name], fleet.fleet.geofence_m
-        x, y, z = spots[name]
-        room_m = min(x - fence.x[0], fence.x[1] - x, y - fence.y[0], fence.y[1] - y, fence.z[1] - z)
-        stop_m = bounds.stopping_distance_m(
-            vehicle.max_speed_m_s, available_m_s2(vehicle), vehicle.lag_s + TICK_S
-        )
-        return at_least(
-            f"fence, {label}",
-            room_m,
-            stop_m,
-            "m",
-            f"{label[0].upper()}{label[1:]}: {name} is {{value}} from the fence, stopping from "
-            f"{vehicle.max_speed_m_s:g} m/s takes {{bound}}",
-            "Move the spot inwards, widen fleet.geofence_m, or lower max_speed_m_s.",
-            refuse_below=_FENCE_M,
-        )
 
-    return worst(_judge(name) for name in spots)
+def _fence_finding(fleet: FleetConfig, name: str, spot: Vec3, label: str) -> Finding:
+    """Return the finding about one vehicle's spot."""
+    vehicle = fleet.vehicles[name]
+    fence = fleet.fleet.geofence_m
+
+    # downwards there is the ground, not the fence
+    x, y, z = spot
+    room_m = min(x - fence.x[0], fence.x[1] - x, y - fence.y[0], fence.y[1] - y, fence.z[1] - z)
+
+    stop_m = bounds.stopping_distance_m(
+        speed_m_s=vehicle.max_speed_m_s,
+        acceleration_m_s2=available_m_s2(vehicle),
+        reaction_s=vehicle.lag_s + TICK_S,
+    )
+
+    return at_least(
+        name=f"fence, {label}",
+        value=room_m,
+        bound=stop_m,
+        unit="m",
+        sentence=(
+            f"{_capitalized(label)}: {name} is {{value}} from the fence, stopping from "
+            f"{vehicle.max_speed_m_s:g} m/s takes {{bound}}"
+        ),
+        remedy="Move the spot inwards, widen fleet.geofence_m, or lower max_speed_m_s.",
+        refuse_below=_FENCE_M,
+    )
 
 
 def obstacle_finding(fleet: FleetConfig, spots: Mapping[str, Vec3], label: str) -> Finding:
-    """Check the distance between the spots and the nearest obstacle: the law does not let a vehicle
-    go nearer.
+    """Check that no spot is nearer to an obstacle than the law lets a vehicle go.
 
     Args:
         fleet: the fleet file.
@@ -272,18 +344,30 @@ def obstacle_finding(fleet: FleetConfig, spots: Mapping[str, Vec3], label: str) 
         for name, spot in spots.items()
         for obstacle in fleet.obstacles
     )
+    half_body_m = 0.5 * fleet.fleet.body_diameter_m
+
     return at_least(
-        f"obstacles, {label}",
-        gap_m,
-        0.5 * fleet.fleet.body_diameter_m + fleet.law.obstacle_margin_m,
-        "m",
-        f"{label[0].upper()}{label[1:]}: {name} is {{value}} from obstacle '{obstacle}'; half a body and "
-        "law.obstacle_margin_m require {bound}",
-        "Move the spot away by {difference}.",
+        name=f"obstacles, {label}",
+        value=gap_m,
+        bound=half_body_m + fleet.law.obstacle_margin_m,
+        unit="m",
+        sentence=(
+            f"{_capitalized(label)}: {name} is {{value}} from obstacle '{obstacle}'; half a body "
+            "and law.obstacle_margin_m require {bound}"
+        ),
+        remedy="Move the spot away by {difference}.",
     )
 
 
 def _closest(spots: Mapping[str, Vec3], height_share: float) -> tuple[float, str]:
     """Return the smallest separation of any two, and their names."""
-    pairs = itertools.combinations(spots, 2)
-    return min((separation_m(spots[a], spots[b], height_share), f"{a} and {b}") for a, b in pairs)
+    separations = []
+    for a, b in itertools.combinations(spots, 2):
+        distance_m = separation_m(spots[a], spots[b], height_share)
+        separations.append((distance_m, f"{a} and {b}"))
+    return min(separations)
+
+
+def _capitalized(label: str) -> str:
+    """Return a label as the first word of a sentence."""
+    return label[0].upper() + label[1:]

@@ -1,5 +1,8 @@
-"""The map of the law: where a fleet stands in it, by the flights that have been flown of harder and
-easier cells. Pure.
+"""The map of the law: what simulated flights of harder and easier cells say about a fleet. Pure.
+
+A cell is a number of vehicles, a top speed, a delay and a loss of the radio, and an accuracy of the
+positions. It promises what is easier than it once 500 flights have held the safety distance; it
+refuses what is harder than it as soon as one flight has not.
 
 The map is flown by ``covey simulate --map`` and shown in docs/law-map.md; ``law_map.toml`` beside
 this file is its summary.
@@ -19,8 +22,11 @@ from onboard.feasibility.pair_checks import effective_margin_m
 
 SCHEMA = 1
 PROMISED_FLIGHTS = 500  # a cell with so many flights and none too near is promised
+
+_NAME = "map of the law"  # of the finding
 _CLASSES = ("mocap", "vision", "gps")  # the harder ones last
 _DOCS = "docs/law-map.md shows the map."
+
 # values of the law that may differ from the map's: what they change is compared as margin, or has
 # findings of its own
 _FREE = (
@@ -34,7 +40,7 @@ _FREE = (
 
 
 class MapCell(NamedTuple):
-    """One place of the map, and what came of its flights."""
+    """One cell of the map, and what came of its flights."""
 
     errors: str  # accuracy class of the vehicles' positions
     vehicles: int
@@ -45,7 +51,7 @@ class MapCell(NamedTuple):
     flights: int
     below: int  # of the flights, those in which two vehicles came too near
     arrived: int  # of the flights, those in which all arrived
-    worst_m: float
+    worst_m: float  # smallest distance of all flights
 
     @property
     def has_failed(self) -> bool:
@@ -74,8 +80,9 @@ class MapCell(NamedTuple):
     def __str__(self) -> str:
         """Return the cell in words."""
         return (
-            f"{self.vehicles} vehicles at up to {self.speed_m_s:g} m/s, states {1e3 * self.delay_s:g} ms late and "
-            f"{100.0 * self.loss_frac:g} % lost, '{self.errors}'"
+            f"{self.vehicles} vehicles at up to {self.speed_m_s:g} m/s, states "
+            f"{1e3 * self.delay_s:g} ms late and {100.0 * self.loss_frac:g} % lost, "
+            f"'{self.errors}'"
         )
 
 
@@ -99,9 +106,10 @@ def law_map_of(table: Mapping[str, Any]) -> LawMap:
     """
     if table.get("schema") != SCHEMA:
         raise ConfigError(
-            f"The map of the law has schema {table.get('schema')}, but this version of Covey reads {SCHEMA}. Install "
-            "Covey anew."
+            f"The map of the law has schema {table.get('schema')}, but this version of Covey reads "
+            f"{SCHEMA}. Install Covey anew."
         )
+
     flown = table["flown"]
     return LawMap(
         version=table["version"],
@@ -126,75 +134,121 @@ def map_finding(fleet: FleetConfig, accuracy: Accuracy, law_map: LawMap) -> Find
         law_map: the map.
     Returns:
         the finding: refused where a cell that is no harder has failed, a warning where no cell that
-            is at least as hard
-        is promised.
+            is at least as hard is promised.
     """
-    vehicles = [fleet.vehicles[name] for name in fleet.enabled_names]
-    here = MapCell(
-        accuracy.name,
-        len(vehicles),
-        max(vehicle.max_speed_m_s for vehicle in vehicles),
-        fleet.expected_radio.expected_delay_s,
-        fleet.expected_radio.expected_loss_frac,
-        effective_margin_m(fleet, accuracy),
-        0,
-        0,
-        0,
-        0.0,
-    )
+    here = _cell_of(fleet, accuracy)
     promised = [cell for cell in law_map.cells if cell.is_promised]
+
+    # a failure of an easier cell decides, whatever harder cells have held
     failed = [cell for cell in law_map.cells if cell.has_failed and cell.is_within(here)]
     if failed:
-        worst = max(failed, key=lambda cell: cell.below / cell.flights)
-        remedy = _remedy(here, promised)
-        sentence = (
-            f"The fleet is {here}. In simulation {worst.below} of {worst.flights} flights of an easier or equal cell "
-            f"came below {law_map.safety_distance_m:.2f} m ({worst}, worst {worst.worst_m:.2f} m). {remedy}"
-        )
-        return Finding(
-            "map of the law", "refused", worst.below, 0.0, "flights", "at most", sentence, remedy
-        )
+        return _refusal(here, failed, promised, law_map)
+
     harder = [cell for cell in promised if here.is_within(cell)]
     covering = [cell for cell in harder if cell.margin_m <= here.margin_m + 1e-3]
     differences = _differences(fleet, accuracy, law_map)
     if covering and not differences:
-        cell = min(covering, key=lambda cell: _distance(here, cell))
-        sentence = (
-            f"The fleet is {here}. In simulation 0 of {cell.flights} flights came below "
-            f"{law_map.safety_distance_m:.2f} m with {cell} (worst {cell.worst_m:.2f} m)."
-        )
-        return Finding(
-            "map of the law", "ok", 0.0, 0.0, "flights", "at most", sentence, "Nothing to do."
-        )
-    remedy = _remedy(here, harder or promised)
+        return _promise(here, covering, law_map)
+
     if covering:
         reason = f"the map was flown with {differences}"
     elif harder:
-        cell = min(harder, key=lambda cell: cell.margin_m)
-        reason = f"the map was flown with a margin of {cell.margin_m:.2f} m there, here it is {here.margin_m:.2f} m"
+        least_m = min(cell.margin_m for cell in harder)
+        reason = (
+            f"the map was flown with a margin of {least_m:.2f} m there, here it is "
+            f"{here.margin_m:.2f} m"
+        )
     else:
         reason = "nothing that hard was flown often enough"
+    return _warning(here, reason, _remedy(here, harder or promised))
+
+
+def _cell_of(fleet: FleetConfig, accuracy: Accuracy) -> MapCell:
+    """Return where a fleet stands in the map; nothing has been flown with it."""
+    vehicles = [fleet.vehicles[name] for name in fleet.enabled_names]
+    return MapCell(
+        errors=accuracy.name,
+        vehicles=len(vehicles),
+        speed_m_s=max(vehicle.max_speed_m_s for vehicle in vehicles),
+        delay_s=fleet.expected_radio.expected_delay_s,
+        loss_frac=fleet.expected_radio.expected_loss_frac,
+        margin_m=effective_margin_m(fleet, accuracy),
+        flights=0,
+        below=0,
+        arrived=0,
+        worst_m=0.0,
+    )
+
+
+def _refusal(
+    here: MapCell, failed: Sequence[MapCell], promised: Sequence[MapCell], law_map: LawMap
+) -> Finding:
+    """Return the refusal by the cell that failed in the largest share of its flights."""
+    worst = max(failed, key=lambda cell: cell.below / cell.flights)
+    remedy = _remedy(here, promised)
+    sentence = (
+        f"The fleet is {here}. In simulation {worst.below} of {worst.flights} flights of an easier "
+        f"or equal cell came below {law_map.safety_distance_m:.2f} m ({worst}, worst "
+        f"{worst.worst_m:.2f} m). {remedy}"
+    )
+    return Finding(
+        name=_NAME,
+        status="refused",
+        value=worst.below,
+        bound=0.0,
+        unit="flights",
+        relation="at most",
+        sentence=sentence,
+        remedy=remedy,
+    )
+
+
+def _promise(here: MapCell, covering: Sequence[MapCell], law_map: LawMap) -> Finding:
+    """Return the finding that the nearest covering cell holds."""
+    cell = min(covering, key=lambda cell: _distance(here, cell))
+    sentence = (
+        f"The fleet is {here}. In simulation 0 of {cell.flights} flights came below "
+        f"{law_map.safety_distance_m:.2f} m with {cell} (worst {cell.worst_m:.2f} m)."
+    )
+    return Finding(
+        name=_NAME,
+        status="ok",
+        value=0.0,
+        bound=0.0,
+        unit="flights",
+        relation="at most",
+        sentence=sentence,
+        remedy="Nothing to do.",
+    )
+
+
+def _warning(here: MapCell, reason: str, remedy: str) -> Finding:
+    """Return the warning that no cell covers the fleet, and why."""
     sentence = (
         f"The fleet is {here}: no cell of the map of the law promises that; {reason}. {remedy}"
     )
     return Finding(
-        "map of the law", "warning", 0.0, PROMISED_FLIGHTS, "flights", "at least", sentence, remedy
+        name=_NAME,
+        status="warning",
+        value=0.0,
+        bound=PROMISED_FLIGHTS,
+        unit="flights",
+        relation="at least",
+        sentence=sentence,
+        remedy=remedy,
     )
 
 
 def _remedy(here: MapCell, cells: Sequence[MapCell]) -> str:
+    """Return the nearest of some cells in words."""
     nearest = min(cells, key=lambda cell: _distance(here, cell), default=None)
-    return (
-        f"Nearest cell that holds: {nearest}. {_DOCS}"
-        if nearest
-        else f"No cell of the map holds. {_DOCS}"
-    )
+    if nearest is None:
+        return f"No cell of the map holds. {_DOCS}"
+    return f"Nearest cell that holds: {nearest}. {_DOCS}"
 
 
 def _distance(here: MapCell, cell: MapCell) -> float:
-    """Return how far two cells are from each other, where a step of the map is about 1 in each
-    axis.
-    """
+    """Return how far two cells are apart; a step of the map is about 1 in each axis."""
     classes = _CLASSES.index(here.errors) - _CLASSES.index(cell.errors)
     return (
         10.0 * abs(classes)
@@ -207,17 +261,20 @@ def _distance(here: MapCell, cell: MapCell) -> float:
 
 def _differences(fleet: FleetConfig, accuracy: Accuracy, law_map: LawMap) -> str:
     """Return in words what the map was flown with and the fleet is not; empty if it is alike."""
+    different = []
+
     flown = law_map.law.get(accuracy.name, {})
-    different = [
-        f"law.{key} = {value} (here {getattr(fleet.law, key)})"
-        for key, value in flown.items()
-        if getattr(fleet.law, key, value) != value
-    ]
+    for key, flown_value in flown.items():
+        own_value = getattr(fleet.law, key, flown_value)
+        if own_value != flown_value:
+            different.append(f"law.{key} = {flown_value} (here {own_value})")
+
     lag_s = max(fleet.vehicles[name].lag_s for name in fleet.enabled_names)
     if lag_s > law_map.lag_s + LAG_ERROR_S:
         different.append(
             f"vehicles that follow a command {law_map.lag_s:.2f} s later (here {lag_s:.2f} s)"
         )
+
     return ", ".join(different)
 
 

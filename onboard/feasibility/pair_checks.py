@@ -1,5 +1,7 @@
-"""Findings about pairs of vehicles under the law: margin, range, delay, kappas against lag,
-braking, crowding. Pure.
+"""Findings about pairs of vehicles under the law. Pure.
+
+They judge margin, range, delay, lag, kappas, braking and crowding. Each takes its quantity from
+:mod:`onboard.feasibility.bounds` and adds the fleet's values and the sentence.
 """
 
 from __future__ import annotations
@@ -17,10 +19,17 @@ from onboard.feasibility.finding import Finding, at_least, at_most, worst
 from onboard.feasibility.vehicle_checks import GUST_M_S2, available_m_s2
 from onboard.types import TICK_S
 
+# air between two bodies at the safety distance, for downwash and a turned body
 _BODY_GAP_M = 0.10
+
 # form3 and swap8: 0 of 24 flights violate at 0.36 s, 2 of 24 at 0.41 s
-_LONG_LAG_S, _LONGEST_LAG_S = 0.35, 0.40
-_SLOW_GROWTH_1_S, _FAST_GROWTH_1_S = 0.0, 1.5
+_LONG_LAG_S = 0.35
+_LONGEST_LAG_S = 0.40
+
+# growth of an oscillation between two vehicles: slow ones are a warning, fast ones a refusal
+_SLOW_GROWTH_1_S = 0.0
+_FAST_GROWTH_1_S = 1.5
+
 _USEFUL_NEIGHBOURS = 6  # fewer rows than this cost separation in a crowd, more gain nothing
 _MARGIN_SHARE = 0.8  # of the fitted margin, below which vehicles have come too close in simulation
 
@@ -33,7 +42,11 @@ def response_of(vehicle: Vehicle) -> Response:
     Returns:
         its response.
     """
-    return Response(vehicle.attitude_delay_s, vehicle.attitude_wn_rad_s, vehicle.attitude_zeta)
+    return Response(
+        delay_s=vehicle.attitude_delay_s,
+        wn_rad_s=vehicle.attitude_wn_rad_s,
+        zeta=vehicle.attitude_zeta,
+    )
 
 
 def pair_findings(fleet: FleetConfig, vehicles: list[Vehicle], accuracy: Accuracy) -> list[Finding]:
@@ -47,119 +60,172 @@ def pair_findings(fleet: FleetConfig, vehicles: list[Vehicle], accuracy: Accurac
         the findings.
     """
     findings = [_body_gap(fleet)]
+
     if fleet.law.built_in == "off":
-        sentence = (
-            f"law.name is 'off', so nothing keeps the {len(fleet.enabled_names)} vehicles apart."
-        )
-        remedy = "Set law.name = 'covey', unless you want to fly without avoidance, in simulation."
-        findings.append(
-            Finding("law", "warning", 0.0, 1.0, "", "at least", f"{sentence} {remedy}", remedy)
-        )
+        findings.append(_no_law(fleet))
         return findings
+
     findings.append(_margin(fleet, accuracy))
     if fleet.law.built_in == "covey":
         findings.append(_shortfall(fleet))
-    margin_m = effective_margin_m(fleet, accuracy)
     findings.append(_message_age(fleet, accuracy))
+
+    margin_m = effective_margin_m(fleet, accuracy)
     for judge in (_range, braking):
         findings.append(worst(judge(fleet, vehicle, margin_m) for vehicle in vehicles))
+
     if fleet.law.built_in == "covey":
         findings.append(worst(_lag(vehicle) for vehicle in vehicles))
     findings.append(worst(_kappas(fleet, vehicle) for vehicle in vehicles))
+
     return findings
+
+
+def _no_law(fleet: FleetConfig) -> Finding:
+    remedy = "Set law.name = 'covey', unless you want to fly without avoidance, in simulation."
+    sentence = (
+        f"law.name is 'off', so nothing keeps the {len(fleet.enabled_names)} vehicles apart. "
+        f"{remedy}"
+    )
+    return Finding(
+        name="law",
+        status="warning",
+        value=0.0,
+        bound=1.0,
+        unit="",
+        relation="at least",
+        sentence=sentence,
+        remedy=remedy,
+    )
 
 
 def _margin(fleet: FleetConfig, accuracy: Accuracy) -> Finding:
     kappa_1, kappa_2 = _kappa_values(fleet)
-    needed_m = bounds.required_margin_m(accuracy, kappa_1, kappa_2)
-    is_covey = fleet.law.built_in == "covey"
-    subject = {
-        "fixed": "law.design_margin_m is {value}",
-        "accuracy": "In flight the margin will be {value}",
-    }[fleet.law.margin]
-    subject = subject if is_covey else "The paper's law has no margin ({value})"
-    apart_m = fleet.fleet.safety_distance_m + needed_m + 0.10
+    required_m = bounds.required_margin_m(accuracy, kappa_1, kappa_2)
+    refuse_below_m = _MARGIN_SHARE * required_m
+
+    if fleet.law.built_in == "covey":
+        of_law = ""
+        if fleet.law.margin == "fixed":
+            subject = "law.design_margin_m is {value}"
+        else:
+            subject = "In flight the margin will be {value}"
+    else:
+        of_law = " of law covey"
+        subject = "The paper's law has no margin ({value})"
+        # the paper's law flies for comparison only, and a mocap is accurate enough for that
+        if accuracy.name == "mocap":
+            refuse_below_m = 0.0
+
+    advised_m = math.ceil(100.0 * required_m) / 100.0
+    apart_m = fleet.fleet.safety_distance_m + required_m + 0.10
+
     return at_least(
-        "margin",
-        effective_margin_m(fleet, accuracy),
-        needed_m,
-        "m",
-        f"{subject}; estimates as accurate as '{accuracy.name}' (position {accuracy.position_std_m:g} m, velocity "
-        f"{accuracy.velocity_std_m_s:g} m/s per axis) need {{relation}} {{bound}}",
-        f"Set law.design_margin_m = {math.ceil(100.0 * needed_m) / 100.0:.2f}{'' if is_covey else ' of law covey'} and "
-        f"park vehicles {apart_m:.2f} m apart or more, or fly on a better position.",
-        # the paper's law is flown for comparison only; with a mocap its sensors are good enough for
-        # that
-        warn_below=0.95 * needed_m,
-        refuse_below=_MARGIN_SHARE * needed_m if is_covey or accuracy.name != "mocap" else 0.0,
+        name="margin",
+        value=effective_margin_m(fleet, accuracy),
+        bound=required_m,
+        unit="m",
+        sentence=(
+            f"{subject}; estimates as accurate as '{accuracy.name}' (position "
+            f"{accuracy.position_std_m:g} m, velocity {accuracy.velocity_std_m_s:g} m/s per axis) "
+            "need {relation} {bound}"
+        ),
+        remedy=(
+            f"Set law.design_margin_m = {advised_m:.2f}{of_law} and park vehicles {apart_m:.2f} m "
+            "apart or more, or fly on a better position."
+        ),
+        warn_below=0.95 * required_m,
+        refuse_below=refuse_below_m,
     )
 
 
 def _shortfall(fleet: FleetConfig) -> Finding:
     return at_most(
-        "shortfall gain",
-        fleet.law.shortfall_gain,
-        0.95,
-        "",
-        "law.shortfall_gain is {value}; at {relation} {bound} the reactions of two vehicles to each other die out",
-        "Set law.shortfall_gain = 0.85.",
+        name="shortfall gain",
+        value=fleet.law.shortfall_gain,
+        bound=0.95,
+        unit="",
+        sentence=(
+            "law.shortfall_gain is {value}; at {relation} {bound} the reactions of two vehicles to "
+            "each other die out"
+        ),
+        remedy="Set law.shortfall_gain = 0.85.",
         refuse_above=1.0,
     )
 
 
 def _body_gap(fleet: FleetConfig) -> Finding:
-    section = fleet.fleet
+    safety_distance_m = fleet.fleet.safety_distance_m
+    body_diameter_m = fleet.fleet.body_diameter_m
+
     return at_least(
-        "body",
-        section.safety_distance_m - section.body_diameter_m,
-        _BODY_GAP_M,
-        "m",
-        f"At fleet.safety_distance_m = {section.safety_distance_m:g} m {{value}} of air are left between bodies of "
-        f"{section.body_diameter_m:g} m; downwash and a turned body need {{relation}} {{bound}}",
-        "Raise fleet.safety_distance_m by {difference}.",
+        name="body",
+        value=safety_distance_m - body_diameter_m,
+        bound=_BODY_GAP_M,
+        unit="m",
+        sentence=(
+            f"At fleet.safety_distance_m = {safety_distance_m:g} m {{value}} of air are left "
+            f"between bodies of {body_diameter_m:g} m; downwash and a turned body need "
+            "{relation} {bound}"
+        ),
+        remedy="Raise fleet.safety_distance_m by {difference}.",
     )
 
 
 def _range(fleet: FleetConfig, vehicle: Vehicle, margin_m: float) -> Finding:
     kappa_1, kappa_2 = _kappa_values(fleet)
-    closing = 2.0 * fleet.law.avoid_speed_frac * vehicle.max_speed_m_s
-    range_m = bounds.row_range_m(
-        closing, fleet.fleet.safety_distance_m + margin_m, kappa_1, kappa_2
-    )
-    range_m += closing * (
-        message_age_s(fleet) + (vehicle.lag_s if fleet.law.built_in == "covey" else 0.0)
-    )
+    design_distance_m = fleet.fleet.safety_distance_m + margin_m
+    closing_speed_m_s = 2.0 * fleet.law.avoid_speed_frac * vehicle.max_speed_m_s
+
+    # Covey's law looks ahead by the lag; the paper's acts on the present state
+    predicted_s = 0.0
+    if fleet.law.built_in == "covey":
+        predicted_s = vehicle.lag_s
+
+    range_m = bounds.row_range_m(closing_speed_m_s, design_distance_m, kappa_1, kappa_2)
+    range_m += closing_speed_m_s * (message_age_s(fleet) + predicted_s)
+
     return at_least(
-        "sensing range",
-        fleet.law.range_m,
-        range_m,
-        "m",
-        f"law.range_m is {{value}}; two vehicles like {vehicle.name} that approach each other with {closing:.1f} "
-        "m/s must know of each other {bound} apart",
-        "Raise law.range_m by {difference}, or lower max_speed_m_s.",
+        name="sensing range",
+        value=fleet.law.range_m,
+        bound=range_m,
+        unit="m",
+        sentence=(
+            f"law.range_m is {{value}}; two vehicles like {vehicle.name} that approach each other "
+            f"with {closing_speed_m_s:.1f} m/s must know of each other {{bound}} apart"
+        ),
+        remedy="Raise law.range_m by {difference}, or lower max_speed_m_s.",
     )
 
 
 def _message_age(fleet: FleetConfig, accuracy: Accuracy) -> Finding:
-    radio, age_s, margin_m = (
-        fleet.expected_radio,
-        message_age_s(fleet),
-        effective_margin_m(fleet, accuracy),
-    )
-    spare_m = max(0.0, margin_m - bounds.required_margin_m(accuracy, *_kappa_values(fleet)))
+    kappa_1, kappa_2 = _kappa_values(fleet)
+    radio = fleet.expected_radio
+
+    margin_m = effective_margin_m(fleet, accuracy)
+    spare_m = max(0.0, margin_m - bounds.required_margin_m(accuracy, kappa_1, kappa_2))
     tolerated_s = bounds.USUAL_AGE_S + spare_m / bounds.AGE_MARGIN_M_S
+
+    # the paper's law has no margin at all; the finding "margin" says so
+    refuse_above_s = tolerated_s
+    if fleet.law.built_in == "paper":
+        refuse_above_s = math.inf
+
     return at_most(
-        "bus delay",
-        age_s,
-        tolerated_s,
-        "s",
-        f"A neighbour's state is up to {{value}} old ({1e3 * radio.expected_delay_s:g} ms of delay, "
-        f"{100.0 * radio.expected_loss_frac:g} % lost); a margin of {margin_m:.2f} m with estimates as accurate as "
-        f"'{accuracy.name}' tolerates {{relation}} {{bound}}",
-        f"Set law.design_margin_m = {margin_for_age_m(fleet, accuracy):.2f}, or correct radio.expected_delay_s and "
-        "expected_loss_frac.",
-        # the paper's law has no margin at all; the finding "margin" says so
-        refuse_above=math.inf if fleet.law.built_in == "paper" else tolerated_s,
+        name="bus delay",
+        value=message_age_s(fleet),
+        bound=tolerated_s,
+        unit="s",
+        sentence=(
+            f"A neighbour's state is up to {{value}} old ({1e3 * radio.expected_delay_s:g} ms of "
+            f"delay, {100.0 * radio.expected_loss_frac:g} % lost); a margin of {margin_m:.2f} m "
+            f"with estimates as accurate as '{accuracy.name}' tolerates {{relation}} {{bound}}"
+        ),
+        remedy=(
+            f"Set law.design_margin_m = {margin_for_age_m(fleet, accuracy):.2f}, or correct "
+            "radio.expected_delay_s and expected_loss_frac."
+        ),
+        refuse_above=refuse_above_s,
     )
 
 
@@ -172,15 +238,15 @@ def margin_for_age_m(fleet: FleetConfig, accuracy: Accuracy) -> float:
     Returns:
         margin [m], rounded up to a centimetre.
     """
-    margin_m = bounds.required_margin_m(accuracy, *_kappa_values(fleet)) + bounds.delay_margin_m(
-        message_age_s(fleet)
-    )
+    kappa_1, kappa_2 = _kappa_values(fleet)
+    for_errors_m = bounds.required_margin_m(accuracy, kappa_1, kappa_2)
+    for_age_m = bounds.delay_margin_m(message_age_s(fleet))
+    margin_m = for_errors_m + for_age_m
     return math.ceil(100.0 * margin_m - 1e-9) / 100.0
 
 
 def message_age_s(fleet: FleetConfig) -> float:
-    """Return the age that a neighbour's state reaches, by the delay and the loss that the fleet
-    file expects.
+    """Return the age that a neighbour's state reaches with the radio that the fleet file expects.
 
     Args:
         fleet: the fleet file.
@@ -192,63 +258,97 @@ def message_age_s(fleet: FleetConfig) -> float:
 
 def _lag(vehicle: Vehicle) -> Finding:
     return at_most(
-        "lag",
-        vehicle.lag_s,
-        _LONG_LAG_S,
-        "s",
-        f"{vehicle.name} follows a command {{value}} later; the law's prediction is good enough for a crowd with a lag "
-        f"of {{relation}} {{bound}}, and beyond {_LONGEST_LAG_S:.2g} s vehicles have come too close in simulation",
-        "Tune its attitude control to be faster (attitude_delay_s + 2 attitude_zeta / attitude_wn_rad_s).",
+        name="lag",
+        value=vehicle.lag_s,
+        bound=_LONG_LAG_S,
+        unit="s",
+        sentence=(
+            f"{vehicle.name} follows a command {{value}} later; the law's prediction is good "
+            "enough for a crowd with a lag of {relation} {bound}, and beyond "
+            f"{_LONGEST_LAG_S:.2g} s vehicles have come too close in simulation"
+        ),
+        remedy=(
+            "Tune its attitude control to be faster "
+            "(attitude_delay_s + 2 attitude_zeta / attitude_wn_rad_s)."
+        ),
         refuse_above=_LONGEST_LAG_S,
     )
 
 
 def _kappas(fleet: FleetConfig, vehicle: Vehicle) -> Finding:
     kappa_1, kappa_2 = _kappa_values(fleet)
-    response = response_of(vehicle)
     if fleet.law.built_in == "paper":
-        return _paper_kappas(vehicle, response, max(kappa_1, kappa_2))
+        return _paper_kappas(vehicle, max(kappa_1, kappa_2))
 
-    def _growth(scale: float) -> float:
-        return max(
-            bounds.loop_growth_1_s(
-                response,
-                scale * kappa_1,
-                scale * kappa_2,
-                lag_error_s=error_s,
-                is_predicted=fleet.law.prediction == "lag",
-            )
-            for error_s in (-LAG_ERROR_S, 0.0, LAG_ERROR_S)
-        )
+    # the largest share of both kappas, in steps of 5 %, with which every motion dies out
+    stable_share = 0.05
+    for twentieths in range(20, 0, -1):
+        share = twentieths / 20.0
+        if _largest_growth_1_s(fleet, vehicle, share) <= _SLOW_GROWTH_1_S:
+            stable_share = share
+            break
 
-    stable = next(
-        (step / 20.0 for step in range(20, 0, -1) if _growth(step / 20.0) <= _SLOW_GROWTH_1_S), 0.05
-    )
     return at_most(
-        "kappas",
-        _growth(1.0),
-        _SLOW_GROWTH_1_S,
-        "1/s",
-        f"With law.kappa_1_1_s = {kappa_1:g} and kappa_2_1_s = {kappa_2:g} an oscillation between two vehicles like "
-        f"{vehicle.name} (lag {vehicle.lag_s:.2f} s, known to {1e3 * LAG_ERROR_S:.0f} ms) grows with {{value}}; it "
-        "dies out with {relation} {bound}",
-        f"Use kappas up to {stable * kappa_1:.1f} and {stable * kappa_2:.1f} 1/s, or a vehicle with less lag.",
+        name="kappas",
+        value=_largest_growth_1_s(fleet, vehicle, 1.0),
+        bound=_SLOW_GROWTH_1_S,
+        unit="1/s",
+        sentence=(
+            f"With law.kappa_1_1_s = {kappa_1:g} and kappa_2_1_s = {kappa_2:g} an oscillation "
+            f"between two vehicles like {vehicle.name} (lag {vehicle.lag_s:.2f} s, known to "
+            f"{1e3 * LAG_ERROR_S:.0f} ms) grows with {{value}}; it dies out with "
+            "{relation} {bound}"
+        ),
+        remedy=(
+            f"Use kappas up to {stable_share * kappa_1:.1f} and {stable_share * kappa_2:.1f} 1/s, "
+            "or a vehicle with less lag."
+        ),
         refuse_above=_FAST_GROWTH_1_S,
     )
 
 
-def _paper_kappas(vehicle: Vehicle, response: Response, kappa: float) -> Finding:
-    bound = bounds.largest_equal_kappa_1_s(response.lag_s)
-    growth = bounds.loop_growth_1_s(response, kappa, kappa, is_predicted=False)
+def _largest_growth_1_s(fleet: FleetConfig, vehicle: Vehicle, share: float) -> float:
+    """Return the growth with a share of the kappas and the worst error of the configured lag."""
+    kappa_1, kappa_2 = _kappa_values(fleet)
+    response = response_of(vehicle)
+    is_predicted = fleet.law.prediction == "lag"
+
+    return max(
+        bounds.loop_growth_1_s(
+            response,
+            share * kappa_1,
+            share * kappa_2,
+            lag_error_s=lag_error_s,
+            is_predicted=is_predicted,
+        )
+        for lag_error_s in (-LAG_ERROR_S, 0.0, LAG_ERROR_S)
+    )
+
+
+def _paper_kappas(vehicle: Vehicle, kappa: float) -> Finding:
+    response = response_of(vehicle)
+    largest = bounds.largest_equal_kappa_1_s(response.lag_s)
+    growth_1_s = bounds.loop_growth_1_s(response, kappa, kappa, is_predicted=False)
+
+    # what dies out quickly overshoots a little, which is no reason to refuse
+    refuse_above = math.inf
+    if growth_1_s > -0.5:
+        refuse_above = largest
+
     return at_most(
-        "kappas",
-        kappa,
-        bound,
-        "1/s",
-        f"law.paper_kappa_1_1_s and _2 are up to {{value}}; with {vehicle.name}'s lag of {response.lag_s:.2f} s, "
-        "which the paper's law does not predict, {relation} {bound} does not overshoot",
-        f"Lower them to {bound:.2f}, or set law.name = 'covey', which predicts over the lag.",
-        refuse_above=bound if growth > -0.5 else math.inf,
+        name="kappas",
+        value=kappa,
+        bound=largest,
+        unit="1/s",
+        sentence=(
+            f"law.paper_kappa_1_1_s and _2 are up to {{value}}; with {vehicle.name}'s lag of "
+            f"{response.lag_s:.2f} s, which the paper's law does not predict, {{relation}} "
+            "{bound} does not overshoot"
+        ),
+        remedy=(
+            f"Lower them to {largest:.2f}, or set law.name = 'covey', which predicts over the lag."
+        ),
+        refuse_above=refuse_above,
     )
 
 
@@ -263,20 +363,24 @@ def braking(fleet: FleetConfig, vehicle: Vehicle, margin_m: float) -> Finding:
         the finding.
     """
     kappa_1, kappa_2 = _kappa_values(fleet)
-    closing = 2.0 * vehicle.max_speed_m_s
-    required = bounds.braking_m_s2(
-        closing, fleet.fleet.safety_distance_m + margin_m, kappa_1, kappa_2
-    )
-    left = max(0.0, available_m_s2(vehicle) - vehicle.drag_1_s * vehicle.max_speed_m_s - GUST_M_S2)
+    design_distance_m = fleet.fleet.safety_distance_m + margin_m
+    closing_speed_m_s = 2.0 * vehicle.max_speed_m_s
+    required_m_s2 = bounds.braking_m_s2(closing_speed_m_s, design_distance_m, kappa_1, kappa_2)
+
+    drag_m_s2 = vehicle.drag_1_s * vehicle.max_speed_m_s
+    left_m_s2 = max(0.0, available_m_s2(vehicle) - drag_m_s2 - GUST_M_S2)
+
     return at_most(
-        "braking",
-        required,
-        left,
-        "m/s^2",
-        f"Two vehicles like {vehicle.name} that meet head-on with {closing:.1f} m/s must brake with {{value}} each; "
-        "tilt and thrust leave {bound} beside drag and gusts",
-        "Lower max_speed_m_s or the kappas, or raise max_tilt_deg.",
-        warn_above=0.8 * left,
+        name="braking",
+        value=required_m_s2,
+        bound=left_m_s2,
+        unit="m/s^2",
+        sentence=(
+            f"Two vehicles like {vehicle.name} that meet head-on with {closing_speed_m_s:.1f} m/s "
+            "must brake with {value} each; tilt and thrust leave {bound} beside drag and gusts"
+        ),
+        remedy="Lower max_speed_m_s or the kappas, or raise max_tilt_deg.",
+        warn_above=0.8 * left_m_s2,
     )
 
 
@@ -289,27 +393,38 @@ def crowding(fleet: FleetConfig, vehicles: list[Vehicle]) -> Finding:
     Returns:
         the finding.
     """
-    law, fence = fleet.law, fleet.fleet.geofence_m
-    useful = min(len(vehicles) - 1, _USEFUL_NEIGHBOURS)
+    count = len(vehicles)
+    law = fleet.law
+
+    useful = min(count - 1, _USEFUL_NEIGHBOURS)
     if law.built_in == "covey" and law.max_neighbours < useful:
         return at_least(
-            "neighbours",
-            float(law.max_neighbours),
-            float(useful),
-            "",
-            f"law.max_neighbours is {{value}}; in a crowd of {len(vehicles)} the nearest {{bound}} matter",
-            f"Set law.max_neighbours = {useful} or more.",
+            name="neighbours",
+            value=float(law.max_neighbours),
+            bound=float(useful),
+            unit="",
+            sentence=(
+                f"law.max_neighbours is {{value}}; in a crowd of {count} the nearest {{bound}} "
+                "matter"
+            ),
+            remedy=f"Set law.max_neighbours = {useful} or more.",
         )
+
+    # in the densest packing of circles each takes sqrt(3)/2 of the square of its diameter
+    fence = fleet.fleet.geofence_m
     area_m2 = (fence.x[1] - fence.x[0]) * (fence.y[1] - fence.y[0])
-    share = len(vehicles) * math.sqrt(0.75) * parking_distance_m(fleet) ** 2 / area_m2
+    share = count * math.sqrt(0.75) * parking_distance_m(fleet) ** 2 / area_m2
+
     return at_most(
-        "crowding",
-        100.0 * share,
-        30.0,
-        "%",
-        f"{len(vehicles)} vehicles at their parking distance take {{value}} of the geofence's area; to "
-        "fly around each other they need {relation} {bound}",
-        "Widen fleet.geofence_m, or fly fewer vehicles.",
+        name="crowding",
+        value=100.0 * share,
+        bound=30.0,
+        unit="%",
+        sentence=(
+            f"{count} vehicles at their parking distance take {{value}} of the geofence's area; "
+            "to fly around each other they need {relation} {bound}"
+        ),
+        remedy="Widen fleet.geofence_m, or fly fewer vehicles.",
         refuse_above=60.0,
     )
 
@@ -326,13 +441,20 @@ def effective_margin_m(fleet: FleetConfig, accuracy: Accuracy) -> float:
     law = fleet.law
     if law.built_in != "covey":
         return 0.0
+
+    configured_m = _configured_margin_m(fleet)
     if law.margin == "fixed":
-        return _configured_margin_m(fleet)
-    time_s = law.accuracy_time_s  # the law does not know an error's own correlation time
+        return configured_m
+
+    # the law does not know an error's own correlation time
     known = replace(
-        accuracy, position_time_s=time_s, velocity_time_s=time_s, acceleration_std_m_s2=0.0
+        accuracy,
+        position_time_s=law.accuracy_time_s,
+        velocity_time_s=law.accuracy_time_s,
+        acceleration_std_m_s2=0.0,
     )
-    return max(_configured_margin_m(fleet), bounds.required_margin_m(known, *_kappa_values(fleet)))
+    kappa_1, kappa_2 = _kappa_values(fleet)
+    return max(configured_m, bounds.required_margin_m(known, kappa_1, kappa_2))
 
 
 def least_margin_m(fleet: FleetConfig, accuracy: Accuracy) -> float:
@@ -344,7 +466,8 @@ def least_margin_m(fleet: FleetConfig, accuracy: Accuracy) -> float:
     Returns:
         margin [m].
     """
-    return _MARGIN_SHARE * bounds.required_margin_m(accuracy, *_kappa_values(fleet))
+    kappa_1, kappa_2 = _kappa_values(fleet)
+    return _MARGIN_SHARE * bounds.required_margin_m(accuracy, kappa_1, kappa_2)
 
 
 def height_accuracy_m(accuracy: Accuracy) -> float:
@@ -359,8 +482,7 @@ def height_accuracy_m(accuracy: Accuracy) -> float:
 
 
 def parking_m(fleet: FleetConfig, accuracy: Accuracy) -> float:
-    """Return the distance at which vehicles can park, with the larger margin that the accuracy may
-    require.
+    """Return the distance at which vehicles can park, with the margin that the accuracy requires.
 
     Args:
         fleet: the fleet file.
@@ -371,18 +493,19 @@ def parking_m(fleet: FleetConfig, accuracy: Accuracy) -> float:
     configured_m = parking_distance_m(fleet)
     if fleet.law.built_in != "covey":
         return configured_m
+
     margin_m = max(effective_margin_m(fleet, accuracy), least_margin_m(fleet, accuracy))
     return configured_m + margin_m - _configured_margin_m(fleet)
 
 
 def _configured_margin_m(fleet: FleetConfig) -> float:
     """Return the margin of the slowest vehicle, which is the largest one."""
-    return fleet.law.margin_m(
-        max((vehicle.lag_s for vehicle in fleet.vehicles.values()), default=0.0)
-    )
+    longest_lag_s = max((vehicle.lag_s for vehicle in fleet.vehicles.values()), default=0.0)
+    return fleet.law.margin_m(longest_lag_s)
 
 
 def _kappa_values(fleet: FleetConfig) -> tuple[float, float]:
+    """Return kappa_1 and kappa_2 of the law that flies [1/s]."""
     law = fleet.law
     if law.built_in == "paper":
         return law.paper_kappa_1_1_s, law.paper_kappa_2_1_s

@@ -1,6 +1,4 @@
-"""Findings about each vehicle alone: thrust, tilt, battery, and PX4's reaction to a silent agent.
-Pure.
-"""
+"""Findings about each vehicle alone: thrust, tilt, battery, and PX4 without an agent. Pure."""
 
 from __future__ import annotations
 
@@ -11,10 +9,17 @@ from onboard.feasibility import bounds
 from onboard.feasibility.finding import Finding, at_least, at_most
 from onboard.types import GRAVITY_M_S2
 
-GUST_M_S2 = 0.3  # gusts for which the disturbance observer has been measured to hold
+# the disturbance observer has been measured to hold up to such gusts
+GUST_M_S2 = 0.3
+
+# upward acceleration that climbing and gusts require
 _CLIMB_M_S2 = 1.0
-# of PX4: at its critical level it leaves OFFBOARD, whatever setpoints arrive
-_PX4_CRITICAL_FRAC, _BATTERY_GAP_PCT = 0.07, 3.0
+
+# BAT_CRIT_THR by default: at this level PX4 leaves OFFBOARD, whatever setpoints arrive
+_PX4_CRITICAL_FRAC = 0.07
+
+# the agent's landing level lies so far above PX4's
+_BATTERY_GAP_PCT = 3.0
 
 
 def available_m_s2(vehicle: Vehicle) -> float:
@@ -25,9 +30,8 @@ def available_m_s2(vehicle: Vehicle) -> float:
     Returns:
         acceleration [m/s^2], at least 0.05.
     """
-    return max(
-        0.05, bounds.available_acceleration_m_s2(vehicle.max_tilt_deg, vehicle.hover_thrust_frac)
-    )
+    available = bounds.available_acceleration_m_s2(vehicle.max_tilt_deg, vehicle.hover_thrust_frac)
+    return max(0.05, available)
 
 
 def height_at_tilt(fleet: FleetConfig, vehicle: Vehicle) -> Finding:
@@ -39,22 +43,25 @@ def height_at_tilt(fleet: FleetConfig, vehicle: Vehicle) -> Finding:
     Returns:
         the finding.
     """
+    # vertical part of the full thrust, in units of the weight
     lift = (
         bounds.MAX_THRUST_FRAC
         / vehicle.hover_thrust_frac
         * math.cos(math.radians(vehicle.max_tilt_deg))
     )
-    allowed_deg = math.degrees(
-        math.acos(min(1.0, vehicle.hover_thrust_frac / bounds.MAX_THRUST_FRAC))
-    )
+    cos_allowed_tilt = min(1.0, vehicle.hover_thrust_frac / bounds.MAX_THRUST_FRAC)
+    allowed_deg = math.degrees(math.acos(cos_allowed_tilt))
+
     return at_least(
-        "height at full tilt",
-        lift,
-        1.05,
-        "",
-        f"{vehicle.name} at its max_tilt_deg = {vehicle.max_tilt_deg:g} and full throttle lifts {{value}} of its "
-        "weight; to keep the height it must be {relation} {bound}",
-        f"Lower max_tilt_deg below {allowed_deg:.0f}, or make the vehicle lighter.",
+        name="height at full tilt",
+        value=lift,
+        bound=1.05,
+        unit="",
+        sentence=(
+            f"{vehicle.name} at its max_tilt_deg = {vehicle.max_tilt_deg:g} and full throttle "
+            "lifts {value} of its weight; to keep the height it must be {relation} {bound}"
+        ),
+        remedy=f"Lower max_tilt_deg below {allowed_deg:.0f}, or make the vehicle lighter.",
         refuse_below=1.0,
     )
 
@@ -68,14 +75,18 @@ def thrust_reserve(fleet: FleetConfig, vehicle: Vehicle) -> Finding:
     Returns:
         the finding.
     """
+    upwards_m_s2 = (bounds.MAX_THRUST_FRAC / vehicle.hover_thrust_frac - 1.0) * GRAVITY_M_S2
+
     return at_least(
-        "thrust reserve",
-        (bounds.MAX_THRUST_FRAC / vehicle.hover_thrust_frac - 1.0) * GRAVITY_M_S2,
-        _CLIMB_M_S2,
-        "m/s^2",
-        f"{vehicle.name} hovers at {vehicle.hover_thrust_frac:.2f} of its throttle, which leaves {{value}} upwards; "
-        "to climb and to resist gusts it needs {relation} {bound}",
-        "Make the vehicle lighter, or use stronger motors and a fresh battery.",
+        name="thrust reserve",
+        value=upwards_m_s2,
+        bound=_CLIMB_M_S2,
+        unit="m/s^2",
+        sentence=(
+            f"{vehicle.name} hovers at {vehicle.hover_thrust_frac:.2f} of its throttle, which "
+            "leaves {value} upwards; to climb and to resist gusts it needs {relation} {bound}"
+        ),
+        remedy="Make the vehicle lighter, or use stronger motors and a fresh battery.",
     )
 
 
@@ -88,15 +99,19 @@ def gust_reserve(fleet: FleetConfig, vehicle: Vehicle) -> Finding:
     Returns:
         the finding.
     """
-    drag = vehicle.drag_1_s * vehicle.max_speed_m_s
+    drag_m_s2 = vehicle.drag_1_s * vehicle.max_speed_m_s
+
     return at_least(
-        "gust reserve",
-        available_m_s2(vehicle) - vehicle.max_acceleration_m_s2 - drag,
-        GUST_M_S2,
-        "m/s^2",
-        f"{vehicle.name}: tilt and thrust leave {{value}} beside trajectories of {vehicle.max_acceleration_m_s2:g} "
-        f"m/s^2 and drag at full speed; gusts need {{relation}} {{bound}}",
-        "Lower max_acceleration_m_s2 or max_speed_m_s, or raise max_tilt_deg.",
+        name="gust reserve",
+        value=available_m_s2(vehicle) - vehicle.max_acceleration_m_s2 - drag_m_s2,
+        bound=GUST_M_S2,
+        unit="m/s^2",
+        sentence=(
+            f"{vehicle.name}: tilt and thrust leave {{value}} beside trajectories of "
+            f"{vehicle.max_acceleration_m_s2:g} m/s^2 and drag at full speed; gusts need "
+            "{relation} {bound}"
+        ),
+        remedy="Lower max_acceleration_m_s2 or max_speed_m_s, or raise max_tilt_deg.",
     )
 
 
@@ -109,15 +124,20 @@ def battery(fleet: FleetConfig, vehicle: Vehicle) -> Finding:
     Returns:
         the finding.
     """
-    critical_pct = 100.0 * float(vehicle.px4_params.get("BAT_CRIT_THR", _PX4_CRITICAL_FRAC))
+    critical_frac = float(vehicle.px4_params.get("BAT_CRIT_THR", _PX4_CRITICAL_FRAC))
+    critical_pct = 100.0 * critical_frac
+    advised_pct = critical_pct + _BATTERY_GAP_PCT + 5.0
+
     return at_least(
-        "battery",
-        fleet.fleet.battery_land_pct,
-        critical_pct + _BATTERY_GAP_PCT,
-        "%",
-        f"fleet.battery_land_pct is {{value}}; PX4 lands {vehicle.name} by itself at {critical_pct:.0f} %, so the "
-        "landing under the law must begin at {bound} or above",
-        f"Set fleet.battery_land_pct = {critical_pct + _BATTERY_GAP_PCT + 5.0:.0f} or more, or lower BAT_CRIT_THR.",
+        name="battery",
+        value=fleet.fleet.battery_land_pct,
+        bound=critical_pct + _BATTERY_GAP_PCT,
+        unit="%",
+        sentence=(
+            f"fleet.battery_land_pct is {{value}}; PX4 lands {vehicle.name} by itself at "
+            f"{critical_pct:.0f} %, so the landing under the law must begin at {{bound}} or above"
+        ),
+        remedy=f"Set fleet.battery_land_pct = {advised_pct:.0f} or more, or lower BAT_CRIT_THR.",
         refuse_below=critical_pct + 0.5,
     )
 
@@ -132,12 +152,15 @@ def silence(fleet: FleetConfig, vehicle: Vehicle) -> Finding:
         the finding.
     """
     return at_most(
-        "silence",
-        float(vehicle.px4_params.get("COM_OF_LOSS_T", 0.3)),
-        0.5,
-        "s",
-        f"Without setpoints PX4 keeps {vehicle.name}'s last tilt for {{value}} (COM_OF_LOSS_T) before it lands; so "
-        "that the vehicle does not drift into the others this must be {relation} {bound}",
-        "Set px4_params.COM_OF_LOSS_T = 0.3.",
+        name="silence",
+        value=float(vehicle.px4_params.get("COM_OF_LOSS_T", 0.3)),
+        bound=0.5,
+        unit="s",
+        sentence=(
+            f"Without setpoints PX4 keeps {vehicle.name}'s last tilt for {{value}} "
+            "(COM_OF_LOSS_T) before it lands; so that the vehicle does not drift into the others "
+            "this must be {relation} {bound}"
+        ),
+        remedy="Set px4_params.COM_OF_LOSS_T = 0.3.",
         refuse_above=1.0,
     )
