@@ -27,7 +27,7 @@ NUMBERS = ("float", "Vec3", "Vec4", "Array")
 
 def public_fields() -> list[tuple[str, str, str]]:
     found = []
-    structs = [spec.message for spec in TOPICS.values() if spec.message] + [
+    structs: list[type] = [spec.message for spec in TOPICS.values() if spec.message] + [
         schema.TickSample,
         schema.OrderReply,
     ]

@@ -22,6 +22,7 @@ def flips(source: str) -> list[int]:
         {
             node.lineno
             for node in ast.walk(tree)
+            if isinstance(node, ast.expr | ast.stmt)
             for parts in _sequences(node)
             if _is_flip(parts, triples)
         }

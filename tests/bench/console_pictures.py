@@ -16,6 +16,7 @@ import tempfile
 import time
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 import matplotlib
 from PIL import Image, ImageDraw, ImageFont
@@ -191,13 +192,11 @@ def main() -> int:
     parser.add_argument("--light", action="store_true", help="on a light ground")
     parser.add_argument("--ascii", action="store_true", help="in ASCII without colour")
     options = parser.parse_args()
-    environ = (
-        {"COVEY_THEME": "light"}
-        if options.light
-        else {"COVEY_ASCII": "1", "NO_COLOR": "1"}
-        if options.ascii
-        else {}
-    )
+    environ: dict[str, Any] = {}
+    if options.light:
+        environ = {"COVEY_THEME": "light"}
+    elif options.ascii:
+        environ = {"COVEY_ASCII": "1", "NO_COLOR": "1"}
     kind = "_light" if options.light else "_ascii" if options.ascii else ""
     for size in options.sizes.split(","):
         width, height = map(int, size.split("x"))

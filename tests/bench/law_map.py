@@ -5,6 +5,7 @@ a flown map.
 from __future__ import annotations
 
 import argparse
+from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -52,7 +53,7 @@ def main(words: list[str]) -> int:
 def page(cells: list[Cell], rows: dict[tuple[str, int], Row], version: str) -> str:
     """The page: how it was flown, what came of it, every cell."""
     verdicts = [summary.verdict(summary.map_cell(cell, rows)) for cell in cells]
-    count = {verdict: verdicts.count(verdict) for verdict in _WORDS}
+    count = Counter[str](verdicts)
     some = next(
         cell
         for cell in cells
@@ -125,7 +126,7 @@ def picture(cells: Iterable[Cell], rows: dict[tuple[str, int], Row], path: Path)
         figure.savefig(path)
 
 
-def _square(x: float, y: float, shade: str):  # type: ignore[no-untyped-def]
+def _square(x: float, y: float, shade: str):
     from matplotlib.patches import Rectangle
 
     return Rectangle((x - 0.5, y - 0.5), 1.0, 1.0, facecolor=shade, edgecolor=SOFT, linewidth=0.5)

@@ -8,6 +8,7 @@ process of its own.
 
 from __future__ import annotations
 
+import functools
 import json
 import math
 import sys
@@ -107,9 +108,7 @@ class Crowd:
             if place == 0:
                 node.watch_alive(self._see)
             for name in names:
-                node.serve_orders(
-                    name, lambda order, reply, name=name: self._take(name, order, reply)
-                )  # type: ignore[misc]
+                node.serve_orders(name, functools.partial(self._take, name))
 
     def publish(self, time_s: float) -> None:
         """Telemetry of everybody."""

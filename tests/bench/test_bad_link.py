@@ -9,6 +9,7 @@ import socket
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -105,7 +106,7 @@ def test_a_hub_carries_to_the_address_and_nothing_between_the_sides_while_they_a
 
 def _flown() -> Flight:
     first, second = HALVES
-    told = {}
+    told: dict[str, Any] = {}
     for half, others in (HALVES, HALVES[::-1]):
         lost = "" if half is first else "12:00:00,000 mav5 INFO Ground station lost: going on.\n"
         names = ", ".join(others)

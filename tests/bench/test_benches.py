@@ -15,6 +15,7 @@ from typing import Any, cast
 import pytest
 
 from groundstation.missions.api import OrderFailed
+from groundstation.orders.intents import Hold
 from groundstation.processes.supervisor import agent_command, leaves_room
 from onboard.config.fleet import fleet_from_mapping
 from tests.bench import agents as bench_agents
@@ -67,7 +68,7 @@ def test_a_vehicle_whose_order_fails_at_once_does_not_let_the_bench_order_on_and
         async def move(self, *_: object, **__: object) -> None:
             given.append(self.name)
             if self.name == "mav0":
-                raise OrderFailed("mav0 does not")
+                raise OrderFailed(Hold(vehicles=("mav0",)), {})
             await asyncio.sleep(0.05)
 
     config = fleet_from_mapping(fixture.fleet_data(2, 1.5))

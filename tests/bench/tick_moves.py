@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import argparse
 import copy
+import functools
 import itertools
 import sys
 from collections import Counter
@@ -26,6 +27,8 @@ from types import FrameType
 from typing import NamedTuple
 
 from onboard.agent.core import AgentCore
+from onboard.agent_commands import Command
+from onboard.agent_inputs import AgentInput
 from onboard.config.fleet import load_fleet
 from sitl.lockstep.flight import Lockstep
 
@@ -99,20 +102,20 @@ def flying_ticks() -> list[list[str]]:
             now_ns = flight.bus.now_ns()
             for event, received_ns in events:
                 before.handle(event, received_ns)
-            ticks.append(watched(lambda core=before, at_ns=now_ns: core.tick(at_ns)))
+            ticks.append(watched(functools.partial(before.tick, now_ns)))
     return ticks
 
 
-def recorded_tick(flight: Lockstep, core: AgentCore) -> list[tuple[object, int]]:
+def recorded_tick(flight: Lockstep, core: AgentCore) -> list[tuple[AgentInput, int]]:
     """Let the flight go on for one tick; what the agent was given in it, and when."""
-    events: list[tuple[object, int]] = []
+    events: list[tuple[AgentInput, int]] = []
     handle = core.handle
 
-    def recording(event: object, now_ns: int) -> object:
-        events.append((event, now_ns))
-        return handle(event, now_ns)
+    def recording(agent_input: AgentInput, now_ns: int) -> list[Command]:
+        events.append((agent_input, now_ns))
+        return handle(agent_input, now_ns)
 
-    core.handle = recording
+    core.handle = recording  # type: ignore[method-assign]
     flight.run(TICK_S)
     del core.handle
     return events

@@ -15,6 +15,7 @@ import time
 import tomllib
 from collections.abc import Iterable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -162,7 +163,7 @@ def test_a_vehicle_whose_computer_has_another_clock_flies_with_the_others(tmp_pa
             stack.enter_context(_running(tmp_path, name, [*prefix, *_agent(tmp_path, name)]))
         ear = stack.enter_context(_Ear(fleet, Topic.TELEMETRY, Telemetry))
         _wait_ready(tmp_path, fleet.enabled_names)
-        told = ear.newest()
+        told: dict[str, Any] = ear.newest()
         done = _fly(tmp_path)
     stamps = {name: message.stamp_ns * 1e-9 for name, message in told.items()}
     # its clock really is another one

@@ -9,12 +9,13 @@ import itertools
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import msgspec
 import pytest
 
 from onboard.bus.control_token import ControlTokens
+from onboard.bus.protocol import Bus
 from onboard.bus.schema import Event, Order, OrderReply, Telemetry, Truth
 from onboard.bus.topics import Topic
 from onboard.config.fleet import FleetConfig, load_fleet
@@ -228,7 +229,7 @@ async def client(fleet: FleetConfig, bus: FakeBus) -> Any:
     """A started client on the fake bus."""
     from groundstation.client.client import FleetClient
 
-    found = FleetClient(fleet, author="tester", bus=bus)
+    found = FleetClient(fleet, author="tester", bus=cast(Bus, bus))
     await found.start()
     beat = asyncio.create_task(bus.beat())
     yield found

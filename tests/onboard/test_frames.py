@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
@@ -20,7 +21,7 @@ def random_quaternions(*shape: int) -> np.ndarray:
     return q / np.linalg.norm(q, axis=-1, keepdims=True)
 
 
-def matrix(q: np.ndarray) -> np.ndarray:
+def matrix(q: Sequence[float] | np.ndarray) -> np.ndarray:
     """Textbook rotation matrix, the oracle."""
     w, x, y, z = q
     return np.array(
@@ -41,9 +42,9 @@ def matrix(q: np.ndarray) -> np.ndarray:
         ((1, 2, 3), (2, 1, -3)),
     ],
 )
-def test_north_east_down_become_east_north_up(ned: tuple[int, ...], enu: tuple[int, ...]) -> None:
-    assert np.array_equal(frames.enu_from_ned(np.array(ned, dtype=float)), enu)
-    assert np.array_equal(frames.ned_from_enu(np.array(enu, dtype=float)), ned)
+def test_north_east_down_become_east_north_up(ned: frames.Triple, enu: frames.Triple) -> None:
+    assert np.array_equal(frames.enu_from_ned(ned), enu)
+    assert np.array_equal(frames.ned_from_enu(enu), ned)
 
 
 def test_attitude_conversion_agrees_with_matrices() -> None:
@@ -60,22 +61,22 @@ def test_attitude_conversion_there_and_back_is_the_identity() -> None:
 
 
 def test_level_px4_attitude_facing_north_has_its_nose_north_and_its_top_up() -> None:
-    q = frames.enu_flu_from_ned_frd(np.array([1.0, 0.0, 0.0, 0.0]))
-    assert np.allclose(rotate(q, np.array([1.0, 0.0, 0.0])), [0.0, 1.0, 0.0], atol=1e-12)
+    q = frames.enu_flu_from_ned_frd((1.0, 0.0, 0.0, 0.0))
+    assert np.allclose(rotate(q, (1.0, 0.0, 0.0)), [0.0, 1.0, 0.0], atol=1e-12)
     assert np.allclose(frames.body_up(q), [0.0, 0.0, 1.0], atol=1e-12)
     assert frames.yaw_from_quaternion(q) == pytest.approx(math.pi / 2)
 
 
 def test_px4_pitch_down_accelerates_towards_the_nose() -> None:
     # FRD: negative pitch is nose down
-    pitch_down = np.array([math.cos(-0.1), 0.0, math.sin(-0.1), 0.0])
+    pitch_down = (math.cos(-0.1), 0.0, math.sin(-0.1), 0.0)
     up = frames.body_up(frames.enu_flu_from_ned_frd(pitch_down))
     assert up[1] > 0.1
     assert abs(up.x) < 1e-12
 
 
 def test_px4_roll_right_accelerates_to_the_right() -> None:
-    roll_right = np.array([math.cos(0.1), math.sin(0.1), 0.0, 0.0])
+    roll_right = (math.cos(0.1), math.sin(0.1), 0.0, 0.0)
     up = frames.body_up(frames.enu_flu_from_ned_frd(roll_right))
     assert up[0] > 0.1
     assert abs(up.y) < 1e-12
@@ -84,7 +85,8 @@ def test_px4_roll_right_accelerates_to_the_right() -> None:
 def test_rotate_and_multiply_agree_with_matrices() -> None:
     for first, second in zip(random_quaternions(30), random_quaternions(30), strict=True):
         v = RNG.normal(size=3)
-        assert np.allclose(rotate(first, v), matrix(first) @ v, atol=1e-12)
+        x, y, z = v
+        assert np.allclose(rotate(first, (x, y, z)), matrix(first) @ v, atol=1e-12)
         assert np.allclose(
             matrix(frames.quaternion_multiply(first, second)),
             matrix(first) @ matrix(second),

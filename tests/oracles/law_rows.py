@@ -262,7 +262,8 @@ def projection(u, yielding, firm, soft, radius):
     """Line Q: point, status and slack, by trying every active set; firm: the promised distances and
     what stands.
     """
-    firm = binding(*firm, radius)
+    firm_normals, firm_bounds = firm
+    firm = binding(firm_normals, firm_bounds, radius)
     normals, bounds = (np.concatenate(pair) for pair in zip(yielding, firm, strict=True))
     for kept in range(len(soft), -1, -1):
         n = np.concatenate([normals, *(row[0][None] for row in soft[:kept])])
@@ -271,7 +272,8 @@ def projection(u, yielding, firm, soft, radius):
         if point is not None:
             is_same = np.abs(point - u).max() <= 1e-10
             return point, INACTIVE if is_same and kept == len(soft) else SATURATED, 0.0
-    if nearest_in_rows_and_disc(u, *firm, radius) is None:
+    firm_normals, firm_bounds = firm
+    if nearest_in_rows_and_disc(u, firm_normals, firm_bounds, radius) is None:
         normals, bounds = firm
     else:  # a thousand times as stiff
         normals, bounds = (

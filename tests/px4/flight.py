@@ -179,11 +179,9 @@ def flying(build: Px4Build, count: int, folder: Path, mission: str) -> Iterator[
             _READY_S,
             lambda: _logs(folder),
         )
-        words = ("fly", str(folder / "mission.toml"), "--fleet", fleet.path, "--headless")
+        fly = ("fly", str(folder / "mission.toml"), "--fleet", fleet.path, "--headless")
         record = ("--record", str(folder / "record"))
-        flight.ground = stack.enter_context(
-            _python(folder, "fly", "groundstation", *words, *record)
-        )
+        flight.ground = stack.enter_context(_python(folder, "fly", "groundstation", *fly, *record))
         yield flight
 
 

@@ -13,8 +13,9 @@ import json
 import os
 import sys
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
+from onboard.bus.session import BusSession
 from onboard.bus.topics import Topic
 from onboard.config.fleet import load_fleet
 from sitl.server import simulator_bus
@@ -55,7 +56,7 @@ if __name__ == "__main__":
         serve(
             fleet,
             fleet.enabled_names,
-            _CutBus(simulator_bus(fleet), Path(sys.argv[2])),
+            cast(BusSession, _CutBus(simulator_bus(fleet), Path(sys.argv[2]))),
             with_mocap=True,
         )
     )

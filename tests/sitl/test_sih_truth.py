@@ -94,9 +94,11 @@ def test_truth_started_anew_in_flight_or_over_a_sunken_vehicle_has_the_same_zero
     px4 = Encoder(system_id=3)
     for alt, height_m in ((491400, 2.0), (489100, -0.3)):
         body, truths = Body(vehicle, None), list[Truth]()
-        listener = Listener(
-            3, lambda fields, stamp_ns, body=body, to=truths: to.append(body.truth(fields, 1)), body
-        )
+
+        def note(fields, stamp_ns, body=body, truths=truths):
+            truths.append(body.truth(fields, 1))
+
+        listener = Listener(3, note, body)
         listener.connection_made(Transport())
         flying = px4.encode_named("HIL_STATE_QUATERNION", **state(lon=85455940 + 133, alt=alt))
         listener.datagram_received(flying, ("127.0.0.1", 19452))

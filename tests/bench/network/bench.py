@@ -99,9 +99,20 @@ def measure(scheme: str, link: str, seconds: float, folder: Path, seed: int = 1)
     ages_ms = sorted(found["ages_ms"])
     if not ages_ms:
         raise RuntimeError(f"Nothing arrived over {scheme}.")
-    at = [ages_ms[min(len(ages_ms) - 1, int(share * len(ages_ms)))] for share in (0.5, 0.99, 1.0)]
     bound = bound_ms if scheme in _DATAGRAMS and bound_ms < math.inf else None
-    return Age(scheme, link, *at, found["messages"], bound)
+
+    def quantile_ms(share: float) -> float:
+        return ages_ms[min(len(ages_ms) - 1, int(share * len(ages_ms)))]
+
+    return Age(
+        scheme=scheme,
+        link=link,
+        p50_ms=quantile_ms(0.5),
+        p99_ms=quantile_ms(0.99),
+        max_ms=quantile_ms(1.0),
+        messages=found["messages"],
+        bound_ms=bound,
+    )
 
 
 def _fleet_file(scheme: str, folder: Path) -> Path:

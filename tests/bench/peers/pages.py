@@ -36,6 +36,9 @@ class Run:
         )
 
 
+MEASURED = "law-measured.md"  # the page of docs/ that the figures of these benches are printed into
+
+
 def insert(page: Path, name: str, text: str) -> None:
     """Replace what stands between ``<!-- bench: name -->`` and ``<!-- end -->`` in a page that may
     not exist.

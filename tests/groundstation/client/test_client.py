@@ -21,6 +21,7 @@ from groundstation.client.mavlink_port import mavutil_address
 from groundstation.orders.grammar import OrderError
 from groundstation.processes.free_ports import with_free_ports
 from onboard.bus.codec import Malformed
+from onboard.bus.protocol import UntrustedOrder
 from onboard.bus.schema import Event, Order, OrderReply, TickBatch
 from onboard.bus.session import BusSession
 from onboard.bus.topics import Topic
@@ -45,7 +46,9 @@ async def test_an_agent_on_a_real_bus_is_seen_ordered_and_heard(
     loop = asyncio.get_running_loop()
     got: list[Order] = []
 
-    def answer(order: Order | Malformed, reply: Callable[[OrderReply], None]) -> None:
+    def answer(
+        order: Order | Malformed | UntrustedOrder, reply: Callable[[OrderReply], None]
+    ) -> None:
         assert isinstance(order, Order)
         got.append(order)
         loop.call_soon_threadsafe(finish, order, reply)

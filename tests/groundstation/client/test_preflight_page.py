@@ -234,7 +234,7 @@ def test_a_mission_that_the_law_refuses_does_not_start_and_says_why(
     assert "the law says that this cannot be flown" in said
     assert "mav0 is 0.08 m from the fence" in said
     assert not folder.joinpath("flight.mcap").exists()
-    refuse_unflyable(load_mission("configs/missions/paper.toml", fleet), is_simulated=False)
+    refuse_unflyable(load_mission("configs/missions/paper.toml", str(fleet)), is_simulated=False)
     weak = load_fleet(fleet)
     strong = weak.vehicles["mav1"]
     vehicles = {**weak.vehicles, "mav1": msgspec.structs.replace(strong, hover_thrust_frac=0.89)}

@@ -22,7 +22,7 @@ def order(monkeypatch: pytest.MonkeyPatch, *words: str, **misbehave: str) -> int
     """Give an order to agents that do what they are told, or misbehave."""
 
     def client(fleet: FleetConfig, **_: Any) -> FleetClient:
-        bus = FakeBus(fleet, has_truth=True)
+        bus: Any = FakeBus(fleet, has_truth=True)
         bus.misbehave = misbehave
         found = FleetClient(fleet, author="script", bus=bus, send=lambda *_, **__: NOBODY)
         start = found.start

@@ -61,7 +61,7 @@ def write_flight(folder: Path, *, has_truth: bool = True, ticks: bool = True) ->
                 spot, wanted = place(index, time_s, 0.25), place(index, time_s)
                 wave = 4.0 * math.sin(1.3 * time_s + index)
                 push = 0.8 * math.exp(-((time_s - 7.0) ** 2)) * (1, -1, 1)[index]
-                tick = {
+                tick: dict[str, object] = {
                     "stamp_ns": stamp_ns, "state": "flying" if time_s >= 0 else "ready", "position_enu_m": spot,
                     "setpoint_position_enu_m": wanted, "thrust_baseline_enu_m_s2": (0.1 * wave, 0.08 * wave, 9.8),
                     "thrust_safe_enu_m_s2": (0.1 * wave + push, 0.08 * wave, 9.8),
@@ -82,7 +82,7 @@ def write_flight(folder: Path, *, has_truth: bool = True, ticks: bool = True) ->
                     )
                 if step % 5 == 0:
                     goal = (*GOALS[index], 1.0)
-                    told = {
+                    told: dict[str, object] = {
                         "state": "flying",
                         "order_kind": "move" if time_s > 3 else "",
                         "goal_position_enu_m": goal,

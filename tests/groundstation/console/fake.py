@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections import deque
+from typing import Any
 
 import msgspec
 
@@ -13,6 +14,7 @@ from groundstation.fleet.control_authority import Control
 from groundstation.orders import grammar, plan
 from groundstation.orders.held_formation import HeldFormation
 from groundstation.orders.intents import Intent
+from groundstation.orders.plan import PlannedOrder
 from groundstation.orders.result import OrderResult
 from onboard.bus.control_token import ControlTokens
 from onboard.bus.schema import Event, Telemetry, TickSample
@@ -121,7 +123,7 @@ class FakeClient:
         self.state = fleet_state.fold(self.state, heard, self.now_ns())
 
     def say(
-        self, sentence: str, severity: str = "info", vehicle: str = "mav0", outcome: str = ""
+        self, sentence: str, severity: Any = "info", vehicle: str = "mav0", outcome: Any = ""
     ) -> None:
         event = Event(
             vehicle=vehicle,
@@ -134,17 +136,17 @@ class FakeClient:
         )
         self.state = fleet_state.fold(self.state, event, self.now_ns())
 
-    def plan(self, order: Intent | str) -> plan.PlannedOrder:
+    def plan(self, order: Intent | str) -> PlannedOrder:
         intent = grammar.parse(order, self.fleet) if isinstance(order, str) else order
         held = HeldFormation(grammar.default_formation(self.fleet))
         return plan.plan_order(
             intent, self.fleet, self.state, held=held, author="test", now_ns=self.now_ns()
         )
 
-    def check_again(self, planned: plan.PlannedOrder) -> plan.PlannedOrder:
+    def check_again(self, planned: PlannedOrder) -> PlannedOrder:
         return plan.check_again(planned, self.fleet, self.state, self.now_ns())
 
-    def send(self, planned: plan.PlannedOrder) -> OrderResult:
+    def send(self, planned: PlannedOrder) -> OrderResult:
         self.handles.append(OrderResult(planned))
         return self.handles[-1]
 

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from typing import cast
+
 from groundstation.console.app import ConsoleApp
+from groundstation.console.clients import ConsoleClient
 from groundstation.console.screens.preview_screen import PreviewScreen
 from groundstation.console.widgets.bars import StatusBar
 from groundstation.console.widgets.event_log import EventLog
@@ -111,7 +114,7 @@ async def test_a_kill_that_did_not_leave_is_not_latched(fleet: FleetConfig) -> N
         async def submit(self, order: Intent | str) -> OrderResult:
             raise OrderError("This console only watches.")
 
-    app = ConsoleApp(fleet, Silent(StillClient(fleet)))
+    app = ConsoleApp(fleet, cast(ConsoleClient, Silent(StillClient(fleet))))
     async with app.run_test(size=(120, 30)) as pilot:
         await pilot.press("f12", "f12", "ctrl+l", "f3", "w", "colon", *"move all 0 0 1", "enter")
         assert app.query_one(NoticeLines).sentences == []

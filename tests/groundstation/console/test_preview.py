@@ -10,6 +10,7 @@ from groundstation.console.app import ConsoleApp
 from groundstation.console.screens.preview_screen import PreviewScreen
 from groundstation.orders.forecast import Forecast
 from groundstation.orders.forecast_process import ForecastFailed
+from groundstation.orders.intents import Formation
 from onboard.config.fleet import FleetConfig
 from tests.groundstation.console.fake import FakeClient
 from tests.groundstation.console.rig import FINE, Rig
@@ -149,11 +150,13 @@ async def test_a_formation_without_a_position_is_sent_with_the_position_that_was
     async with rig.app.run_test(size=(100, 30)) as pilot:
         rig.hover()
         screen = await rig.preview(pilot, "formation triangle 1.8")
+        assert isinstance(screen.intent, Formation)
         assert screen.intent.position_enu_m is not None
         rig.client.hear("mav1", position_enu_m=(0.05, 0.05, 1.0), velocity_enu_m_s=(0.0, 0.0, 0.0))
         await pilot.press("enter")
         (handle,) = rig.client.handles
         goals = {name: order.position_enu_m for name, order in handle.planned.orders.items()}
+        assert screen.preview is not None
         assert goals == screen.preview.goals
 
 

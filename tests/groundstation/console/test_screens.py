@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import functools
 import math
 import shutil
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 from textual.pilot import Pilot
 from textual.screen import Screen
+from textual.widget import Widget
 
 from groundstation.console.app import ConsoleApp
 from groundstation.console.pipeline_drawing import euler_deg
@@ -32,7 +35,7 @@ from tests.groundstation.recorded import SECOND, record, tick
 SIZES = [(80, 24), (120, 40), (200, 60)]
 
 
-def lines(screen: Screen[object], kind: type) -> str:
+def lines(screen: Screen[Any], kind: type[Widget]) -> str:
     widget = screen.query_one(kind)
     return "\n".join(widget.render_line(y).text for y in range(widget.size.height))
 
@@ -101,7 +104,7 @@ async def test_the_bell_rings_once_for_each_new_alarm_and_only_when_wanted(
         client = alarmed(fleet)
         rung: list[int] = []
         app = ConsoleApp(fleet, client, has_bell=wanted)
-        app.bell = lambda rung=rung: rung.append(1)  # type: ignore[method-assign]
+        app.bell = functools.partial(rung.append, 1)  # type: ignore[method-assign]
         async with app.run_test(size=(100, 30)) as pilot:
             for _ in range(10):
                 app.refresh_fleet()

@@ -34,7 +34,7 @@ async def test_on_a_terminal_without_unicode_every_character_is_ascii_in_its_pla
         monkeypatch.setenv("COVEY_ASCII", wish)
         app = ConsoleApp(client.fleet, client)
         async with app.run_test(size=size) as pilot:
-            app.time_text = lambda _ns: "12:00:00"  # type: ignore[method-assign]
+            app.time_text = lambda received_ns: "12:00:00"  # type: ignore[method-assign]
             await see(app, pilot)
             pictures.append(screen(app))
             await pilot.press("question_mark")

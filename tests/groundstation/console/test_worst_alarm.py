@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
 from textual.screen import Screen
 
@@ -17,7 +19,7 @@ from tests.groundstation.console.live import until
 from tests.groundstation.console.rig import Oracle
 from tests.groundstation.console.seeing import strips
 
-SCREENS: list[tuple[str, type[Screen[object]]]] = [
+SCREENS: list[tuple[str, type[Screen[Any]]]] = [
     ("question_mark", HelpScreen),
     ("q", QuitScreen),
     ("f2", PreviewScreen),
@@ -37,7 +39,7 @@ def last_line(app: ConsoleApp) -> list[tuple[str, str]]:
 
 @pytest.mark.parametrize(("key", "screen"), SCREENS, ids=[screen.__name__ for _, screen in SCREENS])
 async def test_the_worst_alarm_is_visible_on_every_screen(
-    fleet: FleetConfig, key: str, screen: type[Screen[object]]
+    fleet: FleetConfig, key: str, screen: type[Screen[Any]]
 ) -> None:
     client = FakeClient(fleet)
     app = ConsoleApp(fleet, client, forecaster=Oracle())

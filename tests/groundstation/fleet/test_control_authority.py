@@ -6,6 +6,7 @@ import asyncio
 import socket
 import time
 from collections.abc import Callable
+from typing import Any
 
 import msgspec
 import pytest
@@ -21,7 +22,7 @@ from onboard.config.fleet import FleetConfig
 from sitl.lockstep.flight import Lockstep
 
 
-def order(kind: str, node: str = "ground-1") -> Order:
+def order(kind: Any, node: str = "ground-1") -> Order:
     return Order(order_id="1", author="x", kind=kind, stamp_ns=0, deadline_ns=0, node=node)
 
 

@@ -59,7 +59,9 @@ def test_old_and_repeated_samples_change_nothing_but_a_new_boot_starts_over(
         late = fold(state, make_telemetry("mav0", sequence=sequence, mode="OLD"), 1)
         assert (late.vehicles, late.late) == (state.vehicles, state.late + 1)
     again = fold(state, make_telemetry("mav0", boot_id=2, sequence=1, mode="REBORN"), 1)
-    assert again.vehicles["mav0"].telemetry.mode == "REBORN"
+    reborn = again.vehicles["mav0"].telemetry
+    assert reborn is not None
+    assert reborn.mode == "REBORN"
 
 
 def test_one_false_number_excludes_no_telemetry_after_it(
@@ -67,7 +69,9 @@ def test_one_false_number_excludes_no_telemetry_after_it(
 ) -> None:
     state = fold(initial(fleet), make_telemetry("mav0", sequence=2**60, mode="FALSE"), 0)
     state = fold(state, make_telemetry("mav0", sequence=8, mode="TRUE"), 1)
-    assert state.vehicles["mav0"].telemetry.mode == "TRUE"
+    believed = state.vehicles["mav0"].telemetry
+    assert believed is not None
+    assert believed.mode == "TRUE"
 
 
 def test_the_closest_pair_is_found_from_fresh_and_valid_positions_only(
@@ -79,6 +83,7 @@ def test_the_closest_pair_is_found_from_fresh_and_valid_positions_only(
             state, make_telemetry(name, position_enu_m=(x, 0.0, 1.0), is_position_valid=valid), 0
         )
     closest = state.closest(0)
+    assert closest is not None
     assert (closest.first, closest.second, closest.distance_m) == (
         "mav0",
         "mav1",
@@ -111,6 +116,7 @@ def test_the_smallest_separation_counts_only_while_somebody_flies(
         make_telemetry("mav1", sequence=3, position_enu_m=(2.0, 0.0, 1.0), is_airborne=True),
         2,
     )
+    assert state.smallest is not None
     assert state.smallest.distance_m == pytest.approx(0.9)
 
 
@@ -125,6 +131,7 @@ def test_telemetry_that_waited_together_is_compared_as_if_it_had_come_one_by_one
         for name, x in zip(("mav0", "mav1", "mav2"), places, strict=True)
     ]
     state = fold_telemetry(initial(fleet), heard)
+    assert state.smallest is not None
     assert (state.smallest.first, state.smallest.second) == ("mav0", "mav1")
     # they were that near between other messages
     assert state.smallest.distance_m == pytest.approx(0.4)
@@ -138,6 +145,7 @@ def test_telemetry_that_waited_together_is_compared_as_if_it_had_come_one_by_one
 def test_truth_of_two_vehicles_is_compared_at_one_moment(fleet: FleetConfig) -> None:
     state = fold(initial(fleet), truth("mav0", 0, 0.0, speed=1.0), 0)
     state = fold(state, truth("mav1", SECOND // 2, 2.0), SECOND // 2)
+    assert state.smallest_truth is not None
     assert state.smallest_truth.distance_m == pytest.approx(1.5)
     assert state.smallest_truth.is_truth
     grounded = fold(

@@ -37,6 +37,7 @@ def test_a_locked_copy_has_keys_of_its_own_and_finds_a_law_of_somebodys_own(
     assert (folder / "keys" / "ca.pem").read_bytes() != (lab / "keys" / "ca.pem").read_bytes()
     assert {path: path.read_bytes() for path in sorted((lab / "keys").iterdir())} == keys
     assert copy.own_law is not None
+    assert mission.fleet.own_law is not None
     assert copy.own_law.source_hash == mission.fleet.own_law.source_hash
     taken = {vehicle.agent for vehicle in mission.fleet.vehicles.values()}
     assert not taken & {vehicle.agent for vehicle in copy.vehicles.values()}
@@ -86,6 +87,7 @@ def test_one_vehicle_alone_and_an_imported_show_find_law_and_keys_where_they_are
     for copied in ("alone", "show"):
         copy = load_fleet(tmp_path / copied / "fleet.toml")
         assert copy.own_law is not None
+        assert fleet.own_law is not None
         assert copy.own_law.source_hash == fleet.own_law.source_hash
         assert Path(copy.keys_folder) == lab / "keys"
     assert load_fleet(tmp_path / "alone" / "fleet.toml").enabled_names == ("mav1",)

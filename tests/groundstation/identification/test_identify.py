@@ -107,12 +107,12 @@ def logs(truth: Truth, seeds: range, duration_s: float = 32.0, tilt_deg: float =
         acceleration = force - truth.drag_1_s * velocity + gust - np.array([0.0, 0.0, GRAVITY_M_S2])
         position = position + STEP_S * velocity + 0.5 * STEP_S**2 * acceleration
         velocity = velocity + STEP_S * acceleration
-    time = np.arange(ticks) * TICK_S
+    time: Array = np.arange(ticks, dtype=np.float64) * TICK_S
     found = []
     for number, rng in enumerate(noise):
         seen_tilt = flown_tilt[:, number] + math.radians(0.15) * rng.standard_normal((ticks, 2))
         seen = places[:, number] + 0.003 * rng.standard_normal((ticks, 3))
-        stamps = time + truth.attitude_age_s
+        stamps: Array = time + truth.attitude_age_s
         found.append(
             Log(
                 time,
@@ -234,7 +234,7 @@ def test_the_step_response_is_that_of_the_differential_equation(zeta: float) -> 
         v += h * (wn * wn * (1.0 - x) - 2.0 * zeta * wn * v)
         x += h * v
         seen.append(x)
-    times = h * np.arange(1, 10_001)
+    times: Array = h * np.arange(1, 10_001, dtype=np.float64)
     assert np.abs(step_response(times, wn, zeta) - seen).max() < 1e-3
     assert step_response(np.array([-1.0, 0.0]), wn, zeta) == pytest.approx([0.0, 0.0], abs=1e-12)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import pytest
 
@@ -15,6 +15,7 @@ from groundstation.mission_files.loading import mission_from_mapping
 from groundstation.mission_files.steps import FaultStep
 from groundstation.missions.api import Fleet
 from groundstation.missions.runner import MissionRun
+from onboard.bus.protocol import Bus
 from onboard.bus.schema import FaultOrder, OrderReply
 from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
 from sitl.lockstep.flight import Lockstep
@@ -95,7 +96,7 @@ class Real(FakeBus):
 
 
 async def test_a_real_flight_refuses_faults_in_words(paper: FleetConfig) -> None:
-    client = FleetClient(paper, bus=Real(paper))
+    client = FleetClient(paper, bus=cast(Bus, Real(paper)))
     await client.start()
     try:
         with pytest.raises(
@@ -109,7 +110,7 @@ async def test_a_real_flight_refuses_faults_in_words(paper: FleetConfig) -> None
 
 async def test_a_python_mission_orders_faults_of_several_vehicles(paper: FleetConfig) -> None:
     bus = Simulated(paper)
-    client = FleetClient(paper, bus=bus)
+    client = FleetClient(paper, bus=cast(Bus, bus))
     await client.start()
     said: list[str] = []
     try:
@@ -130,7 +131,7 @@ async def test_an_impossible_fault_late_in_a_mission_stops_it_before_anybody_tak
     paper: FleetConfig,
 ) -> None:
     bus = Simulated(paper)
-    client = FleetClient(paper, bus=bus)
+    client = FleetClient(paper, bus=cast(Bus, bus))
     await client.start()
     beat = asyncio.create_task(bus.beat())
     try:

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from groundstation.mission_files.loading import load_mission, mission_from_mapping
+from groundstation.mission_files.steps import FormationStep
 from groundstation.missions.runner import MissionRun
 from groundstation.recording.writer import RecordWriter
 from groundstation.verdict.final_verdict import final_verdict
@@ -19,7 +20,7 @@ from onboard.bus.topics import Topic
 from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
 
 ROOT = Path(__file__).resolve().parents[3]
-HOP = [
+HOP: list[dict[str, Any]] = [
     {"do": "takeoff", "height_m": 1.0},
     {"do": "formation", "name": "triangle", "position_enu_m": [0, 1.2, 1.0]},
 ]
@@ -106,6 +107,8 @@ def test_the_papers_paths_cross_so_that_they_collide_without_the_law() -> None:
     mission = load_mission(ROOT / "configs/missions/paper.toml")
     fleet = mission.fleet
     step = next(step for step in mission.steps if step.do == "formation")
+    assert isinstance(step, FormationStep)
+    assert step.position_enu_m is not None
     slots = fleet.formations[step.name]
     centre = np.array(step.position_enu_m)
     tracks = {}
@@ -140,6 +143,7 @@ async def test_an_obedient_fleet_passes_and_every_step_is_told_per_vehicle(
         dict.fromkeys(fleet.enabled_names, "done")
     ] * 3
     assert len(verdict.arrivals) == 3
+    assert verdict.worst_arrival_m is not None
     assert verdict.worst_arrival_m < 0.15
     assert all(verdict.landed.values())
     assert any("takeoff" in line for line in lines)

@@ -96,7 +96,7 @@ async def test_another_process_computes_and_is_replaced_when_it_ends(fleet: Flee
         assert first not in (None, os.getpid())
         request = asyncio.create_task(forecaster.forecast(fleet, SWAP))
         await asyncio.sleep(0.01)
-        os.kill(first, signal.SIGKILL)  # type: ignore[arg-type]
+        os.kill(first, signal.SIGKILL)
         with pytest.raises(ForecastFailed, match="could not be computed"):
             await request
         request = asyncio.create_task(forecaster.forecast(fleet, SWAP))

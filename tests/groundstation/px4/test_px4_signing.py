@@ -10,11 +10,11 @@ import pytest
 
 from groundstation.cli import main
 from groundstation.client.direct_mavlink import send_direct
-from onboard.config.fleet import ConfigError, load_fleet
+from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
 from onboard.px4.mavsdk_link import Px4Link
 from onboard.security.mavlink_key import mavlink_key
 from sitl.px4.signing import KEY_BYTES
-from tests.groundstation.px4.test_px4 import FLEET, FleetConfig, emulator, fleet, free_port  # noqa: F401
+from tests.groundstation.px4.test_px4 import FLEET, emulator, fleet, free_port  # noqa: F401
 
 NEW = FLEET.replace("hover_thrust_frac = 0.49", 'hover_thrust_frac = 0.49\npx4_version = "1.18"')
 
@@ -104,9 +104,14 @@ def test_a_key_that_is_missing_readable_or_none_and_a_version_that_cannot_sign_a
     signed = load_fleet(fleet.path)
     file = Path(signed.keys_folder) / "solo.mavlink.key"
     key = file.read_bytes()
+
+    def cut() -> None:
+        file.chmod(0o600)
+        file.write_bytes(key[:31])
+
     for change, words in (
         (lambda: file.chmod(0o644), "can be read by other users.* chmod 600"),
-        (lambda: (file.chmod(0o600), file.write_bytes(key[:31])), "holds no key"),
+        (cut, "holds no key"),
         (lambda: file.write_bytes(bytes(KEY_BYTES)), "holds no key"),
         (file.unlink, "cannot be read.*covey keys secure .* --mavlink"),
     ):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -13,7 +14,7 @@ from onboard.bus.topics import Topic
 from tests.groundstation.recorded import SECOND, record
 
 
-def _event(at_s: int, code: str, sentence: str, **fields: object) -> Event:
+def _event(at_s: int, code: str, sentence: str, **fields: Any) -> Event:
     return Event(
         vehicle="mav1",
         stamp_ns=at_s * SECOND,
@@ -21,7 +22,7 @@ def _event(at_s: int, code: str, sentence: str, **fields: object) -> Event:
         code=code,
         sentence=sentence,
         **fields,
-    )  # type: ignore[arg-type]
+    )
 
 
 def test_the_trail_of_a_flight_lists_every_order(

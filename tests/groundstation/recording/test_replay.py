@@ -20,7 +20,7 @@ from groundstation.recording.channels import KINDS, from_json, rows
 from groundstation.recording.replay import REFUSAL, Replay, open_flight
 from groundstation.recording.timeline import Timeline
 from groundstation.recording.writer import RecordFiles
-from onboard.bus.schema import MocapPose, Order
+from onboard.bus.schema import MocapPose, Order, Telemetry
 from onboard.bus.topics import Topic
 from onboard.config.fleet import ConfigError
 from tests.groundstation.console.fake import telemetry
@@ -88,7 +88,7 @@ def test_numbers_that_were_not_finite_come_back_as_nan_and_garbage_as_nothing() 
     recorded = telemetry("mav0", battery_frac=math.nan, position_enu_m=(math.nan, math.inf, 1.0))
     (row,) = rows(Topic.TELEMETRY, "mav0", recorded, 7)
     back = from_json(type(recorded), row.data)
-    assert back is not None
+    assert isinstance(back, Telemetry)
     assert math.isnan(back.battery_frac)
     assert math.isnan(back.position_enu_m[0])
     assert from_json(type(recorded), b"{]") is None

@@ -25,8 +25,10 @@ UPRIGHT = (1.0, 0.0, 0.0, 0.0)
 
 
 def tick(stamp_ns: int, period_s: float = 0.02) -> TickSample:
-    vectors = {name: ZERO for name in TickSample.__struct_fields__ if "enu_m" in name}
-    numbers = {
+    vectors: dict[str, Any] = {
+        name: ZERO for name in TickSample.__struct_fields__ if "enu_m" in name
+    }
+    numbers: dict[str, Any] = {
         "yaw_rad": 0.0,
         "intervention_m_s2": 0.0,
         "slack_m_s2": float("inf"),
@@ -83,6 +85,7 @@ def test_mcaps_own_reader_finds_channels_schemas_times_and_values(tmp_path: Path
         ("tick/mav0", 120 * MS),
     ]
     schema, channel, message = found[0]
+    assert schema is not None
     assert (schema.encoding, channel.message_encoding) == ("jsonschema", "json")
     properties = json.loads(schema.data)["properties"]
     assert properties["position_enu_m"] == {"type": "array", "items": {"type": "number"}}

@@ -168,10 +168,10 @@ def test_a_px4_that_tells_nonsense_ends_the_flight_as_a_silent_one_and_reads_as_
     assert rig.core.flight.state == "flying"  # once is never
     handle = rig.core.handle
 
-    def nonsense(event: agent_inputs.AgentInput, now_ns: int) -> list[agent_commands.Command]:
-        if isinstance(event, agent_inputs.SnapshotReceived):
-            event = agent_inputs.SnapshotReceived(replace(event.snapshot, **changes))
-        return handle(event, now_ns)
+    def nonsense(agent_input: agent_inputs.AgentInput, now_ns: int) -> list[agent_commands.Command]:
+        if isinstance(agent_input, agent_inputs.SnapshotReceived):
+            agent_input = agent_inputs.SnapshotReceived(replace(agent_input.snapshot, **changes))
+        return handle(agent_input, now_ns)
 
     rig.core.handle = nonsense  # type: ignore[method-assign]
     rig.run(1.0)
@@ -188,12 +188,12 @@ def test_preflight_says_what_is_wrong_with_a_px4_that_is_thousands_of_kilometres
     rig = Rig()
     handle = rig.core.handle
 
-    def far(event: agent_inputs.AgentInput, now_ns: int) -> list[agent_commands.Command]:
-        if isinstance(event, agent_inputs.SnapshotReceived):
-            event = agent_inputs.SnapshotReceived(
-                replace(event.snapshot, position_local_ned_m=(5227321.5, 1067127.6, 0.0))
+    def far(agent_input: agent_inputs.AgentInput, now_ns: int) -> list[agent_commands.Command]:
+        if isinstance(agent_input, agent_inputs.SnapshotReceived):
+            agent_input = agent_inputs.SnapshotReceived(
+                replace(agent_input.snapshot, position_local_ned_m=(5227321.5, 1067127.6, 0.0))
             )
-        return handle(event, now_ns)
+        return handle(agent_input, now_ns)
 
     rig.core.handle = far  # type: ignore[method-assign]
     rig.run(1.0)

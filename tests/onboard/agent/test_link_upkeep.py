@@ -49,7 +49,10 @@ class MuteLink:
 
     def read_params(self, names: Mapping[str, float | int]) -> dict[str, float | int | None]:
         self.read.append(frozenset(names))
-        return dict(names) | ({"SIM_BAT_MIN_PCT": 30.0} if "SIM_BAT_MIN_PCT" in names else {})
+        values: dict[str, float | int | None] = dict(names)
+        if "SIM_BAT_MIN_PCT" in names:
+            values["SIM_BAT_MIN_PCT"] = 30.0
+        return values
 
 
 async def events_until(link: MuteLink, reads: int) -> list[agent_inputs.AgentInput]:
@@ -87,5 +90,7 @@ async def test_only_a_simulated_px4_is_asked_where_its_battery_stops(
 ) -> None:
     link = MuteLink(is_simulated=is_simulated)
     event = (await events_until(link, 1))[0]
-    assert event == agent_inputs.ParamsRead((), pytest.approx(floor_frac))
+    assert isinstance(event, agent_inputs.ParamsRead)
+    assert event == agent_inputs.ParamsRead((), event.battery_floor_frac)
+    assert event.battery_floor_frac == pytest.approx(floor_frac)
     assert ("SIM_BAT_MIN_PCT" in link.read[0]) == is_simulated

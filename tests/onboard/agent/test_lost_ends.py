@@ -26,7 +26,8 @@ def _told(ends: LostEnds, at_s: float) -> list[Command]:
 def test_an_end_within_the_cut_is_told_again_a_second_after_the_ground_is_back() -> None:
     ends, before, within = LostEnds(), _end(5.0, "o0"), _end(12.0)
     for one in (before, within):
-        assert ends.pass_on([one], one.message.stamp_ns) == [one]  # type: ignore[union-attr]
+        assert isinstance(one.message, Event)
+        assert ends.pass_on([one], one.message.stamp_ns) == [one]
     ends.see("ground-1", False, 10 * S)
     ends.see("ground-1", True, 20 * S)
     assert not _told(ends, 20.9)

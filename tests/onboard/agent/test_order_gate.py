@@ -22,7 +22,7 @@ MOVE = Order(
 
 
 def _code(found: UntrustedOrder | None) -> str | None:
-    return found and found.code
+    return None if found is None else found.code
 
 
 def test_a_new_order_passes_once() -> None:

@@ -1,6 +1,7 @@
 """How much of a distance counts by the heights of a pair."""
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -61,13 +62,13 @@ def test_without_a_vertical_separation_every_height_counts():
 
 @pytest.mark.parametrize("who", ["own descent", "its climb", "own intent", "its intent"])
 def test_a_climb_or_descent_towards_the_other_counts_before_the_heights_are_near(who):
-    changed = {
+    changes: dict[str, dict[str, Any]] = {
         "own descent": {"climb": -1.5},
         "its climb": {"predicted_velocity_enu_m_s": Vec3(0.0, 0.0, 1.5)},
         "own intent": {"intended_climb_m": -2.0},
         "its intent": {"intent_enu_m_s": Vec3(0.0, 0.0, 1.0)},
-    }[who]
-    assert share(1.6) == 0.0 < share(1.6, **changed)
+    }
+    assert share(1.6) == 0.0 < share(1.6, **changes[who])
     assert share(1.6, climb=1.5, intended_climb_m=2.0) == 0.0  # away from it
 
 
@@ -115,7 +116,7 @@ def test_vehicles_exactly_above_each_other_are_no_case_of_coinciding_ones():
 def test_the_share_is_the_same_in_any_order_and_for_both(seed):
     position, velocity, accel, neighbours = random_case(seed)
     spread = [
-        n._replace(position_enu_m=Vec3(*n.position_enu_m[:2], 2.0 * n.position_enu_m.z))
+        n._replace(position_enu_m=n.position_enu_m._replace(z=2.0 * n.position_enu_m.z))
         for n in neighbours
     ]
     there = run(position, velocity, accel, spread, LAW).commanded_acceleration_enu_m_s2

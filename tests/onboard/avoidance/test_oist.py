@@ -155,11 +155,18 @@ def test_homogeneous(seed, length, time, is_cooperative, is_crowded):
     )
 
     def rows(params, length, speed, push):
-        vectors = (
-            Vec2(*map(float, scale * x))
-            for scale, x in ((length, e), (speed, w), (push, u), (speed, 10.0 * g))
+        pair = NeighbourPair(
+            e=Vec2(*map(float, length * e)),
+            w=Vec2(*map(float, speed * w)),
+            command_m_s2=Vec2(*map(float, push * u)),
+            intent_m_s=Vec2(*map(float, speed * 10.0 * g)),
+            d_m=d * length,
+            distance_2_m2=0.0,
+            crowd_count=0.0,
+            is_near=True,
+            is_cooperative=is_cooperative,
+            table_index=0,
         )
-        pair = NeighbourPair(*vectors, d * length, 0.0, 0.0, True, is_cooperative, 0)
         own_velocity = Vec2(*map(float, speed * own))
         return [distance_row(pair, params), rotation_row(pair, own_velocity, is_crowded, params)]
 

@@ -67,10 +67,11 @@ def test_one_neighbour_the_papers_policies_and_no_limits_give_equation_22():
 
 def test_every_policy_of_the_configuration_flies_a_tick():
     neighbours = [neighbour_of([1.2, 0.1, 0.0], [-0.5, 0.0, 0.0])]
-    kinds = msgspec.inspect.type_info(LawConfig).fields
+    kind = msgspec.inspect.type_info(LawConfig)
+    assert isinstance(kind, msgspec.inspect.StructType | msgspec.inspect.DataclassType)
     policies = {
         field.name: field.type.values
-        for field in kinds
+        for field in kind.fields
         if isinstance(field.type, msgspec.inspect.LiteralType)
     }
     assert {"responsibility", "prediction", "margin", "rotation", "direction", "jam"} <= set(
@@ -148,7 +149,9 @@ def test_responsibility_says_how_much_of_the_bound_is_ours():
 def distance(params, own_std, their_std, is_cooperative=True):
     neighbour = neighbour_of(ZERO_3, position_std_m=their_std[0], velocity_std_m_s=their_std[1])
     neighbour = neighbour._replace(is_cooperative=is_cooperative)
-    return design_distance(margin_2(*own_std, params.spacing), neighbour, params.spacing)
+    position_std_m, velocity_std_m_s = own_std
+    margin = margin_2(position_std_m, velocity_std_m_s, params.spacing)
+    return design_distance(margin, neighbour, params.spacing)
 
 
 def test_margin_grows_with_the_estimates_errors_and_stays_with_a_mocap():

@@ -104,8 +104,8 @@ def test_linear_in_the_commands(commands, factor, window_s):
 def test_a_window_cut_in_two_gives_the_same(commands, p, v, cut):
     cut = min(cut, len(commands))
     whole = predicted(history_of(commands), p, v, 0.02 * len(commands))
-    first = predicted(history_of(commands[:cut]), p, v, 0.02 * cut)
-    second = predicted(history_of(commands[cut:]), *first, 0.02 * (len(commands) - cut))
+    position, velocity = predicted(history_of(commands[:cut]), p, v, 0.02 * cut)
+    second = predicted(history_of(commands[cut:]), position, velocity, 0.02 * (len(commands) - cut))
     np.testing.assert_allclose(second, whole, atol=1e-9)
 
 

@@ -251,12 +251,18 @@ def polar(rows, turn=0.0, factor=1.0):
     return normals, [factor * bound for _, _, bound in rows]
 
 
+def projected_polar(u, rows, radius):
+    normals, bounds = rows
+    return projected(u, normals, bounds, radius)
+
+
 @settings(max_examples=200, deadline=None)
 @given(POINTS, ROWS, st.floats(0.5, 6.0), st.randoms())
 def test_independent_of_the_order_of_the_hard_rows(u, rows, radius, random):
     shuffled = list(rows)
     random.shuffle(shuffled)
-    one, two = projected(u, *polar(rows), radius), projected(u, *polar(shuffled), radius)
+    one = projected_polar(u, polar(rows), radius)
+    two = projected_polar(u, polar(shuffled), radius)
     assert one.slack == pytest.approx(two.slack, abs=1e-7)
     if one.slack == two.slack == 0.0:
         np.testing.assert_allclose(one.point, two.point, atol=1e-4)
@@ -269,7 +275,8 @@ def test_rotation_equivariant(u, rows, radius, turn):
         math.cos(turn) * u[0] - math.sin(turn) * u[1],
         math.sin(turn) * u[0] + math.cos(turn) * u[1],
     )
-    one, two = projected(u, *polar(rows), radius), projected(turned, *polar(rows, turn), radius)
+    one = projected_polar(u, polar(rows), radius)
+    two = projected_polar(turned, polar(rows, turn), radius)
     assert one.slack == pytest.approx(two.slack, abs=1e-6)
     if one.slack == two.slack == 0.0:
         x, y = one.point
@@ -280,8 +287,9 @@ def test_rotation_equivariant(u, rows, radius, turn):
 @settings(max_examples=200, deadline=None)
 @given(POINTS, ROWS, st.floats(0.5, 6.0), st.floats(0.1, 10.0))
 def test_homogeneous(u, rows, radius, factor):
-    one = projected(u, *polar(rows), radius)
-    two = projected((factor * u[0], factor * u[1]), *polar(rows, factor=factor), factor * radius)
+    one = projected_polar(u, polar(rows), radius)
+    scaled = (factor * u[0], factor * u[1])
+    two = projected_polar(scaled, polar(rows, factor=factor), factor * radius)
     assert two.slack == pytest.approx(factor * one.slack, abs=1e-6)
     if one.slack == two.slack == 0.0:
         np.testing.assert_allclose(two.point, np.array(one.point) * factor, atol=1e-4)

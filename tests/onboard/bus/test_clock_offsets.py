@@ -66,13 +66,20 @@ def _delays(seed: int, shortest_s: float, mean_s: float):
     return lambda: shortest_s + source.expovariate(1.0 / mean_s)
 
 
+def measured(clocks: Clocks, node: str, now_ns: int) -> tuple[float, float]:
+    """Return the offset of a node's clock that is known, and its bound [s]."""
+    found = clocks.offset_s(node, now_ns)
+    assert found is not None
+    return found
+
+
 def test_a_clock_an_hour_ahead_is_found_within_half_the_quickest_round_trip() -> None:
     world = _World(3600 * _S, 0.0, _delays(1, 0.002, 0.003), _delays(2, 0.002, 0.003))
     world.run(20.0)
-    offset_s, bound_s = world.a.offset_s("b", world.now_ns)
+    offset_s, bound_s = measured(world.a, "b", world.now_ns)
     assert offset_s == pytest.approx(3600.0, abs=bound_s)
     assert bound_s < 0.006
-    back_s, _ = world.b.offset_s("a", world.b_ns(world.now_ns))
+    back_s, _ = measured(world.b, "a", world.b_ns(world.now_ns))
     assert back_s == pytest.approx(-3600.0, abs=0.006)
 
 
@@ -109,16 +116,16 @@ def test_the_true_offset_lies_within_the_bound_however_unequal_the_two_ways_are(
     told_s = (world.now_ns - world.a.own_ns("b", world.b_ns(taken_ns), world.now_ns)) * 1e-9
     if world.a.is_measured("b"):
         assert told_s >= age_s - 1e-6
-        assert told_s <= age_s + 2.0 * world.a.offset_s("b", world.now_ns)[1] + 1e-6
+        assert told_s <= age_s + 2.0 * measured(world.a, "b", world.now_ns)[1] + 1e-6
 
 
 def test_the_bound_grows_while_nothing_is_heard_and_stays_true() -> None:
     world = _World(-7 * _S, 0.5 * DRIFT, _delays(1, 0.001, 0.001), _delays(2, 0.001, 0.001))
     world.run(5.0)
-    _, before_s = world.a.offset_s("b", world.now_ns)
+    _, before_s = measured(world.a, "b", world.now_ns)
     world.loss = 1.0
     world.run(20.0)
-    offset_s, bound_s = world.a.offset_s("b", world.now_ns)
+    offset_s, bound_s = measured(world.a, "b", world.now_ns)
     assert bound_s == pytest.approx(before_s + 20.0 * DRIFT, rel=0.1)
     assert abs(offset_s - world.truth_s) <= bound_s
 
@@ -162,10 +169,10 @@ def _beat(a: Clocks, b: Clocks, from_ns: int, b_minus_a_ns: int, count: int) -> 
 def test_a_host_that_has_rebooted_is_measured_anew_and_its_old_offset_forgotten() -> None:
     a, b = Clocks("a", _A), Clocks("b", _B)
     now_ns = _beat(a, b, 10 * _S, 500 * _S, 4)
-    assert a.offset_s("b", now_ns)[0] == pytest.approx(500.0, abs=0.005)
+    assert measured(a, "b", now_ns)[0] == pytest.approx(500.0, abs=0.005)
     now_ns = _beat(a, Clocks("b", _B + 1), now_ns, -7 * _S, 5)
     assert a.restarts == 1
-    assert a.offset_s("b", now_ns)[0] == pytest.approx(-7.0, abs=0.005)
+    assert measured(a, "b", now_ns)[0] == pytest.approx(-7.0, abs=0.005)
 
 
 @pytest.mark.parametrize(
@@ -207,7 +214,7 @@ def test_a_clock_that_stood_still_is_noticed_and_measured_anew() -> None:
     _exchange(a, b, 10 * _S, 500 * _S)
     now_ns = _beat(a, b, 40 * _S, 490 * _S, 6)  # the other host was suspended for ten seconds
     assert a.restarts >= 1
-    assert a.offset_s("b", now_ns)[0] == pytest.approx(490.0, abs=0.005)
+    assert measured(a, "b", now_ns)[0] == pytest.approx(490.0, abs=0.005)
 
 
 def test_lies_are_survived() -> None:
@@ -222,7 +229,7 @@ def test_lies_are_survived() -> None:
     )
     for second in range(13, 16):
         _exchange(a, b, second * _S, 500 * _S)
-    assert a.offset_s("b", 16 * _S)[0] == pytest.approx(500.0, abs=0.005)
+    assert measured(a, "b", 16 * _S)[0] == pytest.approx(500.0, abs=0.005)
 
 
 def test_strangers_cannot_fill_the_memory() -> None:

@@ -205,7 +205,12 @@ def hanging(talker: tuple[BusSession, int]) -> Iterator[subprocess.Popen[str]]:
             heard = threading.Event()
             assert process.stdout is not None
             line = process.stdout.readline
-            threading.Thread(target=lambda: line() and heard.set(), daemon=True).start()
+
+            def hear() -> None:
+                if line():
+                    heard.set()
+
+            threading.Thread(target=hear, daemon=True).start()
 
             def listens() -> bool:
                 session.publish(Topic.TICK, "talker", BATCH)

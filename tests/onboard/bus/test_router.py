@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime
+import functools
 import itertools
 import shutil
 import signal
@@ -154,9 +155,9 @@ def test_a_router_holds_each_node_to_its_role_and_orders_stay_signed(locked: Fle
                 on_reply=lambda reply: (
                     answered.append(reply.vehicle) if isinstance(reply, OrderReply) else None
                 ),
-                on_end=lambda ended=ended: ended.append(True),
+                on_end=functools.partial(ended.append, True),
             )
-            assert until(lambda ended=ended: bool(ended))
+            assert until(functools.partial(bool, ended))
         assert heard == granted
         assert taken == [LAND]
         assert answered == ["mav0"]
@@ -261,11 +262,20 @@ time.sleep(60)
 
         def longest_gap_s(seconds: float) -> float:
             begin_s, count = time.monotonic(), len(heard)
-            until(lambda: tell() or time.monotonic() - begin_s > seconds, seconds + 1.0)
+
+            def is_over() -> bool:
+                tell()
+                return time.monotonic() - begin_s > seconds
+
+            until(is_over, seconds + 1.0)
             times = [begin_s, *heard[count:], time.monotonic()]
             return max(later - earlier for earlier, later in itertools.pairwise(times))
 
-        assert until(lambda: tell() or heard)  # from one router to the other
+        def arrived(least: int) -> bool:
+            tell()
+            return len(heard) > least
+
+        assert until(lambda: arrived(0))  # from one router to the other
         with subprocess.Popen(
             [sys.executable, "-c", hung], stdout=subprocess.PIPE, text=True
         ) as peer:
@@ -283,7 +293,7 @@ time.sleep(60)
         first.kill()
         assert first.wait() == -signal.SIGKILL
         count = len(heard)
-        assert until(lambda: tell() or len(heard) > count + 20)
+        assert until(lambda: arrived(count + 20))
         assert until(lambda: alive.get("mav0"))
 
 
@@ -293,9 +303,8 @@ def test_a_router_without_a_line_of_covey_serves_a_fleet(
 ) -> None:
     if source == "printed":
         assert main(["router", locked.path, "--print-config"]) == 0
-        text = capsys.readouterr().out.replace(
-            *(one.fleet.routers[0] for one in (load_fleet(locked.path), locked))
-        )
+        written = load_fleet(locked.path).fleet.routers[0]
+        text = capsys.readouterr().out.replace(written, locked.fleet.routers[0])
     else:
         page = (PAPER.parents[2] / "docs" / "network.md").read_text(encoding="utf-8")
         text = page.partition("<!-- zenohd -->")[2].partition("```json5\n")[2].partition("```")[0]

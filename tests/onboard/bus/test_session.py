@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from onboard.bus.codec import Malformed
-from onboard.bus.protocol import BusError
+from onboard.bus.protocol import BusError, UntrustedOrder
 from onboard.bus.schema import Event, FaultOrder, Order, OrderReply
 from onboard.bus.session import BusSession
 from onboard.bus.topics import Topic
@@ -77,7 +77,9 @@ def test_a_sample_arrives_with_topic_and_name(agent: BusSession, ground: BusSess
 def test_an_order_is_answered_and_an_absent_vehicle_is_silence_at_once(
     agent: BusSession, ground: BusSession
 ) -> None:
-    def answer(received: Order | Malformed, reply: Callable[[OrderReply], None]) -> None:
+    def answer(
+        received: Order | Malformed | UntrustedOrder, reply: Callable[[OrderReply], None]
+    ) -> None:
         assert isinstance(received, Order)
         message = OrderReply(
             order_id=received.order_id, vehicle="mav0", is_accepted=False, reason="not ready"

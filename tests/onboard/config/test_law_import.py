@@ -31,6 +31,7 @@ def test_a_law_beside_the_file_is_found_and_its_source_is_part_of_what_agents_co
         folder = tmp_path / str(number)
         folder.mkdir()
         fleet = load_fleet(written(folder, source))
+        assert fleet.own_law is not None
         assert fleet.own_law.function(3, type("Inputs", (), {"baseline": 7})) == (3, 7)
         assert fleet.with_law("covey").own_law is None
         hashes.append(fleet.config_hash)
@@ -67,6 +68,8 @@ def test_what_is_no_law_is_refused_in_words(tmp_path, source, name, said):
 def test_a_law_is_found_by_its_entry_point(tmp_path, monkeypatch):
     entry = metadata.EntryPoint("mine", "mine:law", "covey.laws")
     monkeypatch.setattr("onboard.config.law_import.entry_points", lambda group: (entry,))
-    assert load_fleet(written(tmp_path, GOOD, "mine")).own_law.name == "mine"
+    law = load_fleet(written(tmp_path, GOOD, "mine")).own_law
+    assert law is not None
+    assert law.name == "mine"
     with pytest.raises(ConfigError, match="there are only covey, paper, off, mine"):
         load_fleet(written(tmp_path, GOOD, "yours"))

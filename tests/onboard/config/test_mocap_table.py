@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import tomllib
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -14,7 +15,7 @@ _PAPER = tomllib.loads((Path(__file__).parents[3] / "configs/fleets/paper.toml")
 _VICON = {"source": "motioncapture", "type": "vicon", "hostname": "10.0.0.2"}
 
 
-def _fleet(table: dict, **vehicle: object):
+def _fleet(table: Any, **vehicle: object):
     data = copy.deepcopy(_PAPER)
     data["mocap"] = table
     data["vehicles"]["mav1"].update(vehicle)

@@ -10,6 +10,7 @@ from onboard.feasibility.fleet_checks import spot_findings
 
 def test_the_number_is_below_the_safety_distance_where_neither_distance_nor_height_separates():
     limits = load_fleet("configs/fleets/above.toml").fleet
+    assert limits.vertical_separation_m is not None
     rng = np.random.default_rng(1)
     offsets = rng.uniform(-2.0, 2.0, (500, 3))
     found = separations_m(offsets, limits.height_share)

@@ -92,7 +92,7 @@ def test_turning_and_moving_the_world_turns_the_thrust() -> None:
     )
 
     def turned(vector: Array) -> Array:
-        return np.array(rotate(q, vector))
+        return np.array(list(rotate(q, vec(vector))))
 
     for p, v, ps, vs, a in RNG.normal(size=(50, 5, 3)):
         plain = acceleration(p, v, at(ps, vs, a), params)

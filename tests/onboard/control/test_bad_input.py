@@ -1,6 +1,7 @@
 """What nobody should send: a finite and bounded thrust, and a status that says so."""
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -135,8 +136,10 @@ class Litter:
 
     def neighbour(self, index):
         cooperates, is_obstacle = (bool(self.rng.random() < 0.8) for _ in range(2))
-        vectors, numbers = (self.vector(1.5) for _ in VECTORS), (self.number(0.1) for _ in NUMBERS)
-        return Neighbour(*vectors, *numbers, cooperates, is_obstacle, index)
+        vectors = [self.vector(1.5) for _ in VECTORS]
+        numbers = [self.number(0.1) for _ in NUMBERS]
+        values: list[Any] = [*vectors, *numbers, cooperates, is_obstacle, index]
+        return Neighbour(*values)
 
     def state(self):
         return State(*(self.vector(1.0) for _ in range(3)), *(self.number(0.05) for _ in range(4)))

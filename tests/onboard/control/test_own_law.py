@@ -90,7 +90,12 @@ def test_a_law_that_flies_the_baseline_flies_as_coveys_does_alone_and_remembers(
     assert tick.attitude == expected.attitude
     assert memory.law.commands == expected_memory.law.commands
     seen = []
-    law = own(lambda memory, inputs: seen.append(memory) or alone(memory, inputs))
+
+    def remembering(memory, inputs):
+        seen.append(memory)
+        return alone(memory, inputs)
+
+    law = own(remembering)
     flown(law.step, 3)
     assert seen == [None, 1, 2]
 

@@ -61,10 +61,10 @@ def test_pieces_join_cut_and_slow_down_exactly() -> None:
         np.array([[0.0] * 4, [0.1] * 4, [0.2] * 4]),
         np.array([[1.0] * 4, [-0.3] * 4, [0.5] * 4]),
     )
-    piece = path_of([quintic(2.0, begin, end)])
+    piece = path_of([quintic(2.0, begin, end).tolist()])
     assert np.allclose(paths.sampled(piece, np.array([2.0]))[:, 0], end, atol=1e-5)
     path = wave()
-    part = path_of(cut(path, 1.3, 6.1))
+    part = path_of(cut(path, 1.3, 6.1).tolist())
     assert math.dist(point_at(part, 2.0).position_enu_m, point_at(path, 3.3).position_enu_m) < 1e-5
     slow = slowed(path, 1.5)
     assert math.dist(point_at(slow, 4.5).position_enu_m, point_at(path, 3.0).position_enu_m) < 1e-5

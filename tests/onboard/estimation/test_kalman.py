@@ -344,7 +344,8 @@ def test_scaling_length_and_time_scales_the_estimate() -> None:
     weights = (
         np.array([1, 1 / time, 1 / time**2, 1 / time**2, 1 / time**3, 1 / time**4]) * length**2
     )
-    b = b._replace(covariance=Covariance(*(a.covariance * weights).tolist()))
+    covariance = np.array(list(a.covariance)) * weights
+    b = b._replace(covariance=Covariance(*covariance.tolist()))
     rng = np.random.default_rng(8)
     for _ in range(60):
         driven, sample = vec(rng.normal(size=3)), vec(0.02 * rng.normal(size=3))

@@ -97,7 +97,9 @@ def test_a_goal_inside_an_obstacles_clearance_is_refused() -> None:
 
 
 def test_gps_is_accepted_with_spacings_and_margin_two_and_a_half_times_as_large() -> None:
-    wide = {f"vehicles.mav{i}.start_enu_m": [-3.75 + 3.75 * i, -3.75, 0.0] for i in range(3)}
+    wide: dict[str, Any] = {
+        f"vehicles.mav{i}.start_enu_m": [-3.75 + 3.75 * i, -3.75, 0.0] for i in range(3)
+    }
     wide |= {f"formations.triangle.mav{i}": [2.5 * x, 2.5 * y, 0.0] for i, x, y in
              ((0, 0.0, 0.92), (1, -0.8, -0.46), (2, 0.8, -0.46))}  # fmt: skip
     wide["fleet.geofence_m"] = {"x": [-10, 10], "y": [-10, 10], "z": [0, 3]}

@@ -75,7 +75,7 @@ def test_land_and_hold_during_lift_off_land() -> None:
             rig.run(seconds)
             if rig.core.flight.step is not FlightStep.LIFTOFF:
                 continue
-            assert rig.order(kind, order_id="stop").is_accepted, kind  # type: ignore[arg-type]
+            assert rig.order(kind, order_id="stop").is_accepted, kind
             highest_m = 0.0
             for _ in range(600):
                 rig.step()

@@ -35,7 +35,7 @@ def parked(time_s: float, ned: tuple[float, float, float], **changes: object) ->
         position_local_ned_m=ned,
         landed=Landed.ON_GROUND,
     )
-    return replace(seen, **changes)  # type: ignore[arg-type]
+    return replace(seen, **changes)
 
 
 def flying(time_s: float, ned: tuple[float, float, float], **changes: object) -> Snapshot:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from hypothesis import given
@@ -29,17 +30,16 @@ def circle(
 
 
 def judge(
-    validator: PoseValidator, tick: int, position: tuple[float, float, float], **changes: object
+    validator: PoseValidator, tick: int, position: tuple[float, float, float], **changes: Any
 ) -> PoseVerdict:
-    stamp_ns = int(changes.pop("stamp_ns", START_NS + tick * TICK_NS))  # type: ignore[call-overload]
-    received_ns = int(changes.pop("received_ns", stamp_ns + TICK_NS))  # type: ignore[call-overload]
-    attitude, is_contradicted = (
-        changes.pop("attitude", LEVEL),
-        bool(changes.pop("is_contradicted", False)),
-    )
+    stamp_ns = changes.get("stamp_ns", START_NS + tick * TICK_NS)
     return validator.judge(
-        position, attitude, stamp_ns, received_ns, is_contradicted=is_contradicted
-    )  # type: ignore[arg-type]
+        position,
+        changes.get("attitude", LEVEL),
+        stamp_ns,
+        changes.get("received_ns", stamp_ns + TICK_NS),
+        is_contradicted=changes.get("is_contradicted", False),
+    )
 
 
 def settled(

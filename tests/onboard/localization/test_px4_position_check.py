@@ -26,7 +26,7 @@ def _seen(tenth: int, enu_m: Vec3, **changes: object) -> Snapshot:
         is_armed=True,
         landed=Landed.IN_AIR,
     )
-    return replace(seen, **changes)  # type: ignore[arg-type]
+    return replace(seen, **changes)
 
 
 def _flown(tenths: int = 20) -> Px4PositionCheck:
@@ -109,6 +109,7 @@ def test_a_pose_that_jumps_for_good_is_never_believed_in_flight_and_the_others_h
         assert math.dist(rig.state.position_enu_m[:2], there[:2]) < 0.3
     assert rig.core.flight.state == "landed"
     assert rig.count(agent_commands.Px4Land) == 0
+    assert rig.state is not None
     assert not rig.state.is_cooperative
     assert rig.state.position_std_m >= 0.3
     assert rig.telemetry is not None

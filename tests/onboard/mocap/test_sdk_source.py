@@ -8,6 +8,8 @@ import math
 import os
 import signal
 import time
+from pathlib import Path
+from typing import Any
 
 import msgspec
 import pytest
@@ -110,7 +112,7 @@ def _circle() -> dict[str, Pose | None]:
     return {"mav0": moving, "mav1": ((2.0, 0.0, 1.0), (0.0, 0.0, 0.0, 1.0)), "hidden": None}
 
 
-def _optitrack(server: NatNetServer, **more: object) -> MocapConfig:
+def _optitrack(server: NatNetServer, **more: Any) -> MocapConfig:
     return MocapConfig(
         source="motioncapture",
         type="optitrack",
@@ -215,13 +217,13 @@ def test_nobody_at_the_address_is_said_in_time_although_the_package_hangs(
     ("type_", "words"),
     [("motionanalysis", "cannot read motionanalysis"), ("qualisys", "Check mocap.hostname")],
 )
-def test_what_the_package_refuses_is_a_sentence(type_: str, words: str) -> None:
+def test_what_the_package_refuses_is_a_sentence(type_: Any, words: str) -> None:
     with _Listener(MocapConfig(source="motioncapture", type=type_, hostname="127.0.0.1")) as heard:
         heard.wait(lambda: words in heard.source.problem)
 
 
 def test_without_the_package_the_sentence_says_how_to_get_it(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: pytest.TempPathFactory
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     (tmp_path / "motioncapture.py").write_text(
         "raise ModuleNotFoundError('no', name='motioncapture')\n"
@@ -232,7 +234,7 @@ def test_without_the_package_the_sentence_says_how_to_get_it(
 
 
 def test_a_reading_process_that_writes_nonsense_is_counted_and_replaced(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: pytest.TempPathFactory
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     (tmp_path / "motioncapture.py").write_text(
         "import os\ndef connect(type, options):\n"

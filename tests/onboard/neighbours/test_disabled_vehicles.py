@@ -78,7 +78,7 @@ def test_a_disabled_vehicle_refuses_to_arm_and_says_why() -> None:
     rig.run(3.0)
     assert rig.core.flight.state == "waiting"
     for kind in ("arm", "takeoff"):
-        reply = rig.order(kind)  # type: ignore[arg-type]
+        reply = rig.order(kind)
         assert not reply.is_accepted
     assert any("disables this vehicle" in reason for reason in rig.core.preflight.not_ready)
     assert rig.count(agent_commands.Arm) == rig.count(agent_commands.SetOffboard) == 0

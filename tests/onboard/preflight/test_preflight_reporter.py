@@ -52,7 +52,7 @@ def turned(angle_rad: float, axis: int) -> tuple[float, ...]:
 
 
 def snapshot(rig: Rig, **changes: object) -> None:
-    rig.snapshot = replace(rig.snapshot, **changes)  # type: ignore[arg-type]
+    rig.snapshot = replace(rig.snapshot, **changes)
 
 
 def swap_body(rig: Rig) -> None:
@@ -103,12 +103,14 @@ def drop_attitudes(rig: Rig) -> None:
     rates, original = itertools.count(), rig.core.handle
     kept: list[int] = [0]
 
-    def handle(event: agent_inputs.AgentInput, now_ns: int) -> list[agent_commands.Command]:
-        if isinstance(event, agent_inputs.SnapshotReceived):
+    def handle(agent_input: agent_inputs.AgentInput, now_ns: int) -> list[agent_commands.Command]:
+        if isinstance(agent_input, agent_inputs.SnapshotReceived):
             if next(rates) % 5 == 0:
                 kept[0] = now_ns
-            event = agent_inputs.SnapshotReceived(replace(event.snapshot, attitude_ns=kept[0]))
-        return original(event, now_ns)
+            agent_input = agent_inputs.SnapshotReceived(
+                replace(agent_input.snapshot, attitude_ns=kept[0])
+            )
+        return original(agent_input, now_ns)
 
     rig.core.handle = handle  # type: ignore[method-assign]
 
@@ -116,12 +118,12 @@ def drop_attitudes(rig: Rig) -> None:
 def px4_elsewhere(rig: Rig) -> None:
     original = rig.core.handle
 
-    def handle(event: agent_inputs.AgentInput, now_ns: int) -> list[agent_commands.Command]:
-        if isinstance(event, agent_inputs.SnapshotReceived):
-            event = agent_inputs.SnapshotReceived(
-                replace(event.snapshot, position_local_ned_m=(0.0, 2.0, 0.0))
+    def handle(agent_input: agent_inputs.AgentInput, now_ns: int) -> list[agent_commands.Command]:
+        if isinstance(agent_input, agent_inputs.SnapshotReceived):
+            agent_input = agent_inputs.SnapshotReceived(
+                replace(agent_input.snapshot, position_local_ned_m=(0.0, 2.0, 0.0))
             )
-        return original(event, now_ns)
+        return original(agent_input, now_ns)
 
     rig.core.handle = handle  # type: ignore[method-assign]
 

@@ -382,9 +382,9 @@ def test_numbers_that_are_not_finite_never_make_a_vehicle_ready() -> None:
         "heading_miss_rad",
         "speed_m_s",
     ):
-        assert all_rules.reasons(dataclasses.replace(FINE, **{name: math.nan}), FLEET, VEHICLE), (
-            name
-        )
+        assert all_rules.reasons(
+            dataclasses.replace(FINE, **dict[str, Any]({name: math.nan})), FLEET, VEHICLE
+        ), name
     lost = dataclasses.replace(FINE, position_enu_m=(math.nan, 0.0, 0.0))
     assert all_rules.reasons(lost, FLEET, VEHICLE)
 

@@ -10,6 +10,7 @@ import sys
 import threading
 import time
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -131,7 +132,9 @@ async def test_the_ticker_keeps_an_absolute_schedule_and_counts_what_comes_late(
 def test_a_background_queue_keeps_the_order_drops_what_is_too_much_and_survives_what_fails(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    background, done, gate = BackgroundQueue("test", most=3), [], threading.Event()
+    background = BackgroundQueue("test", most=3)
+    done: list[Any] = []
+    gate = threading.Event()
     assert background.submit(gate.wait, 5.0)
     assert background.submit(done.append, 1)
     assert background.submit(done.append)  # one argument too few

@@ -33,9 +33,21 @@ def vector(rng: np.random.Generator, size: float) -> Vec3:
 def random_neighbours(rng: np.random.Generator) -> list[Neighbour]:
     return [
         Neighbour(
-            *(vector(rng, 2.0) for _ in range(7)),
-            *(0.04, 0.2, 0.01, 0.02, float(rng.integers(0, 4))),
-            *(bool(rng.random() < 0.8), k == 0, k),
+            position_enu_m=vector(rng, 2.0),
+            velocity_enu_m_s=vector(rng, 2.0),
+            acceleration_enu_m_s2=vector(rng, 2.0),
+            predicted_position_enu_m=vector(rng, 2.0),
+            predicted_velocity_enu_m_s=vector(rng, 2.0),
+            commanded_acceleration_enu_m_s2=vector(rng, 2.0),
+            intent_enu_m_s=vector(rng, 2.0),
+            age_s=0.04,
+            lead_time_s=0.2,
+            position_std_m=0.01,
+            velocity_std_m_s=0.02,
+            crowd_count=float(rng.integers(0, 4)),
+            is_cooperative=bool(rng.random() < 0.8),
+            is_paper_obstacle=k == 0,
+            table_index=k,
         )
         for k in range(int(rng.integers(0, 8)))
     ]

@@ -34,9 +34,13 @@ def flown(
         up = np.array([tilt[0], tilt[1], 1.0]) / math.sqrt(1.0 + float(tilt @ tilt))
         half = 0.5 * math.acos(up[2])
         axis = np.array([-up[1], up[0]]) / max(math.hypot(up[0], up[1]), 1e-12)
-        quaternion = np.array([math.cos(half), *(math.sin(half) * axis), 0.0])
+        x, y = math.sin(half) * axis
         memory = model_mismatch.update(
-            memory, Vec3(*model, 0.0), Vec3(*rate, 0.0), tuple(quaternion), dt_s
+            memory,
+            Vec3(model[0], model[1], 0.0),
+            Vec3(rate[0], rate[1], 0.0),
+            (math.cos(half), x, y, 0.0),
+            dt_s,
         )
     return memory
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import pytest
 from msgspec.structs import replace
@@ -25,7 +26,7 @@ TRUE = Snapshot(
     landed=Landed.IN_AIR,
 )
 STEP_NS = {"heartbeat": S, "attitude": 20_000_000, "battery": S // 2}
-WRONG = {
+WRONG: dict[str, tuple[dict[str, Any], ...]] = {
     "heartbeat": ({"is_armed": False}, {"mode": "POSCTL"}, {"mode": "LAND", "is_failsafe": True}),
     "attitude": (
         {"px4_boot_ms": 10},
@@ -40,10 +41,12 @@ WRONG = {
 }
 
 
-def _later(kind: str, stamp: str, number: int, **changes: object) -> Snapshot:
+def _later(kind: str, stamp: str, number: int, **changes: Any) -> Snapshot:
     """The report of a kind that comes ``number`` steps later, with its clock."""
     after_ns = number * STEP_NS[kind]
-    clock = {"px4_boot_ms": TRUE.px4_boot_ms + after_ns // 1_000_000} if kind == "attitude" else {}
+    clock: dict[str, Any] = (
+        {"px4_boot_ms": TRUE.px4_boot_ms + after_ns // 1_000_000} if kind == "attitude" else {}
+    )
     return replace(TRUE, **{stamp: S + after_ns, **clock, **changes})
 
 
@@ -52,7 +55,8 @@ def test_one_wrong_report_is_never_believed_and_contradicted_by_the_next(kind) -
     for wrong in WRONG[kind.name]:
         reports = ReportConfirmation()
         assert reports.believe(TRUE, FLYING) is TRUE
-        for number, changes in ((1, wrong), (2, {}), (3, {})):
+        later: dict[str, Any] = {}
+        for number, changes in ((1, wrong), (2, later), (3, later)):
             believed = reports.believe(_later(kind.name, kind.stamp, number, **changes), FLYING)
             for name, value in changes.items():
                 assert getattr(believed, name) == getattr(TRUE, name), (name, value)

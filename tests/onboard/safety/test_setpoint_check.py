@@ -9,6 +9,7 @@ import math
 
 import pytest
 
+from onboard.frames import Quaternion
 from onboard.safety.setpoint_check import is_sendable
 from onboard.types import AttitudeSetpoint
 
@@ -30,7 +31,7 @@ _HALF = math.radians(25.0) / 2.0
     ],
 )
 def test_no_attitude_leaves_that_is_no_rotation_or_leans_too_far(
-    quaternion: tuple[float, ...],
+    quaternion: Quaternion,
 ) -> None:
     assert not is_sendable(AttitudeSetpoint(quaternion, 0.5), 20.0)
 

@@ -102,7 +102,7 @@ def test_what_each_holder_of_a_key_may_publish_read_and_order(
     def answer(order: object, reply: Callable[[OrderReply], None]) -> None:
         assert isinstance(order, Order)
         ordered.append(order.author)
-        reply(OrderReply(order_id=order.order_id, is_accepted=True))
+        reply(OrderReply(order_id=order.order_id, vehicle="mav0", is_accepted=True, reason=""))
 
     with _node(fleet, "mav0", listens=True) as agent, _node(fleet, holder) as node:
         for topic in SAMPLES:

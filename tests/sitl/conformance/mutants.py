@@ -209,7 +209,7 @@ def _fuse_mocap(message: Any) -> Sequence[Any]:
     )
 
 
-def _vehicle(**fields: float) -> VehicleProfile:
+def _vehicle(**fields: Any) -> VehicleProfile:
     return dataclasses.replace(VehicleProfile(), **fields)
 
 

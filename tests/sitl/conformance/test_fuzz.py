@@ -100,7 +100,12 @@ def test_well_formed_nonsense_raises_nothing_and_the_link_answers_after_it(
     assert all(math.isfinite(value) for value in states.position_ned_m[0])
     assert all(math.isfinite(value) for value in states.velocity_ned_m_s[0])
     answers: list[bytes] = []
-    wires.outgoing = lambda datagram: answers.append(datagram) or (datagram,)
+
+    def outgoing(datagram: bytes) -> tuple[bytes]:
+        answers.append(datagram)
+        return (datagram,)
+
+    wires.outgoing = outgoing
     port = wires.port(getattr(wires, link), LISTENER if link == "onboard" else GROUND)
     getattr(wires, link).endpoint.peer = LISTENER if link == "onboard" else GROUND
     port.send(_command(31999))
@@ -143,7 +148,7 @@ def test_a_second_sender_that_floods_the_socket_does_not_disturb_the_client(
 
 
 def _attitude_stamps(client: socket.socket) -> list[int]:
-    stamps = []
+    stamps: list[int] = []
     while True:
         try:
             datagram = client.recv(4096)

@@ -268,12 +268,12 @@ def without_law(flight: Lockstep, name: str) -> None:
     other, control = shell.fleet.with_law("off"), shell.core.control
     control.params, publish = pipeline_params(other, name), shell.node.publish
 
-    def change(topic: Topic, vehicle: str, message: Message) -> None:
+    def change(topic: Topic, name: str, message: Message) -> None:
         if isinstance(message, Telemetry):
             message = msgspec.structs.replace(
                 message, config_hash=other.config_hash, law=other.law.name
             )
-        publish(topic, vehicle, message)
+        publish(topic, name, message)
 
     shell.node.publish = change  # type: ignore[method-assign]
 
@@ -287,12 +287,12 @@ def lies(lie: Callable[[StateMessage, int], dict[str, Any]]) -> Inject:
         node = flight.agents[name].node
         publish = node.publish
 
-        def change(topic: Topic, vehicle: str, message: Message) -> None:
+        def change(topic: Topic, name: str, message: Message) -> None:
             if isinstance(message, StateMessage):
                 message = msgspec.structs.replace(
                     message, **lie(message, round(flight.time_s / 0.02))
                 )
-            publish(topic, vehicle, message)
+            publish(topic, name, message)
 
         node.publish = change  # type: ignore[method-assign]
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from typing import Any
 
 import numpy as np
 
@@ -20,7 +21,7 @@ def test_vehicles_above_each_other_change_their_heights_and_are_apart_in_one_way
     flight = lockstep(mission.fleet, folder=tmp_path)
     verdict = flight.fly(mission)
     assert verdict.passed, verdict.sentences
-    truths = {}
+    truths: dict[str, Any] = {}
     for sample in read(tmp_path, ("truth",)):
         truths.setdefault(sample.name, []).append(
             (1e-9 * sample.stamp_ns, *sample.values["position_enu_m"])
@@ -41,6 +42,7 @@ def test_vehicles_above_each_other_change_their_heights_and_are_apart_in_one_way
             (beside_m >= limits.safety_distance_m) | (above_m >= limits.vertical_separation_m)
         ).all()
         nearest_m = min(nearest_m, beside_m.min())
+        assert limits.vertical_separation_m is not None
         scale = limits.safety_distance_m / limits.vertical_separation_m
         least_m = min(least_m, np.maximum(beside_m, scale * above_m).min())
     assert nearest_m < 0.3  # they have been above each other

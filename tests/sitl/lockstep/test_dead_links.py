@@ -16,7 +16,11 @@ def test_a_kill_over_a_dead_link_between_agent_and_px4_stops_the_motors_within_t
         flight = lockstep(paper, seed=4)
         flight.wait_for(flight.fleet.ready())
         flight.wait_for(flight.fleet.takeoff(1.0))
-        parameters = {"share": 1.0, "direction": direction, "link": "companion"}
+        parameters: dict[str, float | str] = {
+            "share": 1.0,
+            "direction": direction,
+            "link": "companion",
+        }
         flight.inject(Fault("link_loss", "mav1", at_s=flight.time_s, parameters=parameters))
         flight.run(0.1 + link_age_s)
         px4 = flight.simulation.emulator.autopilots[flight.simulation.names.index("mav1")]

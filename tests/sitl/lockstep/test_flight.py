@@ -10,6 +10,7 @@ import json
 import tomllib
 import zlib
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -43,7 +44,7 @@ def _agents(folder: Path) -> list[tuple[str, int, dict]]:
     ]
 
 
-def _flat(value: object) -> list:
+def _flat(value: Any) -> list:
     """All numbers and words of a message in their order; words become numbers that are equal only
     for equal words.
     """

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 
@@ -22,10 +24,10 @@ def test_turns_in_floats_are_those_of_the_frames() -> None:
         q = rng.normal(size=4)
         q /= np.linalg.norm(q)
         yaw, half = rng.normal(), 0.01 * rng.normal(size=3)
-        turned = np.array(
-            quaternion_multiply(quaternion_multiply(quaternion_from_yaw(yaw), q), (1.0, *half))
-        )
-        expected = enu_flu_from_ned_frd(turned / np.linalg.norm(turned))
+        faced = quaternion_multiply(quaternion_from_yaw(yaw), q.tolist())
+        turned = quaternion_multiply(faced, (1.0, half[0], half[1], half[2]))
+        w, x, y, z = np.array(list(turned)) / math.hypot(*turned)
+        expected = enu_flu_from_ned_frd((w, x, y, z))
         measured = enu_flu_from_ned_frd(measured_attitude(q.tolist(), yaw, half.tolist()))
         np.testing.assert_allclose(measured, expected, atol=1e-12)
 

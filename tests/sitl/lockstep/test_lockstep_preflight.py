@@ -8,7 +8,7 @@ from sitl.faults.catalogue import Fault
 
 # three at a time, one on each vehicle: fault, its parameters, the line that it shows in, and words
 # of that line
-ROUNDS = [
+ROUNDS: list[list[tuple[str, dict[str, float | str], str, str]]] = [
     [
         ("mocap_lost", {}, "position", "mocap body 'mav0'"),
         ("mocap_late", {"delay_s": 2.0}, "clock", "in the past"),

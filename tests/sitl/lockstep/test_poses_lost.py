@@ -9,6 +9,7 @@ import statistics
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from multiprocessing import get_context
+from typing import Any
 
 import pytest
 
@@ -51,7 +52,8 @@ def fly(loss: Loss) -> Flown:
                 loss.count, WindSettings((loss.wind_m_s, 0.0, 0.0)), seed=loss.tick
             )
         names = flight.config.enabled_names
-        lost_s, handed = READY_S + 0.02 * loss.tick, []
+        lost_s = READY_S + 0.02 * loss.tick
+        handed: list[Any] = []
 
         def lose() -> None:
             for name in names if loss.is_of_all else names[loss.tick % loss.count :][:1]:
@@ -69,7 +71,10 @@ def fly(loss: Loss) -> Flown:
         flight.at(lost_s, look)
         flight.fly(mission_of(loss.count))
         flight.until(lambda _: not any(px4.is_armed for px4 in emulator.autopilots), 25.0)
-        is_down = all(view.truth.is_on_ground for view in flight.state.vehicles.values())
+        is_down = all(
+            view.truth is not None and view.truth.is_on_ground
+            for view in flight.state.vehicles.values()
+        )
         return Flown(
             loss,
             flight.min_separation_m,
@@ -108,7 +113,7 @@ def test_poses_of_all_that_are_back_within_0_6_s_cost_nobody_the_flight(lockstep
 
 
 def test_px4s_own_position_is_wrong_by_metres_soon_after(lockstep) -> None:
-    errors_m = {1: [], 3: [], 4: []}
+    errors_m: dict[int, list[float]] = {1: [], 3: [], 4: []}
     for seed in (1, 2):
         flight = lockstep(fleet_of(3), seed=seed)
         flight.takeoff(1.0)

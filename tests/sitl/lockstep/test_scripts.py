@@ -125,7 +125,9 @@ def test_a_test_connects_with_its_own_flight(lockstep: Any) -> None:
     async def hops() -> float:
         async with Fleet.connect("paper", at_end="hold") as fleet:
             await fleet["mav1"].takeoff(0.8)
-            return fleet["mav1"].position_enu_m[2]
+            position_enu_m = fleet["mav1"].position_enu_m
+            assert position_enu_m is not None
+            return position_enu_m[2]
 
     assert flight.wait_for(hops()) == pytest.approx(0.8, abs=0.15)
     assert flight.state.vehicles["mav1"].is_airborne

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import functools
+from typing import Any, cast
+
 import pytest
 
-from onboard.bus.schema import Event, OrderReply, Truth
+from onboard.bus.schema import Event, Order, OrderReply, Truth
 from onboard.bus.topics import Topic
 from onboard.config.fleet import ConfigError
 from sitl.lockstep.bus import SimBus
@@ -156,14 +159,19 @@ def test_an_order_is_answered_once_and_not_after_its_time() -> None:
         rig = Rig(BusSettings(delay_s=delay_s))
         rig.run(1.0)
         reply = OrderReply(order_id="1", vehicle="b", is_accepted=True, reason="")
-        rig.b.serve_orders("b", lambda order, answer, reply=reply: answer(reply))
-        replies, ends = [], []
+
+        def answer(_: object, send: Any, reply: OrderReply = reply) -> None:
+            send(reply)
+
+        rig.b.serve_orders("b", answer)
+        replies: list[Any] = []
+        ends: list[int] = []
         rig.a.order(
             "b",
-            None,
+            cast(Order, None),
             timeout_s=0.5,
             on_reply=replies.append,
-            on_end=lambda ends=ends: ends.append(1),
+            on_end=functools.partial(ends.append, 1),
         )
         rig.run(2.0)
         assert len(replies) == expected

@@ -18,6 +18,8 @@ def test_it_is_where_sih_has_it_and_nowhere_outside_of_px4_s_ports() -> None:
         simulator_ports("udpin://127.0.0.1:14540"),
         simulator_ports("udpin://127.0.0.1:15552"),
     )
+    assert first is not None
+    assert late is not None
     assert (first.bind, first.peer) == (("127.0.0.1", 19450), ("127.0.0.1", 19410))
     assert (late.bind, late.peer) == (("127.0.0.1", 19462), ("127.0.0.1", 19422))
     outside = (

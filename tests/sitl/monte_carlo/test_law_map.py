@@ -113,11 +113,11 @@ class Dying(Executor):
     def __init__(self, left, error=None):
         self.left, self.error = left, error or BrokenExecutor("gone")
 
-    def shutdown(self, wait=True):  # as Dask's: of no other word
+    def shutdown(self, wait=True):  # type: ignore[override]  # as Dask's: of no other word
         pass
 
     def submit(self, fn, /, *args, **kwargs):
-        future = Future()
+        future: Future = Future()
         self.left -= 1
         if self.left < 0:
             future.set_exception(self.error)
@@ -132,7 +132,7 @@ def test_a_scheduler_that_dies_is_said_in_words_and_its_flights_are_flown_again_
     monkeypatch.setattr(flights, "fly", flown)
     whole = fly_all(tmp_path / "whole.jsonl")
     monkeypatch.setattr(run, "_cluster", lambda _: (Dying(5), 4))
-    sentences = []
+    sentences: list[str] = []
     with ResultsFile(tmp_path / "map.jsonl", "a") as file:
         run.run(
             cells.cells(SMALL), file, stages=4, scheduler="tcp://there:8786", tell=sentences.append
@@ -147,7 +147,7 @@ def test_a_cluster_whose_workers_die_is_said_in_words_and_one_can_be_interrupted
     monkeypatch.setattr(flights, "fly", flown)
     for error, goes_on in ((RuntimeError("KilledWorker"), True), (KeyboardInterrupt(), False)):
         monkeypatch.setattr(run, "_cluster", lambda _, error=error: (Dying(5, error), 4))
-        sentences = []
+        sentences: list[str] = []
         with ResultsFile(tmp_path / f"{goes_on}.jsonl", "a") as file:
             try:
                 run.run(

@@ -137,8 +137,8 @@ def test_law_off_takes_the_straight_line_time_and_the_law_at_least_that():
 def test_two_laws_meet_the_same_vehicles_noise_and_straight_line():
     covey_, off = fly("rand4", [3]), fly("rand4", [3], setup=settings.setup_for(law="off"))
     assert covey_[0].straight_line_s == off[0].straight_line_s
-    first = [flown[0].outcome.trace.position_enu_m[:10] for flown in (covey_, off)]
-    np.testing.assert_allclose(*first, atol=1e-3)
+    first, second = (flown[0].outcome.trace.position_enu_m[:10] for flown in (covey_, off))
+    np.testing.assert_allclose(first, second, atol=1e-3)
 
 
 def test_goal_that_nobody_reaches_in_time_is_a_failure_with_a_reason():

@@ -75,6 +75,7 @@ def test_squeeze_moves_the_outer_two_in_and_leaves_the_middle_one():
 @pytest.mark.parametrize("speed", [1, 2])
 def test_intruder_flies_straight_through_the_formation_at_its_speed(speed):
     plan = scenarios.plan(f"intruder@{speed}", 4)
+    assert plan.intruder_m_s is not None
     assert np.hypot(*plan.intruder_m_s[:2]) == pytest.approx(speed)
     end = plan.start_enu_m[-1] + plan.intruder_m_s * plan.earliest_s
     np.testing.assert_allclose(end, plan.goal_enu_m[-1])
@@ -86,13 +87,18 @@ def test_intruder_flies_straight_through_the_formation_at_its_speed(speed):
 
 
 def test_lost_loses_one_vehicle_frozen_and_silent_in_turn_or_as_named():
-    assert [scenarios.plan("lost", seed).lost[2] for seed in range(4)] == [
+    def how_lost(name, seed):
+        lost = scenarios.plan(name, seed).lost
+        assert lost is not None
+        return lost[2]
+
+    assert [how_lost("lost", seed) for seed in range(4)] == [
         "frozen",
         "silent",
         "frozen",
         "silent",
     ]
-    assert scenarios.plan("lost6@dead", 0).lost[2] == "dead"
+    assert how_lost("lost6@dead", 0) == "dead"
     assert scenarios.plan("lost6", 0).count == 6
 
 
