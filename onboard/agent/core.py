@@ -114,7 +114,13 @@ class AgentCore:
         # what it decides
         self.flight = FlightContext(fleet, vehicle)
         self.control = ControlStep(fleet, vehicle_name, clock=clock, pipeline_step=pipeline_step)
-        self.failsafes = FailsafeSupervisor(fleet, vehicle, self.own, self.neighbours, self.flight)
+        self.failsafes = FailsafeSupervisor(
+            fleet=fleet,
+            vehicle=vehicle,
+            own=self.own,
+            neighbours=self.neighbours,
+            flight=self.flight,
+        )
         self.preflight = PreflightReporter(
             fleet,
             vehicle,

@@ -176,7 +176,13 @@ class Clocks:
         if peer is not None and peer.host != message.host:
             return None  # another boot is another clock
         if peer is None or message.host == self.host:
-            peer = Peer(message.host, message.sent_ns, received_ns, low_ns, received_ns)
+            peer = Peer(
+                host=message.host,
+                sent_ns=message.sent_ns,
+                received_ns=received_ns,
+                low_ns=low_ns,
+                low_at_ns=received_ns,
+            )
         else:
             peer = peer.raised_low(low_ns, received_ns)
         if message.sent_ns > peer.sent_ns:
