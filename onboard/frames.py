@@ -54,7 +54,7 @@ def wrap_rad(angle_rad: float) -> float:
 
 
 def quaternion_multiply(first: Quaternion, second: Quaternion) -> Quaternion:
-    """Return the Hamilton product: q_a_c = quaternion_multiply(q_a_b, q_b_c)."""
+    """Return the Hamilton product: q_a_c of q_a_b and q_b_c."""
     w1, x1, y1, z1 = first
     w2, x2, y2, z2 = second
     return (

@@ -31,9 +31,17 @@ class TokenBus(Protocol):
     """The part of :class:`onboard.bus.protocol.Bus` for control tokens."""
 
     @property
-    def node(self) -> str: ...
-    def claim(self, token: str) -> None: ...
-    def release(self, token: str) -> None: ...
+    def node(self) -> str:
+        """Return the name of this node."""
+        ...
+
+    def claim(self, token: str) -> None:
+        """Show a token of control to all nodes."""
+        ...
+
+    def release(self, token: str) -> None:
+        """Take a token of control back."""
+        ...
 
 
 class Control:

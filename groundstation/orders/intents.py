@@ -183,11 +183,13 @@ class Takeoff(Intent, frozen=True, kw_only=True):
 
     @classmethod
     def from_line(cls, line: OrderLine) -> Self:
+        """Return the order that a line of the console says."""
         if line.numbers:
             return cls(vehicles=line.vehicles, height_m=line.numbers[0])
         return cls(vehicles=line.vehicles)
 
     def message_values(self) -> MessageValues:
+        """Return what the message to each vehicle says besides its kind."""
         return MessageValues(height_m=self.height_m)
 
     def _words(self) -> list[str]:
@@ -211,6 +213,7 @@ class GoalIntent(Intent, frozen=True, kw_only=True):
     yaw_deg: float | None = None
 
     def message_values(self) -> MessageValues:
+        """Return what the message to each vehicle says besides its kind."""
         return MessageValues(duration_s=self.duration_s, yaw_deg=self.yaw_deg)
 
     def _words(self) -> list[str]:
@@ -234,6 +237,7 @@ class Move(GoalIntent, frozen=True, kw_only=True):
 
     @classmethod
     def from_line(cls, line: OrderLine) -> Self:
+        """Return the order that a line of the console says."""
         x, y, z = line.numbers
         return cls(
             vehicles=line.vehicles,
@@ -260,6 +264,7 @@ class Goto(GoalIntent, frozen=True, kw_only=True):
 
     @classmethod
     def from_line(cls, line: OrderLine) -> Self:
+        """Return the order that a line of the console says."""
         return cls(
             vehicles=line.vehicles,
             goals=dict(line.goals),
@@ -296,6 +301,7 @@ class Formation(GoalIntent, frozen=True, kw_only=True):
 
     @classmethod
     def from_line(cls, line: OrderLine) -> Self:
+        """Return the order that a line of the console says."""
         numbers = list(line.numbers)
 
         spacing_m = None
@@ -355,6 +361,7 @@ class Rotate(Intent, frozen=True, kw_only=True):
 
     @classmethod
     def from_line(cls, line: OrderLine) -> Self:
+        """Return the order that a line of the console says."""
         return cls(
             vehicles=line.vehicles,
             angle_deg=line.numbers[0],
@@ -362,6 +369,7 @@ class Rotate(Intent, frozen=True, kw_only=True):
         )
 
     def message_values(self) -> MessageValues:
+        """Return what the message to each vehicle says besides its kind."""
         return MessageValues(duration_s=self.duration_s)
 
     def _words(self) -> list[str]:
@@ -390,9 +398,11 @@ class Yaw(Intent, frozen=True, kw_only=True):
 
     @classmethod
     def from_line(cls, line: OrderLine) -> Self:
+        """Return the order that a line of the console says."""
         return cls(vehicles=line.vehicles, yaw_deg=line.numbers[0])
 
     def message_values(self) -> MessageValues:
+        """Return what the message to each vehicle says besides its kind."""
         return MessageValues(yaw_deg=self.yaw_deg)
 
     def _words(self) -> list[str]:
@@ -430,6 +440,7 @@ class Home(Intent, frozen=True, kw_only=True):
 
     @classmethod
     def from_line(cls, line: OrderLine) -> Self:
+        """Return the order that a line of the console says."""
         height_m = None
         if line.numbers:
             height_m = line.numbers[0]
@@ -437,6 +448,7 @@ class Home(Intent, frozen=True, kw_only=True):
         return cls(vehicles=line.vehicles, height_m=height_m, duration_s=line.duration_s)
 
     def message_values(self) -> MessageValues:
+        """Return what the message to each vehicle says besides its kind."""
         return MessageValues(duration_s=self.duration_s, then_land=True)
 
     def _words(self) -> list[str]:

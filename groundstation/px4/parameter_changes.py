@@ -42,8 +42,13 @@ class Change:
 class ParameterLink(Protocol):
     """The part of a link that writes parameters."""
 
-    def write(self, name: str, value: Value) -> Value | None: ...
-    def request_storage(self, timeout_s: float) -> int | None: ...
+    def write(self, name: str, value: Value) -> Value | None:
+        """Write a parameter; return the value that PX4 answers, None without an answer."""
+        ...
+
+    def request_storage(self, timeout_s: float) -> int | None:
+        """Have PX4 store its parameters; return its result, None without an answer."""
+        ...
 
 
 def write_all(

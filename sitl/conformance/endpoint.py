@@ -71,9 +71,11 @@ class UdpPort:
         self._socket.setblocking(False)
 
     def now_s(self) -> float:
+        """Return the time of this computer's clock [s]."""
         return time.monotonic()
 
     def receive(self, timeout_s: float) -> list[bytes]:
+        """Return the datagrams that are there, at the latest when the time is over."""
         select.select([self._socket], [], [], max(0.0, timeout_s))
         datagrams: list[bytes] = []
         while len(datagrams) < 256:
@@ -87,6 +89,7 @@ class UdpPort:
         return datagrams
 
     def send(self, datagram: bytes) -> None:
+        """Send one datagram to the peer; nothing is sent before the peer is known."""
         if self._peer is not None:
             try:
                 self._socket.sendto(datagram, self._peer)
@@ -94,9 +97,11 @@ class UdpPort:
                 return  # nobody is there; silence says so later
 
     def another_sender(self) -> UdpPort:
+        """Return a port of another address that sends to the same peer."""
         return UdpPort(None, self._peer)
 
     def close(self) -> None:
+        """Close the socket."""
         self._socket.close()
 
 

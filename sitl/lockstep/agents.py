@@ -219,7 +219,8 @@ class AgentShell:
             p50, p99 = (periods[round(share * (len(periods) - 1))] for share in (0.5, 0.99))
             self.core.handle(agent_inputs.LoopTimed(p50, p99, periods[-1], self._late), now_ns)
 
-    def _execute(self, commands: list[agent_commands.Command]) -> None:
+    # one case for each command, each of a line or two
+    def _execute(self, commands: list[agent_commands.Command]) -> None:  # noqa: C901
         link = self.link
         for command in commands:
             match command:

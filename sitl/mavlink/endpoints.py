@@ -173,9 +173,17 @@ class EndpointLink(Protocol):
     """Interface of a link for its endpoint; `boot` counts the restarts of its autopilot."""
 
     @property
-    def boot(self) -> int: ...
-    def receive(self, datagram: bytes) -> list[bytes]: ...
-    def poll(self) -> list[bytes]: ...
+    def boot(self) -> int:
+        """Return how often its autopilot has started."""
+        ...
+
+    def receive(self, datagram: bytes) -> list[bytes]:
+        """Return the answers to one datagram."""
+        ...
+
+    def poll(self) -> list[bytes]:
+        """Return what is due to be sent now."""
+        ...
 
 
 class Endpoint:
