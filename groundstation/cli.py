@@ -1,7 +1,7 @@
 """The ``covey`` command: the list of commands, and errors as sentences.
 
-A command is a function in ``groundstation/commands``; :data:`COMMANDS` says which one. Its module is
-imported when the command is called, so that a help page or an agent needs no library of the others.
+A command is a function in ``groundstation/commands``; :data:`COMMANDS` says which one. Its module
+is imported when the command is called, so that a help page or an agent needs no library of the others.
 A command may have parts: ``covey check`` is a command, and ``covey check vehicles`` is a part of it.
 Commands that became a part keep working under their old word, :data:`FORMER`.
 

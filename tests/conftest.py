@@ -73,7 +73,7 @@ def pytest_configure() -> None:
 
 @pytest.hookimpl(tryfirst=True)  # before the workers start
 def pytest_sessionstart(session: pytest.Session) -> None:
-    """Compile the control of batches once for all workers: on a clean clone it takes half a minute."""
+    """Compile the control of batches once for all workers; on a clean clone for half a minute."""
     if getattr(session.config.option, "numprocesses", None) and not hasattr(
         session.config, "workerinput"
     ):

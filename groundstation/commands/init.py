@@ -98,7 +98,8 @@ def init(
     print(f"Written: {fleet_path} for {len(made.fleet.vehicles)} vehicles, and {mission_path}.")
     if law is not None:
         print(
-            f"Written: {law_paths[0]}, a law of your own, and {law_paths[1]}. What it may do: docs/own-law.md."
+            f"Written: {law_paths[0]}, a law of your own, and {law_paths[1]}. What it may do: "
+            "docs/own-law.md."
         )
     print("Both have comments on what to measure and to look up. Next:")
     for command, what in (

@@ -36,7 +36,8 @@ from onboard.security.node_roles import ROUTER, NodeRole
 
 _RUNNING = {
     "present": "runs with the present authority",
-    "former": "RUNS ON with a former authority, and hears nobody of the others: copy its files, and start it anew",
+    "former": "RUNS ON with a former authority, and hears nobody of the others: copy its files, "
+    "and start it anew",
     "": "does not answer: it is off, not reached, or has keys that this computer does not know",
 }
 
@@ -59,7 +60,8 @@ def secure(fleet: Fleet, /, *, mavlink: bool = False) -> int:
     secured = secure_fleet(fleet, _now())
     file = Path(secured.path).name
     print(
-        f"{secured.path}: every link of the bus is encrypted now, and both its ends prove who they are. Copy:"
+        f"{secured.path}: every link of the bus is encrypted now, and both its ends prove who "
+        "they are. Copy:"
     )
     for name, vehicle in secured.vehicles.items():
         print(f"  to {vehicle.host}: {file}, {_files(secured, name)}")
@@ -67,7 +69,8 @@ def secure(fleet: Fleet, /, *, mavlink: bool = False) -> int:
     for host in hosts_of(secured, ROUTER):
         print(f"  to {host}, for covey router: {file}, {_files(secured, ROUTER)}")
     print(
-        "  to whoever only watches: the same with viewer; to the relay of a motion capture: with mocap"
+        "  to whoever only watches: the same with viewer; to the relay of a motion capture: with "
+        "mocap"
     )
     print(f"{folder_of(secured) / 'ca.key'} makes new nodes: it stays here.")
     return EXIT_OK
@@ -98,12 +101,14 @@ def init(fleet: Fleet, /, *, force: bool = False) -> int:
     now = _now()
     if (folder / "ca.pem").exists() and not force:
         raise ConfigError(
-            f"{folder / 'ca.pem'} exists. A new authority locks out every node until it has its new files: --force"
+            f"{folder / 'ca.pem'} exists. A new authority locks out every node until it has its "
+            "new files: --force"
         )
     keep_former(config)
     issue_all(config, make_authority(folder, config.fleet.name, now), nodes_of(config), now)
     print(
-        f"New authority in {folder}, {len(nodes_of(config))} nodes issued. With all vehicles on the ground copy each"
+        f"New authority in {folder}, {len(nodes_of(config))} nodes issued. With all vehicles on "
+        "the ground copy each"
     )
     print("node's files to its computer and start it anew: a node with older files finds nobody.")
     return EXIT_OK
@@ -147,7 +152,8 @@ def list_(fleet: Fleet, /, *, running: bool = False) -> int:
     config = load_fleet(fleet)
     if not config.has_keys:
         raise ConfigError(
-            f"{config.path}: the bus of this fleet has no keys. Lock it: covey keys secure {config.path}"
+            f"{config.path}: the bus of this fleet has no keys. Lock it: covey keys secure "
+            f"{config.path}"
         )
     is_right = True
     for node in nodes_of(config):

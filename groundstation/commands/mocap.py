@@ -59,8 +59,10 @@ def _relay(fleet: FleetConfig, source: SystemType | None, hostname: str | None) 
         raise ConfigError(f"{fleet.path}: {sentence}")
     if config.mocap.source == "bus":
         raise ConfigError(
-            f"{fleet.path}: there is no motion capture to read: mocap.source is 'bus'. Add a table [mocap] with "
-            'source = "motioncapture", type and hostname (docs/mocap.md), or give --source and --hostname.'
+            f"{fleet.path}: there is no motion capture to read: mocap.source is 'bus'. Add a "
+            "table [mocap] with "
+            'source = "motioncapture", type and hostname (docs/mocap.md), or give --source and '
+            "--hostname."
         )
     return MocapRelay(config, _print)
 

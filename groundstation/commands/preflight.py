@@ -24,7 +24,8 @@ from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
 
 
 def preflight(
-    *, fleet: FleetFile, vehicles: Names | None = None, exclude: Names | None = None, timeout: Seconds = 5.0,
+    *, fleet: FleetFile, vehicles: Names | None = None, exclude: Names | None = None,
+    timeout: Seconds = 5.0,
     wait: Seconds = 0.0, json: bool = False,
 ) -> int:  # fmt: skip
     """Say for every vehicle whether it may take off, check by check, each fault with its remedy.
@@ -46,7 +47,8 @@ def preflight(
         )
     if not names:
         raise ConfigError(
-            "No vehicle is selected. Set enabled = true for one, or change --vehicles and --exclude."
+            "No vehicle is selected. Set enabled = true for one, or change --vehicles and "
+            "--exclude."
         )
     if not 0.0 < timeout <= 600.0:
         raise ConfigError(f"--timeout is {timeout:g}; give 0 to 600 s.")

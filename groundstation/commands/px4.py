@@ -115,7 +115,7 @@ def _print_reports(
 def _print_needed(
     links: Sequence[VehicleLink], backup: Path, *, is_set: bool, is_json: bool
 ) -> int:
-    """Read the parameters that the fleet needs, set them if wanted, print; return the exit status."""
+    """Read the parameters that the fleet needs, set them if wanted; return the exit status."""
     states: Sequence[vehicle_parameters.VehicleParams] = for_each(
         vehicle_parameters.read_one, links
     )

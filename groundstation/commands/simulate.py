@@ -98,7 +98,8 @@ def simulate(
             or (seeds, errors, scale) != _FLOWN
         ):
             raise ConfigError(
-                "--map flies its own scenarios and values; of the other options it takes --jobs. Its cells are chosen "
+                "--map flies its own scenarios and values; of the other options it takes --jobs. "
+                "Its cells are chosen "
                 "with --cells, for instance --cells errors=vision."
             )
         is_whole = fly_map(
@@ -131,6 +132,7 @@ def _seeds(text: str) -> range:
     last = int(match[2]) if match[2] else first + 1
     if last <= first:
         raise ConfigError(
-            f"--seeds is '{text}', which holds no seed; write it as A:B with A < B (B is not flown)."
+            f"--seeds is '{text}', which holds no seed; write it as A:B with A < B (B is not "
+            "flown)."
         )
     return range(first, last)

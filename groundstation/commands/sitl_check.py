@@ -133,7 +133,8 @@ def _open(endpoint: str) -> UdpPort:
     except OSError as error:
         raise ConfigError(
             f"UDP port {address[1]} on {address[0]} cannot be bound ({error.strerror or error}). "
-            "Does another client of this vehicle listen there? Stop it, then restart the vehicle: it stays with its "
+            "Does another client of this vehicle listen there? Stop it, then restart the "
+            "vehicle: it stays with its "
             "first client."
         ) from None
 
@@ -156,7 +157,8 @@ def _check(
         reason = f"   {result.reason}" if result.reason else ""
         expected = result.fact.expected
         say(
-            f"{_MARKS[result.verdict]} {result.fact.name:38} {result.measured}   expected {expected}{reason}"
+            f"{_MARKS[result.verdict]} {result.fact.name:38} {result.measured}   expected "
+            f"{expected}{reason}"
         )
 
     report.show = show

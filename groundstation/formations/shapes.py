@@ -70,7 +70,7 @@ def grid(count: int, columns: int | None) -> Array:
 
 
 def polygon(count: int, sides: int) -> Array:
-    """Return slots evenly along the sides of a regular polygon, the first on its northern corner."""
+    """Return slots evenly along a regular polygon's sides, the first on its northern corner."""
     corners = circle(sides)
 
     # how many sides lie before each slot, whole ones and the share of its own

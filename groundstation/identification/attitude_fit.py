@@ -168,7 +168,7 @@ def commanded_tilt(log: Log, time_s: Array) -> CommandedTilt:
 
 
 def response(commands: CommandedTilt, theta: Array) -> Array:
-    """Return the tilt (m, 2) that follows the commands with a gain of one; theta: delay, wn, zeta."""
+    """Return the tilt (m, 2) that follows commands with a gain of one; theta: delay, wn, zeta."""
     delay_s, wn, zeta = (float(value) for value in theta[:3])
     share = step_response(commands.ago_s - delay_s, wn, zeta)
     return np.asarray(commands.oldest + (share[:, None, :] @ commands.change)[:, 0])

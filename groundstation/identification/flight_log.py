@@ -46,7 +46,7 @@ class LeastSquares:
 
 
 def tilt_vector_rad(quaternion_wxyz: Array) -> Array:
-    """Return the tilt of the thrust (..., 2): its angle [rad] times its horizontal direction, ENU."""
+    """Return the thrust's tilt (..., 2): its angle [rad] times its horizontal direction, ENU."""
     w, x, y, z = np.moveaxis(quaternion_wxyz, -1, 0)
 
     # horizontal part of the body's z axis

@@ -1,4 +1,4 @@
-"""The manoeuvre from which a vehicle is identified: quick and slow moves in a box about its start."""
+"""The manoeuvre from which a vehicle is identified: quick and slow moves in a box."""
 
 from __future__ import annotations
 

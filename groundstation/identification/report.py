@@ -176,7 +176,8 @@ def type_toml(kind: str, members: Sequence[IdentifiedVehicle]) -> str:
         f"attitude_delay_s = {delay_s:.3f}  # L = delay + 2 zeta / wn = {lag_s.value:.3f} s, "
         f"{lag_s.low:.3f} to {lag_s.high:.3f}",
         f"attitude_wn_rad_s = {wn_rad_s:.2f}  # {wn.low:.2f} to {wn.high:.2f}",
-        f"attitude_zeta = {min(max(zeta.value, 0.2), 2.0):.3f}  # {zeta.low:.3f} to {zeta.high:.3f}",
+        f"attitude_zeta = {min(max(zeta.value, 0.2), 2.0):.3f}  # {zeta.low:.3f} to "
+        f"{zeta.high:.3f}",
         f"drag_1_s = {max(drag.value, 0.0):.2f}  # {drag.low:.2f} to {drag.high:.2f}",
         "",
         f"[{table}.sitl]  # for the emulator only; the control has to cope without them",

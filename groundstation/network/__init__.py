@@ -1,1 +1,1 @@
-"""The network that a fleet flies over: is it fit, who gets in, and what this computer adds to it."""
+"""The network that a fleet flies over: is it fit, who gets in, what this computer adds to it."""

@@ -1,4 +1,4 @@
-"""What a fleet file says about its bus: is the radio enough, who reaches it, what if a router dies."""
+"""What a fleet file says of its bus: is the radio enough, who reaches it, what if a router dies."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def bus_findings(fleet: FleetConfig) -> list[Finding]:
 
 
 def _most_near(fleet: FleetConfig) -> int:
-    """Return how many neighbours are near the one that has most, at the starts or in a formation."""
+    """Return how many neighbours are near the one with most, at the starts or in a formation."""
     starts = {name: fleet.vehicles[name].start_enu_m for name in fleet.enabled_names}
     most = 0
     for positions_enu_m in (starts, *fleet.formations.values()):

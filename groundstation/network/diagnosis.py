@@ -1,4 +1,4 @@
-"""What ``covey check computer`` says: a line for each thing it looks at, with what to do about it."""
+"""What ``covey check computer`` says: a line for each thing it looks at, and what to do."""
 
 from __future__ import annotations
 

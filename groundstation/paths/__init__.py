@@ -1,1 +1,1 @@
-"""Paths of vehicles: their files, their fit to polynomial pieces, and their checks before a flight."""
+"""Paths of vehicles: their files, their polynomial pieces, and their checks before a flight."""

@@ -1,4 +1,4 @@
-"""Checks of paths that vehicles fly together: findings with vehicle, time, value and bound. Pure."""
+"""Checks of paths flown together: findings with vehicle, time, value and bound. Pure."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def sample(paths: Mapping[str, Path], step_s: float = STEP_S) -> SampledPaths:
 
 
 def bound_m(fleet: FleetConfig) -> float:
-    """Return the distance that paths keep: where the law begins to act, or the promise without it."""
+    """Return the distance that paths keep: where the law begins to act, or the promised one."""
     if fleet.law.built_in != "covey":
         return fleet.fleet.safety_distance_m
     return parking_distance_m(fleet) - _PARKING_MORE_M

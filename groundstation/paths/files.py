@@ -168,7 +168,8 @@ def _column(name: str, text: str) -> tuple[str, float]:
     unit = (match[2] or "").lower()
     if unit not in _UNITS:
         raise ConfigError(
-            f"{name}: '{text.strip()[:40]}' is in a unit that is not known. Give metres and seconds."
+            f"{name}: '{text.strip()[:40]}' is in a unit that is not known. Give metres and "
+            "seconds."
         )
 
     column = match[1].lower()

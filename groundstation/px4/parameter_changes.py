@@ -1,4 +1,4 @@
-"""Parameters written to one PX4, each with what became of it, also when the link dies on the way."""
+"""Parameters written to one PX4, each with its outcome, also when the link dies on the way."""
 
 from __future__ import annotations
 

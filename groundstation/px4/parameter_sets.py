@@ -1,4 +1,4 @@
-"""All parameters of vehicles: into a file, beside another vehicle's or a file's, back from a file."""
+"""All parameters of vehicles: saved to a file, compared with others, read back from a file."""
 
 from __future__ import annotations
 

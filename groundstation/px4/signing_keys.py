@@ -1,4 +1,4 @@
-"""Keys of MAVLink signing: what each PX4 does with its messages; giving it a key, or taking it away.
+"""Keys of MAVLink signing: what each PX4 does with messages; giving it a key, or taking it away.
 
 PX4 acknowledges no key. So what it does afterwards is looked at: whether it signs with the key, and
 whether it still answers what is not signed.

@@ -1,4 +1,4 @@
-"""The parameters that close flight needs: what each PX4 has instead, setting them, reading them back.
+"""Parameters that close flight needs: what each PX4 has instead, setting and reading them back.
 
 Before anything is set, all parameters of the vehicles concerned are saved to a file.
 """

@@ -141,7 +141,7 @@ def _grid(path: Path) -> Array:
 
 
 def _flown(drone: Drone, takeoff_m: float) -> tuple[float, Array]:
-    """Return when the part of a path above the take-off's height begins in the show, and its pieces.
+    """Return when a path's part above the take-off's height begins in the show, and its pieces.
 
     It begins and ends at rest; where the show is moving there, a piece is added that leads to or
     from rest.

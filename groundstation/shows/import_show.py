@@ -1,4 +1,4 @@
-"""A show of another program, read, made flyable, judged as it will be flown, and only then written."""
+"""A show of another program: read, made flyable, judged as it will be flown, then written."""
 
 from __future__ import annotations
 

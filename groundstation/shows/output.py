@@ -224,7 +224,8 @@ def _origin(show: Show) -> list[str]:
         origin = _NOWHERE
         whose = "PX4's simulator's"
     return [
-        f"origin = {{ latitude_deg = {origin.latitude_deg}, longitude_deg = {origin.longitude_deg}, "
+        f"origin = {{ latitude_deg = {origin.latitude_deg}, longitude_deg = "
+        f"{origin.longitude_deg}, "
         f"altitude_m = {origin.altitude_m} }}  # {whose} place; x is flown to the east"
     ]
 

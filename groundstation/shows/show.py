@@ -1,4 +1,4 @@
-"""A show as it was read: homes, paths and lights of its drones, in the show's own frame and time."""
+"""A show as it was read: homes, paths and lights of its drones, in its own frame and time."""
 
 from __future__ import annotations
 

@@ -106,7 +106,7 @@ def starter(answers: Answers) -> Starter:
 
 
 def type_names() -> list[str]:
-    """Return the vehicle types of the examples; any other name is a new type with cautious values."""
+    """Return the vehicle types of the examples; any other name is a new, cautious type."""
     return sorted(_example_types())
 
 

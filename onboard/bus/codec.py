@@ -20,7 +20,7 @@ _decoders: dict[type[Message], msgspec.msgpack.Decoder[Message]] = {}  # made wh
 
 @dataclass(frozen=True, slots=True)
 class Malformed:
-    """Bytes that are no message of the expected type: counted by the receiver, otherwise ignored."""
+    """Bytes that are no message of the expected type: the receiver counts and ignores them."""
 
     reason: str
     size: int  # bytes

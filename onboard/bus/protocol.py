@@ -1,4 +1,4 @@
-"""The bus as everybody uses it: the protocol that the Zenoh session and the simulated bus fulfil."""
+"""The bus as everybody uses it: the protocol of the Zenoh session and of the simulated bus."""
 
 from __future__ import annotations
 

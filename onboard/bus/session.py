@@ -252,7 +252,7 @@ class BusSession:
     def _receiver(
         self, topic: Topic, name: str, on_message: OnMessage
     ) -> Callable[[zenoh.Sample], None]:
-        """Return the function that decodes a sample of one name, or of every name, and calls back."""
+        """Return a function that decodes a sample of one name, or of every name, and calls back."""
         kind = TOPICS[topic].message
         assert kind is not None, f"{topic} carries no message"
 
@@ -325,7 +325,7 @@ class BusSession:
     def fault(
         self, order: FaultOrder, *, timeout_s: float, on_reply: OnReply, on_end: OnEnd
     ) -> None:
-        """Send a fault order to the emulator, in the same way; where there is none, nobody answers."""
+        """Send a fault order to the emulator, in the same way; without one, nobody answers."""
         self._query(key(self.namespace, Topic.SIM, _FAULT_NAME), order, timeout_s, on_reply, on_end)
 
     def _query(

@@ -22,7 +22,7 @@ _PERIOD_S = 0.4
 
 
 class PromptSockets:
-    """Lets all sockets of the process close at once, the future ones included, until it is stopped."""
+    """Lets all sockets of the process close at once, future ones included, until it is stopped."""
 
     def __init__(self) -> None:
         self._ended = threading.Event()

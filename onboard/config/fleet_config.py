@@ -358,7 +358,8 @@ class FleetConfig(msgspec.Struct, frozen=True):
         span = re.fullmatch(r"(\d+)(?:-(\d+))?", part)
         if span is None:
             raise ConfigError(
-                f"'{part}' is not a vehicle of fleet '{self.fleet.name}': it has {', '.join(order)}."
+                f"'{part}' is not a vehicle of fleet '{self.fleet.name}': it has "
+                f"{', '.join(order)}."
             )
 
         first = int(span[1])

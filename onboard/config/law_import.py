@@ -1,4 +1,4 @@
-"""A law of somebody's own: found by its name in a fleet file, imported, and told apart by its source.
+"""A law of somebody's own: found by its name in a fleet file, and told apart by its source.
 
 The protocol is in docs/own-law.md. This code runs with the rights of whoever loads the fleet file.
 """

@@ -28,7 +28,7 @@ class Obstacle(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def capsules_enu_m(self) -> tuple[Capsule, ...]:
-        """The outline as segments (x1, y1, x2, y2) with a radius; of a circle one without length."""
+        """The outline as segments (x1, y1, x2, y2) and a radius; a circle is one without length."""
         if self.circle is not None:
             x, y = self.circle.center_enu_m
             return ((x, y, x, y, self.circle.radius_m),)

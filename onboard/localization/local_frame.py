@@ -98,7 +98,7 @@ class LocalFrame:
     def _absorbed_m(
         self, offset_m: Vec3, last: _LocalPosition, local: _LocalPosition, anchored_m: Vec3
     ) -> Vec3:
-        """Return the offset after a sample in the air: without its jump, and nearer to the right one.
+        """Return the offset after a sample in the air: without its jump, nearer to the right one.
 
         Args:
             offset_m: present offset.

@@ -96,7 +96,7 @@ class OwnState:
             )
 
     def add_pose(self, pose: MocapPose, received_ns: int) -> bool:
-        """Queue a mocap sample for the next update; False if it cannot be used or is not believed."""
+        """Queue a mocap sample for the next update; False if it is unusable or not believed."""
         if not pose.is_tracked:
             return False
 

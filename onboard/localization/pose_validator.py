@@ -160,7 +160,7 @@ class PoseValidator:
     def _is_possible(
         self, position: Vec3, quaternion: Vec4, gap_s: float, is_contradicted: bool
     ) -> bool:
-        """Whether the vehicle can have moved so within ``gap_s``; learns velocity and noise if so."""
+        """Whether the vehicle can have moved so in ``gap_s``; learns velocity and noise if so."""
         bounds = self.bounds
         x, y, z = position
         last_x, last_y, last_z = self._position

@@ -64,7 +64,7 @@ def access_control(fleets: Mapping[str, Iterable[str]], *, has_router: bool) -> 
 
 
 def _rules_of(namespace: str, name: str, grant: Grant) -> list[_Rule]:
-    """Return the rules of one holder; each kind of access that is granted for any key is one rule."""
+    """Return the rules of one holder; one rule for each kind of access to any key."""
 
     def keys(names: Mapping[Topic, tuple[str, ...]]) -> list[str]:
         return [

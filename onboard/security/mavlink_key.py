@@ -1,4 +1,4 @@
-"""Keys of MAVLink signing, for vehicles that sign: ``keys/VEHICLE.mavlink.key`` beside the fleet file.
+"""Keys of MAVLink signing: ``keys/VEHICLE.mavlink.key`` beside the fleet file.
 
 Senders are told apart by link ids: PX4 remembers the newest timestamp of each sender (system,
 component, link id) and refuses older ones. So every program that sends over a vehicle's links has

@@ -68,6 +68,7 @@ class Hover:
         self.tilt = None
 
     def __call__(self) -> None:
+        """Send attitude and thrust for now."""
         self._client.attitude(*self.output())
 
     def output(self) -> tuple[Quaternion, float]:

@@ -54,7 +54,8 @@ class Module:
     def is_front_door(self) -> bool:
         """Whether its imports inside functions are late on purpose."""
         return self.path.startswith("groundstation/commands/") or self.path in {
-            "groundstation/cli.py", "groundstation/__main__.py", "onboard/__main__.py", "sitl/__main__.py",
+            "groundstation/cli.py", "groundstation/__main__.py", "onboard/__main__.py",
+            "sitl/__main__.py",
         }  # fmt: skip
 
 

@@ -115,7 +115,8 @@ def _table(
         )
         words = _kind(_LITERALS.get(kind, kind))
         lines.append(
-            f"| `{name}` | {words} | {unit(name)} | {shown} | {limits} | {meaning.replace('|', '/')} |"
+            f"| `{name}` | {words} | {unit(name)} | {shown} | {limits} | "
+            f"{meaning.replace('|', '/')} |"
         )
     return "\n".join(lines)
 

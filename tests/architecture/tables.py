@@ -138,7 +138,8 @@ def parameters() -> str:
             f"| `{param.name}` | {param.value:g} | {without} | {param.reason}.{versions}{restart} |"
         )
     lines.append(
-        "| `MPC_THR_HOVER` | `hover_thrust_frac` | allowed | PX4's own hold and land begin with this throttle. |"
+        "| `MPC_THR_HOVER` | `hover_thrust_frac` | allowed | PX4's own hold and land begin with "
+        "this throttle. |"
     )
     return "\n".join(lines)
 

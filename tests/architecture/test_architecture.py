@@ -1,4 +1,4 @@
-"""The house as documented is the house as built; public fields say their quantity, frame and unit."""
+"""The house is built as documented; public fields say their quantity, frame and unit."""
 
 import ast
 import re
@@ -17,7 +17,8 @@ from tests.architecture import documents, form
 ROOT = Path(__file__).parents[2]
 
 UNITS = (
-    "_m", "_m_s", "_m_s2", "_m_s3", "_rad", "_rad_s", "_deg", "_s", "_ms", "_ns", "_frac", "_pct", "_v", "_hz", "_kg",
+    "_m", "_m_s", "_m_s2", "_m_s3", "_rad", "_rad_s", "_deg", "_s", "_ms", "_ns", "_frac", "_pct",
+    "_v", "_hz", "_kg",
     "_kg_m2", "_1_s", "_wxyz", "_count", "_ticks", "_messages",
 )  # fmt: skip
 # named one by one
@@ -60,7 +61,8 @@ def test_a_number_names_its_unit_and_a_vector_its_frame() -> None:
 @pytest.mark.parametrize("name", documents.PRINTED)
 def test_what_the_docs_print_from_the_code_is_current(name: str) -> None:
     assert documents.written(name) == documents.PRINTED[name][1](), (
-        f"docs/{documents.PRINTED[name][0]} is old: run `.venv/bin/python -m tests.architecture.documents --write`"
+        f"docs/{documents.PRINTED[name][0]} is old: run `.venv/bin/python -m "
+        "tests.architecture.documents --write`"
     )
 
 

@@ -45,7 +45,7 @@ def commands(text: str) -> list[list[str]]:
 
 
 def parse(words: list[str]) -> None:
-    """Check a command line without running it; raises CycloptsError, or SystemExit for an agent's."""
+    """Check a command line, do not run it; raises CycloptsError, or SystemExit for an agent's."""
     if words[0] == "agent":
         from onboard.process import deploy
 

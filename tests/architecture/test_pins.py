@@ -36,7 +36,7 @@ def pinned(extra: str) -> list[Requirement]:
 
 
 def declared(name: str) -> list[Requirement]:
-    """Return what one of the lists has to contain: an extra of pyproject.toml, or a group on top of `all`."""
+    """Return what one of the lists has to contain: an extra, or a group on top of `all`."""
     lines = [Requirement(line) for line in PROJECT["project"]["dependencies"]]
     if name in PROJECT["dependency-groups"]:
         return [*lines, *extra("all"), *group(name)]

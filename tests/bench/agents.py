@@ -90,7 +90,8 @@ class Result:
         for agent in self.agents:
             if not abs(agent.p99_ms - PERIOD_MS) <= off_ms:
                 found.append(
-                    f"{agent.name}: p99 {agent.p99_ms:.1f} ms, asked {PERIOD_MS:.0f} +- {off_ms:.0f} ms"
+                    f"{agent.name}: p99 {agent.p99_ms:.1f} ms, asked {PERIOD_MS:.0f} +- "
+                    f"{off_ms:.0f} ms"
                 )
             if not agent.cpu_pct <= CPU_PCT:
                 found.append(
@@ -241,12 +242,15 @@ def table(result: Result) -> str:
     ]
     for one in result.agents:
         lines.append(
-            f"{one.name:<9} {one.p50_ms:8.1f} ms {one.p99_ms:6.1f} {one.max_ms:7.1f} {one.late_ticks:5d} "
+            f"{one.name:<9} {one.p50_ms:8.1f} ms {one.p99_ms:6.1f} {one.max_ms:7.1f} "
+            f"{one.late_ticks:5d} "
             f"{one.cpu_pct:8.1f} {one.rss_mib:10.1f} {one.ticks:7d} {one.followed:15d}"
         )
     lines.append(
-        f"emulator {result.emulator_cpu_pct:.0f} %, ground with recording {result.ground_cpu_pct:.0f} % of a core; "
-        f"{result.messages_per_s:.0f} messages/s recorded; {result.tick_cpu_ms:.2f} ms of processor time for a tick; "
+        f"emulator {result.emulator_cpu_pct:.0f} %, ground with recording "
+        f"{result.ground_cpu_pct:.0f} % of a core; "
+        f"{result.messages_per_s:.0f} messages/s recorded; {result.tick_cpu_ms:.2f} ms of "
+        "processor time for a tick; "
         f"{result.with_precedence} of {len(result.agents)} loops with real-time priority"
     )
     return "\n".join(lines + [f"NOT AS ASKED: {sentence}" for sentence in result.problems()])

@@ -377,12 +377,14 @@ def text(results: list[Measured]) -> str:
     lines = []
     for one in results:
         lines.append(
-            f"{one.vehicles} vehicles at 10 Hz, terminal of {SIZE[0]}x{SIZE[1]}, load at the start {one.load:.1f}"
+            f"{one.vehicles} vehicles at 10 Hz, terminal of {SIZE[0]}x{SIZE[1]}, load at the "
+            f"start {one.load:.1f}"
         )
         for name, is_met, numbers in one.verdict():
             lines.append(f"  {'✔' if is_met else '✖'} {name:<40} {numbers}")
         lines.append(
-            f"    key to screen p50 {one.key_p50_ms:.1f} ms; slowest key in a burst of {BURST} events "
+            f"    key to screen p50 {one.key_p50_ms:.1f} ms; slowest key in a burst of {BURST} "
+            "events "
             f"{one.burst_key_max_ms:.0f} ms; slowest LAND ALL {one.land_worst_ms:.0f} ms; "
             f"{one.bytes_per_s / 1000:.0f} kB/s to the terminal; {one.rss_mib:.0f} MiB"
         )
@@ -393,8 +395,10 @@ def main(argv: list[str]) -> int:
     """Entry of ``make bench-console``."""
     parser = argparse.ArgumentParser(
         prog="make bench-console",
-        description="What the console costs and how quickly it answers, against a crowd on the real bus.",
-        epilog="Exit status: 0 all within the limits; 1 something is not. Latencies need a machine without other work.",
+        description="What the console costs and how quickly it answers, against a crowd on the "
+        "real bus.",
+        epilog="Exit status: 0 all within the limits; 1 something is not. Latencies need a "
+        "machine without other work.",
     )
     parser.add_argument("--vehicles", default="10,100", help="fleet sizes (default 10,100)")
     parser.add_argument(
@@ -418,7 +422,8 @@ def main(argv: list[str]) -> int:
         raise ConfigError("A fleet has 1 to 250 vehicles here, and is watched for more than 0 s.")
     limit_s = len(sizes) * (_LIMIT_S + options.seconds + _LIMIT_S_PER_MIN * options.minutes)
     _say(
-        f"a verdict comes within {limit_s / 60:.0f} min, on a machine that does nothing else much sooner"
+        f"a verdict comes within {limit_s / 60:.0f} min, on a machine that does nothing else "
+        "much sooner"
     )
     # and end what was started
     signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(128 + number))

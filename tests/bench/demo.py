@@ -113,19 +113,23 @@ def _verdict(folder: Path) -> dict[str, Any]:
 def table(flights: list[Flight]) -> str:
     """The flights as a Markdown table with a last line for all."""
     lines = [
-        "| seed | exit status | smallest distance m | pair | worst arrival m | flown s | loop p99 ms | cores |",
+        "| seed | exit status | smallest distance m | pair | worst arrival m | flown s | loop "
+        "p99 ms | cores |",
         "|---|---|---|---|---|---|---|---|",
     ]
     for flight in flights:
         lines.append(
-            f"| {flight.seed} | {flight.exit_status} | {flight.min_separation_m:.3f} | {flight.pair} "
-            f"| {flight.arrival_m:.3f} | {flight.flight_s:.1f} | {flight.loop_p99_ms:.1f} | {flight.cores:.2f} |"
+            f"| {flight.seed} | {flight.exit_status} | {flight.min_separation_m:.3f} | "
+            f"{flight.pair} "
+            f"| {flight.arrival_m:.3f} | {flight.flight_s:.1f} | {flight.loop_p99_ms:.1f} | "
+            f"{flight.cores:.2f} |"
         )
     lines.append(
         f"| all {len(flights)} | {max(flight.exit_status for flight in flights)} "
         f"| {min(flight.min_separation_m for flight in flights):.3f} | "
         f"| {max(flight.arrival_m for flight in flights):.3f} | "
-        f"| {max(flight.loop_p99_ms for flight in flights):.1f} | {max(flight.cores for flight in flights):.2f} |"
+        f"| {max(flight.loop_p99_ms for flight in flights):.1f} | "
+        f"{max(flight.cores for flight in flights):.2f} |"
     )
     return "\n".join(lines)
 
@@ -152,7 +156,8 @@ def main(argv: list[str]) -> int:
             flights.append(fly_once(seed, base / f"flight-{seed}", arguments))
             last = flights[-1]
             print(
-                f"flight {seed + 1}/{options.flights}: exit status {last.exit_status}, smallest distance "
+                f"flight {seed + 1}/{options.flights}: exit status {last.exit_status}, smallest "
+                "distance "
                 f"{last.min_separation_m:.3f} m ({last.pair}), loop p99 {last.loop_p99_ms:.1f} ms, "
                 f"{last.cores:.2f} cores",
                 flush=True,

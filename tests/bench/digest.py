@@ -87,7 +87,8 @@ def main(words: Sequence[str]) -> int:
         digests[flight] = found
         print(f"{flight}: {digest_of(found.values())[:16]}", flush=True)
     print(
-        f"{len(digests)} digests, all together {digest_of(json.dumps(digests, sort_keys=True))[:16]}"
+        f"{len(digests)} digests, all together "
+        f"{digest_of(json.dumps(digests, sort_keys=True))[:16]}"
     )
 
     if options.out is not None:

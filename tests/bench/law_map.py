@@ -65,20 +65,26 @@ def page(cells: list[Cell], rows: dict[tuple[str, int], Row], version: str) -> s
         [
             "# The map: up to which delay, loss, speed and number the law holds",
             "",
-            f"*{len(cells)} cells, each flown with the margin that `covey check` demands at its delay and loss: "
-            f"{count['holds']} hold, {count['failed']} have failed, {count['screened']} have been screened only, "
+            f"*{len(cells)} cells, each flown with the margin that `covey check` demands at its "
+            "delay and loss: "
+            f"{count['holds']} hold, {count['failed']} have failed, {count['screened']} have "
+            "been screened only, "
             f"{count['-']} have not been flown.*",
             "",
-            "![A square for each cell: delay to the right, loss upwards, a block for each number and speed]"
+            "![A square for each cell: delay to the right, loss upwards, a block for each number "
+            "and speed]"
             "(figures/law_map.png)",
             "",
             _HOW.format(commands="\n".join(law_map_cells.commands(some))),
             "",
             "## Every cell",
             "",
-            f"Law {version}, digest {digest(rows)}. 95 %: the share of flights below 0.80 m is under it, by Clopper "
-            "and Pearson, one-sided. Worst: smallest distance between true centres. Arrived: flights in which all "
-            "arrived in time. Ratio: time over straight-line time. Speed: the fastest vehicle's, in the middle flight. "
+            f"Law {version}, digest {digest(rows)}. 95 %: the share of flights below 0.80 m is "
+            "under it, by Clopper "
+            "and Pearson, one-sided. Worst: smallest distance between true centres. Arrived: "
+            "flights in which all "
+            "arrived in time. Ratio: time over straight-line time. Speed: the fastest vehicle's, "
+            "in the middle flight. "
             "Margin: kept above 0.80 m.",
             "",
             *table,

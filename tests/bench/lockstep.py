@@ -147,19 +147,23 @@ def part_of(path: str) -> str | None:
 def table(speeds: Sequence[Speed]) -> str:
     """The figures as Markdown."""
     lines = [
-        "| vehicles | times real time (processor) | median | times real time (wall clock) | at least | aim "
+        "| vehicles | times real time (processor) | median | times real time (wall clock) | at "
+        "least | aim "
         "| in the air after s | same record twice |",
         "|---|---|---|---|---|---|---|---|",
     ]
     for speed in speeds:
         least, aim = WANTED.get(speed.count, (0.0, 0.0))
         lines.append(
-            f"| {speed.count} | {speed.factor_cpu:.2f} | {speed.factor_median:.2f} | {speed.factor_wall:.2f} "
-            f"| {least:g} | {aim:g} | {speed.start_s:.1f} | {'yes' if speed.is_repeated else 'NO'} |"
+            f"| {speed.count} | {speed.factor_cpu:.2f} | {speed.factor_median:.2f} | "
+            f"{speed.factor_wall:.2f} "
+            f"| {least:g} | {aim:g} | {speed.start_s:.1f} | "
+            f"{'yes' if speed.is_repeated else 'NO'} |"
         )
     lines += [
         "",
-        "Where the time goes, by the profiler (it makes many small calls look dearer than they are):",
+        "Where the time goes, by the profiler (it makes many small calls look dearer than they "
+        "are):",
         "",
     ]
     lines.append("| share of | " + " | ".join(f"{speed.count} vehicles" for speed in speeds) + " |")
@@ -203,7 +207,8 @@ def main(argv: Sequence[str] | None = None) -> int:
             speeds.append(measure(count, Path(scratch), span_s=span_s, spans=max(1, options.spans)))
             last = speeds[-1]
             print(
-                f"{count} vehicles: {last.factor_cpu:.2f} times real time, same record {last.is_repeated}",
+                f"{count} vehicles: {last.factor_cpu:.2f} times real time, same record "
+                f"{last.is_repeated}",
                 flush=True,
             )
     text = (

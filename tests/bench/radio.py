@@ -71,7 +71,8 @@ class Flown:
         if self.failure:
             return f"| {fleet} | {channel} | {self.check_pct:.0f} % | {self.busy_pct:.0f} % | {self.failure} | |"
         return (
-            f"| {fleet} | {channel} | {self.check_pct:.0f} % | {self.busy_pct:.0f} % | {self.min_separation_m:.2f} m | "
+            f"| {fleet} | {channel} | {self.check_pct:.0f} % | {self.busy_pct:.0f} % | "
+            f"{self.min_separation_m:.2f} m | "
             f"{self.age_p50_ms:.0f} / {self.age_p99_ms:.0f} ms |"
         )
 
@@ -150,7 +151,8 @@ def main(words: Sequence[str] | None = None) -> int:
     parser.add_argument("--seed", type=int, default=1)
     given = parser.parse_args(words)
     print(
-        "| fleet | channel | taken by `covey check` | by the model | smallest distance | age p50 / p99 |"
+        "| fleet | channel | taken by `covey check` | by the model | smallest distance | age p50 "
+        "/ p99 |"
     )
     print("|---|---|---|---|---|---|")
     failed = False

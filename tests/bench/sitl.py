@@ -213,7 +213,8 @@ def main(argv: Sequence[str] | None = None) -> int:
             limit = LIMITS_PCT.get(cost.vehicles)
             expected = f"   at most {limit} %" if limit else ""
             print(
-                f"{cost.vehicles:8d}  {cost.flying_pct:5.2f}  {cost.physics_pct:9.2f}  {cost.datagrams_per_s:11.0f}"
+                f"{cost.vehicles:8d}  {cost.flying_pct:5.2f}  {cost.physics_pct:9.2f}  "
+                f"{cost.datagrams_per_s:11.0f}"
                 f"  {cost.real_time:9.3f}{expected}"
             )
     within = all(cost.flying_pct <= LIMITS_PCT.get(cost.vehicles, 100.0) for cost in costs)

@@ -254,11 +254,13 @@ def text(found: Soak) -> str:
     ]
     for name, sizes in found.memory_mib.items():
         lines.append(
-            f"{name:<8} {sizes[-1]:7.1f} MiB of its own at the end, grown by {found.growth_mib[name]:+.2f} MiB"
+            f"{name:<8} {sizes[-1]:7.1f} MiB of its own at the end, grown by "
+            f"{found.growth_mib[name]:+.2f} MiB"
         )
     unexplained = sum(not one.explained for one in found.late)
     lines.append(
-        f"{len(found.late)} ticks more than {1e3 * LATE_S:.0f} ms late, {unexplained} of them unexplained"
+        f"{len(found.late)} ticks more than {1e3 * LATE_S:.0f} ms late, {unexplained} of them "
+        "unexplained"
     )
     return "\n".join(lines + [f"NOT AS ASKED: {sentence}" for sentence in found.problems()])
 

@@ -18,7 +18,8 @@ from tests.bench.telemetry_source import telemetry
 
 GOOD = Measured(
     vehicles=10, cpu_pct=7.0, key_p50_ms=20.0, key_p99_ms=60.0, burst_key_max_ms=80.0, land_ms=12.0,
-    land_in_preview_ms=30.0, land_worst_ms=41.0, bytes_per_s=9e4, rss_mib=80.0, growth_mib=0.4, load=0.2,
+    land_in_preview_ms=30.0, land_worst_ms=41.0, bytes_per_s=9e4, rss_mib=80.0, growth_mib=0.4,
+    load=0.2,
 )  # fmt: skip
 
 

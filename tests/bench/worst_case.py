@@ -114,7 +114,8 @@ def search(
 def toml(found: Sequence[tuple[float, Case]]) -> str:
     """Return cases as the file of regressions has them."""
     return "\n".join(
-        f'[[case]]\nscenario = "{case.scenario}"\nseed = {case.seed}\nvalues = {list(case.values)}\n'
+        f'[[case]]\nscenario = "{case.scenario}"\nseed = {case.seed}\nvalues = '
+        f"{list(case.values)}\n"
         f"smallest_m = {distance_m:.4f}\n"
         for distance_m, case in found
     )

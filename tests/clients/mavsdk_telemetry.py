@@ -1,4 +1,4 @@
-"""Reads one of everything that MAVSDK's telemetry offers of a quadrotor, and changes a few rates."""
+"""Reads one of everything that MAVSDK's telemetry offers of a quadrotor; changes a few rates."""
 
 from __future__ import annotations
 

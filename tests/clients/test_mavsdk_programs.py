@@ -1,4 +1,4 @@
-"""MAVSDK programs as users write them, unchanged against the emulator: each a process of its own."""
+"""MAVSDK programs as users write them, against the emulator: each a process of its own."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""An independent judge: reads a record with mcap's own reader and shares no code with the recorder."""
+"""An independent judge: reads a record with mcap's reader, shares no code with the recorder."""
 
 from __future__ import annotations
 

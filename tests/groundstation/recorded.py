@@ -30,7 +30,8 @@ def messages(length_s: float, clock_ns: dict[str, int]) -> list[tuple[int, Topic
         for index, name in enumerate(("mav0", "mav1", "mav2")):
             place, stamp_ns = spot(index, step / 10), at_ns + clock_ns.get(name, 0)
             told.append((at_ns, Topic.TELEMETRY, name, telemetry(
-                name, stamp_ns=stamp_ns, sequence=step + 1, position_enu_m=place, velocity_enu_m_s=ZERO,
+                name, stamp_ns=stamp_ns, sequence=step + 1, position_enu_m=place,
+                velocity_enu_m_s=ZERO,
                 battery_frac=math.nan if step == 3 else 0.9)))  # fmt: skip
             told.append((at_ns, Topic.TRUTH, name, Truth(
                 vehicle=name, stamp_ns=at_ns, position_enu_m=place, velocity_enu_m_s=ZERO,
@@ -68,12 +69,18 @@ def record(
 
 def tick(stamp_ns: int) -> TickSample:
     return TickSample(
-        stamp_ns=stamp_ns, period_s=0.02, state="flying", position_enu_m=ZERO, velocity_enu_m_s=ZERO,
-        acceleration_enu_m_s2=ZERO, yaw_rad=0.0, setpoint_position_enu_m=ZERO, setpoint_velocity_enu_m_s=ZERO,
+        stamp_ns=stamp_ns, period_s=0.02, state="flying", position_enu_m=ZERO,
+        velocity_enu_m_s=ZERO,
+        acceleration_enu_m_s2=ZERO, yaw_rad=0.0, setpoint_position_enu_m=ZERO,
+        setpoint_velocity_enu_m_s=ZERO,
         setpoint_acceleration_enu_m_s2=ZERO, thrust_baseline_enu_m_s2=(0.0, 0.0, 9.81),
-        thrust_safe_enu_m_s2=(0.0, 1.0, 9.81), predicted_position_enu_m=ZERO, predicted_velocity_enu_m_s=ZERO,
-        commanded_acceleration_enu_m_s2=ZERO, law_status="saturated", intervention_m_s2=1.0, slack_m_s2=0.0,
-        active_neighbour="mav1", neighbour_distances_m={"mav1": 1.1}, neighbour_ages_s={"mav1": 0.02},
-        setpoint_quaternion_enu_flu_wxyz=LEVEL, setpoint_thrust_frac=0.7, attitude_quaternion_enu_flu_wxyz=LEVEL,
+        thrust_safe_enu_m_s2=(0.0, 1.0, 9.81), predicted_position_enu_m=ZERO,
+        predicted_velocity_enu_m_s=ZERO,
+        commanded_acceleration_enu_m_s2=ZERO, law_status="saturated", intervention_m_s2=1.0,
+        slack_m_s2=0.0,
+        active_neighbour="mav1", neighbour_distances_m={"mav1": 1.1},
+        neighbour_ages_s={"mav1": 0.02},
+        setpoint_quaternion_enu_flu_wxyz=LEVEL, setpoint_thrust_frac=0.7,
+        attitude_quaternion_enu_flu_wxyz=LEVEL,
         hover_thrust_frac=0.7,
     )  # fmt: skip

@@ -28,7 +28,7 @@ Bools = NDArray[np.bool_]
 
 
 def heading(q: Array) -> Array:
-    """Twist of a quaternion about world z (...,) [rad]: the heading left when the tilt is undone."""
+    """Twist of a quaternion about world z (...,) [rad]: the heading without the tilt."""
     return 2.0 * np.arctan2(q[..., 3], q[..., 0])
 
 

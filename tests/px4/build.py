@@ -100,7 +100,8 @@ def free_instances(count: int) -> list[int]:
         if not any(is_taken(base + number) for number in row for base in _PORTS.values()):
             return list(row)
     raise RuntimeError(
-        f"{count} PX4s in a row need free UDP ports {', '.join(f'{base}+N ({what})' for what, base in _PORTS.items())} "
+        f"{count} PX4s in a row need free UDP ports "
+        f"{', '.join(f'{base}+N ({what})' for what, base in _PORTS.items())} "
         f"for N from 0 to {_LAST_INSTANCE}; another PX4 or emulator has them. Stop it."
     )
 

@@ -1,4 +1,4 @@
-"""A build of PX4 to fly, and the table of docs/px4-sitl.md that is written when all of it passed."""
+"""A build of PX4 to fly, and the table of docs/px4-sitl.md that is written when all passed."""
 
 from __future__ import annotations
 

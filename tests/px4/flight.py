@@ -1,4 +1,4 @@
-"""One flight of real PX4s with real agents, judged by PX4's own truth; and things that break in it."""
+"""One flight of real PX4s with real agents, judged by PX4's own truth; things that break in it."""
 
 from __future__ import annotations
 
@@ -107,7 +107,7 @@ class Flight:
             (self.folder / "cut").unlink()
 
     def tracks(self) -> dict[str, NDArray[np.float64]]:
-        """Per vehicle an array (T, 7): seconds, position and velocity in fleet ENU, by PX4's truth."""
+        """Per vehicle an array (T, 7): seconds, position and velocity in fleet ENU, PX4's truth."""
         rows: dict[str, list[list[float]]] = {name: [] for name in self.fleet.enabled_names}
         for line in (self.folder / "truth.jsonl").read_text(encoding="utf-8").splitlines():
             with contextlib.suppress(json.JSONDecodeError):  # the last line may be cut

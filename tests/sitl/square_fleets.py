@@ -1,4 +1,4 @@
-"""Fleets of any size for measurements and tests: a square of vehicles, and a mission that moves it."""
+"""Fleets of any size for measurements and tests: a square of vehicles, a mission that moves it."""
 
 from __future__ import annotations
 

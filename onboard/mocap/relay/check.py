@@ -245,7 +245,7 @@ class MocapCheck:
                     samples.append((measured_s, tick.attitude_quaternion_enu_flu_wxyz))
 
     def _own_s(self, node: str, stamp_ns: int) -> float | None:
-        """Return a stamp on our clock, in the middle of its bounds; None while they are not known."""
+        """Return a stamp on our clock, in the middle of its bounds; None without bounds."""
         if not node:
             return stamp_ns * 1e-9
         offset = self._clock.clocks.offset_s(node, time.monotonic_ns())

@@ -95,7 +95,7 @@ def _correlation(one: Array, other: Array) -> float:
 
 
 def _vertex(values: Array, index: int) -> float:
-    """Return the offset of the maximum from an index, in steps, by a parabola through three values."""
+    """Return the maximum's offset from an index, in steps, by a parabola through three values."""
     if not 0 < index < values.size - 1:
         return 0.0
     before, top, after = values[index - 1 : index + 2].tolist()

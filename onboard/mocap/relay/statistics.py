@@ -150,7 +150,8 @@ class MocapStatistics:
         for flipped in self.bodies.values():
             if flipped.flips:
                 yield (
-                    f"body '{flipped.name}' turned {flipped.flips} times faster than a vehicle can: "
+                    f"body '{flipped.name}' turned {flipped.flips} times faster than a vehicle "
+                    "can: "
                     "its markers look alike from several sides. Move one marker, so that all "
                     "distances between markers differ."
                 )

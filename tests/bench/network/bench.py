@@ -217,7 +217,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     if not set(options.transports.split(",")) <= set(SCHEMES) or not is_sound:
         print(
-            "bench network: give transports of quic,udp,tls,tcp, 1 to 600 seconds, 1 to 100 flights.",
+            "bench network: give transports of quic,udp,tls,tcp, 1 to 600 seconds, 1 to 100 "
+            "flights.",
             file=sys.stderr,
         )
         return EXIT_WRONG_INPUT

@@ -123,7 +123,8 @@ def fly_all(count: int, lasts_s: float, say: Callable[[str], None]) -> list[Flig
             flight = fly(CROSSING_S * (number + 0.5) / count, lasts_s, Path(scratch))
         flights.append(flight)
         say(
-            f"flight {number + 1} of {count}: {flight.nearest_m:.2f} m; {'; '.join(flight.problems()) or 'as promised'}"
+            f"flight {number + 1} of {count}: {flight.nearest_m:.2f} m; "
+            f"{'; '.join(flight.problems()) or 'as promised'}"
         )
     return flights
 
@@ -131,7 +132,8 @@ def fly_all(count: int, lasts_s: float, say: Callable[[str], None]) -> list[Flig
 def table(flights: Sequence[Flight]) -> str:
     """Return the rows of docs/network.md."""
     lines = [
-        "| cut after | smallest distance | told in the half with the ground | in the other half | orders across "
+        "| cut after | smallest distance | told in the half with the ground | in the other half "
+        "| orders across "
         "| back, landed | not as promised |",
         "|---|---|---|---|---|---|---|",
     ]
@@ -153,6 +155,7 @@ def table(flights: Sequence[Flight]) -> str:
         back = f"{sum(not end for end in one.returns.values())} of 6, {'all' if one.has_landed else 'not all'}"
         problems = "; ".join(one.problems()) or "-"
         lines.append(
-            f"| {one.at_s:.1f} s | {one.nearest_m:.2f} m | {' | '.join(told)} | {orders} | {back} | {problems} |"
+            f"| {one.at_s:.1f} s | {one.nearest_m:.2f} m | {' | '.join(told)} | {orders} | "
+            f"{back} | {problems} |"
         )
     return "\n".join(lines)

@@ -117,7 +117,8 @@ def _flown(
     for one in flown:
         if one.law_refusal:
             raise RuntimeError(
-                f"{contestant.title} {one.law_refusal} in {scenario} seed {one.plan.seed}: Covey's law went on, "
+                f"{contestant.title} {one.law_refusal} in {scenario} seed {one.plan.seed}: "
+                "Covey's law went on, "
                 "so that these are no figures of that method."
             )
     return flown

@@ -322,7 +322,8 @@ def _seeds(text: str) -> tuple[int, int]:
     match = re.fullmatch(r"(\d+):(\d+)", text)
     if not match or int(match[1]) >= int(match[2]):
         raise ConfigError(
-            f"--seeds is '{text}'; write it as FIRST:END, for instance 200:206, with END above FIRST."
+            f"--seeds is '{text}'; write it as FIRST:END, for instance 200:206, with END above "
+            "FIRST."
         )
     return int(match[1]), int(match[2])
 
@@ -334,7 +335,8 @@ def _delays(text: str) -> list[float]:
         delays_s = []
     if not delays_s or not all(0.0 <= delay_s <= 2.0 for delay_s in delays_s):
         raise ConfigError(
-            f"--delays is '{text}'; write seconds from 0 to 2 with commas, for instance 0.02,0.1,0.3."
+            f"--delays is '{text}'; write seconds from 0 to 2 with commas, for instance "
+            "0.02,0.1,0.3."
         )
     return list(dict.fromkeys(delays_s))
 
@@ -392,7 +394,8 @@ def main(argv: Sequence[str]) -> int:
     options.delays = _delays(options.delays) if options.delays else []
     if options.keep is not None and (options.tune or options.explain):
         raise ConfigError(
-            "--keep is for flights beside other methods, with --delays or without, and for --ablation."
+            "--keep is for flights beside other methods, with --delays or without, and for "
+            "--ablation."
         )
     contestants = PEERS | {name: named(name) for name in options.law}
     if options.delays:

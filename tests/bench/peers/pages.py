@@ -11,11 +11,16 @@ from tests.bench.peers.report import Outcome, Summary, share, summary, table
 
 _FAMILIES = {"form": "FORM3", "swap": "SWAP", "rand": "RAND"}
 _COLUMNS = (
-    "Success: everybody at the goal and slow before 5.5 times the straight-line time. Below 0.80 m: flights in which "
-    "the true distance of any pair was ever smaller, with the exact 95 % interval (a collision is below the body's "
-    "diameter of 0.50 m). Ratio: time until the last one has arrived over the straight-line time, mean of the flights "
-    "that succeeded. Slew: rms change of the commanded acceleration. Microseconds: one call of the law, interpreted as "
-    "on a drone, without the pipeline around it, beside other programs; only their ratios mean something."
+    "Success: everybody at the goal and slow before 5.5 times the straight-line time. Below 0.80 "
+    "m: flights in which "
+    "the true distance of any pair was ever smaller, with the exact 95 % interval (a collision "
+    "is below the body's "
+    "diameter of 0.50 m). Ratio: time until the last one has arrived over the straight-line "
+    "time, mean of the flights "
+    "that succeeded. Slew: rms change of the commanded acceleration. Microseconds: one call of "
+    "the law, interpreted as "
+    "on a drone, without the pipeline around it, beside other programs; only their ratios mean "
+    "something."
 )
 
 
@@ -74,7 +79,8 @@ def comparison(
             )
         lines.append(f"| {title} | {' | '.join(parts)} |")
     values = [
-        f"| {contestant.title} | {', '.join(f'{name} {value:g}' for name, value in contestant.values.items())} |"
+        f"| {contestant.title} | "
+        f"{', '.join(f'{name} {value:g}' for name, value in contestant.values.items())} |"
         for contestant in PEERS.values()
         if contestant.values
     ]
@@ -84,17 +90,22 @@ def comparison(
             "",
             run.sentence(),
             "",
-            "Every method flies the same vehicles (type `sih`) with the same perturbation, baseline, design distance, "
-            "tilt and thrust limits, and the same states predicted over the lag; only what turns the wanted "
-            "acceleration into the commanded one differs (`tests/bench/peers`). The paper's ring is flown as printed, "
-            "on plain states, and each vehicle avoids one other. Peers that have no rule against standing face to face "
+            "Every method flies the same vehicles (type `sih`) with the same perturbation, "
+            "baseline, design distance, "
+            "tilt and thrust limits, and the same states predicted over the lag; only what turns "
+            "the wanted "
+            "acceleration into the commanded one differs (`tests/bench/peers`). The paper's ring "
+            "is flown as printed, "
+            "on plain states, and each vehicle avoids one other. Peers that have no rule against "
+            "standing face to face "
             "get one: to the right.",
             "",
             table(rows),
             "",
             _COLUMNS,
             "",
-            "![Bars: success, violations, time, slew and cost of each method](figures/law_bench.png)",
+            "![Bars: success, violations, time, slew and cost of each "
+            "method](figures/law_bench.png)",
             "",
             "![A dot for every flight: smallest distance against time](figures/law_flights.png)",
             "",
@@ -127,7 +138,8 @@ def by_delay(run: Run, delays_s: Sequence[float], rows: Mapping[str, Sequence[Su
     lines.append("|---" * (len(delays_s) + 1) + "|")
     for title, figures in rows.items():
         cells = [
-            f"{100.0 * one.successes / one.flights:.0f} % · {share(one.violations, one.flights)} · {one.collisions} · "
+            f"{100.0 * one.successes / one.flights:.0f} % · {share(one.violations, one.flights)} "
+            f"· {one.collisions} · "
             f"{one.ratio:.2f}"
             for one in figures
         ]
@@ -139,14 +151,18 @@ def by_delay(run: Run, delays_s: Sequence[float], rows: Mapping[str, Sequence[Su
             "",
             f"{run.sentence()} {count} flights of each method at each delay.",
             "",
-            "Age of every message when it arrives. In each cell: success · flights below 0.80 m, with the exact 95 % "
-            "interval · collisions · ratio of those that succeeded, as in the first table. All methods "
-            "know how old a message is, predict its sender over that time in the same way, and keep the margin that "
+            "Age of every message when it arrives. In each cell: success · flights below 0.80 m, "
+            "with the exact 95 % "
+            "interval · collisions · ratio of those that succeeded, as in the first table. All "
+            "methods "
+            "know how old a message is, predict its sender over that time in the same way, and "
+            "keep the margin that "
             "`covey check` demands for it.",
             "",
             *lines,
             "",
-            "![Flights below 0.80 m and time by delay, a line for each method](figures/law_delay.png)",
+            "![Flights below 0.80 m and time by delay, a line for each "
+            "method](figures/law_delay.png)",
             "",
         ]
     )
@@ -159,7 +175,8 @@ def ablation(run: Run, rows: Mapping[str, Summary], contestants: Mapping[str, Co
             "## What each idea of the law is worth",
             "",
             run.sentence() + " Vehicles of type `sih` and "
-            "`ardrone`, the paper's weak one, in turn. One thing is changed at a time; the rest stays as it is flown.",
+            "`ardrone`, the paper's weak one, in turn. One thing is changed at a time; the rest "
+            "stays as it is flown.",
             "",
             worth(rows, contestants),
             "",
@@ -199,7 +216,8 @@ def tuning(run: Run, rows: Mapping[str, Summary], best: Mapping[str, str]) -> st
             "## How the peers were tuned",
             "",
             run.sentence()
-            + " Six combinations of two values for each method; the best has the fewest violations, then "
+            + " Six combinations of two values for each method; the best has the fewest "
+            "violations, then "
             "the most successes, then the smallest ratio.",
             "",
             *[f"* {title}: {values}" for title, values in best.items()],

@@ -117,14 +117,17 @@ def _percent(value: float) -> str:
 def table(rows: Mapping[str, Summary], first: str = "method", *, has_cost: bool = True) -> str:
     """A Markdown table, a line for each method; ``has_cost`` for the microseconds."""
     lines = [
-        f"| {first} | flights | success | below 0.80 m (95 %) | collisions | worst m | 5th percentile m | ratio "
+        f"| {first} | flights | success | below 0.80 m (95 %) | collisions | worst m | 5th "
+        "percentile m | ratio "
         f"| slew m/s³ | top speed m/s |{' µs per vehicle and step |' * has_cost}",
         "|---" * (10 + has_cost) + "|",
     ]
     for name, s in rows.items():
         lines.append(
-            f"| {name} | {s.flights} | {100.0 * s.successes / s.flights:.0f} % | {share(s.violations, s.flights)} "
-            f"| {s.collisions} | {s.worst_m:.3f} | {s.low_m:.3f} | {s.ratio:.2f} | {s.slew_m_s3:.0f} "
+            f"| {name} | {s.flights} | {100.0 * s.successes / s.flights:.0f} % | "
+            f"{share(s.violations, s.flights)} "
+            f"| {s.collisions} | {s.worst_m:.3f} | {s.low_m:.3f} | {s.ratio:.2f} | "
+            f"{s.slew_m_s3:.0f} "
             f"| {s.max_speed_m_s:.2f} |" + f" {s.us_per_step:.1f} |" * has_cost
         )
     return "\n".join(lines)

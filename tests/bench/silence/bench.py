@@ -222,14 +222,16 @@ def _port(data: dict[str, Any], name: str) -> int:
 def table(found: Sequence[Observation]) -> str:
     """For people."""
     lines = [
-        f"{'case':<17} {'last setpoint':>14} {'limit':>9} {'longest gap':>12} {'resumed':>8}  vehicle"
+        f"{'case':<17} {'last setpoint':>14} {'limit':>9} {'longest gap':>12} {'resumed':>8}  "
+        "vehicle"
     ]
     for one in found:
         limit = "goes on" if one.limit_ms is None else f"{one.limit_ms:.0f} ms"
         by = "itself" if one.limit_ms is None else "PX4"
         became = f"landed by {by}" if one.has_landed else "flew on"
         lines.append(
-            f"{one.name:<17} {one.silent_after_ms:>11.1f} ms {limit:>9} {one.longest_gap_ms:>9.1f} ms "
+            f"{one.name:<17} {one.silent_after_ms:>11.1f} ms {limit:>9} "
+            f"{one.longest_gap_ms:>9.1f} ms "
             f"{one.resumed:>8}  {became}{'' if one.is_right else '   WRONG'}"
         )
     return "\n".join(lines)
@@ -239,7 +241,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Entry of ``make bench-silence``; exit status 0 when every case is silent in time."""
     parser = argparse.ArgumentParser(
         prog="make bench-silence",
-        description=f"Is the wire silent {1e3 * LIMIT_S:.0f} ms after an agent hangs? By an independent listener.",
+        description=f"Is the wire silent {1e3 * LIMIT_S:.0f} ms after an agent hangs? By an "
+        "independent listener.",
     )
     names = [case.name for case in CASES]
     parser.add_argument(

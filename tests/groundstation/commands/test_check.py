@@ -203,7 +203,8 @@ def test_poses_over_routers_are_warned_about_unless_vehicles_read_the_motion_cap
     for more, is_warned in (
         ("", True),
         (
-            '\n[mocap]\nsource = "motioncapture"\ntype = "vrpn"\nhostname = "127.0.0.1"\ndirect = true\n',
+            '\n[mocap]\nsource = "motioncapture"\ntype = "vrpn"\nhostname = "127.0.0.1"\ndirect '
+            "= true\n",
             False,
         ),
     ):

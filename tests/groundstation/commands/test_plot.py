@@ -62,11 +62,15 @@ def write_flight(folder: Path, *, has_truth: bool = True, ticks: bool = True) ->
                 wave = 4.0 * math.sin(1.3 * time_s + index)
                 push = 0.8 * math.exp(-((time_s - 7.0) ** 2)) * (1, -1, 1)[index]
                 tick: dict[str, object] = {
-                    "stamp_ns": stamp_ns, "state": "flying" if time_s >= 0 else "ready", "position_enu_m": spot,
-                    "setpoint_position_enu_m": wanted, "thrust_baseline_enu_m_s2": (0.1 * wave, 0.08 * wave, 9.8),
+                    "stamp_ns": stamp_ns, "state": "flying" if time_s >= 0 else "ready",
+                    "position_enu_m": spot,
+                    "setpoint_position_enu_m": wanted, "thrust_baseline_enu_m_s2": (0.1 * wave,
+                    0.08 * wave, 9.8),
                     "thrust_safe_enu_m_s2": (0.1 * wave + push, 0.08 * wave, 9.8),
-                    "setpoint_quaternion_enu_flu_wxyz": tilt(math.radians(wave), math.radians(-wave / 2)),
-                    "attitude_quaternion_enu_flu_wxyz": tilt(math.radians(0.9 * wave), math.radians(-0.4 * wave)),
+                    "setpoint_quaternion_enu_flu_wxyz": tilt(math.radians(wave),
+                    math.radians(-wave / 2)),
+                    "attitude_quaternion_enu_flu_wxyz": tilt(math.radians(0.9 * wave),
+                    math.radians(-0.4 * wave)),
                 }  # fmt: skip
                 if step == 100:
                     # how a number that is none looks in JSON

@@ -1,4 +1,4 @@
-"""The whole of covey check attack, on a fleet that flies: nothing gets in with keys, and without any each
+"""All of covey check attack, on a fleet that flies: nothing gets in with keys, and without any each
 try does.
 """
 

@@ -143,7 +143,8 @@ def test_no_process_survives_a_parent_that_is_killed(
 ) -> None:
     name = module(tmp_path, SLEEPER, monkeypatch)
     code = (
-        "import sys, time; from pathlib import Path; from groundstation.processes.supervisor import Processes\n"
+        "import sys, time; from pathlib import Path; from groundstation.processes.supervisor "
+        "import Processes\n"
         f"p = Processes(Path({str(tmp_path)!r})); p.start('child', [{name!r}])\n"
         "print(p._started[0].process.pid, flush=True); time.sleep(60)\n"
     )
@@ -191,7 +192,8 @@ def test_a_port_whose_last_connection_lingers_is_free_and_one_that_listens_is_no
     ("text", "ending"),
     [
         (
-            "import os, signal\nprint('in good health', flush=True)\nos.kill(os.getpid(), signal.SIGKILL)\n",
+            "import os, signal\nprint('in good health', flush=True)\nos.kill(os.getpid(), "
+            "signal.SIGKILL)\n",
             "KILLED",
         ),
         (

@@ -330,8 +330,8 @@ def test_a_link_that_dies_in_the_middle_leaves_a_list_of_what_was_set_and_a_back
     assert list(outcomes.values())[:3] == ["set", "set", "not confirmed"]
     assert set(list(outcomes.values())[3:]) == {"not set"}
     assert (
-        f"Set and read back: {written[0]}, {written[1]}. Sent and not confirmed: {written[2]}. Not sent: "
-        in (said["trouble"])
+        f"Set and read back: {written[0]}, {written[1]}. Sent and not confirmed: {written[2]}. "
+        "Not sent: " in (said["trouble"])
     )
     assert not said["is_stored"]
     assert "COM_OF_LOSS_T" in Path("backup.params").read_text()

@@ -1,4 +1,4 @@
-"""Keys of MAVLink signing from the file to the emulated PX4, and all that speaks to it with them."""
+"""Keys of MAVLink signing from the file to the emulated PX4, and what speaks to it with them."""
 
 from __future__ import annotations
 

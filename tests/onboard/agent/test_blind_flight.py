@@ -24,9 +24,7 @@ def lost(after_s: float = 1.0) -> Rig:
     return rig
 
 
-def test_it_brakes_sinks_and_lands_by_itself_and_tells_its_state_with_an_accuracy_that_does_not_grow() -> (
-    None
-):
+def test_it_brakes_sinks_and_lands_by_itself_and_the_accuracy_it_tells_does_not_grow() -> None:
     rig = lost()
     assert rig.state is not None
     std_m, lost_ns, lost_m = rig.state.position_std_m, rig.now_ns, rig.position.copy()

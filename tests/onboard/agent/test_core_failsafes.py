@@ -188,9 +188,7 @@ def test_a_battery_that_is_not_told_any_more_lands_after_ten_seconds() -> None:
     rig.until("landed")
 
 
-def test_a_flight_without_landed_states_is_said_and_its_landing_ends_by_px4s_word_that_it_is_disarmed() -> (
-    None
-):
+def test_a_flight_without_landed_states_is_said_and_its_landing_ends_when_px4_is_disarmed() -> None:
     rig = Rig()
     rig.fly()
     rig.has_landed_reports = False

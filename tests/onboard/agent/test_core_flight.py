@@ -182,7 +182,7 @@ def test_asked_to_stop_on_the_ground_it_ends_at_once() -> None:
     assert rig.count(agent_commands.Exit) == 1
 
 
-def test_a_kill_in_the_air_is_a_critical_event_with_author_and_node_and_one_on_the_ground_is_none() -> (
+def test_a_kill_in_the_air_is_a_critical_event_with_author_and_node_on_the_ground_it_is_none() -> (
     None
 ):
     rig = Rig()

@@ -1,4 +1,4 @@
-"""Messages that an agent does not use are counted by the reason, and none of them becomes an event."""
+"""Messages that an agent does not use are counted by the reason; none becomes an event."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Interest on the bus: what nobody follows does not travel; and a node that hangs holds nobody up."""
+"""Interest on the bus: what nobody follows does not travel; a node that hangs holds nobody up."""
 
 from __future__ import annotations
 

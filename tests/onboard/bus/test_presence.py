@@ -19,7 +19,8 @@ def test_a_name_is_there_while_one_node_has_it() -> None:
     changes: list[tuple[str, bool]] = []
     presence = Presence(lambda *change: changes.append(change))
     for token, is_alive in (
-        ("mav0/a", True), ("mav0/b", True), ("mav0/a", True), ("mav0/b", False), ("mav0/b", False), ("mav1/b", False),
+        ("mav0/a", True), ("mav0/b", True), ("mav0/a", True), ("mav0/b", False), ("mav0/b", False),
+        ("mav1/b", False),
     ):  # fmt: skip
         presence.see(token, is_alive)
     assert changes == [("mav0", True)]

@@ -1,4 +1,4 @@
-"""Properties of every sequence of orders, failsafes and observations, on the state machine alone."""
+"""Properties of all sequences of orders, failsafes and observations, on the state machine alone."""
 
 from __future__ import annotations
 

@@ -103,9 +103,7 @@ def test_a_neighbour_within_the_safety_distance_refuses_the_take_off() -> None:
     assert "mav1 stands 0.50 m away" in rig.order("takeoff", height_m=1.0).reason
 
 
-def test_a_take_off_into_the_column_of_a_flying_vehicle_is_refused_unless_it_stays_far_enough_below() -> (
-    None
-):
+def test_a_take_off_under_a_flying_vehicle_is_refused_unless_it_stays_far_enough_below() -> None:
     cylinders = fleet()
     section = msgspec.structs.replace(cylinders.fleet, vertical_separation_m=1.2)
     rig = Rig(core=AgentCore(msgspec.structs.replace(cylinders, fleet=section), "mav0", boot_id=7))

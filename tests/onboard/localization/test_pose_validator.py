@@ -99,9 +99,7 @@ def test_after_a_jump_for_good_the_new_place_is_believed_only_where_nobody_contr
         assert (verdicts[-1] is PoseVerdict.JUMPED) == is_contradicted
 
 
-def test_a_single_wild_sample_costs_none_of_the_good_ones_after_it_whatever_another_source_says() -> (
-    None
-):
+def test_a_single_wild_sample_costs_no_good_one_after_it_whatever_another_source_says() -> None:
     validator, rng = settled()
     assert judge(validator, 100, (9.0, 9.0, 1.0)) is PoseVerdict.JUMPED
     for tick in range(101, 110):

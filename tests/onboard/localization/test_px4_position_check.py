@@ -30,7 +30,7 @@ def _seen(tenth: int, enu_m: Vec3, **changes: object) -> Snapshot:
 
 
 def _flown(tenths: int = 20) -> Px4PositionCheck:
-    """Flying north at 0.5 m/s, believed all the time, by a PX4 whose frame lies 2 m further west."""
+    """Flying north at 0.5 m/s, always believed, by a PX4 whose frame lies 2 m further west."""
     check = Px4PositionCheck()
     for tenth in range(1, tenths + 1):
         check.update(
@@ -93,7 +93,7 @@ def test_a_vehicle_that_comes_down_while_poses_are_rejected_lies_there_until_a_p
     assert not check.contradicts((1.0, 0.3, 0.0), 3001 * _TENTH_NS)
 
 
-def test_a_pose_that_jumps_for_good_is_never_believed_in_flight_and_the_others_hear_where_it_really_lands() -> (
+def test_a_pose_that_jumps_for_good_is_never_believed_and_the_others_hear_where_it_really_lands() -> (
     None
 ):
     rig = Rig()

@@ -1,4 +1,4 @@
-"""Frames of a motion capture into poses, and the real package reading a NatNet server of our own."""
+"""Frames of a motion capture into poses; the real package reads a NatNet server of our own."""
 
 from __future__ import annotations
 

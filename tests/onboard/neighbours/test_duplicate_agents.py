@@ -1,4 +1,4 @@
-"""Two agents for one vehicle: whoever hears both says so, the two learn of it, and neither flies."""
+"""Two agents for one vehicle: whoever hears both says so, the two learn of it, neither flies."""
 
 from __future__ import annotations
 
@@ -68,9 +68,7 @@ def test_a_third_agent_that_hears_both_tells_them() -> None:
         assert not reply.is_accepted
 
 
-def test_an_agent_in_flight_flies_on_when_a_second_one_appears_and_the_second_one_sends_nothing() -> (
-    None
-):
+def test_an_agent_flies_on_when_a_second_one_appears_and_the_second_one_sends_nothing() -> None:
     rig = Rig()
     rig.fly()
     begin_ns = rig.now_ns

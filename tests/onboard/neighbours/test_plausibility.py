@@ -106,9 +106,7 @@ def test_one_jump_is_an_estimator_that_began_anew_and_two_are_none() -> None:
     assert not monitor.is_watched
 
 
-def test_three_poses_in_a_row_elsewhere_are_believed_and_what_it_says_of_its_accuracy_is_granted() -> (
-    None
-):
+def test_three_poses_in_a_row_elsewhere_are_believed_and_the_accuracy_it_says_is_granted() -> None:
     poses = [Seen(_CLAIM.stamp_ns + 250 * MS * n, (2.2 + 0.25 * n, 2.0, 1.0)) for n in range(3)]
     reasons = []
     for std_m in (0.01, 0.5):

@@ -18,7 +18,8 @@ S = 1_000_000_000
 
 def _state(**changes: object) -> StateMessage:
     moving = {
-        "sequence": 10, "stamp_ns": 5 * S, "position_enu_m": (2.0, 0.0, 1.0), "velocity_enu_m_s": (1.0, 0.0, 0.0),
+        "sequence": 10, "stamp_ns": 5 * S, "position_enu_m": (2.0, 0.0, 1.0),
+        "velocity_enu_m_s": (1.0, 0.0, 0.0),
     }  # fmt: skip
     return state_message(**{**moving, **changes})
 
@@ -148,7 +149,8 @@ def test_who_is_seen_only_is_silent_also_while_poses_are_late() -> None:
     for tick in range(5):
         pose = MocapPose(
             body="mav1", boot_id=1, sequence=tick, stamp_ns=6 * S + tick * S // 50, is_tracked=True,
-            position_enu_m=(2.0 + 0.001 * tick, 0.0, 1.0), quaternion_enu_flu_wxyz=(1.0, 0.0, 0.0, 0.0),
+            position_enu_m=(2.0 + 0.001 * tick, 0.0, 1.0), quaternion_enu_flu_wxyz=(1.0, 0.0, 0.0,
+            0.0),
         )  # fmt: skip
         assert table.hear_pose(pose, 6 * S + tick * S // 50)
     # the own pose is late: no others are received
@@ -157,7 +159,7 @@ def test_who_is_seen_only_is_silent_also_while_poses_are_late() -> None:
     assert table.heard_ages_s(6 * S + 100_000_000).tolist() == pytest.approx([1.1, 1.1])
 
 
-def test_the_body_of_a_silent_neighbour_is_watched_until_its_messages_have_come_regularly_for_a_while() -> (
+def test_the_body_of_a_silent_neighbour_is_watched_until_its_messages_come_regularly_again() -> (
     None
 ):
     table, changes = _table(), {}

@@ -279,9 +279,7 @@ def test_a_recorder_on_the_bus_is_noticed_and_a_missing_one_is_only_advice() -> 
     assert rig.core.flight.state == "ready"
 
 
-def test_a_computer_whose_clock_is_not_measured_refuses_until_it_is_and_the_grounds_does_not_matter() -> (
-    None
-):
+def test_a_computer_whose_clock_is_not_measured_refuses_and_the_grounds_does_not_matter() -> None:
     rig = ready()
     rig.core.handle(
         agent_inputs.ClocksCompared({"ground-1": math.inf, "mocap": math.inf}), rig.now_ns

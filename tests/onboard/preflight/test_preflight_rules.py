@@ -101,7 +101,8 @@ CASES: dict[tuple[str, str], tuple[dict[str, Any], str]] = {
             "refused": Refused(other_address=7, newest="other_address", source="10.0.0.9 port 5"),
             "refused_age_s": 1.0,
         },
-        "7 packets were not let in, the newest from 10.0.0.9 port 5 (under PX4's ids, from another address)",
+        "7 packets were not let in, the newest from 10.0.0.9 port 5 (under PX4's ids, from "
+        "another address)",
     ),
     ("signing", "keyless"): ({"is_signed": True}, "ignores what is not signed"),
     ("signing", "clock"): (
@@ -279,9 +280,7 @@ def test_each_fault_shows_in_its_own_line_only_with_sentence_and_remedy() -> Non
         assert refusals == (() if is_advice else (f"{check.sentence} {check.remedy}",)), case
 
 
-def test_a_law_of_somebodys_own_flies_emulated_vehicles_and_real_ones_only_where_the_file_says_so() -> (
-    None
-):
+def test_an_own_law_flies_emulated_vehicles_and_real_ones_only_where_the_file_says_so() -> None:
     allowed = msgspec.structs.replace(OWN_LAW.law, allow_own_law_on_real_vehicles=True)
     real = msgspec.structs.replace(OWN_LAW, law=allowed)
     mixed = msgspec.structs.replace(OWN_LAW, vehicles={**FLEET.vehicles, "mav2": EMULATED})
@@ -315,9 +314,7 @@ def test_a_variant_of_the_law_is_refused_by_a_real_vehicle_and_flown_by_an_emula
     assert {check.name: check for check in judged(variant, has_emulator=True)}["law"].is_ok
 
 
-def test_a_version_refuses_where_its_attitude_lags_by_more_than_the_law_tolerates_and_nowhere_else() -> (
-    None
-):
+def test_a_version_refuses_only_where_its_attitude_lags_by_more_than_the_law_tolerates() -> None:
     for file, flown, gain, is_ok in (
         ("1.16", (1, 17), None, False),  # another default of MC_ROLL_P
         ("1.16", (1, 17), 6.5, True),

@@ -23,7 +23,7 @@ def flown(
     seconds: float = 25.0,
     dt_s: float = DT_S,
 ) -> ResponseMemory:
-    """Memory after a flight in which the attitude comes ``late_s`` after the model of the commands."""
+    """Memory after a flight in which the attitude comes ``late_s`` after the commands' model."""
     rng, memory = np.random.default_rng(3), model_mismatch.initial()
     for k in range(round(seconds / dt_s)):
         t, late = k * dt_s, k * dt_s - late_s - 0.012

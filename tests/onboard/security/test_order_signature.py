@@ -1,4 +1,4 @@
-"""Orders signed end to end: what the vehicle believes, and each way in which an order can be false."""
+"""Orders signed end to end: what the vehicle believes, and each way an order can be false."""
 
 from __future__ import annotations
 

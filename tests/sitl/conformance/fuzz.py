@@ -34,7 +34,8 @@ _COMMANDS = (
 )  # fmt: skip
 _MODES = (0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 12.0, 255.0)
 _ODD_FLOATS = (
-    0.0, -0.0, 1.0, -1.0, 21196.0, 1e38, -1e38, 1e-40, float("nan"), float("inf"), float("-inf"), 2**24 + 1.0, 65535.0,
+    0.0, -0.0, 1.0, -1.0, 21196.0, 1e38, -1e38, 1e-40, float("nan"), float("inf"), float("-inf"),
+    2**24 + 1.0, 65535.0,
     4294967296.0, -2147483649.0,
 )  # fmt: skip
 _ODD_NAMES = (
@@ -230,11 +231,13 @@ def _for_us(r: random.Random, sequence: int) -> bytes:
 Source = Callable[[random.Random, int], bytes]
 # What is broken, foreign or untargeted: nothing of it may change a flight.
 NOISE: tuple[Source, ...] = (
-    _random_bytes, _mutated, _truncated, _wrong_checksum, _signed, _version_one, _for_others, _many_in_one,
+    _random_bytes, _mutated, _truncated, _wrong_checksum, _signed, _version_one, _for_others,
+    _many_in_one,
 )  # fmt: skip
 # What is well formed and meant for the vehicle: it may do as it is told, but not fail.
 HOSTILE: tuple[Source, ...] = (
-    _sound, _for_us, _command, _command_int, _attitude, _position, _parameter, _vision, _version_one,
+    _sound, _for_us, _command, _command_int, _attitude, _position, _parameter, _vision,
+    _version_one,
 )  # fmt: skip
 
 

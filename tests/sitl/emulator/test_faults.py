@@ -159,9 +159,7 @@ def test_a_failing_cell_costs_charge_at_once() -> None:
     assert before - emu.autopilots[0].battery.remaining_frac == pytest.approx(0.3, abs=0.01)
 
 
-def test_a_hung_autopilot_is_deaf_its_clock_stands_still_and_then_it_goes_on_as_if_nothing_had_happened() -> (
-    None
-):
+def test_a_hung_autopilot_is_deaf_its_clock_stands_still_and_then_it_goes_on_as_before() -> None:
     emu = flying()
     emu.inject(parse("v0 autopilot_hang duration=3"))
     send = streamer(emu, 0.49)
@@ -287,7 +285,7 @@ def test_a_vehicle_that_holds_on_vision_stays_where_it_is_when_vision_jumps() ->
 
 
 def poses(line: str, duration_s: float = 2.0) -> list[tuple[float, Pose]]:
-    """What a motion capture without noise gives of two bodies that move east with 1 m/s, 3 m apart."""
+    """What a motion capture without noise gives of two bodies that move east at 1 m/s, 3 m apart."""
     emu = emulator((0.0, 0.0, 0.0), (3.0, 0.0, 0.0))
     emu.inject(parse(line))
     capture = Mocap(2, MocapSettings(noise_m=0.0), faults=emu.disturbances.mocap)

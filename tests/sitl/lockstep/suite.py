@@ -227,7 +227,8 @@ class Judge:
             }
             if not noticed:
                 self.wrong(
-                    f"{' or '.join(names)} did not notice {' or '.join(sorted(c.value for c in wanted))}"
+                    f"{' or '.join(names)} did not notice "
+                    f"{' or '.join(sorted(c.value for c in wanted))}"
                 )
             elif not injection.is_cut_off:
                 spoken = {
@@ -348,7 +349,8 @@ def cases(every: int, counts: Iterable[int] = (3, 6), stagger: int = 0) -> list[
 def summary(outcomes: Sequence[Outcome]) -> str:
     """Counts and smallest distances as Markdown, then what is wrong."""
     lines = [
-        "| what breaks | flights | wrong | smallest distance m | of pairs with the silenced one m |",
+        "| what breaks | flights | wrong | smallest distance m | of pairs with the silenced one "
+        "m |",
         "|---|---|---|---|---|",
     ]
     for injection in INJECTIONS:

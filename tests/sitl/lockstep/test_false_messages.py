@@ -14,7 +14,8 @@ from onboard.config.fleet import FleetConfig
 
 _FAR_AHEAD = 2**60
 _KINDS = {
-    Topic.STATE: StateMessage, Topic.MOCAP: MocapPose, Topic.TELEMETRY: Telemetry, Topic.SLOW_TELEMETRY: Telemetry,
+    Topic.STATE: StateMessage, Topic.MOCAP: MocapPose, Topic.TELEMETRY: Telemetry,
+    Topic.SLOW_TELEMETRY: Telemetry,
 }  # fmt: skip
 
 

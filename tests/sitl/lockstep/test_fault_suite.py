@@ -32,7 +32,7 @@ def _judge(outcomes: list[Outcome], folder: Path) -> None:
 
 
 def cross_section() -> list[Case]:
-    """Return some of the cases, spread over what breaks and when, with three and with six vehicles."""
+    """Return some of the cases, spread over what breaks and when, with three and six vehicles."""
     moments = cases(every=850, counts=(3,), stagger=173)[::26]
     crowd = [
         Case(injection.name, 300 + 40 * place, 6, place % 6)

@@ -66,7 +66,7 @@ def test_an_agent_that_accepts_the_last_landing_and_dies_is_landed_straight_by_p
     assert flight.time_s < 25.0
 
 
-def test_an_agent_that_hangs_for_a_moment_holds_and_one_that_hangs_for_long_leaves_the_landing_to_px4(
+def test_an_agent_that_hangs_for_a_moment_holds_and_one_that_hangs_for_long_is_landed_by_px4(
     lockstep, paper
 ):
     flight = lockstep(paper, seed=2)

@@ -1,4 +1,4 @@
-"""The simulated bus: what is promised for each kind of message, under every fault of a connection."""
+"""The simulated bus: what is promised for each kind of message, under every fault of a link."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Somebody plays a vehicle's PX4: single wrong reports end no flight, true ones are believed soon."""
+"""Somebody plays a vehicle's PX4: single wrong reports end no flight, true ones count soon."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``covey simulate``: the same digits for the same seed, honest judgement, sentences for bad input."""
+"""``covey simulate``: the same digits for the same seed, honest judgement, bad input refused."""
 
 import json
 from pathlib import Path

@@ -218,7 +218,7 @@ def _lag_s(emu: Emulator) -> float:
 
 
 @pytest.mark.parametrize("name", sorted(TYPES))
-def test_each_shipped_type_lags_in_the_emulator_as_it_says_and_as_the_vehicle_of_another_type_under_its_version(
+def test_each_shipped_type_lags_in_the_emulator_as_it_says_under_its_version(
     name: str,
 ) -> None:
     vehicle = _of_type(name)
