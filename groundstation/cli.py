@@ -1,8 +1,9 @@
 """The ``covey`` command: the list of commands, and errors as sentences.
 
 A command is a function in ``groundstation/commands``; :data:`COMMANDS` says which one. Its module
-is imported when the command is called, so that a help page or an agent needs no library of the others.
-A command may have parts: ``covey check`` is a command, and ``covey check vehicles`` is a part of it.
+is imported when the command is called, so that a help page or an agent needs no library of the
+others.
+A command may have parts: ``covey check`` is a command, ``covey check vehicles`` a part of it.
 Commands that became a part keep working under their old word, :data:`FORMER`.
 
 Everything that can be wrong with what was typed, or with a file, ends here as one sentence on
@@ -48,7 +49,7 @@ class Command(NamedTuple):
         return f"groundstation.commands.{self.target}"
 
 
-# What people want, and the commands for it, in the order of ``covey --help``. That page fits a screen
+# What people want, and the commands for it, in the order of ``covey --help``. It fits a screen
 # of 24 lines of 80 characters, also with four commands more: a sentence has at most 57 characters.
 COMMANDS: dict[str, tuple[Command, ...]] = {
     "See": (

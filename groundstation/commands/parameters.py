@@ -1,7 +1,7 @@
 """Types of options that several commands share, with the words that their help shows.
 
-A command declares ``fleet: FleetFile`` or ``options: FlightOptions``; name, placeholder and sentence
-of the option are then the same everywhere.
+A command declares ``fleet: FleetFile`` or ``options: FlightOptions``; name, placeholder and
+sentence of the option are then the same everywhere.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """One flight of a script: a Python program that connects with a fleet by itself.
 
 A mission is called with a connected fleet. A script is a program that connects when it wants to,
-with groundstation.Fleet, groundstation.BlockingFleet or groundstation.crazyswarm. It may fail in any
-way, or leave without landing; the verdict says what became of the fleet.
+with groundstation.Fleet, groundstation.BlockingFleet or groundstation.crazyswarm. It may fail in
+any way, or leave without landing; the verdict says what became of the fleet.
 """
 
 from __future__ import annotations

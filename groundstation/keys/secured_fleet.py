@@ -1,6 +1,6 @@
 """Turn a fleet's bus into one with keys.
 
-What is missing is made: the authority, the certificates of the nodes, and the endpoints of the fleet
+What is missing is made: the authority, the certificates of the nodes, the endpoints of the fleet
 file, which then say quic/.
 """
 

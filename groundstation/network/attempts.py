@@ -4,8 +4,8 @@ An attempt runs twice: against a copy of the fleet with keys, and against one wi
 has to get in. Otherwise it would prove nothing about the keys that it was stopped.
 
 Some attempts publish or order, and look at what arrives. What arrives is counted at a spare vehicle
-(:func:`spare_vehicle`), which nobody flies. Other attempts only disturb: floods, junk, lies. They got
-in when the fleet does not fly on, or when two vehicles came closer than the safety distance.
+(:func:`spare_vehicle`), which nobody flies. Other attempts only disturb: floods, junk, lies. They
+got in when the fleet does not fly on, or when two vehicles came closer than the safety distance.
 """
 
 from __future__ import annotations

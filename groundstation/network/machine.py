@@ -124,7 +124,10 @@ def _number(version: str) -> tuple[int, ...]:
 
 def _cores() -> Diagnosis:
     count = len(os.sched_getaffinity(0))
-    text = f"{count}, enough for one agent or a ground, or for {most_agents()} agents with their emulator."
+    text = (
+        f"{count}, enough for one agent or a ground, "
+        f"or for {most_agents()} agents with their emulator."
+    )
     return graded(
         "cores", count >= 2, text, "With one core, agent and network hold each other up: take two."
     )
@@ -162,7 +165,10 @@ def _priority() -> Diagnosis:
         if allowed == [True]
         else "Not allowed: a busy computer makes control loops late."
     )
-    remedy = "The service of covey agent install has it; else add to /etc/security/limits.conf: USER - rtprio 10"
+    remedy = (
+        "The service of covey agent install has it; "
+        "else add to /etc/security/limits.conf: USER - rtprio 10"
+    )
     return graded("real-time priority", allowed == [True], text, remedy)
 
 

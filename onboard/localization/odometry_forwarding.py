@@ -27,7 +27,7 @@ _STD_M = 0.01  # of a pose
 
 _GAP_NS = 300_000_000  # PX4 stops fusing after a second, but drifts a few decimetres before
 
-# A vehicle moves no farther than this between two samples: a part for each, and one for each second.
+# A vehicle moves no farther than this between two samples: a part for each, one for each second.
 _STEP_M = 0.2
 _STEP_M_S = 6.0
 

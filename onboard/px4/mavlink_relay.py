@@ -186,7 +186,7 @@ class MavlinkRelay:
             self._on_packet(packet)
 
     def _is_fresh(self, packet: Packet, address: Address | None) -> bool:
-        """Whether the signature is right, where packets are signed; counts a packet with a wrong one."""
+        """Whether the signature is right, where packets are signed; counts a wrong one."""
         if self._signer is None:
             return True
 

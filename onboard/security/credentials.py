@@ -2,8 +2,8 @@
 
 ``ca.pem`` is the certificate of the fleet's own certificate authority, ``NODE.pem`` a node's
 certificate, and ``NODE.key`` its private key, which never leaves the computer of that node.
-``covey keys secure`` makes them. They are checked before the bus is opened: whoever opens a node of the
-bus hands it the credentials that are made here.
+``covey keys secure`` makes them. They are checked before the bus is opened: whoever opens a node of
+the bus hands it the credentials that are made here.
 """
 
 from __future__ import annotations

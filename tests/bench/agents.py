@@ -139,7 +139,10 @@ async def measure(
         share = busy_share(before, processor_times())
         if share < _FULL:
             raise
-        sentence = f"All {os.cpu_count()} processors were busy ({100 * share:.0f} %), too few for so many agents."
+        sentence = (
+            f"All {os.cpu_count()} processors were busy ({100 * share:.0f} %), "
+            "too few for so many agents."
+        )
         raise ProcessError(f"{sentence} {error}") from error
 
 

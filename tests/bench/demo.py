@@ -163,7 +163,8 @@ def main(argv: list[str]) -> int:
                 flush=True,
             )
     command = f'make bench-demo ARGS="{" ".join(["--flights", str(len(flights)), *arguments])}"'
-    text = f"Measured by `{command}`, separation from ground truth by a reader of its own.\n\n{table(flights)}\n"
+    origin = f"Measured by `{command}`, separation from ground truth by a reader of its own."
+    text = f"{origin}\n\n{table(flights)}\n"
     print(text)
     if options.out:
         options.out.write_text(text, encoding="utf-8")

@@ -25,7 +25,7 @@ SECONDS, APART_M, TURN_RAD = 18.0, 1.5, math.radians(50.0)
 
 
 def write_show(path: Path) -> None:
-    """Write the show: five rows of six rise, turn together with a wave through them, and come down."""
+    """Write the show: five rows of six rise, turn together, a wave through them, and come down."""
 
     def way(k: int):
         x, y = APART_M * (k % 6 - 2.5), APART_M * (k // 6 - 2.0)

@@ -113,7 +113,7 @@ def _is_repeated(fleet: FleetConfig, folder: Path) -> bool:
 
 
 def shares(stats: pstats.Stats) -> dict[str, float]:
-    """Share of each stage in the time of a profile; a library's time counts for whoever called it."""
+    """Share of each stage in a profile's time; a library's time counts for whoever called it."""
     table = stats.stats  # type: ignore[attr-defined]
     found: dict[str, float] = defaultdict(float)
     own = {function: row[2] for function, row in table.items()}

@@ -110,7 +110,9 @@ def _flown() -> Flight:
     for half, others in (HALVES, HALVES[::-1]):
         lost = "" if half is first else "12:00:00,000 mav5 INFO Ground station lost: going on.\n"
         names = ", ".join(others)
-        log = f"INFO Neighbour silent ({names}): going on.\n{lost}INFO Neighbour heard again ({names}): going on.\n"
+        silent = f"INFO Neighbour silent ({names}): going on.\n"
+        heard = f"INFO Neighbour heard again ({names}): going on.\n"
+        log = silent + lost + heard
         told |= dict.fromkeys(half, conditions(log))
     done = dict.fromkeys((*first, *second), "")
     return Flight(3.0, 0.9, done, done, True, told)

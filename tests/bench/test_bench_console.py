@@ -29,7 +29,8 @@ def test_what_a_terminal_shows_is_found_between_its_control_sequences() -> None:
 
 
 def test_a_key_is_timed_until_what_it_changes_comes_out() -> None:
-    echo = "import sys, tty, os, time; tty.setraw(0); os.write(1, b'up')\nwhile (c := os.read(0, 9)) != b'q': "
+    echo = "import sys, tty, os, time; tty.setraw(0); os.write(1, b'up')\n"
+    echo += "while (c := os.read(0, 9)) != b'q': "
     terminal = Terminal(
         [sys.executable, "-c", f"{echo}time.sleep(0.2); os.write(1, b'\\x1b[1m<' + c + b'>')"], {}
     )

@@ -55,7 +55,10 @@ class Px4Build:
         """Sentence that says why it cannot be flown; empty if it can."""
         for part in ("bin/px4", "etc/init.d-posix/rcS"):
             if not (self.folder / part).exists():
-                return f"PX4_BUILD={self.folder} holds no {part}: give the build directory of 'make px4_sitl'."
+                return (
+                    f"PX4_BUILD={self.folder} holds no {part}: "
+                    "give the build directory of 'make px4_sitl'."
+                )
         return ""
 
     @property

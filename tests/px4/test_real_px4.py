@@ -107,7 +107,10 @@ def _success(flight: Flight) -> str:
         f"{step['duration_s']:.1f}" for step in judged["steps"] if "formation" in step["step"]
     )
     word = "passed" if judged["passed"] else "FAILED"
-    return f"{word}: closest {flight.closest_m():.2f} m, goals within {off_m:.2f} m, formations in {times} s"
+    return (
+        f"{word}: closest {flight.closest_m():.2f} m, goals within {off_m:.2f} m, "
+        f"formations in {times} s"
+    )
 
 
 def _kill_agent(flight: Flight) -> None:
@@ -148,7 +151,8 @@ def test_after_a_fault_in_the_crossing_nobody_touches_and_all_come_down(
         break_in(flight, "formation", _CROSSING_S, _FAULTS[what])
         flight.wait_until_down()
         closest_m, down_s = flight.closest_m(), flight.down_after_s()
-        row = f"closest {closest_m:.2f} m, {'all others' if flight.lost else 'all'} down after {down_s:.1f} s"
+        down = "all others" if flight.lost else "all"
+        row = f"closest {closest_m:.2f} m, {down} down after {down_s:.1f} s"
         has_ground = what != "the ground stopped"
         told_s, sentence = told(flight, "formation", _CROSSING_S) if has_ground else (0.0, "")
         table.add(what, row + (f"; after {told_s:.1f} s: {sentence}" if has_ground else ""))

@@ -152,7 +152,8 @@ def table(flights: Sequence[Flight]) -> str:
         ]
         done = sum(not end for end in one.ends.values())
         orders = f"{done} done, {len(one.ends) - done} ended in words"
-        back = f"{sum(not end for end in one.returns.values())} of 6, {'all' if one.has_landed else 'not all'}"
+        landed = "all" if one.has_landed else "not all"
+        back = f"{sum(not end for end in one.returns.values())} of 6, {landed}"
         problems = "; ".join(one.problems()) or "-"
         lines.append(
             f"| {one.at_s:.1f} s | {one.nearest_m:.2f} m | {' | '.join(told)} | {orders} | "

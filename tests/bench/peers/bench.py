@@ -273,7 +273,7 @@ def _titles(contestants: Mapping[str, Contestant]) -> dict[str, str]:
 
 
 def tune(options: argparse.Namespace) -> int:
-    """Every combination of every method's grid; the best by violations, then success, then ratio."""
+    """All combinations of each method's grid; the best by violations, then success, then ratio."""
     scenarios = QUICK if options.quick else TUNING
     seeds = options.seeds or (QUICK_SEEDS if options.quick else TUNING_SEEDS)
     grids = {name: method.grid for name, method in METHODS.items()} | {"ring": RING_GRID}

@@ -1,4 +1,4 @@
-"""The figures of ``make bench-law``: methods side by side, their paths, and what explains the law."""
+"""The figures of ``make bench-law``: methods side by side, their paths, what explains the law."""
 
 from __future__ import annotations
 

@@ -51,7 +51,7 @@ def ring_flights(changes: tuple[str, ...], errors: str, count: int) -> list[flig
     return flight.fly([scenarios.plan("form3", seed) for seed in range(count)], setup)
 
 
-def test_the_papers_ring_in_the_campaign_keeps_080_m_but_for_its_sampling_when_vehicles_obey_at_once():
+def test_the_papers_ring_keeps_080_m_but_for_its_sampling_when_vehicles_obey_at_once():
     flown = ring_flights(OBEDIENT, "none", 6)
     # 50 Hz, and a neighbour heard a tick late
     assert min(one.outcome.min_separation_m for one in flown) > 0.795

@@ -135,7 +135,7 @@ def judge(case: Case, passed: Sequence[wire.Passed], fault_ns: int, end_ns: int)
 
 
 async def fly(cases: Sequence[Case], folder: Path, *, is_signed: bool = False) -> list[Observation]:
-    """Hover one vehicle for each case, let each hang in its way, and judge what passed on the wire."""
+    """Hover one vehicle for each case, let each hang in its way, judge what passed on the wire."""
     emulator = fleet_data(len(cases), SPACING_M, "silence")
     if is_signed:
         emulator["defaults"] |= {"mavlink_signing": True, "px4_version": "1.18"}

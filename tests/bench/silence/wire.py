@@ -48,7 +48,8 @@ class Passed:
     @property
     def line(self) -> str:
         """For the log."""
-        return f"{self.stamp_ns} {self.vehicle} {int(self.is_setpoint)} {int(self.is_armed)} {self.custom_mode}\n"
+        flags = f"{int(self.is_setpoint)} {int(self.is_armed)}"
+        return f"{self.stamp_ns} {self.vehicle} {flags} {self.custom_mode}\n"
 
 
 def read(log: Path) -> list[Passed]:

@@ -260,7 +260,8 @@ def test_each_vehicle_is_asked_for_what_its_version_needs_and_says_what_it_is(
     other = other.replace("system_id = 3", 'system_id = 4\ntype = "new"')
     for port in re.findall(r":(\d+)\"", other):
         other = other.replace(port, str(free_port()))
-    types = '[types.old]\nhover_thrust_frac = 0.5\npx4_version = "1.16"\n[types.new]\npx4_version = "1.18"\n'
+    types = '[types.old]\nhover_thrust_frac = 0.5\npx4_version = "1.16"\n'
+    types += '[types.new]\npx4_version = "1.18"\n'
     text = fleet.text.replace("[defaults]", f"{types}[defaults]").replace(
         'type = "sih"', 'type = "old"'
     )

@@ -216,7 +216,7 @@ def test_a_neighbour_that_sends_nonsense_is_ignored_counted_and_then_silent(kind
     assert rig.core.flight.state == "flying"
 
 
-def test_a_replayed_order_is_answered_as_before_and_one_without_id_or_with_a_silly_time_refused() -> (
+def test_a_replayed_order_is_answered_as_before_one_without_id_or_with_a_silly_time_refused() -> (
     None
 ):
     rig = moving()

@@ -101,7 +101,7 @@ def test_an_accuracy_that_px4_stops_telling_is_none() -> None:
     rig.until("landed")
 
 
-def test_without_satellites_it_comes_down_by_dead_reckoning_not_after_a_position_that_runs_away() -> (
+def test_without_satellites_it_comes_down_by_dead_reckoning_not_after_a_position_running_away() -> (
     None
 ):
     rig = _rig(0.4)

@@ -312,7 +312,8 @@ def test_a_router_without_a_line_of_covey_serves_a_fleet(
             '"keys/', f'"{locked.keys_folder}/'
         )
     (tmp_path / "router.json5").write_text(text, encoding="utf-8")
-    bare = "import sys, time, zenoh; s = zenoh.open(zenoh.Config.from_file(sys.argv[1])); print('up', flush=True)"
+    bare = "import sys, time, zenoh; s = zenoh.open(zenoh.Config.from_file(sys.argv[1])); "
+    bare += "print('up', flush=True)"
     heard: set[str] = set()
     alive: set[str] = set()
     answered: list[str] = []

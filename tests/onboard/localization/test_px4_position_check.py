@@ -93,9 +93,7 @@ def test_a_vehicle_that_comes_down_while_poses_are_rejected_lies_there_until_a_p
     assert not check.contradicts((1.0, 0.3, 0.0), 3001 * _TENTH_NS)
 
 
-def test_a_pose_that_jumps_for_good_is_never_believed_and_the_others_hear_where_it_really_lands() -> (
-    None
-):
+def test_a_pose_that_jumps_for_good_is_never_believed_and_others_hear_where_it_lands() -> None:
     rig = Rig()
     rig.fly()
     there = rig.position.copy()

@@ -183,7 +183,8 @@ said, found = process.take_precedence(), []
 after = threading.Thread(target=lambda: found.append(os.sched_getscheduler(0)))
 after.start(); after.join()
 own = os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK
-is_next = 0 < os.sched_getparam(before.native_id).sched_priority < os.sched_getparam(0).sched_priority
+priority = os.sched_getparam(before.native_id).sched_priority
+is_next = 0 < priority < os.sched_getparam(0).sched_priority
 end.set()
 print(own == os.SCHED_FIFO, is_next, found == [os.SCHED_OTHER], said)
 """

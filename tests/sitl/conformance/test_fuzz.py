@@ -1,4 +1,4 @@
-"""Whatever arrives at a link: no exception, no hang, no memory; through noise the flight goes on."""
+"""Whatever arrives at a link: no exception, no hang, no memory; the flight goes on in noise."""
 
 from __future__ import annotations
 

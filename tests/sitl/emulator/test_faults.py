@@ -285,7 +285,7 @@ def test_a_vehicle_that_holds_on_vision_stays_where_it_is_when_vision_jumps() ->
 
 
 def poses(line: str, duration_s: float = 2.0) -> list[tuple[float, Pose]]:
-    """What a motion capture without noise gives of two bodies that move east at 1 m/s, 3 m apart."""
+    """What a motion capture without noise gives of two bodies moving east at 1 m/s, 3 m apart."""
     emu = emulator((0.0, 0.0, 0.0), (3.0, 0.0, 0.0))
     emu.inject(parse(line))
     capture = Mocap(2, MocapSettings(noise_m=0.0), faults=emu.disturbances.mocap)

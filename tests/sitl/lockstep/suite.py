@@ -363,7 +363,8 @@ def summary(outcomes: Sequence[Outcome]) -> str:
     undecided = [(s, c) for s in Situation for c in Condition if (s, c) not in TABLE]
     lines += ["", f"{len(outcomes)} injections, {sum(bool(o.wrong) for o in outcomes)} wrong, "
               f"{len(undecided)} pairs of situation and condition undecided."]  # fmt: skip
-    lines += [f"* {outcome.case.name} (seed {outcome.case.tick}): {'; '.join(outcome.wrong)}" for outcome in outcomes
+    lines += [f"* {outcome.case.name} (seed {outcome.case.tick}): {'; '.join(outcome.wrong)}"
+              for outcome in outcomes
               if outcome.wrong]  # fmt: skip
     return "\n".join(lines)
 
