@@ -30,9 +30,11 @@ from sitl.monte_carlo import results, scenarios, settings
 from sitl.monte_carlo.command import run
 from sitl.monte_carlo.law_map.map_command import fly_map
 
+_LAWS = ", ".join(BUILT_IN)
+_ERRORS = ", ".join(settings.ERRORS)
 MORE_HELP = f"""\
 Scenarios: {scenarios.KNOWN}
-Laws: {", ".join(BUILT_IN)}, or your own as module:function. Classes of errors: {", ".join(settings.ERRORS)}.
+Laws: {_LAWS}, or your own as module:function. Classes of errors: {_ERRORS}.
 Keys of --set: {", ".join(settings.keys(with_aliases=True))}."""
 
 _FLOWN = ("0:10", "mocap", 1.0)  # seeds, errors and scale where none are named

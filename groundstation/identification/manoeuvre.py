@@ -100,8 +100,9 @@ async def mission(fleet):
         results = await (await fleet.client.submit(intent)).wait({_MOVE_TIMEOUT_S!r})
         if results[vehicle.name].phase not in ("done", "unfinished"):
             raise OrderFailed(intent, results)
-        # where PX4's estimate says so early that it has arrived, the leg is flown to its end all the same
-        await fleet.wait(max(0.0, max(duration_s, {_LEG_S!r}) - 1e-9 * (fleet.client.now_ns() - begin_ns)))
+        # where PX4's estimate says too early that it has arrived, the leg is flown to its end
+        flown_s = 1e-9 * (fleet.client.now_ns() - begin_ns)
+        await fleet.wait(max(0.0, max(duration_s, {_LEG_S!r}) - flown_s))
     await fleet.wait(2.0)
     await vehicle.land()
 '''

@@ -1,7 +1,7 @@
 """The links between all nodes that run: listened to for some seconds, then judged.
 
 We listen as a node that only watches. Each vehicle publishes its states with numbers and stamps,
-and reports how old the newest state of each neighbour was at its ticks; each node answers the beats of
+reports how old the newest state of each neighbour was at its ticks; each node answers the beats of
 the others' clocks. From this follow rates, losses, ages, round trips and errors of clocks, here and
 between any two nodes.
 """

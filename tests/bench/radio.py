@@ -69,7 +69,8 @@ class Flown:
         fleet = f"{case.vehicles}, {SPACING_M:g} m apart, up to {case.most_near} near"
         channel = f"access point, {case.rate_mbit_s:g} Mbit/s, {case.states_hz} Hz"
         if self.failure:
-            return f"| {fleet} | {channel} | {self.check_pct:.0f} % | {self.busy_pct:.0f} % | {self.failure} | |"
+            shares = f"{self.check_pct:.0f} % | {self.busy_pct:.0f} %"
+            return f"| {fleet} | {channel} | {shares} | {self.failure} | |"
         return (
             f"| {fleet} | {channel} | {self.check_pct:.0f} % | {self.busy_pct:.0f} % | "
             f"{self.min_separation_m:.2f} m | "

@@ -187,7 +187,8 @@ def fly_swap(fleet):
 
 def fleet_of(law="covey", **keys):
     vehicles = {
-        name: {"system_id": k + 1, "start_enu_m": [2.0 * k, 0.0, 0.0], "agent": f"tcp/127.0.0.1:{20000 + k}",
+        name: {"system_id": k + 1, "start_enu_m": [2.0 * k, 0.0, 0.0],
+        "agent": f"tcp/127.0.0.1:{20000 + k}",
                "autopilot": f"udpin://127.0.0.1:{30000 + k}"}
         for k, name in enumerate(("one", "two"))
     }  # fmt: skip

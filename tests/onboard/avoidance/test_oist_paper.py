@@ -43,7 +43,8 @@ def test_law_equals_the_plain_transcription_of_the_equations():
             result = saturated(p, v, f, q, w, a, k)
             arguments = (
                 *p, *v, *q, *w, *a, *(mass * f), mass,
-                k.kappa_1_1_s, k.kappa_2_1_s, k.kappa_3_1_s, k.kappa_4_1_s, k.v_perp_m_s, k.d_inf_m, direction,
+                k.kappa_1_1_s, k.kappa_2_1_s, k.kappa_3_1_s, k.kappa_4_1_s, k.v_perp_m_s,
+                k.d_inf_m, direction,
             )  # fmt: skip
             oracle = saturated_thrust(*arguments)
             np.testing.assert_allclose(result.thrust_m_s2, oracle / mass, rtol=1e-9, atol=1e-9)

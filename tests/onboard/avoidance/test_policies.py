@@ -39,8 +39,10 @@ from tests.onboard.avoidance.law_cases import (
 )
 
 PAPER_WAY = {
-    "responsibility": "full", "prediction": "none", "margin": "fixed", "rotation": "always", "direction": "fixed",
-    "design_margin_m": 0.0, "lag_margin_m_s": 0.0, "kappa_1_1_s": 2.0, "kappa_2_1_s": 2.0, "kappa_3_1_s": 1.5,
+    "responsibility": "full", "prediction": "none", "margin": "fixed", "rotation": "always",
+    "direction": "fixed",
+    "design_margin_m": 0.0, "lag_margin_m_s": 0.0, "kappa_1_1_s": 2.0, "kappa_2_1_s": 2.0,
+    "kappa_3_1_s": 1.5,
     "kappa_4_1_s": 1.5, "v_perp_m_s": 0.1, "avoid_speed_frac": 100.0, "range_m": 100.0,
 }  # fmt: skip
 UNLIMITED = {"max_tilt_rad": math.radians(89.99), "max_thrust_m_s2": 1e4}

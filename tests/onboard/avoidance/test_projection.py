@@ -59,7 +59,8 @@ def by_daqp(u0, normals, bounds):
     height = len(bounds)
     x, _, flag, _ = daqp.solve(
         np.eye(2), -np.ascontiguousarray(u0), np.ascontiguousarray(normals),
-        np.full(height, 1e30), np.ascontiguousarray(bounds), np.zeros(height, ctypes.c_int), primal_tol=1e-11,
+        np.full(height, 1e30), np.ascontiguousarray(bounds), np.zeros(height, ctypes.c_int),
+        primal_tol=1e-11,
     )  # fmt: skip
     return x if flag == 1 else None
 
@@ -86,7 +87,7 @@ def test_projection_equals_an_independent_qp_solver_on_random_and_degenerate_cas
 
 
 def by_daqp_with_disc(u0, normals, bounds, radius):
-    """The QP with a weight on |u|^2 that is bisected until the disc is met; None when infeasible."""
+    """The QP with a weight on |u|^2, bisected until the disc is met; None when infeasible."""
     point, middle = by_daqp(u0, normals, bounds), by_daqp(np.zeros(2), normals, bounds)
     if point is None or np.hypot(*middle) > radius:
         return None

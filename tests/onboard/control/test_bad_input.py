@@ -25,7 +25,8 @@ NUMBERS = [name for name, kind in Neighbour.__annotations__.items() if "float" i
 def neighbours_at(*spots, **changes):
     return [
         Neighbour(
-            Vec3(*map(float, p)), ZERO_3, ZERO_3, Vec3(*map(float, p)), ZERO_3, ZERO_3, ZERO_3, 0.04, 0.2, 0.0, 0.0,
+            Vec3(*map(float, p)), ZERO_3, ZERO_3, Vec3(*map(float, p)), ZERO_3, ZERO_3, ZERO_3,
+            0.04, 0.2, 0.0, 0.0,
             0.0, True, True, index,
         )._replace(**changes)
         for index, p in enumerate(spots)
@@ -51,7 +52,8 @@ TABLE = {
     "two on top of us": (neighbours_at([0, 0, 1.0], [0, 0, 1.0]), {LawStatus.INFEASIBLE}),
     "on top of each other": (neighbours_at([0.7, 0, 1.0], [0.7, 0, 1.0]), SANE),
     "at a hair's breadth": (neighbours_at([1e-9, 0, 1.0]), {LawStatus.INFEASIBLE}),
-    "inside the safety distance at start": (neighbours_at([0.5, 0, 1.0]), {LawStatus.SATURATED, LawStatus.RELAXED}),
+    "inside the safety distance at start": (neighbours_at([0.5, 0, 1.0]), {LawStatus.SATURATED,
+    LawStatus.RELAXED}),
     "all rows parallel": (neighbours_at([0.7, 0, 1], [0.8, 0, 1], [0.9, 0, 1]), SANE),
     "all rows contradictory": (
         neighbours_at([0.6, 0, 1], [-0.6, 0, 1], [0, 0.6, 1], [0, -0.6, 1]),
@@ -64,7 +66,8 @@ TABLE = {
     "racing towards us": (only(-1e4, "predicted_velocity_enu_m_s"), SANE),
     **{
         f"{name} = {value}": (only(value, name), ANY)
-        for name in (*NUMBERS, "intent_enu_m_s", "acceleration_enu_m_s2", "commanded_acceleration_enu_m_s2",
+        for name in (*NUMBERS, "intent_enu_m_s", "acceleration_enu_m_s2",
+        "commanded_acceleration_enu_m_s2",
                      "predicted_velocity_enu_m_s")
         for value in (math.nan, math.inf, -math.inf, 1e300, -1.0)
     },

@@ -35,7 +35,21 @@ def neighbours_of(positions, velocities=None):
     velocities = np.zeros_like(positions, dtype=float) if velocities is None else velocities
     return [
         Neighbour(
-            vec(p), vec(v), ZERO_3, vec(p), vec(v), ZERO_3, vec(v), 0.0, math.nan, 0.0, math.nan, 0.0, True, True, index
+            position_enu_m=vec(p),
+            velocity_enu_m_s=vec(v),
+            acceleration_enu_m_s2=ZERO_3,
+            predicted_position_enu_m=vec(p),
+            predicted_velocity_enu_m_s=vec(v),
+            commanded_acceleration_enu_m_s2=ZERO_3,
+            intent_enu_m_s=vec(v),
+            age_s=0.0,
+            lead_time_s=math.nan,
+            position_std_m=0.0,
+            velocity_std_m_s=math.nan,
+            crowd_count=0.0,
+            is_cooperative=True,
+            is_paper_obstacle=True,
+            table_index=index,
         )
         for index, (p, v) in enumerate(zip(positions, velocities, strict=True))
     ]  # fmt: skip

@@ -110,7 +110,7 @@ def test_from_rest_speed_and_acceleration_reach_a_bound_and_never_pass_it(distan
 
 @pytest.mark.parametrize("seed", range(3))
 def test_bounds_hold_however_often_the_goal_changes(seed: int) -> None:
-    """Random goals, bounds and durations, changed at random moments, also in the middle of a leg."""
+    """Random goals, bounds and durations, changed at random moments, also within a leg."""
     rng = np.random.default_rng(seed)
     worst_speed, worst_force = 0.0, 0.0
     for _ in range(20):

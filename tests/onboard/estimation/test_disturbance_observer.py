@@ -19,7 +19,7 @@ DT = 0.02
 def obeying(
     gain: float, bias: float, drag: float, command: float, seconds: float = 6.0
 ) -> list[float]:
-    """s_b over ``seconds`` of a constant command to a vehicle with a static gain, a bias and drag."""
+    """s_b over ``seconds`` of a constant command to a vehicle with static gain, bias and drag."""
     params = ObserverParams(wn_rad_s=6.0, zeta=0.7, drag_1_s=drag)
     memory = disturbance_observer.initial(ZERO_3)
     sub, h = 10, DT / 10

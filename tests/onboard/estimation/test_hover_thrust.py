@@ -51,7 +51,8 @@ def test_the_estimate_leaves_the_configured_value_by_a_fifth_at_most(
 
 @pytest.mark.parametrize(
     ("thrust", "acceleration", "height", "cos_tilt"),
-    [(0.8, 0.0, 0.1, 1.0), (0.99, 0.0, 1.0, 1.0), (0.05, 0.0, 1.0, 1.0), (0.8, 3.0, 1.0, 1.0), (0.8, 0.0, 1.0, 0.2),
+    [(0.8, 0.0, 0.1, 1.0), (0.99, 0.0, 1.0, 1.0), (0.05, 0.0, 1.0, 1.0), (0.8, 3.0, 1.0, 1.0),
+    (0.8, 0.0, 1.0, 0.2),
      (0.8, math.nan, 1.0, 1.0), (0.8, 0.0, math.nan, 1.0)],
 )  # fmt: skip
 def test_it_is_frozen_near_the_ground_saturated_or_outside_its_model(

@@ -114,9 +114,7 @@ def test_without_a_mocap_the_accuracy_is_that_of_gps() -> None:
     assert error_class(fleet_with({"vehicles.mav1.mocap_required": False})) == "gps"
 
 
-def test_the_fleet_file_declares_what_positions_are_as_good_as_and_check_and_flight_judge_by_it() -> (
-    None
-):
+def test_the_fleet_file_declares_how_good_positions_are_and_check_and_flight_judge_by_it() -> None:
     vision = {"types.sih.mocap_required": False, "types.sih.px4_position": "vision"}
     fleet = fleet_with(vision)
     assert error_class(fleet) == "vision"

@@ -157,7 +157,8 @@ INJECTIONS: tuple[Injection, ...] = (
               _f(C.REPORTS_CONTRADICT_LONG)),
     Injection("one flies without the law and says so", without_law, others=_f(C.CONFIG_DIFFERS),
     is_silenced=True),
-    *(Injection(f"one lies: {name}", lies(lie), others=_f(C.NEIGHBOUR_IMPLAUSIBLE), is_silenced=True)
+    *(Injection(f"one lies: {name}", lies(lie), others=_f(C.NEIGHBOUR_IMPLAUSIBLE),
+                is_silenced=True)
       for name, lie in LIES.items()),
     Injection("one is ordered to land", order("land"), rises_m=0.35),
     Injection("one is ordered to hold", order("hold"), rises_m=0.35),

@@ -152,7 +152,8 @@ def test_every_shipped_fleet_flies_a_shipped_mission_and_every_mission_is_flown_
 def test_the_folder_is_that_of_a_real_flight(hop, tmp_path, capsys):
     mission = tmp_path / "hop.py"
     mission.write_text(
-        f'FLEET = "{CONFIGS}/fleets/paper.toml"\nEXPECT = {{"min_separation_m": 0.8, "all_landed": True}}\n'
+        f'FLEET = "{CONFIGS}/fleets/paper.toml"\n'
+        'EXPECT = {"min_separation_m": 0.8, "all_landed": True}\n'
         "async def mission(fleet):\n"
         "    await fleet.takeoff(0.6)\n"
         "    await fleet['mav1'].move((0.0, -0.7, 0.6))\n"
