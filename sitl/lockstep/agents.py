@@ -1,16 +1,14 @@
-"""An agent's shell in simulated time.
+"""An agent's shell in simulated time: calls do what threads and sockets do around a real agent.
 
-Calls do what ``onboard.agent.loop`` does with threads and sockets.
-
-The core is the real one. Between two ticks messages wait in the inbox, orders are answered at once,
-and commands are executed in their order. The process around the core can be stopped, continued,
-killed and started anew.
+The core is the real one, and this file replaces ``onboard.agent.loop``. Between two ticks messages
+wait in the inbox, orders are answered at once, and commands are executed in their order. The
+process around the core can be stopped, continued, killed and started anew.
 """
 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
 from onboard import agent_commands, agent_inputs
 from onboard.agent.control_step import PipelineStep
@@ -33,17 +31,25 @@ from sitl.lockstep.bus import Node, SimBus
 from sitl.lockstep.link import EmulatedLink
 
 CONNECT_AFTER_NS = 1_000_000_000  # discovery and parameters of a real link
-_MAX_EVENTS = 2000
-_STATISTICS_TICKS = 25
+
+_MAX_INPUTS = 2000  # that wait for a tick
 _TICK_NS = round(1e9 * TICK_S)
+
+# how the loop of a real agent counts its periods
+_STATISTICS_TICKS = 25
+_STATISTICS_PERIODS = 500
 _PERIOD_MS = 1e3 * TICK_S
 _LATE_MS = 5.0
+
+OnReply = Callable[[OrderReply], None]
 
 
 class AgentShell:
     """One agent.
 
     Args:
+        fleet: the fleet file.
+        name: of its vehicle.
         link: its PX4.
         bus: where it becomes a node of the vehicle's name.
         pipeline_step: how its passes are calculated.
@@ -63,57 +69,73 @@ class AgentShell:
         self.link = link
         self._bus = bus
         self._pipeline_step = pipeline_step
-        self.is_hung = self.is_running = False
-        self._lives = 0
-        self._inbox: deque[agent_inputs.AgentInput] = deque(maxlen=_MAX_EVENTS)
-        self._orders: list[
-            tuple[Order | Malformed | UntrustedOrder, Callable[[OrderReply], None]]
-        ] = []
-        self._replies: dict[str, Callable[[OrderReply], None]] = {}
-        self._periods_ms: deque[float] = deque(maxlen=500)
-        self._ticks = self._late = self._last_ns = 0
+
+        # the process
+        self.is_running = False
+        self.is_hung = False
+        self._starts = 0
+
+        self._inbox: deque[agent_inputs.AgentInput] = deque(maxlen=_MAX_INPUTS)
+
+        # orders that came while it was hung, and how to answer those that the core works on
+        self._waiting_orders: list[tuple[Order | Malformed | UntrustedOrder, OnReply]] = []
+        self._replies: dict[str, OnReply] = {}
+
+        # the ticks of all its processes
+        self._ticks = 0
+        self._late = 0
+        self._last_ns = 0  # time of the last tick; 0: this process has not ticked yet
+        self._periods_ms: deque[float] = deque(maxlen=_STATISTICS_PERIODS)
+
         self.start()
 
     # -- life --------------------------------------------------------------------------------------
 
     def start(self) -> None:
-        """A new process: a fresh core that knows nothing of its predecessor."""
+        """Start a new process: a fresh core that knows nothing of its predecessor."""
         if self.is_running:
             return
-        self._lives += 1
-        self.is_running, self.is_hung = True, False
+
+        self._starts += 1
+        self.is_running = True
+        self.is_hung = False
+
         self.core = AgentCore(
             self.fleet,
             self.name,
-            boot_id=1000 * self._lives + self.index,
+            boot_id=1000 * self._starts + self.index,
             pipeline_step=self._pipeline_step,
         )
         self.core.preflight.is_warm = True
         self._followed = self.core.neighbours.followed
         self._inbox.clear()
         self._last_ns = 0
+
         self.node = self._bus.node(self.name)
         self.node.start()
         self._subscribe(self.node)
-        self._bus.call_at(self._bus.now_ns() + CONNECT_AFTER_NS, self._connect, self._lives)
+        self._bus.call_at(self._bus.now_ns() + CONNECT_AFTER_NS, self._connect, self._starts)
 
     def kill(self) -> None:
         """SIGKILL: silence on the wire and on the bus, and the others see the connections close."""
-        if self.is_running:
-            self.is_running = False
-            self._orders.clear()
-            self._replies.clear()
-            self.node.stop()
+        if not self.is_running:
+            return
+
+        self.is_running = False
+        self._waiting_orders.clear()
+        self._replies.clear()
+        self.node.stop()
 
     def hang(self) -> None:
-        """The event loop stalls; the connections live on."""
+        """Stall the event loop; the connections live on."""
         self.is_hung = True
 
     def resume(self) -> None:
-        """It goes on, and finds what has arrived meanwhile."""
+        """Go on; what has arrived meanwhile is handled now."""
         self.is_hung = False
-        orders, self._orders = self._orders, []
-        for message, reply in orders:
+        waiting_orders = self._waiting_orders
+        self._waiting_orders = []
+        for message, reply in waiting_orders:
             self._order_received(message, reply)
 
     def request_stop(self) -> None:
@@ -132,29 +154,45 @@ class AgentShell:
 
     # -- in ----------------------------------------------------------------------------------------
 
-    def _connect(self, life: object) -> None:
-        if self.is_running and life == self._lives:
+    def _connect(self, start: object) -> None:
+        """Connect to PX4, unless another process has been started meanwhile."""
+        if self.is_running and start == self._starts:
             self._inbox.append(self.link.connect())
 
     def _subscribe(self, node: Node) -> None:
-        now_ns, vehicle = self._bus.now_ns, self.core.vehicle
-        inbox, name, boot_id = self._inbox, self.name, self.core.boot_id
+        """Fill the inbox from the bus."""
+        now_ns = self._bus.now_ns
+        inbox = self._inbox
+        name = self.name
+        vehicle = self.core.vehicle
+        boot_id = self.core.boot_id
 
         def is_interested(topic: object, other: object) -> bool:
-            """Whether it would have subscribed: to fast states of those followed, to slow ones of
-            the others.
+            """Return whether it would have subscribed to this topic of that vehicle.
+
+            It hears the fast states of the vehicles that it follows, the slow ones of the others.
             """
-            return topic not in (Topic.STATE, Topic.FAR) or (topic is Topic.STATE) == (
-                other in self._followed
-            )
+            if topic is Topic.STATE:
+                return other in self._followed
+            if topic is Topic.FAR:
+                return other not in self._followed
+            return True
 
         def neighbour(topic: Topic, other: str, message: Message | Malformed) -> None:
             if not is_interested(topic, other):
                 return
+
+            if isinstance(message, Malformed):
+                inbox.append(agent_inputs.MessagesCounted(malformed=1))
+                return
+
+            # a message of another kind, or one that claims to be another vehicle's
             if not isinstance(message, (StateMessage, Telemetry)) or message.vehicle != other:
-                is_claim = not isinstance(message, Malformed)
-                inbox.append(agent_inputs.MessagesCounted(malformed=not is_claim, refused=is_claim))
-            elif other != name or message.boot_id != boot_id:
+                inbox.append(agent_inputs.MessagesCounted(refused=1))
+                return
+
+            # its own messages come back to it, and those of its predecessor count
+            if other != name or message.boot_id != boot_id:
                 inbox.append(agent_inputs.NeighbourReceived(message, now_ns()))
 
         def pose(_topic: Topic, _body: str, message: Message | Malformed) -> None:
@@ -165,7 +203,12 @@ class AgentShell:
             if isinstance(message, MocapPoses):
                 inbox.append(agent_inputs.AllPosesReceived(message.poses, now_ns()))
 
-        self._on_neighbour, self._on_pose, node.is_interested = neighbour, pose, is_interested
+        def node_changed(other: str, is_alive: bool) -> None:
+            inbox.append(agent_inputs.NodeChanged(other, is_alive))
+
+        self._on_pose = pose
+        node.is_interested = is_interested
+
         node.subscribe(Topic.STATE, "*", neighbour)
         node.subscribe(Topic.FAR, "*", neighbour)
         node.subscribe(Topic.SLOW_TELEMETRY, "*", neighbour)
@@ -173,16 +216,14 @@ class AgentShell:
             node.subscribe(Topic.MOCAP, vehicle.body, pose)
         node.subscribe(Topic.ALL_POSES, "*", all_poses)
         node.serve_orders(name, self._order_received)
-        node.watch_alive(
-            lambda other, is_alive: inbox.append(agent_inputs.NodeChanged(other, is_alive))
-        )
+        node.watch_alive(node_changed)
 
-    def _order_received(
-        self, message: Order | Malformed | UntrustedOrder, reply: Callable[[OrderReply], None]
-    ) -> None:
+    def _order_received(self, message: Order | Malformed | UntrustedOrder, reply: OnReply) -> None:
         if self.is_hung:
-            self._orders.append((message, reply))
-        elif isinstance(message, Order):
+            self._waiting_orders.append((message, reply))
+            return
+
+        if isinstance(message, Order):
             self._replies[message.order_id] = reply
             now_ns = self._bus.now_ns()
             self.core.handle(agent_inputs.SnapshotReceived(self.link.snapshot()), now_ns)
@@ -198,29 +239,45 @@ class AgentShell:
             commands = handle(inbox.popleft(), now_ns)
             if commands:
                 self._execute(commands)
+
         handle(agent_inputs.SnapshotReceived(self.link.snapshot()), now_ns)
 
     def period_ns(self, now_ns: int) -> int:
         """Return the time since its last tick; before the first one a whole period."""
-        return now_ns - self._last_ns if self._last_ns else _TICK_NS
+        if not self._last_ns:
+            return _TICK_NS
+        return now_ns - self._last_ns
 
     def tick(self, now_ns: int) -> None:
         """Run one tick of the core, and count it as the loop of a real agent does."""
         self._execute(self.core.tick(now_ns))
+
         if self._last_ns:
             period_ms = (now_ns - self._last_ns) * 1e-6
             self._periods_ms.append(period_ms)
             if period_ms > _PERIOD_MS + _LATE_MS:
                 self._late += 1
+
         self._last_ns = now_ns
         self._ticks += 1
         if self._ticks % _STATISTICS_TICKS == 0:
-            periods = sorted(self._periods_ms)
-            p50, p99 = (periods[round(share * (len(periods) - 1))] for share in (0.5, 0.99))
-            self.core.handle(agent_inputs.LoopTimed(p50, p99, periods[-1], self._late), now_ns)
+            self._report_periods(now_ns)
+
+    def _report_periods(self, now_ns: int) -> None:
+        """Hand the statistics of the loop to the core."""
+        periods_ms = sorted(self._periods_ms)
+        last = len(periods_ms) - 1
+        timed = agent_inputs.LoopTimed(
+            periods_ms[round(0.5 * last)],
+            periods_ms[round(0.99 * last)],
+            periods_ms[-1],
+            self._late,
+        )
+        self.core.handle(timed, now_ns)
 
     # one case for each command, each of a line or two
     def _execute(self, commands: list[agent_commands.Command]) -> None:  # noqa: C901
+        """Do what the core wants done, in its order."""
         link = self.link
         for command in commands:
             match command:
@@ -237,9 +294,7 @@ class AgentShell:
                     if reply is not None:
                         reply(answer)
                 case agent_commands.WatchBodies(bodies):
-                    vehicle = self.core.vehicle
-                    own = (vehicle.body,) if vehicle.mocap_required and vehicle.body else ()
-                    self.node.follow(Topic.MOCAP, (*own, *bodies), self._on_pose)
+                    self._watch_bodies(bodies)
                 case agent_commands.SetOffboard():
                     link.set_offboard()
                 case agent_commands.Arm():
@@ -256,3 +311,11 @@ class AgentShell:
                     link.play_tune()
                 case agent_commands.Exit():
                     self.kill()
+
+    def _watch_bodies(self, bodies: Iterable[str]) -> None:
+        """Hear the poses of the vehicle's own body and of some others."""
+        vehicle = self.core.vehicle
+        watched = list(bodies)
+        if vehicle.mocap_required and vehicle.body:
+            watched.insert(0, vehicle.body)
+        self.node.follow(Topic.MOCAP, watched, self._on_pose)

@@ -1,6 +1,4 @@
-"""``covey fly --lockstep`` and ``covey demo --lockstep``: a mission in simulated time, from the
-command line.
-"""
+"""``covey fly --lockstep`` and ``covey demo --lockstep``: a mission in simulated time."""
 
 from __future__ import annotations
 
@@ -15,15 +13,15 @@ from sitl.lockstep.flight import Lockstep
 
 
 def fly_mission(mission: Mission, folder: Path, *, seed: int, bus: BusSettings) -> int:
-    """Fly it with progress in lines, stamped with simulated time; the verdict's exit status."""
+    """Fly a mission and print its progress; return the exit status of its verdict."""
     begin_s = time.perf_counter()
-    fleet = mission.fleet
-    names = ", ".join(fleet.enabled_names)
+    names = ", ".join(mission.fleet.enabled_names)
     print(
         f"Lockstep: {names} in simulated time, without a console; everything goes to {folder}.",
         flush=True,
     )
-    with Lockstep(fleet, seed=seed, bus=bus, folder=folder) as flight:
+
+    with Lockstep(mission.fleet, seed=seed, bus=bus, folder=folder) as flight:
 
         def say(line: str) -> None:
             print(f"{flight.time_s:6.1f} s  {line}", flush=True)
@@ -34,17 +32,22 @@ def fly_mission(mission: Mission, folder: Path, *, seed: int, bus: BusSettings) 
 
         flight.say = say
         flight.client.add_event_listener(on_event)
-        # lands, as Ctrl-C does
+
+        # SIGTERM lands the fleet, as Ctrl-C does
         before = signal.signal(signal.SIGTERM, lambda *_: signal.raise_signal(signal.SIGINT))
         try:
             verdict = flight.fly(mission)
         finally:
             signal.signal(signal.SIGTERM, before)
+
         for line in verdict.sentences:
             say(line)
+
         wall_s = time.perf_counter() - begin_s
         print(
-            f"{flight.time_s:.1f} s flown in {wall_s:.1f} s: {flight.time_s / wall_s:.1f} times real time.",
+            f"{flight.time_s:.1f} s flown in {wall_s:.1f} s: "
+            f"{flight.time_s / wall_s:.1f} times real time.",
             flush=True,
         )
+
     return verdict.exit_status

@@ -7,7 +7,9 @@ from dataclasses import dataclass, replace
 from onboard.config.fleet import ConfigError, RadioConfig
 
 Pair = tuple[str, str]
-_PERIOD_NS, _FORGOTTEN_NS = 20_000_000, 10_000_000_000
+
+_PERIOD_NS = 20_000_000  # of messages of 50 Hz
+_FORGOTTEN_NS = 10_000_000_000  # a connection without a message so far: as if one were so old
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,18 +27,21 @@ class BusSettings:
 
     def __post_init__(self) -> None:
         for name in ("delay_s", "jitter_s", "reorder_s"):
-            if not 0.0 <= getattr(self, name) <= 10.0:
-                raise ConfigError(
-                    f"The bus's {name} is {getattr(self, name)}; it must lie between 0 and 10 s."
-                )
+            time_s = getattr(self, name)
+            if not 0.0 <= time_s <= 10.0:
+                raise ConfigError(f"The bus's {name} is {time_s}; it must lie between 0 and 10 s.")
+
         for name in ("loss", "reorder", "duplicate"):
-            if not 0.0 <= getattr(self, name) <= 1.0:
+            chance = getattr(self, name)
+            if not 0.0 <= chance <= 1.0:
                 raise ConfigError(
-                    f"The bus's {name} is {getattr(self, name)}, but it is a chance: between 0 and 1."
+                    f"The bus's {name} is {chance}, but it is a chance: between 0 and 1."
                 )
+
         if not 1.0 <= self.burst <= 1000.0:
             raise ConfigError(
-                f"The bus's burst is {self.burst}, a number of messages: it must lie between 1 and 1000."
+                f"The bus's burst is {self.burst}, a number of messages: it must lie between 1 and "
+                "1000."
             )
 
     @property
@@ -48,6 +53,7 @@ class BusSettings:
         """Return the settings with what the fleet's radio adds to them."""
         if radio is None:
             return self
+
         return replace(
             self,
             jitter_s=self.jitter_s + radio.jitter_s,
@@ -59,11 +65,12 @@ class BusSettings:
 
 
 class Losses:
-    """Memory of the connections that lose messages in a row: the two-state chain of Gilbert and
-    Elliott for each.
+    """Memory of the connections that lose messages in a row.
 
-    The states last for times, and messages of 50 Hz are lost as settings say: of those that come
-    less often fewer are lost in a row, and of those sent at one instant all or none.
+    Each connection is the two-state chain of Gilbert and Elliott: in one state it loses everything,
+    in the other nothing. The states last for times, and messages of 50 Hz are lost as settings say:
+    of those that come less often fewer are lost in a row, and of those sent at one instant all or
+    none.
     """
 
     def __init__(self) -> None:
@@ -71,15 +78,33 @@ class Losses:
         self._newest: dict[Pair, tuple[int, bool]] = {}
 
     def takes(self, pair: Pair, settings: BusSettings, draw: float, now_ns: int) -> bool:
-        """Return whether the next message of a connection is lost; ``draw`` is uniform in [0, 1)."""
+        """Return whether the next message of a connection is lost.
+
+        Args:
+            pair: the connection.
+            settings: its quality.
+            draw: a random number, uniform in [0, 1).
+            now_ns: when the message is sent.
+        """
         loss = settings.loss
         if settings.burst <= 1.0 or not 0.0 < loss < 1.0:
             return draw < loss
-        at_ns, was_lost = self._newest.get(pair, (-_FORGOTTEN_NS, False))
+
+        newest_ns, was_lost = self._newest.get(pair, (-_FORGOTTEN_NS, False))
+        periods = (now_ns - newest_ns) / _PERIOD_NS
+
+        # chances to change the state within a period: out of the loss 1 / burst, and into it so
+        # that the chain is in it for the share `loss` of the time. What the two leave of 1 is the
+        # correlation of two messages that are one period apart.
         leave = 1.0 / settings.burst
-        remembered = max(0.0, 1.0 - leave - leave * loss / (1.0 - loss)) ** (
-            (now_ns - at_ns) / _PERIOD_NS
-        )
-        is_lost = bool(draw < loss + (was_lost - loss) * remembered)
-        self._newest[pair] = now_ns, is_lost
+        correlation = max(0.0, 1.0 - leave - leave * loss / (1.0 - loss)) ** periods
+
+        # the chance after the newest message, which approaches the share with time
+        chance_then = 0.0
+        if was_lost:
+            chance_then = 1.0
+        chance = loss + (chance_then - loss) * correlation
+
+        is_lost = bool(draw < chance)
+        self._newest[pair] = (now_ns, is_lost)
         return is_lost

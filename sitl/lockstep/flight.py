@@ -1,5 +1,7 @@
-"""A flight in lockstep: the simulation, the ground's own client and mission runner in its time,
-record and verdict.
+"""A flight in lockstep: the simulation, and in its time the ground with record and verdict.
+
+The ground's client and mission runner are the real ones. They are asyncio code and run in a loop
+whose clock is the simulation's, so a test or a script flies as a person would, only faster.
 """
 
 from __future__ import annotations
@@ -8,7 +10,7 @@ import asyncio
 import contextlib
 import gc
 import math
-from collections.abc import AsyncIterator, Callable, Coroutine
+from collections.abc import AsyncIterator, Callable, Coroutine, Sequence
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
@@ -28,6 +30,7 @@ from groundstation.verdict.final_verdict import final_verdict
 from groundstation.verdict.observations import FlightObservations
 from groundstation.verdict.verdict import Verdict
 from onboard.bus.schema import Event
+from onboard.bus.topics import Topic
 from onboard.config.fleet import FleetConfig, load_fleet
 from sitl.emulator.mocap import MocapSettings
 from sitl.faults.catalogue import Fault
@@ -42,8 +45,10 @@ from sitl.px4.modes import CommandResult, Mode
 GROUND = "ground-1"
 _DIRECT_DELAY_S = 0.01
 _WATCH_S = 0.2
-_FORCE = 21196.0
-# Python's own 700 look at the messages of one tick again and again: a fifth of the time
+_FORCE = 21196.0  # of MAV_CMD_COMPONENT_ARM_DISARM: also in the air
+
+# objects until Python collects garbage; with its own 700 it looks at the messages of one tick again
+# and again, for a fifth of the time
 _COLLECT_EVERY = 50_000
 
 T = TypeVar("T")
@@ -53,9 +58,11 @@ class Lockstep:
     """One fleet and its ground, to be flown step by step or by whole missions.
 
     Args:
-        fleet: a fleet file or its path. law: instead of the fleet file's.
-        seed: of everything random. bus, mocap: quality of the connections and of the motion
-            capture.
+        fleet: a fleet file or its path.
+        seed: of everything random.
+        law: flies instead of the fleet file's.
+        bus: quality of the connections.
+        mocap: quality of the motion capture.
         folder: where the record goes; none without.
         say: hears the progress in words.
         is_compiled: see :class:`Simulation`.
@@ -73,26 +80,38 @@ class Lockstep:
         say: Callable[[str], None] = lambda line: None,
         is_compiled: bool = True,
     ) -> None:
-        config = (fleet if isinstance(fleet, FleetConfig) else load_fleet(fleet)).with_law(law)
-        self._collect_every = gc.get_threshold()
-        gc.set_threshold(_COLLECT_EVERY, *self._collect_every[1:])
-        self.config, self.folder = config, folder
+        if not isinstance(fleet, FleetConfig):
+            fleet = load_fleet(fleet)
+        config = fleet.with_law(law)
+
+        self._collect_thresholds = gc.get_threshold()
+        gc.set_threshold(_COLLECT_EVERY, *self._collect_thresholds[1:])
+
+        self.config = config
+        self.folder = folder
+        self.say = say
         self.simulation = Simulation(
             config, seed=seed, bus=bus, mocap=mocap, is_compiled=is_compiled
         )
-        self.say = say
+
+        # who records needs more topics than who only flies
+        extra_topics: Sequence[Topic] = ()
+        if folder is not None:
+            extra_topics = RECORDED
         self.client = FleetClient(
             config,
             bus=self.simulation.bus.node(GROUND),
-            extra_topics=RECORDED if folder is not None else (),
+            extra_topics=extra_topics,
             send=cast(Any, self._send_directly),  # a coroutine, where a thread would block
             clock_ns=self.simulation.clock_ns,
         )
+
         self.record: LockstepRecord | None = None
         if folder is not None:
             self.record = LockstepRecord(folder, EPOCH_NS, say=self.client.publish_event)
             self.client.add_sink(self.record.put)
-        self.fleet = Fleet(self.client, say=self._tell)
+
+        self.fleet = Fleet(self.client, say=self._say_as_event)
         self._runner = asyncio.Runner(
             loop_factory=lambda: VirtualLoop(self.simulation.clock_ns, self.simulation.step)
         )
@@ -116,18 +135,20 @@ class Lockstep:
         return self.wait_for(coroutine)
 
     def end_calls(self) -> None:
-        """Nothing is to be ended: scripts run in the flight's own thread."""
+        """Do nothing: scripts run in the flight's own thread."""
 
     def end_record(self) -> tuple[int, str | None]:
         """Finish the record; return its begin, and a sentence when it ended early."""
         if self.record is None:
             return EPOCH_NS, None
+
         self.record.stop()
         return EPOCH_NS, self.record.failure
 
     def run_script(self, path: str | Path, *arguments: str) -> None:
-        """Run a Python script that connects with this fleet, plain or with ``asyncio.run``; its
-        exceptions come out.
+        """Run a Python script that connects with this fleet, plain or with ``asyncio.run``.
+
+        Its exceptions come out.
         """
         in_real_time = asyncio.run
         asyncio.run = lambda main, **_: self.wait_for(main)
@@ -139,8 +160,9 @@ class Lockstep:
     # -- time --------------------------------------------------------------------------------------
 
     def wait_for(self, coroutine: Coroutine[Any, Any, T]) -> T:
-        """Run a coroutine of the ground to its end, in simulated time; its ``Fleet.connect`` means
-        this flight.
+        """Run a coroutine of the ground to its end, in simulated time.
+
+        Its ``Fleet.connect`` means this flight.
         """
         with hosted(self):
             return self._runner.run(coroutine)
@@ -150,7 +172,7 @@ class Lockstep:
         self.wait_for(asyncio.sleep(duration_s))
 
     def until(self, condition: Callable[[FleetState], bool], timeout_s: float = 60.0) -> bool:
-        """Let time pass until the ground sees a condition; False when it did not."""
+        """Let time pass until the ground sees a condition; return whether it did."""
         return self.wait_for(self.client.wait_for(condition, timeout_s))
 
     def at(self, time_s: float, function: Callable[[], object]) -> None:
@@ -188,7 +210,7 @@ class Lockstep:
         return self.wait_for(self.fleet.takeoff(height_m, vehicles))
 
     def order(self, text: str, timeout_s: float = 40.0) -> dict[str, VehicleResult]:
-        """An order as in the console, for instance ``move mav1 0 1 1``; waits for its end."""
+        """Give an order as in the console, for instance ``move mav1 0 1 1``; wait for its end."""
         return self.wait_for(self.client.order(text, timeout_s))
 
     def land(self, vehicles: str = "all") -> dict[str, VehicleResult]:
@@ -196,40 +218,53 @@ class Lockstep:
         return self.wait_for(self.fleet.land(vehicles))
 
     def fly(self, mission: Mission | str | Path, **arguments: object) -> Verdict:
-        """Fly a mission, from the first step to the verdict; with a folder the record is finished
-        with it.
+        """Fly a mission, from the first step to the verdict.
 
-        ``arguments`` are those of a Python mission.
+        With a folder, the record is finished with it.
+
+        Args:
+            mission: the mission or its file.
+            arguments: those of a Python mission.
         """
         if not isinstance(mission, Mission):
             mission = load_mission(mission, self.config)
         if arguments:
-            mission = replace(
-                mission, arguments={name: str(value) for name, value in arguments.items()}
-            )
+            texts = {name: str(value) for name, value in arguments.items()}
+            mission = replace(mission, arguments=texts)
         return self.wait_for(self._fly(mission))
 
     async def _fly(self, mission: Mission) -> Verdict:
-        run = MissionRun(mission, self.client, say=self._tell, ready_timeout_s=READY_TIMEOUT_SIM_S)
+        run = MissionRun(
+            mission, self.client, say=self._say_as_event, ready_timeout_s=READY_TIMEOUT_SIM_S
+        )
         self.fleet = run.fleet
+
         watch = asyncio.create_task(self._watch(run))
         try:
             verdict = await run.run()
         finally:
             watch.cancel()
+
         if self.record is None or self.folder is None:
             return verdict
+
+        # the record knows more than the run: its verdict is final
         self.record.stop()
-        failure = self.record.failure
         return final_verdict(
-            run.flown(), mission.expect, self.folder, begin_ns=EPOCH_NS, record_failure=failure
+            run.flown(),
+            mission.expect,
+            self.folder,
+            begin_ns=EPOCH_NS,
+            record_failure=self.record.failure,
         )
 
     async def _watch(self, run: MissionRun) -> None:
+        """End the mission when the vehicles fall silent."""
         while not run.abort_if_silent():  # noqa: ASYNC110 - silence is no event
             await asyncio.sleep(_WATCH_S)
 
-    def _tell(self, line: str) -> None:
+    def _say_as_event(self, line: str) -> None:
+        """Say a line, and publish it as an event of the mission."""
         self.say(line)
         self.client.publish_event("info", "mission", line.strip())
 
@@ -249,27 +284,35 @@ class Lockstep:
     def min_separation_m(self) -> float:
         """Smallest distance so far by ground truth, while one of the two flew; infinite before."""
         smallest = self.client.state.smallest_truth
-        return float("inf") if smallest is None else smallest.distance_m
+        if smallest is None:
+            return math.inf
+        return smallest.distance_m
 
     def px4_position_error_m(self, vehicle: str) -> float:
-        """How far a vehicle is from where its PX4 believes it to be, in the fleet's frame."""
-        emulator, index = self.simulation.emulator, self.simulation.names.index(vehicle)
-        truth = emulator.world.vehicles.states.position_ned_m[index].tolist()
+        """Return how far a vehicle is from where its PX4 believes it to be, in the fleet's frame."""
+        emulator = self.simulation.emulator
+        index = self.simulation.names.index(vehicle)
+        truth_ned_m = emulator.world.vehicles.states.position_ned_m[index].tolist()
         x, y, z = emulator.estimator.local(index).position_ned_m
-        # its local frame begins where it started
-        if not self.config.vehicles[vehicle].mocap_required:
-            east, north, up = self.config.vehicles[vehicle].start_enu_m
-            x, y, z = x + north, y + east, z - up
-        return math.dist(truth, (x, y, z))
+
+        # without a motion capture its local frame begins where it started
+        config = self.config.vehicles[vehicle]
+        if not config.mocap_required:
+            east, north, up = config.start_enu_m
+            x += north
+            y += east
+            z -= up
+
+        return math.dist(truth_ned_m, (x, y, z))
 
     def close(self) -> None:
-        """End it; what was recorded is finished. A second call does nothing."""
+        """End the flight and finish its record; a second call does nothing."""
         if self.record is not None:
             self.record.stop()
         if self.client.is_started:
             self.wait_for(self.client.stop())
         self._runner.close()
-        gc.set_threshold(*self._collect_every)
+        gc.set_threshold(*self._collect_thresholds)
 
     def __enter__(self) -> Lockstep:
         return self
@@ -286,23 +329,26 @@ class Lockstep:
         timeout_s: float = 3.0,
         watch_s: float = 0.0,
     ) -> DirectResult:
-        """The direct path to PX4, in simulated time; see ``groundstation.client.direct_mavlink``."""
+        """Land or disarm past the agent; see ``groundstation.client.direct_mavlink``."""
         emulator = self.simulation.emulator
-        ids = [spec.system_id for spec in emulator.specs]
-        px4 = emulator.autopilots[ids.index(system_id)]
+        system_ids = [spec.system_id for spec in emulator.specs]
+        px4 = emulator.autopilots[system_ids.index(system_id)]
+
         await asyncio.sleep(_DIRECT_DELAY_S)
-        now_s = emulator.time_s
-        answer = (
-            px4.request(now_s, Mode.LAND)
-            if kind == "land"
-            else px4.request_arm(now_s, False, _FORCE)
-        )
+        if kind == "land":
+            answer = px4.request(emulator.time_s, Mode.LAND)
+        else:
+            answer = px4.request_arm(emulator.time_s, False, _FORCE)
         is_accepted = answer is CommandResult.ACCEPTED
-        end_s = emulator.time_s + (watch_s if is_accepted else 0.0)
-        while px4.is_armed and emulator.time_s < end_s:  # noqa: ASYNC110 - PX4 tells it once a second
-            await asyncio.sleep(1.0)
+
+        # PX4 reports once a second whether it is armed
+        if is_accepted:
+            end_s = emulator.time_s + watch_s
+            while px4.is_armed and emulator.time_s < end_s:  # noqa: ASYNC110 - see above
+                await asyncio.sleep(1.0)
+
         is_disarmed = is_accepted and not px4.is_armed
-        ending = ", and it is disarmed" if is_disarmed else ""
-        return DirectResult(
-            is_accepted, is_disarmed, f"PX4 {answer.name.lower().replace('_', ' ')} it{ending}"
-        )
+        sentence = f"PX4 {answer.name.lower().replace('_', ' ')} it"
+        if is_disarmed:
+            sentence += ", and it is disarmed"
+        return DirectResult(is_accepted, is_disarmed, sentence)

@@ -1,19 +1,19 @@
-"""The agents' links to the emulated PX4s, without MAVLink: typed values, but only what a client on
-the wire would see.
+"""The agents' links to the emulated PX4s, without MAVLink: what a client on the wire would see.
 
-Telemetry comes at the rates that the agent asks for (attitude at 50 Hz, local position at 50 Hz or,
+Telemetry comes at the rates that the agent asks for: attitude at 50 Hz, local position at 50 Hz or,
 beside a motion capture, 10 Hz, landed state at 10 Hz, accuracy and satellites at 5 Hz, battery at 2
-Hz) and armed and mode once a second, with the heartbeat; everything takes ``delay_s``, both ways.
-Whether a command did anything is only seen in what PX4 reports afterwards. Bytes would cost more
-than all the rest of the flight; packing and unpacking them is tested by the emulator's and the real
-link's own tests.
+Hz, and armed and mode once a second, with the heartbeat. Everything takes ``delay_s``, both ways.
+Whether a command did anything is only seen in what PX4 reports afterwards.
+
+Values stay typed. Bytes would cost more than all the rest of the flight; packing and unpacking them
+is tested by the emulator's and the real link's own tests.
 """
 
 from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Sequence
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
@@ -30,29 +30,58 @@ from onboard.px4 import modes
 from onboard.px4.required_params import BATTERY_FLOOR, differences, required_params
 from onboard.types import AttitudeSetpoint
 from sitl.emulator.emulator import Emulator
+from sitl.faults.lossy_channel import LossyChannel
 from sitl.mavlink.view import HALF_NOISE_RAD, View, measured_attitude
 from sitl.physics.vehicle import STEP_S
 from sitl.px4.modes import MODES, Mode
 
-_ATTITUDE_EVERY_STEPS, _ATTITUDE_PHASE_STEPS = 5, 3  # sampled 8 ms before the tick that uses it
+# attitude is sampled 8 ms before the tick that uses it
+_ATTITUDE_EVERY_STEPS = 5
+_ATTITUDE_PHASE_STEPS = 3
+
 _LANDED_EVERY_STEPS = 25
 _CHECKED_POSITION_EVERY_STEPS = 25  # of who flies by a motion capture
 _BATTERY_EVERY_STEPS = 125
 _ACCURACY_EVERY_STEPS = 50
 _HEARTBEAT_EVERY_STEPS = 250
+
 _TYPE_MASK_ATTITUDE_AND_THRUST = 7
 _NO_RATES = [0.0, 0.0, 0.0]
 
+# names and values of a snapshot, as far as they are known or new
 Fields = dict[str, Any]
+
+# something that is done at PX4's end
 Call = Callable[[], object]
+
+# the time of an input, and the field that comes with it
+_TIMES = {
+    "attitude_ns": "px4_boot_ms",
+    "local_position_ns": "position_local_ned_m",
+    "heartbeat_ns": "mode",
+    "landed_ns": "landed",
+    "position_accuracy_ns": "position_accuracy_m",
+    "fix_ns": "has_fix",
+    "battery_ns": "battery_frac",
+}
+
+
+class _Ends(NamedTuple):
+    """A link between its two channels."""
+
+    link: EmulatedLink
+    up: LossyChannel[bytes]  # to PX4
+    down: LossyChannel[bytes]  # to the agent
 
 
 class LinkBank:
     """The links of all vehicles; the emulator's faults of the companion link act on them.
 
     Args:
-        emulator: the PX4s; vehicles: in the same order.
-        now_ns: the simulated time. seed: of the noise of attitude.
+        emulator: the PX4s.
+        vehicles: in the same order.
+        now_ns: the simulated time.
+        seed: of the noise of attitude.
         delay_s: from one end of a link to the other, rounded up to whole physics steps.
     """
 
@@ -65,104 +94,129 @@ class LinkBank:
         seed: int,
         delay_s: float = 0.004,
     ) -> None:
-        self.emulator, self.now_ns = emulator, now_ns
+        self.emulator = emulator
+        self.now_ns = now_ns
         self.links = [EmulatedLink(self, index, vehicle) for index, vehicle in enumerate(vehicles)]
         self._delay_steps = max(1, int(np.ceil(delay_s / STEP_S - 1e-9)))
         self._rng = np.random.default_rng([seed, 12])
-        self._channels = [
-            (link, channels["companion", "in"], channels["companion", "out"])
+
+        # the channels hold back or lose what the emulator's faults touch
+        self._ends = [
+            _Ends(link, channels["companion", "in"], channels["companion", "out"])
             for link, channels in zip(self.links, emulator.disturbances.wires, strict=True)
         ]
-        self._up: deque[tuple[int, int, Call]] = deque()
-        self._down: deque[tuple[int, list[Fields | None]]] = deque()
+
+        # what is on its way, by the step at which it arrives: one link's call, or fields of each
+        self._calls: deque[tuple[int, int, Call]] = deque()
+        self._rows: deque[tuple[int, list[Fields | None]]] = deque()
 
     @property
     def _steps(self) -> int:
         return self.emulator.world.vehicles.steps
 
     def step(self) -> None:
-        """Everything that arrives at this physics step, then what the PX4s send."""
-        steps, channels = self._steps, self._channels
-        while self._up and self._up[0][0] <= steps:
-            _, index, call = self._up.popleft()
-            _, channel, _ = channels[index]
-            if channel.is_clear:
-                call()
-            else:
-                channel.push(self.emulator.time_s, cast(Any, call))
-        while self._down and self._down[0][0] <= steps:
-            _, rows = self._down.popleft()
-            for index, fields in enumerate(rows):
-                if fields is not None:
-                    _, _, channel = channels[index]
-                    if channel.is_clear:
-                        self.links[index].receive(fields)
-                    else:
-                        channel.push(self.emulator.time_s, cast(Any, fields))
+        """Deliver what arrives at this physics step, then send what the PX4s report."""
+        steps = self._steps
+        self._deliver_calls(steps)
+        self._deliver_rows(steps)
         self._release_delayed()
         if steps % _ATTITUDE_EVERY_STEPS == _ATTITUDE_PHASE_STEPS:
             self._sample(steps)
 
     def send(self, index: int, call: Call) -> None:
         """Call something at PX4's end when it gets there."""
-        self._up.append((self._steps + self._delay_steps, index, call))
+        self._calls.append((self._steps + self._delay_steps, index, call))
 
     def answer(self, index: int, fields: Fields) -> None:
-        """Send what one agent has asked for."""
+        """Send one agent what it has requested."""
         rows: list[Fields | None] = [None] * len(self.links)
         rows[index] = fields
-        self._down.append((self._steps + self._delay_steps, rows))
+        self._rows.append((self._steps + self._delay_steps, rows))
+
+    def _deliver_calls(self, steps: int) -> None:
+        while self._calls and self._calls[0][0] <= steps:
+            _, index, call = self._calls.popleft()
+            channel = self._ends[index].up
+            if channel.is_clear:
+                call()
+            else:
+                channel.push(self.emulator.time_s, cast(Any, call))
+
+    def _deliver_rows(self, steps: int) -> None:
+        while self._rows and self._rows[0][0] <= steps:
+            _, rows = self._rows.popleft()
+            for ends, fields in zip(self._ends, rows, strict=True):
+                if fields is None:
+                    continue
+                if ends.down.is_clear:
+                    ends.link.receive(fields)
+                else:
+                    ends.down.push(self.emulator.time_s, cast(Any, fields))
 
     def _release_delayed(self) -> None:
         """Deliver what arrives from channels that hold something back."""
         now_s = self.emulator.time_s
-        for link, up, down in self._channels:
-            if up.is_clear and down.is_clear:
-                continue
-            if not up.is_clear:
-                for call in up.pop(now_s):
+        for ends in self._ends:
+            if not ends.up.is_clear:
+                for call in ends.up.pop(now_s):
                     cast(Call, call)()
-            if not down.is_clear:
-                for fields in down.pop(now_s):
-                    link.receive(cast(Fields, fields))
+            if not ends.down.is_clear:
+                for fields in ends.down.pop(now_s):
+                    ends.link.receive(cast(Fields, fields))
 
     def _sample(self, steps: int) -> None:
-        emulator, count = self.emulator, len(self.links)
+        """Send what is due of all PX4s; one that hangs sends nothing."""
         frame = steps - _ATTITUDE_PHASE_STEPS
-        turns = zip(
-            emulator.world.vehicles.states.attitude.tolist(),
-            emulator.estimator.yaw_error_rad.tolist(),
-            (np.multiply(HALF_NOISE_RAD, self._rng.standard_normal((count, 3)))).tolist(),
-            emulator.estimator.tilt_error_rad.tolist(),
-            strict=True,
-        )
-        quaternions = [enu_flu_from_ned_frd(measured_attitude(*turn)) for turn in turns]
-        rows: list[Fields | None] = [
-            None
-            if emulator.disturbances.is_hung[index]
-            else {
-                "quaternion_enu_flu_wxyz": quaternions[index],
-                "px4_boot_ms": round(
-                    (emulator.clock_s(index) - emulator.autopilots[index].boot_time_s) * 1e3
-                ),
-            }
-            for index in range(count)
-        ]
-        self._positions(rows, has_checked=frame % _CHECKED_POSITION_EVERY_STEPS == 0)
-        for every, sample in (
+
+        rows: list[Fields | None] = []
+        for index, quaternion in enumerate(self._measured_attitudes()):
+            if self.emulator.disturbances.is_hung[index]:
+                rows.append(None)
+            else:
+                rows.append(
+                    {
+                        "quaternion_enu_flu_wxyz": quaternion,
+                        "px4_boot_ms": self._boot_ms(index),
+                    }
+                )
+
+        self._add_positions(rows, has_checked=frame % _CHECKED_POSITION_EVERY_STEPS == 0)
+        for every_steps, sample in (
             (_LANDED_EVERY_STEPS, self._landed),
             (_ACCURACY_EVERY_STEPS, self._accuracy),
             (_BATTERY_EVERY_STEPS, self._battery),
             (_HEARTBEAT_EVERY_STEPS, self.heartbeat),
         ):
-            if frame % every == 0:
-                for index, row in enumerate(rows):
-                    if row is not None:
-                        row.update(sample(index))
-        self._down.append((steps + self._delay_steps, rows))
+            if frame % every_steps != 0:
+                continue
+            for index, row in enumerate(rows):
+                if row is not None:
+                    row.update(sample(index))
 
-    def _positions(self, rows: Sequence[Fields | None], *, has_checked: bool) -> None:
-        """LOCAL_POSITION_NED of who flies by it, and of the others while ``has_checked``."""
+        self._rows.append((steps + self._delay_steps, rows))
+
+    def _measured_attitudes(self) -> list[Vec4]:
+        """Return the attitudes of all vehicles (ENU, FLU) as their PX4s measure them."""
+        estimator = self.emulator.estimator
+        count = len(self.links)
+        noise_rad = np.multiply(HALF_NOISE_RAD, self._rng.standard_normal((count, 3)))
+
+        measured = map(
+            measured_attitude,
+            self.emulator.world.vehicles.states.attitude.tolist(),
+            estimator.yaw_error_rad.tolist(),
+            noise_rad.tolist(),
+            estimator.tilt_error_rad.tolist(),
+        )
+        return [enu_flu_from_ned_frd(quaternion) for quaternion in measured]
+
+    def _boot_ms(self, index: int) -> int:
+        """Return the time [ms] since a PX4 has booted, by its own clock."""
+        up_s = self.emulator.clock_s(index) - self.emulator.autopilots[index].boot_time_s
+        return round(up_s * 1e3)
+
+    def _add_positions(self, rows: Sequence[Fields | None], *, has_checked: bool) -> None:
+        """Add LOCAL_POSITION_NED of who flies by it, and of the others with ``has_checked``."""
         positions = self.emulator.estimator.position_ned_m.tolist()
         velocities = self.emulator.estimator.velocity_ned_m_s.tolist()
         for row, link, position, velocity in zip(
@@ -173,9 +227,11 @@ class LinkBank:
                 row["velocity_local_ned_m_s"] = tuple(velocity)
 
     def _landed(self, index: int) -> Fields:
+        """Return EXTENDED_SYS_STATE."""
         return {"landed": Landed(int(self.emulator.autopilots[index].landed))}
 
     def _battery(self, index: int) -> Fields:
+        """Return BATTERY_STATUS."""
         battery = self.emulator.autopilots[index].battery
         return {
             "battery_frac": battery.remaining_pct / 100.0,
@@ -183,26 +239,31 @@ class LinkBank:
         }
 
     def _accuracy(self, index: int) -> Fields:
-        """ESTIMATOR_STATUS, and of who flies by satellites GPS_RAW_INT."""
-        estimator, now_s = self.emulator.estimator, self.emulator.time_s
+        """Return ESTIMATOR_STATUS, and of who flies by satellites GPS_RAW_INT."""
+        estimator = self.emulator.estimator
+        now_s = self.emulator.time_s
+
         fields: Fields = {"position_accuracy_m": estimator.accuracy_m(index, now_s)}
-        return (
-            fields
-            if self.links[index].has_mocap
-            else fields | {"has_fix": estimator.sees_satellites(index, now_s)}
-        )
+        if not self.links[index].has_mocap:
+            fields["has_fix"] = estimator.sees_satellites(index, now_s)
+        return fields
 
     def heartbeat(self, index: int) -> Fields:
-        """HEARTBEAT, and with it what PX4 sends as seldom."""
-        autopilot, view = self.emulator.autopilots[index], View(self.emulator, index)
-        origin = (*view.origin_deg, view.origin_altitude_m) if view.has_origin else None
+        """Return HEARTBEAT, and with it what PX4 sends as seldom."""
+        autopilot = self.emulator.autopilots[index]
+        view = View(self.emulator, index)
+
+        origin = None
+        if view.has_origin:
+            origin = (*view.origin_deg, view.origin_altitude_m)
+        status = int(autopilot.system_status(self.emulator.clock_s(index)))
+
         return {
             "global_origin": origin,
             "px4_version": autopilot.version.number,
             "is_armed": autopilot.is_armed,
             "mode": modes.mode_name(MODES[autopilot.mode].custom_mode),
-            "is_failsafe": int(autopilot.system_status(self.emulator.clock_s(index)))
-            == modes.STATUS_CRITICAL,
+            "is_failsafe": status == modes.STATUS_CRITICAL,
         }
 
 
@@ -210,8 +271,12 @@ class EmulatedLink:
     """One agent's link; an :class:`onboard.autopilot.Autopilot`."""
 
     def __init__(self, bank: LinkBank, index: int, vehicle: Vehicle) -> None:
-        self._bank, self._index, self._vehicle = bank, index, vehicle
+        self._bank = bank
+        self._index = index
+        self._vehicle = vehicle
         self.has_mocap = vehicle.mocap_required
+
+        # the newest values, and a snapshot of them; None when newer ones have come
         self._fields: Fields = {"system_id": vehicle.system_id}
         self._snapshot: Snapshot | None = Snapshot()
 
@@ -222,25 +287,16 @@ class EmulatedLink:
         now_ns = self._bank.now_ns()
         known = self._fields
         known.update(fields)
+
         known["last_packet_ns"] = now_ns
-        if "px4_boot_ms" in fields:
-            known["attitude_ns"] = now_ns
-        if "position_local_ned_m" in fields:
-            known["local_position_ns"] = now_ns
-        if "mode" in fields:
-            known["heartbeat_ns"] = now_ns
-        if "landed" in fields:
-            known["landed_ns"] = now_ns
-        if "position_accuracy_m" in fields:
-            known["position_accuracy_ns"] = now_ns
-        if "has_fix" in fields:
-            known["fix_ns"] = now_ns
-        if "battery_frac" in fields:
-            known["battery_ns"] = now_ns
+        for time, field in _TIMES.items():
+            if field in fields:
+                known[time] = now_ns
+
         self._snapshot = None
 
     def snapshot(self) -> Snapshot:
-        """The newest values."""
+        """Return the newest values."""
         if self._snapshot is None:
             self._snapshot = Snapshot(**self._fields)
         return self._snapshot
@@ -249,15 +305,15 @@ class EmulatedLink:
 
     def send_attitude(self, setpoint: AttitudeSetpoint) -> None:
         """SET_ATTITUDE_TARGET with attitude and thrust."""
-        q = list(ned_frd_from_enu_flu(setpoint.quaternion_wxyz))
-        thrust, take, index = (
-            setpoint.thrust_frac,
-            self._bank.emulator.attitude_setpoint,
-            self._index,
-        )
-        self._bank.send(
-            index, lambda: take(index, q, _NO_RATES, thrust, _TYPE_MASK_ATTITUDE_AND_THRUST)
-        )
+        take = self._bank.emulator.attitude_setpoint
+        index = self._index
+        quaternion_ned_frd = list(ned_frd_from_enu_flu(setpoint.quaternion_wxyz))
+        thrust_frac = setpoint.thrust_frac
+
+        def arrive() -> None:
+            take(index, quaternion_ned_frd, _NO_RATES, thrust_frac, _TYPE_MASK_ATTITUDE_AND_THRUST)
+
+        self._bank.send(index, arrive)
 
     def set_offboard(self) -> None:
         """DO_SET_MODE to OFFBOARD."""
@@ -281,9 +337,11 @@ class EmulatedLink:
 
     def request_heartbeat(self) -> None:
         """REQUEST_MESSAGE of HEARTBEAT."""
-        self._request(
-            lambda px4, now_s: self._bank.answer(self._index, self._bank.heartbeat(self._index))
-        )
+
+        def send_heartbeat(px4: Any, now_s: float) -> None:
+            self._bank.answer(self._index, self._bank.heartbeat(self._index))
+
+        self._request(send_heartbeat)
 
     def play_tune(self) -> None:
         """Let it play a tune."""
@@ -297,32 +355,41 @@ class EmulatedLink:
         reset_count: int = 0,
     ) -> None:
         """ODOMETRY with the mocap's position and heading."""
+        take = self._bank.emulator.vision
+        index = self._index
         position_ned_m = np.array(ned_from_enu(position_enu_m))
         yaw_rad = yaw_from_quaternion(ned_frd_from_enu_flu(quaternion_enu_flu_wxyz))
-        take, index = self._bank.emulator.vision, self._index
-        self._bank.send(
-            index, lambda: take(index, position_ned_m, yaw_rad=yaw_rad, reset_count=reset_count)
-        )
+
+        def arrive() -> None:
+            take(index, position_ned_m, yaw_rad=yaw_rad, reset_count=reset_count)
+
+        self._bank.send(index, arrive)
 
     def connect(self) -> ParamsRead:
         """Set origin and parameters, as the shell does when PX4 answers; return what it reads then."""
         emulator = self._bank.emulator
         params = emulator.autopilots[self._index].params
         required = required_params(self._vehicle, params.version.number)
+
         if self._vehicle.mocap_required:
             emulator.has_global_origin[self._index] = True
+
+        # a version of PX4 does not have every parameter
         for name, value in required.items():
             if name in params.values:
                 params.values[name] = value
         emulator.parameters_changed(self._index)
-        problems = differences(required, {name: params.values.get(name) for name in required})
-        return ParamsRead(problems, 0.01 * params[BATTERY_FLOOR])
+
+        actual = {name: params.values.get(name) for name in required}
+        return ParamsRead(differences(required, actual), 0.01 * params[BATTERY_FLOOR])
 
     def _request(self, command: Callable[[Any, float], object]) -> None:
-        emulator, index = self._bank.emulator, self._index
+        """Let PX4 do something when the request gets there, unless it hangs."""
+        emulator = self._bank.emulator
+        index = self._index
 
-        def request() -> None:
+        def arrive() -> None:
             if not emulator.disturbances.is_hung[index]:
                 command(emulator.autopilots[index], emulator.clock_s(index))
 
-        self._bank.send(index, request)
+        self._bank.send(index, arrive)

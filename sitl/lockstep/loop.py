@@ -1,5 +1,4 @@
-"""An asyncio event loop in simulated time: when nothing is ready, the world is advanced instead of
-waited for.
+"""An asyncio event loop in simulated time: instead of waiting, it advances the world.
 
 The ground's mission runner and its client are asyncio code. In this loop they run unchanged, in one
 thread and always in the same order: ``sleep`` and timeouts count simulated time, and what would go
@@ -31,23 +30,29 @@ class VirtualLoop(asyncio.BaseEventLoop):
 
     def __init__(self, now_ns: Callable[[], int], advance: Callable[[], None]) -> None:
         super().__init__()
-        self._now_ns, self._advance = now_ns, advance
+        self._now_ns = now_ns
+        self._advance = advance
         self._is_woken = False
         self._selector = self  # BaseEventLoop asks its selector to wait until something happens
 
     def time(self) -> float:
-        """Simulated seconds."""
+        """Return simulated seconds."""
         return self._now_ns() * 1e-9
 
     def select(self, timeout_s: float | None) -> list[Any]:
         """Advance the world until a callback is due or the world has woken somebody."""
         if timeout_s is not None and timeout_s <= 0.0:
             return []
-        begin_s = self.time()
-        end_s = begin_s + (_LONGEST_WAIT_S if timeout_s is None else timeout_s)
+
+        longest_s = timeout_s
+        if longest_s is None:
+            longest_s = _LONGEST_WAIT_S
+        end_s = self.time() + longest_s
+
         self._is_woken = False
         while not self._is_woken and self.time() < end_s:
             self._advance()
+
         if timeout_s is None and not self._is_woken:
             raise StalledError(f"Nothing happened for {_LONGEST_WAIT_S:.0f} s of simulated time.")
         return []
@@ -55,26 +60,27 @@ class VirtualLoop(asyncio.BaseEventLoop):
     def call_soon(  # type: ignore[override]
         self, callback: Callable[..., object], *args: Any, context: Any = None
     ) -> asyncio.Handle:
-        """As asyncio's; also from inside the world."""
+        """Call a function soon, as asyncio does; also from inside the world."""
         self._is_woken = True
         return super().call_soon(callback, *args, context=context)
 
     def run_in_executor(  # type: ignore[override]
         self, executor: Any, func: Callable[..., Any], *args: Any
     ) -> asyncio.Future[Any]:
-        """Run it now.
+        """Run a function now.
 
         What would block, waiting for the world, is written as a coroutine function instead.
         """
         result = func(*args)
         if inspect.iscoroutine(result):
             return self.create_task(result)
+
         future = self.create_future()
         future.set_result(result)
         return future
 
     def _process_events(self, event_list: list[Any]) -> None:
-        """There are no sockets."""
+        """Do nothing: there are no sockets."""
 
     def _write_to_self(self) -> None:
         self._is_woken = True

@@ -83,7 +83,9 @@ class CompiledPipeline:
 
     def _memory_row(self, memory: PipelineMemory) -> Rows:
         known = self._memories.pop(id(memory), None)
-        return batch.MEMORY.packed([memory]) if known is None else known[1]
+        if known is None:
+            return batch.MEMORY.packed([memory])
+        return known[1]
 
     def _params_row(self, params: PipelineParams) -> Rows:
         known = self._params.get(id(params))

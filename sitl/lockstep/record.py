@@ -1,4 +1,4 @@
-"""The flight record without a thread: the same files as in real time, written as the messages come."""
+"""The flight record without a thread: the files of real time, written as the messages come."""
 
 from __future__ import annotations
 
@@ -11,19 +11,24 @@ from onboard.bus.topics import Topic
 
 
 class LockstepRecord:
-    """Writes ``flight.mcap``, ``events.txt`` and ``orders.txt``; OSError when the folder cannot be
-    made.
+    """Writes ``flight.mcap``, ``events.txt`` and ``orders.txt``.
 
     Args:
-        begin_ns: zero of the texts' seconds. say: called with severity, code and sentence, once
-            when the disk refuses, and once when there are too many channels.
+        folder: where the files go; it is made.
+        begin_ns: zero of the texts' seconds.
+        say: called with severity, code and sentence, once when the disk refuses, and once when
+            there are too many channels.
+    Raises:
+        OSError: when the folder cannot be made.
     """
 
     def __init__(
         self, folder: Path, begin_ns: int, *, say: Callable[[str, str, str], None]
     ) -> None:
-        self.folder, self._say = folder, say
-        self.failure: str | None = None
+        self.folder = folder
+        self._say = say
+        self.failure: str | None = None  # in a sentence, when the record ended early
+
         folder.mkdir(parents=True, exist_ok=True)
         stream = (folder / RECORD_NAME).open("wb")
         self._files: RecordFiles | None = RecordFiles(
@@ -36,26 +41,33 @@ class LockstepRecord:
 
     def put(self, topic: Topic, name: str, message: Message, received_ns: int) -> None:
         """Take one message."""
-        if self._files is not None:
-            try:
-                self._files.write(topic, name, message, received_ns)
-            except OSError as error:
-                self._fail(error)
+        if self._files is None:
+            return
+        try:
+            self._files.write(topic, name, message, received_ns)
+        except OSError as error:
+            self._fail(error)
 
     def stop(self) -> None:
         """Finish the files; a second call does nothing."""
         files = self._files
-        if files is not None:
-            try:
-                files.finish()
-            except OSError as error:
-                self._fail(error)
-            self._files = None
-            files.close()
+        if files is None:
+            return
+
+        try:
+            files.finish()
+        except OSError as error:
+            self._fail(error)
+        self._files = None
+        files.close()
 
     def _fail(self, error: OSError) -> None:
-        files, self._files = self._files, None
-        if files is not None:
-            files.close()
-            self.failure = failure_sentence(self.folder, error)
-            self._say("critical", "record_failed", self.failure)
+        """End the record and say so, once."""
+        files = self._files
+        self._files = None
+        if files is None:
+            return
+
+        files.close()
+        self.failure = failure_sentence(self.folder, error)
+        self._say("critical", "record_failed", self.failure)

@@ -1,9 +1,8 @@
-"""Agents' cores, emulated vehicles, motion capture and bus, advanced together by physics steps of 4
-ms.
+"""Agents' cores, emulated vehicles, motion capture and bus, advanced together by steps of 4 ms.
 
 One step, always in this order: what was planned for this time, physics and autopilots, links,
 motion capture and ground truth, the bus, and every fifth step the agents. All agents tick at the
-same instant: what a neighbour tells is then one whole period old when it is used, the worst case of
+same instant: what a neighbour sends is then one whole period old when it is used, the worst case of
 a real fleet, whose ticks lie anywhere.
 """
 
@@ -29,7 +28,7 @@ from sitl.server import TRUTH_EVERY_STEPS, Broadcast, answer_fault, emulator_of
 
 STEP_NS = round(STEP_S * 1e9)
 EPOCH_NS = 1_000_000_000  # zero means never, to everybody
-TICK_STEPS = 5
+TICK_STEPS = 5  # of physics, from one tick of the agents to the next
 _SIMULATOR = "sitl"
 
 
@@ -39,7 +38,8 @@ class Simulation:
     Args:
         fleet: the fleet file; all its enabled vehicles fly.
         seed: of everything random.
-        bus: quality of the connections; mocap: of the motion capture.
+        bus: quality of the connections.
+        mocap: quality of the motion capture.
         is_compiled: compute the agents' passes by compiled code; the result differs by rounding.
     """
 
@@ -52,9 +52,12 @@ class Simulation:
         mocap: MocapSettings | None = None,
         is_compiled: bool = True,
     ) -> None:
-        self.fleet, self.names = fleet, fleet.enabled_names
+        self.fleet = fleet
+        self.names = fleet.enabled_names
         vehicles = [fleet.vehicles[name] for name in self.names]
+
         self.emulator = emulator_of(fleet, vehicles, seed=seed)
+        self.emulator.outside = self._change_outside
         self._vehicles = self.emulator.world.vehicles
         self._broadcast = Broadcast(
             self.emulator,
@@ -64,14 +67,13 @@ class Simulation:
             boot_id=1,
             stamp_ns=lambda time_s: EPOCH_NS + round(time_s * 1e9),
         )
-        radio = None if fleet.radio is None else (fleet.radio, frozenset(self.names))
-        self.bus = SimBus(
-            (bus or BusSettings()).over(fleet.radio), self.clock_ns, seed=seed, radio=radio
-        )
+
+        self.bus = self._new_bus(bus or BusSettings(), seed)
         self._node = self.bus.node(_SIMULATOR)
         self._node.start()
-        self._poses = PosePublisher(self._node)
         self._node.serve_faults(lambda order, reply: reply(answer_fault(self.emulator, order)))
+        self._poses = PosePublisher(self._node)
+
         self.links = LinkBank(self.emulator, vehicles, self.clock_ns, seed=seed)
         self._pipeline = CompiledPipeline(is_wanted=is_compiled)
         self.agents = {
@@ -80,9 +82,17 @@ class Simulation:
             )
             for name, link in zip(self.names, self.links.links, strict=True)
         }
-        self.emulator.outside = self._change_outside
+
+        # calls to come, as a heap: when [ns since the start], and a number that keeps the order
         self._planned: list[tuple[int, int, Callable[[], object]]] = []
         self._count = itertools.count()
+
+    def _new_bus(self, settings: BusSettings, seed: int) -> SimBus:
+        """Return the bus with what the fleet's radio adds to its settings."""
+        radio = None
+        if self.fleet.radio is not None:
+            radio = (self.fleet.radio, frozenset(self.names))
+        return SimBus(settings.over(self.fleet.radio), self.clock_ns, seed=seed, radio=radio)
 
     def clock_ns(self) -> int:
         """Return the simulated time on everybody's monotonic clock."""
@@ -90,7 +100,7 @@ class Simulation:
 
     @property
     def now_ns(self) -> int:
-        """The same."""
+        """The simulated time, as :meth:`clock_ns` returns it."""
         return self.clock_ns()
 
     @property
@@ -99,55 +109,77 @@ class Simulation:
         return self.emulator.time_s
 
     def at(self, time_s: float, function: Callable[[], object]) -> None:
-        """Call ``function`` before the first step at or after ``time_s``; at once when that has
-        passed already.
+        """Call ``function`` before the first step at or after ``time_s``.
+
+        When that time has passed already, the next step calls it.
         """
         heapq.heappush(self._planned, (round(time_s * 1e9), next(self._count), function))
 
     def inject(self, fault: Fault) -> Fault:
-        """Plan a fault of emulator, link, motion capture, bus or agent; FaultError when that is
-        impossible.
+        """Plan a fault of emulator, link, motion capture, bus or agent.
+
+        Raises:
+            FaultError: when that is impossible.
         """
         return self.emulator.inject(fault)
 
     def _change_outside(self, fault: Fault, is_on: bool) -> None:
         """Begin or end a fault of the bus or of an agent."""
         if fault.name in ("agent_dead", "agent_hang"):
-            agent = self.agents[fault.vehicle]
-            if fault.name == "agent_dead":
-                begin, end = agent.kill, agent.start
-            else:
-                begin, end = agent.hang, agent.resume
-            if is_on:
-                begin()
-            else:
-                end()
+            self._change_agent(self.agents[fault.vehicle], fault.name, is_on)
             return
 
-        which = fault.word("others") if fault.name == "bus_cut" else "all"
-        others = [name for name in self.bus.nodes if name not in (fault.vehicle, _SIMULATOR)]
-        for other in others:
-            is_meant = which == "all" or (which == "vehicles") == (other in self.agents)
-            if not is_meant:
-                continue
-
-            if fault.name == "bus_cut" and is_on:
-                self.bus.cut(fault.vehicle, other)
-            elif fault.name == "bus_cut":
-                self.bus.heal((fault.vehicle, other))
+        for other in self._others(fault):
+            if fault.name == "bus_cut":
+                if is_on:
+                    self.bus.cut(fault.vehicle, other)
+                else:
+                    self.bus.heal((fault.vehicle, other))
             elif is_on:
-                quality = replace(self.bus.settings, loss=fault.number("share"))
-                quality = replace(quality, delay_s=quality.delay_s + fault.number("delay_s"))
+                usual = self.bus.settings
+                quality = replace(
+                    usual,
+                    loss=fault.number("share"),
+                    delay_s=usual.delay_s + fault.number("delay_s"),
+                )
                 self.bus.set_link(fault.vehicle, other, quality)
             else:
                 self.bus.reset_link(fault.vehicle, other)
 
+    def _change_agent(self, agent: AgentShell, fault_name: str, is_on: bool) -> None:
+        """Begin or end a fault of an agent's process."""
+        if fault_name == "agent_dead":
+            if is_on:
+                agent.kill()
+            else:
+                agent.start()
+        elif is_on:
+            agent.hang()
+        else:
+            agent.resume()
+
+    def _others(self, fault: Fault) -> list[str]:
+        """Return the nodes to which the faulty vehicle's connections change."""
+        which = "all"
+        if fault.name == "bus_cut":
+            which = fault.word("others")
+
+        others = [name for name in self.bus.nodes if name not in (fault.vehicle, _SIMULATOR)]
+        if which == "all":
+            return others
+        if which == "vehicles":
+            return [name for name in others if name in self.agents]
+        return [name for name in others if name not in self.agents]
+
     def step(self) -> None:
         """Advance by 4 ms."""
         while self._planned and self._planned[0][0] <= self.now_ns - EPOCH_NS:
-            heapq.heappop(self._planned)[2]()
+            _, _, function = heapq.heappop(self._planned)
+            function()
+
         self.emulator.step()
         self.links.step()
+
         steps = self.emulator.world.vehicles.steps
         if steps % TRUTH_EVERY_STEPS == 0:
             self._publish()
@@ -168,9 +200,11 @@ class Simulation:
             agent.tick(now_ns)
 
     def _publish(self) -> None:
+        """Publish what the motion capture sees, and the ground truth."""
         poses, truths = self._broadcast.messages()
         for pose in poses:
             self._poses.publish(pose)
+
         for truth in truths:
             for _, on_message in self.bus.subscribers.get((Topic.TRUTH, "*"), ()):
                 # a judge's view: no fault of the bus touches it

@@ -1,5 +1,6 @@
-"""A pytest plugin with one fixture: ``lockstep``, which makes flights in simulated time and ends
-them with the test.
+"""A pytest plugin with one fixture: ``lockstep`` makes flights in simulated time for a test.
+
+The flights end with the test.
 
 pytest_plugins = ["sitl.lockstep.testing"]
 
@@ -29,9 +30,11 @@ def lockstep() -> Iterator[Callable[..., Lockstep]]:
     flights: list[Lockstep] = []
 
     def make(*args: Any, **options: Any) -> Lockstep:
-        flights.append(Lockstep(*args, **options))
-        return flights[-1]
+        flight = Lockstep(*args, **options)
+        flights.append(flight)
+        return flight
 
     yield make
+
     for flight in flights:
         flight.close()
