@@ -11,6 +11,9 @@ from hashlib import sha256
 
 SIGNATURE_BYTES = 13  # link id, timestamp and six bytes of the hash
 KEY_BYTES = 32
+# SETUP_SIGNING brings a timestamp of 64 bits; a frame carries the lower 48 of them.
+_LOWEST_48_BITS = 2**48 - 1
+_TIMESTAMP_BYTES = 6
 _STREAMS = 16  # most senders that are remembered
 _NEW_STREAM = 60 * 100_000  # a sender that was not heard before may be a minute behind [10 us]
 # HEARTBEAT, RADIO_STATUS, ADSB_VEHICLE, COLLISION: taken whatever their signature is
@@ -64,10 +67,10 @@ class LinkSigning:
         """Return a frame, whose flags say that it is signed, with its signature."""
         self._follow()
 
-        timestamp = self._timestamp.to_bytes(6, "little")
+        timestamp = self._timestamp & _LOWEST_48_BITS
         self._timestamp += 1
 
-        signed = frame + bytes((self._link_id,)) + timestamp
+        signed = frame + bytes((self._link_id,)) + timestamp.to_bytes(_TIMESTAMP_BYTES, "little")
         return signed + sha256(self.store.key + signed).digest()[:6]
 
     def takes(

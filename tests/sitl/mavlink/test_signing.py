@@ -11,7 +11,7 @@ from pymavlink.dialects.v20 import common as mavlink
 from sitl.emulator.emulator import Emulator
 from sitl.mavlink.link import Link
 from sitl.mavlink.streams import GCS_RATES_HZ
-from tests.sitl.sitl_flying import Client, emulator
+from tests.sitl.sitl_flying import Client, emulator, run_for
 
 KEY, OTHER_KEY = bytes(range(1, 33)), bytes(range(2, 34))
 NOW = 37_000_000_000_000
@@ -105,6 +105,20 @@ def test_replays_and_old_clocks_are_refused_until_a_restart_forgets_who_has_spok
         Sender(KEY, NOW + 3 * MINUTE, link_id=link_id).request() for link_id in range(20, 40)
     ]
     assert [bool(ground.receive(request)) for request in senders] == [True] * 15 + [False] * 5
+
+
+def test_a_timestamp_of_more_than_48_bits_leaves_with_its_lower_48_bits() -> None:
+    emu, own, _ = vehicle()
+    frames = own.receive(Sender().key(KEY, stamp=2**48 + 7))
+    run_for(emu, 1.0)
+    frames += own.poll()
+
+    timestamps = [int.from_bytes(frame[-12:-6], "little") for frame in frames if frame[2] & 1]
+    assert timestamps
+    assert timestamps == list(range(7, 7 + len(timestamps)))
+
+    # A sender has 48 bits, so PX4 takes its clock for late.
+    assert own.receive(Sender(KEY, NOW).request()) == []
 
 
 def test_heartbeats_are_taken_unsigned_so_that_texts_go_on() -> None:
