@@ -6,7 +6,6 @@ all parameters of one vehicle or of several, which their MAVLink ids tell apart.
 
 from __future__ import annotations
 
-import math
 import re
 import time
 from collections.abc import Mapping
@@ -20,6 +19,8 @@ from onboard.px4.required_params import Value
 # Types of MAV_PARAM_TYPE: PX4 has no others.
 _INT32 = 6
 _REAL32 = 9
+_INT32_LIMIT = 2**31  # the first that is too large
+_LARGEST_REAL32 = (2.0 - 2.0**-23) * 2.0**127  # of IEEE 754's binary32
 
 _AUTOPILOT = 1  # component id
 _COLUMNS = 5
@@ -150,14 +151,22 @@ def _row(line: str) -> _Row | None:
     if kind not in (str(_INT32), str(_REAL32)):
         return None
 
-    value: Value
-    try:
-        if kind == str(_INT32):
-            value = int(value_text)
-        else:
-            value = float(value_text)
-    except ValueError:
-        return None
-    if not math.isfinite(value):
+    value = _value(value_text, is_whole=kind == str(_INT32))
+    if value is None:
         return None
     return _Row(int(system_id), name, value)
+
+
+def _value(text: str, *, is_whole: bool) -> Value | None:
+    """Return a parameter's value; None when it is no number, or one that PX4 cannot hold."""
+    try:
+        value: Value = int(text) if is_whole else float(text)
+    except ValueError:
+        return None
+
+    # "Not a number" lies in no range.
+    if is_whole and -_INT32_LIMIT <= value < _INT32_LIMIT:
+        return value
+    if not is_whole and -_LARGEST_REAL32 <= value <= _LARGEST_REAL32:
+        return value
+    return None
