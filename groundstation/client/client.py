@@ -19,7 +19,7 @@ from groundstation.client.direct_mavlink import send_direct
 from groundstation.client.fault_orders import order_fault
 from groundstation.client.ground_node import session, user_name
 from groundstation.client.open_orders import OpenOrders, SendDirect
-from groundstation.fleet.control_authority import Control
+from groundstation.fleet.operator_control import Control
 from groundstation.fleet.own_stall import AFTER_STALL_S, OwnStall, boot_clock_ns
 from groundstation.fleet.state import GROUND_STALLED, FleetState, Received, fold_batch, initial
 from groundstation.fleet.tick_stream import BusTickStream

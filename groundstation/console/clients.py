@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Protocol, runtime_checkable
 
-from groundstation.fleet.control_authority import Control
+from groundstation.fleet.operator_control import Control
 from groundstation.fleet.state import FleetState
 from groundstation.fleet.tick_stream import TickStream
 from groundstation.orders.intents import Intent

@@ -28,7 +28,7 @@ from groundstation.console.screens.vehicle_screen import VehicleScreen
 from groundstation.console.theme import CALM, FAINT, KILL, PHASE_SIGNS, SEVERITY_SIGNS
 from groundstation.console.widgets.notices import notices
 from groundstation.console.widgets.order_line import CONTROL_ORDERS
-from groundstation.fleet.control_authority import FORCE_WORD
+from groundstation.fleet.operator_control import FORCE_WORD
 from groundstation.orders.forecast_process import Forecaster
 from groundstation.orders.grammar import OrderError, default_formation, parse
 from groundstation.orders.intents import INTENTS, Intent, Kill, Verb

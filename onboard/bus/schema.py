@@ -112,7 +112,7 @@ class Telemetry(Message, frozen=True, array_like=True, kw_only=True):
     system_id: int
     conditions: tuple[str, ...] = ()  # of the failsafe table that hold now, in words
     action: str = ""  # of the failsafe table, in words
-    operator: str = ""  # token of the operator, as this vehicle sees it: see authority.py
+    operator: str = ""  # token of the operator, as this vehicle sees it: control_token.py
     roles: tuple[str, ...] = ()  # the other role tokens
     loop_lateness_p99_ms: float = 0.0
     missed_ticks: int = 0

@@ -9,7 +9,7 @@ from textual.widgets import Static
 
 from groundstation.console import theme
 from groundstation.console.theme import CALM, KILL, WARN, clean
-from groundstation.fleet.control_authority import FORCE_WORD, SILENCE_S, Control
+from groundstation.fleet.operator_control import FORCE_WORD, SILENCE_S, Control
 
 Notice = tuple[str, str]  # text and colour
 

@@ -15,7 +15,7 @@ from textual.message import Message
 from textual.suggester import Suggester
 from textual.widgets import Input
 
-from groundstation.fleet.control_authority import FORCE_WORD
+from groundstation.fleet.operator_control import FORCE_WORD
 from groundstation.formations.slots import formation_names
 from groundstation.orders.intents import INTENTS
 from onboard.config.fleet import FleetConfig

@@ -10,7 +10,7 @@ from typing import Any
 import msgspec
 
 from groundstation.fleet import state as fleet_state
-from groundstation.fleet.control_authority import Control
+from groundstation.fleet.operator_control import Control
 from groundstation.orders import grammar, plan
 from groundstation.orders.held_formation import HeldFormation
 from groundstation.orders.intents import Intent

@@ -9,7 +9,7 @@ from groundstation.console.screens.dialogs import QuitScreen
 from groundstation.console.screens.preview_screen import PreviewScreen
 from groundstation.console.widgets.event_log import EventLog
 from groundstation.console.widgets.notices import NoticeLines
-from groundstation.fleet.control_authority import SILENCE_S
+from groundstation.fleet.operator_control import SILENCE_S
 from onboard.config.fleet import FleetConfig
 from tests.groundstation.console.fake import FakeClient
 from tests.groundstation.console.live import until

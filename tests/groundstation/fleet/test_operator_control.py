@@ -12,7 +12,7 @@ import msgspec
 import pytest
 
 from groundstation.client.client import FleetClient
-from groundstation.fleet.control_authority import SILENCE_S
+from groundstation.fleet.operator_control import SILENCE_S
 from groundstation.missions.api import Fleet, NotReady
 from onboard.bus.control_token import ControlToken, ControlTokens, next_term, parse_control_token
 from onboard.bus.schema import Order, OrderReply, Telemetry
