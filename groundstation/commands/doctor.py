@@ -22,7 +22,8 @@ from groundstation.commands.parameters import Seconds
 from groundstation.network.diagnosis import Grade, as_json, as_text, worst
 from groundstation.network.key_checks import authority_check, key_checks
 from groundstation.network.link_checks import judged, listen
-from groundstation.network.machine import interfaces, machine
+from groundstation.network.machine import machine
+from groundstation.network.network_interfaces import interfaces
 from onboard.config.fleet import ConfigError, load_fleet
 from onboard.exit_status import EXIT_FAILED, EXIT_NO_ANSWER, EXIT_OK
 

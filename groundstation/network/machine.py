@@ -1,15 +1,14 @@
-"""Whether this computer is fit for an agent or a ground: looked up, and measured where that takes
-no second.
+"""Whether this computer is fit for an agent or a ground.
+
+Most is looked up; speeds are measured where that takes no second.
 """
 
 from __future__ import annotations
 
 import ctypes
-import fcntl
 import os
 import re
 import shutil
-import socket
 import struct
 import sys
 import tempfile
@@ -22,19 +21,36 @@ from pathlib import Path
 from groundstation.network.diagnosis import Diagnosis, Grade, graded
 from groundstation.processes.supervisor import most_agents
 
-_OLDEST, _NEWEST = (3, 11), (3, 13)  # Python that Covey is tested with
-# the base: an agent has no more
-_BASE = ("cryptography", "eclipse-zenoh", "mavsdk", "msgspec", "numpy")
-_FULL_MB, _LITTLE_MB, _SLOW_MB_S = 50, 1000, 5.0
-_TRIAL_MB = 4
-_COLUMNS, _ROWS = 80, 24
-_LATE_MS, _SLEEPS, _SLEEP_S = 5.0, 100, 0.002
-_UNSYNCHRONISED = 0x40  # STA_UNSYNC of adjtimex(2)
-_FIRST_YEAR = 2025  # earlier than this no Covey was written
-_GET_WIFI_POWER, _GET_MTU = 0x8B2D, 0x8921  # SIOCGIWPOWER, SIOCGIFMTU
-_LEAST_MTU, _USUAL_MTU = 1280, 1500
-_INTERFACES = Path("/sys/class/net")
+# versions of Python that Covey is tested with
+_OLDEST = (3, 11)
+_NEWEST = (3, 13)
+
+# All libraries that an agent has; a ground has more.
+_AGENT_LIBRARIES = ("cryptography", "eclipse-zenoh", "mavsdk", "msgspec", "numpy")
+
 _GOVERNORS = Path("/sys/devices/system/cpu")
+_TRIAL_PRIORITY = 10
+
+# The timer: how late this computer wakes up after a sleep.
+_SLEEPS = 100
+_SLEEP_S = 0.002
+_LATE_MS = 5.0
+
+# The clock: a year before the first Covey is wrong.
+_FIRST_YEAR = 2025
+# adjtimex(2)
+_CLOCK_ERROR = 5  # TIME_ERROR, its return value
+_UNSYNCHRONISED = 0x40  # STA_UNSYNC, a bit of timex.status
+
+# The disk.
+_FULL_MB = 50
+_LITTLE_MB = 1000
+_TRIAL_MB = 4
+_SLOW_MB_S = 5.0
+
+# The terminal.
+_COLUMNS = 80
+_ROWS = 24
 
 
 def machine() -> list[Diagnosis]:
@@ -52,74 +68,96 @@ def machine() -> list[Diagnosis]:
     ]
 
 
+# -- Python and its libraries ----------------------------------------------------------------------
+
+
 def _python() -> Diagnosis:
     own = sys.version_info[:2]
     text = f"Python {sys.version.split()[0]}."
+    oldest = f"{_OLDEST[0]}.{_OLDEST[1]}"
+    newest = f"{_NEWEST[0]}.{_NEWEST[1]}"
+
     if own < _OLDEST:
-        return Diagnosis(
-            "Python", Grade.FAIL, text, f"Covey needs {_OLDEST[0]}.{_OLDEST[1]} or newer."
-        )
-    remedy = f"Covey is tested with {_OLDEST[0]}.{_OLDEST[1]} to {_NEWEST[0]}.{_NEWEST[1]}."
-    return graded("Python", own <= _NEWEST, text, remedy)
+        return Diagnosis("Python", Grade.FAIL, text, f"Covey needs {oldest} or newer.")
+    return graded("Python", own <= _NEWEST, text, f"Covey is tested with {oldest} to {newest}.")
 
 
 def _libraries() -> Iterator[Diagnosis]:
-    """Return whether each library is there, in a version that Covey allows."""
+    """Yield which libraries are missing or of a version that Covey does not allow, then the rest."""
     try:
-        needed = metadata.requires("covey") or []
+        requirements = metadata.requires("covey") or []
     except metadata.PackageNotFoundError:
-        yield Diagnosis(
-            "libraries",
-            Grade.WARN,
-            "Covey is not installed.",
-            "In a clone: make demo; else install its wheel.",
-        )
+        remedy = "In a clone: make demo; else install its wheel."
+        yield Diagnosis("libraries", Grade.WARN, "Covey is not installed.", remedy)
         return
-    found, missing, wrong = list[str](), list[str](), list[str]()
-    for name, bounds in _bounds(needed).items():
+
+    right: list[str] = []
+    wrong: list[str] = []
+    missing_of_agent: list[str] = []
+    missing_of_ground: list[str] = []
+    for name, bounds in _bounds(requirements).items():
         try:
             version = metadata.version(name)
         except metadata.PackageNotFoundError:
-            missing.append(name)
+            if name in _AGENT_LIBRARIES:
+                missing_of_agent.append(name)
+            else:
+                missing_of_ground.append(name)
             continue
-        (found if _is_within(version, bounds) else wrong).append(f"{name} {version}")
-    for word, names, bad in (
-        ("Missing", [name for name in missing if name in _BASE], Grade.FAIL),
-        (
-            "Not here, and needed for a ground only",
-            [name for name in missing if name not in _BASE],
-            Grade.WARN,
-        ),
-        ("Versions that Covey was not made for", wrong, Grade.WARN),
+
+        if _is_within(version, bounds):
+            right.append(f"{name} {version}")
+        else:
+            wrong.append(f"{name} {version}")
+
+    remedy = "In a clone: make demo. Of a wheel: install it with [all]."
+    for grade, words, names in (
+        (Grade.FAIL, "Missing", missing_of_agent),
+        (Grade.WARN, "Not here, and needed for a ground only", missing_of_ground),
+        (Grade.WARN, "Versions that Covey was not made for", wrong),
     ):
         if names:
-            remedy = "In a clone: make demo. Of a wheel: install it with [all]."
-            yield Diagnosis("libraries", bad, f"{word}: {', '.join(names)}.", remedy)
-    yield Diagnosis("libraries", Grade.OK, f"{', '.join(found)}.")
+            yield Diagnosis("libraries", grade, f"{words}: {', '.join(names)}.", remedy)
+    yield Diagnosis("libraries", Grade.OK, f"{', '.join(right)}.")
 
 
-def _bounds(needed: Iterable[str]) -> dict[str, str]:
-    """Return the libraries of a drone and of a ground, with the versions that are allowed."""
+def _bounds(requirements: Iterable[str]) -> dict[str, str]:
+    """Return the libraries of an agent and of a ground, each with the versions that are allowed.
+
+    Args:
+        requirements: as a package states them, for instance ``textual>=1,<2; extra == 'ground'``.
+    """
     bounds = {}
-    for line in needed:
+    for line in requirements:
         requirement, _, condition = line.partition(";")
-        extra = re.search(r"extra == ['\"](\w+)['\"]", condition)
         name = re.match(r"[A-Za-z0-9._-]+", requirement)
-        if name is not None and (extra is None or extra[1] == "ground"):
+        if name is None:
+            continue
+
+        extra = re.search(r"extra == ['\"](\w+)['\"]", condition)
+        if extra is None or extra[1] == "ground":
             bounds[name[0]] = requirement[name.end() :].strip()
     return bounds
 
 
 def _is_within(version: str, bounds: str) -> bool:
-    own = _number(version)
-    for sign, bound in re.findall(r"(>=|<)\s*([0-9.]+)", bounds):
-        if (own < _number(bound)) is (sign == ">="):
+    """Whether a version lies within bounds such as ``>=1.2,<2``."""
+    own = _numbers(version)
+    for sign, bound_text in re.findall(r"(>=|<)\s*([0-9.]+)", bounds):
+        bound = _numbers(bound_text)
+        if sign == ">=" and own < bound:
+            return False
+        if sign == "<" and own >= bound:
             return False
     return True
 
 
-def _number(version: str) -> tuple[int, ...]:
+def _numbers(version: str) -> tuple[int, ...]:
+    """Return the first three numbers of a version."""
     return tuple(int(part) for part in re.findall(r"\d+", version)[:3])
+
+
+# -- processor and clock ---------------------------------------------------------------------------
 
 
 def _cores() -> Diagnosis:
@@ -128,62 +166,63 @@ def _cores() -> Diagnosis:
         f"{count}, enough for one agent or a ground, "
         f"or for {most_agents()} agents with their emulator."
     )
-    return graded(
-        "cores", count >= 2, text, "With one core, agent and network hold each other up: take two."
-    )
+    remedy = "With one core, agent and network hold each other up: take two."
+    return graded("cores", count >= 2, text, remedy)
 
 
 def _governor() -> Diagnosis:
-    files = sorted(_GOVERNORS.glob("cpu[0-9]*/cpufreq/scaling_governor"))
+    files = _GOVERNORS.glob("cpu[0-9]*/cpufreq/scaling_governor")
     governors = sorted({file.read_text().strip() for file in files})
     if not governors:
-        return Diagnosis("CPU governor", Grade.OK, "The clock of the processor is not ours to set.")
+        sentence = "The clock of the processor is not ours to set."
+        return Diagnosis("CPU governor", Grade.OK, sentence)
+
     text = f"{', '.join(governors)}."
-    return graded(
-        "CPU governor",
-        "powersave" not in governors,
-        text,
-        "On a drone: cpupower frequency-set -g performance",
-    )
+    remedy = "On a drone: cpupower frequency-set -g performance"
+    return graded("CPU governor", "powersave" not in governors, text, remedy)
 
 
 def _priority() -> Diagnosis:
-    allowed: list[bool] = []
+    is_allowed = False
 
-    def attempt() -> None:  # a thread's own priority, which ends with it
+    def attempt() -> None:
+        nonlocal is_allowed
         try:
-            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(10))
-            allowed.append(True)
+            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(_TRIAL_PRIORITY))
+            is_allowed = True
         except OSError:
-            allowed.append(False)
+            is_allowed = False
 
+    # The priority is that of a thread, and ends with it.
     thread = threading.Thread(target=attempt)
     thread.start()
     thread.join()
-    text = (
-        "Allowed."
-        if allowed == [True]
-        else "Not allowed: a busy computer makes control loops late."
-    )
+
+    if is_allowed:
+        text = "Allowed."
+    else:
+        text = "Not allowed: a busy computer makes control loops late."
     remedy = (
         "The service of covey agent install has it; "
         "else add to /etc/security/limits.conf: USER - rtprio 10"
     )
-    return graded("real-time priority", allowed == [True], text, remedy)
+    return graded("real-time priority", is_allowed, text, remedy)
 
 
 def _timer() -> Diagnosis:
-    """Return how late this computer wakes up who sleeps."""
-    late_ms = []
+    """Return how late this computer wakes up a process that sleeps."""
+    delays_ms = []
     for _ in range(_SLEEPS):
         begin_s = time.perf_counter()
         time.sleep(_SLEEP_S)
-        late_ms.append(1e3 * (time.perf_counter() - begin_s - _SLEEP_S))
-    p99_ms = sorted(late_ms)[round(0.99 * (_SLEEPS - 1))]
+        delays_ms.append(1e3 * (time.perf_counter() - begin_s - _SLEEP_S))
+    p99_ms = sorted(delays_ms)[round(0.99 * (_SLEEPS - 1))]
+
     try:
         slack_ms = int(Path("/proc/self/timerslack_ns").read_text()) * 1e-6
     except (OSError, ValueError):
         slack_ms = 0.0
+
     text = f"Who sleeps wakes up {p99_ms:.1f} ms late (p99), with a slack of {slack_ms:.2f} ms."
     remedy = "Something else computes here: end it, or give agents real-time priority."
     return graded("timer", p99_ms < _LATE_MS, text, remedy)
@@ -193,147 +232,93 @@ def _clock() -> Diagnosis:
     year = time.localtime().tm_year
     today = time.strftime("%Y-%m-%d %H:%M")
     if year < _FIRST_YEAR:
-        return Diagnosis(
-            "clock",
-            Grade.FAIL,
-            f"It says {today}: certificates are not valid then.",
-            "Set it: timedatectl",
-        )
-    buffer = (ctypes.c_int * 64)()  # struct timex, all zero: only asks
+        sentence = f"It says {today}: certificates are not valid then."
+        return Diagnosis("clock", Grade.FAIL, sentence, "Set it: timedatectl")
+
+    is_synchronised = _is_synchronised()
+    text = f"{today}, synchronised." if is_synchronised else f"{today}, not synchronised."
+    remedy = "Records of several computers do not match: timedatectl set-ntp true"
+    return graded("clock", is_synchronised, text, remedy)
+
+
+def _is_synchronised() -> bool:
+    """Whether the kernel holds its clock for synchronised; False where it does not say."""
+    timex = (ctypes.c_int * 64)()  # struct timex, all zero: only asks
     try:
-        state = ctypes.CDLL(None).adjtimex(buffer)
+        state = ctypes.CDLL(None).adjtimex(timex)
     except (OSError, AttributeError):
-        state = -1
-    is_synchronised = state >= 0 and state != 5 and not _status(buffer) & _UNSYNCHRONISED
-    text = f"{today}, {'' if is_synchronised else 'not '}synchronised."
-    return graded(
-        "clock",
-        is_synchronised,
-        text,
-        "Records of several computers do not match: timedatectl set-ntp true",
-    )
+        return False
+    if state < 0 or state == _CLOCK_ERROR:
+        return False
 
-
-def _status(buffer: ctypes.Array[ctypes.c_int]) -> int:
-    """Return the field ``status`` of struct timex, behind an int and four longs."""
+    # The field ``status`` stands behind an int, with its padding, and four longs.
     offset = 5 * ctypes.sizeof(ctypes.c_long)
-    return int(struct.unpack_from("i", bytes(buffer), offset)[0])
+    status = int(struct.unpack_from("i", bytes(timex), offset)[0])
+    return not status & _UNSYNCHRONISED
+
+
+# -- disk and terminal -----------------------------------------------------------------------------
 
 
 def _disk() -> Iterator[Diagnosis]:
+    """Yield how much this folder's disk has free, and how fast it is."""
     free_mb = shutil.disk_usage(".").free / 1e6
-    text = f"{free_mb:.0f} MB free in {os.getcwd()}."
-    bad = Grade.FAIL if free_mb < _FULL_MB else Grade.WARN
+    is_full = free_mb < _FULL_MB
     yield graded(
         "disk",
         free_mb > _LITTLE_MB,
-        text,
+        f"{free_mb:.0f} MB free in {os.getcwd()}.",
         "A record needs about 1 MB a minute and vehicle: free some.",
-        bad=bad,
+        bad=Grade.FAIL if is_full else Grade.WARN,
     )
-    if free_mb < _FULL_MB:
+    if is_full:
         return
+
     try:
-        with tempfile.TemporaryFile(dir=".") as file:
-            begin_s = time.perf_counter()
-            file.write(os.urandom(_TRIAL_MB * 1_000_000))
-            file.flush()
-            os.fsync(file.fileno())
-            speed = _TRIAL_MB / (time.perf_counter() - begin_s)
+        speed_mb_s = _write_speed_mb_s()
     except OSError as error:
+        sentence = f"{os.getcwd()} cannot be written ({error.strerror})."
         remedy = "Start Covey in a folder of yours."
-        yield Diagnosis(
-            "disk's speed",
-            Grade.WARN,
-            f"{os.getcwd()} cannot be written ({error.strerror}).",
-            remedy,
-        )
+        yield Diagnosis("disk's speed", Grade.WARN, sentence, remedy)
         return
-    yield graded(
-        "disk's speed",
-        speed > _SLOW_MB_S,
-        f"{speed:.0f} MB/s.",
-        "Too slow for a record: take another disk.",
-    )
+
+    text = f"{speed_mb_s:.0f} MB/s."
+    remedy = "Too slow for a record: take another disk."
+    yield graded("disk's speed", speed_mb_s > _SLOW_MB_S, text, remedy)
+
+
+def _write_speed_mb_s() -> float:
+    """Return how fast a file of this folder is written.
+
+    Raises:
+        OSError: the folder cannot be written.
+    """
+    with tempfile.TemporaryFile(dir=".") as file:
+        begin_s = time.perf_counter()
+        file.write(os.urandom(_TRIAL_MB * 1_000_000))
+        file.flush()
+        os.fsync(file.fileno())
+        return _TRIAL_MB / (time.perf_counter() - begin_s)
 
 
 def _terminal() -> Iterator[Diagnosis]:
+    """Yield whether this terminal is large enough for the console, and shows all of it."""
     if not sys.stdout.isatty():
-        yield Diagnosis(
-            "terminal", Grade.OK, "None here: the console needs one, all else does not."
-        )
+        sentence = "None here: the console needs one, all else does not."
+        yield Diagnosis("terminal", Grade.OK, sentence)
         return
+
     columns, rows = shutil.get_terminal_size()
     is_large = columns >= _COLUMNS and rows >= _ROWS
-    yield graded(
-        "terminal",
-        is_large,
-        f"{columns} x {rows}.",
-        f"The console needs {_COLUMNS} x {_ROWS}: make it larger.",
-    )
-    has_colours = "truecolor" in os.environ.get("COLORTERM", "") or "256" in os.environ.get(
-        "TERM", ""
-    )
-    yield graded(
-        "colours", has_colours, f"TERM={os.environ.get('TERM', '')}.", "export TERM=xterm-256color"
-    )
+    remedy = f"The console needs {_COLUMNS} x {_ROWS}: make it larger."
+    yield graded("terminal", is_large, f"{columns} x {rows}.", remedy)
+
+    terminal_type = os.environ.get("TERM", "")
+    has_true_colours = "truecolor" in os.environ.get("COLORTERM", "")
+    has_colours = has_true_colours or "256" in terminal_type
+    yield graded("colours", has_colours, f"TERM={terminal_type}.", "export TERM=xterm-256color")
+
     encoding = sys.stdout.encoding or ""
+    is_utf8 = encoding.lower().replace("-", "") == "utf8"
     remedy = "export LANG=C.UTF-8, or covey --ascii"
-    yield graded("letters", encoding.lower().replace("-", "") == "utf8", f"{encoding}.", remedy)
-
-
-def interfaces() -> list[Diagnosis]:
-    """Return the largest packet of each network interface, and whether Wi-Fi sleeps between
-    packets.
-    """
-    found = []
-    try:
-        names = sorted(file.name for file in _INTERFACES.iterdir() if file.name != "lo")
-    except OSError:
-        names = []
-    for name in names:
-        if (_INTERFACES / name / "operstate").read_text().strip() == "down":
-            continue
-        mtu = _ask(name, _GET_MTU)
-        if mtu is not None:
-            value = int(struct.unpack_from("i", mtu, 16)[0])
-            bad = Grade.FAIL if value < _LEAST_MTU else Grade.WARN
-            remedy = (
-                f"ip link set {name} mtu {_USUAL_MTU}; below {_LEAST_MTU} QUIC does not connect."
-            )
-            found.append(
-                graded(
-                    f"packets of {name}",
-                    value >= _USUAL_MTU,
-                    f"Up to {value} bytes.",
-                    remedy,
-                    bad=bad,
-                )
-            )
-        power = _ask(name, _GET_WIFI_POWER) if (_INTERFACES / name / "wireless").exists() else None
-        if power is not None:
-            sleeps = not power[21]  # iw_param.disabled
-            text = (
-                "Wi-Fi sleeps between packets: states come up to 0.1 s late."
-                if sleeps
-                else "Wi-Fi stays awake."
-            )
-            found.append(
-                graded(f"power of {name}", not sleeps, text, f"iw dev {name} set power_save off")
-            )
-    return found or [
-        Diagnosis(
-            "network", Grade.WARN, "No interface but this computer's own.", "Plug in or join one."
-        )
-    ]
-
-
-def _ask(interface: str, request: int) -> bytes | None:
-    """Ask the kernel about an interface; None where it does not say."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as asked:
-        try:
-            return fcntl.ioctl(
-                asked.fileno(), request, interface.encode()[:15].ljust(16, b"\0") + bytes(24)
-            )
-        except OSError:
-            return None
+    yield graded("letters", is_utf8, f"{encoding}.", remedy)

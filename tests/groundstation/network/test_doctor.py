@@ -15,7 +15,8 @@ import pytest
 from groundstation.cli import main
 from groundstation.network.diagnosis import Diagnosis, Grade, as_text
 from groundstation.network.link_checks import Heard, judged
-from groundstation.network.machine import interfaces, machine
+from groundstation.network.machine import machine
+from groundstation.network.network_interfaces import interfaces
 from onboard.config.fleet import load_fleet
 from onboard.config.radio import RadioConfig
 

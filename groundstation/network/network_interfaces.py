@@ -1,0 +1,93 @@
+"""The network interfaces of this computer: their largest packets, and whether Wi-Fi saves power."""
+
+from __future__ import annotations
+
+import fcntl
+import socket
+import struct
+from pathlib import Path
+
+from groundstation.network.diagnosis import Diagnosis, Grade, graded
+
+# Requests of ioctl(2).
+_GET_WIFI_POWER = 0x8B2D  # SIOCGIWPOWER
+_GET_MTU = 0x8921  # SIOCGIFMTU
+
+# struct ifreq and struct iwreq begin with the interface's name; its answer stands behind it.
+_NAME_BYTES = 16
+_ANSWER_BYTES = 24
+_WIFI_POWER_DISABLED = 21  # position of iw_param.disabled
+
+_LEAST_MTU = 1280  # bytes of the largest packet, without which QUIC does not connect
+_USUAL_MTU = 1500
+
+_INTERFACES = Path("/sys/class/net")
+
+
+def interfaces() -> list[Diagnosis]:
+    """Return what is known of each network interface but the loopback."""
+    try:
+        names = sorted(file.name for file in _INTERFACES.iterdir() if file.name != "lo")
+    except OSError:
+        names = []
+
+    found = []
+    for name in names:
+        if (_INTERFACES / name / "operstate").read_text().strip() == "down":
+            continue
+
+        packets = _packets(name)
+        if packets is not None:
+            found.append(packets)
+
+        power = _wifi_power(name)
+        if power is not None:
+            found.append(power)
+
+    if not found:
+        sentence = "No interface but this computer's own."
+        found.append(Diagnosis("network", Grade.WARN, sentence, "Plug in or join one."))
+    return found
+
+
+def _packets(interface: str) -> Diagnosis | None:
+    """Return whether packets of the usual size pass; None where the kernel does not say."""
+    answer = _ask_kernel(interface, _GET_MTU)
+    if answer is None:
+        return None
+
+    mtu = int(struct.unpack_from("i", answer, _NAME_BYTES)[0])
+    return graded(
+        f"packets of {interface}",
+        mtu >= _USUAL_MTU,
+        f"Up to {mtu} bytes.",
+        f"ip link set {interface} mtu {_USUAL_MTU}; below {_LEAST_MTU} QUIC does not connect.",
+        bad=Grade.FAIL if mtu < _LEAST_MTU else Grade.WARN,
+    )
+
+
+def _wifi_power(interface: str) -> Diagnosis | None:
+    """Return whether Wi-Fi sleeps between packets; None for what is no Wi-Fi."""
+    if not (_INTERFACES / interface / "wireless").exists():
+        return None
+    answer = _ask_kernel(interface, _GET_WIFI_POWER)
+    if answer is None:
+        return None
+
+    stays_awake = bool(answer[_WIFI_POWER_DISABLED])
+    if stays_awake:
+        text = "Wi-Fi stays awake."
+    else:
+        text = "Wi-Fi sleeps between packets: states come up to 0.1 s late."
+    remedy = f"iw dev {interface} set power_save off"
+    return graded(f"power of {interface}", stays_awake, text, remedy)
+
+
+def _ask_kernel(interface: str, request: int) -> bytes | None:
+    """Return the kernel's answer about an interface; None where it gives none."""
+    name = interface.encode()[: _NAME_BYTES - 1].ljust(_NAME_BYTES, b"\0")
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as any_socket:
+        try:
+            return fcntl.ioctl(any_socket.fileno(), request, name + bytes(_ANSWER_BYTES))
+        except OSError:
+            return None
