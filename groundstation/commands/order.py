@@ -25,17 +25,15 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from groundstation.client.client import FleetClient
+from groundstation.client.one_order import order_once
 from groundstation.commands.parameters import FleetFile, Seconds
-from groundstation.fleet.state import FleetState
 from groundstation.orders.grammar import parse
 from groundstation.orders.intents import Intent
-from groundstation.orders.result import VehicleResult
-from onboard.bus.control_token import EMERGENCY
+from groundstation.orders.result import Results
 from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
 from onboard.exit_status import EXIT_FAILED, EXIT_MIXED, EXIT_NO_ANSWER, EXIT_OK
 from onboard.plain_text import plain_line
 
-CONNECT_S = 3.0  # until the vehicles are heard
 _LONGEST_S = 3600.0
 
 
@@ -57,7 +55,7 @@ def order(
     if not 0.0 < timeout <= _LONGEST_S:
         raise ConfigError(f"--timeout is {timeout:g}; give seconds between 0 and 3600.")
 
-    results = asyncio.run(send(config, intent, timeout))
+    results = asyncio.run(_connect_and_order(config, intent, timeout))
     if json:
         _print_json(results)
     else:
@@ -65,7 +63,11 @@ def order(
     return exit_status(results)
 
 
-def _print_json(results: dict[str, VehicleResult]) -> None:
+async def _connect_and_order(fleet: FleetConfig, intent: Intent, timeout_s: float) -> Results:
+    return await order_once(FleetClient(fleet), intent, timeout_s)
+
+
+def _print_json(results: Results) -> None:
     rows = [
         {"vehicle": result.vehicle, "phase": result.phase, "sentence": result.sentence}
         for result in results.values()
@@ -73,43 +75,14 @@ def _print_json(results: dict[str, VehicleResult]) -> None:
     print(dumps(rows, indent=2))
 
 
-def _print_lines(results: dict[str, VehicleResult]) -> None:
+def _print_lines(results: Results) -> None:
     for result in results.values():
         line = f"{result.vehicle}: {result.phase}. {result.sentence}".rstrip()
-        print(plain_line(line), file=sys.stdout if result.is_done else sys.stderr)
+        stream = sys.stdout if result.is_done else sys.stderr
+        print(plain_line(line), file=stream)
 
 
-async def send(fleet: FleetConfig, intent: Intent, timeout_s: float) -> dict[str, VehicleResult]:
-    """Connect, send the order and wait for its end.
-
-    Args:
-        fleet: to connect with.
-        intent: the order.
-        timeout_s: wait so long for its end.
-
-    Returns:
-        vehicle -> its result.
-    """
-    client = FleetClient(fleet)
-
-    def is_heard(state: FleetState) -> bool:
-        """Whether the vehicles are heard, and it is known who operates, where that matters."""
-        for name in intent.names:
-            if name in state.vehicles and state.vehicles[name].telemetry is None:
-                return False
-        if intent.verb in EMERGENCY or client.control.is_operator:
-            return True
-        return client.control.refusal(intent.verb) is not None
-
-    await client.start()
-    try:
-        await client.wait_for(is_heard, CONNECT_S)
-        return await client.order(intent, timeout_s)
-    finally:
-        await client.stop()
-
-
-def exit_status(results: dict[str, VehicleResult]) -> int:
+def exit_status(results: Results) -> int:
     """Return 0 when all vehicles did it, 50 when some did, 10 when nobody answered, else 1."""
     done = [result for result in results.values() if result.is_done]
     if len(done) == len(results):

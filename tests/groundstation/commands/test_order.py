@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from groundstation.cli import main
+from groundstation.client import one_order
 from groundstation.client.client import FleetClient
 from groundstation.client.direct_mavlink import DirectResult
 from groundstation.commands import order as give
@@ -36,7 +37,7 @@ def order(monkeypatch: pytest.MonkeyPatch, *words: str, **misbehave: str) -> int
         return found
 
     monkeypatch.setattr(give, "FleetClient", client)
-    monkeypatch.setattr(give, "CONNECT_S", 0.3)
+    monkeypatch.setattr(one_order, "CONNECT_S", 0.3)
     return main(["order", "--fleet", FLEET, *words])
 
 

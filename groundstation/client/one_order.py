@@ -1,0 +1,45 @@
+"""One order of a program that connects for it alone, and leaves when it has ended."""
+
+from __future__ import annotations
+
+from groundstation.client.client import FleetClient
+from groundstation.fleet.state import FleetState
+from groundstation.orders.intents import Intent
+from groundstation.orders.result import Results
+from onboard.bus.control_token import EMERGENCY
+
+CONNECT_S = 3.0  # until the vehicles are heard
+
+
+async def order_once(client: FleetClient, intent: Intent, timeout_s: float) -> Results:
+    """Connect, send an order, wait for its end, and disconnect.
+
+    Args:
+        client: not started.
+        intent: the order.
+        timeout_s: wait so long for its end [s].
+
+    Returns:
+        vehicle -> its result.
+    """
+
+    def can_order(state: FleetState) -> bool:
+        return _is_ready(client, state, intent)
+
+    await client.start()
+    try:
+        await client.wait_for(can_order, CONNECT_S)
+        return await client.order(intent, timeout_s)
+    finally:
+        await client.stop()
+
+
+def _is_ready(client: FleetClient, state: FleetState, intent: Intent) -> bool:
+    """Whether the vehicles are heard, and it is known who operates, where that matters."""
+    for name in intent.names:
+        if name in state.vehicles and state.vehicles[name].telemetry is None:
+            return False
+
+    if intent.verb in EMERGENCY or client.control.is_operator:
+        return True
+    return client.control.refusal(intent.verb) is not None
