@@ -23,10 +23,16 @@ from typing import Annotated
 
 from cyclopts import App, Parameter
 
-from groundstation.keys.authority import folder_of, load_authority, make_authority, nodes_of
+from groundstation.keys.authority import folder_of, load_authority, nodes_of
 from groundstation.keys.mavlink_keys import sign_mavlink
-from groundstation.keys.running import keep_former, running_authorities
-from groundstation.keys.secured_fleet import issue_all, refuse_example, secure_fleet
+from groundstation.keys.running import running_authorities
+from groundstation.keys.secured_fleet import (
+    copied_files,
+    issue_all,
+    refuse_example,
+    renew_authority,
+    secure_fleet,
+)
 from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
 from onboard.exit_status import EXIT_FAILED, EXIT_OK
 from onboard.security.certificates import read_certificate
@@ -34,10 +40,13 @@ from onboard.security.credentials import credentials_of, files_of, hosts_of
 from onboard.security.mavlink_key import key_file
 from onboard.security.node_roles import ROUTER, NodeRole
 
+# what covey keys list --running says of a node, by the authority with which it answers
 _RUNNING = {
     "present": "runs with the present authority",
-    "former": "RUNS ON with a former authority, and hears nobody of the others: copy its files, "
-    "and start it anew",
+    "former": (
+        "RUNS ON with a former authority, and hears nobody of the others: "
+        "copy its files, and start it anew"
+    ),
     "": "does not answer: it is off, not reached, or has keys that this computer does not know",
 }
 
@@ -59,30 +68,32 @@ def secure(fleet: Fleet, /, *, mavlink: bool = False) -> int:
         return _sign_mavlink(fleet)
     secured = secure_fleet(fleet, _now())
     file = Path(secured.path).name
+
     print(
-        f"{secured.path}: every link of the bus is encrypted now, and both its ends prove who "
-        "they are. Copy:"
+        f"{secured.path}: every link of the bus is encrypted now, "
+        "and both its ends prove who they are. Copy:"
     )
     for name, vehicle in secured.vehicles.items():
-        print(f"  to {vehicle.host}: {file}, {_files(secured, name)}")
-    print(f"  to your ground: {file}, {_files(secured, NodeRole.GROUND)}")
+        print(f"  to {vehicle.host}: {file}, {_listed(copied_files(secured, name))}")
+    print(f"  to your ground: {file}, {_listed(copied_files(secured, NodeRole.GROUND))}")
     for host in hosts_of(secured, ROUTER):
-        print(f"  to {host}, for covey router: {file}, {_files(secured, ROUTER)}")
+        print(f"  to {host}, for covey router: {file}, {_listed(copied_files(secured, ROUTER))}")
     print(
-        "  to whoever only watches: the same with viewer; to the relay of a motion capture: with "
-        "mocap"
+        "  to whoever only watches: the same with viewer; "
+        "to the relay of a motion capture: with mocap"
     )
     print(f"{folder_of(secured) / 'ca.key'} makes new nodes: it stays here.")
     return EXIT_OK
 
 
 def _sign_mavlink(path: str) -> int:
+    """Make the keys of MAVLink signing, and print who gets which."""
     signed = sign_mavlink(path)
+    file = Path(signed.path).name
+
     print(f"{signed.path}: the vehicles sign their MAVLink now. Copy:")
     for name, vehicle in signed.vehicles.items():
-        print(
-            f"  to {vehicle.host}: {Path(signed.path).name}, {signed.fleet.keys}/{key_file(name)}"
-        )
+        print(f"  to {vehicle.host}: {file}, {signed.fleet.keys}/{key_file(name)}")
     print("  to a ground that orders: all of them, for land and kill past an agent")
     print(f"Give each PX4 its key, with its agent stopped: covey px4 signing --set --fleet {path}")
     return EXIT_OK
@@ -98,17 +109,16 @@ def init(fleet: Fleet, /, *, force: bool = False) -> int:
     """
     config = _loaded(fleet)
     folder = folder_of(config)
-    now = _now()
     if (folder / "ca.pem").exists() and not force:
         raise ConfigError(
-            f"{folder / 'ca.pem'} exists. A new authority locks out every node until it has its "
-            "new files: --force"
+            f"{folder / 'ca.pem'} exists. "
+            "A new authority locks out every node until it has its new files: --force"
         )
-    keep_former(config)
-    issue_all(config, make_authority(folder, config.fleet.name, now), nodes_of(config), now)
+
+    nodes = renew_authority(config, _now())
     print(
-        f"New authority in {folder}, {len(nodes_of(config))} nodes issued. With all vehicles on "
-        "the ground copy each"
+        f"New authority in {folder}, {len(nodes)} nodes issued. "
+        "With all vehicles on the ground copy each"
     )
     print("node's files to its computer and start it anew: a node with older files finds nobody.")
     return EXIT_OK
@@ -152,8 +162,7 @@ def list_(fleet: Fleet, /, *, running: bool = False) -> int:
     config = load_fleet(fleet)
     if not config.has_keys:
         raise ConfigError(
-            f"{config.path}: the bus of this fleet has no keys. Lock it: covey keys secure "
-            f"{config.path}"
+            f"{config.path}: the bus of this fleet has no keys. Lock it: covey keys secure {config.path}"
         )
     is_right = True
     for node in nodes_of(config):
@@ -198,11 +207,12 @@ def _issue(config: FleetConfig, nodes: Sequence[str]) -> int:
     return EXIT_OK
 
 
-def _files(config: FleetConfig, node: str) -> str:
-    return ", ".join(f"{config.fleet.keys}/{file}" for file in files_of(node))
+def _listed(files: Sequence[str]) -> str:
+    return ", ".join(files)
 
 
 def _loaded(fleet: str) -> FleetConfig:
+    """Return a fleet that may get keys: no example."""
     config = load_fleet(fleet)
     refuse_example(config)
     return config

@@ -20,10 +20,11 @@ from groundstation.keys.authority import (
     make_authority,
     nodes_of,
 )
+from groundstation.keys.running import keep_former
 from groundstation.starter.fleet_edit import edited, write_changes
 from onboard.config.example_files import EXAMPLES
 from onboard.config.fleet import ConfigError, FleetConfig, fleet_from_mapping, load_fleet
-from onboard.security.credentials import hosts_of
+from onboard.security.credentials import files_of, hosts_of
 
 _PLAIN = ("tcp/", "udp/")  # protocols without keys
 
@@ -72,6 +73,30 @@ def _issue_missing(fleet: FleetConfig, now: datetime.datetime) -> None:
     else:
         authority = make_authority(folder, fleet.fleet.name, now)
         issue_all(fleet, authority, nodes_of(fleet), now)
+
+
+def copied_files(fleet: FleetConfig, node: str) -> list[str]:
+    """Return the files that a node's computer gets, as paths beside the fleet file."""
+    return [f"{fleet.fleet.keys}/{file}" for file in files_of(node)]
+
+
+def renew_authority(fleet: FleetConfig, now: datetime.datetime) -> list[str]:
+    """Make a new authority, and issue all nodes anew: the former files are valid no more.
+
+    What finds nodes that run on with the former authority is kept.
+
+    Args:
+        fleet: whose authority.
+        now: begin of the certificates' validity.
+
+    Returns:
+        The nodes.
+    """
+    nodes = nodes_of(fleet)
+    keep_former(fleet)
+    authority = make_authority(folder_of(fleet), fleet.fleet.name, now)
+    issue_all(fleet, authority, nodes, now)
+    return nodes
 
 
 def issue_all(
