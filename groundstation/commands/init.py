@@ -65,14 +65,17 @@ def init(
         law: also write a law of your own, NAME.py, and a test of it: docs/own-law.md
         force: overwrite files that are there
     """
-    paths = [folder / "fleet.toml", folder / "mission.toml"]
-    law_paths = [] if law is None else [folder / f"{law_module(law)}.py", folder / f"test_{law}.py"]
-    taken = [str(path) for path in [*paths, *law_paths] if path.exists()]
-    if taken and not force:
-        raise ConfigError(
-            f"{' and '.join(taken)} exist already. Name another folder, or overwrite with --force."
-        )
-    given: dict[str, Any] = {
+    fleet_path = folder / "fleet.toml"
+    mission_path = folder / "mission.toml"
+    law_path = None
+    law_test_path = None
+    if law is not None:
+        law_path = folder / f"{law_module(law)}.py"
+        law_test_path = folder / f"test_{law}.py"
+    if not force:
+        _refuse_existing(fleet_path, mission_path, law_path, law_test_path)
+
+    options: dict[str, Any] = {
         "name": name,
         "vehicles": vehicles,
         "position": position,
@@ -84,25 +87,51 @@ def init(
         "type": type,
         "mass_kg": mass,
     }
-    answers = {key: value for key, value in given.items() if value is not None}
+    answers = {key: value for key, value in options.items() if value is not None}
     if sys.stdin.isatty() and sys.stdout.isatty():
-        _ask(answers)
+        _ask_for_rest(answers)
     made = starter(Answers(**answers))
-    folder.mkdir(parents=True, exist_ok=True)
-    fleet_text = made.fleet_text if law is None else with_own_law(made.fleet_text, law)
-    for path, text in zip(paths, (fleet_text, made.mission_text), strict=True):
-        path.write_text(text, encoding="utf-8")
-    for path, text in zip(law_paths, own_law_texts(), strict=False):
-        path.write_text(text, encoding="utf-8")
-    fleet_path, mission_path = paths
-    print(f"Written: {fleet_path} for {len(made.fleet.vehicles)} vehicles, and {mission_path}.")
+
+    fleet_text = made.fleet_text
     if law is not None:
+        fleet_text = with_own_law(fleet_text, law)
+
+    folder.mkdir(parents=True, exist_ok=True)
+    fleet_path.write_text(fleet_text, encoding="utf-8")
+    mission_path.write_text(made.mission_text, encoding="utf-8")
+    print(f"Written: {fleet_path} for {len(made.fleet.vehicles)} vehicles, and {mission_path}.")
+
+    if law_path is not None and law_test_path is not None:
+        law_text, law_test_text = own_law_texts()
+        law_path.write_text(law_text, encoding="utf-8")
+        law_test_path.write_text(law_test_text, encoding="utf-8")
         print(
-            f"Written: {law_paths[0]}, a law of your own, and {law_paths[1]}. What it may do: "
-            "docs/own-law.md."
+            f"Written: {law_path}, a law of your own, and {law_test_path}. "
+            "What it may do: docs/own-law.md."
         )
+
+    _print_next(fleet_path, mission_path)
+    return EXIT_OK
+
+
+def _refuse_existing(*paths: Path | None) -> None:
+    """Refuse to overwrite files.
+
+    Raises:
+        ConfigError: one of them exists.
+    """
+    existing = [str(path) for path in paths if path is not None and path.exists()]
+    if existing:
+        raise ConfigError(
+            f"{' and '.join(existing)} exist already. "
+            "Name another folder, or overwrite with --force."
+        )
+
+
+def _print_next(fleet_path: Path, mission_path: Path) -> None:
+    """Print which commands come next, and what each does."""
     print("Both have comments on what to measure and to look up. Next:")
-    for command, what in (
+    for command, effect in (
         (f"covey check {mission_path}", "what can be flown, and how closely"),
         (f"covey fly {mission_path} --lockstep", "the flight in simulated time: seconds"),
         (f"covey fly {mission_path} --sitl", "the same with console, agents and emulated PX4s"),
@@ -111,41 +140,68 @@ def init(
             "the real vehicles; first read docs/deployment.md",
         ),
     ):
-        print(f"  {command:<50} {what}")
-    return EXIT_OK
+        print(f"  {command:<50} {effect}")
 
 
-def _ask(answers: dict[str, Any]) -> None:
+def _ask_for_rest(answers: dict[str, Any]) -> None:
     """Ask for what no option has said; an empty line takes the default."""
-    defaults = {field.name: field.default for field in fields(Answers)}
     positions = get_args(Position)
 
-    def ask(key: str, question: str, kind: type[int] | type[float] | type[str] = str) -> None:
-        while key not in answers:
-            word = input(f"{question} [{defaults[key]}]: ").strip()
-            try:
-                answers[key] = kind(word) if word else defaults[key]
-            except ValueError:
-                print(f"'{word}' is no number.")
-            if key == "position" and answers.get(key) not in positions:
-                print(f"One of {', '.join(positions)}.")
-                del answers[key]
-
-    ask("vehicles", "How many vehicles", int)
-    ask("position", f"Where do their positions come from ({', '.join(positions)})")
+    _ask(answers, "vehicles", "How many vehicles", int)
+    _ask_for_position(answers, f"Where do their positions come from ({', '.join(positions)})")
     if answers["position"] == "gps":
-        ask("origin", "Latitude, longitude, altitude of the fleet's 0, 0, 0")
+        _ask(answers, "origin", "Latitude, longitude, altitude of the fleet's 0, 0, 0")
     elif answers["position"] != "bus":
-        ask("mocap_host", "Address of the computer on which its program runs")
-    ask(
+        _ask(answers, "mocap_host", "Address of the computer on which its program runs")
+
+    _ask(
+        answers,
         "companions",
         f"Address of the first companion computer, or all with commas ('{HERE}' to simulate)",
     )
     if answers["companions"] != HERE:
-        ask("autopilot", "PX4 as each companion sees it")
-    ask("type", f"Type of the vehicles ({', '.join(type_names())}, or a new name)")
+        _ask(answers, "autopilot", "PX4 as each companion sees it")
+
+    _ask(answers, "type", f"Type of the vehicles ({', '.join(type_names())}, or a new name)")
     if answers["type"] not in type_names():
-        ask("mass_kg", "Mass with battery in kg", float)
+        _ask(answers, "mass_kg", "Mass with battery in kg", float)
+
     if "spacing_m" not in answers:
         word = input("Distance of the take-off spots in metres [enough for the law]: ").strip()
-        answers["spacing_m"] = float(word) if word.replace(".", "", 1).isdigit() else None
+        is_number = word.replace(".", "", 1).isdigit()
+        answers["spacing_m"] = float(word) if is_number else None
+
+
+def _ask(
+    answers: dict[str, Any],
+    key: str,
+    question: str,
+    kind: type[int] | type[float] | type[str] = str,
+) -> None:
+    """Ask until there is an answer of this kind, where no option has given one."""
+    default = _default(key)
+    while key not in answers:
+        word = input(f"{question} [{default}]: ").strip()
+        if not word:
+            answers[key] = default
+            return
+        try:
+            answers[key] = kind(word)
+        except ValueError:
+            print(f"'{word}' is no number.")
+
+
+def _ask_for_position(answers: dict[str, Any], question: str) -> None:
+    """Ask until the answer is a source of positions that Covey knows."""
+    positions = get_args(Position)
+    _ask(answers, "position", question)
+    while answers["position"] not in positions:
+        print(f"One of {', '.join(positions)}.")
+        del answers["position"]
+        _ask(answers, "position", question)
+
+
+def _default(key: str) -> Any:
+    """Return what a new fleet file holds where nobody says otherwise."""
+    defaults = {field.name: field.default for field in fields(Answers)}
+    return defaults[key]

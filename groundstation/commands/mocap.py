@@ -24,6 +24,11 @@ from onboard.config.mocap import SystemType, problems
 from onboard.mocap.relay.check import MocapCheck
 from onboard.mocap.relay.mocap_relay import MocapRelay, with_source
 
+_SHORTEST_S = 0.5  # of a run
+# between two reports
+_LEAST_PERIOD_S = 0.1
+_MOST_PERIOD_S = 3600.0
+
 
 def mocap(
     *,
@@ -43,10 +48,17 @@ def mocap(
         seconds: end after so long (default: run until Ctrl-C)
         every_s: time between reports
     """
-    if not 0.1 <= every_s <= 3600.0 or not (seconds is None or seconds >= 0.5):
+    is_long_enough = seconds is None or seconds >= _SHORTEST_S
+    if not is_long_enough or not _LEAST_PERIOD_S <= every_s <= _MOST_PERIOD_S:
         raise ConfigError("--every-s must lie between 0.1 and 3600, --seconds be 0.5 or more.")
+
     config = load_fleet(fleet)
-    runner = MocapCheck(config, _print) if check else _relay(config, source, hostname)
+    runner: MocapCheck | MocapRelay
+    if check:
+        runner = MocapCheck(config, _print)
+    else:
+        runner = _relay(config, source, hostname)
+
     stopped = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):  # a clean end
         signal.signal(number, lambda *_: stopped.set())
@@ -54,15 +66,21 @@ def mocap(
 
 
 def _relay(fleet: FleetConfig, source: SystemType | None, hostname: str | None) -> MocapRelay:
+    """Return the relay of a fleet's motion capture, or of the one that the options name.
+
+    Raises:
+        ConfigError: it is described wrongly, or not at all.
+    """
     config = with_source(fleet, type_=source, hostname=hostname)
-    for sentence in problems(config.mocap, {}):
-        raise ConfigError(f"{fleet.path}: {sentence}")
+    problem = next(problems(config.mocap, {}), None)
+    if problem is not None:
+        raise ConfigError(f"{fleet.path}: {problem}")
+
     if config.mocap.source == "bus":
         raise ConfigError(
-            f"{fleet.path}: there is no motion capture to read: mocap.source is 'bus'. Add a "
-            "table [mocap] with "
-            'source = "motioncapture", type and hostname (docs/mocap.md), or give --source and '
-            "--hostname."
+            f"{fleet.path}: there is no motion capture to read: mocap.source is 'bus'. "
+            'Add a table [mocap] with source = "motioncapture", type and hostname '
+            "(docs/mocap.md), or give --source and --hostname."
         )
     return MocapRelay(config, _print)
 

@@ -22,12 +22,18 @@ from groundstation.commands.parameters import FleetFile, Names, Seconds
 from onboard.bus.control_token import WATCHER
 from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
 
+_LONGEST_S = 600.0
+
 
 def preflight(
-    *, fleet: FleetFile, vehicles: Names | None = None, exclude: Names | None = None,
+    *,
+    fleet: FleetFile,
+    vehicles: Names | None = None,
+    exclude: Names | None = None,
     timeout: Seconds = 5.0,
-    wait: Seconds = 0.0, json: bool = False,
-) -> int:  # fmt: skip
+    wait: Seconds = 0.0,
+    json: bool = False,
+) -> int:
     """Say for every vehicle whether it may take off, check by check, each fault with its remedy.
 
     Args:
@@ -40,28 +46,33 @@ def preflight(
     """
     config = load_fleet(fleet)
     names = config.select(vehicles, exclude)
-    unknown = [name for name in names if name not in config.enabled_names]
-    if unknown:
-        raise ConfigError(
-            f"{unknown[0]} is not enabled in the fleet file. Set enabled = true to fly it."
-        )
+    for name in names:
+        if name not in config.enabled_names:
+            raise ConfigError(
+                f"{name} is not enabled in the fleet file. Set enabled = true to fly it."
+            )
     if not names:
         raise ConfigError(
-            "No vehicle is selected. Set enabled = true for one, or change --vehicles and "
-            "--exclude."
+            "No vehicle is selected. Set enabled = true for one, "
+            "or change --vehicles and --exclude."
         )
-    if not 0.0 < timeout <= 600.0:
+    if not 0.0 < timeout <= _LONGEST_S:
         raise ConfigError(f"--timeout is {timeout:g}; give 0 to 600 s.")
-    if not 0.0 <= wait <= 600.0:
+    if not 0.0 <= wait <= _LONGEST_S:
         raise ConfigError(f"--wait is {wait:g}; give 0 to 600 s.")
+
     pages = asyncio.run(_pages(config, names, timeout, wait))
-    print(dumps(as_mapping(pages), indent=2) if json else as_text(pages))
+    if json:
+        print(dumps(as_mapping(pages), indent=2))
+    else:
+        print(as_text(pages))
     return exit_status(pages)
 
 
 async def _pages(
     fleet: FleetConfig, names: Sequence[str], timeout_s: float, wait_s: float
 ) -> tuple[VehiclePage, ...]:
+    """Return the vehicles' pages as a ground that only watches gets them."""
     client = FleetClient(fleet, operates=False, bus=session(fleet, WATCHER))
     await client.start()
     try:

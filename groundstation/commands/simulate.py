@@ -32,22 +32,26 @@ from sitl.monte_carlo.law_map.map_command import fly_map
 
 _LAWS = ", ".join(BUILT_IN)
 _ERRORS = ", ".join(settings.ERRORS)
+
 MORE_HELP = f"""\
 Scenarios: {scenarios.KNOWN}
 Laws: {_LAWS}, or your own as module:function. Classes of errors: {_ERRORS}.
 Keys of --set: {", ".join(settings.keys(with_aliases=True))}."""
 
-_FLOWN = ("0:10", "mocap", 1.0)  # seeds, errors and scale where none are named
+# flown where nothing is named
+_DEFAULT_SEEDS = "0:10"
+_DEFAULT_ERRORS = "mocap"
+_DEFAULT_SCALE = 1.0
 
 
 def simulate(
     *scenario: Annotated[str, Parameter(name="SCENARIO")],
-    seeds: Annotated[str, Parameter(metavar="A:B")] = _FLOWN[0],
+    seeds: Annotated[str, Parameter(metavar="A:B")] = _DEFAULT_SEEDS,
     law: Annotated[str | None, Parameter(metavar="NAME")] = None,
-    errors: Annotated[str, Parameter(metavar="CLASS")] = _FLOWN[1],
+    errors: Annotated[str, Parameter(metavar="CLASS")] = _DEFAULT_ERRORS,
     type: Annotated[str | None, Parameter(metavar="NAME[,NAME]")] = None,
     fleet: File | None = None,
-    scale: float = _FLOWN[2],
+    scale: float = _DEFAULT_SCALE,
     set: Annotated[tuple[str, ...], Parameter(metavar="KEY=VALUE")] = (),
     jobs: Annotated[int, Parameter(metavar="N")] = 1,
     json: bool = False,
@@ -87,23 +91,16 @@ def simulate(
     """
     if jobs < 1:
         raise ConfigError(f"--jobs is {jobs}; it must be 1 or more.")
+
     if map:
-        if (
-            scenario
-            or set
-            or law
-            or type
-            or fleet
-            or trace
-            or plot
-            or json
-            or (seeds, errors, scale) != _FLOWN
-        ):
+        is_changed = (seeds, errors, scale) != (_DEFAULT_SEEDS, _DEFAULT_ERRORS, _DEFAULT_SCALE)
+        not_of_a_map = (scenario, set, law, type, fleet, trace, plot, json)
+        if is_changed or any(not_of_a_map):
             raise ConfigError(
                 "--map flies its own scenarios and values; of the other options it takes --jobs. "
-                "Its cells are chosen "
-                "with --cells, for instance --cells errors=vision."
+                "Its cells are chosen with --cells, for instance --cells errors=vision."
             )
+
         is_whole = fly_map(
             map_file,
             selection=cells,
@@ -113,28 +110,37 @@ def simulate(
             is_anew=anew,
         )
         return EXIT_OK if is_whole else EXIT_FAILED
+
     if not scenario:
         raise ConfigError(f"name a scenario, or --map. Known: {scenarios.KNOWN}.")
     names = scenarios.expand(scenario)
-    wanted = _seeds(seeds)
+    flown_seeds = _seeds(seeds)
     setup = settings.setup_for(
         law=law, types=type, fleet_path=fleet, errors=errors, scale=scale, changes=set
     )
-    records = run(names, wanted, setup, jobs=jobs, is_json=json, trace_folder=trace, picture=plot)
-    return EXIT_OK if all(results.is_flawless(values) for values in records) else EXIT_FAILED
+
+    records = run(
+        names, flown_seeds, setup, jobs=jobs, is_json=json, trace_folder=trace, picture=plot
+    )
+    is_flawless = all(results.is_flawless(values) for values in records)
+    return EXIT_OK if is_flawless else EXIT_FAILED
 
 
 def _seeds(text: str) -> range:
+    """Return the seeds of ``A:B``, or of one number."""
     match = re.fullmatch(r"(\d{1,9})(?::(\d{1,9}))?", text)
     if not match:
         raise ConfigError(
             f"--seeds is '{text}'; write it as A:B with 0 <= A < B, or as one number."
         )
+
     first = int(match[1])
-    last = int(match[2]) if match[2] else first + 1
-    if last <= first:
+    end = first + 1
+    if match[2]:
+        end = int(match[2])
+    if end <= first:
         raise ConfigError(
-            f"--seeds is '{text}', which holds no seed; write it as A:B with A < B (B is not "
-            "flown)."
+            f"--seeds is '{text}', which holds no seed; "
+            "write it as A:B with A < B (B is not flown)."
         )
-    return range(first, last)
+    return range(first, end)

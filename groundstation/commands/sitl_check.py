@@ -16,7 +16,7 @@ import re
 import sys
 from json import dumps
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
@@ -36,7 +36,7 @@ from sitl.conformance.facts import (
 )
 from sitl.conformance.suite import FACTS, NobodyAnsweredError, Terms, check
 
-_ENDPOINT = re.compile(r"(udpin|udpout)://([^:/]*):(\d{1,5})")
+_ENDPOINT = re.compile(r"(?P<kind>udpin|udpout)://(?P<host>[^:/]*):(?P<port>\d{1,5})")
 _MARKS = {
     FactVerdict.AGREES: "  agrees ",
     FactVerdict.DIFFERS: "X DIFFERS",
@@ -122,20 +122,28 @@ def _facts(patterns: tuple[str, ...], px4: str) -> dict[str, Fact]:
 
 
 def _open(endpoint: str) -> UdpPort:
+    """Open a port of this computer for an endpoint.
+
+    Raises:
+        ConfigError: it is written wrongly, or its port is taken.
+    """
     match = _ENDPOINT.fullmatch(endpoint)
-    if match is None or not 0 < int(match[3]) < 65536:
+    if match is None or not 0 < int(match["port"]) < 65536:
         raise ConfigError(
             f"{endpoint!r} is no endpoint. Use udpin://127.0.0.1:14540 or udpout://127.0.0.1:18570."
         )
-    address = (match[2] or "0.0.0.0", int(match[3]))
+
+    host = match["host"] or "0.0.0.0"
+    address = (host, int(match["port"]))
     try:
-        return UdpPort(address, None) if match[1] == "udpin" else UdpPort(None, address)
+        if match["kind"] == "udpin":
+            return UdpPort(address, None)
+        return UdpPort(None, address)
     except OSError as error:
         raise ConfigError(
-            f"UDP port {address[1]} on {address[0]} cannot be bound ({error.strerror or error}). "
-            "Does another client of this vehicle listen there? Stop it, then restart the "
-            "vehicle: it stays with its "
-            "first client."
+            f"UDP port {address[1]} on {host} cannot be bound ({error.strerror or error}). "
+            "Does another client of this vehicle listen there? Stop it, then restart the vehicle: "
+            "it stays with its first client."
         ) from None
 
 
@@ -147,24 +155,26 @@ def _check(
     *,
     is_json: bool,
 ) -> int:
-    port, ground, simulator = ports
+    """Check facts, print each as soon as it is known, and return the exit status.
+
+    Args:
+        endpoint: as the user wrote it.
+        report: gets the results.
+        ports: of the endpoint, of the ground station's link and of the simulator's.
+        terms: of the check.
+        is_json: standard output is for the findings; what people read goes to standard error.
+    """
     out = sys.stderr if is_json else sys.stdout
 
     def say(line: str) -> None:
         print(line, file=out, flush=True)
 
-    def show(result: FactResult) -> None:
-        reason = f"   {result.reason}" if result.reason else ""
-        expected = result.fact.expected
-        say(
-            f"{_MARKS[result.verdict]} {result.fact.name:38} {result.measured}   expected "
-            f"{expected}{reason}"
-        )
-
-    report.show = show
+    report.show = lambda result: say(_line_of(result))
     say(f"{len(report.facts)} facts at {endpoint}; all of them take some five minutes and a flight")
+
+    port, ground, simulator = ports
     try:
-        client = check(port, ground, report, terms, lambda phase: say(f"-- {phase}"), simulator)
+        client = check(port, ground, report, terms, lambda group: say(f"-- {group}"), simulator)
     except NobodyAnsweredError:
         say(
             f"covey check endpoint: nobody answered at {endpoint} within {terms.wait_s:g} s. Is the"
@@ -175,11 +185,28 @@ def _check(
     except KeyboardInterrupt:
         say("interrupted; the vehicle was put down and its parameters were put back")
         return EXIT_INTERRUPTED
+
     counts = {verdict.value: report.count(verdict) for verdict in FactVerdict}
     if is_json:
-        about: dict[str, Any] = {"endpoint": endpoint, "system_id": client.system_id}
-        about["pace"] = round(client.clock.pace, 3)
-        results = [result.as_json() for result in report.results.values()]
-        print(dumps({"schema": 1, **about, **counts, "facts": results}, indent=1))
+        findings = {
+            "schema": 1,
+            "endpoint": endpoint,
+            "system_id": client.system_id,
+            "pace": round(client.clock.pace, 3),
+            **counts,
+            "facts": [result.as_json() for result in report.results.values()],
+        }
+        print(dumps(findings, indent=1))
     say(", ".join(f"{count} {word}" for word, count in counts.items()))
-    return EXIT_FAILED if counts[FactVerdict.DIFFERS.value] else EXIT_OK
+
+    differs = counts[FactVerdict.DIFFERS.value] > 0
+    return EXIT_FAILED if differs else EXIT_OK
+
+
+def _line_of(result: FactResult) -> str:
+    """Return the line about one fact: its verdict, what was measured, what PX4 does."""
+    fact = result.fact
+    line = f"{_MARKS[result.verdict]} {fact.name:38} {result.measured}   expected {fact.expected}"
+    if result.reason:
+        line += f"   {result.reason}"
+    return line

@@ -40,15 +40,16 @@ def tui(
     """
     config = load_fleet(fleet)
     require_terminal()
+
+    # They import textual, which takes a while.
     from groundstation.console.app import ConsoleApp
     from groundstation.orders.forecast_process import Forecaster
 
     async def attach() -> int:
-        client = FleetClient(
-            config,
-            operates=not (view or readonly),
-            bus=session(config, WATCHER) if readonly else None,
-        )
+        if readonly:
+            client = FleetClient(config, operates=False, bus=session(config, WATCHER))
+        else:
+            client = FleetClient(config, operates=not view)
         try:
             console = ConsoleApp(
                 config,
@@ -71,8 +72,8 @@ def require_terminal(remedy: str = "") -> None:
     Raises:
         ConfigError: the output is no terminal, and no browser's page either.
     """
-    # in a browser the page is the terminal
-    if not (sys.stdout.isatty() or "TEXTUAL_DRIVER" in os.environ):
+    is_page_of_browser = "TEXTUAL_DRIVER" in os.environ
+    if not sys.stdout.isatty() and not is_page_of_browser:
         raise ConfigError(
             f"The console needs a terminal, and this output is none. {remedy}".rstrip()
         )

@@ -15,12 +15,15 @@ import secrets
 import signal
 import sys
 from pathlib import Path
+from typing import NamedTuple
 
 from groundstation.commands.parameters import File, Folder
 from groundstation.recording.replay import open_flight
 from groundstation.web.page_server import ConsoleServer, require_loopback
 from onboard.config.fleet import ConfigError, load_fleet
 from onboard.exit_status import EXIT_OK
+
+_KEY_BYTES = 24  # of the address at which pages may give orders
 
 
 def web(
@@ -51,38 +54,53 @@ def web(
             "--operate is for a fleet that flies; in a replay nothing can be ordered. Leave it out."
         )
     require_loopback(host)
+
     if fleet and not replay:
-        words, title = _fleet(fleet, can_order=operate)
+        shown = _of_fleet(fleet, can_order=operate)
     elif replay and not fleet:
-        words, title = _replay(replay)
+        shown = _of_replay(replay)
     else:
         raise ConfigError("Give one of --fleet FILE and --replay DIR.")
-    ended = "The console has ended. A fleet that flies goes on flying."
-    command = [sys.executable, "-m", "groundstation", *words]
-    key = secrets.token_urlsafe(24) if operate else ""
-    server = ConsoleServer(command, title=title, ended=ended, key=key)
-    return asyncio.run(_serve(server, title, host, port))
+
+    server = ConsoleServer(
+        [sys.executable, "-m", "groundstation", *shown.words],
+        title=shown.title,
+        ended="The console has ended. A fleet that flies goes on flying.",
+        key=secrets.token_urlsafe(_KEY_BYTES) if operate else "",
+    )
+    return asyncio.run(_serve(server, shown.title, host, port))
 
 
-def _fleet(path: str, *, can_order: bool) -> tuple[list[str], str]:
-    fleet = load_fleet(path)  # a wrong file is told here, not in every page
+class _Shown(NamedTuple):
+    """What each page shows."""
+
+    words: list[str]  # of the command that runs in it, behind covey
+    title: str
+
+
+def _of_fleet(path: str, *, can_order: bool) -> _Shown:
+    """Return the console of a fleet; a wrong file is refused here, not in every page."""
+    fleet = load_fleet(path)
     words = ["tui", "--fleet", str(Path(path).absolute())]
     if can_order:
-        return words, f"Covey: {fleet.fleet.name}"
-    return [*words, "--readonly"], f"Covey: {fleet.fleet.name} (read-only)"
+        return _Shown(words, f"Covey: {fleet.fleet.name}")
+    return _Shown([*words, "--readonly"], f"Covey: {fleet.fleet.name} (read-only)")
 
 
-def _replay(folder: Path) -> tuple[list[str], str]:
+def _of_replay(folder: Path) -> _Shown:
+    """Return the replay of a record; a wrong one is refused here, not in every page."""
     _, timeline = open_flight(folder)
     timeline.close()
-    return ["replay", str(folder.absolute())], f"Covey: replay of {folder.name}"
+    return _Shown(["replay", str(folder.absolute())], f"Covey: replay of {folder.name}")
 
 
 async def _serve(server: ConsoleServer, title: str, host: str, port: int) -> int:
+    """Serve pages until an interrupt."""
     ended = asyncio.Event()
     loop = asyncio.get_running_loop()
     for number in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(number, ended.set)
+
     address = await server.start(host, port)
     with contextlib.suppress(BrokenPipeError):
         print(f"{title}: open {address} on this machine. Ctrl-C ends it.", flush=True)
