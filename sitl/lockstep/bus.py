@@ -1,4 +1,4 @@
-"""The bus in simulated time: each pair of nodes delays, loses, reorders and doubles messages. Seeded.
+"""The bus in simulated time: pairs of nodes delay, lose, reorder and double messages. Seeded.
 
 What the real one promises holds here too. Topics whose newest message matters lose messages;
 events, orders and answers travel on a connection, so what is lost is sent again and comes later,

@@ -289,7 +289,7 @@ class Lockstep:
         return smallest.distance_m
 
     def px4_position_error_m(self, vehicle: str) -> float:
-        """Return how far a vehicle is from where its PX4 believes it to be, in the fleet's frame."""
+        """Return how far a vehicle is from where its PX4 believes it to be [m]."""
         emulator = self.simulation.emulator
         index = self.simulation.names.index(vehicle)
         truth_ned_m = emulator.world.vehicles.states.position_ned_m[index].tolist()

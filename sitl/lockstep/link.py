@@ -366,7 +366,7 @@ class EmulatedLink:
         self._bank.send(index, arrive)
 
     def connect(self) -> ParamsRead:
-        """Set origin and parameters, as the shell does when PX4 answers; return what it reads then."""
+        """Set origin and parameters, as the shell does; return what it reads from PX4 then."""
         emulator = self._bank.emulator
         params = emulator.autopilots[self._index].params
         required = required_params(self._vehicle, params.version.number)
