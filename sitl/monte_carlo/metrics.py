@@ -1,5 +1,7 @@
-"""Judges flights on true positions, sampled every tick: separation, arrival, and why a flight
-failed.
+"""Judges flights on true positions, sampled every tick: separation, arrival, and why a flight failed.
+
+Arrays hold all flights that are in the air: F flights of N vehicles, P pairs of vehicles. A flight
+that ends leaves them, and its outcome is kept.
 """
 
 from __future__ import annotations
@@ -11,59 +13,56 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from onboard.arrays import Array, IntArray
+from onboard.arrays import Array, BoolArray, IntArray
 from onboard.config.fleet import FleetConfig
 from onboard.rollout.rows import Rows
 from onboard.types import LawStatus
 from sitl.monte_carlo.clutter import clearances_m
-from sitl.monte_carlo.scenarios import Plan
+from sitl.monte_carlo.scenarios import FlightPlan
 from sitl.monte_carlo.settings import ErrorClass
-from sitl.monte_carlo.vehicles import TICK_S, Truth
+from sitl.monte_carlo.vehicles import TICK_S, TrueMotion
 from sitl.physics.contacts import HEIGHT_OF_DIAMETER
 
 HOLD_S = 0.5  # everybody has arrived when all have been near their goals and slow for this long
-_RECENT_S = 3.0
-_STUCK_M_S = 0.10
+_RECENT_S = 3.0  # over which the progress towards a goal is smoothed
+_STUCK_M_S = 0.10  # slower is standing still
+_APPROACHING_M_S = 0.02  # faster is getting nearer to the goal
 
 
 @dataclass(frozen=True, slots=True)
 class Trace:
-    """A flight in samples: t_s (T,), position_enu_m (T, N, 3) true; status, active_neighbour (T, N)
-    of the law.
-    """
+    """A flight in T samples."""
 
-    t_s: Array
-    position_enu_m: Array
-    status: NDArray[np.int8]
-    active_neighbour: NDArray[np.int16]
+    t_s: Array  # (T,)
+    position_enu_m: Array  # (T, N, 3) true
+    status: NDArray[np.int8]  # (T, N) of the law
+    active_neighbour: NDArray[np.int16]  # (T, N) of the law; -1 for none
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
-    """Result of one flight. Separations are between centres, over all pairs: horizontal ones, and
-    with a vertical separation the larger of that and of the height difference in the same measure
-    (docs/law.md).
+class FlightOutcome:
+    """Result of one flight.
 
-    makespan_s: when all had arrived; inf if that did not happen in time, and then ``reason`` says
-    why: "deadlock" (those missing stand still), "livelock" (they move and get no nearer) or "time"
-    (they were still getting nearer). relaxed_share: of the vehicles' ticks. slew_rms_m_s3: of the
-    horizontal command. intervention_m_s2: mean |u - u0|. path_ratio: flown paths over straight
-    ones, of all together. min_clearance_m: of a body's outline from a static obstacle's; inf
-    without obstacles, below 0 a collision.
+    Separations are between centres, over all pairs. They are horizontal; with a vertical separation
+    they are the larger of the horizontal one and of the height difference in the same measure
+    (docs/law.md).
     """
 
     min_separation_m: float
     violation_s: float
     violation_depth_m: float
     is_collision: bool
-    makespan_s: float
+    makespan_s: float  # when all had arrived; inf if that did not happen in time
     duration_s: float
+    # Why not all arrived in time: "deadlock" (those missing stand still), "livelock" (they move and
+    # get no nearer) or "time" (they were still getting nearer).
     reason: str | None
-    relaxed_share: float
-    slew_rms_m_s3: float
+    relaxed_share: float  # of the vehicles' ticks
+    slew_rms_m_s3: float  # of the horizontal command
     max_speed_m_s: float
-    intervention_m_s2: float
-    path_ratio: float
+    intervention_m_s2: float  # mean |u - u0|
+    path_ratio: float  # flown paths over straight ones, of all together
+    # of a body's outline from a static obstacle's; inf without obstacles, below 0 a collision
     min_clearance_m: float
     trace: Trace | None
 
@@ -78,7 +77,7 @@ class FlightMetrics:
 
     def __init__(
         self,
-        plans: Sequence[Plan],
+        plans: Sequence[FlightPlan],
         longest_s: Sequence[float],
         fleet: FleetConfig,
         errors: ErrorClass,
@@ -86,39 +85,70 @@ class FlightMetrics:
         *,
         has_trace: bool,
     ) -> None:
+        """Begin at the starts.
+
+        Args:
+            plans: of the F flights.
+            longest_s: (F,) after which a flight has failed.
+            fleet: that flies all of them.
+            errors: say how near a vehicle has to come to its goal.
+            start_enu_m: (F, N, 3).
+            has_trace: whether the outcomes hold samples.
+        """
         flights, count = start_enu_m.shape[:2]
-        self._limit_m, self._body_m = fleet.fleet.safety_distance_m, fleet.fleet.body_diameter_m
+        self._errors = errors
+        self._obstacles = plans[0].obstacles
+
+        self._limit_m = fleet.fleet.safety_distance_m
+        self._body_m = fleet.fleet.body_diameter_m
+        # a height difference times this is a separation in the measure of the safety distance
+        self._height_share = 0.0
         vertical_m = fleet.fleet.vertical_separation_m
-        self._height_share = 0.0 if vertical_m is None else self._limit_m / vertical_m
-        self._errors, self._obstacles = errors, plans[0].obstacles
+        if vertical_m is not None:
+            self._height_share = self._limit_m / vertical_m
+
         self.ticks = 0
+        self._done: dict[int, FlightOutcome] = {}  # by the flight's place among the plans
+        self._pairs = np.triu_indices(count, 1)
+
+        # From here on rows (F, ...) of the flights in the air; keep() selects among them.
         self._flights = np.arange(flights)
-        self._done: dict[int, Outcome] = {}
         self._goal = np.stack([plan.goal_enu_m for plan in plans])
         self._earliest = np.array([plan.earliest_s for plan in plans])
         self._longest = np.array(longest_s, dtype=np.float64)
+
         self._counts = np.ones((flights, count), bool)  # whose arrival counts
         for f, plan in enumerate(plans):
             if plan.intruder_m_s is not None:
                 self._counts[f, -1] = False
             if plan.lost is not None:
-                self._counts[f, plan.lost[0]] = False
-        self._pairs = np.triu_indices(count, 1)
+                lost_index, _, _ = plan.lost
+                self._counts[f, lost_index] = False
+
         self._position = start_enu_m
         self._command = np.zeros((flights, count, 2))
-        self._away = np.sqrt(((start_enu_m - self._goal) ** 2).sum(-1))
+        self._away = np.sqrt(((start_enu_m - self._goal) ** 2).sum(-1))  # (F, N) from the goals
         self._straight = np.where(self._counts, self._away, 0.0).sum(-1)
-        self._stay = np.zeros(flights)
+        self._ticks_there = np.zeros(flights)  # for so long all have been at their goals
         self._recent_speed = np.zeros((flights, count))
-        self._recent_gain = np.zeros((flights, count))
+        self._recent_gain = np.zeros((flights, count))  # speed towards the goal
+
         self._sums = {
-            name: np.zeros(flights)
-            for name in ("violation", "relaxed", "slew", "speed", "intervention", "path")
+            "violation": np.zeros(flights),
+            "relaxed": np.zeros(flights),
+            "slew": np.zeros(flights),
+            "speed": np.zeros(flights),  # the largest, not a sum
+            "intervention": np.zeros(flights),
+            "path": np.zeros(flights),
         }
-        self._nearest, self._has_touched = np.full(flights, np.inf), np.zeros(flights, bool)
+        self._nearest = np.full(flights, np.inf)
+        self._has_touched = np.zeros(flights, bool)
         self._clearance = np.full(flights, np.inf)
-        self._see(start_enu_m)
-        self._trace = _TraceBuffer(start_enu_m) if has_trace else None
+
+        self._measure_separation(start_enu_m)
+        self._trace: _TraceBuffer | None = None
+        if has_trace:
+            self._trace = _TraceBuffer(start_enu_m)
 
     @property
     def time_s(self) -> float:
@@ -126,30 +156,12 @@ class FlightMetrics:
         return self.ticks * TICK_S
 
     @property
-    def outcomes(self) -> list[Outcome]:
+    def outcomes(self) -> list[FlightOutcome]:
         """Of all flights, in the order of the plans, when all have ended."""
         return [self._done[f] for f in sorted(self._done)]
 
-    def _see(self, position_enu_m: Array) -> None:
-        offset = position_enu_m[:, self._pairs[0]] - position_enu_m[:, self._pairs[1]]
-        gap = offset[..., :2]
-        distance = np.sqrt(np.einsum("fpc,fpc->fp", gap, gap))
-        touches = distance < self._body_m
-        if self._height_share > 0.0:
-            height = np.abs(offset[..., 2])
-            distance = np.maximum(distance, self._height_share * height)
-            touches &= height < HEIGHT_OF_DIAMETER * self._body_m
-        if self._obstacles:
-            self._clearance = np.minimum(
-                self._clearance, clearances_m(position_enu_m, self._obstacles, self._body_m)
-            )
-        self._has_touched |= np.asarray(touches.any(-1)) | (self._clearance < 0.0)
-        nearest = distance.min(-1, initial=np.inf)
-        self._nearest = np.minimum(self._nearest, nearest)
-        self._sums["violation"] += TICK_S * (nearest < self._limit_m)
-
-    def update(self, truth: Truth, ticks: Rows, active: IntArray) -> IntArray:
-        """FlightMetrics one tick more; return the indexes of the flights that go on.
+    def update(self, truth: TrueMotion, ticks: Rows, active: IntArray) -> IntArray:
+        """Add one tick; return the indexes of the flights that go on.
 
         Args:
             truth: after the tick.
@@ -157,95 +169,165 @@ class FlightMetrics:
             active: (F, N) the vehicle that each one avoids most, -1 for none.
         """
         self.ticks += 1
-        position, sums, law = truth.position_enu_m, self._sums, ticks["law"]
-        self._see(position)
-        command = law["commanded_acceleration_enu_m_s2"][..., :2]
-        if self.ticks > 1:
-            change = (command - self._command) / TICK_S
-            sums["slew"] += np.einsum("fnc,fnc->fn", change, change).mean(-1)
-        self._command = command
-        speed = np.sqrt(np.einsum("fnc,fnc->fn", truth.velocity_enu_m_s, truth.velocity_enu_m_s))
-        sums["speed"] = np.maximum(sums["speed"], np.where(self._counts, speed, 0.0).max(-1))
-        sums["relaxed"] += (law["status"] == int(LawStatus.RELAXED)).mean(-1)
-        sums["intervention"] += law["intervention_m_s2"].mean(-1)
-        step = position - self._position
-        sums["path"] += np.where(
-            self._counts, np.sqrt(np.einsum("fnc,fnc->fn", step, step)), 0.0
-        ).sum(-1)
-        self._position = position
-        offset = position - self._goal
-        away = np.sqrt(np.einsum("fnc,fnc->fn", offset, offset))
-        blend = TICK_S / _RECENT_S
-        self._recent_speed += blend * (speed - self._recent_speed)
-        self._recent_gain += blend * ((self._away - away) / TICK_S - self._recent_gain)
-        self._away = away
+        position = truth.position_enu_m
+        velocity = truth.velocity_enu_m_s
+        law = ticks["law"]
+        speed = np.sqrt(np.einsum("fnc,fnc->fn", velocity, velocity))
+
+        self._measure_separation(position)
+        self._measure_law(law)
+        self._measure_motion(position, speed)
         if self._trace is not None:
             self._trace.add(self._flights, self.ticks, position, law["status"], active)
-        is_there = (
-            (away < self._errors.arrival_m) & (speed < self._errors.slow_m_s)
-        ) | ~self._counts
-        all_there = np.asarray(is_there.all(-1)) & (self.time_s >= self._earliest)
-        self._stay = np.where(all_there, self._stay + 1.0, 0.0)
-        has_arrived = self._stay * TICK_S > HOLD_S
-        is_over = has_arrived | (self.time_s >= self._longest + HOLD_S)
+
+        is_near = self._away < self._errors.arrival_m
+        is_slow = speed < self._errors.slow_m_s
+        is_there = (is_near & is_slow) | ~self._counts
+        return self._end_flights(is_there)
+
+    def _measure_separation(self, position_enu_m: Array) -> None:
+        """Note how near vehicles are to each other and to obstacles."""
+        first, second = self._pairs
+        offset = position_enu_m[:, first] - position_enu_m[:, second]  # (F, P, 3)
+        level = offset[..., :2]
+        distance = np.sqrt(np.einsum("fpc,fpc->fp", level, level))
+
+        touches = distance < self._body_m
+        if self._height_share > 0.0:
+            height = np.abs(offset[..., 2])
+            distance = np.maximum(distance, self._height_share * height)
+            touches &= height < HEIGHT_OF_DIAMETER * self._body_m
+
+        if self._obstacles:
+            clearance = clearances_m(position_enu_m, self._obstacles, self._body_m)
+            self._clearance = np.minimum(self._clearance, clearance)
+        self._has_touched |= np.asarray(touches.any(-1)) | (self._clearance < 0.0)
+
+        nearest = distance.min(-1, initial=np.inf)
+        self._nearest = np.minimum(self._nearest, nearest)
+        self._sums["violation"] += TICK_S * (nearest < self._limit_m)
+
+    def _measure_law(self, law: Rows) -> None:
+        """Note what the law did to the vehicles' commands."""
+        command = law["commanded_acceleration_enu_m_s2"][..., :2]
+        if self.ticks > 1:
+            slew = (command - self._command) / TICK_S
+            self._sums["slew"] += np.einsum("fnc,fnc->fn", slew, slew).mean(-1)
+        self._command = command
+
+        is_relaxed = law["status"] == int(LawStatus.RELAXED)
+        self._sums["relaxed"] += is_relaxed.mean(-1)
+        self._sums["intervention"] += law["intervention_m_s2"].mean(-1)
+
+    def _measure_motion(self, position: Array, speed: Array) -> None:
+        """Note the paths, the speeds, and how the distances from the goals change."""
+        fastest = np.where(self._counts, speed, 0.0).max(-1)
+        self._sums["speed"] = np.maximum(self._sums["speed"], fastest)
+
+        step = position - self._position
+        step_length = np.sqrt(np.einsum("fnc,fnc->fn", step, step))
+        self._sums["path"] += np.where(self._counts, step_length, 0.0).sum(-1)
+        self._position = position
+
+        offset = position - self._goal
+        away = np.sqrt(np.einsum("fnc,fnc->fn", offset, offset))
+        gain = (self._away - away) / TICK_S
+        self._away = away
+
+        blend = TICK_S / _RECENT_S
+        self._recent_speed += blend * (speed - self._recent_speed)
+        self._recent_gain += blend * (gain - self._recent_gain)
+
+    def _end_flights(self, is_there: BoolArray) -> IntArray:
+        """Keep the outcomes of the flights that are over; return the rows of the others.
+
+        Args:
+            is_there: (F, N) at its goal, or its arrival does not count.
+        """
+        is_all_there = np.asarray(is_there.all(-1)) & (self.time_s >= self._earliest)
+        self._ticks_there = np.where(is_all_there, self._ticks_there + 1.0, 0.0)
+
+        has_arrived = self._ticks_there * TICK_S > HOLD_S
+        is_late = self.time_s >= self._longest + HOLD_S
+        is_over = has_arrived | is_late
+
         for row in np.flatnonzero(is_over):
-            self._done[int(self._flights[row])] = self._outcome(
-                int(row), bool(has_arrived[row]), is_there[row]
-            )
+            flight = int(self._flights[row])
+            self._done[flight] = self._outcome(int(row), bool(has_arrived[row]), is_there[row])
         return np.flatnonzero(~is_over)
 
-    def _outcome(self, row: int, has_arrived: bool, is_there: NDArray[np.bool_]) -> Outcome:
-        sums = {name: float(values[row]) for name, values in self._sums.items()}
-        nearest = float(self._nearest[row])
-        reason = None
-        if not has_arrived:
-            missing = ~is_there
-            if not missing.any() or (self._recent_gain[row, missing] > 0.02).any():
-                reason = "time"
-            else:
-                reason = (
-                    "deadlock"
-                    if (self._recent_speed[row, missing] < _STUCK_M_S).all()
-                    else "livelock"
-                )
+    def _outcome(self, row: int, has_arrived: bool, is_there: BoolArray) -> FlightOutcome:
         flight = int(self._flights[row])
-        return Outcome(
-            min_separation_m=nearest,
+        sums = {name: float(values[row]) for name, values in self._sums.items()}
+        nearest_m = float(self._nearest[row])
+
+        makespan_s = math.inf
+        reason = None
+        if has_arrived:
+            makespan_s = self.time_s - (self._ticks_there[row] - 1.0) * TICK_S
+        else:
+            reason = self._reason(row, missing=~is_there)
+
+        path_ratio = math.nan
+        if self._straight[row] > 0.1:
+            path_ratio = sums["path"] / float(self._straight[row])
+
+        trace = None
+        if self._trace is not None:
+            trace = self._trace.of(flight, self.ticks)
+
+        return FlightOutcome(
+            min_separation_m=nearest_m,
             violation_s=sums["violation"],
-            violation_depth_m=max(0.0, self._limit_m - nearest),
+            violation_depth_m=max(0.0, self._limit_m - nearest_m),
             is_collision=bool(self._has_touched[row]),
-            makespan_s=self.time_s - (self._stay[row] - 1.0) * TICK_S if has_arrived else math.inf,
+            makespan_s=makespan_s,
             duration_s=self.time_s,
             reason=reason,
             relaxed_share=sums["relaxed"] / self.ticks,
             slew_rms_m_s3=math.sqrt(sums["slew"] / self.ticks),
             max_speed_m_s=sums["speed"],
             intervention_m_s2=sums["intervention"] / self.ticks,
-            path_ratio=sums["path"] / float(self._straight[row])
-            if self._straight[row] > 0.1
-            else math.nan,
+            path_ratio=path_ratio,
             min_clearance_m=float(self._clearance[row]),
-            trace=None if self._trace is None else self._trace.of(flight, self.ticks),
+            trace=trace,
         )
+
+    def _reason(self, row: int, missing: BoolArray) -> str:
+        """Return why a flight is late.
+
+        Args:
+            row: of the flight.
+            missing: (N,) vehicles that are not at their goals.
+        """
+        if not missing.any():
+            return "time"
+        if (self._recent_gain[row, missing] > _APPROACHING_M_S).any():
+            return "time"
+        if (self._recent_speed[row, missing] < _STUCK_M_S).all():
+            return "deadlock"
+        return "livelock"
 
     def keep(self, flights: IntArray) -> None:
         """Go on with these flights of the batch only."""
-        for name in (
-            *(
-                "_flights",
-                "_goal",
-                "_earliest",
-                "_longest",
-                "_counts",
-                "_position",
-                "_command",
-                "_away",
-                "_straight",
-            ),
-            *("_stay", "_recent_speed", "_recent_gain", "_nearest", "_has_touched", "_clearance"),
-        ):
-            setattr(self, name, getattr(self, name)[flights])
+        self._flights = self._flights[flights]
+        self._goal = self._goal[flights]
+        self._earliest = self._earliest[flights]
+        self._longest = self._longest[flights]
+        self._counts = self._counts[flights]
+
+        self._position = self._position[flights]
+        self._command = self._command[flights]
+        self._away = self._away[flights]
+        self._straight = self._straight[flights]
+        self._ticks_there = self._ticks_there[flights]
+        self._recent_speed = self._recent_speed[flights]
+        self._recent_gain = self._recent_gain[flights]
+
         self._sums = {name: values[flights] for name, values in self._sums.items()}
+        self._nearest = self._nearest[flights]
+        self._has_touched = self._has_touched[flights]
+        self._clearance = self._clearance[flights]
 
 
 class _TraceBuffer:
@@ -262,19 +344,19 @@ class _TraceBuffer:
         self, flights: IntArray, tick: int, position_enu_m: Array, status: Array, active: IntArray
     ) -> None:
         if tick == len(self._position):
-            self._position, self._status, self._active = (
-                np.concatenate([values, np.zeros_like(values)])
-                for values in (self._position, self._status, self._active)
-            )
+            self._position = np.concatenate([self._position, np.zeros_like(self._position)])
+            self._status = np.concatenate([self._status, np.zeros_like(self._status)])
+            self._active = np.concatenate([self._active, np.zeros_like(self._active)])
+
         self._position[tick, flights] = position_enu_m
         self._status[tick, flights] = status
         self._active[tick, flights] = active
 
     def of(self, flight: int, ticks: int) -> Trace:
-        last = ticks + 1
+        samples = ticks + 1
         return Trace(
-            TICK_S * np.arange(last, dtype=np.float64),
-            self._position[:last, flight].copy(),
-            self._status[:last, flight].copy(),
-            self._active[:last, flight].copy(),
+            t_s=TICK_S * np.arange(samples, dtype=np.float64),
+            position_enu_m=self._position[:samples, flight].copy(),
+            status=self._status[:samples, flight].copy(),
+            active_neighbour=self._active[:samples, flight].copy(),
         )

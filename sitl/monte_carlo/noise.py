@@ -1,5 +1,4 @@
-"""Random numbers of many flights, each from its own seed: a flight is the same alone and in any
-batch.
+"""Random numbers of many flights, each from its own seed: a flight is the same alone and in a batch.
 
 Streams of a flight: ``[seed, 1]`` constants, ``[seed, 2]`` noise of every tick, ``[seed, 3]`` the
 radio links. None depends on what the vehicles do, so that two laws meet the same noise.
@@ -13,55 +12,71 @@ import numpy as np
 
 from onboard.arrays import Array, IntArray
 
-_BLOCK_TICKS = 50
+_BLOCK_TICKS = 50  # drawn at once
 _PER_VEHICLE = 9  # position error (3), velocity error (3), gust (2), thrust (1)
 
 
-class Noise:
-    """Noise of F flights of N vehicles, tick by tick.
-
-    uniform, normal: constants (F, N, 8) in [-1, 1) and (F, N, 6).
-    """
+class FlightNoise:
+    """Noise of F flights of N vehicles, tick by tick."""
 
     def __init__(self, seeds: Sequence[int], count: int, *, has_links: bool) -> None:
+        """Draw the constants.
+
+        Args:
+            seeds: (F,) of the flights.
+            count: N.
+            has_links: whether numbers for the radio links are drawn.
+        """
         self.count = count
+
         constants = [np.random.default_rng([seed, 1]) for seed in seeds]
+        # (F, N, 8) in [-1, 1), and (F, N, 6); each flight draws the uniform ones first
         self.uniform = np.stack([rng.uniform(-1.0, 1.0, (count, 8)) for rng in constants])
         self.normal = np.stack([rng.standard_normal((count, 6)) for rng in constants])
+
         self._generators = [np.random.default_rng([seed, 2]) for seed in seeds]
-        self._links = [np.random.default_rng([seed, 3]) for seed in seeds] if has_links else []
-        self._tick = _BLOCK_TICKS
-        self._block = np.empty(0)
-        self._link_draws = np.empty(0, np.float32)
+        self._links: list[np.random.Generator] = []
+        if has_links:
+            self._links = [np.random.default_rng([seed, 3]) for seed in seeds]
+
+        self._tick = _BLOCK_TICKS  # of the block; the first one is drawn when it is required
+        self._block = np.empty(0)  # (F, ticks, N, 9)
+        self._link_draws = np.empty(0, np.float32)  # (F, ticks, N, N)
 
     def next(self) -> tuple[Array, Array]:
-        """Standard normal numbers (F, N, 9), and uniform ones per link (F, receiver, sender), empty
-        without links.
+        """Return the random numbers of the next tick.
 
-        The diagonal of the links is free for what concerns a vehicle itself.
+        Returns:
+            Standard normal numbers (F, N, 9), and uniform ones in [0, 1) per link (F, receiver,
+            sender), which are empty without links. The diagonal of the links is free for what
+            concerns a vehicle itself.
         """
         if self._tick == _BLOCK_TICKS:
-            n = self.count
-            self._block = np.stack(
-                [rng.standard_normal((_BLOCK_TICKS, n, _PER_VEHICLE)) for rng in self._generators]
-            )
-            if self._links:
-                self._link_draws = np.stack(
-                    [rng.random((_BLOCK_TICKS, n, n), dtype=np.float32) for rng in self._links]
-                )
-            self._tick = 0
+            self._draw_block()
         tick = self._tick
         self._tick += 1
-        link_draws = (
-            self._link_draws[:, tick]
-            if self._links
-            else np.empty((len(self._generators), 0, 0), np.float32)
-        )
+
+        if self._links:
+            link_draws = self._link_draws[:, tick]
+        else:
+            link_draws = np.empty((len(self._generators), 0, 0), np.float32)
         return self._block[:, tick], np.asarray(link_draws, dtype=np.float64)
+
+    def _draw_block(self) -> None:
+        shape = (_BLOCK_TICKS, self.count, _PER_VEHICLE)
+        self._block = np.stack([rng.standard_normal(shape) for rng in self._generators])
+
+        if self._links:
+            links_shape = (_BLOCK_TICKS, self.count, self.count)
+            self._link_draws = np.stack(
+                [rng.random(links_shape, dtype=np.float32) for rng in self._links]
+            )
+        self._tick = 0
 
     def keep(self, flights: IntArray) -> None:
         """Go on with these flights of the batch only."""
-        self.uniform, self.normal = self.uniform[flights], self.normal[flights]
+        self.uniform = self.uniform[flights]
+        self.normal = self.normal[flights]
         self._generators = [self._generators[k] for k in flights]
         self._block = self._block[flights]
         if self._links:

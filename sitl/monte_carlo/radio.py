@@ -1,6 +1,4 @@
-"""Messages between the vehicles: late, lost per link, and from senders that fall silent for a
-while.
-"""
+"""Messages between the vehicles: late, lost per link, and from senders that are silent for a while."""
 
 from __future__ import annotations
 
@@ -29,29 +27,36 @@ class Radio:
     def __init__(
         self,
         states: Rows,
-        is_stranger: BoolArray,
+        is_intruder: BoolArray,
         perturbation: Perturbation,
         lateness_s: float = 0.0,
     ) -> None:
         """Begin with a message of everybody.
 
         Args:
-            is_stranger: (F, N) tracked, but of no fleet; never cooperative, and nobody knows its
+            states: (F, N) of the vehicles.
+            is_intruder: (F, N) tracked, but of no fleet; never cooperative, and nobody knows its
                 intentions.
+            perturbation: delay, loss and silences.
             lateness_s: by which states are expected to be late, so that nobody counts as silent for
                 it.
         """
         first = batch.message(states, None)
         flights, count = first.shape[:2]
-        self._p, self._silent_s = perturbation, SILENT_S + lateness_s
-        # what is published in a tick can be heard in the next one at the earliest
-        self._late = max(1, math.ceil(round(perturbation.delay_s / TICK_S, 6)))
-        self._sent: deque[Rows] = deque([first] * self._late, self._late)
+        self._perturbation = perturbation
+        self._silent_s = SILENT_S + lateness_s
+        self._is_intruder = is_intruder
+
+        # what is published in a tick can be received in the next one at the earliest
+        self._delay_ticks = max(1, math.ceil(round(perturbation.delay_s / TICK_S, 6)))
+        self._sent: deque[Rows] = deque([first] * self._delay_ticks, self._delay_ticks)
+
         self._inbox = np.repeat(first[:, None], count, axis=1)
-        self._age_s = np.full((flights, count, count), self._late * TICK_S)
-        self._silence_s = np.zeros((flights, count))
-        self._is_stranger = is_stranger
-        self._others = self._heard = batch.all_others(count)
+        self._age_s = np.full((flights, count, count), self._delay_ticks * TICK_S)
+        self._silence_s = np.zeros((flights, count))  # of each sender, still to come
+        # (N, K) or (F, N, K): the senders that each receiver gathers
+        self._all_others = batch.all_others(count)
+        self._gathered = self._all_others
 
     def publish(self, states: Rows, ticks: Rows) -> None:
         """Send everybody's message of this tick."""
@@ -63,64 +68,82 @@ class Radio:
         """Return the newest messages (F, N, K) that each vehicle has of the others.
 
         Args:
-            link_draws: (F, N, N) uniform in [0, 1). is_mute: (F, N) sends nothing.
+            link_draws: (F, N, N) uniform in [0, 1).
+            is_mute: (F, N) sends nothing.
             is_frozen: (F, N) does not cooperate.
-            tracked: (F, N) as the poses of the mocap say, which represent strangers and whoever is
+            tracked: (F, N) by the poses of the mocap, which represent intruders and whoever is
                 silent; None without a mocap.
         """
-        p = self._p
-        silent = is_mute
-        if p.burst_s > 0.0:
-            begins = np.einsum("fnn->fn", link_draws) < TICK_S / p.burst_every_s
-            self._silence_s = np.where(
-                begins & (self._silence_s <= 0.0), p.burst_s, self._silence_s - TICK_S
-            )
-            silent = silent | (self._silence_s > 0.0)
-        arrived = (link_draws >= p.loss_share) & ~silent[:, None, :]
-        np.copyto(self._inbox, self._sent[-1][:, None], where=arrived)
-        self._age_s = np.where(arrived, self._late * TICK_S, self._age_s + TICK_S)
-        is_cooperative = (self._age_s <= self._silent_s) & ~(self._is_stranger | is_frozen)[
-            :, None, :
-        ]
-        self._heard = self._senders()
-        inbox, age_s = self._inbox, self._age_s
+        is_sending = ~self._silent_senders(link_draws, is_mute)
+        has_arrived = (link_draws >= self._perturbation.loss_share) & is_sending[:, None, :]
+        np.copyto(self._inbox, self._sent[-1][:, None], where=has_arrived)
+        delay_s = self._delay_ticks * TICK_S
+        self._age_s = np.where(has_arrived, delay_s, self._age_s + TICK_S)
+
+        is_heard = self._age_s <= self._silent_s
+        avoids_nobody = self._is_intruder | is_frozen
+        is_cooperative = is_heard & ~avoids_nobody[:, None, :]
+
+        self._gathered = self._senders()
+        inbox = self._inbox
+        age_s = self._age_s
         if tracked is not None:
-            is_silent = age_s > self._late * TICK_S + _TRACKED_AFTER_S
-            is_tracked = is_silent | self._is_stranger[:, None, :]
+            is_silent = age_s > delay_s + _TRACKED_AFTER_S
+            is_tracked = is_silent | self._is_intruder[:, None, :]
             if is_tracked.any():  # hardly ever: the inbox of a large fleet is long to copy
                 inbox = np.where(is_tracked, tracked[:, None], inbox)
-                age_s, is_cooperative = (
-                    np.where(is_tracked, _TRACKED_AGE_S, age_s),
-                    is_cooperative & ~is_tracked,
-                )
-        return batch.received(inbox, age_s, self._heard, is_cooperative)
+                age_s = np.where(is_tracked, _TRACKED_AGE_S, age_s)
+                is_cooperative = is_cooperative & ~is_tracked
+        return batch.received(inbox, age_s, self._gathered, is_cooperative)
+
+    def _silent_senders(self, link_draws: Array, is_mute: BoolArray) -> BoolArray:
+        """Return which vehicles (F, N) send nothing in this tick; silences begin at random."""
+        burst_s = self._perturbation.burst_s
+        if burst_s <= 0.0:
+            return is_mute
+
+        own_draws = np.einsum("fnn->fn", link_draws)
+        begins = own_draws < TICK_S / self._perturbation.burst_every_s
+        begins_anew = begins & (self._silence_s <= 0.0)
+        self._silence_s = np.where(begins_anew, burst_s, self._silence_s - TICK_S)
+        return is_mute | (self._silence_s > 0.0)
 
     def vehicle(self, neighbour: IntArray) -> IntArray:
-        """Places in the fleet (F, N) of places among the neighbours received last; -1 stays."""
-        if not self._heard.shape[-1]:
+        """Return the indexes in the fleet (F, N) of neighbours of the last :meth:`receive`.
+
+        Args:
+            neighbour: (F, N) indexes among the received neighbours; -1 stays.
+        """
+        gathered = self._gathered.shape[-1]
+        if not gathered:
             return np.full_like(neighbour, -1)
-        senders = np.broadcast_to(self._heard, (*neighbour.shape, self._heard.shape[-1]))
-        is_one = (neighbour >= 0) & (neighbour < senders.shape[-1])
-        places = np.take_along_axis(senders, np.where(is_one, neighbour, 0)[..., None], axis=-1)[
-            ..., 0
-        ]
-        return np.where(is_one, places, -1)
+
+        senders = np.broadcast_to(self._gathered, (*neighbour.shape, gathered))  # (F, N, K)
+        is_one = (neighbour >= 0) & (neighbour < gathered)
+        index = np.where(is_one, neighbour, 0)[..., None]
+        vehicle = np.take_along_axis(senders, index, axis=-1)[..., 0]
+        return np.where(is_one, vehicle, -1)
 
     def _senders(self) -> IntArray:
+        """Return whom each receiver gathers: all others, in a large fleet the nearest ones."""
         count = self._inbox.shape[1]
         if count - 1 <= _MOST_SENDERS:
-            return self._others
-        position = self._inbox["position_enu_m"][..., :2]
-        known = np.einsum("fiic->fic", position)
-        gap = position - known[:, :, None]
-        distance_2 = np.einsum("fijc,fijc->fij", gap, gap)
-        distance_2[:, np.arange(count), np.arange(count)] = np.inf
-        return np.sort(
-            np.argpartition(distance_2, _MOST_SENDERS, axis=-1)[..., :_MOST_SENDERS], axis=-1
-        )
+            return self._all_others
+
+        position = self._inbox["position_enu_m"][..., :2]  # (F, receiver, sender, 2)
+        own = np.einsum("fiic->fic", position)
+        offset = position - own[:, :, None]
+        distance_2 = np.einsum("fijc,fijc->fij", offset, offset)
+
+        itself = np.arange(count)
+        distance_2[:, itself, itself] = np.inf
+        nearest = np.argpartition(distance_2, _MOST_SENDERS, axis=-1)[..., :_MOST_SENDERS]
+        return np.sort(nearest, axis=-1)
 
     def keep(self, flights: IntArray) -> None:
         """Go on with these flights of the batch only."""
-        self._sent = deque([message[flights] for message in self._sent], self._late)
-        self._inbox, self._age_s = self._inbox[flights], self._age_s[flights]
-        self._silence_s, self._is_stranger = self._silence_s[flights], self._is_stranger[flights]
+        self._sent = deque([message[flights] for message in self._sent], self._delay_ticks)
+        self._inbox = self._inbox[flights]
+        self._age_s = self._age_s[flights]
+        self._silence_s = self._silence_s[flights]
+        self._is_intruder = self._is_intruder[flights]

@@ -3,6 +3,9 @@
 A name says everything: ``swap8`` (jittered) or ``swap8x`` (exact), ``rand16`` or ``rand16d4`` (4
 m^2 per vehicle), ``cross8@180``, ``intruder6@2``, ``lost8@silent``, ``forest8``, ``gap6``.
 Positions are fleet ENU, everybody at one height but for ``layers8``, ``heights8`` and ``climb8``.
+
+Each scenario draws its random numbers in a fixed order. That order is part of the scenario: another
+one would be another flight for the same seed.
 """
 
 from __future__ import annotations
@@ -22,26 +25,40 @@ from sitl.monte_carlo import clutter
 
 HEIGHT_M = 1.0
 _UP = np.array([0.0, 0.0, 2.0])  # from one layer to the next
+
 MIX = (
-    *("form3", "swap4", "swap8", "swap16", "swap32", "swap4x", "swap8x", "swap16x", "swap32x"),
-    *("rand8", "rand16", "rand32"),
+    "form3",
+    "swap4",
+    "swap8",
+    "swap16",
+    "swap32",
+    "swap4x",
+    "swap8x",
+    "swap16x",
+    "swap32x",
+    "rand8",
+    "rand16",
+    "rand32",
 )
 _MAX_VEHICLES = 250
 KNOWN = (
-    "form3, swapN (jittered) and swapNx (exact), randN and randNdA (A m^2 per vehicle), crossN@90, crossN@180, "
-    "layersN (two swaps above each other), heightsN (pairs swap heights), climbN (half climbs through the way of the "
-    "other), squeeze, forestN (through pillars), gapN (both ways through a gap in a wall), intruderN@1, intruderN@2, "
+    "form3, swapN (jittered) and swapNx (exact), randN and randNdA (A m^2 per vehicle), "
+    "crossN@90, crossN@180, layersN (two swaps above each other), heightsN (pairs swap heights), "
+    "climbN (half climbs through the way of the other), squeeze, forestN (through pillars), "
+    "gapN (both ways through a gap in a wall), intruderN@1, intruderN@2, "
     "lostN@frozen, lostN@silent, lostN@dead, and mix (the benchmark); "
     f"N is a number up to {_MAX_VEHICLES}"
 )
+
 _TRIANGLE_SIDE_M = 1.6
 _PERMUTATIONS = tuple(itertools.permutations(range(3)))
 _RAND_SPACING_M = 1.4
 _CROSS_SPACING_M = 1.2
+_JITTER_STD_M = 0.05  # of a start, per axis in the plane
 
 
 @dataclass(frozen=True, slots=True)
-class Plan:
+class FlightPlan:
     """One flight to be flown; N vehicles.
 
     Kinds of lost vehicles: "frozen" stops and avoids nobody, which its messages say; "silent" flies
@@ -67,49 +84,96 @@ class Plan:
 
 
 def expand(names: Iterable[str]) -> list[str]:
-    """Scenario names with ``mix`` replaced by the twelve of the benchmark; ConfigError on an
-    unknown one.
+    """Return scenario names once each, with ``mix`` replaced by the twelve of the benchmark.
+
+    Raises:
+        ConfigError: an unknown name.
     """
-    wanted = [name for given in names for name in (MIX if given == "mix" else (given,))]
-    for name in wanted:
+    expanded: list[str] = []
+    for name in names:
+        if name == "mix":
+            expanded.extend(MIX)
+        else:
+            expanded.append(name)
+
+    for name in expanded:
         vehicle_count(name)
-    return list(dict.fromkeys(wanted))
+    return list(dict.fromkeys(expanded))
 
 
 def vehicle_count(name: str) -> int:
-    """Vehicles of a scenario; ConfigError with a sentence when there is none of that name."""
+    """Return the number of vehicles of a scenario.
+
+    Raises:
+        ConfigError: no such scenario.
+    """
     return plan(name, 0).count
 
 
-def plan(name: str, seed: int, *, scale: float = 1.0) -> Plan:
-    """The flight of a scenario and a seed; ``scale`` multiplies every position in the plane.
+def plan(name: str, seed: int, *, scale: float = 1.0) -> FlightPlan:
+    """Return the flight of a scenario and a seed.
 
+    Args:
+        name: of the scenario, with its number and options.
+        seed: decides everything that is random.
+        scale: multiplies every position in the plane, and the times.
     Raises:
         ConfigError: no such scenario.
     """
     for pattern, make in _SCENARIOS.items():
         match = re.fullmatch(pattern, name)
         if match:
-            made = make(name, seed, *match.groups())
-            stretch = np.array([scale, scale, 1.0])
-            return replace(
-                made,
-                start_enu_m=made.start_enu_m * stretch,
-                goal_enu_m=made.goal_enu_m * stretch,
-                duration_s=made.duration_s * scale,
-                earliest_s=made.earliest_s * scale,
-                obstacles=clutter.scaled(made.obstacles, scale),
-            )
+            return _scaled(make(name, seed, *match.groups()), scale)
     raise ConfigError(f"'{name}' is not a scenario. Known: {KNOWN}.")
 
 
+def _scaled(unscaled: FlightPlan, scale: float) -> FlightPlan:
+    stretch = np.array([scale, scale, 1.0])  # heights stay
+    return replace(
+        unscaled,
+        start_enu_m=unscaled.start_enu_m * stretch,
+        goal_enu_m=unscaled.goal_enu_m * stretch,
+        duration_s=unscaled.duration_s * scale,
+        earliest_s=unscaled.earliest_s * scale,
+        obstacles=clutter.scaled(unscaled.obstacles, scale),
+    )
+
+
+def is_stacked(name: str) -> bool:
+    """Whether vehicles of a scenario begin above each other."""
+    start = plan(name, 0).start_enu_m
+    height_steps_m = np.diff(np.sort(start[:, 2]))
+    return bool((np.abs(height_steps_m) > 0.0).any())
+
+
+# What the scenarios share
+
+
 def _raised(points: Array) -> Array:
-    """Points (N, 2) at the common height."""
-    return np.concatenate([points, np.full((len(points), 1), HEIGHT_M)], axis=1)
+    """Return points (N, 2) of the plane at the common height, (N, 3)."""
+    heights = np.full((len(points), 1), HEIGHT_M)
+    return np.concatenate([points, heights], axis=1)
+
+
+def _jitter(seed: int, count: int) -> Array:
+    """Return offsets (N, 2) of the starts: the first that a scenario draws from its seed."""
+    return np.random.default_rng(seed).normal(0.0, _JITTER_STD_M, (count, 2))
+
+
+def _level_jitter(seed: int, count: int) -> Array:
+    """Return offsets (N, 3) of the starts, none of them in height."""
+    return np.concatenate([_jitter(seed, count), np.zeros((count, 1))], axis=1)
 
 
 def _number(name: str, text: str | None, default: int, *, low: int = 2) -> int:
-    count = default if text is None else int(text)
+    """Return the number of vehicles that a name gives.
+
+    Raises:
+        ConfigError: fewer than ``low``, or too many.
+    """
+    count = default
+    if text is not None:
+        count = int(text)
     if not low <= count <= _MAX_VEHICLES:
         raise ConfigError(
             f"'{name}' asks for {count} vehicles; this scenario takes {low} to {_MAX_VEHICLES}."
@@ -117,120 +181,12 @@ def _number(name: str, text: str | None, default: int, *, low: int = 2) -> int:
     return count
 
 
-def _form3(name: str, seed: int) -> Plan:
-    """Into a triangle of side 1.6 m about (0, 1.2) by the 6 permutations, trajectories of 7 s and 5
-    s in turn.
+def _half_of(name: str, number: str) -> int:
+    """Return half of the number of vehicles, of which at least 4 are required.
+
+    Raises:
+        ConfigError: the number is odd, too small or too large.
     """
-    rng = np.random.default_rng(seed)
-    start = np.array([[-1.5, -1.5], [0.0, -1.5], [1.5, -1.5]]) + rng.normal(0.0, 0.1, (3, 2))
-    radius = _TRIANGLE_SIDE_M / math.sqrt(3.0)
-    slots = np.array([[0.0, radius], [-0.8, -0.5 * radius], [0.8, -0.5 * radius]]) + np.array(
-        [0.0, 1.2]
-    )
-    goal = slots[list(_PERMUTATIONS[seed % 6])]
-    return Plan(name, seed, _raised(start), _raised(goal), duration_s=(7.0, 5.0)[seed // 6 % 2])
-
-
-def _circle(count: int) -> Array:
-    radius = max(2.5, 1.25 * count / (2.0 * math.pi))
-    angle = 2.0 * math.pi * np.arange(count) / count
-    return radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-
-
-def _swap(name: str, seed: int, number: str, exact: str) -> Plan:
-    """Everybody to the opposite place of a circle; all through its centre. Without jitter all seeds
-    start alike.
-    """
-    count = _number(name, number, 2)
-    places = _circle(count)
-    jitter = np.random.default_rng(seed).normal(0.0, 0.05, (count, 2))
-    return Plan(name, seed, _raised(places if exact else places + jitter), _raised(-places))
-
-
-def _rand(name: str, seed: int, number: str, density: str | None) -> Plan:
-    """Random starts and goals in a square, each set spaced by 1.4 m or more."""
-    count = _number(name, number, 2, low=1)
-    area = 6.0 if density is None else float(density)
-    if not 3.5 <= area <= 1000.0:
-        raise ConfigError(
-            f"'{name}' asks for {area:g} m^2 per vehicle; spacings of 1.4 m fit from 3.5 m^2 on."
-        )
-    side = math.sqrt(area * count)
-    rng = np.random.default_rng(seed)
-    return Plan(
-        name, seed, _raised(_scatter(rng, count, side)), _raised(_scatter(rng, count, side))
-    )
-
-
-def _scatter(rng: np.random.Generator, count: int, side_m: float) -> Array:
-    """``count`` points of a square about the origin, drawn one by one; begun anew when there is no
-    room left.
-    """
-    while True:
-        points = np.empty((0, 2))
-        for _ in range(400 * count):
-            point = rng.uniform(-0.5 * side_m, 0.5 * side_m, 2)
-            if ((points - point) ** 2).sum(1).min(initial=np.inf) >= _RAND_SPACING_M**2:
-                points = np.concatenate([points, point[None]])
-                if len(points) == count:
-                    return points
-
-
-def _cross(name: str, seed: int, number: str | None, angle: str | None) -> Plan:
-    """Two blocks, spacing 1.2 m, fly through each other at 90 or 180 degrees; starts jittered by 5
-    cm.
-    """
-    count = _number(name, number, 8)
-    turn = math.radians(float(angle or 90))
-    first = count // 2
-    width = math.ceil(math.sqrt(count - first))
-    slot = np.arange(count - first)
-    block = _CROSS_SPACING_M * np.stack([slot // width, slot % width], axis=1).astype(np.float64)
-    block -= 0.5 * (block.min(0) + block.max(0))
-    reach = np.array([2.0 + 0.5 * _CROSS_SPACING_M * width, 0.0])
-    turned = np.array([[math.cos(turn), -math.sin(turn)], [math.sin(turn), math.cos(turn)]])
-    start = np.concatenate([block[:first] - reach, (block - reach) @ turned.T])
-    goal = np.concatenate([block[:first] + reach, (block + reach) @ turned.T])
-    jitter = np.random.default_rng(seed).normal(0.0, 0.05, (count, 2))
-    return Plan(name, seed, _raised(start + jitter), _raised(goal))
-
-
-def _layers(name: str, seed: int, number: str) -> Plan:
-    """Two jittered swaps, one above the other, whose places lie above each other."""
-    half = _even(name, number)
-    low = _swap(name, seed, str(half), "")
-    start, goal = (np.concatenate([at, at + _UP]) for at in (low.start_enu_m, low.goal_enu_m))
-    return Plan(name, seed, start, goal)
-
-
-def _heights(name: str, seed: int, number: str) -> Plan:
-    """Pairs of vehicles above each other, 3 m from pair to pair, change their heights."""
-    half = _even(name, number)
-    row = np.stack([3.0 * np.arange(half), np.zeros(half)], axis=1)
-    low, high = _raised(row), _raised(row) + _UP
-    jitter = np.concatenate(
-        [np.random.default_rng(seed).normal(0.0, 0.05, (2 * half, 2)), np.zeros((2 * half, 1))], 1
-    )
-    return Plan(name, seed, np.concatenate([low, high]) + jitter, np.concatenate([high, low]))
-
-
-def _climb(name: str, seed: int, number: str) -> Plan:
-    """Half of them climb, 1.5 m apart in a row; the others fly along the row above them, in the
-    middle of the climb.
-    """
-    half = _even(name, number)
-    place = 1.5 * (np.arange(half) - 0.5 * (half - 1))
-    row = _raised(np.stack([place, np.zeros(half)], axis=1))
-    reach = np.array([1.5 * half + 1.0, 0.0, 0.0])
-    jitter = np.concatenate(
-        [np.random.default_rng(seed).normal(0.0, 0.05, (2 * half, 2)), np.zeros((2 * half, 1))], 1
-    )
-    start = np.concatenate([row, row - reach + 0.5 * _UP]) + jitter
-    return Plan(name, seed, start, np.concatenate([row + _UP, row + reach + 0.5 * _UP]))
-
-
-def _even(name: str, number: str) -> int:
-    """Half of the number of vehicles."""
     count = _number(name, number, 4)
     if count % 2:
         raise ConfigError(
@@ -239,90 +195,292 @@ def _even(name: str, number: str) -> int:
     return count // 2
 
 
-def is_stacked(name: str) -> bool:
-    """Whether vehicles of a scenario begin above each other."""
-    start = plan(name, 0).start_enu_m
-    return bool((np.abs(np.diff(np.sort(start[:, 2]))) > 0.0).any())
+# The scenarios
 
 
-def _squeeze(name: str, seed: int) -> Plan:
-    """Three in a line; the outer two move in to 1.1 m beside the middle one."""
-    start = np.array([[-2.5, 0.0], [0.0, 0.0], [2.5, 0.0]])
-    goal = np.array([[-1.1, 0.0], [0.0, 0.0], [1.1, 0.0]])
-    jitter = np.random.default_rng(seed).normal(0.0, 0.05, (3, 2))
-    return Plan(name, seed, _raised(start + jitter), _raised(goal))
-
-
-def _forest(name: str, seed: int, number: str | None) -> Plan:
-    """Half from the left and half from the right, each to a place of the other side, through the
-    same pillars.
-    """
-    half = _even(name, number or "8")
+def _form3(name: str, seed: int) -> FlightPlan:
+    """Into a triangle of side 1.6 m about (0, 1.2), by all 6 permutations, in 7 s and 5 s in turn."""
     rng = np.random.default_rng(seed)
-    place = 1.5 * (np.arange(half) - 0.5 * (half - 1))
-    sides = [
-        np.stack([np.full(half, x), place], axis=1) + rng.normal(0.0, 0.05, (half, 2))
-        for x in (-5.0, 5.0)
-    ]
-    start = np.concatenate(sides)
-    goal = np.concatenate([sides[1][rng.permutation(half)], sides[0][rng.permutation(half)]])
-    return Plan(
-        name, seed, _raised(start), _raised(goal), obstacles=clutter.forest(half // 2 + 2, half)
+    row = np.array([[-1.5, -1.5], [0.0, -1.5], [1.5, -1.5]])
+    start = row + rng.normal(0.0, 0.1, (3, 2))
+
+    radius = _TRIANGLE_SIDE_M / math.sqrt(3.0)
+    corners = np.array([[0.0, radius], [-0.8, -0.5 * radius], [0.8, -0.5 * radius]])
+    slots = corners + np.array([0.0, 1.2])
+    permutation = list(_PERMUTATIONS[seed % 6])
+
+    return FlightPlan(
+        scenario=name,
+        seed=seed,
+        start_enu_m=_raised(start),
+        goal_enu_m=_raised(slots[permutation]),
+        duration_s=(7.0, 5.0)[seed // 6 % 2],
     )
 
 
-def _gap(name: str, seed: int, number: str | None) -> Plan:
+def _circle(count: int) -> Array:
+    """Return points (N, 2), at least 1.25 m apart along a circle about the origin."""
+    radius = max(2.5, 1.25 * count / (2.0 * math.pi))
+    angle = 2.0 * math.pi * np.arange(count) / count
+    return radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+
+
+def _swap(name: str, seed: int, number: str, exact: str) -> FlightPlan:
+    """Everybody to the opposite point of a circle, all through its centre.
+
+    Without jitter all seeds start alike.
+    """
+    count = _number(name, number, 2)
+    points = _circle(count)
+
+    start = points
+    if not exact:
+        start = points + _jitter(seed, count)
+
+    return FlightPlan(
+        scenario=name,
+        seed=seed,
+        start_enu_m=_raised(start),
+        goal_enu_m=_raised(-points),
+    )
+
+
+def _rand(name: str, seed: int, number: str, density: str | None) -> FlightPlan:
+    """Random starts and goals in a square, each set spaced by 1.4 m or more."""
+    count = _number(name, number, 2, low=1)
+    area = 6.0  # m^2 per vehicle
+    if density is not None:
+        area = float(density)
+    if not 3.5 <= area <= 1000.0:
+        raise ConfigError(
+            f"'{name}' asks for {area:g} m^2 per vehicle; spacings of 1.4 m fit from 3.5 m^2 on."
+        )
+
+    side_m = math.sqrt(area * count)
+    rng = np.random.default_rng(seed)
+    start = _scatter(rng, count, side_m)
+    goal = _scatter(rng, count, side_m)
+
+    return FlightPlan(
+        scenario=name,
+        seed=seed,
+        start_enu_m=_raised(start),
+        goal_enu_m=_raised(goal),
+    )
+
+
+def _scatter(rng: np.random.Generator, count: int, side_m: float) -> Array:
+    """Return ``count`` points (N, 2) of a square about the origin, drawn one by one.
+
+    When no room is left after many attempts, the square is emptied and filled anew.
+    """
+    while True:
+        points = np.empty((0, 2))
+        for _ in range(400 * count):
+            point = rng.uniform(-0.5 * side_m, 0.5 * side_m, 2)
+
+            distances_2 = ((points - point) ** 2).sum(1)
+            if distances_2.min(initial=np.inf) < _RAND_SPACING_M**2:
+                continue
+
+            points = np.concatenate([points, point[None]])
+            if len(points) == count:
+                return points
+
+
+def _cross(name: str, seed: int, number: str | None, angle: str | None) -> FlightPlan:
+    """Two blocks, spacing 1.2 m, fly through each other at 90 or 180 degrees; starts jittered."""
+    count = _number(name, number, 8)
+    turn_rad = math.radians(float(angle or 90))
+    first = count // 2  # vehicles of the first block; the second has one more of an odd number
+
+    # the larger block about the origin, (M, 2)
+    width = math.ceil(math.sqrt(count - first))
+    slot = np.arange(count - first)
+    block = _CROSS_SPACING_M * np.stack([slot // width, slot % width], axis=1).astype(np.float64)
+    block -= 0.5 * (block.min(0) + block.max(0))
+
+    reach = np.array([2.0 + 0.5 * _CROSS_SPACING_M * width, 0.0])
+    rotation = np.array(
+        [
+            [math.cos(turn_rad), -math.sin(turn_rad)],
+            [math.sin(turn_rad), math.cos(turn_rad)],
+        ]
+    )
+    start = np.concatenate([block[:first] - reach, (block - reach) @ rotation.T])
+    goal = np.concatenate([block[:first] + reach, (block + reach) @ rotation.T])
+
+    return FlightPlan(
+        scenario=name,
+        seed=seed,
+        start_enu_m=_raised(start + _jitter(seed, count)),
+        goal_enu_m=_raised(goal),
+    )
+
+
+def _layers(name: str, seed: int, number: str) -> FlightPlan:
+    """Two jittered swaps, one above the other, whose points lie above each other."""
+    half = _half_of(name, number)
+    low = _swap(name, seed, str(half), "")
+
+    return FlightPlan(
+        scenario=name,
+        seed=seed,
+        start_enu_m=np.concatenate([low.start_enu_m, low.start_enu_m + _UP]),
+        goal_enu_m=np.concatenate([low.goal_enu_m, low.goal_enu_m + _UP]),
+    )
+
+
+def _heights(name: str, seed: int, number: str) -> FlightPlan:
+    """Pairs of vehicles above each other, 3 m from pair to pair, exchange their heights."""
+    half = _half_of(name, number)
+    row = np.stack([3.0 * np.arange(half), np.zeros(half)], axis=1)
+    low = _raised(row)
+    high = _raised(row) + _UP
+
+    return FlightPlan(
+        scenario=name,
+        seed=seed,
+        start_enu_m=np.concatenate([low, high]) + _level_jitter(seed, 2 * half),
+        goal_enu_m=np.concatenate([high, low]),
+    )
+
+
+def _climb(name: str, seed: int, number: str) -> FlightPlan:
+    """Half of them climb, 1.5 m apart in a row; the others fly along the row, at half the climb."""
+    half = _half_of(name, number)
+    along_row_m = 1.5 * (np.arange(half) - 0.5 * (half - 1))
+    row = _raised(np.stack([along_row_m, np.zeros(half)], axis=1))
+    reach = np.array([1.5 * half + 1.0, 0.0, 0.0])
+
+    start = np.concatenate([row, row - reach + 0.5 * _UP])
+    goal = np.concatenate([row + _UP, row + reach + 0.5 * _UP])
+
+    return FlightPlan(
+        scenario=name,
+        seed=seed,
+        start_enu_m=start + _level_jitter(seed, 2 * half),
+        goal_enu_m=goal,
+    )
+
+
+def _squeeze(name: str, seed: int) -> FlightPlan:
+    """Three in a line; the outer two move in to 1.1 m beside the middle one."""
+    start = np.array([[-2.5, 0.0], [0.0, 0.0], [2.5, 0.0]])
+    goal = np.array([[-1.1, 0.0], [0.0, 0.0], [1.1, 0.0]])
+
+    return FlightPlan(
+        scenario=name,
+        seed=seed,
+        start_enu_m=_raised(start + _jitter(seed, 3)),
+        goal_enu_m=_raised(goal),
+    )
+
+
+def _forest(name: str, seed: int, number: str | None) -> FlightPlan:
+    """Half from the left and half from the right, all through the same pillars.
+
+    Each flies to a start of the other side.
+    """
+    half = _half_of(name, number or "8")
+    rng = np.random.default_rng(seed)
+    along_side_m = 1.5 * (np.arange(half) - 0.5 * (half - 1))
+
+    sides = []
+    for x_m in (-5.0, 5.0):
+        exact = np.stack([np.full(half, x_m), along_side_m], axis=1)
+        sides.append(exact + rng.normal(0.0, _JITTER_STD_M, (half, 2)))
+    left, right = sides
+
+    goals_of_left = right[rng.permutation(half)]
+    goals_of_right = left[rng.permutation(half)]
+
+    return FlightPlan(
+        scenario=name,
+        seed=seed,
+        start_enu_m=_raised(np.concatenate([left, right])),
+        goal_enu_m=_raised(np.concatenate([goals_of_left, goals_of_right])),
+        obstacles=clutter.forest(rows=half // 2 + 2, seed=half),
+    )
+
+
+def _gap(name: str, seed: int, number: str | None) -> FlightPlan:
     """Half from the left and half from the right, in two lanes, through one gap to the other side."""
-    half = _even(name, number or "6")
+    half = _half_of(name, number or "6")
     slot = np.arange(half)
-    lanes = np.stack([2.5 + 1.4 * (slot // 2), 0.7 * (1.0 - 2.0 * (slot % 2))], axis=1)
-    jitter = np.random.default_rng(seed).normal(0.0, 0.05, (2 * half, 2))
-    start = np.concatenate([lanes * (-1.0, 1.0), lanes]) + jitter
-    goal = np.concatenate([lanes[::-1], lanes[::-1] * (-1.0, 1.0)])
-    return Plan(name, seed, _raised(start), _raised(goal), obstacles=clutter.gap())
+    x_m = 2.5 + 1.4 * (slot // 2)
+    y_m = 0.7 * (1.0 - 2.0 * (slot % 2))
+    right = np.stack([x_m, y_m], axis=1)
+    mirrored = (-1.0, 1.0)  # factors of x and y
+
+    start = np.concatenate([right * mirrored, right])
+    goal = np.concatenate([right[::-1], right[::-1] * mirrored])
+
+    return FlightPlan(
+        scenario=name,
+        seed=seed,
+        start_enu_m=_raised(start + _jitter(seed, 2 * half)),
+        goal_enu_m=_raised(goal),
+        obstacles=clutter.gap(),
+    )
 
 
-def _intruder(name: str, seed: int, number: str | None, speed: str | None) -> Plan:
-    """A hovering formation (rows of three, spacing 2 m); somebody else's vehicle flies straight
-    through it.
+def _intruder(name: str, seed: int, number: str | None, speed: str | None) -> FlightPlan:
+    """Somebody else's vehicle flies straight through a hovering formation.
+
+    The formation stands in rows of three with a spacing of 2 m.
     """
     count = _number(name, number, 6, low=1)
     speed_m_s = float(speed or 1)
     rng = np.random.default_rng(seed)
+
     slot = np.arange(count)
     slots = 2.0 * np.stack([slot % 3, slot // 3], axis=1)
     slots = slots - 0.5 * (slots.min(0) + slots.max(0))
-    angle, aside = rng.uniform(0.0, 2.0 * math.pi), rng.uniform(-1.5, 1.5)
-    along = np.array([math.cos(angle), math.sin(angle)])
-    reach = float(np.hypot(*slots.T).max()) + 3.0
-    entry = aside * np.array([-along[1], along[0]]) - reach * along
-    exit_ = entry + 2.0 * reach * along
-    return Plan(
-        name,
-        seed,
-        _raised(np.concatenate([slots, entry[None]])),
-        _raised(np.concatenate([slots, exit_[None]])),
-        earliest_s=2.0 * reach / speed_m_s,
+
+    angle_rad = rng.uniform(0.0, 2.0 * math.pi)
+    aside_m = rng.uniform(-1.5, 1.5)  # by which the intruder misses the middle
+    along = np.array([math.cos(angle_rad), math.sin(angle_rad)])
+    across = np.array([-along[1], along[0]])
+
+    reach_m = float(np.hypot(*slots.T).max()) + 3.0
+    entry = aside_m * across - reach_m * along
+    exit_ = entry + 2.0 * reach_m * along
+
+    return FlightPlan(
+        scenario=name,
+        seed=seed,
+        start_enu_m=_raised(np.concatenate([slots, entry[None]])),
+        goal_enu_m=_raised(np.concatenate([slots, exit_[None]])),
+        earliest_s=2.0 * reach_m / speed_m_s,
         intruder_m_s=np.array([*(speed_m_s * along), 0.0]),
     )
 
 
-def _lost(name: str, seed: int, number: str | None, kind: str | None) -> Plan:
-    """A jittered swap; one vehicle is lost after 1 to 5 s, frozen or silent in turn if the name
-    does not say.
+def _lost(name: str, seed: int, number: str | None, kind: str | None) -> FlightPlan:
+    """A jittered swap in which one vehicle is lost after 1 to 5 s.
+
+    Where the name gives no kind, vehicles are frozen and silent in turn.
     """
     count = _number(name, number, 8)
-    base = _swap(name, seed, str(count), "")
+    swap = _swap(name, seed, str(count), "")
+
     rng = np.random.default_rng([seed, 9])
-    lost = (
-        int(rng.integers(count)),
-        float(rng.uniform(1.0, 5.0)),
-        kind or ("frozen", "silent")[seed % 2],
+    index = int(rng.integers(count))
+    time_s = float(rng.uniform(1.0, 5.0))
+    if kind is None:
+        kind = ("frozen", "silent")[seed % 2]
+
+    return FlightPlan(
+        scenario=name,
+        seed=seed,
+        start_enu_m=swap.start_enu_m,
+        goal_enu_m=swap.goal_enu_m,
+        lost=(index, time_s, kind),
     )
-    return Plan(name, seed, base.start_enu_m, base.goal_enu_m, lost=lost)
 
 
-_SCENARIOS: dict[str, Callable[..., Plan]] = {
+_SCENARIOS: dict[str, Callable[..., FlightPlan]] = {
     r"form3": _form3,
     r"swap(\d{1,4})(x?)": _swap,
     r"rand(\d{1,4})(?:d(\d+(?:\.\d+)?))?": _rand,

@@ -1,5 +1,7 @@
-"""Everything that is chosen for a campaign: vehicles, law, errors, perturbation; and ``--set
-key=value``.
+"""Everything that is chosen for a campaign: vehicles, law, errors and perturbation.
+
+A choice starts from the types of a fleet file, or from those of the example fleets. Single values
+are then changed by ``--set key=value``.
 """
 
 from __future__ import annotations
@@ -32,31 +34,36 @@ _ALIASES = {
     "neighbours": "law.max_neighbours",
 }
 _NOT_A_VEHICLE_VALUE = (
-    *(
-        "name",
-        "index",
-        "system_id",
-        "start_enu_m",
-        "agent",
-        "autopilot",
-        "direct",
-        "mocap_body",
-        "type",
-        "enabled",
-    ),
-    *("px4_version", "px4_params", "sitl", "mocap_required"),
+    "name",
+    "index",
+    "system_id",
+    "start_enu_m",
+    "agent",
+    "autopilot",
+    "direct",
+    "mocap_body",
+    "type",
+    "enabled",
+    "px4_version",
+    "px4_params",
+    "sitl",
+    "mocap_required",
 )
+_UNBOUNDED_M = 1e6  # half width of a geofence that no flight reaches
 
 
 def _from_to(default: float, low: float, high: float) -> float:
+    """Return a field with its default and the bounds of ``--set``."""
     value: float = field(default=default, metadata={"low": low, "high": high})
     return value
 
 
 @dataclass(frozen=True, slots=True)
 class Perturbation:
-    """Errors that the control does not know, beside those of the estimate; each with its default
-    and bounds.
+    """Errors that the control does not know, beside those of the estimate.
+
+    The four mismatches and the gain are half widths of uniform relative errors, each constant per
+    vehicle.
     """
 
     # age of a message when it arrives, in whole ticks of 20 ms, at least one
@@ -65,40 +72,53 @@ class Perturbation:
     burst_s: float = _from_to(0.0, 0.0, 60.0)  # length of a sender's silences; 0 for none
     burst_every_s: float = _from_to(10.0, 0.1, 1e4)  # mean interval of a sender's silences
     gust_m_s2: float = _from_to(0.1, 0.0, 5.0)  # std per horizontal axis, correlated over 1 s
-    # lag_mismatch, gain, drag_mismatch, hover_mismatch: half widths of uniform relative errors of
-    # the lag and gain of the attitude, of drag and of hover throttle, constant per vehicle
-    lag_mismatch: float = _from_to(0.10, 0.0, 0.9)
+    lag_mismatch: float = _from_to(0.10, 0.0, 0.9)  # of the lag of the attitude
     lag_error_s: float = _from_to(0.0, 0.0, 1.0)  # added to the dead time
-    gain: float = _from_to(0.05, 0.0, 0.9)
+    gain: float = _from_to(0.05, 0.0, 0.9)  # error of the gain of the attitude
     drag_mismatch: float = _from_to(0.0, 0.0, 0.9)
-    hover_mismatch: float = _from_to(0.0, 0.0, 0.5)
+    hover_mismatch: float = _from_to(0.0, 0.0, 0.5)  # of the hover throttle
 
 
 @dataclass(frozen=True, slots=True)
 class ErrorClass:
-    """Accuracy of the own estimate, per axis; correlated over a time unless that is 0.
-
-    arrival_m, slow_m_s: a vehicle has arrived when it is truly this near its goal and this slow;
-    three standard deviations wider than with a mocap, since it holds its estimate on the goal and
-    not itself. law: values that a fleet of that accuracy flies with, where the fleet file does not
-    say.
-    """
+    """Accuracy of the own estimate, per axis."""
 
     name: str
     position_std_m: float
     velocity_std_m_s: float
+    # over which the errors are correlated; 0: white noise
     position_time_s: float
     velocity_time_s: float
+    # A vehicle has arrived when it is truly this near its goal and this slow. Both are three
+    # standard deviations wider than with a mocap: a vehicle holds its estimate on the goal, not
+    # itself.
     arrival_m: float = 0.15
     slow_m_s: float = 0.15
+    # values that a fleet of that accuracy flies with, where the fleet file does not say
     law: Mapping[str, float] = field(default_factory=dict)
 
 
 ERRORS = {
-    "none": ErrorClass("none", 0.0, 0.0, 0.0, 0.0),
-    "mocap": ErrorClass("mocap", 0.003, 0.0, 0.0, 0.0),
+    "none": ErrorClass(
+        name="none",
+        position_std_m=0.0,
+        velocity_std_m_s=0.0,
+        position_time_s=0.0,
+        velocity_time_s=0.0,
+    ),
+    "mocap": ErrorClass(
+        name="mocap",
+        position_std_m=0.003,
+        velocity_std_m_s=0.0,
+        position_time_s=0.0,
+        velocity_time_s=0.0,
+    ),
     "vision": ErrorClass(
-        *("vision", 0.05, 0.12, 0.5, 0.5),
+        name="vision",
+        position_std_m=0.05,
+        velocity_std_m_s=0.12,
+        position_time_s=0.5,
+        velocity_time_s=0.5,
         arrival_m=0.30,
         slow_m_s=0.50,
         law={
@@ -112,7 +132,11 @@ ERRORS = {
         },
     ),
     "gps": ErrorClass(
-        *("gps", 0.2, 0.2, 5.0, 0.7),
+        name="gps",
+        position_std_m=0.2,
+        velocity_std_m_s=0.2,
+        position_time_s=5.0,
+        velocity_time_s=0.7,
         arrival_m=0.75,
         slow_m_s=0.75,
     ),
@@ -121,48 +145,56 @@ ERRORS = {
 
 @dataclass(frozen=True, slots=True)
 class Setup:
-    """One choice of everything but the scenario; ``types`` are given to the vehicles in turn."""
+    """One choice of everything but the scenario."""
 
     law: str
-    types: tuple[str, ...]
+    types: tuple[str, ...]  # given to the vehicles in turn
+    # tables as in a fleet file
     type_tables: Mapping[str, Mapping[str, Any]]
     law_table: Mapping[str, Any]
     fleet_table: Mapping[str, Any]
     errors: ErrorClass
     perturbation: Perturbation
-    scale: float = 1.0
+    scale: float = 1.0  # of positions in the plane
 
     def fleet(self, count: int) -> FleetConfig:
-        """A fleet of ``count`` vehicles, validated like any fleet file; ConfigError when the values
-        do not go.
+        """Return a fleet of ``count`` vehicles, validated like any fleet file.
+
+        Raises:
+            ConfigError: the values do not go together.
         """
-        spacing = 2.0 + 10.0 * float(self.fleet_table.get("safety_distance_m", 0.8))
-        vehicles = {
-            f"v{i}": {
+        spacing_m = 2.0 + 10.0 * float(self.fleet_table.get("safety_distance_m", 0.8))
+        vehicles = {}
+        for i in range(count):
+            vehicles[f"v{i}"] = {
                 "type": self.types[i % len(self.types)],
                 "system_id": i + 1,
-                "start_enu_m": [spacing * i, 0.0, 0.0],
+                "start_enu_m": [spacing_m * i, 0.0, 0.0],
                 "agent": f"tcp/127.0.0.1:{20000 + i}",
                 "autopilot": f"udpin://127.0.0.1:{30000 + i}",
             }
-            for i in range(count)
-        }
-        wide = 1e6
+
+        everywhere = [-_UNBOUNDED_M, _UNBOUNDED_M]
+        chosen = {key: self.fleet_table[key] for key in _FLEET_KEYS if key in self.fleet_table}
         fleet = {
-            **{key: self.fleet_table[key] for key in _FLEET_KEYS if key in self.fleet_table},
+            **chosen,
             "name": "campaign",
-            "geofence_m": {"x": [-wide, wide], "y": [-wide, wide], "z": [-wide, wide]},
+            "geofence_m": {"x": everywhere, "y": everywhere, "z": everywhere},
         }
+
+        radio = {
+            "expected_delay_s": self.perturbation.delay_s,
+            "expected_loss_frac": min(self.perturbation.loss_share, 0.9),
+        }
+        types = {name: dict(table) for name, table in self.type_tables.items()}
+
         return fleet_from_mapping(
             {
                 "schema": 1,
                 "fleet": fleet,
                 "law": {**self.law_table, "name": self.law},
-                "radio": {
-                    "expected_delay_s": self.perturbation.delay_s,
-                    "expected_loss_frac": min(self.perturbation.loss_share, 0.9),
-                },
-                "types": {name: dict(table) for name, table in self.type_tables.items()},
+                "radio": radio,
+                "types": types,
                 "vehicles": vehicles,
             },
             path="covey simulate",
@@ -181,89 +213,158 @@ def setup_for(
     """Return the setup of a command line.
 
     Args:
+        law: its name; by default the fleet file's, or Covey's.
         types: names separated by commas, given to the vehicles in turn (default: sih, or the fleet
             file's first).
+        fleet_path: gives types, law and distances; by default the example fleets do.
+        errors: name of an error class.
+        scale: of positions in the plane.
         changes: ``key=value`` each; see :func:`keys`.
     Raises:
         ConfigError: unknown law, type, errors or key, a value out of bounds, or a fleet file that
             is wrong.
     """
-    data = tomllib.loads(load_fleet(fleet_path).text) if fleet_path is not None else _examples()
-    common = {
-        key: value
-        for key, value in data.get("defaults", {}).items()
-        if key not in ("type", "enabled")
-    }
-    tables = {name: {**common, **table} for name, table in data.get("types", {}).items()}
-    default = "sih" if "sih" in tables else next(iter(tables), "")
-    names = tuple((default if types is None else types).split(","))
-    for name in names:
-        if name not in tables:
-            raise ConfigError(
-                f"--type: there is no vehicle type '{name}'. Known here: {', '.join(tables) or 'none'}."
-            )
+    if fleet_path is not None:
+        data = tomllib.loads(load_fleet(fleet_path).text)
+    else:
+        data = _examples()
+
+    type_tables = _type_tables(data)
+    names = _type_names(types, type_tables)
     if errors not in ERRORS:
         raise ConfigError(
             f"--errors is '{errors}', but there are only {', '.join(ERRORS)}. Name one of these."
         )
-    given_law = dict(data.get("law", {}))
-    law = str(given_law.get("name", "covey")) if law is None else law
-    if fleet_path is not None:  # a law of one's own is looked for beside the file that names it
-        given_law["folder"] = os.path.join(
-            os.path.dirname(os.path.abspath(fleet_path)), given_law.get("folder", ".")
-        )
+
+    file_law = dict(data.get("law", {}))
+    if law is None:
+        law = str(file_law.get("name", "covey"))
+    if fleet_path is not None:
+        # a law of one's own is looked for beside the file that names it
+        beside = os.path.dirname(os.path.abspath(fleet_path))
+        file_law["folder"] = os.path.join(beside, file_law.get("folder", "."))
+
     if not (math.isfinite(scale) and 0.1 <= scale <= 100.0):
         raise ConfigError(f"--scale is {scale}; it must lie between 0.1 and 100.")
-    law_table: dict[str, Any] = {**ERRORS[errors].law, **given_law}
+
+    law_table: dict[str, Any] = {**ERRORS[errors].law, **file_law}
     fleet_table: dict[str, Any] = dict(data.get("fleet", {}))
     perturbation = Perturbation()
+
     for change in changes:
-        key, equals, text = change.partition("=")
-        key = _ALIASES.get(key, key)
-        group, _, rest = key.rpartition(".")
-        if not equals or key not in keys():
-            raise ConfigError(
-                f"--set {change}: {'there is no such key' if equals else 'write it as key=value'}. "
-                f"Keys: {', '.join(keys(with_aliases=True))}."
-            )
-        value = _value(change, text)
+        group, key, value = _parsed_change(change)
         if group == "fleet":
-            fleet_table[rest] = value
+            fleet_table[key] = value
         elif group == "law":
-            law_table[rest] = value
+            law_table[key] = value
         elif group == "sitl":
             for name in names:
-                tables[name]["sitl"] = {**tables[name].get("sitl", {}), rest: value}
+                profile = type_tables[name].get("sitl", {})
+                type_tables[name]["sitl"] = {**profile, key: value}
         elif group == "vehicle":
             for name in names:
-                tables[name][rest] = value
+                type_tables[name][key] = value
         else:
-            low, high = next(
-                entry.metadata.values() for entry in fields(Perturbation) if entry.name == key
-            )
-            if isinstance(value, (bool, str)) or not low <= value <= high:
-                raise ConfigError(
-                    f"--set {change}: the value must be a number from {low:g} to {high:g}."
-                )
-            perturbation = replace(perturbation, **{key: float(value)})
-    return Setup(law, names, tables, law_table, fleet_table, ERRORS[errors], perturbation, scale)
+            perturbation = _perturbed(perturbation, change, key, value)
+
+    return Setup(
+        law=law,
+        types=names,
+        type_tables=type_tables,
+        law_table=law_table,
+        fleet_table=fleet_table,
+        errors=ERRORS[errors],
+        perturbation=perturbation,
+        scale=scale,
+    )
+
+
+def _type_tables(data: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+    """Return the types of a fleet file by name, each with the defaults of the file."""
+    defaults = {}
+    for key, value in data.get("defaults", {}).items():
+        if key not in ("type", "enabled"):
+            defaults[key] = value
+    return {name: {**defaults, **table} for name, table in data.get("types", {}).items()}
+
+
+def _type_names(types: str | None, tables: Mapping[str, Any]) -> tuple[str, ...]:
+    """Return the names of the types that are flown in turn.
+
+    Raises:
+        ConfigError: an unknown one.
+    """
+    if types is None:
+        types = "sih" if "sih" in tables else next(iter(tables), "")
+
+    names = tuple(types.split(","))
+    for name in names:
+        if name not in tables:
+            known = ", ".join(tables) or "none"
+            raise ConfigError(f"--type: there is no vehicle type '{name}'. Known here: {known}.")
+    return names
+
+
+def _parsed_change(change: str) -> tuple[str, str, float | int | bool | str]:
+    """Return group, key and value of ``[group.]key=value``; the perturbation has no group.
+
+    Raises:
+        ConfigError: it is not written so, there is no such key, or the value is not finite.
+    """
+    name, equals, text = change.partition("=")
+    name = _ALIASES.get(name, name)
+
+    problem = None
+    if not equals:
+        problem = "write it as key=value"
+    elif name not in keys():
+        problem = "there is no such key"
+    if problem:
+        raise ConfigError(f"--set {change}: {problem}. Keys: {', '.join(keys(with_aliases=True))}.")
+
+    group, _, key = name.rpartition(".")
+    return group, key, _value(change, text)
+
+
+def _perturbed(
+    perturbation: Perturbation, change: str, key: str, value: float | int | bool | str
+) -> Perturbation:
+    """Return a perturbation with one value changed.
+
+    Raises:
+        ConfigError: the value is no number, or out of bounds.
+    """
+    bounds = {entry.name: entry.metadata for entry in fields(Perturbation)}
+    low = bounds[key]["low"]
+    high = bounds[key]["high"]
+    if isinstance(value, (bool, str)) or not low <= value <= high:
+        raise ConfigError(f"--set {change}: the value must be a number from {low:g} to {high:g}.")
+    return replace(perturbation, **{key: float(value)})
 
 
 def keys(*, with_aliases: bool = False) -> list[str]:
-    """All keys of ``--set``; the short names too when asked for."""
-    law = [f"law.{name}" for name in LawConfig.__struct_fields__ if name != "name"]
-    vehicle = [
-        f"vehicle.{name}" for name in Vehicle.__struct_fields__ if name not in _NOT_A_VEHICLE_VALUE
-    ]
-    sitl = [f"sitl.{name}" for name in SitlProfile.__struct_fields__]
-    fleet = [f"fleet.{name}" for name in _FLEET_KEYS]
-    short = [*_ALIASES] if with_aliases else []
-    return [entry.name for entry in fields(Perturbation)] + short + fleet + law + vehicle + sitl
+    """Return all keys of ``--set``.
+
+    Args:
+        with_aliases: the short names too.
+    """
+    names = [entry.name for entry in fields(Perturbation)]
+    if with_aliases:
+        names += _ALIASES
+
+    names += [f"fleet.{name}" for name in _FLEET_KEYS]
+    names += [f"law.{name}" for name in LawConfig.__struct_fields__ if name != "name"]
+    for name in Vehicle.__struct_fields__:
+        if name not in _NOT_A_VEHICLE_VALUE:
+            names.append(f"vehicle.{name}")
+    names += [f"sitl.{name}" for name in SitlProfile.__struct_fields__]
+    return names
 
 
 def _value(change: str, text: str) -> float | int | bool | str:
-    """A number (also ``.7``, which TOML refuses), true or false, else the words, whose quotes may
-    stand.
+    """Return the value of a change: a number, true or false, else the words.
+
+    TOML refuses numbers such as ``.7``, which are taken here. Words may stand in quotes.
     """
     try:
         value: object = tomllib.loads(f"x = {text}")["x"]
@@ -272,14 +373,18 @@ def _value(change: str, text: str) -> float | int | bool | str:
             value = float(text)
         except ValueError:
             value = text
+
     if isinstance(value, float) and not math.isfinite(value):
         raise ConfigError(f"--set {change}: the value must be finite.")
-    return value if isinstance(value, float | int | str) else text
+    if isinstance(value, float | int | str):
+        return value
+    return text  # a date, a list or a table, which no key takes
 
 
 def _examples() -> dict[str, Any]:
-    """The vehicle types of the example fleets; nothing else of them."""
+    """Return the vehicle types of the example fleets, and nothing else of them."""
     types: dict[str, Any] = {}
     for name in _EXAMPLES:
-        types |= read_toml(name, "fleet file")[0].get("types", {})
+        example, _, _ = read_toml(name, "fleet file")
+        types |= example.get("types", {})
     return {"types": types}
