@@ -1,5 +1,6 @@
-"""Flights in chunks over several processes; neither the chunks nor the processes change a digit of
-the results.
+"""Flights in chunks over several processes.
+
+Neither the chunks nor the processes change a digit of the results.
 """
 
 from __future__ import annotations
@@ -24,23 +25,27 @@ def campaign(
     *,
     jobs: int = 1,
     trace_folder: Path | None = None,
-) -> Iterator[list[results.Record]]:
-    """Records of all scenarios and seeds in their order, chunk by chunk as they are ready.
+) -> Iterator[list[results.FlightRecord]]:
+    """Yield the records of all scenarios and seeds in their order, chunk by chunk as they are ready.
 
     Args:
+        names: scenarios.
+        seeds: each is flown in every scenario.
+        setup: of all flights.
+        jobs: processes.
         trace_folder: where to write a trace of each flight.
     """
-    chunks = [
-        (name, part, setup, trace_folder)
-        for name in names
-        for part in _parts(seeds, scenarios.vehicle_count(name), jobs)
-    ]
+    chunks = []
+    for name in names:
+        for part in _parts(seeds, scenarios.vehicle_count(name), jobs):
+            chunks.append((name, part, setup, trace_folder))
+
     if jobs == 1 or len(chunks) == 1:
         yield from map(_fly_chunk, chunks)
         return
-    with ProcessPoolExecutor(
-        min(jobs, len(chunks)), mp_context=multiprocessing.get_context("spawn")
-    ) as pool:
+
+    spawn = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(min(jobs, len(chunks)), mp_context=spawn) as pool:
         try:
             yield from pool.map(_fly_chunk, chunks)
         except BaseException:
@@ -49,17 +54,21 @@ def campaign(
 
 
 def _parts(seeds: Sequence[int], count: int, jobs: int) -> list[Sequence[int]]:
-    size = max(
-        1, min(CHUNK_VEHICLES // count, _CHUNK_LINKS // (count * count), -(-len(seeds) // jobs))
-    )
-    return [seeds[k : k + size] for k in range(0, len(seeds), size)]
+    """Return the seeds in chunks of a good size for flights of ``count`` vehicles."""
+    per_job = -(-len(seeds) // jobs)  # rounded up
+    by_vehicles = CHUNK_VEHICLES // count
+    by_links = _CHUNK_LINKS // (count * count)
+    size = max(1, min(by_vehicles, by_links, per_job))
+    return [seeds[first : first + size] for first in range(0, len(seeds), size)]
 
 
-def _fly_chunk(chunk: tuple[str, Sequence[int], Setup, Path | None]) -> list[results.Record]:
-    name, seeds, setup, folder = chunk
+def _fly_chunk(
+    chunk: tuple[str, Sequence[int], Setup, Path | None],
+) -> list[results.FlightRecord]:
+    name, seeds, setup, trace_folder = chunk
     plans = [scenarios.plan(name, seed, scale=setup.scale) for seed in seeds]
-    flown = fly(plans, setup, has_trace=folder is not None)
-    if folder is not None:
+    flown = fly(plans, setup, has_trace=trace_folder is not None)
+    if trace_folder is not None:
         for flight in flown:
-            results.write_trace(folder, flight, setup)
+            results.write_trace(trace_folder, flight, setup)
     return [results.record(flight, setup) for flight in flown]

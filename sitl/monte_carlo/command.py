@@ -1,5 +1,6 @@
-"""A campaign of ``covey simulate``: scenarios flown once per seed; a table or JSON, traces and
-pictures.
+"""A campaign of ``covey simulate``: scenarios flown once per seed.
+
+It prints a table or JSON, and writes traces and pictures where that is requested.
 """
 
 from __future__ import annotations
@@ -7,7 +8,7 @@ from __future__ import annotations
 import sys
 import tempfile
 import threading
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from onboard.config.fleet import ConfigError
@@ -16,6 +17,7 @@ from onboard.rollout import batch as rollout_batch
 from sitl.monte_carlo import batch, results, scenarios, settings
 
 _PICTURES = (".png", ".svg", ".pdf")
+_MOST_FAILURES = 10  # that are listed
 
 
 def run(
@@ -27,11 +29,13 @@ def run(
     is_json: bool,
     trace_folder: Path | None,
     picture: Path | None,
-) -> list[results.Record]:
-    """Fly every scenario with every seed, print the results, and draw what was asked for.
+) -> list[results.FlightRecord]:
+    """Fly every scenario with every seed, print the results, and draw what was requested.
 
     Args:
         names: scenarios.
+        seeds: each is flown in every scenario.
+        setup: of all flights.
         jobs: processes.
         is_json: one JSON object per flight on standard output instead of a table.
         trace_folder: where one .npz per flight is kept; None for nowhere.
@@ -40,102 +44,48 @@ def run(
         ConfigError: nothing was flown, for a reason in words.
     """
     for name in names:
-        fleet = setup.fleet(scenarios.vehicle_count(name)).fleet
-        if scenarios.is_stacked(name) and fleet.vertical_separation_m is None:
-            raise ConfigError(
-                f"'{name}' begins with vehicles above each other, and nothing says how far apart in height they have "
-                "to be. Add --set fleet.vertical_separation_m=1.2, or name a fleet file that has it."
-            )
-    if picture is not None and picture.suffix and len(names) * len(seeds) > 1:
-        raise ConfigError(
-            f"--plot {picture}: one file takes one flight; name a folder for {len(names) * len(seeds)}."
-        )
-    if picture is not None and picture.suffix not in ("", *_PICTURES):
-        raise ConfigError(
-            f"--plot {picture}: this kind of picture is not drawn. Use {', '.join(_PICTURES)} or a folder."
-        )
+        _check_heights(name, setup)
+    if picture is not None:
+        _check_picture(picture, flights=len(names) * len(seeds))
+
     with tempfile.TemporaryDirectory() as scratch:
-        folder = trace_folder or (Path(scratch) if picture else None)
+        folder = trace_folder
+        if folder is None and picture is not None:
+            folder = Path(scratch)  # a picture is drawn from a trace
+
         if folder is not None:
             _make(folder)
         if picture is not None:
             _make(picture.parent if picture.suffix else picture)
+
         records = _fly(names, seeds, setup, folder, jobs=jobs, is_json=is_json)
         if picture is not None and folder is not None:
             _draw(folder, picture, records)
     return records
 
 
-def _warm_up() -> None:
-    """Have the law compiled before the first flight, and say so where that is not done in a moment."""
-    sentence = "covey: compiling the law for this machine; it is kept, and takes about half a minute this time only"
-    notice = threading.Timer(2.0, print, [sentence], {"file": sys.stderr})
-    notice.start()
-    rollout_batch.warm_up()
-    notice.cancel()
-
-
-def _fly(
-    names: list[str],
-    seeds: range,
-    setup: settings.Setup,
-    folder: Path | None,
-    *,
-    jobs: int,
-    is_json: bool,
-) -> list[results.Record]:
-    _warm_up()
-    chunks = batch.campaign(names, seeds, setup, jobs=jobs, trace_folder=folder)
-    records: list[results.Record] = []
-    if is_json:
-        for chunk in chunks:
-            records += chunk
-            for values in chunk:
-                print(results.line(values), flush=True)
-        return records
-    from rich.console import Console
-    from rich.progress import Progress
-    from rich.table import Table
-
-    with Progress(console=Console(file=drawing(sys.stderr)), transient=True) as progress:
-        task = progress.add_task("flights", total=len(names) * len(seeds))
-        for chunk in chunks:
-            records += chunk
-            progress.advance(task, len(chunk))
-    title = f"law {setup.law}, type {','.join(setup.types)}, errors {setup.errors.name}"
-    table = Table(title=f"{title}, seeds {seeds[0]}:{seeds[-1] + 1}")
-    for index, column in enumerate(results.COLUMNS):
-        table.add_column(column, justify="left" if index == 0 else "right")
-    for row in results.summary(records):
-        table.add_row(*row)
-    console = Console(file=drawing(sys.stdout), width=None if sys.stdout.isatty() else 140)
-    console.print(table)
-    refused = [values for values in records if "law_refused" in values]
-    if refused:
-        console.print(
-            f"In {len(refused)} of {len(records)} flights Covey's law took over, so they say little of {setup.law}. "
-            f"In {refused[0]['scenario']} seed {refused[0]['seed']} it {refused[0]['law_refused']}."
+def _check_heights(name: str, setup: settings.Setup) -> None:
+    """Refuse vehicles above each other where no vertical separation is set."""
+    fleet = setup.fleet(scenarios.vehicle_count(name)).fleet
+    if scenarios.is_stacked(name) and fleet.vertical_separation_m is None:
+        raise ConfigError(
+            f"'{name}' begins with vehicles above each other, and nothing says how far apart in "
+            "height they have to be. Add --set fleet.vertical_separation_m=1.2, or name a fleet "
+            "file that has it."
         )
-    failed = [values for values in records if not results.is_flawless(values)]
-    for values in failed[:10]:
-        reason = (
-            values["reason"]
-            or f"{values['violation_depth_m']:.3f} m too near for {values['violation_s']:.2f} s"
+
+
+def _check_picture(picture: Path, *, flights: int) -> None:
+    """Refuse one file for several flights, and kinds of pictures that are not drawn."""
+    if picture.suffix and flights > 1:
+        raise ConfigError(
+            f"--plot {picture}: one file takes one flight; name a folder for {flights}."
         )
-        console.print(f"{values['scenario']} seed {values['seed']}: {reason}")
-    if len(failed) > 10:
-        console.print(f"... and {len(failed) - 10} more")
-    return records
-
-
-def _draw(folder: Path, picture: Path, records: Sequence[results.Record]) -> None:
-    from sitl.monte_carlo import plot
-
-    is_file = bool(picture.suffix)
-    for values in records:
-        name = f"{values['scenario']}-{values['seed']}"
-        path = picture if is_file else picture / f"{name}.png"
-        plot.draw(folder / f"{name}.npz", path)
+    if picture.suffix not in ("", *_PICTURES):
+        raise ConfigError(
+            f"--plot {picture}: this kind of picture is not drawn. Use {', '.join(_PICTURES)} "
+            "or a folder."
+        )
 
 
 def _make(folder: Path) -> None:
@@ -148,3 +98,111 @@ def _make(folder: Path) -> None:
         raise ConfigError(
             f"{folder}: nothing can be written there ({error.strerror}). Name another folder."
         ) from None
+
+
+def _fly(
+    names: list[str],
+    seeds: range,
+    setup: settings.Setup,
+    folder: Path | None,
+    *,
+    jobs: int,
+    is_json: bool,
+) -> list[results.FlightRecord]:
+    """Fly all flights and print them; return their records."""
+    _warm_up()
+    chunks = batch.campaign(names, seeds, setup, jobs=jobs, trace_folder=folder)
+    if is_json:
+        return _print_lines(chunks)
+
+    records = _collect(chunks, flights=len(names) * len(seeds))
+    _print_table(records, seeds, setup)
+    return records
+
+
+def _warm_up() -> None:
+    """Have the law compiled before the first flight, and say so where it takes more than a moment."""
+    sentence = (
+        "covey: compiling the law for this machine; it is kept, and takes about half a minute "
+        "this time only"
+    )
+    notice = threading.Timer(2.0, print, [sentence], {"file": sys.stderr})
+    notice.start()
+    rollout_batch.warm_up()
+    notice.cancel()
+
+
+def _print_lines(chunks: Iterable[list[results.FlightRecord]]) -> list[results.FlightRecord]:
+    """Print each flight as JSON as soon as its chunk is ready; return all of them."""
+    records = []
+    for chunk in chunks:
+        records += chunk
+        for values in chunk:
+            print(results.line(values), flush=True)
+    return records
+
+
+def _collect(
+    chunks: Iterable[list[results.FlightRecord]], *, flights: int
+) -> list[results.FlightRecord]:
+    """Return all flights; a bar on standard error shows how many are flown."""
+    from rich.console import Console
+    from rich.progress import Progress
+
+    records = []
+    with Progress(console=Console(file=drawing(sys.stderr)), transient=True) as progress:
+        task = progress.add_task("flights", total=flights)
+        for chunk in chunks:
+            records += chunk
+            progress.advance(task, len(chunk))
+    return records
+
+
+def _print_table(
+    records: Sequence[results.FlightRecord], seeds: range, setup: settings.Setup
+) -> None:
+    """Print the summary of all flights, and which of them failed."""
+    from rich.console import Console
+    from rich.table import Table
+
+    flown_by = f"law {setup.law}, type {','.join(setup.types)}, errors {setup.errors.name}"
+    table = Table(title=f"{flown_by}, seeds {seeds[0]}:{seeds[-1] + 1}")
+    for index, column in enumerate(results.COLUMNS):
+        table.add_column(column, justify="left" if index == 0 else "right")
+    for row in results.summary(records):
+        table.add_row(*row)
+
+    width = None if sys.stdout.isatty() else 140
+    console = Console(file=drawing(sys.stdout), width=width)
+    console.print(table)
+
+    refused = [values for values in records if "law_refused" in values]
+    if refused:
+        first = refused[0]
+        console.print(
+            f"In {len(refused)} of {len(records)} flights Covey's law took over, so they say "
+            f"little of {setup.law}. "
+            f"In {first['scenario']} seed {first['seed']} it {first['law_refused']}."
+        )
+
+    failed = [values for values in records if not results.is_flawless(values)]
+    for values in failed[:_MOST_FAILURES]:
+        reason = values["reason"]
+        if not reason:
+            depth_m = values["violation_depth_m"]
+            reason = f"{depth_m:.3f} m too near for {values['violation_s']:.2f} s"
+        console.print(f"{values['scenario']} seed {values['seed']}: {reason}")
+    if len(failed) > _MOST_FAILURES:
+        console.print(f"... and {len(failed) - _MOST_FAILURES} more")
+
+
+def _draw(folder: Path, picture: Path, records: Sequence[results.FlightRecord]) -> None:
+    """Draw each flight from its trace, into the picture or, if that is a folder, in there."""
+    from sitl.monte_carlo import plot
+
+    for values in records:
+        name = f"{values['scenario']}-{values['seed']}"
+        path = picture
+        if not picture.suffix:
+            path = picture / f"{name}.png"
+        plot.draw(folder / f"{name}.npz", path)

@@ -13,14 +13,14 @@ import numpy as np
 from sitl.monte_carlo.flight import Flown
 from sitl.monte_carlo.settings import Setup
 
-Record = dict[str, Any]
+FlightRecord = dict[str, Any]  # one flight, as it is printed
 
 
-def record(flown: Flown, setup: Setup) -> Record:
-    """One flight as the JSON object that is printed; null where there is no number."""
-    outcome, plan = flown.outcome, flown.plan
-    refused = {"law_refused": flown.law_refusal} if flown.law_refusal else {}
-    return {
+def record(flown: Flown, setup: Setup) -> FlightRecord:
+    """Return one flight as the JSON object that is printed; null where there is no number."""
+    outcome = flown.outcome
+    plan = flown.plan
+    values = {
         "scenario": plan.scenario,
         "seed": plan.seed,
         "law": setup.law,
@@ -44,44 +44,56 @@ def record(flown: Flown, setup: Setup) -> Record:
         "intervention_m_s2": _number(outcome.intervention_m_s2),
         "path_ratio": _number(outcome.path_ratio),
         "min_clearance_m": _number(outcome.min_clearance_m),
-        **refused,
     }
+    if flown.law_refusal:
+        values["law_refused"] = flown.law_refusal
+    return values
 
 
 def ratio(flown: Flown) -> float:
-    """Makespan over straight-line time; NaN when there is none."""
-    value = (
-        flown.outcome.makespan_s / flown.straight_line_s
-        if flown.straight_line_s > 0.0
-        else math.nan
-    )
+    """Return the makespan over the straight-line time; NaN when one of them is missing."""
+    if not flown.straight_line_s > 0.0:
+        return math.nan
+    value = flown.outcome.makespan_s / flown.straight_line_s
     return value if math.isfinite(value) else math.nan
 
 
 def _number(value: float) -> float | None:
-    return round(value, 9) + 0.0 if math.isfinite(value) else None
+    if not math.isfinite(value):
+        return None
+    return round(value, 9) + 0.0  # -0.0 becomes 0.0
 
 
-def line(values: Record) -> str:
-    """A record as one line of JSON."""
+def line(values: FlightRecord) -> str:
+    """Return a record as one line of JSON."""
     return json.dumps(values)
 
 
-def is_flawless(values: Record) -> bool:
+def is_flawless(values: FlightRecord) -> bool:
     """Whether all arrived in time and nobody came too near."""
     return bool(values["success"]) and values["violation_s"] == 0.0
 
 
 def write_trace(folder: Path, flown: Flown, setup: Setup) -> Path:
-    """The flight's samples as ``<scenario>-<seed>.npz``; arrays as in the README of this folder."""
-    trace, plan = flown.outcome.trace, flown.plan
+    """Write the flight's samples as ``<scenario>-<seed>.npz``; return the file.
+
+    The arrays are as in the README of this folder.
+    """
+    trace = flown.outcome.trace
+    plan = flown.plan
     if trace is None:
         raise ValueError("this flight was flown without a trace")
+
     fleet = setup.fleet(plan.count)
-    path = folder / f"{plan.scenario}-{plan.seed}.npz"
     names = [*fleet.vehicles]
     if plan.intruder_m_s is not None:
         names[-1] = "intruder"
+
+    obstacles = []
+    for obstacle in plan.obstacles:
+        obstacles.append([*obstacle.begin_enu_m, *obstacle.end_enu_m, obstacle.radius_m])
+
+    path = folder / f"{plan.scenario}-{plan.seed}.npz"
     np.savez_compressed(
         path,
         t_s=trace.t_s,
@@ -90,9 +102,7 @@ def write_trace(folder: Path, flown: Flown, setup: Setup) -> Path:
         active_neighbour=trace.active_neighbour,
         start_enu_m=plan.start_enu_m,
         goal_enu_m=plan.goal_enu_m,
-        obstacles_m=np.array(
-            [[*one.begin_enu_m, *one.end_enu_m, one.radius_m] for one in plan.obstacles]
-        ),
+        obstacles_m=np.array(obstacles),
         names=np.array(names),
         safety_distance_m=np.array(fleet.fleet.safety_distance_m),
         body_diameter_m=np.array(fleet.fleet.body_diameter_m),
@@ -105,71 +115,101 @@ def write_trace(folder: Path, flown: Flown, setup: Setup) -> Path:
 
 
 COLUMNS = (
-    *(
-        "scenario",
-        "flights",
-        "success",
-        "violations",
-        "below 95 %",
-        "collisions",
-        "worst m",
-        "5th pct m",
-        "ratio",
-    ),
-    *("slew m/s^3", "max m/s", "relaxed %"),
+    "scenario",
+    "flights",
+    "success",
+    "violations",
+    "below 95 %",
+    "collisions",
+    "worst m",
+    "5th pct m",
+    "ratio",
+    "slew m/s^3",
+    "max m/s",
+    "relaxed %",
 )
 
 
-def summary(records: Sequence[Record]) -> list[list[str]]:
-    """Rows for :data:`COLUMNS`, one per scenario and one for all if there are several."""
-    names = list(dict.fromkeys(values["scenario"] for values in records))
-    rows = [
-        _row(name, [values for values in records if values["scenario"] == name]) for name in names
-    ]
-    return rows if len(rows) < 2 else [*rows, _row("all", records)]
+def summary(records: Sequence[FlightRecord]) -> list[list[str]]:
+    """Return rows for :data:`COLUMNS`: one per scenario, and one for all if there are several."""
+    by_scenario: dict[str, list[FlightRecord]] = {}
+    for values in records:
+        by_scenario.setdefault(values["scenario"], []).append(values)
+
+    rows = [_table_row(name, own) for name, own in by_scenario.items()]
+    if len(rows) > 1:
+        rows.append(_table_row("all", records))
+    return rows
 
 
-def _row(name: str, records: Sequence[Record]) -> list[str]:
+def _table_row(name: str, records: Sequence[FlightRecord]) -> list[str]:
     count = len(records)
-    violations = sum(values["violation_s"] > 0.0 for values in records)
-    separations = [
-        values["min_separation_m"] for values in records if values["min_separation_m"] is not None
-    ]
-    ratios = [values["ratio"] for values in records if values["ratio"] is not None]
+    arrivals = sum(1 for values in records if values["success"])
+    violations = sum(1 for values in records if values["violation_s"] > 0.0)
+    collisions = sum(1 for values in records if values["collision"])
+
+    worst = "-"
+    fifth_percentile = "-"
+    separations = _numbers(records, "min_separation_m")
+    if separations:
+        worst = f"{min(separations):.3f}"
+        fifth_percentile = f"{np.percentile(separations, 5):.3f}"
+
+    mean_ratio = "-"
+    ratios = _numbers(records, "ratio")
+    if ratios:
+        mean_ratio = f"{np.mean(ratios):.3f}"
+
     return [
         name,
         str(count),
-        str(sum(bool(values["success"]) for values in records)),
+        str(arrivals),
         str(violations),
         f"{100.0 * upper_bound(violations, count):.1f} %",
-        str(sum(bool(values["collision"]) for values in records)),
-        f"{min(separations):.3f}" if separations else "-",
-        f"{np.percentile(separations, 5):.3f}" if separations else "-",
-        f"{np.mean(ratios):.3f}" if ratios else "-",
+        str(collisions),
+        worst,
+        fifth_percentile,
+        mean_ratio,
         f"{_mean(records, 'slew_rms_m_s3'):.1f}",
         f"{max(values['max_speed_m_s'] for values in records):.2f}",
         f"{100.0 * _mean(records, 'relaxed_share'):.2f}",
     ]
 
 
-def _mean(records: Sequence[Record], key: str) -> float:
+def _numbers(records: Sequence[FlightRecord], key: str) -> list[float]:
+    """Return the values of a key, of the flights that have one."""
+    return [values[key] for values in records if values[key] is not None]
+
+
+def _mean(records: Sequence[FlightRecord], key: str) -> float:
     return float(np.mean([values[key] for values in records]))
 
 
 def upper_bound(events: int, count: int) -> float:
-    """The share that the true rate of events stays below with 95 % confidence (Clopper-Pearson,
-    one-sided).
+    """Return the share that the true rate of events stays below with 95 % confidence.
 
-    For no event it is 1 - 0.05^(1/n), nearly 3/n.
+    Clopper-Pearson, one-sided: the rate at which so few events have a chance of 5 %. For no event
+    it is 1 - 0.05^(1/n), nearly 3/n.
     """
     if events >= count:
         return 1.0
-    low, high = events / count, 1.0
-    for _ in range(60):
+
+    low = events / count
+    high = 1.0
+    for _ in range(60):  # bisection
         rate = 0.5 * (low + high)
-        term, chance = (1.0 - rate) ** count, 0.0
-        for k in range(events + 1):
-            chance += term
-            term *= (count - k) / (k + 1) * rate / max(1.0 - rate, 1e-300)
-        low, high = (rate, high) if chance > 0.05 else (low, rate)
+        if _chance_of_at_most(events, count, rate) > 0.05:
+            low = rate
+        else:
+            high = rate
     return high
+
+
+def _chance_of_at_most(events: int, count: int, rate: float) -> float:
+    """Return the binomial probability of so many events or fewer."""
+    term = (1.0 - rate) ** count  # of exactly k events
+    chance = 0.0
+    for k in range(events + 1):
+        chance += term
+        term *= (count - k) / (k + 1) * rate / max(1.0 - rate, 1e-300)
+    return chance

@@ -76,7 +76,7 @@ def version() -> str:
     )
 
 
-def _digest(records: list[results.Record]) -> str:
+def _digest(records: list[results.FlightRecord]) -> str:
     return hashlib.sha256(
         "\n".join(results.line(values) for values in records).encode()
     ).hexdigest()[:12]
