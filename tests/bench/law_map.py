@@ -14,7 +14,7 @@ from onboard.config.fleet import ConfigError
 from sitl.monte_carlo.law_map import cells as law_map_cells
 from sitl.monte_carlo.law_map import summary
 from sitl.monte_carlo.law_map.cells import AXES, ERRORS, Cell
-from sitl.monte_carlo.law_map.flights import Row
+from sitl.monte_carlo.law_map.flights import MapRow
 from sitl.monte_carlo.law_map.results_file import digest, parsed
 
 _SUMMARY = Path(__file__).parents[2] / "onboard" / "feasibility" / "law_map.toml"
@@ -50,7 +50,7 @@ def main(words: list[str]) -> int:
     return 0
 
 
-def page(cells: list[Cell], rows: dict[tuple[str, int], Row], version: str) -> str:
+def page(cells: list[Cell], rows: dict[tuple[str, int], MapRow], version: str) -> str:
     """The page: how it was flown, what came of it, every cell."""
     verdicts = [summary.verdict(summary.map_cell(cell, rows)) for cell in cells]
     count = Counter[str](verdicts)
@@ -93,7 +93,7 @@ def page(cells: list[Cell], rows: dict[tuple[str, int], Row], version: str) -> s
     )
 
 
-def picture(cells: Iterable[Cell], rows: dict[tuple[str, int], Row], path: Path) -> None:
+def picture(cells: Iterable[Cell], rows: dict[tuple[str, int], MapRow], path: Path) -> None:
     """A square for each cell, coloured by its verdict, with its smallest distance."""
     blocks = [(errors, count) for errors, counts in ERRORS.items() for count in counts]
     delays, losses, speeds = (AXES[axis] for axis in ("delay_ms", "loss_pct", "speed_m_s"))

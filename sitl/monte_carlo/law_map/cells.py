@@ -30,9 +30,10 @@ ERRORS = {"mocap": (3, 8, 16), "vision": (8,)}  # numbers of vehicles that are f
 FIRST_SEED = 1000
 # seeds of each scenario in a stage: a screening of every cell first, 504 flights after the last
 STAGES = (range(1000, 1007), range(1007, 1034), range(1034, 1101), range(1101, 1168))
-_KINDS = ("swap{}x", "swap{}", "rand{}")
+_SCENARIO_FORMATS = ("swap{}x", "swap{}", "rand{}")
 # a vehicle that avoids nobody flies so long with this share of its top speed or more
-_HELD_S, _HELD_SHARE = 2.0, 0.9
+_HELD_S = 2.0
+_HELD_SHARE = 0.9
 _CIRCLE_SPACING_M = 1.25  # of neighbours on the circle of a swap
 _TILTS_DEG = (30, 35, 40, 45)
 
@@ -50,16 +51,17 @@ class Cell:
     @property
     def key(self) -> str:
         """Name in the file of results."""
-        return f"{self.errors} {self.vehicles} vehicles {self.speed_m_s:g} m/s {self.delay_ms:g} ms {self.loss_pct:g} %"
+        radio = f"{self.delay_ms:g} ms {self.loss_pct:g} %"
+        return f"{self.errors} {self.vehicles} vehicles {self.speed_m_s:g} m/s {radio}"
 
     @property
     def scenarios(self) -> tuple[str, ...]:
         """Names of the scenarios that are flown."""
-        return tuple(kind.format(self.vehicles) for kind in _KINDS)
+        return tuple(text.format(self.vehicles) for text in _SCENARIO_FORMATS)
 
     @property
     def weight(self) -> float:
-        """Processor time of a flight, relative to others: what is left is estimated by it."""
+        """Processor time of a flight, relative to others; the time left is estimated by it."""
         return 1.0 + 0.02 * math.pow(self.vehicles, 1.7)
 
 
@@ -73,7 +75,7 @@ class Unit:
     @property
     def flights(self) -> int:
         """Number of flights."""
-        return len(STAGES[self.stage]) * len(_KINDS)
+        return len(STAGES[self.stage]) * len(_SCENARIO_FORMATS)
 
 
 def cells(selection: Sequence[str] = ()) -> list[Cell]:
@@ -96,35 +98,41 @@ def cells(selection: Sequence[str] = ()) -> list[Cell]:
             kept[axis] = {by_text[value] for value in _selected(words, text.split(","), by_text)}
         else:
             raise ConfigError(
-                f"--cells {words}: write AXIS=VALUE,VALUE. Axes: {', '.join(AXES)}; errors of {', '.join(ERRORS)}."
+                f"--cells {words}: write AXIS=VALUE,VALUE. Axes: {', '.join(AXES)}; "
+                f"errors of {', '.join(ERRORS)}."
             )
-    numbers = {
-        name: [count for count in ERRORS[name] if count in kept["vehicles"]]
-        for name in ERRORS
-        if name in errors
-    }
-    made = [
-        Cell(name, int(vehicles), speed, delay, loss)
-        for name, counts in numbers.items()
-        for vehicles, speed, delay, loss in product(
-            counts, kept["speed_m_s"], kept["delay_ms"], kept["loss_pct"]
-        )
-    ]
-    made.sort(key=_hardness)
-    if not made:
+
+    selected = []
+    for name, counts in ERRORS.items():
+        if name not in errors:
+            continue
+        places = product(counts, kept["speed_m_s"], kept["delay_ms"], kept["loss_pct"])
+        for vehicles, speed_m_s, delay_ms, loss_pct in places:
+            if vehicles in kept["vehicles"]:
+                selected.append(
+                    Cell(
+                        errors=name,
+                        vehicles=vehicles,
+                        speed_m_s=speed_m_s,
+                        delay_ms=delay_ms,
+                        loss_pct=loss_pct,
+                    )
+                )
+    if not selected:
         raise ConfigError(
-            f"--cells {' '.join(selection)}: the map has no such cell; vision is flown with 8 vehicles."
+            f"--cells {' '.join(selection)}: the map has no such cell; vision is flown with 8 "
+            "vehicles."
         )
-    return made
+    return sorted(selected, key=_hardness)
 
 
 def _hardness(cell: Cell) -> tuple[int, Cell]:
-    """Return the steps of the map from its easiest cell, and the cell itself, so that the order is
-    always the same.
-    """
+    """Return the steps from the map's easiest cell, and the cell itself, so that no two are equal."""
     values = (cell.vehicles, cell.speed_m_s, cell.delay_ms, cell.loss_pct)
     steps = sum(axis.index(value) for axis, value in zip(AXES.values(), values, strict=True))
-    return steps + (cell.errors == "vision"), cell
+    if cell.errors == "vision":
+        steps += 1
+    return steps, cell
 
 
 def _selected(words: str, texts: Collection[str], known: Collection[str]) -> set[str]:
@@ -143,35 +151,39 @@ def changes(cell: Cell) -> tuple[str, ...]:
     The margin, the range and the tilt are those that ``covey check`` demands at that speed, delay
     and loss.
     """
+    accuracy = ACCURACIES[cell.errors]
     fleet, given = _with_least_tilt(cell)
     vehicle = next(iter(fleet.vehicles.values()))
-    age_s = message_age_s(fleet)
     law = fleet.law
-    margin_m = max(law.design_margin_m, margin_for_age_m(fleet, ACCURACIES[cell.errors]))
-    distance_m = fleet.fleet.safety_distance_m + max(
-        margin_m, effective_margin_m(fleet, ACCURACIES[cell.errors])
-    )
-    closing = 2.0 * law.avoid_speed_frac * cell.speed_m_s
-    range_m = bounds.row_range_m(closing, distance_m, law.kappa_1_1_s, law.kappa_2_1_s)
-    range_m = _up(max(law.range_m, range_m + closing * (age_s + vehicle.lag_s)), 0.5)
+
+    margin_m = max(law.design_margin_m, margin_for_age_m(fleet, accuracy))
+    flown_margin_m = max(margin_m, effective_margin_m(fleet, accuracy))
+    distance_m = fleet.fleet.safety_distance_m + flown_margin_m
+
+    closing_m_s = 2.0 * law.avoid_speed_frac * cell.speed_m_s
+    row_range_m = bounds.row_range_m(closing_m_s, distance_m, law.kappa_1_1_s, law.kappa_2_1_s)
+    late_m = closing_m_s * (message_age_s(fleet) + vehicle.lag_s)
+    range_m = _rounded_up(max(law.range_m, row_range_m + late_m), 0.5)
+
     return (*given, f"law.design_margin_m={margin_m:g}", f"law.range_m={range_m:g}")
 
 
 def _with_least_tilt(cell: Cell) -> tuple[FleetConfig, tuple[str, ...]]:
-    """Return the fleet of a cell, and what it sets, with the smallest tilt that its braking asks
-    for.
+    """Return the fleet of a cell and what it sets, with the smallest tilt that its braking allows.
+
+    Where the braking allows none of the tilts, it is the largest.
     """
-    accuracy = ACCURACIES[cell.errors]
-    tried = ((*_of_axes(cell), f"vehicle.max_tilt_deg={tilt_deg}") for tilt_deg in _TILTS_DEG)
-    for given in tried:
+    for tilt_deg in _TILTS_DEG:
+        given = (*_set_by_axes(cell), f"vehicle.max_tilt_deg={tilt_deg}")
         fleet = settings.setup_for(errors=cell.errors, changes=given).fleet(cell.vehicles)
         vehicle = next(iter(fleet.vehicles.values()))
-        if braking(fleet, vehicle, effective_margin_m(fleet, accuracy)).status != "refused":
+        margin_m = effective_margin_m(fleet, ACCURACIES[cell.errors])
+        if braking(fleet, vehicle, margin_m).status != "refused":
             break
     return fleet, given
 
 
-def _of_axes(cell: Cell) -> tuple[str, ...]:
+def _set_by_axes(cell: Cell) -> tuple[str, ...]:
     return (
         f"delay_s={1e-3 * cell.delay_ms:g}",
         f"loss_share={1e-2 * cell.loss_pct:g}",
@@ -179,42 +191,52 @@ def _of_axes(cell: Cell) -> tuple[str, ...]:
     )
 
 
-def _up(value: float, step: float) -> float:
+def _rounded_up(value: float, step: float) -> float:
     return round(math.ceil(value / step - 1e-9) * step, 6)
 
 
 def setup(cell: Cell, scenario: str) -> settings.Setup:
-    """Return the setup of a scenario in a cell: lengths scaled so that the top speed is held, and
-    that all can park.
+    """Return the setup of a scenario in a cell.
+
+    Its lengths are scaled so that the top speed is held, and that all vehicles can park.
     """
-    values = changes(cell)
-    plain = settings.setup_for(errors=cell.errors, changes=values)
+    plain = settings.setup_for(errors=cell.errors, changes=changes(cell))
     fleet = plain.fleet(cell.vehicles)
-    is_swap = scenario.startswith("swap")
-    circumference_m = max(5.0 * math.pi, _CIRCLE_SPACING_M * cell.vehicles)
-    longest_m = circumference_m / math.pi if is_swap else math.sqrt(6.0 * cell.vehicles)
-    spacing_m = circumference_m / cell.vehicles if is_swap else 1.4
+
+    if scenario.startswith("swap"):
+        circumference_m = max(5.0 * math.pi, _CIRCLE_SPACING_M * cell.vehicles)
+        longest_m = circumference_m / math.pi
+        spacing_m = circumference_m / cell.vehicles
+    else:
+        longest_m = math.sqrt(6.0 * cell.vehicles)
+        spacing_m = 1.4
+
     required_m = parking_m(fleet, ACCURACIES[cell.errors]) + 0.15  # the starts are jittered
-    scale = max(1.0, _held_distance_m(cell.speed_m_s) / longest_m, required_m / spacing_m)
+    scale_for_speed = _held_distance_m(cell.speed_m_s) / longest_m
+    scale_for_parking = required_m / spacing_m
+    scale = max(1.0, scale_for_speed, scale_for_parking)
     return replace(plain, scale=round(scale, 3))
 
 
 def _held_distance_m(speed_m_s: float) -> float:
-    """Length of a leg that is flown at :data:`_HELD_SHARE` of the top speed for :data:`_HELD_S`.
+    """Return the length of a leg that holds :data:`_HELD_SHARE` of the top speed :data:`_HELD_S` long.
 
     A leg is a quintic: its speed is 16 s^2 (1 - s)^2 of the peak 15/8 D/T after the share s of the
     time.
     """
-    half = math.sqrt(0.25 - math.sqrt(_HELD_SHARE) / 4.0)
+    half = math.sqrt(0.25 - math.sqrt(_HELD_SHARE) / 4.0)  # of the share that is flown fast
     return 8.0 / 15.0 * speed_m_s * _HELD_S / (2.0 * half)
 
 
 def commands(cell: Cell) -> list[str]:
     """Return the commands that fly the cell's flights alone."""
-    last = STAGES[-1].stop
-    return [
-        f"covey simulate {name} --seeds {FIRST_SEED}:{last} --errors {cell.errors} "
-        f"--scale {setup(cell, name).scale:g} "
-        + " ".join(f"--set {change}" for change in changes(cell))
-        for name in cell.scenarios
-    ]
+    end = STAGES[-1].stop
+    sets = " ".join(f"--set {change}" for change in changes(cell))
+    lines = []
+    for name in cell.scenarios:
+        scale = setup(cell, name).scale
+        lines.append(
+            f"covey simulate {name} --seeds {FIRST_SEED}:{end} --errors {cell.errors} "
+            f"--scale {scale:g} {sets}"
+        )
+    return lines

@@ -9,74 +9,74 @@ from typing import Any
 from sitl.monte_carlo import batch, flight, results, scenarios, settings
 from sitl.monte_carlo.law_map.cells import STAGES, Cell, Unit, setup
 
-Row = dict[str, Any]  # one line of the file of results
+MapRow = dict[str, Any]  # one line of the file of results
 SCHEMA = 1
+# scenarios and classes of errors that tell versions apart
 _REFERENCE = (("swap8x", "mocap"), ("rand8", "mocap"), ("swap3x", "vision"))
 _REFERENCE_CHANGES = ("delay_s=0.1", "loss_share=0.3")
 
 
-def fly(unit: Unit) -> Row:
-    """Fly all flights of a unit; the line that is kept of them."""
-    setups = {name: setup(unit.cell, name) for name in unit.cell.scenarios}
-    plans = [
-        scenarios.plan(name, seed, scale=own.scale)
-        for name, own in setups.items()
-        for seed in STAGES[unit.stage]
-    ]
-    size = max(1, batch.CHUNK_VEHICLES // unit.cell.vehicles)
-    flown = [
-        outcome
-        for first in range(0, len(plans), size)
-        # alike but for the scale
-        for outcome in flight.fly(plans[first : first + size], setups[plans[0].scenario])
-    ]
-    records = [results.record(one, setups[one.plan.scenario]) for one in flown]
+def fly(unit: Unit) -> MapRow:
+    """Fly all flights of a unit; return the line that is kept of them."""
+    records = _records(unit)
     nearest = min(records, key=lambda values: values["min_separation_m"])
+
+    mean_ratio = None
+    ratios = [values["ratio"] for values in records if values["ratio"] is not None]
+    if ratios:
+        mean_ratio = round(statistics.fmean(ratios), 4)
+
+    # reached on the way: of the fastest vehicle, in the middle flight
+    speed_m_s = statistics.median(values["max_speed_m_s"] for values in records)
+
     return {
         "cell": unit.cell.key,
         "stage": unit.stage,
         "flights": len(records),
-        "below": sum(values["violation_s"] > 0.0 for values in records),
-        "collisions": sum(values["collision"] for values in records),
-        "arrived": sum(values["success"] for values in records),
+        "below": sum(1 for values in records if values["violation_s"] > 0.0),
+        "collisions": sum(1 for values in records if values["collision"]),
+        "arrived": sum(1 for values in records if values["success"]),
         "worst_m": nearest["min_separation_m"],
         "worst_flight": f"{nearest['scenario']} {nearest['seed']}",
-        # reached on the way: of the fastest vehicle, in the middle flight
-        "speed_m_s": round(statistics.median(values["max_speed_m_s"] for values in records), 3),
-        "ratio": round(
-            statistics.fmean(values["ratio"] for values in records if values["ratio"] is not None),
-            4,
-        )
-        if any(values["ratio"] is not None for values in records)
-        else None,
+        "speed_m_s": round(speed_m_s, 3),
+        "ratio": mean_ratio,
         "digest": _digest(records),
     }
 
 
+def _records(unit: Unit) -> list[results.FlightRecord]:
+    """Fly a unit's scenarios with the seeds of its stage, many flights at once."""
+    setups = {name: setup(unit.cell, name) for name in unit.cell.scenarios}
+    plans = []
+    for name, own in setups.items():
+        for seed in STAGES[unit.stage]:
+            plans.append(scenarios.plan(name, seed, scale=own.scale))
+
+    any_setup = setups[plans[0].scenario]  # they are alike but for the scale, which is in the plans
+    size = max(1, batch.CHUNK_VEHICLES // unit.cell.vehicles)
+    records = []
+    for first in range(0, len(plans), size):
+        for flown in flight.fly(plans[first : first + size], any_setup):
+            records.append(results.record(flown, setups[flown.plan.scenario]))
+    return records
+
+
 def version() -> str:
-    """Return a name of the law, the vehicles and the processor that fly here: the digest of a few
-    flights.
+    """Return a name of the law, the vehicles and the processor: the digest of a few flights.
 
     A change that alters no digit is no other version. Numbers of two versions are never added up.
     """
-    records = [
-        values
-        for name, errors in _REFERENCE
-        for chunk in batch.campaign(
-            [name], [0, 1], settings.setup_for(errors=errors, changes=_REFERENCE_CHANGES)
-        )
-        for values in chunk
-    ]
-    cell = Cell("mocap", 8, 1.0, 200.0, 30.0)
-    return _digest(
-        [
-            {"schema": SCHEMA, "setups": [repr(setup(cell, name)) for name in cell.scenarios]},
-            *records,
-        ]
-    )
+    cell = Cell(errors="mocap", vehicles=8, speed_m_s=1.0, delay_ms=200.0, loss_pct=30.0)
+    setups = [repr(setup(cell, name)) for name in cell.scenarios]
+    records: list[results.FlightRecord] = [{"schema": SCHEMA, "setups": setups}]
+
+    for name, errors in _REFERENCE:
+        reference = settings.setup_for(errors=errors, changes=_REFERENCE_CHANGES)
+        for chunk in batch.campaign([name], [0, 1], reference):
+            records += chunk
+    return _digest(records)
 
 
 def _digest(records: list[results.FlightRecord]) -> str:
-    return hashlib.sha256(
-        "\n".join(results.line(values) for values in records).encode()
-    ).hexdigest()[:12]
+    lines = [results.line(values) for values in records]
+    return hashlib.sha256("\n".join(lines).encode()).hexdigest()[:12]

@@ -23,7 +23,7 @@ def fly_map(
     scheduler: str | None = None,
     is_anew: bool = False,
 ) -> bool:
-    """Fly what is missing of the map, and print it; whether no cell has failed.
+    """Fly what is missing of the map, and print it; return whether no cell has failed.
 
     Args:
         path: file of results.
@@ -35,24 +35,30 @@ def fly_map(
     Raises:
         ConfigError: nothing can be flown, for a reason in words.
     """
-    wanted = cells(selection)
-    count = _stages(least_flights, wanted[0])
+    selected = cells(selection)
+    stages = _stages(least_flights, selected[0])
+
     with ResultsFile(path, flights.version(), is_anew=is_anew) as file:
         try:
-            run.run(wanted, file, stages=count, jobs=jobs, scheduler=scheduler)
+            run.run(selected, file, stages=stages, jobs=jobs, scheduler=scheduler)
         except KeyboardInterrupt:
             run.say(
                 f"interrupted; {path} keeps what was flown, and the same command goes on from there"
             )
             raise
-        _print(wanted, file)
-        return not any(run.has_failed(cell, file) for cell in wanted)
+        _print(selected, file)
+        return not any(run.has_failed(cell, file) for cell in selected)
 
 
 def _stages(least_flights: int, cell: Cell) -> int:
-    """Return how many stages have so many flights together."""
+    """Return how many stages have so many flights together.
+
+    Raises:
+        ConfigError: none, or more than all stages have.
+    """
     if least_flights < 1:
         raise ConfigError(f"--flights is {least_flights}; it must be 1 or more.")
+
     flown = 0
     for stage in range(len(STAGES)):
         flown += Unit(cell, stage).flights
@@ -63,18 +69,23 @@ def _stages(least_flights: int, cell: Cell) -> int:
     )
 
 
-def _print(wanted: list[Cell], file: ResultsFile) -> None:
+def _print(selected: list[Cell], file: ResultsFile) -> None:
+    """Print the selected cells as a table, and the digest of their rows."""
     from rich.console import Console
     from rich.table import Table
 
     table = Table(title=f"map of the law, version {file.version}")
     for index, column in enumerate(summary.COLUMNS):
         table.add_column(column, justify="left" if index < 2 else "right")
-    for cell in wanted:
+    for cell in selected:
         table.add_row(*summary.table_row(cell, file.rows))
-    width = shutil.get_terminal_size().columns if sys.stdout.isatty() else 140
+
+    width = 140
+    if sys.stdout.isatty():
+        width = shutil.get_terminal_size().columns
     console = Console(file=drawing(sys.stdout), width=width)
     console.print(table)
-    selected = {cell.key for cell in wanted}
-    rows = {key: row for key, row in file.rows.items() if key[0] in selected}
+
+    keys = {cell.key for cell in selected}
+    rows = {key: row for key, row in file.rows.items() if key[0] in keys}
     console.print(f"digest {digest(rows)}")

@@ -1,5 +1,6 @@
-"""File of the map's results: one JSON line for each unit, appended when it has been flown; a map
-can be continued.
+"""File of the map's results: one JSON line for each unit, appended when it has been flown.
+
+A map can be interrupted at any time, and continued from its file.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from pathlib import Path
 from types import TracebackType
 
 from onboard.config.fleet import ConfigError
-from sitl.monte_carlo.law_map.flights import SCHEMA, Row
+from sitl.monte_carlo.law_map.flights import SCHEMA, MapRow
 
 _BEGIN = b'{"law_map": '
 # of a row, all numbers
@@ -32,7 +33,8 @@ class ResultsFile:
         Raises:
             ConfigError: another run writes it, it is no map, or a map of another version.
         """
-        self.path, self.version = path, version
+        self.path = path
+        self.version = version
         try:
             if is_anew and path.exists():
                 path.replace(path.with_name(f"{path.name}.old"))
@@ -42,6 +44,7 @@ class ResultsFile:
             raise ConfigError(
                 f"{path}: the results cannot be kept there ({error.strerror}). Name another file."
             ) from None
+
         try:
             fcntl.flock(self._descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
             self.rows = self._read()
@@ -67,39 +70,45 @@ class ResultsFile:
         """Let others write."""
         os.close(self._descriptor)
 
-    def _read(self) -> dict[tuple[str, int], Row]:
+    def _read(self) -> dict[tuple[str, int], MapRow]:
         """Return the rows that are complete, and cut off what a killed run left unfinished."""
         data = self.path.read_bytes()
         complete = data[: data.rfind(b"\n") + 1]
-        # somebody's other file: it stays as it is
+
+        # somebody's other file stays as it is
         if data and not data.startswith(_BEGIN[: len(data)]):
             raise ConfigError(
                 f"{self.path}: this is no file of `covey simulate --map`. Name another one."
             )
-        head, rows = (
-            parsed(complete.decode("utf-8", "replace"), self.path) if complete else ({}, {})
-        )
+
+        head: MapRow = {}
+        rows: dict[tuple[str, int], MapRow] = {}
+        if complete:
+            head, rows = parsed(complete.decode("utf-8", "replace"), self.path)
+
         if len(complete) < len(data):
             os.ftruncate(self._descriptor, len(complete))
         if not complete:
             self._append({"law_map": SCHEMA, "version": self.version})
             return {}
+
         if head["version"] != self.version:
             raise ConfigError(
-                f"{self.path} was flown by another version of the law, its vehicles, or on another kind of processor "
-                f"({head['version']}, here {self.version}): its flights and these are not added up. Continue with that "
-                "version, name another file with --map-file, or begin anew with --anew, which keeps it as .old."
+                f"{self.path} was flown by another version of the law, its vehicles, or on another "
+                f"kind of processor ({head['version']}, here {self.version}): its flights and "
+                "these are not added up. Continue with that version, name another file with "
+                "--map-file, or begin anew with --anew, which keeps it as .old."
             )
         return rows
 
-    def add(self, row: Row) -> None:
+    def add(self, row: MapRow) -> None:
         """Keep a row; one that is there already is not counted twice."""
-        key = row["cell"], int(row["stage"])
+        key = (row["cell"], int(row["stage"]))
         if key not in self.rows:
             self.rows[key] = row
             self._append(row)
 
-    def _append(self, row: Row) -> None:
+    def _append(self, row: MapRow) -> None:
         line = (json.dumps(row) + "\n").encode()
         try:
             is_whole = os.write(self._descriptor, line) == len(line)
@@ -108,11 +117,12 @@ class ResultsFile:
             is_whole = False
         if not is_whole:
             raise ConfigError(
-                f"{self.path}: a result could not be written; is the disk full? Make room; the same command goes on."
+                f"{self.path}: a result could not be written; is the disk full? Make room; the "
+                "same command goes on."
             )
 
 
-def parsed(text: str, path: Path) -> tuple[Row, dict[tuple[str, int], Row]]:
+def parsed(text: str, path: Path) -> tuple[MapRow, dict[tuple[str, int], MapRow]]:
     """Return the first line and the rows of a file of results.
 
     Raises:
@@ -120,28 +130,31 @@ def parsed(text: str, path: Path) -> tuple[Row, dict[tuple[str, int], Row]]:
     """
     try:
         head, *lines = (json.loads(line) for line in text.splitlines())
-        schema, version = head["law_map"], str(head["version"])
-        rows: dict[tuple[str, int], Row] = {}
+        schema = head["law_map"]
+        version = str(head["version"])
+
+        rows: dict[tuple[str, int], MapRow] = {}
         for row in lines:
-            if (
-                not all(isinstance(row[name], int | float) for name in _COUNTS)
-                or "ratio" not in row
-            ):
+            has_counts = all(isinstance(row[name], int | float) for name in _COUNTS)
+            if not has_counts or "ratio" not in row:
                 raise TypeError(f"numbers are missing in {row['cell']}")
-            rows.setdefault((str(row["cell"]), int(row["stage"])), row)
+            key = (str(row["cell"]), int(row["stage"]))
+            rows.setdefault(key, row)
     except (ValueError, KeyError, TypeError) as error:
         raise ConfigError(
-            f"{path}: this is no file of `covey simulate --map`, or it is damaged ({error}). Name another, or begin "
-            "anew with --anew, which keeps it as .old."
+            f"{path}: this is no file of `covey simulate --map`, or it is damaged ({error}). Name "
+            "another, or begin anew with --anew, which keeps it as .old."
         ) from None
+
     if schema != SCHEMA:
         raise ConfigError(
-            f"{path}: a map of schema {schema}; this version of Covey reads {SCHEMA}. Begin with --anew."
+            f"{path}: a map of schema {schema}; this version of Covey reads {SCHEMA}. "
+            "Begin with --anew."
         )
     return {"version": version}, rows
 
 
-def digest(rows: dict[tuple[str, int], Row]) -> str:
+def digest(rows: dict[tuple[str, int], MapRow]) -> str:
     """Return the digest of all rows, in whatever order they were flown."""
     lines = [json.dumps(rows[key], sort_keys=True) for key in sorted(rows)]
     return hashlib.sha256("\n".join(lines).encode()).hexdigest()[:16]

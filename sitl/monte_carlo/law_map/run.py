@@ -30,8 +30,8 @@ from sitl.monte_carlo.law_map.results_file import ResultsFile
 Say = Callable[[str], None]
 _SAY_EVERY_S = 5.0
 _LOST = (BrokenExecutor, CancelledError, OSError)  # what flies is gone, not wrong
-# until a worker of a cluster is there, and until all have compiled the law
-_WORKERS_S, _ANSWER_S = 15.0, 180.0
+_WORKERS_S = 15.0  # until a worker of a cluster is there
+_ANSWER_S = 180.0  # until all of them have compiled the law
 
 
 def say(sentence: str) -> None:
@@ -41,24 +41,32 @@ def say(sentence: str) -> None:
 
 def has_failed(cell: Cell, file: ResultsFile) -> bool:
     """Whether vehicles have come too near in a stage of a cell."""
-    return any(
-        file.rows.get((cell.key, stage), {"below": 0})["below"] for stage in range(len(STAGES))
-    )
+    for stage in range(len(STAGES)):
+        row = file.rows.get((cell.key, stage))
+        if row is not None and row["below"]:
+            return True
+    return False
 
 
 def missing(cells: Iterable[Cell], stages: int, file: ResultsFile) -> list[Unit]:
-    """Return the units that are still to be flown, in their order: the screening of all cells, then
-    cell by cell.
+    """Return the units that are still to be flown, in their order.
 
-    A cell that has failed is flown no further.
+    The screening of all cells comes first, then the further stages cell by cell. A cell that has
+    failed is flown no further.
     """
-    units = [
-        Unit(cell, stage) for cell in cells for stage in range(stages) if not has_failed(cell, file)
-    ]
-    return sorted(
-        (u for u in units if (u.cell.key, u.stage) not in file.rows),
-        key=lambda unit: unit.stage > 0,
-    )
+    screenings = []
+    further = []
+    for cell in cells:
+        if has_failed(cell, file):
+            continue
+        for stage in range(stages):
+            if (cell.key, stage) in file.rows:
+                continue
+            if stage == 0:
+                screenings.append(Unit(cell, stage))
+            else:
+                further.append(Unit(cell, stage))
+    return screenings + further
 
 
 def run(
@@ -73,15 +81,19 @@ def run(
     """Fly what is missing of the map, and keep each unit when it is done.
 
     Args:
+        cells: of the map.
+        file: of results.
         stages: only so many of them.
         jobs: processes on this machine.
         scheduler: address of a Dask scheduler, whose workers fly in their place.
+        tell: takes sentences of progress.
     Raises:
         ConfigError: the scheduler does not answer, or the package for it is missing.
     """
-    progress = _Progress(cells, stages, file, tell)
+    progress = _MapProgress(cells, stages, file, tell)
     executors = _executors(jobs, scheduler, tell)
     executor, width = next(executors)
+
     while missing(cells, stages, file):
         try:
             for row in _flown(executor, width, cells, stages, file):
@@ -89,26 +101,27 @@ def run(
                 progress.tell()
         except BaseException as error:
             _stop(executor)
-            is_lost = isinstance(error, _LOST) or (
-                scheduler is not None and isinstance(error, Exception)
-            )
-            if not is_lost or isinstance(error, ConfigError):
+            if not _may_go_on(error, scheduler):
                 raise
             tell(
-                f"{_reason(error, scheduler)} what was in the air is flown again; nothing counts twice"
+                f"{_reason(error, scheduler)} what was in the air is flown again; "
+                "nothing counts twice"
             )
-            (executor, width), scheduler = next(executors), None
+            executor, width = next(executors)
+            scheduler = None
+
     executor.shutdown()
     progress.tell(is_last=True)
 
 
 def _flown(
     executor: Executor, width: int, cells: list[Cell], stages: int, file: ResultsFile
-) -> Iterator[flights.Row]:
-    """Yield rows as they are ready, each to be kept before the next; a stage is flown after the one
-    before it.
+) -> Iterator[flights.MapRow]:
+    """Yield rows as they are ready, each to be kept before the next.
+
+    A stage of a cell is flown after the one before it, at most ``width`` units at a time.
     """
-    pending: dict[Future[flights.Row], Unit] = {}
+    pending: dict[Future[flights.MapRow], Unit] = {}
     while True:
         under_way = {unit.cell for unit in pending.values()}
         for unit in missing(cells, stages, file):
@@ -117,6 +130,7 @@ def _flown(
             if unit.cell not in under_way:
                 pending[executor.submit(flights.fly, unit)] = unit
                 under_way.add(unit.cell)
+
         if not pending:
             return
         for future in wait(pending, return_when=FIRST_COMPLETED).done:
@@ -133,30 +147,51 @@ def _stop(executor: Executor) -> None:
             executor.shutdown(wait=False)
 
 
+def _may_go_on(error: BaseException, scheduler: str | None) -> bool:
+    """Whether the flights were lost with what flew them, so that something else can fly them."""
+    if isinstance(error, ConfigError):
+        return False
+    if isinstance(error, _LOST):
+        return True
+    return scheduler is not None and isinstance(error, Exception)  # whatever a cluster raises
+
+
 def _reason(error: BaseException, scheduler: str | None) -> str:
+    """Return the first half of the sentence about lost flights."""
     if scheduler is None:
         return "a process of the map has ended before its time (out of memory?);"
-    what = "is gone" if isinstance(error, _LOST) else "has lost its workers"
-    return f"the scheduler at {scheduler} {what} ({type(error).__name__}); the map goes on with processes here, and"
+
+    what = "has lost its workers"
+    if isinstance(error, _LOST):
+        what = "is gone"
+    return (
+        f"the scheduler at {scheduler} {what} ({type(error).__name__}); "
+        "the map goes on with processes here, and"
+    )
+
+
+# What flies the units
 
 
 def _executors(jobs: int, scheduler: str | None, tell: Say) -> Iterator[tuple[Executor, int]]:
     """Yield what flies the units and how many at a time; another one each time that it has broken."""
     if scheduler is not None:
         yield _cluster(scheduler)
+
     tell("compiling the law for this machine, if that was not done before")
     rollout_batch.warm_up()
     if jobs == 1:
-        yield _Here(), 1
+        yield _SameProcess(), 1
     for _ in range(3):
         spawn = multiprocessing.get_context("spawn")
         yield ProcessPoolExecutor(jobs, mp_context=spawn, initializer=_end_with_parent), jobs
+
     raise ConfigError(
         "three times a process of the map has ended before its time. Fly with fewer --jobs."
     )
 
 
-class _Here(Executor):
+class _SameProcess(Executor):
     """Flies in this process, at once."""
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
@@ -170,8 +205,9 @@ class _Here(Executor):
 
 
 def _end_with_parent() -> None:
-    """Let this process of the pool end when the map's own one is killed; by itself it would wait
-    for ever.
+    """Let this process of the pool end when the map's own one is killed.
+
+    By itself it would wait for ever.
     """
 
     def _watch() -> None:
@@ -184,72 +220,95 @@ def _end_with_parent() -> None:
 
 
 def _cluster(address: str) -> tuple[Executor, int]:
+    """Return an executor on a Dask cluster, and how many units it flies at a time.
+
+    Raises:
+        ConfigError: the package is missing, no scheduler answers, or its workers cannot fly, or fly
+            another version.
+    """
     try:
         import distributed
     except ModuleNotFoundError:
         raise ConfigError(
-            f"--scheduler {address}: this needs the package 'distributed', which is not installed. Install it here and "
-            "on the workers: pip install distributed"
+            f"--scheduler {address}: this needs the package 'distributed', which is not installed. "
+            "Install it here and on the workers: pip install distributed"
         ) from None
+
     # its tracebacks; what they mean is said in words here
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
     try:
         client: Any = distributed.Client(address, timeout=10)
     except (OSError, ValueError) as error:
         raise ConfigError(
-            f"--scheduler {address}: no Dask scheduler answers there ({error}). Start one with 'dask scheduler', "
-            "or leave the option out to fly on this machine."
+            f"--scheduler {address}: no Dask scheduler answers there ({error}). Start one with "
+            "'dask scheduler', or leave the option out to fly on this machine."
         ) from None
+
     try:
         client.wait_for_workers(1, timeout=_WORKERS_S)
-        tasks = [
-            client.submit(flights.version, workers=[one], pure=False) for one in client.ncores()
-        ]
+        tasks = []
+        for worker in client.ncores():
+            tasks.append(client.submit(flights.version, workers=[worker], pure=False))
         distributed.wait(tasks, timeout=_ANSWER_S)
         others = {*client.gather(tasks)} - {flights.version()}
     except Exception as error:  # noqa: BLE001 whatever a worker has raised
-        said = " ".join(f"{type(error).__name__}: {error}".split())[:200]
+        reason = " ".join(f"{type(error).__name__}: {error}".split())[:200]
         raise ConfigError(
-            f"--scheduler {address}: its workers cannot fly ({said}). Start them with 'dask worker {address}', "
-            "with Covey of this version installed where they run."
+            f"--scheduler {address}: its workers cannot fly ({reason}). Start them with "
+            f"'dask worker {address}', with Covey of this version installed where they run."
         ) from None
+
     if others:
         raise ConfigError(
-            f"--scheduler {address}: a worker flies version {', '.join(sorted(others))} of law, vehicles or "
-            f"processor, and here it is {flights.version()}: such flights are not added up. Install the same there."
+            f"--scheduler {address}: a worker flies version {', '.join(sorted(others))} of law, "
+            f"vehicles or processor, and here it is {flights.version()}: such flights are not "
+            "added up. Install the same there."
         )
+
     executor: Executor = client.get_executor(pure=False)
-    return executor, 2 * max(1, sum(client.ncores().values()))
+    cores = sum(client.ncores().values())
+    return executor, 2 * max(1, cores)
 
 
-class _Progress:
+class _MapProgress:
     """Says now and then how far the map is, and how long it will take."""
 
     def __init__(self, cells: list[Cell], stages: int, file: ResultsFile, tell: Say) -> None:
-        self._cells, self._stages, self._file, self._tell = cells, stages, file, tell
-        self._began_s = self._told_s = time.monotonic()
-        self._at_first = self._left()
+        self._cells = cells
+        self._stages = stages
+        self._file = file
+        self._tell = tell
+        self._began_s = time.monotonic()
+        self._last_said_s = self._began_s
+        self._work_at_first = self._work_left()
 
-    def _left(self) -> float:
-        """Work that is left, if no further cell fails."""
-        return sum(
-            unit.flights * unit.cell.weight
-            for unit in missing(self._cells, self._stages, self._file)
-        )
+    def _work_left(self) -> float:
+        """Return the work that is left if no further cell fails."""
+        units = missing(self._cells, self._stages, self._file)
+        return sum(unit.flights * unit.cell.weight for unit in units)
 
     def tell(self, *, is_last: bool = False) -> None:
         """Say it, unless that was done a moment ago."""
         now_s = time.monotonic()
-        if not is_last and now_s - self._told_s < _SAY_EVERY_S:
+        if not is_last and now_s - self._last_said_s < _SAY_EVERY_S:
             return
-        self._told_s = now_s
-        failed = sum(has_failed(cell, self._file) for cell in self._cells)
-        full = sum((cell.key, self._stages - 1) in self._file.rows for cell in self._cells)
-        flown = sum(row["flights"] for row in self._file.rows.values())
-        left = self._left()
-        done = self._at_first - left
-        left_s = (now_s - self._began_s) * left / done if done > 0.0 else 0.0
-        self._tell(
-            f"law map: {full + failed} of {len(self._cells)} cells done ({failed} failed), {flown} flights"
-            + (f", at most {left_s / 60.0:.0f} min left" if left else "")
+        self._last_said_s = now_s
+
+        rows = self._file.rows
+        failed = sum(1 for cell in self._cells if has_failed(cell, self._file))
+        complete = sum(1 for cell in self._cells if (cell.key, self._stages - 1) in rows)
+        flown = sum(row["flights"] for row in rows.values())
+
+        work_left = self._work_left()
+        work_done = self._work_at_first - work_left
+        left_s = 0.0
+        if work_done > 0.0:
+            left_s = (now_s - self._began_s) * work_left / work_done
+
+        sentence = (
+            f"law map: {complete + failed} of {len(self._cells)} cells done ({failed} failed), "
+            f"{flown} flights"
         )
+        if work_left:
+            sentence += f", at most {left_s / 60.0:.0f} min left"
+        self._tell(sentence)
