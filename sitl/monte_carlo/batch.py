@@ -26,7 +26,7 @@ def campaign(
     jobs: int = 1,
     trace_folder: Path | None = None,
 ) -> Iterator[list[results.FlightRecord]]:
-    """Yield the records of all scenarios and seeds in their order, chunk by chunk as they are ready.
+    """Yield the records of all scenarios and seeds in their order, each chunk when it is ready.
 
     Args:
         names: scenarios.

@@ -121,7 +121,7 @@ def _fly(
 
 
 def _warm_up() -> None:
-    """Have the law compiled before the first flight, and say so where it takes more than a moment."""
+    """Have the law compiled before the first flight, and say so where it takes a while."""
     sentence = (
         "covey: compiling the law for this machine; it is kept, and takes about half a minute "
         "this time only"

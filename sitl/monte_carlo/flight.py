@@ -125,7 +125,7 @@ def _fly(
     is_alone: bool = False,
     has_trace: bool = False,
 ) -> tuple[list[FlightOutcome], dict[int, str]]:
-    """Return the outcomes, and for the flights in which somebody's own law was refused, the reason."""
+    """Return the outcomes, and the reasons of the flights in which somebody's law was refused."""
     count = plans[0].count
     fleet = setup.fleet(count)
     vehicles = list(fleet.vehicles.values())
@@ -248,7 +248,7 @@ class _Orders:
                 self._mutes[f, index] = kind != "frozen"
 
     def lost(self, time_s: float) -> tuple[BoolArray, BoolArray]:
-        """Return which vehicles (F, N) stand still and avoid nobody, and which send nothing more."""
+        """Return which vehicles (F, N) stand still and avoid nobody, and which send nothing."""
         is_lost = np.asarray(time_s >= self._lost_at)
         return is_lost & self._freezes, is_lost & self._mutes
 

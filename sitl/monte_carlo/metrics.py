@@ -1,4 +1,4 @@
-"""Judges flights on true positions, sampled every tick: separation, arrival, and why a flight failed.
+"""Judges flights on true positions, every tick: separation, arrival, and why a flight failed.
 
 Arrays hold all flights that are in the air: F flights of N vehicles, P pairs of vehicles. A flight
 that ends leaves them, and its outcome is kept.

@@ -1,4 +1,4 @@
-"""Random numbers of many flights, each from its own seed: a flight is the same alone and in a batch.
+"""Random numbers of flights, each from its own seed: a flight is the same alone and in a batch.
 
 Streams of a flight: ``[seed, 1]`` constants, ``[seed, 2]`` noise of every tick, ``[seed, 3]`` the
 radio links. None depends on what the vehicles do, so that two laws meet the same noise.

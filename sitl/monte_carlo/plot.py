@@ -212,7 +212,7 @@ def _draw_obstacle(axes: Any, ends_and_radius: Array) -> None:
 
 
 def _draw_closest_moment(axes: Any, data: _TraceData) -> None:
-    """Draw everybody with half the safety distance about it, and the distance of the nearest two."""
+    """Draw everybody in a disc of half the safety distance, and the distance of the nearest two."""
     sample, pair = data.closest
     position = data.position_enu_m[sample]  # (N, 3)
 
@@ -296,7 +296,7 @@ def _round_ticks(end_s: float) -> Array:
 
 
 def _distances(axes: Any, data: _TraceData) -> None:
-    """Draw all pairs' distances over time, the smallest of each moment in front, and the promise."""
+    """Draw the distances of all pairs over time, and in front the smallest and the promise."""
     axes.set_title("Distance of every pair")
     largest_m = float(np.max(data.distance_m, initial=data.limit_m))
     top_m = min(largest_m, 4.0 * data.limit_m)

@@ -1,4 +1,4 @@
-"""Messages between the vehicles: late, lost per link, and from senders that are silent for a while."""
+"""Messages between the vehicles: late, lost per link, and from senders that fall silent."""
 
 from __future__ import annotations
 

@@ -199,7 +199,7 @@ def _half_of(name: str, number: str) -> int:
 
 
 def _form3(name: str, seed: int) -> FlightPlan:
-    """Into a triangle of side 1.6 m about (0, 1.2), by all 6 permutations, in 7 s and 5 s in turn."""
+    """Into a triangle of side 1.6 m about (0, 1.2): 6 permutations, 7 s and 5 s in turn."""
     rng = np.random.default_rng(seed)
     row = np.array([[-1.5, -1.5], [0.0, -1.5], [1.5, -1.5]])
     start = row + rng.normal(0.0, 0.1, (3, 2))
@@ -405,7 +405,7 @@ def _forest(name: str, seed: int, number: str | None) -> FlightPlan:
 
 
 def _gap(name: str, seed: int, number: str | None) -> FlightPlan:
-    """Half from the left and half from the right, in two lanes, through one gap to the other side."""
+    """Half from the left and half from the right, in two lanes, through one gap."""
     half = _half_of(name, number or "6")
     slot = np.arange(half)
     x_m = 2.5 + 1.4 * (slot // 2)

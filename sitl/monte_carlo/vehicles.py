@@ -169,7 +169,7 @@ class Physics:
         self._is_scripted = self._is_scripted[flights]
 
     def _in_the_air(self, values: Array) -> Array:
-        """Return values (F, N, ...) of the flights that go on, copied from those of the emulator."""
+        """Return a copy (F, N, ...) of the emulator's values for the flights that go on."""
         by_flight = values.reshape(-1, self._count, *values.shape[1:])
         return np.asarray(by_flight[self._flights])
 

@@ -127,7 +127,7 @@ def cells(selection: Sequence[str] = ()) -> list[Cell]:
 
 
 def _hardness(cell: Cell) -> tuple[int, Cell]:
-    """Return the steps from the map's easiest cell, and the cell itself, so that no two are equal."""
+    """Return the steps from the easiest cell, and the cell itself, so that no two are equal."""
     values = (cell.vehicles, cell.speed_m_s, cell.delay_ms, cell.loss_pct)
     steps = sum(axis.index(value) for axis, value in zip(AXES.values(), values, strict=True))
     if cell.errors == "vision":
@@ -219,7 +219,7 @@ def setup(cell: Cell, scenario: str) -> settings.Setup:
 
 
 def _held_distance_m(speed_m_s: float) -> float:
-    """Return the length of a leg that holds :data:`_HELD_SHARE` of the top speed :data:`_HELD_S` long.
+    """Return the length of a leg that holds a share of the top speed for :data:`_HELD_S`.
 
     A leg is a quintic: its speed is 16 s^2 (1 - s)^2 of the peak 15/8 D/T after the share s of the
     time.

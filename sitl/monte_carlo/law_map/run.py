@@ -174,7 +174,7 @@ def _reason(error: BaseException, scheduler: str | None) -> str:
 
 
 def _executors(jobs: int, scheduler: str | None, tell: Say) -> Iterator[tuple[Executor, int]]:
-    """Yield what flies the units and how many at a time; another one each time that it has broken."""
+    """Yield what flies the units and how many at a time; another one each time that it broke."""
     if scheduler is not None:
         yield _cluster(scheduler)
 
@@ -199,7 +199,7 @@ class _SameProcess(Executor):
         future: Future[Any] = Future()
         try:
             future.set_result(fn(*args, **kwargs))
-        except Exception as error:  # noqa: BLE001 as every executor: the error is raised where the result is read
+        except Exception as error:  # noqa: BLE001 raised where the result is read, as every executor
             future.set_exception(error)
         return future
 
