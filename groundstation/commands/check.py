@@ -3,6 +3,7 @@
 Examples:
   covey check configs/fleets/paper.toml
   covey check mission.toml --fleet fleet.toml --errors gps --json
+  covey check fleet.toml --run-law
   covey check vehicles --fleet fleet.toml
   covey check computer fleet.toml --network
   covey check attack fleet.toml
@@ -51,6 +52,7 @@ def check(
     fleet: File | None = None,
     json: bool = False,
     errors: Annotated[ErrorClass | None, Parameter(choices=ErrorClass)] = None,
+    run_law: bool = False,
 ) -> int:
     """Say what is wrong with fleet or mission files, and whether they can be flown as configured.
 
@@ -61,6 +63,8 @@ def check(
         fleet: check missions against this fleet
         json: a list with one object for each finding
         errors: accuracy of the position (default: as the fleet file declares it)
+        run_law: import a law of somebody's own, which runs its code here with your rights; without
+            it the law's file is only hashed
     """
     if not files:
         print(_QUESTIONS)
@@ -70,7 +74,7 @@ def check(
     rows: list[dict[str, Any]] = []
     for path in files:
         try:
-            examined = examine(path, fleet, errors)
+            examined = examine(path, fleet, errors, runs_law=run_law)
         except ConfigError as error:
             status = EXIT_WRONG_INPUT
             rows.append(_row_of_wrong_file(path, error))

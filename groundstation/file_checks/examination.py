@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from dataclasses import replace
 from typing import NamedTuple
 
 from groundstation.formations.slots import formation_slots
@@ -14,6 +16,7 @@ from onboard.config.fleet import FleetConfig, load_fleet, read_toml
 from onboard.estimation.accuracies import ACCURACIES
 from onboard.feasibility.finding import Finding, worst_first
 from onboard.feasibility.fleet_checks import (
+    OWN_LAW,
     ErrorClass,
     error_class,
     fleet_findings,
@@ -30,7 +33,11 @@ class ExaminedFile(NamedTuple):
 
 
 def examine(
-    path: str, fleet_path: str | None = None, errors: ErrorClass | None = None
+    path: str,
+    fleet_path: str | None = None,
+    errors: ErrorClass | None = None,
+    *,
+    runs_law: bool = False,
 ) -> ExaminedFile:
     """Examine a fleet or mission file.
 
@@ -38,15 +45,37 @@ def examine(
         path: of the file, or the name of an example.
         fleet_path: fleet file instead of the mission's.
         errors: accuracy of the position; without it as the fleet file declares.
+        runs_law: whether a law of somebody's own is imported, which runs its code.
 
     Raises:
-        ConfigError: the file is wrong.
+        ConfigError: the file is wrong, or the law is, where it is imported.
     """
     path = existing_file(path, "fleet or mission file")
     is_mission = path.endswith(".py") or "step" in read_toml(path, "fleet or mission file")[0]
     if is_mission:
-        return _examine_mission(path, fleet_path, errors)
-    return _examine_fleet(path, errors)
+        examined = _examine_mission(path, fleet_path, errors)
+    else:
+        examined = _examine_fleet(path, errors)
+
+    if examined.fleet.own_law is None:
+        return examined
+    if runs_law:
+        examined.fleet.import_law()
+        sentence = "It was imported here, because --run-law was given: it can be called as a law."
+    else:
+        sentence = "None of its code was run here; --run-law imports it, with your rights."
+    return examined._replace(findings=_with_words_about_law(examined.findings, sentence))
+
+
+def _with_words_about_law(findings: Iterable[Finding], sentence: str) -> tuple[Finding, ...]:
+    """Return the findings, with one more sentence in the one about a law of somebody's own."""
+    longer = []
+    for finding in findings:
+        if finding.name == OWN_LAW:
+            longer.append(replace(finding, sentence=f"{finding.sentence} {sentence}"))
+        else:
+            longer.append(finding)
+    return tuple(longer)
 
 
 def _examine_mission(path: str, fleet_path: str | None, errors: ErrorClass | None) -> ExaminedFile:

@@ -164,11 +164,12 @@ def simulated_fleet(
         needs_ports: False for a flight without sockets.
 
     Raises:
-        ConfigError: ports are in use.
+        ConfigError: ports are in use, or the law cannot be imported.
     """
     # Endpoints on other computers cannot be listened at here.
     is_elsewhere = needs_ports and not is_local(fleet)
     fleet = _fleet_of_flight(fleet, folder, law, has_free_ports=has_free_ports or is_elsewhere)
+    fleet.import_law()
     if not needs_ports:
         return fleet
 

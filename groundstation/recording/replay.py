@@ -334,7 +334,7 @@ def open_flight(folder: Path, fleet_path: str | None = None) -> tuple[FleetConfi
         )
 
     # A record may come from anybody: code that its fleet file names is not run.
-    fleet = load_fleet(fleet_path or str(beside), imports_law=False)
+    fleet = load_fleet(fleet_path or str(beside), finds_law=False)
     return fleet, timeline
 
 

@@ -55,6 +55,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = parser().parse_args(words)
     try:
         fleet = load_fleet(arguments.fleet).with_law(arguments.law)
+        fleet.import_law()
         (name,) = fleet.select(arguments.vehicle)
     except ConfigError as error:
         print(f"agent: {error}", file=sys.stderr)

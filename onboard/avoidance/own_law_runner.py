@@ -34,10 +34,13 @@ class OwnLawRunner:
         law: that the fleet file names.
         clock: seconds, by which the law's time is measured; None where time is simulated, and no
             law is slow.
+    Raises:
+        ConfigError: the law cannot be imported.
     """
 
     def __init__(self, law: OwnLaw, clock: Callable[[], float] | None = None) -> None:
         self.law = law
+        self._function = law.load()
         self.refusal = ""  # why Covey's law flies the rest of this flight; empty: it does not
         self._clock = clock
         self._memory: Any = None
@@ -100,7 +103,7 @@ class OwnLawRunner:
         """Return the law's memory and thrust, and why it cannot be flown."""
         began_s = 0.0 if self._clock is None else self._clock()
         try:
-            memory, thrust, refusal = judged(self.law.function(self._memory, inputs), inputs)
+            memory, thrust, refusal = judged(self._function(self._memory, inputs), inputs)
         except KeyboardInterrupt:
             raise
         except BaseException as error:  # noqa: BLE001 - whatever somebody's law does

@@ -1,8 +1,8 @@
 """Fleet files: frozen values, validated when loaded; the door of this room.
 
 Unknown keys are errors that name file, key and remedy. Precedence: a vehicle's own key, then its
-type's, then ``[defaults]``. Nothing here does I/O but :func:`load_fleet`, and the import of a law
-of one's own that a file names.
+type's, then ``[defaults]``. Nothing here does I/O but :func:`load_fleet`, and the search for a law
+of one's own that a file names. No code that a fleet file names runs when the file is loaded.
 """
 
 from __future__ import annotations
@@ -48,13 +48,13 @@ _KNOWN_KEYS = (
 )
 
 
-def load_fleet(path: str | os.PathLike[str], *, imports_law: bool = True) -> FleetConfig:
+def load_fleet(path: str | os.PathLike[str], *, finds_law: bool = True) -> FleetConfig:
     """Read and validate a fleet file.
 
     Args:
         path: of the file, or the name of an example: ``paper``.
-        imports_law: whether to import a law of somebody's own that the file names; False where
-            nothing will fly.
+        finds_law: whether a law of somebody's own that the file names must be there; False where
+            nothing will fly. It is not imported: see :meth:`FleetConfig.import_law`.
     Returns:
         its values.
     Raises:
@@ -62,11 +62,11 @@ def load_fleet(path: str | os.PathLike[str], *, imports_law: bool = True) -> Fle
             duplicated id.
     """
     data, text, name = read_toml(path, "fleet file")
-    return fleet_from_mapping(data, path=name, text=text, imports_law=imports_law)
+    return fleet_from_mapping(data, path=name, text=text, finds_law=finds_law)
 
 
 def fleet_from_mapping(
-    data: Mapping[str, Any], *, path: str = "<fleet>", text: str = "", imports_law: bool = True
+    data: Mapping[str, Any], *, path: str = "<fleet>", text: str = "", finds_law: bool = True
 ) -> FleetConfig:
     """Resolve and validate the content of a fleet file.
 
@@ -74,7 +74,7 @@ def fleet_from_mapping(
         data: of the file.
         path: of the file, for the sentences.
         text: of the file, kept beside the values.
-        imports_law: see :func:`load_fleet`.
+        finds_law: see :func:`load_fleet`.
     Returns:
         the values.
     Raises:
@@ -128,6 +128,6 @@ def fleet_from_mapping(
     )
     check_fleet(config)
 
-    if imports_law:
+    if finds_law:
         return config.with_own_law()
     return config

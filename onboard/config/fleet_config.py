@@ -15,7 +15,7 @@ from onboard.config import obstacles
 from onboard.config.endpoints import host_of
 from onboard.config.formation_shape import FormationShape
 from onboard.config.law import LawConfig
-from onboard.config.law_import import OwnLaw, load_own_law
+from onboard.config.law_import import OwnLaw, find_own_law
 from onboard.config.mocap import MocapConfig
 from onboard.config.radio import RadioConfig
 from onboard.config.sitl import SitlProfile
@@ -217,16 +217,28 @@ class FleetConfig(msgspec.Struct, frozen=True):
     def with_own_law(self) -> FleetConfig:
         """Return the same fleet with the law that its file names.
 
-        It is imported if it is none of Covey's.
+        A law that is none of Covey's is found and hashed, and not imported: see
+        :meth:`import_law`.
 
         Raises:
-            ConfigError: there is no such law, or it cannot be imported.
+            ConfigError: there is no such law.
         """
         own_law: OwnLaw | None = None
         if self.law.is_own:
             folder = os.path.join(os.path.dirname(os.path.abspath(self.path)), self.law.folder)
-            own_law = load_own_law(self.law.name, (folder, os.getcwd()), self.path)
+            own_law = find_own_law(self.law.name, (folder, os.getcwd()), self.path)
         return msgspec.structs.replace(self, own_law=own_law)
+
+    def import_law(self) -> None:
+        """Import a law of somebody's own, which runs its code; without one this does nothing.
+
+        Called before something flies by it, so that a mistake in it is told in words.
+
+        Raises:
+            ConfigError: it cannot be imported, or is no law.
+        """
+        if self.own_law is not None:
+            self.own_law.load()
 
     @property
     def config_hash(self) -> str:

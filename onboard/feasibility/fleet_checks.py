@@ -46,6 +46,8 @@ from onboard.types import TICK_S
 
 ErrorClass = Literal["mocap", "vision", "gps"]
 
+OWN_LAW = "own law"  # name of the finding about a law of somebody's own
+
 # nearer to the fence than this, a spot is refused
 _FENCE_M = 0.15
 
@@ -109,13 +111,14 @@ def _own_law(fleet: FleetConfig, law: OwnLaw) -> Finding:
 
     remedy = "Read its source before you run it."
     sentence = (
-        f"The law '{law.name}' (source {law.source_hash}) is code of {law.source} that this fleet "
-        "file names: it runs in every agent and here, with your rights. On real vehicles it "
+        f"The law '{law.name}' is code that this fleet file names: "
+        f"{law.source or 'an installed module'} (source {law.source_hash}). It runs with the "
+        "rights of every agent and simulation that flies it. On real vehicles it "
         f"{real}. Preview and these findings are of Covey's law, which takes over where it fails. "
         f"{remedy}"
     )
     return Finding(
-        name="own law",
+        name=OWN_LAW,
         status="warning",
         value=1.0,
         bound=0.0,

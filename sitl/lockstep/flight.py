@@ -83,6 +83,7 @@ class Lockstep:
         if not isinstance(fleet, FleetConfig):
             fleet = load_fleet(fleet)
         config = fleet.with_law(law)
+        config.import_law()
 
         self._collect_thresholds = gc.get_threshold()
         gc.set_threshold(_COLLECT_EVERY, *self._collect_thresholds[1:])

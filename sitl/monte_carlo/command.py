@@ -45,6 +45,7 @@ def run(
     """
     for name in names:
         _check_heights(name, setup)
+        setup.fleet(scenarios.vehicle_count(name)).import_law()
     if picture is not None:
         _check_picture(picture, flights=len(names) * len(seeds))
 

@@ -81,7 +81,8 @@ class Contestant:
         """
         changed = [self.change(own) for own in params]
         return Hearing(
-            OwnLawFleet(OwnLaw(self.title, "", "", law), changed, start_enu_m, obstacles), self.hear
+            OwnLawFleet(OwnLaw(self.title, "", "", lambda: law), changed, start_enu_m, obstacles),
+            self.hear,
         )
 
 
@@ -173,4 +174,4 @@ def named(name: str) -> Contestant:
         raise ConfigError(
             f"--law is '{name}'; name a law of your own as module:function (docs/own-law.md)."
         )
-    return Contestant(name, own=law.function)
+    return Contestant(name, own=law.load())

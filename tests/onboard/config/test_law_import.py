@@ -3,11 +3,13 @@ is read.
 """
 
 import re
+import sys
 from importlib import metadata
 from pathlib import Path
 
 import pytest
 
+from groundstation.cli import main
 from onboard.config.fleet import ConfigError, load_fleet
 
 FLEET = (Path(__file__).parents[3] / "configs/fleets/paper.toml").read_text(encoding="utf-8")
@@ -32,7 +34,7 @@ def test_a_law_beside_the_file_is_found_and_its_source_is_part_of_what_agents_co
         folder.mkdir()
         fleet = load_fleet(written(folder, source))
         assert fleet.own_law is not None
-        assert fleet.own_law.function(3, type("Inputs", (), {"baseline": 7})) == (3, 7)
+        assert fleet.own_law.load()(3, type("Inputs", (), {"baseline": 7})) == (3, 7)
         assert fleet.with_law("covey").own_law is None
         hashes.append(fleet.config_hash)
     assert hashes[0] == hashes[1] != hashes[2]
@@ -60,7 +62,7 @@ def test_a_law_beside_the_file_is_found_and_its_source_is_part_of_what_agents_co
 )
 def test_what_is_no_law_is_refused_in_words(tmp_path, source, name, said):
     with pytest.raises(ConfigError) as error:
-        load_fleet(written(tmp_path, source, name))
+        load_fleet(written(tmp_path, source, name)).import_law()
     assert said in str(error.value)
     assert f"'law.name' is '{name}'" in str(error.value)
 
@@ -73,3 +75,61 @@ def test_a_law_is_found_by_its_entry_point(tmp_path, monkeypatch):
     assert law.name == "mine"
     with pytest.raises(ConfigError, match="there are only covey, paper, off, mine"):
         load_fleet(written(tmp_path, GOOD, "yours"))
+
+
+def test_loading_a_fleet_file_runs_nothing_of_the_law_that_it_names(tmp_path):
+    marker = tmp_path / "ran"
+    source = f"open({str(marker)!r}, 'w')\n{GOOD}"
+    package = tmp_path / "strangers"
+    package.mkdir()
+    (package / "__init__.py").write_text(source)
+    (package / "inner.py").write_text(source)
+    folders = list(sys.path)
+
+    for name in ("mine:law", "strangers.inner:law"):
+        fleet = load_fleet(written(tmp_path, source, name))
+        assert fleet.own_law is not None
+        assert len(fleet.own_law.source_hash) == 12
+        assert not marker.exists()
+        assert sys.path == folders
+
+    assert fleet.own_law is not None
+    assert fleet.own_law.source == str(package / "inner.py")
+    fleet.import_law()
+    assert marker.exists()
+
+
+def test_the_commands_that_fly_nothing_run_nothing_of_it(tmp_path, capsys):
+    marker = tmp_path / "ran"
+    path = written(tmp_path, f"open({str(marker)!r}, 'w')\n{GOOD}")
+    for command in (
+        ["check", path],
+        ["check", path, "--json"],
+        ["doctor", path],
+        ["secure", path],
+        ["keys", "list", path],
+        ["agent", "deploy", "--print", "--fleet", path],
+        ["init", str(tmp_path / "mission.toml"), "--fleet", path],
+    ):
+        main(command)
+        assert not marker.exists(), command
+
+    capsys.readouterr()
+    main(["check", path])
+    law = load_fleet(path).own_law
+    assert law is not None
+    page = "".join(capsys.readouterr().out.split())
+    assert f"{tmp_path / 'mine.py'}(source{law.source_hash})" in page
+    assert "Noneofitscodewasrunhere;--run-lawimportsit,withyourrights." in page
+
+    assert main(["check", path, "--run-law"]) == 0
+    page = "".join(capsys.readouterr().out.split())
+    assert "Itwasimportedhere,because--run-lawwasgiven" in page
+    assert marker.exists()
+
+
+def test_a_check_that_runs_a_law_says_what_is_wrong_with_it(tmp_path, capsys):
+    path = written(tmp_path, "1 / 0\n")
+    assert main(["check", path]) == 0
+    assert main(["check", path, "--run-law"]) == 2
+    assert "ZeroDivisionError" in capsys.readouterr().err

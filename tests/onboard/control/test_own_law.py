@@ -68,7 +68,7 @@ HOSTILE = {
 
 
 def own(function, clock=None):
-    return OwnLawRunner(OwnLaw("mine:law", "mine.py", "0", function), clock)
+    return OwnLawRunner(OwnLaw("mine:law", "mine.py", "0", lambda: function), clock)
 
 
 def flown(law_step, ticks):
