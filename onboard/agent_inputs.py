@@ -77,6 +77,13 @@ class ClocksCompared(Struct, frozen=True):
     bounds_s: Mapping[str, float]  # node -> error of its clock at most; inf: not measured yet
 
 
+class CertificateChecked(Struct, frozen=True):
+    """The process looked how long the certificates of this computer last."""
+
+    node: str  # whose certificate ends first
+    left_s: float  # until then, by this computer's clock of the wall; negative after it
+
+
 class LoopTimed(Struct, frozen=True):
     """Statistics of the control loop over the last ten seconds."""
 
@@ -131,6 +138,7 @@ AgentInput = (
     | SnapshotReceived
     | ParamsRead
     | ClocksCompared
+    | CertificateChecked
     | LoopTimed
     | MessagesCounted
     | TickFailed

@@ -6,9 +6,12 @@ fleet file, whether the direct path exists, whether all fly the same version of 
 
 from __future__ import annotations
 
+import os
 import textwrap
+import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import Any
 
 from groundstation.client.client import FleetClient
@@ -18,6 +21,10 @@ from onboard.config.fleet import FleetConfig
 from onboard.config.law import BUILT_IN
 from onboard.exit_status import EXIT_FAILED, EXIT_NO_ANSWER, EXIT_OK
 from onboard.plain_text import plain_line
+from onboard.security.certificate_ends import end_of
+from onboard.security.certificate_times import SOON_S, left_words, longest_flight_s
+from onboard.security.credentials import files_of
+from onboard.security.node_roles import NodeRole
 
 _MARKS = {"ok": "ok", "advice": "advice", "no-go": "NO-GO"}
 _WIDTH = 118
@@ -152,13 +159,13 @@ def pages_of(
     Returns:
         A page for each, as :func:`page_of` makes it.
     """
-    versions = _versions(state, fleet, names)
+    of_fleet = [*_versions(state, fleet, names), *_of_ground_key(fleet)]
 
     pages = []
     for name in names:
         page = page_of(state.vehicles[name], fleet, now_ns)
         if page.answers:
-            page = replace(page, lines=(*page.lines, *versions))
+            page = replace(page, lines=(*page.lines, *of_fleet))
         pages.append(page)
     return tuple(pages)
 
@@ -185,6 +192,37 @@ def _versions(state: FleetState, fleet: FleetConfig, names: Sequence[str]) -> li
         f"covey px4 compare {first} {last} --fleet {fleet.path}."
     )
     return [PageLine("versions", True, sentence, remedy)]
+
+
+def _of_ground_key(fleet: FleetConfig) -> list[PageLine]:
+    """Return a line when this ground's certificate does not last for a flight, else none."""
+    end_s = _ground_end_s(os.path.join(fleet.keys_folder, files_of(NodeRole.GROUND)[1]))
+    if not fleet.has_keys or end_s is None:
+        return []
+
+    left_s = end_s - time.time()
+    required_s = longest_flight_s(fleet)
+    if left_s >= SOON_S:
+        return []
+
+    sentence = f"The certificate of this ground ends in {left_words(left_s)}."
+    if left_s <= 0.0:
+        sentence = "The certificate of this ground has ended: it can begin no flight."
+    elif left_s < required_s:
+        sentence = (
+            f"The certificate of this ground ends in {left_words(left_s)}; a flight and an hour "
+            f"to spare take {left_words(required_s)}."
+        )
+    remedy = f"Renew it: covey keys renew {fleet.path}, and start this command anew."
+    return [PageLine("ground's key", left_s >= required_s, sentence, remedy)]
+
+
+@cache
+def _ground_end_s(path: str) -> float | None:
+    """Return the end of the certificate that this process has opened its links with."""
+    if not os.path.exists(path):
+        return None
+    return end_of(path)
 
 
 def has_reported(state: FleetState, names: Sequence[str], now_ns: int) -> bool:

@@ -35,6 +35,7 @@ from groundstation.keys.secured_fleet import (
 )
 from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
 from onboard.exit_status import EXIT_FAILED, EXIT_OK
+from onboard.security.certificate_times import end_words
 from onboard.security.certificates import read_certificate
 from onboard.security.credentials import credentials_of, files_of, hosts_of
 from onboard.security.mavlink_key import key_file
@@ -198,7 +199,7 @@ def _validity(config: FleetConfig, node: str) -> str:
         remark = ""
         credentials_of(config, node, _now())
     until = read_certificate(str(certificate)).not_valid_after_utc
-    return f"valid until {until:%Y-%m-%d}{remark}"
+    return f"valid until {end_words(until, _now())}{remark}"
 
 
 def _issue(config: FleetConfig, nodes: Sequence[str]) -> int:

@@ -14,7 +14,10 @@ Exit status: 0 stopped; 2 wrong input.
 from __future__ import annotations
 
 import signal
+import sys
 import threading
+import time
+from collections.abc import Sequence
 from json import dumps
 from typing import Annotated
 
@@ -22,9 +25,12 @@ from cyclopts import Parameter
 
 from onboard.bus.router import Router, router_endpoint, router_settings
 from onboard.bus.settings import nested
-from onboard.config.fleet import load_fleet
-from onboard.exit_status import EXIT_OK
+from onboard.config.fleet import FleetConfig, load_fleet
+from onboard.exit_status import EXIT_FAILED, EXIT_OK
+from onboard.security.certificate_ends import first_end
+from onboard.security.certificate_times import longest_flight_s
 from onboard.security.credentials import router_credentials
+from onboard.security.node_roles import ROUTER
 
 
 def router(
@@ -58,9 +64,25 @@ def router(
     names = ", ".join(fleet.fleet.name for fleet in loaded)
     print(f"router: {own} for {names}; other routers: {others}. Ctrl-C ends.", flush=True)
 
-    stopped.wait()
+    is_asked_to_stop = stopped.wait(_links_left_s(loaded))
     node.stop()
-    return EXIT_OK
+    if is_asked_to_stop:
+        return EXIT_OK
+    print("router: its certificate has ended: all links are closed now.", file=sys.stderr)
+    return EXIT_FAILED
+
+
+def _links_left_s(fleets: Sequence[FleetConfig]) -> float | None:
+    """Return the time [s] after which all links are to be closed; None without keys.
+
+    It is counted from now by a clock that nobody sets. Whoever was in flight when the certificate
+    ended has landed by then.
+    """
+    end = first_end(fleets[0], ROUTER)
+    if end is None:
+        return None
+    left_s = end.left_s(time.time()) + max(longest_flight_s(fleet) for fleet in fleets)
+    return min(left_s, threading.TIMEOUT_MAX)
 
 
 def _bare(endpoints: list[str]) -> list[str]:

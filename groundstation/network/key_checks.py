@@ -8,10 +8,9 @@ from groundstation.keys.authority import folder_of, nodes_of
 from groundstation.keys.running import running_authorities
 from groundstation.network.diagnosis import Diagnosis, Grade, graded
 from onboard.config.fleet import ConfigError, FleetConfig
+from onboard.security.certificate_times import SOON_S, end_words
 from onboard.security.certificates import read_certificate
 from onboard.security.credentials import credentials_of, files_of
-
-_SOON = datetime.timedelta(days=30)  # a certificate that expires within this time is to be renewed
 
 
 def key_checks(fleet: FleetConfig) -> list[Diagnosis]:
@@ -46,11 +45,12 @@ def key_checks(fleet: FleetConfig) -> list[Diagnosis]:
         return found
 
     first = min(expiry, key=expiry.__getitem__)
+    words = end_words(expiry[first], now)
     found.append(
         graded(
             "keys",
-            expiry[first] - now > _SOON,
-            f"Of {', '.join(expiry)}; the first to expire is {first}'s, {expiry[first]:%Y-%m-%d}.",
+            (expiry[first] - now).total_seconds() > SOON_S,
+            f"Of {', '.join(expiry)}; the first to expire is {first}'s, {words}.",
             "covey keys renew FLEET, and copy them",
         )
     )

@@ -34,6 +34,7 @@ from onboard.agent_commands import Command, Exit, Publish, Reply, RequestHeartbe
 from onboard.agent_inputs import (
     AgentInput,
     AllPosesReceived,
+    CertificateChecked,
     ClocksCompared,
     DiskChecked,
     LoopTimed,
@@ -477,6 +478,10 @@ class AgentCore:
         self._battery_floor_frac = received.battery_floor_frac
         return []
 
+    def _certificate_checked(self, received: CertificateChecked, now_ns: int) -> list[Command]:
+        self.preflight.hear(received)
+        return []
+
     def _clocks_compared(self, received: ClocksCompared, now_ns: int) -> list[Command]:
         self.preflight.hear(received)
         return []
@@ -522,6 +527,7 @@ _RECEIVERS: dict[type, Callable[[AgentCore, Any, int], list[Command]]] = {
     OrderUntrusted: AgentCore._order_untrusted,
     NodeChanged: AgentCore._node_changed,
     ParamsRead: AgentCore._params_read,
+    CertificateChecked: AgentCore._certificate_checked,
     ClocksCompared: AgentCore._clocks_compared,
     LoopTimed: AgentCore._loop_timed,
     MessagesCounted: AgentCore._messages_counted,

@@ -33,6 +33,8 @@ from onboard.process import realtime
 from onboard.process.systemd import Notifier
 from onboard.px4.mavsdk_link import Px4Link
 from onboard.safety.failsafe_table import Situation
+from onboard.security.certificate_ends import first_end
+from onboard.security.certificate_times import longest_flight_s
 from onboard.security.credentials import credentials_of
 from onboard.security.mavlink_key import mavlink_key
 from onboard.types import TICK_S
@@ -90,6 +92,9 @@ class AgentProcess:
             router_timeout_s=_ROUTER_S,
         )
         mocap = MocapConfig() if has_bus_mocap or vehicle.emulated else fleet.mocap
+        # of the files that the links were opened with: newer ones count after the next start
+        self._certificate_end = first_end(fleet, name)
+        self._ends_links = False  # the process has been told to end because of its certificate
         self._inbox = Inbox(
             vehicle=vehicle,
             boot_id=self._core.boot_id,
@@ -280,6 +285,27 @@ class AgentProcess:
             problem = inbox.mocap_problem()
             if problem is not None:
                 core.handle(problem, now_ns)
+            self._check_certificate(now_ns)
+
+    def _check_certificate(self, now_ns: int) -> None:
+        """Tell the core how long the certificates last; end on the ground when they are long over.
+
+        Links stay open beyond the end of a certificate, so that no flight is cut off; ending the
+        process closes them.
+        """
+        end = self._certificate_end
+        if end is None:
+            return
+
+        left_s = end.left_s(time.time())
+        self._core.handle(agent_inputs.CertificateChecked(end.node, left_s), now_ns)
+
+        is_over = left_s < -longest_flight_s(self._fleet)
+        is_on_ground = self._core.flight.step.situation is Situation.GROUND
+        if is_over and is_on_ground and not self._ends_links:
+            self._ends_links = True
+            log.error("the certificate of %s has ended: all links are closed now", end.node)
+            self._inbox.notices.append(agent_inputs.ShutdownRequested())
 
     def _report_loop(self, now_ns: int) -> None:
         ticker = self._ticker

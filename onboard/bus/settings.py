@@ -146,7 +146,9 @@ def _security(credentials: NodeCredentials | None) -> list[Setting]:
     return [
         (f"{tls}/root_ca_certificate", credentials.authority),
         (f"{tls}/enable_mtls", True),
-        (f"{tls}/close_link_on_expiration", True),
+        # The certificates of a fleet end in one second: it must not lose all links in flight.
+        # onboard/security/certificate_times.py says who ends the links, and when.
+        (f"{tls}/close_link_on_expiration", False),
         (f"{tls}/listen_certificate", credentials.certificate),
         (f"{tls}/connect_certificate", credentials.certificate),
         (f"{tls}/listen_private_key", credentials.key),

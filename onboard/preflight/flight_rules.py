@@ -9,7 +9,8 @@ import math
 
 from onboard.config.fleet import FleetConfig, Vehicle
 from onboard.preflight.preflight_facts import PreflightFacts
-from onboard.preflight.preflight_rule import FINE, NO_PX4, OK, Judgement, rules
+from onboard.preflight.preflight_rule import FINE, NO_PX4, OK, SKIP, Judgement, rules
+from onboard.security.certificate_times import SOON_S, flight_s, left_words
 
 HOVER_SHARE = 0.25  # by which the hover throttle may differ
 HOVER_ADVICE_SHARE = 0.10
@@ -67,6 +68,27 @@ def _configuration(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) 
     if len(facts.other_hashes) > 1:
         names = f"{names} (and {len(facts.other_hashes) - 1} more)"
     return "differs", {**words, "names": names, "other": other_hash}
+
+
+def _certificates(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgement:
+    if facts.certificate_left is None:
+        return SKIP, {"reason": "for a bus without keys"}
+
+    node, left_s = facts.certificate_left
+    required_s = flight_s(vehicle)
+    words = {
+        "node": node,
+        "left": left_words(left_s),
+        "required": left_words(required_s),
+        "fleet": fleet.path,
+    }
+    if left_s <= 0.0:
+        return "ended", words
+    if left_s < required_s:
+        return "short", words
+    if left_s < SOON_S:
+        return "soon", words
+    return OK, words
 
 
 def _law(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgement:
@@ -150,6 +172,7 @@ FLIGHT_RULES = rules(
     {
         "neighbours": _neighbours,
         "configuration": _configuration,
+        "certificates": _certificates,
         "law": _law,
         "hover thrust": _hover,
         "battery": _battery,

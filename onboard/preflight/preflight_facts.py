@@ -92,6 +92,8 @@ class PreflightFacts:
     has_duplicate: bool = False  # another agent publishes for this vehicle
     # node -> error of its clock; inf: not measured
     clock_bounds_s: Mapping[str, float] = field(default_factory=dict)
+    # (whose certificate of this computer ends first, seconds until then); None without keys
+    certificate_left: tuple[str, float] | None = None
     loop_p99_ms: float = 0.0  # 99 % of the control loop's periods are shorter
     has_recorder: bool = False
     has_emulator: bool = False  # covey sitl is on the bus

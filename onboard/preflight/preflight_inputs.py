@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 from onboard.agent_inputs import (
     AgentInput,
+    CertificateChecked,
     ClocksCompared,
     LoopTimed,
     MocapProblemChanged,
@@ -49,6 +50,7 @@ class PreflightInputs:
     dropped: Snapshot = field(default_factory=Snapshot)  # newest of PX4 that was nonsense
     loop_p99_ms: float = 0.0
     source_problem: str = ""  # of the mocap that is read here
+    certificate: CertificateChecked | None = None  # None for a bus without keys
     # node on another host -> error of its clock
     clock_bounds_s: dict[str, float] = field(default_factory=dict)
     duplicates: DuplicateAgents = field(default_factory=DuplicateAgents)
@@ -104,6 +106,8 @@ class PreflightInputs:
                 self.param_problems = problems
             case SnapshotReceived(snapshot):
                 self.dropped = snapshot
+            case CertificateChecked():
+                self.certificate = event
             case LoopTimed():
                 self.loop_p99_ms = event.p99_ms
             case MocapProblemChanged(sentence):

@@ -175,6 +175,10 @@ class PreflightReporter:
             px4_position_enu_m = enu_from_ned(snapshot.position_local_ned_m)
         battery_frac, battery_voltage_v = snapshot.battery(now_ns)
 
+        certificate_left = None
+        if inputs.certificate is not None:
+            certificate_left = (inputs.certificate.node, inputs.certificate.left_s)
+
         sample_delay_s = None
         sample_age_s = math.inf
         if inputs.sample is not None:
@@ -225,6 +229,7 @@ class PreflightReporter:
             clock_bounds_s=inputs.clock_bounds_s,
             other_hashes=neighbours.other_hashes(self._config_hash),
             config_hash=self._config_hash,
+            certificate_left=certificate_left,
             has_recorder=inputs.has_recorder,
             has_emulator=inputs.has_emulator,
             # law and loop

@@ -19,6 +19,7 @@ from onboard.bus.protocol import OrderSignatures
 from onboard.config.endpoints import host_of
 from onboard.config.fleet import ConfigError, FleetConfig
 from onboard.security.access_control import access_control
+from onboard.security.certificate_times import longest_flight_s
 from onboard.security.node_roles import ROUTER, NodeRole
 
 _OPEN_TO_OTHERS = 0o077  # the bits of a file's mode for its group and for everybody
@@ -32,13 +33,16 @@ class Credentials:
     certificate: str  # path of the node's certificate
     key: str  # path of the node's private key
     access: dict[str, object]  # zenoh's ``access_control``: what may come in from whom
+    longest_flight_s: float = 0.0  # for which links and orders outlast a certificate
 
     def order_signatures(self) -> OrderSignatures:
         """Return what signs this node's orders and judges those that it receives."""
         # Imported here, because it loads ten megabytes that a fleet without keys does without.
         from onboard.security.order_signature import NodeSignatures
 
-        return NodeSignatures(self.authority, self.certificate, self.key)
+        return NodeSignatures(
+            self.authority, self.certificate, self.key, longest_flight_s=self.longest_flight_s
+        )
 
 
 def files_of(node: str) -> tuple[str, str, str]:
@@ -88,7 +92,13 @@ def credentials_of(
         check_hosts(certificate, node, hosts_of(fleet, node))
 
     access = access_control({fleet.namespace: fleet.vehicles}, has_router=has_router)
-    return Credentials(authority, certificate, key, access)
+    return Credentials(
+        authority=authority,
+        certificate=certificate,
+        key=key,
+        access=access,
+        longest_flight_s=longest_flight_s(fleet),
+    )
 
 
 def router_credentials(fleets: Sequence[FleetConfig]) -> Credentials | None:

@@ -21,7 +21,7 @@ KEY_BYTES = 32
 # Link ids. PX4's own are 0 to 5.
 AGENT_LINK_ID = 10  # the agent of a vehicle
 TOOL_LINK_ID = 11  # tools for parameters and calibration
-CHECK_LINK_ID = 12  # the checks of a PX4
+
 _FIRST_GROUND_LINK_ID = 64  # of the ground computers, which go past the agents
 _GROUND_LINK_IDS = 128  # number of their ids
 

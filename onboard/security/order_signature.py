@@ -31,6 +31,7 @@ _CONTEXT = b"covey order 1\0"  # no signature for another purpose is one of an o
 MOST_FALSE_PER_S = (
     200  # false orders looked at within a second: of each known ground, of all others
 )
+_BEGIN_FLIGHTS = ("arm", "takeoff")  # orders that nobody gives after the end of a certificate
 _MAX_KNOWN = 16  # certificates that have been checked, and grounds that have signed; one per ground
 _UNKNOWN_NODE = ""  # counts the false orders of all nodes that never signed rightly
 
@@ -51,11 +52,14 @@ class NodeSignatures:
         authority: path of the certificate of the fleet's certificate authority.
         certificate: path of the node's certificate.
         key: path of the node's private key.
+        longest_flight_s: see :class:`SealCheck`.
     """
 
-    def __init__(self, authority: str, certificate: str, key: str) -> None:
+    def __init__(
+        self, authority: str, certificate: str, key: str, *, longest_flight_s: float = 0.0
+    ) -> None:
         self._signer = OrderSigner(certificate, key)
-        self._check = SealCheck(authority)
+        self._check = SealCheck(authority, longest_flight_s)
 
     def seal(self, key_expression: str, order: bytes) -> bytes:
         """Return the bytes that travel beside an order, as :meth:`OrderSigner.seal` does."""
@@ -99,10 +103,13 @@ class SealCheck:
 
     Args:
         authority: path of the certificate of the fleet's certificate authority.
+        longest_flight_s: time [s] for which a ground goes on ordering vehicles in flight after its
+            certificate has ended; it can begin no flight then.
     """
 
-    def __init__(self, authority: str) -> None:
+    def __init__(self, authority: str, longest_flight_s: float = 0.0) -> None:
         self._authority = read_certificate(authority)
+        self._longest_flight = datetime.timedelta(seconds=longest_flight_s)
 
         # certificates that the authority has issued, by their DER bytes
         self._issued_certificates: dict[bytes, x509.Certificate] = {}
@@ -195,11 +202,14 @@ class SealCheck:
         signer = common_name(certificate)
         first = certificate.not_valid_before_utc
         last = certificate.not_valid_after_utc
-        if not first <= now <= last:
+        usable_until = last
+        if not _begins_flight(order):
+            usable_until = last + self._longest_flight
+        if not first <= now <= usable_until:
             return "foreign", (
                 f"was signed with a certificate of '{signer}' that is valid from "
-                f"{first:%Y-%m-%d} to {last:%Y-%m-%d}; the vehicle's clock says {now:%Y-%m-%d}. "
-                "Set the clock, or issue the certificate anew."
+                f"{first:%Y-%m-%d %H:%M} to {last:%Y-%m-%d %H:%M} UTC; the vehicle's clock says "
+                f"{now:%Y-%m-%d %H:%M}. Set the clock, or issue the certificate anew."
             )
         if signer != NodeRole.GROUND:
             return "role", f"was signed by '{signer}', which may not order: only a ground may."
@@ -235,6 +245,12 @@ class SealCheck:
             del self._issued_certificates[oldest]
         self._issued_certificates[der] = certificate
         return certificate
+
+
+def _begins_flight(order: bytes) -> bool:
+    """Return whether an order arms or takes off; what cannot be read counts as one that does."""
+    read_order = decode(order, Order)
+    return isinstance(read_order, Malformed) or read_order.kind in _BEGIN_FLIGHTS
 
 
 def _signed_bytes(key_expression: str, order: bytes) -> bytes:

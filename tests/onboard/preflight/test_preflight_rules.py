@@ -219,6 +219,12 @@ CASES: dict[tuple[str, str], tuple[dict[str, Any], str]] = {
         {"other_hashes": {"mav2": "xyz"}},
         "mav2 flies with another fleet file, or another law (xyz, here abc",
     ),
+    ("certificates", "ended"): ({"certificate_left": ("mav2", -60.0)}, "of mav2 has ended"),
+    ("certificates", "short"): (
+        {"certificate_left": ("mav1", 240.0)},
+        "of mav1 ends in 0.1 h; a flight and an hour to spare take",
+    ),
+    ("certificates", "soon"): ({"certificate_left": ("mav1", 1e6)}, "ends in 12 days"),
     ("law", "refused"): ({"law_refusals": (FINDING,)}, "0.4 m apart"),
     ("law", "own"): (
         {"fleet": OWN_LAW},

@@ -1,0 +1,73 @@
+"""When the certificates of this computer end, read from their files."""
+
+from __future__ import annotations
+
+import os
+from typing import NamedTuple
+
+from onboard.config.fleet import ConfigError, FleetConfig
+from onboard.security.credentials import files_of
+from onboard.security.node_roles import ROUTER, NodeRole
+
+AUTHORITY = "the authority"  # in sentences, in place of a node's name
+
+
+class CertificateEnd(NamedTuple):
+    """When a certificate of this computer ends."""
+
+    node: str  # its holder
+    end_s: float  # seconds since 1970, by the clock of the wall
+
+    def left_s(self, now_s: float) -> float:
+        """Return the time [s] until then; negative after it.
+
+        Args:
+            now_s: seconds since 1970.
+        """
+        return self.end_s - now_s
+
+
+def first_end(fleet: FleetConfig, own: str) -> CertificateEnd | None:
+    """Return which certificate of this computer ends first.
+
+    Args:
+        fleet: the fleet file.
+        own: the node that asks; of the others only those count whose private key is here, too.
+    Returns:
+        the first of the nodes and of the authority; None for a bus without keys, and where no
+        certificate can be read.
+    """
+    if not fleet.has_keys:
+        return None
+
+    nodes = [own]
+    for node in (*fleet.vehicles, *(role.value for role in NodeRole), ROUTER):
+        _, _, key = files_of(node)
+        if node != own and os.path.exists(os.path.join(fleet.keys_folder, key)):
+            nodes.append(node)
+
+    authority_file = files_of(own)[0]
+    files = {node: files_of(node)[1] for node in nodes}
+    files[AUTHORITY] = authority_file
+
+    ends = []
+    for holder, file in files.items():
+        end_s = end_of(os.path.join(fleet.keys_folder, file))
+        if end_s is not None:
+            ends.append(CertificateEnd(holder, end_s))
+    return min(ends, key=lambda end: end.end_s, default=None)
+
+
+def end_of(path: str) -> float | None:
+    """Return the end of a certificate in seconds since 1970; None if it cannot be read.
+
+    Args:
+        path: of a PEM file.
+    """
+    # Imported here, because it loads ten megabytes that a fleet without keys does without.
+    from onboard.security.certificates import read_certificate
+
+    try:
+        return read_certificate(path).not_valid_after_utc.timestamp()
+    except ConfigError:
+        return None
