@@ -20,15 +20,14 @@ RefusalCode = Literal[
 
 @dataclass(frozen=True, slots=True)
 class UntrustedOrder:
-    """An order that a fleet with keys does not believe: it is counted and answered, and nothing
-    else.
+    """An order that a fleet with keys does not believe: counted, answered, and not obeyed.
 
     In a flood nobody is answered. A true order may be among these: its ground hears nothing, and
     land and kill then go straight to PX4.
     """
 
-    code: RefusalCode
-    sentence: str
+    code: RefusalCode  # for programs and for counts
+    sentence: str  # for people
     order_id: str = ""  # as far as it could be read
 
     @property
@@ -115,9 +114,7 @@ class Bus(Protocol):
 
     @property
     def is_simulated(self) -> bool:
-        """Whether time on this bus is simulated, so that there are no clocks of other computers to
-        measure.
-        """
+        """Whether time on this bus is simulated: there are then no other clocks to measure."""
 
     def start(self) -> None:
         """Open the bus and declare the liveliness token; a second call does nothing.
@@ -130,8 +127,9 @@ class Bus(Protocol):
         """Leave the bus; a second call does nothing."""
 
     def publish(self, topic: Topic, name: str, message: Message) -> None:
-        """Send a message on ``topic/name`` to the other nodes; never blocks for topics with LATEST
-        delivery.
+        """Send a message on ``topic/name`` to the other nodes.
+
+        This never blocks for topics with LATEST delivery.
 
         Args:
             topic: row of the table of topics; it decides the delivery.
@@ -163,8 +161,9 @@ class Bus(Protocol):
         """
 
     def follow(self, topic: Topic, names: Iterable[str], on_message: OnMessage) -> None:
-        """Collect a topic of exactly these names: new names are subscribed to, all others are
-        dropped.
+        """Collect a topic of exactly these names.
+
+        New names are subscribed to, all others are dropped.
 
         A message that nobody follows is not sent at all. Not for the control loop, since each
         change of the names is sent to every peer. Only one thread may call this.
@@ -222,8 +221,9 @@ class Bus(Protocol):
         """
 
     def claim(self, token: str) -> None:
-        """Declare another liveliness token, for a role of this node: see
-        :mod:`onboard.bus.control_token`.
+        """Declare another liveliness token of this node, for a role.
+
+        :mod:`onboard.bus.control_token` says what it is for.
 
         Args:
             token: name of the token; a second claim of the same one does nothing.

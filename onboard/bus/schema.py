@@ -1,8 +1,16 @@
 """Messages on the bus: frozen, with a schema version, units and frames in every field name.
 
-``stamp_ns`` is the sender's monotonic clock; ``boot_id`` changes when the sender restarts, so that
-stamps before and after a restart are never compared. All positions are fleet ENU. Only data,
-without numpy, so that any process can read the bus cheaply.
+Fields that many messages have, with one meaning:
+
+* ``vehicle``: the name in the fleet file of the vehicle that the message is about.
+* ``boot_id``: a number of the sender's process. It changes when the sender starts anew, so that
+  stamps and sequences from before a restart are never compared with those after it.
+* ``sequence``: counts the messages of this kind by this sender.
+* ``stamp_ns``: the sender's monotonic clock, in nanoseconds, when the message was made.
+* ``..._enu_...``: east, north, up of the fleet's frame.
+
+Messages are only data, without numpy, so that any process can read the bus cheaply. They travel as
+arrays: a new field goes to the end of its class and has a default.
 """
 
 from __future__ import annotations
@@ -46,88 +54,111 @@ class Message(msgspec.Struct, frozen=True, array_like=True, kw_only=True):
 
 
 class StateMessage(Message, frozen=True, array_like=True, kw_only=True):
-    """State for the neighbours at 50 Hz: the plain estimate, and the state predicted over the
-    sender's own lag.
-    """
+    """State of one vehicle for its neighbours, at up to 50 Hz: as it is, and as it will be."""
 
     vehicle: str
     boot_id: int
     sequence: int
     stamp_ns: int
-    is_valid: bool
-    is_airborne: bool
-    is_cooperative: bool
+
+    is_valid: bool  # the sender knows its own position
+    is_airborne: bool  # the others have to reckon with it in the air
+    is_cooperative: bool  # it takes its share of avoiding
+
+    # its own estimate, at ``stamp_ns``
     position_enu_m: Vec3
     velocity_enu_m_s: Vec3
     acceleration_enu_m_s2: Vec3
+
+    # where its lag brings it, whatever it commands from now on
     predicted_position_enu_m: Vec3
     predicted_velocity_enu_m_s: Vec3
-    commanded_acceleration_enu_m_s2: Vec3
+    commanded_acceleration_enu_m_s2: Vec3  # what it commands at this tick
     lead_time_s: float  # from ``stamp_ns`` to the time of the prediction
-    position_std_m: float
-    velocity_std_m_s: float
+
+    position_std_m: float  # standard deviation of its estimate's position
+    velocity_std_m_s: float  # standard deviation of its estimate's velocity
     crowd_count: float  # neighbours nearer than twice the design distance
-    intent_enu_m_s: Vec3 = (0.0, 0.0, 0.0)
+    intent_enu_m_s: Vec3 = (0.0, 0.0, 0.0)  # velocity straight to its goal
 
 
 class Telemetry(Message, frozen=True, array_like=True, kw_only=True):
-    """State of one vehicle for people, 5-10 Hz."""
+    """State of one vehicle for people, 5 to 10 times a second."""
 
     vehicle: str
     boot_id: int
     sequence: int
     stamp_ns: int
+
+    # what it does
     state: AgentState
-    reason: str
-    not_ready: tuple[str, ...]
-    is_armed: bool
-    is_airborne: bool
-    mode: str
+    reason: str  # why it is in this state; a sentence, or empty
+    not_ready: tuple[str, ...]  # sentences that refuse take-off
+    is_armed: bool  # by PX4
+    is_airborne: bool  # the others have to reckon with it in the air
+    mode: str  # flight mode of PX4
+
+    # where it is and where it goes
     position_enu_m: Vec3
     velocity_enu_m_s: Vec3
-    yaw_deg: float
-    is_position_valid: bool
-    setpoint_position_enu_m: Vec3
-    goal_position_enu_m: Vec3
-    battery_frac: float
+    yaw_deg: float  # heading, counterclockwise from east
+    is_position_valid: bool  # it knows its own position
+    setpoint_position_enu_m: Vec3  # of the trajectory, at this tick
+    goal_position_enu_m: Vec3  # of the order
+
+    # of its PX4
+    battery_frac: float  # charge, 0 to 1; NaN while PX4 has not reported it
     battery_voltage_v: float
-    law: str
-    law_status: str
-    intervention_m_s2: float
-    nearest_vehicle: str
-    nearest_distance_m: float
+
+    # avoidance
+    law: str  # name of the law that it flies
+    law_status: str  # of the last tick
+    intervention_m_s2: float  # by how much the law changes the thrust
+    nearest_vehicle: str  # empty while it hears none
+    nearest_distance_m: float  # between the centres
+
+    # the newest order
     order_id: str
     order_kind: str
-    order_phase: str
-    state_age_s: float
-    autopilot_age_s: float
-    neighbour_age_s: float
+    order_phase: str  # how far it is
+
+    # time since the newest of each kind arrived
+    state_age_s: float  # own position
+    autopilot_age_s: float  # packet of PX4
+    neighbour_age_s: float  # state of the neighbour that has been silent for longest
+
+    # control loop: median, 99th percentile and maximum of the last ten seconds
     loop_period_p50_ms: float
     loop_period_p99_ms: float
     loop_period_max_ms: float
-    late_ticks: int
-    malformed_messages: int
-    hover_thrust_frac: float
-    config_hash: str
-    system_id: int
+    late_ticks: int  # since the start: ticks whose period was too long
+    malformed_messages: int  # since the start: see onboard/message_counts.py
+
+    hover_thrust_frac: float  # throttle that hovers, as learned so far
+    config_hash: str  # of the fleet file and the law: equal on all that fly together
+    system_id: int  # MAV_SYS_ID of its PX4
+
     conditions: tuple[str, ...] = ()  # of the failsafe table that hold now, in words
     action: str = ""  # of the failsafe table, in words
     operator: str = ""  # token of the operator, as this vehicle sees it: control_token.py
     roles: tuple[str, ...] = ()  # the other role tokens
-    loop_lateness_p99_ms: float = 0.0
-    missed_ticks: int = 0
-    # the neighbour that the law's intervention is mostly for; "" without intervention
-    avoids: str = ""
+    loop_lateness_p99_ms: float = 0.0  # how far behind its schedule a tick began
+    missed_ticks: int = 0  # since the start
+    avoids: str = ""  # neighbour that the law intervenes mostly for; empty while it does not
     doubles: tuple[str, ...] = ()  # vehicles for which this one hears two agents
     mocap_delay_s: float = 0.0  # mean time from a pose's measurement to its arrival
-    show_id: str = ""  # of the path being followed; "" without one
+
+    # the path that it follows
+    show_id: str = ""  # empty without one
     path_time_s: float = 0.0  # on the path's clock
     path_rate_frac: float = 1.0  # of that clock
     path_lag_m: float = 0.0  # distance from where the path is at that time
     is_behind: bool = False  # asks all to slow the clock
+
     # orders that were not believed -> how many, since this agent's start
     refused_orders: dict[str, int] = {}
-    refused_messages: int = 0  # these four since the agent's start: see onboard/message_counts.py
+    # since this agent's start: see onboard/message_counts.py
+    refused_messages: int = 0
     dropped_messages: int = 0
     late_messages: int = 0
 
@@ -151,43 +182,55 @@ class PreflightReport(Message, frozen=True, array_like=True, kw_only=True):
 
 
 class TickSample(Message, frozen=True, array_like=True, kw_only=True):
-    """One run of the pipeline with every intermediate value."""
+    """One run of the control pipeline, with every intermediate value."""
 
     stamp_ns: int
-    period_s: float
-    state: str
+    period_s: float  # since the last tick
+    state: str  # of the agent
+
+    # own estimate
     position_enu_m: Vec3
     velocity_enu_m_s: Vec3
     acceleration_enu_m_s2: Vec3
-    yaw_rad: float
+    yaw_rad: float  # heading, counterclockwise from east
+
+    # trajectory
     setpoint_position_enu_m: Vec3
     setpoint_velocity_enu_m_s: Vec3
     setpoint_acceleration_enu_m_s2: Vec3
+
+    # thrust per mass, gravity included: before the law, and after it
     thrust_baseline_enu_m_s2: Vec3
     thrust_safe_enu_m_s2: Vec3
+
+    # own motion when a command of now takes effect
     predicted_position_enu_m: Vec3
     predicted_velocity_enu_m_s: Vec3
     commanded_acceleration_enu_m_s2: Vec3
+
+    # the law
     law_status: str
-    intervention_m_s2: float
-    slack_m_s2: float
-    active_neighbour: str
-    neighbour_distances_m: dict[str, float]
-    neighbour_ages_s: dict[str, float]
+    intervention_m_s2: float  # by how much it changes the thrust
+    slack_m_s2: float  # by how much its constraints had to be relaxed
+    active_neighbour: str  # that it intervenes mostly for; empty while it does not
+    neighbour_distances_m: dict[str, float]  # vehicle -> distance
+    neighbour_ages_s: dict[str, float]  # vehicle -> age of its state
+
+    # attitude and throttle: what PX4 is sent, and what it reports
     setpoint_quaternion_enu_flu_wxyz: Vec4
     setpoint_thrust_frac: float
     attitude_quaternion_enu_flu_wxyz: Vec4
-    hover_thrust_frac: float
+    hover_thrust_frac: float  # throttle that hovers, as learned so far
     attitude_age_s: float = 0.0  # since PX4's attitude arrived
 
 
 class TickBatch(Message, frozen=True, array_like=True, kw_only=True):
-    """Several ticks in one message, oldest first."""
+    """Several ticks in one message."""
 
     vehicle: str
     boot_id: int
     sequence: int
-    ticks: tuple[TickSample, ...]
+    ticks: tuple[TickSample, ...]  # the oldest first
 
 
 class Event(Message, frozen=True, array_like=True, kw_only=True):
@@ -196,21 +239,24 @@ class Event(Message, frozen=True, array_like=True, kw_only=True):
     vehicle: str
     stamp_ns: int
     severity: Severity
-    code: str
-    sentence: str
-    order_id: str = ""
-    order_outcome: OrderOutcome | Literal[""] = ""
+    code: str  # for programs
+    sentence: str  # for people
+    order_id: str = ""  # of the order that ends with it; empty for other events
+    order_outcome: OrderOutcome | Literal[""] = ""  # how that order ended
 
 
 class PathOrder(msgspec.Struct, frozen=True, array_like=True, kw_only=True):
     """The part of an order that is about a path: its bytes in parts, or the begin of its flight."""
 
     path_id: str  # of the whole path: see onboard/control/path.py
-    part: int = 0
-    parts: int = 1
-    data: bytes = b""  # load_path only
-    # equal for all that follow their paths by one clock; follow_path only, as the rest
-    show_id: str = ""
+
+    # load_path only
+    part: int = 0  # number of this part, from 0
+    parts: int = 1  # of the whole path
+    data: bytes = b""  # of this part
+
+    # follow_path only
+    show_id: str = ""  # equal for all that follow their paths by one clock
     start_ns: int = 0  # time 0 of the path, on the sender's monotonic clock
     on_lag: Literal["land", "hold"] = "land"  # what a vehicle does that falls behind for too long
 
@@ -218,8 +264,8 @@ class PathOrder(msgspec.Struct, frozen=True, array_like=True, kw_only=True):
 class Order(Message, frozen=True, array_like=True, kw_only=True):
     """Ground to one vehicle; answered at once by an :class:`OrderReply`, ended by an event."""
 
-    order_id: str
-    author: str
+    order_id: str  # no two orders have the same
+    author: str  # the person, as their computer names them
     kind: OrderKind
     stamp_ns: int
     deadline_ns: int  # after which the order must not begin, on the sender's monotonic clock
@@ -245,16 +291,17 @@ class Order(Message, frozen=True, array_like=True, kw_only=True):
 
 
 class FaultOrder(Message, frozen=True, array_like=True, kw_only=True):
-    """Ground to the emulator, in simulated flights only: inject a fault. Answered by an
-    :class:`OrderReply`.
+    """Ground to the emulator in simulated flights: inject a fault; answered by a reply.
+
+    The reply is an :class:`OrderReply`.
     """
 
-    order_id: str
-    author: str
+    order_id: str  # no two orders have the same
+    author: str  # the person, as their computer names them
     stamp_ns: int
     vehicle: str
-    fault: str
-    parameters: dict[str, float | str]
+    fault: str  # name of its kind
+    parameters: dict[str, float | str]  # of that kind
     after_s: float = 0.0  # simulated time from now
     duration_s: float = 0.0  # 0: until the end
     is_rehearsal: bool = False  # only say whether it could be done
@@ -263,20 +310,20 @@ class FaultOrder(Message, frozen=True, array_like=True, kw_only=True):
 class OrderReply(Message, frozen=True, array_like=True, kw_only=True):
     """Accepted, or refused with a reason."""
 
-    order_id: str
+    order_id: str  # of the order
     vehicle: str
     is_accepted: bool
-    reason: str
+    reason: str  # of a refusal, as a sentence
 
 
 class MocapPose(Message, frozen=True, array_like=True, kw_only=True):
     """Pose of one body, measured at ``stamp_ns``; the quaternion rotates body FLU to fleet ENU."""
 
-    body: str
+    body: str  # its name in the mocap
     boot_id: int
     sequence: int
     stamp_ns: int
-    is_tracked: bool
+    is_tracked: bool  # False: the mocap has lost the body
     position_enu_m: Vec3
     quaternion_enu_flu_wxyz: Vec4
     source: str = ""  # the node whose clock stamps it; empty for the receiver's own clock
@@ -292,31 +339,30 @@ class HeardClock(msgspec.Struct, frozen=True, array_like=True):
     """Arrival of another node's clock message."""
 
     node: str  # the sender of that message
-    host: int
+    host: int  # of the sender's clock, see :class:`ClockMessage`
     sent_ns: int  # by its own clock
     received_ns: int  # by the clock of the node that publishes this
 
 
 class ClockMessage(Message, frozen=True, array_like=True, kw_only=True):
-    """A node's monotonic clock, and arrivals of the others': twice a second, see
-    ``onboard/bus/clock_offsets.py``.
+    """A node's monotonic clock, and arrivals of the others', twice a second.
+
+    ``onboard/bus/clock_offsets.py`` makes offsets of them.
     """
 
     node: str
     host: int  # equal for all that share one clock; another boot is another host
     sequence: int
-    sent_ns: int
-    heard: tuple[HeardClock, ...] = ()
+    sent_ns: int  # by the node's own clock
+    heard: tuple[HeardClock, ...] = ()  # the newest of each other node
 
 
 class Light(Message, frozen=True, array_like=True, kw_only=True):
-    """Colour of a vehicle in a show, as the ground shows and records it; red, green and blue up to
-    255.
-    """
+    """Colour of a vehicle in a show, as the ground shows and records it."""
 
     vehicle: str
     stamp_ns: int
-    colour: tuple[int, int, int]
+    colour: tuple[int, int, int]  # red, green and blue, 0 to 255 each
 
 
 class Truth(Message, frozen=True, array_like=True, kw_only=True):
