@@ -1,5 +1,4 @@
-"""Frames and rotations: the fleet's ENU with FLU bodies, PX4's NED with FRD bodies, and quaternions
-between them.
+"""Frames and rotations: the fleet's ENU with FLU bodies, and PX4's NED with FRD bodies.
 
 Fleet, configuration, bus and control speak ENU/FLU only; NED/FRD appears in the link to PX4 and
 nowhere else. Quaternions are Hamilton, ordered (w, x, y, z) as on MAVLink; ``q_enu_flu`` rotates
@@ -38,12 +37,18 @@ def enu_flu_from_ned_frd(q_ned_frd: Quaternion) -> Quaternion:
     only sqrt(1/2) is rounded. Level with the nose to the north gives a quarter turn about up.
     """
     w, x, y, z = q_ned_frd
-    return _SQRT_HALF * (w + z), _SQRT_HALF * (x + y), _SQRT_HALF * (x - y), _SQRT_HALF * (w - z)
+    return (
+        _SQRT_HALF * (w + z),
+        _SQRT_HALF * (x + y),
+        _SQRT_HALF * (x - y),
+        _SQRT_HALF * (w - z),
+    )
 
 
 def ned_frd_from_enu_flu(q_enu_flu: Quaternion) -> Quaternion:
-    """Return the fleet's attitude (FLU to ENU) as PX4's (FRD to NED): the same permutation, its own
-    inverse.
+    """Return the fleet's attitude (FLU to ENU) as PX4's (FRD to NED).
+
+    The permutation is its own inverse.
     """
     return enu_flu_from_ned_frd(q_enu_flu)
 
@@ -77,8 +82,9 @@ def quaternion_from_yaw(yaw_rad: float) -> Quaternion:
 
 
 def yaw_from_quaternion(quaternion: Quaternion) -> float:
-    """Return the heading of the body's x axis, counterclockwise from the outer x axis (ZYX yaw), in
-    (-pi, pi].
+    """Return the heading of the body's x axis (ZYX yaw), in (-pi, pi].
+
+    It counts counterclockwise from the outer x axis.
     """
     w, x, y, z = quaternion
     return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))

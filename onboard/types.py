@@ -38,16 +38,17 @@ class State(NamedTuple):
 
 
 class Goal(NamedTuple):
-    """Position to fly to, or the present point of a path that is followed; the input of the
-    trajectory.
-    """
+    """Input of the trajectory: a position to fly to, or the present point of a followed path."""
 
     position_enu_m: Vec3
     duration_s: float  # time for the leg; 0: as fast as the limits allow
     sequence: int  # changes when a new leg begins, so that the trajectory is planned anew
+
     is_on_path: bool = False
-    velocity_enu_m_s: Vec3 = ZERO_3  # of the path, at a clock rate of 1; these two for a path only
+    # motion of the path at a clock rate of 1; zero for a position to fly to
+    velocity_enu_m_s: Vec3 = ZERO_3
     acceleration_enu_m_s2: Vec3 = ZERO_3
+
     yaw_rad: float = math.nan  # heading to turn to, counterclockwise from east; NaN: as it is
     clock_rate_frac: float = 1.0  # of the path's clock
 
@@ -74,21 +75,22 @@ class AttitudeSetpoint(NamedTuple):
 
 
 class Neighbour(NamedTuple):
-    """One neighbour as received; to extrapolate it over its age is the law's business. NaN: not
-    known.
-    """
+    """One neighbour as received; NaN: not known. The law extrapolates it over its age."""
 
     position_enu_m: Vec3  # plain estimate, an input of the paper's law
     velocity_enu_m_s: Vec3
     acceleration_enu_m_s2: Vec3
+
     predicted_position_enu_m: Vec3  # predicted over the sender's own lag
     predicted_velocity_enu_m_s: Vec3
     commanded_acceleration_enu_m_s2: Vec3
     intent_enu_m_s: Vec3  # velocity that it would fly if it were alone
+
     age_s: float  # now minus the stamp
     lead_time_s: float  # from the stamp to the predicted state; NaN: the same as our own
     position_std_m: float
     velocity_std_m_s: float
+
     crowd_count: float  # number of its own near neighbours
     is_cooperative: bool  # False: the whole responsibility is ours
     is_paper_obstacle: bool  # the ring's successor, the only neighbour of the paper's law
@@ -96,22 +98,22 @@ class Neighbour(NamedTuple):
 
 
 class LawOutput(NamedTuple):
-    """Result of the avoidance law: a thrust as it came in, and the facts that are published and
-    recorded.
-    """
+    """Result of the avoidance law: a thrust, and the facts that are published and recorded."""
 
     thrust: Thrust
     predicted_position_enu_m: Vec3  # own state predicted over the own lag; published
-    predicted_velocity_enu_m_s: Vec3
+    predicted_velocity_enu_m_s: Vec3  # published
     commanded_acceleration_enu_m_s2: Vec3  # published
+
     status: int  # a LawStatus
     intervention_m_s2: float  # |u - u0|
     slack_m_s2: float  # 0 unless relaxed
     crowd_count: float  # published
     # index of the neighbour whose row binds most; -1: none; -2: an obstacle or the fence
     active_neighbour: int
+
     lead_time_s: float  # from now to the predicted state; published
-    intent_enu_m_s: Vec3  # published: velocity that this vehicle would fly if it were alone
+    intent_enu_m_s: Vec3  # velocity that this vehicle would fly if it were alone; published
 
 
 class Tick(NamedTuple):

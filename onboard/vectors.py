@@ -56,9 +56,10 @@ def horizontal(a: Vec3) -> Vec2:
 
 def bounded(a: Vec3, bound: float) -> Vec3:
     """Return the vector with each component within plus and minus a bound."""
-    return Vec3(
-        min(max(a.x, -bound), bound), min(max(a.y, -bound), bound), min(max(a.z, -bound), bound)
-    )
+    x = min(max(a.x, -bound), bound)
+    y = min(max(a.y, -bound), bound)
+    z = min(max(a.z, -bound), bound)
+    return Vec3(x, y, z)
 
 
 def length(a: Vec3) -> float:

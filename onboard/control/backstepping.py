@@ -37,8 +37,7 @@ class BacksteppingParams(NamedTuple):
     """Gains and bounds of the baseline."""
 
     position_gain_1_s: float = 1.5  # k1: a position error decays with it
-    # k2: bounded by the attitude loop's bandwidth (k1 + k2 below half of wn)
-    velocity_gain_1_s: float = 4.0
+    velocity_gain_1_s: float = 4.0  # k2: k1 + k2 stay below half of the attitude loop's wn
     coupling_1_s2: float = 0.5  # c
     max_position_error_m: float = 0.8  # r: the vehicle returns to its setpoint with at most k1 r
     max_acceleration_m_s2: float = 4.0  # horizontal, at most g tan(max_tilt)
@@ -63,28 +62,35 @@ def step(
     Properties: yaw-rotation- and translation-equivariant; homogeneous in length; zero error gives
     a_s + g.
     """
-    k1, k2 = params.position_gain_1_s, params.velocity_gain_1_s
+    k1 = params.position_gain_1_s
+    k2 = params.velocity_gain_1_s
+    spring = k1 * k2 + params.coupling_1_s2  # what multiplies s(e): c, and k1 k2 from -k2 z
+
     e = subtract(setpoint.position_enu_m, position_enu_m)
-    d = subtract(setpoint.velocity_enu_m_s, velocity_enu_m_s)
+    d = subtract(setpoint.velocity_enu_m_s, velocity_enu_m_s)  # e'
     feed = setpoint.acceleration_enu_m_s2
-    # the clamp is horizontal and vertical apart: a far setpoint in the plane must not weaken the
-    # hold of height
+
+    # The clamp is horizontal and vertical apart: a far setpoint in the plane must not weaken the
+    # hold of height. Horizontally s(e) = ratio e and s'(e) d = ratio (d - radial e).
     radius = params.max_position_error_m
     far_2 = e.x * e.x + e.y * e.y
-    ratio, radial = 1.0, 0.0
     if far_2 > radius * radius:
-        # s'(e) = I inside; outside r/|e| (I - e e^T/|e|^2): only the turning of e moves a clamped
-        # reference
-        ratio, radial = (
-            radius / max(math.sqrt(far_2), 1e-12),
-            (e.x * d.x + e.y * d.y) / max(far_2, 1e-12),
-        )
+        # s'(e) = r/|e| (I - e e^T/|e|^2): only the turning of e moves a clamped reference
+        ratio = radius / max(math.sqrt(far_2), 1e-12)
+        radial = (e.x * d.x + e.y * d.y) / max(far_2, 1e-12)
+    else:
+        # s'(e) = I
+        ratio = 1.0
+        radial = 0.0
+
     s_z = min(max(e.z, -radius), radius)
     turn_z = d.z if s_z == e.z else 0.0
-    spring = k1 * k2 + params.coupling_1_s2
+
     a_x = feed.x + k1 * (ratio * (d.x - radial * e.x)) + k2 * d.x + spring * (ratio * e.x)
     a_y = feed.y + k1 * (ratio * (d.y - radial * e.y)) + k2 * d.y + spring * (ratio * e.y)
     a_z = feed.z + k1 * turn_z + k2 * d.z + spring * s_z
+
     scale = min(1.0, params.max_acceleration_m_s2 / max(math.sqrt(a_x * a_x + a_y * a_y), 1e-12))
     highest = params.max_vertical_acceleration_m_s2
-    return Thrust(Vec3(scale * a_x, scale * a_y, min(max(a_z, -highest), highest) + GRAVITY_M_S2))
+    a_z = min(max(a_z, -highest), highest)
+    return Thrust(Vec3(scale * a_x, scale * a_y, a_z + GRAVITY_M_S2))

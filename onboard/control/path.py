@@ -1,8 +1,7 @@
-"""Paths: polynomial pieces of seventh order for x, y, z and yaw, one after the other; their bytes
-and their bounds.
+"""Paths: polynomials of seventh order for x, y, z and yaw, piece after piece, and their bytes.
 
-Every way to write a path ends in this one form. The setpoint is taken from it by :func:`point_at`,
-and the same polynomials over many times at once by :func:`sampled`, for checks before a flight.
+Every file of a path ends in this one form. The setpoint is taken from it by :func:`point_at`. For
+checks before a flight :func:`sampled` takes the same polynomials at many times at once.
 """
 
 from __future__ import annotations
@@ -52,8 +51,8 @@ def path_of(pieces: Sequence[Sequence[float]]) -> Path:
     """Return the path of these pieces, NUMBERS each, rounded to the precision of their bytes.
 
     Raises:
-        ValueError: no piece, one of another length, with a duration that is not positive, or not
-            finite.
+        ValueError: there is no piece, or one is of another length, not finite, or of a duration
+            that is not positive.
     """
     return from_bytes(b"".join(_ROW.pack(*piece) for piece in pieces))
 
@@ -73,15 +72,16 @@ def from_bytes(data: bytes) -> Path:
         raise ValueError(
             f"{len(data)} bytes are no path: it has 1 to {MOST_BYTES // _ROW.size} pieces."
         )
+
     pieces = tuple(_ROW.iter_unpack(data))
-    ends_s = tuple(itertools.accumulate(piece[0] for piece in pieces))
-    if (
-        not np.isfinite(np.array(pieces)).all()
-        or min(piece[0] for piece in pieces) <= 0.0
-        or ends_s[-1] > LONGEST_S
-    ):
+    durations_s = [piece[0] for piece in pieces]
+    ends_s = tuple(itertools.accumulate(durations_s))
+
+    is_finite = np.isfinite(np.array(pieces)).all()
+    if not is_finite or min(durations_s) <= 0.0 or ends_s[-1] > LONGEST_S:
         raise ValueError(
-            f"A piece is not finite, or lasts no time, or the path is longer than {LONGEST_S:.0f} s."
+            "A piece is not finite, or lasts no time, or the path is longer than "
+            f"{LONGEST_S:.0f} s."
         )
     return Path(ends_s, pieces)
 
@@ -93,17 +93,37 @@ def path_id(data: bytes) -> str:
 
 def point_at(path: Path, time_s: float) -> PathPoint:
     """Return the motion at a time of the path; before its begin and after its end it rests."""
-    if not 0.0 < time_s < path.duration_s:
-        end = path.pieces[-1] if time_s > 0.0 else path.pieces[0]
-        at = [horner(end, axis, end[0] if time_s > 0.0 else 0.0)[0] for axis in range(4)]
-        return PathPoint(Vec3(at[0], at[1], at[2]), ZERO_3, ZERO_3, at[3])
+    if time_s >= path.duration_s:
+        last = path.pieces[-1]
+        return _rest(last, last[0])
+    if not time_s > 0.0:
+        return _rest(path.pieces[0], 0.0)
+
     index = min(bisect_right(path.ends_s, time_s), len(path.pieces) - 1)
     piece = path.pieces[index]
     since_s = time_s - (path.ends_s[index] - piece[0])
-    (x, vx, ax), (y, vy, ay), (z, vz, az), (yaw, _, _) = (
-        horner(piece, axis, since_s) for axis in range(4)
+
+    x, v_x, a_x = horner(piece, 0, since_s)
+    y, v_y, a_y = horner(piece, 1, since_s)
+    z, v_z, a_z = horner(piece, 2, since_s)
+    yaw_rad, _, _ = horner(piece, 3, since_s)
+    return PathPoint(
+        position_enu_m=Vec3(x, y, z),
+        velocity_enu_m_s=Vec3(v_x, v_y, v_z),
+        acceleration_enu_m_s2=Vec3(a_x, a_y, a_z),
+        yaw_rad=yaw_rad,
     )
-    return PathPoint(Vec3(x, y, z), Vec3(vx, vy, vz), Vec3(ax, ay, az), yaw)
+
+
+def _rest(piece: Sequence[float], since_s: float) -> PathPoint:
+    """Return the position at a time of a piece, without its motion."""
+    x, y, z, yaw_rad = (horner(piece, axis, since_s)[0] for axis in range(4))
+    return PathPoint(
+        position_enu_m=Vec3(x, y, z),
+        velocity_enu_m_s=ZERO_3,
+        acceleration_enu_m_s2=ZERO_3,
+        yaw_rad=yaw_rad,
+    )
 
 
 def horner(piece: Sequence[float], axis: int, t: float) -> tuple[float, float, float]:
@@ -124,14 +144,22 @@ def horner(piece: Sequence[float], axis: int, t: float) -> tuple[float, float, f
 
 
 def sampled(path: Path, times_s: Array) -> Array:
-    """Return value, first and second derivative (3, T, 4) of x, y, z and yaw at many times (T,) of
-    a path.
+    """Return the motion (3, T, 4) at many times (T,) of a path.
+
+    The first axis holds value, first and second derivative, the last one x, y, z and yaw.
     """
-    ends, rows = np.array(path.ends_s), np.array(path.pieces)
-    clipped = np.clip(times_s, 0.0, path.duration_s)
-    index = np.minimum(np.searchsorted(ends, clipped, side="right"), len(rows) - 1)
-    since_s = clipped - (ends[index] - rows[index, 0])
-    numbers = rows[index].T
-    out = np.array([horner(numbers, axis, since_s) for axis in range(4)]).transpose(1, 2, 0)  # type: ignore[arg-type]
-    out[1:, (times_s < 0.0) | (times_s > path.duration_s)] = 0.0
-    return out
+    ends_s = np.array(path.ends_s)
+    pieces = np.array(path.pieces)
+
+    clipped_s = np.clip(times_s, 0.0, path.duration_s)
+    index = np.minimum(np.searchsorted(ends_s, clipped_s, side="right"), len(pieces) - 1)
+    since_s = clipped_s - (ends_s[index] - pieces[index, 0])
+
+    numbers = pieces[index].T
+    by_axis = [horner(numbers, axis, since_s) for axis in range(4)]  # type: ignore[arg-type]
+    motion = np.array(by_axis).transpose(1, 2, 0)
+
+    # before its begin and after its end the path rests
+    is_outside = (times_s < 0.0) | (times_s > path.duration_s)
+    motion[1:, is_outside] = 0.0
+    return motion

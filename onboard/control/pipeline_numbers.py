@@ -23,13 +23,17 @@ class PipelineParams(NamedTuple):
     allocation: allocation.AllocationParams
     drag_1_s: float
     pursuit_speed_m_s: float  # setpoint speed plus what the position error adds stays below
-    max_compensation_m_s2: float  # horizontal, for drag and disturbance
+
+    # for drag and disturbance
+    max_compensation_m_s2: float  # horizontal
     max_lift_compensation_m_s2: float  # vertical
-    # lag behind the setpoint at which the clock begins to slow while the law is active
-    clock_slack_m: float = 0.3
-    clock_stop_m: float = 1.5  # lag at which it stands still
+
+    # lags behind the setpoint at which the clock, while the law is active, ...
+    clock_slack_m: float = 0.3  # ... begins to slow
+    clock_stop_m: float = 1.5  # ... stands still
     activity_time_s: float = 0.5
     clock_time_s: float = 0.2
+
     # heading to hold, counterclockwise from east, until a goal turns it: the paper's psi_d
     yaw_rad: float = 0.0
     max_yaw_rate_rad_s: float = 1.0
@@ -48,22 +52,33 @@ def pipeline_params(
         ValueError: ``law`` is none of these.
     """
     vehicle = fleet.vehicles[vehicle_name]
-    numbers = law_params(fleet, vehicle_name, law)
-    # a fleet file may say 1 for 1.0, but compiled code is made for kinds of numbers
-    hover_frac, drag_1_s = float(vehicle.hover_thrust_frac), float(vehicle.drag_1_s)
-    tilt_rad = math.radians(vehicle.max_tilt_deg)
-    lead_s = 0.0 if numbers.law == PAPER else numbers.lead_time_s
-    lift_reserve = (1.0 / hover_frac - 1.0) * GRAVITY_M_S2
+    law_numbers = law_params(fleet, vehicle_name, law)
+
+    # a fleet file may say 1 for 1.0, but code is compiled for types of numbers
+    hover_frac = float(vehicle.hover_thrust_frac)
+    drag_1_s = float(vehicle.drag_1_s)
+
+    max_tilt_rad = math.radians(vehicle.max_tilt_deg)
+    max_acceleration_m_s2 = GRAVITY_M_S2 * math.tan(max_tilt_rad)
+    lift_reserve_m_s2 = (1.0 / hover_frac - 1.0) * GRAVITY_M_S2
+
+    # the paper's law evaluates its rows now
+    lead_s = 0.0
+    if law_numbers.law != PAPER:
+        lead_s = law_numbers.lead_time_s
+
     return PipelineParams(
         trajectory=trajectory.TrajectoryParams(
-            numbers.max_speed_m_s, float(vehicle.max_acceleration_m_s2), lead_s
+            max_speed_m_s=law_numbers.max_speed_m_s,
+            max_acceleration_m_s2=float(vehicle.max_acceleration_m_s2),
+            lead_s=lead_s,
         ),
         backstepping=backstepping.BacksteppingParams(
-            max_acceleration_m_s2=GRAVITY_M_S2 * math.tan(tilt_rad),
+            max_acceleration_m_s2=max_acceleration_m_s2,
             # the rest stays for separation
-            max_vertical_acceleration_m_s2=min(2.5, 0.4 * lift_reserve),
+            max_vertical_acceleration_m_s2=min(2.5, 0.4 * lift_reserve_m_s2),
         ),
-        law=numbers,
+        law=law_numbers,
         observer=disturbance_observer.ObserverParams(
             delay_s=float(vehicle.attitude_delay_s),
             wn_rad_s=float(vehicle.attitude_wn_rad_s),
@@ -71,10 +86,13 @@ def pipeline_params(
             drag_1_s=drag_1_s,
         ),
         hover_thrust=hover_thrust.HoverThrustParams(configured_frac=hover_frac),
-        allocation=allocation.AllocationParams(tilt_rad, hover_frac),
+        allocation=allocation.AllocationParams(
+            max_tilt_rad=max_tilt_rad,
+            fallback_hover_thrust_frac=hover_frac,
+        ),
         drag_1_s=drag_1_s,
-        pursuit_speed_m_s=1.25 * numbers.max_speed_m_s,
+        pursuit_speed_m_s=1.25 * law_numbers.max_speed_m_s,
         # at least half of the tilt and of the lift reserve stays for the law
-        max_compensation_m_s2=0.5 * GRAVITY_M_S2 * math.tan(tilt_rad),
-        max_lift_compensation_m_s2=0.5 * (numbers.max_thrust_m_s2 - GRAVITY_M_S2),
+        max_compensation_m_s2=0.5 * GRAVITY_M_S2 * math.tan(max_tilt_rad),
+        max_lift_compensation_m_s2=0.5 * (law_numbers.max_thrust_m_s2 - GRAVITY_M_S2),
     )

@@ -22,11 +22,15 @@ class ObserverParams(NamedTuple):
     """Model of the response to commands, and the observer's speed."""
 
     bandwidth_rad_s: float = 4.0  # both poles
-    delay_s: float = 0.04  # dead time of the horizontal response
-    wn_rad_s: float = 11.0  # second order of the horizontal response
+
+    # horizontal response: dead time and second order
+    delay_s: float = 0.04
+    wn_rad_s: float = 11.0
     zeta: float = 0.6
+
     vertical_lag_s: float = 0.06  # first order of the vertical response
     drag_1_s: float = 0.0
+
     max_disturbance_m_s2: float = 1.5  # per axis
     mean_time_s: float = 2.0
     max_mean_m_s2: float = 0.8  # per axis
@@ -37,11 +41,8 @@ class ObserverMemory(NamedTuple):
 
     velocity_enu_m_s: Vec3
     disturbance_enu_m_s2: Vec3  # s_b
-    mean_enu_m_s2: (
-        # of s_b over the last seconds, bounded: worth more than its last value once nothing is
-        # measured
-        Vec3
-    )
+    # of s_b over the last seconds, bounded: worth more than its last value once nothing is measured
+    mean_enu_m_s2: Vec3
     response_enu_m_s2: Vec3  # acceleration that the model of the commands has now
     response_rate_enu_m_s3: Vec3
     commands_enu_m_s2: tuple[Vec3, ...]  # HISTORY_TICKS of them, newest first, without gravity
@@ -60,10 +61,18 @@ _NO_COMMANDS = (ZERO_3,) * HISTORY_TICKS
 
 
 def initial(velocity_enu_m_s: Vec3) -> ObserverMemory:
-    """Return the memory of a vehicle at a velocity [m/s], ENU: no disturbance known, commands so
-    far zero.
+    """Return the memory of a vehicle at a velocity [m/s], ENU.
+
+    No disturbance is known, and the commands so far are zero.
     """
-    return ObserverMemory(velocity_enu_m_s, ZERO_3, ZERO_3, ZERO_3, ZERO_3, _NO_COMMANDS)
+    return ObserverMemory(
+        velocity_enu_m_s=velocity_enu_m_s,
+        disturbance_enu_m_s2=ZERO_3,
+        mean_enu_m_s2=ZERO_3,
+        response_enu_m_s2=ZERO_3,
+        response_rate_enu_m_s3=ZERO_3,
+        commands_enu_m_s2=_NO_COMMANDS,
+    )
 
 
 def step(
@@ -74,15 +83,17 @@ def step(
     dt_s: float,
     is_frozen: bool,
 ) -> tuple[ObserverMemory, Vec3]:
-    """One tick of x' = a_model - c v + s_b + 2 w (v - x), s_b' = w^2 (v - x).
+    """Return memory and disturbance after a tick.
+
+    That is one of x' = a_model - c v + s_b + 2 w (v - x), s_b' = w^2 (v - x).
 
     Args:
         memory: of the last tick.
-        velocity_enu_m_s: estimated now [m/s], ENU; a component that is not finite keeps the
-            observer's own.
+        velocity_enu_m_s: estimated now [m/s], ENU. In the place of a component that is not finite
+            stands the observer's own.
         command_enu_m_s2: acceleration commanded since the last tick, after every limit, without
-            gravity [m/s^2], ENU (horizontal: the attitude's; vertical: throttle less gravity); not
-            finite: as before.
+            gravity [m/s^2], ENU (horizontal: the attitude's; vertical: throttle less gravity). In
+            the place of a component that is not finite stands the last one.
         params: model and bandwidth.
         dt_s: length of the tick.
         is_frozen: keeps s_b (on the ground, at lift-off, without a position) while the model
@@ -94,30 +105,43 @@ def step(
     measured = _finite_or(velocity_enu_m_s, memory.velocity_enu_m_s)
     command = _finite_or(command_enu_m_s2, memory.commands_enu_m_s2[0])
     commands = (command,) + memory.commands_enu_m_s2[:-1]  # noqa: RUF005  numba compiles no unpacking
+
+    # the command of the dead time ago, linear between ticks
     ticks = min(params.delay_s / dt_s, HISTORY_TICKS - 1.000001)
     whole = int(ticks)
-    newer, older, share = commands[whole], commands[whole + 1], ticks - whole
-    v, s, a, r = (
-        memory.velocity_enu_m_s, memory.disturbance_enu_m_s2, memory.response_enu_m_s2, memory.response_rate_enu_m_s3,
-    )  # fmt: skip
-    x = _horizontal(
-        _Axis(v.x, s.x, a.x, r.x), measured.x, newer.x + share * (older.x - newer.x), params, dt_s
-    )
-    y = _horizontal(
-        _Axis(v.y, s.y, a.y, r.y), measured.y, newer.y + share * (older.y - newer.y), params, dt_s
-    )
+    share = ticks - whole
+    newer = commands[whole]
+    older = commands[whole + 1]
+    delayed_x = newer.x + share * (older.x - newer.x)
+    delayed_y = newer.y + share * (older.y - newer.y)
+
+    v = memory.velocity_enu_m_s
+    s = memory.disturbance_enu_m_s2
+    a = memory.response_enu_m_s2
+    r = memory.response_rate_enu_m_s3
+    x = _horizontal(_Axis(v.x, s.x, a.x, r.x), measured.x, delayed_x, params, dt_s)
+    y = _horizontal(_Axis(v.y, s.y, a.y, r.y), measured.y, delayed_y, params, dt_s)
     z = _vertical(_Axis(v.z, s.z, a.z, r.z), measured.z, command.z, params, dt_s)
-    velocity = Vec3(x.velocity_m_s, y.velocity_m_s, z.velocity_m_s)
-    disturbance = Vec3(x.disturbance_m_s2, y.disturbance_m_s2, z.disturbance_m_s2)
-    mean = memory.mean_enu_m_s2
+
     if is_frozen:
-        velocity, disturbance = measured, memory.disturbance_enu_m_s2
+        velocity = measured
+        disturbance = memory.disturbance_enu_m_s2
+        mean = memory.mean_enu_m_s2
     else:
-        miss = subtract(bounded(disturbance, params.max_mean_m_s2), mean)
-        mean = add_scaled(mean, dt_s / params.mean_time_s, miss)
-    response = Vec3(x.response_m_s2, y.response_m_s2, z.response_m_s2)
-    rate = Vec3(x.rate_m_s3, y.rate_m_s3, z.rate_m_s3)
-    return ObserverMemory(velocity, disturbance, mean, response, rate, commands), disturbance
+        velocity = Vec3(x.velocity_m_s, y.velocity_m_s, z.velocity_m_s)
+        disturbance = Vec3(x.disturbance_m_s2, y.disturbance_m_s2, z.disturbance_m_s2)
+        miss = subtract(bounded(disturbance, params.max_mean_m_s2), memory.mean_enu_m_s2)
+        mean = add_scaled(memory.mean_enu_m_s2, dt_s / params.mean_time_s, miss)
+
+    after = ObserverMemory(
+        velocity_enu_m_s=velocity,
+        disturbance_enu_m_s2=disturbance,
+        mean_enu_m_s2=mean,
+        response_enu_m_s2=Vec3(x.response_m_s2, y.response_m_s2, z.response_m_s2),
+        response_rate_enu_m_s3=Vec3(x.rate_m_s3, y.rate_m_s3, z.rate_m_s3),
+        commands_enu_m_s2=commands,
+    )
+    return after, disturbance
 
 
 def _finite_or(vector: Vec3, before: Vec3) -> Vec3:
@@ -132,25 +156,27 @@ def _finite_or(vector: Vec3, before: Vec3) -> Vec3:
 def _horizontal(
     axis: _Axis, measured_m_s: float, command_m_s2: float, params: ObserverParams, dt_s: float
 ) -> _Axis:
-    """One tick of a horizontal axis: second order by the implicit midpoint rule, stable for every
-    tick length.
+    """Return a horizontal axis after a tick of its second-order response.
+
+    The implicit midpoint rule is stable for every length of the tick.
     """
-    wn, half = params.wn_rad_s, 0.5 * dt_s
+    wn = params.wn_rad_s
+    half = 0.5 * dt_s
     push = wn * wn * (command_m_s2 - axis.response_m_s2)
-    middle = (axis.rate_m_s3 + half * push) / (
-        1.0 + 2.0 * half * params.zeta * wn + half * half * wn * wn
-    )
+    damping = 1.0 + 2.0 * half * params.zeta * wn + half * half * wn * wn
+    middle = (axis.rate_m_s3 + half * push) / damping  # the rate in the middle of the tick
+
     response = axis.response_m_s2 + dt_s * middle
-    return _observed(axis, measured_m_s, response, 2.0 * middle - axis.rate_m_s3, params, dt_s)
+    rate = 2.0 * middle - axis.rate_m_s3
+    return _observed(axis, measured_m_s, response, rate, params, dt_s)
 
 
 def _vertical(
     axis: _Axis, measured_m_s: float, command_m_s2: float, params: ObserverParams, dt_s: float
 ) -> _Axis:
-    """One tick of the vertical axis: the motors' first-order lag."""
-    response = axis.response_m_s2 + (1.0 - math.exp(-dt_s / params.vertical_lag_s)) * (
-        command_m_s2 - axis.response_m_s2
-    )
+    """Return the vertical axis after a tick of the motors' first-order lag."""
+    blend = 1.0 - math.exp(-dt_s / params.vertical_lag_s)
+    response = axis.response_m_s2 + blend * (command_m_s2 - axis.response_m_s2)
     return _observed(axis, measured_m_s, response, 0.0, params, dt_s)
 
 
@@ -163,17 +189,18 @@ def _observed(
     dt_s: float,
 ) -> _Axis:
     """Return the axis corrected by its velocity; the gains put both discrete poles on exp(-w T)."""
-    acting = 0.5 * (response_m_s2 + axis.response_m_s2)
-    forecast = axis.velocity_m_s + dt_s * (
-        acting - params.drag_1_s * measured_m_s + axis.disturbance_m_s2
-    )
+    acting = 0.5 * (response_m_s2 + axis.response_m_s2)  # in the middle of the tick
+    net = acting - params.drag_1_s * measured_m_s + axis.disturbance_m_s2
+    forecast = axis.velocity_m_s + dt_s * net
     miss = measured_m_s - forecast
+
     decay = math.exp(-params.bandwidth_rad_s * dt_s)
+    velocity = forecast + (1.0 - decay * decay) * miss
     disturbance = axis.disturbance_m_s2 + (1.0 - decay) * (1.0 - decay) / dt_s * miss
     bound = params.max_disturbance_m_s2
     return _Axis(
-        forecast + (1.0 - decay * decay) * miss,
-        min(max(disturbance, -bound), bound),
-        response_m_s2,
-        rate_m_s3,
+        velocity_m_s=velocity,
+        disturbance_m_s2=min(max(disturbance, -bound), bound),
+        response_m_s2=response_m_s2,
+        rate_m_s3=rate_m_s3,
     )

@@ -21,6 +21,8 @@ class HoverThrustParams(NamedTuple):
     max_deviation: float = 0.2  # share of the configured value that the estimate may leave it by
     time_constant_s: float = 4.0  # of the estimate
     motor_lag_s: float = 0.05  # of the throttle's effect
+
+    # beyond these the estimate is frozen
     min_height_m: float = 0.3
     max_acceleration_m_s2: float = 2.0  # beyond, the model is coarse
     min_thrust_frac: float = 0.1
@@ -49,7 +51,7 @@ def step(
     dt_s: float,
     is_flying: bool,
 ) -> tuple[HoverThrustMemory, float]:
-    """One tick of the estimate.
+    """Return memory and hover throttle after a tick.
 
     Args:
         memory: of the last tick.
@@ -66,19 +68,24 @@ def step(
         finite.
     Properties: homogeneous in throttle.
     """
-    hover, effective = memory.hover_thrust_frac, memory.effective_thrust_frac
+    effective_frac = memory.effective_thrust_frac
     if math.isfinite(thrust_frac):
-        effective += (1.0 - math.exp(-dt_s / params.motor_lag_s)) * (thrust_frac - effective)
+        blend = 1.0 - math.exp(-dt_s / params.motor_lag_s)
+        effective_frac += blend * (thrust_frac - effective_frac)
+
+    hover_frac = memory.hover_thrust_frac
     if (
         is_flying
         and height_m > params.min_height_m
         and abs(vertical_acceleration_m_s2) < params.max_acceleration_m_s2
         and cos_tilt > 0.5
-        and params.min_thrust_frac < effective < params.max_thrust_frac
+        and params.min_thrust_frac < effective_frac < params.max_thrust_frac
     ):
-        measured = effective * cos_tilt * GRAVITY_M_S2 / (GRAVITY_M_S2 + vertical_acceleration_m_s2)
-        hover += dt_s / params.time_constant_s * (measured - hover)
-    lowest = (1.0 - params.max_deviation) * params.configured_frac
-    highest = (1.0 + params.max_deviation) * params.configured_frac
-    hover = min(max(hover, lowest), highest)
-    return HoverThrustMemory(hover, effective), hover
+        lift_m_s2 = GRAVITY_M_S2 + vertical_acceleration_m_s2
+        measured_frac = effective_frac * cos_tilt * GRAVITY_M_S2 / lift_m_s2
+        hover_frac += dt_s / params.time_constant_s * (measured_frac - hover_frac)
+
+    lowest_frac = (1.0 - params.max_deviation) * params.configured_frac
+    highest_frac = (1.0 + params.max_deviation) * params.configured_frac
+    hover_frac = min(max(hover_frac, lowest_frac), highest_frac)
+    return HoverThrustMemory(hover_frac, effective_frac), hover_frac

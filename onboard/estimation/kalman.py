@@ -35,8 +35,9 @@ class KalmanParams(NamedTuple):
     max_bias_m_s2: float = 3.0  # per axis
     drag_1_s: float = 0.0  # c
     motor_lag_s: float = 0.05  # from throttle to thrust
-    # a sample farther off than the larger of both gates is a jump; wide enough for a stall of 0.2 s
-    # at speed, and below half the distance of two bodies
+
+    # A sample farther off than the larger of both gates is a jump. They are wide enough for a stall
+    # of 0.2 s at speed, and below half the distance of two bodies.
     jump_gate_m: float = 0.30
     jump_gate_sigma: float = 6.0
 
@@ -69,6 +70,7 @@ class KalmanMemory(NamedTuple):
     covariance: Covariance  # of each axis
     past: tuple[PastTick, ...]  # HISTORY_TICKS of them, newest first
     thrust_m_s2: float  # behind the motor lag
+
     rejected_count: int  # jumps in a row
     last_age_s: float  # age of the newest sample used, growing
 
@@ -84,9 +86,24 @@ def initial(position_enu_m: Vec3, params: KalmanParams) -> KalmanMemory:
         params: noise and limits.
     """
     covariance = Covariance(
-        params.position_noise_m * params.position_noise_m, 0.0, 0.0, 0.05 * 0.05, 0.0, 0.3 * 0.3
+        pp=params.position_noise_m * params.position_noise_m,
+        pv=0.0,
+        pb=0.0,
+        vv=0.05 * 0.05,
+        vb=0.0,
+        bb=0.3 * 0.3,
     )
-    return KalmanMemory(position_enu_m, ZERO_3, ZERO_3, ZERO_3, covariance, _NO_PAST, 0.0, 0, 0.0)
+    return KalmanMemory(
+        position_enu_m=position_enu_m,
+        velocity_enu_m_s=ZERO_3,
+        bias_enu_m_s2=ZERO_3,
+        acceleration_enu_m_s2=ZERO_3,
+        covariance=covariance,
+        past=_NO_PAST,
+        thrust_m_s2=0.0,
+        rejected_count=0,
+        last_age_s=0.0,
+    )
 
 
 def drive(
@@ -116,7 +133,9 @@ def drive(
     thrust = memory.thrust_m_s2
     commanded = thrust_frac / hover_thrust_frac * GRAVITY_M_S2
     if math.isfinite(commanded):
-        thrust += (1.0 - math.exp(-dt_s / max(params.motor_lag_s, 1e-6))) * (commanded - thrust)
+        blend = 1.0 - math.exp(-dt_s / max(params.motor_lag_s, 1e-6))
+        thrust += blend * (commanded - thrust)
+
     up = body_up(quaternion_wxyz)
     driven = Vec3(thrust * up.x, thrust * up.y, thrust * up.z - GRAVITY_M_S2)
     if is_on_ground:
@@ -143,22 +162,24 @@ def _moved(
     memory: KalmanMemory, driven: Vec3, thrust_m_s2: float, params: KalmanParams, dt_s: float
 ) -> KalmanMemory:
     """Return the memory after one tick of the midpoint rule."""
-    before = memory.velocity_enu_m_s
     driven = Vec3(_or_zero(driven.x), _or_zero(driven.y), _or_zero(driven.z))
     pushed = add(driven, memory.bias_enu_m_s2)
+
+    before = memory.velocity_enu_m_s
     middle = add_scaled(before, 0.5 * dt_s, add_scaled(pushed, -params.drag_1_s, before))
     acceleration = add_scaled(pushed, -params.drag_1_s, middle)
+
     tick = PastTick(dt_s, subtract(acceleration, memory.bias_enu_m_s2))
     return KalmanMemory(
-        add_scaled(memory.position_enu_m, dt_s, middle),
-        add_scaled(before, dt_s, acceleration),
-        memory.bias_enu_m_s2,
-        acceleration,
-        _grown(memory.covariance, params, dt_s),
-        (tick,) + memory.past[:-1],  # noqa: RUF005  numba compiles no unpacking
-        thrust_m_s2,
-        memory.rejected_count,
-        memory.last_age_s + dt_s,
+        position_enu_m=add_scaled(memory.position_enu_m, dt_s, middle),
+        velocity_enu_m_s=add_scaled(before, dt_s, acceleration),
+        bias_enu_m_s2=memory.bias_enu_m_s2,
+        acceleration_enu_m_s2=acceleration,
+        covariance=_grown(memory.covariance, params, dt_s),
+        past=(tick,) + memory.past[:-1],  # noqa: RUF005  numba compiles no unpacking
+        thrust_m_s2=thrust_m_s2,
+        rejected_count=memory.rejected_count,
+        last_age_s=memory.last_age_s + dt_s,
     )
 
 
@@ -169,22 +190,27 @@ def _or_zero(value: float) -> float:
 def _grown(covariance: Covariance, params: KalmanParams, dt_s: float) -> Covariance:
     """Return Phi P Phi' + Q with Phi = [[1, T, T^2/2], [0, 1 - c T, T], [0, 0, 1]]."""
     pp, pv, pb, vv, vb, bb = covariance
-    t, half = dt_s, 0.5 * dt_s * dt_s
+    t = dt_s
+    half = 0.5 * dt_s * dt_s
     keep = 1.0 - params.drag_1_s * dt_s
-    q_a, q_b = (
-        params.acceleration_noise * params.acceleration_noise,
-        params.bias_noise * params.bias_noise,
-    )
-    # rows of Phi P first, then times Phi'
-    a_p, a_v, a_b = pp + t * pv + half * pb, pv + t * vv + half * vb, pb + t * vb + half * bb
-    b_v, b_b = keep * vv + t * vb, keep * vb + t * bb
+    q_a = params.acceleration_noise * params.acceleration_noise
+    q_b = params.bias_noise * params.bias_noise
+
+    # A = Phi P, row by row: a is the row of the position, b that of the velocity
+    a_p = pp + t * pv + half * pb
+    a_v = pv + t * vv + half * vb
+    a_b = pb + t * vb + half * bb
+    b_v = keep * vv + t * vb
+    b_b = keep * vb + t * bb
+
+    # A Phi' + Q
     return Covariance(
-        a_p + t * a_v + half * a_b + q_a * (t * t * t) / 3.0,
-        keep * a_v + t * a_b + q_a * half,
-        a_b,
-        keep * b_v + t * b_b + q_a * t,
-        b_b,
-        bb + q_b * t,
+        pp=a_p + t * a_v + half * a_b + q_a * (t * t * t) / 3.0,
+        pv=keep * a_v + t * a_b + q_a * half,
+        pb=a_b,
+        vv=keep * b_v + t * b_b + q_a * t,
+        vb=b_b,
+        bb=bb + q_b * t,
     )
 
 
@@ -208,95 +234,115 @@ def correct(
     age = max(age_s, 0.0)
     if not (remembers(memory, age) and is_finite(position_enu_m)):
         return memory
-    innovation = subtract(position_enu_m, position_at(memory, age))
-    pp, pv, pb, vv, vb, bb = memory.covariance
-    # first row of Phi(-age): p(t - age) = p - age v + age^2/2 (v' terms)
+
+    # first row of Phi(-age): p(t - age) = p + h_v v + h_b b
     half = 0.5 * age * age
-    h_v, h_b = -age - half * params.drag_1_s, half
-    g_p, g_v, g_b = pp + h_v * pv + h_b * pb, pv + h_v * vv + h_b * vb, pb + h_v * vb + h_b * bb
-    spread = (
-        max(g_p + h_v * g_v + h_b * g_b, 0.0) + params.position_noise_m * params.position_noise_m
-    )
-    gate = max(
-        params.jump_gate_m * params.jump_gate_m,
-        params.jump_gate_sigma * params.jump_gate_sigma * spread,
-    )
-    if (
-        innovation.x * innovation.x + innovation.y * innovation.y + innovation.z * innovation.z
-        > gate
-    ):
+    h_v = -age - half * params.drag_1_s
+    h_b = half
+
+    # g = P H', and the variance H P H' + R of the innovation
+    pp, pv, pb, vv, vb, bb = memory.covariance
+    g_p = pp + h_v * pv + h_b * pb
+    g_v = pv + h_v * vv + h_b * vb
+    g_b = pb + h_v * vb + h_b * bb
+    noise_m2 = params.position_noise_m * params.position_noise_m
+    variance_m2 = max(g_p + h_v * g_v + h_b * g_b, 0.0) + noise_m2
+
+    innovation = subtract(position_enu_m, position_at(memory, age))
+    if _is_jump(innovation, variance_m2, params):
         return _rejected(memory)
-    k_p, k_v, k_b = g_p / spread, g_v / spread, g_b / spread
-    return KalmanMemory(
-        add_scaled(memory.position_enu_m, k_p, innovation),
-        add_scaled(memory.velocity_enu_m_s, k_v, innovation),
-        bounded(add_scaled(memory.bias_enu_m_s2, k_b, innovation), params.max_bias_m_s2),
-        add_scaled(memory.acceleration_enu_m_s2, k_b, innovation),
-        Covariance(
-            max(pp - k_p * g_p, _LEAST_VARIANCE),
-            pv - k_p * g_v,
-            pb - k_p * g_b,
-            max(vv - k_v * g_v, _LEAST_VARIANCE),
-            vb - k_v * g_b,
-            max(bb - k_b * g_b, _LEAST_VARIANCE),
-        ),
-        memory.past,
-        memory.thrust_m_s2,
-        0,
-        min(memory.last_age_s, age),
+
+    # the gain k = P H' / (H P H' + R), the states x + k innovation, and P - k g'
+    k_p = g_p / variance_m2
+    k_v = g_v / variance_m2
+    k_b = g_b / variance_m2
+    bias = add_scaled(memory.bias_enu_m_s2, k_b, innovation)
+    covariance = Covariance(
+        pp=max(pp - k_p * g_p, _LEAST_VARIANCE),
+        pv=pv - k_p * g_v,
+        pb=pb - k_p * g_b,
+        vv=max(vv - k_v * g_v, _LEAST_VARIANCE),
+        vb=vb - k_v * g_b,
+        bb=max(bb - k_b * g_b, _LEAST_VARIANCE),
     )
+    return KalmanMemory(
+        position_enu_m=add_scaled(memory.position_enu_m, k_p, innovation),
+        velocity_enu_m_s=add_scaled(memory.velocity_enu_m_s, k_v, innovation),
+        bias_enu_m_s2=bounded(bias, params.max_bias_m_s2),
+        acceleration_enu_m_s2=add_scaled(memory.acceleration_enu_m_s2, k_b, innovation),
+        covariance=covariance,
+        past=memory.past,
+        thrust_m_s2=memory.thrust_m_s2,
+        rejected_count=0,
+        last_age_s=min(memory.last_age_s, age),
+    )
+
+
+def _is_jump(innovation_m: Vec3, variance_m2: float, params: KalmanParams) -> bool:
+    """Whether a sample is farther off than both gates."""
+    gate_m2 = max(
+        params.jump_gate_m * params.jump_gate_m,
+        params.jump_gate_sigma * params.jump_gate_sigma * variance_m2,
+    )
+    i = innovation_m
+    return i.x * i.x + i.y * i.y + i.z * i.z > gate_m2
 
 
 def _rejected(memory: KalmanMemory) -> KalmanMemory:
     """Return the memory with one more jump counted."""
     return KalmanMemory(
-        memory.position_enu_m,
-        memory.velocity_enu_m_s,
-        memory.bias_enu_m_s2,
-        memory.acceleration_enu_m_s2,
-        memory.covariance,
-        memory.past,
-        memory.thrust_m_s2,
-        memory.rejected_count + 1,
-        memory.last_age_s,
+        position_enu_m=memory.position_enu_m,
+        velocity_enu_m_s=memory.velocity_enu_m_s,
+        bias_enu_m_s2=memory.bias_enu_m_s2,
+        acceleration_enu_m_s2=memory.acceleration_enu_m_s2,
+        covariance=memory.covariance,
+        past=memory.past,
+        thrust_m_s2=memory.thrust_m_s2,
+        rejected_count=memory.rejected_count + 1,
+        last_age_s=memory.last_age_s,
     )
 
 
 def remembers(memory: KalmanMemory, age_s: float) -> bool:
     """Whether the memory reaches back to ``age_s`` ago; False for NaN."""
-    left = age_s - 1e-9
+    left_s = age_s - 1e-9
     for tick in memory.past:
-        if left <= 0.0:
+        if left_s <= 0.0:
             return True
         if tick.duration_s <= 0.0:
             return False
-        left -= tick.duration_s
-    return left <= 0.0
+        left_s -= tick.duration_s
+    return left_s <= 0.0
 
 
 def position_at(memory: KalmanMemory, age_s: float) -> Vec3:
-    """Return the position ``age_s`` ago that the present estimate implies, linear between ticks
-    [m], ENU.
+    """Return the position [m], ENU, ``age_s`` ago that the present estimate implies.
+
+    It is linear between ticks.
     """
-    position, velocity, left = memory.position_enu_m, memory.velocity_enu_m_s, age_s
+    position = memory.position_enu_m
+    velocity = memory.velocity_enu_m_s
+    left_s = age_s
     for tick in memory.past:
         t = tick.duration_s
-        if left <= 0.0 or t <= 0.0:
+        if left_s <= 0.0 or t <= 0.0:
             break
-        acceleration = add(tick.acceleration_enu_m_s2, memory.bias_enu_m_s2)
+
         # back over the whole tick: the velocity at its middle is v - t/2 a
-        step = scaled(-t, add_scaled(velocity, -0.5 * t, acceleration))
-        position = add_scaled(position, min(left / t, 1.0), step)
+        acceleration = add(tick.acceleration_enu_m_s2, memory.bias_enu_m_s2)
+        middle = add_scaled(velocity, -0.5 * t, acceleration)
+        whole_step = scaled(-t, middle)
+
+        position = add_scaled(position, min(left_s / t, 1.0), whole_step)
         velocity = add_scaled(velocity, -t, acceleration)
-        left -= t
+        left_s -= t
     return position
 
 
 def state(
     memory: KalmanMemory, yaw_rad: float, least_position_std_m: float, least_velocity_std_m_s: float
 ) -> State:
-    """Return the estimate as the pipeline takes it: propagated to now (age 0), with its accuracy
-    per axis.
+    """Return the estimate as the pipeline takes it: valid now, with its accuracy per axis.
 
     Args:
         memory: valid now.
@@ -305,12 +351,14 @@ def state(
             that it cannot know it [m]; 0 for a mocap.
         least_velocity_std_m_s: the same of the velocity [m/s].
     """
+    position_std_m = math.sqrt(memory.covariance.pp)
+    velocity_std_m_s = math.sqrt(memory.covariance.vv)
     return State(
-        memory.position_enu_m,
-        memory.velocity_enu_m_s,
-        memory.acceleration_enu_m_s2,
-        yaw_rad,
-        0.0,
-        max(math.sqrt(memory.covariance.pp), least_position_std_m),
-        max(math.sqrt(memory.covariance.vv), least_velocity_std_m_s),
+        position_enu_m=memory.position_enu_m,
+        velocity_enu_m_s=memory.velocity_enu_m_s,
+        acceleration_enu_m_s2=memory.acceleration_enu_m_s2,
+        yaw_rad=yaw_rad,
+        age_s=0.0,
+        position_std_m=max(position_std_m, least_position_std_m),
+        velocity_std_m_s=max(velocity_std_m_s, least_velocity_std_m_s),
     )
