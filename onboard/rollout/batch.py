@@ -1,10 +1,10 @@
-"""One tick of many vehicles at once: the drone's own pipeline and filter, compiled by numba in this
-one place.
+"""One tick of many vehicles at once, by the drone's own pipeline and filter.
 
-Arrays are (F, N): F flights of N vehicles, one row per vehicle (:mod:`onboard.rollout.rows`). Where
-numba is not installed, or ``COVEY_NUMBA=0``, the same functions are interpreted: right, and some
-hundred times slower. Compiled code is kept on disk by numba beside the source, or in the user's
-cache folder where that is read-only.
+Arrays are (F, N): F flights of N vehicles, one row per vehicle (:mod:`onboard.rollout.rows`).
+
+This is the only place that compiles, by numba. Where numba is not installed, or ``COVEY_NUMBA=0``,
+the same functions are interpreted: with the same results, some hundred times slower. numba keeps
+compiled code on disk beside the source, or in the user's cache folder where that is read-only.
 """
 
 from __future__ import annotations
@@ -43,51 +43,84 @@ from onboard.vectors import ZERO_3, Vec3
 
 Compiled = Callable[..., Any]
 
+
+class _Loops(NamedTuple):
+    """The loops over all vehicles, compiled where possible."""
+
+    step: Compiled
+    estimate: Compiled
+
+
+# whose functions compiled code may call
 _MODULES: tuple[ModuleType, ...] = (
-    *(vectors, frames, kalman, disturbance_observer, hover_thrust),
-    *(trajectory, backstepping, allocation, pipeline),
-    *(
-        law_params,
-        prediction,
-        heights,
-        pairs,
-        half_planes,
-        constraints,
-        relaxation,
-        projection,
-        interface,
-        oist,
-        oist_paper,
-    ),
+    vectors,
+    frames,
+    # estimation
+    kalman,
+    disturbance_observer,
+    hover_thrust,
+    # control
+    trajectory,
+    backstepping,
+    allocation,
+    pipeline,
+    # avoidance
+    law_params,
+    prediction,
+    heights,
+    pairs,
+    half_planes,
+    constraints,
+    relaxation,
+    projection,
+    interface,
+    oist,
+    oist_paper,
 )
 
 _ZERO_PARAMS = zero(pipeline.PipelineParams)
-STATE, GOAL, NEIGHBOUR, TICK = (
-    Layout(zero(State)),
-    Layout(zero(Goal)),
-    Layout(zero(Neighbour)),
-    Layout(zero(Tick)),
-)
-OBSTACLE, PARAMS = Layout(zero(law_params.Capsule)), Layout(_ZERO_PARAMS)
+
+STATE = Layout(zero(State))
+GOAL = Layout(zero(Goal))
+NEIGHBOUR = Layout(zero(Neighbour))
+OBSTACLE = Layout(zero(law_params.Capsule))
+TICK = Layout(zero(Tick))
+PARAMS = Layout(_ZERO_PARAMS)
 MEMORY = Layout(pipeline.initial(_ZERO_PARAMS, ZERO_3))
 FILTER_PARAMS = Layout(kalman.KalmanParams())
 FILTER = Layout(kalman.initial(ZERO_3, kalman.KalmanParams()))
 _LAYOUTS = (STATE, GOAL, NEIGHBOUR, TICK, OBSTACLE, PARAMS, MEMORY, FILTER_PARAMS, FILTER)
 
-_read_state, _read_goal, _read_neighbour, _read_obstacle = (
-    STATE.read,
-    GOAL.read,
-    NEIGHBOUR.read,
-    OBSTACLE.read,
-)
-_read_params, _read_memory, _write_memory, _write_tick = (
-    PARAMS.read,
-    MEMORY.read,
-    MEMORY.write,
-    TICK.write,
-)
-_read_filter_params, _read_filter, _write_filter = FILTER_PARAMS.read, FILTER.read, FILTER.write
+# compiled code calls functions by a global name
+_read_state = STATE.read
 _write_state = STATE.write
+_read_goal = GOAL.read
+_read_neighbour = NEIGHBOUR.read
+_read_obstacle = OBSTACLE.read
+_write_tick = TICK.write
+_read_params = PARAMS.read
+_read_memory = MEMORY.read
+_write_memory = MEMORY.write
+_read_filter_params = FILTER_PARAMS.read
+_read_filter = FILTER.read
+_write_filter = FILTER.write
+
+# what a vehicle publishes of its estimate, and of its law's output: equally named in Neighbour
+_PUBLISHED_OF_STATE = (
+    "position_enu_m",
+    "velocity_enu_m_s",
+    "acceleration_enu_m_s2",
+    "position_std_m",
+    "velocity_std_m_s",
+)
+_PUBLISHED_OF_LAW = (
+    "predicted_position_enu_m",
+    "predicted_velocity_enu_m_s",
+    "commanded_acceleration_enu_m_s2",
+    "intent_enu_m_s",
+    "lead_time_s",
+    "crowd_count",
+)
 
 
 class PassRows(NamedTuple):
@@ -101,15 +134,20 @@ class PassRows(NamedTuple):
 
 
 class Controller(Protocol):
-    """A control of a whole batch: estimates, goals and neighbours in, every vehicle's attitude
-    setpoint out.
+    """A control of a whole batch.
+
+    It takes estimates, goals and neighbours, and returns every vehicle's tick.
     """
 
     def step(
         self, states: Rows, goals: Rows, neighbours: Rows, is_present: BoolArray, dt_s: float
     ) -> Rows:
-        """Return the ticks (F, N); states and goals are (F, N), neighbours and is_present (F, N,
-        K).
+        """Return the ticks (F, N).
+
+        Args:
+            states, goals: (F, N).
+            neighbours, is_present: (F, N, K).
+            dt_s: length of the tick.
         """
 
     def keep(self, flights: IntArray) -> None:
@@ -133,20 +171,25 @@ class FleetPipeline:
     ) -> None:
         self._params = PARAMS.packed(params)
         self._obstacles = OBSTACLE.packed(obstacles)
-        self._memories = MEMORY.packed(
-            [
-                pipeline.initial(own, Vec3(*position))
-                for flight in start_enu_m.tolist()
-                for own, position in zip(params, flight, strict=True)
-            ]
-        ).reshape(start_enu_m.shape[:2])
+
+        memories = []
+        for positions_enu_m in start_enu_m.tolist():
+            for own_params, position in zip(params, positions_enu_m, strict=True):
+                memories.append(pipeline.initial(own_params, Vec3(*position)))
+        self._memories = MEMORY.packed(memories).reshape(start_enu_m.shape[:2])
 
     def step(
         self, states: Rows, goals: Rows, neighbours: Rows, is_present: BoolArray, dt_s: float
     ) -> Rows:
         """Return the ticks of all vehicles in flight, see :class:`Controller`."""
         modes = np.full(states.shape, int(ControlMode.FLYING))
-        inputs = PassRows(states, goals, neighbours, is_present, modes)
+        inputs = PassRows(
+            states=states,
+            goals=goals,
+            neighbours=neighbours,
+            is_present=is_present,
+            modes=modes,
+        )
         return step(self._memories, inputs, self._obstacles, self._params, dt_s)
 
     def keep(self, flights: IntArray) -> None:
@@ -164,13 +207,12 @@ class FleetEstimator:
 
     def __init__(self, params: Sequence[kalman.KalmanParams], start_enu_m: Array) -> None:
         self._params = FILTER_PARAMS.packed(params)
-        self._memories = FILTER.packed(
-            [
-                kalman.initial(Vec3(*position), own)
-                for flight in start_enu_m.tolist()
-                for own, position in zip(params, flight, strict=True)
-            ]
-        ).reshape(start_enu_m.shape[:2])
+
+        memories = []
+        for positions_enu_m in start_enu_m.tolist():
+            for own_params, position in zip(params, positions_enu_m, strict=True):
+                memories.append(kalman.initial(Vec3(*position), own_params))
+        self._memories = FILTER.packed(memories).reshape(start_enu_m.shape[:2])
         self._memories["thrust_m_s2"] = GRAVITY_M_S2
 
     def step(
@@ -187,21 +229,30 @@ class FleetEstimator:
 
         Args:
             quaternion_wxyz: attitude flown (F, N, 4), FLU to ENU.
-            thrust_frac: throttle sent last (F, N). hover_thrust_frac: throttle that carries the
-                weight (F, N).
-            sample_enu_m: measured positions (F, N, 3) of ``age_s`` ago. yaw_rad: headings (F, N).
+            thrust_frac: throttle sent last (F, N).
+            hover_thrust_frac: throttle that carries the weight (F, N).
+            sample_enu_m: measured positions (F, N, 3) of ``age_s`` ago.
+            yaw_rad: headings (F, N).
+            age_s: of the samples.
+            dt_s: length of the tick.
         """
         shape = self._memories.shape
         inputs = np.empty((*shape, 10))
-        inputs[..., :4], inputs[..., 4], inputs[..., 5] = (
-            quaternion_wxyz,
-            thrust_frac,
-            hover_thrust_frac,
-        )
-        inputs[..., 6:9], inputs[..., 9] = sample_enu_m, yaw_rad
+        inputs[..., 0:4] = quaternion_wxyz
+        inputs[..., 4] = thrust_frac
+        inputs[..., 5] = hover_thrust_frac
+        inputs[..., 6:9] = sample_enu_m
+        inputs[..., 9] = yaw_rad
+
         states = STATE.rows(shape)
-        flat = inputs.reshape(self._memories.size, 10)
-        _loops()[1](_flat(self._memories), flat, floats(self._params), _flat(states), age_s, dt_s)
+        _loops().estimate(
+            _flat(self._memories),
+            inputs.reshape(self._memories.size, 10),
+            floats(self._params),
+            _flat(states),
+            age_s,
+            dt_s,
+        )
         return states
 
     def keep(self, flights: IntArray) -> None:
@@ -220,56 +271,58 @@ def step(memories: Rows, inputs: PassRows, obstacles: Rows, params: Rows, dt_s: 
         dt_s: length of the tick [s].
     """
     ticks = TICK.rows(inputs.states.shape)
-    size, most = ticks.size, inputs.neighbours.shape[-1]
-    flat = (
+    size = ticks.size
+    most = inputs.neighbours.shape[-1]
+
+    # numba makes other code for arrays that may not be written, and that would be compiled, too
+    is_present = np.require(inputs.is_present, requirements=["C", "W"])
+    modes = np.require(inputs.modes, np.int64, ["C", "W"])
+    flat_inputs = (
         _flat(inputs.states),
         _flat(inputs.goals),
         floats(inputs.neighbours).reshape(size, most, NEIGHBOUR.width),
-        # an array that may not be written is of another type, for which all would be compiled once
-        # more
-        np.require(inputs.is_present, requirements=["C", "W"]).reshape(size, most),
-        np.require(inputs.modes, np.int64, ["C", "W"]).reshape(size),
+        is_present.reshape(size, most),
+        modes.reshape(size),
     )
-    _loops()[0](_flat(memories), flat, floats(obstacles), floats(params), _flat(ticks), dt_s)
+    _loops().step(
+        _flat(memories),
+        flat_inputs,
+        floats(obstacles),
+        floats(params),
+        _flat(ticks),
+        dt_s,
+    )
     return ticks
 
 
 def message(states: Rows, ticks: Rows | None) -> Rows:
-    """Return what each vehicle publishes, as rows of Neighbour; before the first tick it commands
-    nothing and stays.
+    """Return what each vehicle publishes, as rows of Neighbour.
+
+    Before the first tick it commands nothing and stays.
 
     Args:
-        states: (F, N). ticks: (F, N) of the pipeline.
+        states: (F, N).
+        ticks: (F, N) of the pipeline; None before the first.
     """
     out = NEIGHBOUR.rows(states.shape)
-    for name in (
-        "position_enu_m",
-        "velocity_enu_m_s",
-        "acceleration_enu_m_s2",
-        "position_std_m",
-        "velocity_std_m_s",
-    ):
+    for name in _PUBLISHED_OF_STATE:
         out[name] = states[name]
     out["is_cooperative"] = 1.0
+
     if ticks is None:
         out["predicted_position_enu_m"] = states["position_enu_m"]
         return out
+
     law = ticks["law"]
-    names = (
-        "predicted_position_enu_m",
-        "predicted_velocity_enu_m_s",
-        "commanded_acceleration_enu_m_s2",
-    )
-    for name in (*names, "intent_enu_m_s", "lead_time_s", "crowd_count"):
+    for name in _PUBLISHED_OF_LAW:
         out[name] = law[name]
     return out
 
 
 def all_others(count: int) -> IntArray:
     """Return the senders (N, N - 1) where every vehicle hears every other one."""
-    return np.array(
-        [[j for j in range(count) if j != i] for i in range(count)], dtype=np.int64
-    ).reshape(count, -1)
+    everybody = np.arange(count)
+    return np.array([np.delete(everybody, own) for own in range(count)]).reshape(count, -1)
 
 
 def received(inbox: Rows, age_s: Array, senders: IntArray, is_cooperative: BoolArray) -> Rows:
@@ -280,16 +333,16 @@ def received(inbox: Rows, age_s: Array, senders: IntArray, is_cooperative: BoolA
         age_s, is_cooperative: (F, receiver, sender).
         senders: (N, K) or (F, N, K), those that each receiver regards.
     """
-    flights, count = inbox.shape[:2]
-    receiver = np.arange(count)[:, None]
-    index = (
-        np.arange(flights)[:, None, None],
-        receiver,
-        np.broadcast_to(senders, (flights, *senders.shape[-2:])),
-    )
+    flight_count, vehicle_count = inbox.shape[:2]
+    flight = np.arange(flight_count)[:, None, None]
+    receiver = np.arange(vehicle_count)[:, None]
+    sender = np.broadcast_to(senders, (flight_count, *senders.shape[-2:]))
+    index = (flight, receiver, sender)
+
     neighbours: Rows = floats(inbox)[index].view(NEIGHBOUR.dtype)[..., 0]
-    neighbours["age_s"], neighbours["is_cooperative"] = age_s[index], is_cooperative[index]
-    neighbours["is_paper_obstacle"] = index[2] == (receiver + 1) % count
+    neighbours["age_s"] = age_s[index]
+    neighbours["is_cooperative"] = is_cooperative[index]
+    neighbours["is_paper_obstacle"] = sender == (receiver + 1) % vehicle_count
     neighbours["table_index"] = np.arange(senders.shape[-1])
     return neighbours
 
@@ -300,20 +353,40 @@ def is_compiled() -> bool:
 
 
 def warm_up() -> bool:
-    """Compile, or load from numba's cache, all that batches use; False when nothing is to be
-    compiled.
+    """Compile, or load from numba's cache, all that batches use.
 
     Takes about a second from the cache, and some twenty seconds of a processor the first time on a
     machine.
+
+    Returns:
+        False where nothing is to be compiled.
     """
     if not is_compiled():
         return False
-    nobody, none = np.zeros((0, 1)), np.zeros((0, 1, 1))  # types decide what is compiled, not sizes
-    states = FleetEstimator([kalman.KalmanParams()], none).step(
-        none, nobody, nobody, none, nobody, 0.0, 0.0
+
+    # types decide what is compiled, and not sizes: no flight of one vehicle with one neighbour
+    no_numbers = np.zeros((0, 1))
+    no_vectors = np.zeros((0, 1, 1))
+
+    estimator = FleetEstimator([kalman.KalmanParams()], no_vectors)
+    states = estimator.step(
+        quaternion_wxyz=no_vectors,
+        thrust_frac=no_numbers,
+        hover_thrust_frac=no_numbers,
+        sample_enu_m=no_vectors,
+        yaw_rad=no_numbers,
+        age_s=0.0,
+        dt_s=0.0,
     )
-    pilots = FleetPipeline([_ZERO_PARAMS], none)
-    pilots.step(states, GOAL.rows((0, 1)), NEIGHBOUR.rows((0, 1, 1)), none > 0.0, 0.0)
+
+    controller = FleetPipeline([_ZERO_PARAMS], no_vectors)
+    controller.step(
+        states=states,
+        goals=GOAL.rows((0, 1)),
+        neighbours=NEIGHBOUR.rows((0, 1, 1)),
+        is_present=no_vectors > 0.0,
+        dt_s=0.0,
+    )
     return True
 
 
@@ -325,15 +398,17 @@ def _flat(rows: Rows) -> Array:
 def _step_rows(
     memories: Any, inputs: Any, obstacles: Any, params: Any, ticks: Any, dt_s: float
 ) -> None:
-    walls = [_read_obstacle(obstacles[k]) for k in range(obstacles.shape[0])]
+    """Write the tick of each vehicle, and its memory after that."""
     states, goals, neighbours, is_present, modes = inputs
-    count = params.shape[0]
+    walls = [_read_obstacle(obstacles[k]) for k in range(obstacles.shape[0])]
+
     for m in range(memories.shape[0]):
         near = [
             _read_neighbour(neighbours[m, k])
             for k in range(neighbours.shape[1])
             if is_present[m, k]
         ]
+        own_params = _read_params(params[m % params.shape[0]])
         memory, tick = pipeline.step(
             _read_memory(memories[m]),
             _read_state(states[m]),
@@ -341,7 +416,7 @@ def _step_rows(
             near,
             walls,
             modes[m],
-            _read_params(params[m % count]),
+            own_params,
             dt_s,
         )
         _write_memory(memory, memories[m])
@@ -351,13 +426,17 @@ def _step_rows(
 def _estimate_rows(
     memories: Any, inputs: Any, params: Any, states: Any, age_s: float, dt_s: float
 ) -> None:
-    count = params.shape[0]
+    """Write the state of each vehicle, and the memory of its filter after that."""
     for m in range(memories.shape[0]):
-        own, i = _read_filter_params(params[m % count]), inputs[m]
-        memory = kalman.drive(
-            _read_filter(memories[m]), (i[0], i[1], i[2], i[3]), i[4], i[5], own, dt_s, False
-        )
-        memory = kalman.correct(memory, Vec3(i[6], i[7], i[8]), age_s, own)
+        own_params = _read_filter_params(params[m % params.shape[0]])
+        i = inputs[m]  # see FleetEstimator.step
+        quaternion = (i[0], i[1], i[2], i[3])
+        sample = Vec3(i[6], i[7], i[8])
+
+        memory = _read_filter(memories[m])
+        memory = kalman.drive(memory, quaternion, i[4], i[5], own_params, dt_s, False)
+        memory = kalman.correct(memory, sample, age_s, own_params)
+
         _write_filter(memory, memories[m])
         _write_state(kalman.state(memory, i[9], 0.0, 0.0), states[m])
 
@@ -375,17 +454,22 @@ def _numba() -> Any:
 
 
 @lru_cache(maxsize=1)
-def _loops() -> tuple[Compiled, Compiled]:
+def _loops() -> _Loops:
     """Return the loops of the pipeline and of the filter, compiled where possible."""
     numba = _numba()
     if numba is None:
-        return _step_rows, _estimate_rows
+        return _Loops(step=_step_rows, estimate=_estimate_rows)
+
     # none of these is called from Python: without wrappers they compile faster
     register = numba.extending.register_jitable(no_cpython_wrapper=True, no_cfunc_wrapper=True)
     for function in _functions():
         register(function)
+
     version = _digest()
-    return _jit(numba, _step_rows, version), _jit(numba, _estimate_rows, version)
+    return _Loops(
+        step=_jit(numba, _step_rows, version),
+        estimate=_jit(numba, _estimate_rows, version),
+    )
 
 
 def _jit(numba: Any, function: Compiled, version: int) -> Compiled:
@@ -404,27 +488,30 @@ def _jit(numba: Any, function: Compiled, version: int) -> Compiled:
 
 def _functions() -> list[FunctionType]:
     """Return all functions that compiled code may call."""
-    named = [
-        f for m in _MODULES for f in vars(m).values() if getattr(f, "__module__", "") == m.__name__
-    ]
-    own = [
-        *named,
-        *(f for layout in _LAYOUTS for f in (layout.read, layout.write)),
-        _step_rows,
-        _estimate_rows,
-    ]
-    return [f for f in own if isinstance(f, FunctionType)]
+    functions: list[Any] = []
+    for module in _MODULES:
+        for value in vars(module).values():
+            if getattr(value, "__module__", "") == module.__name__:
+                functions.append(value)
+    for layout in _LAYOUTS:
+        functions.append(layout.read)
+        functions.append(layout.write)
+    functions.append(_step_rows)
+    functions.append(_estimate_rows)
+    return [function for function in functions if isinstance(function, FunctionType)]
 
 
 def _digest() -> int:
-    """Return a number that changes with any of these functions: numba itself compares one file
-    only.
+    """Return a number that changes with any function or constant that compiled code uses.
+
+    numba itself compares one file only.
     """
-    numbers = [
-        item
-        for m in _MODULES
-        for item in sorted(vars(m).items())
-        if isinstance(item[1], (int, float, tuple))
-    ]
-    code = b"".join(marshal.dumps(f.__code__) for f in _functions())
-    return zlib.crc32(code + repr((numbers, [layout.dtype for layout in _LAYOUTS])).encode())
+    constants = []
+    for module in _MODULES:
+        for name, value in sorted(vars(module).items()):
+            if isinstance(value, (int, float, tuple)):
+                constants.append((name, value))
+
+    code = b"".join(marshal.dumps(function.__code__) for function in _functions())
+    data = repr((constants, [layout.dtype for layout in _LAYOUTS]))
+    return zlib.crc32(code + data.encode())

@@ -27,8 +27,9 @@ from onboard.types import TICK_S
 
 @dataclass(frozen=True, slots=True)
 class Scenario:
-    """Legs that F flights of N vehicles fly one after the other; a leg ends when all have arrived,
-    or too late.
+    """Legs that F flights of N vehicles fly one after the other.
+
+    A leg ends when all have arrived, or when its time is over.
     """
 
     start_enu_m: Array  # (F, N, 3)
@@ -36,8 +37,10 @@ class Scenario:
     duration_s: Array  # (L,) commanded for each leg
     timeout_s: float = 40.0  # of each leg
     is_parked: tuple[bool, ...] = ()  # (N,) stands on the ground all the while; empty: nobody does
-    arrival_m: float = 0.15  # a vehicle has arrived when it has stayed so near ...
-    settle_s: float = 1.0  # ... for this long
+
+    # a vehicle has arrived when it has stayed so near for so long
+    arrival_m: float = 0.15
+    settle_s: float = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,8 +57,9 @@ class FleetModel:
 class RolloutResult:
     """Outcome of F flights."""
 
-    # (F, L) when the last vehicle arrived, after the leg's start; inf: not in time
+    # (F, L) time from a leg's start to the last vehicle's arrival; inf: not in time
     arrival_s: Array
+
     # (T, F, N, 3) true positions after each tick, until the last flight has ended
     trace_enu_m: Array
     height_share: float = 0.0
@@ -69,9 +73,14 @@ class RolloutResult:
     def min_separation_m(self) -> Array:
         """Smallest true separation of any two vehicles (F,); infinite for one alone."""
         first, second = np.triu_indices(self.trace_enu_m.shape[2], 1)
-        gaps = (position[:, first] - position[:, second] for position in self.trace_enu_m)
-        least = [separations_m(gap, self.height_share).min(-1, initial=np.inf) for gap in gaps]
-        return np.asarray(np.min(least, axis=0))
+
+        # tick by tick, because all pairs of a long flight would fill the memory
+        least_m = []
+        for position_enu_m in self.trace_enu_m:
+            gap_m = position_enu_m[:, first] - position_enu_m[:, second]
+            pairs_m = separations_m(gap_m, self.height_share)
+            least_m.append(pairs_m.min(-1, initial=np.inf))
+        return np.asarray(np.min(least_m, axis=0))
 
 
 def fleet_model(fleet: FleetConfig, names: Sequence[str], law: str | None = None) -> FleetModel:
@@ -85,10 +94,10 @@ def fleet_model(fleet: FleetConfig, names: Sequence[str], law: str | None = None
         ValueError: ``law`` is none of these.
     """
     return FleetModel(
-        [pipeline.pipeline_params(fleet, name, law) for name in names],
-        [plant_of(fleet.vehicles[name]) for name in names],
-        obstacles(fleet),
-        fleet.fleet.height_share,
+        params=[pipeline.pipeline_params(fleet, name, law) for name in names],
+        plants=[plant_of(fleet.vehicles[name]) for name in names],
+        obstacles=obstacles(fleet),
+        height_share=fleet.fleet.height_share,
     )
 
 
@@ -106,58 +115,90 @@ def fly(
         seeds: F seeds.
         perturbation: errors of the flights; by default those of a lab.
     """
-    errors = perturbation if perturbation is not None else Perturbation()
+    errors = perturbation
+    if errors is None:
+        errors = Perturbation()
+
     noise = Noise(seeds, scenario.start_enu_m.shape[1])
-    start = scenario.start_enu_m.copy()
-    start[..., :2] += errors.start_m * noise.starts
-    vehicles = VehicleModels(start, model.plants, noise, errors)
-    controller = batch.FleetPipeline(model.params, start, model.obstacles)
-    sensing = _Sensing(model, start, errors)
+    start_enu_m = scenario.start_enu_m.copy()
+    start_enu_m[..., :2] += errors.start_m * noise.starts
+
+    vehicles = VehicleModels(start_enu_m, model.plants, noise, errors)
+    sensing = _Sensing(model, start_enu_m, errors)
+    controller = batch.FleetPipeline(model.params, start_enu_m, model.obstacles)
     legs = _Legs(scenario)
     parked = legs.is_parked
-    radio: _Radio | None = None
-    trace: list[Array] = []
-    for _ in range(math.ceil(scenario.timeout_s * scenario.legs_enu_m.shape[1] / TICK_S)):
+    radio: _Radio | None = None  # it begins with the first estimates
+
+    trace_enu_m: list[Array] = []
+    most_ticks = math.ceil(scenario.timeout_s * scenario.legs_enu_m.shape[1] / TICK_S)
+    for _ in range(most_ticks):
         mocap_noise, gust_noise, link_draws = noise.next()
+
         states = sensing.update(vehicles, mocap_noise)
-        radio = radio or _Radio(states, parked, errors)
+        if radio is None:
+            radio = _Radio(states, parked, errors)
         neighbours, is_present = radio.receive(link_draws)
+
         ticks = controller.step(states, legs.goals(), neighbours, is_present, TICK_S)
         radio.publish(states, ticks)
         sensing.sent(ticks)
+
         vehicles.advance(ticks["attitude"], gust_noise, errors, TICK_S)
-        vehicles.position[:, parked], vehicles.velocity[:, parked] = start[:, parked], 0.0
-        trace.append(vehicles.position.copy())
+        vehicles.position[:, parked] = start_enu_m[:, parked]
+        vehicles.velocity[:, parked] = 0.0
+
+        trace_enu_m.append(vehicles.position.copy())
         if not legs.advance(vehicles.position):
             break
-    return RolloutResult(legs.arrival_s, np.array(trace), model.height_share)
+
+    return RolloutResult(
+        arrival_s=legs.arrival_s,
+        trace_enu_m=np.array(trace_enu_m),
+        height_share=model.height_share,
+    )
 
 
 class _Sensing:
     """Mocap samples, late and noisy, through the drone's own filter."""
 
     def __init__(self, model: FleetModel, start_enu_m: Array, errors: Perturbation) -> None:
-        own = [
-            kalman.KalmanParams(errors.mocap_noise_m, drag_1_s=params.drag_1_s)
-            for params in model.params
-        ]
-        self._filters, self._errors = batch.FleetEstimator(own, start_enu_m), errors
+        filters = []
+        for params in model.params:
+            filters.append(
+                kalman.KalmanParams(
+                    position_noise_m=errors.mocap_noise_m,
+                    drag_1_s=params.drag_1_s,
+                )
+            )
+        self._filters = batch.FleetEstimator(filters, start_enu_m)
+        self._errors = errors
+
         depth = errors.mocap_delay_ticks + 1
-        self._samples = deque([start_enu_m] * depth, depth)
-        hover = [params.hover_thrust.configured_frac for params in model.params]
-        self._throttle = self._hover = np.broadcast_to(hover, start_enu_m.shape[:2])
+        self._samples = deque([start_enu_m] * depth, depth)  # newest first
+
+        # throttle sent last, and the one that carries the weight (F, N)
+        hover_frac = [params.hover_thrust.configured_frac for params in model.params]
+        self._hover = np.broadcast_to(hover_frac, start_enu_m.shape[:2])
+        self._throttle = self._hover
 
     def update(self, vehicles: VehicleModels, mocap_noise: Array) -> Rows:
         """Return the states (F, N) of this tick."""
         self._samples.appendleft(vehicles.position + self._errors.mocap_noise_m * mocap_noise)
         return self._filters.step(
-            *(vehicles.quaternion_wxyz, self._throttle, self._hover, self._samples[-1]),
-            *(np.zeros(self._hover.shape), self._errors.mocap_delay_ticks * TICK_S, TICK_S),
+            quaternion_wxyz=vehicles.quaternion_wxyz,
+            thrust_frac=self._throttle,
+            hover_thrust_frac=self._hover,
+            sample_enu_m=self._samples[-1],
+            yaw_rad=np.zeros(self._hover.shape),
+            age_s=self._errors.mocap_delay_ticks * TICK_S,
+            dt_s=TICK_S,
         )
 
     def sent(self, ticks: Rows) -> None:
         """Take the throttle that was sent last and the hover thrust estimated with it."""
-        self._throttle, self._hover = ticks["attitude"]["thrust_frac"], ticks["hover_thrust_frac"]
+        self._throttle = ticks["attitude"]["thrust_frac"]
+        self._hover = ticks["hover_thrust_frac"]
 
 
 class _Radio:
@@ -166,12 +207,16 @@ class _Radio:
     def __init__(self, states: Rows, is_parked: BoolArray, errors: Perturbation) -> None:
         first = batch.message(states, None)
         flights, count = first.shape
-        self._errors, self._delay_s = errors, errors.message_delay_ticks * TICK_S
-        self._sent = deque(
-            [first] * (errors.message_delay_ticks + 1), errors.message_delay_ticks + 1
-        )
-        self._inbox = np.repeat(first[:, None], count, axis=1)  # (F, receiver, sender)
+        self._errors = errors
+        self._delay_s = errors.message_delay_ticks * TICK_S
+
+        depth = errors.message_delay_ticks + 1
+        self._sent = deque([first] * depth, depth)  # newest first
+
+        # newest message of each sender at each receiver, and its age (F, receiver, sender)
+        self._inbox = np.repeat(first[:, None], count, axis=1)
         self._age_s = np.full((flights, count, count), self._delay_s)
+
         self._others = batch.all_others(count)
         self._is_cooperative = np.broadcast_to(~is_parked, self._age_s.shape)
         self._is_present = np.ones((flights, *self._others.shape), bool)
@@ -179,13 +224,12 @@ class _Radio:
     def receive(self, link_draws: Array) -> tuple[Rows, BoolArray]:
         """Return the neighbours (F, N, K) of this tick, and that all of them are known."""
         is_received = link_draws >= self._errors.message_loss
-        np.copyto(
-            floats(self._inbox), floats(self._sent[-1])[:, None], where=is_received[..., None]
-        )
+        arriving = floats(self._sent[-1])[:, None]
+        np.copyto(floats(self._inbox), arriving, where=is_received[..., None])
         self._age_s = np.where(is_received, self._delay_s, self._age_s + TICK_S)
-        return batch.received(
-            self._inbox, self._age_s, self._others, self._is_cooperative
-        ), self._is_present
+
+        neighbours = batch.received(self._inbox, self._age_s, self._others, self._is_cooperative)
+        return neighbours, self._is_present
 
     def publish(self, states: Rows, ticks: Rows) -> None:
         """Take the messages of this tick."""
@@ -196,40 +240,51 @@ class _Legs:
     """Progress of the flights along their legs."""
 
     def __init__(self, scenario: Scenario) -> None:
-        flights, self.count, vehicles = scenario.legs_enu_m.shape[:3]
-        self._scenario, self._flights = scenario, np.arange(flights)
+        flights, legs, vehicles = scenario.legs_enu_m.shape[:3]
+        self._scenario = scenario
+        self._flights = np.arange(flights)
+        self._leg_count = legs
         self.is_parked = np.array(scenario.is_parked or [False] * vehicles)
-        self.is_open = np.ones(flights, bool)
-        self.arrival_s = np.full((flights, self.count), np.inf)
+        self.arrival_s = np.full((flights, legs), np.inf)
+
+        # of each flight: the leg that it flies, and for how long
         self._leg = np.zeros(flights, np.int64)
-        self._time_s, self._near_s = np.zeros(flights), np.zeros((flights, vehicles))
+        self._time_s = np.zeros(flights)
+        self._is_open = np.ones(flights, bool)
+
+        # for how long each vehicle has been near its goal (F, N)
+        self._near_s = np.zeros((flights, vehicles))
 
     def goals(self) -> Rows:
         """Return the goals (F, N) of this tick."""
-        leg = np.minimum(self._leg, self.count - 1)
+        leg = np.minimum(self._leg, self._leg_count - 1)
         goals = batch.GOAL.rows(self._near_s.shape)
         goals["position_enu_m"] = self._scenario.legs_enu_m[self._flights, leg]
-        goals["duration_s"], goals["sequence"] = (
-            self._scenario.duration_s[leg][:, None],
-            self._leg[:, None],
-        )
+        goals["duration_s"] = self._scenario.duration_s[leg][:, None]
+        goals["sequence"] = self._leg[:, None]
         return goals
 
     def advance(self, position_enu_m: Array) -> bool:
-        """Take the positions after a tick; returns whether any flight goes on."""
+        """Take the positions after a tick, and return whether any flight goes on."""
         scenario = self._scenario
-        goal = scenario.legs_enu_m[self._flights, np.minimum(self._leg, self.count - 1)]
-        away = np.sqrt(((position_enu_m - goal) ** 2).sum(-1))
-        self._near_s = np.where(away < scenario.arrival_m, self._near_s + TICK_S, 0.0)
+        leg = np.minimum(self._leg, self._leg_count - 1)
+        goal_enu_m = scenario.legs_enu_m[self._flights, leg]
+        away_m = np.sqrt(((position_enu_m - goal_enu_m) ** 2).sum(-1))
+
+        self._near_s = np.where(away_m < scenario.arrival_m, self._near_s + TICK_S, 0.0)
         self._time_s = self._time_s + TICK_S
-        has_arrived = np.asarray((self._near_s >= scenario.settle_s)[:, ~self.is_parked].all(-1))
-        done = np.flatnonzero(self.is_open & (has_arrived | (self._time_s >= scenario.timeout_s)))
-        leg = self._leg[done]
-        self.arrival_s[done, leg] = np.where(
-            has_arrived[done], self._time_s[done] - scenario.settle_s, np.inf
-        )
+
+        has_settled = self._near_s >= scenario.settle_s
+        has_arrived = np.asarray(has_settled[:, ~self.is_parked].all(-1))
+        is_late = self._time_s >= scenario.timeout_s
+
+        # a vehicle had arrived when it began to settle
+        done = np.flatnonzero(self._is_open & (has_arrived | is_late))
+        arrival_s = np.where(has_arrived[done], self._time_s[done] - scenario.settle_s, np.inf)
+        self.arrival_s[done, self._leg[done]] = arrival_s
+
         self._leg[done] += 1
         self._time_s[done] = 0.0
         self._near_s[done] = 0.0
-        self.is_open = self.is_open & (self._leg < self.count)
-        return bool(self.is_open.any())
+        self._is_open = self._is_open & (self._leg < self._leg_count)
+        return bool(self._is_open.any())

@@ -34,15 +34,19 @@ class OwnLawFleet:
         start_enu_m: Array,
         obstacles: Sequence[Capsule] = (),
     ) -> None:
-        self._params, self._obstacles = params, tuple(obstacles)
-        self._flights = [
-            [
-                (OwnLawRunner(law), pipeline.initial(own, Vec3(*spot)))
-                for own, spot in zip(params, spots, strict=True)
-            ]
-            for spots in start_enu_m.tolist()
-        ]
+        self._params = params
+        self._obstacles = tuple(obstacles)
+
+        # law and memory of each vehicle of each flight, and the number of each flight
+        self._flights = []
+        for positions_enu_m in start_enu_m.tolist():
+            vehicles = []
+            for own_params, position in zip(params, positions_enu_m, strict=True):
+                memory = pipeline.initial(own_params, Vec3(*position))
+                vehicles.append((OwnLawRunner(law), memory))
+            self._flights.append(vehicles)
         self._numbers = list(range(len(self._flights)))
+
         # number of a flight -> why its first vehicle went on by Covey's law
         self.refusals: dict[int, str] = {}
 
@@ -50,28 +54,31 @@ class OwnLawFleet:
         self, states: Rows, goals: Rows, neighbours: Rows, is_present: BoolArray, dt_s: float
     ) -> Rows:
         """Return the ticks of all vehicles, see :class:`onboard.rollout.batch.Controller`."""
-        count = len(self._params)
-        own = zip(batch.STATE.values(states.ravel()), batch.GOAL.values(goals.ravel()), strict=True)
-        near = neighbours.reshape(states.size, -1)
-        present = is_present.reshape(states.size, -1)
+        own_states = batch.STATE.values(states.ravel())
+        own_goals = batch.GOAL.values(goals.ravel())
+        all_neighbours = neighbours.reshape(states.size, -1)
+        all_present = is_present.reshape(states.size, -1)
+
         ticks = []
-        for m, (state, goal) in enumerate(own):
-            flight, vehicle = divmod(m, count)
-            around = batch.NEIGHBOUR.values(near[m][present[m]])
+        for m in range(states.size):
+            flight, vehicle = divmod(m, len(self._params))
+            near = batch.NEIGHBOUR.values(all_neighbours[m][all_present[m]])
+
             law, memory = self._flights[flight][vehicle]
             memory, tick = pipeline.step(
                 memory,
-                state,
-                goal,
-                around,
+                own_states[m],
+                own_goals[m],
+                near,
                 self._obstacles,
                 ControlMode.FLYING,
                 self._params[vehicle],
                 dt_s,
                 law_step=law.step,
             )
-            self._flights[flight][vehicle] = law, memory
+            self._flights[flight][vehicle] = (law, memory)
             ticks.append(tick)
+
             if law.refusal:
                 self.refusals.setdefault(self._numbers[flight], law.refusal)
         return batch.TICK.packed(ticks).reshape(states.shape)

@@ -1,5 +1,4 @@
-"""NamedTuples as rows of floats: where each number stands, and functions that read and write a
-whole value.
+"""NamedTuples as rows of floats: where each number stands, and how to read and write a value.
 
 A batch holds one row per vehicle. The layout of a row is a numpy dtype, so that
 ``rows["law"]["status"]`` is an array over all vehicles; the functions turn one row into the
@@ -38,13 +37,25 @@ class Layout:
     def __init__(self, example: Any) -> None:
         self.dtype = np.dtype(_dtype(example))
         self.width = self.dtype.itemsize // 8
-        names: dict[str, Any] = {}
+
+        types: dict[str, Any] = {}  # that the text names
+        expression, _ = _expression(example, 0, "", types)
         lines, _ = _written(example, "value", 0, "")
-        body = "\n".join(f"    {line}" for line in lines)
-        text = f"def read(row):\n    return {_expression(example, 0, '', names)[0]}\n\ndef write(value, row):\n{body}\n"
-        exec(compile(text, f"<rows of {type(example).__name__}>", "exec"), names)
-        self.read: Callable[[Sequence[float]], Any] = names["read"]
-        self.write: Callable[[Any, Any], None] = names["write"]
+        text = "\n".join(
+            [
+                "def read(row):",
+                f"    return {expression}",
+                "",
+                "def write(value, row):",
+                *(f"    {line}" for line in lines),
+                "",
+            ]
+        )
+
+        # the functions find the types among their globals
+        exec(compile(text, f"<rows of {type(example).__name__}>", "exec"), types)
+        self.read: Callable[[Sequence[float]], Any] = types["read"]
+        self.write: Callable[[Any, Any], None] = types["write"]
 
     def rows(self, shape: int | tuple[int, ...]) -> Rows:
         """Return rows of zeros."""
@@ -60,12 +71,13 @@ class Layout:
 
     def values(self, rows: Rows) -> list[Any]:
         """Return the value of each row (n,)."""
-        return list(map(self.read, floats(rows).tolist()))
+        return [self.read(row) for row in floats(rows).tolist()]
 
 
 def floats(rows: Rows) -> Array:
-    """Return the numbers (..., width) of rows (...): the same memory where the rows are contiguous
-    and writable.
+    """Return the numbers (..., width) of rows (...).
+
+    They are the same memory where the rows are contiguous and writable.
     """
     whole = np.require(rows, requirements=["C", "W"])
     return whole.view(np.float64).reshape(*whole.shape, whole.dtype.itemsize // 8)
@@ -77,81 +89,106 @@ def zero(kind: Any) -> Any:
         return tuple(zero(part) for part in get_args(kind))
     if not issubclass(kind, tuple):
         return kind(0)
-    return kind(*(zero(part) for part in get_type_hints(kind).values()))
+
+    fields = [zero(part) for part in get_type_hints(kind).values()]
+    return kind(*fields)
 
 
 def _is_number(example: Any) -> bool:
     return isinstance(example, (bool, int, float))
 
 
+def _is_plain_sequence(example: Any) -> bool:
+    """Whether it is a list, or a tuple without names."""
+    return isinstance(example, (list, tuple)) and not hasattr(example, "_fields")
+
+
 def _parts(example: Any) -> dict[str, Any]:
-    """Parts of a value by the text that reaches them."""
+    """Return the parts of a value by the text that reaches them."""
     if hasattr(example, "_fields"):
         return {f".{name}": getattr(example, name) for name in example._fields}
     return {f"[{index}]": part for index, part in enumerate(example)}
 
 
 def _dtype(example: Any) -> Any:
+    """Return the numpy dtype of a value, as ``np.dtype`` takes it."""
     if _is_number(example):
         return np.float64
+
     parts = list(_parts(example).values())
-    if not hasattr(example, "_fields") or isinstance(example, (Vec2, Vec3)):
+    if _is_plain_sequence(example) or isinstance(example, (Vec2, Vec3)):
         return (_dtype(parts[0]), (len(parts),))
     return [(name, _dtype(part)) for name, part in zip(example._fields, parts, strict=True)]
 
 
-def _expression(example: Any, at: int, offset: str, names: dict[str, Any]) -> tuple[str, int]:
-    """The text that makes a value of ``row[at + offset]`` and of what follows, and the number after
-    its last one.
+def _width(example: Any) -> int:
+    """Return how many numbers a value has."""
+    return int(np.dtype(_dtype(example)).itemsize) // 8
+
+
+def _expression(example: Any, at: int, offset: str, types: dict[str, Any]) -> tuple[str, int]:
+    """Return the text that makes a value of ``row[at + offset]`` and of what follows.
+
+    Args:
+        example: of the value.
+        at: number of the row with which the value begins.
+        offset: text that is added to that within a loop.
+        types: is given the types that the text names.
+    Returns:
+        Text, and the number of the row after the value's last one.
     """
     if _is_number(example):
-        number = f"row[{at}{offset}]"
-        text = (
-            f"{number} != 0.0"
-            if isinstance(example, bool)
-            else f"int({number})"
-            if isinstance(example, int)
-            else number
-        )
-        return text, at + 1
+        return _number_expression(example, f"row[{at}{offset}]"), at + 1
+
     if isinstance(example, list):
-        text, end = _expression(example[0], at, " + k", names)
+        text, end = _expression(example[0], at, " + k", types)
         width = end - at
-        return f"[{text} for k in range(0, {len(example) * width}, {width})]", at + len(
-            example
-        ) * width
+        total = len(example) * width
+        return f"[{text} for k in range(0, {total}, {width})]", at + total
+
     texts = []
     for part in _parts(example).values():
-        text, at = _expression(part, at, offset, names)
+        text, at = _expression(part, at, offset, types)
         texts.append(text)
+
     kind = type(example)
     if kind is tuple:
         return f"({', '.join(texts)},)", at
-    names[kind.__name__] = kind
+    types[kind.__name__] = kind
     return f"{kind.__name__}({', '.join(texts)})", at
 
 
+def _number_expression(example: bool | int | float, number: str) -> str:
+    """Return the text that makes a number of the example's type of a float."""
+    if isinstance(example, bool):
+        return f"{number} != 0.0"
+    if isinstance(example, int):
+        return f"int({number})"
+    return number
+
+
 def _written(example: Any, value: str, at: int, offset: str) -> tuple[list[str], int]:
-    """The lines that write ``value`` to ``row[at + offset]`` and behind, and the number after its
-    last one.
+    """Return the lines that write ``value`` to ``row[at + offset]`` and behind.
+
+    Args:
+        example: of the value.
+        value: text that reaches it.
+        at: number of the row with which the value begins.
+        offset: text that is added to that within a loop.
+    Returns:
+        Lines, and the number of the row after the value's last one.
     """
     if _is_number(example):
         return [f"row[{at}{offset}] = {value}"], at + 1
+
+    if _is_plain_sequence(example) and len(example) > _UNROLLED:
+        width = _width(example[0])
+        inner, _ = _written(example[0], f"{value}[k]", at, f" + {width} * k")
+        loop = [f"for k in range({len(example)}):", *(f"    {line}" for line in inner)]
+        return loop, at + len(example) * width
+
     lines: list[str] = []
-    if (
-        isinstance(example, (list, tuple))
-        and not hasattr(example, "_fields")
-        and len(example) > _UNROLLED
-    ):
-        inner, end = _written(example[0], f"{value}[k]", at, f" + {_width(example[0])} * k")
-        return [f"for k in range({len(example)}):", *(f"    {line}" for line in inner)], at + len(
-            example
-        ) * (end - at)
     for name, part in _parts(example).items():
-        more, at = _written(part, value + name, at, offset)
-        lines += more
+        part_lines, at = _written(part, value + name, at, offset)
+        lines.extend(part_lines)
     return lines, at
-
-
-def _width(example: Any) -> int:
-    return int(np.dtype(_dtype(example)).itemsize) // 8

@@ -24,8 +24,9 @@ _NOISE_BLOCK_TICKS = 100
 
 @dataclass(frozen=True, slots=True)
 class Plant:
-    """Properties of a vehicle as they really are; the control knows the configured part of them at
-    best.
+    """Properties of a vehicle as they really are.
+
+    The control knows the configured part of them at best.
     """
 
     wn_rad_s: float
@@ -42,23 +43,26 @@ class Plant:
 class Perturbation:
     """Errors of a flight, as a lab has them."""
 
-    lag_share: float = 0.10  # half widths of uniform errors, of the vehicle's own values
+    # half widths of uniform errors, as shares of the vehicle's own values
+    lag_share: float = 0.10
     gain_share: float = 0.05
     drag_share: float = 0.15
     hover_share: float = 0.03
+
     gust_m_s2: float = 0.1  # standard deviation per axis
     gust_time_s: float = 1.5  # correlation time
+
     mocap_noise_m: float = 0.003
     mocap_delay_ticks: int = 1
+
     message_delay_ticks: int = 2
     message_loss: float = 0.10  # share of the messages
+
     start_m: float = 0.05  # standard deviation of the start positions, horizontal
 
 
 def plant_of(vehicle: Vehicle) -> Plant:
-    """Return the plant that a vehicle's configuration describes, the emulator's part of it
-    included.
-    """
+    """Return the plant that a vehicle's configuration describes, with the emulator's part."""
     return Plant(
         wn_rad_s=vehicle.attitude_wn_rad_s,
         zeta=vehicle.attitude_zeta,
@@ -77,29 +81,38 @@ class Noise:
     def __init__(self, seeds: Sequence[int], count: int) -> None:
         self.generators = [np.random.default_rng(seed) for seed in seeds]
         self.count = count
-        self.constants = np.stack(
-            [rng.uniform(-1.0, 1.0, (8, count)) for rng in self.generators], axis=1
-        )
+
+        constants = [rng.uniform(-1.0, 1.0, (8, count)) for rng in self.generators]
+        self.constants = np.stack(constants, axis=1)
         self.starts = np.stack([rng.normal(size=(count, 2)) for rng in self.generators])
-        self.tick = _NOISE_BLOCK_TICKS
+        self.tick = _NOISE_BLOCK_TICKS  # of the block; the next one is drawn at its end
 
     def constant(self, index: int) -> Array:
         """Return the uniform numbers (F, N) in [-1, 1) of one property."""
         return np.asarray(self.constants[index])
 
     def next(self) -> tuple[Array, Array, Array]:
-        """Return standard normal numbers for mocap and gusts (F, N, 3), and uniform ones for links
-        (F, N, N).
+        """Return the numbers of one tick.
+
+        Returns:
+            Standard normal ones for mocap and for gusts (F, N, 3), and uniform ones for links
+            (F, N, N).
         """
         if self.tick == _NOISE_BLOCK_TICKS:
-            n, block = self.count, _NOISE_BLOCK_TICKS
-            self.normal = np.stack(
-                [rng.standard_normal((block, 2, n, 3)) for rng in self.generators], axis=2
-            )
-            self.uniform = np.stack([rng.random((block, n, n)) for rng in self.generators], axis=1)
+            self._draw_block()
             self.tick = 0
-        k, self.tick = self.tick, self.tick + 1
+
+        k = self.tick
+        self.tick += 1
         return self.normal[k, 0], self.normal[k, 1], self.uniform[k]
+
+    def _draw_block(self) -> None:
+        ticks = _NOISE_BLOCK_TICKS
+        n = self.count
+        normal = [rng.standard_normal((ticks, 2, n, 3)) for rng in self.generators]
+        uniform = [rng.random((ticks, n, n)) for rng in self.generators]
+        self.normal = np.stack(normal, axis=2)
+        self.uniform = np.stack(uniform, axis=1)
 
 
 class VehicleModels:
@@ -112,26 +125,34 @@ class VehicleModels:
         p = perturbation
 
         def values(name: str) -> Array:
-            return np.broadcast_to(
-                np.array([getattr(plant, name) for plant in plants], dtype=np.float64), shape
-            )
+            own = np.array([getattr(plant, name) for plant in plants], dtype=np.float64)
+            return np.broadcast_to(own, shape)
 
-        self.position, self.velocity = start.copy(), np.zeros_like(start)
+        # motion
+        self.position = start.copy()
+        self.velocity = np.zeros_like(start)
+        self.drag = values("drag_1_s") * (1.0 + p.drag_share * noise.constant(2))
+        self.gust = np.zeros_like(start)
+
+        # Horizontal response: the slopes (tangents of the tilt) to east and north follow the
+        # setpoint's.
         self.wn = values("wn_rad_s") * (1.0 + p.lag_share * noise.constant(0))
         self.zeta = values("zeta")
         self.gain = values("static_gain") * (1.0 + p.gain_share * noise.constant(1))
-        self.drag = values("drag_1_s") * (1.0 + p.drag_share * noise.constant(2))
-        self.hover = values("hover_thrust_frac") * (1.0 + p.hover_share * noise.constant(3))
         bias = np.tan(np.radians(values("tilt_bias_deg")))
-        self.bias = np.stack(
-            [bias * np.sign(noise.constant(4)), bias * np.sign(noise.constant(5))], axis=-1
-        )
-        self.motor_lag = values("motor_lag_s")
-        self.delay = [round(plant.delay_s * _SUBSTEPS / TICK_S) for plant in plants]
+        bias_x = bias * np.sign(noise.constant(4))
+        bias_y = bias * np.sign(noise.constant(5))
+        self.bias = np.stack([bias_x, bias_y], axis=-1)
         self.slope = np.zeros((*shape, 2))
         self.slope_rate = np.zeros((*shape, 2))
+
+        # vertical response
+        self.hover = values("hover_thrust_frac") * (1.0 + p.hover_share * noise.constant(3))
+        self.motor_lag = values("motor_lag_s")
         self.thrust = np.full(shape, GRAVITY_M_S2)
-        self.gust = np.zeros_like(start)
+
+        # dead time in substeps, and the setpoints sent, newest first: slopes and throttle
+        self.delay = [round(plant.delay_s * _SUBSTEPS / TICK_S) for plant in plants]
         depth = max(self.delay) + 1
         self.queue = np.zeros((depth, *shape, 3))
         self.queue[..., 2] = np.broadcast_to(values("hover_thrust_frac"), (depth, *shape))
@@ -141,37 +162,61 @@ class VehicleModels:
         """Attitudes (F, N, 4), FLU to ENU, with the heading to the east."""
         q = np.zeros((*self.thrust.shape, 4))
         q[..., 0] = 1.0 + np.sqrt(1.0 + np.einsum("...c,...c->...", self.slope, self.slope))
-        q[..., 1], q[..., 2] = -self.slope[..., 1], self.slope[..., 0]
+        q[..., 1] = -self.slope[..., 1]
+        q[..., 2] = self.slope[..., 0]
         return np.asarray(q / np.sqrt(np.einsum("...c,...c->...", q, q))[..., None])
 
     def advance(self, attitude: Rows, gust_noise: Array, p: Perturbation, dt_s: float) -> None:
-        """One control tick under attitude setpoints (F, N)."""
+        """Move all vehicles by one control tick.
+
+        Args:
+            attitude: setpoints (F, N).
+            gust_noise: standard normal numbers (F, N, 3).
+            p: holds the gusts.
+            dt_s: length of the tick.
+        """
         q = attitude["quaternion_wxyz"]
         up_x = 2.0 * (q[..., 1] * q[..., 3] + q[..., 0] * q[..., 2])
         up_y = 2.0 * (q[..., 2] * q[..., 3] - q[..., 0] * q[..., 1])
         up_z = 1.0 - 2.0 * (q[..., 1] ** 2 + q[..., 2] ** 2)
         sent = np.stack([up_x / up_z, up_y / up_z, attitude["thrust_frac"]], axis=-1)
+
+        # a first-order process with the correlation time and the standard deviation of the gusts
         keep = math.exp(-dt_s / p.gust_time_s)
         self.gust = keep * self.gust + p.gust_m_s2 * math.sqrt(1.0 - keep * keep) * gust_noise
-        h = dt_s / _SUBSTEPS
-        blend = 1.0 - np.exp(-h / self.motor_lag)
+
         for _ in range(_SUBSTEPS):
-            self.queue = np.concatenate([sent[None], self.queue[:-1]])
-            delayed = np.stack(
-                [self.queue[delay, :, n] for n, delay in enumerate(self.delay)], axis=1
-            )
-            setpoint = self.gain[..., None] * delayed[..., :2] + self.bias
-            damping = (2.0 * self.zeta * self.wn)[..., None] * self.slope_rate
-            push = self.wn[..., None] ** 2 * (setpoint - self.slope) - damping
-            self.slope_rate = self.slope_rate + h * push
-            self.slope = self.slope + h * self.slope_rate
-            self.thrust = self.thrust + blend * (
-                delayed[..., 2] / self.hover * GRAVITY_M_S2 - self.thrust
-            )
-            length = np.sqrt(1.0 + np.einsum("...c,...c->...", self.slope, self.slope))
-            along = (self.thrust / length)[..., None]
-            force = np.concatenate([along * self.slope, along], axis=-1)
-            acceleration = force - self.drag[..., None] * self.velocity + self.gust
-            acceleration[..., 2] -= GRAVITY_M_S2
-            self.position = self.position + h * self.velocity + 0.5 * h * h * acceleration
-            self.velocity = self.velocity + h * acceleration
+            self._substep(sent, dt_s / _SUBSTEPS)
+
+    def _substep(self, sent: Array, h: float) -> None:
+        """Move all vehicles by a part of a tick.
+
+        Args:
+            sent: slopes and throttle (F, N, 3).
+            h: length of the part [s].
+        """
+        self.queue = np.concatenate([sent[None], self.queue[:-1]])
+        by_vehicle = [self.queue[delay, :, n] for n, delay in enumerate(self.delay)]
+        delayed = np.stack(by_vehicle, axis=1)
+
+        # slopes: second order
+        setpoint = self.gain[..., None] * delayed[..., :2] + self.bias
+        damping = (2.0 * self.zeta * self.wn)[..., None] * self.slope_rate
+        push = self.wn[..., None] ** 2 * (setpoint - self.slope) - damping
+        self.slope_rate = self.slope_rate + h * push
+        self.slope = self.slope + h * self.slope_rate
+
+        # thrust: first order
+        blend = 1.0 - np.exp(-h / self.motor_lag)
+        commanded = delayed[..., 2] / self.hover * GRAVITY_M_S2
+        self.thrust = self.thrust + blend * (commanded - self.thrust)
+
+        # the thrust along the body's axis (slope_x, slope_y, 1) / length
+        length = np.sqrt(1.0 + np.einsum("...c,...c->...", self.slope, self.slope))
+        vertical = (self.thrust / length)[..., None]
+        force = np.concatenate([vertical * self.slope, vertical], axis=-1)
+        acceleration = force - self.drag[..., None] * self.velocity + self.gust
+        acceleration[..., 2] -= GRAVITY_M_S2
+
+        self.position = self.position + h * self.velocity + 0.5 * h * h * acceleration
+        self.velocity = self.velocity + h * acceleration
