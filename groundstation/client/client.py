@@ -261,17 +261,19 @@ class FleetClient:
             return replace(planned, orders={}, refusals=refusals)
         return check_again(planned, self.fleet, self._state, self._clock_ns())
 
-    def send(self, planned: PlannedOrder) -> OrderResult:
+    def send(self, planned: PlannedOrder, *, is_by_mission: bool = False) -> OrderResult:
         """Send a planned order as it is; callable from any thread.
 
         Args:
             planned: of :meth:`plan` or :meth:`check_again`, not older than the orders' deadline.
+            is_by_mission: a mission gives it, and no person: a landing does not go past the agents
+                of several silent vehicles.
 
         Returns:
             Its results, which fill in on the event loop.
         """
         self._held = planned.held
-        return self._orders.send(planned)
+        return self._orders.send(planned, is_by_mission=is_by_mission)
 
     def may_start(self, vehicle: str) -> bool:
         """Whether a vehicle may be starting.

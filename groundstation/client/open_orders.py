@@ -3,7 +3,10 @@
 An order goes to the vehicle's agent, which replies at once and reports the end later by an event.
 Three things can be missing, and each has its own watch:
 
-* The reply. Most orders then have no answer. Land and kill go straight to PX4 instead.
+* The reply. Most orders then have no answer. Land and kill go straight to PX4 instead: a kill soon,
+  a landing after it was sent to the agent several times, because past the agents nobody keeps
+  distance. A mission's landing goes to PX4 only when a single vehicle is silent. Two at once are
+  silent because of this ground's own link.
 * The effect of a land or a kill that was accepted. Then, too, they go straight to PX4.
 * The event about the end, because a link broke. Then telemetry shows that the vehicle does not
   follow the order any more.
@@ -22,7 +25,7 @@ from groundstation.client.direct_mavlink import DirectKind, DirectResult
 from groundstation.fleet.descent import descent_s
 from groundstation.fleet.own_stall import OwnStall
 from groundstation.fleet.state import DIRECT_DISARMED, VehicleView
-from groundstation.orders.plan import PlannedOrder
+from groundstation.orders.plan import PlannedOrder, stamped_anew
 from groundstation.orders.result import OrderResult, Phase
 from onboard.bus.codec import Malformed
 from onboard.bus.schema import Event, Order, OrderReply
@@ -32,6 +35,12 @@ from onboard.config.fleet import FleetConfig, Vehicle
 REPLY_TIMEOUT_S = 1.5
 # a vehicle that followed an order, and goes on without it for so long, has ended it
 LOST_END_S = 3.0
+_LAND_REPLY_S = 1.0  # shortest wait for the reply to a landing
+_ROUND_TRIPS = 3.0  # measured ones that a landing waits for at least
+_MOST_ROUND_TRIPS = 8  # of the newest answers of a vehicle
+_AGAIN_ROUND_TRIPS = 1.5  # measured ones, after which a landing is sent again
+_QUIET_S = 0.5  # in the air without telemetry, beside another vehicle that does not answer
+_AT_ONCE_S = 1.0  # between the last telemetry of two that fell silent for the same reason
 _KILL_EFFECT_S = 1.3  # PX4 reports that it is disarmed once a second
 _LINK_SILENT_S = 1.0  # age of PX4's last packet at the agent, after which its link counts as dead
 _WATCH_PERIOD_S = 0.05
@@ -39,6 +48,9 @@ _SEND_S = 3.0  # longest wait for PX4's own acknowledgement
 _WATCH_KILL_S = 2.0  # longest wait for PX4's own report that it is disarmed
 _WATCH_LAND_S = 30.0  # the same, beyond the time of the descent
 _DIRECT: dict[str, DirectKind] = {"land": "land", "kill": "kill"}
+_WITHOUT_GROUND = (
+    "Its agent goes on without the ground; one that hangs has left the landing to PX4."
+)
 
 SendDirect = Callable[..., DirectResult]  # as direct_mavlink.send_direct
 PublishEvent = Callable[[str, str, str, str], None]  # severity, code, sentence, vehicle
@@ -76,27 +88,31 @@ class OpenOrders:
         self._stall_clock_ns = stall_clock_ns
         self._mavlink_keys = mavlink_keys
         self._open: dict[str, OrderResult] = {}  # order id -> result
+        # vehicle -> times from an order to its reply [s], the newest last
+        self._round_trips_s: dict[str, tuple[float, ...]] = {}
         self._tasks: set[asyncio.Task[None]] = set()
 
-    def send(self, planned: PlannedOrder) -> OrderResult:
+    def send(self, planned: PlannedOrder, *, is_by_mission: bool = False) -> OrderResult:
         """Send the messages of a planned order; callable from any thread.
 
         Args:
             planned: checked just now.
+            is_by_mission: a mission gives it, and no person.
 
         Returns:
             Its results, which fill in on the event loop.
         """
-        result = OrderResult(planned)
+        result = OrderResult(planned, is_by_mission=is_by_mission)
         for vehicle, order in planned.orders.items():
             self._open[order.order_id] = result
             self._feed.tell_sinks(Topic.ORDER, vehicle, order)
 
         # All leave before the first wait: the last of a hundred must not stand behind the
         # bookkeeping of the others.
-        replied = {
-            vehicle: self._send(result, vehicle, order) for vehicle, order in planned.orders.items()
-        }
+        replied = {}
+        for vehicle, order in planned.orders.items():
+            replied[vehicle] = asyncio.Event()
+            self._send(result, vehicle, order, replied[vehicle])
         for vehicle, event in replied.items():
             self._feed.call(self._begin_wait, result, vehicle, event)
         return result
@@ -143,19 +159,46 @@ class OpenOrders:
 
     # -- the reply ---------------------------------------------------------------------------------
 
-    def _send(self, result: OrderResult, vehicle: str, order: Order) -> asyncio.Event:
-        """Send one message; return the event that its reply sets."""
-        replied = asyncio.Event()
+    def _send(
+        self, result: OrderResult, vehicle: str, order: Order, replied: asyncio.Event
+    ) -> None:
+        """Send one message, whose reply sets the event, and measure its round trip."""
+        sent_ns = self._feed.now_ns()
+        is_again = order is not result.planned.orders[vehicle]
 
         def on_reply(reply: OrderReply | Malformed) -> None:
+            round_trip_s = (self._feed.now_ns() - sent_ns) * 1e-9
             if isinstance(reply, OrderReply) and reply.vehicle == vehicle:
                 self._feed.tell_sinks(Topic.ORDER, vehicle, reply)
+                self._feed.call(self._note_round_trip, vehicle, round_trip_s)
+                if is_again and not reply.is_accepted:
+                    return  # it may say that the agent has the order already; telemetry shows it
             self._feed.call(self._take_reply, result, vehicle, reply, replied)
 
         self._feed.bus.order(
-            vehicle, order, timeout_s=REPLY_TIMEOUT_S, on_reply=on_reply, on_end=lambda: None
+            vehicle,
+            order,
+            timeout_s=max(REPLY_TIMEOUT_S, self._land_limit_s(vehicle)),
+            on_reply=on_reply,
+            on_end=lambda: None,
         )
-        return replied
+
+    def _note_round_trip(self, vehicle: str, round_trip_s: float) -> None:
+        earlier_s = self._round_trips_s.get(vehicle, ())
+        # other threads read it: a new value replaces it at once
+        self._round_trips_s[vehicle] = (*earlier_s, round_trip_s)[-_MOST_ROUND_TRIPS:]
+
+    def _longest_round_trip_s(self, vehicle: str) -> float:
+        """Return the longest of the newest round trips [s]; 0 without an answer so far."""
+        return max(self._round_trips_s.get(vehicle, ()), default=0.0)
+
+    def _land_limit_s(self, vehicle: str) -> float:
+        """Return how long a landing waits for the agent before it goes straight to PX4 [s]."""
+        return max(
+            _LAND_REPLY_S,
+            self._fleet.fleet.direct_command_timeout_s,
+            _ROUND_TRIPS * self._longest_round_trip_s(vehicle),
+        )
 
     def _take_reply(
         self,
@@ -216,8 +259,15 @@ class OpenOrders:
     ) -> None:
         """Wait for the reply to a land or kill and for its effect, else send it to PX4 itself."""
         limit_s = self._fleet.fleet.direct_command_timeout_s
+        if kind == "land":
+            limit_s = self._land_limit_s(vehicle)
         if not await self._has_replied(result, vehicle, replied, limit_s):
             problem = _no_answer_words(vehicle, limit_s)
+            if kind == "land" and self._is_own_link(result, vehicle):
+                sentence = f"{problem}, nor is another heard: my own link. {_WITHOUT_GROUND}"
+                result.update(vehicle, "no answer", sentence)
+                return
+
             # An agent that accepts a kill says this itself.
             if kind == "kill" and self._views()[vehicle].is_airborne:
                 order = result.planned.orders[vehicle]
@@ -226,6 +276,8 @@ class OpenOrders:
         elif result.results[vehicle].phase == "direct":
             problem = f"{vehicle}'s agent refused kill ({result.results[vehicle].sentence})"
         else:
+            if not replied.is_set():
+                result.update(vehicle, "accepted", "")  # as telemetry shows
             problem = await self._missing_effect(result, vehicle, kind)
 
         if problem:
@@ -253,10 +305,13 @@ class OpenOrders:
 
         while True:
             begin_ns = self._feed.now_ns()
-            with contextlib.suppress(TimeoutError):
-                async with asyncio.timeout(limit_s):
-                    await replied.wait()
+            if kind == "land":
+                await self._repeat_until_reply(result, vehicle, replied, limit_s)
+            else:
+                await _wait_for(replied, limit_s)
             if replied.is_set() or result.results[vehicle].is_final:
+                return True
+            if self._is_followed(result, vehicle):
                 return True
 
             view = self._views()[vehicle]
@@ -267,6 +322,73 @@ class OpenOrders:
             if not stall.look(limit_s):
                 return False
             has_stalled = True
+
+    async def _repeat_until_reply(
+        self, result: OrderResult, vehicle: str, replied: asyncio.Event, limit_s: float
+    ) -> None:
+        """Wait for the reply to a landing, and send it again while there is none."""
+        loop = asyncio.get_running_loop()
+        end_s = loop.time() + limit_s
+        again_s = max(
+            self._fleet.fleet.direct_command_timeout_s,
+            _AGAIN_ROUND_TRIPS * self._longest_round_trip_s(vehicle),
+        )
+        is_announced = False
+
+        while True:
+            left_s = end_s - loop.time()
+            await _wait_for(replied, min(again_s, left_s))
+            if replied.is_set() or result.results[vehicle].is_final:
+                return
+            if self._is_followed(result, vehicle):
+                return
+            left_s = end_s - loop.time()
+            if left_s <= 0.0:
+                return
+
+            if not is_announced:
+                is_announced = True
+                self._announce_repeat(result, vehicle, again_s, left_s)
+            order = stamped_anew(result.planned.orders[vehicle], self._feed.now_ns())
+            self._send(result, vehicle, order, replied)
+
+    def _announce_repeat(
+        self, result: OrderResult, vehicle: str, waited_s: float, left_s: float
+    ) -> None:
+        """Say that a landing is sent again, and when it goes straight to PX4."""
+        sentence = f"{_no_answer_words(vehicle, waited_s)}: land is sent again"
+        if not result.is_by_mission and self._fleet.vehicles[vehicle].direct is not None:
+            sentence += f", and goes straight to PX4 in {left_s:.1f} s"
+        self._publish_event("warning", "land_repeated", f"{sentence}.", vehicle)
+
+    def _is_followed(self, result: OrderResult, vehicle: str) -> bool:
+        """Whether telemetry shows that the agent follows the order, though no reply came."""
+        telemetry = self._views()[vehicle].telemetry
+        return telemetry is not None and telemetry.order_id == result.results[vehicle].order_id
+
+    def _is_own_link(self, result: OrderResult, vehicle: str) -> bool:
+        """Whether a mission's landing stays with the agents: another fell silent at the same time.
+
+        Then this ground has most likely lost its own link, and the agents keep their distances
+        without it. PX4s that land by themselves would not. An agent that is dead or hangs sends no
+        setpoints, and its PX4 lands without an order.
+        """
+        if not result.is_by_mission:
+            return False
+
+        now_ns = self._feed.now_ns()
+        age_s = self._views()[vehicle].age_s(now_ns)
+        for name, view in self._views().items():
+            if name == vehicle or not view.is_armed:
+                continue
+
+            other_age_s = view.age_s(now_ns)
+            other = result.results.get(name)
+            has_no_reply = other is not None and other.phase in ("sent", "no answer")
+            is_silent = has_no_reply or other_age_s > _QUIET_S
+            if is_silent and abs(other_age_s - age_s) < _AT_ONCE_S:
+                return True
+        return False
 
     # -- the effect, and the end -------------------------------------------------------------------
 
@@ -389,5 +511,12 @@ class OpenOrders:
         result.update(name, phase, sentence, is_silent=is_silent and not answer.has_answered)
 
 
+async def _wait_for(event: asyncio.Event, limit_s: float) -> None:
+    """Wait until an event is set, at most for a time [s]."""
+    with contextlib.suppress(TimeoutError):
+        async with asyncio.timeout(limit_s):
+            await event.wait()
+
+
 def _no_answer_words(vehicle: str, limit_s: float) -> str:
-    return f"{vehicle}'s agent did not answer within {limit_s:g} s"
+    return f"{vehicle}'s agent did not answer within {round(limit_s, 2):g} s"

@@ -226,7 +226,7 @@ class Fleet(Group):
             if not is_rehearsal:
                 self.say(f"fault{when}: {sentence}")
 
-    async def land_all(self, timeout_s: float = 40.0) -> bool:
+    async def land_all(self, timeout_s: float = 40.0, *, is_by_person: bool = False) -> bool:
         """Land all vehicles that are not down yet.
 
         A landing under way goes on: no new order replaces an operator's.
@@ -234,6 +234,8 @@ class Fleet(Group):
         Args:
             timeout_s: longest wait beyond twice the time that the descent from their heights takes
                 [s].
+            is_by_person: a person wants it, and not only the mission: while this ground hears
+                nobody, it goes straight to PX4.
 
         Returns:
             Whether all are landed and disarmed.
@@ -242,4 +244,11 @@ class Fleet(Group):
         if self.steps:
             last_phases = self.steps[-1].vehicles
             superseded = [name for name, phase in last_phases.items() if phase == "superseded"]
-        return await land_all(self.client, superseded, timeout_s, say=self.say)
+        return await land_all(
+            self.client,
+            superseded,
+            timeout_s,
+            say=self.say,
+            link=self.ground.link,
+            is_by_person=is_by_person,
+        )

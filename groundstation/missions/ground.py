@@ -6,10 +6,11 @@ import asyncio
 from collections.abc import Callable
 
 from groundstation.client.client import FleetClient
+from groundstation.missions.own_link import OwnLink
 from groundstation.orders.intents import Intent
 from groundstation.orders.obstruction import explained
 from groundstation.orders.plan import PlannedOrder
-from groundstation.orders.result import OrderFailed, Results
+from groundstation.orders.result import OrderFailed, OrderResult, Results
 from groundstation.verdict.observations import Arrival, StepResult, arrival_of, smallest
 from onboard.config.fleet import Vec3
 
@@ -27,6 +28,7 @@ class MissionGround:
     ) -> None:
         self.client = client
         self.say = say
+        self.link = OwnLink(client)
         self.steps: list[StepResult] = []
         self.arrivals: list[Arrival] = []
         self.left_out: set[str] = set()  # vehicles that the mission goes on without
@@ -60,14 +62,15 @@ class MissionGround:
             self.say(f"Waits before: {intent}")
             await self._next.wait()
 
+        await self.link.heard()
         self.say(f"{intent}")
         client = self.client
         begin_ns = client.now_ns()
         planned = client.plan(intent)
         if change is not None:
             planned = change(planned)
-        order = client.send(planned)
-        ended = await order.wait(timeout_s)
+        order = client.send(planned, is_by_mission=True)
+        ended = await self._end_of(order, timeout_s)
         results = explained(ended, order.planned, client.fleet, client.state, client.now_ns())
 
         for name, message in order.planned.orders.items():
@@ -110,6 +113,17 @@ class MissionGround:
         """Note how far a vehicle is from its goal now."""
         view = self.client.state.vehicles[name]
         self.arrivals.append(arrival_of(step, view, goal, self.client.now_ns()))
+
+    async def _end_of(self, order: OrderResult, timeout_s: float) -> Results:
+        """Wait for the end of an order; time without this ground's own link does not count."""
+        left_s = timeout_s
+        while True:
+            lost_s = self.link.lost_s
+            ended = await order.wait(left_s)
+            await self.link.heard()
+            left_s = self.link.lost_s - lost_s
+            if order.is_final or left_s <= 0.0:
+                return dict(order.results) if order.is_final else ended
 
     def _log(self, step: StepResult, results: Results) -> None:
         """Keep the result of an order, and say it."""

@@ -3,6 +3,8 @@
 An order to land can end before its vehicle is down: a failsafe may have taken over, a link may have
 broken, PX4 may have landed by itself. So this asks the vehicles, not the orders: whoever is not
 down, and does not land, is ordered to land again, until all are down or the time is over.
+
+While this ground hears nobody, a mission waits for its link, and a person does not.
 """
 
 from __future__ import annotations
@@ -12,12 +14,12 @@ from collections.abc import Callable, Sequence
 from groundstation.client.client import FleetClient
 from groundstation.fleet.descent import longest_descent_s
 from groundstation.fleet.state import FleetState
+from groundstation.missions.own_link import OwnLink, silent_in_flight
 from groundstation.orders.intents import Land
 from groundstation.orders.result import OrderResult, Results
 
 LAND_AGAIN_S = 6.0
 TELEMETRY_WITHIN_S = 0.3
-SILENT_S = 2.0  # in the air: the agent hangs, or is cut off
 _LAST_TELEMETRY_S = 1.0  # after the end of the last order
 # Times the descent: a vehicle that lands waits for others below, and goes aside for others.
 _PATIENCE = 2.0
@@ -25,7 +27,13 @@ _MAY_FLY_STATES = ("armed", "taking off", "flying", "holding", "landing")
 
 
 async def land_all(
-    client: FleetClient, superseded: Sequence[str], timeout_s: float, *, say: Callable[[str], None]
+    client: FleetClient,
+    superseded: Sequence[str],
+    timeout_s: float,
+    *,
+    say: Callable[[str], None],
+    link: OwnLink,
+    is_by_person: bool = False,
 ) -> bool:
     """Land all vehicles that are not down yet.
 
@@ -37,6 +45,9 @@ async def land_all(
             landing.
         timeout_s: longest wait beyond twice the time that the descent from their heights takes [s].
         say: progress in words.
+        link: of this ground.
+        is_by_person: a person wants it, and not only the mission: it waits for no link, and goes
+            straight to PX4s whose agents do not answer.
 
     Returns:
         Whether all are landed and disarmed.
@@ -60,6 +71,11 @@ async def land_all(
 
     left = up
     while left and client.now_ns() < end_ns:
+        if not is_by_person:
+            lost_s = link.lost_s
+            await link.heard()
+            end_ns += round((link.lost_s - lost_s) * 1e9)
+
         ordered = tuple(name for name in left if not _is_landing(client, name))
         if not ordered:
             if await client.wait_for(_all_down(client, up), LAND_AGAIN_S):
@@ -68,7 +84,8 @@ async def land_all(
             continue
 
         say_once(f"Landing {', '.join(ordered)}.")
-        order = await client.submit(Land(vehicles=ordered))
+        planned = client.plan(Land(vehicles=ordered))
+        order = client.send(planned, is_by_mission=not is_by_person)
         await client.wait_for(_has_ended(client, order), (end_ns - client.now_ns()) * 1e-9)
 
         # An order can end before the vehicle is down: when a failsafe has taken over, PX4 lands by
@@ -88,33 +105,12 @@ async def land_all(
     return not left
 
 
-def silent_in_flight(client: FleetClient) -> list[str]:
-    """Return the vehicles whose last telemetry was armed and is older than SILENT_S.
-
-    There are none after a stall of this ground itself.
-    """
-    now_ns = client.now_ns()
-    if client.state.is_after_stall(now_ns):
-        return []
-
-    silent = []
-    for name, view in client.state.vehicles.items():
-        if view.telemetry is None or not view.telemetry.is_armed:
-            continue
-        if view.age_s(now_ns) > SILENT_S:
-            silent.append(name)
-    return silent
-
-
 def _say_failures(client: FleetClient, results: Results, say: Callable[[str], None]) -> None:
     """Say which vehicles have not landed by the last order, and why."""
     silent = silent_in_flight(client)
     for name, result in results.items():
         if result.phase == "accepted" and name in silent:
-            say(
-                f"  {name} accepted it, and fell silent. "
-                "Landing it again, straight by PX4 if need be."
-            )
+            say(f"  {name} accepted it, and fell silent. Landing it again.")
         elif result.sentence and not result.is_done:
             say(f"  {name} {result.phase}: {result.sentence}")
 

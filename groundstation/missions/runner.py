@@ -19,7 +19,7 @@ from groundstation.fleet.state import FleetState
 from groundstation.mission_files.mission import Mission, with_shapes
 from groundstation.mission_files.python_file import load_function
 from groundstation.missions.api import Fleet, NotReady, OrderFailed
-from groundstation.missions.landing import SILENT_S, silent_in_flight
+from groundstation.missions.own_link import SILENT_S, silent_in_flight
 from groundstation.missions.step_runner import MissionFailed, StepRunner
 from groundstation.orders.intents import Home
 from groundstation.verdict.observations import FlightObservations
@@ -133,14 +133,26 @@ class MissionRun:
         """End the mission when a vehicle whose last telemetry was armed is silent for SILENT_S.
 
         Call it several times a second. After a stall of this ground itself the vehicles get
-        AFTER_STALL_S.
+        AFTER_STALL_S. Where nobody is heard, this ground's own link is lost: the mission waits until
+        the agents land by themselves.
 
         Returns:
-            Whether one has.
+            Whether it has ended for that.
         """
         self.client.notice_own_stall()
+        link = self.fleet.ground.link
+        link.look()
+        if link.is_lost:
+            if link.landing_in_s > 0.0:
+                return False
+            limit_s = self.client.fleet.fleet.ground_lost_land_s
+            reason = f"Nobody heard for {limit_s:g} s: my own link. The agents land by themselves."
+            self.client.publish_event("critical", "own_link_lost", reason)
+            self.abort(reason)
+            return True
+
         silent = silent_in_flight(self.client)
-        if not silent:
+        if not silent or link.is_settling:
             return False
 
         reason = (
@@ -206,7 +218,7 @@ class MissionRun:
         if self._abort_reason is None:
             self._flown.is_interrupted = True
             self.fleet.say("Interrupted: all flying vehicles land.")
-            await self.fleet.land_all(LAND_TIMEOUT_S)
+            await self.fleet.land_all(LAND_TIMEOUT_S, is_by_person=True)
             return
 
         self._flown.failure = self._abort_reason  # an event has said it
@@ -216,6 +228,7 @@ class MissionRun:
 
     async def _on_failure(self) -> None:
         """Do what the mission declares for a step that fails."""
+        await self.fleet.ground.link.heard()
         if self.mission.on_failure.do == "hold":
             await self.client.order("hold all", _HOLD_TIMEOUT_S)
             return

@@ -158,7 +158,7 @@ def check_again(
     refusals = _refuse_jointly(refusals, planned.orders)
 
     orders = {
-        name: msgspec.structs.replace(order, stamp_ns=now_ns, deadline_ns=_deadline_ns(now_ns))
+        name: stamped_anew(order, now_ns)
         for name, order in planned.orders.items()
         if name not in refusals
     }
@@ -191,6 +191,16 @@ def addressed(orders: Mapping[str, Order], state: FleetState | None) -> dict[str
             )
         stamped[name] = order
     return stamped
+
+
+def stamped_anew(order: Order, now_ns: int) -> Order:
+    """Return the same order, given now.
+
+    Args:
+        order: as it was sent before.
+        now_ns: the ground's monotonic clock [ns].
+    """
+    return msgspec.structs.replace(order, stamp_ns=now_ns, deadline_ns=_deadline_ns(now_ns))
 
 
 def _deadline_ns(now_ns: int) -> int:

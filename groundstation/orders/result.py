@@ -76,10 +76,12 @@ class OrderResult:
 
     Args:
         planned: the order as it was sent.
+        is_by_mission: a mission has given it, and no person.
     """
 
-    def __init__(self, planned: PlannedOrder) -> None:
+    def __init__(self, planned: PlannedOrder, *, is_by_mission: bool = False) -> None:
         self.planned = planned
+        self.is_by_mission = is_by_mission
         self.results: Results = {}
         for name in planned.intent.names:
             order = planned.orders.get(name)

@@ -85,7 +85,7 @@ class FleetSection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     body_diameter_m: float = 0.50  # from propeller tip to propeller tip
     battery_warning_pct: float = 30.0  # the console warns below it
     battery_land_pct: float = 20.0  # a vehicle lands by itself below it
-    # kill and land go past an agent that has not answered for so long
+    # kill goes past an agent that has not answered for so long, and land is sent to it again
     direct_command_timeout_s: float = 0.3
     bus_lost_land_s: float = 5.0  # a vehicle that hears nobody holds, and lands after so long
     # vehicles in flight land when nobody has been there to order for so long

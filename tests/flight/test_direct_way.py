@@ -118,10 +118,10 @@ async def test_land_goes_straight_to_px4_when_the_agent_hangs_and_stays_when_it_
         ordered_s = time.monotonic()
         handle = await flight.client.submit(f"land {SOLO}")
         while handle.results[SOLO].phase != "direct":
-            assert time.monotonic() - ordered_s < 1.0, handle.results
+            assert time.monotonic() - ordered_s < 2.0, handle.results
             await asyncio.sleep(0.005)
         sent_after_s = time.monotonic() - ordered_s
-        assert 0.29 < sent_after_s < 0.6  # direct_command_timeout_s is 0.3
+        assert 0.99 < sent_after_s < 1.3  # a landing goes to the agent for 1 s
         assert "straight to PX4" in handle.results[SOLO].sentence
         await asyncio.sleep(0.3)
         if comes_back:

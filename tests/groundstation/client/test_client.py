@@ -276,7 +276,14 @@ async def test_kill_and_land_go_straight_to_px4_when_the_agent_is_silent(
     ((endpoint, system_id, kind),) = sent
     assert (endpoint, system_id, kind) == ("udpout://127.0.0.1:18571", 2, verb)
     assert results["mav1"].is_done
-    assert "did not answer within 0.3 s" in results["mav1"].sentence
+    limit_s = {"land": "1", "kill": "0.3"}[verb]
+    assert f"did not answer within {limit_s} s" in results["mav1"].sentence
+    repeated = [one.event for one in client.state.events if one.event.code == "land_repeated"]
+    assert [event.vehicle for event in repeated] == ["mav1"] * (verb == "land")
+    assert all("straight to PX4 in 0.7 s" in event.sentence for event in repeated)
+    sent_orders = [order for name, order in bus.orders if name == "mav1"]
+    assert len({order.order_id for order in sent_orders}) == 1
+    assert len(sent_orders) == {"land": 4, "kill": 1}[verb]
     assert "straight to PX4" in results["mav1"].sentence
 
 

@@ -1,0 +1,164 @@
+"""A ground that loses only its own link, or has a slow one, sends no landing past the agents."""
+
+from __future__ import annotations
+
+import pytest
+from msgspec.structs import replace
+
+from groundstation.mission_files.loading import mission_from_mapping
+from groundstation.mission_files.mission import Mission
+from onboard.config.fleet import FleetConfig, load_fleet
+from sitl.lockstep.connections import BusSettings
+from sitl.lockstep.flight import GROUND, Lockstep
+from tests.sitl.lockstep.conftest import ROOT
+
+MIN_SEPARATION_M = 0.80
+SIX = ("mav0", "mav1", "mav2", "mav3", "mav4", "mav5")
+
+
+@pytest.fixture
+def six() -> FleetConfig:
+    """Six of the eight vehicles, in two rows."""
+    fleet = load_fleet(ROOT / "configs" / "fleets" / "eight.toml")
+    vehicles = {
+        name: replace(vehicle, enabled=name in SIX) for name, vehicle in fleet.vehicles.items()
+    }
+    return replace(fleet, vehicles=vehicles)
+
+
+def crossing(fleet: FleetConfig) -> Mission:
+    """Return a mission in which the first changes places with the last, and so on."""
+    names = fleet.enabled_names
+    goals = {}
+    for name, other in zip(names, reversed(names), strict=True):
+        east_m, north_m, _ = fleet.vehicles[other].start_enu_m
+        goals[name] = [east_m, north_m, 1.0]
+    return mission_from_mapping(
+        {
+            "schema": 1,
+            "step": [
+                {"do": "takeoff", "height_m": 1.0},
+                {"do": "goto", "goals": goals},
+                {"do": "land"},
+            ],
+            "expect": {"min_separation_m": MIN_SEPARATION_M, "all_landed": True},
+        },
+        path="crossing.toml",
+        fleet=fleet,
+    )
+
+
+def sentences(flight: Lockstep, code: str) -> list[str]:
+    """Return what the events of one kind say, oldest first."""
+    return [event.sentence for event in flight.events if event.code == code]
+
+
+def cut_ground(flight: Lockstep, at_s: float, duration_s: float) -> None:
+    """Cut the ground from everybody for a time."""
+    flight.at(at_s, lambda: flight.bus.partition([GROUND]))
+    flight.at(at_s + duration_s, flight.bus.heal)
+
+
+@pytest.mark.parametrize("duration_s", [3.0, 8.0])
+@pytest.mark.parametrize("at_s", [9.0, 13.0])
+def test_a_mission_whose_ground_loses_its_own_link_waits_and_goes_on(
+    lockstep, paper: FleetConfig, at_s: float, duration_s: float
+) -> None:
+    flight = lockstep(paper, seed=1)
+    cut_ground(flight, at_s, duration_s)
+
+    verdict = flight.fly(crossing(paper))
+
+    assert verdict.exit_status == 0, verdict.summary
+    assert flight.min_separation_m > MIN_SEPARATION_M
+    assert sentences(flight, "direct_command") == []
+    (lost,) = sentences(flight, "own_link_lost")
+    assert "I hear nobody: my own link" in lost
+    assert "their agents land them in 58 s" in lost
+    assert len(sentences(flight, "own_link_back")) == 1
+
+
+@pytest.mark.parametrize(
+    ("at_s", "duration_s"), [(10.0, 8.0), pytest.param(12.0, 3.0, marks=pytest.mark.long)]
+)
+def test_six_that_cross_while_the_ground_is_cut_keep_their_distance(
+    lockstep, six: FleetConfig, at_s: float, duration_s: float
+) -> None:
+    flight = lockstep(six, seed=1)
+    cut_ground(flight, at_s, duration_s)
+
+    verdict = flight.fly(crossing(six))
+
+    assert flight.min_separation_m > MIN_SEPARATION_M
+    assert sentences(flight, "direct_command") == []
+    assert all(verdict.landed.values())
+
+
+def test_a_step_that_begins_without_an_answer_ends_in_a_landing_through_the_agents(
+    lockstep, paper: FleetConfig
+) -> None:
+    """The crossing ends while the ground is cut: the landing after it waits for the link."""
+    flight = lockstep(paper, seed=1)
+    cut_ground(flight, 14.8, 8.0)
+
+    verdict = flight.fly(crossing(paper))
+
+    assert flight.min_separation_m > MIN_SEPARATION_M
+    assert sentences(flight, "direct_command") == []
+    assert all(verdict.landed.values())
+
+
+def test_when_the_link_stays_lost_the_agents_land_and_the_mission_says_so(
+    lockstep, paper: FleetConfig
+) -> None:
+    impatient = replace(paper, fleet=replace(paper.fleet, ground_lost_land_s=15.0))
+    flight = lockstep(impatient, seed=1)
+    flight.at(9.0, lambda: flight.bus.partition([GROUND]))
+    flight.at(45.0, flight.bus.heal)
+
+    verdict = flight.fly(crossing(impatient))
+
+    assert verdict.exit_status == 1
+    assert "Nobody heard for 15 s: my own link" in verdict.summary
+    lost = sentences(flight, "own_link_lost")
+    assert "The agents land in" in lost[1]
+    assert flight.min_separation_m > MIN_SEPARATION_M
+    assert sentences(flight, "direct_command") == []
+    assert all(verdict.landed.values())
+
+
+def test_a_landing_of_all_over_a_link_that_answers_after_a_while_stays_with_the_agents(
+    lockstep, paper: FleetConfig
+) -> None:
+    flight = lockstep(paper, seed=1)
+    flight.takeoff(1.0)
+    for name in paper.enabled_names:
+        flight.bus.set_link(GROUND, name, BusSettings(delay_s=0.2))
+
+    results = flight.order("land all")
+
+    assert all(result.is_done for result in results.values()), results
+    assert sentences(flight, "direct_command") == []
+    repeated = sentences(flight, "land_repeated")
+    assert len(repeated) == 3
+    assert all("land is sent again, and goes straight to PX4 in" in line for line in repeated)
+
+
+def test_a_person_who_lands_all_without_a_link_reaches_px4_after_a_second(
+    lockstep, paper: FleetConfig
+) -> None:
+    flight = lockstep(paper, seed=1)
+    flight.takeoff(1.0)
+    flight.bus.partition([GROUND])
+    begin_s = flight.time_s
+    order = flight.wait_for(flight.client.submit("land all"))
+
+    flight.run(0.95)
+    assert len(sentences(flight, "land_repeated")) == 3
+    assert sentences(flight, "direct_command") == []
+
+    flight.run(0.15)
+    assert len(sentences(flight, "direct_command")) == 3
+    results = flight.wait_for(order.wait(30.0))
+    assert all(result.is_done for result in results.values()), results
+    assert flight.time_s > begin_s + 1.0
