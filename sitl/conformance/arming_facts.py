@@ -3,14 +3,21 @@
 from __future__ import annotations
 
 import itertools
-import math
 
 from sitl.conformance.fact_group import FactGroup
 from sitl.conformance.facts import FactReport, facts
 from sitl.conformance.hover import grounded
-from sitl.conformance.vehicle_client import ARM, MODE_NUMBERS, SET_MODE, SILENCE, VehicleClient
+from sitl.conformance.measurements import NOT_MEASURED, sent_or_not
+from sitl.conformance.vehicle_client import (
+    ARM,
+    MODE_NUMBERS,
+    NO_TEXT,
+    SET_MODE,
+    SILENCE,
+    VehicleClient,
+)
 
-_DENIED = "Arming denied: Resolve system health failures first\t"
+_TEXTS_END_S = 5.2  # after which older texts and the last ground station are forgotten
 MODES_ON_GROUND = facts("arming", "modes_on_ground")
 TEXTS = facts("arming", "texts")
 ARMED = facts("arming", "armed")
@@ -26,11 +33,30 @@ def run(client: VehicleClient, report: FactReport) -> None:
 
 def _refusals(client: VehicleClient, report: FactReport) -> None:
     grounded(client)
+    _greet_as_companion(client)
+
+    _mode_on_ground(client, report)
+    since_s = client.now_s
+    _arming_denied(client, report)
+    if report.wants("text.backlog", "text.denied*", "text.chunks", "text.stops"):
+        _text_about_denial(client, report, since_s)
+    if report.wants("text.stops"):
+        _texts_stop(client, report)
+    if report.wants("mode.set-mode-message"):
+        _set_mode_message(client, report)
+    grounded(client)
+
+
+def _greet_as_companion(client: VehicleClient) -> None:
     was_ground_station = client.is_ground_station
     client.greet(as_ground_station=False)
-    # Until older texts and the last ground station are forgotten.
-    client.spend(5.2 if was_ground_station else 0.5)
+    if was_ground_station:
+        client.spend(_TEXTS_END_S)
+    else:
+        client.spend(0.5)
 
+
+def _mode_on_ground(client: VehicleClient, report: FactReport) -> None:
     report.add("mode.two-acks", client.set_mode("OFFBOARD"))
     client.next_heartbeat()
     beat = client.newest("HEARTBEAT")
@@ -38,43 +64,53 @@ def _refusals(client: VehicleClient, report: FactReport) -> None:
     report.add("mode.offboard-disarmed-base", str(beat.base_mode))
     report.add("mode.offboard-disarmed-status", client.status)
 
+
+def _arming_denied(client: VehicleClient, report: FactReport) -> None:
     since_s = client.now_s
     report.add("arm.denied", client.command(ARM, 1.0))
     client.spend(0.5)
-    report.add("event.denied", "sent" if client.received.of("EVENT", since_s) else "not sent")
+    report.add("event.denied", sent_or_not(client.received.of("EVENT", since_s)))
     report.add("text.none-for-companion", client.said(since_s))
 
-    if report.wants("text.backlog", "text.denied*", "text.chunks", "text.stops"):
-        client.greet(as_ground_station=True)
-        client.text("Arming denied", since_s, wait_s=1.5)
-        client.spend(0.2)
-        text = client.text("Arming denied", since_s)
-        report.add("text.backlog", "sent" if text else "not sent")
-        _, severity, words, pieces = text or (0.0, -1, "", 0)
-        report.add("text.denied", repr(words))
-        report.add("text.denied-severity", str(severity))
-        report.add("text.chunks", str(pieces))
 
-    if report.wants("text.stops"):
-        client.greet(as_ground_station=False)
-        client.spend(5.0)
-        since_s = client.now_s
-        client.command(ARM, 1.0)
-        client.spend(0.5)
-        report.add("text.stops", client.said(since_s))
+def _text_about_denial(client: VehicleClient, report: FactReport, denied_s: float) -> None:
+    """Report the text about a denial that came before the ground station appeared."""
+    client.greet(as_ground_station=True)
+    client.text("Arming denied", denied_s, wait_s=1.5)
+    client.spend(0.2)  # for the rest of its pieces
 
-    if report.wants("mode.set-mode-message"):
-        since_s = client.now_s
-        loiter = MODE_NUMBERS["AUTO.LOITER"]
-        client.send("SET_MODE", target_system=client.system_id, base_mode=1, custom_mode=loiter)
-        # Which command an acknowledgement of this message names is not known to us.
-        client.acks(SET_MODE, since_s)
-        answers: list[str] = []
-        for packet in client.received.of("COMMAND_ACK", since_s):
-            is_accepted = packet.message.result == 0
-            answers.append("ACCEPTED" if is_accepted else "refused")
-        report.add("mode.set-mode-message", ", ".join(answers) or SILENCE)
-    grounded(client)
+    text = client.text("Arming denied", denied_s)
+    report.add("text.backlog", sent_or_not(text))
+    shown = text or NO_TEXT
+    report.add("text.denied", repr(shown.words))
+    report.add("text.denied-severity", str(shown.severity))
+    report.add("text.chunks", str(shown.pieces))
+
+
+def _texts_stop(client: VehicleClient, report: FactReport) -> None:
+    client.greet(as_ground_station=False)
+    client.spend(5.0)
+    since_s = client.now_s
+    client.command(ARM, 1.0)
+    client.spend(0.5)
+    report.add("text.stops", client.said(since_s))
+
+
+def _set_mode_message(client: VehicleClient, report: FactReport) -> None:
+    since_s = client.now_s
+    loiter = MODE_NUMBERS["AUTO.LOITER"]
+    client.send("SET_MODE", target_system=client.system_id, base_mode=1, custom_mode=loiter)
+    client.acks(SET_MODE, since_s)
+
+    # All acknowledgements count: it is not known which command they name for this message.
+    accepted = 0
+    answers: list[str] = []
+    for packet in client.received.of("COMMAND_ACK", since_s):
+        if packet.message.result == accepted:
+            answers.append("ACCEPTED")
+        else:
+            answers.append("refused")
+    report.add("mode.set-mode-message", ", ".join(answers) or SILENCE)
 
 
 def _armed(client: VehicleClient, report: FactReport) -> None:
@@ -83,16 +119,15 @@ def _armed(client: VehicleClient, report: FactReport) -> None:
     client.spend(1.2)
     report.add("arm.disarm-disarmed", client.command(ARM, 0.0))
 
-    # Half way between two heartbeats, where one that is sent because of the change would be seen as
-    # such.
+    # Half way between two heartbeats, so that one that the change causes would come early.
     client.next_heartbeat()
     client.spend(0.4)
     armed_s = client.now_s
     report.add("arm.accepted", client.command(ARM, 1.0))
     client.next_heartbeat(2)
-    beats = [packet.at_s for packet in client.received.of("HEARTBEAT", armed_s - 2.0)]
-    gaps = [after - before for before, after in itertools.pairwise(beats)]
-    report.add("heartbeat.not-on-change", min(gaps, default=math.nan))
+    beats_s = [packet.at_s for packet in client.received.of("HEARTBEAT", armed_s - 2.0)]
+    gaps_s = [after_s - before_s for before_s, after_s in itertools.pairwise(beats_s)]
+    report.add("heartbeat.not-on-change", min(gaps_s, default=NOT_MEASURED))
 
     report.add("arm.status", client.status)
     report.add("arm.base-mode", str(client.newest("HEARTBEAT").base_mode))
@@ -105,11 +140,10 @@ def _armed(client: VehicleClient, report: FactReport) -> None:
 
     if not report.wants("arm.auto-disarm*"):
         return
-    text = client.text("Disarmed by", armed_s, wait_s=14.0)
-    at_s, severity, words, _ = text or (math.inf, -1, "", 0)
-    report.add("arm.auto-disarm", at_s - armed_s)
-    report.add("arm.auto-disarm-text", repr(words))
-    report.add("arm.auto-disarm-severity", str(severity))
+    text = client.text("Disarmed by", armed_s, wait_s=14.0) or NO_TEXT
+    report.add("arm.auto-disarm", text.at_s - armed_s)
+    report.add("arm.auto-disarm-text", repr(text.words))
+    report.add("arm.auto-disarm-severity", str(text.severity))
     client.next_heartbeat()
 
 

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-import statistics
 
 from sitl.conformance.fact_group import FactGroup
 from sitl.conformance.facts import FactReport, facts
 from sitl.conformance.hover import grounded
+from sitl.conformance.measurements import mean
 from sitl.conformance.vehicle_client import ARM, LAND, LANDED, TAKEOFF, Stuck, VehicleClient
 
 UP = facts("automatic", "up")
@@ -25,8 +25,10 @@ def run(client: VehicleClient, report: FactReport) -> None:
     default = math.nan
     answer = client.command(TAKEOFF, default, 0.0, 0.0, default, default, default, default)
     report.add("takeoff.accepted", answer)
+
     client.next_heartbeat(2)
-    report.add("takeoff.waits", f"{client.mode} {'armed' if client.is_armed else 'disarmed'}")
+    report.add("takeoff.waits", f"{client.mode} {client.arming_state}")
+
     armed_s = client.now_s
     if client.command(ARM, 1.0) != "ACCEPTED":
         raise Stuck("it did not arm in AUTO.TAKEOFF")
@@ -42,10 +44,11 @@ def run(client: VehicleClient, report: FactReport) -> None:
     client.spend(1.0)
     count = len(client.received.of("POSITION_TARGET_GLOBAL_INT", since_s))
     report.add("stream.position-target-global-int", count / (client.now_s - since_s))
-    position = client.received.of("LOCAL_POSITION_NED", client.now_s - 1.0)
-    report.add(
-        "takeoff.height", statistics.fmean(ground_z - packet.message.z for packet in position)
-    )
+
+    positions = client.received.of("LOCAL_POSITION_NED", client.now_s - 1.0)
+    heights_m = [ground_z - packet.message.z for packet in positions]
+    report.add("takeoff.height", mean(heights_m))
+
     if report.wants("land.*"):
         _land(client, report, ground_z)
     client.interval("EXTENDED_SYS_STATE", 0.0)
@@ -64,26 +67,31 @@ def _land(client: VehicleClient, report: FactReport, ground_z: float) -> None:
     client.next_heartbeat(2)
     report.add("land.mode", client.mode)
     report.add("land.state", client.landed)
+
     disarmed = client.text("Disarmed by", since_s, wait_s=25.0)
     report.add("land.text", client.quote("Landing at", since_s))
-    low = [
+
+    sinking_m_s = [
         packet.message.vz
         for packet in client.received.of("LOCAL_POSITION_NED", since_s)
         if 0.5 < ground_z - packet.message.z < 1.3
     ]
-    report.add("land.speed", statistics.fmean(low) if low else math.nan)
+    report.add("land.speed", mean(sinking_m_s))
 
     detected = client.text("Landing detected", since_s)
     on_ground_s = _since(client, "ON_GROUND", since_s) + since_s
     if detected is None or disarmed is None:
         return
-    detected_s, _, _, _ = detected
-    disarmed_s, _, words, _ = disarmed
-    apart_s = on_ground_s - detected_s
-    report.add("land.detected", "yes" if abs(apart_s) < 0.3 else f"{apart_s:+.1f} s apart")
-    report.add("land.disarm", disarmed_s - detected_s)
-    report.add("land.disarm-text", repr(words))
-    report.add("land.duration", disarmed_s - since_s)
+
+    apart_s = on_ground_s - detected.at_s
+    if abs(apart_s) < 0.3:
+        report.add("land.detected", "yes")
+    else:
+        report.add("land.detected", f"{apart_s:+.1f} s apart")
+
+    report.add("land.disarm", disarmed.at_s - detected.at_s)
+    report.add("land.disarm-text", repr(disarmed.words))
+    report.add("land.duration", disarmed.at_s - since_s)
     client.next_heartbeat(2)
     report.add("land.mode-after", client.mode)
 

@@ -1,6 +1,4 @@
-"""The simulated battery and what PX4 does as it empties, down to taking the vehicle out of
-OFFBOARD.
-"""
+"""The simulated battery, and what PX4 does as it empties, down to ending OFFBOARD."""
 
 from __future__ import annotations
 
@@ -9,6 +7,7 @@ import math
 from sitl.conformance.fact_group import FactGroup
 from sitl.conformance.facts import FactReport, facts
 from sitl.conformance.hover import Hover, airborne
+from sitl.conformance.measurements import NOT_MEASURED, yes_or_no
 from sitl.conformance.vehicle_client import VehicleClient
 
 _HEIGHT_M = 2.5
@@ -37,8 +36,11 @@ def run(client: VehicleClient, report: FactReport) -> None:
     client.params.restore()
 
     disarmed_s = client.now_s
-    filled = client.spend(10.0, lambda: client.newest("BATTERY_STATUS").battery_remaining >= 99)
-    report.add("battery.refill", client.now_s - disarmed_s if filled else math.inf)
+    is_full = client.spend(10.0, lambda: client.newest("BATTERY_STATUS").battery_remaining >= 99)
+    refill_s = math.inf
+    if is_full:
+        refill_s = client.now_s - disarmed_s
+    report.add("battery.refill", refill_s)
     client.interval("BATTERY_STATUS", 0.0)
 
 
@@ -54,14 +56,17 @@ def _floor(client: VehicleClient, report: FactReport) -> None:
 
 
 def _drain(client: VehicleClient, report: FactReport) -> None:
-    packets = client.received.of("BATTERY_STATUS", client.now_s - 0.5)
-    begin = client.newest("BATTERY_STATUS").voltages[0]
-    begin_s = packets[-1].at_s if packets else client.now_s
+    begin_mv = client.newest("BATTERY_STATUS").voltages[0]
+    begin_s = client.now_s
+    packets = client.received.of("BATTERY_STATUS", begin_s - 0.5)
+    if packets:
+        begin_s = packets[-1].at_s
+
     client.spend(5.0)
-    packet = client.received.of("BATTERY_STATUS", begin_s)[-1]
+    end = client.received.of("BATTERY_STATUS", begin_s)[-1]
     # Voltage has more digits than the percentage.
-    drained_pct = (begin - packet.message.voltages[0]) / 18.0
-    report.add("battery.drain", drained_pct / (packet.at_s - begin_s))
+    drained_pct = (begin_mv - end.message.voltages[0]) / 18.0
+    report.add("battery.drain", drained_pct / (end.at_s - begin_s))
 
 
 def _empty(client: VehicleClient, report: FactReport, hover: Hover) -> None:
@@ -78,7 +83,10 @@ def _empty(client: VehicleClient, report: FactReport, hover: Hover) -> None:
     low_s = _report_text(client, report, "low", "Low battery", since_s)
     client.text("Critical battery", since_s, wait_s=0.12 * _SLOW_DRAIN_S)
     # The last heartbeat before that text.
-    report.add("battery.low-mode", client.mode if math.isfinite(low_s) else "not seen")
+    low_mode = "not seen"
+    if math.isfinite(low_s):
+        low_mode = client.mode
+    report.add("battery.low-mode", low_mode)
 
     # critical: Hold, then a landing
     critical_s = _report_text(client, report, "critical", "Critical battery", since_s)
@@ -106,7 +114,7 @@ def _empty(client: VehicleClient, report: FactReport, hover: Hover) -> None:
     report.add("battery.charge-states", " ".join(map(str, states)))
 
     is_disarmed = client.spend(25.0, lambda: not client.is_armed)
-    report.add("battery.disarms", "yes" if is_disarmed else "no")
+    report.add("battery.disarms", yes_or_no(is_disarmed))
     client.stream(None)
 
 
@@ -115,26 +123,24 @@ def _words(client: VehicleClient, start: str, since_s: float) -> str:
     text = client.text(start, since_s)
     if text is None:
         return "none"
-    _, _, words, _ = text
-    return words.rstrip("\t")
+    return text.words.rstrip("\t")
 
 
 def _report_text(
     client: VehicleClient, report: FactReport, charge_state: str, start: str, since_s: float
 ) -> float:
-    """Report the text about a charge state; return when it came, NaN when it did not."""
+    """Report the text about a charge state; return when it came, or NOT_MEASURED."""
     text = client.text(start, since_s)
     if text is None:
         report.add(f"battery.{charge_state}-text", "none")
-        return math.nan
-    at_s, severity, words, _ = text
-    report.add(f"battery.{charge_state}-text", words.rstrip("\t"))
-    report.add(f"battery.{charge_state}-severity", str(severity))
+        return NOT_MEASURED
+    report.add(f"battery.{charge_state}-text", text.words.rstrip("\t"))
+    report.add(f"battery.{charge_state}-severity", str(text.severity))
 
     statuses = client.received.of("BATTERY_STATUS", since_s)
-    near = min(statuses, key=lambda packet: abs(packet.at_s - at_s))
-    report.add(f"battery.{charge_state}-at", float(near.message.battery_remaining))
-    return at_s
+    nearest = min(statuses, key=lambda packet: abs(packet.at_s - text.at_s))
+    report.add(f"battery.{charge_state}-at", float(nearest.message.battery_remaining))
+    return text.at_s
 
 
 FACT_GROUP = FactGroup("battery", (*DRAIN, *EMPTY), run)

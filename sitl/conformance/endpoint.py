@@ -123,12 +123,16 @@ class ReceivedPacket:
     @property
     def system_id(self) -> int:
         """Sender's system."""
-        return self.frame[3 if self.is_v1 else 5]
+        if self.is_v1:
+            return self.frame[3]
+        return self.frame[5]
 
     @property
     def component_id(self) -> int:
         """Sender's component."""
-        return self.frame[4 if self.is_v1 else 6]
+        if self.is_v1:
+            return self.frame[4]
+        return self.frame[6]
 
     @property
     def message(self) -> Any:
@@ -220,11 +224,14 @@ class Recording:
         self.frames += 1
         if is_v1:
             self.v1_frames += 1
+            message_id = frame[5]
+            payload = frame[6:]
+        else:
+            message_id = int.from_bytes(frame[7:10], "little")
+            payload = frame[10 : 10 + frame[1]]
 
-        message_id = frame[5] if is_v1 else int.from_bytes(frame[7:10], "little")
         if message_id == _ATTITUDE:
             # Its first field is time_boot_ms; zeros at the end of a payload are not sent.
-            payload = frame[6:] if is_v1 else frame[10 : 10 + frame[1]]
             clock.stamp(port_s, int.from_bytes(payload[:4], "little") * 1e-3)
 
         packet = ReceivedPacket(
@@ -247,7 +254,9 @@ class Recording:
     def newest(self, name: str) -> ReceivedPacket | None:
         """Return the newest packet of one message."""
         packets = self.packets.get(IDS[name])
-        return packets[-1] if packets else None
+        if not packets:
+            return None
+        return packets[-1]
 
 
 def _frame(datagram: bytes, start: int) -> bytes | None:

@@ -61,7 +61,9 @@ class Fact:
         return self._with_unit(f"{measured:.4g}")
 
     def _with_unit(self, text: str) -> str:
-        return f"{text} {self.unit}" if self.unit else text
+        if not self.unit:
+            return text
+        return f"{text} {self.unit}"
 
 
 def word(name: str, section: str, says: str, *allowed: str) -> Fact:
@@ -81,9 +83,10 @@ def facts(group: str, part: str) -> tuple[Fact, ...]:
     """Return one part of a group of facts in `facts.toml`: words, or numbers within bounds."""
     listed: list[Fact] = []
     for name, (section, says, *values) in _TABLE[group][part].items():
-        is_word = isinstance(values[0], str)
-        make = word if is_word else number
-        listed.append(make(name, section, says, *values))
+        if isinstance(values[0], str):
+            listed.append(word(name, section, says, *values))
+        else:
+            listed.append(number(name, section, says, *values))
     return tuple(listed)
 
 

@@ -17,10 +17,10 @@ from sitl.conformance.vehicle_client import (
 
 _GRAVITY = 9.81
 _PERIOD_S = 0.02
-_CLIMB_LIMIT = 2.5  # [m/s]
-_SINK_LIMIT = 1.5  # [m/s]
-_SPEED_LIMIT = 1.5  # horizontally [m/s]
-_ACCEL_LIMIT = 3.0  # horizontally [m/s^2]
+_CLIMB_LIMIT_M_S = 2.5
+_SINK_LIMIT_M_S = 1.5
+_SPEED_LIMIT_M_S = 1.5  # horizontally
+_ACCEL_LIMIT_M_S2 = 3.0  # horizontally
 _LEARN_BELOW_M_S = 0.4  # vertical speed at which the thrust is learnt
 _LEARN_1_M = 0.04  # thrust per second, for each m/s of error
 _RATES_HZ = {
@@ -79,14 +79,16 @@ class Hover:
         position = self._client.newest("LOCAL_POSITION_NED")
         roll, pitch = self.tilt or self._tilt(position)
 
-        # the height: error to speed, speed to lift
-        down = _clip(self.goal[2] - position.z, _CLIMB_LIMIT, _SINK_LIMIT)
-        lift = _GRAVITY + 3.0 * (position.vz - down)
+        # The error in height asks for a vertical speed, the error in speed for lift.
+        down_m_s = _clip(self.goal[2] - position.z, _CLIMB_LIMIT_M_S, _SINK_LIMIT_M_S)
+        excess_m_s = position.vz - down_m_s  # how much faster it sinks than it should
+        lift_m_s2 = _GRAVITY + 3.0 * excess_m_s
         if abs(position.vz) < _LEARN_BELOW_M_S:
-            learnt = self.thrust + _LEARN_1_M * _PERIOD_S * (position.vz - down)
+            learnt = self.thrust + _LEARN_1_M * _PERIOD_S * excess_m_s
             self.thrust = min(0.8, max(0.2, learnt))
 
-        thrust = self.thrust * lift / _GRAVITY / (math.cos(roll) * math.cos(pitch))
+        # A tilted vehicle lifts with the cosine of its tilt.
+        thrust = self.thrust * lift_m_s2 / _GRAVITY / (math.cos(roll) * math.cos(pitch))
         return quaternion(roll, pitch, self.yaw_rad), min(1.0, max(0.12, thrust))
 
     def _tilt(self, position: Any) -> tuple[float, float]:
@@ -98,16 +100,19 @@ class Hover:
         yaw = self._client.euler()[2]
         forward = math.cos(yaw) * north + math.sin(yaw) * east
         right = -math.sin(yaw) * north + math.cos(yaw) * east
+
         return math.atan(right / _GRAVITY), -math.atan(forward / _GRAVITY)
 
     @staticmethod
     def _acceleration(error_m: float, speed_m_s: float) -> float:
-        setpoint_m_s = _clip(0.7 * error_m, _SPEED_LIMIT, _SPEED_LIMIT)
-        drag = speed_m_s  # about 1 / s times the speed
-        return _clip(1.5 * (setpoint_m_s - speed_m_s) + drag, _ACCEL_LIMIT, _ACCEL_LIMIT)
+        setpoint_m_s = _clip(0.7 * error_m, _SPEED_LIMIT_M_S, _SPEED_LIMIT_M_S)
+        drag_m_s2 = speed_m_s  # about 1 / s times the speed
+        acceleration_m_s2 = 1.5 * (setpoint_m_s - speed_m_s) + drag_m_s2
+        return _clip(acceleration_m_s2, _ACCEL_LIMIT_M_S2, _ACCEL_LIMIT_M_S2)
 
 
 def _clip(value: float, below: float, above: float) -> float:
+    """Return a value between -below and above."""
     return max(-below, min(above, value))
 
 
@@ -122,19 +127,30 @@ def airborne(client: VehicleClient, height_m: float) -> Hover:
     hover = client.setpoint_duty.act
     is_flying = client.is_armed and client.mode == "OFFBOARD"
     if not isinstance(hover, Hover) or not is_flying:
-        grounded(client)
-        fast_streams(client)
-        hover = Hover(client)
-        client.stream(hover)
-        client.spend(0.3)
-        client.set_mode("OFFBOARD")
-        answer = client.command(ARM, 1.0)
-        if not answer.startswith("ACCEPTED"):
-            raise Stuck(f"arming was answered with {answer}")
+        hover = _arm_in_offboard(client)
 
     hover.tilt = None
     hover.to_height(height_m)
     settle(client, hover)
+    return hover
+
+
+def _arm_in_offboard(client: VehicleClient) -> Hover:
+    """Bring the vehicle to the ground and arm it in OFFBOARD; return its hold, which rests.
+
+    Raises:
+        Stuck: it cannot be armed.
+    """
+    grounded(client)
+    fast_streams(client)
+    hover = Hover(client)
+    client.stream(hover)
+    client.spend(0.3)
+
+    client.set_mode("OFFBOARD")
+    answer = client.command(ARM, 1.0)
+    if not answer.startswith("ACCEPTED"):
+        raise Stuck(f"arming was answered with {answer}")
     return hover
 
 
@@ -145,18 +161,19 @@ def settle(client: VehicleClient, hover: Hover, timeout_s: float = 14.0) -> None
         Stuck: it is not within the time.
     """
 
-    def calm() -> bool:
+    def is_calm() -> bool:
         position = client.newest("LOCAL_POSITION_NED")
+        height_error_m = abs(position.z - hover.goal[2])
+        speed_m_s = math.hypot(position.vx, position.vy)
         roll, pitch, _ = client.euler()
-        speed = math.hypot(position.vx, position.vy)
-        return bool(
-            abs(position.z - hover.goal[2]) < 0.3
+        return (
+            height_error_m < 0.3
             and abs(position.vz) < 0.35
-            and speed < 0.6
+            and speed_m_s < 0.6
             and math.hypot(roll, pitch) < 0.1
         )
 
-    if not client.spend(timeout_s, calm):
+    if not client.spend(timeout_s, is_calm):
         raise Stuck("it did not come to rest in the air")
 
 
@@ -181,16 +198,7 @@ def grounded(client: VehicleClient) -> None:
         Stuck: it cannot be brought there.
     """
     if client.is_armed:
-        if client.landed != "ON_GROUND":
-            client.command(LAND)
-        else:
-            client.stream(None)
-            client.command(ARM, 0.0)
-        client.spend(2.0, lambda: client.mode != "OFFBOARD")
-        client.stream(None)
-        if not client.spend(40.0, lambda: not client.is_armed):
-            client.command(ARM, 0.0, FORCE)
-            client.next_heartbeat()
+        _disarm(client)
     client.stream(None)
 
     if client.mode != "AUTO.LOITER":
@@ -198,3 +206,20 @@ def grounded(client: VehicleClient) -> None:
         client.next_heartbeat(2)
     if client.is_armed:
         raise Stuck("it could not be disarmed")
+
+
+def _disarm(client: VehicleClient) -> None:
+    """Land if it flies, and disarm: by force when nothing else has done it after a while."""
+    if client.landed != "ON_GROUND":
+        client.command(LAND)
+    else:
+        client.stream(None)
+        client.command(ARM, 0.0)
+
+    # In the air setpoints go on until PX4 has left OFFBOARD for the landing.
+    client.spend(2.0, lambda: client.mode != "OFFBOARD")
+    client.stream(None)
+
+    if not client.spend(40.0, lambda: not client.is_armed):
+        client.command(ARM, 0.0, FORCE)
+        client.next_heartbeat()

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import math
-
 from sitl.conformance.endpoint import NAMES
 from sitl.conformance.fact_group import FactGroup
 from sitl.conformance.facts import FactReport, facts
+from sitl.conformance.measurements import NOT_MEASURED, sent_or_not, yes_or_no
 from sitl.conformance.vehicle_client import ARM, VehicleClient
 
 FACTS = facts("ground_link", "facts")
@@ -37,11 +36,16 @@ def run_ground_link(client: VehicleClient, report: FactReport) -> None:
         )
         return
 
-    report.add("gcs.system", "yes" if beats else "no")
-    span_s = beats[-1].at_s - beats[0].at_s if len(beats) > 1 else math.nan
-    report.add("gcs.heartbeat", (len(beats) - 1) / span_s)
-    has_v1 = client.received.v1_frames > 0
-    report.add("gcs.version", "MAVLink 1 among them" if has_v1 else "MAVLink 2")
+    report.add("gcs.system", yes_or_no(bool(beats)))
+    rate_hz = NOT_MEASURED
+    if len(beats) > 1:
+        rate_hz = (len(beats) - 1) / (beats[-1].at_s - beats[0].at_s)
+    report.add("gcs.heartbeat", rate_hz)
+
+    version = "MAVLink 2"
+    if client.received.v1_frames:
+        version = "MAVLink 1 among them"
+    report.add("gcs.version", version)
 
     client.greet(as_ground_station=True)
     client.spend(1.2)
@@ -49,7 +53,7 @@ def run_ground_link(client: VehicleClient, report: FactReport) -> None:
     since_s = client.now_s
     client.command(ARM, 1.0)  # in OFFBOARD without setpoints: refused, with a text
     client.spend(0.5)
-    report.add("gcs.text", "sent" if client.texts(since_s) else "not sent")
+    report.add("gcs.text", sent_or_not(client.texts(since_s)))
     client.set_mode("AUTO.LOITER")
     client.next_heartbeat()
 
@@ -63,16 +67,18 @@ def run_simulator_link(client: VehicleClient, report: FactReport) -> None:
     before = _counts(client)
     client.listen(_WATCH_S, lambda: False)  # by our clock: nothing here shows the vehicle's
     counts = {name: count - before.get(name, 0) for name, count in _counts(client).items()}
+
     report.add("sih.state", counts["HIL_STATE_QUATERNION"] / _WATCH_S)
     report.add("sih.actuators", counts.get("HIL_ACTUATOR_CONTROLS", 0) / _WATCH_S)
     report.add("sih.heartbeat", counts.get("HEARTBEAT", 0) / _WATCH_S)
+
     expected = {"HIL_STATE_QUATERNION", "HIL_ACTUATOR_CONTROLS", "HEARTBEAT", *_NOW_AND_THEN}
     others = sorted(set(counts) - expected)
     report.add("sih.others", ", ".join(others) or "nothing")
 
     state = client.newest("HIL_STATE_QUATERNION")
     senders = {packet.system_id for packet in client.received.of("HIL_STATE_QUATERNION")}
-    report.add("sih.system", "yes" if senders == {client.system_id} else "no")
+    report.add("sih.system", yes_or_no(senders == {client.system_id}))
     report.add("sih.time", str(state.time_usec))
     report.add("sih.latitude", 1e-7 * state.lat)
     report.add("sih.longitude", 1e-7 * state.lon)

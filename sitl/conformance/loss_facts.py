@@ -2,36 +2,35 @@
 
 from __future__ import annotations
 
-import math
-
 from sitl.conformance.fact_group import FactGroup
 from sitl.conformance.facts import Fact, FactReport, facts, number, word
 from sitl.conformance.hover import Hover, airborne, fast_streams, grounded, settle
+from sitl.conformance.measurements import NOT_MEASURED, mean, sent_or_not
 from sitl.conformance.vehicle_client import ARM, VehicleClient, quaternion
 
 _HEIGHT_M = 3.0
 _TEXT = "Failsafe activated"
-_TEXTS = ("loss.status", "loss.base-mode", "loss.text", "loss.severity", "loss.event")
+
+# COM_OBL_RC_ACT -> mode in which it ends, in the order of the flights.
 _ACTIONS = {1: "ALTCTL", 3: "AUTO.RTL", 4: "AUTO.LAND", 5: "AUTO.LOITER", 0: "POSCTL"}
+_DEFAULT_ACTION = 0
+# What is seen in the flight with the default action.
+_OF_DEFAULT_ACTION = (
+    "loss.status",
+    "loss.base-mode",
+    "loss.text",
+    "loss.severity",
+    "loss.event",
+)
 
 
 def _action_facts(action: int, mode: str) -> tuple[Fact, ...]:
+    name = f"loss.action-{action}"
+    says = f"COM_OBL_RC_ACT {action}"
     return (
-        word(f"loss.action-{action}", "6", f"COM_OBL_RC_ACT {action}: mode", mode),
-        number(
-            f"loss.action-{action}-time",
-            "6",
-            f"COM_OBL_RC_ACT {action}: after the last setpoint",
-            0.97,
-            1.25,
-            "s",
-        ),
-        word(
-            f"loss.action-{action}-return",
-            "6",
-            f"COM_OBL_RC_ACT {action}: when setpoints return",
-            "OFFBOARD",
-        ),
+        word(name, "6", f"{says}: mode", mode),
+        number(f"{name}-time", "6", f"{says}: after the last setpoint", 0.97, 1.25, "s"),
+        word(f"{name}-return", "6", f"{says}: when setpoints return", "OFFBOARD"),
     )
 
 
@@ -66,35 +65,55 @@ def run(client: VehicleClient, report: FactReport) -> None:
 
 def _in_the_air(client: VehicleClient, report: FactReport, hover: Hover) -> None:
     if report.wants("loss.short-gap"):
-        since_s = _stop(client, hover)
-        client.spend(0.8)
-        _resume(client, hover)
-        client.next_heartbeat(2)
-        is_quiet = client.text(_TEXT, since_s) is None and client.mode == "OFFBOARD"
-        report.add("loss.short-gap", "nothing" if is_quiet else f"failsafe, {client.mode}")
+        _short_gap(client, report, hover)
 
     for action in _ACTIONS:
-        also = _TEXTS if action == 0 else ()
-        if report.wants(f"loss.action-{action}*", *also):
+        wanted = [f"loss.action-{action}*"]
+        if action == _DEFAULT_ACTION:
+            wanted.extend(_OF_DEFAULT_ACTION)
+        if report.wants(*wanted):
             _act(client, report, hover, action)
 
     if report.wants("loss.timeout-follows"):
-        client.params.set("COM_OF_LOSS_T", 0.5)
-        report.add("loss.timeout-follows", _until_failsafe(client, _stop(client, hover)))
-        _resume(client, hover)
-        client.params.restore()
-        client.next_heartbeat()
-        settle(client, hover)
-
+        _other_timeout(client, report, hover)
     if report.wants("loss.wrong-target"):
-        since_s = _stop(client, hover)
-        wrong = client.system_id % 250 + 3
-        level = quaternion(0.0, 0.0, hover.yaw_rad)
-        client.stream(lambda: client.attitude(level, hover.thrust, target=wrong))
-        report.add("loss.wrong-target", _until_failsafe(client, since_s))
-        _resume(client, hover)
-        client.next_heartbeat()
-        settle(client, hover)
+        _wrong_target(client, report, hover)
+
+
+def _short_gap(client: VehicleClient, report: FactReport, hover: Hover) -> None:
+    since_s = _stop(client, hover)
+    client.spend(0.8)
+    _resume(client, hover)
+    client.next_heartbeat(2)
+
+    is_quiet = client.text(_TEXT, since_s) is None and client.mode == "OFFBOARD"
+    if is_quiet:
+        report.add("loss.short-gap", "nothing")
+    else:
+        report.add("loss.short-gap", f"failsafe, {client.mode}")
+
+
+def _other_timeout(client: VehicleClient, report: FactReport, hover: Hover) -> None:
+    client.params.set("COM_OF_LOSS_T", 0.5)
+    since_s = _stop(client, hover)
+    report.add("loss.timeout-follows", _until_failsafe(client, since_s))
+
+    _resume(client, hover)
+    client.params.restore()
+    client.next_heartbeat()
+    settle(client, hover)
+
+
+def _wrong_target(client: VehicleClient, report: FactReport, hover: Hover) -> None:
+    since_s = _stop(client, hover)
+    other_system = client.system_id % 250 + 3
+    level = quaternion(0.0, 0.0, hover.yaw_rad)
+    client.stream(lambda: client.attitude(level, hover.thrust, target=other_system))
+    report.add("loss.wrong-target", _until_failsafe(client, since_s))
+
+    _resume(client, hover)
+    client.next_heartbeat()
+    settle(client, hover)
 
 
 def _stop(client: VehicleClient, hover: Hover) -> float:
@@ -115,19 +134,14 @@ def _until_failsafe(client: VehicleClient, since_s: float) -> float:
 
 
 def _act(client: VehicleClient, report: FactReport, hover: Hover, action: int) -> None:
+    """Stop sending with an action set, see what it does, and come back to OFFBOARD."""
     client.params.set("COM_OBL_RC_ACT", action)
     since_s = _stop(client, hover)
     report.add(f"loss.action-{action}-time", _until_failsafe(client, since_s))
     client.next_heartbeat()
     report.add(f"loss.action-{action}", client.mode)
-    if action == 0:
-        text = client.text(_TEXT, since_s)
-        has_event = bool(client.received.of("EVENT", since_s + 0.9))
-        report.add("loss.status", client.status)
-        report.add("loss.base-mode", str(client.newest("HEARTBEAT").base_mode))
-        report.add("loss.text", client.quote(_TEXT, since_s))
-        report.add("loss.severity", str(text[1]) if text else "none")
-        report.add("loss.event", "sent" if has_event else "not sent")
+    if action == _DEFAULT_ACTION:
+        _default_action(client, report, since_s)
 
     _resume(client, hover)
     client.spend(0.1)
@@ -141,9 +155,23 @@ def _act(client: VehicleClient, report: FactReport, hover: Hover, action: int) -
     settle(client, hover)
 
 
+def _default_action(client: VehicleClient, report: FactReport, since_s: float) -> None:
+    report.add("loss.status", client.status)
+    report.add("loss.base-mode", str(client.newest("HEARTBEAT").base_mode))
+
+    report.add("loss.text", client.quote(_TEXT, since_s))
+    text = client.text(_TEXT, since_s)
+    severity = "none"
+    if text is not None:
+        severity = str(text.severity)
+    report.add("loss.severity", severity)
+    report.add("loss.event", sent_or_not(client.received.of("EVENT", since_s + 0.9)))
+
+
 def _descend(client: VehicleClient, report: FactReport, hover: Hover) -> None:
     hover.to_height(2.6)
     settle(client, hover)
+
     since_s = _stop(client, hover)
     _until_failsafe(client, since_s)
     client.next_heartbeat()
@@ -151,7 +179,8 @@ def _descend(client: VehicleClient, report: FactReport, hover: Hover) -> None:
         _descend_blindly(client, report, hover, since_s)
     else:  # it goes home, by way of a height that depends on how far that is
         for name in ("descent", "landed", "disarmed"):
-            report.add(f"loss.{name}", math.nan)
+            report.add(f"loss.{name}", NOT_MEASURED)
+
     report.add("loss.mode-after", client.mode)
     report.add("loss.status-after", client.status)
     report.add("loss.arming-after", client.command(ARM, 1.0))
@@ -161,12 +190,13 @@ def _descend_blindly(
     client: VehicleClient, report: FactReport, hover: Hover, since_s: float
 ) -> None:
     disarmed_s = client.delay_s("Disarmed by", since_s, wait_s=20.0)
-    sinking = [
+    sinking_m_s = [
         packet.message.vz
         for packet in client.received.of("LOCAL_POSITION_NED", since_s)
         if 0.5 < hover.ground_z - packet.message.z < 1.5
     ]
-    report.add("loss.descent", sum(sinking) / len(sinking) if sinking else math.nan)
+    report.add("loss.descent", mean(sinking_m_s))
+
     landed_s = client.delay_s("Landing detected", since_s)
     report.add("loss.landed", landed_s)
     report.add("loss.disarmed", disarmed_s - landed_s)
@@ -182,16 +212,19 @@ def _on_the_ground(client: VehicleClient, report: FactReport) -> None:
     client.set_mode("OFFBOARD")
     client.command(ARM, 1.0)
     client.spend(0.5)
+
     client.stream(None)
     _until_failsafe(client, client.now_s)
     client.next_heartbeat()
     report.add("loss.ground-mode", client.mode)
     client.spend(5.0)
-    report.add("loss.ground-armed", "armed" if client.is_armed else "disarmed")
+    report.add("loss.ground-armed", client.arming_state)
+
     client.stream(hover)
     client.spend(0.1)
     client.next_heartbeat()
     report.add("loss.ground-return", client.mode)
+
     client.command(ARM, 0.0)
     client.next_heartbeat()
 

@@ -3,15 +3,23 @@
 from __future__ import annotations
 
 import math
-import statistics
 
 from sitl.conformance.fact_group import FactGroup
 from sitl.conformance.facts import FactReport, facts
 from sitl.conformance.hover import Hover, airborne, fast_streams, grounded, settle
-from sitl.conformance.vehicle_client import ARM, Stuck, VehicleClient, quaternion
+from sitl.conformance.measurements import NOT_MEASURED, count_or_none, mean
+from sitl.conformance.vehicle_client import (
+    ARM,
+    FORCE,
+    NO_TEXT,
+    Stuck,
+    VehicleClient,
+    quaternion,
+)
 
 _EARLY_THRUST = 0.6
 _HEIGHT_M = 2.5
+_TURNING_US = 1500  # shortest pulse of a motor that carries
 START = facts("offboard", "start")
 KEPT = facts("offboard", "kept")
 END = facts("offboard", "end")
@@ -44,19 +52,20 @@ def _disarm(client: VehicleClient, report: FactReport) -> None:
     since_s = client.now_s
     report.add("offboard.disarm-in-air", client.command(ARM, 0.0))
     client.spend(0.3)
-    text = client.text("Disarming denied", since_s)
-    _, severity, words, _ = text or (0.0, -1, "", 0)
-    report.add("offboard.disarm-text", repr(words))
-    report.add("offboard.disarm-severity", str(severity))
+    text = client.text("Disarming denied", since_s) or NO_TEXT
+    report.add("offboard.disarm-text", repr(text.words))
+    report.add("offboard.disarm-severity", str(text.severity))
 
 
 def _start(client: VehicleClient, report: FactReport) -> Hover:
+    """Take off in OFFBOARD by attitude setpoints; return the hold when it is calm."""
     fast_streams(client)
     hover = Hover(client)
     level = quaternion(0.0, 0.0, hover.yaw_rad)
     client.interval("SERVO_OUTPUT_RAW", 250.0)
     client.stream(lambda: client.attitude(level, _EARLY_THRUST))
     client.spend(0.3)
+
     client.set_mode("OFFBOARD")
     client.next_heartbeat()
     report.add("offboard.streamed-status", client.status)
@@ -74,21 +83,26 @@ def _start(client: VehicleClient, report: FactReport) -> Hover:
     hover.to_height(_HEIGHT_M)
 
     turning = [
-        packet.at_s
+        packet
         for packet in client.received.of("SERVO_OUTPUT_RAW", armed_s)
-        if packet.message.servo1_raw > 1500
+        if packet.message.servo1_raw > _TURNING_US
     ]
-    report.add("offboard.no-spool", max(0.0, turning[0] - acked_s) if turning else math.nan)
-    climbing = [
+    spool_s = NOT_MEASURED
+    if turning:
+        spool_s = max(0.0, turning[0].at_s - acked_s)
+    report.add("offboard.no-spool", spool_s)
+
+    sinking_m_s = [
         packet.message.vz
         for packet in client.received.of("LOCAL_POSITION_NED", armed_s)
         if abs(packet.at_s - acked_s - 0.44) < 0.06
     ]
-    report.add("offboard.early-climb", -statistics.fmean(climbing) if climbing else math.nan)
+    report.add("offboard.early-climb", -mean(sinking_m_s))
 
     client.spend(0.5)
     takeoff_s = client.delay_s("Takeoff detected", armed_s) + armed_s
     report.add("offboard.takeoff-text", max(takeoff_s - acked_s, 0.0))
+
     client.interval("SERVO_OUTPUT_RAW", 0.0)
     client.next_heartbeat()
     report.add("offboard.base-mode-armed", str(client.newest("HEARTBEAT").base_mode))
@@ -102,19 +116,20 @@ def _hover(client: VehicleClient, report: FactReport) -> None:
     client.spend(4.0)
 
     thrusts = [packet.message.thrust for packet in client.received.of("ATTITUDE_TARGET", since_s)]
-    servos: list[float] = []
+    pulses_us: list[float] = []
     for packet in client.received.of("SERVO_OUTPUT_RAW", since_s):
         m = packet.message
-        servos.append(statistics.fmean((m.servo1_raw, m.servo2_raw, m.servo3_raw, m.servo4_raw)))
+        pulses_us.append(mean((m.servo1_raw, m.servo2_raw, m.servo3_raw, m.servo4_raw)))
     targets = len(client.received.of("POSITION_TARGET_LOCAL_NED", since_s + 1.0))
 
-    report.add("hover.thrust", statistics.fmean(thrusts) if thrusts else math.nan)
-    report.add("hover.servo", statistics.fmean(servos) if servos else math.nan)
-    report.add("offboard.no-position-target", f"{targets} in 3 s" if targets else "none")
+    report.add("hover.thrust", mean(thrusts))
+    report.add("hover.servo", mean(pulses_us))
+    report.add("offboard.no-position-target", count_or_none(targets, "in 3 s"))
     client.interval("SERVO_OUTPUT_RAW", 0.0)
 
 
 def _odometry(client: VehicleClient, report: FactReport, hover: Hover) -> None:
+    """Fly sideways to the heading, and report in which frame ODOMETRY gives the velocity."""
     hover.yaw_rad += math.pi / 2
     client.spend(2.5)
     hover.goal[0] += 2.0
@@ -124,21 +139,25 @@ def _odometry(client: VehicleClient, report: FactReport, hover: Hover) -> None:
 
     # Which velocity does ODOMETRY come nearer to: in NED, or along the body?
     yaw = client.euler()[2]
-    from_ned: list[float] = []
-    from_body: list[float] = []
+    from_ned_m_s: list[float] = []
+    from_body_m_s: list[float] = []
     positions = client.received.of("LOCAL_POSITION_NED", since_s)
     for packet in client.received.of("ODOMETRY", since_s):
         o = packet.message
-        v = min(positions, key=lambda position: abs(position.at_s - packet.at_s)).message
-        from_ned.append(math.hypot(o.vx - v.vx, o.vy - v.vy))
+        nearest = min(positions, key=lambda position: abs(position.at_s - packet.at_s))
+        v = nearest.message
+        from_ned_m_s.append(math.hypot(o.vx - v.vx, o.vy - v.vy))
 
         forward = math.cos(yaw) * v.vx + math.sin(yaw) * v.vy
         right = -math.sin(yaw) * v.vx + math.cos(yaw) * v.vy
-        from_body.append(math.hypot(o.vx - forward, o.vy - right))
+        from_body_m_s.append(math.hypot(o.vx - forward, o.vy - right))
 
-    if from_ned:
-        is_ned = statistics.fmean(from_ned) < statistics.fmean(from_body)
-        report.add("quirk.odometry-velocity", "NED" if is_ned else "along the body")
+    if from_ned_m_s:
+        frame = "along the body"
+        if mean(from_ned_m_s) < mean(from_body_m_s):
+            frame = "NED"
+        report.add("quirk.odometry-velocity", frame)
+
     hover.here()
     settle(client, hover)
 
@@ -148,6 +167,7 @@ def _slowly(client: VehicleClient, report: FactReport, hover: Hover) -> None:
     client.stream(lambda: client.attitude(level, hover.thrust), hz=2.0)
     client.spend(3.0)
     report.add("offboard.two-hertz", client.mode)
+
     client.stream(hover)
     hover.here()
     client.spend(1.0)
@@ -158,6 +178,7 @@ def _hold(client: VehicleClient, report: FactReport, hover: Hover) -> None:
     client.next_heartbeat(2)
     report.add("offboard.hold-sticks", client.mode)
     report.add("offboard.hold-base-mode", str(client.newest("HEARTBEAT").base_mode))
+
     client.stream(None)
     client.spend(1.4)
     since_s = client.now_s
@@ -165,6 +186,7 @@ def _hold(client: VehicleClient, report: FactReport, hover: Hover) -> None:
     client.next_heartbeat()
     report.add("offboard.refused-mode", client.mode)
     report.add("offboard.refused-text", client.said(since_s))
+
     hover.here()
     client.stream(hover)
     client.spend(0.3)
@@ -186,9 +208,10 @@ def _forced(client: VehicleClient, report: FactReport) -> None:
     hover = airborne(client, 0.6)
     client.interval("SERVO_OUTPUT_RAW", 50.0)
     since_s = client.now_s
-    report.add("offboard.forced", client.command(ARM, 0.0, 21196.0))
+    report.add("offboard.forced", client.command(ARM, 0.0, FORCE))
     report.add("offboard.forced-text", client.quote("Disarmed by", since_s))
     report.add("offboard.forced-servo", str(client.newest("SERVO_OUTPUT_RAW").servo1_raw))
+
     hover.is_resting = True
     client.interval("SERVO_OUTPUT_RAW", 0.0)
     client.next_heartbeat()

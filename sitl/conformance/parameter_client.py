@@ -39,7 +39,10 @@ class ParameterClient:
     def read(self, name: str) -> float | None:
         """Return one parameter; None without an answer."""
         answer = self._read(name)
-        return None if answer is None else answer[0]
+        if answer is None:
+            return None
+        value, _ = answer
+        return value
 
     def set(self, name: str, value: float) -> float | None:
         """Set a parameter and remember its value before; return the value that is answered."""
@@ -88,7 +91,10 @@ class ParameterClient:
             param_type=kind,
         )
         answer = self._answer(name, count)
-        return None if answer is None else answer[0]
+        if answer is None:
+            return None
+        answered_value, _ = answer
+        return answered_value
 
     @property
     def _values(self) -> list[ReceivedPacket]:
@@ -105,7 +111,9 @@ class ParameterClient:
             return False
 
         self._client.spend(max(0.5, 0.3 * self._client.clock.pace), is_answered)
-        return answers[0] if answers else None
+        if not answers:
+            return None
+        return answers[0]
 
 
 def parameter_value(message: Any) -> tuple[float, int]:

@@ -6,6 +6,7 @@ import math
 
 from sitl.conformance.fact_group import FactGroup
 from sitl.conformance.facts import FactReport, facts, number
+from sitl.conformance.measurements import NOT_MEASURED
 from sitl.conformance.vehicle_client import VehicleClient
 
 _DEFAULTS = {
@@ -67,13 +68,15 @@ def run(client: VehicleClient, report: FactReport) -> None:
 
 
 def _default(client: VehicleClient, name: str, expected: float) -> float:
-    """Return a parameter; NaN when it is not answered."""
+    """Return a parameter; NOT_MEASURED when it is not answered."""
     read = client.params.read(name)
     if read is None:
-        return math.nan
+        return NOT_MEASURED
+
     # Floats travel with 24 bits.
-    is_same = math.isclose(read, expected, rel_tol=1e-6, abs_tol=1e-9)
-    return expected if is_same else read
+    if math.isclose(read, expected, rel_tol=1e-6, abs_tol=1e-9):
+        return expected
+    return read
 
 
 def _set(client: VehicleClient, name: str, value: float) -> str:
@@ -84,7 +87,9 @@ def _set(client: VehicleClient, name: str, value: float) -> str:
 
 
 def _shown(value: float | None) -> str:
-    return "nothing" if value is None else f"{value:g}"
+    if value is None:
+        return "nothing"
+    return f"{value:g}"
 
 
 def _type(client: VehicleClient, name: str) -> str:

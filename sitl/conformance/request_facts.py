@@ -9,6 +9,7 @@ from functools import partial
 from sitl.conformance.endpoint import ReceivedPacket
 from sitl.conformance.fact_group import FactGroup
 from sitl.conformance.facts import FactReport, facts
+from sitl.conformance.measurements import NOT_MEASURED, sent_or_not
 from sitl.conformance.vehicle_client import REQUEST, SET_INTERVAL, VehicleClient, common_id
 
 _WATCH_S = 3.0
@@ -73,7 +74,10 @@ def _rates(client: VehicleClient, report: FactReport) -> None:
             client.interval(message, 0.0)
 
     truth = client.received.newest("HIL_STATE_QUATERNION")
-    report.add("truth.time", str(truth.message.time_usec) if truth else "no HIL_STATE_QUATERNION")
+    if truth is None:
+        report.add("truth.time", "no HIL_STATE_QUATERNION")
+    else:
+        report.add("truth.time", str(truth.message.time_usec))
 
     if report.wants("rate.default-again"):
         since_s = client.now_s
@@ -92,14 +96,13 @@ def _get_interval(client: VehicleClient) -> float:
     for packet in client.received.of("MESSAGE_INTERVAL", since_s):
         if packet.message.message_id == common_id("ATTITUDE"):
             return float(packet.message.interval_us)
-    return math.nan
+    return NOT_MEASURED
 
 
 def _requested(client: VehicleClient, name: str) -> str:
     since_s = client.now_s
     answer = client.command(REQUEST, float(common_id(name)))
-    is_sent = bool(client.received.of(name, since_s))
-    return f"{answer} and {'sent' if is_sent else 'not sent'}"
+    return f"{answer} and {sent_or_not(client.received.of(name, since_s))}"
 
 
 def _answers(client: VehicleClient, report: FactReport) -> None:
@@ -107,7 +110,10 @@ def _answers(client: VehicleClient, report: FactReport) -> None:
         report.add("request.autopilot-version", _requested(client, "AUTOPILOT_VERSION"))
     if report.wants("request.version"):
         version = client.reported_version()
-        report.add("request.version", ".".join(map(str, version)) if version else "none")
+        if version is None:
+            report.add("request.version", "none")
+        else:
+            report.add("request.version", ".".join(map(str, version)))
     if report.wants("request.global-origin"):
         report.add("request.global-origin", _requested(client, "GPS_GLOBAL_ORIGIN"))
     if report.wants("ack.unknown-command"):
@@ -139,8 +145,11 @@ def _latency(client: VehicleClient, report: FactReport) -> None:
             targets.add((ack.message.target_system, ack.message.target_component))
         client.spend(0.02)
 
-    is_named = targets == {client.identity}
-    report.add("ack.target", "yes" if is_named else f"it names {sorted(targets)}")
+    identity = client.identity
+    if targets == {(identity.system_id, identity.component_id)}:
+        report.add("ack.target", "yes")
+    else:
+        report.add("ack.target", f"it names {sorted(targets)}")
     report.add("ack.latency", statistics.median(times_ms))
 
 

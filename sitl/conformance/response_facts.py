@@ -60,8 +60,9 @@ def _yaw_facts(step_deg: int) -> tuple[Fact, ...]:
 
     times: list[Fact] = []
     for part, time_s in times_s.items():
-        # A degree of drift of the compass is most of the first 5 %.
-        slack_s = 0.09 if part == "t5" else _slack_s(time_s)
+        slack_s = _slack_s(time_s)
+        if part == "t5":
+            slack_s = 0.09  # a degree of drift of the compass is most of the first 5 %
         words = f"{says}, {part[1:]} % after"
         times.append(number(f"{name}-{part}", "8", words, time_s - slack_s, time_s + slack_s, "s"))
 
@@ -127,7 +128,10 @@ def _tilt(
     step = math.radians(step_deg)
 
     def go(sign: float) -> None:
-        hover.tilt = (sign * step, 0.0) if axis == "roll" else (0.0, sign * step)
+        if axis == "roll":
+            hover.tilt = (sign * step, 0.0)
+        else:
+            hover.tilt = (0.0, sign * step)
 
     hover.tilt = (0.0, 0.0)
     client.spend(0.5)

@@ -9,6 +9,7 @@ from functools import partial
 from sitl.conformance.fact_group import FactGroup
 from sitl.conformance.facts import FactReport, facts
 from sitl.conformance.hover import Hover, airborne, settle
+from sitl.conformance.measurements import mean
 from sitl.conformance.vehicle_client import (
     ARM,
     ATTITUDE_AND_THRUST,
@@ -128,16 +129,17 @@ def _rates(client: VehicleClient, report: FactReport, hover: Hover) -> None:
     nothing: Quaternion = (1.0, 0.0, 0.0, 0.0)
     still = (0.0, 0.0, 0.0)
     rolling = (math.radians(25.0), 0.0, 0.0)
+
     client.stream(lambda: client.attitude(nothing, hover.thrust, mask=_RATES, rates=still))
     client.next_heartbeat(2)
     report.add("setpoint.rates-base-mode", str(client.newest("HEARTBEAT").base_mode))
     _recover(client, hover)
+
     client.stream(lambda: client.attitude(nothing, hover.thrust, mask=_RATES, rates=rolling))
     client.spend(0.45)
-    speeds = [
-        packet.message.rollspeed for packet in client.received.of("ATTITUDE", client.now_s - 0.06)
-    ]
-    report.add("setpoint.rates", math.degrees(sum(speeds) / len(speeds)) if speeds else math.nan)
+    attitudes = client.received.of("ATTITUDE", client.now_s - 0.06)
+    roll_rate = mean(packet.message.rollspeed for packet in attitudes)
+    report.add("setpoint.rates", math.degrees(roll_rate))
     _recover(client, hover)
 
 

@@ -5,12 +5,14 @@ from __future__ import annotations
 import itertools
 import math
 import statistics
+from typing import Any
 
 from pymavlink.dialects.v20 import common
 
-from sitl.conformance.endpoint import NAMES, ReceivedPacket
+from sitl.conformance.endpoint import NAMES
 from sitl.conformance.fact_group import FactGroup
 from sitl.conformance.facts import Fact, FactReport, facts, number
+from sitl.conformance.measurements import NOT_MEASURED, count_or_none, first_s, mean
 from sitl.conformance.vehicle_client import MODES, STATUS, VehicleClient
 
 _WATCH_S = 10.0
@@ -111,20 +113,25 @@ def _boot(client: VehicleClient, report: FactReport) -> None:
     rest = [fact for fact in BOOT if fact.name != "boot.unasked"]
     client.listen(1.5, lambda: received.newest("ATTITUDE") is not None)
     attitudes = received.of("ATTITUDE")
-    first_s = attitudes[0].message.time_boot_ms * 1e-3 if attitudes else math.inf
-    if first_s > _FRESH_S:
-        reason = f"it started {first_s:.0f} s before: start it while the check already waits"
-        report.skip(rest, reason if math.isfinite(first_s) else "no ATTITUDE tells its time")
+    if not attitudes:
+        report.skip(rest, "no ATTITUDE tells its time")
         return
-    report.add("boot.clock", first_s)
+
+    clock_s = attitudes[0].message.time_boot_ms * 1e-3
+    if clock_s > _FRESH_S:
+        reason = f"it started {clock_s:.0f} s before: start it while the check already waits"
+        report.skip(rest, reason)
+        return
+    report.add("boot.clock", clock_s)
     if not report.wants("boot.*"):
         return
 
     client.spend(1.0)
-    is_armable = client.spend(_READY_S, client.shows_ready)
-    armable_s = client.now_s
-    if is_armable and armable_s < 1.3:
-        armable_s = received.of("SYS_STATUS")[0].at_s
+    armable_s = NOT_MEASURED
+    if client.spend(_READY_S, client.shows_ready):
+        armable_s = client.now_s
+        if armable_s < 1.3:
+            armable_s = received.of("SYS_STATUS")[0].at_s
     client.spend(1.0)
 
     heartbeats = received.of("HEARTBEAT")
@@ -133,16 +140,11 @@ def _boot(client: VehicleClient, report: FactReport) -> None:
         first_status = STATUS.get(heartbeats[0].message.system_status, "?")
     fixes = [packet for packet in received.of("GPS_RAW_INT") if packet.message.fix_type >= 3]
 
-    report.add("boot.heartbeat", _first_s(heartbeats))
+    report.add("boot.heartbeat", first_s(heartbeats))
     report.add("boot.heartbeat-status", first_status)
-    report.add("boot.gps", _first_s(fixes))
-    report.add("boot.home", _first_s(received.of("HOME_POSITION")))
-    report.add("boot.armable", armable_s if is_armable else math.nan)
-
-
-def _first_s(packets: list[ReceivedPacket]) -> float:
-    """Return when the first of some packets came; NaN when none did."""
-    return packets[0].at_s if packets else math.nan
+    report.add("boot.gps", first_s(fixes))
+    report.add("boot.home", first_s(received.of("HOME_POSITION")))
+    report.add("boot.armable", armable_s)
 
 
 def _streams(client: VehicleClient, report: FactReport, since_s: float, until_s: float) -> None:
@@ -171,7 +173,7 @@ def _message_layout(client: VehicleClient, report: FactReport, since_s: float) -
     has_rc = bool(received.of("RC_CHANNELS")) or bool(received.of("RC_CHANNELS_RAW"))
     report.add("wire.no-rc", "streamed" if has_rc else "none")
     texts = len(received.of("STATUSTEXT"))
-    report.add("text.silent-alone", f"{texts} texts" if texts else "none")
+    report.add("text.silent-alone", count_or_none(texts, "texts"))
 
     _clock(client, report, since_s)
     _heartbeats(client, report, since_s)
@@ -186,42 +188,60 @@ def _clock(client: VehicleClient, report: FactReport, since_s: float) -> None:
 
     stamps_ms = [packet.message.time_boot_ms for packet in client.received.of("ATTITUDE", since_s)]
     gaps_ms = [after - before for before, after in itertools.pairwise(stamps_ms)]
-    report.add("clock.gap-mean", statistics.fmean(gaps_ms) if gaps_ms else math.nan)
+    report.add("clock.gap-mean", mean(gaps_ms))
+
     # Whole steps of 4 ms; a stamp is rounded to a millisecond.
     whole = [gap for gap in gaps_ms if min(gap % 4, 4 - gap % 4) <= 1 and gap >= 3]
-    report.add("clock.gap-steps", len(whole) / len(gaps_ms) if gaps_ms else math.nan)
+    whole_fraction = NOT_MEASURED
+    if gaps_ms:
+        whole_fraction = len(whole) / len(gaps_ms)
+    report.add("clock.gap-steps", whole_fraction)
 
 
 def _heartbeats(client: VehicleClient, report: FactReport, since_s: float) -> None:
-    beats = [packet.at_s for packet in client.received.of("HEARTBEAT", since_s)]
-    between = [after - before for before, after in itertools.pairwise(beats)]
-    slack = 0.02 * max(0.0, client.clock.pace - 1.0)  # arrival is seen by the wall clock
-    report.add("heartbeat.interval-min", min(1.0, min(between) + slack) if between else math.nan)
-    report.add("heartbeat.interval-max", max(1.0, max(between) - slack) if between else math.nan)
+    beats_s = [packet.at_s for packet in client.received.of("HEARTBEAT", since_s)]
+    intervals_s = [after_s - before_s for before_s, after_s in itertools.pairwise(beats_s)]
+    if not intervals_s:
+        report.add("heartbeat.interval-min", NOT_MEASURED)
+        report.add("heartbeat.interval-max", NOT_MEASURED)
+        return
+
+    # Arrival is seen by the wall clock: an error of it counts more at a faster pace.
+    slack_s = 0.02 * max(0.0, client.clock.pace - 1.0)
+    report.add("heartbeat.interval-min", min(1.0, min(intervals_s) + slack_s))
+    report.add("heartbeat.interval-max", max(1.0, max(intervals_s) - slack_s))
 
 
 def _checksums(client: VehicleClient) -> str:
     wrong = 0
     for message_id, packets in client.received.packets.items():
-        for packet in packets[:20] if message_id in common.mavlink_map else ():
+        if message_id not in common.mavlink_map:
+            continue
+        for packet in packets[:20]:
             try:
                 _ = packet.message
             except common.MAVError:
                 wrong += 1
-    return "all right" if not wrong else f"{wrong} wrong"
+
+    if wrong:
+        return f"{wrong} wrong"
+    return "all right"
 
 
 def _quirks(client: VehicleClient, report: FactReport) -> None:
     def shown(name: str, message: str, read: str) -> None:
         packet = client.received.newest(message)
-        report.add(name, "no " + message if packet is None else str(getattr(packet.message, read)))
+        if packet is None:
+            report.add(name, f"no {message}")
+        else:
+            report.add(name, str(getattr(packet.message, read)))
 
     beat = client.newest("HEARTBEAT")
     report.add("quirk.heartbeat", f"type {beat.type} autopilot {beat.autopilot}")
     report.add("pad.mode", MODES.get(beat.custom_mode, str(beat.custom_mode)))
     report.add("pad.base-mode", str(beat.base_mode))
     report.add("pad.status", client.status)
-    report.add("pad.prearm-bit", "set" if client.shows_ready() else "not set")
+    report.add("pad.prearm-bit", client.prearm_bit)
     shown("pad.landed", "EXTENDED_SYS_STATE", "landed_state")
     shown("quirk.vtol-state", "EXTENDED_SYS_STATE", "vtol_state")
     shown("quirk.odometry-estimator", "ODOMETRY", "estimator_type")
@@ -242,47 +262,50 @@ def _quirks(client: VehicleClient, report: FactReport) -> None:
         for position, value in enumerate(odometry.pose_covariance)
         if position not in (0, 6, 11, 15, 18, 20)
     ]
-    report.add(
-        "quirk.odometry-covariance", "NaN" if all(map(math.isnan, off_diagonal)) else "numbers"
-    )
+    covariance = "numbers"
+    if all(map(math.isnan, off_diagonal)):
+        covariance = "NaN"
+    report.add("quirk.odometry-covariance", covariance)
     report.add("quirk.odometry-resets", float(odometry.reset_counter))
+
     report.add("quirk.battery-voltage", float(battery.voltages[0]))
-    report.add(
-        "quirk.battery-cells", ", ".join(sorted({str(value) for value in battery.voltages[1:]}))
-    )
+    other_cells = sorted({str(value) for value in battery.voltages[1:]})
+    report.add("quirk.battery-cells", ", ".join(other_cells))
+
     position = client.newest("GLOBAL_POSITION_INT")
     report.add("pad.latitude", position.lat * 1e-7)
     report.add("pad.longitude", position.lon * 1e-7)
 
 
 def _noise(client: VehicleClient, report: FactReport, since_s: float) -> None:
-    places = [packet.message for packet in client.received.of("LOCAL_POSITION_NED", since_s)]
-    angles = [packet.message for packet in client.received.of("ATTITUDE", since_s)]
-    if len(places) < 10 or len(angles) < 10:
+    positions = [packet.message for packet in client.received.of("LOCAL_POSITION_NED", since_s)]
+    attitudes = [packet.message for packet in client.received.of("ATTITUDE", since_s)]
+    if len(positions) < 10 or len(attitudes) < 10:
         return
-    report.add("pad.height", abs(statistics.fmean(position.z for position in places)))
-    report.add(
-        "pad.position-noise",
-        max(statistics.pstdev([getattr(p, axis) for p in places]) for axis in "xyz"),
-    )
-    speeds = ("vx", "vy", "vz")
-    report.add(
-        "pad.velocity-noise",
-        max(statistics.pstdev([getattr(p, axis) for p in places]) for axis in speeds),
-    )
-    tilts = [
-        math.degrees(statistics.pstdev([getattr(a, axis) for a in angles]))
-        for axis in ("roll", "pitch")
-    ]
-    report.add("pad.attitude-noise", statistics.fmean(tilts))
-    first_yaw = angles[0].yaw
-    turned = [math.remainder(a.yaw - first_yaw, math.tau) for a in angles]
+
+    report.add("pad.height", abs(mean(position.z for position in positions)))
+    report.add("pad.position-noise", max(_spreads(positions, "x", "y", "z")))
+    report.add("pad.velocity-noise", max(_spreads(positions, "vx", "vy", "vz")))
+
+    tilt_spreads_deg = [math.degrees(rad) for rad in _spreads(attitudes, "roll", "pitch")]
+    report.add("pad.attitude-noise", mean(tilt_spreads_deg))
+
+    first_yaw = attitudes[0].yaw
+    turned = [math.remainder(attitude.yaw - first_yaw, math.tau) for attitude in attitudes]
     report.add("pad.yaw-noise", math.degrees(statistics.pstdev(turned)))
-    gyros = [
-        math.degrees(statistics.pstdev([getattr(a, axis) for a in angles]))
-        for axis in ("rollspeed", "pitchspeed")
-    ]
-    report.add("pad.gyro-noise", statistics.fmean(gyros))
+
+    rate_spreads = _spreads(attitudes, "rollspeed", "pitchspeed")
+    rate_spreads_deg_s = [math.degrees(rad_s) for rad_s in rate_spreads]
+    report.add("pad.gyro-noise", mean(rate_spreads_deg_s))
+
+
+def _spreads(messages: list[Any], *fields: str) -> list[float]:
+    """Return the standard deviation of each of these fields."""
+    spreads: list[float] = []
+    for field in fields:
+        values = [getattr(message, field) for message in messages]
+        spreads.append(statistics.pstdev(values))
+    return spreads
 
 
 FACT_GROUP = FactGroup(

@@ -182,7 +182,9 @@ def _settle_all(
     client: VehicleClient, report: FactReport, terms: Terms, say: Callable[[str], None]
 ) -> None:
     """Settle the groups on the companion's link, one after the other."""
-    may_turn_motors: bool | None = True if terms.may_turn_motors else None  # None: not known yet
+    may_turn_motors: bool | None = None  # not known yet
+    if terms.may_turn_motors:
+        may_turn_motors = True
     try:
         for group in FACT_GROUPS:
             if not _is_requested(group, report):

@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from pymavlink.dialects.v20 import common
 
 from sitl.conformance.endpoint import Port, Recording, VehicleClock
+from sitl.conformance.measurements import NOT_MEASURED
 from sitl.conformance.parameter_client import ParameterClient
 
 MODES = {
@@ -51,10 +52,6 @@ FORCE = 21196.0  # parameter 2 of ARM that disarms in any case
 ATTITUDE_AND_THRUST = 7  # type mask: body rates are ignored
 SILENCE = "silence"  # instead of an acknowledgement
 
-# System, component and MAV_TYPE of what the client is; a companion has the vehicle's system.
-_GCS = (245, 190, 6)
-_COMPANION = (0, 195, 18)
-
 _PREARM = 0x10000000  # bit of SYS_STATUS
 _SILENT_S = 5.0  # after which a vehicle is gone
 _ANSWER_S = 0.3  # for which acknowledgements are waited for
@@ -72,6 +69,27 @@ class Gone(RuntimeError):
 
 class Stuck(RuntimeError):
     """The vehicle did not do what the next measurement needs."""
+
+
+class ClientIdentity(NamedTuple):
+    """What a client says that it is."""
+
+    system_id: int
+    component_id: int
+    mav_type: int
+
+
+class ReceivedText(NamedTuple):
+    """A text of the vehicle, put together from its pieces."""
+
+    at_s: float  # vehicle's time of the first piece
+    severity: int  # MAV_SEVERITY
+    words: str
+    pieces: int
+
+
+# Stands for a text that did not come.
+NO_TEXT = ReceivedText(at_s=math.inf, severity=-1, words="", pieces=0)
 
 
 @dataclass(slots=True)
@@ -236,6 +254,11 @@ class VehicleClient:
         return bool(self.newest("HEARTBEAT").base_mode & ARMED)
 
     @property
+    def arming_state(self) -> str:
+        """What the newest heartbeat says about arming, in a word."""
+        return "armed" if self.is_armed else "disarmed"
+
+    @property
     def landed(self) -> str:
         """Newest landed state."""
         return LANDED.get(self.newest("EXTENDED_SYS_STATE").landed_state, "?")
@@ -245,37 +268,47 @@ class VehicleClient:
         packet = self.received.newest("SYS_STATUS")
         return packet is not None and bool(packet.message.onboard_control_sensors_health & _PREARM)
 
+    @property
+    def prearm_bit(self) -> str:
+        """State of the prearm bit of SYS_STATUS, in words."""
+        return "set" if self.shows_ready() else "not set"
+
     def next_heartbeat(self, count: int = 1) -> None:
         """Wait for heartbeats that are newer than now."""
         since_s = self.now_s
         self.spend(1.4 * count, lambda: len(self.received.of("HEARTBEAT", since_s)) >= count)
 
-    def texts(self, since_s: float) -> list[tuple[float, int, str, int]]:
-        """Return the texts since a time: time of the first piece, severity, whole text, pieces."""
-        texts: list[tuple[float, int, str, int]] = []
-        pieces: dict[int, int] = {}  # id of a text -> its index in the list
+    def texts(self, since_s: float) -> list[ReceivedText]:
+        """Return the texts since a time."""
+        texts: list[ReceivedText] = []
+        index_by_id: dict[int, int] = {}  # id of a text -> its index in the list
 
         for packet in self.received.of("STATUSTEXT", since_s):
-            message = packet.message
-            # PX4's first text has the id 0 and may have pieces too
-            if message.chunk_seq and message.id in pieces:
-                index = pieces[message.id]
-                at_s, severity, text, count = texts[index]
-                texts[index] = (at_s, severity, text + message.text, count + 1)
+            piece = packet.message
+            # PX4's first text has the id 0 and may have pieces too.
+            continues_text = bool(piece.chunk_seq) and piece.id in index_by_id
+
+            if continues_text:
+                index = index_by_id[piece.id]
+                begun = texts[index]
+                texts[index] = begun._replace(
+                    words=begun.words + piece.text, pieces=begun.pieces + 1
+                )
             else:
-                pieces[message.id] = len(texts)
-                texts.append((packet.at_s, message.severity, message.text, 1))
+                index_by_id[piece.id] = len(texts)
+                texts.append(
+                    ReceivedText(
+                        at_s=packet.at_s, severity=piece.severity, words=piece.text, pieces=1
+                    )
+                )
         return texts
 
-    def text(
-        self, start: str, since_s: float, wait_s: float = 0.0
-    ) -> tuple[float, int, str, int] | None:
+    def text(self, start: str, since_s: float, wait_s: float = 0.0) -> ReceivedText | None:
         """Return the first text that begins so; wait for it at most so long."""
 
-        def first() -> tuple[float, int, str, int] | None:
+        def first() -> ReceivedText | None:
             for text in self.texts(since_s):
-                _, _, words, _ = text
-                if words.startswith(start):
+                if text.words.startswith(start):
                     return text
             return None
 
@@ -285,25 +318,32 @@ class VehicleClient:
     def quote(self, start: str, since_s: float) -> str:
         """Return the whole text that begins so, in quotes; "none" when it did not come."""
         text = self.text(start, since_s)
-        return repr(text[2]) if text else "none"
+        if text is None:
+            return "none"
+        return repr(text.words)
 
     def delay_s(self, start: str, since_s: float, wait_s: float = 0.0) -> float:
-        """Return when the text that begins so came, counted from `since_s`; NaN when it did not."""
+        """Return when the text that begins so came after `since_s`; NOT_MEASURED without it."""
         text = self.text(start, since_s, wait_s)
-        return text[0] - since_s if text else math.nan
+        if text is None:
+            return NOT_MEASURED
+        return text.at_s - since_s
 
     def said(self, since_s: float) -> str:
         """Return the first text since a time, in quotes; "none" when there was none."""
         texts = self.texts(since_s)
-        return repr(texts[0][2]) if texts else "none"
+        if not texts:
+            return "none"
+        return repr(texts[0].words)
 
     # -- sending -----------------------------------------------------------------------------------
 
     @property
-    def identity(self) -> tuple[int, int]:
-        """Own system and component: a ground station's, or a companion's on the vehicle."""
-        system, component, _ = _GCS if self.is_ground_station else _COMPANION
-        return system or self.system_id, component
+    def identity(self) -> ClientIdentity:
+        """A ground station's, or a companion's, which has the vehicle's system."""
+        if self.is_ground_station:
+            return ClientIdentity(system_id=245, component_id=190, mav_type=6)
+        return ClientIdentity(system_id=self.system_id, component_id=195, mav_type=18)
 
     def pack(self, name: str, **fields: Any) -> bytes:
         """Return the bytes of a message; numbers that are not given are 0."""
@@ -315,9 +355,9 @@ class VehicleClient:
         }
         message = kind(**(zeros | fields))
 
-        system, component = self.identity
+        identity = self.identity
+        mav = common.MAVLink(None, srcSystem=identity.system_id, srcComponent=identity.component_id)
         self._sequence = (self._sequence + 1) & 0xFF
-        mav = common.MAVLink(None, srcSystem=system, srcComponent=component)
         mav.seq = self._sequence
         if self.signature is not None:
             mav.signing.secret_key = self.signature.key
@@ -333,8 +373,13 @@ class VehicleClient:
 
     def pack_heartbeat(self) -> bytes:
         """Return a heartbeat of the present identity."""
-        _, _, kind = _GCS if self.is_ground_station else _COMPANION
-        return self.pack("HEARTBEAT", type=kind, autopilot=8, system_status=4, mavlink_version=3)
+        return self.pack(
+            "HEARTBEAT",
+            type=self.identity.mav_type,
+            autopilot=8,
+            system_status=4,
+            mavlink_version=3,
+        )
 
     def send_heartbeat(self) -> None:
         """Send one heartbeat of the present identity."""
@@ -355,11 +400,13 @@ class VehicleClient:
         return self.acks(number, since_s, within_s)
 
     def send_command(self, number: int, *params: float, target: int | None = None) -> None:
-        """Send a COMMAND_LONG without waiting."""
+        """Send a COMMAND_LONG without waiting, to the vehicle or another target."""
+        if target is None:
+            target = self.system_id
         named = {f"param{index}": value for index, value in enumerate(params, start=1)}
         self.send(
             "COMMAND_LONG",
-            target_system=self.system_id if target is None else target,
+            target_system=target,
             target_component=1,
             command=number,
             **named,
@@ -367,8 +414,7 @@ class VehicleClient:
 
     def acks(self, number: int, since_s: float, within_s: float = _ANSWER_S) -> str:
         """Wait, then return the acknowledgements of a command since a time."""
-        # Never less than what an answer takes on a busy machine, however fast the vehicle's time
-        # runs.
+        # A busy machine takes a while to answer, however fast the vehicle's time runs.
         self.spend(max(within_s, 0.12 * self.clock.pace))
 
         results: list[str] = []
@@ -379,9 +425,7 @@ class VehicleClient:
         return ", ".join(results) or SILENCE
 
     def reported_version(self) -> tuple[int, int] | None:
-        """Major and minor number of AUTOPILOT_VERSION, asked for up to three times; None when it
-        does not come.
-        """
+        """Return major and minor number of AUTOPILOT_VERSION; None after three silent requests."""
         for _ in range(3):
             self.command(REQUEST, float(common_id("AUTOPILOT_VERSION")))
             packet = self.received.newest("AUTOPILOT_VERSION")
@@ -397,8 +441,14 @@ class VehicleClient:
 
     def interval(self, name_or_id: str | int, hz: float) -> str:
         """Send a SET_MESSAGE_INTERVAL; 0 Hz is the default rate. Return its acknowledgements."""
-        number = common_id(name_or_id) if isinstance(name_or_id, str) else name_or_id
-        return self.command(SET_INTERVAL, float(number), 1e6 / hz if hz else 0.0, within_s=0.1)
+        message_id = name_or_id
+        if isinstance(message_id, str):
+            message_id = common_id(message_id)
+
+        interval_us = 0.0
+        if hz:
+            interval_us = 1e6 / hz
+        return self.command(SET_INTERVAL, float(message_id), interval_us, within_s=0.1)
 
     # -- setpoints ---------------------------------------------------------------------------------
 
@@ -411,10 +461,12 @@ class VehicleClient:
         rates: tuple[float, float, float] = (0.0, 0.0, 0.0),
         target: int | None = None,
     ) -> None:
-        """Send one SET_ATTITUDE_TARGET."""
+        """Send one SET_ATTITUDE_TARGET, to the vehicle or another target."""
+        if target is None:
+            target = self.system_id
         self.send(
             "SET_ATTITUDE_TARGET",
-            target_system=self.system_id if target is None else target,
+            target_system=target,
             target_component=1,
             type_mask=mask,
             q=list(q),

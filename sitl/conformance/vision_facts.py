@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-import statistics
 from collections.abc import Callable
 
 from sitl.conformance.fact_group import FactGroup
 from sitl.conformance.facts import FactReport, facts
 from sitl.conformance.hover import Hover, grounded
+from sitl.conformance.measurements import NOT_MEASURED, count_or_none, mean
 from sitl.conformance.vehicle_client import ARM, VehicleClient
 
 _PARAMETERS = {
@@ -17,17 +17,15 @@ _PARAMETERS = {
     "EKF2_HGT_REF": 3.0,
     "EKF2_MAG_TYPE": 5.0,
 }
-_POSITION = (1.0, -0.5, -0.2)
+_POSITION_NED_M = (1.0, -0.5, -0.2)
 _JUMP_M = 0.8
 _SETTLE_S = 4.0
 _NO_GPS_S = 7.0  # PX4 takes its position for valid up to 5 s after the last satellites
-_GOOD = 0x1FF
 _ORIGIN_M = 100.0
 _LATITUDE_1E7 = 473977420
 _LONGITUDE_1E7 = 85455940
 FUSED = facts("vision", "fused")
 LOST = facts("vision", "lost")
-_SECTION = (*FUSED, *LOST)
 
 
 def run(client: VehicleClient, report: FactReport) -> None:
@@ -53,12 +51,15 @@ def run(client: VehicleClient, report: FactReport) -> None:
 
 
 def _streams(client: VehicleClient) -> str:
-    return "streams" if client.received.of("LOCAL_POSITION_NED", client.now_s - 0.5) else "stops"
+    """Return whether LOCAL_POSITION_NED still comes, in the words of the facts."""
+    recent = client.received.of("LOCAL_POSITION_NED", client.now_s - 0.5)
+    return "streams" if recent else "stops"
 
 
 def _fused(client: VehicleClient, report: FactReport) -> None:
+    """Send positions of which PX4 takes notice; the duties send what stands in `position`."""
     since_s = client.now_s
-    position = list(_POSITION)
+    position = list(_POSITION_NED_M)
     client.vision_duty.act = _vision(client, position)
     client.spend(_SETTLE_S)
     report.add("vision.estimate", _apart(client, position))
@@ -67,16 +68,19 @@ def _fused(client: VehicleClient, report: FactReport) -> None:
     if report.wants("vision.jump"):
         position[0] += _JUMP_M
         client.spend(2.0)
-        report.add("vision.jump", _apart(client, position, axes=2))
+        report.add("vision.jump", _apart(client, position, axes="xy"))
+
     if report.wants("vision.height-jump"):
         position[2] -= _JUMP_M
         client.spend(8.0)
         report.add("vision.height-jump", _apart(client, position))
+
     if report.wants("vision.odometry"):
         position[1] += 0.3
         client.vision_duty.act = _odometry(client, position)
         client.spend(_SETTLE_S)
         report.add("vision.odometry", _apart(client, position))
+
     if report.wants("vision.origin-height"):
         _set_origin(client, _ORIGIN_M)
         client.spend(_SETTLE_S)
@@ -85,53 +89,70 @@ def _fused(client: VehicleClient, report: FactReport) -> None:
         client.spend(_SETTLE_S)
 
     answers = len(client.received.of("COMMAND_ACK", since_s))
-    report.add("vision.silent", f"{answers} acknowledgements" if answers else "none")
+    report.add("vision.silent", count_or_none(answers, "acknowledgements"))
 
 
 def _lost(client: VehicleClient, report: FactReport) -> None:
     if client.vision_duty.act is None:
-        client.vision_duty.act = _vision(client, list(_POSITION))
+        client.vision_duty.act = _vision(client, list(_POSITION_NED_M))
         client.spend(_SETTLE_S)
 
-    # Poses that are not fused are as good as none.
+    # PX4 does not fuse ATT_POS_MOCAP: with it and without anything the position is lost alike.
     client.vision_duty.act = None
     if report.wants("vision.mocap-ignored"):
-        client.vision_duty.act = _mocap(client, list(_POSITION))
+        client.vision_duty.act = _mocap(client, list(_POSITION_NED_M))
     since_s = client.now_s
     client.spend(8.0)
     report.add("vision.lost-streams", _streams(client))
 
-    flags: list[str] = []
-    for packet in client.received.of("ESTIMATOR_STATUS", since_s):
-        shown = hex(packet.message.flags)
-        if not flags or flags[-1] != shown:
-            flags.append(shown)
+    flags = _flags_in_turn(client, since_s)
     report.add("vision.lost-flags", " ".join(flags))
-    report.add("vision.mocap-ignored", flags[-1] if flags else "none")
+    final_flags = "none"
+    if flags:
+        final_flags = flags[-1]
+    report.add("vision.mocap-ignored", final_flags)
 
     client.vision_duty.act = None
     report.add("vision.lost-arming", client.command(ARM, 1.0))
-
     if report.wants("vision.offboard-*"):
-        hover = Hover(client)
-        client.stream(hover)
-        client.spend(0.3)
-        client.set_mode("OFFBOARD")
-        client.spend(0.6)
-        report.add("vision.offboard-prearm", "set" if client.shows_ready() else "not set")
-        report.add("vision.offboard-arming", client.command(ARM, 1.0))
-        client.command(ARM, 0.0)
-        client.next_heartbeat()
-        client.stream(None)
+        _arm_in_offboard(client, report)
 
 
-def _apart(client: VehicleClient, position: list[float], axes: int = 3) -> float:
-    """Return how far the mean estimate of the last second is from a position."""
+def _flags_in_turn(client: VehicleClient, since_s: float) -> list[str]:
+    """Return the flags of ESTIMATOR_STATUS since a time, once for each change."""
+    flags: list[str] = []
+    for packet in client.received.of("ESTIMATOR_STATUS", since_s):
+        shown = hex(packet.message.flags)
+        has_changed = not flags or flags[-1] != shown
+        if has_changed:
+            flags.append(shown)
+    return flags
+
+
+def _arm_in_offboard(client: VehicleClient, report: FactReport) -> None:
+    hover = Hover(client)
+    client.stream(hover)
+    client.spend(0.3)
+    client.set_mode("OFFBOARD")
+    client.spend(0.6)
+    report.add("vision.offboard-prearm", client.prearm_bit)
+    report.add("vision.offboard-arming", client.command(ARM, 1.0))
+
+    client.command(ARM, 0.0)
+    client.next_heartbeat()
+    client.stream(None)
+
+
+def _apart(client: VehicleClient, position: list[float], axes: str = "xyz") -> float:
+    """Return how far the mean estimate of the last second is from a position [m]."""
     packets = client.received.of("LOCAL_POSITION_NED", client.now_s - 1.0)
     if not packets:
-        return math.nan
-    mean = [statistics.fmean(getattr(packet.message, axis) for packet in packets) for axis in "xyz"]
-    return math.dist(mean[:axes], position[:axes])
+        return NOT_MEASURED
+
+    estimate: list[float] = []
+    for axis in axes:
+        estimate.append(mean(getattr(packet.message, axis) for packet in packets))
+    return math.dist(estimate, position[: len(axes)])
 
 
 def _set_origin(client: VehicleClient, altitude_m: float) -> None:
@@ -171,6 +192,7 @@ def _mocap(client: VehicleClient, position: list[float]) -> Callable[[], None]:
 
 def _odometry(client: VehicleClient, position: list[float]) -> Callable[[], None]:
     yaw = client.euler()[2]
+    unknown = dict.fromkeys(("vx", "vy", "vz", "rollspeed", "pitchspeed", "yawspeed"), math.nan)
     return lambda: client.send(
         "ODOMETRY",
         time_usec=_usec(client),
@@ -178,7 +200,7 @@ def _odometry(client: VehicleClient, position: list[float]) -> Callable[[], None
         child_frame_id=12,
         **_xyz(position),
         q=[math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2)],
-        **dict.fromkeys(("vx", "vy", "vz", "rollspeed", "pitchspeed", "yawspeed"), math.nan),
+        **unknown,
         pose_covariance=[math.nan] * 21,
         velocity_covariance=[math.nan] * 21,
         estimator_type=2,
@@ -186,4 +208,4 @@ def _odometry(client: VehicleClient, position: list[float]) -> Callable[[], None
     )
 
 
-FACT_GROUP = FactGroup("external position", _SECTION, run)
+FACT_GROUP = FactGroup("external position", (*FUSED, *LOST), run)
