@@ -91,7 +91,10 @@ class Fault:
         """A sentence that names the effect and the vehicle."""
         values: dict[str, str] = {}
         for key, value in self.parameters.items():
-            values[key] = f"{value:g}" if isinstance(value, float) else value
+            if isinstance(value, float):
+                values[key] = f"{value:g}"
+            else:
+                values[key] = value
         return f"{self.vehicle}: {FAULT_KINDS[self.name].sentence.format(**values)}"
 
     def number(self, name: str) -> float:
@@ -233,8 +236,14 @@ def _targets(fault: Fault) -> set[tuple[str, str]]:
     values = dict(fault.parameters)
 
     if "link" in values:
-        links = _LINKS if values["link"] == "both" else (str(values["link"]),)
-        directions = _DIRECTIONS if values["direction"] == "both" else (str(values["direction"]),)
+        links: tuple[str, ...] = _LINKS
+        if values["link"] != "both":
+            links = (str(values["link"]),)
+
+        directions: tuple[str, ...] = _DIRECTIONS
+        if values["direction"] != "both":
+            directions = (str(values["direction"]),)
+
         return {
             (fault.vehicle, f"{acts_on.format(link=link)} ({direction})")
             for link in links
@@ -301,7 +310,9 @@ def listing() -> str:
     for name, kind in FAULT_KINDS.items():
         words = [name]
         for parameter in kind.parameters:
-            default = "..." if parameter.default is None else parameter.default
-            words.append(f"{parameter.name}={default}")
+            if parameter.default is None:
+                words.append(f"{parameter.name}=...")
+            else:
+                words.append(f"{parameter.name}={parameter.default}")
         lines.append(f"  {' '.join(words):<58} {kind.sentence}")
     return "\n".join(lines)

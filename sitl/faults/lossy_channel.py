@@ -63,7 +63,9 @@ class LossyChannel(Generic[Load]):
         if self._happens(faults.loss):
             return
 
-        copies = 2 if self._happens(faults.duplicate) else 1
+        copies = 1
+        if self._happens(faults.duplicate):
+            copies = 2
         for _ in range(copies):
             if len(self._in_transit) >= _MOST_IN_TRANSIT:
                 return

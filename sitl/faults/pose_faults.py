@@ -54,7 +54,9 @@ class PoseFaults:
     def delay_s(self, index: int) -> float:
         """Return the additional delay of its pose [s]."""
         fault = self._faults[index]
-        return 0.0 if fault is None else fault.delay_s
+        if fault is None:
+            return 0.0
+        return fault.delay_s
 
     def apply(self, poses: Array, index: int | None = None) -> Array:
         """Return poses as they are measured with the faults.

@@ -41,7 +41,10 @@ def _layout(message_id: int, entry: Any) -> MessageLayout:
     for name, array_length in zip(entry.ordered_fieldnames, entry.array_lengths, strict=True):
         # A character array is one value of the struct, an array of numbers as many as it is long.
         is_text = _field_type(entry, name) == "char"
-        fields.append((name, 0 if is_text else array_length))
+        if is_text:
+            fields.append((name, 0))
+        else:
+            fields.append((name, array_length))
 
     return MessageLayout(
         message_id=message_id,
@@ -57,8 +60,10 @@ LAYOUTS: dict[int, MessageLayout] = {
 } | {layout.message_id: layout for layout in EXTRA}
 
 
-def _zero(layout: MessageLayout, field_name: str) -> int | bytes:
-    """Return the value of a field that is left out."""
+def _zero(layout: MessageLayout, field_name: str, count: int) -> Any:
+    """Return the value of a field that is left out: a number, as many as `count`, or no text."""
+    if count:
+        return [0] * count
     entry = common.mavlink_map.get(layout.message_id)
     if entry is not None and _field_type(entry, field_name) == "char":
         return b""
@@ -67,10 +72,7 @@ def _zero(layout: MessageLayout, field_name: str) -> int | bytes:
 
 # Name, count and zero of each field of each message.
 _ZEROS: dict[str, tuple[tuple[str, int, Any], ...]] = {
-    layout.name: tuple(
-        (name, count, [0] * count if count else _zero(layout, name))
-        for name, count in layout.fields
-    )
+    layout.name: tuple((name, count, _zero(layout, name, count)) for name, count in layout.fields)
     for layout in LAYOUTS.values()
 }
 # What the encoder needs of each message: struct, id as two numbers, checksum seed.

@@ -62,12 +62,16 @@ class ReceivedCommand:
     def __getitem__(self, index: int) -> float:
         """Return parameter 1 to 7; 0 for NaN and infinity."""
         value = self.numbers[index - 1]
-        return value if math.isfinite(value) else 0.0
+        if not math.isfinite(value):
+            return 0.0
+        return value
 
     def integer(self, index: int) -> int:
         """Return parameter 1 to 7 as the nearest whole number; -1 when it is too large."""
         value = self[index]
-        return round(value) if abs(value) < _LARGEST else -1
+        if abs(value) >= _LARGEST:
+            return -1
+        return round(value)
 
 
 Answer = tuple[CommandResult, list[bytes]]
@@ -159,7 +163,9 @@ def _reposition(link: CommandedLink, command: ReceivedCommand) -> Answer:
     if result is not CommandResult.ACCEPTED:
         return result, []
 
-    scale = 1e-7 if command.is_integer else 1.0
+    scale = 1.0
+    if command.is_integer:
+        scale = 1e-7
     latitude_deg = command.numbers[4] * scale
     longitude_deg = command.numbers[5] * scale
     altitude_m = command.numbers[6]
@@ -221,7 +227,9 @@ def _reboot(link: CommandedLink, command: ReceivedCommand) -> Answer:
 
 def _set_interval(link: CommandedLink, command: ReceivedCommand) -> Answer:
     is_set = link.schedule.set_interval(command.integer(1), command[2], link.view.now_s)
-    return CommandResult.ACCEPTED if is_set else CommandResult.FAILED, []
+    if not is_set:
+        return CommandResult.FAILED, []
+    return CommandResult.ACCEPTED, []
 
 
 def _get_interval(link: CommandedLink, command: ReceivedCommand) -> Answer:

@@ -437,7 +437,9 @@ class Link:
         if requested:
             return [self._event(event) for event in requested]
 
-        oldest = kept[0].sequence if kept else 0
+        oldest = 0
+        if kept:
+            oldest = kept[0].sequence
         return [
             self.encoder.encode_named(
                 "RESPONSE_EVENT_ERROR",
@@ -454,10 +456,12 @@ class Link:
         return [self._to_sender("MISSION_COUNT", message)]
 
     def _mission_upload(self, message: MavlinkMessage) -> list[bytes]:
-        accepted = 0  # an empty mission
+        accepted = 0
         unsupported = 3
-        result = accepted if message.fields["count"] == 0 else unsupported
-        return [self._to_sender("MISSION_ACK", message, type=result)]
+        is_empty = message.fields["count"] == 0
+        if is_empty:
+            return [self._to_sender("MISSION_ACK", message, type=accepted)]
+        return [self._to_sender("MISSION_ACK", message, type=unsupported)]
 
     def _mission_clear(self, message: MavlinkMessage) -> list[bytes]:
         return [self._to_sender("MISSION_ACK", message)]
@@ -498,7 +502,9 @@ class Link:
         else:
             answer[3] = _FTP_NAK
             answer[4] = 1  # one byte of data: the error
-            answer[12] = _FTP_NOT_FOUND if operation in (_FTP_OPEN, _FTP_LIST) else _FTP_FAIL
+            answer[12] = _FTP_FAIL
+            if operation in (_FTP_OPEN, _FTP_LIST):
+                answer[12] = _FTP_NOT_FOUND
 
         network = 0
         return [

@@ -26,9 +26,12 @@ class LinkKey:
 
     def follow(self) -> None:
         """Sign and check from now on if there is a key."""
-        has_key = bool(self._store.key)
-        self._encoder.is_signed = has_key
-        self._decoder.takes = self._takes if has_key else None
+        if self._store.key:
+            self._encoder.is_signed = True
+            self._decoder.takes = self._takes
+        else:
+            self._encoder.is_signed = False
+            self._decoder.takes = None
 
     def signed(self, frames: list[bytes]) -> list[bytes]:
         """Return frames as they leave, in this order."""
@@ -39,7 +42,10 @@ class LinkKey:
         for frame in frames:
             # The flag of a frame says whether there was a key when it was made.
             needs_signature = bool(frame[2] & 1)
-            leaving.append(self._signing.sign(frame) if needs_signature else frame)
+            if needs_signature:
+                leaving.append(self._signing.sign(frame))
+            else:
+                leaving.append(frame)
         return leaving
 
     def set_up(self, px4: EmulatedPx4, now_s: float, message: MavlinkMessage) -> None:
@@ -51,7 +57,10 @@ class LinkKey:
             return
 
         self._store.put(bytes(message.fields["secret_key"]), message.fields["initial_timestamp"])
-        px4.journal.say(now_s, "signing accepted" if self._store.key else "signing disabled")
+        if self._store.key:
+            px4.journal.say(now_s, "signing accepted")
+        else:
+            px4.journal.say(now_s, "signing disabled")
         self.follow()
 
     def _takes(self, message: MavlinkMessage, frame: bytes, is_signed: bool) -> bool:

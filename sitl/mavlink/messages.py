@@ -369,8 +369,9 @@ def attitude_target(v: View) -> Values:
 
 def position_target_local_ned(v: View) -> Values | None:
     px4 = v.autopilot
-    setpoint = px4.setpoint if px4.mode is Mode.OFFBOARD else None
-    if setpoint is not None and setpoint.kind is not SetpointKind.POSITION:
+    setpoint = px4.setpoint
+    is_in_offboard = px4.mode is Mode.OFFBOARD
+    if is_in_offboard and setpoint is not None and setpoint.kind is not SetpointKind.POSITION:
         return None
 
     type_mask = 0
@@ -418,7 +419,9 @@ def position_target_global_int(v: View) -> Values | None:
 def _commanded_thrust(v: View) -> float:
     """Return the thrust that is commanded to the motors, before their lag."""
     actuation = v.autopilot.actuation
-    return actuation.thrust_frac if actuation.motors_on else 0.0
+    if not actuation.motors_on:
+        return 0.0
+    return actuation.thrust_frac
 
 
 def _pulse_us(v: View) -> int:
@@ -446,7 +449,9 @@ def actuator_output_status(v: View) -> Values:
 
 def hil_actuator_controls(v: View) -> Values:
     flags = 0
-    mode = 129 if v.autopilot.is_armed else 1
+    mode = 1
+    if v.autopilot.is_armed:
+        mode = 129
     return (v.boot_us, flags, *[_commanded_thrust(v)] * 4, *[0.0] * 12, mode)
 
 

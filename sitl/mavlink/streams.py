@@ -35,8 +35,9 @@ GCS_RATES_HZ: dict[int, float] = {message_id: rates[1] for message_id, rates in 
 SIMULATOR_RATES_HZ: dict[int, float] = {
     ID_BY_NAME[name]: rate for name, rate in _TABLE["simulator_hz"].items()
 }
+# The fastest that a message is sent at, where it is slower than the physics.
 _CEILINGS_HZ: dict[int, float] = {
-    message_id: rates[2] if len(rates) > 2 else FASTEST_HZ for message_id, rates in _RATES.items()
+    message_id: rates[2] for message_id, rates in _RATES.items() if len(rates) > 2
 }
 # Their rate can be set, and PX4 sends nothing.
 SILENT: frozenset[int] = frozenset(
@@ -121,7 +122,8 @@ class Schedule:
         default_hz = self.default_hz[message_id]
         interval_s = 0.0
         if interval_us > 0.0:
-            interval_s = max(interval_us * 1e-6, 1.0 / _CEILINGS_HZ[message_id])
+            ceiling_hz = _CEILINGS_HZ.get(message_id, FASTEST_HZ)
+            interval_s = max(interval_us * 1e-6, 1.0 / ceiling_hz)
         elif interval_us == 0.0 and default_hz > 0.0:
             interval_s = 1.0 / default_hz
 

@@ -173,7 +173,9 @@ class View:
     def origin_altitude_m(self) -> float:
         """Altitude of the local frame's origin above the sea."""
         altitude_m = self.emulator.estimator.origin_altitude_m[self.index]
-        return HOME_ALTITUDE_M if altitude_m is None else altitude_m
+        if altitude_m is None:
+            return HOME_ALTITUDE_M
+        return altitude_m
 
     @property
     def reset_counter(self) -> int:
