@@ -102,7 +102,7 @@ def test_an_autopilot_is_judged_by_the_version_that_it_reports(
     assert bool(said) == bool(nearest(reported)[1])
 
 
-def test_what_was_seen_before_the_version_is_known_is_judged_by_it() -> None:
+def test_measurements_from_before_the_version_is_known_are_judged_by_it() -> None:
     asked = FactReport(
         matching(FACTS, ["stream.heartbeat", "quirk", "request.version"]), is_version_known=False
     )
@@ -132,7 +132,7 @@ def test_what_was_seen_before_the_version_is_known_is_judged_by_it() -> None:
         ),
     ],
 )
-def test_an_emulator_of_one_version_differs_when_another_is_asked_for(
+def test_an_emulator_of_one_version_differs_from_the_facts_of_another(
     flown: str, asked: str, differing
 ) -> None:
     report = FactReport(matching(facts_of(asked, FACTS).values(), sorted(differing)))
@@ -166,7 +166,7 @@ def test_a_vehicle_that_does_not_look_simulated_is_never_armed() -> None:
     assert verdicts["ack.unknown-command"] is verdicts["param.COM_OF_LOSS_T"] is FactVerdict.AGREES
 
 
-def test_a_vehicle_that_falls_silent_in_flight_differs_in_what_was_not_seen() -> None:
+def test_facts_differ_that_a_vehicle_left_unmeasured_by_falling_silent() -> None:
     wires = Wires()
     wires.outgoing = lambda frame: [] if wires.emulator.time_s > 20.0 else [frame]
     asked = FactReport(matching(FACTS, ["loss", "param.COM_OF_LOSS_T"]))

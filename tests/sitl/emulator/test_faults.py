@@ -68,7 +68,7 @@ def test_nonsense_is_refused_in_words(line: str, words: str) -> None:
     assert words in str(refused.value)
 
 
-def test_a_line_says_all_of_a_fault() -> None:
+def test_a_line_of_text_describes_a_whole_fault() -> None:
     fault = check(parse("v1 motor_weak at=20 duration=5 motor=2 effectiveness=0.6"), NAMES)
     assert fault == Fault("motor_weak", "v1", 20.0, 5.0, {"motor": 2.0, "effectiveness": 0.6})
     assert fault.sentence == "v1: motor 2 gives only 0.6 of its thrust"
@@ -234,7 +234,7 @@ def vision_follower(emu: Emulator, index: int, place: tuple[float, float, float]
     emu.vision(index, np.array(place))
 
 
-def test_what_the_autopilot_is_told_from_outside_can_freeze_jump_be_swapped_late_or_lost() -> None:
+def test_external_positions_can_freeze_jump_be_swapped_late_or_lost() -> None:
     def believed(line: str) -> np.ndarray:
         emu = emulator((0.0, 0.0, 0.0), (3.0, 0.0, 0.0), seed=2)
         emu.inject(parse(line))

@@ -30,7 +30,7 @@ def test_poses_come_at_their_rate_late_and_with_noise_about_the_exposure() -> No
     assert abs(errors.mean()) < 0.0005
 
 
-def test_lost_markers_are_said_to_be_lost() -> None:
+def test_a_body_without_markers_is_reported_as_lost() -> None:
     poses = poses_of(MocapSettings(dropout_per_s=0.5, dropout_s=0.3), 30.0)
     lost = [pose for pose in poses if not pose[2]]
     assert 0.02 < len(lost) / len(poses) < 0.4

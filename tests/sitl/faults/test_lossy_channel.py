@@ -37,7 +37,7 @@ def test_without_faults_everything_comes_out_at_once_and_in_order() -> None:
     assert LossyChannel[int]().is_clear
 
 
-def test_the_share_that_is_lost_or_comes_twice_is_as_asked() -> None:
+def test_the_requested_share_is_lost_or_comes_twice() -> None:
     assert len(through(ChannelFaults(loss=0.3))) / 4000 == pytest.approx(0.7, abs=0.03)
     assert len(through(ChannelFaults(duplicate=0.25))) / 4000 == pytest.approx(1.25, abs=0.03)
     assert through(ChannelFaults(loss=1.0)) == []
@@ -144,7 +144,7 @@ def test_a_slow_link_answers_after_both_delays() -> None:
     assert "PARAM_VALUE" in names(client.step(0.04))
 
 
-def test_a_hung_autopilot_is_silent_and_then_answers_what_was_asked_meanwhile() -> None:
+def test_a_hung_autopilot_is_silent_and_then_answers_the_requests_that_came_meanwhile() -> None:
     emu = emulator()
     client = Client(emu)
     client.step(5.0)

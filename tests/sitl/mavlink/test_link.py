@@ -224,7 +224,7 @@ def test_rates_are_raised_lowered_and_reset_by_command() -> None:
     assert client.command(511, 999, 100_000) == [FAILED]
 
 
-def test_a_message_is_sent_once_when_asked_for() -> None:
+def test_a_requested_message_is_sent_once() -> None:
     client = Client(emulator())
     answers = client.send("COMMAND_LONG", command=512, target_system=1, param1=148.0)
     assert [m.name for m in answers] == ["COMMAND_ACK", "AUTOPILOT_VERSION"]
@@ -248,7 +248,7 @@ def test_time_synchronisation_and_ping_are_answered() -> None:
     assert (answer.fields["seq"], answer.fields["target_system"]) == (5, 245)
 
 
-def test_texts_are_told_only_while_a_ground_stations_heartbeat_arrives() -> None:
+def test_texts_are_sent_only_while_a_ground_stations_heartbeat_arrives() -> None:
     emu = emulator()
     client = Client(emu)
     client.command(400, 1)
@@ -344,7 +344,7 @@ def test_with_vision_only_hold_can_be_armed_in_once_an_origin_is_given() -> None
     assert client.command(400, 1) == [ACCEPTED]
 
 
-def test_nonsense_is_counted_and_hurts_nobody() -> None:
+def test_nonsense_is_counted_and_changes_nothing() -> None:
     emu = emulator()
     client = Client(emu)
     rng = random.Random(3)

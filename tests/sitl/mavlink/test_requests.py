@@ -17,7 +17,7 @@ from tests.sitl.sitl_flying import Client, emulator, run_for, until
 ACCEPTED, REJECTED, DENIED, UNSUPPORTED, FAILED = range(5)
 
 
-def test_events_come_to_everybody_and_can_be_asked_for_again() -> None:
+def test_events_go_to_every_link_and_are_sent_again_on_request() -> None:
     emu = emulator()
     client = Client(emu)
     client.command(400, 1)
@@ -36,7 +36,7 @@ def test_events_come_to_everybody_and_can_be_asked_for_again() -> None:
     assert count.fields["sequence"] == 1
 
 
-def test_an_origin_is_told_once_when_it_is_known_and_again_when_asked_for() -> None:
+def test_the_origin_is_sent_once_when_it_is_known_and_again_on_request() -> None:
     emu = emulator()
     client = Client(emu)
     told = [m for m in client.collect(8.0) if m.name == "GPS_GLOBAL_ORIGIN"]
@@ -79,7 +79,7 @@ def test_home_is_where_it_was_armed_and_heights_count_from_there() -> None:
     assert place["relative_alt"] == pytest.approx(place["alt"] - home["altitude"], abs=2.0)
 
 
-def test_both_battery_messages_say_one_ampere_less_than_nothing() -> None:
+def test_both_battery_messages_report_minus_one_ampere() -> None:
     seen = {m.name: m.fields for m in Client(emulator()).collect(3.0)}
     status = seen["SYS_STATUS"]
     assert seen["BATTERY_STATUS"]["current_battery"] == status["current_battery"] == -100
@@ -114,7 +114,7 @@ def test_rates_reach_px4s_ceilings_and_no_further() -> None:
 @pytest.mark.parametrize(
     "name", ["HIL_STATE_QUATERNION", "ACTUATOR_OUTPUT_STATUS", "HIL_ACTUATOR_CONTROLS"]
 )
-def test_ground_truth_and_outputs_are_streamed_when_asked_for(name: str) -> None:
+def test_ground_truth_and_outputs_are_streamed_on_request(name: str) -> None:
     client = Client(emulator())
     assert client.command(511, ID_BY_NAME[name], 10_000) == [ACCEPTED]
     assert [m.name for m in client.collect(1.0)].count(name) == pytest.approx(100, abs=3)
@@ -126,7 +126,7 @@ def test_streams_without_data_are_accepted_and_stay_silent() -> None:
     assert "RC_CHANNELS" not in [m.name for m in client.collect(1.0)]
 
 
-def test_an_interval_is_told_for_known_messages_and_zero_for_unknown_ones() -> None:
+def test_a_requested_interval_is_that_of_the_stream_and_zero_for_unknown_messages() -> None:
     client = Client(emulator())
     for number, expected in ((32, 33333), (375, -1), (999, 0)):
         answers = client.send("COMMAND_LONG", command=510, target_system=1, param1=float(number))
@@ -245,7 +245,7 @@ def test_a_ground_station_that_knows_the_parameters_stops_the_list() -> None:
     assert "PARAM_VALUE" not in [m.name for m in client.collect(0.5)]
 
 
-def test_hold_flies_to_a_place_on_earth_when_told_so() -> None:
+def test_a_reposition_command_moves_hold_to_a_position_on_earth() -> None:
     emu = emulator()
     client = Client(emu)
     run_for(emu, 5.0)
@@ -277,7 +277,7 @@ def test_hold_flies_to_a_place_on_earth_when_told_so() -> None:
         (493.4, 4.0, None),
     ],
 )
-def test_a_take_off_goes_to_the_altitude_asked_for_but_not_below_the_default(
+def test_a_take_off_climbs_to_the_requested_altitude_but_at_least_to_the_default(
     above_sea_m: float, height_m: float, said: str | None
 ) -> None:
     emu = emulator()
@@ -313,7 +313,7 @@ def test_the_ground_link_streams_less_and_events_as_well() -> None:
     assert "HIGHRES_IMU" not in names
 
 
-def test_setpoints_for_places_on_earth_are_flown() -> None:
+def test_setpoints_for_positions_on_earth_are_flown() -> None:
     emu = emulator()
     client = Client(emu)
     run_for(emu, 5.0)

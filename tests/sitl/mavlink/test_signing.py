@@ -70,7 +70,7 @@ def test_any_sender_sets_the_key_of_a_px4_without_one_for_all_its_links() -> Non
     assert {answer[-13] for answer in answers} == {1}
 
 
-def test_a_key_is_changed_by_who_has_it_on_the_ground_only() -> None:
+def test_only_a_sender_with_the_key_changes_it_and_only_on_the_ground() -> None:
     emu, own, _ = vehicle()
     own.receive(Sender().key(KEY))
     own.receive(Sender().key(OTHER_KEY))
@@ -86,7 +86,7 @@ def test_a_key_is_changed_by_who_has_it_on_the_ground_only() -> None:
     assert is_signed(own.receive(Sender().request())) == {False}
 
 
-def test_replays_and_old_clocks_are_refused_until_a_restart_forgets_who_has_spoken() -> None:
+def test_replays_and_old_clocks_are_refused_until_a_restart_forgets_the_senders() -> None:
     emu, own, ground = vehicle()
     own.receive(Sender().key(KEY))
     recorded = Sender(KEY, NOW + 5, link_id=64).request()

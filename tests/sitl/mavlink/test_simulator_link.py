@@ -13,7 +13,7 @@ from sitl.mavlink.streams import SIMULATOR_RATES_HZ
 from tests.sitl.sitl_flying import emulator, run_for
 
 
-def test_it_is_where_sih_has_it_and_nowhere_outside_of_px4_s_ports() -> None:
+def test_the_simulator_link_has_the_ports_of_sih_and_none_outside_of_px4s_layout() -> None:
     first, late = (
         simulator_ports("udpin://127.0.0.1:14540"),
         simulator_ports("udpin://127.0.0.1:15552"),
@@ -31,7 +31,7 @@ def test_it_is_where_sih_has_it_and_nowhere_outside_of_px4_s_ports() -> None:
     assert [simulator_ports(endpoint) for endpoint in outside] == [None] * 4
 
 
-def test_a_viewer_sees_the_true_place_of_each_vehicle_without_saying_a_word() -> None:
+def test_a_silent_viewer_receives_the_true_position_of_each_vehicle() -> None:
     emu = emulator((0.0, 0.0, 0.0), (3.0, 4.0, 0.0))
     links = [LossyLink(emu, index, SIMULATOR_RATES_HZ, "simulator") for index in range(2)]
     decoder = Decoder()

@@ -67,7 +67,7 @@ def test_vehicles_that_would_start_inside_each_other_are_refused_in_words() -> N
         emulator((0.0, 0.0, 0.0), (3.0, 0.0, 0.0), (0.2, 0.0, 0.0))
 
 
-def test_who_flies_below_another_is_pushed_down_and_less_so_farther_away() -> None:
+def test_downwash_pushes_a_lower_vehicle_down_and_less_so_farther_away() -> None:
     sinks = []
     for gap_m, aside_m in ((0.5, 0.0), (1.5, 0.0), (0.5, 0.6), (-0.5, 0.0)):
         start = np.array([[0.0, 0.0, 10.0], [aside_m, 0.0, 10.0 - gap_m]])

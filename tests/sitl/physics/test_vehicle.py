@@ -225,7 +225,7 @@ def test_without_numba_the_same_flight_is_interpreted() -> None:
     np.testing.assert_allclose(json.loads(done.stdout), expected, atol=1e-9)
 
 
-def test_the_weak_vehicle_never_reaches_the_tilt_it_is_asked_for() -> None:
+def test_the_weak_vehicle_never_reaches_the_requested_tilt() -> None:
     _, fractions = step_response(ARDRONE, 0, 10.0)
     vehicles, _ = hovering(ARDRONE)
     bias = float(vehicles.tilt_bias_rad[0, 0])

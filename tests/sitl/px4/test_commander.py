@@ -131,7 +131,7 @@ def test_the_default_loss_action_descends_blindly_lands_and_disarms() -> None:
     assert pilot.mode is Mode.OFFBOARD
 
 
-def test_a_mode_asked_for_sticks_while_setpoints_keep_flowing() -> None:
+def test_a_requested_mode_is_kept_while_setpoints_go_on() -> None:
     emu = emulator()
     offboard_at_height(emu, 1.5)
     pilot = emu.autopilots[0]
@@ -233,7 +233,7 @@ def test_a_quaternion_of_any_length_means_its_direction_and_nan_drifts_slowly() 
     assert -8.0 < np.degrees(emu.world.vehicles.states.tilt_rad[0, 0]) < -1.0
 
 
-def test_position_setpoints_fly_there_in_offboard() -> None:
+def test_a_position_setpoint_is_flown_to_in_offboard() -> None:
     emu = emulator()
     client = Client(emu)
     run_for(emu, 5.0)

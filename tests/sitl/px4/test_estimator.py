@@ -156,7 +156,7 @@ def test_with_satellites_the_heading_errs_by_2_to_17_degrees_and_wanders_by_2_to
     assert (yaw_deg.mean(axis=0) > 0).sum() == pytest.approx(75, abs=25)
 
 
-def test_vision_with_its_heading_takes_the_error_of_the_compass_away_or_brings_its_own() -> None:
+def test_vision_with_a_heading_replaces_the_error_of_the_compass_by_its_own() -> None:
     hovering = on_vision(1)
     hovering.fly(4.0, (0.0, 0.0, 0.0))
     assert abs(hovering.estimator.yaw_error_rad[0]) < 0.005
@@ -296,7 +296,7 @@ def test_vision_that_is_not_finite_is_ignored() -> None:
     assert np.array_equal(estimator.offset_ned_m, before)
 
 
-def test_without_satellites_the_told_accuracy_grows_as_measured_and_recovers_with_them() -> None:
+def test_the_reported_accuracy_grows_without_satellites_and_recovers_with_them() -> None:
     hovering = Hovering(1)
     hovering.fly(5.0)
     told_m = hovering.estimator.accuracy_m

@@ -90,7 +90,7 @@ def test_the_most_severe_of_several_actions_is_taken() -> None:
     assert decided(both, COM_OBL_RC_ACT=4, CBRK_FLIGHTTERM=0) is FailsafeAction.TERMINATE
 
 
-def test_a_fence_is_left_by_asking_for_a_mode_and_a_lost_signal_by_its_return() -> None:
+def test_a_fence_failsafe_ends_with_a_mode_request_and_a_signal_failsafe_with_the_signal() -> None:
     params, failsafe = Parameters(), Failsafe()
     params.values.update(GF_MAX_HOR_DIST=5.0, GF_ACTION=3)
     failsafe.step(0.0, replace(CALM, from_home_m=(6.0, 0.0)), params)
@@ -176,7 +176,7 @@ def test_lost_setpoints_on_the_ground_leave_the_vehicle_armed_in_posctl() -> Non
 
 
 @pytest.mark.parametrize("mode", [Mode.LAND, Mode.RTL])
-def test_nobody_arms_in_a_mode_that_only_ends_flights(mode: Mode) -> None:
+def test_a_mode_that_only_ends_flights_refuses_arming(mode: Mode) -> None:
     emu = emulator()
     run_for(emu, 5.0)
     pilot = emu.autopilots[0]
@@ -196,7 +196,7 @@ def test_a_ground_station_is_needed_only_if_its_loss_would_matter() -> None:
     assert pilot.arming_obstacles(emu.time_s) == []
 
 
-def test_modes_are_found_by_px4s_numbers() -> None:
+def test_the_numbers_of_px4_name_its_modes() -> None:
     assert mode_of(1, 6, 0) is Mode.OFFBOARD
     assert mode_of(1, 4, 3) is Mode.LOITER
     assert mode_of(1, 4, 0) is Mode.MISSION

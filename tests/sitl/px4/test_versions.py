@@ -27,7 +27,7 @@ UNSUPPORTED = 3
 ALL = sorted(VERSIONS)
 
 
-def test_no_code_of_the_emulator_asks_for_a_version_by_name() -> None:
+def test_no_code_of_the_emulator_compares_versions_by_name() -> None:
     folder = Path(sitl.px4.__file__).parents[1]
     rooms = ("px4", "mavlink", "emulator", "physics")
     texts = {
@@ -44,7 +44,7 @@ def test_no_code_of_the_emulator_asks_for_a_version_by_name() -> None:
 
 
 @pytest.mark.parametrize("px4", ALL)
-def test_autopilot_version_tells_the_version_asked_for(px4: str) -> None:
+def test_autopilot_version_reports_the_emulated_version(px4: str) -> None:
     client = Client(emulator(px4=px4))
     (version,) = client.send("COMMAND_LONG", command=512, target_system=1, param1=148.0)[1:]
     number = version.fields["flight_sw_version"]
