@@ -59,7 +59,7 @@ def test_on_the_setpoint_only_feed_forward_and_gravity_remain() -> None:
 
 @pytest.mark.parametrize("radius_m", [1e6, 0.4])
 def test_the_lyapunov_function_falls_along_the_closed_loop(radius_m: float) -> None:
-    """W = c H(e) + |z|^2/2 has the derivative -c k1 |s|^2 - k2 |z|^2, with and without the clamp."""
+    """W = c H(e) + |z|^2/2 has the derivative -c k1 |s|^2 - k2 |z|^2, clamped or not."""
     params = OPEN._replace(max_position_error_m=radius_m)
     k1, k2, c, h = 1.5, 4.0, 0.5, 1e-6
 
