@@ -4,7 +4,8 @@ output.
 The paper constrains two outputs of a pair: the squared distance d_o,2 of (5), and the orthoradial
 velocity phi_perp of (6). It derives each until the input appears, (10), and bounds the input such
 that the output decays to its limit no faster than the kappas say, (17) and (18). The bounds are
-:func:`separating_bound` and :func:`h_2`. With e and w for position and velocity relative to the other one, ``u_1
+:func:`separating_bound` and :func:`h_2`. With e and w for position and velocity relative to the
+other one, ``u_1
 = 2 e . u`` and ``u_2 = e x u``, (15): so (17) and (18) are half-planes, with the normals e and e
 turned by 90 degrees. A row is divided by the distance to keep, so that its bound is in m/s^2.
 """
