@@ -23,8 +23,21 @@ from onboard.config.radio import RadioConfig
 from onboard.config.validation import FLEET_BOUNDS, VEHICLE_BOUNDS, law_bounds
 
 Ends = tuple[float | str, float | str]
-_UNITS = {"m": "m", "s": "s", "1_s": "1/s", "m_s": "m/s", "m_s2": "m/s²", "deg": "°", "deg_s": "°/s",
-          "rad_s": "rad/s", "pct": "%", "frac": "share", "kg": "kg", "kg_m2": "kg m²", "hz": "Hz"}  # fmt: skip
+_UNITS = {
+    "m": "m",
+    "s": "s",
+    "1_s": "1/s",
+    "m_s": "m/s",
+    "m_s2": "m/s²",
+    "deg": "°",
+    "deg_s": "°/s",
+    "rad_s": "rad/s",
+    "pct": "%",
+    "frac": "share",
+    "kg": "kg",
+    "kg_m2": "kg m²",
+    "hz": "Hz",
+}
 _FIELD = re.compile(r"    (\w+): (.+?)(?: = (.+?))?(?:  # (.*))?$")
 _ONE_OF_ITS_OWN = ("system_id", "start_enu_m", "agent", "autopilot", "direct", "mocap_body")
 

@@ -167,4 +167,4 @@ make bench-law-map ARGS="law-map.jsonl --out docs"          # this page, its pic
 `--scheduler ADDRESS` flies it on a Dask cluster (extra `cluster`, there and here). The digest is the
 same on one kind of processor with one set of libraries, however often it was interrupted and wherever it was flown; a
 file of another version of the law is refused. A piece that was lost with its process or its scheduler is flown again,
-and none counts twice."""
+and none counts twice."""  # noqa: E501  lines of a page

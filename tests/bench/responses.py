@@ -265,7 +265,7 @@ agrees within 10 % (errors of the estimate, which are statistics: 20 %, their co
 
 The peak rates of PX4's roll and pitch steps are given over their size, since all steps share one shape: 58, 123 and
 160 deg/s were measured for 10, 20 and 30 deg. The 47 deg/s of the 5 deg step do not go with that, and are left out.
-"""
+"""  # noqa: E501  lines of a page
 
 
 def draw(path: Path) -> None:

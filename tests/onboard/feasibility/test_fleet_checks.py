@@ -181,8 +181,8 @@ def test_the_papers_law_is_held_to_its_own_initial_conditions_and_kappas() -> No
     assert start.status == "refused"
     assert named(near, "kappas").bound == pytest.approx(4.0 / (27.0 * SIH.lag_s), abs=1e-4)
     assert named(fleet_with({"law.name": "paper"}, base="paper"), "kappas").status == "refused"
-    assert named(fleet_with({"law.name": "paper", "law.paper_kappa_1_1_s": 0.9, "law.paper_kappa_2_1_s": 0.9}),
-                 "kappas").status == "ok"  # fmt: skip
+    slower = {"law.name": "paper", "law.paper_kappa_1_1_s": 0.9, "law.paper_kappa_2_1_s": 0.9}
+    assert named(fleet_with(slower), "kappas").status == "ok"
 
 
 def test_at_the_papers_bound_h_2_of_equation_21_vanishes_at_rest() -> None:

@@ -37,7 +37,7 @@ simulated time, seed 1; a second value is that of the first newer version of whi
 that of the next. Written by `python -m tests.sitl.conformance.facts_page`.
 
 {agree} of {all} facts agree, counted once for each version.{differ}
-"""
+"""  # noqa: E501  lines of a page
 
 
 def whole_check(px4: str = VERSIONS[0], seed: int = 1) -> FactReport:
