@@ -163,7 +163,8 @@ def list_(fleet: Fleet, /, *, running: bool = False) -> int:
     config = load_fleet(fleet)
     if not config.has_keys:
         raise ConfigError(
-            f"{config.path}: the bus of this fleet has no keys. Lock it: covey keys secure {config.path}"
+            f"{config.path}: the bus of this fleet has no keys. "
+            f"Lock it: covey keys secure {config.path}"
         )
     is_right = True
     for node in nodes_of(config):

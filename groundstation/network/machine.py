@@ -83,7 +83,7 @@ def _python() -> Diagnosis:
 
 
 def _libraries() -> Iterator[Diagnosis]:
-    """Yield which libraries are missing or of a version that Covey does not allow, then the rest."""
+    """Yield which libraries are missing or of a version that Covey refuses, then the rest."""
     try:
         requirements = metadata.requires("covey") or []
     except metadata.PackageNotFoundError:
