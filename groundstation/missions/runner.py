@@ -133,8 +133,8 @@ class MissionRun:
         """End the mission when a vehicle whose last telemetry was armed is silent for SILENT_S.
 
         Call it several times a second. After a stall of this ground itself the vehicles get
-        AFTER_STALL_S. Where nobody is heard, this ground's own link is lost: the mission waits until
-        the agents land by themselves.
+        AFTER_STALL_S. Where nobody is heard, this ground's own link is lost: the mission waits
+        until the agents land by themselves.
 
         Returns:
             Whether it has ended for that.

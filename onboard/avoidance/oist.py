@@ -322,7 +322,7 @@ def is_fleeing(own: Own, pairs: list[NeighbourPair], rows: list[HalfPlane]) -> b
         pairs: with the neighbours that count.
         rows: that keep their distance, in the same order.
     """
-    for k in range(len(pairs)):
+    for k in range(len(pairs)):  # a loop: numba compiles no generators
         if not pairs[k].is_cooperative and can_bind(rows[k], own.radius_m_s2):
             return True
     return False

@@ -458,7 +458,7 @@ def _or_zero(value: float) -> float:
 
 
 def _on_ground(state: State, params: PipelineParams) -> tuple[PipelineMemory, Tick]:
-    """Return no thrust, level, and memories as at the start: nothing of the ground is flown."""
+    """Return no thrust, level, and memories as at the start: no value of the ground is flown."""
     given = state.position_enu_m
     position = Vec3(_or_zero(given.x), _or_zero(given.y), _or_zero(given.z))
     memory = initial(params, position)
