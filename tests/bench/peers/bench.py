@@ -227,7 +227,7 @@ def compare(options: argparse.Namespace, group: str, contestants: Mapping[str, C
         page = pages.comparison(run, summaries, outcomes)
         pages.insert(folder / "law.md", "comparison", f"{run.sentence()}\n\n{table(summaries)}")
         section = "methods"
-    pages.insert(folder / pages.MEASURED, section, page)
+    pages.write_section(folder / pages.MEASURED, section, page)
     print(f"written: {folder / pages.MEASURED}, {section}")
     return 0
 
@@ -259,7 +259,7 @@ def by_delay(options: argparse.Namespace, contestants: Mapping[str, Contestant])
         pictures.by_delay(
             options.delays, rows, folder / "figures/law_delay.png", "Messages that come late"
         )
-        pages.insert(folder / pages.MEASURED, "delay", page)
+        pages.write_section(folder / pages.MEASURED, "delay", page)
     return 0
 
 
@@ -300,7 +300,7 @@ def tune(options: argparse.Namespace) -> int:
         run = pages.Run(_command(options), seeds, scenarios, options.errors)
         best_titles = {PEERS[name].title: values for name, values in best.items()}
         page = pages.tuning(run, lines, best_titles)
-        pages.insert(Path(options.out) / pages.MEASURED, "tuning", page)
+        pages.write_section(Path(options.out) / pages.MEASURED, "tuning", page)
     return 0
 
 

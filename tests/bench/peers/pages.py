@@ -45,20 +45,25 @@ MEASURED = "law-measured.md"  # the page of docs/ that the figures of these benc
 
 
 def insert(page: Path, name: str, text: str) -> None:
-    """Replace what stands between ``<!-- bench: name -->`` and ``<!-- end -->`` in a page that may
-    not exist.
-    """
-    if page.is_file():
-        words, begin, end = (
-            page.read_text(encoding="utf-8"),
-            f"<!-- bench: {name} -->",
-            "<!-- end -->",
-        )
-        before, found, rest = words.partition(begin)
-        if found:
-            page.write_text(
-                f"{before}{begin}\n{text}\n{end}{rest.partition(end)[2]}", encoding="utf-8"
-            )
+    """Replace the text between ``<!-- bench: name -->`` and ``<!-- end -->``, if it is there."""
+    if not page.is_file():
+        return
+
+    begin = f"<!-- bench: {name} -->"
+    end = "<!-- end -->"
+    before, found, rest = page.read_text(encoding="utf-8").partition(begin)
+    if found:
+        after = rest.partition(end)[2]
+        page.write_text(f"{before}{begin}\n{text}\n{end}{after}", encoding="utf-8")
+
+
+def write_section(page: Path, name: str, text: str) -> None:
+    """Write a section of a page; a page or a section that is not there yet is begun."""
+    begin = f"<!-- bench: {name} -->"
+    words = page.read_text(encoding="utf-8") if page.is_file() else ""
+    if begin not in words:
+        page.write_text(f"{words}{begin}\n<!-- end -->\n", encoding="utf-8")
+    insert(page, name, text)
 
 
 def comparison(

@@ -160,6 +160,17 @@ def test_a_bench_over_delays_goes_on_from_the_file_that_it_kept(tmp_path, capsys
     capsys.readouterr()
 
 
+def test_a_section_is_written_into_a_folder_that_has_no_page_yet(tmp_path):
+    page = tmp_path / pages.MEASURED
+    pages.write_section(page, "delay", "first")
+    pages.write_section(page, "methods", "second")
+    pages.write_section(page, "delay", "third")
+    assert page.read_text() == (
+        "<!-- bench: delay -->\nthird\n<!-- end -->\n"
+        "<!-- bench: methods -->\nsecond\n<!-- end -->\n"
+    )
+
+
 def test_wrong_delays_are_refused_in_words(capsys):
     assert run_benchmark(["law", "--delays", "0.1,soon"]) == 2
     assert "--delays is '0.1,soon'" in capsys.readouterr().err
