@@ -7,16 +7,21 @@ from __future__ import annotations
 
 import math
 import os
+import warnings
+from io import BytesIO
 from typing import Any
 
 import numpy as np
 
 from onboard.arrays import Array
+from onboard.config.file_reading import FONT, PICTURE, opened, read_bytes
 from onboard.config.fleet import ConfigError
 
 _HEIGHT_PX = 48  # of a text
 _MOST_PX = 150  # of an image's longer side
 _ROUNDS = 40
+_MOST_PIXELS = 25_000_000  # of an image: they take 300 MB while it is read
+_FORMATS = ("PNG", "JPEG", "GIF", "BMP", "WEBP")
 
 
 def text_slots(text: str, font: str | None, count: int) -> Array:
@@ -31,6 +36,8 @@ def text_slots(text: str, font: str | None, count: int) -> Array:
         ConfigError: matplotlib is not installed, or the font cannot be read.
     """
     matplotlib = _matplotlib()
+    if font is not None:
+        opened(font, FONT).close()  # a regular file, and no larger than a font
     try:
         properties = matplotlib.font_manager.FontProperties(fname=font)
         outline = matplotlib.textpath.TextPath((0.0, 0.0), text, size=_HEIGHT_PX, prop=properties)
@@ -62,34 +69,60 @@ def image_slots(file: str, count: int) -> Array:
         count: of slots.
 
     Raises:
-        ConfigError: matplotlib is not installed, or there is no such image.
+        ConfigError: matplotlib is not installed, there is no such image, or it is too large.
     """
-    matplotlib = _matplotlib()
-    try:
-        pixels = np.asarray(matplotlib.image.imread(file), dtype=float)
-    except FileNotFoundError:
-        raise ConfigError(
-            f"{file}: there is no such image. Give the path of an existing one."
-        ) from None
-    except (OSError, ValueError, SyntaxError) as error:
-        raise ConfigError(f"{file}: this image cannot be read ({error}). Give a PNG.") from None
+    pixels = _pixels(file)
+    grey = pixels[..., :3].mean(-1)
+    opacity = pixels[..., 3]
+    grey = grey * opacity + 1.0 - opacity  # on white
 
-    if pixels.max() > 1.0:
-        pixels /= 255.0
-    if pixels.ndim == 2:
-        grey = pixels
-    else:
-        grey = pixels[..., :3].mean(-1)
-    if pixels.ndim == 3 and pixels.shape[2] == 4:
-        opacity = pixels[..., 3]
-        grey = grey * opacity + 1.0 - opacity  # on white
-
-    step = math.ceil(max(grey.shape) / _MOST_PX)
-    is_drawn = grey[::step, ::step] < 0.5
+    is_drawn = grey < 0.5
     if is_drawn.mean() > 0.5:
         is_drawn = ~is_drawn  # light on dark
     rows, columns = np.nonzero(is_drawn)
     return _spread(np.column_stack([columns, -rows]).astype(float), count, f"{file}")
+
+
+def _pixels(file: str) -> Array:
+    """Return red, green, blue and opacity, each up to 1, of at most _MOST_PX by _MOST_PX pixels.
+
+    Raises:
+        ConfigError: there is no such image, it has too many pixels, or is of a format that is not
+            read.
+    """
+    _matplotlib()  # brings Pillow
+    from PIL import Image, UnidentifiedImageError
+
+    data = read_bytes(file, PICTURE)
+    try:
+        # the head of the file is enough for its size: no pixel is unpacked yet
+        with warnings.catch_warnings(action="ignore", category=Image.DecompressionBombWarning):
+            opened_image = Image.open(BytesIO(data), formats=_FORMATS)
+        with opened_image as image:
+            width_px, height_px = image.size
+            if width_px * height_px > _MOST_PIXELS:
+                raise ConfigError(
+                    f"{file}: this image has {width_px} x {height_px} pixels; "
+                    f"{_MOST_PIXELS // 1_000_000} million are the most that is read. "
+                    "Make it smaller."
+                )
+            step = math.ceil(max(image.size) / _MOST_PX)
+            if image.mode.startswith("I"):  # grey of 16 bits, which would be cut off at 255
+                grey = np.asarray(image)[::step, ::step] / 65_535.0
+                return np.stack([grey, grey, grey, np.ones_like(grey)], axis=-1)
+            return np.asarray(image.convert("RGBA"))[::step, ::step] / 255.0
+    except UnidentifiedImageError:
+        formats = ", ".join(_FORMATS)
+        raise ConfigError(f"{file}: this image is none of {formats}. Give a PNG.") from None
+    except Image.DecompressionBombError:
+        raise ConfigError(
+            f"{file}: this image has far more than {_MOST_PIXELS // 1_000_000} million pixels, the "
+            "most that is read. Make it smaller."
+        ) from None
+    except ConfigError:
+        raise
+    except (OSError, ValueError, SyntaxError) as error:
+        raise ConfigError(f"{file}: this image cannot be read ({error}). Give a PNG.") from None
 
 
 def _matplotlib() -> Any:

@@ -6,10 +6,10 @@ import ast
 import importlib.util
 import inspect
 from collections.abc import Awaitable, Callable, Mapping
-from pathlib import Path
 from typing import Any
 
 from groundstation.mission_files.mission import Mission
+from onboard.config.file_reading import MISSION_FILE, check_values, python_tree, read_text
 from onboard.config.fleet import ConfigError
 
 MissionFunction = Callable[
@@ -39,16 +39,8 @@ def read_python(name: str) -> tuple[str, dict[str, Any]]:
     Raises:
         ConfigError: it cannot be read, is not Python, or has no ``async def mission(fleet)``.
     """
-    try:
-        text = Path(name).read_text(encoding="utf-8")
-        tree = ast.parse(text, name)
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(
-            f"{name}: this mission cannot be read ({error}). Check the path."
-        ) from None
-    except (SyntaxError, ValueError) as error:
-        raise ConfigError(f"{name}: not valid Python: {error}. Correct that line.") from None
-
+    text = read_text(name, MISSION_FILE)
+    tree = python_tree(text, name)
     if not any(_is_mission(node) for node in tree.body):
         raise ConfigError(
             f"{name}: a Python mission needs 'async def mission(fleet):' at its top level. Add it; "
@@ -64,10 +56,11 @@ def read_python(name: str) -> tuple[str, dict[str, Any]]:
             continue
         try:
             constants[target.id] = ast.literal_eval(node.value)
-        except ValueError:
+        except (ValueError, TypeError, RecursionError, MemoryError):
             raise ConfigError(
                 f"{name}: '{target.id}' must be a plain literal. Write its value out."
             ) from None
+        check_values(constants[target.id], name)
     return text, constants
 
 

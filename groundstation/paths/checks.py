@@ -10,11 +10,12 @@ import numpy as np
 
 from onboard.arrays import Array
 from onboard.config.fleet import FleetConfig, above_words, parking_distance_m, parking_height_share
+from onboard.config.ground import floor_m, least_height_m
 from onboard.control.path import Path, sampled
 from onboard.feasibility.finding import Finding, at_least, at_most, worst
 from onboard.types import GRAVITY_M_S2
 
-LOWEST_M = 0.3  # of a path, above the fence's floor
+LOWEST_M = 0.3  # of a path, above the ground
 STEP_S = 0.05
 # by which the parking distance exceeds the one at which the law begins to act
 _PARKING_MORE_M = 0.10
@@ -302,7 +303,7 @@ def _tilt_deg(fleet: FleetConfig, flown: SampledPaths) -> Array:
 
 
 def _room(fleet: FleetConfig, flown: SampledPaths, where: str) -> list[Finding]:
-    """Judge the distance to the fence's walls and top, and the height above its floor."""
+    """Judge the distance to the fence's walls and top, and the height above the ground."""
     fence = fleet.fleet.geofence_m
     positions = flown.values[0]
     x = positions[..., 0]
@@ -310,12 +311,13 @@ def _room(fleet: FleetConfig, flown: SampledPaths, where: str) -> list[Finding]:
     z = positions[..., 2]
     walls = (x - fence.x[0], fence.x[1] - x, y - fence.y[0], fence.y[1] - y)
     to_fence_m = np.minimum.reduce([*walls, fence.z[1] - z])
-    height_m = z - fence.z[0]
+    height_m = z - floor_m(fleet)
+    least_m = max([LOWEST_M, *(least_height_m(fleet.vehicles[name]) for name in flown.names)])
 
     findings = []
     for noun, values, bound in (
         ("room to the fence", to_fence_m, 0.15),
-        ("height", height_m, LOWEST_M),
+        ("height", height_m, least_m),
     ):
         step, index = np.unravel_index(values.argmin(), values.shape)
         findings.append(

@@ -23,10 +23,12 @@ import numpy as np
 
 from groundstation.paths.pieces import fitted, through
 from onboard.arrays import Array
+from onboard.config.file_reading import CSV_FILE, read_text
 from onboard.config.fleet import ConfigError
-from onboard.control.path import NUMBERS, Path, path_of
+from onboard.control.path import LONGEST_S, NUMBERS, Path, path_of
 
 MOST_LINES = 400_000
+LONGEST_LINE = 4096  # letters; Crazyswarm's 33 columns take 500
 _AXES = ("x", "y", "z", "yaw")
 _PIECE_COLUMNS = ("duration", *(f"{axis}^{k}" for axis in _AXES for k in range(8)))
 _NAMES = {
@@ -112,16 +114,20 @@ def read_columns(name: str) -> tuple[tuple[str, ...], Array]:
 
     first_line = lines[0][1]
     delimiter = next((mark for mark in (";", "\t") if mark in first_line), ",")
-    rows = list(csv.reader((line for _, line in lines), delimiter=delimiter))
+    names = _cells(name, lines[0], delimiter)
     # Crazyswarm's own files end each line of names with a comma
-    if not rows[0][-1].strip():
-        rows = [row[:-1] if not row[-1].strip() else row for row in rows]
-
-    columns, factors = zip(*(_column(name, text) for text in rows[0]), strict=True)
+    has_last_delimiter = len(names) > 1 and not names[-1].strip()
+    if has_last_delimiter:
+        names = names[:-1]
+    columns, factors = zip(*(_column(name, text) for text in names), strict=True)
 
     numbers = []
-    for (line_number, _), row in zip(lines[1:], rows[1:], strict=False):
-        values = _numbers_of(name, line_number, row)
+    for line in lines[1:]:
+        line_number = line[0]
+        cells = _cells(name, line, delimiter)
+        if has_last_delimiter and not cells[-1].strip():
+            cells = cells[:-1]
+        values = _numbers_of(name, line_number, cells)
         if len(values) != len(columns) or not all(map(math.isfinite, values)):
             raise ConfigError(
                 f"{name}, line {line_number}: it must have {len(columns)} finite numbers, as the "
@@ -133,19 +139,30 @@ def read_columns(name: str) -> tuple[tuple[str, ...], Array]:
 
 def _lines_of(name: str) -> list[tuple[int, str]]:
     """Return number and text of each line that is neither empty nor a comment."""
+    text = read_text(name, CSV_FILE)
+    lines = []
+    for number, line in enumerate(text.split("\n"), 1):
+        if line.startswith("#") or not line.strip():
+            continue
+        if len(line) > LONGEST_LINE:
+            raise ConfigError(
+                f"{name}, line {number}: it has {len(line)} letters; {LONGEST_LINE} are the most "
+                "that is read. Write one line for each time, piece or point."
+            )
+        lines.append((number, line))
+    return lines
+
+
+def _cells(name: str, line: tuple[int, str], delimiter: str) -> list[str]:
+    """Return the cells of one line."""
+    number, text = line
     try:
-        with open(name, encoding="utf-8-sig", newline="") as stream:
-            return [
-                (number, line)
-                for number, line in enumerate(stream, 1)
-                if line.strip() and not line.startswith("#")
-            ]
-    except FileNotFoundError:
+        (cells,) = csv.reader([text], delimiter=delimiter)
+    except (csv.Error, ValueError) as error:
         raise ConfigError(
-            f"{name}: there is no such file. Give the path of an existing one."
+            f"{name}, line {number}: it is no line of a CSV ({error}). Correct it."
         ) from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{name}: this file cannot be read as text ({error}).") from None
+    return cells
 
 
 def _numbers_of(name: str, line_number: int, row: Sequence[str]) -> list[float]:
@@ -188,6 +205,12 @@ def _timed(columns: Sequence[str], numbers: Array) -> Path:
             "time."
         )
 
+    duration_s = float(times_s[-1] - times_s[0])
+    if duration_s > LONGEST_S:
+        raise ValueError(
+            f"it lasts {duration_s:g} s; {LONGEST_S:.0f} s are the longest that a path lasts. Cut "
+            "it, or correct the unit of its times."
+        )
     return fitted(times_s - times_s[0], _values(columns, numbers[:, 1:4], numbers))
 
 

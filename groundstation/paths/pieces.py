@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.control.path import NUMBERS, Path, path_of
+from onboard.control.path import LONGEST_S, NUMBERS, Path, path_of
 
 GRID_S = 0.05
 _WINDOW = 5  # samples on each side that a dense sample is smoothed with
@@ -55,7 +55,8 @@ def through(points: Array, speeds_m_s: Array) -> Path:
         speeds_m_s: (T,) at the waypoints; at the first and the last it rests.
 
     Raises:
-        ValueError: fewer than two waypoints, two in one spot, or a speed that is not positive.
+        ValueError: fewer than two waypoints, two in one spot, a speed that is not positive, or a
+            way that takes too long.
     """
     lengths_m = np.sqrt((np.diff(points[:, :3], axis=0) ** 2).sum(-1))
     if len(points) < 2 or (lengths_m < 1e-3).any():
@@ -74,6 +75,11 @@ def through(points: Array, speeds_m_s: Array) -> Path:
             raise ValueError("two waypoints need a speed above 0.")
 
     times_s = np.concatenate([[0.0], np.cumsum(lengths_m / mean_m_s)])
+    if not times_s[-1] <= LONGEST_S:
+        raise ValueError(
+            f"the waypoints take {times_s[-1]:g} s at these speeds; {LONGEST_S:.0f} s are the "
+            "longest that a path lasts. Give higher speeds, or fewer waypoints."
+        )
     return fitted(times_s, points)
 
 

@@ -13,6 +13,7 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import NamedTuple
 
+from onboard.config.file_reading import PARAMETER_FILE, read_text
 from onboard.config.fleet import ConfigError, FleetConfig
 from onboard.px4.required_params import Value
 
@@ -106,13 +107,7 @@ def read_file(path: Path) -> dict[int, dict[str, Value]]:
     Raises:
         ConfigError: it cannot be read, or holds something else; with the line.
     """
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(
-            f"{path} cannot be read ({error}). Give a file of covey px4 params --dump."
-        ) from None
-
+    text = read_text(path, PARAMETER_FILE)
     vehicles: dict[int, dict[str, Value]] = {}
     for number, line in enumerate(text.splitlines(), 1):
         if not line.strip() or line.startswith("#"):

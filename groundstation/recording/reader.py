@@ -10,7 +10,7 @@ import struct
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, cast
 
 from mcap.exceptions import McapError
 from mcap.records import Channel, Chunk, McapRecord, Message
@@ -18,9 +18,12 @@ from mcap.stream_reader import StreamReader, breakup_chunk
 from zstandard import ZstdError, frame_content_size
 
 from groundstation.recording.writer import RECORD_NAME
+from onboard.config.file_reading import RECORD, opened
 from onboard.config.fleet import ConfigError
 
-MAX_CHUNK_BYTES = 256 * 1024 * 1024
+# Unpacked; the writer makes chunks of half a megabyte. The smallest messages become objects of ten
+# times their size.
+MAX_CHUNK_BYTES = 16 * 1024 * 1024
 MAX_FLIGHT_NS = 86_400_000_000_000  # a day: stamps further from the others are of no flight
 # Exceptions of mcap on damaged bytes.
 DAMAGED = (McapError, ZstdError, EOFError, ValueError, struct.error)
@@ -53,7 +56,7 @@ def record_path(folder: Path) -> Path:
     Raises:
         ConfigError: there is none.
     """
-    path = folder if folder.is_file() else folder / RECORD_NAME
+    path = folder / RECORD_NAME if folder.is_dir() else folder
     if not path.is_file():
         raise ConfigError(
             f"{folder}: there is no {RECORD_NAME}. Give the folder of a recorded flight."
@@ -77,7 +80,7 @@ def read(folder: Path, topics: Sequence[str] = ()) -> Iterator[Sample]:
         ConfigError: there is no record.
     """
     channels: dict[int, str] = {}
-    with record_path(folder).open("rb") as stream:
+    with opened(record_path(folder), RECORD) as stream:
         for record in _records(stream):
             if isinstance(record, Channel):
                 channels[record.id] = record.topic
@@ -85,6 +88,19 @@ def read(folder: Path, topics: Sequence[str] = ()) -> Iterator[Sample]:
                 sample = _sample(record, channels.get(record.channel_id, ""), topics)
                 if sample is not None:
                     yield sample
+
+
+def count_messages(folder: Path) -> int:
+    """Return how many messages of a record can be read.
+
+    Args:
+        folder: flight folder, or the MCAP file itself.
+
+    Raises:
+        ConfigError: there is no record.
+    """
+    with record_path(folder).open("rb") as stream:
+        return sum(1 for record in _records(stream) if isinstance(record, Message))
 
 
 def _sample(message: Message, channel: str, topics: Sequence[str]) -> Sample | None:
@@ -140,9 +156,12 @@ def chunk_records(chunk: Chunk) -> list[McapRecord] | None:
     """
     try:
         # The chunk tells its size, and so does the compressed content: neither is trusted alone.
-        size_bytes = chunk.uncompressed_size
+        # Other packings than those of the writer do not tell it: they are not unpacked.
+        size_bytes = max(chunk.uncompressed_size, len(chunk.data))
         if chunk.compression == "zstd":
             size_bytes = max(size_bytes, frame_content_size(chunk.data))
+        elif chunk.compression:
+            return None
 
         if size_bytes > MAX_CHUNK_BYTES:
             return None
@@ -156,7 +175,8 @@ def _records(stream: IO[bytes]) -> Iterator[McapRecord]:
 
     A damaged chunk is left out, and a damaged frame of the file ends it.
     """
-    records = StreamReader(stream, emit_chunks=True, record_size_limit=MAX_CHUNK_BYTES).records
+    bounded = cast("IO[bytes]", _BoundedStream(stream))
+    records = StreamReader(bounded, emit_chunks=True, record_size_limit=MAX_CHUNK_BYTES).records
     while True:
         try:
             record = next(records, None)
@@ -168,6 +188,22 @@ def _records(stream: IO[bytes]) -> Iterator[McapRecord]:
             yield from chunk_records(record) or ()
         else:
             yield record
+
+
+class _BoundedStream:
+    """A stream that hands out no more at once than a chunk has: lengths in a file are not trusted.
+
+    The library limits the length of a record, and trusts those within it.
+    """
+
+    def __init__(self, stream: IO[bytes]) -> None:
+        self._stream = stream
+
+    def read(self, size: int) -> bytes:
+        """Return the next bytes; ValueError for more than a chunk."""
+        if size > MAX_CHUNK_BYTES:
+            raise ValueError(f"{size} bytes in one piece are no part of a record")
+        return self._stream.read(size)
 
 
 def _values(data: bytes) -> dict[str, Any] | None:

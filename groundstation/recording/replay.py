@@ -360,7 +360,7 @@ def _summary(replay: Replay) -> dict[str, Any]:
     state = replay.state
 
     smallest = None
-    pair = state.smallest_truth or state.smallest
+    pair = state.smallest_known
     if pair is not None:
         smallest = {
             "pair": [pair.first, pair.second],
@@ -395,7 +395,7 @@ def _summary_lines(replay: Replay) -> list[str]:
             at_s = (stamp_ns - timeline.begin_ns) * 1e-9
             lines.append(f"{at_s:8.1f} s  {plain(event_line(event), 400)}")
 
-    pair = state.smallest_truth or state.smallest
+    pair = state.smallest_known
     if pair is not None:
         source = "ground truth" if pair.is_truth else "telemetry"
         names = f"{pair.first} and {pair.second}"

@@ -7,11 +7,12 @@ from pathlib import Path as FilePath
 
 from groundstation.paths.files import load_path, read_columns
 from groundstation.paths.lights import Light
-from groundstation.shows.show import MOST_DRONES, Drone, Show
+from groundstation.shows.show import MOST_DRONES, Drone, Show, check_light_count
 from onboard.config.fleet import ConfigError
 from onboard.control.path import point_at
 
 _COLOURS = ("red", "green", "blue")
+_MOST_BYTES = 268_435_456  # of all CSVs: 200 drones, 10 minutes, 40 lines a second
 
 
 def read_folder(folder: FilePath) -> Show:
@@ -32,7 +33,19 @@ def read_folder(folder: FilePath) -> Show:
             f"{folder}: it has {len(files)} CSVs; a show has 1 to {MOST_DRONES}, one for each "
             "drone."
         )
-    return Show(folder.resolve().name, tuple(_drone(file) for file in files))
+
+    drones: list[Drone] = []
+    bytes_left = _MOST_BYTES
+    for file in files:
+        drones.append(_drone(file))
+        check_light_count(str(folder), drones)
+        bytes_left -= file.stat().st_size
+        if bytes_left < 0:
+            raise ConfigError(
+                f"{folder}: its CSVs have more than {_MOST_BYTES >> 20} MB together. Export the "
+                "show with fewer lines a second."
+            )
+    return Show(folder.resolve().name, tuple(drones))
 
 
 def _natural(text: str) -> list[tuple[int, str]]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from groundstation.paths.lights import Light
 
 _FRAME_S = 0.02  # durations are frames of 50 a second
-_MOST = 100_000  # commands, with those of loops
+_MOST = 20_000  # commands, with those of loops: ten a second for half an hour
 
 # commands
 _END = 0

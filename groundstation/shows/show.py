@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +13,7 @@ from onboard.config.fleet import ConfigError, Origin, Vec3
 from onboard.control.path import NUMBERS, Path, path_of, sampled
 
 MOST_DRONES = 200
+MOST_LIGHTS = 1_000_000  # colours of all drones together
 _KINK_M_S = 0.05  # a jump of the speed beyond it is smoothed away
 
 # beyond these the numbers are no metres and seconds
@@ -39,6 +41,26 @@ class Show:
     is_outdoors: bool = False
     origin: Origin | None = None  # of the show's frame, where the file gives one
     notes: tuple[str, ...] = ()  # what was read differently than it stands there
+
+
+def check_light_count(name: str, drones: Sequence[Drone]) -> None:
+    """Refuse a show with more colours than its file can reasonably mean.
+
+    A light program of few bytes with loops makes many.
+
+    Args:
+        name: of the show's file, for the sentence.
+        drones: that were read so far.
+
+    Raises:
+        ConfigError: there are more than MOST_LIGHTS.
+    """
+    count = sum(len(drone.lights) for drone in drones)
+    if count > MOST_LIGHTS:
+        raise ConfigError(
+            f"{name}: the light programs of {len(drones)} drones set {count} colours; "
+            f"{MOST_LIGHTS} are the most for a whole show. Export it with simpler lights."
+        )
 
 
 def path_from_pieces(name: str, pieces: list[list[float]]) -> Path:

@@ -10,25 +10,51 @@ from __future__ import annotations
 
 import base64
 import binascii
-import json
 import math
 import os
 import posixpath
+import struct
 import zipfile
 import zlib
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 
 from groundstation.paths.lights import Light
 from groundstation.shows.light_program import colours
-from groundstation.shows.show import MOST_DRONES, Drone, Show, bezier_piece, path_from_pieces
+from groundstation.shows.show import (
+    MOST_DRONES,
+    Drone,
+    Show,
+    bezier_piece,
+    check_light_count,
+    path_from_pieces,
+)
+from onboard.config.file_reading import (
+    MOST_JSON_VALUES,
+    SHOW_FILE,
+    json_size,
+    json_values,
+    opened,
+)
 from onboard.config.fleet import ConfigError, Origin, Vec3
-from onboard.control.path import Path, path_of
+from onboard.control.path import MOST_PIECES, Path, path_of
 
-_MOST_BYTES = 268_435_456  # unpacked, all members that are read together
+_MOST_BYTES = 67_108_864  # unpacked, all members that are read together
 _MOST_MEMBERS = 20_000
 _DEEPEST = 20  # references within references
+_PACKINGS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # others unpack with gigabytes of memory
+
+_LONGEST_NAME = 200  # letters of a show's and a drone's name
+_HIGHEST_M = 10_000.0  # altitude of a show's place
+_MOST_YAW_DEG = 360_000.0  # a thousand turns
+
+# The end of a zip says how long its list of members is, of which zipfile makes objects: signature,
+# numbers of disks and members, length and place of the list, length of a comment.
+_ZIP_END = struct.Struct("<4s4H2LH")
+_ZIP_END_SIGNATURE = b"PK\x05\x06"
+_LONGEST_COMMENT = 65_535
+_MEMBER_BYTES = 46  # the least that a member takes in the list
 
 
 def read_skyc(file: str | os.PathLike[str]) -> Show:
@@ -46,15 +72,10 @@ def read_skyc(file: str | os.PathLike[str]) -> Show:
     """
     name = os.fspath(file)
     try:
-        with zipfile.ZipFile(name) as archive:
-            count = len(archive.infolist())
-            if count > _MOST_MEMBERS:
-                raise ConfigError(f"{name}: a zip of {count} members is no show.")
-            return _show(name, _Members(name, archive).read("show.json"))
-    except FileNotFoundError:
-        raise ConfigError(
-            f"{name}: there is no such show. Give the path of an existing one."
-        ) from None
+        with opened(name, SHOW_FILE) as stream:
+            _refuse_many_members(name, stream)
+            with zipfile.ZipFile(stream) as archive:
+                return _show(name, _Members(name, archive).read("show.json"))
     except (
         OSError,
         zipfile.BadZipFile,
@@ -68,6 +89,28 @@ def read_skyc(file: str | os.PathLike[str]) -> Show:
         ) from None
 
 
+def _refuse_many_members(name: str, stream: BinaryIO) -> None:
+    """Refuse a zip that lists more members than a show has, before the list is read.
+
+    Raises:
+        ConfigError: it lists more.
+    """
+    size = stream.seek(0, os.SEEK_END)
+    stream.seek(max(0, size - _ZIP_END.size - _LONGEST_COMMENT))
+    tail = stream.read()
+    stream.seek(0)
+
+    begin = tail.rfind(_ZIP_END_SIGNATURE)
+    if begin < 0 or len(tail) < begin + _ZIP_END.size:
+        return  # no zip: zipfile says so
+    *_, count, list_bytes, _, _ = _ZIP_END.unpack_from(tail, begin)
+    if count > _MOST_MEMBERS or list_bytes > 4 * _MEMBER_BYTES * _MOST_MEMBERS:
+        raise ConfigError(
+            f"{name}: it is a zip of more than {_MOST_MEMBERS} members: that is no show. Export it "
+            "again."
+        )
+
+
 class _Members:
     """JSON members of a zip with their references resolved, within limits of size and depth."""
 
@@ -75,6 +118,7 @@ class _Members:
         self._name = name
         self._archive = archive
         self._bytes_left = _MOST_BYTES
+        self._values_left = MOST_JSON_VALUES
         self._read: dict[str, Any] = {}
 
     def read(self, member: str, depth: int = 0) -> Any:
@@ -83,17 +127,23 @@ class _Members:
             return self._read[member]
 
         data = self._bytes_of(member)
-        folder = posixpath.dirname(member)
-        try:
-            self._read[member] = self._resolved(json.loads(data), folder, depth)
-        except (ValueError, RecursionError) as error:
+        self._values_left -= json_size(data)
+        if self._values_left < 0:
             raise ConfigError(
-                f"{self._name}: '{member}' is no JSON ({error}). Export the show again."
-            ) from None
+                f"{self._name}: it unpacks to more than {MOST_JSON_VALUES} values: that is no show."
+            )
+        value = json_values(data, f"{self._name}: '{member}'")
+        self._read[member] = self._resolved(value, posixpath.dirname(member), depth)
         return self._read[member]
 
     def _bytes_of(self, member: str) -> bytes:
         try:
+            packing = self._archive.getinfo(member).compress_type
+            if packing not in _PACKINGS:
+                raise ConfigError(
+                    f"{self._name}: '{member}' is packed by method {packing}; Skybrush uses "
+                    f"{zipfile.ZIP_DEFLATED}, deflate. Export the show again."
+                )
             with self._archive.open(member) as stream:
                 data = stream.read(self._bytes_left + 1)
         except KeyError:
@@ -151,13 +201,16 @@ def _show(name: str, data: Any) -> Show:
 
     environment = _table(data, "environment")
     title = _table(data, "meta").get("title")
-    if not title:
+    if not isinstance(title, str) or not title:
         title = os.path.splitext(os.path.basename(name))[0]
+
+    read: list[Drone] = []
+    for index, drone in enumerate(drones):
+        read.append(_drone(name, index, _table(drone, "settings")))
+        check_light_count(name, read)
     return Show(
-        title=str(title),
-        drones=tuple(
-            _drone(name, index, _table(drone, "settings")) for index, drone in enumerate(drones)
-        ),
+        title=title[:_LONGEST_NAME],
+        drones=tuple(read),
         is_outdoors=environment.get("type") == "outdoor",
         origin=_origin(_table(environment, "location")),
     )
@@ -174,16 +227,31 @@ def _table(value: Any, key: str) -> dict[str, Any]:
 
 
 def _origin(location: dict[str, Any]) -> Origin | None:
+    """Return where on the Earth a show is flown; None where the file says nothing of use."""
     try:
-        latitude, longitude, *altitude = (float(str(number)) for number in location["origin"])
+        latitude_deg, longitude_deg, *altitude = (
+            float(str(number)) for number in location["origin"]
+        )
     except (KeyError, TypeError, ValueError):
         return None
     altitude_m = altitude[0] if altitude else 0.0
-    return Origin(latitude, longitude, altitude_m)
+
+    # a number that is none lies in no range
+    is_on_earth = (
+        -90.0 <= latitude_deg <= 90.0
+        and -180.0 <= longitude_deg <= 180.0
+        and -_HIGHEST_M <= altitude_m <= _HIGHEST_M
+    )
+    if not is_on_earth:
+        return None
+    return Origin(latitude_deg, longitude_deg, altitude_m)
 
 
 def _drone(file: str, index: int, settings: dict[str, Any]) -> Drone:
-    name = str(settings.get("name") or f"drone {index + 1}")
+    name = settings.get("name")
+    if not isinstance(name, str) or not name:
+        name = f"drone {index + 1}"
+    name = name[:_LONGEST_NAME]
     where = f"{file}, '{name}'"
     trajectory = _table(settings, "trajectory")
     if trajectory.get("version") != 1:
@@ -213,6 +281,11 @@ def _pieces(where: str, points: Any) -> tuple[float, list[list[float]], Vec3]:
     """Return the time of the first point, the pieces after it, and where it is."""
     if not isinstance(points, list) or len(points) < 2:
         raise ConfigError(f"{where}: its trajectory has fewer than two points: it is no path.")
+    if len(points) > MOST_PIECES + 1:
+        raise ConfigError(
+            f"{where}: its trajectory has {len(points)} points; {MOST_PIECES + 1} are the most "
+            "that a vehicle can hold. Export the show with fewer."
+        )
 
     pieces: list[list[float]] = []
     last_s = math.nan
@@ -224,13 +297,18 @@ def _pieces(where: str, points: Any) -> tuple[float, list[list[float]], Vec3]:
         point = _point(where, keypoint[1])
         controls = []
         if len(keypoint) > 2 and keypoint[2]:
+            if not isinstance(keypoint[2], list) or len(keypoint[2]) > 2:
+                raise ConfigError(
+                    f"{where}: points[{k}] has {str(keypoint[2])[:40]} where a list of at most two "
+                    "control points is needed. Export the show again."
+                )
             controls = [_point(where, control) for control in keypoint[2]]
 
         if k > 0:
-            if not time_s > last_s or len(controls) > 2:
+            if not time_s > last_s:
                 raise ConfigError(
-                    f"{where}: points[{k}]: time does not rise, or it has more than two control "
-                    "points."
+                    f"{where}: points[{k}]: its time does not rise above the one before. Export "
+                    "the show again."
                 )
             curve = [list(corner) for corner in (last, *controls, point)]
             pieces.append(bezier_piece(time_s - last_s, curve))
@@ -247,8 +325,27 @@ def _with_yaw(where: str, path: Path, begin_s: float, control: dict[str, Any]) -
     if not isinstance(setpoints, list) or not setpoints:
         return path
 
-    times_s = [_number(where, setpoint[0]) for setpoint in setpoints]
-    yaws_rad = np.unwrap(np.radians([_number(where, setpoint[1]) for setpoint in setpoints]))
+    times_s: list[float] = []
+    yaws_deg: list[float] = []
+    for k, setpoint in enumerate(setpoints):
+        if not isinstance(setpoint, list) or len(setpoint) != 2:
+            raise ConfigError(
+                f"{where}: yaw setpoint {k} is {str(setpoint)[:40]!r} where [time, yaw in degrees] "
+                "is needed. Export the show again."
+            )
+        times_s.append(_number(where, setpoint[0]))
+        yaws_deg.append(_number(where, setpoint[1]))
+        if k > 0 and times_s[k] < times_s[k - 1]:
+            raise ConfigError(
+                f"{where}: yaw setpoint {k}: its time is earlier than the one before. Export the "
+                "show again."
+            )
+        if abs(yaws_deg[k]) > _MOST_YAW_DEG:
+            raise ConfigError(
+                f"{where}: yaw setpoint {k} is {yaws_deg[k]:g} degrees; at most {_MOST_YAW_DEG:g} "
+                "are read. Export the show again."
+            )
+    yaws_rad = np.unwrap(np.radians(yaws_deg))
 
     # yaw at the begin of the path and at the end of each piece
     knots_s = begin_s + np.concatenate([[0.0], np.array(path.ends_s)])
@@ -274,7 +371,8 @@ def _lights(where: str, program: dict[str, Any]) -> tuple[Light, ...]:
 
 
 def _number(where: str, value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
+    # numbers of the file are finite and of at most 64 bits: json_values refuses all others
+    if isinstance(value, bool) or not isinstance(value, int | float):
         raise ConfigError(f"{where}: {str(value)[:40]!r} stands where a finite number is needed.")
     return float(value)
 

@@ -9,6 +9,7 @@ from typing import Any
 
 import tomlkit
 
+from onboard.config.file_reading import FLEET_FILE, read_text
 from onboard.config.fleet import ConfigError, fleet_from_mapping
 
 
@@ -38,7 +39,7 @@ def write_changes(path: Path, changes: Mapping[str, Any]) -> None:
     Raises:
         ConfigError: the file would be wrong with them, or cannot be written; it is as it was.
     """
-    text = edited(path.read_text(encoding="utf-8"), changes)
+    text = edited(read_text(path, FLEET_FILE), changes)
     fleet_from_mapping(tomllib.loads(text), path=str(path))
     whole = path.with_name(f".{path.name}.new")
     try:

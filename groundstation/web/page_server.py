@@ -14,7 +14,6 @@ import asyncio
 import contextlib
 import hmac
 import html
-import json
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 from string import Template
@@ -25,6 +24,7 @@ from aiohttp import WSCloseCode, WSMsgType, web
 
 from groundstation.web.console_process import END_TIMEOUT_S, ConsoleProcess
 from onboard.config.endpoints import is_loopback
+from onboard.config.file_reading import json_values
 from onboard.config.fleet import ConfigError
 
 MAX_PAGES = 12
@@ -226,7 +226,7 @@ async def _draw(console: ConsoleProcess, socket: web.WebSocketResponse) -> None:
 async def _pass_on(text: str, console: ConsoleProcess, socket: web.WebSocketResponse) -> None:
     """Pass on one message of the terminal in the page; a malformed one is left out."""
     try:
-        match json.loads(text):
+        match json_values(text, "a message of the page"):
             case ["stdin", str(data)]:
                 console.send("D", data.encode("utf-8", "replace"))
             case ["resize", {"width": int(width), "height": int(height)}]:

@@ -17,6 +17,7 @@ import msgspec
 
 from onboard.config.config_error import ConfigError as ConfigError
 from onboard.config.example_files import existing_file
+from onboard.config.file_reading import FLEET_FILE, read_text, toml_values
 
 SCHEMA = 1  # version of the format that is read
 
@@ -30,19 +31,11 @@ def read_toml(path: str | os.PathLike[str], kind: str) -> tuple[dict[str, Any], 
     Returns:
         its data, its text and its path.
     Raises:
-        ConfigError: file missing, not readable, or not TOML.
+        ConfigError: file missing, not readable, too large, or not TOML.
     """
     name = existing_file(path, kind)
-    try:
-        with open(name, encoding="utf-8") as file:
-            text = file.read()
-        return tomllib.loads(text), text, name
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(
-            f"{name}: this {kind} cannot be read ({error}). Check the path and its permissions."
-        ) from None
-    except tomllib.TOMLDecodeError as error:
-        raise ConfigError(f"{name}: not valid TOML: {error}. Correct that line.") from None
+    text = read_text(name, FLEET_FILE._replace(words=kind))
+    return toml_values(text, name), text, name
 
 
 def package_table(package: str, name: str) -> dict[str, Any]:

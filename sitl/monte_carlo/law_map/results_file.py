@@ -12,6 +12,7 @@ import os
 from pathlib import Path
 from types import TracebackType
 
+from onboard.config.file_reading import RESULTS_FILE, json_values, opened, read_bytes
 from onboard.config.fleet import ConfigError
 from sitl.monte_carlo.law_map.flights import SCHEMA, MapRow
 
@@ -39,6 +40,8 @@ class ResultsFile:
             if is_anew and path.exists():
                 path.replace(path.with_name(f"{path.name}.old"))
             path.parent.mkdir(parents=True, exist_ok=True)
+            if path.exists():
+                opened(path, RESULTS_FILE).close()  # no pipe, for which opening would wait
             self._descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o644)
         except OSError as error:
             raise ConfigError(
@@ -72,7 +75,7 @@ class ResultsFile:
 
     def _read(self) -> dict[tuple[str, int], MapRow]:
         """Return the rows that are complete, and cut off what a killed run left unfinished."""
-        data = self.path.read_bytes()
+        data = read_bytes(self.path, RESULTS_FILE)
         complete = data[: data.rfind(b"\n") + 1]
 
         # somebody's other file stays as it is
@@ -129,7 +132,7 @@ def parsed(text: str, path: Path) -> tuple[MapRow, dict[tuple[str, int], MapRow]
         ConfigError: it is none, damaged, or of a schema that is not known here.
     """
     try:
-        head, *lines = (json.loads(line) for line in text.splitlines())
+        head, *lines = (json_values(line, str(path)) for line in text.splitlines())
         schema = head["law_map"]
         version = str(head["version"])
 

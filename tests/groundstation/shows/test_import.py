@@ -179,14 +179,14 @@ def _one(trajectory: object, **settings: object) -> dict[str, object]:
         ({"version": 1}, "swarm.drones"),
         ({"version": 1, "swarm": {"drones": []}}, "swarm.drones"),
         ("{", "no JSON"),
-        ("[" * 100_000, "no JSON"),
+        ("[" * 100_000, "nested too deeply"),
         (_one({"$ref": "none.json"}), "no member 'none.json'"),
         (_one({"$ref": "show.json"}), "without end|no member|no JSON|version"),
         (_one({"version": 3, "points": []}), "version 3"),
         (_one({"version": 1, "points": [[0, [0, 0, 1], []]]}), "fewer than two points"),
         (
             _one({"version": 1, "points": [[0, [0, 0, 1], []], [0, [1, 0, 1], []]]}),
-            "time does not rise",
+            "its time does not rise",
         ),
         (
             _one({"version": 1, "points": [[0, [0, 0, 1], []], [1, [1, "a", 1], []]]}),

@@ -1,0 +1,342 @@
+"""Files of others are opened here: within limits of size, kind and depth.
+
+Shows, paths, pictures, fleet files, missions, parameters, keys and results come from other people
+and other programs. A small file can be made such that its reader needs gigabytes, takes hours,
+waits for ever or ends with a traceback. So one table says how large each kind of file may be, only
+regular files are opened (a pipe has no end, and a device may do something when it is opened), and
+what is read as TOML, JSON or Python is nested only so deep, with numbers that a float can hold.
+
+Everything else is a ConfigError that says which file, what is wrong with it, and what to do. What a
+file means is judged where it is read; this module knows bytes and values only.
+"""
+
+from __future__ import annotations
+
+import ast
+import json
+import math
+import os
+import re
+import stat
+import tomllib
+from typing import Any, BinaryIO, NamedTuple
+
+from onboard.config.config_error import ConfigError
+
+_MB = 1_000_000
+
+
+class FileKind(NamedTuple):
+    """One kind of file that others write."""
+
+    words: str  # what it is called in a sentence
+    most_bytes: int | None  # None: as large as the disk, since it is read in parts
+    remedy: str = "Give the path of an existing one."  # what to do where it cannot be read
+
+
+# 255 vehicles take 100 kB.
+FLEET_FILE = FileKind("fleet file", 4 * _MB)
+MISSION_FILE = FileKind("mission file", 4 * _MB)
+SCRIPT = FileKind("script", 4 * _MB)
+LAW_SOURCE = FileKind("source of a law", 16 * _MB, "Correct law.name or law.folder.")
+# 400,000 lines of times and positions take 20 MB.
+CSV_FILE = FileKind("file", 32 * _MB)
+SHOW_FILE = FileKind("show", 64 * _MB)
+PICTURE = FileKind("image", 64 * _MB, "Give a PNG.")
+FONT = FileKind("font", 32 * _MB, "Name a .ttf or .otf.")
+# PX4 has a thousand parameters; 255 vehicles take 12 MB.
+PARAMETER_FILE = FileKind("file", 16 * _MB, "Give a file of covey px4 params --dump.")
+# Certificates and keys take 1 kB.
+KEY_FILE = FileKind("file", 64_000, "Copy it again, or issue it anew.")
+# A map of 10,000 cells takes 5 MB.
+RESULTS_FILE = FileKind("file", 64 * _MB, "Name a file of covey simulate --map.")
+RECORD = FileKind("record", None, "Give the folder of a recorded flight.")
+
+DEEPEST = 32  # tables and lists within each other; missions use 23 at most
+MOST_KEY_PARTS = 24  # of a name with dots, which makes as many tables
+_MOST_WHOLE = 2**63  # whole numbers from here on are refused, as TOML demands
+_CONTAINERS = (dict, list, tuple, set)
+
+# A JSON text is refused by what it would become: a value of a list takes up to 64 bytes, and a
+# table as much as four of them. 6 million take 480 MB at most.
+MOST_JSON_VALUES = 6_000_000
+_TABLE_VALUES = 4
+
+# What no reader waits for or sets off.
+_NO_REGULAR_FILE = (
+    (stat.S_ISDIR, "a folder"),
+    (stat.S_ISFIFO, "a pipe"),
+    (stat.S_ISSOCK, "a socket"),
+    (stat.S_ISCHR, "a device"),
+    (stat.S_ISBLK, "a device"),
+)
+
+# One part of a name in TOML, bare or in quotation marks. The possessive quantifiers and the
+# look-behind keep the search linear in the length of the text.
+_KEY_PART = r"""(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')"""
+_LONG_KEY = re.compile(
+    rf"(?<![\w-]){_KEY_PART}(?:[ \t]*+\.[ \t]*+{_KEY_PART}){{{MOST_KEY_PARTS},}}"
+)
+
+
+def opened(path: str | os.PathLike[str], kind: FileKind) -> BinaryIO:
+    """Return a regular file, opened for reading.
+
+    Args:
+        path: of the file.
+        kind: of file, with its largest size.
+    Raises:
+        ConfigError: there is none, it is a pipe or a device, too large, or cannot be read.
+    """
+    name = os.fspath(path)
+    try:
+        # looked at before it is opened, since opening a device may do something
+        _check_status(name, os.stat(name), kind)
+        descriptor = os.open(name, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)
+    except (OSError, ValueError) as error:
+        raise _cannot_be_read(name, kind, error) from None
+
+    file = os.fdopen(descriptor, "rb")
+    try:
+        # and again, since it may have been another one by then
+        _check_status(name, os.fstat(descriptor), kind)
+    except BaseException:
+        file.close()
+        raise
+    return file
+
+
+def read_bytes(path: str | os.PathLike[str], kind: FileKind) -> bytes:
+    """Return the content of a file.
+
+    Args:
+        path: of the file.
+        kind: of file, with its largest size.
+    Raises:
+        ConfigError: as :func:`opened`.
+    """
+    name = os.fspath(path)
+    assert kind.most_bytes is not None
+    with opened(name, kind) as file:
+        try:
+            # a file of the kernel has no size, and another one may grow
+            data = file.read(kind.most_bytes + 1)
+        except OSError as error:
+            raise _cannot_be_read(name, kind, error) from None
+    if len(data) > kind.most_bytes:
+        raise _too_large(name, kind, None)
+    return data
+
+
+def read_text(path: str | os.PathLike[str], kind: FileKind) -> str:
+    """Return the content of a file of UTF-8 text, whose lines end with one newline each.
+
+    Args:
+        path: of the file.
+        kind: of file, with its largest size.
+    Raises:
+        ConfigError: as :func:`opened`, or it is no text.
+    """
+    name = os.fspath(path)
+    try:
+        text = read_bytes(name, kind).decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise ConfigError(
+            f"{name}: this {kind.words} cannot be read as text ({error}). Save it as UTF-8."
+        ) from None
+    return text.replace("\r\n", "\n").replace("\r", "\n")
+
+
+def toml_values(text: str, name: str) -> dict[str, Any]:
+    """Return the values of a TOML text.
+
+    Args:
+        text: of a file.
+        name: of the file, for the sentences.
+    Raises:
+        ConfigError: it is no TOML, nested too deeply, or has a number that is none.
+    """
+    long_key = _LONG_KEY.search(text)
+    if long_key is not None:
+        line = text.count("\n", 0, long_key.start()) + 1
+        raise ConfigError(
+            f"{name}: line {line} has a name of more than {MOST_KEY_PARTS} parts with dots between "
+            "them. Write a shorter one."
+        )
+    try:
+        data = tomllib.loads(text)
+    except RecursionError:
+        raise _too_deep(name) from None
+    except ValueError as error:
+        raise ConfigError(f"{name}: not valid TOML: {error}. Correct that line.") from None
+    check_values(data, name)
+    return data
+
+
+def json_values(data: bytes | str, name: str) -> Any:
+    """Return the value of a JSON text.
+
+    Args:
+        data: the text.
+        name: where it stands, for the sentences.
+    Raises:
+        ConfigError: it is no JSON, nested too deeply, of too many values, or has a number that is
+            none.
+    """
+    if json_size(data) > MOST_JSON_VALUES:
+        raise ConfigError(f"{name} has more than {MOST_JSON_VALUES} values. Write a smaller one.")
+    try:
+        value = json.loads(
+            data, parse_int=_whole_number, parse_float=_number, parse_constant=_number
+        )
+    except RecursionError:
+        raise _too_deep(name) from None
+    except ValueError as error:
+        raise ConfigError(f"{name} is no JSON ({error}). Write it anew.") from None
+    _check_depth(value, name)
+    return value
+
+
+def json_size(data: bytes | str) -> int:
+    """Return about how many values a JSON text has; a table counts as several."""
+    if isinstance(data, str):
+        return data.count(",") + data.count("[") + _TABLE_VALUES * data.count("{")
+    return data.count(b",") + data.count(b"[") + _TABLE_VALUES * data.count(b"{")
+
+
+def python_tree(text: str, name: str) -> ast.Module:
+    """Return the syntax tree of a Python text, which is not run.
+
+    Args:
+        text: of a file.
+        name: of the file, for the sentences.
+    Raises:
+        ConfigError: it is no Python, or nested too deeply.
+    """
+    try:
+        return ast.parse(text, name)
+    except (RecursionError, MemoryError):
+        raise _too_deep(name) from None
+    except (SyntaxError, ValueError) as error:
+        raise ConfigError(f"{name}: not valid Python: {error}. Correct that line.") from None
+
+
+def check_values(value: Any, name: str) -> None:
+    """Refuse values that are nested too deeply, and numbers that no quantity has.
+
+    Args:
+        value: as TOML or Python gives it: tables, lists, texts, numbers.
+        name: of the file, for the sentences.
+    Raises:
+        ConfigError: it is nested too deeply, or a number is not finite or has more than 64 bits.
+    """
+    _check_depth(value, name)
+    for number in _numbers(value):
+        is_too_large = isinstance(number, int) and not -_MOST_WHOLE <= number < _MOST_WHOLE
+        if is_too_large or not math.isfinite(number):
+            raise ConfigError(
+                f"{name}: {_shown(number)} stands where a finite number of at most 64 bits is "
+                "needed. Correct the value."
+            )
+
+
+def _numbers(value: Any) -> list[int | float]:
+    """Return all numbers of a value that is not nested too deeply."""
+    found: list[int | float] = []
+    level = [value]
+    while level:
+        inner: list[Any] = []
+        for part in level:
+            if isinstance(part, dict):
+                inner += part.values()
+            elif isinstance(part, _CONTAINERS):
+                inner += part
+            elif isinstance(part, int | float):
+                found.append(part)
+        level = inner
+    return found
+
+
+def _check_depth(value: Any, name: str) -> None:
+    level = [value]
+    for _ in range(DEEPEST + 1):
+        inner = []
+        for part in level:
+            if isinstance(part, dict):
+                inner += [one for one in part.values() if isinstance(one, _CONTAINERS)]
+            elif isinstance(part, _CONTAINERS):
+                inner += [one for one in part if isinstance(one, _CONTAINERS)]
+        if not inner:
+            return
+        level = inner
+    raise _too_deep(name)
+
+
+def _whole_number(text: str) -> int:
+    # 19 digits and a sign
+    if len(text) > 20 or not -_MOST_WHOLE <= int(text) < _MOST_WHOLE:
+        raise ValueError(f"{text[:20]}... has more than 64 bits")
+    return int(text)
+
+
+def _number(text: str) -> float:
+    number = float(text)
+    if not math.isfinite(number):
+        raise ValueError(f"{text[:20]} is no finite number")
+    return number
+
+
+def _shown(number: int | float) -> str:
+    """Return a number as text; the digits of a very large one would be refused by Python."""
+    if isinstance(number, int):
+        return f"a whole number of {number.bit_length()} bits"
+    return str(number)
+
+
+def _check_status(name: str, status: os.stat_result, kind: FileKind) -> None:
+    """Refuse what is no regular file, or too large."""
+    for is_one, words in _NO_REGULAR_FILE:
+        if is_one(status.st_mode):
+            raise ConfigError(
+                f"{name}: this {kind.words} cannot be read: it is {words}, no regular file. "
+                f"{kind.remedy}"
+            )
+    if kind.most_bytes is not None and status.st_size > kind.most_bytes:
+        raise _too_large(name, kind, status.st_size)
+
+
+def _too_large(name: str, kind: FileKind, size: int | None) -> ConfigError:
+    assert kind.most_bytes is not None
+    most = _size_words(kind.most_bytes)
+    has = f"more than {most}"
+    if size is not None:
+        has = _size_words(size)
+    return ConfigError(
+        f"{name}: this {kind.words} has {has}; {most} is the most that is read. Give a smaller one."
+    )
+
+
+def _size_words(size: int) -> str:
+    if size < _MB:
+        return f"{size / 1000:g} kB"
+    return f"{size / _MB:.0f} MB"
+
+
+def _too_deep(name: str) -> ConfigError:
+    return ConfigError(
+        f"{name}: it is nested too deeply: more than {DEEPEST} tables or lists within each other. "
+        "Write it flatter."
+    )
+
+
+def _cannot_be_read(name: str, kind: FileKind, error: OSError | ValueError) -> ConfigError:
+    if isinstance(error, ConfigError):
+        return error
+    if isinstance(error, FileNotFoundError):
+        return ConfigError(f"{name}: there is no such {kind.words}. {kind.remedy}")
+    reason = str(error)
+    if isinstance(error, OSError) and error.strerror:
+        reason = error.strerror
+    return ConfigError(
+        f"{name}: this {kind.words} cannot be read ({reason}). Check the path and its permissions."
+    )

@@ -1,0 +1,222 @@
+"""The doors by which Covey opens files of others, each file in a process with limits.
+
+What comes of a file is ``refused`` with the sentence, ``read``, or the name of an exception that is
+no refusal.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import resource
+import signal
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple, NoReturn
+from unittest.mock import AsyncMock, MagicMock
+
+from onboard.config.fleet import ConfigError
+
+MOST_S = 25.0  # by the clock
+MOST_BYTES = 6 << 30  # of addresses: more than any machine's part for one file
+
+
+def _show(path: Path) -> None:
+    from groundstation.shows.import_show import import_show, read_show
+
+    show = read_show(path)
+    with tempfile.TemporaryDirectory() as folder:
+        import_show(show, Path(folder) / "out", path.name, None, None)
+
+
+def _path(path: Path) -> None:
+    from groundstation.paths.files import load_path
+
+    load_path(path)
+
+
+def _lights(path: Path) -> None:
+    from groundstation.paths.lights import load_lights
+
+    load_lights(path)
+
+
+def _picture(path: Path) -> None:
+    from groundstation.formations.drawing import image_slots
+
+    image_slots(str(path), 4)
+
+
+def _font(path: Path) -> None:
+    from groundstation.formations.drawing import text_slots
+
+    text_slots("PX4", str(path), 4)
+
+
+def _fleet(path: Path) -> None:
+    from onboard.config.fleet import load_fleet
+
+    load_fleet(path)
+
+
+def _mission(path: Path) -> None:
+    from groundstation.mission_files.loading import load_mission
+
+    load_mission(path, "paper")
+
+
+def _record(path: Path) -> None:
+    from groundstation.recording.reader import read
+
+    for _ in read(path):
+        pass
+
+
+def _replay(path: Path) -> None:
+    from groundstation.recording.timeline import Timeline
+
+    timeline = Timeline(path)
+    timeline.close()
+
+
+def _params(path: Path) -> None:
+    from groundstation.px4.parameter_file import read_file
+
+    read_file(path)
+
+
+def _certificate(path: Path) -> None:
+    from onboard.security.certificates import read_certificate
+
+    read_certificate(str(path))
+
+
+def _key(path: Path) -> None:
+    from onboard.security.certificates import read_key
+
+    read_key(str(path))
+
+
+def _mavlink_key(path: Path) -> None:
+    from onboard.security.mavlink_key import read_key
+
+    read_key(str(path), "fleet.toml")
+
+
+def _results(path: Path) -> None:
+    from sitl.monte_carlo.law_map.results_file import ResultsFile
+
+    ResultsFile(path, "1")
+
+
+def _law(path: Path) -> None:
+    from onboard.config.law_import import find_own_law
+
+    find_own_law("pipe:law", [str(path.parent)], "fleet.toml")
+
+
+def _web(path: Path) -> None:
+    from groundstation.web import page_server
+
+    text = path.read_text(encoding="utf-8", errors="replace")
+    asyncio.run(page_server._pass_on(text, MagicMock(), AsyncMock()))
+
+
+DOORS: dict[str, Callable[[Path], None]] = {
+    "show": _show,
+    "path": _path,
+    "lights": _lights,
+    "picture": _picture,
+    "font": _font,
+    "fleet": _fleet,
+    "mission": _mission,
+    "record": _record,
+    "replay": _replay,
+    "params": _params,
+    "certificate": _certificate,
+    "key": _key,
+    "mavlink key": _mavlink_key,
+    "results": _results,
+    "law": _law,
+    "web": _web,
+}
+
+
+class Outcome(NamedTuple):
+    """What came of opening one file."""
+
+    kind: str  # "refused", "read", "killed", or the name of an exception
+    sentence: str
+    seconds: float  # of opening, without the imports
+    memory_mb: float  # the most at a time, beyond what the imports took
+
+
+def outcome_of(door: str, path: Path) -> Outcome:
+    """Open a file here."""
+    before_mb = _peak_mb()
+    begin_s = time.monotonic()
+    kind = "read"
+    sentence = ""
+    try:
+        DOORS[door](path)
+    except ConfigError as error:
+        kind = "refused"
+        sentence = str(error)
+    except BaseException as error:  # noqa: BLE001 - whatever comes is what is measured
+        kind = type(error).__name__
+        sentence = str(error)[:200]
+    return Outcome(kind, sentence, time.monotonic() - begin_s, _peak_mb() - before_mb)
+
+
+def outcome_in_process(door: str, path: Path, timeout_s: float = MOST_S) -> Outcome:
+    """Open a file in a child with limits, which has all imports of this process."""
+    with tempfile.TemporaryFile("w+") as out:
+        begin_s = time.monotonic()
+        pid = os.fork()
+        if pid == 0:
+            _open_under_limits(door, path, out.fileno())
+
+        kind = "killed"
+        while True:
+            ended, status, usage = os.wait4(pid, os.WNOHANG)
+            if ended:
+                break
+            if time.monotonic() - begin_s > timeout_s:
+                kind = "without end"
+                os.kill(pid, signal.SIGKILL)
+                _, status, usage = os.wait4(pid, 0)
+                break
+            time.sleep(0.01)
+        out.seek(0)
+        text = out.read()
+
+    if kind == "without end" or status or not text:
+        memory_mb = usage.ru_maxrss / 1024.0 - _peak_mb()
+        return Outcome(kind, "", time.monotonic() - begin_s, memory_mb)
+    return Outcome(*json.loads(text))
+
+
+def _open_under_limits(door: str, path: Path, descriptor: int) -> NoReturn:
+    """Open a file, write its outcome, and end this process."""
+    resource.setrlimit(resource.RLIMIT_AS, (MOST_BYTES, MOST_BYTES))
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    outcome = outcome_of(door, path)
+    os.write(descriptor, json.dumps(outcome).encode())
+    os._exit(0)
+
+
+def _peak_mb() -> float:
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+
+
+def warm_up() -> None:
+    """Import what the doors import, so that only the file is measured."""
+    with tempfile.TemporaryDirectory() as folder:
+        for door in DOORS:
+            outcome_of(door, Path(folder) / "none")
+    from groundstation.formations import drawing
+
+    drawing.text_slots("A", None, 2)
