@@ -8,19 +8,31 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Group, Parameter
 
 from onboard.config.fleet import ConfigError
+from onboard.config.law import BUILT_IN
 
-File = Annotated[str, Parameter(metavar="FILE")]
-FleetFile = Annotated[str, Parameter(metavar="FILE", help="fleet file")]
+# What a shell completes follows from the type: for a path the names of files. The first type that
+# fits makes the value, so that all of these are text.
+FILE_OR_TEXT: Any = str | Path
+LAW_OR_TEXT: Any = Literal[BUILT_IN] | str
+if TYPE_CHECKING:
+    FileName = str
+    NameOfLaw = str
+else:
+    FileName = FILE_OR_TEXT
+    NameOfLaw = LAW_OR_TEXT
+
+File = Annotated[FileName, Parameter(metavar="FILE")]
+FleetFile = Annotated[FileName, Parameter(metavar="FILE", help="fleet file")]
 Folder = Annotated[Path, Parameter(metavar="DIR")]
 Names = Annotated[str, Parameter(metavar="NAMES")]  # of vehicles: names or indices
 Seconds = Annotated[float, Parameter(metavar="S")]
 # covey, paper, off, or a law of one's own
-LawName = Annotated[str | None, Parameter(metavar="NAME")]
+LawName = Annotated[NameOfLaw | None, Parameter(metavar="NAME", show_choices=False)]
 
 _BUS = Parameter(group=Group("The bus of a flight in lockstep", sort_key=9), metavar="X")
 
@@ -72,7 +84,7 @@ class FlightOptions:
     """
 
     fleet: Annotated[
-        str | None, Parameter(metavar="FILE", help="fleet file instead of the mission's")
+        FileName | None, Parameter(metavar="FILE", help="fleet file instead of the mission's")
     ] = None
     headless: bool = False
     record: Folder | None = None

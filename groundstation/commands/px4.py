@@ -41,6 +41,10 @@ from onboard.security.mavlink_key import mavlink_key, read_key
 
 px4 = App(name="px4", help="PX4 itself, past the agents.")
 _File = Annotated[Path | None, Parameter(metavar="FILE")]
+_BY_HAND = (
+    "These values are for flights of Covey. Before you fly by hand, write back what PX4 had:"
+    " covey px4 params --fleet {fleet} --restore BACKUP, with the file of the first --apply."
+)
 
 
 @px4.command
@@ -97,7 +101,7 @@ def params(
         if restore:
             reports = parameter_sets.restore(links, restore, backup)
             return _print_reports(reports, backup, is_json=json)
-        return _print_needed(links, backup, is_set=apply, is_json=json)
+        return _print_needed(links, config, backup, is_set=apply, is_json=json)
 
 
 def _print_reports(
@@ -113,12 +117,19 @@ def _print_reports(
 
 
 def _print_needed(
-    links: Sequence[VehicleLink], backup: Path, *, is_set: bool, is_json: bool
+    links: Sequence[VehicleLink],
+    fleet: FleetConfig,
+    backup: Path,
+    *,
+    is_set: bool,
+    is_json: bool,
 ) -> int:
     """Read the parameters that the fleet needs, set them if wanted; return the exit status."""
-    states: Sequence[vehicle_parameters.VehicleParams] = for_each(
-        vehicle_parameters.read_one, links
-    )
+
+    def read_one(link: VehicleLink) -> vehicle_parameters.VehicleParams:
+        return vehicle_parameters.read_one(link, fleet)
+
+    states: Sequence[vehicle_parameters.VehicleParams] = for_each(read_one, links)
     if is_set:
         states = vehicle_parameters.set_all(links, states, backup)
 
@@ -126,6 +137,7 @@ def _print_needed(
         print(dumps(vehicle_parameters.as_mapping(states), indent=2))
     else:
         print(vehicle_parameters.as_text(states))
+        print(_BY_HAND.format(fleet=fleet.path))
     _print_backup(backup, is_json=is_json)
     return vehicle_parameters.exit_status(states)
 

@@ -98,7 +98,7 @@ def compare(fleet: FleetConfig, old: str, new: str, measured: MeasuredPx4) -> Co
     new_version = _version(new, measured)
     old_name, old_note = measured.nearest(old_version)
     new_name, new_note = measured.nearest(new_version)
-    vehicles = [fleet.vehicles[name] for name in fleet.enabled_names]
+    vehicles = _enabled(fleet)
 
     notes = [note[0].upper() + note[1:] + "." for note in (old_note, new_note) if note]
     notes += _lag_notes(vehicles, new_name, measured)
@@ -106,9 +106,9 @@ def compare(fleet: FleetConfig, old: str, new: str, measured: MeasuredPx4) -> Co
     passed = _versions_between(old_name, new_name, measured)
     is_back = old_version > new_version
     parameters = [
-        *_changed_demands(vehicles, old_version, new_version),
+        *_changed_demands(fleet, old_version, new_version),
         *_gone_parameters(vehicles, passed, measured),
-        *_changed_defaults(vehicles, passed, new_version, measured, is_back=is_back),
+        *_changed_defaults(fleet, passed, new_version, measured, is_back=is_back),
     ]
     return Comparison(
         old=old,
@@ -116,7 +116,7 @@ def compare(fleet: FleetConfig, old: str, new: str, measured: MeasuredPx4) -> Co
         vehicles=fleet.enabled_names,
         notes=tuple(notes),
         parameters=tuple(parameters),
-        facts=tuple(_changed_facts(vehicles, old_name, new_name, new_version, measured)),
+        facts=tuple(_changed_facts(fleet, old_name, new_name, new_version, measured)),
     )
 
 
@@ -152,22 +152,26 @@ def _by_vehicle(
     return result
 
 
-def _demanded(vehicle: Vehicle, version: Version) -> dict[str, RequiredParam]:
-    return {demand.name: demand for demand in all_params(vehicle, version)}
+def _enabled(fleet: FleetConfig) -> list[Vehicle]:
+    return [fleet.vehicles[name] for name in fleet.enabled_names]
 
 
-def _changed_demands(vehicles: Sequence[Vehicle], old: Version, new: Version) -> list[str]:
+def _demanded(fleet: FleetConfig, vehicle: Vehicle, version: Version) -> dict[str, RequiredParam]:
+    return {demand.name: demand for demand in all_params(fleet, vehicle, version)}
+
+
+def _changed_demands(fleet: FleetConfig, old: Version, new: Version) -> list[str]:
     """Return sentences on parameters that are demanded with one version only."""
 
     def sentences(vehicle: Vehicle) -> Iterator[str]:
-        before = _demanded(vehicle, old)
-        after = _demanded(vehicle, new)
+        before = _demanded(fleet, vehicle, old)
+        after = _demanded(fleet, vehicle, new)
         for name in before.keys() - after.keys():
             yield f"{name} = {before[name].value:g} is demanded no more."
         for name in after.keys() - before.keys():
             yield f"{name} = {after[name].value:g} is demanded from now on: {after[name].reason}."
 
-    return _by_vehicle(vehicles, sentences)
+    return _by_vehicle(_enabled(fleet), sentences)
 
 
 def _gone_parameters(
@@ -191,7 +195,7 @@ def _gone_parameters(
 
 
 def _changed_defaults(
-    vehicles: Sequence[Vehicle],
+    fleet: FleetConfig,
     passed: Sequence[str],
     new: Version,
     measured: MeasuredPx4,
@@ -201,7 +205,7 @@ def _changed_defaults(
     """Return sentences on defaults of PX4 that differ.
 
     Args:
-        vehicles: of the fleet.
+        fleet: the fleet file.
         passed: versions whose changes lie between the two, the older one left out.
         new: version to fly.
         measured: what is known about them.
@@ -217,7 +221,7 @@ def _changed_defaults(
             changed[name] = (older, newer)
 
     def sentences(vehicle: Vehicle) -> Iterator[str]:
-        demanded = _demanded(vehicle, new)
+        demanded = _demanded(fleet, vehicle, new)
         for name, (older, newer) in changed.items():
             before, after = (newer, older) if is_back else (older, newer)
             effect = ""
@@ -225,7 +229,7 @@ def _changed_defaults(
                 effect = f"; the fleet demands {demanded[name].value:g}, so nothing changes"
             yield f"{name} comes as {after:g} instead of {before:g}{effect}."
 
-    return _by_vehicle(vehicles, sentences)
+    return _by_vehicle(_enabled(fleet), sentences)
 
 
 def _lag_notes(vehicles: Sequence[Vehicle], new: str, measured: MeasuredPx4) -> list[str]:
@@ -252,7 +256,7 @@ def _lag_notes(vehicles: Sequence[Vehicle], new: str, measured: MeasuredPx4) -> 
 
 
 def _changed_facts(
-    vehicles: Sequence[Vehicle], old: str, new: str, version: Version, measured: MeasuredPx4
+    fleet: FleetConfig, old: str, new: str, version: Version, measured: MeasuredPx4
 ) -> Iterator[ChangedFact]:
     """Yield the measured facts that differ, with what they mean for the fleet."""
     facts_before = measured.facts_of(old)
@@ -262,7 +266,10 @@ def _changed_facts(
             continue
 
         row = _row_of(name)
-        concerned = [vehicle.name for vehicle in vehicles if _concerns(row, vehicle, version)]
+        concerned = []
+        for vehicle in _enabled(fleet):
+            if _concerns(row, _demanded(fleet, vehicle, version)):
+                concerned.append(vehicle.name)
         yield ChangedFact(
             name=name,
             says=fact.says,
@@ -282,11 +289,11 @@ def _row_of(fact_name: str) -> dict[str, Any]:
     raise LookupError(f"comparison.toml has no row for {fact_name}")
 
 
-def _concerns(row: dict[str, Any], vehicle: Vehicle, version: Version) -> bool:
+def _concerns(row: dict[str, Any], demanded: Mapping[str, RequiredParam]) -> bool:
     """Whether a change matters to a vehicle: not where a demanded value keeps it from happening."""
     if row.get("is_harmless", False):
         return False
-    demand = _demanded(vehicle, version).get(row.get("parameter", ""))
+    demand = demanded.get(row.get("parameter", ""))
     return demand is None or demand.value not in row["values"]
 
 

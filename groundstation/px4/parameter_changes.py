@@ -19,7 +19,7 @@ _ACCEPTED = 0  # MAV_RESULT_ACCEPTED
 
 
 class Outcome(Enum):
-    """What became of one parameter that was to be set."""
+    """The outcome for one parameter that was to be set."""
 
     SET = "set"  # and read back
     REFUSED = "refused"  # PX4 keeps another value

@@ -18,6 +18,8 @@ from onboard.px4.message_parsers import PARSERS
 from onboard.px4.sensor_status import sensors
 
 _LISTEN_S = 2.5
+_ASKED = 3  # times, in all, until PX4 says its version
+_AGAIN_S = 1.0  # for an answer to a repeated question: twice the round trip of a slow radio
 _AUTOPILOT_VERSION = 148  # a message that PX4 sends when it is asked
 _WIDTH = 118
 
@@ -73,6 +75,7 @@ def ask(link: VehicleLink, key: bytes | None = None) -> VehicleInfo:
 
     traffic = _Traffic()
     heard = link.link.listen(_LISTEN_S, [_AUTOPILOT_VERSION], take=traffic.take)
+    heard |= _asked_again(link.link, heard)
     facts = {
         "version": _version(link, heard),
         "board": _board(heard),
@@ -90,6 +93,16 @@ def ask(link: VehicleLink, key: bytes | None = None) -> VehicleInfo:
             " is not true in the fleet file: Covey cannot fly it."
         )
     return VehicleInfo(link.vehicle.name, facts)
+
+
+def _asked_again(link: AutopilotLink, heard: _Messages) -> dict[str, Any]:
+    """Return what PX4 answers to repeated questions: one lost message is no answer."""
+    more: dict[str, Any] = {}
+    for _ in range(_ASKED - 1):
+        if "AUTOPILOT_VERSION" in (heard.keys() | more.keys()):
+            break
+        more |= link.listen(_AGAIN_S, [_AUTOPILOT_VERSION], until="AUTOPILOT_VERSION")
+    return more
 
 
 def _version(link: VehicleLink, heard: _Messages) -> str:

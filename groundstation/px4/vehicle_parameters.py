@@ -15,6 +15,7 @@ from groundstation.client.autopilot_link import LinkSilentError
 from groundstation.px4.parameter_changes import Change, Outcome, write_all
 from groundstation.px4.parameter_file import write_file
 from groundstation.px4.vehicle_links import VehicleLink, for_each
+from onboard.config.fleet import FleetConfig
 from onboard.exit_status import EXIT_FAILED, EXIT_MIXED, EXIT_NO_ANSWER, EXIT_OK
 from onboard.px4.required_params import RequiredParam, Value, all_params
 
@@ -71,9 +72,9 @@ class VehicleParams:
         )
 
 
-def read_one(link: VehicleLink) -> VehicleParams:
+def read_one(link: VehicleLink, fleet: FleetConfig) -> VehicleParams:
     """Read what one vehicle needs."""
-    demands = all_params(link.vehicle, link.version)
+    demands = all_params(fleet, link.vehicle, link.version)
     values: dict[str, Value | None] = {}
     trouble = link.trouble
     version = ""
@@ -87,10 +88,17 @@ def read_one(link: VehicleLink) -> VehicleParams:
                 f"{error} {len(values)} of {len(demands)} parameters were read. Run this once more."
             )
 
+    rows = []
+    for demand in demands:
+        value = values.get(demand.name)
+        is_needless = demand.is_optional and value is None and not trouble
+        if not is_needless:
+            rows.append(ParameterState(demand, value))
+
     return VehicleParams(
         name=link.vehicle.name,
         endpoint=link.endpoint,
-        rows=tuple(ParameterState(demand, values.get(demand.name)) for demand in demands),
+        rows=tuple(rows),
         trouble=trouble,
         version=version,
         is_armed=link.is_armed,
@@ -273,7 +281,7 @@ def _line(row: ParameterState, answer: VehicleParams) -> str:
     outcome = ""
     if row.change is not None:
         outcome = f" ({row.change.outcome.value})"
-    required = f"should be {demand.value:g}: {demand.reason}"
+    required = f"should be {demand.words}: {demand.reason}"
     return f"{mark:<8}{demand.name:<16} {value}{outcome}, {required}"
 
 

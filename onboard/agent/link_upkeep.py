@@ -8,17 +8,24 @@ from __future__ import annotations
 import asyncio
 import logging
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 from onboard import agent_inputs
 from onboard.autopilot import LinkError, Version
-from onboard.config.fleet import Vehicle
+from onboard.config.fleet import FleetConfig, Vehicle
 from onboard.flight.context import FlightContext
 from onboard.process import realtime
 from onboard.px4.mavsdk_link import Px4Link
-from onboard.px4.required_params import BATTERY_FLOOR, differences, required_params
+from onboard.px4.required_params import (
+    BATTERY_FLOOR,
+    RequiredParam,
+    Value,
+    differences,
+    required_params,
+    unmet,
+)
 from onboard.safety.failsafe_table import Situation
 
 _REPEAT_S = 5.0
@@ -37,6 +44,7 @@ class LinkUpkeep:
     """Runs beside the control loop; blocking calls have a thread of their own.
 
     Args:
+        fleet: the fleet file.
         vehicle: the agent's own.
         link: to its PX4.
         flight: parameters are read on the ground only.
@@ -46,6 +54,7 @@ class LinkUpkeep:
 
     def __init__(
         self,
+        fleet: FleetConfig,
         vehicle: Vehicle,
         link: Px4Link,
         flight: FlightContext,
@@ -53,12 +62,13 @@ class LinkUpkeep:
         *,
         applies_params: bool,
     ) -> None:
+        self._fleet = fleet
         self._vehicle = vehicle
         self._link = link
         self._flight = flight
         self._notify = notify
         self._applies_params = applies_params
-        self._required = required_params(vehicle)
+        self._absent: set[str] = set()  # optional parameters that this PX4 does not know
         self._blocking = ThreadPoolExecutor(1, thread_name_prefix="link")
         self._task: asyncio.Task[None] | None = None
 
@@ -83,6 +93,7 @@ class LinkUpkeep:
             await self._prepare()
             await self._watch_until_restart()
             self._link.forget_global_origin()
+            self._absent.clear()
             log.warning("PX4 has restarted")
 
     async def _connect(self) -> None:
@@ -109,8 +120,19 @@ class LinkUpkeep:
             log.warning("PX4 is armed already: its origin and its parameters are left as they are")
             return
         if self._applies_params:
-            self._required = required_params(self._vehicle, self._link.snapshot().px4_version)
-            await self._in_thread(self._link.apply_params, self._required)
+            await self._apply_params()
+
+    async def _apply_params(self) -> None:
+        """Set what differs."""
+        required = self._required()
+        actual = await self._in_thread(self._link.read_params, _values(required))
+        await self._in_thread(self._link.apply_params, _values(unmet(required, actual)))
+
+    def _required(self) -> list[RequiredParam]:
+        """Return the demands of PX4's version, without optional ones that it does not know."""
+        version = self._link.snapshot().px4_version
+        required = required_params(self._fleet, self._vehicle, version)
+        return [demand for name, demand in required.items() if name not in self._absent]
 
     async def _watch_until_restart(self) -> None:
         """Check parameters, origin and disk from time to time, until PX4's clock begins anew."""
@@ -148,13 +170,17 @@ class LinkUpkeep:
 
     async def _read_params(self, has_origin: bool) -> tuple[str, ...]:
         px4 = self._link.snapshot()
-        self._required = required_params(self._vehicle, px4.px4_version)
-        read = dict(self._required)
+        required = self._required()
+        read = _values(required)
         if px4.is_simulated:
             read[BATTERY_FLOOR] = 0.0
         actual = await self._in_thread(self._link.read_params, read)
 
-        problems = differences(self._required, actual)
+        for demand in required:
+            if demand.is_optional and actual.get(demand.name) is None:
+                self._absent.add(demand.name)
+
+        problems = differences(required, actual)
         if not has_origin:
             problems = (*problems, _NO_ORIGIN)
         battery_floor_pct = float(actual.get(BATTERY_FLOOR) or 0.0)
@@ -165,6 +191,10 @@ class LinkUpkeep:
 
     async def _in_thread(self, function: Callable[..., Any], *args: Any) -> Any:
         return await asyncio.get_running_loop().run_in_executor(self._blocking, function, *args)
+
+
+def _values(required: Iterable[RequiredParam]) -> dict[str, Value]:
+    return {demand.name: demand.value for demand in required}
 
 
 def _log_end(task: asyncio.Task[None]) -> None:

@@ -9,6 +9,7 @@ from onboard.config.fleet import FleetConfig, Vehicle
 from onboard.preflight.attitude_lag import lag_s
 from onboard.preflight.preflight_facts import HEARTBEAT_SILENT_S, PreflightFacts
 from onboard.preflight.preflight_rule import FINE, NO_PX4, OK, SKIP, Judgement, rules
+from onboard.px4.required_params import weakened
 from onboard.safety.failsafe_table import TABLE, Action, Condition, Situation, in_order
 from onboard.safety.limits import AUTOPILOT_SILENT_S
 
@@ -193,6 +194,10 @@ def _failsafe(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Ju
 
 
 def _parameters(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgement:
+    # of the fleet file alone, so that it does not wait for PX4
+    weak = weakened(fleet, vehicle)
+    if weak:
+        return "weakened", {"problems": " ".join(weak)}
     if not facts.has_autopilot:
         return NO_PX4
     if facts.param_problems is None:

@@ -1,13 +1,18 @@
-"""PX4 parameters that close flight requires, the reason for each, and a vehicle's differences."""
+"""PX4 parameters that close flight requires, the reason for each, and a vehicle's differences.
+
+Those about PX4's own failsafes come from ``own_failsafes.toml``.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
 
 from onboard.autopilot import Version, plausible_version
-from onboard.config.fleet import Vehicle
+from onboard.config.fleet import FleetConfig, Vehicle
+from onboard.px4.own_failsafes import FIRST, LAST, OwnParameter, demanded_parameters
+from onboard.safety.geofence import fence_of
 
 Value = float | int
 
@@ -17,6 +22,12 @@ FUSES_HEADING = 8
 
 # Charge at which PX4's simulated battery stops emptying [%]; required of nobody.
 BATTERY_FLOOR = "SIM_BAT_MIN_PCT"
+
+_SILENCE = "COM_OF_LOSS_T"
+# The agent's landing begins so far above PX4's critical level.
+_BATTERY_GAP_FRAC = 0.005
+# An attitude that is commanded in steps is exceeded by a tenth; the rest is for gusts.
+_TILT_MARGIN_DEG = 15
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,64 +41,80 @@ class RequiredParam:
     # another value costs quality, not safety: it refuses nothing, and only covey px4 params --apply
     # sets it
     is_advice: bool = False
-    tolerance: float = 0.0  # a value within it is as good
-    since: Version = (0, 0)  # PX4 knows it from this version on,
-    before: Version = (99, 0)  # and only before this one
+    tolerance: float = 0.0  # a value within it is as good,
+    accepts: tuple[Value, ...] = ()  # as each of these,
+    least: Value | None = None  # as every value from here on
+    most: Value | None = None  # to here,
+    without_bits: int = 0  # as every value that has none of these bits
+    is_optional: bool = False  # a PX4 that does not know it needs none
+    since: Version = FIRST  # PX4 knows it from this version on,
+    before: Version = LAST  # and only before this one
 
     def is_for(self, version: Version | None) -> bool:
         """Whether PX4 of this version knows it; of an unknown version, whether all do."""
         if version is None:
-            return self.since == (0, 0) and self.before == (99, 0)
+            return self.since == FIRST and self.before == LAST
         return self.since <= version < self.before
 
     def is_met(self, value: Value | None) -> bool:
         """Whether PX4's value is good enough; None is not."""
         if value is None:
             return False
-        return math.isclose(
-            float(value), float(self.value), rel_tol=1e-5, abs_tol=max(1e-6, self.tolerance)
-        )
+        if any(_is_close(value, good, self.tolerance) for good in (self.value, *self.accepts)):
+            return True
+        if self.without_bits:
+            return int(value) & self.without_bits == 0
+        return self._is_between(value)
+
+    def _is_between(self, value: Value) -> bool:
+        if self.least is None and self.most is None:
+            return False
+        least = -math.inf
+        if self.least is not None:
+            least = self.least
+        most = math.inf
+        if self.most is not None:
+            most = self.most
+        return least <= value <= most
+
+    @property
+    def words(self) -> str:
+        """The value, and what is as good, in words."""
+        others = [f"{value:g}" for value in self.accepts]
+        if self.without_bits:
+            others.append(f"any without bit {self.without_bits}")
+        if self.least is not None:
+            others.append(f"{self.least:g} or more")
+        if self.most is not None:
+            others.append(f"{self.most:g} or less")
+        if not others:
+            return f"{self.value:g}"
+        return f"{self.value:g} (or {', '.join(others)})"
 
 
-_FAILSAFE = (
-    RequiredParam(
-        "COM_OF_LOSS_T",
-        0.3,
-        "PX4 acts after so long without setpoints [s], for instance of a hung agent",
-    ),
-    RequiredParam(
-        "COM_OBL_RC_ACT",
-        4,
-        "then PX4 lands (4); it neither descends without position control nor returns",
-    ),
-    RequiredParam(
-        "COM_LOW_BAT_ACT",
-        2,
-        "at its critical battery level PX4 lands (2) and does not climb to return",
-    ),
-    RequiredParam(
-        "NAV_RCL_ACT", 3, "without radio control PX4 lands (3) and does not climb to return"
-    ),
-    RequiredParam(
-        "NAV_DLL_ACT", 0, "without a ground link PX4 does nothing (0): the agent decides"
-    ),
-    RequiredParam(
-        "MAN_OVERRIDE_SPD",
-        -1.0,
-        "a bumped stick takes no vehicle out of OFFBOARD (-1); the pilot takes it with the mode "
-        "switch",
-        since=(1, 18),
-    ),
-    # 0 or 1: never in OFFBOARD (2), whatever PX4's own modes do
-    RequiredParam(
-        "COM_RC_OVERRIDE",
-        0,
-        "a bumped stick takes no vehicle out of OFFBOARD (0 or 1); the pilot takes it with the "
-        "mode switch",
-        tolerance=1.0,
-        before=(1, 18),
-    ),
-)
+def _is_close(value: Value, good: Value, tolerance: float) -> bool:
+    return math.isclose(float(value), float(good), rel_tol=1e-5, abs_tol=max(1e-6, tolerance))
+
+
+def _required(parameter: OwnParameter) -> RequiredParam:
+    """Return what a failsafe of PX4 demands of every vehicle."""
+    assert parameter.demand is not None
+    return RequiredParam(
+        name=parameter.name,
+        value=parameter.demand,
+        reason=parameter.reason,
+        accepts=parameter.accepts,
+        least=parameter.least,
+        most=parameter.most,
+        without_bits=parameter.without_bits,
+        is_optional=parameter.is_optional,
+        since=parameter.since,
+        before=parameter.before,
+    )
+
+
+_OWN = {parameter.name: parameter for parameter in demanded_parameters()}
+FAILSAFES = tuple(_required(parameter) for parameter in _OWN.values())
 
 _MOCAP = (
     RequiredParam(
@@ -132,17 +159,20 @@ _MOCAP_ADVICE = (
 )
 
 # Of a vehicle with a mocap; docs/deployment.md lists them.
-BUILT_IN = (*_FAILSAFE, *_MOCAP, *_MOCAP_ADVICE)
-_TOLERANCES = {param.name: param.tolerance for param in BUILT_IN}
+BUILT_IN = (*FAILSAFES, *_MOCAP, *_MOCAP_ADVICE)
 
 
-def all_params(vehicle: Vehicle, version: Version | None = None) -> tuple[RequiredParam, ...]:
+def all_params(
+    fleet: FleetConfig, vehicle: Vehicle, version: Version | None = None
+) -> tuple[RequiredParam, ...]:
     """Return all values that this vehicle's PX4 should have.
 
-    The fleet file's ``px4_params`` replace built-in ones.
+    The fleet file's ``px4_params`` replace built-in ones, unless they weaken one that keeps a
+    failsafe of PX4 from interfering (:func:`weakened`).
 
     Args:
-        vehicle: of the fleet file.
+        fleet: the fleet file.
+        vehicle: one of its vehicles.
         version: of its PX4, as reported; None when it is not known.
     """
     version = plausible_version(version)
@@ -153,50 +183,125 @@ def all_params(vehicle: Vehicle, version: Version | None = None) -> tuple[Requir
         is_advice=True,
         tolerance=0.1,
     )
-    built_in = BUILT_IN if vehicle.mocap_required else _FAILSAFE
-    own = vehicle.px4_params
+    failsafes = [_bounded(demand, fleet, vehicle) for demand in FAILSAFES]
+    built_in = [*failsafes, hover_throttle]
+    if vehicle.mocap_required:
+        built_in = [*failsafes, *_MOCAP, *_MOCAP_ADVICE, hover_throttle]
 
-    params = [
-        param
-        for param in (*built_in, hover_throttle)
-        if param.name not in own and param.is_for(version)
-    ]
+    own = dict(vehicle.px4_params)
+    for demand in _weakened_demands(fleet, vehicle):
+        own.pop(demand.name)
+
+    params = [demand for demand in built_in if demand.name not in own and demand.is_for(version)]
     for name, value in own.items():
         params.append(RequiredParam(name, value, "the fleet file's px4_params require it"))
     return tuple(params)
 
 
-def required_params(vehicle: Vehicle, version: Version | None = None) -> dict[str, Value]:
-    """Return the parameters without which take-off is refused.
+def _bounded(demand: RequiredParam, fleet: FleetConfig, vehicle: Vehicle) -> RequiredParam:
+    """Return a demand with the bound that the fleet file gives this vehicle."""
+    bound = _OWN[demand.name].bound
+    if bound == "below battery_land_pct":
+        most_frac = 0.01 * fleet.fleet.battery_land_pct - _BATTERY_GAP_FRAC
+        return replace(demand, most=round(max(most_frac, float(demand.value)), 4))
+    if bound == "beyond max_tilt_deg":
+        return replace(demand, least=math.ceil(vehicle.max_tilt_deg) + _TILT_MARGIN_DEG)
+    if not bound:
+        return demand
+
+    fence = fence_of(fleet.fleet.geofence_m, vehicle)
+    across_m, upwards_m = fence.farthest_m(vehicle.max_speed_m_s)
+    distances_m = {"beyond geofence_m": across_m, "above geofence_m": upwards_m}
+    least_m = float(math.ceil(distances_m[bound]))
+    return replace(demand, value=least_m, accepts=(demand.value,), least=least_m)
+
+
+def _may_say(demand: RequiredParam, value: Value) -> bool:
+    """Whether a fleet file may demand this value instead."""
+    own = _OWN[demand.name]
+    if own.file_least is None or own.file_most is None:
+        return demand.is_met(value)
+    return own.file_least <= value <= own.file_most
+
+
+def _weakened_demands(fleet: FleetConfig, vehicle: Vehicle) -> list[RequiredParam]:
+    weak = []
+    for demand in FAILSAFES:
+        value = vehicle.px4_params.get(demand.name)
+        bounded = _bounded(demand, fleet, vehicle)
+        if value is not None and not _may_say(bounded, value):
+            weak.append(bounded)
+    return weak
+
+
+def weakened(fleet: FleetConfig, vehicle: Vehicle) -> tuple[str, ...]:
+    """Return a sentence for each of the fleet file's ``px4_params`` that weakens a demand.
+
+    Args:
+        fleet: the fleet file.
+        vehicle: one of its vehicles.
+    """
+    sentences = []
+    for demand in _weakened_demands(fleet, vehicle):
+        value = vehicle.px4_params[demand.name]
+        sentences.append(
+            f"The fleet file's px4_params set {demand.name} = {value:g} for {vehicle.name}, which"
+            f" every flight needs at {demand.words}: {demand.reason}."
+        )
+    return tuple(sentences)
+
+
+def required_params(
+    fleet: FleetConfig, vehicle: Vehicle, version: Version | None = None
+) -> dict[str, RequiredParam]:
+    """Return the parameters without which take-off is refused, by name.
 
     They are the built-in ones and the fleet file's own.
     """
-    return {
-        param.name: param.value for param in all_params(vehicle, version) if not param.is_advice
-    }
+    params = all_params(fleet, vehicle, version)
+    return {param.name: param for param in params if not param.is_advice}
+
+
+def silence_s(vehicle: Vehicle) -> float:
+    """Return for how long PX4 follows the last setpoint before it lands [s]."""
+    return float(vehicle.px4_params.get(_SILENCE, _OWN[_SILENCE].demand or 0.0))
+
+
+def unmet(
+    required: Iterable[RequiredParam], actual: Mapping[str, Value | None]
+) -> list[RequiredParam]:
+    """Return the demands that PX4 does not meet, of those whose parameter it has.
+
+    Args:
+        required: demands.
+        actual: name -> PX4's value; None where PX4 did not send it.
+    """
+    wrong = []
+    for demand in required:
+        value = actual.get(demand.name)
+        if value is not None and not demand.is_met(value):
+            wrong.append(demand)
+    return wrong
 
 
 def differences(
-    required: Mapping[str, Value], actual: Mapping[str, Value | None]
+    required: Iterable[RequiredParam], actual: Mapping[str, Value | None]
 ) -> tuple[str, ...]:
     """Return a sentence for each parameter that is not as required.
 
     Args:
-        required: name -> value.
+        required: demands.
         actual: name -> PX4's value; None where PX4 did not send it.
     """
     sentences: list[str] = []
-    for name, value_required in required.items():
-        value = actual.get(name)
-        if value is None:
+    for demand in required:
+        value = actual.get(demand.name)
+        if value is None and not demand.is_optional:
             sentences.append(
-                f"PX4 did not send its parameter {name}: check the link and PX4's version."
+                f"PX4 did not send its parameter {demand.name}: check the link and PX4's version."
             )
-            continue
-
-        param = RequiredParam(name, value_required, "", tolerance=_TOLERANCES.get(name, 0.0))
-        if not param.is_met(value):
+        elif value is not None and not demand.is_met(value):
             sentences.append(
-                f"PX4 parameter {name} is {value:g}, this fleet requires {value_required:g}."
+                f"PX4 parameter {demand.name} is {value:g}, this fleet requires {demand.words}."
             )
     return tuple(sentences)

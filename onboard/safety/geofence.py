@@ -10,7 +10,12 @@ import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from onboard.config.fleet import Geofence, Vehicle
+from onboard.types import GRAVITY_M_S2
+
 Vec3 = tuple[float, float, float]
+
+_BRAKE_SHARE = 0.6  # of the acceleration at the largest tilt, assumed for braking before the fence
 
 
 class FenceStatus(NamedTuple):
@@ -65,4 +70,41 @@ class Fence:
 
     def _is_near(self, distance_m: float, speed_m_s: float, brake_m_s2: float) -> bool:
         """Return whether braking does not stop the vehicle before a wall at that distance."""
-        return 0.0 < distance_m < speed_m_s * (self.reaction_s + speed_m_s / (2.0 * brake_m_s2))
+        return 0.0 < distance_m < self._stopping_m(speed_m_s, brake_m_s2)
+
+    def _stopping_m(self, speed_m_s: float, brake_m_s2: float) -> float:
+        return speed_m_s * (self.reaction_s + speed_m_s / (2.0 * brake_m_s2))
+
+    def farthest_m(self, speed_m_s: float) -> tuple[float, float]:
+        """Return how far from a point inside a vehicle gets that stops when it crosses the fence.
+
+        Args:
+            speed_m_s: at which it crosses.
+        Returns:
+            horizontal and vertical distance, from whichever point of the box.
+        """
+        west, south, floor = self.low_enu_m
+        east, north, top = self.high_enu_m
+        brake_x, brake_y, brake_z = self.brake_m_s2
+
+        across_m = math.hypot(east - west, north - south)
+        across_m += self._stopping_m(speed_m_s, min(brake_x, brake_y))
+        upwards_m = top - floor + self._stopping_m(speed_m_s, brake_z)
+        return across_m, upwards_m
+
+
+def fence_of(box: Geofence, vehicle: Vehicle) -> Fence:
+    """Return the fence of a fleet as one vehicle brakes before it.
+
+    Args:
+        box: of the fleet file.
+        vehicle: of the fleet file.
+    """
+    tilt_rad = math.radians(vehicle.max_tilt_deg)
+    brake_m_s2 = _BRAKE_SHARE * GRAVITY_M_S2 * math.tan(tilt_rad)
+    return Fence(
+        low_enu_m=(box.x[0], box.y[0], box.z[0]),
+        high_enu_m=(box.x[1], box.y[1], box.z[1]),
+        brake_m_s2=(brake_m_s2, brake_m_s2, 0.5 * GRAVITY_M_S2),
+        reaction_s=vehicle.lag_s,
+    )

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from sitl.px4.battery import ChargeState
 from sitl.px4.modes import ModeCondition
 
-BOOT_S = 4.3  # from the start of a PX4 until it can be armed
+BOOT_S = 4.4  # from the start of a PX4 until it can be armed
 
 
 @dataclass(frozen=True, slots=True)

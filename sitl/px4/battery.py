@@ -6,6 +6,7 @@ half of it for half a charge.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from enum import Enum
 
@@ -17,7 +18,7 @@ _REFILL_S = 4.0  # for a whole charge
 
 
 class ChargeState(Enum):
-    """How empty a battery is, with the numbers of BATTERY_STATUS.charge_state."""
+    """Charge of a battery, with the numbers of BATTERY_STATUS.charge_state."""
 
     OK = 1
     LOW = 2
@@ -65,6 +66,12 @@ class Battery:
         if self.remaining_frac > floor_frac:
             used_frac = dt_s / max(drain_s, 1e-3)
             self.remaining_frac = max(floor_frac, self.remaining_frac - used_frac)
+
+    def left_s(self, params: Parameters) -> float:
+        """Return how long the charge lasts [s]; infinite where PX4 cannot know its capacity."""
+        if params["BAT1_CAPACITY"] <= 0.0:
+            return math.inf
+        return self.remaining_frac * params["SIM_BAT_DRAIN"]
 
     @property
     def voltage_mv(self) -> int:

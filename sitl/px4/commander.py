@@ -65,6 +65,8 @@ class EmulatedPx4:
     land_detector: LandDetector = field(default_factory=LandDetector)
     mode_control: ModeControl = field(default_factory=ModeControl)
     sticks: Sticks = field(default_factory=Sticks)
+    # where a pilot of the emulator holds his sticks, at every tick; None without such a pilot
+    held_sticks: Axes | None = None
     _after_disarm: Mode = Mode.LOITER  # the intent to go back to
     _armed_time_s: float = 0.0
     _refused_time_s: float = -math.inf  # when it last said that a mode is not available
@@ -267,7 +269,8 @@ class EmulatedPx4:
         if self.sticks.is_moving(override_speed_1_s):
             self.request(now_s, Mode.POSCTL if self._has_local_position else Mode.ALTCTL)
 
-    def _has_sticks(self, now_s: float) -> bool:
+    def has_sticks(self, now_s: float) -> bool:
+        """Whether a pilot's sticks are heard."""
         return now_s - self.sticks.time_s <= self.params["COM_RC_LOSS_T"]
 
     @property
@@ -293,6 +296,8 @@ class EmulatedPx4:
         """Do everything that happens at 50 Hz."""
         now_s = inputs.time_s
         self._last = inputs
+        if self.held_sticks is not None:
+            self.take_sticks(now_s, self.held_sticks)
 
         self.battery.step(
             TICK_S,
@@ -318,13 +323,9 @@ class EmulatedPx4:
         if not self.is_armed:
             return
 
-        flown_mode = self.mode
-        if self.mode is Mode.POSCTL and self._has_sticks(now_s):
-            # The emulator knows that a pilot has taken over, not where the sticks stand: it holds.
-            flown_mode = Mode.LOITER
-
+        sticks = self.sticks.positions if self.has_sticks(now_s) else None
         has_taken_off = self.mode_control.step(
-            inputs, flown_mode, self.landed, self.params, self.setpoint
+            inputs, self.mode, self.landed, self.params, self.setpoint, sticks
         )
         if has_taken_off:
             self._intend(Mode.LOITER)
@@ -432,7 +433,10 @@ class EmulatedPx4:
             attitude_failed=self._has_failed,
             from_home_m=self._from_home_m(),
             ground_silent_s=now_s - self.ground_time_s,
-            has_sticks=self._has_sticks(now_s),
+            has_sticks=self.has_sticks(now_s),
+            flown_s=now_s - self.land_detector.takeoff_time_s,
+            battery_left_s=self.battery.left_s(self.params),
+            wind_m_s=self._estimated_wind_m_s(),
         )
         if not self.failsafe.step(now_s, inputs, self.params):
             return
@@ -447,6 +451,12 @@ class EmulatedPx4:
         self.journal.say(
             now_s, "failsafe hold", shown, self.failsafe.delayed, shown_s, seconds=hold_s
         )
+
+    def _estimated_wind_m_s(self) -> float:
+        """Return the wind; PX4 estimates a multirotor's from its drag, if that is fused."""
+        if self._last is None or not self.params.integer("EKF2_DRAG_CTRL"):
+            return 0.0
+        return self._last.wind_m_s
 
     def _from_home_m(self) -> tuple[float, float]:
         """Return the horizontal distance from home and the height above it."""

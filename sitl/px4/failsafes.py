@@ -66,10 +66,13 @@ class FailsafeInputs(Struct, frozen=True):
     from_home_m: tuple[float, float]  # horizontal and vertical distance from the point of arming
     ground_silent_s: float  # time since the last heartbeat of a ground station
     has_sticks: bool = False  # a pilot's sticks are received
+    flown_s: float = 0.0  # time since the take-off
+    battery_left_s: float = math.inf  # how long its charge lasts
+    wind_m_s: float = 0.0  # as PX4 estimates it
 
 
 class Clears(Enum):
-    """What ends an action."""
+    """The end of an action."""
 
     WITH_CONDITION = "when the condition is gone"
     BY_MODE_CHANGE = "when somebody asks for a mode, or on disarming"
@@ -137,6 +140,32 @@ def _is_beyond_fence(inputs: FailsafeInputs, params: Parameters) -> bool:
 
 def _is_ground_lost(inputs: FailsafeInputs, params: Parameters) -> bool:
     return params["NAV_DLL_ACT"] > 0 and inputs.ground_silent_s > params["COM_DL_LOSS_T"]
+
+
+def _is_flight_too_long(inputs: FailsafeInputs, params: Parameters) -> bool:
+    return 0.0 < params["COM_FLT_TIME_MAX"] < inputs.flown_s
+
+
+def _is_battery_short_of_home(inputs: FailsafeInputs, params: Parameters) -> bool:
+    return inputs.battery_left_s <= _way_home_s(inputs, params)
+
+
+def _way_home_s(inputs: FailsafeInputs, params: Parameters) -> float:
+    """Return how long PX4 takes to climb, fly home and land, with its margins [s]."""
+    distance_m, height_m = inputs.from_home_m
+    top_m = height_m
+    if distance_m > params["RTL_MIN_DIST"]:
+        top_m = max(height_m, params["RTL_RETURN_ALT"])
+
+    climb_s = (top_m - height_m) / params["MPC_Z_V_AUTO_UP"]
+    cruise_s = distance_m / params["MPC_XY_CRUISE"]
+    descent_s = max(0.0, top_m) / params["MPC_LAND_SPEED"]
+    way_s = climb_s + cruise_s + descent_s
+    return params["RTL_TIME_FACTOR"] * way_s + params["RTL_TIME_MARGIN"]
+
+
+def _is_wind_too_strong(inputs: FailsafeInputs, params: Parameters) -> bool:
+    return 0.0 < params["COM_WIND_MAX"] < inputs.wind_m_s
 
 
 FAILSAFE_TRIGGERS: tuple[FailsafeTrigger, ...] = (
@@ -210,6 +239,40 @@ FAILSAFE_TRIGGERS: tuple[FailsafeTrigger, ...] = (
             5: FailsafeAction.LAND,
         },
         otherwise=FailsafeAction.WARN,
+        waits=True,
+        clears=Clears.BY_MODE_CHANGE,
+    ),
+    FailsafeTrigger(
+        name="flight too long",
+        holds=_is_flight_too_long,
+        parameter=None,
+        actions={},
+        otherwise=FailsafeAction.RETURN,
+        waits=True,
+    ),
+    FailsafeTrigger(
+        name="battery short of home",
+        holds=_is_battery_short_of_home,
+        parameter="COM_FLTT_LOW_ACT",
+        actions={1: FailsafeAction.WARN, 3: FailsafeAction.RETURN},
+        otherwise=FailsafeAction.NONE,
+        waits=True,
+        clears=Clears.BY_MODE_CHANGE,
+    ),
+    FailsafeTrigger(
+        name="wind",
+        holds=_is_wind_too_strong,
+        parameter="COM_WIND_MAX_ACT",
+        actions={
+            0: FailsafeAction.NONE,
+            1: FailsafeAction.WARN,
+            2: FailsafeAction.HOLD,
+            3: FailsafeAction.RETURN,
+            4: FailsafeAction.TERMINATE,
+            5: FailsafeAction.LAND,
+        },
+        otherwise=FailsafeAction.WARN,
+        waits=True,
         clears=Clears.BY_MODE_CHANGE,
     ),
     FailsafeTrigger(
@@ -284,7 +347,7 @@ class Failsafe:
                 continue
 
             present.append(trigger.name)
-            if trigger.waits and action > FailsafeAction.WARN:
+            if trigger.waits and FailsafeAction.WARN < action < FailsafeAction.DISARM:
                 patient = max(patient, action)
             else:
                 urgent = max(urgent, action)

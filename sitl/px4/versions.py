@@ -34,6 +34,7 @@ class Version:
     parameters_least: Mapping[str, float]
     severities: Mapping[str, int]
     knows_signing: bool
+    answers_unknown_parameters: bool
 
     @property
     def number(self) -> tuple[int, int]:

@@ -18,6 +18,7 @@ import pytest
 
 from groundstation.cli import main
 from groundstation.client.autopilot_link import AutopilotLink, LinkSilentError
+from groundstation.px4 import vehicle_info
 from groundstation.px4.parameter_changes import Outcome, store, write_all
 from groundstation.px4.vehicle_parameters import ParameterState, VehicleParams, exit_status
 from onboard.config.fleet import FleetConfig, load_fleet
@@ -296,6 +297,27 @@ def test_each_vehicle_is_asked_for_what_its_version_needs_and_says_what_it_is(
     assert set(said) >= {"board", "satellites"}
 
 
+class _LossyLink:
+    """A PX4 of which some answers are lost."""
+
+    def __init__(self, lost: int) -> None:
+        self.lost = lost
+        self.asked = 0
+
+    def listen(self, seconds: float, requested: object, **_: object) -> dict[str, str]:
+        self.asked += 1
+        return {} if self.asked <= self.lost else {"AUTOPILOT_VERSION": "v1.16"}
+
+
+@pytest.mark.parametrize(("lost", "answers"), [(0, True), (1, True), (2, False)])
+def test_px4_is_asked_three_times_for_its_version(lost: int, answers: bool) -> None:
+    link = _LossyLink(lost)
+    heard = vehicle_info._asked_again(link, {})  # type: ignore[arg-type]
+    assert ("AUTOPILOT_VERSION" in heard) is answers
+    assert link.asked == min(lost + 1, 2)  # the first time is part of listening
+    assert vehicle_info._asked_again(link, {"AUTOPILOT_VERSION": "v1.16"}) == {}  # type: ignore[arg-type]
+
+
 def test_a_link_that_dies_in_the_middle_leaves_a_list_of_what_was_set_and_a_backup(
     fleet: FleetConfig,
     emulator: subprocess.Popen[str],
@@ -383,8 +405,8 @@ def test_what_became_of_each_parameter_is_said_by_name() -> None:
 def test_the_exit_status_tells_mixed_results() -> None:
     good, bad = VehicleParams("a", "x", ()), VehicleParams("b", "x", (), "armed")
     assert exit_status([good]) == 10  # nothing was told at all
-    vehicle = load_fleet("configs/fleets/paper.toml").vehicles["mav0"]
-    rows = tuple(_row(demand) for demand in all_params(vehicle))
+    paper = load_fleet("configs/fleets/paper.toml")
+    rows = tuple(_row(demand) for demand in all_params(paper, paper.vehicles["mav0"]))
     good, bad = VehicleParams("a", "x", rows), VehicleParams("b", "x", rows, "armed")
     assert exit_status([good, good]) == 0
     assert exit_status([bad, bad]) == 1
@@ -397,23 +419,31 @@ def _row(demand: RequiredParam) -> ParameterState:
 
 def test_a_fleet_files_own_parameters_replace_the_built_in_ones(fleet: FleetConfig) -> None:
     vehicle = fleet.vehicles["solo"]
-    assert required_params(vehicle)["MPC_Z_P"] == 0.8
-    assert "EKF2_EVP_NOISE" not in required_params(vehicle)
-    assert "EKF2_EVP_NOISE" in {demand.name for demand in all_params(vehicle)}
-    assert differences({"COM_OF_LOSS_T": 0.3}, {"COM_OF_LOSS_T": 0.30000001}) == ()
-    assert "did not send" in differences({"COM_OF_LOSS_T": 0.3}, {})[0]
+    required = required_params(fleet, vehicle)
+    assert required["MPC_Z_P"].value == 0.8
+    assert "EKF2_EVP_NOISE" not in required
+    assert "EKF2_EVP_NOISE" in {demand.name for demand in all_params(fleet, vehicle)}
+    silence = [required["COM_OF_LOSS_T"]]
+    assert differences(silence, {"COM_OF_LOSS_T": 0.30000001}) == ()
+    assert "did not send" in differences(silence, {})[0]
 
 
 def test_a_stick_that_is_bumped_takes_no_vehicle_out_of_offboard_on_any_version() -> None:
-    vehicle = load_fleet("paper").vehicles["mav0"]
-    old, new = required_params(vehicle, (1, 16)), required_params(vehicle, (1, 18))
-    assert old == required_params(vehicle, (1, 17))
-    assert new == required_params(vehicle, (1, 19))
-    assert (old["COM_RC_OVERRIDE"], new["MAN_OVERRIDE_SPD"]) == (0, -1.0)
+    paper = load_fleet("paper")
+    vehicle = paper.vehicles["mav0"]
+    old = required_params(paper, vehicle, (1, 16))
+    new = required_params(paper, vehicle, (1, 18))
+    assert old == required_params(paper, vehicle, (1, 17))
+    assert new == required_params(paper, vehicle, (1, 19))
     # of a version that is not known
-    assert not {"COM_RC_OVERRIDE", "MAN_OVERRIDE_SPD"} & set(required_params(vehicle))
+    assert not {"COM_RC_OVERRIDE", "MAN_OVERRIDE_SPD"} & set(required_params(paper, vehicle))
     assert "MAN_OVERRIDE_SPD" not in old
     assert "COM_RC_OVERRIDE" not in new
-    assert differences(old, {**old, "COM_RC_OVERRIDE": 1}) == ()
-    assert "COM_RC_OVERRIDE is 3" in differences(old, {**old, "COM_RC_OVERRIDE": 3})[0]
-    assert "MAN_OVERRIDE_SPD is 1" in differences(new, {**new, "MAN_OVERRIDE_SPD": 1.0})[0]
+
+    before = {name: demand.value for name, demand in old.items()}
+    now = {name: demand.value for name, demand in new.items()}
+    assert (before["COM_RC_OVERRIDE"], now["MAN_OVERRIDE_SPD"]) == (0, -1.0)
+    assert differences(old.values(), {**before, "COM_RC_OVERRIDE": 1}) == ()
+    wrong = differences(old.values(), {**before, "COM_RC_OVERRIDE": 3})
+    assert "COM_RC_OVERRIDE is 3" in wrong[0]
+    assert "MAN_OVERRIDE_SPD is 1" in differences(new.values(), {**now, "MAN_OVERRIDE_SPD": 1.0})[0]

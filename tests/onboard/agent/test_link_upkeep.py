@@ -60,7 +60,14 @@ async def events_until(link: MuteLink, reads: int) -> list[agent_inputs.AgentInp
     vehicle = CONFIG.vehicles["mav0"]
     told = asyncio.Queue[agent_inputs.AgentInput]()
     flight = FlightContext(CONFIG, vehicle)
-    upkeep = LinkUpkeep(vehicle, link, flight, told.put_nowait, applies_params=False)  # type: ignore[arg-type]
+    upkeep = LinkUpkeep(
+        CONFIG,
+        vehicle,
+        link,  # type: ignore[arg-type]
+        flight,
+        told.put_nowait,
+        applies_params=False,
+    )
     events: list[agent_inputs.AgentInput] = []
     upkeep.start()
     try:
@@ -79,8 +86,8 @@ async def test_a_version_that_got_lost_is_requested_again_and_its_own_parameters
     link = MuteLink()
     await events_until(link, 2)
     vehicle = CONFIG.vehicles["mav0"]
-    assert link.read[0] == set(required_params(vehicle))
-    assert link.read[1] == set(required_params(vehicle, (1, 18)))
+    assert link.read[0] == set(required_params(CONFIG, vehicle))
+    assert link.read[1] == set(required_params(CONFIG, vehicle, (1, 18)))
     assert "MAN_OVERRIDE_SPD" in link.read[1] - link.read[0]
 
 

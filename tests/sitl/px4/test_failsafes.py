@@ -94,16 +94,78 @@ def test_a_fence_failsafe_ends_with_a_mode_request_and_a_signal_failsafe_with_th
     params, failsafe = Parameters(), Failsafe()
     params.values.update(GF_MAX_HOR_DIST=5.0, GF_ACTION=3)
     failsafe.step(0.0, replace(CALM, from_home_m=(6.0, 0.0)), params)
-    assert failsafe.action is FailsafeAction.RETURN
-    failsafe.step(1.0, CALM, params)
+    assert (failsafe.action, failsafe.delayed) == (FailsafeAction.HOLD, FailsafeAction.RETURN)
+    failsafe.step(5.0, CALM, params)
     assert failsafe.action is FailsafeAction.RETURN
     failsafe.commanded_mode()
-    failsafe.step(2.0, CALM, params)
+    failsafe.step(6.0, CALM, params)
     assert failsafe.action is FailsafeAction.NONE
-    failsafe.step(3.0, replace(CALM, has_offboard_signal=False), params)
+    failsafe.step(7.0, replace(CALM, has_offboard_signal=False), params)
     assert failsafe.is_active
-    failsafe.step(4.0, CALM, params)
+    failsafe.step(8.0, CALM, params)
     assert not failsafe.is_active
+
+
+def test_a_flight_that_is_too_long_ends_by_returning_after_the_hold() -> None:
+    late = replace(CALM, flown_s=301.0)
+    assert decided(late) is FailsafeAction.NONE
+    assert decided(late, COM_FLT_TIME_MAX=0) is FailsafeAction.NONE
+    assert decided(late, COM_FLT_TIME_MAX=302) is FailsafeAction.NONE
+    assert decided(late, COM_FLT_TIME_MAX=300) is FailsafeAction.RETURN
+
+
+def test_a_battery_that_lasts_less_long_than_the_way_home_returns_by_com_fltt_low_act() -> None:
+    """100 s of margin, and 1.1 times 4 m down at 0.7 m/s."""
+    for left_s, value, action in (
+        (107.0, 3, FailsafeAction.NONE),
+        (106.0, 0, FailsafeAction.NONE),
+        (106.0, 1, FailsafeAction.WARN),
+        (106.0, 3, FailsafeAction.RETURN),
+        (math.inf, 3, FailsafeAction.NONE),
+    ):
+        facts = replace(CALM, from_home_m=(1.0, 4.0), battery_left_s=left_s)
+        assert decided(facts, COM_FLTT_LOW_ACT=value) is action, (left_s, value)
+
+
+def test_each_value_of_com_wind_max_act_has_its_action() -> None:
+    windy = replace(CALM, wind_m_s=6.0)
+    assert decided(windy, COM_WIND_MAX_ACT=3) is FailsafeAction.NONE
+    assert decided(windy, COM_WIND_MAX=7.0, COM_WIND_MAX_ACT=3) is FailsafeAction.NONE
+    for value, action in (
+        (0, FailsafeAction.NONE),
+        (1, FailsafeAction.WARN),
+        (2, FailsafeAction.HOLD),
+        (3, FailsafeAction.RETURN),
+        (4, FailsafeAction.TERMINATE),
+        (5, FailsafeAction.LAND),
+    ):
+        assert decided(windy, COM_WIND_MAX=5.0, COM_WIND_MAX_ACT=value) is action, value
+
+
+@pytest.mark.parametrize(
+    "params",
+    [
+        {"COM_FLT_TIME_MAX": 3},
+        {"COM_FLTT_LOW_ACT": 3, "BAT1_CAPACITY": 2000.0},
+        {"COM_WIND_MAX": 3.0, "COM_WIND_MAX_ACT": 3, "EKF2_DRAG_CTRL": 1},
+    ],
+    ids=lambda params: next(iter(params)),
+)
+def test_px4_leaves_offboard_although_setpoints_flow(params: dict[str, float]) -> None:
+    emu = emulator()
+    emu.world.vehicles.air_ned_m_s[:, 0] = 4.0
+    pilot = emu.autopilots[0]
+    offboard_at_height(emu, 2.0, loss_action=4)
+    assert pilot.mode is Mode.OFFBOARD
+    run_for(emu, 3.0, streamer(emu, 0.49))
+    assert pilot.mode is Mode.OFFBOARD
+
+    pilot.params.values.update(params)
+    run_for(emu, 0.2, streamer(emu, 0.49))
+    assert pilot.mode is Mode.LOITER
+    assert pilot.is_failsafe
+    run_for(emu, 5.2, streamer(emu, 0.49))
+    assert pilot.mode is Mode.RTL
 
 
 def test_every_row_names_parameters_that_exist_and_modes_that_are_distinct() -> None:

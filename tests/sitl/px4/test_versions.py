@@ -61,16 +61,17 @@ def test_commands_for_single_messages_are_gone_in_v1_18_and_a_mode_is_answered_o
 
 
 def test_each_version_has_its_parameters() -> None:
-    for px4, known, unknown in (
-        ("1.17", "COM_RC_OVERRIDE", "MAN_OVERRIDE_SPD"),
-        ("1.18", "MC_REF_W_N", "EKF2_GPS_DELAY"),
+    for px4, known, unknown, refused in (
+        ("1.17", "COM_RC_OVERRIDE", "MAN_OVERRIDE_SPD", []),
+        ("1.18", "MC_REF_W_N", "EKF2_GPS_DELAY", ["PARAM_ERROR"]),
     ):
         client = Client(emulator(px4=px4))
         read = {"target_system": 1, "target_component": 1, "param_index": -1}
         (value,) = client.send("PARAM_REQUEST_READ", param_id=known.encode(), **read)
         assert text_of(value.fields["param_id"]) == known
         assert value.fields["param_count"] == len(DEFAULTS[px4])
-        assert client.send("PARAM_REQUEST_READ", param_id=unknown.encode(), **read) == []
+        answers = client.send("PARAM_REQUEST_READ", param_id=unknown.encode(), **read)
+        assert [answer.name for answer in answers] == refused
 
 
 def test_an_attitude_without_thrust_is_no_sign_of_life_in_v1_18() -> None:
