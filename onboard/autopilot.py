@@ -39,6 +39,12 @@ _LARGEST_MAJOR = 9
 BATTERY_KNOWN_NS = 5_000_000_000  # PX4 sends it twice a second
 ACCURACY_KNOWN_NS = 5_000_000_000
 FIX_KNOWN_NS = 1_500_000_000  # PX4 tells of it five times a second, as long as a receiver does
+STICKS_KNOWN_NS = 1_000_000_000  # PX4 tells of them five times a second, as long as it hears them
+
+# Modes of PX4 in which a pilot's sticks fly. The names are those of onboard/px4/modes.py.
+PILOT_MODES = frozenset(
+    {"MANUAL", "ALTCTL", "POSCTL", "ACRO", "STABILIZED", "RATTITUDE", "ALTITUDE_CRUISE"}
+)
 
 
 def plausible_version(version: Version | None) -> Version | None:
@@ -84,7 +90,8 @@ class Snapshot(Struct, frozen=True):
     local_position_ns: int = 0
     # std of PX4's horizontal position; 0 before it tells, inf for nonsense
     position_accuracy_m: float = 0.0
-    position_accuracy_ns: int = 0
+    height_accuracy_m: float = 0.0  # std of PX4's height; 0 before it tells, inf for nonsense
+    position_accuracy_ns: int = 0  # of both
     has_fix: bool = False  # of satellites, three-dimensional
     fix_ns: int = 0
     # of PX4's local frame: latitude [deg], longitude [deg], altitude [m]
@@ -96,6 +103,8 @@ class Snapshot(Struct, frozen=True):
     is_armed: bool = False
     mode: str = ""
     is_failsafe: bool = False
+    sticks_ns: int = 0  # PX4 repeats the positions of a pilot's sticks while it hears them
+    sticks_before_ns: int = 0  # the message of that kind before the newest one
     landed: Landed = Landed.UNKNOWN
     landed_ns: int = 0
     battery_frac: float = float("nan")
@@ -125,6 +134,19 @@ class Snapshot(Struct, frozen=True):
     def sees_satellites(self, now_ns: int) -> bool:
         """Return whether PX4 has reported a fix lately."""
         return self.has_fix and now_ns - self.fix_ns <= FIX_KNOWN_NS
+
+    def hears_sticks(self, now_ns: int) -> bool:
+        """Return whether PX4 hears a pilot's sticks, of a radio control or of a joystick.
+
+        One message alone is none: PX4 sends one when the stream begins, also without sticks.
+        """
+        is_recent = now_ns - self.sticks_ns < STICKS_KNOWN_NS
+        is_repeated = self.sticks_ns - self.sticks_before_ns < STICKS_KNOWN_NS
+        return self.sticks_before_ns > 0 and is_recent and is_repeated
+
+    def is_flown_by_hand(self, now_ns: int) -> bool:
+        """Return whether a pilot flies: an armed PX4 in a pilot's mode that hears his sticks."""
+        return self.is_armed and self.mode in PILOT_MODES and self.hears_sticks(now_ns)
 
     @property
     def is_offboard(self) -> bool:

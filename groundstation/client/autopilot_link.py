@@ -37,6 +37,7 @@ _PARAM_INT32 = 6
 _PARAM_REAL32 = 9
 
 _ANSWER_S = 0.4
+_VERSION_ASKED = 3  # times
 _ATTEMPTS = 4
 _LIST_SILENT_S = 1.5  # within a list of parameters, after which what is missing is requested
 _LIST_S = 60.0
@@ -107,13 +108,17 @@ class AutopilotLink:
         """Request PX4's version.
 
         Args:
-            timeout_s: longest wait [s].
+            timeout_s: longest wait for each of three answers [s].
 
         Returns:
             Major and minor number; None when PX4 does not answer or does not know.
         """
-        heard = self.listen(timeout_s, [_AUTOPILOT_VERSION], until="AUTOPILOT_VERSION")
-        message = heard.get("AUTOPILOT_VERSION")
+        message = None
+        for _ in range(_VERSION_ASKED):  # an answer may be lost on the way
+            heard = self.listen(timeout_s, [_AUTOPILOT_VERSION], until="AUTOPILOT_VERSION")
+            message = heard.get("AUTOPILOT_VERSION")
+            if message is not None:
+                break
         if message is None or not message.flight_sw_version:
             return None
 

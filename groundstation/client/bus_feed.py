@@ -153,6 +153,10 @@ class BusFeed:
         except RuntimeError:
             return  # the loop closed between the two lines
 
+    def read(self) -> None:
+        """Take everything that has arrived now; for the event loop's thread only."""
+        self._drain()
+
     # -- threads of the bus ------------------------------------------------------------------------
 
     def _open(self) -> None:

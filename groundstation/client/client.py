@@ -14,21 +14,41 @@ from dataclasses import replace
 
 from msgspec import structs
 
-from groundstation.client.bus_feed import BusFeed, Sink
+from groundstation.client.bus_feed import DELIVERY_PERIOD_S, BusFeed, Sink
 from groundstation.client.direct_mavlink import send_direct
 from groundstation.client.fault_orders import order_fault
 from groundstation.client.ground_node import session, user_name
 from groundstation.client.open_orders import OpenOrders, SendDirect
+from groundstation.fleet.loop_lateness import LoopLateness
 from groundstation.fleet.operator_control import Control
-from groundstation.fleet.own_stall import AFTER_STALL_S, OwnStall, boot_clock_ns
-from groundstation.fleet.state import GROUND_STALLED, FleetState, Received, fold_batch, initial
+from groundstation.fleet.own_stall import (
+    AFTER_LATE_S,
+    AFTER_STALL_S,
+    LATE_S,
+    OwnStall,
+    boot_clock_ns,
+)
+from groundstation.fleet.state import (
+    GROUND_STALLED,
+    FleetState,
+    Received,
+    fold_batch,
+    initial,
+    without_distances,
+)
 from groundstation.fleet.tick_stream import BusTickStream
 from groundstation.orders.grammar import default_formation, parse
 from groundstation.orders.held_formation import HeldFormation
 from groundstation.orders.intents import PATH_INTENTS, Intent, PathVerb
 from groundstation.orders.obstruction import explained
 from groundstation.orders.path_orders import path_orders
-from groundstation.orders.plan import PlannedOrder, addressed, check_again, plan_order
+from groundstation.orders.plan import (
+    PlannedOrder,
+    addressed,
+    check_again,
+    of_mission,
+    plan_order,
+)
 from groundstation.orders.result import OrderResult, Results
 from onboard.bus.protocol import Bus
 from onboard.bus.schema import Event, FaultOrder, Message, PathOrder
@@ -69,6 +89,7 @@ class FleetClient:
     ) -> None:
         self.fleet = fleet
         self.is_recording = False  # this ground, as announced to the vehicles
+        self.has_person = False  # a person gives orders by this client, beside any mission
         self.author = author or user_name()
         self._clock_ns = clock_ns
         bus = bus or session(fleet)
@@ -80,12 +101,14 @@ class FleetClient:
         self._event_listeners: list[Callable[[Event], None]] = []
         stall_clock_ns = clock_ns if bus.is_simulated else boot_clock_ns
         self._stall = OwnStall(stall_clock_ns)
+        self._lateness = OwnStall(stall_clock_ns, least_s=LATE_S)
+        self._loop_lateness = LoopLateness(clock_ns, DELIVERY_PERIOD_S)
         self._feed = BusFeed(
             bus,
             self._take_batch,
             recorded=extra_topics,
             clock_ns=clock_ns,
-            on_delivery=self.notice_own_stall,
+            on_delivery=self._notice_lateness,
         )
         self.tick_stream = BusTickStream(bus)
 
@@ -223,7 +246,7 @@ class FleetClient:
         )
 
     def order_paths(self, kind: PathVerb, paths: Mapping[str, PathOrder]) -> OrderResult:
-        """Send each vehicle a part of its path, or the start of it.
+        """Send each vehicle a part of its path, or the start of it, as a mission does.
 
         Args:
             kind: whether the paths are loaded or started.
@@ -237,12 +260,14 @@ class FleetClient:
         refusal = self.control.refusal("move")
         if refusal is not None:
             refusals = dict.fromkeys(paths, refusal)
-            return self.send(PlannedOrder(intent, orders={}, refusals=refusals, held=self._held))
+            refused = PlannedOrder(intent, orders={}, refusals=refusals, held=self._held)
+            return self.send(refused, is_by_mission=True)
 
         node = self._feed.bus.node
         orders = path_orders(kind, paths, self.new_order_id, self.author, node, self._clock_ns())
         orders = addressed(orders, self._state)
-        return self.send(PlannedOrder(intent, orders=orders, refusals={}, held=self._held))
+        planned = PlannedOrder(intent, orders=orders, refusals={}, held=self._held)
+        return self.send(planned, is_by_mission=True)
 
     def check_again(self, planned: PlannedOrder) -> PlannedOrder:
         """Check a planned order against the fleet as it is now, and stamp it anew.
@@ -266,14 +291,59 @@ class FleetClient:
 
         Args:
             planned: of :meth:`plan` or :meth:`check_again`, not older than the orders' deadline.
-            is_by_mission: a mission gives it, and no person: a landing does not go past the agents
-                of several silent vehicles.
+            is_by_mission: a mission gives it, and no person: it replaces no order of a person that
+                this ground has not heard of, lands nobody whom a pilot flies by hand, and does not
+                go past the agents of several silent vehicles.
 
         Returns:
             Its results, which fill in on the event loop.
         """
         self._held = planned.held
+        if is_by_mission:
+            planned = of_mission(planned)
         return self._orders.send(planned, is_by_mission=is_by_mission)
+
+    def is_of_mission(self, order_id: str) -> bool:
+        """Whether a mission of this ground has given an order.
+
+        Args:
+            order_id: as in telemetry.
+        """
+        return order_id in self._orders.ids_of_missions
+
+    def is_newest_of_mission(self, vehicle: str, order_id: str) -> bool:
+        """Whether no mission of this ground has given a vehicle another order since.
+
+        Args:
+            vehicle: its name.
+            order_id: of an order of a mission.
+        """
+        return self._orders.newest_of_missions.get(vehicle) == order_id
+
+    def is_own(self, order_id: str) -> bool:
+        """Whether this ground has given an order.
+
+        Args:
+            order_id: as in telemetry.
+        """
+        return order_id.startswith(f"{self._feed.bus.node}-")
+
+    def send_again(self, order: OrderResult, names: Sequence[str]) -> None:
+        """Send an order once more to vehicles that have not answered it.
+
+        The goals are checked against the fleet as it is now.
+
+        Args:
+            order: of :meth:`send`.
+            names: vehicles without an answer.
+        """
+        checked = self.check_again(order.planned)
+        for name in names:
+            if name in checked.refusals:
+                order.update(name, "refused", checked.refusals[name])
+        self._orders.send_again(
+            order, {name: checked.orders[name] for name in names if name in checked.orders}
+        )
 
     def may_start(self, vehicle: str) -> bool:
         """Whether a vehicle may be starting.
@@ -289,11 +359,12 @@ class FleetClient:
             return True
         return self._orders.has_open(vehicle, _STARTS)
 
-    async def submit(self, order: Intent | str) -> OrderResult:
+    async def submit(self, order: Intent | str, *, is_by_mission: bool = False) -> OrderResult:
         """Plan an order and send it at once.
 
         Args:
             order: an intent, or a line of the orders' grammar.
+            is_by_mission: as for :meth:`send`.
 
         Returns:
             Its results, which fill in on the event loop.
@@ -301,15 +372,16 @@ class FleetClient:
         Raises:
             OrderError: the line is no order.
         """
-        return self.submit_now(order)
+        return self.submit_now(order, is_by_mission=is_by_mission)
 
-    def submit_now(self, order: Intent | str) -> OrderResult:
+    def submit_now(self, order: Intent | str, *, is_by_mission: bool = False) -> OrderResult:
         """Plan an order and send it at once.
 
         Callable from any thread, also while the event loop is busy.
 
         Args:
             order: an intent, or a line of the orders' grammar.
+            is_by_mission: as for :meth:`send`.
 
         Returns:
             Its results, which fill in on the event loop.
@@ -317,14 +389,17 @@ class FleetClient:
         Raises:
             OrderError: the line is no order.
         """
-        return self.send(self.plan(order))
+        return self.send(self.plan(order), is_by_mission=is_by_mission)
 
-    async def order(self, order: Intent | str, timeout_s: float | None = None) -> Results:
+    async def order(
+        self, order: Intent | str, timeout_s: float | None = None, *, is_by_mission: bool = False
+    ) -> Results:
         """Submit an order and wait for its end.
 
         Args:
             order: an intent, or a line of the orders' grammar.
             timeout_s: longest wait [s]; None waits for ever.
+            is_by_mission: as for :meth:`send`.
 
         Returns:
             One result per vehicle.
@@ -332,7 +407,7 @@ class FleetClient:
         Raises:
             OrderError: the line is no order.
         """
-        sent = self.submit_now(order)
+        sent = self.submit_now(order, is_by_mission=is_by_mission)
         results = await sent.wait(timeout_s)
         return explained(results, sent.planned, self.fleet, self._state, self._clock_ns())
 
@@ -414,6 +489,12 @@ class FleetClient:
 
         Call it several times a second.
         """
+        now_ns = self._clock_ns()
+        if self._lateness.look():
+            # short of a stall: silence counts again a second later
+            excused_ns = now_ns - round((AFTER_STALL_S - AFTER_LATE_S) * 1e9)
+            self._excuse_silence(excused_ns)
+
         gap_s = self._stall.look()
         if not gap_s:
             return
@@ -423,8 +504,24 @@ class FleetClient:
             "smallest distance of that time is not known. Silent vehicles are waited for, "
             f"{AFTER_STALL_S:g} s."
         )
-        self._state = structs.replace(self._state, stalled_ns=self._clock_ns())
+        self._excuse_silence(now_ns)
         self.publish_event("warning", GROUND_STALLED, sentence)
+
+    def _notice_lateness(self) -> None:
+        """Note how late this delivery is; called fifty times a second."""
+        self._loop_lateness.look()
+        late_s = round(self._loop_lateness.worst_s, 2)
+        if late_s != self._state.loop_late_s:
+            self._state = structs.replace(self._state, loop_late_s=late_s)
+        self.notice_own_stall()
+
+    def notice_own_link(self) -> None:
+        """Note that this ground's own link comes back: silence counts again some time later."""
+        self._excuse_silence(self._clock_ns())
+
+    def _excuse_silence(self, stalled_ns: int) -> None:
+        if stalled_ns > self._state.stalled_ns:
+            self._state = structs.replace(self._state, stalled_ns=stalled_ns)
 
     def publish_event(
         self, severity: str, code: str, sentence: str, vehicle: str = "ground"
@@ -455,6 +552,10 @@ class FleetClient:
         """
         self._feed.tell_sinks(topic, vehicle, message)
         self._feed.put(message)
+
+    def forget_distances(self) -> None:
+        """Begin anew with smallest distances: those of a mission are its own."""
+        self._state = without_distances(self._state)
 
     def _take_batch(self, batch: Sequence[Received]) -> None:
         """Fold a batch into the state, and call those who follow it."""

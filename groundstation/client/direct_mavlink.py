@@ -41,6 +41,15 @@ _RESULTS = {
     5: "in progress",
 }
 _ACCEPTED = (0, 5)  # of MAV_RESULT
+_PILOT_MODES = (1, 2, 3, 5, 7, 8, 11)  # PX4's main modes in which a pilot's sticks fly
+_REQUEST_MESSAGE = 512
+_SET_MESSAGE_INTERVAL = 511
+_HEARTBEAT_ID = 0
+_MANUAL_CONTROL_ID = 69
+_STICKS_INTERVAL_US = 100_000
+_BY_DEFAULT_US = 0
+_LOOK_S = 1.3  # for a pilot: a heartbeat comes once a second, and at once when it is asked for
+_STICKS_S = 0.8  # PX4 repeats the sticks that it hears five times a second
 _RETRY_S = 0.2
 _HEARTBEAT_S = 1.0
 _RECEIVE_S = 0.1
@@ -54,6 +63,7 @@ class DirectResult:
     is_disarmed: bool  # a heartbeat has shown it
     sentence: str  # without a capital letter and a full stop
     has_answered: bool = True  # PX4 has, by word or by effect
+    is_flown_by_hand: bool = False  # a pilot flies: nothing was sent
 
 
 def send_direct(
@@ -64,6 +74,8 @@ def send_direct(
     key: bytes | None = None,
     timeout_s: float = 3.0,
     watch_s: float = 0.0,
+    spares_pilot: bool = False,
+    was_flown_by_hand: bool = False,
 ) -> DirectResult:
     """Send one command over MAVLink until PX4's heartbeat shows its effect, then wait for disarm.
 
@@ -78,6 +90,10 @@ def send_direct(
         key: of MAVLink signing; None for a vehicle that does not sign.
         timeout_s: longest wait for the acknowledgement or the effect [s].
         watch_s: longest wait for the disarm after it [s].
+        spares_pilot: ask PX4 first, and send nothing while it is in a pilot's mode and hears his
+            sticks.
+        was_flown_by_hand: by the agent's last word; it counts where PX4 does not answer that
+            question, because it answers another ground on this link.
 
     Returns:
         PX4's answer; an endpoint that cannot be used gives one that is not accepted.
@@ -87,6 +103,13 @@ def send_direct(
     except (OSError, ValueError) as error:
         return _no_answer(f"the direct endpoint {endpoint} cannot be opened ({error})")
     try:
+        if spares_pilot and _is_flown_by_hand(link, system_id, otherwise=was_flown_by_hand):
+            return DirectResult(
+                is_accepted=False,
+                is_disarmed=False,
+                sentence="a pilot flies it by hand",
+                is_flown_by_hand=True,
+            )
         progress = _command(link, system_id, kind, timeout_s, watch_s)
     except OSError as error:
         return _no_answer(f"the direct endpoint {endpoint} failed ({error})")
@@ -125,7 +148,7 @@ class _Progress:
 
     @property
     def sentence(self) -> str:
-        """What PX4 has answered and shown."""
+        """PX4's answer and what it has shown, in words."""
         verb = "did not acknowledge"
         if self.answer is not None:
             verb = _RESULTS.get(self.answer, f"answered {self.answer} to")
@@ -188,6 +211,56 @@ def _command(
         if progress.is_accepted and not was_accepted:
             was_accepted = True
             end_s = now_s + watch_s
+
+
+def _is_flown_by_hand(link: Any, system_id: int, *, otherwise: bool) -> bool:
+    """Return whether PX4 is in a pilot's mode and hears his sticks; `otherwise` if it is silent."""
+    has_heartbeat = False
+    stall = OwnStall(boot_clock_ns)
+    end_s = time.monotonic() + _LOOK_S
+    next_send_s = 0.0
+    is_pilots_mode = False
+    sticks_count = 0  # the first one comes with the stream, also without sticks
+    try:
+        while time.monotonic() < end_s:
+            end_s += stall.look()
+            if time.monotonic() >= next_send_s:
+                next_send_s = time.monotonic() + _RETRY_S
+                send_heartbeat(link)
+                _ask(link, system_id, _REQUEST_MESSAGE, _HEARTBEAT_ID, 0.0)
+                _ask(
+                    link, system_id, _SET_MESSAGE_INTERVAL, _MANUAL_CONTROL_ID, _STICKS_INTERVAL_US
+                )
+
+            message = link.recv_match(
+                type=["HEARTBEAT", "MANUAL_CONTROL"], blocking=True, timeout=_RECEIVE_S
+            )
+            if message is None or not is_of_autopilot(message, system_id):
+                continue
+            if message.get_type() == "MANUAL_CONTROL":
+                sticks_count += 1
+                if is_pilots_mode and sticks_count > 1:
+                    return True
+                continue
+
+            has_heartbeat = True
+            is_armed = bool(message.base_mode & ARMED_FLAG)
+            was_pilots_mode = is_pilots_mode
+            is_pilots_mode = is_armed and message.custom_mode >> 16 & 0xFF in _PILOT_MODES
+            if not is_pilots_mode:
+                return False
+            if not was_pilots_mode:
+                end_s = time.monotonic() + _STICKS_S
+        return otherwise and not has_heartbeat
+    finally:
+        _ask(link, system_id, _SET_MESSAGE_INTERVAL, _MANUAL_CONTROL_ID, _BY_DEFAULT_US)
+
+
+def _ask(link: Any, system_id: int, command: int, param1: float, param2: float) -> None:
+    """Send a command whose answer is the message that it asks for."""
+    link.mav.command_long_send(
+        system_id, AUTOPILOT, command, 0, param1, param2, 0.0, 0.0, 0.0, 0.0, 0.0
+    )
 
 
 def _is_for_this_ground(ack: Any) -> bool:

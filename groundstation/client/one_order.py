@@ -2,22 +2,28 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from groundstation.client.client import FleetClient
 from groundstation.fleet.state import FleetState
-from groundstation.orders.intents import Intent
+from groundstation.orders.falling import below_words
+from groundstation.orders.intents import Intent, Kill
 from groundstation.orders.result import Results
 from onboard.bus.control_token import EMERGENCY
 
 CONNECT_S = 3.0  # until the vehicles are heard
 
 
-async def order_once(client: FleetClient, intent: Intent, timeout_s: float) -> Results:
+async def order_once(
+    client: FleetClient, intent: Intent, timeout_s: float, say: Callable[[str], None]
+) -> Results:
     """Connect, send an order, wait for its end, and disconnect.
 
     Args:
         client: not started.
         intent: the order.
         timeout_s: wait so long for its end [s].
+        say: gets a sentence about who is below vehicles that are killed, as the kill is sent.
 
     Returns:
         vehicle -> its result.
@@ -29,6 +35,10 @@ async def order_once(client: FleetClient, intent: Intent, timeout_s: float) -> R
     await client.start()
     try:
         await client.wait_for(can_order, CONNECT_S)
+        if isinstance(intent, Kill):
+            below = below_words(intent.names, client.fleet, client.state, client.now_ns())
+            if below:
+                say(below)
         return await client.order(intent, timeout_s)
     finally:
         await client.stop()

@@ -11,7 +11,8 @@ Three things can be missing, and each has its own watch:
 * The event about the end, because a link broke. Then telemetry shows that the vehicle does not
   follow the order any more.
 
-Time in which this ground itself stood still counts for none of them.
+Time in which this ground itself stood still counts for none of them, and neither does time in which
+its computer was too busy to run it.
 """
 
 from __future__ import annotations
@@ -19,9 +20,11 @@ from __future__ import annotations
 import asyncio
 import contextlib
 from collections.abc import Callable, Collection, Mapping
+from typing import Any
 
 from groundstation.client.bus_feed import BusFeed
 from groundstation.client.direct_mavlink import DirectKind, DirectResult
+from groundstation.client.scheduled_wait import LONGEST_LATE_S, wait_scheduled
 from groundstation.fleet.descent import descent_s
 from groundstation.fleet.own_stall import OwnStall
 from groundstation.fleet.state import DIRECT_DISARMED, VehicleView
@@ -43,7 +46,9 @@ _QUIET_S = 0.5  # in the air without telemetry, beside another vehicle that does
 _AT_ONCE_S = 1.0  # between the last telemetry of two that fell silent for the same reason
 _KILL_EFFECT_S = 1.3  # PX4 reports that it is disarmed once a second
 _LINK_SILENT_S = 1.0  # age of PX4's last packet at the agent, after which its link counts as dead
+_NOTHING_S = 1e-6  # less than this is left of a wait that has ended
 _WATCH_PERIOD_S = 0.05
+_READ_AGAIN_S = 0.2  # in which threads of the bus deliver what waits, after this ground was late
 _SEND_S = 3.0  # longest wait for PX4's own acknowledgement
 _WATCH_KILL_S = 2.0  # longest wait for PX4's own report that it is disarmed
 _WATCH_LAND_S = 30.0  # the same, beyond the time of the descent
@@ -91,6 +96,8 @@ class OpenOrders:
         # vehicle -> times from an order to its reply [s], the newest last
         self._round_trips_s: dict[str, tuple[float, ...]] = {}
         self._tasks: set[asyncio.Task[None]] = set()
+        self.ids_of_missions: set[str] = set()  # of all orders that missions of this ground gave
+        self.newest_of_missions: dict[str, str] = {}  # vehicle -> id of the newest of them
 
     def send(self, planned: PlannedOrder, *, is_by_mission: bool = False) -> OrderResult:
         """Send the messages of a planned order; callable from any thread.
@@ -103,6 +110,10 @@ class OpenOrders:
             Its results, which fill in on the event loop.
         """
         result = OrderResult(planned, is_by_mission=is_by_mission)
+        if is_by_mission:
+            newest = {name: order.order_id for name, order in planned.orders.items()}
+            self.newest_of_missions.update(newest)
+            self.ids_of_missions.update(newest.values())
         for vehicle, order in planned.orders.items():
             self._open[order.order_id] = result
             self._feed.tell_sinks(Topic.ORDER, vehicle, order)
@@ -116,6 +127,21 @@ class OpenOrders:
         for vehicle, event in replied.items():
             self._feed.call(self._begin_wait, result, vehicle, event)
         return result
+
+    def send_again(self, result: OrderResult, orders: Mapping[str, Order]) -> None:
+        """Send orders that had no answer once more; an agent that has one already begins it once.
+
+        Args:
+            result: of the order.
+            orders: the same messages, stamped anew, of the vehicles that have not answered.
+        """
+        for vehicle, order in orders.items():
+            result.update(vehicle, "sent", "sent again")
+            self._open[order.order_id] = result
+            self._feed.tell_sinks(Topic.ORDER, vehicle, order)
+            replied = asyncio.Event()
+            self._send(result, vehicle, order, replied, is_refusal_believed=True)
+            self._begin_wait(result, vehicle, replied)
 
     def has_open(self, vehicle: str, kinds: Collection[str]) -> bool:
         """Whether an order of one of these kinds was sent to a vehicle and has not ended.
@@ -160,25 +186,30 @@ class OpenOrders:
     # -- the reply ---------------------------------------------------------------------------------
 
     def _send(
-        self, result: OrderResult, vehicle: str, order: Order, replied: asyncio.Event
+        self,
+        result: OrderResult,
+        vehicle: str,
+        order: Order,
+        replied: asyncio.Event,
+        *,
+        is_refusal_believed: bool = True,
     ) -> None:
         """Send one message, whose reply sets the event, and measure its round trip."""
         sent_ns = self._feed.now_ns()
-        is_again = order is not result.planned.orders[vehicle]
 
         def on_reply(reply: OrderReply | Malformed) -> None:
             round_trip_s = (self._feed.now_ns() - sent_ns) * 1e-9
             if isinstance(reply, OrderReply) and reply.vehicle == vehicle:
                 self._feed.tell_sinks(Topic.ORDER, vehicle, reply)
                 self._feed.call(self._note_round_trip, vehicle, round_trip_s)
-                if is_again and not reply.is_accepted:
+                if not reply.is_accepted and not is_refusal_believed:
                     return  # it may say that the agent has the order already; telemetry shows it
             self._feed.call(self._take_reply, result, vehicle, reply, replied)
 
         self._feed.bus.order(
             vehicle,
             order,
-            timeout_s=max(REPLY_TIMEOUT_S, self._land_limit_s(vehicle)),
+            timeout_s=max(REPLY_TIMEOUT_S, self._land_limit_s(vehicle)) + LONGEST_LATE_S,
             on_reply=on_reply,
             on_end=lambda: None,
         )
@@ -294,6 +325,9 @@ class OpenOrders:
     ) -> bool:
         """Wait for a reply; a wait in which this ground itself stood still begins again.
 
+        After a wait in which this ground was late the bus is read once more before anybody is
+        blamed. A kill waits for nothing of that.
+
         Returns:
             Whether the agent has replied, or shows by its telemetry that it follows the order: a
                 stall loses replies.
@@ -305,10 +339,17 @@ class OpenOrders:
 
         while True:
             begin_ns = self._feed.now_ns()
+            late_s = 0.0
             if kind == "land":
-                await self._repeat_until_reply(result, vehicle, replied, limit_s)
-            else:
+                late_s = await self._repeat_until_reply(result, vehicle, replied, limit_s)
+            elif kind == "kill":
                 await _wait_for(replied, limit_s)
+            else:
+                late_s = await wait_scheduled(replied, limit_s)
+
+            if late_s > 0.0:
+                has_stalled = True
+                await self._read_bus_again(replied)
             if replied.is_set() or result.results[vehicle].is_final:
                 return True
             if self._is_followed(result, vehicle):
@@ -319,16 +360,20 @@ class OpenOrders:
             if has_stalled and telemetry is not None and telemetry.order_kind == kind:
                 return True
 
-            if not stall.look(limit_s):
+            if not stall.look(limit_s + late_s):
                 return False
             has_stalled = True
 
     async def _repeat_until_reply(
         self, result: OrderResult, vehicle: str, replied: asyncio.Event, limit_s: float
-    ) -> None:
-        """Wait for the reply to a landing, and send it again while there is none."""
-        loop = asyncio.get_running_loop()
-        end_s = loop.time() + limit_s
+    ) -> float:
+        """Wait for the reply to a landing, and send it again while there is none.
+
+        Returns:
+            Time in which this ground was not scheduled [s].
+        """
+        left_s = limit_s
+        late_s = 0.0
         again_s = max(
             self._fleet.fleet.direct_command_timeout_s,
             _AGAIN_ROUND_TRIPS * self._longest_round_trip_s(vehicle),
@@ -336,21 +381,27 @@ class OpenOrders:
         is_announced = False
 
         while True:
-            left_s = end_s - loop.time()
-            await _wait_for(replied, min(again_s, left_s))
+            wait_s = min(again_s, left_s)
+            late_s += await wait_scheduled(replied, wait_s)
+            left_s -= wait_s
             if replied.is_set() or result.results[vehicle].is_final:
-                return
+                return late_s
             if self._is_followed(result, vehicle):
-                return
-            left_s = end_s - loop.time()
-            if left_s <= 0.0:
-                return
+                return late_s
+            if left_s <= _NOTHING_S:
+                return late_s
 
             if not is_announced:
                 is_announced = True
                 self._announce_repeat(result, vehicle, again_s, left_s)
             order = stamped_anew(result.planned.orders[vehicle], self._feed.now_ns())
-            self._send(result, vehicle, order, replied)
+            self._send(result, vehicle, order, replied, is_refusal_believed=False)
+
+    async def _read_bus_again(self, replied: asyncio.Event) -> None:
+        """Take what has arrived while this ground was not scheduled."""
+        self._feed.read()
+        await wait_scheduled(replied, _READ_AGAIN_S)
+        self._feed.read()
 
     def _announce_repeat(
         self, result: OrderResult, vehicle: str, waited_s: float, left_s: float
@@ -371,13 +422,21 @@ class OpenOrders:
 
         Then this ground has most likely lost its own link, and the agents keep their distances
         without it. PX4s that land by themselves would not. An agent that is dead or hangs sends no
-        setpoints, and its PX4 lands without an order.
+        setpoints, and its PX4 lands without an order. So it is also the own link when the others
+        fell silent before: their agents may be dead, and nobody is left to tell this one's from
+        the link.
         """
         if not result.is_by_mission:
             return False
 
         now_ns = self._feed.now_ns()
         age_s = self._views()[vehicle].age_s(now_ns)
+        others = [view for name, view in self._views().items() if name != vehicle]
+        is_another_up = any(view.is_armed for view in others)
+        is_another_heard = any(view.age_s(now_ns) <= _QUIET_S for view in others)
+        if is_another_up and not is_another_heard:
+            return True
+
         for name, view in self._views().items():
             if name == vehicle or not view.is_armed:
                 continue
@@ -487,22 +546,31 @@ class OpenOrders:
         watch_s = _WATCH_KILL_S
         if kind == "land":
             watch_s = _WATCH_LAND_S + descent_s(vehicle, self._views()[name])
-        key_option = {}
+        options: dict[str, Any] = {}
         if name in self._mavlink_keys:
-            key_option = {"key": self._mavlink_keys[name]}
+            options["key"] = self._mavlink_keys[name]
+        if kind == "land" and result.planned.orders[name].reason:
+            # only a person who names the vehicle lands it against a pilot's sticks
+            options["spares_pilot"] = True
+            telemetry = self._views()[name].telemetry
+            options["was_flown_by_hand"] = telemetry is not None and telemetry.is_flown_by_hand
         answer = await asyncio.to_thread(
             self._send_direct,
             vehicle.direct,
             vehicle.system_id,
             kind,
-            **key_option,
+            **options,
             timeout_s=_SEND_S,
             watch_s=watch_s,
         )
 
         sentence = f"{problem}; {kind} was sent straight to PX4: {answer.sentence}."
         phase: Phase
-        if answer.is_disarmed:
+        if answer.is_flown_by_hand:
+            sentence = f"{problem}. {name} is flown by hand: `land {name}` takes it."
+            phase = "refused"
+            self._publish_event("warning", "flown-by-hand", sentence, name)
+        elif answer.is_disarmed:
             phase = "done"
             self._publish_event("warning", DIRECT_DISARMED, sentence, name)
         else:

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from typing import Any
 
 from msgspec import Struct
 from msgspec.structs import replace
 
+from onboard.agent.order_intake import OrderIntake
 from onboard.agent_inputs import LoopTimed
 from onboard.autopilot import Vec3
 from onboard.bus.control_token import ControlTokens
-from onboard.bus.schema import StateMessage, Telemetry, TickSample
+from onboard.bus.schema import AgentState, StateMessage, Telemetry, TickSample
 from onboard.config.fleet import Vehicle
 from onboard.flight.context import FlightContext
 from onboard.flight.path_flight import PathFlight
@@ -34,6 +34,7 @@ class AgentIdentity(Struct, frozen=True):
     boot_id: int
     config_hash: str
     law: str
+    max_wind_m_s: float  # NaN: not known
 
 
 class TelemetrySources(Struct, frozen=True):
@@ -45,7 +46,7 @@ class TelemetrySources(Struct, frozen=True):
     failsafes: FailsafeSupervisor
     roles: ControlTokens
     duplicates: DuplicateAgents
-    refused_orders: Mapping[str, int]  # that were not believed -> how many
+    orders: OrderIntake  # how many were not believed, and which was taken last
 
 
 class TickResult(Struct, frozen=True):
@@ -53,8 +54,11 @@ class TickResult(Struct, frozen=True):
 
     tick: Tick
     view: FlightView
+    state: AgentState  # of the flight, for people
+    is_cooperative: bool  # the others may count on it to go aside
     period_s: float  # since the tick before
     is_airborne: bool
+    ages_s: dict[str, float]  # of the states of the neighbours that are followed
     distances_m: dict[str, float]  # separations from the neighbours
     not_ready: tuple[str, ...]  # sentences of the preflight check
 
@@ -67,9 +71,7 @@ class RunCounters(Struct, frozen=True):
     messages: MessageCounts  # not used
 
 
-def state_message(
-    identity: AgentIdentity, result: TickResult, sequence: int, *, is_cooperative: bool
-) -> StateMessage:
+def state_message(identity: AgentIdentity, result: TickResult, sequence: int) -> StateMessage:
     """Return the message that the neighbours take 50 times a second."""
     state = result.tick.state
     law = result.tick.law
@@ -80,7 +82,7 @@ def state_message(
         stamp_ns=result.view.now_ns,
         is_valid=result.view.has_position,
         is_airborne=result.is_airborne,
-        is_cooperative=is_cooperative,
+        is_cooperative=result.is_cooperative,
         position_enu_m=state.position_enu_m,
         velocity_enu_m_s=state.velocity_enu_m_s,
         acceleration_enu_m_s2=state.acceleration_enu_m_s2,
@@ -153,7 +155,7 @@ def tick_sample(result: TickResult, state: StateMessage, sources: TelemetrySourc
     return TickSample(
         stamp_ns=state.stamp_ns,
         period_s=result.period_s,
-        state=sources.flight.state,
+        state=result.state,
         position_enu_m=state.position_enu_m,
         velocity_enu_m_s=state.velocity_enu_m_s,
         acceleration_enu_m_s2=state.acceleration_enu_m_s2,
@@ -171,7 +173,7 @@ def tick_sample(result: TickResult, state: StateMessage, sources: TelemetrySourc
         slack_m_s2=float(law.slack_m_s2),
         active_neighbour=active_neighbour(tick, sources.neighbours),
         neighbour_distances_m=result.distances_m,
-        neighbour_ages_s=sources.neighbours.followed_ages_s(view.now_ns),
+        neighbour_ages_s=result.ages_s,
         setpoint_quaternion_enu_flu_wxyz=tick.attitude.quaternion_wxyz,
         setpoint_thrust_frac=tick.attitude.thrust_frac,
         attitude_quaternion_enu_flu_wxyz=view.attitude_wxyz,
@@ -207,7 +209,7 @@ def telemetry(
         boot_id=identity.boot_id,
         sequence=counters.sequence,
         stamp_ns=now_ns,
-        state=flight.state,
+        state=result.state,
         reason=flight.reason,
         not_ready=result.not_ready if is_on_ground else (),
         is_armed=snapshot.is_armed,
@@ -248,7 +250,12 @@ def telemetry(
         roles=sources.roles.others,
         avoids=active_neighbour(tick, sources.neighbours),
         doubles=sources.duplicates.doubled(now_ns),
-        refused_orders=dict(sources.refused_orders),
+        refused_orders=dict(sources.orders.refused),
+        is_flown_by_hand=view.is_flown_by_hand,
+        wind_enu_m_s=sources.own.wind_enu_m_s,
+        gust_m_s=sources.own.gust_m_s,
+        max_wind_m_s=identity.max_wind_m_s,
+        **_taken_order(sources.orders),
         **_counts(counters.messages),
         **_path_fields(flight.path),
     )
@@ -261,6 +268,18 @@ def _counts(counts: MessageCounts) -> dict[str, Any]:
         "refused_messages": counts.refused,
         "dropped_messages": counts.dropped,
         "late_messages": counts.late,
+    }
+
+
+def _taken_order(orders: OrderIntake) -> dict[str, Any]:
+    """Return the fields about the newest order that was taken; none before the first."""
+    if orders.taken is None:
+        return {}
+    order = orders.taken.order
+    return {
+        "taken_order_id": order.order_id[:60],
+        "taken_order_kind": order.kind,
+        "taken_order_from": f"{order.author[:60]} ({order.node[:60]})",
     }
 
 

@@ -4,6 +4,9 @@ The signature of an order says who has given it, not when. So an order repeats t
 newest telemetry that its sender had of this vehicle. That stamp is of this agent's own clock and
 start, nobody can know one before its time, and it is signed with the order. It shows, without any
 other clock, that an order was held back, kept for a later flight, or sent twice.
+
+A ground that gets no answer sends its order again, with the same id and a newer stamp of its own,
+signed anew. Nobody else can make such a message, and the agent answers it as it did before.
 """
 
 from __future__ import annotations
@@ -19,6 +22,10 @@ FRESH_S = 5.0  # longest time from that telemetry to the order's arrival
 FRESH_EMERGENCY_S = 30.0
 _MAX_SEEN = 10_000
 
+# An order that is sent again is this much newer by its stamp, which comes over by an estimate of
+# the other clock.
+_AGAIN_S = 0.1
+
 
 class OrderGate:
     """Remembers the orders of the last time.
@@ -30,13 +37,17 @@ class OrderGate:
     def __init__(self, boot_id: int) -> None:
         self._boot_id = boot_id
         self._seen: dict[str, int] = {}  # order id -> when it came; the oldest first
+        self._stamps_ns: dict[str, int] = {}  # order id -> its newest stamp
 
-    def refusal(self, order: Order, now_ns: int) -> UntrustedOrder | None:
+    def refusal(
+        self, order: Order, now_ns: int, *, is_answered: bool = False
+    ) -> UntrustedOrder | None:
         """Judge an order whose signature is right.
 
         Args:
             order: its deadline is on this agent's clock.
             now_ns: this agent's clock.
+            is_answered: the answer to this order is known: it begins nothing.
         Returns:
             None for a new order; otherwise what is wrong.
         """
@@ -57,10 +68,16 @@ class OrderGate:
 
         self._forget_old(now_ns)
         if order.order_id in self._seen:
+            newer_s = 1e-9 * (order.stamp_ns - self._stamps_ns[order.order_id])
+            if is_answered and newer_s >= _AGAIN_S:
+                self._stamps_ns[order.order_id] = order.stamp_ns
+                return None
+
             sentence = f"Order {order.text} was received before, and is obeyed once."
             return UntrustedOrder("replayed", sentence, order.order_id)
 
         self._seen[order.order_id] = now_ns
+        self._stamps_ns[order.order_id] = order.stamp_ns
         return None
 
     def _forget_old(self, now_ns: int) -> None:
@@ -71,3 +88,4 @@ class OrderGate:
             if not is_old and len(self._seen) < _MAX_SEEN:
                 return
             del self._seen[oldest_id]
+            del self._stamps_ns[oldest_id]

@@ -8,11 +8,12 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Mapping
+from typing import NamedTuple
 
 from onboard.agent.order_gate import OrderGate
-from onboard.bus.control_token import ControlTokens
+from onboard.bus.control_token import ORDER_STAYS, ControlTokens
 from onboard.bus.protocol import UntrustedOrder
-from onboard.bus.schema import LOCATE, Order, OrderReply, Telemetry
+from onboard.bus.schema import BY_MISSION, LOCATE, Order, OrderReply, Telemetry
 from onboard.flight import order_checks, state_machine
 from onboard.flight.context import FlightContext
 from onboard.flight.order_checks import OrderFacts
@@ -31,11 +32,19 @@ _SAY_AGAIN_NS = 1_000_000_000  # after an event about a refused order, one of th
 _ALLOWED_WHILE_STOPPING = ("kill", "land", "disarm")
 
 
+class TakenOrder(NamedTuple):
+    """The newest order that a vehicle has taken."""
+
+    order: Order
+    taken_ns: int  # on this agent's clock
+
+
 class OrderIntake:
     """Takes the orders of one vehicle.
 
     Args:
         flight, failsafes, roles: of the vehicle.
+        boot_id: number of this start of the agent, as in its telemetry.
         gate: of a fleet with keys; None without.
     """
 
@@ -44,12 +53,17 @@ class OrderIntake:
         flight: FlightContext,
         failsafes: FailsafeSupervisor,
         roles: ControlTokens,
+        *,
+        boot_id: int,
         gate: OrderGate | None = None,
     ) -> None:
+        self.taken: TakenOrder | None = None  # the newest; None before the first
+        self._taken_of_person: TakenOrder | None = None  # the newest that no mission has given
         self.refused: Counter[str] = Counter()  # not believed, or not the operator's, by the reason
         self._flight = flight
         self._failsafes = failsafes
         self._roles = roles
+        self._boot_id = boot_id
         self._gate = gate
         self._said_ns: dict[str, int] = {}  # kind of refusal -> its last event
         self._replies: dict[str, OrderReply] = {}  # order id -> reply; the oldest first
@@ -62,27 +76,30 @@ class OrderIntake:
 
         An order that was sent twice gets the same reply and begins once.
         """
+        known = self._replies.get(order.order_id)
         if self._gate is not None:
-            untrusted = self._gate.refusal(order, facts.view.now_ns)
+            untrusted = self._gate.refusal(order, facts.view.now_ns, is_answered=known is not None)
             if untrusted is not None:
                 return self.refuse(untrusted, facts.view)
 
-        known = self._replies.get(order.order_id)
         if known is not None:
             return known
 
         reason = self._refusal(order, facts, is_stopping=is_stopping)
+        note = reason
+        if note is None:
+            note = order_checks.acceptance(order, self._flight, facts.view)
         reply = OrderReply(
             order_id=order.order_id,
             vehicle=self._flight.vehicle.name,
             is_accepted=reason is None,
-            reason=reason or "",
+            reason=note,
         )
         self._keep(reply)
 
         # Only its sender sees the reply; the event is for the record.
         if order.kind != "load_path":
-            answer = "accepted." if reason is None else f"refused: {reason}"
+            answer = f"accepted. {note}".strip() if reason is None else f"refused: {reason}"
             sentence = f"{order.order_id[:60]} {order.text} {answer}"
             self._flight.say(facts.view, "debug", "order", sentence)
 
@@ -122,6 +139,10 @@ class OrderIntake:
             self.refused["operator"] += 1
             return not_operator
 
+        not_heard = self._replaces_unheard(order)
+        if not_heard is not None:
+            return not_heard
+
         reason = order_checks.refusal(order, self._flight, facts)
         if reason is not None:
             return reason
@@ -135,6 +156,25 @@ class OrderIntake:
             return "This agent has been asked to stop: start it again."
         return None
 
+    def _replaces_unheard(self, order: Order) -> str | None:
+        """Return why a mission's order must not replace a person's; None when it may.
+
+        A mission ends when it hears of a person's order. Until then it would replace that order
+        without knowing of it.
+        """
+        taken = self._taken_of_person
+        begins_nothing = order.kind in LOCATE or order.kind == "load_path"
+        if order.reason != BY_MISSION or taken is None or begins_nothing or order.kind == "kill":
+            return None
+
+        is_of_this_start = order.heard_boot_id == self._boot_id
+        if is_of_this_start and order.heard_ns >= taken.taken_ns:
+            return None
+        return (
+            f"{taken.order.author[:60]} has ordered {taken.order.kind}, which this mission had not "
+            f"heard of: {ORDER_STAYS}"
+        )
+
     def _begin(self, order: Order, view: FlightView) -> None:
         if order.kind in LOCATE:
             state_machine.locate(self._flight, view, order)
@@ -142,6 +182,10 @@ class OrderIntake:
         if order.kind == "load_path":
             state_machine.load_path(self._flight, view, order)
             return
+
+        self.taken = TakenOrder(order, view.now_ns)
+        if order.reason != BY_MISSION:
+            self._taken_of_person = self.taken
 
         self._failsafes.begin_order()
         state_machine.begin_order(self._flight, view, order)

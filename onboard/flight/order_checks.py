@@ -14,25 +14,25 @@ from typing import NamedTuple
 from onboard.autopilot import Vec3
 from onboard.bus.codec import is_finite
 from onboard.bus.schema import LOCATE, Order, Telemetry
-from onboard.config.fleet import FleetConfig, FleetSection
+from onboard.config.fleet import FleetConfig, FleetSection, Vehicle
+from onboard.config.ground import floor_m, least_height_m
 from onboard.config.pair_separation import separation_m
 from onboard.control.control_mode import ControlMode
-from onboard.flight import path_flight, takeover
+from onboard.flight import path_flight, sentences, takeover
 from onboard.flight.context import FlightContext
 from onboard.flight.effects import takeoff_height_m
 from onboard.flight.state_machine import accepts
 from onboard.flight.types import FlightStep, FlightView
 from onboard.safety.failsafe_table import Situation
 
-_LOWEST_GOAL_M = 0.2
 _LONGEST_MOVE_S = 3600.0
 
 _IN_AIR = "The vehicle is in the air: order land, or kill if it must fall."
 _NOT_ON_GROUND = (
     "PX4 does not say that the vehicle is on the ground: order land, or kill if it must fall."
 )
+_FLYING_ORDERS = ("arm", "takeoff", "move", "follow_path")
 _MAY_BE_UP = {
-    FlightStep.LIFTOFF,
     FlightStep.CONTACT,
     FlightStep.PX4_LANDING,
     FlightStep.FAILED,
@@ -74,18 +74,33 @@ def refusal(order: Order, flight: FlightContext, facts: OrderFacts) -> str | Non
         not_ready = facts.not_ready_in_air()
         return takeover.refusal(facts.view, not_ready, facts.distances_m, facts.fleet)
 
+    if facts.view.is_flown_by_hand:
+        overrules_pilot = _overrules_pilot(order, flight)
+        if overrules_pilot is not None:
+            return overrules_pilot
+
     if not accepts(flight.step, order.kind):
         return _wrong_step(order, flight)
 
     if order.kind == "disarm" and flight.step in _MAY_BE_UP and not facts.view.is_on_ground:
         return _NOT_ON_GROUND
     if order.kind in ("arm", "takeoff"):
-        return _start(order, facts)
+        return _start(order, flight.vehicle, facts)
     if order.kind == "follow_path":
         return _follow_path(order, flight, facts)
     if order.kind == "move":
-        return _move(order, facts)
+        return _move(order, flight.vehicle, facts)
     return None
+
+
+def acceptance(order: Order, flight: FlightContext, view: FlightView) -> str:
+    """Return what an order that is accepted leads to, where that is not what its name says."""
+    if order.kind != "disarm":
+        return ""
+    lifts_off = flight.step is FlightStep.LIFTOFF and not view.is_on_ground
+    if lifts_off or flight.step is FlightStep.CLIMB:
+        return sentences.LANDS_TO_DISARM
+    return ""
 
 
 def late_sentence(order: Order, now_ns: int) -> str | None:
@@ -110,11 +125,37 @@ def goal_conflict(goal: Vec3, others: Mapping[str, Telemetry], limits: FleetSect
     return None
 
 
+def _overrules_pilot(order: Order, flight: FlightContext) -> str | None:
+    """Return what speaks against an order to a vehicle that a pilot flies by hand, or None.
+
+    Only a person who names the vehicle lands it against the pilot's sticks.
+    """
+    name = flight.vehicle.name
+    if order.kind == "land" and order.reason:
+        return f"{name} is flown by hand: `land {name}` takes it."
+    if order.kind in _FLYING_ORDERS and flight.step.situation is Situation.SILENT:
+        return (
+            f"{name} is flown by hand: once its pilot has switched to hold, "
+            f"`hold {name}` takes it over."
+        )
+    return None
+
+
 def _wrong_step(order: Order, flight: FlightContext) -> str:
     """Return the reason why the flight table takes no such order in this step."""
     doing: str = flight.state
     if flight.step.text:
         doing = f"{flight.state} ({flight.step.text})"
+
+    is_start = order.kind in ("arm", "takeoff")
+    if sentences.was_killed(flight) and not is_start:
+        return f"{flight.reason} It is {doing}: look at it before you order take-off."
+    if flight.step is FlightStep.PX4_LANDING and not is_start:
+        why = f" ({flight.reason.rstrip('.')})" if flight.reason else ""
+        return (
+            f"PX4 is landing the vehicle by itself{why}, and this agent cannot fly it meanwhile: "
+            "wait until it is down, let a pilot take over, or order kill if it must fall."
+        )
 
     match order.kind:
         case "arm" if flight.state == "armed":
@@ -127,13 +168,15 @@ def _wrong_step(order: Order, flight: FlightContext) -> str:
             return f"No path begins while it is {doing}: order hold first."
         case "land":
             return f"The vehicle is not in the air (it is {doing})."
+        case _ if flight.state == "landing":
+            return f"The vehicle is {doing}: wait until it is down, then order take-off."
         case _ if flight.step.control_mode is ControlMode.BLIND:
             return "The vehicle has lost its position: wait until it is back, or order land."
         case _:
             return f"The vehicle does not fly (it is {doing}): order take-off first."
 
 
-def _start(order: Order, facts: OrderFacts) -> str | None:
+def _start(order: Order, vehicle: Vehicle, facts: OrderFacts) -> str | None:
     """Return what speaks against arming or taking off, or None."""
     if facts.not_ready:
         return facts.not_ready[0]
@@ -144,7 +187,7 @@ def _start(order: Order, facts: OrderFacts) -> str | None:
     height_m = takeoff_height_m(order)
     x, y, z = facts.view.position_enu_m
 
-    lowest_m = z + _LOWEST_GOAL_M
+    lowest_m = z + least_height_m(vehicle)
     if not math.isfinite(height_m) or height_m < lowest_m:
         return (
             f"A take-off to {height_m:g} m does not leave the ground: "
@@ -187,7 +230,7 @@ def _follow_path(order: Order, flight: FlightContext, facts: OrderFacts) -> str 
     return path_flight.start_refusal(flight.path, order.path, view.now_ns, view.position_enu_m)
 
 
-def _move(order: Order, facts: OrderFacts) -> str | None:
+def _move(order: Order, vehicle: Vehicle, facts: OrderFacts) -> str | None:
     """Return what speaks against a move to the ordered goal, or None."""
     limits = facts.fleet.fleet
     goal = order.position_enu_m
@@ -202,11 +245,18 @@ def _move(order: Order, facts: OrderFacts) -> str | None:
         return "A heading needs a finite number of degrees, counterclockwise from east."
 
     goal_text = "(" + ", ".join(f"{value:.2f}" for value in goal) + ") m"
-    lowest_m = limits.geofence_m.z[0] + _LOWEST_GOAL_M
-    if not limits.geofence_m.contains(goal) or goal[2] < lowest_m:
+    if not limits.geofence_m.contains(goal):
+        return f"Goal {goal_text} lies outside the geofence."
+
+    ground_m = floor_m(facts.fleet)
+    least_m = least_height_m(vehicle)
+    if goal[2] < ground_m + least_m:
+        why = ""
+        if not vehicle.mocap_required:
+            why = " (its height is PX4's own, which errs by that much)"
         return (
-            f"Goal {goal_text} lies outside the geofence, "
-            f"or less than {_LOWEST_GOAL_M} m above its floor."
+            f"Goal {goal_text} is less than {least_m:g} m above the ground at {ground_m:g} m"
+            f"{why}: choose a higher goal, or order land."
         )
 
     for name, other in facts.others.items():

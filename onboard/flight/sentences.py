@@ -15,8 +15,10 @@ FLIES_WITHOUT_AGENT = (
     "PX4 flies without this agent: order land or kill; or order hold, to take over from PX4's hold."
 )
 DISARMED = "PX4 is disarmed."
+_KILLED = "Killed by order of"
 NO_POSE = "Its position is not known any more, so it left the path."
 LANDED = "Landed and disarmed."
+LANDS_TO_DISARM = "It has left the ground: it lands at once, and is disarmed there."
 NO_LIFTOFF = (
     "The vehicle did not leave the ground: check propellers, battery and hover_thrust_frac."
 )
@@ -25,7 +27,12 @@ NO_LIFTOFF = (
 def killed(flight: FlightContext, view: FlightView) -> str:
     """Return the reason of a killed vehicle's state."""
     author = "" if flight.order is None else flight.order.author
-    return f"Killed by order of {author}."
+    return f"{_KILLED} {author}."
+
+
+def was_killed(flight: FlightContext) -> bool:
+    """Whether an order has stopped the motors, and no other has begun since."""
+    return flight.reason.startswith(_KILLED)
 
 
 def killed_in_the_air(flight: FlightContext, view: FlightView) -> str:
@@ -85,6 +92,13 @@ def left_behind(flight: FlightContext, view: FlightView) -> str:
 def holding(flight: FlightContext, view: FlightView) -> str:
     """Return the end of an order to hold."""
     return f"Holding at {position_text(view)}."
+
+
+def landed_as_ordered(flight: FlightContext, view: FlightView) -> str:
+    """Return the end of an order that has brought the vehicle down."""
+    if flight.reason == LANDS_TO_DISARM:
+        return f"It had left the ground and landed at once. {LANDED}"
+    return LANDED
 
 
 def why_landed(flight: FlightContext, view: FlightView) -> str:

@@ -150,6 +150,7 @@ class FlightView(Struct, frozen=True):
     yaw_rad: float = math.nan  # heading, counterclockwise from east; NaN: not known
     position_age_s: float = math.inf  # age of the newest sample that the estimate has used
     attitude_wxyz: Vec4 = (1.0, 0.0, 0.0, 0.0)  # in the fleet's frame
+    gust_m_s2: float = 0.0  # standard deviation of the gusts, per axis
 
     @property
     def has_landed_report(self) -> bool:
@@ -160,6 +161,16 @@ class FlightView(Struct, frozen=True):
     def is_on_ground(self) -> bool:
         """Whether PX4 reports the ground, and the report is not old."""
         return self.has_landed_report and self.snapshot.landed is Landed.ON_GROUND
+
+    @property
+    def hears_sticks(self) -> bool:
+        """Whether PX4 hears a pilot's sticks."""
+        return self.snapshot.hears_sticks(self.now_ns)
+
+    @property
+    def is_flown_by_hand(self) -> bool:
+        """Whether a pilot flies: PX4 is in a pilot's mode and hears his sticks."""
+        return self.snapshot.is_flown_by_hand(self.now_ns)
 
     @property
     def was_on_ground(self) -> bool:

@@ -19,7 +19,7 @@ from typing import Any
 from mavsdk import ComponentType
 from mavsdk import logging as mavsdk_logging
 from mavsdk.mavsdk import Configuration, Mavsdk
-from mavsdk.plugins.param import Param, ParamError
+from mavsdk.plugins.param import Param, ParamError, ParamResult
 from msgspec.structs import replace
 
 from onboard.autopilot import AUTOPILOT_COMPONENT, LinkError, Snapshot, Vec3, Vec4
@@ -45,6 +45,7 @@ _GPS_RAW_INT = 24
 _ATTITUDE_QUATERNION = 31
 _LOCAL_POSITION_NED = 32
 _GPS_GLOBAL_ORIGIN = 49
+_MANUAL_CONTROL = 69
 _BATTERY_STATUS = 147
 _AUTOPILOT_VERSION = 148
 _ESTIMATOR_STATUS = 230
@@ -55,6 +56,9 @@ _RATES_HZ = {
     _EXTENDED_SYS_STATE: 10.0,
     _BATTERY_STATUS: 2.0,
     _ESTIMATOR_STATUS: 5.0,
+    # The sticks that PX4 has selected, of a radio control or of a joystick: PX4 sends it while it
+    # hears them, and once more when it has lost them. RC_CHANNELS goes on with a lost transmitter.
+    _MANUAL_CONTROL: 5.0,
 }
 
 # Two thirds of the messages that PX4 sends to a companion by itself are not used, and each costs
@@ -146,6 +150,9 @@ class Px4Link:
 
         # newest message of each kind, not yet parsed: bytes, arrival
         self._unread: dict[str, tuple[bytes, int]] = {}
+        # arrivals of the two newest messages about a pilot's sticks
+        self._sticks_ns = 0
+        self._sticks_before_ns = 0
         self._lock = threading.Lock()  # of the newest values
         self._newest = Snapshot()
 
@@ -256,7 +263,11 @@ class Px4Link:
         """
         name = NAMES.get(packet.number)
         if name is not None:
-            self._unread[name] = (packet.payload, time.monotonic_ns())
+            arrived_ns = time.monotonic_ns()
+            if packet.number == _MANUAL_CONTROL:
+                self._sticks_before_ns = self._sticks_ns
+                self._sticks_ns = arrived_ns
+            self._unread[name] = (packet.payload, arrived_ns)
 
         mavsdk = self._mavsdk
         if packet.number in MAVSDK_READS and mavsdk is not None:
@@ -276,6 +287,8 @@ class Px4Link:
 
         if newest_ns == 0:
             return known
+        if "sticks_ns" in changes:
+            changes["sticks_before_ns"] = self._sticks_before_ns
         return replace(known, last_packet_ns=newest_ns, system_id=self.system_id, **changes)
 
     # -- out ---------------------------------------------------------------------------------------
@@ -485,8 +498,11 @@ class Px4Link:
         for read in readers:
             try:
                 return read()
-            except ParamError:
-                continue
+            except ParamError as error:
+                # PX4 does not know it (v1.18 and later say so), or is silent for seconds: another
+                # type changes nothing.
+                if error.result in (ParamResult.DOES_NOT_EXIST, ParamResult.TIMEOUT):
+                    return None
         return None
 
     # -- wire --------------------------------------------------------------------------------------

@@ -48,12 +48,18 @@ def _local_position(fields: dict[str, Any], arrival_ns: int) -> dict[str, Any]:
 
 
 def _estimator_status(fields: dict[str, Any], arrival_ns: int) -> dict[str, Any]:
-    accuracy_m = fields["pos_horiz_accuracy"]
-    is_known = isinstance(accuracy_m, float) and math.isfinite(accuracy_m) and accuracy_m >= 0.0
     return {
-        "position_accuracy_m": accuracy_m if is_known else math.inf,
+        "position_accuracy_m": _accuracy_m(fields["pos_horiz_accuracy"]),
+        "height_accuracy_m": _accuracy_m(fields["pos_vert_accuracy"]),
         "position_accuracy_ns": arrival_ns,
     }
+
+
+def _accuracy_m(value: object) -> float:
+    """Return a standard deviation; infinite for what is none."""
+    if isinstance(value, float) and math.isfinite(value) and value >= 0.0:
+        return value
+    return math.inf
 
 
 def _satellites(fields: dict[str, Any], arrival_ns: int) -> dict[str, Any]:
@@ -77,6 +83,10 @@ def _heartbeat(fields: dict[str, Any], arrival_ns: int) -> dict[str, Any]:
         "mode": modes.mode_name(int(fields["custom_mode"])),
         "is_failsafe": int(fields["system_status"]) == modes.STATUS_CRITICAL,
     }
+
+
+def _sticks(_: dict[str, Any], arrival_ns: int) -> dict[str, Any]:
+    return {"sticks_ns": arrival_ns}
 
 
 def _extended_state(fields: dict[str, Any], arrival_ns: int) -> dict[str, Any]:
@@ -128,6 +138,7 @@ PARSERS: dict[str, Callable[[dict[str, Any], int], dict[str, Any]]] = {
     "ATTITUDE_QUATERNION": _attitude,
     "LOCAL_POSITION_NED": _local_position,
     "ESTIMATOR_STATUS": _estimator_status,
+    "MANUAL_CONTROL": _sticks,
     "EXTENDED_SYS_STATE": _extended_state,
     "GPS_RAW_INT": _satellites,
     "GPS_GLOBAL_ORIGIN": _global_origin,

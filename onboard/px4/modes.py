@@ -29,6 +29,7 @@ _MAIN = {
     6: "OFFBOARD",
     7: "STABILIZED",
     8: "RATTITUDE",
+    11: "ALTITUDE_CRUISE",
 }
 _AUTO_MAIN = 4  # main mode whose submodes are these
 _AUTO = {

@@ -77,13 +77,15 @@ READ = {
         "current_consumed energy_consumed temperature voltages*10 current_battery id "
         "battery_function type battery_remaining",
     ),
+    # the layout of PX4: axes x, y, z, r, buttons, target
+    "MANUAL_CONTROL": _message(69, 243, "4h", "x y z r"),
     "AUTOPILOT_VERSION": _message(148, 178, "QQI", "capabilities uid flight_sw_version"),
     "ESTIMATOR_STATUS": _message(
         230,
         163,
-        "Q7f",
+        "Q8f",
         "time_usec vel_ratio pos_horiz_ratio pos_vert_ratio mag_ratio hagl_ratio tas_ratio "
-        "pos_horiz_accuracy",
+        "pos_horiz_accuracy pos_vert_accuracy",
     ),
     "EXTENDED_SYS_STATE": _message(245, 130, "BB", "vtol_state landed_state"),
     "STATUSTEXT": _message(253, 83, "B50s", "severity text"),
@@ -108,6 +110,7 @@ MAVSDK_READS = {
     22: 220,  # PARAM_VALUE
     77: 143,  # COMMAND_ACK
     148: 178,  # AUTOPILOT_VERSION
+    345: 209,  # PARAM_ERROR, from v1.18 on
 }
 MAVSDK_SENDS = {
     0: 50,  # HEARTBEAT

@@ -1,4 +1,7 @@
-"""Notices that PX4 has left the mode that the flight needs: OFFBOARD, or LAND while PX4 lands."""
+"""Notices that PX4 has left the mode that the flight needs: OFFBOARD, or LAND while PX4 lands.
+
+A pilot whose sticks PX4 hears is told apart from other modes, for as long as he flies.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +10,7 @@ from dataclasses import dataclass
 from onboard.autopilot import Snapshot
 from onboard.flight.context import FlightContext
 from onboard.flight.types import MUST_BE_ARMED, MUST_BE_OFFBOARD, FlightStep
+from onboard.safety.failsafe_table import Situation
 from onboard.supervision.tick_facts import ModeLoss
 
 
@@ -32,9 +36,17 @@ class OffboardMonitor:
             flight: in progress.
             is_on_ground: by a report of PX4 that is not old.
         """
+        is_flown_by_hand = snapshot.is_flown_by_hand(now_ns)
         if flight.step is FlightStep.PX4_LANDING:
             self._not_needed_ns = now_ns
+            if is_flown_by_hand and not flight.lands_for_a_person and not is_on_ground:
+                return ModeLoss.BY_HAND
             return self._while_px4_lands(snapshot, is_on_ground=is_on_ground)
+
+        if flight.step.situation is Situation.SILENT:
+            self._has_landing_mode = False
+            self._not_needed_ns = now_ns
+            return ModeLoss.BY_HAND if is_flown_by_hand else ModeLoss.NONE
 
         self._has_landing_mode = False
         if flight.step not in MUST_BE_OFFBOARD:
@@ -47,6 +59,8 @@ class OffboardMonitor:
             return ModeLoss.DISARMED
         if snapshot.is_offboard:
             return ModeLoss.NONE
+        if is_flown_by_hand:
+            return ModeLoss.BY_HAND
         return ModeLoss.FAILSAFE if snapshot.is_failsafe else ModeLoss.LEFT
 
     def _while_px4_lands(self, snapshot: Snapshot, *, is_on_ground: bool) -> ModeLoss:

@@ -32,6 +32,7 @@ from sitl.px4.signals import Setpoint, StatusText
 
 _ACK = ID_BY_NAME["COMMAND_ACK"]
 _PARAM_VALUE = ID_BY_NAME["PARAM_VALUE"]
+_DOES_NOT_EXIST = 1  # MAV_PARAM_ERROR
 _STATUSTEXT = ID_BY_NAME["STATUSTEXT"]
 _EVENT = ID_BY_NAME["EVENT"]
 _ORIGIN = ID_BY_NAME["GPS_GLOBAL_ORIGIN"]
@@ -313,7 +314,21 @@ class Link:
 
         if name in self.autopilot.params.values or name == HASH_CHECK:
             return [self._param_value(name)]
-        return []
+        return self._param_unknown(message, name, index)
+
+    def _param_unknown(self, message: MavlinkMessage, name: str, index: int) -> list[bytes]:
+        if not self.autopilot.version.answers_unknown_parameters:
+            return []
+        return [
+            self.encoder.encode_named(
+                "PARAM_ERROR",
+                target_system=message.system_id,
+                target_component=message.component_id,
+                param_id=name.encode("ascii", "replace"),
+                param_index=index,
+                error=_DOES_NOT_EXIST,
+            )
+        ]
 
     def _param_set(self, message: MavlinkMessage) -> list[bytes]:
         fields = message.fields
@@ -322,11 +337,14 @@ class Link:
             self._params_to_send.clear()  # the ground station knows them all
             return []
 
-        # An unknown name and a wrong type are met with silence: PX4 only writes them to its
-        # console.
+        # A wrong type is met with silence, an unknown name before v1.18 as well: PX4 only writes
+        # them to its console.
         is_set = self.autopilot.params.set_encoded(
             name, fields["param_value"], fields["param_type"]
         )
+        if not is_set and name not in self.autopilot.params.values:
+            no_index = -1
+            return self._param_unknown(message, name, no_index)
         if not is_set:
             return []
         self.emulator.parameters_changed(self.index)

@@ -146,6 +146,14 @@ def battery_status(v: View) -> Values:
     )
 
 
+def manual_control(v: View) -> Values | None:
+    px4 = v.autopilot
+    if not px4.has_sticks(v.now_s):
+        return None
+    pitch, roll, throttle, yaw = (round(1000.0 * position) for position in px4.sticks.positions)
+    return _ordered("MANUAL_CONTROL", target=v.system_id, x=pitch, y=roll, z=throttle, r=yaw)
+
+
 def extended_sys_state(v: View) -> Values:
     vtol_state = 0
     return (vtol_state, int(v.autopilot.landed))

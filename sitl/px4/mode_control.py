@@ -21,6 +21,7 @@ from sitl.px4.modes import LandedState, Mode
 from sitl.px4.parameters import Parameters
 from sitl.px4.position_control import PositionControl, PositionGoal, PositionLimits
 from sitl.px4.signals import DRIFT_RAD_S, Actuation, AutopilotInputs, Setpoint, SetpointKind
+from sitl.px4.sticks import Axes
 
 TICK_S = 0.02
 _SPOOL_S = 1.0  # from arming until a take-off begins
@@ -35,6 +36,8 @@ _RTL_NEAR_M = 0.5  # from home, horizontally: there the return becomes a landing
 
 _HOVER_LEARN_S = 2.0  # time constant
 _HOVER_LEARN_BELOW_M_S = 0.5  # vertical speed
+
+_STICK_REST = 0.1  # of full deflection, within which a stick stands in its middle (MPC_HOLD_DZ)
 
 _NOWHERE = np.full(3, math.nan)
 _STILL = np.zeros(3)
@@ -73,6 +76,7 @@ class ModeControl:
     _hold_ned_m: Array | None = None  # where Hold was sent to; None for where it began
     _yaw_setpoint_rad: float | None = None  # None before the mode's first heading
     _hover_thrust_frac: float = 0.5  # learnt in flight
+    _sticks: Axes | None = None  # of a pilot, at this tick; None while none are heard
 
     def armed(self, now_s: float, inputs: AutopilotInputs | None, params: Parameters) -> None:
         """Start afresh, with home here."""
@@ -137,8 +141,10 @@ class ModeControl:
         landed: LandedState,
         params: Parameters,
         setpoint: Setpoint | None,
+        sticks: Axes | None = None,
     ) -> bool:
         """Advance an armed vehicle by one tick; True when a take-off has reached its height."""
+        self._sticks = sticks
         self._learn_hover_thrust(inputs)
 
         if mode is Mode.OFFBOARD:
@@ -153,7 +159,8 @@ class ModeControl:
         # On the ground only a take-off turns the motors; Hold goes on until the landing is
         # detected, so that a touch of the ground does not drop a vehicle that hovers low.
         has_landed = landed is LandedState.ON_GROUND
-        has_touched = inputs.on_ground and mode is not Mode.LOITER
+        holds_height = mode is Mode.LOITER or (mode in modes.BLIND_DESCENT and sticks is not None)
+        has_touched = inputs.on_ground and not holds_height
         if mode is not Mode.TAKEOFF and (has_landed or has_touched):
             self._idle(self._start(inputs).yaw_rad)
             return False
@@ -212,6 +219,67 @@ class ModeControl:
         goal = PositionGoal(_NOWHERE, velocity, self._start(inputs).yaw_rad)
         self._fly(inputs, goal, params, is_level=True)
 
+    # -- by hand -----------------------------------------------------------------------------------
+
+    def _fly_position_by_hand(self, inputs: AutopilotInputs, params: Parameters) -> None:
+        """POSCTL: sticks in their middle hold the position, moved ones give a velocity."""
+        if self._sticks is None:
+            self._sink(inputs, params)
+            return
+
+        pitch, roll, throttle, _ = self._sticks
+        climb = 2.0 * throttle - 1.0
+        if max(abs(pitch), abs(roll), abs(climb)) < _STICK_REST:
+            if self._hold_ned_m is None:
+                self._hold_ned_m = inputs.position_ned_m.copy()
+            goal = PositionGoal(self._hold_ned_m, _STILL, self._start(inputs).yaw_rad)
+            self._fly(inputs, goal, params)
+            return
+
+        self._hold_ned_m = None
+        north = math.cos(inputs.yaw_rad) * pitch - math.sin(inputs.yaw_rad) * roll
+        east = math.sin(inputs.yaw_rad) * pitch + math.cos(inputs.yaw_rad) * roll
+        speed_m_s = params["MPC_VEL_MANUAL"]
+        down_m_s = -climb * params["MPC_Z_VEL_MAX_UP"]
+        velocity = np.array([speed_m_s * north, speed_m_s * east, down_m_s])
+        self._fly(inputs, PositionGoal(_NOWHERE, velocity, self._start(inputs).yaw_rad), params)
+
+    def _fly_height_by_hand(self, inputs: AutopilotInputs, params: Parameters) -> None:
+        """ALTCTL: the throttle gives a climb, roll and pitch a tilt; nothing holds the place."""
+        if self._sticks is None:
+            self._sink(inputs, params)
+            return
+
+        climb = 2.0 * self._sticks[2] - 1.0
+        velocity = np.array([0.0, 0.0, -climb * params["MPC_Z_VEL_MAX_UP"]])
+        goal = PositionGoal(_NOWHERE, velocity, self._start(inputs).yaw_rad)
+        self._fly(inputs, goal, params, is_level=True)
+
+    def _fly_attitude_by_hand(self, inputs: AutopilotInputs, params: Parameters) -> None:
+        """STABILIZED and MANUAL: roll and pitch give a tilt, the throttle's middle hovers."""
+        if self._sticks is None:
+            self._sink(inputs, params)
+            return
+
+        throttle = self._sticks[2]
+        hover_frac = self._hover_thrust_frac
+        thrust_frac = 2.0 * throttle * hover_frac
+        if throttle > 0.5:
+            thrust_frac = hover_frac + (2.0 * throttle - 1.0) * (1.0 - hover_frac)
+        self.goal = None
+        self._command(self._held_level(self._start(inputs).yaw_rad, params), thrust_frac)
+
+    def _held_level(self, yaw_rad: float, params: Parameters) -> Array:
+        """Return the level attitude (4,), tilted as the sticks say."""
+        if self._sticks is None:
+            return level(yaw_rad)
+
+        most_rad = math.radians(params["MPC_MAN_TILT_MAX"])
+        half_pitch_rad = -0.5 * most_rad * self._sticks[0]  # forward is nose down
+        half_roll_rad = 0.5 * most_rad * self._sticks[1]
+        tilt = np.array([1.0, half_roll_rad, half_pitch_rad, 0.0])
+        return frames.multiply(level(yaw_rad), tilt / np.linalg.norm(tilt))
+
     # -- parts -------------------------------------------------------------------------------------
 
     def _start(self, inputs: AutopilotInputs) -> AutopilotInputs:
@@ -263,7 +331,7 @@ class ModeControl:
             yaw_rad=yaw_rad,
         )
         if is_level:
-            attitude = level(yaw_rad)
+            attitude = self._held_level(yaw_rad, params)
         self._command(attitude, thrust_frac)
 
     def _heading(self, goal: PositionGoal, inputs: AutopilotInputs) -> float:
@@ -322,5 +390,9 @@ _FLOWN: dict[Mode, Callable[[ModeControl, AutopilotInputs, Parameters], None]] =
     Mode.MISSION: ModeControl._hold,
     Mode.RTL: ModeControl._return,
     Mode.LAND: ModeControl._land,
-    **dict.fromkeys(modes.BLIND_DESCENT, ModeControl._sink),
+    Mode.POSCTL: ModeControl._fly_position_by_hand,
+    Mode.ALTCTL: ModeControl._fly_height_by_hand,
+    Mode.STABILIZED: ModeControl._fly_attitude_by_hand,
+    Mode.MANUAL: ModeControl._fly_attitude_by_hand,
+    Mode.DESCEND: ModeControl._sink,
 }

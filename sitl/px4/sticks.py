@@ -1,6 +1,7 @@
 """Sticks of a joystick or a radio control (MANUAL_CONTROL).
 
-The emulator asks two things of them: whether they are there, and whether the pilot moves one.
+The emulator asks three things of them: whether they are there, where they stand, and whether the
+pilot moves one.
 """
 
 from __future__ import annotations
@@ -8,7 +9,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
-Axes = tuple[float, float, float, float]  # pitch, roll, throttle, yaw, each in [-1, 1]
+# pitch, roll, throttle, yaw; each in [-1, 1], but the throttle in [0, 1]: 0.5 is its middle
+Axes = tuple[float, float, float, float]
+CENTRED: Axes = (0.0, 0.0, 0.5, 0.0)
 
 _FILTER_S = 0.05  # time constant of the low-pass on the speed of a stick
 _LEAST_SAMPLES = 3  # in the same direction: noise and a single step do not count
@@ -57,6 +60,14 @@ class Sticks:
     _axes: tuple[_StickAxis, ...] = field(
         default_factory=lambda: tuple(_StickAxis() for _ in range(4))
     )
+
+    @property
+    def positions(self) -> Axes:
+        """Positions of the newest sample; in the middle before the first."""
+        if math.isinf(self.time_s):
+            return CENTRED
+        pitch, roll, throttle, yaw = (axis.position for axis in self._axes)
+        return pitch, roll, throttle, yaw
 
     def take(self, now_s: float, positions: Axes) -> None:
         """Take a new sample."""

@@ -139,3 +139,79 @@ def test_another_socket_that_plays_the_autopilot_is_not_heard() -> None:
             result = send_direct(f"udpout://127.0.0.1:{px4.port}", 1, "kill", timeout_s=0.7)
     assert (result.is_accepted, result.is_disarmed) == (False, False), result
     assert "did not answer" in result.sentence
+
+
+POSCTL = 3 << 16
+HOLD = 4 << 16 | 3 << 24
+
+
+def _sticks() -> Any:
+    return common.MAVLink_manual_control_message(1, 0, 0, 500, 0, 0)
+
+
+@pytest.mark.parametrize(
+    ("mode", "sticks", "is_spared"),
+    [(POSCTL, 2, True), (POSCTL, 1, False), (POSCTL, 0, False), (HOLD, 2, False)],
+)
+def test_a_landing_that_spares_pilots_asks_px4_first(
+    mode: int, sticks: int, is_spared: bool
+) -> None:
+    commands: list[int] = []
+
+    def answer(px4: Autopilot, command: int) -> list[Any]:
+        commands.append(command)
+        if command == NAV_LAND:
+            return [ack(command), heartbeat(is_armed=True, custom_mode=LANDING)]
+        # one message comes with the stream, whether sticks are heard or not
+        is_sent = command == 511 and commands.count(511) <= sticks
+        sent = [_sticks()] if is_sent else []
+        return [heartbeat(is_armed=True, custom_mode=mode), *sent]
+
+    with flying(answer) as px4:
+        result = send_direct(
+            f"udpout://127.0.0.1:{px4.port}",
+            1,
+            "land",
+            timeout_s=2.0,
+            watch_s=0.2,
+            spares_pilot=True,
+        )
+    assert result.is_flown_by_hand is is_spared
+    assert (NAV_LAND in commands) is not is_spared
+    assert result.is_accepted is not is_spared
+
+
+@pytest.mark.parametrize("was_flown_by_hand", [True, False])
+def test_where_px4_answers_another_ground_the_agents_last_word_counts(
+    was_flown_by_hand: bool,
+) -> None:
+    commands: list[int] = []
+
+    def answer(px4: Autopilot, command: int) -> list[Any]:
+        commands.append(command)
+        return []
+
+    with flying(answer) as px4:
+        result = send_direct(
+            f"udpout://127.0.0.1:{px4.port}",
+            1,
+            "land",
+            timeout_s=0.5,
+            spares_pilot=True,
+            was_flown_by_hand=was_flown_by_hand,
+        )
+    assert result.is_flown_by_hand is was_flown_by_hand
+    assert (NAV_LAND in commands) is not was_flown_by_hand
+
+
+def test_a_landing_of_a_person_by_name_asks_nothing() -> None:
+    commands: list[int] = []
+
+    def answer(px4: Autopilot, command: int) -> list[Any]:
+        commands.append(command)
+        return [ack(command), heartbeat(is_armed=True, custom_mode=LANDING)]
+
+    with flying(answer) as px4:
+        result = send_direct(f"udpout://127.0.0.1:{px4.port}", 1, "land", timeout_s=2.0)
+    assert result.is_accepted
+    assert set(commands) == {NAV_LAND}

@@ -136,6 +136,18 @@ async def test_a_written_kill_needs_enter_twice_within_a_second(rig: Rig) -> Non
         assert rig.client.ordered == ["kill mav1"]
 
 
+async def test_the_first_press_of_a_kill_says_who_is_below(rig: Rig) -> None:
+    async with rig.app.run_test(size=(160, 30)) as pilot:
+        rig.hover()
+        for height_m, name in enumerate(("mav0", "mav1")):
+            rig.client.hear(
+                name, state="flying", is_airborne=True, position_enu_m=(0.0, 0.0, 1.0 + height_m)
+            )
+        await rig.write(pilot, "kill mav1")
+        assert rig.client.ordered == []
+        assert "mav1 falls on mav0, 1.0 m below." in rig.line(ResultLines)
+
+
 async def test_a_failed_order_says_why_and_what_can_be_done(rig: Rig) -> None:
     async with rig.app.run_test(size=(160, 30)) as pilot:
         rig.hover()

@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
+from typing import Any
 
 import msgspec
 
 from onboard import agent_commands, agent_inputs
 from onboard.agent.core import AgentCore
-from onboard.bus.schema import Telemetry
+from onboard.bus.schema import Order, Telemetry
+from onboard.flight.context import FlightContext
+from onboard.flight.order_checks import refusal
+from onboard.flight.types import FlightStep
 from tests.onboard.agent.rig import Rig, fleet
 
 
@@ -22,7 +27,7 @@ def _neighbour(rig: Rig, **changes: object) -> None:
 FLYING: list[tuple[str, dict[str, object], str]] = [
     ("move", {"position_enu_m": (5.0, 0.0, 1.0)}, "outside the geofence"),
     ("move", {"position_enu_m": (0.0, 0.0, 3.5)}, "outside the geofence"),
-    ("move", {"position_enu_m": (0.0, 0.0, 0.05)}, "above its floor"),
+    ("move", {"position_enu_m": (0.0, 0.0, 0.05)}, "above the ground"),
     ("move", {"position_enu_m": (math.nan, 0.0, 1.0)}, "finite"),
     ("move", {"position_enu_m": None}, "finite"),
     ("move", {"position_enu_m": (1.0, 0.0, 1.0), "duration_s": math.inf}, "cannot take"),
@@ -64,6 +69,52 @@ def test_a_vehicle_on_the_ground_refuses() -> None:
         assert words in reply.reason, (kind, fields)
     rig.run(0.5)
     assert rig.count(agent_commands.SendAttitude) == 0
+
+
+def test_a_killed_vehicle_says_that_it_was_killed() -> None:
+    rig = Rig()
+    rig.fly()
+    assert rig.order("kill").is_accepted
+    rig.until("landed")
+    for kind in ("land", "move", "hold"):
+        reply = rig.order(kind, position_enu_m=(1.0, 0.0, 1.0))
+        assert not reply.is_accepted
+        assert reply.reason.startswith("Killed by order of tester. It is landed"), reply
+
+
+def test_a_vehicle_that_px4_lands_says_so_and_what_can_be_done() -> None:
+    config = fleet()
+    flight = FlightContext(
+        fleet=config,
+        vehicle=config.vehicles["mav0"],
+        step=FlightStep.PX4_LANDING,
+        reason="The link was lost.",
+    )
+    facts: Any = SimpleNamespace(view=SimpleNamespace(now_ns=1, is_flown_by_hand=False))
+    for kind in ("hold", "move"):
+        order = Order(
+            order_id="o1",
+            author="tester",
+            kind=kind,
+            stamp_ns=0,
+            deadline_ns=0,
+            position_enu_m=None,
+            height_m=0.0,
+            duration_s=0.0,
+        )
+        reason = refusal(order, flight, facts) or ""
+        assert "PX4 is landing the vehicle by itself (The link was lost)" in reason
+        assert "order kill if it must fall" in reason
+
+
+def test_a_vehicle_that_lands_is_to_be_waited_for() -> None:
+    rig = Rig()
+    rig.fly()
+    assert rig.order("land").is_accepted
+    rig.until("landing")
+    reply = rig.order("hold")
+    assert not reply.is_accepted
+    assert "wait until it is down" in reply.reason
 
 
 def test_a_vehicle_that_is_not_ready_says_the_first_reason() -> None:

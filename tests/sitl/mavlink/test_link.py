@@ -208,6 +208,21 @@ def test_unknown_parameters_get_no_value() -> None:
     )
 
 
+def test_v1_18_says_of_a_parameter_that_it_does_not_exist() -> None:
+    client = Client(emulator(px4="1.18"))
+    asked = client.send(
+        "PARAM_REQUEST_READ", param_id=b"NO_SUCH_PARAM", param_index=-1, target_system=1
+    )
+    to_be_set = client.send(
+        "PARAM_SET", param_id=b"NO_SUCH_PARAM", param_value=1.0, param_type=9, target_system=1
+    )
+    for answer in (*asked, *to_be_set):
+        assert answer.name == "PARAM_ERROR"
+        assert answer.fields["error"] == common.MAV_PARAM_ERROR_DOES_NOT_EXIST
+        assert answer.fields["param_id"].rstrip(b"\0") == b"NO_SUCH_PARAM"
+    assert (len(asked), len(to_be_set)) == (1, 1)
+
+
 def test_rates_are_raised_lowered_and_reset_by_command() -> None:
     client = Client(emulator())
     assert client.command(511, 32, 10_000) == [ACCEPTED]

@@ -126,6 +126,21 @@ def test_streams_without_data_are_accepted_and_stay_silent() -> None:
     assert "RC_CHANNELS" not in [m.name for m in client.collect(1.0)]
 
 
+def test_sticks_of_a_joystick_are_streamed_back_while_they_come() -> None:
+    emu = emulator()
+    client = Client(emu)
+    assert client.command(511, ID_BY_NAME["MANUAL_CONTROL"], 200_000) == [ACCEPTED]
+    assert "MANUAL_CONTROL" not in [m.name for m in client.collect(1.0)]
+
+    for _ in range(20):
+        client.send("MANUAL_CONTROL", target=1, x=100, y=-200, z=500, r=0)
+        heard = [m for m in client.collect(0.1) if m.name == "MANUAL_CONTROL"]
+    assert heard or [m for m in client.collect(0.2) if m.name == "MANUAL_CONTROL"]
+    run_for(emu, 0.6)
+    client.collect(0.1)
+    assert "MANUAL_CONTROL" not in [m.name for m in client.collect(1.0)]
+
+
 def test_a_requested_interval_is_that_of_the_stream_and_zero_for_unknown_messages() -> None:
     client = Client(emulator())
     for number, expected in ((32, 33333), (375, -1), (999, 0)):
