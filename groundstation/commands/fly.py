@@ -18,7 +18,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from groundstation.commands.parameters import BusOptions, FlightOptions, refuse_wrong_seed
+from groundstation.commands.parameters import BusOptions, FileName, FlightOptions, refuse_wrong_seed
 from groundstation.flights.flight_settings import new_folder, prepare
 from groundstation.flights.mission_flight import MissionFlight, clock_say
 from groundstation.mission_files.mission import Mission
@@ -29,7 +29,7 @@ _NO_BUS_OPTIONS = BusOptions()
 
 
 def fly(
-    mission: Annotated[str, Parameter(name="MISSION")],
+    mission: Annotated[FileName, Parameter(name="MISSION")],
     /,
     *,
     sitl: bool = False,

@@ -21,7 +21,13 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from groundstation.commands.parameters import FleetFile, Folder, LawName, refuse_wrong_seed
+from groundstation.commands.parameters import (
+    FileName,
+    FleetFile,
+    Folder,
+    LawName,
+    refuse_wrong_seed,
+)
 from groundstation.flights.flight_settings import (
     new_folder,
     open_folder,
@@ -34,12 +40,13 @@ from groundstation.flights.script_flight import (
     fly_script_in_real_time,
     refuse_what_is_no_script,
 )
+from onboard.config.file_reading import SCRIPT, read_text
 from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
 from onboard.plain_text import plain_lines
 
 
 def run(
-    script: Annotated[str, Parameter(name="SCRIPT")],
+    script: Annotated[FileName, Parameter(name="SCRIPT")],
     /,
     *arguments: Annotated[str, Parameter(name="ARGUMENT")],
     fleet: FleetFile,
@@ -71,7 +78,7 @@ def run(
     if lockstep or sitl:
         config = simulated_fleet(config, folder, law=law, has_free_ports=sitl, needs_ports=sitl)
 
-    files = {"fleet.toml": config.text, "script.py": Path(script).read_text(encoding="utf-8")}
+    files = {"fleet.toml": config.text, "script.py": read_text(script, SCRIPT)}
     open_folder(folder, files, is_headless=True)
     print(f"Everything goes to {folder}.", flush=True)
 

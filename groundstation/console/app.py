@@ -26,7 +26,7 @@ from textual.worker import Worker
 from groundstation.alarms.alarms import Alarms
 from groundstation.console.clients import ConsoleClient
 from groundstation.console.history import History
-from groundstation.console.mission_orders import MissionOrders
+from groundstation.console.mission_orders import Judge, MissionOrders
 from groundstation.console.mission_worker import Mission, MissionWorker
 from groundstation.console.order_entry import OrderEntry
 from groundstation.console.panel_sizes import LOW, NARROW, panel_sizes
@@ -63,6 +63,7 @@ class ConsoleApp(App[int]):
         connect: opens the bus in a worker.
         title: stands at the top; by default the fleet's name.
         progress: returns one line about the mission.
+        judge: judges the missions that are started here; None: by what the console has seen.
         has_bell: ring the terminal's bell for every new alarm.
         forecaster: computes previews; None sends every order at once.
     """
@@ -112,6 +113,7 @@ class ConsoleApp(App[int]):
         connect: Mission | None = None,
         title: str = "",
         progress: Callable[[], str] | None = None,
+        judge: Judge | None = None,
         has_bell: bool = False,
         forecaster: Forecaster | None = None,
     ) -> None:
@@ -135,7 +137,7 @@ class ConsoleApp(App[int]):
         self.mission = MissionWorker(
             self, self.panels, mission=mission, connect=connect, progress=progress
         )
-        self.orders.missions = MissionOrders(client, self.mission.begin)
+        self.orders.missions = MissionOrders(client, self.mission.begin, judge)
         self.shutdown = Shutdown(
             app=self,
             fleet=fleet,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Sequence
+from collections.abc import Awaitable, Callable, Sequence
 
 from msgspec.structs import replace
 
@@ -13,6 +13,7 @@ from groundstation.console.mission_worker import Mission
 from groundstation.mission_files.loading import load_mission
 from groundstation.mission_files.mission_findings import refuse_unflyable
 from groundstation.mission_files.python_file import load_function
+from groundstation.missions.beginning import begin_refusal
 from groundstation.missions.runner import MissionRun
 from groundstation.verdict.verdict import Verdict
 from onboard.config.fleet import ConfigError
@@ -25,6 +26,8 @@ USAGE = (
 _READY_S = 10.0  # within which all vehicles are ready
 _WATCH_S = 0.2  # between two looks for silent vehicles
 
+Judge = Callable[[MissionRun], Awaitable[Verdict]]
+
 
 class MissionOrders:
     """Takes written orders about missions.
@@ -33,13 +36,18 @@ class MissionOrders:
         client: of the fleet; only one that may order flies missions.
         begin: flies a mission in a worker, unless one flies already. Takes the mission, and the
             function that returns its line for the title.
+        judge: judges a mission that has ended with the record of the flight; None without one.
     """
 
     def __init__(
-        self, client: ConsoleClient, begin: Callable[[Mission, Callable[[], str]], bool]
+        self,
+        client: ConsoleClient,
+        begin: Callable[[Mission, Callable[[], str]], bool],
+        judge: Judge | None = None,
     ) -> None:
         self._client = client
         self._begin = begin
+        self._judge = judge
         self._run: MissionRun | None = None
         self._line = ""  # what the mission said last
 
@@ -87,6 +95,9 @@ class MissionOrders:
             if mission.is_python:
                 load_function(mission)
             refuse_unflyable(mission, client.state.is_simulated)
+            not_now = begin_refusal(mission, client.state)
+            if not_now:
+                return not_now
         except ConfigError as error:
             return str(error)
 
@@ -102,9 +113,13 @@ class MissionOrders:
     async def _fly(self, run: MissionRun) -> Verdict:
         watch = asyncio.create_task(_watched(run))
         try:
-            return await run.run()
+            verdict = await run.run()
         finally:
             watch.cancel()
+
+        if self._judge is None:
+            return verdict
+        return await self._judge(run)
 
     def _say(self, line: str) -> None:
         self._line = line.strip()
@@ -113,5 +128,5 @@ class MissionOrders:
 
 
 async def _watched(run: MissionRun) -> None:
-    while not run.abort_if_silent():  # noqa: ASYNC110 - silence is no event
+    while not run.look_after():  # noqa: ASYNC110 - silence is no event
         await asyncio.sleep(_WATCH_S)

@@ -111,7 +111,7 @@ class MissionWorker:
         if event.worker is self._mission_worker:
             self.status = _STATUS_BROKEN
             reason = f"The mission broke off: {type(error).__name__}: {error}"
-            self._show([reason, "Land with ctrl+l."])
+            self._show([reason, "Land with ctrl+l."], is_passed=False)
         elif event.worker is self._connect_worker:
             self.status = _STATUS_NO_CONNECTION
             sentence = f"No connection: {error} Press q to quit."
@@ -125,12 +125,13 @@ class MissionWorker:
     async def _fly(self, mission: Mission) -> object:
         verdict = await mission()
         sentences = getattr(verdict, "sentences", None) or str(verdict).splitlines()
-        self.status = _exit_status(verdict)
-        self._show([theme.clean(sentence) for sentence in sentences])
+        status = _exit_status(verdict)
+        # of several missions the first that has failed decides
+        self.status = self.status or status
+        self._show([theme.clean(sentence) for sentence in sentences], is_passed=status == 0)
         return verdict
 
-    def _show(self, sentences: Sequence[str]) -> None:
-        is_passed = self.status == 0
+    def _show(self, sentences: Sequence[str], *, is_passed: bool) -> None:
         self.verdict = sentences
         self._line = _PASSED if is_passed else _FAILED
 

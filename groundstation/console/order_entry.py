@@ -18,6 +18,7 @@ from collections.abc import Callable
 
 from textual.app import App
 
+from groundstation.client.client import FleetClient
 from groundstation.console import mission_orders, theme
 from groundstation.console.clients import ConsoleClient, OrderingClient
 from groundstation.console.kill_latch import KillLatch
@@ -29,9 +30,10 @@ from groundstation.console.theme import CALM, FAINT, KILL, PHASE_SIGNS, SEVERITY
 from groundstation.console.widgets.notices import notices
 from groundstation.console.widgets.order_line import CONTROL_ORDERS
 from groundstation.fleet.operator_control import FORCE_WORD
+from groundstation.orders.falling import below_words
 from groundstation.orders.forecast_process import Forecaster
 from groundstation.orders.grammar import OrderError, default_formation, parse
-from groundstation.orders.intents import INTENTS, Intent, Kill, Verb
+from groundstation.orders.intents import INTENTS, Intent, Kill, Land, Verb
 from groundstation.orders.plan import PlannedOrder
 from groundstation.orders.result import OrderResult, VehicleResult
 from onboard.config.fleet import ConfigError, FleetConfig
@@ -67,6 +69,8 @@ class OrderEntry:
         self._refresh = refresh
 
         self._ordering = client if isinstance(client, OrderingClient) else None
+        if isinstance(client, FleetClient):
+            client.has_person = True
         self._forecaster = forecaster if self._ordering is not None else None
         self._is_warm = False  # whether the forecaster's process was started
         self._everybody = ",".join(fleet.enabled_names)
@@ -312,7 +316,7 @@ class OrderEntry:
 
         # An order that fails here is sent again, and its error shown, when the key's turn comes.
         with contextlib.suppress(OrderError, RuntimeError):
-            sent = self._ordering.submit_now(INTENTS[verb](vehicles=self._fleet.enabled_names))
+            sent = self._ordering.submit_now(self._of_everybody(verb))
             self._sent_early.append(sent)
 
     async def order_all(self, verb: Verb) -> None:
@@ -320,13 +324,19 @@ class OrderEntry:
         if self._sent_early:
             self._follow(self._sent_early.popleft())
         elif self._fleet.enabled_names:
-            await self.send(INTENTS[verb](vehicles=self._fleet.enabled_names))
+            await self.send(self._of_everybody(verb))
         else:
             reason = "This fleet has nobody to order: no vehicle is enabled in its file."
             self._refuse(f"{verb} all", reason)
 
         # Only now: the order does not wait for the screen.
         self._close_preview()
+
+    def _of_everybody(self, verb: Verb) -> Intent:
+        """Return an order for all vehicles."""
+        if verb == "land":
+            return Land(vehicles=self._fleet.enabled_names, is_everybody=True)
+        return INTENTS[verb](vehicles=self._fleet.enabled_names)
 
     async def order_selected(self, verb: Verb) -> None:
         """Order something for the selected vehicles."""
@@ -351,8 +361,10 @@ class OrderEntry:
             self._close_preview()
             return True
 
+        sentence = below_words(names, self._fleet, self._client.state, self._client.now_ns())
         if key == _ENTER:
-            sentence = "Enter again within 1 s stops the motors: they fall."
+            sentence = f"Enter again within 1 s stops the motors: they fall. {sentence}".rstrip()
+        if sentence:
             self._panels.results.show_sentence(sentence, KILL)
         self._refresh()
         return False

@@ -24,6 +24,7 @@ from groundstation.flights.flight_settings import FlightSettings
 from groundstation.flights.interruption import listen, listen_no_more
 from groundstation.missions.runner import READY_TIMEOUT_SIM_S, MissionRun
 from groundstation.processes.fleet_processes import EMULATOR, start_fleet
+from groundstation.processes.priority import take_priority
 from groundstation.processes.supervisor import ProcessError, Processes
 from groundstation.recording.channels import RECORDED
 from groundstation.recording.writer import FLUSH_PERIOD_S, RecordWriter
@@ -52,6 +53,7 @@ class MissionFlight:
         self._client: FleetClient | None = None
         self._record: RecordWriter | None = None
         self._run: MissionRun | None = None
+        self._verdicts: list[Verdict] = []  # on the missions so far
         self._main: asyncio.Task[int] | None = None
         self._signals = 0  # interrupts so far
 
@@ -79,7 +81,11 @@ class MissionFlight:
 
         async with self._open() as client:
             run = MissionRun(
-                self.settings.mission, client, say=self._say, ready_timeout_s=ready_timeout_s
+                self.settings.mission,
+                client,
+                say=self._say,
+                ready_timeout_s=ready_timeout_s,
+                stays=self.settings.is_headless,
             )
             self._run = run
             if self._signals:
@@ -116,6 +122,7 @@ class MissionFlight:
                 mission=self._mission,
                 title=title,
                 progress=lambda: self._last_line,
+                judge=self._judge,
                 forecaster=Forecaster(),
             )
             status = await console.run_to_end()
@@ -164,6 +171,7 @@ class MissionFlight:
                 start_fleet(self._fleet, folder, self.settings.seed, self._processes)
 
             await client.start()
+            client.publish_event("debug", "priority", take_priority())
             client.announce_recording(record.failure is None)
             yield client
         finally:
@@ -186,9 +194,12 @@ class MissionFlight:
     async def _mission(self) -> Verdict:
         """Run the mission to its end; return the verdict on the record."""
         assert self._run is not None
-        assert self._record is not None
         await self._run.run()
+        return await self._judge(self._run)
 
+    async def _judge(self, run: MissionRun) -> Verdict:
+        """Return the verdict on a mission that has ended, by the record so far."""
+        assert self._record is not None
         if self.settings.is_headless and self._client is not None:
             await asyncio.to_thread(self._record.stop)
         else:
@@ -196,17 +207,19 @@ class MissionFlight:
             # what was written until now.
             await asyncio.sleep(FLUSH_PERIOD_S + _FLUSH_MARGIN_S)
 
-        return await asyncio.to_thread(
+        verdict = await asyncio.to_thread(
             final_verdict,
-            self._run.flown(),
-            self.settings.mission.expect,
+            run.flown(),
+            run.mission.expect,
             self.settings.folder,
-            begin_ns=self._record.begin_ns,
-            record_failure=self._record.failure,
+            self._record.end,
+            earlier=tuple(self._verdicts),
         )
+        self._verdicts.append(verdict)
+        return verdict
 
     async def _watch_processes(self, run: MissionRun) -> None:
-        """Abort the mission when a process has ended, or when nobody of the fleet is heard."""
+        """End the mission when a process has ended, or when its fleet is taken or silent."""
         while True:  # asyncio cannot wait for the end of these children, so it looks at intervals
             await asyncio.sleep(_PROCESS_CHECK_PERIOD_S)
 
@@ -220,7 +233,7 @@ class MissionFlight:
                 run.abort(reason, can_land=EMULATOR not in names)
                 return
 
-            if run.abort_if_silent():
+            if run.look_after():
                 return
 
     def _listen(self) -> None:

@@ -19,11 +19,14 @@ from groundstation.flights.mission_flight import clock_say
 from groundstation.missions.connection import Host, RealTime, run_script
 from groundstation.missions.readiness import NotReady
 from groundstation.missions.runner import READY_TIMEOUT_SIM_S
+from groundstation.missions.taken import FleetTaken
 from groundstation.orders.result import OrderFailed
 from groundstation.processes.fleet_processes import start_fleet
 from groundstation.processes.supervisor import Processes
+from groundstation.recording.writer import RecordEnd
 from groundstation.verdict.expectations import Expect
 from groundstation.verdict.final_verdict import final_verdict
+from onboard.config.file_reading import SCRIPT, python_tree, read_text
 from onboard.config.fleet import ConfigError, FleetConfig
 from onboard.exit_status import EXIT_FAILED, EXIT_INTERRUPTED, EXIT_OK
 from onboard.plain_text import plain_lines
@@ -42,15 +45,7 @@ def refuse_what_is_no_script(path: str) -> None:
     Raises:
         ConfigError: it cannot be read, is not Python, or is a mission.
     """
-    try:
-        tree = ast.parse(Path(path).read_text(encoding="utf-8"), path)
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(
-            f"{path}: this script cannot be read ({error}). Check the path."
-        ) from None
-    except (SyntaxError, ValueError) as error:
-        raise ConfigError(f"{path}: not valid Python: {error}. Correct that line.") from None
-
+    tree = python_tree(read_text(path, SCRIPT), path)
     for node in tree.body:
         if isinstance(node, ast.AsyncFunctionDef) and node.name == "mission":
             raise ConfigError(
@@ -126,14 +121,9 @@ def fly_script(
     # Whoever flies on has to be declared: a script says so with the state in which it leaves.
     is_up = any(view.is_airborne for view in host.flown.state.vehicles.values())
     may_stay_up = is_up and host.at_end == "hold"
-    begin_ns, record_failure = host.end_record()
-    verdict = final_verdict(
-        host.flown,
-        Expect(all_landed=not may_stay_up),
-        folder,
-        begin_ns=begin_ns,
-        record_failure=record_failure,
-    )
+    record_end = host.end_record() or RecordEnd(begin_ns=host.flown.begin_ns)
+    expect = Expect(all_landed=not may_stay_up)
+    verdict = final_verdict(host.flown, expect, folder, record_end)
 
     for line in verdict.sentences:
         print(plain_lines(line), flush=True)
@@ -154,7 +144,7 @@ def _run_to_end(
         return _ScriptEnd(EXIT_INTERRUPTED, "")
     except SystemExit as error:
         return _end_by_exit(error.code)
-    except (ConfigError, NotReady, OrderFailed, TimeoutError) as error:
+    except (ConfigError, FleetTaken, NotReady, OrderFailed, TimeoutError) as error:
         return _ScriptEnd(EXIT_FAILED, str(error))
     except Exception as error:  # noqa: BLE001 - the script's author sees it; the fleet has been left
         traceback.print_exc()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 from collections.abc import AsyncIterator, Callable
 from pathlib import Path
@@ -15,6 +16,7 @@ from groundstation.missions.group import Group, Vehicles
 from groundstation.missions.landing import land_all
 from groundstation.missions.readiness import NotReady as NotReady  # missions import it from here
 from groundstation.missions.readiness import is_ready, not_ready
+from groundstation.missions.taken import Taken, flown_by_hand, stay
 from groundstation.missions.vehicle import MissionVehicle
 from groundstation.orders.intents import Hold, Home
 from groundstation.orders.result import OrderFailed as OrderFailed
@@ -84,35 +86,63 @@ class Fleet(Group):
             try:
                 if ready_timeout_s != 0.0:
                     await flown.ready(ready_timeout_s)
+                flown.ground.watch.begin()
                 yield flown
             finally:
-                await flown.leave(at_end)
+                flown.ground.note_other_ends()
+                taken = flown.ground.watch.look()
+                if taken is None:
+                    await flown.leave(at_end)
+                else:
+                    await flown._leave_to(taken, begin_ns)
                 host.flown = FlightObservations(
                     mission="script",
                     fleet=client.fleet,
                     state=client.state,
                     steps=flown.steps,
                     arrivals=flown.arrivals,
+                    other_ends=flown.ground.other_ends,
                     begin_ns=begin_ns,
                     end_ns=client.now_ns(),
+                    is_taken=taken is not None,
+                    is_left_flying=taken is not None,
                 )
 
     async def leave(self, at_end: AtEnd) -> None:
-        """Leave vehicles that still fly in this state.
+        """Leave vehicles that still fly in this state; those that pilots fly by hand as they are.
 
         Args:
             at_end: land them where they are, at their take-off spots, or have them hold.
         """
-        up = tuple(name for name in self._names if self.state.vehicles[name].is_airborne)
+        pilots = flown_by_hand(self.client)
+        up = tuple(
+            name
+            for name in self._names
+            if self.state.vehicles[name].is_airborne and name not in pilots
+        )
 
         if at_end == "hold":
             if up:
-                await self.client.order(Hold(vehicles=up), _HOLD_S)
+                await self.client.order(Hold(vehicles=up), _HOLD_S, is_by_mission=True)
             return
 
         if at_end == "home" and up:
-            await self.client.order(Home(vehicles=up), _HOME_S)
+            await self.client.order(Home(vehicles=up), _HOME_S, is_by_mission=True)
         await self.land_all()
+
+    async def _leave_to(self, taken: Taken, begin_ns: int) -> None:
+        """Stay beside a fleet that somebody has taken, until it is down; Ctrl-C lands all.
+
+        Args:
+            taken: by whom.
+            begin_ns: of the script, on the ground's clock.
+        """
+        self.say(taken.sentence)
+        try:
+            await stay(self.client, taken, begin_ns, self.say)
+        except asyncio.CancelledError:
+            await self.land_all(is_by_person=True)
+            raise
 
     @property
     def say(self) -> Callable[[str], None]:
@@ -250,5 +280,6 @@ class Fleet(Group):
             timeout_s,
             say=self.say,
             link=self.ground.link,
+            watch=self.ground.watch,
             is_by_person=is_by_person,
         )

@@ -16,6 +16,7 @@ from onboard.config.fleet import Vec3
 from onboard.config.pair_separation import separation_m
 
 ARRIVED_M = 0.15
+_AT_ONCE_S = 0.7  # between the last telemetry of vehicles that fell silent for the same reason
 
 
 class Moment(NamedTuple):
@@ -147,15 +148,15 @@ def flying(vehicles: Sequence[str] | str | None = None) -> WaitCondition:
 def fails(vehicles: Sequence[str] | str | None = None) -> WaitCondition:
     """One of these vehicles is lost: it has failed, lands without an order, or is silent in flight.
 
+    Several that fall silent at once are not lost: this ground has lost its own link.
+
     Args:
         vehicles: names, or one; None: anybody.
     """
 
     def failed(moment: Moment) -> list[str]:
         return [
-            name
-            for name, view in _views(moment, vehicles).items()
-            if _has_failed(view, moment.now_ns)
+            name for name, view in _views(moment, vehicles).items() if _has_failed(view, moment)
         ]
 
     return WaitCondition(
@@ -252,16 +253,32 @@ def _closest_words(moment: Moment) -> str:
     return f"the closest pair is {_closest_m(moment):.2f} m apart"
 
 
-def _has_failed(view: VehicleView, now_ns: int) -> bool:
+def _has_failed(view: VehicleView, moment: Moment) -> bool:
     """Whether a vehicle is lost: failed, silent in flight, or landing without an order."""
     telemetry = view.telemetry
     if telemetry is None:
         return False
     if telemetry.state == "failed":
         return True
-    if telemetry.is_armed and not view.is_fresh(now_ns):
-        return True
+    if telemetry.is_armed and not view.is_fresh(moment.now_ns):
+        return not _is_own_silence(view, moment)
     return telemetry.state == "landing" and not telemetry.order_id
+
+
+def _is_own_silence(silent: VehicleView, moment: Moment) -> bool:
+    """Whether this ground hears nobody who flies, or was late itself.
+
+    The telemetry of several vehicles never ends at the same moment, so the others count as heard
+    only when they were heard some time after this one.
+    """
+    if moment.state.is_after_stall(moment.now_ns):
+        return True
+
+    others = [view for view in moment.state.vehicles.values() if view is not silent]
+    heard_ns = [view.received_ns for view in others if view.is_armed]
+    if not heard_ns:
+        return False
+    return (max(heard_ns) - silent.received_ns) * 1e-9 < _AT_ONCE_S
 
 
 def _views(moment: Moment, vehicles: Sequence[str] | str | None) -> dict[str, VehicleView]:

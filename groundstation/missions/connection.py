@@ -20,7 +20,7 @@ from typing import Any, Protocol, TypeVar
 
 from groundstation.client.client import FleetClient
 from groundstation.recording.channels import RECORDED
-from groundstation.recording.writer import RecordWriter
+from groundstation.recording.writer import RecordEnd, RecordWriter
 from groundstation.verdict.observations import FlightObservations
 from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
 
@@ -47,12 +47,8 @@ class Host(Protocol):
     def end_calls(self) -> None:
         """End what :meth:`call` needs; a second call does nothing."""
 
-    def end_record(self) -> tuple[int, str | None]:
-        """Finish the record.
-
-        Returns:
-            Its begin on the ground's clock [ns], and a sentence when it ended early.
-        """
+    def end_record(self) -> RecordEnd | None:
+        """Finish the record; return how it has ended, None without one."""
 
 
 _hosts: list[Host] = []
@@ -214,14 +210,9 @@ class RealTime:
             future.cancel()
             raise
 
-    def end_record(self) -> tuple[int, str | None]:
-        """Return the begin of the record, and why it ended early.
-
-        It has ended with the connection.
-        """
-        if self._record is None:
-            return (0, None)
-        return (self._record.begin_ns, self._record.failure)
+    def end_record(self) -> RecordEnd | None:
+        """Return how the record has ended with the connection; None without one."""
+        return None if self._record is None else self._record.end
 
     def end_calls(self) -> None:
         """End the thread; a second call does nothing."""

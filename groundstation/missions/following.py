@@ -12,11 +12,13 @@ from collections.abc import Mapping, Sequence
 
 from groundstation.client.client import FleetClient
 from groundstation.missions.ground import MissionGround
+from groundstation.missions.taken import FleetTaken
 from groundstation.orders.intents import Goto, Hold
 from groundstation.orders.result import OrderFailed, Results
 from groundstation.paths.checks import LOWEST_M
 from onboard.bus.schema import Vec3
-from onboard.config.fleet import ConfigError, FleetConfig
+from onboard.config.fleet import ConfigError, FleetConfig, Vehicle
+from onboard.config.ground import floor_m, least_height_m
 
 _PERIOD_S = 0.5
 _AHEAD_S = 1.0  # a new leg takes about that long to get under way
@@ -57,7 +59,11 @@ async def follow(
             if not _have_moved(goals, last_goals):
                 last_good_ns = client.now_ns()
             else:
-                order = await client.submit(Goto(vehicles=tuple(goals), goals=goals))
+                taken = ground.watch.look()
+                if taken is not None:
+                    raise FleetTaken(taken)
+                goto = Goto(vehicles=tuple(goals), goals=goals)
+                order = await client.submit(goto, is_by_mission=True)
                 if not order.planned.refusals:
                     last_goals = goals
                     last_good_ns = client.now_ns()
@@ -65,7 +71,10 @@ async def follow(
                     raise OrderFailed(order.intent, dict(order.results))
             await asyncio.sleep(_PERIOD_S)
     finally:
-        results = await ground.order(Hold(vehicles=tuple(offsets)), _HOLD_S)
+        results: Results = {}
+        # who has taken the fleet has ordered them already
+        if ground.watch.look() is None:
+            results = await ground.order(Hold(vehicles=tuple(offsets)), _HOLD_S)
     return results
 
 
@@ -122,12 +131,12 @@ def _goals(client: FleetClient, leader: str, offsets: Mapping[str, Vec3]) -> dic
     goals = {}
     for name, (x, y, z) in offsets.items():
         goal = (ahead_enu_m[0] + x, ahead_enu_m[1] + y, ahead_enu_m[2] + z)
-        goals[name] = _inside(client.fleet, goal)
+        goals[name] = _inside(client.fleet, client.fleet.vehicles[name], goal)
     return goals
 
 
-def _inside(fleet: FleetConfig, goal: Vec3) -> Vec3:
-    """Return the nearest point inside the fence, a little above its floor."""
-    fence = fleet.fleet.geofence_m
-    x, y, z = fence.nearest_inside(goal, _INSIDE_M)
-    return (x, y, max(z, fence.z[0] + LOWEST_M))
+def _inside(fleet: FleetConfig, follower: Vehicle, goal: Vec3) -> Vec3:
+    """Return the nearest point inside the fence, not too low above the ground."""
+    x, y, z = fleet.fleet.geofence_m.nearest_inside(goal, _INSIDE_M)
+    least_m = max(LOWEST_M, least_height_m(follower))
+    return (x, y, max(z, floor_m(fleet) + least_m))

@@ -6,12 +6,16 @@ import asyncio
 from collections.abc import Callable
 
 from groundstation.client.client import FleetClient
+from groundstation.missions.hover_check import check_wind
 from groundstation.missions.own_link import OwnLink
-from groundstation.orders.intents import Intent
+from groundstation.missions.taken import FleetTaken, FleetWatch
+from groundstation.orders.intents import Intent, Takeoff
 from groundstation.orders.obstruction import explained
 from groundstation.orders.plan import PlannedOrder
 from groundstation.orders.result import OrderFailed, OrderResult, Results
-from groundstation.verdict.observations import Arrival, StepResult, arrival_of, smallest
+from groundstation.verdict.observations import Arrival, StepResult, arrival_of
+from groundstation.verdict.other_ends import LastOrder, last_order, other_ends
+from onboard.bus.schema import Order
 from onboard.config.fleet import Vec3
 
 
@@ -29,9 +33,14 @@ class MissionGround:
         self.client = client
         self.say = say
         self.link = OwnLink(client)
+        self.watch = FleetWatch(client)
+        self.has_begun = False  # a vehicle has taken an order of this mission
         self.steps: list[StepResult] = []
         self.arrivals: list[Arrival] = []
         self.left_out: set[str] = set()  # vehicles that the mission goes on without
+        # vehicles that went down though their last order left them flying, each with a sentence
+        self.other_ends: dict[str, str] = {}
+        self._last_orders: dict[str, LastOrder] = {}
         self.goes_on_without = False  # a vehicle that fails is left out; the others go on
         self._is_stepping = False
         self._next = asyncio.Event()  # set by `go_on`
@@ -56,6 +65,8 @@ class MissionGround:
         Raises:
             ConfigError: the order is none.
             OrderFailed: a vehicle did not do it, and the mission does not go on without it.
+            WindTooStrong: it has taken off, and feels more wind than its limit.
+            FleetTaken: somebody has taken the fleet; nothing was sent, or it was replaced.
         """
         if self._is_stepping and intent.waits_for_step:
             self._next.clear()
@@ -63,6 +74,11 @@ class MissionGround:
             await self._next.wait()
 
         await self.link.heard()
+        self.note_other_ends()
+        taken = self.watch.look()
+        if taken is not None:
+            raise FleetTaken(taken)
+
         self.say(f"{intent}")
         client = self.client
         begin_ns = client.now_ns()
@@ -77,10 +93,20 @@ class MissionGround:
             goal = message.position_enu_m
             if goal is not None and not message.then_land:
                 self.add_arrival(intent.verb, name, goal)
+            self.note_done(str(intent), name, message, results)
         duration_s = (client.now_ns() - begin_ns) * 1e-9
         self._log(step_result(str(intent), duration_s, results), results)
+        if any(result.phase != "refused" for result in results.values()):
+            self.has_begun = True
 
+        taken = await self.watch.after_failure(results)
+        if taken is not None:
+            raise FleetTaken(taken)
         self._go_on_or_fail(intent, results)
+        if isinstance(intent, Takeoff):
+            wind = check_wind(client.state, results)
+            if wind:
+                self.say(wind)
         return results
 
     def go_on(self, *, is_stepping: bool) -> None:
@@ -114,16 +140,56 @@ class MissionGround:
         view = self.client.state.vehicles[name]
         self.arrivals.append(arrival_of(step, view, goal, self.client.now_ns()))
 
+    def note_done(self, words: str, name: str, message: Order, results: Results) -> None:
+        """Note what an order leaves behind of a vehicle that has done it.
+
+        Args:
+            words: of the order.
+            name: of the vehicle.
+            message: to it.
+            results: of the order.
+        """
+        done = last_order(words, message, self.client.now_ns())
+        if done is not None and results[name].is_done:
+            self._last_orders[name] = done
+
+    def note_other_ends(self) -> None:
+        """Note and say which vehicles went down though their last order left them flying."""
+        for name, sentence in other_ends(self._last_orders, self.client.state).items():
+            del self._last_orders[name]
+            self.other_ends[name] = sentence
+            self.say(sentence)
+            if self.goes_on_without:
+                self.leave_out(name)
+
     async def _end_of(self, order: OrderResult, timeout_s: float) -> Results:
-        """Wait for the end of an order; time without this ground's own link does not count."""
+        """Wait for the end of an order; time without this ground's own link does not count.
+
+        An order that was sent into the silence is sent again when the link is back.
+        """
         left_s = timeout_s
         while True:
             lost_s = self.link.lost_s
             ended = await order.wait(left_s)
-            await self.link.heard()
+            is_back = await self.link.heard()
             left_s = self.link.lost_s - lost_s
+
+            is_back = (is_back or left_s > 0.0) and not self.link.is_lost
+            if is_back and self._send_again(order):
+                left_s = timeout_s
+                continue
             if order.is_final or left_s <= 0.0:
                 return dict(order.results) if order.is_final else ended
+
+    def _send_again(self, order: OrderResult) -> bool:
+        """Send an order once more to the vehicles that have not answered; return whether any."""
+        names = [name for name, one in order.results.items() if one.phase == "no answer"]
+        if not names:
+            return False
+
+        self.say(f"  The link is back: sent again to {', '.join(names)}.")
+        self.client.send_again(order, names)
+        return True
 
     def _log(self, step: StepResult, results: Results) -> None:
         """Keep the result of an order, and say it."""
@@ -151,7 +217,7 @@ class MissionGround:
             raise OrderFailed(intent, results)
 
     def _closest_words(self) -> str:
-        near = smallest(self.client.state)
+        near = self.client.state.smallest_known
         if near is None:
             return ""
         return f"; smallest distance so far {near.distance_m:.2f} m ({near.first}, {near.second})"

@@ -394,7 +394,9 @@ class Group:
 
     async def land(self, vehicles: Vehicles = "all", *, timeout_s: float = 40.0) -> Results:
         """Land and disarm."""
-        return await self.order(Land(vehicles=self.select(vehicles)), timeout_s)
+        is_everybody = vehicles in ("all", ["all"])
+        intent = Land(vehicles=self.select(vehicles), is_everybody=is_everybody)
+        return await self.order(intent, timeout_s)
 
     async def kill(self, vehicles: Vehicles, *, timeout_s: float = 5.0) -> Results:
         """Stop the motors at once, also in the air: the vehicles fall. They have to be named.

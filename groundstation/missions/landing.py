@@ -5,6 +5,8 @@ broken, PX4 may have landed by itself. So this asks the vehicles, not the orders
 down, and does not land, is ordered to land again, until all are down or the time is over.
 
 While this ground hears nobody, a mission waits for its link, and a person does not.
+
+Vehicles that a pilot flies by hand are left to him, and not waited for.
 """
 
 from __future__ import annotations
@@ -15,6 +17,7 @@ from groundstation.client.client import FleetClient
 from groundstation.fleet.descent import longest_descent_s
 from groundstation.fleet.state import FleetState
 from groundstation.missions.own_link import OwnLink, silent_in_flight
+from groundstation.missions.taken import FleetWatch, flown_by_hand
 from groundstation.orders.intents import Land
 from groundstation.orders.result import OrderResult, Results
 
@@ -33,6 +36,7 @@ async def land_all(
     *,
     say: Callable[[str], None],
     link: OwnLink,
+    watch: FleetWatch,
     is_by_person: bool = False,
 ) -> bool:
     """Land all vehicles that are not down yet.
@@ -46,13 +50,16 @@ async def land_all(
         timeout_s: longest wait beyond twice the time that the descent from their heights takes [s].
         say: progress in words.
         link: of this ground.
+        watch: of the mission's fleet: once somebody has taken it, only a person lands it.
         is_by_person: a person wants it, and not only the mission: it waits for no link, and goes
             straight to PX4s whose agents do not answer.
 
     Returns:
-        Whether all are landed and disarmed.
+        Whether all are landed and disarmed that no pilot flies by hand.
     """
     up = tuple(name for name in client.fleet.enabled_names if _may_fly(client, name))
+    for name in flown_by_hand(client):
+        say(f"{name} is flown by hand: `land {name}` takes it.")
     descent_s = longest_descent_s(client.fleet, client.state)
     end_ns = client.now_ns() + int((timeout_s + _PATIENCE * descent_s) * 1e9)
 
@@ -71,10 +78,17 @@ async def land_all(
 
     left = up
     while left and client.now_ns() < end_ns:
+        pilots = flown_by_hand(client)
+        left = tuple(name for name in left if name not in pilots)
+        if not left:
+            return True
+
         if not is_by_person:
             lost_s = link.lost_s
             await link.heard()
             end_ns += round((link.lost_s - lost_s) * 1e9)
+            if watch.look() is not None:
+                return False
 
         ordered = tuple(name for name in left if not _is_landing(client, name))
         if not ordered:
@@ -84,7 +98,7 @@ async def land_all(
             continue
 
         say_once(f"Landing {', '.join(ordered)}.")
-        planned = client.plan(Land(vehicles=ordered))
+        planned = client.plan(Land(vehicles=ordered, is_everybody=True))
         order = client.send(planned, is_by_mission=not is_by_person)
         await client.wait_for(_has_ended(client, order), (end_ns - client.now_ns()) * 1e-9)
 
@@ -134,7 +148,9 @@ def _all_down(client: FleetClient, names: Sequence[str]) -> Callable[[FleetState
 
 
 def _is_down(client: FleetClient, name: str) -> bool:
-    """Whether it is landed and nothing may take it up again."""
+    """Whether it is landed and nothing may take it up again, or a pilot's."""
+    if name in flown_by_hand(client):
+        return True
     return client.state.is_landed(name) and not client.may_start(name)
 
 

@@ -84,12 +84,19 @@ class OwnLink:
         elif self._hears_nobody():
             self._lose()
 
-    async def heard(self) -> None:
-        """Wait while the link is lost, at most until the agents land by themselves."""
+    async def heard(self) -> bool:
+        """Wait while the link is lost, at most until the agents land by themselves.
+
+        Returns:
+            Whether there was something to wait for, and the link is back.
+        """
         self.look()
+        has_waited = False
         while self._is_losing() or (self._is_lost and self.landing_in_s > 0.0):
+            has_waited = True
             await asyncio.sleep(_LOOK_PERIOD_S)
             self.look()
+        return has_waited and not self._is_lost
 
     # -- the loss ----------------------------------------------------------------------------------
 
@@ -147,6 +154,7 @@ class OwnLink:
                 self._count_down()
                 return
             self._back_ns = now_ns
+            self._client.notice_own_link()
 
         flying = self._in_flight()
         is_all_heard = all(vehicles[name].is_fresh(now_ns) for name in flying)
@@ -158,6 +166,7 @@ class OwnLink:
         self._lost_before_s += silent_for_s
         self._is_lost = False
         self._settled_ns = now_ns + round(SILENT_S * 1e9)
+        self._client.notice_own_link()
         sentence = f"The link is back after {silent_for_s:.1f} s: the mission goes on."
         self._client.publish_event("warning", "own_link_back", sentence)
 

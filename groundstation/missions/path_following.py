@@ -19,6 +19,7 @@ from groundstation.orders.result import OrderFailed, OrderResult, Results
 from groundstation.paths.lights import Colour, Light, colour_at
 from groundstation.verdict.observations import StepResult
 from onboard.bus.schema import Light as LightMessage
+from onboard.bus.schema import Order
 from onboard.bus.topics import Topic
 from onboard.config.fleet import Vec3
 from onboard.control.path import Path, point_at
@@ -45,6 +46,9 @@ class PathGround(Protocol):
 
     def add_arrival(self, step: str, name: str, goal: Vec3) -> None:
         """Note how far a vehicle is from its goal now."""
+
+    def note_done(self, words: str, name: str, message: Order, results: Results) -> None:
+        """Note what an order leaves behind of a vehicle that has done it."""
 
 
 async def follow_paths(
@@ -99,6 +103,7 @@ async def follow_paths(
         if result.is_done:
             end = point_at(paths[name], longest_s).position_enu_m
             ground.add_arrival("follow_path", name, end)
+            ground.note_done("follow_path", name, order.planned.orders[name], results)
         else:
             ground.say(f"  {name} {result.phase}: {result.sentence}")
     ground.say(f"  followed in {duration_s - AHEAD_S:.1f} s")
@@ -132,7 +137,7 @@ async def _start(ground: PathGround, paths: Paths, on_lag: OnLag) -> OrderResult
     if any(result.phase != "accepted" for result in order.results.values()):
         results = dict(order.results)
         # Also those hold whose reply may have been lost.
-        await client.order(Hold(vehicles=tuple(paths)), AHEAD_S)
+        await client.order(Hold(vehicles=tuple(paths)), AHEAD_S, is_by_mission=True)
         _require_done(ground, results, "follow_path")
     return order
 

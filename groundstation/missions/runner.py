@@ -19,8 +19,11 @@ from groundstation.fleet.state import FleetState
 from groundstation.mission_files.mission import Mission, with_shapes
 from groundstation.mission_files.python_file import load_function
 from groundstation.missions.api import Fleet, NotReady, OrderFailed
+from groundstation.missions.beginning import begin_refusal
+from groundstation.missions.hover_check import WindTooStrong
 from groundstation.missions.own_link import SILENT_S, silent_in_flight
 from groundstation.missions.step_runner import MissionFailed, StepRunner
+from groundstation.missions.taken import Taken, flown_by_hand, pilot_words, stay
 from groundstation.orders.intents import Home
 from groundstation.verdict.observations import FlightObservations
 from groundstation.verdict.verdict import Verdict, judge
@@ -33,7 +36,11 @@ LAST_TELEMETRY_S = 0.5
 _HOLD_TIMEOUT_S = 15.0
 
 # What a mission may end with; anything else is a mistake of its author, shown with its trace.
-_FAILURES = (OrderFailed, MissionFailed, FaultRefused, ConfigError)
+_FAILURES = (OrderFailed, MissionFailed, FaultRefused, WindTooStrong, ConfigError)
+
+
+class _NotBegun(RuntimeError):
+    """A mission cannot begin with the fleet as it is."""
 
 
 class MissionRun:
@@ -44,6 +51,7 @@ class MissionRun:
         client: started.
         say: progress in words.
         ready_timeout_s: how long to wait for the vehicles before the first step.
+        stays: stay beside a fleet that somebody has taken from the mission, until it is down.
     """
 
     def __init__(
@@ -53,6 +61,7 @@ class MissionRun:
         *,
         say: Callable[[str], None] = lambda line: None,
         ready_timeout_s: float = 60.0,
+        stays: bool = False,
     ) -> None:
         self.mission = mission
         self.client = client
@@ -61,8 +70,12 @@ class MissionRun:
 
         self._ready_timeout_s = ready_timeout_s
         self._task: asyncio.Task[Any] | None = None  # flies the steps
+        self._stays = stays
+        self._staying: asyncio.Task[None] | None = None  # beside a fleet that was taken
         self._abort_reason: str | None = None  # from outside
+        self._is_declared = False  # [on_failure] counts for that reason
         self._can_land = True
+        self._has_begun = False
         self._is_over = False
 
         now_ns = client.now_ns()
@@ -91,7 +104,9 @@ class MissionRun:
         except asyncio.CancelledError:
             self.interrupt()
             await asyncio.wait({task})
+        self.fleet.ground.note_other_ends()  # before the mission itself lands those that still fly
         await self._bring_down(task)
+        self._note_later_pilots()
 
         # Ends of orders are never lost, but telemetry may be: the next one shows the result of the
         # last step.
@@ -113,6 +128,8 @@ class MissionRun:
         self._flown.is_interrupted = True
         if self._task is not None:
             self._task.cancel()
+        if self._staying is not None:
+            self._staying.cancel()
 
     def abort(self, reason: str, *, can_land: bool = True) -> None:
         """End the mission as failed, for a reason from outside.
@@ -128,6 +145,46 @@ class MissionRun:
         self._can_land = can_land
         if self._task is not None:
             self._task.cancel()
+        if self._staying is not None:
+            self._staying.cancel()
+
+    def look_after(self) -> bool:
+        """End the mission when somebody has taken its fleet or a vehicle, or when it is silent.
+
+        Call it several times a second.
+
+        Returns:
+            Whether there is nothing left to look for.
+        """
+        watch = self.fleet.ground.watch
+        if not self._has_begun:
+            return self.abort_if_silent()
+        if watch.taken is not None:
+            self.client.notice_own_stall()
+            return False
+
+        if watch.look() is not None:
+            if self._task is not None:
+                self._task.cancel()
+            return False
+
+        self._look_for_pilots()
+        return self._abort_reason is not None or self.abort_if_silent()
+
+    def _look_for_pilots(self) -> None:
+        """Go on without vehicles that pilots fly by hand, where the mission declares that."""
+        names = self.fleet.names
+        pilots = [name for name in flown_by_hand(self.client) if name in names]
+        if not pilots:
+            return
+
+        if self.fleet.ground.goes_on_without and len(pilots) < len(names):
+            self.fleet.leave_out(*pilots)
+            return
+        reason = pilot_words(pilots)
+        self.client.publish_event("critical", "flown-by-hand", f"{reason} The mission ends.")
+        self._is_declared = True
+        self.abort(reason)
 
     def abort_if_silent(self) -> bool:
         """End the mission when a vehicle whose last telemetry was armed is silent for SILENT_S.
@@ -167,6 +224,7 @@ class MissionRun:
         """Return the observations so far."""
         self._flown.state = self.client.state
         self._flown.left_out = self.fleet.ground.left_out
+        self._flown.other_ends = self.fleet.ground.other_ends
         return self._flown
 
     async def _steps(self) -> None:
@@ -174,7 +232,14 @@ class MissionRun:
         self.fleet.say(f"Waiting for {', '.join(self.fleet.names)} to be ready.")
         await self.fleet.ready(self._ready_timeout_s)
 
+        refusal = begin_refusal(self.mission, self.client.state)
+        if refusal:
+            raise _NotBegun(refusal)
+
+        self.client.forget_distances()
         self._flown.begin_ns = self.client.now_ns()
+        self.fleet.ground.watch.begin()
+        self._has_begun = True
         advised = advice_of(
             self.client.state, self.fleet.names, is_recording=self.client.is_recording
         )
@@ -196,22 +261,85 @@ class MissionRun:
 
     async def _bring_down(self, task: asyncio.Task[Any]) -> None:
         """Do what the end of the steps demands; after the last step nothing."""
-        if task.cancelled():
-            await self._bring_down_after_a_stop()
+        has_ended_by_itself = not task.cancelled() and task.exception() is None
+        if has_ended_by_itself:
             return
 
+        taken = self.fleet.ground.watch.look() if self._has_begun else None
+        if taken is not None and not self._flown.is_interrupted:
+            await self._leave_to(taken)
+            return
+
+        if task.cancelled():
+            await self._bring_down_after_a_stop()
+        else:
+            await self._bring_down_after_a_failure(task)
+
+        taken = self.fleet.ground.watch.look() if self._has_begun else None
+        if taken is not None and not self._flown.is_interrupted:
+            await self._leave_to(taken)
+
+    async def _bring_down_after_a_failure(self, task: asyncio.Task[Any]) -> None:
+        """Do what the mission declares for a failure, where it has begun at all."""
         error = task.exception()
         if isinstance(error, NotReady):
             self._flown.failure = str(error)
             self._flown.nobody = not error.heard
             self.fleet.say(str(error))
+        elif isinstance(error, _NotBegun):
+            self._flown.failure = str(error)
+            self._flown.is_wrong_input = True
+            self._flown.is_left_flying = True
+            self.fleet.say(str(error))
         elif error is not None:
-            if isinstance(error, _FAILURES):
-                self._flown.failure = str(error)
-            else:
-                self._flown.failure = "".join(traceback.format_exception(error)).strip()
+            self._flown.failure = self._failure_of(error)
             self.fleet.say(f"The mission ends here: {self._flown.failure}")
+            if isinstance(error, OrderFailed) and not self.fleet.ground.has_begun:
+                # its first order was refused by all: the fleet is as it was
+                self._flown.is_left_flying = True
+                return
             await self._on_failure()
+
+    def _note_later_pilots(self) -> None:
+        """Name pilots, too, who took their vehicle just after the first one: it is told later."""
+        first = list(self._flown.pilots)
+        if not first:
+            return
+
+        pilots = sorted({*first, *flown_by_hand(self.client)})
+        if self._flown.failure == pilot_words(first):
+            self._flown.failure = pilot_words(pilots)
+        self._flown.pilots = tuple(pilots)
+
+    def _failure_of(self, error: BaseException) -> str:
+        """Return what ended the steps, in words; the trace of a mistake of the author."""
+        pilots = flown_by_hand(self.client)
+        if isinstance(error, OrderFailed) and pilots:
+            self._flown.pilots = tuple(pilots)
+            return pilot_words(pilots)
+        if isinstance(error, _FAILURES):
+            return str(error)
+        return "".join(traceback.format_exception(error)).strip()
+
+    async def _leave_to(self, taken: Taken) -> None:
+        """Leave the fleet to who has taken it, beside it or at once; an interrupt lands all."""
+        self._flown.failure = taken.sentence
+        self._flown.is_left_flying = True
+        self._flown.is_taken = True
+        self.client.publish_event("warning", "fleet-taken", taken.sentence)
+        self.fleet.say(f"The mission ends here: {taken.sentence}")
+        if not self._stays:
+            return
+
+        staying = stay(self.client, taken, self._flown.begin_ns, self.fleet.say)
+        self._staying = asyncio.create_task(staying)
+        try:
+            await asyncio.wait({self._staying})
+        except asyncio.CancelledError:
+            self.interrupt()
+        if self._flown.is_interrupted:
+            self.fleet.say("Interrupted: all flying vehicles land.")
+            await self.fleet.land_all(LAND_TIMEOUT_S, is_by_person=True)
 
     async def _bring_down_after_a_stop(self) -> None:
         """Land all after an interruption, or after a reason from outside."""
@@ -223,21 +351,31 @@ class MissionRun:
 
         self._flown.failure = self._abort_reason  # an event has said it
         self.fleet.say("The mission ends here.")
-        if self._can_land:
+        if self._is_declared:
+            self._flown.pilots = tuple(flown_by_hand(self.client))
+            await self._on_failure()
+        elif self._can_land:
             await self.fleet.land_all(LAND_TIMEOUT_S)
 
     async def _on_failure(self) -> None:
         """Do what the mission declares for a step that fails."""
         await self.fleet.ground.link.heard()
+        if self.fleet.ground.watch.look() is not None:
+            return
         if self.mission.on_failure.do == "hold":
-            await self.client.order("hold all", _HOLD_TIMEOUT_S)
+            await self.client.order("hold all", _HOLD_TIMEOUT_S, is_by_mission=True)
             return
 
         if self.mission.on_failure.do == "home":
             vehicles = self.client.state.vehicles
-            up = tuple(name for name in self.fleet.names if vehicles[name].is_airborne)
+            pilots = flown_by_hand(self.client)
+            up = tuple(
+                name
+                for name in self.fleet.names
+                if vehicles[name].is_airborne and name not in pilots
+            )
             if up:
-                order = await self.client.submit(Home(vehicles=up))
+                order = await self.client.submit(Home(vehicles=up), is_by_mission=True)
                 await order.wait(HOME_TIMEOUT_S)
         await self.fleet.land_all(LAND_TIMEOUT_S)
 

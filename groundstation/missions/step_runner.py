@@ -34,7 +34,6 @@ from groundstation.missions.api import Fleet
 from groundstation.missions.conditions import WaitCondition
 from groundstation.orders.intents import GoalIntent, Goto, Intent, Names
 from groundstation.verdict.expectations import check
-from groundstation.verdict.observations import smallest
 from onboard.config.fleet import FleetConfig, Vec3
 
 
@@ -172,7 +171,8 @@ class StepRunner:
         """Judge the flight so far; the first expectation that is not met ends the mission."""
         fleet = self._fleet
         landed = {name: fleet.state.is_landed(name) for name in fleet.names}
-        results = check(step, self._mission.fleet, smallest(fleet.state), fleet.arrivals, landed)
+        closest = fleet.state.smallest_known
+        results = check(step, self._mission.fleet, closest, fleet.arrivals, landed)
 
         for result in results:
             fleet.say(f"  {result.sentence}")

@@ -22,6 +22,9 @@ CONTROL_CLAIMS: tuple[ControlClaim, ...] = get_args(ControlClaim)
 
 EMERGENCY: tuple[OrderKind, ...] = ("land", "hold", "kill")  # orders that anybody may send
 
+# How a vehicle ends the refusal of a mission's order that would replace a person's newer one.
+ORDER_STAYS = "that order stays."
+
 GROUND = "ground"  # first word of the nodes that may order
 WATCHER = "watcher"  # first word of the nodes that only watch
 

@@ -212,6 +212,9 @@ async def test_a_mission_that_leaves_vehicles_in_the_air_has_not_passed_unless_i
     verdict = await MissionRun(make(fleet, HOP), client).run()
     assert verdict.exit_status == 1
     assert "mav0, mav1, mav2 are not down. End it with a step 'land'" in verdict.summary
+    again = await MissionRun(make(fleet, HOP, expect={"all_landed": False}), client).run()
+    assert again.exit_status == 2, "its take-off is refused while they fly"
+    assert await MissionRun(make(fleet, HOP), client).fleet.land_all()
     declared = await MissionRun(make(fleet, HOP, expect={"all_landed": False}), client).run()
     assert declared.passed, declared.summary
 
@@ -282,34 +285,46 @@ async def test_the_verdict_and_the_record_count_seconds_from_the_same_begin(
     await run.run()
     client.publish_event("info", "mission", "This is the end.")
     writer.stop()
-    verdict = final_verdict(
-        run.flown(), run.mission.expect, tmp_path, begin_ns=writer.begin_ns, record_failure=None
-    )
+    verdict = final_verdict(run.flown(), run.mission.expect, tmp_path, writer.end)
     by_event = float((tmp_path / "events.txt").read_text().splitlines()[-1].split()[0])
     assert verdict.closest is not None
     assert by_event - verdict.duration_s - 0.5 < verdict.closest.time_s <= by_event
     assert verdict.closest.time_s >= 0.5
 
 
+@pytest.mark.parametrize("damage", ["none", "removed", "cut", "ended early", "no verdict"])
 async def test_a_flight_without_its_whole_record_or_its_verdict_has_not_passed(
-    fleet: FleetConfig, client: Any, tmp_path: Path
+    fleet: FleetConfig, client: Any, tmp_path: Path, damage: str
 ) -> None:
+    folder = tmp_path / "flight"
+    writer = RecordWriter(folder)
+    writer.start()
+    client.add_sink(writer.put)
     run = MissionRun(make(fleet, [*HOP, {"do": "land"}], expect=EXPECT), client)
     assert (await run.run()).passed
+    writer.stop()
 
-    flown = run.flown()
-    expect = run.mission.expect
-    whole = final_verdict(flown, expect, tmp_path, begin_ns=0, record_failure=None)
-    assert whole.passed, whole.summary
-    assert whole.closest is not None
-    full = final_verdict(
-        flown, expect, tmp_path, begin_ns=0, record_failure="The record ended: disk full."
-    )
-    assert full.exit_status == 1
-    assert "The record ended: disk full." in full.summary
-    lost = final_verdict(flown, expect, tmp_path / "absent", begin_ns=0, record_failure=None)
-    assert lost.exit_status == 1
-    assert "verdict.json cannot be written" in lost.summary
+    record = folder / "flight.mcap"
+    end = writer.end
+    if damage == "removed":
+        record.unlink()
+    elif damage == "cut":
+        record.write_bytes(record.read_bytes()[: record.stat().st_size // 10])
+    elif damage == "ended early":
+        end = end._replace(failure="The record ended: disk full.")
+    elif damage == "no verdict":
+        (folder / "verdict.part").mkdir()
+
+    verdict = final_verdict(run.flown(), run.mission.expect, folder, end)
+    words = {
+        "none": "PASSED",
+        "removed": "The record cannot be read.",
+        "cut": "messages that were written",
+        "ended early": "The record ended: disk full.",
+        "no verdict": "verdict.json cannot be written",
+    }
+    assert words[damage] in verdict.summary
+    assert verdict.exit_status == (0 if damage == "none" else 1)
 
 
 async def test_an_expect_step_stops_the_mission_where_it_fails(

@@ -6,6 +6,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+import pytest
+
 from onboard import agent_commands, agent_inputs
 from onboard.bus.schema import OrderKind
 from onboard.flight.types import FlightStep
@@ -85,6 +87,30 @@ def test_land_and_hold_during_lift_off_land() -> None:
             assert rig.outcomes()["stop"] == "done", (kind, seconds)
 
 
+@pytest.mark.parametrize("ticks", range(0, 60, 6))
+def test_disarm_after_lift_off_lands_at_once_and_the_answer_says_so(ticks: int) -> None:
+    rig = _in_step(FlightStep.LIFTOFF)
+    for _ in range(100):
+        if rig.position[2] > 0.005:
+            break
+        rig.step()
+    rig.has_flown = True  # PX4 does not report the ground any more
+    rig.run(0.02 * (1 + ticks))
+    before_m = float(rig.position[2])
+    reply = rig.order("disarm", order_id="stop")
+    assert reply.is_accepted, before_m
+    assert reply.reason == "It has left the ground: it lands at once, and is disarmed there."
+    highest_m = before_m
+    for _ in range(600):
+        rig.step()
+        highest_m = max(highest_m, float(rig.position[2]))
+    assert highest_m < before_m + 0.3
+    assert not rig.is_armed
+    ends = [event for event in rig.events if event.order_id == "stop"]
+    assert [event.order_outcome for event in ends] == ["done"]
+    assert ends[0].sentence == "It had left the ground and landed at once. Landed and disarmed."
+
+
 def test_disarm_acts_on_confirmed_ground_and_is_refused_in_the_air() -> None:
     rig = _in_step(FlightStep.LIFTOFF)
     assert rig.order("disarm", order_id="stop").is_accepted
@@ -97,4 +123,7 @@ def test_disarm_acts_on_confirmed_ground_and_is_refused_in_the_air() -> None:
         rig.core.handle(agent_inputs.TickFailed("broken"), rig.now_ns)
         rig.step()
     assert rig.core.flight.step is FlightStep.PX4_LANDING
+    assert not rig.order("disarm").is_accepted
+    rig = Rig()
+    rig.fly()
     assert not rig.order("disarm").is_accepted

@@ -1,0 +1,222 @@
+"""An operator's order stays: it ends a mission, and the mission replaces it by nothing."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from groundstation import Fleet
+from groundstation.missions.taken import FleetTaken
+from onboard.config.fleet import FleetConfig
+from tests.sitl.lockstep.taking import at_moment, crossing, pilot_takes, second_ground
+
+NAMES = ("mav0", "mav1", "mav2")
+
+
+def _orders(flight: Any) -> dict[str, list[str]]:
+    """Kinds of the orders that each vehicle has taken, by its own word."""
+    taken: dict[str, list[str]] = {name: [] for name in NAMES}
+    for logged in flight.state.events:
+        event = logged.event
+        if event.code == "order" and event.vehicle in taken and "accepted" in event.sentence:
+            taken[event.vehicle].append(event.sentence.split()[1])
+    return taken
+
+
+@pytest.mark.parametrize(
+    ("line", "moment"),
+    [
+        ("hold all", "crossing"),
+        ("hold all", "climb"),
+        ("hold all", "hover"),
+        pytest.param("land mav1", "crossing", marks=pytest.mark.long),
+        pytest.param("hold mav1", "hover", marks=pytest.mark.long),
+        pytest.param("kill mav1", "crossing", marks=pytest.mark.long),
+        pytest.param("land all", "crossing", marks=pytest.mark.long),
+    ],
+)
+def test_an_order_of_another_ground_ends_the_mission_and_stays(
+    lockstep: Any, paper: FleetConfig, line: str, moment: str
+) -> None:
+    flight = lockstep(paper, seed=3)
+    ada = second_ground(flight)
+    at_moment(flight, moment, lambda: ada.submit_now(line))
+    verdict = flight.fly(crossing(paper))
+    verb, _, whom = line.partition(" ")
+    named = NAMES if whom == "all" else (whom,)
+
+    assert verdict.exit_status == 1
+    assert f"ada (ground-2) has ordered {verb} {','.join(named)}" in verdict.summary
+    flight.run(20.0)
+    for name in named:
+        assert _orders(flight)[name][-1] == verb, name
+    for name in set(NAMES) - set(named):
+        # it has finished its own order, and holds there
+        assert _orders(flight)[name][-1] == "move"
+        telemetry = flight.state.vehicles[name].telemetry
+        assert telemetry.state == "flying"
+        assert telemetry.order_kind == ""
+
+
+def test_neither_locate_nor_a_hold_that_is_refused_ends_a_mission(
+    lockstep: Any, paper: FleetConfig
+) -> None:
+    flight = lockstep(paper, seed=3)
+    ada = second_ground(flight)
+    at_moment(flight, "crossing", lambda: flight.client.submit_now("locate mav1"))
+    at_moment(flight, "landing", lambda: ada.submit_now("hold all"))  # who lands, lands
+    assert flight.fly(crossing(paper)).passed
+
+
+def test_covey_fly_stays_says_who_has_the_fleet_and_ends_with_its_landing(
+    lockstep: Any, paper: FleetConfig
+) -> None:
+    said: list[str] = []
+    flight = lockstep(paper, seed=3, say=said.append)
+    ada = second_ground(flight)
+
+    def take() -> None:
+        ada.submit_now("hold all")
+        flight.at(flight.time_s + 10.0, ada.control.take)
+        flight.at(flight.time_s + 15.0, lambda: ada.submit_now("move mav1 0 0.4 1.2"))
+        flight.at(flight.time_s + 25.0, lambda: ada.submit_now("land all"))
+
+    at_moment(flight, "crossing", take)
+    verdict = flight.fly(crossing(paper), stays=True)
+    assert verdict.exit_status == 1
+    assert all(verdict.landed.values())
+    text = "\n".join(said)
+    assert "ada (ground-2) has ordered hold mav0,mav1,mav2" in text
+    assert "s after the mission's begin, and has the fleet." in text
+    assert "Ctrl-C lands all" in text
+    assert f"{paper.fleet.battery_land_pct:g} %" in text
+    assert f"after {paper.fleet.ground_lost_land_s:g} s" in text
+    assert "ada (ground-2) has the fleet for 10 s; up: mav0, mav1, mav2." in text
+    # it has given control up: the other ground flies
+    assert _orders(flight)["mav1"][-2:] == ["move", "land"]
+
+
+def test_an_interrupt_beside_a_fleet_that_was_taken_lands_all(
+    lockstep: Any, paper: FleetConfig
+) -> None:
+    flight = lockstep(paper, seed=3)
+    ada = second_ground(flight)
+
+    def take() -> None:
+        ada.submit_now("hold all")
+        flight.at(flight.time_s + 5.0, lambda: flight.run_under_way.interrupt())
+
+    at_moment(flight, "crossing", take)
+    verdict = flight.fly(crossing(paper), stays=True)
+    assert verdict.exit_status == 130
+    assert all(verdict.landed.values())
+    assert flight.time_s < 60.0
+
+
+def test_an_order_that_comes_while_a_failed_mission_lands_stays(
+    lockstep: Any, paper: FleetConfig
+) -> None:
+    """A pilot ends the mission, [on_failure] lands the others, and somebody holds them at once."""
+    flight = lockstep(paper, seed=3)
+    ada = second_ground(flight)
+
+    def take() -> None:
+        pilot_takes(flight)
+        ada.submit_now("hold mav0")
+
+    at_moment(flight, "crossing", take)
+    flight.fly(crossing(paper))
+    flight.run(15.0)
+    assert _orders(flight)["mav0"][-1] == "hold"
+
+
+def test_control_that_was_taken_ends_the_mission_without_landing(
+    lockstep: Any, paper: FleetConfig
+) -> None:
+    flight = lockstep(paper, seed=3)
+    ada = second_ground(flight)
+
+    def take() -> None:
+        flight.client.control.hand_over()
+        ada.control.take()
+        flight.at(flight.time_s + 1.5, lambda: ada.submit_now("yaw mav1 30"))
+
+    at_moment(flight, "hover", take)
+    verdict = flight.fly(crossing(paper))
+    assert verdict.exit_status == 1
+    assert "ada (ground-2) has" in verdict.summary
+    flight.run(10.0)
+    assert _orders(flight)["mav1"][-1] == "move"
+    assert _orders(flight)["mav0"][-1] == "move"
+
+
+def test_in_the_console_a_persons_hold_ends_the_mission_and_his_move_beside_it_does_not(
+    lockstep: Any, paper: FleetConfig
+) -> None:
+    flight = lockstep(paper, seed=3)
+    flight.client.has_person = True
+    at_moment(flight, "crossing", lambda: flight.client.submit_now("hold all"))
+    verdict = flight.fly(crossing(paper))
+    assert "has ordered hold" in verdict.summary
+    flight.run(5.0)
+    assert _orders(flight)["mav0"][-1] == "hold"
+
+
+def test_a_script_leaves_a_fleet_that_was_taken_as_it_is(lockstep: Any, paper: FleetConfig) -> None:
+    flight = lockstep(paper, seed=3)
+    ada = second_ground(flight)
+
+    async def script() -> None:
+        async with Fleet.connect("paper", at_end="land") as fleet:
+            await fleet.takeoff(1.0)
+            ada.submit_now("hold all")
+            flight.at(flight.time_s + 12.0, lambda: ada.submit_now("land all"))
+            await fleet.formation("triangle", (0.0, 1.0, 1.0))
+
+    with pytest.raises(FleetTaken, match="ada"):
+        flight.wait_for(script())
+    assert _orders(flight)["mav0"][-2:] == ["hold", "land"]
+    assert not flight.state.vehicles["mav0"].is_airborne
+
+
+def test_a_mission_is_not_begun_over_a_flying_fleet_and_nobody_lands(
+    lockstep: Any, paper: FleetConfig
+) -> None:
+    flight = lockstep(paper, seed=3)
+    flight.wait_for(flight.fleet.ready())
+    flight.wait_for(flight.fleet.takeoff(1.0))
+    verdict = flight.fly(crossing(paper))
+    assert verdict.exit_status == 2
+    assert "its first order to mav0, mav1, mav2, takeoff, begins on the ground" in verdict.summary
+    flight.run(3.0)
+    for name in NAMES:
+        assert _orders(flight)[name] == ["takeoff"]
+        assert flight.state.vehicles[name].is_airborne
+
+
+@pytest.mark.parametrize("seconds", [0.0, 0.2, 0.4])
+def test_disarm_in_the_first_centimetres_lands_at_once(
+    lockstep: Any, paper: FleetConfig, seconds: float
+) -> None:
+    flight = lockstep(paper, seed=3)
+    flight.wait_for(flight.fleet.ready())
+    order = flight.client.submit_now("takeoff mav1 1.0")
+
+    def height_m() -> float:
+        return float(flight.state.vehicles["mav1"].truth.position_enu_m[2])
+
+    while height_m() < 0.005:
+        flight.run(0.02)
+    flight.run(seconds)
+    before_m = height_m()
+    sent = flight.client.submit_now("disarm mav1")
+    flight.run(0.1)
+    highest_m = before_m
+    for _ in range(100):
+        flight.run(0.1)
+        highest_m = max(highest_m, height_m())
+    assert order.results["mav1"].phase == "superseded"
+    assert sent.results["mav1"].is_done, sent.results
+    assert highest_m < before_m + 0.3
+    assert not flight.state.vehicles["mav1"].is_armed
