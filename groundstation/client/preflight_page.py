@@ -15,6 +15,7 @@ from functools import cache
 from typing import Any
 
 from groundstation.client.client import FleetClient
+from groundstation.fleet.loop_lateness import WINDOW_S
 from groundstation.fleet.state import FleetState, VehicleView
 from onboard.bus.schema import Telemetry
 from onboard.config.fleet import FleetConfig
@@ -28,6 +29,11 @@ from onboard.security.node_roles import NodeRole
 
 _MARKS = {"ok": "ok", "advice": "advice", "no-go": "NO-GO"}
 _WIDTH = 118
+
+# A late ground hears late: from 0.3 s on it would blame agents that have answered in time
+# (`direct_command_timeout_s`).
+_LATE_ADVICE_S = 0.1
+_LATE_NO_GO_S = 0.3
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,7 +165,11 @@ def pages_of(
     Returns:
         A page for each, as :func:`page_of` makes it.
     """
-    of_fleet = [*_versions(state, fleet, names), *_of_ground_key(fleet)]
+    of_fleet = [
+        *_versions(state, fleet, names),
+        *_of_ground_key(fleet),
+        *_of_this_computer(state),
+    ]
 
     pages = []
     for name in names:
@@ -192,6 +202,24 @@ def _versions(state: FleetState, fleet: FleetConfig, names: Sequence[str]) -> li
         f"covey px4 compare {first} {last} --fleet {fleet.path}."
     )
     return [PageLine("versions", True, sentence, remedy)]
+
+
+def _of_this_computer(state: FleetState) -> list[PageLine]:
+    """Return a line when this ground's computer is too busy for it, else none."""
+    late_s = state.loop_late_s
+    if late_s < _LATE_ADVICE_S:
+        return []
+
+    sentence = (
+        f"This computer is too busy: this ground came {late_s:.2f} s late in the last "
+        f"{WINDOW_S:g} s, and {os.getloadavg()[0]:.1f} programs want its {os.cpu_count()} "
+        "processors."
+    )
+    remedy = (
+        "End other programs, simulate fewer vehicles here, or allow priorities: "
+        "add to /etc/security/limits.conf: USER - nice -10."
+    )
+    return [PageLine("this computer", late_s < _LATE_NO_GO_S, sentence, remedy)]
 
 
 def _of_ground_key(fleet: FleetConfig) -> list[PageLine]:
@@ -267,6 +295,9 @@ def advice_of(
         for check, is_ok, sentence, remedy in report.checks:
             if is_ok and remedy and not skipped.get(check):
                 advice.setdefault(f"{sentence} {remedy}", []).append(name)
+
+    for line in _of_this_computer(state):
+        advice[f"{line.sentence} {line.remedy}"] = list(names)
     return advice
 
 

@@ -10,6 +10,8 @@ from collections.abc import Callable
 
 OWN_STALL_S = 1.0  # between two looks, after which this ground itself stood still
 AFTER_STALL_S = 6.0  # until silence counts again: connections come back first
+LATE_S = 0.5  # between two looks, after which this ground was late: its computer is too busy
+AFTER_LATE_S = 1.0  # until silence counts again: what waits is read first
 
 
 def boot_clock_ns() -> int:
@@ -22,10 +24,12 @@ class OwnStall:
 
     Args:
         clock_ns: a clock that goes on while this computer sleeps [ns].
+        least_s: shortest stall [s].
     """
 
-    def __init__(self, clock_ns: Callable[[], int]) -> None:
+    def __init__(self, clock_ns: Callable[[], int], *, least_s: float = OWN_STALL_S) -> None:
         self._clock_ns = clock_ns
+        self._least_s = least_s
         self._last_look_ns: int | None = None
 
     def look(self, waited_s: float = 0.0) -> float:
@@ -46,6 +50,6 @@ class OwnStall:
             return 0.0
 
         gap_s = (now_ns - last_look_ns) * 1e-9 - waited_s
-        if gap_s <= OWN_STALL_S:
+        if gap_s <= self._least_s:
             return 0.0
         return gap_s

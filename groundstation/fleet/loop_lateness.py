@@ -1,0 +1,43 @@
+"""Lateness of this ground's event loop: whether its computer is too busy for it."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+
+WINDOW_S = 10.0  # what is older says nothing about now
+_LEAST_LATE_S = 0.03  # later than a computer with time to spare ever is
+_MOST_KEPT = 500  # the window at 50 calls a second
+
+
+class LoopLateness:
+    """Lateness of calls that are meant to come at a fixed period.
+
+    Args:
+        clock_ns: the ground's monotonic clock [ns].
+        period_s: time that is meant to pass between two calls [s].
+    """
+
+    def __init__(self, clock_ns: Callable[[], int], period_s: float) -> None:
+        self._clock_ns = clock_ns
+        self._period_s = period_s
+        self._last_ns: int | None = None
+        # when, and how late [s]; the oldest first
+        self._late: deque[tuple[int, float]] = deque(maxlen=_MOST_KEPT)
+
+    def look(self) -> None:
+        """Note how late this call is."""
+        now_ns = self._clock_ns()
+        if self._last_ns is not None:
+            late_s = (now_ns - self._last_ns) * 1e-9 - self._period_s
+            if late_s > _LEAST_LATE_S:
+                self._late.append((now_ns, late_s))
+        self._last_ns = now_ns
+
+    @property
+    def worst_s(self) -> float:
+        """The latest call within the window [s]; 0 when none was late."""
+        oldest_ns = self._clock_ns() - round(WINDOW_S * 1e9)
+        while self._late and self._late[0][0] < oldest_ns:
+            self._late.popleft()
+        return max((late_s for _, late_s in self._late), default=0.0)
