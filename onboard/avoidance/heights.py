@@ -29,6 +29,9 @@ TRANSITION_M = 0.2
 # is flown at the whole distance.
 _GROWTH_SHARE = 0.5
 
+# With which every vehicle that sinks above others can stop: a part of what it has.
+_SINK_BRAKE_M_S2 = 1.0
+
 HEIGHT_SIGMAS = 4.5  # of both positions
 _LARGEST_STD_M = 1e3
 _STALE_S = 0.25  # a message of this age says nothing about heights any more
@@ -103,6 +106,26 @@ def is_ahead(own: Climb, neighbour: Neighbour, own_lead_s: float, spacing: Spaci
     gap_m = own.ahead_m - climb_of(neighbour, own_lead_s).ahead_m
     towards_m = -own.intended_climb_m if gap_m >= 0.0 else own.intended_climb_m
     return abs(gap_m) >= spacing.vertical_separation_m and towards_m > TRANSITION_M
+
+
+def sink_limit_m_s(own: Climb, neighbour: Neighbour, own_lead_s: float, spacing: Spacing) -> float:
+    """Return the speed with which this vehicle may sink above a neighbour.
+
+    So fast it can still stop at the vertical separation above it; infinite above nobody.
+
+    Args:
+        own: this vehicle.
+        neighbour: as received.
+        own_lead_s: from now to the own t + L.
+        spacing: holds the vertical separation.
+    """
+    other = climb_of(neighbour, own_lead_s)
+    gap_m = own.ahead_m - other.ahead_m
+    if not gap_m >= 0.0:
+        return math.inf
+
+    left_m = max(0.0, gap_m - spacing.vertical_separation_m)
+    return max(0.0, -other.velocity_m_s) + math.sqrt(2.0 * _SINK_BRAKE_M_S2 * left_m)
 
 
 def climb_of(neighbour: Neighbour, own_lead_s: float) -> Climb:

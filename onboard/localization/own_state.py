@@ -19,12 +19,14 @@ from onboard.autopilot import Snapshot, Vec3, Vec4
 from onboard.bus.codec import is_finite
 from onboard.bus.schema import MocapPose
 from onboard.config.fleet import Origin, Vehicle
-from onboard.estimation import kalman
+from onboard.config.wind_limit import largest_push_m_s2
+from onboard.estimation import kalman, wind
 from onboard.estimation.accuracies import ACCURACIES
 from onboard.estimation.kalman import KalmanParams
-from onboard.frames import quaternion_from_yaw, quaternion_multiply, wrap_rad, yaw_from_quaternion
+from onboard.frames import turned_about_up, wrap_rad, yaw_from_quaternion
 from onboard.localization.dead_reckoning import DeadReckoning
 from onboard.localization.local_frame import LocalFrame
+from onboard.localization.motion_fit import MotionFit
 from onboard.localization.pose_validator import PoseValidator, PoseVerdict
 from onboard.localization.px4_position_check import Px4PositionCheck
 from onboard.message_counts import MessageCounts
@@ -51,6 +53,18 @@ class _Sample(NamedTuple):
     yaw_rad: float
 
 
+class OwnEstimate(NamedTuple):
+    """The own motion at one tick, as far as it is known."""
+
+    state: State | None  # None before the first usable sample
+    attitude_wxyz: Vec4  # in the fleet frame
+    age_s: float  # of the newest sample that was used; inf before the first
+    is_reckoned: bool  # by dead reckoning, while this agent flies the vehicle
+    jumps: int  # impossible samples in a row
+    is_mocap_frozen: bool
+    is_mocap_late: bool
+
+
 @dataclass(slots=True)
 class OwnState:
     """Estimate of one vehicle.
@@ -66,12 +80,14 @@ class OwnState:
     # of vehicles with a mocap
     px4_check: Px4PositionCheck = field(default_factory=Px4PositionCheck)
     has_lost_satellites: bool = False  # of vehicles without a mocap
+    fit: MotionFit = field(default_factory=MotionFit)  # likewise
     # by this agent's setpoints: else its thrust is not known while no sample comes
     is_flown: bool = False
 
     _params: KalmanParams = field(init=False)
     _memory: kalman.KalmanMemory | None = None  # of the filter; None before the first sample
     _reckoning: DeadReckoning = field(default_factory=DeadReckoning)
+    _wind: wind.WindMemory = field(default_factory=wind.initial)
     _least_std: tuple[float, float] = (0.0, 0.0)  # of position [m] and velocity [m/s]
 
     _queue: list[_Sample] = field(default_factory=list)
@@ -88,11 +104,14 @@ class OwnState:
     def __post_init__(self) -> None:
         vehicle = self.vehicle
         self._local_frame = LocalFrame(vehicle.start_enu_m, self.origin)
-        if vehicle.mocap_required:
-            self._params = KalmanParams(drag_1_s=vehicle.drag_1_s)
-        else:
-            self._params = KalmanParams(
-                drag_1_s=vehicle.drag_1_s, position_noise_m=_PX4_POSITION_STD_M, jump_gate_m=1.0
+        self._params = KalmanParams(
+            drag_1_s=vehicle.drag_1_s,
+            gust_time_s=kalman.gust_time_s(vehicle.lag_s),
+            max_bias_m_s2=kalman.largest_bias_m_s2(largest_push_m_s2(vehicle)),
+        )
+        if not vehicle.mocap_required:
+            self._params = self._params._replace(
+                position_noise_m=_PX4_POSITION_STD_M, jump_gate_m=1.0
             )
 
     def add_pose(self, pose: MocapPose, received_ns: int) -> bool:
@@ -137,8 +156,8 @@ class OwnState:
         thrust_frac: float,
         hover_frac: float,
         is_on_ground: bool,
-    ) -> None:
-        """Propagate the estimate to now, then use the queued samples.
+    ) -> OwnEstimate:
+        """Propagate the estimate to now, use the queued samples, and return what is known then.
 
         Args:
             now_ns: time of the tick.
@@ -155,7 +174,7 @@ class OwnState:
         if self._memory is not None:
             self._memory = kalman.drive(
                 self._memory,
-                self.attitude_wxyz(snapshot),
+                turned_about_up(snapshot.quaternion_enu_flu_wxyz, self.heading_offset_rad),
                 thrust_frac,
                 hover_frac,
                 self._params,
@@ -171,11 +190,29 @@ class OwnState:
             px4_motion = self.px4_check.motion(now_ns)
             height_m = None if px4_motion is None else px4_motion[0][2]
             self._memory = self._reckoning.step(self._memory, height_m, dt_s, is_on_ground)
+            if not self._reckoning.is_on:
+                self._wind = wind.step(self._wind, self._memory.bias_enu_m_s2, dt_s, is_on_ground)
+
+        jumps = self.jumps
+        age_s = self.age_s
+        is_reckoned = self.is_reckoned
 
         if self.vehicle.mocap_required:
-            is_believed = not self.jumps and self.age_s < _BELIEVED_S
-            known_enu_m = self.position_enu_m if is_believed or self.is_reckoned else None
-            self.px4_check.update(snapshot, known_enu_m, now_ns, is_reckoned=self.is_reckoned)
+            is_believed = not jumps and age_s < _BELIEVED_S
+            known_enu_m = self.position_enu_m if is_believed or is_reckoned else None
+            self.px4_check.update(snapshot, known_enu_m, now_ns, is_reckoned=is_reckoned)
+
+        # with the heading's offset that the samples have taught
+        attitude_wxyz = turned_about_up(snapshot.quaternion_enu_flu_wxyz, self.heading_offset_rad)
+        return OwnEstimate(
+            state=self._state(is_reckoned=is_reckoned),
+            attitude_wxyz=attitude_wxyz,
+            age_s=age_s,
+            is_reckoned=is_reckoned,
+            jumps=jumps,
+            is_mocap_frozen=self.validator.is_frozen,
+            is_mocap_late=self.validator.is_late,
+        )
 
     def _use(
         self, sample: _Sample, snapshot: Snapshot, now_ns: int, dt_s: float, is_on_ground: bool
@@ -186,6 +223,11 @@ class OwnState:
             memory = kalman.initial(sample.position_enu_m, self._params)
 
         age_s = max(0.0, (now_ns - sample.stamp_ns) * 1e-9)
+        if not self.vehicle.mocap_required:
+            expected_enu_m = kalman.position_at(memory, age_s)
+            innovation_m = vectors.subtract(sample.position_enu_m, expected_enu_m)
+            self.fit.step(innovation_m, dt_s, is_on_ground)
+
         self._memory = kalman.correct(memory, sample.position_enu_m, age_s, self._params)
         if self._memory.rejected_count > memory.rejected_count:
             self.counts.refused += 1
@@ -234,18 +276,10 @@ class OwnState:
             yaw_rad = yaw_from_quaternion(snapshot.quaternion_enu_flu_wxyz)
             self._queue.append(_Sample(vectors.Vec3(*position_enu_m), self._local_ns, yaw_rad))
 
-    def attitude_wxyz(self, snapshot: Snapshot) -> Vec4:
-        """Return the attitude in the fleet frame."""
-        return quaternion_multiply(
-            quaternion_from_yaw(self.heading_offset_rad), snapshot.quaternion_enu_flu_wxyz
-        )
-
     def to_px4(self, setpoint: AttitudeSetpoint) -> AttitudeSetpoint:
         """Convert an attitude setpoint from the fleet frame to PX4's heading."""
-        back = quaternion_from_yaw(-self.heading_offset_rad)
-        return AttitudeSetpoint(
-            quaternion_multiply(back, setpoint.quaternion_wxyz), setpoint.thrust_frac
-        )
+        quaternion_wxyz = turned_about_up(setpoint.quaternion_wxyz, -self.heading_offset_rad)
+        return AttitudeSetpoint(quaternion_wxyz, setpoint.thrust_frac)
 
     @property
     def jumps(self) -> int:
@@ -289,15 +323,41 @@ class OwnState:
         return self._memory.velocity_enu_m_s
 
     @property
-    def state(self) -> State | None:
-        """Estimate as of the last update; None before the first sample."""
+    def wind_enu_m_s(self) -> tuple[float, float]:
+        """Mean velocity of the air, east and north; NaN while it is not known."""
+        return wind.wind_enu_m_s(self._wind, self.vehicle.drag_1_s)
+
+    @property
+    def gust_m_s2(self) -> float:
+        """Standard deviation of the gusts as an acceleration, per axis."""
+        return wind.gust_std_m_s2(self._wind)
+
+    @property
+    def gust_m_s(self) -> float:
+        """The same as a velocity of the air; NaN while the wind is not known."""
+        if math.isnan(self.wind_enu_m_s[0]):
+            return math.nan
+        return self.gust_m_s2 / self.vehicle.drag_1_s
+
+    @property
+    def position_std_m(self) -> float:
+        """Standard deviation of the estimate along one axis [m]; infinite before the first sample.
+
+        While own motion is reckoned without samples it is that of the last one.
+        """
+        state = self._state(is_reckoned=False)
+        return math.inf if state is None else state.position_std_m
+
+    def _state(self, *, is_reckoned: bool) -> State | None:
+        """Return the estimate as of the last update; None before the first sample."""
         if self._memory is None:
             return None
 
         state = kalman.state(self._memory, self._yaw_rad, *self._least_std)
+        state = wind.widened(state, self._wind, self._params.gust_time_s)
         position_std_m = state.position_std_m
         velocity_std_m_s = state.velocity_std_m_s
-        if self.is_reckoned:
+        if is_reckoned:
             position_std_m, velocity_std_m_s = self._reckoning.std
 
         return state._replace(

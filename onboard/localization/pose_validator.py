@@ -1,8 +1,9 @@
 """Whether a body's stream of poses is believable. Pure.
 
-It notices jumps, repetitions, lateness, and clocks that jump. The estimator has a gate of its own,
-wide enough for a stalled process. This validator is narrower: between two samples a vehicle moves
-only as far as it can accelerate. A rejected sample reaches neither the estimate nor PX4.
+It notices jumps, repetitions, lateness, clocks that jump, and old samples after an outage. The
+estimator has a gate of its own, wide enough for a stalled process. This validator is narrower:
+between two samples a vehicle moves only as far as it can accelerate. A rejected sample reaches
+neither the estimate nor PX4.
 """
 
 from __future__ import annotations
@@ -30,12 +31,19 @@ _NOISES = 6.0  # a sample may lie so many times the noise beside the expected pa
 _LEAST_SPEED_2_M2_S2 = 0.01  # below it a velocity has no direction; square of 0.1 m/s
 
 
+# After an outage the first sample may be an old one with a new stamp, and the vehicle can have
+# moved anywhere meanwhile. Samples count when so many in a row agree with each other.
+_CONFIRMED_BY = 2
+_CONFIRMED_AGAINST_PX4_BY = 25  # where PX4's own position excludes them: half a second
+
+
 class PoseVerdict(IntEnum):
     """Judgement of one sample."""
 
     ACCEPTED = 0
     JUMPED = 1  # farther than the vehicle can have moved
     FROZEN = 2  # the same numbers again and again
+    UNCONFIRMED = 3  # the first after an outage
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +54,7 @@ class PoseBounds:
     max_acceleration_m_s2: float = 15.0  # of a vehicle, with reserve for gusts and knocks
     noise_m: float = 0.01  # least noise of a sample; more is learned
     max_turn_rad_s: float = 12.0  # of the attitude
+    outage_s: float = 0.2  # without a believed sample, after which one has to be confirmed
     # for so long bit-identical samples may come; a tracked body always has noise
     frozen_after_s: float = 0.075
     late_after_s: float = 0.09  # mean delay above which samples are late
@@ -71,6 +80,11 @@ class PoseValidator:
     _velocity: Vec3 = (0.0, 0.0, 0.0)
     _quaternion: Vec4 = (1.0, 0.0, 0.0, 0.0)
     _stamp_ns: int = 0
+
+    # after an outage: the newest sample, and how many in a row agree up to it
+    _candidate: Vec3 = (0.0, 0.0, 0.0)
+    _candidate_ns: int = 0
+    _agreeing: int = 0
 
     _last: tuple[Vec3, Vec4] | None = None  # newest sample, accepted or not
     _same_since_ns: int = 0  # stamp of the first sample with these numbers
@@ -111,6 +125,12 @@ class PoseValidator:
         gap_s = (stamp_ns - self._stamp_ns) * 1e-9
         if self._stamp_ns and gap_s <= 0.0:
             self._stamp_ns = 0  # another clock from here on: the expected motion is void
+
+        agreeing = self._follow_agreement(position_enu_m, stamp_ns)
+        if self._stamp_ns and gap_s > self.bounds.outage_s:
+            needed = _CONFIRMED_AGAINST_PX4_BY if is_contradicted else _CONFIRMED_BY
+            if agreeing < needed and self.jumps == 0:
+                return PoseVerdict.UNCONFIRMED
 
         if not self._stamp_ns:
             self._velocity = (0.0, 0.0, 0.0)
@@ -156,6 +176,18 @@ class PoseValidator:
             self._same_since_ns = stamp_ns
         self._last = sample
         self.frozen_s = (stamp_ns - self._same_since_ns) * 1e-9
+
+    def _follow_agreement(self, position: Vec3, stamp_ns: int) -> int:
+        """Return how many samples in a row agree with each other, this one included."""
+        gap_s = (stamp_ns - self._candidate_ns) * 1e-9
+        noise_m = max(self.bounds.noise_m, self._noise_m)
+        reach_m = _NOISES * noise_m + self.bounds.max_speed_m_s * max(0.0, gap_s)
+        agrees = gap_s < self.bounds.outage_s and math.dist(position, self._candidate) < reach_m
+
+        self._agreeing = self._agreeing + 1 if agrees else 1
+        self._candidate = position
+        self._candidate_ns = stamp_ns
+        return self._agreeing
 
     def _is_possible(
         self, position: Vec3, quaternion: Vec4, gap_s: float, is_contradicted: bool

@@ -9,7 +9,8 @@ its own on how the neighbour is avoided:
 
     contradicted     it was contradicted more often than a mistake explains. It counts where it says
                      or where the mocap sees it, whichever is nearer to us, as airborne and without
-                     any promise.
+                     any promise. When it falls silent it counts where the mocap sees it, as
+                     any other: what it said last, true or not, stays behind.
 
     not cooperating  its announcement that it cooperates does not count, so we go aside alone. In
                      this state is whoever is contradicted, flies otherwise than it predicts, or
@@ -102,6 +103,8 @@ class JudgedNeighbours:
         trackers: Mapping[int, BodyTracker],
         own_enu_m: Vec3,
         now_ns: int,
+        *,
+        silent_after_s: float,
     ) -> None:
         """Write into the arrays where each contradicted neighbour counts, without any promise.
 
@@ -110,17 +113,20 @@ class JudgedNeighbours:
             trackers: motions of the watched bodies, by index.
             own_enu_m: our position [m].
             now_ns: our clock.
+            silent_after_s: age of a message from which on it counts only without a mocap pose.
         """
         for index in self.contradicted:
             candidates: list[_Row] = []
-            said = self._newest_said(arrays, index)
-            if said is not None:
-                candidates.append(said)
-
             tracker = trackers.get(index)
             if tracker is not None and (now_ns - tracker.stamp_ns) * 1e-9 < _SEEN_FOR_S:
                 stamp_ns = min(tracker.stamp_ns, now_ns)
                 candidates.append(_Row(stamp_ns, tracked_numbers(tracker)))
+
+            said = self._newest_said(arrays, index)
+            if said is not None:
+                is_silent = (now_ns - said.stamp_ns) * 1e-9 > silent_after_s
+                if not (is_silent and candidates):
+                    candidates.append(said)
 
             if candidates:
                 nearest = min(candidates, key=lambda row: math.dist(row.numbers[:2], own_enu_m[:2]))

@@ -44,11 +44,23 @@ _LARGEST = 1e4
 _LARGEST_INT = 1 << 62
 
 
+class Decoded(NamedTuple):
+    """The numbers of a state as the law takes them."""
+
+    # in the order of the columns, which is that of Neighbour
+    vectors: tuple[Vec3, Vec3, Vec3, Vec3, Vec3, Vec3, Vec3]
+    lead_time_s: float
+    position_std_m: float
+    velocity_std_m_s: float
+    crowd_count: float
+
+
 @dataclass(slots=True)
 class NeighbourArrays:
     """Newest valid state of each of K neighbours; times are on our clock."""
 
     numbers: Array  # (K, WIDTH), see COLUMNS
+    decoded: list[Decoded | None]  # of K numbers; None: not decoded since they have come
     stamp_ns: IntArray  # (K,) of the numbers
     heard_ns: IntArray  # (K,) stamp of the newest valid message; 0 never
     newest_ns: IntArray  # (K,) stamp of the newest message, valid or not; -1 never
@@ -69,14 +81,24 @@ class NeighbourArrays:
             flags: airborne, counts as cooperative, announces that it cooperates.
         """
         self.numbers[index] = numbers
+        self.decoded[index] = None
         self.stamp_ns[index] = stamp_ns
         self.flags[:, index] = (True, *flags)
+
+    def decode(self, index: int) -> Decoded:
+        """Return a state as the law takes it; its numbers are decoded once."""
+        decoded = self.decoded[index]
+        if decoded is None:
+            decoded = _decoded(self.numbers[index].tolist())
+            self.decoded[index] = decoded
+        return decoded
 
 
 def empty(count: int, silent_after_s: float) -> NeighbourArrays:
     """Return the arrays of neighbours that were never heard."""
     return NeighbourArrays(
         numbers=np.zeros((count, WIDTH)),
+        decoded=[None] * count,
         stamp_ns=np.zeros(count, dtype=np.int64),
         heard_ns=np.zeros(count, dtype=np.int64),
         newest_ns=np.full(count, -1, dtype=np.int64),
@@ -158,7 +180,6 @@ def neighbours(
     is_cooperative = arrays.flags[COOPERATIVE] & (ages_s <= arrays.silent_after_s)
     rows = zip(
         arrays.flags[KNOWN].tolist(),
-        arrays.numbers.tolist(),
         ages_s,
         is_cooperative.tolist(),
         is_successor.tolist(),
@@ -166,42 +187,33 @@ def neighbours(
     )
 
     known = []
-    for index, (is_known, numbers, age_s, cooperates, is_paper_obstacle) in enumerate(rows):
+    for index, (is_known, age_s, cooperates, is_paper_obstacle) in enumerate(rows):
         if is_known:
-            neighbour = _neighbour(
-                numbers,
+            state = arrays.decoded[index] or arrays.decode(index)
+            neighbour = Neighbour(
+                *state.vectors,
                 age_s=age_s,
+                lead_time_s=state.lead_time_s,
+                position_std_m=state.position_std_m,
+                velocity_std_m_s=state.velocity_std_m_s,
+                crowd_count=state.crowd_count,
                 is_cooperative=cooperates,
                 is_paper_obstacle=is_paper_obstacle,
-                index=index,
+                table_index=index,
             )
             known.append(neighbour)
     return known
 
 
-def _neighbour(
-    numbers: list[float],
-    *,
-    age_s: float,
-    is_cooperative: bool,
-    is_paper_obstacle: bool,
-    index: int,
-) -> Neighbour:
-    position_std_m, crowd_count, lead_time_s, velocity_std_m_s = numbers[21:]
-    return Neighbour(
-        position_enu_m=Vec3(*numbers[0:3]),
-        velocity_enu_m_s=Vec3(*numbers[3:6]),
-        acceleration_enu_m_s2=Vec3(*numbers[6:9]),
-        predicted_position_enu_m=Vec3(*numbers[9:12]),
-        predicted_velocity_enu_m_s=Vec3(*numbers[12:15]),
-        commanded_acceleration_enu_m_s2=Vec3(*numbers[15:18]),
-        intent_enu_m_s=Vec3(*numbers[18:21]),
-        age_s=age_s,
+def _decoded(numbers: list[float]) -> Decoded:
+    position, velocity, acceleration, predicted, flown, command, intent = (
+        Vec3(*numbers[columns]) for columns in COLUMNS.values()
+    )
+    position_std_m, crowd_count, lead_time_s, velocity_std_m_s = numbers[3 * len(_VECTORS) :]
+    return Decoded(
+        vectors=(position, velocity, acceleration, predicted, flown, command, intent),
         lead_time_s=lead_time_s,
         position_std_m=position_std_m,
         velocity_std_m_s=velocity_std_m_s,
         crowd_count=crowd_count,
-        is_cooperative=is_cooperative,
-        is_paper_obstacle=is_paper_obstacle,
-        table_index=index,
     )

@@ -278,7 +278,13 @@ class NeighbourTable:
     def place_contradicted(self, position_enu_m: Vec3, now_ns: int) -> None:
         """Put each contradicted neighbour where it says or where the mocap sees it: the nearer."""
         if self.judged.contradicted:
-            self.judged.place(self.arrays, self._trackers, position_enu_m, now_ns)
+            self.judged.place(
+                self.arrays,
+                self._trackers,
+                position_enu_m,
+                now_ns,
+                silent_after_s=SILENT_AFTER_S + self.watched_bodies.late_s,
+            )
             self._forget_ages()
 
     def claim(self, name: str) -> tuple[Claim | None, Seen | None]:
@@ -410,13 +416,13 @@ class NeighbourTable:
         Its position is extrapolated, at most up to the silence limit.
         """
         self.ages_s(now_ns)
-        motions = self.arrays.numbers[:, :6].tolist()
+        motions = self.arrays.numbers[self._followed_indices, :6].tolist()
 
         distances_m = {}
-        followed = zip(self._followed, self._followed_indices, self._ages.followed_s, strict=True)
-        for name, index, age_s in followed:
+        followed = zip(self._followed, motions, self._ages.followed_s, strict=True)
+        for name, motion, age_s in followed:
             if age_s < math.inf:
-                x, y, z, vx, vy, vz = motions[index]
+                x, y, z, vx, vy, vz = motion
                 ahead_s = min(age_s, self.silent_s)
                 now_enu_m = (x + ahead_s * vx, y + ahead_s * vy, z + ahead_s * vz)
                 distances_m[name] = separation_m(now_enu_m, position_enu_m, self._height_share)

@@ -29,6 +29,7 @@ def _tell(rig: Rig, accuracy_m: float) -> None:
     rig.snapshot = msgspec.structs.replace(rig.snapshot, position_accuracy_m=accuracy_m)
 
 
+@pytest.mark.failsafe("own position inaccurate", step="on the ground, disarmed")
 @pytest.mark.parametrize("accuracy_m", [20.0, math.inf, 0.0, 0.8])
 def test_an_accuracy_that_no_distance_covers_refuses_the_take_off_in_words(
     accuracy_m: float,
@@ -41,6 +42,7 @@ def test_an_accuracy_that_no_distance_covers_refuses_the_take_off_in_words(
     assert any("wn position inaccurate" in reason for reason in rig.core.preflight.not_ready)
 
 
+@pytest.mark.failsafe("own position inaccurate", step="flying")
 @pytest.mark.parametrize("accuracy_m", [1.0, 20.0, math.inf])
 def test_a_position_that_becomes_inaccurate_in_flight_lands(accuracy_m: float) -> None:
     rig = _rig(0.4)
@@ -85,8 +87,13 @@ def test_nonsense_is_no_accuracy() -> None:
         (None, math.inf),
         (0.3, 0.3),
     ):
-        taken = PARSERS["ESTIMATOR_STATUS"]({"pos_horiz_accuracy": told}, 5)
-        assert taken == {"position_accuracy_m": is_taken_for, "position_accuracy_ns": 5}
+        fields = {"pos_horiz_accuracy": told, "pos_vert_accuracy": 0.4}
+        taken = PARSERS["ESTIMATOR_STATUS"](fields, 5)
+        assert taken["position_accuracy_m"] == is_taken_for
+        assert taken["height_accuracy_m"] == 0.4
+
+        fields = {"pos_horiz_accuracy": 0.4, "pos_vert_accuracy": told}
+        assert PARSERS["ESTIMATOR_STATUS"](fields, 5)["height_accuracy_m"] == is_taken_for
 
 
 def test_an_accuracy_that_px4_stops_telling_is_none() -> None:
@@ -101,6 +108,7 @@ def test_an_accuracy_that_px4_stops_telling_is_none() -> None:
     rig.until("landed")
 
 
+@pytest.mark.failsafe("satellites lost", step="flying")
 def test_without_satellites_it_comes_down_by_dead_reckoning_not_after_a_position_running_away() -> (
     None
 ):

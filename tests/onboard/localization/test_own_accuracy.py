@@ -42,8 +42,8 @@ def _stood(has_mocap: bool, accuracy_m: float = 0.0) -> tuple[float, float]:
                 quaternion_enu_flu_wxyz=(1.0, 0.0, 0.0, 0.0),
             )
             own.add_pose(pose, now_ns)
-        own.update(now_ns, 0.02, seen, 0.0, 0.5, True)
-    state = own.state
+        estimate = own.update(now_ns, 0.02, seen, 0.0, 0.5, True)
+    state = estimate.state
     assert state is not None
     return float(state.position_std_m), float(state.velocity_std_m_s)
 
@@ -57,10 +57,10 @@ def test_px4s_own_position_on_vision_is_called_as_accurate_as_the_checks_judge_i
     own = OwnState(replace(_vehicle(has_mocap=False), px4_position="vision"))
     for now_ns in range(DT_NS, 101 * DT_NS, DT_NS):
         seen = Snapshot(local_position_ns=now_ns, attitude_ns=now_ns, landed=Landed.ON_GROUND)
-        own.update(now_ns, 0.02, seen, 0.0, 0.5, True)
+        estimate = own.update(now_ns, 0.02, seen, 0.0, 0.5, True)
     known = ACCURACIES["vision"]
-    assert own.state is not None
-    assert (own.state.position_std_m, own.state.velocity_std_m_s) == (
+    assert estimate.state is not None
+    assert (estimate.state.position_std_m, estimate.state.velocity_std_m_s) == (
         known.position_std_m,
         known.velocity_std_m_s,
     )

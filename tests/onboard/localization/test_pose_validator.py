@@ -127,7 +127,24 @@ def test_a_body_that_hits_the_floor_is_believed_all_the_way_and_when_it_lies_the
 
 def test_after_a_gap_a_body_is_believed_where_it_can_have_flown() -> None:
     validator, rng = settled()
-    assert judge(validator, 150, circle(150, rng)) is PoseVerdict.ACCEPTED
+    assert judge(validator, 150, circle(150, rng)) is PoseVerdict.UNCONFIRMED
+    assert judge(validator, 151, circle(151, rng)) is PoseVerdict.ACCEPTED
+
+
+def test_an_old_sample_with_a_new_stamp_after_an_outage_costs_the_true_ones_nothing() -> None:
+    validator, rng = settled()
+    old = circle(99, rng)
+    assert judge(validator, 200, old) is PoseVerdict.UNCONFIRMED
+    verdicts = [judge(validator, tick, circle(tick, rng)) for tick in range(201, 210)]
+    assert verdicts == [PoseVerdict.UNCONFIRMED, *[PoseVerdict.ACCEPTED] * 8]
+
+
+def test_samples_after_an_outage_that_px4_excludes_need_half_a_second_of_agreement() -> None:
+    validator, rng = settled()
+    verdicts = [
+        judge(validator, tick, circle(tick, rng), is_contradicted=True) for tick in range(200, 230)
+    ]
+    assert verdicts == [PoseVerdict.UNCONFIRMED] * 24 + [PoseVerdict.ACCEPTED] * 6
 
 
 def test_a_body_that_turns_round_between_two_samples_is_another_one() -> None:

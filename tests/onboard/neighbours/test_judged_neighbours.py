@@ -123,6 +123,20 @@ def test_a_contradicted_neighbour_counts_at_the_nearer_position_and_promises_not
     assert not neighbour.is_cooperative
 
 
+def test_a_contradicted_neighbour_that_falls_silent_counts_where_the_mocap_sees_it() -> None:
+    table = _table()
+    table.judged.set_watched(table.indices["mav1"], True)
+    table.judged.set_contradicted(table.indices["mav1"], True)
+    farther_m = 7.0
+    now_ns, _ = _hear_for_half_a_second(table, (farther_m, 0.0, 1.0))
+
+    for sequence in range(26, 36):
+        now_ns += TICK_NS
+        table.hear_pose(_pose(sequence, now_ns, (farther_m, 0.0, 1.0)), now_ns)
+        table.place_contradicted(OWN_ENU_M, now_ns)
+    assert table.snapshot(now_ns)[0].position_enu_m.x == pytest.approx(farther_m, abs=0.02)
+
+
 def test_a_contradicted_neighbour_counts_as_airborne_also_when_it_says_that_it_stands() -> None:
     table = _table()
     standing = state_message(

@@ -17,6 +17,8 @@ from onboard.flight.types import FlightStep
 from sitl.faults.catalogue import Fault
 from sitl.lockstep.flight import Lockstep
 from sitl.physics.wind import Wind, WindSettings
+from tests.bench.blind import Case
+from tests.bench.blind import fly as fly_case
 from tests.sitl.lockstep.suite import READY_S, fleet_of, mission_of
 
 
@@ -103,6 +105,20 @@ def test_nobody_collides_and_all_land_by_themselves(loss: Loss) -> None:
     assert not flown.by_px4
 
 
+@pytest.mark.parametrize(
+    "case", [Case("six", 2.5, 1, 2.2), Case("pair", 2.5, 2, 3.8)], ids=lambda case: case.name
+)
+def test_from_two_and_a_half_metres_all_are_down_softly_before_reckoning_errs(case: Case) -> None:
+    flown = fly_case(case)
+    assert flown.wrong == ""
+    assert flown.collisions == 0
+    assert flown.nearest_m > 0.70
+    assert max(flown.down_s.values()) < 3.5
+    assert max(flown.touchdown_m_s.values()) < 1.2
+    assert not flown.by_px4
+    assert not flown.throttled_s
+
+
 def test_poses_of_all_that_are_back_within_0_6_s_cost_nobody_the_flight(lockstep) -> None:
     flight = lockstep(fleet_of(3), seed=5)
     for name in flight.config.enabled_names:
@@ -116,6 +132,7 @@ def test_px4s_own_position_is_wrong_by_metres_soon_after(lockstep) -> None:
     errors_m: dict[int, list[float]] = {1: [], 3: [], 4: []}
     for seed in (1, 2):
         flight = lockstep(fleet_of(3), seed=seed)
+        flight.may_land_hard = True  # blind, with 1.4 m/s
         flight.takeoff(1.0)
         names = flight.config.enabled_names
         assert max(map(flight.px4_position_error_m, names)) < 0.3
@@ -133,6 +150,7 @@ def test_without_a_position_of_px4_a_vehicle_without_a_mocap_lands_by_dead_recko
     lockstep,
 ) -> None:
     flight = lockstep("configs/fleets/px4-sitl.toml", seed=1)
+    flight.may_land_hard = True  # no height at all: 2.2 m/s
     flight.takeoff(1.5)
     link = flight.agents["mav1"].link
     receive = link.receive
@@ -147,6 +165,28 @@ def test_without_a_position_of_px4_a_vehicle_without_a_mocap_lands_by_dead_recko
 def _fly_all(losses: list[Loss]) -> list[Flown]:
     with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
         return list(pool.map(fly, losses))
+
+
+@pytest.mark.long
+@pytest.mark.timeout(7200)
+def test_poses_of_all_lost_at_one_and_two_and_a_half_metres_and_in_columns() -> None:
+    kinds = [("three", 1.0, 1), ("three", 2.5, 1), ("six", 1.0, 1), ("six", 2.5, 1)]
+    kinds += [("pair", 2.5, 1), ("pair", 2.5, 2)]
+    cases = [
+        Case(fleet, height_m, leg, round(0.12 * moment + 0.05, 2), seed=moment % 3)
+        for moment in range(50)
+        for fleet, height_m, leg in kinds
+    ]
+    with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
+        flights = list(pool.map(fly_case, cases))
+
+    near = sorted(flights, key=lambda one: one.nearest_m)
+    print("\n".join(map(str, near[:4])))
+    assert not any(one.wrong or one.by_px4 or one.throttled_s for one in flights)
+    assert not any(one.collisions for one in flights)
+    assert near[0].nearest_m > 0.50, near[0]
+    assert sum(one.nearest_m < 0.70 for one in flights) * 100 <= len(flights), near[:4]
+    assert max(max(one.touchdown_m_s.values(), default=0.0) for one in flights) < 1.3
 
 
 @pytest.mark.long
