@@ -14,6 +14,7 @@ import asyncio
 import math
 import signal
 import time
+from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, cast
@@ -44,6 +45,12 @@ _MOCAP_NOISE_M = 0.002
 # A vehicle that is lower and slower than this counts as being on the ground.
 _GROUND_M = 0.10
 _STILL_M_S = 0.10
+
+# First contact of a flight: the ground of the simulator stops a vehicle from one state to the next.
+_FLEW_M = 0.5
+_MAY_TOUCH_M = 0.4
+_STOPPED_M_S = 0.05
+_CONTACT_NS = 50_000_000
 
 HOME_PARAMS = ("SIH_LOC_LAT0", "SIH_LOC_LON0", "SIH_LOC_H0")
 _HOME_AGAIN_S = 0.3  # between requests for them
@@ -81,6 +88,12 @@ class Body:
     # where the simulator began: latitude [deg], longitude [deg], altitude [m]
     _begin: Vec3 | None = field(default=None)
 
+    # of the flight under way: greatest height [m], and times and climb rates of the last moment
+    _highest_m: float = -math.inf
+    _climbs: deque[tuple[int, float]] = field(default_factory=deque)
+    _touchdowns: int = 0
+    _touchdown_m_s: float = 0.0
+
     def missing(self) -> tuple[str, ...]:
         """Return the parameters that PX4 has yet to send."""
         return tuple(name for name in HOME_PARAMS if name not in self.home)
@@ -107,6 +120,7 @@ class Body:
 
         is_low = up - start_up < _GROUND_M
         is_still = math.hypot(*velocity) < _STILL_M_S
+        self._look_for_contact(stamp_ns, up - start_up, velocity[2])
         return Truth(
             vehicle=self.vehicle.name,
             stamp_ns=stamp_ns,
@@ -115,7 +129,24 @@ class Body:
             quaternion_enu_flu_wxyz=(w, x, y, z),
             is_on_ground=is_low and is_still,
             is_collided=False,  # vehicles of different PX4s fly through each other
+            touchdowns=self._touchdowns,
+            touchdown_m_s=self._touchdown_m_s,
         )
+
+    def _look_for_contact(self, stamp_ns: int, height_m: float, climb_m_s: float) -> None:
+        """Note with which speed the simulator's ground has stopped a vehicle that flew."""
+        self._highest_m = max(self._highest_m, height_m)
+        self._climbs.append((stamp_ns, climb_m_s))
+        while stamp_ns - self._climbs[0][0] > _CONTACT_NS:
+            self._climbs.popleft()
+
+        fastest_m_s = -min(climb for _, climb in self._climbs)
+        has_stopped = abs(climb_m_s) < _STOPPED_M_S < fastest_m_s
+        is_near_ground = height_m < _MAY_TOUCH_M
+        if self._highest_m > _FLEW_M and is_near_ground and has_stopped:
+            self._touchdowns += 1
+            self._touchdown_m_s = fastest_m_s
+            self._highest_m = height_m
 
     def _began_at(self, position: Vec3) -> Vec3:
         """Return where the simulator began: here, if PX4 does not send its parameters."""

@@ -37,6 +37,7 @@ from groundstation.orders.intents import (
 )
 from onboard.bus.schema import Vec3
 from onboard.config.fleet import FleetConfig
+from onboard.config.ground import floor_m, least_height_m
 
 
 class Situation(NamedTuple):
@@ -106,10 +107,13 @@ def _home(intent: Home, situation: Situation) -> Goals:
 
     goals = {}
     for name in situation.names:
-        x, y, _ = situation.fleet.vehicles[name].start_enu_m
+        vehicle = situation.fleet.vehicles[name]
+        x, y, _ = vehicle.start_enu_m
         height_m = intent.height_m
         if height_m is None:
-            height_m = spots[name][2]
+            # who stands or is about to is refused by its agent, for a reason of its own
+            lowest_m = floor_m(situation.fleet) + least_height_m(vehicle)
+            height_m = max(spots[name][2], lowest_m)
         goals[name] = (x, y, height_m)
     return Goals(intent, goals)
 

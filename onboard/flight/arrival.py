@@ -15,6 +15,12 @@ _ARRIVED_M_S = 0.10
 _ARRIVED_PX4_M = 0.6
 _ARRIVED_PX4_M_S = 0.6
 
+# Gusts move a vehicle that has arrived. For each m/s^2 of them its position and speed may be so far
+# off.
+_CALM_M_S2 = 0.10
+_GUST_S2 = 0.25
+_GUST_S = 0.6
+
 _TURNED_RAD = math.radians(10.0)
 _REST_SHARE = 1.5  # of the speed that counts as arrived
 _INSIDE_M = 0.05  # between a stop point and the fence
@@ -26,9 +32,10 @@ _VERTICAL_BRAKE_S = 0.15
 def is_at(view: FlightView, goal_enu_m: Vec3, vehicle: Vehicle) -> bool:
     """Return whether the vehicle is at its goal and slow, as far as its positions can show it."""
     near_m = _ARRIVED_M if vehicle.mocap_required else _ARRIVED_PX4_M
+    near_m += _GUST_S2 * _gusts_beyond(view)
     if not math.dist(goal_enu_m, view.position_enu_m) < near_m:
         return False
-    return math.hypot(*view.velocity_enu_m_s) < _slow_m_s(vehicle)
+    return math.hypot(*view.velocity_enu_m_s) < _slow_m_s(view, vehicle)
 
 
 def has_turned(view: FlightView, yaw_rad: float) -> bool:
@@ -39,7 +46,7 @@ def has_turned(view: FlightView, yaw_rad: float) -> bool:
 
 def is_at_rest(view: FlightView, vehicle: Vehicle) -> bool:
     """Return whether the vehicle is as slow as one that holds."""
-    return math.hypot(*view.velocity_enu_m_s) < _REST_SHARE * _slow_m_s(vehicle)
+    return math.hypot(*view.velocity_enu_m_s) < _REST_SHARE * _slow_m_s(view, vehicle)
 
 
 def stop_point(view: FlightView, vehicle: Vehicle, fleet: FleetConfig) -> Vec3:
@@ -62,5 +69,11 @@ def position_text(view: FlightView) -> str:
     return f"({x:.2f}, {y:.2f}, {z:.2f}) m"
 
 
-def _slow_m_s(vehicle: Vehicle) -> float:
-    return _ARRIVED_M_S if vehicle.mocap_required else _ARRIVED_PX4_M_S
+def _slow_m_s(view: FlightView, vehicle: Vehicle) -> float:
+    slow_m_s = _ARRIVED_M_S if vehicle.mocap_required else _ARRIVED_PX4_M_S
+    return slow_m_s + _GUST_S * _gusts_beyond(view)
+
+
+def _gusts_beyond(view: FlightView) -> float:
+    """Return the gusts beyond those in which a vehicle rests as in calm air [m/s^2]."""
+    return max(0.0, view.gust_m_s2 - _CALM_M_S2)

@@ -8,6 +8,11 @@ A vehicle is down when
 
 Thrust and stillness together need neither a height nor PX4: in free fall a third of a second at
 that thrust moves the vehicle by more than stillness allows.
+
+PX4's own height, by satellites, errs by half a metre. There low is no sign at all, and only thrust
+tells: the setpoint goes on sinking, and the vehicle does not although hardly anything carries it.
+PX4's land detector cannot decide either: with attitude setpoints it reports the ground only when
+there has been no thrust for a while (MPC_MANTHR_MIN in its MulticopterLandDetector.cpp).
 """
 
 from __future__ import annotations
@@ -23,15 +28,22 @@ _STILL_M = 0.02  # of height, while AGREED_S passes
 _STILL_PX4_M_S = 0.15  # for vehicles without a mocap, whose height has more noise than that
 _LOW_M = 0.06
 
+# Without a mocap, where PX4's velocity errs by more than stillness allows: so long at so little
+# thrust, a vehicle in the air sinks with 3 m/s.
+_LIGHT_LONG_S = 1.5
+_LIGHT_SLOW_M_S = 0.7
+
 # A vehicle that should have been down for a while, and does not move any more.
 _STALLED_M = 0.30
 _STALLED_S = 1.5
 
-# Without poses the height is PX4's, which reads too high by up to half a metre. But it shows when
-# the sinking ends.
-_BLIND_LOW_M = 0.5
-_BLIND_STILL_M_S = 0.25
-_BLIND_STILL_S = 0.3
+# Without poses the height is PX4's, which is wrong by a third of a metre: it cannot tell where the
+# ground is. But a vehicle that sinks at 0.8 m/s until it meets something shows when that happens.
+# PX4 may take the impact for a climb, so that rising counts as standing.
+_BLIND_LOW_M = 0.6
+_BLIND_SINKS_M_S = 0.25
+_BLIND_STANDS_S = 0.26
+_BLIND_UNDER_GROUND_M = -1.0  # no error explains this height
 
 
 class ContactSigns(Struct, frozen=True):
@@ -41,6 +53,7 @@ class ContactSigns(Struct, frozen=True):
     still_ns: int = 0  # it does not move vertically
     light_ns: int = 0  # less thrust carries it than flight takes
     reported_ns: int = 0  # PX4 reports the ground
+    slow_ns: int = 0  # it sinks slower than a vehicle that nothing carries
 
 
 def observe(signs: ContactSigns, view: FlightView, has_mocap: bool) -> ContactSigns:
@@ -58,16 +71,20 @@ def observe(signs: ContactSigns, view: FlightView, has_mocap: bool) -> ContactSi
         is_still = abs(height_m - signs.height_m) < _STILL_M
         still_height_m = signs.height_m if is_still else height_m
     else:
-        limit_m_s = _BLIND_STILL_M_S if view.is_blind else _STILL_PX4_M_S
-        is_still = abs(view.snapshot.velocity_local_ned_m_s[2]) < limit_m_s
+        sinking_m_s = view.snapshot.velocity_local_ned_m_s[2]
+        is_still = abs(sinking_m_s) < _STILL_PX4_M_S
+        if view.is_blind:
+            is_still = sinking_m_s < _BLIND_SINKS_M_S
         still_height_m = height_m
 
     is_light = view.thrust_share < _LIGHT_SHARE
+    is_slow = abs(view.snapshot.velocity_local_ned_m_s[2]) < _LIGHT_SLOW_M_S
     return ContactSigns(
         height_m=still_height_m,
         still_ns=signs.still_ns if is_still else now_ns,
         light_ns=signs.light_ns if is_light else now_ns,
         reported_ns=signs.reported_ns if view.is_on_ground else now_ns,
+        slow_ns=signs.slow_ns if is_slow else now_ns,
     )
 
 
@@ -93,6 +110,24 @@ def is_agreed(signs: ContactSigns, view: FlightView, ground_z_m: float, is_late:
     return is_late and height_m < _STALLED_M and has_stalled
 
 
+def is_agreed_by_thrust(signs: ContactSigns, view: FlightView) -> bool:
+    """Return whether thrust and motion say that a vehicle stands, whatever its height reads.
+
+    Args:
+        signs: as of this tick.
+        view: of this tick.
+    """
+    since_ns = view.now_ns - round(1e9 * AGREED_S)
+    is_light = signs.light_ns < since_ns
+    is_still = signs.still_ns < since_ns
+    is_reported = signs.reported_ns < since_ns
+    if is_light and (is_still or is_reported):
+        return True
+
+    long_ago_ns = view.now_ns - round(1e9 * _LIGHT_LONG_S)
+    return signs.light_ns < long_ago_ns and signs.slow_ns < long_ago_ns
+
+
 def is_agreed_blind(signs: ContactSigns, view: FlightView, ground_z_m: float) -> bool:
     """Return whether PX4's motion and height say that a vehicle stands that sinks without poses.
 
@@ -101,5 +136,8 @@ def is_agreed_blind(signs: ContactSigns, view: FlightView, ground_z_m: float) ->
         view: of this tick.
         ground_z_m: height of the ground where it took off [m].
     """
-    is_low = view.position_enu_m[2] - ground_z_m < _BLIND_LOW_M
-    return is_low and view.now_ns - signs.still_ns > 1e9 * _BLIND_STILL_S
+    height_m = view.position_enu_m[2] - ground_z_m
+    if height_m < _BLIND_UNDER_GROUND_M:
+        return True
+    stands_s = (view.now_ns - signs.still_ns) * 1e-9
+    return height_m < _BLIND_LOW_M and stands_s > _BLIND_STANDS_S

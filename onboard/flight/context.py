@@ -62,6 +62,7 @@ class FlightContext:
     lowest_m: float = math.inf  # lowest height since the landing began, or since contact
     contact_z_m: float = -math.inf  # height where it came to stand
     contact: ContactSigns = field(default_factory=ContactSigns)
+    seen_height_m: float = 0.0  # of the goal that it had before its poses stopped
 
     commands: list[Command] = field(default_factory=list)  # not yet taken by the core
 
@@ -86,6 +87,12 @@ class FlightContext:
         elif self.step is FlightStep.PX4_LANDING:
             mode = "LAND"
         return Expected(self.step in MUST_BE_ARMED, mode)
+
+    @property
+    def lands_for_a_person(self) -> bool:
+        """Whether a person has ordered this landing, and this vehicle by its name."""
+        order = self.order
+        return order is not None and order.kind == "land" and not order.reason
 
     @property
     def goal_position_enu_m(self) -> Vec3:

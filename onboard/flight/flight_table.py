@@ -15,7 +15,15 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
-from onboard.agent_commands import Arm, Command, Disarm, Kill, Px4Land, SetOffboard
+from onboard.agent_commands import (
+    Arm,
+    Command,
+    Disarm,
+    Kill,
+    Px4Land,
+    RequestHeartbeat,
+    SetOffboard,
+)
 from onboard.bus.schema import OrderOutcome, Severity
 from onboard.flight import effects, sentences
 from onboard.flight import predicates as p
@@ -53,6 +61,15 @@ _FREE = (S.CLIMB, S.LEG, S.PATH, S.ARRIVED, S.HOLDING, S.TAKEOVER)
 _CAN_FOLLOW = (S.LEG, S.ARRIVED, S.HOLDING)
 _DOWN = (S.DESCENT, S.CONTACT)
 _BLIND = (S.COASTING, S.SINKING)
+_PX4_MAY_LAND = (
+    S.ARM_ARMING,
+    S.TAKEOFF_ARMING,
+    S.ARMED,
+    S.LIFTOFF,
+    *_FREE,
+    *_BLIND,
+    *_DOWN,
+)
 _SILENT = (S.FAILED, S.FAILED_DISARMING, S.KILLING)
 _DISARMABLE = (
     *_START,
@@ -93,11 +110,18 @@ ORDERS = (
         effect=effects.descend, reason="ordered"),
     Row((S.COASTING,), E.LAND, to=S.SINKING, reason="ordered"),
     Row((S.SINKING, S.PX4_LANDING), E.LAND),  # what lands already, lands
-    Row(_SILENT, E.LAND, to=S.PX4_LANDING, request=Px4Land(), reason="ordered"),
+    Row((S.DISARMING,), E.LAND, when=p.px4_reports_the_ground),  # it stands, and is disarmed
+    # Where sticks are heard, PX4 is asked first whether a pilot has the vehicle.
+    Row((*_SILENT, S.DISARMING), E.LAND, when=p.px4_hears_sticks, to=S.PX4_LANDING,
+        request=RequestHeartbeat(), reason="ordered"),
+    Row((*_SILENT, S.DISARMING), E.LAND, to=S.PX4_LANDING, request=Px4Land(), reason="ordered"),
 
-    # Without thrust first, so that it stands even if PX4 has seen it lift off meanwhile.
-    Row((S.LIFTOFF,), E.DISARM, to=S.CONTACT, request=Disarm(),
+    # Without thrust first, so that it stands even if PX4 has seen it lift off meanwhile. Once PX4
+    # does not report the ground any more, it lands: whoever orders this wants the vehicle down.
+    Row((S.LIFTOFF,), E.DISARM, when=p.px4_reports_the_ground, to=S.CONTACT, request=Disarm(),
         effect=effects.expect_contact, reason="ordered"),
+    Row((S.LIFTOFF, S.CLIMB), E.DISARM, to=S.DESCENT, effect=effects.descend,
+        reason=sentences.LANDS_TO_DISARM),
     Row(_DISARMABLE, E.DISARM, when=p.px4_is_armed, to=S.DISARMING, request=Disarm(), reason=""),
     Row(_DISARMABLE, E.DISARM, to=S.DISARMED, request=Disarm(), reason=""),
     Row(_SILENT, E.DISARM, to=S.FAILED_DISARMING, request=Disarm()),
@@ -119,8 +143,9 @@ FAILSAFES = (
 
     Row((S.LIFTOFF, *_FREE), E.FAILSAFE_LAND, to=S.DESCENT, effect=effects.descend, reason=CAUSE),
     Row((S.COASTING,), E.FAILSAFE_LAND, to=S.SINKING, reason=CAUSE),
-    Row((S.ARM_ARMING, S.TAKEOFF_ARMING, S.ARMED, S.LIFTOFF, *_FREE, *_BLIND, *_DOWN),
-        E.FAILSAFE_PX4_LAND, to=S.PX4_LANDING, request=Px4Land(), reason=CAUSE),
+    Row(_PX4_MAY_LAND, E.FAILSAFE_PX4_LAND, when=p.px4_hears_sticks, to=S.PX4_LANDING,
+        request=RequestHeartbeat(), reason=CAUSE),
+    Row(_PX4_MAY_LAND, E.FAILSAFE_PX4_LAND, to=S.PX4_LANDING, request=Px4Land(), reason=CAUSE),
 
     Row((*_ARMED, S.DISARMING), E.FAILSAFE_DISARM, to=S.FAILSAFE_DISARMING,
         request=Disarm(), reason=CAUSE),
@@ -138,7 +163,7 @@ BLIND = (
 
     Row((S.COASTING,), E.TICK, when=p.sees_again_on_leg, to=S.LEG, effect=effects.resume),
     Row((S.COASTING,), E.TICK, when=p.sees_again_in_climb, to=S.CLIMB, effect=effects.resume),
-    Row((S.COASTING,), E.TICK, when=p.sees_again, to=S.HOLDING, effect=effects.stop_here),
+    Row((S.COASTING,), E.TICK, when=p.sees_again, to=S.HOLDING, effect=effects.hold_again),
     Row((S.SINKING,), E.TICK, when=p.sees_again, to=S.DESCENT, effect=effects.descend),
     Row(_BLIND, E.TICK, when=p.touched_down_blind, to=S.CONTACT, effect=effects.expect_contact),
 )
@@ -230,10 +255,11 @@ LANDING = (
     Row((S.DESCENT,), E.TICK, when=p.touched_down, to=S.CONTACT, effect=effects.expect_contact),
     Row((S.CONTACT,), E.TICK, when=p.falls, to=S.DESCENT, effect=effects.descend),
     Row((S.DESCENT,), E.TICK, when=p.is_kept_off, to=S.DESCENT, effect=effects.descend_here),
+    Row((S.DESCENT,), E.TICK, when=p.feels_for_ground, effect=effects.feel_for_ground),
     Row((S.DESCENT,), E.TICK, when=p.floor_is_lower, to=S.DESCENT, effect=effects.descend_further),
 
     Row((S.CONTACT, S.PX4_LANDING), E.TICK, when=p.landed_by_order, to=S.LANDED,
-        ends=("done", sentences.LANDED)),
+        ends=("done", sentences.landed_as_ordered)),
     Row((S.CONTACT, S.PX4_LANDING), E.TICK, when=p.landed, to=S.LANDED,
         ends=("failed", sentences.why_landed), says=("info", "landed", sentences.LANDED)),
     Row((S.CONTACT,), E.TICK, when=p.px4_should_have_disarmed, request=Disarm()),
@@ -241,6 +267,8 @@ LANDING = (
     Row((S.PX4_LANDING,), E.TICK, when=p.px4_refuses_to_land, request=Px4Land(),
         ends=("failed", sentences.px4_does_not_land)),
     Row((S.PX4_LANDING,), E.TICK, when=p.px4_does_not_land, request=Px4Land()),
+    # It has never left the ground, or its request to land was lost.
+    Row((S.PX4_LANDING,), E.TICK, when=p.px4_stays_armed_on_ground, request=Disarm()),
     Row((S.PX4_LANDING,), E.TICK, when=p.px4_landing_late,
         ends=("timed out", sentences.not_landed)),
 )

@@ -22,6 +22,7 @@ import numpy as np
 
 from onboard.bus.schema import PathOrder, Telemetry
 from onboard.config.fleet import FleetConfig, Vec3, Vehicle
+from onboard.config.ground import floor_m, least_height_m
 from onboard.control import path as paths
 from onboard.control.path import Path, PathPoint
 from onboard.types import Goal
@@ -280,6 +281,15 @@ def _path_refusal(path: Path, vehicle: Vehicle, fleet: FleetConfig) -> str | Non
     is_out = ((position_enu_m < low_enu_m) | (position_enu_m > high_enu_m)).any(-1)
     if is_out.any():
         return f"The path leaves the geofence at {times_s[is_out.argmax()]:.1f} s."
+
+    ground = floor_m(fleet)
+    least_m = least_height_m(vehicle)
+    height_m = position_enu_m[:, 2] - ground
+    if height_m.min() < least_m:
+        return (
+            f"The path is {height_m.min():.2f} m above the ground at {ground:g} m, at "
+            f"{times_s[height_m.argmin()]:.1f} s: {least_m:g} m is the least. Raise the path."
+        )
 
     speed_m_s = np.sqrt((rates[:, :3] ** 2).sum(-1))
     if speed_m_s.max() > _SPEED_ROOM * vehicle.max_speed_m_s:

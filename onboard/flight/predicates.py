@@ -35,6 +35,7 @@ _BEGUN_S = 0.3  # of a descent, before which nothing counts as its end
 _LATE_DESCENT_S = 1.0  # after the time that was planned for it
 _LOWER_FLOOR_S = 3.0  # likewise
 _CONTACT_HEIGHT_M = 0.06
+_FEELS_WITHIN_M = 0.3  # of the height from which it feels for the ground
 _FALLEN_M = 0.10
 _FALLING_M_S = -0.3
 _KEPT_OFF_M = 0.5
@@ -44,12 +45,11 @@ _DISARM_AFTER_S = 4.0
 _DISARM_AFTER_SEEN_S = 0.5
 
 # landing by dead reckoning
-_BLIND_CONTACT_M = 0.12
-_BLIND_CONTACT_S = 0.1
 _BLIND_BEGUN_S = 0.6
 
 # PX4's own landing
 _PX4_LANDING_TIMEOUT_S = 60.0
+_MODE_KNOWN_S = 1.2  # PX4's heartbeat comes once a second, and at once when it is asked for
 _PX4_SINKS_M_S = 0.5  # at least: MPC_LAND_SPEED is 0.7 m/s
 
 
@@ -111,6 +111,11 @@ def px4_is_disarmed_on_ground(flight: FlightContext, view: FlightView) -> bool:
 def px4_is_on_ground(flight: FlightContext, view: FlightView) -> bool:
     """Return whether PX4's last report is the ground."""
     return view.was_on_ground
+
+
+def px4_reports_the_ground(flight: FlightContext, view: FlightView) -> bool:
+    """Return whether PX4 reports the ground, and the report is not old."""
+    return view.is_on_ground
 
 
 def px4_flies_without_agent(flight: FlightContext, view: FlightView) -> bool:
@@ -194,15 +199,16 @@ def not_slowed_yet(flight: FlightContext, view: FlightView) -> bool:
 def touched_down(flight: FlightContext, view: FlightView) -> bool:
     """Return whether several signs have agreed for a moment that it stands on the ground."""
     since_begin_s = flight.seconds(view)
+    if not flight.vehicle.mocap_required:
+        return since_begin_s > _BEGUN_S and contact.is_agreed_by_thrust(flight.contact, view)
+
     is_late = since_begin_s > flight.goal.duration_s + _LATE_DESCENT_S
     is_agreed = contact.is_agreed(flight.contact, view, flight.ground_z_m, is_late)
     return is_agreed and since_begin_s > _BEGUN_S
 
 
 def touched_down_blind(flight: FlightContext, view: FlightView) -> bool:
-    """Return whether it stands on the ground by dead reckoning, or by PX4's motion."""
-    if flight.steady_s(view) > _BLIND_CONTACT_S:
-        return True
+    """Return whether it stands on the ground by PX4's motion."""
     is_stopped = contact.is_agreed_blind(flight.contact, view, flight.ground_z_m)
     return is_stopped and flight.seconds(view) > _BLIND_BEGUN_S
 
@@ -243,8 +249,21 @@ def is_kept_off(flight: FlightContext, view: FlightView) -> bool:
     return flight.steady_s(view) > _KEPT_OFF_S
 
 
+def feels_for_ground(flight: FlightContext, view: FlightView) -> bool:
+    """Return whether it sinks slowly until it stands, because its height may read wrong."""
+    if flight.vehicle.mocap_required:
+        return False
+    if flight.goal.is_on_path:
+        return True
+
+    above_m = view.position_enu_m[2] - flight.goal.position_enu_m.z
+    return flight.seconds(view) > flight.goal.duration_s and above_m < _FEELS_WITHIN_M
+
+
 def floor_is_lower(flight: FlightContext, view: FlightView) -> bool:
     """Return whether the descent has ended above the ground, which is lower than at take-off."""
+    if not flight.vehicle.mocap_required:
+        return False
     is_high = view.position_enu_m[2] - flight.ground_z_m > _CONTACT_HEIGHT_M
     return is_high and flight.seconds(view) > flight.goal.duration_s + _LOWER_FLOOR_S
 
@@ -276,8 +295,25 @@ def px4_should_have_disarmed(flight: FlightContext, view: FlightView) -> bool:
     return flight.seconds(view) > limit_s
 
 
+def px4_stays_armed_on_ground(flight: FlightContext, view: FlightView) -> bool:
+    """Return whether PX4 has reported the ground for so long that it should have disarmed."""
+    reported_s = 1e-9 * (view.now_ns - flight.contact.reported_ns)
+    return view.is_on_ground and reported_s > _DISARM_AFTER_S
+
+
+def px4_hears_sticks(flight: FlightContext, view: FlightView) -> bool:
+    """Return whether PX4 hears a pilot's sticks, so that he may have the vehicle."""
+    return view.hears_sticks
+
+
 def px4_does_not_land(flight: FlightContext, view: FlightView) -> bool:
-    """Return whether PX4 is in another mode, and in the air."""
+    """Return whether PX4 is in another mode, and in the air.
+
+    Beside a pilot's sticks a mode from before this step does not count: he may have taken over.
+    """
+    is_known = _is_confirmed(flight, view) or flight.seconds(view) > _MODE_KNOWN_S
+    if view.hears_sticks and not is_known:
+        return False
     return view.snapshot.mode != "LAND" and not view.is_on_ground
 
 
@@ -310,8 +346,6 @@ def is_steady(flight: FlightContext, view: FlightView) -> bool:
             return is_at_rest(view, flight.vehicle)
         case FlightStep.DESCENT:
             return _is_kept_beside_its_goal(flight, view)
-        case FlightStep.COASTING | FlightStep.SINKING:
-            return view.position_enu_m[2] - flight.ground_z_m < _BLIND_CONTACT_M
     return False
 
 

@@ -9,7 +9,7 @@ Requests to PX4 and events for people collect in the context until the core take
 
 from __future__ import annotations
 
-from onboard.agent_commands import PlayTune
+from onboard.agent_commands import PlayTune, RequestHeartbeat
 from onboard.bus.schema import Order, OrderOutcome, Severity
 from onboard.flight import contact, sentences
 from onboard.flight.context import FlightContext
@@ -169,8 +169,10 @@ def _apply(flight: FlightContext, view: FlightView, row: Row, cause: str = "") -
     if row.request is not None:
         is_due = view.now_ns - flight.request_ns > _REPEAT_NS
         if row.to is not None or is_due:
-            flight.request_ns = view.now_ns
             flight.commands.append(row.request)
+            # a question does not delay what its answer calls for
+            if not isinstance(row.request, RequestHeartbeat):
+                flight.request_ns = view.now_ns
 
 
 def _begin_step(flight: FlightContext, view: FlightView, step: FlightStep) -> None:

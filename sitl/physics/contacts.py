@@ -88,7 +88,8 @@ class World:
         self.commands = Commands.level(yaw_rad)
 
         self.collisions: list[Collision] = []
-        self.wind = Wind(n, wind or WindSettings(), seed=seed)
+        own_gusts_m_s2 = [profile.gust_std_m_s2 for profile in profiles]
+        self.wind = Wind(n, wind or WindSettings(), seed=seed, own_gust_std_m_s2=own_gusts_m_s2)
         self._downwash = downwash or Downwash()
         self._body_diameter_m = body_diameter_m
         self._touched: NDArray[np.bool_] = np.zeros((n, n), dtype=np.bool_)
@@ -104,7 +105,13 @@ class World:
         if not self.wind.is_calm:
             self.vehicles.air_ned_m_s[:] = self.wind.step()
         self.vehicles.step(self.commands)
-        return self._interact()
+        if self.wind.has_own_gusts:
+            self.vehicles.push_ned_m_s2[:] = 0.0
+
+        collisions = self._interact()
+        if self.wind.has_own_gusts:
+            self.vehicles.push_ned_m_s2 += self.wind.step_own_gusts()
+        return collisions
 
     def truth_enu(self) -> tuple[Array, Array, Array]:
         """Return true positions (n, 3), velocities (n, 3) and attitudes ENU <- FLU (n, 4)."""

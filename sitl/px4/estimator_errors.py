@@ -138,6 +138,14 @@ GPS = ErrorLevel(
     correlation_s=3.4,
     bias_m=(0.09, 0.14, 0.18),
 )
+# Of a vehicle that flew by vision and has lost it: sideways the drift adds to these. The height
+# stays the barometer's, which was compared with the vision until then.
+RECKONING = ErrorLevel(
+    position_m=(0.12, 0.20, 0.04),
+    velocity_m_s=(0.16, 0.29, 0.07),
+    correlation_s=3.4,
+    bias_m=(0.09, 0.14, 0.0),
+)
 VISION_DEFAULT = ErrorLevel(
     position_m=(0.039, 0.10, 0.05),
     velocity_m_s=(0.07, 0.17, 0.07),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from sitl.px4.modes import LandedState, Mode
@@ -28,6 +29,7 @@ class LandDetector:
 
     state: LandedState = LandedState.ON_GROUND  # what is reported
     has_flown: bool = False  # whether there was a take-off since arming
+    takeoff_time_s: float = math.inf  # when the first take-off since arming was detected
     landed_time_s: float = 0.0  # when the last landing was detected
     _contact_time_s: float = 0.0  # since when it has rested on the ground at low thrust
 
@@ -35,6 +37,7 @@ class LandDetector:
         """Take the vehicle for landed, as PX4 does with whatever is not armed."""
         self.state = LandedState.ON_GROUND
         self.has_flown = False
+        self.takeoff_time_s = math.inf
 
     def step(
         self, inputs: AutopilotInputs, mode: Mode, thrust_frac: float, params: Parameters
@@ -48,6 +51,7 @@ class LandDetector:
             self.state = _IN_MODE.get(mode, LandedState.IN_AIR)
             if was_on_ground:
                 self.has_flown = True
+                self.takeoff_time_s = min(self.takeoff_time_s, now_s)
                 return "takeoff"
             return None
 

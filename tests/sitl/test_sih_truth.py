@@ -49,6 +49,18 @@ def test_in_a_room_the_first_place_counts_as_the_fleet_file_s() -> None:
     assert moved.position_enu_m[0] - vehicle.start_enu_m[0] == pytest.approx(1.0, abs=0.01)
 
 
+def test_the_speed_at_which_the_ground_stops_a_vehicle_is_told_once() -> None:
+    body = Body(ROOM.vehicles["mav0"], None)
+    body.truth(state(), 0)
+    body.truth(state(alt=490400), 10_000_000)
+    for step in range(10):
+        body.truth(state(alt=489500 - 7 * step, vz=70), 20_000_000 + 10_000_000 * step)
+
+    down = [body.truth(state(alt=489430), 120_000_000 + 10_000_000 * step) for step in range(20)]
+    assert {truth.touchdowns for truth in down} == {1}
+    assert down[-1].touchdown_m_s == pytest.approx(0.7)
+
+
 def test_a_nose_to_the_north_is_a_quarter_turn_in_the_fleet_frame() -> None:
     seen: Truth = Body(ROOM.vehicles["mav0"], None).truth(state(), 1)
     assert seen.quaternion_enu_flu_wxyz == pytest.approx((0.7071, 0.0, 0.0, 0.7071), abs=1e-4)

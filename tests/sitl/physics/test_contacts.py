@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -109,6 +111,30 @@ def test_wind_has_its_mean_its_strength_and_its_correlation_time() -> None:
     np.testing.assert_allclose(air.std(axis=(0, 1)), [0.6, 0.6, 0.3], rtol=0.1)
     later = air[200:, :, 0] + 0.5
     assert np.mean((air[:-200, :, 0] + 0.5) * later) / 0.36 == pytest.approx(np.exp(-1.0), abs=0.06)
+
+
+def test_the_mean_wind_goes_straight_to_another_one_within_a_time() -> None:
+    wind = Wind(2, WindSettings(), seed=1)
+    wind.change_mean((4.0, -2.0, 0.0), over_s=2.0)
+    air = np.array([wind.step() for _ in range(750)])
+    np.testing.assert_allclose(air[249, 0], [-1.0, 2.0, 0.0], atol=0.02)
+    np.testing.assert_allclose(air[-1], [[-2.0, 4.0, 0.0]] * 2, atol=1e-9)
+    assert wind.mean_enu_m_s == pytest.approx((4.0, -2.0, 0.0))
+
+
+def test_gusts_of_a_vehicles_own_push_it_alone() -> None:
+    calm = replace(SIH, drag_1_s=0.0)
+    world = World(
+        [replace(calm, gust_std_m_s2=0.5), calm], np.array([[0.0, 0.0, 50.0], [9.0, 0.0, 50.0]])
+    )
+    world.commands.motors_on[:] = True
+    world.commands.thrust_frac[:] = SIH.hover_thrust_frac
+    pushes = []
+    for _ in range(5000):
+        world.step()
+        pushes.append(world.vehicles.push_ned_m_s2.copy())
+    assert np.array(pushes)[:, 0, :2].std() == pytest.approx(0.5, rel=0.4)
+    assert not np.array(pushes)[:, 1].any()
 
 
 def test_wind_carries_a_hovering_vehicle_away_and_common_gusts_carry_all_alike() -> None:

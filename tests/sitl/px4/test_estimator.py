@@ -249,15 +249,17 @@ def test_when_vision_stops_the_estimate_drifts_as_measured_and_its_flags_fade() 
         leans[tenth] = np.degrees(np.hypot(*estimator.tilt_error_rad.T))
         if tenth == 10:
             high_m = base[:, 2] - estimator.offset_ned_m[:, 2]
-            assert 0.12 < np.median(high_m) < 0.24
+            assert -0.22 < high_m.min() < -0.1
+            assert 0.2 < high_m.max() < 0.32
             # believed, too
             assert 0.15 < np.median(np.hypot(*estimator.velocity_ned_m_s[:, :2].T)) < 0.35
     assert estimator.flags(0, hovering.time_s) == 0xE5
     assert np.median(misses[31]) > 1.0
     assert np.median(misses[40]) < 2.3
     assert np.ptp(misses[35]) > 0.5
-    assert leans[36].min() > 1.3
+    assert leans[36].min() > 0.6
     assert leans[36].max() < 3.6
+    assert 1.3 < np.median(leans[36]) < 2.1
     counts = estimator.resets.copy()
     hovering.fly(1.0, (0.0, 0.0, 0.0))
     assert (estimator.resets - counts)[:, [XY, VXY, Z, VZ, HEADING]].min() == 1

@@ -1,0 +1,68 @@
+"""The vertical speed at a first contact with the ground, and how large it may be."""
+
+from __future__ import annotations
+
+import msgspec
+import pytest
+
+from groundstation.fleet.state import fold, initial
+from groundstation.fleet.touchdown import (
+    LIMIT_BLIND_M_S,
+    LIMIT_BY_POSES_M_S,
+    LIMIT_BY_PX4_M_S,
+    LIMIT_BY_SATELLITES_M_S,
+    Touchdown,
+)
+from onboard.config.fleet import load_fleet
+from tests.groundstation.conftest import telemetry
+from tests.groundstation.fleet.test_state import truth
+
+FLEET = load_fleet("paper")
+VEHICLE = FLEET.vehicles["mav0"]
+BY_SATELLITES = msgspec.structs.replace(VEHICLE, mocap_required=False)
+
+
+def landed(**changes: object) -> list[Touchdown]:
+    """Fold telemetry, a flight and a contact with 0.9 m/s."""
+    state = initial(FLEET)
+    state = fold(state, telemetry("mav0", **{"mode": "OFFBOARD", **changes}), 1)
+
+    state = fold(state, truth("mav0", 1, 0.0), 2)
+    contact = msgspec.structs.replace(truth("mav0", 2, 0.0), touchdowns=1, touchdown_m_s=0.9)
+    state = fold(state, contact, 3)
+    state = fold(state, msgspec.structs.replace(contact, stamp_ns=3), 4)
+    return list(state.touchdowns)
+
+
+def test_each_contact_counts_once() -> None:
+    (touchdown,) = landed()
+    assert touchdown.speed_m_s == 0.9
+    assert touchdown.is_hard(VEHICLE)
+    assert not touchdown.is_hard(BY_SATELLITES)
+
+
+@pytest.mark.parametrize(
+    "changes", [{"is_position_valid": False}, {"conditions": ("own position lost",)}]
+)
+def test_a_landing_without_a_position_may_be_harder(changes: dict[str, object]) -> None:
+    (touchdown,) = landed(**changes)
+    assert touchdown.limit_m_s(VEHICLE) == LIMIT_BLIND_M_S
+    assert not touchdown.is_hard(VEHICLE)
+
+
+@pytest.mark.parametrize(
+    "changes", [{"mode": "LAND"}, {"autopilot_age_s": 2.0}, {"state": "failed"}]
+)
+def test_a_landing_by_px4_alone_is_judged_by_what_px4_can(changes: dict[str, object]) -> None:
+    (touchdown,) = landed(**changes)
+    assert touchdown.limit_m_s(VEHICLE) == LIMIT_BY_PX4_M_S
+
+
+def test_each_way_to_fly_has_its_limit() -> None:
+    touchdown = Touchdown("mav0", 1, 0.9)
+    assert touchdown.limit_m_s(VEHICLE) == LIMIT_BY_POSES_M_S
+    assert touchdown.limit_m_s(BY_SATELLITES) == LIMIT_BY_SATELLITES_M_S
+
+
+def test_who_has_lost_thrust_falls() -> None:
+    assert not Touchdown("mav0", 1, 5.0, had_thrust=False).is_hard(VEHICLE)
