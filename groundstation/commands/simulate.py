@@ -22,7 +22,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from groundstation.commands.parameters import File, Folder
+from groundstation.commands.parameters import File, Folder, LawName
 from onboard.config.fleet import ConfigError
 from onboard.config.law import BUILT_IN
 from onboard.exit_status import EXIT_FAILED, EXIT_OK
@@ -47,7 +47,7 @@ _DEFAULT_SCALE = 1.0
 def simulate(
     *scenario: Annotated[str, Parameter(name="SCENARIO")],
     seeds: Annotated[str, Parameter(metavar="A:B")] = _DEFAULT_SEEDS,
-    law: Annotated[str | None, Parameter(metavar="NAME")] = None,
+    law: LawName = None,
     errors: Annotated[str, Parameter(metavar="CLASS")] = _DEFAULT_ERRORS,
     type: Annotated[str | None, Parameter(metavar="NAME[,NAME]")] = None,
     fleet: File | None = None,
@@ -113,6 +113,12 @@ def simulate(
 
     if not scenario:
         raise ConfigError(f"name a scenario, or --map. Known: {scenarios.KNOWN}.")
+    for name in scenario:
+        if name.endswith((".toml", ".py")):
+            raise ConfigError(
+                f"{name} is a file, and this command flies scenarios of its own. Fly a mission in "
+                f"simulated time with: covey fly {name} --lockstep"
+            )
     names = scenarios.expand(scenario)
     flown_seeds = _seeds(seeds)
     setup = settings.setup_for(

@@ -17,7 +17,7 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
-from groundstation.commands.parameters import Names
+from groundstation.commands.parameters import FleetFile, Names
 from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
 from onboard.exit_status import EXIT_OK
 from sitl.emulator.emulator import Environment
@@ -34,7 +34,7 @@ _LARGEST = 30.0  # of wind, gusts and scales
 
 def sitl(
     *,
-    fleet: Annotated[str | None, Parameter(metavar="FILE", help="fleet file")] = None,
+    fleet: FleetFile | None = None,
     vehicles: Names | None = None,
     exclude: Names | None = None,
     seed: int = 0,

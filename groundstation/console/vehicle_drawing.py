@@ -120,6 +120,8 @@ def _state(subject: VehicleSubject, width: int) -> Block:
     speed_m_s = math.sqrt(sum(axis * axis for axis in last.velocity_enu_m_s))
     lines.append([(" speed      ", FAINT), (f"{number(speed_m_s, 2)} m/s", tint)])
 
+    lines.append([(" wind       ", FAINT), (_wind(last), tint)])
+
     charge_pct = last.battery_frac * 100.0
     is_low = charge_pct <= subject.fleet.fleet.battery_warning_pct
     charge = number(charge_pct, 0, limit=999)
@@ -146,6 +148,20 @@ def _alarms(subject: VehicleSubject, width: int) -> Block:
             text_colour = FAINT
         lines += _wrapped(head, line.text(subject.now_ns), width, text_colour)
     return lines
+
+
+def _wind(last: Telemetry) -> str:
+    """Return the wind that the vehicle feels, where it comes from, gusts and limit."""
+    east_m_s, north_m_s = last.wind_enu_m_s
+    speed_m_s = math.hypot(east_m_s, north_m_s)
+    if math.isnan(speed_m_s):
+        return "not known"
+
+    from_deg = math.degrees(math.atan2(-east_m_s, -north_m_s)) % 360.0
+    speed = number(speed_m_s, 1)
+    gusts = number(last.gust_m_s, 1)
+    limit = number(last.max_wind_m_s, 1)
+    return f"{speed} m/s from {from_deg:.0f}°, gusts {gusts}, limit {limit}"
 
 
 def _position(last: Telemetry, *, is_old: bool, tint: str) -> Text:

@@ -7,12 +7,12 @@ verdict is made of them and of the record. Pure.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field
 
 import msgspec
 
-from groundstation.fleet.state import FleetState, Separation, VehicleView
+from groundstation.fleet.state import FleetState, VehicleView
 from onboard.config.fleet import FleetConfig, Vec3
 
 
@@ -51,10 +51,15 @@ class FlightObservations:
     begin_ns: int  # of the first step, on the ground's monotonic clock
     end_ns: int
     left_out: Collection[str] = ()  # vehicles that the mission went on without
+    # vehicles that went down though their last order left them flying, each with a sentence
+    other_ends: Mapping[str, str] = field(default_factory=dict)
     failure: str = ""  # sentence that ended the mission
     nobody: bool = False  # no vehicle answered
     is_wrong_input: bool = False
     is_interrupted: bool = False
+    is_taken: bool = False  # somebody's order has ended the mission, and stays
+    is_left_flying: bool = False  # rightly: the fleet was taken, or the mission was not begun
+    pilots: Collection[str] = ()  # vehicles that were flown by hand at the end
 
 
 def arrival_of(step: str, view: VehicleView, goal: Vec3, now_ns: int) -> Arrival:
@@ -75,11 +80,6 @@ def arrival_of(step: str, view: VehicleView, goal: Vec3, now_ns: int) -> Arrival
     if position_enu_m is not None:
         distance_m = round(math.dist(position_enu_m, goal), 4)
     return Arrival(step, view.name, distance_m, is_truth=False)
-
-
-def smallest(state: FleetState) -> Separation | None:
-    """Return the smallest separation so far, by ground truth where there is one."""
-    return state.smallest_truth or state.smallest
 
 
 def flown_law(state: FleetState, fleet: FleetConfig) -> str:

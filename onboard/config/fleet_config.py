@@ -83,6 +83,9 @@ class FleetSection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     # or so far apart in height; none: nobody flies above another
     vertical_separation_m: float | None = None
     body_diameter_m: float = 0.50  # from propeller tip to propeller tip
+    # standard deviation of a vehicle from its start_enu_m along one axis: how exactly people put it
+    # down. Preflight finds a turned or shifted frame by it.
+    placing_m: float = 0.05
     battery_warning_pct: float = 30.0  # the console warns below it
     battery_land_pct: float = 20.0  # a vehicle lands by itself below it
     # kill goes past an agent that has not answered for so long, and land is sent to it again
@@ -90,6 +93,7 @@ class FleetSection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     bus_lost_land_s: float = 5.0  # a vehicle that hears nobody holds, and lands after so long
     # vehicles in flight land when nobody has been there to order for so long
     ground_lost_land_s: float = 60.0
+    max_wind_m_s: float | None = None  # mean wind in which they fly; by default each type's alone
     # folder of the keys, beside this file or below it, of A-Z a-z 0-9 _ . / - without ..;
     # docs/keys.md
     keys: str = "keys"
@@ -145,6 +149,8 @@ class Vehicle(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     max_tilt_deg: float = 25.0  # of all manoeuvres
     max_speed_m_s: float = 1.0  # of all moves
     max_acceleration_m_s2: float = 1.5  # of all moves
+    # mean wind in which it flies; by default from tilt, thrust and drag: docs/wind.md
+    max_wind_m_s: float | None = None
     # true: it flies by the mocap and refuses to take off without; false: by PX4's own position
     mocap_required: bool = True
     # what PX4's own position comes from, without a mocap

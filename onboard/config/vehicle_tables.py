@@ -54,6 +54,8 @@ def vehicle_from_tables(
         )
 
     type_name = own.get("type", defaults.get("type", ""))
+    if not isinstance(type_name, str):
+        raise ConfigError(f"{path}: '{key}.type' must be the name of a [types.NAME].")
     if type_name and type_name not in types:
         raise ConfigError(
             f"{path}: '{key}.type' is {type_name!r}, but there is no [types.{type_name}]. "
@@ -76,8 +78,9 @@ def vehicle_from_tables(
     merged: dict[str, Any] = {"type": type_name}
     for table in (defaults, type_table, own):
         for entry, value in table.items():
-            if entry in _MERGED and isinstance(value, dict):
-                merged[entry] = {**merged.get(entry, {}), **value}
+            former = merged.get(entry, {})
+            if entry in _MERGED and isinstance(value, dict) and isinstance(former, dict):
+                merged[entry] = {**former, **value}
             else:
                 merged[entry] = value
 

@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from onboard.vectors import ZERO_3, Vec3, add_scaled, bounded, subtract
+from onboard.vectors import ZERO_3, Vec3, add_scaled, bounded, finite_or, subtract
 
 HISTORY_TICKS = 8  # commands kept; longer than the delay
 
@@ -33,7 +33,8 @@ class ObserverParams(NamedTuple):
 
     max_disturbance_m_s2: float = 1.5  # per axis
     mean_time_s: float = 2.0
-    max_mean_m_s2: float = 0.8  # per axis
+    # per axis; so much of what differs from the mean counts for it: a jump of the poses is no wind
+    max_miss_m_s2: float = 0.8
 
 
 class ObserverMemory(NamedTuple):
@@ -41,7 +42,7 @@ class ObserverMemory(NamedTuple):
 
     velocity_enu_m_s: Vec3
     disturbance_enu_m_s2: Vec3  # s_b
-    # of s_b over the last seconds, bounded: worth more than its last value once nothing is measured
+    # of s_b over the last seconds: worth more than its last value once nothing is measured
     mean_enu_m_s2: Vec3
     response_enu_m_s2: Vec3  # acceleration that the model of the commands has now
     response_rate_enu_m_s3: Vec3
@@ -102,8 +103,8 @@ def step(
         Memory, and s_b [m/s^2], ENU: the acceleration beside commands and drag.
     Properties: yaw-rotation-equivariant; an obedient vehicle shows no disturbance.
     """
-    measured = _finite_or(velocity_enu_m_s, memory.velocity_enu_m_s)
-    command = _finite_or(command_enu_m_s2, memory.commands_enu_m_s2[0])
+    measured = finite_or(velocity_enu_m_s, memory.velocity_enu_m_s)
+    command = finite_or(command_enu_m_s2, memory.commands_enu_m_s2[0])
     commands = (command,) + memory.commands_enu_m_s2[:-1]  # noqa: RUF005  numba compiles no unpacking
 
     # the command of the dead time ago, linear between ticks
@@ -130,7 +131,7 @@ def step(
     else:
         velocity = Vec3(x.velocity_m_s, y.velocity_m_s, z.velocity_m_s)
         disturbance = Vec3(x.disturbance_m_s2, y.disturbance_m_s2, z.disturbance_m_s2)
-        miss = subtract(bounded(disturbance, params.max_mean_m_s2), memory.mean_enu_m_s2)
+        miss = bounded(subtract(disturbance, memory.mean_enu_m_s2), params.max_miss_m_s2)
         mean = add_scaled(memory.mean_enu_m_s2, dt_s / params.mean_time_s, miss)
 
     after = ObserverMemory(
@@ -142,15 +143,6 @@ def step(
         commands_enu_m_s2=commands,
     )
     return after, disturbance
-
-
-def _finite_or(vector: Vec3, before: Vec3) -> Vec3:
-    """Return the vector with the components that are not finite as they were before."""
-    return Vec3(
-        vector.x if math.isfinite(vector.x) else before.x,
-        vector.y if math.isfinite(vector.y) else before.y,
-        vector.z if math.isfinite(vector.z) else before.z,
-    )
 
 
 def _horizontal(

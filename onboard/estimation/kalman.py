@@ -20,10 +20,22 @@ from typing import NamedTuple
 
 from onboard.frames import Quaternion, body_up
 from onboard.types import GRAVITY_M_S2, State
-from onboard.vectors import ZERO_3, Vec3, add, add_scaled, bounded, is_finite, scaled, subtract
+from onboard.vectors import (
+    ZERO_3,
+    Vec3,
+    add,
+    add_scaled,
+    bounded,
+    finite_or,
+    is_finite,
+    scaled,
+    subtract,
+)
 
 HISTORY_TICKS = 20  # a sample older than this many ticks is ignored
 _LEAST_VARIANCE = 1e-12
+_LEARNED_S = 0.125  # half of the time constant of the disturbance observer
+_LEAST_BIAS_M_S2 = 3.0  # bound of the bias, of static errors too
 
 
 class KalmanParams(NamedTuple):
@@ -32,8 +44,9 @@ class KalmanParams(NamedTuple):
     position_noise_m: float = 0.003  # std of a mocap sample per axis
     acceleration_noise: float = 0.03  # of the model [m/s^2 per sqrt(Hz)]
     bias_noise: float = 0.12  # random walk of the bias [m/s^3 per sqrt(Hz)]
-    max_bias_m_s2: float = 3.0  # per axis
+    max_bias_m_s2: float = _LEAST_BIAS_M_S2  # per axis
     drag_1_s: float = 0.0  # c
+    gust_time_s: float = 0.25  # for so long a gust moves the vehicle before it is leaned against
     motor_lag_s: float = 0.05  # from throttle to thrust
 
     # A sample farther off than the larger of both gates is a jump. They are wide enough for a stall
@@ -76,6 +89,26 @@ class KalmanMemory(NamedTuple):
 
 
 _NO_PAST = (PastTick(0.0, ZERO_3),) * HISTORY_TICKS
+
+
+def gust_time_s(lag_s: float) -> float:
+    """Return for how long a gust moves a vehicle before it is leaned against [s].
+
+    Args:
+        lag_s: from a command to its acceleration.
+    """
+    return lag_s + _LEARNED_S
+
+
+def largest_bias_m_s2(largest_push_m_s2: float) -> float:
+    """Return the bound of the bias of a vehicle that leans against such a push [m/s^2].
+
+    Twice that push, so that a wind beyond the vehicle's limit is seen for what it is.
+
+    Args:
+        largest_push_m_s2: by wind, per axis.
+    """
+    return max(_LEAST_BIAS_M_S2, 2.0 * largest_push_m_s2)
 
 
 def initial(position_enu_m: Vec3, params: KalmanParams) -> KalmanMemory:
@@ -162,8 +195,7 @@ def _moved(
     memory: KalmanMemory, driven: Vec3, thrust_m_s2: float, params: KalmanParams, dt_s: float
 ) -> KalmanMemory:
     """Return the memory after one tick of the midpoint rule."""
-    driven = Vec3(_or_zero(driven.x), _or_zero(driven.y), _or_zero(driven.z))
-    pushed = add(driven, memory.bias_enu_m_s2)
+    pushed = add(finite_or(driven, ZERO_3), memory.bias_enu_m_s2)
 
     before = memory.velocity_enu_m_s
     middle = add_scaled(before, 0.5 * dt_s, add_scaled(pushed, -params.drag_1_s, before))
@@ -181,10 +213,6 @@ def _moved(
         rejected_count=memory.rejected_count,
         last_age_s=memory.last_age_s + dt_s,
     )
-
-
-def _or_zero(value: float) -> float:
-    return value if math.isfinite(value) else 0.0
 
 
 def _grown(covariance: Covariance, params: KalmanParams, dt_s: float) -> Covariance:

@@ -25,6 +25,7 @@ from onboard.config.fleet import (
 from onboard.config.pair_separation import separation_m
 from onboard.estimation.accuracies import ACCURACIES, Accuracy
 from onboard.feasibility import bounds, law_map
+from onboard.feasibility.blind_descent import blind_descent_findings
 from onboard.feasibility.finding import Finding, at_least, worst, worst_first
 from onboard.feasibility.pair_checks import (
     crowding,
@@ -39,14 +40,26 @@ from onboard.feasibility.vehicle_checks import (
     battery,
     gust_reserve,
     height_at_tilt,
+    own_failsafes,
     silence,
     thrust_reserve,
+    wind,
 )
 from onboard.types import TICK_S
 
 ErrorClass = Literal["mocap", "vision", "gps"]
 
 OWN_LAW = "own law"  # name of the finding about a law of somebody's own
+
+_OF_EACH_VEHICLE = (
+    height_at_tilt,
+    thrust_reserve,
+    gust_reserve,
+    wind,
+    battery,
+    silence,
+    own_failsafes,
+)
 
 # nearer to the fence than this, a spot is refused
 _FENCE_M = 0.15
@@ -82,7 +95,7 @@ def fleet_findings(fleet: FleetConfig, *, errors: ErrorClass | None = None) -> t
             findings.append(law_map.map_finding(fleet, accuracy, law_map.shipped()))
 
     findings.append(fence_finding(fleet, starts, "take-off spots"))
-    for judge in (height_at_tilt, thrust_reserve, gust_reserve, battery, silence):
+    for judge in _OF_EACH_VEHICLE:
         findings.append(worst(judge(fleet, vehicle) for vehicle in kinds))
 
     return worst_first(findings)
@@ -187,6 +200,7 @@ def spot_findings(
     if len(spots) > 1:
         accuracy = ACCURACIES[errors or error_class(fleet)]
         findings.append(spacing_finding(fleet, spots, label, accuracy))
+    findings += blind_descent_findings(fleet, spots, label)
 
     return worst_first(findings)
 

@@ -5,8 +5,16 @@ from __future__ import annotations
 import math
 
 from onboard.config.fleet import FleetConfig, Vehicle
+from onboard.config.wind_limit import (
+    GUST_SHARE,
+    GUSTY,
+    largest_push_m_s2,
+    tilt_acceleration_m_s2,
+    wind_limit_m_s,
+)
 from onboard.feasibility import bounds
 from onboard.feasibility.finding import Finding, at_least, at_most
+from onboard.px4.required_params import silence_s, weakened
 from onboard.types import GRAVITY_M_S2
 
 # the disturbance observer has been measured to hold up to such gusts
@@ -15,8 +23,14 @@ GUST_M_S2 = 0.3
 # upward acceleration that climbing and gusts require
 _CLIMB_M_S2 = 1.0
 
+# a limit that was derived from the push is not above it by rounding
+_ROUNDING_M_S2 = 1e-6
+
 # BAT_CRIT_THR by default: at this level PX4 leaves OFFBOARD, whatever setpoints arrive
 _PX4_CRITICAL_FRAC = 0.07
+
+# name of the finding about px4_params that weaken a demand
+OWN_FAILSAFES = "PX4's own failsafes"
 
 # the agent's landing level lies so far above PX4's
 _BATTERY_GAP_PCT = 3.0
@@ -115,6 +129,47 @@ def gust_reserve(fleet: FleetConfig, vehicle: Vehicle) -> Finding:
     )
 
 
+def wind(fleet: FleetConfig, vehicle: Vehicle) -> Finding:
+    """Check the push of the strongest wind that the file allows, and of its gusts.
+
+    Args:
+        fleet: the fleet file.
+        vehicle: one of its vehicles.
+    Returns:
+        the finding; without a drag it says that the wind is not known.
+    """
+    limit_m_s = wind_limit_m_s(fleet, vehicle)
+    if math.isnan(limit_m_s):
+        return at_most(
+            name="wind",
+            value=0.0,
+            bound=largest_push_m_s2(vehicle),
+            unit="m/s^2",
+            sentence=(
+                f"{vehicle.name} has no drag_1_s, so it does not know the wind; it leans against "
+                "pushes of up to {bound}"
+            ),
+            remedy="Let covey identify measure drag_1_s.",
+        )
+
+    gust_m_s2 = GUST_SHARE * vehicle.drag_1_s * limit_m_s
+    wider_m = bounds.gust_margin_m(gust_m_s2, vehicle.lag_s, fleet.law)
+    advised_m_s = 0.95 * largest_push_m_s2(vehicle) / (GUSTY * vehicle.drag_1_s)
+    return at_most(
+        name="wind",
+        value=GUSTY * vehicle.drag_1_s * limit_m_s,
+        bound=largest_push_m_s2(vehicle) + _ROUNDING_M_S2,
+        unit="m/s^2",
+        sentence=(
+            f"{vehicle.name} may fly in a wind of {limit_m_s:.1f} m/s (max_wind_m_s), which pushes "
+            "with {value} in gusts; against wind it leans with {relation} {bound}, and in these "
+            f"gusts the others keep {wider_m:.2f} m beyond fleet.safety_distance_m"
+        ),
+        remedy=f"Set max_wind_m_s = {advised_m_s:.1f} or less, or raise max_tilt_deg.",
+        refuse_above=tilt_acceleration_m_s2(vehicle),
+    )
+
+
 def battery(fleet: FleetConfig, vehicle: Vehicle) -> Finding:
     """Check the landing level against the level at which PX4 lands by itself.
 
@@ -153,7 +208,7 @@ def silence(fleet: FleetConfig, vehicle: Vehicle) -> Finding:
     """
     return at_most(
         name="silence",
-        value=float(vehicle.px4_params.get("COM_OF_LOSS_T", 0.3)),
+        value=silence_s(vehicle),
         bound=0.5,
         unit="s",
         sentence=(
@@ -163,4 +218,28 @@ def silence(fleet: FleetConfig, vehicle: Vehicle) -> Finding:
         ),
         remedy="Set px4_params.COM_OF_LOSS_T = 0.3.",
         refuse_above=1.0,
+    )
+
+
+def own_failsafes(fleet: FleetConfig, vehicle: Vehicle) -> Finding:
+    """Check that the fleet file weakens no demand about PX4's own failsafes.
+
+    Args:
+        fleet: the fleet file.
+        vehicle: one of its vehicles.
+    Returns:
+        the finding.
+    """
+    sentences = weakened(fleet, vehicle)
+    sentence = f"px4_params leave every demand about PX4's own failsafes to {vehicle.name}"
+    if sentences:
+        sentence = " ".join(sentences).removesuffix(".")
+
+    return at_most(
+        name=OWN_FAILSAFES,
+        value=float(len(sentences)),
+        bound=0.0,
+        unit="",
+        sentence=sentence,
+        remedy="Remove them from px4_params: docs/px4.md says what PX4 does on its own.",
     )

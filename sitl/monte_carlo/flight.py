@@ -148,6 +148,7 @@ def _fly(
         scripted=scripted,
         noise=noise,
         perturbation=setup.perturbation,
+        seeds=[plan.seed for plan in plans],
         wash_diameter_m=wash_m,
     )
     truth = world.truth()

@@ -8,13 +8,15 @@ import numpy as np
 
 from onboard.arrays import Array, IntArray
 from onboard.config.fleet import Vehicle
+from onboard.config.wind_limit import largest_push_m_s2
 from onboard.estimation import kalman
 from onboard.neighbours import mocap_tracker
 from onboard.rollout import batch
 from onboard.rollout.rows import Rows
 from sitl.monte_carlo.noise import FlightNoise
 from sitl.monte_carlo.settings import ErrorClass
-from sitl.monte_carlo.vehicles import TICK_S, TrueMotion, wandered
+from sitl.monte_carlo.vehicles import TICK_S, TrueMotion
+from sitl.physics.wind import wandered
 
 _MOCAP_AGE_TICKS = 1
 
@@ -23,7 +25,14 @@ class MocapSensing:
     """Position samples at 50 Hz, one tick old, through the estimator that flies on the drone."""
 
     def __init__(self, errors: ErrorClass, vehicles: list[Vehicle], truth: TrueMotion) -> None:
-        params = [kalman.KalmanParams(drag_1_s=float(vehicle.drag_1_s)) for vehicle in vehicles]
+        params = [
+            kalman.KalmanParams(
+                drag_1_s=float(vehicle.drag_1_s),
+                gust_time_s=kalman.gust_time_s(vehicle.lag_s),
+                max_bias_m_s2=kalman.largest_bias_m_s2(largest_push_m_s2(vehicle)),
+            )
+            for vehicle in vehicles
+        ]
         position = truth.position_enu_m
         self._estimator = batch.FleetEstimator(params, position)
         self._std_m = errors.position_std_m
@@ -104,10 +113,18 @@ class GivenErrors:
         """Return the estimate of this tick, as :meth:`MocapSensing.update`."""
         errors = self._errors
         self._position = wandered(
-            self._position, errors.position_std_m, errors.position_time_s, normals[..., 0:3]
+            self._position,
+            errors.position_std_m,
+            errors.position_time_s,
+            TICK_S,
+            normals[..., 0:3],
         )
         self._velocity = wandered(
-            self._velocity, errors.velocity_std_m_s, errors.velocity_time_s, normals[..., 3:6]
+            self._velocity,
+            errors.velocity_std_m_s,
+            errors.velocity_time_s,
+            TICK_S,
+            normals[..., 3:6],
         )
 
         states = batch.STATE.rows(truth.yaw_rad.shape)

@@ -72,6 +72,10 @@ class Perturbation:
     burst_s: float = _from_to(0.0, 0.0, 60.0)  # length of a sender's silences; 0 for none
     burst_every_s: float = _from_to(10.0, 0.1, 1e4)  # mean interval of a sender's silences
     gust_m_s2: float = _from_to(0.1, 0.0, 5.0)  # std per horizontal axis, correlated over 1 s
+    # velocity of the air, which pushes by the drag: steady, from a direction of the flight's seed
+    wind_m_s: float = _from_to(0.0, 0.0, 30.0)
+    gust_m_s: float = _from_to(0.0, 0.0, 30.0)  # std per horizontal axis, half of it vertically
+    gust_s: float = _from_to(1.0, 0.0, 60.0)  # correlation time of these gusts
     lag_mismatch: float = _from_to(0.10, 0.0, 0.9)  # of the lag of the attitude
     lag_error_s: float = _from_to(0.0, 0.0, 1.0)  # added to the dead time
     gain: float = _from_to(0.05, 0.0, 0.9)  # error of the gain of the attitude

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,11 +15,12 @@ from sitl.monte_carlo.settings import Perturbation
 from sitl.physics import frames
 from sitl.physics.contacts import Downwash, pushed_down_each
 from sitl.physics.vehicle import STEP_S, Commands, VehicleProfile, Vehicles
+from sitl.physics.wind import GUST_TIME_S, Wind, WindSettings, wandered
 
 TICK_S = 0.02
 _STEPS = round(TICK_S / STEP_S)
-_GUST_TIME_S = 1.0
 _THRUST_NOISE_TIME_S = 0.1
+_WIND_RISES_S = 3.0
 _EAST_RAD = 0.5 * math.pi  # heading of body x along fleet x
 
 
@@ -36,7 +38,7 @@ class TrueMotion:
 class Physics:
     """``sitl.physics.vehicle`` for a batch of flights; vehicles begin hovering at their starts.
 
-    Gusts and thrust noise are drawn here, per flight, and act on the emulator's vehicles from
+    Wind, gusts and thrust noise are drawn here, per flight, and act on the emulator's vehicles from
     outside. The emulator's arrays hold all vehicles of all flights in one row, (F N, ...).
     """
 
@@ -47,6 +49,7 @@ class Physics:
         scripted: Array,
         noise: FlightNoise,
         perturbation: Perturbation,
+        seeds: Sequence[int],
         wash_diameter_m: float = 0.0,
     ) -> None:
         """Have all vehicles hover.
@@ -57,7 +60,8 @@ class Physics:
             scripted: velocities (F, N, 3) [m/s]; a vehicle whose velocity is not NaN is no
                 multirotor and moves straight on.
             noise: constants of each vehicle.
-            perturbation: by how much vehicles differ from their types, and the gusts.
+            perturbation: by how much vehicles differ from their types, wind and gusts.
+            seeds: (F,) of the flights, for their wind.
             wash_diameter_m: bodies of this diameter push down on whoever flies below them; 0:
                 nobody does.
         """
@@ -86,6 +90,7 @@ class Physics:
         self._commands.motors_on[:] = True
         self._commands.thrust_frac[:] = states.thrust_frac
 
+        self._winds = [_wind(count, perturbation, seed) for seed in seeds]
         self._gust = np.zeros((flights, count, 2))  # acceleration, east and north
         self._thrust_noise = np.array([vehicle.sitl.thrust_noise_frac for vehicle in vehicles])
         self._thrust_error = np.zeros((flights, count))
@@ -118,10 +123,15 @@ class Physics:
             thrust_frac: (F, N) of the attitude setpoints.
             normals: (F, N, 9) standard normal numbers.
         """
+        self._blow()
         gust_std = self._perturbation.gust_m_s2
-        self._gust = wandered(self._gust, gust_std, _GUST_TIME_S, normals[..., 6:8])
+        self._gust = wandered(self._gust, gust_std, GUST_TIME_S, TICK_S, normals[..., 6:8])
         self._thrust_error = wandered(
-            self._thrust_error, self._thrust_noise, _THRUST_NOISE_TIME_S, normals[..., 8]
+            self._thrust_error,
+            self._thrust_noise,
+            _THRUST_NOISE_TIME_S,
+            TICK_S,
+            normals[..., 8],
         )
 
         shape = (-1, self._count)  # of the batch, by flight
@@ -140,6 +150,13 @@ class Physics:
 
         if self._is_scripted.any():
             self._move_scripted()
+
+    def _blow(self) -> None:
+        """Let the air move on by one tick."""
+        air = self._vehicles.air_ned_m_s.reshape(-1, self._count, 3)
+        for flight, wind in zip(self._flights, self._winds, strict=True):
+            if not wind.is_calm:
+                air[flight] = wind.step()
 
     def _pushed_down(self) -> Array | float:
         """Return the acceleration (F, N) by the air of those above, as the emulator's downwash."""
@@ -163,6 +180,7 @@ class Physics:
     def keep(self, flights: IntArray) -> None:
         """Go on with these flights of the batch only; the others are carried along unwatched."""
         self._flights = self._flights[flights]
+        self._winds = [self._winds[k] for k in flights]
         self._gust = self._gust[flights]
         self._thrust_error = self._thrust_error[flights]
         self._scripted = self._scripted[flights]
@@ -172,6 +190,23 @@ class Physics:
         """Return a copy (F, N, ...) of the emulator's values for the flights that go on."""
         by_flight = values.reshape(-1, self._count, *values.shape[1:])
         return np.asarray(by_flight[self._flights])
+
+
+def _wind(count: int, perturbation: Perturbation, seed: int) -> Wind:
+    """Return the wind of one flight, from a direction of its own."""
+    bearing_rad = float(np.random.default_rng([seed, 6]).uniform(-math.pi, math.pi))
+    speed_m_s = perturbation.wind_m_s
+    settings = WindSettings(
+        gust_std_m_s=perturbation.gust_m_s,
+        gust_time_s=perturbation.gust_s,
+    )
+    wind = Wind(count, settings, seed=seed, step_s=TICK_S)
+
+    # no flight begins with a step of the wind: it rises while the first vehicles set out
+    if speed_m_s > 0.0:
+        mean = (speed_m_s * math.cos(bearing_rad), speed_m_s * math.sin(bearing_rad), 0.0)
+        wind.change_mean(mean, _WIND_RISES_S)
+    return wind
 
 
 def _profile(vehicle: Vehicle, perturbation: Perturbation, draws: Array) -> VehicleProfile:
@@ -196,18 +231,3 @@ def _profile(vehicle: Vehicle, perturbation: Perturbation, draws: Array) -> Vehi
         max_tilt_rate_deg_s=vehicle.sitl.max_tilt_rate_deg_s,
         max_yaw_rate_deg_s=vehicle.sitl.max_yaw_rate_deg_s,
     )
-
-
-def wandered(value: Array, std: Array | float, time_s: float, normals: Array) -> Array:
-    """Return an Ornstein-Uhlenbeck process one tick later.
-
-    Args:
-        value: of the process.
-        std: its stationary standard deviation.
-        time_s: over which it is correlated; 0: white noise.
-        normals: standard normal numbers of the shape of the value.
-    """
-    kept_share = 0.0
-    if time_s > 0.0:
-        kept_share = math.exp(-TICK_S / time_s)
-    return kept_share * value + std * math.sqrt(1.0 - kept_share * kept_share) * normals

@@ -25,10 +25,11 @@ from sitl.physics.jit import Record, Records, compiled
 GRAVITY_M_S2 = 9.80665
 STEP_S = 0.004  # 250 Hz: the loop of PX4's own simulator, and the resolution of every dead time
 THRUST_NOISE_CORRELATION_S = 0.1
-GUST_CORRELATION_S = 1.0
 # a vehicle that meets the ground tilted by more than 60 deg does not fly again
 CRASH_TILT_COS = 0.5
 LARGEST_TUMBLE_RAD_S = 15.0
+# a contact after less than this height ends a hop of the lift-off, and no flight
+HOP_M = 0.05
 
 MOTION = np.dtype(
     [
@@ -44,7 +45,6 @@ MOTION = np.dtype(
         ("thrust", "f8"),  # normalised, after the motors' lag
         ("attitude", "f8", 4),  # quaternion NED <- FRD, wxyz
         ("thrust_noise", "f8"),  # unit process
-        ("gust", "f8", 2),  # unit processes, north and east
         # error of the attitude that its loop has not yet integrated away [rad]
         ("tilt_offset", "f8", 2),
         ("lift_share", "f8"),  # lift in units of the weight
@@ -53,6 +53,11 @@ MOTION = np.dtype(
         # turning by a dead motor about body x and y, per lift [rad/s^2 per m/s^2]
         ("tumble", "f8", 2),
         ("rate_steps", "i8"),  # steps since body rates are commanded
+        ("highest", "f8"),  # height reached since it last stood [m]
+        ("touchdowns", "i8"),  # first contacts with the ground after flights, so far
+        ("touchdown_speed", "f8"),  # downwards, at the newest of them [m/s]
+        ("touchdown_powered", "?"),  # whether its motors had all their thrust then
+        ("is_powered", "?"),  # its motors turn, and have all their thrust
         ("on_ground", "?"),
         ("motors_dead", "?"),
     ],
@@ -73,7 +78,6 @@ RESPONSE = np.dtype(  # constants of one vehicle, from its profile
         ("drag", "f8"),  # linear, over mass [1/s]
         ("motor_blend", "f8"),  # part of the way to the commanded thrust in one step
         ("thrust_noise_std", "f8"),  # of the relative error
-        ("gust_std", "f8"),  # [m/s^2]
         ("max_tilt_rate", "f8"),  # [rad/s]
         ("max_yaw_rate", "f8"),  # [rad/s]
         # cascade of the heading: gain to the rate, gains of the rate loop, its filter, limits
@@ -109,8 +113,6 @@ COMMAND = np.dtype(
 _TWO_PI = 2.0 * math.pi
 _NOISE_BLEND = STEP_S / THRUST_NOISE_CORRELATION_S
 _NOISE_SPREAD = math.sqrt(2.0 * _NOISE_BLEND)
-_GUST_BLEND = STEP_S / GUST_CORRELATION_S
-_GUST_SPREAD = math.sqrt(2.0 * _GUST_BLEND)
 _Quaternion = tuple[float, float, float, float]
 
 
@@ -302,7 +304,17 @@ def _attitude(roll: float, pitch: float, yaw: float) -> _Quaternion:
 
 
 @compiled
-def _move(m: Record, r: Record, lift: float, air: Array, push: Array, draws: Array) -> None:
+def _meet_ground(m: Record, speed_down: float) -> None:
+    """Note with which vertical speed a flight ends [m/s]."""
+    if m.highest > HOP_M:
+        m.touchdowns += 1
+        m.touchdown_speed = speed_down
+        m.touchdown_powered = m.is_powered
+    m.highest = 0.0
+
+
+@compiled
+def _move(m: Record, r: Record, lift: float, air: Array, push: Array) -> None:
     """Advance attitude, position and velocity; meet the ground."""
     w, x, y, z = _attitude(m.tilt[0], m.tilt[1], m.yaw)
     m.attitude[0] = w
@@ -310,23 +322,22 @@ def _move(m: Record, r: Record, lift: float, air: Array, push: Array, draws: Arr
     m.attitude[2] = y
     m.attitude[3] = z
 
-    m.gust[0] = (1.0 - _GUST_BLEND) * m.gust[0] + _GUST_SPREAD * draws[1]
-    m.gust[1] = (1.0 - _GUST_BLEND) * m.gust[1] + _GUST_SPREAD * draws[2]
-
-    # lift against body z, drag of the air, gusts and gravity; NED
+    # lift against body z, drag of the air, push and gravity; NED
     v = m.velocity
     tilt_cos = 1.0 - 2.0 * (x * x + y * y)
     an = -lift * 2.0 * (x * z + w * y) + r.drag * (air[0] - v[0]) + push[0]
     ae = -lift * 2.0 * (y * z - w * x) + r.drag * (air[1] - v[1]) + push[1]
     ad = -lift * tilt_cos + r.drag * (air[2] - v[2]) + push[2] + GRAVITY_M_S2
-    an += r.gust_std * m.gust[0]
-    ae += r.gust_std * m.gust[1]
 
     vn = v[0] + STEP_S * an
     ve = v[1] + STEP_S * ae
     vd = v[2] + STEP_S * ad
     down = m.position[2] + STEP_S * vd
     touches = down >= 0.0
+
+    m.highest = max(m.highest, -m.position[2])
+    if touches and not m.on_ground:
+        _meet_ground(m, vd)
 
     # Feet grip: on the ground nothing slides, and a climb begins vertically.
     rests = touches and m.on_ground
@@ -370,7 +381,8 @@ def step(
         newest: index in the ring of the present commands.
         air: (n, 3) velocity of the air, NED [m/s].
         push: (n, 3) any other acceleration, NED [m/s^2].
-        draws: (n, 3) standard normal numbers: thrust, two gusts.
+        draws: (n, 3) standard normal numbers. The first is of the thrust; the other two are not
+            used, and drawn so that the flights of a seed stay what they were.
     """
     depth = commanded.shape[0]
     for i in range(motion.shape[0]):
@@ -386,10 +398,11 @@ def step(
 
         is_turning = now.motors_on and not m.motors_dead
         lift = _lift(m, r, by_thrust.thrust, is_turning, draws[i, 0])
+        m.is_powered = is_turning and m.lift_scale >= 1.0
 
         if now.is_rate:
             m.rate_steps += 1
         else:
             m.rate_steps = 0
         _rotate(m, r, by_tilt.attitude, by_heading.attitude, by_rate.rate, lift)
-        _move(m, r, lift, air[i], push[i], draws[i])
+        _move(m, r, lift, air[i], push[i])

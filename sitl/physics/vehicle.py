@@ -80,7 +80,7 @@ class VehicleProfile:
     thrust_delay_s: float = 0.012  # dead time of the thrust
     motor_lag_s: float = 0.05  # time constant of the thrust
     thrust_noise_frac: float = 0.0  # standard deviation of the relative thrust error
-    # standard deviation of the acceleration by gusts, per horizontal axis
+    # standard deviation of the acceleration by gusts of its own, per horizontal axis: wind.py
     gust_std_m_s2: float = 0.0
     max_tilt_rate_deg_s: float = 220.0  # MC_ROLLRATE_MAX, MC_PITCHRATE_MAX
     max_yaw_rate_deg_s: float = 200.0  # MC_YAWRATE_MAX
@@ -216,7 +216,7 @@ class Vehicles:
         profiles: one per vehicle.
         position_ned_m: (n, 3) start.
         yaw_rad: (n,) headings.
-        seed: of noise, gusts and biases.
+        seed: of noise and biases.
     """
 
     def __init__(
@@ -231,7 +231,7 @@ class Vehicles:
 
         self._rng = np.random.default_rng([seed, 1])
         self._draws = np.zeros((_BLOCK, n, 3))
-        self._is_noisy = any(p.thrust_noise_frac > 0.0 or p.gust_std_m_s2 > 0.0 for p in profiles)
+        self._is_noisy = any(p.thrust_noise_frac > 0.0 for p in profiles)
 
         self._response = _response(profiles)
         largest_bias_rad = np.radians([p.tilt_bias_deg for p in profiles])[:, None]
@@ -395,7 +395,6 @@ def _response(profiles: list[VehicleProfile]) -> Records:
         r["drag"] = p.drag_1_s
         r["motor_blend"] = 1.0 - math.exp(-STEP_S / max(p.motor_lag_s, 1e-6))
         r["thrust_noise_std"] = p.thrust_noise_frac
-        r["gust_std"] = p.gust_std_m_s2
         r["max_tilt_rate"] = math.radians(p.max_tilt_rate_deg_s)
         r["max_yaw_rate"] = math.radians(p.max_yaw_rate_deg_s)
 

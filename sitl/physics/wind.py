@@ -1,19 +1,23 @@
-"""Wind: a mean vector and gusts about it.
+"""Wind: a mean vector and gusts about it, the same in emulator, lockstep and campaigns.
 
-Gusts are an Ornstein-Uhlenbeck process per axis, which is Dryden's longitudinal spectrum with L / V
+A gust is an Ornstein-Uhlenbeck process per axis, which is Dryden's longitudinal spectrum with L / V
 as correlation time; the second pole of Dryden's other two spectra is left out. The air pushes by
-the vehicle's linear drag.
+the vehicle's linear drag. A vehicle of which only the push is known, and no drag, has gusts of its
+own as an acceleration; they are the same process.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from sitl.physics.frames import Array
 from sitl.physics.step import STEP_S
+
+GUST_TIME_S = 1.0  # correlation time of gusts, where nobody says another
 
 _VERTICAL_SHARE = 0.5  # of the horizontal gusts
 _BLOCK = 64  # random numbers are drawn for so many steps at once
@@ -26,46 +30,118 @@ class WindSettings:
     mean_enu_m_s: tuple[float, float, float] = (0.0, 0.0, 0.0)  # steady velocity of the air
     # standard deviation of gusts per horizontal axis; half of it vertically
     gust_std_m_s: float = 0.0
-    gust_time_s: float = 1.0  # correlation time of gusts
+    gust_time_s: float = GUST_TIME_S  # correlation time of gusts
     # one gust for all vehicles (a hall's ventilation) or one for each (outdoors, far apart)
     is_common: bool = False
 
 
+def wandered(value: Array, std: Array | float, time_s: float, dt_s: float, normals: Array) -> Array:
+    """Return an Ornstein-Uhlenbeck process one step later.
+
+    Args:
+        value: of the process.
+        std: its stationary standard deviation.
+        time_s: over which it is correlated; 0: white noise.
+        dt_s: length of the step.
+        normals: standard normal numbers of the shape of the value.
+    """
+    kept_share = 0.0
+    if time_s > 0.0:
+        kept_share = math.exp(-dt_s / time_s)
+    return kept_share * value + std * math.sqrt(1.0 - kept_share * kept_share) * normals
+
+
 class Wind:
-    """Velocity of the air at each vehicle, one sample per physics step.
+    """Velocity of the air at each vehicle, one sample per step.
 
     Args:
         count: of vehicles.
         settings: the weather.
         seed: of the gusts.
+        own_gust_std_m_s2: of the gusts that push each vehicle beside the air's velocity; none by
+            default.
+        step_s: from one sample to the next.
 
     Attributes:
         is_calm: whether the air does not move.
+        has_own_gusts: whether a vehicle has gusts of its own.
+        push_ned_m_s2: (n, 3) acceleration by the vehicles' own gusts, as of the last step.
     """
 
-    def __init__(self, count: int, settings: WindSettings, *, seed: int) -> None:
+    def __init__(
+        self,
+        count: int,
+        settings: WindSettings,
+        *,
+        seed: int,
+        own_gust_std_m_s2: Sequence[float] = (),
+        step_s: float = STEP_S,
+    ) -> None:
         gusts = 1 if settings.is_common else count
+        self._settings = settings
+        self._step_s = step_s
         self._rng = np.random.default_rng([seed, 4])
         self._gust = np.zeros((gusts, 3))
         self._draws = np.zeros((_BLOCK, gusts, 3))
         self._block_row = 0
         self._count = count
 
-        east, north, up = settings.mean_enu_m_s
-        self._mean_ned = np.array([north, east, -up])
+        self._mean_ned = _ned(settings.mean_enu_m_s)
+        self._gust_std_m_s = settings.gust_std_m_s * np.array([1.0, 1.0, _VERTICAL_SHARE])
 
-        # of the Ornstein-Uhlenbeck process: part that is kept over a step, and size of what is new
-        self._keep = math.exp(-STEP_S / max(settings.gust_time_s, STEP_S))
-        std_m_s = settings.gust_std_m_s * np.array([1.0, 1.0, _VERTICAL_SHARE])
-        self._spread = std_m_s * math.sqrt(1.0 - self._keep**2)
+        # a change of the mean goes on by so much a step, for so many steps
+        self._ramp_ned = np.zeros(3)
+        self._ramp_steps = 0
+
+        self._own_rng = np.random.default_rng([seed, 5])
+        self._own_std_m_s2 = np.zeros((count, 3))
+        if own_gust_std_m_s2:
+            self._own_std_m_s2[:, :2] = np.array(own_gust_std_m_s2)[:, None]
+        self.push_ned_m_s2 = np.zeros((count, 3))
 
         # read at every step of the physics
         self.is_calm = settings.gust_std_m_s == 0.0 and not self._mean_ned.any()
+        self.has_own_gusts = bool(self._own_std_m_s2.any())
+
+    def change_mean(self, mean_enu_m_s: tuple[float, float, float], over_s: float) -> None:
+        """Let the mean go straight to another one within a time."""
+        self._ramp_steps = max(1, round(over_s / self._step_s))
+        self._ramp_ned = (_ned(mean_enu_m_s) - self._mean_ned) / self._ramp_steps
+        self.is_calm = False
+
+    @property
+    def mean_enu_m_s(self) -> tuple[float, float, float]:
+        """Mean velocity of the air now."""
+        north, east, down = self._mean_ned.tolist()
+        return (east, north, -down)
 
     def step(self) -> Array:
-        """Return the velocity of the air (n, 3) NED [m/s], one physics step later."""
+        """Return the velocity of the air (n, 3) NED [m/s], one step later."""
+        if self._ramp_steps:
+            self._mean_ned = self._mean_ned + self._ramp_ned
+            self._ramp_steps -= 1
+
         if self._block_row == 0:
             self._rng.standard_normal(out=self._draws)
-        self._gust = self._keep * self._gust + self._spread * self._draws[self._block_row]
+        self._gust = wandered(
+            self._gust,
+            self._gust_std_m_s,
+            self._settings.gust_time_s,
+            self._step_s,
+            self._draws[self._block_row],
+        )
         self._block_row = (self._block_row + 1) % _BLOCK
         return np.broadcast_to(self._mean_ned + self._gust, (self._count, 3))
+
+    def step_own_gusts(self) -> Array:
+        """Return the acceleration (n, 3) by the vehicles' own gusts, NED, one step later."""
+        normals = self._own_rng.standard_normal((self._count, 3))
+        self.push_ned_m_s2 = wandered(
+            self.push_ned_m_s2, self._own_std_m_s2, GUST_TIME_S, self._step_s, normals
+        )
+        return self.push_ned_m_s2
+
+
+def _ned(enu_m_s: tuple[float, float, float]) -> Array:
+    east, north, up = enu_m_s
+    return np.array([north, east, -up])

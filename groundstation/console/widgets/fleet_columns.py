@@ -89,6 +89,19 @@ def _speed(row: VehicleRow) -> Cell:
     return number(_speed_m_s(row), 1), TEXT
 
 
+def _wind_m_s(row: VehicleRow) -> float:
+    return math.hypot(*row.telemetry.wind_enu_m_s)
+
+
+def _wind(row: VehicleRow) -> Cell:
+    """Return the wind that the vehicle feels; a dash where it is not known."""
+    wind_m_s = _wind_m_s(row)
+    if math.isnan(wind_m_s):
+        return "-", FAINT
+    colour = WARN if wind_m_s > row.telemetry.max_wind_m_s else TEXT
+    return number(wind_m_s, 1, limit=99), colour
+
+
 def _battery(row: VehicleRow) -> Cell:
     charge_pct = row.telemetry.battery_frac * 100.0
     text = number(charge_pct, 0, limit=999)
@@ -293,6 +306,14 @@ COLUMNS = (
     ),
     Column(
         title="m/s", width=4, rank=5, cell=_speed, right=True, sort=lambda row: -_speed_m_s(row)
+    ),
+    Column(
+        title="wind",
+        width=4,
+        rank=12,
+        cell=_wind,
+        right=True,
+        sort=lambda row: -_wind_m_s(row),
     ),
     Column(
         title="bat", width=5, rank=0, cell=_battery, sort=lambda row: row.telemetry.battery_frac

@@ -79,7 +79,7 @@ class SeparationView(Lines, can_focus=True):
     def _smallest(self) -> Separation | None:
         if self._state is None:
             return None
-        return self._state.smallest_truth or self._state.smallest
+        return self._state.smallest_known
 
     # -- pairs -------------------------------------------------------------------------------------
 

@@ -7,11 +7,10 @@ import math
 import numpy as np
 import pytest
 
-from onboard import frames
 from onboard.estimation import disturbance_observer
 from onboard.estimation.disturbance_observer import ObserverParams
 from onboard.vectors import ZERO_3, Vec3
-from tests.oracles.rotation import rotate
+from tests.oracles.rotation import quaternion_from_yaw, rotate
 
 DT = 0.02
 
@@ -79,7 +78,7 @@ def test_the_observer_ignores_values_that_are_not_finite() -> None:
 
 
 def test_turning_the_world_turns_the_disturbance() -> None:
-    params, q = ObserverParams(drag_1_s=0.3, delay_s=0.047), frames.quaternion_from_yaw(0.6)
+    params, q = ObserverParams(drag_1_s=0.3, delay_s=0.047), quaternion_from_yaw(0.6)
     rng = np.random.default_rng(10)
     plain = turned = disturbance_observer.initial(ZERO_3)
     for v, u in 0.1 * rng.normal(size=(40, 2, 3)):

@@ -9,13 +9,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from onboard import frames
 from onboard.estimation import kalman
 from onboard.estimation.kalman import Covariance, KalmanMemory, KalmanParams
 from onboard.types import GRAVITY_M_S2
 from onboard.vectors import ZERO_3, Vec3, add, scaled
 from tests.oracles.matrix_kalman import MatrixKalman
-from tests.oracles.rotation import rotate
+from tests.oracles.rotation import quaternion_from_yaw, rotate
 
 DT = 0.02
 G = GRAVITY_M_S2
@@ -310,7 +309,7 @@ def test_a_sample_older_than_the_memory_is_ignored() -> None:
 def test_turning_and_moving_the_world_turns_the_estimate() -> None:
     params, q, shift = (
         KalmanParams(drag_1_s=0.5),
-        frames.quaternion_from_yaw(0.9),
+        quaternion_from_yaw(0.9),
         Vec3(4.0, -1.0, 2.0),
     )
     rng = np.random.default_rng(7)

@@ -216,7 +216,7 @@ def test_the_worst_comes_first_and_of_unequal_vehicles_the_worst_is_named() -> N
 def test_spots_of_a_constellation_are_judged_for_spacing_and_room() -> None:
     fleet = fleet_with()
     tight = spot_findings(fleet, {"mav0": (0.0, 0.0, 1.0), "mav1": (0.95, 0.0, 1.0)}, "here")
-    assert [finding.status for finding in tight] == ["refused", "ok"]
+    assert [finding.status for finding in tight] == ["refused", "ok", "ok"]
     assert spot_findings(fleet, {"mav0": (3.9, 0.0, 1.0)}, "there")[0].status == "refused"
 
 
@@ -281,3 +281,15 @@ def test_available_acceleration_is_bounded_by_tilt_and_by_thrust() -> None:
     )
     assert bounds.available_acceleration_m_s2(45.0, 0.9) < 4.0
     assert bounds.available_acceleration_m_s2(30.0, 0.99) == 0.0
+
+
+def test_vehicles_that_would_be_too_long_without_poses_are_warned_of_and_then_refused() -> None:
+    fleet = fleet_with()
+    statuses = []
+    for height_m in (2.5, 4.2, 8.0):
+        spots = {"mav0": (0.0, 0.0, 1.0), "mav1": (2.0, 0.0, height_m)}
+        findings = {finding.name: finding for finding in spot_findings(fleet, spots, "here")}
+        statuses.append(findings["descent without poses, here"].status)
+    assert statuses == ["ok", "warning", "refused"]
+    alone = spot_findings(fleet, {"mav1": (2.0, 0.0, 8.0)}, "here")
+    assert "descent without poses, here" not in {finding.name for finding in alone}

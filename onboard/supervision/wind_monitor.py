@@ -1,0 +1,103 @@
+"""Wind as the failsafes see it: beside the vehicle's limit, and what it does to the flight.
+
+Three signs, each of its own: the wind that is estimated, the disturbance observer at its bound, and
+gusts that push a vehicle about. The first needs a drag; the other two do not.
+
+The limit is one of the mean wind. The estimate is a mean over two seconds, which gusts move: it is
+above the limit only where gusts that belong to the limit do not explain it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from onboard.config.fleet import FleetConfig, Vehicle
+from onboard.config.wind_limit import (
+    GUSTY,
+    largest_push_m_s2,
+    tilt_acceleration_m_s2,
+    wind_limit_m_s,
+)
+from onboard.estimation.wind import COVERED_M_S2
+from onboard.localization.own_state import OwnState
+from onboard.supervision.tick_context import TickContext
+
+_SCATTER_TIME_S = 2.0  # over which the square of the scatter is averaged
+_AT_BOUND_SHARE = 0.99  # of the observer's bound
+
+# of the horizontal acceleration: gusts of so much drive a vehicle through its margin, and two
+# vehicles that hover at 1.5 m together
+_GUST_SHARE = 0.15
+
+
+@dataclass(frozen=True, slots=True)
+class WindFacts:
+    """Effects of the wind on one vehicle; the defaults are those of calm air."""
+
+    speed_m_s: float = math.nan  # mean; NaN: not known
+    limit_m_s: float = math.nan  # NaN: not known
+    is_near: bool = False
+    is_above: bool = False
+    is_at_bound: bool = False  # the disturbance observer
+    gust_m_s2: float = 0.0  # standard deviation of the gusts, per axis
+    scatter_m: float = 0.0  # of the position about its setpoint in hover
+    is_pushed_about: bool = False
+
+    @property
+    def words(self) -> str:
+        """Wind and limit, for people."""
+        return f"{self.speed_m_s:.1f} m/s, its limit is {self.limit_m_s:.1f} m/s"
+
+    @property
+    def gust_words(self) -> str:
+        """Gusts and scatter, for people."""
+        return f"gusts of {self.gust_m_s2:.1f} m/s^2, {self.scatter_m:.2f} m in hover"
+
+
+class WindMonitor:
+    """Memory of one vehicle; call :meth:`update` at every tick, and :meth:`reset` on the ground.
+
+    Args:
+        fleet: the fleet file.
+        vehicle: of that file.
+    """
+
+    def __init__(self, fleet: FleetConfig, vehicle: Vehicle) -> None:
+        self._limit_m_s = wind_limit_m_s(fleet, vehicle)
+        self._bound_m_s2 = _AT_BOUND_SHARE * largest_push_m_s2(vehicle)
+        self._margin_m = fleet.law.margin_m(vehicle.lag_s)
+        self._largest_gust_m_s2 = _GUST_SHARE * tilt_acceleration_m_s2(vehicle)
+        self._square_m2 = 0.0  # mean of the squared distance from the setpoint
+
+    def reset(self) -> None:
+        """Forget the flight."""
+        self._square_m2 = 0.0
+
+    def update(self, context: TickContext, dt_s: float) -> None:
+        """Take one tick of a hover."""
+        square_m2 = context.setpoint_miss_m * context.setpoint_miss_m
+        if context.is_law_active or not math.isfinite(square_m2):
+            return
+        blend = min(1.0, dt_s / _SCATTER_TIME_S)
+        self._square_m2 += blend * (square_m2 - self._square_m2)
+
+    def look(self, own: OwnState, context: TickContext) -> WindFacts:
+        """Return the facts of now."""
+        speed_m_s = math.hypot(*own.wind_enu_m_s)
+        scatter_m = math.sqrt(self._square_m2)
+        push = context.disturbance_enu_m_s2
+        gust_m_s2 = own.gust_m_s2
+        is_scattered = gust_m_s2 > COVERED_M_S2 and scatter_m > self._margin_m
+
+        # comparisons with what is not known are false
+        return WindFacts(
+            speed_m_s=speed_m_s,
+            limit_m_s=self._limit_m_s,
+            is_near=speed_m_s > self._limit_m_s,
+            is_above=speed_m_s > GUSTY * self._limit_m_s,
+            is_at_bound=max(abs(push[0]), abs(push[1])) > self._bound_m_s2,
+            gust_m_s2=gust_m_s2,
+            scatter_m=scatter_m,
+            is_pushed_about=is_scattered or gust_m_s2 > self._largest_gust_m_s2,
+        )

@@ -1,0 +1,81 @@
+"""The wind estimate: push over drag, gusts about its mean, and the error that gusts make."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from onboard.estimation import wind
+from onboard.types import State
+from onboard.vectors import ZERO_3, Vec3
+
+DT = 0.02
+
+
+def flown(pushes: list[Vec3]) -> wind.WindMemory:
+    memory = wind.initial()
+    for push in pushes:
+        memory = wind.step(memory, push, DT, False)
+    return memory
+
+
+def gusty(std_m_s2: float, seconds: float, *, seed: int = 1) -> list[Vec3]:
+    """Return pushes of gusts with a correlation time of 1 s about 1.2 m/s^2 to the east."""
+    rng = np.random.default_rng(seed)
+    keep = math.exp(-DT)
+    gust = np.zeros(2)
+    pushes = []
+    for _ in range(round(seconds / DT)):
+        gust = keep * gust + std_m_s2 * math.sqrt(1.0 - keep**2) * rng.standard_normal(2)
+        pushes.append(Vec3(1.2 + float(gust[0]), float(gust[1]), 0.0))
+    return pushes
+
+
+def state() -> State:
+    return State(
+        position_enu_m=Vec3(1.0, 2.0, 3.0),
+        velocity_enu_m_s=ZERO_3,
+        acceleration_enu_m_s2=ZERO_3,
+        yaw_rad=0.0,
+        age_s=0.0,
+        position_std_m=0.003,
+        velocity_std_m_s=0.02,
+    )
+
+
+def test_a_push_over_the_drag_is_the_wind() -> None:
+    memory = flown([Vec3(1.2, -0.6, 0.3)] * 100)
+    assert wind.wind_enu_m_s(memory, 0.3) == pytest.approx((4.0, -2.0), abs=0.01)
+    assert wind.gust_std_m_s2(memory) == pytest.approx(0.0, abs=0.01)
+
+
+def test_the_wind_is_not_known_without_a_drag_on_the_ground_and_right_after_lift_off() -> None:
+    memory = flown([Vec3(1.2, 0.0, 0.0)] * 100)
+    assert math.isnan(wind.wind_enu_m_s(memory, 0.0)[0])
+    assert math.isnan(wind.wind_enu_m_s(flown([Vec3(1.2, 0.0, 0.0)] * 40), 0.3)[0])
+    landed = wind.step(memory, Vec3(1.2, 0.0, 0.0), DT, True)
+    assert math.isnan(wind.wind_enu_m_s(landed, 0.3)[0])
+
+
+def test_gusts_are_told_from_the_wind() -> None:
+    strengths = []
+    for seed in range(20):
+        memory = flown(gusty(0.5, 20.0, seed=seed))
+        strengths.append(wind.gust_std_m_s2(memory))
+        assert wind.wind_enu_m_s(memory, 0.3)[0] == pytest.approx(4.0, abs=3.0)
+    assert float(np.median(strengths)) == pytest.approx(0.4, abs=0.12)
+
+
+def test_a_number_that_is_not_finite_changes_nothing() -> None:
+    memory = flown([Vec3(1.2, 0.0, 0.0)] * 100)
+    assert wind.step(memory, Vec3(math.nan, 0.0, 0.0), DT, False) == memory
+
+
+def test_calm_air_leaves_the_estimate_as_it_is_and_gusts_widen_its_velocity() -> None:
+    calm = flown(gusty(0.03, 10.0))
+    assert wind.widened(state(), calm, 0.3) == state()
+    widened = wind.widened(state(), flown(gusty(0.6, 20.0)), 0.3)
+    assert widened.velocity_std_m_s > 0.04
+    assert widened._replace(velocity_std_m_s=0.02) == state()
