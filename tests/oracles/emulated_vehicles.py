@@ -17,7 +17,6 @@ from sitl.physics.jit import Records
 from sitl.physics.step import (
     CRASH_TILT_COS,
     GRAVITY_M_S2,
-    GUST_CORRELATION_S,
     LARGEST_TUMBLE_RAD_S,
     STEP_S,
     THRUST_NOISE_CORRELATION_S,
@@ -86,7 +85,7 @@ def step(
         np.where(by_rate | ~flies, 0.0, v) for v in (torque, integral)
     )
     motion["attitude"] = frames.from_yaw_and_tilt(motion["yaw"], motion["tilt"])
-    _move(motion, response, lift, air, push, draws)
+    _move(motion, response, lift, air, push)
 
 
 def _tilt(motion: Records, response: Records, commanded: Array) -> tuple[Array, Array]:
@@ -151,17 +150,12 @@ def _lift(
     return np.asarray(lift)
 
 
-def _move(
-    motion: Records, response: Records, lift: Array, air: Array, push: Array, draws: Array
-) -> None:
-    blend = STEP_S / GUST_CORRELATION_S
-    motion["gust"] = (1.0 - blend) * motion["gust"] + math.sqrt(2.0 * blend) * draws[:, 1:]
+def _move(motion: Records, response: Records, lift: Array, air: Array, push: Array) -> None:
     down = body_down(motion["attitude"])
     acceleration = (
         -lift[:, None] * down + response["drag"][:, None] * (air - motion["velocity"]) + push
     )
     acceleration[:, 2] += GRAVITY_M_S2
-    acceleration[:, :2] += response["gust_std"][:, None] * motion["gust"]
     velocity = motion["velocity"] + STEP_S * acceleration
     position = motion["position"] + STEP_S * velocity
     contact = position[:, 2] >= 0.0

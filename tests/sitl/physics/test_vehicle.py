@@ -171,7 +171,6 @@ def tumultuous_flight() -> VehicleStates:
             tilt_bias_deg=2.0,
             yaw_wn_rad_s=float(rng.uniform(2.0, 6.0)),
             thrust_noise_frac=0.02,
-            gust_std_m_s2=0.3,
             thrust_curve_frac=float(rng.uniform(0.0, 1.0)),
         )
         for _ in range(n)
