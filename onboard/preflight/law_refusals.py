@@ -9,6 +9,7 @@ from onboard.config.fleet import FleetConfig, Vec3
 from onboard.estimation.accuracies import ACCURACIES
 from onboard.feasibility.finding import Finding
 from onboard.feasibility.fleet_checks import error_class, fleet_findings, start_finding
+from onboard.feasibility.vehicle_checks import OWN_FAILSAFES
 from onboard.neighbours.table import NeighbourTable
 
 Refusal = tuple[str, str, str]  # name, sentence, remedy
@@ -64,9 +65,12 @@ def _refusals_of_fleet(fleet: FleetConfig) -> tuple[Refusal, ...]:
 
 
 def _refusals(findings: Iterable[Finding]) -> tuple[Refusal, ...]:
-    """Return the findings that refuse, with the remedy apart from the sentence."""
+    """Return the findings that refuse, with the remedy apart from the sentence.
+
+    What is refused about px4_params is told by the rule about parameters, under every law.
+    """
     return tuple(
         (finding.name, finding.sentence.removesuffix(f" {finding.remedy}"), finding.remedy)
         for finding in findings
-        if finding.status == "refused"
+        if finding.status == "refused" and finding.name != OWN_FAILSAFES
     )

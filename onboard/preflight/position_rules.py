@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 
 from onboard.config.fleet import FleetConfig, Vehicle
+from onboard.preflight.frame_fit import fit_frame
 from onboard.preflight.preflight_facts import OLDEST_SAMPLE_S, PreflightFacts
 from onboard.preflight.preflight_rule import (
     FINE,
@@ -29,6 +30,7 @@ HEADING_MISS_DEG = 25.0
 TILT_MISS_DEG = 6.0
 MOVING_M_S = 0.3
 OFF_SPOT_M = 0.5
+UNSEEN_TURN_DEG = 2.0
 
 # samples arrive and are not used: the rule "failsafe" has the sentence
 _REJECTED = frozenset({Condition.MOCAP_FROZEN, Condition.MOCAP_SWAPPED, Condition.POSITION_JUMPED})
@@ -140,6 +142,44 @@ def _spot(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgem
     return "away", words
 
 
+def _frame(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgement:
+    if not vehicle.mocap_required and fleet.fleet.global_origin is None:
+        return SKIP, {"reason": "for a vehicle whose frame begins where it stands"}
+    if facts.has_flown:
+        return SKIP, {"reason": "after a flight"}
+
+    told_m = []
+    seen_m = []
+    for name, (east_m, north_m, _) in facts.spots_seen_enu_m.items():
+        spot_enu_m = fleet.vehicles[name].start_enu_m
+        told_m.append((spot_enu_m[0], spot_enu_m[1]))
+        seen_m.append((east_m, north_m))
+
+    fence = fleet.fleet.geofence_m
+    std_m = math.hypot(fleet.fleet.placing_m, facts.position_std_m)
+    frame = fit_frame(told_m, seen_m, [(x, y) for x in fence.x for y in fence.y], std_m)
+    if frame is None:
+        return SKIP, {"reason": "by fewer than two vehicles on their spots"}
+
+    words: dict[str, object] = {
+        "count": len(told_m),
+        "turn": math.degrees(frame.turn_rad),
+        "shift": frame.shift_m,
+        "miss": abs(frame.turn_rad) * frame.far_m,
+        "least": math.degrees(frame.unseen_turn_rad),
+        "corner": frame.unseen_turn_rad * frame.far_m,
+        "placing": fleet.fleet.placing_m,
+        "std": frame.spot_std_m,
+    }
+    if frame.is_turned:
+        return "turned", words
+    if frame.is_shifted:
+        return "shifted", words
+    if math.degrees(frame.unseen_turn_rad) > UNSEEN_TURN_DEG and not facts.has_emulator:
+        return "short", words
+    return OK, words
+
+
 def _fence(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgement:
     fence = fleet.fleet.geofence_m
     if not fence.contains(vehicle.start_enu_m):
@@ -158,12 +198,14 @@ POSITION_RULES = rules(
         "agreement": _agreement,
         "at rest": _at_rest,
         "spot": _spot,
+        "frame": _frame,
         "fence": _fence,
     },
     FAR_FROM_PX4_M=FAR_FROM_PX4_M,
     HEADING_MISS_DEG=HEADING_MISS_DEG,
     MOVING_M_S=MOVING_M_S,
     OFF_SPOT_M=OFF_SPOT_M,
+    UNSEEN_TURN_DEG=UNSEEN_TURN_DEG,
     OLDEST_SAMPLE_S=OLDEST_SAMPLE_S,
     POSITION_STALE_S=POSITION_STALE_S,
     TILT_MISS_DEG=TILT_MISS_DEG,

@@ -104,6 +104,10 @@ class PreflightFacts:
     law_refusals: tuple[tuple[str, str, str], ...] = ()
     conditions: frozenset[Condition] = frozenset()  # of the failsafe table that hold
 
+    # vehicles on the ground that have not flown yet: where each is seen [m], ENU
+    spots_seen_enu_m: Mapping[str, Vec3] = field(default_factory=dict)
+    position_std_m: float = 0.0  # of the own position, along one axis
+
     @property
     def has_autopilot(self) -> bool:
         """Whether PX4 and its heartbeat are heard."""

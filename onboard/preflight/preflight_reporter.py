@@ -8,13 +8,12 @@ from dataclasses import replace
 
 from onboard.agent_inputs import AgentInput
 from onboard.bus.schema import PreflightReport
-from onboard.config.fleet import FleetConfig, Vehicle
+from onboard.config.fleet import FleetConfig, Vec3, Vehicle
 from onboard.flight import takeover
 from onboard.flight.context import FlightContext
 from onboard.flight.types import FlightView
 from onboard.frames import enu_from_ned
 from onboard.localization.own_state import OwnState
-from onboard.neighbours.duplicate_agents import DuplicateAgents
 from onboard.neighbours.table import NeighbourTable
 from onboard.preflight import all_rules
 from onboard.preflight.attitude_comparison import AttitudeRate, TiltComparison
@@ -25,6 +24,7 @@ from onboard.preflight.state_ages import StateAges
 from onboard.px4.required_params import FUSES_HEADING, FUSES_POSITION, required_params
 from onboard.px4.sensor_status import has_rc, unhealthy
 from onboard.safety.failsafe_table import Condition
+from onboard.safety.limits import POSITION_STALE_S
 from onboard.safety.snapshot_check import nonsense
 from onboard.types import TICK_S
 
@@ -32,6 +32,7 @@ _REPORT_EVERY_NS = 1_000_000_000
 _JUDGE_EVERY_NS = 90_000_000  # every fifth tick: one judgement takes 0.1 ms
 _AT_REST_NS = 1_000_000_000
 _DROPPED_LATELY_S = 1.0
+_BEFORE_FLIGHT = frozenset(("waiting", "ready", "armed"))
 
 
 class PreflightReporter:
@@ -55,9 +56,9 @@ class PreflightReporter:
         self._config_hash = fleet.config_hash
         self._fused = 0  # bits of EKF2_EV_CTRL: what PX4 takes of the mocap
         if vehicle.mocap_required:
-            self._fused = int(required_params(vehicle).get("EKF2_EV_CTRL", 0))
+            self._fused = int(required_params(fleet, vehicle)["EKF2_EV_CTRL"].value)
 
-        self._inputs = PreflightInputs(vehicle.name, vehicle.body, boot_id)
+        self.inputs = PreflightInputs(vehicle.name, vehicle.body, boot_id)
         self._attitude = AttitudeRate()
         self._tilt = TiltComparison()
         self._refusals = LawRefusals(fleet, vehicle.name, neighbours)
@@ -73,18 +74,9 @@ class PreflightReporter:
         self._reported_ns = 0
         self._judged_ns = 0
 
-    @property
-    def duplicates(self) -> DuplicateAgents:
-        """Vehicles for which two agents publish."""
-        return self._inputs.duplicates
-
     def hear(self, event: AgentInput) -> None:
         """Take an input of the agent, of whatever kind."""
-        self._inputs.hear(event)
-
-    def has_duplicate(self, now_ns: int) -> bool:
-        """Return whether another agent has published for this vehicle in the last seconds."""
-        return self._inputs.has_duplicate(now_ns)
+        self.inputs.hear(event)
 
     def update(
         self,
@@ -122,8 +114,8 @@ class PreflightReporter:
         """Take what has to be seen at every tick."""
         now_ns = view.now_ns
         self._attitude.update(now_ns, view.snapshot.attitude_ns)
-        if self._inputs.sample is not None:
-            self._tilt.update(self._inputs.sample.quaternion_enu_flu_wxyz, view.snapshot, dt_s)
+        if self.inputs.sample is not None:
+            self._tilt.update(self.inputs.sample.quaternion_enu_flu_wxyz, view.snapshot, dt_s)
 
         speed_m_s = math.hypot(*view.velocity_enu_m_s)
         if speed_m_s >= self._fastest_m_s or now_ns - self._fastest_ns > _AT_REST_NS:
@@ -151,7 +143,7 @@ class PreflightReporter:
         checks = all_rules.checks(facts, self._fleet, self._vehicle)
         return PreflightReport(
             vehicle=self._vehicle.name,
-            boot_id=self._inputs.boot_id,
+            boot_id=self.inputs.boot_id,
             sequence=self._sequence,
             stamp_ns=now_ns,
             checks=tuple(
@@ -164,7 +156,7 @@ class PreflightReporter:
         now_ns = view.now_ns
         snapshot = view.snapshot
         own = self._own
-        inputs = self._inputs
+        inputs = self.inputs
         neighbours = self._neighbours
 
         px4_nonsense = ""
@@ -215,6 +207,8 @@ class PreflightReporter:
             sample_age_s=sample_age_s,
             source_problem=inputs.source_problem,
             pose_sources=inputs.pose_sources(now_ns),
+            spots_seen_enu_m=self._spots_seen(view),
+            position_std_m=own.position_std_m,
             heading_miss_rad=own.heading_offset_rad,
             tilt_miss_rad=self._tilt.difference_rad,
             has_wrong_tilt=self._tilt.has_wrong_tilt,
@@ -223,7 +217,7 @@ class PreflightReporter:
             has_flown=self._has_flown,
             hover_frac=hover_frac if self._has_flown else math.nan,
             # bus and other vehicles
-            has_duplicate=self.has_duplicate(now_ns),
+            has_duplicate=inputs.has_duplicate(now_ns),
             missing_neighbours=neighbours.missing(now_ns),
             radio=self._state_ages.measured,
             clock_bounds_s=inputs.clock_bounds_s,
@@ -238,6 +232,17 @@ class PreflightReporter:
             is_law_warm=self.is_warm,
             loop_p99_ms=inputs.loop_p99_ms,
         )
+
+    def _spots_seen(self, view: FlightView) -> dict[str, Vec3]:
+        """Return where vehicles are seen that stand where people have put them [m], ENU."""
+        spots: dict[str, Vec3] = {}
+        if self._own.age_s < POSITION_STALE_S and not self._has_flown:
+            spots[self._vehicle.name] = view.position_enu_m
+        for name, telemetry in self._neighbours.telemetries().items():
+            is_put_down = telemetry.state in _BEFORE_FLIGHT and not telemetry.is_airborne
+            if is_put_down and telemetry.is_position_valid:
+                spots[name] = telemetry.position_enu_m
+        return spots
 
 
 def _age_s(now_ns: int, then_ns: int) -> float:

@@ -17,8 +17,8 @@ from onboard import agent_commands, agent_inputs
 from onboard.agent.core import AgentCore
 from onboard.bus.schema import PreflightReport, Telemetry
 from onboard.bus.topics import Topic
-from onboard.frames import quaternion_from_yaw, quaternion_multiply
 from tests.onboard.agent.rig import Rig, fleet
+from tests.oracles.rotation import quaternion_from_yaw, quaternion_multiply
 
 ADVICE = {"record", "kill switch"}
 

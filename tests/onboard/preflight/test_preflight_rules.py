@@ -29,6 +29,7 @@ REACHED = msgspec.structs.replace(VEHICLE, px4_version="1.18", direct="udpout://
 SIGNS = msgspec.structs.replace(VEHICLE, mavlink_signing=True)
 SILENT: dict[str, Any] = {"autopilot_age_s": math.inf}
 OUTSIDE = msgspec.structs.replace(VEHICLE, start_enu_m=(9.0, 0.0, 0.0))
+WEAK = msgspec.structs.replace(VEHICLE, px4_params={"COM_FLTT_LOW_ACT": 3})
 STEADY = msgspec.structs.replace(VEHICLE, px4_params={"MC_ROLL_P": 6.5, "MC_PITCH_P": 6.5})
 FINE = PreflightFacts(
     autopilot_age_s=0.01,
@@ -60,8 +61,20 @@ VARIANT = msgspec.structs.replace(
 )
 FINDING = ("spacing", "mav1 and mav2 are 0.4 m apart.", "Spread the places by 0.65 m.")
 SPOT_OF_MAV2 = (1.5, -1.4, 0.0)
+SPOTS = {name: vehicle.start_enu_m for name, vehicle in FLEET.vehicles.items()}
+# as the mocap sees them that was turned by 7 degrees about its origin, and one that was shifted
+TURNED = {
+    name: (0.9925 * x - 0.1219 * y, 0.1219 * x + 0.9925 * y, z) for name, (x, y, z) in SPOTS.items()
+}
+SHIFTED = {name: (x + 0.2, y, z) for name, (x, y, z) in SPOTS.items()}
 # rule and fault -> what is wrong, and words that its sentence has
 CASES: dict[tuple[str, str], tuple[dict[str, Any], str]] = {
+    ("frame", "turned"): ({"spots_seen_enu_m": TURNED}, "turned by 7.0°: so are the places of 3"),
+    ("frame", "shifted"): ({"spots_seen_enu_m": SHIFTED}, "3 vehicles are 0.20 m off"),
+    ("frame", "short"): (
+        {"spots_seen_enu_m": SPOTS, "has_emulator": False},
+        "turned by less than 4.1°",
+    ),
     ("px4", "silent"): ({"autopilot_age_s": 0.5}, "udpin://127.0.0.1:14541"),
     ("px4", "nonsense"): (
         {
@@ -132,6 +145,10 @@ CASES: dict[tuple[str, str], tuple[dict[str, Any], str]] = {
         "Mocap repeats itself, disk full.",
     ),
     ("parameters", "unread"): ({"param_problems": None}, "not read yet"),
+    ("parameters", "weakened"): (
+        {"vehicle": WEAK},
+        "px4_params set COM_FLTT_LOW_ACT = 3 for mav1",
+    ),
     ("parameters", "differ"): (
         {"param_problems": ("PX4 parameter COM_OF_LOSS_T is 1, this fleet needs 0.3.",)},
         "0.3",
