@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import tomllib
 from pathlib import Path
 
 from groundstation.figures import attitude, avoidance, plan_figure, tracking
 from groundstation.figures.data import TOPICS, from_samples
 from groundstation.figures.style import save, styled
 from groundstation.recording.reader import read, record_path
-from onboard.config.fleet import ConfigError, load_fleet
+from onboard.config.file_reading import RECORD, opened
+from onboard.config.fleet import ConfigError, load_fleet, read_toml
 
 _MCAP_MAGIC = b"\x89MCAP0\r\n"  # at the begin and at the end of a complete file
 _DEFAULT_SAFETY_DISTANCE_M = 0.80  # the paper's
@@ -55,7 +55,7 @@ def draw_record(folder: Path, out: Path | None = None) -> tuple[list[Path], bool
 
 def is_complete(path: Path) -> bool:
     """Whether an MCAP file ends as it should."""
-    with path.open("rb") as file:
+    with opened(path, RECORD) as file:
         file.seek(0, 2)
         size = file.tell()
         file.seek(max(0, size - len(_MCAP_MAGIC)))
@@ -66,12 +66,11 @@ def _limits(flight_folder: Path) -> dict[str, float]:
     """Return the distances from the fleet file in the flight folder; the paper's without one."""
     for path in sorted(flight_folder.glob("*.toml")):
         try:
-            with path.open("rb") as file:
-                is_fleet = "vehicles" in tomllib.load(file)
+            is_fleet = "vehicles" in read_toml(path, "fleet or mission file")[0]
             if not is_fleet:
                 continue
             fleet = load_fleet(path).fleet
-        except (ConfigError, tomllib.TOMLDecodeError, UnicodeDecodeError):
+        except ConfigError:
             continue
         return {
             "safety_distance_m": fleet.safety_distance_m,

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import shutil
 import textwrap
+from collections.abc import Collection
 
 from groundstation.file_checks.examination import ExaminedFile
 from groundstation.network.bus_findings import numbered
+from onboard.feasibility.finding import Finding
 from onboard.feasibility.fleet_checks import ErrorClass, error_class
 
 _NARROWEST = 60
@@ -15,24 +17,30 @@ _MARKS = {"refused": "REFUSED", "warning": "warning", "ok": "ok"}
 _MARK_WIDTH = 9  # with the space behind it
 
 
-def page(examined: ExaminedFile, errors: ErrorClass | None) -> str:
+def page(examined: ExaminedFile, errors: ErrorClass | None, shown: Collection[Finding] = ()) -> str:
     """Return the findings as a list, the worst first, and the verdict.
 
     Args:
         examined: the file.
         errors: accuracy of the position that was asked for.
+        shown: findings of the pages before this one, which are only counted here: a mission has all
+            those of its fleet.
     """
+    own = [finding for finding in examined.findings if finding not in shown]
+    repeated = len(examined.findings) - len(own)
     columns = shutil.get_terminal_size((_WIDEST, 24)).columns
     width = max(_NARROWEST, min(columns, _WIDEST))
-    name_width = max((len(finding.name) for finding in examined.findings), default=0)
+    name_width = max((len(finding.name) for finding in own), default=0)
     indent = " " * (_MARK_WIDTH + name_width + 2)
 
     lines = [examined.headline]
-    for finding in examined.findings:
+    for finding in own:
         head = f"{_MARKS[finding.status]:<8} {finding.name:<{name_width}}  "
         lines += textwrap.wrap(
             finding.sentence, width, initial_indent=head, subsequent_indent=indent
         )
+    if repeated:
+        lines.append(f"{numbered(repeated, 'finding')} about its fleet: see above.")
     lines.append(_verdict(examined, errors))
     return "\n".join(lines)
 

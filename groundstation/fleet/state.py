@@ -19,6 +19,15 @@ from msgspec.structs import replace
 
 from groundstation.fleet.own_stall import AFTER_STALL_S
 from groundstation.fleet.separation import closest_pair
+from groundstation.fleet.touchdown import Touchdown, touchdown_of
+from groundstation.fleet.unknown_time import (
+    FASTEST_SHARE,
+    KNOWN_S,
+    MAX_KEPT,
+    Sighting,
+    UnknownTime,
+    unknown_time,
+)
 from onboard.bus.codec import Malformed
 from onboard.bus.schema import Event, Light, Message, PreflightReport, Telemetry, Truth, Vec3
 from onboard.bus.topics import TOPICS, Topic
@@ -26,6 +35,7 @@ from onboard.config.fleet import FleetConfig
 from onboard.config.pair_separation import separation_m
 
 MAX_EVENTS = 500
+MAX_TOUCHDOWNS = 500
 GROUND_STALLED = "ground_stalled"  # code of the ground's event: it stood still itself
 # code of the ground's event: PX4 itself reports it on the direct path
 DIRECT_DISARMED = "direct_disarmed"
@@ -82,6 +92,9 @@ class VehicleView(Struct, frozen=True):
     is_alive: bool = False
     truth: Truth | None = None
     truth_received_ns: int = _NEVER
+    # when and where its position was known last, by ground truth or by telemetry
+    seen_ns: int = _NEVER
+    seen_enu_m: Vec3 = (0.0, 0.0, 0.0)
     preflight: PreflightReport | None = None
     preflight_received_ns: int = _NEVER
     light: tuple[int, int, int] | None = None  # colour in a show: red, green, blue up to 255
@@ -110,6 +123,31 @@ class VehicleView(Struct, frozen=True):
     def has_truth(self, now_ns: int) -> bool:
         """Whether an emulator sends this vehicle's true position."""
         return self.truth is not None and now_ns - self.truth_received_ns <= TRUTH_STALE_NS
+
+    def has_new_truth(self, now_ns: int) -> bool:
+        """Whether its true position is known now, so that no distance is taken by telemetry."""
+        return self.truth is not None and now_ns - self.truth_received_ns <= KNOWN_S * 1e9
+
+    @property
+    def sighting(self) -> Sighting | None:
+        """Its last sighting; None while it was never seen."""
+        if self.seen_ns == _NEVER:
+            return None
+
+        is_flying = self.is_airborne or self.is_armed
+        if self.truth is not None and self.truth_received_ns == self.seen_ns:
+            is_flying = is_flying or not self.truth.is_on_ground
+        return Sighting(self.name, self.seen_enu_m, self.seen_ns, is_flying)
+
+    @property
+    def resting_enu_m(self) -> Vec3 | None:
+        """Its place on the ground while it is disarmed [m], ENU; None while it may move."""
+        message = self.telemetry
+        if message is None or not message.is_position_valid:
+            return None
+        if self.is_armed or self.is_airborne:
+            return None
+        return message.position_enu_m
 
     def position_enu_m(self, now_ns: int) -> Vec3 | None:
         """Return the last reported position, carried to now with its velocity.
@@ -160,8 +198,12 @@ class FleetState(Struct, frozen=True):
     vehicles: Mapping[str, VehicleView]
     events: tuple[LoggedEvent, ...] = ()  # the newest MAX_EVENTS, oldest first
     nodes: frozenset[str] = frozenset()  # liveliness tokens of the bus
-    smallest: Separation | None = None  # smallest so far while one of the two flew, by telemetry
+    # smallest so far while one of the two flew, by telemetry: while there is no ground truth
+    smallest: Separation | None = None
     smallest_truth: Separation | None = None  # the same by ground truth; None outside simulation
+    unknown_times: tuple[UnknownTime, ...] = ()  # in which distances were not known, oldest first
+    # contacts with the ground at the ends of flights, oldest first; simulation only
+    touchdowns: tuple[Touchdown, ...] = ()
     # messages that could not be decoded; these four as in onboard/message_counts.py
     malformed: int = 0
     refused: int = 0
@@ -169,7 +211,9 @@ class FleetState(Struct, frozen=True):
     late: int = 0
     disabled: frozenset[str] = frozenset()  # vehicles that the fleet file disables
     height_share: float = 0.0  # what a metre of height counts in a separation
+    top_speed_m_s: float = 0.0  # the fastest that any of its vehicles flies
     stalled_ns: int = _NEVER  # this ground itself stood still until then
+    loop_late_s: float = 0.0  # lateness of this ground's event loop over the last seconds, at worst
 
     def is_after_stall(self, now_ns: int) -> bool:
         """Whether this ground itself stood still just now.
@@ -221,6 +265,12 @@ class FleetState(Struct, frozen=True):
         return view.is_disarmed_by_px4
 
     @property
+    def smallest_known(self) -> Separation | None:
+        """The smallest separation so far: by ground truth, and by telemetry while there is none."""
+        known = [pair for pair in (self.smallest_truth, self.smallest) if pair is not None]
+        return min(known, key=lambda pair: pair.distance_m, default=None)
+
+    @property
     def is_simulated(self) -> bool:
         """Whether the ground truth of every vehicle was received; no real vehicle tells its own."""
         return all(view.truth is not None for view in self.vehicles.values())
@@ -231,13 +281,20 @@ class FleetState(Struct, frozen=True):
         return tuple(name for name, view in self.vehicles.items() if view.is_airborne)
 
 
+def without_distances(state: FleetState) -> FleetState:
+    """Return the state without what it remembers of distances: another mission begins."""
+    return replace(state, smallest=None, smallest_truth=None, unknown_times=())
+
+
 def initial(fleet: FleetConfig) -> FleetState:
     """Return the state before the first message."""
     enabled = fleet.enabled_names
+    fastest_m_s = max((fleet.vehicles[name].max_speed_m_s for name in enabled), default=0.0)
     return FleetState(
         vehicles=MappingProxyType({name: VehicleView(name) for name in enabled}),
         disabled=frozenset(fleet.vehicles) - {*enabled},
         height_share=fleet.fleet.height_share,
+        top_speed_m_s=FASTEST_SHARE * fastest_m_s,
     )
 
 
@@ -340,10 +397,11 @@ def fold_batch(state: FleetState, batch: Sequence[Received], now_ns: int) -> Fle
 
     if nodes:
         state = fold_nodes(state, nodes)
-    if telemetry:
-        state = fold_telemetry(state, telemetry)
+    # truth first: where there is truth, telemetry says nothing about distances
     if truths:
         state = fold_truths(state, truths, now_ns)
+    if telemetry:
+        state = fold_telemetry(state, telemetry)
     return state
 
 
@@ -399,7 +457,12 @@ def fold_telemetry(state: FleetState, received: Sequence[tuple[Telemetry, int]])
         if not _finite(message.position_enu_m) or not _finite(message.velocity_enu_m_s):
             malformed += 1
             message = _without_position(message)
-        vehicles[view.name] = replace(view, telemetry=message, received_ns=now_ns)
+
+        heard = replace(view, telemetry=message, received_ns=now_ns)
+        if message.is_position_valid:
+            heard = replace(heard, seen_ns=now_ns, seen_enu_m=message.position_enu_m)
+            state = _seen_again(state, vehicles, view, heard)
+        vehicles[view.name] = heard
         updated.add(view.name)
 
     if not updated:
@@ -413,13 +476,16 @@ def fold_telemetry(state: FleetState, received: Sequence[tuple[Telemetry, int]])
 
 def _compared(state: FleetState, updated: Set[str], now_ns: int) -> FleetState:
     """Return the state with the smallest separation between ``updated`` and all vehicles."""
-    if not any(view.is_airborne for view in state.vehicles.values()):
+    views = state.vehicles.values()
+    if not any(view.is_airborne for view in views):
+        return state
+    if all(view.has_new_truth(now_ns) for view in views):
         return state
 
     known = []
     positions = []
-    for view in state.vehicles.values():
-        position_enu_m = view.position_enu_m(now_ns)
+    for view in views:
+        position_enu_m = view.resting_enu_m or view.position_enu_m(now_ns)
         if position_enu_m is not None:
             known.append(view)
             positions.append(position_enu_m)
@@ -445,6 +511,8 @@ def _compared(state: FleetState, updated: Set[str], now_ns: int) -> FleetState:
 def fold_truths(state: FleetState, messages: Sequence[Truth], now_ns: int) -> FleetState:
     """Fold ground truth of several vehicles, received together.
 
+    A vehicle that occurs twice, as after a stall of this ground, is compared twice.
+
     Args:
         state: before the messages.
         messages: of one emulator, hence of one clock.
@@ -454,23 +522,48 @@ def fold_truths(state: FleetState, messages: Sequence[Truth], now_ns: int) -> Fl
         The state after the messages.
     """
     vehicles = dict(state.vehicles)
-    updated = set()
+    updated: set[str] = set()  # vehicles that are not compared yet
+    touchdowns: list[Touchdown] = []
     for message in messages:
         view = vehicles.get(message.vehicle)
         if view is None:
             continue
+
+        if view.name in updated:
+            state = replace(state, vehicles=MappingProxyType(dict(vehicles)))
+            state = _compared_by_truth(state, updated, now_ns)
+            updated.clear()
+
         if not _finite(message.position_enu_m) or not _finite(message.velocity_enu_m_s):
             continue
         is_newer = view.truth is None or message.stamp_ns > view.truth.stamp_ns
         if not is_newer and view.has_truth(now_ns):
             continue
 
-        vehicles[view.name] = replace(view, truth=message, truth_received_ns=now_ns)
+        touchdown = touchdown_of(
+            message, view.truth, view.telemetry, is_fresh=view.is_fresh(now_ns)
+        )
+        if touchdown is not None:
+            touchdowns.append(touchdown)
+
+        seen = replace(
+            view,
+            truth=message,
+            truth_received_ns=now_ns,
+            seen_ns=now_ns,
+            seen_enu_m=message.position_enu_m,
+        )
+        if not _is_next(view.truth, message):
+            state = _seen_again(state, vehicles, view, seen)
+        vehicles[view.name] = seen
         updated.add(view.name)
 
     if not updated:
         return state
     state = replace(state, vehicles=MappingProxyType(vehicles))
+    if touchdowns:
+        kept = (*state.touchdowns, *touchdowns)[-MAX_TOUCHDOWNS:]
+        state = replace(state, touchdowns=kept)
     return _compared_by_truth(state, updated, now_ns)
 
 
@@ -507,6 +600,70 @@ def _compared_by_truth(state: FleetState, updated: Set[str], now_ns: int) -> Fle
     first, second, distance_m = pair
     names = (known[first].vehicle, known[second].vehicle)
     return replace(state, smallest_truth=_separation(*names, distance_m, newest_ns, is_truth=True))
+
+
+# -- times without knowledge -----------------------------------------------------------------------
+
+
+def unknown_until(state: FleetState, now_ns: int) -> tuple[UnknownTime, ...]:
+    """Return the times in which distances were not known, with those that have not ended.
+
+    Args:
+        state: of the fleet.
+        now_ns: end of the flight, on the ground's monotonic clock [ns].
+    """
+    still_unknown = []
+    for view in state.vehicles.values():
+        time = _unknown_time(state, state.vehicles, view, None, now_ns)
+        if time is not None:
+            still_unknown.append(time)
+    return (*state.unknown_times, *still_unknown)
+
+
+def _seen_again(
+    state: FleetState, vehicles: Mapping[str, VehicleView], before: VehicleView, after: VehicleView
+) -> FleetState:
+    """Return the state with the time for which a vehicle was not seen, if it was long enough."""
+    if after.seen_ns - before.seen_ns <= KNOWN_S * 1e9 or len(state.unknown_times) >= MAX_KEPT:
+        return state
+
+    time = _unknown_time(state, vehicles, before, after.sighting, after.seen_ns)
+    if time is None:
+        return state
+    return replace(state, unknown_times=(*state.unknown_times, time))
+
+
+def _unknown_time(
+    state: FleetState,
+    vehicles: Mapping[str, VehicleView],
+    before: VehicleView,
+    after: Sighting | None,
+    now_ns: int,
+) -> UnknownTime | None:
+    sighting = before.sighting
+    if sighting is None:
+        return None
+
+    others = []
+    for view in vehicles.values():
+        other = view.sighting
+        if other is not None and view.name != before.name:
+            others.append(other)
+    return unknown_time(
+        sighting,
+        after,
+        others,
+        now_ns,
+        top_speed_m_s=state.top_speed_m_s,
+        height_share=state.height_share,
+    )
+
+
+def _is_next(last: Truth | None, message: Truth) -> bool:
+    """Whether nothing is missing between two samples of ground truth, by the emulator's clock."""
+    if last is None:
+        return False
+    return 0 < message.stamp_ns - last.stamp_ns <= KNOWN_S * 1e9
 
 
 # -- parts -----------------------------------------------------------------------------------------

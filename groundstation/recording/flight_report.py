@@ -51,12 +51,13 @@ class FlightReport:
     duration_s: float
 
 
-def report(folder: Path, height_share: float = 0.0) -> FlightReport:
+def report(folder: Path, height_share: float = 0.0, from_ns: int = 0) -> FlightReport:
     """Evaluate a record.
 
     Args:
         folder: flight folder.
         height_share: what a metre of height counts in a separation, ``FleetSection.height_share``.
+        from_ns: ground truth that is older belongs to an earlier mission [ns].
 
     Returns:
         Its figures.
@@ -71,6 +72,8 @@ def report(folder: Path, height_share: float = 0.0) -> FlightReport:
             period_s = sample.values.get("period_s")
             if isinstance(period_s, float) and 0.0 < period_s < math.inf:
                 periods_ms[sample.name].append(1e3 * period_s)
+        elif sample.stamp_ns < from_ns:
+            continue
         elif is_vector(sample.values.get("position_enu_m"), 3):
             truths[sample.name].append(sample)
 

@@ -31,6 +31,7 @@ from mcap.records import Message as McapMessage
 from groundstation.recording.channels import KINDS, REPLY, from_json
 from groundstation.recording.reader import DAMAGED, chunk_records, record_path
 from onboard.bus.schema import Event, Message
+from onboard.config.file_reading import RECORD, opened
 from onboard.config.fleet import ConfigError
 
 MAX_EVENTS = 20_000
@@ -108,7 +109,7 @@ class Timeline:
         self._schemas: dict[int, str] = {}
         self._chunks: list[_Chunk] = []
 
-        self._stream = self.path.open("rb")
+        self._stream = opened(self.path, RECORD)
         try:
             self._scan()
         except (OSError, struct.error) as error:

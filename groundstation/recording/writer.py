@@ -16,7 +16,7 @@ import time
 from collections import Counter, deque
 from collections.abc import Callable
 from pathlib import Path
-from typing import IO, Any, TextIO
+from typing import IO, Any, NamedTuple, TextIO
 
 import msgspec
 from mcap.writer import Writer
@@ -34,6 +34,14 @@ MAX_CHANNELS = 4_000  # a hundred vehicles have a thousand; MCAP cannot number m
 _CHUNK_BYTES = 512 * 1024  # each chunk has an index entry per channel
 
 _Item = tuple[Topic, str, Message, int]  # topic, name, message, time of its reception [ns]
+
+
+class RecordEnd(NamedTuple):
+    """The end of a record, or as much of it as is on the disk, by its writer."""
+
+    begin_ns: int  # zero of its seconds, on the ground's clock
+    written: int = 0  # messages on the disk
+    failure: str | None = None  # why it ended early
 
 
 class RecordWriter:
@@ -57,6 +65,7 @@ class RecordWriter:
     ) -> None:
         self.folder = folder
         self.dropped = 0  # messages that the full queue did not take
+        self.written = 0  # messages that are on the disk
         self.failure: str | None = None  # why the record had to end
         self.begin_ns = 0  # zero of the record's seconds, on the ground's clock
         self.on_failure = on_failure
@@ -98,6 +107,11 @@ class RecordWriter:
         else:
             self.dropped += 1
 
+    @property
+    def end(self) -> RecordEnd:
+        """Return how it has ended; while it is still written, what is on the disk."""
+        return RecordEnd(begin_ns=self.begin_ns, written=self.written, failure=self.failure)
+
     def stop(self, timeout_s: float = 10.0) -> None:
         """Write the rest and finish the files; a second call does nothing."""
         thread = self._thread
@@ -117,10 +131,12 @@ class RecordWriter:
                 self._write(files)
                 if time.monotonic() >= next_flush_s:
                     files.flush()
+                    self.written = files.written
                     next_flush_s = time.monotonic() + FLUSH_PERIOD_S
 
             self._write(files)
             files.finish()
+            self.written = files.written
             is_finished = True
         except OSError as error:
             self._fail(failure_sentence(self.folder, error))
@@ -176,6 +192,11 @@ class RecordFiles:
         for name in ("events.txt", "orders.txt"):
             self._texts[name] = (folder / name).open("w", encoding="utf-8")
             self._texts[name].write(f"# seconds since {begin}\n")
+
+    @property
+    def written(self) -> int:
+        """Messages written so far."""
+        return self._sequences.total()
 
     def write(self, topic: Topic, name: str, message: Message, received_ns: int) -> None:
         """Write one message of the bus."""
@@ -300,6 +321,7 @@ def write_json(path: Path, value: object) -> str | None:
         part.write_bytes(text)
         part.replace(path)
     except OSError as error:
-        part.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):
+            part.unlink(missing_ok=True)
         return f"{path} cannot be written ({error.strerror or error})."
     return None

@@ -5,11 +5,15 @@ The record is judged too, and the verdict is written beside it.
 
 from __future__ import annotations
 
-import contextlib
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
+
+import msgspec
 
 from groundstation.recording.flight_report import FlightReport, report
-from groundstation.recording.writer import write_json
+from groundstation.recording.reader import count_messages
+from groundstation.recording.writer import RecordEnd, write_json
 from groundstation.verdict.expectations import Expect
 from groundstation.verdict.observations import FlightObservations
 from groundstation.verdict.verdict import Verdict, judge
@@ -20,36 +24,70 @@ def final_verdict(
     flown: FlightObservations,
     expect: Expect,
     folder: Path,
-    *,
-    begin_ns: int,
-    record_failure: str | None,
+    record_end: RecordEnd,
+    earlier: Sequence[Verdict] = (),
 ) -> Verdict:
-    """Judge a flight with its record and write ``verdict.json``.
+    """Judge a mission with the flight's record and write ``verdict.json``.
+
+    Where several missions were flown in one flight the file has the verdict on the first that has
+    failed, or else on the last one, and below ``missions`` those on all.
 
     Args:
         flown: observations of the runner.
         expect: expectations at the end of the mission.
         folder: of the flight.
-        begin_ns: of the record, on the ground's clock [ns].
-        record_failure: sentence about a record that ended early.
+        record_end: what the record's writer says.
+        earlier: verdicts on the missions before this one in the same flight.
 
     Returns:
-        The verdict. It is none that passed when the record or the verdict could not be written.
+        The verdict. It is none that passed when the record or the verdict could not be written, or
+        when the record cannot be read as it was written.
     """
     record: FlightReport | None = None
-    with contextlib.suppress(ConfigError):
-        record = report(folder, flown.fleet.fleet.height_share)
     record_name = ""
-    if record is not None:
+    failures = [record_end.failure]
+    try:
+        record = report(folder, flown.fleet.fleet.height_share, flown.begin_ns)
         record_name = str(folder)
+        if record_end.failure is None:
+            failures.append(_missing_sentence(folder, record_end.written))
+    except ConfigError as error:
+        failures.append(f"The record cannot be read. {error}")
 
-    def verdict_with(failure: str | None) -> Verdict:
-        return judge(flown, expect, record, record_name, begin_ns=begin_ns, record_failure=failure)
+    def verdict() -> Verdict:
+        sentences = [failure for failure in failures if failure]
+        return judge(
+            flown,
+            expect,
+            record,
+            record_name,
+            begin_ns=record_end.begin_ns,
+            record_failure=" ".join(sentences),
+        )
 
-    verdict = verdict_with(record_failure)
-    write_failure = write_json(folder / "verdict.json", verdict)
+    judged = verdict()
+    write_failure = write_json(folder / "verdict.json", _content([*earlier, judged]))
     if write_failure is None:
-        return verdict
-    if record_failure:
-        write_failure = f"{record_failure} {write_failure}"
-    return verdict_with(write_failure)
+        return judged
+    failures.append(write_failure)
+    return verdict()
+
+
+def _content(verdicts: Sequence[Verdict]) -> dict[str, Any]:
+    """Return what ``verdict.json`` has on the missions of one flight."""
+    decisive = next((verdict for verdict in verdicts if not verdict.passed), verdicts[-1])
+    content: dict[str, Any] = msgspec.to_builtins(decisive)
+    if len(verdicts) > 1:
+        content["missions"] = msgspec.to_builtins(verdicts)
+    return content
+
+
+def _missing_sentence(folder: Path, written: int) -> str | None:
+    """Return a sentence about a record that has fewer messages than were written into it."""
+    found = count_messages(folder)
+    if found >= written:
+        return None
+    return (
+        f"The record holds {found} of the {written} messages that were written: something has "
+        f"changed {folder} during the flight."
+    )

@@ -11,7 +11,8 @@ from collections.abc import Mapping, Sequence
 
 import msgspec
 
-from groundstation.fleet.state import FleetState, Separation
+from groundstation.fleet.state import FleetState, Separation, unknown_until
+from groundstation.fleet.unknown_time import UnknownTime
 from groundstation.recording.flight_report import PERIOD_NOMINAL_MS, FlightReport, LoopTiming
 from groundstation.verdict.expectations import Expect, ExpectationResult, check, metres
 from groundstation.verdict.observations import (
@@ -19,8 +20,8 @@ from groundstation.verdict.observations import (
     FlightObservations,
     StepResult,
     flown_law,
-    smallest,
 )
+from onboard.config.fleet import FleetConfig
 from onboard.exit_status import (
     EXIT_FAILED,
     EXIT_INTERRUPTED,
@@ -41,6 +42,16 @@ class SmallestSeparation(msgspec.Struct, frozen=True):
     distance_m: float
     time_s: float  # since the flight's begin
     source: str  # truth or telemetry
+
+
+class LandingSpeed(msgspec.Struct, frozen=True):
+    """Vertical speed at a first contact with the ground, by the emulator's physics."""
+
+    vehicle: str
+    time_s: float  # since the flight's begin
+    speed_m_s: float  # downwards
+    limit_m_s: float  # for how it flew: by poses, by satellites, without either
+    had_thrust: bool  # False: its motors were off, weak or dead; then no limit counts
 
 
 class Verdict(msgspec.Struct, frozen=True):
@@ -66,6 +77,9 @@ class Verdict(msgspec.Struct, frozen=True):
     schema: int = 1
     # counts as much as the safety distance, where it is set
     vertical_separation_m: float | None = None
+    # times in which two vehicles may have come nearer than they have to be, unseen
+    unknown_times: list[UnknownTime] = []
+    touchdowns: list[LandingSpeed] = []  # of simulated vehicles, oldest first
 
     @property
     def sentences(self) -> list[str]:
@@ -112,7 +126,15 @@ def judge(
         # emulator knows who has touched whom.
         is_collision = is_collision or closest.distance_m < fleet.fleet.body_diameter_m
 
-    failures = (flown.failure, _still_up(state, expect), record_failure)
+    unknown_times = _unknown_times(flown, expect)
+    failures = (
+        flown.failure,
+        _other_ends(flown),
+        _still_up(flown, expect),
+        _hard_landings(state, fleet),
+        _unknown_sentence(unknown_times, begin_ns),
+        record_failure,
+    )
     failure = " ".join(sentence for sentence in failures if sentence)
     exit_status = _exit_status(flown, checks, failure)
 
@@ -135,6 +157,8 @@ def judge(
         is_interrupted=flown.is_interrupted,
         record=record,
         vertical_separation_m=fleet.fleet.vertical_separation_m,
+        unknown_times=unknown_times,
+        touchdowns=_landing_speeds(state, fleet, begin_ns),
     )
 
 
@@ -157,6 +181,14 @@ def describe(verdict: Verdict) -> list[str]:
     if up:
         landed_sentence += f"; NOT: {', '.join(up)}"
     lines.append(f"{landed_sentence}.")
+
+    powered = [landing for landing in verdict.touchdowns if landing.had_thrust]
+    hardest = max(powered, key=lambda landing: landing.speed_m_s, default=None)
+    if hardest is not None:
+        lines.append(
+            f"Hardest touchdown: {hardest.vehicle}, {hardest.speed_m_s:.2f} m/s "
+            f"(at most {hardest.limit_m_s:.1f} is right)."
+        )
 
     if verdict.loop:
         periods = [f"{name} {loop.period_p99_ms:.1f} ms" for name, loop in verdict.loop.items()]
@@ -196,7 +228,7 @@ def _smallest_of_all(state: FleetState, report: FlightReport | None) -> Separati
     The record has every sample of truth; so it counts where the live state has none of truth, or a
     larger one.
     """
-    live = smallest(state)
+    live = state.smallest_known
     if report is None or report.smallest is None:
         return live
 
@@ -217,14 +249,15 @@ def _collided(state: FleetState, report: FlightReport | None) -> list[str]:
     return sorted(names)
 
 
-def _still_up(state: FleetState, expect: Expect) -> str:
+def _still_up(flown: FlightObservations, expect: Expect) -> str:
     """Return a sentence about vehicles that a mission has left in the air, or armed, undeclared."""
-    if expect.all_landed is not None:
+    if expect.all_landed is not None or flown.is_left_flying:
         return ""
 
+    state = flown.state
     up = []
     for name, view in state.vehicles.items():
-        if view.telemetry is None or state.is_landed(name):
+        if view.telemetry is None or state.is_landed(name) or name in flown.pilots:
             continue
         if view.is_airborne or view.telemetry.is_armed:
             up.append(name)
@@ -236,6 +269,68 @@ def _still_up(state: FleetState, expect: Expect) -> str:
         f"The mission has ended and {', '.join(up)} {are} not down. End it with a step "
         "'land', or declare expect.all_landed = false."
     )
+
+
+def _other_ends(flown: FlightObservations) -> str:
+    """Return the sentences about vehicles that went down otherwise than ordered."""
+    return " ".join(
+        sentence for name, sentence in flown.other_ends.items() if name not in flown.left_out
+    )
+
+
+def _unknown_times(flown: FlightObservations, expect: Expect) -> list[UnknownTime]:
+    """Return the times in which a pair may have come nearer than it has to be, unseen."""
+    promise_m = flown.fleet.fleet.safety_distance_m
+    if expect.min_separation_m is not None:
+        promise_m = expect.min_separation_m
+    return [
+        time
+        for time in unknown_until(flown.state, flown.end_ns)
+        if time.end_ns > flown.begin_ns and time.possible_m < promise_m
+    ]
+
+
+def _unknown_sentence(times: Sequence[UnknownTime], begin_ns: int) -> str:
+    """Return a sentence about the times in which distances were not known."""
+    if not times:
+        return ""
+
+    longest = max(times, key=lambda time: time.duration_s)
+    begin_s = (longest.begin_ns - begin_ns) * 1e-9
+    end_s = (longest.end_ns - begin_ns) * 1e-9
+    sentence = (
+        f"From {begin_s:.1f} to {end_s:.1f} s nobody saw where {longest.vehicle} was: it may have "
+        f"come to {longest.possible_m:.2f} m of {longest.other}."
+    )
+    if len(times) > 1:
+        sentence += f" {len(times) - 1} more such times are in verdict.json."
+    return sentence
+
+
+def _hard_landings(state: FleetState, fleet: FleetConfig) -> str:
+    """Return a sentence about simulated vehicles that came down harder than they may."""
+    hard = []
+    for touchdown in state.touchdowns:
+        vehicle = fleet.vehicles[touchdown.vehicle]
+        if touchdown.is_hard(vehicle):
+            hard.append(touchdown.sentence(vehicle))
+    if not hard:
+        return ""
+    return f"{'. '.join(hard)}."
+
+
+def _landing_speeds(state: FleetState, fleet: FleetConfig, begin_ns: int) -> list[LandingSpeed]:
+    """Return the contacts with the ground as the verdict writes them."""
+    return [
+        LandingSpeed(
+            vehicle=touchdown.vehicle,
+            time_s=round((touchdown.stamp_ns - begin_ns) * 1e-9, 2),
+            speed_m_s=round(touchdown.speed_m_s, 3),
+            limit_m_s=touchdown.limit_m_s(fleet.vehicles[touchdown.vehicle]),
+            had_thrust=touchdown.had_thrust,
+        )
+        for touchdown in state.touchdowns
+    ]
 
 
 def _exit_status(
@@ -259,6 +354,8 @@ def _exit_status(
         return EXIT_NO_ANSWER
     if flown.is_wrong_input:
         return EXIT_WRONG_INPUT
+    if flown.is_taken:
+        return EXIT_FAILED
     if not all(result.has_come_true for result in checks):
         return EXIT_FAILED
     if any(len(set(phases.values())) > 1 for phases in failed_steps):

@@ -1,0 +1,75 @@
+"""Vehicles whose flight did not end as their last order says. Pure.
+
+A vehicle that was told to fly somewhere is expected to be there when the mission has nothing more
+to say to it. One that stands on the ground instead was landed by a failsafe, by a pilot or by
+somebody else's order, or has fallen.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from msgspec import Struct
+
+from groundstation.fleet.state import FleetState
+from onboard.bus.schema import Order
+
+_LEAVES_FLYING = frozenset(("takeoff", "move", "hold", "follow_path"))
+_LEAVES_DOWN = frozenset(("land", "kill", "disarm"))
+_TELLING = ("warning", "critical")
+
+
+class LastOrder(Struct, frozen=True):
+    """The last order that a vehicle has done, and what it leaves."""
+
+    words: str
+    leaves_flying: bool
+    done_ns: int  # on the ground's clock
+
+
+def last_order(words: str, message: Order, done_ns: int) -> LastOrder | None:
+    """Return what an order leaves behind; None for one after which nothing is expected.
+
+    Args:
+        words: of the order.
+        message: to one vehicle.
+        done_ns: when it was done, on the ground's clock [ns].
+    """
+    if message.kind in _LEAVES_FLYING:
+        return LastOrder(words, leaves_flying=not message.then_land, done_ns=done_ns)
+    if message.kind in _LEAVES_DOWN:
+        return LastOrder(words, leaves_flying=False, done_ns=done_ns)
+    return None
+
+
+def other_ends(orders: Mapping[str, LastOrder], state: FleetState) -> dict[str, str]:
+    """Return the vehicles that are down although their last order leaves them flying.
+
+    Args:
+        orders: the last order that each vehicle has done.
+        state: of the fleet now.
+
+    Returns:
+        For each such vehicle a sentence with the cause, as far as it was told.
+    """
+    sentences = {}
+    for name, order in orders.items():
+        view = state.vehicles[name]
+        if not order.leaves_flying or view.is_airborne or view.telemetry is None:
+            continue
+        cause = _cause(name, order, state) or "it has not said why."
+        sentences[name] = f"{name} is down, though its last order was '{order.words}': {cause}"
+    return sentences
+
+
+def _cause(name: str, order: LastOrder, state: FleetState) -> str:
+    """Return the last warning of a vehicle since its order was done, or why it is as it is."""
+    for logged in reversed(state.events):
+        event = logged.event
+        if logged.received_ns < order.done_ns:
+            break
+        if event.vehicle == name and event.severity in _TELLING:
+            return event.sentence
+
+    telemetry = state.vehicles[name].telemetry
+    return telemetry.reason if telemetry is not None else ""
