@@ -3,6 +3,7 @@
 Examples:
   covey check attack fleet.toml
   covey check attack paper --long
+  covey check attack fleet.toml --only "an order"
   covey check attack fleet.toml --json
 
 The copy has ports, a folder and keys of its own; whatever runs already is left
@@ -19,16 +20,18 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from groundstation.commands.parameters import FileName
 from groundstation.network.attack import attack_copies
 from onboard.config.fleet import load_fleet
 from onboard.exit_status import EXIT_FAILED, EXIT_OK
 
 
 def attack(
-    fleet: Annotated[str, Parameter(name="FLEET")],
+    fleet: Annotated[FileName, Parameter(name="FLEET")],
     /,
     *,
     long: bool = False,
+    only: str = "",
     json: bool = False,
 ) -> int:
     """Try to get into an emulated copy of a fleet, from outside and inside; say what got in.
@@ -38,6 +41,7 @@ def attack(
     Args:
         fleet: the fleet file
         long: floods and bad frames for minutes instead of seconds
+        only: a part of the names of the tries to make; by default all
         json: one object instead of lines
     """
 
@@ -45,7 +49,7 @@ def attack(
         if not json:
             print(line, flush=True)
 
-    report = attack_copies(load_fleet(fleet), is_long=long, say=say)
+    report = attack_copies(load_fleet(fleet), is_long=long, only=only, say=say)
     if json:
         print(dumps(report.as_mapping(), indent=2))
     else:

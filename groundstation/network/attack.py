@@ -92,22 +92,29 @@ def _column(value: bool | None) -> str:
     return f"{word:10s}"
 
 
-def attack_copies(fleet: FleetConfig, *, is_long: bool, say: Say) -> AttackReport:
+def attack_copies(fleet: FleetConfig, *, is_long: bool, only: str = "", say: Say) -> AttackReport:
     """Attack a copy of a fleet without keys and one with keys, while they fly.
 
     Args:
         fleet: to be copied; whatever of it runs is left alone.
         is_long: floods and bad frames for minutes instead of seconds.
+        only: a part of the names of the tries that are made; empty for all.
         say: gets the progress, a line each.
 
     Raises:
-        ConfigError: the fleet has too few vehicles, or its copy does not fly.
+        ConfigError: the fleet has too few vehicles, its copy does not fly, or no try has such a
+            name.
     """
     if len(fleet.enabled_names) < 2:
         raise ConfigError(
             f"{fleet.path}: an attack needs two vehicles, one of which loses its key."
             " Enable another."
         )
+    tries = [one for one in attempts(fleet.enabled_names) if only in one.name]
+    if not tries:
+        names = "\n  ".join(one.name for one in attempts(fleet.enabled_names))
+        raise ConfigError(f"No try has '{only}' in its name. There are:\n  {names}")
+
     if not fleet.has_keys:
         say(
             f"{fleet.path} itself has no keys: whoever reaches its bus gets in."
@@ -116,23 +123,25 @@ def attack_copies(fleet: FleetConfig, *, is_long: bool, say: Say) -> AttackRepor
 
     with tempfile.TemporaryDirectory(prefix="covey-attack-") as folder:
         try:
-            return asyncio.run(_attack_both(fleet, Path(folder), is_long=is_long, say=say))
+            return asyncio.run(
+                _attack_both(fleet, Path(folder), is_long=is_long, only=only, say=say)
+            )
         except ProcessError as error:
             raise ConfigError(f"The copy of the fleet does not fly: {error}") from None
 
 
 async def _attack_both(
-    fleet: FleetConfig, folder: Path, *, is_long: bool, say: Say
+    fleet: FleetConfig, folder: Path, *, is_long: bool, only: str, say: Say
 ) -> AttackReport:
     open_copy = copy_of(fleet, folder / "open", is_locked=False)
     say(f"\nA copy of {len(open_copy.enabled_names)} vehicles without keys takes off.")
     async with flying(open_copy) as flight:
-        without_keys = await _attempt_all(flight, folder, is_long=is_long, say=say)
+        without_keys = await _attempt_all(flight, folder, is_long=is_long, only=only, say=say)
 
     locked_copy = copy_of(fleet, folder / "locked", is_locked=True)
     say(f"\nA copy of {len(locked_copy.enabled_names)} vehicles with keys takes off.")
     async with flying(locked_copy) as flight:
-        with_keys = await _attempt_all(flight, folder, is_long=is_long, say=say)
+        with_keys = await _attempt_all(flight, folder, is_long=is_long, only=only, say=say)
         flight.measure()
         figures = _figures(flight)
 
@@ -143,9 +152,9 @@ async def _attack_both(
 
 
 async def _attempt_all(
-    flight: CopyFlight, folder: Path, *, is_long: bool, say: Say
+    flight: CopyFlight, folder: Path, *, is_long: bool, only: str, say: Say
 ) -> dict[str, Outcome]:
-    """Make all attempts on one copy; return the outcome of each by its name."""
+    """Make the attempts on one copy; return the outcome of each by its name."""
     context = AttackContext(flight, Intruders(flight.fleet, folder), is_long)
     outcomes: dict[str, Outcome] = {}
 
@@ -153,6 +162,8 @@ async def _attempt_all(
     spare = await asyncio.to_thread(spare_vehicle, context)
     try:
         for attempt in attempts(flight.names):
+            if only not in attempt.name:
+                continue
             if attempt.is_stopped_without_keys and not context.has_keys:
                 continue
             try:

@@ -10,7 +10,6 @@ got in when the fleet does not fly on, or when two vehicles came closer than the
 
 from __future__ import annotations
 
-import fnmatch
 import os
 import random
 import signal
@@ -25,6 +24,7 @@ from functools import partial
 
 from msgspec.structs import replace
 
+from groundstation.network.denials import DENIED
 from groundstation.network.fleet_copy import SPARE, CopyFlight
 from groundstation.network.intruder import (
     EXPIRED,
@@ -44,12 +44,13 @@ from groundstation.network.mavlink_frames import (
     packet,
     signing_key,
 )
+from groundstation.network.order_attempts import ORDER_ATTEMPTS, OrderAttempt
 from onboard.bus.codec import Malformed
 from onboard.bus.schema import Light, Message, Order, StateMessage, Telemetry
 from onboard.bus.session import BusSession
 from onboard.bus.topics import TOPICS, Delivery, Topic
 from onboard.security.credentials import credentials_of
-from onboard.security.node_roles import GRANTS, NodeRole
+from onboard.security.node_roles import NodeRole
 
 OUTSIDERS = (NOBODY, FOREIGN, EXPIRED)  # they have no key of this fleet that is good
 
@@ -101,7 +102,9 @@ class AttackContext:
         return long_s if self.is_long else short_s
 
     @contextmanager
-    def joined(self, identity: str, node_name: str, *vehicles: str) -> Iterator[BusSession]:
+    def joined(
+        self, identity: str, node_name: str, *vehicles: str, orders: OrderAttempt | None = None
+    ) -> Iterator[BusSession]:
         """Open a node of an intruder, connected to some vehicles.
 
         Outsiders of a fleet with keys go on without a connection: they only try.
@@ -110,11 +113,12 @@ class AttackContext:
             identity: one of OUTSIDERS, a role, or a vehicle whose key was taken.
             node_name: name of the node on the bus.
             vehicles: to connect to.
+            orders: what becomes of the signatures of its orders; None: as they should be.
 
         Raises:
             NoProofError: somebody who should be connected is not.
         """
-        with self.intruders.node(identity, node_name, *vehicles) as node:
+        with self.intruders.node(identity, node_name, *vehicles, orders=orders) as node:
             may_be_refused = self.has_keys and identity in OUTSIDERS
             if not is_connected(node) and not may_be_refused:
                 raise NoProofError(f"{identity} was not connected")
@@ -205,6 +209,11 @@ def _attempts_with_keys(first: str, last: str) -> Iterator[Attempt]:
             partial(_exceeds_role, identity=identity),
         )
     yield Attempt("a recorded order, sent again", partial(_replays, vehicle=first))
+    for order_attempt in ORDER_ATTEMPTS:
+        yield Attempt(
+            order_attempt.name,
+            partial(_orders_otherwise, vehicle=first, order_attempt=order_attempt),
+        )
 
 
 def _attempts_to_disturb(first: str, last: str) -> Iterator[Attempt]:
@@ -244,6 +253,15 @@ def _orders(context: AttackContext, identity: str, node_name: str, vehicle: str)
         return is_obeyed(node, vehicle, order)
 
 
+def _orders_otherwise(context: AttackContext, vehicle: str, order_attempt: OrderAttempt) -> bool:
+    """Order with the ground's key, but not as the ground has signed it, or not now."""
+    ground = NODES[NodeRole.GROUND]
+    with context.joined(NodeRole.GROUND, ground, vehicle, orders=order_attempt) as node:
+        last = context.telemetry(vehicle)
+        order = order_attempt.change(order_of(node, "hold", last), last)
+        return is_obeyed(node, vehicle, order)
+
+
 def _publishes(context: AttackContext, identity: str) -> bool:
     with context.joined(identity, _UNKNOWN_NODE, SPARE) as node:
         return bool(_arrivals(context, node, [(Topic.STATE, "attacked")]))
@@ -277,7 +295,7 @@ def _reads(context: AttackContext, identity: str, vehicle: str) -> bool:
 def _exceeds_role(context: AttackContext, identity: str) -> bool:
     """Publish every topic under the own name and another one, and order; see what arrives.
 
-    Only what the table of roles grants may arrive.
+    Nothing of what the key must not publish may arrive.
     """
     role = NodeRole(identity) if identity in set(NodeRole) else NodeRole.VEHICLE
     own_name = NODES.get(role, identity)
@@ -293,18 +311,12 @@ def _exceeds_role(context: AttackContext, identity: str) -> bool:
 
     authors = context.orders
     context.orders = []
-    is_order_taken = _AUTHOR in authors and not GRANTS[role].asks.get(Topic.ORDER)
-    return bool(arrived - _granted(role, identity, names)) or is_order_taken
+    has_ordered = _AUTHOR in authors and role is not NodeRole.GROUND
 
-
-def _granted(role: NodeRole, identity: str, names: Sequence[str]) -> set[tuple[Topic, str]]:
-    """Return the topics and names under which a role may publish."""
-    granted = set()
-    for topic, patterns in GRANTS[role].publishes.items():
-        for pattern in patterns:
-            name_pattern = pattern.format(own=identity).replace("$*", "*")
-            granted |= {(topic, name) for name in names if fnmatch.fnmatch(name, name_pattern)}
-    return granted
+    denied = DENIED[role]
+    not_own = {(topic, own_name) for topic in denied.as_itself}
+    not_others = {(topic, "attacked") for topic in denied.as_another}
+    return bool(arrived & (not_own | not_others)) or has_ordered
 
 
 def _names_another(context: AttackContext, identity: str, other: str) -> bool:

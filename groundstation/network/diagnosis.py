@@ -14,7 +14,7 @@ _NAME_WIDTH = 22
 
 
 class Grade(IntEnum):
-    """How bad it is."""
+    """Severity of a finding."""
 
     OK = 0
     WARN = 1  # it flies, less well or less safely

@@ -15,6 +15,8 @@ from pathlib import Path
 
 from groundstation.keys.authority import issue, load_authority
 from groundstation.keys.secured_fleet import secure_fleet
+from groundstation.network.order_attempts import OrderAttempt, TamperedCredentials
+from onboard.bus.protocol import NodeCredentials
 from onboard.bus.schema import Order, OrderKind, OrderReply, Telemetry
 from onboard.bus.session import BusSession
 from onboard.config.fleet import FleetConfig
@@ -47,19 +49,25 @@ class Intruders:
     folder: Path  # for the keys of those from outside
 
     @contextlib.contextmanager
-    def node(self, identity: str, name: str, *vehicles: str) -> Iterator[BusSession]:
+    def node(
+        self, identity: str, name: str, *vehicles: str, orders: OrderAttempt | None = None
+    ) -> Iterator[BusSession]:
         """Open a node that connects to some vehicles.
 
         Args:
             identity: NOBODY, FOREIGN or EXPIRED, a role, or a vehicle whose key was taken.
             name: of the node.
             vehicles: to connect to.
+            orders: what becomes of the signatures of its orders; None: as they should be.
         """
+        credentials: NodeCredentials | None = self._credentials(identity)
+        if orders is not None:
+            credentials = self._tampered(identity, orders)
         session = BusSession(
             namespace=self.fleet.namespace,
             node=name,
             connect=[self.fleet.vehicles[vehicle].agent for vehicle in vehicles],
-            credentials=self._credentials(identity),
+            credentials=credentials,
         )
         session.start()
         try:
@@ -75,6 +83,14 @@ class Intruders:
         if identity == EXPIRED:
             return self._expired_credentials()
         return credentials_of(self.fleet, identity)
+
+    def _tampered(self, identity: str, orders: OrderAttempt) -> TamperedCredentials | None:
+        """Return the credentials of a node whose orders are not signed as they should be."""
+        own = self._credentials(identity)
+        signer = self._credentials(orders.signer)
+        if own is None or signer is None:
+            return None
+        return TamperedCredentials(own=own, signer=signer, tamper=orders.tamper)
 
     @property
     def _victim(self) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import datetime
 
-from groundstation.keys.authority import folder_of, nodes_of
+from groundstation.keys.authority import folder_of, has_authority_key, nodes_of
 from groundstation.keys.running import running_authorities
 from groundstation.network.diagnosis import Diagnosis, Grade, graded
 from onboard.config.fleet import ConfigError, FleetConfig
@@ -38,6 +38,11 @@ def key_checks(fleet: FleetConfig) -> list[Diagnosis]:
             expiry[node] = read_certificate(str(certificate)).not_valid_after_utc
         except ConfigError as error:
             found.append(Diagnosis(f"keys of {node}", Grade.FAIL, str(error)))
+
+    try:
+        has_authority_key(folder)
+    except ConfigError as error:
+        found.append(Diagnosis("key of the authority", Grade.FAIL, str(error)))
 
     if not expiry:
         sentence = f"No key in {folder} is good."

@@ -1,0 +1,64 @@
+"""What the holder of a key must never be able to say on a bus with keys, told without the table of
+roles.
+
+``onboard/security/node_roles.py`` grants; this denies. Each attack and each test of the bus
+compares what arrives with this list, so that a grant too many shows. Whoever gives a role a new
+right changes both, and says twice that it is meant.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from onboard.bus.topics import Topic
+from onboard.security.node_roles import NodeRole
+
+
+class Denial(NamedTuple):
+    """Topics that the holder of a key must not publish."""
+
+    as_itself: frozenset[Topic]
+    as_another: frozenset[Topic]  # under another node's name
+
+
+_STATES = frozenset(
+    {
+        Topic.STATE,
+        Topic.FAR,
+        Topic.TELEMETRY,
+        Topic.SLOW_TELEMETRY,
+        Topic.TICK,
+        Topic.PREFLIGHT,
+    }
+)
+_POSES = frozenset({Topic.MOCAP, Topic.ALL_POSES})
+_TRUTH = frozenset({Topic.TRUTH})
+_SENTENCES = frozenset({Topic.EVENT})
+_LIGHTS = frozenset({Topic.LIGHT})
+_CLOCKS = frozenset({Topic.CLOCK})
+
+DENIED: dict[NodeRole, Denial] = {
+    # a vehicle speaks for itself, and says nothing of what others measure
+    NodeRole.VEHICLE: Denial(
+        as_itself=_POSES | _TRUTH | _LIGHTS,
+        as_another=_STATES | _SENTENCES | _POSES | _TRUTH | _LIGHTS | _CLOCKS,
+    ),
+    # a ground orders, and is no vehicle and no motion capture
+    NodeRole.GROUND: Denial(
+        as_itself=_STATES | _POSES | _TRUTH,
+        as_another=_STATES | _POSES | _TRUTH | _CLOCKS,
+    ),
+    NodeRole.VIEWER: Denial(
+        as_itself=_STATES | _POSES | _TRUTH | _SENTENCES | _LIGHTS,
+        as_another=_STATES | _POSES | _TRUTH | _SENTENCES | _LIGHTS | _CLOCKS,
+    ),
+    # a motion capture measures bodies, whatever their names
+    NodeRole.MOCAP: Denial(
+        as_itself=_STATES | _TRUTH | _SENTENCES | _LIGHTS,
+        as_another=_STATES | _TRUTH | _SENTENCES | _LIGHTS | _CLOCKS,
+    ),
+    NodeRole.EMULATOR: Denial(
+        as_itself=_STATES | _SENTENCES | _LIGHTS,
+        as_another=_STATES | _SENTENCES | _LIGHTS | _CLOCKS,
+    ),
+}

@@ -1,0 +1,138 @@
+"""Attempts with a key that may order: orders that are not what their ground has signed, or not now.
+
+Who holds the ground's key orders like the ground. Who carries orders does not hold it, a router for
+instance, and can only leave out, change, exchange or keep what a ground has signed. Each attempt
+here is one of these, made against a vehicle that flies. Nothing on the bus stops them: the link is
+open, and the ground may order. Only the vehicle's own look at signature and age does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from msgspec.structs import replace
+
+from onboard.bus.control_token import parse_control_token
+from onboard.bus.protocol import OrderSignatures, UntrustedOrder
+from onboard.bus.schema import Order, Telemetry
+from onboard.security.credentials import Credentials
+from onboard.security.node_roles import NodeRole
+
+# The bytes that travel beside an order, from its key on the bus, the order, and whoever signs.
+Tamper = Callable[[str, bytes, OrderSignatures], bytes]
+
+# Longer than an agent takes an order for new: 5 s, and 30 s for land, hold and kill.
+_KEPT_S = 10.0
+_KEPT_EMERGENCY_S = 40.0
+
+
+@dataclass(frozen=True, slots=True)
+class TamperedCredentials:
+    """A node's own certificate on the bus, and changed signatures beside its orders.
+
+    Args:
+        own: of the node.
+        signer: of whom the signatures are; the node itself, or another one whose key was taken.
+        tamper: what becomes of a signature.
+    """
+
+    own: Credentials
+    signer: Credentials
+    tamper: Tamper
+
+    @property
+    def authority(self) -> str:
+        """Path of the certificate of the fleet's certificate authority."""
+        return self.own.authority
+
+    @property
+    def certificate(self) -> str:
+        """Path of the node's certificate."""
+        return self.own.certificate
+
+    @property
+    def key(self) -> str:
+        """Path of the node's private key."""
+        return self.own.key
+
+    @property
+    def access(self) -> dict[str, object]:
+        """Zenoh's ``access_control``: what may come in from the holder of which certificate."""
+        return self.own.access
+
+    def order_signatures(self) -> OrderSignatures:
+        """Return what signs this node's orders."""
+        return _TamperedSignatures(self.signer.order_signatures(), self.tamper)
+
+
+@dataclass(frozen=True, slots=True)
+class _TamperedSignatures:
+    genuine: OrderSignatures
+    tamper: Tamper
+
+    def seal(self, key_expression: str, order: bytes) -> bytes:
+        return self.tamper(key_expression, order, self.genuine)
+
+    def refusal(self, key_expression: str, order: bytes, seal: bytes) -> UntrustedOrder | None:
+        return self.genuine.refusal(key_expression, order, seal)
+
+
+def as_signed(key_expression: str, order: bytes, signatures: OrderSignatures) -> bytes:
+    """Return the signature as it is."""
+    return signatures.seal(key_expression, order)
+
+
+def without(_key_expression: str, _order: bytes, _signatures: OrderSignatures) -> bytes:
+    """Return no signature."""
+    return b""
+
+
+def of_another_order(key_expression: str, order: bytes, signatures: OrderSignatures) -> bytes:
+    """Return the signature of an order that differs in one byte, the last one."""
+    changed = order[:-1] + bytes([order[-1] ^ 1])
+    return signatures.seal(key_expression, changed)
+
+
+def for_another_vehicle(key_expression: str, order: bytes, signatures: OrderSignatures) -> bytes:
+    """Return the signature of the same order to another vehicle."""
+    return signatures.seal(f"{key_expression}-other", order)
+
+
+def now(order: Order, _last: Telemetry) -> Order:
+    """Return an order as it is."""
+    return order
+
+
+def kept_back(order: Order, last: Telemetry) -> Order:
+    """Return an order of the operator that was kept for 10 s, and lets a vehicle show itself."""
+    operator = parse_control_token(last.operator)
+    if operator is None:
+        return order
+    heard_ns = last.stamp_ns - round(1e9 * _KEPT_S)
+    return replace(order, kind="identify", node=operator.node, heard_ns=heard_ns)
+
+
+def kept_back_emergency(order: Order, last: Telemetry) -> Order:
+    """Return an order to hold that was kept for 40 s."""
+    return replace(order, heard_ns=last.stamp_ns - round(1e9 * _KEPT_EMERGENCY_S))
+
+
+class OrderAttempt(NamedTuple):
+    """One order that is not what its ground has signed, or not now."""
+
+    name: str
+    tamper: Tamper
+    signer: NodeRole = NodeRole.GROUND
+    change: Callable[[Order, Telemetry], Order] = now
+
+
+ORDER_ATTEMPTS = (
+    OrderAttempt("an order without a signature", without),
+    OrderAttempt("an order of which one byte was changed", of_another_order),
+    OrderAttempt("an order that was signed for another vehicle", for_another_vehicle),
+    OrderAttempt("an order that a viewer has signed", as_signed, signer=NodeRole.VIEWER),
+    OrderAttempt("an order that was kept for 10 s", as_signed, change=kept_back),
+    OrderAttempt("a hold that was kept for 40 s", as_signed, change=kept_back_emergency),
+)
