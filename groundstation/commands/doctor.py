@@ -18,7 +18,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from groundstation.commands.parameters import Seconds
+from groundstation.commands.parameters import FileName, Seconds
 from groundstation.network.diagnosis import Grade, as_json, as_text, worst
 from groundstation.network.key_checks import authority_check, key_checks
 from groundstation.network.link_checks import judged, listen
@@ -31,7 +31,7 @@ _LONGEST_S = 600.0
 
 
 def doctor(
-    fleet: Annotated[str | None, Parameter(name="FLEET")] = None,
+    fleet: Annotated[FileName | None, Parameter(name="FLEET")] = None,
     /,
     *,
     network: bool = False,

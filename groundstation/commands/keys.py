@@ -23,7 +23,14 @@ from typing import Annotated
 
 from cyclopts import App, Parameter
 
-from groundstation.keys.authority import folder_of, load_authority, nodes_of
+from groundstation.commands.parameters import FileName
+from groundstation.keys.authority import (
+    AUTHORITY_KEY,
+    folder_of,
+    has_authority_key,
+    load_authority,
+    nodes_of,
+)
 from groundstation.keys.mavlink_keys import sign_mavlink
 from groundstation.keys.running import running_authorities
 from groundstation.keys.secured_fleet import (
@@ -52,7 +59,7 @@ _RUNNING = {
 }
 
 keys = App(name="keys", help="The keys of a fleet's bus.")
-Fleet = Annotated[str, Parameter(name="FLEET")]
+Fleet = Annotated[FileName, Parameter(name="FLEET")]
 Node = Annotated[str, Parameter(name="NODE")]
 
 
@@ -173,6 +180,15 @@ def list_(fleet: Fleet, /, *, running: bool = False) -> int:
         except ConfigError as error:
             is_right = False
             print(f"{node:12s} {error}")
+
+    try:
+        where = "is on this computer: it makes new nodes"
+        if not has_authority_key(folder_of(config)):
+            where = "is not on this computer"
+        print(f"{AUTHORITY_KEY:12s} {where}")
+    except ConfigError as error:
+        is_right = False
+        print(f"{AUTHORITY_KEY:12s} {error}")
 
     if running:
         authorities = running_authorities(config)

@@ -23,6 +23,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from groundstation.commands.parameters import FileName
 from onboard.bus.router import Router, router_endpoint, router_settings
 from onboard.bus.settings import nested
 from onboard.config.fleet import FleetConfig, load_fleet
@@ -34,7 +35,7 @@ from onboard.security.node_roles import ROUTER
 
 
 def router(
-    *fleets: Annotated[str, Parameter(name="FLEET", required=True)],
+    *fleets: Annotated[FileName, Parameter(name="FLEET", required=True)],
     endpoint: Annotated[str | None, Parameter(metavar="ENDPOINT")] = None,
     print_config: bool = False,
 ) -> int:

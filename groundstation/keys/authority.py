@@ -20,13 +20,18 @@ from cryptography.hazmat.primitives.asymmetric import ec, ed25519
 from cryptography.hazmat.primitives.serialization import load_pem_private_key
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
+from groundstation.keys.key_folder import make_key_folder
+from onboard.config.file_reading import KEY_FILE, read_bytes
 from onboard.config.fleet import ConfigError, FleetConfig
 from onboard.security.certificates import read_certificate
 from onboard.security.node_roles import NODES, ROUTER
+from onboard.security.private_files import refuse_open_to_others
 
 # Validity of certificates.
 AUTHORITY_DAYS = 3650
 NODE_DAYS = 825
+
+AUTHORITY_KEY = "ca.key"  # in the folder of the keys
 
 _Key = ec.EllipticCurvePrivateKey | ed25519.Ed25519PrivateKey
 _EARLIER = datetime.timedelta(days=1)  # clocks of companions without a network are behind
@@ -68,9 +73,9 @@ def make_authority(folder: Path, fleet_name: str, now: datetime.datetime) -> Cer
     constraints = x509.BasicConstraints(ca=True, path_length=0)
     certificate = builder.add_extension(constraints, critical=True).sign(key, hashes.SHA256())
 
-    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    make_key_folder(folder)
     _write(folder / "ca.pem", certificate)
-    _write_key(folder / "ca.key", key)
+    _write_key(folder / AUTHORITY_KEY, key)
     return CertificateAuthority(certificate, key)
 
 
@@ -81,18 +86,20 @@ def load_authority(folder: Path) -> CertificateAuthority:
         folder: of the keys.
 
     Raises:
-        ConfigError: it is not on this computer, or damaged.
+        ConfigError: it is not on this computer, damaged, or open to others.
     """
-    path = folder / "ca.key"
+    path = folder / AUTHORITY_KEY
     if not path.exists():
         raise ConfigError(
             f"{path} is not on this computer. Certificates are issued where the fleet was"
             " prepared; or begin anew: covey keys init FLEET --force"
         )
 
+    refuse_open_to_others(path)
+    data = read_bytes(path, KEY_FILE._replace(words="private key"))
     try:
-        key = load_pem_private_key(path.read_bytes(), None)
-    except (OSError, ValueError, TypeError):
+        key = load_pem_private_key(data, None)
+    except (ValueError, TypeError):
         raise ConfigError(
             f"{path} is no private key, or was cut off. Begin anew: covey keys init FLEET --force"
         ) from None
@@ -104,6 +111,21 @@ def load_authority(folder: Path) -> CertificateAuthority:
     raise ConfigError(
         f"{path} does not belong to {folder / 'ca.pem'}. Copy both together, or begin anew."
     )
+
+
+def has_authority_key(folder: Path) -> bool:
+    """Whether the authority's key is on this computer.
+
+    Args:
+        folder: of the keys.
+
+    Raises:
+        ConfigError: it is, but damaged, of another certificate, or open to others.
+    """
+    if not (folder / AUTHORITY_KEY).exists():
+        return False
+    load_authority(folder)
+    return True
 
 
 def issue(

@@ -9,6 +9,7 @@ import os
 import secrets
 from pathlib import Path
 
+from groundstation.keys.key_folder import make_key_folder
 from groundstation.keys.secured_fleet import refuse_example
 from groundstation.starter.fleet_edit import write_changes
 from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
@@ -33,10 +34,7 @@ def sign_mavlink(path: str) -> FleetConfig:
     refuse_example(fleet)
 
     folder = Path(fleet.keys_folder)
-    try:
-        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-    except OSError as error:
-        raise ConfigError(f"{folder} cannot be made ({error.strerror}).") from None
+    make_key_folder(folder)
 
     unsigned = [name for name, vehicle in fleet.vehicles.items() if not vehicle.mavlink_signing]
     if unsigned:

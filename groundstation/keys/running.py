@@ -15,6 +15,7 @@ import time
 from pathlib import Path
 
 from groundstation.keys.authority import folder_of
+from groundstation.keys.key_folder import make_key_folder
 from onboard.bus.control_token import WATCHER
 from onboard.bus.protocol import NoRouterError, OnAlive
 from onboard.bus.session import BusSession
@@ -36,7 +37,8 @@ def keep_former(fleet: FleetConfig) -> None:
 
     number = len(_former_authorities(fleet)) + 1
     kept = _former_folder(fleet) / str(number)
-    kept.mkdir(mode=0o700, parents=True, exist_ok=True)
+    make_key_folder(_former_folder(fleet))
+    kept.mkdir(mode=0o700, exist_ok=True)
     for file in files:
         shutil.copy2(file, kept / file.name)  # with its mode
 

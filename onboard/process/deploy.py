@@ -14,6 +14,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path, PurePosixPath
 
+from onboard.config.file_reading import FLEET_FILE, read_bytes
 from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
 from onboard.exit_status import EXIT_FAILED, EXIT_MIXED, EXIT_OK, EXIT_WRONG_INPUT
 from onboard.security.credentials import files_of
@@ -71,7 +72,7 @@ def main(words: Sequence[str]) -> int:
     failed = [name for name in names if not _run(fleet, name, arguments)]
 
     if arguments.status and not arguments.prints:
-        text = Path(fleet.path).read_bytes()
+        text = read_bytes(fleet.path, FLEET_FILE)
         fleet_hash = hashlib.sha256(text).hexdigest()[:12]
         print(f"The fleet file here is {fleet_hash}: all must have the same.")
 

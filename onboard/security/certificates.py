@@ -16,6 +16,7 @@ from cryptography.hazmat.primitives.asymmetric.types import PrivateKeyTypes
 from cryptography.hazmat.primitives.serialization import load_pem_private_key
 from cryptography.x509.oid import NameOID
 
+from onboard.config.file_reading import KEY_FILE, read_bytes
 from onboard.config.fleet import ConfigError
 from onboard.security.node_roles import NodeRole
 
@@ -112,10 +113,10 @@ def read_certificate(path: str) -> x509.Certificate:
     Raises:
         ConfigError: it cannot be read.
     """
+    data = read_bytes(path, KEY_FILE._replace(words="certificate"))
     try:
-        with open(path, "rb") as file:
-            return x509.load_pem_x509_certificate(file.read())
-    except (OSError, ValueError):
+        return x509.load_pem_x509_certificate(data)
+    except ValueError:
         raise ConfigError(
             f"{path} is no certificate, or was cut off. Copy it again, or issue it anew."
         ) from None
@@ -129,10 +130,10 @@ def read_key(path: str) -> PrivateKeyTypes:
     Raises:
         ConfigError: it cannot be read.
     """
+    data = read_bytes(path, KEY_FILE._replace(words="private key"))
     try:
-        with open(path, "rb") as file:
-            return load_pem_private_key(file.read(), None)
-    except (OSError, ValueError, TypeError):
+        return load_pem_private_key(data, None)
+    except (ValueError, TypeError):
         raise ConfigError(
             f"{path} is no private key, or was cut off. Issue it anew: covey keys renew FLEET"
         ) from None

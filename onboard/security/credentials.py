@@ -10,19 +10,17 @@ from __future__ import annotations
 
 import datetime
 import os
-import stat
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 from onboard.bus.protocol import OrderSignatures
 from onboard.config.endpoints import host_of
+from onboard.config.file_reading import KEY_FILE, read_bytes
 from onboard.config.fleet import ConfigError, FleetConfig
 from onboard.security.access_control import access_control
 from onboard.security.certificate_times import longest_flight_s
 from onboard.security.node_roles import ROUTER, NodeRole
-
-_OPEN_TO_OTHERS = 0o077  # the bits of a file's mode for its group and for everybody
+from onboard.security.private_files import refuse_open_to_others
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,12 +74,7 @@ def credentials_of(
                 f"Make what is missing with: covey keys secure {fleet.path}"
             )
 
-    mode = stat.S_IMODE(os.stat(key).st_mode)
-    if mode & _OPEN_TO_OTHERS:
-        raise ConfigError(
-            f"{key} can be read by other users of this computer (mode {mode:o}). "
-            f"Run: chmod 600 {key}"
-        )
+    refuse_open_to_others(key)
 
     # Imported here, because it loads ten megabytes that a fleet without keys does without.
     from onboard.security.certificates import check, check_hosts
@@ -139,7 +132,7 @@ def router_credentials(fleets: Sequence[FleetConfig]) -> Credentials | None:
 def _authority_bytes(credentials: Credentials | None) -> bytes | None:
     if credentials is None:
         return None
-    return Path(credentials.authority).read_bytes()
+    return read_bytes(credentials.authority, KEY_FILE._replace(words="certificate"))
 
 
 def hosts_of(fleet: FleetConfig, node: str) -> list[str]:

@@ -10,11 +10,12 @@ The format of signatures: https://mavlink.io/en/guide/message_signing.html
 from __future__ import annotations
 
 import os
-import stat
 import zlib
 
+from onboard.config.file_reading import KEY_FILE, read_bytes
 from onboard.config.fleet_config import FleetConfig
 from onboard.config.toml_reading import ConfigError
+from onboard.security.private_files import refuse_open_to_others
 
 KEY_BYTES = 32
 
@@ -27,8 +28,6 @@ _GROUND_LINK_IDS = 128  # number of their ids
 
 _EPOCH_S = 1_420_070_400  # timestamps count from 2015; [s since 1970]
 _STEPS_PER_S = 100_000  # in steps of 10 us
-
-_OPEN_TO_OTHERS = 0o077  # the bits of a file's mode for its group and for everybody
 
 
 def key_file(vehicle: str) -> str:
@@ -80,21 +79,15 @@ def read_key(path: str, fleet_path: str) -> bytes:
         ConfigError: the file is missing, open to others, or no key.
     """
     try:
-        mode = stat.S_IMODE(os.stat(path).st_mode)
-        with open(path, "rb") as file:
-            key = file.read(KEY_BYTES + 1)  # one more, to notice a file that is too long
+        refuse_open_to_others(path)
     except OSError as error:
         raise ConfigError(
             f"{path} cannot be read ({error.strerror}): it is the key of a vehicle whose MAVLink "
             "is signed. Copy it from the computer that has it, or make a new key there: "
             f"covey keys secure {fleet_path} --mavlink"
         ) from None
+    key = read_bytes(path, KEY_FILE._replace(words="key of MAVLink"))
 
-    if mode & _OPEN_TO_OTHERS:
-        raise ConfigError(
-            f"{path} can be read by other users of this computer (mode {mode:o}). "
-            f"Run: chmod 600 {path}"
-        )
     if len(key) != KEY_BYTES or not any(key):
         raise ConfigError(
             f"{path} holds no key: a key of MAVLink has {KEY_BYTES} bytes, not all of them zero. "

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import datetime
 import shutil
+import subprocess
 from collections.abc import Callable
 from pathlib import Path
 
@@ -124,6 +125,40 @@ def test_what_does_not_fit_is_refused_at_the_start_with_the_remedy(
         assert words in capsys.readouterr().out
 
 
+def test_the_key_of_the_authority_is_refused_where_others_can_read_it(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = str(folder / "fleet.toml")
+    assert main(["keys", "list", file]) == 0
+    assert "it makes new nodes" in capsys.readouterr().out
+
+    key = folder / "keys" / "ca.key"
+    key.chmod(0o640)
+    with pytest.raises(ConfigError, match=f"chmod 600 {key}"):
+        load_authority(folder / "keys")
+    assert main(["keys", "list", file]) == 1
+    assert "chmod 600" in capsys.readouterr().out
+    assert main(["keys", "issue", file, "mav1"]) == 2
+    assert main(["doctor", file]) == 1
+    assert "key of the authority" in capsys.readouterr().out
+
+    key.unlink()
+    assert main(["keys", "list", file]) == 0
+    assert "ca.key       is not on this computer" in capsys.readouterr().out
+
+
+def test_git_leaves_the_folders_of_keys_out(folder: Path) -> None:
+    assert main(["keys", "init", str(folder / "fleet.toml"), "--force"]) == 0
+    subprocess.run(["git", "init", "-q", folder], check=True)
+    status = subprocess.run(
+        ["git", "-C", folder, "status", "--porcelain", "-uall"],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert status.stdout.split() == ["??", "fleet.toml"]
+
+
 def test_a_certificate_whose_key_is_elsewhere_is_listed_so(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -139,7 +174,8 @@ def test_a_new_authority_locks_out_every_older_key(
     assert main(["keys", "init", file]) == 2  # not by accident
     old = {path.name: path.read_bytes() for path in (folder / "keys").iterdir()}
     assert main(["keys", "init", file, "--force"]) == 0
-    assert all(path.read_bytes() != old[path.name] for path in (folder / "keys").iterdir())
+    keys = [path for path in (folder / "keys").iterdir() if path.name != ".gitignore"]
+    assert all(path.read_bytes() != old[path.name] for path in keys)
     assert main(["keys", "list", file]) == 0
     (folder / "keys" / "mav2.pem").write_bytes(old["mav2.pem"])
     assert main(["keys", "list", file]) == 1
