@@ -64,7 +64,11 @@ def order(
 
 
 async def _connect_and_order(fleet: FleetConfig, intent: Intent, timeout_s: float) -> Results:
-    return await order_once(FleetClient(fleet), intent, timeout_s)
+    return await order_once(FleetClient(fleet), intent, timeout_s, say=_warn)
+
+
+def _warn(sentence: str) -> None:
+    print(plain_line(sentence), file=sys.stderr, flush=True)
 
 
 def _print_json(results: Results) -> None:

@@ -67,8 +67,13 @@ def parse(text: str, fleet: FleetConfig) -> Intent:
     kind = _verb_of(words)
     words = words[1:]
 
-    is_nearest = kind.verb == "formation" and "nearest" in words[1:]
-    if is_nearest:
+    # the name comes first: a formation may be named as an option is, for instance `nearest`
+    formation = ""
+    is_nearest = False
+    if kind.verb == "formation":
+        formation = _formation_of(words, kind, fleet)
+        words = words[1:]
+        is_nearest = "nearest" in words
         words = [word for word in words if word != "nearest"]
     options, words = _take_options(words, kind)
 
@@ -76,12 +81,8 @@ def parse(text: str, fleet: FleetConfig) -> Intent:
         goals = _take_goals(words, fleet)
         return kind.from_line(OrderLine(vehicles=tuple(goals), options=options, goals=goals))
 
-    formation = ""
-    if kind.verb == "formation":
-        formation = _formation_of(words, kind, fleet)
-        words = words[1:]
-
     names, numbers = _take_vehicles(words, kind, fleet)
+    is_everybody = not names or words[0].lower() == "all"
     names = _names_meant(names, kind, fleet)
     if kind.verb == "formation" and len(names) == len(fleet.enabled_names):
         names = _with_slots(names, fleet, formation)
@@ -93,6 +94,7 @@ def parse(text: str, fleet: FleetConfig) -> Intent:
             options=options,
             formation=formation,
             is_nearest=is_nearest,
+            is_everybody=is_everybody,
         )
     )
 

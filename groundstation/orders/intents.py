@@ -26,7 +26,7 @@ from typing import ClassVar, Literal, NamedTuple, Self
 
 import msgspec
 
-from onboard.bus.schema import OrderKind, Vec3
+from onboard.bus.schema import TO_EVERYBODY, OrderKind, Vec3
 
 DEFAULT_HEIGHT_M = 1.0
 
@@ -61,6 +61,7 @@ class OrderLine(NamedTuple):
     goals: Mapping[str, Vec3] = {}  # of goto
     formation: str = ""
     is_nearest: bool = False
+    is_everybody: bool = False  # it names nobody, or says "all"
 
     @property
     def duration_s(self) -> float:
@@ -74,12 +75,13 @@ class OrderLine(NamedTuple):
 
 
 class MessageValues(NamedTuple):
-    """What an intent says in the message to each vehicle, besides the goal: fields of `Order`."""
+    """Values of an intent in the message to each vehicle, besides the goal: fields of `Order`."""
 
     height_m: float | None = None
     duration_s: float = 0.0
     yaw_deg: float | None = None
     then_land: bool = False
+    reason: str = ""
 
 
 class Intent(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -466,6 +468,19 @@ class Land(Intent, frozen=True, kw_only=True):
     kind = "land"
     usage = "land [WHO]"
     brings_down = True
+    planned_fields = ("is_everybody",)
+
+    # All are meant, and nobody by his name: a vehicle that a pilot flies by hand is left to him.
+    is_everybody: bool = False
+
+    @classmethod
+    def from_line(cls, line: OrderLine) -> Self:
+        """Return the order that a line of the console says."""
+        return cls(vehicles=line.vehicles, is_everybody=line.is_everybody)
+
+    def message_values(self) -> MessageValues:
+        """Return what the message to each vehicle says besides its kind."""
+        return MessageValues(reason=TO_EVERYBODY if self.is_everybody else "")
 
 
 class Kill(Intent, frozen=True, kw_only=True):

@@ -17,7 +17,7 @@ from groundstation.fleet.state import FleetState
 from groundstation.orders.goals import Situation, goals_of
 from groundstation.orders.held_formation import HeldFormation, held_after
 from groundstation.orders.intents import Formation, Intent, Takeoff
-from onboard.bus.schema import Order, Vec3
+from onboard.bus.schema import BY_MISSION, Order, Vec3
 from onboard.config.fleet import (
     ConfigError,
     FleetConfig,
@@ -25,6 +25,7 @@ from onboard.config.fleet import (
     parking_distance_m,
     parking_height_share,
 )
+from onboard.config.ground import floor_m, least_height_m
 from onboard.config.pair_separation import separation_m
 
 ORDER_LIFE_S = 2.0
@@ -123,6 +124,7 @@ def plan_order(
             node=node,
             yaw_deg=values.yaw_deg,
             then_land=values.then_land,
+            reason=values.reason,
         )
         for name in names
         if name not in refusals
@@ -191,6 +193,19 @@ def addressed(orders: Mapping[str, Order], state: FleetState | None) -> dict[str
             )
         stamped[name] = order
     return stamped
+
+
+def of_mission(planned: PlannedOrder) -> PlannedOrder:
+    """Return a planned order as a mission gives it: its messages say so.
+
+    Args:
+        planned: as a person would give it.
+    """
+    orders = {
+        name: msgspec.structs.replace(order, reason=BY_MISSION)
+        for name, order in planned.orders.items()
+    }
+    return replace(planned, orders=orders)
 
 
 def stamped_anew(order: Order, now_ns: int) -> Order:
@@ -281,11 +296,19 @@ def _goal_refusals(
 
     fence = fleet.fleet.geofence_m
     for name, goal in goals_enu_m.items():
-        if not fence.contains(goal) or goal[2] <= 0.0:
+        goal_text = f"({goal[0]:.2f}, {goal[1]:.2f}, {goal[2]:.2f})"
+        ground = floor_m(fleet)
+        least_m = least_height_m(fleet.vehicles[name])
+        if not fence.contains(goal):
             refusals[name] = (
-                f"{name}: the goal ({goal[0]:.2f}, {goal[1]:.2f}, {goal[2]:.2f}) lies outside the "
+                f"{name}: the goal {goal_text} lies outside the "
                 f"fence x {list(fence.x)}, y {list(fence.y)}, z {list(fence.z)} m. "
                 "Choose one inside, above the ground."
+            )
+        elif goal[2] < ground + least_m:
+            refusals[name] = (
+                f"{name}: the goal {goal_text} is less than {least_m:g} m above the ground at "
+                f"{ground:g} m. Choose a higher goal, or order land."
             )
 
     parking_m = parking_distance_m(fleet)

@@ -178,6 +178,9 @@ def _unfit(intent: Intent, view: VehicleView, now_ns: int) -> str | None:
             return f"{view.name} cannot start: it is {telemetry.state}."
         if telemetry.not_ready:
             return f"{view.name} is not ready: {telemetry.not_ready[0]}"
+    elif telemetry.state == "landing":
+        why = f" ({telemetry.reason.rstrip('.')})" if telemetry.reason else ""
+        return f"{view.name} is landing{why}: wait until it is down, then order take-off."
     elif telemetry.state not in _CAN_MOVE:
         return f"{view.name} does not fly (it is {telemetry.state}): order take-off first."
 

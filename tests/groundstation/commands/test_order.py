@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from typing import Any
 
 import pytest
@@ -19,19 +20,35 @@ FLEET = "configs/fleets/paper.toml"
 NOBODY = DirectResult(False, False, "PX4 did not answer either", has_answered=False)
 
 
-def order(monkeypatch: pytest.MonkeyPatch, *words: str, **misbehave: str) -> int:
-    """Give an order to agents that do what they are told, or misbehave."""
+def order(
+    monkeypatch: pytest.MonkeyPatch,
+    *words: str,
+    misbehave: Mapping[str, str] | None = None,
+    heights_m: Mapping[str, float] | None = None,
+) -> int:
+    """Give an order to agents that do what they are told, or misbehave.
+
+    Args:
+        words: the order.
+        misbehave: how an agent does, by its vehicle.
+        heights_m: of vehicles that fly above one place; the others stand.
+    """
+    column_m = heights_m or {}
 
     def client(fleet: FleetConfig, **_: Any) -> FleetClient:
         bus: Any = FakeBus(fleet, has_truth=True)
-        bus.misbehave = misbehave
+        bus.misbehave = dict(misbehave or {})
         found = FleetClient(fleet, author="script", bus=bus, send=lambda *_, **__: NOBODY)
         start = found.start
 
         async def started() -> None:
             await start()
             for name in fleet.enabled_names:
-                bus.tell(name)
+                changes: dict[str, Any] = {}
+                if name in column_m:
+                    changes["is_airborne"] = True
+                    changes["position_enu_m"] = (0.0, 0.0, column_m[name])
+                bus.tell(name, **changes)
 
         found.start = started  # type: ignore[method-assign]
         return found
@@ -56,7 +73,7 @@ def test_the_exit_status_tells_what_the_vehicles_did(
     misbehave: dict[str, str],
     status: int,
 ) -> None:
-    assert order(monkeypatch, "hold", "all", **misbehave) == status
+    assert order(monkeypatch, "hold", "all", misbehave=misbehave) == status
     lines = capsys.readouterr()
     assert len((lines.out + lines.err).splitlines()) == 3
     assert all(name in lines.err for name in misbehave)
@@ -66,8 +83,16 @@ def test_a_landing_that_neither_agents_nor_px4s_answer_is_answered_by_nobody(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     silent = dict.fromkeys(("mav0", "mav1", "mav2"), "silent")
-    assert order(monkeypatch, "land", "all", **silent) == 10
+    assert order(monkeypatch, "land", "all", misbehave=silent) == 10
     assert capsys.readouterr().err.count("PX4 did not answer either") == 3
+
+
+def test_who_kills_the_top_of_a_column_reads_who_is_below(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    column = {"mav0": 1.0, "mav1": 2.5}
+    assert order(monkeypatch, "kill", "mav1", heights_m=column) == 0
+    assert capsys.readouterr().err == "mav1 falls on mav0, 1.5 m below.\n"
 
 
 def test_json_is_a_list_of_vehicles(

@@ -6,6 +6,7 @@ import itertools
 import math
 from typing import Any
 
+import msgspec
 import pytest
 
 from groundstation.fleet.state import FleetState, fold, initial
@@ -102,7 +103,9 @@ WELL_FORMED = [
     ("arm", Arm(vehicles=ALL)),
     ("disarm 0", Disarm(vehicles=("mav0",))),
     ("kill mav1", Kill(vehicles=("mav1",))),
-    ("  land   all ", Land(vehicles=ALL)),
+    ("  land   all ", Land(vehicles=ALL, is_everybody=True)),
+    ("land", Land(vehicles=ALL, is_everybody=True)),
+    ("land 0-2", Land(vehicles=ALL)),
 ]
 
 
@@ -162,6 +165,9 @@ def test_a_line_that_is_no_order_is_refused_in_words_and_never_guessed(fleet: Fl
 
 def test_an_order_written_out_is_the_same_order(fleet: FleetConfig) -> None:
     for text, intent in WELL_FORMED:
+        if isinstance(intent, Land):
+            # written out, a landing of all names each of them
+            intent = msgspec.structs.replace(intent, is_everybody=False)
         again = parse(str(intent), fleet)
         assert again == intent, (text, str(intent))
 
@@ -244,9 +250,7 @@ def test_if_one_slot_lies_outside_the_fence_nobody_moves_and_everyone_is_told_wh
 
 
 def test_a_goal_below_ground_and_a_height_above_the_fence_are_refused(fleet: FleetConfig) -> None:
-    assert (
-        "outside the fence" in planned(parse("move mav0 0 0 -0.2", fleet), fleet).refusals["mav0"]
-    )
+    assert "above the ground" in planned(parse("move mav0 0 0 -0.2", fleet), fleet).refusals["mav0"]
     assert "3" in planned(parse("takeoff all 9.0", fleet), fleet).refusals["mav1"]
 
 
@@ -399,3 +403,18 @@ def test_orders_carry_the_node_by_which_the_operator_is_known(fleet: FleetConfig
         parse("land all", fleet), fleet, None, held=NONE, author="x", now_ns=0, node="ground-1"
     )
     assert {order.node for order in planned.orders.values()} == {"ground-1"}
+
+
+def test_a_formation_may_be_named_as_an_option_is(fleet: FleetConfig) -> None:
+    slots = fleet.formations["triangle"]
+    named = msgspec.structs.replace(
+        fleet, formations={"nearest": slots, "turned": slots, "in": slots, "yaw": slots}
+    )
+    for name in named.formations:
+        order = parse(f"formation {name} nearest turned 90 yaw 10 in 8", named)
+        assert isinstance(order, Formation)
+        assert (order.name, order.assign, order.rotation_deg) == (name, "nearest", 90.0)
+        assert parse(str(order), named) == order
+        plain = parse(f"formation {name}", named)
+        assert isinstance(plain, Formation)
+        assert (plain.name, plain.assign) == (name, "ids")

@@ -1,0 +1,52 @@
+"""Who is below vehicles that are about to be killed: they fall. Pure."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection
+
+from groundstation.fleet.state import FleetState
+from onboard.config.fleet import FleetConfig
+
+_MOST_NAMED = 4
+
+
+def below_words(names: Collection[str], fleet: FleetConfig, state: FleetState, now_ns: int) -> str:
+    """Return who is below vehicles that fly and are to be killed.
+
+    Below is whoever is lower, and beside it nearer than the safety distance.
+
+    Args:
+        names: of the vehicles to be killed.
+        fleet: the fleet file.
+        state: the fleet as known now.
+        now_ns: the ground's monotonic clock [ns].
+
+    Returns:
+        A sentence, the one that is nearest below first; empty when nobody is known to be below.
+    """
+    found: list[tuple[float, str]] = []
+    for name in names:
+        upper = state.vehicles.get(name)
+        if upper is None or not upper.is_airborne:
+            continue
+        upper_enu_m = upper.position_enu_m(now_ns)
+        if upper_enu_m is None:
+            continue
+
+        for other, view in state.vehicles.items():
+            lower_enu_m = view.position_enu_m(now_ns)
+            if other == name or lower_enu_m is None:
+                continue
+            beside_m = math.dist(upper_enu_m[:2], lower_enu_m[:2])
+            height_m = upper_enu_m[2] - lower_enu_m[2]
+            if height_m > 0.0 and beside_m < fleet.fleet.safety_distance_m:
+                found.append((height_m, f"{name} falls on {other}, {height_m:.1f} m below"))
+
+    if not found:
+        return ""
+    words = [text for _, text in sorted(found)]
+    named = "; ".join(words[:_MOST_NAMED])
+    if len(words) > _MOST_NAMED:
+        named += f"; and {len(words) - _MOST_NAMED} more"
+    return f"{named}."
