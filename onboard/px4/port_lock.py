@@ -1,6 +1,8 @@
 """One agent per autopilot.
 
-Two programs at one port, or at one serial device, would get some of its packets each.
+Two programs at one port, or at one serial device, would get some of its packets each. Ports belong
+to a network namespace: containers that share a temporary folder have ports of their own each, and
+serial devices together.
 """
 
 from __future__ import annotations
@@ -13,6 +15,8 @@ import tempfile
 from pathlib import Path
 
 from onboard.autopilot import LinkError
+
+_NAMESPACE = "/proc/self/ns/net"  # namespaces(7): its inode tells namespaces apart
 
 
 class PortClaim:
@@ -70,8 +74,21 @@ def _key(endpoint: str) -> str:
     """
     kind, _, address = endpoint.partition("://")
     if kind == "udpin":
-        return f"udp-{address.rpartition(':')[2]}"
+        return f"udp-{address.rpartition(':')[2]}-{_network_namespace()}"
     if kind.startswith("serial"):
         device, _, rate = address.rpartition(":")
         address = os.path.realpath(device if device and rate.isdigit() else address)
-    return re.sub(r"[^A-Za-z0-9._-]", "_", f"{kind}-{address}")
+        return _as_file_name(f"{kind}-{address}")
+    return _as_file_name(f"{kind}-{address}-{_network_namespace()}")
+
+
+def _as_file_name(text: str) -> str:
+    return re.sub(r"[^A-Za-z0-9._-]", "_", text)
+
+
+def _network_namespace() -> int:
+    """Return the number of this process's network namespace; 0 where the kernel tells none."""
+    try:
+        return os.stat(_NAMESPACE).st_ino
+    except OSError:
+        return 0

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import os
+import socket
+from pathlib import Path
 
 import pytest
 
 from onboard.autopilot import LinkError
+from onboard.px4 import port_lock
 from onboard.px4.port_lock import PortClaim
 
 DEVICE = f"/dev/covey-test-{os.getpid()}"
@@ -33,6 +36,34 @@ def test_the_second_of_two_agents_is_refused_in_words_until_the_first_releases_t
         newcomer.take()
         newcomer.release()
         newcomer.release()
+
+
+@pytest.mark.parametrize(
+    ("endpoint", "is_shared"),
+    [
+        ("udpin://127.0.0.1:28992", False),
+        ("udpout://10.9.9.9:28992", False),
+        pytest.param(f"serial://{DEVICE}:921600", True, id="serial"),  # workers name it differently
+    ],
+)
+def test_a_port_is_locked_in_its_own_network_namespace_only(
+    endpoint: str, is_shared: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    here, there = PortClaim(endpoint), PortClaim(endpoint)
+    here.take()
+    # an agent in a container that shares the temporary folder
+    (tmp_path / "net").touch()
+    monkeypatch.setattr(port_lock, "_NAMESPACE", str(tmp_path / "net"))
+    monkeypatch.setattr(socket.socket, "bind", lambda *_: None)  # its own ports
+    try:
+        if is_shared:
+            with pytest.raises(LinkError, match="is in use"):
+                there.take()
+        else:
+            there.take()
+    finally:
+        here.release()
+        there.release()
 
 
 def test_different_autopilots_do_not_hinder_each_other() -> None:
