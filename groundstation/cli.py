@@ -17,6 +17,7 @@ import os
 import sys
 from collections.abc import Callable, Sequence
 from contextlib import redirect_stderr, redirect_stdout
+from importlib.util import find_spec
 from types import ModuleType
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -161,6 +162,15 @@ FORMER: dict[str, tuple[str, ...]] = {
 
 _HELP_WORDS = ("--help", "-h")
 _COMPLETION_WORD = "--install-completion"
+# The library's line takes names with spaces apart, and puts a space behind folders.
+_BASH_FILES_OF_LIBRARY = 'COMPREPLY=( $(compgen -f -- "${cur}") )'
+_BASH_FILES = """\
+_covey_files() {
+  compopt -o filenames
+  mapfile -t COMPREPLY < <(compgen -f -- "${cur}")
+}
+
+"""
 _FOOTER = f"More: covey COMMAND --help. Shell completion: covey {_COMPLETION_WORD}"
 
 
@@ -226,7 +236,7 @@ def _run(words: list[str]) -> int:
     if not words or first in _HELP_WORDS:
         print(front_text())
         return EXIT_OK if words else EXIT_WRONG_INPUT
-    if first == "agent":
+    if first == "agent" and not (_is_help(words) and find_spec("cyclopts")):
         # A drone's computer has the base libraries only, so this does without the front page's.
         agent: Callable[[list[str]], int] = importlib.import_module("onboard.agent.main").main
         return agent(words[1:])
@@ -246,6 +256,10 @@ def _run(words: list[str]) -> int:
         is_asked = any(word.startswith("-") for word in words)
         return EXIT_OK if is_asked else EXIT_WRONG_INPUT
     return int(status)
+
+
+def _is_help(words: list[str]) -> bool:
+    return any(word in _HELP_WORDS for word in words)
 
 
 def _refuse_bench(words: list[str]) -> int:
@@ -322,7 +336,10 @@ def front_page(words: Sequence[str] = (), *, is_whole: bool = False) -> App:
 
         def generate_completion(self, **options: object) -> str:
             script = super().generate_completion(**options)  # type: ignore[arg-type]
-            return script.replace("\ncomplete -F ", "\ncomplete -o default -F ")
+            if "\ncomplete -F " not in script:
+                return script
+            script = script.replace("\ncomplete -F ", "\ncomplete -o default -F ")
+            return _BASH_FILES + script.replace(_BASH_FILES_OF_LIBRARY, "_covey_files")
 
     app = FrontPage(
         name="covey",

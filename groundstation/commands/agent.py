@@ -1,18 +1,121 @@
-"""``covey agent``: its line in the list of commands; ``onboard.agent.main`` has the options."""
+"""``covey agent``: fly one vehicle of a fleet, or look after the service that does.
+
+Examples:
+  covey agent --fleet fleet.toml --vehicle mav1
+  covey agent install --fleet fleet.toml --vehicle mav1 --now
+  covey agent deploy --fleet fleet.toml --wheel covey.whl
+
+Exit status: 0 done; 1 failed, or the service does not run; 2 wrong input;
+deploy: 50 some of several. docs/deployment.md says more.
+"""
 
 from __future__ import annotations
 
-from typing import Annotated
+import argparse
+import inspect
+from collections.abc import Callable, Iterator
+from typing import Annotated, Any, Literal
 
-from cyclopts import Parameter
+from cyclopts import App, Parameter
 
+from groundstation.commands.parameters import FILE_OR_TEXT, LAW_OR_TEXT
 from onboard.agent.main import main
+from onboard.agent.main import parser as agent_parser
+from onboard.process import deploy, service
+
+# A drone's computer has the base libraries only, so the words are read by argparse there. These
+# commands are made of the same parsers: for the page of help and for what a shell completes.
 
 
-def agent(*words: Annotated[str, Parameter(allow_leading_hyphen=True)]) -> int:
-    """Fly one vehicle of a fleet, or look after the service that does.
+def _command(parser: argparse.ArgumentParser, *verb: str) -> Callable[..., int]:
+    """Return a function with the options of a parser, which hands the words to the agent."""
 
-    Args:
-        words: --fleet FILE --vehicle NAME, or install, status or logs with these, or deploy
-    """
-    return main(words)
+    def command(**values: object) -> int:
+        words = list(verb)
+        for name, value in values.items():
+            words += _words("--" + name.replace("_", "-"), value)
+        return main(words)
+
+    parameters = list(_parameters(parser))
+    command.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+    command.__annotations__ = {one.name: one.annotation for one in parameters}
+    command.__doc__ = parser.description
+    return command
+
+
+def _words(option: str, value: object) -> list[str]:
+    """Return the words of an option with its value."""
+    if value is None or value is False:
+        return []
+    if value is True:
+        return [option]
+    if isinstance(value, tuple):
+        return [word for one in value for word in (option, str(one))]
+    return [option, str(value)]
+
+
+def _parameters(parser: argparse.ArgumentParser) -> Iterator[inspect.Parameter]:
+    """Yield the options of a parser as parameters of a function."""
+    for action in parser._actions:
+        if not action.option_strings or action.dest == "help":
+            continue
+        option = action.option_strings[-1]
+
+        kind: Any = str
+        default: object = action.default
+        if action.nargs == 0:
+            kind = bool
+        elif action.choices is not None:
+            kind = Literal[tuple(action.choices)]
+        elif action.metavar == "FILE":
+            kind = FILE_OR_TEXT
+        elif action.dest == "law":
+            kind = LAW_OR_TEXT
+        elif action.type is not None:
+            kind = action.type
+        if isinstance(action.default, list):
+            kind = tuple[kind, ...]
+            default = ()
+        elif action.default is None and not action.required:
+            kind = kind | None
+        if action.required:
+            default = inspect.Parameter.empty
+
+        shown = Parameter(help=action.help)
+        if action.metavar:
+            has_open_choices = action.dest == "law"
+            shown = Parameter(
+                help=action.help,
+                metavar=str(action.metavar),
+                show_choices=not has_open_choices,
+                show_default=False,
+            )
+        yield inspect.Parameter(
+            option.removeprefix("--").replace("-", "_"),
+            inspect.Parameter.KEYWORD_ONLY,
+            default=default,
+            annotation=Annotated[kind, shown],
+        )
+
+
+def _service_parser(verb: str) -> argparse.ArgumentParser:
+    """Return the parser of a verb of the service."""
+    for action in service.parser()._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            found: argparse.ArgumentParser = action.choices[verb]
+            found.description = _SERVICE_HELP[verb]
+            return found
+    raise LookupError(verb)
+
+
+_SERVICE_HELP = {
+    "install": "Write the unit of a systemd service for one vehicle's agent.",
+    "status": "Say whether the service of one vehicle's agent runs.",
+    "logs": "Print what the service of one vehicle's agent wrote.",
+}
+
+agent = App(name="agent", help=agent_parser().description)
+agent.default(_command(agent_parser()))
+for _verb in service.VERBS:
+    agent.command(_command(_service_parser(_verb), _verb), name=_verb)
+agent.command(_command(deploy.parser(), "deploy"), name="deploy")

@@ -23,7 +23,7 @@ from typing import Annotated, Any
 
 from cyclopts import Parameter
 
-from groundstation.commands.parameters import File
+from groundstation.commands.parameters import File, FileName
 from groundstation.file_checks.examination import examine
 from groundstation.file_checks.page import page
 from onboard.config.fleet import ConfigError
@@ -48,7 +48,7 @@ Each of them says more with --help."""
 
 
 def check(
-    *files: Annotated[str, Parameter(name="FLEET|MISSION")],
+    *files: Annotated[FileName, Parameter(name="FLEET|MISSION")],
     fleet: File | None = None,
     json: bool = False,
     errors: Annotated[ErrorClass | None, Parameter(choices=ErrorClass)] = None,
@@ -72,6 +72,7 @@ def check(
 
     status = EXIT_OK
     rows: list[dict[str, Any]] = []
+    shown: list[Finding] = []
     for path in files:
         try:
             examined = examine(path, fleet, errors, runs_law=run_law)
@@ -85,7 +86,8 @@ def check(
             status = max(status, EXIT_FAILED)
         rows += [{"file": path, **asdict(finding)} for finding in examined.findings]
         if not json:
-            print(page(examined, errors))
+            print(page(examined, errors, shown))
+            shown += examined.findings
 
     if json:
         print(dumps(rows, indent=2))

@@ -18,11 +18,13 @@ from textual.widgets import Input
 from groundstation.fleet.operator_control import FORCE_WORD
 from groundstation.formations.slots import formation_names
 from groundstation.orders.intents import INTENTS
-from onboard.config.fleet import FleetConfig
+from onboard.config.file_reading import FileKind, read_bytes
+from onboard.config.fleet import ConfigError, FleetConfig
 
 CONTROL_ORDERS = ("take control", f"take control {FORCE_WORD}", "give control", "keep control")
 MAX_LENGTH = 200
 _KEPT = 200  # orders of the history
+_HISTORY_FILE = FileKind("file of orders", 1_000_000)
 _RESTING = "press :  and write an order, e.g. takeoff all 1.0"
 _WRITING = "now write: every key goes here, enter gives the order"
 
@@ -98,8 +100,8 @@ class OrderHistory:
     def __init__(self, path: Path) -> None:
         self._path = path
         try:
-            text = path.read_text(encoding="utf-8", errors="replace")
-        except (OSError, RuntimeError):
+            text = read_bytes(path, _HISTORY_FILE).decode("utf-8", "replace")
+        except (ConfigError, RuntimeError):
             text = ""
 
         # whatever else stands in the file was not written here

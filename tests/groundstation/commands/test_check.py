@@ -35,6 +35,19 @@ def test_shipped_files_can_be_flown(capsys: pytest.CaptureFixture[str]) -> None:
     assert capsys.readouterr().out.count("This can be flown") == 3
 
 
+def test_the_findings_of_a_fleet_are_printed_once_for_it_and_its_mission(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert cli.main(["check", str(MISSION)]) == 0
+    alone = capsys.readouterr().out
+    assert cli.main(["check", str(PAPER), str(MISSION)]) == 0
+    both = capsys.readouterr().out
+    assert alone.count("thrust reserve") == both.count("thrust reserve") == 1
+    assert both.count("ok       arrival") == 1  # the mission's own
+    assert "findings about its fleet: see above." in both
+    assert alone.splitlines()[-1] == both.splitlines()[-1]  # the verdict counts them all
+
+
 @pytest.mark.parametrize("fleet", [PAPER, SIH])
 def test_gps_with_the_papers_spacing_is_refused_with_status_one(
     fleet: Path, capsys: pytest.CaptureFixture[str]

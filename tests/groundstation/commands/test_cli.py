@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -11,6 +12,7 @@ import pytest
 from groundstation import cli
 from groundstation.flights.flight_settings import prepare
 from onboard.config.fleet import ConfigError
+from onboard.process import deploy
 
 ROOT = Path(__file__).resolve().parents[3]
 PAPER = str(ROOT / "configs/fleets/paper.toml")
@@ -190,6 +192,57 @@ def test_the_shell_completes_commands_and_options() -> None:
 def test_bash_goes_on_completing_the_names_of_files() -> None:
     script = cli.front_page(["--install-completion"]).generate_completion(shell="bash")
     assert "complete -o default -F _covey covey" in script
+    assert "compgen -f" in script.partition("# Bash completion")[0]
+    assert "compgen -f" not in script.partition("# Bash completion")[2]
+
+
+COMPLETED = [
+    ("covey agent ", {"install", "status", "logs", "deploy"}),
+    ("covey agent deploy --", {"--fleet", "--wheel", "--print"}),
+    ("covey agent --law ", {"covey", "paper", "off"}),
+    ("covey fly --law ", {"covey", "paper", "off"}),
+    ("covey simulate --law p", {"paper"}),
+    ("covey fly m", {"mission.toml", "my shows"}),
+    ("covey fly ", {"mission.toml", "my shows", "script"}),
+    ("covey check --fleet mi", {"mission.toml"}),
+]
+
+
+@pytest.mark.skipif(shutil.which("bash") is None, reason="there is no bash here")
+def test_bash_completes_options_their_values_and_files(tmp_path: Path) -> None:
+    (tmp_path / "mission.toml").touch()
+    (tmp_path / "my shows").mkdir()
+    script = tmp_path / "completion"
+    whole = cli.front_page(["--install-completion"]).generate_completion(shell="bash")
+    script.write_text(whole, encoding="utf-8")
+
+    lines = [f"source {script}", "compopt() { :; }"]
+    for typed, _ in COMPLETED:
+        words = " ".join(f"'{word}'" for word in typed.split(" "))
+        last = len(typed.split(" ")) - 1
+        lines += [
+            f"COMP_WORDS=({words}); COMP_CWORD={last}; COMPREPLY=(); _covey",
+            'printf "%s\\n" "${COMPREPLY[@]}"; echo ---',
+        ]
+    done = subprocess.run(
+        ["bash", "-c", "\n".join(lines)], cwd=tmp_path, capture_output=True, text=True, check=True
+    )
+    offered = [set(part.split("\n")) for part in done.stdout.split("---\n")]
+    for (typed, wanted), found in zip(COMPLETED, offered, strict=False):
+        assert wanted <= found, (typed, found)
+
+
+def test_the_pages_of_the_agent_look_like_all_others(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["agent", "deploy", "--help"]) == 0
+    page = capsys.readouterr().out
+    assert page.startswith("Usage: covey agent deploy --fleet FILE")
+    for option in deploy.parser().parse_args(["--fleet", "f"]).__dict__:
+        assert f"--{option.removesuffix('s') if option == 'prints' else option}" in page
+
+
+def test_simulate_says_how_a_mission_is_flown(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["simulate", "mission.toml"]) == 2
+    assert "covey fly mission.toml --lockstep" in capsys.readouterr().err
 
 
 def test_an_agent_and_the_list_of_commands_need_no_library_of_the_ground() -> None:

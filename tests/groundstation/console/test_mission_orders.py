@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 import asyncio
+import json
 from pathlib import Path
 from typing import Any
 
 from groundstation.console.mission_orders import MissionOrders
+from groundstation.missions.runner import MissionRun
+from groundstation.recording.writer import RecordWriter
+from groundstation.verdict.final_verdict import final_verdict
+from groundstation.verdict.verdict import Verdict
 
 MISSION = """
 schema = 1
@@ -85,3 +90,42 @@ async def test_a_mission_that_is_stopped_lands_all(client: Any, bus: Any, tmp_pa
     assert verdict.is_interrupted
     assert all(verdict.landed.values())
     assert "No mission flies" in orders.take(["stop"])
+
+
+async def test_each_mission_is_judged_by_its_own_distances_and_all_stand_in_one_file(
+    client: Any, bus: Any, tmp_path: Path
+) -> None:
+    """The second one's smallest distance is not the first one's, and a failure is kept."""
+    record = RecordWriter(tmp_path / "flight")
+    record.start()
+    client.add_sink(record.put)
+    verdicts: list[Verdict] = []
+
+    async def judge(run: MissionRun) -> Verdict:
+        await asyncio.sleep(1.5)  # until the writer has flushed
+        verdict = final_verdict(
+            run.flown(), run.mission.expect, record.folder, record.end, earlier=tuple(verdicts)
+        )
+        verdicts.append(verdict)
+        return verdict
+
+    worker = Worker()
+    orders = MissionOrders(client, worker.begin, judge)
+    too_much = "[expect]\nmin_separation_m = 50.0\n"
+    for number, expect in enumerate((too_much, "")):
+        path = tmp_path / f"m{number}.toml"
+        path.write_text(MISSION + expect, encoding="utf-8")
+        assert orders.take(["mission", str(path)]) == ""
+        assert worker.task is not None
+        await asyncio.wait_for(worker.task, 10.0)
+    record.stop()
+
+    first, second = verdicts
+    assert first.closest is not None
+    assert second.closest is not None
+    assert second.closest.time_s > first.closest.time_s
+    assert (first.passed, second.passed) == (False, True)
+
+    written = json.loads((record.folder / "verdict.json").read_text())
+    assert written["passed"] is False
+    assert [mission["passed"] for mission in written["missions"]] == [False, True]
