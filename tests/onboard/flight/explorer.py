@@ -1,0 +1,421 @@
+"""Explores all states of a flight: every order, every action of a failsafe and every report of PX4,
+from every state that can be reached, until nothing new is found.
+
+    python -m tests.onboard.flight.explorer
+
+The state machine, its predicates, the refusals of orders and the failsafe table are those that fly.
+Around them stands a world of five facts: whether PX4 is armed, its mode, whether the vehicle is in
+the air, whether its poses are lost, and whether PX4 hears a pilot's sticks. An event is an order, a
+condition, the change of one fact, or time that passes. After each event the flight's answer is
+looked at (:func:`_look_at`), and the state that follows is explored in turn. So every sequence of
+events is covered, of two, three and any other number. Conditions that hold at once lead to the
+action of one of them (:func:`combined_actions`).
+
+Of the continuous quantities each state keeps one representative: the times and heights of the
+sequence that found it first.
+"""
+
+from __future__ import annotations
+
+import copy
+import math
+import zlib
+from collections import Counter, deque
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from itertools import combinations_with_replacement
+from typing import NamedTuple
+
+from onboard.agent_commands import Arm, Command, Disarm, Kill, Px4Land, SetOffboard
+from onboard.autopilot import Landed, Snapshot
+from onboard.bus.schema import Order, OrderKind, PathOrder
+from onboard.control.path import path_of
+from onboard.flight import order_checks, state_machine
+from onboard.flight.context import FlightContext
+from onboard.flight.order_checks import OrderFacts
+from onboard.flight.path_flight import PathFlight
+from onboard.flight.types import FlightStep, FlightView
+from onboard.safety.failsafe_table import TABLE, Action, Condition, Situation, decide
+from onboard.safety.failsafe_table import Condition as C
+from tests.onboard.agent.rig import fleet
+
+ORDERS: tuple[tuple[OrderKind, str], ...] = (
+    ("arm", ""),
+    ("takeoff", ""),
+    ("move", ""),
+    ("follow_path", ""),
+    ("hold", ""),
+    ("land", ""),
+    ("land", "mission"),
+    ("disarm", ""),
+    ("kill", ""),
+)
+MODES = ("OFFBOARD", "HOLD", "LAND", "POSCTL")
+
+FLYING_STEPS = frozenset(
+    step for step in FlightStep if step.situation in (Situation.LIFTOFF, Situation.FLYING)
+)
+LANDING_STEPS = frozenset(
+    step for step in FlightStep if step.situation in (Situation.LANDING, Situation.PX4_LANDING)
+)
+RESTING_STEPS = frozenset({FlightStep.WAITING, FlightStep.READY, FlightStep.LANDED})
+
+# Whoever has the vehicle then lands it: a pilot, or PX4 without setpoints.
+GIVES_A_LANDING_UP = frozenset(
+    {
+        C.FLOWN_BY_HAND,
+        C.LEFT_OFFBOARD,
+        C.PX4_FAILSAFE,
+        C.REBOOTED,
+        C.AUTOPILOT_SILENT,
+        C.AUTOPILOT_IMPOSSIBLE,
+        C.AUTOPILOT_FROZEN,
+    }
+)
+
+_GIVING_UP = {condition.value for condition in GIVES_A_LANDING_UP}
+
+_HEIGHT_M = 1.0
+_TICK_NS = 100_000_000
+_SHORT_TICKS = 8
+_LONG_TICK_NS = 2_000_000_000
+_LONG_TICKS = 40  # longer than every time limit of the flight table
+_SINKS_M_S = -0.7
+_DOWN_AFTER_TICKS = 10  # in a landing of the obedient world
+_PATH = path_of([[1.0, *[0.0] * 32]])
+
+
+class World(NamedTuple):
+    """What is outside of the flight: PX4, the vehicle's place, a pilot."""
+
+    is_armed: bool = False
+    mode: str = "HOLD"
+    is_in_air: bool = False
+    is_blind: bool = False
+    has_sticks: bool = False
+
+
+class Key(NamedTuple):
+    """What distinguishes two states."""
+
+    step: FlightStep
+    order: str  # kind and reason of the order in progress; empty without one
+    is_slow: bool
+    world: World
+
+
+class State(NamedTuple):
+    """A flight in its world, at an instant."""
+
+    flight: FlightContext
+    world: World
+    now_ns: int
+
+    @property
+    def key(self) -> Key:
+        """What distinguishes it from others."""
+        order = self.flight.order
+        return Key(
+            step=self.flight.step,
+            order="" if order is None else f"{order.kind} {order.reason}",
+            is_slow=self.flight.is_slow,
+            world=self.world,
+        )
+
+
+@dataclass(slots=True)
+class Found:
+    """What an exploration has found."""
+
+    states: int = 0
+    transitions: int = 0
+    steps: set[FlightStep] = field(default_factory=set)
+    moves: Counter[tuple[FlightStep, str, FlightStep]] = field(default_factory=Counter)
+    wrong: dict[str, str] = field(default_factory=dict)  # what is wrong -> the first example
+
+    def in_words(self) -> str:
+        """Return its size in a sentence, and a checksum of every move from step to step."""
+        moves = sorted(
+            f"{old.name} {event} {new.name} {count}"
+            for (old, event, new), count in self.moves.items()
+        )
+        checksum = zlib.crc32("\n".join(moves).encode())
+        return (
+            f"{self.states} states, {self.transitions} events from them, "
+            f"{len(moves)} of them different by step and event (checksum {checksum:08x})."
+        )
+
+    def add_wrong(self, what: str, key: Key, event: str) -> None:
+        """Keep the first example of something that must not be."""
+        self.wrong.setdefault(what, f"{key.step.name} with {key}, after {event}")
+
+
+# -- the exploration -------------------------------------------------------------------------------
+
+
+def explore() -> Found:
+    """Explore everything that can be reached from a vehicle that stands on the ground."""
+    found = Found()
+    first = _first_state()
+    known = {first.key}
+    waiting = deque([first])
+
+    while waiting:
+        state = waiting.popleft()
+        found.states += 1
+        found.steps.add(state.flight.step)
+        _look_at(state, found)
+
+        for event, after in _events(state, found):
+            found.transitions += 1
+            found.moves[state.flight.step, event, after.flight.step] += 1
+            _look_at_move(state, event, after, found)
+            if after.key not in known:
+                known.add(after.key)
+                waiting.append(after)
+    return found
+
+
+def _first_state() -> State:
+    config = fleet()
+    flight = FlightContext(config, config.vehicles["mav0"], path=PathFlight(path=_PATH))
+    return State(flight, World(), 10**12)
+
+
+def _events(state: State, found: Found) -> Iterator[tuple[str, State]]:
+    """Yield everything that can happen now, and the state after it."""
+    for kind, reason in ORDERS:
+        after, _ = ordered(state, kind, reason)
+        yield f"order {kind} {reason}".strip(), after
+
+    after_action: dict[Action, State] = {}
+    for condition in Condition:
+        action = TABLE[state.flight.situation, condition]
+        if action not in after_action:
+            after_action[action] = _acted(state, action, condition)
+        yield condition.value, after_action[action]
+
+    for is_ready in (True, False):
+        after = _copy(state)
+        state_machine.preflight_checked(after.flight, _view(after), is_ready)
+        yield f"preflight {is_ready}", after
+
+    for world in _changed(state.world):
+        yield f"world {world}", _passed(state._replace(world=world), _SHORT_TICKS, _TICK_NS)
+
+    yield "short time", _passed(state, _SHORT_TICKS, _TICK_NS)
+    yield "long time", _passed(state, _LONG_TICKS, _LONG_TICK_NS)
+
+
+def _changed(world: World) -> Iterator[World]:
+    """Yield the worlds that differ in one fact."""
+    yield world._replace(is_armed=not world.is_armed)
+    yield world._replace(is_in_air=not world.is_in_air)
+    yield world._replace(is_blind=not world.is_blind)
+    yield world._replace(has_sticks=not world.has_sticks)
+    for mode in MODES:
+        if mode != world.mode:
+            yield world._replace(mode=mode)
+
+
+# -- what must hold --------------------------------------------------------------------------------
+
+
+def _look_at(state: State, found: Found) -> None:
+    """Look for what must hold in every state."""
+    key = state.key
+
+    killed, commands = ordered(state, "kill", "")
+    if not any(isinstance(command, Kill) for command in commands):
+        found.add_wrong("a kill is not sent to PX4", key, "order kill")
+    if killed.flight.step is not FlightStep.KILLING:
+        found.add_wrong("a kill does not last", key, "order kill")
+
+    if not is_brought_down(state):
+        found.add_wrong("a person's order to land brings nothing down", key, "order land")
+    if state.flight.step in LANDING_STEPS and not _comes_to_rest(_copy(state)):
+        found.add_wrong("a landing does not end on the ground", key, "nothing else")
+
+
+def _look_at_move(before: State, event: str, after: State, found: Found) -> None:
+    """Look for what must hold between a state and the next."""
+    old = before.flight.step
+    new = after.flight.step
+    if old in LANDING_STEPS and new in FLYING_STEPS:
+        found.add_wrong("a landing is undone", before.key, event)
+
+    is_given_up = old in LANDING_STEPS and new.situation is Situation.SILENT
+    if is_given_up and event not in _GIVING_UP and not event.startswith("order "):
+        found.add_wrong("a landing is given up", before.key, event)
+
+
+def is_brought_down(state: State) -> bool:
+    """Return whether a person's order to land, or to disarm what is on the ground, ends with the
+    vehicle at rest.
+
+    Args:
+        state: from which it is ordered; PX4 obeys from then on.
+    """
+    calm = _passed(state, _SHORT_TICKS, _TICK_NS)
+    if calm.flight.step in RESTING_STEPS and not calm.world.is_in_air:
+        return True
+
+    landed, requests = ordered(calm, "land", "")
+    if _comes_to_rest(landed._replace(world=_obeyed(landed.world, requests))):
+        return True
+    disarmed, requests = ordered(calm, "disarm", "")
+    obeyed = _obeyed(disarmed.world, requests)
+    return not calm.world.is_in_air and _comes_to_rest(disarmed._replace(world=obeyed))
+
+
+def _comes_to_rest(state: State) -> bool:
+    """Return whether a vehicle comes to rest on the ground, disarmed, with a PX4 that obeys.
+
+    It goes on from there: a later flight can begin.
+    """
+    flight = state.flight
+    world = state.world
+    if world.mode == "POSCTL":
+        world = world._replace(mode="HOLD", has_sticks=False)  # the pilot gives it back
+
+    sinking = 0
+    now_ns = state.now_ns
+    for tick in range(_SHORT_TICKS * 8):
+        if flight.step in RESTING_STEPS and not world.is_in_air and not world.is_armed:
+            return True
+
+        now_ns += _TICK_NS if tick < _SHORT_TICKS * 4 else _LONG_TICK_NS
+        state_machine.advance(flight, _view(State(flight, world, now_ns)))
+        world = _obeyed(world, flight.take_commands())
+
+        is_sinking = flight.step in LANDING_STEPS or not flight.step.is_streaming
+        sinking = sinking + 1 if is_sinking else 0
+        if sinking > _DOWN_AFTER_TICKS:
+            world = world._replace(is_in_air=False)
+        if not world.is_in_air and world.mode == "LAND":
+            world = world._replace(is_armed=False)  # PX4 disarms itself after its landing
+    return False
+
+
+def _obeyed(world: World, commands: list[Command]) -> World:
+    """Return the world after PX4 has done what it was asked for."""
+    for command in commands:
+        match command:
+            case SetOffboard():
+                world = world._replace(mode="OFFBOARD")
+            case Arm():
+                world = world._replace(is_armed=True)
+            case Disarm() if not world.is_in_air:
+                world = world._replace(is_armed=False)
+            case Px4Land():
+                world = world._replace(mode="LAND")
+            case Kill():
+                world = world._replace(is_armed=False)
+    return world
+
+
+def combined_actions() -> Iterator[tuple[Situation, tuple[Condition, ...], Action]]:
+    """Yield the action that up to three conditions lead to at once, in every situation."""
+    for situation in Situation:
+        for some in combinations_with_replacement(Condition, 3):
+            action, _ = decide(situation, set(some))
+            yield situation, some, action
+
+
+# -- one event -------------------------------------------------------------------------------------
+
+
+def ordered(state: State, kind: OrderKind, reason: str) -> tuple[State, list[Command]]:
+    """Return the state after an order, and what was sent to PX4; a refused one changes nothing."""
+    after = _copy(state)
+    view = _view(after)
+    order = Order(
+        order_id=f"{kind} {reason}",
+        author="x",
+        kind=kind,
+        stamp_ns=after.now_ns,
+        deadline_ns=0,
+        reason=reason,
+        position_enu_m=(1.0, 0.0, 1.0),
+        path=PathOrder(path_id="p", show_id="s", start_ns=after.now_ns),
+    )
+    facts = OrderFacts(
+        view=view,
+        fleet=after.flight.fleet,
+        others={},
+        distances_m={},
+        not_ready=(),
+        not_ready_in_air=lambda: (),
+    )
+    is_path = kind == "follow_path"  # its other refusals are about the path
+    is_refused = order_checks.refusal(order, after.flight, facts) is not None
+    if is_path:
+        is_refused = not state_machine.accepts(after.flight.step, kind)
+    if not is_refused:
+        state_machine.begin_order(after.flight, view, order)
+    return after, after.flight.take_commands()
+
+
+def _acted(state: State, action: Action, condition: Condition) -> State:
+    """Return the state after an action of the failsafe table."""
+    after = _copy(state)
+    state_machine.begin_failsafe(after.flight, _view(after), action, f"{condition.value}.")
+    after.flight.take_commands()
+    return after
+
+
+def _passed(state: State, ticks: int, tick_ns: int) -> State:
+    """Return the state after some time in an unchanged world, or at the next step."""
+    after = _copy(state)
+    for _ in range(ticks):
+        after = after._replace(now_ns=after.now_ns + tick_ns)
+        step = after.flight.step
+        state_machine.advance(after.flight, _view(after))
+        if after.flight.step is not step:
+            break  # what follows is another event
+    after.flight.take_commands()
+    return after
+
+
+def _copy(state: State) -> State:
+    flight = replace(state.flight, path=copy.copy(state.flight.path), commands=[])
+    return state._replace(flight=flight)
+
+
+def _view(state: State) -> FlightView:
+    """Return what the flight sees of its world."""
+    world = state.world
+    now_ns = state.now_ns
+    is_sinking = world.is_in_air and state.flight.step in LANDING_STEPS
+    sinks_m_s = _SINKS_M_S if is_sinking else 0.0
+    height_m = _HEIGHT_M if world.is_in_air else 0.0
+    sticks_ns = now_ns if world.has_sticks else 0
+    snapshot = Snapshot(
+        heartbeat_ns=now_ns,
+        is_armed=world.is_armed,
+        mode=world.mode,
+        landed=Landed.IN_AIR if world.is_in_air else Landed.ON_GROUND,
+        landed_ns=now_ns,
+        velocity_local_ned_m_s=(0.0, 0.0, -sinks_m_s),
+        sticks_ns=sticks_ns,
+        sticks_before_ns=sticks_ns - 1 if sticks_ns else 0,
+        battery_frac=1.0,
+    )
+    return FlightView(
+        now_ns=now_ns,
+        position_enu_m=(0.0, 0.0, height_m),
+        velocity_enu_m_s=(0.0, 0.0, sinks_m_s),
+        has_position=True,
+        snapshot=snapshot,
+        thrust_share=1.0 if world.is_in_air else 0.5,
+        is_blind=world.is_blind,
+        yaw_rad=0.0,
+        position_age_s=math.inf if world.is_blind else 0.0,
+    )
+
+
+if __name__ == "__main__":
+    result = explore()
+    print(result.in_words())
+    for what, example in result.wrong.items():
+        print(f"{what}: {example}")

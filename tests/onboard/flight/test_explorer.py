@@ -1,0 +1,55 @@
+"""Every state of a flight has a way down; a row taken out of the flight table is noticed."""
+
+from __future__ import annotations
+
+import functools
+
+import pytest
+
+from onboard.flight import state_machine
+from onboard.flight.flight_table import ROWS, TABLE, Row
+from onboard.flight.types import FlightStep
+from onboard.safety.failsafe_table import TABLE as FAILSAFE_TABLE
+from tests.architecture.documents import written
+from tests.onboard.flight.explorer import Found, combined_actions, explore
+
+
+@functools.cache
+def _found() -> Found:
+    return explore()
+
+
+def test_every_state_has_a_way_down() -> None:
+    assert _found().wrong == {}
+
+
+def test_every_step_is_explored() -> None:
+    assert _found().steps == set(FlightStep)
+
+
+def test_the_docs_tell_what_was_explored() -> None:
+    assert written("explored") == _found().in_words()
+
+
+def test_conditions_that_hold_at_once_do_what_the_strongest_of_them_does() -> None:
+    for situation, conditions, action in combined_actions():
+        alone = [FAILSAFE_TABLE[situation, condition] for condition in conditions]
+        assert action is max(alone), (situation, conditions)
+
+
+@pytest.mark.long
+@pytest.mark.timeout(900)
+@pytest.mark.parametrize("row", ROWS, ids=lambda row: f"{ROWS.index(row)} {row.event.value}")
+def test_a_row_that_is_taken_out_is_noticed(row: Row, monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = _found()
+    without = {place: _without(row, rows) for place, rows in TABLE.items()}
+    monkeypatch.setattr(
+        state_machine, "TABLE", {place: rows for place, rows in without.items() if rows}
+    )
+
+    found = explore()
+    assert found.wrong or found.in_words() != whole.in_words()
+
+
+def _without(row: Row, rows: tuple[Row, ...]) -> tuple[Row, ...]:
+    return tuple(other for other in rows if other is not row)
