@@ -58,15 +58,16 @@ def wrap_rad(angle_rad: float) -> float:
     return (angle_rad + math.pi) % (2.0 * math.pi) - math.pi
 
 
-def quaternion_multiply(first: Quaternion, second: Quaternion) -> Quaternion:
-    """Return the Hamilton product: q_a_c of q_a_b and q_b_c."""
-    w1, x1, y1, z1 = first
-    w2, x2, y2, z2 = second
+def turned_about_up(quaternion: Quaternion, yaw_rad: float) -> Quaternion:
+    """Return the attitude after a turn about the outer z axis: a turn about z, times it."""
+    w, x, y, z = quaternion
+    cosine = math.cos(0.5 * yaw_rad)
+    sine = math.sin(0.5 * yaw_rad)
     return (
-        w1 * w2 - x1 * x2 - y1 * y2 - z1 * z2,
-        w1 * x2 + x1 * w2 + y1 * z2 - z1 * y2,
-        w1 * y2 - x1 * z2 + y1 * w2 + z1 * x2,
-        w1 * z2 + x1 * y2 - y1 * x2 + z1 * w2,
+        cosine * w - sine * z,
+        cosine * x - sine * y,
+        cosine * y + sine * x,
+        cosine * z + sine * w,
     )
 
 
@@ -74,11 +75,6 @@ def body_up(quaternion: Quaternion) -> Vec3:
     """Return the body's z axis in the outer frame: the direction of thrust for q_enu_flu."""
     w, x, y, z = quaternion
     return Vec3(2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y))
-
-
-def quaternion_from_yaw(yaw_rad: float) -> Quaternion:
-    """Return a turn about z."""
-    return math.cos(0.5 * yaw_rad), 0.0, 0.0, math.sin(0.5 * yaw_rad)
 
 
 def yaw_from_quaternion(quaternion: Quaternion) -> float:

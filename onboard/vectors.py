@@ -62,6 +62,31 @@ def bounded(a: Vec3, bound: float) -> Vec3:
     return Vec3(x, y, z)
 
 
+def within(value: float, bound: float) -> float:
+    """Return the value within plus and minus a bound; 0 for NaN."""
+    if math.isnan(value):
+        return 0.0
+    return min(max(value, -bound), bound)
+
+
+def horizontal_within(a: Vec3, bound: float) -> Vec2:
+    """Return the horizontal part with both components within plus and minus a bound; 0 for NaN."""
+    if abs(a.x) + abs(a.y) < bound:
+        return Vec2(a.x, a.y)
+    return Vec2(within(a.x, bound), within(a.y, bound))
+
+
+def finite_or(a: Vec3, other: Vec3) -> Vec3:
+    """Return the vector; another one's components stand in for those that are not finite."""
+    if is_finite(a):
+        return a
+    return Vec3(
+        a.x if math.isfinite(a.x) else other.x,
+        a.y if math.isfinite(a.y) else other.y,
+        a.z if math.isfinite(a.z) else other.z,
+    )
+
+
 def length(a: Vec3) -> float:
     """Return the Euclidean length."""
     return math.sqrt(a.x * a.x + a.y * a.y + a.z * a.z)
@@ -70,6 +95,11 @@ def length(a: Vec3) -> float:
 def is_finite(a: Vec3) -> bool:
     """Whether all three components are numbers and none is infinite."""
     return math.isfinite(a.x) and math.isfinite(a.y) and math.isfinite(a.z)
+
+
+def is_within(a: Vec3, bound: float) -> bool:
+    """Whether each component is a number between minus and plus a bound."""
+    return abs(a.x) < bound and abs(a.y) < bound and abs(a.z) < bound
 
 
 def dot_2(a: Vec2, b: Vec2) -> float:

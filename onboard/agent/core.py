@@ -54,6 +54,7 @@ from onboard.autopilot import Landed, Snapshot
 from onboard.bus.schema import StateMessage
 from onboard.bus.topics import Topic
 from onboard.config.fleet import FleetConfig
+from onboard.config.wind_limit import wind_limit_m_s
 from onboard.control import pipeline
 from onboard.control.control_mode import ControlMode
 from onboard.control.pipeline import PipelineParams
@@ -63,7 +64,7 @@ from onboard.flight.order_checks import OrderFacts
 from onboard.flight.path_flight import OtherClock, other_clocks
 from onboard.flight.types import FlightStep, FlightView
 from onboard.localization.odometry_forwarding import OdometryForwarder
-from onboard.localization.own_state import OwnState
+from onboard.localization.own_state import OwnEstimate, OwnState
 from onboard.neighbours.table import NeighbourTable
 from onboard.preflight.preflight_reporter import PreflightReporter
 from onboard.safety.failsafe_table import Situation
@@ -72,7 +73,8 @@ from onboard.safety.snapshot_check import nonsense
 from onboard.supervision.failsafe_supervisor import FailsafeSupervisor
 from onboard.supervision.model_mismatch_reporter import ModelMismatchReporter
 from onboard.supervision.tick_context import TickContext
-from onboard.types import TICK_S, State, Tick
+from onboard.types import TICK_S, LawStatus, Tick
+from onboard.vectors import subtract
 
 _SHORTEST_S = 0.005  # time that one tick integrates over
 _LONGEST_S = 0.1
@@ -104,7 +106,13 @@ class AgentCore:
         vehicle = fleet.vehicles[vehicle_name]
         self.fleet = fleet
         self.vehicle = vehicle
-        self.identity = AgentIdentity(vehicle, boot_id, fleet.config_hash, fleet.law.name)
+        self.identity = AgentIdentity(
+            vehicle=vehicle,
+            boot_id=boot_id,
+            config_hash=fleet.config_hash,
+            law=fleet.law.name,
+            max_wind_m_s=wind_limit_m_s(fleet, vehicle),
+        )
 
         # what the agent knows
         self.own = OwnState(vehicle, fleet.fleet.global_origin)
@@ -131,7 +139,9 @@ class AgentCore:
             flight=self.flight,
         )
         gate = OrderGate(boot_id) if fleet.has_keys else None
-        self._orders = OrderIntake(self.flight, self.failsafes, self.nodes.roles, gate)
+        self._orders = OrderIntake(
+            self.flight, self.failsafes, self.nodes.roles, boot_id=boot_id, gate=gate
+        )
         self._mismatch = ModelMismatchReporter(vehicle)
 
         # what leaves it
@@ -144,8 +154,8 @@ class AgentCore:
             flight=self.flight,
             failsafes=self.failsafes,
             roles=self.nodes.roles,
-            duplicates=self.preflight.duplicates,
-            refused_orders=self._orders.refused,
+            duplicates=self.preflight.inputs.duplicates,
+            orders=self._orders,
         )
         self._publisher = TelemetryPublisher(self.identity, sources, fleet.state_ticks)
 
@@ -157,6 +167,7 @@ class AgentCore:
 
         # of the newest tick
         self._period_s = TICK_S  # since the tick before
+        self._ages_s: dict[str, float] = {}  # of the states of the neighbours that are followed
         self._distances_m: dict[str, float] = {}  # separations from the neighbours
         self._view = FlightView(
             now_ns=0,
@@ -188,15 +199,16 @@ class AgentCore:
         dt_s = self._measure_period(now_ns)
 
         # Where are we?
-        state = self._estimate(now_ns, dt_s)
-        view = self._look(now_ns, state)
+        own = self._estimate(now_ns, dt_s)
+        view = self._look(now_ns, own)
 
         # Where are the others?
         self.neighbours.place_contradicted(view.position_enu_m, now_ns)
+        self._ages_s = self.neighbours.followed_ages_s(now_ns)
         self._distances_m = self.neighbours.distances_m(view.position_enu_m, now_ns)
 
         # What is wrong? On the ground also: may we take off?
-        self._supervise(view)
+        self._supervise(view, own)
         was_on_ground = self.flight.step.situation is Situation.GROUND
         if was_on_ground:
             self._check_preflight(view)
@@ -207,7 +219,7 @@ class AgentCore:
         # How do we fly that?
         neighbours = self.neighbours.snapshot(now_ns)
         flight = self.flight
-        tick = self.control.run(state, flight.goal, flight.step.control_mode, neighbours, dt_s)
+        tick = self.control.run(own.state, flight.goal, flight.step.control_mode, neighbours, dt_s)
         if flight.step.control_mode is ControlMode.FLYING and self._mismatch.is_due():
             self._report_mismatch(view)
 
@@ -229,13 +241,13 @@ class AgentCore:
             self._clock_jump_ns = now_ns
         return min(max(self._period_s, _SHORTEST_S), _LONGEST_S)
 
-    def _estimate(self, now_ns: int, dt_s: float) -> State | None:
-        """Return the own state as of now; None before the first usable sample."""
+    def _estimate(self, now_ns: int, dt_s: float) -> OwnEstimate:
+        """Return what is known of the own motion as of now."""
         step = self.flight.step
         is_on_ground = step.control_mode is ControlMode.GROUND or step is FlightStep.LIFTOFF
 
         self.own.is_flown = step.is_streaming
-        self.own.update(
+        return self.own.update(
             now_ns=now_ns,
             dt_s=dt_s,
             snapshot=self._snapshot,
@@ -243,15 +255,10 @@ class AgentCore:
             hover_frac=self.control.hover_frac,
             is_on_ground=is_on_ground,
         )
-        return self.own.state
 
-    def _look(self, now_ns: int, state: State | None) -> FlightView:
+    def _look(self, now_ns: int, own: OwnEstimate) -> FlightView:
         """Keep and return the facts that everything at this tick is decided by."""
-        own = self.own
-        position_age_s = own.age_s
-        is_reckoned = own.is_reckoned
-        attitude_wxyz = own.attitude_wxyz(self._snapshot)
-
+        state = own.state
         if state is None:
             self._view = FlightView(
                 now_ns=now_ns,
@@ -259,23 +266,24 @@ class AgentCore:
                 velocity_enu_m_s=_STILL_M_S,
                 has_position=False,
                 snapshot=self._snapshot,
-                position_age_s=position_age_s,
-                attitude_wxyz=attitude_wxyz,
+                position_age_s=own.age_s,
+                attitude_wxyz=own.attitude_wxyz,
             )
         else:
             self._view = FlightView(
                 now_ns=now_ns,
                 position_enu_m=state.position_enu_m,
                 velocity_enu_m_s=state.velocity_enu_m_s,
-                has_position=position_age_s < POSITION_LOST_S or is_reckoned,
+                has_position=own.age_s < POSITION_LOST_S or own.is_reckoned,
                 snapshot=self._snapshot,
                 thrust_share=self._setpoints.sent_thrust_frac / self.control.hover_frac,
                 other_clocks=self._other_clocks(now_ns),
                 period_s=self._period_s,
-                is_blind=is_reckoned,
+                is_blind=own.is_reckoned,
                 yaw_rad=state.yaw_rad,
-                position_age_s=position_age_s,
-                attitude_wxyz=attitude_wxyz,
+                position_age_s=own.age_s,
+                attitude_wxyz=own.attitude_wxyz,
+                gust_m_s2=self.own.gust_m_s2,
             )
         return self._view
 
@@ -287,9 +295,9 @@ class AgentCore:
         telemetries = self.neighbours.telemetries().values()
         return tuple(other_clocks(telemetries, path.show_id, now_ns))
 
-    def _supervise(self, view: FlightView) -> None:
+    def _supervise(self, view: FlightView, own: OwnEstimate) -> None:
         """Find the conditions that hold, and let the failsafe table's action begin."""
-        context = self._tick_context(view)
+        context = self._tick_context(view, own)
         flight = self.flight
         decision = self.failsafes.decide(view, context, flight.step.situation)
         for report in decision.reports:
@@ -299,25 +307,31 @@ class AgentCore:
                 flight, view, decision.action, decision.cause, decision.outcome
             )
 
-    def _tick_context(self, view: FlightView) -> TickContext:
+    def _tick_context(self, view: FlightView, own: OwnEstimate) -> TickContext:
         """Return what the failsafes have to know, beside the view and the flight."""
         control = self.control
         law_status = 0
         active_neighbour = -1
         below_m = 0.0
+        is_law_active = False
+        setpoint_miss_m = 0.0
         last = control.tick
         if last is not None:
+            is_law_active = last.law.status != LawStatus.INACTIVE
+            miss = subtract(last.setpoint.position_enu_m, last.law.predicted_position_enu_m)
+            setpoint_miss_m = math.hypot(miss.x, miss.y)
             law_status = last.law.status
             active_neighbour = last.law.active_neighbour
             below_m = last.setpoint.position_enu_m.z - view.position_enu_m[2]
 
         return TickContext(
+            own=own,
             # own process
             period_s=self._period_s,
             is_last_tick_finite=control.is_finite,
             law_refusal=control.law_refusal,
             is_stopping=self._is_stopping,
-            has_duplicate=self.preflight.has_duplicate(view.now_ns),
+            has_duplicate=self.preflight.inputs.has_duplicate(view.now_ns),
             is_disk_full=self._is_disk_full,
             clock_jump_ns=self._clock_jump_ns,
             # bus
@@ -333,6 +347,9 @@ class AgentCore:
             commanded_wxyz=self._setpoints.quaternion_wxyz,
             thrust_frac=self._setpoints.sent_thrust_frac,
             below_m=below_m,
+            is_law_active=is_law_active,
+            setpoint_miss_m=setpoint_miss_m,
+            disturbance_enu_m_s2=control.observer.disturbance_enu_m_s2,
         )
 
     def _check_preflight(self, view: FlightView) -> None:
@@ -354,11 +371,16 @@ class AgentCore:
             self.flight.say(view, "warning", code, sentence)
 
     def _result(self, tick: Tick, view: FlightView) -> TickResult:
+        is_airborne = self._is_airborne()
+        is_avoiding = view.has_position and self.flight.is_avoiding(view)
         return TickResult(
             tick=tick,
             view=view,
+            state=self.flight.state,
+            is_cooperative=is_avoiding and self.failsafes.is_law_followed,
             period_s=self._period_s,
-            is_airborne=self._is_airborne(),
+            is_airborne=is_airborne,
+            ages_s=self._ages_s,
             distances_m=self._distances_m,
             not_ready=self.preflight.not_ready,
         )

@@ -111,10 +111,11 @@ class AgentProcess:
             on_exit=self._exit,
         )
         self._upkeep = LinkUpkeep(
-            vehicle,
-            self._link,
-            self._core.flight,
-            self._inbox.notices.append,
+            fleet=fleet,
+            vehicle=vehicle,
+            link=self._link,
+            flight=self._core.flight,
+            notify=self._inbox.notices.append,
             applies_params=apply_params,
         )
         offset_ns = vehicle.index * PERIOD_NS // max(1, len(fleet.vehicles))

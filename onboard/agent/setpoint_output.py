@@ -15,17 +15,16 @@ from onboard.flight import state_machine
 from onboard.flight.context import FlightContext
 from onboard.flight.types import MUST_BE_OFFBOARD, FlightView
 from onboard.localization.own_state import OwnState
-from onboard.px4.required_params import required_params
+from onboard.px4.required_params import silence_s
 from onboard.safety.failsafe_table import Action
-from onboard.safety.limits import RECKONING_S
+from onboard.safety.limits import RECKONING_AMONG_OTHERS_S
 from onboard.safety.setpoint_check import is_sendable
 from onboard.supervision.failsafe_supervisor import FailsafeSupervisor
 
 # PX4 speaks at least every 30 ms. A setpoint is for an attitude that is known now; when PX4 or a
 # thread hangs, it is not.
 _PX4_FRESH_NS = 80_000_000
-_RECKONED_S = RECKONING_S + 0.2
-_PX4_LANDS_AFTER_S = 0.3  # without setpoints, unless the fleet file sets COM_OF_LOSS_T
+_RECKONED_S = RECKONING_AMONG_OTHERS_S + 0.2
 
 
 class SetpointOutput:
@@ -40,8 +39,7 @@ class SetpointOutput:
         self._flight = flight
         self._failsafes = failsafes
         self._max_tilt_deg = vehicle.max_tilt_deg
-        loss_s = required_params(vehicle).get("COM_OF_LOSS_T", _PX4_LANDS_AFTER_S)
-        self._loss_ns = round(1e9 * float(loss_s))
+        self._loss_ns = round(1e9 * silence_s(vehicle))
         self._sent_ns = 0  # 0 while nothing is sent
 
     def commands(self, view: FlightView, control: ControlStep) -> list[Command]:

@@ -74,20 +74,11 @@ class TelemetryPublisher:
 
     def _state(self, result: TickResult) -> StateMessage:
         view = result.view
-        sources = self._sources
-
-        is_avoiding = (
-            view.has_position
-            and sources.flight.is_avoiding(view)
-            and sources.failsafes.is_law_followed
-        )
-        state = messages.state_message(
-            self._identity, result, self._sequence, is_cooperative=is_avoiding
-        )
+        state = messages.state_message(self._identity, result, self._sequence)
         if view.has_position:
             return state
 
-        px4_motion = sources.own.px4_check.motion(view.now_ns)
+        px4_motion = self._sources.own.px4_check.motion(view.now_ns)
         if px4_motion is None:
             return state
         position_enu_m, velocity_enu_m_s = px4_motion

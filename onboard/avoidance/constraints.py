@@ -1,5 +1,5 @@
-"""Rows of the law: half-planes ``n . u >= b`` of the horizontal thrust, one for each constrained
-output.
+"""Constraints of the law: half-planes ``n . u >= b`` of the horizontal thrust, the rows, one for
+each constrained output.
 
 The paper constrains two outputs of a pair: the squared distance d_o,2 of (5), and the orthoradial
 velocity phi_perp of (6). It derives each until the input appears, (10), and bounds the input such
@@ -12,23 +12,157 @@ turned by 90 degrees. A row is divided by the distance to keep, so that its boun
 
 from __future__ import annotations
 
+import math
+from typing import NamedTuple
+
 from onboard.avoidance.half_planes import HalfPlane
-from onboard.avoidance.pairs import NeighbourPair, Surface
+from onboard.avoidance.interface import NOT_A_VEHICLE
+from onboard.avoidance.pairs import NeighbourPair, Own, Surface
 from onboard.avoidance.params import (
     DIRECTION_CROWD,
     DIRECTION_FIXED,
     RESPONSIBILITY_FULL,
     RESPONSIBILITY_HALF,
+    ROTATION_AHEAD,
+    ROTATION_ALWAYS,
+    ROTATION_NEVER,
     Fence,
     Gains,
     LawParams,
 )
-from onboard.vectors import Vec2, cross_2, dot_2, length_2
+from onboard.vectors import ZERO_2, Vec2, cross_2, dot_2, length_2
 
 SPEED_GAIN_1_S = 4.0
+VIOLATED_M_S2 = 1e-10  # a row that is missed by more changes the thrust; less is rounding
 _CONFLICT_FADE = 0.2  # times the distance to keep: over which a conflict grows to its full strength
 _CONFLICT_WIDTH = 0.9  # times the distance to keep: ways that pass nearer than this conflict
 _CONFLICT_M_S = 0.3  # relative intent from which a conflict counts in full
+_NO_ROW = HalfPlane(ZERO_2, -math.inf)
+
+
+class Constraint(NamedTuple):
+    """The rows of one neighbour, obstacle or wall."""
+
+    row: HalfPlane  # hard: keeps the distance
+    turn: HalfPlane  # soft: turns about it
+    is_turning: bool  # whether there is a soft row
+    violation_m_s2: float  # of the hard row by the baseline; negative where it holds
+    table_index: int  # of the neighbour, or NOT_A_VEHICLE
+
+
+def constraints_around(
+    own: Own,
+    pairs: list[NeighbourPair],
+    surfaces: list[Surface],
+    crowd_count: float,
+    params: LawParams,
+) -> list[Constraint]:
+    """Return the constraints of the neighbours, the obstacles and the walls, in this order.
+
+    Args:
+        own: this vehicle at t + L.
+        pairs: with the neighbours that count.
+        surfaces: of the obstacles that count.
+        crowd_count: of this vehicle.
+    """
+    constraints = [neighbour_constraint(own, pair, crowd_count, params) for pair in pairs]
+    constraints.extend([obstacle_constraint(own, surface, params) for surface in surfaces])
+
+    # walls are not turned about
+    walls = fence_rows(own.position_m, own.velocity_m_s, params.fence, params.gains)
+    constraints.extend([hard_constraint(own, wall, NOT_A_VEHICLE) for wall in walls])
+    return constraints
+
+
+def neighbour_constraint(
+    own: Own, pair: NeighbourPair, crowd_count: float, params: LawParams
+) -> Constraint:
+    """Return the rows of one neighbour: its distance (line D), and turning about it (line R).
+
+    Args:
+        own: this vehicle at t + L.
+        pair: with the neighbour.
+        crowd_count: of this vehicle.
+    """
+    hard = hard_constraint(own, distance_row(pair, pair.d_m, params), pair.table_index)
+    strength = turning_strength(hard.violation_m_s2, pair, params)
+    if strength <= 0.0:
+        return hard
+
+    is_crowded = max(crowd_count, pair.crowd_count) >= params.gains.crowd_count
+    turn = rotation_row(pair, own.velocity_m_s, is_crowded, params)
+    full_turn = compensated(turn, own.compensation_m_s2)
+    return Constraint(
+        row=hard.row,
+        turn=faded(full_turn, own.thrust_m_s2, strength),
+        is_turning=True,
+        violation_m_s2=hard.violation_m_s2,
+        table_index=hard.table_index,
+    )
+
+
+def turning_strength(violation_m_s2: float, pair: NeighbourPair, params: LawParams) -> float:
+    """Return how much of a neighbour's rotation row counts, from 0 to 1, by policy.
+
+    ahead: with the violation, and before it as far as the ways that both intend come too near;
+    violated: with the violation alone. DEVIATION D4, D15.
+
+    Args:
+        violation_m_s2: of the distance row by the baseline.
+        pair: this vehicle and the neighbour at t + L.
+    """
+    rotation = params.policies.rotation
+    if rotation == ROTATION_ALWAYS:
+        return 1.0
+
+    strength = 0.0
+    if rotation != ROTATION_NEVER and violation_m_s2 > VIOLATED_M_S2:
+        strength = violation_m_s2 / params.gains.rotation_fade_m_s2
+    if rotation == ROTATION_AHEAD:
+        strength = max(strength, conflict(pair.e, pair.intent_m_s, pair.d_m))
+    return min(strength, 1.0)
+
+
+def obstacle_constraint(own: Own, surface: Surface, params: LawParams) -> Constraint:
+    """Return the rows of one static obstacle: its distance, and turning while that is violated.
+
+    Args:
+        own: this vehicle at t + L.
+        surface: the obstacle's nearest point.
+    """
+    hard = hard_constraint(own, obstacle_row(surface, params.gains), NOT_A_VEHICLE)
+
+    rotation = params.policies.rotation
+    is_violated = hard.violation_m_s2 > VIOLATED_M_S2
+    if rotation == ROTATION_NEVER or not (is_violated or rotation == ROTATION_ALWAYS):
+        return hard
+
+    turn = obstacle_rotation_row(surface, own.velocity_m_s, own.intent_m_s, params)
+    return Constraint(
+        row=hard.row,
+        turn=compensated(turn, own.compensation_m_s2),
+        is_turning=True,
+        violation_m_s2=hard.violation_m_s2,
+        table_index=hard.table_index,
+    )
+
+
+def hard_constraint(own: Own, net_row: HalfPlane, table_index: int) -> Constraint:
+    """Return the constraint of one row alone, without a turn.
+
+    Args:
+        own: this vehicle at t + L.
+        net_row: keeps the distance; of the net motion, without the compensation.
+        table_index: of the neighbour, or NOT_A_VEHICLE.
+    """
+    row = compensated(net_row, own.compensation_m_s2)
+    return Constraint(
+        row=row,
+        turn=_NO_ROW,
+        is_turning=False,
+        violation_m_s2=row.bound_m_s2 - dot_2(row.normal, own.thrust_m_s2),
+        table_index=table_index,
+    )
 
 
 def separating_bound(e: Vec2, w: Vec2, d_m: float, kappa_1_1_s: float, kappa_2_1_s: float) -> float:
@@ -101,8 +235,8 @@ def orthoradial(e: Vec2, sign: float, bound_m2_s2: float, d_m: float) -> HalfPla
     return HalfPlane(Vec2(-e.y * sign / d_m, e.x * sign / d_m), bound_m2_s2 / d_m)
 
 
-def distance_row(pair: NeighbourPair, params: LawParams) -> HalfPlane:
-    """Return the half-plane that keeps one neighbour outside the distance to keep (line D).
+def distance_row(pair: NeighbourPair, d_m: float, params: LawParams) -> HalfPlane:
+    """Return the half-plane that keeps one neighbour outside a distance (line D).
 
     Implements: (17), (20). DEVIATION D2: the policy says how much of the bound this vehicle takes
     on itself. full: all of it, and the other's acceleration (the paper). half: half. shortfall:
@@ -111,31 +245,10 @@ def distance_row(pair: NeighbourPair, params: LawParams) -> HalfPlane:
 
     Args:
         pair: this vehicle and the neighbour at t + L.
+        d_m: distance to keep.
     Returns:
         normal [-] and bound [m/s^2].
     Properties: rotation-equivariant; homogeneous.
-    """
-    return distance_row_at(pair, pair.d_m, params)
-
-
-def promised_row(pair: NeighbourPair, params: LawParams) -> HalfPlane:
-    """Return the half-plane of the promised distance alone, without any margin (line Q).
-
-    It is given up last.
-
-    Args:
-        pair: this vehicle and the neighbour at t + L.
-    """
-    promised_m = min(pair.d_m, params.spacing.safety_distance_m)
-    return distance_row_at(pair, promised_m, params)
-
-
-def distance_row_at(pair: NeighbourPair, d_m: float, params: LawParams) -> HalfPlane:
-    """Return the half-plane of :func:`distance_row` for a distance of its own.
-
-    Args:
-        pair: this vehicle and the neighbour at t + L.
-        d_m: distance to keep.
     """
     gains = params.gains
     needed = separating_bound(pair.e, pair.w, d_m, gains.kappa_1_1_s, gains.kappa_2_1_s)
@@ -151,6 +264,18 @@ def distance_row_at(pair: NeighbourPair, d_m: float, params: LawParams) -> HalfP
         bound = 0.5 * needed + gains.shortfall_gain * shortfall
 
     return radial(pair.e, bound, d_m)
+
+
+def promised_row(pair: NeighbourPair, params: LawParams) -> HalfPlane:
+    """Return the half-plane of the promised distance alone, without any margin (line Q).
+
+    It is given up last.
+
+    Args:
+        pair: this vehicle and the neighbour at t + L.
+    """
+    promised_m = min(pair.d_m, params.spacing.safety_distance_m)
+    return distance_row(pair, promised_m, params)
 
 
 def rotation_row(
@@ -309,16 +434,6 @@ def compensated(row: HalfPlane, compensation_m_s2: Vec2) -> HalfPlane:
         compensation_m_s2: horizontal.
     """
     return HalfPlane(row.normal, row.bound_m_s2 + dot_2(row.normal, compensation_m_s2))
-
-
-def violation(row: HalfPlane, thrust_m_s2: Vec2) -> float:
-    """Return by how much a thrust misses the bound [m/s^2]; negative where the row holds.
-
-    Args:
-        row: half-plane.
-        thrust_m_s2: horizontal.
-    """
-    return row.bound_m_s2 - dot_2(row.normal, thrust_m_s2)
 
 
 def can_bind(row: HalfPlane, radius_m_s2: float) -> bool:

@@ -12,10 +12,19 @@ from onboard.avoidance.half_planes import into_disc
 from onboard.avoidance.heights import INTENT_S, Climb
 from onboard.avoidance.pairs import Own, margin_2
 from onboard.avoidance.params import LawParams
-from onboard.avoidance.prediction import LARGEST, Motion, bounded, clipped
+from onboard.avoidance.prediction import LARGEST, Motion
 from onboard.avoidance.projection import INACTIVE
 from onboard.types import GRAVITY_M_S2, LawOutput, LawStatus, State, Thrust
-from onboard.vectors import ZERO_2, Vec2, Vec3, horizontal, length_2
+from onboard.vectors import (
+    ZERO_2,
+    Vec2,
+    Vec3,
+    horizontal,
+    horizontal_within,
+    is_within,
+    length_2,
+    within,
+)
 
 # in place of the index of a neighbour
 NOBODY = -1
@@ -54,11 +63,17 @@ def own_at(baseline: Baseline, predicted: Motion, state: State, params: LawParam
         state: its standard deviations count.
     """
     f = baseline.thrust.thrust_enu_m_s2
-    if not is_sound(baseline, predicted):
+    has_motion = (
+        is_within(f, LARGEST)
+        and is_within(predicted.position_enu_m, LARGEST)
+        and is_within(predicted.velocity_enu_m_s, LARGEST)
+    )
+    if not has_motion:
         f = _LEVEL
 
     s = ZERO_2
-    if is_plausible(baseline.compensation_enu_m_s2):
+    has_compensation = is_within(baseline.compensation_enu_m_s2, LARGEST)
+    if has_compensation:
         s = horizontal(baseline.compensation_enu_m_s2)
 
     radius_m_s2 = horizontal_limit(f.z, params)
@@ -70,15 +85,17 @@ def own_at(baseline: Baseline, predicted: Motion, state: State, params: LawParam
         position_std_m=state.position_std_m,
     )
     return Own(
-        position_m=clipped(predicted.position_enu_m),
-        velocity_m_s=clipped(predicted.velocity_enu_m_s),
-        intent_m_s=clipped(baseline.intent_enu_m_s),
+        position_m=horizontal_within(predicted.position_enu_m, LARGEST),
+        velocity_m_s=horizontal_within(predicted.velocity_enu_m_s, LARGEST),
+        intent_m_s=horizontal_within(baseline.intent_enu_m_s, LARGEST),
         margin_2_m2=margin_2(state.position_std_m, state.velocity_std_m_s, params.spacing),
         thrust_m_s2=into_disc(Vec2(f.x + s.x, f.y + s.y), radius_m_s2),
         thrust_z_m_s2=f.z,
         compensation_m_s2=s,
         radius_m_s2=radius_m_s2,
         climb=climb,
+        has_motion=has_motion,
+        is_usable=has_motion and has_compensation,
     )
 
 
@@ -96,36 +113,24 @@ def output_of(
     s = own.compensation_m_s2
     command = Vec3(u.x - s.x, u.y - s.y, own.thrust_z_m_s2 - GRAVITY_M_S2)
 
-    has_motion = is_sound(baseline, predicted)
-    is_usable = has_motion and is_plausible(baseline.compensation_enu_m_s2)
+    has_motion = own.has_motion
     change = Vec2(u.x - own.thrust_m_s2.x, u.y - own.thrust_m_s2.y)
+
+    climb_m_s = within(baseline.intent_enu_m_s.z, LARGEST)
+    intent = Vec3(own.intent_m_s.x, own.intent_m_s.y, climb_m_s)
 
     return LawOutput(
         thrust=Thrust(Vec3(command.x, command.y, own.thrust_z_m_s2)),
         predicted_position_enu_m=predicted.position_enu_m if has_motion else _UNKNOWN,
         predicted_velocity_enu_m_s=predicted.velocity_enu_m_s if has_motion else _UNKNOWN,
         commanded_acceleration_enu_m_s2=command,
-        status=answer.status if is_usable else INFEASIBLE,
+        status=answer.status if own.is_usable else INFEASIBLE,
         intervention_m_s2=length_2(change),
         slack_m_s2=answer.slack_m_s2,
         crowd_count=answer.crowd_count,
         active_neighbour=answer.active,
         lead_time_s=params.lead_time_s,
-        intent_enu_m_s=Vec3(own.intent_m_s.x, own.intent_m_s.y, bounded(baseline.intent_enu_m_s.z)),
-    )
-
-
-def is_sound(baseline: Baseline, predicted: Motion) -> bool:
-    """Whether the own motion and the baseline's thrust can be used.
-
-    Args:
-        baseline: its thrust counts.
-        predicted: own motion.
-    """
-    return (
-        is_plausible(baseline.thrust.thrust_enu_m_s2)
-        and is_plausible(predicted.position_enu_m)
-        and is_plausible(predicted.velocity_enu_m_s)
+        intent_enu_m_s=intent,
     )
 
 
@@ -167,12 +172,3 @@ def horizontal_limit(thrust_z_m_s2: float, params: LawParams) -> float:
     vertical = min(max(thrust_z_m_s2, 0.0), params.max_thrust_m_s2)
     by_thrust = math.sqrt(params.max_thrust_m_s2 * params.max_thrust_m_s2 - vertical * vertical)
     return min(vertical * math.tan(params.max_tilt_rad), by_thrust)
-
-
-def is_plausible(a: Vec3) -> bool:
-    """Whether all components are finite and small enough to be squared.
-
-    Args:
-        a: of any components.
-    """
-    return abs(a.x) < LARGEST and abs(a.y) < LARGEST and abs(a.z) < LARGEST

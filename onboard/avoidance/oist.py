@@ -21,24 +21,18 @@ from typing import NamedTuple
 
 from onboard.avoidance import oist_paper
 from onboard.avoidance.constraints import (
+    VIOLATED_M_S2,
+    Constraint,
     can_bind,
     compensated,
-    conflict,
-    distance_row,
-    faded,
-    fence_rows,
-    obstacle_rotation_row,
-    obstacle_row,
+    constraints_around,
     promised_row,
-    rotation_row,
     speed_row,
-    violation,
 )
 from onboard.avoidance.half_planes import HalfPlane
 from onboard.avoidance.interface import (
     INFEASIBLE,
     NOBODY,
-    NOT_A_VEHICLE,
     Answer,
     Baseline,
     output_of,
@@ -47,19 +41,16 @@ from onboard.avoidance.interface import (
 from onboard.avoidance.pairs import (
     NeighbourPair,
     Own,
-    Surface,
     climb_share,
     nearest_pairs,
     nearest_surfaces,
+    sink_limit,
 )
 from onboard.avoidance.params import (
     COVEY,
     JAM_IGNORE,
     PAPER,
     PREDICTION_NONE,
-    ROTATION_AHEAD,
-    ROTATION_ALWAYS,
-    ROTATION_NEVER,
     Capsule,
     LawParams,
 )
@@ -73,7 +64,7 @@ from onboard.avoidance.prediction import (
 )
 from onboard.avoidance.projection import INACTIVE, RELAXED, Projection, project, relaxed_in_order
 from onboard.types import LawOutput, Neighbour, State
-from onboard.vectors import ZERO_2, dot_2, length_2
+from onboard.vectors import dot_2, length_2
 
 HELD_S = 3.0  # held so long, a vehicle calls for a roundabout
 ROUNDABOUT_S = 5.0  # for so long
@@ -82,9 +73,7 @@ ROUNDABOUT_S = 5.0  # for so long
 _HELD_INTENT_2_M2_S2 = 0.04
 _HELD_FRAC = 0.2
 
-_VIOLATED_M_S2 = 1e-10
 _STANDING_M_S = 1e-6
-_NO_ROW = HalfPlane(ZERO_2, -math.inf)
 
 
 class LawMemory(NamedTuple):
@@ -95,21 +84,18 @@ class LawMemory(NamedTuple):
     # time for which the law has held the vehicle back; negative while it calls for a roundabout
     held_s: float
     climb_share: float  # how fast a climb or descent may go on, from 0 to 1
-
-
-class Constraint(NamedTuple):
-    """The rows of one neighbour, obstacle or wall."""
-
-    row: HalfPlane  # hard: keeps the distance
-    turn: HalfPlane  # soft: turns about it
-    is_turning: bool  # whether there is a soft row
-    violation_m_s2: float  # of the hard row by the baseline
-    table_index: int  # of the neighbour, or NOT_A_VEHICLE
+    sink_limit_m_s: float  # how fast it may sink without poses; infinite without a bound
 
 
 def initial() -> LawMemory:
     """Return the memory before the first command."""
-    return LawMemory(commands=no_commands(), relaxed_share=0.0, held_s=0.0, climb_share=1.0)
+    return LawMemory(
+        commands=no_commands(),
+        relaxed_share=0.0,
+        held_s=0.0,
+        climb_share=1.0,
+        sink_limit_m_s=math.inf,
+    )
 
 
 def predict(memory: LawMemory, state: State, params: LawParams) -> Motion:
@@ -180,10 +166,12 @@ def step(
     own = own_at(baseline, predicted, state, params)
 
     climb = 1.0
+    sink_m_s = math.inf
     if params.law == COVEY:
         calls_for_roundabout = memory.held_s < 0.0
         answer = saturate(own, neighbours, obstacles, calls_for_roundabout, params)
         climb = climb_share(own, neighbours, params)
+        sink_m_s = sink_limit(own, neighbours, params)
     elif params.law == PAPER:
         answer = oist_paper.saturate_pair(own, state, neighbours, params)
     else:
@@ -197,6 +185,7 @@ def step(
         relaxed_share=relaxed_share(memory.relaxed_share, output.status, dt_s),
         held_s=held(memory.held_s, own, is_held_by_neighbour, dt_s),
         climb_share=climb,
+        sink_limit_m_s=sink_m_s,
     )
     return after, output
 
@@ -222,14 +211,8 @@ def saturate(
     if is_roundabout:
         crowd_count = max(crowd_count, float(params.gains.crowd_count))
 
-    # rows of neighbours, obstacles and walls, in this order
-    constraints = [neighbour_constraint(own, pair, crowd_count, params) for pair in pairs]
-
     surfaces = nearest_surfaces(own, obstacles, params.spacing.clearance_m)
-    constraints.extend([obstacle_constraint(own, surface, params) for surface in surfaces])
-
-    walls = fence_rows(own.position_m, own.velocity_m_s, params.fence, params.gains)
-    constraints.extend([wall_constraint(own, wall) for wall in walls])
+    constraints = constraints_around(own, pairs, surfaces, crowd_count, params)
 
     active = most_violating(constraints)
     turns = [c.turn for c in constraints if c.is_turning]  # the last one is dropped first
@@ -271,7 +254,7 @@ def most_violating(constraints: list[Constraint]) -> int:
     Args:
         constraints: of everything around.
     """
-    worst_m_s2 = _VIOLATED_M_S2
+    worst_m_s2 = VIOLATED_M_S2
     active = NOBODY
     for constraint in constraints:
         if constraint.violation_m_s2 > worst_m_s2:
@@ -328,120 +311,6 @@ def is_fleeing(own: Own, pairs: list[NeighbourPair], rows: list[HalfPlane]) -> b
     return False
 
 
-def neighbour_constraint(
-    own: Own, pair: NeighbourPair, crowd_count: float, params: LawParams
-) -> Constraint:
-    """Return the rows of one neighbour: its distance (line D), and turning about it (line R).
-
-    Args:
-        own: this vehicle at t + L.
-        pair: with the neighbour.
-        crowd_count: of this vehicle.
-    """
-    row = compensated(distance_row(pair, params), own.compensation_m_s2)
-    missing_m_s2 = violation(row, own.thrust_m_s2)
-
-    strength = turning_strength(missing_m_s2, pair, params)
-    if strength <= 0.0:
-        return hard_constraint(row, missing_m_s2, pair.table_index)
-
-    is_crowded = max(crowd_count, pair.crowd_count) >= params.gains.crowd_count
-    full_turn = compensated(
-        rotation_row(pair, own.velocity_m_s, is_crowded, params), own.compensation_m_s2
-    )
-    return Constraint(
-        row=row,
-        turn=faded(full_turn, own.thrust_m_s2, strength),
-        is_turning=True,
-        violation_m_s2=missing_m_s2,
-        table_index=pair.table_index,
-    )
-
-
-def turning_strength(violation_m_s2: float, pair: NeighbourPair, params: LawParams) -> float:
-    """Return how much of a neighbour's rotation row counts, from 0 to 1, by policy.
-
-    ahead: with the violation, and before it as far as the ways that both intend come too near;
-    violated: with the violation alone. DEVIATION D4, D15.
-
-    Args:
-        violation_m_s2: of the distance row by the baseline.
-        pair: this vehicle and the neighbour at t + L.
-    """
-    rotation = params.policies.rotation
-    if rotation == ROTATION_ALWAYS:
-        return 1.0
-
-    strength = 0.0
-    if is_turning(violation_m_s2, rotation):
-        strength = violation_m_s2 / params.gains.rotation_fade_m_s2
-    if rotation == ROTATION_AHEAD:
-        strength = max(strength, conflict(pair.e, pair.intent_m_s, pair.d_m))
-    return min(strength, 1.0)
-
-
-def obstacle_constraint(own: Own, surface: Surface, params: LawParams) -> Constraint:
-    """Return the rows of one static obstacle: its distance, and turning while that is violated.
-
-    Args:
-        own: this vehicle at t + L.
-        surface: the obstacle's nearest point.
-    """
-    row = compensated(obstacle_row(surface, params.gains), own.compensation_m_s2)
-    missing_m_s2 = violation(row, own.thrust_m_s2)
-    if not is_turning(missing_m_s2, params.policies.rotation):
-        return hard_constraint(row, missing_m_s2, NOT_A_VEHICLE)
-
-    turn = obstacle_rotation_row(surface, own.velocity_m_s, own.intent_m_s, params)
-    return Constraint(
-        row=row,
-        turn=compensated(turn, own.compensation_m_s2),
-        is_turning=True,
-        violation_m_s2=missing_m_s2,
-        table_index=NOT_A_VEHICLE,
-    )
-
-
-def wall_constraint(own: Own, wall: HalfPlane) -> Constraint:
-    """Return the row of one wall of the fence; it is not turned about.
-
-    Args:
-        own: this vehicle at t + L.
-        wall: one of :func:`fence_rows`.
-    """
-    row = compensated(wall, own.compensation_m_s2)
-    return hard_constraint(row, violation(row, own.thrust_m_s2), NOT_A_VEHICLE)
-
-
-def hard_constraint(row: HalfPlane, violation_m_s2: float, table_index: int) -> Constraint:
-    """Return a constraint of a hard row alone.
-
-    Args:
-        row: keeps the distance.
-        violation_m_s2: of that row by the baseline.
-        table_index: of the neighbour, or NOT_A_VEHICLE.
-    """
-    return Constraint(
-        row=row,
-        turn=_NO_ROW,
-        is_turning=False,
-        violation_m_s2=violation_m_s2,
-        table_index=table_index,
-    )
-
-
-def is_turning(violation_m_s2: float, rotation: int) -> bool:
-    """Whether the policy asks for a rotation row because of the violation alone.
-
-    Args:
-        violation_m_s2: of the distance row by the baseline.
-        rotation: the policy.
-    """
-    if rotation == ROTATION_ALWAYS:
-        return True
-    return rotation != ROTATION_NEVER and violation_m_s2 > _VIOLATED_M_S2
-
-
 def held(held_s: float, own: Own, is_active: bool, dt_s: float) -> float:
     """Return the next ``LawMemory.held_s``.
 
@@ -478,14 +347,6 @@ def relaxed_share(share: float, status: int, dt_s: float) -> float:
         status: of the law at this tick.
         dt_s: length of the tick.
     """
+    blend = 1.0 - math.pow(0.93, dt_s / 0.02)  # 0.07 in 20 ms
     relaxed = 1.0 if status == RELAXED else 0.0
-    return share + relaxed_blend(dt_s) * (relaxed - share)
-
-
-def relaxed_blend(dt_s: float) -> float:
-    """Return how far ``LawMemory.relaxed_share`` moves in one tick; 0.07 in 20 ms (line G).
-
-    Args:
-        dt_s: length of the tick.
-    """
-    return 1.0 - math.pow(0.93, dt_s / 0.02)
+    return share + blend * (relaxed - share)

@@ -16,10 +16,10 @@ from onboard.avoidance.half_planes import into_disc
 from onboard.avoidance.interface import INFEASIBLE, NOBODY, Answer
 from onboard.avoidance.pairs import Own
 from onboard.avoidance.params import LawParams, PaperParams
-from onboard.avoidance.prediction import clipped
+from onboard.avoidance.prediction import LARGEST
 from onboard.avoidance.projection import INACTIVE, SATURATED
 from onboard.types import Neighbour, State
-from onboard.vectors import ZERO_2, Vec2, cross_2, dot_2
+from onboard.vectors import ZERO_2, Vec2, cross_2, dot_2, horizontal_within
 
 
 class PlanarState(NamedTuple):
@@ -129,15 +129,15 @@ def _saturate_against(neighbour: Neighbour, own: Own, state: State, params: LawP
 
     result = saturate_thrust(
         PlanarState(
-            position_m=clipped(state.position_enu_m),
-            velocity_m_s=clipped(state.velocity_enu_m_s),
+            position_m=horizontal_within(state.position_enu_m, LARGEST),
+            velocity_m_s=horizontal_within(state.velocity_enu_m_s, LARGEST),
             acceleration_m_s2=ZERO_2,
         ),
         thrust,
         PlanarState(
-            position_m=clipped(neighbour.position_enu_m),
-            velocity_m_s=clipped(neighbour.velocity_enu_m_s),
-            acceleration_m_s2=clipped(neighbour.acceleration_enu_m_s2),
+            position_m=horizontal_within(neighbour.position_enu_m, LARGEST),
+            velocity_m_s=horizontal_within(neighbour.velocity_enu_m_s, LARGEST),
+            acceleration_m_s2=horizontal_within(neighbour.acceleration_enu_m_s2, LARGEST),
         ),
         params.paper,
     )

@@ -11,11 +11,11 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from onboard.avoidance.heights import Climb, is_ahead, share_of
+from onboard.avoidance.heights import Climb, is_ahead, share_of, sink_limit_m_s
 from onboard.avoidance.params import DIRECTION_INTENT, Capsule, LawParams, Spacing
-from onboard.avoidance.prediction import Received, clipped, receive
+from onboard.avoidance.prediction import Received, receive
 from onboard.types import Neighbour
-from onboard.vectors import Vec2, dot_2, is_finite, length_2
+from onboard.vectors import Vec2, dot_2, length_2
 
 MAX_OBSTACLES = 6  # the nearest ones count
 LARGEST_MARGIN_M = 5.0
@@ -24,6 +24,10 @@ SETTLED_M_S = 0.1  # a vehicle that intends to go no faster than this is no part
 _LARGEST_STD = 1e3
 _WAITS_FRAC = 0.5  # of the distance to keep: nearer than this, a climb waits
 _GOES_FRAC = 0.9  # of the distance to keep: from here on a climb goes on at full speed
+# The same of a descent without poses, whose distances are less certain. Between the two it may sink
+# by up to 1 m/s faster than above the other.
+_ABOVE_FRAC = 0.7
+_BESIDE_FRAC = 1.0
 _LEAST_DISTANCE_M = 0.01  # rows are divided by the distance to keep
 
 
@@ -39,6 +43,8 @@ class Own(NamedTuple):
     compensation_m_s2: Vec2  # added to the command against drag and disturbance
     radius_m_s2: float  # largest horizontal thrust
     climb: Climb  # its vertical motion
+    has_motion: bool  # the baseline's thrust and the own motion can be used
+    is_usable: bool  # these, and the compensation
 
 
 class NeighbourPair(NamedTuple):
@@ -84,32 +90,34 @@ def nearest_pairs(own: Own, neighbours: Sequence[Neighbour], params: LawParams) 
     """
     spacing = params.spacing
     range_2_m2 = spacing.range_m * spacing.range_m
+    lead_s = params.lead_time_s
+    others = [receive(neighbour, lead_s) for neighbour in neighbours]
+
+    in_range: list[int] = []
+    is_sound = True
+    for k in range(len(others)):
+        other = others[k]
+        e = Vec2(own.position_m.x - other.position_m.x, own.position_m.y - other.position_m.y)
+        if not other.is_usable:
+            is_sound = False
+        elif dot_2(e, e) <= range_2_m2:
+            in_range.append(k)
+
+    # a share of 0: one passes above the other
+    shares = [share_of(own.climb, neighbours[k], lead_s, spacing) for k in in_range]
 
     pairs: list[NeighbourPair] = []
     crowd_count = 0.0
-    is_sound = True
-    for neighbour in neighbours:
-        other = receive(neighbour, params.lead_time_s)
-        if not other.is_usable:
-            is_sound = False
-            continue
-
-        e = Vec2(own.position_m.x - other.position_m.x, own.position_m.y - other.position_m.y)
-        distance_2_m2 = dot_2(e, e)
-        if not distance_2_m2 <= range_2_m2:
-            continue
-
-        share = share_of(own.climb, neighbour, params.lead_time_s, spacing)
+    for k, share in zip(in_range, shares):  # noqa: B905  numba compiles no keywords of zip
         if share <= 0.0:
-            continue  # one passes above the other
+            continue
 
-        if distance_2_m2 < COINCIDENT_M * COINCIDENT_M:
-            is_sound = False
-
-        pair = _pair(own, neighbour, other, e, share, params)
+        pair = _pair(own, neighbours[k], others[k], share, params)
+        pairs.append(pair)
         if pair.is_near:
             crowd_count += 1.0
-        pairs.append(pair)
+        if pair.distance_2_m2 < COINCIDENT_M * COINCIDENT_M:
+            is_sound = False
 
     order = ascending([pair.distance_2_m2 for pair in pairs])
     nearest = [pairs[k] for k in order[: spacing.max_neighbours]]
@@ -117,8 +125,9 @@ def nearest_pairs(own: Own, neighbours: Sequence[Neighbour], params: LawParams) 
 
 
 def _pair(
-    own: Own, neighbour: Neighbour, other: Received, e: Vec2, share: float, params: LawParams
+    own: Own, neighbour: Neighbour, other: Received, share: float, params: LawParams
 ) -> NeighbourPair:
+    e = Vec2(own.position_m.x - other.position_m.x, own.position_m.y - other.position_m.y)
     w = Vec2(own.velocity_m_s.x - other.velocity_m_s.x, own.velocity_m_s.y - other.velocity_m_s.y)
     distance_2_m2 = dot_2(e, e)
 
@@ -127,14 +136,11 @@ def _pair(
 
     intent_m_s = w
     is_settled = False
-    if params.policies.direction == DIRECTION_INTENT:
-        if not neighbour.is_cooperative:
-            theirs = other.velocity_m_s  # whoever does not cooperate goes on as it flies
-            intent_m_s = Vec2(own.intent_m_s.x - theirs.x, own.intent_m_s.y - theirs.y)
-        elif is_finite(neighbour.intent_enu_m_s):
-            theirs = clipped(neighbour.intent_enu_m_s)
-            intent_m_s = Vec2(own.intent_m_s.x - theirs.x, own.intent_m_s.y - theirs.y)
-            is_settled = dot_2(theirs, theirs) <= SETTLED_M_S * SETTLED_M_S
+    if params.policies.direction == DIRECTION_INTENT and other.has_intent:
+        theirs = other.intent_m_s
+        intent_m_s = Vec2(own.intent_m_s.x - theirs.x, own.intent_m_s.y - theirs.y)
+        is_slow = dot_2(theirs, theirs) <= SETTLED_M_S * SETTLED_M_S
+        is_settled = is_slow and neighbour.is_cooperative
 
     crowd_count = 0.0
     if math.isfinite(neighbour.crowd_count):
@@ -180,6 +186,34 @@ def climb_share(own: Own, neighbours: Sequence[Neighbour], params: LawParams) ->
         goes = max(away_m / d_m - _WAITS_FRAC, 0.0) / (_GOES_FRAC - _WAITS_FRAC)
         least = min(least, goes)
     return least
+
+
+def sink_limit(own: Own, neighbours: Sequence[Neighbour], params: LawParams) -> float:
+    """Return how fast this vehicle may sink without poses [m/s]; infinite without a bound.
+
+    Beside a neighbour it may sink freely, above one only as far as it can stop above it.
+
+    Args:
+        own: this vehicle at t + L.
+        neighbours: as received, in any order.
+    """
+    spacing = params.spacing
+    lead_s = params.lead_time_s
+    if math.isinf(spacing.vertical_separation_m):
+        return math.inf
+
+    least_m_s = math.inf
+    for neighbour in neighbours:
+        other = receive(neighbour, lead_s).position_m
+        away_m = length_2(Vec2(own.position_m.x - other.x, own.position_m.y - other.y))
+        d_m = design_distance(own.margin_2_m2, neighbour, spacing)
+        beside = (away_m / d_m - _ABOVE_FRAC) / (_BESIDE_FRAC - _ABOVE_FRAC)
+        if not beside < 1.0:
+            continue
+
+        above_m_s = sink_limit_m_s(own.climb, neighbour, lead_s, spacing)
+        least_m_s = min(least_m_s, above_m_s + max(beside, 0.0))
+    return least_m_s
 
 
 def design_distance(own_margin_2_m2: float, neighbour: Neighbour, spacing: Spacing) -> float:

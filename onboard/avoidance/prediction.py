@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 from onboard.avoidance.half_planes import into_disc
 from onboard.types import GRAVITY_M_S2, Neighbour
-from onboard.vectors import ZERO_3, Vec2, Vec3, is_finite
+from onboard.vectors import ZERO_3, Vec2, Vec3, horizontal_within, is_finite
 
 SLOTS = 40  # past commands that are kept
 MAX_MESSAGE_AGE_S = 0.30  # extrapolating a silent neighbour further than this gains nothing
@@ -51,6 +51,8 @@ class Received(NamedTuple):
     position_m: Vec2
     velocity_m_s: Vec2
     command_m_s2: Vec2
+    intent_m_s: Vec2  # velocity that it intends; of one that does not cooperate, the one it flies
+    has_intent: bool  # False: it cooperates, and its message holds no finite intent
 
 
 def no_commands() -> list[PastCommand]:
@@ -130,27 +132,64 @@ def predict_own(
 
 
 def receive(neighbour: Neighbour, own_lead_s: float) -> Received:
-    """Return a neighbour's horizontal motion at the own time t + L (line P3). DEVIATION D3.
+    """Return a neighbour's horizontal motion at the own time t + L (line P3). DEVIATION D3, D11.
 
-    A neighbour that cooperates says where it will be at the end of its own lag. For any other the
-    plain estimate is carried on with its acceleration, of which at most 1 g is believed, as long as
-    that says something, then straight on.
+    A neighbour that cooperates says where it will be at the end of its own lag. From there it flies
+    its command on. One that leads by more than we do is taken back along the way that it predicts
+    from its plain velocity.
+
+    For any other the plain estimate is carried on with its acceleration, of which at most 1 g is
+    believed.
+
+    An acceleration counts for as long as it says something, MAX_COMMAND_AGE_S; then the neighbour
+    flies straight on.
 
     Args:
         neighbour: as received.
         own_lead_s: how far ahead of now the own rows are evaluated.
     """
     age_s = message_age(neighbour)
-    if has_prediction(neighbour):
-        lead_s = lead_time(neighbour.lead_time_s, own_lead_s)
-        return _carried(neighbour, lead_s, age_s + (own_lead_s - lead_s))
+    plain_m_s = horizontal_within(neighbour.velocity_enu_m_s, LARGEST)
 
-    is_usable = is_finite(neighbour.position_enu_m) and is_finite(neighbour.velocity_enu_m_s)
-    p = clipped(neighbour.position_enu_m)
-    v = clipped(neighbour.velocity_enu_m_s)
-    a = into_disc(clipped(neighbour.acceleration_enu_m_s2), GRAVITY_M_S2)
-    nothing = Vec2(0.0, 0.0)
-    return _flown_on(is_usable, p, v, a, age_s + own_lead_s, nothing)
+    if has_prediction(neighbour):
+        is_usable = True
+        lead_s = lead_time(neighbour.lead_time_s, own_lead_s)
+        ahead_s = age_s + (own_lead_s - lead_s)
+        p = horizontal_within(neighbour.predicted_position_enu_m, LARGEST)
+        v = horizontal_within(neighbour.predicted_velocity_enu_m_s, LARGEST)
+        command = horizontal_within(neighbour.commanded_acceleration_enu_m_s2, LARGEST)
+        a = command
+        if ahead_s < 0.0:
+            share_1_s = 1.0 / lead_s if lead_s > _LEAST_LEAD_S else 0.0
+            a = Vec2(share_1_s * (v.x - plain_m_s.x), share_1_s * (v.y - plain_m_s.y))
+    else:
+        is_usable = is_finite(neighbour.position_enu_m) and is_finite(neighbour.velocity_enu_m_s)
+        ahead_s = age_s + own_lead_s
+        p = horizontal_within(neighbour.position_enu_m, LARGEST)
+        v = plain_m_s
+        command = Vec2(0.0, 0.0)
+        a = into_disc(horizontal_within(neighbour.acceleration_enu_m_s2, LARGEST), GRAVITY_M_S2)
+
+    held_s = min(ahead_s, MAX_COMMAND_AGE_S)
+    weight_s2 = held_s * (ahead_s - 0.5 * held_s)
+    position_m = Vec2(p.x + ahead_s * v.x + weight_s2 * a.x, p.y + ahead_s * v.y + weight_s2 * a.y)
+    velocity_m_s = Vec2(v.x + held_s * a.x, v.y + held_s * a.y)
+
+    # whoever does not cooperate goes on as it flies
+    intent_m_s = velocity_m_s
+    has_intent = True
+    if neighbour.is_cooperative:
+        intent_m_s = horizontal_within(neighbour.intent_enu_m_s, LARGEST)
+        has_intent = is_finite(neighbour.intent_enu_m_s)
+
+    return Received(
+        is_usable=is_usable,
+        position_m=position_m,
+        velocity_m_s=velocity_m_s,
+        command_m_s2=command,
+        intent_m_s=intent_m_s,
+        has_intent=has_intent,
+    )
 
 
 def has_prediction(neighbour: Neighbour) -> bool:
@@ -165,37 +204,6 @@ def has_prediction(neighbour: Neighbour) -> bool:
         and is_finite(neighbour.predicted_velocity_enu_m_s)
         and is_finite(neighbour.commanded_acceleration_enu_m_s2)
     )
-
-
-def _carried(neighbour: Neighbour, lead_s: float, ahead_s: float) -> Received:
-    """Return a neighbour's predicted state, carried on by ``ahead_s``, or back where negative.
-
-    Onwards it flies its command, as long as that says something, then straight on. A neighbour that
-    leads by more than we do is taken back along the way that it predicts from its plain velocity.
-    DEVIATION D11.
-    """
-    p = clipped(neighbour.predicted_position_enu_m)
-    v = clipped(neighbour.predicted_velocity_enu_m_s)
-    u = clipped(neighbour.commanded_acceleration_enu_m_s2)
-
-    a = u
-    if ahead_s < 0.0:
-        plain = clipped(neighbour.velocity_enu_m_s)
-        share_1_s = 1.0 / lead_s if lead_s > _LEAST_LEAD_S else 0.0
-        a = Vec2(share_1_s * (v.x - plain.x), share_1_s * (v.y - plain.y))
-
-    return _flown_on(True, p, v, a, ahead_s, u)
-
-
-def _flown_on(
-    is_usable: bool, p: Vec2, v: Vec2, a: Vec2, ahead_s: float, command_m_s2: Vec2
-) -> Received:
-    """Return the motion after ``ahead_s``: accelerated for MAX_COMMAND_AGE_S, then straight on."""
-    held_s = min(ahead_s, MAX_COMMAND_AGE_S)
-    weight_s2 = held_s * (ahead_s - 0.5 * held_s)
-    position = Vec2(p.x + ahead_s * v.x + weight_s2 * a.x, p.y + ahead_s * v.y + weight_s2 * a.y)
-    velocity = Vec2(v.x + held_s * a.x, v.y + held_s * a.y)
-    return Received(is_usable, position, velocity, command_m_s2)
 
 
 def message_age(neighbour: Neighbour) -> float:
@@ -224,25 +232,3 @@ def lead_time(lead_s: float, own_lead_s: float) -> float:
     if math.isfinite(lead_s):
         return min(max(lead_s, 0.0), LONGEST_LEAD_S)
     return own_lead_s
-
-
-def clipped(a: Vec3) -> Vec2:
-    """Return the horizontal part with both components bounded: squares stay finite; 0 for NaN.
-
-    Args:
-        a: of any components.
-    """
-    if abs(a.x) + abs(a.y) < LARGEST:
-        return Vec2(a.x, a.y)
-    return Vec2(bounded(a.x), bounded(a.y))
-
-
-def bounded(value: float) -> float:
-    """Return the value between -LARGEST and LARGEST; 0 for NaN.
-
-    Args:
-        value: any.
-    """
-    if math.isnan(value):
-        return 0.0
-    return min(max(value, -LARGEST), LARGEST)

@@ -22,6 +22,7 @@ from typing import Any
 
 import msgspec
 
+from onboard.config.file_reading import LAW_SOURCE, read_bytes
 from onboard.config.law import BUILT_IN
 from onboard.config.toml_reading import ConfigError
 
@@ -258,7 +259,6 @@ def _source_hash(source: str, *, is_in_package: bool = False) -> str:
     for file in files:
         if not file.endswith(".py"):
             continue
-        with open(file, "rb") as stream:
-            text = stream.read()
+        text = read_bytes(file, LAW_SOURCE)
         digest.update(f"{os.path.relpath(file, folder)} {len(text)}\n".encode() + text)
     return digest.hexdigest()[:12]

@@ -32,12 +32,14 @@ from onboard.config.toml_reading import ConfigError, bound_problems
 FLEET_BOUNDS: dict[str, tuple[float | str, float | str]] = {
     "safety_distance_m": (0.1, 50.0),
     "vertical_separation_m": (0.04, 50.0),
+    "placing_m": (0.001, 5.0),
     "body_diameter_m": (0.02, "safety_distance_m"),
     "battery_warning_pct": ("battery_land_pct", 100.0),
     "battery_land_pct": (8.0, 100.0),
     "direct_command_timeout_s": (0.05, 5.0),
     "bus_lost_land_s": (0.5, 120.0),
     "ground_lost_land_s": (1.0, 3600.0),
+    "max_wind_m_s": (0.1, 30.0),
 }
 VEHICLE_BOUNDS: dict[str, tuple[float, float]] = {
     "hover_time_s": (10.0, 86400.0),
@@ -50,6 +52,7 @@ VEHICLE_BOUNDS: dict[str, tuple[float, float]] = {
     "max_tilt_deg": (5.0, 45.0),
     "max_speed_m_s": (0.1, 10.0),
     "max_acceleration_m_s2": (0.1, 10.0),
+    "max_wind_m_s": (0.1, 30.0),
     "system_id": (1, 255),
 }
 # Bodies between two heights: a vehicle one body above pushes with 8 % of the weight, one two bodies

@@ -24,6 +24,7 @@ MOST_BYTES = 262_144  # of a whole path: two thousand pieces
 PART_BYTES = 24_576  # of a path's parts, for messages of at most 65536
 LONGEST_S = 3600.0
 _ROW = struct.Struct(f"<{NUMBERS}f")
+MOST_PIECES = MOST_BYTES // _ROW.size
 
 
 class Path(NamedTuple):
@@ -54,7 +55,13 @@ def path_of(pieces: Sequence[Sequence[float]]) -> Path:
         ValueError: there is no piece, or one is of another length, not finite, or of a duration
             that is not positive.
     """
-    return from_bytes(b"".join(_ROW.pack(*piece) for piece in pieces))
+    try:
+        rows = [_ROW.pack(*piece) for piece in pieces]
+    except (struct.error, OverflowError):
+        raise ValueError(
+            f"A piece has other than {NUMBERS} numbers, or one that is too large for 32 bits."
+        ) from None
+    return from_bytes(b"".join(rows))
 
 
 def to_bytes(path: Path) -> bytes:
@@ -69,9 +76,7 @@ def from_bytes(data: bytes) -> Path:
         ValueError: they are no path; a sentence says why.
     """
     if not data or len(data) % _ROW.size or len(data) > MOST_BYTES:
-        raise ValueError(
-            f"{len(data)} bytes are no path: it has 1 to {MOST_BYTES // _ROW.size} pieces."
-        )
+        raise ValueError(f"{len(data)} bytes are no path: it has 1 to {MOST_PIECES} pieces.")
 
     pieces = tuple(_ROW.iter_unpack(data))
     durations_s = [piece[0] for piece in pieces]

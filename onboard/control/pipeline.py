@@ -24,8 +24,8 @@ from typing import NamedTuple
 from onboard.avoidance import interface, oist
 from onboard.avoidance.heights import INTENT_S
 from onboard.avoidance.params import Capsule
-from onboard.avoidance.prediction import Motion
-from onboard.control import allocation, backstepping, trajectory
+from onboard.avoidance.prediction import LARGEST, Motion
+from onboard.control import allocation, backstepping, sinking, trajectory
 from onboard.control.control_mode import ControlMode
 from onboard.control.pipeline_numbers import PipelineParams as PipelineParams
 from onboard.control.pipeline_numbers import pipeline_params as pipeline_params
@@ -41,10 +41,19 @@ from onboard.types import (
     Tick,
     TrajectorySetpoint,
 )
-from onboard.vectors import ZERO_3, Vec3, add, is_finite, length, scaled
+from onboard.vectors import (
+    ZERO_3,
+    Vec3,
+    add,
+    finite_or,
+    is_finite,
+    is_within,
+    length,
+    scaled,
+    subtract,
+)
 
 _INTENT_1_S = 1.0  # intended velocity per metre left to the goal
-_BLIND_SPEED = 1.5  # share of the top speed, with the sinking
 _ACTIVE_M_S2 = 0.05  # an intervention beyond counts as the law being active
 _NOWHERE = Vec3(math.nan, math.nan, math.nan)
 _WEIGHT = Vec3(0.0, 0.0, -GRAVITY_M_S2)
@@ -160,17 +169,17 @@ def before_law(
         params: of the vehicle.
         dt_s: length of the tick.
     """
-    is_usable = interface.is_plausible(state.position_enu_m) and interface.is_plausible(
-        state.velocity_enu_m_s
+    is_usable = is_within(state.position_enu_m, LARGEST) and is_within(
+        state.velocity_enu_m_s, LARGEST
     )
     usable = state if is_usable else _at_rest(state, memory)
     observer, lift = _observed(memory, usable, mode, params, dt_s)
 
+    share = 1.0  # a descent without poses waits in no jam
+    if mode != ControlMode.BLIND:
+        share = oist.speed_share(memory.law, params.law)
     predicted = oist.predict(memory.law, usable, params.law)
     rate, leg, setpoint = _led(memory, predicted, goal, mode, params, dt_s)
-
-    share = oist.speed_share(memory.law, params.law)
-    thrust = _tracking(predicted, setpoint, share, mode == ControlMode.LIFTOFF, params)
 
     # line O: what drag and the observed disturbance take is added after the law, so that the law
     # commands net motion
@@ -179,17 +188,15 @@ def before_law(
         disturbance = observer.mean_enu_m_s2
     compensation = _compensation(predicted.velocity_enu_m_s, disturbance, params)
 
-    top_m_s = params.trajectory.max_speed_m_s
-    baseline = interface.Baseline(
-        thrust, compensation, intent(predicted.position_enu_m, goal, top_m_s)
-    )
+    intended_m_s = intent(predicted.position_enu_m, goal, params.trajectory.max_speed_m_s)
+    thrust = _tracking(predicted, setpoint, share, mode, params)
     return BeforeLaw(
         observer=observer,
         lift=lift,
         clock_rate=rate,
         trajectory=leg,
         setpoint=setpoint,
-        baseline=baseline,
+        baseline=interface.Baseline(thrust, compensation, intended_m_s),
         # the law must know, level out, and publish no state that is not known
         motion=predicted if is_usable else Motion(_NOWHERE, _NOWHERE),
         is_usable=is_usable,
@@ -221,9 +228,11 @@ def after_law(
     compensation = before.baseline.compensation_enu_m_s2
     hover_frac = before.lift.hover_thrust_frac
 
+    activity = _activity(memory.activity, law.intervention_m_s2, params, dt_s)
+    yaw_rad = _turned(memory.yaw_rad, goal, params, dt_s)
+
     required = Thrust(add(law.thrust.thrust_enu_m_s2, compensation))
     sent = allocation.limit(required, hover_frac, params.allocation)
-    yaw_rad = _turned(memory.yaw_rad, goal, params, dt_s)
     attitude = allocation.allocate(sent, yaw_rad, hover_frac, params.allocation)
 
     after = PipelineMemory(
@@ -233,7 +242,7 @@ def after_law(
         hover_thrust=before.lift,
         sent_enu_m_s2=add(sent.thrust_enu_m_s2, _WEIGHT),
         clock_rate=before.clock_rate,
-        activity=_activity(memory.activity, law.intervention_m_s2, params, dt_s),
+        activity=activity,
         yaw_rad=yaw_rad,
         thrust_frac=attitude.thrust_frac,
         cos_tilt=sent.thrust_enu_m_s2.z / max(length(sent.thrust_enu_m_s2), 1e-9),
@@ -263,14 +272,9 @@ def _led(
     bounds = params.trajectory
 
     if mode == ControlMode.BLIND:
-        # it brakes from where it is, and returns to no setpoint
-        if goal.sequence != leg.sequence:
-            leg = trajectory.moving(predicted.position_enu_m, predicted.velocity_enu_m_s)
-
-        # it sinks and brakes at the same time, and waits for nobody: each second costs accuracy
-        top_m_s = _BLIND_SPEED * bounds.max_speed_m_s
-        wider = trajectory.TrajectoryParams(top_m_s, bounds.max_acceleration_m_s2, bounds.lead_s)
-        leg, setpoint = trajectory.step(leg, goal, wider, dt_s, 1.0)
+        # it waits for nobody but those below, who are down soon
+        limit_m_s = memory.law.sink_limit_m_s
+        leg, setpoint = sinking.step(leg, predicted, goal, params.sinking, limit_m_s, dt_s)
         return 1.0, leg, setpoint
 
     rate = clock_rate(memory, predicted.position_enu_m, goal, params, dt_s)
@@ -307,7 +311,7 @@ def _tracking(
     predicted: Motion,
     setpoint: TrajectorySetpoint,
     share: float,
-    is_gentle: bool,
+    mode: int,
     params: PipelineParams,
 ) -> Thrust:
     """Return the baseline thrust, in a jam for a motion scaled by ``share`` (line G)."""
@@ -316,7 +320,7 @@ def _tracking(
         scaled(share, setpoint.velocity_enu_m_s),
         scaled(share, setpoint.acceleration_enu_m_s2),
     )
-    gains = _pursuit(setpoint, share, is_gentle, params)
+    gains = _pursuit(setpoint, share, mode, params)
     return backstepping.step(predicted.position_enu_m, predicted.velocity_enu_m_s, slowed, gains)
 
 
@@ -417,7 +421,7 @@ def _turned(yaw_rad: float, goal: Goal, params: PipelineParams, dt_s: float) -> 
 
 
 def _pursuit(
-    setpoint: TrajectorySetpoint, share: float, is_gentle: bool, params: PipelineParams
+    setpoint: TrajectorySetpoint, share: float, mode: int, params: PipelineParams
 ) -> backstepping.BacksteppingParams:
     """Return the backstepping whose error clamp keeps setpoint speed plus pursuit in the limit."""
     base = params.backstepping
@@ -427,9 +431,14 @@ def _pursuit(
     largest_m_s2 = base.max_acceleration_m_s2
 
     # while a leg still touches the ground, tilt turns the vehicle over instead of moving it
-    if is_gentle:
+    if mode == ControlMode.LIFTOFF:
         clamp_m = min(clamp_m, 0.1)
         largest_m_s2 = 1.0
+
+    # without poses each second costs more than a hard brake above the ground
+    highest_m_s2 = base.max_vertical_acceleration_m_s2
+    if mode == ControlMode.BLIND:
+        highest_m_s2 = params.sinking.vertical_m_s2
 
     return backstepping.BacksteppingParams(
         position_gain_1_s=base.position_gain_1_s,
@@ -437,7 +446,7 @@ def _pursuit(
         coupling_1_s2=base.coupling_1_s2,
         max_position_error_m=clamp_m,
         max_acceleration_m_s2=largest_m_s2,
-        max_vertical_acceleration_m_s2=base.max_vertical_acceleration_m_s2,
+        max_vertical_acceleration_m_s2=highest_m_s2,
     )
 
 
@@ -445,22 +454,17 @@ def _compensation(
     velocity_enu_m_s: Vec3, disturbance_enu_m_s2: Vec3, params: PipelineParams
 ) -> Vec3:
     """Return c V - s_b within its limits; a component that is not finite counts as zero."""
-    x = _or_zero(params.drag_1_s * velocity_enu_m_s.x - disturbance_enu_m_s2.x)
-    y = _or_zero(params.drag_1_s * velocity_enu_m_s.y - disturbance_enu_m_s2.y)
-    z = _or_zero(params.drag_1_s * velocity_enu_m_s.z - disturbance_enu_m_s2.z)
+    drag = scaled(params.drag_1_s, velocity_enu_m_s)
+    x, y, z = finite_or(subtract(drag, disturbance_enu_m_s2), ZERO_3)
     share = min(1.0, params.max_compensation_m_s2 / max(math.sqrt(x * x + y * y), 1e-9))
     highest = params.max_lift_compensation_m_s2
     return Vec3(share * x, share * y, min(max(z, -highest), highest))
 
 
-def _or_zero(value: float) -> float:
-    return value if math.isfinite(value) else 0.0
-
-
 def _on_ground(state: State, params: PipelineParams) -> tuple[PipelineMemory, Tick]:
     """Return no thrust, level, and memories as at the start: no value of the ground is flown."""
     given = state.position_enu_m
-    position = Vec3(_or_zero(given.x), _or_zero(given.y), _or_zero(given.z))
+    position = finite_or(given, ZERO_3)
     memory = initial(params, position)
 
     hover_frac = memory.hover_thrust.hover_thrust_frac

@@ -7,9 +7,13 @@ from typing import NamedTuple
 
 from onboard.avoidance.params import PAPER, LawParams, law_params
 from onboard.config.fleet import FleetConfig
-from onboard.control import allocation, backstepping, trajectory
+from onboard.config.wind_limit import largest_push_m_s2
+from onboard.control import allocation, backstepping, sinking, trajectory
 from onboard.estimation import disturbance_observer, hover_thrust
 from onboard.types import GRAVITY_M_S2
+
+# of the horizontal acceleration, for drag and wind; the rest always stays for the law
+_COMPENSATION_SHARE = 0.75
 
 
 class PipelineParams(NamedTuple):
@@ -17,6 +21,7 @@ class PipelineParams(NamedTuple):
 
     trajectory: trajectory.TrajectoryParams
     backstepping: backstepping.BacksteppingParams
+    sinking: sinking.SinkingParams
     law: LawParams
     observer: disturbance_observer.ObserverParams
     hover_thrust: hover_thrust.HoverThrustParams
@@ -78,12 +83,16 @@ def pipeline_params(
             # the rest stays for separation
             max_vertical_acceleration_m_s2=min(2.5, 0.4 * lift_reserve_m_s2),
         ),
+        sinking=sinking.sinking_params(
+            float(vehicle.max_acceleration_m_s2), hover_frac, has_mocap=vehicle.mocap_required
+        ),
         law=law_numbers,
         observer=disturbance_observer.ObserverParams(
             delay_s=float(vehicle.attitude_delay_s),
             wn_rad_s=float(vehicle.attitude_wn_rad_s),
             zeta=float(vehicle.attitude_zeta),
             drag_1_s=drag_1_s,
+            max_disturbance_m_s2=largest_push_m_s2(vehicle),
         ),
         hover_thrust=hover_thrust.HoverThrustParams(configured_frac=hover_frac),
         allocation=allocation.AllocationParams(
@@ -92,7 +101,7 @@ def pipeline_params(
         ),
         drag_1_s=drag_1_s,
         pursuit_speed_m_s=1.25 * law_numbers.max_speed_m_s,
-        # at least half of the tilt and of the lift reserve stays for the law
-        max_compensation_m_s2=0.5 * GRAVITY_M_S2 * math.tan(max_tilt_rad),
+        max_compensation_m_s2=_COMPENSATION_SHARE * max_acceleration_m_s2,
+        # at least half of the lift reserve stays for the law
         max_lift_compensation_m_s2=0.5 * (law_numbers.max_thrust_m_s2 - GRAVITY_M_S2),
     )

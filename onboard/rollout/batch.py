@@ -34,9 +34,9 @@ from onboard.avoidance import (
     relaxation,
 )
 from onboard.avoidance import params as law_params
-from onboard.control import allocation, backstepping, pipeline, trajectory
+from onboard.control import allocation, backstepping, pipeline, sinking, trajectory
 from onboard.control.control_mode import ControlMode
-from onboard.estimation import disturbance_observer, hover_thrust, kalman
+from onboard.estimation import disturbance_observer, hover_thrust, kalman, wind
 from onboard.rollout.rows import Layout, Rows, floats, zero
 from onboard.types import GRAVITY_M_S2, Goal, Neighbour, State, Tick
 from onboard.vectors import ZERO_3, Vec3
@@ -57,10 +57,12 @@ _MODULES: tuple[ModuleType, ...] = (
     frames,
     # estimation
     kalman,
+    wind,
     disturbance_observer,
     hover_thrust,
     # control
     trajectory,
+    sinking,
     backstepping,
     allocation,
     pipeline,
@@ -78,6 +80,14 @@ _MODULES: tuple[ModuleType, ...] = (
     oist_paper,
 )
 
+
+class EstimatorMemory(NamedTuple):
+    """Memory of the estimate of one vehicle."""
+
+    motion: kalman.KalmanMemory
+    wind: wind.WindMemory
+
+
 _ZERO_PARAMS = zero(pipeline.PipelineParams)
 
 STATE = Layout(zero(State))
@@ -88,7 +98,7 @@ TICK = Layout(zero(Tick))
 PARAMS = Layout(_ZERO_PARAMS)
 MEMORY = Layout(pipeline.initial(_ZERO_PARAMS, ZERO_3))
 FILTER_PARAMS = Layout(kalman.KalmanParams())
-FILTER = Layout(kalman.initial(ZERO_3, kalman.KalmanParams()))
+FILTER = Layout(EstimatorMemory(kalman.initial(ZERO_3, kalman.KalmanParams()), wind.initial()))
 _LAYOUTS = (STATE, GOAL, NEIGHBOUR, TICK, OBSTACLE, PARAMS, MEMORY, FILTER_PARAMS, FILTER)
 
 # compiled code calls functions by a global name
@@ -211,9 +221,10 @@ class FleetEstimator:
         memories = []
         for positions_enu_m in start_enu_m.tolist():
             for own_params, position in zip(params, positions_enu_m, strict=True):
-                memories.append(kalman.initial(Vec3(*position), own_params))
+                motion = kalman.initial(Vec3(*position), own_params)
+                memories.append(EstimatorMemory(motion, wind.initial()))
         self._memories = FILTER.packed(memories).reshape(start_enu_m.shape[:2])
-        self._memories["thrust_m_s2"] = GRAVITY_M_S2
+        self._memories["motion"]["thrust_m_s2"] = GRAVITY_M_S2
 
     def step(
         self,
@@ -434,11 +445,13 @@ def _estimate_rows(
         sample = Vec3(i[6], i[7], i[8])
 
         memory = _read_filter(memories[m])
-        memory = kalman.drive(memory, quaternion, i[4], i[5], own_params, dt_s, False)
-        memory = kalman.correct(memory, sample, age_s, own_params)
+        motion = kalman.drive(memory.motion, quaternion, i[4], i[5], own_params, dt_s, False)
+        motion = kalman.correct(motion, sample, age_s, own_params)
+        air = wind.step(memory.wind, motion.bias_enu_m_s2, dt_s, False)
 
-        _write_filter(memory, memories[m])
-        _write_state(kalman.state(memory, i[9], 0.0, 0.0), states[m])
+        _write_filter(EstimatorMemory(motion, air), memories[m])
+        state = kalman.state(motion, i[9], 0.0, 0.0)
+        _write_state(wind.widened(state, air, own_params.gust_time_s), states[m])
 
 
 @lru_cache(maxsize=1)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 
 from onboard.config.fleet import FleetSection
 from onboard.safety.failsafe_table import Condition
@@ -15,14 +15,16 @@ ANY_TIME_S = -math.inf  # of a cause that need not last
 
 
 class _Watched:
-    """A predicate of the table, for how long it has held, and the causes that wait for it."""
+    """A fact that the table watches, for how long it has held, and the causes that wait for it."""
 
-    __slots__ = ("causes", "held", "holds")
+    __slots__ = ("above", "causes", "equals", "fact", "held")
 
-    def __init__(self, holds: Callable[[TickFacts], object]) -> None:
-        self.holds = holds
+    def __init__(self, cause: Cause) -> None:
+        self.fact = cause.fact
+        self.above = cause.above
+        self.equals = cause.equals
         self.held = Held()
-        # condition, cause, and the time for longer than which the predicate has to hold [s]
+        # condition, cause, and the time for longer than which the fact has to hold [s]
         self.causes: list[tuple[Condition, Cause, float]] = []
 
 
@@ -65,10 +67,11 @@ def time_limit_s(cause: Cause, limits: FleetSection) -> float:
 def _watched(
     causes: Iterable[tuple[Condition, Cause]], limits: FleetSection
 ) -> tuple[_Watched, ...]:
-    """Return each predicate once, with its causes: a bus that is silent, and is so for long."""
-    watched: dict[Callable[[TickFacts], object], _Watched] = {}
+    """Return each fact once, with its causes: a bus that is silent, and is so for long."""
+    watched: dict[object, _Watched] = {}
     for condition, cause in causes:
-        one = watched.setdefault(cause.holds, _Watched(cause.holds))
+        what = (cause.fact, cause.above, cause.equals)
+        one = watched.setdefault(what, _Watched(cause))
         one.causes.append((condition, cause, time_limit_s(cause, limits)))
     return tuple(watched.values())
 
@@ -76,8 +79,14 @@ def _watched(
 def _holding(watched: Iterable[_Watched], facts: TickFacts) -> dict[Condition, str]:
     active: dict[Condition, str] = {}
     for one in watched:
+        holds = one.fact(facts)
+        if one.above is not None:
+            holds = holds > one.above
+        elif one.equals is not None:
+            holds = holds == one.equals
+
         held = one.held
-        if not one.holds(facts):
+        if not holds:
             held.checks = 0  # as Held.end does; for nearly all of them, at every tick
             continue
 

@@ -1,8 +1,8 @@
 """The conditions of the failsafe table: what each one is, and how long it has to last. Pure data.
 
 Each condition has one row, and a row has one cause, or several of which any is enough. A cause is
-a predicate of the facts of a tick that has to hold for a number of checks in a row, for longer than
-a time, or both. docs/failsafe.md prints these numbers.
+a fact of a tick, a limit or a value of a fact, or a predicate of several facts. It has to hold for
+a number of checks in a row, for longer than a time, or both. docs/failsafe.md prints these numbers.
 
 A process that was not scheduled for a while finds every message old at its first tick, although
 nothing else is wrong. Therefore a silence counts only after several checks in a row have seen it.
@@ -16,16 +16,23 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from operator import attrgetter
+from typing import Any
 
 from onboard.safety.failsafe_table import Condition
-from onboard.safety.limits import LARGEST_PX4_ACCURACY_M, POSITION_STALE_S, RECKONING_S
+from onboard.safety.limits import (
+    AMONG_OTHERS_M,
+    LARGEST_PX4_ACCURACY_M,
+    POSITION_STALE_S,
+    RECKONING_AMONG_OTHERS_S,
+    RECKONING_S,
+)
 from onboard.safety.report_confirmation import CONTRADICTED_LONG_S
 from onboard.supervision.tick_facts import ModeLoss, TickFacts
 from onboard.types import TICK_S
 
 # own position
 STALE_FOR_S = 0.4  # a position that stays this old is lost, however regularly it comes
-LOST_S = 0.58  # with the live checks: whoever has poses again after 0.6 s does not land
+LOST_S = 0.60  # with the live checks: whoever has poses again after 0.6 s, confirmed, does not land
 JUMPS = 3  # impossible samples in a row
 SWAP_JUMPS = 2  # the same, where another vehicle is near the samples
 UNUSABLE_M = 3.0  # PX4's own accuracy, beyond which it flies level rather than after its position
@@ -44,9 +51,19 @@ BUS_LOST_S = 1.0
 # space
 CLEARLY_UP_M = 0.5
 LANDED_WRONG_S = 0.5
+UNFIT_M = 0.18  # localization/motion_fit.py says how far right positions stay below
+UNFIT_S = 0.3
 DOWN_HEIGHT_M = 0.12
 DOWN_LONG_S = 1.0
+MAY_BE_DOWN_M = (
+    2.0  # by PX4's own height: higher up only rising air explains what looks like ground
+)
 FENCE_LONG_S = 2.0
+
+# air: the estimate is a mean over two seconds already
+WIND_S = 0.5
+PUSHED_ABOUT_S = 0.5
+DISTURBANCE_BOUND_S = 0.5
 
 INFEASIBLE_S = 0.1
 BATTERY_UNKNOWN_S = 5.0  # and 5 s until a report counts as old
@@ -63,7 +80,9 @@ PREDICTED_CHECKS = 2
 class Cause:
     """One cause of a condition."""
 
-    holds: Callable[[TickFacts], object]  # predicate; what is not false holds
+    fact: Callable[[TickFacts], Any]  # holds when it is not false, if nothing else is said here:
+    above: float | None = None  # it holds when the fact is above this limit
+    equals: object = None  # it holds when the fact has this value
     checks: int = 1  # so many times in a row
     # and for longer than this; a name is that of a key in [fleet]
     over_s: float | str | None = None
@@ -101,8 +120,11 @@ def _is_lost(facts: TickFacts) -> bool:
 
 
 def _is_reckoned_for_too_long(facts: TickFacts) -> bool:
+    longest_s = RECKONING_S
+    if facts.nearest_m < AMONG_OTHERS_M:
+        longest_s = RECKONING_AMONG_OTHERS_S
     # on the ground PX4 would lift it off
-    return facts.position_age_s > RECKONING_S and not facts.is_in_contact
+    return facts.position_age_s > longest_s and not facts.is_in_contact
 
 
 def _is_accuracy_unusable(facts: TickFacts) -> bool:
@@ -127,8 +149,8 @@ def _accuracy_beside_the_covered(facts: TickFacts) -> str:
     return f"{told}; distances cover {LARGEST_PX4_ACCURACY_M:.1f} m"
 
 
-def _has_lost_mode(loss: ModeLoss) -> Callable[[TickFacts], bool]:
-    return lambda facts: facts.mode_loss is loss
+def _px4_mode(facts: TickFacts) -> str:
+    return f"now {facts.px4_mode}"
 
 
 def _is_reported_down_in_the_air(facts: TickFacts) -> bool:
@@ -137,23 +159,10 @@ def _is_reported_down_in_the_air(facts: TickFacts) -> bool:
 
 
 def _is_down(facts: TickFacts) -> bool:
+    if not facts.mocap_required:
+        # low is no sign there: PX4's own height errs by half a metre
+        return facts.is_flying and facts.is_standing and facts.height_m < MAY_BE_DOWN_M
     return facts.is_flying and facts.has_position and facts.height_enu_m < DOWN_HEIGHT_M
-
-
-def _is_late(facts: TickFacts) -> bool:
-    return facts.period_s > TICK_S + LATE_S
-
-
-def _is_bus_silent(facts: TickFacts) -> bool:
-    return facts.bus_age_s > BUS_LOST_S
-
-
-def _has_no_ground(facts: TickFacts) -> bool:
-    return not facts.has_ground
-
-
-def _is_not_finite(facts: TickFacts) -> bool:
-    return not facts.is_last_tick_finite
 
 
 def _has_clock_jumped(facts: TickFacts) -> bool:
@@ -169,19 +178,29 @@ def _is_beyond_the_fence(facts: TickFacts) -> bool:
     return facts.is_outside or facts.is_above_ceiling
 
 
+def _wind(facts: TickFacts) -> str:
+    return facts.slow.wind.words
+
+
 def _battery_pct(facts: TickFacts) -> float:
     return 100.0 * facts.slow.battery_frac
 
 
 _C = Condition
-_fact = attrgetter  # a predicate that is a fact by itself
+_fact = attrgetter
+
+# facts of two conditions each
+_bus_age_s = _fact("bus_age_s")
+_has_ground = _fact("has_ground")
+_is_last_tick_finite = _fact("is_last_tick_finite")
 
 ROWS: tuple[ConditionRow, ...] = (
     # -- own motion
     _row(
         _C.POSITION_STALE,
         Cause(
-            lambda facts: facts.position_age_s > POSITION_STALE_S,
+            _fact("position_age_s"),
+            above=POSITION_STALE_S,
             detail="it brakes and sinks by dead reckoning",
         ),
     ),
@@ -208,16 +227,24 @@ ROWS: tuple[ConditionRow, ...] = (
             detail=_accuracy_beside_the_covered,
         ),
     ),
+    _row(
+        _C.POSITION_UNFIT,
+        Cause(_fact("slow.position_miss_m"), above=UNFIT_M, over_s=UNFIT_S, is_slow=True),
+    ),
     # -- PX4
     _row(
+        _C.FLOWN_BY_HAND,
+        Cause(_fact("mode_loss"), equals=ModeLoss.BY_HAND, detail=_fact("px4_mode")),
+    ),
+    _row(
         _C.LEFT_OFFBOARD,
-        Cause(_has_lost_mode(ModeLoss.LEFT), detail=lambda facts: f"now {facts.px4_mode}"),
+        Cause(_fact("mode_loss"), equals=ModeLoss.LEFT, detail=_px4_mode),
     ),
     _row(
         _C.PX4_FAILSAFE,
-        Cause(_has_lost_mode(ModeLoss.FAILSAFE), detail=lambda facts: f"now {facts.px4_mode}"),
+        Cause(_fact("mode_loss"), equals=ModeLoss.FAILSAFE, detail=_px4_mode),
     ),
-    _row(_C.DISARMED, Cause(_has_lost_mode(ModeLoss.DISARMED))),
+    _row(_C.DISARMED, Cause(_fact("mode_loss"), equals=ModeLoss.DISARMED)),
     _row(_C.REBOOTED, Cause(_fact("is_px4_rebooted"))),
     # silence and numbers that nobody can fly by look alike: what is sent decides between them
     _row(
@@ -241,13 +268,11 @@ ROWS: tuple[ConditionRow, ...] = (
     _row(_C.REPORTS_CONTRADICT, Cause(_fact("contradicted_s"), detail=_fact("contradicted"))),
     _row(
         _C.REPORTS_CONTRADICT_LONG,
-        Cause(
-            lambda facts: facts.contradicted_s > CONTRADICTED_LONG_S, detail=_fact("contradicted")
-        ),
+        Cause(_fact("contradicted_s"), above=CONTRADICTED_LONG_S, detail=_fact("contradicted")),
     ),
     _row(
         _C.LANDED_UNKNOWN,
-        Cause(lambda facts: not facts.has_landed_report, checks=LIVE_CHECKS),
+        Cause(_fact("has_landed_report"), equals=False, checks=LIVE_CHECKS),
     ),
     _row(_C.LANDED_WRONG, Cause(_is_reported_down_in_the_air, over_s=LANDED_WRONG_S)),
     _row(_C.ATTITUDE_NOT_FOLLOWED, Cause(_fact("is_attitude_lost"))),
@@ -255,26 +280,26 @@ ROWS: tuple[ConditionRow, ...] = (
     _row(_C.NOT_CLIMBING, Cause(_fact("is_sinking"))),
     _row(_C.FALLEN, Cause(_is_down, over_s=DOWN_LONG_S)),
     # -- own process
-    _row(_C.LOOP_LATE, Cause(_is_late), is_quiet=True),
-    _row(_C.LOOP_STALLED, Cause(lambda facts: facts.period_s > STALLED_S)),
-    _row(_C.LOOP_STALLED_LONG, Cause(lambda facts: facts.period_s > STALLED_LONG_S)),
+    _row(_C.LOOP_LATE, Cause(_fact("period_s"), above=TICK_S + LATE_S), is_quiet=True),
+    _row(_C.LOOP_STALLED, Cause(_fact("period_s"), above=STALLED_S)),
+    _row(_C.LOOP_STALLED_LONG, Cause(_fact("period_s"), above=STALLED_LONG_S)),
     _row(_C.CLOCK_JUMPED, Cause(_has_clock_jumped, is_slow=True)),
-    _row(_C.NOT_FINITE, Cause(_is_not_finite), is_quiet=True),
-    _row(_C.NOT_FINITE_LONG, Cause(_is_not_finite, over_s=NOT_FINITE_LONG_S)),
+    _row(_C.NOT_FINITE, Cause(_is_last_tick_finite, equals=False), is_quiet=True),
+    _row(_C.NOT_FINITE_LONG, Cause(_is_last_tick_finite, equals=False, over_s=NOT_FINITE_LONG_S)),
     _row(_C.OWN_LAW_REFUSED, Cause(_fact("law_refusal"), detail=_fact("law_refusal"))),
     _row(_C.DISK_FULL, Cause(_fact("is_disk_full"))),
     _row(_C.TWIN, Cause(_fact("has_duplicate"))),
     _row(_C.SHUTDOWN, Cause(_fact("is_stopping")), is_quiet=True),
     # -- bus and ground
-    _row(_C.BUS_LOST, Cause(_is_bus_silent, checks=LIVE_CHECKS)),
+    _row(_C.BUS_LOST, Cause(_bus_age_s, above=BUS_LOST_S, checks=LIVE_CHECKS)),
     _row(
         _C.BUS_LOST_LONG,
-        Cause(_is_bus_silent, checks=LIVE_CHECKS, over_s="bus_lost_land_s"),
+        Cause(_bus_age_s, above=BUS_LOST_S, checks=LIVE_CHECKS, over_s="bus_lost_land_s"),
     ),
-    _row(_C.GROUND_LOST, Cause(_has_no_ground, checks=LIVE_CHECKS)),
+    _row(_C.GROUND_LOST, Cause(_has_ground, equals=False, checks=LIVE_CHECKS)),
     _row(
         _C.GROUND_LOST_LONG,
-        Cause(_has_no_ground, checks=LIVE_CHECKS, over_s="ground_lost_land_s"),
+        Cause(_has_ground, equals=False, checks=LIVE_CHECKS, over_s="ground_lost_land_s"),
     ),
     _row(
         _C.ORDER_OVERDUE,
@@ -360,4 +385,26 @@ ROWS: tuple[ConditionRow, ...] = (
     _row(_C.FENCE_BREACH, Cause(_fact("is_outside"))),
     _row(_C.FENCE_BREACH_LONG, Cause(_is_beyond_the_fence, over_s=FENCE_LONG_S)),
     _row(_C.CEILING, Cause(_fact("is_above_ceiling"))),
+    # -- air
+    _row(
+        _C.WIND_ABOVE,
+        Cause(_fact("slow.wind.is_above"), over_s=WIND_S, is_slow=True, detail=_wind),
+    ),
+    _row(
+        _C.PUSHED_ABOUT,
+        Cause(
+            _fact("slow.wind.is_pushed_about"),
+            over_s=PUSHED_ABOUT_S,
+            is_slow=True,
+            detail=lambda facts: facts.slow.wind.gust_words,
+        ),
+    ),
+    _row(
+        _C.WIND_NEAR,
+        Cause(_fact("slow.wind.is_near"), over_s=WIND_S, is_slow=True, detail=_wind),
+    ),
+    _row(
+        _C.DISTURBANCE_BOUND,
+        Cause(_fact("slow.wind.is_at_bound"), over_s=DISTURBANCE_BOUND_S, is_slow=True),
+    ),
 )

@@ -1,4 +1,4 @@
-"""What the agent knows of itself at a tick, beside its estimate and its flight."""
+"""What the agent knows of itself at a tick, beside its flight."""
 
 from __future__ import annotations
 
@@ -6,12 +6,15 @@ import math
 
 from msgspec import Struct
 
-from onboard.autopilot import Vec4
+from onboard.autopilot import Vec3, Vec4
+from onboard.localization.own_state import OwnEstimate
 from onboard.types import TICK_S
 
 
 class TickContext(Struct, frozen=True, kw_only=True):
     """State of the agent itself at one tick."""
+
+    own: OwnEstimate
 
     # own process
     period_s: float = TICK_S  # since the last tick
@@ -38,3 +41,6 @@ class TickContext(Struct, frozen=True, kw_only=True):
     commanded_wxyz: Vec4 = (1.0, 0.0, 0.0, 0.0)  # attitude setpoint sent last, in the fleet frame
     thrust_frac: float = 0.0  # throttle sent last
     below_m: float = 0.0  # height of the trajectory above the vehicle
+    is_law_active: bool = False  # it changes the thrust
+    setpoint_miss_m: float = 0.0  # horizontal, from the predicted position
+    disturbance_enu_m_s2: Vec3 = (0.0, 0.0, 0.0)  # that the observer has learned

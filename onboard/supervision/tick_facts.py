@@ -13,13 +13,15 @@ from enum import Enum
 from msgspec import Struct
 
 from onboard.config.fleet import FleetSection
+from onboard.supervision.wind_monitor import WindFacts
 from onboard.types import TICK_S
 
 
 class ModeLoss(Enum):
-    """How PX4 has left the mode that the flight needs."""
+    """The way in which PX4 has left the mode that the flight needs."""
 
     NONE = "none"
+    BY_HAND = "a pilot's mode, and his sticks are heard"
     LEFT = "another mode"  # a pilot's, or out of PX4's landing
     FAILSAFE = "PX4's own failsafe"
     DISARMED = "disarmed"
@@ -31,10 +33,13 @@ class SlowFacts(Struct, frozen=True, kw_only=True):
     # own position
     px4_accuracy_m: float = 0.0  # as PX4 tells it, of two axes together; 0 or NaN: not told
     has_lost_satellites: bool = False
+    position_miss_m: float = 0.0  # by which PX4's positions miss what the own motion explains
 
     # battery
     battery_frac: float = 1.0  # NaN: not told
     is_battery_falling: bool = False
+
+    wind: WindFacts = WindFacts()
 
     # the last jump of a clock: of the mocap's against ours, or of ours; 0 never
     clock_jump_ns: int = 0
@@ -70,6 +75,7 @@ class TickFacts(Struct, frozen=True, kw_only=True):
     position_stale_s: float = 0.0  # for so long the position has been stale
     height_enu_m: float = 0.0  # in the fleet frame
     height_m: float = 0.0  # above the ground where it took off
+    is_standing: bool = False  # by thrust and vertical motion, whatever its height reads
     mocap_required: bool = True  # else it flies by PX4's own position
     jumps: int = 0  # impossible samples in a row
     jumped_onto: str = ""  # the vehicle near which the newest of them is

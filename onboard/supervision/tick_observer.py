@@ -6,11 +6,10 @@ attitude that does not follow) has a monitor of its own; this module asks each o
 
 from __future__ import annotations
 
-import math
-
 from onboard.config.fleet import FleetConfig, Vehicle
 from onboard.control.allocation import MAX_THRUST_FRAC
 from onboard.control.vertical import vertical_s
+from onboard.flight import contact
 from onboard.flight.context import FlightContext
 from onboard.flight.types import FlightStep, FlightView
 from onboard.localization.own_state import OwnState
@@ -18,7 +17,7 @@ from onboard.neighbours.table import NeighbourTable
 from onboard.safety.autopilot_monitor import AutopilotMonitor
 from onboard.safety.battery_monitor import BatteryMonitor
 from onboard.safety.failsafe_table import Situation
-from onboard.safety.geofence import Fence, FenceStatus
+from onboard.safety.geofence import FenceStatus, fence_of
 from onboard.safety.held import Held
 from onboard.safety.limits import POSITION_STALE_S
 from onboard.safety.report_confirmation import ReportConfirmation
@@ -28,7 +27,8 @@ from onboard.supervision.neighbour_monitor import NeighbourMonitor
 from onboard.supervision.offboard_monitor import OffboardMonitor
 from onboard.supervision.tick_context import TickContext
 from onboard.supervision.tick_facts import SlowFacts, TickFacts
-from onboard.types import GRAVITY_M_S2, LawStatus
+from onboard.supervision.wind_monitor import WindMonitor
+from onboard.types import LawStatus
 
 _SLOW_TICKS = 5  # from one slow look to the next
 _SWAP_RADIUS_M = 0.3  # so near to another vehicle a jump is a swap of two bodies
@@ -40,7 +40,6 @@ _TRACKED_BLIND_ABOVE_M = 0.5  # of a height that reads too high
 _TRACKED_SATELLITES_ABOVE_M = 1.0
 _LONGEST_TICK_S = 0.1  # that tracking integrates over
 
-_BRAKE_SHARE = 0.6  # of the acceleration at the largest tilt, assumed for braking before the fence
 _NOWHERE_NEAR = FenceStatus(is_near=False, is_outside=False, is_above=False)
 
 
@@ -69,7 +68,7 @@ class TickObserver:
         self._vehicle = vehicle
         self._own = own
         self._flight = flight
-        self._fence = _fence(fleet, vehicle)
+        self._fence = fence_of(fleet.fleet.geofence_m, vehicle)
         # nearer than this two bodies touch; it is part of a breach of the safety distance
         self._touching_m = min(fleet.fleet.body_diameter_m, fleet.fleet.safety_distance_m)
 
@@ -78,6 +77,7 @@ class TickObserver:
         self._offboard = OffboardMonitor()
         self._tracking = TrackingMonitor(vehicle.lag_s, MAX_THRUST_FRAC)
         self._battery = BatteryMonitor()
+        self._wind = WindMonitor(fleet, vehicle)
         self._neighbours = NeighbourMonitor(fleet, vehicle, neighbours, flight)
 
         self._slow = SlowFacts()
@@ -87,7 +87,7 @@ class TickObserver:
         """Return the facts of this tick."""
         now_ns = view.now_ns
         snapshot = view.snapshot
-        own = self._own
+        own = context.own
         neighbours = self._neighbours
         flight = self._flight
         step = flight.step
@@ -95,13 +95,14 @@ class TickObserver:
 
         # own motion
         position_age_s = view.position_age_s
+        position_stale_s = 0.0
         if position_age_s > POSITION_STALE_S:
             self._stale.see(now_ns)
+            position_stale_s = self._stale.seconds(now_ns)
         else:
             self._stale.checks = 0
-        jumps = own.jumps
         jumped_onto = ""
-        if jumps >= SWAP_JUMPS:
+        if own.jumps >= SWAP_JUMPS:
             jumped_onto = self._jumped_onto(now_ns)
         is_tracked = step.is_under_law and step is not FlightStep.LIFTOFF
         if is_tracked and height_m >= self._tracked_above_m(view):
@@ -115,6 +116,11 @@ class TickObserver:
             )
         else:
             self._tracking.reset()
+
+        if step is FlightStep.ARRIVED or step is FlightStep.HOLDING:
+            self._wind.update(context, min(context.period_s, _LONGEST_TICK_S))
+        else:
+            self._wind.reset()
 
         # PX4
         self._autopilot.update(
@@ -169,14 +175,15 @@ class TickObserver:
             # own motion
             has_position=view.has_position,
             position_age_s=position_age_s,
-            position_stale_s=self._stale.seconds(now_ns),
+            position_stale_s=position_stale_s,
             height_enu_m=view.position_enu_m[2],
             height_m=height_m,
+            is_standing=contact.is_agreed_by_thrust(flight.contact, view),
             mocap_required=self._vehicle.mocap_required,
-            jumps=jumps,
+            jumps=own.jumps,
             jumped_onto=jumped_onto,
-            is_mocap_frozen=own.validator.is_frozen,
-            is_mocap_late=own.validator.is_late,
+            is_mocap_frozen=own.is_mocap_frozen,
+            is_mocap_late=own.is_mocap_late,
             # PX4
             is_px4_silent=self._autopilot.is_silent,
             px4_nonsense=self.reports.impossible(now_ns),
@@ -252,8 +259,10 @@ class TickObserver:
         return SlowFacts(
             px4_accuracy_m=view.snapshot.accuracy_m(now_ns),
             has_lost_satellites=self._own.has_lost_satellites,
+            position_miss_m=self._own.fit.miss_m,
             battery_frac=battery_frac,
             is_battery_falling=self._battery.is_falling,
+            wind=self._wind.look(self._own, context),
             clock_jump_ns=max(self._own.validator.clock_jump_ns, context.clock_jump_ns),
             without_position=neighbours.without_position,
             late=neighbours.late,
@@ -262,15 +271,3 @@ class TickObserver:
             uncooperative=neighbours.uncooperative,
             endangered=neighbours.endangered,
         )
-
-
-def _fence(fleet: FleetConfig, vehicle: Vehicle) -> Fence:
-    limits = fleet.fleet.geofence_m
-    tilt_rad = math.radians(vehicle.max_tilt_deg)
-    brake_m_s2 = _BRAKE_SHARE * GRAVITY_M_S2 * math.tan(tilt_rad)
-    return Fence(
-        low_enu_m=(limits.x[0], limits.y[0], limits.z[0]),
-        high_enu_m=(limits.x[1], limits.y[1], limits.z[1]),
-        brake_m_s2=(brake_m_s2, brake_m_s2, 0.5 * GRAVITY_M_S2),
-        reaction_s=vehicle.lag_s,
-    )

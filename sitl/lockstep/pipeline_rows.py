@@ -4,11 +4,15 @@ An agent calls it like :func:`onboard.control.pipeline.step` and gets what that 
 values are written to rows of floats, :mod:`onboard.rollout.batch` runs its compiled loop over the
 one row, and the results are read from the rows again. Where numba is not installed, the text is
 interpreted.
+
+What an agent hands over again unchanged keeps its row. Of a neighbour that has sent nothing new
+only its age and what is thought of it are written anew: in a big fleet these are nearly all.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -16,8 +20,22 @@ from onboard.avoidance.params import Capsule
 from onboard.control import pipeline
 from onboard.control.pipeline import PipelineMemory, PipelineParams
 from onboard.rollout import batch
-from onboard.rollout.rows import Rows
+from onboard.rollout.rows import Rows, floats
 from onboard.types import Goal, Neighbour, State, Tick
+
+# a Neighbour begins with its vectors, which change with its messages; its numbers come behind them
+_VECTORS = 7
+_SCALARS = len(Neighbour._fields) - _VECTORS
+
+
+@dataclass(slots=True)
+class _Agent:
+    """Rows of one agent, with the values that they hold."""
+
+    memory: PipelineMemory
+    memory_row: Rows
+    neighbours: Sequence[Neighbour]
+    neighbour_rows: Rows
 
 
 class CompiledPipeline:
@@ -30,8 +48,8 @@ class CompiledPipeline:
     def __init__(self, *, is_wanted: bool = True) -> None:
         self._can_compile = is_wanted and batch.is_compiled()
         self._compiles_this_tick = False
-        # rows of the memories returned last, by identity: an agent hands its own back unchanged
-        self._memories: dict[int, tuple[PipelineMemory, Rows]] = {}
+        # by the identity of the memory returned last: an agent hands its own back unchanged
+        self._agents: dict[int, _Agent] = {}
         # rows of what stays the same from tick to tick, by the identity of the values
         self._params: dict[int, tuple[PipelineParams, Rows]] = {}
         self._obstacles: dict[int, tuple[Sequence[Capsule], Rows]] = {}
@@ -64,28 +82,27 @@ class CompiledPipeline:
         if not self._compiles_this_tick:
             return pipeline.step(memory, state, goal, neighbours, obstacles, mode, params, dt_s)
 
-        memories = self._memory_row(memory)
+        agent = self._agents.pop(id(memory), None)
+        if agent is None:
+            memory_row = batch.MEMORY.packed([memory])
+            agent = _Agent(memory, memory_row, (), batch.NEIGHBOUR.packed(()))
+        _take_neighbours(agent, neighbours)
+
         inputs = batch.PassRows(
             states=batch.STATE.packed([state]),
             goals=batch.GOAL.packed([goal]),
-            neighbours=batch.NEIGHBOUR.packed(neighbours)[np.newaxis],
+            neighbours=agent.neighbour_rows[np.newaxis],
             is_present=np.ones((1, len(neighbours)), dtype=bool),
             modes=np.array([int(mode)]),
         )
         ticks = batch.step(
-            memories, inputs, self._obstacle_rows(obstacles), self._params_row(params), dt_s
+            agent.memory_row, inputs, self._obstacle_rows(obstacles), self._params_row(params), dt_s
         )
 
-        (after,) = batch.MEMORY.values(memories)
+        (agent.memory,) = batch.MEMORY.values(agent.memory_row)
         (tick,) = batch.TICK.values(ticks)
-        self._memories[id(after)] = (after, memories)
-        return after, tick
-
-    def _memory_row(self, memory: PipelineMemory) -> Rows:
-        known = self._memories.pop(id(memory), None)
-        if known is None:
-            return batch.MEMORY.packed([memory])
-        return known[1]
+        self._agents[id(agent.memory)] = agent
+        return agent.memory, tick
 
     def _params_row(self, params: PipelineParams) -> Rows:
         known = self._params.get(id(params))
@@ -100,3 +117,19 @@ class CompiledPipeline:
             known = (obstacles, batch.OBSTACLE.packed(obstacles))
             self._obstacles[id(obstacles)] = known
         return known[1]
+
+
+def _take_neighbours(agent: _Agent, neighbours: Sequence[Neighbour]) -> None:
+    """Write the rows of the neighbours as they are at this tick."""
+    before = agent.neighbours
+    agent.neighbours = neighbours
+    if not neighbours or len(neighbours) != len(before):
+        agent.neighbour_rows = batch.NEIGHBOUR.packed(neighbours)
+        return
+
+    rows = floats(agent.neighbour_rows)
+    write = batch.NEIGHBOUR.write
+    for row, neighbour, last in zip(rows, neighbours, before, strict=True):
+        if neighbour[:_VECTORS] != last[:_VECTORS]:
+            write(neighbour, row)
+    rows[:, -_SCALARS:] = [neighbour[_VECTORS:] for neighbour in neighbours]

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from onboard import frames
-from tests.oracles.rotation import rotate
+from tests.oracles.rotation import quaternion_from_yaw, quaternion_multiply, rotate
 
 RNG = np.random.default_rng(1)
 ENU_FROM_NED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
@@ -88,7 +88,7 @@ def test_rotate_and_multiply_agree_with_matrices() -> None:
         x, y, z = v
         assert np.allclose(rotate(first, (x, y, z)), matrix(first) @ v, atol=1e-12)
         assert np.allclose(
-            matrix(frames.quaternion_multiply(first, second)),
+            matrix(quaternion_multiply(first, second)),
             matrix(first) @ matrix(second),
             atol=1e-12,
         )
@@ -97,6 +97,10 @@ def test_rotate_and_multiply_agree_with_matrices() -> None:
 
 def test_yaw_survives_the_way_through_a_quaternion() -> None:
     for yaw in np.linspace(-3.1, 3.1, 41):
-        assert frames.yaw_from_quaternion(frames.quaternion_from_yaw(yaw)) == pytest.approx(
-            yaw, abs=1e-12
-        )
+        assert frames.yaw_from_quaternion(quaternion_from_yaw(yaw)) == pytest.approx(yaw, abs=1e-12)
+
+
+def test_a_turn_about_up_is_the_product_with_that_turn() -> None:
+    for attitude, yaw in zip(random_quaternions(41), np.linspace(-3.1, 3.1, 41), strict=True):
+        product = quaternion_multiply(quaternion_from_yaw(yaw), attitude)
+        assert np.allclose(frames.turned_about_up(attitude, yaw), product, atol=1e-15)

@@ -56,7 +56,7 @@ def half_planes(path: Path) -> None:
     gaps = (Vec2(-1.15, -0.50), Vec2(-0.15, 1.10))  # own minus neighbour's
     closing = (Vec2(0.50, 0.25), Vec2(0.20, -0.30))
     rows = [
-        distance_row(NeighbourPair(e, w, ZERO_2, w, d, 0.0, 0.0, True, True, 0), params)
+        distance_row(NeighbourPair(e, w, ZERO_2, w, d, 0.0, 0.0, True, True, 0), d, params)
         for e, w in zip(gaps, closing, strict=True)
     ]
     radius, wanted = 4.5, Vec2(3.5, -1.9)

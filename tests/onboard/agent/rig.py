@@ -26,15 +26,9 @@ from onboard.bus.schema import (
 )
 from onboard.bus.topics import Topic
 from onboard.config.fleet import FleetConfig, fleet_from_mapping
-from onboard.frames import (
-    Quaternion,
-    body_up,
-    quaternion_from_yaw,
-    quaternion_multiply,
-    wrap_rad,
-    yaw_from_quaternion,
-)
+from onboard.frames import Quaternion, body_up, wrap_rad, yaw_from_quaternion
 from onboard.types import GRAVITY_M_S2, AttitudeSetpoint
+from tests.oracles.rotation import quaternion_from_yaw, quaternion_multiply
 
 DT_NS = 20_000_000
 HOVER = 0.5
@@ -87,9 +81,12 @@ class Rig:
     landed_report: Landed | None = None  # what PX4 reports instead of what it sees
     has_landed_reports: bool = True  # False: the last one stays
     floor_m: float = 0.0
+    height_error_m: float = 0.0  # of what PX4 takes for its height
     battery_frac: float = 0.9
     sends_battery: bool = True
+    has_sticks: bool = False  # PX4 hears a pilot's
     sends_accuracy: bool = True
+    sends_heartbeat: bool = True
     has_fix: bool = True  # of satellites
     now_ns: int = 1_000_000_000
     position: np.ndarray = field(default_factory=lambda: np.zeros(3))
@@ -138,7 +135,7 @@ class Rig:
         self.tick_count += 1
         now = self.now_ns
         if self.has_autopilot:
-            if now - self._heartbeat[0] >= 1_000_000_000:
+            if self.sends_heartbeat and now - self._heartbeat[0] >= 1_000_000_000:
                 self._heartbeat = (now, self.is_armed, self.mode)
             on_ground = self.position[2] <= self.floor_m + 1e-6
             self._on_ground_ns = (self._on_ground_ns or now) if on_ground else 0
@@ -158,7 +155,16 @@ class Rig:
                 self.snapshot,
                 last_packet_ns=now,
                 attitude_ns=now,
-                position_local_ned_m=(self.position[1], self.position[0], -self.position[2]),
+                position_local_ned_m=(
+                    float(self.position[1]),
+                    float(self.position[0]),
+                    float(-self.position[2]) - self.height_error_m,
+                ),
+                velocity_local_ned_m_s=(
+                    float(self.velocity[1]),
+                    float(self.velocity[0]),
+                    float(-self.velocity[2]),
+                ),
                 local_position_ns=now,
                 heartbeat_ns=self._heartbeat[0],
                 is_armed=self._heartbeat[1],
@@ -172,6 +178,10 @@ class Rig:
                 if self.sends_accuracy
                 else self.snapshot.position_accuracy_ns,
                 battery_ns=now if self.sends_battery else self.snapshot.battery_ns,
+                sticks_ns=now if self.has_sticks else self.snapshot.sticks_ns,
+                sticks_before_ns=self.snapshot.sticks_ns
+                if self.has_sticks
+                else self.snapshot.sticks_before_ns,
             )
         self.core.handle(agent_inputs.SnapshotReceived(self.snapshot), now)
         heard_ns = self.core.neighbours.last_heard_ns
@@ -234,7 +244,8 @@ class Rig:
                 case agent_commands.Kill():
                     self.is_armed = False
                 case agent_commands.RequestHeartbeat():
-                    self._heartbeat = (self.now_ns, self.is_armed, self.mode)
+                    # it answers after the request
+                    self._heartbeat = (self.now_ns + 1, self.is_armed, self.mode)
                 case agent_commands.Px4Land():
                     self.mode = "LAND"
                 case agent_commands.Publish(Topic.EVENT, Event() as event):
@@ -282,7 +293,10 @@ class Rig:
     # -- orders --
 
     def order(self, kind: OrderKind, **fields: object) -> OrderReply:
-        """Send an order and return the answer."""
+        """Send an order and return the answer; its sender has heard the newest telemetry."""
+        if self.telemetry is not None:
+            fields.setdefault("heard_boot_id", self.telemetry.boot_id)
+            fields.setdefault("heard_ns", self.telemetry.stamp_ns)
         order = Order(
             order_id=str(fields.pop("order_id", f"o{next(self._ids)}")),
             author="tester",

@@ -10,6 +10,7 @@ from msgspec.structs import replace
 
 from onboard import agent_commands, agent_inputs
 from onboard.autopilot import Landed
+from onboard.estimation import wind
 from onboard.flight.types import FlightStep
 from onboard.supervision.condition_table import BUS_LOST_S
 from onboard.types import AttitudeSetpoint
@@ -35,6 +36,7 @@ def test_a_short_gap_of_the_mocap_is_flown_through() -> None:
     assert not any(event.severity == "critical" for event in rig.events)
 
 
+@pytest.mark.failsafe("PX4 left OFFBOARD", step="flying")
 @pytest.mark.parametrize("mode", ["HOLD", "POSCTL", "LAND", "RTL"])
 def test_when_px4_leaves_offboard_the_agent_is_silent_and_says_who_flies(mode: str) -> None:
     rig = Rig()
@@ -49,6 +51,7 @@ def test_when_px4_leaves_offboard_the_agent_is_silent_and_says_who_flies(mode: s
     assert not rig.order("move", position_enu_m=(1.0, 0.0, 1.0)).is_accepted
 
 
+@pytest.mark.failsafe("PX4 silent", step="flying")
 def test_a_silent_px4_means_silence_and_failed_within_half_a_second() -> None:
     rig = Rig()
     rig.fly()
@@ -59,6 +62,8 @@ def test_a_silent_px4_means_silence_and_failed_within_half_a_second() -> None:
     assert _setpoints(rig, lost_ns)[-1][0] - lost_ns <= 480_000_000
 
 
+@pytest.mark.failsafe("bus lost", step="flying")
+@pytest.mark.failsafe("bus lost for long", step="flying")
 def test_a_lost_bus_holds_and_then_lands_in_place() -> None:
     rig = Rig()
     rig.fly()
@@ -75,6 +80,7 @@ def test_a_lost_bus_holds_and_then_lands_in_place() -> None:
     assert np.linalg.norm(rig.position[:2] - where[:2]) < 0.5
 
 
+@pytest.mark.failsafe("ground station lost", step="flying")
 def test_a_lost_ground_station_changes_nothing_in_flight() -> None:
     rig = Rig()
     rig.fly()
@@ -85,6 +91,7 @@ def test_a_lost_ground_station_changes_nothing_in_flight() -> None:
     assert rig.core.flight.state == "flying"
 
 
+@pytest.mark.failsafe("ground station lost for long", step="flying")
 def test_when_nobody_is_there_to_order_for_long_it_lands_and_a_watcher_does_not_count() -> None:
     rig = Rig()
     rig.fly()
@@ -118,6 +125,8 @@ def _starting(step: FlightStep) -> Rig:
     return rig
 
 
+@pytest.mark.failsafe("ground station lost", step="lifting off")
+@pytest.mark.failsafe("ground station lost", step="armed on the ground")
 @pytest.mark.parametrize(
     "step",
     [FlightStep.TAKEOFF_OFFBOARD, FlightStep.TAKEOFF_ARMING, FlightStep.ARMED, FlightStep.LIFTOFF],
@@ -134,6 +143,7 @@ def test_no_start_is_completed_without_anybody(step: FlightStep) -> None:
     assert any(event.code == "ground-lost" for event in rig.events)
 
 
+@pytest.mark.failsafe("own position jumped", step="armed on the ground")
 @pytest.mark.parametrize(
     "step", [FlightStep.TAKEOFF_OFFBOARD, FlightStep.TAKEOFF_ARMING, FlightStep.ARMED]
 )
@@ -146,6 +156,7 @@ def test_no_start_is_completed_with_a_position_that_has_jumped(step: FlightStep)
     assert any(event.code == "position-jumped" for event in rig.events)
 
 
+@pytest.mark.failsafe("neighbour with another fleet file or law", step="flying")
 def test_a_neighbour_under_another_law_is_not_counted_on_and_passed_slowly() -> None:
     rig = Rig()
     rig.fly()
@@ -177,6 +188,7 @@ def test_a_neighbour_under_another_law_is_not_counted_on_and_passed_slowly() -> 
     ]
 
 
+@pytest.mark.failsafe("battery not told", step="flying")
 def test_a_battery_that_is_not_told_any_more_lands_after_ten_seconds() -> None:
     rig = Rig()
     rig.fly()
@@ -188,6 +200,7 @@ def test_a_battery_that_is_not_told_any_more_lands_after_ten_seconds() -> None:
     rig.until("landed")
 
 
+@pytest.mark.failsafe("PX4 does not tell whether it is on the ground", step="flying")
 def test_a_flight_without_landed_states_is_said_and_its_landing_ends_when_px4_is_disarmed() -> None:
     rig = Rig()
     rig.fly()
@@ -202,6 +215,7 @@ def test_a_flight_without_landed_states_is_said_and_its_landing_ends_when_px4_is
     assert rig.count(agent_commands.Px4Land) == 0
 
 
+@pytest.mark.failsafe("PX4 reports the ground in flight", step="flying")
 def test_a_px4_that_reports_the_ground_in_flight_is_landed_before_it_disarms() -> None:
     rig = Rig()
     rig.fly()
@@ -215,6 +229,7 @@ def test_a_px4_that_reports_the_ground_in_flight_is_landed_before_it_disarms() -
     assert rig.core.flight.reason == "PX4 reports the ground in flight: landing."
 
 
+@pytest.mark.failsafe("battery at the landing level", step="flying")
 def test_a_low_battery_lands() -> None:
     rig = Rig()
     rig.fly()
@@ -247,17 +262,34 @@ def test_a_landing_that_rises_again_or_that_px4_does_not_see_is_left_to_px4(
     rig.until("landed")
 
 
-def test_outside_the_fence_it_holds_inside_and_then_lands() -> None:
+@pytest.mark.failsafe("geofence crossed", step="flying")
+@pytest.mark.failsafe("geofence crossed for long", step="flying")
+def test_outside_the_fence_it_holds_inside_and_then_lands(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    # what carries it looks like a gust, for which it would land
+    monkeypatch.setattr(wind, "step", lambda memory, *_: memory)
     rig = Rig()
     rig.fly()
     rig.carry(4.1, 0.0, 1.0)
     assert rig.core.flight.state == "holding"
     assert rig.core.flight.goal_position_enu_m[0] < 4.0
 
+    def is_blown_outside() -> None:
+        rig.position[0] = 4.1
+        rig.velocity[0] = 0.0
 
-def test_nobody_is_sent_anywhere_while_the_table_asks_to_hold_and_anywhere_again_afterwards() -> (
-    None
-):
+    rig.after_move = is_blown_outside
+    rig.run(2.5)
+    assert rig.core.flight.state == "landing"
+    assert rig.core.flight.reason == "Geofence crossed for long: landing."
+
+
+def test_nobody_is_sent_anywhere_while_the_table_asks_to_hold_and_anywhere_again_afterwards(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    # what carries it looks like a gust, for which it would land
+    monkeypatch.setattr(wind, "step", lambda memory, *_: memory)
     rig = Rig()
     rig.fly()
     rig.carry(4.1, 0.0, 1.0)
@@ -271,6 +303,8 @@ def test_nobody_is_sent_anywhere_while_the_table_asks_to_hold_and_anywhere_again
     assert rig.order("move", position_enu_m=(1.0, 0.0, 1.0)).is_accepted
 
 
+@pytest.mark.failsafe("loop stalled", step="flying")
+@pytest.mark.failsafe("loop stalled for long", step="flying")
 def test_a_stalled_loop_holds_and_a_long_one_leaves_the_landing_to_px4() -> None:
     rig = Rig()
     rig.fly()

@@ -10,7 +10,6 @@ from onboard.avoidance.constraints import (
     fence_rows,
     obstacle_row,
     speed_row,
-    violation,
 )
 from onboard.avoidance.half_planes import HalfPlane
 from onboard.avoidance.interface import NOT_A_VEHICLE
@@ -23,6 +22,12 @@ from tests.onboard.avoidance.law_cases import FENCE, law_of, run
 
 def vec(values):
     return Vec2(*map(float, values))
+
+
+def missing_m_s2(row, thrust):
+    """By how much a thrust misses the bound of a row."""
+    (n_x, n_y), bound = row
+    return bound - n_x * thrust.x - n_y * thrust.y
 
 
 def row_at(capsule, position, velocity, params):
@@ -111,13 +116,12 @@ def test_compensation_moves_the_bound_by_its_part_along_the_normal():
     row = HalfPlane(Vec2(0.6, 0.8), 1.0)
     thrust, compensation = Vec2(0.3, -0.2), Vec2(1.0, 2.0)
     both = Vec2(1.3, 1.8)
-    assert violation(compensated(row, compensation), both) == pytest.approx(violation(row, thrust))
+    with_compensation = compensated(row, compensation)
+    assert missing_m_s2(with_compensation, both) == pytest.approx(missing_m_s2(row, thrust))
 
 
 def test_faded_row_lies_between_the_thrust_and_its_own_bound():
-    row, thrust = HalfPlane(Vec2(0.0, 1.0), 2.0), Vec2(5.0, 1.0)
-    assert [violation(faded(row, thrust, strength), thrust) for strength in (0.0, 0.5, 1.0)] == [
-        0.0,
-        0.5,
-        1.0,
-    ]
+    row = HalfPlane(Vec2(0.0, 1.0), 2.0)
+    thrust = Vec2(5.0, 1.0)
+    rows = [faded(row, thrust, strength) for strength in (0.0, 0.5, 1.0)]
+    assert [missing_m_s2(one, thrust) for one in rows] == [0.0, 0.5, 1.0]

@@ -168,7 +168,10 @@ def test_homogeneous(seed, length, time, is_cooperative, is_crowded):
             table_index=0,
         )
         own_velocity = Vec2(*map(float, speed * own))
-        return [distance_row(pair, params), rotation_row(pair, own_velocity, is_crowded, params)]
+        return [
+            distance_row(pair, pair.d_m, params),
+            rotation_row(pair, own_velocity, is_crowded, params),
+        ]
 
     for plain, big in zip(
         rows(PARAMS, 1.0, 1.0, 1.0), rows(scaled, length, speed, push), strict=True

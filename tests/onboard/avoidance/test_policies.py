@@ -139,7 +139,7 @@ def test_responsibility_says_how_much_of_the_bound_is_ours():
 
     def bound(policy, command, is_cooperative=True):
         pair = pair_of((0.85, 0.0), (-0.6, 0.0), command, is_cooperative=is_cooperative)
-        return distance_row(pair, law_of(responsibility=policy)).bound_m_s2
+        return distance_row(pair, pair.d_m, law_of(responsibility=policy)).bound_m_s2
 
     assert bound("half", still) == bound("half", pushing) == bound("half", helping)
     assert bound("full", still) == pytest.approx(2.0 * bound("half", still))

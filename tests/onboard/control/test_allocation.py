@@ -13,7 +13,7 @@ from onboard.control.allocation import AllocationParams
 from onboard.types import GRAVITY_M_S2, AttitudeSetpoint, Thrust
 from onboard.vectors import Vec3
 from tests.oracles.paper_angles import euler_from_thrust
-from tests.oracles.rotation import rotate
+from tests.oracles.rotation import quaternion_from_yaw, quaternion_multiply, rotate
 
 G = GRAVITY_M_S2
 WIDE = AllocationParams(math.radians(60.0), 0.5, min_thrust_frac=0.01, max_thrust_frac=1.0)
@@ -65,13 +65,13 @@ def test_thrust_to_the_north_rolls_a_vehicle_that_faces_east_left_side_down() ->
 
 def test_a_turned_world_turns_the_attitude() -> None:
     turn = 0.7
-    q_turn = frames.quaternion_from_yaw(turn)
+    q_turn = quaternion_from_yaw(turn)
     for thrust in thrusts(100):
         plain = allocation.allocate(thrust, 0.2, 0.5, WIDE)
         turned = allocation.allocate(
             Thrust(rotate(q_turn, thrust.thrust_enu_m_s2)), 0.2 + turn, 0.5, WIDE
         )
-        expected = frames.quaternion_multiply(q_turn, plain.quaternion_wxyz)
+        expected = quaternion_multiply(q_turn, plain.quaternion_wxyz)
         assert abs(np.dot(expected, turned.quaternion_wxyz)) == pytest.approx(1.0, abs=1e-12)
         assert plain.thrust_frac == pytest.approx(turned.thrust_frac)
 

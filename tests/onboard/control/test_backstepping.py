@@ -7,12 +7,11 @@ import math
 import numpy as np
 import pytest
 
-from onboard import frames
 from onboard.control import backstepping
 from onboard.control.backstepping import BacksteppingParams
 from onboard.types import GRAVITY_M_S2, TrajectorySetpoint
 from onboard.vectors import Vec3
-from tests.oracles.rotation import rotate
+from tests.oracles.rotation import quaternion_from_yaw, rotate
 
 Array = np.ndarray
 RNG = np.random.default_rng(3)
@@ -86,7 +85,7 @@ def test_the_lyapunov_function_falls_along_the_closed_loop(radius_m: float) -> N
 
 def test_turning_and_moving_the_world_turns_the_thrust() -> None:
     q, shift, params = (
-        frames.quaternion_from_yaw(1.1),
+        quaternion_from_yaw(1.1),
         np.array([3.0, -2.0, 1.0]),
         BacksteppingParams(),
     )

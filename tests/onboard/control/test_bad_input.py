@@ -8,11 +8,12 @@ import pytest
 
 from onboard.avoidance import interface, oist
 from onboard.avoidance.params import Fence
+from onboard.avoidance.prediction import LARGEST
 from onboard.config.fleet import load_fleet
 from onboard.control import pipeline
 from onboard.control.control_mode import ControlMode
 from onboard.types import Goal, LawStatus, Neighbour, State, Thrust
-from onboard.vectors import ZERO_3, Vec3
+from onboard.vectors import ZERO_3, Vec3, is_within
 
 FLEET = load_fleet("configs/fleets/paper.toml")
 PARAMS = pipeline.pipeline_params(FLEET, "mav0")
@@ -173,8 +174,9 @@ def test_garbage_anywhere_is_bounded(seed):
             )
             safe = out.thrust.thrust_enu_m_s2
             assert np.isfinite(safe).all()
-            known = compensation if interface.is_plausible(compensation) else ZERO_3
+            is_known = is_within(compensation, LARGEST)
+            known = compensation if is_known else ZERO_3
             limit = interface.horizontal_limit(safe.z, params)
             assert math.hypot(safe.x + known.x, safe.y + known.y) <= limit + 1e-6
-            if not (interface.is_plausible(thrust) and interface.is_plausible(compensation)):
+            if not (is_known and is_within(thrust, LARGEST)):
                 assert out.status == LawStatus.INFEASIBLE

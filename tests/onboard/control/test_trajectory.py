@@ -8,13 +8,12 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from onboard import frames
 from onboard.control import trajectory
 from onboard.control.trajectory import TrajectoryMemory, TrajectoryParams
 from onboard.types import Goal
 from onboard.vectors import ZERO_3, Vec3, add, scaled
 from tests.oracles import quintic
-from tests.oracles.rotation import rotate
+from tests.oracles.rotation import quaternion_from_yaw, rotate
 
 PARAMS = TrajectoryParams(max_speed_m_s=1.0, max_acceleration_m_s2=1.5)
 DT = 0.02
@@ -190,7 +189,7 @@ def test_a_slowed_clock_stretches_the_leg_and_a_stopped_one_stands_still() -> No
 
 
 def test_turning_and_moving_the_world_turns_and_moves_the_trajectory() -> None:
-    q, shift = frames.quaternion_from_yaw(0.8), Vec3(5.0, 1.0, -2.0)
+    q, shift = quaternion_from_yaw(0.8), Vec3(5.0, 1.0, -2.0)
     legs = [(Vec3(2.0, 1.0, 0.5), 1.3), (Vec3(-1.0, 0.5, 0.0), 6.0)]
     plain, turned = trajectory.initial(ZERO_3), trajectory.initial(shift)
     for number, (target, seconds) in enumerate(legs):

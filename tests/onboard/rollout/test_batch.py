@@ -15,7 +15,7 @@ from onboard.avoidance.params import obstacles
 from onboard.config.fleet import load_fleet
 from onboard.control import pipeline
 from onboard.control.control_mode import ControlMode
-from onboard.estimation import kalman
+from onboard.estimation import kalman, wind
 from onboard.rollout import batch
 from onboard.rollout.rows import Layout, floats, zero
 from onboard.types import Goal, LawStatus, Neighbour, State, Tick
@@ -166,6 +166,7 @@ def test_filters_of_a_batch_give_what_one_filter_gives() -> None:
         for f in range(2)
         for n in range(3)
     ]
+    airs = [wind.initial()] * 6
     for _ in range(50):
         attitude = rng.normal([5.0, 0.0, 0.0, 0.0], 0.3, (2, 3, 4))
         attitude /= np.linalg.norm(attitude, axis=-1, keepdims=True)
@@ -179,7 +180,9 @@ def test_filters_of_a_batch_give_what_one_filter_gives() -> None:
                 memories[m], q, float(throttle[f, n]), 0.5, params[n], 0.02, False
             )
             memories[m] = kalman.correct(memory, Vec3(*sample[f, n].tolist()), 0.02, params[n])
+            airs[m] = wind.step(airs[m], memories[m].bias_enu_m_s2, 0.02, False)
             expected = kalman.state(memories[m], float(yaw[f, n]), 0.0, 0.0)
+            expected = wind.widened(expected, airs[m], params[n].gust_time_s)
             np.testing.assert_allclose(
                 floats(states)[f, n], floats(batch.STATE.packed([expected]))[0], atol=1e-9
             )

@@ -16,6 +16,7 @@ from onboard.safety.held import Held
 from onboard.supervision.condition_monitor import ANY_TIME_S, ConditionMonitor, time_limit_s
 from onboard.supervision.condition_table import ROWS, Cause, ConditionRow
 from onboard.supervision.tick_facts import ModeLoss, SlowFacts, TickFacts
+from onboard.supervision.wind_monitor import WindFacts
 from tests.onboard.supervision.limits import LIMITS
 
 TICK_NS = 20_000_000
@@ -47,6 +48,15 @@ def full(facts: TickFacts) -> bool:
 # -- the table -------------------------------------------------------------------------------------
 
 
+def test_among_others_dead_reckoning_goes_on_for_twelve_seconds_before_px4_lands() -> None:
+    for nearest_m, age_s, is_long in ((9.0, 7.0, True), (2.0, 7.0, False), (2.0, 13.0, True)):
+        facts = replace(FINE, position_age_s=age_s, nearest_m=nearest_m)
+        monitor = ConditionMonitor(LIMITS)
+        for tick in range(10):
+            held = monitor.look(replace(facts, now_ns=tick * TICK_NS))
+        assert (Condition.POSITION_LOST_LONG in held) is is_long
+
+
 def test_every_condition_has_exactly_one_row() -> None:
     assert Counter(row.condition for row in ROWS) == Counter(Condition)
 
@@ -60,16 +70,18 @@ def test_nothing_holds_for_a_vehicle_without_complaints() -> None:
 # facts that are wrong, for the condition or the conditions that they are a sign of
 WRONG: dict[Condition, TickFacts] = {
     Condition.POSITION_STALE: replace(FINE, position_age_s=0.3),
-    Condition.POSITION_LOST: replace(FINE, position_age_s=0.6),
+    Condition.POSITION_LOST: replace(FINE, position_age_s=0.65),
     Condition.POSITION_LOST_LONG: replace(FINE, position_age_s=7.0),
     Condition.POSITION_JUMPED: replace(FINE, jumps=3),
     Condition.MOCAP_SWAPPED: replace(FINE, jumps=2, jumped_onto="mav1"),
     Condition.MOCAP_FROZEN: replace(FINE, is_mocap_frozen=True),
     Condition.MOCAP_LATE: replace(FINE, is_mocap_late=True),
     Condition.SATELLITES_LOST: replace(FINE, slow=SlowFacts(has_lost_satellites=True)),
+    Condition.POSITION_UNFIT: replace(FINE, slow=SlowFacts(position_miss_m=0.2)),
     Condition.POSITION_INACCURATE: replace(
         FINE, mocap_required=False, slow=SlowFacts(px4_accuracy_m=1.0)
     ),
+    Condition.FLOWN_BY_HAND: replace(FINE, mode_loss=ModeLoss.BY_HAND, px4_mode="POSCTL"),
     Condition.LEFT_OFFBOARD: replace(FINE, mode_loss=ModeLoss.LEFT, px4_mode="POSCTL"),
     Condition.PX4_FAILSAFE: replace(FINE, mode_loss=ModeLoss.FAILSAFE),
     Condition.DISARMED: replace(FINE, mode_loss=ModeLoss.DISARMED),
@@ -124,6 +136,10 @@ WRONG: dict[Condition, TickFacts] = {
     Condition.FENCE_BREACH: replace(FINE, is_outside=True),
     Condition.FENCE_BREACH_LONG: replace(FINE, is_outside=True),
     Condition.CEILING: replace(FINE, is_above_ceiling=True),
+    Condition.WIND_ABOVE: replace(FINE, slow=SlowFacts(wind=WindFacts(is_above=True))),
+    Condition.PUSHED_ABOUT: replace(FINE, slow=SlowFacts(wind=WindFacts(is_pushed_about=True))),
+    Condition.WIND_NEAR: replace(FINE, slow=SlowFacts(wind=WindFacts(is_near=True))),
+    Condition.DISTURBANCE_BOUND: replace(FINE, slow=SlowFacts(wind=WindFacts(is_at_bound=True))),
 }
 
 
