@@ -45,6 +45,7 @@ from sitl.mavlink.endpoints import (
 )
 from sitl.mavlink.lossy_link import LossyLink
 from sitl.mavlink.streams import GCS_RATES_HZ, ONBOARD_RATES_HZ, SIMULATOR_RATES_HZ
+from sitl.physics.scatter import one_of_type
 from sitl.physics.vehicle import STEP_S, VehicleProfile
 from sitl.px4.parameters import DEFAULTS
 from sitl.px4.versions import VERSIONS
@@ -91,16 +92,22 @@ def emulator_of(
         environment: wind, downwash and errors.
         px4: version of all their PX4s; None: the one that the fleet file names for each.
     """
-    specs = [
-        VehicleSpec(
+    environment = environment or Environment()
+
+    specs: list[VehicleSpec] = []
+    for vehicle in vehicles:
+        profile = one_of_type(
+            profile_of(vehicle), seed=seed, index=vehicle.index, scale=environment.vehicle_scatter
+        )
+        spec = VehicleSpec(
             name=vehicle.name,
             system_id=vehicle.system_id,
-            profile=profile_of(vehicle),
+            profile=profile,
             start_enu_m=vehicle.start_enu_m,
             px4=VERSIONS[px4 or vehicle.px4_version],
         )
-        for vehicle in vehicles
-    ]
+        specs.append(spec)
+
     return Emulator(
         specs, body_diameter_m=fleet.fleet.body_diameter_m, environment=environment, seed=seed
     )
@@ -180,6 +187,7 @@ class Broadcast:
         poses = [self._pose_message(pose) for pose in delivered]
 
         states = emulator.world.vehicles.states
+        motion = emulator.world.vehicles.motion
         stamp_ns = self._stamp_ns(emulator.time_s)
         shown_position = position + self._truth_offset_m
         truths = [
@@ -191,6 +199,9 @@ class Broadcast:
                 quaternion_enu_flu_wxyz=tuple(attitude[index].tolist()),
                 is_on_ground=bool(states.on_ground[index]),
                 is_collided=bool(states.motors_dead[index]),
+                touchdowns=int(motion["touchdowns"][index]),
+                touchdown_m_s=float(motion["touchdown_speed"][index]),
+                had_thrust=bool(motion["touchdown_powered"][index]),
             )
             for index, name in enumerate(self._names)
         ]

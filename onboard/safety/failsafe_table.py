@@ -53,7 +53,9 @@ class Condition(Enum):
     MOCAP_LATE = "mocap late"
     SATELLITES_LOST = "satellites lost"
     POSITION_INACCURATE = "own position inaccurate"
+    POSITION_UNFIT = "own position contradicts own motion"
     # autopilot
+    FLOWN_BY_HAND = "flown by hand"
     LEFT_OFFBOARD = "PX4 left OFFBOARD"
     PX4_FAILSAFE = "PX4 left OFFBOARD by its own failsafe"
     DISARMED = "PX4 disarmed in flight"
@@ -110,6 +112,11 @@ class Condition(Enum):
     FENCE_BREACH = "geofence crossed"
     FENCE_BREACH_LONG = "geofence crossed for long"
     CEILING = "above the ceiling"
+    # air
+    WIND_ABOVE = "wind above its limit"
+    PUSHED_ABOUT = "pushed about"
+    WIND_NEAR = "wind near its limit"
+    DISTURBANCE_BOUND = "disturbance larger than it learns"
 
 
 class Action(IntEnum):
@@ -177,8 +184,12 @@ _ROWS: dict[Condition, tuple[Action, ...]] = {
     # No distance that the others keep covers the error. The vehicle lands before it is worse, under
     # the law, by the position that it has.
     C.POSITION_INACCURATE:     (REFUSE,  DISARM, LAND,     LAND,     GO_ON,    GO_ON, GO_ON),
+    C.POSITION_UNFIT:          (REFUSE,  DISARM, LAND,     LAND,     GO_ON,    GO_ON, GO_ON),
 
     # -- PX4
+    # A pilot whose sticks are heard is not overruled: the vehicle is his, and PX4's failsafes stay.
+    # Out of a landing that a person has ordered for this vehicle he takes it as out of any other.
+    C.FLOWN_BY_HAND:           (GO_ON,   DISARM, STOP,     STOP,     STOP,     STOP,  GO_ON),
     # Whoever took the controls flies it, also out of PX4's landing. That landing is not commanded
     # again then.
     C.LEFT_OFFBOARD:           (GO_ON,   DISARM, STOP,     STOP,     STOP,     STOP,  GO_ON),
@@ -280,6 +291,17 @@ _ROWS: dict[Condition, tuple[Action, ...]] = {
     C.FENCE_BREACH:            (REFUSE,  DISARM, LAND,     HOLD,     GO_ON,    GO_ON, GO_ON),
     C.FENCE_BREACH_LONG:       (REFUSE,  DISARM, LAND,     LAND,     GO_ON,    GO_ON, GO_ON),
     C.CEILING:                 (GO_ON,   GO_ON,  LAND,     HOLD,     GO_ON,    GO_ON, GO_ON),
+
+    # -- air
+    # It lands while it can still choose where it goes. A hold costs the tilt that is left, and a
+    # wind that rises then carries it away.
+    C.WIND_ABOVE:              (GO_ON,   GO_ON,  LAND,     LAND,     GO_ON,    GO_ON, GO_ON),
+    # No distance that the others keep covers it, and a hold would scatter as much.
+    C.PUSHED_ABOUT:            (GO_ON,   GO_ON,  GO_ON,    LAND,     GO_ON,    GO_ON, GO_ON),
+    # The slower it flies, the more of the tilt is left against the wind.
+    C.WIND_NEAR:               (GO_ON,   GO_ON,  GO_ON,    SLOW,     GO_ON,    GO_ON, GO_ON),
+    # What is not learned moves the vehicle as nobody has commanded.
+    C.DISTURBANCE_BOUND:       (GO_ON,   GO_ON,  GO_ON,    SLOW,     GO_ON,    GO_ON, GO_ON),
 }
 # fmt: on
 

@@ -61,6 +61,8 @@ class Environment:
     downwash: Downwash = field(default_factory=Downwash)
     has_common_errors: bool = False  # all estimates err alike, see :class:`Estimator`
     error_scale: float = 1.0  # of the random errors of the estimates
+    # of the differences between vehicles of one type, see `sitl/physics/scatter.py`
+    vehicle_scatter: float = 1.0
 
 
 class Emulator:
@@ -209,6 +211,8 @@ class Emulator:
         yaws_rad = frames.wrap(states.yaw_rad + self.estimator.yaw_error_rad)
         attitudes = frames.from_yaw_and_tilt(yaws_rad, states.tilt_rad)
 
+        winds_m_s = np.hypot(*self.world.vehicles.air_ned_m_s[:, :2].T).tolist()
+
         for index, autopilot in enumerate(self.autopilots):
             if self.disturbances.is_hung[index]:
                 continue
@@ -223,6 +227,7 @@ class Emulator:
                 on_ground=bool(states.on_ground[index]),
                 has_global_position=self._has_global_position(index, source),
                 has_local_position=source is not Source.NONE,
+                wind_m_s=winds_m_s[index],
             )
             autopilot.tick(inputs)
 
@@ -327,7 +332,7 @@ class Emulator:
         if faults.is_lost(index):
             return
 
-        shown = faults.apply(self._shown, index)[index]
+        shown = faults.apply(self._shown, self.time_s, index)[index]
         delay_s = faults.delay_s(index)
         if delay_s > 0.0:
             self._late_vision.append((self.time_s + delay_s, index, shown))

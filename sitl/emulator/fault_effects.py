@@ -6,10 +6,13 @@ the file.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import product
 from typing import Protocol
+
+import numpy as np
 
 from sitl.faults.catalogue import FAULT_KINDS, Fault, FaultPlan
 from sitl.faults.lossy_channel import NO_FAULTS, ChannelFaults, LossyChannel
@@ -17,10 +20,19 @@ from sitl.faults.pose_faults import PoseFault, PoseFaults
 from sitl.physics.contacts import World
 from sitl.px4.commander import EmulatedPx4
 from sitl.px4.estimator import Estimator
+from sitl.px4.modes import Mode
+from sitl.px4.sticks import CENTRED
 
 LINKS = ("companion", "ground")
 DIRECTIONS = ("in", "out")
 SIMULATOR_LINK = "simulator"  # to viewers of the truth; no fault is of it
+_PILOT = {
+    "posctl": Mode.POSCTL,
+    "altctl": Mode.ALTCTL,
+    "stabilized": Mode.STABILIZED,
+    "hold": Mode.LOITER,
+    "land": Mode.LAND,
+}
 _REFUSES = "a fault forbids it"
 
 
@@ -148,6 +160,9 @@ def _pose_fault(emulator: FaultyEmulator, fault: Fault, family: str, kind: str) 
             return PoseFault(kind, shift_m=(east_m, north_m, up_m))
         return PoseFault(kind, shift_m=(north_m, east_m, -up_m))
 
+    if kind == "drift":
+        speed_m_s = (fault.number("east_m_s"), fault.number("north_m_s"), fault.number("up_m_s"))
+        return PoseFault(kind, shift_m=speed_m_s, since_s=emulator.time_s)
     if kind == "late":
         return PoseFault(kind, delay_s=fault.number("delay_s"))
     return PoseFault(kind)
@@ -192,6 +207,17 @@ def _gps_loss(emulator: FaultyEmulator, index: int, fault: Fault, is_on: bool) -
     emulator.estimator.gps_blocked[index] = is_on
 
 
+def _gps_late(emulator: FaultyEmulator, index: int, fault: Fault, is_on: bool) -> None:
+    emulator.estimator.gps_delay_s[index] = fault.number("delay_s") if is_on else 0.0
+
+
+def _gps_drift(emulator: FaultyEmulator, index: int, fault: Fault, is_on: bool) -> None:
+    drift = np.zeros(3)
+    if is_on:
+        drift[:] = fault.number("north_m_s"), fault.number("east_m_s"), -fault.number("up_m_s")
+    emulator.estimator.gps_drift_ned_m_s[index] = drift
+
+
 def _hang(emulator: FaultyEmulator, index: int, fault: Fault, is_on: bool) -> None:
     disturbances = emulator.disturbances
     disturbances.is_hung[index] = is_on
@@ -224,6 +250,31 @@ def _setpoints(emulator: FaultyEmulator, index: int, fault: Fault, is_on: bool) 
     emulator.disturbances.ignores_setpoints[index] = is_on
 
 
+def _wind_ramp(emulator: FaultyEmulator, index: int, fault: Fault, is_on: bool) -> None:
+    """Let the wind rise, and calm down as quickly when the fault is over."""
+    speed_m_s = 0.0
+    if is_on:
+        speed_m_s = fault.number("speed_m_s")
+
+    # a bearing counts clockwise from north, and names where the wind comes from
+    from_rad = math.radians(fault.number("from_deg"))
+    east_m_s = -speed_m_s * math.sin(from_rad)
+    north_m_s = -speed_m_s * math.cos(from_rad)
+    emulator.world.wind.change_mean((east_m_s, north_m_s, 0.0), fault.number("over_s"))
+
+
+def _pilot(emulator: FaultyEmulator, index: int, fault: Fault, is_on: bool) -> None:
+    px4 = emulator.autopilots[index]
+    # when the fault ends, his sticks fall silent; the mode stays
+    px4.held_sticks = None
+    if not is_on:
+        return
+
+    if fault.word("sticks") == "heard":
+        px4.held_sticks = CENTRED
+    px4.request(emulator.disturbances.clocks[index].at(emulator.time_s), _PILOT[fault.word("mode")])
+
+
 def _outside(emulator: FaultyEmulator, index: int, fault: Fault, is_on: bool) -> None:
     if emulator.outside is not None:
         emulator.outside(fault, is_on)
@@ -234,10 +285,14 @@ _EFFECTS: dict[str, Callable[[FaultyEmulator, int, Fault, bool], None]] = {
     "motor_dead": _motor,
     "battery_cell": _battery_cell,
     "gps_loss": _gps_loss,
+    "gps_late": _gps_late,
+    "gps_drift": _gps_drift,
     "autopilot_hang": _hang,
     "autopilot_reboot": _reboot,
     "clock_drift": _clock_drift,
     "arming_refused": _arming,
     "setpoints_ignored": _setpoints,
+    "wind_ramp": _wind_ramp,
+    "pilot": _pilot,
     **{name: _outside for name, kind in FAULT_KINDS.items() if kind.is_outside},
 }

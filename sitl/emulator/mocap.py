@@ -105,7 +105,7 @@ class Mocap:
         measured[:, 3:] = frames.multiply(attitude_enu_flu, turns)
 
         if not self._faults.is_clear:
-            measured = self._faults.apply(measured)
+            measured = self._faults.apply(measured, time_s)
 
         poses: list[Pose] = []
         is_out = (time_s < self._lost_until_s).tolist()

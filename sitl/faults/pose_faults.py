@@ -13,9 +13,10 @@ from sitl.physics.frames import Array
 class PoseFault:
     """Errors of the poses of one body."""
 
-    kind: str  # frozen, swapped, jump, late or lost
+    kind: str  # frozen, swapped, jump, drift, late or lost
     other: int = 0  # index of the body that it is taken for
-    shift_m: tuple[float, float, float] = (0.0, 0.0, 0.0)  # added to the position
+    shift_m: tuple[float, float, float] = (0.0, 0.0, 0.0)  # added to the position; drift: a second
+    since_s: float = 0.0  # when a drift began
     delay_s: float = 0.0  # by which the pose is too late
 
 
@@ -58,11 +59,12 @@ class PoseFaults:
             return 0.0
         return fault.delay_s
 
-    def apply(self, poses: Array, index: int | None = None) -> Array:
+    def apply(self, poses: Array, time_s: float, index: int | None = None) -> Array:
         """Return poses as they are measured with the faults.
 
         Args:
             poses: (n, k), position first.
+            time_s: present time.
             index: of the only body that is measured now; None: all are.
         """
         measured = poses.copy()
@@ -74,6 +76,8 @@ class PoseFaults:
                 measured[i] = poses[fault.other]
             elif fault.kind == "jump":
                 measured[i, :3] += fault.shift_m
+            elif fault.kind == "drift":
+                measured[i, :3] += (time_s - fault.since_s) * np.array(fault.shift_m)
             elif fault.kind == "frozen":
                 measured[i] = self._frozen.setdefault(i, poses[i].copy())
         return np.asarray(measured)

@@ -163,9 +163,7 @@ class AgentShell:
         """Fill the inbox from the bus."""
         now_ns = self._bus.now_ns
         inbox = self._inbox
-        name = self.name
         vehicle = self.core.vehicle
-        boot_id = self.core.boot_id
 
         def is_interested(topic: object, other: object) -> bool:
             """Return whether it would have subscribed to this topic of that vehicle.
@@ -177,23 +175,6 @@ class AgentShell:
             if topic is Topic.FAR:
                 return other not in self._followed
             return True
-
-        def neighbour(topic: Topic, other: str, message: Message | Malformed) -> None:
-            if not is_interested(topic, other):
-                return
-
-            if isinstance(message, Malformed):
-                inbox.append(agent_inputs.MessagesCounted(malformed=1))
-                return
-
-            # a message of another kind, or one that claims to be another vehicle's
-            if not isinstance(message, (StateMessage, Telemetry)) or message.vehicle != other:
-                inbox.append(agent_inputs.MessagesCounted(refused=1))
-                return
-
-            # its own messages come back to it, and those of its predecessor count
-            if other != name or message.boot_id != boot_id:
-                inbox.append(agent_inputs.NeighbourReceived(message, now_ns()))
 
         def pose(_topic: Topic, _body: str, message: Message | Malformed) -> None:
             if isinstance(message, MocapPose):
@@ -209,14 +190,45 @@ class AgentShell:
         self._on_pose = pose
         node.is_interested = is_interested
 
-        node.subscribe(Topic.STATE, "*", neighbour)
-        node.subscribe(Topic.FAR, "*", neighbour)
-        node.subscribe(Topic.SLOW_TELEMETRY, "*", neighbour)
+        self._subscribe_neighbours(node)
         if vehicle.mocap_required and vehicle.body:
             node.subscribe(Topic.MOCAP, vehicle.body, pose)
         node.subscribe(Topic.ALL_POSES, "*", all_poses)
-        node.serve_orders(name, self._order_received)
+        node.serve_orders(self.name, self._order_received)
         node.watch_alive(node_changed)
+
+    def _subscribe_neighbours(self, node: Node) -> None:
+        """Fill the inbox with the messages of the other vehicles."""
+        now_ns = self._bus.now_ns
+        inbox = self._inbox
+        name = self.name
+        boot_id = self.core.boot_id
+
+        def neighbour(topic: Topic, other: str, message: Message | Malformed) -> None:
+            if isinstance(message, Malformed):
+                inbox.append(agent_inputs.MessagesCounted(malformed=1))
+                return
+
+            # a message of another kind, or one that claims to be another vehicle's
+            if not isinstance(message, (StateMessage, Telemetry)) or message.vehicle != other:
+                inbox.append(agent_inputs.MessagesCounted(refused=1))
+                return
+
+            # its own messages come back to it, and those of its predecessor count
+            if other != name or message.boot_id != boot_id:
+                inbox.append(agent_inputs.NeighbourReceived(message, now_ns()))
+
+        def near_state(topic: Topic, other: str, message: Message | Malformed) -> None:
+            if other in self._followed:
+                neighbour(topic, other, message)
+
+        def far_state(topic: Topic, other: str, message: Message | Malformed) -> None:
+            if other not in self._followed:
+                neighbour(topic, other, message)
+
+        node.subscribe(Topic.STATE, "*", near_state)
+        node.subscribe(Topic.FAR, "*", far_state)
+        node.subscribe(Topic.SLOW_TELEMETRY, "*", neighbour)
 
     def _order_received(self, message: Order | Malformed | UntrustedOrder, reply: OnReply) -> None:
         if self.is_hung:

@@ -16,7 +16,7 @@ import math
 from collections import defaultdict
 from collections.abc import Callable, Iterable
 from heapq import heappop, heappush
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
@@ -249,19 +249,19 @@ class SimBus:
             if node.name != sender and node.is_interested(topic, name):
                 self.send((sender, node.name), Delivery.LATEST, on_message, *args)
 
-    def _fan_out(self, sender: object, receivers: object, args: object) -> None:
+    def _fan_out(self, sender: str, receivers: Iterable[tuple[Node, OnMessage]], args: Any) -> None:
         """Deliver a message that all receivers get at this instant."""
         cut = self._cut
-        for node, on_message in cast(list[tuple[Node, OnMessage]], receivers):
+        topic, name, message = args
+        for node, on_message in receivers:
             if node.name == sender:
                 continue
 
             # the cut may have come while the message was on its way
-            pair = (cast(str, sender), node.name)
-            if cut and pair in cut:
-                self._held.append((self.now_ns(), pair, on_message, cast(Any, args)))
+            if cut and (sender, node.name) in cut:
+                self._held.append((self.now_ns(), (sender, node.name), on_message, args))
             else:
-                on_message(*cast(Any, args))
+                on_message(topic, name, message)
 
     def leave(self, node: Node) -> None:
         """Forget a node."""

@@ -19,6 +19,7 @@ from msgspec.structs import replace
 from groundstation.client.client import FleetClient
 from groundstation.client.direct_mavlink import DirectKind, DirectResult
 from groundstation.fleet.state import FleetState
+from groundstation.fleet.touchdown import Touchdown
 from groundstation.mission_files.loading import load_mission
 from groundstation.mission_files.mission import Mission
 from groundstation.missions.api import Fleet
@@ -26,12 +27,14 @@ from groundstation.missions.connection import hosted, run_script
 from groundstation.missions.runner import READY_TIMEOUT_SIM_S, MissionRun
 from groundstation.orders.result import VehicleResult
 from groundstation.recording.channels import RECORDED
+from groundstation.recording.writer import RecordEnd
 from groundstation.verdict.final_verdict import final_verdict
 from groundstation.verdict.observations import FlightObservations
 from groundstation.verdict.verdict import Verdict
 from onboard.bus.schema import Event
 from onboard.bus.topics import Topic
 from onboard.config.fleet import FleetConfig, load_fleet
+from sitl.emulator.emulator import Environment
 from sitl.emulator.mocap import MocapSettings
 from sitl.faults.catalogue import Fault
 from sitl.lockstep.agents import AgentShell
@@ -40,7 +43,7 @@ from sitl.lockstep.connections import BusSettings
 from sitl.lockstep.loop import VirtualLoop
 from sitl.lockstep.record import LockstepRecord
 from sitl.lockstep.simulation import EPOCH_NS, Simulation
-from sitl.px4.modes import CommandResult, Mode
+from sitl.px4.modes import BLIND_DESCENT, CommandResult, Mode
 
 GROUND = "ground-1"
 _DIRECT_DELAY_S = 0.01
@@ -63,6 +66,7 @@ class Lockstep:
         law: flies instead of the fleet file's.
         bus: quality of the connections.
         mocap: quality of the motion capture.
+        environment: wind, downwash and errors; a calm room by default.
         folder: where the record goes; none without.
         say: hears the progress in words.
         is_compiled: see :class:`Simulation`.
@@ -76,6 +80,7 @@ class Lockstep:
         law: str | None = None,
         bus: BusSettings | None = None,
         mocap: MocapSettings | None = None,
+        environment: Environment | None = None,
         folder: Path | None = None,
         say: Callable[[str], None] = lambda line: None,
         is_compiled: bool = True,
@@ -89,10 +94,16 @@ class Lockstep:
         gc.set_threshold(_COLLECT_EVERY, *self._collect_thresholds[1:])
 
         self.config = config
+        self.may_land_hard = False  # a test's word that a hard landing is what it is about
         self.folder = folder
         self.say = say
         self.simulation = Simulation(
-            config, seed=seed, bus=bus, mocap=mocap, is_compiled=is_compiled
+            config,
+            seed=seed,
+            bus=bus,
+            mocap=mocap,
+            environment=environment,
+            is_compiled=is_compiled,
         )
 
         # who records needs more topics than who only flies
@@ -113,9 +124,9 @@ class Lockstep:
             self.client.add_sink(self.record.put)
 
         self.fleet = Fleet(self.client, say=self._say_as_event)
-        self._runner = asyncio.Runner(
-            loop_factory=lambda: VirtualLoop(self.simulation.clock_ns, self.simulation.step)
-        )
+        self.run_under_way: MissionRun | None = None  # of the newest mission
+        self._loop = VirtualLoop(self.simulation.clock_ns, self.simulation.step)
+        self._runner = asyncio.Runner(loop_factory=lambda: self._loop)
         self.wait_for(self.client.start())
         if self.record is not None:
             self.client.announce_recording(True)
@@ -138,13 +149,13 @@ class Lockstep:
     def end_calls(self) -> None:
         """Do nothing: scripts run in the flight's own thread."""
 
-    def end_record(self) -> tuple[int, str | None]:
-        """Finish the record; return its begin, and a sentence when it ended early."""
+    def end_record(self) -> RecordEnd | None:
+        """Finish the record; return how it has ended, None without one."""
         if self.record is None:
-            return EPOCH_NS, None
+            return None
 
         self.record.stop()
-        return EPOCH_NS, self.record.failure
+        return self.record.end
 
     def run_script(self, path: str | Path, *arguments: str) -> None:
         """Run a Python script that connects with this fleet, plain or with ``asyncio.run``.
@@ -184,6 +195,19 @@ class Lockstep:
         """Plan a fault of the emulator, of a MAVLink link or of the motion capture."""
         return self.simulation.inject(fault)
 
+    def hold_ground(self, duration_s: float, *, is_stopped: bool = False) -> None:
+        """Let the ground's process stand still for a time.
+
+        Args:
+            duration_s: for how long.
+            is_stopped: as by SIGSTOP: neither does it hear anything. Otherwise its computer is too
+                busy for its event loop, and messages go on arriving.
+        """
+        self._loop.stand_still(duration_s)
+        if is_stopped:
+            self.bus.partition([GROUND])
+            self.at(self.time_s + duration_s, self.bus.heal)
+
     @property
     def agents(self) -> dict[str, AgentShell]:
         """The agents' processes, which can be killed, stopped, continued and started again."""
@@ -218,13 +242,16 @@ class Lockstep:
         """Land and disarm."""
         return self.wait_for(self.fleet.land(vehicles))
 
-    def fly(self, mission: Mission | str | Path, **arguments: object) -> Verdict:
+    def fly(
+        self, mission: Mission | str | Path, *, stays: bool = False, **arguments: object
+    ) -> Verdict:
         """Fly a mission, from the first step to the verdict.
 
         With a folder, the record is finished with it.
 
         Args:
             mission: the mission or its file.
+            stays: stay beside a fleet that somebody has taken from the mission, as ``covey fly``.
             arguments: those of a Python mission.
         """
         if not isinstance(mission, Mission):
@@ -232,12 +259,17 @@ class Lockstep:
         if arguments:
             texts = {name: str(value) for name, value in arguments.items()}
             mission = replace(mission, arguments=texts)
-        return self.wait_for(self._fly(mission))
+        return self.wait_for(self._fly(mission, stays=stays))
 
-    async def _fly(self, mission: Mission) -> Verdict:
+    async def _fly(self, mission: Mission, *, stays: bool) -> Verdict:
         run = MissionRun(
-            mission, self.client, say=self._say_as_event, ready_timeout_s=READY_TIMEOUT_SIM_S
+            mission,
+            self.client,
+            say=self._say_as_event,
+            ready_timeout_s=READY_TIMEOUT_SIM_S,
+            stays=stays,
         )
+        self.run_under_way = run
         self.fleet = run.fleet
 
         watch = asyncio.create_task(self._watch(run))
@@ -255,13 +287,12 @@ class Lockstep:
             run.flown(),
             mission.expect,
             self.folder,
-            begin_ns=EPOCH_NS,
-            record_failure=self.record.failure,
+            self.record.end,
         )
 
     async def _watch(self, run: MissionRun) -> None:
         """End the mission when the vehicles fall silent."""
-        while not run.abort_if_silent():  # noqa: ASYNC110 - silence is no event
+        while not run.look_after():  # noqa: ASYNC110 - silence is no event
             await asyncio.sleep(_WATCH_S)
 
     def _say_as_event(self, line: str) -> None:
@@ -288,6 +319,21 @@ class Lockstep:
         if smallest is None:
             return math.inf
         return smallest.distance_m
+
+    @property
+    def touchdowns(self) -> tuple[Touchdown, ...]:
+        """First contacts with the ground so far, each with its vertical speed, oldest first."""
+        return self.client.state.touchdowns
+
+    @property
+    def hard_touchdowns(self) -> list[str]:
+        """Sentences about vehicles that came down faster than they may with all their thrust."""
+        sentences = []
+        for touchdown in self.touchdowns:
+            vehicle = self.config.vehicles[touchdown.vehicle]
+            if touchdown.is_hard(vehicle):
+                sentences.append(touchdown.sentence(vehicle))
+        return sentences
 
     def px4_position_error_m(self, vehicle: str) -> float:
         """Return how far a vehicle is from where its PX4 believes it to be [m]."""
@@ -329,6 +375,8 @@ class Lockstep:
         *,
         timeout_s: float = 3.0,
         watch_s: float = 0.0,
+        spares_pilot: bool = False,
+        was_flown_by_hand: bool = False,
     ) -> DirectResult:
         """Land or disarm past the agent; see ``groundstation.client.direct_mavlink``."""
         emulator = self.simulation.emulator
@@ -336,6 +384,10 @@ class Lockstep:
         px4 = emulator.autopilots[system_ids.index(system_id)]
 
         await asyncio.sleep(_DIRECT_DELAY_S)
+        is_flown_by_hand = px4.mode in BLIND_DESCENT and px4.has_sticks(emulator.time_s)
+        if spares_pilot and px4.is_armed and is_flown_by_hand:
+            return DirectResult(False, False, "a pilot flies it by hand", is_flown_by_hand=True)
+
         if kind == "land":
             answer = px4.request(emulator.time_s, Mode.LAND)
         else:

@@ -19,7 +19,7 @@ import numpy as np
 
 from onboard.agent_inputs import ParamsRead
 from onboard.autopilot import Landed, Snapshot, Vec3, Vec4
-from onboard.config.fleet import Vehicle
+from onboard.config.fleet import FleetConfig, Vehicle
 from onboard.frames import (
     enu_flu_from_ned_frd,
     ned_frd_from_enu_flu,
@@ -27,7 +27,7 @@ from onboard.frames import (
     yaw_from_quaternion,
 )
 from onboard.px4 import modes
-from onboard.px4.required_params import BATTERY_FLOOR, differences, required_params
+from onboard.px4.required_params import BATTERY_FLOOR, differences, required_params, unmet
 from onboard.types import AttitudeSetpoint
 from sitl.emulator.emulator import Emulator
 from sitl.faults.lossy_channel import LossyChannel
@@ -44,6 +44,8 @@ _CHECKED_POSITION_EVERY_STEPS = 25  # of who flies by a motion capture
 _BATTERY_EVERY_STEPS = 125
 _ACCURACY_EVERY_STEPS = 50
 _HEARTBEAT_EVERY_STEPS = 250
+_STICKS_EVERY_STEPS = 50
+_HEARTBEAT_EVERY_FRAMES = _HEARTBEAT_EVERY_STEPS // _ATTITUDE_EVERY_STEPS
 
 _TYPE_MASK_ATTITUDE_AND_THRUST = 7
 _NO_RATES = [0.0, 0.0, 0.0]
@@ -62,6 +64,7 @@ _TIMES = {
     "landed_ns": "landed",
     "position_accuracy_ns": "position_accuracy_m",
     "fix_ns": "has_fix",
+    "sticks_ns": "sticks_ns",
     "battery_ns": "battery_frac",
 }
 
@@ -79,7 +82,8 @@ class LinkBank:
 
     Args:
         emulator: the PX4s.
-        vehicles: in the same order.
+        fleet: the fleet file.
+        vehicles: in the order of the PX4s.
         now_ns: the simulated time.
         seed: of the noise of attitude.
         delay_s: from one end of a link to the other, rounded up to whole physics steps.
@@ -88,6 +92,7 @@ class LinkBank:
     def __init__(
         self,
         emulator: Emulator,
+        fleet: FleetConfig,
         vehicles: Sequence[Vehicle],
         now_ns: Callable[[], int],
         *,
@@ -95,10 +100,16 @@ class LinkBank:
         delay_s: float = 0.004,
     ) -> None:
         self.emulator = emulator
+        self.fleet = fleet
         self.now_ns = now_ns
         self.links = [EmulatedLink(self, index, vehicle) for index, vehicle in enumerate(vehicles)]
         self._delay_steps = max(1, int(np.ceil(delay_s / STEP_S - 1e-9)))
         self._rng = np.random.default_rng([seed, 12])
+
+        # PX4s are not switched on at the same moment: each sends at moments of its own
+        phase_rng = np.random.default_rng([seed, 13])
+        phases = phase_rng.integers(_HEARTBEAT_EVERY_FRAMES, size=len(vehicles))
+        self._phase_steps: list[int] = (_ATTITUDE_EVERY_STEPS * phases).tolist()
 
         # the channels hold back or lose what the emulator's faults touch
         self._ends = [
@@ -185,12 +196,12 @@ class LinkBank:
             (_LANDED_EVERY_STEPS, self._landed),
             (_ACCURACY_EVERY_STEPS, self._accuracy),
             (_BATTERY_EVERY_STEPS, self._battery),
+            (_STICKS_EVERY_STEPS, self._sticks),
             (_HEARTBEAT_EVERY_STEPS, self.heartbeat),
         ):
-            if frame % every_steps != 0:
-                continue
             for index, row in enumerate(rows):
-                if row is not None:
+                is_due = frame == 0 or (frame + self._phase_steps[index]) % every_steps == 0
+                if row is not None and is_due:
                     row.update(sample(index))
 
         self._rows.append((steps + self._delay_steps, rows))
@@ -238,12 +249,19 @@ class LinkBank:
             "battery_voltage_v": battery.voltage_mv / 1000.0,
         }
 
+    def _sticks(self, index: int) -> Fields:
+        """Return MANUAL_CONTROL, which comes while sticks are heard; its time is of its arrival."""
+        if not self.emulator.autopilots[index].has_sticks(self.emulator.clock_s(index)):
+            return {}
+        return {"sticks_ns": self.now_ns()}
+
     def _accuracy(self, index: int) -> Fields:
         """Return ESTIMATOR_STATUS, and of who flies by satellites GPS_RAW_INT."""
         estimator = self.emulator.estimator
         now_s = self.emulator.time_s
 
-        fields: Fields = {"position_accuracy_m": estimator.accuracy_m(index, now_s)}
+        accuracy_m = estimator.accuracy_m(index, now_s)
+        fields: Fields = {"position_accuracy_m": accuracy_m, "height_accuracy_m": accuracy_m}
         if not self.links[index].has_mocap:
             fields["has_fix"] = estimator.sees_satellites(index, now_s)
         return fields
@@ -286,6 +304,8 @@ class EmulatedLink:
         """Take values that PX4 has sent."""
         now_ns = self._bank.now_ns()
         known = self._fields
+        if "sticks_ns" in fields:
+            known["sticks_before_ns"] = known.get("sticks_ns", 0)
         known.update(fields)
 
         known["last_packet_ns"] = now_ns
@@ -369,18 +389,17 @@ class EmulatedLink:
         """Set origin and parameters, as the shell does; return what it reads from PX4 then."""
         emulator = self._bank.emulator
         params = emulator.autopilots[self._index].params
-        required = required_params(self._vehicle, params.version.number)
+        version = params.version.number
+        required = required_params(self._bank.fleet, self._vehicle, version).values()
 
         if self._vehicle.mocap_required:
             emulator.has_global_origin[self._index] = True
 
-        # a version of PX4 does not have every parameter
-        for name, value in required.items():
-            if name in params.values:
-                params.values[name] = value
+        for demand in unmet(required, params.values):
+            params.values[demand.name] = demand.value
         emulator.parameters_changed(self._index)
 
-        actual = {name: params.values.get(name) for name in required}
+        actual = {demand.name: params.values.get(demand.name) for demand in required}
         return ParamsRead(differences(required, actual), 0.01 * params[BATTERY_FLOOR])
 
     def _request(self, command: Callable[[Any, float], object]) -> None:

@@ -33,17 +33,26 @@ class VirtualLoop(asyncio.BaseEventLoop):
         self._now_ns = now_ns
         self._advance = advance
         self._is_woken = False
+        self._stands_until_s = 0.0
         self._selector = self  # BaseEventLoop asks its selector to wait until something happens
 
     def time(self) -> float:
         """Return simulated seconds."""
         return self._now_ns() * 1e-9
 
+    def stand_still(self, duration_s: float) -> None:
+        """Call nothing for a time: this process is not scheduled, and the world goes on."""
+        self._stands_until_s = max(self._stands_until_s, self.time() + duration_s)
+
     def select(self, timeout_s: float | None) -> list[Any]:
         """Advance the world until a callback is due or the world has woken somebody."""
-        if timeout_s is not None and timeout_s <= 0.0:
-            return []
+        if timeout_s is None or timeout_s > 0.0:
+            self._wait(timeout_s)
+        while self.time() < self._stands_until_s:
+            self._advance()
+        return []
 
+    def _wait(self, timeout_s: float | None) -> None:
         longest_s = timeout_s
         if longest_s is None:
             longest_s = _LONGEST_WAIT_S
@@ -55,7 +64,6 @@ class VirtualLoop(asyncio.BaseEventLoop):
 
         if timeout_s is None and not self._is_woken:
             raise StalledError(f"Nothing happened for {_LONGEST_WAIT_S:.0f} s of simulated time.")
-        return []
 
     def call_soon(  # type: ignore[override]
         self, callback: Callable[..., object], *args: Any, context: Any = None

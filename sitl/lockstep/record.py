@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from groundstation.recording.writer import RECORD_NAME, RecordFiles, failure_sentence
+from groundstation.recording.writer import RECORD_NAME, RecordEnd, RecordFiles, failure_sentence
 from onboard.bus.schema import Message
 from onboard.bus.topics import Topic
 
@@ -26,8 +26,10 @@ class LockstepRecord:
         self, folder: Path, begin_ns: int, *, say: Callable[[str, str, str], None]
     ) -> None:
         self.folder = folder
+        self._begin_ns = begin_ns
         self._say = say
         self.failure: str | None = None  # in a sentence, when the record ended early
+        self.written = 0  # messages that are on the disk
 
         folder.mkdir(parents=True, exist_ok=True)
         stream = (folder / RECORD_NAME).open("wb")
@@ -48,6 +50,11 @@ class LockstepRecord:
         except OSError as error:
             self._fail(error)
 
+    @property
+    def end(self) -> RecordEnd:
+        """Return how it has ended."""
+        return RecordEnd(begin_ns=self._begin_ns, written=self.written, failure=self.failure)
+
     def stop(self) -> None:
         """Finish the files; a second call does nothing."""
         files = self._files
@@ -56,6 +63,7 @@ class LockstepRecord:
 
         try:
             files.finish()
+            self.written = files.written
         except OSError as error:
             self._fail(error)
         self._files = None

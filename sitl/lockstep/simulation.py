@@ -16,6 +16,7 @@ from dataclasses import replace
 from onboard.bus.pose_publisher import PosePublisher
 from onboard.bus.topics import Topic
 from onboard.config.fleet import FleetConfig
+from sitl.emulator.emulator import Environment
 from sitl.emulator.mocap import MocapSettings
 from sitl.faults.catalogue import Fault
 from sitl.lockstep.agents import AgentShell
@@ -40,6 +41,7 @@ class Simulation:
         seed: of everything random.
         bus: quality of the connections.
         mocap: quality of the motion capture.
+        environment: wind, downwash and errors; a calm room by default.
         is_compiled: compute the agents' passes by compiled code; the result differs by rounding.
     """
 
@@ -50,13 +52,14 @@ class Simulation:
         seed: int = 0,
         bus: BusSettings | None = None,
         mocap: MocapSettings | None = None,
+        environment: Environment | None = None,
         is_compiled: bool = True,
     ) -> None:
         self.fleet = fleet
         self.names = fleet.enabled_names
         vehicles = [fleet.vehicles[name] for name in self.names]
 
-        self.emulator = emulator_of(fleet, vehicles, seed=seed)
+        self.emulator = emulator_of(fleet, vehicles, seed=seed, environment=environment)
         self.emulator.outside = self._change_outside
         self._vehicles = self.emulator.world.vehicles
         self._broadcast = Broadcast(
@@ -74,7 +77,7 @@ class Simulation:
         self._node.serve_faults(lambda order, reply: reply(answer_fault(self.emulator, order)))
         self._poses = PosePublisher(self._node)
 
-        self.links = LinkBank(self.emulator, vehicles, self.clock_ns, seed=seed)
+        self.links = LinkBank(self.emulator, fleet, vehicles, self.clock_ns, seed=seed)
         self._pipeline = CompiledPipeline(is_wanted=is_compiled)
         self.agents = {
             name: AgentShell(

@@ -1,6 +1,8 @@
 """A pytest plugin with one fixture: ``lockstep`` makes flights in simulated time for a test.
 
-The flights end with the test.
+The flights end with the test, and the test fails when a vehicle with all its thrust has touched the
+ground faster than it may. A test that is about such a landing says so beforehand:
+``flight.may_land_hard = True``.
 
 pytest_plugins = ["sitl.lockstep.testing"]
 
@@ -36,5 +38,9 @@ def lockstep() -> Iterator[Callable[..., Lockstep]]:
 
     yield make
 
+    hard: list[str] = []
     for flight in flights:
+        if not flight.may_land_hard:
+            hard.extend(flight.hard_touchdowns)
         flight.close()
+    assert not hard, f"{'. '.join(hard)}."

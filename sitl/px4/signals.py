@@ -55,6 +55,7 @@ class AutopilotInputs(Struct, frozen=True):
     on_ground: bool
     has_global_position: bool
     has_local_position: bool
+    wind_m_s: float = 0.0  # horizontal speed of the air
 
 
 class Actuation(Struct, frozen=True):

@@ -8,7 +8,8 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-from tests.architecture import api_reference, commands, reference, tables
+from tests.architecture import api_reference, commands, failsafe_proofs, reference, tables
+from tests.onboard.flight import explorer
 
 DOCS = Path(__file__).parents[2] / "docs"
 
@@ -16,11 +17,15 @@ PRINTED: dict[str, tuple[str, Callable[[], str]]] = {
     "commands": ("commands.md", commands.commands),
     "failsafe": ("failsafe.md", tables.failsafes),
     "conditions": ("failsafe.md", tables.conditions),
+    "flown": ("failsafe.md", failsafe_proofs.flown_table),
+    "proofs": ("failsafe-proofs.md", failsafe_proofs.matrix),
     "steps": ("flight.md", tables.steps),
     "flight": ("flight.md", tables.flight),
+    "explored": ("flight.md", lambda: explorer.explore().in_words()),
     "alarms": ("alarms.md", tables.alarms),
     "preflight": ("preflight.md", tables.preflight),
     "parameters": ("deployment.md", tables.parameters),
+    "own-failsafes": ("px4.md", tables.own_failsafe_table),
     "roles": ("keys.md", tables.roles),
     "fleet-file": ("fleet-file.md", reference.fleet_file),
     "gallery": ("gallery.md", reference.gallery),

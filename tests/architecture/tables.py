@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from groundstation.alarms import alarm_table
+from onboard.autopilot import Version
 from onboard.bus.topics import Topic
 from onboard.flight import flight_table
 from onboard.flight.flight_table import Effect, Predicate
 from onboard.flight.types import FlightStep
 from onboard.preflight import all_rules
-from onboard.px4 import required_params
+from onboard.px4 import own_failsafes, required_params
+from onboard.px4.own_failsafes import OwnFailsafe, Treatment
+from onboard.px4.required_params import RequiredParam
 from onboard.safety import failsafe_table
 from onboard.safety.failsafe_table import Condition, Situation
 from onboard.security.node_roles import GRANTS, Grant, NodeRole
@@ -127,21 +130,70 @@ def parameters() -> str:
     for param in required_params.BUILT_IN:
         without = "allowed" if param.is_advice else "**refused**"
         restart = " Restart PX4 after it." if param.needs_restart else ""
-        versions = (
-            " PX4 v1.18 and newer."
-            if param.since > (1, 17)
-            else " Before PX4 v1.18."
-            if param.before < (9, 0)
-            else ""
-        )
+        versions = _versions(param.since, param.before)
+        if versions:
+            versions = f" PX4 {versions}."
         lines.append(
-            f"| `{param.name}` | {param.value:g} | {without} | {param.reason}.{versions}{restart} |"
+            f"| `{param.name}` | {_value(param)} | {without} | {param.reason}.{versions}{restart} |"
         )
     lines.append(
         "| `MPC_THR_HOVER` | `hover_thrust_frac` | allowed | PX4's own hold and land begin with "
         "this throttle. |"
     )
     return "\n".join(lines)
+
+
+def _versions(since: Version, before: Version) -> str:
+    if since > own_failsafes.FIRST:
+        return f"v{since[0]}.{since[1]} and newer"
+    if before < own_failsafes.LAST:
+        return f"before v{before[0]}.{before[1]}"
+    return ""
+
+
+def _value(param: RequiredParam) -> str:
+    bound = next(
+        (own.bound for own in own_failsafes.demanded_parameters() if own.name == param.name), ""
+    )
+    words = param.words
+    return f"{words}, or what lies {bound}" if bound else words
+
+
+def own_failsafe_table() -> str:
+    """Return what PX4 does of its own accord in OFFBOARD for docs/px4.md."""
+    lines = [
+        _line("PX4's failsafe", "what PX4 does in OFFBOARD", "how this fleet treats it"),
+        "|---" * 3 + "|",
+    ]
+    for failsafe in own_failsafes.OWN_FAILSAFES:
+        versions = _versions(failsafe.since, failsafe.before)
+        named = f"{failsafe.holds[0].upper()}{failsafe.holds[1:]}"
+        if failsafe.flags:
+            named += f" (`{failsafe.flags[0]}`)"
+        if versions:
+            named += f"; {versions}"
+        lines.append(_line(named, failsafe.acts, _treatment(failsafe)))
+    return "\n".join(lines)
+
+
+def _treatment(failsafe: OwnFailsafe) -> str:
+    demands = []
+    for own in failsafe.parameters:
+        if own.demand is None:
+            continue
+        param = next(param for param in required_params.FAILSAFES if param.name == own.name)
+        versions = _versions(own.since, own.before)
+        demands.append(f"`{own.name}` = {_value(param)}{f' ({versions})' if versions else ''}")
+
+    parts = []
+    if failsafe.treated is Treatment.NET:
+        parts.append(f"PX4's own net: {failsafe.why}")
+    if demands:
+        parts.append(f"demanded: {'; '.join(demands)}")
+    if failsafe.rows:
+        rows = ", ".join(condition.value for condition in failsafe.rows)
+        parts.append(f"row of the failsafe table: {rows}")
+    return ". ".join(f"{part[0].upper()}{part[1:]}" for part in parts)
 
 
 def roles() -> str:

@@ -41,9 +41,22 @@ BENCHMARKS = {
         "the law beside other methods, and without each of its ideas",
     ),
     "worst-case": ("tests.bench.worst_case", "search the settings in which vehicles come nearest"),
+    "wind": ("tests.bench.wind", "winds, gusts, fleets and seeds: what comes of a mission in each"),
     "digest": (
         "tests.bench.digest",
         "digests of 600 repeatable flights: whether a change has changed one",
+    ),
+    "blind": (
+        "tests.bench.blind",
+        "fleets that lose their poses at any moment, in lockstep",
+    ),
+    "faults": (
+        "tests.bench.faults",
+        "the fault suite over missions, heights, wind and fleet sizes, and pairs of faults",
+    ),
+    "receivers": (
+        "tests.bench.receivers",
+        "receivers of satellites as they are and late: what is noticed, and how near it gets",
     ),
     "law-map": (
         "tests.bench.law_map",

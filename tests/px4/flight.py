@@ -23,8 +23,9 @@ from numpy.typing import NDArray
 
 from groundstation.processes.free_ports import toml_text, with_free_ports
 from onboard.autopilot import Version
-from onboard.config.fleet import FleetConfig, fleet_from_mapping
-from onboard.px4.required_params import all_params
+from onboard.config.fleet import FleetConfig, Vehicle, fleet_from_mapping
+from onboard.px4.required_params import FAILSAFES, all_params
+from sitl.px4.parameters import DEFAULTS
 from tests.px4.build import Px4Build, die_with_parent, free_instances, running
 
 _ROOT = Path(__file__).parents[2]
@@ -106,6 +107,12 @@ class Flight:
             time.sleep(seconds)
             (self.folder / "cut").unlink()
 
+    def stall_poses(self, seconds: float) -> None:
+        """Keep the poses of all vehicles back for a while; then they come late, all at once."""
+        (self.folder / "stall").touch()
+        time.sleep(seconds)
+        (self.folder / "stall").unlink()
+
     def tracks(self) -> dict[str, NDArray[np.float64]]:
         """Per vehicle an array (T, 7): seconds, position and velocity in fleet ENU, PX4's truth."""
         rows: dict[str, list[list[float]]] = {name: [] for name in self.fleet.enabled_names}
@@ -161,9 +168,7 @@ def flying(build: Px4Build, count: int, folder: Path, mission: str) -> Iterator[
     (folder / "mission.toml").write_text(mission, encoding="utf-8")
     names = dict(zip(instances, fleet.enabled_names, strict=True))
     params = {
-        number: {
-            param.name: param.value for param in all_params(fleet.vehicles[name], build.version)
-        }
+        number: _params_to_set(fleet, fleet.vehicles[name], build.version)
         for number, name in names.items()
     }
     with contextlib.ExitStack() as stack:
@@ -183,6 +188,23 @@ def flying(build: Px4Build, count: int, folder: Path, mission: str) -> Iterator[
         record = ("--record", str(folder / "record"))
         flight.ground = stack.enter_context(_python(folder, "fly", "groundstation", *fly, *record))
         yield flight
+
+
+def _params_to_set(
+    fleet: FleetConfig, vehicle: Vehicle, version: Version | None
+) -> dict[str, float | int]:
+    """What the fleet needs, without those of PX4's failsafes that come as they have to be."""
+    defaults: Mapping[str, float | int] = {}
+    if version is not None:
+        defaults = DEFAULTS[f"{version[0]}.{version[1]}"]
+
+    of_failsafes = {demand.name for demand in FAILSAFES}
+    params = {}
+    for demand in all_params(fleet, vehicle, version):
+        comes_so = demand.name in of_failsafes and demand.is_met(defaults.get(demand.name))
+        if not demand.is_optional and not comes_so:
+            params[demand.name] = demand.value
+    return params
 
 
 def break_in(flight: Flight, step: str, after_s: float, fault: Callable[[Flight], None]) -> None:

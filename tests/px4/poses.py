@@ -1,7 +1,8 @@
 """``python -m tests.px4.poses FLEET FOLDER``: truth of real PX4s (SIH) as poses and truth of the
 bus, and into a file.
 
-While FOLDER/cut exists, no poses are published; truth goes on. The file FOLDER/truth.jsonl is the
+While FOLDER/cut exists, no poses are published; while FOLDER/stall exists they are kept, and come
+late, all at once; truth goes on. The file FOLDER/truth.jsonl is the
 judge's: it needs neither a ground nor an agent.
 """
 
@@ -32,6 +33,8 @@ class _CutBus:
         self._bus, self._cut = bus, folder / "cut"
         self._file = (folder / "truth.jsonl").open("w", buffering=1, encoding="utf-8")
         self._written_s: dict[str, float] = {}
+        self._stall = folder / "stall"
+        self._kept: list[tuple[Any, ...]] = []  # poses that wait
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._bus, name)
@@ -45,6 +48,13 @@ class _CutBus:
                 self._file.write(json.dumps([name, *(round(value, 3) for value in row)]) + "\n")
         elif self._cut.exists():
             return
+        elif self._stall.exists():
+            self._kept.append((topic, name, message, *args))
+            return
+
+        for late in self._kept:
+            self._bus.publish(*late)
+        self._kept.clear()
         self._bus.publish(topic, name, message, *args)
 
 

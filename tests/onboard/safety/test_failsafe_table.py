@@ -99,6 +99,7 @@ def test_setpoints_stop_in_flight_only_when_the_controls_are_gone() -> None:
         condition for condition in Condition if TABLE[Situation.FLYING, condition] is Action.STOP
     }
     assert silent == {
+        Condition.FLOWN_BY_HAND,
         Condition.LEFT_OFFBOARD,
         Condition.PX4_FAILSAFE,
         Condition.DISARMED,

@@ -77,7 +77,7 @@ def test_a_line_of_text_describes_a_whole_fault() -> None:
 
 
 def test_every_fault_of_the_table_has_a_sentence_and_can_begin_and_end() -> None:
-    needed: dict[str, float | str] = {"motor": 1.0, "other": "v1"}
+    needed: dict[str, float | str] = {"motor": 1.0, "other": "v1", "speed_m_s": 2.0}
     for name, kind in FAULT_KINDS.items():
         emu = emulator((0.0, 0.0, 0.0), (3.0, 0.0, 0.0))
         if kind.is_outside:

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from typing import Any
 
 import msgspec
+import numpy as np
 
 from onboard import agent_inputs
 from onboard.autopilot import Landed
@@ -22,6 +23,10 @@ from sitl.lockstep.flight import GROUND, Lockstep
 from sitl.lockstep.simulation import TICK_STEPS
 from sitl.physics.vehicle import STEP_S
 from sitl.px4.modes import Mode
+
+_SLOW_DELAY_S = 0.4
+_STARVED_FOR_S = 6.0
+_DEAD_FOR_S = 20.0  # by then everybody has landed
 
 Inject = Callable[[Lockstep, str], None]
 
@@ -90,13 +95,46 @@ def cut(duration_s: float, *, keeps: tuple[str, ...] = (), all_agents: bool = Fa
     return inject
 
 
-def lose_ground(flight: Lockstep, _name: str) -> None:
-    flight.bus.partition([GROUND])
-    flight.at(flight.time_s + 2.0, flight.bus.heal)
+def cut_ground(duration_s: float) -> Inject:
+    """Nothing passes between the ground and everybody else for a time."""
+
+    def inject(flight: Lockstep, _name: str) -> None:
+        flight.bus.partition([GROUND])
+        if math.isfinite(duration_s):
+            flight.at(flight.time_s + duration_s, flight.bus.heal)
+
+    return inject
 
 
-def lose_ground_for_good(flight: Lockstep, _name: str) -> None:
-    flight.bus.partition([GROUND])
+def slow_ground(flight: Lockstep, _name: str) -> None:
+    """Every message of the ground takes its time, for the rest of the flight."""
+    for name in flight.config.enabled_names:
+        flight.bus.set_link(GROUND, name, BusSettings(delay_s=_SLOW_DELAY_S))
+
+
+def starve_ground(flight: Lockstep, _name: str) -> None:
+    """Its computer is too busy: the event loop runs seldom, and not for long."""
+    rng = np.random.default_rng([round(flight.time_s / STEP_S), 20])
+    begin_s = flight.time_s
+    while begin_s < flight.time_s + _STARVED_FOR_S:
+        gap_s = float(rng.uniform(0.1, 0.9))
+        flight.at(begin_s, functools.partial(flight.hold_ground, gap_s))
+        begin_s += gap_s + 0.02
+
+
+def hang_ground(duration_s: float) -> Inject:
+    """SIGSTOP, and SIGCONT some time later."""
+
+    def inject(flight: Lockstep, _name: str) -> None:
+        flight.hold_ground(duration_s, is_stopped=True)
+
+    return inject
+
+
+def kill_ground(flight: Lockstep, _name: str) -> None:
+    """The process ends: its connections close, and it does nothing any more."""
+    flight.bus.nodes[GROUND].stop()
+    flight.hold_ground(_DEAD_FOR_S)
 
 
 def bad_bus(flight: Lockstep, name: str) -> None:

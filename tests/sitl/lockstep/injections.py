@@ -14,20 +14,23 @@ from tests.sitl.lockstep.breaking import (
     Inject,
     bad_bus,
     cut,
+    cut_ground,
     fault,
     hang,
+    hang_ground,
     kill,
     kill_and_start,
+    kill_ground,
     landed_state,
     lies,
-    lose_ground,
-    lose_ground_for_good,
     nonsense,
     of_all,
     order,
     pilot,
     repeated,
+    slow_ground,
     some_wrong_report,
+    starve_ground,
     stop_agent,
     stops,
     swap,
@@ -49,8 +52,12 @@ class Injection:
         is_cut_off: whether the ground may not hear why until it is over.
         may_leave_fence: PX4 flies it alone, or nobody does.
         rises_m: how much higher the vehicle may get afterwards.
+        needs: ``poses`` of a motion capture, or ``satellites``, of which something breaks; empty:
+            it can happen to either.
         is_falling: it tumbles to the ground faster than anybody can go aside; who flies above it
             has not been touched.
+        is_astray: it has less thrust than the law counts on, or is sent elsewhere by a wrong
+            position: what is promised is that no bodies touch, and not the law's distance.
     """
 
     name: str
@@ -61,7 +68,9 @@ class Injection:
     is_cut_off: bool = False
     may_leave_fence: bool = False
     is_falling: bool = False
+    is_astray: bool = False
     rises_m: float = math.inf
+    needs: str = ""
 
 
 def _f(*conditions: C) -> frozenset[C]:
@@ -72,95 +81,266 @@ _POSITION = (C.POSITION_STALE, C.POSITION_LOST)
 _SILENT = _f(C.NEIGHBOUR_SILENT, C.NEIGHBOUR_UNSEEN, C.NEIGHBOUR_STALE)
 
 INJECTIONS: tuple[Injection, ...] = (
-    Injection("mocap lost for good", fault("mocap_lost"), _f(*_POSITION)),
-    Injection("poses of all lost for good", of_all(fault("mocap_lost")), _f(*_POSITION)),
-    Injection("poses of all lost for 0.5 s", of_all(fault("mocap_lost", 0.5)),
-    _f(C.POSITION_STALE)),
-    Injection("poses of all lost for 1.5 s", of_all(fault("mocap_lost", 1.5)), _f(*_POSITION)),
-    Injection("mocap lost for 0.35 s", fault("mocap_lost", 0.35), _f(*_POSITION)),
-    Injection("mocap jumps for 0.4 s", fault("mocap_jump", 0.4, east_m=1.0), _f(C.POSITION_JUMPED,
-    C.MOCAP_SWAPPED)),
-    Injection("mocap jumps for good", fault("mocap_jump", north_m=-0.8),
-              _f(C.POSITION_JUMPED, C.MOCAP_SWAPPED, *_POSITION)),
-    Injection("mocap swaps two", swap(1.0), _f(C.MOCAP_SWAPPED, C.POSITION_JUMPED, *_POSITION),
-    is_silenced=True,
-              may_leave_fence=True),
-    Injection("mocap frozen for 0.3 s", fault("mocap_frozen", 0.3), _f(C.MOCAP_FROZEN)),
-    Injection("mocap frozen for good", fault("mocap_frozen"), _f(C.MOCAP_FROZEN)),
-    Injection("poses of all frozen for good", of_all(fault("mocap_frozen")), _f(C.MOCAP_FROZEN)),
-    Injection("mocap 0.15 s late", fault("mocap_late", 2.0, delay_s=0.15), _f(C.MOCAP_LATE,
-    *_POSITION)),
-    Injection("PX4 silent", fault("link_loss", 1.0, share=1.0, direction="out"),
-    _f(C.AUTOPILOT_SILENT),
-              is_silenced=True, may_leave_fence=True),
-    Injection("PX4 deaf", fault("link_loss", share=1.0, direction="in"),
-              _f(C.ATTITUDE_NOT_FOLLOWED, C.PX4_FAILSAFE, C.LEFT_OFFBOARD, C.THRUST_SATURATED),
-              is_silenced=True,
-              may_leave_fence=True),
+    Injection("mocap lost for good", fault("mocap_lost"), _f(*_POSITION), needs="poses"),
+    Injection(
+        "poses of all lost for good", of_all(fault("mocap_lost")), _f(*_POSITION), needs="poses"
+    ),
+    Injection(
+        "poses of all lost for 0.5 s",
+        of_all(fault("mocap_lost", 0.5)),
+        _f(C.POSITION_STALE),
+        needs="poses",
+    ),
+    Injection(
+        "poses of all lost for 1.5 s",
+        of_all(fault("mocap_lost", 1.5)),
+        _f(*_POSITION),
+        needs="poses",
+    ),
+    Injection("mocap lost for 0.35 s", fault("mocap_lost", 0.35), _f(*_POSITION), needs="poses"),
+    Injection(
+        "mocap jumps for 0.4 s",
+        fault("mocap_jump", 0.4, east_m=1.0),
+        _f(C.POSITION_JUMPED, C.MOCAP_SWAPPED),
+        needs="poses",
+    ),
+    Injection(
+        "mocap jumps for good",
+        fault("mocap_jump", north_m=-0.8),
+        _f(C.POSITION_JUMPED, C.MOCAP_SWAPPED, *_POSITION),
+        needs="poses",
+    ),
+    Injection(
+        "mocap swaps two",
+        swap(1.0),
+        _f(C.MOCAP_SWAPPED, C.POSITION_JUMPED, *_POSITION),
+        is_silenced=True,
+        may_leave_fence=True,
+        is_astray=True,
+        needs="poses",
+    ),
+    Injection(
+        "mocap frozen for 0.3 s", fault("mocap_frozen", 0.3), _f(C.MOCAP_FROZEN), needs="poses"
+    ),
+    Injection("mocap frozen for good", fault("mocap_frozen"), _f(C.MOCAP_FROZEN), needs="poses"),
+    Injection(
+        "poses of all frozen for good",
+        of_all(fault("mocap_frozen")),
+        _f(C.MOCAP_FROZEN),
+        needs="poses",
+    ),
+    Injection(
+        "mocap 0.15 s late",
+        fault("mocap_late", 2.0, delay_s=0.15),
+        _f(C.MOCAP_LATE, *_POSITION),
+        needs="poses",
+    ),
+    Injection(
+        "PX4 silent",
+        fault("link_loss", 1.0, share=1.0, direction="out"),
+        _f(C.AUTOPILOT_SILENT),
+        is_silenced=True,
+        may_leave_fence=True,
+    ),
+    Injection(
+        "PX4 deaf",
+        fault("link_loss", share=1.0, direction="in"),
+        _f(C.ATTITUDE_NOT_FOLLOWED, C.PX4_FAILSAFE, C.LEFT_OFFBOARD, C.THRUST_SATURATED),
+        is_silenced=True,
+        may_leave_fence=True,
+    ),
     Injection("a tenth of the link lost", fault("link_loss", share=0.1)),
-    Injection("PX4 hangs for 0.6 s", fault("autopilot_hang", 0.6),
-              _f(C.AUTOPILOT_FROZEN, C.AUTOPILOT_SILENT, C.AUTOPILOT_BACK),
-              is_silenced=True, may_leave_fence=True),
-    Injection("PX4 reboots", fault("autopilot_reboot"),
-              _f(C.REBOOTED, C.DISARMED, C.AUTOPILOT_SILENT, C.AUTOPILOT_FROZEN),
-              is_silenced=True, may_leave_fence=True),
+    Injection(
+        "PX4 hangs for 0.6 s",
+        fault("autopilot_hang", 0.6),
+        _f(C.AUTOPILOT_FROZEN, C.AUTOPILOT_SILENT, C.AUTOPILOT_BACK),
+        is_silenced=True,
+        may_leave_fence=True,
+    ),
+    Injection(
+        "PX4 reboots",
+        fault("autopilot_reboot"),
+        _f(C.REBOOTED, C.DISARMED, C.AUTOPILOT_SILENT, C.AUTOPILOT_FROZEN),
+        is_silenced=True,
+        may_leave_fence=True,
+    ),
     Injection("PX4's clock drifts", fault("clock_drift", ms_per_s=-8.0)),
-    Injection("PX4 ignores setpoints", fault("setpoints_ignored"),
-              _f(C.ATTITUDE_NOT_FOLLOWED, C.NOT_CLIMBING, C.FALLEN), is_silenced=True,
-              may_leave_fence=True),
-    Injection("a pilot takes over", pilot(Mode.LOITER), _f(C.LEFT_OFFBOARD), is_silenced=True,
-    may_leave_fence=True),
-    Injection("a pilot lands", pilot(Mode.LAND), _f(C.LEFT_OFFBOARD, C.PX4_FAILSAFE),
-    is_silenced=True),
+    Injection(
+        "PX4 ignores setpoints",
+        fault("setpoints_ignored"),
+        _f(C.ATTITUDE_NOT_FOLLOWED, C.NOT_CLIMBING, C.FALLEN),
+        is_silenced=True,
+        may_leave_fence=True,
+    ),
+    Injection(
+        "a pilot takes over",
+        pilot(Mode.LOITER),
+        _f(C.LEFT_OFFBOARD),
+        is_silenced=True,
+        may_leave_fence=True,
+    ),
+    Injection(
+        "a pilot lands", pilot(Mode.LAND), _f(C.LEFT_OFFBOARD, C.PX4_FAILSAFE), is_silenced=True
+    ),
     Injection("agent killed", kill, others=_SILENT, is_silenced=True, may_leave_fence=True),
-    Injection("agent killed and started", kill_and_start, others=_SILENT, is_silenced=True,
-    may_leave_fence=True),
+    Injection(
+        "agent killed and started",
+        kill_and_start,
+        others=_SILENT,
+        is_silenced=True,
+        may_leave_fence=True,
+    ),
     Injection("agent hangs for 0.15 s", hang(0.15), _f(C.LOOP_STALLED, C.LOOP_LATE)),
-    Injection("agent hangs for 1 s", hang(1.0), _f(C.LOOP_STALLED, C.LOOP_STALLED_LONG,
-    C.PX4_FAILSAFE), _SILENT,
-              is_silenced=True, may_leave_fence=True),
-    Injection("agent hangs for good", hang(math.inf), others=_SILENT, is_silenced=True,
-    may_leave_fence=True),
+    Injection(
+        "agent hangs for 1 s",
+        hang(1.0),
+        _f(C.LOOP_STALLED, C.LOOP_STALLED_LONG, C.PX4_FAILSAFE),
+        _SILENT,
+        is_silenced=True,
+        may_leave_fence=True,
+    ),
+    Injection(
+        "agent hangs for good",
+        hang(math.inf),
+        others=_SILENT,
+        is_silenced=True,
+        may_leave_fence=True,
+    ),
     Injection("agent is asked to stop", stop_agent, _f(C.SHUTDOWN)),
     Injection("ticks fail for 0.1 s", tick_fails(5), _f(C.NOT_FINITE)),
-    Injection("ticks fail for 1 s", tick_fails(50), _f(C.NOT_FINITE, C.NOT_FINITE_LONG),
-    is_silenced=True,
-              may_leave_fence=True),
-    Injection("cut off from all for 1 s", cut(1.0), _f(*_POSITION, C.BUS_LOST), _SILENT,
-    is_silenced=True,
-              is_cut_off=True, may_leave_fence=True),
-    Injection("cut off from all but the mocap", cut(1.0, keeps=("sitl",)), _SILENT, _SILENT,
-    is_cut_off=True),
-    Injection("all cut apart, mocap stays", cut(6.0, keeps=("sitl",), all_agents=True),
-              _f(C.BUS_LOST, C.BUS_LOST_LONG, *_SILENT), is_cut_off=True),
-    Injection("ground lost", lose_ground, _f(C.GROUND_LOST), is_cut_off=True),
-    Injection("ground lost for good", lose_ground_for_good, _f(C.GROUND_LOST_LONG),
-    _f(C.GROUND_LOST_LONG),
-              is_cut_off=True),
+    Injection(
+        "ticks fail for 1 s",
+        tick_fails(50),
+        _f(C.NOT_FINITE, C.NOT_FINITE_LONG),
+        is_silenced=True,
+        may_leave_fence=True,
+    ),
+    Injection(
+        "cut off from all for 1 s",
+        cut(1.0),
+        _f(*_POSITION, C.BUS_LOST),
+        _SILENT,
+        is_silenced=True,
+        is_cut_off=True,
+        may_leave_fence=True,
+        needs="poses",
+    ),
+    Injection(
+        "cut off from all but the mocap",
+        cut(1.0, keeps=("sitl",)),
+        _SILENT,
+        _SILENT,
+        is_cut_off=True,
+    ),
+    Injection(
+        "all cut apart, mocap stays",
+        cut(6.0, keeps=("sitl",), all_agents=True),
+        _f(C.BUS_LOST, C.BUS_LOST_LONG, *_SILENT),
+        is_cut_off=True,
+    ),
+    Injection("ground lost", cut_ground(2.0), _f(C.GROUND_LOST), is_cut_off=True),
+    Injection(
+        "ground lost for good",
+        cut_ground(math.inf),
+        _f(C.GROUND_LOST_LONG),
+        _f(C.GROUND_LOST_LONG),
+        is_cut_off=True,
+    ),
     Injection("bad bus", bad_bus),
     Injection("nonsense on the bus", nonsense),
-    Injection("battery cell fails", fault("battery_cell", drop_pct=80.0),
-              _f(C.BATTERY_LOW, C.BATTERY_FALLING, C.BATTERY_WARNING)),
-    Injection("motor weak", fault("motor_weak", 3.0, motor=2.0, effectiveness=0.85)),
-    Injection("motor dead", fault("motor_dead", motor=1.0),
-              _f(C.ATTITUDE_NOT_FOLLOWED, C.NOT_CLIMBING, C.FALLEN, C.DISARMED, C.PX4_FAILSAFE,
-              C.LEFT_OFFBOARD,
-                 C.POSITION_JUMPED),  # from 0.25 m it hits the ground before anything else shows
-              is_silenced=True, may_leave_fence=True, is_falling=True),
-    Injection("PX4's own vision lost", fault("vision_lost", 3.0)),
+    Injection(
+        "battery cell fails",
+        fault("battery_cell", drop_pct=80.0),
+        _f(C.BATTERY_LOW, C.BATTERY_FALLING, C.BATTERY_WARNING),
+    ),
+    Injection(
+        "motor weak", fault("motor_weak", 3.0, motor=2.0, effectiveness=0.85), is_astray=True
+    ),
+    Injection(
+        "motor dead",
+        fault("motor_dead", motor=1.0),
+        _f(
+            C.ATTITUDE_NOT_FOLLOWED,
+            C.NOT_CLIMBING,
+            C.FALLEN,
+            C.DISARMED,
+            C.PX4_FAILSAFE,
+            C.LEFT_OFFBOARD,
+            C.POSITION_JUMPED,
+        ),  # from 0.25 m it hits the ground before anything else shows
+        is_silenced=True,
+        may_leave_fence=True,
+        is_falling=True,
+        is_astray=True,
+    ),
+    Injection("PX4's own vision lost", fault("vision_lost", 3.0), needs="poses"),
     Injection("PX4 reports the ground for 0.5 s", landed_state(0.5, is_repeated=True)),
     Injection("PX4's last report of the ground stays", landed_state(math.inf, is_repeated=False)),
     Injection("PX4's landed state stops", stops("landed"), _f(C.LANDED_UNKNOWN)),
     Injection("PX4's battery reports stop", stops("battery_frac", "battery_voltage_v")),
     Injection("one wrong report of PX4", some_wrong_report),
-    Injection("wrong reports of PX4 for 5 s", repeated(wrong_report("another mode"), 9, 0.6),
-              _f(C.REPORTS_CONTRADICT_LONG)),
-    Injection("one flies without the law and says so", without_law, others=_f(C.CONFIG_DIFFERS),
-    is_silenced=True),
-    *(Injection(f"one lies: {name}", lies(lie), others=_f(C.NEIGHBOUR_IMPLAUSIBLE),
-                is_silenced=True)
-      for name, lie in LIES.items()),
+    Injection(
+        "wrong reports of PX4 for 5 s",
+        repeated(wrong_report("another mode"), 9, 0.6),
+        _f(C.REPORTS_CONTRADICT_LONG),
+    ),
+    Injection(
+        "one flies without the law and says so",
+        without_law,
+        others=_f(C.CONFIG_DIFFERS),
+        is_silenced=True,
+    ),
+    *(
+        Injection(
+            f"one lies: {name}",
+            lies(lie),
+            others=_f(C.NEIGHBOUR_IMPLAUSIBLE),
+            is_silenced=True,
+            needs="poses",
+        )
+        for name, lie in LIES.items()
+    ),
     Injection("one is ordered to land", order("land"), rises_m=0.35),
     Injection("one is ordered to hold", order("hold"), rises_m=0.35),
     Injection("one is ordered to disarm", order("disarm")),
-)  # fmt: skip
+    Injection(
+        "satellites lost",
+        fault("gps_loss"),
+        _f(C.SATELLITES_LOST),
+        is_astray=True,
+        needs="satellites",
+    ),
+    Injection(
+        "satellites of all lost",
+        of_all(fault("gps_loss")),
+        _f(C.SATELLITES_LOST),
+        is_astray=True,
+        needs="satellites",
+    ),
+    Injection(
+        "receiver 0.5 s late", fault("gps_late", delay_s=0.5), is_astray=True, needs="satellites"
+    ),
+    Injection(
+        "receiver drifts for 10 s",
+        fault("gps_drift", 10.0, east_m_s=0.1),
+        is_astray=True,
+        needs="satellites",
+    ),
+    Injection("ground slow", slow_ground),
+    Injection("ground starved", starve_ground),
+    Injection("ground hangs for 3 s", hang_ground(3.0), _f(C.GROUND_LOST), is_cut_off=True),
+    Injection(
+        "ground hangs for 12 s",
+        hang_ground(12.0),
+        _f(C.GROUND_LOST_LONG),
+        _f(C.GROUND_LOST_LONG),
+        is_cut_off=True,
+    ),
+    Injection(
+        "ground killed",
+        kill_ground,
+        _f(C.GROUND_LOST_LONG),
+        _f(C.GROUND_LOST_LONG),
+        is_cut_off=True,
+    ),
+)

@@ -14,24 +14,27 @@ import functools
 import math
 import time
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import msgspec
 import numpy as np
 
-from groundstation.mission_files.loading import mission_from_mapping
+from groundstation.mission_files.loading import load_mission, mission_from_mapping
 from groundstation.mission_files.mission import Mission
 from groundstation.missions.api import OrderFailed
 from onboard.bus.schema import Truth
 from onboard.bus.topics import Topic
 from onboard.config.fleet import FleetConfig, load_fleet
+from onboard.config.pair_separation import separation_m
 from onboard.flight.types import FlightStep
 from onboard.safety.failsafe_table import TABLE, WORDS, Action, Condition, Situation, decide
 from onboard.types import AttitudeSetpoint
+from sitl.emulator.emulator import Environment
 from sitl.lockstep.flight import Lockstep
+from sitl.physics.wind import WindSettings
 from tests.sitl.lockstep.injections import INJECTIONS, Injection
 from tests.sitl.square_fleets import square_fleet
 
@@ -39,6 +42,8 @@ ROOT = Path(__file__).resolve().parents[3]
 # the earliest take-off; what breaks before it is a matter of preflight, not of flight
 READY_S = 3.5
 FLIGHT_S = 17.0
+GROUND_LOST_LAND_S = 4.0
+_DIRECT_PORT = 18_570  # never opened in lockstep
 _DOWN_TIMEOUT_S = 60.0
 _FENCE_SLACK_M = 0.30
 _TILT_SLACK_DEG = 0.5
@@ -46,17 +51,35 @@ _TILT_SLACK_DEG = 0.5
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """One injection: what breaks, at which tick of the flight, for whom, in which fleet."""
+    """One injection: what breaks, at which tick of the flight, for whom, in which fleet.
+
+    A second fault may follow, of the same vehicle or of another one.
+    """
 
     injection: str
     tick: int
     count: int = 3
     place: int = 1
+    height_m: float = 1.0
+    wind_m_s: float = 0.0  # in the mean, from the west, with gusts
+    second: str = ""  # the second fault; empty: there is none
+    second_place: int = 0
+    gap_s: float = 0.0  # from the first fault to the second one
+    mission: str = "crossing"  # a key of MISSIONS; all others have a fleet of three and a height
 
     @property
     def name(self) -> str:
         """For people."""
-        return f"{self.injection}, {self.count} vehicles, {0.02 * self.tick:.2f} s"
+        words = f"{self.injection}, {self.count} vehicles, {0.02 * self.tick:.2f} s"
+        if self.mission != CROSSING:
+            words += f", {self.mission}"
+        if self.second:
+            words += f", then {self.second} after {self.gap_s:.2f} s"
+        if self.height_m != 1.0:
+            words += f", {self.height_m:g} m high"
+        if self.wind_m_s:
+            words += f", {self.wind_m_s:g} m/s of wind"
+        return words
 
 
 @dataclass(slots=True)
@@ -68,12 +91,13 @@ class Outcome:
     seen: Counter[str] = field(default_factory=Counter)
     min_separation_m: float = math.inf
     min_silenced_m: float = math.inf
+    min_unflown_m: float = math.inf  # of two that nobody's law flies
 
 
 @functools.lru_cache
-def fleet_of(count: int) -> FleetConfig:
+def fleet_of(count: int, height_m: float = 1.0) -> FleetConfig:
     """The paper's three, or a square; with a formation in which everybody stands nearly where
-    another started.
+    another started. The fence leaves room above the height.
     """
     fleet = (
         load_fleet(ROOT / "configs" / "fleets" / "paper.toml")
@@ -85,41 +109,118 @@ def fleet_of(count: int) -> FleetConfig:
         name: (0.9 * x, 0.9 * y, 0.0)
         for name, (x, y, _) in zip(fleet.enabled_names, starts[1:] + starts[:1], strict=True)
     }
-    section = msgspec.structs.replace(fleet.fleet, ground_lost_land_s=4.0)
-    return msgspec.structs.replace(
-        fleet, fleet=section, formations={**fleet.formations, "turned": turned}
+    fleet = _for_suite(fleet, height_m)
+    return msgspec.structs.replace(fleet, formations={**fleet.formations, "turned": turned})
+
+
+def _for_suite(fleet: FleetConfig, height_m: float) -> FleetConfig:
+    """Return a fleet that waits for no ground for long, with direct endpoints and room above."""
+    fence = fleet.fleet.geofence_m
+    fence = msgspec.structs.replace(fence, z=(fence.z[0], max(fence.z[1], height_m + 1.5)))
+    section = msgspec.structs.replace(
+        fleet.fleet, ground_lost_land_s=GROUND_LOST_LAND_S, geofence_m=fence
     )
+    vehicles = {
+        name: msgspec.structs.replace(
+            vehicle, direct=f"udpout://127.0.0.1:{_DIRECT_PORT + vehicle.index}"
+        )
+        for name, vehicle in fleet.vehicles.items()
+    }
+    return msgspec.structs.replace(fleet, fleet=section, vehicles=vehicles)
 
 
 @functools.lru_cache
-def mission_of(count: int) -> Mission:
+def mission_of(count: int, height_m: float = 1.0) -> Mission:
     """Up, everybody across to where another started, down."""
+    return _crossing(fleet_of(count, height_m), "turned", height_m)
+
+
+def _crossing(fleet: FleetConfig, formation: str, height_m: float) -> Mission:
+    middle_enu_m = [0.0, 0.0, height_m]
     steps = [
-        {"do": "takeoff", "height_m": 1.0},
-        {"do": "formation", "name": "turned", "position_enu_m": [0.0, 0.0, 1.0], "timeout_s": 14},
+        {"do": "takeoff", "height_m": height_m},
+        {"do": "formation", "name": formation, "position_enu_m": middle_enu_m, "timeout_s": 14},
         {"do": "land"},
     ]
-    return mission_from_mapping(
-        {"schema": 1, "step": steps}, path="suite.toml", fleet=fleet_of(count)
-    )
+    return mission_from_mapping({"schema": 1, "step": steps}, path="suite.toml", fleet=fleet)
+
+
+@functools.lru_cache
+def _columns() -> Mission:
+    """Two change heights in one column, and a third one flies across above both."""
+    return _of_file("above")
+
+
+@functools.lru_cache
+def _moving_formation() -> Mission:
+    """Three on paths about a point that moves: they turn about it and draw nearer."""
+    return _of_file("escort")
+
+
+def _of_file(name: str) -> Mission:
+    mission = load_mission(ROOT / "configs" / "missions" / f"{name}.toml")
+    fleet = _for_suite(mission.fleet, 0.0)
+    return msgspec.structs.replace(mission, fleet=fleet)
+
+
+@functools.lru_cache
+def _by_satellites() -> Mission:
+    """Up, and two change places, by PX4's own position."""
+    fleet = _for_suite(load_fleet(ROOT / "configs" / "fleets" / "px4-sitl.toml"), 0.0)
+    triangle = [0.0, 0.0, 2.0]
+    steps = [
+        {"do": "takeoff", "height_m": 2.0},
+        {"do": "formation", "name": "triangle", "position_enu_m": triangle, "timeout_s": 20},
+        {"do": "formation", "name": "swapped", "position_enu_m": triangle, "timeout_s": 20},
+        {"do": "land"},
+    ]
+    return mission_from_mapping({"schema": 1, "step": steps}, path="suite.toml", fleet=fleet)
+
+
+@dataclass(frozen=True, slots=True)
+class SuiteMission:
+    """One mission of the suite."""
+
+    mission: Callable[[Case], Mission]
+    flight_s: float  # from the take-off to the landing, at a height of 1 m where it is chosen
+    height_m: float = 0.0  # the highest; 0: as the case says
+    has_poses: bool = True  # of a motion capture, and no satellites
+
+    def may_break(self, injection: Injection) -> bool:
+        """Return whether what breaks is there at all."""
+        return injection.needs in ("", "poses" if self.has_poses else "satellites")
+
+
+CROSSING = "crossing"
+MISSIONS = {
+    CROSSING: SuiteMission(lambda case: mission_of(case.count, case.height_m), FLIGHT_S),
+    "columns": SuiteMission(lambda _: _columns(), 36.0, 4.2),
+    "moving formation": SuiteMission(lambda _: _moving_formation(), 30.0, 1.4),
+    "by satellites": SuiteMission(lambda _: _by_satellites(), 35.0, 2.0, has_poses=False),
+}
 
 
 class Judge:
     """Looks at every tick of a flight."""
 
-    def __init__(self, flight: Lockstep, injection: Injection, victim: str) -> None:
+    def __init__(
+        self, flight: Lockstep, injection: Injection, victim: str, silenced: Collection[str]
+    ) -> None:
         self.flight, self.injection, self.victim = flight, injection, victim
+        self.silenced = frozenset(silenced)
         self.outcome_wrong: dict[str, None] = {}
         self.seen: dict[str, Counter[Condition]] = {
             name: Counter() for name in flight.config.enabled_names
         }
-        self.smallest = {True: math.inf, False: math.inf}
+        # by how many of a pair are silenced
+        self.smallest = [math.inf, math.inf, math.inf]
         self.is_injected = self.was_flying = False
         self.highest_m = math.inf
         self._strongest: dict[str, Action] = {}
         self._order_of: dict[str, str] = {}
         self._asked: dict[str, Action] = {}
         self.truths: dict[str, Truth] = {}
+        self.height_share = flight.config.fleet.height_share
         node = flight.bus.node("judge")
         node.start()
         node.subscribe(Topic.TRUTH, "*", self._look)
@@ -160,10 +261,11 @@ class Judge:
             for other in truths[place + 1 :]:
                 if one.is_on_ground and other.is_on_ground:
                     continue
-                far_m = math.dist(one.position_enu_m[:2], other.position_enu_m[:2])
-                silenced = self.is_injected and self.injection.is_silenced
-                is_its = silenced and self.victim in (one.vehicle, other.vehicle)
-                self.smallest[is_its] = min(self.smallest[is_its], far_m)
+                far_m = separation_m(one.position_enu_m, other.position_enu_m, self.height_share)
+                silenced = 0
+                if self.is_injected:
+                    silenced = len(self.silenced & {one.vehicle, other.vehicle})
+                self.smallest[silenced] = min(self.smallest[silenced], far_m)
         fence = self.flight.config.fleet.geofence_m
         for truth in truths:
             x, y, z = truth.position_enu_m
@@ -174,7 +276,10 @@ class Judge:
                 )
                 and z <= fence.z[1] + _FENCE_SLACK_M
             )
-            if not inside and not (truth.vehicle == self.victim and self.injection.may_leave_fence):
+            may_leave = self.injection.may_leave_fence and (
+                truth.vehicle == self.victim or truth.vehicle in self.silenced
+            )
+            if not inside and not may_leave:
                 self.wrong(f"{truth.vehicle} leaves the fence")
             if truth.vehicle == self.victim and z > self.highest_m:
                 self.wrong(f"{truth.vehicle} rises by more than {self.injection.rises_m} m")
@@ -210,13 +315,20 @@ class Judge:
     def finish(self) -> None:
         """After the flight."""
         flight, injection, victim = self.flight, self.injection, self.victim
-        if flight.simulation.emulator.world.collisions:
-            self.wrong(f"collisions: {len(flight.simulation.emulator.world.collisions)}")
+        for collision in flight.simulation.emulator.world.collisions:
+            both = {flight.simulation.names[i] for i in (collision.first, collision.second)}
+            if not both <= self.silenced:
+                self.wrong(f"{' and '.join(sorted(both))} collide")
         for one, autopilot in zip(
             flight.simulation.names, flight.simulation.emulator.autopilots, strict=True
         ):
             if autopilot.is_armed or not self.truths[one].is_on_ground:
                 self.wrong(f"{one} is not down and disarmed at the end")
+        for sentence in flight.hard_touchdowns:
+            self.wrong(sentence)
+        for event in flight.events:
+            if event.code == "direct_command" and event.vehicle not in self.silenced:
+                self.wrong(event.sentence)
         told = {(event.vehicle, event.code) for event in flight.events}
         others = [name for name in self.seen if name != victim]
         for wanted, names in ((injection.own, [victim]), (injection.others, others)):
@@ -286,18 +398,31 @@ def fly(case: Case, folder: Path | None = None) -> Outcome:
 
 
 def _fly(case: Case, folder: Path | None) -> Outcome:
-    injection = next(one for one in INJECTIONS if one.name == case.injection)
+    first = injection_of(case.injection)
+    second = injection_of(case.second) if case.second else None
+    injection = first if second is None else both_of(first, second)
     outcome = Outcome(case)
-    with Lockstep(fleet_of(case.count), seed=case.tick, folder=folder) as flight:
+    mission = MISSIONS[case.mission].mission(case)
+    environment = Environment(wind=wind_of(case.wind_m_s))
+    with Lockstep(mission.fleet, seed=case.tick, folder=folder, environment=environment) as flight:
         victim = flight.config.enabled_names[case.place]
-        judge = Judge(flight, injection, victim)
+        other = flight.config.enabled_names[case.second_place]
+        silenced = set()
+        if first.is_silenced:
+            silenced.add(victim)
+        if second is not None and second.is_silenced:
+            silenced.add(other)
+        judge = Judge(flight, injection, victim, silenced)
 
         def inject() -> None:
             judge.begin()
-            injection.inject(flight, victim)
+            first.inject(flight, victim)
 
-        flight.at(READY_S + 0.02 * case.tick, inject)
-        flight.fly(mission_of(case.count))
+        at_s = READY_S + 0.02 * case.tick
+        flight.at(at_s, inject)
+        if second is not None:
+            flight.at(at_s + case.gap_s, functools.partial(second.inject, flight, other))
+        flight.fly(mission)
         flight.bus.heal()
         flight.run(1.0)
         up = [
@@ -322,26 +447,57 @@ def _fly(case: Case, folder: Path | None) -> Outcome:
         outcome.wrong = list(judge.outcome_wrong)
         for counts in judge.seen.values():
             outcome.seen.update({condition.value: ticks for condition, ticks in counts.items()})
-        outcome.min_separation_m, outcome.min_silenced_m = (
-            judge.smallest[False],
-            judge.smallest[True],
-        )
+        free_m, silenced_m, unflown_m = judge.smallest
+        outcome.min_separation_m = free_m
+        outcome.min_silenced_m = silenced_m
+        outcome.min_unflown_m = unflown_m
+
         body_m = flight.config.fleet.body_diameter_m
-        nearest_m = judge.smallest[False] if injection.is_falling else min(judge.smallest.values())
-        if nearest_m < body_m:
-            outcome.wrong.append(f"bodies touch: {nearest_m:.2f} m")
+        promised_m = body_m
+        if not injection.is_astray:
+            promised_m = flight.config.fleet.safety_distance_m
+        if free_m < promised_m:
+            outcome.wrong.append(f"{promised_m:g} m is promised: {free_m:.2f} m")
+        if silenced_m < body_m and not injection.is_falling:
+            outcome.wrong.append(f"bodies touch: {silenced_m:.2f} m")
     return outcome
 
 
+def injection_of(name: str) -> Injection:
+    """Return the row of the catalogue."""
+    return next(one for one in INJECTIONS if one.name == name)
+
+
+def both_of(first: Injection, second: Injection) -> Injection:
+    """Return what may follow when both break; which of them is noticed is not judged."""
+    return replace(
+        first,
+        own=frozenset(),
+        others=frozenset(),
+        is_silenced=first.is_silenced or second.is_silenced,
+        is_cut_off=first.is_cut_off or second.is_cut_off,
+        may_leave_fence=first.may_leave_fence or second.may_leave_fence,
+        is_falling=first.is_falling or second.is_falling,
+        is_astray=first.is_astray or second.is_astray,
+        rises_m=max(first.rises_m, second.rises_m),
+    )
+
+
+def wind_of(mean_m_s: float) -> WindSettings:
+    """Return a wind from the west, with gusts of a fifth of it."""
+    return WindSettings(mean_enu_m_s=(mean_m_s, 0.0, 0.0), gust_std_m_s=0.2 * mean_m_s)
+
+
 def cases(every: int, counts: Iterable[int] = (3, 6), stagger: int = 0) -> list[Case]:
-    """Each injection at every k-th tick of a flight; with ``stagger`` each one begins that much
-    later than the last.
+    """Each injection of what has poses at every k-th tick of a flight; with ``stagger`` each one
+    begins that much later than the last.
     """
     ticks = round(FLIGHT_S / 0.02)
     return [
         Case(injection.name, tick, count, place=(tick // every) % count)
         for count in counts
         for number, injection in enumerate(INJECTIONS)
+        if MISSIONS[CROSSING].may_break(injection)
         for tick in range((number * stagger) % every, ticks, every)
     ]
 

@@ -26,6 +26,7 @@ def _crossing(lockstep, paper, lie: str):
     return flight
 
 
+@pytest.mark.failsafe("neighbour's word cannot be true", step="flying")
 @pytest.mark.parametrize("lie", LIES)
 def test_a_liar_is_named_and_kept_off(lockstep, paper, lie: str) -> None:
     flight = _crossing(lockstep, paper, lie)

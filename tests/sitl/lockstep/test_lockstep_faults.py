@@ -66,6 +66,7 @@ def test_an_agent_that_accepts_the_last_landing_and_dies_is_landed_straight_by_p
     assert flight.time_s < 25.0
 
 
+@pytest.mark.failsafe("loop stalled for long", step="flying")
 def test_an_agent_that_hangs_for_a_moment_holds_and_one_that_hangs_for_long_is_landed_by_px4(
     lockstep, paper
 ):
@@ -112,6 +113,7 @@ def test_the_end_of_an_order_that_its_ground_missed_is_told_when_it_is_back(lock
     assert len(ends) == len(paper.enabled_names)  # what was heard is not told twice
 
 
+@pytest.mark.failsafe("ground station lost for long", step="flying")
 def test_without_the_ground_for_long_all_land_under_the_law(lockstep, paper):
     section = msgspec.structs.replace(paper.fleet, ground_lost_land_s=2.0)
     flight = lockstep(msgspec.structs.replace(paper, fleet=section), seed=8)
@@ -134,8 +136,10 @@ def test_an_agent_cut_off_from_everybody_loses_its_position_and_lands(lockstep, 
     assert flight.agents["mav0"].core.flight.state == "flying"
 
 
+@pytest.mark.failsafe("own position lost", step="flying")
 def test_a_vehicle_whose_body_the_mocap_loses_lands_by_dead_reckoning(lockstep, paper):
     flight = lockstep(paper, seed=5)
+    flight.may_land_hard = True  # blind, with 1.4 m/s
     flight.takeoff(1.0)
     flight.inject(Fault("mocap_lost", "mav2", at_s=flight.time_s))
     flight.run(1.0)

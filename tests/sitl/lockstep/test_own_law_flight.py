@@ -40,6 +40,7 @@ def test_the_templates_law_flies_the_mission_of_covey_init(folder, lockstep):
     assert {shell.core.identity.law for shell in flight.agents.values()} == {"my_law:law"}
 
 
+@pytest.mark.failsafe("own law refused, Covey's flies", step="flying")
 def test_a_law_that_fails_in_flight_is_named_and_coveys_flies_on(folder, lockstep):
     path = folder / "my_law.py"
     path.write_text(path.read_text() + FAILING)

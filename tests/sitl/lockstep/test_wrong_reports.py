@@ -5,6 +5,8 @@ from __future__ import annotations
 import functools
 from typing import Any
 
+import pytest
+
 from onboard.config.fleet import FleetConfig
 from onboard.flight.types import FlightStep
 from onboard.safety.failsafe_table import Condition, Situation
@@ -19,6 +21,7 @@ def _hover(lockstep: Any, fleet: FleetConfig, seed: int) -> Lockstep:
     return flight
 
 
+@pytest.mark.failsafe("PX4's reports contradict each other", step="flying")
 def test_no_single_wrong_report_ends_a_flight_and_each_contradiction_is_noticed(
     lockstep, paper: FleetConfig
 ) -> None:
@@ -42,6 +45,7 @@ def test_no_single_wrong_report_ends_a_flight_and_each_contradiction_is_noticed(
     assert all(result.is_done for result in flight.land().values())
 
 
+@pytest.mark.failsafe("PX4's reports contradict each other for long", step="flying")
 def test_two_senders_of_one_system_id_end_the_flight_by_a_landing_under_the_law(
     lockstep, paper: FleetConfig
 ) -> None:

@@ -1,0 +1,32 @@
+"""Every row of the failsafe table has a test, and every marker of a test has its row."""
+
+from __future__ import annotations
+
+from onboard.safety.failsafe_table import Condition
+from tests.architecture import failsafe_proofs
+from tests.architecture.failsafe_proofs import Proof
+from tests.sitl.lockstep.injections import INJECTIONS
+
+
+def test_every_row_of_the_failsafe_table_is_proved_by_a_test() -> None:
+    assert failsafe_proofs.without_proof() == []
+
+
+def test_every_marker_names_a_row_and_a_situation() -> None:
+    assert [proof.wrong for proof in failsafe_proofs.proofs() if proof.wrong] == []
+    assert len(failsafe_proofs.proofs()) > 40
+
+
+def test_a_marker_that_names_no_row_is_found() -> None:
+    fine = Proof(Condition.POSITION_LOST.value, "flying", "test_x.py::test_y")
+    assert fine.wrong == ""
+    assert "is no condition" in Proof("own position gone", "flying", "a test").wrong
+    assert "is no situation" in Proof(Condition.POSITION_LOST.value, "up", "a test").wrong
+
+
+def test_what_was_flown_names_faults_and_conditions_that_there_are() -> None:
+    words = {condition.value for condition in Condition}
+    faults = {injection.name for injection in INJECTIONS}
+    for name, result in failsafe_proofs.flown().items():
+        assert name in faults
+        assert set(result["seen"]) <= words
