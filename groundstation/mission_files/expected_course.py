@@ -126,6 +126,10 @@ def resolved(intent: Intent, fleet: FleetConfig) -> Intent:
         goals = dict(zip(own_names, intent.goals.values(), strict=True))
         return structs.replace(intent, vehicles=own_names, goals=goals)
 
+    if isinstance(intent, Land):
+        is_everybody = intent.vehicles in ("all", ("all",))
+        return structs.replace(intent, vehicles=names, is_everybody=is_everybody)
+
     if isinstance(intent, Formation):
         if intent.name not in formation_names(fleet):
             known = ", ".join(formation_names(fleet)) or "it has none"

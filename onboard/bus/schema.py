@@ -15,6 +15,7 @@ arrays: a new field goes to the end of its class and has a default.
 
 from __future__ import annotations
 
+import math
 from typing import Literal
 
 import msgspec
@@ -42,6 +43,9 @@ OrderKind = Literal[
     "load_path",
     "follow_path",
 ]
+# Reasons of an order; without one a person gives it, to the vehicles that he names.
+BY_MISSION = "mission"  # a mission or a script gives it, at its end or in its course
+TO_EVERYBODY = "everybody"  # a person gives it to all, as LAND ALL does
 OrderOutcome = Literal["accepted", "done", "refused", "superseded", "failed", "timed out"]
 Severity = Literal["debug", "info", "warning", "critical"]
 
@@ -161,6 +165,17 @@ class Telemetry(Message, frozen=True, array_like=True, kw_only=True):
     refused_messages: int = 0
     dropped_messages: int = 0
     late_messages: int = 0
+
+    # mean velocity of the air that it feels, east and north; NaN: not known
+    wind_enu_m_s: tuple[float, float] = (math.nan, math.nan)
+    gust_m_s: float = math.nan  # standard deviation of the gusts, per axis; NaN: not known
+    max_wind_m_s: float = math.nan  # its limit of the mean; NaN: not known
+
+    is_flown_by_hand: bool = False  # its PX4 is in a pilot's mode and hears his sticks
+    # the newest order that it has taken, also after its end; `locate` and parts of paths are none
+    taken_order_id: str = ""
+    taken_order_kind: str = ""
+    taken_order_from: str = ""  # author and node
 
 
 class PreflightReport(Message, frozen=True, array_like=True, kw_only=True):
@@ -283,6 +298,9 @@ class Order(Message, frozen=True, array_like=True, kw_only=True):
     # clocks say
     heard_boot_id: int = 0
     heard_ns: int = 0
+    # BY_MISSION, TO_EVERYBODY, or empty: a person's to the vehicles that he names. A landing with a
+    # reason is refused while a pilot flies the vehicle by hand.
+    reason: str = ""
 
     @property
     def text(self) -> str:
@@ -313,7 +331,9 @@ class OrderReply(Message, frozen=True, array_like=True, kw_only=True):
     order_id: str  # of the order
     vehicle: str
     is_accepted: bool
-    reason: str  # of a refusal, as a sentence
+    # of a refusal, as a sentence; of an order that is accepted: what it leads to, where its name
+    # does not say it
+    reason: str
 
 
 class MocapPose(Message, frozen=True, array_like=True, kw_only=True):
@@ -375,3 +395,7 @@ class Truth(Message, frozen=True, array_like=True, kw_only=True):
     quaternion_enu_flu_wxyz: Vec4
     is_on_ground: bool
     is_collided: bool
+    # first contacts with the ground after flights, so far; 0 also where nobody counts them
+    touchdowns: int = 0
+    touchdown_m_s: float = 0.0  # vertical speed at the newest of them
+    had_thrust: bool = True  # its motors had all their thrust then

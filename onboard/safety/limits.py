@@ -11,6 +11,8 @@ import math
 POSITION_STALE_S = 0.2  # from here on the vehicle flies by dead reckoning; no take-off
 POSITION_LOST_S = 0.5
 RECKONING_S = 6.0  # from here on dead reckoning is worth no more than PX4's own landing
+RECKONING_AMONG_OTHERS_S = 12.0  # near others it is: PX4 avoids nobody, and reckons worse
+AMONG_OTHERS_M = 5.0  # nearer than this a vehicle is among others
 
 # PX4
 AUTOPILOT_SILENT_S = 0.3  # without any packet

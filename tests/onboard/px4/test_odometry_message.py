@@ -15,8 +15,8 @@ import pytest
 os.environ["MAVLINK20"] = "1"
 from pymavlink.dialects.v20 import common as mavlink
 
-from onboard.frames import quaternion_from_yaw
 from onboard.px4.mavsdk_link import Px4Link
+from tests.oracles.rotation import quaternion_from_yaw
 
 _SYSTEM = 9
 

@@ -14,10 +14,11 @@ import pytest
 
 from onboard.autopilot import Landed, LinkError, Snapshot
 from onboard.config.fleet import load_fleet
-from onboard.frames import Quaternion, quaternion_from_yaw, quaternion_multiply
+from onboard.frames import Quaternion
 from onboard.px4.mavsdk_link import Px4Link
-from onboard.px4.required_params import differences, required_params
+from onboard.px4.required_params import RequiredParam, differences, required_params
 from onboard.types import AttitudeSetpoint
+from tests.oracles.rotation import quaternion_from_yaw, quaternion_multiply
 
 FLEET = """
 schema = 1
@@ -134,13 +135,16 @@ def test_the_stream_rates_are_raised(link: Px4Link) -> None:
 def test_required_parameters_are_read_found_wrong_set_and_found_right(
     link: Px4Link, fleet_file: Path
 ) -> None:
-    required = required_params(load_fleet(fleet_file).vehicles["solo"])
+    fleet = load_fleet(fleet_file)
+    demands = required_params(fleet, fleet.vehicles["solo"]).values()
+    required = {demand.name: demand.value for demand in demands}
     assert required.items() >= {"COM_OF_LOSS_T": 0.3, "COM_OBL_RC_ACT": 4}.items()
-    before = differences(required, link.read_params(required))
+    before = differences(demands, link.read_params(required))
     assert [sentence.split()[2] for sentence in before][:2] == ["COM_OF_LOSS_T", "COM_OBL_RC_ACT"]
     link.apply_params(required)
-    assert differences(required, link.read_params(required)) == ()
-    assert "did not send" in differences({"NO_SUCH": 1}, link.read_params({"NO_SUCH": 1}))[0]
+    assert differences(demands, link.read_params(required)) == ()
+    unknown = RequiredParam("NO_SUCH", 1, "")
+    assert "did not send" in differences([unknown], link.read_params({"NO_SUCH": 1}))[0]
 
 
 def test_a_flight_follows_the_setpoints_and_a_silent_loop_sends_none(link: Px4Link) -> None:
