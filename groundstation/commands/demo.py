@@ -22,7 +22,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from groundstation.commands.fly import fly_mission
-from groundstation.commands.parameters import BusOptions, File, FlightOptions
+from groundstation.commands.parameters import BusOptions, File, FlightOptions, WorldOptions
 from groundstation.flights.demo_missions import locked_copy, mission_of_ring
 from groundstation.mission_files.loading import load_mission
 from groundstation.mission_files.mission import Mission
@@ -31,6 +31,7 @@ from onboard.config.fleet import ConfigError, load_fleet
 
 _NO_OPTIONS = FlightOptions()
 _NO_BUS_OPTIONS = BusOptions()
+_NO_WORLD_OPTIONS = WorldOptions()
 _PAPER_FORMATION = "triangle"  # the formation that the paper's mission flies
 
 
@@ -40,6 +41,7 @@ def demo(
     vehicles: Annotated[int | None, Parameter(metavar="N")] = None,
     secure: bool = False,
     options: FlightOptions = _NO_OPTIONS,
+    world: WorldOptions = _NO_WORLD_OPTIONS,
     bus: BusOptions = _NO_BUS_OPTIONS,
 ) -> int:
     """Fly the paper's experiment: emulator, agents and console of three weak drones.
@@ -64,11 +66,11 @@ def demo(
         flown = _ring(mission, vehicles, options)
 
     if options.lockstep or not (secure or flown.fleet.has_keys):
-        return fly_mission(flown, options, bus, is_simulated=True, has_free_ports=True)
+        return fly_mission(flown, options, world, bus, is_simulated=True, has_free_ports=True)
 
     with tempfile.TemporaryDirectory(prefix="covey-demo-") as folder:
         locked = locked_copy(flown, Path(folder))
-        return fly_mission(locked, options, bus, is_simulated=True, has_free_ports=False)
+        return fly_mission(locked, options, world, bus, is_simulated=True, has_free_ports=False)
 
 
 def _loaded(mission: str, options: FlightOptions) -> Mission:

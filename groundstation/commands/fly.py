@@ -5,6 +5,7 @@ Examples:
   covey fly paper --fleet fleet.toml --headless --record flights/first
   covey fly paper --lockstep --law off
   covey fly my_mission.py --lockstep --arg height_m=1.5
+  covey fly paper --lockstep --wind-m-s 3,0 --fault 'mav1 mocap_lost at=14'
 
 Exit status: 0 all that the mission declares came true; 1 something did not;
 2 wrong input, nothing started; 130 interrupted. Ctrl-C lands; a second one ends
@@ -18,14 +19,25 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from groundstation.commands.parameters import BusOptions, FileName, FlightOptions, refuse_wrong_seed
+from groundstation.commands.parameters import (
+    BusOptions,
+    FileName,
+    FlightOptions,
+    WorldOptions,
+)
 from groundstation.flights.flight_settings import new_folder, prepare
 from groundstation.flights.mission_flight import MissionFlight, clock_say
+from groundstation.flights.simulation_settings import (
+    SimulationSettings,
+    refuse_wrong_settings,
+    wind_of,
+)
 from groundstation.mission_files.mission import Mission
 from onboard.config.fleet import ConfigError
 
 _NO_OPTIONS = FlightOptions()
 _NO_BUS_OPTIONS = BusOptions()
+_NO_WORLD_OPTIONS = WorldOptions()
 
 
 def fly(
@@ -34,6 +46,7 @@ def fly(
     *,
     sitl: bool = False,
     options: FlightOptions = _NO_OPTIONS,
+    world: WorldOptions = _NO_WORLD_OPTIONS,
     bus: BusOptions = _NO_BUS_OPTIONS,
 ) -> int:
     """Fly a mission, TOML or Python, and say whether all came true that it declares.
@@ -42,12 +55,13 @@ def fly(
         mission: mission file, or the name of an example
         sitl: start the emulator and the agents too, on the file's ports
     """
-    return fly_mission(mission, options, bus, is_simulated=sitl, has_free_ports=False)
+    return fly_mission(mission, options, world, bus, is_simulated=sitl, has_free_ports=False)
 
 
 def fly_mission(
     mission: Mission | str,
     options: FlightOptions,
+    world: WorldOptions,
     bus: BusOptions,
     *,
     is_simulated: bool,
@@ -58,6 +72,7 @@ def fly_mission(
     Args:
         mission: as it was read, or its path.
         options: of all commands that fly a mission.
+        world: weather, faults and orders of others.
         bus: delays and losses of the simulated bus.
         is_simulated: whether emulator and agents are started, also without --lockstep.
         has_free_ports: whether a simulated fleet gets ports that nobody else uses.
@@ -65,20 +80,19 @@ def fly_mission(
     Raises:
         ConfigError: wrong input; nothing was started.
     """
-    refuse_wrong_seed(options.seed)
-    if bus.given and not options.lockstep:
-        first = next(iter(bus.given)).replace("_", "-")
-        raise ConfigError(f"--bus-{first} is for flights in lockstep. Add --lockstep.")
+    is_simulated = is_simulated or options.lockstep
+    _refuse_misplaced(options, world, bus, is_simulated=is_simulated)
+    simulation = _simulation(options, world, bus)
 
     settings = prepare(
         mission,
         options.record or new_folder().absolute(),
         fleet_path=options.fleet,
         law=options.law,
-        is_simulated=is_simulated or options.lockstep,
+        is_simulated=is_simulated,
         has_free_ports=has_free_ports and not options.lockstep,
         is_headless=options.headless or options.lockstep,
-        seed=options.seed,
+        simulation=simulation,
         needs_ports=not options.lockstep,
         arguments=_arguments(options.arg),
     )
@@ -87,11 +101,59 @@ def fly_mission(
 
     # Imported here: a flight with real agents needs nothing of the simulation.
     from sitl.lockstep.command import fly_mission as fly_in_lockstep
-    from sitl.lockstep.connections import BusSettings
 
-    return fly_in_lockstep(
-        settings.mission, settings.folder, seed=settings.seed, bus=BusSettings(**bus.given)
+    return fly_in_lockstep(settings.mission, settings.folder, settings.simulation)
+
+
+def _refuse_misplaced(
+    options: FlightOptions, world: WorldOptions, bus: BusOptions, *, is_simulated: bool
+) -> None:
+    """Refuse options of simulations where nothing, or not all of it, is simulated."""
+    if bus.given and not options.lockstep:
+        first = next(iter(bus.given)).replace("_", "-")
+        raise ConfigError(f"--bus-{first} is for flights in lockstep. Add --lockstep.")
+    if world.order and not options.lockstep:
+        raise ConfigError(
+            "--order is for flights in lockstep. Add --lockstep, or give the order from another"
+            " terminal with covey order."
+        )
+    if world.given and not is_simulated:
+        raise ConfigError(f"{world.given[0]} is for simulated flights. Add --sitl or --lockstep.")
+
+
+def _simulation(options: FlightOptions, world: WorldOptions, bus: BusOptions) -> SimulationSettings:
+    """Return what the options say of the simulation, checked."""
+    wind_enu_m_s = (0.0, 0.0)
+    if world.wind_m_s is not None:
+        wind_enu_m_s = wind_of(world.wind_m_s)
+    _refuse_wrong_faults(world.fault)
+
+    simulation = SimulationSettings(
+        is_lockstep=options.lockstep,
+        seed=options.seed,
+        wind_enu_m_s=wind_enu_m_s,
+        gust_m_s=world.gust_m_s,
+        faults=world.fault,
+        orders=world.order,
+        bus=bus.given,
     )
+    refuse_wrong_settings(simulation)
+    return simulation
+
+
+def _refuse_wrong_faults(lines: tuple[str, ...]) -> None:
+    """Refuse faults that are not written as such; the emulator checks their values."""
+    if not lines:
+        return
+
+    # Imported here: a flight with real agents needs nothing of the simulation.
+    from sitl.faults.catalogue import FaultError, parse
+
+    for line in lines:
+        try:
+            parse(line)
+        except FaultError as error:
+            raise ConfigError(f"--fault: {error}") from None
 
 
 def _arguments(written: tuple[str, ...]) -> dict[str, str]:

@@ -19,7 +19,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from groundstation.commands.fly import fly_mission
-from groundstation.commands.parameters import BusOptions, FlightOptions, LawName
+from groundstation.commands.parameters import BusOptions, FlightOptions, LawName, WorldOptions
 from groundstation.flights.flight_settings import new_folder
 from groundstation.shows.gallery import GALLERY, gallery_mission, sentence_of
 from onboard.exit_status import EXIT_OK
@@ -49,6 +49,7 @@ def gallery(
     return fly_mission(
         gallery_mission(name, folder),
         FlightOptions(record=folder, law=law, seed=seed, lockstep=True),
+        WorldOptions(),
         BusOptions(),
         is_simulated=True,
         has_free_ports=False,

@@ -26,6 +26,7 @@ from groundstation.commands.parameters import File, Folder, refuse_wrong_seed
 from groundstation.flights.flight_settings import FlightSettings, new_folder, prepare
 from groundstation.flights.identification_flight import write_manoeuvre
 from groundstation.flights.mission_flight import MissionFlight, clock_say
+from groundstation.flights.simulation_settings import SimulationSettings
 from groundstation.identification.identified_flight import identify_flight
 from groundstation.identification.manoeuvre import BOX_M
 from groundstation.identification.report import IdentifiedVehicle, page, rows, toml_of_types
@@ -94,7 +95,7 @@ def identify(
         is_simulated=sitl,
         has_free_ports=True,
         is_headless=headless,
-        seed=seed,
+        simulation=SimulationSettings(seed=seed),
     )
     status = _fly(settings, is_json=json)
     if status != EXIT_OK:

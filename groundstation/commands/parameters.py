@@ -34,6 +34,7 @@ Seconds = Annotated[float, Parameter(metavar="S")]
 # covey, paper, off, or a law of one's own
 LawName = Annotated[NameOfLaw | None, Parameter(metavar="NAME", show_choices=False)]
 
+_WORLD = Group("The world of a simulated flight", sort_key=8)
 _BUS = Parameter(group=Group("The bus of a flight in lockstep", sort_key=9), metavar="X")
 
 
@@ -92,6 +93,40 @@ class FlightOptions:
     seed: int = 0
     lockstep: bool = False
     arg: Annotated[tuple[str, ...], Parameter(metavar="NAME=VALUE")] = ()
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WorldOptions:
+    """Weather, faults and orders of others in a simulated flight.
+
+    Args:
+        wind_m_s: mean wind, towards east and north
+        gust_m_s: standard deviation of its gusts
+        fault: a fault, for instance 'mav1 motor_dead at=20 motor=2'; may be given several times;
+            covey sitl --faults lists them
+        order: an order of somebody else, for instance '12.5 hold all'; with --lockstep; may be
+            given several times
+    """
+
+    wind_m_s: Annotated[str | None, Parameter(group=_WORLD, metavar="EAST,NORTH")] = None
+    gust_m_s: Annotated[float, Parameter(group=_WORLD, metavar="X", show_default=False)] = 0.0
+    fault: Annotated[tuple[str, ...], Parameter(group=_WORLD, metavar="LINE")] = ()
+    order: Annotated[tuple[str, ...], Parameter(group=_WORLD, metavar="'S ORDER'")] = ()
+
+    @property
+    def given(self) -> tuple[str, ...]:
+        """The options that were given, as they are typed."""
+        names = []
+        if self.wind_m_s is not None:
+            names.append("--wind-m-s")
+        if self.gust_m_s:
+            names.append("--gust-m-s")
+        if self.fault:
+            names.append("--fault")
+        if self.order:
+            names.append("--order")
+        return tuple(names)
 
 
 def refuse_wrong_seed(seed: int) -> None:

@@ -11,13 +11,13 @@ Exit status: 0 ended by an interrupt; 2 wrong input or a port in use, nothing wa
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
 from groundstation.commands.parameters import FleetFile, Names
+from groundstation.flights.simulation_settings import wind_of
 from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
 from onboard.exit_status import EXIT_OK
 from sitl.emulator.emulator import Environment
@@ -99,7 +99,7 @@ def sitl(
             "there is nothing to emulate: select at least one vehicle, and a seed of 0 or more."
         )
 
-    wind = WindSettings(_wind(wind_m_s), gust_m_s, gust_s, common_gusts)
+    wind = WindSettings((*wind_of(wind_m_s), 0.0), gust_m_s, gust_s, common_gusts)
     if not all(0.0 <= value <= _LARGEST for value in (gust_m_s, gust_s, error_scale)):
         raise ConfigError("--gust-m-s, --gust-s and --error-scale must lie between 0 and 30.")
 
@@ -147,16 +147,6 @@ def _select(
             " --no-bus to emulate its PX4 without poses."
         )
     return names
-
-
-def _wind(text: str) -> tuple[float, float, float]:
-    try:
-        east, north = (float(part) for part in text.split(","))
-    except ValueError:
-        east = north = math.nan
-    if not (abs(east) <= _LARGEST and abs(north) <= _LARGEST):
-        raise ConfigError(f"--wind-m-s is '{text}'; write it as EAST,NORTH, each at most 30 m/s.")
-    return (east, north, 0.0)
 
 
 def _station(

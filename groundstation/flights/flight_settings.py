@@ -16,6 +16,7 @@ from types import MappingProxyType
 
 from msgspec.structs import replace
 
+from groundstation.flights.simulation_settings import SimulationSettings, write_settings
 from groundstation.mission_files.loading import load_mission, with_fleet
 from groundstation.mission_files.mission import Mission
 from groundstation.mission_files.mission_findings import refuse_unflyable
@@ -30,6 +31,8 @@ from groundstation.processes.free_ports import (
 from groundstation.recording.writer import RECORD_NAME
 from onboard.config.fleet import ConfigError, FleetConfig, fleet_from_mapping
 
+_CALM = SimulationSettings()
+
 
 @dataclass(frozen=True, slots=True)
 class FlightSettings:
@@ -39,7 +42,7 @@ class FlightSettings:
     folder: Path  # gets the record, the logs and the verdict
     is_simulated: bool  # whether the flight starts emulator and agents itself
     is_headless: bool  # whether it runs without the console
-    seed: int  # of everything random in the emulator
+    simulation: SimulationSettings  # of a simulated flight
 
 
 def prepare(
@@ -51,7 +54,7 @@ def prepare(
     is_simulated: bool,
     has_free_ports: bool,
     is_headless: bool,
-    seed: int,
+    simulation: SimulationSettings = _CALM,
     needs_ports: bool = True,
     arguments: Mapping[str, str] = MappingProxyType({}),
 ) -> FlightSettings:
@@ -65,7 +68,7 @@ def prepare(
         is_simulated: whether the flight starts emulator and agents itself.
         has_free_ports: whether a simulated fleet gets ports that nobody else uses.
         is_headless: whether the flight runs without the console.
-        seed: seed of everything random in the emulator.
+        simulation: seed, weather, faults and orders of a simulated flight.
         needs_ports: False for a flight without sockets.
         arguments: of a Python mission, as they were written.
 
@@ -95,12 +98,20 @@ def prepare(
     mission_name = f"mission{Path(mission.path).suffix}"
     files = {"fleet.toml": mission.fleet.text, mission_name: mission.text}
     open_folder(folder, files, is_headless=is_headless)
+    if is_simulated:
+        simulation = replace(
+            simulation,
+            mission_path=str(Path(mission.path).absolute()),
+            arguments=dict(arguments),
+        )
+        write_settings(folder, simulation)
+
     return FlightSettings(
         mission=mission,
         folder=folder,
         is_simulated=is_simulated,
         is_headless=is_headless,
-        seed=seed,
+        simulation=simulation,
     )
 
 
@@ -122,6 +133,18 @@ def new_folder() -> Path:
     return Path("flights") / datetime.datetime.now().strftime("%Y%m%d-%H%M%S")
 
 
+def refuse_flown_folder(folder: Path) -> None:
+    """Refuse the folder of another flight.
+
+    Raises:
+        ConfigError: it holds a record.
+    """
+    if (folder / RECORD_NAME).exists():
+        raise ConfigError(
+            f"{folder}: this folder holds a flight already. Choose another with --record."
+        )
+
+
 def open_folder(folder: Path, files: Mapping[str, str], *, is_headless: bool) -> None:
     """Make the folder of a new flight with the files that it is flown from.
 
@@ -136,11 +159,7 @@ def open_folder(folder: Path, files: Mapping[str, str], *, is_headless: bool) ->
     if not is_headless and not sys.stdout.isatty():
         raise ConfigError("The console needs a terminal, and this output is none. Add --headless.")
 
-    if (folder / RECORD_NAME).exists():
-        raise ConfigError(
-            f"{folder}: this folder holds a flight already. Choose another with --record."
-        )
-
+    refuse_flown_folder(folder)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for name, text in files.items():

@@ -22,6 +22,7 @@ from pathlib import Path
 from groundstation.client.client import FleetClient
 from groundstation.flights.flight_settings import FlightSettings
 from groundstation.flights.interruption import listen, listen_no_more
+from groundstation.flights.simulation_settings import emulator_options
 from groundstation.missions.runner import READY_TIMEOUT_SIM_S, MissionRun
 from groundstation.processes.fleet_processes import EMULATOR, start_fleet
 from groundstation.processes.priority import take_priority
@@ -168,7 +169,14 @@ class MissionFlight:
                 count = len(self._fleet.enabled_names)
                 folder = self.settings.folder
                 self._say(f"Starting the emulator and {count} agents; everything goes to {folder}.")
-                start_fleet(self._fleet, folder, self.settings.seed, self._processes)
+                simulation = self.settings.simulation
+                start_fleet(
+                    self._fleet,
+                    folder,
+                    simulation.seed,
+                    self._processes,
+                    emulator_options=emulator_options(simulation),
+                )
 
             await client.start()
             client.publish_event("debug", "priority", take_priority())

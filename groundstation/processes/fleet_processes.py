@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from groundstation.processes.free_ports import is_free_endpoint
@@ -11,7 +12,14 @@ from onboard.config.fleet import FleetConfig
 EMULATOR = "sitl"  # name of the emulator's process and of its log
 
 
-def start_fleet(fleet: FleetConfig, folder: Path, seed: int, processes: Processes) -> None:
+def start_fleet(
+    fleet: FleetConfig,
+    folder: Path,
+    seed: int,
+    processes: Processes,
+    *,
+    emulator_options: Sequence[str] = (),
+) -> None:
     """Start the emulator and the agents of the ``fleet.toml`` in a folder.
 
     All start at once: they find each other in whatever order they come up.
@@ -21,6 +29,7 @@ def start_fleet(fleet: FleetConfig, folder: Path, seed: int, processes: Processe
         folder: the flight's folder, which holds ``fleet.toml``.
         seed: seed of everything random in the emulator.
         processes: gets the processes.
+        emulator_options: further words for ``covey sitl``, for instance its weather.
 
     Raises:
         ProcessError: one of them cannot start.
@@ -33,7 +42,7 @@ def start_fleet(fleet: FleetConfig, folder: Path, seed: int, processes: Processe
             words = ["groundstation", "router", path, "--endpoint", endpoint]
             processes.start(f"router{number}", words)
 
-    processes.start(EMULATOR, ["sitl", "--fleet", path, "--seed", str(seed)])
+    processes.start(EMULATOR, ["sitl", "--fleet", path, "--seed", str(seed), *emulator_options])
 
     names = fleet.enabled_names
     is_realtime = leaves_room(len(names))

@@ -50,6 +50,7 @@ PARAMETER_FILE = FileKind("file", 16 * _MB, "Give a file of covey px4 params --d
 KEY_FILE = FileKind("file", 64_000, "Copy it again, or issue it anew.")
 # A map of 10,000 cells takes 5 MB.
 RESULTS_FILE = FileKind("file", 64 * _MB, "Name a file of covey simulate --map.")
+SIMULATION_FILE = FileKind("file", 1 * _MB, "Fly the mission anew.")
 RECORD = FileKind("record", None, "Give the folder of a recorded flight.")
 
 DEEPEST = 32  # tables and lists within each other; missions use 23 at most

@@ -98,6 +98,11 @@ class SimBus:
         """Return a new node; it takes part from its ``start`` on."""
         return Node(self, name)
 
+    def change_settings(self, settings: BusSettings) -> None:
+        """Give all pairs that have no quality of their own another one from now on."""
+        self.settings = settings
+        self._delay_ns = round(settings.delay_s * 1e9)
+
     def set_link(self, first: str, second: str, settings: BusSettings) -> None:
         """Give both directions between two nodes their own quality."""
         self._links[first, second] = settings

@@ -6,14 +6,24 @@ import signal
 import time
 from pathlib import Path
 
+from groundstation.flights.simulation_settings import SimulationSettings
 from groundstation.mission_files.mission import Mission
 from onboard.bus.schema import Event
-from sitl.lockstep.connections import BusSettings
-from sitl.lockstep.flight import Lockstep
+from sitl.lockstep.reflight import record_digests
+from sitl.lockstep.simulated_flight import open_flight
 
 
-def fly_mission(mission: Mission, folder: Path, *, seed: int, bus: BusSettings) -> int:
-    """Fly a mission and print its progress; return the exit status of its verdict."""
+def fly_mission(mission: Mission, folder: Path, simulation: SimulationSettings) -> int:
+    """Fly a mission and print its progress; return the exit status of its verdict.
+
+    Args:
+        mission: checked, with its fleet.
+        folder: of the flight.
+        simulation: seed, weather, faults, orders of others and bus.
+
+    Raises:
+        ConfigError: a fault or an order is impossible.
+    """
     begin_s = time.perf_counter()
     names = ", ".join(mission.fleet.enabled_names)
     print(
@@ -21,7 +31,8 @@ def fly_mission(mission: Mission, folder: Path, *, seed: int, bus: BusSettings) 
         flush=True,
     )
 
-    with Lockstep(mission.fleet, seed=seed, bus=bus, folder=folder) as flight:
+    with open_flight(mission.fleet, simulation, folder) as flight:
+        record_digests(flight, folder)
 
         def say(line: str) -> None:
             print(f"{flight.time_s:6.1f} s  {line}", flush=True)

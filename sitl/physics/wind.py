@@ -87,7 +87,7 @@ class Wind:
         self._count = count
 
         self._mean_ned = _ned(settings.mean_enu_m_s)
-        self._gust_std_m_s = settings.gust_std_m_s * np.array([1.0, 1.0, _VERTICAL_SHARE])
+        self.change_gusts(settings.gust_std_m_s)
 
         # a change of the mean goes on by so much a step, for so many steps
         self._ramp_ned = np.zeros(3)
@@ -107,6 +107,11 @@ class Wind:
         """Let the mean go straight to another one within a time."""
         self._ramp_steps = max(1, round(over_s / self._step_s))
         self._ramp_ned = (_ned(mean_enu_m_s) - self._mean_ned) / self._ramp_steps
+        self.is_calm = False
+
+    def change_gusts(self, gust_std_m_s: float) -> None:
+        """Let the gusts have another standard deviation per horizontal axis from now on."""
+        self._gust_std_m_s = gust_std_m_s * np.array([1.0, 1.0, _VERTICAL_SHARE])
         self.is_calm = False
 
     @property

@@ -1,0 +1,144 @@
+"""What a simulated flight is flown under, beside its fleet and its mission.
+
+Seed, weather, faults and orders of others are given on the command line. They are written into the
+flight's folder, so that the folder alone says how the flight can be flown again.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from pathlib import Path
+from typing import NamedTuple
+
+import msgspec
+
+from groundstation.recording.writer import write_json
+from onboard.config.file_reading import SIMULATION_FILE, json_values, read_text
+from onboard.config.fleet import ConfigError
+
+SIMULATION_NAME = "simulation.json"
+LARGEST_WIND_M_S = 30.0  # per axis
+
+_LATEST_ORDER_S = 1e6
+
+
+class SimulationSettings(msgspec.Struct, frozen=True, kw_only=True):
+    """Everything that one simulated flight differs in from another one of the same files."""
+
+    is_lockstep: bool = False  # in simulated time, and so repeatable
+    seed: int = 0  # of everything random
+    wind_enu_m_s: tuple[float, float] = (0.0, 0.0)  # mean velocity of the air, east and north
+    gust_m_s: float = 0.0  # standard deviation of gusts per axis
+    faults: tuple[str, ...] = ()  # lines as `covey sitl --fault` takes them
+    orders: tuple[str, ...] = ()  # of another ground: "SECONDS ORDER"; in lockstep only
+    bus: dict[str, float] = {}  # settings of the simulated bus by name; in lockstep only
+    changes: tuple[str, ...] = ()  # in flight: "SECONDS KEY=VALUE", see changes.py
+    mission_path: str = ""  # of the mission that was read: its files are relative to it
+    arguments: dict[str, str] = {}  # of a Python mission
+
+
+class TimedOrder(NamedTuple):
+    """An order that another ground gives at a time."""
+
+    at_s: float  # of simulated time
+    text: str  # as in the console
+
+
+def wind_of(text: str) -> tuple[float, float]:
+    """Return a wind that is written as EAST,NORTH [m/s].
+
+    Raises:
+        ConfigError: it is not written so, or is stronger than the emulator's air may be.
+    """
+    try:
+        east, north = (float(part) for part in text.split(","))
+    except ValueError:
+        east = north = math.nan
+    if not (abs(east) <= LARGEST_WIND_M_S and abs(north) <= LARGEST_WIND_M_S):
+        raise ConfigError(
+            f"--wind-m-s is '{text}'; write it as EAST,NORTH, each at most"
+            f" {LARGEST_WIND_M_S:g} m/s."
+        )
+    return (east, north)
+
+
+def timed_order(line: str) -> TimedOrder:
+    """Return the order of a line ``SECONDS ORDER``.
+
+    Raises:
+        ConfigError: it does not begin with a time, or nothing is ordered.
+    """
+    time_word, _, text = line.strip().partition(" ")
+    try:
+        at_s = float(time_word)
+    except ValueError:
+        at_s = math.nan
+    if not (0.0 <= at_s <= _LATEST_ORDER_S) or not text.strip():
+        raise ConfigError(
+            f"--order is '{line}'; write the second of simulated time and the order,"
+            " for instance '12.5 hold all'."
+        )
+    return TimedOrder(at_s=at_s, text=text.strip())
+
+
+def refuse_wrong_settings(settings: SimulationSettings) -> None:
+    """Refuse a negative seed, gusts that no air has, and orders without a time.
+
+    Raises:
+        ConfigError: one of them.
+    """
+    if settings.seed < 0:
+        raise ConfigError(f"--seed is {settings.seed}; it must be 0 or more.")
+    if not 0.0 <= settings.gust_m_s <= LARGEST_WIND_M_S:
+        raise ConfigError(
+            f"--gust-m-s is {settings.gust_m_s:g}; it must lie between 0 and"
+            f" {LARGEST_WIND_M_S:g} m/s."
+        )
+    for line in settings.orders:
+        timed_order(line)
+
+
+def emulator_options(settings: SimulationSettings) -> list[str]:
+    """Return the words of ``covey sitl`` for the weather and the faults."""
+    words: list[str] = []
+    east_m_s, north_m_s = settings.wind_enu_m_s
+    if east_m_s or north_m_s:
+        words.append(f"--wind-m-s={east_m_s:g},{north_m_s:g}")
+    if settings.gust_m_s:
+        words.append(f"--gust-m-s={settings.gust_m_s:g}")
+    for line in settings.faults:
+        words.extend(["--fault", line])
+    return words
+
+
+def write_settings(folder: Path, settings: SimulationSettings) -> None:
+    """Write the settings into the folder of a flight.
+
+    Raises:
+        ConfigError: the disk refuses.
+    """
+    failure = write_json(folder / SIMULATION_NAME, settings)
+    if failure is not None:
+        raise ConfigError(failure)
+
+
+def read_settings(folder: str | os.PathLike[str]) -> SimulationSettings:
+    """Return the settings of a flight that was simulated.
+
+    Raises:
+        ConfigError: the folder holds none, or they cannot be understood.
+    """
+    path = Path(folder) / SIMULATION_NAME
+    if not path.is_file():
+        raise ConfigError(
+            f"{folder}: there is no {SIMULATION_NAME}, so nobody knows how this flight was"
+            " simulated. It is a real flight, or one of an older version."
+        )
+    values = json_values(read_text(path, SIMULATION_FILE), str(path))
+    try:
+        settings = msgspec.convert(values, SimulationSettings)
+    except msgspec.ValidationError as error:
+        raise ConfigError(f"{path}: {error}. Fly the mission anew.") from None
+    refuse_wrong_settings(settings)
+    return settings

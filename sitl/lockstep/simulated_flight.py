@@ -1,0 +1,182 @@
+"""A flight in lockstep as its settings say: weather, faults, orders of another ground, changes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+from groundstation.client.client import FleetClient
+from groundstation.flights.changes import Change, edited_fleet, timed_change
+from groundstation.flights.recorded_flight import fleet_of
+from groundstation.flights.simulation_settings import (
+    SimulationSettings,
+    TimedOrder,
+    timed_order,
+    wind_of,
+)
+from groundstation.orders.grammar import OrderError
+from onboard.config.fleet import ConfigError, FleetConfig
+from onboard.control.pipeline import pipeline_params
+from sitl.emulator.emulator import Environment
+from sitl.faults.catalogue import FaultError, parse
+from sitl.lockstep.connections import BusSettings
+from sitl.lockstep.flight import Lockstep
+from sitl.physics.wind import WindSettings
+
+OTHER_GROUND = "ground-2"
+OTHER_AUTHOR = "another operator"
+
+_HEARS_ALL_S = 2.0  # after which a ground that has joined gives its order anyhow
+
+
+def open_flight(
+    fleet: FleetConfig,
+    settings: SimulationSettings,
+    folder: Path | None,
+    *,
+    say: Callable[[str], None] = lambda line: None,
+) -> Lockstep:
+    """Return a flight that has not begun, with all that the settings plan.
+
+    Args:
+        fleet: its vehicles fly.
+        settings: of the simulation.
+        folder: where the record goes; none without.
+        say: hears the progress in words.
+
+    Raises:
+        ConfigError: a fault, an order or a change is impossible.
+    """
+    environment = None
+    if any(settings.wind_enu_m_s) or settings.gust_m_s:
+        environment = Environment(wind=_wind_settings(settings))
+
+    flight = Lockstep(
+        fleet,
+        seed=settings.seed,
+        bus=_bus_settings(settings.bus),
+        environment=environment,
+        folder=folder,
+        as_if_recorded=True,
+        say=say,
+    )
+    try:
+        _plan(flight, settings)
+    except ConfigError:
+        flight.close()
+        raise
+    return flight
+
+
+def _wind_settings(settings: SimulationSettings) -> WindSettings:
+    east_m_s, north_m_s = settings.wind_enu_m_s
+    return WindSettings(
+        mean_enu_m_s=(east_m_s, north_m_s, 0.0),
+        gust_std_m_s=settings.gust_m_s,
+    )
+
+
+def _bus_settings(values: dict[str, float]) -> BusSettings:
+    unknown = set(values) - set(BusSettings.__dataclass_fields__)
+    if unknown:
+        known = ", ".join(BusSettings.__dataclass_fields__)
+        raise ConfigError(f"The bus has no '{min(unknown)}'; it has {known}.")
+    return BusSettings(**values)
+
+
+def _plan(flight: Lockstep, settings: SimulationSettings) -> None:
+    """Plan the faults, the orders and the changes."""
+    for line in settings.faults:
+        try:
+            flight.inject(parse(line))
+        except FaultError as error:
+            raise ConfigError(f"The fault '{line}': {error}") from None
+
+    other = OtherGround(flight)
+    for line in settings.orders:
+        other.plan(timed_order(line))
+
+    for line in settings.changes:
+        at_s, change = timed_change(line)
+        apply = _prepared_change(flight, change)
+        flight.at(at_s, apply)
+
+
+def _prepared_change(flight: Lockstep, change: Change) -> Callable[[], None]:
+    """Return a function that makes a change in flight.
+
+    Raises:
+        ConfigError: the change is impossible.
+    """
+    wind = flight.simulation.emulator.world.wind
+    if change.key == "wind":
+        east_m_s, north_m_s = wind_of(change.value)
+        return lambda: wind.change_mean((east_m_s, north_m_s, 0.0), over_s=0.0)
+
+    if change.key == "gust":
+        gust_m_s = float(change.value)
+        return lambda: wind.change_gusts(gust_m_s)
+
+    if change.key.startswith("bus."):
+        name = change.key.removeprefix("bus.")
+        values = {name: float(change.value)}
+        _bus_settings(values)
+        bus = flight.bus
+        return lambda: bus.change_settings(replace(bus.settings, **values))
+
+    return _prepared_law(flight, change)
+
+
+def _prepared_law(flight: Lockstep, change: Change) -> Callable[[], None]:
+    """Return a function that lets all agents fly on with another number of the law."""
+    fleet = flight.config
+    other = fleet_of(edited_fleet(fleet.text, change), Path(fleet.path))
+
+    def apply() -> None:
+        for name, agent in flight.agents.items():
+            agent.core.control.params = pipeline_params(other, name)
+
+    return apply
+
+
+class OtherGround:
+    """A second ground, of another person, that gives orders at times.
+
+    It joins the bus for its first order, and gives each order as soon as it has heard all vehicles.
+    It has no control of the fleet: it may hold, land and kill, and its other orders are refused.
+
+    Args:
+        flight: whose bus it joins.
+    """
+
+    def __init__(self, flight: Lockstep) -> None:
+        self._flight = flight
+        self._client: FleetClient | None = None
+
+    def plan(self, order: TimedOrder) -> None:
+        """Give an order at its time."""
+        self._flight.at(order.at_s, lambda: self._flight.start_soon(self._give(order)))
+
+    async def _give(self, order: TimedOrder) -> None:
+        client = await self._joined()
+        names = self._flight.config.enabled_names
+        await client.wait_for(
+            lambda state: all(state.vehicles[name].telemetry for name in names), _HEARS_ALL_S
+        )
+        try:
+            await client.submit(order.text)
+        except OrderError as error:
+            client.publish_event("warning", "order", f"'{order.text}': {error}")
+
+    async def _joined(self) -> FleetClient:
+        if self._client is None:
+            self._client = FleetClient(
+                self._flight.config,
+                author=OTHER_AUTHOR,
+                operates=False,
+                bus=self._flight.simulation.bus.node(OTHER_GROUND),
+                clock_ns=self._flight.simulation.clock_ns,
+            )
+            await self._client.start()
+        return self._client
