@@ -6,11 +6,13 @@ Examples:
   covey replay flights/first --headless --json
   covey replay flights/first --csv flown
   covey replay flights/first --orders
+  covey replay flights/first --resume-at 12.5 --what-if wind=4,0 --record flights/windy
 
 Keys: space play or pause; , and . one step; left and right 5 s; n and N next
 event and the one before; < and > speed; home and end.
 
-Exit status: 0; 2 when there is no record to open.
+Exit status: 0; 2 when there is no record to open, or it cannot be flown again;
+1 when what was flown again has not come true.
 """
 
 from __future__ import annotations
@@ -20,10 +22,13 @@ import contextlib
 from pathlib import Path
 from typing import Annotated
 
-from cyclopts import Parameter
+from cyclopts import Group, Parameter
 
 from groundstation.commands.parameters import File, Folder, Seconds
 from groundstation.commands.tui import require_terminal
+from groundstation.flights.changes import parse_change
+from groundstation.flights.flight_settings import new_folder, refuse_flown_folder
+from groundstation.flights.recorded_flight import open_recorded
 from groundstation.recording.audit import trail, trail_lines
 from groundstation.recording.flown_paths import write_csvs
 from groundstation.recording.replay import SPEEDS, Replay, open_flight, story
@@ -31,6 +36,7 @@ from onboard.config.fleet import ConfigError
 from onboard.exit_status import EXIT_OK
 
 _LATEST_S = 1e9
+_AGAIN = Group("Fly a flight in lockstep again", sort_key=8)
 
 
 def replay(
@@ -44,6 +50,9 @@ def replay(
     json: bool = False,
     csv: Folder | None = None,
     orders: bool = False,
+    resume_at: Annotated[float | None, Parameter(group=_AGAIN, metavar="S")] = None,
+    what_if: Annotated[tuple[str, ...], Parameter(group=_AGAIN, metavar="KEY=VALUE")] = (),
+    record: Annotated[Path | None, Parameter(group=_AGAIN, metavar="DIR")] = None,
 ) -> int:
     """Open a recorded flight in the console: play, pause, step, seek, jump from event to event.
 
@@ -57,7 +66,14 @@ def replay(
         orders: no console: print who ordered what, when, the vehicle's answer, and how it ended
         csv: no console: write t,x,y,z,yaw of each vehicle into this folder; docs/shows.md flies
             them again
+        resume_at: fly it again, and let the changes count from this second on
+        what_if: fly it again with something otherwise, from the start without --resume-at; may be
+            given several times
+        record: folder of the new flight (default: flights/<time>)
     """
+    if resume_at is not None or what_if or record is not None:
+        return _fly_again(flight, resume_at, what_if, record or new_folder().absolute())
+
     if csv is not None:
         print("\n".join(str(path) for path in write_csvs(flight, Path(csv))))
         return EXIT_OK
@@ -85,3 +101,36 @@ def replay(
 
         app = ReplayApp(shown, title=f"replay of {flight.name}", at_s=at)
         return asyncio.run(app.run_to_end())
+
+
+def _fly_again(
+    flight: Path, resume_at_s: float | None, what_if: tuple[str, ...], folder: Path
+) -> int:
+    """Fly a recorded flight again and print how it went; return the exit status of its verdict."""
+    # Imported here: who looks at a record needs nothing of the simulation.
+    from sitl.lockstep.reflight import fly_again
+
+    if resume_at_s is not None and not 0.0 <= resume_at_s < _LATEST_S:
+        raise ConfigError(
+            f"--resume-at is {resume_at_s:g}; it must be a number of seconds, 0 or more."
+        )
+    changes = [parse_change(text) for text in what_if]
+    flown = open_recorded(flight)
+    refuse_flown_folder(folder)
+
+    begins = "from its start" if resume_at_s is None else f"as it was until {resume_at_s:g} s"
+    print(f"{flight} is flown again, {begins}; everything goes to {folder}.", flush=True)
+    reflown = fly_again(
+        flown,
+        folder=folder,
+        resume_at_s=resume_at_s,
+        changes=changes,
+        say=lambda line: print(line, flush=True),
+    )
+
+    for line in reflown.verdict.sentences:
+        print(f"{reflown.flown_s:6.1f} s  {line}")
+    if flown.digests:
+        print(f"Its state was the recorded one up to {reflown.equal_until_s:g} s.")
+    print(f"Both ways side by side: covey report {folder} --compare {flight}")
+    return reflown.verdict.exit_status

@@ -68,6 +68,8 @@ class Lockstep:
         mocap: quality of the motion capture.
         environment: wind, downwash and errors; a calm room by default.
         folder: where the record goes; none without.
+        as_if_recorded: the ground hears and tells all that it does beside a record, also without
+            one, so that the flight is the same.
         say: hears the progress in words.
         is_compiled: see :class:`Simulation`.
     """
@@ -82,6 +84,7 @@ class Lockstep:
         mocap: MocapSettings | None = None,
         environment: Environment | None = None,
         folder: Path | None = None,
+        as_if_recorded: bool = False,
         say: Callable[[str], None] = lambda line: None,
         is_compiled: bool = True,
     ) -> None:
@@ -108,7 +111,7 @@ class Lockstep:
 
         # who records needs more topics than who only flies
         extra_topics: Sequence[Topic] = ()
-        if folder is not None:
+        if folder is not None or as_if_recorded:
             extra_topics = RECORDED
         self.client = FleetClient(
             config,
@@ -126,9 +129,10 @@ class Lockstep:
         self.fleet = Fleet(self.client, say=self._say_as_event)
         self.run_under_way: MissionRun | None = None  # of the newest mission
         self._loop = VirtualLoop(self.simulation.clock_ns, self.simulation.step)
+        self._started: set[asyncio.Task[object]] = set()  # asyncio itself keeps no tasks alive
         self._runner = asyncio.Runner(loop_factory=lambda: self._loop)
         self.wait_for(self.client.start())
-        if self.record is not None:
+        if self.record is not None or as_if_recorded:
             self.client.announce_recording(True)
 
     # -- scripts -----------------------------------------------------------------------------------
@@ -178,6 +182,15 @@ class Lockstep:
         """
         with hosted(self):
             return self._runner.run(coroutine)
+
+    def start_soon(self, coroutine: Coroutine[Any, Any, object]) -> None:
+        """Begin a coroutine beside whatever the ground does; also from inside the world."""
+        self._loop.call_soon(self._start, coroutine)
+
+    def _start(self, coroutine: Coroutine[Any, Any, object]) -> None:
+        task = self._loop.create_task(coroutine)
+        self._started.add(task)
+        task.add_done_callback(self._started.discard)
 
     def run(self, duration_s: float) -> None:
         """Let time pass."""

@@ -111,6 +111,10 @@ class Simulation:
         """Simulated seconds since the start."""
         return self.emulator.time_s
 
+    def state_parts(self) -> tuple[object, ...]:
+        """Return the objects that together are all of the simulation's state."""
+        return (self.emulator, self._broadcast, self.links, self.bus, self._poses, self.agents)
+
     def at(self, time_s: float, function: Callable[[], object]) -> None:
         """Call ``function`` before the first step at or after ``time_s``.
 

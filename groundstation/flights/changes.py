@@ -1,0 +1,220 @@
+"""Changes of a simulated flight: what would have happened if one thing had been otherwise.
+
+A change is written KEY=VALUE. It changes the flight from its start, or from a second on: then
+everything before is as it was, and only what can change in flight may be changed.
+
+* ``law.kappa_1_1_s=5``: a value of the fleet file by its keys; in flight the numbers of ``[law]``
+* ``law=off``: the law that flies; not in flight
+* ``seed=4``: everything random; not in flight
+* ``wind=3,0`` and ``gust=0.5``: mean wind towards east and north, and its gusts
+* ``bus.delay_s=0.1``: a quality of the simulated bus
+* ``fault=mav1 motor_dead motor=2``: one fault more, which begins then
+* ``order=hold all``: one order more, of another ground, which comes then
+* ``without_fault=1``, ``without_order=1``: one of its faults or orders less, counted from 1
+* ``without_step=3``: one step of a mission file less, counted from 1; not in flight
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+from msgspec.structs import replace
+
+from groundstation.flights.simulation_settings import SimulationSettings, timed_order, wind_of
+from groundstation.processes.free_ports import toml_text
+from groundstation.starter.fleet_edit import edited
+from onboard.config.file_reading import toml_values
+from onboard.config.fleet import ConfigError
+
+_BUS = "bus."
+_LAW = "law."
+_WITHOUT_FAULT = "without_fault"
+_WITHOUT_ORDER = "without_order"
+_IN_FLIGHT = ("wind", "gust", "fault", "order", _WITHOUT_FAULT, _WITHOUT_ORDER)
+_WITHOUT_STEP = "without_step"
+_OF_FLIGHT = (*_IN_FLIGHT, "seed", _WITHOUT_STEP)
+
+
+class Change(NamedTuple):
+    """One thing that is otherwise."""
+
+    key: str
+    value: str
+
+    @property
+    def text(self) -> str:
+        """The change as it is written."""
+        return f"{self.key}={self.value}"
+
+    @property
+    def is_of_fleet_file(self) -> bool:
+        """Whether it changes a value of the fleet file."""
+        return self.key not in _OF_FLIGHT and not self.key.startswith(_BUS)
+
+
+class Origin(NamedTuple):
+    """What a flight is flown from."""
+
+    fleet_text: str  # TOML
+    mission_text: str  # TOML or Python
+    settings: SimulationSettings
+
+
+def parse_change(text: str) -> Change:
+    """Return the change of a text KEY=VALUE.
+
+    Raises:
+        ConfigError: it is written otherwise.
+    """
+    key, sign, value = text.partition("=")
+    key = key.strip()
+    if not sign or not key or not value.strip():
+        raise ConfigError(
+            f"--what-if is '{text}'; write KEY=VALUE, for instance law.kappa_1_1_s=5, wind=3,0,"
+            " bus.delay_s=0.1, 'fault=mav1 motor_dead motor=2' or 'order=hold all'."
+        )
+    return Change(key=key, value=value.strip())
+
+
+def changed(origin: Origin, changes: Sequence[Change], at_s: float | None) -> Origin:
+    """Return what the changed flight is flown from.
+
+    Args:
+        origin: of the flight as it was.
+        changes: of it.
+        at_s: second from which on they count; None: from the start.
+
+    Raises:
+        ConfigError: a change is impossible, or not possible in flight.
+    """
+    for change in changes:
+        if at_s is None:
+            origin = _changed_from_start(origin, change)
+        else:
+            settings = _changed_in_flight(origin.settings, change, at_s)
+            origin = origin._replace(settings=settings)
+    return origin
+
+
+def _changed_from_start(origin: Origin, change: Change) -> Origin:
+    if change.is_of_fleet_file:
+        return origin._replace(fleet_text=edited_fleet(origin.fleet_text, change))
+    if change.key == _WITHOUT_STEP:
+        return origin._replace(mission_text=_without_step(origin, change))
+    return origin._replace(settings=_changed_settings(origin.settings, change))
+
+
+def _changed_settings(settings: SimulationSettings, change: Change) -> SimulationSettings:
+    """Return settings with a change that counts from the start."""
+    if change.key == "wind":
+        return replace(settings, wind_enu_m_s=wind_of(change.value))
+    if change.key == "gust":
+        return replace(settings, gust_m_s=_number(change))
+    if change.key == "seed":
+        return replace(settings, seed=int(_number(change)))
+    if change.key.startswith(_BUS):
+        name = change.key.removeprefix(_BUS)
+        return replace(settings, bus={**settings.bus, name: _number(change)})
+    return _with_other_plan(settings, change, 0.0)
+
+
+def _changed_in_flight(
+    settings: SimulationSettings, change: Change, at_s: float
+) -> SimulationSettings:
+    """Return settings with a change that counts from a second on."""
+    is_of_law = change.key.startswith(_LAW) and change.key != "law.name"
+    if not (change.key in _IN_FLIGHT or change.key.startswith(_BUS) or is_of_law):
+        raise ConfigError(
+            f"--what-if {change.text}: this cannot change in flight. Leave --resume-at out, and it"
+            " counts from the start."
+        )
+    if change.key in ("fault", "order", _WITHOUT_FAULT, _WITHOUT_ORDER):
+        return _with_other_plan(settings, change, at_s)
+
+    if change.key == "wind":
+        wind_of(change.value)
+    else:
+        _number(change)
+    return replace(settings, changes=(*settings.changes, f"{at_s:g} {change.text}"))
+
+
+def _with_other_plan(
+    settings: SimulationSettings, change: Change, at_s: float
+) -> SimulationSettings:
+    """Return settings with a fault or an order more or less."""
+    if change.key == "fault":
+        line = change.value
+        if " at=" not in line:
+            line = f"{line} at={at_s:g}"
+        return replace(settings, faults=(*settings.faults, line))
+
+    if change.key == "order":
+        return replace(settings, orders=(*settings.orders, f"{at_s:g} {change.value}"))
+
+    if change.key == _WITHOUT_FAULT:
+        faults = _without(settings.faults, change, "faults")
+        return replace(settings, faults=faults)
+
+    orders = _without(settings.orders, change, "orders")
+    return replace(settings, orders=orders)
+
+
+def _without(lines: tuple[str, ...], change: Change, what: str) -> tuple[str, ...]:
+    """Return lines without the one of the change's number, counted from 1."""
+    number = int(_number(change))
+    if not 1 <= number <= len(lines):
+        raise ConfigError(
+            f"--what-if {change.text}: this flight has {len(lines)} {what}, counted from 1."
+        )
+    return lines[: number - 1] + lines[number:]
+
+
+def _without_step(origin: Origin, change: Change) -> str:
+    """Return the text of a mission file without the step of the change's number."""
+    if origin.settings.mission_path.endswith(".py"):
+        raise ConfigError(f"--what-if {change.text}: a Python mission has no steps of a file.")
+
+    values = toml_values(origin.mission_text, origin.settings.mission_path)
+    steps = values.get("step", [])
+    number = int(_number(change))
+    if not 1 <= number <= len(steps):
+        raise ConfigError(
+            f"--what-if {change.text}: this mission has {len(steps)} steps, counted from 1."
+        )
+    del steps[number - 1]
+    return toml_text(values)
+
+
+def timed_change(line: str) -> tuple[float, Change]:
+    """Return the second and the change of a line ``SECONDS KEY=VALUE``.
+
+    Raises:
+        ConfigError: it is written otherwise.
+    """
+    timed = timed_order(line)
+    return timed.at_s, parse_change(timed.text)
+
+
+def edited_fleet(text: str, change: Change) -> str:
+    """Return the text of a fleet file with one value changed."""
+    key = "law.name" if change.key == "law" else change.key
+    values: Any = _value(change.value)
+    for part in reversed(key.split(".")):
+        values = {part: values}
+    return edited(text, values)
+
+
+def _value(text: str) -> Any:
+    """Return a value as TOML has it; what is no TOML is a word."""
+    try:
+        return toml_values(f"value = {text}", "--what-if")["value"]
+    except ConfigError:
+        return text
+
+
+def _number(change: Change) -> float:
+    try:
+        return float(change.value)
+    except ValueError:
+        raise ConfigError(f"--what-if {change.text}: this must be a number.") from None

@@ -1,0 +1,161 @@
+"""A recorded flight, flown again: as it was, or with something otherwise.
+
+A flight in lockstep is repeatable, so nothing of its state has to be kept: it is flown from its
+start once more, from the files in its folder. Every two seconds a digest of all state is compared
+with the one that was written then. As long as they are equal the flight is the one of the record;
+they differ where Covey, Python's libraries or the processor are others.
+
+Changes count from the start, or from a second on. Up to that second the flight must be the recorded
+one, or it is ended: an answer about another flight would be none.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from msgspec.structs import replace
+
+from groundstation.flights.changes import Change, changed
+from groundstation.flights.recorded_flight import (
+    RecordedFlight,
+    fleet_of,
+    mission_of,
+    second_word,
+    write_digest,
+)
+from groundstation.flights.simulation_settings import write_settings
+from groundstation.mission_files.mission_findings import refuse_unflyable
+from groundstation.verdict.verdict import Verdict
+from onboard.config.fleet import ConfigError
+from sitl.lockstep.flight import Lockstep
+from sitl.lockstep.simulated_flight import open_flight
+from sitl.lockstep.state_digest import DIGEST_EVERY_S, digest
+
+Say = Callable[[str], None]
+
+
+class Reflown(NamedTuple):
+    """What became of a flight that was flown again."""
+
+    verdict: Verdict
+    min_separation_m: float  # by ground truth, while one of the two flew; inf without a pair
+    flown_s: float
+    equal_until_s: float  # up to here its state was the recorded one
+
+
+class _Comparison:
+    """Writes the digests of a flight, and compares them with those of another one.
+
+    Args:
+        flight: that is flown.
+        digests: of the other one; empty for none.
+        folder: where the own digests go; none without.
+    """
+
+    def __init__(self, flight: Lockstep, digests: dict[str, str], folder: Path | None) -> None:
+        self._flight = flight
+        self._digests = digests
+        self._folder = folder
+        self.equal_until_s = 0.0
+        self.differs_from_s = math.inf
+        self._plan(DIGEST_EVERY_S)
+
+    def _plan(self, at_s: float) -> None:
+        self._flight.at(at_s, lambda: self._take(at_s))
+
+    def _take(self, at_s: float) -> None:
+        own = digest(self._flight.simulation)
+        if self._folder is not None:
+            write_digest(self._folder, at_s, own)
+
+        recorded = self._digests.get(second_word(at_s))
+        if recorded == own and math.isinf(self.differs_from_s):
+            self.equal_until_s = at_s
+        elif recorded is not None:
+            self.differs_from_s = min(self.differs_from_s, at_s)
+        self._plan(at_s + DIGEST_EVERY_S)
+
+
+def record_digests(flight: Lockstep, folder: Path) -> None:
+    """Write the digests of a flight into its folder while it is flown."""
+    _Comparison(flight, {}, folder)
+
+
+def fly_again(
+    flown: RecordedFlight,
+    *,
+    folder: Path | None = None,
+    resume_at_s: float | None = None,
+    changes: Sequence[Change] = (),
+    say: Say = lambda line: None,
+) -> Reflown:
+    """Fly a recorded flight again, with changes.
+
+    Args:
+        flown: the recorded flight.
+        folder: of the new flight, which exists; nothing is recorded without.
+        resume_at_s: second from which on the changes count; None: from the start.
+        changes: none for the same flight once more.
+        say: hears the progress in words.
+
+    Raises:
+        ConfigError: a change is impossible, or the flight is another one before it is changed.
+    """
+    origin = changed(flown.origin, changes, resume_at_s)
+    fleet_path = flown.folder / "fleet.toml"
+    fleet = fleet_of(origin.fleet_text, fleet_path)
+    fleet.import_law()
+    mission = mission_of(flown, origin, fleet)
+    refuse_unflyable(mission, True)
+    if folder is not None:
+        _write_files(folder, mission.path, origin.fleet_text, mission.text)
+        settings = replace(origin.settings, mission_path=str(Path(mission.path).absolute()))
+        write_settings(folder, settings)
+
+    with open_flight(fleet, origin.settings, folder) as flight:
+        flight.say = lambda line: say(f"{flight.time_s:6.1f} s  {line}")
+        comparison = _Comparison(flight, flown.digests, folder)
+        if resume_at_s is not None:
+            flight.at(resume_at_s, lambda: _refuse_another_flight(comparison, resume_at_s))
+        verdict = flight.fly(mission)
+
+        return Reflown(
+            verdict=verdict,
+            min_separation_m=flight.min_separation_m,
+            flown_s=flight.time_s,
+            equal_until_s=comparison.equal_until_s,
+        )
+
+
+def _write_files(folder: Path, mission_path: str, fleet_text: str, mission_text: str) -> None:
+    """Write the files of a flight that is flown again into its folder."""
+    suffix = Path(mission_path).suffix
+    files = {"fleet.toml": fleet_text, f"mission{suffix}": mission_text}
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for name, text in files.items():
+            (folder / name).write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise ConfigError(
+            f"{folder}: cannot be written ({error.strerror}). Choose another with --record."
+        ) from None
+
+
+def _refuse_another_flight(comparison: _Comparison, resume_at_s: float) -> None:
+    """End a flight that is not the recorded one up to the second of its change."""
+    if comparison.differs_from_s <= resume_at_s:
+        raise AnotherFlightError(comparison.differs_from_s)
+
+
+class AnotherFlightError(ConfigError):
+    """The flight is not the recorded one, before anything was changed."""
+
+    def __init__(self, from_s: float) -> None:
+        super().__init__(
+            f"This is another version of Covey or of its libraries, or another machine: the flight"
+            f" differs from the recorded one from {from_s:.1f} s on, before anything was changed."
+            " Fly the mission anew with --record, and change that flight."
+        )
