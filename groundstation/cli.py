@@ -58,6 +58,7 @@ COMMANDS: dict[str, tuple[Command, ...]] = {
         Command("web", "the console in a browser of this computer", "web:web"),
         Command("replay", "a recorded flight in the console", "replay:replay"),
         Command("plot", "figures of a recorded flight", "plot:plot"),
+        Command("incident", "what went wrong in a flight, and why", "incident:incident"),
     ),
     "Fly": (
         Command(

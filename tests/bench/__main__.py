@@ -54,6 +54,10 @@ BENCHMARKS = {
         "tests.bench.faults",
         "the fault suite over missions, heights, wind and fleet sizes, and pairs of faults",
     ),
+    "incidents": (
+        "tests.bench.incidents",
+        "ten planted incidents, and whether covey incident names their cause first",
+    ),
     "receivers": (
         "tests.bench.receivers",
         "receivers of satellites as they are and late: what is noticed, and how near it gets",

@@ -1,0 +1,122 @@
+"""``covey incident DIR``: what went wrong in a flight, who knew what, and what would have helped.
+
+Examples:
+  covey incident flights/first
+  covey incident flights/first --before 8
+  covey incident flights/first --quick
+
+A flight in lockstep is flown again with one thing otherwise each time; that takes some
+seconds for each. Other flights cannot be flown again: for them only the account is given.
+
+Exit status: 0; 2 when there is no record to open.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from groundstation.commands.parameters import Seconds
+from groundstation.flights.recorded_flight import RecordedFlight, open_recorded
+from groundstation.incident.account import account_of
+from groundstation.incident.candidates import Candidate, candidates_of
+from groundstation.incident.findings import Trial, findings_of, sentences
+from groundstation.incident.moment import find_moment
+from groundstation.recording.replay import open_flight
+from onboard.config.fleet import ConfigError, FleetConfig
+from onboard.exit_status import EXIT_OK
+from onboard.plain_text import plain_line
+
+_LONGEST_S = 600.0
+
+
+def incident(
+    flight: Annotated[Path, Parameter(name="DIR")],
+    /,
+    *,
+    before: Seconds = 5.0,
+    quick: bool = False,
+) -> int:
+    """Explain a flight: the seconds before its smallest distance, and what would have kept it.
+
+    Args:
+        flight: flight folder
+        before: so many seconds before the moment are told
+        quick: only what the record says; nothing is flown again
+    """
+    if not 0.0 < before <= _LONGEST_S:
+        raise ConfigError(f"--before is {before:g}; it must lie above 0 and at most 600 s.")
+
+    config, timeline = open_flight(flight, None)
+    with contextlib.closing(timeline):
+        moment = find_moment(flight, config, timeline)
+        account = account_of(timeline, config, moment, before)
+        begin_ns = timeline.begin_ns
+        if timeline.broken:
+            print(timeline.broken)
+
+    print(f"At {_seconds(moment.stamp_ns, begin_ns)} s: {plain_line(moment.sentence)}")
+    for fact in account.facts:
+        print(f"  {plain_line(fact)}")
+    print(f"\nThe {before:g} s before it, and 1 s after:")
+    for line in account.lines:
+        print(f"{_seconds(line.stamp_ns, begin_ns)} s  {plain_line(line.sentence)}")
+
+    if not quick:
+        _print_what_would_have_helped(flight, config)
+    return EXIT_OK
+
+
+def _seconds(stamp_ns: int, begin_ns: int) -> str:
+    return f"{(stamp_ns - begin_ns) * 1e-9:7.2f}"
+
+
+def _print_what_would_have_helped(folder: Path, config: FleetConfig) -> None:
+    """Fly the flight again with each candidate, and print what follows."""
+    print()
+    try:
+        flown = open_recorded(folder)
+    except ConfigError as error:
+        print(f"What would have helped is not known. {error}")
+        return
+
+    count = len(candidates_of(flown.origin))
+    print(f"Flying it again with one thing otherwise, {count} times:", flush=True)
+    trials = []
+    for number, trial in enumerate(trials_of(flown), start=1):
+        trials.append(trial)
+        shown = trial.failure or f"{trial.min_separation_m:.2f} m"
+        print(f"  {number} of {count}: {trial.candidate.what}: {shown}", flush=True)
+
+    print()
+    findings = findings_of(trials, config.fleet.safety_distance_m)
+    for line in sentences(findings):
+        print(plain_line(line))
+
+
+def trials_of(flown: RecordedFlight) -> Iterator[Trial]:
+    """Fly a recorded flight again with each candidate's changes, one after the other."""
+    for candidate in candidates_of(flown.origin):
+        yield _trial(flown, candidate)
+
+
+def _trial(flown: RecordedFlight, candidate: Candidate) -> Trial:
+    """Fly again with a candidate's changes."""
+    # Imported here: an account needs nothing of the simulation.
+    from sitl.lockstep.reflight import fly_again
+
+    try:
+        reflown = fly_again(flown, changes=candidate.changes)
+    except ConfigError as error:
+        return Trial(
+            candidate=candidate, min_separation_m=0.0, has_passed=False, failure=str(error)
+        )
+    return Trial(
+        candidate=candidate,
+        min_separation_m=reflown.min_separation_m,
+        has_passed=reflown.verdict.passed,
+    )

@@ -1,0 +1,192 @@
+"""The seconds before a moment: who knew what, when, and whose rule acted.
+
+All of it stands in the record. Nothing is computed that a vehicle could not have known, but for the
+ground truth beside it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import NamedTuple
+
+from groundstation.incident.moment import Moment
+from groundstation.recording.timeline import RecordedMessage, Timeline
+from onboard.bus.schema import Event, Order, Telemetry, TickSample, Truth
+from onboard.config.fleet import FleetConfig
+
+_TOPICS = frozenset(("tick", "telemetry", "truth", "event", "order"))
+_AFTER_NS = 1_000_000_000
+_OLD_S = 0.1  # a state of this age is worth a word
+_LATE_S = 0.030  # a tick that long after the one before, too
+_ERROR_M = 0.15  # and an own position that is so wrong
+_INACTIVE = "inactive"
+
+
+class Line(NamedTuple):
+    """One thing that happened."""
+
+    stamp_ns: int
+    sentence: str
+
+
+class Account(NamedTuple):
+    """What a record says of the seconds before a moment."""
+
+    facts: tuple[str, ...]  # about the moment itself, a sentence each
+    lines: tuple[Line, ...]  # what happened before it and shortly after, in order
+
+
+class _Seen:
+    """What the record has of one vehicle in these seconds."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self.tick: TickSample | None = None  # newest up to the moment
+        self.telemetry: Telemetry | None = None  # likewise
+        self.truth: Truth | None = None  # likewise
+        self.largest_error_m = 0.0  # of its own position
+        self.largest_ages_s: dict[str, float] = {}  # of what it knew of each other vehicle
+        self.longest_period_s = 0.0
+        self.first_avoided_ns: dict[str, int] = {}  # whom its law began to avoid, and when
+        self.conditions: tuple[str, ...] = ()
+
+
+def account_of(timeline: Timeline, fleet: FleetConfig, moment: Moment, before_s: float) -> Account:
+    """Return what happened before a moment.
+
+    Args:
+        timeline: of the record.
+        fleet: of the flight.
+        moment: of the incident.
+        before_s: so many seconds before it count.
+    """
+    seen = {name: _Seen(name) for name in moment.vehicles if name in fleet.vehicles}
+    lines: list[Line] = []
+
+    begin_ns = moment.stamp_ns - round(before_s * 1e9)
+    for recorded in _messages(timeline, begin_ns, moment.stamp_ns + _AFTER_NS):
+        lines.extend(_lines_of(recorded, seen))
+        if recorded.stamp_ns <= moment.stamp_ns and recorded.name in seen:
+            lines.extend(_take(seen[recorded.name], recorded))
+
+    facts: list[str] = []
+    for vehicle in seen.values():
+        facts.extend(_facts_of(vehicle, seen))
+    return Account(facts=tuple(facts), lines=tuple(sorted(lines)))
+
+
+def _messages(timeline: Timeline, begin_ns: int, end_ns: int) -> Iterator[RecordedMessage]:
+    return timeline.read(begin_ns, _TOPICS).until(end_ns)
+
+
+def _lines_of(recorded: RecordedMessage, seen: dict[str, _Seen]) -> list[Line]:
+    """Return what an event or an order says: all orders, and the events of those concerned."""
+    message = recorded.message
+    if isinstance(message, Order):
+        return [Line(recorded.stamp_ns, f"{recorded.name}: ordered by {message.text}")]
+
+    if isinstance(message, Event) and message.severity != "debug":
+        is_concerned = message.vehicle in seen or message.severity == "critical"
+        if is_concerned and not message.order_id:
+            return [Line(recorded.stamp_ns, f"{message.vehicle}: {message.sentence}")]
+    return []
+
+
+def _take(vehicle: _Seen, recorded: RecordedMessage) -> list[Line]:
+    """Remember a message of a vehicle; return what is new in it."""
+    message = recorded.message
+    if isinstance(message, Truth):
+        vehicle.truth = message
+        return []
+    if isinstance(message, TickSample):
+        return _take_tick(vehicle, message, recorded.stamp_ns)
+    if isinstance(message, Telemetry):
+        begun = [one for one in message.conditions if one not in vehicle.conditions]
+        vehicle.telemetry = message
+        vehicle.conditions = message.conditions
+        return [Line(recorded.stamp_ns, f"{vehicle.name}: notices '{one}'") for one in begun]
+    return []
+
+
+def _take_tick(vehicle: _Seen, tick: TickSample, stamp_ns: int) -> list[Line]:
+    vehicle.tick = tick
+    vehicle.longest_period_s = max(vehicle.longest_period_s, tick.period_s)
+    for name, age_s in tick.neighbour_ages_s.items():
+        vehicle.largest_ages_s[name] = max(vehicle.largest_ages_s.get(name, 0.0), age_s)
+
+    if vehicle.truth is not None:
+        error_m = math.dist(tick.position_enu_m, vehicle.truth.position_enu_m)
+        vehicle.largest_error_m = max(vehicle.largest_error_m, error_m)
+
+    other = tick.active_neighbour
+    if other and other not in vehicle.first_avoided_ns:
+        vehicle.first_avoided_ns[other] = stamp_ns
+        gap_m = tick.neighbour_distances_m.get(other, math.nan)
+        return [
+            Line(stamp_ns, f"{vehicle.name}: its law begins to avoid {other}, {gap_m:.2f} m off")
+        ]
+    return []
+
+
+def _facts_of(vehicle: _Seen, seen: dict[str, _Seen]) -> Iterator[str]:
+    """Yield sentences about what a vehicle knew and did at the moment."""
+    name = vehicle.name
+    tick = vehicle.tick
+    if tick is None:
+        yield f"{name}: its agent has recorded nothing in these seconds: it was silent or gone."
+        return
+
+    for other in seen.values():
+        if other is not vehicle:
+            yield from _knowledge(vehicle, tick, other)
+
+    if vehicle.largest_error_m > _ERROR_M:
+        yield (
+            f"{name}: its own position was wrong by up to {vehicle.largest_error_m:.2f} m,"
+            " which only the ground truth shows."
+        )
+    if vehicle.longest_period_s > _LATE_S:
+        yield f"{name}: its loop stood still for up to {1e3 * vehicle.longest_period_s:.0f} ms."
+
+    telemetry = vehicle.telemetry
+    if telemetry is None:
+        return
+    wind_m_s = math.hypot(*telemetry.wind_enu_m_s)
+    if wind_m_s > 1.0:
+        yield (
+            f"{name}: it felt {wind_m_s:.1f} m/s of wind; its limit is"
+            f" {telemetry.max_wind_m_s:.1f} m/s."
+        )
+    if telemetry.conditions:
+        action = telemetry.action or "going on"
+        yield f"{name}: in force were {', '.join(telemetry.conditions)}; its answer: {action}."
+
+
+def _knowledge(vehicle: _Seen, tick: TickSample, other: _Seen) -> Iterator[str]:
+    """Yield what a vehicle knew of another one."""
+    name = vehicle.name
+    believed_m = tick.neighbour_distances_m.get(other.name)
+    if believed_m is None:
+        yield f"{name}: it knew nothing of {other.name}."
+        return
+
+    age_s = tick.neighbour_ages_s.get(other.name, math.nan)
+    text = f"{name}: it took {other.name} to be {believed_m:.2f} m away"
+    if vehicle.truth is not None and other.truth is not None:
+        true_m = math.dist(vehicle.truth.position_enu_m, other.truth.position_enu_m)
+        text += f" ({true_m:.2f} m in truth)"
+    yield f"{text}, by a word {1e3 * age_s:.0f} ms old."
+
+    largest_s = vehicle.largest_ages_s.get(other.name, 0.0)
+    if largest_s > _OLD_S:
+        yield f"{name}: its newest word of {other.name} was up to {largest_s:.2f} s old before."
+
+    if tick.law_status == _INACTIVE:
+        yield f"{name}: its law let the thrust of the trajectory pass unchanged."
+    else:
+        whom = tick.active_neighbour or "nobody"
+        yield (
+            f"{name}: its law ({tick.law_status}) changed the thrust by"
+            f" {tick.intervention_m_s2:.1f} m/s², mostly for {whom}."
+        )

@@ -1,0 +1,198 @@
+"""What could have made the difference: named changes of a flight, to be flown one by one.
+
+A cause is something in this flight that need not be there: a fault, an order of somebody, a number
+of a file that others do not have, weather, a bad bus, another law. Without it the flight is what
+the files and the law are made for. A defence is something that could be added although nothing is
+wrong without it: more margin, less speed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, Literal, NamedTuple
+
+import msgspec
+
+from groundstation.flights.changes import Change, Origin
+from onboard.config.example_files import example_names, existing_file
+from onboard.config.file_reading import FLEET_FILE, read_text, toml_values
+from onboard.config.fleet import LawConfig, RadioConfig
+from onboard.config.fleet_config import FleetSection
+
+Kind = Literal["cause", "defence"]
+
+_CALM = "0,0"
+_MORE_MARGIN_M = 0.2
+_SLOWER_FRAC = 0.7
+_USUAL_BUS = {
+    "delay_s": 0.001,
+    "jitter_s": 0.0,
+    "loss": 0.0,
+    "burst": 1.0,
+    "reorder": 0.0,
+    "duplicate": 0.0,
+}
+# names and folders, which change nothing that flies
+_NAMES = ("name", "folder", "keys", "simulator", "origin")
+
+
+class Candidate(NamedTuple):
+    """One thing that is otherwise, by one or more changes."""
+
+    kind: Kind
+    what: str  # in words, as the subject of "would have kept the promise"
+    changes: tuple[Change, ...]
+
+
+def candidates_of(origin: Origin) -> list[Candidate]:
+    """Return what could have made the difference in a flight, the likeliest first.
+
+    Args:
+        origin: what the flight was flown from.
+    """
+    fleet = toml_values(origin.fleet_text, "fleet.toml")
+    return [
+        *_faults(origin),
+        *_orders(origin),
+        *_numbers(fleet),
+        *_law(fleet),
+        *_weather(origin),
+        *_bus(origin),
+        *_defences(fleet),
+    ]
+
+
+def _faults(origin: Origin) -> Iterator[Candidate]:
+    """Yield each fault of the options and of the mission's steps less."""
+    for number, line in enumerate(origin.settings.faults, start=1):
+        yield _cause(f"without the fault '{line}'", "without_fault", number)
+
+    if origin.settings.mission_path.endswith(".py"):
+        return
+    steps = toml_values(origin.mission_text, "mission.toml").get("step", [])
+    for number, step in enumerate(steps, start=1):
+        if step.get("do") == "fault":
+            what = f"without the fault '{step.get('name')}' of step {number}"
+            yield _cause(what, "without_step", number)
+
+
+def _orders(origin: Origin) -> Iterator[Candidate]:
+    for number, line in enumerate(origin.settings.orders, start=1):
+        yield _cause(f"without the order '{line}'", "without_order", number)
+
+
+def _numbers(fleet: Mapping[str, Any]) -> Iterator[Candidate]:
+    """Yield each value of the fleet file that is not the usual one, with the usual one."""
+    for table, kind in (("law", LawConfig), ("fleet", FleetSection), ("radio", RadioConfig)):
+        usual = _defaults(kind)
+        for key, value in fleet.get(table, {}).items():
+            has_usual = key in usual and key not in _NAMES
+            if has_usual and _is_scalar(usual[key]) and usual[key] != value:
+                yield _other_value(f"{table}.{key}", value, usual[key])
+
+    shipped = _shipped_types()
+    for name, values in fleet.get("types", {}).items():
+        yield from _differences(f"types.{name}", values, shipped.get(name, {}))
+
+    types = fleet.get("types", {})
+    default_type = fleet.get("defaults", {}).get("type", "")
+    for name, values in fleet.get("vehicles", {}).items():
+        of_type = types.get(values.get("type", default_type), {})
+        yield from _differences(f"vehicles.{name}", values, of_type)
+
+
+def _differences(
+    path: str, values: Mapping[str, Any], usual: Mapping[str, Any]
+) -> Iterator[Candidate]:
+    """Yield the values of a table that differ from the usual ones, tables within it too."""
+    for key, value in values.items():
+        if key not in usual:
+            continue
+        if isinstance(value, Mapping) and isinstance(usual[key], Mapping):
+            yield from _differences(f"{path}.{key}", value, usual[key])
+        elif _is_scalar(value) and value != usual[key]:
+            yield _other_value(f"{path}.{key}", value, usual[key])
+
+
+def _law(fleet: Mapping[str, Any]) -> Iterator[Candidate]:
+    name = fleet.get("law", {}).get("name", "covey")
+    if name != "covey":
+        yield _cause(f"with Covey's law in place of '{name}'", "law", "covey")
+
+
+def _weather(origin: Origin) -> Iterator[Candidate]:
+    settings = origin.settings
+    has_wind = any(settings.wind_enu_m_s)
+    if has_wind or settings.gust_m_s:
+        changes = (Change("wind", _CALM), Change("gust", "0"))
+        yield Candidate(kind="cause", what="in calm air", changes=changes)
+    if has_wind and settings.gust_m_s:
+        yield _cause("without the gusts", "gust", 0)
+
+
+def _bus(origin: Origin) -> Iterator[Candidate]:
+    bad = {
+        name: value
+        for name, value in origin.settings.bus.items()
+        if name in _USUAL_BUS and value != _USUAL_BUS[name]
+    }
+    for name, value in bad.items():
+        what = f"with the usual {name} of the bus ({_USUAL_BUS[name]:g} in place of {value:g})"
+        yield _cause(what, f"bus.{name}", _USUAL_BUS[name])
+    if len(bad) > 1:
+        changes = tuple(Change(f"bus.{name}", f"{_USUAL_BUS[name]:g}") for name in bad)
+        yield Candidate(kind="cause", what="with a perfect bus", changes=changes)
+
+
+def _defences(fleet: Mapping[str, Any]) -> Iterator[Candidate]:
+    """Yield more margin, and less speed of all types."""
+    margin_m = fleet.get("law", {}).get("design_margin_m", LawConfig().design_margin_m)
+    wider = Change("law.design_margin_m", f"{margin_m + _MORE_MARGIN_M:g}")
+    what = f"{_MORE_MARGIN_M:g} m more margin (law.design_margin_m)"
+    yield Candidate(kind="defence", what=what, changes=(wider,))
+
+    slower = []
+    for name, values in fleet.get("types", {}).items():
+        speed_m_s = values.get("max_speed_m_s")
+        if _is_scalar(speed_m_s):
+            key = f"types.{name}.max_speed_m_s"
+            slower.append(Change(key, f"{_SLOWER_FRAC * speed_m_s:g}"))
+    if slower:
+        what = f"{1.0 - _SLOWER_FRAC:.0%} less speed (max_speed_m_s of all types)"
+        yield Candidate(kind="defence", what=what, changes=tuple(slower))
+
+
+def _cause(what: str, key: str, value: object) -> Candidate:
+    return Candidate(kind="cause", what=what, changes=(Change(key, f"{value}"),))
+
+
+def _other_value(key: str, value: object, usual: object) -> Candidate:
+    return _cause(f"with {key} = {usual} in place of {value}", key, _toml(usual))
+
+
+def _toml(value: object) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()
+    return f"{value}"
+
+
+def _defaults(kind: type[msgspec.Struct]) -> dict[str, Any]:
+    """Return the fields of a table that have a default."""
+    fields = msgspec.structs.fields(kind)
+    return {field.name: field.default for field in fields if not field.required}
+
+
+def _is_scalar(value: object) -> bool:
+    return isinstance(value, (bool, int, float, str))
+
+
+def _shipped_types() -> dict[str, dict[str, Any]]:
+    """Return the vehicle types of the example fleets; of two of one name, the first."""
+    types: dict[str, dict[str, Any]] = {}
+    for name in example_names("fleet file"):
+        path = Path(existing_file(name, "fleet file"))
+        values = toml_values(read_text(path, FLEET_FILE), str(path))
+        for type_name, table in values.get("types", {}).items():
+            types.setdefault(type_name, table)
+    return types

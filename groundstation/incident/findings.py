@@ -1,0 +1,96 @@
+"""Which of the changed flights kept the promise, and what follows from it, in sentences."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from groundstation.incident.candidates import Candidate
+
+
+class Trial(NamedTuple):
+    """How a changed flight went."""
+
+    candidate: Candidate
+    min_separation_m: float  # by ground truth; inf without a pair
+    has_passed: bool  # all came true that the mission declares
+    failure: str = ""  # why it could not be flown, in a sentence
+
+    def keeps(self, promise_m: float) -> bool:
+        """Return whether the promise was kept and the mission came true."""
+        return not self.failure and self.has_passed and self.min_separation_m >= promise_m
+
+
+class Findings(NamedTuple):
+    """What the changed flights say."""
+
+    causes: tuple[Trial, ...]  # without each of them the promise would have been kept; best first
+    defences: tuple[Trial, ...]  # with each of them it would have been kept all the same
+    others: tuple[Trial, ...]  # that would not have helped
+
+
+def findings_of(trials: Sequence[Trial], promise_m: float) -> Findings:
+    """Sort trials by what they say.
+
+    Those that keep the promise come with the largest distance first. Of equal ones the likelier
+    comes first, which is the order of the candidates.
+
+    Args:
+        trials: in the order of the candidates.
+        promise_m: smallest distance that was promised.
+    """
+    keeping = [trial for trial in trials if trial.keeps(promise_m)]
+    others = [trial for trial in trials if not trial.keeps(promise_m)]
+    return Findings(
+        causes=tuple(_best_first(keeping, "cause")),
+        defences=tuple(_best_first(keeping, "defence")),
+        others=tuple(others),
+    )
+
+
+def _best_first(trials: Sequence[Trial], kind: str) -> list[Trial]:
+    of_kind = [trial for trial in trials if trial.candidate.kind == kind]
+    return sorted(of_kind, key=lambda trial: -round(trial.min_separation_m, 1))
+
+
+def sentences(findings: Findings) -> list[str]:
+    """Return what follows from the findings, most important first."""
+    lines = []
+    for number, trial in enumerate(findings.causes, start=1):
+        lines.append(
+            f"{number}. The promise would have been kept {trial.candidate.what}:"
+            f" {_distance(trial)}."
+        )
+    if not findings.causes:
+        lines.append(
+            "No single thing of this flight is the cause: whichever was taken away, the promise"
+            " was not kept."
+        )
+
+    for trial in findings.defences:
+        lines.append(f"It would have been kept also by {trial.candidate.what}: {_distance(trial)}.")
+
+    for trial in findings.others:
+        if trial.failure:
+            lines.append(f"Not flown {trial.candidate.what}: {trial.failure}")
+        else:
+            lines.append(f"It would not have helped {_other_way(trial)}: {_distance(trial)}.")
+    return lines
+
+
+def _other_way(trial: Trial) -> str:
+    """Return a change in words, behind "it would not have helped"."""
+    what = trial.candidate.what
+    if trial.candidate.kind == "defence":
+        return f"to have {what}"
+    return f"to fly {what}"
+
+
+def _distance(trial: Trial) -> str:
+    if math.isinf(trial.min_separation_m):
+        return "no two vehicles were in the air"
+    words = f"smallest distance {trial.min_separation_m:.2f} m"
+    if not trial.has_passed:
+        words += ", but the mission did not come true"
+    return words

@@ -1,0 +1,97 @@
+"""The moment of a flight that an incident is about.
+
+It is the smallest distance by ground truth, if that is below the promise. Otherwise it is the first
+critical word of a vehicle, or else its first warning; and if there is none of them, the smallest
+distance all the same, which is then no incident.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal, NamedTuple
+
+from groundstation.fleet.state import Separation
+from groundstation.recording.flight_report import report
+from groundstation.recording.timeline import Timeline
+from onboard.bus.schema import Event
+from onboard.config.fleet import FleetConfig
+
+Kind = Literal["distance", "event", "none"]
+
+
+class Moment(NamedTuple):
+    """One moment of a record."""
+
+    kind: Kind
+    stamp_ns: int  # on the record's clock
+    vehicles: tuple[str, ...]  # that it is about
+    sentence: str
+
+
+def find_moment(folder: Path, fleet: FleetConfig, timeline: Timeline) -> Moment:
+    """Return the moment of a flight that needs an explanation.
+
+    Args:
+        folder: of the flight.
+        fleet: of the flight.
+        timeline: of its record.
+
+    Raises:
+        ConfigError: there is no record.
+    """
+    promise_m = fleet.fleet.safety_distance_m
+    smallest = report(folder, fleet.fleet.height_share).smallest
+
+    if smallest is not None and smallest.distance_m < promise_m:
+        return _of_distance(smallest, promise_m)
+    event = _first_alarming(timeline, fleet)
+    if event is not None:
+        return event
+    if smallest is not None:
+        return _of_distance(smallest, promise_m)
+    return Moment(
+        kind="none",
+        stamp_ns=timeline.end_ns,
+        vehicles=(),
+        sentence="The record has no ground truth, and no vehicle has said that anything is wrong.",
+    )
+
+
+def _of_distance(smallest: Separation, promise_m: float) -> Moment:
+    names = f"{smallest.first} and {smallest.second}"
+    if smallest.distance_m < promise_m:
+        return Moment(
+            kind="distance",
+            stamp_ns=smallest.stamp_ns,
+            vehicles=(smallest.first, smallest.second),
+            sentence=(
+                f"{names} came to {smallest.distance_m:.2f} m; {promise_m:.2f} m were promised."
+            ),
+        )
+    return Moment(
+        kind="none",
+        stamp_ns=smallest.stamp_ns,
+        vehicles=(smallest.first, smallest.second),
+        sentence=(
+            f"The promise of {promise_m:.2f} m was kept: nearest were {names}"
+            f" with {smallest.distance_m:.2f} m."
+        ),
+    )
+
+
+def _first_alarming(timeline: Timeline, fleet: FleetConfig) -> Moment | None:
+    """Return the first critical event of a vehicle, or else its first warning."""
+    for severity in ("critical", "warning"):
+        for stamp_ns, event in timeline.events:
+            if event.severity == severity and event.vehicle in fleet.vehicles:
+                return _of_event(stamp_ns, event)
+    return None
+
+
+def _of_event(stamp_ns: int, event: Event) -> Moment:
+    return Moment(
+        kind="event",
+        stamp_ns=stamp_ns,
+        vehicles=(event.vehicle,),
+        sentence=f"{event.vehicle} said: {event.sentence}",
+    )

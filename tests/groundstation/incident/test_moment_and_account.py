@@ -1,0 +1,92 @@
+"""What an incident is about, and what the record says of the seconds before it."""
+
+from __future__ import annotations
+
+import contextlib
+from pathlib import Path
+
+import pytest
+
+from groundstation.cli import main
+from groundstation.incident.account import account_of
+from groundstation.incident.moment import find_moment
+from groundstation.recording.replay import open_flight
+
+_MISSION = """\
+schema = 1
+fleet = "paper"
+
+[[step]]
+do = "takeoff"
+height_m = 1.0
+
+[[step]]
+do = "move"
+vehicles = "mav0"
+position_enu_m = [1.5, 0.0, 1.0]
+
+[[step]]
+do = "land"
+
+[expect]
+min_separation_m = 0.8
+"""
+
+
+@pytest.fixture(scope="module")
+def too_near(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a flight in which mav0 passes mav1 too near, since nobody avoids."""
+    folder = tmp_path_factory.mktemp("too_near")
+    mission = folder / "past_mav1.toml"
+    mission.write_text(_MISSION)
+    words = ["fly", str(mission), "--lockstep", "--law", "off", "--record", str(folder / "flight")]
+    assert main(words) == 1
+    return folder / "flight"
+
+
+def test_the_moment_is_the_smallest_distance_where_the_promise_was_broken(too_near: Path) -> None:
+    fleet, timeline = open_flight(too_near, None)
+    with contextlib.closing(timeline):
+        moment = find_moment(too_near, fleet, timeline)
+    assert moment.kind == "distance"
+    assert moment.vehicles == ("mav0", "mav1")
+    assert "0.80 m were promised" in moment.sentence
+
+
+def test_the_account_says_what_each_knew_of_the_other_and_whose_law_acted(too_near: Path) -> None:
+    fleet, timeline = open_flight(too_near, None)
+    with contextlib.closing(timeline):
+        moment = find_moment(too_near, fleet, timeline)
+        account = account_of(timeline, fleet, moment, 5.0)
+    facts = "\n".join(account.facts)
+    assert "mav0: it took mav1 to be" in facts
+    assert "mav0: its law let the thrust of the trajectory pass unchanged." in facts
+    told = "\n".join(line.sentence for line in account.lines)
+    assert "mav0: notices 'separation breached'" in told
+    assert "mav0: ordered by move of" in told
+
+
+def test_the_cause_is_named_with_the_distance_that_would_have_been_kept(
+    too_near: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["incident", str(too_near)]) == 0
+    told = capsys.readouterr().out
+    assert "1. The promise would have been kept with Covey's law in place of 'off'" in told
+
+
+def test_a_record_of_another_kind_of_flight_gets_its_account_only(
+    too_near: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name in ("flight.mcap", "fleet.toml", "mission.toml"):
+        (tmp_path / name).write_bytes((too_near / name).read_bytes())
+    assert main(["incident", str(tmp_path)]) == 0
+    told = capsys.readouterr().out
+    assert "0.80 m were promised" in told
+    assert "What would have helped is not known." in told
+
+
+def test_a_folder_without_a_record_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["incident", str(tmp_path)]) == 2
+    assert "there is no flight.mcap" in capsys.readouterr().err
