@@ -29,10 +29,23 @@ _INSIDE_M = 0.05  # between a stop point and the fence
 _VERTICAL_BRAKE_S = 0.15
 
 
+def moved_by_gusts(gust_m_s2: float) -> tuple[float, float]:
+    """Return by how much gusts move a vehicle that rests, more than calm air does.
+
+    Args:
+        gust_m_s2: standard deviation of the gusts, per axis.
+    Returns:
+        Distance [m] and speed [m/s].
+    """
+    beyond_m_s2 = max(0.0, gust_m_s2 - _CALM_M_S2)
+    return _GUST_S2 * beyond_m_s2, _GUST_S * beyond_m_s2
+
+
 def is_at(view: FlightView, goal_enu_m: Vec3, vehicle: Vehicle) -> bool:
     """Return whether the vehicle is at its goal and slow, as far as its positions can show it."""
     near_m = _ARRIVED_M if vehicle.mocap_required else _ARRIVED_PX4_M
-    near_m += _GUST_S2 * _gusts_beyond(view)
+    moved_m, _ = moved_by_gusts(view.gust_m_s2)
+    near_m += moved_m
     if not math.dist(goal_enu_m, view.position_enu_m) < near_m:
         return False
     return math.hypot(*view.velocity_enu_m_s) < _slow_m_s(view, vehicle)
@@ -71,9 +84,5 @@ def position_text(view: FlightView) -> str:
 
 def _slow_m_s(view: FlightView, vehicle: Vehicle) -> float:
     slow_m_s = _ARRIVED_M_S if vehicle.mocap_required else _ARRIVED_PX4_M_S
-    return slow_m_s + _GUST_S * _gusts_beyond(view)
-
-
-def _gusts_beyond(view: FlightView) -> float:
-    """Return the gusts beyond those in which a vehicle rests as in calm air [m/s^2]."""
-    return max(0.0, view.gust_m_s2 - _CALM_M_S2)
+    _, moved_m_s = moved_by_gusts(view.gust_m_s2)
+    return slow_m_s + moved_m_s

@@ -164,6 +164,7 @@ def _fly(
         longest_s=longest_s,
         fleet=fleet,
         errors=setup.errors,
+        gusts_m_s2=[setup.perturbation.gusts_m_s2(vehicle.drag_1_s) for vehicle in vehicles],
         start_enu_m=start,
         has_trace=has_trace,
     )

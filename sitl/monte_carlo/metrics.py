@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from onboard.arrays import Array, BoolArray, IntArray
 from onboard.config.fleet import FleetConfig
+from onboard.flight.arrival import moved_by_gusts
 from onboard.rollout.rows import Rows
 from onboard.types import LawStatus
 from sitl.monte_carlo.clutter import clearances_m
@@ -81,6 +82,7 @@ class FlightMetrics:
         longest_s: Sequence[float],
         fleet: FleetConfig,
         errors: ErrorClass,
+        gusts_m_s2: Sequence[float],
         start_enu_m: Array,
         *,
         has_trace: bool,
@@ -91,12 +93,16 @@ class FlightMetrics:
             plans: of the F flights.
             longest_s: (F,) after which a flight has failed.
             fleet: that flies all of them.
-            errors: say how near a vehicle has to come to its goal.
+            errors: say how near a vehicle has to come to its goal, and how slow it has to be.
+            gusts_m_s2: (N,) standard deviation of the gusts that push each vehicle, per axis. They
+                move a vehicle that has arrived, as much as its own agent allows for.
             start_enu_m: (F, N, 3).
             has_trace: whether the outcomes hold samples.
         """
         flights, count = start_enu_m.shape[:2]
-        self._errors = errors
+        moved = [moved_by_gusts(gust_m_s2) for gust_m_s2 in gusts_m_s2]
+        self._near_m = errors.arrival_m + np.array([moved_m for moved_m, _ in moved])
+        self._slow_m_s = errors.slow_m_s + np.array([moved_m_s for _, moved_m_s in moved])
         self._obstacles = plans[0].obstacles
 
         self._limit_m = fleet.fleet.safety_distance_m
@@ -180,8 +186,8 @@ class FlightMetrics:
         if self._trace is not None:
             self._trace.add(self._flights, self.ticks, position, law["status"], active)
 
-        is_near = self._away < self._errors.arrival_m
-        is_slow = speed < self._errors.slow_m_s
+        is_near = self._away < self._near_m
+        is_slow = speed < self._slow_m_s
         is_there = (is_near & is_slow) | ~self._counts
         return self._end_flights(is_there)
 

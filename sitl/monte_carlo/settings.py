@@ -82,6 +82,14 @@ class Perturbation:
     drag_mismatch: float = _from_to(0.0, 0.0, 0.9)
     hover_mismatch: float = _from_to(0.0, 0.0, 0.5)  # of the hover throttle
 
+    def gusts_m_s2(self, drag_1_s: float) -> float:
+        """Return the standard deviation per axis of what gusts push a vehicle with.
+
+        Args:
+            drag_1_s: of the vehicle, through which moving air pushes.
+        """
+        return math.hypot(self.gust_m_s2, drag_1_s * self.gust_m_s)
+
 
 @dataclass(frozen=True, slots=True)
 class ErrorClass:
@@ -93,9 +101,9 @@ class ErrorClass:
     # over which the errors are correlated; 0: white noise
     position_time_s: float
     velocity_time_s: float
-    # A vehicle has arrived when it is truly this near its goal and this slow. Both are three
-    # standard deviations wider than with a mocap: a vehicle holds its estimate on the goal, not
-    # itself.
+    # A vehicle has arrived when it is truly this near its goal and this slow, in calm air; gusts
+    # widen both. Both are three standard deviations wider than with a mocap: a vehicle holds its
+    # estimate on the goal, not itself.
     arrival_m: float = 0.15
     slow_m_s: float = 0.15
     # values that a fleet of that accuracy flies with, where the fleet file does not say

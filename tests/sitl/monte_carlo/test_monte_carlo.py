@@ -180,6 +180,11 @@ def test_perturbations_and_vehicle_values_have_their_effect():
     assert np.abs(spread(errors="mocap") - calm).max() > 1e-6
 
 
+def test_vehicles_that_gusts_move_about_their_goals_have_arrived():
+    gusty = settings.setup_for(changes=[*STILL, "wind_m_s=3", "gust_m_s=0.45"])
+    assert all(one.outcome.is_success for one in fly("swap4", [1, 2], setup=gusty))
+
+
 @pytest.mark.parametrize("changes", [["loss_share=1"], ["burst_s=60", "burst_every_s=0.1"]])
 def test_messages_that_never_arrive_let_the_vehicles_fly_into_each_other(changes):
     outcome = fly("form3", [4], setup=settings.setup_for(changes=changes, errors="none"))[0].outcome
