@@ -19,7 +19,12 @@ from msgspec.structs import replace
 
 from groundstation.fleet.own_stall import AFTER_STALL_S
 from groundstation.fleet.separation import closest_pair
-from groundstation.fleet.touchdown import Touchdown, touchdown_of
+from groundstation.fleet.touchdown import (
+    SIGHT_RETURNED_NS,
+    Touchdown,
+    is_flown_blind,
+    touchdown_of,
+)
 from groundstation.fleet.unknown_time import (
     FASTEST_SHARE,
     KNOWN_S,
@@ -100,6 +105,7 @@ class VehicleView(Struct, frozen=True):
     light: tuple[int, int, int] | None = None  # colour in a show: red, green, blue up to 255
     # PX4 itself reported then, on the direct path, that it is disarmed
     direct_disarmed_ns: int = _NEVER
+    blind_ns: int = _NEVER  # when its telemetry told last that it flies without a position
 
     def has_preflight(self, now_ns: int) -> bool:
         """Whether the last go/no-go report may be shown as the present.
@@ -459,6 +465,8 @@ def fold_telemetry(state: FleetState, received: Sequence[tuple[Telemetry, int]])
             message = _without_position(message)
 
         heard = replace(view, telemetry=message, received_ns=now_ns)
+        if is_flown_blind(message):
+            heard = replace(heard, blind_ns=now_ns)
         if message.is_position_valid:
             heard = replace(heard, seen_ns=now_ns, seen_enu_m=message.position_enu_m)
             state = _seen_again(state, vehicles, view, heard)
@@ -541,7 +549,11 @@ def fold_truths(state: FleetState, messages: Sequence[Truth], now_ns: int) -> Fl
             continue
 
         touchdown = touchdown_of(
-            message, view.truth, view.telemetry, is_fresh=view.is_fresh(now_ns)
+            message,
+            view.truth,
+            view.telemetry,
+            is_fresh=view.is_fresh(now_ns),
+            was_blind=now_ns - view.blind_ns < SIGHT_RETURNED_NS,
         )
         if touchdown is not None:
             touchdowns.append(touchdown)

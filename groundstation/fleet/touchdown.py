@@ -21,6 +21,10 @@ LIMIT_BLIND_M_S = 1.2
 # 1.5, one 2.3
 LIMIT_BY_PX4_M_S = 1.6
 
+# A vehicle that sees its position again so shortly before the ground comes down as it did without:
+# it has learned its height anew, and has no height left to slow down in.
+SIGHT_RETURNED_NS = 1_000_000_000
+
 _LINK_IS_FRESH_S = 0.5  # younger packets of PX4: its agent flies it
 
 _BLIND = {
@@ -38,7 +42,8 @@ class Touchdown(Struct, frozen=True):
     stamp_ns: int  # of the truth that told it
     speed_m_s: float  # downwards
     had_thrust: bool = True  # False: its motors were off, weak or dead; then it fell
-    is_blind: bool = False  # its agent flew it without seeing its position
+    # its agent flew it without seeing its position, until now or until just before
+    is_blind: bool = False
     is_by_px4: bool = False  # PX4 alone flew it
 
     def limit_m_s(self, vehicle: Vehicle) -> float:
@@ -67,8 +72,18 @@ class Touchdown(Struct, frozen=True):
         )
 
 
+def is_flown_blind(telemetry: Telemetry) -> bool:
+    """Return whether a vehicle tells that it flies without seeing its position."""
+    return not telemetry.is_position_valid or not _BLIND.isdisjoint(telemetry.conditions)
+
+
 def touchdown_of(
-    truth: Truth, before: Truth | None, telemetry: Telemetry | None, *, is_fresh: bool
+    truth: Truth,
+    before: Truth | None,
+    telemetry: Telemetry | None,
+    *,
+    is_fresh: bool,
+    was_blind: bool,
 ) -> Touchdown | None:
     """Return the contact that a truth tells for the first time; None while it tells no new one.
 
@@ -77,6 +92,7 @@ def touchdown_of(
         before: the one before it; None before the first, which may tell old ones.
         telemetry: last received of the vehicle.
         is_fresh: whether that is of the present.
+        was_blind: whether the vehicle told within :data:`SIGHT_RETURNED_NS` that it flies blind.
     """
     if before is None or truth.touchdowns <= before.touchdowns:
         return None
@@ -88,7 +104,7 @@ def touchdown_of(
         # a failed agent sends no setpoints; PX4 tells its mode once a second only
         is_flown = telemetry.state != "failed" and is_linked
         is_by_px4 = telemetry.mode != "OFFBOARD" or not is_flown
-        is_blind = not telemetry.is_position_valid or not _BLIND.isdisjoint(telemetry.conditions)
+        is_blind = was_blind or is_flown_blind(telemetry)
 
     return Touchdown(
         vehicle=truth.vehicle,

@@ -50,6 +50,21 @@ def test_a_landing_without_a_position_may_be_harder(changes: dict[str, object]) 
     assert not touchdown.is_hard(VEHICLE)
 
 
+@pytest.mark.parametrize(("seen_before_s", "is_blind"), [(0.2, True), (1.5, False)])
+def test_who_sees_again_just_before_the_ground_comes_down_as_it_did_without(
+    seen_before_s: float, is_blind: bool
+) -> None:
+    state = fold(initial(FLEET), telemetry("mav0", sequence=1, is_position_valid=False), 1)
+    state = fold(state, telemetry("mav0", sequence=2, mode="OFFBOARD"), 2)
+
+    contact_ns = round(seen_before_s * 1e9)
+    state = fold(state, telemetry("mav0", sequence=3, mode="OFFBOARD"), contact_ns - 2)
+    state = fold(state, truth("mav0", 1, 0.0), contact_ns - 1)
+    contact = msgspec.structs.replace(truth("mav0", 2, 0.0), touchdowns=1, touchdown_m_s=0.9)
+    state = fold(state, contact, contact_ns)
+    assert state.touchdowns[0].is_blind == is_blind
+
+
 @pytest.mark.parametrize(
     "changes", [{"mode": "LAND"}, {"autopilot_age_s": 2.0}, {"state": "failed"}]
 )
