@@ -6,9 +6,9 @@
     make bench-faults ARGS="--pairs --keep pairs.jsonl"          # two faults, 0 to 2 s apart
 
 Each round flies every fault once, at a moment, height, wind, fleet size and mission of its own,
-all drawn from the number of the round. So a bench that is stopped early has flown all faults about
-equally often. `--write` hands the results to the documents: run
-`.venv/bin/python -m tests.architecture.documents --write` afterwards.
+all drawn from the number of the round; the wind is one that the fleet may fly in. So a bench that
+is stopped early has flown all faults about equally often. `--write` hands the results to the
+documents: run `.venv/bin/python -m tests.architecture.documents --write` afterwards.
 """
 
 from __future__ import annotations
@@ -20,12 +20,13 @@ import time
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from onboard.config.wind_limit import wind_limit_m_s
 from tests.sitl.lockstep.injections import INJECTIONS, Injection
 from tests.sitl.lockstep.suite import CROSSING, MISSIONS, Case, Outcome, fly
 
@@ -92,7 +93,7 @@ def rounds(count: int) -> Iterator[Case]:
             if name == CROSSING:
                 vehicles = int(rng.choice(COUNTS))
                 height_m = float(rng.choice(HEIGHTS_M))
-            yield Case(
+            case = Case(
                 injection=injection.name,
                 tick=_moment(rng, name, height_m),
                 count=vehicles,
@@ -101,6 +102,14 @@ def rounds(count: int) -> Iterator[Case]:
                 wind_m_s=float(rng.choice(WINDS_M_S)),
                 mission=name,
             )
+            yield replace(case, wind_m_s=min(case.wind_m_s, _largest_wind_m_s(case)))
+
+
+def _largest_wind_m_s(case: Case) -> float:
+    """Return the wind in which the fleet of a case may fly at most, rounded down."""
+    fleet = MISSIONS[case.mission].mission(case).fleet
+    limit_m_s = min(wind_limit_m_s(fleet, vehicle) for vehicle in fleet.vehicles.values())
+    return math.floor(10.0 * limit_m_s) / 10.0
 
 
 def _mission(rng: np.random.Generator, injection: Injection) -> str:

@@ -58,6 +58,8 @@ class Injection:
             has not been touched.
         is_astray: it has less thrust than the law counts on, or is sent elsewhere by a wrong
             position: what is promised is that no bodies touch, and not the law's distance.
+        is_blind: all of them have lost their poses: what is promised is less than the law's
+            distance.
     """
 
     name: str
@@ -69,6 +71,7 @@ class Injection:
     may_leave_fence: bool = False
     is_falling: bool = False
     is_astray: bool = False
+    is_blind: bool = False
     rises_m: float = math.inf
     needs: str = ""
 
@@ -83,18 +86,24 @@ _SILENT = _f(C.NEIGHBOUR_SILENT, C.NEIGHBOUR_UNSEEN, C.NEIGHBOUR_STALE)
 INJECTIONS: tuple[Injection, ...] = (
     Injection("mocap lost for good", fault("mocap_lost"), _f(*_POSITION), needs="poses"),
     Injection(
-        "poses of all lost for good", of_all(fault("mocap_lost")), _f(*_POSITION), needs="poses"
+        "poses of all lost for good",
+        of_all(fault("mocap_lost")),
+        _f(*_POSITION),
+        is_blind=True,
+        needs="poses",
     ),
     Injection(
         "poses of all lost for 0.5 s",
         of_all(fault("mocap_lost", 0.5)),
         _f(C.POSITION_STALE),
+        is_blind=True,
         needs="poses",
     ),
     Injection(
         "poses of all lost for 1.5 s",
         of_all(fault("mocap_lost", 1.5)),
         _f(*_POSITION),
+        is_blind=True,
         needs="poses",
     ),
     Injection("mocap lost for 0.35 s", fault("mocap_lost", 0.35), _f(*_POSITION), needs="poses"),
@@ -127,6 +136,7 @@ INJECTIONS: tuple[Injection, ...] = (
         "poses of all frozen for good",
         of_all(fault("mocap_frozen")),
         _f(C.MOCAP_FROZEN),
+        is_blind=True,
         needs="poses",
     ),
     Injection(
