@@ -21,6 +21,7 @@ from onboard.bus.codec import Malformed
 from onboard.bus.control_token import WATCHER
 from onboard.bus.schema import ClockMessage, Message, StateMessage, Telemetry, TickBatch
 from onboard.bus.session import BusSession
+from onboard.bus.settings import ROUTER_LEASE_MS, lease_ms, longest_round_trip_s
 from onboard.bus.topics import TOPICS, Topic
 from onboard.config.fleet import FleetConfig
 from onboard.feasibility.pair_checks import message_age_s
@@ -165,6 +166,7 @@ def judged(fleet: FleetConfig, heard: Heard) -> Iterator[Diagnosis]:
         yield from _unused_messages(name, heard)
 
     yield from _round_trips(heard)
+    yield _limits_of_links(fleet)
     for node, error_s in sorted(heard.clock_errors_s.items()):
         text = "Not measured yet."
         if error_s < _NOT_MEASURED_S:
@@ -189,7 +191,8 @@ def _silent_vehicle(name: str, fleet: FleetConfig, heard: Heard) -> Diagnosis:
         )
         remedy = (
             "Copy keys/ca.pem and its own two files to it anew, and start its agent anew"
-            " (covey keys list FLEET)."
+            f" (covey keys list FLEET). A way longer than {_longest_ms(fleet):.0f} ms there and back"
+            " (ping) looks the same."
         )
     elif name in heard.listening:
         text = f"It runs at {endpoint}, and is not of this fleet."
@@ -303,6 +306,25 @@ def _round_trips(heard: Heard) -> Iterator[Diagnosis]:
         )
     if not trips_s and heard.last:
         yield Diagnosis("round trips", Grade.OK, "All nodes that were heard run on one computer.")
+
+
+def _limits_of_links(fleet: FleetConfig) -> Diagnosis:
+    """Return how long a way, and how long an outage, this fleet's links bear."""
+    endpoints = [*fleet.fleet.routers, *(fleet.vehicles[name].agent for name in fleet.enabled_names)]
+    silent_s = 1e-3 * lease_ms(endpoints)
+    if len(fleet.fleet.routers) > 1:
+        silent_s = 1e-3 * ROUTER_LEASE_MS
+    return Diagnosis(
+        "links",
+        Grade.OK,
+        f"They open over at most {_longest_ms(fleet):.0f} ms there and back, and are closed after"
+        f" {silent_s:g} s of silence. After an outage of 1 s states come again within 0.3 s"
+        " (docs/network.md).",
+    )
+
+
+def _longest_ms(fleet: FleetConfig) -> float:
+    return 1e3 * longest_round_trip_s(fleet.fleet.routers)
 
 
 def _p99(values: list[float]) -> float:

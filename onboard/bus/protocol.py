@@ -10,7 +10,9 @@ from onboard.bus.codec import Malformed
 from onboard.bus.schema import FaultOrder, Message, Order, OrderReply
 from onboard.bus.topics import Topic
 
-LEASE_MS = 1000  # a node whose connection is silent for so long is gone
+# A node whose connection is silent for so long is gone; over QUIC onboard/bus/settings.py waits
+# longer.
+LEASE_MS = 1000
 MAX_COLLECTED = 1000  # messages of one collected topic that wait for delivery, by default
 
 RefusalCode = Literal[

@@ -116,6 +116,7 @@ class BusSession:
         self._session: zenoh.Session | None = None
         self._sockets = PromptSockets()
         self._instance = secrets.token_hex(4)  # tells two nodes of one name apart
+        self._token: Any = None  # liveliness token of the node, while the bus is open
 
         self._publishers: dict[tuple[Topic, str], zenoh.Publisher] = {}
         self._followed: dict[tuple[Topic, str], _Collector] = {}
@@ -136,7 +137,7 @@ class BusSession:
             return
         self._session = self._open_session()
         self._sockets.start()
-        self._declared.append(self._declare_token(self.node))
+        self._token = self._declare_token(self.node)
 
     def _open_session(self) -> zenoh.Session:
         if self._routers:
@@ -155,11 +156,16 @@ class BusSession:
         self._collected.clear()
         self._collectors = ()
 
+        # Over QUIC closing waits for attempts to reach nodes that are not there: the others hear
+        # now that this node leaves.
+        for token in (self._token, *self._claims.values()):
+            token.undeclare()
+        self._claims.clear()
+
         self._sockets.stop()
         session.close()  # type: ignore[no-untyped-call]
 
         self._declared.clear()
-        self._claims.clear()
 
     @property
     def _open(self) -> zenoh.Session:

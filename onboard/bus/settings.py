@@ -16,13 +16,24 @@ Setting = tuple[str, Any]  # path in zenoh's configuration, value
 # Times between two attempts to connect.
 RETRY = {"period_init_ms": 200, "period_max_ms": 500, "period_increase_factor": 1.5}
 
-# Half of the other nodes' lease: without a router nobody hears anything.
+# Of a node or router with several routers to choose from: half of LEASE_MS. Without its router a
+# node hears nobody, so it changes over soon.
 ROUTER_LEASE_MS = 500
 
-# Times to open a link. Over QUIC a node that is not there refuses nothing, so silence takes this
-# long. After a router's time the next router is tried; it is enough for round trips up to 150 ms.
-_OPEN_MS = 1000
+# Over QUIC a link that was silent speaks at once when packets pass again, so it is kept for longer
+# than over TCP, where the next repetition of a lost packet comes later than a new link would.
+QUIC_LEASE_MS = 2000
+
+# Time to open a link: QUIC needs three round trips, TLS four. Over QUIC a node that is not there
+# refuses nothing, so an attempt to reach it, and the end of a node that makes one, take this long.
+_OPEN_MS = 3000
+
+# The same where there are several routers: the next one is tried after it.
 _ROUTER_OPEN_MS = 500
+
+# Round trips over which links open, with half of the time to spare over QUIC.
+LONGEST_ROUND_TRIP_S = 0.6
+LONGEST_ROUND_TRIP_OF_ROUTERS_S = 0.15
 
 # A connection to a peer that takes nothing for so long is closed.
 _CLOSE_AFTER_US = 1_000_000
@@ -44,7 +55,7 @@ def of_node(
         ("listen/endpoints", [_with_datagrams(endpoint) for endpoint in listen]),
         ("connect/endpoints", [_with_datagrams(endpoint) for endpoint in connect]),
         ("connect/timeout_ms", -1),
-        *_common(credentials, LEASE_MS),
+        *_common(credentials, lease_ms([*listen, *connect])),
     ]
 
 
@@ -53,19 +64,24 @@ def of_client(
 ) -> list[Setting]:
     """Return the settings of a node behind routers.
 
-    It is linked with the first router that answers; when that one is lost, with the next.
+    It is linked with the first router that answers; when that one is lost, with the next. A single
+    router is given more time, since there is nobody else to try.
 
     Args:
         routers: endpoints, in the order in which they are tried.
         timeout_s: to find one at the start; one that is lost later is looked for for ever.
         credentials: of the node; None for a bus without keys.
     """
+    open_ms = _OPEN_MS
+    if len(routers) > 1:
+        open_ms = _ROUTER_OPEN_MS
+
     return [
         ("mode", "client"),
         ("connect/endpoints", [_with_datagrams(endpoint) for endpoint in routers]),
         ("connect/timeout_ms", round(1e3 * timeout_s)),
-        *_common(credentials, LEASE_MS),
-        ("transport/unicast/open_timeout", _ROUTER_OPEN_MS),
+        *_common(credentials, lease_ms(routers)),
+        ("transport/unicast/open_timeout", open_ms),
     ]
 
 
@@ -79,14 +95,40 @@ def of_router(
         others: endpoints of the other routers, which it is linked with.
         credentials: of the router; None for a bus without keys, where it passes on everything.
     """
+    router_lease_ms = lease_ms([endpoint])
+    if others:
+        router_lease_ms = ROUTER_LEASE_MS
+
     return [
         ("mode", "router"),
         ("listen/endpoints", [_with_datagrams(endpoint)]),
         ("connect/endpoints", [_with_datagrams(other) for other in others]),
         ("connect/timeout_ms", -1),
         ("timestamping/enabled", False),  # messages have stamps of their own
-        *_common(credentials, ROUTER_LEASE_MS),
+        *_common(credentials, router_lease_ms),
     ]
+
+
+def lease_ms(endpoints: Iterable[str]) -> int:
+    """Return the silence after which a node's links are closed by the others [ms].
+
+    Args:
+        endpoints: of the links.
+    """
+    if any(endpoint.startswith("quic/") for endpoint in endpoints):
+        return QUIC_LEASE_MS
+    return LEASE_MS
+
+
+def longest_round_trip_s(routers: Sequence[str]) -> float:
+    """Return the longest way there and back over which links open [s].
+
+    Args:
+        routers: endpoints of the fleet's routers.
+    """
+    if len(routers) > 1:
+        return LONGEST_ROUND_TRIP_OF_ROUTERS_S
+    return LONGEST_ROUND_TRIP_S
 
 
 def nested(settings: Iterable[Setting]) -> dict[str, Any]:
@@ -101,7 +143,7 @@ def nested(settings: Iterable[Setting]) -> dict[str, Any]:
     return whole
 
 
-def _common(credentials: NodeCredentials | None, lease_ms: int) -> list[Setting]:
+def _common(credentials: NodeCredentials | None, link_lease_ms: int) -> list[Setting]:
     """Return the settings that nodes and routers share."""
     drop = "transport/link/tx/queue/congestion_control/drop"
     block = "transport/link/tx/queue/congestion_control/block"
@@ -114,7 +156,7 @@ def _common(credentials: NodeCredentials | None, lease_ms: int) -> list[Setting]
         ("scouting/multicast/enabled", False),
         ("scouting/gossip/enabled", False),
         ("scouting/delay", 0),
-        ("transport/link/tx/lease", lease_ms),
+        ("transport/link/tx/lease", link_lease_ms),
         ("transport/unicast/open_timeout", _OPEN_MS),
         # Messages are small, and the threads and the memory of shared memory are not free.
         ("transport/shared_memory/enabled", False),

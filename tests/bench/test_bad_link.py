@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from tests.bench.network.bad_link import BadLink, Direction, LinkQuality
-from tests.bench.network.bench import main, measure
+from tests.bench.network.bench import LONGEST_COST_S, main, measure, measure_links
 from tests.bench.network.crossing import conditions
 from tests.bench.network.hub import Hub
 from tests.bench.network.partition import HALVES, Flight, fly
@@ -153,6 +153,22 @@ def test_a_flying_fleet_that_is_cut_in_two_keeps_its_distance_and_goes_on(tmp_pa
     except OSError as error:
         pytest.skip(str(error))
     assert flight.problems() == []
+
+
+@pytest.mark.long
+@pytest.mark.timeout(300)
+@pytest.mark.parametrize("scheme", ["quic", "tls"])
+def test_links_open_over_600_ms_and_an_outage_of_one_second_costs_little_more(
+    scheme: str, tmp_path: Path
+) -> None:
+    try:
+        openings, outages = measure_links([scheme], tmp_path)
+    except OSError as error:
+        pytest.skip(str(error))
+    assert all(one.opened_s is not None for one in openings), openings
+    for one in outages:
+        if one.lasts_s <= 1.0:
+            assert one.longest_age_s <= LONGEST_COST_S, outages
 
 
 @pytest.mark.long

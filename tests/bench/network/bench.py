@@ -1,5 +1,5 @@
-"""``make bench-network``: ages of states over a bad link, a fleet cut in two in flight, agents on a
-locked bus.
+"""``make bench-network``: ages of states over a bad link, links over long ways and through outages,
+a fleet cut in two in flight, agents on a locked bus.
 
 For the ages two processes in network namespaces of their own, one publishing its state at 50 Hz,
 one looking at the newest one 50 times a second, as an agent does. Between them lies a link that
@@ -13,9 +13,6 @@ import argparse
 import datetime
 import json
 import math
-import os
-import socket
-import subprocess
 import sys
 import tempfile
 from collections.abc import Sequence
@@ -26,8 +23,9 @@ from groundstation.keys.secured_fleet import secure_fleet
 from groundstation.processes.free_ports import toml_text
 from tests.bench import agents
 from tests.bench.fixture import fleet_data
-from tests.bench.network import partition
-from tests.bench.network.bad_link import BadLink, LinkQuality
+from tests.bench.network import links, partition
+from tests.bench.network.bad_link import LinkQuality
+from tests.bench.network.links import Opening, Outage
 from tests.bench.peers.pages import insert
 
 EXIT_OK, EXIT_FAILED, EXIT_WRONG_INPUT = 0, 1, 2
@@ -37,6 +35,10 @@ LINKS = {
     "5 % independent": (LinkQuality(loss=0.05), 60.0),
     "5 % in bursts of 3": (LinkQuality(loss=0.05, burst=3.0), 130.0),
 }
+ROUND_TRIPS_S = (0.04, 0.3, 0.6)
+OUTAGES_S = (0.3, 1.0, 3.0)
+OUTAGE_TIMES = 3  # each; the longest age of all is told
+LONGEST_COST_S = 1.3  # of an outage of 1 s
 _ADDRESSES = ("10.77.0.1", "10.77.0.2")
 _DATAGRAMS = ("quic", "udp")  # what the bounds are for
 
@@ -63,40 +65,8 @@ def measure(scheme: str, link: str, seconds: float, folder: Path, seed: int = 1)
     """
     path = _fleet_file(scheme, folder)
     quality, bound_ms = LINKS[link]
-    nodes, tuns, parents = [], [], []
-    for index, address in enumerate(_ADDRESSES):
-        parent, child = socket.socketpair()
-        words = [f"mav{index}", str(path), f"{address}/24", str(seconds), str(child.fileno())]
-        command = [sys.executable, "-m", "tests.bench.network.node", *words]
-        nodes.append(
-            subprocess.Popen(command, pass_fds=[child.fileno()], stdout=subprocess.PIPE, text=True)
-        )
-        child.close()
-        parents.append(parent)
-    try:
-        for parent in parents:
-            _, received, _, _ = socket.recv_fds(parent, 16, 1)
-            if not received:
-                raise OSError(
-                    "This computer allows no network namespaces with a tun device: run it as root."
-                )
-            tuns.append(received[0])
-        carrier = BadLink(tuns[0], tuns[1], quality, seed)
-        carrier.start()
-        for parent in parents:
-            parent.send(b"g")
-        output, _ = nodes[1].communicate(timeout=seconds + 40.0)
-        carrier.stop()
-    finally:
-        for node in nodes:
-            node.kill()
-            node.wait()
-        for parent in parents:
-            parent.close()
-        for tun in tuns:
-            os.close(tun)
-    found = json.loads(output)
-    ages_ms = sorted(found["ages_ms"])
+    carried = links.carry(path, _ADDRESSES, quality, seconds=seconds, seed=seed)
+    ages_ms = sorted(carried.ages_ms)
     if not ages_ms:
         raise RuntimeError(f"Nothing arrived over {scheme}.")
     bound = bound_ms if scheme in _DATAGRAMS and bound_ms < math.inf else None
@@ -110,7 +80,7 @@ def measure(scheme: str, link: str, seconds: float, folder: Path, seed: int = 1)
         p50_ms=quantile_ms(0.5),
         p99_ms=quantile_ms(0.99),
         max_ms=quantile_ms(1.0),
-        messages=found["messages"],
+        messages=carried.messages,
         bound_ms=bound,
     )
 
@@ -162,6 +132,65 @@ def _bench_ages(options: argparse.Namespace) -> int:
     )
 
 
+def measure_links(schemes: Sequence[str], folder: Path) -> tuple[list[Opening], list[Outage]]:
+    """Measure how long links take to open over long ways, and what outages cost.
+
+    Raises:
+        OSError: this computer does not allow network namespaces.
+    """
+    openings = []
+    outages = []
+    for scheme in schemes:
+        path = _fleet_file(scheme, folder)
+        for round_trip_s in ROUND_TRIPS_S:
+            quality = LinkQuality(delay_s=0.5 * round_trip_s)
+            carried = links.carry(path, _ADDRESSES, quality, seconds=1.0)
+            openings.append(Opening(scheme, 1e3 * round_trip_s, carried.opened_s))
+        for lasts_s in OUTAGES_S:
+            ages_ms: list[float] = []
+            for _ in range(OUTAGE_TIMES):
+                carried = links.carry(
+                    path, _ADDRESSES, LinkQuality(), seconds=lasts_s + 5.0, outage_s=lasts_s
+                )
+                ages_ms += carried.ages_ms
+            outages.append(Outage(scheme, lasts_s, 1e-3 * max(ages_ms)))
+    return openings, outages
+
+
+def links_table(openings: Sequence[Opening], outages: Sequence[Outage]) -> str:
+    """Return the rows of docs/network.md."""
+    trips = [f"open over {1e3 * trip_s:.0f} ms" for trip_s in ROUND_TRIPS_S]
+    costs = [f"outage of {lasts_s:g} s" for lasts_s in OUTAGES_S]
+    columns = ["transport", *trips, *costs]
+    lines = [f"| {' | '.join(columns)} |", "|---" * len(columns) + "|"]
+    for scheme in dict.fromkeys(one.scheme for one in openings):
+        cells = [f"`{scheme}/`"]
+        for opening in openings:
+            if opening.scheme == scheme:
+                opened_s = opening.opened_s
+                cells.append("never" if opened_s is None else f"after {opened_s:.1f} s")
+        for outage in outages:
+            if outage.scheme == scheme:
+                cells.append(f"{outage.longest_age_s:.2f} s")
+        lines.append(f"| {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
+def _bench_links(options: argparse.Namespace) -> int:
+    with tempfile.TemporaryDirectory(prefix="covey-links-") as scratch:
+        openings, outages = measure_links(options.transports.split(","), Path(scratch))
+    print(
+        json.dumps([asdict(one) for one in (*openings, *outages)])
+        if options.json
+        else links_table(openings, outages)
+    )
+    insert(options.page, "links", links_table(openings, outages))
+    is_right = all(one.opened_s is not None for one in openings) and all(
+        one.longest_age_s <= LONGEST_COST_S for one in outages if one.lasts_s <= 1.0
+    )
+    return EXIT_OK if is_right else EXIT_FAILED
+
+
 def _bench_partition(options: argparse.Namespace) -> int:
     flights = partition.fly_all(
         options.flights, options.cut_s, lambda line: print(line, file=sys.stderr)
@@ -181,7 +210,12 @@ def _bench_agents(options: argparse.Namespace) -> int:
     )
 
 
-PARTS = {"ages": _bench_ages, "partition": _bench_partition, "agents": _bench_agents}
+PARTS = {
+    "ages": _bench_ages,
+    "links": _bench_links,
+    "partition": _bench_partition,
+    "agents": _bench_agents,
+}
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -21,9 +21,9 @@ def main(words: list[str]) -> int:
     """
     name, path, address, seconds, descriptor = words
     tun = namespaces.enter(address)  # before any library starts a thread
-    with socket.socket(fileno=int(descriptor)) as parent:
-        socket.send_fds(parent, [b"tun"], [tun])
-        parent.recv(1)  # the link carries packets
+    parent = socket.socket(fileno=int(descriptor))
+    socket.send_fds(parent, [b"tun"], [tun])
+    parent.recv(1)  # the link carries packets
 
     from onboard.bus.codec import Malformed
     from onboard.bus.schema import Message, StateMessage
@@ -67,14 +67,18 @@ def main(words: list[str]) -> int:
             bus.deliver()
             if newest_ns and not first_s:
                 first_s = time.monotonic()
+                parent.send(b"h")
             if first_s and time.monotonic() - first_s > _SETTLE_S:
                 ages_ms.append((now_ns - newest_ns) * 1e-6)
             if time.monotonic() - begin_s > float(seconds) + 20.0:
                 break
         time.sleep(max(0.0, begin_s + sequence * PERIOD_S - time.monotonic()))
     if name == listener:
-        print(json.dumps({"ages_ms": ages_ms, "messages": count}), flush=True)
+        opened_s = first_s - begin_s if first_s else None
+        found = {"ages_ms": ages_ms, "messages": count, "opened_s": opened_s}
+        print(json.dumps(found), flush=True)
     bus.stop()
+    parent.close()
     return 0
 
 
