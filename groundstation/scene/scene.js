@@ -1,0 +1,619 @@
+/*
+ * A scene of vehicles in three dimensions, drawn anew for each picture.
+ *
+ * Whoever shows something calls `begin`, then `body`, `line`, `path`, `ring`, `box`, `ground` and
+ * `label` in any order, then `end`. The calls only collect numbers; `end` draws all lines at once and
+ * all bodies at once, so that a hundred vehicles cost three calls of WebGL2. Labels are drawn on a
+ * second canvas that lies above: text stays sharp, and never covers other text.
+ *
+ * Where a browser has no WebGL2 the same lines and bodies are drawn on the second canvas, flat.
+ *
+ * Positions are in the fleet's frame: east, north, up, in metres. Colours are red, green and blue
+ * from 0 to 1.
+ */
+"use strict";
+
+globalThis.Covey ??= {};
+
+(() => {
+  const LINE_NUMBERS = 11; // two ends of 3, colour and opacity of 4, width
+  const BODY_NUMBERS = 12; // position of 3, quaternion of 4, colour and opacity of 4, scale
+  const RING_CORNERS = 48;
+  const LEAST_BODY_PX = 17;
+  const MOST_PIXELS_PER_POINT = 2;
+
+  const LINE_VERTEX = `#version 300 es
+    // A line is a rectangle of four corners, turned towards the picture.
+    layout(location = 0) in vec2 corner; // along 0..1, across -1..1
+    layout(location = 1) in vec3 first;
+    layout(location = 2) in vec3 second;
+    layout(location = 3) in vec4 colour;
+    layout(location = 4) in float width_px;
+    uniform mat4 matrix;
+    uniform vec2 size_px;
+    out vec4 tint;
+    out float across_px;
+    out float half_px;
+
+    void main() {
+      vec4 begin = matrix * vec4(first, 1.0);
+      vec4 end = matrix * vec4(second, 1.0);
+
+      // What lies behind the camera is cut off.
+      float near = 0.001;
+      if (begin.w < near && end.w < near) {
+        gl_Position = vec4(2.0, 2.0, 2.0, 1.0);
+        return;
+      }
+      if (begin.w < near) begin = mix(begin, end, (near - begin.w) / (end.w - begin.w));
+      if (end.w < near) end = mix(end, begin, (near - end.w) / (begin.w - end.w));
+
+      vec2 begin_px = begin.xy / begin.w * size_px * 0.5;
+      vec2 end_px = end.xy / end.w * size_px * 0.5;
+      vec2 along = end_px - begin_px;
+      along = length(along) < 0.0001 ? vec2(1.0, 0.0) : normalize(along);
+      vec2 normal = vec2(-along.y, along.x);
+
+      half_px = width_px * 0.5 + 1.0;
+      across_px = corner.y * half_px;
+      vec4 place = mix(begin, end, corner.x);
+      place.xy += normal * across_px / (size_px * 0.5) * place.w;
+      gl_Position = place;
+      tint = colour;
+    }`;
+
+  const LINE_FRAGMENT = `#version 300 es
+    precision mediump float;
+    in vec4 tint;
+    in float across_px;
+    in float half_px;
+    out vec4 pixel;
+
+    void main() {
+      float coverage = clamp(half_px - 0.5 - abs(across_px), 0.0, 1.0);
+      pixel = vec4(tint.rgb, tint.a * coverage);
+    }`;
+
+  const BODY_VERTEX = `#version 300 es
+    layout(location = 0) in vec3 point; // of the body: forward, left, up; 1 is half a diameter
+    layout(location = 1) in vec3 normal;
+    layout(location = 2) in float shade; // 0: the vehicle's colour; 1: light, for its nose
+    layout(location = 3) in vec3 position;
+    layout(location = 4) in vec4 quaternion; // w, x, y, z
+    layout(location = 5) in vec4 colour;
+    layout(location = 6) in float scale;
+    uniform mat4 matrix;
+    out vec4 tint;
+
+    vec3 turned(vec3 v) {
+      return v + 2.0 * cross(quaternion.yzw, cross(quaternion.yzw, v) + quaternion.x * v);
+    }
+
+    void main() {
+      gl_Position = matrix * vec4(position + turned(point * scale), 1.0);
+      float light = 0.72 + 0.28 * dot(turned(normal), normalize(vec3(0.35, -0.5, 0.8)));
+      tint = vec4(mix(colour.rgb, vec3(1.0), shade) * light, colour.a);
+    }`;
+
+  const BODY_FRAGMENT = `#version 300 es
+    precision mediump float;
+    in vec4 tint;
+    out vec4 pixel;
+    void main() { pixel = tint; }`;
+
+  // -- the shape of a vehicle ------------------------------------------------------------------------
+
+  /* Returns the triangles of a quadrotor, 7 numbers a corner: point, normal, shade. */
+  function quadrotor() {
+    const numbers = [];
+    const corner = (point, normal, shade) => numbers.push(...point, ...normal, shade);
+
+    const triangle = (a, b, c, shade) => {
+      const [u, v] = [minus(b, a), minus(c, a)];
+      const normal = unit(cross(u, v));
+      for (const point of [a, b, c]) corner(point, normal, shade);
+    };
+
+    const bar = (from, to, half, height, shade) => {
+      const along = unit(minus(to, from));
+      const side = [-along[1] * half, along[0] * half, 0];
+      const at = (end, across, up) => [
+        end[0] + across * side[0],
+        end[1] + across * side[1],
+        end[2] + up * height,
+      ];
+      const [a, b, c, d] = [at(from, 1, 1), at(from, -1, 1), at(to, -1, 1), at(to, 1, 1)];
+      const [e, f, g, h] = [at(from, 1, -1), at(from, -1, -1), at(to, -1, -1), at(to, 1, -1)];
+      for (const [p, q, r, s] of [
+        [a, b, c, d], [h, g, f, e], [a, d, h, e], [b, f, g, c], [d, c, g, h], [a, e, f, b],
+      ]) {
+        triangle(p, q, r, shade);
+        triangle(p, r, s, shade);
+      }
+    };
+
+    const rotor = (middle, radius) => {
+      const corners = 18;
+      for (let k = 0; k < corners; k++) {
+        const at = (index, height) => {
+          const angle = (2 * Math.PI * index) / corners;
+          const [x, y] = [radius * Math.cos(angle), radius * Math.sin(angle)];
+          return [middle[0] + x, middle[1] + y, middle[2] + height];
+        };
+        const [top, bottom] = [0.03, -0.03];
+        const [a, b, c, d] = [at(k, top), at(k + 1, top), at(k + 1, bottom), at(k, bottom)];
+        triangle([middle[0], middle[1], middle[2] + top], a, b, 0.12);
+        triangle([middle[0], middle[1], middle[2] + bottom], c, d, 0);
+        triangle(a, d, b, 0);
+        triangle(b, d, c, 0);
+      }
+    };
+
+    const reach = 0.62; // of the rotors' axes
+    for (const [x, y] of [[1, 1], [1, -1], [-1, -1], [-1, 1]]) {
+      const tip = [(x * reach) / Math.SQRT2, (y * reach) / Math.SQRT2, 0];
+      bar([0, 0, 0], tip, 0.05, 0.035, 0);
+      rotor([tip[0], tip[1], 0.08], 0.36);
+    }
+    bar([-0.2, 0, 0.02], [0.2, 0, 0.02], 0.15, 0.1, 0);
+    bar([0.2, 0, 0.03], [0.42, 0, 0.03], 0.07, 0.05, 0.75); // the nose
+    return new Float32Array(numbers);
+  }
+
+  const minus = (a, b) => [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
+  const cross = (a, b) => [
+    a[1] * b[2] - a[2] * b[1],
+    a[2] * b[0] - a[0] * b[2],
+    a[0] * b[1] - a[1] * b[0],
+  ];
+  const unit = (a) => {
+    const length = Math.hypot(...a) || 1;
+    return [a[0] / length, a[1] / length, a[2] / length];
+  };
+
+  // -- numbers of one picture ------------------------------------------------------------------------
+
+  /* Numbers that grow as needed, and are kept from picture to picture. */
+  class Numbers {
+    constructor() {
+      this.values = new Float32Array(4096);
+      this.length = 0;
+    }
+
+    clear() {
+      this.length = 0;
+    }
+
+    /* Makes room for so many more, and returns where they begin. */
+    more(count) {
+      const begin = this.length;
+      this.length += count;
+      if (this.length > this.values.length) {
+        const larger = new Float32Array(Math.max(this.length, 2 * this.values.length));
+        larger.set(this.values);
+        this.values = larger;
+      }
+      return begin;
+    }
+
+    get written() {
+      return this.values.subarray(0, this.length);
+    }
+  }
+
+  // -- the scene -------------------------------------------------------------------------------------
+
+  class Scene {
+    /*
+     * canvas: for lines and bodies; overlay: a canvas of the same size above it, for labels.
+     */
+    constructor(canvas, overlay) {
+      this.camera = new Covey.Camera();
+      this._canvas = canvas;
+      this._overlay = overlay;
+      this._context = overlay.getContext("2d");
+      this._lines = new Numbers();
+      this._solid = new Numbers(); // bodies
+      this._ghosts = new Numbers(); // bodies that one can see through
+      this._labels = [];
+
+      this._gl = canvas.getContext("webgl2", { antialias: true, alpha: true });
+      this._gpu = this._gl ? new Drawer(this._gl) : null;
+      canvas.addEventListener("webglcontextlost", (event) => event.preventDefault());
+      canvas.addEventListener("webglcontextrestored", () => {
+        this._gpu = new Drawer(this._gl);
+      });
+    }
+
+    /* Whether the computer draws it in three dimensions. */
+    get hasWebGl() {
+      return this._gpu !== null;
+    }
+
+    get aspect() {
+      return this._canvas.clientWidth / Math.max(1, this._canvas.clientHeight);
+    }
+
+    /* Begins a picture. */
+    begin() {
+      this._lines.clear();
+      this._solid.clear();
+      this._ghosts.clear();
+      this._labels = [];
+
+      const ratio = Math.min(globalThis.devicePixelRatio || 1, MOST_PIXELS_PER_POINT);
+      const width_px = Math.max(1, Math.round(this._canvas.clientWidth * ratio));
+      const height_px = Math.max(1, Math.round(this._canvas.clientHeight * ratio));
+      for (const canvas of [this._canvas, this._overlay]) {
+        if (canvas.width !== width_px) canvas.width = width_px;
+        if (canvas.height !== height_px) canvas.height = height_px;
+      }
+      this._ratio = ratio;
+      this._matrix = this.camera.matrix(width_px / height_px);
+      this._eye = this.camera.eye;
+    }
+
+    /* Adds a straight line. */
+    line(first, second, colour, { opacity = 1, width = 1.5 } = {}) {
+      const at = this._lines.more(LINE_NUMBERS);
+      const values = this._lines.values;
+      values[at] = first[0];
+      values[at + 1] = first[1];
+      values[at + 2] = first[2];
+      values[at + 3] = second[0];
+      values[at + 4] = second[1];
+      values[at + 5] = second[2];
+      values[at + 6] = colour[0];
+      values[at + 7] = colour[1];
+      values[at + 8] = colour[2];
+      values[at + 9] = opacity;
+      values[at + 10] = width;
+    }
+
+    /*
+     * Adds a path through points (x, y, z, x, y, z, ...); where a number is NaN it is interrupted.
+     *
+     * from, to: first and last point; isFading: its begin is transparent; dash: this many pieces are
+     * drawn, then as many left out.
+     */
+    path(
+      points,
+      colour,
+      { from = 0, to = points.length / 3 - 1, opacity = 1, width = 2, isFading = false, dash = 0 } = {},
+    ) {
+      const first = [0, 0, 0];
+      const second = [0, 0, 0];
+      for (let index = from; index < to; index++) {
+        if (dash && Math.floor(index / dash) % 2) continue;
+
+        for (let axis = 0; axis < 3; axis++) {
+          first[axis] = points[3 * index + axis];
+          second[axis] = points[3 * index + 3 + axis];
+        }
+        if (Number.isNaN(first[0]) || Number.isNaN(second[0])) continue;
+
+        const share = isFading ? (index - from + 1) / (to - from) : 1;
+        this.line(first, second, colour, { opacity: opacity * share, width });
+      }
+    }
+
+    /* Adds a level circle. */
+    ring(middle, radius_m, colour, { opacity = 1, width = 1.5 } = {}) {
+      let last = null;
+      for (let k = 0; k <= RING_CORNERS; k++) {
+        const angle = (2 * Math.PI * k) / RING_CORNERS;
+        const x = middle[0] + radius_m * Math.cos(angle);
+        const y = middle[1] + radius_m * Math.sin(angle);
+        const point = [x, y, middle[2]];
+        if (last) this.line(last, point, colour, { opacity, width });
+        last = point;
+      }
+    }
+
+    /* Adds the twelve edges of a box. */
+    box(least, most, colour, { opacity = 0.5, width = 1 } = {}) {
+      const at = (corner) =>
+        [0, 1, 2].map((axis) => ((corner >> axis) & 1 ? most[axis] : least[axis]));
+      for (let corner = 0; corner < 8; corner++) {
+        for (let axis = 0; axis < 3; axis++) {
+          const other = corner | (1 << axis);
+          if (other !== corner) this.line(at(corner), at(other), colour, { opacity, width });
+        }
+      }
+    }
+
+    /* Adds the ground: a grid with its axes east and north named, around a box. */
+    ground(least, most, colour) {
+      const size_m = Math.max(most[0] - least[0], most[1] - least[1]);
+      const step_m = niceStep(size_m / 8);
+      const begin = [0, 1].map((axis) => Math.floor(least[axis] / step_m) * step_m);
+      const end = [0, 1].map((axis) => Math.ceil(most[axis] / step_m) * step_m);
+
+      const count = (axis) => Math.round((end[axis] - begin[axis]) / step_m);
+      for (let k = 0; k <= count(0); k++) {
+        const x = begin[0] + k * step_m;
+        const opacity = Math.abs(x) < step_m / 100 ? 0.75 : 0.35;
+        this.line([x, begin[1], 0], [x, end[1], 0], colour, { opacity, width: 1 });
+        this.label([x, begin[1], 0], metres(x), { shift: [0, 9], isQuiet: true });
+      }
+      for (let k = 0; k <= count(1); k++) {
+        const y = begin[1] + k * step_m;
+        const opacity = Math.abs(y) < step_m / 100 ? 0.75 : 0.35;
+        this.line([begin[0], y, 0], [end[0], y, 0], colour, { opacity, width: 1 });
+        if (k > 0) this.label([begin[0], y, 0], metres(y), { shift: [-12, 0], isQuiet: true });
+      }
+      this.label([end[0], begin[1], 0], "east [m]", { shift: [34, 9], isQuiet: true });
+      this.label([begin[0], end[1], 0], "north [m]", { shift: [0, -14], isQuiet: true });
+    }
+
+    /*
+     * Adds a vehicle.
+     *
+     * quaternion: w, x, y, z from its body (forward, left, up) to the fleet's frame; null: level.
+     * A vehicle that is far away is drawn larger than it is, so that one still sees it.
+     */
+    body(position, quaternion, colour, { opacity = 1, diameter_m = 0.5 } = {}) {
+      const away_m = Math.hypot(...minus(position, this._eye)) || 1;
+      const near = this.camera.distance_m / away_m;
+      const perMetre_px = this.camera.pixelsPerMetre(this._canvas.clientHeight) * near;
+      const scale_m = Math.max(diameter_m, LEAST_BODY_PX / perMetre_px) / 2;
+
+      const isGhost = opacity < 1;
+      const numbers = isGhost ? this._ghosts : this._solid;
+      const at = numbers.more(BODY_NUMBERS);
+      numbers.values.set(position, at);
+      numbers.values.set(quaternion ?? [1, 0, 0, 0], at + 3);
+      numbers.values.set(colour, at + 7);
+      numbers.values[at + 10] = opacity;
+      numbers.values[at + 11] = scale_m;
+    }
+
+    /*
+     * Adds a text.
+     *
+     * shift: right and down from its position, in pixels; isQuiet: small and grey, and left out where
+     * another label is; others move a little to be free of each other.
+     */
+    label(position, text, { colour = null, shift = [0, -18], isQuiet = false, isStrong = false } = {}) {
+      this._labels.push({ position, text, colour, shift, isQuiet, isStrong });
+    }
+
+    /* Returns where a position is in the picture, in CSS pixels; null behind the camera. */
+    project(position) {
+      const m = this._matrix;
+      const [x, y, z] = position;
+      const w = m[3] * x + m[7] * y + m[11] * z + m[15];
+      if (w <= 0) return null;
+      const right = (m[0] * x + m[4] * y + m[8] * z + m[12]) / w;
+      const up = (m[1] * x + m[5] * y + m[9] * z + m[13]) / w;
+      return [
+        ((right + 1) / 2) * this._canvas.clientWidth,
+        ((1 - up) / 2) * this._canvas.clientHeight,
+        w,
+      ];
+    }
+
+    /* Draws what was added since `begin`. */
+    end() {
+      const context = this._context;
+      context.setTransform(this._ratio, 0, 0, this._ratio, 0, 0);
+      context.clearRect(0, 0, this._overlay.width, this._overlay.height);
+
+      if (this._gpu && !this._gl.isContextLost()) {
+        this._gpu.draw(this._matrix, this._ratio, this._lines, this._solid, this._ghosts);
+      } else {
+        this._drawFlat();
+      }
+      this._drawLabels();
+    }
+
+    // -- without WebGL2 ------------------------------------------------------------------------------
+
+    _drawFlat() {
+      const context = this._context;
+      const style = (values, at) => {
+        const parts = [values[at], values[at + 1], values[at + 2]].map((v) => Math.round(255 * v));
+        return `rgb(${parts.join(" ")} / ${values[at + 3]})`;
+      };
+
+      const lines = this._lines.written;
+      for (let at = 0; at < lines.length; at += LINE_NUMBERS) {
+        const begin = this.project(lines.subarray(at, at + 3));
+        const end = this.project(lines.subarray(at + 3, at + 6));
+        if (!begin || !end) continue;
+        context.strokeStyle = style(lines, at + 6);
+        context.lineWidth = lines[at + 10];
+        context.beginPath();
+        context.moveTo(begin[0], begin[1]);
+        context.lineTo(end[0], end[1]);
+        context.stroke();
+      }
+
+      for (const bodies of [this._ghosts.written, this._solid.written]) {
+        for (let at = 0; at < bodies.length; at += BODY_NUMBERS) {
+          const middle = this.project(bodies.subarray(at, at + 3));
+          if (!middle) continue;
+          context.fillStyle = style(bodies, at + 7);
+          context.beginPath();
+          context.arc(middle[0], middle[1], LEAST_BODY_PX / 2, 0, 2 * Math.PI);
+          context.fill();
+        }
+      }
+    }
+
+    // -- labels --------------------------------------------------------------------------------------
+
+    _drawLabels() {
+      const context = this._context;
+      const [halo, text, soft] = [Covey.colour("scene"), Covey.colour("text"), Covey.colour("soft")];
+      const taken = []; // boxes of labels that are drawn
+
+      context.textAlign = "center";
+      context.textBaseline = "middle";
+      context.lineJoin = "round";
+      context.strokeStyle = halo;
+
+      const inOrder = [...this._labels].sort(
+        (a, b) => a.isQuiet - b.isQuiet || b.isStrong - a.isStrong,
+      );
+      for (const label of inOrder) {
+        const point = this.project(label.position);
+        if (!point) continue;
+
+        const size_px = label.isQuiet ? 11 : 13;
+        context.font = `${label.isStrong ? 700 : 500} ${size_px}px system-ui, sans-serif`;
+        const width_px = context.measureText(label.text).width + 4;
+        const middle = [point[0] + label.shift[0], point[1] + label.shift[1]];
+        const box = freeBox(middle, width_px, size_px + 3, taken, label.isQuiet ? [0] : SIDESTEPS);
+        if (!box) continue;
+        taken.push(box);
+
+        const [x, y] = [(box[0] + box[2]) / 2, (box[1] + box[3]) / 2];
+        context.lineWidth = 4;
+        context.strokeText(label.text, x, y);
+        context.fillStyle = label.colour ?? (label.isQuiet ? soft : text);
+        context.fillText(label.text, x, y);
+      }
+    }
+  }
+
+  const SIDESTEPS = [0, -1, 1, -2, 2, -3, 3]; // up and down, in heights of a label
+
+  /* Returns the box of a label that overlaps with none of the others; null where none is free. */
+  function freeBox(middle, width_px, height_px, taken, sidesteps) {
+    for (const step of sidesteps) {
+      const y = middle[1] + step * height_px;
+      const box = [
+        middle[0] - width_px / 2,
+        y - height_px / 2,
+        middle[0] + width_px / 2,
+        y + height_px / 2,
+      ];
+      const isFree = taken.every(
+        (other) =>
+          box[0] > other[2] || box[2] < other[0] || box[1] > other[3] || box[3] < other[1],
+      );
+      if (isFree) return box;
+    }
+    return null;
+  }
+
+  /* Returns 1, 2 or 5 times a power of ten, not below a value. */
+  function niceStep(least) {
+    const power = 10 ** Math.floor(Math.log10(Math.max(least, 1e-6)));
+    for (const factor of [1, 2, 5]) {
+      if (factor * power >= least) return factor * power;
+    }
+    return 10 * power;
+  }
+
+  function metres(value) {
+    return String(Number(value.toFixed(3))).replace("-", "−");
+  }
+
+  // -- WebGL2 ----------------------------------------------------------------------------------------
+
+  class Drawer {
+    constructor(gl) {
+      this._gl = gl;
+
+      this._lineProgram = program(gl, LINE_VERTEX, LINE_FRAGMENT);
+      this._lineBuffer = gl.createBuffer();
+      const corners = new Float32Array([0, -1, 0, 1, 1, -1, 1, 1]);
+      this._lineArray = this._array(corners, [2], this._lineBuffer, [3, 3, 4, 1]);
+
+      this._bodyProgram = program(gl, BODY_VERTEX, BODY_FRAGMENT);
+      this._bodyBuffer = gl.createBuffer();
+      const shape = quadrotor();
+      this._bodyCorners = shape.length / 7;
+      this._bodyArray = this._array(shape, [3, 3, 1], this._bodyBuffer, [3, 4, 4, 1]);
+    }
+
+    /* Returns a vertex array: a shape, and numbers for each of its instances. */
+    _array(shape, shapeSizes, instanceBuffer, instanceSizes) {
+      const gl = this._gl;
+      const array = gl.createVertexArray();
+      gl.bindVertexArray(array);
+
+      gl.bindBuffer(gl.ARRAY_BUFFER, gl.createBuffer());
+      gl.bufferData(gl.ARRAY_BUFFER, shape, gl.STATIC_DRAW);
+      const next = this._attributes(0, shapeSizes, 0);
+
+      gl.bindBuffer(gl.ARRAY_BUFFER, instanceBuffer);
+      this._attributes(next, instanceSizes, 1);
+      gl.bindVertexArray(null);
+      return array;
+    }
+
+    _attributes(location, sizes, divisor) {
+      const gl = this._gl;
+      const stride = 4 * sizes.reduce((sum, size) => sum + size, 0);
+      let offset = 0;
+      for (const size of sizes) {
+        gl.enableVertexAttribArray(location);
+        gl.vertexAttribPointer(location, size, gl.FLOAT, false, stride, offset);
+        gl.vertexAttribDivisor(location, divisor);
+        offset += 4 * size;
+        location += 1;
+      }
+      return location;
+    }
+
+    draw(matrix, ratio, lines, solid, ghosts) {
+      const gl = this._gl;
+      const [width_px, height_px] = [gl.drawingBufferWidth, gl.drawingBufferHeight];
+      gl.viewport(0, 0, width_px, height_px);
+      gl.clearColor(0, 0, 0, 0);
+      gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
+      gl.enable(gl.DEPTH_TEST);
+      gl.enable(gl.BLEND);
+      gl.blendFuncSeparate(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA, gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
+
+      this._drawBodies(matrix, solid);
+
+      // Lines and ghosts hide nothing: what is behind them is seen through them.
+      gl.depthMask(false);
+      gl.useProgram(this._lineProgram.program);
+      gl.uniformMatrix4fv(this._lineProgram.matrix, false, matrix);
+      gl.uniform2f(this._lineProgram.size_px, width_px / ratio, height_px / ratio);
+      gl.bindVertexArray(this._lineArray);
+      gl.bindBuffer(gl.ARRAY_BUFFER, this._lineBuffer);
+      gl.bufferData(gl.ARRAY_BUFFER, lines.written, gl.DYNAMIC_DRAW);
+      gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, lines.length / LINE_NUMBERS);
+
+      this._drawBodies(matrix, ghosts);
+      gl.depthMask(true);
+    }
+
+    _drawBodies(matrix, bodies) {
+      const gl = this._gl;
+      gl.useProgram(this._bodyProgram.program);
+      gl.uniformMatrix4fv(this._bodyProgram.matrix, false, matrix);
+      gl.bindVertexArray(this._bodyArray);
+      gl.bindBuffer(gl.ARRAY_BUFFER, this._bodyBuffer);
+      gl.bufferData(gl.ARRAY_BUFFER, bodies.written, gl.DYNAMIC_DRAW);
+      gl.drawArraysInstanced(gl.TRIANGLES, 0, this._bodyCorners, bodies.length / BODY_NUMBERS);
+    }
+  }
+
+  function program(gl, vertex, fragment) {
+    const made = gl.createProgram();
+    for (const [kind, source] of [[gl.VERTEX_SHADER, vertex], [gl.FRAGMENT_SHADER, fragment]]) {
+      const shader = gl.createShader(kind);
+      gl.shaderSource(shader, source);
+      gl.compileShader(shader);
+      gl.attachShader(made, shader);
+    }
+    gl.linkProgram(made);
+    if (!gl.getProgramParameter(made, gl.LINK_STATUS) && !gl.isContextLost()) {
+      throw new Error(`the scene's program cannot be linked: ${gl.getProgramInfoLog(made)}`);
+    }
+    return {
+      program: made,
+      matrix: gl.getUniformLocation(made, "matrix"),
+      size_px: gl.getUniformLocation(made, "size_px"),
+    };
+  }
+
+  Object.assign(Covey, { Scene, niceStep, freeBox, quadrotor });
+})();
