@@ -57,6 +57,7 @@ COMMANDS: dict[str, tuple[Command, ...]] = {
         Command("tui", "the console, attached to a fleet", "tui:tui"),
         Command("web", "the console in a browser of this computer", "web:web"),
         Command("replay", "a recorded flight in the console", "replay:replay"),
+        Command("report", "a recorded flight as a page that plays it", "report:report"),
         Command("plot", "figures of a recorded flight", "plot:plot"),
         Command("incident", "what went wrong in a flight, and why", "incident:incident"),
     ),

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 
-from groundstation.recording.timeline import Timeline
+from groundstation.recording.timeline import RecordedMessage, Timeline
 from onboard.bus.schema import Event, Order, OrderReply
 from onboard.plain_text import plain_line
 
-_TOPICS = frozenset(("order", "reply", "event"))
+TOPICS = frozenset(("order", "reply", "event"))
 # Codes of events in which a vehicle says itself what it was ordered, also by grounds other than the
 # one that recorded: an order that it answered, and one that it took for forged.
 _ANSWERED = "order"
@@ -24,6 +26,7 @@ class OrderTrace:
     text: str  # kind, author and ground
     answer: str = "no answer"
     end: str = ""
+    end_s: float = math.nan  # when its end was reported
 
 
 class _Trail:
@@ -51,6 +54,7 @@ class _Trail:
         own = self._own.get((vehicle, event.order_id))
         # an end is repeated after a cut of the link: only its first report counts
         if own is not None and event.order_outcome and not own.end:
+            own.end_s = at_s
             own.end = f"{event.order_outcome} at {at_s:.1f} s: {event.sentence}"
         elif event.code == _NOT_BELIEVED:
             self.traces.append(OrderTrace(at_s, vehicle, event.sentence, "not believed"))
@@ -71,9 +75,20 @@ def trail(timeline: Timeline) -> list[OrderTrace]:
         Orders of the ground that recorded, with answer and end; and those of others as their
         vehicles tell of them.
     """
+    messages = timeline.read(timeline.begin_ns - 1, TOPICS).until(timeline.end_ns)
+    return trail_of(messages, timeline.begin_ns)
+
+
+def trail_of(messages: Iterable[RecordedMessage], begin_ns: int) -> list[OrderTrace]:
+    """List the orders among messages, as :func:`trail`.
+
+    Args:
+        messages: of ``TOPICS``, in the order of their stamps.
+        begin_ns: zero of the seconds [ns].
+    """
     collected = _Trail()
-    for one in timeline.read(timeline.begin_ns - 1, _TOPICS).until(timeline.end_ns):
-        at_s = (one.stamp_ns - timeline.begin_ns) * 1e-9
+    for one in messages:
+        at_s = (one.stamp_ns - begin_ns) * 1e-9
         collected.add(at_s, one.name, one.message)
     return collected.traces
 

@@ -13,8 +13,9 @@ from pathlib import Path
 from typing import IO, Any, cast
 
 from mcap.exceptions import McapError
+from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, McapRecord, Message
-from mcap.stream_reader import StreamReader, breakup_chunk
+from mcap.stream_reader import StreamReader, breakup_chunk, get_chunk_data_stream
 from zstandard import ZstdError, frame_content_size
 
 from groundstation.recording.writer import RECORD_NAME
@@ -29,6 +30,12 @@ MAX_FLIGHT_NS = 86_400_000_000_000  # a day: stamps further from the others are 
 DAMAGED = (McapError, ZstdError, EOFError, ValueError, struct.error)
 _MAX_NUMBER = 1e300
 _MAX_STAMP_NS = (1 << 63) - 1
+
+# Parts of a chunk, little-endian: the head of a record (opcode, length), and of a message channel,
+# sequence (left out here) and log time, which the publish time follows.
+_HEAD = struct.Struct("<BQ")
+_MESSAGE_HEAD = struct.Struct("<H4xQ")
+_MESSAGE_HEAD_BYTES = 22
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,19 +162,60 @@ def chunk_records(chunk: Chunk) -> list[McapRecord] | None:
         Its records; None when it is damaged or would not fit into memory.
     """
     try:
-        # The chunk tells its size, and so does the compressed content: neither is trusted alone.
-        # Other packings than those of the writer do not tell it: they are not unpacked.
-        size_bytes = max(chunk.uncompressed_size, len(chunk.data))
-        if chunk.compression == "zstd":
-            size_bytes = max(size_bytes, frame_content_size(chunk.data))
-        elif chunk.compression:
-            return None
-
-        if size_bytes > MAX_CHUNK_BYTES:
+        if not _fits(chunk):
             return None
         return breakup_chunk(chunk, validate_crc=True)
     except DAMAGED:
         return None
+
+
+def chunk_messages(chunk: Chunk) -> list[tuple[int, int, bytes]] | None:
+    """Return the messages of a chunk as they stand in it.
+
+    A long record has millions of them: they become no objects here, which takes a fifth of the
+    time of :func:`chunk_records`.
+
+    Args:
+        chunk: as it stands in the file.
+
+    Returns:
+        Number of the channel, log time [ns] and content of each; None as :func:`chunk_records`.
+    """
+    messages = []
+    try:
+        if not _fits(chunk):
+            return None
+        stream, size = get_chunk_data_stream(chunk, validate_crc=True)
+        data = stream.read(size)
+
+        offset = 0
+        while offset < size:
+            opcode, length = _HEAD.unpack_from(data, offset)
+            begin = offset + _HEAD.size
+            offset = begin + length
+            if offset > size:
+                return None
+            if opcode == Opcode.MESSAGE:
+                channel_id, log_time_ns = _MESSAGE_HEAD.unpack_from(data, begin)
+                content = data[begin + _MESSAGE_HEAD_BYTES : offset]
+                messages.append((channel_id, log_time_ns, content))
+    except DAMAGED:
+        return None
+    return messages
+
+
+def _fits(chunk: Chunk) -> bool:
+    """Whether a chunk can be unpacked within memory.
+
+    The chunk tells its size, and so does the compressed content: neither is trusted alone. Other
+    packings than those of the writer do not tell it: they are not unpacked.
+    """
+    size_bytes = max(chunk.uncompressed_size, len(chunk.data))
+    if chunk.compression == "zstd":
+        size_bytes = max(size_bytes, frame_content_size(chunk.data))
+    elif chunk.compression:
+        return False
+    return size_bytes <= MAX_CHUNK_BYTES
 
 
 def _records(stream: IO[bytes]) -> Iterator[McapRecord]:

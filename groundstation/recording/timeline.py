@@ -16,20 +16,24 @@ import heapq
 import math
 import struct
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from io import BytesIO
 from itertools import accumulate
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, McapRecord, Schema
-from mcap.records import Message as McapMessage
+from mcap.records import Channel, Chunk, Schema
 
 from groundstation.recording.channels import KINDS, REPLY, from_json
-from groundstation.recording.reader import DAMAGED, chunk_records, record_path
+from groundstation.recording.reader import (
+    DAMAGED,
+    chunk_messages,
+    chunk_records,
+    record_path,
+)
 from onboard.bus.schema import Event, Message
 from onboard.config.file_reading import RECORD, opened
 from onboard.config.fleet import ConfigError
@@ -41,6 +45,7 @@ CLOCK_APART_NS = 5_000_000_000
 MAX_CHUNK_NS = 3_600_000_000_000
 _MAGIC = b"\x89MCAP0\r\n"
 _GROUND = "ground"
+_Part = TypeVar("_Part")  # of a chunk
 
 # Parts of an MCAP file, little-endian: the head of a record (opcode, length), the first two fields
 # of a chunk (first and last stamp), the head of a message index (channel, length of its entries),
@@ -59,6 +64,16 @@ class RecordedMessage(NamedTuple):
     topic: str
     name: str
     message: Message
+
+
+class RawMessage(NamedTuple):
+    """One message of the record, not decoded."""
+
+    stamp_ns: int  # on the record's common clock
+    topic: str
+    name: str
+    kind: type[Message]
+    data: bytes  # JSON
 
 
 @dataclass(slots=True)
@@ -238,7 +253,7 @@ class Timeline:
     def _learn(self, chunk: _Chunk) -> None:
         """Read the channels that a chunk begins, and return to the present position of the file."""
         position = self._stream.tell()
-        for record in self._records(chunk):
+        for record in self._unpacked(chunk, chunk_records):
             if isinstance(record, Schema):
                 self._schemas[record.id] = record.name
             elif isinstance(record, Channel):
@@ -276,35 +291,58 @@ class Timeline:
         Yields:
             Messages in the order of the file.
         """
-        chunk = self._chunks[number]
-        for record in self._records(chunk):
-            if not isinstance(record, McapMessage):
-                continue
-            channel = self._channels.get(record.channel_id)
-            if channel is None or channel.topic not in topics:
-                continue
-
-            message = from_json(channel.kind, record.data)
+        for raw in self.raw_messages(number, topics):
+            message = from_json(raw.kind, raw.data)
             if message is None:
                 self.malformed += 1
                 continue
-            stamp_ns = record.log_time - chunk.shifts_ns.get(channel.clock, 0)
-            yield RecordedMessage(stamp_ns, channel.topic, channel.name, message)
+            yield RecordedMessage(raw.stamp_ns, raw.topic, raw.name, message)
 
-    def _records(self, chunk: _Chunk) -> list[McapRecord]:
-        """Return the chunk's records; none of a damaged chunk."""
+    def raw_messages(self, number: int, topics: frozenset[str]) -> Iterator[RawMessage]:
+        """Yield the messages of one chunk as they stand there.
+
+        Args:
+            number: of the chunk.
+            topics: first parts of the channels' names, as ``telemetry``.
+
+        Yields:
+            Messages in the order of the file.
+        """
+        chunk = self._chunks[number]
+        for channel_id, log_time_ns, data in self._unpacked(chunk, chunk_messages):
+            channel = self._channels.get(channel_id)
+            if channel is None or channel.topic not in topics:
+                continue
+            stamp_ns = log_time_ns - chunk.shifts_ns.get(channel.clock, 0)
+            yield RawMessage(
+                stamp_ns=stamp_ns,
+                topic=channel.topic,
+                name=channel.name,
+                kind=channel.kind,
+                data=data,
+            )
+
+    @property
+    def chunk_count(self) -> int:
+        """Number of chunks in the file."""
+        return len(self._chunks)
+
+    def _unpacked(
+        self, chunk: _Chunk, unpack: Callable[[Chunk], list[_Part] | None]
+    ) -> list[_Part]:
+        """Return the chunk's parts as ``unpack`` gives them; none of a damaged chunk."""
         self._stream.seek(chunk.offset)
         data = self._stream.read(chunk.size)
         try:
-            records = chunk_records(Chunk.read(ReadDataStream(BytesIO(data))))
+            parts = unpack(Chunk.read(ReadDataStream(BytesIO(data))))
         except DAMAGED:
-            records = None
+            parts = None
 
-        if records is None:
+        if parts is None:
             if not self.broken:
                 self.broken = "A piece of the record is damaged; the flight jumps over it."
             return []
-        return records
+        return parts
 
 
 class Reading:

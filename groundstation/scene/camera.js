@@ -66,7 +66,7 @@ globalThis.Covey ??= {};
       this.target = least.map((value, axis) => (value + most[axis]) / 2);
       const radius_m = Math.hypot(...least.map((value, axis) => most[axis] - value)) / 2;
       const narrow = Math.min(1, aspect);
-      const needed_m = (Math.max(radius_m, 0.8) / Math.sin(FIELD_OF_VIEW_RAD / 2) / narrow) * 0.86;
+      const needed_m = (Math.max(radius_m, 0.8) / Math.sin(FIELD_OF_VIEW_RAD / 2) / narrow) * 1.04;
       this.distance_m = limited(needed_m, LEAST_DISTANCE_M, MOST_DISTANCE_M);
     }
 

@@ -230,6 +230,10 @@ globalThis.Covey ??= {};
       return this._gpu !== null;
     }
 
+    get width_px() {
+      return this._canvas.clientWidth;
+    }
+
     get aspect() {
       return this._canvas.clientWidth / Math.max(1, this._canvas.clientHeight);
     }
@@ -371,10 +375,10 @@ globalThis.Covey ??= {};
     /*
      * Adds a text.
      *
-     * shift: right and down from its position, in pixels; isQuiet: small and grey, and left out where
-     * another label is; others move a little to be free of each other.
+     * shift: right and down from its position, in pixels. Labels that would cover each other move a
+     * little up or down, or are left out; one that isStrong is always there. isQuiet: small and grey.
      */
-    label(position, text, { colour = null, shift = [0, -18], isQuiet = false, isStrong = false } = {}) {
+    label(position, text, { colour = null, shift = [0, -26], isQuiet = false, isStrong = false } = {}) {
       this._labels.push({ position, text, colour, shift, isQuiet, isStrong });
     }
 
@@ -464,7 +468,10 @@ globalThis.Covey ??= {};
         context.font = `${label.isStrong ? 700 : 500} ${size_px}px system-ui, sans-serif`;
         const width_px = context.measureText(label.text).width + 4;
         const middle = [point[0] + label.shift[0], point[1] + label.shift[1]];
-        const box = freeBox(middle, width_px, size_px + 3, taken, label.isQuiet ? [0] : SIDESTEPS);
+        const height_px = size_px + 3;
+        const sidesteps = label.isQuiet ? [0] : SIDESTEPS;
+        let box = freeBox(middle, width_px, height_px, taken, sidesteps);
+        if (!box && label.isStrong) box = boxAround(middle, width_px, height_px);
         if (!box) continue;
         taken.push(box);
 
@@ -477,18 +484,12 @@ globalThis.Covey ??= {};
     }
   }
 
-  const SIDESTEPS = [0, -1, 1, -2, 2, -3, 3]; // up and down, in heights of a label
+  const SIDESTEPS = [0, -1, 1]; // up and down, in heights of a label
 
   /* Returns the box of a label that overlaps with none of the others; null where none is free. */
   function freeBox(middle, width_px, height_px, taken, sidesteps) {
     for (const step of sidesteps) {
-      const y = middle[1] + step * height_px;
-      const box = [
-        middle[0] - width_px / 2,
-        y - height_px / 2,
-        middle[0] + width_px / 2,
-        y + height_px / 2,
-      ];
+      const box = boxAround([middle[0], middle[1] + step * height_px], width_px, height_px);
       const isFree = taken.every(
         (other) =>
           box[0] > other[2] || box[2] < other[0] || box[1] > other[3] || box[3] < other[1],
@@ -496,6 +497,11 @@ globalThis.Covey ??= {};
       if (isFree) return box;
     }
     return null;
+  }
+
+  /* Returns left, top, right and bottom. */
+  function boxAround([x, y], width_px, height_px) {
+    return [x - width_px / 2, y - height_px / 2, x + width_px / 2, y + height_px / 2];
   }
 
   /* Returns 1, 2 or 5 times a power of ten, not below a value. */

@@ -1,0 +1,519 @@
+"""Reads a record, once and whole, into a :class:`~groundstation.recording.flight.Flight`.
+
+The index of the record (:mod:`groundstation.recording.timeline`) says where its pieces are, puts
+all clocks on one, and jumps over what is damaged. Here the messages of a vehicle become rows of
+numbers: JSON is decoded into exactly the fields that are kept, which is some ten times faster than
+the whole message, and each field may be missing.
+
+Records may come from anybody. A message that is no JSON, or has a text where a number belongs, is
+left out and counted; numbers that are absurd become NaN; stamps far from all others are left out;
+and only so many vehicles and events are taken.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+from array import array
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from groundstation.recording.audit import TOPICS as ORDER_TOPICS
+from groundstation.recording.audit import trail_of
+from groundstation.recording.channels import from_json
+from groundstation.recording.flight import (
+    Flight,
+    TelemetryRows,
+    Ticks,
+    TruthRows,
+    VehicleFlight,
+)
+from groundstation.recording.timeline import RawMessage, RecordedMessage, Timeline
+from onboard.arrays import Array, IntArray
+from onboard.bus.schema import Event, PreflightReport
+from onboard.config.file_reading import (
+    MISSION_FILE,
+    RESULTS_FILE,
+    json_values,
+    read_bytes,
+    read_text,
+)
+from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
+from onboard.plain_text import plain_line
+
+MAX_VEHICLES = 256
+MAX_ORDER_MESSAGES = 50_000  # orders, replies and events
+MAX_NAME = 60  # letters of a name that are kept
+LARGEST = 1e9  # of any quantity; a larger number is none
+# The flight is where most stamps are; others further apart than this from them are wrong.
+MAX_PAUSE_S = 600.0
+TOPICS = frozenset(("tick", "telemetry", "truth", "preflight")) | ORDER_TOPICS
+
+_Number = float | None
+_Vec2 = tuple[_Number, _Number] | None
+_Vec3 = tuple[_Number, _Number, _Number] | None
+_Vec4 = tuple[_Number, _Number, _Number, _Number] | None
+
+
+# -- the fields that are kept, by their names on the bus -------------------------------------------
+
+
+class _TickRow(msgspec.Struct):
+    period_s: _Number = None
+    position_enu_m: _Vec3 = None
+    velocity_enu_m_s: _Vec3 = None
+    setpoint_position_enu_m: _Vec3 = None
+    thrust_baseline_enu_m_s2: _Vec3 = None
+    thrust_safe_enu_m_s2: _Vec3 = None
+    intervention_m_s2: _Number = None
+    slack_m_s2: _Number = None
+    setpoint_quaternion_enu_flu_wxyz: _Vec4 = None
+    attitude_quaternion_enu_flu_wxyz: _Vec4 = None
+    setpoint_thrust_frac: _Number = None
+    attitude_age_s: _Number = None
+    active_neighbour: str = ""
+    neighbour_ages_s: dict[str, _Number] = {}
+
+
+class _TelemetryRow(msgspec.Struct):
+    position_enu_m: _Vec3 = None
+    goal_position_enu_m: _Vec3 = None
+    battery_frac: _Number = None
+    battery_voltage_v: _Number = None
+    wind_enu_m_s: _Vec2 = None
+    gust_m_s: _Number = None
+    max_wind_m_s: _Number = None
+    state_age_s: _Number = None
+    autopilot_age_s: _Number = None
+    neighbour_age_s: _Number = None
+    loop_period_p99_ms: _Number = None
+    loop_lateness_p99_ms: _Number = None
+    mocap_delay_s: _Number = None
+    hover_thrust_frac: _Number = None
+    late_ticks: _Number = None
+    missed_ticks: _Number = None
+    malformed_messages: _Number = None
+    refused_messages: _Number = None
+    dropped_messages: _Number = None
+    late_messages: _Number = None
+    state: str = ""
+    mode: str = ""
+    order_kind: str = ""
+    law: str = ""
+    config_hash: str = ""
+
+
+class _TruthRow(msgspec.Struct):
+    position_enu_m: _Vec3 = None
+    velocity_enu_m_s: _Vec3 = None
+    quaternion_enu_flu_wxyz: _Vec4 = None
+    is_on_ground: bool = False
+    is_collided: bool = False
+
+
+_SIZES = {_Number: 1, _Vec2: 2, _Vec3: 3, _Vec4: 4, bool: 1}
+
+
+def _number_fields(row: type[msgspec.Struct]) -> dict[str, int]:
+    """Return the fields of a row that are numbers, with how many each has."""
+    fields = msgspec.structs.fields(row)
+    return {one.name: _SIZES[one.type] for one in fields if one.type in _SIZES}
+
+
+_TICK_FIELDS = _number_fields(_TickRow)
+_TELEMETRY_FIELDS = _number_fields(_TelemetryRow)
+_TRUTH_FIELDS = _number_fields(_TruthRow)
+
+_decode_tick = msgspec.json.Decoder(_TickRow).decode
+_decode_telemetry = msgspec.json.Decoder(_TelemetryRow).decode
+_decode_truth = msgspec.json.Decoder(_TruthRow).decode
+
+
+# -- collecting ------------------------------------------------------------------------------------
+
+
+class _Rows:
+    """Rows of numbers that grow: one column for each number of the fields."""
+
+    def __init__(self, fields: dict[str, int]) -> None:
+        self._fields = fields
+        self._stamps_ns = array("q")
+        self._values = array("d")
+
+    def add(self, stamp_ns: int, values: Sequence[Any]) -> None:
+        """Add a row: the values of the fields in their order."""
+        row: list[float] = []
+        for value, size in zip(values, self._fields.values(), strict=True):
+            if size == 1:
+                row.append(np.nan if value is None else value)
+            elif value is None:
+                row += [np.nan] * size
+            elif None in value:
+                row += [np.nan if part is None else part for part in value]
+            else:
+                row += value
+        self._stamps_ns.append(stamp_ns)
+        self._values.extend(row)
+
+    @property
+    def stamps_ns(self) -> IntArray:
+        """Stamps (n,) in the order of the file."""
+        return np.array(self._stamps_ns, np.int64)
+
+    def columns(self, kept: IntArray) -> dict[str, Array]:
+        """Return each field's values, of the rows with these numbers."""
+        width = sum(self._fields.values())
+        values = np.array(self._values, np.float64).reshape(-1, width)[kept]
+        values[~(np.abs(values) <= LARGEST)] = np.nan
+
+        columns = {}
+        begin = 0
+        for name, size in self._fields.items():
+            part = values[:, begin : begin + size]
+            columns[name] = part[:, 0] if size == 1 else part
+            begin += size
+        return columns
+
+
+class _VehicleRows:
+    """What the record has of one vehicle."""
+
+    def __init__(self) -> None:
+        self.ticks = _Rows(_TICK_FIELDS)
+        self.telemetry = _Rows(_TELEMETRY_FIELDS)
+        self.truth = _Rows(_TRUTH_FIELDS)
+
+        self.avoided: list[str] = []  # of each tick
+        # neighbour -> numbers of ticks, and the age of its state then
+        self.ages: dict[str, tuple[array[int], array[float]]] = {}
+        self.texts: list[tuple[str, str, str]] = []  # of each telemetry: state, mode, order
+        self.law = ""
+        self.config_hash = ""
+        self.preflight: PreflightReport | None = None
+
+    def add_tick(self, stamp_ns: int, data: bytes) -> None:
+        row = _decode_tick(data)
+        values = msgspec.structs.astuple(row)
+        number = len(self.avoided)
+        self.ticks.add(stamp_ns, values[: len(_TICK_FIELDS)])
+        self.avoided.append(row.active_neighbour)
+
+        for name, age_s in row.neighbour_ages_s.items():
+            if age_s is None:
+                continue
+            if name not in self.ages:
+                if len(self.ages) >= MAX_VEHICLES:
+                    continue
+                self.ages[name] = (array("q"), array("d"))
+            numbers, ages_s = self.ages[name]
+            numbers.append(number)
+            ages_s.append(age_s)
+
+    def add_telemetry(self, stamp_ns: int, data: bytes) -> None:
+        row = _decode_telemetry(data)
+        values = msgspec.structs.astuple(row)
+        self.telemetry.add(stamp_ns, values[: len(_TELEMETRY_FIELDS)])
+        texts = (row.state, row.mode, row.order_kind)
+        # the same few texts ten times a second: each is kept once
+        if self.texts and self.texts[-1] == texts:
+            texts = self.texts[-1]
+        self.texts.append(texts)
+        self.law = row.law or self.law
+        self.config_hash = row.config_hash or self.config_hash
+
+    def add_truth(self, stamp_ns: int, data: bytes) -> None:
+        self.truth.add(stamp_ns, msgspec.structs.astuple(_decode_truth(data)))
+
+
+class _Collected:
+    """Everything of a record, message by message."""
+
+    def __init__(self) -> None:
+        self.vehicles: dict[str, _VehicleRows] = {}
+        self.messages: list[RecordedMessage] = []  # orders, replies and events
+        self.malformed = 0
+        self.left_out: set[str] = set()  # vehicles beyond MAX_VEHICLES
+        self.is_full = False  # more orders and events than are kept
+
+    def add(self, raw: RawMessage) -> None:
+        """Take in one message; what cannot be decoded is counted."""
+        if raw.topic in ORDER_TOPICS:
+            self._add_order_message(raw)
+            return
+        rows = self._rows_of(raw.name)
+        if rows is None:
+            return
+
+        try:
+            if raw.topic == "tick":
+                rows.add_tick(raw.stamp_ns, raw.data)
+            elif raw.topic == "telemetry":
+                rows.add_telemetry(raw.stamp_ns, raw.data)
+            elif raw.topic == "truth":
+                rows.add_truth(raw.stamp_ns, raw.data)
+            else:
+                self._add_preflight(rows, raw)
+        except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
+            self.malformed += 1
+
+    def _rows_of(self, name: str) -> _VehicleRows | None:
+        if name not in self.vehicles:
+            if len(self.vehicles) >= MAX_VEHICLES:
+                self.left_out.add(name)
+                return None
+            self.vehicles[name] = _VehicleRows()
+        return self.vehicles[name]
+
+    def _add_preflight(self, rows: _VehicleRows, raw: RawMessage) -> None:
+        report = from_json(raw.kind, raw.data)
+        if isinstance(report, PreflightReport):
+            rows.preflight = report
+        else:
+            self.malformed += 1
+
+    def _add_order_message(self, raw: RawMessage) -> None:
+        if len(self.messages) >= MAX_ORDER_MESSAGES:
+            self.is_full = True
+            return
+        message = from_json(raw.kind, raw.data)
+        if message is None:
+            self.malformed += 1
+            return
+        self.messages.append(RecordedMessage(raw.stamp_ns, raw.topic, raw.name, message))
+
+
+# -- the flight ------------------------------------------------------------------------------------
+
+
+def read_flight(folder: Path, fleet_path: str | None = None) -> Flight:
+    """Read a flight folder.
+
+    Args:
+        folder: flight folder, or its MCAP file.
+        fleet_path: fleet file; None for the one beside the record, if there is one.
+
+    Returns:
+        The flight, as far as the record goes.
+
+    Raises:
+        ConfigError: there is no record, or no vehicle is in it.
+    """
+    timeline = Timeline(folder)
+    collected = _Collected()
+    with contextlib.closing(timeline):
+        for number in range(timeline.chunk_count):
+            for raw in timeline.raw_messages(number, TOPICS):
+                collected.add(raw)
+
+    beside = timeline.path.parent
+    notes = [timeline.broken] if timeline.broken else []
+    fleet = _fleet(beside, fleet_path, notes)
+
+    span = _span(collected, timeline.begin_ns)
+    vehicles = _vehicles(collected, fleet, span)
+    if not vehicles:
+        raise ConfigError(
+            f"{timeline.path}: no vehicle is in this record. It was cut off at its beginning, or no"
+            " agent ran. Record a flight with `covey demo --record DIR`."
+        )
+
+    notes += _notes(collected, span)
+    messages = [one for one in collected.messages if span.has(one.stamp_ns)]
+    messages.sort(key=lambda one: one.stamp_ns)
+    return Flight(
+        title=plain_line(beside.resolve().name)[:MAX_NAME],
+        length_s=span.length_s,
+        vehicles=vehicles,
+        events=[
+            (span.seconds(one.stamp_ns), one.message)
+            for one in messages
+            if isinstance(one.message, Event)
+        ],
+        orders=trail_of(messages, span.begin_ns),
+        fleet=fleet,
+        verdict=_verdict(beside, notes),
+        mission=_mission(beside),
+        notes=tuple(notes),
+    )
+
+
+class _Span:
+    """The time in which the flight was, on the record's clock."""
+
+    def __init__(self, begin_ns: int, end_ns: int, *, left_out: int = 0) -> None:
+        self.begin_ns = begin_ns
+        self.end_ns = end_ns
+        self.left_out = left_out  # stamps outside
+
+    @property
+    def length_s(self) -> float:
+        return (self.end_ns - self.begin_ns) * 1e-9
+
+    def has(self, stamp_ns: int) -> bool:
+        return self.begin_ns <= stamp_ns <= self.end_ns
+
+    def seconds(self, stamp_ns: int) -> float:
+        return (stamp_ns - self.begin_ns) * 1e-9
+
+
+def _span(collected: _Collected, record_begin_ns: int) -> _Span:
+    """Return the time that has the most stamps without a long pause.
+
+    A clock that jumps, or one wrong stamp, would else make a flight of years.
+    """
+    all_stamps = [
+        rows.stamps_ns
+        for one in collected.vehicles.values()
+        for rows in (one.ticks, one.telemetry, one.truth)
+    ]
+    stamps_ns = np.sort(np.concatenate([*all_stamps, np.zeros(0, np.int64)]))
+    if not stamps_ns.size:
+        return _Span(record_begin_ns, record_begin_ns)
+
+    # Each pause begins a new piece; the piece with the most stamps is the flight.
+    pauses = np.flatnonzero(np.diff(stamps_ns) > MAX_PAUSE_S * 1e9) + 1
+    bounds = [0, *pauses.tolist(), stamps_ns.size]
+    pieces = list(itertools.pairwise(bounds))
+    first, after_last = max(pieces, key=lambda piece: piece[1] - piece[0])
+
+    begin_ns = int(stamps_ns[first])
+    end_ns = int(stamps_ns[after_last - 1])
+    # Events and orders may come before the first message of a vehicle.
+    if 0 <= begin_ns - record_begin_ns <= MAX_PAUSE_S * 1e9:
+        begin_ns = record_begin_ns
+    left_out = stamps_ns.size - (after_last - first)
+    return _Span(begin_ns, end_ns, left_out=left_out)
+
+
+def _vehicles(
+    collected: _Collected, fleet: FleetConfig | None, span: _Span
+) -> dict[str, VehicleFlight]:
+    """Return the vehicles, those of the fleet file first and in its order."""
+    flown = {}
+    for name, rows in collected.vehicles.items():
+        has_values = rows.ticks.stamps_ns.size or rows.telemetry.stamps_ns.size
+        if has_values or rows.truth.stamps_ns.size:
+            flown[name] = rows
+    in_file = [] if fleet is None else [name for name in fleet.vehicles if name in flown]
+    order = [*in_file, *sorted(set(flown) - set(in_file))]
+
+    numbers = {name: number for number, name in enumerate(order)}
+    return {
+        name: VehicleFlight(
+            name=name,
+            ticks=_ticks(flown[name], span, numbers),
+            telemetry=_telemetry(flown[name], span),
+            truth=_truth(flown[name], span),
+            preflight=flown[name].preflight,
+        )
+        for name in order
+    }
+
+
+def _kept(stamps_ns: IntArray, span: _Span) -> tuple[IntArray, Array]:
+    """Return the numbers of the rows within the flight by rising time, and their times [s].
+
+    Of several rows with one stamp the first one is kept.
+    """
+    stamps_ns, first = np.unique(stamps_ns, return_index=True)
+    is_inside = (stamps_ns >= span.begin_ns) & (stamps_ns <= span.end_ns)
+    times_s: Array = (stamps_ns[is_inside] - span.begin_ns).astype(np.float64) * 1e-9
+    return first[is_inside], times_s
+
+
+def _ticks(rows: _VehicleRows, span: _Span, numbers: dict[str, int]) -> Ticks:
+    kept, time_s = _kept(rows.ticks.stamps_ns, span)
+
+    avoided = np.array([numbers.get(name, -1) for name in rows.avoided], np.float64)
+    ages_s = {}
+    for name, (ticks, values_s) in rows.ages.items():
+        of_all = np.full(avoided.size, np.nan)
+        of_all[np.array(ticks, np.int64)] = values_s
+        of_all[~(np.abs(of_all) <= LARGEST)] = np.nan
+        ages_s[name] = of_all[kept]
+    return Ticks(time_s=time_s, avoided=avoided[kept], ages_s=ages_s, **rows.ticks.columns(kept))
+
+
+def _telemetry(rows: _VehicleRows, span: _Span) -> TelemetryRows:
+    kept, time_s = _kept(rows.telemetry.stamps_ns, span)
+    texts = [rows.texts[number] for number in kept]
+    return TelemetryRows(
+        time_s=time_s,
+        states=[text[0] for text in texts],
+        modes=[text[1] for text in texts],
+        orders=[text[2] for text in texts],
+        law=rows.law,
+        config_hash=rows.config_hash,
+        **rows.telemetry.columns(kept),
+    )
+
+
+def _truth(rows: _VehicleRows, span: _Span) -> TruthRows:
+    kept, time_s = _kept(rows.truth.stamps_ns, span)
+    return TruthRows(time_s=time_s, **rows.truth.columns(kept))
+
+
+# -- what lies beside the record, and what is missing ----------------------------------------------
+
+
+def _fleet(folder: Path, path: str | None, notes: list[str]) -> FleetConfig | None:
+    """Return the fleet file; None, and a note, where it is missing or wrong."""
+    if path is not None:
+        return load_fleet(path, finds_law=False)
+    beside = folder / "fleet.toml"
+    if not beside.is_file():
+        notes.append("There is no fleet.toml beside the record: distances have no promised line.")
+        return None
+    try:
+        # A record may come from anybody: code that its fleet file names is not run.
+        return load_fleet(str(beside), finds_law=False)
+    except ConfigError as error:
+        notes.append(f"The fleet file cannot be used: {plain_line(str(error))[:300]}")
+        return None
+
+
+def _verdict(folder: Path, notes: list[str]) -> dict[str, Any]:
+    path = folder / "verdict.json"
+    if not path.is_file():
+        notes.append(
+            "There is no verdict.json beside the record: nothing was declared, or the flight did"
+            " not end by itself."
+        )
+        return {}
+    try:
+        value = json_values(read_bytes(path, RESULTS_FILE), path.name)
+    except ConfigError as error:
+        notes.append(f"The verdict cannot be read: {plain_line(str(error))[:300]}")
+        return {}
+    return value if isinstance(value, dict) else {}
+
+
+def _mission(folder: Path) -> str:
+    for name in ("mission.toml", "mission.py"):
+        with contextlib.suppress(ConfigError):
+            if (folder / name).is_file():
+                return read_text(folder / name, MISSION_FILE)
+    return ""
+
+
+def _notes(collected: _Collected, span: _Span) -> list[str]:
+    """Return sentences about what was left out of a record."""
+    notes = []
+    if collected.malformed:
+        notes.append(f"{collected.malformed} messages could not be decoded and are left out.")
+    if span.left_out:
+        notes.append(
+            f"{span.left_out} messages have stamps far from the flight's and are left out."
+        )
+    if collected.left_out:
+        notes.append(
+            f"The record names more than {MAX_VEHICLES} vehicles; {len(collected.left_out)} are"
+            " left out."
+        )
+    if collected.is_full:
+        notes.append(f"Only the first {MAX_ORDER_MESSAGES} orders and events are shown.")
+    return notes

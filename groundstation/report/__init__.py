@@ -1,0 +1,1 @@
+"""A recorded flight as one page that opens offline and plays."""

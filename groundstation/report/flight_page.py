@@ -1,0 +1,66 @@
+"""``DIR/report.html``: what a flight folder has, written as one page."""
+
+from __future__ import annotations
+
+import contextlib
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import NamedTuple
+
+from groundstation.recording.flight_reading import read_flight
+from groundstation.report.page import page
+from groundstation.report.payload import payload
+
+PAGE_NAME = "report.html"
+
+
+class Written(NamedTuple):
+    """A page that was written."""
+
+    path: Path
+    size: int  # bytes
+    notes: tuple[str, ...]  # sentences about what the record lacks
+
+
+def write_page(
+    folder: Path,
+    out: Path | None = None,
+    *,
+    fleet_path: str | None = None,
+    compared: Path | None = None,
+) -> Written:
+    """Write the page of a flight.
+
+    Args:
+        folder: flight folder, or its MCAP file.
+        out: file to write; None: ``report.html`` in the flight folder.
+        fleet_path: fleet file, where none lies beside the record.
+        compared: flight folder of another flight, shown beside this one.
+
+    Raises:
+        ConfigError: there is no record, or no vehicle is in it.
+        OSError: the page cannot be written.
+    """
+    flight = read_flight(folder, fleet_path)
+    ghost = None if compared is None else read_flight(compared)
+
+    data = payload(flight, made_by=_made_by(), ghost=ghost)
+    text = page(flight.title, data).encode("utf-8")
+    path = out or (folder if folder.is_dir() else folder.parent) / PAGE_NAME
+
+    # whole or not at all: a page that is open elsewhere is never half a page
+    part = path.with_suffix(".part")
+    try:
+        part.write_bytes(text)
+        part.replace(path)
+    finally:
+        with contextlib.suppress(OSError):
+            part.unlink(missing_ok=True)
+    return Written(path=path, size=len(text), notes=flight.notes)
+
+
+def _made_by() -> str:
+    try:
+        return f"covey {version('covey')}"
+    except PackageNotFoundError:
+        return "covey (not installed)"

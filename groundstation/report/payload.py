@@ -1,0 +1,390 @@
+"""The data of a report: a flight on one grid of times, packed into few bytes.
+
+Form, before it is deflated: the length of the header (4 bytes, little-endian), the header (JSON),
+then the columns as :mod:`groundstation.report.columns` packs them, in the header's order. What the
+header has stands in :func:`_header`; ``payload.js`` reads it.
+
+All texts are cleaned of control characters and cut here. They are still texts that anybody may have
+written: the page shows them by ``textContent`` only.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+import zlib
+from collections.abc import Iterable, Iterator
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from groundstation.recording.flight import (
+    Flight,
+    VehicleFlight,
+    at_times,
+    between_times,
+    largest_in_cells,
+)
+from groundstation.recording.flight_report import TrueMotion, separations
+from groundstation.report.columns import Column, packed
+from groundstation.report.settings import settings
+from onboard.arrays import Array
+from onboard.plain_text import plain_line, plain_lines
+
+FORMAT = 1
+MOST_SAMPLES = 150_000  # of all vehicles together
+STEPS_S = (0.02, 0.04, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 30.0, 60.0)
+MAX_EVENTS = 5_000
+MAX_PAIRS = 4_950  # of a hundred vehicles
+MAX_TEXT = 400  # letters of a sentence
+MAX_MISSION = 60_000  # letters of a mission file
+_PATH_GAP_S = 0.5
+_TICK_GAP_S = 0.3
+_TELEMETRY_GAP_S = 3.0
+_UP_M = 0.05  # above where it stood: it has lifted off
+_HEAD = struct.Struct("<I")
+
+# resolutions
+_METRE = 0.001
+_ANGLE = 1.0 / 32_000.0  # of a quaternion's part
+_ACCELERATION = 0.005
+_SECOND = 0.001
+_FRACTION = 0.0005
+
+
+def payload(flight: Flight, *, made_by: str, ghost: Flight | None = None) -> bytes:
+    """Return the data of a report, deflated.
+
+    Args:
+        flight: that is shown.
+        made_by: name and version of this program.
+        ghost: another flight of the same vehicles, shown beside it; put at the same lift-off.
+    """
+    step_s = _step_s(flight)
+    grid_s = np.arange(flight.begin_s, flight.length_s + step_s / 2.0, step_s)
+
+    columns: list[Column] = []
+    for number, vehicle in enumerate(flight.vehicles.values()):
+        columns += _columns(number, vehicle, tuple(flight.vehicles), grid_s, step_s)
+    if ghost is not None:
+        columns += _ghost_columns(flight, ghost, grid_s)
+
+    header = _header(flight, made_by, grid_s, step_s, columns)
+    if ghost is not None:
+        header["ghost"] = _text(ghost.title)
+
+    head = msgspec.json.encode(header)
+    parts = [_HEAD.pack(len(head)), head, *(column.data for column in columns)]
+    return zlib.compress(b"".join(parts), 7)
+
+
+def _step_s(flight: Flight) -> float:
+    """Return the finest step of the grid that gives no more than MOST_SAMPLES."""
+    for step_s in STEPS_S:
+        if len(flight.vehicles) * flight.length_s / step_s <= MOST_SAMPLES:
+            return step_s
+    return STEPS_S[-1]
+
+
+# -- curves ----------------------------------------------------------------------------------------
+
+
+def _columns(
+    number: int, vehicle: VehicleFlight, names: tuple[str, ...], grid_s: Array, step_s: float
+) -> Iterator[Column]:
+    """Yield the curves of one vehicle; what the record does not have is left out."""
+    yield from _path_columns(number, vehicle, grid_s)
+    if vehicle.ticks.size:
+        yield from _tick_columns(number, vehicle, names, grid_s, step_s)
+    if vehicle.telemetry.time_s.size:
+        yield from _telemetry_columns(number, vehicle, grid_s, step_s)
+
+
+def _path_columns(number: int, vehicle: VehicleFlight, grid_s: Array) -> Iterator[Column]:
+    times_s, positions_enu_m = vehicle.path
+    path_enu_m = between_times(times_s, positions_enu_m, grid_s, _PATH_GAP_S)
+    yield from _axes(number, "", path_enu_m, _METRE)
+
+    truth = vehicle.truth
+    ticks = vehicle.ticks
+    if vehicle.has_truth:
+        attitude = at_times(truth.time_s, truth.quaternion_enu_flu_wxyz, grid_s, _TICK_GAP_S)
+    elif ticks.size:
+        attitude = at_times(
+            ticks.time_s, ticks.attitude_quaternion_enu_flu_wxyz, grid_s, _TICK_GAP_S
+        )
+    else:
+        return
+    for part, name in enumerate("wxyz"):
+        yield packed(f"{number}/q{name}", attitude[:, part], _ANGLE)
+
+
+def _tick_columns(
+    number: int, vehicle: VehicleFlight, names: tuple[str, ...], grid_s: Array, step_s: float
+) -> Iterator[Column]:
+    ticks = vehicle.ticks
+
+    def shown(values: Array) -> Array:
+        return at_times(ticks.time_s, values, grid_s, _TICK_GAP_S)
+
+    # of what lasts only for some ticks the largest value of each step is kept
+    edges_s = np.append(grid_s - step_s / 2.0, grid_s[-1] + step_s / 2.0)
+
+    def largest(values: Array) -> Array:
+        return largest_in_cells(ticks.time_s, values, edges_s)
+
+    if vehicle.has_truth:
+        yield from _axes(number, "estimate_", shown(ticks.position_enu_m), _METRE)
+    yield from _axes(number, "setpoint_", shown(ticks.setpoint_position_enu_m), _METRE)
+    yield from _axes(number, "before_", shown(ticks.thrust_baseline_enu_m_s2), _ACCELERATION)
+    yield from _axes(number, "after_", shown(ticks.thrust_safe_enu_m_s2), _ACCELERATION)
+    yield packed(f"{number}/intervention", largest(ticks.intervention_m_s2), _ACCELERATION)
+    yield packed(f"{number}/slack", largest(ticks.slack_m_s2), _ACCELERATION)
+    yield packed(f"{number}/avoided", shown(ticks.avoided), 1.0)
+    yield packed(f"{number}/throttle", shown(ticks.setpoint_thrust_frac), _FRACTION)
+    yield packed(f"{number}/period", largest(ticks.period_s), _SECOND / 10.0)
+    yield packed(f"{number}/attitude_age", largest(ticks.attitude_age_s), _SECOND)
+    for other, age_s in ticks.ages_s.items():
+        if other in names:
+            key = f"{number}/age/{names.index(other)}"
+            yield packed(key, largest(age_s), _SECOND)
+
+
+def _telemetry_columns(
+    number: int, vehicle: VehicleFlight, grid_s: Array, step_s: float
+) -> Iterator[Column]:
+    told = vehicle.telemetry
+    gap_s = max(_TELEMETRY_GAP_S, 2.0 * step_s)
+
+    def shown(values: Array) -> Array:
+        return at_times(told.time_s, values, grid_s, gap_s)
+
+    wind_enu_m_s = told.wind_enu_m_s
+    yield packed(f"{number}/battery", shown(told.battery_frac), _FRACTION)
+    yield packed(f"{number}/voltage", shown(told.battery_voltage_v), 0.01)
+    yield packed(f"{number}/wind_x", shown(wind_enu_m_s[:, 0]), 0.01)
+    yield packed(f"{number}/wind_y", shown(wind_enu_m_s[:, 1]), 0.01)
+    yield packed(f"{number}/gust", shown(told.gust_m_s), 0.01)
+    yield packed(f"{number}/max_wind", shown(told.max_wind_m_s), 0.01)
+    yield packed(f"{number}/state_age", shown(told.state_age_s), _SECOND)
+    yield packed(f"{number}/autopilot_age", shown(told.autopilot_age_s), _SECOND)
+    yield packed(f"{number}/neighbour_age", shown(told.neighbour_age_s), _SECOND)
+    yield packed(f"{number}/lateness", shown(told.loop_lateness_p99_ms), 0.05)
+    yield packed(f"{number}/mocap_delay", shown(told.mocap_delay_s), _SECOND)
+    yield packed(f"{number}/hover", shown(told.hover_thrust_frac), _FRACTION)
+    for name in ("late_ticks", "missed_ticks"):
+        yield packed(f"{number}/{name}", shown(getattr(told, name)), 1.0)
+    lost = np.nansum(
+        [
+            told.malformed_messages,
+            told.refused_messages,
+            told.dropped_messages,
+            told.late_messages,
+        ],
+        axis=0,
+    )
+    yield packed(f"{number}/lost_messages", shown(lost), 1.0)
+    for axis, name in enumerate("xyz"):
+        yield packed(f"{number}/goal_{name}", shown(told.goal_position_enu_m[:, axis]), _METRE)
+
+
+def _axes(number: int, prefix: str, values: Array, resolution: float) -> Iterator[Column]:
+    for axis, name in enumerate("xyz"):
+        yield packed(f"{number}/{prefix}{name}", values[:, axis], resolution)
+
+
+def _ghost_columns(flight: Flight, ghost: Flight, grid_s: Array) -> Iterator[Column]:
+    """Yield the paths of another flight, moved so that both lift off at the same time."""
+    shift_s = _lift_off_s(flight) - _lift_off_s(ghost)
+    for number, name in enumerate(flight.vehicles):
+        other = ghost.vehicles.get(name)
+        if other is None:
+            continue
+        times_s, positions_enu_m = other.path
+        path_enu_m = between_times(times_s + shift_s, positions_enu_m, grid_s, _PATH_GAP_S)
+        yield from _axes(number, "ghost_", path_enu_m, _METRE)
+
+
+def _lift_off_s(flight: Flight) -> float:
+    """Return when the first vehicle leaves the ground; the begin where none does."""
+    lifted_s = []
+    for vehicle in flight.vehicles.values():
+        times_s, positions_enu_m = vehicle.path
+        height_m = positions_enu_m[:, 2]
+        known_m = height_m[np.isfinite(height_m)]
+        if not known_m.size:
+            continue
+        up = np.flatnonzero(height_m > known_m[0] + _UP_M)
+        if up.size:
+            lifted_s.append(float(times_s[up[0]]))
+    return min(lifted_s, default=flight.begin_s)
+
+
+# -- everything that is no curve -------------------------------------------------------------------
+
+
+def _header(
+    flight: Flight, made_by: str, grid_s: Array, step_s: float, columns: Iterable[Column]
+) -> dict[str, Any]:
+    return {
+        "format": FORMAT,
+        "made_by": made_by,
+        "title": _text(flight.title),
+        "begin_s": float(grid_s[0]),
+        "step_s": step_s,
+        "count": int(grid_s.size),
+        "notes": [_text(note) for note in flight.notes],
+        "has_truth": flight.has_truth,
+        "fleet": _fleet(flight),
+        "verdict": _cleaned(flight.verdict),
+        "vehicles": [_vehicle(one) for one in flight.vehicles.values()],
+        "events": [
+            [
+                round(time_s, 3),
+                _text(event.vehicle),
+                event.severity,
+                _text(event.code),
+                _text(event.sentence),
+            ]
+            for time_s, event in flight.events[:MAX_EVENTS]
+        ],
+        "orders": [
+            {
+                "at_s": round(order.at_s, 3),
+                "vehicle": _text(order.vehicle),
+                "text": _text(order.text),
+                "answer": _text(order.answer),
+                "end": _text(order.end),
+                "end_s": _number(order.end_s),
+            }
+            for order in flight.orders[:MAX_EVENTS]
+        ],
+        "pairs": _pairs(flight),
+        "settings": [] if flight.fleet is None else [list(one) for one in settings(flight.fleet)],
+        "versions": _versions(flight),
+        "mission": plain_lines(flight.mission)[:MAX_MISSION],
+        "columns": [[column.key, column.scale, column.offset] for column in columns],
+    }
+
+
+def _fleet(flight: Flight) -> dict[str, Any] | None:
+    if flight.fleet is None:
+        return None
+    fleet = flight.fleet.fleet
+    fence = fleet.geofence_m
+    return {
+        "name": _text(fleet.name),
+        "law": _text(flight.fleet.law.name),
+        "safety_distance_m": fleet.safety_distance_m,
+        "vertical_separation_m": fleet.vertical_separation_m,
+        "height_share": fleet.height_share,
+        "body_diameter_m": fleet.body_diameter_m,
+        "battery_warning_frac": fleet.battery_warning_pct / 100.0,
+        "battery_land_frac": fleet.battery_land_pct / 100.0,
+        "fence": [[fence.x[0], fence.y[0], fence.z[0]], [fence.x[1], fence.y[1], fence.z[1]]],
+        "obstacles": [
+            {"name": _text(one.name), "capsules_enu_m": one.capsules_enu_m}
+            for one in flight.fleet.obstacles
+        ],
+    }
+
+
+def _vehicle(vehicle: VehicleFlight) -> dict[str, Any]:
+    told = vehicle.telemetry
+    return {
+        "name": _text(vehicle.name),
+        "has_truth": vehicle.has_truth,
+        "law": _text(told.law),
+        "states": _changes(told.time_s, told.states),
+        "modes": _changes(told.time_s, told.modes),
+        "is_collided": bool(np.nanmax(vehicle.truth.is_collided, initial=0.0)),
+    }
+
+
+def _changes(times_s: Array, texts: list[str]) -> list[tuple[float, str]]:
+    """Return when a text became another one."""
+    changes: list[tuple[float, str]] = []
+    for time_s, text in zip(times_s, texts, strict=True):
+        if not changes or changes[-1][1] != _text(text):
+            changes.append((round(float(time_s), 2), _text(text)))
+        if len(changes) >= MAX_EVENTS:
+            break
+    return changes
+
+
+def _pairs(flight: Flight) -> list[list[Any]]:
+    """Return the smallest distance of each pair while one of the two flew, the nearest first.
+
+    It is found at every sample of the record, and so it is exact where the curves are not.
+    """
+    tracks = {}
+    for name, vehicle in flight.vehicles.items():
+        times_s, positions_enu_m = vehicle.path
+        is_known = np.isfinite(positions_enu_m).all(-1)
+        if is_known.sum() < 2:
+            continue
+        positions_enu_m = positions_enu_m[is_known]
+        is_down = positions_enu_m[:, 2] < positions_enu_m[0, 2] + _UP_M
+        if vehicle.has_truth:
+            is_down = vehicle.truth.is_on_ground[is_known] > 0.5
+        tracks[name] = TrueMotion(
+            stamp_ns=np.rint(times_s[is_known] * 1e9).astype(np.int64),
+            position_enu_m=positions_enu_m,
+            is_on_ground=is_down,
+            is_collided=False,
+        )
+
+    height_share = 0.0 if flight.fleet is None else flight.fleet.fleet.height_share
+    numbers = {name: number for number, name in enumerate(flight.vehicles)}
+    found = [
+        [
+            numbers[pair.first],
+            numbers[pair.second],
+            round(pair.distance_m, 4),
+            round(pair.stamp_ns * 1e-9, 3),
+        ]
+        for pair in separations(tracks, height_share).values()
+    ]
+    found.sort(key=lambda row: row[2])
+    return found[:MAX_PAIRS]
+
+
+def _versions(flight: Flight) -> list[list[str]]:
+    """Return what flew, as [what, version] for people."""
+    rows: list[list[str]] = [[_text(what), _text(version)] for what, version in flight.made.items()]
+    px4: dict[str, list[str]] = {}
+    hashes: dict[str, list[str]] = {}
+    for name, vehicle in flight.vehicles.items():
+        if vehicle.preflight is not None and vehicle.preflight.px4_version is not None:
+            major, minor = vehicle.preflight.px4_version
+            px4.setdefault(f"{major}.{minor}", []).append(name)
+        if vehicle.telemetry.config_hash:
+            hashes.setdefault(vehicle.telemetry.config_hash, []).append(name)
+    for what, versions in (("PX4", px4), ("hash of fleet file and law", hashes)):
+        for version, names in versions.items():
+            who = "" if len(names) == len(flight.vehicles) else f" ({', '.join(names)})"
+            rows.append([what, _text(version + who)])
+    return rows
+
+
+def _cleaned(value: Any) -> Any:
+    """Return a value of a JSON file with its texts cleaned and its numbers finite."""
+    if isinstance(value, str):
+        return _text(value, 4 * MAX_TEXT)
+    if isinstance(value, float):
+        return _number(value)
+    if isinstance(value, dict):
+        return {_text(key): _cleaned(part) for key, part in value.items()}
+    if isinstance(value, list):
+        return [_cleaned(part) for part in value[:MAX_EVENTS]]
+    return value
+
+
+def _text(text: str, most: int = MAX_TEXT) -> str:
+    line = plain_line(text)
+    return line if len(line) <= most else f"{line[: most - 1]}…"
+
+
+def _number(value: float) -> float | None:
+    return round(value, 4) if math.isfinite(value) else None

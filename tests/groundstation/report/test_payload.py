@@ -1,0 +1,107 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+
+from groundstation.recording.flight_reading import read_flight
+from groundstation.report import payload as payload_module
+from groundstation.report.payload import payload
+from onboard.bus.schema import Event
+from onboard.bus.topics import Topic
+from tests.groundstation.recorded import SECOND
+from tests.groundstation.report.made_up import BEGIN_NS, Row, opened, position, rows, story, write
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    return write(tmp_path / "flight", [*rows(), *story("mav0")])
+
+
+def test_positions_of_the_page_are_those_of_the_record(folder: Path) -> None:
+    header, curves = opened(payload(read_flight(folder), made_by="test"))
+
+    times_s = header["begin_s"] + header["step_s"] * np.arange(header["count"])
+    for vehicle in (0, 1):
+        expected = np.array([position(vehicle, time_s) for time_s in times_s])
+        found = np.stack([curves[f"{vehicle}/{axis}"] for axis in "xyz"], -1)
+        is_known = np.isfinite(found).all(-1)
+        assert is_known.sum() > 490
+        assert np.abs(found - expected)[is_known].max() < 0.002
+
+
+def test_the_smallest_distance_is_found_with_its_time(folder: Path) -> None:
+    header, _ = opened(payload(read_flight(folder), made_by="test"))
+
+    [[first, second, distance_m, time_s]] = header["pairs"]
+    assert (first, second) == (0, 1)
+    assert distance_m == pytest.approx(0.9, abs=0.001)
+    assert time_s == pytest.approx(5.0, abs=0.05)
+
+
+def test_the_age_of_what_each_knew_is_the_largest_of_each_step(folder: Path) -> None:
+    _, curves = opened(payload(read_flight(folder), made_by="test"))
+
+    ages_s = curves["0/age/1"]
+    assert np.nanmax(ages_s) == pytest.approx(0.024, abs=0.001)
+    assert np.nanmin(ages_s) == pytest.approx(0.020, abs=0.001)
+    assert np.nanmax(np.abs(curves["0/avoided"] - 1.0)) == 0.0
+
+
+def test_orders_have_author_answer_and_end(folder: Path) -> None:
+    header, _ = opened(payload(read_flight(folder), made_by="test"))
+
+    [order] = header["orders"]
+    assert order["text"] == "takeoff of anna (from ground-1)"
+    assert order["answer"] == "accepted"
+    assert order["end"].endswith("At 1.00 m.")
+    assert order["at_s"] == pytest.approx(1.0)
+    [event] = header["events"]
+    assert event == [3.0, "mav0", "warning", "order-takeoff", "At 1.00 m."]
+
+
+def test_what_differs_from_its_default_is_marked(folder: Path) -> None:
+    header, _ = opened(payload(read_flight(folder), made_by="test"))
+
+    chosen = {f"{one[0]}.{one[1]}": (one[2], one[3]) for one in header["settings"] if one[4]}
+    assert chosen["vehicles.mass_kg"] == ("0.51", "1")
+    assert "fleet.safety_distance_m" not in chosen
+
+
+def test_without_truth_the_page_shows_what_the_vehicles_took_for_their_position(
+    tmp_path: Path,
+) -> None:
+    folder = write(tmp_path, rows(has_truth=False))
+    header, curves = opened(payload(read_flight(folder), made_by="test"))
+
+    assert not header["has_truth"]
+    assert np.nanmax(curves["0/x"]) == pytest.approx(2.5, abs=0.1)
+    assert header["pairs"][0][2] == pytest.approx(0.9, abs=0.01)
+
+
+def test_another_flight_lies_beside_it_from_the_same_lift_off(folder: Path, tmp_path: Path) -> None:
+    # the other record began two seconds before its vehicles did
+    begin = Event(vehicle="ground", stamp_ns=BEGIN_NS, severity="info", code="x", sentence="x")
+    late: list[Row] = [(BEGIN_NS, Topic.EVENT, "ground", begin)]
+    for at_ns, topic, name, message in rows():
+        late_ns = at_ns + 2 * SECOND
+        late.append((late_ns, topic, name, msgspec.structs.replace(message, stamp_ns=late_ns)))
+    other = write(tmp_path / "other", late)
+
+    header, curves = opened(payload(read_flight(folder), made_by="test", ghost=read_flight(other)))
+
+    assert header["ghost"] == "other"
+    difference_m = np.abs(curves["0/ghost_x"] - curves["0/x"])
+    assert np.nanmax(difference_m) < 0.02
+
+
+def test_a_long_flight_has_a_coarser_grid(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(payload_module, "MOST_SAMPLES", 200)
+
+    header, curves = opened(payload(read_flight(folder), made_by="test"))
+
+    assert header["step_s"] == 0.1
+    # an intervention of one tick is still there
+    assert np.nanmax(curves["0/intervention"]) == pytest.approx(1.0, abs=0.01)
