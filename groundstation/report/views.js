@@ -152,8 +152,8 @@ globalThis.Covey ??= {};
             on: { click: () => app.follow(vehicle) },
           },
           vehicleName(flight, vehicle),
+          flight.vehicles[vehicle].is_collided ? element("b", { className: "bad" }, " ✗ collided") : null,
         ),
-        flight.vehicles[vehicle].is_collided ? "✗ collided" : "",
         battery.length
           ? `${(100 * battery[0]).toFixed(0)} → ${(100 * battery[battery.length - 1]).toFixed(0)} %`
           : "–",
@@ -165,18 +165,23 @@ globalThis.Covey ??= {};
     });
     const columns = [
       { title: "Vehicle" },
-      { title: "" },
       { title: "Battery", isNumber: true },
       { title: "Law, most", isNumber: true },
       { title: "Law acts", isNumber: true },
-      { title: "Longest period", isNumber: true },
-      { title: "Oldest neighbour", isNumber: true },
+      { title: "Period", isNumber: true },
+      { title: "Neighbour's age", isNumber: true },
     ];
     return element(
       "section",
       { className: "card" },
       element("h2", {}, "Vehicles"),
       table(columns, rows),
+      element(
+        "p",
+        { className: "soft" },
+        "The law: its largest change of the thrust, and how long it changed it. Period of the loop (nominal 20 ms) and age",
+        " of the neighbour that was silent for longest: the largest of the flight.",
+      ),
     );
   }
 

@@ -1,0 +1,146 @@
+"""The scripts of a report, run where there is something to run them with: node, Chromium."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from groundstation.recording.flight_reading import read_flight
+from groundstation.report.flight_page import write_page
+from groundstation.report.page import OWN_SCRIPTS, _own
+from groundstation.report.payload import payload
+from groundstation.scene.static_files import SCRIPTS, text_of
+from tests.groundstation.report.made_up import opened, rows, story, write
+
+NODE = shutil.which("node")
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
+needs_node = pytest.mark.skipif(NODE is None, reason="there is no node on this computer")
+needs_chromium = pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium here")
+
+MARKUP = '<img src=x onerror="document.title = String(7 * 191)">'
+FLAGS = (
+    "--headless --no-sandbox --disable-gpu --disable-quic --no-first-run --disable-sync"
+    " --disable-background-networking --disable-component-update --use-gl=angle"
+    " --use-angle=swiftshader --enable-unsafe-swiftshader --virtual-time-budget=8000"
+)
+
+READ = """
+const data = require("fs").readFileSync(process.argv[2]);
+Covey.inflated(new Uint8Array(data)).then((bytes) => {
+  const flight = Covey.flightOf(bytes);
+  console.log(JSON.stringify({
+    x: Array.from(flight.curve(0, "x"), (value) => (Number.isNaN(value) ? null : value)),
+    missing: Array.from(flight.curve(0, "nothing")).every(Number.isNaN),
+    distance: flight.distances(0, 1)[250],
+    smallest: flight.smallestDistances()[250],
+    between: flight.positionAt(0, 5.01),
+    attitude: flight.attitudeAt(0, 5),
+    promise: flight.promise_m,
+    pairs: ["mav0-mav1", "mav1-mav0", "mav0-mav0", "mav0", "x-y"].map(
+      (one) => flight.pairNamed(one),
+    ),
+  }));
+});
+"""
+
+
+def run_node(script: str, *arguments: str) -> str:
+    assert NODE is not None
+    done = subprocess.run(
+        [NODE, "-", *arguments], input=script, capture_output=True, text=True, timeout=60
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+@needs_node
+def test_the_page_reads_what_was_packed(tmp_path: Path) -> None:
+    folder = write(tmp_path, rows())
+    data = payload(read_flight(folder), made_by="test")
+    (tmp_path / "data").write_bytes(data)
+    _, curves = opened(data)
+
+    found = json.loads(run_node(_own("payload.js") + READ, str(tmp_path / "data")))
+
+    x = np.array([np.nan if value is None else value for value in found["x"]])
+    assert np.allclose(x, curves["0/x"], atol=1e-5, equal_nan=True)
+    assert found["missing"]
+    assert found["distance"] == found["smallest"] == pytest.approx(0.9, abs=0.002)
+    assert found["between"] == pytest.approx([0.005, 0.0, 1.0], abs=0.002)
+    assert found["attitude"] == pytest.approx([1, 0, 0, 0], abs=1e-3)
+    assert found["promise"] == 0.8
+    assert found["pairs"] == [[0, 1], [1, 0], None, None, None]
+
+
+@needs_node
+def test_no_script_has_a_mistake_of_syntax() -> None:
+    texts = [*map(text_of, SCRIPTS), *map(_own, OWN_SCRIPTS)]
+
+    run_node("\n".join(f"new Function({json.dumps(text)});" for text in texts))
+
+
+@needs_node
+def test_the_camera_shows_a_box_as_a_whole() -> None:
+    # corners of the box, seen from where the camera is put: all within the picture
+    answer = run_node(
+        text_of("camera.js")
+        + """
+        const camera = new Covey.Camera();
+        const found = [];
+        for (const aspect of [0.5, 1, 2.2]) {
+          camera.fit([-4, -3, 0], [4, 5, 3], aspect);
+          const m = camera.matrix(aspect);
+          for (const x of [-4, 4]) for (const y of [-3, 5]) for (const z of [0, 3]) {
+            const w = m[3] * x + m[7] * y + m[11] * z + m[15];
+            found.push((m[0] * x + m[4] * y + m[8] * z + m[12]) / w);
+            found.push((m[1] * x + m[5] * y + m[9] * z + m[13]) / w);
+          }
+        }
+        console.log(JSON.stringify(found));
+        """
+    )
+
+    assert max(abs(value) for value in json.loads(answer)) < 1.0
+
+
+def dump(page: Path, address: str, tmp_path: Path) -> str:
+    """The page as Chromium has it after its scripts."""
+    assert CHROMIUM is not None
+    words = [CHROMIUM, *FLAGS.split(), f"--user-data-dir={tmp_path / 'browser'}", "--dump-dom"]
+    done = subprocess.run(
+        [*words, f"{page.as_uri()}{address}"], capture_output=True, text=True, timeout=100
+    )
+    return done.stdout
+
+
+@needs_chromium
+@pytest.mark.realtime
+def test_a_browser_opens_the_pair_and_the_time_that_the_address_names(tmp_path: Path) -> None:
+    folder = write(tmp_path / "flight", [*rows(), *story("mav0")])
+    page = write_page(folder).path
+
+    shown = dump(page, "#t=5.5&pair=mav1-mav0", tmp_path)
+
+    assert 'data-time="5.500"' in shown
+    assert "Age of what each knew of the other" in shown
+    assert "closest 0.900 m" in re.sub(r"<[^>]*>", "", shown)
+
+
+@needs_chromium
+@pytest.mark.realtime
+def test_markup_in_names_and_sentences_is_shown_and_not_run(tmp_path: Path) -> None:
+    names = (f"a{MARKUP}", "mav1")
+    told = [*rows(names), *story(names[0], author=MARKUP, sentence=MARKUP)]
+    page = write_page(write(tmp_path / "flight", told)).path
+
+    shown = dump(page, "#view=events", tmp_path)
+
+    assert "<title>flight - Covey</title>" in shown
+    assert "&lt;img src=x onerror" in shown
+    assert "<img" not in shown
