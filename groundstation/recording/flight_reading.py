@@ -59,32 +59,32 @@ _Vec3 = tuple[_Number, _Number, _Number] | None
 _Vec4 = tuple[_Number, _Number, _Number, _Number] | None
 
 
-# -- the fields that are kept, by their names on the bus -------------------------------------------
+# -- the fields that are kept, by their names on the bus: vectors first, then single numbers ------
 
 
-class _TickRow(msgspec.Struct):
-    period_s: _Number = None
+class _TickRow(msgspec.Struct, gc=False):
     position_enu_m: _Vec3 = None
     velocity_enu_m_s: _Vec3 = None
     setpoint_position_enu_m: _Vec3 = None
     thrust_baseline_enu_m_s2: _Vec3 = None
     thrust_safe_enu_m_s2: _Vec3 = None
-    intervention_m_s2: _Number = None
-    slack_m_s2: _Number = None
     setpoint_quaternion_enu_flu_wxyz: _Vec4 = None
     attitude_quaternion_enu_flu_wxyz: _Vec4 = None
+    period_s: _Number = None
+    intervention_m_s2: _Number = None
+    slack_m_s2: _Number = None
     setpoint_thrust_frac: _Number = None
     attitude_age_s: _Number = None
     active_neighbour: str = ""
     neighbour_ages_s: dict[str, _Number] = {}
 
 
-class _TelemetryRow(msgspec.Struct):
+class _TelemetryRow(msgspec.Struct, gc=False):
     position_enu_m: _Vec3 = None
     goal_position_enu_m: _Vec3 = None
+    wind_enu_m_s: _Vec2 = None
     battery_frac: _Number = None
     battery_voltage_v: _Number = None
-    wind_enu_m_s: _Vec2 = None
     gust_m_s: _Number = None
     max_wind_m_s: _Number = None
     state_age_s: _Number = None
@@ -107,7 +107,7 @@ class _TelemetryRow(msgspec.Struct):
     config_hash: str = ""
 
 
-class _TruthRow(msgspec.Struct):
+class _TruthRow(msgspec.Struct, gc=False):
     position_enu_m: _Vec3 = None
     velocity_enu_m_s: _Vec3 = None
     quaternion_enu_flu_wxyz: _Vec4 = None
@@ -141,23 +141,34 @@ class _Rows:
 
     def __init__(self, fields: dict[str, int]) -> None:
         self._fields = fields
+        self._vectors = sum(1 for size in fields.values() if size > 1)  # they come first
+        self._width = sum(fields.values())
         self._stamps_ns = array("q")
         self._values = array("d")
 
     def add(self, stamp_ns: int, values: Sequence[Any]) -> None:
         """Add a row: the values of the fields in their order."""
+        length = len(self._values)
+        try:
+            # almost every row is complete, and then nothing is looked at one by one
+            self._values.extend(itertools.chain.from_iterable(values[: self._vectors]))
+            self._values.extend(values[self._vectors :])
+        except TypeError:
+            del self._values[length:]
+            self._values.extend(self._with_nan(values))
+        self._stamps_ns.append(stamp_ns)
+
+    def _with_nan(self, values: Sequence[Any]) -> list[float]:
+        """Return the numbers of a row, NaN for those that are missing."""
         row: list[float] = []
         for value, size in zip(values, self._fields.values(), strict=True):
-            if size == 1:
-                row.append(np.nan if value is None else value)
-            elif value is None:
-                row += [np.nan] * size
-            elif None in value:
-                row += [np.nan if part is None else part for part in value]
-            else:
-                row += value
-        self._stamps_ns.append(stamp_ns)
-        self._values.extend(row)
+            parts = value
+            if value is None:
+                parts = [None] * size
+            elif size == 1:
+                parts = [value]
+            row += [np.nan if part is None else part for part in parts]
+        return row
 
     @property
     def stamps_ns(self) -> IntArray:
@@ -166,8 +177,7 @@ class _Rows:
 
     def columns(self, kept: IntArray) -> dict[str, Array]:
         """Return each field's values, of the rows with these numbers."""
-        width = sum(self._fields.values())
-        values = np.array(self._values, np.float64).reshape(-1, width)[kept]
+        values = np.array(self._values, np.float64).reshape(-1, self._width)[kept]
         values[~(np.abs(values) <= LARGEST)] = np.nan
 
         columns = {}
@@ -179,6 +189,53 @@ class _Rows:
         return columns
 
 
+class _Ages:
+    """Ages of the neighbours' states at each tick.
+
+    From tick to tick the neighbours are mostly the same: their ages are kept in blocks, each with
+    its neighbours once.
+    """
+
+    def __init__(self) -> None:
+        self._names: tuple[str, ...] = ()
+        self._block = array("d")
+        # neighbours, first tick, and their ages tick by tick
+        self._blocks: list[tuple[tuple[str, ...], int, array[float]]] = []
+
+    def add(self, tick: int, ages_s: dict[str, _Number]) -> None:
+        """Add the ages at one tick."""
+        names = tuple(ages_s)
+        if names != self._names:
+            self._names = names
+            self._block = array("d")
+            self._blocks.append((names, tick, self._block))
+
+        length = len(self._block)
+        try:
+            self._block.extend(ages_s.values())  # type: ignore[arg-type]
+        except TypeError:
+            del self._block[length:]
+            values = [np.nan if age_s is None else age_s for age_s in ages_s.values()]
+            self._block.extend(values)
+
+    def by_neighbour(self, ticks: int) -> dict[str, Array]:
+        """Return the age of each neighbour's state (ticks,); NaN where it is not known."""
+        found: dict[str, Array] = {}
+        for names, first, block in self._blocks:
+            if not names:
+                continue
+            ages_s = np.array(block, np.float64).reshape(-1, len(names))
+            for column, name in enumerate(names):
+                if name not in found:
+                    if len(found) >= MAX_VEHICLES:
+                        continue
+                    found[name] = np.full(ticks, np.nan)
+                found[name][first : first + len(ages_s)] = ages_s[:, column]
+        for of_one in found.values():
+            of_one[~(np.abs(of_one) <= LARGEST)] = np.nan
+        return found
+
+
 class _VehicleRows:
     """What the record has of one vehicle."""
 
@@ -188,8 +245,7 @@ class _VehicleRows:
         self.truth = _Rows(_TRUTH_FIELDS)
 
         self.avoided: list[str] = []  # of each tick
-        # neighbour -> numbers of ticks, and the age of its state then
-        self.ages: dict[str, tuple[array[int], array[float]]] = {}
+        self.ages = _Ages()
         self.texts: list[tuple[str, str, str]] = []  # of each telemetry: state, mode, order
         self.law = ""
         self.config_hash = ""
@@ -198,20 +254,9 @@ class _VehicleRows:
     def add_tick(self, stamp_ns: int, data: bytes) -> None:
         row = _decode_tick(data)
         values = msgspec.structs.astuple(row)
-        number = len(self.avoided)
         self.ticks.add(stamp_ns, values[: len(_TICK_FIELDS)])
+        self.ages.add(len(self.avoided), row.neighbour_ages_s)
         self.avoided.append(row.active_neighbour)
-
-        for name, age_s in row.neighbour_ages_s.items():
-            if age_s is None:
-                continue
-            if name not in self.ages:
-                if len(self.ages) >= MAX_VEHICLES:
-                    continue
-                self.ages[name] = (array("q"), array("d"))
-            numbers, ages_s = self.ages[name]
-            numbers.append(number)
-            ages_s.append(age_s)
 
     def add_telemetry(self, stamp_ns: int, data: bytes) -> None:
         row = _decode_telemetry(data)
@@ -429,12 +474,7 @@ def _ticks(rows: _VehicleRows, span: _Span, numbers: dict[str, int]) -> Ticks:
     kept, time_s = _kept(rows.ticks.stamps_ns, span)
 
     avoided = np.array([numbers.get(name, -1) for name in rows.avoided], np.float64)
-    ages_s = {}
-    for name, (ticks, values_s) in rows.ages.items():
-        of_all = np.full(avoided.size, np.nan)
-        of_all[np.array(ticks, np.int64)] = values_s
-        of_all[~(np.abs(of_all) <= LARGEST)] = np.nan
-        ages_s[name] = of_all[kept]
+    ages_s = {name: of_one[kept] for name, of_one in rows.ages.by_neighbour(avoided.size).items()}
     return Ticks(time_s=time_s, avoided=avoided[kept], ages_s=ages_s, **rows.ticks.columns(kept))
 
 

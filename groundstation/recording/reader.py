@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 import struct
-from collections.abc import Iterator, Sequence
+from collections.abc import Container, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any, cast
@@ -169,14 +169,17 @@ def chunk_records(chunk: Chunk) -> list[McapRecord] | None:
         return None
 
 
-def chunk_messages(chunk: Chunk) -> list[tuple[int, int, bytes]] | None:
-    """Return the messages of a chunk as they stand in it.
+def chunk_messages(
+    chunk: Chunk, channel_ids: Container[int]
+) -> list[tuple[int, int, bytes]] | None:
+    """Return the messages of some channels of a chunk as they stand in it.
 
     A long record has millions of them: they become no objects here, which takes a fifth of the
     time of :func:`chunk_records`.
 
     Args:
         chunk: as it stands in the file.
+        channel_ids: numbers of the channels.
 
     Returns:
         Number of the channel, log time [ns] and content of each; None as :func:`chunk_records`.
@@ -197,6 +200,8 @@ def chunk_messages(chunk: Chunk) -> list[tuple[int, int, bytes]] | None:
                 return None
             if opcode == Opcode.MESSAGE:
                 channel_id, log_time_ns = _MESSAGE_HEAD.unpack_from(data, begin)
+                if channel_id not in channel_ids:
+                    continue
                 content = data[begin + _MESSAGE_HEAD_BYTES : offset]
                 messages.append((channel_id, log_time_ns, content))
     except DAMAGED:

@@ -18,6 +18,7 @@ import struct
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from functools import partial
 from io import BytesIO
 from itertools import accumulate
 from pathlib import Path
@@ -309,10 +310,14 @@ class Timeline:
             Messages in the order of the file.
         """
         chunk = self._chunks[number]
-        for channel_id, log_time_ns, data in self._unpacked(chunk, chunk_messages):
-            channel = self._channels.get(channel_id)
-            if channel is None or channel.topic not in topics:
-                continue
+        channels = {
+            channel_id: channel
+            for channel_id, channel in self._channels.items()
+            if channel.topic in topics
+        }
+        unpack = partial(chunk_messages, channel_ids=channels)
+        for channel_id, log_time_ns, data in self._unpacked(chunk, unpack):
+            channel = channels[channel_id]
             stamp_ns = log_time_ns - chunk.shifts_ns.get(channel.clock, 0)
             yield RawMessage(
                 stamp_ns=stamp_ns,
