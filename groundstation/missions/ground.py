@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import functools
 from collections.abc import Callable
 
 from groundstation.client.client import FleetClient
@@ -12,7 +13,7 @@ from groundstation.missions.taken import FleetTaken, FleetWatch
 from groundstation.orders.intents import Intent, Takeoff
 from groundstation.orders.obstruction import explained
 from groundstation.orders.plan import PlannedOrder
-from groundstation.orders.result import OrderFailed, OrderResult, Results
+from groundstation.orders.result import OrderFailed, OrderResult, Results, VehicleResult
 from groundstation.verdict.observations import Arrival, StepResult, arrival_of
 from groundstation.verdict.other_ends import LastOrder, last_order, other_ends
 from onboard.bus.schema import Order
@@ -86,13 +87,13 @@ class MissionGround:
         if change is not None:
             planned = change(planned)
         order = client.send(planned, is_by_mission=True)
+        order.add_listener(functools.partial(self._note_arrival, order.planned))
         ended = await self._end_of(order, timeout_s)
         results = explained(ended, order.planned, client.fleet, client.state, client.now_ns())
 
         for name, message in order.planned.orders.items():
-            goal = message.position_enu_m
-            if goal is not None and not message.then_land:
-                self.add_arrival(intent.verb, name, goal)
+            if not results[name].is_done:
+                self._add_arrival_at_goal(intent.verb, name, message)
             self.note_done(str(intent), name, message, results)
         duration_s = (client.now_ns() - begin_ns) * 1e-9
         self._log(step_result(str(intent), duration_s, results), results)
@@ -139,6 +140,18 @@ class MissionGround:
         """Note how far a vehicle is from its goal now."""
         view = self.client.state.vehicles[name]
         self.arrivals.append(arrival_of(step, view, goal, self.client.now_ns()))
+
+    def _note_arrival(self, planned: PlannedOrder, result: VehicleResult) -> None:
+        """Note where a vehicle is when its own order is done; the others may need much longer."""
+        if result.is_done:
+            message = planned.orders[result.vehicle]
+            self._add_arrival_at_goal(planned.intent.verb, result.vehicle, message)
+
+    def _add_arrival_at_goal(self, step: str, name: str, message: Order) -> None:
+        """Note how far a vehicle is from the goal of its order now, if it has one in the air."""
+        goal = message.position_enu_m
+        if goal is not None and not message.then_land:
+            self.add_arrival(step, name, goal)
 
     def note_done(self, words: str, name: str, message: Order, results: Results) -> None:
         """Note what an order leaves behind of a vehicle that has done it.

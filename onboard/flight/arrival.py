@@ -42,13 +42,19 @@ def moved_by_gusts(gust_m_s2: float) -> tuple[float, float]:
 
 
 def is_at(view: FlightView, goal_enu_m: Vec3, vehicle: Vehicle) -> bool:
-    """Return whether the vehicle is at its goal and slow, as far as its positions can show it."""
-    near_m = _ARRIVED_M if vehicle.mocap_required else _ARRIVED_PX4_M
+    """Return whether the vehicle is at its goal and slow, as far as its positions can show it.
+
+    Gusts widen both.
+    """
     moved_m, _ = moved_by_gusts(view.gust_m_s2)
-    near_m += moved_m
-    if not math.dist(goal_enu_m, view.position_enu_m) < near_m:
+    if not math.dist(goal_enu_m, view.position_enu_m) < _near_m(vehicle) + moved_m:
         return False
     return math.hypot(*view.velocity_enu_m_s) < _slow_m_s(view, vehicle)
+
+
+def is_near(view: FlightView, goal_enu_m: Vec3, vehicle: Vehicle) -> bool:
+    """Return whether the vehicle is as near to its goal as a vehicle that rests in calm air."""
+    return math.dist(goal_enu_m, view.position_enu_m) < _near_m(vehicle)
 
 
 def has_turned(view: FlightView, yaw_rad: float) -> bool:
@@ -80,6 +86,10 @@ def position_text(view: FlightView) -> str:
     """Return the position in words."""
     x, y, z = view.position_enu_m
     return f"({x:.2f}, {y:.2f}, {z:.2f}) m"
+
+
+def _near_m(vehicle: Vehicle) -> float:
+    return _ARRIVED_M if vehicle.mocap_required else _ARRIVED_PX4_M
 
 
 def _slow_m_s(view: FlightView, vehicle: Vehicle) -> float:

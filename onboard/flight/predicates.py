@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 
 from onboard.flight import contact
-from onboard.flight.arrival import has_turned, is_at, is_at_rest
+from onboard.flight.arrival import has_turned, is_at, is_at_rest, is_near
 from onboard.flight.context import FlightContext
 from onboard.flight.types import FlightStep, FlightView
 
@@ -28,6 +28,7 @@ _CLIMB_TIMEOUT_S = 40.0
 _PATIENCE = 3.0  # a climb may also take so many times the duration that was planned
 _LIFTED_M = 0.12
 _ARRIVED_S = 0.5
+_MOVED_BY_GUSTS_S = 3.0
 _REST_S = 0.3
 
 # landing
@@ -137,8 +138,15 @@ def lift_off_late(flight: FlightContext, view: FlightView) -> bool:
 
 
 def arrived(flight: FlightContext, view: FlightView) -> bool:
-    """Return whether it has been at its goal for half a second."""
-    return flight.steady_s(view) > _ARRIVED_S
+    """Return whether it has been at its goal for half a second.
+
+    Gusts move a vehicle that has arrived, so they widen its goal. It says that it has arrived while
+    it is as near as in calm air, and after some seconds wherever it is in the wider goal.
+    """
+    at_goal_s = flight.steady_s(view)
+    if at_goal_s > _MOVED_BY_GUSTS_S:
+        return True
+    return at_goal_s > _ARRIVED_S and is_near(view, flight.goal_position_enu_m, flight.vehicle)
 
 
 def arrived_to_land(flight: FlightContext, view: FlightView) -> bool:

@@ -72,7 +72,7 @@ class FakeBus:
     """Agents that accept every order and fulfil it at once; ``misbehave`` changes that per vehicle.
 
     misbehave: vehicle -> "silent" (no answer), "refuse", "fail" (accepts, then fails), "stuck"
-    (accepts, never ends).
+    (accepts, never ends), "late" (fulfils it after the others).
     """
 
     is_simulated = True
@@ -167,7 +167,8 @@ class FakeBus:
             )
         )
         if how not in ("refuse", "stuck"):
-            self._loop.call_later(0.03, self._end, vehicle, order, how)
+            after_s = 0.5 if how == "late" else 0.03
+            self._loop.call_later(after_s, self._end, vehicle, order, how)
 
     def _end(self, name: str, order: Order, how: str) -> None:
         x, y, _ = self.vehicles[name].position_enu_m

@@ -160,6 +160,30 @@ async def test_arrival_is_judged_by_truth_and_not_by_what_the_vehicle_says(
     assert verdict.worst_arrival_m == pytest.approx(0.2, abs=0.01)
 
 
+async def test_arrival_is_judged_when_the_vehicles_own_order_is_done_and_not_when_the_last_one_is(
+    fleet: FleetConfig, client: Any, bus: Any
+) -> None:
+    bus.misbehave["mav2"] = "late"
+
+    async def push_mav0_away_once_it_has_arrived() -> None:
+        goal = None
+        while goal is None:
+            await asyncio.sleep(0.01)
+            moves = [order for name, order in bus.orders if name == "mav0" and order.kind == "move"]
+            done = {logged.event.order_id for logged in client.state.events}
+            if moves and moves[0].order_id in done:
+                goal = moves[0].position_enu_m
+        x, y, z = goal
+        bus.tell("mav0", position_enu_m=(x + 0.5, y, z))
+
+    push = asyncio.create_task(push_mav0_away_once_it_has_arrived())
+    verdict = await MissionRun(make(fleet, [*HOP, {"do": "land"}], expect=EXPECT), client).run()
+    await push
+    assert verdict.exit_status == 0, verdict.sentences
+    assert len(verdict.arrivals) == 3
+    assert verdict.worst_arrival_m == pytest.approx(0.0, abs=0.01)
+
+
 async def test_a_vehicle_whose_landing_order_fails_is_waited_for_and_ordered_again(
     fleet: FleetConfig, client: Any, bus: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
