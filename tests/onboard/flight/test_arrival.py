@@ -1,4 +1,4 @@
-"""When a climb ends at its height, in calm air and in gusts that move a vehicle that has arrived."""
+"""When a climb ends at its height, in calm air and in gusts that move who has arrived."""
 
 from __future__ import annotations
 
