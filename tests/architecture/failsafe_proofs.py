@@ -100,20 +100,39 @@ def flown() -> dict[str, Any]:
 
 
 def without_proof() -> list[str]:
-    """Return the conditions that no test proves."""
+    """Return the conditions that no test proves.
+
+    A fault of the suite proves a row only where its flights have brought the condition about, or as
+    long as it has not been flown.
+    """
     marked = {proof.condition for proof in proofs()}
     return [
         condition.value
         for condition in Condition
-        if condition.value not in marked and not injections_of(condition)
+        if condition.value not in marked and not any(_proves(condition))
     ]
+
+
+def _proves(condition: Condition) -> Iterator[bool]:
+    """Yield for each fault that has to bring a condition about whether it may have done so."""
+    for name in injections_of(condition):
+        result = flown().get(name)
+        yield result is None or condition.value in result["seen"]
 
 
 def matrix() -> str:
     """Return the table of rows and their proofs."""
     lines = [
-        line("condition", "actions", "noticed by", "tests", "faults of the suite"),
-        "|---" * 5 + "|",
+        line(
+            "condition",
+            "actions",
+            "noticed by",
+            "tests",
+            "faults of the suite",
+            "flights",
+            "smallest distance m",
+        ),
+        "|---" * 7 + "|",
     ]
     for condition in Condition:
         tests = [
@@ -129,9 +148,27 @@ def matrix() -> str:
                 _noticed(condition),
                 "; ".join(tests) or "-",
                 "; ".join(faults) or "-",
+                *_flown_cells(condition),
             )
         )
     return "\n".join(lines)
+
+
+def _flown_cells(condition: Condition) -> tuple[str, str]:
+    """Return in how many flights a condition was seen, and how near two came in all of them.
+
+    The distance is that of pairs which the law flies, in all flights of these faults.
+    """
+    results = [flown()[name] for name in _seen_in(condition) if name in flown()]
+    count = sum(result["seen"].get(condition.value, 0) for result in results)
+    if not count:
+        return "-", "-"
+    distances_m = [
+        result["smallest_m"]
+        for result in results
+        if condition.value in result["seen"] and result["smallest_m"] is not None
+    ]
+    return str(count), _distance(min(distances_m, default=None))
 
 
 def _actions(condition: Condition) -> list[str]:

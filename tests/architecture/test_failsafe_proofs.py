@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pytest
+
 from onboard.safety.failsafe_table import Condition
 from tests.architecture import failsafe_proofs
 from tests.architecture.failsafe_proofs import Proof
@@ -10,6 +12,20 @@ from tests.sitl.lockstep.injections import INJECTIONS
 
 def test_every_row_of_the_failsafe_table_is_proved_by_a_test() -> None:
     assert failsafe_proofs.without_proof() == []
+
+
+def test_a_row_without_a_test_and_without_a_fault_that_has_shown_it_is_found(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(failsafe_proofs, "proofs", tuple)
+    monkeypatch.setattr(failsafe_proofs, "flown", dict)
+    without = failsafe_proofs.without_proof()
+    assert Condition.ORDER_OVERDUE.value in without
+    assert Condition.POSITION_STALE.value not in without
+
+    unseen = {injection.name: {"seen": {}} for injection in INJECTIONS}
+    monkeypatch.setattr(failsafe_proofs, "flown", lambda: unseen)
+    assert set(failsafe_proofs.without_proof()) == {condition.value for condition in Condition}
 
 
 def test_every_marker_names_a_row_and_a_situation() -> None:

@@ -25,6 +25,7 @@ def _setpoints(rig: Rig, since_ns: int) -> list[tuple[int, AttitudeSetpoint]]:
     ]
 
 
+@pytest.mark.failsafe("own position stale", step="flying")
 def test_a_short_gap_of_the_mocap_is_flown_through() -> None:
     rig = Rig()
     rig.fly()
@@ -376,6 +377,7 @@ def test_every_setpoint_of_a_flight_with_everything_going_wrong_is_finite_and_bo
         assert 1.0 - 2.0 * (q[1] ** 2 + q[2] ** 2) >= tilt_cos
 
 
+@pytest.mark.failsafe("on the ground though it should fly", step="flying")
 def test_a_vehicle_that_fell_stops_thrusting_instead_of_flying_on_from_the_ground() -> None:
     rig = Rig()
     rig.fly()

@@ -163,6 +163,7 @@ def test_armed_on_the_ground_it_waits_and_says_when_px4_disarms_by_itself() -> N
     assert any(event.code == "auto-disarmed" for event in rig.events)
 
 
+@pytest.mark.failsafe("agent asked to stop", step="flying")
 def test_asked_to_stop_in_the_air_it_lands_first_and_then_ends() -> None:
     rig = Rig()
     rig.fly()
@@ -335,6 +336,7 @@ def test_a_failsafes_disarming_is_asked_for_until_px4_says_that_it_is_disarmed()
     assert not any(when > asked[-1] + 2 * 10**9 for when in asked)
 
 
+@pytest.mark.failsafe("PX4 disarmed in flight", step="flying")
 def test_a_kill_switch_in_flight_ends_the_flight_and_is_never_undone() -> None:
     rig = Rig()
     rig.fly()
