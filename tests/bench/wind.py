@@ -14,11 +14,11 @@ from __future__ import annotations
 import argparse
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from onboard.config.fleet import load_fleet
-from onboard.config.wind_limit import wind_limit_m_s
+from onboard.config.wind_limit import tilt_acceleration_m_s2, wind_limit_m_s
 from onboard.safety.failsafe_table import Condition
 from sitl.emulator.emulator import Environment
 from sitl.faults.catalogue import Fault
@@ -47,6 +47,8 @@ class WindyFlight:
     outside_m: float  # the farthest that a vehicle came outside the fence, horizontally
     has_passed: bool
     down_s: float  # time at which all were down; NaN: never
+    # from then until a rising wind takes all of the tilt; NaN: it does not rise
+    spare_s: float
     conditions: tuple[str, ...]
     reason: str
 
@@ -75,13 +77,20 @@ def fly_ramp(fleet: str, times_the_limit: float, seed: int) -> WindyFlight:
     with Lockstep(config, seed=seed, environment=Environment(gusts)) as flight:
         outside = _Outside(flight)
         flight.takeoff(HEIGHT_M)
+        begin_s = flight.time_s
         values = {"speed_m_s": times_the_limit * limit_m_s, "from_deg": from_deg, "over_s": RAMP_S}
         flight.inject(Fault("wind_ramp", config.enabled_names[0], flight.time_s, 0.0, values))
 
         is_down = flight.until(
             lambda state: all(state.is_landed(name) for name in config.enabled_names), 2.0 * RAMP_S
         )
-        return _flown(flight, outside, has_passed=is_down, reason="")
+        flown = _flown(flight, outside, has_passed=is_down, reason="")
+
+    too_much_m_s = min(
+        tilt_acceleration_m_s2(vehicle) / vehicle.drag_1_s for vehicle in config.vehicles.values()
+    )
+    too_much_after_s = RAMP_S * too_much_m_s / (times_the_limit * limit_m_s)
+    return replace(flown, spare_s=begin_s + too_much_after_s - flown.down_s)
 
 
 def main(words: Sequence[str]) -> int:
@@ -131,6 +140,7 @@ def _line(flown: WindyFlight) -> str:
         f"{flown.outside_m:.2f} m outside",
         "passed" if flown.has_passed else "failed",
         f"down at {flown.down_s:.0f} s",
+        "" if math.isnan(flown.spare_s) else f"{flown.spare_s:.1f} s before the tilt is used up",
         " ".join(flown.conditions),
         flown.reason[:160],
     ]
@@ -172,6 +182,7 @@ def _flown(flight: Lockstep, outside: _Outside, *, has_passed: bool, reason: str
         outside_m=outside.farthest_m,
         has_passed=has_passed,
         down_s=outside.down_s,
+        spare_s=math.nan,
         conditions=tuple(conditions),
         reason=reason,
     )

@@ -72,6 +72,7 @@ def test_a_wind_that_rises_to_twice_the_limit_brings_all_down_inside_the_fence()
     assert flown.has_passed
     assert flown.collisions == 0
     assert flown.outside_m == 0.0
+    assert flown.spare_s > 0.0
 
 
 @pytest.mark.long
