@@ -191,8 +191,8 @@ def _silent_vehicle(name: str, fleet: FleetConfig, heard: Heard) -> Diagnosis:
         )
         remedy = (
             "Copy keys/ca.pem and its own two files to it anew, and start its agent anew"
-            f" (covey keys list FLEET). A way longer than {_longest_ms(fleet):.0f} ms there and back"
-            " (ping) looks the same."
+            f" (covey keys list FLEET). A way of more than {_longest_ms(fleet):.0f} ms there and"
+            " back (ping) looks the same."
         )
     elif name in heard.listening:
         text = f"It runs at {endpoint}, and is not of this fleet."
@@ -310,7 +310,10 @@ def _round_trips(heard: Heard) -> Iterator[Diagnosis]:
 
 def _limits_of_links(fleet: FleetConfig) -> Diagnosis:
     """Return how long a way, and how long an outage, this fleet's links bear."""
-    endpoints = [*fleet.fleet.routers, *(fleet.vehicles[name].agent for name in fleet.enabled_names)]
+    endpoints = [
+        *fleet.fleet.routers,
+        *(fleet.vehicles[name].agent for name in fleet.enabled_names),
+    ]
     silent_s = 1e-3 * lease_ms(endpoints)
     if len(fleet.fleet.routers) > 1:
         silent_s = 1e-3 * ROUTER_LEASE_MS
@@ -318,7 +321,7 @@ def _limits_of_links(fleet: FleetConfig) -> Diagnosis:
         "links",
         Grade.OK,
         f"They open over at most {_longest_ms(fleet):.0f} ms there and back, and are closed after"
-        f" {silent_s:g} s of silence. After an outage of 1 s states come again within 0.3 s"
+        f" {silent_s:.1f} s of silence. After an outage of 1 s states come again within 0.3 s"
         " (docs/network.md).",
     )
 

@@ -114,7 +114,7 @@ def carry(
         for tun in tuns:
             os.close(tun)
 
-    found: dict[str, Any] = json.loads(output)
+    found: dict[str, Any] = json.loads(output.splitlines()[-1])
     return Carried(
         opened_s=found["opened_s"],
         ages_ms=found["ages_ms"],

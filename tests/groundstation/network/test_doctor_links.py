@@ -89,7 +89,7 @@ def test_what_one_vehicle_tells_is_measured_and_the_others_do_not_answer(
     assert "0.0 % are lost" in said["mav0"]["sentence"]
     assert said["mav1"]["grade"] == said["mav2"]["grade"] == "FAIL"
     assert "over at most 600 ms there and back" in said["links"]["sentence"]
-    assert "after 2 s of silence" in said["links"]["sentence"]
+    assert "after 1.1 s of silence" in said["links"]["sentence"]
 
 
 def test_a_vehicle_with_the_keys_of_a_former_authority_is_told_from_one_that_is_not_there(

@@ -31,12 +31,12 @@ def test_the_next_of_several_routers_is_tried_soon() -> None:
     assert settings.longest_round_trip_s(two) < settings.longest_round_trip_s(two[:1])
 
 
-def test_a_quic_link_lives_through_an_outage_of_a_second_and_a_tcp_link_is_opened_anew() -> None:
-    assert _lease_ms(of_node([QUIC], [], None)) == 2000
-    assert _lease_ms(of_node([], [QUIC], None)) == 2000
+def test_a_quic_link_is_closed_a_little_after_an_outage_of_a_second() -> None:
+    assert _lease_ms(of_node([QUIC], [], None)) == 1100
+    assert _lease_ms(of_node([], [QUIC], None)) == 1100
     assert _lease_ms(of_node([TCP], [TCP], None)) == 1000
 
 
 def test_a_router_beside_others_is_missed_sooner_than_a_single_one() -> None:
     assert _lease_ms(of_router(QUIC, [TCP], None)) == 500
-    assert _lease_ms(of_router(QUIC, [], None)) == 2000
+    assert _lease_ms(of_router(QUIC, [], None)) == 1100
