@@ -21,7 +21,6 @@ from textual.app import App
 from groundstation.client.client import FleetClient
 from groundstation.console import mission_orders, theme
 from groundstation.console.clients import ConsoleClient, OrderingClient
-from groundstation.console.kill_latch import KillLatch
 from groundstation.console.mission_orders import MissionOrders
 from groundstation.console.panels import Panels
 from groundstation.console.screens.preview_screen import PreviewScreen
@@ -34,6 +33,7 @@ from groundstation.orders.falling import below_words
 from groundstation.orders.forecast_process import Forecaster
 from groundstation.orders.grammar import OrderError, default_formation, parse
 from groundstation.orders.intents import INTENTS, Intent, Kill, Land, Verb
+from groundstation.orders.kill_latch import KillLatch
 from groundstation.orders.plan import PlannedOrder
 from groundstation.orders.result import OrderResult, VehicleResult
 from onboard.config.fleet import ConfigError, FleetConfig

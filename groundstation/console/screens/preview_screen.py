@@ -20,11 +20,11 @@ from groundstation.console.clients import OrderingClient
 from groundstation.console.screens.live import Dialog
 from groundstation.console.theme import clean
 from groundstation.console.widgets.path_plan import PathPlan
-from groundstation.orders.forecast import Forecast, objections
-from groundstation.orders.forecast_process import Forecaster, ForecastFailed
+from groundstation.orders.forecast_process import Forecaster
 from groundstation.orders.intents import Intent
 from groundstation.orders.plan import PlannedOrder
-from groundstation.orders.preview import OrderPreview, changed, preview_order
+from groundstation.orders.prepared_order import PreparedOrder
+from groundstation.orders.preview import OrderPreview
 from onboard.config.fleet import FleetConfig
 
 CHECK_S = 0.2
@@ -55,19 +55,17 @@ class PreviewScreen(Dialog[PlannedOrder | None]):
         short: Callable[[str], str],
     ) -> None:
         super().__init__()
-        self.fleet = fleet
         self.client = client
-        self.intent = intent
-        self._forecaster = forecaster
         self._short = short
-
-        self.preview: OrderPreview | None = None
-        self.forecast: Forecast | None = None
-        self.reasons: tuple[str, ...] = ()  # against sending it
-        self.is_computing = True
-        self._note = ""  # why it was computed again
         self._opened_ns = client.now_ns()
-        self._begun_ns = self._opened_ns  # when the computing began
+        self.prepared = PreparedOrder(
+            fleet,
+            client,
+            intent,
+            forecaster,
+            start=self._start_computing,
+            on_change=self._show,
+        )
 
         self._paths = PathPlan(fleet)
         self._vehicles = Static(id="vehicles", markup=False)
@@ -76,7 +74,7 @@ class PreviewScreen(Dialog[PlannedOrder | None]):
     def compose(self) -> ComposeResult:
         """Paths beside words, the answer below."""
         with Vertical(id="preview") as box:
-            box.border_title = self._short(str(self.intent)).replace("[", "\\[")
+            box.border_title = self._short(str(self.prepared.intent)).replace("[", "\\[")
             with Horizontal(id="preview_body"):
                 yield self._paths
                 yield self._vehicles
@@ -85,67 +83,16 @@ class PreviewScreen(Dialog[PlannedOrder | None]):
 
     def on_mount(self) -> None:
         """Compute the preview, and go on checking whether it still holds."""
-        self._begin()
+        self.prepared.begin()
         self.set_interval(CHECK_S, self._check)
 
-    @property
-    def is_sendable(self) -> bool:
-        """Whether Enter would send it now."""
-        return not self.is_computing and not self.reasons and self.preview is not None
-
-    # -- computing and checking --------------------------------------------------------------------
-
-    def _begin(self, note: str = "") -> None:
-        """Plan the order for the fleet as it is now, and compute its paths."""
-        state = self.client.state
-        now_ns = self.client.now_ns()
-        self._begun_ns = now_ns
-        self._note = note
-
-        self.preview = preview_order(self.client.plan(self.intent), state, now_ns)
-        self.intent = self.preview.intent  # from now on with the numbers that were left open
-        self.forecast = None
-        self.reasons = self.preview.reasons
-
-        self.is_computing = not self.reasons and self.intent.verb != "arm"
-        if self.is_computing:
-            self.run_worker(self._compute(self.preview), group="forecast", exclusive=True)
-        self._show()
-
-    async def _compute(self, preview: OrderPreview) -> None:
-        is_takeoff = preview.intent.verb == "takeoff"
-        try:
-            forecast = await self._forecaster.forecast(
-                self.fleet, preview.legs, is_takeoff=is_takeoff
-            )
-        except ForecastFailed as error:
-            self.reasons = (str(error),)
-            self.is_computing = False
-            self._show()
-            return
-
-        if preview is self.preview:
-            self.forecast = forecast
-            self.is_computing = False
-            self.reasons = (*preview.reasons, *objections(forecast, preview.intent, self.fleet))
-            self._show()
+    def _start_computing(self, preview: OrderPreview) -> None:
+        self.run_worker(self.prepared.compute(preview), group="forecast", exclusive=True)
 
     def _check(self) -> PlannedOrder | None:
-        """Check the shown order against the fleet as it is now.
-
-        Returns:
-            What passed the check; None when something has changed and it is computed again.
-        """
-        if self.preview is None:
-            return None
-
-        checked = self.client.check_again(self.preview.planned)
-        change = changed(self.preview, checked, self.client.state, self.client.now_ns())
-        if change is not None:
-            self._begin(f"{change}: computed again")
-            return None
-
-        if self.is_computing:
+        """Return what may be sent of the shown order; None when it is computed again."""
+        checked = self.prepared.check()
+        if checked is not None and self.prepared.is_computing:
             self._show()  # counts the seconds
         return checked
 
@@ -155,7 +102,7 @@ class PreviewScreen(Dialog[PlannedOrder | None]):
             return
 
         checked = self._check()
-        if checked is not None and self.is_sendable:
+        if checked is not None and self.prepared.is_sendable:
             self.dismiss(checked)
 
     def action_drop(self) -> None:
@@ -165,25 +112,27 @@ class PreviewScreen(Dialog[PlannedOrder | None]):
     # -- what is shown -----------------------------------------------------------------------------
 
     def _show(self) -> None:
-        preview = self.preview
+        prepared = self.prepared
+        preview = prepared.preview
         if preview is None or not self.is_running:
             return
 
-        self._paths.show(preview, self.forecast)
+        self._paths.show(preview, prepared.forecast)
 
-        lines = [*self._goals(preview), "", *self._figures(), *preview.notes, self._note]
+        lines = [*self._goals(preview), "", *prepared.figures(), *preview.notes, prepared.note]
         self._vehicles.update("\n".join(clean(line, 200) for line in lines))
 
-        self._answer.set_class(bool(self.reasons), "bad")
+        self._answer.set_class(bool(prepared.reasons), "bad")
         self._answer.update(self._answer_text())
 
     def _answer_text(self) -> str:
-        if self.reasons:
-            lines = [f"✖ {clean(reason, 300)}" for reason in self.reasons[:4]]
+        prepared = self.prepared
+        if prepared.reasons:
+            lines = [f"✖ {clean(reason, 300)}" for reason in prepared.reasons[:4]]
             return "\n".join([*lines, "Not sent. esc drops it"])
 
-        if self.is_computing:
-            waited_s = (self.client.now_ns() - self._begun_ns) * 1e-9
+        if prepared.is_computing:
+            waited_s = (self.client.now_ns() - prepared.begun_ns) * 1e-9
             text = (
                 f"… flying it ahead, {waited_s:.0f} s: enter waits for the paths; "
                 "esc drops it, ctrl+l lands all."
@@ -196,7 +145,7 @@ class PreviewScreen(Dialog[PlannedOrder | None]):
 
     def _goals(self, preview: OrderPreview) -> list[str]:
         """Return a line for each vehicle: its number in the fleet file, its name, its goal."""
-        indices = {name: index for index, name in enumerate(self.fleet.enabled_names)}
+        indices = {name: index for index, name in enumerate(self.prepared.fleet.enabled_names)}
 
         lines = []
         for name in preview.intent.names[:_MOST_NAMED]:
@@ -212,29 +161,3 @@ class PreviewScreen(Dialog[PlannedOrder | None]):
         if hidden > 0:
             lines.append(f"and {hidden} more")
         return lines
-
-    def _figures(self) -> list[str]:
-        if self.intent.verb == "arm":
-            return ["The propellers turn. Keep clear.", self._closest_now()]
-
-        forecast = self.forecast
-        if forecast is None:
-            return []
-
-        lines = []
-        if math.isfinite(forecast.closest_m):
-            pair = " and ".join(forecast.pair)
-            limit_m = self.fleet.fleet.safety_distance_m
-            lines += [
-                f"closest: {forecast.closest_m:.2f} m, {pair}, after {forecast.closest_s:.1f} s",
-                f"limit:   {limit_m:.2f} m    now: {forecast.now_m:.2f} m",
-            ]
-        if math.isfinite(forecast.duration_s):
-            lines.append(f"takes about {forecast.duration_s:.0f} s")
-        return lines
-
-    def _closest_now(self) -> str:
-        now = self.client.state.closest(self.client.now_ns())
-        if now is None:
-            return ""
-        return f"closest now: {now.distance_m:.2f} m, {now.first} and {now.second}"

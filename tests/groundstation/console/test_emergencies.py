@@ -30,7 +30,7 @@ async def test_an_emergency_goes_at_once_while_a_preview_computes_and_ends_it(
             rig.hover()
             rig.client.handles.clear()
             screen = await rig.preview(pilot, "move all 0 1 1")
-            assert screen.is_computing
+            assert screen.prepared.is_computing
             await pilot.press(key)
             assert rig.client.ordered == [f"{order} mav0,mav1,mav2"], key
             assert not isinstance(rig.app.screen, PreviewScreen), key

@@ -40,8 +40,8 @@ async def test_a_flight_from_start_to_finish_by_keys_alone(fleet: FleetConfig) -
             await until(pilot, lambda: isinstance(app.screen, PreviewScreen))
             screen = app.screen
             assert isinstance(screen, PreviewScreen)
-            await until(pilot, lambda: screen.is_sendable or screen.reasons)
-            assert not screen.reasons, screen.reasons
+            await until(pilot, lambda: screen.prepared.is_sendable or screen.prepared.reasons)
+            assert not screen.prepared.reasons, screen.prepared.reasons
             before = app.orders.newest
             while app.screen is screen:  # it may just be computing again
                 await live.press(pilot, "enter")

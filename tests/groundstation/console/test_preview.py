@@ -135,7 +135,7 @@ async def test_a_fleet_that_moved_meanwhile_is_computed_again_before_anything_is
         rig.client.hear("mav1", position_enu_m=(0.0, 0.9, 1.0), velocity_enu_m_s=(0.0, 0.0, 0.0))
         await pilot.press("enter")
         assert rig.client.ordered == []
-        assert screen.is_computing
+        assert screen.prepared.is_computing
         assert "mav1 has moved: computed again" in words(rig.app, "vehicles")
         rig.oracle.answer = FINE
         await pilot.pause(0.2)
@@ -150,14 +150,14 @@ async def test_a_formation_without_a_position_is_sent_with_the_position_that_was
     async with rig.app.run_test(size=(100, 30)) as pilot:
         rig.hover()
         screen = await rig.preview(pilot, "formation triangle 1.8")
-        assert isinstance(screen.intent, Formation)
-        assert screen.intent.position_enu_m is not None
+        assert isinstance(screen.prepared.intent, Formation)
+        assert screen.prepared.intent.position_enu_m is not None
         rig.client.hear("mav1", position_enu_m=(0.05, 0.05, 1.0), velocity_enu_m_s=(0.0, 0.0, 0.0))
         await pilot.press("enter")
         (handle,) = rig.client.handles
         goals = {name: order.position_enu_m for name, order in handle.planned.orders.items()}
-        assert screen.preview is not None
-        assert goals == screen.preview.goals
+        assert screen.prepared.preview is not None
+        assert goals == screen.prepared.preview.goals
 
 
 async def test_a_second_enter_of_the_order_line_does_not_answer_the_question(rig: Rig) -> None:

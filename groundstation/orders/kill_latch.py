@@ -20,7 +20,7 @@ class _Press(NamedTuple):
 
 
 class KillLatch:
-    """Remembers the first press of a kill key, and the vehicles that this console has killed."""
+    """Remembers the first press of a kill key, and the vehicles that were killed from here."""
 
     def __init__(self) -> None:
         self.killed: frozenset[str] = frozenset()

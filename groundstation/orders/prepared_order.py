@@ -1,0 +1,177 @@
+"""An order on its way from the wish to the send button: planned, flown ahead, checked again.
+
+The console's preview and the page in the browser show the same thing: the order as it is planned
+now, its paths and smallest distance as soon as they are computed, and every reason against sending
+it. When the fleet has moved meanwhile it is computed again. At the moment of sending it is checked
+against the fleet as it is then, and only what was shown and passed that check is sent.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from typing import Protocol
+
+from groundstation.fleet.state import FleetState
+from groundstation.orders.forecast import Forecast, Leg, objections
+from groundstation.orders.forecast_process import ForecastFailed
+from groundstation.orders.intents import Intent
+from groundstation.orders.plan import PlannedOrder
+from groundstation.orders.preview import OrderPreview, changed, preview_order
+from onboard.config.fleet import FleetConfig
+
+
+class PlansOrders(Protocol):
+    """The part of a client that plans orders."""
+
+    @property
+    def state(self) -> FleetState:
+        """The fleet as known now."""
+
+    def now_ns(self) -> int:
+        """The clock that ages are counted on."""
+
+    def plan(self, order: Intent | str) -> PlannedOrder:
+        """Plan an order and check it; nothing is sent."""
+
+    def check_again(self, planned: PlannedOrder) -> PlannedOrder:
+        """Check a planned order against the fleet as it is now."""
+
+
+class FliesAhead(Protocol):
+    """What computes forecasts."""
+
+    async def forecast(
+        self, fleet: FleetConfig, legs: Mapping[str, Leg], *, is_takeoff: bool = False
+    ) -> Forecast:
+        """Compute a forecast."""
+
+
+class PreparedOrder:
+    """One order that may be sent, or not.
+
+    Args:
+        fleet: the fleet file.
+        client: plans and checks orders.
+        intent: what is wished.
+        forecaster: computes the paths.
+        start: begins the computing; a computing that goes on is ended first.
+        on_change: called whenever something else is to be shown.
+    """
+
+    def __init__(
+        self,
+        fleet: FleetConfig,
+        client: PlansOrders,
+        intent: Intent,
+        forecaster: FliesAhead,
+        *,
+        start: Callable[[OrderPreview], object],
+        on_change: Callable[[], object],
+    ) -> None:
+        self.fleet = fleet
+        self.client = client
+        self.intent = intent  # once it is planned, with the numbers that were left open
+
+        self.preview: OrderPreview | None = None
+        self.forecast: Forecast | None = None
+        self.reasons: tuple[str, ...] = ()  # against sending it
+        self.is_computing = True
+        self.note = ""  # why it was computed again
+        self.begun_ns = client.now_ns()  # when the computing began
+
+        self._forecaster = forecaster
+        self._start = start
+        self._on_change = on_change
+
+    @property
+    def is_sendable(self) -> bool:
+        """Whether it could be sent now."""
+        return not self.is_computing and not self.reasons and self.preview is not None
+
+    def begin(self, note: str = "") -> None:
+        """Plan the order for the fleet as it is now, and begin to compute its paths.
+
+        Args:
+            note: why it is computed again; empty at first.
+        """
+        state = self.client.state
+        now_ns = self.client.now_ns()
+        self.begun_ns = now_ns
+        self.note = note
+
+        self.preview = preview_order(self.client.plan(self.intent), state, now_ns)
+        self.intent = self.preview.intent
+        self.forecast = None
+        self.reasons = self.preview.reasons
+
+        self.is_computing = not self.reasons and self.intent.verb != "arm"
+        if self.is_computing:
+            self._start(self.preview)
+        self._on_change()
+
+    async def compute(self, preview: OrderPreview) -> None:
+        """Compute the paths of a preview; those of one that is no longer shown are dropped.
+
+        Args:
+            preview: as ``start`` was given it.
+        """
+        is_takeoff = preview.intent.verb == "takeoff"
+        try:
+            forecast = await self._forecaster.forecast(
+                self.fleet, preview.legs, is_takeoff=is_takeoff
+            )
+        except ForecastFailed as error:
+            self.reasons = (str(error),)
+            self.is_computing = False
+            self._on_change()
+            return
+
+        if preview is self.preview:
+            self.forecast = forecast
+            self.is_computing = False
+            self.reasons = (*preview.reasons, *objections(forecast, preview.intent, self.fleet))
+            self._on_change()
+
+    def check(self) -> PlannedOrder | None:
+        """Check the shown order against the fleet as it is now.
+
+        Returns:
+            What passed the check; None when something has changed and it is computed again.
+        """
+        if self.preview is None:
+            return None
+
+        checked = self.client.check_again(self.preview.planned)
+        change = changed(self.preview, checked, self.client.state, self.client.now_ns())
+        if change is not None:
+            self.begin(f"{change}: computed again")
+            return None
+        return checked
+
+    def figures(self) -> list[str]:
+        """Return smallest distance, limit and duration, a line each."""
+        if self.intent.verb == "arm":
+            return ["The propellers turn. Keep clear.", self._closest_now()]
+
+        forecast = self.forecast
+        if forecast is None:
+            return []
+
+        lines = []
+        if math.isfinite(forecast.closest_m):
+            pair = " and ".join(forecast.pair)
+            limit_m = self.fleet.fleet.safety_distance_m
+            lines += [
+                f"closest: {forecast.closest_m:.2f} m, {pair}, after {forecast.closest_s:.1f} s",
+                f"limit:   {limit_m:.2f} m    now: {forecast.now_m:.2f} m",
+            ]
+        if math.isfinite(forecast.duration_s):
+            lines.append(f"takes about {forecast.duration_s:.0f} s")
+        return lines
+
+    def _closest_now(self) -> str:
+        now = self.client.state.closest(self.client.now_ns())
+        if now is None:
+            return ""
+        return f"closest now: {now.distance_m:.2f} m, {now.first} and {now.second}"
