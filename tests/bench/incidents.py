@@ -42,6 +42,9 @@ _HARMLESS_FAULT = ("--fault", "mav2 link_duplicate at=9 duration=2 share=0.2")
 _HARMLESS_WIND = ("--wind-m-s", "1,0")
 _HARMLESS_NUMBER = {"law": {"crowd_count": 5}}
 
+# lands as soon as it has taken off
+_NO_BATTERY = {"battery_land_pct": 97.0, "battery_warning_pct": 99.0}
+
 INCIDENTS = (
     Planted("motor", "motor_dead", ("--fault", "mav1 motor_dead at=11 motor=2")),
     Planted("swap", "mocap_swapped", ("--fault", "mav0 mocap_swapped at=11.5 other=mav1")),
@@ -52,7 +55,7 @@ INCIDENTS = (
     Planted("wind", "calm air", ("--wind-m-s", "11,0", "--gust-m-s", "2")),
     Planted("law", "Covey's law", ("--law", "off")),
     Planted("bus", "delay_s", ("--bus-delay-s", "0.7")),
-    Planted("range", "law.range_m", fleet={"law": {"range_m": 0.85}}),
+    Planted("battery", "battery_land_pct", fleet={"fleet": _NO_BATTERY}),
 )
 
 
