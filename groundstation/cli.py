@@ -55,7 +55,7 @@ class Command(NamedTuple):
 COMMANDS: dict[str, tuple[Command, ...]] = {
     "See": (
         Command("tui", "the console, attached to a fleet", "tui:tui"),
-        Command("web", "the console in a browser of this computer", "web:web"),
+        Command("web", "the fleet in a browser of this computer, live", "web:web"),
         Command("replay", "a recorded flight in the console", "replay:replay"),
         Command("report", "a recorded flight as a page that plays it", "report:report"),
         Command("plot", "figures of a recorded flight", "plot:plot"),

@@ -1,7 +1,8 @@
-"""``covey web``: the console of a fleet, or of a recorded flight, in a browser of this machine.
+"""``covey web``: the fleet, or a recorded flight, on a page in a browser of this machine.
 
 Examples:
   covey web --fleet fleet.toml
+  covey web --fleet fleet.toml --operate
   covey web --replay flights/first --port 0
 
 Exit status: 0 ended by an interrupt; 2 wrong input, nothing was served.
@@ -13,14 +14,16 @@ import asyncio
 import contextlib
 import secrets
 import signal
-import sys
+import tempfile
 from pathlib import Path
-from typing import NamedTuple
 
+from groundstation.client.client import FleetClient
+from groundstation.client.ground_node import session
 from groundstation.commands.parameters import File, Folder
-from groundstation.recording.replay import open_flight
-from groundstation.web.page_server import ConsoleServer, require_loopback
-from onboard.config.fleet import ConfigError, load_fleet
+from groundstation.web.live_feed import LiveFeed
+from groundstation.web.page_server import PageServer, require_loopback
+from onboard.bus.control_token import WATCHER
+from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
 from onboard.exit_status import EXIT_OK
 
 _KEY_BYTES = 24  # of the address at which pages may give orders
@@ -34,14 +37,14 @@ def web(
     port: int = 8000,
     host: str = "127.0.0.1",
 ) -> int:
-    """Show the console in a browser of this machine.
+    """Show a fleet, or a recorded flight, on a page in a browser of this machine.
 
     Pages only watch unless --operate is given: nothing that is pressed in them reaches a vehicle.
     Nothing is loaded from the internet.
 
     Args:
         fleet: watch the fleet of this file
-        replay: play a recorded flight; each page plays for itself
+        replay: the report of a recorded flight, which plays
         operate: pages may give orders, one operator at a time; the printed address has a key, new
             at every start
         port: 0 takes any
@@ -56,56 +59,58 @@ def web(
     require_loopback(host)
 
     if fleet and not replay:
-        shown = _of_fleet(fleet, can_order=operate)
-    elif replay and not fleet:
-        shown = _of_replay(replay)
-    else:
-        raise ConfigError("Give one of --fleet FILE and --replay DIR.")
-
-    server = ConsoleServer(
-        [sys.executable, "-m", "groundstation", *shown.words],
-        title=shown.title,
-        ended="The console has ended. A fleet that flies goes on flying.",
-        key=secrets.token_urlsafe(_KEY_BYTES) if operate else "",
-    )
-    return asyncio.run(_serve(server, shown.title, host, port))
+        return asyncio.run(_serve_fleet(load_fleet(fleet), host, port, can_order=operate))
+    if replay and not fleet:
+        return asyncio.run(_serve_record(replay, host, port))
+    raise ConfigError("Give one of --fleet FILE and --replay DIR.")
 
 
-class _Shown(NamedTuple):
-    """What each page shows."""
-
-    words: list[str]  # of the command that runs in it, behind covey
-    title: str
-
-
-def _of_fleet(path: str, *, can_order: bool) -> _Shown:
-    """Return the console of a fleet; a wrong file is refused here, not in every page."""
-    fleet = load_fleet(path)
-    words = ["tui", "--fleet", str(Path(path).absolute())]
+async def _serve_fleet(fleet: FleetConfig, host: str, port: int, *, can_order: bool) -> int:
+    """Serve the page of a fleet until an interrupt."""
+    title = f"Covey: {fleet.fleet.name}"
     if can_order:
-        return _Shown(words, f"Covey: {fleet.fleet.name}")
-    return _Shown([*words, "--readonly"], f"Covey: {fleet.fleet.name} (read-only)")
+        client = FleetClient(fleet)
+        key = secrets.token_urlsafe(_KEY_BYTES)
+    else:
+        client = FleetClient(fleet, operates=False, bus=session(fleet, WATCHER))
+        key = ""
+        title += " (read-only)"
+
+    feed = LiveFeed(fleet, client, can_order=can_order)
+    server = PageServer(title=title, feed=feed, key=key)
+    address = await server.start(host, port)
+    try:
+        await feed.start()
+        return await _serve(title, address)
+    finally:
+        await server.stop()
+        await feed.stop()
 
 
-def _of_replay(folder: Path) -> _Shown:
-    """Return the replay of a record; a wrong one is refused here, not in every page."""
-    _, timeline = open_flight(folder)
-    timeline.close()
-    return _Shown(["replay", str(folder.absolute())], f"Covey: replay of {folder.name}")
+async def _serve_record(folder: Path, host: str, port: int) -> int:
+    """Serve the report of a recorded flight until an interrupt."""
+    # Imported here: a page of a fleet needs none of it.
+    from groundstation.report.flight_page import write_page
+
+    with tempfile.TemporaryDirectory(prefix="covey-web-") as made:
+        page = write_page(folder, Path(made) / "report.html").path.read_text(encoding="utf-8")
+    title = f"Covey: {folder.name}"
+    server = PageServer(title=title, page=page)
+    address = await server.start(host, port)
+    try:
+        return await _serve(title, address)
+    finally:
+        await server.stop()
 
 
-async def _serve(server: ConsoleServer, title: str, host: str, port: int) -> int:
-    """Serve pages until an interrupt."""
+async def _serve(title: str, address: str) -> int:
+    """Say where the page is, and wait for an interrupt."""
     ended = asyncio.Event()
     loop = asyncio.get_running_loop()
     for number in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(number, ended.set)
 
-    address = await server.start(host, port)
     with contextlib.suppress(BrokenPipeError):
         print(f"{title}: open {address} on this machine. Ctrl-C ends it.", flush=True)
-    try:
-        await ended.wait()
-    finally:
-        await server.stop()
+    await ended.wait()
     return EXIT_OK

@@ -1,11 +1,13 @@
-"""Serves the console over a web page: one process of the console for each page that is open.
+"""Serves the page of a fleet, and the socket behind it, to browsers of this machine.
 
-The terminal in the page is textual-serve's; the page around it is ours, and nothing is loaded from
-elsewhere. All of it is on loopback, and another site's page in the same browser must not reach the
-fleet: names other than loopback and foreign origins are refused.
+All of it is on loopback, and another site's page in the same browser must not reach the fleet:
+names other than loopback and foreign origins are refused. Nothing is loaded from elsewhere.
 
 Pages that can order stand behind a key, which is the first part of every path. A cookie would not
 keep it safe: browsers send the cookies of one port of this machine to all others.
+
+What a page may say is a table of a few words, each with its bounds; anything else is left out. A
+page of a server that only watches may say nothing.
 """
 
 from __future__ import annotations
@@ -14,29 +16,33 @@ import asyncio
 import contextlib
 import hmac
 import html
-from collections.abc import Awaitable, Callable
-from pathlib import Path
+from collections.abc import Awaitable, Callable, Mapping
+from importlib.resources import files
 from string import Template
 from urllib.parse import urlsplit
 
-import textual_serve
 from aiohttp import WSCloseCode, WSMsgType, web
 
-from groundstation.web.console_process import END_TIMEOUT_S, ConsoleProcess
+from groundstation.scene.static_files import text_of
+from groundstation.web.live_feed import LiveFeed, TooSlow
+from groundstation.web.order_cards import OrderCards
 from onboard.config.endpoints import is_loopback
 from onboard.config.file_reading import json_values
 from onboard.config.fleet import ConfigError
 
-MAX_PAGES = 12
-MAX_CELLS = 1000  # of a terminal, in each direction
-_FONT_SIZES = (6, 60)  # least and most
-_DEFAULT_FONT_SIZE = "16"
-_FOLDER = Path(__file__).parent
-_STATIC = Path(textual_serve.__file__).parent / "static"
-_TYPES = {"page.css": "text/css", "page.js": "text/javascript"}
+MAX_PAGES = 50
+MAX_MESSAGE_BYTES = 4096  # from a page
+MAX_ORDER_CHARACTERS = 500
+_HEARTBEAT_S = 15.0
+_CLOSE_S = 3.0
+_SHARED_SCRIPTS = ("elements.js", "colours.js", "camera.js", "scene.js")
+_OWN_SCRIPTS = ("live_scene.js", "live.js")
+_SHARED_STYLE = "page.css"
+_OWN_STYLE = "live.css"
+_TYPES = {"css": "text/css", "js": "text/javascript"}
 _HEADERS = {
     "Content-Security-Policy": (
-        "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; font-src 'self'; "
+        "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; "
         "img-src 'self' data:; connect-src 'self' ws://{host}; frame-ancestors 'none'; "
         "base-uri 'none'; form-action 'none'"
     ),
@@ -53,41 +59,32 @@ def require_loopback(host: str) -> str:
     if is_loopback(host):
         return host
     raise ConfigError(
-        f"--host {host}: the console in the browser is for this machine only, since whoever opens "
-        "the page sees the fleet. Leave --host out, and from another machine go through ssh: "
+        f"--host {host}: the page is for this machine only, since whoever opens it sees the fleet. "
+        "Leave --host out, and from another machine go through ssh: "
         "ssh -L 8000:127.0.0.1:8000 here."
     )
 
 
-class ConsoleServer:
-    """Pages of one command.
+class PageServer:
+    """One address of this machine.
 
     Args:
-        command: the console's program with its arguments.
         title: of the page.
-        ended: sentence in the page when its console has ended.
+        feed: what the page of a fleet shows; None serves ``page`` alone.
+        page: a finished page in its place.
         key: first part of every path; without it nothing is served. Empty: there is none.
     """
 
-    def __init__(self, command: list[str], *, title: str, ended: str, key: str = "") -> None:
-        self._command = command
+    def __init__(
+        self, *, title: str, feed: LiveFeed | None = None, page: str = "", key: str = ""
+    ) -> None:
         self._title = title
-        self._ended = ended
+        self._feed = feed
+        self._finished_page = page
         self._key = key
-        # The consoles of the open pages, with the tasks that serve these.
-        self._open: dict[ConsoleProcess, asyncio.Task[object]] = {}
+        self._sockets: set[web.WebSocketResponse] = set()
         self._runner: web.AppRunner | None = None
         self._is_stopping = False
-
-    @property
-    def pages(self) -> int:
-        """Number of open pages."""
-        return len(self._open)
-
-    @property
-    def pids(self) -> frozenset[int]:
-        """Process ids of the consoles of the open pages."""
-        return frozenset(console.pid for console in self._open if console.pid is not None)
 
     async def start(self, host: str, port: int) -> str:
         """Begin to serve.
@@ -101,12 +98,11 @@ class ConsoleServer:
         base = f"/{self._key}" if self._key else ""
         app = web.Application(middlewares=[self._admit])
         app.router.add_get(f"{base}/", self._page)
-        app.router.add_get(f"{base}/ws", self._socket)
-        for name in _TYPES:
-            app.router.add_get(f"{base}/{name}", _file)
-        app.router.add_static(f"{base}/static", _STATIC, show_index=False)
+        if self._feed is not None:
+            app.router.add_get(f"{base}/ws", self._socket)
+            app.router.add_get(f"{base}/files/{{name:.+}}", _file)
 
-        runner = web.AppRunner(app, access_log=None, shutdown_timeout=END_TIMEOUT_S)
+        runner = web.AppRunner(app, access_log=None, shutdown_timeout=_CLOSE_S)
         self._runner = runner
         await runner.setup()
         try:
@@ -124,51 +120,53 @@ class ConsoleServer:
         return f"http://{own_host}:{own_port}{base}/"
 
     async def stop(self) -> None:
-        """End all pages and their consoles; none of them is left afterwards."""
+        """Close all pages; a second call does nothing."""
         self._is_stopping = True
-
-        tasks = list(self._open.values())
-        for task in tasks:
-            task.cancel()
-        await asyncio.gather(*tasks, return_exceptions=True)
-
+        for socket in list(self._sockets):
+            with contextlib.suppress(ConnectionError, TimeoutError):
+                await socket.close(code=WSCloseCode.GOING_AWAY, message=b"covey web has ended")
         if self._runner is not None:
             await self._runner.cleanup()
+            self._runner = None
 
     async def _page(self, request: web.Request) -> web.Response:
-        values = {
-            "title": html.escape(self._title),
-            "ended": html.escape(self._ended),
-            "socket": html.escape(f"ws://{request.host}{request.path}ws"),
-            "font_size": _font_size(request.query.get("fontsize", "")),
-        }
-        page = Template((_FOLDER / "page.html").read_text(encoding="utf-8"))
-        return web.Response(text=page.substitute(values), content_type="text/html")
+        if self._finished_page:
+            return web.Response(text=self._finished_page, content_type="text/html")
+
+        scripts = "\n".join(
+            f'<script src="files/{name}" defer></script>'
+            for name in (*_SHARED_SCRIPTS, *_OWN_SCRIPTS)
+        )
+        styles = "\n".join(
+            f'<link rel="stylesheet" href="files/{name}">' for name in (_SHARED_STYLE, _OWN_STYLE)
+        )
+        page = Template(_own_text("live.html"))
+        text = page.substitute(title=html.escape(self._title), scripts=scripts, styles=styles)
+        return web.Response(text=text, content_type="text/html")
 
     async def _socket(self, request: web.Request) -> web.StreamResponse:
-        """Serve one page: a console of its own, for as long as the page is open."""
-        socket = web.WebSocketResponse(timeout=END_TIMEOUT_S, heartbeat=15.0, max_msg_size=65_536)
+        """Serve one page for as long as it is open."""
+        socket = web.WebSocketResponse(
+            timeout=_CLOSE_S, heartbeat=_HEARTBEAT_S, max_msg_size=MAX_MESSAGE_BYTES
+        )
         await socket.prepare(request)
-        if self._is_stopping or len(self._open) >= MAX_PAGES:
+        if self._is_stopping or len(self._sockets) >= MAX_PAGES:
             await socket.close(code=WSCloseCode.TRY_AGAIN_LATER, message=b"too many pages are open")
             return socket
 
-        console = ConsoleProcess(self._command)
-        task = asyncio.current_task()
-        assert task is not None
-        self._open[console] = task
+        assert self._feed is not None
+        self._sockets.add(socket)
+        page = self._feed.open()
+        sending = asyncio.create_task(page.send_all(socket.send_str))
+        sending.add_done_callback(lambda task: _close_after(task, socket))
         try:
-            width = _cells(request.query.get("width"), 80)
-            height = _cells(request.query.get("height"), 24)
-            await console.start(width, height)
-            await _connect(console, socket)
+            async for message in socket:
+                if message.type is WSMsgType.TEXT and self._feed.cards is not None:
+                    await _obey(message.data, self._feed.cards)
         finally:
-            # A second cancellation must not leave a console behind.
-            try:
-                await asyncio.shield(console.end())
-            finally:
-                console.kill()
-                del self._open[console]
+            self._sockets.discard(socket)
+            self._feed.close(page)
+            sending.cancel()
         return socket
 
     @web.middleware
@@ -182,7 +180,7 @@ class ConsoleServer:
 
         origin = request.headers.get("Origin")
         if origin is not None and urlsplit(origin).netloc != request.host:
-            raise web.HTTPForbidden(text="This console takes nothing from other pages.")
+            raise web.HTTPForbidden(text="This page takes nothing from other pages.")
 
         key = request.path.lstrip("/").partition("/")[0].encode("utf-8", "replace")
         if self._key and not hmac.compare_digest(key, self._key.encode()):
@@ -192,65 +190,58 @@ class ConsoleServer:
             )
 
         response = await handler(request)
-        if not response.prepared:
+        if not response.prepared and not self._finished_page:
             for header, value in _HEADERS.items():
                 response.headers[header] = value.format(host=request.host)
         return response
 
 
-async def _connect(console: ConsoleProcess, socket: web.WebSocketResponse) -> None:
-    """Carry a console's drawings to its page and the page's keys back, until the page closes."""
-    async with asyncio.TaskGroup() as tasks:
-        drawing = tasks.create_task(_draw(console, socket))
-        async for message in socket:
-            if message.type is WSMsgType.TEXT:
-                await _pass_on(message.data, console, socket)
-        drawing.cancel()
+def _close_after(task: asyncio.Task[None], socket: web.WebSocketResponse) -> None:
+    """Close a socket whose page has gone or takes nothing any more."""
+    if task.cancelled():
+        return
+    error = task.exception()
+    if isinstance(error, (TooSlow, ConnectionError)) and not socket.closed:
+        closing = asyncio.ensure_future(socket.close(code=WSCloseCode.POLICY_VIOLATION))
+        _closings.add(closing)
+        closing.add_done_callback(_closings.discard)
+
+
+_closings: set[asyncio.Future[bool]] = set()
+
+
+async def _obey(text: str, cards: OrderCards) -> None:
+    """Do what a page says; what is none of the known words is left out."""
+    try:
+        values = json_values(text, "a message of the page")
+    except ConfigError:
+        return
+    if not isinstance(values, Mapping):
+        return
+
+    match dict(values):
+        case {"do": "order", "text": str(order)} if len(order) <= MAX_ORDER_CHARACTERS:
+            await cards.take(order)
+        case {"do": "urgent", "verb": str(verb)}:
+            cards.urgent(verb)
+        case {"do": "confirm", "number": int(number)}:
+            cards.confirm(number)
+        case {"do": "drop", "number": int(number)}:
+            cards.drop(number)
 
 
 async def _file(request: web.Request) -> web.Response:
-    name = request.path.rpartition("/")[2]
-    return web.Response(
-        text=(_FOLDER / name).read_text(encoding="utf-8"), content_type=_TYPES[name]
-    )
+    """Return a script or a style of the page."""
+    name = request.match_info["name"]
+    if name in (*_OWN_SCRIPTS, _OWN_STYLE):
+        text = _own_text(name)
+    elif name in (*_SHARED_SCRIPTS, _SHARED_STYLE):
+        text = text_of(name)
+    else:
+        raise web.HTTPNotFound(text="There is no such file.")
+    kind = _TYPES[name.rpartition(".")[2]]
+    return web.Response(text=text, content_type=kind)
 
 
-async def _draw(console: ConsoleProcess, socket: web.WebSocketResponse) -> None:
-    """Pass the console's output on to its page, and close the page after it."""
-    with contextlib.suppress(ConnectionError):  # the page has gone
-        async for data in console.drawings():
-            await socket.send_bytes(data)
-    await socket.close()
-
-
-async def _pass_on(text: str, console: ConsoleProcess, socket: web.WebSocketResponse) -> None:
-    """Pass on one message of the terminal in the page; a malformed one is left out."""
-    try:
-        match json_values(text, "a message of the page"):
-            case ["stdin", str(data)]:
-                console.send("D", data.encode("utf-8", "replace"))
-            case ["resize", {"width": int(width), "height": int(height)}]:
-                size = {"width": _cells(width, 80), "height": _cells(height, 24)}
-                console.send_message({"type": "resize", **size})
-            case ["ping", data]:
-                await socket.send_json(["pong", data])
-            case ["blur" | "focus" as kind, *_]:
-                console.send_message({"type": kind})
-    except (ValueError, ConnectionError):
-        return
-
-
-def _cells(value: object, default: int) -> int:
-    """Return a size of the terminal from outside, within its limits."""
-    text = str(value)
-    if not text.isdecimal() or len(text) > 5:
-        return default
-    return min(MAX_CELLS, max(1, int(text)))
-
-
-def _font_size(text: str) -> str:
-    """Return a font size from outside, within its limits."""
-    if not text.isdecimal() or len(text) > 3:
-        return _DEFAULT_FONT_SIZE
-    least, most = _FONT_SIZES
-    return str(min(most, max(least, int(text))))
+def _own_text(name: str) -> str:
+    return files(__package__).joinpath(name).read_text(encoding="utf-8")

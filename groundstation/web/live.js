@@ -1,0 +1,385 @@
+/*
+ * The page of a fleet that flies.
+ *
+ * A socket brings the fleet once, its state ten times a second, events, and the cards of orders. The
+ * page keeps the states of ten minutes, so that one can look back while the fleet flies on. Orders
+ * go out as lines of the orders' grammar; the server answers each with a card. LAND ALL and HOLD ALL
+ * have a lane of their own, and always mean the fleet as it is now.
+ *
+ * Two things are kept apart: what is seen (all vehicles, or a moment of the past) and whom the next
+ * order reaches (the vehicles whose names are pressed, or all when none is).
+ */
+"use strict";
+
+(() => {
+  const { element, replace, table, number, clock } = Covey;
+  const KEPT_S = 600;
+  const MOST_EVENTS = 200;
+  const MOST_CARDS = 8;
+  const RECONNECT_MS = 1000;
+  const SILENT_MS = 1500; // without a state: the page says so
+
+  const byId = (id) => document.getElementById(id);
+  const aimed = new Set(); // names that the next order reaches; none: all
+  const cards = new Map(); // number -> card
+  const states = []; // of the last ten minutes
+  let fleet = null;
+  let scene = null;
+  let socket = null;
+  let back_s = 0; // 0: now
+  let lastState_ms = 0;
+  let isDirty = false;
+
+  // -- the socket ------------------------------------------------------------------------------------
+
+  function connect() {
+    const address = new URL("ws", location.href);
+    address.protocol = "ws:";
+    socket = new WebSocket(address);
+    socket.addEventListener("message", (event) => take(JSON.parse(event.data)));
+    socket.addEventListener("close", () => {
+      showLink("bad", "no connection to covey web: what you see is old");
+      setTimeout(connect, RECONNECT_MS);
+    });
+  }
+
+  function say(message) {
+    if (socket?.readyState === WebSocket.OPEN) socket.send(JSON.stringify(message));
+    else showLink("bad", "not sent: no connection to covey web");
+  }
+
+  function take(message) {
+    if (message.kind === "fleet") begin(message);
+    else if (message.kind === "state") addState(message);
+    else if (message.kind === "event") addEvent(message);
+    else if (message.kind === "card") addCard(message);
+  }
+
+  function begin(message) {
+    const isFirst = fleet === null;
+    fleet = message;
+    cards.clear();
+    byId("events").replaceChildren();
+    byId("lane").hidden = !fleet.can_order;
+    byId("ordering").hidden = !fleet.can_order;
+    if (isFirst) {
+      scene = new Covey.LiveScene(byId("scene"), byId("labels"), fleet);
+    }
+    makeVerbs();
+    showCards();
+  }
+
+  function addState(state) {
+    lastState_ms = performance.now();
+    states.push(state);
+    while (state.time_s - states[0].time_s > KEPT_S) states.shift();
+    scene.follow(state);
+    showLink("good", fleet.can_order ? "live" : "live, read-only");
+    isDirty = true;
+  }
+
+  // -- what is shown ---------------------------------------------------------------------------------
+
+  /* Returns the state that is looked at: the newest, or one of the past. */
+  function shown() {
+    const newest = states.at(-1);
+    if (!newest || back_s === 0) return newest;
+    const wanted_s = newest.time_s - back_s;
+    return states.findLast((state) => state.time_s <= wanted_s) ?? states[0];
+  }
+
+  function show() {
+    requestAnimationFrame(show);
+    if (lastState_ms && performance.now() - lastState_ms > SILENT_MS) {
+      showLink("bad", "no news for a while: what you see is old");
+    }
+    const state = shown();
+    if (!isDirty || !state) return;
+    isDirty = false;
+
+    scene.draw(state, aimed, newestPreview());
+    showVehicles(state);
+    showTop(state);
+    showAlarms(state);
+    showAim(state);
+  }
+
+  function showLink(kind, text) {
+    const badge = byId("link");
+    badge.className = `badge ${kind}`;
+    if (badge.textContent !== text) badge.textContent = text;
+  }
+
+  function showTop(state) {
+    const closest = state.closest;
+    const badge = byId("closest");
+    badge.hidden = !closest;
+    if (closest) {
+      const isTooNear = closest.distance_m < fleet.safety_distance_m;
+      badge.className = `badge ${isTooNear ? "bad" : ""}`;
+      const sign = isTooNear ? "too near: " : "nearest ";
+      badge.textContent = `${sign}${number(closest.distance_m, 2, "m")} ${closest.first}, ${closest.second}`;
+    }
+    const control = byId("control");
+    control.hidden = !state.control;
+    if (state.control) {
+      control.textContent = state.control.requester
+        ? `${state.control.requester} requests control: give control, or keep control`
+        : state.control.text;
+    }
+    byId("clock").textContent = back_s ? `${clock(back_s, 0)} ago` : "";
+  }
+
+  function showVehicles(state) {
+    const columns = [
+      { title: "vehicle" },
+      { title: "does" },
+      { title: "nearest", isNumber: true },
+      { title: "height", isNumber: true },
+      { title: "battery", isNumber: true },
+    ];
+    const rows = state.vehicles.map((vehicle, index) => [
+      nameOf(vehicle, index),
+      [
+        element("div", {}, vehicle.is_fresh ? stateWords(vehicle) : silence(vehicle)),
+        element("div", { className: "words" }, wordsOf(vehicle)),
+      ],
+      vehicle.nearest ? `${number(vehicle.nearest_m, 2)} ${vehicle.nearest}` : "–",
+      number(vehicle.position_enu_m?.[2], 2),
+      battery(vehicle),
+    ]);
+    const made = table(columns, rows);
+    made.querySelectorAll("tbody tr").forEach((row, index) => {
+      const vehicle = state.vehicles[index];
+      row.classList.toggle("aimed", aimed.has(vehicle.name));
+      row.classList.toggle("silent", !vehicle.is_fresh);
+    });
+    keepFocus(byId("vehicles"), made);
+  }
+
+  /* Puts a table into the place of the one before; what had the focus has it again. */
+  function keepFocus(parent, made) {
+    const name = document.activeElement?.dataset?.vehicle;
+    replace(parent, made);
+    if (name) parent.querySelector(`[data-vehicle="${CSS.escape(name)}"]`)?.focus();
+  }
+
+  function nameOf(vehicle, index) {
+    const swatch = element("i", { className: "swatch dot" });
+    swatch.style.color = Covey.vehicleColour(index);
+    const properties = {
+      type: "button",
+      className: "name",
+      dataset: { vehicle: vehicle.name },
+      "aria-pressed": String(aimed.has(vehicle.name)),
+      on: { click: () => toggleAim(vehicle.name) },
+    };
+    return element("button", properties, swatch, vehicle.name);
+  }
+
+  function stateWords(vehicle) {
+    const order = vehicle.order && vehicle.phase ? ` (${vehicle.order}: ${vehicle.phase})` : "";
+    const hand = vehicle.is_flown_by_hand ? ", flown by hand" : "";
+    return `${vehicle.state}${hand}${order}`;
+  }
+
+  function silence(vehicle) {
+    if (vehicle.age_s === null || vehicle.age_s === undefined) return "never heard";
+    return `silent for ${number(vehicle.age_s, 1, "s")}`;
+  }
+
+  function wordsOf(vehicle) {
+    const words = [];
+    if (vehicle.avoids) words.push(`avoids ${vehicle.avoids}`);
+    if (vehicle.conditions?.length) words.push(vehicle.conditions.join(", "));
+    if (vehicle.reason) words.push(vehicle.reason);
+    return words.join(" · ");
+  }
+
+  function battery(vehicle) {
+    const share = vehicle.battery_frac;
+    if (share === null || share === undefined) return "–";
+    const sign = share < fleet.battery_land_frac ? "✖ " : share < fleet.battery_warning_frac ? "▲ " : "";
+    return `${sign}${Math.round(100 * share)} %`;
+  }
+
+  function showAlarms(state) {
+    const lines = state.alarms.slice(0, 6).map((alarm) =>
+      element(
+        "div",
+        { className: `alarm ${alarm.severity}` },
+        element("strong", {}, alarm.sentence),
+        ` for ${number(alarm.for_s, 0, "s")}. ${alarm.advice}`,
+      ),
+    );
+    const hidden = state.alarms.length - lines.length;
+    if (hidden > 0) lines.push(element("div", { className: "soft" }, `and ${hidden} more`));
+    replace(byId("alarms"), lines);
+  }
+
+  function addEvent(event) {
+    const signs = { critical: "✖ ", warning: "▲ " };
+    const sentence = `${signs[event.severity] ?? ""}${event.vehicle}: ${event.sentence}`;
+    const list = byId("events");
+    list.prepend(element("li", { className: event.severity === "info" ? "soft" : null }, sentence));
+    while (list.children.length > MOST_EVENTS) list.lastChild.remove();
+  }
+
+  // -- whom the next order reaches -------------------------------------------------------------------
+
+  function toggleAim(name) {
+    if (!aimed.delete(name)) aimed.add(name);
+    isDirty = true;
+  }
+
+  function aimText() {
+    return aimed.size ? fleet.vehicles.filter((name) => aimed.has(name)).join(",") : "all";
+  }
+
+  function showAim(state) {
+    if (!fleet.can_order) return;
+    byId("aim").textContent = aimText();
+    const reached = state.vehicles.filter((one) => !aimed.size || aimed.has(one.name));
+    const blocks = reached
+      .filter((one) => one.blocks?.length && !one.is_airborne)
+      .map((one) => `${one.name}: ${one.blocks[0]}`);
+    if (state.control?.refusal) blocks.unshift(state.control.refusal);
+    byId("blocks").textContent = blocks.slice(0, 4).join(" · ");
+  }
+
+  // -- orders ----------------------------------------------------------------------------------------
+
+  function makeVerbs() {
+    const button = (title, act) =>
+      element("button", { type: "button", on: { click: act } }, title);
+    const send = (verb) => () => order(`${verb} ${aimText()}`);
+    const write = (text) => () => {
+      byId("order_line").value = text();
+      byId("order_line").focus();
+    };
+    const verbs = [
+      button("Land", send("land")),
+      button("Hold", send("hold")),
+      button("Take off", () => order(`takeoff ${aimText()} 1.0`)),
+      button("Move …", write(() => `move ${aimText()} 0 0 1`)),
+      button("Home", send("home")),
+    ];
+    if (fleet.formations.length) {
+      verbs.push(button("Formation …", write(() => `formation ${fleet.formations[0]} `)));
+    }
+    replace(byId("verbs"), verbs);
+  }
+
+  function order(text) {
+    say({ do: "order", text });
+  }
+
+  function addCard(card) {
+    cards.set(card.number, card);
+    showCards();
+    isDirty = true;
+  }
+
+  /* Returns the newest card that waits for its confirmation. */
+  function newestPreview() {
+    return [...cards.values()].findLast((card) => card.phase === "previewed") ?? null;
+  }
+
+  function showCards() {
+    const newest = [...cards.values()].sort((a, b) => b.number - a.number).slice(0, MOST_CARDS);
+    replace(byId("cards"), newest.map(cardOf));
+  }
+
+  function cardOf(card) {
+    const parts = [element("code", {}, card.text), " ", phaseBadge(card)];
+    for (const sentence of card.sentences) parts.push(element("p", {}, sentence));
+    for (const reason of card.reasons ?? []) parts.push(element("p", {}, `✖ ${reason}`));
+    for (const figure of card.figures ?? []) {
+      if (figure) parts.push(element("p", { className: "words" }, figure));
+    }
+    for (const result of card.results ?? []) {
+      const words = `${result.vehicle} ${result.phase}. ${result.sentence}`;
+      parts.push(element("p", { className: "words" }, words));
+    }
+    if (card.phase === "previewed") parts.push(answers(card));
+    return element("article", { className: `card order ${card.phase}` }, parts);
+  }
+
+  function phaseBadge(card) {
+    const phases = (card.results ?? []).map((result) => result.phase);
+    const isBad = phases.some((phase) => ["refused", "failed", "no answer"].includes(phase));
+    const isDone = phases.length > 0 && phases.every((phase) => phase === "done");
+    if (card.phase === "previewed") {
+      return element("span", { className: "badge" }, card.is_computing ? "flying it ahead" : "confirm?");
+    }
+    if (card.phase === "refused" || isBad) return element("span", { className: "badge bad" }, "✖ not done");
+    if (isDone) return element("span", { className: "badge good" }, "✔ done");
+    return element("span", { className: "badge" }, card.phase === "sent" ? "under way" : card.phase);
+  }
+
+  function answers(card) {
+    const confirm = {
+      type: "button",
+      className: "primary",
+      disabled: !card.can_send,
+      on: { click: () => say({ do: "confirm", number: card.number }) },
+    };
+    const drop = { type: "button", on: { click: () => say({ do: "drop", number: card.number }) } };
+    return element(
+      "p",
+      {},
+      element("button", confirm, "Send it"),
+      " ",
+      element("button", drop, "Drop it"),
+    );
+  }
+
+  // -- controls --------------------------------------------------------------------------------------
+
+  function look(seconds) {
+    back_s = Math.max(0, seconds);
+    byId("rewind").value = String(-back_s);
+    byId("rewind_text").textContent = back_s ? `${clock(back_s, 0)} ago` : "now";
+    byId("now").setAttribute("aria-pressed", String(back_s === 0));
+    isDirty = true;
+  }
+
+  function listen() {
+    byId("land_all").addEventListener("click", () => say({ do: "urgent", verb: "land" }));
+    byId("hold_all").addEventListener("click", () => say({ do: "urgent", verb: "hold" }));
+    byId("from_above").addEventListener("click", () => scene?.lookFromAbove());
+    byId("whole").addEventListener("click", () => scene?.fit());
+    byId("now").addEventListener("click", () => look(0));
+    byId("rewind").addEventListener("input", (event) => look(-Number(event.target.value)));
+    byId("show_ways").addEventListener("change", (event) => {
+      scene.showsWays = event.target.checked;
+      isDirty = true;
+    });
+    byId("order_form").addEventListener("submit", (event) => {
+      event.preventDefault();
+      const line = byId("order_line");
+      if (line.value.trim()) order(line.value.trim());
+      line.value = "";
+    });
+    document.addEventListener("keydown", (event) => {
+      const isUrgent = event.ctrlKey && ["l", "o"].includes(event.key.toLowerCase());
+      if (isUrgent && fleet?.can_order) {
+        event.preventDefault();
+        say({ do: "urgent", verb: event.key.toLowerCase() === "l" ? "land" : "hold" });
+      } else if (event.key === ":" && event.target === document.body && fleet?.can_order) {
+        event.preventDefault();
+        byId("order_line").focus();
+      }
+    });
+    addEventListener("resize", () => {
+      isDirty = true;
+    });
+    Covey.onThemeChange(() => {
+      isDirty = true;
+    });
+  }
+
+  listen();
+  connect();
+  requestAnimationFrame(show);
+})();

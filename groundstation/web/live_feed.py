@@ -1,0 +1,212 @@
+"""One fleet for all pages: its state, its events and its orders, told to every page that is open.
+
+The state is made once, ten times a second, and each page gets the newest when it is ready for it: a
+page on a slow computer sees fewer pictures, and holds up nobody. Events and cards wait in a queue
+of the page; a page that does not take them in time is closed.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections import deque
+from collections.abc import Callable
+from typing import Any
+
+import msgspec
+
+from groundstation.alarms.alarms import Alarms
+from groundstation.client.client import FleetClient
+from groundstation.fleet.state import LoggedEvent
+from groundstation.orders.forecast_process import Forecaster
+from groundstation.web.live_messages import event_message, fleet_message, state_message
+from groundstation.web.order_cards import CHECK_S, Message, OrderCards
+from onboard.bus.schema import Event
+from onboard.config.fleet import FleetConfig
+
+STATE_PERIOD_S = 0.1
+MAX_EVENTS = 200  # told to a page that is opened
+MAX_QUEUED = 500  # messages that wait for one page
+SEND_LIMIT_S = 10.0  # for one message
+
+Send = Callable[[str], Any]  # returns an awaitable
+
+_encode = msgspec.json.Encoder().encode
+
+
+class TooSlow(Exception):
+    """A page does not take its messages."""
+
+
+class Page:
+    """The messages that wait for one page."""
+
+    def __init__(self) -> None:
+        self._queue: deque[str] = deque()
+        self._state = ""  # the newest that the page has not got
+        self._has_more = asyncio.Event()
+        self.is_too_slow = False
+
+    def tell(self, text: str) -> None:
+        """Queue a message."""
+        if len(self._queue) >= MAX_QUEUED:
+            self.is_too_slow = True
+        else:
+            self._queue.append(text)
+        self._has_more.set()
+
+    def tell_state(self, text: str) -> None:
+        """Put the newest state into the place of the one before."""
+        self._state = text
+        self._has_more.set()
+
+    async def send_all(self, send: Send) -> None:
+        """Send what comes, for ever.
+
+        Raises:
+            TooSlow: the page does not take it.
+        """
+        while True:
+            await self._has_more.wait()
+            self._has_more.clear()
+            if self.is_too_slow:
+                raise TooSlow
+
+            texts = list(self._queue)
+            self._queue.clear()
+            if self._state:
+                texts.append(self._state)
+                self._state = ""
+
+            for text in texts:
+                try:
+                    async with asyncio.timeout(SEND_LIMIT_S):
+                        await send(text)
+                except TimeoutError:
+                    raise TooSlow from None
+
+
+class LiveFeed:
+    """The fleet as pages see it, and the orders that they give.
+
+    Args:
+        fleet: the fleet file.
+        client: follows the fleet.
+        can_order: whether pages may give orders.
+        forecaster: computes previews.
+    """
+
+    def __init__(
+        self,
+        fleet: FleetConfig,
+        client: FleetClient,
+        *,
+        can_order: bool,
+        forecaster: Forecaster | None = None,
+    ) -> None:
+        self._fleet = fleet
+        self._client = client
+        self._can_order = can_order
+        self._alarms = Alarms(fleet)
+        self._pages: set[Page] = set()
+        self._events: deque[str] = deque(maxlen=MAX_EVENTS)
+        self._tasks: list[asyncio.Task[None]] = []
+        self.cards: OrderCards | None = None
+        if can_order:
+            self.cards = OrderCards(client, forecaster or Forecaster(), self._tell)
+
+    @property
+    def pages(self) -> int:
+        """Number of open pages."""
+        return len(self._pages)
+
+    async def start(self) -> None:
+        """Connect with the fleet and begin to tell its state.
+
+        Raises:
+            BusError: the bus cannot be opened.
+        """
+        self._client.add_event_listener(self._on_event)
+        if self._can_order:
+            self._client.has_person = True
+        await self._client.start()
+        self._tasks = [asyncio.create_task(self._tell_states())]
+        if self.cards is not None:
+            self._tasks.append(asyncio.create_task(self._check_cards(self.cards)))
+
+    async def stop(self) -> None:
+        """Leave the fleet, whatever flies; a second call does nothing."""
+        for task in self._tasks:
+            task.cancel()
+        for task in self._tasks:
+            with contextlib.suppress(asyncio.CancelledError):
+                await task
+        self._tasks = []
+        if self.cards is not None:
+            await self.cards.stop()
+        await self._client.stop()
+
+    def open(self) -> Page:
+        """Return a new page's messages: the fleet, the latest events and all cards first."""
+        page = Page()
+        page.tell(_text(fleet_message(self._fleet, can_order=self._can_order)))
+        for event in self._events:
+            page.tell(event)
+        if self.cards is not None:
+            for card in self.cards.messages():
+                page.tell(_text(card))
+        page.tell_state(self._state_text())
+        self._pages.add(page)
+        return page
+
+    def close(self, page: Page) -> None:
+        """Forget a page."""
+        self._pages.discard(page)
+
+    # -- telling -----------------------------------------------------------------------------------
+
+    async def _tell_states(self) -> None:
+        while True:
+            await asyncio.sleep(STATE_PERIOD_S)
+            if self.cards is not None:
+                self._client.control.update(self._client.state)
+            if not self._pages:
+                continue
+            text = self._state_text()
+            for page in self._pages:
+                page.tell_state(text)
+
+    async def _check_cards(self, cards: OrderCards) -> None:
+        while True:
+            await asyncio.sleep(CHECK_S)
+            cards.check_waiting()
+
+    def _state_text(self) -> str:
+        now_ns = self._client.now_ns()
+        state = self._client.state
+        self._alarms.update(state, now_ns)
+        control = self._client.control if self._can_order else None
+        return _text(
+            state_message(
+                state, self._fleet, alarms=self._alarms.lines, control=control, now_ns=now_ns
+            )
+        )
+
+    def _on_event(self, event: Event) -> None:
+        if event.severity == "debug":
+            return
+        logged = LoggedEvent(received_ns=self._client.now_ns(), event=event)
+        text = _text(event_message(logged))
+        self._events.append(text)
+        self._tell_text(text)
+
+    def _tell(self, message: Message) -> None:
+        self._tell_text(_text(message))
+
+    def _tell_text(self, text: str) -> None:
+        for page in self._pages:
+            page.tell(text)
+
+
+def _text(message: Message) -> str:
+    return _encode(message).decode()

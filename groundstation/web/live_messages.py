@@ -1,0 +1,205 @@
+"""What the server tells a page: the fleet's files once, its state ten times a second. Pure.
+
+All messages are JSON objects with a ``kind``. Numbers that are not known are null. Times are
+seconds of the monotonic clock of the ground, positions metres east, north, up.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from groundstation.alarms.alarms import AlarmLine
+from groundstation.fleet.operator_control import Control
+from groundstation.fleet.state import FleetState, LoggedEvent, Separation, VehicleView
+from onboard.bus.schema import Telemetry
+from onboard.config.fleet import FleetConfig
+from onboard.plain_text import plain_line
+
+AHEAD_S = 10.0  # for which ways are predicted
+_MOST_TEXT = 300
+_STILL_M_S = 0.05
+
+Message = dict[str, Any]
+
+
+def fleet_message(fleet: FleetConfig, *, can_order: bool) -> Message:
+    """Return what does not change while a page is open.
+
+    Args:
+        fleet: the fleet file.
+        can_order: whether this server takes orders from its pages.
+    """
+    section = fleet.fleet
+    vehicles = [fleet.vehicles[name] for name in fleet.enabled_names]
+    fence = section.geofence_m
+    return {
+        "kind": "fleet",
+        "name": section.name,
+        "can_order": can_order,
+        "vehicles": [vehicle.name for vehicle in vehicles],
+        "starts_enu_m": [vehicle.start_enu_m for vehicle in vehicles],
+        "top_speeds_m_s": [vehicle.max_speed_m_s for vehicle in vehicles],
+        "safety_distance_m": section.safety_distance_m,
+        "height_share": section.height_share,
+        "body_diameter_m": section.body_diameter_m,
+        "battery_warning_frac": section.battery_warning_pct / 100.0,
+        "battery_land_frac": section.battery_land_pct / 100.0,
+        "fence_enu_m": [
+            [fence.x[0], fence.y[0], fence.z[0]],
+            [fence.x[1], fence.y[1], fence.z[1]],
+        ],
+        "formations": sorted({*fleet.formations, *fleet.shapes}),
+    }
+
+
+def state_message(
+    state: FleetState,
+    fleet: FleetConfig,
+    *,
+    alarms: Sequence[AlarmLine],
+    control: Control | None,
+    now_ns: int,
+) -> Message:
+    """Return the fleet as it is now.
+
+    Args:
+        state: as the ground knows it.
+        fleet: the fleet file.
+        alarms: that hold now, the most severe first.
+        control: who may order; None where pages only watch.
+        now_ns: the ground's clock [ns].
+    """
+    views = [state.vehicles[name] for name in fleet.enabled_names if name in state.vehicles]
+    return {
+        "kind": "state",
+        "time_s": now_ns * 1e-9,
+        "vehicles": [_vehicle(view, fleet, now_ns) for view in views],
+        "closest": _separation(state.closest(now_ns)),
+        "smallest": _separation(state.smallest_truth or state.smallest),
+        "alarms": [_alarm(line, now_ns) for line in alarms],
+        "control": _control(control),
+    }
+
+
+def event_message(logged: LoggedEvent) -> Message:
+    """Return an event of the fleet or of the ground."""
+    event = logged.event
+    return {
+        "kind": "event",
+        "time_s": logged.received_ns * 1e-9,
+        "vehicle": plain_line(event.vehicle),
+        "severity": event.severity,
+        "sentence": plain_line(event.sentence)[:_MOST_TEXT],
+    }
+
+
+def _vehicle(view: VehicleView, fleet: FleetConfig, now_ns: int) -> Message:
+    telemetry = view.telemetry
+    message: Message = {
+        "name": view.name,
+        "is_fresh": view.is_fresh(now_ns),
+        "age_s": _known(view.age_s(now_ns)),
+    }
+    if telemetry is None:
+        return message
+
+    position_enu_m = view.position_enu_m(now_ns)
+    quaternion = None
+    if view.has_truth(now_ns) and view.truth is not None:
+        quaternion = view.truth.quaternion_enu_flu_wxyz
+    message.update(
+        state=telemetry.state,
+        reason=plain_line(telemetry.reason)[:_MOST_TEXT],
+        is_armed=view.is_armed,
+        is_airborne=view.is_airborne,
+        is_flown_by_hand=telemetry.is_flown_by_hand,
+        mode=plain_line(telemetry.mode),
+        position_enu_m=position_enu_m,
+        velocity_enu_m_s=telemetry.velocity_enu_m_s,
+        quaternion=quaternion,
+        yaw_deg=_known(telemetry.yaw_deg),
+        setpoint_enu_m=telemetry.setpoint_position_enu_m,
+        goal_enu_m=telemetry.goal_position_enu_m,
+        way_enu_m=_way(telemetry, position_enu_m, fleet),
+        battery_frac=_known(telemetry.battery_frac),
+        law_status=telemetry.law_status,
+        intervention_m_s2=_known(telemetry.intervention_m_s2),
+        avoids=plain_line(telemetry.avoids),
+        nearest=plain_line(telemetry.nearest_vehicle),
+        nearest_m=_known(telemetry.nearest_distance_m),
+        order=telemetry.order_kind,
+        phase=telemetry.order_phase,
+        wind_m_s=[_known(part) for part in telemetry.wind_enu_m_s],
+        conditions=list(telemetry.conditions),
+        action=telemetry.action,
+        blocks=[plain_line(sentence)[:_MOST_TEXT] for sentence in telemetry.not_ready],
+        loop_p99_ms=_known(telemetry.loop_period_p99_ms),
+        neighbour_age_s=_known(telemetry.neighbour_age_s),
+    )
+    return message
+
+
+def _way(
+    telemetry: Telemetry, position_enu_m: Sequence[float] | None, fleet: FleetConfig
+) -> list[Sequence[float]]:
+    """Return the corners of the way of the next ten seconds: on to the goal, as far as it gets."""
+    goal_enu_m = telemetry.goal_position_enu_m
+    is_known = all(math.isfinite(axis_m) for axis_m in goal_enu_m)
+    if position_enu_m is None or not telemetry.is_airborne or not is_known:
+        return []
+
+    distance_m = math.dist(position_enu_m, goal_enu_m)
+    speed_m_s = math.hypot(*telemetry.velocity_enu_m_s)
+    vehicle = fleet.vehicles.get(telemetry.vehicle)
+    if vehicle is not None and distance_m > 0.1:
+        speed_m_s = max(speed_m_s, 0.5 * vehicle.max_speed_m_s)
+    if distance_m < _STILL_M_S:
+        return []
+
+    share = min(1.0, AHEAD_S * speed_m_s / distance_m)
+    end = [
+        begin_m + share * (goal_m - begin_m)
+        for begin_m, goal_m in zip(position_enu_m, goal_enu_m, strict=True)
+    ]
+    return [position_enu_m, end]
+
+
+def _separation(separation: Separation | None) -> Message | None:
+    if separation is None:
+        return None
+    return {
+        "first": separation.first,
+        "second": separation.second,
+        "distance_m": _known(separation.distance_m),
+        "is_truth": separation.is_truth,
+    }
+
+
+def _alarm(line: AlarmLine, now_ns: int) -> Message:
+    alarm = line.alarm
+    return {
+        "subject": plain_line(alarm.subject),
+        "severity": alarm.severity,
+        "sentence": plain_line(alarm.sentence)[:_MOST_TEXT],
+        "advice": plain_line(alarm.advice)[:_MOST_TEXT],
+        "for_s": line.duration_s(now_ns),
+        "count": line.count,
+    }
+
+
+def _control(control: Control | None) -> Mapping[str, Any] | None:
+    if control is None:
+        return None
+    requester = control.requester
+    return {
+        "text": plain_line(control.text),
+        "refusal": control.refusal("move"),
+        "requester": None if requester is None else plain_line(requester.label),
+    }
+
+
+def _known(value: float) -> float | None:
+    """Return a number, or None where it is not known."""
+    return value if math.isfinite(value) else None

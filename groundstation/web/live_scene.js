@@ -1,0 +1,151 @@
+/*
+ * The scene of a fleet that flies: vehicles, trails, goals, the ways of the next ten seconds, who
+ * avoids whom, and how far apart the nearest two are.
+ */
+"use strict";
+
+globalThis.Covey ??= {};
+
+(() => {
+  const TRAIL_S = 12;
+  const RING_OPACITY = 0.5;
+
+  class LiveScene {
+    constructor(canvas, overlay, fleet) {
+      this.scene = new Covey.Scene(canvas, overlay);
+      this.showsWays = true;
+      this._fleet = fleet;
+      this._trails = new Map(); // name -> list of [time_s, position]
+      Covey.moveByPointer(canvas, this.scene.camera, () => this.redraw());
+      this._last = null;
+      this.fit();
+    }
+
+    /* Shows all of the fence. */
+    fit() {
+      const [least, most] = this._fleet.fence_enu_m;
+      this.scene.camera.fit(least, most, this.scene.aspect);
+      this.redraw();
+    }
+
+    lookFromAbove() {
+      this.scene.camera.lookFromAbove();
+      this.redraw();
+    }
+
+    /* Adds a state to the trails. */
+    follow(state) {
+      for (const vehicle of state.vehicles) {
+        if (!vehicle.position_enu_m) continue;
+        const trail = this._trails.get(vehicle.name) ?? [];
+        trail.push([state.time_s, vehicle.position_enu_m]);
+        while (trail.length && state.time_s - trail[0][0] > TRAIL_S) trail.shift();
+        this._trails.set(vehicle.name, trail);
+      }
+    }
+
+    redraw() {
+      if (this._last) this.draw(...this._last);
+    }
+
+    /* Draws a state; `aimed` are the names that the next order reaches, `goals` those of a card. */
+    draw(state, aimed, card) {
+      this._last = [state, aimed, card];
+      const scene = this.scene;
+      const [least, most] = this._fleet.fence_enu_m;
+
+      scene.begin();
+      scene.ground(least, most, Covey.rgb(Covey.colour("ground")));
+      scene.box(least, most, Covey.rgb(Covey.colour("ground")), { opacity: 0.35 });
+      state.vehicles.forEach((vehicle, index) => this._vehicle(vehicle, index, aimed));
+      this._avoidances(state);
+      this._closest(state);
+      if (card) this._card(card);
+      scene.end();
+    }
+
+    _vehicle(vehicle, index, aimed) {
+      const position = vehicle.position_enu_m;
+      if (!position) return;
+      const scene = this.scene;
+      const text = Covey.vehicleColour(index);
+      const colour = Covey.rgb(text);
+      const isAimed = aimed.has(vehicle.name);
+
+      scene.body(position, vehicle.quaternion ?? facing(vehicle.yaw_deg), colour, {
+        diameter_m: this._fleet.body_diameter_m,
+        opacity: vehicle.is_fresh ? 1 : 0.4,
+      });
+      scene.line(position, [position[0], position[1], 0], colour, { opacity: 0.35, width: 1 });
+      scene.ring(position, this._fleet.safety_distance_m / 2, colour, {
+        opacity: isAimed ? 0.9 : RING_OPACITY,
+        width: isAimed ? 2.5 : 1,
+      });
+      this._trail(vehicle.name, colour);
+      if (this.showsWays && vehicle.way_enu_m.length) {
+        scene.line(vehicle.way_enu_m[0], vehicle.way_enu_m[1], colour, { opacity: 0.6, width: 2 });
+        scene.ring(vehicle.goal_enu_m, 0.1, colour, { opacity: 0.8 });
+      }
+      scene.label(position, vehicle.name, { colour: text, isStrong: isAimed });
+    }
+
+    _trail(name, colour) {
+      const trail = this._trails.get(name) ?? [];
+      for (let k = 1; k < trail.length; k++) {
+        const opacity = (0.5 * k) / trail.length;
+        this.scene.line(trail[k - 1][1], trail[k][1], colour, { opacity, width: 2 });
+      }
+    }
+
+    /* Draws from each vehicle that avoids to the one that it avoids. */
+    _avoidances(state) {
+      const positions = new Map(state.vehicles.map((one) => [one.name, one.position_enu_m]));
+      const colour = Covey.rgb(Covey.colour("warn"));
+      for (const vehicle of state.vehicles) {
+        const other = vehicle.avoids ? positions.get(vehicle.avoids) : null;
+        if (!other || !vehicle.position_enu_m) continue;
+        this.scene.line(vehicle.position_enu_m, other, colour, { opacity: 0.8, width: 2 });
+        const middle = vehicle.position_enu_m.map((axis, k) => 0.7 * axis + 0.3 * other[k]);
+        this.scene.label(middle, `${vehicle.name} avoids`, { isQuiet: true, shift: [0, 0] });
+      }
+    }
+
+    _closest(state) {
+      const closest = state.closest;
+      if (!closest) return;
+      const named = (name) => state.vehicles.find((one) => one.name === name)?.position_enu_m;
+      const [first, second] = [named(closest.first), named(closest.second)];
+      if (!first || !second) return;
+
+      const isTooNear = closest.distance_m < this._fleet.safety_distance_m;
+      const colour = Covey.rgb(Covey.colour(isTooNear ? "bad" : "ground"));
+      this.scene.line(first, second, colour, { opacity: 0.7, width: isTooNear ? 3 : 1 });
+      const middle = first.map((axis, k) => (axis + second[k]) / 2);
+      this.scene.label(middle, Covey.number(closest.distance_m, 2, "m"), { shift: [0, 0] });
+    }
+
+    /* Draws the goals and the computed paths of an order that waits for its confirmation. */
+    _card(card) {
+      const names = this._fleet.vehicles;
+      for (const [name, goal] of Object.entries(card.goals_enu_m ?? {})) {
+        const colour = Covey.rgb(Covey.vehicleColour(names.indexOf(name)));
+        this.scene.ring(goal, 0.2, colour, { width: 2.5 });
+        this.scene.label(goal, `${name} to here`, { isQuiet: true });
+      }
+      for (const [name, path] of Object.entries(card.paths_enu_m ?? {})) {
+        const colour = Covey.rgb(Covey.vehicleColour(names.indexOf(name)));
+        for (let k = 1; k < path.length; k++) {
+          this.scene.line(path[k - 1], path[k], colour, { opacity: 0.55, width: 1.5 });
+        }
+      }
+    }
+  }
+
+  /* Returns the attitude of a level vehicle with this heading. */
+  function facing(yaw_deg) {
+    const half = ((yaw_deg ?? 0) * Math.PI) / 360;
+    return [Math.cos(half), 0, 0, Math.sin(half)];
+  }
+
+  Object.assign(Covey, { LiveScene });
+})();

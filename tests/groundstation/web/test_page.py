@@ -1,0 +1,350 @@
+"""The page in a browser: what it shows and takes, and that only its own page gets in."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import re
+from collections.abc import AsyncIterator, Callable
+from typing import Any, NamedTuple
+from urllib.parse import urljoin, urlsplit
+
+import aiohttp
+import pytest
+import pytest_asyncio
+
+from groundstation.client.client import FleetClient
+from groundstation.orders.forecast import Forecast
+from groundstation.web import live_feed, page_server
+from groundstation.web.live_feed import LiveFeed
+from groundstation.web.page_server import PageServer, require_loopback
+from onboard.config.fleet import ConfigError, FleetConfig
+from tests.groundstation.conftest import FakeBus
+
+_LINK = re.compile(r"""(?:href|src)\s*=\s*["']([^"']*)["']|url\(\s*["']?([^"')]*)""")
+
+Message = dict[str, Any]
+
+
+class Served(NamedTuple):
+    """A page's server, its address, and the fleet behind it."""
+
+    server: PageServer
+    address: str
+    bus: Any
+    feed: LiveFeed
+
+
+class Calm:
+    """A forecast at once, in which nobody comes near anybody."""
+
+    async def forecast(self, *_: Any, **__: Any) -> Forecast:
+        return Forecast(closest_m=1.5, pair=("mav0", "mav1"), now_m=1.5, duration_s=4.0)
+
+    async def stop(self) -> None:
+        return
+
+
+async def serve(fleet: FleetConfig, *, can_order: bool, key: str = "") -> AsyncIterator[Served]:
+    bus: Any = FakeBus(fleet, has_truth=True)
+    client = FleetClient(fleet, author="ada", operates=can_order, bus=bus)
+    forecaster: Any = Calm()
+    feed = LiveFeed(fleet, client, can_order=can_order, forecaster=forecaster)
+    server = PageServer(title='a <b>"fleet"', feed=feed, key=key)
+    address = await server.start("127.0.0.1", 0)
+    await feed.start()
+    beat = asyncio.create_task(bus.beat())
+    try:
+        yield Served(server, address, bus, feed)
+    finally:
+        beat.cancel()
+        await server.stop()
+        await feed.stop()
+
+
+@pytest_asyncio.fixture
+async def operated(fleet: FleetConfig) -> AsyncIterator[Served]:
+    async for served in serve(fleet, can_order=True):
+        yield served
+
+
+@pytest_asyncio.fixture
+async def watched(fleet: FleetConfig) -> AsyncIterator[Served]:
+    async for served in serve(fleet, can_order=False):
+        yield served
+
+
+@contextlib.asynccontextmanager
+async def opened(served: Served) -> AsyncIterator[aiohttp.ClientWebSocketResponse]:
+    """The socket of a page."""
+    async with (
+        aiohttp.ClientSession() as session,
+        session.ws_connect(served.address + "ws") as socket,
+    ):
+        yield socket
+
+
+async def heard(
+    socket: aiohttp.ClientWebSocketResponse, wanted: Callable[[Message], object]
+) -> Message:
+    """The first message of a socket that is wanted."""
+    async with asyncio.timeout(15.0):
+        while True:
+            message: Message = json.loads((await socket.receive()).data)
+            if wanted(message):
+                return message
+
+
+def card(text: str, phase: str) -> Callable[[Message], bool]:
+    def wanted(message: Message) -> bool:
+        return (message.get("text"), message.get("phase")) == (text, phase)
+
+    return wanted
+
+
+def is_operator(message: Message) -> bool:
+    return message["kind"] == "state" and message["control"]["refusal"] is None
+
+
+async def test_everything_that_the_page_loads_comes_from_this_server(watched: Served) -> None:
+    address = watched.address
+    seen: set[str] = set()
+    todo = [address]
+    async with aiohttp.ClientSession() as session:
+        while todo:
+            url = todo.pop()
+            async with session.get(url) as response:
+                assert response.status == 200, url
+                assert "default-src 'none'" in response.headers["Content-Security-Policy"]
+                body = (await response.read()).decode()
+                if not response.content_type.startswith(("text/html", "text/css")):
+                    continue
+            for groups in _LINK.findall(body):
+                link = next((group for group in groups if group), "")
+                target = urljoin(url, link)
+                assert urlsplit(target).netloc == urlsplit(address).netloc, target
+                if target not in seen:
+                    seen.add(target)
+                    todo.append(target)
+        async with session.get(address) as response:
+            text = await response.text()
+    assert "a &lt;b&gt;&quot;fleet&quot;" in text
+    assert any(name.endswith("live.js") for name in seen)
+    assert any(name.endswith("scene.js") for name in seen)
+
+
+@pytest.mark.parametrize(
+    "name", ["files/../page_server.py", "files/static_files.py", "files/", "x"]
+)
+async def test_no_other_file_is_served(watched: Served, name: str) -> None:
+    async with aiohttp.ClientSession() as session, session.get(watched.address + name) as response:
+        assert response.status == 404
+
+
+async def test_a_page_gets_the_fleet_then_its_state_again_and_again(watched: Served) -> None:
+    async with opened(watched) as socket:
+        fleet = await heard(socket, lambda message: True)
+        assert fleet["kind"] == "fleet"
+        assert fleet["vehicles"] == ["mav0", "mav1", "mav2"]
+        assert not fleet["can_order"]
+        state = await heard(socket, lambda m: m["kind"] == "state" and m["vehicles"][0]["is_fresh"])
+        assert state["vehicles"][1]["position_enu_m"] == [0.0, -1.5, 0.0]
+        assert state["control"] is None
+        later = await heard(socket, lambda m: m["kind"] == "state")
+        assert later["time_s"] > state["time_s"]
+
+
+async def test_whoever_makes_a_page_that_only_watches_say_something_is_not_heard(
+    watched: Served,
+) -> None:
+    async with opened(watched) as socket:
+        await socket.send_str(json.dumps({"do": "urgent", "verb": "land"}))
+        await socket.send_str(json.dumps({"do": "order", "text": "kill mav0"}))
+        await heard(socket, lambda m: m["kind"] == "state")
+        await heard(socket, lambda m: m["kind"] == "state")
+    assert watched.bus.orders == []
+
+
+async def test_what_could_go_wrong_is_shown_first_and_sent_by_its_confirmation(
+    operated: Served,
+) -> None:
+    async with opened(operated) as socket:
+        await heard(socket, is_operator)
+        await socket.send_str(json.dumps({"do": "order", "text": "takeoff all 1.0"}))
+        shown = await heard(
+            socket, lambda m: card("takeoff all 1.0", "previewed")(m) and m.get("can_send")
+        )
+        assert any("closest: 1.50 m" in figure for figure in shown["figures"])
+        assert operated.bus.orders == []
+        await socket.send_str(json.dumps({"do": "confirm", "number": shown["number"]}))
+        done = await heard(
+            socket, lambda m: card("takeoff all 1.0", "sent")(m) and m.get("is_final")
+        )
+        assert {result["phase"] for result in done["results"]} == {"done"}
+    assert [order.kind for _, order in operated.bus.orders] == ["takeoff"] * 3
+
+
+async def test_a_page_that_is_loaded_again_shows_the_cards_of_before(operated: Served) -> None:
+    async with opened(operated) as socket:
+        await heard(socket, is_operator)
+        await socket.send_str(json.dumps({"do": "order", "text": "takeoff mav0 1.0"}))
+        await heard(socket, card("takeoff mav0 1.0", "previewed"))
+    async with opened(operated) as socket:
+        again = await heard(socket, card("takeoff mav0 1.0", "previewed"))
+        await socket.send_str(json.dumps({"do": "drop", "number": again["number"]}))
+        await heard(socket, card("takeoff mav0 1.0", "dropped"))
+    assert operated.bus.orders == []
+
+
+async def test_land_all_goes_out_at_once_and_drops_whatever_waits(operated: Served) -> None:
+    async with opened(operated) as socket:
+        await heard(socket, is_operator)
+        await socket.send_str(json.dumps({"do": "order", "text": "takeoff all 1.0"}))
+        await heard(socket, card("takeoff all 1.0", "previewed"))
+        await socket.send_str(json.dumps({"do": "urgent", "verb": "land"}))
+        dropped = await heard(socket, card("takeoff all 1.0", "dropped"))
+        assert dropped["sentences"] == ["LAND ALL came first."]
+        await heard(socket, card("land all", "sent"))
+    assert [order.kind for _, order in operated.bus.orders] == ["land"] * 3
+
+
+async def test_a_kill_needs_the_same_words_twice_within_a_second(operated: Served) -> None:
+    async with opened(operated) as socket:
+        await heard(socket, is_operator)
+        await socket.send_str(json.dumps({"do": "order", "text": "kill mav1"}))
+        armed = await heard(socket, card("kill mav1", "refused"))
+        assert "Again within 1 s" in armed["sentences"][0]
+        assert operated.bus.orders == []
+        await socket.send_str(json.dumps({"do": "order", "text": "kill mav1"}))
+        await heard(socket, card("kill mav1", "sent"))
+        assert [(name, order.kind) for name, order in operated.bus.orders] == [("mav1", "kill")]
+        await socket.send_str(json.dumps({"do": "order", "text": "takeoff mav1 1"}))
+        refused = await heard(socket, card("takeoff mav1 1", "refused"))
+        assert "mav1 was killed" in refused["sentences"][0]
+
+
+@pytest.mark.parametrize(
+    "said",
+    [
+        "no JSON",
+        "[]",
+        '{"do": "order", "text": 7}',
+        '{"do": "urgent", "verb": "kill"}',
+        '{"do": "confirm", "number": 99}',
+        '{"do": "confirm", "number": "1"}',
+        '{"do": "launch"}',
+        json.dumps({"do": "order", "text": "x" * 600}),
+        "[" * 2000,
+    ],
+)
+async def test_words_that_are_none_are_left_out_and_the_page_lives_on(
+    operated: Served, said: str
+) -> None:
+    async with opened(operated) as socket:
+        await heard(socket, is_operator)
+        await socket.send_str(said)
+        await heard(socket, lambda m: m["kind"] == "state")
+    assert operated.bus.orders == []
+
+
+async def test_names_and_sentences_with_markup_arrive_as_they_are_written(operated: Served) -> None:
+    markup = "<img src=x onerror=alert(1)>"
+    async with opened(operated) as socket:
+        await heard(socket, is_operator)
+        await socket.send_str(json.dumps({"do": "order", "text": markup}))
+        refused = await heard(socket, card(markup, "refused"))
+        assert refused["sentences"]
+    # the page's scripts put texts into elements as text only
+    for name in ("live.js", "live_scene.js", "elements.js"):
+        async with (
+            aiohttp.ClientSession() as session,
+            session.get(f"{operated.address}files/{name}") as response,
+        ):
+            script = await response.text()
+        assert "innerHTML" not in script
+        assert "insertAdjacentHTML" not in script
+
+
+@pytest.mark.parametrize(
+    "headers",
+    [
+        {"Host": "evil.example"},
+        {"Origin": "http://evil.example"},
+        {"Origin": "null"},
+    ],
+)
+async def test_other_sites_in_the_same_browser_are_refused(
+    operated: Served, headers: dict[str, str]
+) -> None:
+    async with aiohttp.ClientSession() as session:
+        for path in ("", "ws", "files/live.js"):
+            async with session.get(operated.address + path, headers=headers) as response:
+                assert response.status == 403, path
+
+
+async def test_pages_that_can_order_stand_behind_their_key(fleet: FleetConfig) -> None:
+    async for served in serve(fleet, can_order=True, key="secret"):
+        assert served.address.endswith("/secret/")
+        root = served.address.removesuffix("secret/")
+        async with aiohttp.ClientSession() as session:
+            for path in ("", "ws", "files/live.js", "wrong/", "secre/"):
+                async with session.get(root + path) as response:
+                    assert response.status == 403, path
+            async with session.get(served.address) as response:
+                assert response.status == 200
+
+
+async def test_one_page_too_many_is_turned_away(
+    watched: Served, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(page_server, "MAX_PAGES", 2)
+    async with aiohttp.ClientSession() as session:
+        first = await session.ws_connect(watched.address + "ws")
+        second = await session.ws_connect(watched.address + "ws")
+        await heard(second, lambda m: m["kind"] == "state")
+        third = await session.ws_connect(watched.address + "ws")
+        assert (await third.receive()).type is aiohttp.WSMsgType.CLOSE
+        for socket in (first, second, third):
+            await socket.close()
+
+
+async def test_a_page_that_takes_nothing_is_closed_and_holds_up_nobody(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(live_feed, "SEND_LIMIT_S", 0.05)
+    slow = live_feed.Page()
+    slow.tell("an event")
+
+    async def never(_: str) -> None:
+        await asyncio.Event().wait()
+
+    with pytest.raises(live_feed.TooSlow):
+        await slow.send_all(never)
+
+    full = live_feed.Page()
+    for _ in range(live_feed.MAX_QUEUED + 1):
+        full.tell("an event")
+    with pytest.raises(live_feed.TooSlow):
+        await full.send_all(never)
+
+
+async def test_of_states_that_wait_a_page_gets_the_newest_only() -> None:
+    page = live_feed.Page()
+    for number in range(5):
+        page.tell_state(f"state {number}")
+    sent: list[str] = []
+
+    async def send(text: str) -> None:
+        sent.append(text)
+
+    with pytest.raises(TimeoutError):
+        async with asyncio.timeout(0.1):
+            await page.send_all(send)
+    assert sent == ["state 4"]
+
+
+@pytest.mark.parametrize("host", ["0.0.0.0", "192.168.1.4", "example.org", ""])
+def test_the_page_is_for_this_machine_only(host: str) -> None:
+    with pytest.raises(ConfigError, match="for this machine only"):
+        require_loopback(host)
