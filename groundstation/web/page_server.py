@@ -162,7 +162,7 @@ class PageServer:
         try:
             async for message in socket:
                 if message.type is WSMsgType.TEXT and self._feed.cards is not None:
-                    await _obey(message.data, self._feed.cards)
+                    await obey(message.data, self._feed.cards)
         finally:
             self._sockets.discard(socket)
             self._feed.close(page)
@@ -210,7 +210,7 @@ def _close_after(task: asyncio.Task[None], socket: web.WebSocketResponse) -> Non
 _closings: set[asyncio.Future[bool]] = set()
 
 
-async def _obey(text: str, cards: OrderCards) -> None:
+async def obey(text: str, cards: OrderCards) -> None:
     """Do what a page says; what is none of the known words is left out."""
     try:
         values = json_values(text, "a message of the page")

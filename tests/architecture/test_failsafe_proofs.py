@@ -23,7 +23,9 @@ def test_a_row_without_a_test_and_without_a_fault_that_has_shown_it_is_found(
     assert Condition.ORDER_OVERDUE.value in without
     assert Condition.POSITION_STALE.value not in without
 
-    unseen = {injection.name: {"seen": {}} for injection in INJECTIONS}
+    unseen: dict[str, dict[str, dict[str, int]]] = {
+        injection.name: {"seen": {}} for injection in INJECTIONS
+    }
     monkeypatch.setattr(failsafe_proofs, "flown", lambda: unseen)
     assert set(failsafe_proofs.without_proof()) == {condition.value for condition in Condition}
 

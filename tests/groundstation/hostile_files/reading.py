@@ -16,7 +16,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple, NoReturn
-from unittest.mock import AsyncMock, MagicMock
+from unittest.mock import AsyncMock
 
 from onboard.config.fleet import ConfigError
 
@@ -122,7 +122,7 @@ def _web(path: Path) -> None:
     from groundstation.web import page_server
 
     text = path.read_text(encoding="utf-8", errors="replace")
-    asyncio.run(page_server._pass_on(text, MagicMock(), AsyncMock()))
+    asyncio.run(page_server.obey(text, AsyncMock()))
 
 
 DOORS: dict[str, Callable[[Path], None]] = {
