@@ -14,7 +14,6 @@ import asyncio
 import contextlib
 import secrets
 import signal
-import tempfile
 from pathlib import Path
 
 from groundstation.client.client import FleetClient
@@ -90,12 +89,10 @@ async def _serve_fleet(fleet: FleetConfig, host: str, port: int, *, can_order: b
 async def _serve_record(folder: Path, host: str, port: int) -> int:
     """Serve the report of a recorded flight until an interrupt."""
     # Imported here: a page of a fleet needs none of it.
-    from groundstation.report.flight_page import write_page
+    from groundstation.report.flight_page import make_page
 
-    with tempfile.TemporaryDirectory(prefix="covey-web-") as made:
-        page = write_page(folder, Path(made) / "report.html").path.read_text(encoding="utf-8")
     title = f"Covey: {folder.name}"
-    server = PageServer(title=title, page=page)
+    server = PageServer(title=title, page=make_page(folder).text)
     address = await server.start(host, port)
     try:
         return await _serve(title, address)

@@ -22,6 +22,32 @@ class Written(NamedTuple):
     notes: tuple[str, ...]  # sentences about what the record lacks
 
 
+class MadePage(NamedTuple):
+    """A page that was not written yet."""
+
+    text: str  # HTML
+    notes: tuple[str, ...]  # sentences about what the record lacks
+
+
+def make_page(
+    folder: Path, *, fleet_path: str | None = None, compared: Path | None = None
+) -> MadePage:
+    """Return the page of a flight.
+
+    Args:
+        folder: flight folder, or its MCAP file.
+        fleet_path: fleet file, where none lies beside the record.
+        compared: flight folder of another flight, shown beside this one.
+
+    Raises:
+        ConfigError: there is no record, or no vehicle is in it.
+    """
+    flight = read_flight(folder, fleet_path)
+    ghost = None if compared is None else read_flight(compared)
+    data = payload(flight, made_by=_made_by(), ghost=ghost)
+    return MadePage(text=page(flight.title, data), notes=flight.notes)
+
+
 def write_page(
     folder: Path,
     out: Path | None = None,
@@ -41,11 +67,8 @@ def write_page(
         ConfigError: there is no record, or no vehicle is in it.
         OSError: the page cannot be written.
     """
-    flight = read_flight(folder, fleet_path)
-    ghost = None if compared is None else read_flight(compared)
-
-    data = payload(flight, made_by=_made_by(), ghost=ghost)
-    text = page(flight.title, data).encode("utf-8")
+    made = make_page(folder, fleet_path=fleet_path, compared=compared)
+    text = made.text.encode("utf-8")
     path = out or (folder if folder.is_dir() else folder.parent) / PAGE_NAME
 
     # whole or not at all: a page that is open elsewhere is never half a page
@@ -56,7 +79,7 @@ def write_page(
     finally:
         with contextlib.suppress(OSError):
             part.unlink(missing_ok=True)
-    return Written(path=path, size=len(text), notes=flight.notes)
+    return Written(path=path, size=len(text), notes=made.notes)
 
 
 def _made_by() -> str:

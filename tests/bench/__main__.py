@@ -54,6 +54,10 @@ BENCHMARKS = {
         "tests.bench.faults",
         "the fault suite over missions, heights, wind and fleet sizes, and pairs of faults",
     ),
+    "page": (
+        "tests.bench.live_page",
+        "serve the live page of circling vehicles, for its picture",
+    ),
     "incidents": (
         "tests.bench.incidents",
         "ten planted incidents, and whether covey incident names their cause first",
