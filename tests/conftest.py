@@ -43,7 +43,13 @@ _ONE_IN_REAL_TIME = (  # one emulated vehicle or one server each
 )
 # Long and in simulated time: they run in the same call, in the worker that those of real time leave
 # idle.
-_BESIDE_REAL_TIME = ("sitl/lockstep/test_gallery.py", "sitl/conformance/test_facts.py")
+_BESIDE_REAL_TIME = (
+    "sitl/lockstep/test_gallery.py",
+    "sitl/lockstep/test_pilots.py",
+    "sitl/lockstep/test_reflight.py",
+    "sitl/lockstep/test_taken_fleets.py",
+    "sitl/conformance/test_facts.py",
+)
 # files that take longest, which begin first, so that no worker has one of them left when all others
 # are done
 _LONGEST = (
