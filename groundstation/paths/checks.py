@@ -145,7 +145,7 @@ class _Demand(NamedTuple):
     values: Array  # (T, N)
     bound: float
     unit: str
-    power: float  # slowing by a factor divides the quantity by factor ** (1 / power)
+    slowings: Array  # (T, N): how many times as long the paths must take for it
 
 
 def needed_slowing(flown: SampledPaths, limits: FlightLimits) -> tuple[float, str]:
@@ -164,31 +164,50 @@ def needed_slowing(flown: SampledPaths, limits: FlightLimits) -> tuple[float, st
     steepest_m_s2 = 0.8 * GRAVITY_M_S2 * math.tan(math.radians(limits.max_tilt_deg))
 
     demands = (
-        _Demand(noun="speed", values=speed_m_s, bound=limits.max_speed_m_s, unit="m/s", power=1.0),
+        _Demand(
+            noun="speed",
+            values=speed_m_s,
+            bound=limits.max_speed_m_s,
+            unit="m/s",
+            slowings=speed_m_s / limits.max_speed_m_s,
+        ),
         _Demand(
             noun="acceleration",
             values=acceleration_m_s2,
             bound=limits.max_acceleration_m_s2,
             unit="m/s^2",
-            power=0.5,
+            slowings=np.sqrt(acceleration_m_s2 / limits.max_acceleration_m_s2),
         ),
         _Demand(
             noun="tilt, as acceleration with drag,",
             values=sideways_m_s2 + drag_m_s2,
             bound=steepest_m_s2,
             unit="m/s^2",
-            power=1.0,
+            slowings=_slowings_of_tilt(sideways_m_s2, drag_m_s2, steepest_m_s2),
         ),
     )
-    worst_one = max(demands, key=lambda one: (one.values.max() / one.bound) ** one.power)
-    value = float(worst_one.values.max())
-
-    step, index = np.unravel_index(worst_one.values.argmax(), worst_one.values.shape)
+    worst_one = max(demands, key=lambda one: float(one.slowings.max()))
+    step, index = np.unravel_index(worst_one.slowings.argmax(), worst_one.slowings.shape)
     words = (
-        f"{flown.names[index]}'s {worst_one.noun} was {value:.2f} {worst_one.unit} at "
-        f"{flown.times_s[step]:.1f} s, {worst_one.bound:g} is the most"
+        f"{flown.names[index]}'s {worst_one.noun} was {worst_one.values[step, index]:.2f} "
+        f"{worst_one.unit} at {flown.times_s[step]:.1f} s, {worst_one.bound:g} is the most"
     )
-    return (value / worst_one.bound) ** worst_one.power, words
+    return float(worst_one.slowings[step, index]), words
+
+
+def _slowings_of_tilt(sideways_m_s2: Array, drag_m_s2: Array, steepest_m_s2: float) -> Array:
+    """Return how many times as long a path must take for its tilt.
+
+    A path that takes k times as long has the k-th part of its speed, and so of its drag, and the
+    k^2-th part of its acceleration: a / k^2 + d / k = b, solved for k.
+
+    Args:
+        sideways_m_s2: a, horizontal acceleration of the path.
+        drag_m_s2: d, what drag takes at its speed.
+        steepest_m_s2: b, what the tilt gives.
+    """
+    root = np.sqrt(drag_m_s2**2 + 4.0 * steepest_m_s2 * sideways_m_s2)
+    return np.asarray((drag_m_s2 + root) / (2.0 * steepest_m_s2))
 
 
 def pair_words(one: ClosestApproach) -> str:

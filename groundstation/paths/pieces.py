@@ -13,6 +13,7 @@ GRID_S = 0.05
 _WINDOW = 5  # samples on each side that a dense sample is smoothed with
 _DENSE_S = 0.2
 _TOLERANCE_M = 0.01
+_TOLERANCE_M_S2 = 0.5  # or a tenth of the largest acceleration, if that is more
 _LONGEST_PIECE = 80  # samples of the grid
 _BINOMIALS = np.array([[math.comb(k, i) for k in range(8)] for i in range(8)], dtype=float)
 
@@ -190,10 +191,14 @@ def _smoothed(padded: Array, step_s: float) -> tuple[Array, Array, Array]:
 
 
 def _merged(p: Array, v: Array, a: Array, step_s: float) -> list[list[float]]:
-    """Return few quintics through the motion on a grid, each within the tolerance of it."""
+    """Return few quintics through the motion on a grid, each near it in position and acceleration.
+
+    A quintic that is near in position alone may swing in between, with twice the acceleration.
+    """
     pieces = []
     first = 0  # sample at which the next piece begins
     length = 8  # samples that it covers
+    tolerance_m_s2 = max(_TOLERANCE_M_S2, 0.1 * float(np.abs(a[:, :3]).max()))
 
     while first < len(p) - 1:
         # twice as long as the last one, then halved until it fits
@@ -205,9 +210,18 @@ def _merged(p: Array, v: Array, a: Array, step_s: float) -> list[list[float]]:
                 begin=np.array([p[first], v[first], a[first]]),
                 end=np.array([p[last], v[last], a[last]]),
             )
-            powers = (step_s * np.arange(length + 1))[:, None] ** np.arange(8)
-            error_m = powers @ piece[1:].reshape(4, 8).T - p[first : last + 1]
-            if length == 1 or np.abs(error_m).max() < _TOLERANCE_M:
+            coefficients = piece[1:].reshape(4, 8).T
+            times_s = (step_s * np.arange(length + 1))[:, None]
+            error_m = times_s ** np.arange(8) @ coefficients - p[first : last + 1]
+
+            curvature = np.arange(2, 8) * np.arange(1, 7)
+            acceleration = times_s ** np.arange(6) @ (curvature[:, None] * coefficients[2:])
+            error_m_s2 = (acceleration - a[first : last + 1])[:, :3]
+
+            is_near = (
+                np.abs(error_m).max() < _TOLERANCE_M and np.abs(error_m_s2).max() < tolerance_m_s2
+            )
+            if length == 1 or is_near:
                 break
             length = max(1, length // 2)
 

@@ -177,9 +177,16 @@ class _Members:
         return value
 
     def _referenced(self, reference: str, folder: str, depth: int) -> Any:
-        """Return what ``member#/key/key`` points at; None where there is no such key."""
+        """Return what ``member#/key/key`` points at.
+
+        None where there is no such key, and for members that are no JSON.
+        """
         member, _, pointer = reference.partition("#")
-        target = self.read(posixpath.normpath(posixpath.join(folder, member)), depth + 1)
+        path = posixpath.normpath(posixpath.join(folder, member))
+        if not path.lower().endswith(".json"):
+            return None  # music, pictures and films, which no drone flies
+
+        target = self.read(path, depth + 1)
         for key in filter(None, pointer.split("/")):
             if isinstance(target, dict) and key in target:
                 target = target[key]

@@ -39,6 +39,20 @@ def imported(
     return mission
 
 
+def test_music_and_pictures_of_a_show_are_left_alone(tmp_path: Path) -> None:
+    show = write_skyc(tmp_path / "line.skyc", line_of(3), 12.0)
+    with zipfile.ZipFile(show) as archive:
+        members = {name: archive.read(name) for name in archive.namelist()}
+    content = json.loads(members["show.json"])
+    content["media"] = {"audio": {"data": {"$ref": "./music.mp3"}}, "cover": {"$ref": "a.PNG"}}
+    members["show.json"] = json.dumps(content).encode()
+    members["music.mp3"] = b"\xff\xfb not JSON"
+    with zipfile.ZipFile(show, "w") as archive:
+        for name, data in members.items():
+            archive.writestr(name, data)
+    assert main(["import", str(show), "--out", str(tmp_path / "out")]) == 0
+
+
 def test_a_show_becomes_a_mission_with_homes_and_paths(tmp_path: Path) -> None:
     show = write_skyc(tmp_path / "line.skyc", line_of(3), 12.0)
     assert main(["import", str(show), "--out", str(tmp_path / "out")]) == 0
