@@ -12,12 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from onboard.avoidance.pairs import margin_2
-from onboard.avoidance.params import VehicleLimits, params_of
-from onboard.config.law import LawConfig
-from onboard.estimation import kalman
 from onboard.estimation.accuracies import Accuracy
-from onboard.estimation.wind import COVERED_M_S2
 from onboard.types import GRAVITY_M_S2, TICK_S
 
 # states that are older than the first require the second for each further second of age
@@ -76,25 +71,6 @@ def required_margin_m(accuracy: Accuracy, kappa_1_1_s: float, kappa_2_1_s: float
         margin [m], from the fit over simulated flights.
     """
     return _MARGIN_FLOOR_M + _MARGIN_SIGMAS * distance_spread_m(accuracy, kappa_1_1_s, kappa_2_1_s)
-
-
-def gust_margin_m(gust_m_s2: float, lag_s: float, law: LawConfig) -> float:
-    """Return the margin of two vehicles in gusts.
-
-    Gusts are an error of the velocity that each publishes, and the law's margin grows with it.
-
-    Args:
-        gust_m_s2: standard deviation per axis, as an acceleration.
-        lag_s: of both vehicles, from a command to its acceleration.
-        law: its margin and kappas.
-    Returns:
-        margin [m], at least the one without gusts.
-    """
-    beyond_m_s2 = max(0.0, gust_m_s2 - COVERED_M_S2)
-    velocity_std_m_s = kalman.gust_time_s(lag_s) * beyond_m_s2
-    spacing = params_of(law, VehicleLimits(lag_s=lag_s)).spacing
-    both_m2 = 2.0 * margin_2(0.0, velocity_std_m_s, spacing)
-    return max(spacing.margin_m, spacing.margin_floor_m + math.sqrt(both_m2))
 
 
 def row_range_m(

@@ -15,6 +15,7 @@ from onboard.config.wind_limit import (
 from onboard.feasibility import bounds
 from onboard.feasibility.finding import Finding, at_least, at_most
 from onboard.px4.required_params import silence_s, weakened
+from onboard.safety.gust_margin import gust_margin_m
 from onboard.types import GRAVITY_M_S2
 
 # the disturbance observer has been measured to hold up to such gusts
@@ -153,7 +154,7 @@ def wind(fleet: FleetConfig, vehicle: Vehicle) -> Finding:
         )
 
     gust_m_s2 = GUST_SHARE * vehicle.drag_1_s * limit_m_s
-    wider_m = bounds.gust_margin_m(gust_m_s2, vehicle.lag_s, fleet.law)
+    wider_m = gust_margin_m(gust_m_s2, vehicle.lag_s, fleet.law)
     advised_m_s = 0.95 * largest_push_m_s2(vehicle) / (GUSTY * vehicle.drag_1_s)
     return at_most(
         name="wind",

@@ -21,6 +21,7 @@ from onboard.config.wind_limit import (
 )
 from onboard.estimation.wind import COVERED_M_S2
 from onboard.localization.own_state import OwnState
+from onboard.safety.gust_margin import gust_margin_m
 from onboard.supervision.tick_context import TickContext
 
 _SCATTER_TIME_S = 2.0  # over which the square of the scatter is averaged
@@ -66,7 +67,8 @@ class WindMonitor:
     def __init__(self, fleet: FleetConfig, vehicle: Vehicle) -> None:
         self._limit_m_s = wind_limit_m_s(fleet, vehicle)
         self._bound_m_s2 = _AT_BOUND_SHARE * largest_push_m_s2(vehicle)
-        self._margin_m = fleet.law.margin_m(vehicle.lag_s)
+        self._law = fleet.law
+        self._lag_s = vehicle.lag_s
         self._largest_gust_m_s2 = _GUST_SHARE * tilt_acceleration_m_s2(vehicle)
         self._square_m2 = 0.0  # mean of the squared distance from the setpoint
 
@@ -88,7 +90,7 @@ class WindMonitor:
         scatter_m = math.sqrt(self._square_m2)
         push = context.disturbance_enu_m_s2
         gust_m_s2 = own.gust_m_s2
-        is_scattered = gust_m_s2 > COVERED_M_S2 and scatter_m > self._margin_m
+        is_scattered = gust_m_s2 > COVERED_M_S2 and scatter_m > self._margin_m(gust_m_s2)
 
         # comparisons with what is not known are false
         return WindFacts(
@@ -101,3 +103,7 @@ class WindMonitor:
             scatter_m=scatter_m,
             is_pushed_about=is_scattered or gust_m_s2 > self._largest_gust_m_s2,
         )
+
+    def _margin_m(self, gust_m_s2: float) -> float:
+        """Return the margin that others keep from a vehicle in such gusts."""
+        return gust_margin_m(gust_m_s2, self._lag_s, self._law)
