@@ -5,6 +5,10 @@ gusts that push a vehicle about. The first needs a drag; the other two do not.
 
 The limit is one of the mean wind. The estimate is a mean over two seconds, which gusts move: it is
 above the limit only where gusts that belong to the limit do not explain it.
+
+A wind that rises is three seconds ahead of its mean, a landing takes three more, and the rise
+itself is seen late. So it counts as if it went on for eight seconds: where it would take nearly all
+of the tilt, the wind is above.
 """
 
 from __future__ import annotations
@@ -24,6 +28,10 @@ from onboard.localization.own_state import OwnState
 from onboard.safety.gust_margin import gust_margin_m
 from onboard.supervision.tick_context import TickContext
 
+_LOOK_S = 0.1  # from one look to the next
+_RISE_S = 6.0  # over which a rise of the mean is taken
+_GOES_ON_S = 8.0
+_SPENT_SHARE = 0.9  # of the wind that takes all of the tilt
 _SCATTER_TIME_S = 2.0  # over which the square of the scatter is averaged
 _AT_BOUND_SHARE = 0.99  # of the observer's bound
 
@@ -40,6 +48,7 @@ class WindFacts:
     limit_m_s: float = math.nan  # NaN: not known
     is_near: bool = False
     is_above: bool = False
+    is_rising: bool = False  # so that it takes all of the tilt soon
     is_at_bound: bool = False  # the disturbance observer
     gust_m_s2: float = 0.0  # standard deviation of the gusts, per axis
     scatter_m: float = 0.0  # of the position about its setpoint in hover
@@ -48,7 +57,10 @@ class WindFacts:
     @property
     def words(self) -> str:
         """Wind and limit, for people."""
-        return f"{self.speed_m_s:.1f} m/s, its limit is {self.limit_m_s:.1f} m/s"
+        rising = ""
+        if self.is_rising:
+            rising = " and rising fast"
+        return f"{self.speed_m_s:.1f} m/s{rising}, its limit is {self.limit_m_s:.1f} m/s"
 
     @property
     def gust_words(self) -> str:
@@ -72,8 +84,15 @@ class WindMonitor:
         self._largest_gust_m_s2 = _GUST_SHARE * tilt_acceleration_m_s2(vehicle)
         self._square_m2 = 0.0  # mean of the squared distance from the setpoint
 
+        self._too_much_m_s = math.inf  # the wind that nearly all of the tilt stands
+        if vehicle.drag_1_s > 0.0:
+            by_tilt_m_s = tilt_acceleration_m_s2(vehicle) / vehicle.drag_1_s
+            self._too_much_m_s = _SPENT_SHARE * by_tilt_m_s
+        self._earlier_enu_m_s = (0.0, 0.0)  # the mean wind, later by the time of a rise
+        self._looks = 0  # at a wind that is known
+
     def reset(self) -> None:
-        """Forget the flight."""
+        """Forget the hover."""
         self._square_m2 = 0.0
 
     def update(self, context: TickContext, dt_s: float) -> None:
@@ -87,6 +106,7 @@ class WindMonitor:
     def look(self, own: OwnState, context: TickContext) -> WindFacts:
         """Return the facts of now."""
         speed_m_s = math.hypot(*own.wind_enu_m_s)
+        is_rising = self._soon_m_s(own.wind_enu_m_s) > self._too_much_m_s
         scatter_m = math.sqrt(self._square_m2)
         push = context.disturbance_enu_m_s2
         gust_m_s2 = own.gust_m_s2
@@ -97,12 +117,33 @@ class WindMonitor:
             speed_m_s=speed_m_s,
             limit_m_s=self._limit_m_s,
             is_near=speed_m_s > self._limit_m_s,
-            is_above=speed_m_s > GUSTY * self._limit_m_s,
+            is_above=is_rising or speed_m_s > GUSTY * self._limit_m_s,
+            is_rising=is_rising,
             is_at_bound=max(abs(push[0]), abs(push[1])) > self._bound_m_s2,
             gust_m_s2=gust_m_s2,
             scatter_m=scatter_m,
             is_pushed_about=is_scattered or gust_m_s2 > self._largest_gust_m_s2,
         )
+
+    def _soon_m_s(self, wind_enu_m_s: tuple[float, float]) -> float:
+        """Return the wind if it goes on rising as it did; NaN while it is not known."""
+        east_m_s, north_m_s = wind_enu_m_s
+        if not math.isfinite(east_m_s + north_m_s):
+            self._looks = 0
+            return math.nan
+
+        # a plain mean at first
+        self._looks += 1
+        blend = max(_LOOK_S / _RISE_S, 1.0 / self._looks)
+        east_before_m_s, north_before_m_s = self._earlier_enu_m_s
+        east_before_m_s += blend * (east_m_s - east_before_m_s)
+        north_before_m_s += blend * (north_m_s - north_before_m_s)
+        self._earlier_enu_m_s = (east_before_m_s, north_before_m_s)
+
+        share = _GOES_ON_S / _RISE_S
+        east_soon_m_s = east_m_s + share * (east_m_s - east_before_m_s)
+        north_soon_m_s = north_m_s + share * (north_m_s - north_before_m_s)
+        return math.hypot(east_soon_m_s, north_soon_m_s)
 
     def _margin_m(self, gust_m_s2: float) -> float:
         """Return the margin that others keep from a vehicle in such gusts."""

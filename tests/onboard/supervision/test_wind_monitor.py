@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import cast
 
 import pytest
 
 from onboard.config.fleet import load_fleet
-from onboard.config.wind_limit import GUST_SHARE, wind_limit_m_s
+from onboard.config.wind_limit import GUST_SHARE, GUSTY, wind_limit_m_s
 from onboard.localization.own_state import OwnState
 from onboard.supervision.tick_context import TickContext
 from onboard.supervision.wind_monitor import WindFacts, WindMonitor
+from sitl.physics.wind import Wind, WindSettings
 
 FLEET = load_fleet("sih")
 VEHICLE = FLEET.vehicles["mav0"]
@@ -48,3 +51,37 @@ def test_who_scatters_by_more_than_others_keep_in_its_gusts_is_pushed_about() ->
     assert hovering(0.3, 0.20).is_pushed_about
     assert not hovering(0.1, 0.20).is_pushed_about  # something else than gusts moves it
     assert hovering(0.9, 0.0).is_pushed_about
+
+
+def first_above(winds_m_s: Iterable[float]) -> float:
+    """Return the mean wind at which it is above first, looked at ten times a second; NaN: never."""
+    monitor = WindMonitor(FLEET, VEHICLE)
+    context = TickContext(own=None)  # type: ignore[arg-type]
+    for wind_m_s in winds_m_s:
+        facts = monitor.look(cast(OwnState, Own(0.0, (wind_m_s, 0.0))), context)
+        if facts.is_above:
+            return wind_m_s
+    return math.nan
+
+
+def test_a_wind_that_rises_is_above_sooner_than_one_that_is_there() -> None:
+    limit_m_s = wind_limit_m_s(FLEET, VEHICLE)
+    there = [0.01 * step for step in range(600)]  # each of them for long
+    at_m_s = first_above(wind for wind in there for _ in range(400))
+    assert at_m_s == pytest.approx(GUSTY * limit_m_s, abs=0.02)
+
+    # to twice the limit within 20 s
+    rising = [0.1 * second * limit_m_s / 10.0 for second in range(200)]
+    assert 0.9 * limit_m_s < first_above(rising) < 1.15 * limit_m_s
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_gusts_of_a_wind_that_is_allowed_are_no_rise(seed: int) -> None:
+    settings = WindSettings((2.6, 0.0, 0.0), gust_std_m_s=GUST_SHARE * 2.6)
+    gusty = Wind(1, settings, seed=seed, step_s=0.1)
+    mean_m_s = 2.6
+    means_m_s = []
+    for _ in range(1200):
+        mean_m_s += 0.05 * (gusty.step()[0, 1] - mean_m_s)  # over two seconds
+        means_m_s.append(float(mean_m_s))
+    assert math.isnan(first_above(means_m_s))
