@@ -106,6 +106,24 @@ def test_a_fence_failsafe_ends_with_a_mode_request_and_a_signal_failsafe_with_th
     assert not failsafe.is_active
 
 
+@pytest.mark.parametrize(
+    ("name", "inside_m", "outside_m"),
+    [
+        ("GF_MAX_HOR_DIST", (4.9, 9.0), (5.1, 0.0)),
+        ("GF_MAX_VER_DIST", (9.0, 4.9), (0.0, 5.1)),
+    ],
+)
+def test_each_limit_of_the_fence_counts_and_none_at_zero(
+    name: str, inside_m: tuple[float, float], outside_m: tuple[float, float]
+) -> None:
+    limit = {name: 5.0, "GF_ACTION": 5}
+    inside = replace(CALM, from_home_m=inside_m)
+    outside = replace(CALM, from_home_m=outside_m)
+    assert decided(inside, **limit) is FailsafeAction.NONE
+    assert decided(outside, **limit) is FailsafeAction.LAND
+    assert decided(outside, **{**limit, name: 0.0}) is FailsafeAction.NONE
+
+
 def test_a_flight_that_is_too_long_ends_by_returning_after_the_hold() -> None:
     late = replace(CALM, flown_s=301.0)
     assert decided(late) is FailsafeAction.NONE
