@@ -58,6 +58,7 @@ COMMANDS: dict[str, tuple[Command, ...]] = {
         Command("web", "the fleet in a browser of this computer, live", "web:web"),
         Command("replay", "a recorded flight in the console", "replay:replay"),
         Command("report", "a recorded flight as a page that plays it", "report:report"),
+        Command("log", "recorded flights: list, info, export for other programs", "log:app"),
         Command("plot", "figures of a recorded flight", "plot:plot"),
         Command("incident", "what went wrong in a flight, and why", "incident:incident"),
     ),

@@ -134,6 +134,7 @@ class Flight:
     """One recorded flight."""
 
     title: str
+    begin_ns: int  # zero of all times here, on the record's common clock
     length_s: float
     vehicles: dict[str, VehicleFlight]  # by name, in the fleet file's order, then by name
     events: list[tuple[float, Event]]  # by time

@@ -371,6 +371,7 @@ def read_flight(folder: Path, fleet_path: str | None = None) -> Flight:
     messages.sort(key=lambda one: one.stamp_ns)
     return Flight(
         title=plain_line(beside.resolve().name)[:MAX_NAME],
+        begin_ns=span.begin_ns,
         length_s=span.length_s,
         vehicles=vehicles,
         events=[

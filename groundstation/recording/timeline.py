@@ -328,6 +328,18 @@ class Timeline:
             )
 
     @property
+    def topics(self) -> frozenset[str]:
+        """First parts of the names of all channels that this version knows."""
+        return frozenset(channel.topic for channel in self._channels.values())
+
+    @property
+    def vehicles(self) -> tuple[str, ...]:
+        """Names of the vehicles that tell of themselves, or whose true motion is known."""
+        told = ("telemetry", "tick", "truth")
+        names = {channel.name for channel in self._channels.values() if channel.topic in told}
+        return tuple(sorted(names))
+
+    @property
     def chunk_count(self) -> int:
         """Number of chunks in the file."""
         return len(self._chunks)

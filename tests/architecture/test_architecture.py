@@ -113,11 +113,20 @@ def test_what_is_imported_is_installed_by_the_readme_s_one_command() -> None:
     extras = project["optional-dependencies"]
     wanted = [
         *project["dependencies"],
-        *(line for name in ("ground", "sim", "plots", "cluster") for line in extras[name]),
+        *(
+            line
+            for name in ("ground", "sim", "plots", "viewers", "cluster")
+            for line in extras[name]
+        ),
     ]
     declared = {re.split(r"[<>=\[; ]", line)[0].replace("-", "_") for line in wanted}
     imported = {
-        {"zenoh": "eclipse_zenoh", "PIL": "pillow"}.get(name, name)
+        {
+            "zenoh": "eclipse_zenoh",
+            "PIL": "pillow",
+            "google": "protobuf",
+            "mcap_protobuf": "mcap_protobuf_support",
+        }.get(name, name)
         for room in form.PACKAGES
         for name in imported_libraries(room)
     }

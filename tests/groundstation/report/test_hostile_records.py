@@ -49,7 +49,7 @@ def test_a_record_that_was_cut_anywhere_opens_in_part_or_is_refused(tmp_path: Pa
     whole = path.read_bytes()
 
     opened_count = 0
-    for size in range(0, len(whole), max(1, len(whole) // 60)):
+    for size in range(0, len(whole), max(1, len(whole) // 30)):
         path.write_bytes(whole[:size])
         try:
             flight = read_flight(folder)
@@ -59,7 +59,7 @@ def test_a_record_that_was_cut_anywhere_opens_in_part_or_is_refused(tmp_path: Pa
         assert any("cut off" in note for note in flight.notes), size
         header, _ = opened(payload(flight, made_by="test"))
         assert header["notes"]
-    assert opened_count > 20
+    assert opened_count > 10
 
 
 def test_flipped_bits_never_end_with_an_exception(tmp_path: Path) -> None:
@@ -67,7 +67,7 @@ def test_flipped_bits_never_end_with_an_exception(tmp_path: Path) -> None:
     path = folder / "flight.mcap"
     whole = path.read_bytes()
     dice = random.Random(7)
-    for attempt in range(60):
+    for attempt in range(40):
         damaged = bytearray(whole)
         for _ in range(1 + attempt % 3):
             damaged[dice.randrange(len(whole))] ^= 1 << dice.randrange(8)

@@ -1,0 +1,107 @@
+"""What lies in flight folders, in lines: a folder of flights, and one record's channels."""
+
+from __future__ import annotations
+
+import contextlib
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+from groundstation.recording.timeline import Timeline
+from groundstation.recording.writer import RECORD_NAME
+from onboard.config.file_reading import RESULTS_FILE, json_values, read_bytes
+from onboard.config.fleet import ConfigError
+from onboard.plain_text import plain_line
+
+_MB = 1e6
+MAX_FOLDERS = 2_000
+MAX_CHANNELS = 400  # in the lines about one record
+
+
+def flight_folders(folder: Path) -> list[Path]:
+    """Return the flight folders in a folder, itself included, the newest first."""
+    found = [folder] if (folder / RECORD_NAME).is_file() else []
+    for path in folder.iterdir():
+        if len(found) < MAX_FOLDERS and (path / RECORD_NAME).is_file():
+            found.append(path)
+    found.sort(key=lambda path: (path / RECORD_NAME).stat().st_mtime, reverse=True)
+    return found
+
+
+def summary(folder: Path) -> dict[str, Any]:
+    """Return what a flight folder holds, without reading its messages.
+
+    Args:
+        folder: flight folder, or its MCAP file.
+
+    Raises:
+        ConfigError: there is no record.
+    """
+    with contextlib.closing(Timeline(folder)) as timeline:
+        verdict = _verdict(timeline.path.parent)
+        return {
+            "folder": str(folder),
+            "length_s": round(timeline.length_s, 1),
+            "size_bytes": timeline.path.stat().st_size,
+            "vehicles": list(timeline.vehicles),
+            "events": len(timeline.events),
+            "is_whole": not timeline.broken,
+            "note": timeline.broken,
+            "mission": _words(verdict.get("mission")),
+            "has_passed": verdict.get("passed") if verdict else None,
+            "verdict": _words(verdict.get("summary")),
+        }
+
+
+def channels(folder: Path) -> dict[str, int]:
+    """Return how many messages each channel of a record has.
+
+    Raises:
+        ConfigError: there is no record.
+    """
+    counts: Counter[str] = Counter()
+    with contextlib.closing(Timeline(folder)) as timeline:
+        for number in range(timeline.chunk_count):
+            for raw in timeline.raw_messages(number, timeline.topics):
+                counts[f"{raw.topic}/{raw.name}"] += 1
+    return dict(sorted(counts.items()))
+
+
+def list_line(one: dict[str, Any]) -> str:
+    """Return a flight as one line of a list."""
+    outcome = {True: "passed", False: "FAILED"}.get(one["has_passed"], "no verdict")
+    broken = "" if one["is_whole"] else "  (cut off or damaged)"
+    return (
+        f"{one['folder']:32s} {one['length_s']:8.1f} s {len(one['vehicles']):4d} vehicles"
+        f" {one['size_bytes'] / _MB:8.1f} MB  {outcome:10s} {one['mission']}{broken}"
+    )
+
+
+def info_lines(one: dict[str, Any], counts: dict[str, int]) -> list[str]:
+    """Return a flight and its channels as lines."""
+    length_s = max(one["length_s"], 1e-3)
+    lines = [
+        f"{one['folder']}: {one['length_s']:.1f} s, {one['size_bytes'] / _MB:.1f} MB,"
+        f" {one['events']} events.",
+        f"Vehicles: {', '.join(map(plain_line, one['vehicles']))}.",
+    ]
+    lines += [sentence for sentence in (one["verdict"], one["note"]) if sentence]
+    lines.append(f"{'channel':32s} {'messages':>9s} {'a second':>9s}")
+    for channel, count in list(counts.items())[:MAX_CHANNELS]:
+        lines.append(f"{plain_line(channel)[:32]:32s} {count:9d} {count / length_s:9.1f}")
+    if len(counts) > MAX_CHANNELS:
+        lines.append(f"and {len(counts) - MAX_CHANNELS} channels more.")
+    return lines
+
+
+def _verdict(folder: Path) -> dict[str, Any]:
+    with contextlib.suppress(ConfigError):
+        if (folder / "verdict.json").is_file():
+            value = json_values(read_bytes(folder / "verdict.json", RESULTS_FILE), "verdict.json")
+            if isinstance(value, dict):
+                return value
+    return {}
+
+
+def _words(value: object) -> str:
+    return plain_line(value)[:400] if isinstance(value, str) else ""

@@ -1,0 +1,1 @@
+"""A recorded flight as the viewers of other people read it: Foxglove, Lichtblick, Rerun."""

@@ -1,0 +1,413 @@
+"""A flight as messages of Foxglove's schemas: frames, scene, positions, log, fixes. Pure.
+
+All positions are in one frame, ``fleet`` (east, north, up), the parent of a frame for each vehicle.
+So the scene needs no transform, and a viewer that follows a vehicle has one at or before each
+message: the first transforms carry the earliest stamp of the record.
+
+A scene has an entity for each vehicle, which the next one of the same id replaces, and, once and
+for good (a lifetime of 0), the fence and the obstacles.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Iterator
+
+import numpy as np
+from foxglove_schemas_protobuf.Color_pb2 import Color
+from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
+from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
+from foxglove_schemas_protobuf.LinePrimitive_pb2 import LinePrimitive
+from foxglove_schemas_protobuf.LocationFix_pb2 import LocationFix
+from foxglove_schemas_protobuf.Log_pb2 import Log
+from foxglove_schemas_protobuf.PackedElementField_pb2 import PackedElementField
+from foxglove_schemas_protobuf.Point3_pb2 import Point3
+from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
+from foxglove_schemas_protobuf.Pose_pb2 import Pose
+from foxglove_schemas_protobuf.SceneEntity_pb2 import SceneEntity
+from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
+from google.protobuf.timestamp_pb2 import Timestamp
+
+from groundstation.recording.flight import Flight, VehicleFlight, at_times, between_times
+from onboard.arrays import Array
+from onboard.config.fleet_config import FleetConfig, Origin
+from onboard.plain_text import plain_line
+
+FRAME = "fleet"
+TRAIL_S = 8.0
+TRAIL_STEP_S = 0.2
+MAX_GAP_S = 0.5
+_RING_CORNERS = 32
+_CAPSULE_CORNERS = 24
+_EARTH_RADIUS_M = 6_371_000.0  # of the sphere that PX4 projects its local frame from
+_LEVEL = (1.0, 0.0, 0.0, 0.0)
+# of the figures and the report: they differ also for people with a common colour blindness
+_COLOURS = (
+    (0.00, 0.45, 0.70),
+    (0.84, 0.37, 0.00),
+    (0.00, 0.62, 0.45),
+    (0.80, 0.47, 0.65),
+    (0.90, 0.62, 0.00),
+    (0.34, 0.71, 0.91),
+    (0.48, 0.32, 0.19),
+    (0.55, 0.58, 0.61),
+)
+_GREY = (0.5, 0.55, 0.6)
+_LEVELS = {
+    "debug": Log.DEBUG,
+    "info": Log.INFO,
+    "warning": Log.WARNING,
+    "critical": Log.ERROR,
+}
+
+
+class Motion:
+    """Positions and attitudes of all vehicles at some times; NaN where they are not known.
+
+    Args:
+        flight: the flight.
+        times_s: (m,) rising.
+    """
+
+    def __init__(self, flight: Flight, times_s: Array) -> None:
+        self.times_s = times_s
+        self.positions_enu_m: dict[str, Array] = {}  # (m, 3)
+        self.quaternions: dict[str, Array] = {}  # (m, 4), wxyz
+        for name, vehicle in flight.vehicles.items():
+            path_s, path_enu_m = vehicle.path
+            self.positions_enu_m[name] = between_times(path_s, path_enu_m, times_s, MAX_GAP_S)
+            self.quaternions[name] = _attitudes(vehicle, times_s)
+
+    def position(self, name: str, index: int) -> tuple[float, float, float] | None:
+        """Return where a vehicle was at one of the times; None where it is not known."""
+        x, y, z = self.positions_enu_m[name][index]
+        if math.isnan(x) or math.isnan(y) or math.isnan(z):
+            return None
+        return float(x), float(y), float(z)
+
+    def quaternion(self, name: str, index: int) -> tuple[float, float, float, float]:
+        """Return a vehicle's attitude at one of the times; level where it is not known."""
+        w, x, y, z = self.quaternions[name][index]
+        length = math.sqrt(w * w + x * x + y * y + z * z)
+        if not length > 0.5:
+            return _LEVEL
+        return float(w / length), float(x / length), float(y / length), float(z / length)
+
+
+def _attitudes(vehicle: VehicleFlight, times_s: Array) -> Array:
+    if vehicle.has_truth:
+        truth = vehicle.truth
+        return at_times(truth.time_s, truth.quaternion_enu_flu_wxyz, times_s, MAX_GAP_S)
+    ticks = vehicle.ticks
+    return at_times(ticks.time_s, ticks.attitude_quaternion_enu_flu_wxyz, times_s, MAX_GAP_S)
+
+
+# -- frames ----------------------------------------------------------------------------------------
+
+
+def frame_transforms(motion: Motion, index: int, stamp_ns: int) -> FrameTransforms:
+    """Return where every vehicle's frame is at one time."""
+    found = FrameTransforms()
+    for name in motion.positions_enu_m:
+        position = motion.position(name, index)
+        if position is not None:
+            found.transforms.append(
+                _transform(name, position, motion.quaternion(name, index), stamp_ns)
+            )
+    return found
+
+
+def first_transforms(flight: Flight, stamp_ns: int) -> FrameTransforms:
+    """Return a transform of every vehicle with the earliest stamp: where it is first seen."""
+    found = FrameTransforms()
+    for name, vehicle in flight.vehicles.items():
+        _, path_enu_m = vehicle.path
+        known_enu_m = path_enu_m[np.isfinite(path_enu_m).all(-1)]
+        position = (0.0, 0.0, 0.0)
+        if len(known_enu_m):
+            x, y, z = known_enu_m[0]
+            position = (float(x), float(y), float(z))
+        found.transforms.append(_transform(name, position, _LEVEL, stamp_ns))
+    return found
+
+
+def _transform(
+    name: str,
+    position: tuple[float, float, float],
+    quaternion: tuple[float, float, float, float],
+    stamp_ns: int,
+) -> FrameTransform:
+    found = FrameTransform(parent_frame_id=FRAME, child_frame_id=name)
+    found.timestamp.CopyFrom(timestamp(stamp_ns))
+    found.translation.x, found.translation.y, found.translation.z = position
+    rotation = found.rotation
+    rotation.w, rotation.x, rotation.y, rotation.z = quaternion
+    return found
+
+
+# -- the scene -------------------------------------------------------------------------------------
+
+
+def static_scene(fleet: FleetConfig, stamp_ns: int) -> SceneUpdate:
+    """Return fence and obstacles, which stay."""
+    update = SceneUpdate()
+    fence = fleet.fleet.geofence_m
+    entity = _entity("fence", stamp_ns)
+    edges = entity.lines.add(type=LinePrimitive.LINE_LIST, thickness=1.5, scale_invariant=True)
+    edges.color.CopyFrom(_colour(_GREY, 0.7))
+    for first, second in _box_edges((fence.x, fence.y, fence.z)):
+        edges.points.add(x=first[0], y=first[1], z=first[2])
+        edges.points.add(x=second[0], y=second[1], z=second[2])
+    update.entities.append(entity)
+
+    for number, obstacle in enumerate(fleet.obstacles):
+        entity = _entity(f"obstacle {number} {plain_line(obstacle.name)}", stamp_ns)
+        for capsule in obstacle.capsules_enu_m:
+            for height_m in (fence.z[0], fence.z[1]):
+                outline = entity.lines.add(
+                    type=LinePrimitive.LINE_LOOP, thickness=2.0, scale_invariant=True
+                )
+                outline.color.CopyFrom(_colour(_GREY, 1.0))
+                outline.points.extend(_capsule(capsule, height_m))
+        update.entities.append(entity)
+    return update
+
+
+def _box_edges(
+    sides: tuple[tuple[float, float], tuple[float, float], tuple[float, float]],
+) -> Iterator[tuple[list[float], list[float]]]:
+    """Yield the twelve edges of a box."""
+    for corner in range(8):
+        begin = [sides[axis][corner >> axis & 1] for axis in range(3)]
+        for axis in range(3):
+            other = corner | 1 << axis
+            if other != corner:
+                end = list(begin)
+                end[axis] = sides[axis][1]
+                yield begin, end
+
+
+def _capsule(capsule: tuple[float, ...], height_m: float) -> list[Point3]:
+    """Return the outline of a thick segment: a circle where it has no length."""
+    x1, y1, x2, y2, radius_m = capsule
+    heading_rad = math.atan2(y2 - y1, x2 - x1)
+    points = []
+    for corner in range(_CAPSULE_CORNERS):
+        angle_rad = heading_rad + math.pi / 2.0 + 2.0 * math.pi * corner / _CAPSULE_CORNERS
+        is_at_begin = corner <= _CAPSULE_CORNERS // 2
+        x, y = (x1, y1) if is_at_begin else (x2, y2)
+        points.append(
+            Point3(
+                x=x + radius_m * math.cos(angle_rad),
+                y=y + radius_m * math.sin(angle_rad),
+                z=height_m,
+            )
+        )
+    return points
+
+
+class VehicleScenes:
+    """The moving part of the scene.
+
+    Args:
+        flight: the flight.
+        motion: at the times of the scenes.
+    """
+
+    def __init__(self, flight: Flight, motion: Motion) -> None:
+        self._motion = motion
+        self._names = tuple(flight.vehicles)
+        self._ring_m = 0.0
+        self._body_m = 0.5
+        if flight.fleet is not None:
+            self._ring_m = flight.fleet.fleet.safety_distance_m / 2.0
+            self._body_m = flight.fleet.fleet.body_diameter_m
+
+        times_s = motion.times_s
+        self._goals_enu_m = {}
+        self._avoided = {}
+        for name, vehicle in flight.vehicles.items():
+            told = vehicle.telemetry
+            self._goals_enu_m[name] = at_times(
+                told.time_s, told.goal_position_enu_m, times_s, max_gap_s=3.0
+            )
+            ticks = vehicle.ticks
+            avoided = np.where(ticks.intervention_m_s2 > 0.0, ticks.avoided, -1.0)
+            self._avoided[name] = at_times(ticks.time_s, avoided, times_s, MAX_GAP_S)
+
+    def at(self, index: int, stamp_ns: int) -> SceneUpdate:
+        """Return the scene at one of the times."""
+        update = SceneUpdate()
+        for number, name in enumerate(self._names):
+            position = self._motion.position(name, index)
+            if position is not None:
+                update.entities.append(self._vehicle(number, name, position, index, stamp_ns))
+        return update
+
+    def _vehicle(
+        self,
+        number: int,
+        name: str,
+        position: tuple[float, float, float],
+        index: int,
+        stamp_ns: int,
+    ) -> SceneEntity:
+        colour = _COLOURS[number % len(_COLOURS)]
+        entity = _entity(name, stamp_ns)
+
+        # the body: flat, with an arrow for its nose
+        pose = Pose()
+        pose.position.x, pose.position.y, pose.position.z = position
+        rotation = pose.orientation
+        rotation.w, rotation.x, rotation.y, rotation.z = self._motion.quaternion(name, index)
+        body = entity.cylinders.add(bottom_scale=1.0, top_scale=1.0)
+        body.pose.CopyFrom(pose)
+        body.size.x = body.size.y = self._body_m
+        body.size.z = 0.08
+        body.color.CopyFrom(_colour(colour, 0.8))
+        nose = entity.arrows.add(
+            shaft_length=0.5 * self._body_m,
+            shaft_diameter=0.03,
+            head_length=0.1,
+            head_diameter=0.08,
+        )
+        nose.pose.CopyFrom(pose)
+        nose.color.CopyFrom(_colour(colour, 1.0))
+
+        if self._ring_m > 0.0:
+            ring = entity.lines.add(
+                type=LinePrimitive.LINE_LOOP, thickness=2.0, scale_invariant=True
+            )
+            ring.color.CopyFrom(_colour(colour, 0.7))
+            ring.points.extend(_capsule((*position[:2], *position[:2], self._ring_m), position[2]))
+        self._add_trail(entity, name, index, colour)
+        self._add_goal(entity, name, index, colour)
+        self._add_avoided(entity, name, position, index, colour)
+
+        label = entity.texts.add(
+            billboard=True, font_size=14.0, scale_invariant=True, text=plain_line(name)
+        )
+        label.pose.position.x, label.pose.position.y = position[:2]
+        label.pose.position.z = position[2] + 0.25
+        label.color.CopyFrom(_colour(colour, 1.0))
+        return entity
+
+    def _add_trail(
+        self, entity: SceneEntity, name: str, index: int, colour: tuple[float, float, float]
+    ) -> None:
+        step_s = self._motion.times_s[1] - self._motion.times_s[0] if index else TRAIL_STEP_S
+        stride = max(1, round(TRAIL_STEP_S / step_s))
+        begin = max(0, index - round(TRAIL_S / step_s))
+        path_enu_m = self._motion.positions_enu_m[name][begin : index + 1 : stride]
+        path_enu_m = path_enu_m[np.isfinite(path_enu_m).all(-1)]
+        if len(path_enu_m) < 2:
+            return
+        trail = entity.lines.add(type=LinePrimitive.LINE_STRIP, thickness=2.5, scale_invariant=True)
+        trail.color.CopyFrom(_colour(colour, 0.8))
+        for x, y, z in path_enu_m:
+            # millimetres: what is finer is noise, and does not pack
+            trail.points.add(x=round(float(x), 3), y=round(float(y), 3), z=round(float(z), 3))
+
+    def _add_goal(
+        self, entity: SceneEntity, name: str, index: int, colour: tuple[float, float, float]
+    ) -> None:
+        x, y, z = self._goals_enu_m[name][index]
+        if math.isnan(x) or math.isnan(y) or math.isnan(z):
+            return
+        goal = entity.spheres.add()
+        goal.pose.position.x, goal.pose.position.y, goal.pose.position.z = x, y, z
+        goal.pose.orientation.w = 1.0
+        goal.size.x = goal.size.y = goal.size.z = 0.12
+        goal.color.CopyFrom(_colour(colour, 0.5))
+
+    def _add_avoided(
+        self,
+        entity: SceneEntity,
+        name: str,
+        position: tuple[float, float, float],
+        index: int,
+        colour: tuple[float, float, float],
+    ) -> None:
+        """Add a line to the vehicle that the law intervenes for."""
+        number = self._avoided[name][index]
+        if not number >= 0.0:
+            return
+        other = self._motion.position(self._names[int(number)], index)
+        if other is None:
+            return
+        line = entity.lines.add(type=LinePrimitive.LINE_STRIP, thickness=4.0, scale_invariant=True)
+        line.color.CopyFrom(_colour(colour, 1.0))
+        for x, y, z in (position, other):
+            line.points.add(x=x, y=y, z=z)
+
+
+def _entity(name: str, stamp_ns: int) -> SceneEntity:
+    """Return an entity that stays until another one of its name replaces it."""
+    entity = SceneEntity(frame_id=FRAME, id=plain_line(name))
+    entity.timestamp.CopyFrom(timestamp(stamp_ns))
+    return entity
+
+
+# -- positions, log, fixes -------------------------------------------------------------------------
+
+
+def positions(motion: Motion, index: int, stamp_ns: int) -> PointCloud:
+    """Return all vehicles as points, which also viewers without scenes show."""
+    cloud = PointCloud(frame_id=FRAME, point_stride=16)
+    cloud.timestamp.CopyFrom(timestamp(stamp_ns))
+    cloud.pose.orientation.w = 1.0
+    for number, name in enumerate(("x", "y", "z")):
+        cloud.fields.add(name=name, offset=4 * number, type=PackedElementField.FLOAT32)
+    for number, name in enumerate(("red", "green", "blue", "alpha")):
+        cloud.fields.add(name=name, offset=12 + number, type=PackedElementField.UINT8)
+
+    data = bytearray()
+    for number, name in enumerate(motion.positions_enu_m):
+        position = motion.position(name, index)
+        if position is not None:
+            red, green, blue = (round(255 * part) for part in _COLOURS[number % len(_COLOURS)])
+            data += struct.pack("<fff4B", *position, red, green, blue, 255)
+    cloud.data = bytes(data)
+    return cloud
+
+
+def log_lines(flight: Flight) -> Iterator[tuple[float, Log]]:
+    """Yield events and orders as lines of a log, with their times [s]."""
+    for time_s, event in flight.events:
+        line = Log(level=_LEVELS.get(event.severity, Log.INFO), name=plain_line(event.vehicle))
+        line.message = plain_line(f"{event.code}: {event.sentence}")
+        yield time_s, line
+    for order in flight.orders:
+        line = Log(level=Log.INFO, name=plain_line(order.vehicle))
+        line.message = plain_line(f"order: {order.text}; {order.answer}; {order.end}")
+        yield order.at_s, line
+
+
+def location_fix(
+    position: tuple[float, float, float], origin: Origin, stamp_ns: int
+) -> LocationFix:
+    """Return where a vehicle is on Earth, which is a sphere here, as PX4's local frame has it.
+
+    Args:
+        position: in the fleet's frame [m], ENU.
+        origin: of that frame.
+        stamp_ns: of the position.
+    """
+    fix = LocationFix(frame_id=FRAME)
+    fix.timestamp.CopyFrom(timestamp(stamp_ns))
+    fix.latitude = origin.latitude_deg + math.degrees(position[1] / _EARTH_RADIUS_M)
+    shrink = math.cos(math.radians(origin.latitude_deg))
+    fix.longitude = origin.longitude_deg + math.degrees(position[0] / _EARTH_RADIUS_M / shrink)
+    fix.altitude = origin.altitude_m + position[2]
+    fix.position_covariance_type = LocationFix.UNKNOWN
+    return fix
+
+
+def timestamp(stamp_ns: int) -> Timestamp:
+    """Return a stamp as protobuf has it."""
+    return Timestamp(seconds=stamp_ns // 1_000_000_000, nanos=stamp_ns % 1_000_000_000)
+
+
+def _colour(rgb: tuple[float, float, float], opacity: float) -> Color:
+    return Color(r=rgb[0], g=rgb[1], b=rgb[2], a=opacity)

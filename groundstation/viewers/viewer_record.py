@@ -1,0 +1,200 @@
+"""Writes a record again such that the viewers of others show it: one file to open or to mail.
+
+The file begins with the fleet file, the mission and the verdict as attachments. Then come the
+record's own messages as they are, on its common clock, and beside them channels of Foxglove's
+schemas: ``/tf``, ``/scene/static``, ``/scene``, ``/positions``, ``/log`` and, outdoors,
+``/fix/NAME``. It is made after a flight: nothing of it costs the flight anything.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import heapq
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+from typing import IO, Any, NamedTuple
+
+import numpy as np
+from mcap.writer import Writer as McapWriter
+from mcap_protobuf.schema import register_schema
+
+from groundstation.recording.channels import json_schema
+from groundstation.recording.flight import Flight
+from groundstation.recording.flight_reading import read_flight
+from groundstation.recording.timeline import Timeline
+from groundstation.viewers import scene_messages
+from groundstation.viewers.scene_messages import Motion, VehicleScenes
+from onboard.config.file_reading import FLEET_FILE, MISSION_FILE, RESULTS_FILE, FileKind, read_bytes
+from onboard.config.fleet import ConfigError
+
+VIEWER_NAME = "flight.foxglove.mcap"
+TICK_S = 0.02  # between two transforms
+SCENE_S = 0.1
+MAX_LENGTH_S = 6 * 3600.0  # of a flight whose scene is drawn
+_CHUNK_BYTES = 512 * 1024
+_ATTACHED: tuple[tuple[str, str, FileKind], ...] = (
+    ("fleet.toml", "application/toml", FLEET_FILE),
+    ("mission.toml", "application/toml", MISSION_FILE),
+    ("mission.py", "text/x-python", MISSION_FILE),
+    ("verdict.json", "application/json", RESULTS_FILE),
+)
+
+
+class _Message(NamedTuple):
+    """One message of Foxglove's schemas."""
+
+    stamp_ns: int
+    topic: str
+    content: Any  # of protobuf
+
+
+def write_viewer_record(folder: Path, out: Path | None = None) -> Path:
+    """Write a record for the viewers of others; returns the file.
+
+    Args:
+        folder: flight folder, or its MCAP file.
+        out: file to write; None: ``flight.foxglove.mcap`` in the flight folder.
+
+    Raises:
+        ConfigError: there is no record, no vehicle is in it, or it is too long.
+        OSError: the file cannot be written.
+    """
+    flight = read_flight(folder)
+    if flight.length_s > MAX_LENGTH_S:
+        raise ConfigError(
+            f"{folder}: this flight has {flight.length_s / 3600.0:.1f} hours; at most"
+            f" {MAX_LENGTH_S / 3600.0:g} are written for viewers."
+        )
+
+    beside = folder if folder.is_dir() else folder.parent
+    path = out or beside / VIEWER_NAME
+    part = path.with_suffix(".part")
+    try:
+        with contextlib.closing(Timeline(folder)) as timeline, part.open("wb") as stream:
+            _Output(stream).write(flight, timeline, beside)
+        part.replace(path)
+    finally:
+        with contextlib.suppress(OSError):
+            part.unlink(missing_ok=True)
+    return path
+
+
+class _Output:
+    """The file that is written."""
+
+    def __init__(self, stream: IO[bytes]) -> None:
+        self._writer = McapWriter(stream, chunk_size=_CHUNK_BYTES)
+        self._writer.start(library="covey")
+        self._schemas: dict[type, int] = {}
+        self._channels: dict[str, int] = {}
+        self._sequences: Counter[int] = Counter()
+
+    def write(self, flight: Flight, timeline: Timeline, beside: Path) -> None:
+        """Write everything: attachments first, then all messages."""
+        begin_ns = min(flight.begin_ns, timeline.begin_ns)
+        for name, media_type, kind in _ATTACHED:
+            with contextlib.suppress(ConfigError):
+                if (beside / name).is_file():
+                    data = read_bytes(beside / name, kind)
+                    self._writer.add_attachment(
+                        create_time=0,
+                        log_time=begin_ns,
+                        name=name,
+                        media_type=media_type,
+                        data=data,
+                    )
+
+        # Both are about in the order of time: so is the file.
+        scenes = _messages(flight, begin_ns)
+        following = next(scenes, None)
+        for number in range(timeline.chunk_count):
+            for raw in timeline.raw_messages(number, timeline.topics):
+                while following is not None and following.stamp_ns <= raw.stamp_ns:
+                    self._put(following)
+                    following = next(scenes, None)
+
+                channel = f"{raw.topic}/{raw.name}"
+                if channel not in self._channels:
+                    self._register_json(channel, raw.kind)
+                self._add(self._channels[channel], raw.stamp_ns, raw.data)
+        while following is not None:
+            self._put(following)
+            following = next(scenes, None)
+        self._writer.finish()  # type: ignore[no-untyped-call]
+
+    def _put(self, message: _Message) -> None:
+        kind = type(message.content)
+        if message.topic not in self._channels:
+            if kind not in self._schemas:
+                self._schemas[kind] = register_schema(self._writer, kind)
+            self._channels[message.topic] = self._writer.register_channel(
+                message.topic, "protobuf", self._schemas[kind]
+            )
+        data = message.content.SerializeToString()
+        self._add(self._channels[message.topic], message.stamp_ns, data)
+
+    def _register_json(self, channel: str, kind: type[Any]) -> None:
+        if kind not in self._schemas:
+            self._schemas[kind] = self._writer.register_schema(
+                f"covey.{kind.__name__}", "jsonschema", json_schema(kind)
+            )
+        self._channels[channel] = self._writer.register_channel(
+            channel, "json", self._schemas[kind]
+        )
+
+    def _add(self, channel_id: int, stamp_ns: int, data: bytes) -> None:
+        self._writer.add_message(channel_id, stamp_ns, data, stamp_ns, self._sequences[channel_id])
+        self._sequences[channel_id] += 1
+
+
+def _messages(flight: Flight, begin_ns: int) -> Iterator[_Message]:
+    """Yield the messages of Foxglove's schemas in the order of their stamps."""
+    yield _Message(begin_ns, "/tf", scene_messages.first_transforms(flight, begin_ns))
+    if flight.fleet is not None:
+        scene = scene_messages.static_scene(flight.fleet, begin_ns)
+        yield _Message(begin_ns, "/scene/static", scene)
+    yield from heapq.merge(
+        _transforms(flight), _scenes(flight), _log(flight), key=lambda message: message.stamp_ns
+    )
+
+
+def _transforms(flight: Flight) -> Iterator[_Message]:
+    motion = _motion(flight, TICK_S)
+    for index, stamp_ns in enumerate(_stamps_ns(flight, motion)):
+        found = scene_messages.frame_transforms(motion, index, stamp_ns)
+        if found.transforms:
+            yield _Message(stamp_ns, "/tf", found)
+
+
+def _scenes(flight: Flight) -> Iterator[_Message]:
+    motion = _motion(flight, SCENE_S)
+    scenes = VehicleScenes(flight, motion)
+    origin = flight.fleet.fleet.global_origin if flight.fleet is not None else None
+
+    for index, stamp_ns in enumerate(_stamps_ns(flight, motion)):
+        yield _Message(stamp_ns, "/scene", scenes.at(index, stamp_ns))
+        yield _Message(stamp_ns, "/positions", scene_messages.positions(motion, index, stamp_ns))
+        if origin is None:
+            continue
+        for name in flight.vehicles:
+            position = motion.position(name, index)
+            if position is not None:
+                fix = scene_messages.location_fix(position, origin, stamp_ns)
+                yield _Message(stamp_ns, f"/fix/{name}", fix)
+
+
+def _log(flight: Flight) -> Iterator[_Message]:
+    lines = sorted(scene_messages.log_lines(flight), key=lambda pair: pair[0])
+    for time_s, line in lines:
+        stamp_ns = flight.begin_ns + round(time_s * 1e9)
+        line.timestamp.CopyFrom(scene_messages.timestamp(stamp_ns))
+        yield _Message(stamp_ns, "/log", line)
+
+
+def _motion(flight: Flight, step_s: float) -> Motion:
+    return Motion(flight, np.arange(flight.begin_s, flight.length_s + step_s / 2.0, step_s))
+
+
+def _stamps_ns(flight: Flight, motion: Motion) -> list[int]:
+    return [flight.begin_ns + round(time_s * 1e9) for time_s in motion.times_s.tolist()]

@@ -1,0 +1,155 @@
+"""Records for viewers, read with mcap's own reader and decoded by the schemas in the file."""
+
+from __future__ import annotations
+
+import json
+from collections import defaultdict
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import pytest
+from mcap.reader import make_reader
+
+pytest.importorskip("mcap_protobuf")
+
+from mcap_protobuf.decoder import DecoderFactory
+
+from groundstation.cli import main
+from groundstation.recording.reader import count_messages
+from groundstation.viewers.viewer_record import write_viewer_record
+from tests.groundstation.report.made_up import BEGIN_NS, position, rows, story, write
+
+SCHEMAS = {
+    "/tf": "foxglove.FrameTransforms",
+    "/scene": "foxglove.SceneUpdate",
+    "/scene/static": "foxglove.SceneUpdate",
+    "/positions": "foxglove.PointCloud",
+    "/log": "foxglove.Log",
+}
+Message = tuple[int, str, Any]  # log time, name of the schema, content
+
+
+def read(path: Path) -> dict[str, list[Message]]:
+    """Every message of the file by its topic; those of protobuf decoded by the file's schemas."""
+    found: dict[str, list[Message]] = defaultdict(list)
+    factory = DecoderFactory()
+    with path.open("rb") as stream:
+        for schema, channel, message in make_reader(stream, validate_crcs=True).iter_messages():
+            assert schema is not None
+            if channel.message_encoding == "protobuf":
+                decode = factory.decoder_for("protobuf", schema)
+                assert decode is not None
+                content = decode(message.data)
+            else:
+                content = json.loads(message.data)
+            found[channel.topic].append((message.log_time, schema.name, content))
+    return found
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = write(tmp_path_factory.mktemp("viewers") / "flight", [*rows(), *story("mav0")])
+    (folder / "mission.toml").write_text("schema = 1\n")
+    (folder / "verdict.json").write_text('{"passed": true}')
+    return folder
+
+
+@pytest.fixture(scope="module")
+def path(folder: Path) -> Path:
+    return write_viewer_record(folder)
+
+
+@pytest.fixture(scope="module")
+def found(path: Path) -> dict[str, list[Message]]:
+    return read(path)
+
+
+def test_each_channel_has_its_schema_and_every_message_decodes(
+    found: dict[str, list[Message]],
+) -> None:
+    for topic, name in SCHEMAS.items():
+        assert {schema for _, schema, _ in found[topic]} == {name}
+    assert len(found["/tf"]) == pytest.approx(501, abs=3)
+    assert len(found["/scene"]) == pytest.approx(101, abs=2)
+    assert len(found["/scene/static"]) == 1
+
+
+def test_a_transform_is_there_at_or_before_each_message(found: dict[str, list[Message]]) -> None:
+    first: dict[str, int] = {}
+    for log_time_ns, _, content in found["/tf"]:
+        for transform in content.transforms:
+            assert transform.parent_frame_id == "fleet"
+            first.setdefault(transform.child_frame_id, log_time_ns)
+    earliest_ns = min(messages[0][0] for messages in found.values())
+    assert first == {"mav0": earliest_ns, "mav1": earliest_ns}
+
+
+def test_a_vehicle_is_where_the_record_has_it(found: dict[str, list[Message]]) -> None:
+    [at_5_s] = [
+        content for stamp_ns, _, content in found["/tf"] if stamp_ns == BEGIN_NS + 5 * 10**9
+    ]
+    mav1 = next(one for one in at_5_s.transforms if one.child_frame_id == "mav1")
+    expected = position(1, 5.0)
+    assert mav1.translation.x == pytest.approx(expected[0], abs=0.001)
+    assert mav1.translation.y == pytest.approx(expected[1], abs=0.001)
+    assert mav1.translation.z == pytest.approx(expected[2], abs=0.001)
+    entity_ids = {one.id for _, _, content in found["/scene"] for one in content.entities}
+    assert entity_ids == {"mav0", "mav1"}
+
+
+def test_the_records_own_messages_are_beside_them_as_they_are(
+    folder: Path, found: dict[str, list[Message]]
+) -> None:
+    before = count_messages(folder)
+
+    own = {topic: messages for topic, messages in found.items() if not topic.startswith("/")}
+    assert sum(map(len, own.values())) == before
+    assert own["tick/mav0"][0][1] == "covey.TickSample"
+    assert own["tick/mav0"][0][2]["active_neighbour"] == "mav1"
+
+
+def test_fleet_mission_and_verdict_are_attached_before_everything(folder: Path, path: Path) -> None:
+    with path.open("rb") as stream:
+        attached = {one.name: one.data for one in make_reader(stream).iter_attachments()}
+    assert set(attached) == {"fleet.toml", "mission.toml", "verdict.json"}
+    assert attached["fleet.toml"] == (folder / "fleet.toml").read_bytes()
+    begin = path.read_bytes()[:200]
+    assert b"fleet.toml" in begin
+
+
+def test_the_file_is_at_most_twice_as_large(folder: Path, path: Path) -> None:
+    assert path.stat().st_size < 2 * (folder / "flight.mcap").stat().st_size
+
+
+def test_outdoors_each_vehicle_has_its_fix(tmp_path: Path) -> None:
+    fleet = (Path(__file__).parents[3] / "configs" / "fleets" / "px4-sitl.toml").read_text(
+        encoding="utf-8"
+    )
+    folder = write(tmp_path / "flight", rows(length_s=2.0), fleet=fleet)
+
+    found = read(write_viewer_record(folder))
+
+    fixes = [content for _, _, content in found["/fix/mav0"]]
+    assert {one.frame_id for one in fixes} == {"fleet"}
+    east_m = (fixes[10].longitude - fixes[0].longitude) * 111_195
+    assert 0.0 < east_m < 1.0
+
+
+def test_the_layout_shows_topics_that_are_there(folder: Path) -> None:
+    found = read(write_viewer_record(folder))
+    text = files("groundstation.viewers").joinpath("layouts/flight.json").read_text("utf-8")
+    layout = json.loads(text)
+
+    scene = layout["configById"]["3D!covey"]
+    assert scene["followTf"] == "fleet"
+    assert set(scene["topics"]) <= set(found)
+    assert layout["configById"]["RosOut!covey"]["topicToRender"] in found
+
+
+def test_the_command_writes_it_beside_the_record(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["log", "export", str(folder), "--foxglove"]) == 0
+
+    assert capsys.readouterr().out.strip() == str(folder / "flight.foxglove.mcap")
