@@ -141,8 +141,12 @@ def main(argv: Sequence[str] | None = None) -> int:
         tick = measured(modules)
         print(f"{name}: {tick.calls} calls, {tick.moves} moves between {tick.modules} modules")
 
-    of_law = [module for module in median if module.partition("/")[0] == LAW]
-    print(f"of the median tick, the interpreted law: {len(of_law)} calls")
+    beside_law = [module for module in median if module.partition("/")[0] != LAW]
+    beside = measured(beside_law)
+    print(
+        f"the median tick beside the interpreted law: {beside.calls} calls, {beside.moves} moves "
+        f"between {beside.modules} modules"
+    )
 
     back_and_forth = Counter(itertools.pairwise(measured(median).rooms))
     print("from room to room, median tick:")
