@@ -4,9 +4,11 @@ Examples:
   covey demo gallery
   covey demo gallery swap
   covey demo gallery thirty --record flights/thirty
+  covey demo gallery london
   covey fly search --sitl
 
-They are flown in lockstep, each in seconds. Exit status: 0 all that the mission
+They are flown in lockstep, each in seconds. The four accidents are flown twice,
+without the defence against them and with it. Exit status: 0 all that the mission
 declares came true; 1 something did not; 2 wrong input, nothing started; 130
 interrupted.
 """
@@ -21,8 +23,10 @@ from cyclopts import Parameter
 from groundstation.commands.fly import fly_mission
 from groundstation.commands.parameters import BusOptions, FlightOptions, LawName, WorldOptions
 from groundstation.flights.flight_settings import new_folder
-from groundstation.shows.gallery import GALLERY, gallery_mission, sentence_of
+from groundstation.mission_files.loading import load_mission
+from groundstation.shows.gallery import ACCIDENTS, GALLERY, gallery_mission, sentence_of
 from onboard.exit_status import EXIT_OK
+from sitl.lockstep.accidents import fly_both as fly_accident
 
 
 def gallery(
@@ -45,6 +49,9 @@ def gallery(
         _print_list()
         return EXIT_OK
 
+    if name in ACCIDENTS:
+        return fly_accident(load_mission(name), seed=seed)
+
     folder = record or new_folder()
     return fly_mission(
         gallery_mission(name, folder),
@@ -57,8 +64,11 @@ def gallery(
 
 
 def _print_list() -> None:
-    width = max(len(name) for name in GALLERY)
+    width = max(len(name) for name in (*GALLERY, *ACCIDENTS))
     for name in GALLERY:
+        print(f"  {name:<{width}}  {sentence_of(name)}")
+    print("Accidents that happened, flown without the defence against them and with it:")
+    for name in ACCIDENTS:
         print(f"  {name:<{width}}  {sentence_of(name)}")
     print(
         "Fly one in simulated time: covey demo gallery NAME."

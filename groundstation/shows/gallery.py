@@ -1,4 +1,7 @@
-"""The missions of the gallery by name: files of configs/missions, and one imported show."""
+"""The missions of the gallery by name: files of configs/missions, and one imported show.
+
+Four of the files are accidents; ``sitl/lockstep/accidents.py`` lets go wrong what went wrong then.
+"""
 
 from __future__ import annotations
 
@@ -28,6 +31,8 @@ GALLERY = (
     "mocap-lost",
     SHOW,
 )
+# Accidents that happened: each is flown without its defence and with it.
+ACCIDENTS = ("orlando", "docklands", "aaib-29203", "london")
 _SHOW_SENTENCE = (
     "Show of thirty: a show of another program, imported: five rows of six turn with a wave"
     " through them."

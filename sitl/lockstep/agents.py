@@ -10,6 +10,8 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Iterable
 
+from msgspec.structs import replace
+
 from onboard import agent_commands, agent_inputs
 from onboard.agent.control_step import PipelineStep
 from onboard.agent.core import AgentCore
@@ -74,6 +76,11 @@ class AgentShell:
         self.is_running = False
         self.is_hung = False
         self._starts = 0
+
+        # tests of shows: how late it starts its path, as one whose clock is behind, and whether it
+        # compares the show's clock with nobody's
+        self.path_delay_s = 0.0
+        self.follows_alone = False
 
         self._inbox: deque[agent_inputs.AgentInput] = deque(maxlen=_MAX_INPUTS)
 
@@ -236,10 +243,22 @@ class AgentShell:
             return
 
         if isinstance(message, Order):
+            message = self._as_its_clock_tells(message)
             self._replies[message.order_id] = reply
             now_ns = self._bus.now_ns()
             self.core.handle(agent_inputs.SnapshotReceived(self.link.snapshot()), now_ns)
             self._execute(self.core.handle(agent_inputs.OrderReceived(message), now_ns))
+
+    def _as_its_clock_tells(self, order: Order) -> Order:
+        """Return an order whose path starts when this agent's clock says so."""
+        path = order.path
+        if path is None or order.kind != "follow_path":
+            return order
+
+        path = replace(path, start_ns=path.start_ns + round(1e9 * self.path_delay_s))
+        if self.follows_alone:
+            path = replace(path, show_id=self.name)
+        return replace(order, path=path)
 
     # -- a tick ------------------------------------------------------------------------------------
 

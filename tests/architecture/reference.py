@@ -11,7 +11,7 @@ from typing import Any
 
 from groundstation.formations.frame import FramePoint
 from groundstation.mission_files.steps import STEP_BOUNDS, STEPS, OnFailure, Until
-from groundstation.shows.gallery import GALLERY, sentence_of
+from groundstation.shows.gallery import ACCIDENTS, GALLERY, sentence_of
 from groundstation.verdict.expectations import EXPECT_MOST_M, Expect
 from onboard.config import formation_shape, mocap, radio, sitl
 from onboard.config.fleet_config import FleetSection, Geofence, Origin, Vehicle
@@ -203,12 +203,13 @@ def mission_file() -> str:
 def gallery() -> str:
     """Print the missions of the gallery with their pictures."""
     parts = []
-    for name in GALLERY:
+    for name in (*GALLERY, *ACCIDENTS):
         title, _, words = sentence_of(name).partition(": ")
+        shown = "the ways from above, and the closest pair"
+        if name in ACCIDENTS:
+            shown = "without the defence, and with it"
         parts.append(
             f"## {title}\n\n{words[0].upper()}{words[1:]}\n\n    covey demo gallery {name}\n"
         )
-        parts.append(
-            f"![{title}: the ways from above, and the closest pair](figures/gallery-{name}.png)\n"
-        )
+        parts.append(f"![{title}: {shown}](figures/gallery-{name}.png)\n")
     return "\n".join(parts).strip()

@@ -31,6 +31,10 @@ BENCHMARKS = {
         "calls of one flying tick, and how often it goes from one module to another",
     ),
     "gallery": ("tests.bench.gallery", "fly and draw the missions of the gallery"),
+    "accidents": (
+        "tests.bench.accidents",
+        "four accidents that happened, flown with their defences and without",
+    ),
     "network": (
         "tests.bench.network.bench",
         "states over a bad link, a fleet cut in two in flight, agents with keys",

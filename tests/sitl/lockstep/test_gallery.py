@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from groundstation.shows.gallery import GALLERY, gallery_mission, sentence_of
+from groundstation.shows.gallery import ACCIDENTS, GALLERY, gallery_mission, sentence_of
 from sitl.lockstep.flight import Lockstep
 
 ROOT = Path(__file__).parents[3]
@@ -33,6 +33,6 @@ def test_a_mission_of_the_gallery_passes(
 
 
 def test_each_has_a_sentence_and_a_picture() -> None:
-    for name in GALLERY:
+    for name in (*GALLERY, *ACCIDENTS):
         assert sentence_of(name).count(": ") >= 1
         assert (ROOT / f"docs/figures/gallery-{name}.png").exists()

@@ -1,0 +1,352 @@
+"""Four accidents of fleets that happened, each flown with its defence and without.
+
+A mission of the gallery flies each (``configs/missions``); here stands what went wrong then, the
+defence that Covey has against it, and what counts as the accident. A defence is taken out by values
+of the fleet file, by flying without the law, or by rows of the failsafe table that then say go on.
+The truth of the emulator judges: vehicles that touch, that leave the fence, or that do not come
+down.
+
+The accidents, as their investigations tell them:
+
+* Orlando, December 2024 (NTSB DCA25LA070): the show's frame was turned by seven degrees and the
+  fence was near; vehicles collided and left the place, and one hit a child.
+* Docklands, Melbourne, July 2023 (ATSB AO-2023-033): the wind rose to twice what the fleet could
+  fly in; 427 of 500 vehicles came down, most of them into the water.
+* AAIB-29203, England, 2023: the controller's batteries were flat in the return of a swarm of 638;
+  several left the formation, and some touched.
+* London, 2023: many vehicles were off their positions by two seconds, and collided.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import NamedTuple
+
+from msgspec.structs import replace
+
+from groundstation.mission_files.mission import Mission
+from groundstation.missions.runner import MissionRun
+from onboard.config.fleet import FleetConfig
+from onboard.config.fleet_config import Geofence
+from onboard.config.wind_limit import wind_limit_m_s
+from onboard.exit_status import EXIT_FAILED, EXIT_OK
+from onboard.safety.failsafe_table import TABLE, Action, Condition, Situation
+from sitl.emulator.emulator import Environment
+from sitl.faults.catalogue import Fault
+from sitl.lockstep.flight import GROUND, Lockstep
+from sitl.physics.wind import WindSettings
+
+_LOOK_S = 0.04  # between two looks at the truth
+_READY_WITHIN_S = 20.0
+_INTO_STEP_S = 0.5  # at which the ground dies
+_LANDED_WITHIN_S = 90.0  # after the mission, or after the ground has gone
+
+TURN_DEG = 7.0
+WIND_TIMES_LIMIT = 2.0
+WIND_RAMP_S = 20.0
+_GUST_M_S = 0.05
+_OF_WIND = (
+    Condition.WIND_ABOVE,
+    Condition.WIND_NEAR,
+    Condition.PUSHED_ABOUT,
+    Condition.DISTURBANCE_BOUND,
+)
+WIND_AT_S = 12.0
+LATE_S = 2.0
+LATE = ("mav0", "mav1")
+
+
+class Accident(NamedTuple):
+    """One accident."""
+
+    name: str  # of the mission
+    defence: str  # in words
+    stage: Callable[[FleetConfig], FleetConfig]  # the fleet as it was then
+    undefended: Callable[[FleetConfig], FleetConfig]  # the same without the defence
+    # lets go wrong what went wrong, before the first step; whether the defence is there
+    happens: Callable[[Lockstep, bool], None]
+    # around a flight without the defence
+    without: Callable[[], contextlib.AbstractContextManager[None]] = contextlib.nullcontext
+    room_turn_deg: float = 0.0  # of the true fence against the fleet's frame, clockwise
+    ground_ends_in: str = ""  # the step in which the ground dies
+
+
+@dataclass(slots=True)
+class Flown:
+    """What came of one flight."""
+
+    name: str
+    is_defended: bool
+    seed: int
+    took_off: bool = False
+    min_separation_m: float = math.inf  # by ground truth, while one of two flew
+    collisions: int = 0
+    outside_m: float = 0.0  # the farthest that a vehicle came outside the true fence, in the air
+    down: bool = False  # all, at the end
+    reason: str = ""  # the mission's own words
+    promised_m: float = 0.0
+    # of the room, in the frame of its true fence: of each vehicle, where it was at each look
+    places_m: list[list[tuple[float, float]]] = field(default_factory=list)
+
+    @property
+    def harm(self) -> str:
+        """What happened, in words; empty where nobody was harmed."""
+        found = []
+        if self.collisions == 1:
+            found.append("a collision")
+        elif self.collisions:
+            found.append(f"{self.collisions} collisions")
+        if self.outside_m > 0.0:
+            found.append(f"{self.outside_m:.2f} m outside the fence")
+        if not self.down:
+            found.append("not all came down")
+        return ", ".join(found)
+
+    @property
+    def line(self) -> str:
+        """The flight in a line."""
+        which = "with" if self.is_defended else "without"
+        nearest = "nobody flew"
+        if self.took_off:
+            nearest = f"closest {self.min_separation_m:.2f} m"
+        harm = self.harm or "no harm"
+        return f"{self.name}, {which} its defence, seed {self.seed}: {harm}; {nearest}"
+
+
+def fly(
+    accident: Accident,
+    mission: Mission,
+    *,
+    is_defended: bool,
+    seed: int,
+    folder: Path | None = None,
+) -> Flown:
+    """Fly an accident once.
+
+    Args:
+        accident: one of ACCIDENTS.
+        mission: of its name.
+        is_defended: whether its defence is there.
+        seed: of everything random.
+        folder: of the record; none without.
+    """
+    fleet = accident.stage(mission.fleet)
+    if not is_defended:
+        fleet = accident.undefended(fleet)
+    mission = replace(mission, fleet=fleet)
+
+    around = contextlib.nullcontext()
+    if not is_defended:
+        around = accident.without()
+    gusts = Environment(WindSettings(gust_std_m_s=_GUST_M_S))
+    with around, Lockstep(fleet, seed=seed, folder=folder, environment=gusts) as flight:
+        flown = Flown(accident.name, is_defended, seed)
+        flown.promised_m = fleet.fleet.safety_distance_m
+        accident.happens(flight, is_defended)
+        look_at(flight, flown, accident.room_turn_deg)
+        flown.reason = flight.wait_for(_mission(flight, mission, accident.ground_ends_in))
+        flight.until(lambda _: _is_down(flight), _LANDED_WITHIN_S)
+
+        flown.down = _is_down(flight)
+        flown.min_separation_m = flight.min_separation_m
+        flown.collisions = len(flight.simulation.emulator.world.collisions)
+    return flown
+
+
+def fly_both(mission: Mission, *, seed: int) -> int:
+    """Fly an accident without its defence and with it, and print both; return the exit status."""
+    accident = ACCIDENTS[Path(mission.path).stem]
+    print(f"The defence: {accident.defence}.", flush=True)
+
+    is_right = True
+    for is_defended in (False, True):
+        flown = fly(accident, mission, is_defended=is_defended, seed=seed)
+        print(flown.line, flush=True)
+        if flown.reason and is_defended:
+            print(f"  {flown.reason}", flush=True)
+        is_right = is_right and bool(flown.harm) is not is_defended
+    if is_right:
+        return EXIT_OK
+    return EXIT_FAILED
+
+
+def look_at(flight: Lockstep, flown: Flown, room_turn_deg: float) -> None:
+    """Follow by the truth who leaves the ground, and how far outside the fence.
+
+    Args:
+        flight: that is followed.
+        flown: gets what was seen.
+        room_turn_deg: of the true fence against the fleet's frame, clockwise.
+    """
+    cos = math.cos(math.radians(room_turn_deg))
+    sin = math.sin(math.radians(room_turn_deg))
+    simulation = flight.simulation
+    fence = flight.config.fleet.geofence_m
+    position, _, _ = simulation.emulator.world.truth_enu()
+    on_ground = simulation.emulator.world.vehicles.states.on_ground.tolist()
+    here_m = []
+    for (east_m, north_m, _), is_on_ground in zip(position.tolist(), on_ground, strict=True):
+        x = cos * east_m - sin * north_m
+        y = sin * east_m + cos * north_m
+        here_m.append((x, y))
+        if is_on_ground:
+            continue
+        flown.took_off = True
+        beyond_m = max(fence.x[0] - x, x - fence.x[1], fence.y[0] - y, y - fence.y[1])
+        flown.outside_m = max(flown.outside_m, beyond_m)
+    flown.places_m.append(here_m)
+    simulation.at(simulation.time_s + _LOOK_S, lambda: look_at(flight, flown, room_turn_deg))
+
+
+async def _mission(flight: Lockstep, mission: Mission, ground_ends_in: str) -> str:
+    """Fly the mission, as long as there is a ground; return what is wrong with it, in words."""
+    is_gone = asyncio.Event()
+
+    def lose_ground() -> None:
+        flight.bus.partition([GROUND])
+        is_gone.set()
+
+    def hear(line: str) -> None:
+        if ground_ends_in and line.startswith(f"{ground_ends_in} "):
+            flight.at(flight.time_s + _INTO_STEP_S, lose_ground)
+
+    run = MissionRun(mission, flight.client, say=hear, ready_timeout_s=_READY_WITHIN_S)
+    task = asyncio.create_task(run.run())
+    gone = asyncio.create_task(is_gone.wait())
+    await asyncio.wait({task, gone}, return_when=asyncio.FIRST_COMPLETED)
+    gone.cancel()
+    if not task.done():
+        return "the ground is gone"
+    verdict = task.result()
+    if verdict.passed:
+        return ""
+    return verdict.sentences[-1]
+
+
+def _is_down(flight: Lockstep) -> bool:
+    return bool(flight.simulation.emulator.world.vehicles.states.on_ground.all())
+
+
+# -- Orlando ---------------------------------------------------------------------------------------
+
+
+def _near_fence(fleet: FleetConfig) -> FleetConfig:
+    fence = fleet.fleet.geofence_m
+    narrow = Geofence(x=(-2.4, 2.4), y=fence.y, z=fence.z)
+    return replace(fleet, fleet=replace(fleet.fleet, geofence_m=narrow))
+
+
+def _anywhere(fleet: FleetConfig) -> FleetConfig:
+    """Return a fleet that is put down anyhow: its spots tell nothing of the frame."""
+    return replace(fleet, fleet=replace(fleet.fleet, placing_m=1.0))
+
+
+def turn_places(flight: Lockstep, turn_deg: float = TURN_DEG) -> None:
+    """Turn the places of all vehicles about the origin, clockwise: as the frame is turned."""
+    cos = math.cos(math.radians(turn_deg))
+    sin = math.sin(math.radians(turn_deg))
+    for place_m in flight.simulation.emulator.world.vehicles.states.position_ned_m:
+        north_m, east_m, _ = place_m.tolist()
+        place_m[0] = cos * north_m - sin * east_m
+        place_m[1] = cos * east_m + sin * north_m
+
+
+# -- Docklands -------------------------------------------------------------------------------------
+
+
+def _let_wind_rise(flight: Lockstep, _is_defended: bool) -> None:
+    config = flight.config
+    limit_m_s = min(wind_limit_m_s(config, vehicle) for vehicle in config.vehicles.values())
+    values = {"speed_m_s": WIND_TIMES_LIMIT * limit_m_s, "over_s": WIND_RAMP_S}
+    flight.inject(Fault("wind_ramp", config.enabled_names[0], WIND_AT_S, 0.0, values))
+
+
+@contextlib.contextmanager
+def _any_wind() -> Iterator[None]:
+    """Have vehicles fly on in any wind, however they are pushed about, while the block runs."""
+    changed = {(Situation.FLYING, condition): Action.GO_ON for condition in _OF_WIND}
+    before = {row: TABLE[row] for row in changed}
+    TABLE.update(changed)
+    try:
+        yield
+    finally:
+        TABLE.update(before)
+
+
+# -- AAIB-29203 ------------------------------------------------------------------------------------
+
+
+def _without_law(fleet: FleetConfig) -> FleetConfig:
+    """Return a fleet whose vehicles fly straight, whoever is in their way."""
+    return fleet.with_law("off")
+
+
+def _without_law_or_landing(fleet: FleetConfig) -> FleetConfig:
+    """Return the same, of which nobody lands by itself when the ground is lost."""
+    alone = replace(fleet, fleet=replace(fleet.fleet, ground_lost_land_s=3600.0))
+    return _without_law(alone)
+
+
+def _nothing_else(_flight: Lockstep, _is_defended: bool) -> None:
+    """Leave everything as it is: the ground dies by itself."""
+
+
+# -- London ----------------------------------------------------------------------------------------
+
+
+def _start_late(flight: Lockstep, is_defended: bool) -> None:
+    """Let some follow their paths later than the rest.
+
+    Without its defence nobody compares the show's clock with the others' either.
+    """
+    for name in LATE:
+        flight.agents[name].path_delay_s = LATE_S
+    for agent in flight.agents.values():
+        agent.follows_alone = not is_defended
+
+
+def _as_it_is(fleet: FleetConfig) -> FleetConfig:
+    return fleet
+
+
+ACCIDENTS = {
+    accident.name: accident
+    for accident in (
+        Accident(
+            name="orlando",
+            defence="preflight compares the spots of all vehicles with where they are seen",
+            stage=_near_fence,
+            undefended=_anywhere,
+            happens=lambda flight, _: turn_places(flight),
+            room_turn_deg=TURN_DEG,
+        ),
+        Accident(
+            name="docklands",
+            defence="each vehicle estimates the wind and lands above its limit",
+            stage=_as_it_is,
+            undefended=_as_it_is,
+            without=_any_wind,
+            happens=_let_wind_rise,
+        ),
+        Accident(
+            name="aaib-29203",
+            defence="vehicles keep their distance and land by themselves, without a ground",
+            stage=_as_it_is,
+            undefended=_without_law_or_landing,
+            happens=_nothing_else,
+            ground_ends_in="home",
+        ),
+        Accident(
+            name="london",
+            defence="vehicles compare the show's clock, and the law keeps distances",
+            stage=_as_it_is,
+            undefended=_without_law,
+            happens=_start_late,
+        ),
+    )
+}
