@@ -6,6 +6,10 @@ Examples:
   covey check attack fleet.toml --only "an order"
   covey check attack fleet.toml --json
 
+With --long 1000 lies and spoofings of one member are searched as well, for
+those with which the others come nearest to each other: by the law alone, in
+simulation.
+
 The copy has ports, a folder and keys of its own; whatever runs already is left
 alone. Each try is made twice: on a copy with keys, and on one without any,
 where it has to get in. docs/threats.md says what is not tried. Exit status: 0
@@ -24,6 +28,10 @@ from groundstation.commands.parameters import FileName
 from groundstation.network.attack import attack_copies
 from onboard.config.fleet import load_fleet
 from onboard.exit_status import EXIT_FAILED, EXIT_OK
+from sitl.monte_carlo.lie_search import SearchReport, search
+from sitl.monte_carlo.settings import setup_for
+
+_LIES = 1000
 
 
 def attack(
@@ -40,7 +48,7 @@ def attack(
 
     Args:
         fleet: the fleet file
-        long: floods and bad frames for minutes instead of seconds
+        long: floods and bad frames for minutes instead of seconds, and the search of lies
         only: a part of the names of the tries to make; by default all
         json: one object instead of lines
     """
@@ -50,8 +58,20 @@ def attack(
             print(line, flush=True)
 
     report = attack_copies(load_fleet(fleet), is_long=long, only=only, say=say)
+    lies: SearchReport | None = None
+    if long and not only:
+        say("\nLies of one member are searched.")
+        lies = search(setup_for(fleet_path=str(fleet)), tries=_LIES, say=say)
+
     if json:
-        print(dumps(report.as_mapping(), indent=2))
+        values = report.as_mapping()
+        if lies is not None:
+            values["lies"] = lies.as_mapping()
+        print(dumps(values, indent=2))
     else:
         print(report.as_text())
-    return EXIT_OK if report.is_right else EXIT_FAILED
+        if lies is not None:
+            print("\n".join(lies.lines))
+
+    is_right = report.is_right and (lies is None or lies.is_right)
+    return EXIT_OK if is_right else EXIT_FAILED

@@ -20,6 +20,7 @@ from onboard.control import pipeline, trajectory
 from onboard.rollout import batch
 from onboard.rollout.own_law_fleet import OwnLawFleet
 from onboard.rollout.rows import Rows
+from sitl.monte_carlo.member_lie import MemberLies, shifted
 from sitl.monte_carlo.metrics import FlightMetrics, FlightOutcome
 from sitl.monte_carlo.noise import FlightNoise
 from sitl.monte_carlo.radio import Radio
@@ -34,6 +35,10 @@ MakeController = Callable[
 _TIMES_STRAIGHT = 5.5  # a flight that takes longer than so many times the lone one has failed
 _ALONE_SPARE_S = 20.0
 _STOP_S = 0.5  # at top speed the limits of acceleration and the lag need about so much to stop
+
+# position and velocity, by their names
+_OF_STATE = ("position_enu_m", "velocity_enu_m_s")
+_OF_LAW = ("predicted_position_enu_m", "predicted_velocity_enu_m_s")
 
 # makespans of lone flights by setup, scenario and seed
 _STRAIGHT_S: dict[tuple[str, str, int], float] = {}
@@ -169,6 +174,8 @@ def _fly(
         has_trace=has_trace,
     )
     orders = _Orders(plans)
+    lies = MemberLies(plans)
+    tells_lies = lies.has_any and not is_alone
     radio: Radio | None = None
 
     # both (F, N): as sent last, and as the pipelines estimate it
@@ -179,6 +186,12 @@ def _fly(
     while True:
         normals, link_draws = noise.next()
         states = sensors.update(truth, normals, throttle, hover)
+        told = states
+        offset_m = velocity_m_s = np.zeros_like(start)
+        if tells_lies:
+            offset_m, velocity_m_s = lies.offsets(metrics.time_s)
+            told = shifted(states, offset_m, velocity_m_s, _OF_STATE)
+            states = np.where(lies.is_believed()[:, None], told, states)
 
         if radio is None and not is_alone:
             is_intruder = np.isfinite(scripted).all(-1)
@@ -194,7 +207,7 @@ def _fly(
         goals = orders.goals(is_frozen, truth)
         ticks = pilots.step(states, goals, neighbours, is_present, TICK_S)
         if radio is not None:
-            radio.publish(states, ticks)
+            radio.publish(told, _as_told(ticks, offset_m, velocity_m_s, lies.is_believed()))
 
         throttle = ticks["attitude"]["thrust_frac"]
         hover = ticks["hover_thrust_frac"]
@@ -214,11 +227,24 @@ def _fly(
         start = start[going_on]
         throttle = throttle[going_on]
         hover = hover[going_on]
-        for part in (noise, sensors, pilots, world, metrics, orders):
+        for part in (noise, sensors, pilots, world, metrics, orders, lies):
             part.keep(going_on)
         if radio is not None:
             radio.keep(going_on)
         truth = world.truth()
+
+
+def _as_told(ticks: Rows, offset_m: Array, velocity_m_s: Array, is_believed: BoolArray) -> Rows:
+    """Return the ticks as a liar tells them: its prediction is off, as its position is.
+
+    Who believes its false position predicts from it already.
+    """
+    is_off = offset_m.any(-1) & ~is_believed[:, None]
+    if not is_off.any():
+        return ticks
+    told = ticks.copy()
+    told["law"] = shifted(ticks["law"], offset_m, velocity_m_s, _OF_LAW)
+    return np.where(is_off, told, ticks)
 
 
 def _controller(fleet: FleetConfig) -> MakeController:

@@ -130,6 +130,9 @@ class FlightMetrics:
             if plan.lost is not None:
                 lost_index, _, _ = plan.lost
                 self._counts[f, lost_index] = False
+            if plan.lie is not None:
+                self._counts[f, plan.lie.member] = False
+        self._is_judged = self._judged_pairs(plans)
 
         self._position = start_enu_m
         self._command = np.zeros((flights, count, 2))
@@ -155,6 +158,15 @@ class FlightMetrics:
         self._trace: _TraceBuffer | None = None
         if has_trace:
             self._trace = _TraceBuffer(start_enu_m)
+
+    def _judged_pairs(self, plans: Sequence[FlightPlan]) -> BoolArray:
+        """Return the pairs (F, P) whose distance is judged: all but those of a liar."""
+        first, second = self._pairs
+        is_judged = np.ones((len(plans), len(first)), bool)
+        for f, plan in enumerate(plans):
+            if plan.lie is not None:
+                is_judged[f] = (first != plan.lie.member) & (second != plan.lie.member)
+        return is_judged
 
     @property
     def time_s(self) -> float:
@@ -198,6 +210,8 @@ class FlightMetrics:
         level = offset[..., :2]
         distance = np.sqrt(np.einsum("fpc,fpc->fp", level, level))
 
+        # of a liar nobody promises anything; this is about the others
+        distance = np.where(self._is_judged, distance, np.inf)
         touches = distance < self._body_m
         if self._height_share > 0.0:
             height = np.abs(offset[..., 2])
@@ -321,6 +335,7 @@ class FlightMetrics:
         self._earliest = self._earliest[flights]
         self._longest = self._longest[flights]
         self._counts = self._counts[flights]
+        self._is_judged = self._is_judged[flights]
 
         self._position = self._position[flights]
         self._command = self._command[flights]

@@ -22,6 +22,7 @@ from onboard.arrays import Array
 from onboard.avoidance.params import Capsule
 from onboard.config.fleet import ConfigError
 from sitl.monte_carlo import clutter
+from sitl.monte_carlo.member_lie import MemberLie
 
 HEIGHT_M = 1.0
 _UP = np.array([0.0, 0.0, 2.0])  # from one layer to the next
@@ -75,6 +76,7 @@ class FlightPlan:
     intruder_m_s: Array | None = None
     # index, time [s] and kind of a vehicle that is lost on the way
     lost: tuple[int, float, str] | None = None
+    lie: MemberLie | None = None  # what is false about one vehicle's position
     obstacles: tuple[Capsule, ...] = ()  # that stand still; the same for all seeds of a scenario
 
     @property
