@@ -77,6 +77,16 @@ class RawMessage(NamedTuple):
     data: bytes  # JSON
 
 
+class RawChannel(NamedTuple):
+    """Messages of one channel in one chunk, not decoded."""
+
+    topic: str
+    name: str
+    kind: type[Message]
+    stamps_ns: list[int]  # on the record's common clock
+    datas: list[bytes]  # JSON each
+
+
 @dataclass(slots=True)
 class _Chunk:
     """One chunk of the file."""
@@ -310,11 +320,7 @@ class Timeline:
             Messages in the order of the file.
         """
         chunk = self._chunks[number]
-        channels = {
-            channel_id: channel
-            for channel_id, channel in self._channels.items()
-            if channel.topic in topics
-        }
+        channels = self._channels_of(topics)
         unpack = partial(chunk_messages, channel_ids=channels)
         for channel_id, log_time_ns, data in self._unpacked(chunk, unpack):
             channel = channels[channel_id]
@@ -326,6 +332,49 @@ class Timeline:
                 kind=channel.kind,
                 data=data,
             )
+
+    def raw_channels(self, number: int, topics: frozenset[str]) -> list[RawChannel]:
+        """Return the messages of one chunk, channel by channel, as they stand there.
+
+        Args:
+            number: of the chunk.
+            topics: first parts of the channels' names, as ``telemetry``.
+        """
+        chunk = self._chunks[number]
+        channels = self._channels_of(topics)
+        contents: dict[int, tuple[list[int], list[bytes]]] = {}
+        unpack = partial(chunk_messages, channel_ids=channels)
+        for channel_id, log_time_ns, data in self._unpacked(chunk, unpack):
+            content = contents.get(channel_id)
+            if content is None:
+                content = contents[channel_id] = ([], [])
+            content[0].append(log_time_ns)
+            content[1].append(data)
+
+        found = []
+        for channel_id, (log_times_ns, datas) in contents.items():
+            channel = channels[channel_id]
+            shift_ns = chunk.shifts_ns.get(channel.clock, 0)
+            stamps_ns = log_times_ns
+            if shift_ns:
+                stamps_ns = [log_time_ns - shift_ns for log_time_ns in log_times_ns]
+            found.append(
+                RawChannel(
+                    topic=channel.topic,
+                    name=channel.name,
+                    kind=channel.kind,
+                    stamps_ns=stamps_ns,
+                    datas=datas,
+                )
+            )
+        return found
+
+    def _channels_of(self, topics: frozenset[str]) -> dict[int, _RecordChannel]:
+        return {
+            channel_id: channel
+            for channel_id, channel in self._channels.items()
+            if channel.topic in topics
+        }
 
     @property
     def topics(self) -> frozenset[str]:

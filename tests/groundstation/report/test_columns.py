@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 import numpy as np
-from hypothesis import given
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from groundstation.report.columns import packed, unpacked
@@ -9,6 +9,8 @@ from groundstation.report.columns import packed, unpacked
 NUMBERS = st.floats(-1e9, 1e9) | st.just(float("nan"))
 
 
+# a busy computer draws slowly, and that is no mistake
+@settings(suppress_health_check=[HealthCheck.too_slow], deadline=None)
 @given(values=st.lists(NUMBERS, min_size=1, max_size=60), resolution=st.sampled_from((0.001, 1.0)))
 def test_a_curve_comes_back_within_half_a_step_and_nan_as_nan(values, resolution):
     given_values = np.array(values)
