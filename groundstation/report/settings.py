@@ -12,6 +12,8 @@ from onboard.config.fleet import FleetConfig
 _MOST_LETTERS = 200  # of a value
 # what says where and who a vehicle is, and has no default that it could differ from
 _IDENTITY = frozenset(("name", "index", "system_id", "agent", "autopilot", "direct", "mocap_body"))
+# where things lie on one computer
+_PLACES = frozenset(("folder", "keys", "routers", "simulator"))
 
 
 class Setting(NamedTuple):
@@ -59,6 +61,8 @@ def _of_vehicles(fleet: FleetConfig) -> list[Setting]:
 
 def _of(table: str, values: msgspec.Struct, prefix: str = "") -> Iterator[Setting]:
     for field in msgspec.structs.fields(values):
+        if field.name in _PLACES:
+            continue
         value = getattr(values, field.name)
         key = prefix + field.name
         if isinstance(value, msgspec.Struct):
