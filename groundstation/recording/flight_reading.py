@@ -48,6 +48,7 @@ from onboard.plain_text import plain_line
 
 MAX_VEHICLES = 256
 MAX_ORDER_MESSAGES = 50_000  # orders, replies and events
+MAX_MADE = 20  # words about by what a record was written
 MAX_NAME = 60  # letters of a name that are kept
 LARGEST = 1e9  # of any quantity; a larger number is none
 # The flight is where most stamps are; others further apart than this from them are wrong.
@@ -421,6 +422,7 @@ def read_flight(folder: Path, fleet_path: str | None = None) -> Flight:
         fleet=fleet,
         verdict=_verdict(beside, notes),
         mission=_mission(beside),
+        made=dict(list(timeline.made_by.items())[:MAX_MADE]),
         notes=tuple(notes),
     )
 

@@ -159,7 +159,10 @@ def separations(tracks: dict[str, TrueMotion], height_share: float = 0.0) -> dic
 
 def _common_stamps(first: TrueMotion, second: TrueMotion) -> NDArray[np.int64]:
     """Return the stamps of both, as long as both are known."""
-    stamps = np.union1d(first.stamp_ns, second.stamp_ns)
+    # One emulator stamps all its vehicles alike, and then nothing has to be merged.
+    stamps = first.stamp_ns
+    if not np.array_equal(first.stamp_ns, second.stamp_ns):
+        stamps = np.union1d(first.stamp_ns, second.stamp_ns)
     begin_ns = max(first.stamp_ns[0], second.stamp_ns[0])
     end_ns = min(first.stamp_ns[-1], second.stamp_ns[-1])
     common: NDArray[np.int64] = stamps[(stamps >= begin_ns) & (stamps <= end_ns)]

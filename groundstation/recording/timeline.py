@@ -12,6 +12,7 @@ common clock.
 from __future__ import annotations
 
 import bisect
+import contextlib
 import heapq
 import math
 import struct
@@ -26,7 +27,7 @@ from typing import NamedTuple, TypeVar
 
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, Schema
+from mcap.records import Channel, Chunk, Metadata, Schema
 
 from groundstation.recording.channels import KINDS, REPLY, from_json
 from groundstation.recording.reader import (
@@ -35,6 +36,7 @@ from groundstation.recording.reader import (
     chunk_records,
     record_path,
 )
+from groundstation.recording.writer import MADE_BY
 from onboard.bus.schema import Event, Message
 from onboard.config.file_reading import RECORD, opened
 from onboard.config.fleet import ConfigError
@@ -46,6 +48,7 @@ CLOCK_APART_NS = 5_000_000_000
 MAX_CHUNK_NS = 3_600_000_000_000
 _MAGIC = b"\x89MCAP0\r\n"
 _GROUND = "ground"
+_MAX_METADATA_BYTES = 64 * 1024
 _Part = TypeVar("_Part")  # of a chunk
 
 # Parts of an MCAP file, little-endian: the head of a record (opcode, length), the first two fields
@@ -129,6 +132,7 @@ class Timeline:
     def __init__(self, folder: Path) -> None:
         self.path = record_path(folder)
         self.broken = ""  # sentence about where the record breaks off; empty when it is whole
+        self.made_by: dict[str, str] = {}  # program, version and begin; empty in older records
         self.malformed = 0  # messages that could not be decoded
         self.events: list[tuple[int, Event]] = []  # (stamp, event), sorted, at most MAX_EVENTS
         self._channels: dict[int, _RecordChannel] = {}
@@ -218,12 +222,21 @@ class Timeline:
                 times = stream.read(_CHUNK_TIMES.size)
                 chunk.begin_ns, chunk.end_ns = _CHUNK_TIMES.unpack(times)
                 stamps.begin()
+            elif opcode == Opcode.METADATA and length <= _MAX_METADATA_BYTES:
+                self._learn_made(stream.read(length))
             elif opcode == Opcode.MESSAGE_INDEX and self._chunks:
                 self._index(stream.read(length), stamps)
 
             offset += length
             stream.seek(offset)
         self._settle(stamps)
+
+    def _learn_made(self, data: bytes) -> None:
+        """Take in by what the record was written; what cannot be read is left out."""
+        with contextlib.suppress(*DAMAGED):
+            metadata = Metadata.read(ReadDataStream(BytesIO(data)))
+            if metadata.name == MADE_BY:
+                self.made_by.update(metadata.metadata)
 
     def _settle(self, stamps: _Stamps) -> None:
         """Put all chunks on one clock, and read the events."""

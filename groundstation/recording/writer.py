@@ -11,10 +11,12 @@ import contextlib
 import datetime
 import io
 import os
+import platform
 import threading
 import time
 from collections import Counter, deque
 from collections.abc import Callable
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import IO, Any, NamedTuple, TextIO
 
@@ -30,6 +32,7 @@ WRITE_PERIOD_S = 0.1
 FLUSH_PERIOD_S = 1.0
 MAX_QUEUED = 20_000
 RECORD_NAME = "flight.mcap"
+MADE_BY = "covey"  # name of the metadata that say by what a record was written
 MAX_CHANNELS = 4_000  # a hundred vehicles have a thousand; MCAP cannot number more than 65,535
 _CHUNK_BYTES = 512 * 1024  # each chunk has an index entry per channel
 
@@ -42,6 +45,20 @@ class RecordEnd(NamedTuple):
     begin_ns: int  # zero of its seconds, on the ground's clock
     written: int = 0  # messages on the disk
     failure: str | None = None  # why it ended early
+
+
+def _made_by(begin: str) -> dict[str, str]:
+    """Return by what a record was written, and when."""
+    try:
+        covey = version("covey")
+    except PackageNotFoundError:
+        covey = "not installed"
+    return {
+        "covey": covey,
+        "python": platform.python_version(),
+        "machine": platform.machine(),
+        "begin": begin,
+    }
 
 
 class RecordWriter:
@@ -183,6 +200,7 @@ class RecordFiles:
         self._stream = stream
         self._mcap = Writer(stream, chunk_size=_CHUNK_BYTES)
         self._mcap.start(library="covey")
+        self._mcap.add_metadata(MADE_BY, _made_by(begin))
         self._schemas: dict[type[Message], int] = {}  # kind -> its number in the file
         self._channels: dict[str, int] = {}  # name -> its number in the file
         self._sequences: Counter[int] = Counter()  # number of a channel -> its next sequence number

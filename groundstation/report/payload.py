@@ -76,7 +76,7 @@ def payload(flight: Flight, *, made_by: str, ghost: Flight | None = None) -> byt
 
     head = msgspec.json.encode(header)
     parts = [_HEAD.pack(len(head)), head, *(column.data for column in columns)]
-    return zlib.compress(b"".join(parts), 7)
+    return zlib.compress(b"".join(parts), 6)
 
 
 def _step_s(flight: Flight) -> float:
@@ -305,9 +305,12 @@ def _vehicle(vehicle: VehicleFlight) -> dict[str, Any]:
 def _changes(times_s: Array, texts: list[str]) -> list[tuple[float, str]]:
     """Return when a text became another one."""
     changes: list[tuple[float, str]] = []
+    last_text: str | None = None
     for time_s, text in zip(times_s, texts, strict=True):
-        if not changes or changes[-1][1] != _text(text):
-            changes.append((round(float(time_s), 2), _text(text)))
+        if text == last_text:
+            continue
+        last_text = text
+        changes.append((round(float(time_s), 2), _text(text)))
         if len(changes) >= MAX_EVENTS:
             break
     return changes

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from importlib.metadata import version
 from pathlib import Path
 
 import msgspec
@@ -95,6 +96,14 @@ def test_another_flight_lies_beside_it_from_the_same_lift_off(folder: Path, tmp_
     assert header["ghost"] == "other"
     difference_m = np.abs(curves["0/ghost_x"] - curves["0/x"])
     assert np.nanmax(difference_m) < 0.02
+
+
+def test_the_page_names_the_version_that_recorded(folder: Path) -> None:
+    header, _ = opened(payload(read_flight(folder), made_by="test"))
+
+    versions = dict(header["versions"])
+    assert versions["covey"] == version("covey")
+    assert versions["begin"] == "a test"
 
 
 def test_a_long_flight_has_a_coarser_grid(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
