@@ -140,7 +140,7 @@ def fly(
         fleet = accident.undefended(fleet)
     mission = replace(mission, fleet=fleet)
 
-    around = contextlib.nullcontext()
+    around: contextlib.AbstractContextManager[None] = contextlib.nullcontext()
     if not is_defended:
         around = accident.without()
     gusts = Environment(WindSettings(gust_std_m_s=_GUST_M_S))
