@@ -54,7 +54,7 @@ class Change(NamedTuple):
 
 
 class Origin(NamedTuple):
-    """What a flight is flown from."""
+    """Files and settings of a flight."""
 
     fleet_text: str  # TOML
     mission_text: str  # TOML or Python

@@ -31,14 +31,14 @@ class Line(NamedTuple):
 
 
 class Account(NamedTuple):
-    """What a record says of the seconds before a moment."""
+    """The seconds before a moment, as a record has them."""
 
     facts: tuple[str, ...]  # about the moment itself, a sentence each
     lines: tuple[Line, ...]  # what happened before it and shortly after, in order
 
 
 class _Seen:
-    """What the record has of one vehicle in these seconds."""
+    """One vehicle in these seconds, as the record has it."""
 
     def __init__(self, name: str) -> None:
         self.name = name

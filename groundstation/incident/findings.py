@@ -10,7 +10,7 @@ from groundstation.incident.candidates import Candidate
 
 
 class Trial(NamedTuple):
-    """How a changed flight went."""
+    """The outcome of a changed flight."""
 
     candidate: Candidate
     min_separation_m: float  # by ground truth; inf without a pair
@@ -23,7 +23,7 @@ class Trial(NamedTuple):
 
 
 class Findings(NamedTuple):
-    """What the changed flights say."""
+    """The changed flights, sorted by their outcome."""
 
     causes: tuple[Trial, ...]  # without each of them the promise would have been kept; best first
     defences: tuple[Trial, ...]  # with each of them it would have been kept all the same

@@ -39,7 +39,7 @@ class PlansOrders(Protocol):
 
 
 class FliesAhead(Protocol):
-    """What computes forecasts."""
+    """A forecaster."""
 
     async def forecast(
         self, fleet: FleetConfig, legs: Mapping[str, Leg], *, is_takeoff: bool = False

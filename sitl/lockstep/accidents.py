@@ -263,7 +263,14 @@ def _let_wind_rise(flight: Lockstep, _is_defended: bool) -> None:
     config = flight.config
     limit_m_s = min(wind_limit_m_s(config, vehicle) for vehicle in config.vehicles.values())
     values = {"speed_m_s": WIND_TIMES_LIMIT * limit_m_s, "over_s": WIND_RAMP_S}
-    flight.inject(Fault("wind_ramp", config.enabled_names[0], WIND_AT_S, 0.0, values))
+    flight.inject(
+        Fault(
+            name="wind_ramp",
+            vehicle=config.enabled_names[0],
+            at_s=WIND_AT_S,
+            parameters=values,
+        )
+    )
 
 
 @contextlib.contextmanager

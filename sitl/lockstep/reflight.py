@@ -38,7 +38,7 @@ Say = Callable[[str], None]
 
 
 class Reflown(NamedTuple):
-    """What became of a flight that was flown again."""
+    """The outcome of a flight that was flown again."""
 
     verdict: Verdict
     min_separation_m: float  # by ground truth, while one of the two flew; inf without a pair
