@@ -314,13 +314,13 @@ def command_words(words: list[str]) -> list[str]:
 
 def front_text() -> str:
     """Return the page of ``covey --help``: a line for each command, on one screen."""
-    lines = ["covey COMMAND: a ground station for PX4 multirotors that fly close together", ""]
+    lines = ["covey COMMAND: a ground station for PX4 multirotors that fly close together"]
     for group, commands in COMMANDS.items():
         title = group
         for command in commands:
             lines.append(f"{title:<12}{command.name:<10}{command.help}")
             title = ""
-    lines += ["", _FOOTER]
+    lines.append(_FOOTER)
     return "\n".join(lines)
 
 
