@@ -179,11 +179,11 @@ def links_table(openings: Sequence[Opening], outages: Sequence[Outage]) -> str:
 def _bench_links(options: argparse.Namespace) -> int:
     with tempfile.TemporaryDirectory(prefix="covey-links-") as scratch:
         openings, outages = measure_links(options.transports.split(","), Path(scratch))
-    text = links_table(openings, outages)
-    if options.json:
-        opened = [asdict(opening) for opening in openings]
-        text = json.dumps([*opened, *[asdict(outage) for outage in outages]])
-    print(text)
+    print(
+        json.dumps([*map(asdict, openings), *map(asdict, outages)])
+        if options.json
+        else links_table(openings, outages)
+    )
     insert(options.page, "links", links_table(openings, outages))
     is_right = all(one.opened_s is not None for one in openings) and all(
         one.longest_age_s <= LONGEST_COST_S for one in outages if one.lasts_s <= 1.0
