@@ -31,6 +31,10 @@ BENCHMARKS = {
         "calls of one flying tick, and how often it goes from one module to another",
     ),
     "gallery": ("tests.bench.gallery", "fly and draw the missions of the gallery"),
+    "mutants": (
+        "tests.bench.mutants",
+        "small mistakes in the rooms that decide about safety, and whether a test notices",
+    ),
     "accidents": (
         "tests.bench.accidents",
         "four accidents that happened, flown with their defences and without",

@@ -10,6 +10,7 @@ from collections.abc import Callable
 
 import pytest
 
+from onboard.safety.autopilot_monitor import AutopilotMonitor
 from onboard.safety.battery_monitor import BatteryMonitor
 from onboard.safety.separation_monitor import PredictionMonitor, smallest_distance_m
 from onboard.safety.tracking_monitor import TrackingMonitor
@@ -178,6 +179,30 @@ def test_the_distance_left_when_both_brake() -> None:
         case = f"{apart}, {closing}"
         distance_m = smallest_distance_m(apart, closing, reaction_s=0.2, deceleration_m_s2=6.0)
         assert distance_m == pytest.approx(left), case
+
+
+def test_a_slow_approach_counts() -> None:
+    left_m = smallest_distance_m((1.0, 0.0), (0.05, 0.0), reaction_s=1.0, deceleration_m_s2=1.0)
+    assert left_m == pytest.approx(1.0 - 0.05 - 0.05**2 / 2.0)
+
+
+def test_a_silent_px4_is_silent_and_one_whose_clock_stands_is_frozen() -> None:
+    monitor = AutopilotMonitor()
+
+    def hear(now_s: float, packet_s: float, boot_ms: int) -> None:
+        monitor.update(
+            round(1e9 * now_s),
+            packet_ns=round(1e9 * packet_s),
+            attitude_ns=round(1e9 * packet_s),
+            heartbeat_ns=round(1e9 * packet_s),
+            boot_ms=boot_ms,
+        )
+
+    hear(10.0, 10.0, 5000)
+    hear(11.0, 11.0, 5000)
+    assert (monitor.is_silent, monitor.is_frozen) == (False, True)
+    hear(12.0, 11.0, 5000)
+    assert (monitor.is_silent, monitor.is_frozen) == (True, False)
 
 
 def test_a_neighbour_that_accelerates_as_it_predicts_is_right_and_one_that_does_not_is_wrong() -> (

@@ -1,0 +1,177 @@
+"""Mutants of the pure rooms that decide about safety: code with one small mistake each, and whether
+a test notices.
+
+    make bench-mutants ARGS="safety --sample 40"     # 40 of the room's mutants
+    make bench-mutants ARGS="flight --module state_machine"
+
+A mutant is one comparison, one word (and, or, not), one number or one call that is changed. The
+room is copied and changed in the copy, and its tests run there, interpreted, up to the first that
+fails. A survivor is printed with its line: it wants a test, or a reason why it is no
+mistake.
+
+mutmut and cosmic-ray do the same for whole programs. The first one puts its variants beside each
+function and chooses at run time, which numba does not compile and which the tests that read the
+source (tables, rooms, named values) do not accept. The second one changes the files of the working
+tree itself, where others may be at work, and knows no map from rooms to their tests.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import copy
+import os
+import random
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+ROOT = Path(__file__).parents[2]
+ROOMS = ("safety", "flight", "avoidance", "supervision")
+_SECONDS = 600.0  # of a run of tests: a mutant that goes on for ever is noticed by that
+
+_COMPARISONS: dict[type[ast.cmpop], type[ast.cmpop]] = {
+    ast.Lt: ast.LtE,
+    ast.LtE: ast.Lt,
+    ast.Gt: ast.GtE,
+    ast.GtE: ast.Gt,
+    ast.Eq: ast.NotEq,
+    ast.NotEq: ast.Eq,
+    ast.Is: ast.IsNot,
+    ast.IsNot: ast.Is,
+    ast.In: ast.NotIn,
+    ast.NotIn: ast.In,
+}
+
+
+class Mutant(NamedTuple):
+    """One changed file."""
+
+    file: Path  # relative to the repository
+    line: int
+    change: str
+    text: str  # of the whole file
+
+
+def mutants_of(file: Path) -> Iterator[Mutant]:
+    """Yield all mutants of a file.
+
+    Args:
+        file: relative to the repository.
+    """
+    tree = ast.parse((ROOT / file).read_text(encoding="utf-8"))
+    places = list(ast.walk(tree))
+    for index, place in enumerate(places):
+        for change in _changes(place):
+            mutant = copy.deepcopy(tree)
+            twin = list(ast.walk(mutant))[index]
+            _apply(twin, change)
+            line = getattr(place, "lineno", 0)
+            yield Mutant(file, line, change, ast.unparse(ast.fix_missing_locations(mutant)))
+
+
+def _changes(place: ast.AST) -> Iterator[str]:
+    """Yield what may be changed about a place of the code."""
+    if (
+        isinstance(place, ast.Compare)
+        and len(place.ops) == 1
+        and type(place.ops[0]) in _COMPARISONS
+    ):
+        old = type(place.ops[0])
+        yield f"{old.__name__} becomes {_COMPARISONS[old].__name__}"
+    elif isinstance(place, ast.BoolOp):
+        yield "and becomes or" if isinstance(place.op, ast.And) else "or becomes and"
+    elif isinstance(place, ast.UnaryOp) and isinstance(place.op, ast.Not):
+        yield "not is dropped"
+    elif isinstance(place, ast.Constant) and type(place.value) in (int, float):
+        yield f"{place.value} becomes larger"
+    elif isinstance(place, ast.Expr) and isinstance(place.value, ast.Call):
+        yield "a call is dropped"
+
+
+def _apply(twin: ast.AST, change: str) -> None:
+    """Make a change in the copy of a tree."""
+    if isinstance(twin, ast.Compare):
+        twin.ops = [_COMPARISONS[type(twin.ops[0])]()]
+    elif isinstance(twin, ast.BoolOp):
+        twin.op = ast.Or() if isinstance(twin.op, ast.And) else ast.And()
+    elif isinstance(twin, ast.UnaryOp):
+        twin.op = ast.UAdd()
+        twin.operand = ast.Call(ast.Name("bool", ast.Load()), [twin.operand], [])
+    elif isinstance(twin, ast.Constant):
+        assert isinstance(twin.value, int | float)
+        twin.value = twin.value + 1 if isinstance(twin.value, int) else twin.value * 1.5 + 0.1
+    elif isinstance(twin, ast.Expr):
+        twin.value = ast.Constant(None)
+    else:
+        raise AssertionError(change)
+
+
+def is_noticed(mutant: Mutant, room: str, copy_of_tree: Path) -> bool:
+    """Return whether a test of the room fails with a mutant."""
+    file = copy_of_tree / mutant.file
+    before = file.read_text(encoding="utf-8")
+    file.write_text(mutant.text, encoding="utf-8")
+    try:
+        words = ["-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", "-m", "not long"]
+        run = subprocess.run(
+            [sys.executable, *words, f"tests/onboard/{room}"],
+            cwd=copy_of_tree,
+            env={**os.environ, "COVEY_NUMBA": "0", "PYTHONPATH": str(copy_of_tree)},
+            capture_output=True,
+            timeout=_SECONDS,
+            check=False,
+        )
+    except subprocess.TimeoutExpired:
+        return True
+    finally:
+        file.write_text(before, encoding="utf-8")
+    return run.returncode != 0
+
+
+def copied_tree(folder: Path) -> Path:
+    """Return a tree whose onboard rooms are a copy, and all else are links."""
+    tree = folder / "tree"
+    tree.mkdir()
+    for entry in ROOT.iterdir():
+        if entry.name == "onboard":
+            left_out = shutil.ignore_patterns("__pycache__")
+            shutil.copytree(entry, tree / entry.name, symlinks=True, ignore=left_out)
+        elif entry.name not in (".git", ".venv"):
+            (tree / entry.name).symlink_to(entry)
+    return tree
+
+
+def main(words: Sequence[str]) -> int:
+    """Try mutants and print the survivors; the exit status is 1 when there are any."""
+    parser = argparse.ArgumentParser(prog="make bench-mutants", description=__doc__)
+    parser.add_argument("room", choices=ROOMS)
+    parser.add_argument("--module", default="*", help="a file of the room, without its ending")
+    parser.add_argument("--sample", type=int, help="so many of all, chosen at random")
+    parser.add_argument("--seed", type=int, default=1)
+    options = parser.parse_args(words)
+
+    files = sorted((ROOT / "onboard" / options.room).glob(f"{options.module}.py"))
+    mutants = [one for file in files for one in mutants_of(file.relative_to(ROOT))]
+    count = len(mutants)
+    if options.sample is not None:
+        mutants = random.Random(options.seed).sample(mutants, min(options.sample, count))
+
+    survivors = 0
+    with tempfile.TemporaryDirectory(prefix="covey-mutants-") as folder:
+        tree = copied_tree(Path(folder))
+        unchanged = files[0].relative_to(ROOT)
+        text = files[0].read_text(encoding="utf-8")
+        if is_noticed(Mutant(unchanged, 0, "nothing", text), options.room, tree):
+            print("The room's tests fail without any change: mutants would prove nothing.")
+            return 1
+        for mutant in mutants:
+            if not is_noticed(mutant, options.room, tree):
+                survivors += 1
+                print(f"{mutant.file}:{mutant.line}: {mutant.change}", flush=True)
+    print(f"{len(mutants) - survivors} of {len(mutants)} mutants were noticed; {count} there are.")
+    return int(survivors > 0)
