@@ -1,0 +1,76 @@
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from groundstation.cli import main
+from groundstation.recording.catalogue import channels, flight_folders, summary
+from tests.groundstation.report.made_up import rows, story, write
+
+
+@pytest.fixture
+def flights(tmp_path: Path) -> Path:
+    folder = write(tmp_path / "flights" / "first", [*rows(length_s=2.0), *story("mav0")])
+    (folder / "verdict.json").write_text('{"passed": false, "mission": "cross\\u001b[31m"}')
+    cut = write(tmp_path / "flights" / "cut", rows(length_s=2.0))
+    whole = (cut / "flight.mcap").read_bytes()
+    (cut / "flight.mcap").write_bytes(whole[: len(whole) * 2 // 3])
+    return tmp_path / "flights"
+
+
+def test_a_flight_is_summed_up_by_its_index(flights: Path) -> None:
+    about = summary(flights / "first")
+
+    assert about["vehicles"] == ["mav0", "mav1"]
+    assert about["is_whole"]
+    assert about["has_passed"] is False
+    assert about["length_s"] == pytest.approx(3.0, abs=0.1)
+
+
+def test_each_channel_has_its_number_of_messages(flights: Path) -> None:
+    counts = channels(flights / "first")
+
+    assert counts["tick/mav0"] == 100
+    assert counts["telemetry/mav1"] == 20
+    assert counts["order/mav0"] == 1
+
+
+def test_the_list_names_flights_that_were_cut_off_and_runs_nothing_of_their_texts(
+    flights: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["log", "list", str(flights)]) == 0
+
+    text = capsys.readouterr().out
+    assert len(flight_folders(flights)) == 2
+    assert "(cut off or damaged)" in text
+    assert "FAILED" in text
+    assert "\x1b" not in text
+
+
+def test_the_list_goes_on_past_what_is_no_record(
+    flights: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (flights / "other").mkdir()
+    (flights / "other" / "flight.mcap").write_bytes(b"nothing")
+
+    assert main(["log", "list", str(flights), "--json"]) == 0
+
+    listed = json.loads(capsys.readouterr().out)
+    assert sum("refused" in one for one in listed) == 1
+    assert len(listed) == 3
+
+
+def test_an_export_of_nothing_is_refused(flights: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["log", "export", str(flights / "first")]) == 2
+
+    assert "give --foxglove, --csv DIR or both" in capsys.readouterr().err
+
+
+def test_paths_are_written_as_csv(flights: Path, tmp_path: Path) -> None:
+    assert main(["log", "export", str(flights / "first"), "--csv", str(tmp_path / "out")]) == 0
+
+    lines = (tmp_path / "out" / "mav0.csv").read_text().splitlines()
+    assert lines[0] == "t,x,y,z,yaw"
+    assert len(lines) > 15
