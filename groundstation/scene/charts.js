@@ -10,6 +10,10 @@
 globalThis.Covey ??= {};
 
 (() => {
+  // prettier-ignore
+  const STEPS_S = [
+    0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 900, 1800, 3600, 7200, 21600,
+  ]; // between two times that are written
   const CLICK_PX = 4; // a pointer that moved further has dragged
 
   class ChartGroup {
@@ -167,7 +171,7 @@ globalThis.Covey ??= {};
       return {
         width: Math.max(120, this.frame.clientWidth || 300),
         height: this._height_px,
-        padding: [6, 8, 0, 0],
+        padding: [6, 18, 0, 0],
         legend: { show: false },
         cursor: {
           sync: { key: this._group.key, setSeries: false },
@@ -177,7 +181,14 @@ globalThis.Covey ??= {};
         },
         scales: { x: { time: false }, y: { range: (_, low, high) => this._range(low, high) } },
         axes: [
-          { ...axis, size: 22, gap: 3, space: 60, values: (_, ticks) => ticks.map(secondsText) },
+          {
+            ...axis,
+            size: 22,
+            gap: 3,
+            space: 60,
+            incrs: STEPS_S,
+            values: (_, ticks) => ticks.map(secondsText),
+          },
           { ...axis, size: 46, gap: 4, space: 30 },
         ],
         series: [{}, ...series],
