@@ -51,7 +51,7 @@ class Command(NamedTuple):
 
 
 # What people want, and the commands for it, in the order of ``covey --help``. It fits a screen
-# of 24 lines of 80 characters, also with four commands more: a sentence has at most 57 characters.
+# of 24 lines of 80 characters: a sentence has at most 57 characters.
 COMMANDS: dict[str, tuple[Command, ...]] = {
     "See": (
         Command("tui", "the console, attached to a fleet", "tui:tui"),

@@ -88,7 +88,7 @@ def _changes(place: ast.AST) -> Iterator[str]:
     elif isinstance(place, ast.UnaryOp) and isinstance(place.op, ast.Not):
         yield "not is dropped"
     elif isinstance(place, ast.Constant) and type(place.value) in (int, float):
-        yield f"{place.value} becomes larger"
+        yield f"{place.value!r} becomes larger"
     elif isinstance(place, ast.Expr) and isinstance(place.value, ast.Call):
         yield "a call is dropped"
 
