@@ -160,6 +160,19 @@ def open_folder(folder: Path, files: Mapping[str, str], *, is_headless: bool) ->
         raise ConfigError("The console needs a terminal, and this output is none. Add --headless.")
 
     refuse_flown_folder(folder)
+    write_files(folder, files)
+
+
+def write_files(folder: Path, files: Mapping[str, str]) -> None:
+    """Make a folder with these files.
+
+    Args:
+        folder: of a flight.
+        files: name of each file, and its text.
+
+    Raises:
+        ConfigError: the disk refuses.
+    """
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for name, text in files.items():

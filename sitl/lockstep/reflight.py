@@ -19,6 +19,7 @@ from typing import NamedTuple
 from msgspec.structs import replace
 
 from groundstation.flights.changes import Change, changed
+from groundstation.flights.flight_settings import write_files
 from groundstation.flights.recorded_flight import (
     RecordedFlight,
     fleet_of,
@@ -111,7 +112,8 @@ def fly_again(
     mission = mission_of(flown, origin, fleet)
     refuse_unflyable(mission, True)
     if folder is not None:
-        _write_files(folder, mission.path, origin.fleet_text, mission.text)
+        suffix = Path(mission.path).suffix
+        write_files(folder, {"fleet.toml": origin.fleet_text, f"mission{suffix}": mission.text})
         settings = replace(origin.settings, mission_path=str(Path(mission.path).absolute()))
         write_settings(folder, settings)
 
@@ -128,20 +130,6 @@ def fly_again(
             flown_s=flight.time_s,
             equal_until_s=comparison.equal_until_s,
         )
-
-
-def _write_files(folder: Path, mission_path: str, fleet_text: str, mission_text: str) -> None:
-    """Write the files of a flight that is flown again into its folder."""
-    suffix = Path(mission_path).suffix
-    files = {"fleet.toml": fleet_text, f"mission{suffix}": mission_text}
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        for name, text in files.items():
-            (folder / name).write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise ConfigError(
-            f"{folder}: cannot be written ({error.strerror}). Choose another with --record."
-        ) from None
 
 
 def _refuse_another_flight(comparison: _Comparison, resume_at_s: float) -> None:
