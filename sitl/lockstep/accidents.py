@@ -6,15 +6,13 @@ of the fleet file, by flying without the law, or by rows of the failsafe table t
 The truth of the emulator judges: vehicles that touch, that leave the fence, or that do not come
 down.
 
-The accidents, as their investigations tell them:
+The accidents, and what of each is flown here:
 
-* Orlando, December 2024 (NTSB DCA25LA070): the show's frame was turned by seven degrees and the
-  fence was near; vehicles collided and left the place, and one hit a child.
-* Docklands, Melbourne, July 2023 (ATSB AO-2023-033): the wind rose to twice what the fleet could
-  fly in; 427 of 500 vehicles came down, most of them into the water.
-* AAIB-29203, England, 2023: the controller's batteries were flat in the return of a swarm of 638;
-  several left the formation, and some touched.
-* London, 2023: many vehicles were off their positions by two seconds, and collided.
+* Orlando, 2024: the show's frame was turned by seven degrees, and the fence was near.
+* Docklands, 2023: the wind rose to twice what the fleet could fly in.
+* AAIB-29203: the controller's batteries were flat in the return of a swarm, and several vehicles
+  left the formation.
+* London, 2023: many vehicles were off their positions by two seconds.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Guided search for the lie of one member that brings *others* nearest to each other.
 
 Random tries hardly ever find such a lie: it has to come at the right moment, from the right side
-and with the right size (SwarmFuzz, DSN 2023, guides its search by the distances, too). So this is
+and with the right size (SwarmFuzz guides its search by the distances, too). So this is
 an evolution strategy: of each generation the best few are kept, and the next one is
 drawn around their mean with their own spread, all flights of a generation as one compiled batch. It
 begins anew several times, each time from many random lies over several flights.
