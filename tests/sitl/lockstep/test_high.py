@@ -47,6 +47,7 @@ def test_a_vehicle_climbs_far_and_lands_from_there(lockstep, high, tmp_path):
     )
 
 
+@pytest.mark.long
 def test_a_mission_that_ends_high_up_waits_until_all_are_down(lockstep, high, tmp_path):
     takeoff = {"do": "takeoff", "height_m": HEIGHT_M, "timeout_s": 100}
     outside = {"do": "goto", "goals": {"mav0": [0, 0, HEIGHT_M]}, "timeout_s": 0.1}

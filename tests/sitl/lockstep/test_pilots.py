@@ -26,9 +26,7 @@ def _height_m(flight: Any, name: str) -> float:
 # mode and moment; the other pairs of each are flown by make test-long
 DAILY = {
     ("posctl", "crossing"),
-    ("altctl", "climb"),
     ("stabilized", "landing"),
-    ("posctl", "hover"),
 }
 PAIRS = [
     pytest.param(mode, moment, marks=() if (mode, moment) in DAILY else pytest.mark.long)
@@ -66,7 +64,10 @@ def test_a_pilot_with_sticks_keeps_his_vehicle(
     assert flight.state.vehicles["mav1"].telemetry.is_flown_by_hand
 
 
-@pytest.mark.parametrize(("mode", "moment"), [("hold", "crossing"), ("posctl", "hover")])
+@pytest.mark.parametrize(
+    ("mode", "moment"),
+    [("hold", "crossing"), pytest.param("posctl", "hover", marks=pytest.mark.long)],
+)
 def test_without_sticks_it_is_landed_as_ever(
     lockstep: Any, paper: FleetConfig, mode: str, moment: str
 ) -> None:
@@ -76,6 +77,7 @@ def test_without_sticks_it_is_landed_as_ever(
     assert all(verdict.landed.values())
 
 
+@pytest.mark.long
 def test_a_hold_by_the_transmitter_is_landed_though_its_sticks_are_heard(
     lockstep: Any, paper: FleetConfig
 ) -> None:
@@ -139,6 +141,7 @@ def test_two_pilots_at_once_and_a_mission_that_goes_on_without_them(
     assert [step.step for step in verdict.steps][-1].startswith("land")
 
 
+@pytest.mark.long
 def test_two_pilots_end_a_mission_in_one_sentence(lockstep: Any, paper: FleetConfig) -> None:
     flight = lockstep(paper, seed=3)
 
@@ -152,6 +155,7 @@ def test_two_pilots_end_a_mission_in_one_sentence(lockstep: Any, paper: FleetCon
     assert verdict.landed["mav0"]
 
 
+@pytest.mark.long
 def test_a_lost_ground_lands_all_but_the_pilot(lockstep: Any, paper: FleetConfig) -> None:
     flight = lockstep(paper, seed=3)
     landings_s = landings_by_command(flight)
@@ -189,6 +193,7 @@ def test_past_a_dead_agent_a_mission_asks_px4_for_its_pilot(
     assert not px4.is_armed
 
 
+@pytest.mark.long
 def test_another_ground_that_lands_all_spares_the_pilot_too(
     lockstep: Any, paper: FleetConfig
 ) -> None:

@@ -95,7 +95,12 @@ def _all_down_and_apart(flights: list[Flown]) -> None:
 
 @pytest.mark.parametrize(
     "loss",
-    [Loss(285), Loss(320, back_s=1.0), Loss(300, is_of_all=False), Loss(290, wind_m_s=2.0)],
+    [
+        Loss(285),
+        Loss(300, is_of_all=False),
+        pytest.param(Loss(320, back_s=1.0), marks=pytest.mark.long),
+        pytest.param(Loss(290, wind_m_s=2.0), marks=pytest.mark.long),
+    ],
     ids=str,
 )
 def test_nobody_collides_and_all_land_by_themselves(loss: Loss) -> None:

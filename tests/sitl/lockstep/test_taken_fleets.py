@@ -28,8 +28,8 @@ def _orders(flight: Any) -> dict[str, list[str]]:
     ("line", "moment"),
     [
         ("hold all", "crossing"),
-        ("hold all", "climb"),
-        ("hold all", "hover"),
+        pytest.param("hold all", "climb", marks=pytest.mark.long),
+        pytest.param("hold all", "hover", marks=pytest.mark.long),
         pytest.param("land mav1", "crossing", marks=pytest.mark.long),
         pytest.param("hold mav1", "hover", marks=pytest.mark.long),
         pytest.param("kill mav1", "crossing", marks=pytest.mark.long),
@@ -59,6 +59,7 @@ def test_an_order_of_another_ground_ends_the_mission_and_stays(
         assert telemetry.order_kind == ""
 
 
+@pytest.mark.long
 def test_neither_locate_nor_a_hold_that_is_refused_ends_a_mission(
     lockstep: Any, paper: FleetConfig
 ) -> None:
@@ -97,6 +98,7 @@ def test_covey_fly_stays_says_who_has_the_fleet_and_ends_with_its_landing(
     assert _orders(flight)["mav1"][-2:] == ["move", "land"]
 
 
+@pytest.mark.long
 def test_an_interrupt_beside_a_fleet_that_was_taken_lands_all(
     lockstep: Any, paper: FleetConfig
 ) -> None:
@@ -114,6 +116,7 @@ def test_an_interrupt_beside_a_fleet_that_was_taken_lands_all(
     assert flight.time_s < 60.0
 
 
+@pytest.mark.long
 def test_an_order_that_comes_while_a_failed_mission_lands_stays(
     lockstep: Any, paper: FleetConfig
 ) -> None:
@@ -163,6 +166,7 @@ def test_in_the_console_a_persons_hold_ends_the_mission_and_his_move_beside_it_d
     assert _orders(flight)["mav0"][-1] == "hold"
 
 
+@pytest.mark.long
 def test_a_script_leaves_a_fleet_that_was_taken_as_it_is(lockstep: Any, paper: FleetConfig) -> None:
     flight = lockstep(paper, seed=3)
     ada = second_ground(flight)
@@ -195,7 +199,14 @@ def test_a_mission_is_not_begun_over_a_flying_fleet_and_nobody_lands(
         assert flight.state.vehicles[name].is_airborne
 
 
-@pytest.mark.parametrize("seconds", [0.0, 0.2, 0.4])
+@pytest.mark.parametrize(
+    "seconds",
+    [
+        pytest.param(0.0, marks=pytest.mark.long),
+        0.2,
+        pytest.param(0.4, marks=pytest.mark.long),
+    ],
+)
 def test_disarm_in_the_first_centimetres_lands_at_once(
     lockstep: Any, paper: FleetConfig, seconds: float
 ) -> None:
