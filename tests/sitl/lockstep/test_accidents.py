@@ -15,7 +15,7 @@ def test_each_accident_has_a_mission() -> None:
     assert set(NAMES) == set(ACCIDENTS)
 
 
-@pytest.mark.realtime
+@pytest.mark.long
 @pytest.mark.timeout(300)
 @pytest.mark.parametrize("name", NAMES)
 def test_an_accident_happens_without_its_defence_only(name: str) -> None:
