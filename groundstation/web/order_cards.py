@@ -25,6 +25,7 @@ from groundstation.orders.kill_latch import KillLatch
 from groundstation.orders.prepared_order import PreparedOrder
 from groundstation.orders.preview import OrderPreview
 from groundstation.orders.result import OrderResult
+from onboard.config.fleet import ConfigError
 from onboard.plain_text import plain_line
 
 MAX_CARDS = 60
@@ -114,11 +115,7 @@ class OrderCards:
             self._new_card(text, "sent", self._change_control(words))
             return
         if words[0] == "reset":
-            freed = ", ".join(sorted(self._latch.reset(self._latch.killed)))
-            sentence = "No vehicle was killed from here."
-            if freed:
-                sentence = f"{freed} may be ordered again."
-            self._new_card(text, "sent", sentence)
+            self._reset(text, " ".join(words[1:]))
             return
 
         try:
@@ -242,6 +239,22 @@ class OrderCards:
             return
         self._latch.add(intent.names)
         self._send(self._new_card(text, "sent"), intent)
+
+    def _reset(self, text: str, names: str) -> None:
+        """Let killed vehicles be ordered again: those that are named, or all."""
+        vehicles = self._latch.killed
+        if names:
+            try:
+                vehicles = frozenset(self._client.fleet.select(names))
+            except ConfigError as error:
+                self._new_card(text, "refused", str(error))
+                return
+
+        freed = ", ".join(sorted(self._latch.reset(vehicles)))
+        sentence = "No vehicle was killed from here."
+        if freed:
+            sentence = f"{freed} may be ordered again."
+        self._new_card(text, "sent", sentence)
 
     def _send(self, card: OrderCard, intent: Intent) -> None:
         try:

@@ -222,6 +222,13 @@ async def test_a_kill_needs_the_same_words_twice_within_a_second(operated: Serve
         await socket.send_str(json.dumps({"do": "order", "text": "takeoff mav1 1"}))
         refused = await heard(socket, card("takeoff mav1 1", "refused"))
         assert "mav1 was killed" in refused["sentences"][0]
+        await socket.send_str(json.dumps({"do": "order", "text": "reset mav0"}))
+        await heard(socket, card("reset mav0", "sent"))
+        await socket.send_str(json.dumps({"do": "order", "text": "takeoff mav1 2"}))
+        await heard(socket, card("takeoff mav1 2", "refused"))
+        await socket.send_str(json.dumps({"do": "order", "text": "reset mav1"}))
+        freed = await heard(socket, card("reset mav1", "sent"))
+        assert freed["sentences"] == ["mav1 may be ordered again."]
 
 
 @pytest.mark.parametrize(
