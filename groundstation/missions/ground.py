@@ -7,7 +7,7 @@ import functools
 from collections.abc import Callable
 
 from groundstation.client.client import FleetClient
-from groundstation.missions.hover_check import check_wind
+from groundstation.missions.hover_check import hover_check
 from groundstation.missions.own_link import OwnLink
 from groundstation.missions.taken import FleetTaken, FleetWatch
 from groundstation.orders.intents import Intent, Takeoff
@@ -105,9 +105,7 @@ class MissionGround:
             raise FleetTaken(taken)
         self._go_on_or_fail(intent, results)
         if isinstance(intent, Takeoff):
-            wind = check_wind(client.state, results)
-            if wind:
-                self.say(wind)
+            await hover_check(lambda: client.state, results, self.say)
         return results
 
     def go_on(self, *, is_stepping: bool) -> None:
