@@ -60,6 +60,8 @@ _LONGEST = (
     "bench/peers/test_bench.py",
     "sitl/monte_carlo/test_monte_carlo.py",
 )
+# They read all of the code: in one worker they read it once.
+_READERS = ("architecture", "onboard/flight/test_flight_table.py")
 _GROUPS = {"real time": _REAL_TIME, "one in real time": _ONE_IN_REAL_TIME}
 _MISSING = [
     name
@@ -98,6 +100,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         ]
         if groups or path in _BESIDE_REAL_TIME:
             item.add_marker(pytest.mark.realtime)
+        if not groups and path.startswith(_READERS):
+            groups = ["architecture"]
         item.add_marker(pytest.mark.xdist_group(groups[0] if groups else path))
     begins = {name: index for index, name in enumerate(_LONGEST)}
     items.sort(key=lambda item: begins.get(item.path.relative_to(_HERE).as_posix(), len(begins)))

@@ -7,16 +7,17 @@ from __future__ import annotations
 import ast
 from pathlib import Path
 
+from tests.architecture import form
+
 ROOT = Path(__file__).parents[2]
 ROOMS = ("onboard", "groundstation")
 FRAMES = "onboard/frames.py"
 
 
-def flips(source: str) -> list[int]:
+def flips(tree: ast.Module) -> list[int]:
     """Lines that permute and negate the three components of one vector, or add up a quaternion's
     for the same.
     """
-    tree = ast.parse(source)
     triples = {names for node in ast.walk(tree) for names in _unpacked(node)}
     return sorted(
         {
@@ -93,23 +94,22 @@ def test_signs_flipped_by_hand_are_found() -> None:
         "p = (east, north, -down)",
         "q = (s * (w + z), s * (x + y), s * (x - y), s * (w - z))",
     ):
-        assert flips(wrong), wrong
+        assert flips(ast.parse(wrong)), wrong
     for right in (
         "def f(v):\n    a, b, c = v\n    return a, b, -c",
         "conjugate = (w, -x, -y, -z)",
         "p = (x, y, -z)",
         "q = (a + b, c + d)",
     ):
-        assert not flips(right), right
+        assert not flips(ast.parse(right)), right
 
 
 def test_no_sign_is_flipped_by_hand_outside_frames() -> None:
     found = [
-        f"{path.relative_to(ROOT)}:{line}"
-        for room in ROOMS
-        for path in sorted((ROOT / room).rglob("*.py"))
-        if path.relative_to(ROOT).as_posix() != FRAMES
-        for line in flips(path.read_text(encoding="utf-8"))
+        f"{module.path}:{line}"
+        for module in form.modules()
+        if module.path.startswith(ROOMS) and module.path != FRAMES
+        for line in flips(module.tree)
     ]
     assert found == [], "use the conversions of onboard/frames.py"
 

@@ -9,6 +9,8 @@ import pytest
 from tests.bench import responses
 from tests.bench.responses import Row
 
+pytestmark = pytest.mark.long
+
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "sitl.md"
 
 

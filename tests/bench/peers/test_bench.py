@@ -82,6 +82,7 @@ def test_coveys_law_through_the_door_of_own_laws_flies_as_it_does_without():
     assert ours.outcome.makespan_s == plain.outcome.makespan_s
 
 
+@pytest.mark.long
 def test_a_law_of_somebodys_own_flies_in_the_bench_and_an_unknown_one_is_refused_in_words(capsys):
     (flown,) = arena.fly(named("tests.bench.peers.laws:potential"), "swap2", [0]).outcomes
     (expected,) = arena.fly(PEERS["potential"], "swap2", [0]).outcomes

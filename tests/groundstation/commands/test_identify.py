@@ -34,6 +34,7 @@ def edited(kind: str, **types: float) -> FleetConfig:
     return fleet_from_mapping(data, path=str(FLEETS[kind]))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("kind", "wrong"),
     [

@@ -194,6 +194,7 @@ def test_a_record_without_ticks_is_a_sentence_and_status_2(tmp_path: Path) -> No
     assert main(["plot", str(tmp_path)]) == 2
 
 
+@pytest.mark.long
 def test_a_record_that_breaks_off_is_drawn_as_far_as_it_goes_and_said_so(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

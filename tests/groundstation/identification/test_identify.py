@@ -146,6 +146,7 @@ def misses(found: Identified, truth: Truth) -> dict[str, tuple[float, bool]]:
     }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("truth", [Truth(), WEAK], ids=["sih", "weak"])
 def test_values_are_recovered_and_intervals_cover_the_truth_about_as_often_as_they_say(
     truth: Truth,
@@ -165,6 +166,7 @@ def test_values_are_recovered_and_intervals_cover_the_truth_about_as_often_as_th
     assert all(np.mean(one) >= 0.75 for one in covered.values())
 
 
+@pytest.mark.long
 def test_an_attitude_that_is_old_when_written_down_does_not_lengthen_the_lag() -> None:
     log = logs(Truth(attitude_age_s=0.03), range(1))[0]
     for age_s, std_s, error_s in ((0.03, 0.002, 0.008), (0.012, 0.008, 0.012), (0.0, 0.03, 0.015)):
@@ -184,6 +186,7 @@ def test_no_drag_is_found_where_there_is_none() -> None:
     assert found.drag_1_s.low < 0.0 < found.drag_1_s.high
 
 
+@pytest.mark.long
 def test_less_flight_means_wider_intervals() -> None:
     short, long = (
         identify(logs(WEAK, range(3, 4), duration_s=seconds)[0]) for seconds in (14.0, 40.0)

@@ -66,6 +66,7 @@ def test_the_account_says_what_each_knew_of_the_other_and_whose_law_acted(too_ne
     assert "mav0: ordered by move of" in told
 
 
+@pytest.mark.long
 def test_the_cause_is_named_with_the_distance_that_would_have_been_kept(
     too_near: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -145,6 +145,7 @@ async def test_an_impossible_fault_late_in_a_mission_stops_it_before_anybody_tak
     assert all(order.is_rehearsal for order in bus.asked)
 
 
+@pytest.mark.long
 def test_a_mission_breaks_a_motor_and_the_others_land(paper: FleetConfig) -> None:
     flight = Lockstep(FLEET, seed=1)
     try:

@@ -77,6 +77,7 @@ def test_a_take_off_takes_longer_than_its_climb_and_an_arming_has_no_paths(
     )
 
 
+@pytest.mark.long
 async def test_another_process_computes_and_is_replaced_when_it_ends(fleet: FleetConfig) -> None:
     forecaster = Forecaster()
     turns = 0

@@ -161,11 +161,13 @@ def test_project_leaves_contradicting_rows_to_whoever_knows_which_of_them_yield(
 def test_yielding_rows_give_way_by_the_smallest_slack_that_leaves_the_firm_ones_whole():
     """The oracle shrinks the yielding rows by bisection, with the firm ones as they are."""
     rng = np.random.default_rng(5)
-    yielding_normals, yielding_bounds = random_rows(rng, 300, 3, spread=4.0)
-    firm_normals, firm_bounds = random_rows(rng, 300, 2, spread=1.0)
-    radius, u0 = rng.uniform(2.0, 5.0, 300), rng.normal(size=(300, 2))
+    count = 120
+    yielding_normals, yielding_bounds = random_rows(rng, count, 3, spread=4.0)
+    firm_normals, firm_bounds = random_rows(rng, count, 2, spread=1.0)
+    radius = rng.uniform(2.0, 5.0, count)
+    u0 = rng.normal(size=(count, 2))
     firm_held = firm_relaxed = 0
-    for k in range(300):
+    for k in range(count):
         yielding = rows_of(yielding_normals[k], yielding_bounds[k])
         firm = rows_of(firm_normals[k], firm_bounds[k])
         if project(Vec2(*u0[k]), yielding + firm, [], radius[k]).status != LawStatus.RELAXED:
@@ -190,8 +192,8 @@ def test_yielding_rows_give_way_by_the_smallest_slack_that_leaves_the_firm_ones_
             assert missed_firm <= 0.001 * result.slack + 1e-6  # a thousand times stiffer
             assert missed <= least + 1e-5
             assert result.slack >= 0.98 * least - 1e-5
-    assert firm_held > 50
-    assert firm_relaxed > 10
+    assert firm_held > 20
+    assert firm_relaxed > 4
 
 
 def least_slack_beside(normals, bounds, firm_normals, firm_bounds, radius):

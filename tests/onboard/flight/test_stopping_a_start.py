@@ -43,7 +43,7 @@ def test_land_hold_and_disarm_each_end_a_start_that_is_not_armed_yet() -> None:
                 reply = rig.order(kind, order_id="stop")
                 assert reply.is_accepted, (step.name, kind, reply.reason)
                 stopped_ns = rig.now_ns
-                rig.run(8.0)
+                rig.run(5.0)
                 case = step.name, kind, ticks
                 assert not rig.is_armed, case
                 assert not rig.has_flown, case

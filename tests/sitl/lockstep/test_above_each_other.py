@@ -6,6 +6,7 @@ import itertools
 from typing import Any
 
 import numpy as np
+import pytest
 
 from groundstation.recording.reader import read
 from groundstation.shows.gallery import gallery_mission
@@ -13,6 +14,7 @@ from groundstation.shows.gallery import gallery_mission
 GRID_S = 0.02
 
 
+@pytest.mark.long
 def test_vehicles_above_each_other_change_their_heights_and_are_apart_in_one_way_or_the_other(
     lockstep, tmp_path
 ):

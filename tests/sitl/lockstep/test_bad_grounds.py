@@ -27,9 +27,9 @@ _MOMENTS_S = (4.0, 7.0, 9.0, 11.0, 13.0, 15.0, 17.0, 20.0)
 _EVERY_HALF_SECOND_S = tuple(4.0 + 0.5 * number for number in range(33))
 
 DAILY = [
-    GroundCase("starved", 3, 11.0, seed=3),
     GroundCase("hung for 3 s", 3, 13.0, seed=4),
-    GroundCase("killed", 3, 12.0),
+    pytest.param(GroundCase("starved", 3, 11.0, seed=3), marks=pytest.mark.long),
+    pytest.param(GroundCase("killed", 3, 12.0), marks=pytest.mark.long),
 ]
 ALL = [
     GroundCase(fault, count, at_s, seed=number)
@@ -65,6 +65,7 @@ def test_a_ground_that_fails_at_every_half_second_brings_nobody_near() -> None:
     assert [f"{one.case}: {'; '.join(one.wrong)}" for one in flights if one.wrong] == []
 
 
+@pytest.mark.long
 def test_a_step_sent_into_the_silence_is_sent_again_and_the_mission_goes_on(lockstep) -> None:
     fleet = direct_fleet(3)
     verdict = lockstep(fleet, seed=1).fly(exchange(fleet))
@@ -79,6 +80,7 @@ def test_a_step_sent_into_the_silence_is_sent_again_and_the_mission_goes_on(lock
     assert directly_landed(flight) == []
 
 
+@pytest.mark.long
 def test_what_a_cut_ground_cannot_hear_fails_nobody(lockstep) -> None:
     """A mission's `fails` asks about vehicles, and none of them has failed."""
     fleet = direct_fleet(3)

@@ -46,6 +46,7 @@ def test_a_packet_between_vehicles_goes_over_the_access_point_and_takes_its_time
     )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("stations", [2, 10, 30])
 def test_stations_that_always_have_something_to_send_get_what_bianchi_computes(
     stations: int,
@@ -99,6 +100,7 @@ def test_a_channel_that_is_full_drops_states_and_carries_orders() -> None:
     assert len(orders) == 100
 
 
+@pytest.mark.long
 def test_a_flight_over_a_bad_radio_arrives_and_takes_the_airtime_that_check_says(
     tmp_path: Any,
 ) -> None:
@@ -181,6 +183,7 @@ def _partition(at_s: float, lasts_s: float, seed: int) -> None:
         assert flight.min_separation_m > fleet.fleet.safety_distance_m
 
 
+@pytest.mark.long
 def test_a_fleet_that_is_cut_in_two_on_its_crossing_holds_and_goes_on_afterwards() -> None:
     _partition(1.5, 2.0, seed=3)
 

@@ -9,6 +9,7 @@ from onboard.config.fleet import FleetConfig
 from sitl.faults.catalogue import Fault
 
 
+@pytest.mark.long
 def test_a_kill_over_a_dead_link_between_agent_and_px4_stops_the_motors_within_two_seconds(
     lockstep, paper: FleetConfig
 ) -> None:
@@ -34,6 +35,7 @@ def test_a_kill_over_a_dead_link_between_agent_and_px4_stops_the_motors_within_t
         assert "straight to PX4" in results["mav1"].sentence, case
 
 
+@pytest.mark.long
 def test_the_vehicle_whose_px4_died_is_named_first_and_for_that(
     lockstep, paper: FleetConfig
 ) -> None:

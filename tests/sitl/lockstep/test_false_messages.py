@@ -7,6 +7,7 @@ from __future__ import annotations
 from typing import Any
 
 import msgspec
+import pytest
 
 from onboard.bus.schema import MocapPose, StateMessage, Telemetry
 from onboard.bus.topics import Topic
@@ -19,6 +20,7 @@ _KINDS = {
 }  # fmt: skip
 
 
+@pytest.mark.long
 def test_messages_numbered_far_ahead_stop_neither_poses_nor_states_nor_telemetry(
     lockstep, paper: FleetConfig
 ) -> None:
@@ -47,6 +49,7 @@ def test_messages_numbered_far_ahead_stop_neither_poses_nor_states_nor_telemetry
         assert flight.state.vehicles[name].telemetry.sequence < _FAR_AHEAD, name
 
 
+@pytest.mark.long
 def test_a_neighbour_told_to_be_two_metres_uncertain_pushes_nobody_through_the_fence(
     lockstep, paper
 ) -> None:

@@ -33,11 +33,11 @@ def _judge(outcomes: list[Outcome], folder: Path) -> None:
 
 def cross_section() -> list[Case]:
     """Return some of the cases, spread over what breaks and when, with three and six vehicles."""
-    moments = cases(every=850, counts=(3,), stagger=173)[::26]
+    moments = cases(every=850, counts=(3,), stagger=173)[4::22]
     crowd = [
-        Case(injection.name, 300 + 40 * place, 6, place % 6)
+        Case(injection.name, 300 + 10 * place, 6, place % 6)
         for place, injection in enumerate(INJECTIONS)
-    ][::48]
+    ][13::60]
     return [*moments, *crowd]
 
 

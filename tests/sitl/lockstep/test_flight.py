@@ -33,7 +33,7 @@ FLOWN = {
 } - {"paper", "sih"}
 FLEETS = [path for path in sorted((CONFIGS / "fleets").glob("*.toml")) if path.stem not in FLOWN]
 # the others are flown by make test-long
-OF_EACH_DAY = ("paper", "sih", "mixed")
+OF_EACH_DAY = ("paper",)
 FLEETS_OF_EACH_DAY = [
     pytest.param(path, marks=() if path.stem in OF_EACH_DAY else pytest.mark.long)
     for path in FLEETS
@@ -89,6 +89,7 @@ def test_another_seed_has_another_record(lockstep, hop, tmp_path):
     assert _hash(tmp_path / "3") != _hash(tmp_path / "4")
 
 
+@pytest.mark.long
 def test_a_repeated_flight_over_a_bad_bus_has_the_same_record(lockstep, hop, tmp_path):
     from sitl.lockstep.connections import BusSettings
 
@@ -102,6 +103,7 @@ def test_a_repeated_flight_over_a_bad_bus_has_the_same_record(lockstep, hop, tmp
     assert _hash(tmp_path / "one") == _hash(tmp_path / "two")
 
 
+@pytest.mark.long
 def test_interpreted_and_pipeline_rowss_fly_the_same(lockstep, hop, flown, tmp_path):
     lockstep(hop.fleet, seed=3, folder=tmp_path, is_compiled=False).fly(hop)
     for one, other in zip(_agents(flown), _agents(tmp_path), strict=True):
@@ -110,12 +112,14 @@ def test_interpreted_and_pipeline_rowss_fly_the_same(lockstep, hop, flown, tmp_p
         np.testing.assert_allclose(_flat(one[2]), _flat(other[2]), rtol=5e-10, atol=5e-10)
 
 
+@pytest.mark.long
 def test_the_fixture_takes_three_lines(lockstep):
     flight = lockstep(CONFIGS / "fleets" / "paper.toml", seed=3)
     assert flight.fly(CONFIGS / "missions" / "paper.toml").passed
     assert flight.min_separation_m > 0.8
 
 
+@pytest.mark.long
 def test_a_flight_can_be_flown_by_hand(lockstep):
     flight = lockstep(CONFIGS / "fleets" / "sih.toml", seed=1)
     flight.takeoff(1.0)
@@ -158,6 +162,7 @@ def test_every_shipped_fleet_flies_a_shipped_mission_and_every_mission_is_flown_
         assert status == 0, capsys.readouterr().out
 
 
+@pytest.mark.long
 def test_the_folder_is_that_of_a_real_flight(hop, tmp_path, capsys):
     mission = tmp_path / "hop.py"
     mission.write_text(
@@ -196,6 +201,7 @@ def test_the_folder_is_that_of_a_real_flight(hop, tmp_path, capsys):
     assert cli.main(["plot", str(folder)]) == 0
 
 
+@pytest.mark.long
 def test_without_the_law_they_collide_and_the_exit_status_says_so(tmp_path, capsys):
     words = ["demo", "--lockstep", "--law", "off", "--record", str(tmp_path / "off")]
     assert cli.main(words) == 1

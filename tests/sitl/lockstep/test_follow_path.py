@@ -8,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from groundstation.mission_files.loading import mission_from_mapping
 from groundstation.mission_files.mission import Mission
@@ -61,6 +62,7 @@ def test_three_vehicles_follow_their_paths_together(
     assert 0.0 < max(lags) < 0.3
 
 
+@pytest.mark.long
 def test_nobody_starts_when_one_does_not_take_its_path(
     lockstep: Callable[..., Lockstep], paper: FleetConfig, tmp_path: Path
 ) -> None:
@@ -80,6 +82,7 @@ def test_nobody_starts_when_one_does_not_take_its_path(
     assert not [event for event in flight.events if event.code == "order-follow_path"]
 
 
+@pytest.mark.long
 def test_the_others_wait_for_one_that_falls_behind_and_go_on_when_it_lands(
     lockstep: Callable[..., Lockstep], paper: FleetConfig, tmp_path: Path
 ) -> None:

@@ -62,8 +62,8 @@ def cut_ground(flight: Lockstep, at_s: float, duration_s: float) -> None:
 @pytest.mark.parametrize(
     ("at_s", "duration_s"),
     [
-        (9.0, 8.0),
         (13.0, 3.0),
+        pytest.param(9.0, 8.0, marks=pytest.mark.long),
         pytest.param(9.0, 3.0, marks=pytest.mark.long),
         pytest.param(13.0, 8.0, marks=pytest.mark.long),
     ],
@@ -85,6 +85,7 @@ def test_a_mission_whose_ground_loses_its_own_link_waits_and_goes_on(
     assert len(sentences(flight, "own_link_back")) == 1
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("at_s", "duration_s"), [(10.0, 8.0), pytest.param(12.0, 3.0, marks=pytest.mark.long)]
 )
@@ -101,6 +102,7 @@ def test_six_that_cross_while_the_ground_is_cut_keep_their_distance(
     assert all(verdict.landed.values())
 
 
+@pytest.mark.long
 def test_a_step_that_begins_without_an_answer_ends_in_a_landing_through_the_agents(
     lockstep, paper: FleetConfig
 ) -> None:
@@ -115,6 +117,7 @@ def test_a_step_that_begins_without_an_answer_ends_in_a_landing_through_the_agen
     assert all(verdict.landed.values())
 
 
+@pytest.mark.long
 def test_when_the_link_stays_lost_the_agents_land_and_the_mission_says_so(
     lockstep, paper: FleetConfig
 ) -> None:
@@ -134,6 +137,7 @@ def test_when_the_link_stays_lost_the_agents_land_and_the_mission_says_so(
     assert all(verdict.landed.values())
 
 
+@pytest.mark.long
 def test_a_landing_of_all_over_a_link_that_answers_after_a_while_stays_with_the_agents(
     lockstep, paper: FleetConfig
 ) -> None:

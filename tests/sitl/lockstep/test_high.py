@@ -34,6 +34,7 @@ def fly(lockstep, fleet: FleetConfig, folder: Path, *steps: dict):
     )
 
 
+@pytest.mark.long
 def test_a_vehicle_climbs_far_and_lands_from_there(lockstep, high, tmp_path):
     takeoff = {"do": "takeoff", "height_m": HEIGHT_M, "timeout_s": 100}
     verdict = fly(lockstep, high, tmp_path, takeoff, {"do": "land", "timeout_s": 100})

@@ -6,6 +6,8 @@ import base64
 from collections.abc import Callable
 from pathlib import Path
 
+import pytest
+
 from groundstation.mission_files.loading import load_mission
 from groundstation.shows.output import write_show
 from groundstation.shows.skyc import read_skyc
@@ -13,6 +15,7 @@ from sitl.lockstep.flight import Lockstep
 from tests.groundstation.shows.made_shows import line_of, write_skyc
 
 
+@pytest.mark.long
 def test_an_imported_show_is_flown_within_its_promise(
     lockstep: Callable[..., Lockstep], tmp_path: Path
 ) -> None:

@@ -4,6 +4,8 @@ it and keep away.
 
 from __future__ import annotations
 
+import functools
+
 import pytest
 
 from onboard.control.pipeline import pipeline_params
@@ -11,6 +13,9 @@ from onboard.neighbours.plausibility import PlausibilityMonitor
 from onboard.safety.failsafe_table import Condition
 from tests.sitl.lockstep.breaking import LIES
 from tests.sitl.lockstep.injections import INJECTIONS
+
+_DAILY, *_OTHERS = LIES
+_LONG = functools.partial(pytest.param, marks=pytest.mark.long)
 
 
 def _crossing(lockstep, paper, lie: str):
@@ -27,7 +32,7 @@ def _crossing(lockstep, paper, lie: str):
 
 
 @pytest.mark.failsafe("neighbour's word cannot be true", step="flying")
-@pytest.mark.parametrize("lie", LIES)
+@pytest.mark.parametrize("lie", [_DAILY, *map(_LONG, _OTHERS)])
 def test_a_liar_is_named_and_kept_off(lockstep, paper, lie: str) -> None:
     flight = _crossing(lockstep, paper, lie)
     assert flight.min_separation_m > paper.fleet.safety_distance_m
@@ -38,6 +43,7 @@ def test_a_liar_is_named_and_kept_off(lockstep, paper, lie: str) -> None:
     assert "neighbour's word cannot be true" in flight.state.vehicles["mav0"].telemetry.conditions
 
 
+@pytest.mark.long
 def test_without_that_check_the_same_lie_ends_in_a_collision(lockstep, paper, monkeypatch) -> None:
     monkeypatch.setattr(PlausibilityMonitor, "look", lambda *_: None)
     flight = _crossing(lockstep, paper, "a metre beside")

@@ -43,6 +43,7 @@ def _apart_m(flight, one, other):
     return math.dist(first[:2], second[:2])
 
 
+@pytest.mark.long
 @pytest.mark.failsafe("neighbour silent", step="flying")
 def test_a_vehicle_whose_agent_dies_on_its_way_is_avoided_where_it_really_goes(lockstep, paper):
     flight = lockstep(paper, seed=1)
@@ -68,6 +69,7 @@ def test_a_vehicle_whose_agent_dies_on_its_way_is_avoided_where_it_really_goes(l
     assert not flight.simulation.emulator.world.collisions
 
 
+@pytest.mark.long
 @pytest.mark.failsafe("mocap takes it for another vehicle", step="flying")
 def test_two_bodies_that_mocap_swaps_hold_within_150_ms_and_come_down_apart(lockstep, paper):
     flight = lockstep(paper, seed=2)
@@ -89,6 +91,7 @@ def test_two_bodies_that_mocap_swaps_hold_within_150_ms_and_come_down_apart(lock
     assert flight.min_separation_m > 0.8
 
 
+@pytest.mark.long
 @pytest.mark.failsafe("mocap repeats itself", step="flying")
 def test_a_frozen_mocap_is_acted_on_within_150_ms_and_an_order_says_why_it_failed(lockstep, paper):
     flight = lockstep(paper, seed=3)

@@ -45,6 +45,7 @@ def test_an_agent_that_is_killed_is_silent_and_px4_lands_it_while_the_others_kee
     assert all(result.is_done for name, result in flight.order("land mav0,mav2").items())
 
 
+@pytest.mark.long
 def test_a_mission_whose_agent_dies_fails_lands_everybody_and_says_who(lockstep, hop):
     flight = lockstep(hop.fleet, seed=1)
     flight.at(9.0, flight.agents["mav1"].kill)
@@ -55,6 +56,7 @@ def test_a_mission_whose_agent_dies_fails_lands_everybody_and_says_who(lockstep,
     assert "direct_command" in _codes(flight, "mav1")
 
 
+@pytest.mark.long
 def test_an_agent_that_accepts_the_last_landing_and_dies_is_landed_straight_by_px4(lockstep, hop):
     flight = lockstep(hop.fleet, seed=1)
     flight.at(7.0, flight.agents["mav1"].kill)  # all others are ordered to land two seconds later
@@ -66,6 +68,7 @@ def test_an_agent_that_accepts_the_last_landing_and_dies_is_landed_straight_by_p
     assert flight.time_s < 25.0
 
 
+@pytest.mark.long
 @pytest.mark.failsafe("loop stalled for long", step="flying")
 def test_an_agent_that_hangs_for_a_moment_holds_and_one_that_hangs_for_long_is_landed_by_px4(
     lockstep, paper
@@ -86,6 +89,7 @@ def test_an_agent_that_hangs_for_a_moment_holds_and_one_that_hangs_for_long_is_l
     assert flight.min_separation_m > 0.8
 
 
+@pytest.mark.long
 def test_without_the_ground_the_order_is_finished_and_the_vehicle_stays(lockstep, paper):
     flight = lockstep(paper, seed=3)
     flight.takeoff(1.0)
@@ -99,6 +103,7 @@ def test_without_the_ground_the_order_is_finished_and_the_vehicle_stays(lockstep
     assert all(result.is_done for result in flight.land().values())
 
 
+@pytest.mark.long
 def test_the_end_of_an_order_that_its_ground_missed_is_told_when_it_is_back(lockstep, paper):
     flight = lockstep(paper, seed=3)
     flight.takeoff(1.0)
@@ -113,6 +118,7 @@ def test_the_end_of_an_order_that_its_ground_missed_is_told_when_it_is_back(lock
     assert len(ends) == len(paper.enabled_names)  # what was heard is not told twice
 
 
+@pytest.mark.long
 @pytest.mark.failsafe("ground station lost for long", step="flying")
 def test_without_the_ground_for_long_all_land_under_the_law(lockstep, paper):
     section = msgspec.structs.replace(paper.fleet, ground_lost_land_s=2.0)
@@ -126,6 +132,7 @@ def test_without_the_ground_for_long_all_land_under_the_law(lockstep, paper):
     assert flight.min_separation_m > 0.8
 
 
+@pytest.mark.long
 def test_an_agent_cut_off_from_everybody_loses_its_position_and_lands(lockstep, paper):
     flight = lockstep(paper, seed=4)
     flight.takeoff(1.0)
@@ -136,6 +143,7 @@ def test_an_agent_cut_off_from_everybody_loses_its_position_and_lands(lockstep, 
     assert flight.agents["mav0"].core.flight.state == "flying"
 
 
+@pytest.mark.long
 @pytest.mark.failsafe("own position lost", step="flying")
 def test_a_vehicle_whose_body_the_mocap_loses_lands_by_dead_reckoning(lockstep, paper):
     flight = lockstep(paper, seed=5)
@@ -148,6 +156,7 @@ def test_a_vehicle_whose_body_the_mocap_loses_lands_by_dead_reckoning(lockstep, 
     assert not _truth(flight, "mav0").is_on_ground
 
 
+@pytest.mark.long
 def test_a_px4_that_falls_silent_ends_the_setpoints_and_one_on_a_lossy_link_flies_on(
     lockstep, paper
 ):
@@ -172,6 +181,7 @@ def test_a_px4_that_falls_silent_ends_the_setpoints_and_one_on_a_lossy_link_flie
     assert flight.agents["mav0"].core.flight.state == "flying"
 
 
+@pytest.mark.long
 def test_separation_holds_on_a_bus_that_loses_delays_reorders_and_repeats(lockstep, paper):
     bus = BusSettings(delay_s=0.004, jitter_s=0.006, loss=0.2, reorder=0.1, duplicate=0.1)
     flight = lockstep(paper, seed=7, bus=bus)
@@ -183,6 +193,7 @@ def test_separation_holds_on_a_bus_that_loses_delays_reorders_and_repeats(lockst
     assert flight.bus.lost > 1000
 
 
+@pytest.mark.long
 def test_an_agent_started_again_in_flight_does_not_touch_a_vehicle_that_px4_lands(lockstep, paper):
     flight = lockstep(paper, seed=8)
     flight.takeoff(1.0)
@@ -204,6 +215,7 @@ def test_a_fault_comes_at_the_tick_it_was_asked_for(lockstep, paper):
     assert seen == pytest.approx([0.248, 0.5], abs=1e-6)
 
 
+@pytest.mark.long
 def test_nobody_counts_on_a_vehicle_to_go_aside_that_is_about_to_touch_down(lockstep):
     # it was at 0.70 m: friction ended the way aside that the other one relied on
     flight = lockstep(fleet_of(3), seed=263)

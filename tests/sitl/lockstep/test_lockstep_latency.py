@@ -13,6 +13,7 @@ from onboard.mocap.relay import latency
 from sitl.emulator.mocap import MocapSettings
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("latency_s", [pytest.param(0.02, marks=pytest.mark.long), 0.08])
 def test_the_mocaps_latency_is_found_when_its_stamps_do_not_allow_for_it(
     lockstep, paper, latency_s: float

@@ -41,6 +41,7 @@ def _resets(flight, name: str) -> int:
     return flight.agents[name].core.odometry.resets
 
 
+@pytest.mark.long
 def test_px4_knows_where_it_is_and_where_it_heads_by_the_forwarded_mocap(lockstep, paper):
     flight = lockstep(paper, seed=1)
     flight.takeoff(1.0)
@@ -53,6 +54,7 @@ def test_px4_knows_where_it_is_and_where_it_heads_by_the_forwarded_mocap(lockste
         assert _resets(flight, name) == 0
 
 
+@pytest.mark.long
 def test_px4s_own_hold_and_landing_keep_the_place_with_it(lockstep, paper):
     flight = lockstep(paper, seed=2)
     flight.takeoff(1.0)
@@ -71,9 +73,12 @@ def test_px4s_own_hold_and_landing_keep_the_place_with_it(lockstep, paper):
 @pytest.mark.parametrize(
     "fault",
     [
-        Fault("mocap_frozen", "mav1", duration_s=1.0),
+        pytest.param(Fault("mocap_frozen", "mav1", duration_s=1.0), marks=pytest.mark.long),
         Fault("mocap_jump", "mav1", duration_s=1.0, parameters={"east_m": 1.5}),
-        Fault("mocap_swapped", "mav1", duration_s=1.0, parameters={"other": "mav2"}),
+        pytest.param(
+            Fault("mocap_swapped", "mav1", duration_s=1.0, parameters={"other": "mav2"}),
+            marks=pytest.mark.long,
+        ),
     ],
     ids=["frozen", "jump", "swapped"],
 )

@@ -4,6 +4,8 @@ when it is mended.
 
 from __future__ import annotations
 
+import pytest
+
 from sitl.faults.catalogue import Fault
 
 # three at a time, one on each vehicle: fault, its parameters, the line that it shows in, and words
@@ -28,6 +30,7 @@ def _refusals(flight, name):
     return {check: sentence for check, is_ok, sentence, _ in view.preflight.checks if not is_ok}
 
 
+@pytest.mark.long
 def test_each_fault_on_the_ground_shows_in_its_line_and_refuses_the_take_off(lockstep, paper):
     flight = lockstep(paper, seed=3)
     flight.ready()

@@ -22,6 +22,7 @@ def waiting(fleet: FleetConfig, last: dict[str, Any], **keys: Any) -> Mission:
     return mission_from_mapping(data, path="waiting.toml", fleet=fleet)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("last", [OTHERS_DOWN, DOWN], ids=["others land", "all land"])
 def test_a_vehicle_that_its_battery_lands_in_a_wait_is_named_with_the_cause(
     lockstep: Any, paper: FleetConfig, last: dict[str, Any]
@@ -38,6 +39,7 @@ def test_a_vehicle_that_its_battery_lands_in_a_wait_is_named_with_the_cause(
     assert "Battery falling fast: landing." in verdict.summary
 
 
+@pytest.mark.long
 def test_a_mission_that_goes_on_without_a_vehicle_names_it_and_passes(
     lockstep: Any, paper: FleetConfig
 ) -> None:

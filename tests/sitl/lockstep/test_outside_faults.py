@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from groundstation.mission_files.loading import mission_from_mapping
 from groundstation.missions import conditions
 from sitl.faults.catalogue import Fault
@@ -12,6 +14,7 @@ from sitl.faults.catalogue import Fault
 PAPER = Path(__file__).resolve().parents[3] / "configs/fleets/paper.toml"
 
 
+@pytest.mark.long
 def test_faults_of_bus_and_agents_are_steps_of_a_mission(lockstep: Any) -> None:
     flight = lockstep(PAPER, seed=3)
     steps = [
@@ -40,6 +43,7 @@ def test_faults_of_bus_and_agents_are_steps_of_a_mission(lockstep: Any) -> None:
     assert sum("Fault ordered" in event.sentence for event in flight.events) == 3
 
 
+@pytest.mark.long
 def test_an_agent_that_dies_is_a_reason_to_react(lockstep: Any) -> None:
     flight = lockstep(PAPER, seed=3)
     flight.takeoff(1.0)

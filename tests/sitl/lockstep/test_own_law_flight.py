@@ -32,6 +32,7 @@ def folder(tmp_path: Path) -> Path:
     return made
 
 
+@pytest.mark.long
 def test_the_templates_law_flies_the_mission_of_covey_init(folder, lockstep):
     flight = lockstep(load_fleet(str(folder / "fleet.toml")), folder=folder)
     verdict = flight.fly(load_mission(str(folder / "mission.toml")))
@@ -40,6 +41,7 @@ def test_the_templates_law_flies_the_mission_of_covey_init(folder, lockstep):
     assert {shell.core.identity.law for shell in flight.agents.values()} == {"my_law:law"}
 
 
+@pytest.mark.long
 @pytest.mark.failsafe("own law refused, Covey's flies", step="flying")
 def test_a_law_that_fails_in_flight_is_named_and_coveys_flies_on(folder, lockstep):
     path = folder / "my_law.py"
@@ -58,6 +60,7 @@ def test_a_law_that_fails_in_flight_is_named_and_coveys_flies_on(folder, lockste
     assert all("my_law:failing raised ValueError: no more" in event.sentence for event in told)
 
 
+@pytest.mark.long
 def test_a_campaign_flies_it_and_tells_of_each_flight_in_which_covey_took_over(folder):
     path = folder / "my_law.py"
     path.write_text(path.read_text() + FAILING)

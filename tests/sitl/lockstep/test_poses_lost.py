@@ -97,7 +97,7 @@ def _all_down_and_apart(flights: list[Flown]) -> None:
     "loss",
     [
         Loss(285),
-        Loss(300, is_of_all=False),
+        pytest.param(Loss(300, is_of_all=False), marks=pytest.mark.long),
         pytest.param(Loss(320, back_s=1.0), marks=pytest.mark.long),
         pytest.param(Loss(290, wind_m_s=2.0), marks=pytest.mark.long),
     ],
@@ -110,6 +110,7 @@ def test_nobody_collides_and_all_land_by_themselves(loss: Loss) -> None:
     assert not flown.by_px4
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "case", [Case("six", 2.5, 1, 2.2), Case("pair", 2.5, 2, 3.8)], ids=lambda case: case.name
 )
@@ -124,6 +125,7 @@ def test_from_two_and_a_half_metres_all_are_down_softly_before_reckoning_errs(ca
     assert not flown.throttled_s
 
 
+@pytest.mark.long
 def test_poses_of_all_that_are_back_within_0_6_s_cost_nobody_the_flight(lockstep) -> None:
     flight = lockstep(fleet_of(3), seed=5)
     for name in flight.config.enabled_names:
@@ -133,6 +135,7 @@ def test_poses_of_all_that_are_back_within_0_6_s_cost_nobody_the_flight(lockstep
     assert flight.min_separation_m > 0.80
 
 
+@pytest.mark.long
 def test_px4s_own_position_is_wrong_by_metres_soon_after(lockstep) -> None:
     errors_m: dict[int, list[float]] = {1: [], 3: [], 4: []}
     for seed in (1, 2):
@@ -151,6 +154,7 @@ def test_px4s_own_position_is_wrong_by_metres_soon_after(lockstep) -> None:
     assert statistics.median(errors_m[1]) < 0.5
 
 
+@pytest.mark.long
 def test_without_a_position_of_px4_a_vehicle_without_a_mocap_lands_by_dead_reckoning(
     lockstep,
 ) -> None:

@@ -26,6 +26,7 @@ def noticed(flight: Lockstep) -> set[str]:
     return {event.vehicle for event in flight.events if event.code == code}
 
 
+@pytest.mark.long
 @pytest.mark.failsafe("own position contradicts own motion", step="flying")
 # unnoticed, such a vehicle circled for a minute and came to 0.37 m of another (seeds 0 and 1)
 @pytest.mark.parametrize("seed", [2, *(pytest.param(s, marks=pytest.mark.long) for s in (0, 1, 3))])
@@ -41,6 +42,7 @@ def test_a_receiver_that_is_half_a_second_late_is_noticed_and_its_vehicle_lands(
     assert not flight.simulation.emulator.world.collisions
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "seed", [4, *(pytest.param(s, marks=pytest.mark.long) for s in range(5, 12))]
 )

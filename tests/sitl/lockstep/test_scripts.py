@@ -98,6 +98,7 @@ def _script(folder: Path, text: str) -> str:
     return str(path)
 
 
+@pytest.mark.long
 def test_a_script_with_asyncio_flies_and_has_a_verdict(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -136,6 +137,7 @@ def test_a_test_connects_with_its_own_flight(lockstep: Any) -> None:
         host_of(None)
 
 
+@pytest.mark.long
 def test_a_script_of_crazyswarm_flies_with_its_import_line_changed(
     lockstep: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -176,6 +178,7 @@ raise SystemExit(3)
 """
 
 
+@pytest.mark.long
 def test_a_script_of_crazyswarm_is_refused_in_words(
     lockstep: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -41,6 +41,7 @@ def watch_thrust(flight: Lockstep) -> list[tuple[str, float]]:
 
 
 # with the height as a sign of contact the vehicles of seed 8 fell from up to 0.36 m, with 2.3 m/s
+@pytest.mark.long
 @pytest.mark.parametrize(
     "seed", [8, *(pytest.param(seed, marks=pytest.mark.long) for seed in range(9, 39))]
 )
@@ -77,7 +78,14 @@ def test_a_verdict_fails_with_a_vehicle_that_came_down_hard(
     assert flight.hard_touchdowns
 
 
-@pytest.mark.parametrize("height_m", [-0.5, 0.01, 0.3])
+@pytest.mark.parametrize(
+    "height_m",
+    [
+        pytest.param(-0.5, marks=pytest.mark.long),
+        0.01,
+        pytest.param(0.3, marks=pytest.mark.long),
+    ],
+)
 def test_no_move_leads_into_the_ground_although_the_fence_reaches_deeper(
     lockstep, outdoors, height_m: float
 ) -> None:

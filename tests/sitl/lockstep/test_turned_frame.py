@@ -22,6 +22,7 @@ def turn_places(flight: Lockstep, turn_deg: float) -> None:
         place_m[1] = cos * east_m + sin * north_m
 
 
+@pytest.mark.long
 def test_a_turn_that_no_single_vehicle_shows_refuses_the_take_off(
     lockstep: Any, paper: FleetConfig
 ) -> None:

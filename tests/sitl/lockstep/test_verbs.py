@@ -50,6 +50,7 @@ def test_vehicles_change_places_turn_and_land_at_home(lockstep: Any) -> None:
         assert math.dist(truth.position_enu_m[:2], vehicle.start_enu_m[:2]) < 0.25
 
 
+@pytest.mark.long
 def test_a_formation_is_turned_and_waypoints_are_flown_through(lockstep: Any) -> None:
     flight = lockstep(PAPER, seed=1)
     flight.takeoff(1.0)
@@ -68,6 +69,7 @@ def test_a_formation_is_turned_and_waypoints_are_flown_through(lockstep: Any) ->
     assert math.dist(fleet["mav0"].position_enu_m, points[-1]) < 0.2
 
 
+@pytest.mark.long
 def test_a_mission_waits_for_conditions_and_is_told_what_was_missing(lockstep: Any) -> None:
     flight = lockstep(PAPER, seed=2)
     fleet = flight.fleet
@@ -88,6 +90,7 @@ def test_a_mission_waits_for_conditions_and_is_told_what_was_missing(lockstep: A
     assert fleet["mav0"].is_flying
 
 
+@pytest.mark.long
 def test_a_mission_reacts_to_a_battery_and_goes_on_without_the_vehicle(lockstep: Any) -> None:
     flight = lockstep(PAPER, seed=2)
     flight.takeoff(1.0)
@@ -109,6 +112,7 @@ def test_a_mission_reacts_to_a_battery_and_goes_on_without_the_vehicle(lockstep:
     assert fleet["mav0"].is_flying
 
 
+@pytest.mark.long
 def test_a_reaction_may_end_what_is_done_now(lockstep: Any) -> None:
     flight = lockstep(PAPER, seed=2)
     flight.takeoff(1.0)
@@ -125,6 +129,7 @@ def test_a_reaction_may_end_what_is_done_now(lockstep: Any) -> None:
     assert flight.time_s - begin_s < 60.0
 
 
+@pytest.mark.long
 def test_vehicles_follow_a_leader_and_hold_when_it_is_over(lockstep: Any) -> None:
     flight = lockstep(PAPER, seed=2)
     flight.takeoff(1.0)
@@ -144,6 +149,7 @@ def test_vehicles_follow_a_leader_and_hold_when_it_is_over(lockstep: Any) -> Non
         assert math.dist(fleet[name].position_enu_m, (x + side, y + 2.0, z)) < 0.35
 
 
+@pytest.mark.long
 def test_a_blocked_vehicle_says_what_stands_in_its_way(lockstep: Any) -> None:
     flight = lockstep(PAPER, seed=2)
     flight.takeoff(1.0)

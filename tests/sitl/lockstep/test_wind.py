@@ -51,6 +51,7 @@ def test_the_wind_is_not_known_to_a_vehicle_without_a_drag(lockstep, paper: Flee
     assert math.isnan(telemetry.max_wind_m_s)
 
 
+@pytest.mark.long
 @pytest.mark.failsafe("wind above its limit", step="flying")
 def test_nobody_sets_out_in_a_wind_above_the_limit(lockstep, paper: FleetConfig) -> None:
     careful = replace(paper, fleet=replace(paper.fleet, max_wind_m_s=2.6))
@@ -65,6 +66,7 @@ def test_nobody_sets_out_in_a_wind_above_the_limit(lockstep, paper: FleetConfig)
     assert flight.min_separation_m > 1.1
 
 
+@pytest.mark.long
 @pytest.mark.failsafe("wind near its limit", step="flying")
 @pytest.mark.failsafe("wind above its limit", step="flying")
 def test_a_wind_that_rises_to_twice_the_limit_brings_all_down_inside_the_fence() -> None:

@@ -21,6 +21,7 @@ def _hover(lockstep: Any, fleet: FleetConfig, seed: int) -> Lockstep:
     return flight
 
 
+@pytest.mark.long
 @pytest.mark.failsafe("PX4's reports contradict each other", step="flying")
 def test_no_single_wrong_report_ends_a_flight_and_each_contradiction_is_noticed(
     lockstep, paper: FleetConfig
@@ -45,6 +46,7 @@ def test_no_single_wrong_report_ends_a_flight_and_each_contradiction_is_noticed(
     assert all(result.is_done for result in flight.land().values())
 
 
+@pytest.mark.long
 @pytest.mark.failsafe("PX4's reports contradict each other for long", step="flying")
 def test_two_senders_of_one_system_id_end_the_flight_by_a_landing_under_the_law(
     lockstep, paper: FleetConfig
@@ -61,6 +63,7 @@ def test_two_senders_of_one_system_id_end_the_flight_by_a_landing_under_the_law(
     assert "contradict" in core.flight.reason
 
 
+@pytest.mark.long
 def test_what_is_true_is_believed_soon(lockstep, paper: FleetConfig) -> None:
     delays_s = {}
     for code, mode in (("left-offboard", Mode.LOITER), ("disarmed", None)):

@@ -231,6 +231,7 @@ def test_scheduler_without_its_package_or_without_an_answer_is_refused_in_words(
         run._cluster("tcp://127.0.0.1:1")
 
 
+@pytest.mark.long
 def test_one_cell_flown_by_the_command_holds_and_its_own_commands_fly_the_same_flights(
     tmp_path, capsys
 ):

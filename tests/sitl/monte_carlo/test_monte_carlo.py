@@ -196,6 +196,7 @@ def test_poses_of_the_mocap_keep_vehicles_apart_that_hear_nobody():
     assert all(one.outcome.min_separation_m > 0.8 for one in fly("form3", range(6), setup=setup))
 
 
+@pytest.mark.long
 def test_a_forest_and_a_gap_are_flown_through_and_hit_by_whoever_knows_no_obstacles():
     for name in ("forest4", "gap4"):
         flown = fly(name, range(3))
@@ -206,6 +207,7 @@ def test_a_forest_and_a_gap_are_flown_through_and_hit_by_whoever_knows_no_obstac
     assert alone.outcome.is_collision
 
 
+@pytest.mark.long
 def test_vehicle_that_dies_in_a_crossing_is_avoided_by_its_poses():
     flown = fly("lost8@dead", range(3))
     assert all(one.outcome.min_separation_m > 0.8 for one in flown)
