@@ -30,6 +30,7 @@ from onboard.bus.topics import Topic
 from onboard.config.fleet import FleetConfig, load_fleet
 from onboard.config.pair_separation import separation_m
 from onboard.config.wind_limit import GUST_SHARE
+from onboard.feasibility.blind_descent import blind_descent_findings
 from onboard.flight.types import FlightStep
 from onboard.safety.failsafe_table import TABLE, WORDS, Action, Condition, Situation, decide
 from onboard.types import AttitudeSetpoint
@@ -457,16 +458,37 @@ def _fly(case: Case, folder: Path | None) -> Outcome:
         outcome.min_unflown_m = unflown_m
 
         body_m = flight.config.fleet.body_diameter_m
-        promised_m = flight.config.fleet.safety_distance_m
-        if injection.is_astray:
-            promised_m = body_m
-        elif injection.is_blind:
-            promised_m *= BLIND_SHARE
+        promised_m = _promised_m(injection, flight.config, outcome)
         if free_m < promised_m:
             outcome.wrong.append(f"{promised_m:g} m is promised: {free_m:.2f} m")
         if silenced_m < body_m and not injection.is_falling:
             outcome.wrong.append(f"bodies touch: {silenced_m:.2f} m")
     return outcome
+
+
+def _promised_m(injection: Injection, fleet: FleetConfig, outcome: Outcome) -> float:
+    """Return what two vehicles that the law flies keep at least.
+
+    A descent without poses that takes too long is none that ``covey check`` allows: there bodies
+    apart are all that is promised.
+    """
+    body_m = fleet.fleet.body_diameter_m
+    if injection.is_astray:
+        return body_m
+
+    if Condition.POSITION_LOST.value in outcome.seen:
+        spots = {}
+        for name in fleet.enabled_names:
+            x, y, _ = fleet.vehicles[name].start_enu_m
+            spots[name] = (x, y, outcome.case.height_m)
+        if any(
+            one.status == "refused" for one in blind_descent_findings(fleet, spots, "the crossing")
+        ):
+            return body_m
+
+    if injection.is_blind:
+        return BLIND_SHARE * fleet.fleet.safety_distance_m
+    return fleet.fleet.safety_distance_m
 
 
 def injection_of(name: str) -> Injection:
