@@ -40,7 +40,13 @@ def _differing(report: FactReport) -> dict[str, str]:
     }
 
 
-@pytest.mark.parametrize("px4", VERSIONS)
+@pytest.mark.parametrize(
+    "px4",
+    [
+        pytest.param(version, marks=pytest.mark.long if version == "1.17" else ())
+        for version in VERSIONS
+    ],
+)
 def test_the_emulator_agrees_with_every_fact_of_each_version_but_the_documented_ones(
     px4: str,
 ) -> None:

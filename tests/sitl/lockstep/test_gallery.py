@@ -15,13 +15,16 @@ FLOWN_ELSEWHERE = ("paper", "above")  # in test_flight, and in test_above_each_o
 
 
 MISSIONS = [name for name in GALLERY if name not in FLOWN_ELSEWHERE]
-LONG = ("thirty",)
+OF_EACH_DAY = ("escort", "search", "swap")
 
 
 @pytest.mark.timeout(300)
 @pytest.mark.parametrize(
     "name",
-    [pytest.param(name, marks=pytest.mark.long) if name in LONG else name for name in MISSIONS],
+    [
+        pytest.param(name, marks=() if name in OF_EACH_DAY else pytest.mark.long)
+        for name in MISSIONS
+    ],
 )
 def test_a_mission_of_the_gallery_passes(
     name: str, lockstep: Callable[..., Lockstep], tmp_path: Path

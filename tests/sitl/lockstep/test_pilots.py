@@ -109,6 +109,7 @@ def test_land_all_of_a_person_spares_the_pilot_and_his_name_does_not(
     assert _height_m(flight, "mav1") < 0.1
 
 
+@pytest.mark.long
 def test_a_script_and_a_mission_are_refused_as_land_all_is(
     lockstep: Any, paper: FleetConfig
 ) -> None:
@@ -126,6 +127,7 @@ def test_a_script_and_a_mission_are_refused_as_land_all_is(
     assert _height_m(flight, "mav1") > 0.5
 
 
+@pytest.mark.long
 def test_two_pilots_at_once_and_a_mission_that_goes_on_without_them(
     lockstep: Any, paper: FleetConfig
 ) -> None:

@@ -70,6 +70,7 @@ def test_neither_locate_nor_a_hold_that_is_refused_ends_a_mission(
     assert flight.fly(crossing(paper)).passed
 
 
+@pytest.mark.long
 def test_covey_fly_stays_says_who_has_the_fleet_and_ends_with_its_landing(
     lockstep: Any, paper: FleetConfig
 ) -> None:
