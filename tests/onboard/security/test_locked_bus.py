@@ -1,5 +1,8 @@
 """The table of roles and topics on a bus with keys: every cell tried over real links, granted and
 not granted ones.
+
+The table is no proof of itself. So what arrives is compared with the list of denials too, and
+orders are sent with signatures that are not what their ground has signed.
 """
 
 from __future__ import annotations
@@ -17,6 +20,16 @@ import pytest
 from msgspec.structs import replace
 
 from groundstation.keys.secured_fleet import secure_fleet
+from groundstation.network.denials import DENIED
+from groundstation.network.order_attempts import (
+    Tamper,
+    TamperedCredentials,
+    as_signed,
+    for_another_vehicle,
+    of_another_order,
+    without,
+)
+from onboard.bus.protocol import UntrustedOrder
 from onboard.bus.schema import FaultOrder, Order, OrderReply
 from onboard.bus.session import BusSession
 from onboard.bus.topics import TOPICS, Delivery, Topic
@@ -90,6 +103,19 @@ def _arrives(holder: str, topic: Topic, name: str, reader: str) -> bool:
     return is_granted and topic in GRANTS[_role(reader)].reads
 
 
+def _denied(holder: str) -> Heard:
+    """What the holder of a key must never be able to say, whatever the table of roles grants."""
+    denied = DENIED[_role(holder)]
+    own = {(topic, NODES[holder]) for topic in denied.as_itself}
+    others = {
+        (topic, name)
+        for topic in denied.as_another
+        for name in _names(holder)
+        if name != NODES[holder]
+    }
+    return own | others
+
+
 @pytest.mark.parametrize("holder", NODES)
 def test_what_each_holder_of_a_key_may_publish_read_and_order(
     fleet: FleetConfig, holder: str
@@ -144,10 +170,58 @@ def test_what_each_holder_of_a_key_may_publish_read_and_order(
         )
         assert until(lambda: bool(ended))
         assert heard == granted
+        assert not heard & _denied(holder)
         assert read == readable
         assert bool(ordered) is (holder == "ground")
         assert ("operator.1.x.y" in alive) is (holder == "ground")
         assert "mav2" not in alive
+
+
+@pytest.mark.parametrize(
+    ("tamper", "signer", "is_taken"),
+    [
+        pytest.param(as_signed, "ground", True, id="as its ground has signed it"),
+        pytest.param(without, "ground", False, id="without a signature"),
+        pytest.param(of_another_order, "ground", False, id="one byte changed"),
+        pytest.param(for_another_vehicle, "ground", False, id="signed for another vehicle"),
+        pytest.param(as_signed, "viewer", False, id="signed by a viewer"),
+        pytest.param(as_signed, "mocap", False, id="signed by the motion capture"),
+        pytest.param(as_signed, "mav1", False, id="signed by a vehicle"),
+    ],
+)
+def test_an_order_of_the_grounds_own_link_is_taken_only_as_the_ground_has_signed_it(
+    fleet: FleetConfig, tamper: Tamper, signer: str, is_taken: bool
+) -> None:
+    ordered: list[object] = []
+
+    def answer(order: object, reply: Callable[[OrderReply], None]) -> None:
+        ordered.append(order)
+        assert isinstance(order, Order | UntrustedOrder)
+        reply(OrderReply(order_id="o1", vehicle="mav0", is_accepted=False, reason=""))
+
+    forged = TamperedCredentials(
+        own=credentials_of(fleet, "ground"),
+        signer=credentials_of(fleet, signer),
+        tamper=tamper,
+    )
+    ground = BusSession(
+        namespace=fleet.namespace,
+        node=NODES["ground"],
+        connect=[fleet.vehicles["mav0"].agent],
+        credentials=forged,
+    )
+    order = Order(order_id="o1", author="ground", kind="hold", stamp_ns=1, deadline_ns=0)
+
+    with _node(fleet, "mav0", listens=True) as agent, started(ground):
+        agent.serve_orders("mav0", answer)
+
+        def arrives() -> bool:
+            ground.order("mav0", order, timeout_s=1.0, on_reply=lambda _: None, on_end=lambda: None)
+            return bool(ordered)
+
+        assert until(arrives)
+
+    assert all(isinstance(one, Order) is is_taken for one in ordered)
 
 
 def test_nobody_without_a_key_of_this_authority_is_heard_or_hears(
