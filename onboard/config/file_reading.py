@@ -34,9 +34,9 @@ class FileKind(NamedTuple):
     remedy: str = "Give the path of an existing one."  # what to do where it cannot be read
 
 
-# 255 vehicles take 100 kB.
-FLEET_FILE = FileKind("fleet file", 4 * _MB)
-MISSION_FILE = FileKind("mission file", 4 * _MB)
+# 255 vehicles take 100 kB; a million numbers take the reader of TOML 10 s.
+FLEET_FILE = FileKind("fleet file", 1 * _MB)
+MISSION_FILE = FileKind("mission file", 1 * _MB)
 SCRIPT = FileKind("script", 4 * _MB)
 LAW_SOURCE = FileKind("source of a law", 16 * _MB, "Correct law.name or law.folder.")
 # 400,000 lines of times and positions take 20 MB.
@@ -101,6 +101,11 @@ def opened(path: str | os.PathLike[str], kind: FileKind) -> BinaryIO:
     try:
         # and again, since it may have been another one by then
         _check_status(name, os.fstat(descriptor), kind)
+        # some files of the kernel count as regular ones, and have no bytes at a place
+        os.pread(descriptor, 1, 0)
+    except OSError as error:
+        file.close()
+        raise _cannot_be_read(name, kind, error) from None
     except BaseException:
         file.close()
         raise

@@ -174,6 +174,17 @@ def _endless(ending: str) -> Callable[[Path], Path]:
     return make
 
 
+def _kernel_log(ending: str) -> Callable[[Path], Path]:
+    """A regular file by its kind, from which nothing can be read at a place."""
+
+    def make(folder: Path) -> Path:
+        path = folder / f"kernel{ending}"
+        path.symlink_to("/proc/kmsg")
+        return path
+
+    return make
+
+
 def _toml(text: str) -> Callable[[Path], Path]:
     def make(folder: Path) -> Path:
         path = folder / "hostile.toml"
@@ -303,6 +314,7 @@ CORPUS = {
     "a zip packed with LZMA": HostileFile("show", _lzma_member, is_slow_to_make=True),
     "a show that is a pipe": HostileFile("show", _pipe(".skyc")),
     "a show that never ends": HostileFile("show", _endless(".skyc")),
+    "a show that is the log of the kernel": HostileFile("show", _kernel_log(".skyc")),
     "a folder of CSVs with a pipe": HostileFile("show", _folder_with_pipe),
     # paths, lights, slots
     "a CSV with a line of 300 MB": HostileFile("path", _long_line, is_slow_to_make=True),
@@ -359,6 +371,12 @@ CORPUS = {
     "a fleet file with a number of 5,000 digits": HostileFile(
         "fleet", _toml("schema = 1\nx = " + "9" * 5000 + "\n")
     ),
+    "a fleet file with a key of 900,000 letters": HostileFile(
+        "fleet", _toml("schema = 1\n" + "x" * 900_000 + " = 1\n[fleet]\nname = 'x'\n")
+    ),
+    "a fleet file with a list of 1,900,000 numbers": HostileFile(
+        "fleet", _toml("x = [" + "1," * 1_900_000 + "]\n")
+    ),
     "a vehicle whose type is a list": HostileFile(
         "fleet", _toml("schema = 1\n[fleet]\nname = 'x'\n[vehicles.a]\ntype = [[7]]\n")
     ),
@@ -371,6 +389,7 @@ CORPUS = {
     ),
     "a fleet file of 100 MB": HostileFile("fleet", _toml("# " + "x" * 100_000_000)),
     "a fleet file that is a pipe": HostileFile("fleet", _pipe(".toml")),
+    "a fleet file that is the log of the kernel": HostileFile("fleet", _kernel_log(".toml")),
     "a fleet file that never ends": HostileFile("fleet", _endless(".toml")),
     "a mission nested 100,000 deep": HostileFile("mission", _toml(_deep())),
     "a mission nested 900 deep": HostileFile("mission", _toml(_deep(300))),
