@@ -28,10 +28,10 @@ from groundstation.fleet.touchdown import (
 from groundstation.fleet.unknown_time import (
     FASTEST_SHARE,
     KNOWN_S,
-    MAX_KEPT,
     Sighting,
     UnknownTime,
     unknown_time,
+    with_time,
 )
 from onboard.bus.codec import Malformed
 from onboard.bus.schema import Event, Light, Message, PreflightReport, Telemetry, Truth, Vec3
@@ -636,13 +636,13 @@ def _seen_again(
     state: FleetState, vehicles: Mapping[str, VehicleView], before: VehicleView, after: VehicleView
 ) -> FleetState:
     """Return the state with the time for which a vehicle was not seen, if it was long enough."""
-    if after.seen_ns - before.seen_ns <= KNOWN_S * 1e9 or len(state.unknown_times) >= MAX_KEPT:
+    if after.seen_ns - before.seen_ns <= KNOWN_S * 1e9:
         return state
 
     time = _unknown_time(state, vehicles, before, after.sighting, after.seen_ns)
     if time is None:
         return state
-    return replace(state, unknown_times=(*state.unknown_times, time))
+    return replace(state, unknown_times=with_time(state.unknown_times, time))
 
 
 def _unknown_time(

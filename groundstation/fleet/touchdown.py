@@ -64,8 +64,17 @@ class Touchdown(Struct, frozen=True):
         """Return whether a vehicle with all its thrust came down faster than it may."""
         return self.had_thrust and self.speed_m_s > self.limit_m_s(vehicle)
 
+    def has_fallen(self, vehicle: Vehicle) -> bool:
+        """Return whether a vehicle came down without its thrust, faster than any landing."""
+        return not self.had_thrust and self.speed_m_s > self.limit_m_s(vehicle)
+
     def sentence(self, vehicle: Vehicle) -> str:
         """Return the contact in words."""
+        if not self.had_thrust:
+            return (
+                f"{self.vehicle} fell, and hit the ground with {self.speed_m_s:.2f} m/s: "
+                "its motors were off, weak or dead"
+            )
         return (
             f"{self.vehicle} touched down with {self.speed_m_s:.2f} m/s; "
             f"at most {self.limit_m_s(vehicle):.1f} m/s is right for how it flew"

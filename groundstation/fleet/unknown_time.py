@@ -16,7 +16,7 @@ from onboard.bus.schema import Vec3
 from onboard.config.pair_separation import separation_m
 
 KNOWN_S = 0.5  # a position that is older is not known any more
-MAX_KEPT = 200  # times; a flight with more has long ceased to be known
+MAX_KEPT = 200  # times; of more, those in which two may have come nearest
 # The fastest that vehicles were seen to fly, as a share of max_speed_m_s: the law uses more than
 # the plain speed to keep distances.
 FASTEST_SHARE = 1.6
@@ -104,6 +104,22 @@ def unknown_time(
                 possible_m=possible_m,
             )
     return nearest
+
+
+def with_time(times: tuple[UnknownTime, ...], time: UnknownTime) -> tuple[UnknownTime, ...]:
+    """Return times and one more; of too many the one whose bound is the largest is left out.
+
+    Args:
+        times: oldest first.
+        time: the newest one.
+    """
+    if len(times) < MAX_KEPT:
+        return (*times, time)
+
+    mildest = max(times, key=lambda one: one.possible_m)
+    if mildest.possible_m <= time.possible_m:
+        return times
+    return (*(one for one in times if one is not mildest), time)
 
 
 def _is_seen(sighting: Sighting, now_ns: int) -> bool:

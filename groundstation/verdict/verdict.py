@@ -131,7 +131,7 @@ def judge(
         flown.failure,
         _other_ends(flown),
         _still_up(flown, expect),
-        _hard_landings(state, fleet),
+        _hard_landings(flown),
         _unknown_sentence(unknown_times, begin_ns),
         record_failure,
     )
@@ -307,12 +307,17 @@ def _unknown_sentence(times: Sequence[UnknownTime], begin_ns: int) -> str:
     return sentence
 
 
-def _hard_landings(state: FleetState, fleet: FleetConfig) -> str:
-    """Return a sentence about simulated vehicles that came down harder than they may."""
+def _hard_landings(flown: FlightObservations) -> str:
+    """Return a sentence about simulated vehicles that came down harder than they may, or fell."""
     hard = []
-    for touchdown in state.touchdowns:
-        vehicle = fleet.vehicles[touchdown.vehicle]
-        if touchdown.is_hard(vehicle):
+    for touchdown in flown.state.touchdowns:
+        name = touchdown.vehicle
+        vehicle = flown.fleet.vehicles[name]
+
+        # a fall that the mission has gone on without, or that its last order explains, is told
+        is_told = name in flown.left_out or name in flown.other_ends
+        has_fallen = touchdown.has_fallen(vehicle) and not is_told
+        if touchdown.is_hard(vehicle) or has_fallen:
             hard.append(touchdown.sentence(vehicle))
     if not hard:
         return ""

@@ -80,4 +80,11 @@ def test_each_way_to_fly_has_its_limit() -> None:
 
 
 def test_who_has_lost_thrust_falls() -> None:
-    assert not Touchdown("mav0", 1, 5.0, had_thrust=False).is_hard(VEHICLE)
+    fall = Touchdown("mav0", 1, 5.0, had_thrust=False)
+    assert not fall.is_hard(VEHICLE)
+    assert fall.has_fallen(VEHICLE)
+    assert "mav0 fell, and hit the ground with 5.00 m/s" in fall.sentence(VEHICLE)
+
+
+def test_who_ends_its_thrust_on_the_ground_has_not_fallen() -> None:
+    assert not Touchdown("mav0", 1, 0.3, had_thrust=False).has_fallen(VEHICLE)

@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 
 from groundstation.fleet.state import FleetState, fold, fold_batch, initial, unknown_until
+from groundstation.fleet.unknown_time import MAX_KEPT
 from onboard.bus.schema import Truth
 from onboard.config.fleet import FleetConfig
 
@@ -75,6 +76,18 @@ def test_two_that_were_both_silent_may_have_come_twice_as_near(heard: Heard) -> 
     heard.hear("mav1", 5.0, 10.0)
     (time, _) = unknown_until(heard.state, 11 * SECOND)
     assert time.possible_m == pytest.approx(5.0 - 2.0 * heard.state.top_speed_m_s * 1.0)
+
+
+def test_many_harmless_silences_hide_no_dangerous_one(heard: Heard) -> None:
+    for second in range(10, 10 + 2 * MAX_KEPT, 1):
+        heard.hear("mav1", 50.0, float(second))
+        heard.hear("mav0", 0.0, float(second))
+    heard.hear("mav1", 1.5, 10.0 + 2 * MAX_KEPT)
+    heard.hear("mav0", 0.0, 10.0 + 2 * MAX_KEPT)
+
+    times = heard.state.unknown_times
+    assert len(times) == MAX_KEPT
+    assert min(time.possible_m for time in times) < 1.5
 
 
 def test_whoever_stands_disarmed_is_where_it_was(heard: Heard) -> None:

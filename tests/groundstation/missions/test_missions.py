@@ -9,12 +9,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
+from groundstation.fleet.touchdown import Touchdown
 from groundstation.mission_files.loading import load_mission, mission_from_mapping
 from groundstation.mission_files.steps import FormationStep
 from groundstation.missions.runner import MissionRun
 from groundstation.recording.writer import RecordWriter
 from groundstation.verdict.final_verdict import final_verdict
+from groundstation.verdict.verdict import judge
 from onboard.bus.schema import PreflightReport
 from onboard.bus.topics import Topic
 from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
@@ -349,6 +352,24 @@ async def test_a_flight_without_its_whole_record_or_its_verdict_has_not_passed(
     }
     assert words[damage] in verdict.summary
     assert verdict.exit_status == (0 if damage == "none" else 1)
+
+
+@pytest.mark.parametrize(("had_thrust", "speed_m_s"), [(True, 0.9), (False, 4.0)])
+async def test_a_vehicle_that_hits_the_ground_in_its_landing_has_not_landed_as_ordered(
+    fleet: FleetConfig, client: Any, had_thrust: bool, speed_m_s: float
+) -> None:
+    run = MissionRun(make(fleet, [*HOP, {"do": "land"}], expect=EXPECT), client)
+    assert (await run.run()).passed
+
+    hit = Touchdown("mav1", 1, speed_m_s, had_thrust=had_thrust)
+    flown = run.flown()
+    flown.state = replace(flown.state, touchdowns=(hit,))
+    verdict = judge(flown, run.mission.expect)
+    assert verdict.exit_status == 1
+    assert hit.sentence(fleet.vehicles["mav1"]) in verdict.summary
+
+    flown.left_out = ("mav1",)
+    assert judge(flown, run.mission.expect).passed is not had_thrust
 
 
 async def test_an_expect_step_stops_the_mission_where_it_fails(
