@@ -171,6 +171,17 @@ class VehicleView(Struct, frozen=True):
         ahead_s = max(0.0, (now_ns - self.received_ns) * 1e-9)
         return _along(message.position_enu_m, message.velocity_enu_m_s, ahead_s)
 
+    def known_enu_m(self, now_ns: int) -> Vec3 | None:
+        """Return its place now, by telemetry or else by ground truth; None where neither is new.
+
+        Args:
+            now_ns: the ground's monotonic clock [ns].
+        """
+        position_enu_m = self.resting_enu_m or self.position_enu_m(now_ns)
+        if position_enu_m is None and self.truth is not None and self.has_new_truth(now_ns):
+            position_enu_m = self.truth.position_enu_m
+        return position_enu_m
+
     @property
     def is_disarmed_by_px4(self) -> bool:
         """Whether PX4 has reported so on the direct path, after the agent's last telemetry."""
@@ -493,7 +504,7 @@ def _compared(state: FleetState, updated: Set[str], now_ns: int) -> FleetState:
     known = []
     positions = []
     for view in views:
-        position_enu_m = view.resting_enu_m or view.position_enu_m(now_ns)
+        position_enu_m = view.known_enu_m(now_ns)
         if position_enu_m is not None:
             known.append(view)
             positions.append(position_enu_m)

@@ -152,3 +152,18 @@ def test_where_truth_ends_telemetry_goes_on(heard: Heard) -> None:
     assert known is not None
     assert not known.is_truth
     assert known.distance_m == pytest.approx(0.715, abs=0.02)
+
+
+def test_truth_of_one_and_telemetry_of_the_other_give_their_distance(heard: Heard) -> None:
+    heard.hear("mav0", 0.0, 0.0)
+    heard.state = fold_batch(heard.state, [(truth("mav1", 3.0, 0), 0)], 0)
+    for tick in range(1, 21):
+        now_ns = tick * 100 * MS
+        sample = truth("mav0", 0.0, now_ns)  # the agent of mav0 is dead
+        heard.state = fold_batch(heard.state, [(sample, now_ns)], now_ns)
+        heard.hear("mav1", 3.0 - 0.1 * tick, 0.1 * tick)
+
+    known = heard.state.smallest_known
+    assert known is not None
+    assert known.distance_m == pytest.approx(1.0, abs=0.02)
+    assert unknown_until(heard.state, 2 * SECOND) == ()
