@@ -72,7 +72,10 @@ def refusal(order: Order, flight: FlightContext, facts: OrderFacts) -> str | Non
         return path_flight.part_refusal(flight.path, order.path, flight.vehicle, facts.fleet)
     if order.kind == "hold" and flight.state == "failed":
         not_ready = facts.not_ready_in_air()
-        return takeover.refusal(facts.view, not_ready, facts.distances_m, facts.fleet)
+        refused = takeover.refusal(facts.view, not_ready, facts.distances_m, facts.fleet)
+        if refused is not None and sentences.was_killed(flight):
+            return _wrong_step(order, flight)
+        return refused
 
     if facts.view.is_flown_by_hand:
         overrules_pilot = _overrules_pilot(order, flight)
@@ -148,7 +151,9 @@ def _wrong_step(order: Order, flight: FlightContext) -> str:
         doing = f"{flight.state} ({flight.step.text})"
 
     is_start = order.kind in ("arm", "takeoff")
-    if sentences.was_killed(flight) and not is_start:
+    if sentences.was_killed(flight) and is_start:
+        return f"{flight.reason} It is {doing} and cannot start now: look at it first."
+    if sentences.was_killed(flight):
         return f"{flight.reason} It is {doing}: look at it before you order take-off."
     if flight.step is FlightStep.PX4_LANDING and not is_start:
         why = f" ({flight.reason.rstrip('.')})" if flight.reason else ""

@@ -82,6 +82,16 @@ def test_a_killed_vehicle_says_that_it_was_killed() -> None:
         assert reply.reason.startswith("Killed by order of tester. It is landed"), reply
 
 
+def test_a_vehicle_whose_motors_are_just_being_stopped_says_that_it_was_killed() -> None:
+    rig = Rig()
+    rig.fly()
+    assert rig.order("kill").is_accepted
+    for kind in ("takeoff", "arm", "move", "hold", "follow_path"):
+        reply = rig.order(kind, position_enu_m=(1.0, 0.0, 1.0), height_m=1.5)
+        assert not reply.is_accepted
+        assert reply.reason.startswith("Killed by order of tester. It is failed"), reply
+
+
 def test_a_vehicle_that_px4_lands_says_so_and_what_can_be_done() -> None:
     config = fleet()
     flight = FlightContext(
