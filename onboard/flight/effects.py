@@ -58,6 +58,7 @@ def takeoff_height_m(order: Order | None) -> float:
 def stay_on_ground(flight: FlightContext, view: FlightView) -> None:
     """Take this position for the ground and the goal."""
     flight.ground_z_m = view.position_enu_m[2]
+    flight.has_fallen = False
     flight.goal = flight.goal._replace(position_enu_m=Point(*view.position_enu_m))
 
 
@@ -214,6 +215,11 @@ def expect_contact(flight: FlightContext, view: FlightView) -> None:
     """Forget how low it was before, and remember where it stands."""
     flight.lowest_m = math.inf
     flight.contact_z_m = view.position_enu_m[2]
+
+
+def note_fall(flight: FlightContext, view: FlightView) -> None:
+    """Remember whether the motors have stopped; whoever orders this vehicle later hears of it."""
+    flight.has_fallen = not view.snapshot.is_armed
 
 
 # -- without poses ---------------------------------------------------------------------------------

@@ -110,6 +110,9 @@ ORDERS = (
         effect=effects.descend, reason="ordered"),
     Row((S.COASTING,), E.LAND, to=S.SINKING, reason="ordered"),
     Row((S.SINKING, S.PX4_LANDING), E.LAND),  # what lands already, lands
+    # What these orders ask for is the case already.
+    Row((S.LANDED,), E.LAND, ends=("done", sentences.STANDS)),
+    Row(_START, E.MOVE, ends=("done", sentences.STANDS_AT_HOME)),  # `home` only, and only there
     Row((S.DISARMING,), E.LAND, when=p.px4_reports_the_ground),  # it stands, and is disarmed
     # Where sticks are heard, PX4 is asked first whether a pilot has the vehicle.
     Row((*_SILENT, S.DISARMING), E.LAND, when=p.px4_hears_sticks, to=S.PX4_LANDING,
@@ -150,7 +153,7 @@ FAILSAFES = (
     Row((*_ARMED, S.DISARMING), E.FAILSAFE_DISARM, to=S.FAILSAFE_DISARMING,
         request=Disarm(), reason=CAUSE),
     Row((*_ARMED, S.DISARMING, S.LIFTOFF, *_FREE, *_BLIND, *_DOWN, S.PX4_LANDING),
-        E.FAILSAFE_STOP, to=S.FAILED, reason=CAUSE),
+        E.FAILSAFE_STOP, to=S.FAILED, effect=effects.note_fall, reason=CAUSE),
 )
 
 # The rows of a tick without poses come before all others of a tick.

@@ -32,6 +32,8 @@ _NOT_ON_GROUND = (
     "PX4 does not say that the vehicle is on the ground: order land, or kill if it must fall."
 )
 _FLYING_ORDERS = ("arm", "takeoff", "move", "follow_path")
+_AT_REST = (FlightStep.WAITING, FlightStep.READY, FlightStep.LANDED)
+_AT_HOME_M = 0.5  # from the take-off spot, horizontally
 _MAY_BE_UP = {
     FlightStep.CONTACT,
     FlightStep.PX4_LANDING,
@@ -84,6 +86,8 @@ def refusal(order: Order, flight: FlightContext, facts: OrderFacts) -> str | Non
 
     if not accepts(flight.step, order.kind):
         return _wrong_step(order, flight)
+    if flight.step in _AT_REST and order.kind in ("land", "move"):
+        return _at_rest(order, flight, facts)
 
     if order.kind == "disarm" and flight.step in _MAY_BE_UP and not facts.view.is_on_ground:
         return _NOT_ON_GROUND
@@ -179,6 +183,34 @@ def _wrong_step(order: Order, flight: FlightContext) -> str:
             return "The vehicle has lost its position: wait until it is back, or order land."
         case _:
             return f"The vehicle does not fly (it is {doing}): order take-off first."
+
+
+def _at_rest(order: Order, flight: FlightContext, facts: OrderFacts) -> str | None:
+    """Return what speaks against `land` and `home` for a vehicle that stands; None: they are done.
+
+    A vehicle that stands at its take-off spot is at home; nobody is told so of one that fell.
+    """
+    name = flight.vehicle.name
+    if sentences.was_killed(flight):
+        return _wrong_step(order, flight)
+    if flight.has_fallen:
+        return f"{name} fell: {flight.reason} Look at it before you order take-off."
+    if facts.view.snapshot.is_armed:
+        return _wrong_step(order, flight)
+    if order.kind == "land":
+        return None
+
+    home_enu_m = order.position_enu_m
+    if not order.then_land or home_enu_m is None or not facts.view.has_position:
+        return _wrong_step(order, flight)
+
+    away_m = math.dist(home_enu_m[:2], facts.view.position_enu_m[:2])
+    if away_m > _AT_HOME_M:
+        return (
+            f"{name} stands {away_m:.1f} m from its take-off spot: order take-off first, "
+            "or carry it there."
+        )
+    return None
 
 
 def _start(order: Order, vehicle: Vehicle, facts: OrderFacts) -> str | None:

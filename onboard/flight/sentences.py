@@ -18,6 +18,8 @@ DISARMED = "PX4 is disarmed."
 _KILLED = "Killed by order of"
 NO_POSE = "Its position is not known any more, so it left the path."
 LANDED = "Landed and disarmed."
+STANDS = "It stands on the ground already, disarmed."
+STANDS_AT_HOME = "It stands at its take-off spot already, disarmed."
 LANDS_TO_DISARM = "It has left the ground: it lands at once, and is disarmed there."
 NO_LIFTOFF = (
     "The vehicle did not leave the ground: check propellers, battery and hover_thrust_frac."

@@ -26,11 +26,11 @@ from dataclasses import dataclass, field, replace
 from itertools import combinations_with_replacement
 from typing import NamedTuple
 
-from onboard.agent_commands import Arm, Command, Disarm, Kill, Px4Land, SetOffboard
+from onboard.agent_commands import Arm, Command, Disarm, Kill, Publish, Px4Land, SetOffboard
 from onboard.autopilot import Landed, Snapshot
 from onboard.bus.schema import Order, OrderKind, PathOrder
 from onboard.control.path import path_of
-from onboard.flight import order_checks, state_machine
+from onboard.flight import order_checks, sentences, state_machine
 from onboard.flight.context import FlightContext
 from onboard.flight.order_checks import OrderFacts
 from onboard.flight.path_flight import PathFlight
@@ -233,6 +233,11 @@ def _look_at(state: State, found: Found) -> None:
 
     if not is_brought_down(state):
         found.add_wrong("a person's order to land brings nothing down", key, "order land")
+    if is_at_rest_after_its_flight(state):
+        for kind in ("land", "move"):
+            _, said = ordered(state, kind, "", then_land=True)
+            if not any(is_done(command) for command in said):
+                found.add_wrong(f"{kind} of a vehicle at rest is not done", key, f"order {kind}")
     if state.flight.step in LANDING_STEPS and not _comes_to_rest(_copy(state)):
         found.add_wrong("a landing does not end on the ground", key, "nothing else")
 
@@ -325,7 +330,23 @@ def combined_actions() -> Iterator[tuple[Situation, tuple[Condition, ...], Actio
 # -- one event -------------------------------------------------------------------------------------
 
 
-def ordered(state: State, kind: OrderKind, reason: str) -> tuple[State, list[Command]]:
+def is_at_rest_after_its_flight(state: State) -> bool:
+    """Return whether a vehicle stands disarmed where it has landed, and has not fallen there."""
+    flight = state.flight
+    is_down = flight.step is FlightStep.LANDED and not state.world.is_armed
+    has_landed = not flight.has_fallen and not sentences.was_killed(flight)
+    is_left_alone = not _view(state).is_flown_by_hand
+    return is_down and has_landed and is_left_alone
+
+
+def is_done(command: Command) -> bool:
+    """Return whether this tells that an order is done."""
+    return isinstance(command, Publish) and getattr(command.message, "order_outcome", "") == "done"
+
+
+def ordered(
+    state: State, kind: OrderKind, reason: str, *, then_land: bool = False
+) -> tuple[State, list[Command]]:
     """Return the state after an order, and what was sent to PX4; a refused one changes nothing."""
     after = _copy(state)
     view = _view(after)
@@ -336,7 +357,8 @@ def ordered(state: State, kind: OrderKind, reason: str) -> tuple[State, list[Com
         stamp_ns=after.now_ns,
         deadline_ns=0,
         reason=reason,
-        position_enu_m=(1.0, 0.0, 1.0),
+        position_enu_m=(0.0, 0.0, 1.0) if then_land else (1.0, 0.0, 1.0),
+        then_land=then_land,
         path=PathOrder(path_id="p", show_id="s", start_ns=after.now_ns),
     )
     facts = OrderFacts(

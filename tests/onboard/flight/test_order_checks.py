@@ -233,3 +233,49 @@ def test_kill_is_never_refused_not_even_late() -> None:
     rig = Rig()
     rig.run(0.1)
     assert rig.order("kill", deadline_ns=1).is_accepted
+
+
+def _end_of(rig: Rig, kind: str) -> tuple[str, str]:
+    """Return outcome and sentence of the newest order of this kind."""
+    event = [one for one in rig.events if one.code == f"order-{kind}"][-1]
+    return event.order_outcome, event.sentence
+
+
+def test_home_and_land_of_a_vehicle_that_stands_at_home_after_its_flight_are_done() -> None:
+    rig = Rig()
+    rig.fly()
+    assert rig.order("land").is_accepted
+    rig.until("landed")
+
+    assert rig.order("land").is_accepted
+    assert _end_of(rig, "land") == ("done", "It stands on the ground already, disarmed.")
+
+    home: dict[str, Any] = {"position_enu_m": (0.1, 0.0, 1.0), "then_land": True}
+    assert rig.order("move", **home).is_accepted
+    assert _end_of(rig, "move")[0] == "done"
+    assert "take-off spot already" in _end_of(rig, "move")[1]
+    assert rig.core.flight.state == "landed"
+    assert not rig.order("move", position_enu_m=(0.1, 0.0, 1.0)).is_accepted
+
+
+def test_home_of_a_vehicle_that_has_not_flown_is_done_at_home_and_refused_elsewhere() -> None:
+    rig = Rig()
+    rig.until("ready")
+    assert rig.order("move", position_enu_m=(0.1, 0.0, 1.0), then_land=True).is_accepted
+    assert rig.core.flight.state == "ready"
+    reply = rig.order("move", position_enu_m=(2.0, 0.0, 1.0), then_land=True)
+    assert "mav0 stands 2.0 m from its take-off spot: order take-off first" in reply.reason
+
+
+def test_a_vehicle_that_fell_says_so_until_it_starts_again() -> None:
+    rig = Rig()
+    rig.fly()
+    rig.is_armed = False  # PX4 stops the motors in the air
+    rig.has_lift = False
+    rig.until("failed")
+    rig.until("landed")
+    for kind in ("land", "move"):
+        reply = rig.order(kind, position_enu_m=(0.0, 0.0, 1.0), then_land=kind == "move")
+        assert not reply.is_accepted
+        assert reply.reason.startswith("mav0 fell: PX4 disarmed"), reply
+        assert "Look at it" in reply.reason
