@@ -34,6 +34,8 @@ class WaitCondition(NamedTuple):
     holds: Callable[[Moment], bool]
     # what it is now, for the sentence about a wait that was too short
     value: Callable[[Moment], str]
+    # vehicles that are lost when it holds, each with the reason
+    lost: Callable[[Moment], Mapping[str, str]] = lambda _: {}
 
 
 class ConditionTimeout(TimeoutError):
@@ -154,15 +156,19 @@ def fails(vehicles: Sequence[str] | str | None = None) -> WaitCondition:
         vehicles: names, or one; None: anybody.
     """
 
-    def failed(moment: Moment) -> list[str]:
-        return [
-            name for name, view in _views(moment, vehicles).items() if _has_failed(view, moment)
-        ]
+    def failed(moment: Moment) -> dict[str, str]:
+        """Return who is lost, with the reason."""
+        return {
+            name: _failure_words(view, moment)
+            for name, view in _views(moment, vehicles).items()
+            if _has_failed(view, moment)
+        }
 
     return WaitCondition(
         f"{_vehicle_words(vehicles)} failing",
         lambda moment: bool(failed(moment)),
         lambda moment: ", ".join(failed(moment)) or "none",
+        failed,
     )
 
 
@@ -197,6 +203,7 @@ def any_of(*conditions: WaitCondition) -> WaitCondition:
         " or ".join(condition.words for condition in conditions),
         lambda moment: any(condition.holds(moment) for condition in conditions),
         lambda moment: "; ".join(condition.value(moment) for condition in conditions),
+        lambda moment: _all_lost(conditions, moment),
     )
 
 
@@ -211,6 +218,7 @@ def all_of(*conditions: WaitCondition) -> WaitCondition:
         " and ".join(condition.words for condition in conditions),
         lambda moment: all(condition.holds(moment) for condition in conditions),
         value,
+        lambda moment: _all_lost(conditions, moment),
     )
 
 
@@ -263,6 +271,25 @@ def _has_failed(view: VehicleView, moment: Moment) -> bool:
     if telemetry.is_armed and not view.is_fresh(moment.now_ns):
         return not _is_own_silence(view, moment)
     return telemetry.state == "landing" and not telemetry.order_id
+
+
+def _failure_words(view: VehicleView, moment: Moment) -> str:
+    """Return why a vehicle counts as lost."""
+    telemetry = view.telemetry
+    if telemetry is None:
+        return "not heard yet"
+    if not view.is_fresh(moment.now_ns):
+        silent_s = (moment.now_ns - view.received_ns) * 1e-9
+        return f"silent for {silent_s:.1f} s in flight"
+    return f"{telemetry.state}, {telemetry.reason}".rstrip(" ,.")
+
+
+def _all_lost(conditions: Sequence[WaitCondition], moment: Moment) -> dict[str, str]:
+    """Return who is lost by any of these conditions."""
+    lost: dict[str, str] = {}
+    for condition in conditions:
+        lost.update(condition.lost(moment))
+    return lost
 
 
 def _is_own_silence(silent: VehicleView, moment: Moment) -> bool:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 from groundstation.client.client import FleetClient
 from groundstation.missions.hover_check import hover_check
@@ -39,6 +39,7 @@ class MissionGround:
         self.steps: list[StepResult] = []
         self.arrivals: list[Arrival] = []
         self.left_out: set[str] = set()  # vehicles that the mission goes on without
+        self.lost: set[str] = set()  # vehicles whose failure the mission has reacted to
         # vehicles that went down though their last order left them flying, each with a sentence
         self.other_ends: dict[str, str] = {}
         self._last_orders: dict[str, LastOrder] = {}
@@ -133,6 +134,29 @@ class MissionGround:
 
         self.left_out.update(new)
         self.say(f"The mission goes on without {', '.join(new)}.")
+
+    def note_lost(self, lost: Mapping[str, str]) -> None:
+        """Say who is lost, and why; "all" does not mean them until they fly again.
+
+        Orders that bring vehicles down mean them too.
+
+        Args:
+            lost: vehicle -> reason.
+        """
+        for name, reason in lost.items():
+            self.say(f"  {name}: {reason}.")
+        self.lost.update(lost)
+
+    def still_lost(self) -> set[str]:
+        """Return the vehicles that are lost and do not fly again by order."""
+        now_ns = self.client.now_ns()
+        for name in tuple(self.lost):
+            view = self.client.state.vehicles[name]
+            if view.telemetry is None or not view.is_fresh(now_ns):
+                continue
+            if view.telemetry.state in ("taking off", "flying", "holding"):
+                self.lost.discard(name)
+        return self.lost
 
     def add_arrival(self, step: str, name: str, goal: Vec3) -> None:
         """Note how far a vehicle is from its goal now."""

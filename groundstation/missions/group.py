@@ -89,17 +89,20 @@ class Group:
         """The fleet as known now."""
         return self.ground.client.state
 
-    def select(self, vehicles: Vehicles) -> tuple[str, ...]:
+    def select(self, vehicles: Vehicles, *, with_lost: bool = False) -> tuple[str, ...]:
         """Return the vehicles of this group that are meant.
 
         Args:
             vehicles: "all", names or indices.
+            with_lost: "all" also means those whose failure the mission has reacted to.
 
         Raises:
             ConfigError: somebody is not in this group.
         """
         if vehicles in ("all", ["all"]):
-            return self.names
+            lost = set() if with_lost else self.ground.still_lost()
+            able = tuple(name for name in self.names if name not in lost)
+            return able or self.names  # who orders nobody but the lost hears why they refuse
 
         selected = self.config.select(vehicles)
         not_in_group = [name for name in selected if name not in self._names]
@@ -116,11 +119,11 @@ class Group:
 
     async def disarm(self, vehicles: Vehicles = "all", *, timeout_s: float = 15.0) -> Results:
         """Disarm on the ground."""
-        return await self.order(Disarm(vehicles=self.select(vehicles)), timeout_s)
+        return await self.order(Disarm(vehicles=self.select(vehicles, with_lost=True)), timeout_s)
 
     async def locate(self, vehicles: Vehicles = "all", *, timeout_s: float = 5.0) -> Results:
         """Play a tune, so that an operator sees which vehicles these are."""
-        return await self.order(Locate(vehicles=self.select(vehicles)), timeout_s)
+        return await self.order(Locate(vehicles=self.select(vehicles, with_lost=True)), timeout_s)
 
     async def takeoff(
         self,
@@ -395,7 +398,7 @@ class Group:
     async def land(self, vehicles: Vehicles = "all", *, timeout_s: float = 40.0) -> Results:
         """Land and disarm."""
         is_everybody = vehicles in ("all", ["all"])
-        intent = Land(vehicles=self.select(vehicles), is_everybody=is_everybody)
+        intent = Land(vehicles=self.select(vehicles, with_lost=True), is_everybody=is_everybody)
         return await self.order(intent, timeout_s)
 
     async def kill(self, vehicles: Vehicles, *, timeout_s: float = 5.0) -> Results:
@@ -467,11 +470,21 @@ class Group:
         assert body is not None
         has_begun = False
 
+        lost: Mapping[str, str] = {}
+
+        def holds(moment: Moment) -> bool:
+            nonlocal lost
+            if not condition.holds(moment):
+                return False
+            lost = condition.lost(moment)
+            return True
+
         async def watch() -> None:
             nonlocal has_begun
-            await self.until(condition, _EVER_S)
+            await self.until(condition._replace(holds=holds), _EVER_S)
             has_begun = True
             self.ground.say(f"{condition.words[0].upper()}{condition.words[1:]}.")
+            self.ground.note_lost(lost)
 
             if ends:
                 body.cancel()

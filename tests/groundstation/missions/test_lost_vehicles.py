@@ -1,0 +1,64 @@
+"""Who fails is named, and "all" does not mean a vehicle whose failure a mission has reacted to."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Any
+
+import pytest
+
+from groundstation.missions.conditions import Moment, any_of, battery_below, fails
+from groundstation.missions.ground import MissionGround
+from groundstation.missions.group import Group
+from onboard.config.fleet import FleetConfig
+
+
+@pytest.fixture
+async def group(fleet: FleetConfig, client: Any, bus: Any) -> Group:
+    """A group of all vehicles, which fly; what is said stands in ``group.ground.lines``."""
+    lines: list[str] = []
+    ground: Any = MissionGround(client, say=lines.append)
+    ground.lines = lines
+    for name in fleet.enabled_names:
+        bus.tell(name, state="flying", is_airborne=True, is_armed=True)
+    return Group(ground, fleet.enabled_names)
+
+
+async def test_a_reaction_says_who_fails_and_all_means_the_others_until_it_flies_again(
+    group: Group, bus: Any
+) -> None:
+    reason = "The battery is at its landing level."
+
+    async def react() -> None:
+        assert group.select("all") == ("mav0", "mav2")
+
+    async with group.reacting(fails(), react):
+        bus.tell("mav1", state="landing", reason=reason, order_id="")
+        await asyncio.sleep(0.1)
+
+    lines = group.ground.lines  # type: ignore[attr-defined]
+    assert "Anybody failing." in lines
+    assert "  mav1: landing, The battery is at its landing level." in lines
+    assert group.select("all", with_lost=True) == ("mav0", "mav1", "mav2")
+    assert group.select("mav1") == ("mav1",)
+
+    bus.tell("mav1", state="landed", is_airborne=False, is_armed=False)
+    await asyncio.sleep(0.1)
+    assert group.select("all") == ("mav0", "mav2")
+    bus.tell("mav1", state="taking off", is_airborne=True, is_armed=True)
+    await asyncio.sleep(0.1)
+    assert group.select("all") == ("mav0", "mav1", "mav2")
+
+
+async def test_several_conditions_name_those_who_fail(group: Group, bus: Any) -> None:
+    bus.tell("mav2", state="failed", reason="PX4 has left OFFBOARD.")
+    await asyncio.sleep(0.1)
+    moment = Moment(group.state, group.client.now_ns(), 0)
+    both = any_of(battery_below(5.0), fails())
+    assert both.lost(moment) == {"mav2": "failed, PX4 has left OFFBOARD"}
+
+
+async def test_who_orders_nobody_but_the_lost_hears_why_they_refuse(group: Group) -> None:
+    group.ground.note_lost(dict.fromkeys(group.names, "failed"))
+    group.ground.still_lost = lambda: group.ground.lost  # type: ignore[method-assign]
+    assert group.select("all") == group.names
