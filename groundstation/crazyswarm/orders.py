@@ -38,7 +38,7 @@ _SAME_TIME_S = 1e-6
 _SMALL_YAW_DEG = 1.0  # a heading that is taken for none
 _UNKNOWN: Vec3 = (math.nan, math.nan, math.nan)
 
-Kind = Literal["takeoff", "land", "path", "goto"]
+Kind = Literal["arm", "takeoff", "land", "path", "goto"]
 
 
 class _Takeoff(NamedTuple):
@@ -70,6 +70,7 @@ class _Batch:
     moves: dict[str, _Move] = field(default_factory=dict)
     paths: dict[str, Path] = field(default_factory=dict)
     landings: dict[str, float] = field(default_factory=dict)  # duration [s]
+    arms: list[str] = field(default_factory=list)
     stops: list[str] = field(default_factory=list)
 
     def forget(self, name: str) -> None:
@@ -103,6 +104,10 @@ class ScriptOrders:
         return (self.fleet.client.now_ns() - self._begin_ns) * 1e-9 - self._late_s
 
     # -- the script orders -------------------------------------------------------------------------
+
+    def arm(self, name: str) -> None:
+        """Have a vehicle arm on the ground."""
+        self._batch.arms.append(name)
 
     def takeoff(self, name: str, height_m: float, duration_s: float) -> None:
         """Have a vehicle take off."""
@@ -222,7 +227,18 @@ class ScriptOrders:
                 if order.kind == "takeoff" and in_air.intersection(order.names)
             ]
         )
+        # An arming that goes on would refuse a take-off.
+        await self._wait(
+            [
+                order.task
+                for order in self._open
+                if order.kind == "arm" and set(batch.takeoffs).intersection(order.names)
+            ]
+        )
 
+        arms = [name for name in batch.arms if name not in batch.takeoffs]
+        if arms:
+            self._begin("arm", dict.fromkeys(arms, 0.0), self.fleet.arm(arms))
         self._send_takeoffs(batch.takeoffs)
         if batch.moves:
             self._send_moves(batch.moves)

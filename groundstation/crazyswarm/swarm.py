@@ -11,13 +11,18 @@ from __future__ import annotations
 import math
 import select
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path as FilePath
 from typing import Any, NoReturn
 
 import numpy as np
 
 from groundstation.crazyswarm.orders import ScriptOrders
+from groundstation.crazyswarm.script_check import (
+    NOT_FLOWN,
+    refuse_too_small_a_fleet,
+    refuse_what_is_not_flown,
+)
 from groundstation.crazyswarm.uav_trajectory import path_of_trajectory
 from groundstation.missions.blocking import BlockingFleet
 from groundstation.orders.grammar import OrderError
@@ -35,14 +40,14 @@ class Crazyswarm:
     """The fleet under Crazyswarm's names.
 
     Args:
-        crazyflies_yaml: a fleet file (``.toml``); Crazyswarm's own file is not read: ``covey fly
-            script --fleet`` names one.
+        crazyflies_yaml: a fleet file (``.toml``); of Crazyswarm's own file or text only the number
+            of vehicles counts: ``covey fly script --fleet`` names a fleet file.
         parent_parser: not used.
         args: not used.
         fleet: a fleet file or its path; None: that of ``covey fly script``.
 
     Raises:
-        ConfigError: no fleet file, or a wrong one.
+        ConfigError: no fleet file, a wrong or too small one, or the script calls what is not flown.
         NotReady: a vehicle is not ready in time.
     """
 
@@ -57,7 +62,11 @@ class Crazyswarm:
         if not fleet and crazyflies_yaml is not None and crazyflies_yaml.endswith(".toml"):
             fleet = crazyflies_yaml
 
+        # The script is whoever calls this.
+        refuse_what_is_not_flown(sys._getframe(1).f_code.co_filename)
         orders = ScriptOrders(BlockingFleet(fleet or None))
+        refuse_too_small_a_fleet(crazyflies_yaml, orders.fleet.config)
+
         self.timeHelper = TimeHelper(orders)
         self.allcfs = CrazyflieServer(orders)
         self.input = Buttons(self.timeHelper)
@@ -68,6 +77,7 @@ class TimeHelper:
 
     def __init__(self, orders: ScriptOrders) -> None:
         self._orders = orders
+        self.visualizer = Visualizer()
 
     def time(self) -> float:
         """Return the script's time [s], of vehicle time without what vehicles were late."""
@@ -95,6 +105,19 @@ class TimeHelper:
     def isShutdown(self) -> bool:
         """Whether the program ends; Ctrl-C ends it by an exception, and the vehicles land."""
         return False
+
+
+class Visualizer:
+    """``timeHelper.visualizer``: takes every call and draws nothing; the console and the page draw.
+
+    Crazyswarm's own has methods for graphs, ellipsoids and frames.
+    """
+
+    def __getattr__(self, name: str) -> Any:
+        return self._draw_nothing
+
+    def _draw_nothing(self, *_: object, **__: object) -> None:
+        """Draw nothing."""
 
 
 class Buttons:
@@ -147,6 +170,17 @@ class Crazyflie:
     def setGroupMask(self, groupMask: int) -> None:
         """Set the groups of this vehicle, a bit each."""
         self.groupMask = int(groupMask)
+
+    def arm(self, arm: bool = True) -> None:
+        """Arm on the ground, or disarm there; a take-off arms by itself.
+
+        Raises:
+            OrderError: it is to be disarmed in the air, and would fall.
+        """
+        if arm:
+            self._orders.arm(self._name)
+        else:
+            self._orders.stop(self._name)
 
     def takeoff(self, targetHeight: float, duration: float, groupMask: int = 0) -> None:
         """Arm and take off to a height above the fleet's origin."""
@@ -261,15 +295,17 @@ class Crazyflie:
     def notifySetpointsStop(self, remainValidMillisecs: float = 100, groupMask: int = 0) -> None:
         """Do nothing: no setpoints are streamed."""
 
-    def _refuse_stream(self, *_: object, **__: object) -> NoReturn:
-        """Refuse commands that stream setpoints from the ground."""
-        raise OrderError(
-            f"{self._name}: commands that stream setpoints (cmdFullState, cmdVelocityWorld, "
-            "cmdPosition, cmdVel, cmdStop) are not flown: they pass by the law, and when the "
-            "program hangs the vehicle flies on with the last one. Use goTo, or a trajectory."
-        )
+    def __getattr__(self, name: str) -> Callable[..., NoReturn]:
+        """Return a method that refuses, also where the script could not be read before."""
+        if name not in NOT_FLOWN:
+            raise AttributeError(
+                f"A Crazyflie has no '{name}' here; docs/crazyswarm.md lists what there is."
+            )
 
-    cmdFullState = cmdVelocityWorld = cmdPosition = cmdVel = cmdStop = cmdHover = _refuse_stream
+        def refuse(*_: object, **__: object) -> NoReturn:
+            raise OrderError(f"{self._name}: {name} is not flown: {NOT_FLOWN[name]}")
+
+        return refuse
 
     def _is_meant(self, group_mask: int) -> bool:
         return group_mask == 0 or bool(group_mask & self.groupMask)
@@ -278,6 +314,28 @@ class Crazyflie:
 def _colour_byte(share: float) -> int:
     """Return a colour's share from 0 to 1 as a byte."""
     return round(255 * min(max(float(share), 0.0), 1.0))
+
+
+class _Known(dict[Any, Crazyflie]):
+    """Vehicles by id or by name; of one that the fleet lacks it says which there are.
+
+    Args:
+        noun: what they are known by.
+        key: that says so in a fleet file.
+        vehicles: by it.
+    """
+
+    def __init__(self, noun: str, key: str, vehicles: dict[Any, Crazyflie]) -> None:
+        super().__init__(vehicles)
+        self._noun = noun
+        self._key = key
+
+    def __missing__(self, wanted: object) -> NoReturn:
+        known = ", ".join(map(str, self))
+        raise OrderError(
+            f"The fleet has no vehicle with {self._noun} {wanted}; it has {known}. Write these in "
+            f"the script, or give {self._key} in the fleet file."
+        )
 
 
 class CrazyflieServer:
@@ -289,8 +347,17 @@ class CrazyflieServer:
         self.crazyflies = [
             Crazyflie(orders, config.vehicles[name]) for name in config.enabled_names
         ]
-        self.crazyfliesById = {one.id: one for one in self.crazyflies}
-        self.crazyfliesByName = {one.name: one for one in self.crazyflies}
+        self.crazyfliesById = _Known(
+            "id", "system_id of a vehicle", {one.id: one for one in self.crazyflies}
+        )
+        self.crazyfliesByName = _Known(
+            "name", "[vehicles.NAME]", {one.name: one for one in self.crazyflies}
+        )
+
+    def arm(self, arm: bool = True) -> None:
+        """Arm all on the ground, or disarm all there."""
+        for one in self.crazyflies:
+            one.arm(arm)
 
     def takeoff(self, targetHeight: float, duration: float, groupMask: int = 0) -> None:
         """Take off, all of a group (0: all)."""

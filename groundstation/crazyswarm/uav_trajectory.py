@@ -10,6 +10,7 @@ import numpy as np
 from groundstation.paths.files import load_path
 from onboard.arrays import Array
 from onboard.control.path import Path, path_of, point_at
+from onboard.types import GRAVITY_M_S2
 
 
 class TrajectoryOutput(NamedTuple):
@@ -19,6 +20,7 @@ class TrajectoryOutput(NamedTuple):
     vel: Array  # (3,) [m/s]
     acc: Array  # (3,) [m/s^2]
     yaw: float  # [rad]
+    omega: Array  # (3,) body rates that such a motion needs [rad/s]
 
 
 class Polynomial(NamedTuple):
@@ -69,7 +71,46 @@ class Trajectory:
             vel=np.array(point.velocity_enu_m_s),
             acc=np.array(point.acceleration_enu_m_s2),
             yaw=point.yaw_rad,
+            omega=self._body_rates_rad_s(t),
         )
+
+    def _body_rates_rad_s(self, t: float) -> Array:
+        """Return the body rates at a time, as a multirotor's thrust and heading define them.
+
+        The thrust points along the acceleration without gravity, and its direction turns with the
+        jerk across it: Mellinger and Kumar, Minimum snap trajectory generation and control for
+        quadrotors (2011), section III.
+        """
+        piece, time_s = self._piece_at(t)
+        axes = (piece.px, piece.py, piece.pz)
+        acceleration_m_s2 = np.array([_derivative(axis.p, time_s, 2) for axis in axes])
+        jerk_m_s3 = np.array([_derivative(axis.p, time_s, 3) for axis in axes])
+        yaw_rad = _derivative(piece.pyaw.p, time_s, 0)
+        yaw_rate_rad_s = _derivative(piece.pyaw.p, time_s, 1)
+
+        thrust_m_s2 = acceleration_m_s2 + np.array([0.0, 0.0, GRAVITY_M_S2])
+        thrust_norm_m_s2 = float(np.linalg.norm(thrust_m_s2))
+        up_b = thrust_m_s2 / thrust_norm_m_s2
+
+        heading = np.array([np.cos(yaw_rad), np.sin(yaw_rad), 0.0])
+        left_b = np.cross(up_b, heading)
+        left_b /= np.linalg.norm(left_b)
+        forward_b = np.cross(left_b, up_b)
+
+        turning_rad_s = (jerk_m_s3 - up_b * (up_b @ jerk_m_s3)) / thrust_norm_m_s2
+        return np.array(
+            [-turning_rad_s @ left_b, turning_rad_s @ forward_b, up_b[2] * yaw_rate_rad_s]
+        )
+
+    def _piece_at(self, t: float) -> tuple[Polynomial4D, float]:
+        """Return the piece at a time, and the time in it; before and after, its first and last."""
+        pieces = self.polynomials or []
+        left_s = max(0.0, t)
+        for piece in pieces[:-1]:
+            if left_s <= piece.duration:
+                return piece, left_s
+            left_s -= piece.duration
+        return pieces[-1], min(left_s, pieces[-1].duration)
 
 
 def path_of_trajectory(trajectory: Any) -> Path:
@@ -95,6 +136,11 @@ def _polynomials(row: Array) -> Polynomial4D:
     """Return one row of a file, (33,): a duration, and eight coefficients for each axis."""
     x, y, z, yaw = (Polynomial(row[begin : begin + 8]) for begin in (1, 9, 17, 25))
     return Polynomial4D(duration=float(row[0]), px=x, py=y, pz=z, pyaw=yaw)
+
+
+def _derivative(coefficients: Array, time_s: float, order: int) -> float:
+    """Return a derivative of a polynomial whose coefficients begin with the constant one."""
+    return float(np.polynomial.Polynomial(coefficients).deriv(order)(time_s))
 
 
 def _eight(coefficients: Any) -> list[float]:

@@ -31,6 +31,8 @@ from onboard.config.fleet import ConfigError, FleetConfig
 from onboard.exit_status import EXIT_FAILED, EXIT_INTERRUPTED, EXIT_OK
 from onboard.plain_text import plain_lines
 
+_ROS = ("rclpy", "rospy", "tf2_ros", "geometry_msgs", "nav_msgs", "sensor_msgs", "std_msgs")
+
 
 class _ScriptEnd(NamedTuple):
     """The end of a script."""
@@ -146,10 +148,31 @@ def _run_to_end(
         return _end_by_exit(error.code)
     except (ConfigError, FleetTaken, NotReady, OrderFailed, TimeoutError) as error:
         return _ScriptEnd(EXIT_FAILED, str(error))
+    except ModuleNotFoundError as error:
+        return _ScriptEnd(EXIT_FAILED, missing_module_words(error.name or ""))
     except Exception as error:  # noqa: BLE001 - the script's author sees it; the fleet has been left
         traceback.print_exc()
         return _ScriptEnd(EXIT_FAILED, f"{type(error).__name__}: {error}")
     return _ScriptEnd(EXIT_OK, "")
+
+
+def missing_module_words(module: str) -> str:
+    """Return what to do about a module that a script imports and that is not here.
+
+    Args:
+        module: with dots, as imported.
+    """
+    package = module.partition(".")[0]
+    sentence = f"It imports {module}, which is not installed here."
+    if module == "uav_trajectory":
+        return f"{sentence} Write: from groundstation.crazyswarm import uav_trajectory"
+    if "cfsim" in module:
+        return f"{sentence} It is a Crazyflie's firmware, which nothing here needs."
+    if package in ("pycrazyswarm", "crazyflie_py"):
+        return f"{sentence} Write: from groundstation.crazyswarm import Crazyswarm"
+    if package in _ROS:
+        return f"{sentence} It belongs to ROS, without which Covey flies: docs/crazyswarm.md"
+    return sentence
 
 
 def _end_by_exit(code: object) -> _ScriptEnd:

@@ -8,6 +8,7 @@ import math
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from groundstation import Fleet
@@ -188,7 +189,7 @@ def test_a_script_of_crazyswarm_is_refused_in_words(
         flight.run_script(_script(tmp_path, CRAZYSWARM.partition("everybody.takeoff")[0] + REFUSED))
     said = (tmp_path / "said.txt").read_text().splitlines()
     words = (
-        "stream setpoints",
+        "setpoints that are streamed",
         "outside the fence",
         "no trajectory 3",
         "would fall",
@@ -210,6 +211,57 @@ def test_a_trajectory_of_crazyswarm_is_evaluated(tmp_path: Path) -> None:
     assert wave.n_pieces() == 1
     assert wave.eval(2.0).pos == pytest.approx([0.0, 0.6, 0.0], abs=1e-5)
     assert math.isclose(wave.eval(1.0).vel[1], 0.6 * 15 / 16, rel_tol=1e-4)
+
+
+def test_a_trajectory_of_crazyswarm_has_the_body_rates_of_its_motion(tmp_path: Path) -> None:
+    _script(tmp_path, "")
+    wave = Trajectory()
+    wave.loadcsv(tmp_path / "wave.csv")
+    before = wave.eval(0.499)
+    after = wave.eval(0.501)
+
+    def up(acceleration: Any) -> Any:
+        thrust = acceleration + np.array([0.0, 0.0, 9.80665])
+        return thrust / np.linalg.norm(thrust)
+
+    # along y only, heading east: it rolls, as the direction of its thrust turns
+    turned = np.cross(up(before.acc), up(after.acc)) / 0.002
+    assert wave.eval(0.5).omega == pytest.approx(turned, abs=1e-3)
+    assert abs(wave.eval(0.5).omega[0]) > 0.05
+
+
+ARMED = """
+from groundstation.crazyswarm import Crazyswarm
+
+swarm = Crazyswarm()
+clock, everybody = swarm.timeHelper, swarm.allcfs
+clock.visualizer.setGraph([(0, 1)])
+for one in everybody.crazyflies:
+    one.arm(True)
+    clock.sleep(0.5)
+clock.sleep(1.0)
+armed = [one._orders.fleet[one.name].view.is_armed for one in everybody.crazyflies]
+everybody.arm(False)
+clock.sleep(1.0)
+armed += [one._orders.fleet[one.name].view.is_armed for one in everybody.crazyflies]
+open("armed.txt", "w").write(str(armed))
+try:
+    everybody.crazyfliesById[15]
+except Exception as error:
+    open("said.txt", "w").write(str(error))
+"""
+
+
+@pytest.mark.long
+def test_a_script_of_crazyswarm_arms_and_disarms_on_the_ground(
+    lockstep: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    flight = lockstep(PAPER, seed=3)
+    flight.run_script(_script(tmp_path, ARMED))
+    assert (tmp_path / "armed.txt").read_text() == str([True] * 3 + [False] * 3)
+    said = (tmp_path / "said.txt").read_text()
+    assert said.startswith("The fleet has no vehicle with id 15; it has 1, 2, 3.")
 
 
 def test_a_mission_and_a_script_are_told_apart(
