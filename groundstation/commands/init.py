@@ -15,16 +15,34 @@ Exit status: 0 written; 2 wrong input, nothing written.
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 from dataclasses import fields
 from pathlib import Path
 from typing import Annotated, Any, get_args
 
-from cyclopts import Parameter
+from cyclopts import CoercionError, Parameter, Token
 
-from groundstation.starter.files import HERE, Answers, Position, starter, type_names
+from groundstation.starter.files import HERE, NOT_POSITIONS, Answers, Position, starter, type_names
 from groundstation.starter.law_files import law_module, own_law_texts, with_own_law
 from onboard.config.fleet import ConfigError
 from onboard.exit_status import EXIT_OK
+
+
+def _position(_: object, tokens: Sequence[Token]) -> str:
+    """Return the source of positions.
+
+    Raises:
+        CoercionError: it is none, with what to do instead.
+    """
+    word = tokens[0].value
+    known = get_args(Position)
+    if word in known:
+        return word
+
+    instead = NOT_POSITIONS.get(word.lower(), "")
+    sentence = f"'{word}' is none of {', '.join(known)}. {instead}".strip()
+    raise CoercionError(msg=sentence)
+
 
 _Host = Annotated[str | None, Parameter(metavar="HOST")]
 
@@ -35,7 +53,7 @@ def init(
     *,
     name: str | None = None,
     vehicles: Annotated[int | None, Parameter(metavar="N")] = None,
-    position: Annotated[Position | None, Parameter(choices=get_args(Position))] = None,
+    position: Annotated[Position | None, Parameter(converter=_position)] = None,
     mocap_host: _Host = None,
     origin: Annotated[str | None, Parameter(metavar="LAT,LON,ALT")] = None,
     companions: Annotated[str | None, Parameter(metavar="HOSTS")] = None,
@@ -196,7 +214,8 @@ def _ask_for_position(answers: dict[str, Any], question: str) -> None:
     positions = get_args(Position)
     _ask(answers, "position", question)
     while answers["position"] not in positions:
-        print(f"One of {', '.join(positions)}.")
+        instead = NOT_POSITIONS.get(answers["position"].lower(), "")
+        print(f"One of {', '.join(positions)}. {instead}".strip())
         del answers["position"]
         _ask(answers, "position", question)
 

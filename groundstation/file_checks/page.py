@@ -13,7 +13,7 @@ from onboard.feasibility.fleet_checks import ErrorClass, error_class
 
 _NARROWEST = 60
 _WIDEST = 120
-_MARKS = {"refused": "REFUSED", "warning": "warning", "ok": "ok"}
+_MARKS = {"refused": "REFUSED", "warning": "warning", "note": "note", "ok": "ok"}
 _MARK_WIDTH = 9  # with the space behind it
 
 

@@ -23,6 +23,22 @@ from onboard.config.fleet import ConfigError, FleetConfig, fleet_from_mapping, r
 from onboard.config.mocap import SystemType
 
 Position = Literal["optitrack", "vicon", "qualisys", "vrpn", "motionanalysis", "bus", "gps"]
+# sources that people ask for and that are not flown, each with what to do instead
+NOT_POSITIONS = {
+    "vision": (
+        "No camera on a vehicle is read by Covey. Where another program of yours knows each "
+        "vehicle's pose in one common frame, take --position bus, and publish the poses: "
+        "docs/mocap.md."
+    ),
+    "uwb": (
+        "No radio beacons are read by Covey. Where a program of yours knows each vehicle's pose, "
+        "take --position bus, and publish the poses: docs/mocap.md."
+    ),
+    "mocap": "Take the name of your motion capture, or --position bus for poses of your own.",
+    "rtk": "RTK is satellites for PX4: take --position gps.",
+    "gnss": "Take --position gps.",
+    "vio": "No camera on a vehicle is read by Covey: docs/mocap.md says how poses come by the bus.",
+}
 HERE = "here"
 MOST = 200  # of MAVLink's 255 system ids; some are other programs'
 _MOST_AT_50_HZ = 8  # vehicles that send all their states over one channel

@@ -11,11 +11,12 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal
 
-Status = Literal["ok", "warning", "refused"]
+Status = Literal["ok", "note", "warning", "refused"]
 Relation = Literal["at least", "at most"]
 
 # the worst status first
-ORDER: tuple[Status, ...] = ("refused", "warning", "ok")
+# a note tells what is not known, where the owner of a fleet can change nothing about it
+ORDER: tuple[Status, ...] = ("refused", "warning", "note", "ok")
 
 # a value that misses its bound only by rounding keeps it
 _ROUNDING = 1e-9

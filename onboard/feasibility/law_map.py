@@ -17,7 +17,7 @@ from onboard.avoidance.prediction import LAG_ERROR_S
 from onboard.config.fleet import ConfigError, FleetConfig
 from onboard.config.toml_reading import package_table
 from onboard.estimation.accuracies import Accuracy
-from onboard.feasibility.finding import Finding
+from onboard.feasibility.finding import Finding, Status
 from onboard.feasibility.pair_checks import effective_margin_m
 
 SCHEMA = 1
@@ -133,8 +133,8 @@ def map_finding(fleet: FleetConfig, accuracy: Accuracy, law_map: LawMap) -> Find
         accuracy: of the vehicles' estimates.
         law_map: the map.
     Returns:
-        the finding: refused where a cell that is no harder has failed, a warning where no cell that
-            is at least as hard is promised.
+        the finding: refused where a cell that is no harder has failed; a warning where a wider
+            margin is promised; a note where the map has flown nothing that is as hard.
     """
     here = _cell_of(fleet, accuracy)
     promised = [cell for cell in law_map.cells if cell.is_promised]
@@ -150,17 +150,17 @@ def map_finding(fleet: FleetConfig, accuracy: Accuracy, law_map: LawMap) -> Find
     if covering and not differences:
         return _promise(here, covering, law_map)
 
+    remedy = _remedy(here, harder or promised)
     if covering:
-        reason = f"the map was flown with {differences}"
-    elif harder:
+        return _uncovered(here, "note", f"the map was flown with {differences}", remedy)
+    if harder:
         least_m = min(cell.margin_m for cell in harder)
         reason = (
             f"the map was flown with a margin of {least_m:.2f} m there, here it is "
             f"{here.margin_m:.2f} m"
         )
-    else:
-        reason = "nothing that hard was flown often enough"
-    return _warning(here, reason, _remedy(here, harder or promised))
+        return _uncovered(here, "warning", reason, remedy)
+    return _uncovered(here, "note", "nothing that hard was flown often enough", remedy)
 
 
 def _cell_of(fleet: FleetConfig, accuracy: Accuracy) -> MapCell:
@@ -222,14 +222,14 @@ def _promise(here: MapCell, covering: Sequence[MapCell], law_map: LawMap) -> Fin
     )
 
 
-def _warning(here: MapCell, reason: str, remedy: str) -> Finding:
-    """Return the warning that no cell covers the fleet, and why."""
+def _uncovered(here: MapCell, status: Status, reason: str, remedy: str) -> Finding:
+    """Return the finding that no cell covers the fleet, and why."""
     sentence = (
         f"The fleet is {here}: no cell of the map of the law promises that; {reason}. {remedy}"
     )
     return Finding(
         name=_NAME,
-        status="warning",
+        status=status,
         value=0.0,
         bound=PROMISED_FLIGHTS,
         unit="flights",

@@ -208,7 +208,7 @@ def test_the_worst_comes_first_and_of_unequal_vehicles_the_worst_is_named() -> N
     findings = fleet_findings(
         fleet_with({"vehicles.mav1.hover_thrust_frac": 0.9, "law.range_m": 3.0})
     )
-    order = [("refused", "warning", "ok").index(finding.status) for finding in findings]
+    order = [("refused", "warning", "note", "ok").index(finding.status) for finding in findings]
     assert order == sorted(order)
     assert "mav1" in next(f for f in findings if f.name == "thrust reserve").sentence
 
