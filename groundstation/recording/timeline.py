@@ -44,8 +44,8 @@ from onboard.config.fleet import ConfigError
 MAX_EVENTS = 20_000
 # Stamps further apart than this within one second of writing are of two clocks.
 CLOCK_APART_NS = 5_000_000_000
-# A chunk is written within seconds; a stamp further away is wrong.
-MAX_CHUNK_NS = 3_600_000_000_000
+# A chunk is written within seconds: a stamp further away from the others' does not make it longer.
+MAX_LATE_NS = 60_000_000_000
 _MAGIC = b"\x89MCAP0\r\n"
 _GROUND = "ground"
 _MAX_METADATA_BYTES = 64 * 1024
@@ -240,20 +240,23 @@ class Timeline:
 
     def _settle(self, stamps: _Stamps) -> None:
         """Put all chunks on one clock, and read the events."""
+        if self.broken and self._chunks:
+            self._learn(self._chunks[-1])  # the cut may have taken a part of its index
+
         settled_chunks = list(stamps.settled())
         for number, (chunk, settled) in enumerate(zip(self._chunks, settled_chunks, strict=True)):
             if settled.end_ns >= settled.begin_ns:
                 chunk.begin_ns = settled.begin_ns
                 chunk.end_ns = settled.end_ns
-            elif not self._channels:
-                self._learn(chunk)
+            else:
+                self._learn(chunk)  # no index names its channels
 
             chunk.shifts_ns = settled.shifts_ns
             if settled.has_events:
                 self._read_events(number)
 
     def _index(self, data: bytes, stamps: _Stamps) -> None:
-        """Take the first and the last stamp out of a channel's index of the newest chunk."""
+        """Take first, middle and last stamp out of a channel's index of the newest chunk."""
         channel_id, length = _INDEX_HEAD.unpack_from(data)
         if length < _INDEX_ENTRY_BYTES or len(data) < _INDEX_HEAD.size + length:
             return
@@ -264,13 +267,16 @@ class Timeline:
         if channel is None:
             return
 
-        last_entry = _INDEX_HEAD.size + length - _INDEX_ENTRY_BYTES
-        (first_ns,) = _STAMP.unpack_from(data, _INDEX_HEAD.size)
-        (last_ns,) = _STAMP.unpack_from(data, last_entry)
+        count = length // _INDEX_ENTRY_BYTES
+
+        def stamp_ns(entry: int) -> int:
+            (stamp_ns,) = _STAMP.unpack_from(data, _INDEX_HEAD.size + entry * _INDEX_ENTRY_BYTES)
+            return int(stamp_ns)
+
         stamps.add(
             channel.clock,
-            min(first_ns, last_ns),
-            max(first_ns, last_ns),
+            (stamp_ns(0), stamp_ns((count - 1) // 2), stamp_ns(count - 1)),
+            count,
             is_event=channel.topic == "event",
         )
 
@@ -484,30 +490,57 @@ class _Settled(NamedTuple):
     has_events: bool
 
 
-class _Stamps:
-    """First and last stamps of every clock in every chunk.
+@dataclass(slots=True)
+class _Span:
+    """Stamps of one clock in one chunk, as they were written."""
 
-    From them follows the shift of each clock from the common one.
+    first_ns: int
+    last_ns: int
+    middle_ns: int  # of the channel that has most messages
+    channel_count: int  # messages of that channel
+    message_count: int  # of all channels
+
+
+class _Stamps:
+    """Stamps of every clock in every chunk: from them follow its shifts from the common clock.
+
+    A clock is read off the middle message of the channel that has most of them, so that a message
+    that was late on its way, and bears an old stamp, shifts nothing. A clock that is known is not
+    shifted by a single message of a chunk either, unless the next such chunk agrees with it.
     """
 
     def __init__(self) -> None:
-        self._chunks: list[dict[str, tuple[int, int]]] = []  # clock -> first and last stamp
+        self._chunks: list[dict[str, _Span]] = []  # by clock
         self._with_events: set[int] = set()  # numbers of chunks
+        self._lone_offs_ns: dict[str, int] = {}  # clock -> how far off its last lone message was
 
     def begin(self) -> None:
         """Begin the next chunk."""
         self._chunks.append({})
 
-    def add(self, clock: str, first_ns: int, last_ns: int, *, is_event: bool) -> None:
-        """Add the stamps of one channel of the present chunk."""
-        if last_ns - first_ns > MAX_CHUNK_NS:
-            last_ns = first_ns
+    def add(
+        self, clock: str, stamps_ns: tuple[int, int, int], count: int, *, is_event: bool
+    ) -> None:
+        """Add the stamps of one channel of the present chunk.
+
+        Args:
+            clock: of the channel's sender.
+            stamps_ns: of its first, its middle and its last message.
+            count: of its messages.
+            is_event: whether they are events.
+        """
+        _, middle_ns, _ = stamps_ns
+        first_ns = min(stamps_ns)
+        last_ns = max(stamps_ns)
 
         spans = self._chunks[-1]
-        if clock in spans:
-            first_ns = min(spans[clock][0], first_ns)
-            last_ns = max(spans[clock][1], last_ns)
-        spans[clock] = (first_ns, last_ns)
+        span = spans.setdefault(clock, _Span(first_ns, last_ns, middle_ns, count, 0))
+        span.first_ns = min(span.first_ns, first_ns)
+        span.last_ns = max(span.last_ns, last_ns)
+        span.message_count += count
+        if count > span.channel_count:
+            span.channel_count = count
+            span.middle_ns = middle_ns
 
         if is_event:
             self._with_events.add(len(self._chunks) - 1)
@@ -515,30 +548,63 @@ class _Stamps:
     def settled(self) -> Iterator[_Settled]:
         """Yield all chunks, put on the clock that is in most of them."""
         common = self._common_clock()
-        now_ns = next((spans[common][0] for spans in self._chunks if common in spans), 0)
+        now_ns = next((spans[common].middle_ns for spans in self._chunks if common in spans), 0)
 
         shifts_ns: dict[str, int] = {}
         for number, spans in enumerate(self._chunks):
+            earliest_ns = latest_ns = now_ns
             if common in spans:
-                now_ns = spans[common][0]
+                now_ns = self._now_ns(spans[common], now_ns)
+                earliest_ns = spans[common].first_ns
+                latest_ns = spans[common].last_ns
 
-            for clock, (first_ns, _) in spans.items():
-                off_ns = first_ns - shifts_ns.get(clock, 0) - now_ns
-                if clock != common and abs(off_ns) > CLOCK_APART_NS:
-                    apart_ns = first_ns - now_ns
-                    is_apart = abs(apart_ns) > CLOCK_APART_NS
-                    # a new mapping: earlier chunks keep the shifts of their time
-                    shifts_ns = {**shifts_ns, clock: apart_ns if is_apart else 0}
+            for clock, span in spans.items():
+                apart_ns = span.middle_ns - now_ns
+                stamp_ns = span.middle_ns - shifts_ns.get(clock, 0)
+                off_ns = max(earliest_ns - stamp_ns, stamp_ns - latest_ns)
+                if clock == common or off_ns <= CLOCK_APART_NS:
+                    continue
+                if clock in shifts_ns and not self._is_confirmed(clock, span, apart_ns):
+                    continue
 
-            begins_ns = [first - shifts_ns.get(clock, 0) for clock, (first, _) in spans.items()]
-            ends_ns = [last - shifts_ns.get(clock, 0) for clock, (_, last) in spans.items()]
+                is_apart = abs(apart_ns) > CLOCK_APART_NS
+                # a new mapping: earlier chunks keep the shifts of their time
+                shifts_ns = {**shifts_ns, clock: apart_ns if is_apart else 0}
+
+            for clock in spans:
+                if clock not in shifts_ns:
+                    shifts_ns = {**shifts_ns, clock: 0}
+
+            begins_ns = [span.first_ns - shifts_ns[clock] for clock, span in spans.items()]
+            ends_ns = [span.last_ns - shifts_ns[clock] for clock, span in spans.items()]
             yield _Settled(
-                begin_ns=min(begins_ns, default=0),
-                end_ns=max(ends_ns, default=-1),
+                begin_ns=max(min(begins_ns, default=0), now_ns - MAX_LATE_NS),
+                end_ns=min(max(ends_ns, default=-1), now_ns + MAX_LATE_NS),
                 shifts_ns=shifts_ns,
                 # a chunk without an index may hold events
                 has_events=not spans or number in self._with_events,
             )
+
+    def _now_ns(self, span: _Span, before_ns: int) -> int:
+        """Return the time of a chunk on the common clock.
+
+        Args:
+            span: of that clock in the chunk.
+            before_ns: the time of the chunk before.
+        """
+        is_lone = span.message_count == 1
+        is_late = span.middle_ns < before_ns
+        return before_ns if is_lone and is_late else span.middle_ns
+
+    def _is_confirmed(self, clock: str, span: _Span, apart_ns: int) -> bool:
+        """Whether a clock that is known has been set: one message of a chunk may just be late."""
+        if span.message_count > 1:
+            self._lone_offs_ns.pop(clock, None)
+            return True
+
+        before_ns = self._lone_offs_ns.get(clock)
+        self._lone_offs_ns[clock] = apart_ns
+        return before_ns is not None and abs(apart_ns - before_ns) <= CLOCK_APART_NS
 
     def _common_clock(self) -> str:
         """Return the clock that is in most chunks; of several the ground's."""

@@ -108,6 +108,7 @@ class RecordWriter:
         files = RecordFiles(
             self.folder, stream, begin_ns=self.begin_ns, begin=begin, on_warning=self._on_warning
         )
+        sync_folder(self.folder)
 
         self._thread = threading.Thread(target=self._run, args=(files,), name="record", daemon=True)
         self._thread.start()
@@ -323,6 +324,19 @@ def order_line(vehicle: str, order: Order) -> str:
     return text
 
 
+def sync_folder(folder: Path) -> None:
+    """Bring the names of new files to the disk: a power cut takes those that are only in memory.
+
+    Raises:
+        OSError: the disk refuses.
+    """
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
 def write_json(path: Path, value: object) -> str | None:
     """Write a value as readable JSON, whole or not at all.
 
@@ -336,8 +350,12 @@ def write_json(path: Path, value: object) -> str | None:
     part = path.with_suffix(".part")
     text = msgspec.json.format(msgspec.json.encode(value), indent=2) + b"\n"
     try:
-        part.write_bytes(text)
+        with part.open("wb") as stream:
+            stream.write(text)
+            stream.flush()
+            os.fsync(stream.fileno())  # before the name: a power cut must not leave an empty file
         part.replace(path)
+        sync_folder(path.parent)
     except OSError as error:
         with contextlib.suppress(OSError):
             part.unlink(missing_ok=True)

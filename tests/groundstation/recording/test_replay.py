@@ -20,7 +20,7 @@ from groundstation.recording.channels import KINDS, from_json, rows
 from groundstation.recording.replay import REFUSAL, Replay, open_flight
 from groundstation.recording.timeline import Timeline
 from groundstation.recording.writer import RecordFiles
-from onboard.bus.schema import MocapPose, Order, Telemetry
+from onboard.bus.schema import Event, Message, MocapPose, Order, Telemetry
 from onboard.bus.topics import Topic
 from onboard.config.fleet import ConfigError
 from tests.groundstation.console.fake import telemetry
@@ -253,6 +253,44 @@ async def test_vehicles_on_clocks_of_their_own_are_shown_together(tmp_path: Path
     }
     assert all(sequence == pytest.approx(95, abs=22) for sequence in told.values())
     assert all(view.is_fresh(replay.now_ns()) for view in replay.state.vehicles.values())
+
+
+def late_event(name: str, stamp_ns: int) -> tuple[int, Topic, str, Message]:
+    """An event that comes 20 s after the flight's begin, whenever it happened."""
+    event = Event(
+        vehicle=name, stamp_ns=stamp_ns, severity="info", code="late", sentence=f"{name} was late"
+    )
+    return 25 * SECOND, Topic.EVENT, name, event
+
+
+@pytest.mark.parametrize("name", ["mav0", "mav1", "ground"])
+@pytest.mark.parametrize("age_s", [6, 19, 3_000, -30])
+def test_a_late_message_with_an_old_stamp_shifts_nothing_else(
+    tmp_path: Path, name: str, age_s: int
+) -> None:
+    folder = tmp_path / "late"
+    told = messages(40.0, {})
+    told.append(late_event(name, 25 * SECOND - age_s * SECOND))
+    told.sort(key=lambda one: one[0])
+
+    folder.mkdir()
+    shutil.copy(FLEET, folder / "fleet.toml")
+    files = RecordFiles(
+        folder, (folder / "flight.mcap").open("wb"), begin_ns=5 * SECOND, begin="a test"
+    )
+    for count, (at_ns, topic, one, message) in enumerate(told):
+        files.write(topic, one, message, at_ns)
+        if count % 60 == 59:
+            files.flush()
+    files.finish()
+    files.close()
+
+    timeline = Timeline(folder)
+    reading = timeline.read(0, frozenset(("telemetry", "truth")))
+    stamps_ns = [one.stamp_ns for one in reading.until(100 * SECOND)]
+    assert stamps_ns == sorted(at_ns for at_ns, topic, _, _ in told if topic != Topic.EVENT)
+    assert timeline.length_s == pytest.approx(39.9, abs=35.1)  # no flight of an hour
+    timeline.close()
 
 
 async def test_ticks_are_read_for_the_followed_vehicle_only(tmp_path: Path) -> None:

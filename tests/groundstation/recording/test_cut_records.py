@@ -1,0 +1,178 @@
+"""Records that end anywhere: cut at every byte, on a full disk, by SIGKILL, by a power cut."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import io
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from groundstation.cli import main
+from groundstation.recording.reader import count_messages, read
+from groundstation.recording.timeline import Timeline
+from groundstation.recording.writer import RecordFiles, RecordWriter, write_json
+from onboard.config.fleet import ConfigError
+from onboard.exit_status import EXIT_OK, EXIT_WRONG_INPUT
+from tests.groundstation.recorded import FLEET, messages, record
+
+COMMANDS = (
+    ("report",),
+    ("log", "info"),
+    ("replay", "--headless"),
+    ("incident", "--quick"),
+    ("plot",),
+)
+_EVERY = 97  # bytes between two cuts of the commands, which take longer
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return record(tmp_path_factory.mktemp("flights") / "whole", 0.5, flush_s=0.2)
+
+
+def cut(whole: Path, folder: Path, size: int) -> Path:
+    """The same flight with so many bytes of its record."""
+    folder.mkdir(exist_ok=True)
+    shutil.copy(whole / "fleet.toml", folder)
+    (folder / "flight.mcap").write_bytes((whole / "flight.mcap").read_bytes()[:size])
+    return folder
+
+
+def opened(folder: Path) -> int:
+    """Open a record in every way; returns how many messages it has, -1 when it is refused."""
+    count = count_messages(folder)
+    assert count == sum(1 for _ in read(folder))
+    try:
+        timeline = Timeline(folder)
+    except ConfigError:
+        return -1
+    with contextlib.closing(timeline):
+        reading = timeline.read(-1, timeline.topics)
+        assert sum(1 for _ in reading.until(1 << 62)) == count
+    return count
+
+
+@pytest.mark.parametrize(
+    "step", [pytest.param(101, id="some"), pytest.param(1, id="all", marks=pytest.mark.long)]
+)
+def test_a_record_that_is_cut_at_any_byte_opens_in_part_or_is_refused(
+    whole: Path, tmp_path: Path, step: int
+) -> None:
+    size = (whole / "flight.mcap").stat().st_size
+    counts = [opened(cut(whole, tmp_path / "cut", end)) for end in range(0, size, step)]
+    assert counts == sorted(counts), "a longer piece has fewer messages"
+    assert counts[0] == -1
+    assert counts[-1] > 0
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_opens_a_cut_record_in_part_or_refuses_it_in_a_sentence(
+    whole: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    command: tuple[str, ...],
+) -> None:
+    path = whole / "flight.mcap"
+    size = path.stat().st_size
+    ends = sorted({*range(0, size, _EVERY), size - 1, size})
+    for end in ends:
+        folder = cut(whole, tmp_path / "cut", end)
+        status = main([command[0], *command[1:], str(folder)])
+        shown = capsys.readouterr()
+        assert status in (EXIT_OK, EXIT_WRONG_INPUT), (end, shown)
+        assert "Traceback" not in shown.err, (end, shown.err)
+        if status == EXIT_WRONG_INPUT:
+            assert str(folder) in shown.err, (end, shown.err)
+
+
+class SmallDisk(io.FileIO):
+    """A file on a disk that has room for some bytes."""
+
+    def __init__(self, path: Path, room: int) -> None:
+        super().__init__(path, "wb")
+        self._room = room
+
+    def write(self, data: bytes) -> int:  # type: ignore[override]
+        taken = min(len(data), self._room)
+        self._room -= taken
+        super().write(data[:taken])
+        if taken < len(data):
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        return taken
+
+
+def test_a_full_disk_leaves_all_that_came_to_it_before(whole: Path, tmp_path: Path) -> None:
+    size = (whole / "flight.mcap").stat().st_size
+    for room in range(size // 10, size, size // 10):
+        folder = tmp_path / str(room)
+        folder.mkdir()
+        shutil.copy(FLEET, folder / "fleet.toml")
+        synced = 0
+        with contextlib.suppress(OSError):
+            files = RecordFiles(
+                folder, SmallDisk(folder / "flight.mcap", room), begin_ns=0, begin="a test"
+            )
+            for at_ns, topic, name, message in messages(2.0, {}):
+                files.write(topic, name, message, at_ns)
+                if files.written % 7 == 0:
+                    files.flush()
+                    synced = files.written
+            pytest.fail("the disk was not full")
+        assert count_messages(folder) >= synced
+        opened(folder)
+
+
+_RECORDING = """
+import sys, time
+from pathlib import Path
+from groundstation.recording.writer import RecordWriter
+from tests.groundstation.recorded import messages
+
+writer = RecordWriter(Path(sys.argv[1]))
+writer.start()
+for at_ns, topic, name, message in messages(600.0, {}):
+    writer.put(topic, name, message, at_ns)
+    time.sleep(0.001)
+    print(writer.written, flush=True)
+"""
+
+
+@pytest.mark.realtime
+def test_what_was_on_the_disk_is_whole_after_a_kill(tmp_path: Path) -> None:
+    folder = tmp_path / "flight"
+    with subprocess.Popen(
+        [sys.executable, "-c", _RECORDING, str(folder)], stdout=subprocess.PIPE, text=True
+    ) as recording:
+        assert recording.stdout is not None
+        written = 0
+        while written < 1000:
+            written = int(recording.stdout.readline())
+        recording.send_signal(signal.SIGKILL)
+        recording.wait()
+    assert opened(folder) >= written
+
+
+def test_names_of_new_files_reach_the_disk_as_well(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    synced: list[str] = []
+
+    def note(descriptor: int) -> None:
+        synced.append(os.readlink(f"/proc/self/fd/{descriptor}"))
+
+    monkeypatch.setattr("os.fsync", note)
+    writer = RecordWriter(tmp_path)
+    writer.start()
+    writer.stop()
+    assert synced == [str(tmp_path)]
+
+    assert write_json(tmp_path / "verdict.json", {"passed": True}) is None
+    assert synced[1:] == [str(tmp_path / "verdict.part"), str(tmp_path)]
