@@ -24,6 +24,7 @@ from onboard.config.pair_separation import separations_m
 TOPICS = ("truth", "tick", "telemetry")
 GRID_S = 0.02
 _AIRBORNE_Z_M = 0.12
+_LONGEST_START_NS = 600_000_000_000  # from a record's begin to the first vehicle in it
 _LEAD_S = 1.0  # shown before the start
 _LIFTED_M = 0.05  # above where it stood
 _SLOT_STEP_M = 0.05  # a goal further from the one before is another slot
@@ -97,7 +98,12 @@ class FlightData:
 
 
 def from_samples(
-    samples: Iterable[Sample], *, title: str, safety_distance_m: float, height_share: float = 0.0
+    samples: Iterable[Sample],
+    *,
+    title: str,
+    safety_distance_m: float,
+    height_share: float = 0.0,
+    record_begin_ns: int | None = None,
 ) -> FlightData | None:
     """Convert the samples of a record.
 
@@ -106,6 +112,8 @@ def from_samples(
         title: of the flight.
         safety_distance_m: limit between two vehicles [m].
         height_share: what a metre of height counts in a separation.
+        record_begin_ns: zero of the record's seconds, as verdict and replay count them; None: the
+            first of the samples.
 
     Returns:
         The flight; None when no vehicle has two ticks.
@@ -132,7 +140,10 @@ def from_samples(
     first_stamps_ns = [
         own[0].stamp_ns for by_name in by_topic.values() for own in by_name.values() if own
     ]
-    take_off_s = (start_ns - min(first_stamps_ns)) * 1e-9
+    begin_ns = min(first_stamps_ns)
+    if record_begin_ns is not None and 0 <= begin_ns - record_begin_ns <= _LONGEST_START_NS:
+        begin_ns = record_begin_ns
+    take_off_s = (start_ns - begin_ns) * 1e-9
     return FlightData(
         title=f"{title} (take-off at {take_off_s:.1f} s of the record)",
         tracks=tracks,

@@ -133,7 +133,7 @@ def _draw_closest(ax: Any, flight: FlightData) -> None:
         positions_m[track.name] = position_m
         ring = Circle(
             (float(position_m[0]), float(position_m[1])),
-            flight.safety_distance_m,
+            flight.safety_distance_m / 2.0,
             fill=False,
             color=colour(index),
             lw=1.2,
@@ -149,7 +149,7 @@ def _draw_closest(ax: Any, flight: FlightData) -> None:
     ax.set_title(
         f"closest: {pair.first} and {pair.second}, {pair.distance_m[grid_index]:.2f} m at "
         f"{record_s:.1f} s of the record; "
-        f"circles of {flight.safety_distance_m:.2f} m around both (by {flight.source})",
+        f"the circles touch at {flight.safety_distance_m:.2f} m (by {flight.source})",
         loc="left",
         fontsize=9.5,
         fontweight="normal",

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 from pathlib import Path
 
 from groundstation.figures import attitude, avoidance, plan_figure, tracking
 from groundstation.figures.data import TOPICS, from_samples
 from groundstation.figures.style import save, styled
 from groundstation.recording.reader import read, record_path
+from groundstation.recording.timeline import Timeline
 from onboard.config.file_reading import RECORD, opened
 from onboard.config.fleet import ConfigError, load_fleet, read_toml
 
@@ -36,7 +38,12 @@ def draw_record(folder: Path, out: Path | None = None) -> tuple[list[Path], bool
     flight_folder = folder if folder.is_dir() else folder.parent
 
     title = flight_folder.resolve().name
-    flight = from_samples(read(path, TOPICS), title=title, **_limits(flight_folder))
+    flight = from_samples(
+        read(path, TOPICS),
+        title=title,
+        record_begin_ns=_begin_ns(path),
+        **_limits(flight_folder),
+    )
     if flight is None:
         raise ConfigError(
             f"{path}: no vehicle's ticks are in this record, so there is nothing to draw. It was"
@@ -51,6 +58,16 @@ def draw_record(folder: Path, out: Path | None = None) -> tuple[list[Path], bool
         for name, module in _FIGURES.items():
             paths += save(module.draw(flight), target, name)
     return paths, is_complete(path)
+
+
+def _begin_ns(path: Path) -> int | None:
+    """Return the first stamp of a record, also of those that are not drawn."""
+    try:
+        timeline = Timeline(path)
+    except ConfigError:
+        return None
+    with contextlib.closing(timeline):
+        return timeline.begin_ns
 
 
 def is_complete(path: Path) -> bool:

@@ -113,6 +113,22 @@ def test_all_figures_are_drawn_as_png_and_svg(
     assert len(capsys.readouterr().out.splitlines()) == 8
 
 
+def test_seconds_count_from_the_first_message_of_the_record_as_in_verdict_and_replay(
+    tmp_path: Path,
+) -> None:
+    write_flight(tmp_path)
+    own = flight_of(tmp_path)
+    first_ns = min(sample.stamp_ns for sample in read(tmp_path, TOPICS))
+    recorded = from_samples(
+        read(tmp_path, TOPICS),
+        title="test",
+        safety_distance_m=0.8,
+        record_begin_ns=first_ns - 2_500_000_000,
+    )
+    assert recorded is not None
+    assert recorded.take_off_s == pytest.approx(own.take_off_s + 2.5)
+
+
 def test_the_arrays_are_what_was_flown(tmp_path: Path) -> None:
     write_flight(tmp_path)
     flight = flight_of(tmp_path)
