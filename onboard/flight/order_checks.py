@@ -73,11 +73,7 @@ def refusal(order: Order, flight: FlightContext, facts: OrderFacts) -> str | Non
     if order.kind == "load_path":
         return path_flight.part_refusal(flight.path, order.path, flight.vehicle, facts.fleet)
     if order.kind == "hold" and flight.state == "failed":
-        not_ready = facts.not_ready_in_air()
-        refused = takeover.refusal(facts.view, not_ready, facts.distances_m, facts.fleet)
-        if refused is not None and sentences.was_killed(flight):
-            return _wrong_step(order, flight)
-        return refused
+        return _take_over(order, flight, facts)
 
     if facts.view.is_flown_by_hand:
         overrules_pilot = _overrules_pilot(order, flight)
@@ -130,6 +126,15 @@ def goal_conflict(goal: Vec3, others: Mapping[str, Telemetry], limits: FleetSect
                 "the two vehicles cannot both be there. Choose another goal."
             )
     return None
+
+
+def _take_over(order: Order, flight: FlightContext, facts: OrderFacts) -> str | None:
+    """Return what speaks against a hold that takes over a vehicle whose flight has failed."""
+    not_ready = facts.not_ready_in_air()
+    refused = takeover.refusal(facts.view, not_ready, facts.distances_m, facts.fleet)
+    if refused is not None and sentences.was_killed(flight):
+        return _wrong_step(order, flight)
+    return refused
 
 
 def _overrules_pilot(order: Order, flight: FlightContext) -> str | None:

@@ -199,9 +199,13 @@ def test_an_order_of_the_grounds_own_link_is_taken_only_as_the_ground_has_signed
         assert isinstance(order, Order | UntrustedOrder)
         reply(OrderReply(order_id="o1", vehicle="mav0", is_accepted=False, reason=""))
 
+    own = credentials_of(fleet, "ground")
+    other = credentials_of(fleet, signer)
+    assert own is not None
+    assert other is not None
     forged = TamperedCredentials(
-        own=credentials_of(fleet, "ground"),
-        signer=credentials_of(fleet, signer),
+        own=own,
+        signer=other,
         tamper=tamper,
     )
     ground = BusSession(
