@@ -19,6 +19,8 @@ from onboard.control.path import Path, sampled
 _SPEED_SHARE = 0.6  # of the top speed, where no duration is given
 _ROOM = 1.005  # by which paths are slowed beyond what is needed
 _LEAST_S = 2.0
+_LONGEST_S = 3600.0  # of a whole way, as of every other step
+_MOST_POINTS = 1000
 
 
 class FramePoint(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -67,6 +69,11 @@ def frame_paths(
     """
     if not points:
         raise ConfigError("A formation's way needs at least one point.")
+    if len(points) > _MOST_POINTS:
+        raise ConfigError(
+            f"A formation's way has {len(points)} points; {_MOST_POINTS} is the most. "
+            "Fly it in several steps."
+        )
 
     is_dealt_out = positions is not None and begin.leader is None
     slots = _slots(fleet, begin.name, begin.spacing_m, begin.leader)
@@ -118,6 +125,12 @@ def frame_paths(
         centres.append(centre)
         angles_rad.append(angle_rad)
         times_s.append(times_s[-1] + duration_s)
+        if not times_s[-1] <= _LONGEST_S:
+            raise ConfigError(
+                f"Point {len(times_s) - 1} of a formation's way would be reached after "
+                f"{times_s[-1]:g} s; {_LONGEST_S:g} s is the most. Fly a shorter way, turn less, "
+                "or give a shorter duration_s."
+            )
 
     paths = _carried(
         names,

@@ -198,6 +198,14 @@ def _deep(depth: int = 100_000) -> str:
     return "schema = 1\nx = " + "[" * depth + "]" * depth + "\n"
 
 
+def _formation_way(points: str) -> Callable[[Path], Path]:
+    """A mission of the paper's fleet with the way of a formation."""
+    return _toml(
+        "schema = 1\n[[step]]\ndo = 'takeoff'\n[[step]]\ndo = 'fly_formation'\nname = 'triangle'\n"
+        f"position_enu_m = [0, 0, 1]\nto = [{points}]\n"
+    )
+
+
 def _python(text: str) -> Callable[[Path], Path]:
     def make(folder: Path) -> Path:
         path = folder / "hostile.py"
@@ -393,6 +401,15 @@ CORPUS = {
     "a fleet file that never ends": HostileFile("fleet", _endless(".toml")),
     "a mission nested 100,000 deep": HostileFile("mission", _toml(_deep())),
     "a mission nested 900 deep": HostileFile("mission", _toml(_deep(300))),
+    "a formation that turns by 1e300 degrees": HostileFile(
+        "mission", _formation_way("{ turn_deg = 1e300 }")
+    ),
+    "a formation's way of many hours": HostileFile(
+        "mission", _formation_way("{ turn_deg = 9, duration_s = 3600 }," * 900)
+    ),
+    "a formation's way of 9,000 points": HostileFile(
+        "mission", _formation_way("{ turn_deg = 9, name = 'triangle' }," * 9000)
+    ),
     "a Python mission nested 100,000 deep": HostileFile(
         "mission", _python("x = " + "(" * 100_000 + ")" * 100_000)
     ),

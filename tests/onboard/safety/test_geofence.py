@@ -4,7 +4,11 @@ from __future__ import annotations
 
 import math
 
-from onboard.safety.geofence import Fence, FenceStatus
+import pytest
+
+from onboard.config.fleet import Geofence
+from onboard.safety.geofence import Fence, FenceStatus, fence_of
+from tests.onboard.agent.rig import fleet
 
 ROOM = Fence((-4.0, -4.0, 0.0), (4.0, 4.0, 3.0), (2.0, 2.0, 4.0), reaction_s=0.2)
 INSIDE, NEAR = FenceStatus(False, False, False), FenceStatus(True, False, False)
@@ -34,3 +38,22 @@ CASES = [
 def test_a_vehicle_is_inside_near_outside_or_above() -> None:
     for position, velocity, expected in CASES:
         assert ROOM.status(position, velocity) == expected, f"{position} {velocity}"
+
+
+def test_the_fence_of_a_fleet_has_its_walls_and_brakes_as_the_vehicle_does() -> None:
+    vehicle = fleet().vehicles["mav0"]
+    fence = fence_of(Geofence(x=(-1.0, 2.0), y=(-3.0, 4.0), z=(-0.5, 6.0)), vehicle)
+    assert fence.low_enu_m == (-1.0, -3.0, -0.5)
+    assert fence.high_enu_m == (2.0, 4.0, 6.0)
+    assert fence.reaction_s == vehicle.lag_s
+
+    brake_x, brake_y, brake_z = fence.brake_m_s2
+    tilt_m_s2 = 9.80665 * math.tan(math.radians(vehicle.max_tilt_deg))
+    assert brake_x == brake_y == pytest.approx(0.6 * tilt_m_s2, rel=1e-4)
+    assert brake_z == pytest.approx(4.903, abs=0.01)
+
+
+def test_how_far_a_vehicle_gets_that_crosses_the_fence() -> None:
+    across_m, upwards_m = ROOM.farthest_m(2.0)
+    assert across_m == pytest.approx(math.hypot(8.0, 8.0) + 2.0 * 0.2 + 2.0 * 2.0 / 4.0)
+    assert upwards_m == pytest.approx(3.0 + 2.0 * 0.2 + 2.0 * 2.0 / 8.0)

@@ -5,6 +5,7 @@ Each is fed with made-up numbers.
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable
 
@@ -92,6 +93,24 @@ def test_full_thrust_is_saturated_and_sinking_with_it_is_worse() -> None:
     assert sinking.is_sinking
 
 
+def test_full_thrust_counts_after_half_a_second_and_sinking_with_it_after_one() -> None:
+    full = functools.partial(after, commanded=level, measured=level, thrust_frac=0.98)
+    assert not full(0.48).is_saturated
+    assert full(0.54).is_saturated
+    assert not after(2.0, level, level, thrust_frac=0.96).is_saturated
+
+    assert not full(0.98, below_m=0.2, climb_m_s=0.0).is_sinking
+    assert full(1.04, below_m=0.2, climb_m_s=0.0).is_sinking
+    assert not full(2.0, below_m=0.14, climb_m_s=0.0).is_sinking
+    assert not full(2.0, below_m=0.2, climb_m_s=0.06).is_sinking
+
+
+def test_a_tilt_counts_from_60_degrees_on_after_a_tenth_of_a_second() -> None:
+    assert not after(0.08, level, lambda _: 61.0).is_attitude_lost
+    assert after(0.14, level, lambda _: 61.0).is_attitude_lost
+    assert not after(0.14, level, lambda _: 59.0).is_attitude_lost
+
+
 # -- battery ---------------------------------------------------------------------------------------
 
 
@@ -139,6 +158,32 @@ def test_a_cell_that_fails_and_a_battery_that_runs_out_before_it_is_down_fall() 
     assert discharge(1.0 / 600.0, drop_frac=0.25).is_falling
     assert discharge(0.02).is_falling
     assert discharge(0.008, height_m=15.0).is_falling
+
+
+@pytest.mark.parametrize(("end_frac", "is_falling"), [(0.22, False), (0.19, True)])
+def test_a_battery_falls_when_less_than_half_of_the_landing_level_would_be_left(
+    end_frac: float, is_falling: bool
+) -> None:
+    """At 0.4 % a second the descent of 10 s and the reserve of 15 s take 10 % of the charge."""
+    monitor = BatteryMonitor()
+    for sample in range(101):
+        time_s = 0.1 * sample
+        monitor.update(
+            time_s,
+            end_frac + 0.004 * (10.0 - time_s),
+            15.0,
+            land_frac=0.2,
+            descent_s=10.0,
+        )
+    assert monitor.is_falling is is_falling
+
+
+def test_one_step_of_the_percentage_is_no_fall() -> None:
+    monitor = BatteryMonitor()
+    for sample in range(30):
+        remaining_frac = 0.12 if sample < 15 else 0.10
+        monitor.update(0.1 * sample, remaining_frac, 15.0, land_frac=0.2, descent_s=60.0)
+    assert not monitor.is_falling
 
 
 def test_the_battery_of_a_simulated_px4_counts_by_the_level_at_which_it_stops() -> None:

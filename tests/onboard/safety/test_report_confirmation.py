@@ -151,3 +151,30 @@ def test_on_the_ground_a_battery_may_be_exchanged_or_fill_up() -> None:
     wrong = replace(later, battery_ns=3 * S, battery_frac=0.05)
     # a flight is not on the ground because PX4 once says so
     assert reports.believe(wrong, FLYING).battery_frac == 1.0
+
+
+@pytest.mark.parametrize(
+    ("kind", "apart_ms", "changes"),
+    [("heartbeat", 100, {"is_armed": False}), ("battery", 300, {"battery_frac": 0.05})],
+)
+def test_reports_confirm_each_other_from_their_shortest_distance_on(
+    kind: str, apart_ms: int, changes: dict[str, Any]
+) -> None:
+    stamp = f"{kind}_ns"
+    for later_ms, is_believed in ((apart_ms - 1, False), (apart_ms, True)):
+        reports = ReportConfirmation()
+        reports.believe(TRUE, FLYING)
+        reports.believe(replace(TRUE, **{stamp: 2 * S}, **changes), FLYING)
+
+        later_ns = 2 * S + later_ms * 1_000_000
+        believed = reports.believe(replace(TRUE, **{stamp: later_ns}, **changes), FLYING)
+        (name,) = changes
+        assert (getattr(believed, name) == changes[name]) is is_believed
+
+
+def test_a_battery_that_measures_no_voltage_is_believed() -> None:
+    reports = ReportConfirmation()
+    without = replace(TRUE, battery_voltage_v=0.0)
+    reports.believe(without, FLYING)
+    later = replace(without, battery_ns=2 * S, battery_frac=0.79)
+    assert reports.believe(later, FLYING) is later
