@@ -20,6 +20,7 @@ from groundstation.keys.authority import (
     make_authority,
     nodes_of,
 )
+from groundstation.keys.key_folder import make_key_folder
 from groundstation.keys.running import keep_former
 from groundstation.starter.fleet_edit import edited, write_changes
 from onboard.config.example_files import EXAMPLES
@@ -122,8 +123,10 @@ def issue_all(
             raise ConfigError(
                 f"'{node}' is no node of {fleet.path}. Its nodes: {', '.join(known)}."
             )
+    folder = folder_of(fleet)
+    make_key_folder(folder)  # an older one has nothing for git
     for node in nodes:
-        issue(folder_of(fleet), authority, node, hosts_of(fleet, node), now)
+        issue(folder, authority, node, hosts_of(fleet, node), now)
 
 
 def refuse_example(fleet: FleetConfig) -> None:

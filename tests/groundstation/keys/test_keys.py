@@ -147,8 +147,13 @@ def test_the_key_of_the_authority_is_refused_where_others_can_read_it(
     assert "ca.key       is not on this computer" in capsys.readouterr().out
 
 
-def test_git_leaves_the_folders_of_keys_out(folder: Path) -> None:
-    assert main(["keys", "init", str(folder / "fleet.toml"), "--force"]) == 0
+@pytest.mark.parametrize(
+    ("command", "word"), [("init", "--force"), ("issue", "mav1"), ("renew", None)]
+)
+def test_git_leaves_the_folders_of_keys_out(folder: Path, command: str, word: str | None) -> None:
+    (folder / "keys" / ".gitignore").unlink(missing_ok=True)  # as earlier versions made them
+    words = [] if word is None else [word]
+    assert main(["keys", command, str(folder / "fleet.toml"), *words]) == 0
     subprocess.run(["git", "init", "-q", folder], check=True)
     status = subprocess.run(
         ["git", "-C", folder, "status", "--porcelain", "-uall"],
