@@ -198,7 +198,7 @@ class Broadcast:
                 velocity_enu_m_s=tuple(velocity[index].tolist()),
                 quaternion_enu_flu_wxyz=tuple(attitude[index].tolist()),
                 is_on_ground=bool(states.on_ground[index]),
-                is_collided=bool(states.motors_dead[index]),
+                is_collided=index in emulator.world.collided,
                 touchdowns=int(motion["touchdowns"][index]),
                 touchdown_m_s=float(motion["touchdown_speed"][index]),
                 had_thrust=bool(motion["touchdown_powered"][index]),

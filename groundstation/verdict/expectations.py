@@ -56,7 +56,7 @@ def check(
         closest: smallest separation; None when none was measured.
         arrivals: distances from goals at the end of orders.
         landed: whether each vehicle is landed and disarmed.
-        collided: vehicles that touched something.
+        collided: vehicles that touched another one.
 
     Returns:
         One result for each declared expectation.

@@ -80,6 +80,7 @@ class Verdict(msgspec.Struct, frozen=True):
     # times in which two vehicles may have come nearer than they have to be, unseen
     unknown_times: list[UnknownTime] = []
     touchdowns: list[LandingSpeed] = []  # of simulated vehicles, oldest first
+    collided: list[str] = []  # simulated vehicles that have touched another one
 
     @property
     def sentences(self) -> list[str]:
@@ -159,6 +160,7 @@ def judge(
         vertical_separation_m=fleet.fleet.vertical_separation_m,
         unknown_times=unknown_times,
         touchdowns=_landing_speeds(state, fleet, begin_ns),
+        collided=collided,
     )
 
 
@@ -167,6 +169,8 @@ def describe(verdict: Verdict) -> list[str]:
     lines = []
     if verdict.closest is not None:
         lines.append(_closest_sentence(verdict.closest, verdict))
+    if verdict.collided and not _has_closest_collided(verdict):
+        lines.append(f"Collided: {', '.join(verdict.collided)}.")
 
     if verdict.arrivals:
         sentence = f"Furthest from a goal on arrival: {metres(verdict.worst_arrival_m or 0.0)}."
@@ -210,13 +214,21 @@ def _closest_sentence(closest: SmallestSeparation, verdict: Verdict) -> str:
         source = ", by telemetry"
 
     collision = ""
-    if verdict.is_collision:
+    if _has_closest_collided(verdict):
         collision = ": THEY COLLIDED"
 
     return (
         f"Closest: {closest.first} and {closest.second}, {closest.distance_m:.2f} m {measure}, "
         f"at {closest.time_s:.1f} s{source}{collision}."
     )
+
+
+def _has_closest_collided(verdict: Verdict) -> bool:
+    """Return whether those that came closest are those that collided."""
+    closest = verdict.closest
+    if closest is None or not verdict.is_collision:
+        return False
+    return not verdict.collided or {closest.first, closest.second} <= {*verdict.collided}
 
 
 # -- parts of the judgement ------------------------------------------------------------------------
@@ -239,7 +251,7 @@ def _smallest_of_all(state: FleetState, report: FlightReport | None) -> Separati
 
 
 def _collided(state: FleetState, report: FlightReport | None) -> list[str]:
-    """Return the vehicles that touched something, by ground truth."""
+    """Return the vehicles that touched another one, by ground truth."""
     names = set()
     for name, view in state.vehicles.items():
         if view.truth is not None and view.truth.is_collided:

@@ -394,7 +394,7 @@ class Truth(Message, frozen=True, array_like=True, kw_only=True):
     velocity_enu_m_s: Vec3
     quaternion_enu_flu_wxyz: Vec4
     is_on_ground: bool
-    is_collided: bool
+    is_collided: bool  # it has touched another vehicle
     # first contacts with the ground after flights, so far; 0 also where nobody counts them
     touchdowns: int = 0
     touchdown_m_s: float = 0.0  # vertical speed at the newest of them

@@ -88,6 +88,7 @@ class World:
         self.commands = Commands.level(yaw_rad)
 
         self.collisions: list[Collision] = []
+        self.collided: set[int] = set()  # vehicles that have touched another one
         own_gusts_m_s2 = [profile.gust_std_m_s2 for profile in profiles]
         self.wind = Wind(n, wind or WindSettings(), seed=seed, own_gust_std_m_s2=own_gusts_m_s2)
         self._downwash = downwash or Downwash()
@@ -148,6 +149,7 @@ class World:
             )
             collisions.append(collision)
             states.motors_dead[[first, second]] = True
+            self.collided |= {first, second}
         self.collisions.extend(collisions)
         return collisions
 

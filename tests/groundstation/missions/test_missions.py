@@ -17,7 +17,7 @@ from groundstation.mission_files.steps import FormationStep
 from groundstation.missions.runner import MissionRun
 from groundstation.recording.writer import RecordWriter
 from groundstation.verdict.final_verdict import final_verdict
-from groundstation.verdict.verdict import judge
+from groundstation.verdict.verdict import describe, judge
 from onboard.bus.schema import PreflightReport
 from onboard.bus.topics import Topic
 from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
@@ -352,6 +352,26 @@ async def test_a_flight_without_its_whole_record_or_its_verdict_has_not_passed(
     }
     assert words[damage] in verdict.summary
     assert verdict.exit_status == (0 if damage == "none" else 1)
+
+
+async def test_only_those_that_have_touched_each_other_are_said_to_have_collided(
+    fleet: FleetConfig, client: Any
+) -> None:
+    run = MissionRun(make(fleet, [*HOP, {"do": "land"}], expect=EXPECT), client)
+    verdict = await run.run()
+    assert verdict.closest is not None
+    near = [verdict.closest.first, verdict.closest.second]
+    third = next(name for name in fleet.enabled_names if name not in near)
+
+    def words(*collided: str) -> str:
+        judged = replace(verdict, is_collision=bool(collided), collided=list(collided))
+        return "\n".join(describe(judged))
+
+    assert "COLLIDED" not in words().upper()
+    assert f"{verdict.closest.distance_m:.2f} m between centres" in words(*near)
+    assert "THEY COLLIDED" in words(*near)
+    assert "THEY COLLIDED" not in words(near[0], third)
+    assert f"Collided: {near[0]}, {third}." in words(near[0], third)
 
 
 @pytest.mark.parametrize(("had_thrust", "speed_m_s"), [(True, 0.9), (False, 4.0)])

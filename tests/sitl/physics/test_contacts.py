@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from onboard.config.fleet import load_fleet
 from sitl.emulator.emulator import Emulator
 from sitl.physics import contacts, frames
 from sitl.physics.contacts import SpawnError, World
@@ -14,8 +16,12 @@ from sitl.physics.jit import records
 from sitl.physics.step import MOTION
 from sitl.physics.wind import Wind, WindSettings
 from sitl.px4.modes import Mode
+from sitl.server import Broadcast
 from tests.oracles import emulated_vehicles
 from tests.sitl.sitl_flying import SIH, emulator, height_m, run_for, streamer, until
+
+ROOT = Path(__file__).resolve().parents[3]
+PAPER = load_fleet(ROOT / "configs" / "fleets" / "paper.toml")
 
 
 def airborne_pair(distance_m: float) -> Emulator:
@@ -36,6 +42,26 @@ def test_a_flying_vehicle_that_touches_another_falls_with_it() -> None:
     assert emu.world.vehicles.states.motors_dead.all()
     run_for(emu, 2.0, streamer(emu, 0.9))
     assert height_m(emu) == 0.0
+
+
+def test_a_vehicle_that_hits_the_ground_on_its_side_has_collided_with_nobody() -> None:
+    emu = airborne_pair(1.2)
+    on_its_side = frames.from_yaw_and_tilt(np.array(np.pi / 2), np.array([-1.4, 0.0])).tolist()
+    until(emu, lambda: height_m(emu) > 0.5, 5.0, streamer(emu, 0.6))
+    until(
+        emu,
+        lambda: bool(emu.world.vehicles.states.motors_dead[0]),
+        3.0,
+        streamer(emu, 0.2, on_its_side),
+    )
+    assert height_m(emu) == 0.0
+    assert emu.world.collided == set()
+
+    emu.world.collided.add(1)  # as after a contact in the air
+    vehicles = [PAPER.vehicles[name] for name in ("mav0", "mav1")]
+    told = Broadcast(emu, vehicles, None, seed=1, boot_id=1, stamp_ns=lambda time_s: 0)
+    _, truths = told.messages()
+    assert [truth.is_collided for truth in truths] == [False, True]
 
 
 def test_vehicles_side_by_side_beyond_a_diameter_do_not_touch() -> None:
