@@ -6,6 +6,11 @@ Examples:
   covey sitl --fleet fleet.toml --px4 1.18
   covey sitl --faults
 
+Emulated are arming, PX4's modes, offboard, telemetry, parameters, signing and
+losses. Answered with UNSUPPORTED: missions, fences, rally points, calibration,
+orbit, gimbal. Left out: follow-me, the shell, logs, corrections of satellites.
+docs/emulator.md lists every command and message.
+
 Exit status: 0 ended by an interrupt; 2 wrong input or a port in use, nothing was emulated.
 """
 

@@ -8,6 +8,7 @@ agent and its autopilot.
 from __future__ import annotations
 
 import contextlib
+import socket
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -95,6 +96,11 @@ def _open(
         endpoints.append((vehicle.direct, False))
 
     troubles: list[str] = []
+    if is_device_of_another_computer(vehicle):
+        if vehicle.direct is None:
+            return VehicleLink(vehicle, trouble=_device_words(vehicle))
+        endpoints = endpoints[1:]
+
     for endpoint, is_own in endpoints:
         claim = PortClaim(endpoint)
         try:
@@ -133,6 +139,35 @@ def _open(
     else:
         troubles.append("Start PX4, or check cable and ports.")
     return VehicleLink(vehicle, trouble=" ".join(troubles))
+
+
+def is_device_of_another_computer(vehicle: Vehicle) -> bool:
+    """Return whether a vehicle's PX4 hangs on a serial device of a computer that is not this one.
+
+    Args:
+        vehicle: of the fleet file; its agent's address is that of its computer.
+    """
+    return vehicle.autopilot.startswith("serial://") and not _is_this_computer(vehicle.host)
+
+
+def _is_this_computer(host: str) -> bool:
+    """Return whether an address is one of this computer's own."""
+    try:
+        family, kind, _, _, address = socket.getaddrinfo(host, 0, type=socket.SOCK_DGRAM)[0]
+        with socket.socket(family, kind) as own:
+            own.bind(address)  # only an own address can be bound
+    except OSError:
+        return False
+    return True
+
+
+def _device_words(vehicle: Vehicle) -> str:
+    device = vehicle.autopilot.removeprefix("serial://").rpartition(":")[0]
+    return (
+        f"Its PX4 is at {device} of {vehicle.host}, another computer: set PX4's parameters "
+        "over USB, or give a way past the companion as "
+        f"vehicles.{vehicle.name}.direct (docs/deployment.md)."
+    )
 
 
 def _silence(link: AutopilotLink, vehicle: Vehicle, *, is_signed: bool) -> str:

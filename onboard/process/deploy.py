@@ -70,6 +70,8 @@ def main(words: Sequence[str]) -> int:
         return EXIT_WRONG_INPUT
 
     failed = [name for name in names if not _run(fleet, name, arguments)]
+    if failed and not arguments.status and not arguments.prints:
+        print(_who_has_it(fleet, names, failed), file=sys.stderr)
 
     if arguments.status and not arguments.prints:
         text = read_bytes(fleet.path, FLEET_FILE)
@@ -81,6 +83,25 @@ def main(words: Sequence[str]) -> int:
     if len(failed) == len(names):
         return EXIT_FAILED
     return EXIT_MIXED
+
+
+def _who_has_it(fleet: FleetConfig, names: Sequence[str], failed: Sequence[str]) -> str:
+    """Return who has what was deployed and who has not, with the command for the others."""
+    lines = []
+    done = [name for name in names if name not in failed]
+    if done:
+        lines.append(f"Deployed: {', '.join(_at(fleet, name) for name in done)}.")
+
+    lines.append(f"Not deployed: {', '.join(_at(fleet, name) for name in failed)}.")
+    lines.append(
+        "These may have a part of it, and fly with the others only once all have the same fleet "
+        f"file. Do the same once more with --vehicles {','.join(failed)}"
+    )
+    return "\n".join(lines)
+
+
+def _at(fleet: FleetConfig, name: str) -> str:
+    return f"{name} ({fleet.vehicles[name].host})"
 
 
 def _check_keys_folder(fleet: FleetConfig) -> None:

@@ -81,7 +81,7 @@ Handler = Callable[[CommandedLink, ReceivedCommand], Answer]
 def handle(link: CommandedLink, message: MavlinkMessage) -> list[bytes]:
     """Carry out a command; return everything that is sent back."""
     number = message.fields["command"]
-    handler = _COMMANDS.get(number)
+    handler = COMMANDS.get(number)
     version = link.autopilot.version
     if handler is None or number in version.unsupported_commands:
         return [link.ack(message, number, CommandResult.UNSUPPORTED)]
@@ -264,7 +264,7 @@ def _request(name: str) -> Handler:
     return handler
 
 
-_COMMANDS: dict[int, Handler] = {
+COMMANDS: dict[int, Handler] = {
     20: _enter(Mode.RTL, "returning"),  # NAV_RETURN_TO_LAUNCH
     21: _enter(Mode.LAND),  # NAV_LAND
     22: _take_off,  # NAV_TAKEOFF

@@ -117,7 +117,7 @@ class Link:
 
         answers: list[bytes] = []
         for message in self._decoder.decode(datagram):
-            reaction = _REACTIONS.get(message.name)
+            reaction = REACTIONS.get(message.name)
             if reaction is not None and reaction.is_meant(self, message):
                 answers.extend(reaction.handler(self, message) or ())
         return self._key.signed(answers)
@@ -539,7 +539,7 @@ class Reaction(NamedTuple):
     is_meant: Callable[[Link, MavlinkMessage], bool] = Link._is_for_vehicle
 
 
-_REACTIONS: dict[str, Reaction] = {
+REACTIONS: dict[str, Reaction] = {
     "HEARTBEAT": Reaction(Link._heartbeat),
     "TIMESYNC": Reaction(Link._timesync),
     "PING": Reaction(Link._ping),

@@ -16,6 +16,7 @@ from typing import Any
 from sitl.mavlink.codec import Encoder
 from sitl.mavlink.view import HOME_ALTITUDE_M, View
 from sitl.physics import frames
+from sitl.px4.arming_checks import BOOT_S
 from sitl.px4.battery import EMPTY_MV
 from sitl.px4.modes import AUTO_MAIN, MODES, LandedState, Mode
 from sitl.px4.signals import SetpointKind
@@ -333,7 +334,8 @@ def vfr_hud(v: View) -> Values:
 
 
 def home_position(v: View) -> Values | None:
-    if not v.has_origin:
+    # PX4 sets home once its checks pass; programs take it for the sign that it can be armed.
+    if not v.has_origin or v.time_s < BOOT_S:
         return None
 
     north, east, down = v.home_ned_m

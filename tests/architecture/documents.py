@@ -26,6 +26,7 @@ PRINTED: dict[str, tuple[str, Callable[[], str]]] = {
     "preflight": ("preflight.md", tables.preflight),
     "parameters": ("deployment.md", tables.parameters),
     "own-failsafes": ("px4.md", tables.own_failsafe_table),
+    "emulated": ("emulator.md", tables.emulated),
     "roles": ("keys.md", tables.roles),
     "fleet-file": ("fleet-file.md", reference.fleet_file),
     "gallery": ("gallery.md", reference.gallery),

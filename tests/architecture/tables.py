@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pymavlink.dialects.v20 import common
+
 from groundstation.alarms import alarm_table
 from onboard.autopilot import Version
 from onboard.bus.topics import Topic
@@ -16,6 +18,10 @@ from onboard.safety import failsafe_table
 from onboard.safety.failsafe_table import Condition, Situation
 from onboard.security.node_roles import GRANTS, Grant, NodeRole
 from onboard.supervision import condition_table
+from sitl.mavlink.codec import LAYOUTS
+from sitl.mavlink.commands import COMMANDS
+from sitl.mavlink.link import REACTIONS
+from sitl.mavlink.streams import BUILDERS
 
 
 def failsafes() -> str:
@@ -194,6 +200,28 @@ def _treatment(failsafe: OwnFailsafe) -> str:
         rows = ", ".join(condition.value for condition in failsafe.rows)
         parts.append(f"row of the failsafe table: {rows}")
     return ". ".join(f"{part[0].upper()}{part[1:]}" for part in parts)
+
+
+def emulated() -> str:
+    """Return what the emulated PX4 takes and sends, for docs/emulator.md."""
+    numbers = sorted(COMMANDS)
+    commands = [f"{_command_name(number)} ({number})" for number in numbers]
+    lines = [
+        _line("", "which"),
+        "|---|---|",
+        _line("commands (COMMAND_LONG, COMMAND_INT)", ", ".join(commands)),
+        _line("messages that it takes", ", ".join(sorted(REACTIONS))),
+        _line(
+            "messages that it streams or sends on request",
+            ", ".join(sorted(LAYOUTS[number].name for number in BUILDERS)),
+        ),
+    ]
+    return "\n".join(lines)
+
+
+def _command_name(number: int) -> str:
+    entry = common.enums["MAV_CMD"].get(number)
+    return str(number) if entry is None else entry.name.removeprefix("MAV_CMD_")
 
 
 def roles() -> str:

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import json
+import tomllib
 from pathlib import Path
 
 import pytest
+from msgspec.structs import replace
 
 from groundstation.cli import main
 from groundstation.commands.px4 import measured_px4
 from groundstation.px4 import comparison
 from groundstation.px4.parameter_file import read_file, write_file
 from groundstation.px4.parameter_sets import differences
+from groundstation.px4.vehicle_links import is_device_of_another_computer, opened
+from groundstation.starter.files import Answers, starter
 from onboard.config.fleet import ConfigError, FleetConfig, fleet_from_mapping, load_fleet
 
 
@@ -142,3 +146,16 @@ def test_every_changed_fact_has_a_meaning_and_every_row_a_group() -> None:
     found = compared(load_fleet("sih"), "1.16", "1.18")
     assert {fact.meaning for fact in found.facts if fact.meaning == "other behaviour"} == set()
     assert {fact.group for fact in found.facts} == {"failsafe", "attitude", "link"}
+
+
+def test_the_serial_device_of_another_computer_is_refused_in_a_sentence() -> None:
+    text = starter(Answers(vehicles=2, companions="198.51.100.7")).fleet_text
+    fleet = fleet_from_mapping(tomllib.loads(text), path="fleet.toml", text=text)
+    with opened([fleet.vehicles["mav0"]], {}) as links:
+        (link,) = links
+    assert link.trouble.startswith("Its PX4 is at /dev/ttyAMA0 of 198.51.100.7, another computer")
+    assert "vehicles.mav0.direct" in link.trouble
+    assert "stop" not in link.trouble
+
+    here = replace(fleet.vehicles["mav0"], agent="tcp/127.0.0.1:7460")
+    assert not is_device_of_another_computer(here)

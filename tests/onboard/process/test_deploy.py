@@ -81,7 +81,10 @@ def test_each_companion_gets_wheel_fleet_file_and_service_and_one_that_fails_is_
         "pip install -q --find-links . --force-reinstall --no-deps ./covey-1-py3-none-any.whl"
         in log
     )
-    assert "mav1: this failed: ssh -- pi@10.0.0.12" in capfd.readouterr().err
+    said = capfd.readouterr().err
+    assert "mav1: this failed: ssh -- pi@10.0.0.12" in said
+    assert "\nDeployed: mav0 (10.0.0.11).\nNot deployed: mav1 (10.0.0.12).\n" in said
+    assert "once more with --vehicles mav1" in said
 
 
 def test_the_status_says_what_runs_where_and_the_hash_that_all_must_have(
