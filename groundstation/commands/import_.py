@@ -5,7 +5,7 @@ Examples:
   covey import show.skyc --out my_show --fleet fleet.toml
   covey import exported_csvs --promise 1.2
 
-Reads Skybrush's .skyc, and folders with a CSV for each drone. All that is
+Reads Skybrush's .skyc, and folders and zips with a CSV for each drone. All that is
 changed stands as a comment in the files; what cannot be mended is refused with
 the drones' names. docs/shows.md says more. Exit status: 0 written; 2 wrong
 input, nothing written.
@@ -26,24 +26,27 @@ from onboard.exit_status import EXIT_OK
 
 
 def import_(
-    show: Annotated[Path, Parameter(name="SHOW.skyc|FOLDER")],
+    show: Annotated[Path, Parameter(name="SHOW.skyc|FOLDER|ZIP")],
     /,
     *,
     out: Annotated[Path | None, Parameter(metavar="DIR")] = None,
     fleet: File | None = None,
     promise: Annotated[float | None, Parameter(metavar="M")] = None,
+    vertical: Annotated[float | None, Parameter(metavar="M")] = None,
 ) -> int:
     """Make a mission of a show: a fleet file, a mission file, and a path for each drone.
 
     What covey cannot fly as it is, it mends where it can: slower, or further apart.
 
     Args:
-        show: a .skyc of Skybrush, or a folder of CSVs
+        show: a .skyc of Skybrush, or a folder or a zip of CSVs
         out: folder of the files (default: the show's name)
         fleet: take types, endpoints and the promised distance from this fleet file (default:
             emulated vehicles)
         promise: distance that the vehicles keep, centre to centre, in metres (default: the fleet's,
             or 0.8)
+        vertical: vehicles may pass above each other so far apart in height, in metres (default: as
+            the fleet says; without --fleet they do not)
     """
     if promise is not None and not 0.1 <= promise <= 100.0:
         raise ConfigError(f"--promise is {promise:g}; it must lie between 0.1 and 100 m.")
@@ -58,7 +61,7 @@ def import_(
     if fleet is not None:
         own_fleet = load_fleet(fleet)
 
-    made = import_show(read, folder, str(show), own_fleet, promise)
+    made = import_show(read, folder, str(show), own_fleet, promise, vertical)
 
     duration_s = max(path.duration_s for path in made.paths.values())
     drones = len(made.paths)

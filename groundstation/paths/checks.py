@@ -148,10 +148,17 @@ class _Demand(NamedTuple):
     slowings: Array  # (T, N): how many times as long the paths must take for it
 
 
-def needed_slowing(flown: SampledPaths, limits: FlightLimits) -> tuple[float, str]:
+def needed_slowing(
+    flown: SampledPaths, limits: FlightLimits, *, begin_s: float = 0.0
+) -> tuple[float, str]:
     """Return how many times as long paths must take, and the worst reason in words.
 
     At most 1: they can be flown as they are.
+
+    Args:
+        flown: the paths.
+        limits: of the vehicles.
+        begin_s: of the paths, on the clock that the words speak of.
     """
     velocity = flown.values[1]
     acceleration = flown.values[2]
@@ -188,9 +195,10 @@ def needed_slowing(flown: SampledPaths, limits: FlightLimits) -> tuple[float, st
     )
     worst_one = max(demands, key=lambda one: float(one.slowings.max()))
     step, index = np.unravel_index(worst_one.slowings.argmax(), worst_one.slowings.shape)
+    time_s = begin_s + flown.times_s[step]
     words = (
         f"{flown.names[index]}'s {worst_one.noun} was {worst_one.values[step, index]:.2f} "
-        f"{worst_one.unit} at {flown.times_s[step]:.1f} s, {worst_one.bound:g} is the most"
+        f"{worst_one.unit} at {time_s:.1f} s, {worst_one.bound:g} is the most"
     )
     return float(worst_one.slowings[step, index]), words
 

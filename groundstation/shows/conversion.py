@@ -11,7 +11,7 @@ them into its files.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -42,6 +42,11 @@ _ROOM = 1.005  # by which a show is slowed beyond what is needed
 _SLOWEST = 4.0
 _DEAL_ABOVE_M = 0.5  # by which the longest distance from home to path must become shorter
 
+# a vertical separation that is proposed where heights would do
+_MOST_VERTICAL_M = 4.0
+_LEAST_VERTICAL_M = 1.5
+_SHARE_OF_HEIGHT = 0.6
+
 # starts are spread in steps, one vehicle a round
 _SPREAD_STEP_S = 0.5
 _MOST_SPREAD_S = 4.0
@@ -56,8 +61,22 @@ class Converted:
     homes: dict[str, Vec3]
     paths: dict[str, Path]
     lights: dict[str, tuple[Light, ...]]
+    begin_s: float = 0.0  # of the flight along the paths, on the show's own clock
+    slowing: float = 1.0  # times as long as in the show
     notes: list[str] = field(default_factory=list)  # for all
     own_notes: dict[str, list[str]] = field(default_factory=dict)  # by name
+
+    def show_s(self, flight_s: float) -> float:
+        """Return a time of the flight on the show's own clock, as its designer knows it [s]."""
+        return self.begin_s + flight_s / self.slowing
+
+    def own_time_words(self) -> str:
+        """Return how times of the flight become the designer's; empty where they are the same."""
+        if self.slowing == 1.0 and not self.begin_s:
+            return ""
+        return (
+            f" (T s of the flight are {self.begin_s:.1f} + T / {self.slowing:.3f} s of the show.)"
+        )
 
 
 def converted(
@@ -97,6 +116,7 @@ def converted(
 
     flown = {drone.name: _flown(drone, takeoff_m) for drone in show.drones}
     zero_s = min(begin_s for begin_s, _ in flown.values())
+    made.begin_s = zero_s
     made.notes.append(
         f"take-off to {takeoff_m:g} m and landing are Covey's own; the show is flown above that "
         "height"
@@ -227,7 +247,7 @@ def _deal_homes(made: Converted) -> None:
 
 def _slow_down(made: Converted, limits: FlightLimits) -> None:
     """Slow the whole show until every vehicle can fly its path."""
-    factor, words = needed_slowing(sample(made.paths), limits)
+    factor, words = needed_slowing(sample(made.paths), limits, begin_s=made.begin_s)
     if factor <= 1.0:
         return
     if factor > _SLOWEST:
@@ -236,6 +256,7 @@ def _slow_down(made: Converted, limits: FlightLimits) -> None:
         )
 
     factor *= _ROOM
+    made.slowing = factor
     made.notes.append(f"slowed to {factor:.3f} times its duration: {words}")
     made.paths = {name: slowed(path, factor) for name, path in made.paths.items()}
     for name, lights in made.lights.items():
@@ -272,10 +293,11 @@ def _spread_starts(made: Converted, spacing_m: float, height_share: float) -> No
         anyhow = ""
         if not height_share:
             anyhow = " at any height, since vehicles do not fly above each other"
-        listed = listed_words([pair_words(one) for one in first_pairs])
+        in_show = [one._replace(time_s=made.show_s(one.time_s)) for one in first_pairs]
+        listed = listed_words([pair_words(one) for one in in_show])
         raise ConfigError(
-            f"Paths come nearer than {spacing_m:.2f} m, which the law needs{anyhow}: {listed}. "
-            "Move them apart."
+            f"Paths come nearer than {spacing_m:.2f} m, which the law needs{anyhow}: {listed} "
+            f"(times of the show). Move them apart.{_heights_words(first_pairs, height_share)}"
         )
 
     made.paths = paths
@@ -288,6 +310,19 @@ def _spread_starts(made: Converted, spacing_m: float, height_share: float) -> No
         made.lights[name] = tuple(
             (t + delay_s, red, green, blue) for t, red, green, blue in made.lights[name]
         )
+
+
+def _heights_words(pairs: Sequence[ClosestApproach], height_share: float) -> str:
+    """Return how vehicles may fly above each other, where that would do for all these pairs."""
+    least_m = min(pair.height_m for pair in pairs)
+    vertical_m = min(_MOST_VERTICAL_M, math.floor(10.0 * _SHARE_OF_HEIGHT * least_m) / 10.0)
+    if height_share or vertical_m < _LEAST_VERTICAL_M:
+        return ""
+    return (
+        f" Or use their heights, which differ by {least_m:.1f} m or more there: "
+        f"--vertical {vertical_m:g}, which is vertical_separation_m of the fleet file, lets "
+        "vehicles pass above each other."
+    )
 
 
 def _too_near(

@@ -3,16 +3,39 @@
 from __future__ import annotations
 
 import re
+import tempfile
+from collections.abc import Mapping
 from pathlib import Path as FilePath
 
 from groundstation.paths.files import load_path, read_columns
 from groundstation.paths.lights import Light
+from groundstation.shows.geographic import Places, origin_of, path_of_places, read_places
 from groundstation.shows.show import MOST_DRONES, Drone, Show, check_light_count
+from groundstation.shows.zip_members import unpack
 from onboard.config.fleet import ConfigError
-from onboard.control.path import point_at
+from onboard.control.path import Path, point_at
 
 _COLOURS = ("red", "green", "blue")
 _MOST_BYTES = 268_435_456  # of all CSVs: 200 drones, 10 minutes, 40 lines a second
+
+
+def read_csv_zip(file: FilePath) -> Show:
+    """Read a show from a zip of CSVs.
+
+    Args:
+        file: with one CSV for each drone, in any of its folders.
+
+    Raises:
+        ConfigError: it is no such zip, or what :func:`read_folder` refuses.
+    """
+    with tempfile.TemporaryDirectory(prefix="covey-csvs-") as name:
+        folder = FilePath(name) / file.stem
+        folder.mkdir()
+        unpack(file, folder, ending=".csv", most=MOST_DRONES, most_bytes=_MOST_BYTES)
+        try:
+            return read_folder(folder)
+        except ConfigError as error:
+            raise ConfigError(str(error).replace(str(folder), str(file))) from None
 
 
 def read_folder(folder: FilePath) -> Show:
@@ -34,10 +57,14 @@ def read_folder(folder: FilePath) -> Show:
             "drone."
         )
 
+    places = {file: read_places(file) for file in files}
+    if any(places.values()):
+        return _geographic_show(folder, places)
+
     drones: list[Drone] = []
     bytes_left = _MOST_BYTES
     for file in files:
-        drones.append(_drone(file))
+        drones.append(_drone(file, load_path(file)))
         check_light_count(str(folder), drones)
         bytes_left -= file.stat().st_size
         if bytes_left < 0:
@@ -46,6 +73,36 @@ def read_folder(folder: FilePath) -> Show:
                 "show with fewer lines a second."
             )
     return Show(folder.resolve().name, tuple(drones))
+
+
+def _geographic_show(folder: FilePath, places: Mapping[FilePath, Places | None]) -> Show:
+    """Return a show whose CSVs have latitudes and longitudes.
+
+    Raises:
+        ConfigError: some have not.
+    """
+    known = {file: one for file, one in places.items() if one is not None}
+    if len(known) < len(places):
+        others = ", ".join(file.name for file in places if file not in known)
+        raise ConfigError(
+            f"{folder}: {others} have no latitude and longitude, and the others have. Export all "
+            "drones alike."
+        )
+
+    origin = origin_of(list(known.values()))
+    drones = [_drone(file, path_of_places(one, origin)) for file, one in known.items()]
+    note = (
+        "latitudes and longitudes became metres from the first place of the show "
+        f"({origin.latitude_deg:.6f}, {origin.longitude_deg:.6f}); heights count from its lowest "
+        f"altitude, {origin.altitude_m:.1f} m"
+    )
+    return Show(
+        title=folder.resolve().name,
+        drones=tuple(drones),
+        is_outdoors=True,
+        origin=origin,
+        notes=(note,),
+    )
 
 
 def _natural(text: str) -> list[tuple[int, str]]:
@@ -59,8 +116,7 @@ def _natural(text: str) -> list[tuple[int, str]]:
     return key
 
 
-def _drone(file: FilePath) -> Drone:
-    path = load_path(file)
+def _drone(file: FilePath, path: Path) -> Drone:
     x, y, z = point_at(path, 0.0).position_enu_m
     return Drone(
         name=file.stem,
@@ -73,7 +129,10 @@ def _drone(file: FilePath) -> Drone:
 
 def _lights(file: FilePath) -> tuple[Light, ...]:
     """Return the colours of a CSV that has them, without those that only repeat the one before."""
-    columns, numbers = read_columns(str(file))
+    try:
+        columns, numbers = read_columns(str(file))
+    except ConfigError:
+        return ()  # a file of places, of which only some columns are read
     if columns[0] != "t" or not set(_COLOURS) <= set(columns):
         return ()
 

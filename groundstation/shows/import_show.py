@@ -9,7 +9,7 @@ from pathlib import Path
 from groundstation.mission_files.loading import load_mission
 from groundstation.mission_files.mission_findings import refused_findings
 from groundstation.shows.conversion import Converted
-from groundstation.shows.csv_folder import read_folder
+from groundstation.shows.csv_folder import read_csv_zip, read_folder
 from groundstation.shows.output import write_show
 from groundstation.shows.show import Show
 from groundstation.shows.skyc import read_skyc
@@ -20,7 +20,7 @@ def read_show(path: Path) -> Show:
     """Return a show as its program wrote it.
 
     Args:
-        path: a .skyc of Skybrush, or a folder with a CSV for each drone.
+        path: a .skyc of Skybrush, or a folder or a zip with a CSV for each drone.
 
     Raises:
         ConfigError: it cannot be read.
@@ -29,13 +29,25 @@ def read_show(path: Path) -> Show:
         raise ConfigError(
             f"{path}: VVIZ is for pictures of shows, not for flights. Export .skyc or CSVs."
         )
+    if path.suffix.lower() == ".skyb":
+        raise ConfigError(
+            f"{path}: .skyb is what Skybrush loads onto a single drone: one path, without homes "
+            "and without the others. Export the whole show as .skyc, or as CSVs."
+        )
     if path.is_dir():
         return read_folder(path)
+    if path.suffix.lower() == ".zip":
+        return read_csv_zip(path)
     return read_skyc(path)
 
 
 def import_show(
-    show: Show, folder: Path, source: str, fleet: FleetConfig | None, promise_m: float | None
+    show: Show,
+    folder: Path,
+    source: str,
+    fleet: FleetConfig | None,
+    promise_m: float | None,
+    vertical_m: float | None = None,
 ) -> Converted:
     """Write a show's files; what cannot be flown leaves no file behind.
 
@@ -45,6 +57,7 @@ def import_show(
         source: where the show was read from.
         fleet: whose types, endpoints and promise are taken; None makes one.
         promise_m: distance that the fleet promises [m]; None: the fleet's, or the default.
+        vertical_m: difference in height that does instead [m]; None: the fleet's, or none.
 
     Raises:
         ConfigError: the show cannot be flown.
@@ -52,13 +65,13 @@ def import_show(
     with tempfile.TemporaryDirectory(prefix="covey-import-") as name:
         draft = Path(name) / "show"
         try:
-            made, _ = write_show(show, draft, source, fleet, promise_m)
+            made, _ = write_show(show, draft, source, fleet, promise_m, vertical_m=vertical_m)
             refused = refused_findings(load_mission(draft / "mission.toml"), is_simulated=False)
         except ConfigError as error:
             raise ConfigError(str(error).replace(str(draft), str(folder))) from None
 
         if refused:
-            reasons = " ".join(finding.sentence for finding in refused)
+            reasons = " ".join(finding.sentence for finding in refused) + made.own_time_words()
             raise ConfigError(
                 f"{source}: the law says that this cannot be flown; nothing is written. {reasons}"
             )

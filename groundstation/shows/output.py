@@ -10,6 +10,7 @@ import tomllib
 from collections.abc import Mapping, Sequence
 from json import dumps
 from pathlib import Path as FilePath
+from typing import NamedTuple
 
 import numpy as np
 
@@ -39,8 +40,21 @@ _HOME_M = 0.10  # more than between paths: vehicles hover above their homes
 _NOWHERE = Origin(47.397742, 8.545594, 489.4)
 
 
+class _Promise(NamedTuple):
+    """What the vehicles keep from each other; None: what the fleet file says, or the default."""
+
+    distance_m: float | None
+    vertical_m: float | None
+
+
 def write_show(
-    show: Show, folder: FilePath, source: str, fleet: FleetConfig | None, promise_m: float | None
+    show: Show,
+    folder: FilePath,
+    source: str,
+    fleet: FleetConfig | None,
+    promise_m: float | None,
+    *,
+    vertical_m: float | None = None,
 ) -> tuple[Converted, FleetConfig]:
     """Make a show flyable and write it.
 
@@ -50,6 +64,7 @@ def write_show(
         source: where the show was read from, for the comments.
         fleet: whose types, endpoints and promise are taken; None makes one.
         promise_m: distance that the fleet promises [m]; None: the fleet's, or the default.
+        vertical_m: difference in height that does instead [m]; None: the fleet's, or none.
 
     Returns:
         The show and the fleet as they are written.
@@ -70,9 +85,11 @@ def write_show(
     if len(names) < count:
         raise ConfigError("Two drones of the show have one name. Give each its own.")
 
+    promise = _Promise(promise_m, vertical_m)
+
     # the show is converted for the limits of a fleet whose homes and fence are not known yet
     path = str(folder / "fleet.toml")
-    draft_text = _fleet_text(show, fleet, vehicles, None, promise_m)
+    draft_text = _fleet_text(show, fleet, vehicles, None, promise)
     draft = fleet_from_mapping(tomllib.loads(draft_text), path=path)
     made = converted(
         show,
@@ -83,8 +100,9 @@ def write_show(
         height_share=parking_height_share(draft),
     )
 
-    text = _fleet_text(show, fleet, vehicles, made, promise_m)
+    text = _fleet_text(show, fleet, vehicles, made, promise)
     final = fleet_from_mapping(tomllib.loads(text), path=path, text=text)
+    made.notes.append(_battery_words(made, final, vehicles))
     head = [f"Made by covey import from {source}.", *made.notes]
     (folder / "paths").mkdir(parents=True, exist_ok=True)
     _write(folder / "fleet.toml", _commented(head, text))
@@ -97,6 +115,27 @@ def write_show(
             (folder / "lights").mkdir(exist_ok=True)
             _write(folder / "lights" / f"{name}.csv", _lights_text(made.lights[name]))
     return made, final
+
+
+def _battery_words(made: Converted, fleet: FleetConfig, vehicles: Sequence[str]) -> str:
+    """Return how long the show is beside the vehicles' batteries."""
+    show_s = max(path.duration_s for path in made.paths.values())
+    words = f"the paths take {show_s / 60.0:.1f} min, take-off and landing come on top"
+    land_pct = fleet.fleet.battery_land_pct
+
+    hover_times_s = [fleet.vehicles[name].hover_time_s for name in vehicles]
+    known_s = [hover_s for hover_s in hover_times_s if hover_s is not None]
+    if len(known_s) < len(hover_times_s):
+        return (
+            f"{words}; each battery has to last that long and keep {land_pct:g} %, at which its "
+            "vehicle lands: write hover_time_s in [types], and covey check judges it"
+        )
+    weakest_s = min(known_s)
+    left_pct = 100.0 * (1.0 - show_s / weakest_s)
+    return (
+        f"{words}; the weakest battery, of {weakest_s / 60.0:.1f} min, has {left_pct:.0f} % left "
+        f"then, and lands its vehicle at {land_pct:g} %"
+    )
 
 
 def _write(file: FilePath, text: str) -> None:
@@ -115,7 +154,7 @@ def _fleet_text(
     fleet: FleetConfig | None,
     vehicles: Sequence[str],
     made: Converted | None,
-    promise_m: float | None,
+    promise: _Promise,
 ) -> str:
     """Return the fleet file.
 
@@ -128,8 +167,8 @@ def _fleet_text(
     spots = {name: [round(x, 3), round(y, 3), 0.0] for name, (x, y, _) in homes.items()}
 
     if fleet is not None:
-        return _changed_fleet_text(fleet, spots, has_show=made is not None, promise_m=promise_m)
-    return _new_fleet_text(show, spots, made, promise_m)
+        return _changed_fleet_text(fleet, spots, has_show=made is not None, promise=promise)
+    return _new_fleet_text(show, spots, made, promise)
 
 
 def _changed_fleet_text(
@@ -137,7 +176,7 @@ def _changed_fleet_text(
     spots: Mapping[str, list[float]],
     *,
     has_show: bool,
-    promise_m: float | None,
+    promise: _Promise,
 ) -> str:
     """Return a fleet file of somebody's own with the homes of the show."""
     data = in_another_folder(tomllib.loads(fleet.text), fleet)
@@ -149,8 +188,10 @@ def _changed_fleet_text(
     data.pop("formations", None)  # of the vehicles' former spots
     if not has_show:
         data["fleet"]["geofence_m"] = {"x": [-1e4, 1e4], "y": [-1e4, 1e4], "z": [-1.0, 1e4]}
-    if promise_m is not None:
-        data["fleet"]["safety_distance_m"] = promise_m
+    if promise.distance_m is not None:
+        data["fleet"]["safety_distance_m"] = promise.distance_m
+    if promise.vertical_m is not None:
+        data["fleet"]["vertical_separation_m"] = promise.vertical_m
     return toml_text(data, f"types, endpoints and promise of {fleet.path}")
 
 
@@ -158,11 +199,15 @@ def _new_fleet_text(
     show: Show,
     spots: Mapping[str, list[float]],
     made: Converted | None,
-    promise_m: float | None,
+    promise: _Promise,
 ) -> str:
     """Return a fleet file made for the show, of emulated vehicles."""
+    promise_m = promise.distance_m
     if promise_m is None:
         promise_m = DEFAULT_PROMISE_M
+    vertical = []
+    if promise.vertical_m is not None:
+        vertical = [f"vertical_separation_m = {promise.vertical_m:g}  # or so far apart in height"]
     answers = Answers(type="sih", position="gps" if show.is_outdoors else "bus")
 
     lines = [
@@ -172,6 +217,7 @@ def _new_fleet_text(
         'name = "show"',
         *_origin(show),
         f"safety_distance_m = {promise_m:g}",
+        *vertical,
         "body_diameter_m = 0.50",
         *_fence(show, made),
         "battery_warning_pct = 30",

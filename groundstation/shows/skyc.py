@@ -13,10 +13,9 @@ import binascii
 import math
 import os
 import posixpath
-import struct
 import zipfile
 import zlib
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
 
@@ -30,6 +29,7 @@ from groundstation.shows.show import (
     check_light_count,
     path_from_pieces,
 )
+from groundstation.shows.zip_members import PACKINGS, refuse_many_members
 from onboard.config.file_reading import (
     MOST_JSON_VALUES,
     SHOW_FILE,
@@ -41,20 +41,11 @@ from onboard.config.fleet import ConfigError, Origin, Vec3
 from onboard.control.path import MOST_PIECES, Path, path_of
 
 _MOST_BYTES = 67_108_864  # unpacked, all members that are read together
-_MOST_MEMBERS = 20_000
 _DEEPEST = 20  # references within references
-_PACKINGS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # others unpack with gigabytes of memory
 
 _LONGEST_NAME = 200  # letters of a show's and a drone's name
 _HIGHEST_M = 10_000.0  # altitude of a show's place
 _MOST_YAW_DEG = 360_000.0  # a thousand turns
-
-# The end of a zip says how long its list of members is, of which zipfile makes objects: signature,
-# numbers of disks and members, length and place of the list, length of a comment.
-_ZIP_END = struct.Struct("<4s4H2LH")
-_ZIP_END_SIGNATURE = b"PK\x05\x06"
-_LONGEST_COMMENT = 65_535
-_MEMBER_BYTES = 46  # the least that a member takes in the list
 
 
 def read_skyc(file: str | os.PathLike[str]) -> Show:
@@ -73,7 +64,7 @@ def read_skyc(file: str | os.PathLike[str]) -> Show:
     name = os.fspath(file)
     try:
         with opened(name, SHOW_FILE) as stream:
-            _refuse_many_members(name, stream)
+            refuse_many_members(name, stream)
             with zipfile.ZipFile(stream) as archive:
                 return _show(name, _Members(name, archive).read("show.json"))
     except (
@@ -87,28 +78,6 @@ def read_skyc(file: str | os.PathLike[str]) -> Show:
         raise ConfigError(
             f"{name}: this is no .skyc, or it is truncated ({error}). Export it again."
         ) from None
-
-
-def _refuse_many_members(name: str, stream: BinaryIO) -> None:
-    """Refuse a zip that lists more members than a show has, before the list is read.
-
-    Raises:
-        ConfigError: it lists more.
-    """
-    size = stream.seek(0, os.SEEK_END)
-    stream.seek(max(0, size - _ZIP_END.size - _LONGEST_COMMENT))
-    tail = stream.read()
-    stream.seek(0)
-
-    begin = tail.rfind(_ZIP_END_SIGNATURE)
-    if begin < 0 or len(tail) < begin + _ZIP_END.size:
-        return  # no zip: zipfile says so
-    *_, count, list_bytes, _, _ = _ZIP_END.unpack_from(tail, begin)
-    if count > _MOST_MEMBERS or list_bytes > 4 * _MEMBER_BYTES * _MOST_MEMBERS:
-        raise ConfigError(
-            f"{name}: it is a zip of more than {_MOST_MEMBERS} members: that is no show. Export it "
-            "again."
-        )
 
 
 class _Members:
@@ -139,7 +108,7 @@ class _Members:
     def _bytes_of(self, member: str) -> bytes:
         try:
             packing = self._archive.getinfo(member).compress_type
-            if packing not in _PACKINGS:
+            if packing not in PACKINGS:
                 raise ConfigError(
                     f"{self._name}: '{member}' is packed by method {packing}; Skybrush uses "
                     f"{zipfile.ZIP_DEFLATED}, deflate. Export the show again."

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import zipfile
 from dataclasses import replace
 from pathlib import Path
@@ -14,7 +15,9 @@ from groundstation.mission_files.loading import load_mission
 from groundstation.mission_files.mission import Mission
 from groundstation.mission_files.mission_findings import mission_findings
 from groundstation.mission_files.steps import FollowPathStep
+from groundstation.shows.conversion import Converted
 from groundstation.shows.csv_folder import read_folder
+from groundstation.shows.import_show import read_show
 from groundstation.shows.light_program import colours
 from groundstation.shows.output import write_show
 from groundstation.shows.show import bezier_piece
@@ -254,3 +257,89 @@ def test_light_programs_become_colours_at_times() -> None:
     for broken in (bytes([4, 1]), bytes([99]), bytes([13]), bytes([12, 0, 1, 13])):
         with pytest.raises(ValueError, match=r"it |its |loop"):
             colours(broken)
+
+
+def _crossing_above(folder: Path) -> Path:
+    """Two drones that cross 6 m above each other, east to west and north to south."""
+    across = crossing(seconds=40.0)
+    low = across["east"]
+    high = across["north"]
+
+    def raised(t: float) -> tuple[float, float, float]:
+        x, y, z = high(t)
+        return x, y, 6.0 * z
+
+    return csvs(folder, [low, raised], 40.0)
+
+
+def test_a_show_that_passes_above_itself_says_how_and_is_flown_with_heights(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    show = _crossing_above(tmp_path / "above")
+    out = tmp_path / "out"
+    assert main(["import", str(show), "--out", str(out)]) == 2
+    said = capsys.readouterr().err
+    assert "(times of the show)" in said
+    assert "--vertical" in said
+
+    assert main(["import", str(show), "--out", str(out), "--vertical", "2.5"]) == 0
+    assert "vertical_separation_m = 2.5" in (out / "fleet.toml").read_text()
+    assert "the paths take" in capsys.readouterr().out
+
+
+def test_times_of_a_refusal_are_those_of_the_show(tmp_path: Path) -> None:
+    made = Converted(takeoff_m=1.0, homes={}, paths={}, lights={}, begin_s=3.0, slowing=2.0)
+    assert made.show_s(20.0) == 13.0
+    assert "3.0 + T / 2.000 s of the show" in made.own_time_words()
+    assert Converted(1.0, {}, {}, {}).own_time_words() == ""  # the same clock needs no words
+
+
+def test_a_zip_of_csvs_is_a_show_and_a_bomb_or_an_empty_one_is_none(tmp_path: Path) -> None:
+    folder = csvs(tmp_path / "plain", list(line_of(2).values()), 12.0)
+    show = tmp_path / "show.zip"
+    with zipfile.ZipFile(show, "w", zipfile.ZIP_DEFLATED) as archive:
+        for file in folder.iterdir():
+            archive.write(file, f"some/folder/{file.name}")
+            archive.writestr(f"__MACOSX/{file.name}", "no show")
+    read = read_show(show)
+    assert [drone.name for drone in read.drones] == ["Drone 1", "Drone 2"]
+    assert read.title == "show"
+
+    with zipfile.ZipFile(show, "w") as archive:
+        archive.writestr("readme.txt", "")
+    with pytest.raises(ConfigError, match=r"0 members that end in \.csv"):
+        read_show(show)
+    with zipfile.ZipFile(show, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("../../Drone 1.csv", b"0" * (1 << 20))
+        archive.writestr("x/Drone 1.csv", b"0")
+    with pytest.raises(ConfigError, match=r"two of its members are named Drone 1\.csv"):
+        read_show(show)
+    assert not (tmp_path.parent / "Drone 1.csv").exists()
+
+
+def test_latitudes_and_longitudes_become_metres_across_the_date_line_too(tmp_path: Path) -> None:
+    folder = tmp_path / "earth"
+    folder.mkdir()
+    head = "Name,Latitude,Longitude,Altitude_MSL_m,TimeFromStart_s,HeadingMode\n"
+    for k, longitude in enumerate((179.99999, -179.9999)):
+        lines = []
+        for tick in range(60):
+            altitude_m = 20.0 + 5.0 * math.sin(tick / 20)
+            lines.append(f"Waypoint {tick},0.0,{longitude:.7f},{altitude_m:.4f},{tick},auto")
+        (folder / f"d{k}.csv").write_text(head + "\n".join(lines))
+    show = read_show(folder)
+    assert show.is_outdoors
+    assert show.origin is not None
+    assert show.origin.longitude_deg == pytest.approx(179.99999)
+    east_m = show.drones[1].home_enu_m[0] - show.drones[0].home_enu_m[0]
+    assert east_m == pytest.approx(math.radians(0.00011) * 6_371_000, rel=1e-3)
+    assert "lowest altitude" in show.notes[0]
+
+    (folder / "d0.csv").write_text("Latitude,Longitude,time\n1,2,3\n")
+    with pytest.raises(ConfigError, match="no column of altitude"):
+        read_show(folder)
+
+
+def test_what_skybrush_loads_onto_one_drone_is_refused_with_what_to_export(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"Export the whole show as \.skyc"):
+        read_show(tmp_path / "drone.skyb")

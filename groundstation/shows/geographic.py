@@ -1,0 +1,201 @@
+"""CSVs of a drone's places on Earth: times, latitudes, longitudes, altitudes.
+
+Columns with other names, also with text in them, are left out: mission planners write many. Places
+become metres east and north of the show's first one, by the projection that PX4 uses for its local
+positions; heights count from the lowest altitude of the show.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path as FilePath
+from typing import NamedTuple
+
+import numpy as np
+
+from groundstation.paths.files import LONGEST_LINE, MOST_LINES
+from groundstation.paths.pieces import fitted
+from onboard.arrays import Array
+from onboard.config.file_reading import CSV_FILE, read_text
+from onboard.config.fleet import ConfigError, Origin
+from onboard.control.path import LONGEST_S, Path
+
+_EARTH_RADIUS_M = 6_371_000.0  # of PX4's sphere
+_KINDS = {
+    "time": ("t", "time", "timestamp", "timefromstart", "seconds"),
+    "latitude": ("lat", "latitude"),
+    "longitude": ("lon", "lng", "long", "longitude"),
+    "altitude": ("alt", "altitude", "altitudemsl", "height", "relativealtitude", "z"),
+}
+_UNIT_AT_END = re.compile(r"[\s_]*[\[(]?\s*(ms|msec|sec|s|m|deg)?\s*[\])]?\s*$", re.IGNORECASE)
+
+
+class Places(NamedTuple):
+    """Where one drone is at which time."""
+
+    times_s: Array  # (T,), from 0 on
+    latitudes_deg: Array  # (T,)
+    longitudes_deg: Array  # (T,)
+    altitudes_m: Array  # (T,)
+
+
+def read_places(file: FilePath) -> Places | None:
+    """Return the places of a CSV; None where it has no columns of latitude and longitude.
+
+    Args:
+        file: of one drone.
+
+    Raises:
+        ConfigError: it has them, and they are no places at rising times.
+    """
+    text = read_text(str(file), CSV_FILE)
+    lines = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]
+    if not lines:
+        return None
+
+    columns = _columns(lines[0])
+    if "latitude" not in columns or "longitude" not in columns:
+        return None
+    missing = [kind for kind in _KINDS if kind not in columns]
+    if missing:
+        raise ConfigError(
+            f"{file}: it has latitude and longitude, but no column of {' and '.join(missing)}. "
+            "Name one 'time' or 'altitude' in the first line."
+        )
+    if not 3 <= len(lines) <= MOST_LINES or max(map(len, lines)) > LONGEST_LINE:
+        raise ConfigError(
+            f"{file}: {len(lines) - 1} places are no path; it has 2 to {MOST_LINES} lines of at "
+            f"most {LONGEST_LINE} letters below the line of names."
+        )
+
+    numbers = np.array([_numbers(file, number, line, columns) for number, line in _body(lines)])
+    return _checked(file, numbers)
+
+
+def origin_of(places: Sequence[Places]) -> Origin:
+    """Return the show's first place, at its lowest altitude.
+
+    Args:
+        places: of all drones.
+    """
+    return Origin(
+        latitude_deg=float(places[0].latitudes_deg[0]),
+        longitude_deg=float(places[0].longitudes_deg[0]),
+        altitude_m=float(min(one.altitudes_m.min() for one in places)),
+    )
+
+
+def path_of_places(places: Places, origin: Origin) -> Path:
+    """Return a drone's path in metres east, north and up.
+
+    Args:
+        places: of the drone.
+        origin: of the show.
+    """
+    east_m, north_m = east_north_m(origin, places.latitudes_deg, places.longitudes_deg)
+    up_m = places.altitudes_m - origin.altitude_m
+    return fitted(
+        places.times_s, np.column_stack([east_m, north_m, up_m, np.zeros(len(places.times_s))])
+    )
+
+
+def east_north_m(
+    origin: Origin, latitudes_deg: Array, longitudes_deg: Array
+) -> tuple[Array, Array]:
+    """Return metres east and north of an origin: azimuthal equidistant, on PX4's sphere.
+
+    Args:
+        origin: whose east and north.
+        latitudes_deg: of the places.
+        longitudes_deg: of the places; the date line is no edge.
+    """
+    latitude_0 = math.radians(origin.latitude_deg)
+    latitude = np.radians(latitudes_deg)
+    turn = np.radians(longitudes_deg - origin.longitude_deg)
+
+    cosine = math.sin(latitude_0) * np.sin(latitude)
+    cosine = cosine + math.cos(latitude_0) * np.cos(latitude) * np.cos(turn)
+    angle = np.arccos(np.clip(cosine, -1.0, 1.0))
+    stretch = np.where(angle > 1e-7, angle / np.maximum(np.sin(angle), 1e-12), 1.0)
+
+    east = stretch * np.cos(latitude) * np.sin(turn)
+    north = math.cos(latitude_0) * np.sin(latitude)
+    north = stretch * (north - math.sin(latitude_0) * np.cos(latitude) * np.cos(turn))
+    return _EARTH_RADIUS_M * east, _EARTH_RADIUS_M * north
+
+
+def _columns(first_line: str) -> dict[str, tuple[int, float]]:
+    """Return place and factor of each column that is read, by what it is."""
+    columns: dict[str, tuple[int, float]] = {}
+    for place, name in enumerate(_cells(first_line)):
+        match = _UNIT_AT_END.search(name.strip())
+        unit = (match[1] or "").lower() if match else ""
+        stem = name.strip()
+        if match and match.start() > 0:
+            stem = stem[: match.start()]
+        stem = re.sub(r"[^a-z]", "", stem.lower())
+        whole = re.sub(r"[^a-z]", "", name.lower())
+
+        for kind, words in _KINDS.items():
+            if kind not in columns and (stem in words or whole in words):
+                columns[kind] = (place, 1e-3 if unit in ("ms", "msec") else 1.0)
+    return columns
+
+
+def _cells(line: str) -> list[str]:
+    delimiter = next((mark for mark in (";", "\t") if mark in line), ",")
+    try:
+        (cells,) = csv.reader([line], delimiter=delimiter)
+    except (csv.Error, ValueError):
+        return []
+    return cells
+
+
+def _body(lines: Sequence[str]) -> list[tuple[int, str]]:
+    return list(enumerate(lines[1:], 2))
+
+
+def _numbers(
+    file: FilePath, number: int, line: str, columns: Mapping[str, tuple[int, float]]
+) -> list[float]:
+    """Return time, latitude, longitude and altitude of one line."""
+    cells = _cells(line)
+    values = []
+    for kind in _KINDS:
+        place, factor = columns[kind]
+        try:
+            value = factor * float(cells[place])
+        except (IndexError, ValueError):
+            value = math.nan
+        if not math.isfinite(value):
+            raise ConfigError(f"{file}, line {number}: it has no number as its {kind}.")
+        values.append(value)
+    return values
+
+
+def _checked(file: FilePath, numbers: Array) -> Places:
+    """Return places (T, 4) that lie on Earth at rising times.
+
+    Raises:
+        ConfigError: they do not.
+    """
+    times_s, latitudes_deg, longitudes_deg, altitudes_m = numbers.T
+    late = np.flatnonzero(np.diff(times_s) <= 0.0)
+    if len(late):
+        raise ConfigError(
+            f"{file}: time does not rise after {times_s[late[0]]:g} s: sort the lines, keep one "
+            "for each time."
+        )
+    if times_s[-1] - times_s[0] > LONGEST_S:
+        raise ConfigError(
+            f"{file}: it lasts {times_s[-1] - times_s[0]:g} s; {LONGEST_S:.0f} s are the longest."
+        )
+    if np.abs(latitudes_deg).max() > 90.0 or np.abs(longitudes_deg).max() > 360.0:
+        raise ConfigError(
+            f"{file}: latitudes lie within -90 and 90, longitudes within -180 and 180 degrees. "
+            "Give degrees with decimals."
+        )
+    return Places(times_s - times_s[0], latitudes_deg, longitudes_deg, altitudes_m)

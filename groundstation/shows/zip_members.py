@@ -1,0 +1,118 @@
+"""Zips of others: opened within limits of members, size and packing."""
+
+from __future__ import annotations
+
+import os
+import struct
+import zipfile
+import zlib
+from pathlib import Path as FilePath
+from pathlib import PurePosixPath
+from typing import BinaryIO
+
+from onboard.config.file_reading import SHOW_FILE, opened
+from onboard.config.fleet import ConfigError
+
+PACKINGS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # others unpack with gigabytes of memory
+_MOST_MEMBERS = 20_000
+
+# The end of a zip says how long its list of members is, of which zipfile makes objects: signature,
+# numbers of disks and members, length and place of the list, length of a comment.
+_ZIP_END = struct.Struct("<4s4H2LH")
+_ZIP_END_SIGNATURE = b"PK\x05\x06"
+_LONGEST_COMMENT = 65_535
+_MEMBER_BYTES = 46  # the least that a member takes in the list
+
+
+def refuse_many_members(name: str, stream: BinaryIO) -> None:
+    """Refuse a zip that lists more members than a show has, before the list is read.
+
+    Raises:
+        ConfigError: it lists more.
+    """
+    size = stream.seek(0, os.SEEK_END)
+    stream.seek(max(0, size - _ZIP_END.size - _LONGEST_COMMENT))
+    tail = stream.read()
+    stream.seek(0)
+
+    begin = tail.rfind(_ZIP_END_SIGNATURE)
+    if begin < 0 or len(tail) < begin + _ZIP_END.size:
+        return  # no zip: zipfile says so
+    *_, count, list_bytes, _, _ = _ZIP_END.unpack_from(tail, begin)
+    if count > _MOST_MEMBERS or list_bytes > 4 * _MEMBER_BYTES * _MOST_MEMBERS:
+        raise ConfigError(
+            f"{name}: it is a zip of more than {_MOST_MEMBERS} members: that is no show. Export it "
+            "again."
+        )
+
+
+def unpack(file: FilePath, folder: FilePath, *, ending: str, most: int, most_bytes: int) -> None:
+    """Write the members of one kind into a folder, under their last names.
+
+    Args:
+        file: the zip.
+        folder: empty, for the members.
+        ending: of the members' names, in small letters.
+        most: members that may be there.
+        most_bytes: that all may have together, unpacked.
+
+    Raises:
+        ConfigError: it is no zip, or truncated, or larger than these limits, or has none.
+    """
+    name = str(file)
+    try:
+        with opened(name, SHOW_FILE) as stream:
+            refuse_many_members(name, stream)
+            with zipfile.ZipFile(stream) as archive:
+                _unpack(name, archive, folder, ending=ending, most=most, most_bytes=most_bytes)
+    except (
+        OSError,
+        zipfile.BadZipFile,
+        zlib.error,
+        EOFError,
+        NotImplementedError,
+        RuntimeError,
+    ) as error:
+        raise ConfigError(
+            f"{name}: this is no zip, or it is truncated ({error}). Export it again."
+        ) from None
+
+
+def _unpack(
+    name: str,
+    archive: zipfile.ZipFile,
+    folder: FilePath,
+    *,
+    ending: str,
+    most: int,
+    most_bytes: int,
+) -> None:
+    members = [
+        member
+        for member in archive.infolist()
+        if member.filename.lower().endswith(ending) and "__MACOSX" not in member.filename
+    ]
+    if not 1 <= len(members) <= most:
+        raise ConfigError(
+            f"{name}: it has {len(members)} members that end in {ending}; 1 to {most} are read, "
+            "one for each drone. Export the show again."
+        )
+
+    left = most_bytes
+    for member in members:
+        last_name = PurePosixPath(member.filename.replace("\\", "/")).name
+        target = folder / last_name
+        if target.exists():
+            raise ConfigError(f"{name}: two of its members are named {last_name}. Rename one.")
+        if member.compress_type not in PACKINGS:
+            raise ConfigError(f"{name}: '{last_name}' is packed in a way that is not read.")
+
+        with archive.open(member) as stream:
+            data = stream.read(left + 1)
+        left -= len(data)
+        if left < 0:
+            raise ConfigError(
+                f"{name}: its members have more than {most_bytes >> 20} MB together. Export the "
+                "show with fewer lines a second."
+            )
+        target.write_bytes(data)
