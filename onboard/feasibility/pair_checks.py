@@ -1,7 +1,7 @@
 """Findings about pairs of vehicles under the law. Pure.
 
-They judge margin, range, delay, lag, kappas, braking and crowding. Each takes its quantity from
-:mod:`onboard.feasibility.bounds` and adds the fleet's values and the sentence.
+They judge margin, range, delay, the inequality, lag, kappas and braking. Each takes its quantity
+from :mod:`onboard.feasibility.bounds` and adds the fleet's values and the sentence.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from onboard.estimation.accuracies import Accuracy
 from onboard.feasibility import bounds
 from onboard.feasibility.bounds import Response
 from onboard.feasibility.finding import Finding, at_least, at_most, worst
+from onboard.feasibility.inequality import inequality_finding
 from onboard.feasibility.vehicle_checks import GUST_M_S2, available_m_s2
 from onboard.types import TICK_S
 
@@ -75,6 +76,7 @@ def pair_findings(fleet: FleetConfig, vehicles: list[Vehicle], accuracy: Accurac
         findings.append(worst(judge(fleet, vehicle, margin_m) for vehicle in vehicles))
 
     if fleet.law.built_in == "covey":
+        findings.append(worst(_inequality(fleet, vehicle, accuracy) for vehicle in vehicles))
         findings.append(worst(_lag(vehicle) for vehicle in vehicles))
     findings.append(worst(_kappas(fleet, vehicle) for vehicle in vehicles))
 
@@ -195,6 +197,16 @@ def _range(fleet: FleetConfig, vehicle: Vehicle, margin_m: float) -> Finding:
             f"with {closing_speed_m_s:.1f} m/s must know of each other {{bound}} apart"
         ),
         remedy="Raise law.range_m by {difference}, or lower max_speed_m_s.",
+    )
+
+
+def _inequality(fleet: FleetConfig, vehicle: Vehicle, accuracy: Accuracy) -> Finding:
+    return inequality_finding(
+        fleet,
+        vehicle,
+        accuracy,
+        margin_m=effective_margin_m(fleet, accuracy),
+        age_s=message_age_s(fleet),
     )
 
 
