@@ -6,8 +6,10 @@ Run like the rest of this folder: ``make test-px4 PX4_BUILD=/path/to/PX4/build/p
 from __future__ import annotations
 
 import math
+import signal
 import subprocess
 import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -40,6 +42,7 @@ _CROSSING_S = 3.0  # into the formation
 _ARM_DISARM = 400  # MAV_CMD
 _FORCE = 21196.0
 _STALL_S = 1.5
+_STAYS_S = 8.0  # that nobody lands after a hold by another ground
 
 
 def _disarm(flight: Flight) -> None:
@@ -60,8 +63,14 @@ def _cut_ground(flight: Flight) -> None:
 
 
 def _hold_by_another_ground(flight: Flight) -> None:
+    """The order stays, and so does the ground of the mission: Ctrl-C there lands all."""
+    assert flight.ground is not None
     words = ("order", "--fleet", flight.fleet.path, "hold", "all")
     subprocess.run([sys.executable, "-m", "groundstation", *words], check=False, timeout=20)
+    time.sleep(_STAYS_S)
+    assert flight.ground.poll() is None
+    assert "Nobody is landed from here; Ctrl-C lands all." in flight.log
+    flight.ground.send_signal(signal.SIGINT)
 
 
 _FAULTS: dict[str, Callable[[Flight], None]] = {
