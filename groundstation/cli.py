@@ -56,6 +56,7 @@ COMMANDS: dict[str, tuple[Command, ...]] = {
     "See": (
         Command("tui", "the console, attached to a fleet", "tui:tui"),
         Command("web", "the fleet in a browser of this computer, live", "web:web"),
+        Command("foxglove", "the fleet live in Foxglove or Lichtblick", "foxglove:foxglove"),
         Command("replay", "a recorded flight in the console", "replay:replay"),
         Command("report", "a recorded flight as a page that plays it", "report:report"),
         Command("log", "recorded flights: list, info, export for other programs", "log:app"),

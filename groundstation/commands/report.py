@@ -3,6 +3,7 @@
 Examples:
   covey report flights/first
   covey report flights/first --compare flights/second
+  covey report flights/first --rehearse
 
 The page is DIR/report.html. Any browser with WebGL2 opens it, without a network:
 the flight in three dimensions with a time line, the verdict, distances with the
@@ -20,6 +21,9 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from groundstation.commands.parameters import File
+from groundstation.flights.flight_settings import prepare
+from groundstation.flights.simulation_settings import SimulationSettings
+from groundstation.recording.writer import RECORD_NAME
 from groundstation.report.flight_page import write_page
 from onboard.config.fleet import ConfigError
 from onboard.exit_status import EXIT_OK
@@ -32,6 +36,7 @@ def report(
     /,
     *,
     compare: Annotated[Path | None, Parameter(metavar="DIR")] = None,
+    rehearse: bool = False,
     fleet: File | None = None,
     out: Annotated[Path | None, Parameter(metavar="FILE")] = None,
 ) -> int:
@@ -40,9 +45,16 @@ def report(
     Args:
         folder: flight folder, or its flight.mcap
         compare: another flight of the same vehicles, shown as ghosts beside this one
+        rehearse: fly the mission of the folder in lockstep first, into DIR/rehearsal, and show
+            that flight as ghosts; it runs a Python mission and a law of one's own
         fleet: fleet file, where none lies beside the record
         out: where to write (default: DIR/report.html)
     """
+    if rehearse:
+        if compare is not None:
+            raise ConfigError("--rehearse and --compare both show ghosts. Give one of them.")
+        compare = _rehearsal(folder)
+
     try:
         written = write_page(folder, out, fleet_path=fleet, compared=compare)
     except OSError as error:
@@ -54,3 +66,35 @@ def report(
         print(note)
     print(f"{written.path} ({written.size / _MB:.1f} MB): open it in a browser.")
     return EXIT_OK
+
+
+def _rehearsal(folder: Path) -> Path:
+    """Return the folder of the mission's flight in lockstep; it is flown if it was not yet."""
+    rehearsal = folder / "rehearsal"
+    if (rehearsal / RECORD_NAME).is_file():
+        return rehearsal
+
+    missions = [folder / name for name in ("mission.toml", "mission.py")]
+    mission = next((path for path in missions if path.is_file()), None)
+    if mission is None:
+        raise ConfigError(
+            f"{folder}: there is no mission file in it to rehearse. Show another flight with"
+            " --compare DIR."
+        )
+
+    # Imported here: who only looks at a record needs nothing of the simulation.
+    from sitl.lockstep.command import fly_mission
+
+    settings = prepare(
+        str(mission),
+        rehearsal.absolute(),
+        fleet_path=str(folder / "fleet.toml"),
+        law=None,
+        is_simulated=True,
+        has_free_ports=False,
+        is_headless=True,
+        simulation=SimulationSettings(is_lockstep=True),
+        needs_ports=False,
+    )
+    fly_mission(settings.mission, settings.folder, settings.simulation)
+    return rehearsal

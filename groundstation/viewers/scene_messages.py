@@ -12,7 +12,8 @@ from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from foxglove_schemas_protobuf.Color_pb2 import Color
@@ -31,8 +32,12 @@ from google.protobuf.timestamp_pb2 import Timestamp
 
 from groundstation.recording.flight import Flight, VehicleFlight, at_times, between_times
 from onboard.arrays import Array
+from onboard.bus.schema import Event
 from onboard.config.fleet_config import FleetConfig, Origin
 from onboard.plain_text import plain_line
+
+PointEnu = tuple[float, float, float]  # metres
+Quaternion = tuple[float, float, float, float]  # wxyz, from body to ENU
 
 FRAME = "fleet"
 TRAIL_S = 8.0
@@ -41,7 +46,7 @@ MAX_GAP_S = 0.5
 _RING_CORNERS = 32
 _CAPSULE_CORNERS = 24
 _EARTH_RADIUS_M = 6_371_000.0  # of the sphere that PX4 projects its local frame from
-_LEVEL = (1.0, 0.0, 0.0, 0.0)
+LEVEL: Quaternion = (1.0, 0.0, 0.0, 0.0)
 # of the figures and the report: they differ also for people with a common colour blindness
 _COLOURS = (
     (0.00, 0.45, 0.70),
@@ -91,7 +96,7 @@ class Motion:
         w, x, y, z = self.quaternions[name][index]
         length = math.sqrt(w * w + x * x + y * y + z * z)
         if not length > 0.5:
-            return _LEVEL
+            return LEVEL
         return float(w / length), float(x / length), float(y / length), float(z / length)
 
 
@@ -107,14 +112,27 @@ def _attitudes(vehicle: VehicleFlight, times_s: Array) -> Array:
 
 
 def frame_transforms(motion: Motion, index: int, stamp_ns: int) -> FrameTransforms:
-    """Return where every vehicle's frame is at one time."""
-    found = FrameTransforms()
+    """Return where every vehicle's frame is at one time of a flight."""
+    poses = {}
     for name in motion.positions_enu_m:
         position = motion.position(name, index)
         if position is not None:
-            found.transforms.append(
-                _transform(name, position, motion.quaternion(name, index), stamp_ns)
-            )
+            poses[name] = (position, motion.quaternion(name, index))
+    return transforms_of(poses, stamp_ns)
+
+
+def transforms_of(
+    poses: Mapping[str, tuple[PointEnu, Quaternion]], stamp_ns: int
+) -> FrameTransforms:
+    """Return a frame for each vehicle.
+
+    Args:
+        poses: position [m] ENU and attitude of each vehicle that is known.
+        stamp_ns: of all of them.
+    """
+    found = FrameTransforms()
+    for name, (position, quaternion) in poses.items():
+        found.transforms.append(_transform(name, position, quaternion, stamp_ns))
     return found
 
 
@@ -128,7 +146,7 @@ def first_transforms(flight: Flight, stamp_ns: int) -> FrameTransforms:
         if len(known_enu_m):
             x, y, z = known_enu_m[0]
             position = (float(x), float(y), float(z))
-        found.transforms.append(_transform(name, position, _LEVEL, stamp_ns))
+        found.transforms.append(_transform(name, position, LEVEL, stamp_ns))
     return found
 
 
@@ -207,8 +225,86 @@ def _capsule(capsule: tuple[float, ...], height_m: float) -> list[Point3]:
     return points
 
 
+class VehicleLook(NamedTuple):
+    """What a vehicle looks like at one time."""
+
+    number: int  # in the fleet; gives its colour
+    name: str
+    position_enu_m: PointEnu
+    quaternion: Quaternion
+    trail_enu_m: Sequence[PointEnu]
+    goal_enu_m: PointEnu | None  # None where it is not known
+    avoided_enu_m: PointEnu | None  # where the vehicle is that the law intervenes for
+
+
+def vehicle_entity(look: VehicleLook, ring_m: float, body_m: float, stamp_ns: int) -> SceneEntity:
+    """Return a vehicle of the scene.
+
+    Args:
+        look: at this time.
+        ring_m: radius of its safety circle; 0 for none.
+        body_m: diameter of its body.
+        stamp_ns: of the time.
+    """
+    colour = _COLOURS[look.number % len(_COLOURS)]
+    position = look.position_enu_m
+    entity = _entity(look.name, stamp_ns)
+
+    # the body: flat, with an arrow for its nose
+    pose = Pose()
+    pose.position.x, pose.position.y, pose.position.z = position
+    rotation = pose.orientation
+    rotation.w, rotation.x, rotation.y, rotation.z = look.quaternion
+    body = entity.cylinders.add(bottom_scale=1.0, top_scale=1.0)
+    body.pose.CopyFrom(pose)
+    body.size.x = body.size.y = body_m
+    body.size.z = 0.08
+    body.color.CopyFrom(_colour(colour, 0.8))
+    nose = entity.arrows.add(
+        shaft_length=0.5 * body_m,
+        shaft_diameter=0.03,
+        head_length=0.1,
+        head_diameter=0.08,
+    )
+    nose.pose.CopyFrom(pose)
+    nose.color.CopyFrom(_colour(colour, 1.0))
+
+    if ring_m > 0.0:
+        ring = entity.lines.add(type=LinePrimitive.LINE_LOOP, thickness=2.0, scale_invariant=True)
+        ring.color.CopyFrom(_colour(colour, 0.7))
+        ring.points.extend(_capsule((*position[:2], *position[:2], ring_m), position[2]))
+
+    if len(look.trail_enu_m) > 1:
+        trail = entity.lines.add(type=LinePrimitive.LINE_STRIP, thickness=2.5, scale_invariant=True)
+        trail.color.CopyFrom(_colour(colour, 0.8))
+        for x, y, z in look.trail_enu_m:
+            # millimetres: what is finer is noise, and does not pack
+            trail.points.add(x=round(x, 3), y=round(y, 3), z=round(z, 3))
+
+    if look.goal_enu_m is not None:
+        goal = entity.spheres.add()
+        goal.pose.position.x, goal.pose.position.y, goal.pose.position.z = look.goal_enu_m
+        goal.pose.orientation.w = 1.0
+        goal.size.x = goal.size.y = goal.size.z = 0.12
+        goal.color.CopyFrom(_colour(colour, 0.5))
+
+    if look.avoided_enu_m is not None:
+        line = entity.lines.add(type=LinePrimitive.LINE_STRIP, thickness=4.0, scale_invariant=True)
+        line.color.CopyFrom(_colour(colour, 1.0))
+        for x, y, z in (position, look.avoided_enu_m):
+            line.points.add(x=x, y=y, z=z)
+
+    label = entity.texts.add(
+        billboard=True, font_size=14.0, scale_invariant=True, text=plain_line(look.name)
+    )
+    label.pose.position.x, label.pose.position.y = position[:2]
+    label.pose.position.z = position[2] + 0.25
+    label.color.CopyFrom(_colour(colour, 1.0))
+    return entity
+
+
 class VehicleScenes:
-    """The moving part of the scene.
+    """The moving part of a recorded flight's scene.
 
     Args:
         flight: the flight.
@@ -241,105 +337,40 @@ class VehicleScenes:
         update = SceneUpdate()
         for number, name in enumerate(self._names):
             position = self._motion.position(name, index)
-            if position is not None:
-                update.entities.append(self._vehicle(number, name, position, index, stamp_ns))
+            if position is None:
+                continue
+            look = VehicleLook(
+                number=number,
+                name=name,
+                position_enu_m=position,
+                quaternion=self._motion.quaternion(name, index),
+                trail_enu_m=self._trail(name, index),
+                goal_enu_m=self._goal(name, index),
+                avoided_enu_m=self._avoided_one(name, index),
+            )
+            update.entities.append(vehicle_entity(look, self._ring_m, self._body_m, stamp_ns))
         return update
 
-    def _vehicle(
-        self,
-        number: int,
-        name: str,
-        position: tuple[float, float, float],
-        index: int,
-        stamp_ns: int,
-    ) -> SceneEntity:
-        colour = _COLOURS[number % len(_COLOURS)]
-        entity = _entity(name, stamp_ns)
-
-        # the body: flat, with an arrow for its nose
-        pose = Pose()
-        pose.position.x, pose.position.y, pose.position.z = position
-        rotation = pose.orientation
-        rotation.w, rotation.x, rotation.y, rotation.z = self._motion.quaternion(name, index)
-        body = entity.cylinders.add(bottom_scale=1.0, top_scale=1.0)
-        body.pose.CopyFrom(pose)
-        body.size.x = body.size.y = self._body_m
-        body.size.z = 0.08
-        body.color.CopyFrom(_colour(colour, 0.8))
-        nose = entity.arrows.add(
-            shaft_length=0.5 * self._body_m,
-            shaft_diameter=0.03,
-            head_length=0.1,
-            head_diameter=0.08,
-        )
-        nose.pose.CopyFrom(pose)
-        nose.color.CopyFrom(_colour(colour, 1.0))
-
-        if self._ring_m > 0.0:
-            ring = entity.lines.add(
-                type=LinePrimitive.LINE_LOOP, thickness=2.0, scale_invariant=True
-            )
-            ring.color.CopyFrom(_colour(colour, 0.7))
-            ring.points.extend(_capsule((*position[:2], *position[:2], self._ring_m), position[2]))
-        self._add_trail(entity, name, index, colour)
-        self._add_goal(entity, name, index, colour)
-        self._add_avoided(entity, name, position, index, colour)
-
-        label = entity.texts.add(
-            billboard=True, font_size=14.0, scale_invariant=True, text=plain_line(name)
-        )
-        label.pose.position.x, label.pose.position.y = position[:2]
-        label.pose.position.z = position[2] + 0.25
-        label.color.CopyFrom(_colour(colour, 1.0))
-        return entity
-
-    def _add_trail(
-        self, entity: SceneEntity, name: str, index: int, colour: tuple[float, float, float]
-    ) -> None:
+    def _trail(self, name: str, index: int) -> list[PointEnu]:
         step_s = self._motion.times_s[1] - self._motion.times_s[0] if index else TRAIL_STEP_S
         stride = max(1, round(TRAIL_STEP_S / step_s))
         begin = max(0, index - round(TRAIL_S / step_s))
         path_enu_m = self._motion.positions_enu_m[name][begin : index + 1 : stride]
         path_enu_m = path_enu_m[np.isfinite(path_enu_m).all(-1)]
-        if len(path_enu_m) < 2:
-            return
-        trail = entity.lines.add(type=LinePrimitive.LINE_STRIP, thickness=2.5, scale_invariant=True)
-        trail.color.CopyFrom(_colour(colour, 0.8))
-        for x, y, z in path_enu_m:
-            # millimetres: what is finer is noise, and does not pack
-            trail.points.add(x=round(float(x), 3), y=round(float(y), 3), z=round(float(z), 3))
+        return [(float(x), float(y), float(z)) for x, y, z in path_enu_m]
 
-    def _add_goal(
-        self, entity: SceneEntity, name: str, index: int, colour: tuple[float, float, float]
-    ) -> None:
+    def _goal(self, name: str, index: int) -> PointEnu | None:
         x, y, z = self._goals_enu_m[name][index]
         if math.isnan(x) or math.isnan(y) or math.isnan(z):
-            return
-        goal = entity.spheres.add()
-        goal.pose.position.x, goal.pose.position.y, goal.pose.position.z = x, y, z
-        goal.pose.orientation.w = 1.0
-        goal.size.x = goal.size.y = goal.size.z = 0.12
-        goal.color.CopyFrom(_colour(colour, 0.5))
+            return None
+        return float(x), float(y), float(z)
 
-    def _add_avoided(
-        self,
-        entity: SceneEntity,
-        name: str,
-        position: tuple[float, float, float],
-        index: int,
-        colour: tuple[float, float, float],
-    ) -> None:
-        """Add a line to the vehicle that the law intervenes for."""
+    def _avoided_one(self, name: str, index: int) -> PointEnu | None:
+        """Return where the vehicle is that the law intervenes for."""
         number = self._avoided[name][index]
         if not number >= 0.0:
-            return
-        other = self._motion.position(self._names[int(number)], index)
-        if other is None:
-            return
-        line = entity.lines.add(type=LinePrimitive.LINE_STRIP, thickness=4.0, scale_invariant=True)
-        line.color.CopyFrom(_colour(colour, 1.0))
-        for x, y, z in (position, other):
-            line.points.add(x=x, y=y, z=z)
+            return None
+        return self._motion.position(self._names[int(number)], index)
 
 
 def _entity(name: str, stamp_ns: int) -> SceneEntity:
@@ -353,7 +384,21 @@ def _entity(name: str, stamp_ns: int) -> SceneEntity:
 
 
 def positions(motion: Motion, index: int, stamp_ns: int) -> PointCloud:
-    """Return all vehicles as points, which also viewers without scenes show."""
+    """Return all vehicles of a flight as points at one time."""
+    known = [
+        (number, motion.position(name, index)) for number, name in enumerate(motion.positions_enu_m)
+    ]
+    points = {number: position for number, position in known if position is not None}
+    return cloud_of(points, stamp_ns)
+
+
+def cloud_of(points: Mapping[int, PointEnu], stamp_ns: int) -> PointCloud:
+    """Return vehicles as points, which also viewers without scenes show.
+
+    Args:
+        points: position [m] ENU of each vehicle that is known, by its number.
+        stamp_ns: of all of them.
+    """
     cloud = PointCloud(frame_id=FRAME, point_stride=16)
     cloud.timestamp.CopyFrom(timestamp(stamp_ns))
     cloud.pose.orientation.w = 1.0
@@ -363,11 +408,9 @@ def positions(motion: Motion, index: int, stamp_ns: int) -> PointCloud:
         cloud.fields.add(name=name, offset=12 + number, type=PackedElementField.UINT8)
 
     data = bytearray()
-    for number, name in enumerate(motion.positions_enu_m):
-        position = motion.position(name, index)
-        if position is not None:
-            red, green, blue = (round(255 * part) for part in _COLOURS[number % len(_COLOURS)])
-            data += struct.pack("<fff4B", *position, red, green, blue, 255)
+    for number, position in points.items():
+        red, green, blue = (round(255 * part) for part in _COLOURS[number % len(_COLOURS)])
+        data += struct.pack("<fff4B", *position, red, green, blue, 255)
     cloud.data = bytes(data)
     return cloud
 
@@ -375,13 +418,18 @@ def positions(motion: Motion, index: int, stamp_ns: int) -> PointCloud:
 def log_lines(flight: Flight) -> Iterator[tuple[float, Log]]:
     """Yield events and orders as lines of a log, with their times [s]."""
     for time_s, event in flight.events:
-        line = Log(level=_LEVELS.get(event.severity, Log.INFO), name=plain_line(event.vehicle))
-        line.message = plain_line(f"{event.code}: {event.sentence}")
-        yield time_s, line
+        yield time_s, event_line(event)
     for order in flight.orders:
         line = Log(level=Log.INFO, name=plain_line(order.vehicle))
         line.message = plain_line(f"order: {order.text}; {order.answer}; {order.end}")
         yield order.at_s, line
+
+
+def event_line(event: Event) -> Log:
+    """Return an event as a line of a log, without its time."""
+    line = Log(level=_LEVELS.get(event.severity, Log.INFO), name=plain_line(event.vehicle))
+    line.message = plain_line(f"{event.code}: {event.sentence}")
+    return line
 
 
 def location_fix(

@@ -147,6 +147,18 @@ def test_the_layout_shows_topics_that_are_there(folder: Path) -> None:
     assert layout["configById"]["RosOut!covey"]["topicToRender"] in found
 
 
+def test_the_layout_of_foxglove_is_what_its_own_library_writes(folder: Path) -> None:
+    pytest.importorskip("foxglove")
+    from tests.groundstation.viewers.foxglove_layout import PATH, layout
+
+    text = PATH.read_text(encoding="utf-8")
+    assert text == layout(), "write it anew: python -m tests.groundstation.viewers.foxglove_layout"
+    topics = set(read(write_viewer_record(folder)))
+    for topic in ("/scene", "/scene/static", "/positions", "/log"):
+        assert topic in topics
+        assert f'"{topic}"' in text
+
+
 def test_the_command_writes_it_beside_the_record(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

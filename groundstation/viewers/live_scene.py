@@ -1,0 +1,127 @@
+"""A flying fleet as messages of Foxglove's schemas: the same topics as a record for viewers has."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from typing import Any
+
+from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
+
+from groundstation.fleet.state import FleetState, VehicleView
+from groundstation.viewers.scene_messages import (
+    LEVEL,
+    TRAIL_S,
+    TRAIL_STEP_S,
+    PointEnu,
+    Quaternion,
+    VehicleLook,
+    cloud_of,
+    location_fix,
+    transforms_of,
+    vehicle_entity,
+)
+from onboard.config.fleet import FleetConfig
+
+_NOT_HELD_BACK = ("", "inactive")  # words of the law's status
+
+
+class LiveScene:
+    """The moving part of the scene, and the trails that it remembers.
+
+    Args:
+        fleet: the fleet file.
+    """
+
+    def __init__(self, fleet: FleetConfig) -> None:
+        self._fleet = fleet
+        points = round(TRAIL_S / TRAIL_STEP_S)
+        self._trails: dict[str, deque[PointEnu]] = {
+            name: deque(maxlen=points) for name in fleet.enabled_names
+        }
+        self._trailed_ns = 0  # when the trails were lengthened last
+
+    def messages(self, state: FleetState, now_ns: int, stamp_ns: int) -> list[tuple[str, Any]]:
+        """Return the fleet as it is now, as topics and messages of protobuf.
+
+        Args:
+            state: as the ground knows it.
+            now_ns: the ground's clock [ns].
+            stamp_ns: that the messages bear.
+        """
+        known: dict[str, PointEnu] = {}
+        for name in self._fleet.enabled_names:
+            view = state.vehicles.get(name)
+            position = None if view is None else view.position_enu_m(now_ns)
+            if position is not None and all(map(math.isfinite, position)):
+                known[name] = position
+        self._lengthen_trails(known, now_ns)
+
+        numbers = {name: number for number, name in enumerate(self._fleet.enabled_names)}
+        poses = {
+            name: (position, _attitude(state.vehicles[name], now_ns))
+            for name, position in known.items()
+        }
+
+        scene = SceneUpdate()
+        section = self._fleet.fleet
+        for name, (position, quaternion) in poses.items():
+            look = VehicleLook(
+                number=numbers[name],
+                name=name,
+                position_enu_m=position,
+                quaternion=quaternion,
+                trail_enu_m=list(self._trails[name]),
+                goal_enu_m=_goal(state.vehicles[name]),
+                avoided_enu_m=known.get(_avoided(state.vehicles[name])),
+            )
+            entity = vehicle_entity(
+                look, section.safety_distance_m / 2.0, section.body_diameter_m, stamp_ns
+            )
+            scene.entities.append(entity)
+
+        points = {numbers[name]: position for name, position in known.items()}
+        found: list[tuple[str, Any]] = [
+            ("/tf", transforms_of(poses, stamp_ns)),
+            ("/scene", scene),
+            ("/positions", cloud_of(points, stamp_ns)),
+        ]
+        if section.global_origin is not None:
+            for name, position in known.items():
+                fix = location_fix(position, section.global_origin, stamp_ns)
+                found.append((f"/fix/{name}", fix))
+        return found
+
+    def _lengthen_trails(self, known: dict[str, PointEnu], now_ns: int) -> None:
+        if now_ns - self._trailed_ns < TRAIL_STEP_S * 1e9:
+            return
+        self._trailed_ns = now_ns
+        for name, position in known.items():
+            self._trails[name].append(position)
+
+
+def _attitude(view: VehicleView, now_ns: int) -> Quaternion:
+    """Return a vehicle's attitude: the true one in simulation, else its heading."""
+    if view.truth is not None and view.has_truth(now_ns):
+        w, x, y, z = view.truth.quaternion_enu_flu_wxyz
+        return w, x, y, z
+    if view.telemetry is None or not math.isfinite(view.telemetry.yaw_deg):
+        return LEVEL
+    half_yaw_rad = math.radians(view.telemetry.yaw_deg) / 2.0
+    return math.cos(half_yaw_rad), 0.0, 0.0, math.sin(half_yaw_rad)
+
+
+def _goal(view: VehicleView) -> PointEnu | None:
+    if view.telemetry is None or not view.is_airborne:
+        return None
+    x, y, z = view.telemetry.goal_position_enu_m
+    if not all(map(math.isfinite, (x, y, z))):
+        return None
+    return x, y, z
+
+
+def _avoided(view: VehicleView) -> str:
+    """Return the vehicle that the law intervenes for; nothing when it does not."""
+    if view.telemetry is None or view.telemetry.law_status.lower() in _NOT_HELD_BACK:
+        return ""
+    return view.telemetry.avoids or view.telemetry.nearest_vehicle

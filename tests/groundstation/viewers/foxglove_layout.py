@@ -1,0 +1,59 @@
+"""The layout for Foxglove, written by its own library: ``python -m`` this module writes it anew."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import foxglove.layouts as fl
+
+import groundstation.viewers
+
+PATH = Path(groundstation.viewers.__file__).parent / "layouts" / "foxglove.json"
+NAMES = ("mav0", "mav1", "mav2")
+
+
+def layout() -> str:
+    """Return scene, log and two plots, as Foxglove imports them."""
+    scene = fl.ThreeDeePanel(
+        title="Fleet",
+        config=fl.ThreeDeeConfig(
+            follow_tf="fleet",
+            follow_mode="follow-none",
+            layers={"grid": fl.BaseRendererGridLayerSettings()},
+            topics={
+                "/scene": fl.BaseRendererSceneUpdateTopicSettings(visible=True),
+                "/scene/static": fl.BaseRendererSceneUpdateTopicSettings(visible=True),
+                "/positions": fl.BaseRendererPointCloudTopicSettings(visible=False),
+            },
+        ),
+    )
+    log = fl.LogPanel(config=fl.LogConfig(topic_to_render="/log", min_log_level=2))
+    right = fl.SplitContainer(
+        direction="column",
+        items=[
+            fl.SplitItem(
+                content=_plot(
+                    "Distance to the nearest vehicle [m]", "telemetry", "nearest_distance_m"
+                )
+            ),
+            fl.SplitItem(content=_plot("What the law changes [m/s²]", "tick", "intervention_m_s2")),
+            fl.SplitItem(content=log),
+        ],
+    )
+    content = fl.SplitContainer(
+        direction="row",
+        items=[fl.SplitItem(proportion=2, content=scene), fl.SplitItem(content=right)],
+    )
+    return json.dumps(json.loads(fl.Layout(content=content).to_json()), indent=2) + "\n"
+
+
+def _plot(title: str, topic: str, field: str) -> fl.PlotPanel:
+    paths = [
+        fl.PlotSeries(value=f'"{topic}/{name}".{field}', label=name, enabled=True) for name in NAMES
+    ]
+    return fl.PlotPanel(title=title, config=fl.PlotConfig(paths=paths, show_legend=True))
+
+
+if __name__ == "__main__":
+    PATH.write_text(layout(), encoding="utf-8")

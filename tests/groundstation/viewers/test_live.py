@@ -1,0 +1,150 @@
+"""A flying fleet for viewers: the topics of a record, over the socket that they read."""
+
+from __future__ import annotations
+
+import asyncio
+import base64
+import contextlib
+import json
+import math
+import struct
+from types import SimpleNamespace
+from typing import Any
+
+import aiohttp
+import pytest
+
+pytest.importorskip("foxglove")
+pytest.importorskip("mcap_protobuf")
+
+from mcap_protobuf.decoder import DecoderFactory
+
+from groundstation.viewers.live_scene import LiveScene
+from groundstation.viewers.live_server import LiveServer
+from groundstation.viewers.scene_messages import static_scene
+from onboard.bus.schema import Telemetry
+from onboard.config.fleet import ConfigError
+from tests.groundstation.console.scenes import SteadyClient, crowd, fly
+
+NOW_NS = 1_700_000_000_000_000_000
+
+
+def flying(count: int = 3) -> SteadyClient:
+    client = SteadyClient(crowd(count, "mav{}", 8.0))
+    fly(client, 1.0)
+    return client
+
+
+def scene_of(client: SteadyClient, scene: LiveScene) -> dict[str, Any]:
+    return dict(scene.messages(client.state, client.now_ns(), NOW_NS))
+
+
+def test_a_fleet_has_frames_scene_and_points() -> None:
+    client = flying()
+    found = scene_of(client, LiveScene(client.fleet))
+
+    assert set(found) == {"/tf", "/scene", "/positions"}
+    assert [one.child_frame_id for one in found["/tf"].transforms] == ["mav0", "mav1", "mav2"]
+    assert {one.parent_frame_id for one in found["/tf"].transforms} == {"fleet"}
+    assert [one.id for one in found["/scene"].entities] == ["mav0", "mav1", "mav2"]
+    x, y, _ = struct.unpack_from("<fff", found["/positions"].data)
+    view = client.state.vehicles["mav0"]
+    assert view.telemetry is not None
+    assert (x, y) == pytest.approx(view.telemetry.position_enu_m[:2], abs=0.2)
+
+
+def test_a_trail_follows_and_a_vehicle_that_is_not_known_is_left_out() -> None:
+    client = flying()
+    scene = LiveScene(client.fleet)
+    scene_of(client, scene)
+    client.clock_ns += 500_000_000
+    fly(client, 1.5)
+    client.hear("mav1", position_enu_m=(math.nan, 0.0, 1.0))
+    found = scene_of(client, scene)
+
+    entities = {one.id: one for one in found["/scene"].entities}
+    assert set(entities) == {"mav0", "mav2"}
+    trails = [line for line in entities["mav0"].lines if len(line.points) == 2]
+    assert trails
+
+
+async def served(server: LiveServer, port: int, topic: str) -> tuple[dict[str, Any], bytes]:
+    """What a viewer gets of a topic: the channel as it is advertised, and a message."""
+    url = f"ws://127.0.0.1:{port}"
+    async with (
+        aiohttp.ClientSession() as http,
+        http.ws_connect(url, protocols=("foxglove.sdk.v1",)) as socket,
+    ):
+        channels: dict[str, dict[str, Any]] = {}
+        while topic not in channels:
+            said = json.loads((await socket.receive(timeout=10.0)).data)
+            for channel in said.get("channels", ()):
+                channels[channel["topic"]] = channel
+
+        wanted = {"id": 7, "channelId": channels[topic]["id"]}
+        await socket.send_json({"op": "subscribe", "subscriptions": [wanted]})
+        async with asyncio.timeout(20.0):
+            while True:
+                put_all(server)
+                with contextlib.suppress(TimeoutError):
+                    said_data = await socket.receive(timeout=0.2)
+                    if said_data.type is aiohttp.WSMsgType.BINARY:
+                        data: bytes = said_data.data
+                        return channels[topic], data
+
+
+def put_all(server: LiveServer) -> None:
+    client = flying()
+    for topic, content in LiveScene(client.fleet).messages(client.state, client.now_ns(), NOW_NS):
+        server.put(topic, content, NOW_NS)
+    server.put("/scene/static", static_scene(client.fleet, NOW_NS), NOW_NS)
+    server.put_json("telemetry/mav0", Telemetry, b'{"vehicle": "mav0"}', NOW_NS)
+
+
+@pytest.mark.realtime
+@pytest.mark.parametrize("topic", ["/tf", "/scene", "/scene/static", "/positions"])
+async def test_each_topic_decodes_by_the_schema_that_is_advertised(topic: str) -> None:
+    server = LiveServer("test")
+    port = server.start("127.0.0.1", 0)
+    try:
+        put_all(server)
+        channel, data = await served(server, port, topic)
+    finally:
+        server.stop()
+
+    opcode, subscription, stamp_ns = struct.unpack_from("<BIQ", data)
+    assert (opcode, subscription, stamp_ns) == (1, 7, NOW_NS)
+    schema = SimpleNamespace(
+        id=1,
+        name=channel["schemaName"],
+        encoding=channel["schemaEncoding"],
+        data=base64.b64decode(channel["schema"]),
+    )
+    decode = DecoderFactory().decoder_for("protobuf", schema)
+    assert decode is not None
+    content = decode(data[struct.calcsize("<BIQ") :])
+    assert len(getattr(content, "transforms", None) or getattr(content, "entities", None) or "x")
+
+
+@pytest.mark.realtime
+async def test_the_fleets_own_messages_go_out_as_they_are() -> None:
+    server = LiveServer("test")
+    port = server.start("127.0.0.1", 0)
+    try:
+        put_all(server)
+        channel, data = await served(server, port, "telemetry/mav0")
+    finally:
+        server.stop()
+    assert channel["schemaName"] == "covey.Telemetry"
+    assert data.endswith(b'{"vehicle": "mav0"}')
+
+
+@pytest.mark.realtime
+async def test_a_port_that_is_taken_is_refused_in_a_sentence() -> None:
+    first = LiveServer("test")
+    port = first.start("127.0.0.1", 0)
+    try:
+        with pytest.raises(ConfigError, match="cannot be opened"):
+            await asyncio.to_thread(LiveServer("test").start, "127.0.0.1", port)
+    finally:
+        first.stop()
