@@ -15,12 +15,14 @@
   const { element, replace, table, number, clock } = Covey;
   const KEPT_S = 600;
   const MOST_EVENTS = 200;
+  const MOST_ALARMS = 6;
   const MOST_CARDS = 8;
   const RECONNECT_MS = 1000;
   const SILENT_MS = 1500; // without a state: the page says so
 
   const byId = (id) => document.getElementById(id);
   const aimed = new Set(); // names that the next order reaches; none: all
+  const seen = new Set(); // alarms that somebody has acknowledged on this page
   const cards = new Map(); // number -> card
   const states = []; // of the last ten minutes
   let fleet = null;
@@ -29,6 +31,8 @@
   let back_s = 0; // 0: now
   let lastState_ms = 0;
   let isDirty = false;
+  let areCardsDirty = false;
+  let isPressed = false; // a finger or a button of the mouse is down
 
   // -- the socket ------------------------------------------------------------------------------------
 
@@ -98,6 +102,12 @@
     isDirty = false;
 
     scene.draw(state, aimed, newestPreview());
+    if (isPressed) {
+      // A button that is replaced between press and release is never clicked.
+      isDirty = true;
+      return;
+    }
+    if (areCardsDirty) showCards();
     showVehicles(state);
     showTop(state);
     showAlarms(state);
@@ -204,17 +214,54 @@
   }
 
   function showAlarms(state) {
-    const lines = state.alarms.slice(0, 6).map((alarm) =>
-      element(
-        "div",
-        { className: `alarm ${alarm.severity}` },
-        element("strong", {}, alarm.sentence),
-        ` for ${number(alarm.for_s, 0, "s")}. ${alarm.advice}`,
-      ),
-    );
-    const hidden = state.alarms.length - lines.length;
+    const holding = new Set(state.alarms.map(alarmKey));
+    // one that is over and comes again is a new one
+    if (back_s === 0) for (const key of seen) if (!holding.has(key)) seen.delete(key);
+
+    const open = state.alarms.filter((alarm) => !seen.has(alarmKey(alarm)));
+    const acknowledged = state.alarms.filter((alarm) => seen.has(alarmKey(alarm)));
+    const lines = open.slice(0, MOST_ALARMS).map(alarmLine);
+    const hidden = open.length - lines.length;
     if (hidden > 0) lines.push(element("div", { className: "soft" }, `and ${hidden} more`));
-    replace(byId("alarms"), lines);
+    if (acknowledged.length) {
+      const sentences = acknowledged.map((alarm) => `✓ ${alarm.sentence}`);
+      lines.push(element("div", { className: "soft" }, sentences.join(" · ")));
+    }
+    replaceKeepingFocus(byId("alarms"), lines);
+  }
+
+  function alarmKey(alarm) {
+    return `${alarm.kind} ${alarm.subject}`;
+  }
+
+  function alarmLine(alarm) {
+    const key = alarmKey(alarm);
+    const acknowledge = {
+      type: "button",
+      className: "seen",
+      dataset: { alarm: key },
+      title: "acknowledge: it stays in one line until it is over",
+      on: {
+        click: () => {
+          seen.add(key);
+          isDirty = true;
+        },
+      },
+    };
+    return element(
+      "div",
+      { className: `alarm ${alarm.severity}` },
+      element("button", acknowledge, "✓"),
+      element("strong", {}, alarm.sentence),
+      ` for ${number(alarm.for_s, 0, "s")}. ${alarm.advice}`,
+    );
+  }
+
+  /* Puts new lines into the place of those before; the button that had the focus has it again. */
+  function replaceKeepingFocus(parent, lines) {
+    const key = document.activeElement?.dataset?.alarm;
+    replace(parent, lines);
+    if (key) parent.querySelector(`[data-alarm="${CSS.escape(key)}"]`)?.focus();
   }
 
   function addEvent(event) {
@@ -276,7 +323,7 @@
 
   function addCard(card) {
     cards.set(card.number, card);
-    showCards();
+    areCardsDirty = true;
     isDirty = true;
   }
 
@@ -286,6 +333,7 @@
   }
 
   function showCards() {
+    areCardsDirty = false;
     const newest = [...cards.values()].sort((a, b) => b.number - a.number).slice(0, MOST_CARDS);
     replace(byId("cards"), newest.map(cardOf));
   }
@@ -371,6 +419,10 @@
         byId("order_line").focus();
       }
     });
+    addEventListener("pointerdown", () => (isPressed = true), true);
+    for (const end of ["pointerup", "pointercancel", "blur"]) {
+      addEventListener(end, () => (isPressed = false), true);
+    }
     addEventListener("resize", () => {
       isDirty = true;
     });

@@ -180,6 +180,7 @@ def _separation(separation: Separation | None) -> Message | None:
 def _alarm(line: AlarmLine, now_ns: int) -> Message:
     alarm = line.alarm
     return {
+        "kind": alarm.kind.value,
         "subject": plain_line(alarm.subject),
         "severity": alarm.severity,
         "sentence": plain_line(alarm.sentence)[:_MOST_TEXT],
