@@ -261,7 +261,8 @@ INJECTIONS: tuple[Injection, ...] = (
     Injection(
         "battery cell fails",
         fault("battery_cell", drop_pct=80.0),
-        _f(C.BATTERY_LOW, C.BATTERY_FALLING, C.BATTERY_WARNING),
+        # PX4's own failsafe may be the first to act on it
+        _f(C.BATTERY_LOW, C.BATTERY_FALLING, C.BATTERY_WARNING, C.PX4_FAILSAFE),
     ),
     Injection(
         "motor weak", fault("motor_weak", 3.0, motor=2.0, effectiveness=0.85), is_astray=True
