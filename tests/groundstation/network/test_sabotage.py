@@ -1,13 +1,17 @@
-"""``covey check attack`` notices when a defence is switched off: each sabotage lets its tries in.
+"""Each proof of docs/threats.md turns red when its defence is switched off.
 
-The agents of the attacked copy are processes of their own. Each of them loads a file with the
-sabotage when Python starts (``sitecustomize``), so that the code that flies is the code that is
-tested, less one door.
+Where ``covey check attack`` is the proof, the sabotage lets its tries in: the agents of the
+attacked copy are processes of their own. Where tests are the proof, they fail. Each process loads a
+file with the sabotage when Python starts (``sitecustomize``), so that the code that flies is the
+code that is tested, less one door.
 """
 
 from __future__ import annotations
 
 import json
+import os
+import subprocess
+import sys
 import textwrap
 from pathlib import Path
 from typing import NamedTuple
@@ -17,6 +21,8 @@ import pytest
 from groundstation.cli import main
 from groundstation.network.denials import DENIED
 from onboard.security.node_roles import GRANTS, NodeRole
+
+ROOT = Path(__file__).parents[3]
 
 
 class Sabotage(NamedTuple):
@@ -104,6 +110,136 @@ SABOTAGES = {
 }
 
 
+class SabotagedTest(NamedTuple):
+    """A defence that is switched off, and a test that fails then."""
+
+    patch: str
+    test: str  # file and name
+    fails: int = 1  # of its cases, at least
+
+
+_LOCKED_BUS = "tests/onboard/security/test_locked_bus.py"
+_MAVLINK_RELAY = "tests/onboard/px4/test_mavlink_relay.py"
+
+SABOTAGED_TESTS = {
+    "the signature of an order, on the bus": SabotagedTest(
+        patch="""
+            from onboard.security import order_signature
+            order_signature.SealCheck.refusal = lambda *arguments: None
+        """,
+        test=f"{_LOCKED_BUS}::test_an_order_of_the_grounds_own_link_is_taken_only_as_the_ground"
+        "_has_signed_it",
+        fails=6,
+    ),
+    "what a role may publish, on the bus": SabotagedTest(
+        patch="""
+            from onboard.bus.topics import Topic
+            from onboard.security.node_roles import GRANTS
+            for grant in GRANTS.values():
+                for topic in Topic:
+                    grant.publishes[topic] = ("*",)
+        """,
+        test=f"{_LOCKED_BUS}::test_what_each_holder_of_a_key_may_publish_read_and_order",
+        fails=5,
+    ),
+    "one right too many": SabotagedTest(
+        patch="""
+            from onboard.bus.topics import Topic
+            from onboard.security.node_roles import GRANTS, NodeRole
+            GRANTS[NodeRole.VEHICLE].publishes[Topic.STATE] = ("*",)
+        """,
+        test=f"{_LOCKED_BUS}::test_what_each_holder_of_a_key_may_publish_read_and_order",
+    ),
+    "who opens a link, on the bus": SabotagedTest(
+        patch="""
+            from onboard.bus import settings
+            settings._security = lambda given: []
+        """,
+        test=f"{_LOCKED_BUS}::test_nobody_without_a_key_of_this_authority_is_heard_or_hears",
+    ),
+    "the signature of an order": SabotagedTest(
+        patch="""
+            from onboard.security import order_signature
+            order_signature.SealCheck.refusal = lambda *arguments: None
+        """,
+        test="tests/onboard/security/test_order_signature.py",
+        fails=4,
+    ),
+    "the limit of false signatures": SabotagedTest(
+        patch="""
+            from onboard.security.order_signature import SealCheck
+            fault = SealCheck._fault
+            SealCheck._fault_unless_flood = lambda self, node, *order: fault(self, *order)
+        """,
+        test="tests/onboard/security/test_order_signature.py::test_false_orders_in_a_flood_are_not"
+        "_looked_at_and_keep_no_true_ground_from_ordering",
+    ),
+    "an order once, new, and for one start": SabotagedTest(
+        patch="""
+            from onboard.agent import order_gate
+            order_gate.OrderGate.refusal = lambda *arguments, **options: None
+        """,
+        test="tests/onboard/agent/test_order_gate.py",
+        fails=5,
+    ),
+    "a word that cannot be true": SabotagedTest(
+        patch="""
+            from onboard.neighbours.plausibility import PlausibilityMonitor
+            PlausibilityMonitor.look = lambda *arguments: None
+        """,
+        test="tests/sitl/lockstep/test_liars.py::test_a_liar_is_named_and_kept_off",
+        fails=3,
+    ),
+    "nobody waits for who reads nothing": SabotagedTest(
+        patch="""
+            from onboard.bus import sockets
+            sockets.let_all_close_at_once = lambda: 0
+        """,
+        test="tests/onboard/bus/test_hung_peers.py::test_listeners_that_hang_hold_up_nobody",
+        fails=2,
+    ),
+    "PX4's own ids": SabotagedTest(
+        patch="""
+            from onboard.px4.mavlink_relay import MavlinkRelay
+            judge = MavlinkRelay._judge
+            def every_id(self, packet, address):
+                own = packet._replace(system_id=self._ids.system, component_id=1)
+                judge(self, own, address)
+            MavlinkRelay._judge = every_id
+        """,
+        test=f"{_MAVLINK_RELAY}::test_only_the_first_autopilot_with_the_right_ids_is_heard_and_all"
+        "_else_is_counted",
+    ),
+    "PX4's own address": SabotagedTest(
+        patch="""
+            from onboard.px4 import mavlink_relay
+            mavlink_relay._ANOTHER_NS = -1
+        """,
+        test=f"{_MAVLINK_RELAY}::test_only_the_first_autopilot_with_the_right_ids_is_heard_and_all"
+        "_else_is_counted",
+    ),
+    "the key of MAVLink": SabotagedTest(
+        patch="""
+            from onboard.px4.mavlink_relay import MavlinkRelay
+            MavlinkRelay._is_fresh = lambda *arguments: True
+        """,
+        test=f"{_MAVLINK_RELAY}::test_a_relay_with_a_key_hears_what_is_freshly_signed_and_signs"
+        "_what_it_sends",
+    ),
+    "a new authority": SabotagedTest(
+        patch="""
+            from groundstation.keys import secured_fleet
+            def renew_with_the_former(fleet, now):
+                former = secured_fleet.load_authority(secured_fleet.folder_of(fleet))
+                secured_fleet.issue_all(fleet, former, secured_fleet.nodes_of(fleet), now)
+                return secured_fleet.nodes_of(fleet)
+            secured_fleet.renew_authority = renew_with_the_former
+        """,
+        test="tests/groundstation/keys/test_keys.py::test_a_new_authority_locks_out_every_older_key",
+    ),
+}
+
+
 @pytest.mark.long
 @pytest.mark.timeout(600)
 @pytest.mark.parametrize("name", SABOTAGES)
@@ -114,9 +250,7 @@ def test_a_defence_that_is_switched_off_is_noticed(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     sabotage = SABOTAGES[name]
-    patch = textwrap.dedent(sabotage.patch)
-    (tmp_path / "sitecustomize.py").write_text(patch, encoding="utf-8")
-    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    monkeypatch.setenv("PYTHONPATH", _sabotaged(sabotage.patch, tmp_path))
 
     status = main(["attack", "paper", "--json", "--only", sabotage.only])
 
@@ -125,6 +259,30 @@ def test_a_defence_that_is_switched_off_is_noticed(
     for part in sabotage.gets_in:
         assert any(part in one for one in got_in), (part, report["tries"])
     assert status == 1
+
+
+@pytest.mark.long
+@pytest.mark.timeout(600)
+@pytest.mark.parametrize("name", SABOTAGED_TESTS)
+def test_a_test_of_a_defence_fails_without_it(name: str, tmp_path: Path) -> None:
+    sabotaged = SABOTAGED_TESTS[name]
+    run = subprocess.run(
+        [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-m", "not long", "-rf",
+         sabotaged.test],
+        cwd=ROOT,
+        env={**os.environ, "PYTHONPATH": _sabotaged(sabotaged.patch, tmp_path)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )  # fmt: skip
+    failed = [line for line in run.stdout.splitlines() if line.startswith("FAILED ")]
+    assert len(failed) >= sabotaged.fails, run.stdout[-3000:]
+
+
+def _sabotaged(patch: str, folder: Path) -> str:
+    """Return a folder for PYTHONPATH whose code is run by every process of Python."""
+    (folder / "sitecustomize.py").write_text(textwrap.dedent(patch), encoding="utf-8")
+    return str(folder)
 
 
 def test_no_role_is_granted_what_its_key_must_not_publish() -> None:

@@ -92,8 +92,9 @@ class Fleet:
 
     def talk(self) -> None:
         """One tick of an agent: its state arrives, and so do an event and the ticks that go with it
-        now and then.
+        now and then. Neither the agent nor its message is held up.
         """
+        begin_s = time.monotonic()
         self._sent += 1
         self.talker.publish(Topic.STATE, "mav0", state(self._sent))
         if self._sent % 10 == 0:
@@ -107,6 +108,7 @@ class Fleet:
             self.talker.publish(Topic.EVENT, "mav0", event)
         time.sleep(_PERIOD_S)
         assert until(self._has_arrived, _HELD_UP_S)
+        assert time.monotonic() - begin_s < _HELD_UP_S
 
     def _has_arrived(self) -> bool:
         self.hearer.deliver()
