@@ -11,6 +11,11 @@ looked at (:func:`_look_at`), and the state that follows is explored in turn. So
 events is covered, of two, three and any other number. Conditions that hold at once lead to the
 action of one of them (:func:`combined_actions`).
 
+An :class:`Answer` is all that an event changes: the next state, what is sent to PX4 and told to
+people, the goal and the reason. A row that is taken out is noticed when one of the states that used
+it answers otherwise without it (:func:`difference_without_row`,
+:func:`difference_without_condition`).
+
 Of the continuous quantities each state keeps one representative: the times and heights of the
 sequence that found it first.
 """
@@ -20,21 +25,26 @@ from __future__ import annotations
 import copy
 import math
 import zlib
-from collections import Counter, deque
-from collections.abc import Iterator
+from collections import Counter, defaultdict, deque
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from itertools import combinations_with_replacement
-from typing import NamedTuple
+from typing import Literal, NamedTuple
+
+from msgspec import structs
 
 from onboard.agent_commands import Arm, Command, Disarm, Kill, Publish, Px4Land, SetOffboard
 from onboard.autopilot import Landed, Snapshot
-from onboard.bus.schema import Order, OrderKind, PathOrder
+from onboard.bus.schema import Event, Order, OrderKind, PathOrder
 from onboard.control.path import path_of
 from onboard.flight import order_checks, sentences, state_machine
 from onboard.flight.context import FlightContext
+from onboard.flight.flight_table import ROWS, Row
 from onboard.flight.order_checks import OrderFacts
-from onboard.flight.path_flight import PathFlight
-from onboard.flight.types import FlightStep, FlightView
+from onboard.flight.path_flight import PATIENCE_S, PathFlight
+from onboard.flight.predicates import PATH_END_TIMEOUT_S
+from onboard.flight.types import FlightEvent, FlightStep, FlightView
 from onboard.safety.failsafe_table import TABLE, Action, Condition, Situation, decide
 from onboard.safety.failsafe_table import Condition as C
 from tests.onboard.agent.rig import fleet
@@ -43,6 +53,7 @@ ORDERS: tuple[tuple[OrderKind, str], ...] = (
     ("arm", ""),
     ("takeoff", ""),
     ("move", ""),
+    ("move", "then land"),
     ("follow_path", ""),
     ("hold", ""),
     ("land", ""),
@@ -83,6 +94,8 @@ _LONG_TICKS = 40  # longer than every time limit of the flight table
 _SINKS_M_S = -0.7
 _DOWN_AFTER_TICKS = 10  # in a landing of the obedient world
 _PATH = path_of([[1.0, *[0.0] * 32]])
+_PLACES = {id(row): place for place, row in enumerate(ROWS)}
+_MOST_EXAMPLES = 50  # states that are kept of each row and step
 
 
 class World(NamedTuple):
@@ -104,6 +117,16 @@ class Key(NamedTuple):
     world: World
 
 
+class Answer(NamedTuple):
+    """What a flight makes of one event."""
+
+    key: Key  # of the state that follows
+    sent: tuple[str, ...]  # to PX4, and told to people
+    reason: str
+    goal: str  # two numbers that are none have different hashes
+    slow_until_ns: int  # of a path
+
+
 class State(NamedTuple):
     """A flight in its world, at an instant."""
 
@@ -122,6 +145,27 @@ class State(NamedTuple):
             world=self.world,
         )
 
+    @property
+    def answer(self) -> Answer:
+        """What was made of the event that led here."""
+        flight = self.flight
+        return Answer(
+            key=self.key,
+            sent=tuple(_words(command) for command in flight.commands),
+            reason=flight.reason,
+            goal=repr(flight.goal),
+            slow_until_ns=flight.path.slow_until_ns,
+        )
+
+
+def _words(command: Command) -> str:
+    """Return what a command does, without its stamps."""
+    name = type(command).__name__
+    if isinstance(command, Publish) and isinstance(command.message, Event):
+        event = command.message
+        return f"{name} {event.severity} {event.code} {event.order_outcome} {event.sentence}"
+    return name
+
 
 @dataclass(slots=True)
 class Found:
@@ -130,19 +174,26 @@ class Found:
     states: int = 0
     transitions: int = 0
     steps: set[FlightStep] = field(default_factory=set)
-    moves: Counter[tuple[FlightStep, str, FlightStep]] = field(default_factory=Counter)
+    moves: Counter[tuple[FlightStep, str, FlightStep, str]] = field(default_factory=Counter)
+    answers: dict[tuple[Key, str], int] = field(default_factory=dict)  # hash of each
+    # the first states in which an event used a row, by its place in the flight table
+    users: defaultdict[int, list[State]] = field(default_factory=lambda: defaultdict(list))
+    # the first states of each step
+    examples: defaultdict[FlightStep, list[State]] = field(
+        default_factory=lambda: defaultdict(list)
+    )
     wrong: dict[str, str] = field(default_factory=dict)  # what is wrong -> the first example
 
     def in_words(self) -> str:
         """Return its size in a sentence, and a checksum of every move from step to step."""
         moves = sorted(
-            f"{old.name} {event} {new.name} {count}"
-            for (old, event, new), count in self.moves.items()
+            f"{old.name} {event} {new.name} {sent} {count}"
+            for (old, event, new, sent), count in self.moves.items()
         )
         checksum = zlib.crc32("\n".join(moves).encode())
         return (
             f"{self.states} states, {self.transitions} events from them, "
-            f"{len(moves)} of them different by step and event (checksum {checksum:08x})."
+            f"{len(moves)} of them different by step, event and answer (checksum {checksum:08x})."
         )
 
     def add_wrong(self, what: str, key: Key, event: str) -> None:
@@ -162,18 +213,77 @@ def explore() -> Found:
 
     while waiting:
         state = waiting.popleft()
+        key = state.key
         found.states += 1
-        found.steps.add(state.flight.step)
+        found.steps.add(key.step)
+        if len(found.examples[key.step]) < _MOST_EXAMPLES:
+            found.examples[key.step].append(state)
         _look_at(state, found)
 
-        for event, after in _events(state, found):
-            found.transitions += 1
-            found.moves[state.flight.step, event, after.flight.step] += 1
-            _look_at_move(state, event, after, found)
-            if after.key not in known:
-                known.add(after.key)
-                waiting.append(after)
+        with _rows_used() as used:
+            for event, after in _events(state):
+                answer = after.answer
+                found.transitions += 1
+                found.moves[key.step, event, answer.key.step, ", ".join(answer.sent)] += 1
+                found.answers[key, event] = hash(answer)
+                _look_at_move(state, event, after, found)
+                if answer.key not in known:
+                    known.add(answer.key)
+                    waiting.append(after)
+
+        for row in used:
+            users = found.users[row]
+            if len(users) < _MOST_EXAMPLES:
+                users.append(state)
     return found
+
+
+@contextmanager
+def _rows_used() -> Iterator[set[int]]:
+    """Collect the places of the flight table's rows that are used meanwhile."""
+    used: set[int] = set()
+    match = state_machine._match
+
+    def noted(flight: FlightContext, view: FlightView, event: FlightEvent) -> Row | None:
+        row = match(flight, view, event)
+        if row is not None:
+            used.add(_PLACES[id(row)])
+        return row
+
+    state_machine._match = noted
+    try:
+        yield used
+    finally:
+        state_machine._match = match
+
+
+def difference_without_row(row: Row, found: Found) -> str | None:
+    """Return the first event that the flight table of now answers otherwise; None without one.
+
+    Args:
+        row: that is taken out of the table now.
+        found: with all rows.
+    """
+    for state in found.users[ROWS.index(row)]:
+        for event, after in _events(state):
+            if hash(after.answer) != found.answers[state.key, event]:
+                return f"{event} in {state.key.step.name}"
+    return None
+
+
+def difference_without_condition(condition: Condition, found: Found) -> str | None:
+    """Return the first step in which a condition leads to another answer now; None without one.
+
+    Args:
+        condition: whose row of the failsafe table is changed now.
+        found: with the table as it flies.
+    """
+    for states in found.examples.values():
+        for state in states:
+            after = _acted(state, TABLE[state.flight.situation, condition])
+            if hash(after.answer) != found.answers[state.key, condition.value]:
+                return f"{condition.value} in {state.key.step.name}"
+    return None
 
 
 def _first_state() -> State:
@@ -182,7 +292,7 @@ def _first_state() -> State:
     return State(flight, World(), 10**12)
 
 
-def _events(state: State, found: Found) -> Iterator[tuple[str, State]]:
+def _events(state: State) -> Iterator[tuple[str, State]]:
     """Yield everything that can happen now, and the state after it."""
     for kind, reason in ORDERS:
         after, _ = ordered(state, kind, reason)
@@ -192,7 +302,7 @@ def _events(state: State, found: Found) -> Iterator[tuple[str, State]]:
     for condition in Condition:
         action = TABLE[state.flight.situation, condition]
         if action not in after_action:
-            after_action[action] = _acted(state, action, condition)
+            after_action[action] = _acted(state, action)
         yield condition.value, after_action[action]
 
     for is_ready in (True, False):
@@ -205,6 +315,64 @@ def _events(state: State, found: Found) -> Iterator[tuple[str, State]]:
 
     yield "short time", _passed(state, _SHORT_TICKS, _TICK_NS)
     yield "long time", _passed(state, _LONG_TICKS, _LONG_TICK_NS)
+    yield from _motions(state)
+
+
+def _motions(state: State) -> Iterator[tuple[str, State]]:
+    """Yield how the vehicle may move, or lag, while a step waits for something else."""
+    match state.flight.step:
+        case FlightStep.LEG:
+            yield "rests at its goal", _passed(state, _SHORT_TICKS, _TICK_NS, _seen_at_goal)
+        case FlightStep.PATH:
+            yield "left behind, lands", _passed(_left_behind(state, "land"), 1, _TICK_NS)
+            yield "left behind, holds", _passed(_left_behind(state, "hold"), 1, _TICK_NS)
+            after = _copy(state)
+            after.flight.path.time_s = _PATH.duration_s + 2.0 * PATH_END_TIMEOUT_S
+            yield "path over long since", _passed(after, 1, _TICK_NS)
+        case FlightStep.HOLDING:
+            yield "does not rest", _passed(state, _LONG_TICKS, _LONG_TICK_NS, _seen_moving)
+        case FlightStep.CONTACT:
+            yield "falls", _passed(state, 1, _TICK_NS, _seen_falling)
+        case FlightStep.DESCENT:
+            yield "kept off", _passed(state, _LONG_TICKS, _TICK_NS, _seen_beside_goal)
+        case FlightStep.DISARMED:
+            yield "PX4 silent", _passed(state, _LONG_TICKS, _TICK_NS * 2, _seen_silent)
+
+
+def _left_behind(state: State, on_lag: Literal["land", "hold"]) -> State:
+    after = _copy(state)
+    after.flight.path.is_lagging = True
+    after.flight.path.used_s = PATIENCE_S
+    after.flight.path.on_lag = on_lag
+    return after
+
+
+def _seen_at_goal(state: State) -> FlightView:
+    return structs.replace(_view(state), position_enu_m=state.flight.goal_position_enu_m)
+
+
+def _seen_moving(state: State) -> FlightView:
+    return structs.replace(_view(state), velocity_enu_m_s=(1.0, 0.0, 0.0))
+
+
+def _seen_falling(state: State) -> FlightView:
+    below_m = state.flight.contact_z_m - 0.3
+    return structs.replace(
+        _view(state), position_enu_m=(0.0, 0.0, below_m), velocity_enu_m_s=(0.0, 0.0, -1.0)
+    )
+
+
+def _seen_beside_goal(state: State) -> FlightView:
+    x, y, _ = state.flight.goal_position_enu_m
+    return structs.replace(
+        _view(state), position_enu_m=(x + 1.0, y, _HEIGHT_M), velocity_enu_m_s=(0.0, 0.0, 0.0)
+    )
+
+
+def _seen_silent(state: State) -> FlightView:
+    view = _view(state)
+    silent = structs.replace(view.snapshot, heartbeat_ns=state.flight.step_ns)
+    return structs.replace(view, snapshot=silent)
 
 
 def _changed(world: World) -> Iterator[World]:
@@ -358,7 +526,7 @@ def ordered(
         deadline_ns=0,
         reason=reason,
         position_enu_m=(0.0, 0.0, 1.0) if then_land else (1.0, 0.0, 1.0),
-        then_land=then_land,
+        then_land=then_land or reason == "then land",
         path=PathOrder(path_id="p", show_id="s", start_ns=after.now_ns),
     )
     facts = OrderFacts(
@@ -375,27 +543,38 @@ def ordered(
         is_refused = not state_machine.accepts(after.flight.step, kind)
     if not is_refused:
         state_machine.begin_order(after.flight, view, order)
-    return after, after.flight.take_commands()
+    return after, list(after.flight.commands)
 
 
-def _acted(state: State, action: Action, condition: Condition) -> State:
-    """Return the state after an action of the failsafe table."""
+def _acted(state: State, action: Action) -> State:
+    """Return the state after an action of the failsafe table.
+
+    On the ground a refusal is one of the preflight check: the vehicle is not ready any more.
+    """
     after = _copy(state)
-    state_machine.begin_failsafe(after.flight, _view(after), action, f"{condition.value}.")
-    after.flight.take_commands()
+    view = _view(after)
+    if action is Action.REFUSE:
+        state_machine.preflight_checked(after.flight, view, is_ready=False)
+    else:
+        state_machine.begin_failsafe(after.flight, view, action, "a condition.")
     return after
 
 
-def _passed(state: State, ticks: int, tick_ns: int) -> State:
+def _passed(
+    state: State,
+    ticks: int,
+    tick_ns: int,
+    see: Callable[[State], FlightView] | None = None,
+) -> State:
     """Return the state after some time in an unchanged world, or at the next step."""
+    look = see or _view
     after = _copy(state)
     for _ in range(ticks):
         after = after._replace(now_ns=after.now_ns + tick_ns)
         step = after.flight.step
-        state_machine.advance(after.flight, _view(after))
+        state_machine.advance(after.flight, look(after))
         if after.flight.step is not step:
             break  # what follows is another event
-    after.flight.take_commands()
     return after
 
 

@@ -30,6 +30,11 @@ CASES = [
     ((0.0, -3.6, 1.0), (0.0, -1.0, 0.0), NEAR),
     ((0.0, 0.0, 2.8), (0.0, 0.0, 1.0), NEAR),
     ((0.0, 0.0, 0.1), (0.0, 0.0, -2.0), INSIDE),  # sinking ends on the floor
+    ((0.0, 0.0, -0.5), (0.0, 0.0, 0.0), INSIDE),  # as far below the floor as it may seem
+    ((0.0, 0.0, 1.0), (0.0, 0.0, 1.0), INSIDE),  # climbs, far below the ceiling
+    ((3.95, 0.0, 1.0), (1.0, 0.0, 0.0), NEAR),  # a hand's breadth from the wall
+    ((3.995, 0.0, 1.0), (0.05, 0.0, 0.0), NEAR),  # creeps towards it
+    ((0.0, 3.995, 1.0), (0.0, 0.05, 0.0), NEAR),
     ((math.nan, 0.0, 1.0), (0.0, 0.0, 0.0), OUTSIDE),
     ((0.0, 0.0, math.inf), (0.0, 0.0, 0.0), OUTSIDE),
 ]
