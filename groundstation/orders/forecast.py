@@ -56,15 +56,23 @@ class Forecast:
     now_m: float = math.inf  # smallest separation now
     duration_s: float = 0.0  # until all have arrived; infinite when one does not
     outside: tuple[str, ...] = ()  # vehicles that leave the fence on the way
+    flight_count: int = 0  # flights that were flown ahead, each with other errors
 
 
-def forecast(fleet: FleetConfig, legs: Mapping[str, Leg], *, is_takeoff: bool = False) -> Forecast:
+def forecast(
+    fleet: FleetConfig,
+    legs: Mapping[str, Leg],
+    *,
+    is_takeoff: bool = False,
+    seeds: Sequence[int] = SEEDS,
+) -> Forecast:
     """Fly the legs several times with different errors, and keep the worst flight.
 
     Args:
         fleet: the fleet file.
         legs: of all vehicles with a known position.
         is_takeoff: add the time that arming and spinning up take.
+        seeds: one flight for each; large fleets fly the first one only.
 
     Returns:
         The flight with the smallest distance.
@@ -81,9 +89,8 @@ def forecast(fleet: FleetConfig, legs: Mapping[str, Leg], *, is_takeoff: bool = 
     slowest_m_s = min(fleet.vehicles[name].max_speed_m_s for name in names)
     expected_s = max(ordered_s, _DETOUR * longest_m / slowest_m_s)
 
-    seeds: Sequence[int] = SEEDS
     if len(names) > _MANY_VEHICLES:
-        seeds = SEEDS[:1]
+        seeds = seeds[:1]
     scenario = Scenario(
         np.repeat(start_enu_m[None], len(seeds), axis=0),
         np.repeat(goal_enu_m[None, None], len(seeds), axis=0),
@@ -116,6 +123,7 @@ def forecast(fleet: FleetConfig, legs: Mapping[str, Leg], *, is_takeoff: bool = 
         now_m=now_m,
         duration_s=duration_s,
         outside=_outside(fleet, legs, trace_enu_m),
+        flight_count=len(seeds),
     )
 
 

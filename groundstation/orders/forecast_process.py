@@ -1,8 +1,13 @@
-"""A process that computes forecasts; the console's own process only waits for the result.
+"""Processes that compute forecasts; the console's own process only waits for the result.
 
-Requests and results are pickled between a parent and the child that it started itself, each behind
-its length. The child answers one request after the other and ends with its input, so that none is
-left behind whatever happens to the parent.
+Requests and results are pickled between a parent and the children that it started itself, each
+behind its length. A child answers one request after the other and ends with its input, so that none
+is left behind whatever happens to the parent.
+
+Two children share the work. The compiled one flies an order ahead four times within half a second,
+but has to compile first: seconds of a processor from numba's cache, more than a minute the first
+time on a machine. Until then a second one answers, which interprets the same functions and flies
+the order ahead once.
 
 This is no process pool of the standard library, for two measured reasons (Python 3.11): its workers
 cannot be cancelled, so a new forecast waits for the old one to end, and a worker lives on when its
@@ -18,44 +23,139 @@ import pickle
 import signal
 import struct
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
-from groundstation.orders.forecast import Forecast, Leg, forecast
+from groundstation.orders.forecast import SEEDS, Forecast, Leg, forecast
 from onboard.config.fleet import FleetConfig
 from onboard.rollout import batch
 
 _LENGTH = struct.Struct("<I")
 _NICENESS = 10
-_LIMIT_S = 120.0  # the very first start on a machine compiles for half a minute of a processor
+_LIMIT_S = 120.0  # for an answer
+_INTERPRETED = "--interpreted"
+_NO_NUMBA = {"COVEY_NUMBA": "0"}  # in the environment: see `batch`
 
 
 class ForecastFailed(RuntimeError):
     """No forecast could be computed: a sentence with the reason."""
 
 
+class _Child:
+    """One process that computes.
+
+    Args:
+        process: just started; its first message says that it is ready to compute.
+    """
+
+    def __init__(self, process: asyncio.subprocess.Process) -> None:
+        self.process = process
+        self.is_ready = False
+        self.is_computing = False
+        self._becoming_ready = asyncio.create_task(self._await_ready())
+        self._becoming_ready.add_done_callback(_note_end)
+
+    @classmethod
+    async def started(cls, *arguments: str, environment: Mapping[str, str]) -> _Child:
+        """Start a child.
+
+        Args:
+            arguments: of its command line.
+            environment: variables beside those of this process.
+        """
+        process = await asyncio.create_subprocess_exec(
+            sys.executable,
+            "-m",
+            "groundstation.orders.forecast_process",
+            *arguments,
+            stdin=asyncio.subprocess.PIPE,
+            stdout=asyncio.subprocess.PIPE,
+            stderr=asyncio.subprocess.DEVNULL,  # the terminal is the console's
+            start_new_session=True,  # a Ctrl-C at the terminal is the console's, too
+            env={**os.environ, **environment},
+        )
+        return cls(process)
+
+    @property
+    def has_ended(self) -> bool:
+        """Whether there is nobody to ask any more."""
+        return self.process.returncode is not None
+
+    async def ready(self) -> None:
+        """Wait until it can compute.
+
+        Raises:
+            OSError, EOFError: it has ended.
+        """
+        await asyncio.shield(self._becoming_ready)
+
+    async def answer(self, request: bytes) -> object:
+        """Wait until it is ready, send it a request and return its answer.
+
+        Raises:
+            OSError, EOFError, TimeoutError: it has ended or did not answer.
+        """
+        await self.ready()
+        assert self.process.stdin is not None
+
+        self.is_computing = True
+        self.process.stdin.write(_LENGTH.pack(len(request)) + request)
+        async with asyncio.timeout(_LIMIT_S):
+            answer = await self._message()
+        self.is_computing = False
+        return answer
+
+    def kill(self) -> None:
+        """End it; a second call does nothing."""
+        self._becoming_ready.cancel()
+        if not self.has_ended:
+            with contextlib.suppress(ProcessLookupError):
+                self.process.kill()
+
+    async def _await_ready(self) -> None:
+        await self._message()
+        self.is_ready = True
+
+    async def _message(self) -> object:
+        assert self.process.stdout is not None
+        (length,) = _LENGTH.unpack(await self.process.stdout.readexactly(_LENGTH.size))
+        return pickle.loads(await self.process.stdout.readexactly(length))
+
+
 class Forecaster:
-    """Sends requests to the child; starts it for the first request, and again when it has ended."""
+    """Sends requests to its children; starts them when required, and again when they have ended."""
 
     def __init__(self) -> None:
-        self._process: asyncio.subprocess.Process | None = None
+        self._compiled: _Child | None = None
+        self._interpreted: _Child | None = None  # while the other one compiles
         self._turn = asyncio.Lock()  # one request at a time
 
     @property
     def pid(self) -> int | None:
-        """Process id of the child; None when there is none."""
-        return None if self._process is None else self._process.pid
+        """Process id of the child that computes with compiled code; None when there is none."""
+        return None if self._compiled is None else self._compiled.process.pid
 
     async def start(self) -> None:
-        """Start the child ahead of the first request: its imports take a second."""
+        """Start the compiled child ahead of the first request."""
         async with self._turn:
             await self._started()
+
+    async def ready(self) -> None:
+        """Wait until requests are answered by compiled code.
+
+        Raises:
+            OSError, EOFError: the child has ended.
+        """
+        async with self._turn:
+            child = await self._started()
+        await child.ready()
 
     async def forecast(
         self, fleet: FleetConfig, legs: Mapping[str, Leg], *, is_takeoff: bool = False
     ) -> Forecast:
-        """Compute a forecast in the child.
+        """Compute a forecast in a child.
 
-        A cancellation kills the child, and the next request starts anew.
+        A cancellation kills the child that computes, and the next request starts anew; a child
+        that still compiles goes on.
 
         Args:
             fleet: the fleet file.
@@ -66,24 +166,24 @@ class Forecaster:
             As :func:`groundstation.orders.forecast.forecast`.
 
         Raises:
-            ForecastFailed: the child ended or did not answer.
+            ForecastFailed: the children ended or did not answer.
         """
         request = pickle.dumps((fleet, dict(legs), is_takeoff))
 
         async with self._turn:
-            process = await self._started()
-            is_answered = False
             try:
-                answer = await _answer_of(process, request)
-                is_answered = True
+                child = await self._started()
+                if child.is_ready:
+                    answer = await child.answer(request)
+                else:
+                    answer = await self._first_answer(child, request)
             except (OSError, EOFError, TimeoutError) as error:
                 raise ForecastFailed(
                     f"The forecast could not be computed ({type(error).__name__}). Try again, or "
                     "start the console with --no-preview and watch closely."
                 ) from None
             finally:
-                if not is_answered:
-                    self._kill()
+                self._end_those_that_are_useless()
 
         if isinstance(answer, str):
             raise ForecastFailed(f"The forecast could not be computed: {answer}")
@@ -91,59 +191,78 @@ class Forecaster:
         return answer
 
     async def stop(self) -> None:
-        """End the child; a second call does nothing."""
-        process = self._process
-        self._kill()
-        if process is not None:
-            await process.wait()
+        """End the children; a second call does nothing."""
+        children = [child for child in (self._compiled, self._interpreted) if child is not None]
+        self._compiled = None
+        self._interpreted = None
+        for child in children:
+            child.kill()
+            await child.process.wait()
 
-    async def _started(self) -> asyncio.subprocess.Process:
-        """Return the child, started anew where it has ended."""
-        if self._process is not None and self._process.returncode is None:
-            return self._process
+    async def _started(self) -> _Child:
+        """Return the compiled child, started anew where it has ended."""
+        if self._compiled is None or self._compiled.has_ended:
+            self._compiled = await _Child.started(environment={})
+        return self._compiled
 
-        self._process = await asyncio.create_subprocess_exec(
-            sys.executable,
-            "-m",
-            "groundstation.orders.forecast_process",
-            stdin=asyncio.subprocess.PIPE,
-            stdout=asyncio.subprocess.PIPE,
-            stderr=asyncio.subprocess.DEVNULL,  # the terminal is the console's
-            start_new_session=True,  # a Ctrl-C at the terminal is the console's, too
-        )
-        return self._process
+    async def _first_answer(self, compiled: _Child, request: bytes) -> object:
+        """Return the answer of the child that has it first.
 
-    def _kill(self) -> None:
-        process = self._process
-        self._process = None
-        if process is not None and process.returncode is None:
-            with contextlib.suppress(ProcessLookupError):
-                process.kill()
+        Raises:
+            OSError, EOFError, TimeoutError: none of them has answered.
+        """
+        if self._interpreted is None or self._interpreted.has_ended:
+            self._interpreted = await _Child.started(_INTERPRETED, environment=_NO_NUMBA)
+
+        answers = [
+            asyncio.create_task(child.answer(request)) for child in (self._interpreted, compiled)
+        ]
+        try:
+            with contextlib.suppress(OSError, EOFError, TimeoutError):
+                await next(iter(asyncio.as_completed(answers)))
+
+            interpreted_answer, compiled_answer = answers
+            has_answer = interpreted_answer.done() and interpreted_answer.exception() is None
+            if has_answer and not compiled.is_computing:
+                return interpreted_answer.result()
+            return await compiled_answer
+        finally:
+            for task in answers:
+                task.cancel()
+
+    def _end_those_that_are_useless(self) -> None:
+        """End children that go on with a request that nobody waits for, and the spare one."""
+        compiled = self._compiled
+        if compiled is not None and compiled.is_computing:
+            compiled.kill()
+            self._compiled = None
+
+        spare = self._interpreted
+        is_spare_over = compiled is not None and compiled.is_ready
+        if spare is not None and (spare.is_computing or is_spare_over):
+            spare.kill()
+            self._interpreted = None
 
 
-async def _answer_of(process: asyncio.subprocess.Process, request: bytes) -> object:
-    """Send a request to the child and return its answer.
-
-    Raises:
-        OSError, EOFError, TimeoutError: the child ended or did not answer.
-    """
-    assert process.stdin is not None
-    assert process.stdout is not None
-
-    process.stdin.write(_LENGTH.pack(len(request)) + request)
-    async with asyncio.timeout(_LIMIT_S):
-        (length,) = _LENGTH.unpack(await process.stdout.readexactly(_LENGTH.size))
-        return pickle.loads(await process.stdout.readexactly(length))
+def _note_end(task: asyncio.Task[None]) -> None:
+    """Take note of how a child ended that nobody waits for."""
+    if not task.cancelled():
+        task.exception()
 
 
 def main() -> int:
-    """Answer requests until the input ends."""
+    """Say when everything is ready, then answer requests until the input ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     os.nice(_NICENESS)
-    batch.warm_up()
+
+    seeds: Sequence[int] = SEEDS
+    if _INTERPRETED in sys.argv[1:]:
+        seeds = SEEDS[:1]
+    else:
+        batch.warm_up()
+    _send("ready")
 
     source = sys.stdin.buffer
-    sink = sys.stdout.buffer
     while True:
         head = source.read(_LENGTH.size)
         if len(head) < _LENGTH.size:
@@ -153,13 +272,16 @@ def main() -> int:
 
         answer: Forecast | str
         try:
-            answer = forecast(fleet, legs, is_takeoff=is_takeoff)
+            answer = forecast(fleet, legs, is_takeoff=is_takeoff, seeds=seeds)
         except (ArithmeticError, ValueError, IndexError) as error:
             answer = f"{type(error).__name__}: {error}"
+        _send(answer)
 
-        data = pickle.dumps(answer)
-        sink.write(_LENGTH.pack(len(data)) + data)
-        sink.flush()
+
+def _send(message: object) -> None:
+    data = pickle.dumps(message)
+    sys.stdout.buffer.write(_LENGTH.pack(len(data)) + data)
+    sys.stdout.buffer.flush()
 
 
 if __name__ == "__main__":

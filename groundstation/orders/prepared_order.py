@@ -13,7 +13,7 @@ from collections.abc import Callable, Mapping
 from typing import Protocol
 
 from groundstation.fleet.state import FleetState
-from groundstation.orders.forecast import Forecast, Leg, objections
+from groundstation.orders.forecast import SEEDS, Forecast, Leg, objections
 from groundstation.orders.forecast_process import ForecastFailed
 from groundstation.orders.intents import Intent
 from groundstation.orders.plan import PlannedOrder
@@ -168,6 +168,9 @@ class PreparedOrder:
             ]
         if math.isfinite(forecast.duration_s):
             lines.append(f"takes about {forecast.duration_s:.0f} s")
+        if 0 < forecast.flight_count < len(SEEDS):
+            times = "once" if forecast.flight_count == 1 else f"{forecast.flight_count} times"
+            lines.append(f"flown ahead {times}")
         return lines
 
     def _closest_now(self) -> str:

@@ -11,6 +11,7 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import msgspec
 import psutil
@@ -90,6 +91,7 @@ async def test_another_process_computes_and_is_replaced_when_it_ends(fleet: Flee
 
     counting = asyncio.create_task(count())
     try:
+        await forecaster.ready()
         one = await forecaster.forecast(fleet, SWAP)
         assert turns > 5, "the loop was not free while the child computed"
         assert one == forecast(fleet, SWAP)
@@ -106,12 +108,30 @@ async def test_another_process_computes_and_is_replaced_when_it_ends(fleet: Flee
         request.cancel()
         with contextlib.suppress(asyncio.CancelledError):
             await request
+        await forecaster.ready()
         assert (await forecaster.forecast(fleet, SWAP)).closest_m == one.closest_m
         assert forecaster.pid != cancelled
     finally:
         counting.cancel()
         await forecaster.stop()
     assert forecaster.pid is None
+
+
+@pytest.mark.realtime
+async def test_the_first_forecast_on_a_machine_does_not_wait_for_the_compiler(
+    fleet: FleetConfig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    forecaster = Forecaster()
+    ready = asyncio.create_task(forecaster.ready())
+    try:
+        first = await forecaster.forecast(fleet, SWAP)
+        assert not ready.done(), "the compiler was faster than the interpreter"
+        assert first.flight_count == 1
+        assert first == forecast(fleet, SWAP, seeds=(0,))
+    finally:
+        ready.cancel()
+        await forecaster.stop()
 
 
 _PARENT = """
