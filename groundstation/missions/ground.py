@@ -44,8 +44,12 @@ class MissionGround:
         self.other_ends: dict[str, str] = {}
         self._last_orders: dict[str, LastOrder] = {}
         self.goes_on_without = False  # a vehicle that fails is left out; the others go on
+        self.left_out_orders: list[str] = []  # by the operator, in words
         self._is_stepping = False
-        self._next = asyncio.Event()  # set by `go_on`
+        self._next = asyncio.Event()  # set by `go_on` and `leave_out_order`
+        self._waiting: Intent | None = None  # the order that waits
+        self._may_leave_out = False  # the order that waits
+        self._is_left_out = False  # the order that has waited
 
     async def order(
         self,
@@ -53,6 +57,7 @@ class MissionGround:
         timeout_s: float,
         *,
         change: Callable[[PlannedOrder], PlannedOrder] | None = None,
+        may_be_left_out: bool = True,
     ) -> Results:
         """Give an order, wait for its end and log the results.
 
@@ -60,9 +65,10 @@ class MissionGround:
             intent: the order.
             timeout_s: longest wait for its end [s].
             change: what is different for single vehicles, after all were judged together.
+            may_be_left_out: whether an operator who flies step by step may go on without it.
 
         Returns:
-            One result per vehicle.
+            One result per vehicle; none when the operator has left the order out.
 
         Raises:
             ConfigError: the order is none.
@@ -71,9 +77,11 @@ class MissionGround:
             FleetTaken: somebody has taken the fleet; nothing was sent, or it was replaced.
         """
         if self._is_stepping and intent.waits_for_step:
-            self._next.clear()
-            self.say(f"Waits before: {intent}")
-            await self._next.wait()
+            await self._wait_for_turn(intent, may_be_left_out)
+            if self._is_left_out:
+                self.left_out_orders.append(str(intent))
+                self.say(f"Left out: {intent}")
+                return {}
 
         await self.link.heard()
         self.note_other_ends()
@@ -118,6 +126,41 @@ class MissionGround:
         """
         self._is_stepping = is_stepping
         self._next.set()
+
+    def pause(self) -> None:
+        """Have the next order to start or to move wait; what flies goes on to its end."""
+        self._is_stepping = True
+        self.say("Paused: the next order to start or to move waits for step, skip or continue.")
+
+    def leave_out_order(self) -> str:
+        """Go on without the order that waits; the one after it waits as well.
+
+        Returns:
+            A sentence when there is none that can be left out, or else nothing.
+        """
+        if self._waiting is None:
+            return "No order of the mission waits. Write pause: then the next one does."
+        if not self._may_leave_out:
+            return (
+                f"'{self._waiting}' brings the vehicles to the begin of their paths: the step "
+                "cannot go on without it."
+            )
+        self._is_left_out = True
+        self._next.set()
+        return ""
+
+    async def _wait_for_turn(self, intent: Intent, may_be_left_out: bool) -> None:
+        """Wait until the operator lets an order begin, or leaves it out."""
+        self._next.clear()
+        self._waiting = intent
+        self._may_leave_out = may_be_left_out
+        self._is_left_out = False
+
+        self.say(f"Waits before: {intent}")
+        try:
+            await self._next.wait()
+        finally:
+            self._waiting = None
 
     def leave_out(self, *names: str) -> None:
         """Go on without these vehicles.

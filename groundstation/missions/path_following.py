@@ -41,7 +41,9 @@ class PathGround(Protocol):
     steps: list[StepResult]
     say: Callable[[str], None]
 
-    async def order(self, intent: Intent, timeout_s: float) -> Results:
+    async def order(
+        self, intent: Intent, timeout_s: float, *, may_be_left_out: bool = True
+    ) -> Results:
         """Give an order and wait for its end."""
 
     def add_arrival(self, step: str, name: str, goal: Vec3) -> None:
@@ -79,7 +81,8 @@ async def follow_paths(
     begins: dict[str, Vec3] = {}
     for name, path in paths.items():
         begins[name] = point_at(path, 0.0).position_enu_m
-    await ground.order(Goto(vehicles=tuple(paths), goals=begins), _LATE_S)
+    to_begins = Goto(vehicles=tuple(paths), goals=begins)
+    await ground.order(to_begins, _LATE_S, may_be_left_out=False)
 
     longest_s = max(path.duration_s for path in paths.values())
     order = await _start(ground, paths, on_lag)

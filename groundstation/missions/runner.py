@@ -225,6 +225,7 @@ class MissionRun:
         self._flown.state = self.client.state
         self._flown.left_out = self.fleet.ground.left_out
         self._flown.other_ends = self.fleet.ground.other_ends
+        self._flown.left_out_orders = self.fleet.ground.left_out_orders
         return self._flown
 
     async def _steps(self) -> None:

@@ -7,7 +7,7 @@ verdict is made of them and of the record. Pure.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import msgspec
@@ -51,6 +51,7 @@ class FlightObservations:
     begin_ns: int  # of the first step, on the ground's monotonic clock
     end_ns: int
     left_out: Collection[str] = ()  # vehicles that the mission went on without
+    left_out_orders: Sequence[str] = ()  # that the operator has left out, in words
     # vehicles that went down though their last order left them flying, each with a sentence
     other_ends: Mapping[str, str] = field(default_factory=dict)
     failure: str = ""  # sentence that ended the mission

@@ -399,13 +399,18 @@ def _summary(
     if refused:
         law += f" (Covey's in its place on {', '.join(sorted(refused))})"
 
+    left_out = ""
+    if flown.left_out_orders:
+        left_out = f" The operator left out: {'; '.join(flown.left_out_orders)}."
+
     if exit_status == EXIT_OK:
         return (
             f"PASSED: mission '{flown.mission}' with law {law}: everything it declares came true."
+            f"{left_out}"
         )
     broken = [result.sentence for result in checks if not result.has_come_true]
     reasons = " ".join([*broken, failure])
-    return f"FAILED: mission '{flown.mission}' with law {law}. {reasons}".strip()
+    return f"FAILED: mission '{flown.mission}' with law {law}. {reasons}".strip() + left_out
 
 
 def _rounded(closest: Separation | None, begin_ns: int) -> SmallestSeparation | None:

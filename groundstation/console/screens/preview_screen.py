@@ -11,6 +11,7 @@ import math
 from collections.abc import Callable
 from typing import ClassVar
 
+from textual import events
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical
@@ -19,6 +20,7 @@ from textual.widgets import Static
 from groundstation.console.clients import OrderingClient
 from groundstation.console.screens.live import Dialog
 from groundstation.console.theme import clean
+from groundstation.console.widgets.fleet_table import FleetTable
 from groundstation.console.widgets.path_plan import PathPlan
 from groundstation.orders.forecast_process import Forecaster
 from groundstation.orders.intents import Intent
@@ -31,6 +33,9 @@ CHECK_S = 0.2
 # A key that was meant for the order line must not answer the question that opened under it.
 SETTLE_S = 0.3
 _MOST_NAMED = 8
+_MOST_BODY = 16  # rows of paths and words
+_LEAST_BODY = 3
+_ANSWER_ROWS = 5  # of the answer, with the border around all
 
 
 class PreviewScreen(Dialog[PlannedOrder | None]):
@@ -39,6 +44,7 @@ class PreviewScreen(Dialog[PlannedOrder | None]):
     Args:
         forecaster: computes the paths.
         short: shortens lists of names for the title.
+        table: of the fleet, which stays in sight.
     """
 
     BINDINGS: ClassVar[list[BindingType]] = [
@@ -53,8 +59,9 @@ class PreviewScreen(Dialog[PlannedOrder | None]):
         intent: Intent,
         forecaster: Forecaster,
         short: Callable[[str], str],
+        table: FleetTable | None = None,
     ) -> None:
-        super().__init__()
+        super().__init__(table)
         self.client = client
         self._short = short
         self._opened_ns = client.now_ns()
@@ -69,22 +76,28 @@ class PreviewScreen(Dialog[PlannedOrder | None]):
 
         self._paths = PathPlan(fleet)
         self._vehicles = Static(id="vehicles", markup=False)
+        self._body = Horizontal(id="preview_body")
         self._answer = Static(id="answer", markup=False)
 
-    def compose(self) -> ComposeResult:
+    def boxes(self) -> ComposeResult:
         """Paths beside words, the answer below."""
         with Vertical(id="preview") as box:
             box.border_title = self._short(str(self.prepared.intent)).replace("[", "\\[")
-            with Horizontal(id="preview_body"):
+            with self._body:
                 yield self._paths
                 yield self._vehicles
             yield self._answer
-        yield from super().compose()
 
     def on_mount(self) -> None:
         """Compute the preview, and go on checking whether it still holds."""
         self.prepared.begin()
         self.set_interval(CHECK_S, self._check)
+
+    def on_resize(self, event: events.Resize) -> None:
+        """Leave the answer its lines; Textual also calls the dialog's own ``on_resize``."""
+        most_rows = max(_LEAST_BODY, self.room_height(event.size.height) - _ANSWER_ROWS)
+        self._body.styles.max_height = min(most_rows, _MOST_BODY)
+        self._paths.styles.max_height = most_rows
 
     def _start_computing(self, preview: OrderPreview) -> None:
         self.run_worker(self.prepared.compute(preview), group="forecast", exclusive=True)
@@ -133,13 +146,10 @@ class PreviewScreen(Dialog[PlannedOrder | None]):
 
         if prepared.is_computing:
             waited_s = (self.client.now_ns() - prepared.begun_ns) * 1e-9
-            text = (
+            return (
                 f"… flying it ahead, {waited_s:.0f} s: enter waits for the paths; "
                 "esc drops it, ctrl+l lands all."
             )
-            if waited_s > 5.0:
-                text += " The first one on a machine takes up to a minute."
-            return text
 
         return "✔ enter sends it    esc drops it"
 
