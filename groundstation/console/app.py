@@ -29,7 +29,14 @@ from groundstation.console.history import History
 from groundstation.console.mission_orders import Judge, MissionOrders
 from groundstation.console.mission_worker import Mission, MissionWorker
 from groundstation.console.order_entry import OrderEntry
-from groundstation.console.panel_sizes import LOW, NARROW, panel_sizes
+from groundstation.console.panel_sizes import (
+    LOW,
+    NARROW,
+    SHORT,
+    TIGHT,
+    panel_sizes,
+    verdict_most,
+)
 from groundstation.console.panels import Panels
 from groundstation.console.priority_keys import TerminalHooks, with_hooks
 from groundstation.console.screens.alarms_screen import AlarmsScreen
@@ -43,6 +50,7 @@ from groundstation.console.widgets.event_log import LogEntry
 from groundstation.console.widgets.lines import Lines
 from groundstation.console.widgets.order_line import OrderLine
 from groundstation.fleet.state import FleetState, LoggedEvent
+from groundstation.missions.runner import MissionRun
 from groundstation.orders.forecast_process import Forecaster
 from groundstation.orders.intents import Verb
 from onboard.bus.schema import LOCATE
@@ -63,6 +71,7 @@ class ConsoleApp(App[int]):
         connect: opens the bus in a worker.
         title: stands at the top; by default the fleet's name.
         progress: returns one line about the mission.
+        run: of the mission, which may be paused and stepped through by written orders.
         judge: judges the missions that are started here; None: by what the console has seen.
         has_bell: ring the terminal's bell for every new alarm.
         forecaster: computes previews; None sends every order at once.
@@ -113,6 +122,7 @@ class ConsoleApp(App[int]):
         connect: Mission | None = None,
         title: str = "",
         progress: Callable[[], str] | None = None,
+        run: MissionRun | None = None,
         judge: Judge | None = None,
         has_bell: bool = False,
         forecaster: Forecaster | None = None,
@@ -137,7 +147,7 @@ class ConsoleApp(App[int]):
         self.mission = MissionWorker(
             self, self.panels, mission=mission, connect=connect, progress=progress
         )
-        self.orders.missions = MissionOrders(client, self.mission.begin, judge)
+        self.orders.missions = MissionOrders(client, self.mission.begin, judge, run)
         self.shutdown = Shutdown(
             app=self,
             fleet=fleet,
@@ -145,6 +155,7 @@ class ConsoleApp(App[int]):
             orders=self.orders,
             mission=self.mission,
             terminal=self.terminal,
+            table=self.panels.table,
             warn=self._warn,
         )
 
@@ -216,6 +227,8 @@ class ConsoleApp(App[int]):
 
         screen.set_class(height < LOW, "low")
         screen.set_class(width < NARROW, "narrow")
+        screen.set_class(height < TIGHT, "tight")
+        screen.set_class(height < SHORT, "short")
 
         table_height, plan_width = panel_sizes(
             width=width,
@@ -225,6 +238,10 @@ class ConsoleApp(App[int]):
             alone=alone,
         )
         self.panels.table.styles.height = table_height
+        verdict_height = None
+        if isinstance(table_height, int) and alone != "verdict":
+            verdict_height = verdict_most(height, table_height)
+        self.panels.verdict.styles.max_height = verdict_height
         self.panels.plan.styles.width = plan_width
 
     # -- the picture -------------------------------------------------------------------------------
@@ -255,6 +272,8 @@ class ConsoleApp(App[int]):
         front = self.screen_stack[-1] if self.screen_stack else None
         if isinstance(front, LiveScreen):
             front.show_fleet(state, now_ns)
+        elif isinstance(front, Dialog):
+            front.show_fleet()
 
         status_bars = [panels.status]
         if isinstance(front, LiveScreen | Dialog):
@@ -267,21 +286,16 @@ class ConsoleApp(App[int]):
     def _show_title(self, state: FleetState, now_ns: int) -> None:
         right = self.shutdown.text
         if not right:
-            right = self.orders.short(self.mission.text(self._flight_clock(now_ns)))
+            right = self.orders.short(self.mission.text)
 
         self.panels.title.show(
             title=self.fleet_title,
             fresh=sum(1 for view in state.vehicles.values() if view.is_fresh(now_ns)),
             vehicles=len(state.vehicles),
             flying=len(state.airborne_names),
+            flight_s=self.history.flight_s(now_ns),
             right=right,
         )
-
-    def _flight_clock(self, now_ns: int) -> str:
-        start_s = self.history.first_flight_s
-        if start_s is None:
-            return ""
-        return f"  {now_ns * 1e-9 - start_s:.0f} s"
 
     def _log_new_events(self, state: FleetState) -> None:
         entries = []
@@ -379,8 +393,8 @@ class ConsoleApp(App[int]):
         self.mission.worker_changed(event)
 
     def action_verdict(self) -> None:
-        """Hide or show the mission's verdict."""
-        self.mission.toggle_verdict()
+        """Show the mission's verdict in its box, then alone, then not at all."""
+        self.mission.turn_verdict()
 
     def action_leave(self) -> None:
         """Quit, after a question when vehicles fly."""
@@ -394,7 +408,7 @@ class ConsoleApp(App[int]):
 
     def action_help(self) -> None:
         """Show the keys."""
-        self.push_screen(HelpScreen())
+        self.push_screen(HelpScreen(table=self.panels.table))
 
     def action_theme(self) -> None:
         """Change between dark and light."""

@@ -70,7 +70,10 @@ class History:
         self.slowest = ""  # vehicle of the last period
         self.oldest = ""  # vehicle of the last age
         self.drains: dict[str, Drain] = {}
-        self.first_flight_s: float | None = None
+
+        # times [s] at which the present flight, or else the last one, began and ended
+        self._flight_begin_s: float | None = None
+        self._flight_end_s: float | None = None
 
         self._land_frac = land_frac
         # name -> points of its trail so far, and x, y [m] of the last one
@@ -85,6 +88,22 @@ class History:
     def now(self) -> ClosePair | None:
         """Return the closest pair now."""
         return self.pairs[0] if self.pairs else None
+
+    def flight_s(self, now_ns: int) -> float | None:
+        """Return how long the fleet flies, or has flown last.
+
+        A flight begins with the first vehicle in the air and ends with the last one down.
+
+        Args:
+            now_ns: as of :meth:`add`.
+
+        Returns:
+            Seconds; None when nobody has flown.
+        """
+        if self._flight_begin_s is None:
+            return None
+        end_s = now_ns * 1e-9 if self._flight_end_s is None else self._flight_end_s
+        return max(0.0, end_s - self._flight_begin_s)
 
     def clear(self) -> None:
         """Forget everything: a replay was turned back."""
@@ -137,10 +156,13 @@ class History:
         self.pairs = closest_pairs(views, height_share=state.height_share)
 
         if state.airborne_names:
-            if self.first_flight_s is None:
-                self.first_flight_s = now_s
+            if self._flight_begin_s is None or self._flight_end_s is not None:
+                self._flight_begin_s = now_s
+                self._flight_end_s = None
             if self.pairs and self.pairs[0].is_flying:
                 self.distances.append((now_s, self.pairs[0].distance_m))
+        elif self._flight_begin_s is not None and self._flight_end_s is None:
+            self._flight_end_s = now_s
 
     def _sample_if_due(self, state: FleetState, now_ns: int) -> None:
         now_s = now_ns * 1e-9

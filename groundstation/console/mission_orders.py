@@ -9,20 +9,18 @@ from msgspec.structs import replace
 
 from groundstation.client.client import FleetClient
 from groundstation.console.clients import ConsoleClient
+from groundstation.console.mission_words import USAGE
 from groundstation.console.mission_worker import Mission
 from groundstation.mission_files.loading import load_mission
 from groundstation.mission_files.mission_findings import refuse_unflyable
+from groundstation.mission_files.names import mission_names
 from groundstation.mission_files.python_file import load_function
 from groundstation.missions.beginning import begin_refusal
 from groundstation.missions.runner import MissionRun
 from groundstation.verdict.verdict import Verdict
 from onboard.config.fleet import ConfigError
 
-WORDS = ("mission", "step", "continue", "stop")
-USAGE = (
-    "mission FILE [stepping] [NAME=VALUE ...]; "
-    "then: step (the next order), continue (all), stop (lands all)"
-)
+_MOST_NAMED = 12
 _READY_S = 10.0  # within which all vehicles are ready
 _WATCH_S = 0.2  # between two looks for silent vehicles
 
@@ -37,6 +35,7 @@ class MissionOrders:
         begin: flies a mission in a worker, unless one flies already. Takes the mission, and the
             function that returns its line for the title.
         judge: judges a mission that has ended with the record of the flight; None without one.
+        run: the mission that the console was started with, if any.
     """
 
     def __init__(
@@ -44,11 +43,12 @@ class MissionOrders:
         client: ConsoleClient,
         begin: Callable[[Mission, Callable[[], str]], bool],
         judge: Judge | None = None,
+        run: MissionRun | None = None,
     ) -> None:
         self._client = client
         self._begin = begin
         self._judge = judge
-        self._run: MissionRun | None = None
+        self._run = run
         self._line = ""  # what the mission said last
 
     def take(self, words: Sequence[str]) -> str:
@@ -67,10 +67,15 @@ class MissionOrders:
         if run is None or run.is_over:
             return f"No mission flies that was started here. Write: {USAGE}"
 
+        ground = run.fleet.ground
         if words[0] == "stop":
             run.interrupt()
+        elif words[0] == "pause":
+            ground.pause()
+        elif words[0] == "skip":
+            return ground.leave_out_order()
         else:
-            run.fleet.ground.go_on(is_stepping=words[0] == "step")
+            ground.go_on(is_stepping=words[0] == "step")
         return ""
 
     def _start(self, words: Sequence[str]) -> str:
@@ -84,7 +89,7 @@ class MissionOrders:
 
         files = [word for word in words if "=" not in word and word != "stepping"]
         if len(files) != 1:
-            return f"Which mission? Write: {USAGE}"
+            return f"Which mission? {_names_sentence()} Write: {USAGE}"
         arguments = dict(word.split("=", 1) for word in words if "=" in word)
 
         try:
@@ -125,6 +130,13 @@ class MissionOrders:
         self._line = line.strip()
         if isinstance(self._client, FleetClient):
             self._client.publish_event("info", "mission", self._line)
+
+
+def _names_sentence() -> str:
+    names = mission_names()
+    shown = ", ".join(names[:_MOST_NAMED])
+    more = f" and {len(names) - _MOST_NAMED} more" if len(names) > _MOST_NAMED else ""
+    return f"There are {shown}{more}; tab completes a name."
 
 
 async def _watched(run: MissionRun) -> None:

@@ -10,6 +10,7 @@ from textual.worker import Worker, WorkerState
 from groundstation.console import theme
 from groundstation.console.panels import Panels
 from groundstation.console.theme import SEVERITY_SIGNS
+from groundstation.console.widgets.lines import Lines
 
 Mission = Callable[[], Awaitable[object]]
 _FLIES = "mission flies"
@@ -19,6 +20,8 @@ _FAILED = "✖ mission failed"
 # Exit statuses of what broke before there was a verdict.
 _STATUS_BROKEN = 1
 _STATUS_NO_CONNECTION = 2
+
+_ALONE = "only-verdict"  # of the screen, while the verdict has all the room
 
 
 class MissionWorker:
@@ -94,12 +97,11 @@ class MissionWorker:
         if self._mission_worker is not None:
             self._mission_worker.cancel()
 
-    def text(self, clock: str) -> str:
-        """Return the mission's line for the title; ``clock`` is the time since take-off."""
+    @property
+    def text(self) -> str:
+        """The mission's line for the title."""
         if self.is_running and self._progress is not None:
             return self._progress() or self._line
-        if self._line == _FLIES:
-            return f"{self._line}{clock}"
         return self._line
 
     def worker_changed(self, event: Worker.StateChanged) -> None:
@@ -117,10 +119,20 @@ class MissionWorker:
             sentence = f"No connection: {error} Press q to quit."
             self._panels.events.add(sentence, SEVERITY_SIGNS["critical"])
 
-    def toggle_verdict(self) -> None:
-        """Hide or show the verdict."""
-        if self._panels.verdict.border_title:
-            self._open(not self._panels.verdict.display)
+    def turn_verdict(self) -> None:
+        """Show the verdict in its box, then alone, then not at all."""
+        if not self._panels.verdict.border_title:
+            return
+
+        screen = self._app.screen_stack[0]
+        if not self._panels.verdict.display:
+            self._open(True)
+        elif not screen.has_class(_ALONE):
+            screen.add_class(_ALONE)
+            self._panels.verdict.border_subtitle = "v hides · q quits"
+            self._panels.verdict.post_message(Lines.Alone("verdict"))
+        else:
+            self._open(False)
 
     async def _fly(self, mission: Mission) -> object:
         verdict = await mission()
@@ -128,18 +140,34 @@ class MissionWorker:
         status = _exit_status(verdict)
         # of several missions the first that has failed decides
         self.status = self.status or status
-        self._show([theme.clean(sentence) for sentence in sentences], is_passed=status == 0)
+        self._show(
+            [theme.clean(sentence) for sentence in sentences],
+            is_passed=status == 0,
+            summary=theme.clean(getattr(verdict, "summary", "")),
+        )
         return verdict
 
-    def _show(self, sentences: Sequence[str], *, is_passed: bool) -> None:
+    def _show(self, sentences: Sequence[str], *, is_passed: bool, summary: str = "") -> None:
+        """Show a verdict.
+
+        Args:
+            sentences: all of it.
+            is_passed: whether the mission has passed.
+            summary: the one of them that has the reason; it stands first in the box, which may
+                be too low for all.
+        """
         self.verdict = sentences
         self._line = _PASSED if is_passed else _FAILED
 
+        in_box = list(sentences)
+        if summary in in_box:
+            in_box.remove(summary)
+            in_box.insert(0, summary)
+
         box = self._panels.verdict
         box.border_title = self._line
-        box.border_subtitle = "v hides · q quits"
         box.set_class(not is_passed, "bad")
-        box.update("\n".join(sentences))
+        box.update("\n".join(in_box))
         self._open(True)
 
         sign = SEVERITY_SIGNS["info" if is_passed else "warning"]
@@ -147,9 +175,14 @@ class MissionWorker:
             self._panels.events.add(sentence, sign)
 
     def _open(self, is_open: bool) -> None:
-        """Show it in place of the events, which say the same: the plan keeps its room."""
+        """Show it below plan and events, which go on."""
         self._panels.verdict.display = is_open
-        self._app.screen_stack[0].set_class(is_open, "judged")
+        self._panels.verdict.border_subtitle = "v enlarges · q quits"
+
+        screen = self._app.screen_stack[0]
+        screen.set_class(is_open, "judged")
+        screen.remove_class(_ALONE)
+        self._panels.verdict.post_message(Lines.Alone(""))
 
 
 def _exit_status(verdict: object) -> int:

@@ -19,7 +19,7 @@ from collections.abc import Callable
 from textual.app import App
 
 from groundstation.client.client import FleetClient
-from groundstation.console import mission_orders, theme
+from groundstation.console import mission_words, theme
 from groundstation.console.clients import ConsoleClient, OrderingClient
 from groundstation.console.mission_orders import MissionOrders
 from groundstation.console.panels import Panels
@@ -155,7 +155,7 @@ class OrderEntry:
             if first_words == [verb]:
                 self._panels.results.show_sentence(kind.usage, FAINT)
         if first_words == ["mission"]:
-            self._panels.results.show_sentence(mission_orders.USAGE, FAINT)
+            self._panels.results.show_sentence(mission_words.USAGE, FAINT)
 
         if text.strip():
             self.warm_up()
@@ -169,7 +169,7 @@ class OrderEntry:
         is_control = words[:2] in (["take", "control"], ["give", "control"], ["keep", "control"])
         if is_control and len(words) <= 3:
             self._change_control(words[0], *words[2:])
-        elif words[0] in mission_orders.WORDS and self.missions is not None:
+        elif words[0] in mission_words.WORDS and self.missions is not None:
             refusal = self.missions.take(words)
             if refusal:
                 self._refuse(text, refusal)
@@ -246,6 +246,7 @@ class OrderEntry:
             intent=intent,
             forecaster=self._forecaster,
             short=self.short,
+            table=self._panels.table,
         )
         self._app.push_screen(screen, self._send_checked)
 

@@ -8,10 +8,16 @@ from onboard.config.fleet import Geofence
 
 LOW = 12  # rows below which only the table and what is vital stay
 NARROW = 40  # columns below which alarm and keys have a line each
+# Rows below which a verdict takes the room of the separation, and that of the plan as well.
+TIGHT = 36
+SHORT = 22
 LINES_AROUND = 4  # title, result, order line, status
 _TABLE_SHARE = 0.45  # of the height, at most
 _PLAN_LEAST = 0.36  # of the width
 _PLAN_SHARE = 0.62  # of the width, at most
+_EVENTS_LEAST = 3  # rows that a verdict leaves to the events, with their border
+_BESIDE_VERDICT = 6  # rows that it leaves to plan and events where there is room for both
+_VERDICT_LEAST = 4  # rows of a verdict, with its border
 
 Size = int | str  # cells, or "1fr" for all that is left
 
@@ -48,3 +54,18 @@ def panel_sizes(
     if alone == "plan":
         return table_height, "1fr"
     return table_height, plan_width
+
+
+def verdict_most(height: int, table_height: int) -> int:
+    """Return how many rows a verdict takes at most, with its border.
+
+    Events that come after it stay in sight; what has no room of the verdict is shown by enlarging
+    it.
+
+    Args:
+        height: of the terminal, in cells.
+        table_height: rows of the fleet table.
+    """
+    rows_left = height - table_height - LINES_AROUND
+    left_to_others = _BESIDE_VERDICT if height >= SHORT else _EVENTS_LEAST
+    return max(_VERDICT_LEAST, rows_left - left_to_others)

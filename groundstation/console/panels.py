@@ -40,7 +40,7 @@ class Panels:
     def compose(self) -> ComposeResult:
         """Yield the widgets from the top to the bottom.
 
-        Beside the plan stand the separation and the events, or the verdict in place of these.
+        Beside the plan stand the separation and the events, below both the verdict.
         """
         yield self.title
         yield self.table
@@ -48,8 +48,8 @@ class Panels:
             yield self.plan
             with Vertical(id="right"):
                 yield self.separation
-                yield self.verdict
                 yield self.events
+        yield self.verdict
         yield self.notices
         yield self.results
         with Horizontal(id="line"):

@@ -156,7 +156,7 @@ class ReplayApp(ConsoleApp):
 
     def action_help(self) -> None:
         """Show the keys, those of the replay first."""
-        self.push_screen(HelpScreen(REPLAY_HELP))
+        self.push_screen(HelpScreen(REPLAY_HELP, self.panels.table))
 
     def action_play_or_pause(self) -> None:
         """Play, or pause; from the end it begins again."""

@@ -15,6 +15,7 @@ from groundstation.console.mission_worker import MissionWorker
 from groundstation.console.order_entry import OrderEntry
 from groundstation.console.priority_keys import TerminalHooks
 from groundstation.console.screens.dialogs import QuitScreen
+from groundstation.console.widgets.fleet_table import FleetTable
 from groundstation.fleet.descent import longest_descent_s
 from onboard.config.fleet import FleetConfig
 
@@ -29,6 +30,7 @@ class Shutdown:
     Args:
         warn: writes a sentence into the event log.
         terminal: closed here when the terminal is gone.
+        table: of the fleet, which the question before leaving keeps in sight.
     """
 
     def __init__(
@@ -39,6 +41,7 @@ class Shutdown:
         orders: OrderEntry,
         mission: MissionWorker,
         terminal: TerminalHooks,
+        table: FleetTable,
         warn: Callable[[str], None],
     ) -> None:
         self._app = app
@@ -47,6 +50,7 @@ class Shutdown:
         self._orders = orders
         self._mission = mission
         self._terminal = terminal
+        self._table = table
         self._warn = warn
         self._status: int | None = None  # to leave with when all are down
         self._deadline_ns = 0  # by which they are down, or are left
@@ -95,7 +99,9 @@ class Shutdown:
         if self._may_leave:
             self._app.exit(self._quit_status)
         elif not isinstance(self._app.screen, QuitScreen):
-            screen = QuitScreen(self._airborne, can_stay_up=not self._mission.has_mission)
+            screen = QuitScreen(
+                self._airborne, can_stay_up=not self._mission.has_mission, table=self._table
+            )
             self._app.push_screen(screen, self._quit_as_answered)
 
     async def interrupt(self) -> None:

@@ -123,6 +123,7 @@ class MissionFlight:
                 mission=self._mission,
                 title=title,
                 progress=lambda: self._last_line,
+                run=self._run,
                 judge=self._judge,
                 forecaster=Forecaster(),
             )

@@ -66,11 +66,13 @@ class AlarmList(ScrollView, can_focus=True):
         self.cursor = 0
         self._holding: list[AlarmLine] = []
         self._rows: list[_Row] = []
+        self._now_ns = 0
         self.border_title = "alarms"
         self.border_subtitle = "a acknowledges · esc back"
 
     def show(self, now_ns: int) -> None:
         """Draw the alarms as they are now."""
+        self._now_ns = now_ns
         self._holding = self.alarms.lines
         self.cursor = max(0, min(self.cursor, len(self._holding) - 1))
 
@@ -78,10 +80,17 @@ class AlarmList(ScrollView, can_focus=True):
         acknowledged_count = len(self._holding) - open_count
         self.border_title = f"alarms: {open_count} open, {acknowledged_count} acknowledged"
 
-        width = max(20, self.size.width)
+        width = self.size.width
+        if not width:
+            return  # it has no place in the terminal yet: :meth:`on_resize` draws it
+
         self._rows = self._holding_rows(now_ns, width) + self._past_rows(now_ns, width)
         self.virtual_size = Size(width, len(self._rows))
         self.refresh()
+
+    def on_resize(self) -> None:
+        """Break the lines for this width."""
+        self.show(self._now_ns)
 
     def _holding_rows(self, now_ns: int, width: int) -> list[_Row]:
         if not self._holding:

@@ -11,6 +11,7 @@ from textual.containers import VerticalScroll
 from textual.widgets import Static
 
 from groundstation.console.screens.live import Dialog
+from groundstation.console.widgets.fleet_table import FleetTable
 
 HELP = files(__package__).joinpath("help.txt").read_text(encoding="utf-8").rstrip()
 REPLAY_HELP = files(__package__).joinpath("replay_help.txt").read_text(encoding="utf-8").rstrip()
@@ -22,23 +23,23 @@ class HelpScreen(Dialog[None]):
 
     Args:
         text: in Textual's markup; by default all keys and orders of the console.
+        table: of the fleet, which stays in sight.
     """
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("escape,q,question_mark,enter", "dismiss", "back", show=False)
     ]
 
-    def __init__(self, text: str = HELP) -> None:
-        super().__init__()
+    def __init__(self, text: str = HELP, table: FleetTable | None = None) -> None:
+        super().__init__(table)
         self._text = text
 
-    def compose(self) -> ComposeResult:
+    def boxes(self) -> ComposeResult:
         """One box."""
         with VerticalScroll(id="help") as box:
             box.border_title = "help"
-            box.border_subtitle = "esc back"
+            box.border_subtitle = "↑ ↓ scroll · esc back"
             yield Static(self._text)
-        yield from super().compose()
 
 
 class QuitScreen(Dialog[str]):
@@ -46,6 +47,7 @@ class QuitScreen(Dialog[str]):
 
     Args:
         can_stay_up: they fly on without this console, which has not started their agents.
+        table: of the fleet, which stays in sight.
     """
 
     BINDINGS: ClassVar[list[BindingType]] = [
@@ -54,17 +56,22 @@ class QuitScreen(Dialog[str]):
         Binding("escape,n,q", "answer('')", "stay", show=False),
     ]
 
-    def __init__(self, names: tuple[str, ...], *, can_stay_up: bool = False) -> None:
-        super().__init__()
+    def __init__(
+        self,
+        names: tuple[str, ...],
+        *,
+        can_stay_up: bool = False,
+        table: FleetTable | None = None,
+    ) -> None:
+        super().__init__(table)
         self._names = names
         self._can_stay_up = can_stay_up
 
-    def compose(self) -> ComposeResult:
+    def boxes(self) -> ComposeResult:
         """One box."""
         with VerticalScroll(id="question") as box:
             box.border_title = "leave the fleet?"
             yield Static("\n".join(self._lines()))
-        yield from super().compose()
 
     def _lines(self) -> list[str]:
         count = len(self._names)

@@ -54,7 +54,16 @@ class Bar(Widget):
 class TitleBar(Bar):
     """The fleet, how many of its vehicles are heard and how many fly, and the mission."""
 
-    def show(self, title: str, *, fresh: int, vehicles: int, flying: int, right: str) -> None:
+    def show(
+        self,
+        title: str,
+        *,
+        fresh: int,
+        vehicles: int,
+        flying: int,
+        flight_s: float | None,
+        right: str,
+    ) -> None:
         """Update the line.
 
         Args:
@@ -62,6 +71,7 @@ class TitleBar(Bar):
             fresh: vehicles whose telemetry is not silent.
             vehicles: all that the fleet has.
             flying: vehicles in the air.
+            flight_s: duration of the present flight or of the last one [s]; None before the first.
             right: what stands at the right end.
         """
         colour = WARN
@@ -72,6 +82,11 @@ class TitleBar(Bar):
             middle = f"   {fresh} of {vehicles} heard"
         else:
             middle = f"   waiting for {vehicles} vehicles"
+
+        if flight_s is not None:
+            minutes, seconds = divmod(int(flight_s), 60)
+            flown = "" if flying else " flown"
+            middle += f",{flown} {minutes}:{seconds:02d}"
 
         brand = " COVEY "
         name = f" {clean(title, 60)}"

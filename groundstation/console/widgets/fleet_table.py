@@ -367,12 +367,52 @@ class FleetTable(Lines, ScrollView, can_focus=True):
                 title += " · "
             arrow = "↓" if self.is_reversed else "↑"
             title += f"by {self.sort} {arrow}"
-        return title
+
+        hidden_words = self._hidden_words()
+        if title and hidden_words:
+            hidden_words += " · "
+        return hidden_words + title
+
+    def _hidden_words(self) -> str:
+        """Return how many vehicles lie above and below the window."""
+        rows_of_window = self.size.height - 1
+        if rows_of_window < 1 or len(self._rows) <= rows_of_window:
+            return ""
+        above = round(self.scroll_offset.y)
+        return _hidden_words(above, max(0, len(self._rows) - above - rows_of_window))
 
     # -- drawing -----------------------------------------------------------------------------------
 
+    @property
+    def row_count(self) -> int:
+        """How many vehicles are shown, by the filter."""
+        return len(self._rows)
+
+    def first_row(self, height: int) -> int:
+        """Return the first row of a window of this height that has the cursor in it."""
+        rows_of_window = max(1, height - 1)
+        if len(self._rows) > rows_of_window:
+            rows_of_window = max(1, rows_of_window - 1)  # the last line counts the others
+        return max(0, self.cursor - rows_of_window + 1)
+
     def draw(self, width: int, height: int) -> list[Strip]:
         """Return the heading, which stays on the first line, and the rows in the window below."""
+        has_border = self.size != self.outer_size
+        return self.draw_from(
+            round(self.scroll_offset.y), width, height, counts_hidden=not has_border
+        )
+
+    def draw_from(
+        self, top: int, width: int, height: int, *, counts_hidden: bool = True
+    ) -> list[Strip]:
+        """Return the heading and the rows from one on.
+
+        Args:
+            top: the first row.
+            width: of the picture, in cells.
+            height: of the picture, in cells.
+            counts_hidden: say in the last line how many vehicles have no room.
+        """
         layout = RowLayout.of([view.name for view in self._views], width)
         lines = [self._heading(layout, width)]
 
@@ -380,8 +420,13 @@ class FleetTable(Lines, ScrollView, can_focus=True):
         now_s = self._now_s
         is_lit = int(now_s * 2.0 / BLINK_PERIOD_S) % 2 == 1
 
-        top = round(self.scroll_offset.y)
-        for view in self._rows[top : top + height - 1]:
+        shown = self._rows[top : top + height - 1]
+        hidden_words = ""
+        if counts_hidden and len(shown) < len(self._rows) and height > 2:
+            shown = shown[: height - 2]
+            hidden_words = _hidden_words(top, len(self._rows) - top - len(shown))
+
+        for view in shown:
             name = view.name
             marks = RowMarks(
                 has_cursor=name == selected,
@@ -393,6 +438,9 @@ class FleetTable(Lines, ScrollView, can_focus=True):
             segments = draw_row(layout, view, self._row(view), self._indices.get(name, 0), marks)
             lines.append(Strip(segments).adjust_cell_length(width))
 
+        if hidden_words:
+            text = theme.fit(f"    {hidden_words}", width)
+            lines.append(Strip([Segment(text, theme.style(WARN))], width))
         if not self._rows and height > 1:
             lines.append(self._empty_line(width))
         return lines
@@ -413,7 +461,22 @@ class FleetTable(Lines, ScrollView, can_focus=True):
     def watch_scroll_y(self, old_value: float, new_value: float) -> None:
         """Draw the rows that have come into the window."""
         super().watch_scroll_y(old_value, new_value)
+        self._update_titles()
         self.redraw()
+
+    def on_resize(self) -> None:
+        """Count the vehicles that have no room."""
+        self._update_titles()
+
+
+def _hidden_words(above: int, below: int) -> str:
+    """Return how many vehicles are not shown, in words; nothing when all are."""
+    words = []
+    if above > 0:
+        words.append(f"↑ +{above}")
+    if below > 0:
+        words.append(f"↓ +{below} more")
+    return "  ".join(words)
 
 
 def _urgent_values(view: VehicleView, now_ns: int) -> tuple[object, ...]:

@@ -15,8 +15,10 @@ from textual.message import Message
 from textual.suggester import Suggester
 from textual.widgets import Input
 
+from groundstation.console import mission_words
 from groundstation.fleet.operator_control import FORCE_WORD
 from groundstation.formations.slots import formation_names
+from groundstation.mission_files.names import mission_names
 from groundstation.orders.intents import INTENTS
 from onboard.config.file_reading import FileKind, read_bytes
 from onboard.config.fleet import ConfigError, FleetConfig
@@ -39,6 +41,8 @@ def completions(text: str, fleet: FleetConfig) -> list[str]:
         return []
     if not done:
         return _verbs(last)
+    if done[0] == "mission" and len(done) == 1:
+        return [f"mission {name}" for name in mission_names(last) if _continues(name, last)]
     if done[0] in ("take", "give", "keep"):
         return [order for order in CONTROL_ORDERS if _continues(order, text)]
 
@@ -65,7 +69,7 @@ def _verbs(start: str) -> list[str]:
     if verbs:
         return verbs
 
-    rare = ["reset"]
+    rare = ["reset", *mission_words.WORDS]
     for order in CONTROL_ORDERS:
         verb = order.partition(" ")[0]
         if verb not in rare:

@@ -7,7 +7,11 @@ import json
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from groundstation.console.mission_orders import MissionOrders
+from groundstation.mission_files.loading import load_mission
+from groundstation.mission_files.names import mission_names
 from groundstation.missions.runner import MissionRun
 from groundstation.recording.writer import RecordWriter
 from groundstation.verdict.final_verdict import final_verdict
@@ -73,6 +77,65 @@ async def test_a_mission_is_stepped_through_and_judged(
         "move",
         "land",
     ]
+
+
+async def test_a_mission_is_paused_and_an_order_of_it_left_out(
+    client: Any, bus: Any, tmp_path: Path
+) -> None:
+    worker = Worker()
+    path = tmp_path / "m.toml"
+    path.write_text(MISSION, encoding="utf-8")
+    orders = MissionOrders(client, worker.begin)
+    assert orders.take(["mission", str(path)]) == ""
+    assert orders.take(["pause"]) == ""
+    assert "No order of the mission waits" in orders.take(["skip"])
+
+    def waits(verb: str) -> Any:
+        return lambda state: any(
+            one.event.sentence.startswith(f"Waits before: {verb}") for one in state.events
+        )
+
+    assert await client.wait_for(waits("takeoff"), 5.0)
+    assert orders.take(["step"]) == ""
+    assert await client.wait_for(waits("formation"), 5.0)
+    assert orders.take(["skip"]) == ""
+    assert worker.task is not None
+    verdict = await asyncio.wait_for(worker.task, 5.0)
+
+    assert [order.kind for name, order in bus.orders if name == "mav0"] == ["takeoff", "land"]
+    assert verdict.passed, verdict.summary
+    assert "The operator left out: formation triangle" in verdict.summary
+
+
+async def test_the_mission_that_a_console_was_started_with_is_paused_as_well(
+    client: Any, tmp_path: Path
+) -> None:
+    path = tmp_path / "m.toml"
+    path.write_text(MISSION, encoding="utf-8")
+    run = MissionRun(load_mission(path, client.fleet), client)
+    orders = MissionOrders(client, Worker().begin, run=run)
+    assert orders.take(["pause"]) == ""
+    flown = asyncio.create_task(run.run())
+
+    def waits(state: Any) -> bool:
+        return any(one.event.sentence.startswith("Waits before") for one in state.events)
+
+    run.fleet.ground.say = lambda line: client.publish_event("info", "mission", line)
+    assert await client.wait_for(waits, 5.0)
+    assert orders.take(["continue"]) == ""
+    assert (await asyncio.wait_for(flown, 5.0)).passed
+
+
+def test_missions_of_a_folder_and_examples_may_be_meant(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "shows").mkdir()
+    for name in ("square.toml", "notes.txt", "shows/first.py", "shows/two words.py"):
+        (tmp_path / name).write_text("", encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    assert mission_names("sq") == ["square.toml", "square-dance"]
+    assert mission_names("shows/") == ["shows/first.py"]
+    assert mission_names("nowhere/") == []
 
 
 async def test_a_mission_that_is_stopped_lands_all(client: Any, bus: Any, tmp_path: Path) -> None:

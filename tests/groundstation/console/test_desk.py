@@ -1,0 +1,131 @@
+"""What stays in sight on terminals of every size: the fleet, the verdict's reason, later events."""
+
+from __future__ import annotations
+
+import asyncio
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from groundstation.console.app import ConsoleApp
+from groundstation.console.history import History
+from groundstation.console.screens.alarms_screen import AlarmList
+from groundstation.console.screens.dialogs import HelpScreen, QuitScreen
+from groundstation.console.screens.preview_screen import PreviewScreen
+from tests.groundstation.console.rig import Oracle
+from tests.groundstation.console.scenes import SteadyClient, crowd, fly
+from tests.groundstation.console.seeing import screen, see, table_of
+
+SIZES = [(160, 48), (120, 40), (100, 30), (80, 20)]
+REASON = "mav3 and mav5 were 0.62 m apart at 12.4 s, declared are 0.80 m."
+VERDICT = SimpleNamespace(
+    exit_status=1,
+    summary=f"FAILED: mission 'eight' with law 'covey'. {REASON}",
+    sentences=(
+        "Closest: mav3 and mav5, 0.62 m between centres, at 12.4 s.",
+        "Furthest from a goal on arrival: 0.09 m.",
+        "Landed and disarmed: mav0, mav1, mav2, mav3, mav4, mav5, mav6, mav7.",
+        f"FAILED: mission 'eight' with law 'covey'. {REASON}",
+    ),
+)
+
+
+def eight(**options: Any) -> tuple[SteadyClient, ConsoleApp]:
+    """A console with eight vehicles in the air."""
+    fleet = crowd(8, "mav{}", 8.0)
+    client = SteadyClient(fleet)
+    fly(client, 1.0)
+    return client, ConsoleApp(fleet, client, forecaster=Oracle(), **options)
+
+
+def words_of(app: ConsoleApp) -> str:
+    """The text of the front screen, with a sentence in one piece where lines were broken."""
+    text = " ".join(screen(app)).replace("│", " ")
+    return " ".join(text.split())
+
+
+@pytest.mark.parametrize("size", [SIZES[0], SIZES[-1]])
+@pytest.mark.parametrize("kind", [HelpScreen, QuitScreen, PreviewScreen])
+async def test_a_dialog_leaves_the_fleet_in_sight(size: tuple[int, int], kind: type) -> None:
+    _, app = eight()
+    async with app.run_test(size=size) as pilot:
+        if kind is PreviewScreen:
+            await pilot.press("colon", *"takeoff mav0 1", "enter")
+        else:
+            await pilot.press("question_mark" if kind is HelpScreen else "q")
+        await pilot.pause()
+        assert isinstance(app.screen, kind)
+        await see(app, pilot)
+
+        shown = [name for name in app.fleet.enabled_names if f" {name} ●" in words_of(app)]
+        hidden = 8 - len(shown)
+        assert len(shown) >= 6
+        assert (f"+{hidden} more" in words_of(app)) == (hidden > 0)
+        assert "esc" in words_of(app)
+
+
+@pytest.mark.parametrize("size", SIZES[1:])
+async def test_a_verdict_shows_its_reason_and_covers_no_later_event(size: tuple[int, int]) -> None:
+    async def mission() -> object:
+        return VERDICT
+
+    _, app = eight(mission=mission)
+    async with app.run_test(size=size) as pilot:
+        await pilot.pause()
+        app.panels.events.add("mav2: a motor is dead.")
+        await see(app, pilot)
+        text = words_of(app)
+        assert REASON in text
+        assert "mav2: a motor is dead." in text
+
+        await pilot.press("v")
+        await see(app, pilot)
+        assert all(sentence in words_of(app) for sentence in VERDICT.sentences)
+        await pilot.press("v")
+        await see(app, pilot)
+        assert "mission failed ─" not in words_of(app)
+
+
+async def test_a_low_terminal_counts_the_vehicles_that_have_no_row() -> None:
+    _, app = eight()
+    async with app.run_test(size=(80, 20)) as pilot:
+        await see(app, pilot)
+        assert table_of(app).border_subtitle == "↓ +2 more"
+        await pilot.press("end")
+        await see(app, pilot)
+        assert table_of(app).border_subtitle == "↑ +2"
+
+
+async def test_the_list_of_alarms_is_as_wide_as_the_terminal_from_the_first_picture() -> None:
+    client, app = eight()
+    async with app.run_test(size=(100, 30)) as pilot:
+        near = (0.0, 0.0, 1.0)
+        client.hear("mav0", position_enu_m=near)
+        client.hear("mav1", position_enu_m=(0.5, 0.0, 1.0))
+        await see(app, pilot)
+        await pilot.press("A")
+        await asyncio.sleep(0)
+        shown = [app.screen.query_one(AlarmList).render_line(y).text.rstrip() for y in range(4)]
+        assert any(line.endswith("apart, limit 0.80 m") for line in shown), shown
+
+
+def test_the_clock_counts_from_the_first_vehicle_up_to_the_last_one_down() -> None:
+    client, _ = eight()
+    history = History()
+    begin_ns = client.now_ns()
+    assert history.flight_s(begin_ns) is None
+
+    history.add(client.state, begin_ns)
+    assert history.flight_s(begin_ns + 83 * 10**9) == pytest.approx(83.0)
+
+    client.clock_ns = begin_ns + 90 * 10**9
+    for name in client.fleet.enabled_names:
+        client.hear(name, is_airborne=False, is_armed=False, state="ready")
+    history.add(client.state, client.now_ns())
+    assert history.flight_s(client.now_ns() + 10**9) == pytest.approx(90.0)
+
+    client.clock_ns += 10**9
+    client.hear("mav0", is_airborne=True)
+    history.add(client.state, client.now_ns())
+    assert history.flight_s(client.now_ns() + 10**9) == pytest.approx(1.0)
