@@ -89,6 +89,7 @@ class FleetClient:
     ) -> None:
         self.fleet = fleet
         self.is_recording = False  # this ground, as announced to the vehicles
+        self._brings_home: set[str] = set()  # ids of a person's orders to bring home
         self.has_person = False  # a person gives orders by this client, beside any mission
         self.author = author or user_name()
         self._clock_ns = clock_ns
@@ -301,7 +302,17 @@ class FleetClient:
         self._held = planned.held
         if is_by_mission:
             planned = of_mission(planned)
+        elif planned.intent.verb == "bring_home":
+            self._brings_home.update(order.order_id for order in planned.orders.values())
         return self._orders.send(planned, is_by_mission=is_by_mission)
+
+    def ends_missions(self, order_id: str) -> bool:
+        """Whether an order of a person at this ground brings the fleet home, past its mission.
+
+        Args:
+            order_id: as in telemetry.
+        """
+        return order_id in self._brings_home
 
     def is_of_mission(self, order_id: str) -> bool:
         """Whether a mission of this ground has given an order.

@@ -89,6 +89,9 @@ class ConsoleApp(App[int]):
         Binding("f4", "begin_order('move')", "move the selected"),
         Binding("f5", "begin_order('formation')", "formation"),
         Binding("w", "order('locate')", "locate"),
+        Binding("p", "order_paths('pause')", "pause the show"),
+        Binding("r", "order_paths('resume')", "resume the show"),
+        Binding("H", "order_paths('bring_home')", "bring all home"),
         Binding("f12", "kill('f12')", "KILL", priority=True),
         Binding("ctrl+backslash", "kill('ctrl+backslash')", "KILL", priority=True),
         Binding("ctrl+y", "answer_request('give')", "give control", priority=True),
@@ -365,6 +368,10 @@ class ConsoleApp(App[int]):
     async def action_order_all(self, verb: Verb) -> None:
         """Land or hold all vehicles."""
         await self.orders.order_all(verb)
+
+    async def action_order_paths(self, verb: Verb) -> None:
+        """Stop all who follow paths, let them go on, or bring them home."""
+        await self.orders.order_paths(verb)
 
     async def action_order(self, verb: Verb) -> None:
         """Order something for the selected vehicles."""

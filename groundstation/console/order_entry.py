@@ -339,6 +339,24 @@ class OrderEntry:
             return Land(vehicles=self._fleet.enabled_names, is_everybody=True)
         return INTENTS[verb](vehicles=self._fleet.enabled_names)
 
+    async def order_paths(self, verb: Verb) -> None:
+        """Order something for all who follow paths; to bring home also means all others that fly.
+
+        Args:
+            verb: pause, resume or bring_home.
+        """
+        names = []
+        for name in self._fleet.enabled_names:
+            view = self._client.state.vehicles[name]
+            follows = view.telemetry is not None and bool(view.telemetry.show_id)
+            if follows or (verb == "bring_home" and view.is_airborne):
+                names.append(name)
+
+        if not names:
+            self._panels.results.show_sentence("Nobody follows a path now.")
+            return
+        await self.order(INTENTS[verb](vehicles=tuple(names)))
+
     async def order_selected(self, verb: Verb) -> None:
         """Order something for the selected vehicles."""
         names = self.selected

@@ -43,6 +43,33 @@ def nearest_slots(
     return {name: taken.get(name, name) for name in slots}
 
 
+def spots_without_crossing(
+    spots: Mapping[str, Vec3], positions: Mapping[str, Vec3]
+) -> dict[str, str]:
+    """Deal spots out so that straight ways that take the same time do not cross.
+
+    The sum of the squares of all ways is the least. Then no exchange of two spots makes it smaller,
+    which says that no two vehicles come nearer on their ways than the smaller of their distances at
+    the begin and at the end, over the square root of 2 (Turpin, Michael and Kumar, CAPT, 2014).
+    Heights do not count: vehicles fly back at their own.
+
+    Args:
+        spots: by the vehicle whose spot it is, metres ENU.
+        positions: of the vehicles that fly there, metres ENU.
+
+    Returns:
+        For each vehicle the one whose spot it takes.
+    """
+    names = [name for name in spots if name in positions]
+    if len(names) < 2:
+        return {name: name for name in names}
+
+    goals = np.array([spots[name][:2] for name in names])
+    starts = np.array([positions[name][:2] for name in names])
+    squares = ((starts[:, None] - goals[None]) ** 2).sum(-1)
+    return {name: names[column] for name, column in zip(names, least_sum(squares), strict=True)}
+
+
 def least_longest(costs: Array) -> float:
     """Return the largest cost of the assignment whose largest cost is least.
 

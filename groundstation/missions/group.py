@@ -26,6 +26,7 @@ from groundstation.orders.intents import (
     DEFAULT_HEIGHT_M,
     Arm,
     Assign,
+    BringHome,
     Disarm,
     Formation,
     Goto,
@@ -36,6 +37,8 @@ from groundstation.orders.intents import (
     Land,
     Locate,
     Move,
+    Pause,
+    Resume,
     Rotate,
     Takeoff,
     Yaw,
@@ -307,6 +310,46 @@ class Group:
         """
         intent = Home(vehicles=self.select(vehicles), height_m=height_m, duration_s=duration_s)
         return await self.order(intent, timeout_s)
+
+    async def bring_home(
+        self,
+        vehicles: Vehicles = "all",
+        *,
+        height_m: float | None = None,
+        duration_s: float = 0.0,
+        timeout_s: float = 90.0,
+    ) -> Results:
+        """Fly back from wherever all are, to take-off spots dealt out so that ways do not cross.
+
+        They land there and disarm; a path or a formation ends by it.
+
+        Args:
+            vehicles: to order.
+            height_m: of the way back, above the fleet's origin [m]; None: each at its own.
+            duration_s: of the way back [s]; 0 leaves it to the vehicles' limits.
+            timeout_s: longest wait [s].
+        """
+        names = self.select(vehicles)
+        intent = BringHome(vehicles=names, height_m=height_m, duration_s=duration_s)
+        return await self.order(intent, timeout_s)
+
+    async def pause(self, vehicles: Vehicles = "all", *, timeout_s: float = 5.0) -> Results:
+        """Stop the clock of the paths that are followed; the order to follow them goes on.
+
+        Args:
+            vehicles: to order; whoever flies the same show pauses with them.
+            timeout_s: longest wait [s].
+        """
+        return await self.order(Pause(vehicles=self.select(vehicles)), timeout_s)
+
+    async def resume(self, vehicles: Vehicles = "all", *, timeout_s: float = 5.0) -> Results:
+        """Let the clock of paused paths go on.
+
+        Args:
+            vehicles: to order; it goes on once nobody of the same show is paused any more.
+            timeout_s: longest wait [s].
+        """
+        return await self.order(Resume(vehicles=self.select(vehicles)), timeout_s)
 
     async def follow_path(
         self,

@@ -12,8 +12,10 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Protocol
 
 from groundstation.client.client import FleetClient
+from groundstation.fleet.state import FleetState
 from groundstation.missions.ground import step_result
-from groundstation.orders.intents import FollowPath, Goto, Hold, Intent
+from groundstation.missions.paused_paths import weakest
+from groundstation.orders.intents import BringHome, FollowPath, Goto, Hold, Intent
 from groundstation.orders.path_orders import OnLag, parts_of, starts_of
 from groundstation.orders.result import OrderFailed, OrderResult, Results
 from groundstation.paths.lights import Colour, Light, colour_at
@@ -28,6 +30,8 @@ AHEAD_S = 3.0  # of the start, for all replies to come before it
 _LATE_S = 60.0  # after the paths' own end: half the clock's rate for ten seconds, and some
 _SAY_S = 10.0
 _LOAD_S = 10.0
+_LOOK_S = 0.5  # between two looks for a pause
+_HOME_S = 120.0
 _LIGHT_S = 0.2  # between two looks at the colours
 
 Paths = Mapping[str, Path]  # by vehicle
@@ -94,7 +98,7 @@ async def follow_paths(
         asyncio.create_task(_play_lights(ground, lights)),
     ]
     try:
-        results = await order.wait(timeout_s or AHEAD_S + longest_s + _LATE_S)
+        results = await _end_of(ground, order, timeout_s or AHEAD_S + longest_s + _LATE_S)
     finally:
         for task in beside:
             task.cancel()
@@ -111,6 +115,53 @@ async def follow_paths(
             ground.say(f"  {name} {result.phase}: {result.sentence}")
     ground.say(f"  followed in {duration_s - AHEAD_S:.1f} s")
     return results
+
+
+async def _end_of(ground: PathGround, order: OrderResult, timeout_s: float) -> Results:
+    """Wait for the end of all paths; the time of a pause does not count.
+
+    A pause ends with all brought home, at the last moment at which the weakest still can.
+
+    Raises:
+        OrderFailed: they were brought home.
+    """
+    client = ground.client
+    names = tuple(order.results)
+    left_s = timeout_s
+    was_paused = False
+
+    while True:
+        begin_ns = client.now_ns()
+        results = await order.wait(min(_LOOK_S, left_s))
+        if order.is_final:
+            return dict(order.results)
+
+        following = [name for name in names if _is_following(client.state, name)]
+        is_paused = any(_is_paused(client.state, name) for name in following)
+        reserve = weakest(client.fleet, client.state, following)
+        if is_paused and not was_paused and reserve is not None:
+            ground.say(f"  paused; {reserve}")
+        was_paused = is_paused
+
+        if is_paused and reserve is not None and reserve.is_used_up:
+            ground.say(f"  The pause ends: {reserve}.")
+            await ground.order(BringHome(vehicles=tuple(following)), _HOME_S)
+            raise OrderFailed(FollowPath(vehicles=names), dict(order.results))
+
+        if not is_paused:
+            left_s -= (client.now_ns() - begin_ns) * 1e-9
+        if left_s <= 0.0:
+            return results
+
+
+def _is_following(state: FleetState, name: str) -> bool:
+    telemetry = state.vehicles[name].telemetry
+    return telemetry is not None and bool(telemetry.show_id)
+
+
+def _is_paused(state: FleetState, name: str) -> bool:
+    telemetry = state.vehicles[name].telemetry
+    return telemetry is not None and telemetry.is_path_paused
 
 
 async def _load(ground: PathGround, paths: Paths) -> None:

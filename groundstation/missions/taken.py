@@ -127,7 +127,8 @@ class FleetWatch:
             return True
 
         kind = "" if view.telemetry is None else view.telemetry.taken_order_kind
-        return self._client.has_person and kind in EMERGENCY
+        ends_it = kind in EMERGENCY or self._client.ends_missions(order_id)
+        return self._client.has_person and ends_it
 
     def _new_operator(self) -> Taken | None:
         """Return another ground that operates the fleet now: the mission's orders are refused."""

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 from msgspec.structs import replace
 
 from groundstation.fleet.state import FleetState, VehicleView
-from groundstation.formations.assignment import nearest_slots
+from groundstation.formations.assignment import nearest_slots, spots_without_crossing
 from groundstation.orders.held_formation import (
     HeldFormation,
     formation_position,
@@ -27,6 +27,7 @@ from groundstation.orders.held_formation import (
 from groundstation.orders.intents import (
     DEFAULT_HEIGHT_M,
     INTENTS,
+    BringHome,
     Formation,
     Goto,
     Home,
@@ -38,6 +39,9 @@ from groundstation.orders.intents import (
 from onboard.bus.schema import Vec3
 from onboard.config.fleet import FleetConfig
 from onboard.config.ground import floor_m, least_height_m
+
+_PEAK_OF_MEAN = 1.9  # speed of a quintic: its peak over its mean
+_LEAST_WAY_S = 3.0  # of a way home
 
 
 class Situation(NamedTuple):
@@ -116,6 +120,56 @@ def _home(intent: Home, situation: Situation) -> Goals:
             height_m = max(spots[name][2], lowest_m)
         goals[name] = (x, y, height_m)
     return Goals(intent, goals)
+
+
+def _bring_home(intent: BringHome, situation: Situation) -> Goals:
+    """Return points above take-off spots, dealt out from where the vehicles are now.
+
+    Each flies at its own height, or at the ordered one.
+    """
+    spots = {}
+    for name in situation.names:
+        here = situation.fleet.vehicles[name].start_enu_m
+        if situation.state is not None:
+            view = situation.state.vehicles.get(name)
+            telemetry = None if view is None else view.telemetry
+            if telemetry is None or not telemetry.is_position_valid:
+                continue
+            here = telemetry.position_enu_m
+        spots[name] = here
+    if len(spots) < len(situation.names):
+        return Goals(intent, {}, _no_position(situation.names, spots))
+
+    takes = intent.takes
+    if takes is None:
+        homes = {name: situation.fleet.vehicles[name].start_enu_m for name in situation.names}
+        takes = spots_without_crossing(homes, spots)
+        intent = replace(intent, takes=takes)
+
+    goals = {}
+    for name in situation.names:
+        x, y, _ = situation.fleet.vehicles[takes.get(name, name)].start_enu_m
+        height_m = intent.height_m
+        if height_m is None:
+            lowest_m = floor_m(situation.fleet) + least_height_m(situation.fleet.vehicles[name])
+            height_m = max(spots[name][2], lowest_m)
+        goals[name] = (x, y, height_m)
+
+    if not intent.duration_s:
+        # ways do not cross where all take the same time for them
+        longest_s = max(
+            _PEAK_OF_MEAN
+            * math.dist(spots[name], goal)
+            / situation.fleet.vehicles[name].max_speed_m_s
+            for name, goal in goals.items()
+        )
+        intent = replace(intent, duration_s=round(max(_LEAST_WAY_S, longest_s), 1))
+    return Goals(intent, goals)
+
+
+def _way_s(begin_enu_m: Vec3, end_enu_m: Vec3, max_speed_m_s: float) -> float:
+    """Return how long a way from rest to rest takes [s]."""
+    return _PEAK_OF_MEAN * math.dist(begin_enu_m, end_enu_m) / max_speed_m_s
 
 
 # -- the formation's position, and a slot for each vehicle -----------------------------------------
@@ -250,6 +304,7 @@ _GOALS_BY_KIND: dict[type[Intent], Callable[[Any, Situation], Goals]] = {
     Goto: _goto,
     Yaw: _yaw,
     Home: _home,
+    BringHome: _bring_home,
     Move: _move,
     Formation: _formation,
     Rotate: _rotate,

@@ -64,6 +64,8 @@ def parse(text: str, fleet: FleetConfig) -> Intent:
         raise OrderError("One line is one order: remove the line break or control character.")
 
     words = text.split()
+    if [word.lower() for word in words[:2]] == ["bring", "home"]:
+        words = ["bring_home", *words[2:]]
     kind = _verb_of(words)
     words = words[1:]
 

@@ -44,8 +44,11 @@ Verb = Literal[
     "rotate",
     "yaw",
     "home",
+    "bring_home",
     "land",
     "hold",
+    "pause",
+    "resume",
     "kill",
     "locate",
 ]
@@ -461,6 +464,41 @@ class Home(Intent, frozen=True, kw_only=True):
         return [*height_words, *_duration_words(self.duration_s)]
 
 
+class BringHome(Home, frozen=True, kw_only=True):
+    """Back to the take-off spots from wherever all are, dealt out so that ways do not cross."""
+
+    verb = "bring_home"
+    usage = "bring_home [WHO] [HEIGHT] [in SECONDS], for instance: bring_home all"
+    planned_fields = ("takes",)
+
+    # which vehicle's take-off spot each lands at; None: not dealt out yet
+    takes: Mapping[str, str] | None = None
+
+
+class Pause(Intent, frozen=True, kw_only=True):
+    """Stop the clock of the paths that are followed: all who fly them brake along them."""
+
+    verb = "pause"
+    kind = "pause"
+    usage = "pause [WHO], for instance: pause"
+    is_mission_step = False
+    begins = "in air"
+
+    timeout_s: float = 5.0
+
+
+class Resume(Intent, frozen=True, kw_only=True):
+    """Let the clock of paused paths go on."""
+
+    verb = "resume"
+    kind = "resume"
+    usage = "resume [WHO], for instance: resume"
+    is_mission_step = False
+    begins = "in air"
+
+    timeout_s: float = 5.0
+
+
 class Land(Intent, frozen=True, kw_only=True):
     """Land and disarm."""
 
@@ -534,8 +572,11 @@ INTENTS: dict[str, type[Intent]] = {
         Rotate,
         Yaw,
         Home,
+        BringHome,
         Land,
         Hold,
+        Pause,
+        Resume,
         Kill,
         Locate,
     )

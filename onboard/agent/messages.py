@@ -293,4 +293,5 @@ def _path_fields(path: PathFlight) -> dict[str, Any]:
         "path_rate_frac": path.rate,
         "path_lag_m": path.lag_m,
         "is_behind": path.is_behind,
+        "is_path_paused": path.is_paused,
     }

@@ -13,7 +13,7 @@ from typing import NamedTuple
 from onboard.agent.order_gate import OrderGate
 from onboard.bus.control_token import ORDER_STAYS, ControlTokens
 from onboard.bus.protocol import UntrustedOrder
-from onboard.bus.schema import BY_MISSION, LOCATE, Order, OrderReply, Telemetry
+from onboard.bus.schema import BESIDE, BY_MISSION, LOCATE, PAUSES, Order, OrderReply, Telemetry
 from onboard.flight import order_checks, state_machine
 from onboard.flight.context import FlightContext
 from onboard.flight.order_checks import OrderFacts
@@ -163,7 +163,7 @@ class OrderIntake:
         without knowing of it.
         """
         taken = self._taken_of_person
-        begins_nothing = order.kind in LOCATE or order.kind == "load_path"
+        begins_nothing = order.kind in BESIDE
         if order.reason != BY_MISSION or taken is None or begins_nothing or order.kind == "kill":
             return None
 
@@ -181,6 +181,9 @@ class OrderIntake:
             return
         if order.kind == "load_path":
             state_machine.load_path(self._flight, view, order)
+            return
+        if order.kind in PAUSES:
+            state_machine.pause(self._flight, view, order)
             return
 
         self.taken = TakenOrder(order, view.now_ns)

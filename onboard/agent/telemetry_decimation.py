@@ -39,6 +39,7 @@ class TelemetryDecimation:
             telemetry.config_hash,
             telemetry.show_id,
             telemetry.is_behind,
+            telemetry.is_path_paused,
         )
         goal_enu_m = telemetry.goal_position_enu_m
         is_same_goal = math.dist(goal_enu_m, self._goal_enu_m) < _GOAL_M

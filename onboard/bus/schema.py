@@ -42,7 +42,11 @@ OrderKind = Literal[
     "identify",
     "load_path",
     "follow_path",
+    "pause",
+    "resume",
 ]
+PAUSES = ("pause", "resume")  # they change the clock of a path
+BESIDE = (*LOCATE, "load_path", *PAUSES)  # orders that begin nothing, and end no other
 # Reasons of an order; without one a person gives it, to the vehicles that he names.
 BY_MISSION = "mission"  # a mission or a script gives it, at its end or in its course
 TO_EVERYBODY = "everybody"  # a person gives it to all, as LAND ALL does
@@ -176,6 +180,8 @@ class Telemetry(Message, frozen=True, array_like=True, kw_only=True):
     taken_order_id: str = ""
     taken_order_kind: str = ""
     taken_order_from: str = ""  # author and node
+
+    is_path_paused: bool = False  # an order has stopped its path's clock, and so everybody's
 
 
 class PreflightReport(Message, frozen=True, array_like=True, kw_only=True):

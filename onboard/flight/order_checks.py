@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 from onboard.autopilot import Vec3
 from onboard.bus.codec import is_finite
-from onboard.bus.schema import LOCATE, Order, Telemetry
+from onboard.bus.schema import BESIDE, PAUSES, Order, Telemetry
 from onboard.config.fleet import FleetConfig, FleetSection, Vehicle
 from onboard.config.ground import floor_m, least_height_m
 from onboard.config.pair_separation import separation_m
@@ -68,10 +68,8 @@ def refusal(order: Order, flight: FlightContext, facts: OrderFacts) -> str | Non
     if not order.order_id:
         return "An order needs an id of its own, by which its end is reported: set order_id."
 
-    if order.kind in LOCATE:
-        return None
-    if order.kind == "load_path":
-        return path_flight.part_refusal(flight.path, order.path, flight.vehicle, facts.fleet)
+    if order.kind in BESIDE:
+        return _beside_the_flight(order, flight, facts)
     if order.kind == "hold" and flight.state == "failed":
         return _take_over(order, flight, facts)
 
@@ -93,6 +91,15 @@ def refusal(order: Order, flight: FlightContext, facts: OrderFacts) -> str | Non
         return _follow_path(order, flight, facts)
     if order.kind == "move":
         return _move(order, flight.vehicle, facts)
+    return None
+
+
+def _beside_the_flight(order: Order, flight: FlightContext, facts: OrderFacts) -> str | None:
+    """Return what speaks against an order that begins nothing and ends nothing, or None."""
+    if order.kind == "load_path":
+        return path_flight.part_refusal(flight.path, order.path, flight.vehicle, facts.fleet)
+    if order.kind in PAUSES:
+        return path_flight.pause_refusal(flight.path, order.kind)
     return None
 
 

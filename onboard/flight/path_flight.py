@@ -9,6 +9,9 @@ on without the ground:
 
     A vehicle gets PATIENCE_S of time. When that is used up and it is still behind, it leaves the
     show, and the others wait for it no more.
+
+    A pause stops the clock of whoever was ordered to pause, and of all that hear of it: each brakes
+    along its own path. The clocks go on once nobody who flies the show is paused any more.
 """
 
 from __future__ import annotations
@@ -52,6 +55,7 @@ class OtherClock(NamedTuple):
 
     time_s: float
     is_behind: bool
+    is_paused: bool = False
 
 
 @dataclass(slots=True)
@@ -74,6 +78,7 @@ class PathFlight:
     lag_m: float = 0.0
     is_lagging: bool = False
     slow_until_ns: int = 0  # a failsafe asks for slow flight until then
+    is_paused: bool = False  # an order has stopped the clock
     used_s: float = 0.0  # of the patience
 
     @property
@@ -118,6 +123,7 @@ class PathFlight:
         self.lag_m = 0.0
         self.is_lagging = False
         self.slow_until_ns = 0
+        self.is_paused = False
         self.used_s = 0.0
 
     def advance(
@@ -158,6 +164,8 @@ class PathFlight:
         if others is not None:
             self.target_rate = _target_rate(self, others)
             self.compare_ns = now_ns + _COMPARE_NS
+        elif self.is_paused:
+            self.target_rate = 0.0
 
         most_change = _RATE_SLEW_1_S * dt_s
         self.rate += min(max(self.target_rate - self.rate, -most_change), most_change)
@@ -186,7 +194,13 @@ def other_clocks(telemetries: Iterable[Telemetry], show_id: str, now_ns: int) ->
         is_heard = now_ns - one.stamp_ns < _HEARD_NS
         if one.show_id == show_id and is_heard and math.isfinite(one.path_time_s):
             since_s = (now_ns - one.stamp_ns) * 1e-9
-            clocks.append(OtherClock(one.path_time_s + one.path_rate_frac * since_s, one.is_behind))
+            clocks.append(
+                OtherClock(
+                    time_s=one.path_time_s + one.path_rate_frac * since_s,
+                    is_behind=one.is_behind,
+                    is_paused=one.is_path_paused,
+                )
+            )
     return clocks
 
 
@@ -247,8 +261,26 @@ def start_refusal(
     return None
 
 
+def pause_refusal(flight: PathFlight, kind: str) -> str | None:
+    """Return the reason why a path's clock cannot be stopped, or go on, now; or None.
+
+    Args:
+        flight: along the path.
+        kind: "pause" or "resume".
+    """
+    if not flight.show_id:
+        return "The vehicle follows no path: order hold to stop it where it is."
+    if flight.time_s <= 0.0 and kind == "pause":
+        return "Its path has not begun yet: order hold, and nobody starts with it."
+    if flight.left_s <= 0.0 and kind == "pause":
+        return "It is at the end of its path."
+    return None
+
+
 def _target_rate(own: PathFlight, others: Sequence[OtherClock]) -> float:
     """Return the rate that the clock should have."""
+    if own.is_paused or any(other.is_paused for other in others):
+        return 0.0
     if own.is_behind or any(other.is_behind for other in others):
         return SLOWEST_RATE
 

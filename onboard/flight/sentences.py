@@ -91,6 +91,21 @@ def left_behind(flight: FlightContext, view: FlightView) -> str:
     )
 
 
+def paused(flight: FlightContext, view: FlightView) -> str:
+    """Return the end of an order to pause, with what the battery leaves for it."""
+    left_pct = 100.0 * view.snapshot.battery_frac
+    land_pct = flight.fleet.fleet.battery_land_pct
+    return (
+        f"Pausing at {flight.path.time_s:.1f} s of its path. "
+        f"The battery has {left_pct:.0f} %; at {land_pct:g} % it lands."
+    )
+
+
+def resumed(flight: FlightContext, view: FlightView) -> str:
+    """Return the end of an order to resume."""
+    return f"Going on at {flight.path.time_s:.1f} s of its path, once all others go on."
+
+
 def holding(flight: FlightContext, view: FlightView) -> str:
     """Return the end of an order to hold."""
     return f"Holding at {position_text(view)}."

@@ -74,6 +74,15 @@ def load_path(flight: FlightContext, view: FlightView, order: Order) -> None:
     flight.say(view, "debug", "path", sentence, order.order_id, "done")
 
 
+def pause(flight: FlightContext, view: FlightView, order: Order) -> None:
+    """Stop the clock of the path that is followed, or let it go on; no order ends by it."""
+    flight.path.is_paused = order.kind == "pause"
+    sentence = sentences.resumed(flight, view)
+    if flight.path.is_paused:
+        sentence = sentences.paused(flight, view)
+    flight.say(view, "info", order.kind, sentence, order.order_id, "done")
+
+
 # -- failsafes and the preflight check -------------------------------------------------------------
 
 

@@ -81,6 +81,7 @@ class FakeBus:
         self.fleet = fleet
         self.has_truth = has_truth
         self.misbehave: dict[str, str] = {}
+        self.accept_only: set[str] = set()  # kinds of orders that are accepted and do not end
         self.orders: list[tuple[str, Order]] = []
         self.vehicles = {
             name: telemetry(name, position_enu_m=fleet.vehicles[name].start_enu_m)
@@ -166,7 +167,7 @@ class FakeBus:
                 order_id=order.order_id, vehicle=vehicle, is_accepted=not reason, reason=reason
             )
         )
-        if how not in ("refuse", "stuck"):
+        if how not in ("refuse", "stuck") and order.kind not in self.accept_only:
             after_s = 0.5 if how == "late" else 0.03
             self._loop.call_later(after_s, self._end, vehicle, order, how)
 

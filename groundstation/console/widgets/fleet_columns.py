@@ -237,6 +237,8 @@ def reason(row: VehicleRow) -> Cell:
         lag = number(telemetry.path_lag_m, 2)
         time = number(telemetry.path_time_s, 0)
         text = f"{lag} m behind its path at {time} s"
+        if telemetry.is_path_paused:
+            return f"{text}, paused", WARN
         if telemetry.path_rate_frac < 0.99:
             text += f", clock at {telemetry.path_rate_frac:.0%}"
         if telemetry.is_behind:

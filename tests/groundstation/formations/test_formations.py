@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from groundstation.formations import drawing, shapes
-from groundstation.formations.assignment import least_longest, least_sum
+from groundstation.formations.assignment import least_longest, least_sum, spots_without_crossing
 from groundstation.formations.slots import formation_slots
 from groundstation.orders.grammar import OrderError, parse
 from groundstation.orders.held_formation import HeldFormation
@@ -210,3 +210,32 @@ def test_nearest_keeps_the_slots_shortens_the_longest_flight_and_lasts_for_the_n
     assert isinstance(intent, Formation)
     assert intent.assign == "nearest"
     assert parse(str(intent), fleet) == intent
+
+
+def test_ways_home_come_no_nearer_than_the_spots_over_the_root_of_two() -> None:
+    """At every share of the way, of straight ways that take the same time."""
+    generator = np.random.default_rng(5)
+    for count in (2, 5, 12):
+        grid = np.array([(1.6 * (k % 4), 1.6 * (k // 4)) for k in range(count)])
+        homes = {f"mav{k}": (float(x), float(y), 0.0) for k, (x, y) in enumerate(grid)}
+        places = grid[generator.permutation(count)] + generator.uniform(-0.2, 0.2, (count, 2))
+        spots = {f"mav{k}": (float(x) + 9.0, float(y), 2.0) for k, (x, y) in enumerate(places)}
+
+        takes = spots_without_crossing(homes, spots)
+        assert sorted(takes.values()) == sorted(homes)
+        begin = np.array([spots[name][:2] for name in takes])
+        end = np.array([homes[taken][:2] for taken in takes.values()])
+        least_m = min(_nearest_m(begin), _nearest_m(end)) / math.sqrt(2.0)
+        for share in np.linspace(0.0, 1.0, 41):
+            assert _nearest_m(begin + share * (end - begin)) >= least_m - 1e-9
+
+    # each at its own would cross
+    crossed = {"mav0": (1.6, 9.0, 1.0), "mav1": (0.0, 9.0, 1.0)}
+    own = {"mav0": (0.0, 0.0, 0.0), "mav1": (1.6, 0.0, 0.0)}
+    assert spots_without_crossing(own, crossed) == {"mav0": "mav1", "mav1": "mav0"}
+
+
+def _nearest_m(points: Any) -> float:
+    """Return the smallest distance of two of some points, (N, 2)."""
+    distances_m = np.sqrt(((points[:, None] - points[None]) ** 2).sum(-1))
+    return float(distances_m[np.triu_indices(len(points), 1)].min())

@@ -41,6 +41,7 @@ STEPS: dict[str, dict[str, Any]] = {
     "rotate 90": {"do": "rotate", "angle_deg": 90.0},
     "yaw mav1 -90": {"do": "yaw", "vehicles": ["mav1"], "yaw_deg": -90.0},
     "home 0,2 1.5": {"do": "home", "vehicles": "0,2", "height_m": 1.5},
+    "bring home 0,2 1.5": {"do": "bring_home", "vehicles": "0,2", "height_m": 1.5},
     "land": {"do": "land"},
     "hold mav2": {"do": "hold", "vehicles": "mav2"},
 }

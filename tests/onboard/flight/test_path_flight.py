@@ -216,3 +216,77 @@ def test_slow_flight_asked_by_a_failsafe_slows_the_clock_for_a_while() -> None:
     assert flight.state == "flying"
     rig.run(1.5)
     assert flight.path.rate > 0.95
+
+
+def test_a_pause_stops_the_vehicle_on_its_path_and_resume_lets_it_go_on_to_the_end() -> None:
+    path = line()
+    rig = following(path)
+    rig.run(1.0 + 0.4 * path.duration_s)
+    reply = rig.order("pause", order_id="pause")
+    assert reply.is_accepted
+    event = next(one for one in rig.events if one.order_id == "pause")
+    assert event.order_outcome == "done"
+    assert "The battery has 90 %; at 20 % it lands." in event.sentence
+
+    rig.run(4.0)
+    flight = rig.core.flight
+    stands_at = rig.position.copy()
+    time_s = flight.path.time_s
+    assert flight.path.rate == 0.0
+    assert float(np.linalg.norm(rig.velocity)) < 0.05
+    rig.run(30.0)  # longer than any limit of a path
+    assert flight.path.time_s == time_s
+    assert float(np.linalg.norm(rig.position - stands_at)) < 0.1
+    assert flight.order is not None
+    assert flight.order.order_id == "show"
+    assert rig.telemetry is not None
+    assert rig.telemetry.is_path_paused
+
+    assert rig.order("resume").is_accepted
+    rig.run(0.6 * path.duration_s + 5.0)
+    assert rig.outcomes()["show"] == "done"
+    assert rig.position[0] == pytest.approx(2.0, abs=0.1)
+
+
+def test_land_and_hold_end_a_paused_path_and_a_weak_battery_lands_it() -> None:
+    for kind, state in (("hold", "holding"), ("land", "landing")):
+        rig = following(line())
+        rig.run(3.0)
+        assert rig.order("pause").is_accepted
+        rig.run(3.0)
+        assert rig.order(kind).is_accepted
+        rig.run(0.1)
+        assert rig.core.flight.state == state
+        assert rig.telemetry is not None
+        assert not rig.telemetry.is_path_paused
+
+    rig = following(line())
+    rig.run(3.0)
+    assert rig.order("pause").is_accepted
+    rig.battery_frac = 0.1
+    rig.until("landing")
+
+
+def test_nobody_pauses_without_a_path_before_it_begins_or_after_its_end() -> None:
+    rig = alone()
+    rig.fly()
+    assert "follows no path" in rig.order("pause").reason
+    assert "follows no path" in rig.order("resume").reason
+    rig = following(line())
+    assert "has not begun yet" in rig.order("pause").reason
+
+
+def test_all_who_fly_a_show_pause_with_one_and_go_on_when_nobody_is_paused() -> None:
+    own = PathFlight(path=line())
+    own.begin(PathOrder(path_id="p", show_id="s", start_ns=0))
+    own.time_s = 2.0
+
+    def run(others: tuple[OtherClock, ...], seconds: float) -> None:
+        for tick in range(round(50 * seconds)):
+            own.advance(10**10 + tick, 0.02, (0.0, 0.0, 1.0), others)
+            own.is_lagging = False
+
+    run((OtherClock(2.0, is_behind=False, is_paused=True),), 3.0)
+    assert own.rate == 0.0
+    run((OtherClock(99.0, is_behind=False),), 3.0)
+    assert own.rate > 0.9

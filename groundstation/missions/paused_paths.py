@@ -1,0 +1,78 @@
+"""How long a pause may last: until the last moment at which the weakest still gets home. Pure.
+
+A vehicle needs a share of its battery for its way to a take-off spot and for the landing there. It
+must leave before its charge has sunk to that share above the level at which it lands where it is.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from groundstation.fleet.state import FleetState
+from onboard.config.fleet import FleetConfig, Vehicle
+
+ASSUMED_HOVER_S = 300.0  # of a battery about which the fleet file says nothing: a short time
+SPARE_PCT = 5.0  # that is left at home above the landing level
+
+_MEAN_SPEED_SHARE = 0.5  # of the top speed, over a way from rest to rest
+_DESCENT_M_S = 0.4
+_AROUND_OTHERS_S = 20.0  # for turning round, going aside and waiting above a spot
+
+
+class Reserve(NamedTuple):
+    """What the weakest vehicle has, and what it needs to get home."""
+
+    name: str
+    has_pct: float
+    needs_pct: float  # at this charge it has to leave
+
+    @property
+    def is_used_up(self) -> bool:
+        """Whether it has to leave now."""
+        return self.has_pct <= self.needs_pct
+
+    def __str__(self) -> str:
+        return (
+            f"the weakest battery is {self.name}'s with {self.has_pct:.0f} %; "
+            f"at {self.needs_pct:.0f} % all are brought home"
+        )
+
+
+def weakest(fleet: FleetConfig, state: FleetState, names: Sequence[str]) -> Reserve | None:
+    """Return the vehicle whose charge is nearest to what it needs; None where nobody reports any.
+
+    Args:
+        fleet: the fleet file.
+        state: the fleet as known now.
+        names: of the vehicles in the air.
+    """
+    reserves = []
+    for name in names:
+        telemetry = state.vehicles[name].telemetry
+        if telemetry is None or not math.isfinite(telemetry.battery_frac):
+            continue
+
+        way_s = way_home_s(fleet.vehicles[name], telemetry.position_enu_m)
+        hover_s = fleet.vehicles[name].hover_time_s or ASSUMED_HOVER_S
+        needs_pct = fleet.fleet.battery_land_pct + SPARE_PCT + 100.0 * way_s / hover_s
+        reserves.append(Reserve(name, 100.0 * telemetry.battery_frac, needs_pct))
+    return min(reserves, key=lambda one: one.has_pct - one.needs_pct, default=None)
+
+
+def way_home_s(vehicle: Vehicle, position_enu_m: Sequence[float]) -> float:
+    """Return how long the way to the take-off spot and the landing there take [s].
+
+    Args:
+        vehicle: of the fleet file.
+        position_enu_m: where it is.
+    """
+    x, y, z = vehicle.start_enu_m
+    distance_m = math.dist(position_enu_m[:2], (x, y))
+    height_m = max(0.0, position_enu_m[2] - z)
+    return (
+        distance_m / (_MEAN_SPEED_SHARE * vehicle.max_speed_m_s)
+        + height_m / _DESCENT_M_S
+        + _AROUND_OTHERS_S
+    )

@@ -1,0 +1,114 @@
+"""A pause of paths: how long it may last, and that all are brought home before it is too late."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Any
+
+import numpy as np
+import pytest
+from msgspec.structs import replace
+
+from groundstation.missions.ground import MissionGround
+from groundstation.missions.path_following import follow_paths
+from groundstation.missions.paused_paths import weakest
+from groundstation.orders.grammar import parse
+from groundstation.orders.plan import plan_order
+from groundstation.orders.result import OrderFailed
+from groundstation.paths.pieces import fitted
+from onboard.config.fleet import FleetConfig
+from tests.groundstation.conftest import FakeBus
+
+SHOW = {"state": "flying", "is_airborne": True, "is_armed": True, "show_id": "s"}
+
+
+@pytest.fixture
+def flying(fleet: FleetConfig, bus: FakeBus, client: Any) -> Any:
+    """A client of vehicles that follow paths 3 m north of their take-off spots."""
+    for name in fleet.enabled_names:
+        x, y, _ = fleet.vehicles[name].start_enu_m
+        spot = (x, y + 3.0, 1.5)
+        bus.tell(name, position_enu_m=spot, goal_position_enu_m=(0.0, 0.0, 1.5), **SHOW)
+    return client
+
+
+async def test_the_weakest_needs_more_the_farther_it_is_and_the_shorter_its_battery_lasts(
+    fleet: FleetConfig, bus: FakeBus, flying: Any
+) -> None:
+    bus.tell("mav1", battery_frac=0.35)
+    await asyncio.sleep(0.1)
+    reserve = weakest(fleet, flying.state, fleet.enabled_names)
+    assert reserve is not None
+    assert reserve.name == "mav1"
+    assert not reserve.is_used_up or reserve.needs_pct >= 35.0
+    assert "the weakest battery is mav1's with 35 %" in str(reserve)
+
+    vehicles = {
+        name: replace(vehicle, hover_time_s=3000.0) for name, vehicle in fleet.vehicles.items()
+    }
+    lasting = weakest(replace(fleet, vehicles=vehicles), flying.state, fleet.enabled_names)
+    assert lasting is not None
+    assert lasting.needs_pct < reserve.needs_pct
+    bus.tell("mav1", position_enu_m=(30.0, 0.0, 1.5))
+    await asyncio.sleep(0.1)
+    farther = weakest(fleet, flying.state, fleet.enabled_names)
+    assert farther is not None
+    assert farther.needs_pct > reserve.needs_pct
+    assert weakest(fleet, flying.state, ()) is None
+
+
+async def test_all_are_brought_home_from_where_they_are_and_not_from_the_ends_of_their_paths(
+    fleet: FleetConfig, flying: Any
+) -> None:
+    await asyncio.sleep(0.1)
+    planned = flying.plan(parse("bring home", fleet))
+    assert not planned.refusals
+    for name, order in planned.orders.items():
+        x, y, _ = fleet.vehicles[name].start_enu_m
+        assert order.position_enu_m == pytest.approx((x, y, 1.5))
+        assert order.then_land
+
+
+def test_without_a_state_bring_home_is_judged_by_the_fleet_file(fleet: FleetConfig) -> None:
+    planned = plan_order(
+        parse("bring home all 1.2", fleet),
+        fleet,
+        None,
+        held=_no_formation(),
+        author="x",
+        now_ns=0,
+    )
+    assert not planned.refusals
+
+
+def _no_formation() -> Any:
+    from groundstation.orders.held_formation import HeldFormation
+
+    return HeldFormation(None)
+
+
+async def test_a_pause_ends_with_all_brought_home_when_the_weakest_must_leave(
+    fleet: FleetConfig, bus: FakeBus, client: Any
+) -> None:
+    lines: list[str] = []
+    ground: Any = MissionGround(client, say=lines.append)
+    paths = {}
+    for name in fleet.enabled_names:
+        x, y, _ = fleet.vehicles[name].start_enu_m
+        still = np.array([[x, y, 1.0, 0.0]] * 5)
+        paths[name] = fitted(np.arange(5.0), still)
+        bus.tell(name, position_enu_m=(x, y, 1.0), goal_position_enu_m=(x, y, 1.0), **SHOW)
+    bus.accept_only = {"follow_path"}  # it goes on until it is replaced
+
+    async def pause() -> None:
+        await asyncio.sleep(0.8)
+        for name in fleet.enabled_names:
+            bus.tell(name, is_path_paused=True, battery_frac=0.24)
+
+    task = asyncio.create_task(pause())
+    with pytest.raises(OrderFailed):
+        await follow_paths(ground, paths, lights={}, on_lag="land", timeout_s=20.0)
+    await task
+    assert any("The pause ends: the weakest battery is" in line for line in lines)
+    homes = [order for _, order in bus.orders if order.then_land]
+    assert len(homes) == len(fleet.enabled_names)

@@ -1,0 +1,134 @@
+"""A show that is stopped: paused at any moment, let go on, or brought home from there."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+import tomllib
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from groundstation.orders.result import OrderFailed
+from groundstation.paths.pieces import fitted
+from groundstation.starter.files import Answers, starter
+from onboard.config.fleet import FleetConfig, fleet_from_mapping
+from onboard.control.path import Path
+from sitl.lockstep.flight import Lockstep
+
+HEIGHT_M = 1.2
+SECONDS = 16.0
+PROMISE_M = 0.8
+
+
+def fleet_of(count: int) -> FleetConfig:
+    """A fleet as `covey init` makes it."""
+    text = starter(Answers(vehicles=count)).fleet_text
+    return fleet_from_mapping(tomllib.loads(text), path="fleet.toml", text=text)
+
+
+def turning_grid(fleet: FleetConfig, degrees: float) -> dict[str, Path]:
+    """All turn about the middle of their take-off spots and come back: neighbours stay apart."""
+    spots = np.array([fleet.vehicles[name].start_enu_m[:2] for name in fleet.enabled_names])
+    middle = spots.mean(0)
+    times_s = np.linspace(0.0, SECONDS, 161)
+    share = times_s / SECONDS
+    turn_rad = math.radians(degrees) * np.sin(math.pi * share) ** 2
+
+    paths = {}
+    for name, spot in zip(fleet.enabled_names, spots - middle, strict=True):
+        x = middle[0] + spot[0] * np.cos(turn_rad) - spot[1] * np.sin(turn_rad)
+        y = middle[1] + spot[0] * np.sin(turn_rad) + spot[1] * np.cos(turn_rad)
+        still = np.zeros(len(times_s))
+        paths[name] = fitted(times_s, np.column_stack([x, y, still + HEIGHT_M, still]))
+    return paths
+
+
+def fly(flight: Lockstep, degrees: float, pause_s: float, *, is_brought_home: bool) -> None:
+    """Pause a show so long after its start, then let it go on or bring all home."""
+    fleet = flight.fleet
+    flight.takeoff(HEIGHT_M)
+
+    async def stop_it() -> None:
+        def has_come(state: object) -> bool:
+            views = flight.state.vehicles.values()
+            return all(
+                view.telemetry is not None
+                and view.telemetry.show_id
+                and view.telemetry.path_time_s >= pause_s
+                for view in views
+            )
+
+        assert await fleet.client.wait_for(has_come, 60.0)
+        assert all(result.is_done for result in (await fleet.pause()).values())
+        await fleet.wait(4.0)
+
+        places = {name: fleet[name].position_enu_m for name in fleet.names}
+        await fleet.wait(3.0)
+        for name, before in places.items():
+            now = fleet[name].position_enu_m
+            assert before is not None
+            assert now is not None
+            assert math.dist(before, now) < 0.2, (name, before, now)
+
+        if is_brought_home:
+            await fleet.bring_home()
+        else:
+            assert all(result.is_done for result in (await fleet.resume()).values())
+
+    async def show() -> None:
+        async with asyncio.TaskGroup() as tasks:
+            tasks.create_task(stop_it())
+            results = await fleet.follow_path(turning_grid(fleet.config, degrees))
+        phase = "superseded" if is_brought_home else "done"
+        assert {result.phase for result in results.values()} == {phase}
+
+    flight.wait_for(show())
+    if is_brought_home:
+        for name in fleet.names:
+            assert flight.state.vehicles[name].truth.is_on_ground, name
+    assert flight.min_separation_m > PROMISE_M
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("is_brought_home", [False, True])
+def test_three_vehicles_are_paused_and_go_on_or_come_home(
+    lockstep: Callable[..., Lockstep], is_brought_home: bool
+) -> None:
+    fly(lockstep(fleet_of(3)), 70.0, 5.0, is_brought_home=is_brought_home)
+
+
+@pytest.mark.long
+@pytest.mark.timeout(3600)
+@pytest.mark.parametrize("pause_s", range(1, int(SECONDS) - 1))
+def test_thirty_vehicles_paused_at_every_second_are_brought_home_and_keep_the_promise(
+    lockstep: Callable[..., Lockstep], pause_s: int
+) -> None:
+    fly(lockstep(fleet_of(30)), 15.0, float(pause_s), is_brought_home=True)
+
+
+@pytest.mark.long
+def test_a_pause_ends_by_itself_with_all_at_home_when_a_battery_must_leave(
+    lockstep: Callable[..., Lockstep],
+) -> None:
+    flight = lockstep(fleet_of(3))
+    fleet = flight.fleet
+    flight.takeoff(HEIGHT_M)
+
+    async def stop_it() -> None:
+        await fleet.wait(12.0)
+        await fleet.pause()
+        await fleet.fault("battery_cell", "mav1", drop_pct=62.0)
+
+    async def show() -> None:
+        async with asyncio.TaskGroup() as tasks:
+            tasks.create_task(stop_it())
+            with pytest.raises(OrderFailed):
+                await fleet.follow_path(turning_grid(fleet.config, 70.0))
+
+    flight.wait_for(show())
+    for name in fleet.names:
+        truth = flight.state.vehicles[name].truth
+        assert truth.is_on_ground
+    assert flight.min_separation_m > PROMISE_M
