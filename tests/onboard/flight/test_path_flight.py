@@ -266,6 +266,12 @@ def test_land_and_hold_end_a_paused_path_and_a_weak_battery_lands_it() -> None:
     rig.battery_frac = 0.1
     rig.until("landing")
 
+    rig = following(line())
+    rig.run(3.0)
+    assert rig.order("pause").is_accepted
+    rig.core.handle(agent_inputs.NodeChanged("ground-1", False), rig.now_ns)
+    rig.until("landing", timeout_s=90.0)
+
 
 def test_nobody_pauses_without_a_path_before_it_begins_or_after_its_end() -> None:
     rig = alone()
