@@ -310,6 +310,9 @@
       button("Take off", () => order(`takeoff ${aimText()} 1.0`)),
       button("Move …", write(() => `move ${aimText()} 0 0 1`)),
       button("Home", send("home")),
+      button("Pause show", send("pause")),
+      button("Resume", send("resume")),
+      button("Bring home", send("bring home")),
     ];
     if (fleet.formations.length) {
       verbs.push(button("Formation …", write(() => `formation ${fleet.formations[0]} `)));

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from onboard import agent_commands
 from onboard.autopilot import Landed, Snapshot
-from onboard.bus.schema import LOCATE, Event, Order, OrderKind, PathOrder
+from onboard.bus.schema import BESIDE, Event, Order, OrderKind, PathOrder
 from onboard.control.path import path_of
 from onboard.flight import state_machine
 from onboard.flight.context import FlightContext
@@ -18,7 +18,7 @@ from onboard.flight.types import FlightStep, FlightView
 from onboard.safety.failsafe_table import TABLE, Action, Condition
 from tests.onboard.agent.rig import fleet
 
-KINDS = sorted(set(get_args(OrderKind)) - {*LOCATE, "load_path"})
+KINDS = sorted(set(get_args(OrderKind)) - set(BESIDE))
 orders = st.sampled_from(KINDS)
 conditions = st.sampled_from(list(Condition))
 observations = st.tuples(
