@@ -429,7 +429,7 @@ class Hold(Intent, frozen=True, kw_only=True):
 class Home(Intent, frozen=True, kw_only=True):
     """Back over the take-off spots of the fleet file, and land there."""
 
-    verb = "home"
+    verb: ClassVar[Verb | PathVerb] = "home"
     kind = "move"
     usage = "home [WHO] [HEIGHT] [in SECONDS], for instance: home all"
     number_counts = (0, 1)

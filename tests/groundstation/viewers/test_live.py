@@ -8,7 +8,6 @@ import contextlib
 import json
 import math
 import struct
-from types import SimpleNamespace
 from typing import Any
 
 import aiohttp
@@ -17,6 +16,7 @@ import pytest
 pytest.importorskip("foxglove")
 pytest.importorskip("mcap_protobuf")
 
+from mcap.records import Schema
 from mcap_protobuf.decoder import DecoderFactory
 
 from groundstation.viewers.live_scene import LiveScene
@@ -114,7 +114,7 @@ async def test_each_topic_decodes_by_the_schema_that_is_advertised(topic: str) -
 
     opcode, subscription, stamp_ns = struct.unpack_from("<BIQ", data)
     assert (opcode, subscription, stamp_ns) == (1, 7, NOW_NS)
-    schema = SimpleNamespace(
+    schema = Schema(
         id=1,
         name=channel["schemaName"],
         encoding=channel["schemaEncoding"],

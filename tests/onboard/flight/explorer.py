@@ -55,6 +55,8 @@ ORDERS: tuple[tuple[OrderKind, str], ...] = (
     ("move", ""),
     ("move", "then land"),
     ("follow_path", ""),
+    ("pause", ""),
+    ("resume", ""),
     ("hold", ""),
     ("land", ""),
     ("land", "mission"),
@@ -518,6 +520,7 @@ def ordered(
     """Return the state after an order, and what was sent to PX4; a refused one changes nothing."""
     after = _copy(state)
     view = _view(after)
+    ends_on_ground = then_land or reason == "then land"
     order = Order(
         order_id=f"{kind} {reason}",
         author="x",
@@ -525,8 +528,8 @@ def ordered(
         stamp_ns=after.now_ns,
         deadline_ns=0,
         reason=reason,
-        position_enu_m=(0.0, 0.0, 1.0) if then_land else (1.0, 0.0, 1.0),
-        then_land=then_land or reason == "then land",
+        position_enu_m=(0.0, 0.0, 1.0) if ends_on_ground else (1.0, 0.0, 1.0),
+        then_land=ends_on_ground,
         path=PathOrder(path_id="p", show_id="s", start_ns=after.now_ns),
     )
     facts = OrderFacts(

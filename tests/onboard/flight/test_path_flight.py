@@ -10,7 +10,7 @@ from groundstation.orders.path_orders import parts_of
 from groundstation.paths.pieces import fitted
 from onboard import agent_inputs
 from onboard.agent.core import AgentCore
-from onboard.bus.schema import PathOrder
+from onboard.bus.schema import OrderKind, PathOrder
 from onboard.control.path import Path, path_id, point_at, to_bytes
 from onboard.estimation import wind
 from onboard.flight import state_machine
@@ -249,7 +249,8 @@ def test_a_pause_stops_the_vehicle_on_its_path_and_resume_lets_it_go_on_to_the_e
 
 
 def test_land_and_hold_end_a_paused_path_and_a_weak_battery_lands_it() -> None:
-    for kind, state in (("hold", "holding"), ("land", "landing")):
+    stops: tuple[tuple[OrderKind, str], ...] = (("hold", "holding"), ("land", "landing"))
+    for kind, state in stops:
         rig = following(line())
         rig.run(3.0)
         assert rig.order("pause").is_accepted

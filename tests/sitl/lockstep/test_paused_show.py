@@ -87,7 +87,9 @@ def fly(flight: Lockstep, degrees: float, pause_s: float, *, is_brought_home: bo
     flight.wait_for(show())
     if is_brought_home:
         for name in fleet.names:
-            assert flight.state.vehicles[name].truth.is_on_ground, name
+            truth = flight.state.vehicles[name].truth
+            assert truth is not None
+            assert truth.is_on_ground, name
     assert flight.min_separation_m > PROMISE_M
 
 
@@ -130,5 +132,6 @@ def test_a_pause_ends_by_itself_with_all_at_home_when_a_battery_must_leave(
     flight.wait_for(show())
     for name in fleet.names:
         truth = flight.state.vehicles[name].truth
+        assert truth is not None
         assert truth.is_on_ground
     assert flight.min_separation_m > PROMISE_M
