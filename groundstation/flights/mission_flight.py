@@ -139,6 +139,8 @@ class MissionFlight:
             sentences = ["The console was left before the end of the mission: there is no verdict."]
         for line in sentences:
             self._print(plain_lines(line))
+        for earlier in self._verdicts[:-1]:
+            self._print(plain_lines(f"Before it: {earlier.summary}"))
 
         folder = self.settings.folder
         mission = folder / f"mission{Path(self.settings.mission.path).suffix}"
