@@ -270,8 +270,8 @@ class Timeline:
         count = length // _INDEX_ENTRY_BYTES
 
         def stamp_ns(entry: int) -> int:
-            (stamp_ns,) = _STAMP.unpack_from(data, _INDEX_HEAD.size + entry * _INDEX_ENTRY_BYTES)
-            return int(stamp_ns)
+            (found_ns,) = _STAMP.unpack_from(data, _INDEX_HEAD.size + entry * _INDEX_ENTRY_BYTES)
+            return int(found_ns)
 
         stamps.add(
             channel.clock,

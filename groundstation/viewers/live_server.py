@@ -11,6 +11,7 @@ from typing import Any
 
 import foxglove
 from foxglove import Channel, Context, Schema
+from foxglove.websocket import WebSocketServer
 from mcap_protobuf.schema import build_file_descriptor_set
 
 from groundstation.recording.channels import json_schema
@@ -31,7 +32,7 @@ class LiveServer:
         self._name = name
         self._context = Context()
         self._channels: dict[str, Channel] = {}
-        self._server: foxglove.websocket.WebSocketServer | None = None
+        self._server: WebSocketServer | None = None
 
     def start(self, host: str, port: int) -> int:
         """Begin to listen.
