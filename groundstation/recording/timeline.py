@@ -534,7 +534,14 @@ class _Stamps:
         last_ns = max(stamps_ns)
 
         spans = self._chunks[-1]
-        span = spans.setdefault(clock, _Span(first_ns, last_ns, middle_ns, count, 0))
+        begun = _Span(
+            first_ns=first_ns,
+            last_ns=last_ns,
+            middle_ns=middle_ns,
+            channel_count=count,
+            message_count=0,
+        )
+        span = spans.setdefault(clock, begun)
         span.first_ns = min(span.first_ns, first_ns)
         span.last_ns = max(span.last_ns, last_ns)
         span.message_count += count
