@@ -122,6 +122,7 @@ def test_what_is_imported_is_installed_by_the_readme_s_one_command() -> None:
     declared = {re.split(r"[<>=\[; ]", line)[0].replace("-", "_") for line in wanted}
     imported = {
         {
+            "foxglove": "foxglove_sdk",
             "zenoh": "eclipse_zenoh",
             "PIL": "pillow",
             "google": "protobuf",
