@@ -225,7 +225,10 @@ class Forecaster:
             has_answer = interpreted_answer.done() and interpreted_answer.exception() is None
             if has_answer and not compiled.is_computing:
                 return interpreted_answer.result()
-            return await compiled_answer
+
+            with contextlib.suppress(OSError, EOFError, TimeoutError):
+                return await compiled_answer
+            return await interpreted_answer
         finally:
             for task in answers:
                 task.cancel()
