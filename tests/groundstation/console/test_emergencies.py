@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import cast
 
+from msgspec.structs import replace
+
 from groundstation.console.app import ConsoleApp
 from groundstation.console.clients import ConsoleClient
 from groundstation.console.screens.preview_screen import PreviewScreen
@@ -160,3 +162,25 @@ async def test_a_failed_order_says_why_and_what_can_be_done(rig: Rig) -> None:
         assert "mav0 ✔ done" in line
         assert "mav1's agent did not answer within 0.3 s" in line
         assert "Is its agent running?" in line
+
+
+async def test_keys_stop_a_show_for_those_who_fly_it_and_bring_home_is_shown_first(
+    rig: Rig,
+) -> None:
+    async with rig.app.run_test(size=(80, 24)) as pilot:
+        rig.hover()
+        rig.app.refresh_fleet()
+        await pilot.press("p")
+        assert rig.client.ordered == []  # nobody follows a path
+
+        for name in ("mav0", "mav2"):
+            view = rig.client.state.vehicles[name]
+            assert view.telemetry is not None
+            told = replace(view.telemetry, show_id="s", sequence=view.telemetry.sequence + 1)
+            rig.client.state = fleet_state.fold(rig.client.state, told, rig.client.now_ns())
+        await pilot.press("p", "r")
+        assert rig.client.ordered == ["pause mav0,mav2", "resume mav0,mav2"]
+        await pilot.press("H")
+        await pilot.pause()
+        assert isinstance(rig.app.screen, PreviewScreen)
+        assert rig.app.screen.prepared.intent.verb == "bring_home"

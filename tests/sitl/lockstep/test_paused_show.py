@@ -94,6 +94,7 @@ def fly(flight: Lockstep, degrees: float, pause_s: float, *, is_brought_home: bo
 
 
 @pytest.mark.long
+@pytest.mark.timeout(1800)
 @pytest.mark.parametrize("is_brought_home", [False, True])
 def test_three_vehicles_are_paused_and_go_on_or_come_home(
     lockstep: Callable[..., Lockstep], is_brought_home: bool
@@ -111,6 +112,7 @@ def test_thirty_vehicles_paused_at_every_second_are_brought_home_and_keep_the_pr
 
 
 @pytest.mark.long
+@pytest.mark.timeout(1800)
 def test_a_pause_ends_by_itself_with_all_at_home_when_a_battery_must_leave(
     lockstep: Callable[..., Lockstep],
 ) -> None:
@@ -121,7 +123,7 @@ def test_a_pause_ends_by_itself_with_all_at_home_when_a_battery_must_leave(
     async def stop_it() -> None:
         await fleet.wait(12.0)
         await fleet.pause()
-        await fleet.fault("battery_cell", "mav1", drop_pct=62.0)
+        await fleet.fault("battery_cell", "mav1", drop_pct=66.0)
 
     async def show() -> None:
         async with asyncio.TaskGroup() as tasks:
