@@ -249,8 +249,8 @@ def test_a_pause_stops_the_vehicle_on_its_path_and_resume_lets_it_go_on_to_the_e
 
 
 def test_land_and_hold_end_a_paused_path_and_a_weak_battery_lands_it() -> None:
-    stops: tuple[tuple[OrderKind, str], ...] = (("hold", "holding"), ("land", "landing"))
-    for kind, state in stops:
+    ends: tuple[tuple[OrderKind, str], ...] = (("hold", "holding"), ("land", "landing"))
+    for kind, state in ends:
         rig = following(line())
         rig.run(3.0)
         assert rig.order("pause").is_accepted

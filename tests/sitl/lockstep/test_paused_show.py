@@ -45,6 +45,12 @@ def turning_grid(fleet: FleetConfig, degrees: float) -> dict[str, Path]:
     return paths
 
 
+def is_down(flight: Lockstep, name: str) -> bool:
+    """Return whether a vehicle stands on the ground."""
+    truth = flight.state.vehicles[name].truth
+    return truth is not None and truth.is_on_ground
+
+
 def fly(flight: Lockstep, degrees: float, pause_s: float, *, is_brought_home: bool) -> None:
     """Pause a show so long after its start, then let it go on or bring all home."""
     fleet = flight.fleet
@@ -87,9 +93,7 @@ def fly(flight: Lockstep, degrees: float, pause_s: float, *, is_brought_home: bo
     flight.wait_for(show())
     if is_brought_home:
         for name in fleet.names:
-            truth = flight.state.vehicles[name].truth
-            assert truth is not None
-            assert truth.is_on_ground, name
+            assert is_down(flight, name), name
     assert flight.min_separation_m > PROMISE_M
 
 
@@ -133,7 +137,5 @@ def test_a_pause_ends_by_itself_with_all_at_home_when_a_battery_must_leave(
 
     flight.wait_for(show())
     for name in fleet.names:
-        truth = flight.state.vehicles[name].truth
-        assert truth is not None
-        assert truth.is_on_ground
+        assert is_down(flight, name), name
     assert flight.min_separation_m > PROMISE_M
