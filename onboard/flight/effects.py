@@ -20,6 +20,7 @@ from onboard.vectors import Vec3 as Point
 DEFAULT_HEIGHT_M = 1.0
 
 _LEAST_CLIMB_S = 1.5
+_LIFT_M = 1.0  # above the ground: the first leg of a climb
 _LEAST_DESCENT_S = 1.0
 _UNDER_GROUND_M = 0.10  # a descent ends below the ground, so that it does not slow down above it
 _LOWER_BY_M = 0.3  # where the ground is lower than at the take-off
@@ -62,10 +63,22 @@ def stay_on_ground(flight: FlightContext, view: FlightView) -> None:
     flight.goal = flight.goal._replace(position_enu_m=Point(*view.position_enu_m))
 
 
-def climb(flight: FlightContext, view: FlightView) -> None:
-    """Go straight up to the ordered height."""
+def lift_off(flight: FlightContext, view: FlightView) -> None:
+    """Go straight up, to a metre at most.
+
+    A climb begins the more slowly the higher it leads, and near the ground a vehicle leans little
+    against the wind: it has to be clear of the ground soon.
+    """
     flight.ground_z_m = view.position_enu_m[2]
-    _climb_above(flight, view, view.position_enu_m)
+    top_m = min(takeoff_height_m(flight.order), flight.ground_z_m + _LIFT_M)
+    _climb_above(flight, view, view.position_enu_m, top_m)
+
+
+def climb_on(flight: FlightContext, view: FlightView) -> None:
+    """Go on to the ordered height, where lifting off has not led there."""
+    top_m = takeoff_height_m(flight.order)
+    if top_m > flight.goal_position_enu_m[2]:
+        _climb_above(flight, view, flight.goal_position_enu_m, top_m)
 
 
 def take_over(flight: FlightContext, view: FlightView) -> None:
@@ -243,7 +256,7 @@ def resume(flight: FlightContext, view: FlightView) -> None:
     """Go on with the order that dead reckoning has interrupted, at its pace."""
     order = flight.order
     if order is None or order.position_enu_m is None:
-        _climb_above(flight, view, flight.goal_position_enu_m)
+        _climb_above(flight, view, flight.goal_position_enu_m, takeoff_height_m(flight.order))
         return
 
     duration_s = max(0.0, order.duration_s)
@@ -255,10 +268,11 @@ def resume(flight: FlightContext, view: FlightView) -> None:
 # -- helpers ---------------------------------------------------------------------------------------
 
 
-def _climb_above(flight: FlightContext, view: FlightView, position_enu_m: Vec3) -> None:
-    """Go to the ordered height above a position."""
+def _climb_above(
+    flight: FlightContext, view: FlightView, position_enu_m: Vec3, top_m: float
+) -> None:
+    """Go to a height above a position."""
     x, y, _ = position_enu_m
-    top_m = takeoff_height_m(flight.order)
     up_s = vertical_s(top_m - view.position_enu_m[2], flight.vehicle.max_speed_m_s)
     _set_goal(flight, (x, y, top_m), max(_LEAST_CLIMB_S, up_s))
 

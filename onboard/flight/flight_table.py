@@ -89,7 +89,7 @@ _REST_LATE = f"Not at rest after {p.HOLD_TIMEOUT_S:.0f} s; still trying to hold.
 ORDERS = (
     Row(_START, E.ARM, to=S.ARM_OFFBOARD, effect=effects.stay_on_ground, reason=""),
     Row(_START, E.TAKEOFF, to=S.TAKEOFF_OFFBOARD, effect=effects.stay_on_ground, reason=""),
-    Row((S.ARMED,), E.TAKEOFF, to=S.LIFTOFF, effect=effects.climb, reason=""),
+    Row((S.ARMED,), E.TAKEOFF, to=S.LIFTOFF, effect=effects.lift_off, reason=""),
     Row(_FREE, E.MOVE, to=S.LEG, effect=effects.fly_leg, reason=""),
     Row(_CAN_FOLLOW, E.FOLLOW_PATH, to=S.PATH, effect=effects.begin_path, reason=""),
     Row((S.ARRIVED, S.HOLDING), E.HOLD, when=p.at_goal, to=S.HOLDING, reason="ordered"),
@@ -214,13 +214,14 @@ TAKEOFF = (
         request=SetOffboard()),
 
     Row((S.ARM_ARMING,), E.TICK, when=p.px4_confirms_armed, to=S.ARMED, ends=("done", "Armed.")),
-    Row((S.TAKEOFF_ARMING,), E.TICK, when=p.px4_confirms_armed, to=S.LIFTOFF, effect=effects.climb),
+    Row((S.TAKEOFF_ARMING,), E.TICK, when=p.px4_confirms_armed, to=S.LIFTOFF,
+        effect=effects.lift_off),
     Row((S.ARM_ARMING, S.TAKEOFF_ARMING), E.TICK, when=p.px4_has_not_confirmed_in_time,
         to=S.FAILSAFE_DISARMING, request=Disarm(),
         reason=sentences.not_armed, ends=("failed", sentences.not_armed)),
     Row((S.ARM_ARMING, S.TAKEOFF_ARMING), E.TICK, request=Arm()),
 
-    Row((S.LIFTOFF,), E.TICK, when=p.lifted_off, to=S.CLIMB),
+    Row((S.LIFTOFF,), E.TICK, when=p.lifted_off, to=S.CLIMB, effect=effects.climb_on),
     Row((S.LIFTOFF,), E.TICK, when=p.lift_off_late, to=S.CONTACT, effect=effects.expect_contact,
         reason=sentences.NO_LIFTOFF, ends=("failed", sentences.NO_LIFTOFF),
         says=("critical", "no-liftoff", sentences.NO_LIFTOFF)),

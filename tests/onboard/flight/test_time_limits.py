@@ -28,7 +28,8 @@ def ends(step: FlightStep, height_m: float, top_m: float) -> tuple[float, str, F
     flight = FlightContext(
         config, config.vehicles["mav0"], step=step, order=order, step_ns=_START_NS
     )
-    effects.climb(flight, _view(_START_NS, 0.0))
+    effects.lift_off(flight, _view(_START_NS, 0.0))
+    effects.climb_on(flight, _view(_START_NS, 0.0))
     for second in range(1, 400):
         now_ns = _START_NS + second * 10**9
         state_machine.advance(flight, _view(now_ns, height_m))

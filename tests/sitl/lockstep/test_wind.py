@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
+from groundstation.fleet.state import FleetState
 from onboard.config.fleet import FleetConfig
 from sitl.emulator.emulator import Environment
 from sitl.physics.wind import WindSettings
@@ -49,6 +50,29 @@ def test_the_wind_is_not_known_to_a_vehicle_without_a_drag(lockstep, paper: Flee
     telemetry = flight.state.vehicles["mav0"].telemetry
     assert math.isnan(telemetry.wind_enu_m_s[0])
     assert math.isnan(telemetry.max_wind_m_s)
+
+
+@pytest.mark.long
+def test_a_take_off_to_a_height_is_blown_aside_no_further_than_a_low_one(
+    lockstep, paper: FleetConfig
+) -> None:
+    high = replace(paper.fleet.geofence_m, z=(0.0, 12.0))
+    flight = lockstep(
+        replace(paper, fleet=replace(paper.fleet, geofence_m=high)),
+        seed=1,
+        environment=blowing(4.0),
+    )
+    aside_m: list[float] = []
+
+    def look(state: FleetState) -> None:
+        for name, view in state.vehicles.items():
+            if view.truth is not None:
+                start_m = paper.vehicles[name].start_enu_m[:2]
+                aside_m.append(math.dist(view.truth.position_enu_m[:2], start_m))
+
+    flight.client.add_listener(look)
+    flight.takeoff(8.0)
+    assert max(aside_m) < 0.8
 
 
 @pytest.mark.long
