@@ -14,7 +14,7 @@ from typing import Protocol
 from groundstation.client.client import FleetClient
 from groundstation.fleet.state import FleetState
 from groundstation.missions.ground import step_result
-from groundstation.missions.paused_paths import weakest
+from groundstation.missions.paused_paths import Discharge, weakest
 from groundstation.orders.intents import BringHome, FollowPath, Goto, Hold, Intent
 from groundstation.orders.path_orders import OnLag, parts_of, starts_of
 from groundstation.orders.result import OrderFailed, OrderResult, Results
@@ -129,6 +129,7 @@ async def _end_of(ground: PathGround, order: OrderResult, timeout_s: float) -> R
     names = tuple(order.results)
     left_s = timeout_s
     was_paused = False
+    discharge = Discharge()
 
     while True:
         begin_ns = client.now_ns()
@@ -138,7 +139,9 @@ async def _end_of(ground: PathGround, order: OrderResult, timeout_s: float) -> R
 
         following = [name for name in names if _is_following(client.state, name)]
         is_paused = any(_is_paused(client.state, name) for name in following)
-        reserve = weakest(client.fleet, client.state, following)
+        reserve = weakest(
+            client.fleet, client.state, following, discharge=discharge, now_ns=client.now_ns()
+        )
         if is_paused and not was_paused and reserve is not None:
             ground.say(f"  paused; {reserve}")
         was_paused = is_paused

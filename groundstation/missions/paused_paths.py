@@ -16,6 +16,7 @@ from onboard.config.fleet import FleetConfig, Vehicle
 ASSUMED_HOVER_S = 300.0  # of a battery about which the fleet file says nothing: a short time
 SPARE_PCT = 5.0  # that is left at home above the landing level
 
+_LEAST_OBSERVED_S = 5.0  # of a discharge that is believed
 _MEAN_SPEED_SHARE = 0.5  # of the top speed, over a way from rest to rest
 _DESCENT_M_S = 0.4
 _AROUND_OTHERS_S = 20.0  # for turning round, going aside and waiting above a spot
@@ -40,13 +41,42 @@ class Reserve(NamedTuple):
         )
 
 
-def weakest(fleet: FleetConfig, state: FleetState, names: Sequence[str]) -> Reserve | None:
+class Discharge:
+    """How fast each battery has sunk since the paths began, as its vehicle reports it."""
+
+    def __init__(self) -> None:
+        self._first: dict[str, tuple[int, float]] = {}  # vehicle -> time, share of a full battery
+
+    def rate_1_s(self, name: str, now_ns: int, battery_frac: float) -> float:
+        """Return the share of a full battery that a second takes; 0 in the first seconds.
+
+        Args:
+            name: of the vehicle.
+            now_ns: the ground's clock.
+            battery_frac: as reported now.
+        """
+        begin_ns, first_frac = self._first.setdefault(name, (now_ns, battery_frac))
+        since_s = (now_ns - begin_ns) * 1e-9
+        if since_s < _LEAST_OBSERVED_S:
+            return 0.0
+        return max(0.0, first_frac - battery_frac) / since_s
+
+
+def weakest(
+    fleet: FleetConfig,
+    state: FleetState,
+    names: Sequence[str],
+    discharge: Discharge,
+    now_ns: int,
+) -> Reserve | None:
     """Return the vehicle whose charge is nearest to what it needs; None where nobody reports any.
 
     Args:
         fleet: the fleet file.
         state: the fleet as known now.
         names: of the vehicles in the air.
+        discharge: of their batteries until now.
+        now_ns: the ground's clock.
     """
     reserves = []
     for name in names:
@@ -56,7 +86,9 @@ def weakest(fleet: FleetConfig, state: FleetState, names: Sequence[str]) -> Rese
 
         way_s = way_home_s(fleet.vehicles[name], telemetry.position_enu_m)
         hover_s = fleet.vehicles[name].hover_time_s or ASSUMED_HOVER_S
-        needs_pct = fleet.fleet.battery_land_pct + SPARE_PCT + 100.0 * way_s / hover_s
+        seen_1_s = discharge.rate_1_s(name, now_ns, telemetry.battery_frac)
+        way_pct = 100.0 * way_s * max(1.0 / hover_s, seen_1_s)
+        needs_pct = fleet.fleet.battery_land_pct + SPARE_PCT + way_pct
         reserves.append(Reserve(name, 100.0 * telemetry.battery_frac, needs_pct))
     return min(reserves, key=lambda one: one.has_pct - one.needs_pct, default=None)
 

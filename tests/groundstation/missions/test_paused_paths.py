@@ -11,7 +11,7 @@ from msgspec.structs import replace
 
 from groundstation.missions.ground import MissionGround
 from groundstation.missions.path_following import follow_paths
-from groundstation.missions.paused_paths import weakest
+from groundstation.missions.paused_paths import Discharge, weakest
 from groundstation.orders.grammar import parse
 from groundstation.orders.plan import plan_order
 from groundstation.orders.result import OrderFailed
@@ -37,7 +37,7 @@ async def test_the_weakest_needs_more_the_farther_it_is_and_the_shorter_its_batt
 ) -> None:
     bus.tell("mav1", battery_frac=0.35)
     await asyncio.sleep(0.1)
-    reserve = weakest(fleet, flying.state, fleet.enabled_names)
+    reserve = weakest(fleet, flying.state, fleet.enabled_names, Discharge(), 0)
     assert reserve is not None
     assert reserve.name == "mav1"
     assert not reserve.is_used_up or reserve.needs_pct >= 35.0
@@ -46,15 +46,17 @@ async def test_the_weakest_needs_more_the_farther_it_is_and_the_shorter_its_batt
     vehicles = {
         name: replace(vehicle, hover_time_s=3000.0) for name, vehicle in fleet.vehicles.items()
     }
-    lasting = weakest(replace(fleet, vehicles=vehicles), flying.state, fleet.enabled_names)
+    lasting = weakest(
+        replace(fleet, vehicles=vehicles), flying.state, fleet.enabled_names, Discharge(), 0
+    )
     assert lasting is not None
     assert lasting.needs_pct < reserve.needs_pct
     bus.tell("mav1", position_enu_m=(30.0, 0.0, 1.5))
     await asyncio.sleep(0.1)
-    farther = weakest(fleet, flying.state, fleet.enabled_names)
+    farther = weakest(fleet, flying.state, fleet.enabled_names, Discharge(), 0)
     assert farther is not None
     assert farther.needs_pct > reserve.needs_pct
-    assert weakest(fleet, flying.state, ()) is None
+    assert weakest(fleet, flying.state, (), Discharge(), 0) is None
 
 
 async def test_all_are_brought_home_from_where_they_are_and_not_from_the_ends_of_their_paths(
@@ -112,3 +114,11 @@ async def test_a_pause_ends_with_all_brought_home_when_the_weakest_must_leave(
     assert any("The pause ends: the weakest battery is" in line for line in lines)
     homes = [order for _, order in bus.orders if order.then_land]
     assert len(homes) == len(fleet.enabled_names)
+
+
+def test_a_battery_that_sinks_faster_than_its_file_says_has_to_leave_earlier() -> None:
+    discharge = Discharge()
+    assert discharge.rate_1_s("mav0", 0, 0.9) == 0.0
+    assert discharge.rate_1_s("mav0", 2_000_000_000, 0.5) == 0.0  # too soon to believe
+    assert discharge.rate_1_s("mav0", 10_000_000_000, 0.7) == pytest.approx(0.02)
+    assert discharge.rate_1_s("mav1", 10_000_000_000, 0.7) == 0.0
