@@ -55,8 +55,6 @@ ORDERS: tuple[tuple[OrderKind, str], ...] = (
     ("move", ""),
     ("move", "then land"),
     ("follow_path", ""),
-    ("pause", ""),
-    ("resume", ""),
     ("hold", ""),
     ("land", ""),
     ("land", "mission"),
