@@ -175,7 +175,6 @@ _covey_files() {
 }
 
 """
-_FOOTER = f"More: covey COMMAND --help. Shell completion: covey {_COMPLETION_WORD}"
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -315,13 +314,12 @@ def command_words(words: list[str]) -> list[str]:
 
 def front_text() -> str:
     """Return the page of ``covey --help``: a line for each command, on one screen."""
-    lines = ["covey COMMAND: a ground station for PX4 multirotors that fly close together"]
+    lines = ["covey COMMAND: a ground station for PX4 multirotors. More: covey COMMAND --help"]
     for group, commands in COMMANDS.items():
         title = group
         for command in commands:
             lines.append(f"{title:<12}{command.name:<10}{command.help}")
             title = ""
-    lines.append(_FOOTER)
     return "\n".join(lines)
 
 

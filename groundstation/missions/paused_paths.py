@@ -23,7 +23,7 @@ _AROUND_OTHERS_S = 20.0  # for turning round, going aside and waiting above a sp
 
 
 class Reserve(NamedTuple):
-    """What the weakest vehicle has, and what it needs to get home."""
+    """Charge of the weakest vehicle, and the charge that its way home takes."""
 
     name: str
     has_pct: float
@@ -42,7 +42,7 @@ class Reserve(NamedTuple):
 
 
 class Discharge:
-    """How fast each battery has sunk since the paths began, as its vehicle reports it."""
+    """Fall of each battery since the paths began, as its vehicle reports it."""
 
     def __init__(self) -> None:
         self._first: dict[str, tuple[int, float]] = {}  # vehicle -> time, share of a full battery

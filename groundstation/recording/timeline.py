@@ -582,11 +582,21 @@ class _Stamps:
                 if clock not in shifts_ns:
                     shifts_ns = {**shifts_ns, clock: 0}
 
-            begins_ns = [span.first_ns - shifts_ns[clock] for clock, span in spans.items()]
-            ends_ns = [span.last_ns - shifts_ns[clock] for clock, span in spans.items()]
+            begins_ns = []
+            ends_ns = []
+            for clock, span in spans.items():
+                # of a clock with an absurd stamp the middle one counts
+                stamps_ns = [
+                    stamp_ns - shifts_ns[clock]
+                    for stamp_ns in (span.first_ns, span.middle_ns, span.last_ns)
+                ]
+                near_ns = [one for one in stamps_ns if abs(one - now_ns) <= MAX_LATE_NS]
+                begins_ns += near_ns[:1]
+                ends_ns += near_ns[-1:]
+
             yield _Settled(
-                begin_ns=max(min(begins_ns, default=0), now_ns - MAX_LATE_NS),
-                end_ns=min(max(ends_ns, default=-1), now_ns + MAX_LATE_NS),
+                begin_ns=min(begins_ns, default=0),
+                end_ns=max(ends_ns, default=-1),
                 shifts_ns=shifts_ns,
                 # a chunk without an index may hold events
                 has_events=not spans or number in self._with_events,

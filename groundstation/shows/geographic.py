@@ -34,7 +34,7 @@ _UNIT_AT_END = re.compile(r"[\s_]*[\[(]?\s*(ms|msec|sec|s|m|deg)?\s*[\])]?\s*$",
 
 
 class Places(NamedTuple):
-    """Where one drone is at which time."""
+    """Positions of one drone over time."""
 
     times_s: Array  # (T,), from 0 on
     latitudes_deg: Array  # (T,)
