@@ -17,6 +17,7 @@ from importlib.resources import files
 from sitl.mavlink import messages, messages_of_versions
 from sitl.mavlink.codec import ID_BY_NAME
 from sitl.mavlink.messages import Builder
+from sitl.px4.arming_checks import BOOT_S
 from sitl.px4.versions import Version
 
 FASTEST_HZ = 250.0  # the loop of PX4's simulator
@@ -52,6 +53,9 @@ _FIRST_S: dict[int, float] = {
     _HEARTBEAT: 1.3,
     ID_BY_NAME["ATTITUDE"]: 1.35,
     ID_BY_NAME["ATTITUDE_QUATERNION"]: 1.35,
+    # A real PX4 tells it 2 s earlier (facts.toml); programs take it for the sign that it can be
+    # armed, which it then cannot.
+    ID_BY_NAME["HOME_POSITION"]: BOOT_S,
 }
 # The streams of a link begin spread over so many steps of the physics.
 _STEP_S = 0.004
