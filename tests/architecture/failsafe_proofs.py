@@ -26,6 +26,7 @@ from tests.sitl.lockstep.injections import INJECTIONS
 TESTS = Path(__file__).parents[1]
 FLOWN = TESTS / "sitl" / "lockstep" / "flown.json"
 _MARKER = "failsafe"
+_WHOLE_BENCH = 12  # flights of each fault by `make bench-faults`
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,7 +104,7 @@ def without_proof() -> list[str]:
     """Return the conditions that no test proves.
 
     A fault of the suite proves a row only where its flights have brought the condition about, or as
-    long as it has not been flown.
+    long as it has been flown less often than a whole bench flies it.
     """
     marked = {proof.condition for proof in proofs()}
     return [
@@ -117,7 +118,10 @@ def _proves(condition: Condition) -> Iterator[bool]:
     """Yield for each fault that has to bring a condition about whether it may have done so."""
     for name in injections_of(condition):
         result = flown().get(name)
-        yield result is None or condition.value in result["seen"]
+        if result is None or result.get("flights", _WHOLE_BENCH) < _WHOLE_BENCH:
+            yield True
+        else:
+            yield condition.value in result["seen"]
 
 
 def matrix() -> str:
