@@ -20,7 +20,7 @@ from onboard.vectors import Vec3 as Point
 DEFAULT_HEIGHT_M = 1.0
 
 _LEAST_CLIMB_S = 1.5
-_LIFT_M = 1.0  # above the ground: the first leg of a climb
+LIFT_M = 1.0  # above the ground: the first leg of a climb
 _LEAST_DESCENT_S = 1.0
 _UNDER_GROUND_M = 0.10  # a descent ends below the ground, so that it does not slow down above it
 _LOWER_BY_M = 0.3  # where the ground is lower than at the take-off
@@ -70,15 +70,13 @@ def lift_off(flight: FlightContext, view: FlightView) -> None:
     against the wind: it has to be clear of the ground soon.
     """
     flight.ground_z_m = view.position_enu_m[2]
-    top_m = min(takeoff_height_m(flight.order), flight.ground_z_m + _LIFT_M)
+    top_m = min(takeoff_height_m(flight.order), flight.ground_z_m + LIFT_M)
     _climb_above(flight, view, view.position_enu_m, top_m)
 
 
 def climb_on(flight: FlightContext, view: FlightView) -> None:
-    """Go on to the ordered height, where lifting off has not led there."""
-    top_m = takeoff_height_m(flight.order)
-    if top_m > flight.goal_position_enu_m[2]:
-        _climb_above(flight, view, flight.goal_position_enu_m, top_m)
+    """Go on to the ordered height."""
+    _climb_above(flight, view, flight.goal_position_enu_m, takeoff_height_m(flight.order))
 
 
 def take_over(flight: FlightContext, view: FlightView) -> None:

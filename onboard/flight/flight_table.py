@@ -221,10 +221,11 @@ TAKEOFF = (
         reason=sentences.not_armed, ends=("failed", sentences.not_armed)),
     Row((S.ARM_ARMING, S.TAKEOFF_ARMING), E.TICK, request=Arm()),
 
-    Row((S.LIFTOFF,), E.TICK, when=p.lifted_off, to=S.CLIMB, effect=effects.climb_on),
+    Row((S.LIFTOFF,), E.TICK, when=p.lifted_off, to=S.CLIMB),
     Row((S.LIFTOFF,), E.TICK, when=p.lift_off_late, to=S.CONTACT, effect=effects.expect_contact,
         reason=sentences.NO_LIFTOFF, ends=("failed", sentences.NO_LIFTOFF),
         says=("critical", "no-liftoff", sentences.NO_LIFTOFF)),
+    Row((S.CLIMB,), E.TICK, when=p.climbs_on, effect=effects.climb_on),
     Row((S.CLIMB,), E.TICK, when=p.arrived, to=S.ARRIVED, ends=("done", sentences.at_height)),
     Row((S.CLIMB,), E.TICK, when=p.climb_late, to=S.HOLDING, effect=effects.stop_here,
         reason="the climb took too long", ends=("timed out", sentences.not_at_height)),

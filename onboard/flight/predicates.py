@@ -12,6 +12,7 @@ import math
 from onboard.flight import contact
 from onboard.flight.arrival import has_turned, is_at, is_at_rest, is_near
 from onboard.flight.context import FlightContext
+from onboard.flight.effects import LIFT_M, takeoff_height_m
 from onboard.flight.types import FlightStep, FlightView
 
 # what PX4 confirms
@@ -130,6 +131,15 @@ def px4_flies_without_agent(flight: FlightContext, view: FlightView) -> bool:
 def lifted_off(flight: FlightContext, view: FlightView) -> bool:
     """Return whether it has clearly left the ground."""
     return view.position_enu_m[2] > flight.ground_z_m + _LIFTED_M
+
+
+def climbs_on(flight: FlightContext, view: FlightView) -> bool:
+    """Return whether half of the first leg is flown, where the ordered height lies above it.
+
+    There the leg is at its fastest and does not accelerate: the next one goes on with that speed.
+    """
+    is_above = takeoff_height_m(flight.order) > flight.goal_position_enu_m[2]
+    return is_above and view.position_enu_m[2] > flight.ground_z_m + 0.5 * LIFT_M
 
 
 def lift_off_late(flight: FlightContext, view: FlightView) -> bool:
