@@ -50,7 +50,7 @@ async def hover_check(
     """
     hovering = list(names)
     strongest = _strongest(state_of_now(), hovering)
-    if strongest.share > 1.0:
+    if 1.0 < strongest.share <= GUSTY:
         say(f"{strongest.words}: looking for a calmer moment before anybody sets out.")
 
     for _ in range(_LOOKS):

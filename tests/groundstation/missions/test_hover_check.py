@@ -34,9 +34,11 @@ async def test_a_gust_delays_the_crossing_until_the_wind_is_within_the_limit() -
 
 
 async def test_a_wind_that_no_gust_of_the_limit_explains_is_refused_at_once() -> None:
+    said: list[str] = []
     looks = _told(4.0, 1.0)
     with pytest.raises(WindTooStrong, match=r"a wind of 4\.0 m/s.*nobody sets out"):
-        await hover_check(looks, ["mav0"], lambda line: None)
+        await hover_check(looks, ["mav0"], said.append)
+    assert said == []
 
 
 async def test_a_wind_that_is_little_or_not_known_is_not_mentioned() -> None:
