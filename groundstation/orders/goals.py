@@ -158,9 +158,7 @@ def _bring_home(intent: BringHome, situation: Situation) -> Goals:
     if not intent.duration_s:
         # ways do not cross where all take the same time for them
         longest_s = max(
-            _PEAK_OF_MEAN
-            * math.dist(spots[name], goal)
-            / situation.fleet.vehicles[name].max_speed_m_s
+            _way_s(spots[name], goal, situation.fleet.vehicles[name].max_speed_m_s)
             for name, goal in goals.items()
         )
         intent = replace(intent, duration_s=round(max(_LEAST_WAY_S, longest_s), 1))

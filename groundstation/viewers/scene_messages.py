@@ -43,7 +43,6 @@ FRAME = "fleet"
 TRAIL_S = 8.0
 TRAIL_STEP_S = 0.2
 MAX_GAP_S = 0.5
-_RING_CORNERS = 32
 _CAPSULE_CORNERS = 24
 _EARTH_RADIUS_M = 6_371_000.0  # of the sphere that PX4 projects its local frame from
 LEVEL: Quaternion = (1.0, 0.0, 0.0, 0.0)

@@ -254,7 +254,7 @@ def resume(flight: FlightContext, view: FlightView) -> None:
     """Go on with the order that dead reckoning has interrupted, at its pace."""
     order = flight.order
     if order is None or order.position_enu_m is None:
-        _climb_above(flight, view, flight.goal_position_enu_m, takeoff_height_m(flight.order))
+        climb_on(flight, view)
         return
 
     duration_s = max(0.0, order.duration_s)
