@@ -49,7 +49,8 @@ def written(name: str) -> str:
 
 def write(name: str) -> None:
     """Replace the part by what the code says."""
-    (begin, end), (file, text) = _marks(name), PRINTED[name]
+    (begin, end) = _marks(name)
+    (file, text) = PRINTED[name]
     before, _, rest = (DOCS / file).read_text(encoding="utf-8").partition(begin)
     (DOCS / file).write_text(
         f"{before}{begin}\n{text()}\n{end}{rest.partition(end)[2]}", encoding="utf-8"

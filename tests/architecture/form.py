@@ -72,7 +72,8 @@ def modules() -> tuple[Module, ...]:
     """Return all modules of the product."""
     result = []
     for path in sorted(path for package in PACKAGES for path in (ROOT / package).rglob("*.py")):
-        relative, text = path.relative_to(ROOT), path.read_text(encoding="utf-8")
+        relative = path.relative_to(ROOT)
+        text = path.read_text(encoding="utf-8")
         parts = relative.with_suffix("").parts
         name = ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
         result.append(Module(name, relative.as_posix(), text, ast.parse(text)))
@@ -90,7 +91,8 @@ def circles(edges: dict[str, set[str]]) -> list[str]:
 
     def collect(start: str, graph: dict[str, set[str]], done: set[str]) -> list[str]:
         """Return the nodes that can be reached and were not visited, each after its successors."""
-        reached, stack = [], [(start, iter(graph.get(start, ())))]
+        reached = []
+        stack = [(start, iter(graph.get(start, ())))]
         done.add(start)
         while stack:
             node, successors = stack[-1]
@@ -106,7 +108,8 @@ def circles(edges: dict[str, set[str]]) -> list[str]:
     for node in edges:
         if node not in visited:
             order += collect(node, edges, visited)
-    groups, assigned = [], set[str]()
+    groups = []
+    assigned = set[str]()
     for node in reversed(order):
         if node not in assigned:
             group = collect(node, backward, assigned)
@@ -221,7 +224,8 @@ def _circle_figures() -> Iterator[Figure]:
     rooms: dict[str, set[str]] = defaultdict(set)
     for source, targets in edges.items():
         for target in targets:
-            a, b = by_name[source].room, by_name[target].room
+            a = by_name[source].room
+            b = by_name[target].room
             # what lies beside the rooms belongs to all of them
             if a != b and not {a, b} & set(PACKAGES):
                 rooms[a].add(b)

@@ -71,7 +71,8 @@ def steps() -> str:
     ]
     lines.append("|---" * 6 + "|")
     for step in FlightStep:
-        streams, phase = "yes" if step.is_streaming else "no", step.control_mode.name.lower()
+        streams = "yes" if step.is_streaming else "no"
+        phase = step.control_mode.name.lower()
         lines.append(
             _line(_words(step.name), step.state, step.text, step.situation.value, phase, streams)
         )

@@ -67,7 +67,9 @@ def _sequences(node: ast.AST) -> list[list[ast.expr]]:
 def _is_flip(parts: list[ast.expr], triples: set[tuple[str, ...]]) -> bool:
     texts = [ast.unparse(part) for part in parts]
     if len(parts) == 3 and isinstance(parts[2], ast.UnaryOp) and isinstance(parts[2].op, ast.USub):
-        first, second, third = texts[0], texts[1], ast.unparse(parts[2].operand)
+        first = texts[0]
+        second = texts[1]
+        third = ast.unparse(parts[2].operand)
         is_permuted = (second, first, third) in triples
         is_indexed = first.endswith("1]") and second.endswith("0]") and third.endswith("2]")
         is_named = {"east", "north"} == {first.rsplit("_", 1)[-1], second.rsplit("_", 1)[-1]}

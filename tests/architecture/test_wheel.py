@@ -34,7 +34,8 @@ def run(folder: Path, *words: str, path: str) -> str:
 
 @pytest.fixture(scope="module")
 def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    source, site = tmp_path_factory.mktemp("source"), tmp_path_factory.mktemp("site")
+    source = tmp_path_factory.mktemp("source")
+    site = tmp_path_factory.mktemp("site")
     for name in ("onboard", "groundstation", "sitl", "configs"):
         shutil.copytree(
             ROOT / name, source / name, symlinks=True, ignore=shutil.ignore_patterns("__pycache__")

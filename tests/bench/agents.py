@@ -31,14 +31,18 @@ from onboard.config.fleet import FleetConfig
 from tests.bench.fixture import EMULATOR, BenchFleet, fleet_data
 from tests.bench.process_usage import Usage, busy_share, has_precedence, processor_times, usage
 
-EXIT_OK, EXIT_FAILED, EXIT_WRONG_INPUT = 0, 1, 2
+EXIT_OK = 0
+EXIT_FAILED = 1
+EXIT_WRONG_INPUT = 2
 PERIOD_MS = 20.0
 # What is asked: how far the 99th percentile of the period may be from 20 ms, by the size of the
 # fleet; and of each.
 P99_OFF_MS = {10: 5.0, 20: 10.0}
-CPU_PCT, RSS_MIB = 15.0, 120.0
+CPU_PCT = 15.0
+RSS_MIB = 120.0
 # up to 10 all follow each other; more of them only their nearest four
-NEAR_SPACING_M, FAR_SPACING_M = 1.5, 6.0
+NEAR_SPACING_M = 1.5
+FAR_SPACING_M = 6.0
 _SETTLE_S = 4.0
 _STEP_M = 0.4
 _REST_S = 1.0
@@ -165,12 +169,14 @@ async def _measure(
         mover = asyncio.create_task(_move(bench_fleet))
         pids = {**bench_fleet.processes.pids, "ground": os.getpid()}
         first = [has_precedence(pids[name]) for name in bench_fleet.config.enabled_names]
-        before, begin_s = _usages(pids), time.monotonic()
+        before = _usages(pids)
+        begin_s = time.monotonic()
         late = {name: _late(bench_fleet, name) for name in bench_fleet.config.enabled_names}
         counter.is_on = True
         await asyncio.sleep(seconds)
         counter.is_on = False
-        after, wall_s = _usages(pids), time.monotonic() - begin_s
+        after = _usages(pids)
+        wall_s = time.monotonic() - begin_s
         late = {name: _late(bench_fleet, name) - late[name] for name in late}
         mover.cancel()
         with contextlib.suppress(asyncio.CancelledError):

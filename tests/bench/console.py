@@ -36,17 +36,23 @@ from onboard.config.fleet import ConfigError, load_fleet
 from tests.bench.fixture import fleet_data
 from tests.bench.process_usage import usage
 
-EXIT_OK, EXIT_FAILED = 0, 1
+EXIT_OK = 0
+EXIT_FAILED = 1
 SIZE = (180, 50)
 SPACING_M = 3.0
 KEYS = 60
 BURST = 10_000
 CPU_LIMIT_PCT = {10: 10.0, 100: 25.0}
-KEY_LIMIT_MS, ORDER_LIMIT_MS, GROWTH_LIMIT_MIB = 100.0, 50.0, 5.0
+KEY_LIMIT_MS = 100.0
+ORDER_LIMIT_MS = 50.0
+GROWTH_LIMIT_MIB = 5.0
 LAND_AFTER_S = (0.03, 0.06, 0.1, 0.2, 0.4)  # a move was given: its preview opens, and computes
-_START_TIMEOUT_S, _KEY_TIMEOUT_S, _BURST_TIMEOUT_S = 60.0, 5.0, 60.0
+_START_TIMEOUT_S = 60.0
+_KEY_TIMEOUT_S = 5.0
+_BURST_TIMEOUT_S = 60.0
 # of one size besides the time asked for, and of a minute in fast motion
-_LIMIT_S, _LIMIT_S_PER_MIN = 240.0, 20.0
+_LIMIT_S = 240.0
+_LIMIT_S_PER_MIN = 20.0
 _ESCAPES = re.compile(
     rb"\x1b(?:\[[0-9;:?<>=]*[ -/]*[@-~]|\][^\x07\x1b]*(?:\x07|\x1b\\)|[PX^_].*?\x1b\\|[@-Z\\-_])",
     re.S,
@@ -286,9 +292,12 @@ def measure(vehicles: int, seconds: float, minutes: float) -> Measured:
 
 def _cost(terminal: Terminal, seconds: float) -> tuple[float, float]:
     """Processor in % of a core, and bytes for the terminal a second."""
-    before, bytes_before, begin_s = usage(terminal.process.pid), terminal.bytes, time.monotonic()
+    before = usage(terminal.process.pid)
+    bytes_before = terminal.bytes
+    begin_s = time.monotonic()
     time.sleep(seconds)
-    after, past_s = usage(terminal.process.pid), time.monotonic() - begin_s
+    after = usage(terminal.process.pid)
+    past_s = time.monotonic() - begin_s
     if before is None or after is None:
         raise ConfigError("The console has ended by itself while it was measured.")
     return 100.0 * (after.cpu_s - before.cpu_s) / past_s, (terminal.bytes - bytes_before) / past_s

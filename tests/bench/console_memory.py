@@ -52,7 +52,8 @@ class FastClient:
         self.fleet = fleet
         self.state: FleetState = fleet_state.initial(fleet)
         self.tick_stream = NoTicks()
-        self._now_ns, self._step = STEP_NS, 0
+        self._now_ns = STEP_NS
+        self._step = 0
 
     def now_ns(self) -> int:
         """The turned clock."""

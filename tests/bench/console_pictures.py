@@ -31,7 +31,8 @@ from rich.terminal_theme import MONOKAI
 FIGURES = Path(__file__).parents[2] / "docs" / "figures"
 _FONTS = Path(matplotlib.get_data_path()) / "fonts" / "ttf"
 _SIZE_PX = 15
-_GROUND, _INK = "#000000", "#d0d0d0"
+_GROUND = "#000000"
+_INK = "#d0d0d0"
 # column, row of each braille bit
 _DOTS = ((0, 0), (0, 1), (0, 2), (1, 0), (1, 1), (1, 2), (0, 3), (1, 3))
 
@@ -65,7 +66,8 @@ def paint(
 def _colours(style: Style | None, ground: str, ink: str) -> tuple[str, str, bool]:
     if style is None:
         return ink, ground, False
-    front, back = (_hex(style.color) or ink), (_hex(style.bgcolor) or ground)
+    front = _hex(style.color) or ink
+    back = _hex(style.bgcolor) or ground
     return (back, front, bool(style.bold)) if style.reverse else (front, back, bool(style.bold))
 
 
@@ -81,12 +83,14 @@ def _paint_char(
     font: ImageFont.FreeTypeFont,
 ) -> None:
     left, top, right, bottom = box
-    wide, high = right - left + 1, bottom - top + 1
+    wide = right - left + 1
+    high = bottom - top + 1
     code = ord(char)
     if 0x2800 <= code <= 0x28FF:
         for bit, (column, row) in enumerate(_DOTS):
             if code >> bit & 1:
-                x, y = left + wide * (2 * column + 1) / 4, top + high * (2 * row + 1) / 8
+                x = left + wide * (2 * column + 1) / 4
+                y = top + high * (2 * row + 1) / 8
                 pen.ellipse((x - 1.2, y - 1.2, x + 1.0, y + 1.0), fill=ink)
     elif 0x2581 <= code <= 0x2588:
         pen.rectangle((left, bottom + 1 - high * (code - 0x2580) / 8, right, bottom), fill=ink)
@@ -163,7 +167,9 @@ def fly_demo(
     with tempfile.TemporaryDirectory() as folder:
         command = f"exec {sys.executable} -m groundstation demo --record {folder}/flight"
         with Terminal(width, height, command, **environ) as terminal:
-            best, most, end_s = "", -1, time.monotonic() + limit_s
+            best = ""
+            most = -1
+            end_s = time.monotonic() + limit_s
             while time.monotonic() < end_s:
                 time.sleep(0.4)
                 shown = terminal.screen()
@@ -174,7 +180,8 @@ def fly_demo(
                     break
                 held_back = shown.count("▮") + shown.count("|||")
                 if held_back > most and "flying" in shown:
-                    best, most = shown, held_back
+                    best = shown
+                    most = held_back
             if best:
                 paint(from_ansi(best), FIGURES / f"{stem}.png")
             terminal.press("q")

@@ -59,12 +59,15 @@ def separation(record: Path) -> tuple[float, str, float]:
     rows: dict[str, NDArray[np.float64]] = {
         name: np.array(sorted(track)) for name, track in tracks.items()
     }
-    worst, pair = math.inf, "-"
+    worst = math.inf
+    pair = "-"
     flown = [row[row[:, 3] > AIRBORNE_HEIGHT_M, 0] for row in rows.values()]
     times = np.concatenate(flown) if flown else np.zeros(0)
     for first, second in itertools.combinations(rows, 2):
-        a, b = rows[first], rows[second]
-        start, end = max(a[0, 0], b[0, 0]), min(a[-1, 0], b[-1, 0])
+        a = rows[first]
+        b = rows[second]
+        start = max(a[0, 0], b[0, 0])
+        end = min(a[-1, 0], b[-1, 0])
         t = np.arange(start, end, 0.01)
         pa = np.stack([np.interp(t, a[:, 0], a[:, axis]) for axis in (1, 2, 3)], axis=-1)
         pb = np.stack([np.interp(t, b[:, 0], b[:, axis]) for axis in (1, 2, 3)], axis=-1)
@@ -72,13 +75,15 @@ def separation(record: Path) -> tuple[float, str, float]:
         if airborne.any():
             distance = np.hypot(*(pa - pb)[airborne, :2].T)
             if distance.min() < worst:
-                worst, pair = float(distance.min()), f"{first}-{second}"
+                worst = float(distance.min())
+                pair = f"{first}-{second}"
     return worst, pair, float(np.ptp(times)) if times.size else 0.0
 
 
 def fly_once(seed: int, folder: Path, arguments: list[str]) -> Flight:
     """One headless demo in a process of its own, judged afterwards."""
-    before, begun = resource.getrusage(resource.RUSAGE_CHILDREN), time.monotonic()
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    begun = time.monotonic()
     command = [sys.executable, "-m", "groundstation", "demo", "--headless", "--record", str(folder)]
     done = subprocess.run(
         [*command, "--seed", str(seed), *arguments],
@@ -86,7 +91,8 @@ def fly_once(seed: int, folder: Path, arguments: list[str]) -> Flight:
         stdout=subprocess.DEVNULL,
         check=False,
     )
-    wall, after = time.monotonic() - begun, resource.getrusage(resource.RUSAGE_CHILDREN)
+    wall = time.monotonic() - begun
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
     cpu = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
     worst, pair, flown = separation(folder / "flight.mcap")
     verdict = _verdict(folder)

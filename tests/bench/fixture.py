@@ -42,7 +42,8 @@ def fleet_data(count: int, spacing_m: float, name: str = "stage") -> dict[str, A
     """A fleet file's data: ``count`` quadrotors on a square grid, on ports that are free now."""
     columns = math.ceil(math.sqrt(count))
     rows = math.ceil(count / columns)
-    east, north = 0.5 * spacing_m * (columns - 1), 0.5 * spacing_m * (rows - 1)
+    east = 0.5 * spacing_m * (columns - 1)
+    north = 0.5 * spacing_m * (rows - 1)
     vehicles = {
         f"mav{place}": {
             "system_id": place + 1,
@@ -111,7 +112,8 @@ class BenchFleet:
         self.client = FleetClient(self.config, extra_topics=RECORDED if has_record else ())
         self.fleet = Fleet(self.client, say=say)
         self._record = RecordWriter(folder) if has_record else None
-        self._command, self._start = command, start
+        self._command = command
+        self._start = start
 
     async def __aenter__(self) -> BenchFleet:
         """Start everything and wait until every vehicle is ready; ProcessError or NotReady when

@@ -21,18 +21,22 @@ from sitl.lockstep.flight import Lockstep
 from tests.groundstation.shows.made_shows import eased, write_skyc
 
 ROOT = Path(__file__).parents[2]
-SECONDS, APART_M, TURN_RAD = 18.0, 1.5, math.radians(50.0)
+SECONDS = 18.0
+APART_M = 1.5
+TURN_RAD = math.radians(50.0)
 
 
 def write_show(path: Path) -> None:
     """Write the show: five rows of six rise, turn together, a wave through them, and come down."""
 
     def way(k: int):
-        x, y = APART_M * (k % 6 - 2.5), APART_M * (k // 6 - 2.0)
+        x = APART_M * (k % 6 - 2.5)
+        y = APART_M * (k // 6 - 2.0)
 
         def at(t: float) -> tuple[float, float, float]:
             u = eased((t - 3.0) / (SECONDS - 6.0))
-            c, s = math.cos(TURN_RAD * u), math.sin(TURN_RAD * u)
+            c = math.cos(TURN_RAD * u)
+            s = math.sin(TURN_RAD * u)
             wave = 0.4 * math.sin(math.pi * u) ** 2 * math.sin(2.0 * math.pi * u + 0.5 * x)
             high = 1.6 * eased(t / 3.0) * eased((SECONDS - t) / 3.0)
             return c * x - s * y, s * x + c * y, high + wave

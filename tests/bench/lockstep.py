@@ -78,9 +78,11 @@ def measure(count: int, folder: Path, *, span_s: float, spans: int) -> Speed:
         flight.takeoff(1.0)
         flight.run(_WARM_S)
         start_s = time.perf_counter() - begin_s
-        cpu, wall = [], []
+        cpu = []
+        wall = []
         for _ in range(spans):
-            cpu_s, wall_s = time.process_time(), time.perf_counter()
+            cpu_s = time.process_time()
+            wall_s = time.perf_counter()
             flight.run(span_s)
             cpu.append(span_s / (time.process_time() - cpu_s))
             wall.append(span_s / (time.perf_counter() - wall_s))

@@ -26,7 +26,8 @@ def usage(pid: int) -> Usage | None:
     try:
         process = psutil.Process(pid)
         with process.oneshot():
-            times, memory = process.cpu_times(), process.memory_info()
+            times = process.cpu_times()
+            memory = process.memory_info()
     except psutil.Error:
         return None
     return Usage(times.user + times.system, memory.rss / _MIB, (memory.rss - memory.shared) / _MIB)

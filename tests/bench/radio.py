@@ -122,16 +122,19 @@ def fly(case: Case, seed: int = 1) -> Flown:
     ):
         channel = flight.bus.channel
         assert channel is not None
-        begin_s, before_ns = flight.time_s, channel.busy_ns
+        begin_s = flight.time_s
+        before_ns = channel.busy_ns
         try:
             flight.takeoff(1.0)
-            begin_s, before_ns = flight.time_s, channel.busy_ns
+            begin_s = flight.time_s
+            before_ns = channel.busy_ns
             flight.client.add_sink(put)
             flight.wait_for(flight.fleet.go_to(goals_m(fleet), timeout_s=MOVE_TIMEOUT_S))
         except OrderFailed as error:
             failure = str(error).partition(" failed. ")[2] or str(error)
         busy_pct = (channel.busy_ns - before_ns) / max(flight.time_s - begin_s, 0.1) * 1e-7
-        separation_m, dropped = flight.min_separation_m, channel.dropped
+        separation_m = flight.min_separation_m
+        dropped = channel.dropped
     assert fleet.radio is not None
     starts = {name: fleet.vehicles[name].start_enu_m for name in fleet.enabled_names}
     check_pct = airtime_finding(fleet, fleet.radio, most_near(fleet, starts)).value

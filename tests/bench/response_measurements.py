@@ -28,7 +28,8 @@ def step_response(axis: int, size_deg: float, profile: VehicleProfile = SIH) -> 
     """
     vehicles, commands = hovering(profile)
     size = math.radians(size_deg)
-    tilt, yaw = np.zeros((1, 2)), np.zeros(1)
+    tilt = np.zeros((1, 2))
+    yaw = np.zeros(1)
     if axis < 2:
         tilt[0, axis] = size
     else:
@@ -86,8 +87,11 @@ def closed_loop(
     spec = VehicleSpec("sih", 1, SIH, (0.0, 0.0, 0.0), VERSIONS["1.16"])
     emulator = Emulator([spec], environment=Environment(error_scale=0.0), seed=0)
     rng = np.random.default_rng(3)
-    pilot, states = emulator.autopilots[0], emulator.world.vehicles.states
-    north, lift, rows = 0.0, GRAVITY_M_S2, []
+    pilot = emulator.autopilots[0]
+    states = emulator.world.vehicles.states
+    north = 0.0
+    lift = GRAVITY_M_S2
+    rows = []
     begin_s = 6.0
     while emulator.time_s < begin_s + duration_s:
         step = emulator.world.vehicles.steps
@@ -121,7 +125,8 @@ def fit(asked: Array, answered: Array) -> tuple[float, float, float]:
         out = second_order(asked, delay, wn, zeta)
         return float(np.square(out - answered)[125:].sum())
 
-    best, steps = (0.05, 10.0, 0.7), (0.016, 2.0, 0.16)
+    best = (0.05, 10.0, 0.7)
+    steps = (0.016, 2.0, 0.16)
     least = miss(best)
     for _ in range(24):
         candidates = [
@@ -141,7 +146,9 @@ def second_order(asked: Array, delay_s: float, wn_rad_s: float, zeta: float) -> 
     """A signal (k,) behind a dead time and a second-order lag, one sample per physics step."""
     times = np.arange(asked.shape[0]) * STEP_S
     heard = np.interp(times - delay_s, times, asked).tolist()
-    x, v, out = heard[0], 0.0, []
+    x = heard[0]
+    v = 0.0
+    out = []
     for goal in heard:
         v += STEP_S * (wn_rad_s * wn_rad_s * (goal - x) - 2.0 * zeta * wn_rad_s * v)
         x += STEP_S * v
@@ -151,7 +158,8 @@ def second_order(asked: Array, delay_s: float, wn_rad_s: float, zeta: float) -> 
 
 def delay_by_correlation_s(asked: Array, answered: Array) -> float:
     """Lag at which two signals (k,) are most alike."""
-    a, b = asked - asked.mean(), answered - answered.mean()
+    a = asked - asked.mean()
+    b = answered - answered.mean()
     lags = range(100)
     return max(lags, key=lambda lag: float((a[: a.size - lag] * b[lag:]).mean())) * STEP_S
 
@@ -182,8 +190,10 @@ def estimate_errors(
     estimator = Estimator(np.zeros((vehicles, 3)), seed=4)
     estimator.has_gps = [level is GPS] * vehicles
     estimator.vision_levels = [level] * vehicles
-    still, flies = np.zeros((vehicles, 3)), np.zeros(vehicles, dtype=np.bool_)
-    position, velocity = [], []
+    still = np.zeros((vehicles, 3))
+    flies = np.zeros(vehicles, dtype=np.bool_)
+    position = []
+    velocity = []
     place = np.zeros(3)
     for k in range(round(duration_s / PERIOD_S)):
         if level is not GPS and k % 5 == 0:
@@ -195,7 +205,8 @@ def estimate_errors(
                 estimator.position_ned_m - estimator.offset_ned_m - estimator.bias_ned_m
             )
             velocity.append(estimator.velocity_ned_m_s.copy())
-    p, v = np.array(position), np.array(velocity)
+    p = np.array(position)
+    v = np.array(velocity)
     scaled = (v / np.array(level.velocity_m_s)).reshape(v.shape[0], -1)
     lags = np.unique(np.geomspace(1, 0.4 * v.shape[0], 60).astype(int))
     alike = np.array([float((scaled[:-lag] * scaled[lag:]).mean()) for lag in lags]) / float(

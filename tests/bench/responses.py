@@ -37,8 +37,11 @@ from tests.bench.response_measurements import (
     step_response,
 )
 
-_RELATIVE, _TIME_S = 0.10, 0.010  # how close a figure has to be: 10 %, a time also 10 ms
-_TILT_DEG, _YAW_DEG = (5.0, 10.0, 20.0, 30.0), (10.0, 30.0, 90.0, 170.0)
+# how close a figure has to be: 10 %, a time also 10 ms
+_RELATIVE = 0.10
+_TIME_S = 0.010
+_TILT_DEG = (5.0, 10.0, 20.0, 30.0)
+_YAW_DEG = (10.0, 30.0, 90.0, 170.0)
 # Measured times [ms] to each share of a step, the overshoot [%] and when it is reached.
 _TILT_MS: dict[float, tuple[float, float]] = {
     0.05: (62, 73),
@@ -209,7 +212,8 @@ def error_rows() -> Iterator[Row]:
     for name, level in SOURCES.items():
         found = estimate_errors(level)
         for axis, which in enumerate(("north", "east")):
-            p, v = 100.0 * level.position_m[axis], 100.0 * level.velocity_m_s[axis]
+            p = 100.0 * level.position_m[axis]
+            v = 100.0 * level.velocity_m_s[axis]
             yield Row(
                 f"{name}: position error {which}",
                 "cm",

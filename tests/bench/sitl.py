@@ -22,7 +22,9 @@ from sitl.mavlink.link import Link
 from sitl.mavlink.streams import GCS_RATES_HZ, ONBOARD_RATES_HZ
 from sitl.physics.vehicle import STEP_S, VehicleProfile
 
-EXIT_OK, EXIT_FAILED, EXIT_WRONG_INPUT = 0, 1, 2
+EXIT_OK = 0
+EXIT_FAILED = 1
+EXIT_WRONG_INPUT = 2
 # What is asked of the emulator, in percent of a core per vehicle.
 LIMITS_PCT = {3: 4.0, 50: 1.8}
 _SPACING_M = 3.0
@@ -146,7 +148,8 @@ async def _fly(
     for index, each in enumerate(sockets):
         each.endpoint.peer = addresses[index // 2]
     first_step = emulator.world.vehicles.steps
-    start_s, cpu_s = loop.time(), time.thread_time()
+    start_s = loop.time()
+    cpu_s = time.thread_time()
     while (now_s := loop.time() - start_s) < duration_s:
         due = int(now_s / STEP_S) - (emulator.world.vehicles.steps - first_step)
         for _ in range(min(due, _MOST_STEPS_AT_ONCE)):
@@ -156,7 +159,8 @@ async def _fly(
                 each.endpoint.poll()
         done_s = (emulator.world.vehicles.steps - first_step + 1) * STEP_S
         await asyncio.sleep(max(0.0, start_s + done_s - loop.time()))
-    spent_s, wall_s = time.thread_time() - cpu_s, loop.time() - start_s
+    spent_s = time.thread_time() - cpu_s
+    wall_s = loop.time() - start_s
     for each in sockets:
         each.close(ready)
     return spent_s, wall_s, (emulator.world.vehicles.steps - first_step) * STEP_S

@@ -30,14 +30,19 @@ from onboard.bus.topics import Topic
 from tests.bench.fixture import BenchFleet, fleet_data
 from tests.bench.process_usage import busy_share, processor_times, usage
 
-EXIT_OK, EXIT_FAILED, EXIT_WRONG_INPUT = 0, 1, 2
+EXIT_OK = 0
+EXIT_FAILED = 1
+EXIT_WRONG_INPUT = 2
 GROWTH_MIB = 1.0
 GROUND = "ground"
-LATE_S, PERIOD_S = 0.020, 0.020
+LATE_S = 0.020
+PERIOD_S = 0.020
 _SAMPLE_S = 5.0
 _TOGETHER_S = 0.3
 _BUSY = 0.9
-_VEHICLES, _SPACING_M, _STEP_M = 3, 2.0, 0.5
+_VEHICLES = 3
+_SPACING_M = 2.0
+_STEP_M = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,7 +129,8 @@ class Watcher:
 async def soak(minutes: float, folder: Path, *, settle_minutes: float) -> Soak:
     """Fly for that long."""
     bench_fleet = BenchFleet(fleet_data(_VEHICLES, _SPACING_M, "soak"), folder, has_record=True)
-    watcher, samples = Watcher(), Samples()
+    watcher = Watcher()
+    samples = Samples()
     async with bench_fleet:
         await bench_fleet.fleet.takeoff(height_m=1.0)
         bench_fleet.client.add_sink(watcher.put)
@@ -186,8 +192,10 @@ async def _fly(bench_fleet: BenchFleet, seconds: float) -> tuple[int, list[str]]
     """The repeated mission; how many orders were given, and what became of those that were not
     done.
     """
-    orders, missed = 0, []
-    end_s, side = time.monotonic() + seconds, 1.0
+    orders = 0
+    missed = []
+    end_s = time.monotonic() + seconds
+    side = 1.0
     while time.monotonic() < end_s:
         goals = {
             name: bench_fleet.config.vehicles[name].start_enu_m

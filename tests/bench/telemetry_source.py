@@ -34,11 +34,10 @@ def telemetry(
 ) -> Telemetry:
     """A vehicle on a small circle about its start, 1 m up, held back by the law now and then."""
     angle = 0.6 * time_s + place
-    x, y = start[0] + 0.4 * math.cos(angle), start[1] + 0.4 * math.sin(angle)
-    spot, speed = (
-        (x, y, 1.0 + 0.1 * math.sin(angle)),
-        (-0.24 * math.sin(angle), 0.24 * math.cos(angle), 0.0),
-    )
+    x = start[0] + 0.4 * math.cos(angle)
+    y = start[1] + 0.4 * math.sin(angle)
+    spot = (x, y, 1.0 + 0.1 * math.sin(angle))
+    speed = (-0.24 * math.sin(angle), 0.24 * math.cos(angle), 0.0)
     held = max(0.0, math.sin(0.2 * time_s + place))
     return Telemetry(
         vehicle=name,
@@ -85,7 +84,8 @@ class Crowd:
     """All vehicles of a fleet file, as nodes of the bus that publish and answer."""
 
     def __init__(self, fleet: FleetConfig, say: Callable[[dict[str, object]], None]) -> None:
-        self.fleet, self._say = fleet, say
+        self.fleet = fleet
+        self._say = say
         self._roles = ControlTokens()
         self._lock = threading.Lock()
         self._sequence = 0
@@ -114,7 +114,8 @@ class Crowd:
         """Telemetry of everybody."""
         self._sequence += 1
         with self._lock:
-            operator, others = self._roles.operator, self._roles.others
+            operator = self._roles.operator
+            others = self._roles.others
         places = {name: place for place, name in enumerate(self.fleet.enabled_names)}
         for node, names in self._nodes:
             for name in names:

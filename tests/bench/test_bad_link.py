@@ -70,7 +70,8 @@ def test_a_hub_carries_to_the_address_and_nothing_between_the_sides_while_they_a
     addresses = [socket.inet_aton(f"10.77.0.{number}") for number in (1, 2, 3)]
     with ExitStack() as stack:
         stack.enter_context(Hub(tmp_path / "hub", ["10.77.0.1"], ["10.77.0.2"]))
-        hosts, lines = [], []
+        hosts = []
+        lines = []
         for address in addresses:
             host, tun = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
             line = stack.enter_context(socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET))

@@ -29,7 +29,8 @@ def neighbours(count: int, seed: int = 2) -> list[Neighbour]:
     rng = random.Random(seed)
     out = []
     for index in range(count):
-        angle, distance = rng.uniform(-math.pi, math.pi), rng.uniform(0.9, 3.0)
+        angle = rng.uniform(-math.pi, math.pi)
+        distance = rng.uniform(0.9, 3.0)
         p = Vec3(distance * math.cos(angle), distance * math.sin(angle), 1.0)
         v = Vec3(rng.gauss(0.0, 0.3), rng.gauss(0.0, 0.3), 0.0)
         u = Vec3(rng.gauss(0.0, 0.5), rng.gauss(0.0, 0.5), 0.0)
@@ -42,9 +43,12 @@ def neighbours(count: int, seed: int = 2) -> list[Neighbour]:
 def tick_times_s(count: int, ticks: int) -> list[float]:
     """Processor time of each tick with ``count`` neighbours, sorted."""
     params = pipeline.pipeline_params(load_fleet("configs/fleets/paper.toml"), "mav0")
-    filter_params, around = kalman.KalmanParams(), neighbours(count)
-    own, memory = kalman.initial(START, filter_params), pipeline.initial(params, START)
-    goal, times_s = Goal(Vec3(3.0, 0.0, 1.0), 0.0, 1), []
+    filter_params = kalman.KalmanParams()
+    around = neighbours(count)
+    own = kalman.initial(START, filter_params)
+    memory = pipeline.initial(params, START)
+    goal = Goal(Vec3(3.0, 0.0, 1.0), 0.0, 1)
+    times_s = []
     for _ in range(ticks):
         begin_s = time.process_time()
         own = kalman.drive(own, LEVEL, 0.5, 0.5, filter_params, 0.02, False)
@@ -66,7 +70,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     options = parser.parse_args(argv)
     for count in (0, 2, 6, 12):
         times_s = tick_times_s(count, options.ticks)
-        shortest_ms, median_ms = 1e3 * times_s[0], 1e3 * statistics.median(times_s)
+        shortest_ms = 1e3 * times_s[0]
+        median_ms = 1e3 * statistics.median(times_s)
         print(f"{count:2d} neighbours: shortest {shortest_ms:.3f} ms, median {median_ms:.3f} ms")
     return 0
 

@@ -83,7 +83,8 @@ def search(
     low, high = np.array(list(BOUNDS.values())).T
     found: list[tuple[float, Case]] = []
     for _ in range(restarts):
-        scenario, flown = str(rng.choice(list(names))), int(rng.integers(3000, 10**6))
+        scenario = str(rng.choice(list(names)))
+        flown = int(rng.integers(3000, 10**6))
         tried: list[tuple[float, Case]] = []
 
         def fly(

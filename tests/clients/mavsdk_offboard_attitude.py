@@ -18,7 +18,9 @@ from vehicle import connected, first, run
 async def offboard_attitude(endpoint: str, seen: dict[str, Any]) -> None:
     """Arm, climb, roll both ways, stop, land."""
     _client, system = await connected(endpoint, ComponentType.COMPANION_COMPUTER)
-    action, offboard, telemetry = ActionAsync(system), OffboardAsync(system), TelemetryAsync(system)
+    action = ActionAsync(system)
+    offboard = OffboardAsync(system)
+    telemetry = TelemetryAsync(system)
     await first(telemetry.subscribe_health(), 30, lambda h: h.is_armable)
     try:
         await offboard.start()

@@ -21,7 +21,9 @@ from vehicle import connected, first, run
 async def offboard_position_velocity(endpoint: str, seen: dict[str, Any]) -> None:
     """Up by position, aside by position, back by velocity, turned by body velocity, down."""
     _client, system = await connected(endpoint, ComponentType.GROUND_STATION)
-    action, offboard, telemetry = ActionAsync(system), OffboardAsync(system), TelemetryAsync(system)
+    action = ActionAsync(system)
+    offboard = OffboardAsync(system)
+    telemetry = TelemetryAsync(system)
     await first(
         telemetry.subscribe_health(),
         30,

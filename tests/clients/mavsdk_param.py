@@ -15,7 +15,8 @@ async def param(endpoint: str, seen: dict[str, Any]) -> None:
     _client, system = await connected(endpoint, ComponentType.GROUND_STATION)
     params = ParamAsync(system)
     everything = await params.get_all_params()
-    seen["integers"], seen["floats"] = len(everything.int_params), len(everything.float_params)
+    seen["integers"] = len(everything.int_params)
+    seen["floats"] = len(everything.float_params)
     names = {p.name for p in (*everything.int_params, *everything.float_params)}
     seen["has"] = sorted(
         names & {"COM_OF_LOSS_T", "MPC_THR_HOVER", "COM_OBL_RC_ACT", "EKF2_EV_CTRL"}

@@ -22,7 +22,8 @@ from vehicle import connected, first, run
 async def refused(endpoint: str, seen: dict[str, Any]) -> None:
     """One after the other."""
     _client, system = await connected(endpoint, ComponentType.GROUND_STATION)
-    mission, shell = MissionRawAsync(system), ShellAsync(system)
+    mission = MissionRawAsync(system)
+    shell = ShellAsync(system)
     waypoint = MissionItem(
         frame=6, command=16, current=1, autocontinue=1, x=473977420, y=85455940, z=5.0
     )

@@ -15,7 +15,8 @@ from vehicle import connected, first, run
 async def takeoff_and_land(endpoint: str, seen: dict[str, Any]) -> None:
     """Up, refuse to be disarmed, down."""
     _client, system = await connected(endpoint, ComponentType.GROUND_STATION)
-    action, telemetry = ActionAsync(system), TelemetryAsync(system)
+    action = ActionAsync(system)
+    telemetry = TelemetryAsync(system)
     texts: list[str] = []
 
     async def listen() -> None:

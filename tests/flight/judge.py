@@ -40,7 +40,8 @@ def min_separation_m(folder: Path, airborne_above_m: float = 0.1) -> float:
     """Smallest horizontal distance between centres while at least one of the two flies, linearly
     interpolated.
     """
-    tracks, worst = truth(folder), math.inf
+    tracks = truth(folder)
+    worst = math.inf
     for a, b in itertools.combinations(tracks.values(), 2):
         t = np.arange(max(a[0, 0], b[0, 0]), min(a[-1, 0], b[-1, 0]), 0.02)
         first, second = (

@@ -17,7 +17,8 @@ from tests.bench.fixture import BenchFleet, fleet_data
 
 pytestmark = [pytest.mark.long, pytest.mark.timeout(180)]
 
-AUTO, LOITER = 4.0, 3.0
+AUTO = 4.0
+LOITER = 3.0
 
 
 def put_on_hold(endpoint: str, system_id: int) -> None:
@@ -40,7 +41,8 @@ async def test_a_restarted_agent_takes_a_held_vehicle_over_where_it_is_and_lands
 ) -> None:
     bench_fleet = BenchFleet(fleet_data(2, 2.0, "restart"), tmp_path)
     async with bench_fleet:
-        client, vehicle = bench_fleet.client, bench_fleet.config.vehicles["mav0"]
+        client = bench_fleet.client
+        vehicle = bench_fleet.config.vehicles["mav0"]
 
         def told(state: str, mode: str) -> bool:
             telemetry = client.state.vehicles["mav0"].telemetry

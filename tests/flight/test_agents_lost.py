@@ -73,7 +73,8 @@ def flying(folder: Path) -> Iterator[subprocess.Popen[str]]:
         text=True,
     )
     try:
-        deadline, events = time.monotonic() + 90.0, record / "events.txt"
+        deadline = time.monotonic() + 90.0
+        events = record / "events.txt"
         while not (events.exists() and events.read_text().count("order-takeoff") >= 3):
             assert process.poll() is None, process.communicate()[0]
             assert time.monotonic() < deadline, "nobody flew"

@@ -75,7 +75,8 @@ def test_without_the_law_they_collide(tmp_path: Path) -> None:
 
 
 def test_ctrl_c_lands_and_leaves_no_process_and_no_key(tmp_path: Path) -> None:
-    folder, keys = tmp_path / "flight", tmp_path / "keys"
+    folder = tmp_path / "flight"
+    keys = tmp_path / "keys"
     keys.mkdir()
     command = [*COVEY, "demo", "--secure", "--headless", "--record", str(folder)]
     process = subprocess.Popen(

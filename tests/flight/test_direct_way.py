@@ -46,7 +46,8 @@ class Hover:
     """One vehicle in the air: its agent's process, the ground, and the height that is true."""
 
     def __init__(self, agent: subprocess.Popen[bytes], client: FleetClient) -> None:
-        self.agent, self.client = agent, client
+        self.agent = agent
+        self.client = client
         self.heights_m: list[tuple[float, float]] = []
         client.add_sink(self._sink)
 

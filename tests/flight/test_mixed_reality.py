@@ -24,7 +24,8 @@ from onboard.config.fleet import FleetConfig, fleet_from_mapping, load_fleet
 from tests.flight.judge import min_separation_m, truth
 
 _MIXED = Path(__file__).parents[2] / "configs/fleets/mixed.toml"
-_REAL, _EMULATED = "mav0", "mav2"
+_REAL = "mav0"
+_EMULATED = "mav2"
 _EXCHANGE = """
 schema = 1
 fleet = "fleet.toml"

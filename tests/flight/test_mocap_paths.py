@@ -129,7 +129,9 @@ class _Ear:
         self._bus = BusSession(
             namespace=fleet.namespace, node="ear", connect=[*agents, fleet.simulator_endpoint]
         )
-        self._topic, self._kind, self._lock = topic, kind, threading.Lock()
+        self._topic = topic
+        self._kind = kind
+        self._lock = threading.Lock()
         self._newest: dict[str, Message] = {}
 
     def _hear(self, _topic: Topic, name: str, message: Message | Malformed) -> None:

@@ -27,7 +27,8 @@ time.sleep(60)
 
 @pytest.mark.timeout(120)
 def test_a_script_that_is_interrupted_lands_its_fleet_and_leaves_no_process(tmp_path: Path) -> None:
-    script, folder = tmp_path / "script.py", tmp_path / "flight"
+    script = tmp_path / "script.py"
+    folder = tmp_path / "flight"
     script.write_text(SCRIPT, encoding="utf-8")
     command = [*COVEY, "run", str(script), "--fleet", "paper", "--sitl", "--record", str(folder)]
     with subprocess.Popen(

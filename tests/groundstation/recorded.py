@@ -28,7 +28,8 @@ def messages(length_s: float, clock_ns: dict[str, int]) -> list[tuple[int, Topic
     for step in range(int(length_s * 10)):
         at_ns = 5 * SECOND + step * SECOND // 10
         for index, name in enumerate(("mav0", "mav1", "mav2")):
-            place, stamp_ns = spot(index, step / 10), at_ns + clock_ns.get(name, 0)
+            place = spot(index, step / 10)
+            stamp_ns = at_ns + clock_ns.get(name, 0)
             told.append((at_ns, Topic.TELEMETRY, name, telemetry(
                 name, stamp_ns=stamp_ns, sequence=step + 1, position_enu_m=place,
                 velocity_enu_m_s=ZERO,

@@ -33,7 +33,10 @@ def heading(q: Array) -> Array:
 
 def body_down(q: Array) -> Array:
     """Third column of the rotation matrix: where body z (down) points in the world, (..., 3)."""
-    w, x, y, z = q[..., 0], q[..., 1], q[..., 2], q[..., 3]
+    w = q[..., 0]
+    x = q[..., 1]
+    y = q[..., 2]
+    z = q[..., 3]
     return np.stack(
         [2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)], axis=-1
     )
@@ -49,7 +52,8 @@ def step(
     draws: Array,
 ) -> None:
     """See :func:`sitl.physics.step.step`."""
-    rows, depth = np.arange(motion.shape[0]), commanded.shape[0]
+    rows = np.arange(motion.shape[0])
+    depth = commanded.shape[0]
     now = commanded[newest]
     by_tilt = commanded[(newest - response["tilt_delay"]) % depth, rows]
     by_heading = commanded[(newest - response["yaw_delay"]) % depth, rows]
@@ -76,9 +80,11 @@ def step(
     free_yaw = heading(q)
     tilt = np.where(by_rate[:, None], _tilt_of(q, free_yaw), tilt)
     tilt_rate = np.where(by_rate[:, None], free_rate, tilt_rate)
-    yaw, yaw_rate = np.where(by_rate, free_yaw, yaw), np.where(by_rate, free_yaw_rate, yaw_rate)
+    yaw = np.where(by_rate, free_yaw, yaw)
+    yaw_rate = np.where(by_rate, free_yaw_rate, yaw_rate)
     flies = ~motion["on_ground"]
-    motion["tilt"], motion["tilt_rate"] = tilt * flies[:, None], tilt_rate * flies[:, None]
+    motion["tilt"] = tilt * flies[:, None]
+    motion["tilt_rate"] = tilt_rate * flies[:, None]
     motion["yaw"] = np.where(flies, frames.wrap(yaw), motion["yaw"])
     motion["yaw_rate"] = yaw_rate * flies
     motion["yaw_torque"], motion["yaw_integral"] = (
@@ -90,16 +96,17 @@ def step(
 
 def _tilt(motion: Records, response: Records, commanded: Array) -> tuple[Array, Array]:
     down = body_down(commanded)
-    cos_yaw, sin_yaw = np.cos(motion["yaw"]), np.sin(motion["yaw"])
-    ahead, right = (
-        cos_yaw * down[:, 0] + sin_yaw * down[:, 1],
-        -sin_yaw * down[:, 0] + cos_yaw * down[:, 1],
-    )
+    cos_yaw = np.cos(motion["yaw"])
+    sin_yaw = np.sin(motion["yaw"])
+    ahead = cos_yaw * down[:, 0] + sin_yaw * down[:, 1]
+    right = -sin_yaw * down[:, 0] + cos_yaw * down[:, 1]
     from_heading = np.stack([ahead, right, down[:, 2]], axis=-1)
     motion["tilt_offset"] *= response["offset_keep"][:, None]
     setpoint = response["gain"][:, None] * frames.tilt_from_down(from_heading)
     setpoint = setpoint + response["bias"] + motion["tilt_offset"]
-    tilt, rate, limit = motion["tilt"], motion["tilt_rate"], response["max_tilt_rate"][:, None]
+    tilt = motion["tilt"]
+    rate = motion["tilt_rate"]
+    limit = response["max_tilt_rate"][:, None]
     error = tilt - setpoint
     tt, tr, rt, rr = (
         response[name] for name in ("tilt_by_tilt", "tilt_by_rate", "rate_by_tilt", "rate_by_rate")
@@ -111,7 +118,8 @@ def _tilt(motion: Records, response: Records, commanded: Array) -> tuple[Array, 
 def _heading(
     motion: Records, response: Records, commanded: Array
 ) -> tuple[Array, Array, Array, Array]:
-    yaw, limit = motion["yaw"], response["max_yaw_rate"]
+    yaw = motion["yaw"]
+    limit = response["max_yaw_rate"]
     rate_setpoint = np.clip(
         response["yaw_p"] * frames.wrap(heading(commanded) - yaw), -limit, limit
     )
@@ -181,7 +189,8 @@ def _turn(q: Array, tilt_rate: Array, yaw_rate: Array) -> Array:
 
 def _tilt_of(q: Array, yaw: Array) -> Array:
     """Rotation vectors (n, 2) [rad] of attitudes (n, 4) without their heading."""
-    cos_half, sin_half = np.cos(0.5 * yaw), np.sin(0.5 * yaw)
+    cos_half = np.cos(0.5 * yaw)
+    sin_half = np.sin(0.5 * yaw)
     w = cos_half * q[:, 0] + sin_half * q[:, 3]
     x = cos_half * q[:, 1] + sin_half * q[:, 2]
     y = cos_half * q[:, 2] - sin_half * q[:, 1]
@@ -224,7 +233,8 @@ def advance(
     errors: Records, draws: Array, dt_s: float, position: Array, velocity: Array, yaw_keep: float
 ) -> None:
     """See :func:`sitl.px4.estimator_errors.advance`."""
-    e, keep = errors, errors["keep"][:, None]
+    e = errors
+    keep = errors["keep"][:, None]
     unit = keep * e["unit_velocity"] + np.sqrt(1.0 - keep * keep) * draws[:, :3]
     e["unit_velocity"] = unit
     e["unit_position"] += dt_s * (e["ratio"] * unit - e["pull"] * e["unit_position"])
@@ -237,10 +247,8 @@ def advance(
         :, None
     ]
     grows = flying & (np.abs(e["tilt_error"]) < np.abs(e["tilt_error_most"]))
-    grown, faded = (
-        e["tilt_error"] * (1.0 + dt_s / TILT_ERROR_GROWTH_S * grows),
-        e["tilt_error"] * (1.0 - dt_s / BLEND_S),
-    )
+    grown = e["tilt_error"] * (1.0 + dt_s / TILT_ERROR_GROWTH_S * grows)
+    faded = e["tilt_error"] * (1.0 - dt_s / BLEND_S)
     e["tilt_error"] = np.where(e["is_drifting"][:, None], grown, faded)
     e["offset"] += dt_s * e["drift_velocity"]
     e["base"] = position + e["offset"]

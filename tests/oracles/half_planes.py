@@ -28,14 +28,16 @@ def nearest_in_rows_and_disc(u0, normals, bounds, radius, tolerance=1e-9):
         matrix = np.array([n1, n2])
         if abs(np.linalg.det(matrix)) > 1e-12:
             candidates.append(np.linalg.solve(matrix, np.array([b1, b2])))
-    best, best_cost = None, math.inf
+    best = None
+    best_cost = math.inf
     for u in candidates:
         feasible = np.hypot(*u) <= radius + tolerance and all(
             n @ u >= b - tolerance for n, b in rows
         )
         cost = float(np.sum((u - u0) ** 2))
         if feasible and cost < best_cost:
-            best, best_cost = u, cost
+            best = u
+            best_cost = cost
     return best
 
 
@@ -43,7 +45,8 @@ def least_common_slack(normals, bounds, radius):
     """min over the disc of max(b - n.u) by bisection on the slack, feasibility by the enumeration
     above.
     """
-    low, high = 0.0, max(0.0, float(np.max(bounds)) + 1.0)
+    low = 0.0
+    high = max(0.0, float(np.max(bounds)) + 1.0)
     for _ in range(60):
         middle = 0.5 * (low + high)
         found = nearest_in_rows_and_disc(

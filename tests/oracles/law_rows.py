@@ -11,7 +11,9 @@ import numpy as np
 from onboard.avoidance import params as numbers
 from tests.oracles.half_planes import least_common_slack, nearest_in_rows_and_disc
 
-INACTIVE, SATURATED, RELAXED = 0, 1, 2
+INACTIVE = 0
+SATURATED = 1
+RELAXED = 2
 
 
 def dot(a, b):
@@ -37,13 +39,16 @@ def carried(n, lead_s):
         np.where(np.isfinite(n["lead_time_s"]), n["lead_time_s"], lead_s), 0.0, 1.0
     )
     ahead = (age + lead_s - their_lead)[:, None]
-    forth, back = np.clip(ahead, 0.0, 0.25), np.minimum(ahead, 0.0)
-    p, v = n["predicted_position_enu_m"], n["predicted_velocity_enu_m_s"]
+    forth = np.clip(ahead, 0.0, 0.25)
+    back = np.minimum(ahead, 0.0)
+    p = n["predicted_position_enu_m"]
+    v = n["predicted_velocity_enu_m_s"]
     u = n["commanded_acceleration_enu_m_s2"]
     mean = (v - n["velocity_enu_m_s"]) / np.maximum(their_lead, 1e-3)[:, None]
     q = p + ahead * v + forth * (ahead - 0.5 * forth) * u + 0.5 * back**2 * mean
     w = v + forth * u + back * mean
-    a, m = n["acceleration_enu_m_s2"], (age + lead_s)[:, None]
+    a = n["acceleration_enu_m_s2"]
+    m = (age + lead_s)[:, None]
     a = a * np.minimum(1.0, 9.80665 / np.maximum(np.hypot(*a.T), 1e-9))[:, None]
     s = np.minimum(m, 0.25)
     plain = n["position_enu_m"] + m * n["velocity_enu_m_s"] + s * (m - 0.5 * s) * a
@@ -94,9 +99,12 @@ def neighbour_rows(own, neighbours, p, is_roundabout):
     """Lines D, R: distance rows, rotation rows, the neighbours' indices (K,), and the own crowd
     count.
     """
-    n, g, policies = columns(neighbours), p.gains, p.policies
+    n = columns(neighbours)
+    g = p.gains
+    policies = p.policies
     q, their_v, u = carried(n, p.lead_time_s)
-    e, w = own["position"] - q, own["velocity"] - their_v
+    e = own["position"] - q
+    w = own["velocity"] - their_v
     cooperative = n["is_cooperative"] > 0
     has_intent = (policies.direction == numbers.DIRECTION_INTENT) & cooperative
     has_intent = has_intent & np.isfinite(n["intent_enu_m_s"]).all(-1)
@@ -115,7 +123,8 @@ def neighbour_rows(own, neighbours, p, is_roundabout):
     ]
     e, w, u, d, intent, cooperative = (a[order] for a in (e, w, u, d, intent, cooperative))
     theirs = np.nan_to_num(n["crowd_count"][order])
-    needed, pulled = need(e, w, d, g.kappa_1_1_s, g.kappa_2_1_s), dot(e, u)
+    needed = need(e, w, d, g.kappa_1_1_s, g.kappa_2_1_s)
+    pulled = dot(e, u)
     is_full = ~cooperative | (policies.responsibility == numbers.RESPONSIBILITY_FULL)
     gamma = g.shortfall_gain if policies.responsibility == numbers.RESPONSIBILITY_SHORTFALL else 0.0
     bound = np.where(
@@ -134,7 +143,8 @@ def neighbour_rows(own, neighbours, p, is_roundabout):
     )
     around = np.stack([-e[:, 1], e[:, 0]], -1) * sign[:, None]
     scale = d[:, None]
-    rows, turns = (e / scale, bound / d), (around / scale, turning / d, conflicts(e, intent, d))
+    rows = (e / scale, bound / d)
+    turns = (around / scale, turning / d, conflicts(e, intent, d))
     return rows, turns, n["table_index"][order].astype(int), crowd, ~cooperative
 
 
@@ -155,11 +165,14 @@ def obstacle_rows(own, capsules, p):
     share = dot(offset, along) / np.where(dot(along, along) > 0, dot(along, along), 1.0)
     e = offset - np.clip(share, 0.0, 1.0)[:, None] * along
     order = np.argsort(np.sqrt(dot(e, e)) - c[:, 4], kind="stable")[:6]
-    e, share, radius = e[order], share[order], c[order, 4]
+    e = e[order]
+    share = share[order]
+    radius = c[order, 4]
     v = np.broadcast_to(own["velocity"], e.shape)
     towards = (dot(e, v) / dot(e, e))[:, None] * e
     w = np.where(((share > 0) & (share < 1))[:, None], towards, v)
-    d, g = radius + p.spacing.clearance_m, p.gains
+    d = radius + p.spacing.clearance_m
+    g = p.gains
     bound = need(e, w, d, g.static_kappa_1_1_s, g.kappa_2_1_s)
     sign = sides(
         e, np.broadcast_to(own["intent"], e.shape), d, np.zeros(len(e), bool), p.policies.direction
@@ -171,9 +184,12 @@ def obstacle_rows(own, capsules, p):
 
 def wall_rows(own, p):
     """The four walls: inward acceleration at least -(k_1 + k_2) h' - k_1 k_2 h."""
-    g, f = p.gains, p.fence
+    g = p.gains
+    f = p.fence
     inward = np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]])
-    (x, y), k_1, k_2 = own["position"], g.static_kappa_1_1_s, g.kappa_2_1_s
+    (x, y) = own["position"]
+    k_1 = g.static_kappa_1_1_s
+    k_2 = g.kappa_2_1_s
     gap = np.array([x - f.low_x_m, y - f.low_y_m, f.high_x_m - x, f.high_y_m - y])
     return inward, -(k_1 + k_2) * inward @ own["velocity"] - k_1 * k_2 * gap
 
@@ -181,8 +197,13 @@ def wall_rows(own, p):
 def law(own, neighbours, capsules, p, is_roundabout=False):
     """Thrust, status, slack, crowd count and active index; own: position, velocity, intent, thrust,
     compensation, radius, position_std, velocity_std."""
-    rotation, u = p.policies.rotation, own["thrust"]
-    parts, turn_parts, indices, stranger, crowd = [], [], [], [], least_crowd(p, is_roundabout)
+    rotation = p.policies.rotation
+    u = own["thrust"]
+    parts = []
+    turn_parts = []
+    indices = []
+    stranger = []
+    crowd = least_crowd(p, is_roundabout)
     if neighbours:
         rows, turns, indexes, crowd, stranger = neighbour_rows(own, neighbours, p, is_roundabout)
         parts.append(rows)
@@ -200,14 +221,13 @@ def law(own, neighbours, capsules, p, is_roundabout=False):
     missing = bounds - normals @ u
     is_avoiding = bool((missing > 1e-10).any())
     active = int(np.array(indices)[np.argmax(missing)]) if is_avoiding else -1
-    soft, start = [], 0
+    soft = []
+    start = 0
     for turn_normals, turn_bounds, ahead, has_fade in turn_parts:
         for k, normal in enumerate(turn_normals):
-            bound, lack, given = (
-                turn_bounds[k] + normal @ own["compensation"],
-                missing[start + k],
-                normal @ u,
-            )
+            bound = turn_bounds[k] + normal @ own["compensation"]
+            lack = missing[start + k]
+            given = normal @ u
             if rotation == numbers.ROTATION_ALWAYS:
                 soft.append((normal, bound))
                 continue

@@ -28,7 +28,8 @@ class MatrixKalman:
         slope = acceleration + bias - self.drag_1_s * middle
         self.x = np.array([position + t * middle, velocity + t * slope, bias])
         phi = np.array([[1, t, t * t / 2], [0, 1 - self.drag_1_s * t, t], [0, 0, 1]])
-        q_a, q_b = self.acceleration_noise**2, self.bias_noise**2
+        q_a = self.acceleration_noise**2
+        q_b = self.bias_noise**2
         noise = np.array(
             [[q_a * t**3 / 3, q_a * t**2 / 2, 0], [q_a * t**2 / 2, q_a * t, 0], [0, 0, q_b * t]]
         )

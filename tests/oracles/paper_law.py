@@ -14,7 +14,8 @@ def saturated_thrust(
     """F_sat of (22) for one vehicle; ``direction`` 8 or 9 names the equation of the turn
     constraint.
     """
-    v_x, v_y = x_dot, y_dot
+    v_x = x_dot
+    v_y = y_dot
     d_o2 = (x - x_o) ** 2 + (y - y_o) ** 2  # (5)
     phi_perp = -(y - y_o) * v_x + (x - x_o) * v_y  # (6)
     m_o = 2.0 / m * np.array([[x - x_o, y - y_o], [-(y - y_o), x - x_o]])  # (11)

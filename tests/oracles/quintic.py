@@ -11,7 +11,8 @@ def at_time(begin: tuple[float, ...], end: float, duration: float, t: float) -> 
     ``end``.
     """
     powers = np.arange(6)
-    rows, values = [], [*begin, end, 0.0, 0.0]
+    rows = []
+    values = [*begin, end, 0.0, 0.0]
     for moment in (0.0, duration):
         for order in range(3):
             factor = np.array(

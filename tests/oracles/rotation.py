@@ -17,7 +17,9 @@ def rotate(quaternion: Quaternion, vector: Triple) -> Vec3:
     """
     w, x, y, z = quaternion
     a, b, c = vector
-    t_x, t_y, t_z = 2.0 * (y * c - z * b), 2.0 * (z * a - x * c), 2.0 * (x * b - y * a)
+    t_x = 2.0 * (y * c - z * b)
+    t_y = 2.0 * (z * a - x * c)
+    t_z = 2.0 * (x * b - y * a)
     return Vec3(
         a + w * t_x + y * t_z - z * t_y,
         b + w * t_y + z * t_x - x * t_z,

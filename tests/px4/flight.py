@@ -29,9 +29,13 @@ from sitl.px4.parameters import DEFAULTS
 from tests.px4.build import Px4Build, die_with_parent, free_instances, running
 
 _ROOT = Path(__file__).parents[2]
-_READY_S, _FLIGHT_S, _DOWN_S = 60.0, 180.0, 60.0
+_READY_S = 60.0
+_FLIGHT_S = 180.0
+_DOWN_S = 60.0
 _GROUND_LOST_S = 10.0
-_AIRBORNE_M, _DOWN_M, _STILL_M_S = 0.10, 0.15, 0.10
+_AIRBORNE_M = 0.10
+_DOWN_M = 0.15
+_STILL_M_S = 0.10
 _WATCH_S = 1.0
 
 

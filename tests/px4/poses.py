@@ -30,7 +30,8 @@ class _CutBus:
     """A bus that passes truth on, writes it down, and withholds poses while they are cut."""
 
     def __init__(self, bus: Any, folder: Path) -> None:
-        self._bus, self._cut = bus, folder / "cut"
+        self._bus = bus
+        self._cut = folder / "cut"
         self._file = (folder / "truth.jsonl").open("w", buffering=1, encoding="utf-8")
         self._written_s: dict[str, float] = {}
         self._stall = folder / "stall"

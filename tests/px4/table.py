@@ -8,7 +8,8 @@ from pathlib import Path
 
 PAGE = Path(__file__).parents[2] / "docs/px4-sitl.md"
 ROWS = 11  # of a whole run
-_BEGIN, _END = "<!-- test-px4: begin -->", "<!-- test-px4: end -->"
+_BEGIN = "<!-- test-px4: begin -->"
+_END = "<!-- test-px4: end -->"
 
 
 @dataclass(slots=True)

@@ -151,7 +151,8 @@ def test_after_a_fault_in_the_crossing_nobody_touches_and_all_come_down(
     with flying(build, 3, tmp_path, _paper()) as flight:
         break_in(flight, "formation", _CROSSING_S, _FAULTS[what])
         flight.wait_until_down()
-        closest_m, down_s = flight.closest_m(), flight.down_after_s()
+        closest_m = flight.closest_m()
+        down_s = flight.down_after_s()
         down = "all others" if flight.lost else "all"
         row = f"closest {closest_m:.2f} m, {down} down after {down_s:.1f} s"
         has_ground = what != "the ground stopped"

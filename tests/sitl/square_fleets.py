@@ -11,7 +11,9 @@ from onboard.config.fleet import FleetConfig, fleet_from_mapping
 
 _SPACING_M = 1.7
 _HEIGHT_M = 1.0
-_AGENT_PORT, _PX4_PORT = 20_000, 30_000  # never opened in lockstep
+# never opened in lockstep
+_AGENT_PORT = 20_000
+_PX4_PORT = 30_000
 
 # PX4's own simulated quadrotor
 _SIH = {

@@ -49,7 +49,9 @@ async def fly(port: int) -> dict[str, Any]:
     await client.add_any_connection(f"udpin://127.0.0.1:{port}")
     system = await client.first_autopilot(timeout_s=10)
     assert system is not None
-    action, offboard, telemetry = ActionAsync(system), OffboardAsync(system), TelemetryAsync(system)
+    action = ActionAsync(system)
+    offboard = OffboardAsync(system)
+    telemetry = TelemetryAsync(system)
     params = ParamAsync(system)
     seen["loss_s"] = await params.get_param_float("COM_OF_LOSS_T")
     await params.set_param_int("COM_OBL_RC_ACT", 4)

@@ -214,7 +214,8 @@ def test_poses_and_truth_are_on_the_bus_with_stamps_of_the_monotonic_clock(setup
     assert len(truths) > 40
     assert {name for name, _ in poses} == {"rigid7"}
     assert {name for name, _ in truths} == {"one"}
-    pose, truth = poses[-1][1], truths[-1][1]
+    pose = poses[-1][1]
+    truth = truths[-1][1]
     assert pose.position_enu_m == pytest.approx((1.0, -2.0, 0.0), abs=0.02)
     assert truth.position_enu_m == pytest.approx((11.0, 8.0, 10.0), abs=1e-9)
     assert abs(pose.quaternion_enu_flu_wxyz[0]) == pytest.approx(1.0, abs=1e-3)

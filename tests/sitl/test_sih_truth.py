@@ -76,7 +76,8 @@ def test_px4_is_asked_for_its_rate_once_and_again_when_it_restarts() -> None:
     heard: list[int] = []
     listener = Listener(3, lambda fields, stamp_ns: heard.append(fields["alt"]))
     listener.connection_made(Transport())
-    theirs, other = Encoder(system_id=3), Encoder(system_id=4)
+    theirs = Encoder(system_id=3)
+    other = Encoder(system_id=4)
     actuators = theirs.encode_named("HIL_ACTUATOR_CONTROLS")
     pose = theirs.encode_named("HIL_STATE_QUATERNION", **state())
     for datagram in (
@@ -105,7 +106,8 @@ def test_truth_started_anew_in_flight_or_over_a_sunken_vehicle_has_the_same_zero
     vehicle = ROOM.vehicles["mav2"]
     px4 = Encoder(system_id=3)
     for alt, height_m in ((491400, 2.0), (489100, -0.3)):
-        body, truths = Body(vehicle, None), list[Truth]()
+        body = Body(vehicle, None)
+        truths = list[Truth]()
 
         def note(fields, stamp_ns, body=body, truths=truths):
             truths.append(body.truth(fields, 1))

@@ -30,7 +30,8 @@ class Direction:
     """One direction: the chain of Gilbert and Elliott, and what is on its way."""
 
     def __init__(self, quality: LinkQuality, seed: int) -> None:
-        self._quality, self._random = quality, random.Random(seed)
+        self._quality = quality
+        self._random = random.Random(seed)
         self._is_lost = False
         self._on_way: list[tuple[float, int, bytes]] = []
         self._count = 0
@@ -38,7 +39,8 @@ class Direction:
 
     def push(self, now_s: float, packet: bytes) -> None:
         """Send a packet."""
-        q, draw = self._quality, self._random.random
+        q = self._quality
+        draw = self._random.random
         if q.burst > 1.0:
             leave = 1.0 / q.burst
             self._is_lost = draw() < (

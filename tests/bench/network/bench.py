@@ -28,7 +28,9 @@ from tests.bench.network.bad_link import LinkQuality
 from tests.bench.network.links import Opening, Outage
 from tests.bench.peers.pages import insert
 
-EXIT_OK, EXIT_FAILED, EXIT_WRONG_INPUT = 0, 1, 2
+EXIT_OK = 0
+EXIT_FAILED = 1
+EXIT_WRONG_INPUT = 2
 SCHEMES = ("quic", "udp", "tls", "tcp")
 LINKS = {
     "no loss": (LinkQuality(), math.inf),

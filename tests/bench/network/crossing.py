@@ -19,7 +19,8 @@ from typing import Any
 
 from tests.bench.network.hub import join
 
-GROUND, EMULATOR = "10.77.0.1", "10.77.0.2"
+GROUND = "10.77.0.1"
+EMULATOR = "10.77.0.2"
 HOSTS = tuple(f"10.77.0.{11 + place}" for place in range(6))
 SIDES = (GROUND, *HOSTS[:3]), HOSTS[3:]
 _AIRBORNE_M = 0.1
@@ -54,7 +55,8 @@ class Watch:
         if topic.value != "truth":
             return
         if message.stamp_ns != self._stamp_ns:
-            self._stamp_ns, self._at = message.stamp_ns, []
+            self._stamp_ns = message.stamp_ns
+            self._at = []
         here = message.position_enu_m
         for there in self._at:
             if max(here[2], there[2]) > _AIRBORNE_M:
@@ -66,7 +68,8 @@ async def fly(line: Any, hub: str, folder: Path, at_s: float, lasts_s: float) ->
     """Fly across, cut and joined again on the way, fly back and land; what was seen."""
     from tests.bench.fixture import BenchFleet
 
-    data, watch = stage(), Watch()
+    data = stage()
+    watch = Watch()
     addresses = dict(zip(data["vehicles"], HOSTS, strict=True)) | {"sitl": EMULATOR}
 
     def on_host(name: str, words: list[str]) -> list[str]:

@@ -14,8 +14,11 @@ import struct
 import subprocess
 from pathlib import Path
 
-_NEWUSER, _NEWNET = 0x10000000, 0x40000000
-_TUNSETIFF, _IFF_TUN, _IFF_NO_PI = 0x400454CA, 0x0001, 0x1000
+_NEWUSER = 0x10000000
+_NEWNET = 0x40000000
+_TUNSETIFF = 0x400454CA
+_IFF_TUN = 0x0001
+_IFF_NO_PI = 0x1000
 _NAME = "covey0"
 
 
@@ -28,7 +31,8 @@ def enter(address: str) -> int:
     Raises:
         OSError: the kernel does not allow it.
     """
-    user, group = os.getuid(), os.getgid()
+    user = os.getuid()
+    group = os.getgid()
     libc = ctypes.CDLL(None, use_errno=True)
     if libc.unshare(_NEWNET if user == 0 else _NEWNET | _NEWUSER) != 0:
         raise OSError(ctypes.get_errno(), "no network namespace")

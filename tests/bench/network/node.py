@@ -43,17 +43,21 @@ def main(words: list[str]) -> int:
         credentials=credentials_of(fleet, name),
     )
     bus.start()
-    newest_ns, ages_ms, count = 0, list[float](), 0
+    newest_ns = 0
+    ages_ms = list[float]()
+    count = 0
 
     def received(_topic: Topic, _name: str, message: Message | Malformed) -> None:
         nonlocal newest_ns, count
         if isinstance(message, StateMessage):
-            newest_ns, count = max(newest_ns, message.stamp_ns), count + 1
+            newest_ns = max(newest_ns, message.stamp_ns)
+            count = count + 1
 
     if name == listener:
         bus.follow(Topic.STATE, [publisher], received)
     begin_s = time.monotonic()
-    first_s, sequence = 0.0, 0
+    first_s = 0.0
+    sequence = 0
     while not (first_s and time.monotonic() - first_s > float(seconds) + _SETTLE_S):
         sequence += 1
         now_ns = time.monotonic_ns()

@@ -39,7 +39,10 @@ from tests.bench.peers.contestants import (
 from tests.bench.peers.methods import METHODS
 from tests.bench.peers.report import Outcome, Summary, summary, table
 
-SEEDS, ABLATION_SEEDS, TUNING_SEEDS, QUICK_SEEDS = (1000, 1050), (1000, 1020), (0, 4), (0, 2)
+SEEDS = (1000, 1050)
+ABLATION_SEEDS = (1000, 1020)
+TUNING_SEEDS = (0, 4)
+QUICK_SEEDS = (0, 2)
 DELAY_SEEDS = (1000, 1010)
 QUICK = ("form3", "swap4")
 _PART = 10  # flights of a cell that is kept by itself

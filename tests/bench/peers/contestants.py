@@ -92,7 +92,8 @@ class Hearing:
     def __init__(
         self, control: batch.FleetPipeline | OwnLawFleet, hear: Callable[[Rows], Rows]
     ) -> None:
-        self._control, self._hear = control, hear
+        self._control = control
+        self._hear = hear
 
     @property
     def refusals(self) -> dict[int, str]:
@@ -131,7 +132,8 @@ RING_CHOSEN = {"kappa": 2.0, "v_perp_m_s": 0.1}
 
 def ring(values: Mapping[str, float] = RING_CHOSEN) -> Contestant:
     """The paper's law as printed: each avoids the next one. ``kappa`` is kappa_1 and kappa_2."""
-    kappa, v_perp = values["kappa"], values["v_perp_m_s"]
+    kappa = values["kappa"]
+    v_perp = values["v_perp_m_s"]
     changed = {
         "force_ring": "true",
         "kappa_1_1_s": kappa,

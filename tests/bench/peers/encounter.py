@@ -62,12 +62,14 @@ def keep_right(encounter: Encounter) -> Encounter:
     ORCA, Voronoi cells, certificates and potentials stop for ever when the wish points exactly at a
     neighbour; their authors break the tie by noise or by such a rule.
     """
-    wanted, gap = encounter.wanted_m_s2, encounter.gap_m
+    wanted = encounter.wanted_m_s2
+    gap = encounter.gap_m
     ahead = -np.einsum("mkc,mc->mk", gap, wanted) / encounter.distance_m
     is_blocked = encounter.is_on & (encounter.distance_m < 1.3 * encounter.d_m)
     is_blocked &= ahead > 0.2 * length(wanted)[:, None]
     is_stuck = (length(encounter.velocity_m_s) < 0.12) & (length(wanted) > 0.3) & is_blocked.any(-1)
-    cos, sin = 0.5, -np.sqrt(0.75)
+    cos = 0.5
+    sin = -np.sqrt(0.75)
     turned = np.stack(
         [cos * wanted[:, 0] - sin * wanted[:, 1], sin * wanted[:, 0] + cos * wanted[:, 1]], axis=-1
     )

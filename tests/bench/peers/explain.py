@@ -59,12 +59,11 @@ def half_planes(path: Path) -> None:
         distance_row(NeighbourPair(e, w, ZERO_2, w, d, 0.0, 0.0, True, True, 0), d, params)
         for e, w in zip(gaps, closing, strict=True)
     ]
-    radius, wanted = 4.5, Vec2(3.5, -1.9)
+    radius = 4.5
+    wanted = Vec2(3.5, -1.9)
     found = np.array(nearest_thrust(wanted, rows, [], radius).point)
-    normals, bounds = (
-        np.array([row.normal for row in rows]),
-        np.array([row.bound_m_s2 for row in rows]),
-    )
+    normals = np.array([row.normal for row in rows])
+    bounds = np.array([row.bound_m_s2 for row in rows])
     names = ["forbidden by neighbour 1", "forbidden by neighbour 2"]
     pictures.half_planes(np.array(wanted), found, normals, bounds, names, radius, path)
 

@@ -18,7 +18,8 @@ from tests.bench.peers.encounter import Array, length
 
 RING = np.array([1, 2, 0])  # the one that each avoids
 PRINTED = PaperParams(2.0, 2.0, 1.5, 1.5, 0.1, 0.8, 1.0)
-CENTRE_ENU_M, LEG_S = np.array([0.0, 1.2, 1.0]), 7.0
+CENTRE_ENU_M = np.array([0.0, 1.2, 1.0])
+LEG_S = 7.0
 
 
 def starts_and_slots(fleet: FleetConfig) -> tuple[Array, Array]:
@@ -44,9 +45,11 @@ def fly(
     The ring's accelerations depend on each other; they are iterated to their common solution.
     """
     position, slots = starts_and_slots(fleet)
-    velocity, acceleration = np.zeros_like(position), np.zeros_like(position)
+    velocity = np.zeros_like(position)
+    acceleration = np.zeros_like(position)
     memories = [trajectory.initial(Vec3(*spot)) for spot in position.tolist()]
-    limits, gains = trajectory.TrajectoryParams(1.0, 1.5, 0.0), backstepping.BacksteppingParams()
+    limits = trajectory.TrajectoryParams(1.0, 1.5, 0.0)
+    gains = backstepping.BacksteppingParams()
     goals = [Goal(Vec3(*slot), LEG_S, 0) for slot in slots[list(order)].tolist()]
     track = []
     for _ in range(round(seconds / tick_s)):
@@ -59,7 +62,8 @@ def fly(
             wanted[k] = thrust.thrust_enu_m_s2
         wanted -= [0.0, 0.0, GRAVITY_M_S2]
         for _ in range(50):
-            before, acceleration = acceleration, wanted.copy()
+            before = acceleration
+            acceleration = wanted.copy()
             states = [planar(*motion) for motion in zip(position, velocity, before, strict=True)]
             for k in range(3):
                 answer = saturate_thrust(

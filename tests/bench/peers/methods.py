@@ -86,7 +86,8 @@ def cells(encounter: Encounter, values: Mapping[str, float]) -> Array:
     asked = preferred_velocity(encounter, values["gain_1_s"])
     target = values["horizon_s"] * asked
     distance = encounter.distance_m
-    normals, bounds = encounter.gap_m / distance[..., None], 0.5 * (encounter.d_m - distance)
+    normals = encounter.gap_m / distance[..., None]
+    bounds = 0.5 * (encounter.d_m - distance)
     found = np.stack(
         [in_cell(target[m], normals[m, on], bounds[m, on]) for m, on in enumerate(encounter.is_on)]
     )
@@ -98,7 +99,8 @@ def in_cell(point: Array, normals: Array, bounds: Array, reach: float = 100.0) -
     normals are no rows.
     """
     is_row = np.abs(normals).max(-1, initial=0.0) > 1e-12
-    normals, bounds = normals[is_row], bounds[is_row]
+    normals = normals[is_row]
+    bounds = bounds[is_row]
     rows = [
         HalfPlane(Vec2(*normal), bound)
         for normal, bound in zip(normals.tolist(), bounds.tolist(), strict=True)
@@ -114,8 +116,11 @@ def certificate_rows(encounter: Encounter, values: Mapping[str, float]) -> tuple
     With the barrier ``h = sqrt(4 A (|e| - d)) + e.w / |e|`` (A: ``brake_m_s2`` of both) and ``h' >=
     -gamma h^3``.
     """
-    brake, gamma = values["brake_m_s2"], values["gamma"]
-    e, w, distance = encounter.gap_m, encounter.closing_m_s, encounter.distance_m
+    brake = values["brake_m_s2"]
+    gamma = values["gamma"]
+    e = encounter.gap_m
+    w = encounter.closing_m_s
+    distance = encounter.distance_m
     unit = e / distance[..., None]
     radial = np.einsum("mkc,mkc->mk", unit, w)
     room = np.sqrt(4.0 * brake * np.maximum(distance - encounter.d_m, 0.005))
@@ -149,7 +154,8 @@ def robust_certificate(encounter: Encounter, values: Mapping[str, float]) -> Arr
     less than it announced a neighbour is nearer by half of that times the age squared, and comes
     faster by it times the age.
     """
-    change, age_s = values["change_m_s2"], encounter.age_s
+    change = values["change_m_s2"]
+    age_s = encounter.age_s
     towards = encounter.gap_m / encounter.distance_m[..., None]
     worse = replace(
         encounter,
@@ -183,7 +189,8 @@ def potential(encounter: Encounter, values: Mapping[str, float]) -> Array:
     strength. ``range_m``: how far beyond the design distance it is felt.
     """
     encounter = keep_right(encounter)
-    distance, rim = encounter.distance_m, values["range_m"]
+    distance = encounter.distance_m
+    rim = values["range_m"]
     room = np.maximum(distance - encounter.d_m, 0.05)
     force = np.where(room < rim, values["push_m3_s2"] * (1.0 / room - 1.0 / rim) / room**2, 0.0)
     unit = encounter.gap_m / distance[..., None]

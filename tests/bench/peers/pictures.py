@@ -21,7 +21,8 @@ def comparison(rows: Mapping[str, Summary], path: Path, title: str) -> None:
     with styled():
         figure = new_figure(11.0, 0.42 * len(rows) + 1.9, title)
         axes = figure.subplots(1, 5, sharey=True)
-        names, places = list(rows), range(len(rows))
+        names = list(rows)
+        places = range(len(rows))
         shades = [COLOURS[0] if place == 0 else SOFT for place in places]
         values = list(rows.values())
         panels: list[tuple[str, list[float], str]] = [

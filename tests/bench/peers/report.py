@@ -93,7 +93,8 @@ def interval(hits: int, count: int, confidence: float = 0.95) -> tuple[float, fl
         return math.fsum(map(math.exp, logs))
 
     def solve(k: int, level: float) -> float:
-        low, high = 0.0, 1.0
+        low = 0.0
+        high = 1.0
         for _ in range(50):
             middle = 0.5 * (low + high)
             low, high = (middle, high) if at_most(k, middle) > level else (low, middle)

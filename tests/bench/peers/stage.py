@@ -79,7 +79,8 @@ class Timed:
 
     def __init__(self, law: Law) -> None:
         self._law = law
-        self.busy_s, self.calls = 0.0, -_UNTIMED_CALLS
+        self.busy_s = 0.0
+        self.calls = -_UNTIMED_CALLS
 
     def __call__(self, memory: Any, inputs: LawInputs) -> tuple[Any, Thrust]:
         """Return the law's answer."""

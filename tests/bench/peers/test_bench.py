@@ -74,7 +74,8 @@ def test_what_a_contestant_sets_exists(contestant):
 
 def test_coveys_law_through_the_door_of_own_laws_flies_as_it_does_without():
     """Nothing that it needs is missing, and who flies through it is flown as Covey's law is."""
-    plans, setup = [scenarios.plan("swap2", 3)], settings.setup_for()
+    plans = [scenarios.plan("swap2", 3)]
+    setup = settings.setup_for()
     (plain,) = flight.fly(plans, setup)
     (ours,) = flight.fly(plans, settings.setup_for(law="tests.bench.peers.laws:covey"))
     assert ours.law_refusal == ""

@@ -12,7 +12,8 @@ from tests.bench.peers.encounter import Encounter, into_disc
 from tests.bench.peers.methods import METHODS, certificate_rows, in_cell, least_change
 
 AVOIDING = list(METHODS)
-D_M, TICK_S = 0.9, 0.02
+D_M = 0.9
+TICK_S = 0.02
 
 
 def encounter(position, velocity, wanted):
@@ -34,7 +35,9 @@ def encounter(position, velocity, wanted):
 
 def fly(name, position, goal, seconds):
     """Point masses that obey at once: smallest distance, final positions."""
-    method, velocity, smallest = METHODS[name], np.zeros_like(position), np.inf
+    method = METHODS[name]
+    velocity = np.zeros_like(position)
+    smallest = np.inf
     for _ in range(int(seconds / TICK_S)):
         wish = into_disc(1.0 * (goal - position), np.full(len(goal), 1.0))
         wanted = into_disc(4.0 * (wish - velocity), np.full(len(goal), 3.0))
@@ -62,7 +65,8 @@ def test_a_peer_brings_a_head_on_pair_past_each_other_when_nothing_errs(name):
 @pytest.mark.parametrize("name", list(METHODS))
 def test_a_peer_turns_with_the_world_and_changes_nothing_far_from_everybody(name):
     rng = np.random.default_rng(4)
-    position, velocity = rng.uniform(-1.2, 1.2, (5, 2)), rng.normal(0.0, 0.5, (5, 2))
+    position = rng.uniform(-1.2, 1.2, (5, 2))
+    velocity = rng.normal(0.0, 0.5, (5, 2))
     wanted = rng.normal(0.0, 1.5, (5, 2))
     angle = 0.7
     turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
@@ -81,7 +85,8 @@ def test_a_peer_turns_with_the_world_and_changes_nothing_far_from_everybody(name
 
 def test_the_certificates_programme_agrees_with_our_projection_for_one_neighbour():
     rng = np.random.default_rng(7)
-    values, checked = METHODS["certificate"].chosen, 0
+    values = METHODS["certificate"].chosen
+    checked = 0
     for _ in range(500):
         position = np.stack([rng.uniform(-1, 1, 2), np.zeros(2)])
         pair = encounter(position, rng.normal(0.0, 0.7, (2, 2)), rng.normal(0.0, 2.0, (2, 2)))

@@ -32,7 +32,8 @@ class Hang:
     """
 
     def __init__(self, part: str, seconds: float) -> None:
-        self.part, self.seconds = part, seconds
+        self.part = part
+        self.seconds = seconds
         self.agent: loop.AgentProcess | None = None
         self._until_s = 0.0
 
@@ -65,11 +66,9 @@ class Hang:
 
 def install(hang: Hang) -> None:
     """Put the hooks around the agent's parts."""
-    plain_init, plain_callback, plain_receive = (
-        loop.AgentProcess.__init__,
-        session._callback,
-        Px4Link._receive,
-    )
+    plain_init = loop.AgentProcess.__init__
+    plain_callback = session._callback
+    plain_receive = Px4Link._receive
 
     def init(self: loop.AgentProcess, *args: Any, **named: Any) -> None:
         plain_init(self, *args, **named)

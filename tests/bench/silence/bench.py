@@ -33,7 +33,9 @@ from onboard.security.mavlink_key import KEY_BYTES, key_file
 from tests.bench.fixture import BenchFleet, fleet_data
 from tests.bench.silence import wire
 
-EXIT_OK, EXIT_FAILED, EXIT_WRONG_INPUT = 0, 1, 2
+EXIT_OK = 0
+EXIT_FAILED = 1
+EXIT_WRONG_INPUT = 2
 LIMIT_S = 0.100
 PX4_WAITS_S = 0.3  # COM_OF_LOSS_T
 WIRE = "wire"
@@ -108,9 +110,11 @@ def judge(case: Case, passed: Sequence[wire.Passed], fault_ns: int, end_ns: int)
     setpoints = [one.stamp_ns for one in passed if one.is_setpoint]
     heartbeats = [one for one in passed if not one.is_setpoint and one.stamp_ns > fault_ns]
     down_ns = next((one.stamp_ns for one in heartbeats if not one.is_armed), end_ns)
-    begin_ns, until_ns = fault_ns - 2 * 10**9, fault_ns
+    begin_ns = fault_ns - 2 * 10**9
+    until_ns = fault_ns
     if case.limit_s is None:
-        begin_ns, until_ns = fault_ns, min(end_ns, down_ns)
+        begin_ns = fault_ns
+        until_ns = min(end_ns, down_ns)
     shown = [begin_ns, *(stamp for stamp in setpoints if begin_ns < stamp < until_ns), until_ns]
     gap_s = max(later - earlier for earlier, later in itertools.pairwise(shown)) * 1e-9
     during = [stamp for stamp in setpoints if fault_ns < stamp <= end_ns]

@@ -18,7 +18,8 @@ from tests.bench.silence import wire
 from tests.bench.silence.bench import CASES, LIMIT_S, Case, judge, main
 
 MS = 1_000_000
-FAULT_NS, END_NS = 10_000 * MS, 12_000 * MS
+FAULT_NS = 10_000 * MS
+END_NS = 12_000 * MS
 HANG = CASES[0]
 GO_ON = next(case for case in CASES if case.limit_s is None and not case.lands)
 LANDS = next(case for case in CASES if case.lands)

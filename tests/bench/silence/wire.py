@@ -68,7 +68,8 @@ def frames(datagram: bytes) -> Iterator[tuple[int, bytes]]:
     """Message id and payload of each MAVLink 2 frame of a datagram."""
     at = 0
     while at + 12 <= len(datagram) and datagram[at] == _STX_2:
-        length, flags = datagram[at + 1], datagram[at + 2]
+        length = datagram[at + 1]
+        flags = datagram[at + 2]
         yield (
             int.from_bytes(datagram[at + 7 : at + 10], "little"),
             datagram[at + 10 : at + 10 + length],
@@ -101,7 +102,8 @@ def main(argv: list[str]) -> None:
     ways: dict[socket.socket, tuple[str, socket.socket, tuple[str, int], bool]] = {}
     for word in argv[1:]:
         name, front, autopilot, agent = word.split(":")
-        here, there = _bound(int(front)), _bound(0)
+        here = _bound(int(front))
+        there = _bound(0)
         ways[here] = name, there, ("127.0.0.1", int(agent)), False
         ways[there] = name, here, ("127.0.0.1", int(autopilot)), True
     print("ready", flush=True)

@@ -25,19 +25,18 @@ def place(index: int, time_s: float, bend_m: float = 0.0) -> tuple[float, float,
     """Climb, cross over to the goal with a sideways bend, descend."""
     part = min(1.0, max(0.0, (time_s - 3.0) / 8.0))
     smooth = part**3 * (10 - 15 * part + 6 * part**2)
-    (x0, y0), (x1, y1) = STARTS[index], GOALS[index]
+    (x0, y0) = STARTS[index]
+    (x1, y1) = GOALS[index]
     bump = bend_m * math.sin(math.pi * smooth) ** 2 * (1, -1, 1)[index]
     height = max(0.0, min(1.0, time_s / 2.0, (LENGTH_S - 1.0 - time_s) / 2.0))
     return (x0 + (x1 - x0) * smooth + bump, y0 + (y1 - y0) * smooth, height)
 
 
 def tilt(roll: float, pitch: float) -> tuple[float, float, float, float]:
-    cr, sr, cp, sp = (
-        math.cos(roll / 2),
-        math.sin(roll / 2),
-        math.cos(pitch / 2),
-        math.sin(pitch / 2),
-    )
+    cr = math.cos(roll / 2)
+    sr = math.sin(roll / 2)
+    cp = math.cos(pitch / 2)
+    sp = math.sin(pitch / 2)
     return (cr * cp, sr * cp, cr * sp, -sr * sp)
 
 
@@ -55,10 +54,12 @@ def write_flight(folder: Path, *, has_truth: bool = True, ticks: bool = True) ->
             writer.add_message(channels[channel], stamp_ns, json.dumps(values).encode(), stamp_ns)
 
         for step in range(-50, int(LENGTH_S * 50)):
-            time_s, stamp_ns = step / 50.0, 5_000_000_000 + step * 20_000_000
+            time_s = step / 50.0
+            stamp_ns = 5_000_000_000 + step * 20_000_000
             for index in range(3):
                 name = f"mav{index}"
-                spot, wanted = place(index, time_s, 0.25), place(index, time_s)
+                spot = place(index, time_s, 0.25)
+                wanted = place(index, time_s)
                 wave = 4.0 * math.sin(1.3 * time_s + index)
                 push = 0.8 * math.exp(-((time_s - 7.0) ** 2)) * (1, -1, 1)[index]
                 tick: dict[str, object] = {

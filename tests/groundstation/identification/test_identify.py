@@ -16,7 +16,9 @@ from groundstation.identification.identify import Identified, identify
 from onboard.arrays import Array
 from onboard.types import GRAVITY_M_S2
 
-TICK_S, STEP_S, MOTOR_LAG_S = 0.02, 0.005, 0.05
+TICK_S = 0.02
+STEP_S = 0.005
+MOTOR_LAG_S = 0.05
 
 
 @dataclass(frozen=True)
@@ -51,13 +53,15 @@ def quaternion(tilt_rad: Array) -> Array:
 
 def logs(truth: Truth, seeds: range, duration_s: float = 32.0, tilt_deg: float = 8.0) -> list[Log]:
     """Open-loop flights of doublets, one per seed, all integrated at once."""
-    count, ticks = len(seeds), round(duration_s / TICK_S)
+    count = len(seeds)
+    ticks = round(duration_s / TICK_S)
     noise = [np.random.default_rng(seed) for seed in seeds]
     asked = np.zeros((ticks, count, 2))
     for number, rng in enumerate(noise):
         at = 0
         while at < ticks:
-            width, axis = int(rng.integers(20, 45)), int(rng.integers(2))
+            width = int(rng.integers(20, 45))
+            axis = int(rng.integers(2))
             size = (
                 math.radians(tilt_deg)
                 * float(rng.uniform(0.5, 1.0))
@@ -73,17 +77,22 @@ def logs(truth: Truth, seeds: range, duration_s: float = 32.0, tilt_deg: float =
         * (1.0 + 0.03 * np.sin(np.arange(ticks) * TICK_S * 1.7))[:, None]
         * np.ones(count)
     )
-    tilt, rate = np.zeros((count, 2)), np.zeros((count, 2))
-    position, velocity = np.zeros((count, 3)), np.zeros((count, 3))
-    lift, gust = np.full(count, truth.hover_frac), np.zeros((count, 3))
+    tilt = np.zeros((count, 2))
+    rate = np.zeros((count, 2))
+    position = np.zeros((count, 3))
+    velocity = np.zeros((count, 3))
+    lift = np.full(count, truth.hover_frac)
+    gust = np.zeros((count, 3))
     error = np.radians(np.array(truth.error_deg))
-    flown_tilt, places = np.zeros((ticks, count, 2)), np.zeros((ticks, count, 3))
+    flown_tilt = np.zeros((ticks, count, 2))
+    places = np.zeros((ticks, count, 3))
     keep = math.exp(-STEP_S / 1.0)
     draw = np.stack([rng.standard_normal((ticks * 4, 3)) for rng in noise], axis=1)
     for k in range(ticks * 4):
         time_s = k * STEP_S
         if k % 4 == 0:
-            flown_tilt[k // 4], places[k // 4] = tilt, position
+            flown_tilt[k // 4] = tilt
+            places[k // 4] = position
         heard = (
             asked[max(0, math.floor((time_s - truth.delay_s) / TICK_S + 1e-6))]
             if time_s >= truth.delay_s
@@ -231,8 +240,11 @@ def test_a_second_in_which_something_else_was_sent_than_the_log_says_changes_not
 
 @pytest.mark.parametrize("zeta", [0.4, 1.0, 1.8])
 def test_the_step_response_is_that_of_the_differential_equation(zeta: float) -> None:
-    wn, h = 7.0, 1e-4
-    x, v, seen = 0.0, 0.0, []
+    wn = 7.0
+    h = 1e-4
+    x = 0.0
+    v = 0.0
+    seen = []
     for _ in range(10_000):
         v += h * (wn * wn * (1.0 - x) - 2.0 * zeta * wn * v)
         x += h * v

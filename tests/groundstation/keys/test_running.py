@@ -38,7 +38,8 @@ def _agent(fleet: FleetConfig, name: str) -> Iterator[None]:
 def test_a_node_that_was_forgotten_is_found(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    paper, file = load_fleet(PAPER), tmp_path / "fleet.toml"
+    paper = load_fleet(PAPER)
+    file = tmp_path / "fleet.toml"
     file.write_text(toml_text(with_free_ports(tomllib.loads(paper.text), paper)), encoding="utf-8")
     fleet = secure_fleet(str(file), datetime.datetime.now(datetime.UTC))
     with _agent(fleet, "mav0"):

@@ -64,7 +64,8 @@ def test_what_one_vehicle_tells_is_measured_and_the_others_do_not_answer(
     ended = threading.Event()
 
     def publish() -> None:
-        clock, sequence = ClockNode(agent), 0
+        clock = ClockNode(agent)
+        sequence = 0
         while not ended.wait(0.02):
             sequence += 1
             told = replace(

@@ -110,7 +110,8 @@ class SlowPx4:
     """PX4 that loses at a restart all that it has not stored."""
 
     def __init__(self, *results: int | None) -> None:
-        self.results, self.sent = list(results), 0
+        self.results = list(results)
+        self.sent = 0
 
     def __call__(self, wait_s: float) -> int | None:
         self.sent += 1
@@ -118,7 +119,8 @@ class SlowPx4:
 
 
 def test_parameters_count_as_stored_only_once_px4_accepts_the_next_storing() -> None:
-    busy, denied = 1, 2
+    busy = 1
+    denied = 2
     for results, commands in (
         ((), 2),
         ((0, busy, busy, 0), 4),
@@ -288,7 +290,8 @@ def test_each_vehicle_is_asked_for_what_its_version_needs_and_says_what_it_is(
     assert "MAN_OVERRIDE_SPD" not in params["solo"]
     assert infos["solo"]["version"].startswith("PX4 v1.16.")
     assert infos["other"]["version"].startswith("PX4 v1.18.")
-    said, vehicle = infos["solo"], fleet.vehicles["solo"]
+    said = infos["solo"]
+    vehicle = fleet.vehicles["solo"]
     assert said["uptime"].startswith("0 h 0 min")
     assert said["state"].startswith("disarmed, ")
     assert "gyroscope" in said["sensors"]
@@ -324,7 +327,8 @@ def test_a_link_that_dies_in_the_middle_leaves_a_list_of_what_was_set_and_a_back
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    write, written = AutopilotLink.write, []
+    write = AutopilotLink.write
+    written = []
 
     def write_and_die(link: AutopilotLink, name: str, value: float) -> float | None:
         written.append(name)
@@ -403,11 +407,13 @@ def test_what_became_of_each_parameter_is_said_by_name() -> None:
 
 
 def test_the_exit_status_tells_mixed_results() -> None:
-    good, bad = VehicleParams("a", "x", ()), VehicleParams("b", "x", (), "armed")
+    good = VehicleParams("a", "x", ())
+    bad = VehicleParams("b", "x", (), "armed")
     assert exit_status([good]) == 10  # nothing was told at all
     paper = load_fleet("configs/fleets/paper.toml")
     rows = tuple(_row(demand) for demand in all_params(paper, paper.vehicles["mav0"]))
-    good, bad = VehicleParams("a", "x", rows), VehicleParams("b", "x", rows, "armed")
+    good = VehicleParams("a", "x", rows)
+    bad = VehicleParams("b", "x", rows, "armed")
     assert exit_status([good, good]) == 0
     assert exit_status([bad, bad]) == 1
     assert exit_status([good, bad]) == 50

@@ -31,7 +31,8 @@ def test_a_key_is_made_and_set_and_all_that_speaks_to_px4_uses_it(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    path, signing = fleet.path, ["px4", "signing", "--fleet", fleet.path]
+    path = fleet.path
+    signing = ["px4", "signing", "--fleet", fleet.path]
     assert main([*signing, "--set"]) == 2  # no key yet
     assert main(["secure", path, "--mavlink"]) == 0
     assert main(["secure", path, "--mavlink"]) == 0
@@ -45,7 +46,8 @@ def test_a_key_is_made_and_set_and_all_that_speaks_to_px4_uses_it(
         in capsys.readouterr().out
     )
     assert main(["px4", "params", "--fleet", path]) == 1  # heard, and wrong
-    vehicle, key = signed.vehicles["solo"], mavlink_key(signed, "solo")
+    vehicle = signed.vehicles["solo"]
+    key = mavlink_key(signed, "solo")
     assert vehicle.direct is not None
     monkeypatch.delenv("MAVLINK20")  # as in a process that has not heard PX4 before
     assert send_direct(
@@ -68,7 +70,8 @@ def test_a_key_is_looked_at_changed_and_removed(
     emulator: object,  # noqa: F811
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    path, signing = fleet.path, ["px4", "signing", "--fleet", fleet.path]
+    path = fleet.path
+    signing = ["px4", "signing", "--fleet", fleet.path]
 
     def says(status: int, words: str, *options: str) -> None:
         assert main([*signing, *options]) == status

@@ -32,12 +32,14 @@ def trajectory(at: Position, seconds: float, step_s: float = 0.5) -> dict[str, A
     """Cubic Bezier curves through a motion."""
 
     def speed(t: float) -> list[float]:
-        low, high = max(t - 1e-4, 0.0), min(t + 1e-4, seconds)
+        low = max(t - 1e-4, 0.0)
+        high = min(t + 1e-4, seconds)
         return [(b - a) / (high - low) for a, b in zip(at(low), at(high), strict=True)]
 
     points: list[Any] = [[0.0, list(at(0.0)), []]]
     for k in range(1, round(seconds / step_s) + 1):
-        begin, end = (k - 1) * step_s, k * step_s
+        begin = (k - 1) * step_s
+        end = k * step_s
         first = [p + v * step_s / 3 for p, v in zip(at(begin), speed(begin), strict=True)]
         second = [p - v * step_s / 3 for p, v in zip(at(end), speed(end), strict=True)]
         points.append([end, list(at(end)), [first, second]])

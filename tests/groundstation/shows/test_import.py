@@ -80,7 +80,8 @@ def test_a_show_becomes_a_mission_with_homes_and_paths(tmp_path: Path) -> None:
 def test_a_show_that_the_fleet_cannot_fly_leaves_no_files_behind(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    show, out = write_skyc(tmp_path / "wide.skyc", line_of(3, metres=6.0), 30.0), tmp_path / "out"
+    show = write_skyc(tmp_path / "wide.skyc", line_of(3, metres=6.0), 30.0)
+    out = tmp_path / "out"
     command = ["import", str(show), "--out", str(out)]
     assert main([*command, "--fleet", str(ROOT / "configs" / "fleets" / "paper.toml")]) == 2
     refusal = capsys.readouterr().err

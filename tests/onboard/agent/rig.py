@@ -205,9 +205,11 @@ class Rig:
         while np.linalg.norm(there - self.position) > 1e-6:
             left = there - self.position
             size = float(np.linalg.norm(left))
-            begin, velocity = self.position.copy(), left / size * min(speed_m_s, size / 0.02)
+            begin = self.position.copy()
+            velocity = left / size * min(speed_m_s, size / 0.02)
             self.step()
-            self.position, self.velocity = begin + 0.02 * velocity, velocity
+            self.position = begin + 0.02 * velocity
+            self.velocity = velocity
         self.velocity = np.zeros(3)
 
     def pose(self, **changes: object) -> None:

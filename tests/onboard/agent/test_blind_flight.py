@@ -27,7 +27,9 @@ def lost(after_s: float = 1.0) -> Rig:
 def test_it_brakes_sinks_and_lands_by_itself_and_the_accuracy_it_tells_grows_slowly() -> None:
     rig = lost()
     assert rig.state is not None
-    std_m, lost_ns, lost_m = rig.state.position_std_m, rig.now_ns, rig.position.copy()
+    std_m = rig.state.position_std_m
+    lost_ns = rig.now_ns
+    lost_m = rig.position.copy()
     rig.run(0.3)
     assert rig.core.flight.step is FlightStep.COASTING
     rig.run(0.5)
@@ -147,7 +149,8 @@ def test_px4_lands_what_is_still_in_the_air_after_six_seconds() -> None:
     there = rig.position.copy()
 
     def keep_up() -> None:  # a strong updraft
-        rig.position, rig.velocity = there.copy(), rig.velocity * 0.0
+        rig.position = there.copy()
+        rig.velocity = rig.velocity * 0.0
 
     rig.after_move = keep_up
     rig.run(5.9)
@@ -185,7 +188,8 @@ def test_px4s_height_that_comes_back_up_on_the_ground_is_no_landing_that_rises()
     heights_m = iter(np.linspace(rig.position[2], rig.position[2] + 0.8, 75))
 
     def drift() -> None:  # its estimator corrects what it took the touch-down for
-        rig.position[2], rig.velocity[2] = next(heights_m, rig.position[2]), 0.0
+        rig.position[2] = next(heights_m, rig.position[2])
+        rig.velocity[2] = 0.0
 
     rig.after_move = drift
     rig.run(2.5)

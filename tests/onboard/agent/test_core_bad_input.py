@@ -71,7 +71,8 @@ class Listener:
         for command in commands:
             match command:
                 case agent_commands.SendAttitude(setpoint):
-                    q, thrust = np.asarray(setpoint.quaternion_wxyz), setpoint.thrust_frac
+                    q = np.asarray(setpoint.quaternion_wxyz)
+                    thrust = setpoint.thrust_frac
                     assert np.isfinite(q).all()
                     assert 0.0 <= thrust <= 1.0
                     assert 1.0 - 2.0 * (q[1] ** 2 + q[2] ** 2) >= self.tilt_cos
@@ -115,7 +116,8 @@ def test_no_stream_of_messages_brings_the_core_down_or_a_wrong_setpoint_out_of_i
     data: st.DataObject,
 ) -> None:
     rig = moving()
-    listener, core = Listener(rig), rig.core
+    listener = Listener(rig)
+    core = rig.core
     kinds = ["pose", "other pose", "state", "own state", "telemetry", "order", "snapshot", "tick"]
     gave_up = False
     for _ in range(data.draw(st.integers(1, 12))):

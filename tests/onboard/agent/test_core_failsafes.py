@@ -162,7 +162,8 @@ def test_a_neighbour_under_another_law_is_not_counted_on_and_passed_slowly() -> 
     rig = Rig()
     rig.fly()
     rig.order("move", position_enu_m=(-3.0, 0.0, 1.0))
-    neighbours, fleet = rig.core.neighbours, rig.core.fleet
+    neighbours = rig.core.neighbours
+    fleet = rig.core.fleet
     assert fleet.with_law("covey").config_hash == fleet.config_hash
     for law in ("covey", "off", "covey"):
         for number in range(20):

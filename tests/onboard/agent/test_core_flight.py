@@ -215,7 +215,9 @@ def test_kill_is_repeated_until_px4_is_disarmed() -> None:
 
 def test_an_agent_started_while_the_vehicle_flies_stays_silent_and_says_so() -> None:
     rig = Rig(AgentCore(fleet(), "mav0", boot_id=8))
-    rig.is_armed, rig.mode, rig.has_flown = True, "OFFBOARD", True
+    rig.is_armed = True
+    rig.mode = "OFFBOARD"
+    rig.has_flown = True
     rig.position = np.array([0.0, 0.0, 1.0])
     rig.step()
     assert rig.snapshot.landed is Landed.IN_AIR
@@ -267,7 +269,8 @@ def test_a_move_that_never_arrives_times_out_says_how_far_it_was_and_holds(
     order = rig.order("move", position_enu_m=(2.0, 0.0, 1.0))
 
     def stuck() -> None:
-        rig.position[0], rig.velocity[0] = 0.0, 0.0
+        rig.position[0] = 0.0
+        rig.velocity[0] = 0.0
 
     rig.after_move = stuck
     # whoever is held by something flies slowly, for which the time limit grows
@@ -303,7 +306,8 @@ def test_a_landing_that_does_not_come_down_is_handed_to_px4() -> None:
     order = rig.order("land")
 
     def hanging() -> None:
-        rig.position[2], rig.velocity[2] = 1.0, 0.0
+        rig.position[2] = 1.0
+        rig.velocity[2] = 0.0
 
     rig.after_move = hanging
     rig.run((rig.core.flight.deadline_ns - rig.now_ns) * 1e-9 + 0.5)

@@ -110,7 +110,8 @@ def check_row(condition: Condition, situation: Situation, patch: pytest.MonkeyPa
     Broken(rig, patch).holds = {condition}
     began_ns = rig.now_ns
     rig.step()
-    action, flight = TABLE[situation, condition], rig.core.flight
+    action = TABLE[situation, condition]
+    flight = rig.core.flight
     setpoints = [
         command.setpoint
         for when, command in rig.sent

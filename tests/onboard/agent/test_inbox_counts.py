@@ -22,7 +22,8 @@ def _inbox() -> Inbox:
 
 
 def test_what_is_malformed_in_anothers_name_or_missing_is_counted() -> None:
-    inbox, message = _inbox(), replace(state_message(), vehicle="mav1")
+    inbox = _inbox()
+    message = replace(state_message(), vehicle="mav1")
     for sequence in (7, 8, 11, 10, 11, 12):  # 9 and 10 are missing when 11 comes
         inbox.neighbour_received(Topic.STATE, "mav1", replace(message, sequence=sequence))
     assert len(inbox.events) == 6
@@ -38,7 +39,8 @@ def test_what_is_malformed_in_anothers_name_or_missing_is_counted() -> None:
 
 
 def test_a_flood_pushes_out_the_oldest_and_is_counted() -> None:
-    inbox, message = _inbox(), replace(state_message(), vehicle="mav1")
+    inbox = _inbox()
+    message = replace(state_message(), vehicle="mav1")
     for sequence in range(5000):
         inbox.neighbour_received(Topic.STATE, "mav1", replace(message, sequence=sequence))
     assert inbox.take_counts().dropped == 5000 - len(inbox.events)

@@ -24,7 +24,9 @@ def _told(ends: LostEnds, at_s: float) -> list[Command]:
 
 
 def test_an_end_within_the_cut_is_told_again_a_second_after_the_ground_is_back() -> None:
-    ends, before, within = LostEnds(), _end(5.0, "o0"), _end(12.0)
+    ends = LostEnds()
+    before = _end(5.0, "o0")
+    within = _end(12.0)
     for one in (before, within):
         assert isinstance(one.message, Event)
         assert ends.pass_on([one], one.message.stamp_ns) == [one]
@@ -36,7 +38,8 @@ def test_an_end_within_the_cut_is_told_again_a_second_after_the_ground_is_back()
 
 
 def test_a_ground_that_is_lost_again_before_it_was_told_hears_all_of_it_later() -> None:
-    ends, within = LostEnds(), _end(12.0)
+    ends = LostEnds()
+    within = _end(12.0)
     ends.pass_on([within], 12 * S)
     ends.see("ground-1", False, 10 * S)
     ends.see("ground-1", True, 20 * S)
@@ -47,7 +50,8 @@ def test_a_ground_that_is_lost_again_before_it_was_told_hears_all_of_it_later() 
 
 
 def test_parts_of_a_path_push_no_end_out() -> None:
-    ends, within = LostEnds(), _end(12.0)
+    ends = LostEnds()
+    within = _end(12.0)
     ends.pass_on(
         [within, *(_end(12.0 + 0.01 * part, f"part {part}", "debug") for part in range(20))], 13 * S
     )

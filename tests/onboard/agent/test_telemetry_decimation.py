@@ -87,7 +87,8 @@ def test_an_agent_hears_whom_it_follows_often_and_only_the_others_slowly() -> No
         def follow(self, topic: Topic, names: Iterable[str], _: Callable[..., None]) -> None:
             followed.append((topic, set(names)))
 
-    fleet, bus = square_fleet(4), cast(Any, Bus())
+    fleet = square_fleet(4)
+    bus = cast(Any, Bus())
     inbox = Inbox(fleet.vehicles["mav1"], 1, bus, fleet.mocap)
     executor = CommandExecutor(
         "mav1", ["mav0", "mav2", "mav3"], cast(Any, None), bus, inbox, lambda: None

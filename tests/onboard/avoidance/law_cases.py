@@ -50,7 +50,9 @@ def state_of(position, velocity, std=(0.0, 0.0)):
 
 def neighbour_of(position, velocity=ZERO_3, command=ZERO_3, **changes):
     """One that cooperates, with a fresh message; ``changes`` replace fields."""
-    p, v, u = vec(position), vec(velocity), vec(command)
+    p = vec(position)
+    v = vec(velocity)
+    u = vec(command)
     unknown = Vec3(math.nan, math.nan, math.nan)
     made = Neighbour(p, v, u, p, v, u, unknown, 0.0, math.nan, 0.0, 0.0, 0.0, True, True, 0)
     return made._replace(**changes)
@@ -82,7 +84,8 @@ def run(
     """Output of one tick of a vehicle without past commands, whose baseline asks for an
     acceleration.
     """
-    memory, state = oist.initial(), state_of(position, velocity, std)
+    memory = oist.initial()
+    state = state_of(position, velocity, std)
     predicted = oist.predict(memory, state, params)
     intent = predicted.velocity_enu_m_s if intent is None else vec(intent)
     baseline = interface.Baseline(thrust_of(accel), vec(compensation), intent)
@@ -99,7 +102,8 @@ def random_case(seed, count=4):
     rng = np.random.default_rng(seed)
     spots = rng.normal(size=(count, 3)) * 0.8
     spots[:, :2] += np.sign(spots[:, :2]) * 0.5
-    velocities, commands = rng.normal(size=(count, 3)) * 0.3, rng.normal(size=(count, 3)) * 0.5
+    velocities = rng.normal(size=(count, 3)) * 0.3
+    commands = rng.normal(size=(count, 3)) * 0.5
     neighbours = neighbours_of(list(spots), list(velocities), list(commands))
     return rng.normal(size=3) * 0.1, rng.normal(size=3) * 0.3, rng.normal(size=3) * 1.5, neighbours
 
@@ -108,7 +112,8 @@ def random_neighbour(rng, index, spread):
     """Any message: another lag, some age, uncertain, perhaps not cooperative, perhaps without an
     intent.
     """
-    position, velocity = rng.normal(size=3) * spread, rng.normal(size=3) * 0.5
+    position = rng.normal(size=3) * spread
+    velocity = rng.normal(size=3) * 0.5
     return Neighbour(
         vec(position),
         vec(velocity),

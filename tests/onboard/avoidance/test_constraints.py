@@ -36,7 +36,8 @@ def row_at(capsule, position, velocity, params):
 
 
 def test_row_beside_a_wall_constrains_only_the_speed_towards_it():
-    params, wall = law_of(), Capsule(Vec2(-50.0, 0.0), Vec2(50.0, 0.0), 0.0)
+    params = law_of()
+    wall = Capsule(Vec2(-50.0, 0.0), Vec2(50.0, 0.0), 0.0)
     along, still, towards = (
         row_at(wall, (0.0, 1.0), v, params) for v in ((3.0, 0.0), (0.0, 0.0), (0.0, -1.0))
     )
@@ -48,12 +49,17 @@ def test_rows_of_a_moving_vehicle_are_the_rate_of_the_constraint():
     """Finite differences: along a motion under u, h'' + (k_1 + k_2) h' + k_1 k_2 h is e.u minus the
     bound.
     """
-    params, rng, step = law_of(), np.random.default_rng(4), 1e-3
-    k_1, k_2 = params.gains.static_kappa_1_1_s, params.gains.kappa_2_1_s
+    params = law_of()
+    rng = np.random.default_rng(4)
+    step = 1e-3
+    k_1 = params.gains.static_kappa_1_1_s
+    k_2 = params.gains.kappa_2_1_s
     for case in range(50):
         x1, y1, x2, y2 = rng.uniform(-1, 1, 4).tolist()
         capsule = Capsule(Vec2(x1, y1), Vec2(x2, y2), float(rng.uniform(0, 0.5)))
-        p, v, u = rng.uniform(-3, 3, 2), rng.normal(size=2), rng.normal(size=2)
+        p = rng.uniform(-3, 3, 2)
+        v = rng.normal(size=2)
+        u = rng.normal(size=2)
         d = capsule.radius_m + params.spacing.clearance_m
 
         def half_square(t, p=p, v=v, u=u, capsule=capsule, d=d):
@@ -62,7 +68,8 @@ def test_rows_of_a_moving_vehicle_are_the_rate_of_the_constraint():
             return 0.5 * (e @ e - d * d)
 
         before, now, after = (half_square(t) for t in (-step, 0.0, step))
-        rate, bend = (after - before) / (2 * step), (after - 2 * now + before) / step**2
+        rate = (after - before) / (2 * step)
+        bend = (after - 2 * now + before) / step**2
         normal, bound = row_at(capsule, p, v, params)
         derivative = bend + (k_1 + k_2) * rate + k_1 * k_2 * now
         assert d * (normal @ u - bound) == pytest.approx(derivative, abs=1e-4), case
@@ -100,7 +107,9 @@ def test_speed_row_holds_an_avoiding_vehicle_below_its_limit():
 
 
 def test_wall_requires_braking_that_suffices_and_an_open_side_nothing():
-    closed, still, outwards = law_of({"fence_enu_m": FENCE}), Vec2(0.0, 0.0), Vec2(1.0, 0.0)
+    closed = law_of({"fence_enu_m": FENCE})
+    still = Vec2(0.0, 0.0)
+    outwards = Vec2(1.0, 0.0)
     middle = fence_rows(still, outwards, closed.fence, closed.gains)
     near = fence_rows(Vec2(2.9, 0.0), outwards, closed.fence, closed.gains)
     assert len(middle) == 4
@@ -114,7 +123,8 @@ def test_wall_requires_braking_that_suffices_and_an_open_side_nothing():
 
 def test_compensation_moves_the_bound_by_its_part_along_the_normal():
     row = HalfPlane(Vec2(0.6, 0.8), 1.0)
-    thrust, compensation = Vec2(0.3, -0.2), Vec2(1.0, 2.0)
+    thrust = Vec2(0.3, -0.2)
+    compensation = Vec2(1.0, 2.0)
     both = Vec2(1.3, 1.8)
     with_compensation = compensated(row, compensation)
     assert missing_m_s2(with_compensation, both) == pytest.approx(missing_m_s2(row, thrust))

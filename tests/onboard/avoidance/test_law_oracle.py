@@ -97,7 +97,8 @@ def test_law_equals_its_transcription_in_numpy(variant):
 
 def test_nothing_around_leaves_the_memory_to_the_commands():
     params = law_of()
-    memory, state = oist.initial(), state_of([0, 0, 1], [0, 0, 0])
+    memory = oist.initial()
+    state = state_of([0, 0, 1], [0, 0, 0])
     baseline = interface.Baseline(thrust_of([1.0, 0.5, 0.2]), ZERO_3, ZERO_3)
     after, out = oist.step(
         memory, baseline, oist.predict(memory, state, params), state, [], (), params, 0.02

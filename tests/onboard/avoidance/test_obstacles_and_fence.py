@@ -103,7 +103,8 @@ def test_a_wrong_obstacle_is_refused_in_words():
 
 
 def test_two_obstacles_of_one_name_are_refused_and_obstacles_change_the_hash():
-    plain, pillared = fleet_from_mapping(paper_data()), fleet_from_mapping(paper_data(PILLAR))
+    plain = fleet_from_mapping(paper_data())
+    pillared = fleet_from_mapping(paper_data(PILLAR))
     assert plain.config_hash != pillared.config_hash
     with pytest.raises(ConfigError, match="name of its own"):
         fleet_from_mapping(paper_data(PILLAR, PILLAR))
@@ -123,7 +124,8 @@ def test_pair_that_meets_at_a_pillar_passes_both_the_pillar_and_each_other():
 
 def test_walls_win_over_the_margin_of_a_neighbour_whose_position_is_uncertain():
     law = law_of({"fence_enu_m": FENCE})
-    position, velocity = [2.6, 0.0, 1.0], [0.2, 0.0, 0.0]
+    position = [2.6, 0.0, 1.0]
+    velocity = [0.2, 0.0, 0.0]
     # all that the wall allows
     wall = run(position, velocity, [9.0, 0.0, 0.0], [], law).thrust.thrust_enu_m_s2.x
     for std_m in (0.0, 0.2, 0.5):
@@ -136,7 +138,8 @@ def test_walls_win_over_the_margin_of_a_neighbour_whose_position_is_uncertain():
 
 def test_a_wall_and_the_promise_share_what_is_missing_where_both_cannot_be_kept():
     law = law_of({"fence_enu_m": FENCE})
-    position, velocity = [2.8, 0.0, 1.0], [0.0, 0.0, 0.0]
+    position = [2.8, 0.0, 1.0]
+    velocity = [0.0, 0.0, 0.0]
     wall = run(position, velocity, [9.0, 0.0, 0.0], [], law).thrust.thrust_enu_m_s2.x
     out = run(
         position, velocity, [0.0, 0.0, 0.0], [neighbour_of([2.1, 0.0, 1.0], [0.5, 0.0, 0.0])], law

@@ -139,7 +139,8 @@ def test_independent_of_the_neighbours_order(seed, order):
 def test_homogeneous(seed, length, time, is_cooperative, is_crowded):
     """Rows in other units of length and time are the same rows."""
     rng = np.random.default_rng(seed)
-    speed, push = length / time, length / time**2
+    speed = length / time
+    push = length / time**2
     e, w, u, g, own = rng.normal(size=(5, 2))
     d = rng.uniform(0.8, 1.2)
     gains = PARAMS.gains
@@ -199,7 +200,8 @@ def test_squeezed_vehicle_is_relaxed_with_its_slack_and_slows_the_pursuit_down()
         [[0.5, 0, 1], [-0.25, 0.43, 1], [-0.25, -0.43, 1]],
         [[-2.0, 0, 0], [1.0, -1.7, 0], [1.0, 1.7, 0]],
     )
-    memory, state = oist.initial(), state_of([0, 0, 1], [0, 0, 0])
+    memory = oist.initial()
+    state = state_of([0, 0, 1], [0, 0, 0])
     baseline = interface.Baseline(thrust_of([0, 0, 0]), ZERO_3, ZERO_3)
     for _ in range(20):
         predicted = oist.predict(memory, state, PARAMS)
@@ -227,7 +229,8 @@ def test_unchanged_passes_everything_on():
 
 
 def test_paper_law_takes_the_ring_successor_only():
-    near, far = [0.9, 0, 1], [5.0, 5.0, 1]
+    near = [0.9, 0, 1]
+    far = [5.0, 5.0, 1]
     paper = law_of(name="paper")
     ignoring = run([0, 0, 1], [0.5, 0, 0], [0, 0, 0], neighbours_of([far, near]), paper)
     heeding = run([0, 0, 1], [0.5, 0, 0], [0, 0, 0], neighbours_of([near, far]), paper)

@@ -30,7 +30,8 @@ def cases(count, seed=0):
 
 
 def saturated(p, v, f, q, w, a, params=PARAMS):
-    own, obstacle = PlanarState(vec(p), vec(v), ZERO_2), PlanarState(vec(q), vec(w), vec(a))
+    own = PlanarState(vec(p), vec(v), ZERO_2)
+    obstacle = PlanarState(vec(q), vec(w), vec(a))
     return saturate_thrust(own, vec(f), obstacle, params)
 
 
@@ -55,7 +56,9 @@ def test_law_equals_the_plain_transcription_of_the_equations():
 def test_law_is_the_projection_on_its_two_half_planes():
     k = PARAMS
     for p, v, f, q, w, a in cases(300, seed=1):
-        e, d, rel = p - q, k.d_inf_m, v - w
+        e = p - q
+        d = k.d_inf_m
+        rel = v - w
         cross = lambda a, b: a[0] * b[1] - a[1] * b[0]  # noqa: E731
         outside = e @ e - d * d
         b1 = e @ a - rel @ rel - (k.kappa_1_1_s + k.kappa_2_1_s) * (e @ rel)
@@ -69,7 +72,8 @@ def test_law_is_the_projection_on_its_two_half_planes():
 
 def test_vehicle_that_approaches_its_obstacle_is_pushed_away_from_it():
     # (8) is far from binding here
-    params, zero = PARAMS._replace(v_perp_m_s=0.0, kappa_4_1_s=20.0), np.zeros(2)
+    params = PARAMS._replace(v_perp_m_s=0.0, kappa_4_1_s=20.0)
+    zero = np.zeros(2)
     result = saturated(zero, [1.0, 0.0], zero, [1.0, 0.0], zero, zero, params)
     assert result.thrust_m_s2.x < -1.0
     assert abs(result.thrust_m_s2.y) < 1e-12
@@ -101,7 +105,9 @@ def test_rotation_and_translation_equivariant(p, v, f, q, w, a, angle):
 def test_homogeneous(p, v, f, q, w, a, length, time):
     if np.hypot(*(p - q)) < 0.1:
         return
-    k, speed, push = PARAMS, length / time, length / time**2
+    k = PARAMS
+    speed = length / time
+    push = length / time**2
     scaled = PaperParams(
         k.kappa_1_1_s / time, k.kappa_2_1_s / time, k.kappa_3_1_s / time, k.kappa_4_1_s / time,
         k.v_perp_m_s * speed, k.d_inf_m * length, k.turn_sign,

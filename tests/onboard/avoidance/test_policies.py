@@ -159,7 +159,9 @@ def distance(params, own_std, their_std, is_cooperative=True):
 def test_margin_grows_with_the_estimates_errors_and_stays_with_a_mocap():
     params = law_of()
     fixed = params.spacing.safety_distance_m + params.spacing.margin_m
-    mocap, vision, gps = (0.002, 0.01), (0.05, 0.12), (0.2, 0.2)
+    mocap = (0.002, 0.01)
+    vision = (0.05, 0.12)
+    gps = (0.2, 0.2)
     assert distance(params, mocap, mocap) == pytest.approx(fixed)
     # 1.17 m is what flies with PX4's estimate from vision
     assert 1.10 < distance(params, vision, vision) < 1.30
@@ -183,9 +185,14 @@ def test_margin_formula_is_the_filtered_noise_of_the_distance_rows():
     simulated.
     """
     params = law_of(kappa_1_1_s=4.0, kappa_2_1_s=8.0, accuracy_time_s=0.5)
-    rng, step, tau = np.random.default_rng(0), 2e-3, 0.5
-    a_1, a_0 = 12.0, 32.0
-    noise, h, rate = np.zeros(4000), np.zeros(4000), np.zeros(4000)
+    rng = np.random.default_rng(0)
+    step = 2e-3
+    tau = 0.5
+    a_1 = 12.0
+    a_0 = 32.0
+    noise = np.zeros(4000)
+    h = np.zeros(4000)
+    rate = np.zeros(4000)
     keep = math.exp(-step / tau)
     for _ in range(2000):
         noise = keep * noise + math.sqrt(1.0 - keep * keep) * rng.normal(size=4000)
@@ -196,7 +203,8 @@ def test_margin_formula_is_the_filtered_noise_of_the_distance_rows():
 
 
 def test_neighbour_that_does_not_cooperate_is_given_more_room():
-    params, exact = law_of(uncooperative_margin_m=0.3), (0.0, 0.0)
+    params = law_of(uncooperative_margin_m=0.3)
+    exact = (0.0, 0.0)
     assert distance(params, exact, exact, False) - distance(
         params, exact, exact, True
     ) == pytest.approx(0.3)
@@ -230,7 +238,10 @@ def test_vehicles_turn_ahead_only_where_the_ways_that_both_intend_come_too_near(
         )[1]
         return out.status
 
-    east, west, north, still = [1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 0.0]
+    east = [1.0, 0.0, 0.0]
+    west = [-1.0, 0.0, 0.0]
+    north = [0.0, 1.0, 0.0]
+    still = [0.0, 0.0, 0.0]
     soft = {"kappa_3_1_s": 0.1}  # the turn reaches far
     assert sideways(east, west, **soft) == LawStatus.SATURATED
     assert sideways(east, still, **soft) == LawStatus.SATURATED  # somebody hovers in the way
@@ -244,7 +255,8 @@ def test_rotation_row_fades_in_with_the_violation():
     """Thrusts on both sides of the one that just violates the distance row give nearly the same
     answer.
     """
-    params, near = law_of(), [neighbour_of([0.95, 0.0, 0.0])]
+    params = law_of()
+    near = [neighbour_of([0.95, 0.0, 0.0])]
     out = [
         run(np.zeros(3), np.zeros(3), [east, 0.0, 0.0], near, params)
         for east in np.linspace(0.0, 6.0, 1201)
@@ -277,7 +289,8 @@ def test_a_vehicle_held_for_long_calls_for_a_roundabout_and_one_that_gets_on_doe
     params = law_of()
 
     def counts(velocity):
-        memory, state = oist.initial(), state_of(np.zeros(3), velocity)
+        memory = oist.initial()
+        state = state_of(np.zeros(3), velocity)
         wall = [neighbour_of([0.85, 0.0, 0.0])]
         baseline = interface.Baseline(thrust_of([3.0, 0.0, 0.0]), ZERO_3, EAST)
         found = []
@@ -296,7 +309,8 @@ def test_a_vehicle_held_for_long_calls_for_a_roundabout_and_one_that_gets_on_doe
 
 
 def test_speed_is_limited_while_avoiding_but_separation_comes_first():
-    params, fast = law_of({"max_speed_m_s": 1.0}, rotation="never"), [2.0, 0.0, 0.0]
+    params = law_of({"max_speed_m_s": 1.0}, rotation="never")
+    fast = [2.0, 0.0, 0.0]
     out = run(
         np.zeros(3), fast, [2.0, 0.0, 0.0], [neighbour_of([0.3, 0.8, 0.0], [2.0, 0.0, 0.0])], params
     )
@@ -313,7 +327,9 @@ def test_unequal_lead_times_are_compared_at_the_same_moment():
     """A neighbour that published its state for its own longer lag is avoided as the same one with
     ours.
     """
-    p, v, u = np.array([1.3, 0.0, 0.0]), np.array([-0.7, 0.1, 0.0]), np.array([-0.5, 0.2, 0.0])
+    p = np.array([1.3, 0.0, 0.0])
+    v = np.array([-0.7, 0.1, 0.0])
+    u = np.array([-0.5, 0.2, 0.0])
     published = {}
     for lead in (0.15, 0.27, 0.05):
         neighbour = neighbour_of(p, v, u, lead_time_s=lead)._replace(

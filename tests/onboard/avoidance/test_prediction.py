@@ -40,13 +40,16 @@ def integrate(commands, position, velocity, dt_s):
 
 def test_whole_ticks_equal_step_by_step_integration_oldest_first():
     rng = np.random.default_rng(0)
-    commands, (p, v) = list(rng.normal(size=(12, 3))), rng.normal(size=(2, 3))
+    commands = list(rng.normal(size=(12, 3)))
+    (p, v) = rng.normal(size=(2, 3))
     result = predicted(history_of(commands), p, v, 0.16)
     np.testing.assert_allclose(result, integrate(commands[-8:], p, v, 0.02), atol=1e-12)
 
 
 def test_a_window_between_ticks_uses_the_part_of_the_oldest_command_that_is_inside():
-    u_old, u_new, zero = np.array([1.0, 0, 0]), np.array([0, 2.0, 0]), np.zeros(3)
+    u_old = np.array([1.0, 0, 0])
+    u_new = np.array([0, 2.0, 0])
+    zero = np.zeros(3)
     p, v = integrate([u_old], zero, zero, 0.01)
     reference = integrate([u_new], p, v, 0.02)
     np.testing.assert_allclose(
@@ -55,7 +58,8 @@ def test_a_window_between_ticks_uses_the_part_of_the_oldest_command_that_is_insi
 
 
 def test_unequal_ticks_are_counted_by_their_time():
-    u, history = Vec3(1.0, 0.0, 0.0), prediction.no_commands()
+    u = Vec3(1.0, 0.0, 0.0)
+    history = prediction.no_commands()
     for dt in (0.02, 0.005, 0.035, 0.01):
         history = prediction.remembered(history, u, dt)
     p, v = predicted(history, ZERO_3, ZERO_3, 0.06)
@@ -117,7 +121,8 @@ def test_a_command_that_is_not_finite_counts_as_none():
 
 
 def test_the_law_predicts_over_lag_and_age_unless_the_policy_or_the_paper_says_otherwise():
-    memory, state = oist.initial(), state_of([1, 2, 3], [1, 0, 0])._replace(age_s=0.05)
+    memory = oist.initial()
+    state = state_of([1, 2, 3], [1, 0, 0])._replace(age_s=0.05)
     ahead = {
         name: oist.predict(memory, state, params).position_enu_m.x - 1.0
         for name, params in (
@@ -170,7 +175,9 @@ def test_neighbour_with_another_lag_is_carried_to_our_own_time():
     """A neighbour under one constant acceleration, predicted over its own lag, is where it will be
     after ours.
     """
-    p, v, a = np.array([0.3, -0.2, 1.0]), np.array([0.7, 0.4, 0.0]), np.array([1.5, -2.0, 0.0])
+    p = np.array([0.3, -0.2, 1.0])
+    v = np.array([0.7, 0.4, 0.0])
+    a = np.array([1.5, -2.0, 0.0])
     for lead, own_lead, age in (
         (0.27, 0.15, 0.04),
         (0.15, 0.27, 0.04),

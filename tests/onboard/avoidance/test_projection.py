@@ -41,9 +41,11 @@ def random_and_degenerate_rows(rng, count, height):
     normals, bounds = random_rows(rng, count, height)
     kind = np.arange(count) % 6
     if height > 1:
-        normals[kind == 1, 1], bounds[kind == 1, 1] = normals[kind == 1, 0], bounds[kind == 1, 0]
+        normals[kind == 1, 1] = normals[kind == 1, 0]
+        bounds[kind == 1, 1] = bounds[kind == 1, 0]
         opposed = (kind == 2) | (kind == 3)
-        normals[opposed, 1], bounds[opposed, 1] = -normals[opposed, 0], -bounds[opposed, 0]
+        normals[opposed, 1] = -normals[opposed, 0]
+        bounds[opposed, 1] = -bounds[opposed, 0]
         bounds[kind == 3, 1] += rng.uniform(-1, 1, (kind == 3).sum())
         points = rng.normal(size=(count, 2))
         bounds[kind == 4] = np.einsum("khc,kc->kh", normals, points)[kind == 4]
@@ -88,10 +90,13 @@ def test_projection_equals_an_independent_qp_solver_on_random_and_degenerate_cas
 
 def by_daqp_with_disc(u0, normals, bounds, radius):
     """The QP with a weight on |u|^2, bisected until the disc is met; None when infeasible."""
-    point, middle = by_daqp(u0, normals, bounds), by_daqp(np.zeros(2), normals, bounds)
+    point = by_daqp(u0, normals, bounds)
+    middle = by_daqp(np.zeros(2), normals, bounds)
     if point is None or np.hypot(*middle) > radius:
         return None
-    low, high = 0.0, 1.0  # u0 shrinks to the middle as its share goes from 1 to 0
+    # u0 shrinks to the middle as its share goes from 1 to 0
+    low = 0.0
+    high = 1.0
     if np.hypot(*point) <= radius:
         return point
     for _ in range(50):
@@ -106,7 +111,8 @@ def test_projection_with_the_disc_equals_the_qp_solver_with_a_multiplier():
     compared = 0
     for height in (1, 2, 4, 8):
         normals, bounds = random_and_degenerate_rows(rng, 300, height)
-        u0, radius = rng.normal(size=(300, 2)) * 4, rng.uniform(0.5, 5.0, 300)
+        u0 = rng.normal(size=(300, 2)) * 4
+        radius = rng.uniform(0.5, 5.0, 300)
         for k in range(300):
             result = projected(u0[k], normals[k], bounds[k], radius[k])
             reference = by_daqp_with_disc(u0[k], normals[k], bounds[k], radius[k])
@@ -124,7 +130,8 @@ def test_projection_with_the_disc_equals_trying_every_active_set():
     rng = np.random.default_rng(1)
     for height in (1, 2, 4, 7):
         normals, bounds = random_rows(rng, 300, height)
-        u0, radius = rng.normal(size=(300, 2)) * 4, rng.uniform(0.5, 5.0, 300)
+        u0 = rng.normal(size=(300, 2)) * 4
+        radius = rng.uniform(0.5, 5.0, 300)
         for k in range(300):
             result = projected(u0[k], normals[k], bounds[k], radius[k])
             reference = nearest_in_rows_and_disc(u0[k], normals[k], bounds[k], radius[k])
@@ -140,7 +147,8 @@ def test_slack_of_contradicting_rows_is_the_smallest_there_is():
     checked = 0
     for height in (2, 3, 5):
         normals, bounds = random_rows(rng, 60, height, spread=4.0)
-        radius, u0 = rng.uniform(0.5, 4.0, 60), rng.normal(size=(60, 2))
+        radius = rng.uniform(0.5, 4.0, 60)
+        u0 = rng.normal(size=(60, 2))
         for k in range(60):
             result = projected(u0[k], normals[k], bounds[k], radius[k])
             if result.status != LawStatus.RELAXED:
@@ -198,7 +206,8 @@ def test_yielding_rows_give_way_by_the_smallest_slack_that_leaves_the_firm_ones_
 
 def least_slack_beside(normals, bounds, firm_normals, firm_bounds, radius):
     """Return the smallest slack of the rows that leaves a point for them and the firm rows."""
-    low, high = 0.0, 100.0
+    low = 0.0
+    high = 100.0
     for _ in range(50):
         middle = 0.5 * (low + high)
         point = nearest_in_rows_and_disc(
@@ -214,7 +223,8 @@ def least_slack_beside(normals, bounds, firm_normals, firm_bounds, radius):
 
 def test_soft_rows_are_dropped_last_first_and_never_cost_a_hard_row():
     rng = np.random.default_rng(3)
-    count, dropped = 300, 0
+    count = 300
+    dropped = 0
     hard_normals, hard_bounds = random_rows(rng, count, 2, spread=1.0)
     soft_normals, soft_bounds = random_rows(rng, count, 3)
     u0 = rng.normal(size=(count, 2)) * 2

@@ -12,8 +12,10 @@ from onboard.bus.clock_offsets import DRIFT, Clocks
 from onboard.bus.codec import decode, encode
 from onboard.bus.schema import ClockMessage, HeardClock
 
-_MS, _S = 1_000_000, 1_000_000_000
-_A, _B = 11, 22
+_MS = 1_000_000
+_S = 1_000_000_000
+_A = 11
+_B = 22
 
 
 class _World:
@@ -26,9 +28,13 @@ class _World:
     def __init__(
         self, offset_ns: int, drift: float, there_s, back_s, *, loss: float = 0.0, seed: int = 0
     ) -> None:
-        self.a, self.b = Clocks("a", _A), Clocks("b", _B)
-        self.offset_ns, self.drift = offset_ns, drift
-        self._there_s, self._back_s, self.loss = there_s, back_s, loss
+        self.a = Clocks("a", _A)
+        self.b = Clocks("b", _B)
+        self.offset_ns = offset_ns
+        self.drift = drift
+        self._there_s = there_s
+        self._back_s = back_s
+        self.loss = loss
         self._random = random.Random(seed)
         self.now_ns = 1000 * _S
         self._on_the_way: list[tuple[int, Clocks, ClockMessage]] = []
@@ -112,7 +118,8 @@ def test_the_true_offset_lies_within_the_bound_however_unequal_the_two_ways_are(
     world.run(30.0, check)
     assert world.a.restarts == world.b.restarts == 0
     # what follows for a sample: never younger than it is, and never from the future
-    age_s, taken_ns = 0.05, world.now_ns - 50 * _MS
+    age_s = 0.05
+    taken_ns = world.now_ns - 50 * _MS
     told_s = (world.now_ns - world.a.own_ns("b", world.b_ns(taken_ns), world.now_ns)) * 1e-9
     if world.a.is_measured("b"):
         assert told_s >= age_s - 1e-6
@@ -131,7 +138,8 @@ def test_the_bound_grows_while_nothing_is_heard_and_stays_true() -> None:
 
 
 def test_nodes_of_one_host_share_their_clock_without_any_measurement() -> None:
-    a, b = Clocks("a", _A), Clocks("b", _A)
+    a = Clocks("a", _A)
+    b = Clocks("b", _A)
     a.hear(b.message(5 * _S), 5 * _S + 300 * _MS)
     assert a.is_measured("b")
     assert a.offset_s("b", 9 * _S) == (0.0, 0.0)
@@ -142,7 +150,8 @@ def test_nodes_of_one_host_share_their_clock_without_any_measurement() -> None:
 
 
 def test_an_unknown_node_is_judged_by_its_arrival_and_one_half_measured_too() -> None:
-    a, b = Clocks("a", _A), Clocks("b", _B)
+    a = Clocks("a", _A)
+    b = Clocks("b", _B)
     assert a.own_ns("b", 100, 200) == 100
     assert a.own_ns("b", 9 * _S, 5 * _S) == 5 * _S - 20 * _MS
     assert not a.is_measured("b")
@@ -167,7 +176,8 @@ def _beat(a: Clocks, b: Clocks, from_ns: int, b_minus_a_ns: int, count: int) -> 
 
 
 def test_a_host_that_has_rebooted_is_measured_anew_and_its_old_offset_forgotten() -> None:
-    a, b = Clocks("a", _A), Clocks("b", _B)
+    a = Clocks("a", _A)
+    b = Clocks("b", _B)
     now_ns = _beat(a, b, 10 * _S, 500 * _S, 4)
     assert measured(a, "b", now_ns)[0] == pytest.approx(500.0, abs=0.005)
     now_ns = _beat(a, Clocks("b", _B + 1), now_ns, -7 * _S, 5)
@@ -188,7 +198,8 @@ def test_a_host_that_has_rebooted_is_measured_anew_and_its_old_offset_forgotten(
     ],
 )
 def test_a_false_message_in_the_name_of_a_node_that_lives_changes_nothing(lie: dict) -> None:
-    a, b = Clocks("a", _A), Clocks("b", _B)
+    a = Clocks("a", _A)
+    b = Clocks("b", _B)
     now_ns = _beat(a, b, 10 * _S, 500 * _S, 4)
     for _ in range(20):  # ten seconds long, as often as the true ones
         fields = {"node": "b", "host": _B, "sequence": 9, "sent_ns": now_ns + 500 * _S, **lie}
@@ -210,7 +221,8 @@ def test_arrivals_of_our_messages_before_a_reboot_bound_nothing() -> None:
 
 
 def test_a_clock_that_stood_still_is_noticed_and_measured_anew() -> None:
-    a, b = Clocks("a", _A), Clocks("b", _B)
+    a = Clocks("a", _A)
+    b = Clocks("b", _B)
     _exchange(a, b, 10 * _S, 500 * _S)
     now_ns = _beat(a, b, 40 * _S, 490 * _S, 6)  # the other host was suspended for ten seconds
     assert a.restarts >= 1
@@ -218,7 +230,8 @@ def test_a_clock_that_stood_still_is_noticed_and_measured_anew() -> None:
 
 
 def test_lies_are_survived() -> None:
-    a, b = Clocks("a", _A), Clocks("b", _B)
+    a = Clocks("a", _A)
+    b = Clocks("b", _B)
     _exchange(a, b, 10 * _S, 500 * _S)
     a.hear(ClockMessage(node="b", host=_B, sequence=9, sent_ns=10**18, heard=()), 11 * _S)
     a.hear(

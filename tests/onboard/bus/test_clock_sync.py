@@ -13,7 +13,8 @@ from onboard.bus.clock_sync import ClockNode, host_id
 from onboard.bus.schema import ClockMessage, HeardClock, MocapPose, Order
 from onboard.bus.session import BusSession
 
-_MS, _S = 1_000_000, 1_000_000_000
+_MS = 1_000_000
+_S = 1_000_000_000
 _SHIFT_S = 5000
 _IN_ANOTHER_TIME = [
     "unshare",

@@ -48,10 +48,8 @@ class Relay:
         while self._is_open:
             for ready in select.select([self._listener, *other_end], [], [], 0.1)[0]:
                 if ready is self._listener:
-                    client, server = (
-                        ready.accept()[0],
-                        socket.create_connection(("127.0.0.1", self._target)),
-                    )
+                    client = ready.accept()[0]
+                    server = socket.create_connection(("127.0.0.1", self._target))
                     other_end |= {client: server, server: client}
                     servers.add(server)
                     continue
@@ -255,7 +253,8 @@ def test_an_event_that_waits_for_a_hanging_node_holds_up_no_other_message(
 
     worker = threading.Thread(target=insist, daemon=True)
     worker.start()
-    longest_s, small = 0.0, TickBatch(vehicle="x" * 4000, boot_id=1, sequence=1, ticks=())
+    longest_s = 0.0
+    small = TickBatch(vehicle="x" * 4000, boot_id=1, sequence=1, ticks=())
     while worker.is_alive():
         before = time.monotonic()
         session.publish(Topic.TICK, "talker", small)

@@ -86,7 +86,8 @@ def _routing(*fleets: FleetConfig) -> Iterator[None]:
 @contextmanager
 def _node(fleet: FleetConfig, holder: str) -> Iterator[BusSession]:
     credentials = credentials_of(fleet, holder)
-    name, routers = NAMES.get(holder, holder), fleet.fleet.routers
+    name = NAMES.get(holder, holder)
+    routers = fleet.fleet.routers
     with started(
         BusSession(namespace=fleet.namespace, node=name, credentials=credentials, routers=routers)
     ) as session:
@@ -261,7 +262,8 @@ time.sleep(60)
             agent.publish(Topic.STATE, "mav0", state_message())
 
         def longest_gap_s(seconds: float) -> float:
-            begin_s, count = time.monotonic(), len(heard)
+            begin_s = time.monotonic()
+            count = len(heard)
 
             def is_over() -> bool:
                 tell()

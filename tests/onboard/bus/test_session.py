@@ -143,7 +143,8 @@ def test_a_second_node_of_a_name_does_not_take_the_first_along_when_it_leaves(
         session.start()
         return session
 
-    second, third = joins("mav0"), joins("mav9")
+    second = joins("mav0")
+    third = joins("mav9")
     seen: list[tuple[str, bool]] = []
     agent.watch_alive(lambda *change: seen.append(change))  # connected to all of them
     assert until(lambda: {("mav0", True), ("mav9", True)} <= set(seen))
@@ -189,7 +190,8 @@ def test_a_thread_of_the_bus_keeps_what_python_knows_of_it_from_one_message_to_t
     agent: BusSession, ground: BusSession
 ) -> None:
     """Made anew for every message it would cost more than the message."""
-    known, counts = threading.local(), []
+    known = threading.local()
+    counts = []
 
     def receive(*_: object) -> None:
         known.count = getattr(known, "count", 0) + 1

@@ -14,7 +14,8 @@ def test_the_number_is_below_the_safety_distance_where_neither_distance_nor_heig
     rng = np.random.default_rng(1)
     offsets = rng.uniform(-2.0, 2.0, (500, 3))
     found = separations_m(offsets, limits.height_share)
-    beside, above = np.hypot(offsets[:, 0], offsets[:, 1]), abs(offsets[:, 2])
+    beside = np.hypot(offsets[:, 0], offsets[:, 1])
+    above = abs(offsets[:, 2])
     is_apart = (beside >= limits.safety_distance_m) | (above >= limits.vertical_separation_m)
     assert ((found >= limits.safety_distance_m) == is_apart).all()
     each = [

@@ -39,7 +39,8 @@ def test_hover_is_level_at_the_hover_throttle() -> None:
 
 def test_the_attitude_points_the_thrust_exactly_and_keeps_the_yaw() -> None:
     for thrust in thrusts(500):
-        f, yaw = np.array(thrust.thrust_enu_m_s2), float(RNG.uniform(-math.pi, math.pi))
+        f = np.array(thrust.thrust_enu_m_s2)
+        yaw = float(RNG.uniform(-math.pi, math.pi))
         attitude = allocation.allocate(thrust, yaw, 0.4, WIDE)
         length = np.linalg.norm(f)
         np.testing.assert_allclose(frames.body_up(attitude.quaternion_wxyz), f / length, atol=1e-12)

@@ -60,7 +60,10 @@ def test_on_the_setpoint_only_feed_forward_and_gravity_remain() -> None:
 def test_the_lyapunov_function_falls_along_the_closed_loop(radius_m: float) -> None:
     """W = c H(e) + |z|^2/2 has the derivative -c k1 |s|^2 - k2 |z|^2, clamped or not."""
     params = OPEN._replace(max_position_error_m=radius_m)
-    k1, k2, c, h = 1.5, 4.0, 0.5, 1e-6
+    k1 = 1.5
+    k2 = 4.0
+    c = 0.5
+    h = 1e-6
 
     def parts(p: Array, v: Array, ps: Array, vs: Array) -> tuple[float, float, float]:
         e = ps - p
@@ -84,11 +87,9 @@ def test_the_lyapunov_function_falls_along_the_closed_loop(radius_m: float) -> N
 
 
 def test_turning_and_moving_the_world_turns_the_thrust() -> None:
-    q, shift, params = (
-        quaternion_from_yaw(1.1),
-        np.array([3.0, -2.0, 1.0]),
-        BacksteppingParams(),
-    )
+    q = quaternion_from_yaw(1.1)
+    shift = np.array([3.0, -2.0, 1.0])
+    params = BacksteppingParams()
 
     def turned(vector: Array) -> Array:
         return np.array(list(rotate(q, vec(vector))))
@@ -102,7 +103,8 @@ def test_turning_and_moving_the_world_turns_the_thrust() -> None:
 
 
 def test_scaling_length_and_time_scales_the_acceleration() -> None:
-    length, time = 3.0, 0.5
+    length = 3.0
+    time = 0.5
     base = BacksteppingParams()
     scaled = BacksteppingParams(
         position_gain_1_s=1.5 / time,
@@ -128,7 +130,8 @@ def test_the_answer_is_bounded_however_far_the_setpoint() -> None:
 
 def test_a_far_setpoint_is_approached_at_a_bounded_speed() -> None:
     params = BacksteppingParams()
-    p, v = np.zeros(3), np.zeros(3)
+    p = np.zeros(3)
+    v = np.zeros(3)
     fastest = 0.0
     for _ in range(1500):
         v = v + 0.02 * acceleration(p, v, at([8.0, 0.0, 0.0]), params)

@@ -129,7 +129,8 @@ class Litter:
     """Numbers and vectors of which a share is garbage."""
 
     def __init__(self, rng, share):
-        self.rng, self.share = rng, share
+        self.rng = rng
+        self.share = share
 
     def number(self, scale):
         is_garbage = self.rng.random() < self.share
@@ -157,12 +158,11 @@ def test_garbage_anywhere_is_bounded(seed):
             FLEET, "mav0", str(rng.choice(["covey", "covey", "paper", "off"]))
         ).law
         params = law._replace(fence=Fence(-2.0, 2.0, -2.0, 2.0))
-        theirs, own = (
-            Litter(rng, rng.choice([0.0, 0.1, 1.0])),
-            Litter(rng, rng.choice([0.0, 0.1, 0.5])),
-        )
+        theirs = Litter(rng, rng.choice([0.0, 0.1, 1.0]))
+        own = Litter(rng, rng.choice([0.0, 0.1, 0.5]))
         neighbours = [theirs.neighbour(index) for index in range(int(rng.integers(0, 6)))]
-        state, compensation = own.state(), own.vector(0.5)
+        state = own.state()
+        compensation = own.vector(0.5)
         x, y, z = own.vector(2.0)
         thrust = Vec3(x, y, z + 9.8)
         memory = oist.initial()

@@ -45,8 +45,12 @@ class Vehicle:
         self.true_hover = 0.75 * (1.0 + self.rng.uniform(-0.06, 0.06))
         side = self.rng.uniform(0.0, 2.0 * math.pi)
         self.bias = math.radians(1.5) * np.array([math.cos(side), math.sin(side)])
-        self.p, self.v, self.gust = np.array([0.0, 0.0, 1.2]), np.zeros(3), np.zeros(3)
-        self.angle, self.rate, self.motor = np.zeros(2), np.zeros(2), G
+        self.p = np.array([0.0, 0.0, 1.2])
+        self.v = np.zeros(3)
+        self.gust = np.zeros(3)
+        self.angle = np.zeros(2)
+        self.rate = np.zeros(2)
+        self.motor = G
         self.commanded = [np.zeros(2)] * 3
 
     def attitude(self) -> frames.Quaternion:
@@ -82,15 +86,18 @@ def fly_one(
     vehicle = Vehicle(rng)
     filter_params = kalman.KalmanParams(drag_1_s=0.3)
     observer_params = disturbance_observer.ObserverParams(wn_rad_s=6.0, zeta=0.7, drag_1_s=0.3)
-    hover_params, limits = (
-        hover_thrust.HoverThrustParams(0.75),
-        allocation.AllocationParams(math.radians(25.0), 0.75),
-    )
+    hover_params = hover_thrust.HoverThrustParams(0.75)
+    limits = allocation.AllocationParams(math.radians(25.0), 0.75)
     start = Vec3(*vehicle.p.tolist())
-    own, observer = kalman.initial(start, filter_params), disturbance_observer.initial(ZERO_3)
-    lift, leg = hover_thrust.initial(hover_params), trajectory.initial(start)
+    own = kalman.initial(start, filter_params)
+    observer = disturbance_observer.initial(ZERO_3)
+    lift = hover_thrust.initial(hover_params)
+    leg = trajectory.initial(start)
     attitude = allocation.allocate(Thrust(Vec3(0.0, 0.0, G)), 0.0, 0.75, limits)
-    sent, net, old, samples = ZERO_3, [np.zeros(3)] * 14, vehicle.p, []
+    sent = ZERO_3
+    net = [np.zeros(3)] * 14
+    old = vehicle.p
+    samples = []
     for tick in range(round(seconds / DT)):
         flown = vehicle.attitude()
         own = kalman.drive(
@@ -109,7 +116,8 @@ def fly_one(
             lift, attitude.thrust_frac, frames.body_up(flown).z, state.acceleration_enu_m_s2.z,
             state.position_enu_m.z, hover_params, DT, True,
         )  # fmt: skip
-        ahead, ahead_v = np.array(state.position_enu_m), np.array(state.velocity_enu_m_s)
+        ahead = np.array(state.position_enu_m)
+        ahead_v = np.array(state.velocity_enu_m_s)
         for u in net[-14:]:  # 0.27 s of own commands, horizontally
             ahead[:2] += DT * ahead_v[:2] + 0.5 * DT * DT * u[:2]
             ahead_v[:2] += DT * u[:2]

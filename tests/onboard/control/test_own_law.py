@@ -141,7 +141,8 @@ class Clock:
     ],
 )
 def test_a_slow_law_is_refused_by_the_clock_that_it_is_given(took_s, calls, said):
-    clock, left = Clock(), list(took_s)
+    clock = Clock()
+    left = list(took_s)
 
     def slow(memory, inputs):
         clock.now_s += left.pop(0)

@@ -57,10 +57,8 @@ def test_a_path_rests_before_its_begin_and_after_its_end() -> None:
 
 
 def test_pieces_join_cut_and_slow_down_exactly() -> None:
-    begin, end = (
-        np.array([[0.0] * 4, [0.1] * 4, [0.2] * 4]),
-        np.array([[1.0] * 4, [-0.3] * 4, [0.5] * 4]),
-    )
+    begin = np.array([[0.0] * 4, [0.1] * 4, [0.2] * 4])
+    end = np.array([[1.0] * 4, [-0.3] * 4, [0.5] * 4])
     piece = path_of([quintic(2.0, begin, end).tolist()])
     assert np.allclose(paths.sampled(piece, np.array([2.0]))[:, 0], end, atol=1e-5)
     path = wave()

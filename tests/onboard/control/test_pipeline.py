@@ -160,7 +160,8 @@ def test_turning_and_shifting_the_world_turns_the_thrust(angle):
     )
     for seed in range(5):
         p, v, goal, q, w = random_inputs(seed)
-        p[2], goal[2] = 1.0, 1.0
+        p[2] = 1.0
+        goal[2] = 1.0
         _, plain = run(6, state_of(p, v), goal_of(goal), neighbours_of(q, w))
         _, moved = run(
             6,

@@ -101,7 +101,8 @@ def test_from_rest_speed_and_acceleration_reach_a_bound_and_never_pass_it(distan
     start = trajectory.initial(ZERO_3)
     seconds = trajectory.shortest_duration_s(distance, PARAMS) + 0.1
     _, s = fly(start, goal(np.array([0.6, 0.0, 0.8]) * distance), seconds)
-    speed, force = norm(s.velocity_enu_m_s).max(), norm(s.acceleration_enu_m_s2).max()
+    speed = norm(s.velocity_enu_m_s).max()
+    force = norm(s.acceleration_enu_m_s2).max()
     assert speed <= 1.0 + 1e-9
     assert force <= 1.5 + 1e-9
     assert max(speed / 1.0, force / 1.5) > 0.8 or distance < 0.1
@@ -111,7 +112,8 @@ def test_from_rest_speed_and_acceleration_reach_a_bound_and_never_pass_it(distan
 def test_bounds_hold_however_often_the_goal_changes(seed: int) -> None:
     """Random goals, bounds and durations, changed at random moments, also within a leg."""
     rng = np.random.default_rng(seed)
-    worst_speed, worst_force = 0.0, 0.0
+    worst_speed = 0.0
+    worst_force = 0.0
     for _ in range(20):
         params = TrajectoryParams(float(rng.uniform(0.3, 4.0)), float(rng.uniform(0.5, 4.0)))
         memory = trajectory.initial(vec(rng.uniform(-1, 1, 3)))
@@ -189,9 +191,11 @@ def test_a_slowed_clock_stretches_the_leg_and_a_stopped_one_stands_still() -> No
 
 
 def test_turning_and_moving_the_world_turns_and_moves_the_trajectory() -> None:
-    q, shift = quaternion_from_yaw(0.8), Vec3(5.0, 1.0, -2.0)
+    q = quaternion_from_yaw(0.8)
+    shift = Vec3(5.0, 1.0, -2.0)
     legs = [(Vec3(2.0, 1.0, 0.5), 1.3), (Vec3(-1.0, 0.5, 0.0), 6.0)]
-    plain, turned = trajectory.initial(ZERO_3), trajectory.initial(shift)
+    plain = trajectory.initial(ZERO_3)
+    turned = trajectory.initial(shift)
     for number, (target, seconds) in enumerate(legs):
         plain, a = fly(plain, goal(target, number), seconds)
         turned, b = fly(turned, goal(add(rotate(q, target), shift), number), seconds)
@@ -207,9 +211,11 @@ def test_turning_and_moving_the_world_turns_and_moves_the_trajectory() -> None:
 
 
 def test_scaling_length_and_time_scales_the_trajectory() -> None:
-    length, time = 3.0, 2.0
+    length = 3.0
+    time = 2.0
     params = TrajectoryParams(1.0 * length / time, 1.5 * length / time**2)
-    one, two = trajectory.initial(ZERO_3), trajectory.initial(ZERO_3)
+    one = trajectory.initial(ZERO_3)
+    two = trajectory.initial(ZERO_3)
     for tick in range(400):
         target = Vec3(2.0, 1.0, 0.5) if tick < 70 else Vec3(-1.0, 0.5, 0.0)
         one, a = trajectory.step(one, goal(target, int(tick >= 70)), PARAMS, DT, 1.0)

@@ -21,7 +21,8 @@ def obeying(
     """s_b over ``seconds`` of a constant command to a vehicle with static gain, bias and drag."""
     params = ObserverParams(wn_rad_s=6.0, zeta=0.7, drag_1_s=drag)
     memory = disturbance_observer.initial(ZERO_3)
-    sub, h = 10, DT / 10
+    sub = 10
+    h = DT / 10
     v = a = rate = 0.0
     queue = [0.0] * 20
     estimates = []
@@ -78,7 +79,8 @@ def test_the_observer_ignores_values_that_are_not_finite() -> None:
 
 
 def test_turning_the_world_turns_the_disturbance() -> None:
-    params, q = ObserverParams(drag_1_s=0.3, delay_s=0.047), quaternion_from_yaw(0.6)
+    params = ObserverParams(drag_1_s=0.3, delay_s=0.047)
+    q = quaternion_from_yaw(0.6)
     rng = np.random.default_rng(10)
     plain = turned = disturbance_observer.initial(ZERO_3)
     for v, u in 0.1 * rng.normal(size=(40, 2, 3)):

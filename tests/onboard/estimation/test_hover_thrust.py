@@ -78,7 +78,8 @@ def test_a_throttle_that_is_not_finite_is_ignored() -> None:
 def test_acceleration_in_units_of_gravity_alone_decides() -> None:
     """Homogeneity: the throttle enters linearly, so doubled throttles give a doubled estimate."""
     double = HoverThrustParams(configured_frac=0.35)
-    one, two = hover_thrust.initial(double), hover_thrust.initial(PARAMS)
+    one = hover_thrust.initial(double)
+    two = hover_thrust.initial(PARAMS)
     for _ in range(200):
         a = -0.03 * GRAVITY_M_S2
         args = (1.0, a, 1.0)

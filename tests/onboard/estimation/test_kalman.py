@@ -41,13 +41,15 @@ def flights(
     """
     rng = np.random.default_rng(seed)
     params = KalmanParams(drag_1_s=0.3)
-    sub, h = 10, DT / 10
+    sub = 10
+    h = DT / 10
     p, v, gust = (np.zeros((count, 3)) for _ in range(3))
     tilt = 0.26 * rng.normal(size=(count, 3)) / np.sqrt(3)
     memories = [kalman.initial(ZERO_3, params) for _ in range(count)]
     phase = rng.uniform(0, 6.28, (count, 3))
     past = [p.copy()]
-    velocity_errors, position_errors = [], []
+    velocity_errors = []
+    position_errors = []
     for tick in range(round(seconds / DT)):
         driven = np.zeros((count, 3))
         for k in range(sub):
@@ -129,7 +131,8 @@ def test_the_order_of_two_samples_does_not_matter() -> None:
     memory = kalman.initial(ZERO_3, params)
     for _ in range(6):
         memory = kalman.predict(memory, Vec3(1.0, 0.0, 0.0), params, DT)
-    old, new = (Vec3(0.01, 0.0, 0.0), 0.06), (Vec3(0.02, 0.0, 0.0), 0.02)
+    old = (Vec3(0.01, 0.0, 0.0), 0.06)
+    new = (Vec3(0.02, 0.0, 0.0), 0.02)
     first = kalman.correct(kalman.correct(memory, *old, params), *new, params)
     other = kalman.correct(kalman.correct(memory, *new, params), *old, params)
     np.testing.assert_allclose(first.velocity_enu_m_s, other.velocity_enu_m_s, atol=1e-9)
@@ -139,24 +142,24 @@ def test_the_order_of_two_samples_does_not_matter() -> None:
 @settings(max_examples=20, deadline=None)
 @given(st.integers(0, 10**6), st.sampled_from([0.0, 0.3, 1.0]))
 def test_it_is_a_textbook_kalman_filter(seed: int, drag_1_s: float) -> None:
-    rng, params = (
-        np.random.default_rng(seed),
-        KalmanParams(drag_1_s=drag_1_s, jump_gate_m=1e3, max_bias_m_s2=1e3),
-    )
-    memory, textbook = kalman.initial(ZERO_3, params), MatrixKalman(drag_1_s)
+    rng = np.random.default_rng(seed)
+    params = KalmanParams(drag_1_s=drag_1_s, jump_gate_m=1e3, max_bias_m_s2=1e3)
+    memory = kalman.initial(ZERO_3, params)
+    textbook = MatrixKalman(drag_1_s)
     for _ in range(60):
-        driven, t = float(rng.normal()), float(rng.uniform(0.01, 0.03))
+        driven = float(rng.normal())
+        t = float(rng.uniform(0.01, 0.03))
         memory = kalman.predict(memory, Vec3(driven, 0.0, 0.0), params, t)
         textbook.predict(driven, t)
-        sample, age = (
-            Vec3(0.02 * float(rng.normal()), 0.0, 0.0),
-            float(rng.choice([0.0, rng.uniform(0.0, 0.1)])),
-        )
+        sample = Vec3(0.02 * float(rng.normal()), 0.0, 0.0)
+        age = float(rng.choice([0.0, rng.uniform(0.0, 0.1)]))
         innovation = sample.x - kalman.position_at(memory, age).x
         if kalman.remembers(memory, age):
             memory = kalman.correct(memory, sample, age, params)
             textbook.correct(innovation, age)
-        p, v, b = memory.position_enu_m.x, memory.velocity_enu_m_s.x, memory.bias_enu_m_s2.x
+        p = memory.position_enu_m.x
+        v = memory.velocity_enu_m_s.x
+        b = memory.bias_enu_m_s2.x
         np.testing.assert_allclose((p, v, b), textbook.x, rtol=1e-9, atol=1e-9)
         np.testing.assert_allclose(
             memory.covariance, textbook.p[np.triu_indices(3)], rtol=1e-9, atol=1e-15
@@ -164,7 +167,8 @@ def test_it_is_a_textbook_kalman_filter(seed: int, drag_1_s: float) -> None:
 
 
 def test_the_past_is_where_the_filter_was_when_nothing_corrects_it() -> None:
-    params, rng = KalmanParams(drag_1_s=0.3), np.random.default_rng(11)
+    params = KalmanParams(drag_1_s=0.3)
+    rng = np.random.default_rng(11)
     memory = kalman.initial(Vec3(1.0, 2.0, 3.0), params)
     positions = [memory.position_enu_m]
     for _ in range(12):
@@ -307,15 +311,15 @@ def test_a_sample_older_than_the_memory_is_ignored() -> None:
 
 
 def test_turning_and_moving_the_world_turns_the_estimate() -> None:
-    params, q, shift = (
-        KalmanParams(drag_1_s=0.5),
-        quaternion_from_yaw(0.9),
-        Vec3(4.0, -1.0, 2.0),
-    )
+    params = KalmanParams(drag_1_s=0.5)
+    q = quaternion_from_yaw(0.9)
+    shift = Vec3(4.0, -1.0, 2.0)
     rng = np.random.default_rng(7)
-    plain, turned = kalman.initial(ZERO_3, params), kalman.initial(shift, params)
+    plain = kalman.initial(ZERO_3, params)
+    turned = kalman.initial(shift, params)
     for _ in range(60):
-        driven, sample = vec(rng.normal(size=3)), vec(0.02 * rng.normal(size=3))
+        driven = vec(rng.normal(size=3))
+        sample = vec(0.02 * rng.normal(size=3))
         plain = kalman.correct(kalman.predict(plain, driven, params, DT), sample, 0.03, params)
         turned = kalman.predict(turned, rotate(q, driven), params, DT)
         turned = kalman.correct(turned, add(rotate(q, sample), shift), 0.03, params)
@@ -328,7 +332,8 @@ def test_turning_and_moving_the_world_turns_the_estimate() -> None:
 
 
 def test_scaling_length_and_time_scales_the_estimate() -> None:
-    length, time = 2.5, 0.4
+    length = 2.5
+    time = 0.4
     one = KalmanParams(drag_1_s=0.5)
     # noise densities carry half powers of time
     two = KalmanParams(
@@ -339,7 +344,8 @@ def test_scaling_length_and_time_scales_the_estimate() -> None:
         drag_1_s=0.5 / time,
         jump_gate_m=one.jump_gate_m * length,
     )
-    a, b = kalman.initial(ZERO_3, one), kalman.initial(ZERO_3, two)
+    a = kalman.initial(ZERO_3, one)
+    b = kalman.initial(ZERO_3, two)
     weights = (
         np.array([1, 1 / time, 1 / time**2, 1 / time**2, 1 / time**3, 1 / time**4]) * length**2
     )
@@ -347,7 +353,8 @@ def test_scaling_length_and_time_scales_the_estimate() -> None:
     b = b._replace(covariance=Covariance(*covariance.tolist()))
     rng = np.random.default_rng(8)
     for _ in range(60):
-        driven, sample = vec(rng.normal(size=3)), vec(0.02 * rng.normal(size=3))
+        driven = vec(rng.normal(size=3))
+        sample = vec(0.02 * rng.normal(size=3))
         a = kalman.correct(kalman.predict(a, driven, one, DT), sample, 0.03, one)
         b = kalman.predict(b, scaled(length / time**2, driven), two, time * DT)
         b = kalman.correct(b, scaled(length, sample), time * 0.03, two)

@@ -48,14 +48,16 @@ def test_three_vehicles_fit_into_one_channel_and_thirty_near_each_other_do_not()
 
 
 def test_half_the_rate_of_states_and_direct_links_take_less_of_the_channel() -> None:
-    fleet, radio = _fleet(8, 2.0), RadioConfig()
+    fleet = _fleet(8, 2.0)
+    radio = RadioConfig()
     whole = airtime_finding(fleet, radio, 4).value
     assert airtime_finding(fleet, replace(radio, states_hz=25), 4).value < 0.8 * whole
     assert airtime_finding(fleet, replace(radio, rate_mbit_s=130.0), 4).value < whole
 
 
 def test_who_is_near_depends_on_the_constellation_and_is_bounded_by_what_the_law_uses() -> None:
-    close, wide = _fleet(20, 1.0), _fleet(20, 20.0)
+    close = _fleet(20, 1.0)
+    wide = _fleet(20, 20.0)
     counts = [
         most_near(one, {name: v.start_enu_m for name, v in one.vehicles.items()})
         for one in (close, wide)

@@ -20,7 +20,8 @@ from onboard.feasibility.finding import Finding
 from onboard.feasibility.fleet_checks import error_class, fleet_findings, spot_findings
 
 ROOT = Path(__file__).resolve().parents[3]
-SIH, WEAK = Response(0.04, 11.0, 0.6), Response(0.04, 6.0, 0.7)
+SIH = Response(0.04, 11.0, 0.6)
+WEAK = Response(0.04, 6.0, 0.7)
 
 
 def fleet_with(changes: dict[str, Any] | None = None, base: str = "sih") -> FleetConfig:
@@ -187,7 +188,10 @@ def test_the_papers_law_is_held_to_its_own_initial_conditions_and_kappas() -> No
 
 
 def test_at_the_papers_bound_h_2_of_equation_21_vanishes_at_rest() -> None:
-    d_inf, v_perp, kappa_3, kappa_4 = 0.8, 0.1, 1.5, 1.5
+    d_inf = 0.8
+    v_perp = 0.1
+    kappa_3 = 1.5
+    kappa_4 = 1.5
     fleet = fleet_with({"law.name": "paper"})
     d = named(fleet, "initial conditions").bound
     h_2 = -kappa_4 * (0.0 - d_inf * v_perp) - kappa_3 * kappa_4 * (d * d - d_inf**2)
@@ -230,7 +234,10 @@ def test_the_margin_is_the_fit_at_the_accuracies_it_was_made_for() -> None:
 
 
 def test_the_row_of_two_vehicles_closing_head_on_begins_to_ask_at_its_range() -> None:
-    v, d, k_1, k_2 = 2.0, 0.9, 4.0, 8.0
+    v = 2.0
+    d = 0.9
+    k_1 = 4.0
+    k_2 = 8.0
     r = bounds.row_range_m(v, d, k_1, k_2)
     need = -v * v + (k_1 + k_2) * r * v - 0.5 * k_1 * k_2 * (r * r - d * d)
     assert need == pytest.approx(0.0, abs=1e-9)
@@ -246,12 +253,20 @@ def test_the_loop_dies_out_with_prediction_where_it_grows_without() -> None:
 
 
 def test_the_growth_rate_is_that_of_the_loop_flown_in_time() -> None:
-    k_1, k_2, dt = 10.0, 20.0, 0.02
+    k_1 = 10.0
+    k_2 = 20.0
+    dt = 0.02
     steps = round(WEAK.delay_s / dt)
-    y, v, a, jerk, past = 0.01, 0.0, 0.0, 0.0, [0.0] * 40
+    y = 0.01
+    v = 0.0
+    a = 0.0
+    jerk = 0.0
+    past = [0.0] * 40
     sizes = []
     for _ in range(400):
-        window, p, w = WEAK.lag_s, y + WEAK.lag_s * v, v
+        window = WEAK.lag_s
+        p = y + WEAK.lag_s * v
+        w = v
         for index, u in enumerate(past):
             inside = min(max(window - index * dt, 0.0), dt)
             w += inside * u

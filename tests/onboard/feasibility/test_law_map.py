@@ -121,7 +121,8 @@ def test_map_of_another_schema_is_refused_in_words():
 
 
 def test_shipped_map_promises_the_usual_radio_to_the_example_fleet_and_refuses_nothing_there():
-    law_map, usual = shipped(), RadioConfig()
+    law_map = shipped()
+    usual = RadioConfig()
     assert len(law_map.cells) > 100
     finding = map_finding(load_fleet("sih"), MOCAP, law_map)
     assert (finding.status, usual.expected_delay_s, usual.expected_loss_frac) == ("ok", 0.04, 0.1)

@@ -111,7 +111,8 @@ def test_what_cannot_be_followed_is_refused_in_words() -> None:
 def test_a_path_in_parts_is_complete_with_the_last_one() -> None:
     rig = alone()
     rig.fly()
-    data, own_id = to_bytes(line()), path_id(to_bytes(line()))
+    data = to_bytes(line())
+    own_id = path_id(to_bytes(line()))
     cuts = data[:132], data[132:]
     halves = [PathOrder(path_id=own_id, part=k, parts=2, data=cut) for k, cut in enumerate(cuts)]
     assert rig.order("load_path", path=halves[1]).is_accepted
@@ -133,7 +134,8 @@ def test_all_slow_down_for_the_one_who_is_behind() -> None:
     rig = following(line())
     rig.run(2.0)
     assert rig.telemetry is not None
-    now_ns, seconds = rig.telemetry.stamp_ns + 500_000_000, rig.telemetry.path_time_s
+    now_ns = rig.telemetry.stamp_ns + 500_000_000
+    seconds = rig.telemetry.path_time_s
     behind = msgspec.structs.replace(rig.telemetry, vehicle="mav1", is_behind=True)
     (clock,) = other_clocks([behind], "s", now_ns)
     assert clock == OtherClock(clock.time_s, True)
@@ -156,7 +158,8 @@ def test_all_slow_down_for_the_one_who_is_behind() -> None:
 
 
 def test_a_clock_that_is_ahead_waits_for_the_slowest() -> None:
-    flight, now_ns = PathFlight(path=line(duration_s=30.0)), 10**9
+    flight = PathFlight(path=line(duration_s=30.0))
+    now_ns = 10**9
     flight.begin(PathOrder(path_id="", show_id="s", start_ns=now_ns))
     assert flight.path is not None
     for tick in range(500):
@@ -180,7 +183,8 @@ def test_who_stays_behind_leaves_by_the_missions_policy(
     here = rig.position.copy()
 
     def is_held() -> None:
-        rig.position, rig.velocity = here.copy(), np.zeros(3)
+        rig.position = here.copy()
+        rig.velocity = np.zeros(3)
 
     rig.after_move = is_held  # by whatever stands in its way
     for _ in range(round((PATIENCE_S + 6.0) / 0.02)):

@@ -51,7 +51,8 @@ def test_an_agent_that_finds_its_vehicle_in_the_air_sends_nothing_and_says_what_
 
 def test_it_takes_over_from_px4s_hold_without_a_jolt() -> None:
     rig = restarted()
-    place, begin_ns = rig.position.copy(), rig.now_ns
+    place = rig.position.copy()
+    begin_ns = rig.now_ns
     assert rig.order("hold", order_id="take").is_accepted
     assert "take" not in rig.outcomes(), "done is what PX4's heartbeat says, not what was asked"
     farthest_m = 0.0

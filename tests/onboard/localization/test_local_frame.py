@@ -44,7 +44,8 @@ def flying(time_s: float, ned: tuple[float, float, float], **changes: object) ->
 
 
 def test_two_vehicles_with_different_local_origins_agree_where_a_place_is() -> None:
-    west, east = LocalFrame((-20.0, 0.0, 0.0), ORIGIN), LocalFrame((30.0, 0.0, 0.0), ORIGIN)
+    west = LocalFrame((-20.0, 0.0, 0.0), ORIGIN)
+    east = LocalFrame((30.0, 0.0, 0.0), ORIGIN)
     # both hover over the fleet's (5, 8): 25 m east of one origin, 25 m west of the other
     for frame, at, ned in (
         (west, place(-20.0, 3.0), (5.0, 25.0, -2.0)),

@@ -89,7 +89,8 @@ def test_in_the_air_px4_begins_anew_only_near_where_it_thinks_that_it_is() -> No
         (5.0, 0.65, True),
         (60.0, 0.8, False),
     ):
-        feed, after = OdometryForwarder(), [1000.0 * seconds + 40.0 * n for n in range(5)]
+        feed = OdometryForwarder()
+        after = [1000.0 * seconds + 40.0 * n for n in range(5)]
         _sent(feed, before, snapshot=_in_the_air(0.0))
         assert _sent(feed, after, lambda _: 0.0, _in_the_air(drift_m)) == (
             [1] * 5 if is_near else []

@@ -45,14 +45,16 @@ def judge(
 def settled(
     ticks: int = 100, seed: int = 0, noise_m: float = 0.003
 ) -> tuple[PoseValidator, np.random.Generator]:
-    rng, validator = np.random.default_rng(seed), PoseValidator()
+    rng = np.random.default_rng(seed)
+    validator = PoseValidator()
     for tick in range(ticks):
         judge(validator, tick, circle(tick, rng, noise_m))
     return validator, rng
 
 
 def test_ordinary_flight_is_believed_for_minutes_and_over_lost_samples() -> None:
-    rng, validator = np.random.default_rng(1), PoseValidator()
+    rng = np.random.default_rng(1)
+    validator = PoseValidator()
     for tick in range(10_000):
         if rng.random() > 0.2:
             assert judge(validator, tick, circle(tick, rng)) is PoseVerdict.ACCEPTED
@@ -117,7 +119,8 @@ def test_a_jump_that_lasts_is_three_in_a_row_within_a_tenth_of_a_second() -> Non
 
 
 def test_a_body_that_hits_the_floor_is_believed_all_the_way_and_when_it_lies_there() -> None:
-    validator, rng = PoseValidator(), np.random.default_rng(0)
+    validator = PoseValidator()
+    rng = np.random.default_rng(0)
     for tick in range(100):
         fallen_s = max(0.0, 0.02 * (tick - 50))
         height_m = max(0.0, 1.0 - 4.9 * fallen_s**2)
@@ -191,7 +194,8 @@ def test_a_jump_of_the_senders_clock_is_noticed_when_it_has_lasted_for_a_moment(
     assert validator.clock_jump_ns == 0
     heard_ns = []
     for tick in range(100, 130):
-        stamp_ns, now_ns = START_NS + (tick - 50) * TICK_NS, START_NS + tick * TICK_NS
+        stamp_ns = START_NS + (tick - 50) * TICK_NS
+        now_ns = START_NS + tick * TICK_NS
         judge(validator, tick, circle(tick, rng), stamp_ns=stamp_ns, received_ns=now_ns)
         heard_ns += [now_ns] if validator.clock_jump_ns == now_ns else []
     assert heard_ns == [START_NS + (100 + 15) * TICK_NS]  # once, 0.3 s after it

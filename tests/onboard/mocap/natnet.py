@@ -13,7 +13,11 @@ import threading
 import time
 from collections.abc import Callable, Mapping
 
-_CONNECT, _SERVER_INFO, _ASK_NAMES, _NAMES, _FRAME = 0, 1, 4, 5, 7
+_CONNECT = 0
+_SERVER_INFO = 1
+_ASK_NAMES = 4
+_NAMES = 5
+_FRAME = 7
 _TICKS_PER_S = 10_000_000
 
 # position [m], quaternion xyzw
@@ -36,7 +40,9 @@ class NatNetServer:
         *,
         rate_hz: float = 100.0,
     ) -> None:
-        self._names, self._bodies, self._period_s = names, bodies, 1.0 / rate_hz
+        self._names = names
+        self._bodies = bodies
+        self._period_s = 1.0 / rate_hz
         self._command = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._command.bind(("127.0.0.1", 0))
         self._command.settimeout(0.05)

@@ -27,7 +27,8 @@ def _tilted(
     times = np.arange(0.0, 12.0, 0.02)
     rng = np.random.default_rng(seed)
     tilts = smooth(rng, size_deg)(times - lag_s)
-    c, s = math.cos(math.radians(turned_deg)), math.sin(math.radians(turned_deg))
+    c = math.cos(math.radians(turned_deg))
+    s = math.sin(math.radians(turned_deg))
     tilts = np.array([[c, s], [-s, c]]) @ tilts
     return deque(zip(times.tolist(), quaternions(tilts, 0.7), strict=True))
 

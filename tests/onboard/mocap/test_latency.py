@@ -28,8 +28,10 @@ def quaternions(tilts_rad: np.ndarray, yaw_rad: float) -> list[tuple[float, floa
     found = []
     for roll, pitch in tilts_rad.T:
         r, p, y = (angle / 2.0 for angle in (roll, pitch, yaw_rad))
-        (cr, cp, cy), (sr, sp, sy) = map(math.cos, (r, p, y)), map(math.sin, (r, p, y))
-        w, x = cr * cp * cy + sr * sp * sy, sr * cp * cy - cr * sp * sy
+        (cr, cp, cy) = map(math.cos, (r, p, y))
+        (sr, sp, sy) = map(math.sin, (r, p, y))
+        w = cr * cp * cy + sr * sp * sy
+        x = sr * cp * cy - cr * sp * sy
         found.append((w, x, cr * sp * cy + sr * cp * sy, cr * cp * sy - sr * sp * cy))
     return found
 

@@ -29,7 +29,8 @@ def _matrix(q: tuple[float, float, float, float]) -> np.ndarray:
 
 def _axes(frame: MocapFrame) -> np.ndarray:
     up = np.array([[1.0, 0, 0], [0, 0, -1.0], [0, 1.0, 0]]) if frame.is_y_up else np.eye(3)
-    c, s = math.cos(frame.yaw_rad), math.sin(frame.yaw_rad)
+    c = math.cos(frame.yaw_rad)
+    s = math.sin(frame.yaw_rad)
     return np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]]) @ up
 
 

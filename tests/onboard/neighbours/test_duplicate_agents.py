@@ -54,7 +54,9 @@ def test_a_thousand_boot_ids_are_not_kept() -> None:
 
 
 def test_a_third_agent_that_hears_both_tells_them() -> None:
-    third, first, second = Rig(), other(11), other(22)
+    third = Rig()
+    first = other(11)
+    second = other(22)
     for _ in range(3):
         hear(third, told(first))
         hear(third, told(second))

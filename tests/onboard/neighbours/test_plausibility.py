@@ -74,10 +74,8 @@ def test_whoever_accelerates_as_hard_as_a_vehicle_can_contradicts_nothing(
     before = Claim(
         MS, (x, y, 1.0), (speed, 0.0, 0.0), (x + 0.3 * speed, y, 1.0), (speed, 0.0, 0.0), 0.3, 0.01
     )
-    after_m_s, after_m = (
-        speed + acceleration * dt_s,
-        x + speed * dt_s + 0.5 * acceleration * dt_s**2,
-    )
+    after_m_s = speed + acceleration * dt_s
+    after_m = x + speed * dt_s + 0.5 * acceleration * dt_s**2
     predicted = after_m + 0.3 * after_m_s + 0.5 * acceleration * 0.3**2
     after = Claim(
         MS + round(dt_s * 1e9), (after_m, y, 1.0), (after_m_s, 0.0, 0.0), (predicted, y, 1.0),

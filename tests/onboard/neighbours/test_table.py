@@ -177,7 +177,8 @@ def test_who_is_seen_only_is_silent_also_while_poses_are_late() -> None:
 def test_the_body_of_a_silent_neighbour_is_watched_until_its_messages_come_regularly_again() -> (
     None
 ):
-    table, changes = _table(), {}
+    table = _table()
+    changes = {}
     for tick in range(600):  # 12 s
         now_ns = 5 * S + tick * S // 50
         for name in ("mav1", "mav2"):

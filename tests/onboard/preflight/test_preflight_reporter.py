@@ -90,7 +90,8 @@ def lay_body_on_its_side(rig: Rig) -> None:
 
 def carry(rig: Rig) -> None:
     rig.velocity = np.array([0.0, 0.6, 0.0])
-    steps, original = itertools.count(), rig.move
+    steps = itertools.count()
+    original = rig.move
 
     def move() -> None:
         original()
@@ -100,7 +101,8 @@ def carry(rig: Rig) -> None:
 
 
 def drop_attitudes(rig: Rig) -> None:
-    rates, original = itertools.count(), rig.core.handle
+    rates = itertools.count()
+    original = rig.core.handle
     kept: list[int] = [0]
 
     def handle(agent_input: agent_inputs.AgentInput, now_ns: int) -> list[agent_commands.Command]:
@@ -229,7 +231,8 @@ def test_a_vehicle_that_landed_elsewhere_may_take_off_there_but_not_outside_the_
 def test_a_body_on_another_vehicle_is_found_when_the_vehicle_is_tilted_by_hand() -> None:
     rig = ready()
     snapshot(rig, quaternion_enu_flu_wxyz=turned(math.radians(30.0), 1))
-    original, level = rig.pose, (1.0, 0.0, 0.0, 0.0)
+    original = rig.pose
+    level = (1.0, 0.0, 0.0, 0.0)
     rig.pose = lambda **changes: original(**{"quaternion_enu_flu_wxyz": level, **changes})  # type: ignore[method-assign]
     rig.run(1.0)
     snapshot(rig, quaternion_enu_flu_wxyz=level)

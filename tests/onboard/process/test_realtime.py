@@ -40,7 +40,8 @@ def _free_port(kind: socket.SocketKind) -> int:
 @pytest.fixture
 def fleet_file(tmp_path: Path) -> Path:
     path = tmp_path / "fleet.toml"
-    agent, port = _free_port(socket.SOCK_STREAM), _free_port(socket.SOCK_DGRAM)
+    agent = _free_port(socket.SOCK_STREAM)
+    port = _free_port(socket.SOCK_DGRAM)
     path.write_text(FLEET.format(agent=agent, port=port), encoding="utf-8")
     return path
 

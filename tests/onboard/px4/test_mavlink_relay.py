@@ -37,8 +37,10 @@ class Sender:
         self._to = ("127.0.0.1", to)
         self.end = mavlink.MAVLink(None, system_id, component_id)
         if key is not None:
-            self.end.signing.secret_key, self.end.signing.sign_outgoing = key, True
-            self.end.signing.timestamp, self.end.signing.link_id = now(), 1
+            self.end.signing.secret_key = key
+            self.end.signing.sign_outgoing = True
+            self.end.signing.timestamp = now()
+            self.end.signing.link_id = 1
 
     def beat(self) -> bytes:
         return self.send(
@@ -104,8 +106,11 @@ def test_only_the_first_autopilot_with_the_right_ids_is_heard_and_all_else_is_co
     start,
 ) -> None:
     bench = start()
-    relay, px4, stranger = bench.relay, bench.sender(), bench.sender()
-    other, ground = bench.sender(system_id=9), bench.sender(system_id=255, component_id=190)
+    relay = bench.relay
+    px4 = bench.sender()
+    stranger = bench.sender()
+    other = bench.sender(system_id=9)
+    ground = bench.sender(system_id=255, component_id=190)
     bench.command()  # nobody to send to yet
     other.beat()
     ground.beat()
@@ -132,7 +137,8 @@ def test_only_the_first_autopilot_with_the_right_ids_is_heard_and_all_else_is_co
 
 def test_a_relay_with_a_key_hears_what_is_freshly_signed_and_signs_what_it_sends(start) -> None:
     bench = start(KEY)
-    px4, relay = bench.sender(key=KEY), bench.relay
+    px4 = bench.sender(key=KEY)
+    relay = bench.relay
     bench.sender().beat()
     bench.sender(key=OTHER_KEY).beat()
     until(lambda: (relay.refused.unsigned, relay.refused.forged) == (1, 1))

@@ -43,7 +43,8 @@ class _Decoder:
         self._socket.close()
 
     def _run(self) -> None:
-        out, parser = mavlink.MAVLink(None, _SYSTEM, 1), mavlink.MAVLink(None)
+        out = mavlink.MAVLink(None, _SYSTEM, 1)
+        parser = mavlink.MAVLink(None)
         parser.robust_parsing = True
         beat = out.heartbeat_encode(mavlink.MAV_TYPE_QUADROTOR, mavlink.MAV_AUTOPILOT_PX4, 1, 0, 3)
         next_s = 0.0

@@ -16,7 +16,8 @@ from onboard.px4.packets import READ, SENT, Packet, cut, fields_of, packed
 from onboard.px4.signing import SignatureVerdict, Signer
 from onboard.security.mavlink_key import signing_time
 
-KEY, OTHER_KEY = bytes(range(1, 33)), bytes(range(2, 34))
+KEY = bytes(range(1, 33))
+OTHER_KEY = bytes(range(2, 34))
 NOW = signing_time(1_790_000_000 * 10**9)
 MINUTE = 60 * 100_000
 
@@ -25,8 +26,10 @@ def theirs(key: bytes | None = KEY, stamp: int = NOW, link_id: int = 1) -> mavli
     """pymavlink's end, as PX4."""
     end = mavlink.MAVLink(None, 3, 1)
     if key is not None:
-        end.signing.secret_key, end.signing.sign_outgoing = key, True
-        end.signing.timestamp, end.signing.link_id = stamp, link_id
+        end.signing.secret_key = key
+        end.signing.sign_outgoing = True
+        end.signing.timestamp = stamp
+        end.signing.link_id = link_id
     return end
 
 
@@ -117,7 +120,8 @@ def test_no_bytes_stop_the_cutting_and_no_flipped_bit_passes() -> None:
 
 
 def test_signatures_are_those_of_mavlink_in_both_directions() -> None:
-    end, signer = theirs(), Signer(KEY, 10)
+    end = theirs()
+    signer = Signer(KEY, 10)
     assert signer.check(heartbeat(end), NOW) is SignatureVerdict.FRESH
     (read,) = end.parse_buffer(bytearray(ours(signer)))
     assert (read.get_signed(), read.command) == (True, 400)

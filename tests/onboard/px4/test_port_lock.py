@@ -25,7 +25,8 @@ SAME = {
 
 def test_the_second_of_two_agents_is_refused_in_words_until_the_first_releases_the_port() -> None:
     for first, second in SAME.values():
-        holder, newcomer = PortClaim(first), PortClaim(second)
+        holder = PortClaim(first)
+        newcomer = PortClaim(second)
         holder.take()
         holder.take()
         try:
@@ -49,7 +50,8 @@ def test_the_second_of_two_agents_is_refused_in_words_until_the_first_releases_t
 def test_a_port_is_locked_in_its_own_network_namespace_only(
     endpoint: str, is_shared: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    here, there = PortClaim(endpoint), PortClaim(endpoint)
+    here = PortClaim(endpoint)
+    there = PortClaim(endpoint)
     here.take()
     # an agent in a container that shares the temporary folder
     (tmp_path / "net").touch()

@@ -34,8 +34,10 @@ class Line:
         )
         self.end = mavlink.MAVLink(None, SYSTEM, 1)
         if key is not None:
-            self.end.signing.secret_key, self.end.signing.sign_outgoing = key, True
-            self.end.signing.timestamp, self.end.signing.link_id = now(), 1
+            self.end.signing.secret_key = key
+            self.end.signing.sign_outgoing = True
+            self.end.signing.timestamp = now()
+            self.end.signing.link_id = 1
         self.relay.start()
 
     def beat(self) -> bytes:
@@ -69,7 +71,8 @@ def line(request: pytest.FixtureRequest) -> Iterator[Line]:
 
 def test_packets_are_found_in_a_stream_of_pieces_and_junk_and_answers_leave(line: Line) -> None:
     for junk in (b"", b"\xfd", b"\xfd\x09noise\xfe\x03", bytes(range(256))):
-        wanted, packet = len(line.let_in) + 10, line.beat()
+        wanted = len(line.let_in) + 10
+        packet = line.beat()
         os.write(line.px4, junk + packet[:7])
         os.write(line.px4, packet[7:])
         # what looks like the begin of a packet takes one packet's length of bytes with it, and what

@@ -96,7 +96,8 @@ def flown_in_rows() -> np.ndarray:
     params, flight = random_flight()
     walls = batch.OBSTACLE.packed(obstacles(load_fleet("configs/fleets/paper.toml")))
     memories = batch.MEMORY.packed([pipeline.initial(own, Vec3(0.0, 0.0, 0.0)) for own in params])
-    rows, ticks = batch.PARAMS.packed(params), []
+    rows = batch.PARAMS.packed(params)
+    ticks = []
     for inputs in flight:
         neighbours = batch.NEIGHBOUR.rows((VEHICLES, 8))
         is_present = np.zeros((VEHICLES, 8), bool)
@@ -170,7 +171,8 @@ def test_filters_of_a_batch_give_what_one_filter_gives() -> None:
     for _ in range(50):
         attitude = rng.normal([5.0, 0.0, 0.0, 0.0], 0.3, (2, 3, 4))
         attitude /= np.linalg.norm(attitude, axis=-1, keepdims=True)
-        throttle, yaw = rng.uniform(0.4, 0.6, (2, 3)), rng.uniform(-1.0, 1.0, (2, 3))
+        throttle = rng.uniform(0.4, 0.6, (2, 3))
+        yaw = rng.uniform(-1.0, 1.0, (2, 3))
         sample = start + rng.normal(0.0, 0.003, (2, 3, 3))
         states = filters.step(attitude, throttle, np.full((2, 3), 0.5), sample, yaw, 0.02, 0.02)
         for m in range(6):

@@ -23,7 +23,8 @@ def paper_mission(fleet, count):
     second one.
     """
     slots = np.array(list(fleet.formations["triangle"].values()))
-    away, home = np.array([0, 1.2, 1.0]), np.array([0, -1.2, 1.0])
+    away = np.array([0, 1.2, 1.0])
+    home = np.array([0, -1.2, 1.0])
     legs = [
         [
             slots[PERMUTATIONS[k % 6]] + away,
@@ -70,12 +71,11 @@ def test_the_papers_ring_flies_the_mission_with_strong_vehicles_but_does_not_kee
 
 
 def test_fleet_of_unequal_vehicles_keeps_its_distance():
-    weak, strong = load_fleet("configs/fleets/paper.toml"), load_fleet("configs/fleets/sih.toml")
+    weak = load_fleet("configs/fleets/paper.toml")
+    strong = load_fleet("configs/fleets/sih.toml")
     names = list(weak.vehicles)
-    model, strong_model = (
-        closed_loop.fleet_model(weak, names),
-        closed_loop.fleet_model(strong, names),
-    )
+    model = closed_loop.fleet_model(weak, names)
+    strong_model = closed_loop.fleet_model(strong, names)
     params = [model.params[0], strong_model.params[1], model.params[2]]
     plants = [model.plants[0], strong_model.plants[1], model.plants[2]]
     result = closed_loop.fly(

@@ -11,8 +11,10 @@ from onboard.safety.geofence import Fence, FenceStatus, fence_of
 from tests.onboard.agent.rig import fleet
 
 ROOM = Fence((-4.0, -4.0, 0.0), (4.0, 4.0, 3.0), (2.0, 2.0, 4.0), reaction_s=0.2)
-INSIDE, NEAR = FenceStatus(False, False, False), FenceStatus(True, False, False)
-OUTSIDE, ABOVE = FenceStatus(False, True, False), FenceStatus(False, False, True)
+INSIDE = FenceStatus(False, False, False)
+NEAR = FenceStatus(True, False, False)
+OUTSIDE = FenceStatus(False, True, False)
+ABOVE = FenceStatus(False, False, True)
 
 
 CASES = [

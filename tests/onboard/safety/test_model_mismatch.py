@@ -24,11 +24,14 @@ def flown(
     dt_s: float = DT_S,
 ) -> ResponseMemory:
     """Memory after a flight in which the attitude comes ``late_s`` after the commands' model."""
-    rng, memory = np.random.default_rng(3), model_mismatch.initial()
+    rng = np.random.default_rng(3)
+    memory = model_mismatch.initial()
     for k in range(round(seconds / dt_s)):
-        t, late = k * dt_s, k * dt_s - late_s - 0.012
+        t = k * dt_s
+        late = k * dt_s - late_s - 0.012
         angle = np.array([1.1, 2.3])
-        model, rate = 1.2 * np.sin(angle * t), 1.2 * angle * np.cos(angle * t)
+        model = 1.2 * np.sin(angle * t)
+        rate = 1.2 * angle * np.cos(angle * t)
         tilt = gain * 1.2 * np.sin(angle * late) / GRAVITY_M_S2 + math.radians(lean_deg)
         tilt = tilt + math.radians(0.2) * rng.standard_normal(2)
         up = np.array([tilt[0], tilt[1], 1.0]) / math.sqrt(1.0 + float(tilt @ tilt))
@@ -76,7 +79,8 @@ def test_nothing_is_said_before_there_was_anything_to_see() -> None:
 
 def test_bad_input_changes_nothing() -> None:
     memory = flown(0.0)
-    level, upside_down = (1.0, 0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0)
+    level = (1.0, 0.0, 0.0, 0.0)
+    upside_down = (0.0, 1.0, 0.0, 0.0)
     nan = Vec3(math.nan, math.nan, math.nan)
     assert model_mismatch.update(memory, nan, ZERO_3, level, DT_S) is memory
     assert model_mismatch.update(memory, ZERO_3, ZERO_3, upside_down, DT_S) is memory

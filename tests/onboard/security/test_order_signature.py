@@ -54,7 +54,8 @@ def test_each_false_order_is_refused_in_a_sentence_of_its_own(
     fleet: FleetConfig, tmp_path: Path
 ) -> None:
     check = SealCheck(f"{fleet.keys_folder}/ca.pem")
-    order, foreign = encode(LAND), _made(tmp_path / "foreign")
+    order = encode(LAND)
+    foreign = _made(tmp_path / "foreign")
     seal = _signer(fleet, "ground").seal(KEY, order)
     later = NOW + datetime.timedelta(days=2000)
     tries = {
@@ -99,7 +100,8 @@ def test_an_order_that_cannot_be_read_has_no_author(fleet: FleetConfig) -> None:
 def test_false_orders_in_a_flood_are_not_looked_at_and_keep_no_true_ground_from_ordering(
     fleet: FleetConfig,
 ) -> None:
-    check, signer = SealCheck(f"{fleet.keys_folder}/ca.pem"), _signer(fleet, "ground")
+    check = SealCheck(f"{fleet.keys_folder}/ca.pem")
+    signer = _signer(fleet, "ground")
     order = encode(LAND)
     seal = signer.seal(KEY, order)
     assert check.refusal(KEY, order, seal, NOW) is None

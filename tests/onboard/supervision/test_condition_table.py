@@ -147,7 +147,8 @@ WRONG: dict[Condition, TickFacts] = {
 def test_a_condition_begins_when_its_row_says_and_ends_with_its_facts(row: ConditionRow) -> None:
     wrong = WRONG[row.condition]
     # LOST_LONG has a second cause, for vehicles without a mocap
-    checks, over_s = row.causes[0].checks, time_limit_s(row.causes[0], LIMITS)
+    checks = row.causes[0].checks
+    over_s = time_limit_s(row.causes[0], LIMITS)
 
     monitor = ConditionMonitor(LIMITS)
     for tick in itertools.count(1):

@@ -133,7 +133,8 @@ def _many_in_one(r: random.Random, sequence: int) -> bytes:
 
 
 def _offset(kind: object, field: str) -> int:
-    names, counts = kind.ordered_fieldnames, kind.array_lengths  # type: ignore[attr-defined]
+    names = kind.ordered_fieldnames  # type: ignore[attr-defined]
+    counts = kind.array_lengths  # type: ignore[attr-defined]
     kinds = dict(zip(kind.fieldnames, kind.fieldtypes, strict=True))  # type: ignore[attr-defined]
     sizes = {
         "char": 1,

@@ -165,7 +165,8 @@ def _rate_needed(wires: Wires) -> None:
     last_s = [0.0]
 
     def setpoint(message: Any) -> Sequence[Any]:
-        gap_s, last_s[0] = wires.emulator.time_s - last_s[0], wires.emulator.time_s
+        gap_s = wires.emulator.time_s - last_s[0]
+        last_s[0] = wires.emulator.time_s
         return (message,) if gap_s < 0.3 else ()
 
     wires.incoming = editing(SET_ATTITUDE_TARGET=setpoint)
@@ -196,7 +197,8 @@ def _limit_tilt(message: Any) -> Sequence[Any]:
 def _body_velocity(message: Any) -> Sequence[Any]:
     w, x, y, z = message.q
     yaw = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
-    north, east = message.vx, message.vy
+    north = message.vx
+    east = message.vy
     message.vx = math.cos(yaw) * north + math.sin(yaw) * east
     message.vy = -math.sin(yaw) * north + math.cos(yaw) * east
     return (message,)
@@ -213,7 +215,8 @@ def _vehicle(**fields: Any) -> VehicleProfile:
     return dataclasses.replace(VehicleProfile(), **fields)
 
 
-_LOITER, _ARMED = 50593792, 0x80
+_LOITER = 50593792
+_ARMED = 0x80
 
 MUTANTS: tuple[Mutant, ...] = (
     Mutant("one ACK for DO_SET_MODE", "mode.two-acks", _one_ack),

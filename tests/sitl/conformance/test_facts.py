@@ -82,7 +82,8 @@ def test_what_changed_in_a_version_names_facts_and_accepts_other_values_than_bef
         for pattern in changes
         if not fnmatch.filter(names, pattern)
     ] == []
-    before, after = facts_of("1.16", FACTS), facts_of("1.18", FACTS)
+    before = facts_of("1.16", FACTS)
+    after = facts_of("1.18", FACTS)
     assert before == {fact.name: fact for fact in FACTS}
     assert not after["mode.two-acks"].accepts("ACCEPTED, ACCEPTED")
     assert after["mode.two-acks"].accepts("ACCEPTED")

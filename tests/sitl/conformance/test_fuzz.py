@@ -18,7 +18,8 @@ from tests.clients.running import Running
 from tests.sitl.conformance.fuzz import HOSTILE, NOISE, Source, datagrams, frame
 from tests.sitl.conformance.virtual import GROUND, LISTENER, Address, Wires
 
-_FEW, _MANY = 20_000, 1_000_000
+_FEW = 20_000
+_MANY = 1_000_000
 _PER_STEP = 40
 _FUZZER: Address = ("127.0.0.1", 50000)
 _RING = 256
@@ -72,11 +73,13 @@ _COUNTS = [_FEW, pytest.param(_MANY, marks=[pytest.mark.long, pytest.mark.timeou
 @pytest.mark.parametrize("link", ["onboard", "ground"])
 @pytest.mark.parametrize("count", _COUNTS)
 def test_noise_on_a_link_changes_nothing_in_a_flight(link: str, count: int) -> None:
-    wires, twin = _hovering(), _hovering()
+    wires = _hovering()
+    twin = _hovering()
     grown_bytes = _pelt(wires, getattr(wires, link).endpoint, NOISE, count)
     while twin.emulator.time_s < wires.emulator.time_s:
         twin.step()
-    autopilot, undisturbed = wires.emulator.autopilots[0], twin.emulator.autopilots[0]
+    autopilot = wires.emulator.autopilots[0]
+    undisturbed = twin.emulator.autopilots[0]
     assert (autopilot.mode.name, autopilot.is_armed) == (
         undisturbed.mode.name,
         undisturbed.is_armed,
@@ -130,7 +133,8 @@ def test_a_second_sender_that_floods_the_socket_does_not_disturb_the_client(
         client.sendto(heartbeat, target)
         time.sleep(0.3)
         client.setblocking(False)
-        before_bytes, stamps = 0, []
+        before_bytes = 0
+        stamps = []
         for place, datagram in enumerate(datagrams(count, NOISE, seed=7)):
             another_sender.sendto(datagram, target)
             if place % 20 == 0:
@@ -159,7 +163,8 @@ def _attitude_stamps(client: socket.socket) -> list[int]:
 
 
 def test_the_fuzzer_makes_every_kind_and_the_same_again() -> None:
-    once, twice = list(datagrams(500, NOISE + HOSTILE, 3)), list(datagrams(500, NOISE + HOSTILE, 3))
+    once = list(datagrams(500, NOISE + HOSTILE, 3))
+    twice = list(datagrams(500, NOISE + HOSTILE, 3))
     assert once == twice
     assert {datagram[:1] for datagram in once} >= {b"\xfd", b"\xfe"}
     mav = common.MAVLink(None)

@@ -103,7 +103,9 @@ class VirtualPort:
     """The suite's port into `Wires`."""
 
     def __init__(self, wires: Wires, socket: _Socket, address: Address) -> None:
-        self._wires, self._socket, self._address = wires, socket, address
+        self._wires = wires
+        self._socket = socket
+        self._address = address
 
     def now_s(self) -> float:
         return self._wires.emulator.time_s

@@ -164,7 +164,8 @@ def test_a_hung_autopilot_is_deaf_its_clock_stands_still_and_then_it_goes_on_as_
     emu.inject(parse("v0 autopilot_hang duration=3"))
     send = streamer(emu, 0.49)
     run_for(emu, 0.1, send)
-    clock_s, commanded = emu.clock_s(0), emu.world.commands.thrust_frac[0]
+    clock_s = emu.clock_s(0)
+    commanded = emu.world.commands.thrust_frac[0]
     run_for(emu, 2.5, streamer(emu, 0.1))
     assert emu.clock_s(0) == clock_s
     assert emu.world.commands.thrust_frac[0] == commanded  # the motors go on

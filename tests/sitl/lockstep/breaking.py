@@ -223,7 +223,8 @@ def landed_state(duration_s: float, *, is_repeated: bool) -> Inject:
     """PX4 reports the ground wherever it is: for a while, or its last report stays."""
 
     def inject(flight: Lockstep, name: str) -> None:
-        link, end_s = flight.agents[name].link, flight.time_s + duration_s
+        link = flight.agents[name].link
+        end_s = flight.time_s + duration_s
         receive = link.receive
 
         def change(fields: dict[str, Any]) -> None:
@@ -255,12 +256,14 @@ def wrong_report(name: str) -> Inject:
     """Return the injection of one wrong report; the next true one comes as always."""
 
     def inject(flight: Lockstep, vehicle: str) -> None:
-        link, fields = flight.agents[vehicle].link, dict(WRONG_REPORTS[name])
+        link = flight.agents[vehicle].link
+        fields = dict(WRONG_REPORTS[name])
         if "quaternion_enu_flu_wxyz" in fields:
             fields.setdefault("px4_boot_ms", link.snapshot().px4_boot_ms + 10)
         # after the true report of this tick and before the tick: the newest of a kind is the one
         # that is read
-        step_s, steps = STEP_S, flight.simulation.emulator.world.vehicles.steps
+        step_s = STEP_S
+        steps = flight.simulation.emulator.world.vehicles.steps
         flight.at(
             step_s * (steps + TICK_STEPS - 1 - steps % TICK_STEPS), lambda: link.receive(fields)
         )
@@ -303,8 +306,10 @@ def without_law(flight: Lockstep, name: str) -> None:
     else's, or --law off.
     """
     shell = flight.agents[name]
-    other, control = shell.fleet.with_law("off"), shell.core.control
-    control.params, publish = pipeline_params(other, name), shell.node.publish
+    other = shell.fleet.with_law("off")
+    control = shell.core.control
+    control.params = pipeline_params(other, name)
+    publish = shell.node.publish
 
     def change(topic: Topic, name: str, message: Message) -> None:
         if isinstance(message, Telemetry):
@@ -347,7 +352,8 @@ def _moved(message: StateMessage, east_m: float) -> dict[str, Any]:
 
 
 def _stands(message: StateMessage, _tick: int) -> dict[str, Any]:
-    still, place = (0.0, 0.0, 0.0), (0.0, -1.6, 0.0)
+    still = (0.0, 0.0, 0.0)
+    place = (0.0, -1.6, 0.0)
     speeds = (
         "velocity_enu_m_s",
         "acceleration_enu_m_s2",

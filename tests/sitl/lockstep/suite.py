@@ -211,7 +211,9 @@ class Judge:
     def __init__(
         self, flight: Lockstep, injection: Injection, victim: str, silenced: Collection[str]
     ) -> None:
-        self.flight, self.injection, self.victim = flight, injection, victim
+        self.flight = flight
+        self.injection = injection
+        self.victim = victim
         self.silenced = frozenset(silenced)
         self.outcome_wrong: dict[str, None] = {}
         self.seen: dict[str, Counter[Condition]] = {
@@ -239,7 +241,8 @@ class Judge:
         self.outcome_wrong.setdefault(sentence)
 
     def _check_setpoint(self, name: str, send: object, setpoint: AttitudeSetpoint) -> None:
-        q, thrust = np.asarray(setpoint.quaternion_wxyz), setpoint.thrust_frac
+        q = np.asarray(setpoint.quaternion_wxyz)
+        thrust = setpoint.thrust_frac
         limit_deg = self.flight.config.vehicles[name].max_tilt_deg + _TILT_SLACK_DEG
         if not (np.isfinite(q).all() and math.isfinite(thrust)):
             self.wrong(f"{name} sends what is not finite")
@@ -294,7 +297,8 @@ class Judge:
         orders alone.
         """
         core = self.flight.agents[name].core
-        flight, conditions = core.flight, core.failsafes.conditions
+        flight = core.flight
+        conditions = core.failsafes.conditions
         self.seen[name].update(conditions)
         order = flight.order.order_id if flight.order is not None else ""
         if order and order != self._order_of.get(name):
@@ -306,7 +310,8 @@ class Judge:
             return
         asked, _ = decide(situation, conditions)
         # what a tick found while it still was in another situation is obeyed by the next one
-        before, self._asked[name] = self._asked.get(name, Action.GO_ON), asked
+        before = self._asked.get(name, Action.GO_ON)
+        self._asked[name] = asked
         strongest = self._strongest[name] = max(
             self._strongest.get(name, Action.GO_ON), min(before, asked)
         )
@@ -319,7 +324,9 @@ class Judge:
 
     def finish(self) -> None:
         """After the flight."""
-        flight, injection, victim = self.flight, self.injection, self.victim
+        flight = self.flight
+        injection = self.injection
+        victim = self.victim
         for collision in flight.simulation.emulator.world.collisions:
             both = {flight.simulation.names[i] for i in (collision.first, collision.second)}
             if not both <= self.silenced:
@@ -541,7 +548,8 @@ def summary(outcomes: Sequence[Outcome]) -> str:
     for injection in INJECTIONS:
         of = [outcome for outcome in outcomes if outcome.case.injection == injection.name]
         if of:
-            free, silenced = min(o.min_separation_m for o in of), min(o.min_silenced_m for o in of)
+            free = min(o.min_separation_m for o in of)
+            silenced = min(o.min_silenced_m for o in of)
             bad = sum(bool(o.wrong) for o in of)
             told = f"{silenced:.2f}" if math.isfinite(silenced) else "-"
             lines.append(f"| {injection.name} | {len(of)} | {bad} | {free:.2f} | {told} |")
@@ -580,7 +588,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         )
         if options.only in case.injection
     ]
-    begin_s, outcomes = time.perf_counter(), []
+    begin_s = time.perf_counter()
+    outcomes = []
     with ProcessPoolExecutor(options.jobs) as pool:
         for number, outcome in enumerate(pool.map(fly, todo), 1):
             outcomes.append(outcome)

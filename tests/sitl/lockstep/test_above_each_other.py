@@ -37,9 +37,11 @@ def test_vehicles_above_each_other_change_their_heights_and_are_apart_in_one_way
         np.stack([np.interp(times_s, own[:, 0], own[:, k]) for k in (1, 2, 3)], -1)
         for own in rows.values()
     ]
-    nearest_m, least_m = np.inf, np.inf
+    nearest_m = np.inf
+    least_m = np.inf
     for one, other in itertools.combinations(paths, 2):
-        beside_m, above_m = np.hypot(*(one - other)[:, :2].T), abs((one - other)[:, 2])
+        beside_m = np.hypot(*(one - other)[:, :2].T)
+        above_m = abs((one - other)[:, 2])
         assert (
             (beside_m >= limits.safety_distance_m) | (above_m >= limits.vertical_separation_m)
         ).all()

@@ -24,7 +24,9 @@ _MS = 1_000_000
 
 @pytest.mark.parametrize(("loss", "burst"), [(0.05, 3.0), (0.2, 5.0), (0.05, 1.0)])
 def test_losses_have_their_share_and_their_mean_length(loss: float, burst: float) -> None:
-    rng, losses, settings = np.random.default_rng(5), Losses(), BusSettings(loss=loss, burst=burst)
+    rng = np.random.default_rng(5)
+    losses = Losses()
+    settings = BusSettings(loss=loss, burst=burst)
     lost = [
         losses.takes(("a", "b"), settings, draw, 20 * _MS * k)
         for k, draw in enumerate(rng.random(200_000))
@@ -54,13 +56,16 @@ def test_stations_that_always_have_something_to_send_get_what_bianchi_computes(
     """Bianchi, "Performance Analysis of the IEEE 802.11 Distributed Coordination Function", 2000,
     equations 7 to 9.
     """
-    window, doubled, rate = FIRST_WINDOW, MOST_DOUBLED, 65.0
+    window = FIRST_WINDOW
+    doubled = MOST_DOUBLED
+    rate = 65.0
 
     def attempts(collided: float) -> float:
         series = sum((2.0 * collided) ** k for k in range(doubled))
         return 2.0 / (1.0 + window + collided * window * series)
 
-    low, high = 0.0, 1.0
+    low = 0.0
+    high = 1.0
     # the share of its attempts that collide, of a station that sends with that probability
     for _ in range(60):
         collided = 0.5 * (low + high)
@@ -72,7 +77,8 @@ def test_stations_that_always_have_something_to_send_get_what_bianchi_computes(
     exchange_s = turn_s(1, 100 + OVERHEAD_BYTES, rate, OFDM._replace(backoff_slots=0.0))
     computed = one_sends / ((1.0 - any_sends) * OFDM.slot_us * 1e-6 + any_sends * exchange_s)
 
-    now, names = [0], [f"mav{k}" for k in range(stations)]
+    now = [0]
+    names = [f"mav{k}" for k in range(stations)]
     channel = Channel(RadioConfig(rate_mbit_s=rate), frozenset(names), lambda: now[0], seed=1)
 
     def send_again(name: str, at_ns: int) -> None:
@@ -86,7 +92,9 @@ def test_stations_that_always_have_something_to_send_get_what_bianchi_computes(
 
 
 def test_a_channel_that_is_full_drops_states_and_carries_orders() -> None:
-    now, states, orders = [0], list[int](), list[int]()
+    now = [0]
+    states = list[int]()
+    orders = list[int]()
     channel = Channel(RadioConfig(), frozenset(("a", "b", "c")), lambda: now[0], seed=1)
     for step in range(100):
         now[0] = step * 4 * _MS
@@ -111,7 +119,8 @@ def test_a_flight_over_a_bad_radio_arrives_and_takes_the_airtime_that_check_says
         flight.takeoff(1.0)
         channel = flight.bus.channel
         assert channel is not None
-        before_ns, begin_s = channel.busy_ns, flight.time_s
+        before_ns = channel.busy_ns
+        begin_s = flight.time_s
         flight.run(2.0)
         busy_pct = (channel.busy_ns - before_ns) / (flight.time_s - begin_s) * 1e-7
         assert flight.min_separation_m > fleet.fleet.safety_distance_m
@@ -161,7 +170,8 @@ def _partition(at_s: float, lasts_s: float, seed: int) -> None:
     for k, vehicle in enumerate(data["vehicles"].values()):
         vehicle["start_enu_m"] = [2.6 * (k % 3) - 2.6, -1.8 if k < 3 else 1.8, 0.0]
     fence = data["fleet"]["geofence_m"]
-    fence["x"], fence["y"] = [-9.0, 9.0], [-9.0, 9.0]
+    fence["x"] = [-9.0, 9.0]
+    fence["y"] = [-9.0, 9.0]
     fleet = fleet_from_mapping(data)
     names = fleet.enabled_names
     with Lockstep(fleet, seed=seed) as flight:

@@ -140,11 +140,13 @@ def test_every_shipped_fleet_flies_a_shipped_mission_and_every_mission_is_flown_
     from groundstation.mission_files.loading import load_mission
     from onboard.config.fleet import ConfigError, load_fleet
 
-    fitting, own = [], []
+    fitting = []
+    own = []
     flown_elsewhere = {*IN_GALLERY, *OF_ACCIDENTS}
     for path in sorted({*(CONFIGS / "missions").glob("*.toml")} - flown_elsewhere):
         try:
-            mission, config = load_mission(path, load_fleet(fleet)), load_fleet(fleet)
+            mission = load_mission(path, load_fleet(fleet))
+            config = load_fleet(fleet)
         except ConfigError:
             continue
         has_mocap = all(vehicle.mocap_required for vehicle in config.vehicles.values())

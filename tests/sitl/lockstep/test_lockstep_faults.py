@@ -75,7 +75,8 @@ def test_an_agent_that_hangs_for_a_moment_holds_and_one_that_hangs_for_long_is_l
 ):
     flight = lockstep(paper, seed=2)
     flight.takeoff(1.0)
-    mav0, mav1 = flight.agents["mav0"], flight.agents["mav1"]
+    mav0 = flight.agents["mav0"]
+    mav1 = flight.agents["mav1"]
     mav0.hang()
     mav1.hang()
     flight.run(0.25)
@@ -108,7 +109,8 @@ def test_the_end_of_an_order_that_its_ground_missed_is_told_when_it_is_back(lock
     flight = lockstep(paper, seed=3)
     flight.takeoff(1.0)
     flight.run(1.5)
-    begin_s, (x, y, _) = flight.time_s, paper.vehicles["mav0"].start_enu_m
+    begin_s = flight.time_s
+    (x, y, _) = paper.vehicles["mav0"].start_enu_m
     flight.at(begin_s + 0.3, lambda: flight.bus.partition(["ground-1"]))
     flight.at(begin_s + 5.0, flight.bus.heal)
     results = flight.wait_for(flight.fleet["mav0"].move((x, y - 0.4, 1.0)))

@@ -20,7 +20,8 @@ def test_turns_in_floats_are_those_of_the_frames() -> None:
     for _ in range(30):
         q = rng.normal(size=4)
         q /= np.linalg.norm(q)
-        yaw, half = rng.normal(), 0.01 * rng.normal(size=3)
+        yaw = rng.normal()
+        half = 0.01 * rng.normal(size=3)
         faced = quaternion_multiply(quaternion_from_yaw(yaw), q.tolist())
         turned = quaternion_multiply(faced, (1.0, half[0], half[1], half[2]))
         w, x, y, z = np.array(list(turned)) / math.hypot(*turned)
@@ -41,7 +42,9 @@ def _run(simulation: Simulation, seconds: float) -> None:
 
 def test_armed_and_mode_are_told_once_a_second_and_attitude_fifty_times(simulation) -> None:
     one = simulation.links.links[0]
-    beats, attitudes, positions = set(), set(), set()
+    beats = set()
+    attitudes = set()
+    positions = set()
     for _ in range(1000):
         simulation.step()
         snapshot = one.snapshot()

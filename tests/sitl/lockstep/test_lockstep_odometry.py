@@ -13,14 +13,17 @@ from sitl.faults.catalogue import Fault
 from sitl.px4.estimator import XY
 from sitl.px4.estimator_errors import Source
 
-_HOLD, _LAND = (4, 3), (4, 6)  # PX4's main and sub modes
+# PX4's main and sub modes
+_HOLD = (4, 3)
+_LAND = (4, 6)
 
 
 def _miss_m(flight, name: str) -> float:
     """Return the distance of PX4's own estimate from the truth; the mocap gives it the fleet's
     frame.
     """
-    emulator, index = flight.simulation.emulator, flight.simulation.names.index(name)
+    emulator = flight.simulation.emulator
+    index = flight.simulation.names.index(name)
     north, east, down = emulator.estimator.local(index).position_ned_m
     truth, _, _ = emulator.world.truth_enu()
     return math.dist((east, north, -down), truth[index].tolist())
@@ -99,7 +102,8 @@ def test_after_a_gap_px4_is_told_to_begin_anew_and_is_back_at_once(lockstep, pap
     flight = lockstep(paper, seed=4)
     flight.ready()
     flight.run(2.0)
-    estimator, index = flight.simulation.emulator.estimator, flight.simulation.names.index("mav1")
+    estimator = flight.simulation.emulator.estimator
+    index = flight.simulation.names.index("mav1")
     jumps = int(estimator.resets[index, XY])
     flight.inject(Fault("mocap_lost", "mav1", duration_s=0.8))
     flight.run(0.7)

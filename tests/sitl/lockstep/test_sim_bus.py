@@ -20,7 +20,8 @@ class Rig:
     def __init__(self, settings: BusSettings | None = None, seed: int = 0) -> None:
         self.now_ns = 0
         self.bus = SimBus(settings or BusSettings(), lambda: self.now_ns, seed=seed)
-        self.a, self.b = self.bus.node("a"), self.bus.node("b")
+        self.a = self.bus.node("a")
+        self.b = self.bus.node("b")
         self.heard: list[tuple[int, str, object]] = []
         self.alive: list[tuple[str, bool]] = []
         self.a.start()

@@ -58,7 +58,8 @@ def test_a_formation_is_turned_and_waypoints_are_flown_through(lockstep: Any) ->
     flight.wait_for(fleet.formation("triangle", (0.0, 0.0, 1.0), spacing_m=2.0))
     before = {name: fleet[name].position_enu_m for name in fleet.names}
     flight.wait_for(fleet.rotate(60.0))
-    c, s = math.cos(math.radians(60.0)), math.sin(math.radians(60.0))
+    c = math.cos(math.radians(60.0))
+    s = math.sin(math.radians(60.0))
     for name, (x, y, _) in before.items():
         assert math.dist(fleet[name].position_enu_m[:2], (c * x - s * y, s * x + c * y)) < 0.25
     x, y, z = fleet["mav0"].position_enu_m
@@ -155,7 +156,8 @@ def test_a_blocked_vehicle_says_what_stands_in_its_way(lockstep: Any) -> None:
     flight.takeoff(1.0)
     fleet = flight.fleet
     spots = {name: fleet[name].position_enu_m for name in fleet.names}
-    (x, y, z), (own_x, own_y, _) = spots["mav2"], spots["mav0"]
+    (x, y, z) = spots["mav2"]
+    (own_x, own_y, _) = spots["mav0"]
     between = spots["mav1"]
     assert math.dist(between[:2], (0.5 * (x + own_x), 0.5 * (y + own_y))) < 0.2
     beyond = (x + 1.1 * (x - own_x) / (math.dist(spots["mav0"], spots["mav2"])), y, z)

@@ -72,7 +72,8 @@ def test_what_is_true_is_believed_soon(lockstep, paper: FleetConfig) -> None:
         heard_ns = flight.agents["mav1"].link.snapshot().heartbeat_ns
         # just after the next heartbeat
         flight.run(1.01 - 1e-9 * (flight.simulation.now_ns - heard_ns))
-        px4, begin_ns = emulator.autopilots[1], flight.simulation.now_ns
+        px4 = emulator.autopilots[1]
+        begin_ns = flight.simulation.now_ns
         if mode is None:
             px4.request_arm(emulator.time_s, False, 21196.0)
         else:

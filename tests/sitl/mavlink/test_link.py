@@ -18,7 +18,10 @@ from sitl.px4.modes import Mode
 from sitl.px4.parameters import HASH_CHECK
 from tests.sitl.sitl_flying import Client, emulator, run_for
 
-ACCEPTED, REJECTED, UNSUPPORTED, FAILED = 0, 1, 3, 4
+ACCEPTED = 0
+REJECTED = 1
+UNSUPPORTED = 3
+FAILED = 4
 # Every message that the emulator does something with.
 HANDLED = (
     *(
@@ -63,7 +66,8 @@ def packed_by_pymavlink(ours: bytes) -> bytes | None:
 def test_streamed_messages_are_byte_for_byte_those_of_pymavlink() -> None:
     emu = emulator()
     run_for(emu, 3.0)
-    encoder, view = Encoder(1, sequence=7), View(emu, 0)
+    encoder = Encoder(1, sequence=7)
+    view = View(emu, 0)
     emu.autopilots[0].request(emu.time_s, Mode.TAKEOFF)
     for message_id in sorted(set(BUILDERS) & set(common.mavlink_map)):
         values = BUILDERS[message_id](view)
@@ -75,7 +79,8 @@ def test_streamed_messages_are_byte_for_byte_those_of_pymavlink() -> None:
 def test_messages_of_any_numbers_are_byte_for_byte_those_of_pymavlink() -> None:
     encoder = Encoder(1, sequence=7)
     for message_id in sorted(set(BUILDERS) & set(common.mavlink_map)):
-        layout, rng = LAYOUTS[message_id], random.Random(message_id)
+        layout = LAYOUTS[message_id]
+        rng = random.Random(message_id)
         size = layout.packer.size
         for _ in range(50):
             # Zeros at the end now and then. A float that is not a number has no one byte pattern.

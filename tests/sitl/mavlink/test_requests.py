@@ -324,7 +324,8 @@ def test_the_ground_link_streams_less_and_events_as_well() -> None:
     from sitl.mavlink.codec import Decoder
     from sitl.mavlink.link import Link
 
-    link, decoder = Link(emu, 0, GCS_RATES_HZ), Decoder()
+    link = Link(emu, 0, GCS_RATES_HZ)
+    decoder = Decoder()
     names: list[str] = []
     run_for(emu, 5.0)
     link.poll()
@@ -382,7 +383,8 @@ def test_a_setpoint_in_an_unknown_frame_or_of_nothing_is_refused_in_words() -> N
 def test_a_velocity_in_the_body_frame_turns_with_the_heading_and_a_yaw_rate_turns_it() -> None:
     emu = emulator()
     client = Client(emu)
-    mask, speed = 0x7C7 & ~0x800, {"vx": 1.0, "yaw_rate": 0.0}
+    mask = 0x7C7 & ~0x800
+    speed = {"vx": 1.0, "yaw_rate": 0.0}
 
     def send() -> None:
         if emu.world.vehicles.steps % 10 == 0:

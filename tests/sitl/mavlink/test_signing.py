@@ -13,7 +13,8 @@ from sitl.mavlink.link import Link
 from sitl.mavlink.streams import GCS_RATES_HZ
 from tests.sitl.sitl_flying import Client, emulator, run_for
 
-KEY, OTHER_KEY = bytes(range(1, 33)), bytes(range(2, 34))
+KEY = bytes(range(1, 33))
+OTHER_KEY = bytes(range(2, 34))
 NOW = 37_000_000_000_000
 MINUTE = 60 * 100_000
 
@@ -27,8 +28,10 @@ class Sender:
 
     def sign(self, key: bytes | None, stamp: int = NOW, link_id: int = 9) -> None:
         signing = self.end.signing
-        signing.secret_key, signing.sign_outgoing = key, key is not None
-        signing.timestamp, signing.link_id = stamp, link_id
+        signing.secret_key = key
+        signing.sign_outgoing = key is not None
+        signing.timestamp = stamp
+        signing.link_id = link_id
 
     def request(self) -> bytes:
         return bytes(

@@ -14,10 +14,8 @@ from tests.sitl.sitl_flying import emulator, run_for
 
 
 def test_the_simulator_link_has_the_ports_of_sih_and_none_outside_of_px4s_layout() -> None:
-    first, late = (
-        simulator_ports("udpin://127.0.0.1:14540"),
-        simulator_ports("udpin://127.0.0.1:15552"),
-    )
+    first = simulator_ports("udpin://127.0.0.1:14540")
+    late = simulator_ports("udpin://127.0.0.1:15552")
     assert first is not None
     assert late is not None
     assert (first.bind, first.peer) == (("127.0.0.1", 19450), ("127.0.0.1", 19410))

@@ -82,7 +82,8 @@ def test_interrupted_at_every_unit_and_continued_it_has_the_digest_of_one_that_w
         return flown(unit)
 
     monkeypatch.setattr(flights, "fly", _once)
-    path, interruptions = tmp_path / "often.jsonl", 0
+    path = tmp_path / "often.jsonl"
+    interruptions = 0
     while True:
         try:
             rows = fly_all(path)
@@ -111,7 +112,8 @@ class Dying(Executor):
     """A cluster whose scheduler dies after some units."""
 
     def __init__(self, left, error=None):
-        self.left, self.error = left, error or BrokenExecutor("gone")
+        self.left = left
+        self.error = error or BrokenExecutor("gone")
 
     def shutdown(self, wait=True):  # type: ignore[override]  # as Dask's: of no other word
         pass
@@ -296,7 +298,8 @@ def test_killed_by_force_with_two_processes_and_continued_it_has_the_same_digest
         for axis in ("vehicles=3", "speed_m_s=1", "delay_ms=20,100")
         for word in ("--cells", axis)
     ]
-    killed, whole = tmp_path / "killed.jsonl", tmp_path / "whole.jsonl"
+    killed = tmp_path / "killed.jsonl"
+    whole = tmp_path / "whole.jsonl"
 
     def lines(path: Path) -> int:
         return len(path.read_text().splitlines()) if path.exists() else 0

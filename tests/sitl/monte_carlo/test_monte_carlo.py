@@ -69,7 +69,8 @@ def judged(trace, limit_m, body_m):
 )
 def test_flight_alone_is_bit_for_bit_the_same_flight_in_a_batch(name, errors, types):
     setup = settings.setup_for(errors=errors, types=types)
-    together, alone = fly(name, range(5, 8), setup=setup), fly(name, [6], setup=setup)
+    together = fly(name, range(5, 8), setup=setup)
+    alone = fly(name, [6], setup=setup)
     assert (
         together[1].outcome.trace.position_enu_m.tobytes()
         == alone[0].outcome.trace.position_enu_m.tobytes()
@@ -135,7 +136,8 @@ def test_law_off_takes_the_straight_line_time_and_the_law_at_least_that():
 
 
 def test_two_laws_meet_the_same_vehicles_noise_and_straight_line():
-    covey_, off = fly("rand4", [3]), fly("rand4", [3], setup=settings.setup_for(law="off"))
+    covey_ = fly("rand4", [3])
+    off = fly("rand4", [3], setup=settings.setup_for(law="off"))
     assert covey_[0].straight_line_s == off[0].straight_line_s
     first, second = (flown[0].outcome.trace.position_enu_m[:10] for flown in (covey_, off))
     np.testing.assert_allclose(first, second, atol=1e-3)
@@ -242,7 +244,8 @@ def test_message_is_as_old_as_it_says(delay_s, ticks):
 
 def test_intruder_moves_as_announced_and_the_formation_makes_way():
     flown = fly("intruder4@2", [3])[0]
-    trace, plan = flown.outcome.trace, flown.plan
+    trace = flown.outcome.trace
+    plan = flown.plan
     expected = plan.start_enu_m[-1] + trace.t_s[:, None] * plan.intruder_m_s
     np.testing.assert_allclose(trace.position_enu_m[:, -1], expected, atol=1e-9)
     off = fly("intruder4@2", [3], setup=settings.setup_for(law="off"))[0]

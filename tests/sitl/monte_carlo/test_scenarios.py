@@ -58,7 +58,8 @@ def test_rand_fills_its_square_with_starts_and_goals_140_cm_apart(name, area):
 def test_cross_sends_two_blocks_through_each_other(angle):
     plan = scenarios.plan(f"cross8@{angle}", 1)
     way = (plan.goal_enu_m - plan.start_enu_m)[:, :2]
-    first, second = way[:4].mean(0), way[4:].mean(0)
+    first = way[:4].mean(0)
+    second = way[4:].mean(0)
     cosine = first @ second / np.hypot(*first) / np.hypot(*second)
     assert cosine == pytest.approx(np.cos(np.radians(angle)), abs=0.05)
     assert nearest(plan.start_enu_m) > 0.9
@@ -114,7 +115,8 @@ def test_seed_alone_decides_and_all_start_apart_at_one_height(name):
 
 
 def test_scale_multiplies_every_spacing_and_leaves_the_height():
-    plan, wide = scenarios.plan("rand8", 3), scenarios.plan("rand8", 3, scale=2.5)
+    plan = scenarios.plan("rand8", 3)
+    wide = scenarios.plan("rand8", 3, scale=2.5)
     np.testing.assert_allclose(wide.start_enu_m[:, :2], 2.5 * plan.start_enu_m[:, :2])
     np.testing.assert_allclose(wide.goal_enu_m[:, 2], plan.goal_enu_m[:, 2])
 

@@ -123,7 +123,9 @@ def test_collisions_and_downwash_of_pairs_are_those_of_the_oracle() -> None:
         touched = np.triu(rng.random((n, n)) < 0.3, k=1)
         results = []
         for function in (contacts.meet, emulated_vehicles.meet):
-            met, push, pairs = touched.copy(), np.ones((n, 3)), np.zeros((200, 2), dtype=np.int64)
+            met = touched.copy()
+            push = np.ones((n, 3))
+            pairs = np.zeros((200, 2), dtype=np.int64)
             count = function(motion, met, 0.5, 3.0, 0.2, push, pairs)
             results.append((count, met, push, pairs[:count]))
         for one, other in zip(*results, strict=True):

@@ -142,14 +142,16 @@ def test_without_errors_the_estimate_is_right() -> None:
 
 def test_with_satellites_the_heading_errs_by_2_to_17_degrees_and_wanders_by_2_to_7() -> None:
     estimator = Estimator(np.zeros((150, 3)), seed=7)
-    still, flies = np.zeros((150, 3)), np.zeros(150, dtype=np.bool_)
+    still = np.zeros((150, 3))
+    flies = np.zeros(150, dtype=np.bool_)
     yaw = []
     for k in range(round(80.0 / DT_S)):
         estimator.step(k * DT_S, still, still, flies)
         if k % 25 == 0:
             yaw.append(np.degrees(estimator.yaw_error_rad))
     yaw_deg = np.array(yaw)
-    mean, std = np.abs(yaw_deg.mean(axis=0)), yaw_deg.std(axis=0)
+    mean = np.abs(yaw_deg.mean(axis=0))
+    std = yaw_deg.std(axis=0)
     assert 8.0 < mean.mean() < 11.0
     assert (mean > 22.0).sum() == 0
     assert 3.0 < std.mean() < 6.0
@@ -226,7 +228,8 @@ def test_small_steps_of_vision_are_followed_smoothly_and_without_a_reset() -> No
 def test_unmatched_delay_of_vision_is_a_lag_of_the_position() -> None:
     estimator = Estimator(np.zeros((1, 3)), seed=1, scale=0.0)
     estimator.has_gps = [False]
-    flies, speed = np.zeros(1, dtype=np.bool_), np.array([[1.0, 0.0, 0.0]])
+    flies = np.zeros(1, dtype=np.bool_)
+    speed = np.array([[1.0, 0.0, 0.0]])
     for k in range(1000):
         t = k * DT_S
         if k % 3 == 0:
@@ -240,7 +243,9 @@ def test_when_vision_stops_the_estimate_drifts_as_measured_and_its_flags_fade() 
     hovering.fly(4.0, (0.0, 0.0, 0.0))
     estimator = hovering.estimator
     assert estimator.flags(0, hovering.time_s) == 0x1EF
-    base, misses, leans = estimator.offset_ned_m.copy(), {}, {}
+    base = estimator.offset_ned_m.copy()
+    misses = {}
+    leans = {}
     for tenth in range(1, 70):
         hovering.fly(0.1)
         if tenth == 11:
@@ -275,11 +280,9 @@ def test_with_satellites_vision_does_not_move_the_frame() -> None:
 
 def test_a_restart_begins_a_new_origin_where_the_vehicle_is_and_counts_anew() -> None:
     estimator = Estimator(np.zeros((1, 3)), seed=1, scale=0.0)
-    there, still, flies = (
-        np.array([[3.0, -1.0, -2.0]]),
-        np.zeros((1, 3)),
-        np.zeros(1, dtype=np.bool_),
-    )
+    there = np.array([[3.0, -1.0, -2.0]])
+    still = np.zeros((1, 3))
+    flies = np.zeros(1, dtype=np.bool_)
     for k in range(500):
         estimator.step(k * DT_S, there, still, flies)
     assert estimator.reset_counter(0) == 13

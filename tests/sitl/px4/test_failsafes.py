@@ -73,7 +73,8 @@ def test_each_value_of_com_low_bat_act_has_its_action() -> None:
 
 
 def test_a_patient_action_waits_in_hold_and_an_urgent_one_does_not() -> None:
-    params, failsafe = Parameters(), Failsafe()
+    params = Parameters()
+    failsafe = Failsafe()
     empty = replace(CALM, battery=ChargeState.EMERGENCY)
     assert failsafe.step(10.0, empty, params)
     assert (failsafe.action, failsafe.delayed) == (FailsafeAction.HOLD, FailsafeAction.LAND)
@@ -91,7 +92,8 @@ def test_the_most_severe_of_several_actions_is_taken() -> None:
 
 
 def test_a_fence_failsafe_ends_with_a_mode_request_and_a_signal_failsafe_with_the_signal() -> None:
-    params, failsafe = Parameters(), Failsafe()
+    params = Parameters()
+    failsafe = Failsafe()
     params.values.update(GF_MAX_HOR_DIST=5.0, GF_ACTION=3)
     failsafe.step(0.0, replace(CALM, from_home_m=(6.0, 0.0)), params)
     assert (failsafe.action, failsafe.delayed) == (FailsafeAction.HOLD, FailsafeAction.RETURN)
@@ -224,7 +226,8 @@ def test_a_tilt_beyond_sixty_degrees_is_reported_and_flown_on() -> None:
     pilot = emu.autopilots[0]
     half = math.radians(35.0)
     tilted = [math.cos(half), math.sin(half), 0.0, 0.0]
-    yaw_w, yaw_z = EAST_WXYZ[0], EAST_WXYZ[3]
+    yaw_w = EAST_WXYZ[0]
+    yaw_z = EAST_WXYZ[3]
     rolled = [yaw_w * tilted[0], yaw_w * tilted[1], yaw_z * tilted[1], yaw_z * tilted[0]]
     until(emu, lambda: bool(pilot.failsafe.present), 3.0, streamer(emu, 0.9, rolled))
     said = [text.text for text in pilot.journal.texts.newest[-2:]]

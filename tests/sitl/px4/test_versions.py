@@ -52,7 +52,8 @@ def test_autopilot_version_reports_the_emulated_version(px4: str) -> None:
 
 
 def test_commands_for_single_messages_are_gone_in_v1_18_and_a_mode_is_answered_once() -> None:
-    old, new = Client(emulator(px4="1.17")), Client(emulator(px4="1.18"))
+    old = Client(emulator(px4="1.17"))
+    new = Client(emulator(px4="1.18"))
     for number in (410, 519, 520, 528):
         assert old.command(number, 1.0) == [0], number
         assert new.command(number, 1.0) == [UNSUPPORTED], number
@@ -207,11 +208,14 @@ def _of_type(name: str) -> Vehicle:
 
 def _lag_s(emu: Emulator) -> float:
     """How long the roll is behind a setpoint that turns at a constant rate."""
-    rate_rad_s, begin_s = math.radians(10.0), emu.time_s
+    rate_rad_s = math.radians(10.0)
+    begin_s = emu.time_s
 
     def each() -> None:
         half = 0.5 * rate_rad_s * (emu.time_s - begin_s)
-        w, x, (yaw_w, _, _, yaw_z) = math.cos(half), math.sin(half), EAST_WXYZ
+        w = math.cos(half)
+        x = math.sin(half)
+        (yaw_w, _, _, yaw_z) = EAST_WXYZ
         emu.attitude_setpoint(0, [yaw_w * w, yaw_w * x, yaw_z * x, yaw_z * w], [0.0] * 3, 0.49, 7)
 
     run_for(emu, 1.5, each)
