@@ -147,6 +147,7 @@ async def test_land_goes_straight_to_px4_when_the_agent_hangs_and_stays_when_it_
             assert not telemetry.is_armed
 
 
+@pytest.mark.long
 async def test_kill_goes_straight_to_px4_when_the_agent_hangs(tmp_path: Path) -> None:
     async with hover(tmp_path) as flight:
         os.kill(flight.agent.pid, signal.SIGSTOP)

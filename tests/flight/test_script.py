@@ -25,6 +25,7 @@ time.sleep(60)
 """
 
 
+@pytest.mark.long
 @pytest.mark.timeout(120)
 def test_a_script_that_is_interrupted_lands_its_fleet_and_leaves_no_process(tmp_path: Path) -> None:
     script = tmp_path / "script.py"

@@ -72,6 +72,7 @@ def test_what_a_contestant_sets_exists(contestant):
     assert not is_alike or contestant.step or contestant.hear is not same or contestant is COVEY
 
 
+@pytest.mark.long
 def test_coveys_law_through_the_door_of_own_laws_flies_as_it_does_without():
     """Nothing that it needs is missing, and who flies through it is flown as Covey's law is."""
     plans = [scenarios.plan("swap2", 3)]

@@ -58,6 +58,7 @@ def test_the_papers_ring_keeps_080_m_but_for_its_sampling_when_vehicles_obey_at_
     assert all(one.outcome.is_success for one in flown)
 
 
+@pytest.mark.long
 def test_the_same_ring_on_the_papers_weak_vehicle_does_not():
     assert min(one.outcome.min_separation_m for one in ring_flights((), "mocap", 1)) < 0.75
 

@@ -53,6 +53,7 @@ def fly(name, position, goal, seconds):
     return smallest, position
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", AVOIDING)
 def test_a_peer_brings_a_head_on_pair_past_each_other_when_nothing_errs(name):
     start = np.array([[-2.5, 0.05], [2.5, 0.0]])

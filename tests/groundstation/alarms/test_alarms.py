@@ -286,6 +286,7 @@ def test_a_kill_in_the_air_is_an_alarm_until_it_is_acknowledged(ground: Ground3)
     assert line.alarm.sentence == "mav1: Killed in the air by order of ann (from ground-1)"
 
 
+@pytest.mark.long
 def test_a_vehicle_that_comes_and_goes_a_thousand_times_costs_no_memory(ground: Ground3) -> None:
     for _ in range(1000):
         ground.all_hear(battery_frac=0.05)

@@ -177,6 +177,7 @@ def test_time_counts_from_when_the_first_leaves_the_ground_and_not_from_its_moto
     assert f"at {flight.take_off_s:.1f} s of the record" in flight.title
 
 
+@pytest.mark.long
 def test_without_truth_the_estimates_are_drawn_and_figures_go_where_out_says(
     tmp_path: Path,
 ) -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import asyncio
 
 import msgspec
+import pytest
 
 from groundstation.console.app import ConsoleApp
 from groundstation.console.screens.preview_screen import PreviewScreen
@@ -23,6 +24,7 @@ def states(state: FleetState) -> set[str]:
     }
 
 
+@pytest.mark.long
 async def test_a_flight_from_start_to_finish_by_keys_alone(fleet: FleetConfig) -> None:
     # A loaded machine may answer late; that is not what is tested here.
     patient = msgspec.structs.replace(fleet.fleet, direct_command_timeout_s=10.0)

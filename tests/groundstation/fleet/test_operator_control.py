@@ -220,6 +220,7 @@ def test_who_only_watches_does_not_take_control_of_a_free_fleet(pair: Pair) -> N
     assert carol.control.refusal("land") is None
 
 
+@pytest.mark.long
 def test_two_grounds_that_start_together_agree_on_one(fleet: FleetConfig) -> None:
     pair = Pair(fleet)
     pair.flight.wait_for(pair.alice.stop())

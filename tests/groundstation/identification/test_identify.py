@@ -183,6 +183,7 @@ def test_an_attitude_that_is_old_when_written_down_does_not_lengthen_the_lag() -
         assert identify(told).lag_s.value == pytest.approx(Truth().lag_s, abs=error_s)
 
 
+@pytest.mark.long
 def test_the_lag_of_a_slow_vehicle_is_seen_to_be_long() -> None:
     slow = Truth(delay_s=0.12, wn_rad_s=5.0, zeta=0.9)
     found = identify(logs(slow, range(1))[0])
@@ -190,6 +191,7 @@ def test_the_lag_of_a_slow_vehicle_is_seen_to_be_long() -> None:
     assert found.lag_s.low < slow.lag_s < found.lag_s.high
 
 
+@pytest.mark.long
 def test_no_drag_is_found_where_there_is_none() -> None:
     found = identify(logs(Truth(drag_1_s=0.0), range(1))[0])
     assert found.drag_1_s.low < 0.0 < found.drag_1_s.high
@@ -228,6 +230,7 @@ def test_gaps_in_the_mocap_cost_precision_and_nothing_else() -> None:
     assert all(abs(miss) < 0.4 for miss, _ in misses(found, WEAK).values())
 
 
+@pytest.mark.long
 def test_a_second_in_which_something_else_was_sent_than_the_log_says_changes_nothing() -> None:
     log = logs(Truth(), range(7, 8))[0]
     told = log.command_quaternion_wxyz.copy()

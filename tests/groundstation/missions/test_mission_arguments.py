@@ -69,6 +69,7 @@ def test_wrong_arguments_are_refused_in_words(
         arguments_of(function, given, "m.py")
 
 
+@pytest.mark.long
 def test_the_command_line_and_a_test_give_arguments(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

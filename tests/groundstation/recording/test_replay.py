@@ -314,6 +314,7 @@ async def test_ticks_are_read_for_the_followed_vehicle_only(tmp_path: Path) -> N
     ]
 
 
+@pytest.mark.long
 def test_memory_does_not_follow_the_length_of_the_record(tmp_path: Path) -> None:
     folder = tmp_path / "bodies"
     folder.mkdir()

@@ -4,6 +4,8 @@ heartbeat.
 
 from __future__ import annotations
 
+import copy
+import functools
 import itertools
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -39,6 +41,7 @@ def fleet(
     names: tuple[str, ...] = ("mav0", "mav1"),
     enabled: object = "scan",
     px4_params: dict[str, float] | None = None,
+    ground_lost_land_s: float = 60.0,
 ) -> FleetConfig:
     """A small fleet; neighbours need not be there."""
     vehicles = {
@@ -56,6 +59,7 @@ def fleet(
             "schema": 1,
             "fleet": {
                 "name": "rig",
+                "ground_lost_land_s": ground_lost_land_s,
                 "geofence_m": {"x": [-4.0, 4.0], "y": [-4.0, 4.0], "z": [0.0, 3.0]},
             },
             "defaults": {"px4_params": px4_params or {}},
@@ -327,3 +331,32 @@ class Rig:
     def count(self, kind: type, since_ns: int = 0) -> int:
         """Return the number of commands of a kind that went out after a time."""
         return sum(isinstance(command, kind) for stamp, command in self.sent if stamp > since_ns)
+
+
+def ready_rig() -> Rig:
+    """Return a rig that is ready to take off, as after ``until("ready")``."""
+    return copied(_ready())
+
+
+def hovering_rig() -> Rig:
+    """Return a rig that hovers at 1 m, as after ``fly``."""
+    return copied(_hovering())
+
+
+@functools.cache
+def _ready() -> Rig:
+    rig = Rig()
+    rig.until("ready")
+    return rig
+
+
+@functools.cache
+def _hovering() -> Rig:
+    rig = ready_rig()
+    rig.fly()
+    return rig
+
+
+def copied(rig: Rig) -> Rig:
+    """Return a rig of its own; the commands sent so far, which nobody changes, are shared."""
+    return copy.deepcopy(rig, {id(rig.sent): list(rig.sent)})

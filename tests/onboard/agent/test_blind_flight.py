@@ -11,13 +11,12 @@ from onboard import agent_commands
 from onboard.flight.state_machine import begin_failsafe
 from onboard.flight.types import FlightStep, FlightView
 from onboard.safety.failsafe_table import Action
-from tests.onboard.agent.rig import Rig
+from tests.onboard.agent.rig import Rig, hovering_rig, ready_rig
 
 
 def lost(after_s: float = 1.0) -> Rig:
     """A vehicle on its way at a metre per second whose poses have just stopped."""
-    rig = Rig()
-    rig.fly()
+    rig = hovering_rig()
     rig.order("move", order_id="away", position_enu_m=(3.0, 0.0, 1.0))
     rig.run(after_s)
     rig.has_mocap = False
@@ -61,8 +60,7 @@ def test_poses_that_are_back_within_0_6_s_let_the_order_go_on() -> None:
 def test_a_short_loss_in_a_climb_or_in_hover_ends_where_it_was_going_to_be(
     step: FlightStep,
 ) -> None:
-    rig = Rig()
-    rig.until("ready")
+    rig = ready_rig()
     rig.order("takeoff", height_m=1.0)
     while rig.core.flight.step is not step:
         rig.step()
@@ -198,8 +196,7 @@ def test_px4s_height_that_comes_back_up_on_the_ground_is_no_landing_that_rises()
 
 
 def test_a_start_whose_poses_stop_at_lift_off_ends_on_the_ground() -> None:
-    rig = Rig()
-    rig.until("ready")
+    rig = ready_rig()
     rig.order("takeoff", height_m=1.0)
     while rig.core.flight.step is not FlightStep.LIFTOFF:
         rig.step()

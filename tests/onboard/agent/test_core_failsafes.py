@@ -9,12 +9,13 @@ import pytest
 from msgspec.structs import replace
 
 from onboard import agent_commands, agent_inputs
+from onboard.agent.core import AgentCore
 from onboard.autopilot import Landed
 from onboard.estimation import wind
 from onboard.flight.types import FlightStep
 from onboard.supervision.condition_table import BUS_LOST_S
 from onboard.types import AttitudeSetpoint
-from tests.onboard.agent.rig import HOVER, Rig
+from tests.onboard.agent.rig import HOVER, Rig, fleet, hovering_rig, ready_rig
 
 
 def _setpoints(rig: Rig, since_ns: int) -> list[tuple[int, AttitudeSetpoint]]:
@@ -27,8 +28,7 @@ def _setpoints(rig: Rig, since_ns: int) -> list[tuple[int, AttitudeSetpoint]]:
 
 @pytest.mark.failsafe("own position stale", step="flying")
 def test_a_short_gap_of_the_mocap_is_flown_through() -> None:
-    rig = Rig()
-    rig.fly()
+    rig = hovering_rig()
     rig.has_mocap = False
     rig.run(0.15)
     rig.has_mocap = True
@@ -40,8 +40,7 @@ def test_a_short_gap_of_the_mocap_is_flown_through() -> None:
 @pytest.mark.failsafe("PX4 left OFFBOARD", step="flying")
 @pytest.mark.parametrize("mode", ["HOLD", "POSCTL", "LAND", "RTL"])
 def test_when_px4_leaves_offboard_the_agent_is_silent_and_says_who_flies(mode: str) -> None:
-    rig = Rig()
-    rig.fly()
+    rig = hovering_rig()
     rig.mode = mode
     rig.run(1.2)
     told_ns = rig.now_ns
@@ -54,8 +53,7 @@ def test_when_px4_leaves_offboard_the_agent_is_silent_and_says_who_flies(mode: s
 
 @pytest.mark.failsafe("PX4 silent", step="flying")
 def test_a_silent_px4_means_silence_and_failed_within_half_a_second() -> None:
-    rig = Rig()
-    rig.fly()
+    rig = hovering_rig()
     rig.has_autopilot = False
     lost_ns = rig.now_ns
     rig.run(2.0)
@@ -66,8 +64,7 @@ def test_a_silent_px4_means_silence_and_failed_within_half_a_second() -> None:
 @pytest.mark.failsafe("bus lost", step="flying")
 @pytest.mark.failsafe("bus lost for long", step="flying")
 def test_a_lost_bus_holds_and_then_lands_in_place() -> None:
-    rig = Rig()
-    rig.fly()
+    rig = hovering_rig()
     rig.order("move", position_enu_m=(-3.0, 0.0, 1.0))
     rig.run(1.5)
     rig.core.handle(agent_inputs.NodeChanged("ground-1", False), rig.now_ns)
@@ -83,8 +80,7 @@ def test_a_lost_bus_holds_and_then_lands_in_place() -> None:
 
 @pytest.mark.failsafe("ground station lost", step="flying")
 def test_a_lost_ground_station_changes_nothing_in_flight() -> None:
-    rig = Rig()
-    rig.fly()
+    rig = hovering_rig()
     reply = rig.order("move", position_enu_m=(1.0, 0.0, 1.0))
     rig.core.handle(agent_inputs.NodeChanged("ground-1", False), rig.now_ns)
     rig.run(8.0)
@@ -94,21 +90,21 @@ def test_a_lost_ground_station_changes_nothing_in_flight() -> None:
 
 @pytest.mark.failsafe("ground station lost for long", step="flying")
 def test_when_nobody_is_there_to_order_for_long_it_lands_and_a_watcher_does_not_count() -> None:
-    rig = Rig()
+    rig = Rig(AgentCore(fleet(ground_lost_land_s=6.0), "mav0", boot_id=7))
     rig.fly()
     rig.core.handle(agent_inputs.NodeChanged("ground-2", True), rig.now_ns)
     rig.core.handle(agent_inputs.NodeChanged("watcher-1", True), rig.now_ns)
     rig.core.handle(agent_inputs.NodeChanged("ground-1", False), rig.now_ns)
-    rig.run(61.0)
+    rig.run(7.0)
     assert rig.core.flight.state == "flying"  # another ground is there
     rig.core.handle(agent_inputs.NodeChanged("ground-2", False), rig.now_ns)
-    rig.run(25.0)
+    rig.run(2.5)
     rig.core.handle(
         agent_inputs.NodeChanged("ground-1", True), rig.now_ns
     )  # it was stopped for that long
     rig.run(1.0)
     rig.core.handle(agent_inputs.NodeChanged("ground-1", False), rig.now_ns)
-    rig.run(59.5)
+    rig.run(5.5)
     assert rig.core.flight.state == "flying"
     rig.run(1.0)
     assert rig.core.flight.step is FlightStep.DESCENT
@@ -118,8 +114,7 @@ def test_when_nobody_is_there_to_order_for_long_it_lands_and_a_watcher_does_not_
 
 
 def _starting(step: FlightStep) -> Rig:
-    rig = Rig()
-    rig.until("ready")
+    rig = ready_rig()
     rig.order("arm" if step is FlightStep.ARMED else "takeoff")
     while rig.core.flight.step is not step:
         rig.step()
@@ -159,8 +154,7 @@ def test_no_start_is_completed_with_a_position_that_has_jumped(step: FlightStep)
 
 @pytest.mark.failsafe("neighbour with another fleet file or law", step="flying")
 def test_a_neighbour_under_another_law_is_not_counted_on_and_passed_slowly() -> None:
-    rig = Rig()
-    rig.fly()
+    rig = hovering_rig()
     rig.order("move", position_enu_m=(-3.0, 0.0, 1.0))
     neighbours = rig.core.neighbours
     fleet = rig.core.fleet
@@ -192,8 +186,7 @@ def test_a_neighbour_under_another_law_is_not_counted_on_and_passed_slowly() -> 
 
 @pytest.mark.failsafe("battery not told", step="flying")
 def test_a_battery_that_is_not_told_any_more_lands_after_ten_seconds() -> None:
-    rig = Rig()
-    rig.fly()
+    rig = hovering_rig()
     rig.sends_battery = False
     rig.run(9.0)
     assert rig.core.flight.state == "flying"
@@ -204,8 +197,7 @@ def test_a_battery_that_is_not_told_any_more_lands_after_ten_seconds() -> None:
 
 @pytest.mark.failsafe("PX4 does not tell whether it is on the ground", step="flying")
 def test_a_flight_without_landed_states_is_said_and_its_landing_ends_when_px4_is_disarmed() -> None:
-    rig = Rig()
-    rig.fly()
+    rig = hovering_rig()
     rig.has_landed_reports = False
     reply = rig.order("move", position_enu_m=(0.5, 0.0, 1.0))
     rig.run(5.0)
@@ -219,8 +211,7 @@ def test_a_flight_without_landed_states_is_said_and_its_landing_ends_when_px4_is
 
 @pytest.mark.failsafe("PX4 reports the ground in flight", step="flying")
 def test_a_px4_that_reports_the_ground_in_flight_is_landed_before_it_disarms() -> None:
-    rig = Rig()
-    rig.fly()
+    rig = hovering_rig()
     rig.landed_report = Landed.ON_GROUND
     rig.run(0.4)
     rig.landed_report = None
@@ -233,8 +224,7 @@ def test_a_px4_that_reports_the_ground_in_flight_is_landed_before_it_disarms() -
 
 @pytest.mark.failsafe("battery at the landing level", step="flying")
 def test_a_low_battery_lands() -> None:
-    rig = Rig()
-    rig.fly()
+    rig = hovering_rig()
     rig.battery_frac = 0.19
     rig.run(0.5)
     assert rig.core.flight.state == "landing"
@@ -246,8 +236,7 @@ def test_a_low_battery_lands() -> None:
 def test_a_landing_that_rises_again_or_that_px4_does_not_see_is_left_to_px4(
     thrust_of_hover: float,
 ) -> None:
-    rig = Rig()
-    rig.fly()
+    rig = hovering_rig()
     rig.order("land")
     while rig.core.flight.step is not FlightStep.CONTACT:
         rig.step()
@@ -271,8 +260,7 @@ def test_outside_the_fence_it_holds_inside_and_then_lands(
 ) -> None:
     # what carries it looks like a gust, for which it would land
     monkeypatch.setattr(wind, "step", lambda memory, *_: memory)
-    rig = Rig()
-    rig.fly()
+    rig = hovering_rig()
     rig.carry(4.1, 0.0, 1.0)
     assert rig.core.flight.state == "holding"
     assert rig.core.flight.goal_position_enu_m[0] < 4.0
@@ -292,8 +280,7 @@ def test_nobody_is_sent_anywhere_while_the_table_asks_to_hold_and_anywhere_again
 ) -> None:
     # what carries it looks like a gust, for which it would land
     monkeypatch.setattr(wind, "step", lambda memory, *_: memory)
-    rig = Rig()
-    rig.fly()
+    rig = hovering_rig()
     rig.carry(4.1, 0.0, 1.0)
     answer = rig.order("move", position_enu_m=(1.0, 0.0, 1.0))
     assert not answer.is_accepted
@@ -308,8 +295,7 @@ def test_nobody_is_sent_anywhere_while_the_table_asks_to_hold_and_anywhere_again
 @pytest.mark.failsafe("loop stalled", step="flying")
 @pytest.mark.failsafe("loop stalled for long", step="flying")
 def test_a_stalled_loop_holds_and_a_long_one_leaves_the_landing_to_px4() -> None:
-    rig = Rig()
-    rig.fly()
+    rig = hovering_rig()
     rig.now_ns += 250_000_000
     rig.step()
     assert rig.core.flight.state == "holding"
@@ -341,8 +327,7 @@ def test_a_stalled_loop_holds_and_a_long_one_leaves_the_landing_to_px4() -> None
     ],
 )
 def test_a_bad_mocap_sample_between_good_ones_moves_nothing(changes: dict[str, object]) -> None:
-    rig = Rig()
-    rig.fly()
+    rig = hovering_rig()
     before = rig.position.copy()
     for _ in range(5):
         rig.pose(**changes)
@@ -353,8 +338,7 @@ def test_a_bad_mocap_sample_between_good_ones_moves_nothing(changes: dict[str, o
 
 
 def test_an_exception_in_ticks_is_told_and_the_next_tick_levels_nothing_on_the_ground() -> None:
-    rig = Rig()
-    rig.until("ready")
+    rig = ready_rig()
     rig.core.handle(agent_inputs.TickFailed("Internal error: test."), rig.now_ns)
     rig.run(0.1)
     assert any(event.code == "tick-failed" for event in rig.events)
@@ -362,8 +346,7 @@ def test_an_exception_in_ticks_is_told_and_the_next_tick_levels_nothing_on_the_g
 
 
 def test_every_setpoint_of_a_flight_with_everything_going_wrong_is_finite_and_bounded() -> None:
-    rig = Rig()
-    rig.fly()
+    rig = hovering_rig()
     rig.order("move", position_enu_m=(3.5, 3.5, 2.5))
     rng = np.random.default_rng(3)
     for _ in range(500):
@@ -380,8 +363,7 @@ def test_every_setpoint_of_a_flight_with_everything_going_wrong_is_finite_and_bo
 
 @pytest.mark.failsafe("on the ground though it should fly", step="flying")
 def test_a_vehicle_that_fell_stops_thrusting_instead_of_flying_on_from_the_ground() -> None:
-    rig = Rig()
-    rig.fly()
+    rig = hovering_rig()
     rig.has_lift = False
     rig.run(3.0)
     assert rig.position[2] == 0.0

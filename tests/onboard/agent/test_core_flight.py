@@ -12,12 +12,11 @@ from onboard import agent_commands, agent_inputs
 from onboard.agent.core import AgentCore
 from onboard.autopilot import Landed
 from onboard.estimation import wind
-from tests.onboard.agent.rig import Rig, fleet
+from tests.onboard.agent.rig import Rig, fleet, hovering_rig, ready_rig
 
 
 def test_a_flight_from_the_ground_to_the_ground_ends_every_order_as_done() -> None:
-    rig = Rig()
-    rig.fly()
+    rig = hovering_rig()
     assert rig.position[2] == pytest.approx(1.0, abs=0.1)
     assert rig.order("move", position_enu_m=(1.0, -1.0, 1.2)).is_accepted
     rig.run(8.0)
@@ -50,8 +49,7 @@ def test_a_battery_that_px4_no_longer_reports_is_shown_as_unknown_and_not_at_its
 
 
 def test_it_arms_only_after_a_heartbeat_has_said_offboard() -> None:
-    rig = Rig()
-    rig.until("ready")
+    rig = ready_rig()
     rig.accepts_offboard = False
     rig.order("takeoff", height_m=1.0)
     rig.run(2.0)
@@ -64,8 +62,7 @@ def test_it_arms_only_after_a_heartbeat_has_said_offboard() -> None:
 
 
 def test_there_is_no_thrust_before_a_heartbeat_has_said_armed() -> None:
-    rig = Rig()
-    rig.until("ready")
+    rig = ready_rig()
     rig.accepts_arm = False
     rig.order("takeoff", height_m=1.0)
     rig.run(4.0)
@@ -84,8 +81,7 @@ def test_there_is_no_thrust_before_a_heartbeat_has_said_armed() -> None:
 def test_a_px4_that_accepts_and_does_nothing_fails_the_order_in_words(
     switch: str, word: str
 ) -> None:
-    rig = Rig()
-    rig.until("ready")
+    rig = ready_rig()
     setattr(rig, switch, False)
     reply = rig.order("takeoff", height_m=1.0)
     assert reply.is_accepted
@@ -131,8 +127,7 @@ def test_a_wrong_heading_of_px4_is_taken_out_by_the_mocap(error_deg: float) -> N
 
 
 def test_a_new_order_supersedes_the_one_in_progress() -> None:
-    rig = Rig()
-    rig.fly()
+    rig = hovering_rig()
     first = rig.order("move", position_enu_m=(2.0, 0.0, 1.0))
     rig.run(0.5)
     second = rig.order("hold")
@@ -145,8 +140,7 @@ def test_a_new_order_supersedes_the_one_in_progress() -> None:
 
 
 def test_the_same_order_sent_twice_begins_once_and_is_answered_twice() -> None:
-    rig = Rig()
-    rig.fly()
+    rig = hovering_rig()
     first = rig.order("move", order_id="same", position_enu_m=(1.0, 0.0, 1.0))
     rig.run(10.0)
     assert rig.order("move", order_id="same", position_enu_m=(1.0, 0.0, 1.0)) == first
@@ -154,8 +148,7 @@ def test_the_same_order_sent_twice_begins_once_and_is_answered_twice() -> None:
 
 
 def test_armed_on_the_ground_it_waits_and_says_when_px4_disarms_by_itself() -> None:
-    rig = Rig()
-    rig.until("ready")
+    rig = ready_rig()
     rig.order("arm")
     rig.until("armed")
     rig.is_armed = False
@@ -165,8 +158,7 @@ def test_armed_on_the_ground_it_waits_and_says_when_px4_disarms_by_itself() -> N
 
 @pytest.mark.failsafe("agent asked to stop", step="flying")
 def test_asked_to_stop_in_the_air_it_lands_first_and_then_ends() -> None:
-    rig = Rig()
-    rig.fly()
+    rig = hovering_rig()
     rig.core.handle(agent_inputs.ShutdownRequested(), rig.now_ns)
     rig.run(1.0)
     assert rig.core.flight.state == "landing"
@@ -192,8 +184,7 @@ def test_a_kill_in_the_air_is_a_critical_event_with_author_and_node_on_the_groun
     rig.order("kill")
     rig.run(1.5)
     assert not [event for event in rig.events if event.code == "killed"]
-    rig = Rig()
-    rig.fly()
+    rig = hovering_rig()
     rig.order("kill", node="ground-17-ab")
     (event,) = [event for event in rig.events if event.code == "killed"]
     assert (event.severity, event.sentence) == (
@@ -203,8 +194,7 @@ def test_a_kill_in_the_air_is_a_critical_event_with_author_and_node_on_the_groun
 
 
 def test_kill_is_repeated_until_px4_is_disarmed() -> None:
-    rig = Rig()
-    rig.fly()
+    rig = hovering_rig()
     rig.order("kill")
     assert rig.count(agent_commands.Kill) == 1
     rig.run(1.5)
@@ -228,8 +218,7 @@ def test_an_agent_started_while_the_vehicle_flies_stays_silent_and_says_so() -> 
 
 
 def test_the_state_message_says_cooperative_only_while_the_law_flies() -> None:
-    rig = Rig()
-    rig.until("ready")
+    rig = ready_rig()
     assert rig.state is not None
     assert not rig.state.is_cooperative
     assert not rig.state.is_airborne
@@ -245,8 +234,7 @@ def test_the_state_message_says_cooperative_only_while_the_law_flies() -> None:
 def test_locate_plays_a_tune_and_changes_nothing_else_also_by_its_former_name(
     in_air: bool, kind: Any
 ) -> None:
-    rig = Rig()
-    rig.until("ready")
+    rig = ready_rig()
     if in_air:
         rig.order("takeoff", height_m=1.0)
         rig.until("flying")
@@ -259,13 +247,13 @@ def test_locate_plays_a_tune_and_changes_nothing_else_also_by_its_former_name(
     assert any("does not confirm" in event.sentence for event in rig.events)
 
 
+@pytest.mark.long
 def test_a_move_that_never_arrives_times_out_says_how_far_it_was_and_holds(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     # what holds it looks like a gust, for which it would land
     monkeypatch.setattr(wind, "step", lambda memory, *_: memory)
-    rig = Rig()
-    rig.fly()
+    rig = hovering_rig()
     order = rig.order("move", position_enu_m=(2.0, 0.0, 1.0))
 
     def stuck() -> None:
@@ -284,8 +272,7 @@ def test_a_move_that_never_arrives_times_out_says_how_far_it_was_and_holds(
 
 
 def test_every_move_and_landing_has_a_time_limit_that_grows_with_its_way() -> None:
-    rig = Rig()
-    rig.fly()
+    rig = hovering_rig()
     limits = []
     for fields in (
         {"position_enu_m": (0.5, 0.0, 1.0)},
@@ -301,8 +288,7 @@ def test_every_move_and_landing_has_a_time_limit_that_grows_with_its_way() -> No
 
 
 def test_a_landing_that_does_not_come_down_is_handed_to_px4() -> None:
-    rig = Rig()
-    rig.fly()
+    rig = hovering_rig()
     order = rig.order("land")
 
     def hanging() -> None:
@@ -318,8 +304,7 @@ def test_a_landing_that_does_not_come_down_is_handed_to_px4() -> None:
 
 
 def test_a_failsafes_disarming_is_asked_for_until_px4_says_that_it_is_disarmed() -> None:
-    rig = Rig()
-    rig.until("ready")
+    rig = ready_rig()
     rig.order("arm")
     rig.until("armed")
     since_ns = rig.now_ns
@@ -342,8 +327,7 @@ def test_a_failsafes_disarming_is_asked_for_until_px4_says_that_it_is_disarmed()
 
 @pytest.mark.failsafe("PX4 disarmed in flight", step="flying")
 def test_a_kill_switch_in_flight_ends_the_flight_and_is_never_undone() -> None:
-    rig = Rig()
-    rig.fly()
+    rig = hovering_rig()
     rig.is_armed = False
     rig.run(1.2)
     told_ns = rig.now_ns
@@ -358,8 +342,7 @@ def test_a_kill_switch_in_flight_ends_the_flight_and_is_never_undone() -> None:
 
 
 def test_a_pilot_who_takes_the_vehicle_from_px4s_landing_is_not_fought() -> None:
-    rig = Rig()
-    rig.fly()
+    rig = hovering_rig()
     for _ in range(30):
         rig.core.handle(agent_inputs.TickFailed("broken"), rig.now_ns)
         rig.step()

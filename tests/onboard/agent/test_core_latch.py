@@ -4,7 +4,6 @@ and goes.
 
 from __future__ import annotations
 
-import copy
 import functools
 import itertools
 
@@ -17,7 +16,7 @@ from onboard.flight.context import FlightContext
 from onboard.flight.types import FlightStep
 from onboard.safety.failsafe_table import TABLE, Action, Condition, Situation
 from onboard.supervision.condition_monitor import ConditionMonitor
-from tests.onboard.agent.rig import Rig
+from tests.onboard.agent.rig import Rig, copied, hovering_rig
 
 # what the table's actions leave of a flight, by rank; a vehicle that PX4 has landed has ended it
 GIVEN_UP = 8
@@ -36,8 +35,7 @@ def course(flight: FlightContext) -> int:
 
 @functools.cache
 def _flown() -> Rig:
-    rig = Rig()
-    rig.fly()
+    rig = hovering_rig()
     rig.order("move", order_id="away", position_enu_m=(3.0, 0.0, 1.2))
     rig.run(0.6)
     return rig
@@ -45,7 +43,7 @@ def _flown() -> Rig:
 
 def moving() -> Rig:
     """A vehicle on its way, by order ``away``."""
-    return copy.deepcopy(_flown())
+    return copied(_flown())
 
 
 class Broken:
@@ -63,7 +61,7 @@ class Broken:
 CAN_COME = [condition for condition in Condition if condition is not Condition.SHUTDOWN]
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(
     st.lists(
         st.tuples(st.sets(st.sampled_from(CAN_COME), max_size=3), st.integers(1, 12)), max_size=12
@@ -172,8 +170,7 @@ def test_after_a_hold_an_order_flies_on_at_full_speed_and_after_a_landing_none_d
 
 
 def test_a_slow_flight_is_slow_and_arrives(monkeypatch: pytest.MonkeyPatch) -> None:
-    rig = Rig()
-    rig.fly()
+    rig = hovering_rig()
     broken = Broken(rig, monkeypatch)
     order = rig.order("move", position_enu_m=(2.0, 0.0, 1.0))
     broken.holds = {Condition.MOCAP_LATE}

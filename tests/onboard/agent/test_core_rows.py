@@ -17,17 +17,10 @@ from onboard.control.pipeline import PipelineMemory
 from onboard.flight.types import FlightStep
 from onboard.safety.failsafe_table import Condition
 from onboard.types import LawStatus, Tick
-from tests.onboard.agent.rig import Rig, fleet
+from tests.onboard.agent.rig import Rig, fleet, hovering_rig, ready_rig
 
 Vec3 = tuple[float, float, float]
 STILL: Vec3 = (0.0, 0.0, 0.0)
-
-
-def flown() -> Rig:
-    """A vehicle that hovers at 1 m."""
-    rig = Rig()
-    rig.fly()
-    return rig
 
 
 def told(rig: Rig, condition: Condition) -> list[str]:
@@ -81,7 +74,7 @@ def beside(rig: Rig, east_m: float) -> Vec3:
 
 @pytest.mark.failsafe("PX4's numbers are impossible", step="flying")
 def test_a_px4_whose_attitude_is_no_rotation_gets_no_more_setpoints() -> None:
-    rig = flown()
+    rig = hovering_rig()
     rig.snapshot = replace(rig.snapshot, quaternion_enu_flu_wxyz=(0.0, 0.0, 0.0, 0.0))
     rig.obeys = False
     rig.is_armed = False  # its motion no longer matters, and keeps the attitude as it is
@@ -95,7 +88,7 @@ def test_a_px4_whose_attitude_is_no_rotation_gets_no_more_setpoints() -> None:
 
 @pytest.mark.failsafe("own position lost for long", step="landing by setpoint")
 def test_a_landing_by_dead_reckoning_that_takes_too_long_is_left_to_px4() -> None:
-    rig = flown()
+    rig = hovering_rig()
     rig.has_mocap = False
 
     def stay_up() -> None:
@@ -113,7 +106,7 @@ def test_a_landing_by_dead_reckoning_that_takes_too_long_is_left_to_px4() -> Non
 
 @pytest.mark.failsafe("a clock jumped", step="flying")
 def test_a_clock_that_jumps_is_said_and_the_order_goes_on() -> None:
-    rig = flown()
+    rig = hovering_rig()
     order = rig.order("move", position_enu_m=(0.5, 0.0, 1.0))
     rig.now_ns -= 300_000_000
     rig.run(8.0)
@@ -125,7 +118,7 @@ def test_a_clock_that_jumps_is_said_and_the_order_goes_on() -> None:
 @pytest.mark.failsafe("disk full", step="flying")
 @pytest.mark.failsafe("disk full", step="on the ground, disarmed")
 def test_a_full_disk_refuses_a_take_off_and_ends_no_flight() -> None:
-    rig = flown()
+    rig = hovering_rig()
     rig.core.handle(agent_inputs.DiskChecked(True), rig.now_ns)
     rig.run(1.0)
     assert rig.core.flight.state == "flying"
@@ -141,8 +134,7 @@ def test_a_full_disk_refuses_a_take_off_and_ends_no_flight() -> None:
 @pytest.mark.failsafe("another agent for this vehicle", step="lifting off")
 def test_another_agent_ends_a_lift_off_and_no_flight() -> None:
     for step, expected in ((FlightStep.CLIMB, "taking off"), (FlightStep.LIFTOFF, "landing")):
-        rig = Rig()
-        rig.until("ready")
+        rig = ready_rig()
         rig.order("takeoff", height_m=1.0)
         while rig.core.flight.step is not step:
             rig.step()
@@ -155,9 +147,10 @@ def test_another_agent_ends_a_lift_off_and_no_flight() -> None:
         assert rig.core.flight.state == expected
 
 
+@pytest.mark.long
 @pytest.mark.failsafe("order overdue", step="flying")
 def test_a_move_that_does_not_arrive_in_three_times_its_duration_and_30_s_holds() -> None:
-    rig = flown()
+    rig = hovering_rig()
     other = Other(rig)
     order = rig.order("move", position_enu_m=(2.0, 0.0, 1.0))
     for _ in range(2600):
@@ -171,7 +164,7 @@ def test_a_move_that_does_not_arrive_in_three_times_its_duration_and_30_s_holds(
 
 @pytest.mark.failsafe("collision suspected", step="flying")
 def test_a_body_that_overlaps_ours_means_a_landing() -> None:
-    rig = flown()
+    rig = hovering_rig()
     other = Other(rig)
     other.says(beside(rig, 0.2))
     rig.step()
@@ -182,7 +175,7 @@ def test_a_body_that_overlaps_ours_means_a_landing() -> None:
 
 @pytest.mark.failsafe("separation breached", step="flying")
 def test_below_the_safety_distance_the_order_goes_on_slowly() -> None:
-    rig = flown()
+    rig = hovering_rig()
     other = Other(rig)
     rig.order("move", position_enu_m=(-3.0, 0.0, 1.0))
     for _ in range(10):
@@ -195,7 +188,7 @@ def test_below_the_safety_distance_the_order_goes_on_slowly() -> None:
 
 @pytest.mark.failsafe("separation will be lost", step="flying")
 def test_a_neighbour_that_comes_faster_than_both_can_brake_makes_the_order_slow() -> None:
-    rig = flown()
+    rig = hovering_rig()
     other = Other(rig)
     rig.order("move", position_enu_m=(-3.0, 0.0, 1.0))
     for tick in range(20):
@@ -231,7 +224,7 @@ def test_when_no_thrust_satisfies_the_law_the_order_holds() -> None:
 
 @pytest.mark.failsafe("neighbour without position", step="flying")
 def test_a_neighbour_that_does_not_know_where_it_is_is_named() -> None:
-    rig = flown()
+    rig = hovering_rig()
     other = Other(rig)
     for tick in range(18):
         other.says(beside(rig, 2.5), is_valid=tick < 10)
@@ -245,7 +238,7 @@ def test_a_neighbour_that_does_not_know_where_it_is_is_named() -> None:
 
 @pytest.mark.failsafe("neighbour does not do what it says", step="flying")
 def test_a_neighbour_that_flies_otherwise_than_it_predicts_is_passed_slowly() -> None:
-    rig = flown()
+    rig = hovering_rig()
     other = Other(rig)
     rig.order("move", position_enu_m=(-3.0, 0.0, 1.0))
     y_m = 1.5
@@ -260,7 +253,7 @@ def test_a_neighbour_that_flies_otherwise_than_it_predicts_is_passed_slowly() ->
 
 @pytest.mark.failsafe("neighbour heard again", step="flying")
 def test_a_neighbour_that_is_heard_again_is_said() -> None:
-    rig = flown()
+    rig = hovering_rig()
     other = Other(rig)
     for tick in range(200):
         if not 50 < tick < 120:
@@ -286,7 +279,7 @@ def test_a_battery_below_its_warning_is_said_and_ends_no_flight() -> None:
 
 @pytest.mark.failsafe("geofence near", step="flying")
 def test_near_the_fence_the_order_goes_on_slowly() -> None:
-    rig = flown()
+    rig = hovering_rig()
     rig.order("move", position_enu_m=(3.85, 0.0, 1.0))
     rig.run(9.0)
     rig.order("move", position_enu_m=(3.85, 2.0, 1.0))
@@ -300,7 +293,7 @@ def test_near_the_fence_the_order_goes_on_slowly() -> None:
 
 @pytest.mark.failsafe("above the ceiling", step="flying")
 def test_above_the_ceiling_it_holds_below_it() -> None:
-    rig = flown()
+    rig = hovering_rig()
     rig.carry(0.0, 0.0, 3.1, speed_m_s=1.0)
 
     assert told(rig, Condition.CEILING)
@@ -310,7 +303,7 @@ def test_above_the_ceiling_it_holds_below_it() -> None:
 
 @pytest.mark.failsafe("loop late", step="flying")
 def test_a_late_tick_is_counted_and_changes_nothing() -> None:
-    rig = flown()
+    rig = hovering_rig()
     rig.now_ns += 15_000_000
     rig.step()
 
@@ -321,7 +314,7 @@ def test_a_late_tick_is_counted_and_changes_nothing() -> None:
 
 @pytest.mark.failsafe("PX4's heartbeat lost", step="flying")
 def test_a_px4_whose_heartbeat_stops_is_landed_under_the_law() -> None:
-    rig = flown()
+    rig = hovering_rig()
     rig.sends_heartbeat = False
     rig.run(2.0)
     assert rig.core.flight.state == "flying"
@@ -332,11 +325,12 @@ def test_a_px4_whose_heartbeat_stops_is_landed_under_the_law() -> None:
     assert rig.count(agent_commands.Px4Land) == 0
 
 
+@pytest.mark.long
 @pytest.mark.failsafe("pushed about", step="flying")
 @pytest.mark.failsafe("disturbance larger than it learns", step="flying")
 def test_a_push_that_begins_at_once_lands_and_a_large_one_is_more_than_it_learns() -> None:
     for push_m_s2, is_bound in ((1.0, False), (4.0, True)):
-        rig = flown()
+        rig = hovering_rig()
 
         def push(rig: Rig = rig, push_m_s2: float = push_m_s2) -> None:
             rig.velocity[0] += 0.02 * push_m_s2

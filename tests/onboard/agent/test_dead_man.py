@@ -9,14 +9,13 @@ import itertools
 import pytest
 
 from onboard import agent_commands
-from tests.onboard.agent.rig import DT_NS, Rig
+from tests.onboard.agent.rig import DT_NS, Rig, hovering_rig
 
 LOSS_NS = 300_000_000
 
 
 def flying() -> Rig:
-    rig = Rig()
-    rig.fly()
+    rig = hovering_rig()
     rig.run(2.0)
     return rig
 

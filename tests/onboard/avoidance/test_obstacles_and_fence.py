@@ -51,6 +51,7 @@ def test_a_goal_straight_behind_an_obstacle_is_reached_without_touching_it(shape
     assert nearest_to(fleet.obstacles[0], result.trace_enu_m) > 0.25 + 0.12
 
 
+@pytest.mark.long
 def test_without_rotation_a_vehicle_stands_in_front_of_the_obstacle_for_long():
     turning, _ = fly_from_to((-2.5, 0.0), (2.5, 0.0), PILLAR)
     result, fleet = fly_from_to((-2.5, 0.0), (2.5, 0.0), PILLAR, law={"rotation": "never"})

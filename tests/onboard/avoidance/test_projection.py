@@ -67,13 +67,14 @@ def by_daqp(u0, normals, bounds):
     return x if flag == 1 else None
 
 
-def test_projection_equals_an_independent_qp_solver_on_random_and_degenerate_cases():
+@pytest.mark.parametrize("share", [0.2, pytest.param(1.0, marks=pytest.mark.long)])
+def test_projection_equals_an_independent_qp_solver_on_random_and_degenerate_cases(share):
     rng = np.random.default_rng(0)
     compared = infeasible = 0
     for height, count in ((1, 2_000), (2, 8_000), (3, 8_000), (5, 4_000), (8, 1_200), (14, 600)):
         normals, bounds = random_and_degenerate_rows(rng, count, height)
         u0 = rng.normal(size=(count, 2)) * 3
-        for k in range(count):
+        for k in range(round(share * count)):
             result = projected(u0[k], normals[k], bounds[k], 1e5)
             reference = by_daqp(u0[k], normals[k], bounds[k])
             if reference is None:
@@ -84,8 +85,8 @@ def test_projection_equals_an_independent_qp_solver_on_random_and_degenerate_cas
                 assert result.status in (LawStatus.INACTIVE, LawStatus.SATURATED), (height, k)
                 error = np.abs(result.point - reference).max()
                 assert error <= 1e-9 * (1.0 + np.abs(reference).max()), (height, k)
-    assert compared > 14_000
-    assert infeasible > 2_000
+    assert compared > share * 14_000
+    assert infeasible > share * 2_000
 
 
 def by_daqp_with_disc(u0, normals, bounds, radius):
@@ -146,10 +147,10 @@ def test_slack_of_contradicting_rows_is_the_smallest_there_is():
     rng = np.random.default_rng(2)
     checked = 0
     for height in (2, 3, 5):
-        normals, bounds = random_rows(rng, 60, height, spread=4.0)
-        radius = rng.uniform(0.5, 4.0, 60)
-        u0 = rng.normal(size=(60, 2))
-        for k in range(60):
+        normals, bounds = random_rows(rng, 25, height, spread=4.0)
+        radius = rng.uniform(0.5, 4.0, 25)
+        u0 = rng.normal(size=(25, 2))
+        for k in range(25):
             result = projected(u0[k], normals[k], bounds[k], radius[k])
             if result.status != LawStatus.RELAXED:
                 continue
@@ -157,7 +158,7 @@ def test_slack_of_contradicting_rows_is_the_smallest_there_is():
             assert abs(least_common_slack(normals[k], bounds[k], radius[k]) - result.slack) < 1e-7
             assert (bounds[k] - normals[k] @ result.point).max() <= result.slack + 1e-5
             assert np.hypot(*result.point) <= radius[k] * (1 + 1e-9)
-    assert checked > 50
+    assert checked > 20
 
 
 def test_project_leaves_contradicting_rows_to_whoever_knows_which_of_them_yield():

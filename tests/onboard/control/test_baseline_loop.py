@@ -176,6 +176,7 @@ def test_the_thrust_asked_is_smooth(flight: Flight) -> None:
     assert np.sqrt((slew**2).sum(-1).mean()) < 8.0
 
 
+@pytest.mark.long
 def test_without_the_observer_the_static_errors_of_the_weak_vehicle_remain(flight: Flight) -> None:
     without = fly(observes=False)
     rest = np.linalg.norm(without.tracking_m[-50:, :, :2], axis=-1).mean()

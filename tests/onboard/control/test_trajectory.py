@@ -108,7 +108,9 @@ def test_from_rest_speed_and_acceleration_reach_a_bound_and_never_pass_it(distan
     assert max(speed / 1.0, force / 1.5) > 0.8 or distance < 0.1
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize(
+    "seed", [0, *(pytest.param(seed, marks=pytest.mark.long) for seed in (1, 2))]
+)
 def test_bounds_hold_however_often_the_goal_changes(seed: int) -> None:
     """Random goals, bounds and durations, changed at random moments, also within a leg."""
     rng = np.random.default_rng(seed)

@@ -14,12 +14,11 @@ from onboard import agent_commands
 from onboard.autopilot import Landed
 from onboard.flight.types import FlightStep
 from onboard.frames import body_up
-from tests.onboard.agent.rig import Rig
+from tests.onboard.agent.rig import Rig, ready_rig
 
 
 def _hover(height_m: float) -> Rig:
-    rig = Rig()
-    rig.until("ready")
+    rig = ready_rig()
     rig.order("takeoff", height_m=height_m)
     rig.until("flying")
     return rig
@@ -54,8 +53,7 @@ def test_a_wrong_report_of_the_ground_in_a_landing_does_not_end_the_thrust(secon
 
 
 def test_reports_of_the_ground_that_stopped_at_the_take_off_do_not_count() -> None:
-    rig = Rig()
-    rig.until("ready")
+    rig = ready_rig()
     rig.order("takeoff", height_m=1.8)
     while rig.core.flight.step is not FlightStep.LIFTOFF:
         rig.step()

@@ -9,7 +9,7 @@ from onboard import agent_commands, agent_inputs
 from onboard.autopilot import PILOT_MODES
 from onboard.bus.schema import BY_MISSION, TO_EVERYBODY
 from onboard.flight.types import FlightStep
-from tests.onboard.agent.rig import Rig
+from tests.onboard.agent.rig import hovering_rig
 from tests.onboard.flight.test_takeover import Held
 
 PILOTS = ("POSCTL", "ALTCTL", "STABILIZED")
@@ -108,8 +108,7 @@ def test_no_failsafe_lands_a_vehicle_that_a_pilot_has_just_taken(ticks: int) -> 
 
 
 def test_beside_sticks_that_rest_a_failsafe_still_has_px4_land() -> None:
-    rig = Rig()
-    rig.fly()
+    rig = hovering_rig()
     rig.has_sticks = True
     rig.run(1.0)
     begin_ns = rig.now_ns

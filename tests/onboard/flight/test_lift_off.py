@@ -5,13 +5,12 @@ from __future__ import annotations
 import pytest
 
 from onboard.flight.types import FlightStep
-from tests.onboard.agent.rig import Rig
+from tests.onboard.agent.rig import ready_rig
 
 
 def _lift_off_s(height_m: float) -> float:
     """Return how long lifting off takes on the way to a height [s]."""
-    rig = Rig()
-    rig.until("ready")
+    rig = ready_rig()
     rig.order("takeoff", height_m=height_m)
     for _ in range(400):
         if rig.core.flight.step is FlightStep.LIFTOFF:

@@ -14,7 +14,7 @@ from onboard.bus.schema import Order, Telemetry
 from onboard.flight.context import FlightContext
 from onboard.flight.order_checks import refusal
 from onboard.flight.types import FlightStep
-from tests.onboard.agent.rig import Rig, fleet
+from tests.onboard.agent.rig import Rig, fleet, hovering_rig, ready_rig
 
 
 def _neighbour(rig: Rig, **changes: object) -> None:
@@ -40,8 +40,7 @@ FLYING: list[tuple[str, dict[str, object], str]] = [
 
 
 def test_a_flying_vehicle_refuses() -> None:
-    rig = Rig()
-    rig.fly()
+    rig = hovering_rig()
     for kind, fields, words in FLYING:
         reply = rig.order(kind, **fields)  # type: ignore[arg-type]
         assert not reply.is_accepted, (kind, fields)
@@ -61,8 +60,7 @@ ON_GROUND: list[tuple[str, dict[str, object], str]] = [
 
 
 def test_a_vehicle_on_the_ground_refuses() -> None:
-    rig = Rig()
-    rig.until("ready")
+    rig = ready_rig()
     for kind, fields, words in ON_GROUND:
         reply = rig.order(kind, **fields)  # type: ignore[arg-type]
         assert not reply.is_accepted, (kind, fields)
@@ -72,8 +70,7 @@ def test_a_vehicle_on_the_ground_refuses() -> None:
 
 
 def test_a_killed_vehicle_says_that_it_was_killed() -> None:
-    rig = Rig()
-    rig.fly()
+    rig = hovering_rig()
     assert rig.order("kill").is_accepted
     rig.until("landed")
     for kind in ("land", "move", "hold"):
@@ -83,8 +80,7 @@ def test_a_killed_vehicle_says_that_it_was_killed() -> None:
 
 
 def test_a_vehicle_whose_motors_are_just_being_stopped_says_that_it_was_killed() -> None:
-    rig = Rig()
-    rig.fly()
+    rig = hovering_rig()
     assert rig.order("kill").is_accepted
     for kind in ("takeoff", "arm", "move", "hold", "follow_path"):
         reply = rig.order(kind, position_enu_m=(1.0, 0.0, 1.0), height_m=1.5)
@@ -118,8 +114,7 @@ def test_a_vehicle_that_px4_lands_says_so_and_what_can_be_done() -> None:
 
 
 def test_a_vehicle_that_lands_is_to_be_waited_for() -> None:
-    rig = Rig()
-    rig.fly()
+    rig = hovering_rig()
     assert rig.order("land").is_accepted
     rig.until("landing")
     reply = rig.order("hold")
@@ -150,16 +145,14 @@ def test_wrong_parameters_of_px4_refuse_the_take_off() -> None:
 
 
 def test_another_fleet_file_on_a_neighbour_refuses_the_take_off() -> None:
-    rig = Rig()
-    rig.until("ready")
+    rig = ready_rig()
     _neighbour(rig, config_hash="another", position_enu_m=(3.0, 0.0, 0.0))
     rig.run(0.1)
     assert "mav1 flies with another fleet file" in rig.order("takeoff", height_m=1.0).reason
 
 
 def test_a_neighbour_within_the_safety_distance_refuses_the_take_off() -> None:
-    rig = Rig()
-    rig.until("ready")
+    rig = ready_rig()
     _neighbour(rig, position_enu_m=(0.5, 0.0, 0.0))
     assert "mav1 stands 0.50 m away" in rig.order("takeoff", height_m=1.0).reason
 
@@ -178,16 +171,14 @@ def test_a_take_off_under_a_flying_vehicle_is_refused_unless_it_stays_far_enough
 
 
 def test_a_goal_above_a_vehicle_on_the_ground_is_refused() -> None:
-    rig = Rig()
-    rig.fly()
+    rig = hovering_rig()
     _neighbour(rig, position_enu_m=(2.0, 0.0, 0.0), is_airborne=False, state="landed")
     reply = rig.order("move", position_enu_m=(2.0, 0.3, 1.0))
     assert "0.30 m from mav1" in reply.reason
 
 
 def test_two_vehicles_may_swap_their_places() -> None:
-    rig = Rig()
-    rig.fly()
+    rig = hovering_rig()
     _neighbour(
         rig, position_enu_m=(2.0, 0.0, 1.0), goal_position_enu_m=(2.0, 0.0, 1.0), is_airborne=True
     )
@@ -202,8 +193,7 @@ def test_two_vehicles_may_swap_their_places() -> None:
 
 
 def test_a_goal_on_a_neighbours_goal_is_given_up_with_a_reason() -> None:
-    rig = Rig()
-    rig.fly()
+    rig = hovering_rig()
     _neighbour(
         rig, position_enu_m=(3.0, 3.0, 1.0), goal_position_enu_m=(2.0, 0.0, 1.0), is_airborne=True
     )
@@ -217,8 +207,7 @@ def test_a_goal_on_a_neighbours_goal_is_given_up_with_a_reason() -> None:
 
 
 def test_land_after_giving_up_lets_px4_land() -> None:
-    rig = Rig()
-    rig.fly()
+    rig = hovering_rig()
     rig.mode = "HOLD"
     rig.run(1.2)
     assert rig.core.flight.state == "failed"
@@ -242,8 +231,7 @@ def _end_of(rig: Rig, kind: str) -> tuple[str, str]:
 
 
 def test_home_and_land_of_a_vehicle_that_stands_at_home_after_its_flight_are_done() -> None:
-    rig = Rig()
-    rig.fly()
+    rig = hovering_rig()
     assert rig.order("land").is_accepted
     rig.until("landed")
 
@@ -259,8 +247,7 @@ def test_home_and_land_of_a_vehicle_that_stands_at_home_after_its_flight_are_don
 
 
 def test_home_of_a_vehicle_that_has_not_flown_is_done_at_home_and_refused_elsewhere() -> None:
-    rig = Rig()
-    rig.until("ready")
+    rig = ready_rig()
     assert rig.order("move", position_enu_m=(0.1, 0.0, 1.0), then_land=True).is_accepted
     assert rig.core.flight.state == "ready"
     reply = rig.order("move", position_enu_m=(2.0, 0.0, 1.0), then_land=True)
@@ -268,8 +255,7 @@ def test_home_of_a_vehicle_that_has_not_flown_is_done_at_home_and_refused_elsewh
 
 
 def test_a_vehicle_that_fell_says_so_until_it_starts_again() -> None:
-    rig = Rig()
-    rig.fly()
+    rig = hovering_rig()
     rig.is_armed = False  # PX4 stops the motors in the air
     rig.has_lift = False
     rig.until("failed")

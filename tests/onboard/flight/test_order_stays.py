@@ -5,14 +5,13 @@ from __future__ import annotations
 import pytest
 
 from onboard.bus.schema import BY_MISSION, OrderKind
-from tests.onboard.agent.rig import Rig
+from tests.onboard.agent.rig import Rig, hovering_rig
 
 BOOT_ID = 7  # of the rig's agent
 
 
 def _held(kind: OrderKind = "hold") -> Rig:
-    rig = Rig()
-    rig.fly()
+    rig = hovering_rig()
     rig.run(0.5)
     assert rig.order(kind, order_id="person").is_accepted
     return rig
@@ -55,7 +54,6 @@ def test_what_another_start_of_the_agent_has_told_is_not_heard() -> None:
 
 
 def test_locate_is_no_order_that_stays() -> None:
-    rig = Rig()
-    rig.fly()
+    rig = hovering_rig()
     rig.order("locate")
     assert rig.order("land", reason=BY_MISSION).is_accepted

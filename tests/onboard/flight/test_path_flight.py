@@ -252,6 +252,7 @@ def test_a_pause_stops_the_vehicle_on_its_path_and_resume_lets_it_go_on_to_the_e
     assert rig.position[0] == pytest.approx(2.0, abs=0.1)
 
 
+@pytest.mark.long
 def test_land_and_hold_end_a_paused_path_and_a_weak_battery_lands_it() -> None:
     ends: tuple[tuple[OrderKind, str], ...] = (("hold", "holding"), ("land", "landing"))
     for kind, state in ends:

@@ -12,15 +12,14 @@ from onboard import agent_commands
 from onboard.bus.schema import OrderKind
 from onboard.flight.types import FlightStep
 from onboard.frames import body_up
-from tests.onboard.agent.rig import Rig
+from tests.onboard.agent.rig import Rig, hovering_rig, ready_rig
 
 HEIGHT_M = 1.0
 NO_FARTHER_M = 0.3
 
 
 def _climbing(ticks: int) -> Rig:
-    rig = Rig()
-    rig.until("ready")
+    rig = ready_rig()
     rig.order("takeoff", height_m=HEIGHT_M)
     for _ in range(400):
         if rig.core.flight.step is FlightStep.CLIMB:
@@ -39,7 +38,7 @@ def _highest_m(rig: Rig, seconds: float = 4.0) -> float:
 
 
 @pytest.mark.parametrize("kind", ["land", "hold"])
-@pytest.mark.parametrize("ticks", range(0, 120, 15))
+@pytest.mark.parametrize("ticks", range(0, 120, 30))
 def test_what_is_stopped_in_the_climb_rises_hardly_and_never_above_the_ordered_height(
     kind: OrderKind, ticks: int
 ) -> None:
@@ -77,9 +76,8 @@ def test_a_landing_that_goes_on_rising_is_left_to_px4() -> None:
 
 @pytest.mark.parametrize("low_m", [0.4, 1.2])
 def test_a_hold_in_a_move_up_or_down_goes_on_hardly_and_not_past_its_goal(low_m: float) -> None:
-    for ticks in range(10, 110, 20):
-        rig = Rig()
-        rig.fly()
+    for ticks in range(10, 110, 45):
+        rig = hovering_rig()
         rig.order("move", position_enu_m=(0.0, 0.0, 1.6 + 0.8 * (1.0 if low_m > 1.0 else -1.0)))
         rig.run(0.02 * ticks)
         before_m = float(rig.position[2])
@@ -97,8 +95,7 @@ def test_a_hold_in_a_move_up_or_down_goes_on_hardly_and_not_past_its_goal(low_m:
 
 def test_a_hold_in_hover_and_a_move_by_millimetres_ask_for_hardly_any_tilt() -> None:
     for kind, fields in (("hold", {}), ("move", {"position_enu_m": (0.004, 0.0, 1.0)})):
-        rig = Rig()
-        rig.fly()
+        rig = hovering_rig()
         rig.run(1.0)
         rig.position[0] += 0.004
         rig.run(0.1)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from onboard import agent_commands, agent_inputs
-from tests.onboard.agent.rig import Rig
+from tests.onboard.agent.rig import Rig, ready_rig
 from tests.onboard.state_messages import state_message
 
 
@@ -126,8 +126,7 @@ def test_a_px4_that_does_not_enter_offboard_is_left_alone() -> None:
 
 
 def test_a_vehicle_on_the_ground_is_not_taken_over() -> None:
-    rig = Rig()
-    rig.until("ready")
+    rig = ready_rig()
     reply = rig.order("hold")
     assert not reply.is_accepted
 

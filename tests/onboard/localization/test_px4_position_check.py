@@ -12,7 +12,7 @@ from msgspec.structs import replace
 from onboard import agent_commands
 from onboard.autopilot import Landed, Snapshot, Vec3
 from onboard.localization.px4_position_check import Px4PositionCheck
-from tests.onboard.agent.rig import Rig
+from tests.onboard.agent.rig import hovering_rig
 
 _TENTH_NS = 100_000_000
 
@@ -94,8 +94,7 @@ def test_a_vehicle_that_comes_down_while_poses_are_rejected_lies_there_until_a_p
 
 
 def test_a_pose_that_jumps_for_good_is_never_believed_and_others_hear_where_it_lands() -> None:
-    rig = Rig()
-    rig.fly()
+    rig = hovering_rig()
     there = rig.position.copy()
     rig.has_mocap = False  # its own samples; these come instead
     for _ in range(500):
@@ -115,8 +114,7 @@ def test_a_pose_that_jumps_for_good_is_never_believed_and_others_hear_where_it_l
 
 
 def test_a_pose_that_comes_back_is_believed_again() -> None:
-    rig = Rig()
-    rig.fly()
+    rig = hovering_rig()
     rig.has_mocap = False
     for _ in range(6):
         x, y, z = rig.position.tolist()

@@ -10,7 +10,7 @@ from onboard import agent_commands, agent_inputs
 from onboard.agent.core import AgentCore
 from onboard.bus.schema import Telemetry
 from onboard.neighbours.duplicate_agents import DuplicateAgents
-from tests.onboard.agent.rig import Rig, fleet
+from tests.onboard.agent.rig import Rig, fleet, hovering_rig
 
 S = 1_000_000_000
 
@@ -71,8 +71,7 @@ def test_a_third_agent_that_hears_both_tells_them() -> None:
 
 
 def test_an_agent_flies_on_when_a_second_one_appears_and_the_second_one_sends_nothing() -> None:
-    rig = Rig()
-    rig.fly()
+    rig = hovering_rig()
     begin_ns = rig.now_ns
     for _ in range(20):
         hear(rig, msgspec.structs.replace(told(rig), boot_id=99))

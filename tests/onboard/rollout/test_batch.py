@@ -141,6 +141,7 @@ def test_a_batch_gives_every_vehicle_what_it_computes_by_itself() -> None:
     )
 
 
+@pytest.mark.long
 def test_without_numba_the_same_batch_is_interpreted() -> None:
     program = (
         "from tests.onboard.rollout.test_batch import flown_in_rows\n"

@@ -48,7 +48,7 @@ def max_speed_m_s(result):
     return np.linalg.norm(np.diff(result.trace_enu_m, axis=0), axis=-1).max() / TICK_S
 
 
-@pytest.mark.parametrize("fleet_name", ["paper", "sih"])
+@pytest.mark.parametrize("fleet_name", [pytest.param("paper", marks=pytest.mark.long), "sih"])
 def test_72_perturbed_flights_of_the_mission_keep_080_m_and_all_arrive(fleet_name):
     result = fly(fleet_name, "covey", 72)
     assert result.min_separation_m.min() >= 0.80
@@ -58,11 +58,13 @@ def test_72_perturbed_flights_of_the_mission_keep_080_m_and_all_arrive(fleet_nam
     assert max_speed_m_s(result) < 1.5
 
 
+@pytest.mark.long
 def test_without_the_law_the_vehicles_collide():
     result = fly("paper", "off", 12)
     assert (result.min_separation_m < 0.5).sum() >= 8
 
 
+@pytest.mark.long
 def test_the_papers_ring_flies_the_mission_with_strong_vehicles_but_does_not_keep_its_distance():
     result = fly("sih", "paper", 6)
     assert result.is_success.sum() >= 4
@@ -70,6 +72,7 @@ def test_the_papers_ring_flies_the_mission_with_strong_vehicles_but_does_not_kee
     assert result.min_separation_m.min() < 0.80
 
 
+@pytest.mark.long
 def test_fleet_of_unequal_vehicles_keeps_its_distance():
     weak = load_fleet("configs/fleets/paper.toml")
     strong = load_fleet("configs/fleets/sih.toml")

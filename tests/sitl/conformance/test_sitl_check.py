@@ -50,6 +50,7 @@ def test_the_command_checks_a_running_emulator_over_udp_and_prints_json(emulator
     assert re.search(r"agrees\s+param.MPC_THR_HOVER", done.stderr)
 
 
+@pytest.mark.long
 def test_an_emulator_of_v1_18_passes_as_what_it_reports_and_fails_as_another_version(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -32,12 +32,6 @@ FLOWN = {
     Path(tomllib.loads(path.read_text())["fleet"]).stem for path in IN_GALLERY if path.exists()
 } - {"paper", "sih"}
 FLEETS = [path for path in sorted((CONFIGS / "fleets").glob("*.toml")) if path.stem not in FLOWN]
-# the others are flown by make test-long
-OF_EACH_DAY = ("paper",)
-FLEETS_OF_EACH_DAY = [
-    pytest.param(path, marks=() if path.stem in OF_EACH_DAY else pytest.mark.long)
-    for path in FLEETS
-]
 
 
 def _hash(folder: Path) -> str:
@@ -76,6 +70,7 @@ def flown(hop, tmp_path_factory) -> Path:
     return folder
 
 
+@pytest.mark.long
 def test_a_repeated_flight_has_the_same_record_byte_by_byte(lockstep, hop, flown, tmp_path):
     assert lockstep(hop.fleet, seed=3, folder=tmp_path).fly(hop).passed
     assert _hash(tmp_path) == _hash(flown)
@@ -133,7 +128,8 @@ def test_a_flight_can_be_flown_by_hand(lockstep):
     assert all(result.is_done for result in flight.land().values())
 
 
-@pytest.mark.parametrize("fleet", FLEETS_OF_EACH_DAY, ids=[path.stem for path in FLEETS])
+@pytest.mark.long
+@pytest.mark.parametrize("fleet", FLEETS, ids=[path.stem for path in FLEETS])
 def test_every_shipped_fleet_flies_a_shipped_mission_and_every_mission_is_flown_by_its_own_fleet(
     fleet, tmp_path, capsys
 ):

@@ -45,6 +45,7 @@ def show(folder: Path, fleet: FleetConfig, paths: dict[str, str], **step: object
     return mission_from_mapping(data, path=str(folder / "show.toml"), fleet=fleet)
 
 
+@pytest.mark.long
 def test_three_vehicles_follow_their_paths_together(
     lockstep: Callable[..., Lockstep], paper: FleetConfig, tmp_path: Path
 ) -> None:

@@ -4,8 +4,6 @@ it and keep away.
 
 from __future__ import annotations
 
-import functools
-
 import pytest
 
 from onboard.control.pipeline import pipeline_params
@@ -13,9 +11,6 @@ from onboard.neighbours.plausibility import PlausibilityMonitor
 from onboard.safety.failsafe_table import Condition
 from tests.sitl.lockstep.breaking import LIES
 from tests.sitl.lockstep.injections import INJECTIONS
-
-_DAILY, *_OTHERS = LIES
-_LONG = functools.partial(pytest.param, marks=pytest.mark.long)
 
 
 def _crossing(lockstep, paper, lie: str):
@@ -32,7 +27,8 @@ def _crossing(lockstep, paper, lie: str):
 
 
 @pytest.mark.failsafe("neighbour's word cannot be true", step="flying")
-@pytest.mark.parametrize("lie", [_DAILY, *map(_LONG, _OTHERS)])
+@pytest.mark.long
+@pytest.mark.parametrize("lie", LIES)
 def test_a_liar_is_named_and_kept_off(lockstep, paper, lie: str) -> None:
     flight = _crossing(lockstep, paper, lie)
     assert flight.min_separation_m > paper.fleet.safety_distance_m

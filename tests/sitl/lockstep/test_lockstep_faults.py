@@ -32,6 +32,7 @@ def _wait_down(flight, names, timeout_s=25.0):
     return flight.until(lambda state: all(_down(flight, name) for name in names), timeout_s)
 
 
+@pytest.mark.long
 def test_an_agent_that_is_killed_is_silent_and_px4_lands_it_while_the_others_keep_away(
     lockstep, paper
 ):

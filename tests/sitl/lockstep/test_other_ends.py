@@ -54,6 +54,7 @@ def test_a_mission_that_goes_on_without_a_vehicle_names_it_and_passes(
     assert any("mav1 is down, though its last order was" in sentence for sentence in said)
 
 
+@pytest.mark.long
 def test_a_vehicle_that_is_killed_in_a_wait_is_named(lockstep: Any, paper: FleetConfig) -> None:
     flight = lockstep(paper, seed=1)
     flight.at(12.0, lambda: flight.client.send(flight.client.plan("kill mav1")))

@@ -26,7 +26,6 @@ def _height_m(flight: Any, name: str) -> float:
 # mode and moment; the other pairs of each are flown by make test-long
 DAILY = {
     ("posctl", "crossing"),
-    ("stabilized", "landing"),
 }
 PAIRS = [
     pytest.param(mode, moment, marks=() if (mode, moment) in DAILY else pytest.mark.long)
@@ -64,9 +63,10 @@ def test_a_pilot_with_sticks_keeps_his_vehicle(
     assert flight.state.vehicles["mav1"].telemetry.is_flown_by_hand
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("mode", "moment"),
-    [("hold", "crossing"), pytest.param("posctl", "hover", marks=pytest.mark.long)],
+    [("hold", "crossing"), ("posctl", "hover")],
 )
 def test_without_sticks_it_is_landed_as_ever(
     lockstep: Any, paper: FleetConfig, mode: str, moment: str
@@ -174,6 +174,7 @@ def test_a_lost_ground_lands_all_but_the_pilot(lockstep: Any, paper: FleetConfig
     assert _height_m(flight, "mav0") < 0.1
 
 
+@pytest.mark.long
 def test_past_a_dead_agent_a_mission_asks_px4_for_its_pilot(
     lockstep: Any, paper: FleetConfig
 ) -> None:

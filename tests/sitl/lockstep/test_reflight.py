@@ -60,6 +60,7 @@ def test_flown_again_unchanged_every_message_has_the_same_topic_time_and_bytes(
     assert (again / DIGESTS_NAME).read_text() == (flown / DIGESTS_NAME).read_text()
 
 
+@pytest.mark.long
 def test_a_change_in_flight_leaves_all_before_it_as_it_was(flown: Path, tmp_path: Path) -> None:
     again = tmp_path / "again"
     resume_s = 7.0
@@ -79,6 +80,7 @@ def test_a_change_in_flight_leaves_all_before_it_as_it_was(flown: Path, tmp_path
     assert rows(again) != rows(flown)
 
 
+@pytest.mark.long
 def test_a_flight_that_is_another_one_before_its_change_is_ended(
     flown: Path, tmp_path: Path
 ) -> None:

@@ -114,6 +114,7 @@ def test_a_script_with_asyncio_flies_and_has_a_verdict(
     assert "Landed and disarmed: mav0, mav1, mav2." in out
 
 
+@pytest.mark.long
 def test_a_blocking_script_is_landed_at_its_end(lockstep: Any, tmp_path: Path) -> None:
     flight = lockstep(PAPER, seed=3)
     flight.run_script(_script(tmp_path, BLOCKING))

@@ -155,6 +155,7 @@ def test_control_that_was_taken_ends_the_mission_without_landing(
     assert _orders(flight)["mav0"][-1] == "move"
 
 
+@pytest.mark.long
 def test_in_the_console_a_persons_hold_ends_the_mission_and_his_move_beside_it_does_not(
     lockstep: Any, paper: FleetConfig
 ) -> None:

@@ -22,6 +22,7 @@ def _off_deg(fleet: Fleet, name: str, yaw_deg: float) -> float:
     return abs(math.remainder((fleet[name].yaw_deg or 0.0) - yaw_deg, 360.0))
 
 
+@pytest.mark.long
 def test_vehicles_change_places_turn_and_land_at_home(lockstep: Any) -> None:
     flight = lockstep(PAPER, seed=3)
     flight.takeoff(1.0)

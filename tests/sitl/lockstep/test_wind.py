@@ -22,6 +22,7 @@ def blowing(east_m_s: float, gust_m_s: float = 0.0) -> Environment:
     return Environment(WindSettings((east_m_s, 0.0, 0.0), gust_m_s))
 
 
+@pytest.mark.long
 def test_telemetry_tells_the_wind_within_1_m_s(lockstep, paper: FleetConfig) -> None:
     flight = lockstep(paper, seed=2, environment=blowing(4.0, 0.6))
     flight.takeoff(1.0)

@@ -79,6 +79,7 @@ def test_flight_alone_is_bit_for_bit_the_same_flight_in_a_batch(name, errors, ty
     assert one == two
 
 
+@pytest.mark.long
 def test_lines_are_the_same_again_in_other_chunks_and_over_two_processes(capsys):
     lines = []
     for words in (["--seeds", "0:4"], ["--seeds", "0:4", "--jobs", "2"], ["--seeds", "0:3"]):
@@ -125,6 +126,7 @@ def test_trace_shows_what_the_line_says_and_without_the_law_they_collide(tmp_pat
             assert away[arrived].max() < 0.15
 
 
+@pytest.mark.long
 def test_law_off_takes_the_straight_line_time_and_the_law_at_least_that():
     setup = settings.setup_for(law="off")
     for flown in fly("swap3x", [1, 2], setup=setup, has_trace=False):
@@ -143,6 +145,7 @@ def test_two_laws_meet_the_same_vehicles_noise_and_straight_line():
     np.testing.assert_allclose(first, second, atol=1e-3)
 
 
+@pytest.mark.long
 def test_goal_that_nobody_reaches_in_time_is_a_failure_with_a_reason():
     setup = settings.setup_for(changes=["law.design_margin_m=1.5"])
     plan = scenarios.plan("squeeze", 0)
@@ -182,6 +185,7 @@ def test_perturbations_and_vehicle_values_have_their_effect():
     assert np.abs(spread(errors="mocap") - calm).max() > 1e-6
 
 
+@pytest.mark.long
 def test_vehicles_that_gusts_move_about_their_goals_have_arrived():
     gusty = settings.setup_for(changes=[*STILL, "wind_m_s=3", "gust_m_s=0.45"])
     assert all(one.outcome.is_success for one in fly("swap4", [1, 2], setup=gusty))
@@ -242,6 +246,7 @@ def test_message_is_as_old_as_it_says(delay_s, ticks):
         station.publish(moved(tick), published)
 
 
+@pytest.mark.long
 def test_intruder_moves_as_announced_and_the_formation_makes_way():
     flown = fly("intruder4@2", [3])[0]
     trace = flown.outcome.trace
@@ -356,6 +361,7 @@ def test_fleet_file_gives_types_law_and_distances(tmp_path):
     assert settings.setup_for(types="sih,ardrone").fleet(3).vehicles["v1"].type == "ardrone"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["intruder3@2", "intruder9@2"])
 def test_picture_of_a_flight_is_drawn_for_few_and_for_many_vehicles(name, tmp_path):
     assert main(

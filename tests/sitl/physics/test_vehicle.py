@@ -211,6 +211,7 @@ def test_vehicles_move_as_the_oracle_in_numpy_says(monkeypatch: pytest.MonkeyPat
         )
 
 
+@pytest.mark.long
 def test_without_numba_the_same_flight_is_interpreted() -> None:
     program = (
         "import sys; sys.modules['numba'] = None\n"

@@ -75,7 +75,14 @@ def correlation_time_s(errors_: np.ndarray) -> float:
 
 @pytest.mark.parametrize(
     "level",
-    [GPS, VISION_DEFAULT, VISION_TRUSTED, VISION_TUNED, VISION_TUNED_WITH_VELOCITY],
+    [
+        GPS,
+        VISION_TUNED_WITH_VELOCITY,
+        *(
+            pytest.param(level, marks=pytest.mark.long)
+            for level in (VISION_DEFAULT, VISION_TRUSTED, VISION_TUNED)
+        ),
+    ],
     ids=str,
 )
 def test_position_and_velocity_err_as_much_and_as_slowly_as_measured(level: ErrorLevel) -> None:
@@ -140,6 +147,7 @@ def test_without_errors_the_estimate_is_right() -> None:
     assert np.abs(hovering.estimator.yaw_error_rad).max() < 1e-9
 
 
+@pytest.mark.long
 def test_with_satellites_the_heading_errs_by_2_to_17_degrees_and_wanders_by_2_to_7() -> None:
     estimator = Estimator(np.zeros((150, 3)), seed=7)
     still = np.zeros((150, 3))
