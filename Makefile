@@ -30,9 +30,9 @@ style:
 	.venv/bin/ruff format --check .
 	.venv/bin/lint-imports --no-cache
 
-# each on one core: mypy, and beside it the other checks and then the law's compilation for lockstep
+# each on one core: mypy, and beside it the other checks and then the compilation of the law and of the emulator
 compiled: style
-	@.venv/bin/python -c "from onboard.rollout import batch; batch.warm_up()"
+	@.venv/bin/covey simulate swap2 --seeds 0 > .venv/compiled.log
 
 # three workers for two cores: the tests of the console wait for their timers nearly half of the time
 test:

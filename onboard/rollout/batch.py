@@ -9,12 +9,11 @@ compiled code on disk beside the source, or in the user's cache folder where tha
 
 from __future__ import annotations
 
-import marshal
 import os
 import zlib
 from collections.abc import Callable, Sequence
 from functools import lru_cache
-from types import FunctionType, ModuleType
+from types import CodeType, FunctionType, ModuleType
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -525,6 +524,18 @@ def _digest() -> int:
             if isinstance(value, (int, float, tuple)):
                 constants.append((name, value))
 
-    code = b"".join(marshal.dumps(function.__code__) for function in _functions())
-    data = repr((constants, [layout.dtype for layout in _LAYOUTS]))
-    return zlib.crc32(code + data.encode())
+    code = [_parts(function.__code__) for function in _functions()]
+    data = repr((code, constants, [layout.dtype for layout in _LAYOUTS]))
+    return zlib.crc32(data.encode())
+
+
+def _parts(code: CodeType) -> list[object]:
+    """Return what a function does, equal in every process.
+
+    ``marshal`` would tell code that was read from a .pyc file from the same code that was compiled
+    just now: the law would be compiled twice on a new machine.
+    """
+    parts: list[object] = [code.co_code, code.co_names, code.co_freevars]
+    for constant in code.co_consts:
+        parts.append(_parts(constant) if isinstance(constant, CodeType) else constant)
+    return parts

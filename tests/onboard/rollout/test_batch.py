@@ -7,6 +7,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -211,3 +212,15 @@ def test_memories_with_lists_and_long_tuples_survive_their_row_and_columns_have_
         == [params.hover_thrust.configured_frac] * 2
     )
     assert rows["law"]["commands"]["duration_s"].shape == (2, len(memory.law.commands))
+
+
+def test_code_compiled_by_one_process_is_found_by_the_next(tmp_path: Path) -> None:
+    """One compiles Python's own code too, and the other reads that from .pyc files."""
+    program = "from onboard.rollout import batch; print(batch._digest())"
+    told = [
+        subprocess.run(
+            [sys.executable, *options, "-c", program], capture_output=True, text=True, check=True
+        ).stdout
+        for options in (("-B", "-X", f"pycache_prefix={tmp_path}"), ())
+    ]
+    assert told[0] == told[1]
