@@ -20,6 +20,7 @@ from typing import NamedTuple
 from onboard.autopilot import Landed, Snapshot
 from onboard.config.fleet import Origin, Vec3
 from onboard.frames import enu_from_ned
+from onboard.localization.dead_reckoning import VerticalMotion
 
 _EARTH_RADIUS_M = 6_371_000.0  # of the sphere that PX4 projects its local frame from
 
@@ -28,6 +29,8 @@ _JUMP_M = 0.3
 _JUMP_M_S2 = 3.0
 
 _GIVE_BACK_M_S = 0.2  # speed at which a horizontal jump is given back
+
+_FRESH_S = 0.25  # a local position arrives at 10 Hz
 
 
 class _LocalPosition(NamedTuple):
@@ -80,6 +83,28 @@ class LocalFrame:
 
         x, y, z = self._offset_enu_m
         return local.position_m[0] + x, local.position_m[1] + y, local.position_m[2] + z
+
+    def vertical(self, snapshot: Snapshot, now_ns: int) -> VerticalMotion | None:
+        """Return the present height in the fleet frame, and the vertical speed.
+
+        Both stay right when satellites are lost, since PX4 measures them by its accelerometers and
+        its barometer, too. None while the local frame's offset is not known, or PX4 sends no local
+        position.
+
+        Args:
+            snapshot: newest of PX4.
+            now_ns: time of the tick.
+        """
+        age_s = (now_ns - snapshot.local_position_ns) * 1e-9
+        if self._offset_enu_m is None or age_s > _FRESH_S:
+            return None
+
+        climbing_m_s = enu_from_ned(snapshot.velocity_local_ned_m_s)[2]
+        local_m = enu_from_ned(snapshot.position_local_ned_m)[2]
+        return VerticalMotion(
+            height_m=local_m + age_s * climbing_m_s + self._offset_enu_m[2],
+            climbing_m_s=climbing_m_s,
+        )
 
     def _anchored_offset_m(self, local_m: Vec3, snapshot: Snapshot) -> Vec3 | None:
         """Return the offset that holds while the vehicle stands on the ground.

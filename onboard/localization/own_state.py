@@ -24,7 +24,7 @@ from onboard.estimation import kalman, wind
 from onboard.estimation.accuracies import ACCURACIES
 from onboard.estimation.kalman import KalmanParams
 from onboard.frames import turned_about_up, wrap_rad, yaw_from_quaternion
-from onboard.localization.dead_reckoning import DeadReckoning
+from onboard.localization.dead_reckoning import DeadReckoning, VerticalMotion
 from onboard.localization.local_frame import LocalFrame
 from onboard.localization.motion_fit import MotionFit
 from onboard.localization.pose_validator import PoseValidator, PoseVerdict
@@ -187,9 +187,8 @@ class OwnState:
         self._queue.clear()
 
         if self._memory is not None:
-            px4_motion = self.px4_check.motion(now_ns)
-            height_m = None if px4_motion is None else px4_motion[0][2]
-            self._memory = self._reckoning.step(self._memory, height_m, dt_s, is_on_ground)
+            vertical = self._px4_vertical(snapshot, now_ns)
+            self._memory = self._reckoning.step(self._memory, vertical, dt_s, is_on_ground)
             if not self._reckoning.is_on:
                 self._wind = wind.step(self._wind, self._memory.bias_enu_m_s2, dt_s, is_on_ground)
 
@@ -275,6 +274,17 @@ class OwnState:
         if position_enu_m is not None:
             yaw_rad = yaw_from_quaternion(snapshot.quaternion_enu_flu_wxyz)
             self._queue.append(_Sample(vectors.Vec3(*position_enu_m), self._local_ns, yaw_rad))
+
+    def _px4_vertical(self, snapshot: Snapshot, now_ns: int) -> VerticalMotion | None:
+        """Return height and vertical speed by PX4, in the fleet frame; None while it tells none."""
+        if not self.vehicle.mocap_required:
+            return self._local_frame.vertical(snapshot, now_ns)
+
+        motion = self.px4_check.motion(now_ns)
+        if motion is None:
+            return None
+        (position_enu_m, velocity_enu_m_s) = motion
+        return VerticalMotion(height_m=position_enu_m[2], climbing_m_s=velocity_enu_m_s[2])
 
     def to_px4(self, setpoint: AttitudeSetpoint) -> AttitudeSetpoint:
         """Convert an attitude setpoint from the fleet frame to PX4's heading."""

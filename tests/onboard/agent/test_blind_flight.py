@@ -122,7 +122,7 @@ def test_px4s_height_that_is_wrong_by_a_third_of_a_metre_cuts_no_thrust_in_the_a
         rig.height_error_m = error_m
         speed_m_s = 0.0
         while rig.core.flight.step is not FlightStep.CONTACT:
-            speed_m_s = rig.velocity[2] or speed_m_s
+            speed_m_s = min(speed_m_s, float(rig.velocity[2]))
             rig.step()
         assert rig.position[2] < 0.01
         assert -1.2 < speed_m_s < -0.5

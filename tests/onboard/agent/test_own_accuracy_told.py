@@ -127,6 +127,24 @@ def test_without_satellites_it_comes_down_by_dead_reckoning_not_after_a_position
     rig.until("landed")
 
 
+def test_without_satellites_its_height_is_still_px4s_and_the_thrust_ends_on_the_ground() -> None:
+    """An updraft that nobody knows makes the vehicle sink slower than dead reckoning believes."""
+
+    def updraft() -> None:
+        rig.velocity[2] += 0.02 * 0.8
+
+    rig = _rig(0.4)
+    rig.fly()
+    rig.has_fix = False
+    rig.after_move = updraft
+    fastest_m_s = 0.0
+    while rig.core.flight.state != "landed":
+        if rig.position[2] > 0.02:
+            fastest_m_s = max(fastest_m_s, -float(rig.velocity[2]))
+        rig.run(0.02)
+    assert fastest_m_s < 1.2
+
+
 def test_who_never_had_a_fix_knows_its_position_otherwise() -> None:
     rig = _rig(0.4)
     rig.has_fix = False
