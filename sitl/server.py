@@ -246,6 +246,7 @@ class Server:
         environment: wind, downwash and errors.
         injected: faults to come; FaultError when one is impossible.
         px4: version of all their PX4s; None: the fleet file's.
+        file_session_bytes: after which a file transfer ends without a word; 0 for never.
     """
 
     def __init__(
@@ -261,6 +262,7 @@ class Server:
         environment: Environment | None = None,
         injected: Sequence[Fault] = (),
         px4: str | None = None,
+        file_session_bytes: int = 0,
     ) -> None:
         self._station = station
         self._vehicles = [fleet.vehicles[name] for name in vehicles]
@@ -268,6 +270,8 @@ class Server:
             fleet, self._vehicles, seed=seed, environment=environment, px4=px4
         )
         self.emulator.unix_start_s = time.time()
+        for logs in self.emulator.keep_logs():
+            logs.session_limit_bytes = file_session_bytes
         self._put_keys(fleet)
         for fault in injected:
             self.emulator.inject(fault)

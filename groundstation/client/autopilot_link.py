@@ -186,6 +186,36 @@ class AutopilotLink:
                 heard[message.get_type()] = message
         return heard
 
+    def send(self, name: str, *values: object) -> None:
+        """Send a message that is addressed to the autopilot.
+
+        Args:
+            name: of the message, in small letters.
+            values: of its fields; target system and component are put in where they belong: first,
+                or behind the first field of file transfers, the network.
+        """
+        target = (self.system_id, AUTOPILOT)
+        if name == "file_transfer_protocol":
+            network, *others = values
+            self._link.mav.file_transfer_protocol_send(network, *target, *others)
+        else:
+            getattr(self._link.mav, f"{name}_send")(*target, *values)
+
+    def next_message(self, names: Iterable[str], timeout_s: float) -> Any | None:
+        """Return the autopilot's next message of these names; None when none comes in time."""
+        end_s = time.monotonic() + timeout_s
+        while True:
+            left_s = end_s - time.monotonic()
+            if left_s <= 0.0:
+                return None
+            message = self._link.recv_match(type=list(names), blocking=True, timeout=left_s)
+            if message is not None and is_of_autopilot(message, self.system_id):
+                return message
+
+    def says_armed(self, heartbeat: Any) -> bool:
+        """Return whether a heartbeat says that the vehicle is armed."""
+        return bool(heartbeat.base_mode & ARMED_FLAG)
+
     # -- parameters --------------------------------------------------------------------------------
 
     def read(self, name: str) -> Value | None:

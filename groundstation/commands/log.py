@@ -5,19 +5,22 @@ Examples:
   covey log info flights/first
   covey log export flights/first --foxglove
   covey log export flights/first --csv flown
+  covey log fetch flights/first
 
-Exit status: 0; 2 when there is no record, or the file cannot be written.
+Exit status: 0; 2 when there is no record, or the file cannot be written. Of
+fetch: 0 all logs are here; 1 none; 10 nobody answered; 50 some.
 """
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Annotated
 
 import msgspec
 from cyclopts import App, Parameter
 
-from groundstation.commands.parameters import Folder
+from groundstation.commands.parameters import File, Folder, Names
 from groundstation.recording.catalogue import (
     channels,
     flight_folders,
@@ -26,7 +29,7 @@ from groundstation.recording.catalogue import (
     summary,
 )
 from groundstation.recording.flown_paths import write_csvs
-from onboard.config.fleet import ConfigError
+from onboard.config.fleet import ConfigError, load_fleet
 from onboard.exit_status import EXIT_OK
 
 app = App(name="log", help="Recorded flights: listed, looked into, written for other programs.")
@@ -113,3 +116,54 @@ def export(
             f"the file cannot be written: {error}. Give another place with --out."
         ) from None
     return EXIT_OK
+
+
+@app.command
+def fetch(
+    flight: _Flight,
+    /,
+    *,
+    fleet: File | None = None,
+    vehicles: Names | None = None,
+    exclude: Names | None = None,
+    newest: int = 1,
+    json: bool = False,
+) -> int:
+    """Fetch PX4's own logs (ULog) of disarmed vehicles into DIR/px4, from all at a time.
+
+    Args:
+        flight: flight folder, or any other folder
+        fleet: fleet file (default: DIR/fleet.toml)
+        vehicles: only these: names or indices, a,b or 0-2 (default all)
+        exclude: all but these
+        newest: how many logs of each vehicle
+        json: one object instead of the list
+    """
+    # Imported here: only this needs the libraries of MAVLink.
+    from groundstation.commands.px4 import mavlink_keys, selected_vehicles
+    from groundstation.px4 import log_fetch, parameter_sets
+    from groundstation.px4.fetch_progress import FetchProgress
+    from groundstation.px4.vehicle_links import opened
+
+    if newest < 1:
+        raise ConfigError(f"--newest is {newest}; it must be 1 or more.")
+    if flight.is_file():
+        flight = flight.parent
+    if fleet is None and not (flight / "fleet.toml").is_file():
+        raise ConfigError(f"{flight}: there is no fleet.toml in it. Give one with --fleet FILE.")
+
+    config = load_fleet(fleet or flight / "fleet.toml")
+    chosen = selected_vehicles(config, vehicles, exclude)
+    progress = FetchProgress(sys.stderr)
+    with opened(chosen, mavlink_keys(config, chosen)) as links:
+        reports = log_fetch.fetch(
+            links, flight / log_fetch.FOLDER, newest=newest, progress=progress.show
+        )
+    progress.end()
+
+    if json:
+        content = msgspec.json.encode(parameter_sets.as_mapping(reports))
+        print(msgspec.json.format(content, indent=2).decode())
+    else:
+        print(parameter_sets.as_text(reports))
+    return parameter_sets.exit_status(reports)

@@ -85,7 +85,7 @@ def params(
             "--backup belongs to --apply and --restore. To save parameters, give --dump FILE."
         )
 
-    chosen = _selected(config, vehicles, exclude)
+    chosen = selected_vehicles(config, vehicles, exclude)
     backup = backup or default_backup(config)
     if diff is not None:
         chosen = _with_reference(config, chosen, diff)
@@ -93,7 +93,7 @@ def params(
         if path is not None and path.exists():
             raise ConfigError(f"{path} exists already. Give another name, or remove it.")
 
-    with opened(chosen, _keys(config, chosen)) as links:
+    with opened(chosen, mavlink_keys(config, chosen)) as links:
         if dump:
             return _print_reports(parameter_sets.dump(links, dump), backup, is_json=json)
         if diff:
@@ -183,8 +183,8 @@ def info(
         json: one object instead of the list
     """
     config = load_fleet(fleet)
-    chosen = _selected(config, vehicles, exclude)
-    keys = _keys(config, chosen)
+    chosen = selected_vehicles(config, vehicles, exclude)
+    keys = mavlink_keys(config, chosen)
     with opened(chosen, keys) as links:
         found = for_each(lambda link: vehicle_info.ask(link, keys.get(link.vehicle.name)), links)
 
@@ -222,7 +222,7 @@ def signing(
     if old is not None and not set:
         raise ConfigError("--old belongs to --set: it is the key that PX4 has before.")
 
-    chosen = _selected(config, vehicles, exclude)
+    chosen = selected_vehicles(config, vehicles, exclude)
     keys = signing_keys.keys_of(config, chosen, is_changed=set or remove)
     old_key = None
     if old is not None:
@@ -283,7 +283,14 @@ def measured_px4() -> comparison.MeasuredPx4:
     )
 
 
-def _selected(fleet: FleetConfig, vehicles: str | None, exclude: str | None) -> list[Vehicle]:
+def selected_vehicles(
+    fleet: FleetConfig, vehicles: str | None, exclude: str | None
+) -> list[Vehicle]:
+    """Return the vehicles that a command names.
+
+    Raises:
+        ConfigError: there is none of them.
+    """
     names = fleet.select(vehicles, exclude)
     if not names:
         raise ConfigError(
@@ -293,7 +300,7 @@ def _selected(fleet: FleetConfig, vehicles: str | None, exclude: str | None) -> 
     return [fleet.vehicles[name] for name in names]
 
 
-def _keys(fleet: FleetConfig, vehicles: Sequence[Vehicle]) -> dict[str, bytes]:
+def mavlink_keys(fleet: FleetConfig, vehicles: Sequence[Vehicle]) -> dict[str, bytes]:
     """Return the keys of MAVLink signing of those vehicles that have one."""
     keys = {}
     for vehicle in vehicles:

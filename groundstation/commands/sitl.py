@@ -8,7 +8,7 @@ Examples:
 
 Emulated are arming, PX4's modes, offboard, telemetry, parameters, signing and
 losses. Answered with UNSUPPORTED: missions, fences, rally points, calibration,
-orbit, gimbal. Left out: follow-me, the shell, logs, corrections of satellites.
+orbit, gimbal. Left out: follow-me, the shell, corrections of satellites.
 docs/emulator.md lists every command and message.
 
 Exit status: 0 ended by an interrupt; 2 wrong input or a port in use, nothing was emulated.
@@ -60,6 +60,7 @@ def sitl(
     error_scale: float = 1.0,
     truth_offset_m: float = 0.0,
     px4: Literal["1.16", "1.17", "1.18"] | None = None,
+    ftp_dies_after_kb: int = 0,
 ) -> int:
     """Emulate the PX4s of a fleet, with their vehicles.
 
@@ -87,6 +88,8 @@ def sitl(
         error_scale: size of the estimates' errors
         truth_offset_m: falsify the published truth by this much
         px4: version of PX4 to be (default: each vehicle's px4_version in the fleet file)
+        ftp_dies_after_kb: end each file transfer after so many kB without a word, as PX4 v1.16
+            does after some seconds; 0 for never
     """
     if faults:
         print(catalogue.listing())
@@ -129,6 +132,7 @@ def sitl(
             environment=Environment(wind, has_common_errors=common_errors, error_scale=error_scale),
             injected=[catalogue.parse(line) for line in fault],
             px4=px4,
+            file_session_bytes=1000 * max(0, ftp_dies_after_kb),
         )
         run(server)
     except (StartError, SpawnError, FaultError) as error:

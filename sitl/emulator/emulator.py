@@ -26,6 +26,7 @@ from sitl.px4 import setpoints
 from sitl.px4.commander import EmulatedPx4
 from sitl.px4.estimator import ESTIMATE_EVERY_STEPS, Estimator
 from sitl.px4.estimator_errors import Source, vision_level
+from sitl.px4.flight_log import FlightLogs
 from sitl.px4.mode_control import TICK_S
 from sitl.px4.parameters import Parameters
 from sitl.px4.signals import Actuation, AutopilotInputs, Setpoint
@@ -78,6 +79,8 @@ class Emulator:
         disturbances: faults, present and to come; see :meth:`inject`.
         has_global_origin: per vehicle, somebody has said where on Earth its local frame lies.
         key_stores: per vehicle, the key of MAVLink signing.
+        flight_logs: per vehicle, the logs on its card; None where nobody keeps any, see
+            :meth:`keep_logs`.
         outside: begins and ends faults of bus and agents; None where there are none.
         unix_start_s: the date at the start, as PX4 knows it from its computer; by default any fixed
             one.
@@ -121,6 +124,7 @@ class Emulator:
         self.disturbances = Disturbances(names, seed=seed)
         self.outside: Callable[[Fault, bool], None] | None = None
         self.key_stores = [KeyStore() for _ in specs]
+        self.flight_logs: list[FlightLogs] | None = None
         self.has_global_origin = [False] * len(specs)
         self.unix_start_s = _SOME_DATE_S
 
@@ -139,6 +143,12 @@ class Emulator:
     def clock_s(self, index: int) -> float:
         """Return the time of an autopilot's clock: simulated time, unless a fault disturbs it."""
         return self.disturbances.clocks[index].at(self.time_s)
+
+    def keep_logs(self) -> list[FlightLogs]:
+        """Have every autopilot log its flights from now on; return their logs."""
+        if self.flight_logs is None:
+            self.flight_logs = [FlightLogs() for _ in self.specs]
+        return self.flight_logs
 
     def inject(self, fault: Fault) -> Fault:
         """Plan a fault; return it with its defaults.
@@ -230,6 +240,9 @@ class Emulator:
                 wind_m_s=winds_m_s[index],
             )
             autopilot.tick(inputs)
+            if self.flight_logs is not None:
+                unix_s = self.unix_start_s + self.time_s
+                self.flight_logs[index].tick(autopilot, inputs, unix_s)
 
     def _has_global_position(self, index: int, source: Source) -> bool:
         # Satellites give it by themselves; a local position becomes one when somebody has said

@@ -21,6 +21,7 @@ from sitl.emulator.emulator import Emulator
 from sitl.mavlink import commands
 from sitl.mavlink.codec import ID_BY_NAME, Decoder, Encoder, MavlinkMessage, text_of
 from sitl.mavlink.link_key import LinkKey
+from sitl.mavlink.log_transfer import LOG_DATA_BYTES, FileServer, LogSender
 from sitl.mavlink.streams import BUILDERS, schedule_of
 from sitl.mavlink.view import View
 from sitl.px4 import setpoints
@@ -36,6 +37,7 @@ _DOES_NOT_EXIST = 1  # MAV_PARAM_ERROR
 _STATUSTEXT = ID_BY_NAME["STATUSTEXT"]
 _EVENT = ID_BY_NAME["EVENT"]
 _ORIGIN = ID_BY_NAME["GPS_GLOBAL_ORIGIN"]
+_FILE_TRANSFER = ID_BY_NAME["FILE_TRANSFER_PROTOCOL"]
 
 _AUTOPILOT_COMPONENT = 1
 _MAV_TYPE_GCS = 6
@@ -53,16 +55,6 @@ _LOCAL_FRD = 20
 
 _MAX_POSITION_M = 1e4  # of an external position; a larger one is no position
 _FULL_STICK = 1000.0
-
-# MAVLink's file transfer: operation codes, and the errors of a server without files.
-_FTP_TERMINATE = 1
-_FTP_RESET = 2
-_FTP_LIST = 3
-_FTP_OPEN = 4
-_FTP_ACK = 128
-_FTP_NAK = 129
-_FTP_FAIL = 1
-_FTP_NOT_FOUND = 10
 
 
 class Link:
@@ -87,6 +79,10 @@ class Link:
 
         self._decoder = Decoder()
         self._key = LinkKey(emulator.key_stores[index], link_id, self.encoder, self._decoder)
+
+        logs = None if emulator.flight_logs is None else emulator.flight_logs[index]
+        self._file_server = FileServer(logs)
+        self._log_sender = LogSender(logs)
 
         self._params_to_send: deque[str] = deque()
         self._texts_sent = 0
@@ -137,6 +133,7 @@ class Link:
             self._events_sent = journal.events.count
         if journal.texts.count != self._texts_sent or now_s - self._gcs_time_s < _GCS_TIMEOUT_S:
             frames.extend(self._texts(now_s))
+        frames.extend(self._pieces())
 
         return self._key.signed(frames)
 
@@ -498,38 +495,49 @@ class Link:
             **fields,
         )
 
+    # -- logs and files ----------------------------------------------------------------------------
+
     def _log_list(self, message: MavlinkMessage) -> list[bytes]:
-        return [self.encoder.encode_named("LOG_ENTRY")]  # there are none
+        entries = self._log_sender.listed()
+        if not entries:
+            return [self.encoder.encode_named("LOG_ENTRY")]  # there are none
+        first = message.fields["start"]
+        last = message.fields["end"]
+        return [
+            self.encoder.encode_named("LOG_ENTRY", **entry)
+            for entry in entries
+            if first <= entry["id"] <= last
+        ]
+
+    def _log_data(self, message: MavlinkMessage) -> None:
+        fields = message.fields
+        self._log_sender.request(fields["id"], fields["ofs"], fields["count"])
+
+    def _log_end(self, message: MavlinkMessage) -> None:
+        self._log_sender.stop()
 
     def _file_transfer(self, message: MavlinkMessage) -> list[bytes]:
-        # Layout of both payloads: sequence (2 bytes), session, operation, size, operation that is
-        # answered, two bytes of burst and padding, offset (4 bytes), data.
-        request = bytes(message.fields["payload"])
-        sequence = request[0] | request[1] << 8
-        session = request[2]
-        operation = request[3]
-        if operation in (_FTP_ACK, _FTP_NAK):
+        sender = (message.system_id, message.component_id)
+        answer = self._file_server.answer(bytes(message.fields["payload"]), sender)
+        if answer is None:
             return []
+        return [self._file_message(answer, sender)]
 
-        answer = bytearray(251)
-        answer[0:2] = ((sequence + 1) & 0xFFFF).to_bytes(2, "little")
-        answer[2] = session
-        answer[5] = operation
-        if operation in (_FTP_TERMINATE, _FTP_RESET):
-            answer[3] = _FTP_ACK
-        else:
-            answer[3] = _FTP_NAK
-            answer[4] = 1  # one byte of data: the error
-            answer[12] = _FTP_FAIL
-            if operation in (_FTP_OPEN, _FTP_LIST):
-                answer[12] = _FTP_NOT_FOUND
-
+    def _file_message(self, payload: bytes, receiver: tuple[int, int]) -> bytes:
         network = 0
-        return [
-            self.encoder.encode(
-                message.message_id, network, message.system_id, message.component_id, *answer
+        return self.encoder.encode(_FILE_TRANSFER, network, *receiver, *payload)
+
+    def _pieces(self) -> list[bytes]:
+        """Return the pieces of logs and files that are due."""
+        frames = [self._file_message(*piece) for piece in self._file_server.due()]
+        for number, offset, data in self._log_sender.due():
+            padded = data.ljust(LOG_DATA_BYTES, b"\0")
+            frames.append(
+                self.encoder.encode_named(
+                    "LOG_DATA", ofs=offset, id=number, count=len(data), data=padded
+                )
             )
-        ]
+        return frames
 
 
 class Reaction(NamedTuple):
@@ -565,5 +573,7 @@ REACTIONS: dict[str, Reaction] = {
     "MISSION_REQUEST_INT": Reaction(Link._mission_item),
     "MISSION_REQUEST": Reaction(Link._mission_item),
     "LOG_REQUEST_LIST": Reaction(Link._log_list),
+    "LOG_REQUEST_DATA": Reaction(Link._log_data),
+    "LOG_REQUEST_END": Reaction(Link._log_end),
     "FILE_TRANSFER_PROTOCOL": Reaction(Link._file_transfer),
 }

@@ -1,0 +1,419 @@
+"""Fetches the logs of flights (ULog) from several PX4s, unattended.
+
+Each log comes by file transfer. Where that ends in the middle, the file is opened again and goes on
+at the byte that is missing; where it brings nothing more, the rest comes by LOG_DATA. While it
+comes it is called ``NAME.ulg.part``: a fetch that ends early leaves there what has come, and the
+next one goes on behind it. Only of disarmed vehicles: PX4 writes the log of a flight until it
+disarms, and until then the link belongs to the flight.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, BinaryIO
+
+from groundstation.client.autopilot_link import AutopilotLink
+from groundstation.px4.file_pieces import Pieces
+from groundstation.px4.log_transfer import (
+    FileTransfer,
+    LogData,
+    LogEntry,
+    LogLink,
+    Piece,
+    TransferRefused,
+    TransferSilent,
+)
+from groundstation.px4.parameter_sets import VehicleReport
+from groundstation.px4.vehicle_links import VehicleLink, for_each, is_device_of_another_computer
+
+# Called with the name of a vehicle, bytes that have come, and bytes in all.
+Progress = Callable[[str, int, int], None]
+
+FOLDER = "px4"  # in a flight folder
+SUFFIX = ".ulg"
+_PART_SUFFIX = ".part"
+_ROOTS = ("/fs/microsd/log", "/log")  # on a flight controller; PX4 on a computer
+_HEAD_BYTES = 16  # of a ULog: with the time of its begin they tell one flight from another
+_MOST_FAILURES = 2  # times in a row without a new byte, after which a way is given up
+_SMALL_GAP_BYTES = 5_000  # that is read piece by piece, rather than by a burst
+_SHOWN_BYTES = 50_000  # between two reports of progress
+_MB = 1e6
+
+
+class ArmedInBetween(Exception):
+    """The vehicle was armed while its log was fetched."""
+
+
+class IncompleteError(Exception):
+    """A log did not come whole; a sentence."""
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleLog:
+    """One log on a vehicle's card."""
+
+    name: str  # date and time of its begin, as PX4 names it
+    size: int
+    path: str = ""  # for file transfer; empty where PX4 offers none
+    number: int | None = None  # for LOG_DATA, where it was listed that way
+
+
+class CheckedLink:
+    """A link on which only a disarmed vehicle is listened to.
+
+    Args:
+        link: to the vehicle's PX4.
+    """
+
+    def __init__(self, link: AutopilotLink) -> None:
+        self._link = link
+
+    def send(self, name: str, *values: object) -> None:
+        """Send a message to the autopilot."""
+        self._link.send(name, *values)
+
+    def next_message(self, names: Iterable[str], timeout_s: float) -> Any | None:
+        """Return the autopilot's next message of these names; None when none comes in time.
+
+        Raises:
+            ArmedInBetween: a heartbeat says that it is armed.
+        """
+        end_s = time.monotonic() + timeout_s
+        while True:
+            left_s = end_s - time.monotonic()
+            message = self._link.next_message((*names, "HEARTBEAT"), left_s)
+            if message is None or message.get_type() != "HEARTBEAT":
+                return message
+            if self._link.says_armed(message):
+                raise ArmedInBetween
+
+
+def fetch(
+    links: Sequence[VehicleLink], folder: Path, *, newest: int, progress: Progress
+) -> list[VehicleReport]:
+    """Fetch the newest logs of vehicles.
+
+    Args:
+        links: to the vehicles.
+        folder: to write into; a log is named VEHICLE-DATE_TIME.ulg.
+        newest: how many of each vehicle.
+        progress: called from several threads.
+    """
+    return for_each(lambda link: _fetch_one(link, folder, newest, progress), links)
+
+
+def _fetch_one(link: VehicleLink, folder: Path, newest: int, progress: Progress) -> VehicleReport:
+    name = link.vehicle.name
+    if link.link is None:
+        return VehicleReport(name, False, _trouble(link), answers=False)
+    if link.is_armed:
+        headline = "nothing was fetched: it is armed. Land and disarm it."
+        return VehicleReport(name, False, headline)
+
+    lines: list[str] = []
+    checked = CheckedLink(link.link)
+    try:
+        logs = listed(checked, newest)
+        for log in logs:
+            target = folder / f"{name}-{log.name}{SUFFIX}"
+            lines.append(_fetched(checked, log, target, name, progress))
+    except ArmedInBetween:
+        headline = (
+            "stopped: it was armed meanwhile. Land and disarm it, and fetch once more:"
+            " it goes on where it was."
+        )
+        return VehicleReport(name, False, headline, tuple(lines))
+    except IncompleteError as error:
+        return VehicleReport(name, False, str(error), tuple(lines))
+    except OSError as error:
+        headline = f"a file cannot be written: {error}. Make room, or give another folder."
+        return VehicleReport(name, False, headline, tuple(lines))
+
+    if not logs:
+        headline = "its PX4 has no log, or gives none out: look at SDLOG_MODE and at its card."
+        return VehicleReport(name, False, headline)
+    return VehicleReport(name, True, f"{link.version_text}", tuple(lines))
+
+
+def _trouble(link: VehicleLink) -> str:
+    vehicle = link.vehicle
+    if not is_device_of_another_computer(vehicle) or vehicle.direct is not None:
+        return link.trouble
+
+    device = vehicle.autopilot.removeprefix("serial://").rpartition(":")[0]
+    return (
+        f"Its PX4 is at {device} of {vehicle.host}, another computer, where this computer fetches"
+        f" no logs. Stop its agent there and run 'covey log fetch DIR --vehicles {vehicle.name}'"
+        " there, or take the card, or give a way past the companion as"
+        f" vehicles.{vehicle.name}.direct (docs/deployment.md)."
+    )
+
+
+# -- which logs ------------------------------------------------------------------------------------
+
+
+def listed(link: LogLink, newest: int) -> list[VehicleLog]:
+    """Return the newest logs of a vehicle, the newest first.
+
+    Args:
+        link: to its PX4.
+        newest: how many.
+    """
+    transfer = FileTransfer(link)
+    try:
+        transfer.reset()
+        for root in _ROOTS:
+            try:
+                return _listed_in(transfer, root, newest)
+            except TransferRefused:
+                continue  # PX4 has another root
+    except (TransferSilent, TransferRefused):
+        pass
+
+    entries = sorted(LogData(link).entries(), key=lambda one: (one.unix_s, one.number))
+    return [
+        VehicleLog(name=_name_of(entry), size=entry.size, number=entry.number)
+        for entry in reversed(entries)
+    ][:newest]
+
+
+def _listed_in(transfer: FileTransfer, root: str, newest: int) -> list[VehicleLog]:
+    """Return the newest logs in the folders below a root.
+
+    PX4 names folders and files by date and time; those of flights whose date it did not know
+    (``sess012/log001``) come after all others.
+    """
+    folders = [entry.name for entry in transfer.folder(root) if entry.is_folder]
+    folders.sort(key=_newest_first, reverse=True)
+
+    found: list[VehicleLog] = []
+    for folder in folders:
+        files = [
+            entry
+            for entry in transfer.folder(f"{root}/{folder}")
+            if not entry.is_folder and entry.name.endswith(SUFFIX) and entry.size
+        ]
+        files.sort(key=lambda entry: entry.name, reverse=True)
+        for entry in files:
+            stem = entry.name.removesuffix(SUFFIX)
+            path = f"{root}/{folder}/{entry.name}"
+            found.append(VehicleLog(name=f"{folder}_{stem}", size=entry.size, path=path))
+        if len(found) >= newest:
+            break
+    return found[:newest]
+
+
+def _newest_first(folder: str) -> tuple[bool, str]:
+    is_dated = folder[:1].isdecimal()
+    return is_dated, folder
+
+
+def _name_of(entry: LogEntry) -> str:
+    if not entry.unix_s:
+        return f"log{entry.number:03d}"
+    return time.strftime("%Y-%m-%d_%H_%M_%S", time.gmtime(entry.unix_s))
+
+
+# -- one log ---------------------------------------------------------------------------------------
+
+
+class _Download:
+    """One log on its way into a file.
+
+    Args:
+        file: to append to.
+        pieces: of the log.
+        show: called with the bytes that have come.
+    """
+
+    def __init__(self, file: BinaryIO, pieces: Pieces, show: Callable[[int], None]) -> None:
+        self._file = file
+        self._show = show
+        self._shown = pieces.count
+        self.pieces = pieces
+
+    def head(self) -> bytes:
+        """Return the first bytes of the file, as far as they have come."""
+        self._file.seek(0)
+        head = self._file.read(_HEAD_BYTES)
+        self._file.seek(0, 2)
+        return head
+
+    def take(self, piece: Piece) -> None:
+        """Take in a piece."""
+        self._file.write(self.pieces.add(piece.offset, piece.data))
+        if self.pieces.count - self._shown >= _SHOWN_BYTES or self.pieces.is_whole:
+            self._shown = self.pieces.count
+            self._show(self._shown)
+
+
+def _fetched(link: LogLink, log: VehicleLog, target: Path, vehicle: str, progress: Progress) -> str:
+    """Fetch one log; return a sentence about it.
+
+    Raises:
+        ArmedInBetween, IncompleteError, OSError: it did not come whole.
+    """
+    if target.exists() and target.stat().st_size == log.size:
+        return f"{target}: is here already"
+
+    target.parent.mkdir(parents=True, exist_ok=True)
+    part = target.with_name(target.name + _PART_SUFFIX)
+    begin_s = time.monotonic()
+    with part.open("ab+") as file:
+        count_before = _usable(link, log, file)
+        pieces = Pieces(log.size, count_before)
+        download = _Download(file, pieces, lambda count: progress(vehicle, count, log.size))
+
+        ways = _by_all_ways(link, log, download)
+
+    if not pieces.is_whole:
+        raise IncompleteError(
+            f"{part} has {pieces.count} of {log.size} bytes, then PX4 gave out nothing more. Run"
+            " this once more: it goes on there."
+        )
+    part.replace(target)
+
+    if count_before:
+        ways.insert(0, f"{count_before / _MB:.2f} MB were here")
+    took_s = time.monotonic() - begin_s
+    return f"{target}: {log.size / _MB:.2f} MB in {took_s:.0f} s, {'; '.join(ways)}"
+
+
+def _by_all_ways(link: LogLink, log: VehicleLog, download: _Download) -> list[str]:
+    """Fetch what is missing by one way after the other, round after round while it helps.
+
+    Returns:
+        Words about the ways that brought something.
+    """
+    pieces = download.pieces
+    sessions = 0
+    count_by_file = 0
+    count_by_data = 0
+    failures = 0
+    while not pieces.is_whole and failures < _MOST_FAILURES:
+        before = pieces.count
+        if log.path:
+            sessions += _by_file_transfer(link, log.path, download)
+        count_by_file += pieces.count - before
+
+        between = pieces.count
+        if not pieces.is_whole:
+            _by_log_data(link, log, download)
+        count_by_data += pieces.count - between
+        failures = 0 if pieces.count > before else failures + 1
+
+    ways = []
+    if count_by_file:
+        again = f", opened {sessions} times" if sessions > 1 else ""
+        ways.append(f"{count_by_file / _MB:.2f} MB by file transfer{again}")
+    if count_by_data:
+        ways.append(f"{count_by_data / _MB:.2f} MB by LOG_DATA")
+    return ways
+
+
+def _usable(link: LogLink, log: VehicleLog, file: BinaryIO) -> int:
+    """Return how many bytes of an earlier fetch are of this very log; others are dropped."""
+    count = file.seek(0, 2)
+    if count and count <= log.size:
+        file.seek(0)
+        known = file.read(_HEAD_BYTES)
+        if known == _head(link, log)[: len(known)]:
+            file.seek(0, 2)
+            return count
+    file.truncate(0)
+    return 0
+
+
+def _head(link: LogLink, log: VehicleLog) -> bytes:
+    """Return the first bytes of a log on the vehicle; empty when they cannot be read."""
+    if log.path:
+        transfer = FileTransfer(link)
+        try:
+            transfer.open(log.path)
+            return transfer.read(0, _HEAD_BYTES).data
+        except (TransferRefused, TransferSilent):
+            return b""
+    if log.number is None:
+        return b""
+    return b"".join(piece.data for piece in LogData(link).read(log.number, 0, _HEAD_BYTES))
+
+
+def _by_file_transfer(link: LogLink, path: str, download: _Download) -> int:
+    """Fetch what is missing by file transfer; return how often the file was opened."""
+    transfer = FileTransfer(link)
+    pieces = download.pieces
+    sessions = 0
+    failures = 0
+    while not pieces.is_whole and failures < _MOST_FAILURES:
+        before = pieces.count
+        try:
+            transfer.open(path)
+            sessions += 1
+            _read_on(transfer, download)
+        except (TransferRefused, TransferSilent):
+            pass  # PX4 has ended the session: it is opened once more
+        failures = 0 if pieces.count > before else failures + 1
+
+    # else PX4 closes it by itself after a while
+    with contextlib.suppress(TransferRefused, TransferSilent):
+        transfer.reset()
+    return sessions
+
+
+def _read_on(transfer: FileTransfer, download: _Download) -> None:
+    """Read an open file until it is whole, or brings nothing more."""
+    pieces = download.pieces
+    while not pieces.is_whole:
+        before = pieces.count
+        begin, end = pieces.gap
+        if end < pieces.size and end - begin <= _SMALL_GAP_BYTES:
+            download.take(transfer.read(begin, end - begin))
+        else:
+            for piece in transfer.burst(begin):
+                download.take(piece)
+                if pieces.is_full:
+                    return  # the burst goes on behind a hole; opened anew, it ends
+        if pieces.count == before:
+            return
+
+
+def _by_log_data(link: LogLink, log: VehicleLog, download: _Download) -> None:
+    """Fetch what is missing by LOG_DATA."""
+    data = LogData(link)
+    number = log.number
+    if number is None:
+        number = _number_of(data, log, download)
+    if number is None:
+        return
+
+    pieces = download.pieces
+    failures = 0
+    while not pieces.is_whole and failures < _MOST_FAILURES:
+        before = pieces.count
+        begin, end = pieces.gap
+        for piece in data.read(number, begin, end - begin):
+            download.take(piece)
+        failures = 0 if pieces.count > before else failures + 1
+    data.stop()
+
+
+def _number_of(data: LogData, log: VehicleLog, download: _Download) -> int | None:
+    """Return the number that LOG_DATA gives a log of the card; None when it cannot be told.
+
+    LOG_ENTRY names size and date of the last change only. So candidates are those of its size, or a
+    little more where PX4 still writes, and the first bytes have to be the same.
+    """
+    known = download.head()
+    candidates = [entry for entry in data.entries() if entry.size >= log.size]
+    candidates.sort(key=lambda entry: (entry.size, -entry.unix_s))
+    for entry in candidates:
+        if not known and entry.size == log.size:
+            return entry.number
+        head = b"".join(piece.data for piece in data.read(entry.number, 0, _HEAD_BYTES))
+        if known and head[: len(known)] == known:
+            return entry.number
+    return None

@@ -1,0 +1,275 @@
+"""The two ways in which PX4 gives out a log: file transfer (MAVLink FTP), and LOG_DATA.
+
+File transfer is quick: one request for a burst is answered by piece after piece. PX4 ends it in the
+middle for reasons of its own (v1.16 after some seconds, without a word), and has one session for
+each link, which may still be open from before. So a session is reset before a file is opened, and
+what is missing is asked for once more, from its offset. LOG_DATA is slower, and needs no session.
+
+Layout of a payload of FTP: sequence (2 bytes), session, operation, size, operation that is
+answered, whether a burst is complete, padding, offset (4 bytes), data (up to 239 bytes). Described
+in MAVLink's documentation, "File Transfer Protocol".
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterable, Iterator
+from typing import Any, NamedTuple, Protocol
+
+_PAYLOAD_BYTES = 251
+_HEAD = struct.Struct("<HBBBBBxI")
+_MOST_DATA = _PAYLOAD_BYTES - _HEAD.size
+
+# operations
+_RESET = 2
+_LIST = 3
+_OPEN = 4
+_READ = 5
+_BURST = 15
+_ACK = 128
+_NAK = 129
+
+# errors
+END_OF_FILE = 6
+
+_ATTEMPTS = 4
+_ANSWER_S = 0.6
+_SILENT_S = 1.0  # within a burst, after which it has ended
+_MOST_ENTRIES = 20_000  # of a folder
+_MOST_LOGS = 10_000
+_ALL_LOGS = 0xFFFF
+_LOG_PART_BYTES = 90 * 512  # of one request
+
+
+class LogLink(Protocol):
+    """The parts of a link to PX4 that a transfer uses."""
+
+    def send(self, name: str, *values: object) -> None:
+        """Send a message to the autopilot."""
+
+    def next_message(self, names: Iterable[str], timeout_s: float) -> Any | None:
+        """Return the autopilot's next message of these names; None when none comes in time."""
+
+
+class Piece(NamedTuple):
+    """Some bytes of a file."""
+
+    offset: int
+    data: bytes
+
+
+class FileEntry(NamedTuple):
+    """One entry of a folder."""
+
+    name: str
+    size: int
+    is_folder: bool
+
+
+class LogEntry(NamedTuple):
+    """One log, as LOG_ENTRY names it."""
+
+    number: int
+    size: int
+    unix_s: int  # of its last change; 0 when PX4 does not know the date
+
+
+class TransferRefused(Exception):
+    """PX4 answered a request with an error; its number is kept.
+
+    Attributes:
+        error: as MAVLink FTP numbers them.
+    """
+
+    def __init__(self, error: int) -> None:
+        super().__init__(f"error {error}")
+        self.error = error
+
+
+class TransferSilent(Exception):
+    """PX4 does not answer this request."""
+
+
+class FileTransfer:
+    """A client of PX4's file transfer.
+
+    Args:
+        link: to PX4.
+    """
+
+    def __init__(self, link: LogLink) -> None:
+        self._link = link
+        self._sequence = 0
+
+    def reset(self) -> None:
+        """Close whatever is open on this link.
+
+        Raises:
+            TransferSilent: PX4 knows no file transfer, or is not heard.
+            TransferRefused: it will not.
+        """
+        self._ask(_RESET)
+
+    def folder(self, path: str) -> list[FileEntry]:
+        """Return the entries of a folder.
+
+        Raises:
+            TransferRefused: there is no such folder.
+            TransferSilent: PX4 does not answer.
+        """
+        entries: list[FileEntry] = []
+        seen = 0  # entries, those that PX4 leaves out included
+        while seen < _MOST_ENTRIES:
+            try:
+                answer = self._ask(_LIST, offset=seen, data=path.encode("utf-8"))
+            except TransferRefused as refused:
+                if refused.error == END_OF_FILE:
+                    break
+                raise
+            listed = [one for one in answer.split(b"\0") if one]
+            if not listed:
+                break
+            seen += len(listed)
+            entries += [entry for one in listed if (entry := _entry(one)) is not None]
+        return entries
+
+    def open(self, path: str) -> int:
+        """Open a file; return its size.
+
+        Raises:
+            TransferRefused, TransferSilent: it cannot be opened.
+        """
+        self.reset()
+        answer = self._ask(_OPEN, data=path.encode("utf-8"))
+        return int.from_bytes(answer[:4], "little")
+
+    def read(self, offset: int, size: int) -> Piece:
+        """Return the bytes at an offset, as many as fit.
+
+        Raises:
+            TransferRefused, TransferSilent: they cannot be read.
+        """
+        answer = self._ask(_READ, offset=offset, size=min(size, _MOST_DATA))
+        return Piece(offset, answer)
+
+    def burst(self, offset: int) -> Iterator[Piece]:
+        """Yield pieces from an offset on, until PX4 ends the burst or falls silent."""
+        self._send(_BURST, offset=offset, data=b"", size=_MOST_DATA)
+        while True:
+            answer = self._next_answer(_BURST, _SILENT_S)
+            if answer is None:
+                return
+            _, _, operation, size, _, is_complete, at = _HEAD.unpack_from(answer)
+            if operation != _ACK:
+                return
+            yield Piece(at, answer[_HEAD.size : _HEAD.size + min(size, _MOST_DATA)])
+            if is_complete:
+                return
+
+    def _ask(self, operation: int, *, offset: int = 0, data: bytes = b"", size: int = 0) -> bytes:
+        """Send a request until it is answered; return the data of the answer."""
+        self._sequence = (self._sequence + 1) & 0xFFFF
+        for _ in range(_ATTEMPTS):
+            # the same number again: PX4 answers a repeated request as it did before
+            self._send_numbered(operation, offset, data, size or len(data))
+            answer = self._next_answer(operation, _ANSWER_S, sequence=self._sequence + 1)
+            if answer is None:
+                continue
+
+            _, _, kind, count, _, _, _ = _HEAD.unpack_from(answer)
+            content = answer[_HEAD.size : _HEAD.size + min(count, _MOST_DATA)]
+            if kind == _NAK:
+                raise TransferRefused(content[0] if content else 0)
+            return content
+        raise TransferSilent
+
+    def _send(self, operation: int, *, offset: int, data: bytes, size: int) -> None:
+        self._sequence = (self._sequence + 1) & 0xFFFF
+        self._send_numbered(operation, offset, data, size)
+
+    def _send_numbered(self, operation: int, offset: int, data: bytes, size: int) -> None:
+        session = 0
+        head = _HEAD.pack(self._sequence, session, operation, size, 0, 0, offset)
+        payload = (head + data[:_MOST_DATA]).ljust(_PAYLOAD_BYTES, b"\0")
+        network = 0
+        self._link.send("file_transfer_protocol", network, payload)
+
+    def _next_answer(
+        self, operation: int, timeout_s: float, *, sequence: int | None = None
+    ) -> bytes | None:
+        """Return the next payload that answers an operation; None when none comes in time."""
+        while True:
+            message = self._link.next_message(("FILE_TRANSFER_PROTOCOL",), timeout_s)
+            if message is None:
+                return None
+            payload = bytes(message.payload)
+            number, _, kind, _, answered, _, _ = _HEAD.unpack_from(payload)
+            if kind not in (_ACK, _NAK) or answered != operation:
+                continue
+            if sequence is None or number == sequence & 0xFFFF:
+                return payload
+
+
+def _entry(listed: bytes) -> FileEntry | None:
+    """Return one entry of a listed folder; None for what is neither file nor folder."""
+    kind = listed[:1]
+    name, _, size = listed[1:].decode("utf-8", "replace").partition("\t")
+    is_plain = name not in ("", ".", "..") and "/" not in name and name.isprintable()
+    if kind not in (b"F", b"D") or not is_plain:
+        return None
+    return FileEntry(name, int(size) if size.isdecimal() else 0, kind == b"D")
+
+
+class LogData:
+    """A client of LOG_DATA.
+
+    Args:
+        link: to PX4.
+    """
+
+    def __init__(self, link: LogLink) -> None:
+        self._link = link
+
+    def entries(self) -> list[LogEntry]:
+        """Return the logs that PX4 has; none when it does not answer, as PX4 without logs."""
+        found: dict[int, LogEntry] = {}
+        count = 0  # that PX4 has; 0 until it has said so
+        for _ in range(_ATTEMPTS):
+            first = 0
+            self._link.send("log_request_list", first, _ALL_LOGS)
+            while True:
+                message = self._link.next_message(("LOG_ENTRY",), _SILENT_S)
+                if message is None or message.num_logs == 0:
+                    break
+                count = min(message.num_logs, _MOST_LOGS)
+                found[message.id] = LogEntry(message.id, message.size, message.time_utc)
+                if len(found) >= count:
+                    break
+            if count and len(found) >= count:
+                break
+        return list(found.values())
+
+    def read(self, number: int, offset: int, size: int) -> Iterator[Piece]:
+        """Yield pieces of a log until a part of it has come, or PX4 falls silent.
+
+        Args:
+            number: of the log, in the newest list.
+            offset: of the first byte.
+            size: how many bytes; at most a part of them is requested at once.
+        """
+        wanted = min(size, _LOG_PART_BYTES)
+        self._link.send("log_request_data", number, offset, wanted)
+        while True:
+            message = self._link.next_message(("LOG_DATA",), _SILENT_S)
+            if message is None:
+                return
+            if message.id != number:
+                continue
+            count = min(message.count, len(message.data))
+            yield Piece(message.ofs, bytes(message.data[:count]))
+            if count == 0 or message.ofs + count >= offset + wanted:
+                return
+
+    def stop(self) -> None:
+        """Have PX4 send nothing more."""
+        self._link.send("log_request_end")

@@ -1,0 +1,269 @@
+"""PX4's own log of a flight: a ULog file, from arming to disarming, as the emulator flew it.
+
+A ULog names the layout of its topics first, then come their samples in the order of time, and the
+texts that PX4 said meanwhile. Here are the few topics that somebody who compares flights asks for:
+attitude and its setpoint, local position, battery, status. Their fields have PX4's names and units,
+and are a part of PX4's; the rates are some of PX4's own. Described in PX4's documentation, "ULog
+File Format".
+
+Logs stay in memory. The oldest is forgotten when there are too many, and a flight that lasts very
+long fills its log, as it fills PX4's card.
+"""
+
+from __future__ import annotations
+
+import struct
+import time
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+from sitl.px4.commander import EmulatedPx4
+from sitl.px4.modes import Mode
+from sitl.px4.signals import AutopilotInputs, StatusText
+
+FOLDER = "/fs/microsd/log"
+_MAGIC = b"ULog\x01\x12\x35"
+_VERSION = 1
+_MOST_LOGS = 5
+_MOST_BYTES = 8_000_000  # of one log
+_TEXT_LEVEL = ord("0")  # of a logged text: the digit of its severity
+_CELLS = 4
+_SAID_BEFORE_S = 0.1
+
+# ticks of 20 ms between two samples of a topic
+_ATTITUDE_TICKS = 2
+_POSITION_TICKS = 5
+_STATUS_TICKS = 25
+
+# vehicle_status.nav_state
+_NAV_STATES: dict[Mode, int] = {
+    Mode.MANUAL: 0,
+    Mode.ALTCTL: 1,
+    Mode.POSCTL: 2,
+    Mode.MISSION: 3,
+    Mode.LOITER: 4,
+    Mode.RTL: 5,
+    Mode.DESCEND: 12,
+    Mode.TERMINATION: 13,
+    Mode.OFFBOARD: 14,
+    Mode.STABILIZED: 15,
+    Mode.TAKEOFF: 17,
+    Mode.LAND: 18,
+}
+
+
+class Topic(NamedTuple):
+    """One logged topic."""
+
+    name: str
+    fields: str  # as the file declares them
+    packer: struct.Struct  # of the same
+
+
+ATTITUDE = Topic("vehicle_attitude", "uint64_t timestamp;float[4] q;", struct.Struct("<Q4f"))
+ATTITUDE_SETPOINT = Topic(
+    "vehicle_attitude_setpoint",
+    "uint64_t timestamp;float[4] q_d;float[3] thrust_body;",
+    struct.Struct("<Q4f3f"),
+)
+LOCAL_POSITION = Topic(
+    "vehicle_local_position",
+    "uint64_t timestamp;float x;float y;float z;float vx;float vy;float vz;float heading;"
+    "bool xy_valid;bool z_valid;",
+    struct.Struct("<Q7f2?"),
+)
+BATTERY = Topic(
+    "battery_status",
+    "uint64_t timestamp;float voltage_v;float remaining;uint8_t cell_count;bool connected;",
+    struct.Struct("<Q2fB?"),
+)
+STATUS = Topic(
+    "vehicle_status",
+    "uint64_t timestamp;uint8_t arming_state;uint8_t nav_state;bool failsafe;",
+    struct.Struct("<Q2B?"),
+)
+TOPICS = (ATTITUDE, ATTITUDE_SETPOINT, LOCAL_POSITION, BATTERY, STATUS)
+
+
+def _message(kind: str, content: bytes) -> bytes:
+    """Return one message of a ULog: its size, its letter, its content."""
+    return struct.pack("<Hc", len(content), kind.encode("ascii")) + content
+
+
+class LogWriter:
+    """One ULog that grows.
+
+    Args:
+        start_us: time since PX4's start.
+        infos: what the file says of itself, by name.
+        parameters: of the vehicle.
+    """
+
+    def __init__(
+        self, start_us: int, infos: dict[str, str], parameters: dict[str, float | int]
+    ) -> None:
+        self.content = bytearray(_MAGIC + struct.pack("<BQ", _VERSION, start_us))
+        flag_bits = bytes(8 + 8 + 3 * 8)  # nothing special, and nothing appended
+        self.content += _message("B", flag_bits)
+
+        for topic in TOPICS:
+            self.content += _message("F", f"{topic.name}:{topic.fields}".encode("ascii"))
+        for name, text in infos.items():
+            value = text.encode("utf-8")
+            key = f"char[{len(value)}] {name}".encode("ascii")
+            self.content += _message("I", bytes((len(key),)) + key + value)
+        for name, number in parameters.items():
+            self.content += _message("P", self._parameter(name, number))
+        for number_of_topic, topic in enumerate(TOPICS):
+            first_instance = 0
+            subscription = struct.pack("<BH", first_instance, number_of_topic)
+            self.content += _message("A", subscription + topic.name.encode("ascii"))
+
+    @staticmethod
+    def _parameter(name: str, number: float | int) -> bytes:
+        if isinstance(number, int):
+            key = f"int32_t {name}".encode("ascii")
+            return bytes((len(key),)) + key + struct.pack("<i", number)
+        key = f"float {name}".encode("ascii")
+        return bytes((len(key),)) + key + struct.pack("<f", number)
+
+    @property
+    def is_full(self) -> bool:
+        """Whether nothing more is written."""
+        return len(self.content) >= _MOST_BYTES
+
+    def sample(self, topic: Topic, time_us: int, *values: float) -> None:
+        """Append a sample of a topic.
+
+        Args:
+            topic: one of :data:`TOPICS`.
+            time_us: since PX4's start.
+            values: of its other fields.
+        """
+        if self.is_full:
+            return
+        number = struct.pack("<H", TOPICS.index(topic))
+        self.content += _message("D", number + topic.packer.pack(time_us, *values))
+
+    def text(self, time_us: int, severity: int, text: str) -> None:
+        """Append a text that PX4 said."""
+        if self.is_full:
+            return
+        head = struct.pack("<BQ", _TEXT_LEVEL + severity, time_us)
+        self.content += _message("L", head + text.encode("utf-8"))
+
+
+@dataclass(slots=True)
+class LogFile:
+    """One log on the vehicle's card."""
+
+    path: str
+    unix_s: float  # when it was begun
+    writer: LogWriter
+
+    @property
+    def content(self) -> bytearray:
+        """The bytes of the file so far."""
+        return self.writer.content
+
+
+@dataclass(slots=True)
+class FlightLogs:
+    """The logs of one vehicle; they survive a restart of its PX4.
+
+    Attributes:
+        files: the oldest first.
+        session_limit_bytes: after which a file transfer ends without a word; 0 for never.
+    """
+
+    files: list[LogFile] = field(default_factory=list)
+    session_limit_bytes: int = 0
+    _open: LogFile | None = None
+    _ticks: int = 0
+    _texts_seen: int = 0
+
+    def tick(self, autopilot: EmulatedPx4, inputs: AutopilotInputs, unix_s: float) -> None:
+        """Write what is due of the present tick; begin and end the log with the flight.
+
+        Args:
+            autopilot: after its tick.
+            inputs: that it was given.
+            unix_s: the date.
+        """
+        time_us = max(0, round((inputs.time_s - autopilot.boot_time_s) * 1e6))
+        if autopilot.is_armed and self._open is None:
+            self._begin(autopilot, time_us, unix_s)
+        if self._open is None:
+            return
+
+        self._write(self._open.writer, autopilot, inputs, time_us)
+        self._ticks += 1
+        if not autopilot.is_armed:
+            self._open = None
+
+    def _begin(self, autopilot: EmulatedPx4, time_us: int, unix_s: float) -> None:
+        date = time.strftime("%Y-%m-%d/%H_%M_%S", time.gmtime(unix_s))
+        infos = {"sys_name": "PX4", "ver_sw_release_str": autopilot.version.name, "ver_hw": "SITL"}
+        writer = LogWriter(time_us, infos, dict(autopilot.params.values))
+        self._open = LogFile(path=f"{FOLDER}/{date}.ulg", unix_s=unix_s, writer=writer)
+        self.files.append(self._open)
+        del self.files[:-_MOST_LOGS]
+        self._ticks = 0
+
+        # what it said as it was armed belongs to this flight
+        texts = autopilot.journal.texts
+        now_s = autopilot.boot_time_s + time_us * 1e-6
+        recent = [text for text in texts.newest if now_s - text.time_s <= _SAID_BEFORE_S]
+        self._texts_seen = texts.count - len(recent)
+
+    def _write(
+        self, writer: LogWriter, autopilot: EmulatedPx4, inputs: AutopilotInputs, time_us: int
+    ) -> None:
+        if self._ticks % _ATTITUDE_TICKS == 0:
+            writer.sample(ATTITUDE, time_us, *inputs.attitude.tolist())
+        if self._ticks % _POSITION_TICKS == 0:
+            self._write_position(writer, autopilot, inputs, time_us)
+        if self._ticks % _STATUS_TICKS == 0 or not autopilot.is_armed:
+            self._write_status(writer, autopilot, time_us)
+
+        texts = autopilot.journal.texts
+        for text in texts.since(self._texts_seen):
+            writer.text(time_us, text.severity, _spoken(text))
+        self._texts_seen = texts.count
+
+    def _write_position(
+        self, writer: LogWriter, autopilot: EmulatedPx4, inputs: AutopilotInputs, time_us: int
+    ) -> None:
+        position_ned_m = inputs.position_ned_m.tolist()
+        velocity_ned_m_s = inputs.velocity_ned_m_s.tolist()
+        is_valid = inputs.has_local_position
+        writer.sample(
+            LOCAL_POSITION,
+            time_us,
+            *position_ned_m,
+            *velocity_ned_m_s,
+            inputs.yaw_rad,
+            is_valid,
+            is_valid,
+        )
+
+        actuation = autopilot.actuation
+        thrust_frd = (0.0, 0.0, -actuation.thrust_frac)
+        writer.sample(ATTITUDE_SETPOINT, time_us, *actuation.attitude.tolist(), *thrust_frd)
+
+    def _write_status(self, writer: LogWriter, autopilot: EmulatedPx4, time_us: int) -> None:
+        armed = 2
+        disarmed = 1
+        arming_state = armed if autopilot.is_armed else disarmed
+        nav_state = _NAV_STATES[autopilot.mode]
+        writer.sample(STATUS, time_us, arming_state, nav_state, autopilot.is_failsafe)
+
+        battery = autopilot.battery
+        voltage_v = battery.voltage_mv / 1000.0
+        is_connected = True
+        writer.sample(BATTERY, time_us, voltage_v, battery.remaining_frac, _CELLS, is_connected)
+
+
+def _spoken(text: StatusText) -> str:
+    """Return a text without the tab that says that an event says the same."""
+    return text.text.rstrip("\t")
