@@ -3,6 +3,7 @@
 Examples:
   covey log list flights
   covey log info flights/first
+  covey log info flights/first/px4/mav0-2026-11-26_05_21_29.ulg
   covey log export flights/first --foxglove
   covey log export flights/first --csv flown
   covey log fetch flights/first
@@ -15,7 +16,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import msgspec
 from cyclopts import App, Parameter
@@ -67,20 +68,37 @@ def list_flights(folder: _Flight = Path("flights"), /, *, json: bool = False) ->
 
 @app.command
 def info(flight: _Flight, /, *, json: bool = False) -> int:
-    """Say what a record holds: length, vehicles, verdict, channels with their rates.
+    """Say what a record, or a log of PX4, holds: length, vehicles, verdict, rates, warnings.
 
     Args:
-        flight: flight folder, or its flight.mcap
+        flight: flight folder, its flight.mcap, or a log of PX4 (.ulg)
         json: for programs
     """
+    # Imported here: only this needs the reader of PX4's logs.
+    from groundstation.px4_logs import flight_logs, px4_log
+    from groundstation.px4_logs import summary as log_summary
+
+    if flight.suffix == flight_logs.SUFFIX:
+        log = px4_log.read_log(flight)
+        _print(log_summary.as_mapping(log), log_summary.lines(log), is_json=json)
+        return EXIT_OK
+
     about = summary(flight)
     counts = channels(flight)
-    if json:
-        content = msgspec.json.encode({**about, "channels": counts})
-        print(msgspec.json.format(content, indent=2).decode())
-    else:
-        print("\n".join(info_lines(about, counts)))
+    found = flight_logs.of_folder(flight)
+    lines = [*info_lines(about, counts), *log_summary.fleet_lines(found)]
+    _print(
+        {**about, "channels": counts, "px4": log_summary.fleet_mapping(found)}, lines, is_json=json
+    )
     return EXIT_OK
+
+
+def _print(content: dict[str, Any], lines: list[str], *, is_json: bool) -> None:
+    """Print values for programs, or lines for people."""
+    if is_json:
+        print(msgspec.json.format(msgspec.json.encode(content), indent=2).decode())
+    else:
+        print("\n".join(lines))
 
 
 @app.command
@@ -144,6 +162,7 @@ def fetch(
     from groundstation.px4 import log_fetch, parameter_sets
     from groundstation.px4.fetch_progress import FetchProgress
     from groundstation.px4.vehicle_links import opened
+    from groundstation.px4_logs.flight_logs import FOLDER
 
     if newest < 1:
         raise ConfigError(f"--newest is {newest}; it must be 1 or more.")
@@ -156,9 +175,7 @@ def fetch(
     chosen = selected_vehicles(config, vehicles, exclude)
     progress = FetchProgress(sys.stderr)
     with opened(chosen, mavlink_keys(config, chosen)) as links:
-        reports = log_fetch.fetch(
-            links, flight / log_fetch.FOLDER, newest=newest, progress=progress.show
-        )
+        reports = log_fetch.fetch(links, flight / FOLDER, newest=newest, progress=progress.show)
     progress.end()
 
     if json:

@@ -33,7 +33,6 @@ from groundstation.px4.vehicle_links import VehicleLink, for_each, is_device_of_
 # Called with the name of a vehicle, bytes that have come, and bytes in all.
 Progress = Callable[[str, int, int], None]
 
-FOLDER = "px4"  # in a flight folder
 SUFFIX = ".ulg"
 _PART_SUFFIX = ".part"
 _ROOTS = ("/fs/microsd/log", "/log")  # on a flight controller; PX4 on a computer

@@ -287,6 +287,60 @@ globalThis.Covey ??= {};
     }
   }
 
+  /* Returns curves of PX4's own log: what it wanted (dotted), what it believed, what Covey had. */
+  function beside(view, wanted, believed, own, { factor = 1 } = {}) {
+    return view.chosen.flatMap((vehicle) => {
+      const name = Covey.shortened(view.flight.names[vehicle]);
+      const colour = Covey.vehicleColour(vehicle);
+      const curve = (column) => scaled(view.flight.curve(vehicle, column), factor);
+      const series = [
+        { label: `${name} PX4`, values: curve(believed), colour, width: 1.75 },
+        { label: "Covey", values: curve(own), colour: Covey.colour("text"), dash: [6, 3] },
+      ];
+      if (wanted) series.unshift({ label: "PX4's setpoint", values: curve(wanted), colour, dash: [2, 4] });
+      return series;
+    });
+  }
+
+  /* PX4's own log beside the record. */
+  function px4(view, parent) {
+    if (!view.flight.px4.length) return;
+    for (const [angle, title] of [
+      ["roll", "Roll, to the right"],
+      ["pitch", "Pitch, nose up"],
+      ["heading", "Heading, clockwise from north"],
+    ]) {
+      chart(view, parent, {
+        title: `${title}: PX4's log, its setpoint (dotted), and what Covey had (dashed)`,
+        unit: "°",
+        decimals: 1,
+        height: 140,
+        series: beside(view, `px4_setpoint_${angle}`, `px4_${angle}`, `own_${angle}`),
+      });
+    }
+    for (const [axis, name] of [["x", "east"], ["y", "north"], ["z", "up"]]) {
+      chart(view, parent, {
+        title: `Position, ${name}: PX4's estimate, shifted by the median, and the record (dashed)`,
+        unit: "m",
+        height: 140,
+        series: beside(view, `px4_setpoint_${axis}`, `px4_${axis}`, axis),
+      });
+    }
+    chart(view, parent, {
+      title: "Battery voltage: PX4's log, and its telemetry (dashed)",
+      unit: "V",
+      height: 120,
+      series: beside(view, null, "px4_voltage", "voltage"),
+    });
+    chart(view, parent, {
+      title: "Charge: PX4's log, and its telemetry (dashed)",
+      unit: "%",
+      decimals: 0,
+      height: 120,
+      series: beside(view, null, "px4_battery", "battery", { factor: 100 }),
+    });
+  }
+
   /* The charts of a pair's page. */
   function pair(view, parent, first, second) {
     const { flight } = view;
@@ -369,5 +423,5 @@ globalThis.Covey ??= {};
     return values.map((value, index) => (Math.round(whom[index]) === avoided ? value : value * 0));
   }
 
-  Covey.flightCharts = { distances, law, motion, air, loop, pair };
+  Covey.flightCharts = { distances, law, motion, air, loop, px4, pair };
 })();

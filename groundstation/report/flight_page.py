@@ -7,6 +7,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import NamedTuple
 
+from groundstation.px4_logs.flight_logs import logs_of_flight
 from groundstation.recording.flight_reading import read_flight
 from groundstation.report.page import page
 from groundstation.report.payload import payload
@@ -44,8 +45,9 @@ def make_page(
     """
     flight = read_flight(folder, fleet_path)
     ghost = None if compared is None else read_flight(compared)
-    data = payload(flight, made_by=_made_by(), ghost=ghost)
-    return MadePage(text=page(flight.title, data), notes=flight.notes)
+    logs = logs_of_flight(folder, flight)
+    data = payload(flight, made_by=_made_by(), ghost=ghost, logs=logs)
+    return MadePage(text=page(flight.title, data), notes=(*flight.notes, *logs.notes))
 
 
 def write_page(

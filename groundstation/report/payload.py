@@ -19,6 +19,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from groundstation.px4_logs.flight_logs import FoundLogs
 from groundstation.recording.flight import (
     Flight,
     VehicleFlight,
@@ -28,6 +29,7 @@ from groundstation.recording.flight import (
 )
 from groundstation.recording.flight_report import TrueMotion, separations
 from groundstation.report.columns import Column, packed
+from groundstation.report.px4_columns import px4_columns, px4_header
 from groundstation.report.settings import settings
 from onboard.arrays import Array
 from onboard.plain_text import plain_line, plain_lines
@@ -53,13 +55,20 @@ _SECOND = 0.001
 _FRACTION = 0.0005
 
 
-def payload(flight: Flight, *, made_by: str, ghost: Flight | None = None) -> bytes:
+def payload(
+    flight: Flight,
+    *,
+    made_by: str,
+    ghost: Flight | None = None,
+    logs: FoundLogs = FoundLogs({}, ()),  # noqa: B008 - a frozen value
+) -> bytes:
     """Return the data of a report, deflated.
 
     Args:
         flight: that is shown.
         made_by: name and version of this program.
         ghost: another flight of the same vehicles, shown beside it; put at the same lift-off.
+        logs: PX4's own, on the record's clock.
     """
     step_s = _step_s(flight)
     grid_s = np.arange(flight.begin_s, flight.length_s + step_s / 2.0, step_s)
@@ -67,10 +76,14 @@ def payload(flight: Flight, *, made_by: str, ghost: Flight | None = None) -> byt
     columns: list[Column] = []
     for number, vehicle in enumerate(flight.vehicles.values()):
         columns += _columns(number, vehicle, tuple(flight.vehicles), grid_s, step_s)
+        if vehicle.name in logs.logs:
+            columns += px4_columns(number, vehicle, logs.logs[vehicle.name], grid_s)
     if ghost is not None:
         columns += _ghost_columns(flight, ghost, grid_s)
 
     header = _header(flight, made_by, grid_s, step_s, columns)
+    header["px4"] = px4_header(logs, tuple(flight.vehicles))
+    header["notes"] += [_text(note) for note in logs.notes]
     if ghost is not None:
         header["ghost"] = _text(ghost.title)
 

@@ -20,9 +20,10 @@ globalThis.Covey ??= {};
     ["loop", "Loop & bus"],
     ["events", "Events & orders"],
     ["setup", "Setup"],
+    ["px4", "PX4"],
   ];
-  const WITH_VEHICLES = new Set(["law", "motion", "air", "loop"]);
-  const PER_VEHICLE_LIMIT = { law: 2, motion: 2, air: 8, loop: 8 }; // chosen at first
+  const WITH_VEHICLES = new Set(["law", "motion", "air", "loop", "px4"]);
+  const PER_VEHICLE_LIMIT = { law: 2, motion: 2, air: 8, loop: 8, px4: 1 }; // chosen at first
   const JUMP_S = 5;
   const STEP_S = 0.1;
   const SUBTITLE_S = 4;
@@ -38,7 +39,7 @@ globalThis.Covey ??= {};
     ["t", "look from above, and back"],
     ["r", "show everything"],
     ["+ −", "nearer, further"],
-    ["1 … 9", "the pages"],
+    ["1 … 9, 0", "the pages"],
     ["?", "these keys"],
   ];
 
@@ -308,6 +309,7 @@ globalThis.Covey ??= {};
       const grid = element("div", { className: "charts" });
       this._content.append(grid);
       Covey.flightCharts[this.view](this._chartView(), grid);
+      if (this.view === "px4") this._content.append(...Covey.views.px4(this, this._chosenVehicles()));
       if (this.view === "distances" && this.flight.pairs.length) {
         this._content.append(Covey.views.pairsCard(this, Covey.views.MOST_ROWS));
       }
@@ -576,7 +578,7 @@ globalThis.Covey ??= {};
         "-": () => zoom(1 / 0.85),
         "?": () => this._dialog.showModal(),
       };
-      const page = /^[1-9]$/.test(event.key) ? VIEWS[Number(event.key) - 1] : null;
+      const page = /^[0-9]$/.test(event.key) ? VIEWS[(Number(event.key) + 9) % 10] : null;
       // a button that has the focus is pressed by the space bar, and nothing else
       const isButton = event.key === " " && (tag === "BUTTON" || tag === "SUMMARY");
       const action = page ? () => this.show(page[0]) : actions[event.key];

@@ -390,6 +390,42 @@ globalThis.Covey ??= {};
     ];
   }
 
+  // -- PX4's own log ---------------------------------------------------------------------------------
+
+  /* Returns what PX4 said in its own log, and how its times were found. */
+  function px4(app, vehicles) {
+    const { flight } = app;
+    if (!flight.px4.length) {
+      const sentence = "No log of PX4 is beside the record: covey log fetch brings them.";
+      return [element("p", { className: "missing" }, sentence)];
+    }
+    return flight.px4.filter((one) => vehicles.includes(one.vehicle)).flatMap((one) => {
+      const said = [
+        ...one.modes.map(([time_s, mode]) => [time_s, "mode", mode]),
+        ...one.texts,
+      ].sort((first, second) => first[0] - second[0]);
+      const place = one.place_m === null ? "" : `, its places by ${one.place_m.toFixed(2)} m`;
+      return [
+        element(
+          "section",
+          { className: "card" },
+          element("h2", {}, vehicleName(flight, one.vehicle), " in PX4's own words"),
+          element(
+            "p",
+            { className: "soft" },
+            `${one.file}: put on this clock by roll and pitch, which differ by ` +
+              `${one.residual_deg.toFixed(2)}° (standard deviation)${place}. ` +
+              one.about.map(([key, value]) => `${key} ${value}`).join(", "),
+          ),
+          table(
+            [{ title: "Time" }, { title: "Level" }, { title: "What" }],
+            said.map(([time_s, level, words]) => [timeButton(app, time_s), level, words]),
+          ),
+        ),
+      ];
+    });
+  }
+
   // -- small things ----------------------------------------------------------------------------------
 
   function known(values) {
@@ -413,5 +449,5 @@ globalThis.Covey ??= {};
     return typeof value === "string" ? value : "";
   }
 
-  Covey.views = { overview, events, setup, pairsCard, pairLink, story, badge, vehicleName, MOST_ROWS };
+  Covey.views = { overview, events, setup, px4, pairsCard, pairLink, story, badge, vehicleName, MOST_ROWS };
 })();

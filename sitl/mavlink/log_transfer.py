@@ -303,7 +303,7 @@ class LogSender:
 
     def due(self) -> list[tuple[int, int, bytes]]:
         """Return the next pieces: number of the log, offset, bytes."""
-        pieces = []
+        pieces: list[tuple[int, int, bytes]] = []
         while self._file is not None and len(pieces) < _PIECES_PER_POLL:
             if self._offset >= self._end:
                 self._file = None

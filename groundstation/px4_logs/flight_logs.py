@@ -1,0 +1,201 @@
+"""The logs of PX4 that lie in a flight folder, each on the clock of the flight's record.
+
+``covey log fetch`` puts them into ``DIR/px4`` as ``VEHICLE-DATE_TIME.ulg``. Of several of a vehicle
+the newest is taken that fits the record by attitude; one that fits nowhere is named with the reason
+and left out. Positions of PX4 are in a frame of its own: they are shifted by the median of what
+they differ from the record by, so that the two can be compared in form and not in place.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from groundstation.px4_logs.alignment import (
+    Alignment,
+    NoAlignment,
+    align,
+    flu_of_frd,
+    up_in_body,
+)
+from groundstation.px4_logs.px4_log import LoggedText, Px4Log, Rows, read_log
+from groundstation.recording.flight import Flight, VehicleFlight, between_times
+from groundstation.recording.flight_reading import read_flight
+from onboard.arrays import Array
+from onboard.config.fleet import ConfigError
+from onboard.frames import enu_from_ned
+from onboard.plain_text import plain_line
+
+FOLDER = "px4"  # in a flight folder
+SUFFIX = ".ulg"
+_MOST_TRIED = 8  # logs of one vehicle
+_MOST_FILES = 2_000
+_GAP_S = 1.0
+
+
+class FlightLog(NamedTuple):
+    """One vehicle's log of PX4 on the record's clock."""
+
+    vehicle: str
+    log: Px4Log  # times since PX4's start
+    alignment: Alignment
+    shift_enu_m: Array  # (3,), record less log; NaN where positions cannot be compared
+    position_residual_m: float  # standard deviation of what is left; NaN likewise
+
+    @property
+    def begin_s(self) -> float:
+        """Of the log, on the record's clock."""
+        return self.log.begin_s + self.alignment.offset_s
+
+    @property
+    def end_s(self) -> float:
+        """Of the log, on the record's clock."""
+        return self.log.end_s + self.alignment.offset_s
+
+    def on_record(self, rows: Rows) -> Rows:
+        """Return samples with times on the record's clock."""
+        return rows._replace(time_s=rows.time_s + self.alignment.offset_s)
+
+    @property
+    def texts(self) -> list[LoggedText]:
+        """Texts of PX4, on the record's clock."""
+        offset_s = self.alignment.offset_s
+        return [text._replace(time_s=text.time_s + offset_s) for text in self.log.texts]
+
+    @property
+    def position_enu_m(self) -> Rows:
+        """PX4's position in the fleet's frame, on the record's clock."""
+        return self._in_fleet(self.log.position)
+
+    @property
+    def position_setpoint_enu_m(self) -> Rows:
+        """PX4's own setpoint of it."""
+        return self._in_fleet(self.log.position_setpoint)
+
+    def _in_fleet(self, rows: Rows) -> Rows:
+        moved = self.on_record(rows)
+        return moved._replace(values=enu_of_ned(moved.values) + self.shift_enu_m)
+
+
+class FoundLogs(NamedTuple):
+    """Logs of a flight folder."""
+
+    logs: dict[str, FlightLog]  # by vehicle
+    notes: tuple[str, ...]  # sentences about those that are left out
+
+
+def enu_of_ned(values: Array) -> Array:
+    """Return positions NED (n, 3 or more) as ENU (n, 3)."""
+    rows_enu_m = [enu_from_ned(row) for row in values[:, :3].tolist()]
+    return np.array(rows_enu_m, dtype=np.float64).reshape(-1, 3)
+
+
+def logs_of_flight(folder: Path, flight: Flight) -> FoundLogs:
+    """Read the logs of a flight folder.
+
+    Args:
+        folder: flight folder, or its MCAP file.
+        flight: its record.
+    """
+    if not folder.is_dir():
+        folder = folder.parent
+    logs: dict[str, FlightLog] = {}
+    notes: list[str] = []
+    files = _files(folder / FOLDER, list(flight.vehicles))
+    for name in flight.vehicles:
+        reasons = []
+        for path in files.get(name, [])[:_MOST_TRIED]:
+            try:
+                logs[name] = _aligned(flight.vehicles[name], read_log(path))
+                break
+            except (ConfigError, NoAlignment) as reason:
+                reasons.append(f"{plain_line(path.name)} is left out. {reason}")
+        if name not in logs:
+            notes += reasons
+    return FoundLogs(logs, tuple(notes))
+
+
+def of_folder(folder: Path) -> FoundLogs:
+    """Read the logs of a flight folder, and its record only where there are any.
+
+    Raises:
+        ConfigError: there is no record.
+    """
+    inside = folder if folder.is_dir() else folder.parent
+    has_logs = (inside / FOLDER).is_dir() and any((inside / FOLDER).glob(f"*{SUFFIX}"))
+    if not has_logs:
+        return FoundLogs({}, ())
+    return logs_of_flight(folder, read_flight(folder))
+
+
+def _files(folder: Path, vehicles: list[str]) -> dict[str, list[Path]]:
+    """Return the logs of each vehicle, the newest first."""
+    found: dict[str, list[Path]] = {}
+    if not folder.is_dir():
+        return found
+    for path in sorted(folder.iterdir(), reverse=True)[:_MOST_FILES]:
+        if path.suffix != SUFFIX:
+            continue
+        # names may begin alike: mav1, mav1-b
+        owners = [name for name in vehicles if path.name.startswith(f"{name}-")]
+        if owners:
+            found.setdefault(max(owners, key=len), []).append(path)
+    return found
+
+
+def _aligned(vehicle: VehicleFlight, log: Px4Log) -> FlightLog:
+    """Put a log on the record's clock.
+
+    Raises:
+        NoAlignment: it does not fit.
+    """
+    record_time_s, quaternion = _attitude(vehicle)
+    alignment = align(
+        record_time_s,
+        up_in_body(quaternion),
+        log.attitude.time_s,
+        up_in_body(flu_of_frd(log.attitude.values)),
+    )
+
+    shift_enu_m = np.full(3, np.nan)
+    residual_m = float("nan")
+    if log.position.size > 1:
+        path_time_s, path_enu_m = vehicle.path
+        log_time_s = log.position.time_s + alignment.offset_s
+        shown_enu_m = between_times(
+            log_time_s, enu_of_ned(log.position.values), path_time_s, _GAP_S
+        )
+        difference_m = path_enu_m - shown_enu_m
+        difference_m = difference_m[np.isfinite(difference_m).all(-1)]
+        if difference_m.shape[0] > 1:
+            shift_enu_m = np.median(difference_m, axis=0)
+            residual_m = float(np.sqrt(((difference_m - shift_enu_m) ** 2).sum(-1).mean()))
+    return FlightLog(
+        vehicle=vehicle.name,
+        log=log,
+        alignment=alignment,
+        shift_enu_m=shift_enu_m,
+        position_residual_m=residual_m,
+    )
+
+
+def _attitude(vehicle: VehicleFlight) -> tuple[Array, Array]:
+    """Return when and how a vehicle tilted by the record: as PX4 reported it, else its truth.
+
+    A tick bears the attitude that had arrived last, and its age.
+    """
+    ticks = vehicle.ticks
+    time_s = ticks.time_s - np.nan_to_num(ticks.attitude_age_s)
+    values = ticks.attitude_quaternion_enu_flu_wxyz
+    if np.isfinite(values).all(-1).sum() < 2:
+        time_s = vehicle.truth.time_s
+        values = vehicle.truth.quaternion_enu_flu_wxyz
+    is_known = np.isfinite(values).all(-1)
+    time_s, values = time_s[is_known], values[is_known]
+
+    if time_s.size < 2:
+        raise NoAlignment("The record has no attitude of this vehicle.")
+    rises = time_s > np.concatenate(([-np.inf], np.maximum.accumulate(time_s)[:-1]))
+    return time_s[rises], values[rises]

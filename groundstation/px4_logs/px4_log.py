@@ -1,0 +1,264 @@
+"""One log of PX4, read into arrays: what PX4 believed, what it was told, what it said.
+
+The file comes from a card that may have been pulled out in flight, or from anybody. pyulog reads
+what is whole and leaves out what is not; where it gives up, the file is refused in a sentence.
+Only the topics that are shown are kept. Times are seconds since PX4's start.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import math
+import re
+import struct
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from pyulog import ULog, ULogException
+
+from onboard.arrays import Array
+from onboard.config.file_reading import ULOG, opened
+from onboard.config.fleet import ConfigError
+from onboard.plain_text import plain_line
+
+MOST_TEXTS = 5_000
+MOST_LETTERS = 300
+MOST_DROPOUTS = 100_000
+LARGEST = 1e9  # of any quantity; a larger number is none
+_HEAD = b"ULog\x01\x12\x35"
+_TOPICS = [
+    "vehicle_attitude",
+    "vehicle_attitude_setpoint",
+    "vehicle_local_position",
+    "vehicle_local_position_setpoint",
+    "battery_status",
+    "vehicle_status",
+]
+_ANSI = re.compile(r"\x1b\[[0-9;]*[A-Za-z]")
+_ARMED = 2  # vehicle_status.arming_state
+
+_DEEPEST = 20  # types within each other
+_MOST_FIELDS = 10_000  # of a topic, with those of the types in it
+
+# What pyulog raises on bytes that are no ULog.
+_BROKEN = (
+    ULogException,
+    ArithmeticError,
+    AttributeError,
+    LookupError,
+    MemoryError,
+    OSError,
+    RecursionError,
+    TypeError,
+    ValueError,
+    struct.error,
+)
+
+
+class Rows(NamedTuple):
+    """Samples of one topic."""
+
+    time_s: Array  # (n,), rising
+    values: Array  # (n, columns)
+
+    @property
+    def size(self) -> int:
+        """Number of samples."""
+        return int(self.time_s.size)
+
+
+class LoggedText(NamedTuple):
+    """One line that PX4 said."""
+
+    time_s: float
+    level: str  # error, warning, info or debug
+    text: str
+
+
+class Px4Log(NamedTuple):
+    """One log."""
+
+    path: str
+    size_bytes: int
+    begin_s: float
+    end_s: float
+    about: dict[str, str]  # version, board and the like, for people
+    parameter_count: int
+    attitude: Rows  # quaternion NED <- FRD, wxyz
+    attitude_setpoint: Rows  # the same, that PX4 flies
+    position: Rows  # x, y, z [m] and vx, vy, vz [m/s], NED, in PX4's local frame
+    position_setpoint: Rows  # x, y, z [m]
+    battery: Rows  # voltage [V], remaining [0..1]
+    status: Rows  # arming_state, nav_state, failsafe
+    texts: tuple[LoggedText, ...]
+    dropout_s: float  # in all, for which nothing was written
+    note: str = ""  # what is wrong with the file
+
+    @property
+    def length_s(self) -> float:
+        """From the first sample to the last."""
+        return max(0.0, self.end_s - self.begin_s)
+
+    @property
+    def armed_s(self) -> float:
+        """Time for which it was armed."""
+        if self.status.size < 2:
+            return 0.0
+        is_armed = self.status.values[:-1, 0] == _ARMED
+        return float(np.diff(self.status.time_s)[is_armed].sum())
+
+
+def read_log(path: Path) -> Px4Log:
+    """Read a log.
+
+    Args:
+        path: of the file.
+
+    Raises:
+        ConfigError: it is no log, or nothing of it can be read.
+    """
+    with opened(path, ULOG) as file:
+        size_bytes = file.seek(0, 2)
+        file.seek(0)
+        if file.read(len(_HEAD)) != _HEAD:
+            raise ConfigError(f"{path}: this is no log of PX4 (ULog).")
+    log, note = _parsed(path)
+
+    topics: dict[str, Mapping[str, Any]] = {}
+    for data in log.data_list:
+        if data.multi_id == 0:
+            topics.setdefault(data.name, data.data)
+
+    quaternion = [f"q[{part}]" for part in range(4)]
+    wanted_quaternion = [f"q_d[{part}]" for part in range(4)]
+    place = ["x", "y", "z"]
+    rows = {
+        "attitude": _rows(topics, "vehicle_attitude", quaternion),
+        "attitude_setpoint": _rows(topics, "vehicle_attitude_setpoint", wanted_quaternion),
+        "position": _rows(topics, "vehicle_local_position", [*place, "vx", "vy", "vz"]),
+        "position_setpoint": _rows(topics, "vehicle_local_position_setpoint", place),
+        "battery": _rows(topics, "battery_status", ["voltage_v", "remaining"]),
+        "status": _rows(topics, "vehicle_status", ["arming_state", "nav_state", "failsafe"]),
+    }
+    texts = _texts(log)
+    times_s = [rows[name].time_s for name in rows if rows[name].size]
+    if not times_s:
+        raise ConfigError(f"{path}: nothing of a flight can be read. {note}".strip())
+
+    return Px4Log(
+        path=str(path),
+        size_bytes=size_bytes,
+        begin_s=min(float(one[0]) for one in times_s),
+        end_s=max(float(one[-1]) for one in times_s),
+        about=_about(log),
+        parameter_count=len(log.initial_parameters),
+        texts=texts,
+        dropout_s=sum(one.duration for one in log.dropouts[:MOST_DROPOUTS]) * 1e-3,
+        note=note,
+        **rows,
+    )
+
+
+def _parsed(path: Path) -> tuple[ULog, str]:
+    """Return a file as pyulog reads it, and a sentence on what is wrong with it."""
+    try:
+        # pyulog says what it does not like on the standard output, and closes what it has read
+        with contextlib.redirect_stdout(io.StringIO()):
+            with opened(path, ULOG) as file:
+                _check_formats(ULog(file, parse_header_only=True), path)
+            with opened(path, ULOG) as file:
+                log = ULog(file, message_name_filter_list=_TOPICS)
+    except ConfigError:
+        raise
+    except _BROKEN as error:
+        raise ConfigError(
+            f"{path}: this log of PX4 cannot be read ({type(error).__name__}). Fetch it once more."
+        ) from None
+    note = ""
+    if log.file_corruption:
+        note = "A part of the file is damaged, and left out."
+    return log, note
+
+
+def _check_formats(log: ULog, path: Path) -> None:
+    """Refuse topics that would have absurdly many fields: types may hold others, again and again.
+
+    Args:
+        log: with its formats, and without data.
+        path: of the file.
+
+    Raises:
+        ConfigError: one of them has.
+    """
+    formats = log.message_formats
+    counts: dict[str, int] = {}
+
+    def count(name: str, depth: int) -> int:
+        if name not in formats:
+            return 1
+        if name not in counts:
+            counts[name] = _MOST_FIELDS + 1  # a type that holds itself never ends
+            if depth < _DEEPEST:
+                counts[name] = sum(
+                    max(1, size) * count(kind, depth + 1) for kind, size, _ in formats[name].fields
+                )
+        return counts[name]
+
+    for name in formats:
+        if count(name, 0) > _MOST_FIELDS:
+            raise ConfigError(f"{path}: a topic of this log has more than {_MOST_FIELDS} fields.")
+
+
+def _rows(topics: Mapping[str, Mapping[str, Any]], name: str, fields: list[str]) -> Rows:
+    """Return samples of a topic; none where it, or one of its fields, is missing."""
+    nothing = Rows(np.zeros(0), np.zeros((0, len(fields))))
+    topic = topics.get(name)
+    if topic is None or any(field not in topic for field in ("timestamp", *fields)):
+        return nothing
+
+    time_s = np.asarray(topic["timestamp"], dtype=np.float64) * 1e-6
+    with np.errstate(all="ignore"):
+        values = np.stack([np.asarray(topic[field], dtype=np.float64) for field in fields], axis=-1)
+    values[~(np.abs(values) < LARGEST)] = np.nan
+
+    # A damaged file may have stamps that jump: only those that rise are kept.
+    is_plain = np.isfinite(time_s) & (time_s < LARGEST)
+    time_s, values = time_s[is_plain], values[is_plain]
+    rises = time_s > np.concatenate(([-math.inf], np.maximum.accumulate(time_s)[:-1]))
+    return Rows(time_s[rises], values[rises])
+
+
+def _texts(log: ULog) -> tuple[LoggedText, ...]:
+    found: list[LoggedText] = []
+    for text in log.logged_messages[:MOST_TEXTS]:
+        words = plain_line(_ANSI.sub("", str(text.message)))[:MOST_LETTERS].strip()
+        level = str(text.log_level_str()).lower()
+        one = LoggedText(text.timestamp * 1e-6, _LEVELS.get(level, level), words)
+        is_new = not found or found[-1] != one  # PX4 writes some lines once for each link
+        if words and math.isfinite(one.time_s) and is_new:
+            found.append(one)
+    return tuple(found)
+
+
+_LEVELS = {"emerg": "error", "alert": "error", "crit": "error", "critical": "error", "err": "error"}
+_LEVELS |= {"emergency": "error", "notice": "info", "unknown": "info"}
+
+
+def _about(log: ULog) -> dict[str, str]:
+    """Return what the file says of its vehicle, for people."""
+    infos = log.msg_info_dict
+    about: dict[str, str] = {}
+
+    version = ""
+    with contextlib.suppress(*_BROKEN):
+        version = log.get_version_info_str() or ""
+    about["version"] = version or str(infos.get("ver_sw_release_str", ""))
+    about["board"] = str(infos.get("ver_hw", ""))
+    about["commit"] = str(infos.get("ver_sw", ""))[:10]
+    about["serial"] = str(infos.get("sys_uuid", ""))
+    system_id = log.initial_parameters.get("MAV_SYS_ID")
+    about["MAVLink id"] = "" if system_id is None else f"{system_id}"
+    return {key: plain_line(value)[:60] for key, value in about.items() if value}

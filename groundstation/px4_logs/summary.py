@@ -1,0 +1,210 @@
+"""A log of PX4 as a screen of lines, and the logs of a fleet on one clock. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+
+from groundstation.px4_logs.alignment import flu_of_frd, up_in_body
+from groundstation.px4_logs.flight_logs import FlightLog, FoundLogs
+from groundstation.px4_logs.px4_log import LoggedText, Px4Log, Rows
+
+_MB = 1e6
+_MOST_LINES = 30  # of what PX4 said
+_SERIOUS = ("error", "warning")
+
+# vehicle_status.nav_state
+_MODES = {
+    0: "Manual",
+    1: "Altitude",
+    2: "Position",
+    3: "Mission",
+    4: "Hold",
+    5: "Return",
+    10: "Acro",
+    12: "Descend",
+    13: "Termination",
+    14: "Offboard",
+    15: "Stabilized",
+    17: "Takeoff",
+    18: "Land",
+    21: "Orbit",
+}
+
+
+def as_mapping(log: Px4Log) -> dict[str, Any]:
+    """Return a log for programs; times are seconds since PX4's start."""
+    return {
+        "path": log.path,
+        "size_bytes": log.size_bytes,
+        "begin_s": log.begin_s,
+        "length_s": log.length_s,
+        "armed_s": log.armed_s,
+        "about": log.about,
+        "parameters": log.parameter_count,
+        "dropout_s": log.dropout_s,
+        "note": log.note,
+        "modes": [[time_s, mode] for time_s, mode in modes(log.status)],
+        "texts": [list(text) for text in log.texts],
+    }
+
+
+def lines(log: Px4Log) -> list[str]:
+    """Return a log as one screen."""
+    about = ", ".join(f"{key} {value}" for key, value in log.about.items())
+    found = [
+        f"{log.path}: {log.length_s:.1f} s, armed for {log.armed_s:.1f} s, "
+        f"{log.size_bytes / _MB:.1f} MB, from {log.begin_s:.1f} s after PX4's start.",
+        f"{about or 'The file does not say of what'}; {log.parameter_count} parameters.",
+    ]
+    found += [sentence for sentence in (log.note, _dropouts(log)) if sentence]
+    found.append(f"{'topic':28s} {'samples':>8s} {'a second':>9s}")
+    for name, rows in (
+        ("attitude", log.attitude),
+        ("attitude setpoint", log.attitude_setpoint),
+        ("position", log.position),
+        ("position setpoint", log.position_setpoint),
+        ("battery", log.battery),
+        ("status", log.status),
+    ):
+        rate_hz = rows.size / max(log.length_s, 1e-3)
+        found.append(f"{name:28s} {rows.size:8d} {rate_hz:9.1f}")
+
+    found += _flight_lines(log)
+    told = [f"{mode} from {time_s - log.begin_s:.1f} s" for time_s, mode in modes(log.status)]
+    if told:
+        found.append(f"Modes: {', '.join(told[:_MOST_LINES])}.")
+    found += _said(log.texts, log.begin_s)
+    return found
+
+
+def _dropouts(log: Px4Log) -> str:
+    if not log.dropout_s:
+        return ""
+    return f"Its card was too slow: {log.dropout_s:.1f} s in all are missing."
+
+
+def _flight_lines(log: Px4Log) -> list[str]:
+    """Return how high, how fast, how tilted, how empty."""
+    found = []
+    if log.position.size:
+        values = log.position.values
+        with np.errstate(all="ignore"):
+            speed_m_s = np.hypot(values[:, 3], values[:, 4])
+        height_m = _most(-values[:, 2])
+        parts = [f"highest {height_m:.1f} m", f"fastest {_most(speed_m_s):.1f} m/s"]
+        if log.attitude.size:
+            up = up_in_body(flu_of_frd(log.attitude.values))
+            tilt_deg = np.degrees(np.arccos(np.clip(up[:, 2], -1.0, 1.0)))
+            parts.append(f"tilted up to {_most(tilt_deg):.0f} deg")
+        found.append(f"By PX4's own estimate: {', '.join(parts)}.")
+    if log.battery.size:
+        voltage_v, frac = log.battery.values.T
+        found.append(
+            f"Battery: {_first(voltage_v):.1f} V to {_least(voltage_v):.1f} V,"
+            f" {100.0 * _first(frac):.0f} % to {100.0 * _least(frac):.0f} %."
+        )
+    return found
+
+
+def _said(texts: Iterable[LoggedText], begin_s: float) -> list[str]:
+    texts = list(texts)
+    serious = [text for text in texts if text.level in _SERIOUS]
+    if not serious:
+        return [f"PX4 said {len(texts)} lines, none of them a warning."]
+    found = [f"PX4 said {len(texts)} lines, of which {len(serious)} are warnings or errors:"]
+    for text in serious[:_MOST_LINES]:
+        found.append(f"  {text.time_s - begin_s:8.2f} s  {text.level:8s} {text.text}")
+    if len(serious) > _MOST_LINES:
+        found.append(f"  and {len(serious) - _MOST_LINES} more.")
+    return found
+
+
+def fleet_lines(found: FoundLogs) -> list[str]:
+    """Return the logs of a flight on one clock: seconds since the record's begin."""
+    if not found.logs and not found.notes:
+        return []
+    lines = ["PX4's own logs, on the record's clock:"]
+    if found.logs:
+        lines.append(
+            f"{'vehicle':16s} {'from':>8s} {'to':>8s} {'battery':>14s} {'warnings':>9s}"
+            f" {'tilt differs':>13s} {'place differs':>14s}"
+        )
+    lines += [_fleet_line(one) for one in found.logs.values()]
+    lines += list(found.notes)
+    return lines + _story(found.logs.values())
+
+
+def fleet_mapping(found: FoundLogs) -> dict[str, Any]:
+    """Return the same for programs."""
+    return {
+        "logs": {
+            name: {
+                **as_mapping(one.log),
+                "offset_s": one.alignment.offset_s,
+                "residual_deg": one.alignment.residual_deg,
+                "position_residual_m": one.position_residual_m,
+            }
+            for name, one in found.logs.items()
+        },
+        "left_out": list(found.notes),
+    }
+
+
+def _fleet_line(one: FlightLog) -> str:
+    battery = "not logged"
+    if one.log.battery.size:
+        frac = one.log.battery.values[:, 1]
+        battery = f"{100.0 * _first(frac):.0f} to {100.0 * _least(frac):.0f} %"
+    warnings = sum(text.level in _SERIOUS for text in one.log.texts)
+    place = "not known"
+    if np.isfinite(one.position_residual_m):
+        place = f"{one.position_residual_m:.2f} m"
+    return (
+        f"{one.vehicle:16s} {one.begin_s:8.1f} {one.end_s:8.1f} {battery:>14s} {warnings:9d}"
+        f" {one.alignment.residual_deg:9.2f} deg {place:>14s}"
+    )
+
+
+def _story(logs: Iterable[FlightLog]) -> list[str]:
+    """Return warnings, errors and modes of all vehicles in the order of time."""
+    rows: list[tuple[float, str]] = []
+    for one in logs:
+        offset_s = one.alignment.offset_s
+        for time_s, mode in modes(one.log.status):
+            rows.append((time_s + offset_s, f"{one.vehicle:16s} mode     {mode}"))
+        for text in one.texts:
+            if text.level in _SERIOUS:
+                rows.append((text.time_s, f"{one.vehicle:16s} {text.level:8s} {text.text}"))
+    rows.sort()
+    found = [f"{time_s:9.2f} s  {words}" for time_s, words in rows[: 2 * _MOST_LINES]]
+    if len(rows) > 2 * _MOST_LINES:
+        found.append(f"and {len(rows) - 2 * _MOST_LINES} lines more.")
+    return found
+
+
+def modes(status: Rows) -> list[tuple[float, str]]:
+    """Return when PX4 flew another mode than before, and which."""
+    changes: list[tuple[float, str]] = []
+    for time_s, state in zip(status.time_s.tolist(), status.values[:, 1].tolist(), strict=True):
+        mode = "not known" if state != state else _MODES.get(int(state), f"mode {int(state)}")
+        if not changes or changes[-1][1] != mode:
+            changes.append((time_s, mode))
+    return changes
+
+
+def _most(values: Any) -> float:
+    known = values[np.isfinite(values)]
+    return float(known.max()) if known.size else 0.0
+
+
+def _least(values: Any) -> float:
+    known = values[np.isfinite(values)]
+    return float(known.min()) if known.size else 0.0
+
+
+def _first(values: Any) -> float:
+    known = values[np.isfinite(values)]
+    return float(known[0]) if known.size else 0.0

@@ -1,0 +1,127 @@
+"""PX4's own log in a report: its curves on the report's times beside the record's, and its words.
+
+Angles are PX4's: roll to the right, pitch with the nose up, heading clockwise from north [deg].
+Positions are in the fleet's frame, shifted by what they differ from the record by in the median.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from groundstation.px4_logs.flight_logs import FlightLog, FoundLogs
+from groundstation.px4_logs.px4_log import Rows
+from groundstation.px4_logs.summary import modes
+from groundstation.recording.flight import VehicleFlight, at_times
+from groundstation.report.columns import Column, packed
+from onboard.arrays import Array
+from onboard.plain_text import plain_line
+
+MOST_TEXTS = 1_000  # of one vehicle
+_ANGLE_DEG = 0.02
+_METRE = 0.001
+_VOLT = 0.005
+_FRACTION = 0.0005
+_ATTITUDE_GAP_S = 0.5
+_SLOW_GAP_S = 3.0
+_ANGLES = ("roll", "pitch", "heading")
+
+
+def px4_columns(
+    number: int, vehicle: VehicleFlight, found: FlightLog, grid_s: Array
+) -> Iterator[Column]:
+    """Yield the curves of one vehicle's log, and the record's attitude in the same angles.
+
+    Args:
+        number: of the vehicle.
+        vehicle: its part of the record.
+        found: its log.
+        grid_s: times of the report.
+    """
+    log = found.log
+    for prefix, rows in (("px4_", log.attitude), ("px4_setpoint_", log.attitude_setpoint)):
+        angles_deg = _angles_of_ned_deg(found.on_record(rows), grid_s)
+        yield from _columns(number, prefix, _ANGLES, angles_deg, _ANGLE_DEG)
+    if vehicle.ticks.size:
+        ticks = vehicle.ticks
+        own = Rows(ticks.time_s, ticks.attitude_quaternion_enu_flu_wxyz)
+        yield from _columns(number, "own_", _ANGLES, _angles_of_enu_deg(own, grid_s), _ANGLE_DEG)
+
+    for prefix, rows in (
+        ("px4_", found.position_enu_m),
+        ("px4_setpoint_", found.position_setpoint_enu_m),
+    ):
+        positions_enu_m = _shown(rows, grid_s, _ATTITUDE_GAP_S)
+        yield from _columns(number, prefix, ("x", "y", "z"), positions_enu_m, _METRE)
+
+    battery = _shown(found.on_record(log.battery), grid_s, _SLOW_GAP_S)
+    yield packed(f"{number}/px4_voltage", battery[:, 0], _VOLT)
+    yield packed(f"{number}/px4_battery", battery[:, 1], _FRACTION)
+
+
+def px4_header(found: FoundLogs, names: tuple[str, ...]) -> list[dict[str, Any]]:
+    """Return what is no curve, for each vehicle that has a log.
+
+    Args:
+        found: the logs of the flight.
+        names: of the vehicles, in the order of their numbers.
+    """
+    return [
+        {
+            "vehicle": names.index(name),
+            "file": plain_line(Path(one.log.path).name),
+            "from_s": round(one.begin_s, 3),
+            "to_s": round(one.end_s, 3),
+            "residual_deg": round(one.alignment.residual_deg, 3),
+            "place_m": _finite(one.position_residual_m),
+            "about": [[key, value] for key, value in one.log.about.items()],
+            "modes": [
+                [round(time_s + one.alignment.offset_s, 2), mode]
+                for time_s, mode in modes(one.log.status)[:MOST_TEXTS]
+            ],
+            "texts": [
+                [round(text.time_s, 3), plain_line(text.level), text.text]
+                for text in one.texts[:MOST_TEXTS]
+            ],
+        }
+        for name, one in found.logs.items()
+    ]
+
+
+def _finite(value: float) -> float | None:
+    return round(value, 3) if np.isfinite(value) else None
+
+
+def _columns(
+    number: int, prefix: str, names: tuple[str, ...], values: Array, resolution: float
+) -> Iterator[Column]:
+    for column, name in enumerate(names):
+        yield packed(f"{number}/{prefix}{name}", values[:, column], resolution)
+
+
+def _shown(rows: Rows, grid_s: Array, gap_s: float) -> Array:
+    """Return samples at the report's times; NaN where there are none."""
+    if not rows.size:
+        return np.full((grid_s.size, rows.values.shape[-1]), np.nan)
+    return at_times(rows.time_s, rows.values, grid_s, gap_s)
+
+
+def _angles_of_ned_deg(rows: Rows, grid_s: Array) -> Array:
+    """Return roll, pitch and heading (n, 3) of quaternions NED <- FRD."""
+    w, x, y, z = _shown(rows, grid_s, _ATTITUDE_GAP_S).T
+    roll_rad = np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
+    pitch_rad = np.arcsin(np.clip(2.0 * (w * y - z * x), -1.0, 1.0))
+    heading_rad = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    angles_deg: Array = np.degrees(np.stack([roll_rad, pitch_rad, heading_rad], axis=-1))
+    angles_deg[:, 2] %= 360.0
+    return angles_deg
+
+
+def _angles_of_enu_deg(rows: Rows, grid_s: Array) -> Array:
+    """Return the same of quaternions ENU <- FLU: left and north change signs and places."""
+    angles_deg = _angles_of_ned_deg(rows, grid_s)
+    roll_deg, pitch_deg, turn_deg = angles_deg.T
+    return np.stack([roll_deg, -pitch_deg, (90.0 - turn_deg) % 360.0], axis=-1)

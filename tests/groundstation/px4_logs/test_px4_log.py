@@ -1,0 +1,211 @@
+"""PX4's logs as they are read: from a card that was pulled out, from anybody, of a fleet."""
+
+from __future__ import annotations
+
+import json
+import random
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+
+from groundstation.cli import main
+from groundstation.px4_logs import px4_log
+from groundstation.px4_logs.flight_logs import logs_of_flight
+from groundstation.px4_logs.px4_log import read_log
+from groundstation.px4_logs.summary import fleet_lines, lines
+from groundstation.recording.flight_reading import read_flight
+from groundstation.report.payload import payload
+from onboard.bus.schema import TickSample
+from onboard.config.fleet import ConfigError
+from sitl.px4.flight_log import LogWriter, _message
+from tests.groundstation.px4_logs.made_up_logs import (
+    enu_of_ned,
+    log_bytes,
+    quaternions,
+    write_log,
+)
+from tests.groundstation.report.made_up import BEGIN_NS, opened, rows, write
+
+LENGTH_S = 14.0
+LENGTH_OF_LOG_S = 9.0
+START_S = 300.0
+SECOND = 1_000_000_000
+
+
+@pytest.fixture(scope="module")
+def flight_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two vehicles that tilt differently; their logs begin 3 s after the record."""
+    folder = tmp_path_factory.mktemp("flight")
+    told = []
+    for at_ns, topic, name, message in rows(length_s=LENGTH_S):
+        if isinstance(message, TickSample):
+            time_s = np.array([(at_ns - BEGIN_NS) / SECOND])
+            attitude = enu_of_ned(quaternions(time_s, _seed(name), yaw_rad=0.1))[0]
+            message = msgspec.structs.replace(
+                message, attitude_quaternion_enu_flu_wxyz=tuple(attitude.tolist())
+            )
+        told.append((at_ns, topic, name, message))
+    write(folder, told)
+    for name in ("mav0", "mav1"):
+        path = folder / "px4" / f"{name}-2026-11-26_05_21_29.ulg"
+        write_log(path, shift_s=3.0, seed=_seed(name), length_s=LENGTH_OF_LOG_S, start_s=START_S)
+    return folder
+
+
+def _seed(name: str) -> int:
+    return 1 + int(name[-1])
+
+
+def test_a_log_is_read_with_what_it_says_of_itself(tmp_path: Path) -> None:
+    log = read_log(write_log(tmp_path / "a.ulg", length_s=LENGTH_OF_LOG_S, start_s=START_S))
+    assert (log.begin_s, log.length_s) == (300.0, pytest.approx(8.98))
+    assert log.about == {"version": "1.17", "MAVLink id": "3"}
+    assert log.attitude.size == 450
+    assert [(text.level, text.text) for text in log.texts] == [
+        ("info", "Armed by external command"),
+        ("warning", "Battery <b>low</b>"),
+    ]
+    said = "\n".join(lines(log))
+    assert "9.0 s, armed for 8.0 s" in said
+    assert "Battery: 16.0 V to 15.9 V, 90 % to 89 %." in said
+    assert "Modes: Hold from 0.0 s, Offboard from 6.0 s." in said
+    assert "9.50 s  warning  Battery <b>low</b>" in said
+
+
+def test_the_logs_of_a_fleet_lie_on_one_clock(flight_folder: Path) -> None:
+    found = logs_of_flight(flight_folder, read_flight(flight_folder))
+    assert set(found.logs) == {"mav0", "mav1"}
+    for one in found.logs.values():
+        assert one.begin_s == pytest.approx(3.0, abs=0.02)
+        assert one.alignment.residual_deg < 0.3
+    east_m = found.logs["mav1"].position_enu_m.values[:, 0]
+    assert np.median(east_m) == pytest.approx(0.0, abs=0.1)  # wherever PX4's own frame begins
+    said = "\n".join(fleet_lines(found))
+    assert said.index("mav0") < said.index("mav1")
+    assert "12.50 s  mav0             warning  Battery <b>low</b>" in said
+
+
+def test_a_log_of_another_vehicle_is_left_out_with_the_reason(
+    flight_folder: Path, tmp_path: Path
+) -> None:
+    flight = read_flight(flight_folder)
+    write_log(
+        tmp_path / "px4" / "mav0-2026-11-26_09_00_00.ulg",
+        seed=7,
+        length_s=LENGTH_OF_LOG_S,
+        start_s=START_S,
+    )
+    write_log(
+        tmp_path / "px4" / "mav0-2026-11-26_08_00_00.ulg",
+        seed=1,
+        shift_s=3.0,
+        length_s=LENGTH_OF_LOG_S,
+        start_s=START_S,
+    )
+    write_log(
+        tmp_path / "px4" / "mav1-2026-11-26_08_00_00.ulg",
+        seed=7,
+        length_s=LENGTH_OF_LOG_S,
+        start_s=START_S,
+    )
+    (tmp_path / "px4" / "stranger-1.ulg").write_bytes(b"ULog")
+    found = logs_of_flight(tmp_path, flight)
+    assert found.logs["mav0"].log.path.endswith("08_00_00.ulg")
+    (note,) = found.notes
+    assert note.startswith("mav1-2026-11-26_08_00_00.ulg is left out. The log is of another")
+
+
+def test_the_report_has_px4s_curves_and_words_beside_the_records(flight_folder: Path) -> None:
+    flight = read_flight(flight_folder)
+    logs = logs_of_flight(flight_folder, flight)
+    header, curves = opened(payload(flight, made_by="test", logs=logs))
+    assert [one["vehicle"] for one in header["px4"]] == [0, 1]
+    assert header["px4"][0]["texts"][1] == [
+        pytest.approx(12.5, abs=0.02), "warning", "Battery <b>low</b>",
+    ]  # fmt: skip
+    for angle in ("roll", "pitch"):
+        difference_deg = curves[f"0/px4_{angle}"] - curves[f"0/own_{angle}"]
+        assert np.isfinite(difference_deg).sum() > 400
+        spread_deg = np.nanstd(curves[f"0/px4_{angle}"])
+        assert np.nanstd(difference_deg) < 0.4 * spread_deg
+        assert np.nanstd(curves[f"0/px4_{angle}"]) > 1.0
+    assert np.nanmedian(curves["0/px4_heading"]) == pytest.approx(17.2, abs=1.0)
+    assert np.nanmedian(curves["0/own_heading"]) == pytest.approx(5.7, abs=1.0)
+    assert np.nanmax(curves["0/px4_voltage"]) == pytest.approx(16.0, abs=0.01)
+    header, _ = opened(payload(flight, made_by="test"))
+    assert header["px4"] == []
+
+
+def test_the_command_says_a_log_and_the_logs_of_a_flight(
+    flight_folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (path, _) = sorted((flight_folder / "px4").iterdir())
+    assert main(["log", "info", str(path)]) == 0
+    assert "attitude" in capsys.readouterr().out
+    assert main(["log", "info", str(path), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["texts"][0][1] == "info"
+    assert main(["log", "info", str(flight_folder)]) == 0
+    assert "PX4's own logs, on the record's clock:" in capsys.readouterr().out
+
+
+# -- bad input -------------------------------------------------------------------------------------
+
+
+def outcome(path: Path, data: bytes) -> str:
+    """What becomes of some bytes: the sentence of the refusal, or nothing."""
+    path.write_bytes(data)
+    try:
+        read_log(path)
+    except ConfigError as error:
+        return str(error)
+    return ""
+
+
+def cuts(data: bytes, path: Path, places: list[int]) -> int:
+    """Cut a log at places; the number of those that were opened in part."""
+    opened_count = 0
+    for place in places:
+        said = outcome(path, data[:place])
+        assert "Traceback" not in said
+        opened_count += not said
+    return opened_count
+
+
+def test_a_log_that_was_cut_is_opened_in_part_or_refused(tmp_path: Path) -> None:
+    data = log_bytes(length_s=1.0, start_s=300.0)
+    places = list(range(0, len(data), 97))
+    assert cuts(data, tmp_path / "a.ulg", places) > len(places) / 2
+
+
+@pytest.mark.long
+def test_a_log_that_was_cut_anywhere_is_opened_in_part_or_refused(tmp_path: Path) -> None:
+    data = log_bytes(length_s=1.0, start_s=300.0)
+    assert cuts(data, tmp_path / "a.ulg", list(range(len(data)))) > len(data) / 2
+
+
+def test_a_log_with_other_bytes_in_it_is_opened_in_part_or_refused(tmp_path: Path) -> None:
+    data = log_bytes(length_s=1.0, start_s=300.0)
+    rng = random.Random(1)
+    for _ in range(60):
+        bad = bytearray(data)
+        for _ in range(rng.randrange(1, 20)):
+            bad[rng.randrange(8, len(bad))] = rng.randrange(256)
+        outcome(tmp_path / "a.ulg", bytes(bad))
+
+
+def test_what_is_no_log_is_refused_in_a_sentence(tmp_path: Path) -> None:
+    assert "no log of PX4" in outcome(tmp_path / "a.ulg", b"%PDF-1.4 and so on")
+    assert "nothing of a flight" in outcome(tmp_path / "a.ulg", bytes(LogWriter(0, {}, {}).content))
+
+
+def test_types_that_hold_each_other_again_and_again_are_refused(tmp_path: Path) -> None:
+    data = LogWriter(0, {}, {}).content
+    head = bytes(data[:16])
+    bomb = _message("F", b"a0:uint8_t[60000] x;")
+    for depth in range(1, 6):
+        bomb += _message("F", f"a{depth}:a{depth - 1}[60000] x;".encode())
+    assert f"more than {px4_log._MOST_FIELDS} fields" in outcome(tmp_path / "a.ulg", head + bomb)
+    itself = _message("F", b"a:a x;a y;")
+    assert "fields" in outcome(tmp_path / "a.ulg", head + itself)
