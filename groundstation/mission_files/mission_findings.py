@@ -9,10 +9,12 @@ from groundstation.mission_files.expected_course import CourseStep
 from groundstation.mission_files.mission import Mission
 from groundstation.orders.intents import Home, Intent, Land
 from groundstation.paths.checks import path_findings
-from onboard.config.fleet import ConfigError
+from onboard.config.fleet import ConfigError, FleetConfig
+from onboard.config.place import place_of
 from onboard.estimation.accuracies import ACCURACIES
 from onboard.feasibility.finding import Finding, at_least, at_most, worst, worst_first
 from onboard.feasibility.fleet_checks import ErrorClass, error_class, fleet_findings, spot_findings
+from onboard.safety.area_room import way_beyond_m
 
 # Findings with these names are about the mission, and no promise of the law's.
 _OF_THE_MISSION = ("time", "expectation", "arrival", "ending")
@@ -111,6 +113,8 @@ def _step_findings(mission: Mission, errors: ErrorClass | None) -> Iterator[Find
             for name, alone_s in course_step.alone_s.items()
         )
 
+        if fleet.fences:
+            yield from _way_findings(fleet, course_step, where)
         flying = _flying_after(course_step)
         if not isinstance(step, Land | Home):
             positions = {**course_step.positions, **course_step.goals}
@@ -127,6 +131,29 @@ def _step_findings(mission: Mission, errors: ErrorClass | None) -> Iterator[Find
             'Add a last [[step]] with do = "land", or say expect.all_landed = false.',
             refuse_above=math.inf,
         )
+
+
+def _way_findings(fleet: FleetConfig, course_step: CourseStep, where: str) -> Iterator[Finding]:
+    """Yield the finding about the straight way that leads farthest beyond the edge of a fence."""
+    areas = place_of(fleet).areas
+    beyond_m = {
+        name: way_beyond_m(areas, course_step.positions[name], goal)
+        for name, goal in course_step.goals.items()
+    }
+    if not beyond_m:
+        return
+
+    farthest = max(beyond_m, key=beyond_m.__getitem__)
+    yield at_most(
+        f"ways, {where}",
+        beyond_m[farthest],
+        0.0,
+        "m",
+        f"{where[0].upper()}{where[1:]}: {{value}} of the straight way of {farthest} lie beyond a "
+        "fence or in its buffer; the law leads it along the edge, which takes longer",
+        "Put a goal between, from which both ways are free.",
+        refuse_above=math.inf,
+    )
 
 
 def _flying_after(course_step: CourseStep) -> set[str]:

@@ -18,8 +18,10 @@ from onboard.arrays import Array
 from onboard.bus.schema import Vec3
 from onboard.config.fleet import FleetConfig
 from onboard.config.pair_separation import separations_m
+from onboard.config.place import place_of
 from onboard.rollout.closed_loop import Scenario, fleet_model, fly
 from onboard.rollout.vehicle_model import Perturbation
+from onboard.safety.area_room import is_breached
 from onboard.types import TICK_S
 
 SEEDS = (0, 1, 2, 3)  # one flight for each, with different errors
@@ -181,6 +183,7 @@ def _outside(fleet: FleetConfig, legs: Mapping[str, Leg], trace_enu_m: Array) ->
     low = np.array([fence.x[0], fence.y[0], -math.inf])  # what stands on the floor is inside
     high = np.array([fence.x[1], fence.y[1], fence.z[1]])
     is_outside = np.any((trace_enu_m < low) | (trace_enu_m > high), axis=(0, 2))
+    is_outside |= is_breached(place_of(fleet).areas, trace_enu_m).any(axis=0)
 
     return tuple(
         name

@@ -27,6 +27,7 @@ from onboard.config.fleet import (
 )
 from onboard.config.ground import floor_m, least_height_m
 from onboard.config.pair_separation import separation_m
+from onboard.config.place import place_of
 
 ORDER_LIFE_S = 2.0
 _LONGEST_MOVE_S = 600.0
@@ -295,6 +296,7 @@ def _goal_refusals(
     refusals: dict[str, str] = {}
 
     fence = fleet.fleet.geofence_m
+    place = place_of(fleet)
     for name, goal in goals_enu_m.items():
         goal_text = f"({goal[0]:.2f}, {goal[1]:.2f}, {goal[2]:.2f})"
         ground = floor_m(fleet)
@@ -304,6 +306,10 @@ def _goal_refusals(
                 f"{name}: the goal {goal_text} lies outside the "
                 f"fence x {list(fence.x)}, y {list(fence.y)}, z {list(fence.z)} m. "
                 "Choose one inside, above the ground."
+            )
+        elif place.refusal(goal):
+            refusals[name] = (
+                f"{name}: the goal {goal_text} lies {place.refusal(goal)}. Choose another one."
             )
         elif goal[2] < ground + least_m:
             refusals[name] = (
@@ -367,6 +373,9 @@ def _others(
 def _height_refusals(names: list[str], height_m: float, fleet: FleetConfig) -> dict[str, str]:
     """Return refusals of a take-off to a height outside the fence, or hardly above the ground."""
     _, top_m = fleet.fleet.geofence_m.z
+    for area in place_of(fleet).areas:
+        if area.keeps_in:
+            top_m = min(top_m, area.high_m)
     if _MIN_HEIGHT_M <= height_m <= top_m:
         return {}
 

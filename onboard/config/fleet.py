@@ -11,7 +11,7 @@ import os
 from collections.abc import Mapping
 from typing import Any
 
-from onboard.config import formation_shape, obstacles
+from onboard.config import fences, formation_shape, obstacles
 from onboard.config.fleet_config import FleetConfig as FleetConfig
 from onboard.config.fleet_config import FleetSection as FleetSection
 from onboard.config.fleet_config import Geofence as Geofence
@@ -36,6 +36,7 @@ from onboard.config.vehicle_tables import vehicle_from_tables
 
 _KNOWN_KEYS = (
     "defaults",
+    "fences",
     "fleet",
     "formations",
     "law",
@@ -103,6 +104,7 @@ def fleet_from_mapping(
     formations = convert(slots, dict[str, dict[str, Vec3]], path, "formations")
 
     fixed = convert(data.get("obstacles", []), tuple[obstacles.Obstacle, ...], path, "obstacles")
+    enclosing = convert(data.get("fences", []), tuple[fences.Fence, ...], path, "fences")
     mocap = convert(data.get("mocap", {}), MocapConfig, path, "mocap")
     radio: RadioConfig | None = None
     if "radio" in data:
@@ -122,6 +124,7 @@ def fleet_from_mapping(
         vehicles=vehicles,
         text=text,
         obstacles=fixed,
+        fences=enclosing,
         mocap=mocap,
         shapes=shapes,
         radio=radio,

@@ -11,7 +11,9 @@ from typing import Literal
 
 import msgspec
 
-from onboard.config import obstacles
+from onboard.config import fences, obstacles
+from onboard.config.areas import BELOW_FLOOR_M
+from onboard.config.earth import Origin as Origin
 from onboard.config.endpoints import host_of
 from onboard.config.formation_shape import FormationShape
 from onboard.config.law import LawConfig
@@ -25,17 +27,8 @@ Vec3 = tuple[float, float, float]
 PX4_VERSIONS = ("1.16", "1.17", "1.18")  # that Covey was measured with
 
 _TICKS_PER_S = 50  # of the control loop
-_BELOW_FLOOR_M = 0.5  # measured heights on the ground may lie so far below the floor of the fence
 _BELOW_SEPARATION_M = 0.25  # the law acts 0.20 m early, and heights are held to some 0.05 m
 _PARKING_MARGIN_M = 0.10  # measured: slots nearer than that are reached late or never
-
-
-class Origin(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Global origin of the fleet frame outdoors."""
-
-    latitude_deg: float  # of the point 0, 0 of the fleet frame
-    longitude_deg: float  # of the same point
-    altitude_m: float  # of height 0, above the sea
 
 
 class Geofence(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -55,7 +48,7 @@ class Geofence(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         """
         x, y, z = position_enu_m
         is_in_plan = self.x[0] <= x <= self.x[1] and self.y[0] <= y <= self.y[1]
-        return is_in_plan and self.z[0] - _BELOW_FLOOR_M <= z <= self.z[1]
+        return is_in_plan and self.z[0] - BELOW_FLOOR_M <= z <= self.z[1]
 
     def nearest_inside(self, position_enu_m: Vec3, inside_m: float) -> Vec3:
         """Return the nearest point that is so far inside every wall.
@@ -197,6 +190,7 @@ class FleetConfig(msgspec.Struct, frozen=True):
     vehicles: dict[str, Vehicle]  # by name, in the order of the file
     text: str  # of the file
     obstacles: tuple[obstacles.Obstacle, ...] = ()
+    fences: tuple[fences.Fence, ...] = ()  # areas to stay in and out of, within the box
     mocap: MocapConfig = MocapConfig()
     # further formations; slots are the ground's matter, so not in the hash
     shapes: dict[str, FormationShape] = {}
@@ -270,6 +264,8 @@ class FleetConfig(msgspec.Struct, frozen=True):
             self.mocap,
             late_s,
         ]
+        if self.fences:  # a file without them keeps the hash that it had before there were any
+            parts.append(self.fences)
         values = msgspec.json.encode(parts, order="deterministic")
         return hashlib.sha256(values).hexdigest()[:12]
 

@@ -12,7 +12,7 @@ import re
 from collections.abc import Iterator
 from typing import Any
 
-from onboard.config import folders, formation_shape, obstacles
+from onboard.config import fences, folders, formation_shape, obstacles
 from onboard.config import mocap as mocap_config
 from onboard.config import radio as radio_config
 from onboard.config import sitl as sitl_profile
@@ -97,6 +97,9 @@ def _problems(config: FleetConfig) -> Iterator[str]:
     clearance_m = 0.5 * config.fleet.body_diameter_m + config.law.obstacle_margin_m
     starts_enu_m = {name: vehicle.start_enu_m for name, vehicle in config.vehicles.items()}
     yield from obstacles.problems(config.obstacles, starts_enu_m, clearance_m)
+    yield from fences.problems(
+        config.fences, config.fleet.global_origin, starts_enu_m, config.law.fence_margin_m
+    )
 
     yield from _start_problems(config)
     yield from _formation_problems(config)

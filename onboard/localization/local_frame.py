@@ -18,11 +18,10 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from onboard.autopilot import Landed, Snapshot
+from onboard.config.earth import east_north_m
 from onboard.config.fleet import Origin, Vec3
 from onboard.frames import enu_from_ned
 from onboard.localization.dead_reckoning import VerticalMotion
-
-_EARTH_RADIUS_M = 6_371_000.0  # of the sphere that PX4 projects its local frame from
 
 # A jump is what is farther from the expected motion than this, and than an acceleration explains.
 _JUMP_M = 0.3
@@ -117,7 +116,8 @@ class LocalFrame:
 
         if snapshot.global_origin is None:
             return None
-        east_m, north_m = _east_north_m(self.origin, snapshot.global_origin)
+        latitude_deg, longitude_deg, _ = snapshot.global_origin
+        east_m, north_m = east_north_m(self.origin, latitude_deg, longitude_deg)
         return east_m, north_m, z
 
     def _absorbed_m(
@@ -157,36 +157,3 @@ class LocalFrame:
             y = y + share * (anchored_m[1] - y)
 
         return x, y, z
-
-
-def _east_north_m(origin: Origin, position: Vec3) -> tuple[float, float]:
-    """Return east and north [m] of a position on Earth from the fleet's origin.
-
-    Azimuthal equidistant on PX4's sphere, the projection that PX4 uses for its local positions
-    (``MapProjection::project`` of its ``lib/geo``).
-
-    Args:
-        origin: of the fleet.
-        position: latitude [deg], longitude [deg], altitude [m].
-    """
-    origin_latitude = math.radians(origin.latitude_deg)
-    latitude = math.radians(position[0])
-    turn = math.radians(position[1] - origin.longitude_deg)
-
-    # angle between both, seen from the centre of the Earth
-    cosine = math.sin(origin_latitude) * math.sin(latitude) + math.cos(origin_latitude) * math.cos(
-        latitude
-    ) * math.cos(turn)
-    angle = math.acos(min(1.0, max(-1.0, cosine)))
-
-    stretch = 1.0  # of the chord to the arc
-    if angle > 1e-7:
-        stretch = angle / math.sin(angle)
-    scale_m = _EARTH_RADIUS_M * stretch
-
-    east_m = scale_m * math.cos(latitude) * math.sin(turn)
-    north_m = scale_m * (
-        math.cos(origin_latitude) * math.sin(latitude)
-        - math.sin(origin_latitude) * math.cos(latitude) * math.cos(turn)
-    )
-    return east_m, north_m

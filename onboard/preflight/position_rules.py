@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 
 from onboard.config.fleet import FleetConfig, Vehicle
+from onboard.config.place import place_of
 from onboard.preflight.frame_fit import fit_frame
 from onboard.preflight.preflight_facts import OLDEST_SAMPLE_S, PreflightFacts
 from onboard.preflight.preflight_rule import (
@@ -181,12 +182,12 @@ def _frame(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judge
 
 
 def _fence(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgement:
-    fence = fleet.fleet.geofence_m
-    if not fence.contains(vehicle.start_enu_m):
+    place = place_of(fleet)
+    if not place.contains(vehicle.start_enu_m):
         return "spot", {"spot": coordinates(vehicle.start_enu_m)}
     if not facts.has_position:
         return NO_POSITION
-    if not fence.contains(facts.position_enu_m):
+    if not place.contains(facts.position_enu_m):
         return "outside", {"position": coordinates(facts.position_enu_m)}
     return FINE
 

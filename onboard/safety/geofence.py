@@ -1,15 +1,19 @@
 """Geofence: whether a vehicle is outside, above it, or about to leave it.
 
 Pure, in plain floats, for every tick. The fence is a box in fleet ENU. Its floor does not count as
-a wall, since vehicles stand there.
+a wall, since vehicles stand there. Areas to stay in and out of are further fences within it: a
+vehicle is about to leave one where the way that it needs to stop crosses an edge.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from onboard.config import areas
+from onboard.config.areas import Area
 from onboard.config.fleet import Geofence, Vehicle
 from onboard.types import GRAVITY_M_S2
 
@@ -68,12 +72,55 @@ class Fence:
             is_near=is_near, is_outside=not is_between_walls or is_below, is_above=z > top
         )
 
+    def status_in(
+        self, place_areas: Sequence[Area], position_enu_m: Vec3, velocity_enu_m_s: Vec3
+    ) -> FenceStatus:
+        """Return where a vehicle is, in the box and in further areas.
+
+        Args:
+            place_areas: of the fleet.
+            position_enu_m: of the vehicle.
+            velocity_enu_m_s: of the vehicle.
+        """
+        box = self.status(position_enu_m, velocity_enu_m_s)
+        if not math.isfinite(sum(position_enu_m)):
+            return box
+
+        stop_enu_m = self._stop(position_enu_m, velocity_enu_m_s)
+        is_near = box.is_near
+        is_outside = box.is_outside
+        is_above = box.is_above
+        for area in place_areas:
+            if area.keeps_in and position_enu_m[2] > area.high_m:
+                is_above = True
+            elif not areas.is_allowed(area, position_enu_m):
+                is_outside = True
+            elif _is_left(area, position_enu_m, stop_enu_m):
+                is_near = True
+        return FenceStatus(is_near=is_near, is_outside=is_outside, is_above=is_above)
+
+    def _stop(self, position_enu_m: Vec3, velocity_enu_m_s: Vec3) -> Vec3:
+        """Return where a vehicle stops that brakes now."""
+        vx, vy, vz = velocity_enu_m_s
+        speed_m_s = math.hypot(vx, vy)
+        brake_s = self._stopping_s(speed_m_s, min(self.brake_m_s2[0], self.brake_m_s2[1]))
+        x, y, z = position_enu_m
+        return (
+            x + brake_s * vx,
+            y + brake_s * vy,
+            z + self._stopping_s(abs(vz), self.brake_m_s2[2]) * vz,
+        )
+
+    def _stopping_s(self, speed_m_s: float, brake_m_s2: float) -> float:
+        """Return the time in which the stopping distance is flown without braking."""
+        return self.reaction_s + speed_m_s / (2.0 * brake_m_s2)
+
     def _is_near(self, distance_m: float, speed_m_s: float, brake_m_s2: float) -> bool:
         """Return whether braking does not stop the vehicle before a wall at that distance."""
         return 0.0 < distance_m < self._stopping_m(speed_m_s, brake_m_s2)
 
     def _stopping_m(self, speed_m_s: float, brake_m_s2: float) -> float:
-        return speed_m_s * (self.reaction_s + speed_m_s / (2.0 * brake_m_s2))
+        return speed_m_s * self._stopping_s(speed_m_s, brake_m_s2)
 
     def farthest_m(self, speed_m_s: float) -> tuple[float, float]:
         """Return how far from a point inside a vehicle gets that stops when it crosses the fence.
@@ -91,6 +138,15 @@ class Fence:
         across_m += self._stopping_m(speed_m_s, min(brake_x, brake_y))
         upwards_m = top - floor + self._stopping_m(speed_m_s, brake_z)
         return across_m, upwards_m
+
+
+def _is_left(area: Area, position_enu_m: Vec3, stop_enu_m: Vec3) -> bool:
+    """Return whether a way from an allowed position is about to leave what the area allows."""
+    if area.keeps_in and stop_enu_m[2] > max(area.high_m, position_enu_m[2]):
+        return True
+    if areas.is_crossed(area, position_enu_m, stop_enu_m):
+        return True
+    return not area.keeps_in and not areas.is_allowed(area, stop_enu_m)
 
 
 def fence_of(box: Geofence, vehicle: Vehicle) -> Fence:

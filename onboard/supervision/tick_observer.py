@@ -7,6 +7,7 @@ attitude that does not follow) has a monitor of its own; this module asks each o
 from __future__ import annotations
 
 from onboard.config.fleet import FleetConfig, Vehicle
+from onboard.config.place import place_of
 from onboard.control.allocation import MAX_THRUST_FRAC
 from onboard.control.vertical import vertical_s
 from onboard.flight import contact
@@ -69,6 +70,7 @@ class TickObserver:
         self._own = own
         self._flight = flight
         self._fence = fence_of(fleet.fleet.geofence_m, vehicle)
+        self._areas = place_of(fleet).areas
         # nearer than this two bodies touch; it is part of a breach of the safety distance
         self._touching_m = min(fleet.fleet.body_diameter_m, fleet.fleet.safety_distance_m)
 
@@ -137,7 +139,7 @@ class TickObserver:
         # geofence
         fence = _NOWHERE_NEAR
         if view.has_position:
-            fence = self._fence.status(view.position_enu_m, view.velocity_enu_m_s)
+            fence = self._fence_status(view)
 
         # the order, and the other vehicles
         overdue = flight.overdue(view)
@@ -222,6 +224,12 @@ class TickObserver:
             unseen=silence.unseen,
             heard_again=silence.heard_again,
         )
+
+    def _fence_status(self, view: FlightView) -> FenceStatus:
+        """Return where the vehicle is in the box, and in the areas of a fleet that has some."""
+        if not self._areas:
+            return self._fence.status(view.position_enu_m, view.velocity_enu_m_s)
+        return self._fence.status_in(self._areas, view.position_enu_m, view.velocity_enu_m_s)
 
     def _jumped_onto(self, now_ns: int) -> str:
         """Return the vehicle near the newest impossible sample; empty for none."""

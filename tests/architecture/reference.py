@@ -14,6 +14,7 @@ from groundstation.mission_files.steps import STEP_BOUNDS, STEPS, OnFailure, Unt
 from groundstation.shows.gallery import ACCIDENTS, GALLERY, sentence_of
 from groundstation.verdict.expectations import EXPECT_MOST_M, Expect
 from onboard.config import formation_shape, mocap, radio, sitl
+from onboard.config.fences import Fence, FenceCircle
 from onboard.config.fleet_config import FleetSection, Geofence, Origin, Vehicle
 from onboard.config.formation_shape import FormationShape, ShapeName
 from onboard.config.law import LawConfig
@@ -168,6 +169,11 @@ def fleet_file() -> str:
         ("`[radio]`", _table(RadioConfig, radio.BOUNDS)),
         ("`[[obstacles]]`", _table(Obstacle, {})),
         ("`circle` of an obstacle", _table(Circle, {})),
+        (
+            "`[[fences]]`, within `fleet.geofence_m`: fences.md",
+            _table(Fence, {"buffer_m": (0.0, 100.0)}),
+        ),
+        ("`circle` of a fence", _table(FenceCircle, {"radius_m": (0.0, 10000.0)})),
         ("`[law]`", _table(LawConfig, law_bounds)),
     ]
     return "\n\n".join(f"### {title}\n\n{table}" for title, table in parts)

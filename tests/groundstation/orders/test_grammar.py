@@ -29,6 +29,7 @@ from groundstation.orders.intents import (
     Yaw,
 )
 from groundstation.orders.plan import PlannedOrder, check_again, plan_order
+from onboard.config.fences import Fence, FenceCircle
 from onboard.config.fleet import FleetConfig
 from tests.groundstation.conftest import telemetry
 
@@ -247,6 +248,23 @@ def test_if_one_slot_lies_outside_the_fence_nobody_moves_and_everyone_is_told_wh
     assert not done.orders
     assert "outside the fence" in done.refusals["mav2"]
     assert "mav2 was refused" in done.refusals["mav0"]
+
+
+def test_goals_and_heights_that_a_fence_does_not_allow_are_refused(fleet: FleetConfig) -> None:
+    fences = (
+        Fence(name="hall", keep="in", circle=FenceCircle(4.0, (0.0, 0.0)), height_m=(0.0, 2.0)),
+        Fence(name="tree", keep="out", circle=FenceCircle(0.5, (0.0, 2.0)), buffer_m=0.3),
+    )
+    fenced = msgspec.structs.replace(fleet, fences=fences)
+    for text, words in (
+        ("move mav0 3 3 1", "mav0: the goal (3.00, 3.00, 1.00) lies outside the fence 'hall'"),
+        ("move mav0 0 2 1", "lies inside the fence 'tree', which is to stay out of. Choose"),
+        ("move mav0 0 1.3 1", "lies 0.20 m from the edge of the fence 'tree'"),
+        ("takeoff all 2.5", "outside 0.2 to 2 m, the top of the fence"),
+    ):
+        refusals = planned(parse(text, fenced), fenced).refusals
+        assert words in refusals["mav0"], text
+    assert not planned(parse("move mav0 0 1 1", fenced), fenced).refusals
 
 
 def test_a_goal_below_ground_and_a_height_above_the_fence_are_refused(fleet: FleetConfig) -> None:

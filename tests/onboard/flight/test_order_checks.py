@@ -7,10 +7,13 @@ from types import SimpleNamespace
 from typing import Any
 
 import msgspec
+import pytest
 
 from onboard import agent_commands, agent_inputs
 from onboard.agent.core import AgentCore
 from onboard.bus.schema import Order, Telemetry
+from onboard.config.fences import Fence
+from onboard.estimation import wind
 from onboard.flight.context import FlightContext
 from onboard.flight.order_checks import refusal
 from onboard.flight.types import FlightStep
@@ -46,6 +49,52 @@ def test_a_flying_vehicle_refuses() -> None:
         assert not reply.is_accepted, (kind, fields)
         assert words in reply.reason, (kind, fields)
         assert rig.core.flight.state == "flying"
+
+
+HOUSE = {"name": "house", "keep": "out", "polygon_enu_m": [[2, 2], [3, 2], [3, 3], [2, 3]]}
+FIELD = {"name": "field", "keep": "in", "circle": {"center_enu_m": [0, 0], "radius_m": 3.9}}
+
+
+def in_a_field() -> Rig:
+    plain = fleet()
+    fences = msgspec.convert([HOUSE | {"buffer_m": 0.5}, FIELD], tuple[Fence, ...])
+    fenced = msgspec.structs.replace(plain, fences=fences)
+    return Rig(AgentCore(fenced, "mav0", boot_id=7))
+
+
+def test_goals_outside_a_field_or_in_a_house_are_refused_by_the_vehicle() -> None:
+    rig = in_a_field()
+    rig.fly()
+    for goal, words in (
+        ((2.5, 2.5, 1.0), "lies inside the fence 'house', which is to stay out of"),
+        ((1.7, 2.5, 1.0), "0.30 m from the edge of the fence 'house', whose buffer is 0.5 m"),
+        ((3.0, -3.0, 1.0), "lies outside the fence 'field'"),
+    ):
+        reply = rig.order("move", position_enu_m=goal)
+        assert not reply.is_accepted
+        assert words in reply.reason
+    assert rig.order("move", position_enu_m=(1.0, 2.0, 1.0)).is_accepted
+
+
+def test_outside_a_field_a_vehicle_holds_inside_of_it_and_then_lands(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    # what carries it looks like a gust, for which it would land
+    monkeypatch.setattr(wind, "step", lambda memory, *_: memory)
+    rig = in_a_field()
+    rig.fly()
+    rig.carry(2.9, -2.9, 1.0)
+    assert rig.core.flight.state == "holding"
+    assert math.hypot(*rig.core.flight.goal_position_enu_m[:2]) < 3.9
+
+    def is_blown_outside() -> None:
+        rig.position[:2] = (2.9, -2.9)
+        rig.velocity[:] = 0.0
+
+    rig.after_move = is_blown_outside
+    rig.run(2.5)
+    assert rig.core.flight.state == "landing"
+    assert rig.core.flight.reason == "Geofence crossed for long: landing."
 
 
 ON_GROUND: list[tuple[str, dict[str, object], str]] = [

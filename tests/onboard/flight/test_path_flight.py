@@ -11,6 +11,7 @@ from groundstation.paths.pieces import fitted
 from onboard import agent_inputs
 from onboard.agent.core import AgentCore
 from onboard.bus.schema import OrderKind, PathOrder
+from onboard.config.fences import Fence
 from onboard.control.path import Path, path_id, point_at, to_bytes
 from onboard.estimation import wind
 from onboard.flight import state_machine
@@ -69,6 +70,25 @@ def test_a_path_is_followed_to_its_end_and_turns_the_vehicle() -> None:
     assert rig.telemetry.show_id == ""
     assert rig.setpoint is not None
     assert rig.setpoint.quaternion_wxyz[3] == pytest.approx(np.sin(0.5), abs=0.03)
+
+
+def test_a_path_through_a_house_is_refused_with_its_time_and_one_above_it_is_not() -> None:
+    for top_m, is_accepted in ((2.0, False), (0.5, True)):
+        house = Fence(
+            name="house",
+            keep="out",
+            polygon_enu_m=((0.8, -0.5), (1.2, -0.5), (1.2, 0.5), (0.8, 0.5)),
+            height_m=(0.0, top_m),
+        )
+        fenced = msgspec.structs.replace(fleet(("mav0",)), fences=(house,))
+        rig = Rig(AgentCore(fenced, "mav0", boot_id=7))
+        rig.fly()
+        (part,) = parts_of(line())
+        reply = rig.order("load_path", path=part)
+        assert reply.is_accepted == is_accepted
+        if not is_accepted:
+            assert "path lies inside the fence 'house'" in reply.reason
+            assert reply.reason.startswith("At 2.9 s")
 
 
 def test_what_cannot_be_followed_is_refused_in_words() -> None:

@@ -6,6 +6,7 @@ import math
 
 import pytest
 
+from onboard.config.areas import Area
 from onboard.config.fleet import Geofence
 from onboard.safety.geofence import Fence, FenceStatus, fence_of
 from tests.onboard.agent.rig import fleet
@@ -64,3 +65,50 @@ def test_how_far_a_vehicle_gets_that_crosses_the_fence() -> None:
     across_m, upwards_m = ROOM.farthest_m(2.0)
     assert across_m == pytest.approx(math.hypot(8.0, 8.0) + 2.0 * 0.2 + 2.0 * 2.0 / 4.0)
     assert upwards_m == pytest.approx(3.0 + 2.0 * 0.2 + 2.0 * 2.0 / 8.0)
+
+
+HOUSE = Area(
+    name="house",
+    keeps_in=False,
+    corners_enu_m=((1.0, 1.0), (1.0, 2.0), (2.0, 2.0), (2.0, 1.0)),
+    center_enu_m=(0.0, 0.0),
+    radius_m=0.0,
+    low_m=0.0,
+    high_m=2.0,
+    buffer_m=0.0,
+)
+FIELD = HOUSE._replace(
+    name="field",
+    keeps_in=True,
+    corners_enu_m=((-3.0, -3.0), (3.0, -3.0), (3.0, 3.0), (-3.0, 3.0)),
+    high_m=2.5,
+)
+IN_AREAS = [
+    ((0.0, 0.0, 1.0), (0.0, 0.0, 0.0), INSIDE),
+    ((3.1, 0.0, 1.0), (0.0, 0.0, 0.0), OUTSIDE),
+    ((1.5, 1.5, 1.0), (0.0, 0.0, 0.0), OUTSIDE),  # in the house
+    ((1.5, 1.5, 2.2), (0.0, 0.0, 0.0), INSIDE),  # above it
+    ((1.5, 1.5, 2.2), (0.0, 0.0, -1.0), NEAR),  # and about to sink into it
+    ((0.6, 1.5, 1.0), (1.0, 0.0, 0.0), NEAR),  # stops within 0.45 m
+    ((0.5, 1.5, 1.0), (1.0, 0.0, 0.0), INSIDE),
+    ((0.6, 1.5, 1.0), (-1.0, 0.0, 0.0), INSIDE),  # flies away from it
+    ((0.9, 0.4, 1.0), (0.0, 1.0, 0.0), INSIDE),  # passes beside it
+    ((2.6, 0.0, 1.0), (1.0, 0.0, 0.0), NEAR),  # about to leave the field
+    ((0.0, 0.0, 2.6), (0.0, 0.0, 0.0), ABOVE),  # above the field
+    ((0.0, 0.0, 2.3), (0.0, 0.0, 1.0), NEAR),
+    ((4.01, 0.0, 1.0), (0.0, 0.0, 0.0), OUTSIDE),  # out of the box, too
+    ((math.nan, 0.0, 1.0), (0.0, 0.0, 0.0), OUTSIDE),
+]
+
+
+def test_a_vehicle_is_inside_near_or_outside_of_areas_within_the_box() -> None:
+    for position, velocity, expected in IN_AREAS:
+        found = ROOM.status_in((FIELD, HOUSE), position, velocity)
+        assert found == expected, f"{position} {velocity}"
+
+
+def test_a_circle_is_about_to_be_crossed_where_the_way_to_stop_reaches_it() -> None:
+    pond = HOUSE._replace(corners_enu_m=(), center_enu_m=(1.0, 0.0), radius_m=0.5)
+    assert ROOM.status_in((pond,), (0.1, 0.0, 1.0), (1.0, 0.0, 0.0)) == NEAR
+    assert ROOM.status_in((pond,), (0.0, 0.0, 1.0), (1.0, 0.0, 0.0)) == INSIDE
+    assert ROOM.status_in((pond,), (1.0, 0.2, 1.0), (0.0, 0.0, 0.0)) == OUTSIDE

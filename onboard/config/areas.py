@@ -1,0 +1,277 @@
+"""Areas that vehicles stay in or out of: their geometry. Pure, in plain floats.
+
+An area is a polygon or a circle, seen from above, with heights from which to which it counts. The
+corners of a polygon go round such that vehicles are allowed on the left of each edge:
+counterclockwise to stay in, clockwise to stay out.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+Point = tuple[float, float]  # east, north [m]
+Vec3 = tuple[float, float, float]
+
+BELOW_FLOOR_M = 0.5  # measured heights on the ground may lie so far below the floor of a fence
+
+
+class Area(NamedTuple):
+    """One area in the fleet frame."""
+
+    name: str
+    keeps_in: bool  # vehicles stay in it; False: they stay out of it
+    corners_enu_m: tuple[Point, ...]  # allowed is on the left; empty for a circle
+    center_enu_m: Point  # of a circle
+    radius_m: float  # of a circle
+    low_m: float  # height from which on it counts
+    high_m: float  # height up to which it counts
+    buffer_m: float  # goals and ways keep so far from its edge
+
+
+class Nearest(NamedTuple):
+    """The point of an area's edge that is nearest to a position, seen from above."""
+
+    x: float
+    y: float
+    # unit vector from there into what is allowed
+    normal_x: float
+    normal_y: float
+    room_m: float  # distance of the position; negative where it is not allowed
+
+
+def edges_of(corners: Sequence[Point]) -> Iterator[tuple[Point, Point]]:
+    """Yield both ends of each edge of a polygon.
+
+    Args:
+        corners: in order.
+    """
+    for index, begin in enumerate(corners):
+        yield begin, corners[(index + 1) % len(corners)]
+
+
+def area_m2(corners: Sequence[Point]) -> float:
+    """Return the area of a polygon; negative where its corners go round clockwise.
+
+    Args:
+        corners: in order.
+    """
+    doubled_m2 = 0.0
+    for (x1, y1), (x2, y2) in edges_of(corners):
+        doubled_m2 += x1 * y2 - x2 * y1
+    return 0.5 * doubled_m2
+
+
+def is_in_polygon(corners: Sequence[Point], x: float, y: float) -> bool:
+    """Whether a point lies in a polygon.
+
+    Args:
+        corners: in order.
+        x: east [m].
+        y: north [m].
+    """
+    is_inside = False
+    x1, y1 = corners[-1]
+    for x2, y2 in corners:
+        # a ray to the east leaves a polygon once more often than it enters it
+        if (y1 > y) != (y2 > y) and x < x1 + (y - y1) / (y2 - y1) * (x2 - x1):
+            is_inside = not is_inside
+        x1 = x2
+        y1 = y2
+    return is_inside
+
+
+def do_cross(one: tuple[Point, Point], two: tuple[Point, Point]) -> bool:
+    """Whether two segments have a point in common.
+
+    Args:
+        one: its ends.
+        two: its ends.
+    """
+    (ax, ay), (bx, by) = one
+    (cx, cy), (dx, dy) = two
+    if max(ax, bx) < min(cx, dx) or max(cx, dx) < min(ax, bx):
+        return False
+    if max(ay, by) < min(cy, dy) or max(cy, dy) < min(ay, by):
+        return False
+
+    # each segment has the other's ends on both of its sides, or on itself
+    c_of_ab = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
+    d_of_ab = (bx - ax) * (dy - ay) - (by - ay) * (dx - ax)
+    a_of_cd = (dx - cx) * (ay - cy) - (dy - cy) * (ax - cx)
+    b_of_cd = (dx - cx) * (by - cy) - (dy - cy) * (bx - cx)
+    return c_of_ab * d_of_ab <= 0.0 and a_of_cd * b_of_cd <= 0.0
+
+
+def self_crossing(corners: Sequence[Point]) -> tuple[int, int] | None:
+    """Return the numbers of the first two edges of a polygon that cross; None for none.
+
+    Args:
+        corners: in order, at least three, no two of them in a row the same.
+    """
+    edges = list(edges_of(corners))
+    for first, one in enumerate(edges):
+        for second in range(first + 1, len(edges)):
+            is_next = second == first + 1
+            is_before = first == 0 and second == len(edges) - 1
+            if is_next or is_before:
+                # neighbours share a corner, and cross where they go back over each other
+                if _folds_back(one, edges[second]):
+                    return first, second
+            elif do_cross(one, edges[second]):
+                return first, second
+    return None
+
+
+def _folds_back(one: tuple[Point, Point], two: tuple[Point, Point]) -> bool:
+    """Whether two edges that share a corner lie upon each other."""
+    (shared,) = set(one) & set(two) or {one[1]}
+    from_one = one[0] if one[1] == shared else one[1]
+    from_two = two[1] if two[0] == shared else two[0]
+    x1, y1 = from_one[0] - shared[0], from_one[1] - shared[1]
+    x2, y2 = from_two[0] - shared[0], from_two[1] - shared[1]
+    return x1 * y2 - x2 * y1 == 0.0 and x1 * x2 + y1 * y2 > 0.0
+
+
+def nearest(area: Area, x: float, y: float) -> Nearest:
+    """Return the nearest point of an area's edge.
+
+    Args:
+        area: any.
+        x: east of the position [m].
+        y: north of the position [m].
+    """
+    if not area.corners_enu_m:
+        return _nearest_of_circle(area, x, y)
+
+    least_m = math.inf
+    found: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)  # point and edge
+    for (x1, y1), (x2, y2) in edges_of(area.corners_enu_m):
+        along_x = x2 - x1
+        along_y = y2 - y1
+        share = ((x - x1) * along_x + (y - y1) * along_y) / (along_x**2 + along_y**2)
+        share = min(1.0, max(0.0, share))
+
+        nearest_x = x1 + share * along_x
+        nearest_y = y1 + share * along_y
+        distance_m = math.hypot(x - nearest_x, y - nearest_y)
+        if distance_m < least_m:
+            least_m = distance_m
+            found = (nearest_x, nearest_y, along_x, along_y)
+
+    nearest_x, nearest_y, along_x, along_y = found
+    is_allowed = is_in_polygon(area.corners_enu_m, x, y) == area.keeps_in
+    sign = 1.0 if is_allowed else -1.0
+    if least_m > 1e-9:
+        normal_x = sign * (x - nearest_x) / least_m
+        normal_y = sign * (y - nearest_y) / least_m
+    else:
+        length_m = math.hypot(along_x, along_y)
+        normal_x = -along_y / length_m
+        normal_y = along_x / length_m
+    return Nearest(
+        x=nearest_x, y=nearest_y, normal_x=normal_x, normal_y=normal_y, room_m=sign * least_m
+    )
+
+
+def _nearest_of_circle(area: Area, x: float, y: float) -> Nearest:
+    to_x = x - area.center_enu_m[0]
+    to_y = y - area.center_enu_m[1]
+    distance_m = math.hypot(to_x, to_y)
+    outwards_x = 1.0
+    outwards_y = 0.0
+    if distance_m > 1e-9:
+        outwards_x = to_x / distance_m
+        outwards_y = to_y / distance_m
+
+    sign = -1.0 if area.keeps_in else 1.0
+    return Nearest(
+        x=area.center_enu_m[0] + area.radius_m * outwards_x,
+        y=area.center_enu_m[1] + area.radius_m * outwards_y,
+        normal_x=sign * outwards_x,
+        normal_y=sign * outwards_y,
+        room_m=sign * (distance_m - area.radius_m),
+    )
+
+
+def is_allowed(area: Area, position_enu_m: Vec3) -> bool:
+    """Whether an area allows a position; a finite one.
+
+    Args:
+        area: any.
+        position_enu_m: the position.
+    """
+    x, y, z = position_enu_m
+    if area.keeps_in:
+        has_height = area.low_m - BELOW_FLOOR_M <= z <= area.high_m
+        return has_height and _is_within(area, x, y)
+
+    has_height = area.low_m <= z <= area.high_m
+    return not (has_height and _is_within(area, x, y))
+
+
+def _is_within(area: Area, x: float, y: float) -> bool:
+    """Whether a point lies in the polygon or circle, seen from above."""
+    if area.corners_enu_m:
+        return is_in_polygon(area.corners_enu_m, x, y)
+    center_x, center_y = area.center_enu_m
+    return math.hypot(x - center_x, y - center_y) <= area.radius_m
+
+
+def _is_polygon_crossed(corners: Sequence[Point], way: tuple[Point, Point]) -> bool:
+    """Whether a way has a point in common with an edge; most edges are left out by their height."""
+    low_m = min(way[0][1], way[1][1])
+    high_m = max(way[0][1], way[1][1])
+    begin = corners[-1]
+    for end in corners:
+        is_below = begin[1] < low_m and end[1] < low_m
+        is_above = begin[1] > high_m and end[1] > high_m
+        if not is_below and not is_above and do_cross((begin, end), way):
+            return True
+        begin = end
+    return False
+
+
+def counts_at(area: Area, low_m: float, high_m: float) -> bool:
+    """Whether an area's edge counts for a way between two heights, with the buffer.
+
+    Args:
+        area: any.
+        low_m: least height of the way.
+        high_m: largest height of the way.
+    """
+    if area.keeps_in:
+        return True
+    return high_m >= area.low_m - area.buffer_m and low_m <= area.high_m + area.buffer_m
+
+
+def is_crossed(area: Area, begin_enu_m: Vec3, end_enu_m: Vec3) -> bool:
+    """Whether a straight way crosses an area's edge, seen from above, at a height that counts.
+
+    Args:
+        area: any.
+        begin_enu_m: where the way begins.
+        end_enu_m: where it ends.
+    """
+    if not area.keeps_in:
+        low_m = min(begin_enu_m[2], end_enu_m[2])
+        high_m = max(begin_enu_m[2], end_enu_m[2])
+        if high_m < area.low_m or low_m > area.high_m:
+            return False
+
+    way = ((begin_enu_m[0], begin_enu_m[1]), (end_enu_m[0], end_enu_m[1]))
+    if area.corners_enu_m:
+        return _is_polygon_crossed(area.corners_enu_m, way)
+
+    # a way crosses a circle where its nearest point is inside and an end is outside
+    (x1, y1), (x2, y2) = way
+    center_x, center_y = area.center_enu_m
+    length_2 = (x2 - x1) ** 2 + (y2 - y1) ** 2
+    share = 0.0
+    if length_2 > 0.0:
+        share = ((center_x - x1) * (x2 - x1) + (center_y - y1) * (y2 - y1)) / length_2
+        share = min(1.0, max(0.0, share))
+    least_m = math.hypot(x1 + share * (x2 - x1) - center_x, y1 + share * (y2 - y1) - center_y)
+    most_m = max(math.hypot(x - center_x, y - center_y) for x, y in way)
+    return least_m <= area.radius_m <= most_m

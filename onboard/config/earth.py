@@ -1,0 +1,80 @@
+"""Places on Earth in metres of the fleet frame, and back.
+
+Azimuthal equidistant on PX4's sphere: the projection that PX4 uses for its local positions
+(``MapProjection`` of its ``lib/geo``). East and north of a place are those that a vehicle flies by.
+"""
+
+from __future__ import annotations
+
+import math
+
+import msgspec
+
+EARTH_RADIUS_M = 6_371_000.0  # of the sphere that PX4 projects its local frame from
+_SAME_RAD = 1e-7  # below it the arc is as long as its chord
+
+
+class Origin(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Global origin of the fleet frame outdoors."""
+
+    latitude_deg: float  # of the point 0, 0 of the fleet frame
+    longitude_deg: float  # of the same point
+    altitude_m: float  # of height 0, above the sea
+
+
+def east_north_m(origin: Origin, latitude_deg: float, longitude_deg: float) -> tuple[float, float]:
+    """Return east and north [m] of a place on Earth from the fleet's origin.
+
+    Args:
+        origin: of the fleet.
+        latitude_deg: of the place.
+        longitude_deg: of the place; the date line is no edge.
+    """
+    origin_latitude = math.radians(origin.latitude_deg)
+    latitude = math.radians(latitude_deg)
+    turn = math.radians(longitude_deg - origin.longitude_deg)
+
+    # angle between both, seen from the centre of the Earth
+    cosine = math.sin(origin_latitude) * math.sin(latitude) + math.cos(origin_latitude) * math.cos(
+        latitude
+    ) * math.cos(turn)
+    angle = math.acos(min(1.0, max(-1.0, cosine)))
+
+    stretch = 1.0  # of the chord to the arc
+    if angle > _SAME_RAD:
+        stretch = angle / math.sin(angle)
+    scale_m = EARTH_RADIUS_M * stretch
+
+    east_m = scale_m * math.cos(latitude) * math.sin(turn)
+    north_m = scale_m * (
+        math.cos(origin_latitude) * math.sin(latitude)
+        - math.sin(origin_latitude) * math.cos(latitude) * math.cos(turn)
+    )
+    return east_m, north_m
+
+
+def latitude_longitude_deg(origin: Origin, east_m: float, north_m: float) -> tuple[float, float]:
+    """Return latitude and longitude [deg] of a point of the fleet frame.
+
+    Args:
+        origin: of the fleet.
+        east_m: of the point.
+        north_m: of the point.
+    """
+    origin_latitude = math.radians(origin.latitude_deg)
+    distance_m = math.hypot(east_m, north_m)
+    angle = distance_m / EARTH_RADIUS_M
+    if angle < 1e-12:
+        return origin.latitude_deg, origin.longitude_deg
+
+    north_share = north_m / distance_m
+    east_share = east_m / distance_m
+    sine = math.cos(angle) * math.sin(origin_latitude)
+    sine += math.sin(angle) * math.cos(origin_latitude) * north_share
+    latitude = math.asin(min(1.0, max(-1.0, sine)))
+
+    to_east = math.sin(angle) * east_share
+    to_axis = math.cos(origin_latitude) * math.cos(angle)
+    to_axis -= math.sin(origin_latitude) * math.sin(angle) * north_share
+    longitude_deg = origin.longitude_deg + math.degrees(math.atan2(to_east, to_axis))
+    return math.degrees(latitude), math.remainder(longitude_deg, 360.0)

@@ -1,0 +1,167 @@
+"""The place where a fleet may fly: the box, and the areas to stay in and out of. Pure.
+
+All of them hold at once. A place is breached where a vehicle has crossed an edge; goals and ways
+keep the area's buffer from it besides.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from functools import lru_cache
+from typing import NamedTuple
+
+from onboard.config import areas, fences
+from onboard.config.areas import Area, Vec3
+from onboard.config.earth import Origin
+from onboard.config.fleet_config import FleetConfig, Geofence
+
+_ROUNDS = 8  # in which a point is moved inside all areas
+_AS_GOOD_AS_M = 1e-6
+
+
+class Place(NamedTuple):
+    """Where vehicles may be."""
+
+    box: Geofence
+    areas: tuple[Area, ...]
+
+    def contains(self, position_enu_m: Vec3) -> bool:
+        """Whether no edge is crossed.
+
+        Args:
+            position_enu_m: of a vehicle.
+        """
+        if not self.box.contains(position_enu_m):
+            return False
+        return all(areas.is_allowed(area, position_enu_m) for area in self.areas)
+
+    def refusal(self, position_enu_m: Vec3) -> str:
+        """Return how a goal lies, if it lies wrong: "outside the fence 'field'"; else nothing.
+
+        The box is judged by whoever asks; here are the areas with their buffers.
+
+        Args:
+            position_enu_m: of the goal.
+        """
+        for area in self.areas:
+            words = _refusal(area, position_enu_m)
+            if words:
+                return words
+        return ""
+
+    def nearest_inside(self, position_enu_m: Vec3, inside_m: float) -> Vec3:
+        """Return a point near a position that is so far inside every wall and every buffer.
+
+        It is the nearest one where a single edge is in the way. Where areas and buffers leave no
+        room it is the last one tried.
+
+        Args:
+            position_enu_m: any point.
+            inside_m: distance to walls and buffers [m].
+        """
+        point = self.box.nearest_inside(position_enu_m, inside_m)
+        if not self.areas or not math.isfinite(sum(point)):
+            return point
+
+        for _ in range(_ROUNDS):
+            moved = point
+            for area in self.areas:
+                moved = _moved_inside(area, moved, inside_m)
+            moved = self.box.nearest_inside(moved, inside_m)
+            if math.dist(moved, point) < _AS_GOOD_AS_M:
+                break
+            point = moved
+        return point
+
+    def room_m(self, position_enu_m: Vec3) -> tuple[float, str]:
+        """Return the distance to the nearest buffer, and its area; infinite without areas.
+
+        Args:
+            position_enu_m: of a spot.
+        """
+        least_m = math.inf
+        name = ""
+        for area in self.areas:
+            room_m = _room_m(area, position_enu_m)
+            if room_m < least_m:
+                least_m = room_m
+                name = area.name
+        return least_m, name
+
+
+def place_of(fleet: FleetConfig) -> Place:
+    """Return the place of a fleet.
+
+    Args:
+        fleet: the fleet file.
+    """
+    if not fleet.fences:
+        return Place(fleet.fleet.geofence_m, ())
+    return _place_of(fleet.fleet.geofence_m, fleet.fences, fleet.fleet.global_origin)
+
+
+@lru_cache(maxsize=16)
+def _place_of(box: Geofence, written: Sequence[fences.Fence], origin: Origin | None) -> Place:
+    return Place(box, tuple(fences.area_of(fence, origin) for fence in written))
+
+
+def _room_m(area: Area, position_enu_m: Vec3) -> float:
+    """Return the distance to an area's buffer; negative within it or beyond."""
+    x, y, z = position_enu_m
+    room_m = areas.nearest(area, x, y).room_m - area.buffer_m
+    if area.keeps_in:
+        return min(room_m, area.high_m - z)  # downwards there is the ground
+
+    above_m = z - area.high_m - area.buffer_m
+    below_m = area.low_m - area.buffer_m - z
+    return max(room_m, above_m, below_m)
+
+
+def _refusal(area: Area, position_enu_m: Vec3) -> str:
+    x, y, z = position_enu_m
+    room_m = areas.nearest(area, x, y).room_m
+    if area.keeps_in:
+        if room_m < 0.0:
+            return f"outside the fence '{area.name}'"
+        if z > area.high_m:
+            return f"above the fence '{area.name}', which ends at {area.high_m:g} m"
+        if z < area.low_m - areas.BELOW_FLOOR_M:
+            return f"below the fence '{area.name}', which begins at {area.low_m:g} m"
+        if room_m < area.buffer_m:
+            return _too_near(area, room_m)
+        return ""
+
+    if not areas.counts_at(area, z, z):
+        return ""
+    if room_m < 0.0:
+        if area.low_m <= z <= area.high_m:
+            return f"inside the fence '{area.name}', which is to stay out of"
+        beside_m = z - area.high_m if z > area.high_m else area.low_m - z
+        return _too_near(area, beside_m)
+    if room_m < area.buffer_m:
+        return _too_near(area, room_m)
+    return ""
+
+
+def _too_near(area: Area, room_m: float) -> str:
+    return (
+        f"{room_m:.2f} m from the edge of the fence '{area.name}', whose buffer is "
+        f"{area.buffer_m:g} m"
+    )
+
+
+def _moved_inside(area: Area, position_enu_m: Vec3, inside_m: float) -> Vec3:
+    x, y, z = position_enu_m
+    if area.keeps_in and area.high_m - inside_m > area.low_m:
+        z = min(max(z, area.low_m), area.high_m - inside_m)
+    elif not areas.counts_at(area, z, z):
+        return position_enu_m
+
+    nearest = areas.nearest(area, x, y)
+    missing_m = area.buffer_m + inside_m - nearest.room_m
+    if missing_m <= 0.0:
+        return x, y, z
+
+    reach_m = area.buffer_m + inside_m
+    return (nearest.x + reach_m * nearest.normal_x, nearest.y + reach_m * nearest.normal_y, z)

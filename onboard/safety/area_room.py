@@ -1,0 +1,109 @@
+"""Distances of many positions to the areas that a fleet stays in or out of, at once. Pure.
+
+The same geometry as :mod:`onboard.config.areas`, over arrays: paths and simulated flights have
+thousands of positions.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from onboard.arrays import Array, BoolArray
+from onboard.config import areas
+from onboard.config.areas import Area, Vec3
+
+_SAMPLE_M = 0.05  # from one sample of a straight way to the next
+_MOST_SAMPLES = 5000
+
+
+def rooms_m(area: Area, positions_enu_m: Array) -> Array:
+    """Return the distance of each position to an area's edge, seen from above.
+
+    Args:
+        area: any.
+        positions_enu_m: (..., 3).
+    Returns:
+        distances (...); negative where the area does not allow the position, whatever its height.
+    """
+    x = positions_enu_m[..., 0]
+    y = positions_enu_m[..., 1]
+    sign = 1.0 if area.keeps_in else -1.0
+    if not area.corners_enu_m:
+        center_x, center_y = area.center_enu_m
+        return np.asarray(sign * (area.radius_m - np.hypot(x - center_x, y - center_y)))
+
+    least_m = np.full(x.shape, np.inf)
+    is_within = np.zeros(x.shape, dtype=bool)
+    for (x1, y1), (x2, y2) in areas.edges_of(area.corners_enu_m):
+        along_x = x2 - x1
+        along_y = y2 - y1
+        share = ((x - x1) * along_x + (y - y1) * along_y) / (along_x**2 + along_y**2)
+        share = np.clip(share, 0.0, 1.0)
+        distance_m = np.hypot(x - x1 - share * along_x, y - y1 - share * along_y)
+        least_m = np.minimum(least_m, distance_m)
+
+        # a ray to the east leaves a polygon once more often than it enters it
+        if y1 != y2:
+            is_level = (y1 > y) != (y2 > y)
+            is_within ^= is_level & (x < x1 + (y - y1) / (y2 - y1) * along_x)
+
+    return np.asarray(np.where(is_within, sign, -sign) * least_m)
+
+
+def clearances_m(place_areas: Sequence[Area], positions_enu_m: Array) -> Array:
+    """Return the distance of each position to the nearest buffer that counts at its height.
+
+    Args:
+        place_areas: of a fleet.
+        positions_enu_m: (..., 3).
+    Returns:
+        distances (...); negative within a buffer or beyond, infinite where no area counts.
+    """
+    least_m = np.full(positions_enu_m.shape[:-1], np.inf)
+    for area in place_areas:
+        clearance_m = _clearance_m(area, positions_enu_m, area.buffer_m)
+        least_m = np.minimum(least_m, clearance_m)
+    return least_m
+
+
+def is_breached(place_areas: Sequence[Area], positions_enu_m: Array) -> BoolArray:
+    """Return whether each position lies where no vehicle may be.
+
+    Args:
+        place_areas: of a fleet.
+        positions_enu_m: (..., 3).
+    """
+    is_wrong = np.zeros(positions_enu_m.shape[:-1], dtype=bool)
+    for area in place_areas:
+        is_wrong |= _clearance_m(area, positions_enu_m, 0.0) < 0.0
+    return is_wrong
+
+
+def way_beyond_m(place_areas: Sequence[Area], begin_enu_m: Vec3, end_enu_m: Vec3) -> float:
+    """Return how much of a straight way lies within buffers or beyond edges [m].
+
+    Args:
+        place_areas: of a fleet.
+        begin_enu_m: where the way begins.
+        end_enu_m: where it ends.
+    """
+    length_m = math.dist(begin_enu_m, end_enu_m)
+    shares = np.linspace(0.0, 1.0, min(_MOST_SAMPLES, 2 + int(length_m / _SAMPLE_M)))[:, None]
+    begin = np.array(begin_enu_m)
+    way_enu_m = begin + shares * (np.array(end_enu_m) - begin)
+    is_beyond = clearances_m(place_areas, way_enu_m) < 0.0
+    return float(length_m * is_beyond.mean())
+
+
+def _clearance_m(area: Area, positions_enu_m: Array, buffer_m: float) -> Array:
+    room_m = rooms_m(area, positions_enu_m) - buffer_m
+    z = positions_enu_m[..., 2]
+    if area.keeps_in:
+        above_floor_m = z - area.low_m + areas.BELOW_FLOOR_M
+        return np.minimum(room_m, np.minimum(area.high_m - z, above_floor_m))
+
+    beside_m = np.maximum(z - area.high_m, area.low_m - z) - buffer_m
+    return np.maximum(room_m, beside_m)
