@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Sequence
 
 from onboard.avoidance.own_law_runner import OwnLawRunner
-from onboard.avoidance.params import obstacles
+from onboard.avoidance.params import still
 from onboard.config.fleet import FleetConfig
 from onboard.control import pipeline
 from onboard.control.control_mode import ControlMode
@@ -40,7 +40,7 @@ class ControlStep:
     ) -> None:
         vehicle = fleet.vehicles[vehicle_name]
         self.params = pipeline.pipeline_params(fleet, vehicle_name)
-        self.obstacles = obstacles(fleet)
+        self.obstacles = still(fleet)
 
         self.tick: Tick | None = None  # newest result
         self.is_finite = True  # whether the newest result can be flown

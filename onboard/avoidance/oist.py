@@ -29,6 +29,7 @@ from onboard.avoidance.constraints import (
     promised_row,
     speed_row,
 )
+from onboard.avoidance.fence_edges import edge_constraints
 from onboard.avoidance.half_planes import HalfPlane
 from onboard.avoidance.interface import (
     INFEASIBLE,
@@ -213,6 +214,8 @@ def saturate(
 
     surfaces = nearest_surfaces(own, obstacles, params.spacing.clearance_m)
     constraints = constraints_around(own, pairs, surfaces, crowd_count, params)
+    if len(obstacles) > 0:
+        constraints.extend(edge_constraints(own, obstacles, params))
 
     active = most_violating(constraints)
     turns = [c.turn for c in constraints if c.is_turning]  # the last one is dropped first

@@ -273,7 +273,9 @@ def nearest_surfaces(own: Own, obstacles: Sequence[Capsule], clearance_m: float)
         clearance_m: kept from an outline by the vehicle's centre.
     """
     surfaces = [
-        surface_of(capsule, own.position_m, own.velocity_m_s, clearance_m) for capsule in obstacles
+        surface_of(capsule, own.position_m, own.velocity_m_s, clearance_m)
+        for capsule in obstacles
+        if capsule.area == 0  # edges of areas have rows of their own: fence_edges.py
     ]
     order = ascending([surface.gap_m for surface in surfaces])
     return [surfaces[k] for k in order[:MAX_OBSTACLES]]

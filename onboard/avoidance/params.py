@@ -7,14 +7,17 @@ read the same thing. The meaning of each value stands in ``README.md`` beside th
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import msgspec
 
+from onboard.config.areas import Area
 from onboard.config.fleet import FleetConfig
 from onboard.config.law import BuiltInLaw, LawConfig
+from onboard.config.place import place_of
 from onboard.types import GRAVITY_M_S2
-from onboard.vectors import Vec2
+from onboard.vectors import Vec2, cross_2
 
 OPEN_FENCE = (-math.inf, math.inf, -math.inf, math.inf)
 _BRAKE_SHARE = 0.6  # of the horizontal acceleration, for stopping before what stands still
@@ -55,11 +58,31 @@ JAM_SLOW = 1
 
 
 class Capsule(NamedTuple):
-    """Static obstacle: all points nearer than a radius to a segment, in fleet ENU."""
+    """What stands still, in fleet ENU: an obstacle, or an edge of an area to stay in or out of.
+
+    An obstacle is all points nearer than a radius to a segment. An edge is a segment with the
+    allowed side on its left, or a circle: a segment without length and its radius.
+    """
 
     begin_enu_m: Vec2
     end_enu_m: Vec2
     radius_m: float
+
+    # of an edge only
+    area: int = 0  # number of its area, from 1 on; 0: an obstacle
+    keep_m: float = 0.0  # distance that the vehicle's centre keeps
+    # whether a goal may lie behind it: of an area to stay out of, or beside a corner that points
+    # inwards
+    is_turned_about: bool = False
+    is_begin_inwards: bool = False  # whether the corner there points into what is allowed
+    is_end_inwards: bool = False
+    # it counts for a vehicle within these; all of them are infinite for a circle to stay in
+    west_m: float = -math.inf
+    east_m: float = math.inf
+    south_m: float = -math.inf
+    north_m: float = math.inf
+    low_m: float = -math.inf
+    high_m: float = math.inf
 
 
 class PaperParams(NamedTuple):
@@ -217,6 +240,76 @@ def obstacles(fleet: FleetConfig) -> tuple[Capsule, ...]:
             end = Vec2(float(end_x), float(end_y))
             capsules.append(Capsule(begin, end, float(radius)))
     return tuple(capsules)
+
+
+def still(fleet: FleetConfig) -> tuple[Capsule, ...]:
+    """Return what stands still for a fleet: its obstacles, and the edges of its areas.
+
+    Args:
+        fleet: checked configuration.
+    """
+    edges: list[Capsule] = []
+    for number, area in enumerate(place_of(fleet).areas, 1):
+        edges.extend(_edges(area, number, fleet.law.fence_margin_m))
+    return (*obstacles(fleet), *edges)
+
+
+def _edges(area: Area, number: int, margin_m: float) -> Iterator[Capsule]:
+    """Yield the edges of an area as the law takes them."""
+    keep_m = float(area.buffer_m + margin_m)
+    low_m = -math.inf if area.keeps_in else area.low_m - keep_m
+    high_m = math.inf if area.keeps_in else area.high_m + keep_m
+
+    if not area.corners_enu_m:
+        center = Vec2(*area.center_enu_m)
+        reach_m = math.inf if area.keeps_in else area.radius_m + keep_m
+        yield Capsule(
+            begin_enu_m=center,
+            end_enu_m=center,
+            radius_m=area.radius_m,
+            area=number,
+            keep_m=keep_m,
+            is_turned_about=not area.keeps_in,
+            west_m=center.x - reach_m,
+            east_m=center.x + reach_m,
+            south_m=center.y - reach_m,
+            north_m=center.y + reach_m,
+            low_m=low_m,
+            high_m=high_m,
+        )
+        return
+
+    corners = [Vec2(*corner) for corner in area.corners_enu_m]
+    is_inwards = [_points_inwards(corners, index) for index in range(len(corners))]
+    for index, begin in enumerate(corners):
+        following = (index + 1) % len(corners)
+        end = corners[following]
+        yield Capsule(
+            begin_enu_m=begin,
+            end_enu_m=end,
+            radius_m=0.0,
+            area=number,
+            keep_m=keep_m,
+            is_turned_about=not area.keeps_in or is_inwards[index] or is_inwards[following],
+            is_begin_inwards=is_inwards[index],
+            is_end_inwards=is_inwards[following],
+            west_m=min(begin.x, end.x) - keep_m,
+            east_m=max(begin.x, end.x) + keep_m,
+            south_m=min(begin.y, end.y) - keep_m,
+            north_m=max(begin.y, end.y) + keep_m,
+            low_m=low_m,
+            high_m=high_m,
+        )
+
+
+def _points_inwards(corners: Sequence[Vec2], index: int) -> bool:
+    """Return whether a corner points into what is allowed: the way around turns right there."""
+    before = corners[index - 1]
+    here = corners[index]
+    after = corners[(index + 1) % len(corners)]
+    arriving = Vec2(here.x - before.x, here.y - before.y)
+    leaving = Vec2(after.x - here.x, after.y - here.y)
+    return cross_2(arriving, leaving) < 0.0
 
 
 def params_of(config: LawConfig, limits: VehicleLimits = QUICK_VEHICLE) -> LawParams:

@@ -23,9 +23,11 @@ from onboard.config.fleet import (
     parking_height_share,
 )
 from onboard.config.pair_separation import separation_m
+from onboard.config.place import place_of
 from onboard.estimation.accuracies import ACCURACIES, Accuracy
 from onboard.feasibility import bounds, law_map
 from onboard.feasibility.blind_descent import blind_descent_findings
+from onboard.feasibility.fence_checks import braking_in_wind
 from onboard.feasibility.finding import Finding, at_least, worst, worst_first
 from onboard.feasibility.pair_checks import (
     crowding,
@@ -97,6 +99,8 @@ def fleet_findings(fleet: FleetConfig, *, errors: ErrorClass | None = None) -> t
     findings.append(fence_finding(fleet, starts, "take-off spots"))
     for judge in _OF_EACH_VEHICLE:
         findings.append(worst(judge(fleet, vehicle) for vehicle in kinds))
+    if fleet.fences:
+        findings.append(worst(braking_in_wind(fleet, vehicle) for vehicle in kinds))
 
     return worst_first(findings)
 
@@ -325,6 +329,13 @@ def _fence_finding(fleet: FleetConfig, name: str, spot: Vec3, label: str) -> Fin
     # downwards there is the ground, not the fence
     x, y, z = spot
     room_m = min(x - fence.x[0], fence.x[1] - x, y - fence.y[0], fence.y[1] - y, fence.z[1] - z)
+    which = "the fence"
+    remedy = "Move the spot inwards, widen fleet.geofence_m, or lower max_speed_m_s."
+    to_area_m, area_name = place_of(fleet).room_m(spot)
+    if to_area_m < room_m:
+        room_m = to_area_m
+        which = f"the buffer of the fence '{area_name}'"
+        remedy = f"Move the spot away from it, correct '{area_name}', or lower max_speed_m_s."
 
     stop_m = bounds.stopping_distance_m(
         speed_m_s=vehicle.max_speed_m_s,
@@ -338,10 +349,10 @@ def _fence_finding(fleet: FleetConfig, name: str, spot: Vec3, label: str) -> Fin
         bound=stop_m,
         unit="m",
         sentence=(
-            f"{_capitalized(label)}: {name} is {{value}} from the fence, stopping from "
+            f"{_capitalized(label)}: {name} is {{value}} from {which}, stopping from "
             f"{vehicle.max_speed_m_s:g} m/s takes {{bound}}"
         ),
-        remedy="Move the spot inwards, widen fleet.geofence_m, or lower max_speed_m_s.",
+        remedy=remedy,
         refuse_below=_FENCE_M,
     )
 

@@ -22,6 +22,7 @@ from onboard import frames, vectors
 from onboard.arrays import Array, BoolArray, IntArray
 from onboard.avoidance import (
     constraints,
+    fence_edges,
     half_planes,
     heights,
     interface,
@@ -72,6 +73,7 @@ _MODULES: tuple[ModuleType, ...] = (
     pairs,
     half_planes,
     constraints,
+    fence_edges,
     relaxation,
     projection,
     interface,

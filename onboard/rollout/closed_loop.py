@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from onboard.arrays import Array, BoolArray
-from onboard.avoidance.params import Capsule, obstacles
+from onboard.avoidance.params import Capsule, still
 from onboard.config.fleet import FleetConfig
 from onboard.config.pair_separation import separations_m
 from onboard.control import pipeline
@@ -96,7 +96,7 @@ def fleet_model(fleet: FleetConfig, names: Sequence[str], law: str | None = None
     return FleetModel(
         params=[pipeline.pipeline_params(fleet, name, law) for name in names],
         plants=[plant_of(fleet.vehicles[name]) for name in names],
-        obstacles=obstacles(fleet),
+        obstacles=still(fleet),
         height_share=fleet.fleet.height_share,
     )
 

@@ -20,6 +20,7 @@ import pytest
 from groundstation.orders.forecast import Leg, forecast, objections
 from groundstation.orders.forecast_process import Forecaster, ForecastFailed
 from groundstation.orders.intents import Move, Takeoff
+from onboard.config.fences import Fence, FenceCircle
 from onboard.config.fleet import FleetConfig
 
 MOVE = Move(vehicles=("mav0", "mav1"), position_enu_m=(0.0, 0.0, 1.0))
@@ -160,3 +161,13 @@ def test_the_process_ends_when_its_parent_is_killed() -> None:
     while child.is_running() and child.status() != psutil.STATUS_ZOMBIE:
         assert time.monotonic() < end_s, "the child lives on"
         time.sleep(0.05)
+
+
+def test_a_forecast_flies_around_a_tree_and_names_who_leaves_a_field(fleet: FleetConfig) -> None:
+    tree = Fence(name="tree", keep="out", circle=FenceCircle(0.3, (0.0, 0.0)))
+    fenced = msgspec.structs.replace(fleet, fences=(tree,))
+    straight = {"mav0": Leg((-1.5, 0.0, 1.0), (1.5, 0.0, 1.0))}
+    around = forecast(fenced, straight)
+    assert around.outside == ()
+    assert forecast(fleet, straight).duration_s < around.duration_s < 20.0
+    assert forecast(without_law(fenced), straight).outside == ("mav0",)

@@ -1,0 +1,264 @@
+"""Edges of the areas that a vehicle stays in or out of, as rows of the same projection.
+
+The row of an edge is that of a wall of the box: with the distance h from the edge and the unit
+vector n from its nearest point into what is allowed,
+
+    n . u >= -(k_1 + k_2) n . v - k_1 k_2 h.
+
+Of a concave area each edge that is near has its row; an edge ends at its corners, so that a
+corner that points into the area is kept off all around. The distance from a corner grows faster
+than n . u says while the vehicle turns about it, which the row leaves out. The distance from a
+circle that is flown inside of shrinks by v_t^2 / r, which the row adds. DEVIATION D13.
+
+Outside of what is allowed only the nearest edge has a row, and it leads back. Which side a vehicle
+is on follows from the nearest edge alone: from its line beside the edge, and beyond its end from
+the corner there. The nearest point of a vehicle that is where it may be is no corner that points
+away from it.
+
+A goal may lie behind an area to stay out of, or behind a corner that points inwards. Their edges
+have rotation rows, as obstacles have.
+
+Edges too far away to bind are left out by a comparison with the box about each.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from onboard.avoidance.constraints import (
+    VIOLATED_M_S2,
+    Constraint,
+    compensated,
+    hard_constraint,
+    obstacle_rotation_row,
+)
+from onboard.avoidance.half_planes import HalfPlane
+from onboard.avoidance.interface import NOT_A_VEHICLE
+from onboard.avoidance.pairs import Own, Surface, ascending, separated
+from onboard.avoidance.params import ROTATION_NEVER, Capsule, Gains, LawParams
+from onboard.vectors import Vec2, cross_2, dot_2, length_2
+
+MAX_EDGES = 8  # the nearest ones count
+PIVOT_M = 0.5  # least distance of the point that a vehicle turns about
+
+
+class Edge(NamedTuple):
+    """This vehicle and the nearest point of one edge."""
+
+    area: int
+    e: Vec2  # from that point to the vehicle [m], never zero
+    distance_m: float  # its length
+    is_allowed: bool  # whether the vehicle is where it may be, if this edge is the area's nearest
+    keep_m: float  # distance to keep from the edge
+    curvature_1_m: float  # by which an edge that is flown inside of bends towards the vehicle
+    is_turned_about: bool
+    is_flat: (
+        bool  # whether the nearest point lies beside the edge, and moves along with the vehicle
+    )
+
+
+def edge_constraints(own: Own, still: Sequence[Capsule], params: LawParams) -> list[Constraint]:
+    """Return the constraints of the edges that are near enough to bind, nearest first.
+
+    Args:
+        own: this vehicle at t + L.
+        still: what stands still; obstacles among it are passed over.
+        params: numbers of this vehicle's law.
+    """
+    reach = reach_m(own, params.gains)
+    x = own.position_m.x
+    y = own.position_m.y
+    west = x - reach
+    east = x + reach
+    south = y - reach
+    north = y + reach
+    lowest_m = min(own.climb.height_m, own.climb.ahead_m)
+    highest_m = max(own.climb.height_m, own.climb.ahead_m)
+
+    edges = [
+        edge_of(capsule, own)
+        for capsule in still
+        if capsule.west_m <= east
+        and capsule.east_m >= west
+        and capsule.south_m <= north
+        and capsule.north_m >= south
+        and capsule.area > 0
+        and capsule.low_m <= highest_m
+        and capsule.high_m >= lowest_m
+    ]
+    near = [edge for edge in edges if edge.distance_m - edge.keep_m <= reach]
+    order = ascending([edge.distance_m for edge in near])
+
+    constraints: list[Constraint] = []
+    for place in range(min(len(order), MAX_EDGES)):
+        nearest = nearest_of_area(near, order, place)
+        is_allowed = near[order[nearest]].is_allowed
+        if is_allowed or nearest == place:
+            constraints.append(edge_constraint(own, near[order[place]], is_allowed, params))
+    return constraints
+
+
+def reach_m(own: Own, gains: Gains) -> float:
+    """Return how far from an edge's distance to keep a row binds at most.
+
+    Args:
+        own: this vehicle at t + L.
+        gains: kappas for what stands still.
+    """
+    rate = gains.static_kappa_1_1_s + gains.kappa_2_1_s
+    stiffness = gains.static_kappa_1_1_s * gains.kappa_2_1_s
+    most_m_s2 = own.radius_m_s2 + length_2(own.compensation_m_s2)
+    return (most_m_s2 + rate * length_2(own.velocity_m_s)) / stiffness
+
+
+def nearest_of_area(edges: list[Edge], order: list[int], place: int) -> int:
+    """Return the place in the order of the nearest edge of the same area.
+
+    Args:
+        edges: that are near.
+        order: their indexes, nearest first.
+        place: in the order.
+    """
+    area = edges[order[place]].area
+    for nearer in range(place):
+        if edges[order[nearer]].area == area:
+            return nearer
+    return place
+
+
+def edge_of(capsule: Capsule, own: Own) -> Edge:
+    """Return the nearest point of one edge.
+
+    Args:
+        capsule: the edge, in fleet ENU.
+        own: this vehicle at t + L.
+    """
+    begin = capsule.begin_enu_m
+    end = capsule.end_enu_m
+    segment = Vec2(end.x - begin.x, end.y - begin.y)
+    offset = Vec2(own.position_m.x - begin.x, own.position_m.y - begin.y)
+    segment_2 = dot_2(segment, segment)
+    if segment_2 <= 0.0:
+        return round_edge(capsule, offset, own.velocity_m_s)
+
+    along = dot_2(offset, segment) / segment_2
+    share = min(max(along, 0.0), 1.0)
+    e = Vec2(offset.x - share * segment.x, offset.y - share * segment.y)
+
+    is_allowed = cross_2(segment, offset) >= 0.0
+    if along < 0.0:
+        is_allowed = capsule.is_begin_inwards
+    elif along > 1.0:
+        is_allowed = capsule.is_end_inwards
+
+    distance_m = length_2(e)
+    if distance_m < 1e-6:  # on the edge: its normal
+        length = length_2(segment)
+        e = Vec2(-1e-6 * segment.y / length, 1e-6 * segment.x / length)
+        is_allowed = True
+    return Edge(
+        area=capsule.area,
+        e=e,
+        distance_m=max(distance_m, 1e-6),
+        is_allowed=is_allowed,
+        keep_m=capsule.keep_m,
+        curvature_1_m=0.0,
+        is_turned_about=capsule.is_turned_about,
+        is_flat=0.0 < along < 1.0,
+    )
+
+
+def round_edge(capsule: Capsule, offset: Vec2, velocity_m_s: Vec2) -> Edge:
+    """Return the nearest point of a circle.
+
+    Args:
+        capsule: the circle.
+        offset: from its centre to the vehicle [m].
+        velocity_m_s: own, horizontal.
+    """
+    from_centre = separated(offset, velocity_m_s)
+    radius_m = length_2(from_centre)
+    beyond_m = radius_m - capsule.radius_m
+    is_outside = beyond_m > 0.0
+
+    distance_m = max(abs(beyond_m), 1e-6)
+    outwards = distance_m if is_outside else -distance_m
+    e = Vec2(outwards * from_centre.x / radius_m, outwards * from_centre.y / radius_m)
+    return Edge(
+        area=capsule.area,
+        e=e,
+        distance_m=distance_m,
+        is_allowed=is_outside == capsule.is_turned_about,
+        keep_m=capsule.keep_m,
+        curvature_1_m=0.0 if capsule.is_turned_about else 1.0 / radius_m,
+        is_turned_about=capsule.is_turned_about,
+        is_flat=False,
+    )
+
+
+def edge_constraint(own: Own, edge: Edge, is_allowed: bool, params: LawParams) -> Constraint:
+    """Return the rows of one edge: its distance, and turning where a goal may lie behind it.
+
+    Args:
+        own: this vehicle at t + L.
+        edge: that is near.
+        is_allowed: whether the vehicle is where the edge's area allows it to be.
+        params: numbers of this vehicle's law.
+    """
+    hard = hard_constraint(own, edge_row(own, edge, is_allowed, params.gains), NOT_A_VEHICLE)
+    is_violated = hard.violation_m_s2 > VIOLATED_M_S2
+    may_turn = edge.is_turned_about and is_allowed and params.policies.rotation != ROTATION_NEVER
+    if not (may_turn and is_violated):
+        return hard
+
+    turn = obstacle_rotation_row(pivot_of(own, edge), own.velocity_m_s, own.intent_m_s, params)
+    return Constraint(
+        row=hard.row,
+        turn=compensated(turn, own.compensation_m_s2),
+        is_turning=True,
+        violation_m_s2=hard.violation_m_s2,
+        table_index=NOT_A_VEHICLE,
+    )
+
+
+def pivot_of(own: Own, edge: Edge) -> Surface:
+    """Return the point that a vehicle turns about, as the surface of an obstacle.
+
+    It lies behind the edge, so that a vehicle at the distance to keep is PIVOT_M from it: about a
+    point a hand's breadth away nobody turns at a speed that gets anywhere.
+
+    Args:
+        own: this vehicle at t + L.
+        edge: that is near.
+    """
+    behind_m = max(PIVOT_M - edge.keep_m, 0.0)
+    stretch = (edge.distance_m + behind_m) / edge.distance_m
+    e = Vec2(stretch * edge.e.x, stretch * edge.e.y)
+
+    w = own.velocity_m_s
+    if edge.is_flat:  # the pivot moves along with the vehicle
+        towards = dot_2(e, w) / dot_2(e, e)
+        w = Vec2(towards * e.x, towards * e.y)
+    return Surface(e=e, w=w, d_m=edge.keep_m + behind_m, gap_m=edge.distance_m)
+
+
+def edge_row(own: Own, edge: Edge, is_allowed: bool, gains: Gains) -> HalfPlane:
+    """Return the half-plane that keeps a vehicle on the allowed side of an edge.
+
+    Args:
+        own: this vehicle at t + L.
+        edge: that is near.
+        is_allowed: whether it is on that side.
+        gains: kappas for what stands still.
+    """
+    inwards = 1.0 if is_allowed else -1.0
+    normal = Vec2(inwards * edge.e.x / edge.distance_m, inwards * edge.e.y / edge.distance_m)
+    h_m = inwards * edge.distance_m - edge.keep_m
+
+    v = own.velocity_m_s
+    rate = gains.static_kappa_1_1_s + gains.kappa_2_1_s
+    stiffness = gains.static_kappa_1_1_s * gains.kappa_2_1_s
+    sideways_m_s = cross_2(normal, v)
+    bend_m_s2 = edge.curvature_1_m * sideways_m_s * sideways_m_s
+    return HalfPlane(normal, bend_m_s2 - rate * dot_2(normal, v) - stiffness * h_m)

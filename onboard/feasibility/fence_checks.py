@@ -1,0 +1,76 @@
+"""Findings about the areas that a fleet stays in or out of. Pure."""
+
+from __future__ import annotations
+
+import math
+
+from onboard.avoidance.params import law_params
+from onboard.config.fleet import FleetConfig, Vehicle
+from onboard.config.place import place_of
+from onboard.config.wind_limit import GUST_SHARE, GUSTY, tilt_acceleration_m_s2, wind_limit_m_s
+from onboard.feasibility.finding import Finding, at_least
+
+_LEAST_BRAKE_M_S2 = 0.05
+_GUST_SIGMAS = 3.0
+_ERRORS_M = 0.10  # measured in light air with the weak drones of paper.toml
+
+
+def braking_room_m(fleet: FleetConfig, vehicle: Vehicle) -> float:
+    """Return how far beyond the place where the law brakes to, a vehicle gets in the wind [m].
+
+    The row of an edge asks for the top speed's braking and counts the lag: in calm air only errors
+    of lag, gain and position are missing. A wind towards the edge takes a part of the tilt; where
+    less is left than the row asks for, the way grows. A gust moves the vehicle for its lag before
+    it leans against it.
+
+    Args:
+        fleet: the fleet file.
+        vehicle: one of its vehicles.
+    """
+    params = law_params(fleet, vehicle.name)
+    speed_m_s = params.top_speed_m_s
+    asked_m_s2 = params.gains.static_kappa_1_1_s * speed_m_s
+
+    push_m_s2 = 0.0
+    gust_m_s2 = 0.0
+    wind_m_s = wind_limit_m_s(fleet, vehicle)
+    if math.isfinite(wind_m_s):
+        push_m_s2 = GUSTY * vehicle.drag_1_s * wind_m_s
+        gust_m_s2 = _GUST_SIGMAS * GUST_SHARE * vehicle.drag_1_s * wind_m_s
+
+    left_m_s2 = max(_LEAST_BRAKE_M_S2, tilt_acceleration_m_s2(vehicle) - push_m_s2)
+    longer_m = 0.0
+    if left_m_s2 < asked_m_s2:
+        longer_m = 0.5 * speed_m_s * speed_m_s * (1.0 / left_m_s2 - 1.0 / asked_m_s2)
+
+    gust_m_s = gust_m_s2 * vehicle.lag_s
+    return _ERRORS_M + longer_m + gust_m_s * (0.5 * vehicle.lag_s + 1.0 / params.gains.kappa_2_1_s)
+
+
+def braking_in_wind(fleet: FleetConfig, vehicle: Vehicle) -> Finding:
+    """Check that the narrowest buffer is as wide as braking in the strongest wind needs.
+
+    Args:
+        fleet: the fleet file, with fences.
+        vehicle: one of its vehicles.
+    Returns:
+        the finding.
+    """
+    narrowest = min(place_of(fleet).areas, key=lambda area: area.buffer_m)
+    wind_m_s = wind_limit_m_s(fleet, vehicle)
+    air = "in still air"
+    if math.isfinite(wind_m_s):
+        air = f"in the {wind_m_s:.1f} m/s of its max_wind_m_s, with gusts,"
+
+    return at_least(
+        name="braking before fences",
+        value=narrowest.buffer_m + fleet.law.fence_margin_m,
+        bound=braking_room_m(fleet, vehicle),
+        unit="m",
+        sentence=(
+            f"The law brakes {{value}} before the edge of the fence '{narrowest.name}' (buffer_m "
+            f"and law.fence_margin_m); {air} {vehicle.name} needs {{relation}} {{bound}}"
+        ),
+        remedy="Widen buffer_m, or lower max_wind_m_s or max_speed_m_s.",
+        refuse_below=-math.inf,
+    )
