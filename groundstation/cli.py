@@ -92,7 +92,18 @@ COMMANDS: dict[str, tuple[Command, ...]] = {
     ),
     "Prepare": (
         Command("init", "a commented fleet file and a first mission", "init:init"),
-        Command("import", "a show of Skybrush, or CSVs, made into a mission", "import_:import_"),
+        Command(
+            "import",
+            "a show of Skybrush, or CSVs, made into a mission",
+            "import_:import_",
+            parts=(
+                Command(
+                    "fence",
+                    "the fence of a QGroundControl .plan or GeoJSON, for a fleet file",
+                    "fence:fence",
+                ),
+            ),
+        ),
     ),
     "Check": (
         Command(

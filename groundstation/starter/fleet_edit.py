@@ -9,7 +9,7 @@ from typing import Any
 
 import tomlkit
 
-from onboard.config.file_reading import FLEET_FILE, read_text
+from onboard.config.file_reading import FLEET_FILE, read_text, toml_values
 from onboard.config.fleet import ConfigError, fleet_from_mapping
 
 
@@ -41,6 +41,34 @@ def write_changes(path: Path, changes: Mapping[str, Any]) -> None:
     """
     text = edited(read_text(path, FLEET_FILE), changes)
     fleet_from_mapping(tomllib.loads(text), path=str(path))
+    write_text(path, text)
+
+
+def checked_text(path: Path, more: str) -> str:
+    """Return the text of a fleet file with more tables at its end.
+
+    Args:
+        path: of the file.
+        more: tables, as TOML.
+
+    Raises:
+        ConfigError: the file would be wrong with them.
+    """
+    text = read_text(path, FLEET_FILE).rstrip() + "\n\n" + more
+    fleet_from_mapping(toml_values(text, str(path)), path=str(path), finds_law=False)
+    return text
+
+
+def write_text(path: Path, text: str) -> None:
+    """Put a text in the place of a file's, at once.
+
+    Args:
+        path: of the file.
+        text: checked.
+
+    Raises:
+        ConfigError: the file cannot be written; it is as it was.
+    """
     whole = path.with_name(f".{path.name}.new")
     try:
         whole.write_text(text, encoding="utf-8")

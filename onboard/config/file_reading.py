@@ -44,6 +44,8 @@ CSV_FILE = FileKind("file", 32 * _MB)
 SHOW_FILE = FileKind("show", 64 * _MB)
 PICTURE = FileKind("image", 64 * _MB, "Give a PNG.")
 FONT = FileKind("font", 32 * _MB, "Name a .ttf or .otf.")
+# Surveyors export fields with more corners than a fence may have; 100,000 take 4 MB.
+FENCE_FILE = FileKind("file", 16 * _MB, "Give a .plan of QGroundControl or a GeoJSON.")
 # PX4 has a thousand parameters; 255 vehicles take 12 MB.
 PARAMETER_FILE = FileKind("file", 16 * _MB, "Give a file of covey px4 params --dump.")
 # Certificates and keys take 1 kB.
