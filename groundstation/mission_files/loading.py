@@ -14,6 +14,7 @@ from typing import Any, cast
 
 import msgspec
 
+from groundstation.mission_files.degree_keys import in_metres
 from groundstation.mission_files.mission import Mission, with_shapes
 from groundstation.mission_files.python_file import read_python
 from groundstation.mission_files.step_checks import check_steps
@@ -105,6 +106,7 @@ def mission_from_mapping(
             f"{path}: 'step' is missing or no list of tables. "
             "Add at least one [[step]] with do = ..."
         )
+    tables = in_metres(tables, config, path)
     steps = tuple(_step(data, f"step[{index}]", path) for index, data in enumerate(tables))
 
     expect = convert(data.get("expect", {}), Expect, path, "expect")

@@ -21,6 +21,7 @@ from groundstation.missions.conditions import ConditionTimeout, Moment, WaitCond
 from groundstation.missions.following import follow, present_offsets
 from groundstation.missions.ground import MissionGround
 from groundstation.missions.path_following import Lights, Paths, follow_paths
+from groundstation.orders.degrees import goal_enu_m
 from groundstation.orders.grammar import OrderError
 from groundstation.orders.intents import (
     DEFAULT_HEIGHT_M,
@@ -206,6 +207,19 @@ class Group:
             duration_s=duration_s,
         )
         return await self.order(intent, timeout_s)
+
+    def place(self, latitude_deg: float, longitude_deg: float, height_m: float) -> Vec3:
+        """Return a position on Earth as a goal [m], ENU.
+
+        Args:
+            latitude_deg: of the place.
+            longitude_deg: of the place.
+            height_m: up in the fleet frame, as of every goal.
+
+        Raises:
+            ConfigError: the fleet file has no origin, or the place is none near it.
+        """
+        return goal_enu_m(self.config, latitude_deg, longitude_deg, height_m)
 
     async def formation(
         self,
