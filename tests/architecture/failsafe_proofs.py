@@ -21,7 +21,7 @@ from typing import Any
 
 from onboard.safety.failsafe_table import TABLE, WORDS, Action, Condition, Situation
 from onboard.supervision import condition_table
-from tests.sitl.lockstep.injections import INJECTIONS
+from sitl.lockstep.campaign.injections import INJECTIONS
 
 TESTS = Path(__file__).parents[1]
 FLOWN = TESTS / "sitl" / "lockstep" / "flown.json"

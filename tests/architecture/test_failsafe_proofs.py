@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 
 from onboard.safety.failsafe_table import Condition
+from sitl.lockstep.campaign.injections import INJECTIONS
 from tests.architecture import failsafe_proofs
 from tests.architecture.failsafe_proofs import Proof
-from tests.sitl.lockstep.injections import INJECTIONS
 
 
 def test_every_row_of_the_failsafe_table_is_proved_by_a_test() -> None:

@@ -27,7 +27,7 @@ from typing import Any
 import numpy as np
 
 from onboard.config.wind_limit import wind_limit_m_s
-from tests.sitl.lockstep.injections import INJECTIONS, Injection
+from sitl.lockstep.campaign.injections import INJECTIONS, Injection
 from tests.sitl.lockstep.suite import CROSSING, MISSIONS, Case, Outcome, fly
 
 FLOWN = Path(__file__).parents[1] / "sitl" / "lockstep" / "flown.json"

@@ -17,8 +17,7 @@ from groundstation.mission_files.mission import Mission
 from onboard.bus.schema import Truth
 from onboard.bus.topics import Topic
 from onboard.config.fleet import FleetConfig
-from sitl.lockstep.flight import Lockstep
-from tests.sitl.lockstep.breaking import (
+from sitl.lockstep.campaign.breaking import (
     Inject,
     cut_ground,
     hang_ground,
@@ -26,6 +25,7 @@ from tests.sitl.lockstep.breaking import (
     slow_ground,
     starve_ground,
 )
+from sitl.lockstep.flight import Lockstep
 from tests.sitl.square_fleets import square_fleet
 
 MIN_SEPARATION_M = 0.80

@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 
 from onboard.safety.failsafe_table import Condition
-from tests.sitl.lockstep.injections import INJECTIONS
+from sitl.lockstep.campaign.injections import INJECTIONS
 from tests.sitl.lockstep.suite import Case, Outcome, cases, fly, summary
 
 

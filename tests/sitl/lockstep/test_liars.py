@@ -9,8 +9,8 @@ import pytest
 from onboard.control.pipeline import pipeline_params
 from onboard.neighbours.plausibility import PlausibilityMonitor
 from onboard.safety.failsafe_table import Condition
-from tests.sitl.lockstep.breaking import LIES
-from tests.sitl.lockstep.injections import INJECTIONS
+from sitl.lockstep.campaign.breaking import LIES
+from sitl.lockstep.campaign.injections import INJECTIONS
 
 
 def _crossing(lockstep, paper, lie: str):

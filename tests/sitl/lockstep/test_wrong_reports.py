@@ -10,9 +10,9 @@ import pytest
 from onboard.config.fleet import FleetConfig
 from onboard.flight.types import FlightStep
 from onboard.safety.failsafe_table import Condition, Situation
+from sitl.lockstep.campaign.breaking import WRONG_REPORTS, wrong_report
 from sitl.lockstep.flight import Lockstep
 from sitl.px4.modes import Mode
-from tests.sitl.lockstep.breaking import WRONG_REPORTS, wrong_report
 
 
 def _hover(lockstep: Any, fleet: FleetConfig, seed: int) -> Lockstep:

@@ -8,8 +8,7 @@ import math
 from dataclasses import dataclass
 
 from onboard.safety.failsafe_table import Condition as C
-from sitl.px4.modes import Mode
-from tests.sitl.lockstep.breaking import (
+from sitl.lockstep.campaign.breaking import (
     LIES,
     Inject,
     bad_bus,
@@ -18,6 +17,7 @@ from tests.sitl.lockstep.breaking import (
     fault,
     hang,
     hang_ground,
+    hang_ground_for_long,
     kill,
     kill_and_start,
     kill_ground,
@@ -38,6 +38,7 @@ from tests.sitl.lockstep.breaking import (
     without_law,
     wrong_report,
 )
+from sitl.px4.modes import Mode
 
 
 @dataclass(frozen=True, slots=True)
@@ -341,8 +342,8 @@ INJECTIONS: tuple[Injection, ...] = (
     Injection("ground starved", starve_ground),
     Injection("ground hangs for 3 s", hang_ground(3.0), _f(C.GROUND_LOST), is_cut_off=True),
     Injection(
-        "ground hangs for 12 s",
-        hang_ground(12.0),
+        "ground hangs for long",
+        hang_ground_for_long,
         _f(C.GROUND_LOST_LONG),
         _f(C.GROUND_LOST_LONG),
         is_cut_off=True,

@@ -26,12 +26,16 @@ from sitl.px4.modes import Mode
 
 _SLOW_DELAY_S = 0.4
 _STARVED_FOR_S = 6.0
-_DEAD_FOR_S = 20.0  # by then everybody has landed
+# besides the time for which vehicles wait for a ground
+_HANGS_LONGER_S = 8.0
+_DEAD_LONGER_S = 16.0  # by then everybody has landed
 
 Inject = Callable[[Lockstep, str], None]
 
 
 def fault(kind: str, duration_s: float = 0.0, **parameters: float | str) -> Inject:
+    """Return the injection of a fault of the emulator, as ``covey sitl --fault`` plans it."""
+
     def inject(flight: Lockstep, name: str) -> None:
         flight.inject(
             Fault(kind, name, at_s=flight.time_s, duration_s=duration_s, parameters=parameters)
@@ -51,6 +55,8 @@ def of_all(inject_one: Inject) -> Inject:
 
 
 def swap(duration_s: float) -> Inject:
+    """The motion capture takes the vehicle and the next one for each other."""
+
     def inject(flight: Lockstep, name: str) -> None:
         names = flight.config.enabled_names
         other = names[(names.index(name) + 1) % len(names)]
@@ -60,15 +66,19 @@ def swap(duration_s: float) -> Inject:
 
 
 def kill(flight: Lockstep, name: str) -> None:
+    """SIGKILL to the agent."""
     flight.agents[name].kill()
 
 
 def kill_and_start(flight: Lockstep, name: str) -> None:
+    """SIGKILL to the agent, and a new one a second later."""
     flight.agents[name].kill()
     flight.at(flight.time_s + 1.0, flight.agents[name].start)
 
 
 def hang(duration_s: float) -> Inject:
+    """The agent stands still for a time."""
+
     def inject(flight: Lockstep, name: str) -> None:
         flight.agents[name].hang()
         if math.isfinite(duration_s):
@@ -78,6 +88,7 @@ def hang(duration_s: float) -> Inject:
 
 
 def stop_agent(flight: Lockstep, name: str) -> None:
+    """SIGTERM to the agent."""
     flight.agents[name].request_stop()
 
 
@@ -131,13 +142,20 @@ def hang_ground(duration_s: float) -> Inject:
     return inject
 
 
+def hang_ground_for_long(flight: Lockstep, _name: str) -> None:
+    """SIGSTOP, and SIGCONT only after vehicles have begun to land because of it."""
+    longest_s = flight.config.fleet.ground_lost_land_s + _HANGS_LONGER_S
+    flight.hold_ground(longest_s, is_stopped=True)
+
+
 def kill_ground(flight: Lockstep, _name: str) -> None:
     """The process ends: its connections close, and it does nothing any more."""
     flight.bus.nodes[GROUND].stop()
-    flight.hold_ground(_DEAD_FOR_S)
+    flight.hold_ground(flight.config.fleet.ground_lost_land_s + _DEAD_LONGER_S)
 
 
 def bad_bus(flight: Lockstep, name: str) -> None:
+    """Messages between the vehicle and the others are lost, late, doubled and overtaken."""
     bad = BusSettings(delay_s=0.01, jitter_s=0.02, loss=0.3, reorder=0.2, duplicate=0.2)
     for other in flight.config.enabled_names:
         if other != name:
@@ -279,6 +297,8 @@ def some_wrong_report(flight: Lockstep, vehicle: str) -> None:
 
 
 def repeated(inject: Inject, count: int, every_s: float) -> Inject:
+    """The same several times."""
+
     def repeat(flight: Lockstep, vehicle: str) -> None:
         for number in range(count):
             flight.at(flight.time_s + every_s * number, functools.partial(inject, flight, vehicle))

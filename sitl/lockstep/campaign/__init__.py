@@ -1,0 +1,1 @@
+"""Flights in which something breaks: what can break, and a judge who looks at every tick."""

@@ -1,0 +1,203 @@
+"""One flight of a mission in which one or two things break, from its begin until all are down."""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
+
+from groundstation.mission_files.mission import Mission
+from groundstation.missions.api import OrderFailed
+from groundstation.verdict.verdict import Verdict
+from onboard.config.fleet import FleetConfig, Vec3
+from onboard.config.wind_limit import GUST_SHARE
+from onboard.feasibility.blind_descent import blind_descent_findings
+from onboard.safety.failsafe_table import Condition, Situation
+from sitl.emulator.emulator import Environment
+from sitl.lockstep.campaign.injections import INJECTIONS, Injection
+from sitl.lockstep.campaign.judge import ActionOf, Judge, action_of_table
+from sitl.lockstep.flight import Lockstep
+from sitl.physics.wind import WindSettings
+
+# of the safety distance: what vehicles keep that all have lost their poses
+BLIND_SHARE = 0.7 / 0.8
+
+_DOWN_TIMEOUT_S = 60.0
+_SLOWEST_DESCENT_M_S = 0.4
+
+
+class Breaking(NamedTuple):
+    """What breaks in one flight, when and for whom."""
+
+    injection: Injection
+    victim: str
+    at_s: float  # since the start of the simulation
+    second: Injection | None = None
+    second_victim: str = ""
+    gap_s: float = 0.0  # from the first to the second
+
+
+class Flown(NamedTuple):
+    """What came of one flight."""
+
+    wrong: list[str]
+    seen: dict[str, int]  # ticks of all vehicles in which a condition held, by its words
+    smallest_m: tuple[float, float, float]  # by how many of a pair are silenced
+    verdict: Verdict
+
+
+def wind_of(mean_enu_m_s: tuple[float, float]) -> WindSettings:
+    """Return a wind with the gusts that limits count with."""
+    east_m_s, north_m_s = mean_enu_m_s
+    return WindSettings(
+        mean_enu_m_s=(east_m_s, north_m_s, 0.0),
+        gust_std_m_s=GUST_SHARE * math.hypot(east_m_s, north_m_s),
+    )
+
+
+def injection_of(name: str) -> Injection:
+    """Return the row of the catalogue."""
+    return next(one for one in INJECTIONS if one.name == name)
+
+
+def both_of(first: Injection, second: Injection) -> Injection:
+    """Return what may follow when both break; which of them is noticed is not judged."""
+    return replace(
+        first,
+        own=frozenset(),
+        others=frozenset(),
+        is_silenced=first.is_silenced or second.is_silenced,
+        is_cut_off=first.is_cut_off or second.is_cut_off,
+        may_leave_fence=first.may_leave_fence or second.may_leave_fence,
+        is_falling=first.is_falling or second.is_falling,
+        is_astray=first.is_astray or second.is_astray,
+        is_blind=first.is_blind or second.is_blind,
+        rises_m=max(first.rises_m, second.rises_m),
+    )
+
+
+def fly_broken(
+    mission: Mission,
+    breaking: Breaking,
+    *,
+    seed: int,
+    wind: WindSettings,
+    height_m: float,
+    folder: Path | None = None,
+    action_of: ActionOf = action_of_table,
+    watch: Callable[[Lockstep], None] = lambda flight: None,
+) -> Flown:
+    """Fly a mission in which something breaks, and judge it.
+
+    Args:
+        mission: with its fleet.
+        breaking: what breaks.
+        seed: of everything random.
+        wind: that blows.
+        height_m: at which the mission flies: how long a descent without poses takes.
+        folder: of the record; none without.
+        action_of: what a vehicle has to do; by default what the failsafe table says.
+        watch: is given the flight before it begins, to look at it as well.
+    """
+    injection = breaking.injection
+    if breaking.second is not None:
+        injection = both_of(breaking.injection, breaking.second)
+
+    silenced = set()
+    if breaking.injection.is_silenced:
+        silenced.add(breaking.victim)
+    if breaking.second is not None and breaking.second.is_silenced:
+        silenced.add(breaking.second_victim)
+
+    environment = Environment(wind=wind)
+    with Lockstep(mission.fleet, seed=seed, folder=folder, environment=environment) as flight:
+        judge = Judge(flight, injection, breaking.victim, silenced, action_of)
+        watch(flight)
+
+        def inject() -> None:
+            judge.begin()
+            breaking.injection.inject(flight, breaking.victim)
+
+        flight.at(breaking.at_s, inject)
+        if breaking.second is not None:
+            inject_second = functools.partial(
+                breaking.second.inject, flight, breaking.second_victim
+            )
+            flight.at(breaking.at_s + breaking.gap_s, inject_second)
+
+        verdict = flight.fly(mission)
+        flight.bus.heal()
+        flight.run(1.0)
+        _bring_down(flight, judge, height_m)
+        judge.finish()
+
+        seen: dict[str, int] = {}
+        for counts in judge.seen.values():
+            for condition, ticks in counts.items():
+                seen[condition.value] = seen.get(condition.value, 0) + ticks
+
+        wrong = judge.wrong
+        free_m, silenced_m, unflown_m = judge.smallest
+        has_lost_poses = Condition.POSITION_LOST.value in seen
+        promised_m = _promised_m(
+            injection, flight.config, height_m=height_m, has_lost_poses=has_lost_poses
+        )
+        if free_m < promised_m:
+            wrong.append(f"{promised_m:g} m is promised: {free_m:.2f} m")
+        if silenced_m < flight.config.fleet.body_diameter_m and not injection.is_falling:
+            wrong.append(f"bodies touch: {silenced_m:.2f} m")
+    return Flown(
+        wrong=wrong, seen=seen, smallest_m=(free_m, silenced_m, unflown_m), verdict=verdict
+    )
+
+
+def _bring_down(flight: Lockstep, judge: Judge, height_m: float) -> None:
+    """Order the landing of those that still fly, and wait until all are down and disarmed."""
+    airborne = [
+        name
+        for name, shell in flight.agents.items()
+        if shell.core.flight.situation is Situation.FLYING and shell.is_ticking
+    ]
+    if airborne:
+        with contextlib.suppress(OrderFailed):  # who is not down at the end is found by the judge
+            flight.land(",".join(airborne))
+
+    names = list(flight.simulation.names)
+    px4s = flight.simulation.emulator.autopilots
+    flight.until(
+        lambda _: all(
+            not px4.is_armed and judge.truths[name].is_on_ground
+            for name, px4 in zip(names, px4s, strict=True)
+        ),
+        _DOWN_TIMEOUT_S + height_m / _SLOWEST_DESCENT_M_S,
+    )
+
+
+def _promised_m(
+    injection: Injection, fleet: FleetConfig, *, height_m: float, has_lost_poses: bool
+) -> float:
+    """Return what two vehicles that the law flies keep at least.
+
+    A descent without poses that takes too long is none that ``covey check`` allows: there bodies
+    apart are all that is promised.
+    """
+    body_m = fleet.fleet.body_diameter_m
+    if injection.is_astray:
+        return body_m
+
+    if has_lost_poses:
+        spots: dict[str, Vec3] = {}
+        for name in fleet.enabled_names:
+            x, y, _ = fleet.vehicles[name].start_enu_m
+            spots[name] = (x, y, height_m)
+        findings = blind_descent_findings(fleet, spots, "the flight")
+        if any(one.status == "refused" for one in findings):
+            return body_m
+
+    if injection.is_blind:
+        return BLIND_SHARE * fleet.fleet.safety_distance_m
+    return fleet.fleet.safety_distance_m

@@ -1,0 +1,268 @@
+"""A judge who looks at every tick of a flight in which something breaks.
+
+Ground truth is judged, and what left the agents, not what they say of themselves: distances, the
+fence, setpoints, what each vehicle does against what a table of actions asks for, and, at the end,
+that everybody is down and disarmed and that the record tells why.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections import Counter
+from collections.abc import Callable, Collection
+
+import numpy as np
+
+from onboard.bus.schema import Truth
+from onboard.bus.topics import Topic
+from onboard.config.pair_separation import separation_m
+from onboard.flight.types import FlightStep
+from onboard.safety.failsafe_table import WORDS, Action, Condition, Situation, decide
+from onboard.types import AttitudeSetpoint
+from sitl.lockstep.campaign.injections import Injection
+from sitl.lockstep.flight import Lockstep
+
+_FENCE_SLACK_M = 0.30
+_TILT_SLACK_DEG = 0.5
+
+# the action that conditions ask for in a situation
+ActionOf = Callable[[Situation, Collection[Condition]], Action]
+
+# what may be done where an action is asked for
+_DOES: dict[Action, tuple[str, ...]] = {
+    Action.HOLD: ("hold", "land", "px4", "failed", "armed"),
+    Action.LEVEL: ("hold", "land", "px4", "failed", "armed"),
+    Action.LAND: ("land", "px4", "failed"),
+    Action.PX4_LAND: ("px4", "failed"),
+    Action.STOP: ("failed",),
+}
+
+# conditions of which nothing needs to be said
+_QUIET = {
+    Condition.NOT_FINITE,
+    Condition.LOOP_LATE,
+    Condition.GROUND_LOST,
+    Condition.SHUTDOWN,
+}
+
+
+def action_of_table(situation: Situation, conditions: Collection[Condition]) -> Action:
+    """Return what the failsafe table asks for."""
+    action, _ = decide(situation, conditions)
+    return action
+
+
+class Judge:
+    """Looks at every tick of a flight.
+
+    Args:
+        flight: that is judged.
+        injection: what breaks in it.
+        victim: for whom.
+        silenced: vehicles that stop avoiding when it breaks; distances to them are noted apart.
+        action_of: what a vehicle has to do; by default what the failsafe table says.
+    """
+
+    def __init__(
+        self,
+        flight: Lockstep,
+        injection: Injection,
+        victim: str,
+        silenced: Collection[str],
+        action_of: ActionOf = action_of_table,
+    ) -> None:
+        self.flight = flight
+        self.injection = injection
+        self.victim = victim
+        self.silenced = frozenset(silenced)
+        self.action_of = action_of
+
+        self._wrong: dict[str, None] = {}  # sentences, each once, in their order
+        self.seen: dict[str, Counter[Condition]] = {
+            name: Counter() for name in flight.config.enabled_names
+        }
+        self.truths: dict[str, Truth] = {}
+
+        # by how many of a pair are silenced
+        self.smallest = [math.inf, math.inf, math.inf]
+
+        self.is_injected = False
+        self.was_flying = False
+        self.highest_m = math.inf  # that the victim may get
+        self.height_share = flight.config.fleet.height_share
+
+        self._strongest: dict[str, Action] = {}
+        self._order_of: dict[str, str] = {}
+        self._asked: dict[str, Action] = {}
+
+        node = flight.bus.node("judge")
+        node.start()
+        node.subscribe(Topic.TRUTH, "*", self._look)
+        for shell in flight.agents.values():
+            shell.link.send_attitude = functools.partial(  # type: ignore[method-assign]
+                self._check_setpoint, shell.name, shell.link.send_attitude
+            )
+
+    @property
+    def wrong(self) -> list[str]:
+        """What must not be, as sentences."""
+        return list(self._wrong)
+
+    def note(self, sentence: str) -> None:
+        """Note something that must not be, once."""
+        self._wrong.setdefault(sentence)
+
+    def begin(self) -> None:
+        """Now it breaks; on the ground there is nothing that must be noticed."""
+        self.is_injected = True
+        flights = [shell.core.flight.situation for shell in self.flight.agents.values()]
+        self.was_flying = all(situation is Situation.FLYING for situation in flights)
+        if self.was_flying:
+            self.highest_m = self.truths[self.victim].position_enu_m[2] + self.injection.rises_m
+
+    # -- while it flies ----------------------------------------------------------------------------
+
+    def _check_setpoint(self, name: str, send: object, setpoint: AttitudeSetpoint) -> None:
+        q = np.asarray(setpoint.quaternion_wxyz)
+        thrust = setpoint.thrust_frac
+        limit_deg = self.flight.config.vehicles[name].max_tilt_deg + _TILT_SLACK_DEG
+        if not (np.isfinite(q).all() and math.isfinite(thrust)):
+            self.note(f"{name} sends what is not finite")
+        elif not 0.0 <= thrust <= 1.0 or abs(np.linalg.norm(q) - 1.0) > 1e-6:
+            self.note(f"{name} sends a thrust of {thrust:.2f} or no unit quaternion")
+        else:
+            cos_tilt = 1.0 - 2.0 * float(q[1] ** 2 + q[2] ** 2)
+            if math.degrees(math.acos(max(-1.0, cos_tilt))) > limit_deg:
+                self.note(f"{name} sends more tilt than allowed")
+        send(setpoint)  # type: ignore[operator]
+
+    def _look(self, _topic: Topic, name: str, truth: object) -> None:
+        assert isinstance(truth, Truth)
+        self.truths[name] = truth
+        if name != self.flight.config.enabled_names[-1]:
+            return
+
+        self._measure_distances()
+        for one in self.truths.values():
+            self._check_place(one)
+        for shell in self.flight.agents.values():
+            if shell.is_ticking:
+                self._check_action(shell.name)
+
+    def _measure_distances(self) -> None:
+        truths = list(self.truths.values())
+        for place, one in enumerate(truths):
+            for other in truths[place + 1 :]:
+                if one.is_on_ground and other.is_on_ground:
+                    continue
+                far_m = separation_m(one.position_enu_m, other.position_enu_m, self.height_share)
+                silenced = 0
+                if self.is_injected:
+                    silenced = len(self.silenced & {one.vehicle, other.vehicle})
+                self.smallest[silenced] = min(self.smallest[silenced], far_m)
+
+    def _check_place(self, truth: Truth) -> None:
+        """Note a vehicle that leaves the fence, or rises although something of it has broken."""
+        fence = self.flight.config.fleet.geofence_m
+        x, y, z = truth.position_enu_m
+        is_inside = (
+            fence.x[0] - _FENCE_SLACK_M <= x <= fence.x[1] + _FENCE_SLACK_M
+            and fence.y[0] - _FENCE_SLACK_M <= y <= fence.y[1] + _FENCE_SLACK_M
+            and z <= fence.z[1] + _FENCE_SLACK_M
+        )
+        is_excused = self.injection.may_leave_fence and (
+            truth.vehicle == self.victim or truth.vehicle in self.silenced
+        )
+        if not is_inside and not is_excused:
+            self.note(f"{truth.vehicle} leaves the fence")
+        if truth.vehicle == self.victim and z > self.highest_m:
+            self.note(f"{truth.vehicle} rises by more than {self.injection.rises_m} m")
+
+    def _check_action(self, name: str) -> None:
+        """The asked action, and nothing else: what is done follows from what holds and from orders
+        alone.
+        """
+        core = self.flight.agents[name].core
+        flight = core.flight
+        conditions = core.failsafes.conditions
+        self.seen[name].update(conditions)
+
+        order = flight.order.order_id if flight.order is not None else ""
+        if order and order != self._order_of.get(name):
+            self._order_of[name] = order
+            self._strongest[name] = Action.GO_ON
+        situation = flight.situation
+        if situation is Situation.GROUND:
+            self._strongest[name] = Action.GO_ON
+            return
+
+        # what a tick found while it still was in another situation is obeyed by the next one
+        asked = self.action_of(situation, conditions)
+        before = self._asked.get(name, Action.GO_ON)
+        self._asked[name] = asked
+        strongest = max(self._strongest.get(name, Action.GO_ON), min(before, asked))
+        self._strongest[name] = strongest
+
+        done = _done(core)
+        if strongest in _DOES and done not in _DOES[strongest]:
+            held = ", ".join(condition.value for condition in conditions)
+            self.note(f"{name}: {WORDS[strongest]} is asked for ({held}) and {done} is done")
+        if strongest <= Action.SLOW and done in ("failed", "px4") and not flight.reason:
+            self.note(f"{name}: {done} is done without a reason")
+
+    # -- after it ----------------------------------------------------------------------------------
+
+    def finish(self) -> None:
+        """Judge how the flight has ended, and what was told of it."""
+        flight = self.flight
+        for collision in flight.simulation.emulator.world.collisions:
+            both = {flight.simulation.names[i] for i in (collision.first, collision.second)}
+            if not both <= self.silenced:
+                self.note(f"{' and '.join(sorted(both))} collide")
+
+        autopilots = flight.simulation.emulator.autopilots
+        for name, autopilot in zip(flight.simulation.names, autopilots, strict=True):
+            if autopilot.is_armed or not self.truths[name].is_on_ground:
+                self.note(f"{name} is not down and disarmed at the end")
+        for sentence in flight.hard_touchdowns:
+            self.note(sentence)
+        for event in flight.events:
+            if event.code == "direct_command" and event.vehicle not in self.silenced:
+                self.note(event.sentence)
+
+        if self.was_flying:
+            others = [name for name in self.seen if name != self.victim]
+            self._check_noticed(self.injection.own, [self.victim])
+            self._check_noticed(self.injection.others, others)
+
+    def _check_noticed(self, wanted: Collection[Condition], names: Collection[str]) -> None:
+        """Note where nobody of some vehicles has noticed any of some conditions, or told it."""
+        if not wanted:
+            return
+        noticed = {
+            condition for name in names for condition in wanted if self.seen[name][condition]
+        }
+        if not noticed:
+            words = " or ".join(sorted(condition.value for condition in wanted))
+            self.note(f"{' or '.join(names)} did not notice {words}")
+            return
+        if self.injection.is_cut_off or noticed <= _QUIET:
+            return
+
+        told = {(event.vehicle, event.code) for event in self.flight.events}
+        is_told = any((name, _code(one)) in told for name in names for one in noticed)
+        if not is_told:
+            words = ", ".join(condition.value for condition in noticed)
+            self.note(f"the record does not tell {words}")
+
+
+def _done(core: object) -> str:
+    flight = core.flight  # type: ignore[attr-defined]
+    if flight.state == "landing":
+        return "px4" if flight.step is FlightStep.PX4_LANDING else "land"
+    return {"holding": "hold", "failed": "failed", "armed": "armed"}.get(flight.state, "fly")
+
+
+def _code(condition: Condition) -> str:
+    return condition.name.lower().replace("_", "-")
