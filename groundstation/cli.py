@@ -133,6 +133,9 @@ COMMANDS: dict[str, tuple[Command, ...]] = {
                 ),
             ),
         ),
+        Command(
+            "evidence", "what a fleet shows when all fails, for an authority", "evidence:evidence"
+        ),
     ),
     "Vehicles": (
         Command("agent", "one vehicle's agent, also as a service of systemd", "agent:agent"),

@@ -12,6 +12,8 @@ from tests.architecture import api_reference, commands, failsafe_proofs, referen
 from tests.onboard.flight import explorer
 
 DOCS = Path(__file__).parents[2] / "docs"
+# no document, but printed as they are: which tests show which row of the failsafe table
+TESTS_FILE = Path(__file__).parents[2] / "groundstation" / "evidence" / "proofs.toml"
 
 PRINTED: dict[str, tuple[str, Callable[[], str]]] = {
     "commands": ("commands.md", commands.commands),
@@ -58,6 +60,8 @@ def write(name: str) -> None:
 
 
 if __name__ == "__main__":
+    if "--write" in sys.argv:
+        TESTS_FILE.write_text(failsafe_proofs.tests_file(), encoding="utf-8")
     for part in PRINTED:
         if "--write" in sys.argv:
             write(part)

@@ -86,6 +86,21 @@ def _constant(node: ast.expr) -> str:
     return str(node.value)
 
 
+def tests_file() -> str:
+    """Return the tests of each condition as TOML: what ``covey evidence`` names."""
+    lines = [
+        "# Tests by the condition that they show; printed from their markers by",
+        "# `.venv/bin/python -m tests.architecture.documents --write`.",
+        "[tests]",
+    ]
+    for condition in Condition:
+        names = [f"{proof.test}" for proof in proofs() if proof.condition == condition.value]
+        if names:
+            quoted = ",\n".join(f'  "{name}"' for name in dict.fromkeys(names))
+            lines.append(f'"{condition.value}" = [\n{quoted},\n]')
+    return "\n".join(lines) + "\n"
+
+
 def injections_of(condition: Condition) -> list[str]:
     """Return the faults of the suite of which somebody has to notice this condition, or others."""
     return [one.name for one in INJECTIONS if condition in one.own | one.others]

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import pytest
 
+from groundstation.evidence.proofs import tests_by_condition
 from onboard.safety.failsafe_table import Condition
 from sitl.lockstep.campaign.injections import INJECTIONS
 from tests.architecture import failsafe_proofs
+from tests.architecture.documents import TESTS_FILE
 from tests.architecture.failsafe_proofs import Proof
 
 
@@ -48,3 +50,9 @@ def test_what_was_flown_names_faults_and_conditions_that_there_are() -> None:
     for name, result in failsafe_proofs.flown().items():
         assert name in faults
         assert set(result["seen"]) <= words
+
+
+def test_the_file_of_tests_that_evidence_names_is_printed_from_the_markers() -> None:
+    assert TESTS_FILE.read_text(encoding="utf-8") == failsafe_proofs.tests_file()
+    named = {name for names in tests_by_condition().values() for name in names}
+    assert named == {proof.test for proof in failsafe_proofs.proofs()}

@@ -4,6 +4,7 @@ vehicle's name.
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import math
 from collections.abc import Callable
@@ -12,10 +13,12 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from groundstation.orders.grammar import OrderError
 from onboard import agent_inputs
 from onboard.autopilot import Landed
 from onboard.bus.schema import Message, MocapPose, StateMessage, Telemetry
 from onboard.bus.topics import Topic
+from onboard.config.wind_limit import wind_limit_m_s
 from onboard.control.pipeline import pipeline_params
 from sitl.faults.catalogue import Fault
 from sitl.lockstep.connections import BusSettings
@@ -24,6 +27,10 @@ from sitl.lockstep.simulation import TICK_STEPS
 from sitl.physics.vehicle import STEP_S
 from sitl.px4.modes import Mode
 
+_BEYOND_M = 5.0  # of the fence
+_LEAST_HEIGHT_M = 0.5
+_WIND_RISES_IN_S = 20.0
+_STRONGEST_WIND_M_S = 30.0  # of the emulator's air
 _SLOW_DELAY_S = 0.4
 _STARVED_FOR_S = 6.0
 # besides the time for which vehicles wait for a ground
@@ -398,3 +405,42 @@ def order(verb: str) -> Inject:
         flight.client.submit_now(f"{verb} {name}")
 
     return inject
+
+
+def order_outside(flight: Lockstep, name: str) -> None:
+    """An operator orders a vehicle to a place outside the fence."""
+    fence = flight.config.fleet.geofence_m
+    _order_to(flight, name, (fence.x[1] + _BEYOND_M, fence.y[1] + _BEYOND_M, 0.5 * fence.z[1]))
+
+
+def order_above(flight: Lockstep, name: str) -> None:
+    """An operator orders a vehicle to a place above the ceiling."""
+    fence = flight.config.fleet.geofence_m
+    middle_x = 0.5 * (fence.x[0] + fence.x[1])
+    middle_y = 0.5 * (fence.y[0] + fence.y[1])
+    _order_to(flight, name, (middle_x, middle_y, fence.z[1] + _BEYOND_M))
+
+
+def order_into_another(flight: Lockstep, name: str) -> None:
+    """An operator orders a vehicle to where another one is."""
+    names = flight.config.enabled_names
+    other = flight.simulation.names.index(names[(names.index(name) + 1) % len(names)])
+    positions, _, _ = flight.simulation.emulator.world.truth_enu()
+    east_m, north_m, up_m = positions[other].tolist()
+    _order_to(flight, name, (east_m, north_m, max(up_m, _LEAST_HEIGHT_M)))
+
+
+def _order_to(flight: Lockstep, name: str, place_enu_m: tuple[float, float, float]) -> None:
+    """Order a vehicle to a place, which the ground or the vehicle may refuse."""
+    east_m, north_m, up_m = place_enu_m
+    with contextlib.suppress(OrderError):
+        flight.client.submit_now(f"move {name} {east_m:.2f} {north_m:.2f} {up_m:.2f}")
+
+
+def wind_rises(flight: Lockstep, name: str) -> None:
+    """The wind rises to twice what the fleet may fly in, for everybody."""
+    config = flight.config
+    vehicles = [config.vehicles[one] for one in config.enabled_names]
+    limit_m_s = min(wind_limit_m_s(config, vehicle) for vehicle in vehicles)
+    speed_m_s = min(2.0 * limit_m_s, _STRONGEST_WIND_M_S)
+    fault("wind_ramp", speed_m_s=speed_m_s, over_s=_WIND_RISES_IN_S)(flight, name)

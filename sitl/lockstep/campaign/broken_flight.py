@@ -18,7 +18,7 @@ from onboard.config.wind_limit import GUST_SHARE
 from onboard.feasibility.blind_descent import blind_descent_findings
 from onboard.safety.failsafe_table import Condition, Situation
 from sitl.emulator.emulator import Environment
-from sitl.lockstep.campaign.injections import INJECTIONS, Injection
+from sitl.lockstep.campaign.injections import FIELD_INJECTIONS, INJECTIONS, Injection
 from sitl.lockstep.campaign.judge import ActionOf, Judge, action_of_table
 from sitl.lockstep.flight import Lockstep
 from sitl.physics.wind import WindSettings
@@ -61,7 +61,7 @@ def wind_of(mean_enu_m_s: tuple[float, float]) -> WindSettings:
 
 def injection_of(name: str) -> Injection:
     """Return the row of the catalogue."""
-    return next(one for one in INJECTIONS if one.name == name)
+    return next(one for one in (*INJECTIONS, *FIELD_INJECTIONS) if one.name == name)
 
 
 def both_of(first: Injection, second: Injection) -> Injection:

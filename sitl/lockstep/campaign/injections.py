@@ -26,6 +26,9 @@ from sitl.lockstep.campaign.breaking import (
     nonsense,
     of_all,
     order,
+    order_above,
+    order_into_another,
+    order_outside,
     pilot,
     repeated,
     slow_ground,
@@ -35,6 +38,7 @@ from sitl.lockstep.campaign.breaking import (
     stops,
     swap,
     tick_fails,
+    wind_rises,
     without_law,
     wrong_report,
 )
@@ -55,6 +59,7 @@ class Injection:
         rises_m: how much higher the vehicle may get afterwards.
         needs: ``poses`` of a motion capture, or ``satellites``, of which something breaks; empty:
             it can happen to either.
+        is_of_two: it takes another vehicle.
         is_falling: it tumbles to the ground faster than anybody can go aside; who flies above it
             has not been touched.
         is_astray: it has less thrust than the law counts on, or is sent elsewhere by a wrong
@@ -75,6 +80,7 @@ class Injection:
     is_blind: bool = False
     rises_m: float = math.inf
     needs: str = ""
+    is_of_two: bool = False
 
 
 def _f(*conditions: C) -> frozenset[C]:
@@ -128,6 +134,7 @@ INJECTIONS: tuple[Injection, ...] = (
         may_leave_fence=True,
         is_astray=True,
         needs="poses",
+        is_of_two=True,
     ),
     Injection(
         "mocap frozen for 0.3 s", fault("mocap_frozen", 0.3), _f(C.MOCAP_FROZEN), needs="poses"
@@ -257,8 +264,8 @@ INJECTIONS: tuple[Injection, ...] = (
         _f(C.GROUND_LOST_LONG),
         is_cut_off=True,
     ),
-    Injection("bad bus", bad_bus),
-    Injection("nonsense on the bus", nonsense),
+    Injection("bad bus", bad_bus, is_of_two=True),
+    Injection("nonsense on the bus", nonsense, is_of_two=True),
     Injection(
         "battery cell fails",
         fault("battery_cell", drop_pct=80.0),
@@ -309,6 +316,7 @@ INJECTIONS: tuple[Injection, ...] = (
             others=_f(C.NEIGHBOUR_IMPLAUSIBLE),
             is_silenced=True,
             needs="poses",
+            is_of_two=True,
         )
         for name, lie in LIES.items()
     ),
@@ -355,4 +363,12 @@ INJECTIONS: tuple[Injection, ...] = (
         _f(C.GROUND_LOST_LONG),
         is_cut_off=True,
     ),
+)
+
+# what `covey evidence` breaks besides: the weather, and orders that no operator means to give
+FIELD_INJECTIONS: tuple[Injection, ...] = (
+    Injection("wind rises to twice the limit", wind_rises, is_astray=True),
+    Injection("one is ordered outside the fence", order_outside),
+    Injection("one is ordered above the ceiling", order_above),
+    Injection("one is ordered into another", order_into_another, is_of_two=True),
 )

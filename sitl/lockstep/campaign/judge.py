@@ -238,7 +238,7 @@ class Judge:
 
     def _check_noticed(self, wanted: Collection[Condition], names: Collection[str]) -> None:
         """Note where nobody of some vehicles has noticed any of some conditions, or told it."""
-        if not wanted:
+        if not wanted or not names:
             return
         noticed = {
             condition for name in names for condition in wanted if self.seen[name][condition]

@@ -1,0 +1,197 @@
+"""``covey evidence FLEET MISSION``: what a fleet shows when something fails, for an authority.
+
+Examples:
+  covey evidence paper.toml paper --wind 5 --out evidence --quick
+  covey evidence myfleet.toml myshow.toml --wind 8 --out evidence
+  covey evidence myfleet.toml myshow.toml --wind 8 --out evidence2 --beside evidence
+
+The mission is flown in simulated time, with everything broken that can break, once
+a round. --out gets evidence.html, evidence.json, geography.geojson, volumes.png and
+flights.jsonl. Stopped with Ctrl-C, the same command goes on where it was.
+
+It is evidence from simulation, and says what it does not show. Exit status: 0 nothing
+speaks against the fleet; 1 something does; 2 wrong input; 130 interrupted.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import time
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from groundstation.commands.parameters import FleetFile, Folder
+from groundstation.evidence.flights import KEPT_NAME, KeptFlights
+from groundstation.evidence.folder import write_folder
+from groundstation.evidence.matrix import MatrixRow
+from groundstation.evidence.page import PAGE_NAME
+from groundstation.evidence.provenance import provenance
+from groundstation.evidence.summary import Evidence, read_evidence, summarized
+from groundstation.mission_files.loading import load_mission
+from onboard.config.fleet import ConfigError, load_fleet
+from onboard.exit_status import EXIT_FAILED, EXIT_OK
+from sitl.lockstep.campaign.evidence_campaign import (
+    Campaign,
+    fly_campaign,
+    planned_places,
+    refuse_strong_wind,
+)
+
+_WHOLE_ROUNDS = 8
+_QUICK_ROUNDS = 1
+_MOST_ROUNDS = 900
+_MOST_JOBS = 64
+
+
+def evidence(
+    fleet: FleetFile,
+    mission: Annotated[str, Parameter(name="MISSION")],
+    /,
+    *,
+    wind: Annotated[float, Parameter(metavar="M_S")],
+    out: Folder,
+    quick: bool = False,
+    rounds: Annotated[int | None, Parameter(metavar="N")] = None,
+    only: Annotated[str, Parameter(metavar="TEXT")] = "",
+    jobs: Annotated[int | None, Parameter(metavar="N")] = None,
+    beside: Folder | None = None,
+) -> int:
+    """Break everything in a mission, and put together what that shows.
+
+    Args:
+        fleet: fleet file
+        mission: mission file, TOML or Python
+        wind: mean wind, from another direction in each flight, with gusts of 15 %
+        out: folder of the evidence; flights that it holds are not flown again
+        quick: one round: every fault once, for a look in minutes
+        rounds: so many rounds (default 8)
+        only: only faults whose name contains this; the others stay not shown
+        jobs: processes (default: one for each core)
+        beside: evidence of another machine, whose figures are compared
+    """
+    rounds = _rounds(quick, rounds)
+    jobs = _jobs(jobs)
+    config = load_fleet(fleet)
+    flown_mission = load_mission(mission, config)
+    config = flown_mission.fleet
+    refuse_strong_wind(config, wind)
+    other = read_evidence(beside) if beside is not None else None
+
+    campaign = Campaign(
+        fleet_path=str(fleet),
+        mission_path=str(mission),
+        wind_m_s=wind,
+        rounds=rounds,
+        only=only,
+    )
+    made_by = provenance(Path(config.path), Path(flown_mission.path), flown_mission)
+    origin = {
+        "fleet": made_by.config_hash,
+        "files": ",".join(made_by.files.values()),
+        "wind": f"{wind:g}",
+        "Covey": made_by.source,
+    }
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        kept = KeptFlights(out / KEPT_NAME, origin)
+        if kept.flown:
+            print(f"{len(kept.flown)} flights of {out} are kept.", flush=True)
+        flights = fly_campaign(campaign, kept, jobs=jobs, say=_Progress().say)
+        whole = summarized(
+            flights,
+            fleet=config,
+            mission=flown_mission.name,
+            planned=planned_places(flown_mission),
+            wind_m_s=wind,
+            rounds=rounds,
+            command=_command(campaign, out),
+            made_by=made_by,
+        )
+        agreements = write_folder(out, whole, fleet=config, flights=flights, other=other)
+    except OSError as error:
+        raise ConfigError(f"{out} cannot be written: {error}.") from None
+
+    _print_summary(whole, out)
+    is_right = not whole.is_wrong
+    for one in agreements:
+        if not one.is_within:
+            is_right = False
+            print(f"Outside the other machine's interval: {one.figure}: {one.here}, {one.there}.")
+    return EXIT_OK if is_right else EXIT_FAILED
+
+
+def _rounds(quick: bool, rounds: int | None) -> int:
+    if quick and rounds is not None:
+        raise ConfigError("--quick is one round. Give --quick or --rounds.")
+    if quick:
+        return _QUICK_ROUNDS
+    if rounds is None:
+        return _WHOLE_ROUNDS
+    if not 1 <= rounds <= _MOST_ROUNDS:
+        raise ConfigError(f"--rounds is {rounds}; it must lie between 1 and {_MOST_ROUNDS}.")
+    return rounds
+
+
+def _jobs(jobs: int | None) -> int:
+    if jobs is None:
+        return os.cpu_count() or 1
+    if not 1 <= jobs <= _MOST_JOBS:
+        raise ConfigError(f"--jobs is {jobs}; it must lie between 1 and {_MOST_JOBS}.")
+    return jobs
+
+
+def _command(campaign: Campaign, out: Path) -> str:
+    words = ["covey evidence", campaign.fleet_path, campaign.mission_path]
+    words += [f"--wind {campaign.wind_m_s:g}", f"--rounds {campaign.rounds}", f"--out {out}"]
+    if campaign.only:
+        words.append(f"--only '{campaign.only}'")
+    return " ".join(words)
+
+
+class _Progress:
+    """Lines with the time that is left, from the flights so far."""
+
+    def __init__(self) -> None:
+        self._begin_s = time.monotonic()
+        self._first_done: int | None = None
+
+    def say(self, line: str) -> None:
+        """Print a line that begins with ``DONE of TOTAL``."""
+        done_word, _, rest = line.partition(" of ")
+        done = int(done_word)
+        total = int(rest.partition(" ")[0])
+        if self._first_done is None:
+            self._first_done = done - 1
+
+        flown = done - self._first_done
+        left_s = (time.monotonic() - self._begin_s) / flown * (total - done)
+        print(f"{line}  [{_minutes(left_s)} to go]", flush=True)
+
+
+def _minutes(seconds: float) -> str:
+    if seconds < 60.0:
+        return "less than a minute"
+    return f"{math.ceil(seconds / 60.0)} min"
+
+
+def _print_summary(whole: Evidence, out: Path) -> None:
+    print()
+    for row in whole.matrix:
+        print(_row_line(row))
+    shapes = whole.volumes
+    print(
+        f"\nContingency volume: {shapes.excursion_m:.1f} m around the flight geography, up to"
+        f" {shapes.contingency_height_m:.1f} m. Ground risk buffer: {shapes.fall_reach_m:.1f} m."
+    )
+    print(f"{whole.flights} flights, {whole.wrong_flights} wrong. Digest {whole.digest[:16]}.")
+    print(f"{out / PAGE_NAME}: open it in a browser; it says what it does not show.")
+
+
+def _row_line(row: MatrixRow) -> str:
+    figures = "no flights"
+    if row.flights:
+        figures = f"{row.wrong_flights} of {row.flights} wrong, below {row.upper_bound:.1%}"
+    return f"  {row.status:<10} {row.question}  ({figures})"

@@ -1,0 +1,1 @@
+"""What a fleet has shown in flights in which something failed, put together for an authority."""

@@ -1,0 +1,90 @@
+"""The three volumes from above, as a picture."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from matplotlib.patches import Polygon, Rectangle
+
+from groundstation.evidence.volumes import Outline, Point, Volumes
+from groundstation.figures.style import SOFT, new_figure, styled
+from onboard.config.fleet import FleetConfig
+
+DRAWING_NAME = "volumes.png"
+# as authorities draw them: green, yellow, red
+_GREEN = "#1a9850"
+_YELLOW = "#e6ab02"
+_RED = "#d73027"
+_MARGIN = 0.04  # of the width
+
+
+def draw_volumes(
+    path: Path, title: str, shapes: Volumes, fleet: FleetConfig, hulls: Sequence[Sequence[Point]]
+) -> None:
+    """Write the picture.
+
+    Args:
+        path: of the PNG.
+        title: fleet, mission and wind.
+        shapes: the volumes.
+        fleet: whose fence and spots are drawn.
+        hulls: outlines of the flights, each drawn thinly.
+    """
+    with styled():
+        figure = new_figure(9.0, 8.6, title)
+        axes = figure.subplots()
+        buffer = f"ground risk buffer (+{shapes.fall_reach_m:.1f} m)"
+        contingency = (
+            f"contingency volume (+{shapes.excursion_m:.1f} m, up to"
+            f" {shapes.contingency_height_m:.1f} m)"
+        )
+        geography = f"flight geography (up to {shapes.geography_height_m:.1f} m)"
+        _add_outline(axes, shapes.buffer, _RED, buffer)
+        _add_outline(axes, shapes.contingency, _YELLOW, contingency)
+        _add_outline(axes, shapes.geography, _GREEN, geography)
+        for hull in hulls:
+            if len(hull) > 2:
+                axes.add_patch(Polygon(hull, closed=True, fill=False, lw=0.4, ec=SOFT, alpha=0.5))
+
+        _add_fence(axes, fleet)
+        for name in fleet.enabled_names:
+            east_m, north_m, _ = fleet.vehicles[name].start_enu_m
+            axes.plot(east_m, north_m, "k^", markersize=5)
+        _set_limits(axes, shapes.buffer, fleet)
+        axes.set_xlabel("east m")
+        axes.set_ylabel("north m")
+        axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.07), ncols=2)
+        figure.savefig(path)
+
+
+def _add_outline(axes: Any, outline: Outline, tint: str, label: str) -> None:
+    axes.add_patch(Polygon(outline, closed=True, fc=tint, ec=tint, alpha=0.18))
+    axes.add_patch(Polygon(outline, closed=True, fill=False, ec=tint, lw=1.8, label=label))
+
+
+def _add_fence(axes: Any, fleet: FleetConfig) -> None:
+    fence = fleet.fleet.geofence_m
+    axes.add_patch(
+        Rectangle(
+            (fence.x[0], fence.y[0]),
+            fence.x[1] - fence.x[0],
+            fence.y[1] - fence.y[0],
+            fill=False,
+            linestyle="--",
+            ec="black",
+            lw=1.0,
+            label="fence of the fleet file",
+        )
+    )
+
+
+def _set_limits(axes: Any, outline: Outline, fleet: FleetConfig) -> None:
+    fence = fleet.fleet.geofence_m
+    east = [*(east for east, _ in outline), *fence.x]
+    north = [*(north for _, north in outline), *fence.y]
+    margin_m = _MARGIN * (max(east) - min(east))
+    axes.set_xlim(min(east) - margin_m, max(east) + margin_m)
+    axes.set_ylim(min(north) - margin_m, max(north) + margin_m)
+    axes.set_aspect("equal")

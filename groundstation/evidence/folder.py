@@ -1,0 +1,64 @@
+"""The folder of evidence: GeoJSON, picture, page and ``evidence.json``."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import msgspec
+
+from groundstation.evidence.comparison import Agreement, compared
+from groundstation.evidence.drawing import DRAWING_NAME, draw_volumes
+from groundstation.evidence.flights import FlownCase
+from groundstation.evidence.page import PAGE_NAME, page
+from groundstation.evidence.summary import EVIDENCE_NAME, Evidence
+from groundstation.evidence.volumes import geojson
+from onboard.config.fleet import FleetConfig
+
+GEOGRAPHY_NAME = "geography.geojson"
+
+
+def write_folder(
+    folder: Path,
+    evidence: Evidence,
+    *,
+    fleet: FleetConfig,
+    flights: Sequence[FlownCase],
+    other: Evidence | None = None,
+) -> list[Agreement]:
+    """Write all files of the evidence.
+
+    Args:
+        folder: that there is.
+        evidence: of a campaign.
+        fleet: that flew.
+        flights: of the campaign, for the picture.
+        other: evidence of another machine, to be put beside it.
+
+    Returns:
+        the figures compared with the other machine's; empty without one.
+
+    Raises:
+        OSError: the disk refuses.
+    """
+    shapes = geojson(evidence.volumes, fleet)
+    encoded = msgspec.json.format(msgspec.json.encode(shapes), indent=1)
+    (folder / GEOGRAPHY_NAME).write_bytes(encoded + b"\n")
+
+    title = f"{evidence.fleet}, {evidence.mission}, {evidence.wind_m_s:g} m/s of wind"
+    drawing = folder / DRAWING_NAME
+    draw_volumes(drawing, title, evidence.volumes, fleet, [one.hull_m for one in flights])
+
+    beside: list[Agreement] = []
+    words = ""
+    if other is not None:
+        beside = compared(evidence, other)
+        machine = other.provenance.machine
+        versions = other.provenance.versions
+        words = ", ".join([*machine.values(), *(f"{name} {v}" for name, v in versions.items())])
+
+    text = page(evidence, drawing.read_bytes(), beside, words)
+    (folder / PAGE_NAME).write_text(text, encoding="utf-8")
+    encoded = msgspec.json.format(msgspec.json.encode(evidence), indent=1)
+    (folder / EVIDENCE_NAME).write_bytes(encoded + b"\n")
+    return beside

@@ -1,0 +1,249 @@
+"""The evidence as one page that opens offline and prints. Pure.
+
+It has no script. Everything in it is text that is escaped, and one picture.
+"""
+
+from __future__ import annotations
+
+import base64
+import html
+from collections.abc import Iterable, Sequence
+
+from groundstation.evidence.comparison import Agreement
+from groundstation.evidence.matrix import NOT_SHOWN, SHOWN, WRONG, FailsafeRow, MatrixRow
+from groundstation.evidence.summary import Evidence
+
+PAGE_NAME = "evidence.html"
+_MOST_REASONS = 8
+_SHORT_HASH = 16
+
+_WORDS = {SHOWN: "evidence for", WRONG: "against it", NOT_SHOWN: "not shown"}
+_STYLE = """\
+body { font: 15px/1.45 system-ui, sans-serif; max-width: 1100px; margin: 2em auto; padding: 0 1em;
+  color: #1c2126; background: white; }
+h1 { font-size: 1.5em; } h2 { font-size: 1.15em; margin-top: 2em; }
+table { border-collapse: collapse; width: 100%; font-size: 13px; }
+th, td { border-bottom: 1px solid #d5dade; padding: .45em .6em; text-align: left;
+  vertical-align: top; }
+th { background: #f1f3f5; }
+tr.wrong td:first-child { border-left: 6px solid #b00020; background: #fdecee; }
+tr.shown td:first-child { border-left: 6px solid #1a7f4b; }
+tr.not-shown td:first-child { border-left: 6px solid #8a939c; color: #5a646d; }
+.wrong-words { color: #b00020; font-weight: 600; }
+code { font: 12px ui-monospace, monospace; overflow-wrap: anywhere; }
+details { margin: .2em 0; } summary { cursor: pointer; }
+img { max-width: 100%; border: 1px solid #d5dade; }
+.note { background: #f6f7f8; border-left: 4px solid #5a646d; padding: .6em 1em; }
+@media print { details { display: block; } body { margin: 0; max-width: none; } }
+"""
+_POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
+
+
+def page(evidence: Evidence, picture: bytes, beside: Sequence[Agreement], other: str) -> str:
+    """Return the page.
+
+    Args:
+        evidence: that is shown.
+        picture: of the volumes, a PNG.
+        beside: figures compared with another machine's; empty without one.
+        other: that machine, in words.
+    """
+    title = f"{evidence.fleet}, {evidence.mission}, {evidence.wind_m_s:g} m/s of wind"
+    parts = [
+        "<!doctype html><html lang='en'><head><meta charset='utf-8'>",
+        f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">',
+        f"<title>Evidence: {_text(title)}</title><style>{_STYLE}</style></head><body>",
+        f"<h1>Evidence for {_text(title)}</h1>",
+        _introduction(evidence),
+        "<h2>Volumes</h2>",
+        _volumes(evidence, picture),
+        "<h2>What was asked, and what was flown</h2>",
+        _matrix(evidence),
+        "<h2>By what this was made</h2>",
+        _provenance(evidence),
+    ]
+    if beside:
+        parts += ["<h2>Beside another machine</h2>", _beside(beside, other)]
+    parts.append("</body></html>\n")
+    return "\n".join(parts)
+
+
+def _introduction(evidence: Evidence) -> str:
+    counts = dict.fromkeys(_WORDS, 0)
+    for row in evidence.matrix:
+        counts[row.status] += 1
+    return (
+        f"<p>{evidence.flights} flights of {len(evidence.vehicles)} vehicles in simulated time,"
+        f" {evidence.wrong_flights} of them judged wrong. Of {len(evidence.matrix)} questions,"
+        f" {counts[SHOWN]} have evidence for them, {counts[WRONG]} have something against them,"
+        f" {counts[NOT_SHOWN]} are not shown.</p>"
+        "<p class='note'>This is evidence from simulation, for the fleet file, the mission and the"
+        " faults named here. It is no statement that an operation meets a regulation: that is the"
+        " authority's to judge, together with everything in the last rows of the table, which no"
+        " simulation shows.</p>"
+        f"<p>To make it again: <code>{_text(evidence.command)}</code><br>"
+        f"Digest of all flights: <code>{evidence.digest}</code></p>"
+    )
+
+
+def _volumes(evidence: Evidence, picture: bytes) -> str:
+    shapes = evidence.volumes
+    encoded = base64.b64encode(picture).decode("ascii")
+    gust = 1.25 * shapes.wind_m_s
+    rows = [
+        (
+            "Flight geography",
+            f"{shapes.geography_height_m:.1f} m high",
+            "around what the mission plans and what was flown in this wind while nothing failed",
+        ),
+        (
+            "Contingency volume",
+            f"{shapes.excursion_m:.1f} m wider, {shapes.contingency_height_m:.1f} m high",
+            "the farthest and the highest that any vehicle came in all flights",
+        ),
+        (
+            "Ground risk buffer",
+            f"{shapes.fall_reach_m:.1f} m wider",
+            f"a fall of {shapes.fall_s:.1f} s from {shapes.contingency_height_m:.1f} m, with"
+            f" {shapes.fastest_m_s:.1f} m/s over the ground and {gust:.1f} m/s of wind with gusts;"
+            f" by the rule of one to one it would be {shapes.contingency_height_m:.1f} m",
+        ),
+    ]
+    cells = "".join(
+        f"<tr><td>{_text(name)}</td><td>{_text(size)}</td><td>{_text(why)}</td></tr>"
+        for name, size, why in rows
+    )
+    return (
+        f"<img alt='the three volumes from above' src='data:image/png;base64,{encoded}'>"
+        f"<table><tr><th>volume</th><th>size</th><th>from</th></tr>{cells}</table>"
+        "<p>Their corners are in <code>geography.geojson</code>. Of n flights none came farther:"
+        " with 95 % confidence fewer than"
+        f" {100.0 * (1.0 - 0.05 ** (1.0 / max(evidence.flights, 1))):.2g} % of such flights do.</p>"
+    )
+
+
+def _matrix(evidence: Evidence) -> str:
+    head = (
+        "<tr><th>question</th><th>asked by</th><th>result</th><th>flights</th>"
+        "<th>wrong: exact bound (95 %)</th><th>shown by</th><th>remains open</th></tr>"
+    )
+    rows = [_matrix_row(row) for row in evidence.matrix]
+    rows += [
+        f"<tr class='not-shown'><td>{_text(what)}</td><td></td><td>not shown</td><td></td><td></td>"
+        f"<td></td><td>{_text(why)}</td></tr>"
+        for what, why in evidence.not_shown
+    ]
+    never = ", ".join(evidence.never_seen) or "none"
+    return (
+        f"<table>{head}{''.join(rows)}</table>"
+        f"<p>Conditions of the failsafe table that no flight has brought about: {_text(never)}."
+        " What shows these are the tests of Covey named in the rows.</p>"
+    )
+
+
+def _matrix_row(row: MatrixRow) -> str:
+    status = row.status.replace(" ", "-")
+    bound = "-"
+    if row.flights:
+        bound = (
+            f"{row.wrong_flights} of {row.flights}: below {100.0 * row.upper_bound:.2g} %"
+            f" (interval {100.0 * row.low:.2g} to {100.0 * row.high:.2g} %)"
+        )
+    nearest = ""
+    if row.smallest_m is not None:
+        nearest = f"<br>nearest two {row.smallest_m:.2f} m"
+    flights = "none"
+    if row.flights:
+        flights = (
+            f"{row.flights}, seeds {row.seeds[0]} to {row.seeds[1]}{nearest}"
+            f"<br><code>{row.digest[:_SHORT_HASH]}</code>"
+        )
+    return (
+        f"<tr class='{status}'><td>{_text(row.question)}</td>"
+        f"<td>{'<br>'.join(map(_text, row.asked_by))}</td>"
+        f"<td>{_text(_WORDS[row.status])}{_reasons(row.reasons)}</td><td>{flights}</td>"
+        f"<td>{bound}</td><td>{_shown_by(row)}</td><td>{_text(row.remains)}</td></tr>"
+    )
+
+
+def _reasons(reasons: Sequence[str]) -> str:
+    if not reasons:
+        return ""
+    shown = "".join(f"<li>{_text(reason)}</li>" for reason in reasons[:_MOST_REASONS])
+    rest = ""
+    if len(reasons) > _MOST_REASONS:
+        rest = f"<li>and {len(reasons) - _MOST_REASONS} more, in evidence.json</li>"
+    return f"<ul class='wrong-words'>{shown}{rest}</ul>"
+
+
+def _shown_by(row: MatrixRow) -> str:
+    parts = []
+    if row.faults:
+        faults = ", ".join(f"{name} ({count})" for name, count in row.faults.items())
+        parts.append(
+            f"<details><summary>{len(row.faults)} faults</summary>{_text(faults)}</details>"
+        )
+    if row.not_flown:
+        names = ", ".join(row.not_flown)
+        parts.append(
+            f"<details><summary>{len(row.not_flown)} faults not flown</summary>{_text(names)}"
+            "</details>"
+        )
+    if row.rows:
+        items = "".join(_failsafe_row(one) for one in row.rows)
+        parts.append(
+            f"<details><summary>{len(row.rows)} rows of the failsafe table</summary>"
+            f"<ul>{items}</ul></details>"
+        )
+    return "".join(parts)
+
+
+def _failsafe_row(row: FailsafeRow) -> str:
+    tests = "".join(f"<br><code>{_text(test)}</code>" for test in row.tests)
+    wrong = ""
+    if row.wrong:
+        wrong = f" <span class='wrong-words'>{_text(row.wrong)}</span>"
+    return (
+        f"<li>{_text(row.condition)}: {_text(row.action)}, noticed in {row.flights_noticed} flights"
+        f"{wrong}{tests}</li>"
+    )
+
+
+def _provenance(evidence: Evidence) -> str:
+    made_by = evidence.provenance
+    rows = [
+        *made_by.versions.items(),
+        *made_by.machine.items(),
+        ("Covey's files, SHA-256", made_by.source),
+        ("values of the fleet file", made_by.config_hash),
+        *((f"{name}, SHA-256", value) for name, value in made_by.files.items()),
+        *((f"certificate {name}, SHA-256", value) for name, value in made_by.certificates.items()),
+    ]
+    if not made_by.certificates:
+        rows.append(("certificates", "none on this computer: the bus of this fleet file is open"))
+    return f"<table>{''.join(_name_and_value(rows))}</table>"
+
+
+def _name_and_value(rows: Iterable[tuple[str, str]]) -> Iterable[str]:
+    for name, value in rows:
+        yield f"<tr><td>{_text(name)}</td><td><code>{_text(value)}</code></td></tr>"
+
+
+def _beside(beside: Sequence[Agreement], other: str) -> str:
+    cells = []
+    for one in beside:
+        status = "shown" if one.is_within else "wrong"
+        word = "within" if one.is_within else "outside"
+        cells.append(
+            f"<tr class='{status}'><td>{_text(one.figure)}</td><td>{_text(one.here)}</td>"
+            f"<td>{_text(one.there)}</td><td>{word}</td></tr>"
+        )
+    return (
+        f"<p>The other machine: {_text(other)}.</p>"
+        "<table><tr><th>figure</th><th>here</th><th>there</th><th>in the other's exact interval"
+        f"</th></tr>{''.join(cells)}</table>"
+    )
+
+
+def _text(value: str) -> str:
+    return html.escape(str(value))

@@ -1,0 +1,126 @@
+"""By what the evidence was made: versions, machine, hashes of files, fingerprints of certificates.
+
+Private keys are not read: a certificate is public, and its fingerprint tells which one was meant.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.util
+import os
+import platform
+import sys
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+import msgspec
+from cryptography.hazmat.primitives import hashes
+
+from groundstation.mission_files.mission import Mission
+from onboard.config.fleet import ConfigError, FleetConfig
+from onboard.security.certificates import read_certificate
+from onboard.security.credentials import files_of
+from onboard.security.node_roles import NodeRole
+
+_WHEELS = ("covey", "numpy", "numba", "llvmlite", "msgspec")
+_PACKAGES = ("onboard", "groundstation", "sitl")
+_CPU_FILE = Path("/proc/cpuinfo")
+
+
+class Provenance(msgspec.Struct, frozen=True, kw_only=True):
+    """By what, of what and where."""
+
+    versions: dict[str, str]
+    source: str  # SHA-256 of Covey's own files
+    machine: dict[str, str]
+    files: dict[str, str]  # SHA-256 by name
+    config_hash: str  # of the fleet's values
+    certificates: dict[str, str]  # SHA-256 by node; empty on an open bus
+
+
+def provenance(fleet_path: Path, mission_path: Path, mission: Mission) -> Provenance:
+    """Return by what the evidence for a fleet and a mission is made, on this machine."""
+    return Provenance(
+        versions=_versions(),
+        source=source_hash(),
+        machine=_machine(),
+        files=_files(fleet_path, mission_path, mission),
+        config_hash=mission.fleet.config_hash,
+        certificates=_certificates(mission.fleet),
+    )
+
+
+def _versions() -> dict[str, str]:
+    versions = {"python": platform.python_version()}
+    for name in _WHEELS:
+        try:
+            versions[name] = version(name)
+        except PackageNotFoundError:
+            versions[name] = "not installed"
+    return versions
+
+
+def source_hash() -> str:
+    """Return the SHA-256 of all Python and TOML files of Covey as it runs here."""
+    total = hashlib.sha256()
+    for package in _PACKAGES:
+        spec = importlib.util.find_spec(package)
+        if spec is None or not spec.submodule_search_locations:
+            continue
+        root = Path(spec.submodule_search_locations[0])
+        for path in sorted(root.rglob("*")):
+            is_source = path.suffix in (".py", ".toml") and "examples" not in path.parts
+            if is_source and path.is_file():
+                name = path.relative_to(root).as_posix()
+                total.update(f"{package}/{name}\n".encode())
+                total.update(hashlib.sha256(path.read_bytes()).digest())
+    return total.hexdigest()
+
+
+def _machine() -> dict[str, str]:
+    return {
+        "system": f"{platform.system()} {platform.release()}",
+        "architecture": platform.machine(),
+        "processor": _processor(),
+        "cores": str(os.cpu_count() or 0),
+        "byte order": sys.byteorder,
+    }
+
+
+def _processor() -> str:
+    try:
+        lines = _CPU_FILE.read_text(encoding="utf-8", errors="replace").splitlines()
+    except OSError:
+        return platform.processor() or "not known"
+    for line in lines:
+        name, _, value = line.partition(":")
+        if name.strip() == "model name":
+            return value.strip()
+    return platform.processor() or "not known"
+
+
+def _files(fleet_path: Path, mission_path: Path, mission: Mission) -> dict[str, str]:
+    """Return the hashes of fleet, mission and the paths that the mission names."""
+    hashes_of = {}
+    folder = mission_path.parent
+    for path in [fleet_path, mission_path, *(folder / name for name in sorted(mission.paths))]:
+        if path.is_file():
+            hashes_of[path.name] = hashlib.sha256(path.read_bytes()).hexdigest()
+    return hashes_of
+
+
+def _certificates(fleet: FleetConfig) -> dict[str, str]:
+    """Return the fingerprints of those certificates of a locked bus that lie on this computer."""
+    if not fleet.has_keys:
+        return {}
+
+    found = {}
+    for node in (NodeRole.GROUND.value, *fleet.enabled_names):
+        authority, own, _ = files_of(node)
+        for name in (authority, own):
+            try:
+                certificate = read_certificate(os.path.join(fleet.keys_folder, name))
+            except ConfigError:
+                continue  # a ground need not hold the certificates of all
+            found[name] = certificate.fingerprint(hashes.SHA256()).hex()
+    return found

@@ -1,0 +1,130 @@
+"""All of the evidence as one value: what ``evidence.json`` holds, and the page is written from."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import msgspec
+
+from groundstation.evidence.flights import NOTHING, FlownCase, digest
+from groundstation.evidence.hazards import NOT_SHOWN
+from groundstation.evidence.matrix import WRONG, MatrixRow, conditions_never_seen, matrix
+from groundstation.evidence.proofs import tests_by_condition
+from groundstation.evidence.provenance import Provenance
+from groundstation.evidence.volumes import Volumes, distance_outside_m, volumes
+from onboard.config.fleet import ConfigError, FleetConfig
+
+EVIDENCE_NAME = "evidence.json"
+SCHEMA = 1
+
+
+class Evidence(msgspec.Struct, frozen=True, kw_only=True):
+    """Everything."""
+
+    schema: int
+    fleet: str
+    mission: str
+    vehicles: tuple[str, ...]
+    wind_m_s: float
+    rounds: int
+    command: str  # which makes this again
+    flights: int
+    wrong_flights: int
+    digest: str  # of all flights
+    matrix: tuple[MatrixRow, ...]
+    not_shown: tuple[tuple[str, str], ...]
+    never_seen: tuple[str, ...]  # conditions that no flight has brought about
+    volumes: Volumes
+    excursions_m: tuple[float, ...]  # of each flight, outside of the flight geography
+    provenance: Provenance
+
+    @property
+    def is_wrong(self) -> bool:
+        """Whether any row is."""
+        return any(row.status == WRONG for row in self.matrix)
+
+
+def summarized(
+    flights: Sequence[FlownCase],
+    *,
+    fleet: FleetConfig,
+    mission: str,
+    planned: Sequence[tuple[float, float, float]],
+    wind_m_s: float,
+    rounds: int,
+    command: str,
+    made_by: Provenance,
+) -> Evidence:
+    """Return the evidence of a campaign.
+
+    Args:
+        flights: of it, all of them.
+        fleet: that flew.
+        mission: its name.
+        planned: places that the mission plans, east, north and up [m].
+        wind_m_s: the mean wind.
+        rounds: of the campaign.
+        command: which makes it again.
+        made_by: versions, machine and files.
+    """
+    undisturbed = [one for one in flights if one.case.fault == NOTHING]
+    shapes = volumes(
+        planned=planned,
+        undisturbed=[point for one in undisturbed for point in one.hull_m],
+        undisturbed_height_m=max((one.highest_m for one in undisturbed), default=0.0),
+        failed=[point for one in flights for point in one.hull_m],
+        highest_m=max((one.highest_m for one in flights), default=0.0),
+        fastest_m_s=max((one.fastest_m_s for one in flights), default=0.0),
+        wind_m_s=wind_m_s,
+        fleet=fleet,
+    )
+    rows = matrix(flights, tests_by_condition())
+    return Evidence(
+        schema=SCHEMA,
+        fleet=fleet.fleet.name,
+        mission=mission,
+        vehicles=tuple(fleet.enabled_names),
+        wind_m_s=wind_m_s,
+        rounds=rounds,
+        command=command,
+        flights=len(flights),
+        wrong_flights=sum(not one.is_right for one in flights),
+        digest=digest(flights),
+        matrix=tuple(rows),
+        not_shown=NOT_SHOWN,
+        never_seen=tuple(conditions_never_seen(flights)),
+        volumes=_rounded(shapes),
+        excursions_m=tuple(_excursion_m(shapes, one) for one in flights),
+        provenance=made_by,
+    )
+
+
+def _excursion_m(shapes: Volumes, one: FlownCase) -> float:
+    outside_m = [distance_outside_m(shapes.geography, point) for point in one.hull_m]
+    return round(max(outside_m, default=0.0), 3)
+
+
+def _rounded(shapes: Volumes) -> Volumes:
+    values = {}
+    for name, value in shapes._asdict().items():
+        if isinstance(value, float):
+            values[name] = round(value, 3)
+        else:
+            values[name] = tuple((round(east, 3), round(north, 3)) for east, north in value)
+    return Volumes(**values)
+
+
+def read_evidence(folder: Path) -> Evidence:
+    """Return the evidence of a folder.
+
+    Raises:
+        ConfigError: there is none, or it cannot be understood.
+    """
+    path = folder / EVIDENCE_NAME
+    try:
+        return msgspec.json.decode(path.read_bytes(), type=Evidence)
+    except OSError:
+        raise ConfigError(f"{path} cannot be read: covey evidence writes one.") from None
+    except msgspec.DecodeError as error:
+        raise ConfigError(f"{path} is no evidence of this version of Covey: {error}.") from None

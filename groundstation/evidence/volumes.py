@@ -1,0 +1,250 @@
+"""Flight geography, contingency volume and ground risk buffer, from what was flown. Pure.
+
+All three are a convex outline, seen from above, with a height.
+
+* The **flight geography** is around everything that the mission plans, and around every place in
+  the air in flights in which nothing failed, in the wind given, wider by half a vehicle.
+* The **contingency volume** is the flight geography, wider on all sides by the farthest that any
+  vehicle came outside of it when something failed, and as high as the highest.
+* The **ground risk buffer** is the contingency volume, wider by the farthest that a vehicle without
+  thrust can fall from the greatest height at the greatest speed that was flown, with the wind.
+
+The fall: its time is that of a body with the drag of the fleet file, which makes it longer, and its
+way counts the speed undiminished and the wind in full, as if there were no drag on the one and an
+endless one for the other. So the way is not shorter than that of any drag in between.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
+
+from onboard.config.fleet import FleetConfig
+from onboard.config.fleet_config import Origin
+
+Point = tuple[float, float]  # east, north [m]
+Outline = tuple[Point, ...]  # counter-clockwise, the first point once
+
+GUST_OF_MEAN = 1.25  # a wind with its gusts, as limits count it (docs/wind.md)
+GRAVITY_M_S2 = 9.81
+_CORNERS_OF_CIRCLE = 32
+_EARTH_RADIUS_M = 6_371_000.0  # PX4's sphere
+_STEP_S = 0.005
+_LONGEST_FALL_S = 600.0
+
+
+class Volumes(NamedTuple):
+    """The three outlines, and the figures that they come from."""
+
+    geography: Outline
+    geography_height_m: float
+    contingency: Outline
+    contingency_height_m: float
+    buffer: Outline
+    excursion_m: float  # the farthest outside of the geography, seen from above
+    rise_m: float  # above the geography
+    fastest_m_s: float  # over the ground
+    fall_s: float  # from the greatest height
+    fall_reach_m: float  # what the buffer adds
+    wind_m_s: float
+
+
+def volumes(
+    *,
+    planned: Iterable[tuple[float, float, float]],
+    undisturbed: Iterable[Point],
+    undisturbed_height_m: float,
+    failed: Sequence[Point],
+    highest_m: float,
+    fastest_m_s: float,
+    wind_m_s: float,
+    fleet: FleetConfig,
+) -> Volumes:
+    """Return the three volumes.
+
+    Args:
+        planned: places that the mission plans, east, north and up [m].
+        undisturbed: places in the air in flights in which nothing failed.
+        undisturbed_height_m: the highest of them.
+        failed: places in the air in all flights.
+        highest_m: the highest in all flights.
+        fastest_m_s: the greatest speed over the ground in all flights.
+        wind_m_s: the mean wind.
+        fleet: whose vehicles fly.
+    """
+    planned_m = list(planned)
+    half_body_m = 0.5 * fleet.fleet.body_diameter_m
+    flat = [(east, north) for east, north, _ in planned_m]
+    geography = widened(convex_hull([*flat, *undisturbed]), half_body_m)
+    planned_height_m = max((up for _, _, up in planned_m), default=0.0)
+    geography_height_m = max(planned_height_m, undisturbed_height_m) + half_body_m
+
+    excursion_m = max((distance_outside_m(geography, point) for point in failed), default=0.0)
+    excursion_m += half_body_m
+    contingency = widened(geography, excursion_m)
+    contingency_height_m = max(geography_height_m, highest_m + half_body_m)
+
+    most_drag_1_s = max(fleet.vehicles[name].drag_1_s for name in fleet.enabled_names)
+    fall_s = fall_time_s(contingency_height_m, most_drag_1_s)
+    reach_m = (fastest_m_s + GUST_OF_MEAN * wind_m_s) * fall_s + half_body_m
+    return Volumes(
+        geography=geography,
+        geography_height_m=geography_height_m,
+        contingency=contingency,
+        contingency_height_m=contingency_height_m,
+        buffer=widened(contingency, reach_m),
+        excursion_m=excursion_m,
+        rise_m=contingency_height_m - geography_height_m,
+        fastest_m_s=fastest_m_s,
+        fall_s=fall_s,
+        fall_reach_m=reach_m,
+        wind_m_s=wind_m_s,
+    )
+
+
+def convex_hull(points: Iterable[Point]) -> Outline:
+    """Return the outline around points, counter-clockwise (Andrew's monotone chain)."""
+    ordered = sorted(set(points))
+    if len(ordered) <= 2:
+        return tuple(ordered)
+
+    lower = _half_hull(ordered)
+    upper = _half_hull(ordered[::-1])
+    return tuple(lower[:-1] + upper[:-1])
+
+
+def _half_hull(ordered: Sequence[Point]) -> list[Point]:
+    chain: list[Point] = []
+    for point in ordered:
+        while len(chain) >= 2 and _turn(chain[-2], chain[-1], point) <= 0.0:
+            chain.pop()
+        chain.append(point)
+    return chain
+
+
+def _turn(first: Point, second: Point, third: Point) -> float:
+    """Return above zero where three points turn to the left."""
+    east = (second[0] - first[0]) * (third[1] - first[1])
+    north = (second[1] - first[1]) * (third[0] - first[0])
+    return east - north
+
+
+def widened(outline: Outline, by_m: float) -> Outline:
+    """Return a convex outline that is wider by a distance on all sides; corners become round."""
+    # a circle of straight pieces that lie outside of the true one
+    radius_m = by_m / math.cos(math.pi / _CORNERS_OF_CIRCLE)
+    moved = []
+    for east, north in outline:
+        for corner in range(_CORNERS_OF_CIRCLE):
+            angle = 2.0 * math.pi * (corner + 0.5) / _CORNERS_OF_CIRCLE
+            moved.append((east + radius_m * math.cos(angle), north + radius_m * math.sin(angle)))
+    return convex_hull(moved)
+
+
+def distance_outside_m(outline: Outline, point: Point) -> float:
+    """Return how far a point lies outside of a convex outline; 0 inside."""
+    ends = (*outline[1:], outline[0])
+    edges = list(zip(outline, ends, strict=True))
+    if len(outline) >= 3 and all(_turn(begin, end, point) >= 0.0 for begin, end in edges):
+        return 0.0
+    return min(_distance_to_edge_m(begin, end, point) for begin, end in edges)
+
+
+def _distance_to_edge_m(begin: Point, end: Point, point: Point) -> float:
+    along = (end[0] - begin[0], end[1] - begin[1])
+    length_2 = along[0] ** 2 + along[1] ** 2
+    share = 0.0
+    if length_2 > 0.0:
+        share = ((point[0] - begin[0]) * along[0] + (point[1] - begin[1]) * along[1]) / length_2
+        share = min(max(share, 0.0), 1.0)
+    nearest = (begin[0] + share * along[0], begin[1] + share * along[1])
+    return math.dist(nearest, point)
+
+
+def fall_time_s(height_m: float, drag_1_s: float) -> float:
+    """Return how long a body without thrust falls, with a drag that grows with its speed.
+
+    Args:
+        height_m: from which it falls, at rest.
+        drag_1_s: deceleration for each m/s.
+    """
+    fallen_m = 0.0
+    speed_m_s = 0.0
+    time_s = 0.0
+    while fallen_m < height_m and time_s < _LONGEST_FALL_S:
+        speed_m_s += (GRAVITY_M_S2 - drag_1_s * speed_m_s) * _STEP_S
+        fallen_m += speed_m_s * _STEP_S
+        time_s += _STEP_S
+    return time_s
+
+
+# -- GeoJSON ---------------------------------------------------------------------------------------
+
+
+def geojson(shapes: Volumes, fleet: FleetConfig) -> dict[str, object]:
+    """Return the volumes as a GeoJSON feature collection.
+
+    In longitude and latitude where the fleet has an origin on Earth; else in metres east and north
+    of the fleet's frame, which a member ``note`` says.
+    """
+    origin = fleet.fleet.global_origin
+    features = [
+        _feature("flight geography", shapes.geography, shapes.geography_height_m, origin),
+        _feature("contingency volume", shapes.contingency, shapes.contingency_height_m, origin),
+        _feature("ground risk buffer", shapes.buffer, 0.0, origin),
+    ]
+    collection: dict[str, object] = {"type": "FeatureCollection", "features": features}
+    if origin is None:
+        collection["note"] = (
+            "The fleet file gives no origin on Earth: coordinates are metres east and north of the"
+            " fleet's frame, and no longitudes and latitudes."
+        )
+    return collection
+
+
+def _feature(
+    name: str, outline: Outline, height_m: float, origin: Origin | None
+) -> dict[str, object]:
+    properties: dict[str, object] = {"name": name, "height_m": round(height_m, 2)}
+    if origin is not None:
+        properties["top_above_sea_m"] = round(origin.altitude_m + height_m, 2)
+
+    ring = []
+    for east_m, north_m in (*outline, outline[0]):
+        if origin is None:
+            ring.append([round(east_m, 3), round(north_m, 3)])
+        else:
+            longitude_deg, latitude_deg = longitude_latitude_deg(origin, east_m, north_m)
+            ring.append([round(longitude_deg, 8), round(latitude_deg, 8)])
+    geometry = {"type": "Polygon", "coordinates": [ring]}
+    return {"type": "Feature", "properties": properties, "geometry": geometry}
+
+
+def longitude_latitude_deg(origin: Origin, east_m: float, north_m: float) -> Point:
+    """Return longitude and latitude of a place: azimuthal equidistant, on PX4's sphere.
+
+    Args:
+        origin: of the fleet's frame.
+        east_m: of the origin.
+        north_m: of the origin.
+    """
+    angle = math.hypot(east_m, north_m) / _EARTH_RADIUS_M
+    if angle == 0.0:
+        return (origin.longitude_deg, origin.latitude_deg)
+
+    latitude_0 = math.radians(origin.latitude_deg)
+    east = east_m / _EARTH_RADIUS_M
+    north = north_m / _EARTH_RADIUS_M
+    sine = math.sin(angle)
+    cosine = math.cos(angle)
+    latitude = math.asin(
+        cosine * math.sin(latitude_0) + north * sine * math.cos(latitude_0) / angle
+    )
+    turn = math.atan2(
+        east * sine,
+        angle * math.cos(latitude_0) * cosine - north * math.sin(latitude_0) * sine,
+    )
+    longitude_deg = origin.longitude_deg + math.degrees(turn)
+    longitude_deg = (longitude_deg + 180.0) % 360.0 - 180.0
+    return (longitude_deg, math.degrees(latitude))

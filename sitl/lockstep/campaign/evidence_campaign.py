@@ -1,0 +1,299 @@
+"""The flights behind ``covey evidence``: a mission, flown with everything that can break in it.
+
+Each round breaks every thing once, for a vehicle, at a moment of the flight and with a wind from a
+direction of its own; all of them follow from the number of the round, so that a campaign is the
+same wherever it was stopped. First come flights in which nothing breaks: they show how long the
+mission takes, and where its vehicles are.
+
+What a flying vehicle has to do is judged by the claims of the matrix, and not by the failsafe table
+that it flies by itself.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+import multiprocessing
+from collections.abc import Callable, Collection, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from typing import NamedTuple
+
+import numpy as np
+
+from groundstation.evidence.flights import NOTHING, FlightCase, FlownCase, KeptFlights
+from groundstation.evidence.hazards import claimed_action
+from groundstation.mission_files.loading import load_mission
+from groundstation.mission_files.mission import Mission
+from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
+from onboard.config.wind_limit import wind_limit_m_s
+from onboard.control.path import point_at
+from onboard.safety.failsafe_table import Action, Condition, Situation
+from sitl.lockstep.campaign.broken_flight import Breaking, fly_broken, injection_of, wind_of
+from sitl.lockstep.campaign.extent import Extent
+from sitl.lockstep.campaign.injections import FIELD_INJECTIONS, INJECTIONS, Injection
+from sitl.lockstep.campaign.judge import action_of_table
+from sitl.lockstep.flight import Lockstep
+
+_SEEDS_OF_A_ROUND = 1000
+_ARMING_S = 1.0  # before the first is in the air
+_LEAST_UNDISTURBED = 2
+_NEVER_S = 1e6
+_PATH_STEP_S = 0.25
+_NOTHING = Injection(NOTHING, lambda flight, name: None)
+
+
+class Campaign(NamedTuple):
+    """What is flown."""
+
+    fleet_path: str
+    mission_path: str
+    wind_m_s: float  # in the mean, with gusts
+    rounds: int
+    only: str = ""  # faults whose name contains this
+
+
+def refuse_strong_wind(fleet: FleetConfig, wind_m_s: float) -> None:
+    """Refuse a wind in which this fleet does not set out.
+
+    Raises:
+        ConfigError: it is above the lowest limit of the fleet, below 0 or no number.
+    """
+    if not wind_m_s >= 0.0:
+        raise ConfigError(f"--wind is {wind_m_s:g}; it must be 0 m/s or more.")
+    limits_m_s = {name: wind_limit_m_s(fleet, fleet.vehicles[name]) for name in fleet.enabled_names}
+    lowest = min(limits_m_s, key=lambda name: limits_m_s[name])
+    if wind_m_s > limits_m_s[lowest]:
+        raise ConfigError(
+            f"--wind is {wind_m_s:g} m/s, and {lowest} may fly in {limits_m_s[lowest]:.1f} m/s at"
+            " most: in more, no mission of this fleet sets out. Give less wind, or a fleet whose"
+            " max_wind_m_s is higher (docs/wind.md)."
+        )
+
+
+def fly_campaign(
+    campaign: Campaign, kept: KeptFlights, *, jobs: int, say: Callable[[str], None]
+) -> list[FlownCase]:
+    """Fly what is missing of a campaign, and return all its flights.
+
+    Args:
+        campaign: what is flown.
+        kept: flights that there are, and where new ones go.
+        jobs: processes.
+        say: hears a line after each flight.
+
+    Raises:
+        ConfigError: the mission does not take off, although nothing fails.
+    """
+    mission = _mission(campaign.fleet_path, campaign.mission_path)
+    undisturbed = undisturbed_cases(campaign)
+    # in the first process: everybody else needs to know when the mission flies
+    _fly_missing(campaign, undisturbed[:1], kept, jobs=1, say=say, total=0)
+    reference = kept.flown[undisturbed[0]]
+    if not reference.took_off:
+        reason = "; ".join(reference.wrong) or "nobody took off"
+        raise ConfigError(
+            f"{campaign.mission_path} does not take off although nothing fails: {reason}."
+        )
+
+    cases = [*undisturbed, *broken_cases(campaign, mission, reference)]
+    _fly_missing(campaign, cases, kept, jobs=jobs, say=say, total=len(cases))
+    return [kept.flown[case] for case in cases]
+
+
+def undisturbed_cases(campaign: Campaign) -> list[FlightCase]:
+    """Return the flights in which nothing breaks."""
+    cases = []
+    for number in range(max(campaign.rounds, _LEAST_UNDISTURBED)):
+        rng = np.random.default_rng([number, 0, 1])
+        cases.append(
+            FlightCase(
+                fault=NOTHING,
+                round=number,
+                seed=_SEEDS_OF_A_ROUND * number,
+                wind_enu_m_s=_wind(rng, campaign.wind_m_s),
+            )
+        )
+    return cases
+
+
+def broken_cases(
+    campaign: Campaign, mission: Mission, reference: FlownCase
+) -> Iterator[FlightCase]:
+    """Yield the flights in which something breaks, round by round.
+
+    Args:
+        campaign: what is flown.
+        mission: of it.
+        reference: a flight in which nothing breaks.
+    """
+    begin_s = reference.first_airborne_s - _ARMING_S
+    end_s = reference.last_airborne_s
+    for number in range(campaign.rounds):
+        for place, injection in enumerate((*INJECTIONS, *FIELD_INJECTIONS), start=1):
+            victims = possible_victims(mission.fleet, injection)
+            if not victims or campaign.only not in injection.name:
+                continue
+            rng = np.random.default_rng([number, place, 2])
+            yield FlightCase(
+                fault=injection.name,
+                round=number,
+                victim=str(rng.choice(victims)),
+                at_s=round(float(rng.uniform(begin_s, end_s)), 2),
+                seed=_SEEDS_OF_A_ROUND * number + place,
+                wind_enu_m_s=_wind(rng, campaign.wind_m_s),
+            )
+
+
+def _wind(rng: np.random.Generator, wind_m_s: float) -> tuple[float, float]:
+    angle = float(rng.uniform(0.0, 2.0 * math.pi))
+    return (round(wind_m_s * math.cos(angle), 3), round(wind_m_s * math.sin(angle), 3))
+
+
+def possible_victims(fleet: FleetConfig, injection: Injection) -> list[str]:
+    """Return the vehicles of a fleet for which something can break."""
+    names = list(fleet.enabled_names)
+    if injection.is_of_two and len(names) < 2:
+        return []
+    if not injection.needs:
+        return names
+
+    has_poses = injection.needs == "poses"
+    fitting = [name for name in names if fleet.vehicles[name].mocap_required is has_poses]
+    if "of all" in injection.name and len(fitting) < len(names):
+        return []
+    return fitting
+
+
+def _fly_missing(
+    campaign: Campaign,
+    cases: Sequence[FlightCase],
+    kept: KeptFlights,
+    *,
+    jobs: int,
+    say: Callable[[str], None],
+    total: int,
+) -> None:
+    missing = [case for case in cases if case not in kept.flown]
+    done = len(cases) - len(missing)
+    fly_one = functools.partial(fly_case, campaign.fleet_path, campaign.mission_path)
+    for flown in _flown(fly_one, missing, jobs):
+        kept.keep(flown)
+        done += 1
+        if total:
+            say(f"{done} of {total}  {line_of(flown)}")
+
+
+def _flown(
+    fly_one: Callable[[FlightCase], FlownCase], cases: Sequence[FlightCase], jobs: int
+) -> Iterator[FlownCase]:
+    if jobs == 1 or len(cases) < 2:
+        yield from map(fly_one, cases)
+        return
+
+    # started anew, not forked: threads of compiled code do not outlive a fork
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(jobs, mp_context=context) as pool:
+        try:
+            yield from pool.map(fly_one, cases)
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+
+
+def line_of(flown: FlownCase) -> str:
+    """Return a flight in a line."""
+    case = flown.case
+    what = case.fault
+    if case.victim:
+        what += f", {case.victim} at {case.at_s:.1f} s"
+    nearest = "-" if flown.smallest_m is None else f"{flown.smallest_m:.2f} m"
+    verdict = "as it should"
+    if flown.wrong:
+        verdict = f"WRONG: {flown.wrong[0]}"
+    return f"{what} (seed {case.seed}, nearest {nearest}): {verdict}"
+
+
+@functools.lru_cache(maxsize=1)
+def _mission(fleet_path: str, mission_path: str) -> Mission:
+    return load_mission(mission_path, load_fleet(fleet_path))
+
+
+def fly_case(fleet_path: str, mission_path: str, case: FlightCase) -> FlownCase:
+    """Fly one case; an error of the flight is what is wrong with it, and ends no other."""
+    mission = _mission(fleet_path, mission_path)
+    injection = _NOTHING
+    at_s = _NEVER_S
+    if case.fault != NOTHING:
+        injection = injection_of(case.fault)
+        at_s = case.at_s
+
+    extents: list[Extent] = []
+
+    def watch(flight: Lockstep) -> None:
+        extents.append(Extent(flight))
+
+    victim = case.victim or mission.fleet.enabled_names[0]
+    wrong: list[str] = []
+    seen: dict[str, int] = {}
+    smallest_m = (math.inf, math.inf, math.inf)
+    try:
+        flown = fly_broken(
+            mission,
+            Breaking(injection=injection, victim=victim, at_s=at_s),
+            seed=case.seed,
+            wind=wind_of(case.wind_enu_m_s),
+            height_m=planned_height_m(mission),
+            action_of=_action_by_claims,
+            watch=watch,
+        )
+    except Exception as error:  # noqa: BLE001 - whatever it is, the others are flown
+        wrong.append(f"ends with {type(error).__name__}: {error}")
+    else:
+        wrong += flown.wrong
+        seen = flown.seen
+        smallest_m = flown.smallest_m
+        if case.fault == NOTHING and not flown.verdict.passed:
+            wrong.append(flown.verdict.sentences[-1])
+
+    extent = extents[0]
+    return FlownCase(
+        case=case,
+        wrong=tuple(wrong),
+        seen=dict(sorted(seen.items())),
+        took_off=extent.took_off,
+        first_airborne_s=round(extent.first_airborne_s, 2) if extent.took_off else 0.0,
+        last_airborne_s=round(extent.last_airborne_s, 2),
+        smallest_m=_finite(smallest_m[0]),
+        smallest_silenced_m=_finite(smallest_m[1]),
+        hull_m=extent.hull_m,
+        highest_m=round(extent.highest_m, 2),
+        fastest_m_s=round(extent.fastest_m_s, 2),
+    )
+
+
+def planned_height_m(mission: Mission) -> float:
+    """Return how high a mission plans to fly; of a Python mission the ceiling is taken."""
+    heights = [place[2] for place in planned_places(mission)]
+    return max(heights, default=mission.fleet.fleet.geofence_m.z[1])
+
+
+def planned_places(mission: Mission) -> list[tuple[float, float, float]]:
+    """Return the places that a mission plans: spots, goals and points of its paths [m]."""
+    places = []
+    for step in mission.course():
+        places += [*step.positions.values(), *step.goals.values()]
+        for path in step.paths.values():
+            times_s = np.arange(0.0, path.duration_s + _PATH_STEP_S, _PATH_STEP_S).tolist()
+            places += [point_at(path, time_s).position_enu_m for time_s in times_s]
+    return [(float(east), float(north), float(up)) for east, north, up in places]
+
+
+def _action_by_claims(situation: Situation, conditions: Collection[Condition]) -> Action:
+    """Return what a vehicle has to do: by the claims in flight, by the failsafe table elsewhere."""
+    if situation is Situation.FLYING:
+        return claimed_action(conditions)
+    return action_of_table(situation, conditions)
+
+
+def _finite(distance_m: float) -> float | None:
+    return round(distance_m, 3) if math.isfinite(distance_m) else None

@@ -1,0 +1,59 @@
+"""Where the vehicles of a flight have been in the air, how high and how fast, by ground truth."""
+
+from __future__ import annotations
+
+import math
+
+from groundstation.evidence.volumes import Point, convex_hull
+from sitl.lockstep.flight import Lockstep
+
+_LOOK_S = 0.1  # between two looks
+
+
+class Extent:
+    """Looks at a flight ten times a second.
+
+    Args:
+        flight: that is looked at, from now on.
+    """
+
+    def __init__(self, flight: Lockstep) -> None:
+        self._flight = flight
+        self._outline: tuple[Point, ...] = ()  # around the places so far
+        self.highest_m = 0.0
+        self.fastest_m_s = 0.0  # over the ground
+        self.first_airborne_s = math.inf
+        self.last_airborne_s = 0.0
+        self._look()
+
+    @property
+    def took_off(self) -> bool:
+        """Whether anybody was in the air."""
+        return math.isfinite(self.first_airborne_s)
+
+    @property
+    def hull_m(self) -> tuple[Point, ...]:
+        """The outline around all places in the air, rounded to centimetres."""
+        return tuple((round(east, 2), round(north, 2)) for east, north in self._outline)
+
+    def _look(self) -> None:
+        simulation = self._flight.simulation
+        world = simulation.emulator.world
+        positions, velocities, _ = world.truth_enu()
+        on_ground = world.vehicles.states.on_ground.tolist()
+
+        places = []
+        rows = zip(positions.tolist(), velocities.tolist(), on_ground, strict=True)
+        for (east_m, north_m, up_m), (east_m_s, north_m_s, _), is_on_ground in rows:
+            if is_on_ground:
+                continue
+            places.append((east_m, north_m))
+            self.highest_m = max(self.highest_m, up_m)
+            self.fastest_m_s = max(self.fastest_m_s, math.hypot(east_m_s, north_m_s))
+
+        if places:
+            now_s = simulation.time_s
+            self.first_airborne_s = min(self.first_airborne_s, now_s)
+            self.last_airborne_s = now_s
+            self._outline = convex_hull([*self._outline, *places])
+        simulation.at(simulation.time_s + _LOOK_S, self._look)

@@ -1,0 +1,80 @@
+"""The folder: a page that says what is not shown, a picture, GeoJSON, figures of two machines."""
+
+from __future__ import annotations
+
+import json
+import re
+
+import msgspec
+
+from groundstation.evidence.comparison import compared
+from groundstation.evidence.folder import write_folder
+from groundstation.evidence.hazards import HAZARDS, NOT_SHOWN
+from groundstation.evidence.summary import read_evidence
+from tests.groundstation.evidence.campaigns import evidence, flown
+
+
+def written(tmp_path, fleet, flights, other=None):
+    whole = evidence(fleet, flights)
+    agreements = write_folder(tmp_path, whole, fleet=fleet, flights=flights, other=other)
+    return whole, agreements, (tmp_path / "evidence.html").read_text(encoding="utf-8")
+
+
+def test_the_page_has_every_question_and_what_is_not_shown_in_one_table(tmp_path, paper) -> None:
+    bad = flown("motor dead", wrong=("mav0 <b>falls</b> & burns",))
+    whole, _, page = written(tmp_path, paper, [flown(), bad])
+    assert whole.is_wrong
+    table = page.partition("<h2>What was asked")[2].partition("</table>")[0]
+    assert table.count("<tr class=") == len(HAZARDS) + len(NOT_SHOWN)
+    for word in ("Hardware", "Flight termination", "Pilot and crew", "Real wind and weather"):
+        assert word in table
+    assert "mav0 &lt;b&gt;falls&lt;/b&gt; &amp; burns" in page
+    assert "a &lt;machine&gt;" in page
+    assert "<script" not in page
+
+
+def test_nothing_of_it_says_that_a_regulation_is_met(tmp_path, paper) -> None:
+    written(tmp_path, paper, [flown()])
+    for name in ("evidence.html", "evidence.json"):
+        text = (tmp_path / name).read_text(encoding="utf-8").lower()
+        assert not re.search(r"complian|compliant|complies|certif(y|ied)|approved", text)
+
+
+def test_the_files_can_be_read_again(tmp_path, paper) -> None:
+    whole, _, _ = written(tmp_path, paper, [flown()])
+    assert read_evidence(tmp_path) == whole
+    shapes = json.loads((tmp_path / "geography.geojson").read_text())
+    names = [feature["properties"]["name"] for feature in shapes["features"]]
+    assert names == ["flight geography", "contingency volume", "ground risk buffer"]
+    assert (tmp_path / "volumes.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_figures_of_another_machine_are_put_beside_and_both_are_named(tmp_path, paper) -> None:
+    flights = [flown("motor dead", number) for number in range(40)]
+    machine = msgspec.structs.replace(
+        evidence(paper, []).provenance, machine={"processor": "the other one"}
+    )
+    same = msgspec.structs.replace(evidence(paper, flights), provenance=machine)
+    _, agreements, page = written(tmp_path, paper, flights, other=same)
+    assert agreements
+    assert all(one.is_within for one in agreements)
+    assert "the other one" in page
+    assert "a &lt;machine&gt;" in page
+
+
+def test_a_figure_outside_of_the_other_machines_interval_is_found(paper) -> None:
+    flights = [flown("motor dead", number) for number in range(40)]
+    bad = [flown("motor dead", number, wrong=("falls on mav1",)) for number in range(40)]
+    agreements = compared(evidence(paper, flights), evidence(paper, bad))
+    outside = {one.figure for one in agreements if not one.is_within}
+    assert outside == {"propulsion", "one-among-others"}
+
+
+def test_flights_far_beyond_the_other_machines_volume_are_found(paper) -> None:
+    flights = [flown(), *(flown("motor dead", number) for number in range(40))]
+    wide = ((-9.0, 0.0), (2.0, 0.0), (2.0, 2.0))
+    far = [flown(), *(flown("motor dead", number, hull_m=wide) for number in range(40))]
+    agreements = compared(evidence(paper, far), evidence(paper, flights))
+    assert [one.figure for one in agreements if not one.is_within] == [
+        "flights beyond the other's contingency volume"
+    ]

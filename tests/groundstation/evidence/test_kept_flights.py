@@ -1,0 +1,40 @@
+"""A campaign that was stopped goes on, and no line of another one is counted."""
+
+from __future__ import annotations
+
+import pytest
+
+from groundstation.evidence.flights import KeptFlights
+from onboard.config.fleet import ConfigError
+from tests.groundstation.evidence.campaigns import flown
+
+ORIGIN = {"fleet": "a", "wind": "4"}
+
+
+def test_flights_are_read_again_and_a_line_that_was_cut_is_dropped(tmp_path) -> None:
+    path = tmp_path / "flights.jsonl"
+    kept = KeptFlights(path, ORIGIN)
+    kept.keep(flown())
+    kept.keep(flown(number=1))
+    whole = path.read_bytes()
+    path.write_bytes(whole[:-20])
+
+    again = KeptFlights(path, ORIGIN)
+    assert list(again.flown.values()) == [flown()]
+    again.keep(flown(number=1))
+    assert path.read_bytes() == whole
+
+
+def test_flights_of_another_campaign_are_refused_with_what_differs(tmp_path) -> None:
+    path = tmp_path / "flights.jsonl"
+    KeptFlights(path, ORIGIN)
+    with pytest.raises(ConfigError, match=r"another campaign \(wind differs\)"):
+        KeptFlights(path, {**ORIGIN, "wind": "5"})
+
+
+@pytest.mark.parametrize("text", ["", "no json\n", "[1, 2]\n"])
+def test_a_file_of_somebody_else_is_refused(tmp_path, text) -> None:
+    path = tmp_path / "flights.jsonl"
+    path.write_text(text)
+    with pytest.raises(ConfigError, match="does not begin with a line of covey evidence"):
+        KeptFlights(path, ORIGIN)

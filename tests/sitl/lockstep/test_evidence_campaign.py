@@ -1,0 +1,141 @@
+"""The campaign behind ``covey evidence``: what it breaks, and that it can be flown again."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from groundstation.evidence.flights import FlownCase, KeptFlights, digest
+from groundstation.evidence.matrix import SHOWN, WRONG, matrix
+from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
+from onboard.safety.failsafe_table import TABLE, Action, Condition, Situation
+from sitl.lockstep.campaign.broken_flight import injection_of
+from sitl.lockstep.campaign.evidence_campaign import (
+    Campaign,
+    broken_cases,
+    fly_campaign,
+    possible_victims,
+    refuse_strong_wind,
+    undisturbed_cases,
+)
+from tests.groundstation.evidence.campaigns import flown
+
+FAULT = "mocap lost for good"
+HOP = """\
+schema = 1
+fleet = "paper"
+
+[[step]]
+do = "takeoff"
+height_m = 0.8
+
+[[step]]
+do = "wait"
+duration_s = 6
+
+[[step]]
+do = "land"
+"""
+
+
+@pytest.fixture
+def hop(tmp_path: Path) -> Campaign:
+    """A hover of three, with one fault."""
+    mission = tmp_path / "hop.toml"
+    mission.write_text(HOP, encoding="utf-8")
+    return Campaign(
+        fleet_path="paper", mission_path=str(mission), wind_m_s=2.0, rounds=1, only=FAULT
+    )
+
+
+def _fly(campaign: Campaign, folder: Path) -> tuple[list[FlownCase], list[str]]:
+    said: list[str] = []
+    kept = KeptFlights(folder / "flights.jsonl", {"of": "a test"})
+    return fly_campaign(campaign, kept, jobs=1, say=said.append), said
+
+
+def test_each_round_breaks_everything_once_and_is_the_same_again(
+    hop: Campaign, hop_mission
+) -> None:
+    whole = hop._replace(only="", rounds=2)
+    cases = list(broken_cases(whole, hop_mission, flown()))
+    assert cases == list(broken_cases(whole, hop_mission, flown()))
+    names = [case.fault for case in cases if case.round == 0]
+    assert len(names) == len(set(names)) > 50
+    assert not any("satellites" in name for name in names)
+    assert len({case.seed for case in [*undisturbed_cases(whole), *cases]}) == len(cases) + 2
+    assert all(3.0 <= case.at_s <= 20.0 for case in cases)
+    assert len({case.at_s for case in cases}) > 0.9 * len(cases)
+
+
+@pytest.fixture
+def hop_mission(hop: Campaign):
+    """The mission itself."""
+    from groundstation.mission_files.loading import load_mission
+
+    return load_mission(hop.mission_path)
+
+
+def test_only_what_a_fleet_has_can_break(paper: FleetConfig) -> None:
+    satellites = load_fleet("px4-sitl")
+    alone = msgspec.structs.replace(paper, vehicles={"mav0": paper.vehicles["mav0"]}, formations={})
+    assert possible_victims(paper, injection_of("satellites lost")) == []
+    assert possible_victims(satellites, injection_of("satellites lost")) == [*satellites.vehicles]
+    assert possible_victims(satellites, injection_of(FAULT)) == []
+    assert possible_victims(alone, injection_of("mocap swaps two")) == []
+    assert possible_victims(alone, injection_of("motor dead")) == ["mav0"]
+
+
+@pytest.mark.parametrize("wind_m_s", [-1.0, float("nan"), 9.0])
+def test_a_wind_in_which_the_fleet_does_not_set_out_is_refused(
+    paper: FleetConfig, wind_m_s: float
+) -> None:
+    with pytest.raises(ConfigError, match="--wind is"):
+        refuse_strong_wind(paper, wind_m_s)
+
+
+@pytest.mark.long
+def test_a_campaign_has_the_same_digest_again_and_flies_nothing_that_it_has(
+    hop: Campaign, tmp_path: Path
+) -> None:
+    first = tmp_path / "first"
+    second = tmp_path / "second"
+    first.mkdir()
+    second.mkdir()
+    flights, said = _fly(hop, first)
+    assert len(flights) == len(said) + 1 == 3
+    assert all(one.is_right for one in flights)
+    assert next(row for row in matrix(flights, {}) if row.key == "tracking-lost").status == SHOWN
+
+    assert digest(_fly(hop, second)[0]) == digest(flights)
+    again, said = _fly(hop, first)
+    assert (again, said) == (flights, [])
+
+
+@pytest.mark.long
+def test_a_row_taken_out_of_the_failsafe_table_shows_red_in_its_flights(
+    hop: Campaign, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for condition in (Condition.POSITION_LOST, Condition.POSITION_LOST_LONG):
+        monkeypatch.setitem(TABLE, (Situation.FLYING, condition), Action.GO_ON)
+    flights, _ = _fly(hop, tmp_path)
+    row = next(row for row in matrix(flights, {}) if row.key == "tracking-lost")
+    assert row.status == WRONG
+    assert row.wrong_flights == 1
+    assert any("landing is asked for" in reason for reason in row.reasons)
+
+
+@pytest.mark.long
+def test_a_mission_that_does_not_take_off_gives_no_evidence(
+    hop: Campaign, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from sitl.lockstep.flight import Lockstep
+
+    async def nothing(*_: object, **__: object) -> None:
+        raise RuntimeError("no")
+
+    monkeypatch.setattr(Lockstep, "_fly", nothing)
+    with pytest.raises(ConfigError, match="does not take off although nothing fails"):
+        _fly(hop, tmp_path)
