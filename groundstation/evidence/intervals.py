@@ -17,7 +17,7 @@ class Interval(NamedTuple):
     """A share, and where the true one lies with 95 % confidence."""
 
     events: int
-    count: int
+    flights: int
     low: float
     high: float
 
@@ -41,7 +41,7 @@ def two_sided(events: int, count: int) -> Interval:
     high = 1.0
     if events < count:
         high = _share_where(lambda share: _chance_of_at_most(events, count, share) > rest)
-    return Interval(events=events, count=count, low=low, high=high)
+    return Interval(events=events, flights=count, low=low, high=high)
 
 
 def upper_bound(events: int, count: int) -> float:

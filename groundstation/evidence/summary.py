@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import msgspec
 
@@ -106,7 +107,7 @@ def _excursion_m(shapes: Volumes, one: FlownCase) -> float:
 
 
 def _rounded(shapes: Volumes) -> Volumes:
-    values = {}
+    values: dict[str, Any] = {}
     for name, value in shapes._asdict().items():
         if isinstance(value, float):
             values[name] = round(value, 3)

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from onboard.config.fleet import FleetConfig
 from onboard.config.fleet_config import Origin
@@ -182,7 +182,7 @@ def fall_time_s(height_m: float, drag_1_s: float) -> float:
 # -- GeoJSON ---------------------------------------------------------------------------------------
 
 
-def geojson(shapes: Volumes, fleet: FleetConfig) -> dict[str, object]:
+def geojson(shapes: Volumes, fleet: FleetConfig) -> dict[str, Any]:
     """Return the volumes as a GeoJSON feature collection.
 
     In longitude and latitude where the fleet has an origin on Earth; else in metres east and north
@@ -194,7 +194,7 @@ def geojson(shapes: Volumes, fleet: FleetConfig) -> dict[str, object]:
         _feature("contingency volume", shapes.contingency, shapes.contingency_height_m, origin),
         _feature("ground risk buffer", shapes.buffer, 0.0, origin),
     ]
-    collection: dict[str, object] = {"type": "FeatureCollection", "features": features}
+    collection: dict[str, Any] = {"type": "FeatureCollection", "features": features}
     if origin is None:
         collection["note"] = (
             "The fleet file gives no origin on Earth: coordinates are metres east and north of the"
@@ -203,10 +203,8 @@ def geojson(shapes: Volumes, fleet: FleetConfig) -> dict[str, object]:
     return collection
 
 
-def _feature(
-    name: str, outline: Outline, height_m: float, origin: Origin | None
-) -> dict[str, object]:
-    properties: dict[str, object] = {"name": name, "height_m": round(height_m, 2)}
+def _feature(name: str, outline: Outline, height_m: float, origin: Origin | None) -> dict[str, Any]:
+    properties: dict[str, Any] = {"name": name, "height_m": round(height_m, 2)}
     if origin is not None:
         properties["top_above_sea_m"] = round(origin.altitude_m + height_m, 2)
 
