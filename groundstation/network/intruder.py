@@ -10,13 +10,13 @@ import shutil
 import threading
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from groundstation.keys.authority import issue, load_authority
 from groundstation.keys.secured_fleet import secure_fleet
 from groundstation.network.order_attempts import OrderAttempt, TamperedCredentials
-from onboard.bus.protocol import NodeCredentials
+from onboard.bus.protocol import NodeCredentials, OrderSignatures, UntrustedOrder
 from onboard.bus.schema import Order, OrderKind, OrderReply, Telemetry
 from onboard.bus.session import BusSession
 from onboard.config.fleet import FleetConfig
@@ -41,6 +41,39 @@ _ORDER_DEADLINE_NS = 2_000_000_000
 _POLL_S = 0.02
 
 
+class _NoSignatures:
+    """Signs nothing, and takes everything."""
+
+    def seal(self, _key_expression: str, _order: bytes) -> bytes:
+        return b""
+
+    def refusal(self, _key_expression: str, _order: bytes, _seal: bytes) -> UntrustedOrder | None:
+        return None
+
+
+@dataclass(frozen=True, slots=True)
+class _NoCertificate:
+    """Somebody who knows the certificate of the fleet's authority, which is no secret.
+
+    Without it the intruder's own zenoh would not open the link, and the attempt would show nothing.
+    """
+
+    authority: str
+    certificate: str = ""
+    key: str = ""
+    access: dict[str, object] = field(default_factory=dict)
+
+    def order_signatures(self) -> OrderSignatures:
+        """Return what signs none of its orders."""
+        return _NoSignatures()
+
+
+def _authority_of(fleet: FleetConfig) -> str:
+    """Return the path of the certificate of a fleet's authority."""
+    name, _, _ = files_of(fleet.enabled_names[0])
+    return str(Path(fleet.keys_folder) / name)
+
+
 @dataclass(frozen=True, slots=True)
 class Intruders:
     """Makes intruders for one copy of a fleet; on one without keys all of them are nobody."""
@@ -60,9 +93,13 @@ class Intruders:
             vehicles: to connect to.
             orders: what becomes of the signatures of its orders; None: as they should be.
         """
-        credentials: NodeCredentials | None = self._credentials(identity)
-        if orders is not None:
+        credentials: NodeCredentials | None
+        if identity == NOBODY and self.fleet.has_keys:
+            credentials = _NoCertificate(authority=_authority_of(self.fleet))
+        elif orders is not None:
             credentials = self._tampered(identity, orders)
+        else:
+            credentials = self._credentials(identity)
         session = BusSession(
             namespace=self.fleet.namespace,
             node=name,
@@ -76,7 +113,7 @@ class Intruders:
             session.stop()
 
     def _credentials(self, identity: str) -> Credentials | None:
-        if not self.fleet.has_keys or identity == NOBODY:
+        if not self.fleet.has_keys:
             return None
         if identity == FOREIGN:
             return self._foreign_credentials()

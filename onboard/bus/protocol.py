@@ -73,7 +73,7 @@ class NodeCredentials(Protocol):
 
     @property
     def certificate(self) -> str:
-        """Path of the node's certificate."""
+        """Path of the node's certificate; empty without."""
 
     @property
     def key(self) -> str:

@@ -188,6 +188,10 @@ def _security(credentials: NodeCredentials | None) -> list[Setting]:
         return []
 
     tls = "transport/link/tls"
+    if not credentials.certificate:
+        # it knows whom it talks to, and cannot prove who it is: no fleet with keys lets it in
+        return [(f"{tls}/root_ca_certificate", credentials.authority)]
+
     return [
         (f"{tls}/root_ca_certificate", credentials.authority),
         (f"{tls}/enable_mtls", True),
