@@ -21,8 +21,10 @@ from groundstation.console.history import FAR_M, History
 from groundstation.console.theme import BAD, FAINT, RULE, TEXT, WARN
 from groundstation.fleet.state import VehicleView
 from onboard.arrays import Array
+from onboard.config.areas import edges_of
 from onboard.config.fleet import FleetConfig
 from onboard.config.obstacles import Obstacle
+from onboard.config.place import place_of
 
 PointEnu = tuple[float, float, float]  # metres
 Dot = tuple[float, float]  # x to the right, y down, from the upper left corner of the picture
@@ -126,6 +128,11 @@ def draw_background(window: Window, fleet: FleetConfig) -> Canvas:
 
     for obstacle in fleet.obstacles:
         _draw_obstacle(canvas, window, obstacle)
+
+    for outline in place_of(fleet).outlines():
+        colour = FAINT if outline.keeps_in else WARN
+        for begin, end in edges_of(outline.corners_enu_m):
+            _draw_clipped_line(canvas, window.dot(*begin), window.dot(*end), colour)
 
     west, east = fence.x
     south, north = fence.y

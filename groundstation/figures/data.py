@@ -20,6 +20,7 @@ from groundstation.recording.reader import (
 )
 from onboard.arrays import Array
 from onboard.config.pair_separation import separations_m
+from onboard.config.place import Outline
 
 TOPICS = ("truth", "tick", "telemetry")
 GRID_S = 0.02
@@ -77,6 +78,7 @@ class FlightData:
     # Zero of all times here, in the record's own seconds, as replay and verdict count.
     take_off_s: float
     height_share: float = 0.0  # what a metre of height counts in a separation
+    outlines: tuple[Outline, ...] = ()  # of the fleet's fences
 
     @property
     def source(self) -> str:
@@ -103,6 +105,7 @@ def from_samples(
     title: str,
     safety_distance_m: float,
     height_share: float = 0.0,
+    outlines: tuple[Outline, ...] = (),
     record_begin_ns: int | None = None,
 ) -> FlightData | None:
     """Convert the samples of a record.
@@ -112,6 +115,7 @@ def from_samples(
         title: of the flight.
         safety_distance_m: limit between two vehicles [m].
         height_share: what a metre of height counts in a separation.
+        outlines: of the fleet's fences.
         record_begin_ns: zero of the record's seconds, as verdict and replay count them; None: the
             first of the samples.
 
@@ -152,6 +156,7 @@ def from_samples(
         pairs=_pairs(tracks, grid_s, height_share),
         take_off_s=take_off_s,
         height_share=height_share,
+        outlines=outlines,
     )
 
 

@@ -8,7 +8,8 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from matplotlib.patches import Circle
+from matplotlib.colors import to_rgba
+from matplotlib.patches import Circle, Polygon
 
 from groundstation.figures.data import FlightData, Track
 from groundstation.figures.style import LIMIT, SOFT, colour, new_figure
@@ -54,6 +55,7 @@ def draw(flight: FlightData) -> Any:
             ax.plot(slot_m[0], slot_m[1], "+", color=tint, markersize=15, markeredgewidth=2.2)
             labels.append(_SlotLabel(slot_m[:2], orders, tint))
 
+    _draw_fences(ax, flight)
     _draw_closest(ax, flight)
     _draw_frame(ax, step_s, vehicles=len(flight.tracks))
     _write_slot_labels(figure, ax, labels, np.concatenate([np.zeros((0, 2)), *marks_m]))
@@ -116,6 +118,28 @@ def _slots(slots_enu_m: Array) -> list[tuple[Array, str]]:
         else:
             slots.append((slot_m, str(number)))
     return slots
+
+
+def _draw_fences(ax: Any, flight: FlightData) -> None:
+    """Draw the areas to stay in as outlines, and those to stay out of as surfaces."""
+    for outline in flight.outlines:
+        edge = SOFT if outline.keeps_in else LIMIT
+        patch = Polygon(
+            outline.corners_enu_m,
+            facecolor="none" if outline.keeps_in else to_rgba(LIMIT, 0.12),
+            edgecolor=edge,
+            linewidth=1.2,
+            zorder=0.5,
+        )
+        ax.add_patch(patch)
+        ax.annotate(
+            outline.name,
+            outline.corners_enu_m[0],
+            (3, 3),
+            textcoords="offset points",
+            fontsize=8,
+            color=edge,
+        )
 
 
 def _draw_closest(ax: Any, flight: FlightData) -> None:

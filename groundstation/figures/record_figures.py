@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from pathlib import Path
+from typing import Any
 
 from groundstation.figures import attitude, avoidance, plan_figure, tracking
 from groundstation.figures.data import TOPICS, from_samples
@@ -12,6 +13,7 @@ from groundstation.recording.reader import read, record_path
 from groundstation.recording.timeline import Timeline
 from onboard.config.file_reading import RECORD, opened
 from onboard.config.fleet import ConfigError, load_fleet, read_toml
+from onboard.config.place import place_of
 
 _MCAP_MAGIC = b"\x89MCAP0\r\n"  # at the begin and at the end of a complete file
 _DEFAULT_SAFETY_DISTANCE_M = 0.80  # the paper's
@@ -79,18 +81,19 @@ def is_complete(path: Path) -> bool:
         return size > 2 * len(_MCAP_MAGIC) and file.read() == _MCAP_MAGIC
 
 
-def _limits(flight_folder: Path) -> dict[str, float]:
-    """Return the distances from the fleet file in the flight folder; the paper's without one."""
+def _limits(flight_folder: Path) -> dict[str, Any]:
+    """Return distances and fences of the flight folder's fleet file; the paper's without one."""
     for path in sorted(flight_folder.glob("*.toml")):
         try:
             is_fleet = "vehicles" in read_toml(path, "fleet or mission file")[0]
             if not is_fleet:
                 continue
-            fleet = load_fleet(path).fleet
+            config = load_fleet(path)
         except ConfigError:
             continue
         return {
-            "safety_distance_m": fleet.safety_distance_m,
-            "height_share": fleet.height_share,
+            "safety_distance_m": config.fleet.safety_distance_m,
+            "height_share": config.fleet.height_share,
+            "outlines": place_of(config).outlines(),
         }
     return {"safety_distance_m": _DEFAULT_SAFETY_DISTANCE_M}

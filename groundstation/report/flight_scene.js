@@ -101,6 +101,8 @@ globalThis.Covey ??= {};
       if (!flight.fleet) return;
       const [low, high] = flight.fleet.fence;
       scene.box(low, high, soft, { opacity: 0.35 });
+      const warning = Covey.rgb(Covey.colour("warn"));
+      for (const area of flight.fleet.areas) scene.area(area, area.keeps_in ? soft : warning);
       for (const obstacle of flight.fleet.obstacles) this._drawObstacle(obstacle, soft);
     }
 

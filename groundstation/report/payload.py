@@ -32,6 +32,7 @@ from groundstation.report.columns import Column, packed
 from groundstation.report.px4_columns import px4_columns, px4_header
 from groundstation.report.settings import settings
 from onboard.arrays import Array
+from onboard.config.place import place_of
 from onboard.plain_text import plain_line, plain_lines
 
 FORMAT = 1
@@ -299,6 +300,9 @@ def _fleet(flight: Flight) -> dict[str, Any] | None:
         "obstacles": [
             {"name": _text(one.name), "capsules_enu_m": one.capsules_enu_m}
             for one in flight.fleet.obstacles
+        ],
+        "areas": [
+            {**one._asdict(), "name": _text(one.name)} for one in place_of(flight.fleet).outlines()
         ],
     }
 

@@ -326,6 +326,23 @@ globalThis.Covey ??= {};
       }
     }
 
+    /* Adds an area to stay in or out of: its outline below and above, and its upright edges. */
+    area(area, colour, { opacity = 0.8, width = 1.5 } = {}) {
+      const corners = area.corners_enu_m;
+      const step = Math.max(1, Math.floor(corners.length / 12)); // a circle has many corners
+      corners.forEach(([x, y], index) => {
+        const [nextX, nextY] = corners[(index + 1) % corners.length];
+        for (const height_m of [area.low_m, area.high_m]) {
+          this.line([x, y, height_m], [nextX, nextY, height_m], colour, { opacity, width });
+        }
+        if (index % step === 0) {
+          this.line([x, y, area.low_m], [x, y, area.high_m], colour, { opacity: opacity / 3, width: 1 });
+        }
+      });
+      const [x, y] = corners[0];
+      this.label([x, y, area.low_m], area.name, { isQuiet: true });
+    }
+
     /* Adds the ground: a grid with its axes east and north named, around a box. */
     ground(least, most, colour) {
       const size_m = Math.max(most[0] - least[0], most[1] - least[1]);

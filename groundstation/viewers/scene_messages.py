@@ -34,6 +34,7 @@ from groundstation.recording.flight import Flight, VehicleFlight, at_times, betw
 from onboard.arrays import Array
 from onboard.bus.schema import Event
 from onboard.config.fleet_config import FleetConfig, Origin
+from onboard.config.place import place_of
 from onboard.plain_text import plain_line
 
 PointEnu = tuple[float, float, float]  # metres
@@ -177,6 +178,17 @@ def static_scene(fleet: FleetConfig, stamp_ns: int) -> SceneUpdate:
         edges.points.add(x=first[0], y=first[1], z=first[2])
         edges.points.add(x=second[0], y=second[1], z=second[2])
     update.entities.append(entity)
+
+    for number, area in enumerate(place_of(fleet).outlines()):
+        entity = _entity(f"area {number} {plain_line(area.name)}", stamp_ns)
+        for height_m in (area.low_m, area.high_m):
+            outline = entity.lines.add(
+                type=LinePrimitive.LINE_LOOP, thickness=1.5, scale_invariant=True
+            )
+            outline.color.CopyFrom(_colour(_GREY, 0.7 if area.keeps_in else 1.0))
+            for x, y in area.corners_enu_m:
+                outline.points.add(x=x, y=y, z=height_m)
+        update.entities.append(entity)
 
     for number, obstacle in enumerate(fleet.obstacles):
         entity = _entity(f"obstacle {number} {plain_line(obstacle.name)}", stamp_ns)

@@ -15,6 +15,7 @@ from groundstation.fleet.operator_control import Control
 from groundstation.fleet.state import FleetState, LoggedEvent, Separation, VehicleView
 from onboard.bus.schema import Telemetry
 from onboard.config.fleet import FleetConfig
+from onboard.config.place import place_of
 from onboard.plain_text import plain_line
 
 AHEAD_S = 10.0  # for which ways are predicted
@@ -49,6 +50,9 @@ def fleet_message(fleet: FleetConfig, *, can_order: bool) -> Message:
         "fence_enu_m": [
             [fence.x[0], fence.y[0], fence.z[0]],
             [fence.x[1], fence.y[1], fence.z[1]],
+        ],
+        "areas": [
+            {**one._asdict(), "name": one.name[:_MOST_TEXT]} for one in place_of(fleet).outlines()
         ],
         "formations": sorted({*fleet.formations, *fleet.shapes}),
     }

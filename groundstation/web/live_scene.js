@@ -57,6 +57,9 @@ globalThis.Covey ??= {};
       scene.begin();
       scene.ground(least, most, Covey.rgb(Covey.colour("ground")));
       scene.box(least, most, Covey.rgb(Covey.colour("ground")), { opacity: 0.35 });
+      for (const area of this._fleet.areas) {
+        scene.area(area, Covey.rgb(Covey.colour(area.keeps_in ? "ground" : "warn")));
+      }
       state.vehicles.forEach((vehicle, index) => this._vehicle(vehicle, index, aimed));
       this._avoidances(state);
       this._closest(state);

@@ -63,6 +63,17 @@ def area_m2(corners: Sequence[Point]) -> float:
     return 0.5 * doubled_m2
 
 
+def size_m2(area: Area) -> float:
+    """Return the size of an area, seen from above.
+
+    Args:
+        area: any.
+    """
+    if area.corners_enu_m:
+        return abs(area_m2(area.corners_enu_m))
+    return math.pi * area.radius_m * area.radius_m
+
+
 def is_in_polygon(corners: Sequence[Point], x: float, y: float) -> bool:
     """Whether a point lies in a polygon.
 

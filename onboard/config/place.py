@@ -12,12 +12,23 @@ from functools import lru_cache
 from typing import NamedTuple
 
 from onboard.config import areas, fences
-from onboard.config.areas import Area, Vec3
+from onboard.config.areas import Area, Point, Vec3
 from onboard.config.earth import Origin
 from onboard.config.fleet_config import FleetConfig, Geofence
 
 _ROUNDS = 8  # in which a point is moved inside all areas
 _AS_GOOD_AS_M = 1e-6
+_ROUND_CORNERS = 48  # of a circle in a picture
+
+
+class Outline(NamedTuple):
+    """An area as pictures show it."""
+
+    name: str
+    keeps_in: bool
+    corners_enu_m: tuple[Point, ...]  # of a circle enough to look round
+    low_m: float  # as far as the box reaches
+    high_m: float
 
 
 class Place(NamedTuple):
@@ -74,6 +85,20 @@ class Place(NamedTuple):
             point = moved
         return point
 
+    def outlines(self) -> tuple[Outline, ...]:
+        """Return the areas for a picture, cut to the heights of the box."""
+        floor_m, top_m = self.box.z
+        return tuple(
+            Outline(
+                name=area.name,
+                keeps_in=area.keeps_in,
+                corners_enu_m=area.corners_enu_m or _around(area),
+                low_m=min(max(area.low_m, floor_m), top_m),
+                high_m=max(min(area.high_m, top_m), floor_m),
+            )
+            for area in self.areas
+        )
+
     def room_m(self, position_enu_m: Vec3) -> tuple[float, str]:
         """Return the distance to the nearest buffer, and its area; infinite without areas.
 
@@ -104,6 +129,16 @@ def place_of(fleet: FleetConfig) -> Place:
 @lru_cache(maxsize=16)
 def _place_of(box: Geofence, written: Sequence[fences.Fence], origin: Origin | None) -> Place:
     return Place(box, tuple(fences.area_of(fence, origin) for fence in written))
+
+
+def _around(area: Area) -> tuple[Point, ...]:
+    """Return points of a circle."""
+    x, y = area.center_enu_m
+    angles = [2.0 * math.pi * corner / _ROUND_CORNERS for corner in range(_ROUND_CORNERS)]
+    return tuple(
+        (x + area.radius_m * math.cos(angle), y + area.radius_m * math.sin(angle))
+        for angle in angles
+    )
 
 
 def _room_m(area: Area, position_enu_m: Vec3) -> float:
