@@ -91,6 +91,7 @@ class ConsoleApp(App[int]):
         Binding("w", "order('locate')", "locate"),
         Binding("p", "order_paths('pause')", "pause the show"),
         Binding("r", "order_paths('resume')", "resume the show"),
+        Binding("E", "order_paths('skip')", "skip to the end of the show"),
         Binding("H", "order_paths('bring_home')", "bring all home"),
         Binding("f12", "kill('f12')", "KILL", priority=True),
         Binding("ctrl+backslash", "kill('ctrl+backslash')", "KILL", priority=True),

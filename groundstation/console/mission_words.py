@@ -7,3 +7,10 @@ USAGE = (
     "mission FILE [stepping] [NAME=VALUE ...]; then: pause, step (the next order), "
     "skip (leave it out), continue (all), stop (lands all)"
 )
+
+
+def are_of_mission(words: list[str]) -> bool:
+    """Return whether the words of a line are for a mission; ``pause all`` is for vehicles."""
+    if words[0] == "mission":
+        return True
+    return words[0] in WORDS and len(words) == 1

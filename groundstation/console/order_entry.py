@@ -169,7 +169,7 @@ class OrderEntry:
         is_control = words[:2] in (["take", "control"], ["give", "control"], ["keep", "control"])
         if is_control and len(words) <= 3:
             self._change_control(words[0], *words[2:])
-        elif words[0] in mission_words.WORDS and self.missions is not None:
+        elif mission_words.are_of_mission(words) and self.missions is not None:
             refusal = self.missions.take(words)
             if refusal:
                 self._refuse(text, refusal)
@@ -343,7 +343,7 @@ class OrderEntry:
         """Order something for all who follow paths; to bring home also means all others that fly.
 
         Args:
-            verb: pause, resume or bring_home.
+            verb: pause, resume, skip or bring_home.
         """
         names = []
         for name in self._fleet.enabled_names:

@@ -41,6 +41,7 @@ from groundstation.orders.intents import (
     Pause,
     Resume,
     Rotate,
+    Skip,
     Takeoff,
     Yaw,
 )
@@ -364,6 +365,17 @@ class Group:
             timeout_s: longest wait [s].
         """
         return await self.order(Resume(vehicles=self.select(vehicles)), timeout_s)
+
+    async def skip(self, vehicles: Vehicles = "all", *, timeout_s: float = 5.0) -> Results:
+        """Leave the paths that are followed, straight to their ends, each with the law.
+
+        The order to follow the paths is done when all are there, and the mission goes on.
+
+        Args:
+            vehicles: to order; the others go on along their paths.
+            timeout_s: longest wait [s].
+        """
+        return await self.order(Skip(vehicles=self.select(vehicles)), timeout_s)
 
     async def follow_path(
         self,

@@ -49,6 +49,7 @@ Verb = Literal[
     "hold",
     "pause",
     "resume",
+    "skip",
     "kill",
     "locate",
 ]
@@ -499,6 +500,18 @@ class Resume(Intent, frozen=True, kw_only=True):
     timeout_s: float = 5.0
 
 
+class Skip(Intent, frozen=True, kw_only=True):
+    """Leave the paths that are followed, straight to their ends; then the mission goes on."""
+
+    verb = "skip"
+    kind = "skip"
+    usage = "skip [WHO], for instance: skip all"
+    is_mission_step = False
+    begins = "in air"
+
+    timeout_s: float = 5.0
+
+
 class Land(Intent, frozen=True, kw_only=True):
     """Land and disarm."""
 
@@ -577,6 +590,7 @@ INTENTS: dict[str, type[Intent]] = {
         Hold,
         Pause,
         Resume,
+        Skip,
         Kill,
         Locate,
     )

@@ -312,6 +312,7 @@
       button("Home", send("home")),
       button("Pause show", send("pause")),
       button("Resume", send("resume")),
+      button("Skip to end", send("skip")),
       button("Bring home", send("bring home")),
     ];
     if (fleet.formations.length) {

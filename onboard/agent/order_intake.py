@@ -13,7 +13,7 @@ from typing import NamedTuple
 from onboard.agent.order_gate import OrderGate
 from onboard.bus.control_token import ORDER_STAYS, ControlTokens
 from onboard.bus.protocol import UntrustedOrder
-from onboard.bus.schema import BESIDE, BY_MISSION, LOCATE, PAUSES, Order, OrderReply, Telemetry
+from onboard.bus.schema import BESIDE, BY_MISSION, LOCATE, ON_PATHS, Order, OrderReply, Telemetry
 from onboard.flight import order_checks, state_machine
 from onboard.flight.context import FlightContext
 from onboard.flight.order_checks import OrderFacts
@@ -182,8 +182,8 @@ class OrderIntake:
         if order.kind == "load_path":
             state_machine.load_path(self._flight, view, order)
             return
-        if order.kind in PAUSES:
-            state_machine.pause(self._flight, view, order)
+        if order.kind in ON_PATHS:
+            state_machine.change_path(self._flight, view, order)
             return
 
         self.taken = TakenOrder(order, view.now_ns)

@@ -44,9 +44,10 @@ OrderKind = Literal[
     "follow_path",
     "pause",
     "resume",
+    "skip",
 ]
-PAUSES = ("pause", "resume")  # they change the clock of a path
-BESIDE = (*LOCATE, "load_path", *PAUSES)  # orders that begin nothing, and end no other
+ON_PATHS = ("pause", "resume", "skip")  # they change how a path is followed
+BESIDE = (*LOCATE, "load_path", *ON_PATHS)  # orders that begin nothing, and end no other
 # Reasons of an order; without one a person gives it, to the vehicles that he names.
 BY_MISSION = "mission"  # a mission or a script gives it, at its end or in its course
 TO_EVERYBODY = "everybody"  # a person gives it to all, as LAND ALL does

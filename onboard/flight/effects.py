@@ -10,6 +10,7 @@ import math
 
 from onboard.autopilot import Vec3
 from onboard.bus.schema import Order
+from onboard.control.path import point_at
 from onboard.control.vertical import vertical_s
 from onboard.flight.arrival import stop_point
 from onboard.flight.context import FlightContext
@@ -154,6 +155,18 @@ def stay_at_end(flight: FlightContext, view: FlightView) -> None:
     """Stay where the path ends."""
     end = flight.path.goal(0, 0.0)
     _set_goal(flight, end.position_enu_m, 0.0)
+
+
+def skip_to_end(flight: FlightContext, view: FlightView) -> None:
+    """Go straight to where the path ends, within a time that grows with the distance."""
+    assert flight.path.path is not None
+    end = point_at(flight.path.path, flight.path.path.duration_s)
+    _set_goal(flight, end.position_enu_m, 0.0, end.yaw_rad)
+    flight.leg_count += 1
+
+    distance_m = math.dist(end.position_enu_m, view.position_enu_m)
+    alone_s = _PEAK_OF_MEAN * distance_m / flight.vehicle.max_speed_m_s
+    _limit(flight, view, _LEG_LIMIT_S + _PATIENCE * alone_s)
 
 
 # -- landing ---------------------------------------------------------------------------------------

@@ -236,6 +236,8 @@ FLYING = (
         effect=effects.descend, reason="ordered"),
     Row((S.LEG,), E.TICK, when=p.arrived, to=S.ARRIVED, ends=("done", sentences.at_position)),
 
+    # The order to follow the path goes on: it is done at the end of the leg, which is the path's.
+    Row((S.PATH,), E.TICK, when=p.path_skipped, to=S.LEG, effect=effects.skip_to_end, reason=""),
     Row((S.PATH,), E.TICK, when=p.left_behind_to_land, to=S.DESCENT, effect=effects.descend,
         reason=sentences.left_behind, ends=("failed", sentences.left_behind)),
     Row((S.PATH,), E.TICK, when=p.left_behind, to=S.HOLDING, effect=effects.stop_here,

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 from onboard.autopilot import Vec3
 from onboard.bus.codec import is_finite
-from onboard.bus.schema import BESIDE, PAUSES, Order, Telemetry
+from onboard.bus.schema import BESIDE, ON_PATHS, Order, Telemetry
 from onboard.config.fleet import FleetConfig, FleetSection, Vehicle
 from onboard.config.ground import floor_m, least_height_m
 from onboard.config.pair_separation import separation_m
@@ -99,8 +99,8 @@ def _beside_the_flight(order: Order, flight: FlightContext, facts: OrderFacts) -
     """Return what speaks against an order that begins nothing and ends nothing, or None."""
     if order.kind == "load_path":
         return path_flight.part_refusal(flight.path, order.path, flight.vehicle, facts.fleet)
-    if order.kind in PAUSES:
-        return path_flight.pause_refusal(flight.path, order.kind)
+    if order.kind in ON_PATHS:
+        return path_flight.change_refusal(flight.path, order.kind)
     return None
 
 

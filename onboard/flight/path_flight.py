@@ -12,6 +12,9 @@ on without the ground:
 
     A pause stops the clock of whoever was ordered to pause, and of all that hear of it: each brakes
     along its own path. The clocks go on once nobody who flies the show is paused any more.
+
+    A vehicle that skips the rest leaves the show, and flies to the end of its path as by a move.
+    Its order to follow the path is done when it is there.
 """
 
 from __future__ import annotations
@@ -81,6 +84,7 @@ class PathFlight:
     is_lagging: bool = False
     slow_until_ns: int = 0  # a failsafe asks for slow flight until then
     is_paused: bool = False  # an order has stopped the clock
+    is_skipped: bool = False  # an order has it fly straight to the end
     used_s: float = 0.0  # of the patience
 
     @property
@@ -126,6 +130,7 @@ class PathFlight:
         self.is_lagging = False
         self.slow_until_ns = 0
         self.is_paused = False
+        self.is_skipped = False
         self.used_s = 0.0
 
     def advance(
@@ -263,18 +268,18 @@ def start_refusal(
     return None
 
 
-def pause_refusal(flight: PathFlight, kind: str) -> str | None:
-    """Return the reason why a path's clock cannot be stopped, or go on, now; or None.
+def change_refusal(flight: PathFlight, kind: str) -> str | None:
+    """Return the reason why a path cannot be paused, resumed or skipped now; or None.
 
     Args:
         flight: along the path.
-        kind: "pause" or "resume".
+        kind: "pause", "resume" or "skip".
     """
     if not flight.show_id:
         return "The vehicle follows no path: order hold to stop it where it is."
-    if flight.time_s <= 0.0 and kind == "pause":
+    if flight.time_s <= 0.0 and kind != "resume":
         return "Its path has not begun yet: order hold, and nobody starts with it."
-    if flight.left_s <= 0.0 and kind == "pause":
+    if flight.left_s <= 0.0 and kind != "resume":
         return "It is at the end of its path."
     return None
 

@@ -170,6 +170,11 @@ def path_ended(flight: FlightContext, view: FlightView) -> bool:
     return flight.path.left_s <= 0.0 and arrived(flight, view)
 
 
+def path_skipped(flight: FlightContext, view: FlightView) -> bool:
+    """Return whether an order has it skip the rest of its path."""
+    return flight.path.is_skipped
+
+
 def path_late(flight: FlightContext, view: FlightView) -> bool:
     """Return whether the vehicle should have been at the end of its path long since."""
     return flight.path.left_s < -PATH_END_TIMEOUT_S

@@ -106,6 +106,11 @@ def resumed(flight: FlightContext, view: FlightView) -> str:
     return f"Going on at {flight.path.time_s:.1f} s of its path, once all others go on."
 
 
+def skipped(flight: FlightContext, view: FlightView) -> str:
+    """Return the end of an order to skip the rest of a path."""
+    return f"Leaving its path at {flight.path.time_s:.1f} s, for the end of it."
+
+
 def holding(flight: FlightContext, view: FlightView) -> str:
     """Return the end of an order to hold."""
     return f"Holding at {position_text(view)}."

@@ -74,12 +74,20 @@ def load_path(flight: FlightContext, view: FlightView, order: Order) -> None:
     flight.say(view, "debug", "path", sentence, order.order_id, "done")
 
 
-def pause(flight: FlightContext, view: FlightView, order: Order) -> None:
-    """Stop the clock of the path that is followed, or let it go on; no order ends by it."""
-    flight.path.is_paused = order.kind == "pause"
-    sentence = sentences.resumed(flight, view)
-    if flight.path.is_paused:
+def change_path(flight: FlightContext, view: FlightView, order: Order) -> None:
+    """Stop the clock of the path that is followed, let it go on, or skip the rest of the path.
+
+    No order ends by it: the one to follow the path goes on.
+    """
+    if order.kind == "skip":
+        flight.path.is_skipped = True
+        sentence = sentences.skipped(flight, view)
+    elif order.kind == "pause":
+        flight.path.is_paused = True
         sentence = sentences.paused(flight, view)
+    else:
+        flight.path.is_paused = False
+        sentence = sentences.resumed(flight, view)
     flight.say(view, "info", order.kind, sentence, order.order_id, "done")
 
 

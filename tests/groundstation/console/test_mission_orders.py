@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from groundstation.console.mission_orders import MissionOrders
+from groundstation.console.mission_words import are_of_mission
 from groundstation.mission_files.loading import load_mission
 from groundstation.mission_files.names import mission_names
 from groundstation.missions.runner import MissionRun
@@ -192,3 +193,11 @@ async def test_each_mission_is_judged_by_its_own_distances_and_all_stand_in_one_
     written = json.loads((record.folder / "verdict.json").read_text())
     assert written["passed"] is False
     assert [mission["passed"] for mission in written["missions"]] == [False, True]
+
+
+def test_a_line_with_vehicles_is_for_them_and_one_word_is_for_the_mission() -> None:
+    assert are_of_mission(["skip"])
+    assert are_of_mission(["mission", "show.toml"])
+    assert not are_of_mission(["skip", "all"])
+    assert not are_of_mission(["pause", "mav1"])
+    assert not are_of_mission(["land"])

@@ -272,6 +272,44 @@ def test_a_pause_stops_the_vehicle_on_its_path_and_resume_lets_it_go_on_to_the_e
     assert rig.position[0] == pytest.approx(2.0, abs=0.1)
 
 
+def test_a_skip_leads_straight_to_the_end_and_the_order_to_follow_the_path_is_done_there() -> None:
+    path = line(metres=3.0, duration_s=60.0)
+    rig = following(path)
+    rig.run(5.0)
+    assert rig.position[0] < 1.0
+    assert rig.order("pause").is_accepted  # a paused vehicle may skip as well
+    assert rig.order("skip", order_id="skip").is_accepted
+    event = next(one for one in rig.events if one.order_id == "skip")
+    assert event.order_outcome == "done"
+
+    rig.run(0.1)
+    assert rig.telemetry is not None
+    assert rig.telemetry.show_id == ""  # the others do not wait for it
+    assert not rig.telemetry.is_path_paused
+    rig.run(12.0)
+    assert rig.outcomes()["show"] == "done"
+    assert rig.position[0] == pytest.approx(3.0, abs=0.1)
+
+
+def test_a_vehicle_that_skips_is_slowed_held_and_landed_as_on_any_way() -> None:
+    for kind, state in (("hold", "holding"), ("land", "landing")):
+        rig = following(line(metres=3.0, duration_s=60.0))
+        rig.run(5.0)
+        assert rig.order("skip").is_accepted
+        rig.run(1.0)
+        assert rig.order(kind).is_accepted
+        rig.run(0.1)
+        assert rig.core.flight.state == state
+        assert rig.outcomes()["show"] == "superseded"
+
+
+def test_nobody_skips_without_a_path_or_before_it_begins() -> None:
+    rig = alone()
+    rig.fly()
+    assert "follows no path" in rig.order("skip").reason
+    assert "has not begun yet" in following(line()).order("skip").reason
+
+
 @pytest.mark.long
 def test_land_and_hold_end_a_paused_path_and_a_weak_battery_lands_it() -> None:
     ends: tuple[tuple[OrderKind, str], ...] = (("hold", "holding"), ("land", "landing"))

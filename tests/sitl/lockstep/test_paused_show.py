@@ -14,7 +14,7 @@ from groundstation.orders.result import OrderFailed
 from groundstation.paths.pieces import fitted
 from groundstation.starter.files import Answers, starter
 from onboard.config.fleet import FleetConfig, fleet_from_mapping
-from onboard.control.path import Path
+from onboard.control.path import Path, point_at
 from sitl.lockstep.flight import Lockstep
 
 HEIGHT_M = 1.2
@@ -51,22 +51,28 @@ def is_down(flight: Lockstep, name: str) -> bool:
     return truth is not None and truth.is_on_ground
 
 
+async def come_to(flight: Lockstep, path_time_s: float) -> None:
+    """Wait until all have flown so much of their paths."""
+
+    def has_come(_: object) -> bool:
+        views = flight.state.vehicles.values()
+        return all(
+            view.telemetry is not None
+            and view.telemetry.show_id
+            and view.telemetry.path_time_s >= path_time_s
+            for view in views
+        )
+
+    assert await flight.fleet.client.wait_for(has_come, 60.0)
+
+
 def fly(flight: Lockstep, degrees: float, pause_s: float, *, is_brought_home: bool) -> None:
     """Pause a show so long after its start, then let it go on or bring all home."""
     fleet = flight.fleet
     flight.takeoff(HEIGHT_M)
 
     async def stop_it() -> None:
-        def has_come(state: object) -> bool:
-            views = flight.state.vehicles.values()
-            return all(
-                view.telemetry is not None
-                and view.telemetry.show_id
-                and view.telemetry.path_time_s >= pause_s
-                for view in views
-            )
-
-        assert await fleet.client.wait_for(has_come, 60.0)
+        await come_to(flight, pause_s)
         assert all(result.is_done for result in (await fleet.pause()).values())
         await fleet.wait(4.0)
 
@@ -113,6 +119,37 @@ def test_thirty_vehicles_paused_at_every_second_are_brought_home_and_keep_the_pr
     lockstep: Callable[..., Lockstep], pause_s: int
 ) -> None:
     fly(lockstep(fleet_of(30)), 15.0, float(pause_s), is_brought_home=True)
+
+
+@pytest.mark.long
+@pytest.mark.timeout(1800)
+@pytest.mark.parametrize("skip_s", [1, 5, 8, 12])
+def test_a_show_that_is_skipped_ends_at_its_last_positions_above_the_promise(
+    lockstep: Callable[..., Lockstep], skip_s: int
+) -> None:
+    flight = lockstep(fleet_of(3))
+    fleet = flight.fleet
+    flight.takeoff(HEIGHT_M)
+    paths = turning_grid(fleet.config, 170.0)
+
+    async def skip() -> None:
+        await come_to(flight, skip_s)
+        assert all(result.is_done for result in (await fleet.skip()).values())
+
+    async def show() -> None:
+        async with asyncio.TaskGroup() as tasks:
+            tasks.create_task(skip())
+            results = await fleet.follow_path(paths)
+        assert {result.phase for result in results.values()} == {"done"}
+
+    flight.wait_for(show())
+    for name, path in paths.items():
+        position = fleet[name].position_enu_m
+        assert position is not None
+        end = point_at(path, path.duration_s).position_enu_m
+        assert math.dist(position, end) < 0.3
+    assert flight.min_separation_m > PROMISE_M
+    assert flight.land()  # the mission goes on
 
 
 @pytest.mark.long
