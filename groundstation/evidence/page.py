@@ -34,7 +34,8 @@ code { font: 12px ui-monospace, monospace; overflow-wrap: anywhere; }
 details { margin: .2em 0; } summary { cursor: pointer; }
 img { max-width: 100%; border: 1px solid #d5dade; }
 .note { background: #f6f7f8; border-left: 4px solid #5a646d; padding: .6em 1em; }
-@media print { details { display: block; } body { margin: 0; max-width: none; } }
+@media print { details::details-content { content-visibility: visible; display: block; }
+  body { margin: 0; max-width: none; } }
 """
 _POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
 
@@ -116,8 +117,8 @@ def _volumes(evidence: Evidence, picture: bytes) -> str:
     return (
         f"<img alt='the three volumes from above' src='data:image/png;base64,{encoded}'>"
         f"<table><tr><th>volume</th><th>size</th><th>from</th></tr>{cells}</table>"
-        "<p>Their corners are in <code>geography.geojson</code>. Of n flights none came farther:"
-        " with 95 % confidence fewer than"
+        "<p>Their corners are in <code>geography.geojson</code>. Of these"
+        f" {evidence.flights} flights none came farther: with 95 % confidence fewer than"
         f" {100.0 * (1.0 - 0.05 ** (1.0 / max(evidence.flights, 1))):.2g} % of such flights do.</p>"
     )
 
@@ -161,9 +162,19 @@ def _matrix_row(row: MatrixRow) -> str:
     return (
         f"<tr class='{status}'><td>{_text(row.question)}</td>"
         f"<td>{'<br>'.join(map(_text, row.asked_by))}</td>"
-        f"<td>{_text(_WORDS[row.status])}{_reasons(row.reasons)}</td><td>{flights}</td>"
+        f"<td>{_text(_result(row))}{_reasons(row.reasons)}</td><td>{flights}</td>"
         f"<td>{bound}</td><td>{_shown_by(row)}</td><td>{_text(row.remains)}</td></tr>"
     )
+
+
+def _result(row: MatrixRow) -> str:
+    if row.status == SHOWN and row.not_flown:
+        return f"{_WORDS[SHOWN]}, in part: {_number(len(row.not_flown), 'fault')} not flown"
+    return _WORDS[row.status]
+
+
+def _number(count: int, what: str) -> str:
+    return f"{count} {what}" if count == 1 else f"{count} {what}s"
 
 
 def _reasons(reasons: Sequence[str]) -> str:
@@ -179,23 +190,20 @@ def _reasons(reasons: Sequence[str]) -> str:
 def _shown_by(row: MatrixRow) -> str:
     parts = []
     if row.faults:
-        faults = ", ".join(f"{name} ({count})" for name, count in row.faults.items())
-        parts.append(
-            f"<details><summary>{len(row.faults)} faults</summary>{_text(faults)}</details>"
-        )
+        names = ", ".join(f"{name} ({count})" for name, count in row.faults.items())
+        parts.append(_folded(_number(len(row.faults), "fault"), _text(names)))
     if row.not_flown:
-        names = ", ".join(row.not_flown)
-        parts.append(
-            f"<details><summary>{len(row.not_flown)} faults not flown</summary>{_text(names)}"
-            "</details>"
-        )
+        title = f"{_number(len(row.not_flown), 'fault')} not flown"
+        parts.append(_folded(title, _text(", ".join(row.not_flown))))
     if row.rows:
         items = "".join(_failsafe_row(one) for one in row.rows)
-        parts.append(
-            f"<details><summary>{len(row.rows)} rows of the failsafe table</summary>"
-            f"<ul>{items}</ul></details>"
-        )
+        title = f"{_number(len(row.rows), 'row')} of the failsafe table"
+        parts.append(_folded(title, f"<ul>{items}</ul>"))
     return "".join(parts)
+
+
+def _folded(title: str, content: str) -> str:
+    return f"<details><summary>{title}</summary>{content}</details>"
 
 
 def _failsafe_row(row: FailsafeRow) -> str:

@@ -33,6 +33,12 @@ def test_the_page_has_every_question_and_what_is_not_shown_in_one_table(tmp_path
     assert "<script" not in page
 
 
+def test_a_row_of_which_not_all_faults_were_flown_says_so(tmp_path, paper) -> None:
+    _, _, page = written(tmp_path, paper, [flown("motor dead"), flown("a pilot lands")])
+    assert "evidence for, in part: 2 faults not flown" in page  # of three of propulsion
+    assert "evidence for, in part: 1 fault not flown" in page  # of two of the pilot
+
+
 def test_nothing_of_it_says_that_a_regulation_is_met(tmp_path, paper) -> None:
     written(tmp_path, paper, [flown()])
     for name in ("evidence.html", "evidence.json"):

@@ -292,7 +292,8 @@ def test_a_skip_leads_straight_to_the_end_and_the_order_to_follow_the_path_is_do
 
 
 def test_a_vehicle_that_skips_is_slowed_held_and_landed_as_on_any_way() -> None:
-    for kind, state in (("hold", "holding"), ("land", "landing")):
+    ends: tuple[tuple[OrderKind, str], ...] = (("hold", "holding"), ("land", "landing"))
+    for kind, state in ends:
         rig = following(line(metres=3.0, duration_s=60.0))
         rig.run(5.0)
         assert rig.order("skip").is_accepted
