@@ -13,6 +13,7 @@ from pathlib import Path
 
 import msgspec
 
+from onboard.config.file_reading import EVIDENCE_FILE, read_bytes
 from onboard.config.fleet import ConfigError
 
 KEPT_NAME = "flights.jsonl"
@@ -72,7 +73,7 @@ class KeptFlights:
             path.write_bytes(msgspec.json.encode(origin) + b"\n")
 
     def _read(self, origin: dict[str, str]) -> None:
-        lines = self.path.read_bytes().splitlines()
+        lines = read_bytes(self.path, EVIDENCE_FILE).splitlines()
         try:
             kept_origin = msgspec.json.decode(lines[0], type=dict[str, str])
         except (IndexError, msgspec.DecodeError):

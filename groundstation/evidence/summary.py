@@ -14,6 +14,7 @@ from groundstation.evidence.matrix import WRONG, MatrixRow, conditions_never_see
 from groundstation.evidence.proofs import tests_by_condition
 from groundstation.evidence.provenance import Provenance
 from groundstation.evidence.volumes import Volumes, distance_outside_m, volumes
+from onboard.config.file_reading import EVIDENCE_FILE, read_bytes
 from onboard.config.fleet import ConfigError, FleetConfig
 
 EVIDENCE_NAME = "evidence.json"
@@ -123,9 +124,8 @@ def read_evidence(folder: Path) -> Evidence:
         ConfigError: there is none, or it cannot be understood.
     """
     path = folder / EVIDENCE_NAME
+    data = read_bytes(path, EVIDENCE_FILE)
     try:
-        return msgspec.json.decode(path.read_bytes(), type=Evidence)
-    except OSError:
-        raise ConfigError(f"{path} cannot be read: covey evidence writes one.") from None
-    except msgspec.DecodeError as error:
+        return msgspec.json.decode(data, type=Evidence)
+    except (msgspec.DecodeError, RecursionError) as error:
         raise ConfigError(f"{path} is no evidence of this version of Covey: {error}.") from None

@@ -52,6 +52,8 @@ PARAMETER_FILE = FileKind("file", 16 * _MB, "Give a file of covey px4 params --d
 KEY_FILE = FileKind("file", 64_000, "Copy it again, or issue it anew.")
 # A map of 10,000 cells takes 5 MB.
 RESULTS_FILE = FileKind("file", 64 * _MB, "Name a file of covey simulate --map.")
+# a flight takes 1 kB
+EVIDENCE_FILE = FileKind("file", 64 * _MB, "Name a folder of covey evidence.")
 SIMULATION_FILE = FileKind("file", 1 * _MB, "Fly the mission anew.")
 # Twenty minutes take 100 MB; it is read into memory, of which only what is shown is kept.
 ULOG = FileKind("log of PX4", 1_000 * _MB, "Fetch it with covey log fetch.")

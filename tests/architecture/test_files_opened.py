@@ -31,6 +31,7 @@ ALLOWED = {
     # texts and tables that are part of this software
     "groundstation/alarms/alarm_table.py": "its own table",
     "groundstation/console/screens/dialogs.py": "its own texts",
+    "groundstation/evidence/proofs.py": "its own table",
     "groundstation/report/page.py": "its own scripts and styles",
     "groundstation/scene/static_files.py": "its own scripts and styles",
     "groundstation/shows/gallery.py": "the examples",
@@ -57,6 +58,8 @@ ALLOWED = {
     "groundstation/starter/fleet_edit.py": "text of a fleet that was loaded",
     "sitl/monte_carlo/settings.py": "text of a fleet that was loaded, and a value of an option",
     # files of the kernel and of Covey's own processes
+    "groundstation/evidence/folder.py": "a drawing that it has written",
+    "groundstation/evidence/provenance.py": "hashes of its own code and of files that were loaded",
     "groundstation/network/machine.py": "files of the kernel",
     "groundstation/network/network_interfaces.py": "files of the kernel",
     "groundstation/orders/forecast_process.py": "bytes of a child that it has started",

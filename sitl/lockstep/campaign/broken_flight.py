@@ -115,7 +115,13 @@ def fly_broken(
 
     environment = Environment(wind=wind)
     with Lockstep(mission.fleet, seed=seed, folder=folder, environment=environment) as flight:
-        judge = Judge(flight, injection, breaking.victim, silenced, action_of)
+        judge = Judge(
+            flight=flight,
+            injection=injection,
+            victim=breaking.victim,
+            silenced=silenced,
+            action_of=action_of,
+        )
         watch(flight)
 
         def inject() -> None:
