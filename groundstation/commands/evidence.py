@@ -40,7 +40,7 @@ from sitl.lockstep.campaign.evidence_campaign import (
     refuse_strong_wind,
 )
 
-_WHOLE_ROUNDS = 8
+_WHOLE_ROUNDS = 4
 _QUICK_ROUNDS = 1
 _MOST_ROUNDS = 900
 _MOST_JOBS = 64
@@ -67,7 +67,7 @@ def evidence(
         wind: mean wind, from another direction in each flight, with gusts of 15 %
         out: folder of the evidence; flights that it holds are not flown again
         quick: one round: every fault once, for a look in minutes
-        rounds: so many rounds (default 8)
+        rounds: so many rounds (default 4)
         only: only faults whose name contains this; the others stay not shown
         jobs: processes (default: one for each core)
         beside: evidence of another machine, whose figures are compared
