@@ -48,6 +48,7 @@ from onboard.plain_text import plain_line
 
 MAX_VEHICLES = 256
 MAX_ORDER_MESSAGES = 50_000  # orders, replies and events
+_DECODED_AT_ONCE = 250  # messages of one vehicle and kind
 MAX_MADE = 20  # words about by what a record was written
 MAX_NAME = 60  # letters of a name that are kept
 LARGEST = 1e9  # of any quantity; a larger number is none
@@ -139,8 +140,8 @@ _UNDECODABLE = (msgspec.DecodeError, UnicodeDecodeError, RecursionError)
 
 def _rows_of(
     decoder: msgspec.json.Decoder[list[_Row]], stamps_ns: list[int], datas: list[bytes]
-) -> Iterator[tuple[int, _Row]]:
-    """Yield stamps and rows of JSON texts; what is none of this kind is left out.
+) -> tuple[list[int], list[_Row]]:
+    """Return stamps and rows of JSON texts; what is none of this kind is left out.
 
     The texts are decoded all at once. Only where that fails they are looked at one by one; and a
     text that would become several rows is none.
@@ -150,14 +151,17 @@ def _rows_of(
     except _UNDECODABLE:
         rows = []
     if len(rows) == len(datas):
-        yield from zip(stamps_ns, rows, strict=True)
-        return
+        return stamps_ns, rows
 
+    known_ns: list[int] = []
+    known: list[_Row] = []
     for stamp_ns, data in zip(stamps_ns, datas, strict=True):
         with contextlib.suppress(*_UNDECODABLE):
             one = decoder.decode(b"[" + data + b"]")
             if len(one) == 1:
-                yield stamp_ns, one[0]
+                known_ns.append(stamp_ns)
+                known += one
+    return known_ns, known
 
 
 # -- collecting ------------------------------------------------------------------------------------
@@ -168,34 +172,22 @@ class _Rows:
 
     def __init__(self, fields: dict[str, int]) -> None:
         self._fields = fields
-        self._vectors = sum(1 for size in fields.values() if size > 1)  # they come first
         self._width = sum(fields.values())
         self._stamps_ns = array("q")
-        self._values = array("d")
+        self._blocks: list[Array] = []  # (rows, width) each
 
-    def add(self, stamp_ns: int, values: Sequence[Any]) -> None:
-        """Add a row: the values of the fields in their order."""
-        length = len(self._values)
-        try:
-            # almost every row is complete, and then nothing is looked at one by one
-            self._values.extend(itertools.chain.from_iterable(values[: self._vectors]))
-            self._values.extend(values[self._vectors :])
-        except TypeError:
-            del self._values[length:]
-            self._values.extend(self._with_nan(values))
-        self._stamps_ns.append(stamp_ns)
-
-    def _with_nan(self, values: Sequence[Any]) -> list[float]:
-        """Return the numbers of a row, NaN for those that are missing."""
-        row: list[float] = []
-        for value, size in zip(values, self._fields.values(), strict=True):
-            parts = value
-            if value is None:
-                parts = [None] * size
-            elif size == 1:
-                parts = [value]
-            row += [np.nan if part is None else part for part in parts]
-        return row
+    def add(self, stamps_ns: list[int], rows: Sequence[msgspec.Struct]) -> None:
+        """Add rows, whose first fields are those that are kept, in their order."""
+        if not rows:
+            return
+        block = np.empty((len(rows), self._width))
+        begin = 0
+        values_of_fields = zip(*map(msgspec.structs.astuple, rows), strict=True)
+        for values, size in zip(values_of_fields, self._fields.values(), strict=False):
+            block[:, begin : begin + size] = _numbers(values, size)
+            begin += size
+        self._stamps_ns.extend(stamps_ns)
+        self._blocks.append(block)
 
     @property
     def stamps_ns(self) -> IntArray:
@@ -204,7 +196,7 @@ class _Rows:
 
     def columns(self, kept: IntArray) -> dict[str, Array]:
         """Return each field's values, of the rows with these numbers."""
-        values = np.array(self._values, np.float64).reshape(-1, self._width)[kept]
+        values = np.concatenate([np.empty((0, self._width)), *self._blocks])[kept]
         values[~(np.abs(values) <= LARGEST)] = np.nan
 
         columns = {}
@@ -214,6 +206,22 @@ class _Rows:
             columns[name] = part[:, 0] if size == 1 else part
             begin += size
         return columns
+
+
+def _numbers(values: Sequence[Any], size: int) -> Array:
+    """Return one field of several rows as (rows, size); NaN for what is missing."""
+    shape = (len(values),) if size == 1 else (len(values), size)
+    try:
+        # almost every row is complete, and then nothing is looked at one by one
+        numbers = np.array(values, np.float64)
+    except (TypeError, ValueError):
+        numbers = np.empty(0)
+    if numbers.shape == shape:
+        return numbers.reshape(-1, size)
+
+    missing = (None,) * size
+    parts = [missing if value is None else value for value in values]
+    return np.array(parts, np.float64).reshape(-1, size)
 
 
 class _Ages:
@@ -280,21 +288,18 @@ class _VehicleRows:
 
     def add_ticks(self, stamps_ns: list[int], datas: list[bytes]) -> int:
         """Add ticks; returns how many of them are some."""
-        before = len(self.avoided)
-        for stamp_ns, row in _rows_of(_TICKS, stamps_ns, datas):
-            values = msgspec.structs.astuple(row)
-            self.ticks.add(stamp_ns, values[: len(_TICK_FIELDS)])
+        stamps_ns, rows = _rows_of(_TICKS, stamps_ns, datas)
+        self.ticks.add(stamps_ns, rows)
+        for row in rows:
             self.ages.add(len(self.avoided), row.neighbour_ages_s)
             self.avoided.append(row.active_neighbour)
-        return len(self.avoided) - before
+        return len(rows)
 
     def add_telemetry(self, stamps_ns: list[int], datas: list[bytes]) -> int:
         """Add telemetry; returns how many of the messages are some."""
-        before = len(self.texts)
-        for stamp_ns, row in _rows_of(_TELEMETRY, stamps_ns, datas):
-            values = msgspec.structs.astuple(row)
-            self.telemetry.add(stamp_ns, values[: len(_TELEMETRY_FIELDS)])
-
+        stamps_ns, rows = _rows_of(_TELEMETRY, stamps_ns, datas)
+        self.telemetry.add(stamps_ns, rows)
+        for row in rows:
             texts = (row.state, row.mode, row.order_kind)
             # the same few texts ten times a second: each is kept once
             if self.texts and self.texts[-1] == texts:
@@ -302,15 +307,13 @@ class _VehicleRows:
             self.texts.append(texts)
             self.law = row.law or self.law
             self.config_hash = row.config_hash or self.config_hash
-        return len(self.texts) - before
+        return len(rows)
 
     def add_truths(self, stamps_ns: list[int], datas: list[bytes]) -> int:
         """Add samples of the truth; returns how many of the messages are some."""
-        count = 0
-        for stamp_ns, row in _rows_of(_TRUTHS, stamps_ns, datas):
-            self.truth.add(stamp_ns, msgspec.structs.astuple(row))
-            count += 1
-        return count
+        stamps_ns, rows = _rows_of(_TRUTHS, stamps_ns, datas)
+        self.truth.add(stamps_ns, rows)
+        return len(rows)
 
     def add_preflight(self, raw: RawChannel) -> int:
         """Keep the newest report; returns how many of the messages are some."""
@@ -330,6 +333,9 @@ class _Collected:
         self.malformed = 0
         self.left_out: set[str] = set()  # vehicles beyond MAX_VEHICLES
         self.is_full = False  # more orders and events than are kept
+        # By topic and vehicle: a chunk has a few messages of each, and many are decoded at once in
+        # a third of the time.
+        self._waiting: dict[tuple[str, str], tuple[list[int], list[bytes]]] = {}
 
     def add(self, raw: RawChannel) -> None:
         """Take in messages of one channel; what cannot be decoded is counted."""
@@ -339,16 +345,33 @@ class _Collected:
         rows = self._rows_of(raw.name)
         if rows is None:
             return
+        if raw.topic == "preflight":
+            self.malformed += len(raw.datas) - rows.add_preflight(raw)
+            return
 
-        if raw.topic == "tick":
-            count = rows.add_ticks(raw.stamps_ns, raw.datas)
-        elif raw.topic == "telemetry":
-            count = rows.add_telemetry(raw.stamps_ns, raw.datas)
-        elif raw.topic == "truth":
-            count = rows.add_truths(raw.stamps_ns, raw.datas)
+        key = (raw.topic, raw.name)
+        stamps_ns, datas = self._waiting.setdefault(key, ([], []))
+        stamps_ns += raw.stamps_ns
+        datas += raw.datas
+        if len(datas) >= _DECODED_AT_ONCE:
+            self._decode(key)
+
+    def finish(self) -> None:
+        """Take in what still waits to be decoded."""
+        for key in list(self._waiting):
+            self._decode(key)
+
+    def _decode(self, key: tuple[str, str]) -> None:
+        topic, name = key
+        stamps_ns, datas = self._waiting.pop(key)
+        rows = self.vehicles[name]
+        if topic == "tick":
+            count = rows.add_ticks(stamps_ns, datas)
+        elif topic == "telemetry":
+            count = rows.add_telemetry(stamps_ns, datas)
         else:
-            count = rows.add_preflight(raw)
-        self.malformed += len(raw.datas) - count
+            count = rows.add_truths(stamps_ns, datas)
+        self.malformed += len(datas) - count
 
     def _rows_of(self, name: str) -> _VehicleRows | None:
         if name not in self.vehicles:
@@ -392,6 +415,7 @@ def read_flight(folder: Path, fleet_path: str | None = None) -> Flight:
         for number in range(timeline.chunk_count):
             for raw in timeline.raw_channels(number, TOPICS):
                 collected.add(raw)
+        collected.finish()
 
     beside = timeline.path.parent
     notes = [timeline.broken] if timeline.broken else []

@@ -34,8 +34,7 @@ _MAX_STAMP_NS = (1 << 63) - 1
 # Parts of a chunk, little-endian: the head of a record (opcode, length), and of a message channel,
 # sequence (left out here) and log time, which the publish time follows.
 _HEAD = struct.Struct("<BQ")
-_MESSAGE_HEAD = struct.Struct("<H4xQ")
-_MESSAGE_HEAD_BYTES = 22
+_MESSAGE_RECORD_HEAD = struct.Struct("<BQH4xQ8x")
 
 
 @dataclass(frozen=True, slots=True)
@@ -189,21 +188,21 @@ def chunk_messages(
         if not _fits(chunk):
             return None
         stream, size = get_chunk_data_stream(chunk, validate_crc=True)
-        data = stream.read(size)
+        # the head of a message is read with that of its record, also of a last one that is shorter
+        data = stream.read(size) + bytes(_MESSAGE_RECORD_HEAD.size)
+        unpack = _MESSAGE_RECORD_HEAD.unpack_from
+        message_opcode = int(Opcode.MESSAGE)
+        content_begin = _MESSAGE_RECORD_HEAD.size
 
         offset = 0
         while offset < size:
-            opcode, length = _HEAD.unpack_from(data, offset)
-            begin = offset + _HEAD.size
-            offset = begin + length
+            opcode, length, channel_id, log_time_ns = unpack(data, offset)
+            begin = offset
+            offset += _HEAD.size + length
             if offset > size:
                 return None
-            if opcode == Opcode.MESSAGE:
-                channel_id, log_time_ns = _MESSAGE_HEAD.unpack_from(data, begin)
-                if channel_id not in channel_ids:
-                    continue
-                content = data[begin + _MESSAGE_HEAD_BYTES : offset]
-                messages.append((channel_id, log_time_ns, content))
+            if opcode == message_opcode and channel_id in channel_ids:
+                messages.append((channel_id, log_time_ns, data[begin + content_begin : offset]))
     except DAMAGED:
         return None
     return messages
