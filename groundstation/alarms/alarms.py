@@ -31,8 +31,8 @@ from groundstation.alarms.alarm_table import (
 from groundstation.fleet.state import FleetState, LoggedEvent, VehicleView
 from onboard.bus.schema import Telemetry
 from onboard.config.fleet import FleetConfig
+from onboard.config.flight_space import flight_space_of
 from onboard.config.pair_separation import separations_m
-from onboard.config.place import place_of
 from onboard.plain_text import plain_line
 from onboard.safety.failsafe_table import Condition
 
@@ -414,7 +414,7 @@ def _measured(telemetry: Telemetry, fleet: FleetConfig) -> set[Kind]:
     if telemetry.is_airborne:
         if not telemetry.is_position_valid:
             kinds.add(Condition.POSITION_LOST)
-        elif not place_of(fleet).contains(telemetry.position_enu_m):
+        elif not flight_space_of(fleet).contains(telemetry.position_enu_m):
             kinds.add(Condition.FENCE_BREACH)
     return kinds
 

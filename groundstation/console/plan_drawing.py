@@ -23,8 +23,8 @@ from groundstation.fleet.state import VehicleView
 from onboard.arrays import Array
 from onboard.config.areas import edges_of
 from onboard.config.fleet import FleetConfig
+from onboard.config.flight_space import flight_space_of
 from onboard.config.obstacles import Obstacle
-from onboard.config.place import place_of
 
 PointEnu = tuple[float, float, float]  # metres
 Dot = tuple[float, float]  # x to the right, y down, from the upper left corner of the picture
@@ -129,7 +129,7 @@ def draw_background(window: Window, fleet: FleetConfig) -> Canvas:
     for obstacle in fleet.obstacles:
         _draw_obstacle(canvas, window, obstacle)
 
-    for outline in place_of(fleet).outlines():
+    for outline in flight_space_of(fleet).outlines():
         colour = FAINT if outline.keeps_in else WARN
         for begin, end in edges_of(outline.corners_enu_m):
             _draw_clipped_line(canvas, window.dot(*begin), window.dot(*end), colour)

@@ -21,7 +21,7 @@ NOTHING = "nothing"  # what breaks in a flight in which nothing does
 
 
 class FlightCase(msgspec.Struct, frozen=True, kw_only=True):
-    """What one flight of a campaign is."""
+    """One flight of a campaign."""
 
     fault: str
     round: int
@@ -32,7 +32,7 @@ class FlightCase(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class FlownCase(msgspec.Struct, frozen=True, kw_only=True):
-    """What came of it. Everything is rounded: the digest of the campaign is of these."""
+    """The outcome of a flight. Everything is rounded: the digest of the campaign is of these."""
 
     case: FlightCase
     wrong: tuple[str, ...]  # sentences; empty when all held

@@ -19,8 +19,8 @@ from groundstation.recording.reader import (
     of_one_flight,
 )
 from onboard.arrays import Array
+from onboard.config.flight_space import Outline
 from onboard.config.pair_separation import separations_m
-from onboard.config.place import Outline
 
 TOPICS = ("truth", "tick", "telemetry")
 GRID_S = 0.02

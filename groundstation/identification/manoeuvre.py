@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from onboard.config.fleet import ConfigError, FleetConfig, Vec3, parking_distance_m
-from onboard.config.place import place_of
+from onboard.config.flight_space import flight_space_of
 
 BOX_M = 0.6  # to each side
 HEIGHT_M = 1.0
@@ -42,7 +42,7 @@ def manoeuvre(
     apart_m -= parking_distance_m(fleet) + fleet.law.uncooperative_margin_m
 
     room_m = min(x - fence.x[0], fence.x[1] - x, y - fence.y[0], fence.y[1] - y) - 0.4
-    to_fence_m, _ = place_of(fleet).room_m((x, y, height_m))
+    to_fence_m, _ = flight_space_of(fleet).room_m((x, y, height_m))
     room_m = min(room_m, to_fence_m - 0.4)
     half_m = min(half_m, room_m / (1.0 if math.isinf(to_fence_m) else math.sqrt(2.0)), apart_m)
     if not half_m >= 0.25:

@@ -10,7 +10,7 @@ from groundstation.mission_files.mission import Mission
 from groundstation.orders.intents import Home, Intent, Land
 from groundstation.paths.checks import path_findings
 from onboard.config.fleet import ConfigError, FleetConfig
-from onboard.config.place import place_of
+from onboard.config.flight_space import flight_space_of
 from onboard.estimation.accuracies import ACCURACIES
 from onboard.feasibility.finding import Finding, at_least, at_most, worst, worst_first
 from onboard.feasibility.fleet_checks import ErrorClass, error_class, fleet_findings, spot_findings
@@ -135,7 +135,7 @@ def _step_findings(mission: Mission, errors: ErrorClass | None) -> Iterator[Find
 
 def _way_findings(fleet: FleetConfig, course_step: CourseStep, where: str) -> Iterator[Finding]:
     """Yield the finding about the straight way that leads farthest beyond the edge of a fence."""
-    areas = place_of(fleet).areas
+    areas = flight_space_of(fleet).areas
     beyond_m = {
         name: way_beyond_m(areas, course_step.positions[name], goal)
         for name, goal in course_step.goals.items()

@@ -18,8 +18,8 @@ from groundstation.orders.result import OrderFailed, Results
 from groundstation.paths.checks import LOWEST_M
 from onboard.bus.schema import Vec3
 from onboard.config.fleet import ConfigError, FleetConfig, Vehicle
+from onboard.config.flight_space import flight_space_of
 from onboard.config.ground import floor_m, least_height_m
-from onboard.config.place import place_of
 
 _PERIOD_S = 0.5
 _AHEAD_S = 1.0  # a new leg takes about that long to get under way
@@ -138,6 +138,6 @@ def _goals(client: FleetClient, leader: str, offsets: Mapping[str, Vec3]) -> dic
 
 def _inside(fleet: FleetConfig, follower: Vehicle, goal: Vec3) -> Vec3:
     """Return the nearest point inside the fence, not too low above the ground."""
-    x, y, z = place_of(fleet).nearest_inside(goal, _INSIDE_M)
+    x, y, z = flight_space_of(fleet).nearest_inside(goal, _INSIDE_M)
     least_m = max(LOWEST_M, least_height_m(follower))
     return (x, y, max(z, floor_m(fleet) + least_m))

@@ -17,8 +17,8 @@ from groundstation.orders.intents import Intent
 from onboard.arrays import Array
 from onboard.bus.schema import Vec3
 from onboard.config.fleet import FleetConfig
+from onboard.config.flight_space import flight_space_of
 from onboard.config.pair_separation import separations_m
-from onboard.config.place import place_of
 from onboard.rollout.closed_loop import Scenario, fleet_model, fly
 from onboard.rollout.vehicle_model import Perturbation
 from onboard.safety.area_room import is_breached
@@ -183,7 +183,7 @@ def _outside(fleet: FleetConfig, legs: Mapping[str, Leg], trace_enu_m: Array) ->
     low = np.array([fence.x[0], fence.y[0], -math.inf])  # what stands on the floor is inside
     high = np.array([fence.x[1], fence.y[1], fence.z[1]])
     is_outside = np.any((trace_enu_m < low) | (trace_enu_m > high), axis=(0, 2))
-    is_outside |= is_breached(place_of(fleet).areas, trace_enu_m).any(axis=0)
+    is_outside |= is_breached(flight_space_of(fleet).areas, trace_enu_m).any(axis=0)
 
     return tuple(
         name

@@ -11,8 +11,8 @@ from groundstation.orders.result import Results
 from onboard.bus.schema import Telemetry
 from onboard.config import areas
 from onboard.config.fleet import FleetConfig, Vec3, parking_distance_m, parking_height_share
+from onboard.config.flight_space import flight_space_of
 from onboard.config.pair_separation import separation_m
-from onboard.config.place import place_of
 
 _BLOCKED = ("unfinished", "timed out")
 _NEAR_WALL_M = 0.5
@@ -120,7 +120,7 @@ def _walls(fleet: FleetConfig, position: Vec3, goal: Vec3) -> Iterator[tuple[flo
             away_m = obstacle.distance_m(position)
             yield away_m, f"obstacle '{obstacle.name}', {away_m:.2f} m from it"
 
-    for area in place_of(fleet).areas:
+    for area in flight_space_of(fleet).areas:
         if areas.counts_at(area, position[2], position[2]):
             away_m = areas.nearest(area, position[0], position[1]).room_m - area.buffer_m
             if away_m < room_m:

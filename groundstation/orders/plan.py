@@ -25,9 +25,9 @@ from onboard.config.fleet import (
     parking_distance_m,
     parking_height_share,
 )
+from onboard.config.flight_space import flight_space_of
 from onboard.config.ground import floor_m, least_height_m
 from onboard.config.pair_separation import separation_m
-from onboard.config.place import place_of
 
 ORDER_LIFE_S = 2.0
 _LONGEST_MOVE_S = 600.0
@@ -296,7 +296,7 @@ def _goal_refusals(
     refusals: dict[str, str] = {}
 
     fence = fleet.fleet.geofence_m
-    place = place_of(fleet)
+    place = flight_space_of(fleet)
     for name, goal in goals_enu_m.items():
         goal_text = f"({goal[0]:.2f}, {goal[1]:.2f}, {goal[2]:.2f})"
         ground = floor_m(fleet)
@@ -373,7 +373,7 @@ def _others(
 def _height_refusals(names: list[str], height_m: float, fleet: FleetConfig) -> dict[str, str]:
     """Return refusals of a take-off to a height outside the fence, or hardly above the ground."""
     _, top_m = fleet.fleet.geofence_m.z
-    for area in place_of(fleet).areas:
+    for area in flight_space_of(fleet).areas:
         if area.keeps_in:
             top_m = min(top_m, area.high_m)
     if _MIN_HEIGHT_M <= height_m <= top_m:

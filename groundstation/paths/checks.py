@@ -10,8 +10,8 @@ import numpy as np
 
 from onboard.arrays import Array
 from onboard.config.fleet import FleetConfig, above_words, parking_distance_m, parking_height_share
+from onboard.config.flight_space import flight_space_of
 from onboard.config.ground import floor_m, least_height_m
-from onboard.config.place import place_of
 from onboard.control.path import Path, sampled
 from onboard.feasibility.finding import Finding, at_least, at_most, worst
 from onboard.safety.area_room import clearances_m
@@ -340,7 +340,7 @@ def _room(fleet: FleetConfig, flown: SampledPaths, where: str) -> list[Finding]:
     z = positions[..., 2]
     walls = (x - fence.x[0], fence.x[1] - x, y - fence.y[0], fence.y[1] - y)
     to_fence_m = np.minimum.reduce([*walls, fence.z[1] - z])
-    to_fence_m = np.minimum(to_fence_m, clearances_m(place_of(fleet).areas, positions))
+    to_fence_m = np.minimum(to_fence_m, clearances_m(flight_space_of(fleet).areas, positions))
     height_m = z - floor_m(fleet)
     least_m = max([LOWEST_M, *(least_height_m(fleet.vehicles[name]) for name in flown.names)])
 

@@ -32,7 +32,7 @@ from groundstation.report.columns import Column, packed
 from groundstation.report.px4_columns import px4_columns, px4_header
 from groundstation.report.settings import settings
 from onboard.arrays import Array
-from onboard.config.place import place_of
+from onboard.config.flight_space import flight_space_of
 from onboard.plain_text import plain_line, plain_lines
 
 FORMAT = 1
@@ -302,7 +302,8 @@ def _fleet(flight: Flight) -> dict[str, Any] | None:
             for one in flight.fleet.obstacles
         ],
         "areas": [
-            {**one._asdict(), "name": _text(one.name)} for one in place_of(flight.fleet).outlines()
+            {**one._asdict(), "name": _text(one.name)}
+            for one in flight_space_of(flight.fleet).outlines()
         ],
     }
 

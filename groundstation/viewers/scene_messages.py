@@ -34,7 +34,7 @@ from groundstation.recording.flight import Flight, VehicleFlight, at_times, betw
 from onboard.arrays import Array
 from onboard.bus.schema import Event
 from onboard.config.fleet_config import FleetConfig, Origin
-from onboard.config.place import place_of
+from onboard.config.flight_space import flight_space_of
 from onboard.plain_text import plain_line
 
 PointEnu = tuple[float, float, float]  # metres
@@ -179,7 +179,7 @@ def static_scene(fleet: FleetConfig, stamp_ns: int) -> SceneUpdate:
         edges.points.add(x=second[0], y=second[1], z=second[2])
     update.entities.append(entity)
 
-    for number, area in enumerate(place_of(fleet).outlines()):
+    for number, area in enumerate(flight_space_of(fleet).outlines()):
         entity = _entity(f"area {number} {plain_line(area.name)}", stamp_ns)
         for height_m in (area.low_m, area.high_m):
             outline = entity.lines.add(

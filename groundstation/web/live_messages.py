@@ -15,7 +15,7 @@ from groundstation.fleet.operator_control import Control
 from groundstation.fleet.state import FleetState, LoggedEvent, Separation, VehicleView
 from onboard.bus.schema import Telemetry
 from onboard.config.fleet import FleetConfig
-from onboard.config.place import place_of
+from onboard.config.flight_space import flight_space_of
 from onboard.plain_text import plain_line
 
 AHEAD_S = 10.0  # for which ways are predicted
@@ -52,7 +52,8 @@ def fleet_message(fleet: FleetConfig, *, can_order: bool) -> Message:
             [fence.x[1], fence.y[1], fence.z[1]],
         ],
         "areas": [
-            {**one._asdict(), "name": one.name[:_MOST_TEXT]} for one in place_of(fleet).outlines()
+            {**one._asdict(), "name": one.name[:_MOST_TEXT]}
+            for one in flight_space_of(fleet).outlines()
         ],
         "formations": sorted({*fleet.formations, *fleet.shapes}),
     }

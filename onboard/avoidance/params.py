@@ -14,8 +14,8 @@ import msgspec
 
 from onboard.config.areas import Area
 from onboard.config.fleet import FleetConfig
+from onboard.config.flight_space import flight_space_of
 from onboard.config.law import BuiltInLaw, LawConfig
-from onboard.config.place import place_of
 from onboard.types import GRAVITY_M_S2
 from onboard.vectors import Vec2, cross_2
 
@@ -249,7 +249,7 @@ def still(fleet: FleetConfig) -> tuple[Capsule, ...]:
         fleet: checked configuration.
     """
     edges: list[Capsule] = []
-    for number, area in enumerate(place_of(fleet).areas, 1):
+    for number, area in enumerate(flight_space_of(fleet).areas, 1):
         edges.extend(_edges(area, number, fleet.law.fence_margin_m))
     return (*obstacles(fleet), *edges)
 

@@ -6,7 +6,7 @@ import math
 
 from onboard.avoidance.params import law_params
 from onboard.config.fleet import FleetConfig, Vehicle
-from onboard.config.place import place_of
+from onboard.config.flight_space import flight_space_of
 from onboard.config.wind_limit import GUST_SHARE, GUSTY, tilt_acceleration_m_s2, wind_limit_m_s
 from onboard.feasibility.finding import Finding, at_least
 
@@ -56,7 +56,7 @@ def braking_in_wind(fleet: FleetConfig, vehicle: Vehicle) -> Finding:
     Returns:
         the finding.
     """
-    narrowest = min(place_of(fleet).areas, key=lambda area: area.buffer_m)
+    narrowest = min(flight_space_of(fleet).areas, key=lambda area: area.buffer_m)
     wind_m_s = wind_limit_m_s(fleet, vehicle)
     air = "in still air"
     if math.isfinite(wind_m_s):

@@ -22,8 +22,8 @@ from onboard.config.fleet import (
     parking_distance_m,
     parking_height_share,
 )
+from onboard.config.flight_space import flight_space_of
 from onboard.config.pair_separation import separation_m
-from onboard.config.place import place_of
 from onboard.estimation.accuracies import ACCURACIES, Accuracy
 from onboard.feasibility import bounds, law_map
 from onboard.feasibility.blind_descent import blind_descent_findings
@@ -331,7 +331,7 @@ def _fence_finding(fleet: FleetConfig, name: str, spot: Vec3, label: str) -> Fin
     room_m = min(x - fence.x[0], fence.x[1] - x, y - fence.y[0], fence.y[1] - y, fence.z[1] - z)
     which = "the fence"
     remedy = "Move the spot inwards, widen fleet.geofence_m, or lower max_speed_m_s."
-    to_area_m, area_name = place_of(fleet).room_m(spot)
+    to_area_m, area_name = flight_space_of(fleet).room_m(spot)
     if to_area_m < room_m:
         room_m = to_area_m
         which = f"the buffer of the fence '{area_name}'"

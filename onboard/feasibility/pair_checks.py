@@ -13,7 +13,7 @@ from onboard.avoidance.heights import HEIGHT_SIGMAS
 from onboard.avoidance.prediction import LAG_ERROR_S
 from onboard.config import areas
 from onboard.config.fleet import FleetConfig, Vehicle, parking_distance_m
-from onboard.config.place import place_of
+from onboard.config.flight_space import flight_space_of
 from onboard.estimation.accuracies import Accuracy
 from onboard.feasibility import bounds
 from onboard.feasibility.bounds import Response
@@ -427,7 +427,7 @@ def crowding(fleet: FleetConfig, vehicles: list[Vehicle]) -> Finding:
     # in the densest packing of circles each takes sqrt(3)/2 of the square of its diameter
     fence = fleet.fleet.geofence_m
     area_m2 = (fence.x[1] - fence.x[0]) * (fence.y[1] - fence.y[0])
-    for area in place_of(fleet).areas:
+    for area in flight_space_of(fleet).areas:
         if area.keeps_in:
             area_m2 = min(area_m2, areas.size_m2(area))
     share = count * math.sqrt(0.75) * parking_distance_m(fleet) ** 2 / area_m2

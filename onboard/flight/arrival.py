@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from onboard.config.fleet import FleetConfig, Vec3, Vehicle
-from onboard.config.place import place_of
+from onboard.config.flight_space import flight_space_of
 from onboard.flight.types import FlightView
 
 _ARRIVED_M = 0.12
@@ -80,7 +80,7 @@ def stop_point(view: FlightView, vehicle: Vehicle, fleet: FleetConfig) -> Vec3:
     x, y, z = view.position_enu_m
     vx, vy, vz = view.velocity_enu_m_s
     stop_enu_m = (x + vx * brake_s, y + vy * brake_s, z + vz * _VERTICAL_BRAKE_S)
-    return place_of(fleet).nearest_inside(stop_enu_m, _INSIDE_M)
+    return flight_space_of(fleet).nearest_inside(stop_enu_m, _INSIDE_M)
 
 
 def position_text(view: FlightView) -> str:

@@ -15,9 +15,9 @@ from onboard.autopilot import Vec3
 from onboard.bus.codec import is_finite
 from onboard.bus.schema import BESIDE, ON_PATHS, Order, Telemetry
 from onboard.config.fleet import FleetConfig, FleetSection, Vehicle
+from onboard.config.flight_space import flight_space_of
 from onboard.config.ground import floor_m, least_height_m
 from onboard.config.pair_separation import separation_m
-from onboard.config.place import place_of
 from onboard.control.control_mode import ControlMode
 from onboard.flight import path_flight, sentences, takeover
 from onboard.flight.context import FlightContext
@@ -245,7 +245,7 @@ def _start(order: Order, vehicle: Vehicle, facts: OrderFacts) -> str | None:
         )
     if not limits.geofence_m.contains((x, y, height_m)):
         return f"Height {height_m:g} m at ({x:.2f}, {y:.2f}) m lies outside the geofence."
-    wrong_place = place_of(facts.fleet).refusal((x, y, height_m))
+    wrong_place = flight_space_of(facts.fleet).refusal((x, y, height_m))
     if wrong_place:
         return f"Height {height_m:g} m at ({x:.2f}, {y:.2f}) m lies {wrong_place}."
 
@@ -300,7 +300,7 @@ def _move(order: Order, vehicle: Vehicle, facts: OrderFacts) -> str | None:
     goal_text = "(" + ", ".join(f"{value:.2f}" for value in goal) + ") m"
     if not limits.geofence_m.contains(goal):
         return f"Goal {goal_text} lies outside the geofence."
-    wrong_place = place_of(facts.fleet).refusal(goal)
+    wrong_place = flight_space_of(facts.fleet).refusal(goal)
     if wrong_place:
         return f"Goal {goal_text} lies {wrong_place}."
 

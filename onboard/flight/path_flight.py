@@ -28,8 +28,8 @@ import numpy as np
 
 from onboard.bus.schema import PathOrder, Telemetry
 from onboard.config.fleet import FleetConfig, Vec3, Vehicle
+from onboard.config.flight_space import flight_space_of
 from onboard.config.ground import floor_m, least_height_m
-from onboard.config.place import place_of
 from onboard.control import path as paths
 from onboard.control.path import Path, PathPoint
 from onboard.safety.area_room import clearances_m
@@ -321,12 +321,12 @@ def _path_refusal(path: Path, vehicle: Vehicle, fleet: FleetConfig) -> str | Non
     if is_out.any():
         return f"The path leaves the geofence at {times_s[is_out.argmax()]:.1f} s."
 
-    for area in place_of(fleet).areas:
+    for area in flight_space_of(fleet).areas:
         is_wrong = clearances_m((area,), position_enu_m) < 0.0
         if is_wrong.any():
             wrong = int(is_wrong.argmax())
             x, y, z = position_enu_m[wrong].tolist()
-            words = place_of(fleet).refusal((x, y, z))
+            words = flight_space_of(fleet).refusal((x, y, z))
             return f"At {times_s[wrong]:.1f} s the path lies {words}."
 
     ground = floor_m(fleet)

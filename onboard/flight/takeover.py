@@ -13,7 +13,7 @@ from collections.abc import Mapping
 
 from onboard.autopilot import Landed
 from onboard.config.fleet import FleetConfig
-from onboard.config.place import place_of
+from onboard.config.flight_space import flight_space_of
 from onboard.flight.types import FlightView
 
 HOLD = "HOLD"  # PX4's mode
@@ -64,7 +64,7 @@ def refusal(
     if not_ready:
         return not_ready[0]
 
-    if not view.has_position or not place_of(fleet).contains(view.position_enu_m):
+    if not view.has_position or not flight_space_of(fleet).contains(view.position_enu_m):
         return (
             "Its position is not known, or lies outside the geofence: land it with the transmitter."
         )

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 
 from onboard.config.fleet import FleetConfig, Vehicle
-from onboard.config.place import place_of
+from onboard.config.flight_space import flight_space_of
 from onboard.preflight.frame_fit import fit_frame
 from onboard.preflight.preflight_facts import OLDEST_SAMPLE_S, PreflightFacts
 from onboard.preflight.preflight_rule import (
@@ -182,7 +182,7 @@ def _frame(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judge
 
 
 def _fence(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgement:
-    place = place_of(fleet)
+    place = flight_space_of(fleet)
     if not place.contains(vehicle.start_enu_m):
         return "spot", {"spot": coordinates(vehicle.start_enu_m)}
     if not facts.has_position:

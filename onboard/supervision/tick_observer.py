@@ -7,7 +7,7 @@ attitude that does not follow) has a monitor of its own; this module asks each o
 from __future__ import annotations
 
 from onboard.config.fleet import FleetConfig, Vehicle
-from onboard.config.place import place_of
+from onboard.config.flight_space import flight_space_of
 from onboard.control.allocation import MAX_THRUST_FRAC
 from onboard.control.vertical import vertical_s
 from onboard.flight import contact
@@ -70,7 +70,7 @@ class TickObserver:
         self._own = own
         self._flight = flight
         self._fence = fence_of(fleet.fleet.geofence_m, vehicle)
-        self._areas = place_of(fleet).areas
+        self._areas = flight_space_of(fleet).areas
         # nearer than this two bodies touch; it is part of a breach of the safety distance
         self._touching_m = min(fleet.fleet.body_diameter_m, fleet.fleet.safety_distance_m)
 

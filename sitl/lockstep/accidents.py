@@ -76,7 +76,7 @@ class Accident(NamedTuple):
 
 @dataclass(slots=True)
 class Flown:
-    """What came of one flight."""
+    """The outcome of one flight."""
 
     name: str
     is_defended: bool

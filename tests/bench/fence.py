@@ -18,7 +18,7 @@ from pathlib import Path
 
 from onboard.avoidance.params import still
 from onboard.config.fleet import FleetConfig, fleet_from_mapping
-from onboard.config.place import place_of
+from onboard.config.flight_space import flight_space_of
 from onboard.control import pipeline
 from onboard.control.control_mode import ControlMode
 from onboard.estimation import kalman
@@ -63,7 +63,7 @@ class Case:
         self._goal = Goal(position, 0.0, 1)
         self._params = pipeline.pipeline_params(fleet, "mav0")
         self._still = still(fleet)
-        self._areas = place_of(fleet).areas
+        self._areas = flight_space_of(fleet).areas
         self._fence = fence_of(fleet.fleet.geofence_m, fleet.vehicles["mav0"])
 
     def fly(self) -> None:

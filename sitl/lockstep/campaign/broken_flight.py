@@ -31,7 +31,7 @@ _SLOWEST_DESCENT_M_S = 0.4
 
 
 class Breaking(NamedTuple):
-    """What breaks in one flight, when and for whom."""
+    """The faults of one flight, their times and their victims."""
 
     injection: Injection
     victim: str
@@ -42,7 +42,7 @@ class Breaking(NamedTuple):
 
 
 class Flown(NamedTuple):
-    """What came of one flight."""
+    """The outcome of one flight."""
 
     wrong: list[str]
     seen: dict[str, int]  # ticks of all vehicles in which a condition held, by its words

@@ -43,7 +43,7 @@ _NOTHING = Injection(NOTHING, lambda flight, name: None)
 
 
 class Campaign(NamedTuple):
-    """What is flown."""
+    """The flights of one campaign."""
 
     fleet_path: str
     mission_path: str

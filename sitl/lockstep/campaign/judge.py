@@ -106,7 +106,7 @@ class Judge:
 
     @property
     def wrong(self) -> list[str]:
-        """What must not be, as sentences."""
+        """Sentences, each about something that must not be."""
         return list(self._wrong)
 
     def note(self, sentence: str) -> None:

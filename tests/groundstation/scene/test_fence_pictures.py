@@ -17,7 +17,7 @@ from groundstation.report.payload import payload
 from groundstation.viewers.scene_messages import static_scene
 from groundstation.web.live_messages import fleet_message
 from onboard.config.fleet import FleetConfig, fleet_from_mapping
-from onboard.config.place import place_of
+from onboard.config.flight_space import flight_space_of
 from tests.groundstation.report.made_up import opened, rows, write
 
 FENCES = """
@@ -99,7 +99,7 @@ def test_the_plan_figure_has_a_patch_and_a_name_for_each_area() -> None:
         grid_s=np.arange(0.0, 2.0, 0.02),
         pairs=(),
         take_off_s=0.0,
-        outlines=place_of(fleet()).outlines(),
+        outlines=flight_space_of(fleet()).outlines(),
     )
     (axes,) = draw(flight).axes
     shapes = [patch.get_xy()[:-1].tolist() for patch in axes.patches]

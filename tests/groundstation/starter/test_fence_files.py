@@ -15,7 +15,7 @@ from groundstation.starter.fence_files import read_fences, toml_of
 from onboard.config import areas
 from onboard.config.earth import Origin, latitude_longitude_deg
 from onboard.config.fleet import ConfigError, load_fleet
-from onboard.config.place import place_of
+from onboard.config.flight_space import flight_space_of
 
 ORIGIN = Origin(latitude_deg=47.397742, longitude_deg=8.545594, altitude_m=489.4)
 SQUARE = ((-3.0, -3.0), (3.0, -3.0), (3.0, 3.0), (-3.0, 3.0))
@@ -84,7 +84,7 @@ def test_a_plan_becomes_an_area_to_stay_in_and_one_to_stay_out_of(tmp_path: Path
     assert not load_fleet(fleet).fences  # nothing is written without --write
 
     assert main([*command, "--buffer", "0.2", "--write"]) == 0
-    field, pond = place_of(load_fleet(fleet)).areas
+    field, pond = flight_space_of(load_fleet(fleet)).areas
     assert (field.name, field.keeps_in, field.buffer_m) == ("field 1", True, 0.2)
     assert (field.low_m, field.high_m) == (-1.0, 2.5)
     assert areas.area_m2(field.corners_enu_m) == pytest.approx(36.0, abs=0.02)

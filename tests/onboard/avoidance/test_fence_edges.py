@@ -19,7 +19,7 @@ from onboard.avoidance.pairs import Own
 from onboard.avoidance.params import LawParams, law_params, obstacles, still
 from onboard.avoidance.prediction import Motion
 from onboard.config.fleet import FleetConfig, fleet_from_mapping
-from onboard.config.place import place_of
+from onboard.config.flight_space import flight_space_of
 from onboard.rollout import closed_loop
 from onboard.rollout.vehicle_model import Perturbation
 from onboard.safety.area_room import rooms_m
@@ -169,7 +169,7 @@ def fly(
         timeout_s=timeout_s,
     )
     result = closed_loop.fly(scenario, model, [0], CALM)
-    rooms = [rooms_m(area, result.trace_enu_m).min() for area in place_of(fleet).areas]
+    rooms = [rooms_m(area, result.trace_enu_m).min() for area in flight_space_of(fleet).areas]
     return bool(result.is_success.all()), float(min(rooms))
 
 

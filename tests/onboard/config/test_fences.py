@@ -15,7 +15,7 @@ from onboard.config import areas
 from onboard.config.earth import Origin, east_north_m, latitude_longitude_deg
 from onboard.config.fences import Fence, FenceCircle, area_of
 from onboard.config.fleet import ConfigError, FleetConfig, fleet_from_mapping
-from onboard.config.place import place_of
+from onboard.config.flight_space import flight_space_of
 from onboard.safety.area_room import clearances_m, is_breached, rooms_m
 
 FIELD = {"name": "field", "keep": "in", "polygon_enu_m": [[-3, -3], [3, -3], [3, 3], [-3, 3]]}
@@ -100,7 +100,7 @@ def around(origin: Origin, half_m: float) -> list[tuple[float, float]]:
 
 def test_latitude_and_longitude_are_metres_from_the_origin() -> None:
     fleet = paper(in_degrees(around(Origin(**ZURICH), 3.0)), origin=ZURICH)
-    (area,) = place_of(fleet).areas
+    (area,) = flight_space_of(fleet).areas
     assert np.array(area.corners_enu_m) == pytest.approx(
         np.array([[-3, -3], [3, -3], [3, 3], [-3, 3]]), abs=1e-6
     )
@@ -110,7 +110,7 @@ def test_a_field_upon_the_date_line_is_a_field_like_any_other() -> None:
     fiji = {"latitude_deg": -16.8, "longitude_deg": 180.0, "altitude_m": 3.0}
     corners = around(Origin(**fiji), 3.0)
     assert {longitude > 0.0 for _, longitude in corners} == {True, False}
-    (area,) = place_of(paper(in_degrees(corners), origin=fiji)).areas
+    (area,) = flight_space_of(paper(in_degrees(corners), origin=fiji)).areas
     assert areas.area_m2(area.corners_enu_m) == pytest.approx(36.0, rel=1e-6)
 
 
@@ -227,7 +227,7 @@ def test_heights_say_between_which_an_area_counts() -> None:
 def test_a_goal_is_refused_by_where_it_lies() -> None:
     house = {"name": "house", "keep": "out", "circle": {"center_enu_m": [2, 2], "radius_m": 0.5}}
     fleet = paper(field(height_m=[0, 2.5]), house | {"height_m": [0, 1], "buffer_m": 0.3})
-    place = place_of(fleet)
+    place = flight_space_of(fleet)
     assert place.refusal((0.0, 0.0, 1.0)) == ""
     assert place.refusal((3.5, 0.0, 1.0)) == "outside the fence 'field'"
     assert "above the fence 'field', which ends at 2.5 m" in place.refusal((0.0, 0.0, 2.8))
@@ -247,8 +247,8 @@ def test_the_nearest_point_inside_is_inside_every_buffer(start: tuple[float, flo
     data["fleet"]["geofence_m"] = {"x": [-9, 9], "y": [-9, 9], "z": [0, 3]}
     data["fences"] = [ell | {"buffer_m": 0.2}, tree | {"buffer_m": 0.2}]
     fleet = fleet_from_mapping(data)
-    inside = place_of(fleet).nearest_inside(start, 0.05)
-    room_m, _ = place_of(fleet).room_m(inside)
+    inside = flight_space_of(fleet).nearest_inside(start, 0.05)
+    room_m, _ = flight_space_of(fleet).room_m(inside)
     assert room_m >= 0.049
     assert math.dist(inside, start) < 5.5
 

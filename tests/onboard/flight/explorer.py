@@ -323,7 +323,12 @@ def _motions(state: State) -> Iterator[tuple[str, State]]:
     match state.flight.step:
         case FlightStep.LEG:
             yield "rests at its goal", _passed(state, _SHORT_TICKS, _TICK_NS, _seen_at_goal)
+        case FlightStep.CLIMB:
+            yield "climbs on", _passed(_ordered_higher(state), 1, _TICK_NS)
         case FlightStep.PATH:
+            after = _copy(state)
+            after.flight.path.is_skipped = True
+            yield "skips the rest of its path", _passed(after, 1, _TICK_NS)
             yield "left behind, lands", _passed(_left_behind(state, "land"), 1, _TICK_NS)
             yield "left behind, holds", _passed(_left_behind(state, "hold"), 1, _TICK_NS)
             after = _copy(state)
@@ -337,6 +342,14 @@ def _motions(state: State) -> Iterator[tuple[str, State]]:
             yield "kept off", _passed(state, _LONG_TICKS, _TICK_NS, _seen_beside_goal)
         case FlightStep.DISARMED:
             yield "PX4 silent", _passed(state, _LONG_TICKS, _TICK_NS * 2, _seen_silent)
+
+
+def _ordered_higher(state: State) -> State:
+    """Return the state of a vehicle that climbs its first metre on its way to a higher goal."""
+    after = _copy(state)
+    if after.flight.order is not None:
+        after.flight.order = structs.replace(after.flight.order, height_m=2.0 * _HEIGHT_M)
+    return after
 
 
 def _left_behind(state: State, on_lag: Literal["land", "hold"]) -> State:

@@ -11,7 +11,7 @@ from onboard.agent import control_step
 from onboard.avoidance.params import obstacles
 from onboard.config.areas import nearest
 from onboard.config.fleet import FleetConfig, fleet_from_mapping
-from onboard.config.place import place_of
+from onboard.config.flight_space import flight_space_of
 from sitl.emulator.emulator import Environment
 from sitl.lockstep.flight import Lockstep
 from sitl.physics.wind import WindSettings
@@ -50,7 +50,7 @@ def least_room_m(flight: Lockstep) -> tuple[dict[str, float], list[str]]:
     Returns:
         the least room to each fence, by ground truth, and the orders that were not done.
     """
-    areas = place_of(flight.config).areas
+    areas = flight_space_of(flight.config).areas
     least_m = {area.name: float("inf") for area in areas}
 
     def look(state: object) -> None:

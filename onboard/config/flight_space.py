@@ -31,8 +31,8 @@ class Outline(NamedTuple):
     high_m: float
 
 
-class Place(NamedTuple):
-    """Where vehicles may be."""
+class FlightSpace(NamedTuple):
+    """The space that a fleet may fly in."""
 
     box: Geofence
     areas: tuple[Area, ...]
@@ -115,20 +115,22 @@ class Place(NamedTuple):
         return least_m, name
 
 
-def place_of(fleet: FleetConfig) -> Place:
+def flight_space_of(fleet: FleetConfig) -> FlightSpace:
     """Return the place of a fleet.
 
     Args:
         fleet: the fleet file.
     """
     if not fleet.fences:
-        return Place(fleet.fleet.geofence_m, ())
-    return _place_of(fleet.fleet.geofence_m, fleet.fences, fleet.fleet.global_origin)
+        return FlightSpace(fleet.fleet.geofence_m, ())
+    return _flight_space_of(fleet.fleet.geofence_m, fleet.fences, fleet.fleet.global_origin)
 
 
 @lru_cache(maxsize=16)
-def _place_of(box: Geofence, written: Sequence[fences.Fence], origin: Origin | None) -> Place:
-    return Place(box, tuple(fences.area_of(fence, origin) for fence in written))
+def _flight_space_of(
+    box: Geofence, written: Sequence[fences.Fence], origin: Origin | None
+) -> FlightSpace:
+    return FlightSpace(box, tuple(fences.area_of(fence, origin) for fence in written))
 
 
 def _around(area: Area) -> tuple[Point, ...]:
