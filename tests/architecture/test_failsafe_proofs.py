@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from groundstation.evidence.proofs import tests_by_condition
+from groundstation.evidence import proofs
 from onboard.safety.failsafe_table import Condition
 from sitl.lockstep.campaign.injections import INJECTIONS
 from tests.architecture import failsafe_proofs
@@ -54,5 +54,5 @@ def test_what_was_flown_names_faults_and_conditions_that_there_are() -> None:
 
 def test_the_file_of_tests_that_evidence_names_is_printed_from_the_markers() -> None:
     assert TESTS_FILE.read_text(encoding="utf-8") == failsafe_proofs.tests_file()
-    named = {name for names in tests_by_condition().values() for name in names}
+    named = {name for names in proofs.tests_by_condition().values() for name in names}
     assert named == {proof.test for proof in failsafe_proofs.proofs()}

@@ -159,7 +159,9 @@ def conflicts(e, intent, d):
 
 def obstacle_rows(own, capsules, p):
     """The same for the nearest static obstacles."""
-    c = np.array([(*a, *b, r) for a, b, r in capsules]).reshape(-1, 5)
+    c = np.array([(*one.begin_enu_m, *one.end_enu_m, one.radius_m) for one in capsules]).reshape(
+        -1, 5
+    )
     along = c[:, 2:4] - c[:, :2]
     offset = own["position"] - c[:, :2]
     share = dot(offset, along) / np.where(dot(along, along) > 0, dot(along, along), 1.0)

@@ -15,7 +15,7 @@ from onboard.exit_status import EXIT_WRONG_INPUT
         (["--wind", "3", "--quick", "--rounds", "2"], "Give --quick or --rounds"),
         (["--wind", "3", "--rounds", "0"], "--rounds is 0"),
         (["--wind", "3", "--jobs", "0"], "--jobs is 0"),
-        (["--wind", "3", "--beside", "nowhere"], "evidence.json cannot be read"),
+        (["--wind", "3", "--beside", "nowhere"], "evidence.json: there is no such file"),
         ([], "--wind"),
     ],
 )

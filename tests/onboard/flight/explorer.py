@@ -52,6 +52,7 @@ from tests.onboard.agent.rig import fleet
 ORDERS: tuple[tuple[OrderKind, str], ...] = (
     ("arm", ""),
     ("takeoff", ""),
+    ("takeoff", "high"),  # to more than the first leg of a climb
     ("move", ""),
     ("move", "then land"),
     ("follow_path", ""),
@@ -87,6 +88,7 @@ GIVES_A_LANDING_UP = frozenset(
 _GIVING_UP = {condition.value for condition in GIVES_A_LANDING_UP}
 
 _HEIGHT_M = 1.0
+_HIGH_M = 2.0
 _TICK_NS = 100_000_000
 _SHORT_TICKS = 8
 _LONG_TICK_NS = 2_000_000_000
@@ -323,8 +325,6 @@ def _motions(state: State) -> Iterator[tuple[str, State]]:
     match state.flight.step:
         case FlightStep.LEG:
             yield "rests at its goal", _passed(state, _SHORT_TICKS, _TICK_NS, _seen_at_goal)
-        case FlightStep.CLIMB:
-            yield "climbs on", _passed(_ordered_higher(state), 1, _TICK_NS)
         case FlightStep.PATH:
             after = _copy(state)
             after.flight.path.is_skipped = True
@@ -342,14 +342,6 @@ def _motions(state: State) -> Iterator[tuple[str, State]]:
             yield "kept off", _passed(state, _LONG_TICKS, _TICK_NS, _seen_beside_goal)
         case FlightStep.DISARMED:
             yield "PX4 silent", _passed(state, _LONG_TICKS, _TICK_NS * 2, _seen_silent)
-
-
-def _ordered_higher(state: State) -> State:
-    """Return the state of a vehicle that climbs its first metre on its way to a higher goal."""
-    after = _copy(state)
-    if after.flight.order is not None:
-        after.flight.order = structs.replace(after.flight.order, height_m=2.0 * _HEIGHT_M)
-    return after
 
 
 def _left_behind(state: State, on_lag: Literal["land", "hold"]) -> State:
@@ -541,6 +533,7 @@ def ordered(
         reason=reason,
         position_enu_m=(0.0, 0.0, 1.0) if ends_on_ground else (1.0, 0.0, 1.0),
         then_land=ends_on_ground,
+        height_m=_HIGH_M if reason == "high" else None,
         path=PathOrder(path_id="p", show_id="s", start_ns=after.now_ns),
     )
     facts = OrderFacts(
