@@ -122,6 +122,7 @@ def assert_everybody_is_down_and_nobody_was_hit(folder: Path) -> None:
         assert nearest_m > BODY_DIAMETER_M, f"{first} and {second} met"
 
 
+@pytest.mark.long
 def test_who_loses_its_agent_in_flight_lands_while_the_others_stay_away(tmp_path: Path) -> None:
     with flying(tmp_path) as process:
         time.sleep(1.5)  # on the way across

@@ -185,6 +185,7 @@ def test_an_operator_who_keeps_control_says_so_and_may_be_asked_again(pair: Pair
     assert sum("keeps control" in sentence for sentence in pair.told(pair.bob)) == 2
 
 
+@pytest.mark.long
 def test_control_is_taken_by_force_only_after_silence(pair: Pair) -> None:
     assert "Ask" in pair.bob.control.take("force")
     pair.bob.control.take()

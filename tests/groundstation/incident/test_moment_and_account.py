@@ -44,6 +44,7 @@ def too_near(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "flight"
 
 
+@pytest.mark.long
 def test_the_moment_is_the_smallest_distance_where_the_promise_was_broken(too_near: Path) -> None:
     fleet, timeline = open_flight(too_near, None)
     with contextlib.closing(timeline):
@@ -53,6 +54,7 @@ def test_the_moment_is_the_smallest_distance_where_the_promise_was_broken(too_ne
     assert "0.80 m were promised" in moment.sentence
 
 
+@pytest.mark.long
 def test_the_account_says_what_each_knew_of_the_other_and_whose_law_acted(too_near: Path) -> None:
     fleet, timeline = open_flight(too_near, None)
     with contextlib.closing(timeline):

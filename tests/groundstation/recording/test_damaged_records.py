@@ -11,7 +11,6 @@ import pytest
 
 from groundstation.client.preflight_page import PageLine, VehiclePage, as_text
 from groundstation.figures.data import TOPICS, from_samples
-from groundstation.figures.record_figures import draw_record
 from groundstation.flights.mission_flight import clock_say
 from groundstation.recording.flight_report import report
 from groundstation.recording.reader import read
@@ -60,7 +59,7 @@ def test_a_flipped_bit_never_ends_figures_or_report_with_an_exception(tmp_path: 
     path = tmp_path / "flight.mcap"
     whole = path.read_bytes()
     dice = random.Random(5)
-    for attempt in range(150):
+    for attempt in range(60):
         damaged = bytearray(whole)
         for _ in range(1 + attempt % 3):
             damaged[dice.randrange(len(whole))] ^= 1 << dice.randrange(8)
@@ -106,7 +105,6 @@ def test_one_absurd_stamp_does_not_stretch_the_flight(tmp_path: Path) -> None:
         flight = from_samples(read(folder, TOPICS), title="x", safety_distance_m=0.8)
         assert flight is not None
         assert len(flight.grid_s) < 1000
-    assert draw_record(folder)[1]
 
 
 def shifted(message: Message) -> Message:

@@ -69,6 +69,7 @@ def test_an_arming_that_was_on_its_way_is_disarmed_before_the_order_to_stop_ends
     assert rig.outcomes()["stop"] == "done"
 
 
+@pytest.mark.long
 def test_land_and_hold_during_lift_off_land() -> None:
     for kind in ("land", "hold"):
         for seconds in (0.0, 0.3):

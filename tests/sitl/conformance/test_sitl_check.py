@@ -23,6 +23,7 @@ def test_nobody_at_the_endpoint_is_exit_status_ten(capsys: pytest.CaptureFixture
     assert "nobody answered" in capsys.readouterr().out
 
 
+@pytest.mark.long
 def test_the_command_checks_a_running_emulator_over_udp_and_prints_json(emulator_port: int) -> None:
     facts = [
         "quirk.heartbeat",

@@ -216,6 +216,7 @@ def test_wrong_input_is_refused_before_anything_starts(tmp_path, capsys):
     assert cli.main(["fly", str(tmp_path / "none.toml"), "--lockstep"]) == 2
 
 
+@pytest.mark.long
 def test_an_operator_who_lands_all_during_a_mission_sees_that_order_done_and_not_replaced(
     lockstep, hop
 ):

@@ -155,6 +155,7 @@ def test_a_landing_of_all_over_a_link_that_answers_after_a_while_stays_with_the_
     assert all("land is sent again, and goes straight to PX4 in" in line for line in repeated)
 
 
+@pytest.mark.long
 def test_a_person_who_lands_all_without_a_link_reaches_px4_after_a_second(
     lockstep, paper: FleetConfig
 ) -> None:

@@ -78,14 +78,8 @@ def test_a_verdict_fails_with_a_vehicle_that_came_down_hard(
     assert flight.hard_touchdowns
 
 
-@pytest.mark.parametrize(
-    "height_m",
-    [
-        pytest.param(-0.5, marks=pytest.mark.long),
-        0.01,
-        pytest.param(0.3, marks=pytest.mark.long),
-    ],
-)
+@pytest.mark.long
+@pytest.mark.parametrize("height_m", [-0.5, 0.01, 0.3])
 def test_no_move_leads_into_the_ground_although_the_fence_reaches_deeper(
     lockstep, outdoors, height_m: float
 ) -> None:

@@ -59,12 +59,12 @@ def judged(trace, limit_m, body_m):
 @pytest.mark.parametrize(
     ("name", "errors", "types"),
     [
-        ("form3", "mocap", "sih"),
+        pytest.param("form3", "mocap", "sih", marks=pytest.mark.long),
         ("swap2x", "mocap", "sih,ardrone"),
         ("rand4", "vision", "sih"),
         ("intruder2@2", "none", "sih"),
         ("lost4", "mocap", "sih"),  # a new leg in the middle of one flight of the batch
-        ("rand1", "mocap", "sih"),
+        pytest.param("rand1", "mocap", "sih", marks=pytest.mark.long),
     ],
 )
 def test_flight_alone_is_bit_for_bit_the_same_flight_in_a_batch(name, errors, types):
