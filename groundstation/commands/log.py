@@ -158,11 +158,11 @@ def fetch(
         json: one object instead of the list
     """
     # Imported here: only this needs the libraries of MAVLink.
-    from groundstation.commands.px4 import mavlink_keys, selected_vehicles
     from groundstation.px4 import log_fetch, parameter_sets
     from groundstation.px4.fetch_progress import FetchProgress
-    from groundstation.px4.vehicle_links import opened
+    from groundstation.px4.vehicle_links import opened, selected_vehicles
     from groundstation.px4_logs.flight_logs import FOLDER
+    from onboard.security.mavlink_key import mavlink_keys
 
     if newest < 1:
         raise ConfigError(f"--newest is {newest}; it must be 1 or more.")
@@ -174,7 +174,8 @@ def fetch(
     config = load_fleet(fleet or flight / "fleet.toml")
     chosen = selected_vehicles(config, vehicles, exclude)
     progress = FetchProgress(sys.stderr)
-    with opened(chosen, mavlink_keys(config, chosen)) as links:
+    keys = mavlink_keys(config, [vehicle.name for vehicle in chosen])
+    with opened(chosen, keys) as links:
         reports = log_fetch.fetch(links, flight / FOLDER, newest=newest, progress=progress.show)
     progress.end()
 

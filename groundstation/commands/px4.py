@@ -33,11 +33,11 @@ from groundstation.px4 import (
     vehicle_parameters,
 )
 from groundstation.px4.parameter_file import default_backup
-from groundstation.px4.vehicle_links import VehicleLink, for_each, opened
+from groundstation.px4.vehicle_links import VehicleLink, for_each, opened, selected_vehicles
 from onboard.config.fleet import ConfigError, FleetConfig, Vehicle, load_fleet
 from onboard.config.toml_reading import package_table
 from onboard.exit_status import EXIT_OK
-from onboard.security.mavlink_key import mavlink_key, read_key
+from onboard.security.mavlink_key import mavlink_keys, read_key
 
 px4 = App(name="px4", help="PX4 itself, past the agents.")
 _File = Annotated[Path | None, Parameter(metavar="FILE")]
@@ -93,7 +93,7 @@ def params(
         if path is not None and path.exists():
             raise ConfigError(f"{path} exists already. Give another name, or remove it.")
 
-    with opened(chosen, mavlink_keys(config, chosen)) as links:
+    with opened(chosen, mavlink_keys(config, [vehicle.name for vehicle in chosen])) as links:
         if dump:
             return _print_reports(parameter_sets.dump(links, dump), backup, is_json=json)
         if diff:
@@ -184,7 +184,7 @@ def info(
     """
     config = load_fleet(fleet)
     chosen = selected_vehicles(config, vehicles, exclude)
-    keys = mavlink_keys(config, chosen)
+    keys = mavlink_keys(config, [vehicle.name for vehicle in chosen])
     with opened(chosen, keys) as links:
         found = for_each(lambda link: vehicle_info.ask(link, keys.get(link.vehicle.name)), links)
 
@@ -281,30 +281,3 @@ def measured_px4() -> comparison.MeasuredPx4:
         facts_of=lambda version: facts_of(version, FACTS),
         parameters=package_table("sitl.conformance", "parameters.toml"),
     )
-
-
-def selected_vehicles(
-    fleet: FleetConfig, vehicles: str | None, exclude: str | None
-) -> list[Vehicle]:
-    """Return the vehicles that a command names.
-
-    Raises:
-        ConfigError: there is none of them.
-    """
-    names = fleet.select(vehicles, exclude)
-    if not names:
-        raise ConfigError(
-            "No vehicle is selected. Set enabled = true for one,"
-            " or change --vehicles and --exclude."
-        )
-    return [fleet.vehicles[name] for name in names]
-
-
-def mavlink_keys(fleet: FleetConfig, vehicles: Sequence[Vehicle]) -> dict[str, bytes]:
-    """Return the keys of MAVLink signing of those vehicles that have one."""
-    keys = {}
-    for vehicle in vehicles:
-        key = mavlink_key(fleet, vehicle.name)
-        if key is not None:
-            keys[vehicle.name] = key
-    return keys

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from onboard.bus.schema import Vec3
-from onboard.config.earth import east_north_m
+from onboard.config.earth import east_north_m, is_on_earth
 from onboard.config.fences import FARTHEST_M
 from onboard.config.fleet import ConfigError, FleetConfig
 
@@ -30,8 +30,7 @@ def goal_enu_m(
             f"{fleet.path}: goals in latitude and longitude need fleet.origin, which this file "
             "does not have. Add it, or give metres."
         )
-    is_on_earth = abs(latitude_deg) <= 90.0 and abs(longitude_deg) <= 180.0
-    if not (is_on_earth and math.isfinite(height_m)):
+    if not (is_on_earth(latitude_deg, longitude_deg) and math.isfinite(height_m)):
         raise ConfigError(
             f"[{latitude_deg:g}, {longitude_deg:g}, {height_m:g}] is no goal: write [latitude, "
             "longitude, height], within -90 to 90 and -180 to 180 degrees."

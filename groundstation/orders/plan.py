@@ -296,7 +296,7 @@ def _goal_refusals(
     refusals: dict[str, str] = {}
 
     fence = fleet.fleet.geofence_m
-    place = flight_space_of(fleet)
+    space = flight_space_of(fleet)
     for name, goal in goals_enu_m.items():
         goal_text = f"({goal[0]:.2f}, {goal[1]:.2f}, {goal[2]:.2f})"
         ground = floor_m(fleet)
@@ -307,9 +307,9 @@ def _goal_refusals(
                 f"fence x {list(fence.x)}, y {list(fence.y)}, z {list(fence.z)} m. "
                 "Choose one inside, above the ground."
             )
-        elif place.refusal(goal):
+        elif space.refusal(goal):
             refusals[name] = (
-                f"{name}: the goal {goal_text} lies {place.refusal(goal)}. Choose another one."
+                f"{name}: the goal {goal_text} lies {space.refusal(goal)}. Choose another one."
             )
         elif goal[2] < ground + least_m:
             refusals[name] = (

@@ -16,7 +16,7 @@ from typing import TypeVar
 
 from groundstation.client.autopilot_link import AutopilotLink
 from onboard.autopilot import LinkError, Version, plausible_version
-from onboard.config.fleet import Vehicle
+from onboard.config.fleet import ConfigError, FleetConfig, Vehicle
 from onboard.px4.port_lock import PortClaim
 
 _ANSWER_S = 4.0  # within which a PX4 is heard
@@ -52,6 +52,23 @@ class VehicleLink:
         if plausible_version(self.version):
             return f"PX4 v{dotted}"
         return f"version {dotted}, which no PX4 has"
+
+
+def selected_vehicles(
+    fleet: FleetConfig, vehicles: str | None, exclude: str | None
+) -> list[Vehicle]:
+    """Return the vehicles that a command names.
+
+    Raises:
+        ConfigError: there is none of them.
+    """
+    names = fleet.select(vehicles, exclude)
+    if not names:
+        raise ConfigError(
+            "No vehicle is selected. Set enabled = true for one,"
+            " or change --vehicles and --exclude."
+        )
+    return [fleet.vehicles[name] for name in names]
 
 
 @contextlib.contextmanager

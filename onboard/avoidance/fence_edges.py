@@ -53,9 +53,8 @@ class Edge(NamedTuple):
     keep_m: float  # distance to keep from the edge
     curvature_1_m: float  # by which an edge that is flown inside of bends towards the vehicle
     is_turned_about: bool
-    is_flat: (
-        bool  # whether the nearest point lies beside the edge, and moves along with the vehicle
-    )
+    # whether the nearest point lies beside the edge, and so moves along with the vehicle
+    is_flat: bool
 
 
 def edge_constraints(own: Own, still: Sequence[Capsule], params: LawParams) -> list[Constraint]:

@@ -22,6 +22,11 @@ class Origin(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     altitude_m: float  # of height 0, above the sea
 
 
+def is_on_earth(latitude_deg: float, longitude_deg: float) -> bool:
+    """Return whether these are finite, and a latitude and a longitude."""
+    return abs(latitude_deg) <= 90.0 and abs(longitude_deg) <= 180.0
+
+
 def east_north_m(origin: Origin, latitude_deg: float, longitude_deg: float) -> tuple[float, float]:
     """Return east and north [m] of a place on Earth from the fleet's origin.
 

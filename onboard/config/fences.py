@@ -15,7 +15,7 @@ import msgspec
 
 from onboard.config import areas
 from onboard.config.areas import Area, Point, Vec3
-from onboard.config.earth import Origin, east_north_m
+from onboard.config.earth import Origin, east_north_m, is_on_earth
 
 FARTHEST_M = 1e4  # of a point from 0, 0
 MOST_CORNERS = 200
@@ -182,7 +182,7 @@ def _degree_fault(fence: Fence, origin: Origin | None, label: str) -> str | None
             "give metres."
         )
     for number, (latitude_deg, longitude_deg) in enumerate(degrees, 1):
-        if not (abs(latitude_deg) <= 90.0 and abs(longitude_deg) <= 180.0):  # not finite, either
+        if not is_on_earth(latitude_deg, longitude_deg):
             return (
                 f"{label}: point {number} is [{latitude_deg:g}, {longitude_deg:g}]; write "
                 "[latitude, longitude], within -90 to 90 and -180 to 180 degrees."

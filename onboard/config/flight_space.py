@@ -1,6 +1,6 @@
-"""The place where a fleet may fly: the box, and the areas to stay in and out of. Pure.
+"""The space that a fleet may fly in: the box, and the areas to stay in and out of. Pure.
 
-All of them hold at once. A place is breached where a vehicle has crossed an edge; goals and ways
+All of them hold at once. It is breached where a vehicle has crossed an edge; goals and ways
 keep the area's buffer from it besides.
 """
 
@@ -116,7 +116,7 @@ class FlightSpace(NamedTuple):
 
 
 def flight_space_of(fleet: FleetConfig) -> FlightSpace:
-    """Return the place of a fleet.
+    """Return the space that a fleet may fly in.
 
     Args:
         fleet: the fleet file.

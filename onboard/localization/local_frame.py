@@ -22,14 +22,13 @@ from onboard.config.earth import east_north_m
 from onboard.config.fleet import Origin, Vec3
 from onboard.frames import enu_from_ned
 from onboard.localization.dead_reckoning import VerticalMotion
+from onboard.safety.limits import LOCAL_POSITION_FRESH_S
 
 # A jump is what is farther from the expected motion than this, and than an acceleration explains.
 _JUMP_M = 0.3
 _JUMP_M_S2 = 3.0
 
 _GIVE_BACK_M_S = 0.2  # speed at which a horizontal jump is given back
-
-_FRESH_S = 0.25  # a local position arrives at 10 Hz
 
 
 class _LocalPosition(NamedTuple):
@@ -95,7 +94,7 @@ class LocalFrame:
             now_ns: time of the tick.
         """
         age_s = (now_ns - snapshot.local_position_ns) * 1e-9
-        if self._offset_enu_m is None or age_s > _FRESH_S:
+        if self._offset_enu_m is None or age_s > LOCAL_POSITION_FRESH_S:
             return None
 
         climbing_m_s = enu_from_ned(snapshot.velocity_local_ned_m_s)[2]

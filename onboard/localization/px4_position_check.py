@@ -15,13 +15,13 @@ from dataclasses import dataclass
 
 from onboard.autopilot import Landed, Snapshot, Vec3
 from onboard.frames import enu_from_ned
+from onboard.safety.limits import LOCAL_POSITION_FRESH_S
 
 # Published standard deviations of position and velocity; a margin for more would push the other
 # vehicles out of the geofence.
 STD_M = 0.3
 STD_M_S = 0.3
 
-_FRESH_S = 0.25  # it arrives at 10 Hz
 _TRUSTED_S = 12.0  # without poses it is dead reckoning; by then most vehicles are down
 _OFFSET_TIME_S = 1.0  # time constant of the offset of PX4's frame
 
@@ -126,7 +126,7 @@ class Px4PositionCheck:
 
         age_s = (now_ns - self._stamp_ns) * _NS
         blind_s = (now_ns - self._learned_ns) * _NS
-        if age_s > _FRESH_S or blind_s > _TRUSTED_S:
+        if age_s > LOCAL_POSITION_FRESH_S or blind_s > _TRUSTED_S:
             return None
 
         x, y, z = self._position_m

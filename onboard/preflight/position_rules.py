@@ -182,12 +182,12 @@ def _frame(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judge
 
 
 def _fence(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgement:
-    place = flight_space_of(fleet)
-    if not place.contains(vehicle.start_enu_m):
+    space = flight_space_of(fleet)
+    if not space.contains(vehicle.start_enu_m):
         return "spot", {"spot": coordinates(vehicle.start_enu_m)}
     if not facts.has_position:
         return NO_POSITION
-    if not place.contains(facts.position_enu_m):
+    if not space.contains(facts.position_enu_m):
         return "outside", {"position": coordinates(facts.position_enu_m)}
     return FINE
 

@@ -53,40 +53,40 @@ def rooms_m(area: Area, positions_enu_m: Array) -> Array:
     return np.asarray(np.where(is_within, sign, -sign) * least_m)
 
 
-def clearances_m(place_areas: Sequence[Area], positions_enu_m: Array) -> Array:
+def clearances_m(fleet_areas: Sequence[Area], positions_enu_m: Array) -> Array:
     """Return the distance of each position to the nearest buffer that counts at its height.
 
     Args:
-        place_areas: of a fleet.
+        fleet_areas: of a fleet.
         positions_enu_m: (..., 3).
     Returns:
         distances (...); negative within a buffer or beyond, infinite where no area counts.
     """
     least_m = np.full(positions_enu_m.shape[:-1], np.inf)
-    for area in place_areas:
+    for area in fleet_areas:
         clearance_m = _clearance_m(area, positions_enu_m, area.buffer_m)
         least_m = np.minimum(least_m, clearance_m)
     return least_m
 
 
-def is_breached(place_areas: Sequence[Area], positions_enu_m: Array) -> BoolArray:
+def is_breached(fleet_areas: Sequence[Area], positions_enu_m: Array) -> BoolArray:
     """Return whether each position lies where no vehicle may be.
 
     Args:
-        place_areas: of a fleet.
+        fleet_areas: of a fleet.
         positions_enu_m: (..., 3).
     """
     is_wrong = np.zeros(positions_enu_m.shape[:-1], dtype=bool)
-    for area in place_areas:
+    for area in fleet_areas:
         is_wrong |= _clearance_m(area, positions_enu_m, 0.0) < 0.0
     return is_wrong
 
 
-def way_beyond_m(place_areas: Sequence[Area], begin_enu_m: Vec3, end_enu_m: Vec3) -> float:
+def way_beyond_m(fleet_areas: Sequence[Area], begin_enu_m: Vec3, end_enu_m: Vec3) -> float:
     """Return how much of a straight way lies within buffers or beyond edges [m].
 
     Args:
-        place_areas: of a fleet.
+        fleet_areas: of a fleet.
         begin_enu_m: where the way begins.
         end_enu_m: where it ends.
     """
@@ -94,7 +94,7 @@ def way_beyond_m(place_areas: Sequence[Area], begin_enu_m: Vec3, end_enu_m: Vec3
     shares = np.linspace(0.0, 1.0, min(_MOST_SAMPLES, 2 + int(length_m / _SAMPLE_M)))[:, None]
     begin = np.array(begin_enu_m)
     way_enu_m = begin + shares * (np.array(end_enu_m) - begin)
-    is_beyond = clearances_m(place_areas, way_enu_m) < 0.0
+    is_beyond = clearances_m(fleet_areas, way_enu_m) < 0.0
     return float(length_m * is_beyond.mean())
 
 

@@ -73,12 +73,12 @@ class Fence:
         )
 
     def status_in(
-        self, place_areas: Sequence[Area], position_enu_m: Vec3, velocity_enu_m_s: Vec3
+        self, fleet_areas: Sequence[Area], position_enu_m: Vec3, velocity_enu_m_s: Vec3
     ) -> FenceStatus:
         """Return where a vehicle is, in the box and in further areas.
 
         Args:
-            place_areas: of the fleet.
+            fleet_areas: of the fleet.
             position_enu_m: of the vehicle.
             velocity_enu_m_s: of the vehicle.
         """
@@ -90,7 +90,7 @@ class Fence:
         is_near = box.is_near
         is_outside = box.is_outside
         is_above = box.is_above
-        for area in place_areas:
+        for area in fleet_areas:
             if area.keeps_in and position_enu_m[2] > area.high_m:
                 is_above = True
             elif not areas.is_allowed(area, position_enu_m):

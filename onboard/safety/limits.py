@@ -16,6 +16,7 @@ AMONG_OTHERS_M = 5.0  # nearer than this a vehicle is among others
 
 # PX4
 AUTOPILOT_SILENT_S = 0.3  # without any packet
+LOCAL_POSITION_FRESH_S = 0.25  # its local position arrives at 10 Hz
 
 # Standard deviations that are published, and believed. A margin for more would push the other
 # vehicles out of the fence.

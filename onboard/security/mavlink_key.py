@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import os
 import zlib
+from collections.abc import Iterable
 
 from onboard.config.file_reading import KEY_FILE, read_bytes
 from onboard.config.fleet_config import FleetConfig
@@ -51,16 +52,18 @@ def mavlink_key(fleet: FleetConfig, vehicle: str) -> bytes | None:
     return read_key(os.path.join(fleet.keys_folder, key_file(vehicle)), fleet.path)
 
 
-def mavlink_keys(fleet: FleetConfig) -> dict[str, bytes]:
-    """Read the keys of all vehicles whose MAVLink is signed, as :func:`mavlink_key` does.
+def mavlink_keys(fleet: FleetConfig, vehicles: Iterable[str] | None = None) -> dict[str, bytes]:
+    """Read the keys of vehicles whose MAVLink is signed, as :func:`mavlink_key` does.
 
     Args:
         fleet: the fleet file.
+        vehicles: their names; by default all of the fleet.
     Returns:
         vehicle -> key.
     """
     keys: dict[str, bytes] = {}
-    for name in fleet.vehicles:
+    names = fleet.vehicles if vehicles is None else vehicles
+    for name in names:
         key = mavlink_key(fleet, name)
         if key is not None:
             keys[name] = key
