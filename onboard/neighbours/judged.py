@@ -31,7 +31,7 @@ from typing import NamedTuple
 from onboard.bus.schema import Vec3
 from onboard.neighbours.mocap_tracker import POSITION_STD_M, VELOCITY_STD_M_S, BodyTracker
 from onboard.neighbours.plausibility import Claim, Seen
-from onboard.neighbours.state_arrays import COLUMNS, COLUMNS_1, NeighbourArrays
+from onboard.neighbours.state_arrays import COLUMNS, COLUMNS_1, STATE_WIDTH, NeighbourArrays
 
 _SEEN_FOR_S = 0.25  # a tracked motion that is older does not count any more
 
@@ -148,8 +148,9 @@ def tracked_numbers(tracker: BodyTracker) -> tuple[float, ...]:
     position_enu_m = tracker.position_enu_m
     velocity_enu_m_s = tracker.velocity_enu_m_s
     no_command_enu_m_s2 = (0.0, 0.0, 0.0)
-    crowd_count = 0.0
+    age_s = 0.0
     lead_time_s = 0.0
+    crowd_count = 0.0
 
     # in the order of the columns: see state_arrays.COLUMNS
     return (
@@ -160,10 +161,11 @@ def tracked_numbers(tracker: BodyTracker) -> tuple[float, ...]:
         *velocity_enu_m_s,  # predicted
         *no_command_enu_m_s2,
         *velocity_enu_m_s,  # intent
-        POSITION_STD_M,
-        crowd_count,
+        age_s,
         lead_time_s,
+        POSITION_STD_M,
         VELOCITY_STD_M_S,
+        crowd_count,
     )
 
 
@@ -172,7 +174,7 @@ def _newest_message(arrays: NeighbourArrays, index: int) -> _Row | None:
     heard_ns = int(arrays.heard_ns[index])
     if not heard_ns or heard_ns != arrays.stamp_ns[index]:
         return None
-    return _Row(heard_ns, tuple(arrays.numbers[index].tolist()))
+    return _Row(heard_ns, tuple(arrays.numbers[index, :STATE_WIDTH].tolist()))
 
 
 def _vector(numbers: tuple[float, ...], name: str) -> Vec3:

@@ -1,16 +1,22 @@
 """Newest states of all neighbours as arrays, so that one call serves all of them.
 
-A state is a row of numbers: its vectors one behind the other, then its scalars, as COLUMNS and
-COLUMNS_1 say. The row of a neighbour that is silent, or contradicted, may come from the motion
-capture instead of its own message.
+A state is a row of numbers: the fields of :class:`onboard.types.Neighbour` in their order, first
+its vectors one behind the other, then its scalars, as COLUMNS and COLUMNS_1 say. The row of a
+neighbour that is silent, or contradicted, may come from the motion capture instead of its own
+message.
+
+The last fields of a row are no part of a state: how old it is, whether the neighbour cooperates.
+They are written when a snapshot is taken. A snapshot is the rows of one tick; the law reads them as
+Neighbours, and the compiled pass takes them as they are.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from operator import attrgetter
-from typing import NamedTuple
+from typing import NamedTuple, overload
 
 import numpy as np
 
@@ -20,19 +26,18 @@ from onboard.safety.limits import LARGEST_POSITION_STD_M, LARGEST_VELOCITY_STD_M
 from onboard.types import Neighbour
 from onboard.vectors import Vec3
 
-_VECTORS = (
-    "position_enu_m",
-    "velocity_enu_m_s",
-    "acceleration_enu_m_s2",
-    "predicted_position_enu_m",
-    "predicted_velocity_enu_m_s",
-    "commanded_acceleration_enu_m_s2",
-    "intent_enu_m_s",
-)
-_SCALARS = ("position_std_m", "crowd_count", "lead_time_s", "velocity_std_m_s")
+_VECTORS = Neighbour._fields[:7]
+_SCALARS = Neighbour._fields[7:]
 COLUMNS = {name: slice(3 * index, 3 * index + 3) for index, name in enumerate(_VECTORS)}
 COLUMNS_1 = {name: 3 * len(_VECTORS) + index for index, name in enumerate(_SCALARS)}
-WIDTH = 3 * len(_VECTORS) + len(_SCALARS)
+_WIDTH = 3 * len(_VECTORS) + len(_SCALARS)
+
+# A state is the first numbers of a row, up to its crowd_count.
+STATE_WIDTH = COLUMNS_1["crowd_count"] + 1
+_AGE = COLUMNS_1["age_s"]
+_COOPERATES = COLUMNS_1["is_cooperative"]
+_PAPER_OBSTACLE = COLUMNS_1["is_paper_obstacle"]
+_TABLE_INDEX = COLUMNS_1["table_index"]
 
 # rows of NeighbourArrays.flags
 KNOWN = 0  # anything is known
@@ -44,23 +49,11 @@ _LARGEST = 1e4
 _LARGEST_INT = 1 << 62
 
 
-class Decoded(NamedTuple):
-    """The numbers of a state as the law takes them."""
-
-    # in the order of the columns, which is that of Neighbour
-    vectors: tuple[Vec3, Vec3, Vec3, Vec3, Vec3, Vec3, Vec3]
-    lead_time_s: float
-    position_std_m: float
-    velocity_std_m_s: float
-    crowd_count: float
-
-
 @dataclass(slots=True)
 class NeighbourArrays:
     """Newest valid state of each of K neighbours; times are on our clock."""
 
-    numbers: Array  # (K, WIDTH), see COLUMNS
-    decoded: list[Decoded | None]  # of K numbers; None: not decoded since they have come
+    numbers: Array  # (K, fields of a Neighbour), see COLUMNS
     stamp_ns: IntArray  # (K,) of the numbers
     heard_ns: IntArray  # (K,) stamp of the newest valid message; 0 never
     newest_ns: IntArray  # (K,) stamp of the newest message, valid or not; -1 never
@@ -77,28 +70,28 @@ class NeighbourArrays:
         Args:
             index: of the neighbour.
             stamp_ns: of the state, on our clock.
-            numbers: in the order of the columns.
+            numbers: STATE_WIDTH of them, in the order of the columns.
             flags: airborne, counts as cooperative, announces that it cooperates.
         """
-        self.numbers[index] = numbers
-        self.decoded[index] = None
+        self.numbers[index, :STATE_WIDTH] = numbers
         self.stamp_ns[index] = stamp_ns
         self.flags[:, index] = (True, *flags)
 
-    def decode(self, index: int) -> Decoded:
-        """Return a state as the law takes it; its numbers are decoded once."""
-        decoded = self.decoded[index]
-        if decoded is None:
-            decoded = _decoded(self.numbers[index].tolist())
-            self.decoded[index] = decoded
-        return decoded
 
+def empty(is_successor: BoolArray, silent_after_s: float) -> NeighbourArrays:
+    """Return the arrays of neighbours that were never heard.
 
-def empty(count: int, silent_after_s: float) -> NeighbourArrays:
-    """Return the arrays of neighbours that were never heard."""
+    Args:
+        is_successor: (K,) whether one is the next of the fleet file, the paper's obstacle.
+        silent_after_s: age from which on each counts as silent.
+    """
+    count = len(is_successor)
+    numbers = np.zeros((count, _WIDTH))
+    numbers[:, _PAPER_OBSTACLE] = is_successor
+    numbers[:, _TABLE_INDEX] = np.arange(count)
+
     return NeighbourArrays(
-        numbers=np.zeros((count, WIDTH)),
-        decoded=[None] * count,
+        numbers=numbers,
         stamp_ns=np.zeros(count, dtype=np.int64),
         heard_ns=np.zeros(count, dtype=np.int64),
         newest_ns=np.full(count, -1, dtype=np.int64),
@@ -131,7 +124,7 @@ _vectors_of = attrgetter(*_VECTORS)
 
 
 def numbers_of(message: StateMessage) -> tuple[float, ...]:
-    """Return the numbers of a message in the order of the columns.
+    """Return the state (STATE_WIDTH,) that a message tells, in the order of the columns.
 
     Its accuracy is bounded as a sender bounds its own: no vehicle would publish a larger one.
     """
@@ -139,10 +132,11 @@ def numbers_of(message: StateMessage) -> tuple[float, ...]:
     for vector in _vectors_of(message):
         numbers.extend(vector)
 
-    numbers.append(_bounded(message.position_std_m, LARGEST_POSITION_STD_M))
-    numbers.append(message.crowd_count)
+    numbers.append(0.0)  # the age
     numbers.append(message.lead_time_s)
+    numbers.append(_bounded(message.position_std_m, LARGEST_POSITION_STD_M))
     numbers.append(_bounded(message.velocity_std_m_s, LARGEST_VELOCITY_STD_M_S))
+    numbers.append(message.crowd_count)
     return tuple(numbers)
 
 
@@ -165,55 +159,74 @@ def is_plausible(*vectors: Vec3 | tuple[float, ...]) -> bool:
     return all(abs(value) < _LARGEST for vector in vectors for value in vector)
 
 
-def neighbours(
-    arrays: NeighbourArrays, ages_s: list[float], is_successor: BoolArray
-) -> list[Neighbour]:
-    """Return the values for the law of all neighbours that are known.
+class Snapshot(Sequence[Neighbour]):
+    """The neighbours that are known at one tick, as the law takes them.
 
-    A silent neighbour does not cooperate.
+    Attributes:
+        rows: (N, fields of a Neighbour) numbers; they are read as Neighbours once these are asked
+            for.
+    """
+
+    def __init__(self, rows: Array) -> None:
+        self.rows = rows
+        self._neighbours: list[Neighbour] | None = None
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    @overload
+    def __getitem__(self, index: int) -> Neighbour: ...
+    @overload
+    def __getitem__(self, index: slice) -> list[Neighbour]: ...
+    def __getitem__(self, index: int | slice) -> Neighbour | list[Neighbour]:
+        return self._read()[index]
+
+    def __iter__(self) -> Iterator[Neighbour]:
+        return iter(self._read())
+
+    def _read(self) -> list[Neighbour]:
+        if self._neighbours is None:
+            self._neighbours = [_neighbour(numbers) for numbers in self.rows.tolist()]
+        return self._neighbours
+
+
+def snapshot(arrays: NeighbourArrays, ages_s: list[float]) -> Snapshot:
+    """Return all neighbours that are known. A silent one does not cooperate.
 
     Args:
         arrays: of all K neighbours.
         ages_s: of their states.
-        is_successor: (K,) whether one is the next of the fleet file, the paper's obstacle.
     """
-    is_cooperative = arrays.flags[COOPERATIVE] & (ages_s <= arrays.silent_after_s)
-    rows = zip(
-        arrays.flags[KNOWN].tolist(),
-        ages_s,
-        is_cooperative.tolist(),
-        is_successor.tolist(),
-        strict=True,
-    )
+    rows = arrays.numbers.copy()
+    rows[:, _AGE] = ages_s
+    rows[:, _COOPERATES] = arrays.flags[COOPERATIVE] & (rows[:, _AGE] <= arrays.silent_after_s)
 
-    known = []
-    for index, (is_known, age_s, cooperates, is_paper_obstacle) in enumerate(rows):
-        if is_known:
-            state = arrays.decoded[index] or arrays.decode(index)
-            neighbour = Neighbour(
-                *state.vectors,
-                age_s=age_s,
-                lead_time_s=state.lead_time_s,
-                position_std_m=state.position_std_m,
-                velocity_std_m_s=state.velocity_std_m_s,
-                crowd_count=state.crowd_count,
-                is_cooperative=cooperates,
-                is_paper_obstacle=is_paper_obstacle,
-                table_index=index,
-            )
-            known.append(neighbour)
-    return known
+    is_known = arrays.flags[KNOWN]
+    if not is_known.all():
+        rows = rows[is_known]
+    return Snapshot(rows)
 
 
-def _decoded(numbers: list[float]) -> Decoded:
+def _neighbour(numbers: list[float]) -> Neighbour:
+    """Return the neighbour of a row."""
     position, velocity, acceleration, predicted, flown, command, intent = (
         Vec3(*numbers[columns]) for columns in COLUMNS.values()
     )
-    position_std_m, crowd_count, lead_time_s, velocity_std_m_s = numbers[3 * len(_VECTORS) :]
-    return Decoded(
-        vectors=(position, velocity, acceleration, predicted, flown, command, intent),
+    age_s, lead_time_s, position_std_m, velocity_std_m_s, crowd_count = numbers[_AGE:STATE_WIDTH]
+    return Neighbour(
+        position_enu_m=position,
+        velocity_enu_m_s=velocity,
+        acceleration_enu_m_s2=acceleration,
+        predicted_position_enu_m=predicted,
+        predicted_velocity_enu_m_s=flown,
+        commanded_acceleration_enu_m_s2=command,
+        intent_enu_m_s=intent,
+        age_s=age_s,
         lead_time_s=lead_time_s,
         position_std_m=position_std_m,
         velocity_std_m_s=velocity_std_m_s,
         crowd_count=crowd_count,
+        is_cooperative=numbers[_COOPERATES] != 0.0,
+        is_paper_obstacle=numbers[_PAPER_OBSTACLE] != 0.0,
+        table_index=int(numbers[_TABLE_INDEX]),
     )

@@ -37,14 +37,14 @@ from onboard.neighbours.state_arrays import (
     KNOWN,
     NeighbourArrays,
     NeighbourRow,
+    Snapshot,
     empty,
     is_plausible,
     is_usable,
-    neighbours,
     numbers_of,
+    snapshot,
 )
 from onboard.neighbours.watched_bodies import SILENT_AFTER_S, WatchedBodies
-from onboard.types import Neighbour
 
 # Where [radio] of the fleet file expects states to come later, both are larger.
 SILENT_S = 0.25  # with two ticks of confirmation a silence is acted on within 0.3 s
@@ -82,14 +82,14 @@ class NeighbourTable:
         self.own_name = own_name
         self.names = tuple(name for name in fleet.vehicles if name != own_name)
         self.indices = {name: index for index, name in enumerate(self.names)}
-        self.is_successor = _is_successor(fleet, own_name, self.names)
 
         self.watched_bodies = WatchedBodies(fleet.expected_radio.lateness_s)
         self.silent_s = SILENT_S + self.watched_bodies.late_s  # of a neighbour that is followed
         self._stale_s = STALE_S + self.watched_bodies.late_s
         self._height_share = fleet.fleet.height_share
 
-        self.arrays: NeighbourArrays = empty(len(self.names), self.silent_s)
+        is_successor = _is_successor(fleet, own_name, self.names)
+        self.arrays: NeighbourArrays = empty(is_successor, self.silent_s)
         self.judged = JudgedNeighbours()
         self.counts = MessageCounts()
         self.last_heard_ns = 0  # of any message
@@ -406,9 +406,9 @@ class NeighbourTable:
 
     # -- what is known at one time -----------------------------------------------------------------
 
-    def snapshot(self, now_ns: int) -> list[Neighbour]:
+    def snapshot(self, now_ns: int) -> Snapshot:
         """Return the values for the law of all neighbours that were ever heard, as of one tick."""
-        return neighbours(self.arrays, self.ages_s(now_ns), self.is_successor)
+        return snapshot(self.arrays, self.ages_s(now_ns))
 
     def distances_m(self, position_enu_m: Vec3, now_ns: int) -> dict[str, float]:
         """Return the separation from each vehicle that is followed and was ever heard.

@@ -5,8 +5,8 @@ values are written to rows of floats, :mod:`onboard.rollout.batch` runs its comp
 one row, and the results are read from the rows again. Where numba is not installed, the text is
 interpreted.
 
-What an agent hands over again unchanged keeps its row. Of a neighbour that has sent nothing new
-only its age and what is thought of it are written anew: in a big fleet these are nearly all.
+What an agent hands over again unchanged keeps its row. The neighbours of a snapshot are rows
+already.
 """
 
 from __future__ import annotations
@@ -19,23 +19,18 @@ import numpy as np
 from onboard.avoidance.params import Capsule
 from onboard.control import pipeline
 from onboard.control.pipeline import PipelineMemory, PipelineParams
+from onboard.neighbours.state_arrays import Snapshot
 from onboard.rollout import batch
-from onboard.rollout.rows import Rows, floats
+from onboard.rollout.rows import Rows
 from onboard.types import Goal, Neighbour, State, Tick
-
-# a Neighbour begins with its vectors, which change with its messages; its numbers come behind them
-_VECTORS = 7
-_SCALARS = len(Neighbour._fields) - _VECTORS
 
 
 @dataclass(slots=True)
 class _Agent:
-    """Rows of one agent, with the values that they hold."""
+    """The memory of one agent, and the row that holds it."""
 
     memory: PipelineMemory
     memory_row: Rows
-    neighbours: Sequence[Neighbour]
-    neighbour_rows: Rows
 
 
 class CompiledPipeline:
@@ -84,14 +79,12 @@ class CompiledPipeline:
 
         agent = self._agents.pop(id(memory), None)
         if agent is None:
-            memory_row = batch.MEMORY.packed([memory])
-            agent = _Agent(memory, memory_row, (), batch.NEIGHBOUR.packed(()))
-        _take_neighbours(agent, neighbours)
+            agent = _Agent(memory, batch.MEMORY.packed([memory]))
 
         inputs = batch.PassRows(
             states=batch.STATE.packed([state]),
             goals=batch.GOAL.packed([goal]),
-            neighbours=agent.neighbour_rows[np.newaxis],
+            neighbours=_neighbour_rows(neighbours)[np.newaxis],
             is_present=np.ones((1, len(neighbours)), dtype=bool),
             modes=np.array([int(mode)]),
         )
@@ -119,17 +112,8 @@ class CompiledPipeline:
         return known[1]
 
 
-def _take_neighbours(agent: _Agent, neighbours: Sequence[Neighbour]) -> None:
-    """Write the rows of the neighbours as they are at this tick."""
-    before = agent.neighbours
-    agent.neighbours = neighbours
-    if not neighbours or len(neighbours) != len(before):
-        agent.neighbour_rows = batch.NEIGHBOUR.packed(neighbours)
-        return
-
-    rows = floats(agent.neighbour_rows)
-    write = batch.NEIGHBOUR.write
-    for row, neighbour, last in zip(rows, neighbours, before, strict=True):
-        if neighbour[:_VECTORS] != last[:_VECTORS]:
-            write(neighbour, row)
-    rows[:, -_SCALARS:] = [neighbour[_VECTORS:] for neighbour in neighbours]
+def _neighbour_rows(neighbours: Sequence[Neighbour]) -> Rows:
+    if isinstance(neighbours, Snapshot):
+        rows: Rows = neighbours.rows.view(batch.NEIGHBOUR.dtype)[:, 0]
+        return rows
+    return batch.NEIGHBOUR.packed(neighbours)

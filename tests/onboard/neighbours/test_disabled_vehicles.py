@@ -38,7 +38,7 @@ def test_nobody_waits_for_a_disabled_vehicle() -> None:
     assert table.bodies_to_watch(9 * S, 0.02) == ("mav2",)
     assert table.missing(9 * S) == ("mav2",)
     assert table.silent(9 * S) == table.invalid() == table.unseen(9 * S) == ()
-    assert table.snapshot(9 * S) == []
+    assert not table.snapshot(9 * S)
 
 
 def test_a_disabled_vehicle_that_tells_a_state_is_an_obstacle_and_missed_when_it_falls_silent() -> (

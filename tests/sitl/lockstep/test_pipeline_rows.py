@@ -7,12 +7,17 @@ import pytest
 from onboard.config.fleet import load_fleet
 from onboard.control import pipeline
 from onboard.control.control_mode import ControlMode
+from onboard.neighbours.table import NeighbourTable
 from onboard.rollout import batch
+from onboard.rollout.rows import floats
 from onboard.types import Goal, Neighbour, State, Tick
 from onboard.vectors import ZERO_3, Vec3
 from sitl.lockstep.pipeline_rows import CompiledPipeline
+from tests.onboard.agent.rig import fleet
+from tests.onboard.state_messages import state_message
 
 HERE = Vec3(0.0, 0.0, 1.0)
+NOW_NS = 1_000_000_000
 PERIODS_NS = (20_000_000, 20_000_000)  # two agents tick together: their passes are compiled
 PARAMS = pipeline.pipeline_params(load_fleet("configs/fleets/paper.toml"), "mav0")
 
@@ -82,3 +87,15 @@ def test_rows_that_are_kept_hold_the_neighbours_of_this_tick() -> None:
     kept = flown(has_past=True)
     assert kept == flown(has_past=False)
     assert len({tick.law for tick in kept}) == len(SEEN), "each change matters to the law"
+
+
+def test_a_snapshot_is_the_rows_of_its_neighbours() -> None:
+    table = NeighbourTable(fleet(("mav0", "mav1", "mav2")), "mav0")
+    table.hear(state_message(vehicle="mav2", crowd_count=3.0, lead_time_s=0.2), NOW_NS)
+    assert len(table.snapshot(NOW_NS)) == 1
+    table.hear(state_message(vehicle="mav1", is_cooperative=False), NOW_NS)
+
+    seen = table.snapshot(NOW_NS + PERIODS_NS[0])
+    packed = floats(batch.NEIGHBOUR.packed(list(seen)))
+    assert (packed == seen.rows).all()
+    assert [row[-1] for row in packed] == [0.0, 1.0], "the indices tell them apart"
