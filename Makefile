@@ -65,20 +65,22 @@ wheel:
 	@.venv/bin/python -m pip wheel -q --no-deps --no-build-isolation -w dist . && ls dist/covey-*.whl
 
 docs:
-	@.ci/setup dev
+	@.ci/setup all
+	@.ci/setup docs
 	@.venv/bin/mkdocs build --quiet --config-file .ci/mkdocs.yml --site-dir ../.venv/site
 	@echo "Open .venv/site/index.html in a browser."
 
 # one resolution for all systems and for Python 3.11 and newer; setuptools builds Covey itself
 PIN = .venv/pins/bin/uv pip compile --quiet --upgrade --universal --python-version 3.11 --generate-hashes \
-  --custom-compile-command "make pins" pyproject.toml requirements/build.in
+  --custom-compile-command "make pins" requirements/build.in
 
 pins:
 	@.ci/setup dev
 	@.venv/bin/python -m venv .venv/pins && .venv/pins/bin/pip install -q 'uv>=0.13,<1'
-	$(PIN) --extra all --group dev -o requirements/dev.txt
-	$(PIN) --extra all --constraint requirements/dev.txt -o requirements/all.txt
-	$(PIN) --constraint requirements/dev.txt -o requirements/base.txt
+	$(PIN) pyproject.toml --extra all --group dev -o requirements/dev.txt
+	$(PIN) pyproject.toml --extra all --constraint requirements/dev.txt -o requirements/all.txt
+	$(PIN) pyproject.toml --constraint requirements/dev.txt -o requirements/base.txt
+	$(PIN) --group docs --constraint requirements/dev.txt -o requirements/docs.txt
 
 clean:
 	rm -rf .venv build dist *.egg-info

@@ -36,7 +36,13 @@ def pinned(extra: str) -> list[Requirement]:
 
 
 def declared(name: str) -> list[Requirement]:
-    """Return what one of the lists has to contain: an extra, or a group on top of `all`."""
+    """Return what one of the lists has to contain: an extra, or a group on top of `all`.
+
+    The group `docs` is installed beside `all`.
+    """
+    if name == "docs":
+        return group(name)
+
     lines = [Requirement(line) for line in PROJECT["project"]["dependencies"]]
     if name in PROJECT["dependency-groups"]:
         return [*lines, *extra("all"), *group(name)]
@@ -70,7 +76,7 @@ def group(name: str) -> list[Requirement]:
     return lines
 
 
-@pytest.mark.parametrize("name", ["base", "all", "dev"])
+@pytest.mark.parametrize("name", ["base", "all", "dev", "docs"])
 def test_every_library_of_pyproject_is_pinned_once_and_within_its_range(name: str) -> None:
     pins = pinned(name)
     for system in SYSTEMS:
