@@ -39,6 +39,7 @@ class Module:
     path: str  # from the root, with slashes
     text: str
     tree: ast.Module
+    nodes: tuple[ast.AST, ...]  # all of the tree: it takes long to walk
 
     @property
     def room(self) -> str:
@@ -76,7 +77,15 @@ def modules() -> tuple[Module, ...]:
         text = path.read_text(encoding="utf-8")
         parts = relative.with_suffix("").parts
         name = ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
-        result.append(Module(name, relative.as_posix(), text, ast.parse(text)))
+        tree = ast.parse(text)
+        module = Module(
+            name=name,
+            path=relative.as_posix(),
+            text=text,
+            tree=tree,
+            nodes=tuple(ast.walk(tree)),
+        )
+        result.append(module)
     return tuple(result)
 
 
@@ -129,12 +138,12 @@ def imports(module: Module, names: set[str], *, with_late: bool = False) -> set[
     if module.is_front_door and not with_late:
         late = {
             node
-            for function in ast.walk(module.tree)
+            for function in module.nodes
             if isinstance(function, _FUNCTIONS)
             for node in ast.walk(function)
         }
     targets = set()
-    for node in ast.walk(module.tree):
+    for node in module.nodes:
         if node in late:
             continue
         if isinstance(node, ast.Import):
@@ -150,7 +159,7 @@ def _functions(
     kept: list[Module],
 ) -> Iterator[tuple[Module, ast.FunctionDef | ast.AsyncFunctionDef]]:
     for module in kept:
-        for node in ast.walk(module.tree):
+        for node in module.nodes:
             if isinstance(node, _FUNCTIONS):
                 yield module, node
 
@@ -174,7 +183,7 @@ def _name_figures() -> Iterator[Figure]:
     classes = Counter(
         n.name
         for m in modules()
-        for n in ast.walk(m.tree)
+        for n in m.nodes
         if isinstance(n, ast.ClassDef) and n.name[0] != "_"
     )
     yield Figure(
@@ -198,7 +207,7 @@ def _docstring_figures() -> Iterator[Figure]:
     relative = [
         f"{m.path}:{node.lineno} {node.name}"
         for m in modules()
-        for node in ast.walk(m.tree)
+        for node in m.nodes
         if isinstance(node, (*_FUNCTIONS, ast.ClassDef))
         and _RELATIVE.match(ast.get_docstring(node) or "")
     ]

@@ -97,8 +97,10 @@ def imported_libraries(package: str) -> set[str]:
     anywhere.
     """
     found = set()
-    for path in (ROOT / package).rglob("*.py"):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for module in form.modules():
+        if not module.path.startswith(f"{package}/"):
+            continue
+        for node in module.nodes:
             if isinstance(node, ast.Import):
                 found |= {alias.name.split(".")[0] for alias in node.names}
             elif isinstance(node, ast.ImportFrom) and node.level == 0:

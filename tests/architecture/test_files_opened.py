@@ -6,11 +6,10 @@ Whoever opens a file by another way has a row here, with the reason.
 from __future__ import annotations
 
 import ast
-from collections.abc import Iterator
-from pathlib import Path
+from collections.abc import Iterable, Iterator
 
-ROOT = Path(__file__).resolve().parents[2]
-ROOMS = ("onboard", "groundstation", "sitl")
+from tests.architecture import form
+
 THE_PLACE = "onboard/config/file_reading.py"
 
 # calls that read a file, or make values of a text
@@ -72,9 +71,9 @@ ALLOWED = {
 }
 
 
-def _reads(tree: ast.Module) -> Iterator[int]:
+def _reads(nodes: Iterable[ast.AST]) -> Iterator[int]:
     """Yield the lines of calls that read files or make values of texts."""
-    for node in ast.walk(tree):
+    for node in nodes:
         if not isinstance(node, ast.Call):
             continue
         function = node.func
@@ -98,21 +97,15 @@ def _opens_to_read(call: ast.Call, place_of_mode: int) -> bool:
 
 
 def test_files_of_others_are_opened_in_one_place_only() -> None:
-    found = []
-    for room in ROOMS:
-        for path in sorted((ROOT / room).rglob("*.py")):
-            name = path.relative_to(ROOT).as_posix()
-            if name == THE_PLACE or name in ALLOWED:
-                continue
-            tree = ast.parse(path.read_text(encoding="utf-8"))
-            found += [f"{name}:{line}" for line in _reads(tree)]
+    found = [
+        f"{module.path}:{line}"
+        for module in form.modules()
+        if module.path != THE_PLACE and module.path not in ALLOWED
+        for line in _reads(module.nodes)
+    ]
     assert not found, f"Open them with {THE_PLACE}, or give the reason here: {found}"
 
 
 def test_each_exception_still_reads_something() -> None:
-    idle = [
-        name
-        for name in ALLOWED
-        if not list(_reads(ast.parse((ROOT / name).read_text(encoding="utf-8"))))
-    ]
-    assert not idle
+    reading = {module.path for module in form.modules() if any(_reads(module.nodes))}
+    assert set(ALLOWED) <= reading

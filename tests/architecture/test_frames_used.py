@@ -5,6 +5,7 @@ of its own.
 from __future__ import annotations
 
 import ast
+from collections.abc import Sequence
 from pathlib import Path
 
 from tests.architecture import form
@@ -14,15 +15,15 @@ ROOMS = ("onboard", "groundstation")
 FRAMES = "onboard/frames.py"
 
 
-def flips(tree: ast.Module) -> list[int]:
+def flips(nodes: Sequence[ast.AST]) -> list[int]:
     """Lines that permute and negate the three components of one vector, or add up a quaternion's
     for the same.
     """
-    triples = {names for node in ast.walk(tree) for names in _unpacked(node)}
+    triples = {names for node in nodes for names in _unpacked(node)}
     return sorted(
         {
             node.lineno
-            for node in ast.walk(tree)
+            for node in nodes
             if isinstance(node, ast.expr | ast.stmt)
             for parts in _sequences(node)
             if _is_flip(parts, triples)
@@ -86,6 +87,10 @@ def _is_flip(parts: list[ast.expr], triples: set[tuple[str, ...]]) -> bool:
     return False
 
 
+def _nodes(text: str) -> list[ast.AST]:
+    return list(ast.walk(ast.parse(text)))
+
+
 def test_signs_flipped_by_hand_are_found() -> None:
     for wrong in (
         "def f(v):\n    a, b, c = v\n    return b, a, -c",
@@ -96,14 +101,14 @@ def test_signs_flipped_by_hand_are_found() -> None:
         "p = (east, north, -down)",
         "q = (s * (w + z), s * (x + y), s * (x - y), s * (w - z))",
     ):
-        assert flips(ast.parse(wrong)), wrong
+        assert flips(_nodes(wrong)), wrong
     for right in (
         "def f(v):\n    a, b, c = v\n    return a, b, -c",
         "conjugate = (w, -x, -y, -z)",
         "p = (x, y, -z)",
         "q = (a + b, c + d)",
     ):
-        assert not flips(ast.parse(right)), right
+        assert not flips(_nodes(right)), right
 
 
 def test_no_sign_is_flipped_by_hand_outside_frames() -> None:
@@ -111,7 +116,7 @@ def test_no_sign_is_flipped_by_hand_outside_frames() -> None:
         f"{module.path}:{line}"
         for module in form.modules()
         if module.path.startswith(ROOMS) and module.path != FRAMES
-        for line in flips(module.tree)
+        for line in flips(module.nodes)
     ]
     assert found == [], "use the conversions of onboard/frames.py"
 
