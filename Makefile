@@ -42,7 +42,7 @@ test:
 
 test-realtime:
 	@.ci/setup dev
-	.venv/bin/pytest -m "realtime and not long" -n 2 --dist loadgroup --no-loadscope-reorder
+	.venv/bin/pytest -m "realtime and not long" -n 3 --dist loadgroup --no-loadscope-reorder
 
 test-long:
 	@.ci/setup dev

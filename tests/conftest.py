@@ -42,10 +42,15 @@ _ONE_IN_REAL_TIME = (  # one emulated vehicle or one server each
     "sitl/test_server.py",
 )
 # Long and in simulated time: they run in the same call, in the worker that those of real time leave
-# idle.
+# idle, so that `make test` stays short.
 _BESIDE_REAL_TIME = (
-    "sitl/lockstep/test_gallery.py",
+    "groundstation/commands/test_plot.py",
+    "groundstation/fleet/test_operator_control.py",
+    "groundstation/incident/test_moment_and_account.py",
+    "sitl/lockstep/test_fault_suite.py",
+    "sitl/lockstep/test_ground_cut.py",
     "sitl/lockstep/test_pilots.py",
+    "sitl/lockstep/test_poses_lost.py",
     "sitl/lockstep/test_reflight.py",
     "sitl/lockstep/test_taken_fleets.py",
     "sitl/conformance/test_facts.py",

@@ -1,8 +1,8 @@
 """Whatever breaks at whichever moment: nobody collides, everybody comes down, and the record says
 why.
 
-`make test` flies a cross-section, some of what can break, each at a moment of its own; `make
-test-long` flies all of it at every half second, with three and with six vehicles.
+`make test-realtime` flies a cross-section, some of what can break, each at a moment of its own;
+`make test-long` flies all of it at every half second, with three and with six vehicles.
 """
 
 from __future__ import annotations

@@ -12,20 +12,12 @@ from sitl.lockstep.flight import Lockstep
 
 ROOT = Path(__file__).parents[3]
 FLOWN_ELSEWHERE = ("paper", "above")  # in test_flight, and in test_above_each_other
-
-
 MISSIONS = [name for name in GALLERY if name not in FLOWN_ELSEWHERE]
-OF_EACH_DAY = ("swap",)
 
 
+@pytest.mark.long
 @pytest.mark.timeout(300)
-@pytest.mark.parametrize(
-    "name",
-    [
-        pytest.param(name, marks=() if name in OF_EACH_DAY else pytest.mark.long)
-        for name in MISSIONS
-    ],
-)
+@pytest.mark.parametrize("name", MISSIONS)
 def test_a_mission_of_the_gallery_passes(
     name: str, lockstep: Callable[..., Lockstep], tmp_path: Path
 ) -> None:

@@ -87,6 +87,7 @@ def test_a_hold_by_the_transmitter_is_landed_though_its_sticks_are_heard(
     assert all(verdict.landed.values())
 
 
+@pytest.mark.long
 def test_land_all_of_a_person_spares_the_pilot_and_his_name_does_not(
     lockstep: Any, paper: FleetConfig
 ) -> None:

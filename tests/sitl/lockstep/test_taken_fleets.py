@@ -135,6 +135,7 @@ def test_an_order_that_comes_while_a_failed_mission_lands_stays(
     assert _orders(flight)["mav0"][-1] == "hold"
 
 
+@pytest.mark.long
 def test_control_that_was_taken_ends_the_mission_without_landing(
     lockstep: Any, paper: FleetConfig
 ) -> None:
