@@ -157,8 +157,8 @@ def test_what_each_holder_of_a_key_may_publish_read_and_order(
                     node.publish(topic, name, message)
             return heard >= granted and read >= readable
 
-        # Until both ends of a link have declared what they read, zenoh sends everything over it. Who
-        # may read what shows after that; what may be said is judged from the first message on.
+        # Until both ends of a link have declared what they read, zenoh sends everything over it.
+        # Who may read what shows after that; what may be said is judged from the first message on.
         heard_at_first: Heard = set()
         for _ in range(2):
             assert until(tell), (granted - heard, readable - read)
