@@ -45,6 +45,7 @@ from sitl.mavlink.endpoints import (
 )
 from sitl.mavlink.lossy_link import LossyLink
 from sitl.mavlink.streams import GCS_RATES_HZ, ONBOARD_RATES_HZ, SIMULATOR_RATES_HZ
+from sitl.physics.earth import ZURICH, EarthPoint
 from sitl.physics.scatter import one_of_type
 from sitl.physics.vehicle import STEP_S, VehicleProfile
 from sitl.px4.parameters import DEFAULTS
@@ -109,7 +110,23 @@ def emulator_of(
         specs.append(spec)
 
     return Emulator(
-        specs, body_diameter_m=fleet.fleet.body_diameter_m, environment=environment, seed=seed
+        specs,
+        body_diameter_m=fleet.fleet.body_diameter_m,
+        environment=environment,
+        origin=_earth_point(fleet),
+        seed=seed,
+    )
+
+
+def _earth_point(fleet: FleetConfig) -> EarthPoint:
+    """Return the origin of a fleet; indoors, where it has none, that of PX4's own simulator."""
+    origin = fleet.fleet.origin
+    if isinstance(origin, str):
+        return ZURICH
+    return EarthPoint(
+        latitude_deg=origin.latitude_deg,
+        longitude_deg=origin.longitude_deg,
+        altitude_m=origin.altitude_m,
     )
 
 

@@ -19,6 +19,7 @@ from sitl.emulator.fault_effects import Disturbances
 from sitl.faults.catalogue import FAULT_KINDS, Fault, FaultError, check
 from sitl.physics import frames
 from sitl.physics.contacts import Collision, Downwash, World
+from sitl.physics.earth import ZURICH, EarthPoint
 from sitl.physics.frames import Array
 from sitl.physics.vehicle import STEP_S, VehicleProfile
 from sitl.physics.wind import WindSettings
@@ -66,6 +67,16 @@ class Environment:
     vehicle_scatter: float = 1.0
 
 
+def _own_parameters(spec: VehicleSpec, origin: EarthPoint) -> dict[str, int | float]:
+    """Return the parameters that are set where a vehicle is simulated."""
+    return {
+        "MAV_SYS_ID": spec.system_id,
+        "SIH_LOC_LAT0": origin.latitude_deg,
+        "SIH_LOC_LON0": origin.longitude_deg,
+        "SIH_LOC_H0": origin.altitude_m,
+    }
+
+
 class Emulator:
     """Several PX4s and their vehicles.
 
@@ -73,6 +84,7 @@ class Emulator:
         specs: the vehicles, in order.
         body_diameter_m: see :class:`World`.
         environment: wind, downwash and errors; a calm room by default.
+        origin: point of the Earth that is 0, 0, 0 of the frame in which the vehicles start.
         seed: of everything random.
 
     Attributes:
@@ -92,11 +104,13 @@ class Emulator:
         *,
         body_diameter_m: float = 0.5,
         environment: Environment | None = None,
+        origin: EarthPoint = ZURICH,
         seed: int = 0,
     ) -> None:
         _compile_loops()
         environment = environment or Environment()
         self.specs = list(specs)
+        self.origin = origin
         names = [spec.name for spec in specs]
         starts = [spec.start_enu_m for spec in specs]
 
@@ -114,9 +128,10 @@ class Emulator:
             seed=seed,
             is_common=environment.has_common_errors,
             scale=environment.error_scale,
+            ground_altitude_m=origin.altitude_m,
         )
         self.autopilots = [
-            EmulatedPx4(Parameters(spec.px4, {"MAV_SYS_ID": spec.system_id})) for spec in specs
+            EmulatedPx4(Parameters(spec.px4, _own_parameters(spec, origin))) for spec in specs
         ]
         for index in range(len(specs)):
             self._attitude_control_changed(index)

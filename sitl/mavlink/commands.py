@@ -16,7 +16,7 @@ import numpy as np
 from sitl.emulator.emulator import Emulator
 from sitl.mavlink.codec import ID_BY_NAME, Encoder, MavlinkMessage
 from sitl.mavlink.streams import BUILDERS, Schedule
-from sitl.mavlink.view import HOME_ALTITUDE_M, View
+from sitl.mavlink.view import View
 from sitl.px4.commander import EmulatedPx4
 from sitl.px4.modes import CommandResult, Mode
 
@@ -122,7 +122,7 @@ def _take_off(link: CommandedLink, command: ReceivedCommand) -> Answer:
     altitude_m = command.numbers[6]  # above the sea, as PX4 takes it, whatever the frame
     height_m = math.nan
     if abs(altitude_m) < _HIGHEST_M:
-        height_m = altitude_m - HOME_ALTITUDE_M
+        height_m = altitude_m - link.view.ground_altitude_m
     return link.autopilot.request_takeoff(link.view.now_s, height_m), []
 
 

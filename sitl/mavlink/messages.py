@@ -14,7 +14,7 @@ from collections.abc import Callable
 from typing import Any
 
 from sitl.mavlink.codec import Encoder
-from sitl.mavlink.view import HOME_ALTITUDE_M, View
+from sitl.mavlink.view import View
 from sitl.physics import frames
 from sitl.px4.arming_checks import BOOT_S
 from sitl.px4.battery import EMPTY_MV
@@ -311,10 +311,10 @@ def altitude(v: View) -> Values:
     height_m = -v.sensed.position_ned_m[2]
     return (
         v.boot_us,
-        HOME_ALTITUDE_M,  # monotonic
-        HOME_ALTITUDE_M + height_m,  # above the sea
+        v.ground_altitude_m,  # monotonic
+        v.ground_altitude_m + height_m,  # above the sea
         height_m,  # in the local frame
-        height_m + HOME_ALTITUDE_M - v.home_altitude_m,  # above home
+        height_m + v.ground_altitude_m - v.home_altitude_m,  # above home
         _NAN,  # above the terrain
         _NAN,  # below the vehicle
     )
@@ -326,7 +326,7 @@ def vfr_hud(v: View) -> Values:
     return (
         speed_m_s,  # in the air
         speed_m_s,  # over the ground
-        HOME_ALTITUDE_M - v.sensed.position_ned_m[2],
+        v.ground_altitude_m - v.sensed.position_ned_m[2],
         -vz,
         int(math.degrees(v.yaw_rad) % 360.0),
         round(100.0 * v.autopilot.actuation.thrust_frac),
@@ -477,7 +477,7 @@ def highres_imu(v: View) -> Values:
         *(0.21, 0.0, 0.43),  # magnetometer [gauss]
         955.0,  # pressure [hPa]
         0.0,  # pressure of the airflow
-        HOME_ALTITUDE_M - sensed.position_ned_m[2],  # altitude by the pressure
+        v.ground_altitude_m - sensed.position_ned_m[2],  # altitude by the pressure
         25.0,  # temperature [deg C]
         7167,  # which of these are new
         0,  # id
@@ -561,7 +561,7 @@ def open_drone_id_location(v: View) -> Values:
         longitude=longitude,
         altitude_barometric=altitude_m,
         altitude_geodetic=altitude_m,
-        height=altitude_m - HOME_ALTITUDE_M,
+        height=altitude_m - v.ground_altitude_m,
         timestamp=65535.0,
         direction=_heading_cdeg(v),
         speed_horizontal=_clip(100.0 * math.hypot(vx, vy), 0, 25425),
@@ -578,6 +578,6 @@ def open_drone_id_system(v: View) -> Values:
         operator_longitude=round(longitude_deg * 1e7),
         area_ceiling=-1000.0,
         area_floor=-1000.0,
-        operator_altitude_geo=HOME_ALTITUDE_M,
+        operator_altitude_geo=v.ground_altitude_m,
         area_count=1,
     )

@@ -13,14 +13,8 @@ import numpy as np
 
 from sitl.emulator.emulator import Emulator
 from sitl.physics import frames
+from sitl.physics.earth import EarthPoint, degrees_at, metres_from
 from sitl.px4.commander import EmulatedPx4
-from sitl.px4.estimator import HOME_ALTITUDE_M as HOME_ALTITUDE_M
-
-# Where simulated vehicles start, and a flat Earth around it.
-HOME_LATITUDE_DEG = 47.397742
-HOME_LONGITUDE_DEG = 8.545594
-METRES_PER_DEGREE = 111_319.49
-METRES_PER_DEGREE_EAST = METRES_PER_DEGREE * math.cos(math.radians(HOME_LATITUDE_DEG))
 
 # Half the standard deviation of roll, pitch and yaw, as quaternions need it.
 HALF_NOISE_RAD = tuple(0.5 * math.radians(std_deg) for std_deg in (0.06, 0.06, 0.11))
@@ -60,6 +54,8 @@ class View:
         self.emulator = emulator
         self.index = index
         self.system_id = emulator.specs[index].system_id
+        self.ground_altitude_m = emulator.origin.altitude_m  # where the vehicles start
+        self.local_origin = _local_origin(emulator, index)  # of the vehicle's own frame
         self._rng = np.random.default_rng([seed, 7, index])
         self._noise: list[float] = []
         self._clock_step = -1  # of the physics, at which the clock was read
@@ -110,7 +106,7 @@ class View:
     @property
     def home_altitude_m(self) -> float:
         """Altitude of home above the sea."""
-        return HOME_ALTITUDE_M - float(self.autopilot.mode_control.home_ned_m[2])
+        return self.ground_altitude_m - float(self.autopilot.mode_control.home_ned_m[2])
 
     @property
     def sensed(self) -> Sensed:
@@ -129,11 +125,7 @@ class View:
     @property
     def origin_deg(self) -> tuple[float, float]:
         """Latitude and longitude of the local frame's origin."""
-        east, north, _ = self.emulator.specs[self.index].start_enu_m
-        return (
-            HOME_LATITUDE_DEG + north / METRES_PER_DEGREE,
-            HOME_LONGITUDE_DEG + east / METRES_PER_DEGREE_EAST,
-        )
+        return self.local_origin.latitude_deg, self.local_origin.longitude_deg
 
     @property
     def global_position(self) -> Vector:
@@ -142,22 +134,14 @@ class View:
 
     def to_global(self, position_ned_m: Vector) -> Vector:
         """Return latitude [deg], longitude [deg], altitude [m] of a position in the local frame."""
-        origin_latitude_deg, origin_longitude_deg = self.origin_deg
         north, east, down = position_ned_m
-        return (
-            origin_latitude_deg + north / METRES_PER_DEGREE,
-            origin_longitude_deg + east / METRES_PER_DEGREE_EAST,
-            HOME_ALTITUDE_M - down,
-        )
+        latitude_deg, longitude_deg = degrees_at(self.local_origin, north, east)
+        return latitude_deg, longitude_deg, self.ground_altitude_m - down
 
     def to_local(self, latitude_deg: float, longitude_deg: float, altitude_m: float) -> Vector:
         """Return a global position in the local frame, NED [m]."""
-        origin_latitude_deg, origin_longitude_deg = self.origin_deg
-        return (
-            (latitude_deg - origin_latitude_deg) * METRES_PER_DEGREE,
-            (longitude_deg - origin_longitude_deg) * METRES_PER_DEGREE_EAST,
-            HOME_ALTITUDE_M - altitude_m,
-        )
+        north, east = metres_from(self.local_origin, latitude_deg, longitude_deg)
+        return north, east, self.ground_altitude_m - altitude_m
 
     @property
     def has_fix(self) -> bool:
@@ -174,7 +158,7 @@ class View:
         """Altitude of the local frame's origin above the sea."""
         altitude_m = self.emulator.estimator.origin_altitude_m[self.index]
         if altitude_m is None:
-            return HOME_ALTITUDE_M
+            return self.ground_altitude_m
         return altitude_m
 
     @property
@@ -231,6 +215,13 @@ class View:
         if not self._noise:
             self._noise = self._rng.standard_normal(_NOISE_BLOCK).tolist()
         return self._noise.pop()
+
+
+def _local_origin(emulator: Emulator, index: int) -> EarthPoint:
+    """Return the point of the Earth at which a vehicle's local frame begins: where it starts."""
+    east, north, _ = emulator.specs[index].start_enu_m
+    latitude_deg, longitude_deg = degrees_at(emulator.origin, north, east)
+    return EarthPoint(latitude_deg, longitude_deg, emulator.origin.altitude_m)
 
 
 def measured_attitude(

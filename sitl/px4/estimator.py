@@ -19,6 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sitl.physics.earth import ZURICH
 from sitl.physics.frames import Array
 from sitl.physics.jit import records
 from sitl.physics.step import STEP_S
@@ -71,8 +72,6 @@ XY, VXY, Z, VZ, HEADING = range(5)
 # How often PX4's filter has jumped before it has any position: with that it has jumped 13 times.
 _RESETS_AT_START = (2, 2, 2, 2, 1)
 
-HOME_ALTITUDE_M = 489.4  # of the ground where simulated vehicles start
-
 # What ESTIMATOR_STATUS says of the horizontal error, measured on PX4 v1.18 (SIH) that lost its
 # satellites in flight: 0.3 m with a source; 0.37, 0.53, 0.74, 1.0, 1.3 m one to five seconds after
 # it; then 5 m and more. The growth is fitted by a parabola.
@@ -108,6 +107,7 @@ class Estimator:
         is_common: all vehicles err alike, as PX4 instances do that are started together and share
             SIH's random numbers; otherwise each errs on its own.
         scale: of all random errors; 0 for an estimate that is right.
+        ground_altitude_m: above the sea, of the ground where the vehicles start.
 
     Attributes:
         offset_ned_m: (n, 3) of the local frame against the true motion since the start.
@@ -137,8 +137,10 @@ class Estimator:
         seed: int,
         is_common: bool = False,
         scale: float = 1.0,
+        ground_altitude_m: float = ZURICH.altitude_m,
     ) -> None:
         n = start_ned_m.shape[0]
+        self._ground_altitude_m = ground_altitude_m
         self._rng = np.random.default_rng([seed, 2])
         self._drift_rngs = [
             np.random.default_rng([seed, 5, 0 if is_common else i]) for i in range(n)
@@ -531,7 +533,7 @@ class Estimator:
         self.source[index] = source
 
         if source is Source.GPS and self.origin_altitude_m[index] is None:
-            self.origin_altitude_m[index] = HOME_ALTITUDE_M
+            self.origin_altitude_m[index] = self._ground_altitude_m
         if source is not Source.VISION:
             self._vision_frame[index] = None
 

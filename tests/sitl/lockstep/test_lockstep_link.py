@@ -3,16 +3,23 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 
 from onboard.agent_inputs import ParamsRead
+from onboard.config.earth import Origin, east_north_m
+from onboard.config.fleet import FleetConfig, load_fleet
 from onboard.frames import enu_flu_from_ned_frd
 from onboard.px4.required_params import required_params
 from sitl.lockstep.simulation import Simulation
-from sitl.mavlink.view import measured_attitude
+from sitl.mavlink.view import View, measured_attitude
 from tests.oracles.rotation import quaternion_from_yaw, quaternion_multiply
+from tests.sitl.lockstep.conftest import ROOT
+
+PX4_SITL = ROOT / "configs" / "fleets" / "px4-sitl.toml"
 
 
 def test_turns_in_floats_are_those_of_the_frames() -> None:
@@ -98,3 +105,30 @@ def test_a_silent_link_leaves_the_snapshot_as_it_was(simulation) -> None:
     _run(simulation, 1.0)
     assert simulation.links.links[0].snapshot().last_packet_ns == before.last_packet_ns
     assert simulation.links.links[1].snapshot().last_packet_ns > before.last_packet_ns
+
+
+def elsewhere(fleet: FleetConfig) -> FleetConfig:
+    """Return a fleet whose origin is in Sydney."""
+    sydney = Origin(latitude_deg=-33.86, longitude_deg=151.21, altitude_m=20.0)
+    return msgspec.structs.replace(fleet, fleet=msgspec.structs.replace(fleet.fleet, origin=sydney))
+
+
+def test_vehicles_start_where_the_fleets_origin_is_on_earth() -> None:
+    fleet = elsewhere(load_fleet(PX4_SITL))
+    simulation = Simulation(fleet, seed=1)
+    emulator = simulation.emulator
+    origin = fleet.fleet.origin
+    assert isinstance(origin, Origin)
+
+    for index, name in enumerate(simulation.names):
+        latitude_deg, longitude_deg, altitude_m = View(emulator, index).to_global((0.0, 0.0, 0.0))
+        spot_m = east_north_m(origin, latitude_deg, longitude_deg)
+        assert spot_m == pytest.approx(fleet.vehicles[name].start_enu_m[:2], abs=1e-3)
+        assert altitude_m == 20.0
+        assert emulator.autopilots[index].params["SIH_LOC_LAT0"] == -33.86
+
+
+@pytest.mark.long
+def test_a_fleet_by_satellites_is_ready_wherever_on_earth_it_stands(lockstep: Any) -> None:
+    flight = lockstep(elsewhere(load_fleet(PX4_SITL)), seed=1)
+    flight.ready(30.0)
