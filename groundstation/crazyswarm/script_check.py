@@ -2,13 +2,17 @@
 
 Some of Crazyswarm's commands are not flown here. A script that calls one of them usually does so
 after its take-off; so the script that makes a ``Crazyswarm`` is read first, and refused with the
-line of the call.
+line of the call. So is one that wants vehicles by ids that the fleet lacks.
+
+Only what is written as a number is known: in the place itself, or under a name to which the script
+gives a value once. Everything else is found where the script comes to it.
 """
 
 from __future__ import annotations
 
 import ast
 import re
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -26,12 +30,20 @@ NOT_FLOWN = {
     "cmdVel": _STREAMED,
     "cmdHover": _STREAMED,
     "cmdStop": "without motors a vehicle falls. Use land, and stop on the ground.",
+    "getParam": (
+        "parameters of a Crazyflie mean nothing to PX4. PX4's are read with: "
+        "covey px4 params --fleet FILE"
+    ),
     "get_status": (
         "PX4 does not say whether it is being charged, which scripts wait for that ask for it. "
         "Batteries are judged by the failsafe table: a vehicle at its landing level lands."
     ),
 }
 _MOST_CALLS_NAMED = 3
+_BY_ID = "crazyfliesById"
+_START = "startTrajectory"
+_MOST_NAMES = 20  # that stand for each other
+_TIMESCALE_PLACE = 1  # among the arguments of startTrajectory
 _ID_LINE = re.compile(r"^\s*-?\s*id\s*:", re.MULTILINE)
 
 
@@ -44,10 +56,10 @@ def refuse_what_is_not_flown(script: str) -> None:
     Raises:
         ConfigError: it calls such a command.
     """
-    if not Path(script).is_file():
+    tree = _tree_of(script)
+    if tree is None:
         return
 
-    tree = python_tree(read_text(script, SCRIPT), script)
     calls = sorted(_calls(tree))
     if not calls:
         return
@@ -56,7 +68,62 @@ def refuse_what_is_not_flown(script: str) -> None:
     if len(calls) > _MOST_CALLS_NAMED:
         named += f" and {len(calls) - _MOST_CALLS_NAMED} more"
     _, first = calls[0]
-    raise ConfigError(f"{script} calls {named}, which is not flown: {NOT_FLOWN[first]}")
+    raise ConfigError(f"{script} calls {named}, which is refused: {NOT_FLOWN[first]}")
+
+
+def refuse_unknown_ids(script: str, fleet: FleetConfig) -> None:
+    """Refuse a script that wants vehicles by ids that the fleet lacks.
+
+    Args:
+        script: path of the Python file; what is no file is not read.
+        fleet: that is flown.
+
+    Raises:
+        ConfigError: it names such an id.
+    """
+    tree = _tree_of(script)
+    if tree is None:
+        return
+
+    there_are = {fleet.vehicles[name].system_id for name in fleet.enabled_names}
+    missing = sorted({(line, one) for line, one in _wanted_ids(tree) if one not in there_are})
+    if not missing:
+        return
+
+    ids = ", ".join(str(one) for one in sorted({one for _, one in missing}))
+    known = ", ".join(map(str, sorted(there_are)))
+    raise ConfigError(
+        f"{script} wants vehicles with id {ids} (line {missing[0][0]}), and fleet "
+        f"'{fleet.fleet.name}' has {known}. Write these in the script, or give them as system_id of"
+        " vehicles in the fleet file."
+    )
+
+
+def longest_timescale(script: str) -> float | None:
+    """Return the largest timescale with which a script starts trajectories.
+
+    Args:
+        script: path of the Python file; what is no file is not read.
+
+    Returns:
+        None where the script starts none, or says one in another way than as a number.
+    """
+    tree = _tree_of(script)
+    if tree is None:
+        return None
+
+    known = _known_values(tree)
+    timescales = []
+    for node in ast.walk(tree):
+        if not isinstance(node, ast.Call) or not isinstance(node.func, ast.Attribute):
+            continue
+        if node.func.attr != _START:
+            continue
+        numbers = _numbers(_timescale_of(node), known)
+        if not numbers:
+            return None
+        timescales += numbers
+    return max(timescales, default=None)
 
 
 def refuse_too_small_a_fleet(crazyflies_yaml: str | None, fleet: FleetConfig) -> None:
@@ -86,3 +153,68 @@ def _calls(tree: ast.Module) -> Iterator[tuple[int, str]]:
             continue
         if node.func.attr in NOT_FLOWN:
             yield node.lineno, node.func.attr
+
+
+def _tree_of(script: str) -> ast.Module | None:
+    if not Path(script).is_file():
+        return None
+    return python_tree(read_text(script, SCRIPT), script)
+
+
+def _known_values(tree: ast.Module) -> dict[str, ast.expr]:
+    """Return what names stand for that get a value once.
+
+    The variable of a loop stands for what the loop goes through.
+    """
+    values: dict[str, ast.expr] = {}
+    given: Counter[str] = Counter()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+            given[node.id] += 1
+        elif isinstance(node, ast.arg):
+            given[node.arg] += 1
+
+        if isinstance(node, ast.Assign):
+            target, value = node.targets[0], node.value
+        elif isinstance(node, ast.For | ast.comprehension):
+            target, value = node.target, node.iter
+        else:
+            continue
+        if isinstance(target, ast.Name):
+            values[target.id] = value
+    return {name: value for name, value in values.items() if given[name] == 1}
+
+
+def _numbers(node: ast.expr, known: dict[str, ast.expr], depth: int = 0) -> list[float]:
+    """Return the numbers that an expression may be; none where that is not known."""
+    if depth > _MOST_NAMES:
+        return []
+    if isinstance(node, ast.Constant) and type(node.value) in (int, float):
+        return [node.value]
+    if isinstance(node, ast.Name) and node.id in known:
+        return _numbers(known[node.id], known, depth + 1)
+    if isinstance(node, ast.List | ast.Tuple):
+        each = [_numbers(one, known, depth + 1) for one in node.elts]
+        if all(each):
+            return [number for numbers in each for number in numbers]
+    return []
+
+
+def _wanted_ids(tree: ast.Module) -> Iterator[tuple[int, int]]:
+    """Yield line and number of each id by which the script wants a vehicle."""
+    known = _known_values(tree)
+    for node in ast.walk(tree):
+        if not isinstance(node, ast.Subscript) or not isinstance(node.value, ast.Attribute):
+            continue
+        if node.value.attr == _BY_ID:
+            for number in _numbers(node.slice, known):
+                yield node.lineno, int(number)
+
+
+def _timescale_of(call: ast.Call) -> ast.expr:
+    for keyword in call.keywords:
+        if keyword.arg == "timescale":
+            return keyword.value
+    if len(call.args) > _TIMESCALE_PLACE:
+        return call.args[_TIMESCALE_PLACE]
+    return ast.Constant(value=1.0)

@@ -20,10 +20,12 @@ import numpy as np
 from groundstation.crazyswarm.orders import ScriptOrders
 from groundstation.crazyswarm.script_check import (
     NOT_FLOWN,
+    longest_timescale,
     refuse_too_small_a_fleet,
+    refuse_unknown_ids,
     refuse_what_is_not_flown,
 )
-from groundstation.crazyswarm.uav_trajectory import path_of_trajectory
+from groundstation.crazyswarm.uav_trajectory import path_of_trajectory, refuse_too_fast
 from groundstation.missions.blocking import BlockingFleet
 from groundstation.orders.grammar import OrderError
 from groundstation.paths.pieces import backwards, moved, slowed
@@ -47,7 +49,8 @@ class Crazyswarm:
         fleet: a fleet file or its path; None: that of ``covey fly script``.
 
     Raises:
-        ConfigError: no fleet file, a wrong or too small one, or the script calls what is not flown.
+        ConfigError: no fleet file, a wrong or too small one, or the script calls what is not flown
+            or wants vehicles that the fleet lacks.
         NotReady: a vehicle is not ready in time.
     """
 
@@ -63,12 +66,14 @@ class Crazyswarm:
             fleet = crazyflies_yaml
 
         # The script is whoever calls this.
-        refuse_what_is_not_flown(sys._getframe(1).f_code.co_filename)
+        script = sys._getframe(1).f_code.co_filename
+        refuse_what_is_not_flown(script)
         orders = ScriptOrders(BlockingFleet(fleet or None))
         refuse_too_small_a_fleet(crazyflies_yaml, orders.fleet.config)
+        refuse_unknown_ids(script, orders.fleet.config)
 
         self.timeHelper = TimeHelper(orders)
-        self.allcfs = CrazyflieServer(orders)
+        self.allcfs = CrazyflieServer(orders, longest_timescale(script))
         self.input = Buttons(self.timeHelper)
 
 
@@ -156,10 +161,19 @@ class Buttons:
 
 
 class Crazyflie:
-    """One vehicle under Crazyswarm's names; lengths in metres, times in seconds, yaw in radians."""
+    """One vehicle under Crazyswarm's names; lengths in metres, times in seconds, yaw in radians.
 
-    def __init__(self, orders: ScriptOrders, vehicle: Vehicle) -> None:
+    Args:
+        orders: of the script.
+        vehicle: of the fleet file.
+        longest_timescale: with which the script starts trajectories; None where that is not known.
+    """
+
+    def __init__(
+        self, orders: ScriptOrders, vehicle: Vehicle, longest_timescale: float | None = None
+    ) -> None:
         self._orders = orders
+        self._longest_timescale = longest_timescale
         self._name = vehicle.name
         self.id: int = vehicle.system_id
         self.name = vehicle.name
@@ -224,8 +238,15 @@ class Crazyflie:
         self._orders.go_to(self._name, (x, y, z), yaw_deg, float(duration))
 
     def uploadTrajectory(self, trajectoryId: int, pieceOffset: int, trajectory: Any) -> None:
-        """Keep a trajectory for :meth:`startTrajectory`, which brings it to the vehicle."""
-        self._trajectories[trajectoryId] = path_of_trajectory(trajectory)
+        """Keep a trajectory for :meth:`startTrajectory`, which brings it to the vehicle.
+
+        Raises:
+            OrderError: it is too fast for the vehicle with every timescale that the script has.
+        """
+        path = path_of_trajectory(trajectory)
+        if self._longest_timescale is not None:
+            refuse_too_fast(path, self._longest_timescale, self._name, self._orders.fleet.config)
+        self._trajectories[trajectoryId] = path
 
     def startTrajectory(
         self,
@@ -277,13 +298,6 @@ class Crazyflie:
 
     setParams = setParam
 
-    def getParam(self, name: str) -> NoReturn:
-        """Refuse."""
-        raise OrderError(
-            f"'{name}' is a parameter of a Crazyflie; PX4's are read with: "
-            "covey px4 params --fleet FILE"
-        )
-
     def enableCollisionAvoidance(
         self, others: object = None, ellipsoidRadii: object = None
     ) -> None:
@@ -303,7 +317,7 @@ class Crazyflie:
             )
 
         def refuse(*_: object, **__: object) -> NoReturn:
-            raise OrderError(f"{self._name}: {name} is not flown: {NOT_FLOWN[name]}")
+            raise OrderError(f"{self._name}: {name} is refused: {NOT_FLOWN[name]}")
 
         return refuse
 
@@ -339,13 +353,19 @@ class _Known(dict[Any, Crazyflie]):
 
 
 class CrazyflieServer:
-    """``swarm.allcfs``: all vehicles, and commands to groups of them."""
+    """``swarm.allcfs``: all vehicles, and commands to groups of them.
 
-    def __init__(self, orders: ScriptOrders) -> None:
+    Args:
+        orders: of the script.
+        longest_timescale: see :class:`Crazyflie`.
+    """
+
+    def __init__(self, orders: ScriptOrders, longest_timescale: float | None = None) -> None:
         self._orders = orders
         config = orders.fleet.config
         self.crazyflies = [
-            Crazyflie(orders, config.vehicles[name]) for name in config.enabled_names
+            Crazyflie(orders, config.vehicles[name], longest_timescale)
+            for name in config.enabled_names
         ]
         self.crazyfliesById = _Known(
             "id", "system_id of a vehicle", {one.id: one for one in self.crazyflies}

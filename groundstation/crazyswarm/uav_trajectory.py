@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+import math
 import os
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from groundstation.orders.grammar import OrderError
+from groundstation.paths.checks import limits_of, needed_slowing, sample
 from groundstation.paths.files import load_path
+from groundstation.paths.pieces import slowed
 from onboard.arrays import Array
+from onboard.config.fleet import FleetConfig
 from onboard.control.path import Path, path_of, point_at
 from onboard.types import GRAVITY_M_S2
+
+_SLOWING_SLACK = 1.01  # as the checks of paths allow
 
 
 class TrajectoryOutput(NamedTuple):
@@ -147,3 +154,27 @@ def _eight(coefficients: Any) -> list[float]:
     """Return the coefficients of a seventh order; those that are left out are 0."""
     values = [float(value) for value in coefficients]
     return values + [0.0] * (8 - len(values))
+
+
+def refuse_too_fast(path: Path, timescale: float, name: str, fleet: FleetConfig) -> None:
+    """Refuse a trajectory that a vehicle cannot fly, wherever it begins.
+
+    Args:
+        path: as its file has it.
+        timescale: how many times as long it is to take.
+        name: of the vehicle.
+        fleet: the fleet file.
+
+    Raises:
+        OrderError: it takes more speed, acceleration or tilt.
+    """
+    flown = sample({name: slowed(path, timescale)})
+    slowing, worst_words = needed_slowing(flown, limits_of(fleet, [name]))
+    if slowing <= _SLOWING_SLACK:
+        return
+
+    needed = math.ceil(100.0 * timescale * slowing) / 100.0
+    raise OrderError(
+        f"The trajectory is too fast for {name}: with timescale {timescale:g} {worst_words}. "
+        f"A timescale of {needed:g} would do."
+    )

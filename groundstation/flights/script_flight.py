@@ -149,30 +149,53 @@ def _run_to_end(
     except (ConfigError, FleetTaken, NotReady, OrderFailed, TimeoutError) as error:
         return _ScriptEnd(EXIT_FAILED, str(error))
     except ModuleNotFoundError as error:
-        return _ScriptEnd(EXIT_FAILED, missing_module_words(error.name or ""))
+        return _ScriptEnd(EXIT_FAILED, missing_module_words(error.name or "", script))
     except Exception as error:  # noqa: BLE001 - the script's author sees it; the fleet has been left
         traceback.print_exc()
         return _ScriptEnd(EXIT_FAILED, f"{type(error).__name__}: {error}")
     return _ScriptEnd(EXIT_OK, "")
 
 
-def missing_module_words(module: str) -> str:
+def missing_module_words(module: str, script: str = "") -> str:
     """Return what to do about a module that a script imports and that is not here.
 
     Args:
-        module: with dots, as imported.
+        module: with dots, as Python misses it: of a package that is missing only its own name.
+        script: path of the Python file, which says what it imports of the package; what is no file
+            is not read.
     """
     package = module.partition(".")[0]
-    sentence = f"It imports {module}, which is not installed here."
-    if module == "uav_trajectory":
+    wanted = _imports_of(script, package) or [module]
+
+    sentence = f"It imports {' and '.join(wanted)}, which is not installed here."
+    if "uav_trajectory" in wanted:
         return f"{sentence} Write: from groundstation.crazyswarm import uav_trajectory"
-    if "cfsim" in module:
-        return f"{sentence} It is a Crazyflie's firmware, which nothing here needs."
+    if any("cfsim" in one for one in wanted):
+        return (
+            f"{sentence} cfsim is a Crazyflie's firmware, and is not here: remove that import,"
+            " and what uses it."
+        )
+    if any(one.endswith(".util") for one in wanted):
+        return f"{sentence} Write what its functions return into the script."
     if package in ("pycrazyswarm", "crazyflie_py"):
         return f"{sentence} Write: from groundstation.crazyswarm import Crazyswarm"
     if package in _ROS:
         return f"{sentence} It belongs to ROS, without which Covey flies: docs/crazyswarm.md"
     return sentence
+
+
+def _imports_of(script: str, package: str) -> list[str]:
+    """Return the modules of a package that a script imports, with their dots."""
+    if not Path(script).is_file():
+        return []
+
+    modules: dict[str, None] = {}
+    for node in ast.walk(python_tree(read_text(script, SCRIPT), script)):
+        if isinstance(node, ast.Import):
+            modules |= dict.fromkeys(one.name for one in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.module and node.level == 0:
+            modules[node.module] = None
+    return [one for one in modules if one.partition(".")[0] == package]
 
 
 def _end_by_exit(code: object) -> _ScriptEnd:

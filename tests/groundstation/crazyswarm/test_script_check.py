@@ -4,11 +4,21 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from groundstation.crazyswarm.script_check import refuse_too_small_a_fleet, refuse_what_is_not_flown
+from groundstation.crazyswarm.script_check import (
+    longest_timescale,
+    refuse_too_small_a_fleet,
+    refuse_unknown_ids,
+    refuse_what_is_not_flown,
+)
+from groundstation.crazyswarm.uav_trajectory import refuse_too_fast
 from groundstation.flights.script_flight import missing_module_words
+from groundstation.orders.grammar import OrderError
+from groundstation.paths.pieces import quintic
 from onboard.config.fleet import ConfigError, load_fleet
+from onboard.control.path import path_of
 
 PAPER = Path(__file__).resolve().parents[3] / "configs/fleets/paper.toml"
 
@@ -52,3 +62,79 @@ def test_a_script_for_more_vehicles_than_the_fleet_has_is_refused() -> None:
 )
 def test_an_import_that_is_missing_says_what_to_write(module: str, words: str) -> None:
     assert words in missing_module_words(module)
+
+
+@pytest.mark.parametrize(
+    ("text", "missing"),
+    [
+        ("first = 5\nsecond = 231\nallcfs.crazyfliesById[first]\ncrazy.crazyfliesById[second]", 2),
+        ("ids = [15, 1]\ncfs = [allcfs.crazyfliesById[i] for i in ids]", 1),
+        ("for i in (1, 2, 9):\n    allcfs.crazyfliesById[i].land(0.0, 1.0)", 1),
+        ("allcfs.crazyfliesById[1]\nn = 9\nn = 2\nallcfs.crazyfliesById[n]", 0),
+        ("allcfs.crazyfliesById[int(row[0])]\na = b\nb = a\nallcfs.crazyfliesById[a]", 0),
+        ("def one(n=3):\n    return allcfs.crazyfliesById[n]", 0),
+    ],
+)
+def test_a_script_that_wants_ids_that_the_fleet_lacks_is_refused(
+    text: str, missing: int, tmp_path: Path
+) -> None:
+    script = tmp_path / "swap.py"
+    script.write_text(text)
+    fleet = load_fleet(str(PAPER))
+    if not missing:
+        refuse_unknown_ids(str(script), fleet)
+        return
+
+    with pytest.raises(ConfigError, match=r"has 1, 2, 3\. Write these in the script") as refusal:
+        refuse_unknown_ids(str(script), fleet)
+    ids = str(refusal.value).partition("with id ")[2].partition(" (")[0]
+    assert len(ids.split(",")) == missing
+
+
+@pytest.mark.parametrize(
+    ("text", "timescale"),
+    [
+        ("T = 1.5\nall.startTrajectory(0, timescale=T)\nall.startTrajectory(0, 2)", 2.0),
+        ("all.startTrajectory(0, reverse=True)", 1.0),
+        ("all.startTrajectory(0, timescale=float(argv[1]))", None),
+        ("all.takeoff(1.0, 2.0)", None),
+    ],
+)
+def test_the_longest_timescale_of_a_script_is_read(
+    text: str, timescale: float | None, tmp_path: Path
+) -> None:
+    script = tmp_path / "figure8.py"
+    script.write_text(text)
+    assert longest_timescale(str(script)) == timescale
+
+
+def test_a_script_that_reads_a_crazyflies_parameters_is_refused(tmp_path: Path) -> None:
+    script = tmp_path / "set_param.py"
+    script.write_text("cf.setParam('led', 1)\ncf.getParam('led')\n")
+    with pytest.raises(ConfigError, match=r"getParam \(line 2\).*covey px4 params"):
+        refuse_what_is_not_flown(str(script))
+
+
+def test_a_trajectory_that_no_timescale_of_the_script_slows_enough_is_refused() -> None:
+    fleet = load_fleet(str(PAPER))
+    begin, end = np.zeros(4), np.array([2.0, 0.0, 0.0, 0.0])
+    quick = path_of([quintic(2.0, begin, end).tolist()])
+
+    with pytest.raises(OrderError, match=r"too fast for mav1.*timescale of ([\d.]+)") as refusal:
+        refuse_too_fast(quick, 1.0, "mav1", fleet)
+    enough = float(str(refusal.value).partition("A timescale of ")[2].partition(" ")[0])
+    assert 1.2 < enough < 4.0
+    refuse_too_fast(quick, enough, "mav1", fleet)
+
+
+def test_an_import_below_a_missing_package_is_named_as_the_script_writes_it(tmp_path: Path) -> None:
+    script = tmp_path / "swap6v.py"
+    script.write_text("import numpy\nimport pycrazyswarm.cfsim.cffirmware as firm\n")
+    words = missing_module_words("pycrazyswarm", str(script))
+    assert words.startswith("It imports pycrazyswarm.cfsim.cffirmware, which")
+    assert "remove that import" in words
+
+    script.write_text("from pycrazyswarm.util import grid_yaml\n")
+    words = missing_module_words("pycrazyswarm", str(script))
+    assert "pycrazyswarm.util" in words
+    assert "functions return" in words
