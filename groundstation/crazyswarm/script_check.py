@@ -189,8 +189,10 @@ def _numbers(node: ast.expr, known: dict[str, ast.expr], depth: int = 0) -> list
     """Return the numbers that an expression may be; none where that is not known."""
     if depth > _MOST_NAMES:
         return []
-    if isinstance(node, ast.Constant) and type(node.value) in (int, float):
-        return [node.value]
+    if isinstance(node, ast.Constant):
+        if isinstance(node.value, int | float) and not isinstance(node.value, bool):
+            return [float(node.value)]
+        return []
     if isinstance(node, ast.Name) and node.id in known:
         return _numbers(known[node.id], known, depth + 1)
     if isinstance(node, ast.List | ast.Tuple):

@@ -169,25 +169,41 @@ def _shift(by_s: float) -> Array:
 
 
 def _smoothed(padded: Array, step_s: float) -> tuple[Array, Array, Array]:
-    """Return value, first and second derivative (T, 4) by a cubic fitted around each sample.
+    """Return value, first and second derivative (T, 4) of positions that are smoothed.
 
-    At both ends the motion rests exactly.
+    The positions, joined by straight lines, are averaged twice over a quarter of a second. Velocity
+    and acceleration are the exact derivatives of that: values that did not belong together would
+    make short pieces swing between the samples. At both ends the motion rests exactly.
     """
-    offsets = step_s * np.arange(-_WINDOW, _WINDOW + 1)
-    # rows: value, slope and half the second derivative of the cubic of least squares at offset 0
-    kernel = np.linalg.pinv(offsets[:, None] ** np.arange(4))[:3]
-
+    window_s = _WINDOW * step_s
     held = np.pad(padded, ((_WINDOW, _WINDOW), (0, 0)), mode="edge")
-    # (T, 4, 2 W + 1)
-    windows = np.lib.stride_tricks.sliding_window_view(held, 2 * _WINDOW + 1, axis=0)
-    p, v, a = (windows @ row for row in kernel)
-    a = 2.0 * a
 
+    # integrals of the straight lines, once and twice, from the first sample on
+    begins = held[:-1]
+    ends = held[1:]
+    once = _summed(0.5 * step_s * (begins + ends))
+    twice = _summed(step_s * once[:-1] + step_s**2 * (2.0 * begins + ends) / 6.0)
+
+    def averaged(values: Array) -> Array:
+        """Return the second difference over the window: what averaging twice makes of it."""
+        ahead = values[2 * _WINDOW :]
+        here = values[_WINDOW:-_WINDOW]
+        behind = values[: -2 * _WINDOW]
+        return np.asarray((ahead - 2.0 * here + behind) / window_s**2)
+
+    p = averaged(twice)
+    v = averaged(once)
+    a = averaged(held)
     for end in (0, -1):
         p[end] = padded[end]
         v[end] = 0.0
         a[end] = 0.0
     return p, v, a
+
+
+def _summed(steps: Array) -> Array:
+    """Return the sums (T + 1, 4) of steps (T, 4), the first one 0."""
+    return np.concatenate([np.zeros((1, steps.shape[1])), np.cumsum(steps, axis=0)])
 
 
 def _merged(p: Array, v: Array, a: Array, step_s: float) -> list[list[float]]:

@@ -247,18 +247,25 @@ def _deal_homes(made: Converted) -> None:
 
 def _slow_down(made: Converted, limits: FlightLimits) -> None:
     """Slow the whole show until every vehicle can fly its path."""
-    factor, words = needed_slowing(sample(made.paths), limits, begin_s=made.begin_s)
-    if factor <= 1.0:
+    needed, words = needed_slowing(sample(made.paths), limits, begin_s=made.begin_s)
+    if needed <= 1.0:
         return
+
+    factor = 1.0
+    slower = made.paths
+    while needed > 1.0 and factor <= _SLOWEST:
+        # a slower path is sampled at more of its points, and may show a larger acceleration
+        factor *= needed * _ROOM
+        slower = {name: slowed(path, factor) for name, path in made.paths.items()}
+        needed, _ = needed_slowing(sample(slower), limits)
+
     if factor > _SLOWEST:
         raise ConfigError(
             f"The show would take {factor:.1f} times as long: {words}. Design it slower."
         )
-
-    factor *= _ROOM
     made.slowing = factor
     made.notes.append(f"slowed to {factor:.3f} times its duration: {words}")
-    made.paths = {name: slowed(path, factor) for name, path in made.paths.items()}
+    made.paths = slower
     for name, lights in made.lights.items():
         made.lights[name] = tuple((factor * t, red, green, blue) for t, red, green, blue in lights)
 

@@ -51,3 +51,17 @@ def test_a_path_slowed_as_its_tilt_needs_uses_all_of_it_and_no_more(
     assert "tilt" in words
     again, _ = needed_slowing(sample({"mav0": slowed(path, factor)}, factor * _FINE_S), limits)
     assert again == pytest.approx(1.0, abs=0.005)
+
+
+def test_a_corner_swings_nowhere_between_the_samples_of_its_path() -> None:
+    """East with 2 m/s, a full stop, and west again: the speed changes by 4 m/s in half a second."""
+    times_s = np.arange(0.0, 12.0, 0.05)
+    values = np.zeros((len(times_s), 4))
+    values[:, 0] = np.round(2.0 * np.minimum(times_s, 12.0 - times_s), 2)
+    values[:, 2] = 1.0
+
+    flown = sample({"mav0": fitted(times_s, values)}, step_s=0.001)
+
+    within = (flown.times_s > 1.0) & (flown.times_s < flown.times_s[-1] - 1.0)
+    largest_m_s2 = np.abs(flown.values[2][within, 0, 0]).max()
+    assert 14.0 < largest_m_s2 < 17.0  # a triangle of half a second under 4 m/s: 16 at its top

@@ -110,6 +110,24 @@ def test_a_show_that_is_too_fast_is_slowed_and_says_so(tmp_path: Path) -> None:
         imported(write_skyc(tmp_path / "mad.skyc", line_of(2, metres=60.0), 12.0), tmp_path / "mad")
 
 
+def test_a_show_with_corners_is_slowed_until_the_checks_let_it_fly(tmp_path: Path) -> None:
+    """A star: after each corner the speed has turned by 144 degrees at once."""
+    corners = [
+        [2.0 * math.sin(0.8 * math.pi * k), 2.0 * math.cos(0.8 * math.pi * k), 2.0]
+        for k in range(6)
+    ]
+    points: list[object] = [[0, [0, 2, 0], []], [4, corners[0], []]]
+    points += [[4.0 + 2.03 * k, corner, []] for k, corner in enumerate(corners[1:], start=1)]
+    points.append([20, [0, 2, 0], []])
+    star = {"version": 1, "points": points, "takeoffTime": 0.0}
+    show = write_skyc(tmp_path / "star.skyc", line_of(1), 12.0, trajectory=star)
+
+    imported(show, tmp_path / "out")
+
+    text = (tmp_path / "out" / "mission.toml").read_text(encoding="utf-8")
+    assert "slowed to" in text
+
+
 def test_starts_are_spread_where_paths_would_meet(tmp_path: Path) -> None:
     mission = imported(write_skyc(tmp_path / "cross.skyc", crossing(), 16.0), tmp_path / "out")
     texts = [
