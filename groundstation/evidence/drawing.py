@@ -11,6 +11,7 @@ from matplotlib.patches import Polygon, Rectangle
 from groundstation.evidence.volumes import Outline, Point, Volumes
 from groundstation.figures.style import SOFT, new_figure, styled
 from onboard.config.fleet import FleetConfig
+from onboard.config.flight_space import flight_space_of
 
 DRAWING_NAME = "volumes.png"
 # as authorities draw them: green, yellow, red
@@ -18,6 +19,7 @@ _GREEN = "#1a9850"
 _YELLOW = "#e6ab02"
 _RED = "#d73027"
 _MARGIN = 0.04  # of the width
+_LONGEST_NAME = 24  # of a fence, in the legend
 
 
 def draw_volumes(
@@ -78,6 +80,21 @@ def _add_fence(axes: Any, fleet: FleetConfig) -> None:
             label="fence of the fleet file",
         )
     )
+    for outline in flight_space_of(fleet).outlines():
+        style = "-." if outline.keeps_in else ":"
+        words = "to stay in" if outline.keeps_in else "to stay out of"
+        corners = outline.corners_enu_m
+        axes.add_patch(
+            Polygon(
+                corners,
+                closed=True,
+                fill=False,
+                linestyle=style,
+                ec="black",
+                lw=1.0,
+                label=f"fence {outline.name[:_LONGEST_NAME]}, {words}",
+            )
+        )
 
 
 def _set_limits(axes: Any, outline: Outline, fleet: FleetConfig) -> None:

@@ -18,6 +18,8 @@ from onboard import agent_inputs
 from onboard.autopilot import Landed
 from onboard.bus.schema import Message, MocapPose, StateMessage, Telemetry
 from onboard.bus.topics import Topic
+from onboard.config.areas import Area, Point
+from onboard.config.flight_space import flight_space_of
 from onboard.config.wind_limit import wind_limit_m_s
 from onboard.control.pipeline import pipeline_params
 from sitl.faults.catalogue import Fault
@@ -408,9 +410,38 @@ def order(verb: str) -> Inject:
 
 
 def order_outside(flight: Lockstep, name: str) -> None:
-    """An operator orders a vehicle to a place outside the fence."""
+    """An operator orders a vehicle outside the fence: across an edge where the fleet has areas."""
     fence = flight.config.fleet.geofence_m
+    areas = flight_space_of(flight.config).areas
+    if areas:
+        east_m, north_m = _beyond_edge(areas[0])
+        up_m = min(max(0.5 * fence.z[1], areas[0].low_m), areas[0].high_m)
+        _order_to(flight, name, (east_m, north_m, up_m))
+        return
+
     _order_to(flight, name, (fence.x[1] + _BEYOND_M, fence.y[1] + _BEYOND_M, 0.5 * fence.z[1]))
+
+
+def _beyond_edge(area: Area) -> Point:
+    """Return a place where nobody may be: beyond a corner, or in the middle of what is kept out."""
+    if area.radius_m:
+        east, north = area.center_enu_m
+        to_east_m = area.radius_m + _BEYOND_M if area.keeps_in else 0.0
+        return east + to_east_m, north
+
+    corners = area.corners_enu_m
+    middle_east = sum(east for east, _ in corners) / len(corners)
+    middle_north = sum(north for _, north in corners) / len(corners)
+    if not area.keeps_in:
+        return middle_east, middle_north
+
+    farthest = max(corners, key=lambda corner: math.dist(corner, (middle_east, middle_north)))
+    away_m = math.dist(farthest, (middle_east, middle_north))
+    share = (away_m + _BEYOND_M) / away_m
+    return (
+        middle_east + share * (farthest[0] - middle_east),
+        middle_north + share * (farthest[1] - middle_north),
+    )
 
 
 def order_above(flight: Lockstep, name: str) -> None:

@@ -16,10 +16,12 @@ import numpy as np
 
 from onboard.bus.schema import Truth
 from onboard.bus.topics import Topic
+from onboard.config.flight_space import flight_space_of
 from onboard.config.pair_separation import separation_m
 from onboard.flight.types import FlightStep
 from onboard.safety.failsafe_table import WORDS, Action, Condition, Situation, decide
 from onboard.types import AttitudeSetpoint
+from sitl.lockstep.campaign.crossed_edges import beyond_m
 from sitl.lockstep.campaign.injections import Injection
 from sitl.lockstep.flight import Lockstep
 
@@ -77,6 +79,7 @@ class Judge:
         self.victim = victim
         self.silenced = frozenset(silenced)
         self.action_of = action_of
+        self.areas = flight_space_of(flight.config).areas
 
         self._wrong: dict[str, None] = {}  # sentences, each once, in their order
         self.seen: dict[str, Counter[Condition]] = {
@@ -176,6 +179,9 @@ class Judge:
         )
         if not is_inside and not is_excused:
             self.note(f"{truth.vehicle} leaves the fence")
+        for area in self.areas:
+            if not is_excused and beyond_m(area, (x, y, z)) > _FENCE_SLACK_M:
+                self.note(f"{truth.vehicle} crosses the edge of the fence '{area.name}'")
         if truth.vehicle == self.victim and z > self.highest_m:
             self.note(f"{truth.vehicle} rises by more than {self.injection.rises_m} m")
 

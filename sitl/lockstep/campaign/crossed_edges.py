@@ -1,0 +1,66 @@
+"""How far a vehicle is beyond the edge of an area to stay in or out of.
+
+The judge of a campaign has a form of its own for this: rays and segments, and none of what the
+agents and the ground reckon with.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+from onboard.config.areas import Area, Point, Vec3
+
+
+def beyond_m(area: Area, position_enu_m: Vec3) -> float:
+    """Return how far a vehicle is where it must not be; 0 where it may be.
+
+    Args:
+        area: to stay in or out of; its buffer does not count.
+        position_enu_m: of the vehicle.
+    """
+    east, north, up = position_enu_m
+    is_within = _is_within(area, (east, north))
+    edge_m = _edge_distance_m(area, (east, north))
+    from_ends_m = min(up - area.low_m, area.high_m - up)  # of its heights; below 0 outside of them
+
+    if area.keeps_in:
+        aside_m = 0.0 if is_within else edge_m
+        return max(aside_m, -from_ends_m, 0.0)
+    if not is_within or from_ends_m <= 0.0:
+        return 0.0
+    return min(edge_m, from_ends_m)
+
+
+def _is_within(area: Area, point: Point) -> bool:
+    """Whether a ray to the east crosses the outline an odd number of times."""
+    if not area.corners_enu_m:
+        return math.dist(point, area.center_enu_m) < area.radius_m
+
+    east, north = point
+    crossings = 0
+    for (x1, y1), (x2, y2) in _sides(area):
+        if (y1 > north) != (y2 > north):
+            crossing_east = x1 + (north - y1) / (y2 - y1) * (x2 - x1)
+            crossings += crossing_east > east
+    return crossings % 2 == 1
+
+
+def _edge_distance_m(area: Area, point: Point) -> float:
+    if not area.corners_enu_m:
+        return abs(math.dist(point, area.center_enu_m) - area.radius_m)
+
+    least_m = math.inf
+    for begin, end in _sides(area):
+        dx = end[0] - begin[0]
+        dy = end[1] - begin[1]
+        along = ((point[0] - begin[0]) * dx + (point[1] - begin[1]) * dy) / (dx * dx + dy * dy)
+        share = min(1.0, max(0.0, along))
+        foot = (begin[0] + share * dx, begin[1] + share * dy)
+        least_m = min(least_m, math.dist(point, foot))
+    return least_m
+
+
+def _sides(area: Area) -> list[tuple[Point, Point]]:
+    corners = area.corners_enu_m
+    return list(itertools.pairwise([*corners, corners[0]]))
